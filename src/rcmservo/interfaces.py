@@ -1,5 +1,4 @@
-"""Data between devices and servo (frames, observations, commands, targets), and the protocols of
-the devices.
+"""Interfaces between devices and servo: protocols of the devices and the data that they exchange.
 
 Time is integer nanoseconds on the plant's clock. Pixel (0, 0) is the centre of the top left pixel;
 u points right, v down.
@@ -15,16 +14,18 @@ from numpy.typing import NDArray
 from rcmservo.numerics.structs import Floats, struct_reader, tuple_struct
 
 Image = NDArray[np.uint8]
-Three = Annotated[Floats, (3,)]
+JointArray = Annotated[Floats, (3,)]
 """Array (3,) with one number for each joint."""
-Pixels = Annotated[Floats, (2, 2)]
+MarkerArray = Annotated[Floats, (2, 2)]
 """Array (2, 2) with the pixels (u, v) of both markers."""
 
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """One exposure of a camera. A camera with images fills `image`; a simulated camera that reports
-    only the markers fills `points`.
+    """One exposure of a camera.
+
+    A camera with images fills `image`; a simulated camera that reports only the markers fills
+    `points`.
 
     Parameters
     ----------
@@ -73,8 +74,9 @@ class Markers:
 
 
 class Dropped(IntEnum):
-    """Reason for not using the newest frame of a camera, and its sentence ``words`` for the
-    operator.
+    """Reason for not using the newest frame of a camera.
+
+    ``words`` is its sentence for the operator.
     """
 
     _value_: int
@@ -87,9 +89,9 @@ class Dropped(IntEnum):
         return member
 
     NONE = ""
-    NOT_NEW = "frames come repeated or out of order"
-    CLOCK = "frames bear times that cannot be right"
-    DAMAGED = "frames come damaged"
+    NOT_NEW = "the frames arrive repeatedly or out of order"
+    CLOCK = "the frames have impossible timestamps"
+    DAMAGED = "the frames arrive damaged"
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,15 +133,15 @@ class Observation:
     """
 
     now: int
-    q: Three
+    q: JointArray
     q_time: int
     enabled: bool
-    applied: Three
+    applied: JointArray
     frame: int
     exposure: int
     arrival: int
-    q_exposure: Three
-    points: Pixels
+    q_exposure: JointArray
+    points: MarkerArray
     dropped: Dropped = Dropped.NONE
     recorded: bool = True
     sizes: Floats = field(default_factory=lambda: np.full(2, np.nan))
@@ -177,13 +179,15 @@ class Command:
     number: int
     time: int
     deadline: int
-    rates: Three
+    rates: JointArray
     enabled: bool
 
 
 @dataclass(frozen=True, eq=False)
 class Target:
-    """Taught pose. The servo computes y_d from it about its present estimate of the imaged RCM.
+    """Taught pose, which `teach` returns.
+
+    The servo computes the features y_d, eq. (7)-(9), from it about its present imaged RCM.
 
     Parameters
     ----------
@@ -285,13 +289,13 @@ class Camera(Protocol):
     """Camera that delivers frames at its own rate."""
 
     def latest(self) -> Frame | None:
-        """Return the newest frame without waiting: the same object until the next one arrives, and
-        None before the first.
+        """Return the newest frame without waiting; None before the first.
 
-        The loop calls it every tick (100 Hz), a `TrackingThread` every millisecond. If the camera
-        does not answer, return the last frame again: as it ages, the servo slows down, holds and
-        pauses. Frame numbers rise. Exposure and arrival are on the plant's clock: a driver converts
-        the times of a camera with its own clock.
+        It is the same object until the next frame arrives. The loop calls the method every tick
+        (100 Hz), a `TrackingThread` every millisecond. If the camera does not answer, return the
+        last frame again: as it ages, the servo slows down, holds and pauses. Frame numbers rise.
+        Exposure and arrival are on the plant's clock: a driver converts the times of a camera with
+        its own clock.
         """
         ...
 
@@ -314,18 +318,19 @@ class Tracker(Protocol):
         ...
 
     def reset(self) -> None:
-        """Discard the tracked positions, as the tool may have been moved. The loop calls it at the
-        beginning of a run and of teaching.
+        """Discard the tracked positions, because the tool may have been moved.
+
+        The loop calls it at the beginning of a run and of teaching.
         """
         ...
 
 
 @runtime_checkable
 class Explains(Protocol):
-    """Tracker that can explain a failed detection."""
+    """Tracker that gives the reason for a failed detection."""
 
     def why(self, frame: Frame) -> str:
-        """Return a sentence on why the markers are not detected in a frame; empty if they are.
+        """Return the reason for undetected markers in a frame, in a sentence; empty if detected.
 
         The method is called only after a failure. It may be slow and changes nothing.
         """

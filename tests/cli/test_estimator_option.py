@@ -103,7 +103,10 @@ def test_one_that_fails_on_made_up_samples_is_refused_before_anything_is_written
     for command in ("run", "live"):
         assert main([command, "--estimator", NAME, "--out", "run"]) == 2
         told = capsys.readouterr().err
-        assert f"estimator {NAME}: its jacobian gave numbers of shape (3, 4), not (3, 3)" in told
+        assert (
+            f"estimator {NAME}: its jacobian returned an array of shape (3, 4), expected (3, 3)"
+            in told
+        )
         assert not (here / "run").exists()
 
 

@@ -110,11 +110,11 @@ def test_a_result_that_cannot_be_written_is_not_lost_and_nothing_is_half_written
     [
         ("occlusion:at=0,for=9", "no green ball (marker 1) and no blue ball (marker 2)"),
         pytest.param(
-            "camera_clock:at=0,for=9,s=3600", "times that cannot be right", marks=pytest.mark.slow
+            "camera_clock:at=0,for=9,s=3600", "impossible timestamps", marks=pytest.mark.slow
         ),
         pytest.param(
             "frame_drop:at=0,for=9,share=1",
-            "no frame has come from the camera",
+            "the camera has delivered no frame",
             marks=pytest.mark.slow,
         ),
     ],

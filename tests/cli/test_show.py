@@ -188,7 +188,7 @@ def test_show_tells_causes_and_ways_out_in_words_and_draws(
         "clear the view, then resume",
         "a person asked for a pause",
         "after a person's resume",
-        "frames come damaged at",
+        "frames arrive damaged at",
         "late ticks",
     ):
         assert words in text

@@ -1,5 +1,6 @@
-"""A person moves the joints: as told and no faster, only while it is asked for, within the limits,
-whatever the picture shows; a fault of the arm ends it, and all of it is recorded.
+"""Jogging: the joints move at the requested rates, only while requested, and within the limits.
+
+The image does not matter. A fault of the arm ends it, and all of it is recorded.
 """
 
 from collections.abc import Callable
@@ -23,25 +24,28 @@ from rcmservo.safety.state_machine import SLOW_SHARE
 from rcmservo.sim import Disturbance
 
 RATES = np.array([0.1, -0.08, 9.0])
-"""Below a fifth of the bounds."""
+"""Joint rates below a fifth of the limits."""
 JOG = rs.Jog(RATES)
 BEGIN, END = 0.5, 1.5
-"""s between which the person jogs."""
+"""Times in s between which the operator jogs."""
 COME_TO_REST = 0.15
-"""s after which nothing moves any more."""
+"""Time in s after which nothing moves."""
 
 
-def told(tick: rs.Tick, *wants: tuple[float, float, OperatorRequest]) -> OperatorRequest:
-    """What is wanted for the tick after this one, by the times s from when until when."""
+def scripted_request(
+    tick: rs.Tick, *requests: tuple[float, float, OperatorRequest]
+) -> OperatorRequest:
+    """Return the request for the next tick; each request has its begin and end time in s."""
     now = tick.time * 1e-9 + 0.01
-    return next((want for a, b, want in wants if a <= now < b - 1e-9), rs.Request.NONE)
+    present = (request for begin, end, request in requests if begin <= now < end - 1e-9)
+    return next(present, rs.Request.NONE)
 
 
-def a_while(
-    want: OperatorRequest = JOG, begin: float = BEGIN, end: float = END
+def pause_and_jog(
+    request: OperatorRequest = JOG, begin: float = BEGIN, end: float = END
 ) -> Callable[[rs.Tick], OperatorRequest]:
-    """Paused at once, and moved by hand for a while."""
-    return lambda tick: told(tick, (0.0, 0.02, rs.Request.PAUSE), (begin, end, want))
+    """Return an operator that pauses at once and jogs for a while."""
+    return lambda tick: scripted_request(tick, (0.0, 0.02, rs.Request.PAUSE), (begin, end, request))
 
 
 def ticks_of(
@@ -51,7 +55,7 @@ def ticks_of(
 
 
 def phases(ticks: list[rs.Tick]) -> list[rs.Phase]:
-    """One after the other."""
+    """Return the successive phases."""
     all_of = [tick.state.phase for tick in ticks]
     return [one for i, one in enumerate(all_of) if i == 0 or all_of[i - 1] is not one]
 
@@ -64,49 +68,49 @@ def moved(ticks: list[rs.Tick], begin: float, end: float) -> Floats:
     return at(ticks, end).seen.q - at(ticks, begin).seen.q
 
 
-def blind(lab: Laboratory) -> None:
-    """The tracker finds nothing any more."""
-    lab.plant.tracker = Nothing()
+def hide_markers(lab: Laboratory) -> None:
+    """Replace the tracker by one that detects nothing."""
+    lab.plant.tracker = BlindTracker()
 
 
-class Nothing:
-    """A tracker that finds no marker."""
+class BlindTracker:
+    """Tracker that detects no marker."""
 
     def find(self, frame: rs.Frame) -> rs.Markers:
         return rs.Markers(np.full((2, 2), np.nan), np.full(2, np.nan), np.zeros(2))
 
     def reset(self) -> None:
-        """Nothing is remembered."""
+        """Do nothing, as there is no state."""
 
 
-@pytest.mark.parametrize("sees", [True, False])
-def test_the_joints_go_as_told_while_it_is_asked_for_and_then_the_servo_is_paused(
-    sees: bool,
+@pytest.mark.parametrize("markers_visible", [True, False])
+def test_the_joints_move_as_requested_and_then_the_servo_is_paused(
+    markers_visible: bool,
 ) -> None:
     lab = laboratory()
-    if not sees:
-        blind(lab)
-    ticks = ticks_of(lab, a_while())
+    if not markers_visible:
+        hide_markers(lab)
+    ticks = ticks_of(lab, pause_and_jog())
     assert phases(ticks) == [rs.Phase.IDLE, rs.Phase.PAUSED, rs.Phase.JOG, rs.Phase.PAUSED]
     jogged = [tick.time * 1e-9 for tick in ticks if tick.state.phase is rs.Phase.JOG]
     assert jogged[0] == pytest.approx(BEGIN) and jogged[-1] == pytest.approx(END - 0.01)
     np.testing.assert_allclose(moved(ticks, 0.0, 3.0), RATES * (END - BEGIN), rtol=0.03)
     assert not moved(ticks, 0.0, BEGIN).any()
     assert np.abs(moved(ticks, END + COME_TO_REST, 3.0)).max() < 2.5e-3
-    still = [tick for tick in ticks if tick.time * 1e-9 >= END + 0.03]
-    assert not any(tick.state.command.rates.any() for tick in still)
+    afterwards = [tick for tick in ticks if tick.time * 1e-9 >= END + 0.03]
+    assert not any(tick.state.command.rates.any() for tick in afterwards)
 
 
-def test_it_is_asked_for_in_idle_too_where_nothing_was_ever_seen() -> None:
+def test_jogging_is_possible_in_idle_without_detected_markers() -> None:
     lab = laboratory()
-    blind(lab)
-    ticks = ticks_of(lab, lambda tick: told(tick, (BEGIN, END, rs.Jog(RATES))))
+    hide_markers(lab)
+    ticks = ticks_of(lab, lambda tick: scripted_request(tick, (BEGIN, END, rs.Jog(RATES))))
     assert phases(ticks) == [rs.Phase.IDLE, rs.Phase.JOG, rs.Phase.PAUSED]
     np.testing.assert_allclose(moved(ticks, 0.0, 3.0), RATES * (END - BEGIN), rtol=0.03)
 
 
 @pytest.mark.parametrize("phase", [rs.Phase.ACQUIRE, rs.Phase.SERVO])
-def test_while_the_servo_moves_the_arm_nobody_jogs(phase: rs.Phase) -> None:
+def test_a_jog_is_ignored_while_the_servo_moves_the_arm(phase: rs.Phase) -> None:
     plain = ticks_of(laboratory(), lambda tick: rs.Request.NONE)
     first = next(i for i, tick in enumerate(plain) if tick.state.phase is phase) + 5
 
@@ -122,49 +126,49 @@ def test_while_the_servo_moves_the_arm_nobody_jogs(phase: rs.Phase) -> None:
 
 @settings(max_examples=20, deadline=None)
 @given(st.tuples(*[st.floats(-1e6, 1e6)] * 3))
-def test_it_is_never_faster_than_a_fifth_and_keeps_the_direction(
-    wanted: tuple[float, float, float],
+def test_jogging_is_limited_to_a_fifth_of_the_speed_in_the_requested_direction(
+    requested: tuple[float, float, float],
 ) -> None:
     lab = laboratory()
-    servo, rates = lab.servo(), np.array(wanted)
-    ticks = ticks_of(lab, a_while(rs.Jog(rates), end=0.8), 1.0)
-    most = SLOW_SHARE * np.array(servo.gate.speed)
+    servo, rates = lab.servo(), np.array(requested)
+    ticks = ticks_of(lab, pause_and_jog(rs.Jog(rates), end=0.8), 1.0)
+    limit = SLOW_SHARE * np.array(servo.gate.speed)
     commands = np.array([tick.state.command.rates for tick in ticks])
-    assert (np.abs(commands) <= most * (1.0 + 1e-9)).all()
+    assert (np.abs(commands) <= limit * (1.0 + 1e-9)).all()
     steps = np.abs(np.diff(commands, axis=0))
     assert (steps <= np.array(servo.gate.slew) * 0.01 * (1.0 + 1e-9)).all()
     steady = at(ticks, 0.75).state.command.rates
-    np.testing.assert_allclose(steady, rates / max(1.0, (np.abs(rates) / most).max()), atol=1e-12)
+    np.testing.assert_allclose(steady, rates / max(1.0, (np.abs(rates) / limit).max()), atol=1e-12)
 
 
 @pytest.mark.parametrize("joint", range(3))
-@pytest.mark.parametrize("way", [1.0, -1.0])
-def test_it_ends_at_the_limit_and_leads_back_from_there(joint: int, way: float) -> None:
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_jogging_stops_at_a_joint_limit_and_can_leave_it(joint: int, sign: float) -> None:
     lab = laboratory()
     lower, upper = lab.servo().mechanism.limits.arrays
     rates = np.zeros(3)
-    rates[joint] = way * SLOW_SHARE * np.array(lab.servo().gate.speed)[joint]
-    far = (upper if way > 0.0 else lower)[joint] - lab.rig.scene.start[joint]
+    rates[joint] = sign * SLOW_SHARE * np.array(lab.servo().gate.speed)[joint]
+    far = (upper if sign > 0.0 else lower)[joint] - lab.rig.scene.start[joint]
     ends = 1.0 + abs(far / rates[joint]) + 1.0
 
     def operator(tick: rs.Tick) -> OperatorRequest:
-        ways = (0.5, ends, rs.Jog(rates)), (ends + 0.5, ends + 1.5, rs.Jog(-rates))
-        return told(tick, (0.0, 0.02, rs.Request.PAUSE), *ways)
+        jogs = (0.5, ends, rs.Jog(rates)), (ends + 0.5, ends + 1.5, rs.Jog(-rates))
+        return scripted_request(tick, (0.0, 0.02, rs.Request.PAUSE), *jogs)
 
     ticks = ticks_of(lab, operator, ends + 2.0)
     q = np.array([tick.seen.q for tick in ticks])
     slack = lab.servo().thresholds.slack
     assert (lower - slack <= q).all() and (q <= upper + slack).all()
-    assert abs(at(ticks, ends).seen.q[joint] - (upper if way > 0.0 else lower)[joint]) < 0.02 * max(
-        1.0, abs(far)
-    )
+    assert abs(
+        at(ticks, ends).seen.q[joint] - (upper if sign > 0.0 else lower)[joint]
+    ) < 0.02 * max(1.0, abs(far))
     np.testing.assert_allclose(
         moved(ticks, ends + 0.4, ends + 2.0)[joint], -rates[joint], rtol=0.05
     )
     assert rs.Phase.FAULT not in phases(ticks)
 
 
-NO_CONCERN = (
+IMAGE_DISTURBANCES = (
     "occlusion:at=0.8",
     "decoy:at=0.8",
     "freeze:at=0.8",
@@ -177,7 +181,7 @@ NO_CONCERN = (
     "corrupt:at=0.8,what=none",
     "disk_full:at=0.8",
 )
-ENDS = {
+CAUSES_THAT_END_JOGGING = {
     **{
         f"{kind},axis={axis}": (rs.Phase.FAULT, rs.Cause.NOT_FOLLOWING)
         for kind in (
@@ -203,28 +207,28 @@ def disturbed(text: str, operator: Callable[[rs.Tick], OperatorRequest]) -> list
     return ticks_of(lab, operator)
 
 
-@pytest.mark.parametrize("text", NO_CONCERN)
-def test_what_is_wrong_with_the_picture_does_not_end_it(text: str) -> None:
-    ticks = disturbed(text, a_while())
+@pytest.mark.parametrize("text", IMAGE_DISTURBANCES)
+def test_an_image_disturbance_does_not_end_jogging(text: str) -> None:
+    ticks = disturbed(text, pause_and_jog())
     assert phases(ticks)[-2:] == [rs.Phase.JOG, rs.Phase.PAUSED]
     np.testing.assert_allclose(moved(ticks, 0.0, 3.0), RATES * (END - BEGIN), rtol=0.03)
 
 
-@pytest.mark.parametrize("text", ENDS)
-def test_a_fault_of_the_arm_or_a_late_loop_ends_it_and_the_arm_stands_still(text: str) -> None:
-    ticks = disturbed(text, a_while(end=0.95))
+@pytest.mark.parametrize("text", CAUSES_THAT_END_JOGGING)
+def test_a_fault_of_the_arm_or_a_late_loop_ends_jogging_at_rest(text: str) -> None:
+    ticks = disturbed(text, pause_and_jog(end=0.95))
     after = [tick for tick in ticks if tick.time * 1e-9 >= 0.8]
     ended = next(tick for tick in after if tick.state.phase is not rs.Phase.JOG)
-    assert (ended.state.phase, ended.state.cause) == ENDS[text]
+    assert (ended.state.phase, ended.state.cause) == CAUSES_THAT_END_JOGGING[text]
     assert ended.time * 1e-9 < 0.95
     rates = [tick.state.command.rates for tick in ticks if tick.time * 1e-9 >= 1.0]
     assert not np.any(rates)
 
 
-def test_from_where_a_person_brought_the_tool_the_servo_goes_on_to_its_target() -> None:
+def test_after_jogging_the_servo_continues_to_its_target() -> None:
     def operator(tick: rs.Tick) -> OperatorRequest:
-        way = (6.0, 6.02, rs.Request.PAUSE), (6.5, 7.5, rs.Jog(RATES))
-        return told(tick, *way, (8.0, 8.01, rs.Request.RESUME))
+        jog = (6.0, 6.02, rs.Request.PAUSE), (6.5, 7.5, rs.Jog(RATES))
+        return scripted_request(tick, *jog, (8.0, 8.01, rs.Request.RESUME))
 
     lab = laboratory()
     ticks = ticks_of(lab, operator, 14.0)
@@ -236,14 +240,14 @@ def test_from_where_a_person_brought_the_tool_the_servo_goes_on_to_its_target() 
         rs.Phase.ACQUIRE,
         rs.Phase.SERVO,
     ]
-    away = [np.linalg.norm(tick.state.delta / (0.02, 1.5, 1.5)) for tick in ticks]
-    assert away[590] < 1.0 and away[790] > 5.0 and away[-1] < 1.0
+    errors = [np.linalg.norm(tick.state.delta / (0.02, 1.5, 1.5)) for tick in ticks]
+    assert errors[590] < 1.0 and errors[790] > 5.0 and errors[-1] < 1.0
     assert all(tick.state.explored for tick in ticks[600:])
 
 
-def test_a_camera_that_was_moved_meanwhile_is_told_at_the_end() -> None:
+def test_a_camera_moved_during_jogging_is_reported_afterwards() -> None:
     def operator(tick: rs.Tick) -> OperatorRequest:
-        return told(tick, (4.0, 4.02, rs.Request.PAUSE), (4.5, 5.5, rs.Jog(RATES)))
+        return scripted_request(tick, (4.0, 4.02, rs.Request.PAUSE), (4.5, 5.5, rs.Jog(RATES)))
 
     lab = laboratory(disturbances=[Disturbance.parse("relocate:at=5")])
     lab.rig.begin()
@@ -252,27 +256,27 @@ def test_a_camera_that_was_moved_meanwhile_is_told_at_the_end() -> None:
     assert ticks[-1].state.cause in (rs.Cause.CAMERA_MOVED, rs.Cause.TARGET_OLD)
 
 
-def test_it_is_recorded_with_its_rates_in_one_span_and_comes_out_again_bit_for_bit(
+def test_jogging_is_recorded_in_one_span_and_replays_bit_for_bit(
     tmp_path: Path,
 ) -> None:
     lab = laboratory()
     with Recorder(tmp_path / reader.RECORD, {}) as recorder:
         recorder.begin(lab.servo(), lab.target)
-        for tick in ticks_of(lab, a_while()):
+        for tick in ticks_of(lab, pause_and_jog()):
             recorder.write(tick)
-    again = replay_record(tmp_path)
-    assert again.same, again.sentence
-    asked = again.recorded.ticks["jog"]
-    during = np.array(again.recorded.words["request"]) == "JOG"
+    replayed = replay_record(tmp_path)
+    assert replayed.same, replayed.sentence
+    jog = replayed.recorded.ticks["jog"]
+    during = np.array(replayed.recorded.words["request"]) == "JOG"
     assert during.sum() == round(100 * (END - BEGIN))
-    assert (asked[during] == RATES).all() and not asked[~during].any()
-    found = [span for span in spans(again.recorded) if span.phase is rs.Phase.JOG]
+    assert (jog[during] == RATES).all() and not jog[~during].any()
+    found = [span for span in spans(replayed.recorded) if span.phase is rs.Phase.JOG]
     assert len(found) == 1 and found[0].length == pytest.approx(END - BEGIN)
-    other = replace(again.recorded, ticks={**again.recorded.ticks, "jog": np.zeros_like(asked)})
+    other = replace(replayed.recorded, ticks={**replayed.recorded.ticks, "jog": np.zeros_like(jog)})
     assert "command" in replay_record(other).difference_counts
 
 
-def test_rates_that_are_no_three_numbers_are_refused() -> None:
+def test_rates_must_be_three_finite_numbers() -> None:
     for rates in ([0.1, np.nan, 0.0], [0.1, 0.2], np.inf):
         with pytest.raises(rs.BadInput, match=r"jog\.rates must be three finite numbers"):
             rs.Jog(rates)  # type: ignore[arg-type]

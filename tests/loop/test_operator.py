@@ -1,6 +1,4 @@
-"""The person beside the loop: what is wanted between two ticks holds from the next one on, and the
-record tells it.
-"""
+"""A request of the operator applies from the next tick on and is recorded."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -19,18 +17,18 @@ from rcmservo.recording.writer import Recorder, ThreadedRecorder
 
 
 class Scripted:
-    """An operator that wants things at given ticks."""
+    """Operator with requests at given ticks."""
 
-    def __init__(self, wants: dict[int, OperatorRequest]) -> None:
-        self.wants, self.tick = wants, -1
+    def __init__(self, requests: dict[int, OperatorRequest]) -> None:
+        self.requests, self.tick = requests, -1
 
     def __call__(self, tick: rs.Tick) -> OperatorRequest:
         self.tick += 1
-        return self.wants.get(self.tick, rs.Request.NONE)
+        return self.requests.get(self.tick, rs.Request.NONE)
 
 
-class Counting:
-    """An arm that counts how often it is switched on."""
+class CountingArm:
+    """Arm that counts the calls of `enable`."""
 
     def __init__(self, arm: rs.Arm) -> None:
         self.arm, self.enabled = arm, 0
@@ -41,8 +39,8 @@ class Counting:
         self.arm.enable()
 
 
-def elsewhere(lab: Laboratory) -> rs.Target:
-    """Another target, half-way to the first."""
+def midway_target(lab: Laboratory) -> rs.Target:
+    """Return another target, half-way to the first."""
     scene = lab.rig.scene
     lab.rig.place((scene.start + scene.target) / 2.0)
     target = rs.teach(lab.plant, frames=5)
@@ -50,31 +48,31 @@ def elsewhere(lab: Laboratory) -> rs.Target:
     return target
 
 
-def ticks_of(lab: Laboratory, servo: rs.Servo, seconds: float, wants: Any) -> Iterator[rs.Tick]:
-    return rs.run(lab.plant, servo, lab.target, seconds, operator=Scripted(wants))
+def ticks_of(lab: Laboratory, servo: rs.Servo, seconds: float, requests: Any) -> Iterator[rs.Tick]:
+    return rs.run(lab.plant, servo, lab.target, seconds, operator=Scripted(requests))
 
 
-def slower(servo: rs.Servo) -> rs.Servo:
+def with_lower_gain(servo: rs.Servo) -> rs.Servo:
     return replace(servo, controller=rs.SaturatedController(gain=0.7))
 
 
-def directly(path: Path) -> Recorder:
+def open_recorder(path: Path) -> Recorder:
     return Recorder(path, {})
 
 
-def in_a_thread(path: Path) -> ThreadedRecorder:
+def open_threaded_recorder(path: Path) -> ThreadedRecorder:
     return ThreadedRecorder(Recorder(path, {}))
 
 
-@pytest.mark.parametrize("opened", [directly, in_a_thread])
-def test_teaching_retargeting_and_other_settings_in_mid_run_are_stages_that_come_out_bit_for_bit(
+@pytest.mark.parametrize("opened", [open_recorder, open_threaded_recorder])
+def test_targets_and_settings_changed_during_a_run_are_stages_that_replay_bit_for_bit(
     opened: Callable[[Path], Any], tmp_path: Path
 ) -> None:
     lab = laboratory()
-    servo, other = lab.servo(), elsewhere(lab)
-    lab.plant.arm = arm = Counting(lab.plant.arm)
-    wants = {
-        250: slower(servo),
+    servo, other = lab.servo(), midway_target(lab)
+    lab.plant.arm = arm = CountingArm(lab.plant.arm)
+    requests = {
+        250: with_lower_gain(servo),
         350: other,
         450: Teach(frames=5),
         560: rs.Request.RESUME,
@@ -84,37 +82,37 @@ def test_teaching_retargeting_and_other_settings_in_mid_run_are_stages_that_come
     with opened(tmp_path / reader.RECORD) as recorder:
         recorder.begin(servo, lab.target)
         ticks = []
-        for tick in ticks_of(lab, servo, 8.0, wants):
+        for tick in ticks_of(lab, servo, 8.0, requests):
             recorder.write(tick)
             ticks.append(tick)
-    again = replay_record(tmp_path)
-    stages = again.recorded.stages
-    assert again.same, again.sentence
+    replayed = replay_record(tmp_path)
+    stages = replayed.recorded.stages
+    assert replayed.same, replayed.sentence
     assert [stage.origin for stage in stages] == [-1, 0, 1, 2, 3, 4]
     assert [stage.mid_run for stage in stages] == [False] + [True] * 5
     taught = stages[3].first
     assert [stage.first for stage in stages] == [0, 251, 351, taught, 621, 641]
     assert 450 < taught < 560
-    assert arm.enabled == 1 and again.recorded.ticks["enabled"].all()
-    assert again.recorded.phase[taught] == "PAUSED" and again.recorded.phase[-1] == "SERVO"
-    assert again.recorded.words["request"][451] == "PAUSE"
+    assert arm.enabled == 1 and replayed.recorded.ticks["enabled"].all()
+    assert replayed.recorded.phase[taught] == "PAUSED" and replayed.recorded.phase[-1] == "SERVO"
+    assert replayed.recorded.words["request"][451] == "PAUSE"
     at = [stage.servo["controller"]["gain"] for stage in stages]
     assert at == [servo.controller.gain, *[0.7] * 3, *[servo.controller.gain] * 2]
     assert np.abs(ticks[-1].state.delta / (0.02, 1.5, 1.5)).max() < 1.0
 
 
-def test_a_changed_gain_holds_from_the_next_tick_on() -> None:
+def test_a_changed_gain_applies_from_the_next_tick_on() -> None:
     lab = laboratory()
     servo = lab.servo()
     plain = list(ticks_of(lab, servo, 4.0, {}))
     lab = laboratory()
-    changed = list(ticks_of(lab, servo, 4.0, {215: slower(servo)}))
+    changed = list(ticks_of(lab, servo, 4.0, {215: with_lower_gain(servo)}))
     speeds = [[np.linalg.norm(tick.state.v) for tick in ticks] for ticks in (plain, changed)]
     assert plain[215].state.phase is rs.Phase.SERVO
     assert speeds[0][:216] == speeds[1][:216] and speeds[1][216] < 0.7 * speeds[0][216]
 
 
-def test_a_taught_target_is_what_a_tool_that_stands_still_shows() -> None:
+def test_a_target_is_taught_from_a_tool_at_rest() -> None:
     lab = laboratory()
     taught, moved = None, []
     for tick in ticks_of(lab, lab.servo(), 3.0, {200: Teach(frames=8)}):
@@ -127,18 +125,18 @@ def test_a_taught_target_is_what_a_tool_that_stands_still_shows() -> None:
     assert taught.shown > lab.target.shown
 
 
-def test_teaching_ends_where_the_person_wants_something_else() -> None:
+def test_another_request_ends_teaching() -> None:
     lab = laboratory()
-    wants = {200: Teach(frames=30), 215: rs.Request.RESUME, 220: rs.Request.PAUSE}
-    *_, last = ticks_of(lab, lab.servo(), 4.0, wants)
+    requests = {200: Teach(frames=30), 215: rs.Request.RESUME, 220: rs.Request.PAUSE}
+    *_, last = ticks_of(lab, lab.servo(), 4.0, requests)
     assert last.state.target is lab.target and last.state.phase is rs.Phase.PAUSED
 
 
-def test_teaching_waits_for_frames_that_show_both_markers() -> None:
+def test_teaching_waits_for_frames_with_both_markers() -> None:
     lab = laboratory()
     find, hidden = lab.plant.tracker.find, [True]
 
-    def blinking(frame: rs.Frame) -> rs.Markers:
+    def find_partly(frame: rs.Frame) -> rs.Markers:
         found = find(frame)
         points = np.array([found.points[0], [np.nan, np.nan]])
         return replace(found, points=points) if hidden[0] else found
@@ -146,14 +144,14 @@ def test_teaching_waits_for_frames_that_show_both_markers() -> None:
     targets = []
     for k, tick in enumerate(ticks_of(lab, lab.servo(), 5.0, {200: Teach(frames=5)})):
         if k == 200:
-            lab.plant.tracker.find = blinking
+            lab.plant.tracker.find = find_partly
         hidden[0] = k < 400
         targets.append(tick.state.target)
     assert all(target is lab.target for target in targets[:401])
     assert targets[-1] is not lab.target and np.isfinite(targets[-1].points).all()
 
 
-def test_the_same_target_once_more_is_no_change(tmp_path: Path) -> None:
+def test_an_equal_target_is_no_change(tmp_path: Path) -> None:
     lab = laboratory()
     servo = lab.servo()
     with Recorder(tmp_path / reader.RECORD, {}) as recorder:
@@ -164,7 +162,7 @@ def test_the_same_target_once_more_is_no_change(tmp_path: Path) -> None:
     assert replay_record(tmp_path).same
 
 
-def test_a_servo_that_cannot_go_on_with_what_was_learnt_is_refused_and_the_arm_rests() -> None:
+def test_a_servo_for_which_the_estimate_is_invalid_is_refused_and_the_arm_is_at_rest() -> None:
     lab = laboratory()
     servo = lab.servo()
     for change in (
@@ -180,7 +178,7 @@ def test_a_servo_that_cannot_go_on_with_what_was_learnt_is_refused_and_the_arm_r
 
 
 @pytest.mark.parametrize("answer", [None, "resume", True, [rs.Request.RESUME]])
-def test_an_operator_that_answers_something_else_is_told_so_in_one_sentence(answer: Any) -> None:
+def test_an_invalid_result_of_an_operator_is_refused_with_one_sentence(answer: Any) -> None:
     lab = laboratory()
     with pytest.raises(rs.BadInput, match=r"operator\(\) must be a Request, Target, Servo, Tea"):
         list(ticks_of(lab, lab.servo(), 1.0, {3: answer}))

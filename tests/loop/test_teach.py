@@ -1,4 +1,4 @@
-"""A target that cannot be taught says why: the camera, its clock, the light, or which marker."""
+"""A failure to teach gives the reason: camera, clock, light, or the marker concerned."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -13,33 +13,33 @@ from rcmservo.loop.teach import NotShown, teach
 from rcmservo.tracking import ColourMarkers, MarkerAppearance, PointMarkers
 
 LOOK = MarkerAppearance("green", "blue", 3.5, 3.5)
-GROUND = (70, 80, 120)
+BACKGROUND = (70, 80, 120)
 PAINT = {"green": (40, 190, 50), "blue": (215, 80, 30), "red": (40, 30, 210)}
 GREEN, BLUE = ("green", 80.0, 100.0, 14.0), ("blue", 200.0, 120.0, 14.0)
-S = 1_000_000_000
+SECOND_NS = 1_000_000_000
 
 Change = Callable[[Frame], Frame | None]
 
 
 class Changed:
-    """The laboratory's camera, with something done to every frame."""
+    """Camera of the laboratory with a change of every frame."""
 
     def __init__(self, lab: Laboratory, change: Change) -> None:
         self._camera, self._change = lab.rig.camera, change
-        self._taken: Frame | None = None
-        self._shown: Frame | None = None
+        self._source: Frame | None = None
+        self._changed: Frame | None = None
 
     def latest(self) -> Frame | None:
         frame = self._camera.latest()
-        if frame is not self._taken:
-            self._taken = frame
-            self._shown = None if frame is None else self._change(frame)
-        return self._shown
+        if frame is not self._source:
+            self._source = frame
+            self._changed = None if frame is None else self._change(frame)
+        return self._changed
 
 
-def picture(*balls: tuple[str, float, float, float]) -> Image:
-    """Balls of a colour at (u, v) with a radius, on a plain ground."""
-    image = np.full((240, 320, 3), GROUND, dtype=np.uint8)
+def draw_balls(*balls: tuple[str, float, float, float]) -> Image:
+    """Return an image of balls with colour, u, v and radius on a plain background."""
+    image = np.full((240, 320, 3), BACKGROUND, dtype=np.uint8)
     v, u = np.mgrid[:240, :320]
     for colour, x, y, radius in balls:
         image[(u - x) ** 2 + (v - y) ** 2 < radius**2] = PAINT[colour]
@@ -47,7 +47,7 @@ def picture(*balls: tuple[str, float, float, float]) -> Image:
 
 
 def reason(change: Change, tracker: Tracker | None = None) -> str:
-    """What teaching says of a camera whose frames are changed."""
+    """Return the reason for failed teaching with changed frames."""
     lab = laboratory()
     plant = Plant(lab.rig.arm, Changed(lab, change), tracker or PointMarkers(), lab.rig.clock)
     with pytest.raises(NotShown) as caught:
@@ -58,48 +58,48 @@ def reason(change: Change, tracker: Tracker | None = None) -> str:
 
 
 def reason_of(image: Image, look: MarkerAppearance = LOOK) -> str:
-    """What teaching says of a camera that shows always the same picture."""
+    """Return the reason for failed teaching with a constant image."""
     return reason(lambda frame: replace(frame, points=None, image=image), ColourMarkers(look))
 
 
-def test_two_balls_that_are_shown_are_taught() -> None:
-    image, lab = picture(GREEN, BLUE), laboratory()
+def test_two_visible_balls_are_taught() -> None:
+    image, lab = draw_balls(GREEN, BLUE), laboratory()
     camera = Changed(lab, lambda frame: replace(frame, points=None, image=image))
     target = teach(Plant(lab.rig.arm, camera, ColourMarkers(LOOK), lab.rig.clock), frames=30)
     np.testing.assert_allclose(target.points, [[80.0, 100.0], [200.0, 120.0]], atol=0.3)
 
 
-def test_a_camera_that_sends_nothing_is_told() -> None:
-    assert reason(lambda frame: None) == "no frame has come from the camera for 2.0 s"
+def test_a_camera_without_frames_is_the_reason() -> None:
+    assert reason(lambda frame: None) == "the camera has delivered no frame for 2.0 s"
 
 
-def test_a_camera_that_falls_silent_is_told_and_not_the_markers() -> None:
+def test_a_camera_that_stops_is_the_reason_rather_than_the_markers() -> None:
     began: list[int] = []
 
     def change(frame: Frame) -> Frame | None:
         began.append(frame.exposure)
         blind = replace(frame, points=np.full((2, 2), np.nan))
-        return blind if frame.exposure < began[0] + S else None
+        return blind if frame.exposure < began[0] + SECOND_NS else None
 
     why = reason(change)
-    assert why.startswith("no frame has come from the camera for") and why.endswith(" s")
+    assert why.startswith("the camera has delivered no frame for") and why.endswith(" s")
 
 
-@pytest.mark.parametrize(("ahead", "age"), [(10 * S, "-"), (-10 * S, "10.0")])
-def test_a_wrong_clock_is_told_with_the_age_of_its_frames(ahead: int, age: str) -> None:
+@pytest.mark.parametrize(("ahead", "age"), [(10 * SECOND_NS, "-"), (-10 * SECOND_NS, "10.0")])
+def test_a_false_clock_is_the_reason_with_the_age_of_its_frames(ahead: int, age: str) -> None:
     why = reason(lambda frame: replace(frame, exposure=frame.exposure + ahead))
-    assert why.startswith(f"frames bear times that cannot be right: the newest is {age}")
-    assert why.endswith("s old, which must be from 0 to 2 s")
+    assert why.startswith(f"the frames have impossible timestamps: the newest is {age}")
+    assert why.endswith("s old, expected 0 to 2 s")
 
 
-def test_pictures_of_another_kind_are_told() -> None:
+def test_an_image_of_another_type_is_the_reason() -> None:
     assert "frame.image must be a (height, width, 3) uint8 picture" in reason_of(
         np.zeros((240, 320), dtype=np.uint8)
     )
 
 
-def test_a_grey_picture_and_a_dark_one_are_told() -> None:
-    colours = picture(GREEN, BLUE)
+def test_a_grey_or_dark_image_is_the_reason() -> None:
+    colours = draw_balls(GREEN, BLUE)
     grey = np.repeat(colours.mean(axis=2, keepdims=True), 3, axis=2).astype(np.uint8)
     assert reason_of(grey) == "the picture is grey, and the markers are known by their colours"
     assert reason_of((colours * 0.05).astype(np.uint8)) == "the picture is dark"
@@ -114,27 +114,29 @@ def test_a_grey_picture_and_a_dark_one_are_told() -> None:
         ((GREEN, ("blue", 318.0, 120.0, 14.0)), "no blue ball (marker 2)"),
     ],
 )
-def test_a_marker_that_is_not_in_the_picture_is_named(
+def test_a_marker_outside_the_image_is_named(
     balls: tuple[tuple[str, float, float, float], ...], why: str
 ) -> None:
-    assert reason_of(picture(("red", 30.0, 30.0, 9.0), *balls)) == f"the picture shows {why} whole"
+    assert (
+        reason_of(draw_balls(("red", 30.0, 30.0, 9.0), *balls)) == f"the picture shows {why} whole"
+    )
 
 
-def test_of_two_alike_it_is_told_how_many_are_seen() -> None:
+def test_the_number_of_detected_balls_of_one_colour_is_given() -> None:
     look = MarkerAppearance("red", "red", 12.0, 10.0)
-    one = picture(("red", 80.0, 100.0, 18.0))
+    one = draw_balls(("red", 80.0, 100.0, 18.0))
     assert reason_of(one, look) == "of two red balls the picture shows 1 whole"
 
 
-def test_balls_whose_sizes_do_not_fit_are_told_with_their_sizes() -> None:
-    why = reason_of(picture(("green", 80.0, 100.0, 40.0), BLUE))
+def test_balls_with_inconsistent_sizes_are_the_reason_with_their_sizes() -> None:
+    why = reason_of(draw_balls(("green", 80.0, 100.0, 40.0), BLUE))
     assert why == (
         "the green and the blue ball have radii of 40 and 14 px, "
         "which do not fit radius_1 3.5 mm and radius_2 3.5 mm"
     )
 
 
-def test_a_camera_of_points_tells_which_marker_it_lost() -> None:
+def test_a_camera_of_points_names_the_lost_marker() -> None:
     def without_second(frame: Frame) -> Frame:
         assert frame.points is not None
         return replace(frame, points=np.array([frame.points[0], [np.nan, np.nan]]))
@@ -142,12 +144,12 @@ def test_a_camera_of_points_tells_which_marker_it_lost() -> None:
     assert reason(without_second) == "the camera does not see marker 2"
 
 
-def test_a_tracker_that_cannot_tell_gets_a_general_word() -> None:
-    class Blind:
+def test_a_tracker_without_a_reason_gives_a_general_message() -> None:
+    class BlindTracker:
         def find(self, frame: Frame) -> Markers:
             return Markers(np.full((2, 2), np.nan), np.full(2, np.nan), np.zeros(2))
 
         def reset(self) -> None:
             pass
 
-    assert reason(lambda frame: frame, Blind()) == ("both markers must be in the picture")
+    assert reason(lambda frame: frame, BlindTracker()) == "both markers must be in the image"

@@ -1,6 +1,4 @@
-"""Nothing compiles while a tool moves: a short warm-up has seen every type that a run will ever
-bring.
-"""
+"""Nothing compiles while a tool moves: a short warm-up covers every type that a run uses."""
 
 import pickle
 import subprocess
@@ -11,9 +9,7 @@ import pytest
 
 
 def signatures():
-    """What every compiled function of the core is compiled (or loaded) for by now, of those called
-    from Python.
-    """
+    """Return the present signatures of every compiled function that Python calls, by name."""
     from conftest import ESTIMATORS, compiled_functions
     from rcmservo.servo.tick import tick_of
 
@@ -26,9 +22,7 @@ def signatures():
 
 
 def check(path):
-    """In a process of its own, where no other test has compiled anything: warm up, then see all the
-    rest.
-    """
+    """Warm up in a new process and require that all later runs compile nothing."""
     with Path(path).open("rb") as file:
         warm_up, runs = pickle.load(file)
     if warm_up == "method":
@@ -39,47 +33,47 @@ def check(path):
     assert len(before) > 25 and any(before.values()), before
     for run in runs:
         follow(*run)
-    new = {name: seen for name, seen in signatures().items() if seen != before[name]}
+    new = {name: after for name, after in signatures().items() if after != before[name]}
     assert not new, new
 
 
 def follow(servo, stream, target):
     state = servo.init()
-    for seen in stream:
-        state = servo.step(state, seen, target)
+    for observation in stream:
+        state = servo.step(state, observation, target)
 
 
-def short(lab, servo):
-    """Half a second of servoing after the exploration."""
+def short_run(lab, servo):
+    """Return a run with exploration and half a second of servoing."""
     from rcmservo.safety.state_machine import Phase
 
     stream, count = [], 0
-    for seen, state in lab.run(servo, 6.0):
-        stream.append(seen)
+    for observation, state in lab.run(servo, 6.0):
+        stream.append(observation)
         count += state.phase is Phase.SERVO
         if count == 50:
             break
     return servo, stream, lab.target
 
 
-def eventful(lab, servo):
-    """A run with a marker lost and found again, and in the end both lost until the servo pauses."""
+def run_with_losses(lab, servo):
+    """Return a run in which one marker is lost for a while and both at the end, until a pause."""
     from conftest import without
     from rcmservo.safety.state_machine import Phase
 
     stream, state = [], None
     for seconds, lost in ((5.0, ()), (0.3, (0,)), (0.5, ()), (1.2, (0, 1))):
-        for seen, after in lab.run(
-            servo, seconds, state, lambda seen, lost=lost: without(seen, *lost)
+        for observation, after in lab.run(
+            servo, seconds, state, lambda observation, lost=lost: without(observation, *lost)
         ):
-            stream.append(seen)
+            stream.append(observation)
             state = after
     assert state.phase is Phase.PAUSED
     return servo, stream, lab.target
 
 
 BOTH = "method", "short run"
-"""Ways to warm up: `Servo.warm_up`, and a short run in a user's own loop."""
+"""Methods of warming up: `Servo.warm_up`, and a short run in a user's own loop."""
 
 
 @pytest.mark.parametrize(
@@ -106,7 +100,7 @@ def test_after_the_warm_up_nothing_compiles_in_other_scenes_with_losses_and_paus
     choice = {"estimator": ESTIMATORS[estimator], "tool": TOOLS[tool]}
     labs = [laboratory(1), laboratory(2), laboratory(3, RigSettings(mechanism=PitchYawRcm()))]
     first, *others = [(lab, lab.servo(**choice)) for lab in labs]
-    runs = [short(*first), *(eventful(*other) for other in others)]
+    runs = [short_run(*first), *(run_with_losses(*other) for other in others)]
     code = "import sys; import test_compile as t; t.check(sys.argv[1])"
     for warm_up in warm_ups:
         with (tmp_path / warm_up).open("wb") as file:

@@ -1,6 +1,4 @@
-"""The compiled functions say what the same source says as plain Python: one source, two ways to run
-it.
-"""
+"""Compiled functions give the numbers of the same source run as plain Python, the oracle."""
 
 import subprocess
 import sys
@@ -15,8 +13,9 @@ TOLERANCE = 1e-9
 
 
 def camera():
-    """A fixed camera before the tool and the RCM; written out so that this file runs without the
-    simulation.
+    """Return the projection matrix C of a fixed camera before the tool and the RCM.
+
+    It is written out so that this file does not depend on the simulation.
     """
     forward, right = np.array([0.6, 0.2, -0.7746]), np.array([0.31623, -0.94868, 0.0])
     forward = forward / np.linalg.norm(forward)
@@ -34,13 +33,13 @@ def pixels(C, p1, spacing=30.0):
 
 
 def radii(C, p1, spacing=30.0):
-    """Apparent radii (2,) px of balls of which one at a depth of 1 mm would have 1000 px."""
+    """Return the apparent radii (2,) in px of balls with 1000 px at a depth of 1 mm."""
     points = np.stack([p1, p1 * (1.0 + spacing / np.linalg.norm(p1))])
     return 1000.0 / (np.column_stack([points, np.ones(2)]) @ C[2])
 
 
 class Scene(NamedTuple):
-    """A tool in eight places before a camera, seen with a little noise."""
+    """Eight positions of a tool before a camera, with their noisy images."""
 
     a: np.ndarray
     o_c: np.ndarray
@@ -66,7 +65,7 @@ class Scene(NamedTuple):
 P, N, SPACING = np.array([20.0, -10.0, -100.0]), 8, 30.0
 
 
-def scene():
+def make_scene():
     from rcmservo.estimation import projection_rule as fit
     from rcmservo.geometry import features, projection, tool
 
@@ -84,7 +83,7 @@ def scene():
 
 
 def moving():
-    """Mechanism, tool and exploration."""
+    """Return results of mechanism, tool and exploration."""
     from rcmservo.bringup import identification
     from rcmservo.geometry import kinematics, tool
     from rcmservo.numerics.small_linalg import cross, distance
@@ -110,12 +109,12 @@ def moving():
             f"second_marker_jacobian {kind}": tool.second_marker_jacobian(shaft, p),
             f"_markers {kind}": identification._markers(rcm, np.array([q, q + 0.1]), shaft),
         }
-        out |= touring(kind, rcm, q)
+        out |= exploring(kind, rcm, q)
     return out
 
 
-def touring(kind, rcm, q):
-    """Two rounds of the first motion."""
+def exploring(kind, rcm, q):
+    """Return results of two rounds of the exploration."""
     from rcmservo.control import exploration
     from rcmservo.numerics.structs import as_row
 
@@ -134,34 +133,34 @@ def touring(kind, rcm, q):
     return out
 
 
-def imaging(seen):
-    """Projection, features and imaged RCM."""
+def imaging(scene):
+    """Return results of projection, features and imaged RCM."""
     from rcmservo.control import exploration
     from rcmservo.geometry import features, imaged_rcm, projection
     from rcmservo.numerics import small_svd
 
-    m, J_straight = features.about(seen.points, seen.o_c), np.empty((3, 4))
+    m, J_straight = features.about(scene.points, scene.o_c), np.empty((3, 4))
     features.straight_jacobian(m, J_straight)
     out = {
-        "depth": projection.depth(seen.a, P),
-        "project": projection.project(seen.a, P),
-        "project_jacobian": projection.project_jacobian(seen.a, P),
+        "depth": projection.depth(scene.a, P),
+        "project": projection.project(scene.a, P),
+        "project_jacobian": projection.project_jacobian(scene.a, P),
         "regressor": projection.regressor(np.array([10.0, 20.0]), P),
         "about": m,
-        "y": seen.y,
-        "delta": seen.delta,
+        "y": scene.y,
+        "delta": scene.delta,
         "features": features.features(m),
         "features_jacobian": features.features_jacobian(m),
-        "J": seen.J,
-        "condition": small_svd.condition(seen.J),
-        "disagreement": exploration.disagreement(seen.J, seen.J + 0.01),
+        "J": scene.J,
+        "condition": small_svd.condition(scene.J),
+        "disagreement": exploration.disagreement(scene.J, scene.J + 0.01),
         "straight": features.straight(m),
         "straight_jacobian": J_straight,
-        "near_origin": features.near_origin(seen.o_c, seen.points, 100.0),
+        "near_origin": features.near_origin(scene.o_c, scene.points, 100.0),
     }
     for printed in (True, False):
         lines, count = np.zeros((6, 4)), 0
-        for row in seen.rows:
+        for row in scene.rows:
             points = row[3:].reshape(2, 2)
             lines, count, o_c, condition = imaged_rcm.follow(lines, count, points, 3, printed)
         out |= {f"lines {printed}": lines[:count], f"imaged rcm {printed}": o_c}
@@ -171,15 +170,15 @@ def imaging(seen):
     return out
 
 
-def fitting(seen):
-    """The projection estimator, with both Γ."""
+def fitting(scene):
+    """Return results of the projection estimator, with both Γ."""
     from rcmservo.estimation import projection_rule as fit
     from rcmservo.geometry import tool
     from rcmservo.numerics import gradient_flow
     from rcmservo.servo.state import EstimatorMemory
     from rcmservo.servo.update_estimate import empty_with_lines
 
-    a, o_c, rows, shaft, out = seen.a, seen.o_c, seen.rows, tool.Shaft(0, SPACING), {}
+    a, o_c, rows, shaft, out = scene.a, scene.o_c, scene.rows, tool.Shaft(0, SPACING), {}
     for both in (False, True):
         fitted = fit.sights(rows, N, o_c, both, shaft)
         A, b = fit.normal_equations(fitted)
@@ -194,7 +193,7 @@ def fitting(seen):
         "by_modes": C @ gradient_flow.by_modes(C @ A @ C, C @ b, 1.0),
         "keep_in_front": fit.keep_in_front(0 * a, far, rows, N, shaft),
         "markers_jacobian": fit.markers_jacobian(a, P, shaft),
-        "jacobian_at": fit.jacobian_at(a, P, seen.points, o_c, shaft),
+        "jacobian_at": fit.jacobian_at(a, P, scene.points, o_c, shaft),
         "predict": fit.predict(a, P, shaft),
     }
     for rate in (0.0, 20.0):
@@ -209,35 +208,35 @@ def fitting(seen):
     return out
 
 
-def sizing(seen):
-    """The estimator by places and sizes."""
+def sizing(scene):
+    """Return results of the estimator from positions and sizes."""
     from rcmservo.estimation import affine, ball_size_fit
     from rcmservo.geometry import tool
 
     shaft, memory = tool.Shaft(0, SPACING), ball_size_fit.no_balls()
-    for row in seen.rows:
+    for row in scene.rows:
         points, sizes = row[3:].reshape(2, 2), 1e3 / np.array([200.0 - row[0], 190.0 - row[0]])
         memory = affine.see_both(memory, row[:3], points, sizes, 2.0, shaft)
-    p1, rcm = seen.places[0], affine.sized_rcm(memory)
+    p1, rcm = scene.places[0], affine.sized_rcm(memory)
     return {
         "sized C": np.stack([memory[k]["C"] for k in range(2)]),
-        "sized J": affine.sized_jacobian(memory, p1, seen.points, seen.o_c, shaft),
+        "sized J": affine.sized_jacobian(memory, p1, scene.points, scene.o_c, shaft),
         "sizes motion": affine.sizes_motion(memory, p1, shaft),
         "sized markers": affine.sized_markers(memory, p1, shaft),
         "sized rcm": rcm[0],
         "sized rcm covariance": rcm[1],
-        "sized place": ball_size_fit.place_told(memory[0], seen.points[0], 6.0)[0],
+        "sized place": ball_size_fit.place_told(memory[0], scene.points[0], 6.0)[0],
     }
 
 
-def expecting(seen):
-    """What the camera should see, from eight frames, and as an estimator."""
+def predicting(scene):
+    """Return results of the projection fit to eight frames, and of the estimator made of it."""
     from rcmservo.estimation import dlt, projection_fit, projection_prediction
     from rcmservo.geometry import tool
     from rcmservo.servo.update_estimate import empty_memory
 
-    shaft, memory, p1 = tool.Shaft(0, SPACING), projection_fit.blank().rows, seen.places[0]
-    for row in seen.rows:
+    shaft, memory, p1 = tool.Shaft(0, SPACING), projection_fit.blank().rows, scene.places[0]
+    for row in scene.rows:
         projection_fit.see(memory[0], row[:3], row[3:].reshape(2, 2), shaft)
     v, known = memory[0], projection_fit.Prospect(memory)
     place, covariance = projection_prediction.imaged(v, P)
@@ -251,45 +250,47 @@ def expecting(seen):
         "expected": projection_prediction.expected(v, p1, shaft),
         "markers": projection_prediction.located(v, p1, shaft),
         "motion": projection_prediction.both_motions(v, p1, shaft),
-        "J of the fit": projection_prediction.features_motion(v, p1, seen.points, seen.o_c, shaft),
+        "J of the fit": projection_prediction.features_motion(
+            v, p1, scene.points, scene.o_c, shaft
+        ),
         "weakness": projection_prediction.weakness(v, p1, shaft),
         "pose deviation": projection_prediction.pose_deviation(v, p1, shaft),
         "without marker 2": projection_prediction.deviation_without(v, p1, 1, shaft),
         "order": projection_prediction.order(v),
         "nothing stored": empty_memory(dlt.DltKernel(), ()),
     }
-    out |= planned(v, seen, shaft)
+    out |= planned(v, scene, shaft)
     projection_fit.empty(v)
     empty = projection_fit.Prospect(memory)
     numbers = {field.name for field in empty.fields} - {"work"}
     return out | {f"emptied {name}": getattr(empty, name) for name in numbers}
 
 
-def planned(v, seen, shaft):
-    """How well the way to the target is known, and the next corner."""
+def planned(v, scene, shaft):
+    """Return the uncertainty of the direction to the target, and the next corner."""
     from rcmservo.control import exploration, exploration_planning
     from rcmservo.geometry import kinematics
     from rcmservo.numerics.structs import as_row
 
     x, p1, limits = (
         as_row(exploration.Exploration())[0],
-        seen.places[0],
+        scene.places[0],
         ((-4.0,) * 3, (200.0,) * 3),
     )
     rcm = kinematics.Rcm(0, 2.0, *limits)
     q = kinematics.joints(rcm, p1)
     tour = exploration.Exploring.of(home=q, goal=q, sides=[0.03, 0.03, 2.5], visits=3)
-    exploration_planning.plan(tour.rows[0], v, rcm, shaft, q, seen.target, 9.0)
+    exploration_planning.plan(tour.rows[0], v, rcm, shaft, q, scene.target, 9.0)
     assert not np.array_equal(tour.goal, q)
     return {
-        "off target": exploration_planning.off_target(v, p1, seen.target, shaft),
-        "directed": exploration_planning.directed(v, p1, seen.target, shaft, x),
+        "off target": exploration_planning.off_target(v, p1, scene.target, shaft),
+        "directed": exploration_planning.directed(v, p1, scene.target, shaft, x),
         "planned": tour.goal,
     }
 
 
-def drifting(seen):
-    """A picture that is off by some px, one marker more than the other, or that is frozen."""
+def drifting(scene):
+    """Return results of the checks on images with offset markers, and on a frozen image."""
     from conftest import tick_facts
     from rcmservo.control import exploration
     from rcmservo.estimation import projection_fit
@@ -301,31 +302,31 @@ def drifting(seen):
 
     shaft, known, t = tool.Shaft(0, SPACING), projection_fit.blank(), as_row(Thresholds())[0]
     v, out = known.rows[0], {}
-    for row in seen.rows:
+    for row in scene.rows:
         projection_fit.see(v, row[:3], row[3:].reshape(2, 2), shaft)
     for name, off in {
         "none": np.zeros((2, 2)),
         "both": np.full((2, 2), 9.0),
         "one": np.array([[0.0, 0.0], [20.0, -9.0]]),
-        "crossed": seen.points[::-1] - seen.points,
+        "crossed": scene.points[::-1] - scene.points,
     }.items():
         w = monitor_state.begin()
         for step in range(2 * Thresholds.drift_frames):
             moves = 1e-6 * step if name != "both" else 0.0
-            p1 = seen.places[step % 2]
-            points = seen.points + off + moves
+            p1 = scene.places[step % 2]
+            points = scene.points + off + moves
             drift.watch_drift(w.rows[0], v, p1, points, points, shaft, t)
         tour = exploration.Exploring.of(done=True)
         facts = tick_facts(watch=w, tour=tour, thresholds=t)
         detectors = drift.picture_is_frozen, drift.one_marker_deviates, drift.markers_drift
         found = [detects(facts) for detects in detectors]
         out[f"drift of {name}"] = [*w.left.ravel(), *w.off, *found]
-        places = np.stack([seen.points, seen.points + off])
+        places = np.stack([scene.points, scene.points + off])
         out[f"stuck by {name}"] = [
-            drift.watch_stuck(w.rows[0], seen.places[0], points, t) for points in places
+            drift.watch_stuck(w.rows[0], scene.places[0], points, t) for points in places
         ]
         out[f"misplaced by {name}"] = innovation.misplaced(
-            v, seen.places[0], seen.points + off, seen.target, shaft, t
+            v, scene.places[0], scene.points + off, scene.target, shaft, t
         )
     old = monitor_state.ObservationRow.of(now=10**9)
     facts = tick_facts(seen=old, watch=monitor_state.begin(), thresholds=t)
@@ -333,24 +334,24 @@ def drifting(seen):
     return out
 
 
-def learning(seen):
-    """The flow rule, Broyden's update, and the others that learn from displacements."""
+def updating(scene):
+    """Return results of the flow rule, Broyden's update and the other displacement estimators."""
     from rcmservo.estimation import broyden, correntropy, displacement, flow_rule, kalman, rls
 
-    J, delta_p, delta_y = 0.5 * seen.J, np.array([1.0, 2.0, -1.0]), np.array([0.1, 5.0, -3.0])
-    p1, p2, both = seen.places[0], seen.places[1], (seen.points, seen.target)
+    J, delta_p, delta_y = 0.5 * scene.J, np.array([1.0, 2.0, -1.0]), np.array([0.1, 5.0, -3.0])
+    p1, p2, both = scene.places[0], scene.places[1], (scene.points, scene.target)
     out = {
         "learn": flow_rule.learn(J, delta_p, delta_y, 0.02, 0.01),
-        "flow": flow_rule.update(J, seen.step, *both, seen.o_c, 0.02, 0.01),
+        "flow": flow_rule.update(J, scene.step, *both, scene.o_c, 0.02, 0.01),
         "learn broyden": broyden.learn(J, delta_p, delta_y),
     }
     for least in (1.0, 1e3):
-        found, _ = broyden.update(J, p1, both[0], p2, both[1], seen.o_c, least)
+        found, _ = broyden.update(J, p1, both[0], p2, both[1], scene.o_c, least)
         out[f"broyden {least}"] = found
     P, rule = np.diag([1.0, 2.0, 3.0]), (delta_p, delta_y)
-    way, flow_seen, far = displacement.displaced(p1, both[0], p2, both[1], seen.o_c, 1.0)
+    moved, change, is_far = displacement.displaced(p1, both[0], p2, both[1], scene.o_c, 1.0)
     found = {
-        "displaced": ([*way, *flow_seen, far],),
+        "displaced": ([*moved, *change, is_far],),
         "rls": rls.learn(J, P, *rule, 0.9),
         "kalman": kalman.learn(J, P, *rule, 0.01, 0.05),
         "correntropy": correntropy.learn(J, np.stack([P, P, P]), *rule, 0.01, 0.05, 3.0),
@@ -358,18 +359,18 @@ def learning(seen):
     return out | {f"{name} {k}": part for name, of in found.items() for k, part in enumerate(of)}
 
 
-def guarding(seen):
-    """What is believed, the law and the gate."""
+def limiting(scene):
+    """Return results of the innovation checks, the law and the gate."""
     from rcmservo.control import saturated_controller
     from rcmservo.geometry import kinematics
     from rcmservo.numerics.structs import as_row
     from rcmservo.safety import gate, innovation, monitor_state
 
-    J, delta, o_c, both = seen.J, seen.delta, seen.o_c, (seen.target, seen.points)
+    J, delta, o_c, both = scene.J, scene.delta, scene.o_c, (scene.target, scene.points)
     still, one, half, q = np.zeros(3), np.ones(3), np.full(3, 0.5), np.full(3, 0.1)
     out = {
         "leapt": innovation.leapt(*both, 0.5, 1.0, 20.0),
-        "judged": innovation.judged(*both, o_c, J, seen.step, 0.2, 0.75),
+        "judged": innovation.judged(*both, o_c, J, scene.step, 0.2, 0.75),
     }
     monitor_state.followed(still, one, half, q, 0.01, 0.025, 1.0)
     out["followed"] = [*still, *one]
@@ -381,19 +382,19 @@ def guarding(seen):
         out[f"potential {printed}"] = saturated_controller.potential(delta, b, printed)
     damped = np.diag([1.0, 0.2, 0.01])
     out["damped"] = saturated_controller.law(damped, np.ones(3), 2.0, 150.0, 1e6).v
-    wish, last = np.array([0.9, -0.4, 70.0]), np.array([0.85, -0.4, 40.0])
+    requested, last = np.array([0.9, -0.4, 70.0]), np.array([0.85, -0.4, 40.0])
     rcm = kinematics.Rcm(0, 0.0, (-1.0, -1.0, 40.0), (1.0, 1.0, 91.0))
     bounds = as_row(gate.Gate((1.0, 1.0, 80.0), (8.0, 8.0, 500.0), 0.05))[0]
     for share in (0.0, 0.9):
         near = np.array([0.4, -0.3, 90.0])
         sent = last.copy()
-        out[f"finite {share}"] = gate.within(wish, sent, near, rcm, bounds, 0.01, share)
+        out[f"finite {share}"] = gate.within(requested, sent, near, rcm, bounds, 0.01, share)
         out[f"within {share}"] = sent
     return out
 
 
-def moded():
-    """Modes and what is forgotten with them."""
+def resetting():
+    """Return modes and the resets that they cause."""
     from rcmservo.control.exploration import Exploring
     from rcmservo.numerics.structs import as_row
     from rcmservo.safety import gate, state_machine
@@ -415,20 +416,22 @@ def moded():
             out[f"mode {phase} {request}"] = [d.phase, d.cause, d.since, d.good, d.asks]
     places = {"p1": P, "points": np.array([[300.0, 200.0], [250.0, 150.0]]), "o_c": 90.0}
     for name, change in {
-        "forgotten": lambda kept: reset.forget_but_places(kept.rows[0]),
-        "unlearnt": lambda kept: apply_mode.unlearn(kept.rows[0], Cause.CAMERA_MOVED.place, 5),
-        "failed": lambda kept: apply_mode.fail(kept.rows[0], 7),
-        "stopped": lambda kept: gate.stop(kept.decision.command.rows[0], 9, gate.Gate().row[0]),
+        "reset": lambda stored: reset.reset_estimation_except_markers(stored.rows[0]),
+        "invalidated": lambda stored: apply_mode.invalidate(
+            stored.rows[0], Cause.CAMERA_MOVED.place, 5
+        ),
+        "failed": lambda stored: apply_mode.enter_not_finite_fault(stored.rows[0], 7),
+        "stopped": lambda stored: gate.stop(stored.decision.command.rows[0], 9, gate.Gate().row[0]),
     }.items():
-        kept = Stored.of(
+        stored = Stored.of(
             watch=Watch.of(believed=3, rejected=2),
             estimate=Estimate.of(J_hat=1.0, exposure=4, **places),
             tour=Exploring.of(done=True, visits=4),
             decision=Decision.of(command=gate.CommandStruct.of(number=5, rates=1.0, enabled=True)),
         )
-        answer = change(kept)
-        d = kept.decision
-        rows = kept.watch, kept.estimate, kept.tour, d, d.mode, d.command
+        answer = change(stored)
+        d = stored.decision
+        rows = stored.watch, stored.estimate, stored.tour, d, d.mode, d.command
         out[name] = np.concatenate(
             [
                 np.ravel(getattr(row, field.name))
@@ -442,7 +445,7 @@ def moded():
 
 
 def lagging():
-    """How far drives lag behind, of a few readings."""
+    """Return the lag of the drives from a few measurements."""
     from rcmservo.control import drive_lag
     from rcmservo.control.exploration import Exploring
 
@@ -457,16 +460,17 @@ def lagging():
 
 
 def functions():
-    """Every compiled function of the core on a few inputs: name -> numbers."""
-    seen = scene()
-    out = moving() | imaging(seen) | fitting(seen) | expecting(seen) | drifting(seen)
-    out |= sizing(seen) | learning(seen) | guarding(seen) | moded() | lagging()
+    """Return the results of every compiled function of the core on a few inputs, by name."""
+    scene = make_scene()
+    out = moving() | imaging(scene) | fitting(scene) | predicting(scene) | drifting(scene)
+    out |= sizing(scene) | updating(scene) | limiting(scene) | resetting() | lagging()
     return {name: np.asarray(value, dtype=float) for name, value in out.items()}
 
 
 def steps():
-    """A few servo steps on exact pictures of a tool that follows its commands: exploring, then
-    servoing.
+    """Return results of servo steps on exact images of a tool that follows its commands.
+
+    The steps explore first and then servo.
     """
     from rcmservo.control.exploration import Exploration
     from rcmservo.control.saturated_controller import SaturatedController
@@ -508,25 +512,25 @@ def steps():
         law = SaturatedController(features=features)
         servo = Servo(rcm, tool, estimator, law, exploration=exploration, rate=50.0)
         q = rcm.joints(np.array([20.0, -10.0, -100.0]))
-        there = rcm.position(q + np.array([0.05, -0.04, 6.0]))
-        target = Target(pixels(C, there), q, sizes=radii(C, there))
+        p_d = rcm.position(q + np.array([0.05, -0.04, 6.0]))
+        target = Target(pixels(C, p_d), q, sizes=radii(C, p_d))
         state, phases = servo.init(), []
         rates, J, delta = [], [], []
         for k in range(1, 75):
             time = 20_000_000 * k
             applied, points = state.command.rates, pixels(C, rcm.position(q))
-            if k in (60, 61):  # frames that are not believed
+            if k in (60, 61):  # frames that are rejected
                 points = points + 30.0
             sizes = radii(C, rcm.position(q))
             if name == "size" and k in (66, 67):
                 points[0], sizes[0] = np.nan, np.nan
             frame = (k, time, time, q, points)
-            seen = Observation(time, q, time, True, applied, *frame, sizes=sizes)
-            state = servo.step(state, seen, target)
+            observation = Observation(time, q, time, True, applied, *frame, sizes=sizes)
+            state = servo.step(state, observation, target)
             q = q + 0.02 * state.command.rates
             phases.append(list(Phase).index(state.phase))
             rates.append(state.command.rates)
-            if k > 24:  # until then modes that are hardly observed enlarge every rounding
+            if k > 24:  # before, weakly observed directions amplify rounding
                 J.append(state.J_hat / np.array([0.17, 10.0, 10.0])[:, None])
             delta.append(state.delta)
         out |= {
@@ -540,7 +544,7 @@ def steps():
 
 @pytest.fixture(scope="module")
 def plain(tmp_path_factory):
-    """What a process without the compiler computes."""
+    """Return the results of a process without the compiler."""
     path = tmp_path_factory.mktemp("oracle") / "plain.npz"
     environment = with_tests(NUMBA_DISABLE_JIT="1")
     subprocess.run([sys.executable, __file__, path], env=environment, check=True)
@@ -551,12 +555,12 @@ def plain(tmp_path_factory):
 def agree(compiled, plain, names):
     assert names
     for name in names:
-        got, wanted = compiled[name], plain[name]
-        assert got.shape == wanted.shape, name
-        finite = np.isfinite(wanted)
-        assert np.array_equal(finite, np.isfinite(got)), name
-        size = np.abs(wanted[finite]).max(initial=1e-3)
-        assert np.all(np.abs(got[finite] - wanted[finite]) <= TOLERANCE * size), name
+        result, expected = compiled[name], plain[name]
+        assert result.shape == expected.shape, name
+        finite = np.isfinite(expected)
+        assert np.array_equal(finite, np.isfinite(result)), name
+        size = np.abs(expected[finite]).max(initial=1e-3)
+        assert np.all(np.abs(result[finite] - expected[finite]) <= TOLERANCE * size), name
 
 
 def test_every_function_gives_the_same_numbers_compiled_and_as_plain_python(plain):
@@ -572,8 +576,8 @@ def test_a_servo_takes_the_same_steps_compiled_and_as_plain_python(plain):
 
 
 @pytest.mark.slow
-def test_the_oracle_knows_every_compiled_function_of_the_core():
-    """A function that nothing above calls directly is called by one that is."""
+def test_the_oracle_calls_every_compiled_function_of_the_core():
+    """A function that is not called directly is called by another one."""
     called, core = _called_when_plain(), compiled_functions()
     assert len(core) > 60
     assert [name for name in core if name not in called] == []

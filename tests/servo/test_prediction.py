@@ -1,4 +1,4 @@
-"""The error that the servo predicts for the present joints, against what the next frames show."""
+"""Prediction of the error for the present joints, compared with later frames."""
 
 import numpy as np
 
@@ -10,8 +10,8 @@ SCALE = np.array([np.deg2rad(10.0), 10.0, 10.0])
 """Scale of s (rad), r and d (px) in sums of errors."""
 
 
-def test_the_predicted_error_is_nearer_to_the_present_one_than_the_last_measured_error() -> None:
-    """While the tool moves, frames are 20 ms old and more."""
+def test_the_predicted_error_is_closer_to_the_present_one_than_the_last_measured_error() -> None:
+    """The newest frame is at least 20 ms old while the tool moves."""
     rig = Rig(2, RigSettings(point_noise=0.0), pictures=False)
     plant = rs.Plant(rig.arm, rig.camera, PointMarkers(), rig.clock)
     servo = rs.Servo(rs.SphericalRcm(), rs.RigidTool(30.0))

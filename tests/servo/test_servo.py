@@ -1,6 +1,4 @@
-"""The contract of every servo: pure, repeatable, still when it does not see, and the gate its only
-way to move.
-"""
+"""Contract of every servo: pure, repeatable, at rest without markers, moved only by the gate."""
 
 import ast
 from dataclasses import replace
@@ -22,9 +20,9 @@ from conftest import (
     laboratory,
     leaves,
     markers_seen,
-    observation,
     without,
 )
+from conftest import observation as make_observation
 from rcmservo.control.saturated_controller import SaturatedController
 from rcmservo.errors import BadInput
 from rcmservo.estimation.flow_rule import FlowEstimator
@@ -42,7 +40,7 @@ from rcmservo.safety.gate import Gate
 from rcmservo.safety.monitor_state import Watch, stays
 from rcmservo.safety.state_machine import SLOW_SHARE, Phase, Request
 from rcmservo.safety.thresholds import Thresholds
-from rcmservo.servo.reset import forget
+from rcmservo.servo.reset import reset_estimation
 from rcmservo.servo.servo import Servo
 from rcmservo.servo.state import Estimate
 from rcmservo.sim import RigSettings, Timing
@@ -56,7 +54,7 @@ every = pytest.mark.parametrize(
         for k, chosen in enumerate(COMBINATIONS)
     ],
 )
-"""Every combination. `make test` tries half of them, in which every pair occurs."""
+"""All combinations. `make test` runs half of them, which contain every pair."""
 
 
 def choices(estimator="fast", tool="rigid", controller="continuous"):
@@ -68,7 +66,7 @@ def choices(estimator="fast", tool="rigid", controller="continuous"):
 
 
 @every
-def test_every_servo_gives_finite_commands_of_the_right_shape_and_the_same_run_for_the_same_seed(
+def test_every_servo_gives_finite_commands_and_equal_seeds_give_equal_runs(
     estimator, tool, controller
 ):
     runs = []
@@ -76,9 +74,9 @@ def test_every_servo_gives_finite_commands_of_the_right_shape_and_the_same_run_f
         lab = laboratory()
         runs.append(list(lab.run(lab.servo(**choices(estimator, tool, controller)), 1.5)))
     assert len(runs[0]) == 150
-    for (seen, state), (seen_again, state_again) in zip(*runs, strict=True):
-        assert frozen(seen) == frozen(seen_again)
-        assert frozen(state) == frozen(state_again)
+    for (observation, state), (repeated_observation, repeated_state) in zip(*runs, strict=True):
+        assert frozen(observation) == frozen(repeated_observation)
+        assert frozen(state) == frozen(repeated_state)
         shapes = {"p1": (3,), "J_hat": (3, 3), "y": (3,), "delta": (3,), "v": (3,), "o_c": (2,)}
         for name, shape in shapes.items():
             array = getattr(state, name)
@@ -91,30 +89,30 @@ def test_every_servo_gives_finite_commands_of_the_right_shape_and_the_same_run_f
 
 
 @every
-def test_a_step_is_pure_and_no_state_changes_after_it_was_made(estimator, tool, controller):
-    """Two steps from one state are one and the same, their inputs stay, and later steps write into
-    no earlier state.
-    """
+def test_a_step_is_pure_and_a_state_never_changes(estimator, tool, controller):
+    """Two steps from one state give equal results and change neither inputs nor earlier states."""
     lab = laboratory()
     servo = lab.servo(**choices(estimator, tool, controller))
     state, held = servo.init(), []
-    for tick, (seen, after) in enumerate(lab.run(servo, 1.5)):
+    for tick, (observation, after) in enumerate(lab.run(servo, 1.5)):
         if tick % 5 == 0:
-            before = frozen(state), frozen(seen), frozen(lab.target)
-            again = servo.step(state, seen, lab.target)
-            assert frozen(again) == frozen(after)
-            assert (frozen(state), frozen(seen), frozen(lab.target)) == before
+            before = frozen(state), frozen(observation), frozen(lab.target)
+            repeated = servo.step(state, observation, lab.target)
+            assert frozen(repeated) == frozen(after)
+            assert (frozen(state), frozen(observation), frozen(lab.target)) == before
         held.append((after, frozen(after)))
         state = after
     assert all(frozen(state) == then for state, then in held)
 
 
 @every
-def test_repeated_frames_and_those_before_an_exploration_teach_nothing(estimator, tool, controller):
+def test_repeated_frames_and_frames_before_exploration_do_not_update_the_estimate(
+    estimator, tool, controller
+):
     lab = laboratory()
     before, repeats = None, 0
-    for seen, state in lab.run(lab.servo(**choices(estimator, tool, controller)), 1.5):
-        if before is not None and seen.frame == before.frame:
+    for observation, state in lab.run(lab.servo(**choices(estimator, tool, controller)), 1.5):
+        if before is not None and observation.frame == before.frame:
             repeats += 1
             assert (
                 frozen(state.learnt.memory) == frozen(before.learnt.memory)
@@ -122,17 +120,17 @@ def test_repeated_frames_and_those_before_an_exploration_teach_nothing(estimator
                 and np.array_equal(state.learnt.lines, before.learnt.lines)
             )
         elif before is not None:
-            tour = before.learnt.tour  # a hand may have moved the tool before that began
-            learns = tour.done or not tour.begun or seen.exposure >= tour.start
+            tour = before.learnt.tour  # an operator may have moved the tool before it began
+            updates = tour.done or not tour.begun or observation.exposure >= tour.start
             if state.learnt.estimate.rcm_condition > lab.servo().imaged_rcm.max_condition:
-                learns = False
-            assert (frozen(state.learnt.memory) != frozen(before.learnt.memory)) == learns
+                updates = False
+            assert (frozen(state.learnt.memory) != frozen(before.learnt.memory)) == updates
         before = state
     assert 50 <= repeats <= 70
 
 
 def servoing(lab, servo, tick_limit=600):
-    """The run up to half a second of servoing: its last state, the tool in motion."""
+    """Return the state after 0.2 s of servoing, with the tool in motion."""
     count, state = 0, None
     for _, state in lab.run(servo, tick_limit / 100):
         count += state.phase is Phase.SERVO
@@ -147,12 +145,12 @@ LOST = [
     ((0,), Cause.MARKER_1_LOST, {"thresholds": Thresholds(without_marker=0.0)}),
     ((0, 1), Cause.MARKERS_LOST, {}),
 ]
-"""Markers that are lost, and a servo that cannot do without."""
+"""Lost markers, their cause, and settings of a servo that cannot continue without them."""
 
 
 @pytest.mark.parametrize("seed", first_quick([1, 2, 3]))
 @pytest.mark.parametrize("markers,cause,servo", LOST)
-def test_a_lost_marker_holds_at_the_next_tick_and_the_command_is_zero_within_a_tenth_of_a_second(
+def test_a_lost_marker_leads_to_hold_at_the_next_tick_and_to_rest_within_100_ms(
     seed, markers, cause, servo
 ):
     lab = laboratory(seed)
@@ -160,7 +158,7 @@ def test_a_lost_marker_holds_at_the_next_tick_and_the_command_is_zero_within_a_t
     state = servoing(lab, servo)
     rates = [state.command.rates]
     assert rates[0].any()
-    for _, after in lab.run(servo, 0.5, state, lambda seen: without(seen, *markers)):
+    for _, after in lab.run(servo, 0.5, state, lambda observation: without(observation, *markers)):
         assert after.phase is Phase.HOLD and after.cause is cause and not after.v.any()
         rates.append(after.command.rates)
     assert not np.array(rates[10:]).any()
@@ -168,18 +166,18 @@ def test_a_lost_marker_holds_at_the_next_tick_and_the_command_is_zero_within_a_t
     assert np.all(np.diff(np.abs(rates), axis=0) <= 1e-12)
 
 
-def test_a_marker_lost_while_exploring_holds_too_and_exploring_goes_on_after_it():
+def test_a_lost_marker_interrupts_exploration_until_it_is_detected():
     lab = laboratory()
     servo = lab.servo()
     *_, (_, state) = lab.run(servo, 0.3)
     assert state.phase is Phase.ACQUIRE and state.command.rates.any()
-    *_, (_, state) = lab.run(servo, 0.2, state, lambda seen: without(seen, 0))
+    *_, (_, state) = lab.run(servo, 0.2, state, lambda observation: without(observation, 0))
     assert state.phase is Phase.HOLD and not state.command.rates.any()
     *_, (_, state) = lab.run(servo, 0.3, state)
     assert state.phase is Phase.ACQUIRE and state.command.rates.any()
 
 
-def test_a_law_on_points_needs_an_estimator_that_tells_how_they_move():
+def test_a_law_on_points_requires_an_estimator_of_their_motion():
     law = SaturatedController(features="points")
     with pytest.raises(BadInput, match=r"controller\.features.*dlt or projection"):
         Servo(PitchYawRcm(), TOOLS["rigid"], FlowEstimator(), law)
@@ -189,11 +187,11 @@ OTHER = Thresholds(hold_time=0.4, good_to_recover=3, good_to_servo=9)
 
 
 @pytest.mark.parametrize("t", [Thresholds(), OTHER])
-def test_a_hold_ends_after_good_frames_in_acquire_and_some_more_lead_to_servo(t):
+def test_accepted_frames_lead_from_hold_through_acquire_to_servo(t):
     lab = laboratory()
     servo = lab.servo(thresholds=t)
     state = servoing(lab, servo)
-    *_, (_, state) = lab.run(servo, 0.3, state, lambda seen: without(seen, 0, 1))
+    *_, (_, state) = lab.run(servo, 0.3, state, lambda observation: without(observation, 0, 1))
     hidden, entered = state.frame, {}
     for _, after in lab.run(servo, 0.6, state):
         if after.phase is Phase.HOLD:
@@ -207,32 +205,32 @@ def test_a_hold_ends_after_good_frames_in_acquire_and_some_more_lead_to_servo(t)
     assert after.cause is Cause.NONE and after.command.rates.any()
 
 
-def test_one_bad_frame_in_between_starts_the_count_again():
+def test_a_rejected_frame_restarts_the_count_of_accepted_frames():
     lab = laboratory()
     servo = lab.servo()
     state = servoing(lab, servo)
-    *_, (seen, state) = lab.run(servo, 0.2, state, lambda seen: without(seen, 0, 1))
-    bad = seen.frame + 4
+    *_, (observation, state) = lab.run(
+        servo, 0.2, state, lambda observation: without(observation, 0, 1)
+    )
+    rejected = observation.frame + 4
 
-    def change(seen):
-        return without(seen, 0, 1) if seen.frame == bad else seen
+    def change(observation):
+        return without(observation, 0, 1) if observation.frame == rejected else observation
 
     left = next(
         after.frame
         for _, after in lab.run(servo, 0.5, state, change)
         if after.phase is not Phase.HOLD
     )
-    assert left == bad + Thresholds.good_to_recover
+    assert left == rejected + Thresholds.good_to_recover
 
 
 DAMPED = SaturatedController(max_condition=4.0)
-"""A law that leaves some of any error: it damps all but the largest singular value."""
+"""Law that never reduces the whole error: it damps all but the largest singular value."""
 
 
 @pytest.mark.parametrize("share,slow", [(1e-6, False), (1.0, True)])
-def test_how_much_of_the_error_must_be_left_to_the_law_before_it_goes_slowly_is_a_threshold(
-    share, slow
-):
+def test_a_threshold_sets_the_damped_fraction_of_the_error_that_slows_the_motion(share, slow):
     lab = laboratory()
     servo = lab.servo(
         controller=DAMPED, thresholds=Thresholds(closed=1e-9, nearly_closed=share, small_error=1e-9)
@@ -244,7 +242,7 @@ def test_how_much_of_the_error_must_be_left_to_the_law_before_it_goes_slowly_is_
 
 
 @pytest.mark.parametrize("small,pauses", [(1e-9, True), (1e9, False)])
-def test_a_way_that_is_closed_is_a_pause_but_for_an_error_that_is_as_small_as_noise(small, pauses):
+def test_a_singular_direction_pauses_unless_the_error_is_as_small_as_noise(small, pauses):
     lab, t = laboratory(), Thresholds(closed=1.0, small_error=small, elsewhere=np.inf)
     servo = lab.servo(controller=DAMPED, thresholds=t)
     causes = {state.cause for _, state in lab.run(servo, 5.0) if state.phase is Phase.PAUSED}
@@ -252,7 +250,7 @@ def test_a_way_that_is_closed_is_a_pause_but_for_an_error_that_is_as_small_as_no
 
 
 @pytest.mark.parametrize("law", [DAMPED, SaturatedController(max_speed=3.0)])
-def test_a_law_that_is_slow_as_it_is_damped_or_capped_has_not_arrived(law):
+def test_a_damped_or_capped_law_does_not_count_as_arrived(law):
     lab = laboratory()
     servo = lab.servo(controller=law, thresholds=Thresholds(closed=1e-9, nearly_closed=1e-8))
     causes = {state.cause for _, state in lab.run(servo, 4.0)}
@@ -260,15 +258,15 @@ def test_a_law_that_is_slow_as_it_is_damped_or_capped_has_not_arrived(law):
 
 
 @pytest.mark.parametrize("t", [Thresholds(), OTHER])
-def test_losing_the_markers_for_too_long_pauses_for_good_and_nothing_moves_from_there(t):
+def test_losing_the_markers_for_too_long_pauses_permanently_at_rest(t):
     lab = laboratory()
     servo = lab.servo(thresholds=t)
     state = servoing(lab, servo)
-    held = list(lab.run(servo, 1.5, state, lambda seen: without(seen, 0, 1)))
+    held = list(lab.run(servo, 1.5, state, lambda observation: without(observation, 0, 1)))
     start = held[0][0].now
     assert all(
-        (after.phase is Phase.PAUSED) == (seen.now - start > t.hold_time * 1e9)
-        for seen, after in held
+        (after.phase is Phase.PAUSED) == (observation.now - start > t.hold_time * 1e9)
+        for observation, after in held
     )
     q, paused = lab.rig.arm.q_true, held[-1][1]
     for _, after in lab.run(servo, 1.0, paused):
@@ -277,7 +275,7 @@ def test_losing_the_markers_for_too_long_pauses_for_good_and_nothing_moves_from_
     assert after.cause is Cause.MARKERS_LOST
     assert (
         after.frame > paused.frame and np.isfinite(after.y).all()
-    )  # it looks on: only a person's word is missing
+    )  # it still measures: only the operator's request is missing
 
 
 def test_short_losses_in_a_row_do_not_add_up_to_a_pause():
@@ -285,17 +283,17 @@ def test_short_losses_in_a_row_do_not_add_up_to_a_pause():
     servo = lab.servo()
     state = servoing(lab, servo)
     for _ in range(4):
-        *_, (_, state) = lab.run(servo, 0.6, state, lambda seen: without(seen, 0, 1))
+        *_, (_, state) = lab.run(servo, 0.6, state, lambda observation: without(observation, 0, 1))
         assert state.phase is Phase.HOLD
         *_, (_, state) = lab.run(servo, 0.4, state)
         assert state.phase is Phase.SERVO
 
 
-def test_while_the_markers_were_never_seen_it_waits_and_says_why():
+def test_before_the_markers_are_first_detected_the_servo_waits_and_names_the_cause():
     lab = laboratory()
     servo = lab.servo()
     q = lab.rig.arm.q_true
-    for _, state in lab.run(servo, 1.3, change=lambda seen: without(seen, 0, 1)):
+    for _, state in lab.run(servo, 1.3, change=lambda observation: without(observation, 0, 1)):
         assert state.phase is Phase.IDLE and not state.command.rates.any()
     assert state.cause is Cause.MARKERS_LOST and state.frame > 0
     assert np.allclose(lab.rig.arm.q_true, q, atol=1e-6)
@@ -307,14 +305,16 @@ def test_before_the_first_frame_nothing_moves():
     state = servo.init()
     for k in range(1, 10):
         state = servo.step(
-            state, observation(k * 10_000_000, q, -1, 0, np.full(3, np.nan), nan), target_at(320.0)
+            state,
+            make_observation(k * 10_000_000, q, -1, 0, np.full(3, np.nan), nan),
+            target_at(320.0),
         )
         assert state.phase is Phase.IDLE and not state.command.rates.any()
 
 
 @pytest.mark.parametrize("explored", [False, True])
-def test_before_the_first_frame_a_resume_is_refused_and_nothing_moves(explored):
-    """After a pause there is nothing to go on from, not even with an estimate of an earlier run."""
+def test_before_the_first_frame_resume_is_refused_and_nothing_moves(explored):
+    """After a pause resume needs a frame, even with the estimate of an earlier run."""
     lab = laboratory()
     servo = lab.servo()
     *_, (_, state) = lab.run(servo, 4.0)
@@ -323,67 +323,71 @@ def test_before_the_first_frame_a_resume_is_refused_and_nothing_moves(explored):
     nan = np.full((2, 2), np.nan)
     requests = [Request.NONE, Request.NONE, Request.PAUSE, *[Request.RESUME] * 30]
     for k, request in enumerate(requests, start=1):
-        seen = observation(k * 10_000_000, q, -1, 0, np.full(3, np.nan), nan)
-        state = servo.step(state, seen, lab.target, request)
+        observation = make_observation(k * 10_000_000, q, -1, 0, np.full(3, np.nan), nan)
+        state = servo.step(state, observation, lab.target, request)
         assert state.phase in (Phase.IDLE, Phase.PAUSED) and not state.command.rates.any()
     assert state.phase is Phase.PAUSED and state.cause is Cause.STALE
 
 
-def test_without_room_to_explore_it_pauses_and_says_so():
+def test_without_room_to_explore_it_pauses_with_the_cause_no_room():
     tight = PitchYawRcm(JointLimits((-0.001, -0.001, 99.9), (0.001, 0.001, 100.1)))
     servo = Servo(tight, TOOLS["rigid"])
     q = np.array([0.0, 0.0, 100.0])
     points, state = np.array([[100.0, 50.0], [200.0, 100.0]]), servo.init()
     for k in range(1, 5):
         now = k * 10_000_000
-        state = servo.step(state, observation(now, q, k, now, q, points), target_at(320.0))
+        state = servo.step(state, make_observation(now, q, k, now, q, points), target_at(320.0))
         assert not state.command.rates.any()
     assert state.phase is Phase.PAUSED and state.cause is Cause.NO_ROOM
 
 
-def test_a_camera_that_shows_no_connection_with_the_motion_ends_in_not_explored():
+def test_markers_unrelated_to_the_motion_end_in_not_explored():
     lab = laboratory()
     servo = lab.servo(
         exploration=replace(Servo(PitchYawRcm(), TOOLS["rigid"]).exploration, max_time=3.0)
     )
 
-    def wandering(seen):
-        random = np.random.default_rng(seen.frame + 1)
+    def unrelated(observation):
+        random = np.random.default_rng(observation.frame + 1)
         return replace(
-            seen,
+            observation,
             points=np.array([[300.0, 200.0], [340.0, 260.0]]) + random.uniform(-0.8, 0.8, (2, 2)),
         )
 
-    for _, state in lab.run(servo, 4.0, change=wandering):
+    for _, state in lab.run(servo, 4.0, change=unrelated):
         if state.phase is Phase.PAUSED:
             break
     assert state.cause is Cause.NOT_EXPLORED
 
 
-def test_from_a_pause_only_a_person_leads_on_and_always_into_acquire():
+def test_only_a_request_ends_a_pause_and_it_leads_to_acquire():
     lab = laboratory()
     servo = lab.servo()
     state = servoing(lab, servo)
-    *_, (_, state) = lab.run(servo, 1.5, state, lambda seen: without(seen, 0, 1))
-    *_, (seen, state) = lab.run(servo, 0.5, state)
+    *_, (_, state) = lab.run(servo, 1.5, state, lambda observation: without(observation, 0, 1))
+    *_, (observation, state) = lab.run(servo, 0.5, state)
     assert state.phase is Phase.PAUSED and state.cause is Cause.MARKERS_LOST and state.explored
-    state = servo.step(state, replace(seen, now=seen.now + 10_000_000), lab.target, Request.RESUME)
+    state = servo.step(
+        state, replace(observation, now=observation.now + 10_000_000), lab.target, Request.RESUME
+    )
     lab.plant.send(state.command)
     assert state.phase is Phase.ACQUIRE
     phases = [after.phase for _, after in lab.run(servo, 0.5, state)]
     assert phases[0] is Phase.ACQUIRE and phases[-1] is Phase.SERVO and Phase.HOLD not in phases
 
 
-def test_a_resume_is_refused_while_its_cause_is_there_and_says_why():
+def test_resume_is_refused_while_the_cause_is_present_and_the_cause_is_reported():
     lab = laboratory()
     servo = lab.servo()
-    *_, (_, state) = lab.run(servo, 1.5, servoing(lab, servo), lambda seen: without(seen, 0, 1))
+    *_, (_, state) = lab.run(
+        servo, 1.5, servoing(lab, servo), lambda observation: without(observation, 0, 1)
+    )
     for change, cause in (
         (without(lab.plant.read(), 0), Cause.MARKER_1_LOST),
         (without(lab.plant.read(), 1), Cause.MARKER_2_LOST),
     ):
-        seen = replace(change, now=state.command.time + 10_000_000)
-        state = servo.step(state, seen, lab.target, Request.RESUME)
+        observation = replace(change, now=state.command.time + 10_000_000)
+        state = servo.step(state, observation, lab.target, Request.RESUME)
         lab.plant.send(state.command)
         assert (
             state.phase is Phase.PAUSED
@@ -396,7 +400,7 @@ def target_at(pixel):
     return Target(np.array([[pixel, pixel], [pixel + 60, pixel + 40]]), np.zeros(3))
 
 
-def test_every_cause_is_a_sentence_for_a_person():
+def test_every_cause_has_its_own_sentence_for_the_operator():
     assert all(cause.value.strip() or cause is Cause.NONE for cause in Cause)
     assert len({cause.value for cause in Cause}) == len(Cause)
 
@@ -411,25 +415,27 @@ pixels = st.one_of(
 @given(st.lists(st.tuples(*[pixels] * 4), min_size=1, max_size=12))
 @example([(0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0), (0.0, 0.0, 1.0, 0.0)])
 @example([(0.0, 0.0, 1.0, 0.0), (0.0, 0.0, 0.0, 1.0), (1.0, 0.0, 0.0, 1.0)])
-def test_any_pixels_that_a_tracker_may_report_leave_commands_finite_and_bounded(reports):
+def test_any_reported_pixels_leave_commands_finite_and_bounded(reports):
     servo = Servo(PitchYawRcm(), TOOLS["rigid"])
     q, state = np.array([0.1, 0.2, 100.0]), servo.init()
     for k, report in enumerate(reports, start=1):
         now = k * 10_000_000
-        seen = observation(now, q, k, now, q + 1e-3 * k, np.array(report).reshape(2, 2))
-        state = servo.step(state, seen, target_at(200.0))
+        observation = make_observation(now, q, k, now, q + 1e-3 * k, np.array(report).reshape(2, 2))
+        state = servo.step(state, observation, target_at(200.0))
         assert np.isfinite(state.command.rates).all()
         assert np.all(np.abs(state.command.rates) <= np.array(servo.gate.speed) + 1e-12)
 
 
 @given(st.tuples(anything, anything, anything).map(np.array))
-def test_any_measured_joints_leave_the_command_finite_and_those_that_are_not_finite_are_a_fault(q):
+def test_any_measured_joints_leave_the_command_finite_and_non_finite_joints_are_a_fault(q):
     lab_q, servo = np.array([0.1, 0.2, 100.0]), Servo(PitchYawRcm(), TOOLS["rigid"])
     points = np.array([[100.0, 50.0], [200.0, 100.0]])
     state = servo.step(
-        servo.init(), observation(10_000_000, lab_q, 0, 0, lab_q, points), target_at(200.0)
+        servo.init(), make_observation(10_000_000, lab_q, 0, 0, lab_q, points), target_at(200.0)
     )
-    state = servo.step(state, observation(20_000_000, q, 0, 0, lab_q, points), target_at(200.0))
+    state = servo.step(
+        state, make_observation(20_000_000, q, 0, 0, lab_q, points), target_at(200.0)
+    )
     assert np.isfinite(state.command.rates).all()
     assert np.all(np.abs(state.command.rates) <= np.array(servo.gate.speed) + 1e-12)
     if not np.isfinite(q).all():
@@ -437,67 +443,74 @@ def test_any_measured_joints_leave_the_command_finite_and_those_that_are_not_fin
         assert not state.command.enabled and not state.command.rates.any()
 
 
-def test_joints_that_were_not_finite_at_the_exposure_pause_the_servo_instead_of_raising():
+def test_non_finite_joints_at_the_exposure_pause_the_servo_instead_of_raising():
     lab = laboratory()
     servo = lab.servo()
     state = servoing(lab, servo)
     for _, after in lab.run(
-        servo, 0.1, state, lambda seen: replace(seen, q_exposure=np.full(3, np.nan))
+        servo, 0.1, state, lambda observation: replace(observation, q_exposure=np.full(3, np.nan))
     ):
         assert np.isfinite(after.command.rates).all()
     assert after.phase in (Phase.HOLD, Phase.PAUSED)
 
 
-def anywhere(size):
-    """Frames whose markers are anywhere within `size` px."""
+def random_markers(size):
+    """Return a change of frames that puts the markers at random within `size` px."""
 
-    def change(seen):
+    def change(observation):
         return replace(
-            seen, points=size * np.random.default_rng(seen.frame).standard_normal((2, 2))
+            observation,
+            points=size * np.random.default_rng(observation.frame).standard_normal((2, 2)),
         )
 
     return change
 
 
 @pytest.mark.parametrize("size", [1e3, 1e5, 1e8])
-def test_markers_that_jump_about_wildly_stop_the_tool(size):
+def test_markers_that_jump_at_random_stop_the_tool(size):
     lab = laboratory()
     servo = lab.servo()
-    *_, (_, state) = lab.run(servo, 0.5, servoing(lab, servo), anywhere(size))
+    *_, (_, state) = lab.run(servo, 0.5, servoing(lab, servo), random_markers(size))
     assert state.phase in (Phase.HOLD, Phase.PAUSED) and not state.command.rates.any()
 
 
-def test_absurd_pixels_stop_the_tool_instead_of_raising():
+def test_pixels_far_outside_any_image_stop_the_tool_instead_of_raising():
     lab = laboratory()
     servo = lab.servo()
-    *_, (_, state) = lab.run(servo, 0.5, servoing(lab, servo), anywhere(1e14))
+    *_, (_, state) = lab.run(servo, 0.5, servoing(lab, servo), random_markers(1e14))
     assert state.phase in (Phase.HOLD, Phase.PAUSED)
 
 
-def test_a_camera_that_sends_nothing_more_stops_the_tool():
+def test_a_camera_that_stops_delivering_frames_stops_the_tool():
     lab = laboratory()
     servo = lab.servo()
     state = servoing(lab, servo)
     assert state.command.rates.any()
     last = {}
 
-    def frozen(seen):
-        first = last.setdefault("seen", seen)
-        return replace(first, now=seen.now, q=seen.q, q_time=seen.q_time, applied=seen.applied)
+    def frozen(observation):
+        first = last.setdefault("first", observation)
+        return replace(
+            first,
+            now=observation.now,
+            q=observation.q,
+            q_time=observation.q_time,
+            applied=observation.applied,
+        )
 
     *_, (_, after) = lab.run(servo, 0.6, state, frozen)
     assert (after.phase, after.cause) == (Phase.HOLD, Cause.STALE)
     assert not after.command.rates.any()
 
 
-def test_when_the_imaged_rcm_is_lost_the_tool_does_not_go_on_with_the_last_error():
+def test_without_the_imaged_rcm_the_servo_holds_instead_of_using_the_last_error():
     lab = laboratory()
     servo = lab.servo(estimator=ESTIMATORS["fast"])
     state = servoing(lab, servo)
-    learnt = state.learnt._replace(estimate=Estimate(state.learnt.estimate.rows.copy()))
-    learnt.estimate.rows["line_count"] = 0
-    forgetful = state.but(learnt=learnt)
-    *_, (_, state) = lab.run(servo, 0.04, forgetful)
+    estimation = state.learnt._replace(estimate=Estimate(state.learnt.estimate.rows.copy()))
+    estimation.estimate.rows["line_count"] = 0
+    without_lines = state.with_changes(estimation=estimation)
+    *_, (_, state) = lab.run(servo, 0.04, without_lines)
     assert state.learnt.estimate.rcm_condition > servo.imaged_rcm.max_condition
     assert (state.phase, state.cause) == (Phase.HOLD, Cause.RCM_UNKNOWN)
     assert not state.v.any()
@@ -505,18 +518,18 @@ def test_when_the_imaged_rcm_is_lost_the_tool_does_not_go_on_with_the_last_error
 
 @pytest.mark.parametrize("seed", first_quick([3, 4, 7, 8]))
 @pytest.mark.parametrize("marker", [0, 1])
-def test_one_false_marker_in_one_frame_does_not_ruin_the_run(seed, marker):
-    """Without it the tool ends within 1 mm of the shown pose in all four scenes."""
+def test_one_false_marker_in_one_frame_does_not_change_the_outcome(seed, marker):
+    """Without the false marker the tool ends within 1 mm of the taught pose in all four scenes."""
     lab = laboratory(seed)
     servo = lab.servo()
     state = servoing(lab, servo)
     false = np.random.default_rng(seed).uniform([20, 20], [620, 460])
     number = state.frame + 5
 
-    def change(seen):
-        points = seen.points.copy()
+    def change(observation):
+        points = observation.points.copy()
         points[marker] = false
-        return replace(seen, points=points) if seen.frame == number else seen
+        return replace(observation, points=points) if observation.frame == number else observation
 
     for _ in lab.run(servo, 8.0, state, change):
         pass
@@ -524,10 +537,8 @@ def test_one_false_marker_in_one_frame_does_not_ruin_the_run(seed, marker):
     assert np.linalg.norm(reached - lab.rig.body.points(lab.rig.scene.target)[1]) < 2.0
 
 
-def test_after_frames_without_markers_flow_is_learnt_over_the_time_since_the_last_good_frame():
-    """Seen at 0 and 0.3 s with blind frames in between, or just at 0 and 0.3 s: the same motion,
-    the same lesson.
-    """
+def test_after_frames_without_markers_the_flow_covers_the_time_since_the_last_accepted_frame():
+    """Frames without markers between two accepted frames do not change the estimate."""
     mechanism, ends = PitchYawRcm(), []
     random = np.random.default_rng(4)
     C = np.column_stack(
@@ -544,13 +555,15 @@ def test_after_frames_without_markers_flow_is_learnt_over_the_time_since_the_las
             time = 1_000_000_000 * (k + 1)
             points = markers_seen(C, mechanism.position(q))
             state = servo.step(
-                state, observation(time, q, 10 * k, time, q, points), target_at(200.0)
+                state, make_observation(time, q, 10 * k, time, q, points), target_at(200.0)
             )
             if blind:
                 later = time + 980_000_000
                 nothing = np.full((2, 2), np.nan)
                 state = servo.step(
-                    state, observation(later, q, 10 * k + 9, later, q, nothing), target_at(200.0)
+                    state,
+                    make_observation(later, q, 10 * k + 9, later, q, nothing),
+                    target_at(200.0),
                 )
         ends.append(state.J_hat)
     assert ends[0].any()
@@ -558,28 +571,30 @@ def test_after_frames_without_markers_flow_is_learnt_over_the_time_since_the_las
 
 
 def arrival(delay):
-    """When a servo with a high gain has come within 0.5 mm for good, s, and its scatter then,
-    mm.
+    """Return the time (s) after which a high gain keeps the error below 0.5 mm, and its scatter.
+
+    The scatter is the standard deviation (mm) of the error over the last 2 s.
     """
     lab = laboratory(4, RigSettings(timing=Timing(delay=delay), point_noise=0.1))
     p_d = lab.rig.body.points(lab.rig.scene.target)[0]
-    away, since = [], None
-    for seen, state in lab.run(lab.servo(controller=SaturatedController(gain=6.0)), 9.0):
+    errors, since = [], None
+    for observation, state in lab.run(lab.servo(controller=SaturatedController(gain=6.0)), 9.0):
         if state.phase is Phase.SERVO:
-            since = seen.now if since is None else since
-            away.append(np.linalg.norm(lab.rig.body.points(lab.rig.arm.q_true)[0] - p_d))
-    return 0.01 * np.flatnonzero(np.array(away) > 0.5)[-1], np.std(away[-200:])
+            since = observation.now if since is None else since
+            errors.append(np.linalg.norm(lab.rig.body.points(lab.rig.arm.q_true)[0] - p_d))
+    return 0.01 * np.flatnonzero(np.array(errors) > 0.5)[-1], np.std(errors[-200:])
 
 
 def test_latency_up_to_its_limit_is_compensated():
-    """By the joints' motion since the exposure; without that, 90 ms at k = 6 oscillate and take
-    three times as long.
+    """The servo predicts the error from the joints' motion since the exposure.
+
+    Without that, 90 ms of latency at k = 6 oscillate and take three times as long.
     """
     (soon, quiet), (later, noisy) = arrival(0.02), arrival(0.09)
     assert later < 1.25 * soon and max(noisy, quiet) < 0.01
 
 
-def test_latency_beyond_its_limit_holds():
+def test_latency_beyond_its_limit_leads_to_hold():
     lab = laboratory(4, RigSettings(timing=Timing(delay=0.12)))
     causes = {state.cause for _, state in lab.run(lab.servo(), 1.0)}
     assert Cause.LATE in causes
@@ -587,11 +602,9 @@ def test_latency_beyond_its_limit_holds():
 
 
 def test_only_the_gate_makes_commands():
-    """In the source: Command(...) is called in gate.py, and elsewhere only where one that was
-    sent is read again.
-    """
+    """Only gate.py calls Command(...), apart from the code that decodes a command it received."""
     package = Path(rcmservo.__file__).parent
-    makers = set()
+    callers = set()
     for path in package.rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             name = (
@@ -600,11 +613,11 @@ def test_only_the_gate_makes_commands():
                 else ""
             )
             if name == "Command":
-                makers.add(path.relative_to(package).as_posix())
-    assert makers == {"live/arm_datagrams.py", "safety/gate.py"}
+                callers.add(path.relative_to(package).as_posix())
+    assert callers == {"live/arm_datagrams.py", "safety/gate.py"}
 
 
-def test_teach_moves_nothing_and_sends_nothing():
+def test_teaching_sends_no_command_and_moves_nothing():
     lab = laboratory()
     q = lab.rig.arm.q_true
     mechanism = lab.rig.arm
@@ -626,7 +639,7 @@ def test_teach_moves_nothing_and_sends_nothing():
     assert np.allclose(target.q, q, atol=1e-2)
 
 
-def test_a_target_that_is_not_seen_cannot_be_taught():
+def test_a_target_without_detected_markers_cannot_be_taught():
     lab = laboratory()
 
     class Blind(PointMarkers):
@@ -637,7 +650,7 @@ def test_a_target_that_is_not_seen_cannot_be_taught():
         teach(Plant(lab.rig.arm, lab.rig.camera, Blind(), lab.rig.clock))
 
 
-def test_a_run_that_is_stopped_ramps_its_command_to_zero():
+def test_a_stopped_run_ramps_its_command_to_zero():
     lab = laboratory()
     sent, mechanism = [], lab.rig.arm
 
@@ -667,7 +680,7 @@ def test_a_run_that_is_stopped_ramps_its_command_to_zero():
 
 
 @pytest.mark.parametrize("broken", ["stopped early", "error in the loop", "paused"])
-def test_however_a_run_ends_the_arm_is_at_rest(broken):
+def test_the_arm_is_at_rest_after_any_end_of_a_run(broken):
     lab = laboratory()
     ticks = run(lab.plant, lab.servo(), lab.target, duration=5.0)
     for k, tick in enumerate(ticks):
@@ -693,7 +706,7 @@ def settle(lab):
     lab.rig.clock.wait_until(lab.rig.clock.now() + 300_000_000)
 
 
-def test_no_state_holds_an_array_that_two_runs_of_one_servo_share():
+def test_two_runs_of_one_servo_share_no_array():
     servo = laboratory().servo()
     first, second = servo.init(), servo.init()
     for a in (leaf for leaf in leaves(first) if isinstance(leaf, np.ndarray)):
@@ -702,21 +715,21 @@ def test_no_state_holds_an_array_that_two_runs_of_one_servo_share():
 
 
 @pytest.mark.parametrize("seed", first_quick([1, 2, 3]))
-def test_commands_stay_within_the_gate_and_joints_within_their_limits_through_a_whole_run(seed):
+def test_commands_stay_within_the_gate_and_joints_within_their_limits(seed):
     gate = Gate(speed=(0.4, 0.4, 25.0), slew=(4.0, 4.0, 250.0))
     lab = laboratory(seed, RigSettings(mechanism=PitchYawRcm()))
     limits = lab.rig.settings.mechanism.limits
     last = np.zeros(3)
-    for seen, state in lab.run(lab.servo(gate=gate), 4.0):
+    for observation, state in lab.run(lab.servo(gate=gate), 4.0):
         rates = state.command.rates
         assert np.all(np.abs(rates) <= np.array(gate.speed) + 1e-12)
         assert np.all(np.abs(rates - last) <= np.array(gate.slew) * gate.max_period + 1e-9)
-        assert np.all(seen.q >= limits.lower) and np.all(seen.q <= limits.upper)
+        assert np.all(observation.q >= limits.lower) and np.all(observation.q <= limits.upper)
         last = rates
 
 
 class Changed:
-    """An arm or a camera whose answers a test changes on their way."""
+    """Arm or camera whose results are changed by a function."""
 
     def __init__(self, device, change):
         self._device, self._change = device, change
@@ -738,33 +751,31 @@ class Changed:
         return None if frame is None else self._change(frame)
 
 
-class Recounted:
-    """A camera that was opened anew: it counts from 0, and may see everything shifted by some
-    px.
-    """
+class RestartedCamera:
+    """Camera that was reopened: it counts from 0, and its image may be shifted by some px."""
 
     def __init__(self, camera, shift=0.0):
-        self._camera, self._shift, self._first, self._given = camera, shift, None, (None, None)
+        self._camera, self._shift, self._first, self._last = camera, shift, None, (None, None)
 
     def latest(self):
         frame = self._camera.latest()
-        if frame is not None and frame is not self._given[0]:
+        if frame is not None and frame is not self._last[0]:
             self._first = frame.number if self._first is None else self._first
-            shown = replace(
+            changed = replace(
                 frame, number=frame.number - self._first, points=frame.points + self._shift
             )
-            self._given = frame, shown
-        return self._given[1]
+            self._last = frame, changed
+        return self._last[1]
 
 
 @pytest.mark.parametrize("same_plant", [True, False])
 @pytest.mark.parametrize("shift", [0.0, 40.0])
-def test_a_camera_that_counts_anew_is_looked_at_in_the_next_run(shift, same_plant):
+def test_the_next_run_accepts_a_camera_that_restarted_its_count(shift, same_plant):
     lab = laboratory()
     servo = lab.servo()
     *_, last = run(lab.plant, servo, lab.target, duration=5.0)
     assert last.state.phase is Phase.SERVO
-    camera = Recounted(lab.rig.camera, shift)
+    camera = RestartedCamera(lab.rig.camera, shift)
     plant = lab.plant if same_plant else Plant(lab.rig.arm, camera, PointMarkers(), lab.rig.clock)
     plant.camera = camera
     *_, after = run(plant, servo, lab.target, duration=1.5, state=last.state)
@@ -775,7 +786,7 @@ def test_a_camera_that_counts_anew_is_looked_at_in_the_next_run(shift, same_plan
         assert after.state.phase is Phase.SERVO
 
 
-def test_a_run_goes_on_only_once_it_has_seen_the_markers_again():
+def test_a_continued_run_waits_until_the_markers_are_detected():
     lab = laboratory()
     servo = lab.servo()
     *_, last = run(lab.plant, servo, lab.target, duration=5.0)
@@ -791,12 +802,12 @@ def test_a_run_goes_on_only_once_it_has_seen_the_markers_again():
         )
 
 
-def test_a_camera_that_counts_anew_in_the_middle_of_a_run_stops_the_tool():
+def test_a_camera_that_restarts_its_count_during_a_run_stops_the_tool():
     lab = laboratory()
     servo = lab.servo()
     state = servoing(lab, servo)
-    recounted = Recounted(lab.rig.camera)
-    lab.plant = Plant(lab.rig.arm, recounted, PointMarkers(), lab.rig.clock)
+    restarted = RestartedCamera(lab.rig.camera)
+    lab.plant = Plant(lab.rig.arm, restarted, PointMarkers(), lab.rig.clock)
     *_, (_, state) = lab.run(servo, 0.2, state)
     assert (
         state.phase is Phase.HOLD
@@ -806,7 +817,7 @@ def test_a_camera_that_counts_anew_in_the_middle_of_a_run_stops_the_tool():
 
 
 @pytest.mark.parametrize("ahead", [1, 3600])
-def test_an_arm_that_is_frozen_at_a_time_to_come_is_silent(ahead):
+def test_an_arm_with_a_constant_future_time_counts_as_silent(ahead):
     lab = laboratory()
     servo = lab.servo()
     state = servoing(lab, servo)
@@ -814,48 +825,58 @@ def test_an_arm_that_is_frozen_at_a_time_to_come_is_silent(ahead):
     future = frozen_at._replace(time=frozen_at.time + ahead * 1_000_000_000)
     began = state.command.time
     stuck = {"q": future.q, "q_time": future.time, "q_exposure": future.q}
-    states = [after for _, after in lab.run(servo, 0.2, state, lambda seen: replace(seen, **stuck))]
+    states = [
+        after
+        for _, after in lab.run(
+            servo, 0.2, state, lambda observation: replace(observation, **stuck)
+        )
+    ]
     fault = next(after for after in states if after.phase is Phase.FAULT)
     assert fault.cause is Cause.ARM_SILENT and fault.mode.since - began <= 60_000_000
 
 
-def test_one_gap_between_frames_does_not_make_the_next_stop_late():
-    """A camera that counts only what it delivers pauses for 0.8 s, goes on, and dies three frames
-    later.
-    """
+def test_one_gap_between_frames_does_not_delay_the_next_stop():
+    """A camera without gaps in its count pauses for 0.8 s, resumes, and fails 3 frames later."""
     lab = laboratory()
     servo = lab.servo()
     state = servoing(lab, servo)
     period = state.watch.period
-    held = {"seen": None}
+    held = {"frame": None}
 
-    def hold(seen):
-        held["seen"] = held["seen"] or seen
-        old = held["seen"]
+    def hold(observation):
+        held["frame"] = held["frame"] or observation
+        old = held["frame"]
         return replace(
-            seen, frame=old.frame, exposure=old.exposure, arrival=old.arrival, points=old.points
+            observation,
+            frame=old.frame,
+            exposure=old.exposure,
+            arrival=old.arrival,
+            points=old.points,
         )
 
     *_, (_, state) = lab.run(servo, 0.8, state, hold)
     skipped = lab.plant.frame.number - state.frame
-    *_, (seen, state) = lab.run(
-        servo, 0.1, state, lambda seen: replace(seen, frame=seen.frame - skipped + 1)
+    *_, (observation, state) = lab.run(
+        servo,
+        0.1,
+        state,
+        lambda observation: replace(observation, frame=observation.frame - skipped + 1),
     )
     assert state.watch.period < 1.2 * period
-    held["seen"] = seen
+    held["frame"] = observation
     stale = next(
         after for _, after in lab.run(servo, 0.3, state, hold) if after.cause is Cause.STALE
     )
-    assert stale.mode.since - seen.arrival < 1.2 * 3.0 * period + 20_000_000
+    assert stale.mode.since - observation.arrival < 1.2 * 3.0 * period + 20_000_000
 
 
 @pytest.mark.parametrize("broken", ["camera", "arm"])
-def test_a_device_that_cannot_be_read_any_more_leaves_the_drive_off(broken):
+def test_a_device_that_can_no_longer_be_read_leaves_the_drive_off(broken):
     lab = laboratory()
-    gone = []
+    failing = []
 
     def change(answer):
-        if gone:
+        if failing:
             raise OSError("unplugged")
         return answer
 
@@ -865,14 +886,16 @@ def test_a_device_that_cannot_be_read_any_more_leaves_the_drive_off(broken):
     with pytest.raises(OSError, match="unplugged"):
         for tick in run(plant, lab.servo(), lab.target, duration=5.0):
             if tick.applied.any():
-                gone.append(tick)
-    assert gone and not arm.sent[-1].enabled and not arm.sent[-1].rates.any()
+                failing.append(tick)
+    assert failing and not arm.sent[-1].enabled and not arm.sent[-1].rates.any()
 
 
-def test_a_run_that_goes_on_from_a_fault_does_not_switch_the_drive_on():
+def test_a_run_continued_from_a_fault_does_not_enable_the_drive():
     lab = laboratory()
     servo = lab.servo()
-    *_, (_, state) = lab.run(servo, 0.5, change=lambda seen: replace(seen, q=np.full(3, np.nan)))
+    *_, (_, state) = lab.run(
+        servo, 0.5, change=lambda observation: replace(observation, q=np.full(3, np.nan))
+    )
     assert state.phase is Phase.FAULT
     arm = Changed(lab.rig.arm, lambda answer: answer)
     *_, last = run(
@@ -883,7 +906,7 @@ def test_a_run_that_goes_on_from_a_fault_does_not_switch_the_drive_on():
 
 
 @pytest.mark.parametrize("seed", first_quick([1, 2, 3]))
-def test_a_camera_that_is_moved_on_while_paused_does_not_spoil_the_new_exploration(seed):
+def test_a_camera_moved_during_a_pause_does_not_disturb_the_new_exploration(seed):
     lab = laboratory(seed)
     servo = lab.servo()
     state = servoing(lab, servo)
@@ -891,37 +914,50 @@ def test_a_camera_that_is_moved_on_while_paused_does_not_spoil_the_new_explorati
     states = [
         after
         for _, after in lab.run(
-            servo, 0.5, state, lambda seen: replace(seen, points=seen.points + shift)
+            servo,
+            0.5,
+            state,
+            lambda observation: replace(observation, points=observation.points + shift),
         )
     ]
     paused = next(after for after in states if after.phase is Phase.PAUSED)
     ahead = paused.learnt.estimate.ahead
-    assert np.isnan([paused.y, paused.delta, ahead]).all(), "these are from the view before"
+    assert np.isnan([paused.y, paused.delta, ahead]).all(), "these belong to the earlier view"
     state = states[-1]
     assert state.phase is Phase.PAUSED and state.cause is Cause.CAMERA_MOVED and not state.explored
     began = state.command.time
 
-    def panned(seen):
-        return replace(seen, points=seen.points + shift + 60e-9 * (seen.now - began))
+    def panned(observation):
+        return replace(
+            observation, points=observation.points + shift + 60e-9 * (observation.now - began)
+        )
 
-    *_, (seen, state) = lab.run(servo, 3.0, state, panned)
-    stays = seen.points - lab.plant.read().points
-    lab.target = replace(lab.target, points=lab.target.points + stays, shown=seen.now)
-    state = servo.step(state, replace(seen, now=seen.now + 10_000_000), lab.target, Request.RESUME)
+    *_, (observation, state) = lab.run(servo, 3.0, state, panned)
+    moved = observation.points - lab.plant.read().points
+    lab.target = replace(lab.target, points=lab.target.points + moved, shown=observation.now)
+    state = servo.step(
+        state, replace(observation, now=observation.now + 10_000_000), lab.target, Request.RESUME
+    )
     assert state.phase is Phase.ACQUIRE
     *_, (_, state) = lab.run(
-        servo, 6.0, state, lambda seen: replace(seen, points=seen.points + stays)
+        servo,
+        6.0,
+        state,
+        lambda observation: replace(observation, points=observation.points + moved),
     )
     assert state.phase is Phase.SERVO and np.abs(state.delta / (0.01, 1.0, 1.0)).max() < 1.0
 
 
-def test_every_target_from_before_the_camera_was_moved_is_refused_and_a_newer_one_is_not():
+def test_targets_taught_before_the_camera_moved_are_refused_and_newer_ones_accepted():
     lab = laboratory()
     servo = lab.servo()
     other = teach(lab.plant, frames=5)
     state = servoing(lab, servo)
-    *_, (seen, state) = lab.run(
-        servo, 0.5, state, lambda seen: replace(seen, points=seen.points + 60.0)
+    *_, (observation, state) = lab.run(
+        servo,
+        0.5,
+        state,
+        lambda observation: replace(observation, points=observation.points + 60.0),
     )
     assert state.cause is Cause.CAMERA_MOVED
     for target, phase in (
@@ -929,21 +965,29 @@ def test_every_target_from_before_the_camera_was_moved_is_refused_and_a_newer_on
         (other, Phase.PAUSED),
         (teach(lab.plant, 5), Phase.ACQUIRE),
     ):
-        seen = replace(
-            seen, now=seen.now + 10_000_000, q_time=seen.now + 10_000_000, frame=seen.frame + 1
+        observation = replace(
+            observation,
+            now=observation.now + 10_000_000,
+            q_time=observation.now + 10_000_000,
+            frame=observation.frame + 1,
         )
         after = servo.step(
-            state, replace(seen, arrival=seen.now, exposure=seen.now), target, Request.RESUME
+            state,
+            replace(observation, arrival=observation.now, exposure=observation.now),
+            target,
+            Request.RESUME,
         )
         assert after.phase is phase and (phase is Phase.ACQUIRE or after.cause is Cause.TARGET_OLD)
 
 
 @pytest.mark.parametrize("seed", first_quick([1, 2, 3]))
-def test_markers_that_are_swapped_from_the_first_frame_on_are_named(seed):
+def test_markers_swapped_from_the_first_frame_on_are_detected(seed):
     lab = laboratory(seed)
     servo = lab.servo()
     for _, state in lab.run(
-        servo, 20.0, change=lambda seen: replace(seen, points=seen.points[::-1].copy())
+        servo,
+        20.0,
+        change=lambda observation: replace(observation, points=observation.points[::-1].copy()),
     ):
         assert state.phase is not Phase.SERVO
         if state.phase is Phase.PAUSED:
@@ -951,21 +995,25 @@ def test_markers_that_are_swapped_from_the_first_frame_on_are_named(seed):
     assert state.cause is Cause.SWAPPED
 
 
-def test_markers_that_were_swapped_at_first_do_not_make_the_right_ones_wrong_for_good():
+def test_markers_swapped_at_first_are_accepted_once_they_are_in_order():
     lab = laboratory()
     servo = lab.servo()
     *_, (_, state) = lab.run(
-        servo, 0.5, change=lambda seen: replace(seen, points=seen.points[::-1].copy())
+        servo,
+        0.5,
+        change=lambda observation: replace(observation, points=observation.points[::-1].copy()),
     )
     assert state.phase is Phase.ACQUIRE
-    *_, (seen, state) = lab.run(servo, 0.5, state)
+    *_, (observation, state) = lab.run(servo, 0.5, state)
     assert state.phase is Phase.PAUSED and state.cause is Cause.SWAPPED
-    state = servo.step(state, replace(seen, now=seen.now + 10_000_000), lab.target, Request.RESUME)
+    state = servo.step(
+        state, replace(observation, now=observation.now + 10_000_000), lab.target, Request.RESUME
+    )
     *_, (_, state) = lab.run(servo, 4.0, state)
     assert state.phase is Phase.SERVO
 
 
-def test_a_first_frame_of_another_size_counts_for_nothing_once_the_plant_was_reset():
+def test_a_reset_of_the_plant_allows_another_frame_size():
     rig = laboratory().rig
     size = [24, 32, 3]
     camera = Changed(rig.camera, lambda frame: replace(frame, image=np.zeros(size, dtype=np.uint8)))
@@ -982,108 +1030,125 @@ def test_a_first_frame_of_another_size_counts_for_nothing_once_the_plant_was_res
     assert later().dropped is Dropped.DAMAGED
     plant.reset()
     assert plant.read().frame == -1
-    seen = later()
+    observation = later()
     assert (
-        seen.dropped is Dropped.NONE
-        and seen.frame > first.frame
-        and np.isfinite(seen.q_exposure).all()
+        observation.dropped is Dropped.NONE
+        and observation.frame > first.frame
+        and np.isfinite(observation.q_exposure).all()
     )
 
 
 @pytest.mark.parametrize("later", [0, -1_000_000])
-def test_a_clock_that_stands_still_or_goes_back_is_a_fault_at_once(later):
+def test_a_stopped_or_reversed_clock_is_an_immediate_fault(later):
     lab = laboratory()
     servo = lab.servo()
     state = servoing(lab, servo)
-    seen = replace(lab.plant.read(), now=state.command.time + later)
-    after = servo.step(state, seen, lab.target)
+    observation = replace(lab.plant.read(), now=state.command.time + later)
+    after = servo.step(state, observation, lab.target)
     assert (after.phase, after.cause) == (Phase.FAULT, Cause.CLOCK_STOOD)
     assert not after.command.rates.any() and not after.command.enabled
 
 
-def test_a_servo_with_eq_16_as_printed_keeps_the_last_lines():
+def test_eq_16_as_printed_uses_the_last_lines():
     lab = laboratory()
     servo = lab.servo(
         estimator=ESTIMATORS["fast"],
         imaged_rcm=ImagedRcm(lines=5, fit="printed", max_condition=1e12),
     )
     ran = list(lab.run(servo, 1.0))
-    frames = {seen.frame: seen.points.ravel() for seen, _ in ran if seen.frame >= 0}
-    learnt = ran[-1][1].learnt
-    lines = learnt.lines[: learnt.estimate.line_count]
+    frames = {
+        observation.frame: observation.points.ravel()
+        for observation, _ in ran
+        if observation.frame >= 0
+    }
+    estimation = ran[-1][1].learnt
+    lines = estimation.lines[: estimation.estimate.line_count]
     np.testing.assert_array_equal(lines, list(frames.values())[-5:])
-    np.testing.assert_array_equal(learnt.estimate.o_c, solve(lines, 5, 0, True)[0])
+    np.testing.assert_array_equal(estimation.estimate.o_c, solve(lines, 5, 0, True)[0])
 
 
 @pytest.mark.parametrize("agreement,steady", [(2.0, True), (1.0, False)])
-def test_how_near_two_wrong_places_must_be_to_be_one_is_a_threshold(agreement, steady):
-    """5 px apart, where a marker may jump by 3 px."""
+def test_a_threshold_sets_the_distance_of_rejected_positions_that_agree(agreement, steady):
+    """The positions differ by 5 px, and a marker may jump by 3 px."""
     t = as_row(Thresholds(agreement=agreement))[0]
-    watch, there = Watch.of(rejected=1, elsewhere=0.0), np.array([[3.0, 4.0], [3.0, 4.0]])
-    assert stays(watch.rows[0], there, t) == steady
+    watch, points = Watch.of(rejected=1, elsewhere=0.0), np.array([[3.0, 4.0], [3.0, 4.0]])
+    assert stays(watch.rows[0], points, t) == steady
 
 
 @pytest.mark.parametrize("estimator", ESTIMATORS)
 @pytest.mark.parametrize("far", first_quick([1e6, 1e100, 1e300]))
-def test_joints_that_no_arm_has_are_not_learnt_from(estimator, far):
-    """They once came to a matrix that cannot be solved, and ended the loop by an exception."""
+def test_joints_outside_the_limits_do_not_update_the_estimate(estimator, far):
+    """Such joints once led to a singular matrix, and an exception ended the loop."""
     lab = laboratory()
     servo = lab.servo(estimator=ESTIMATORS[estimator])
-    away = np.array([0.5, 0.2, far])
-    *_, (_, held) = lab.run(servo, 0.5, change=lambda seen: replace(seen, q_exposure=away))
+    q = np.array([0.5, 0.2, far])
+    *_, (_, held) = lab.run(
+        servo, 0.5, change=lambda observation: replace(observation, q_exposure=q)
+    )
     assert (held.phase, held.cause) == (Phase.IDLE, Cause.JOINTS_UNKNOWN)
-    *_, (_, fault) = lab.run(servo, 0.1, held, lambda seen: replace(seen, q=away, q_exposure=away))
+    *_, (_, fault) = lab.run(
+        servo, 0.1, held, lambda observation: replace(observation, q=q, q_exposure=q)
+    )
     assert fault.phase is Phase.FAULT and not fault.command.enabled
 
 
-def test_what_is_forgotten_is_what_is_not_known_at_first():
-    """Written down twice: as rows to begin with, and as what compiled functions write over them."""
+def test_a_reset_restores_the_initial_estimation():
+    """The initial values stand twice in the source: as initial rows and in compiled functions."""
     state = servoing(laboratory(), laboratory().servo())
-    learnt, first = state.learnt, laboratory().servo().init().learnt
-    kept = copied(state.stored)
-    forget(kept.rows[0])
-    assert frozen(kept.estimate) == frozen(first.estimate) != frozen(learnt.estimate)
-    assert frozen(kept.tour) == frozen(first.tour) != frozen(learnt.tour)
-    empty(kept.prospect.rows[0])
-    assert frozen(kept.prospect) == frozen(first.prospect) != frozen(learnt.prospect)
+    estimation, first = state.learnt, laboratory().servo().init().learnt
+    stored = copied(state.stored)
+    reset_estimation(stored.rows[0])
+    assert frozen(stored.estimate) == frozen(first.estimate) != frozen(estimation.estimate)
+    assert frozen(stored.tour) == frozen(first.tour) != frozen(estimation.tour)
+    empty(stored.projection_fit.rows[0])
+    assert (
+        frozen(stored.projection_fit)
+        == frozen(first.projection_fit)
+        != frozen(estimation.projection_fit)
+    )
 
 
-def elsewhere(seed, wrong, **choices):
-    """A run to a target whose joints (3,) are `wrong`, and when it came within 1 mm of it by the
-    picture, s; inf if it never did.
+def run_with_joint_error(seed, joint_error, **choices):
+    """Return the arrival time and the states of a run to a target with `joint_error` (3,).
+
+    The arrival time (s) is that within 1 mm of the target by the image; inf if it never arrived.
     """
     lab = laboratory(seed)
-    lab.target = replace(lab.target, q=lab.target.q + np.array(wrong))
+    lab.target = replace(lab.target, q=lab.target.q + np.array(joint_error))
     servo, ran = lab.servo(**choices), []
-    there = lab.rig.body.points(lab.rig.scene.target)[1]
+    p_d = lab.rig.body.points(lab.rig.scene.target)[1]
     for _, state in lab.run(servo, 6.0):
-        off = np.linalg.norm(lab.rig.body.points(lab.rig.arm.q_true)[1] - there)
-        ran.append((off, state))
-    arrived = next((k for k, (off, _) in enumerate(ran) if off < 1.0), np.inf)
+        error = np.linalg.norm(lab.rig.body.points(lab.rig.arm.q_true)[1] - p_d)
+        ran.append((error, state))
+    arrived = next((k for k, (error, _) in enumerate(ran) if error < 1.0), np.inf)
     return arrived / 100.0, [state for _, state in ran]
 
 
 @pytest.mark.parametrize("seed", first_quick([1, 2, 3]))
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_where_the_targets_joints_are_elsewhere_it_pauses_within_a_second_of_arriving(seed, sign):
-    arrived, states = elsewhere(seed, (0.0, 0.0, 5.0 * sign))
+def test_a_target_with_other_joints_pauses_within_a_second_of_arriving(seed, sign):
+    arrived, states = run_with_joint_error(seed, (0.0, 0.0, 5.0 * sign))
     paused = next(k for k, state in enumerate(states) if state.phase is Phase.PAUSED) / 100.0
     assert states[-1].cause is Cause.ELSEWHERE and paused < arrived + 1.0
 
 
-@pytest.mark.parametrize("wrong,limit", [((0.0, 0.0, 5.0), np.inf), ((0.0, 0.0, 0.5), 2.0)])
-def test_joints_that_may_be_elsewhere_or_hardly_are_do_not_keep_it_from_settling(wrong, limit):
-    arrived, states = elsewhere(1, wrong, thresholds=Thresholds(elsewhere=limit))
+@pytest.mark.parametrize("joint_error,limit", [((0.0, 0.0, 5.0), np.inf), ((0.0, 0.0, 0.5), 2.0)])
+def test_a_small_or_permitted_joint_error_does_not_prevent_settling(joint_error, limit):
+    arrived, states = run_with_joint_error(1, joint_error, thresholds=Thresholds(elsewhere=limit))
     assert arrived < 5.0 and states[-1].phase is Phase.SERVO
     assert not any(state.cause is Cause.ELSEWHERE for state in states)
 
 
-def test_a_camera_zoomed_since_the_target_was_shown_is_told_where_the_picture_shows_the_target():
-    """The picture is by a tenth larger than when the target was shown, from the first frame on."""
+def test_a_camera_zoomed_since_teaching_is_detected_at_the_target():
+    """The image is 10 % larger than during teaching, from the first frame on."""
     lab = laboratory()
     middle = np.array([320.0, 240.0])
     servo = lab.servo()
     *_, (_, state) = lab.run(
-        servo, 6.0, change=lambda seen: replace(seen, points=middle + 1.1 * (seen.points - middle))
+        servo,
+        6.0,
+        change=lambda observation: replace(
+            observation, points=middle + 1.1 * (observation.points - middle)
+        ),
     )
     assert (state.phase, state.cause) == (Phase.PAUSED, Cause.ELSEWHERE)

@@ -1,4 +1,4 @@
-"""A tick as one compiled function is the tick of its parts."""
+"""A tick as one compiled function equals the tick made of its parts."""
 
 from dataclasses import dataclass, field
 from typing import Any, Literal
@@ -23,59 +23,63 @@ Features = Literal["srd", "points"]
 
 
 @dataclass(frozen=True)
-class InParts(Estimator):
-    """A user's estimator, which does what the built-in one does."""
+class InterpretedEstimator(Estimator):
+    """User-defined estimator that calls a built-in one."""
 
-    name = "in-parts"
-    same: Estimator = field(default_factory=ProjectionEstimator)
+    name = "interpreted"
+    built_in: Estimator = field(default_factory=ProjectionEstimator)
 
     @property
     def places_rcm(self) -> bool:
-        return self.same.places_rcm
+        return self.built_in.places_rcm
 
     @property
     def spares_marker(self) -> bool:
-        return self.same.spares_marker
+        return self.built_in.spares_marker
 
     def init(self) -> Any:
-        return self.same.init()
+        return self.built_in.init()
 
     def update(self, memory: Any, tool: Tool, sample: Sample) -> Any:
-        return self.same.update(memory, tool, sample)
+        return self.built_in.update(memory, tool, sample)
 
     def jacobian(self, memory: Any, tool: Tool, sample: Sample) -> Floats:
-        return self.same.jacobian(memory, tool, sample)
+        return self.built_in.jacobian(memory, tool, sample)
 
     def located(self, memory: Any, tool: Tool, sample: Sample) -> Floats:
-        return self.same.located(memory, tool, sample)
+        return self.built_in.located(memory, tool, sample)
 
     def motion(self, memory: Any, tool: Tool, sample: Sample) -> Floats:
-        return self.same.motion(memory, tool, sample)
+        return self.built_in.motion(memory, tool, sample)
 
     def imaged_rcm(self, memory: Any) -> tuple[Floats, Floats] | None:
-        return self.same.imaged_rcm(memory)
+        return self.built_in.imaged_rcm(memory)
 
 
-def states(wrong: str, estimator: Estimator, features: Features = "srd") -> list[State]:
-    lab = laboratory(4, disturbances=[Disturbance.parse(wrong)] if wrong != "none" else [])
+def states(disturbance: str, estimator: Estimator, features: Features = "srd") -> list[State]:
+    lab = laboratory(
+        4, disturbances=[Disturbance.parse(disturbance)] if disturbance != "none" else []
+    )
     law = SaturatedController(features=features)
     servo = Servo(lab.rig.settings.mechanism, lab.rig.settings.tool, estimator, law)
     lab.rig.begin()
     return [state for _, state in lab.run(servo, 7.0)]
 
 
-def but_memory(state: State, placed: bool) -> State:
-    """Where a fit places the imaged RCM, nobody asks for the lines of eq. (16): only the parts keep
-    them.
+def without_memory(state: State, placed: bool) -> State:
+    """Return the state without estimator memory, as only one of the two ticks stores the lines.
+
+    The compiled tick needs no lines of eq. (16) for an estimator that computes the imaged RCM.
     """
-    learnt = state.learnt._replace(memory=None)
+    estimation = state.learnt._replace(memory=None)
     if placed:
-        learnt = learnt._replace(estimate=changed(learnt.estimate, line_count=0))
-    memory = () if placed else EstimatorMemory(learnt.lines, None)
-    return state.but(learnt=learnt)._replace(memory=memory)
+        estimate = changed(estimation.estimate, line_count=0)
+        estimation = estimation._replace(estimate=estimate)
+    memory = () if placed else EstimatorMemory(estimation.lines, None)
+    return state.with_changes(estimation=estimation)._replace(memory=memory)
 
 
-WRONG = [
+DISTURBANCES = [
     "occlusion:at=3,for=0.3,marker=1",
     "none",
     "camera_pan:at=4",
@@ -83,47 +87,49 @@ WRONG = [
 ]
 
 
-def harmless(estimator: Estimator) -> list[str]:
-    """What does not stop it."""
-    return ["none", WRONG[0]] if estimator.spares_marker else ["none"]
+def tolerated(estimator: Estimator) -> list[str]:
+    """Return the disturbances that do not stop a servo with this estimator."""
+    return ["none", DISTURBANCES[0]] if estimator.spares_marker else ["none"]
 
 
-@pytest.mark.parametrize("wrong", first_quick(WRONG))
+@pytest.mark.parametrize("disturbance", first_quick(DISTURBANCES))
 @pytest.mark.parametrize("estimator", [ProjectionEstimator(), PRINTED, DltEstimator()])
-def test_both_routes_say_and_send_the_same_at_every_tick_to_the_last_bit(
-    wrong: str, estimator: Estimator
+def test_both_kinds_of_tick_give_equal_states_to_the_last_bit(
+    disturbance: str, estimator: Estimator
 ) -> None:
-    whole, parts = states(wrong, estimator), states(wrong, InParts(estimator))
+    whole = states(disturbance, estimator)
+    parts = states(disturbance, InterpretedEstimator(estimator))
     assert len(whole) == 700 and any(state.phase is Phase.SERVO for state in whole)
-    told = {state.cause for state in whole}
-    assert any(cause.stopping for cause in told) == (wrong not in harmless(estimator))
+    causes = {state.cause for state in whole}
+    assert any(cause.stopping for cause in causes) == (disturbance not in tolerated(estimator))
     for one, other in zip(whole, parts, strict=True):
         placed = estimator.places_rcm
-        assert frozen(but_memory(one, placed)) == frozen(but_memory(other, placed))
+        assert frozen(without_memory(one, placed)) == frozen(without_memory(other, placed))
 
 
 @pytest.mark.parametrize("estimator", [ProjectionEstimator(), DltEstimator()])
-def test_both_routes_go_one_way_on_the_markers_coordinates_too_and_it_is_another_one(
+def test_both_kinds_of_tick_are_equal_on_marker_coordinates_and_differ_from_srd(
     estimator: Estimator,
 ) -> None:
-    whole, parts = states("none", estimator, "points"), states("none", InParts(estimator), "points")
+    whole = states("none", estimator, "points")
+    parts = states("none", InterpretedEstimator(estimator), "points")
     for one, other in zip(whole, parts, strict=True):
         placed = estimator.places_rcm
-        assert frozen(but_memory(one, placed)) == frozen(but_memory(other, placed))
+        assert frozen(without_memory(one, placed)) == frozen(without_memory(other, placed))
     assert whole[-1].phase is Phase.SERVO and whole[-1].decision.left < 0.2
     by_features = states("none", estimator)
-    gap = [np.linalg.norm(a.v - b.v) for a, b in zip(whole, by_features, strict=True)]
-    assert max(gap) > 1.0
+    differences = [np.linalg.norm(a.v - b.v) for a, b in zip(whole, by_features, strict=True)]
+    assert max(differences) > 1.0
 
 
 class Halved(ProjectionEstimator):
-    """A user's own that derives from the built-in one."""
+    """User-defined estimator that derives from a built-in one."""
 
     def jacobian(self, memory: Any, tool: Tool, sample: Sample) -> Floats:
         return 0.5 * super().jacobian(memory, tool, sample)
 
 
-def test_what_derives_from_a_compiled_estimator_is_called_as_it_is() -> None:
-    ours, own = states("none", ProjectionEstimator()), states("none", Halved())
-    first = next(k for k, state in enumerate(ours) if np.any(state.J_hat))
-    assert np.array_equal(own[first].J_hat, 0.5 * ours[first].J_hat)
+def test_an_estimator_derived_from_a_compiled_one_is_called_in_python() -> None:
+    built_in, derived = states("none", ProjectionEstimator()), states("none", Halved())
+    first = next(k for k, state in enumerate(built_in) if np.any(state.J_hat))
+    assert np.array_equal(derived[first].J_hat, 0.5 * built_in[first].J_hat)

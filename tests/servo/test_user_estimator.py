@@ -1,5 +1,7 @@
-"""An estimator of one's own that does something wrong: refused before the drive is on, a fault in
-the same tick in motion, and named in each sentence.
+"""Errors of a user-defined estimator.
+
+The servo refuses it before the drive is enabled, or enters FAULT in the same tick, with a message
+that names it.
 """
 
 from dataclasses import dataclass
@@ -17,63 +19,67 @@ from rcmservo.servo.servo import Servo
 from rcmservo.servo.user_estimator import Guard, UnusableEstimator, examine
 
 TOOL = rs.RigidTool(spacing=30.0)
-WRONG = {
+FAILURES = {
     "raises": ("update", lambda: 1 / 0, "raised ZeroDivisionError('division by zero')"),
-    "wrong shape": (
+    "shape of the Jacobian": (
         "jacobian",
         lambda: np.zeros((2, 3)),
-        "gave numbers of shape (2, 3), not (3, 3)",
+        "returned an array of shape (2, 3), expected (3, 3)",
     ),
-    "nothing": ("jacobian", lambda: None, "gave numbers of shape (), not (3, 3)"),
-    "words": ("jacobian", lambda: "J", "gave 'J' instead of numbers"),
-    "a model of wrong shape": (
+    "no Jacobian": ("jacobian", lambda: None, "returned an array of shape (), expected (3, 3)"),
+    "text": ("jacobian", lambda: "J", "returned 'J', expected numbers"),
+    "shape of the prediction": (
         "predict",
         lambda: np.zeros(3),
-        "gave numbers of shape (3,), not (4,)",
+        "returned an array of shape (3,), expected (4,)",
     ),
-    "no place": (
+    "no imaged RCM": (
         "imaged_rcm",
         lambda: None,
-        "gave None instead of a place and its covariance",
+        "returned None, expected a point and its covariance",
     ),
-    "a place without its covariance": (
+    "shape of the covariance": (
         "imaged_rcm",
         lambda: (np.zeros(2), np.zeros(2)),
-        "gave numbers of shape (2,) and (2,), not (2,) and (2, 2)",
+        "returned arrays of shape (2,) and (2,), expected (2,) and (2, 2)",
     ),
-    "a place that is not finite": (
+    "non-finite imaged RCM": (
         "imaged_rcm",
         lambda: (np.full(2, np.nan), np.eye(2)),
         "is not finite",
     ),
-    "a motion that is not finite": ("motion", lambda: np.full((4, 3), np.nan), "is not finite"),
-    "a motion of wrong shape": (
+    "non-finite motion": ("motion", lambda: np.full((4, 3), np.nan), "is not finite"),
+    "shape of the motion": (
         "motion",
         lambda: np.zeros((2, 3)),
-        "gave numbers of shape (2, 3), not (4, 3)",
+        "returned an array of shape (2, 3), expected (4, 3)",
     ),
-    "a motion of sizes of wrong shape": (
+    "shape of the motion of sizes": (
         "size_motion",
         lambda: np.zeros(3),
-        "gave numbers of shape (3,), not (2, 3)",
+        "returned an array of shape (3,), expected (2, 3)",
     ),
-    "a motion of sizes that is not finite": (
+    "non-finite motion of sizes": (
         "size_motion",
         lambda: np.full((2, 3), np.nan),
         "is not finite",
     ),
-    "a memory in a table": ("remembered", lambda: np.zeros((2, 2)), "gave numbers of shape (2, 2)"),
+    "shape of the recorded memory": (
+        "remembered",
+        lambda: np.zeros((2, 2)),
+        "returned an array of shape (2, 2)",
+    ),
     "init raises": ("init", lambda: {}["x"], "raised KeyError('x')"),
 }
-PLACE = np.array([320.0, 100.0])
-IN_MOTION = [name for name in WRONG if name != "init raises"]
+IMAGED_RCM = np.array([320.0, 100.0])
+IN_MOTION = [name for name in FAILURES if name != "init raises"]
 
 
 @dataclass(frozen=True)
 class Faulty(rs.Estimator):
-    """The default estimator, but for one method that goes wrong after so many frames."""
+    """Default estimator of which one method fails after a number of frames."""
 
-    wrong: str = ""
+    failure: str = ""
     after: int = 0
 
     name = "faulty"
@@ -81,58 +87,60 @@ class Faulty(rs.Estimator):
 
     @property
     def places_rcm(self) -> bool:
-        return self.wrong in WRONG and WRONG[self.wrong][0] in ("imaged_rcm", "motion")
+        return self.failure in FAILURES and FAILURES[self.failure][0] in ("imaged_rcm", "motion")
 
-    def _going_wrong(self, method: str, count: int) -> bool:
-        return self.wrong in WRONG and WRONG[self.wrong][0] == method and count > self.after
+    def _fails(self, method: str, count: int) -> bool:
+        return (
+            self.failure in FAILURES and FAILURES[self.failure][0] == method and count > self.after
+        )
 
     def init(self) -> Any:
-        if self._going_wrong("init", 1):
-            return WRONG[self.wrong][1]()
+        if self._fails("init", 1):
+            return FAILURES[self.failure][1]()
         return 0, rs.ProjectionEstimator().init()
 
     def update(self, memory: Any, tool: Any, sample: Any) -> Any:
         count = memory[0] + 1
-        if self._going_wrong("update", count):
-            return WRONG[self.wrong][1]()
-        if self.places_rcm:  # nobody else does
-            sample = sample._replace(o_c=PLACE)
+        if self._fails("update", count):
+            return FAILURES[self.failure][1]()
+        if self.places_rcm:  # then eq. (16) is not used
+            sample = sample._replace(o_c=IMAGED_RCM)
         return count, rs.ProjectionEstimator().update(memory[1], tool, sample)
 
     def jacobian(self, memory: Any, tool: Any, sample: Any) -> Any:
-        if self._going_wrong("jacobian", memory[0]):
-            return WRONG[self.wrong][1]()
+        if self._fails("jacobian", memory[0]):
+            return FAILURES[self.failure][1]()
         return rs.ProjectionEstimator().jacobian(memory[1], tool, sample)
 
     def imaged_rcm(self, memory: Any) -> Any:
-        if self._going_wrong("imaged_rcm", memory[0]):
-            return WRONG[self.wrong][1]()
-        return PLACE, np.eye(2)
+        if self._fails("imaged_rcm", memory[0]):
+            return FAILURES[self.failure][1]()
+        return IMAGED_RCM, np.eye(2)
 
     def motion(self, memory: Any, tool: Any, sample: Any) -> Any:
-        if self._going_wrong("motion", memory[0]):
-            return WRONG[self.wrong][1]()
+        if self._fails("motion", memory[0]):
+            return FAILURES[self.failure][1]()
         return np.arange(1.0, 13.0).reshape(4, 3)
 
     def size_motion(self, memory: Any, tool: Any, sample: Any) -> Any:
-        if self._going_wrong("size_motion", memory[0]):
-            return WRONG[self.wrong][1]()
+        if self._fails("size_motion", memory[0]):
+            return FAILURES[self.failure][1]()
         return np.ones((2, 3))
 
     def predict(self, memory: Any, tool: Any, p1: Floats) -> Any:
-        if self._going_wrong("predict", memory[0]):
-            return WRONG[self.wrong][1]()
+        if self._fails("predict", memory[0]):
+            return FAILURES[self.failure][1]()
         return rs.ProjectionEstimator().predict(memory[1], tool, p1)
 
     def remembered(self, memory: Any) -> Any:
-        if self._going_wrong("remembered", memory[0]):
-            return WRONG[self.wrong][1]()
+        if self._fails("remembered", memory[0]):
+            return FAILURES[self.failure][1]()
         return memory[1].a_hat
 
 
 @dataclass(frozen=True)
 class Impure(Faulty):
-    """It writes into its memory."""
+    """Estimator whose update changes its memory in place."""
 
     def init(self) -> Any:
         return [np.zeros((3, 3))]
@@ -151,12 +159,12 @@ class Impure(Faulty):
         return np.zeros(4)
 
 
-@pytest.mark.parametrize("wrong", WRONG)
-def test_one_that_is_wrong_from_the_start_is_refused_before_the_drive_is_on(
-    wrong: str, lab: Laboratory
+@pytest.mark.parametrize("failure", FAILURES)
+def test_an_estimator_that_fails_from_the_start_is_refused_before_the_drive_is_enabled(
+    failure: str, lab: Laboratory
 ) -> None:
-    method, _, sentence = WRONG[wrong]
-    servo = lab.servo(estimator=Faulty(wrong))
+    method, _, sentence = FAILURES[failure]
+    servo = lab.servo(estimator=Faulty(failure))
     with pytest.raises(UnusableEstimator) as refused:
         next(rs.run(lab.plant, servo, lab.target, 1.0))
     assert sentence in str(refused.value)
@@ -164,28 +172,28 @@ def test_one_that_is_wrong_from_the_start_is_refused_before_the_drive_is_on(
     assert not lab.plant.read().enabled
 
 
-def test_what_is_no_estimator_or_not_pure_or_not_finite_is_refused() -> None:
+def test_an_object_that_is_no_estimator_or_not_pure_or_not_finite_is_refused() -> None:
     with pytest.raises(UnusableEstimator, match=r"builtins:int: it must derive from rcmservo\.Est"):
         examine(3, TOOL)
     with pytest.raises(UnusableEstimator, match=r"Impure: its update must be pure"):
         examine(Impure(), TOOL)
     with pytest.MonkeyPatch.context() as other:
-        other.setitem(WRONG, "nan", ("jacobian", lambda: np.full((3, 3), np.nan), ""))
-        with pytest.raises(UnusableEstimator, match=r"Faulty: its jacobian is not finite"):
+        other.setitem(FAILURES, "nan", ("jacobian", lambda: np.full((3, 3), np.nan), ""))
+        with pytest.raises(
+            UnusableEstimator, match=r"Faulty: its jacobian returned a number that is not finite"
+        ):
             examine(Faulty("nan"), TOOL)
 
 
-def test_a_good_one_and_ours_are_not_refused() -> None:
+def test_working_estimators_are_accepted() -> None:
     examine(Faulty(), TOOL)
     examine(rs.FlowEstimator(), TOOL)
 
 
-@pytest.mark.parametrize("wrong", IN_MOTION)
-def test_one_that_goes_wrong_in_motion_is_a_fault_in_the_same_tick(
-    wrong: str, lab: Laboratory
-) -> None:
-    method, _, sentence = WRONG[wrong]
-    servo = lab.servo(estimator=Faulty(wrong, after=40))
+@pytest.mark.parametrize("failure", IN_MOTION)
+def test_a_failure_in_motion_is_a_fault_in_the_same_tick(failure: str, lab: Laboratory) -> None:
+    method, _, sentence = FAILURES[failure]
+    servo = lab.servo(estimator=Faulty(failure, after=40))
     judge, counts = Judge(servo, lab.target), []
     for tick in rs.run(lab.plant, servo, lab.target, 6.0):
         judge.add(tick)
@@ -193,22 +201,22 @@ def test_one_that_goes_wrong_in_motion_is_a_fault_in_the_same_tick(
     last = tick.state
     assert (last.phase, last.cause) == (rs.Phase.FAULT, rs.Cause.ESTIMATOR_FAILED)
     assert counts[-2] == 40 and not last.command.enabled and not last.command.rates.any()
-    for told in (last.words, judge.result().cause):
-        assert f"estimator {__name__}:Faulty: its {method} " in told and sentence in told
+    for message in (last.words, judge.result().cause):
+        assert f"estimator {__name__}:Faulty: its {method} " in message and sentence in message
 
 
-def test_the_same_estimator_behind_the_guard_decides_the_same(lab: Laboratory) -> None:
+def test_the_guard_does_not_change_the_commands(lab: Laboratory) -> None:
     other = laboratory()
-    own = lab.run(lab.servo(estimator=Faulty()), 2.5)
-    ours = other.run(other.servo(estimator=rs.ProjectionEstimator()), 2.5)
-    assert [command_of(one) for one in own] == [command_of(one) for one in ours]
+    guarded = lab.run(lab.servo(estimator=Faulty()), 2.5)
+    built_in = other.run(other.servo(estimator=rs.ProjectionEstimator()), 2.5)
+    assert [command_of(one) for one in guarded] == [command_of(one) for one in built_in]
 
 
 def command_of(one: tuple[Any, rs.State]) -> bytes:
     return one[1].command.rates.tobytes()
 
 
-def test_ours_are_called_without_a_guard(lab: Laboratory) -> None:
+def test_built_in_estimators_are_called_without_a_guard(lab: Laboratory) -> None:
     estimator = rs.ProjectionEstimator()
     assert lab.servo(estimator=estimator).learner is estimator
     assert isinstance(lab.servo(estimator=Faulty()).learner, Guard)
@@ -217,18 +225,18 @@ def test_ours_are_called_without_a_guard(lab: Laboratory) -> None:
 @pytest.mark.parametrize(
     ("milliseconds", "cause"), [(20, rs.Cause.OVERRUN), (70, rs.Cause.DRIVE_OFF)]
 )
-def test_a_slow_one_is_stopped_by_the_overrun_rule_or_the_arms_watchdog_and_named(
+def test_a_slow_estimator_is_stopped_by_the_overrun_rule_or_the_watchdog_and_named(
     milliseconds: int, cause: rs.Cause, lab: Laboratory, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     servo, spent = lab.servo(estimator=Faulty()), [0]
     servo.warm_up()
-    usual = Faulty.update
+    original = Faulty.update
 
     def slow(self: Faulty, memory: Any, tool: Any, sample: Any) -> Any:
         if memory[0] > 100:
             spent[0] += milliseconds * 1_000_000
             lab.plant.clock.wait_until(lab.plant.clock.now() + milliseconds * 1_000_000)
-        return usual(self, memory, tool, sample)
+        return original(self, memory, tool, sample)
 
     monkeypatch.setattr(Servo, "warm_up", lambda self: None)
     monkeypatch.setattr(Faulty, "update", slow)
@@ -237,6 +245,6 @@ def test_a_slow_one_is_stopped_by_the_overrun_rule_or_the_arms_watchdog_and_name
     for tick in rs.run(lab.plant, servo, lab.target, 6.0):
         judge.add(tick)
     assert tick.state.cause is cause
-    told = judge.result().cause
-    assert cause.value in told
-    assert f"estimator {__name__}:Faulty took up to {milliseconds}.0 ms for a frame" in told
+    message = judge.result().cause
+    assert cause.value in message
+    assert f"estimator {__name__}:Faulty took up to {milliseconds}.0 ms for a frame" in message

@@ -1,4 +1,4 @@
-"""Ticks on an absolute schedule: tick k is due at start + k/rate, independent of earlier ticks."""
+"""Clocks, and ticks on an absolute schedule: tick k is due at start + k/rate."""
 
 import time
 from array import array
@@ -27,6 +27,11 @@ def ticks(clock: Clock, rate: float = 100.0, duration: float = float("inf")) -> 
     ------
     int
         Time in ns since the first tick.
+
+    Raises
+    ------
+    BadInput
+        If rate or duration is not positive.
     """
     positive("frequency in Hz").require("rate", rate)
     Limit(lambda s: s > 0.0, "a positive time in s").require("duration", duration)
@@ -40,8 +45,9 @@ def ticks(clock: Clock, rate: float = 100.0, duration: float = float("inf")) -> 
 
 
 class WallClock:
-    """Time in ns since the computer was started. It is the same in all processes and cannot be
-    set.
+    """Clock of the computer: time in ns since its start.
+
+    It is the same in all processes and cannot be set.
     """
 
     def now(self) -> int:

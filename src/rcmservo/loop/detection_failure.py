@@ -1,32 +1,33 @@
-"""Sentence for the operator on why the markers are not detected."""
+"""Message for the operator that gives the reason for undetected markers."""
 
 from rcmservo.errors import BadInput
 from rcmservo.interfaces import Dropped, Explains, Observation
 from rcmservo.loop.plant import Plant
 
-SILENCE = 0.5
-"""Time in s without a frame after which the camera is the reason."""
+FRAME_TIMEOUT_S = 0.5
+"""Time in s without a frame after which the camera is reported as the reason."""
 
 
-def reason_not_detected(plant: Plant, seen: Observation, began: int) -> str:
-    """Return the reason why no markers were detected since `began` ns: missing or unusable frames,
-    or the tracker's reason for the newest frame.
+def reason_not_detected(plant: Plant, observation: Observation, began: int) -> str:
+    """Return the reason for undetected markers since `began` ns.
+
+    The reason is missing frames, unusable frames, or that of the tracker for the newest frame.
     """
-    silent = (seen.now - max(seen.arrival, began)) * 1e-9
-    if seen.dropped is not Dropped.NONE:
-        return _why_dropped(plant, seen.dropped)
-    if plant.frame is None or silent > SILENCE:
-        return f"no frame has come from the camera for {silent:.1f} s"
-    why = plant.tracker.why(plant.frame) if isinstance(plant.tracker, Explains) else ""
-    return why or "both markers must be in the picture"
+    silence_s = (observation.now - max(observation.arrival, began)) * 1e-9
+    if observation.dropped is not Dropped.NONE:
+        return _drop_reason(plant, observation.dropped)
+    if plant.frame is None or silence_s > FRAME_TIMEOUT_S:
+        return f"the camera has delivered no frame for {silence_s:.1f} s"
+    reason = plant.tracker.why(plant.frame) if isinstance(plant.tracker, Explains) else ""
+    return reason or "both markers must be in the image"
 
 
-def _why_dropped(plant: Plant, dropped: Dropped) -> str:
-    """Return the reason why frames arrived but were not used."""
+def _drop_reason(plant: Plant, dropped: Dropped) -> str:
+    """Return the reason for not using the frames that arrived."""
     frame = plant.camera.latest()
     if dropped is Dropped.CLOCK and frame is not None:
         age = (plant.clock.now() - frame.exposure) * 1e-9
-        return f"{dropped.words}: the newest is {age:.3f} s old, which must be from 0 to 2 s"
+        return f"{dropped.words}: the newest is {age:.3f} s old, expected 0 to 2 s"
     try:
         if frame is not None:
             plant.tracker.find(frame)

@@ -1,6 +1,4 @@
-"""Checks of the first values that the methods of a device return, before a motion depends on
-them.
-"""
+"""Checks of the first values that a device returns, before a motion depends on them."""
 
 from collections.abc import Callable
 from numbers import Integral
@@ -28,56 +26,58 @@ class Contract(NamedTuple):
     expected: str
 
 
-def _array(value: Any, *shape: int) -> bool:
-    """Return True for an array that compiled code accepts unchanged. Any other kind would start
-    another compilation, in motion.
+def _is_array(value: Any, *shape: int) -> bool:
+    """Return True for an array that compiled code accepts unchanged.
+
+    Any other kind would start another compilation, in motion.
     """
     if not isinstance(value, np.ndarray):
         return False
     array = cast(NDArray[Any], value)
-    usual = array.dtype == np.float64 and array.shape == shape
-    return usual and array.flags.c_contiguous and array.flags.writeable
+    is_float = array.dtype == np.float64 and array.shape == shape
+    return is_float and array.flags.c_contiguous and array.flags.writeable
 
 
-def _measured(answer: Any) -> bool:
+def _is_measured(answer: Any) -> bool:
     if not isinstance(answer, tuple) or len(answer) != 3:  # pyright: ignore[reportUnknownArgumentType]
         return False
     time, q, enabled = answer  # pyright: ignore[reportUnknownVariableType]
-    return isinstance(time, Integral) and _array(q, 3) and isinstance(enabled, bool | np.bool_)
+    return isinstance(time, Integral) and _is_array(q, 3) and isinstance(enabled, bool | np.bool_)
 
 
-def _rates(answer: Any) -> bool:
-    return _array(answer, 3)
+def _is_rates(answer: Any) -> bool:
+    return _is_array(answer, 3)
 
 
-def _frame(answer: Any) -> bool:
+def _is_frame(answer: Any) -> bool:
     times = ("number", "exposure", "arrival")
     return isinstance(answer, Frame) and all(
         isinstance(getattr(answer, name), Integral) for name in times
     )
 
 
-def _markers(answer: Any) -> bool:
-    good = isinstance(answer, Markers) and _array(answer.points, 2, 2)
-    return good and _array(answer.radius, 2)
+def _is_markers(answer: Any) -> bool:
+    has_points = isinstance(answer, Markers) and _is_array(answer.points, 2, 2)
+    return has_points and _is_array(answer.radius, 2)
 
 
-ARRAY = "a writable float64 array of shape"
+ARRAY_PHRASE = "a writable float64 array of shape"
 CONTRACTS = {
     "measure": Contract(
-        _measured, f"Measured(time in whole ns, q as {ARRAY} (3,), enabled as True or False)"
+        _is_measured,
+        f"Measured(time in whole ns, q as {ARRAY_PHRASE} (3,), enabled as True or False)",
     ),
-    "apply": Contract(_rates, f"the joint rates that it applies, {ARRAY} (3,)"),
-    "latest": Contract(_frame, "a Frame with its number and times as whole numbers, or None"),
-    "find": Contract(_markers, f"Markers with points as {ARRAY} (2, 2) and radius as one of (2,)"),
+    "apply": Contract(_is_rates, f"the joint rates that it applies, {ARRAY_PHRASE} (3,)"),
+    "latest": Contract(_is_frame, "a Frame with its number and times as whole numbers, or None"),
+    "find": Contract(
+        _is_markers, f"Markers with points as {ARRAY_PHRASE} (2, 2) and radius as one of (2,)"
+    ),
 }
 """Contract of each method, by its name."""
 
 
 def check_first_value(device: object, method: str, answer: object) -> None:
-    """Raise `BadInput` with the names of device and method if a returned value breaks the
-    contract.
-    """
+    """Raise `BadInput` with the names of device and method if a value breaks the contract."""
     contract = CONTRACTS[method]
     require(
         contract.is_met(answer), f"{type(device).__name__}.{method}()", answer, contract.expected

@@ -38,8 +38,9 @@ class JointHistory:
         return self._times[0] if self._times else np.inf
 
     def at(self, time: int) -> Floats:
-        """Return the joints (3,) at `time` ns by linear interpolation; outside the measurements
-        return the oldest or the newest one.
+        """Return the joints (3,) at `time` ns by linear interpolation.
+
+        Outside the measurements it is the oldest or the newest one.
         """
         after = bisect_right(self._times, time)
         earlier = self._joints[max(after - 1, 0)]

@@ -1,4 +1,4 @@
-"""Requests of an operator between two ticks, and the servo, target and request of the next tick.
+"""Requests of an operator between two ticks, which change the inputs of the next tick.
 
 No request restarts the drive. A changed target or setting applies from the next tick on and begins
 a new stage in the record.
@@ -16,7 +16,7 @@ from rcmservo.interfaces import Command, Floats, Observation, Target
 from rcmservo.loop.target_frames import FRAMES, TEACHING_FRAMES, TargetFrames
 from rcmservo.loop.tick import Tick
 from rcmservo.safety.state_machine import Request
-from rcmservo.servo.servo import Servo
+from rcmservo.servo.servo import ZERO_RATES, Servo
 
 REST_TIME_NS = 200_000_000
 """Time in ns from the first command of zero rates until the tool counts as at rest."""
@@ -35,28 +35,33 @@ class Teach(Checked):
     Parameters
     ----------
     frames : int
-        Number of frames whose mean becomes the target.
+        Number of frames whose mean becomes the target, 1 to 100 000.
+
+    Raises
+    ------
+    BadInput
+        If the number of frames is out of range.
     """
 
     frames: Annotated[int, FRAMES] = TEACHING_FRAMES
 
 
-STILL = np.zeros(3)
-"""Joint rates of an arm at rest."""
-
-
 @dataclass(frozen=True, eq=False)
 class Jog(Checked, section="jog"):
-    """Request to move the joints at given rates until the next tick, in IDLE or PAUSED, each at no
-    more than a fifth of its limit.
+    """Request to move the joints at given rates until the next tick, in IDLE or PAUSED.
 
-    The request must be repeated after every tick. Otherwise the arm comes to rest and the servo
-    pauses.
+    The gate limits each joint to a fifth of its speed limit. The request must be repeated after
+    every tick. Otherwise the arm comes to rest and the servo pauses.
 
     Parameters
     ----------
     rates : Floats
-        Joint rates (3,) rad/s, rad/s, mm/s.
+        Joint rates (3,) in rad/s, rad/s, mm/s.
+
+    Raises
+    ------
+    BadInput
+        If `rates` are not three finite numbers.
     """
 
     rates: Annotated[Floats, array(3)]
@@ -67,8 +72,7 @@ class Jog(Checked, section="jog"):
 
 
 OperatorRequest = Request | Target | Servo | Teach | Jog
-"""Request between two ticks: pause, resume or clear; another target; other settings; teaching of
-the present pose; jogging."""
+"""Requests: pause, resume or clear; another target; other settings; teaching; jogging."""
 
 Operator = Callable[[Tick], OperatorRequest]
 """Function that the loop calls after every tick for the operator's request. It must not wait."""
@@ -84,7 +88,7 @@ class TeachingInRun:
         Number of frames requested.
     since : int or None
         Time of the first command of zero rates, ns; None while the tool moves.
-    shown : TargetFrames
+    target_frames : TargetFrames
         Frames so far.
     last : int
         Number of the newest frame examined.
@@ -92,26 +96,27 @@ class TeachingInRun:
 
     frames: int
     since: int | None = None
-    shown: TargetFrames = field(default_factory=TargetFrames)
+    target_frames: TargetFrames = field(default_factory=TargetFrames)
     last: int = -1
 
-    def add(self, seen: Observation, command: Command) -> Target | None:
+    def add(self, observation: Observation, command: Command) -> Target | None:
         """Add the frame of a tick; return the target once enough frames agree."""
         if command.rates.any():
             self.since = None
         elif self.since is None:
-            self.since = seen.now
-        if self.since is None or seen.frame == self.last:
+            self.since = observation.now
+        if self.since is None or observation.frame == self.last:
             return None
-        self.last = seen.frame
-        if seen.exposure >= self.since + REST_TIME_NS and np.isfinite(seen.points).all():
-            self.shown.add(seen)
-        if len(self.shown.points) < self.frames:
+        self.last = observation.frame
+        is_at_rest = observation.exposure >= self.since + REST_TIME_NS
+        if is_at_rest and np.isfinite(observation.points).all():
+            self.target_frames.add(observation)
+        if len(self.target_frames.points) < self.frames:
             return None
-        if self.shown.disagreement():
-            self.shown = TargetFrames()
+        if self.target_frames.disagreement():
+            self.target_frames = TargetFrames()
             return None
-        return self.shown.target(self.since)
+        return self.target_frames.target(self.since)
 
 
 class NextTick:
@@ -128,47 +133,48 @@ class NextTick:
     """
 
     def __init__(self, servo: Servo, target: Target, operator: Operator | None) -> None:
-        self.servo, self.target, self.request, self.jog = servo, target, Request.NONE, STILL
+        self.servo, self.target, self.request, self.jog = servo, target, Request.NONE, ZERO_RATES
         self._operator = operator
-        self._showing: TeachingInRun | None = None
+        self._teaching: TeachingInRun | None = None
 
-    def steer(self, tick: Tick) -> None:
-        """Request the operator's input after a tick and prepare the next tick."""
-        self.request, self.jog = Request.NONE, STILL
+    def ask_operator(self, tick: Tick) -> None:
+        """Call the operator after a tick and prepare the next tick."""
+        self.request, self.jog = Request.NONE, ZERO_RATES
         if self._operator is None:
             return
-        want = self._operator(tick)
-        if want is not Request.NONE:
-            self._showing = None
-            self._set(want)
-        if self._showing is not None:
-            self._show(self._showing, tick)
+        request = self._operator(tick)
+        if request is not Request.NONE:
+            self._teaching = None
+            self._apply_request(request)
+        if self._teaching is not None:
+            self._teach(self._teaching, tick)
 
-    def _set(self, want: OperatorRequest) -> None:
-        match want:
+    def _apply_request(self, request: OperatorRequest) -> None:
+        match request:
             case Request():
-                require(want is not Request.JOG, "operator()", want, "a Jog, with the joint rates")
-                self.request = want
+                is_complete = request is not Request.JOG
+                require(is_complete, "operator()", request, "a Jog, with the joint rates")
+                self.request = request
             case Jog():
-                self.request, self.jog = Request.JOG, want.rates
+                self.request, self.jog = Request.JOG, request.rates
             case Target():
-                self._aim(want)
+                self._set_target(request)
             case Servo():
-                want.demand(self.target)
-                self.servo = changed_servo(self.servo, want)
+                request.demand(self.target)
+                self.servo = changed_servo(self.servo, request)
             case Teach():
-                self.request, self._showing = Request.PAUSE, TeachingInRun(want.frames)
+                self.request, self._teaching = Request.PAUSE, TeachingInRun(request.frames)
             case _:
-                require(False, "operator()", want, "a Request, Target, Servo, Teach or Jog")
+                require(False, "operator()", request, "a Request, Target, Servo, Teach or Jog")
 
-    def _show(self, showing: TeachingInRun, tick: Tick) -> None:
-        target = showing.add(tick.seen, tick.state.command)
+    def _teach(self, teaching: TeachingInRun, tick: Tick) -> None:
+        target = teaching.add(tick.seen, tick.state.command)
         if target is not None:
-            self._showing = None
-            self._aim(target)
+            self._teaching = None
+            self._set_target(target)
 
-    def _aim(self, target: Target) -> None:
-        """Set another target. The same numbers change nothing."""
+    def _set_target(self, target: Target) -> None:
+        """Replace the target, unless its numbers are the same."""
         if not same(target, self.target):
             self.servo.demand(target)
             self.target = target
@@ -199,6 +205,6 @@ def changed_servo(before: Servo, after: Servo) -> Servo:
             value is present or value == present,
             f"servo.{name}",
             value,
-            "the same through a run: begin another run for that",
+            "the same during a run: start another run to change it",
         )
     return after

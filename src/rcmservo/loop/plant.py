@@ -1,4 +1,4 @@
-"""Plant: arm, camera, tracker and clock behind one interface to read from and send to."""
+"""Plant: arm, camera, tracker and clock behind one interface with `read` and `send`."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -38,11 +38,11 @@ ENABLE_POLL_NS = 5_000_000
 
 
 class NotEnabled(RcmServoError):
-    """Report an arm whose drive does not come on."""
+    """Error of an arm whose drive does not come on."""
 
 
 class Plant:
-    """Arm, camera and tracker behind one interface.
+    """Arm, camera, tracker and clock behind one interface.
 
     The plant stores recent joint values to interpolate them at the exposure of a frame. It drops
     frames that are not new, damaged or have impossible times. It checks the first value that each
@@ -79,11 +79,11 @@ class Plant:
         self.recorded = recorded
         self.markers: Markers | None = None
         self.frame: Frame | None = None
-        self._new = {"measure", "apply", "latest", "find"}
-        self._offered: Frame | None = None
+        self._unchecked = {"measure", "apply", "latest", "find"}
+        self._newest: Frame | None = None
         self._dropped = Dropped.NONE
         self._joints = JointHistory(JOINT_HISTORY)
-        self._began = np.inf
+        self._valid_from = np.inf
         self._sizes, self._quality = np.full(2, np.nan), np.full(2, np.nan)
         self._q_exposure = np.full(3, np.nan)
         self._applied = np.zeros(3)
@@ -102,11 +102,11 @@ class Plant:
     def read(self) -> Observation:
         """Return an observation: read the joints, and track the markers if a new frame arrived."""
         time, q, enabled = self._measure()
-        q = q.copy()  # a device may fill one array again and again
+        q = q.copy()  # a device may reuse one array
         self._joints.add(time, q)
-        if self._began == np.inf:
-            self._began = time
-        self._look(self._latest())
+        if self._valid_from == np.inf:
+            self._valid_from = time
+        self._track(self._latest())
         frame = self.frame
         return Observation(
             now=self.clock.now(),
@@ -133,7 +133,7 @@ class Plant:
         """
         self.tracker.reset()
         self._joints.clear()
-        self._began = np.inf
+        self._valid_from = np.inf
         self.markers = self.frame = None
         self._dropped = Dropped.NONE
         self._sizes, self._quality = np.full(2, np.nan), np.full(2, np.nan)
@@ -142,27 +142,27 @@ class Plant:
     def send(self, command: Command) -> Floats:
         """Send a command to the arm and return the joint rates (3,) that it applies."""
         self._applied = self.arm.apply(command)
-        if "apply" in self._new:
-            self._meet(self.arm, "apply", self._applied)
+        if "apply" in self._unchecked:
+            self._check_first(self.arm, "apply", self._applied)
         self._applied = self._applied.copy()
         return self._applied
 
     def _measure(self) -> Measured:
         measured = self.arm.measure()
-        if "measure" in self._new:
-            self._meet(self.arm, "measure", measured)
+        if "measure" in self._unchecked:
+            self._check_first(self.arm, "measure", measured)
         return measured
 
     def _latest(self) -> Frame | None:
         frame = self.camera.latest()
-        if "latest" in self._new and frame is not None:
-            self._meet(self.camera, "latest", frame)
+        if "latest" in self._unchecked and frame is not None:
+            self._check_first(self.camera, "latest", frame)
         return frame
 
-    def _meet(self, device: object, method: str, answer: object) -> None:
+    def _check_first(self, device: object, method: str, answer: object) -> None:
         """Check the first value that a method returns; later ones are not checked."""
         check_first_value(device, method, answer)
-        self._new.remove(method)
+        self._unchecked.remove(method)
 
     def _await_drive(self) -> None:
         end = self.clock.now() + round(ENABLE_TIMEOUT_S * 1e9)
@@ -178,21 +178,21 @@ class Plant:
             f"{name}.enable(), got False: the drive does not come on"
         )
 
-    def _look(self, frame: Frame | None) -> None:
-        """Track the markers in a frame that is new, or record why it is dropped."""
-        if frame is None or frame is self._offered:
+    def _track(self, frame: Frame | None) -> None:
+        """Track the markers in a new frame, or record the reason for dropping it."""
+        if frame is None or frame is self._newest:
             return
-        self._offered = frame
+        self._newest = frame
         self._dropped = self._defect(frame)
-        if self._dropped is not Dropped.NONE or frame.exposure < self._began:
+        if self._dropped is not Dropped.NONE or frame.exposure < self._valid_from:
             return
         try:
             markers = self.tracker.find(frame)
         except BadInput:
             self._dropped = Dropped.DAMAGED
             return
-        if "find" in self._new:
-            self._meet(self.tracker, "find", markers)
+        if "find" in self._unchecked:
+            self._check_first(self.tracker, "find", markers)
         self.markers, self.frame = replace(markers, points=_points(markers)), frame
         self._sizes, self._quality = _sizes(self.markers), _quality(self.markers)
         known = frame.exposure >= self._joints.oldest
@@ -214,8 +214,9 @@ class Plant:
 
 
 def _points(markers: Markers) -> Floats:
-    """Return the raw markers (2, 2) in px, NaN for one outside any possible image: estimators would
-    use every finite number.
+    """Return the raw markers (2, 2) in px, NaN for one outside any possible image.
+
+    Estimators would use every finite number.
     """
     possible = (np.abs(markers.points) < NO_PIXEL).all(axis=1, keepdims=True)
     return np.where(possible, markers.points, np.nan)

@@ -1,8 +1,9 @@
-"""The loop, which moves the arm.
+"""Loop that moves the arm.
+
+At each tick of the plant's clock it reads an observation, makes one step of the servo and sends the
+command:
 
     plant.read() ─► servo.step() ─► plant.send()
-
-on every tick of the plant's own clock.
 """
 
 from collections.abc import Callable, Generator
@@ -27,53 +28,81 @@ def run(
     state: State | None = None,
     operator: Operator | None = None,
 ) -> Generator[Tick]:
-    """Switch the drive on, servo to the target and yield every tick; to call it is a person's act.
+    """Enable the drive, servo to a target and yield every tick. A user's action causes the call.
 
-    It begins from nothing, or goes on from the `state` of an earlier run, with what was learnt
-    there. An `operator` is asked after every tick, and may request something, or change target and
-    settings while the loop goes on. The run ends after `duration` s, when `done` says so, with a
-    fault, and, where no `operator` stands by to resume, with a pause. However it ends, by itself,
-    by an error or by Ctrl-C, the last thing it does is to bring the arm to rest and switch it off.
+    The run ends after `duration`, when `done` returns True, or with a fault; without an `operator`,
+    who could resume, also with a pause. Whatever ends it, even an error or Ctrl-C, the loop at last
+    brings the arm to rest and disables the drive.
+
+    Parameters
+    ----------
+    plant : Plant
+        Arm, camera, tracker and clock.
+    servo : Servo
+        Settings at the start.
+    target : Target
+        Target at the start.
+    duration : float
+        Longest duration in s.
+    done : Callable
+        Condition on a tick that ends the run.
+    state : State or None
+        Last state of an earlier run, whose estimate is used; None starts without an estimate.
+    operator : Operator or None
+        Function that the loop calls after every tick for a request, another target or settings.
+
+    Yields
+    ------
+    Tick
+        Inputs, state and applied joint rates of each tick.
+
+    Raises
+    ------
+    BadInput
+        If target, feature vector or device does not fit, or if a request is invalid.
+    UnusableEstimator
+        If a user-defined estimator fails before the drive is enabled.
+    NotEnabled
+        If the drive does not come on.
     """
     servo.demand(target)
     servo.warm_up()
     plant.reset()
     state = servo.init() if state is None else servo.again(state)
-    agenda = NextTick(servo, target, operator)
+    inputs = NextTick(servo, target, operator)
     try:
         if state.phase is not Phase.FAULT:
             plant.enable()
         for time in ticks(plant.clock, servo.rate, duration):
-            seen = plant.read()
-            asked = agenda.request, agenda.jog
-            state = agenda.servo.step(state, seen, agenda.target, *asked)
+            observation = plant.read()
+            request, jog = inputs.request, inputs.jog
+            state = inputs.servo.step(state, observation, inputs.target, request, jog)
             applied = plant.send(state.command)
-            tick = Tick(time, agenda.servo, seen, *asked, state, applied)
+            tick = Tick(time, inputs.servo, observation, request, jog, state, applied)
             yield tick
-            if done(tick) or _over(state, operator):
+            if done(tick) or _is_over(state, operator):
                 break
-            agenda.steer(tick)
+            inputs.ask_operator(tick)
     finally:
-        _rest(plant, agenda.servo, state.command)
+        _bring_to_rest(plant, inputs.servo, state.command)
 
 
-def _over(state: State, operator: Operator | None) -> bool:
-    """Whether nothing more will happen."""
-    waits = (Phase.FAULT, Phase.PAUSED) if operator is None else ()
-    return state.phase is Phase.DISABLED or (state.phase in waits and not state.command.rates.any())
+def _is_over(state: State, operator: Operator | None) -> bool:
+    """Return True if nothing more can happen: drive off, or at rest with no one to resume."""
+    final = (Phase.FAULT, Phase.PAUSED) if operator is None else ()
+    return state.phase is Phase.DISABLED or (state.phase in final and not state.command.rates.any())
 
 
-def _rest(plant: Plant, servo: Servo, last: Command) -> None:
-    """Ramp the joint rates to zero through the gate, from the next tick on, and switch the drive
-    off.
-    """
+def _bring_to_rest(plant: Plant, servo: Servo, last: Command) -> None:
+    """Ramp the joint rates to zero through the gate from the next tick on; disable the drive."""
     try:
         plant.clock.wait_until(plant.clock.now() + servo.period)
         for _ in ticks(plant.clock, servo.rate):
-            seen = plant.read()
-            if not (last.enabled and last.rates.any() and seen.enabled):
+            observation = plant.read()
+            now, q = observation.now, observation.q
+            if not (last.enabled and last.rates.any() and observation.enabled):
                 break
-            last = servo.gate.admit(np.zeros(3), last, seen.q, servo.rcm, seen.now, 0.0).command
+            last = servo.gate.admit(np.zeros(3), last, q, servo.rcm, now, 0.0).command
             plant.send(last)
     finally:
         plant.send(servo.gate.stop(last, plant.clock.now()))

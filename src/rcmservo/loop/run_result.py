@@ -1,6 +1,6 @@
-"""Outcome of a run: one type for simulated and live runs, runs on hardware and runs of a study.
+"""Result of a run, for simulated and live runs, runs on hardware and runs of a study.
 
-What is unknown or does not apply is None, or empty in words, so that
+Unknown numbers are None and unknown texts are empty, so that
 ``json.dumps(dataclasses.asdict(result))`` is the file metrics.json.
 """
 
@@ -37,14 +37,14 @@ class FeatureError:
 
 @dataclass(frozen=True)
 class JacobianError:
-    """‖Ĵ − J‖/‖J‖ of the scaled Jacobians, by the simulation's truth.
+    """Relative error ‖Ĵ − J‖/‖J‖ of the scaled Jacobian, by the simulation's ground truth.
 
     Parameters
     ----------
     explored : float or None
-        When exploration ended.
+        Error at the end of exploration.
     final : float or None
-        At the end of the run.
+        Error at the end of the run.
     """
 
     explored: float | None = None
@@ -58,11 +58,11 @@ class ExplorationCost:
     Parameters
     ----------
     time_s : float or None
-        When it ended; None where it did not.
+        Time at which exploration ended; None if it did not end.
     path_mm : float or None
-        Length of marker 1's path, by the simulation's truth.
+        Length of the path of marker 1, by the simulation's ground truth.
     max_excursion_mm : float or None
-        Largest distance of marker 1 from its start, by the simulation's truth.
+        Largest distance of marker 1 from its start, by the simulation's ground truth.
     """
 
     time_s: float | None = None
@@ -72,16 +72,16 @@ class ExplorationCost:
 
 @dataclass(frozen=True)
 class Spread:
-    """Median, 99th percentile and maximum of a time, ms; None where it never came up.
+    """Median, 99th percentile and maximum of a set of times in ms; None if the set is empty.
 
     Parameters
     ----------
     median : float or None
-        Half of the times were no longer.
+        Median.
     p99 : float or None
-        99 % of the times were no longer.
+        99th percentile.
     max : float or None
-        The longest.
+        Maximum.
     """
 
     median: float | None = None
@@ -90,10 +90,10 @@ class Spread:
 
 
 def spread(times: Floats) -> Spread:
-    """Return the spread of times in ns."""
+    """Return median, 99th percentile and maximum in ms of times in ns."""
     if not len(times):
         return Spread()
-    return Spread(*(float(one) * 1e-6 for one in np.percentile(times, (50, 99, 100))))
+    return Spread(*(float(time) * 1e-6 for time in np.percentile(times, (50, 99, 100))))
 
 
 @dataclass(frozen=True)
@@ -105,21 +105,21 @@ class LoopTiming:
     ticks : int
         Number of ticks.
     late : int or None
-        Ticks that came later than by Thresholds.late_share of a period.
+        Number of ticks that began later than `Thresholds.late_share` of a period.
     longest_ms : float or None
-        Longest time between two ticks; None where there were fewer than two.
+        Longest time between two ticks; None for fewer than two ticks.
     missed : int or None
-        Ticks that the loop was not there to begin.
+        Number of ticks that were skipped because the loop was late.
     rate_hz : float or None
-        Mean number of ticks a second; None where there were fewer than two.
+        Mean number of ticks per second; None for fewer than two ticks.
     lateness_ms : Spread
-        From when a tick was due until it began.
+        Time from the scheduled to the actual begin of a tick.
     latency_ms : Spread
-        From a frame's exposure to the tick that uses it.
+        Time from the exposure of a frame to the tick that uses it.
     collections : int or None
         Number of garbage collections that stopped the process.
     refused : list[str]
-        What the operating system refused, in sentences.
+        Requests that the operating system refused, in sentences.
     """
 
     ticks: int = 0
@@ -135,18 +135,18 @@ class LoopTiming:
 
 @dataclass(frozen=True)
 class FrameCounts:
-    """Numbers of a camera's frames, as the loop used them.
+    """Use of a camera's frames by the loop.
 
     Parameters
     ----------
     used : int
-        Frames used.
+        Number of frames used.
     skipped : int
-        Frames passed over, by their numbers.
+        Number of frames that the loop never used, from the gaps between frame numbers.
     rejected : int
-        Frames used that the checks did not accept.
+        Number of used frames that the checks did not accept.
     dropped : dict[str, int]
-        By reason, the ticks at which the newest frame was not used.
+        Number of ticks at which the newest frame was not used, by reason.
     """
 
     used: int = 0
@@ -157,23 +157,23 @@ class FrameCounts:
 
 @dataclass(frozen=True)
 class CameraAccount:
-    """Numbers of a camera's frames so far, as its driver counts them.
+    """Frame counts and state of a camera, as its driver reports them.
 
     Parameters
     ----------
     frames : int
-        Frames that were delivered.
+        Number of frames delivered.
     lost : int
-        Frames whose numbers were left out: the camera took them, and they never came.
+        Number of frames that the camera took but that never arrived, from gaps in their numbers.
     incomplete : int
-        Frames that came with parts missing, or damaged, and were dropped.
+        Number of frames that arrived incomplete or damaged and were dropped.
     reconnects : int
-        Number of times that the camera was opened again.
+        Number of times that the camera was reopened.
     uncertainty_ms : float or None
-        Uncertainty of exposure times on the computer's clock, ms; None where it is unknown: the
+        Uncertainty of the exposure times on the computer's clock, ms. None if it is unknown: the
         camera reports no times, or those of another computer's clock.
     trouble : str
-        Present fault of the camera, in a sentence; empty where there is none.
+        Present fault of the camera, in a sentence; empty without a fault.
     """
 
     frames: int = 0
@@ -186,26 +186,26 @@ class CameraAccount:
 
 @dataclass(frozen=True)
 class RunResult:
-    """Outcome of a run. ``print`` gives it in one line.
+    """Result of a run. ``print`` shows it in one line.
 
     Parameters
     ----------
     settled : bool
-        True if the errors stayed small to the end, with no fault then, at the taught pose; in a
-        study, if the true error stayed small.
+        True if the errors stayed small to the end, without a fault at the end, at the taught pose;
+        in a study, if the true error stayed small.
     cause : str
-        Reason why it did not settle; empty where it did.
+        Reason for not settling; empty if the run settled.
     remark : str
-        Fault at the end that stopped nothing; empty if there was none.
+        Fault at the end that did not stop the arm; empty without one.
     settle_time_s : float or None
-        Time at which the errors became small for good; in a study, at which marker 2 was first
+        Time after which the errors stayed small; in a study, time at which marker 2 was first
         within 1 mm of the target.
     duration_s : float or None
         Time to the end of the last tick.
     pose_error_mm : float or None
-        ‖p₂ − p_d‖ at the end, by the simulation's truth.
+        Pose error ‖p₂ − p_d‖ at the end, by the simulation's ground truth.
     bound_mm : float or None
-        Cramér-Rao bound of that error, rms.
+        Cramér-Rao bound of the pose error, root mean square.
     feature_error : FeatureError
         Errors Δy at the end, as the servo measures them.
     jacobian_error : JacobianError
@@ -213,16 +213,16 @@ class RunResult:
     explore : ExplorationCost
         Time and motion of the exploration.
     target_q : list[float] or None
-        Joints at which the target was taught.
+        Joint values (3,) in rad, rad, mm during teaching of the target.
     loop : LoopTiming or None
-        Punctuality of the loop; None where its process came to no end.
+        Punctuality of the loop; None if its process did not finish.
     frames : FrameCounts or None
         Use of the frames.
     camera : CameraAccount or None
-        Account of the camera's driver, if it keeps one.
+        Frame counts of the camera's driver, if it reports them.
     drive_off : str
-        Reason why the arm's drive went off by itself, or is not known to be off; empty where it
-        went off in the end as it should.
+        Reason for a drive that went off by itself or may still be on; empty if it was disabled at
+        the end as usual.
     simulated : bool
         False on hardware.
     seed : int or None
@@ -230,33 +230,33 @@ class RunResult:
     estimator : str
         Name of the estimator on the command line.
     estimator_time_per_frame_s : float or None
-        Time that the estimator was given for every frame; None for the real time between frames.
+        Time that the estimator was allotted for every frame; None for the real time between frames.
     rejected_scenes : int or None
-        Scenes drawn before one in which the target can be reached.
+        Number of scenes drawn before one in which the target can be reached.
     real_time_factor : float or None
-        Simulated over real time.
+        Ratio of simulated to real time.
     resumed : int
-        Requests of the scripted operator to resume that the servo followed.
+        Number of requests of the scripted operator to resume that the servo followed.
     refused : int
-        Requests of the scripted operator to resume that the servo refused.
+        Number of requests of the scripted operator to resume that the servo refused.
     shown_again : int
-        Times that the scripted operator taught the target again.
+        Number of times that the scripted operator repeated teaching.
     rig : str
         Rig file of the hardware.
     rig_sha256 : str
-        SHA-256 of its bytes.
+        SHA-256 of the bytes of the rig file.
     rig_checked : bool or None
-        True if `rig check` had passed for them.
+        True if `rig check` had passed for the rig file.
     speed_share : float or None
         Fraction of the full speed that was allowed.
     folder : str
         Folder of the record, its figures and metrics.json.
     not_recorded : str
-        Reason why the record ends early; empty where it does not.
+        Reason for an incomplete record; empty for a complete one.
     not_filmed : str
-        Reason why a run that was to have a video has none.
+        Reason for a missing video that was requested.
     not_written : str
-        Which of metrics and figures could not be written, and why.
+        Metrics and figures that could not be written, with the reasons.
     """
 
     settled: bool = False

@@ -1,4 +1,4 @@
-"""Frames of a tool at rest from which a target is taught, and the check that they agree."""
+"""Frames of a tool at rest that are averaged into a target, with a check that they agree."""
 
 from dataclasses import dataclass, field
 
@@ -8,17 +8,17 @@ from rcmservo.constraints import between
 from rcmservo.interfaces import Floats, Observation, Target
 
 TEACHING_FRAMES = 300
-"""Default number of frames that a target is the mean of: 5 s at 60 frames per second. At 1 px of
+"""Default number of frames that are averaged into a target: 5 s at 60 frames per second. At 1 px of
 noise 98 % of runs then end within 1 mm, and 87 % with 30 frames; see docs/how_to_choose.md."""
 
 MAX_FRAMES = 100_000
-"""Largest number of frames that a target may be the mean of."""
+"""Largest number of frames that may be averaged into a target."""
 
 MAD_TO_STD = 1.4826
 """Ratio of the standard deviation of Gaussian noise to its median absolute deviation."""
 
 MAX_NOISE_PX = 2.0
-"""Standard deviation in px above which a marker counts as unsteady: no sound tracker has it."""
+"""Standard deviation in px above which a marker counts as unsteady; a working tracker has less."""
 
 NOISE_FLOOR_PX = 0.7
 """Smallest standard deviation in px for the outlier test, as few frames estimate it badly."""
@@ -31,15 +31,15 @@ MAX_OUTLIER_FRACTION = 0.05
 
 
 FRAMES = between(1, MAX_FRAMES, "a whole number", "frames")
-"""Limit of the number of frames that a target is the mean of."""
+"""Limits of the number of frames that are averaged into a target."""
 
 
 def require_frames(frames: int, name: str = "frames") -> None:
-    """Raise ``BadInput`` if a target cannot be the mean of this number of frames."""
+    """Raise `BadInput` if the number of frames to average is out of range."""
     FRAMES.require(name, frames)
 
 
-def mean_known(rows: Floats) -> Floats:
+def mean_of_finite(rows: Floats) -> Floats:
     """Return the mean of the finite entries of each column of (n, k); NaN if there are none."""
     known = np.isfinite(rows)
     total, count = np.where(known, rows, 0.0).sum(axis=0), known.sum(axis=0)
@@ -64,21 +64,22 @@ class TargetFrames:
     sizes: list[Floats] = field(default_factory=list[Floats])
     joints: list[Floats] = field(default_factory=list[Floats])
 
-    def add(self, seen: Observation) -> None:
+    def add(self, observation: Observation) -> None:
         """Add the newest frame of a tick."""
-        self.points.append(seen.points)
-        self.sizes.append(seen.sizes)
-        self.joints.append(seen.q)
+        self.points.append(observation.points)
+        self.sizes.append(observation.sizes)
+        self.joints.append(observation.q)
 
     def target(self, since: int) -> Target:
-        """Return the mean of the frames as a target that was taught from a time (ns) on. A size is
-        the mean over the frames that have it.
+        """Return the mean of the frames as a target that was taught from `since` ns on.
+
+        A size is the mean over the frames in which it is known.
         """
         points, q = np.mean(self.points, axis=0), np.mean(self.joints, axis=0)
-        return Target(points, q, since, mean_known(np.array(self.sizes)))
+        return Target(points, q, since, mean_of_finite(np.array(self.sizes)))
 
     def disagreement(self) -> str:
-        """Return a sentence on why the frames make no target; empty if they agree."""
+        """Return a sentence on the disagreement of the frames; empty if they agree."""
         deviation = np.abs(self.points - np.median(self.points, axis=0))
         noise = MAD_TO_STD * np.median(deviation, axis=0)
         is_outlier = deviation > OUTLIER_SIGMAS * np.maximum(noise, NOISE_FLOOR_PX)
@@ -88,6 +89,6 @@ class TargetFrames:
             return ""
         which = " and ".join(f"marker {i + 1}" for i in np.flatnonzero(unsteady))
         return (
-            f"{which} is seen in more than one place, {float(deviation.max()):.1f} px apart: see "
-            "that nothing else looks like a marker and that the camera stands still"
+            f"{which} is detected at positions up to {float(deviation.max()):.1f} px apart: make "
+            "sure that nothing else looks like a marker and that the camera does not move"
         )

@@ -1,4 +1,4 @@
-"""Teaching by showing: the present view of the tool becomes the target."""
+"""Teaching: the present pose of the tool becomes the target."""
 
 import numpy as np
 
@@ -9,12 +9,12 @@ from rcmservo.loop.detection_failure import reason_not_detected
 from rcmservo.loop.plant import Plant
 from rcmservo.loop.target_frames import TEACHING_FRAMES, TargetFrames, require_frames
 
-TEACH_TIMEOUT = 2.0
+TEACH_TIMEOUT_S = 2.0
 """Time in s without a frame that shows both markers after which teaching fails."""
 
 
 class NotShown(RcmServoError):
-    """Target that could not be taught, with the reason."""
+    """Failure to teach a target, with its reason."""
 
 
 def teach(plant: Plant, frames: int = TEACHING_FRAMES) -> Target:
@@ -38,24 +38,30 @@ def teach(plant: Plant, frames: int = TEACHING_FRAMES) -> Target:
         If the number of frames is out of range.
     NotShown
         If no frame shows both markers for 2 s, or if the frames do not agree.
+
+    References
+    ----------
+    Section IV-C of the paper: the target is registered from the image at the desired pose.
     """
     require_frames(frames)
     plant.reset()
-    shown = TargetFrames()
-    seen = plant.read()
-    last, began = seen.frame, plant.clock.now()
-    good = began
+    frames_so_far = TargetFrames()
+    observation = plant.read()
+    last, began = observation.frame, plant.clock.now()
+    last_detection = began
     for _ in ticks(plant.clock):
-        seen = plant.read()
-        if seen.frame > last and seen.exposure >= began and np.isfinite(seen.points).all():
-            shown.add(seen)
-            good = seen.now
-        last = max(last, seen.frame)
-        if len(shown.points) == frames:
-            why = shown.disagreement()
-            if why:
-                raise NotShown(f"the target cannot be taught: {why}")
-            return shown.target(began)
-        if not seen.now - good <= TEACH_TIMEOUT * 1e9:
+        observation = plant.read()
+        is_new = observation.frame > last and observation.exposure >= began
+        if is_new and np.isfinite(observation.points).all():
+            frames_so_far.add(observation)
+            last_detection = observation.now
+        last = max(last, observation.frame)
+        if len(frames_so_far.points) == frames:
+            reason = frames_so_far.disagreement()
+            if reason:
+                raise NotShown(f"the target cannot be taught: {reason}")
+            return frames_so_far.target(began)
+        if not observation.now - last_detection <= TEACH_TIMEOUT_S * 1e9:
             break
-    raise NotShown(f"the target cannot be taught: {reason_not_detected(plant, seen, began)}")
+    reason = reason_not_detected(plant, observation, began)
+    raise NotShown(f"the target cannot be taught: {reason}")

@@ -1,4 +1,4 @@
-"""One round of the loop, as it is yielded, recorded and computed again."""
+"""Record of one tick of the loop."""
 
 from dataclasses import dataclass
 
@@ -9,24 +9,26 @@ from rcmservo.servo.servo import Servo, State
 
 @dataclass(frozen=True, eq=False)
 class Tick:
-    """One round of the loop, from what was seen to what the arm took of the command.
+    """One tick of the loop: inputs, state and applied joint rates.
+
+    `run` yields it. A recorder stores it, and a replay computes it once more.
 
     Parameters
     ----------
     time : int
-        ns since the loop's start.
+        Time since the start of the loop, ns.
     servo : Servo
-        Which settings it went by.
+        Settings at this tick.
     seen : Observation
-        What the servo was told.
+        Observation, the input of the servo.
     request : Request
-        What a person asked for.
+        Request of the operator.
     jog : Floats
-        The joint rates (3,) asked for where that was to move them by hand, else zero.
+        Requested joint rates (3,) in rad/s, rad/s, mm/s if the request is JOG, else zero.
     state : State
-        What was decided, and towards which target.
+        State after the tick, with command and target.
     applied : Floats
-        Joint rates (3,) that the arm took.
+        Joint rates (3,) in rad/s, rad/s, mm/s that the arm applies.
     """
 
     time: int

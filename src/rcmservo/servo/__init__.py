@@ -1,1 +1,1 @@
-"""The paper's boxes composed into one pure step."""
+"""Composition of features, estimation, control law and safety into one pure step."""

@@ -1,4 +1,4 @@
-"""Acceptance of a new frame: it is compared with what the fit of the projection predicts."""
+"""Acceptance of a new frame by comparison with the prediction of the projection fit."""
 
 import numpy as np
 
@@ -22,81 +22,95 @@ from rcmservo.safety.monitor_state import (
 from rcmservo.safety.thresholds import Thresholds
 from rcmservo.servo.kernel_parameters import KernelParameters, TickContext, rcm_of, shaft_of
 from rcmservo.servo.state import Stored
-from rcmservo.servo.update_estimate import BELIEVED, LEARN, NOTHING
+from rcmservo.servo.update_estimate import FRAME_ACCEPTED, FRAME_UPDATES, NO_FRAME
 
 
 @compiled
 def accept_frame(tick: TickContext) -> tuple[int, float]:
-    """Store what this tick's observation shows.
+    """Store the observation of this tick and decide if its frame is accepted.
 
     Returns
     -------
     tuple
-        NOTHING, BELIEVED for an accepted frame, or LEARN for one that the estimate is updated by;
-        and the time since the exposure of the frame of the last update, s (0 for the first).
+        NO_FRAME, FRAME_ACCEPTED, or FRAME_UPDATES for an accepted frame that updates the estimate;
+        time since the exposure of the frame of the last update, s (0 for the first).
     """
     stored, observation, parameters = tick.stored, tick.observation, tick.parameters
-    w, e, v, tour, d = stored.watch, stored.estimate, stored.prospect, stored.tour, stored.decision
-    t, period = parameters.thresholds, parameters.period
+    watch, estimate, fit = stored.watch, stored.estimate, stored.projection_fit
+    tour, last = stored.tour, stored.decision.command
+    thresholds, period = parameters.thresholds, parameters.period
     rcm, shaft = rcm_of(parameters), shaft_of(parameters)
-    gap = observation.now - d.command.time if d.command.number > 0 else period
-    watch_loop(w, gap, period, lag_of(tour, t.drive_lag), t)
-    if not observation.frame > w.frame:
-        return NOTHING, 0.0
-    watch_frame(w, observation, t)
-    if not reachable(rcm, observation.q_exposure, t.slack):
-        return NOTHING, 0.0
-    p1, points = stored.work.p1, stored.work.points
+    gap = observation.now - last.time if last.number > 0 else period
+    watch_loop(watch, gap, period, lag_of(tour, thresholds.drive_lag), thresholds)
+    if not observation.frame > watch.frame:
+        return NO_FRAME, 0.0
+    watch_frame(watch, observation, thresholds)
+    if not reachable(rcm, observation.q_exposure, thresholds.slack):
+        return NO_FRAME, 0.0
+    p1, points = stored.workspace.p1, stored.workspace.points
     p1[0], p1[1], p1[2] = point_at(rcm, observation.q_exposure)
     put(points, observation.points)
-    w.spared = complete(stored, p1, points, parameters)
+    watch.spared = fill_lost_marker(stored, p1, points, parameters)
     first, second = lost(points)
     if first or second:
-        return NOTHING, 0.0
+        return NO_FRAME, 0.0
     if tour.done:
-        first, second, crossed = misplaced(v, p1, points, e.points, shaft, t)
-        watch_markers(w, first, second, crossed, points, t)
-        watch_drift(w, v, p1, points, observation.points, shaft, t)
+        first, second, crossed = misplaced(fit, p1, points, estimate.points, shaft, thresholds)
+        watch_markers(watch, first, second, crossed, points, thresholds)
+        watch_drift(watch, fit, p1, points, observation.points, shaft, thresholds)
     else:
-        jump = t.jump + t.innovation * np.sqrt(2.0 * v.noise)
-        doubt(w, e, observation, p1, jump, t)
-    if w.rejected > 0:
-        return NOTHING, 0.0
-    w.believed = observation.frame
-    put(e.points, points)
-    put(e.p1, p1)
-    # a hand may have moved the tool until the exploration began
-    teaches = tour.done or not tour.begun or observation.exposure >= tour.start
-    news = LEARN if teaches else BELIEVED
-    return news, (observation.exposure - e.exposure) * 1e-9 if e.exposure >= 0 else 0.0
+        jump = thresholds.jump + thresholds.innovation * np.sqrt(2.0 * fit.noise)
+        check_against_last_frame(watch, estimate, observation, p1, jump, thresholds)
+    if watch.rejected > 0:
+        return NO_FRAME, 0.0
+    watch.believed = observation.frame
+    put(estimate.points, points)
+    put(estimate.p1, p1)
+    # an operator may have moved the tool by hand until the exploration began
+    updates = tour.done or not tour.begun or observation.exposure >= tour.start
+    frame_result = FRAME_UPDATES if updates else FRAME_ACCEPTED
+    dt = (observation.exposure - estimate.exposure) * 1e-9 if estimate.exposure >= 0 else 0.0
+    return frame_result, dt
 
 
 @compiled
-def complete(stored: Stored, p1: Floats, points: Floats, parameters: KernelParameters) -> bool:
-    """Put a lost one of the markers (2, 2) raw px where the fit has it; return whether one was
-    lost, and the other and the joints determine the pose.
+def fill_lost_marker(
+    stored: Stored, p1: Floats, points: Floats, parameters: KernelParameters
+) -> bool:
+    """Replace one lost marker in the raw `points` (2, 2) px by its prediction from the fit.
+
+    Return True if one marker was lost and replaced: the other marker and the joints then determine
+    the pose well enough.
     """
     first, second = lost(points)
     if first == second or not (stored.tour.done and parameters.spares_marker):
         return False
-    v, k, shaft = stored.prospect, 0 if first else 1, shaft_of(parameters)
-    if not deviation_without(v, p1, k, shaft) <= parameters.thresholds.without_marker:
+    fit, k, shaft = stored.projection_fit, 0 if first else 1, shaft_of(parameters)
+    if not deviation_without(fit, p1, k, shaft) <= parameters.thresholds.without_marker:
         return False
-    put(points[k], located(v, p1, shaft)[k])
+    put(points[k], located(fit, p1, shaft)[k])
     return True
 
 
 @compiled
-def doubt(
-    w: Watch, e: Estimate, observation: ObservationRow, p1: Floats, jump: float, t: Thresholds
+def check_against_last_frame(
+    watch: Watch,
+    estimate: Estimate,
+    observation: ObservationRow,
+    p1: Floats,
+    jump: float,
+    thresholds: Thresholds,
 ) -> None:
-    """While nothing predicts the markers: count a frame as rejected if they leapt by more than
-    `jump` px and what the motion of the tool to p1 (3,) mm allows, or if one is stuck.
+    """Compare the markers with those of the last accepted frame, before a fit predicts them.
+
+    Count the frame as rejected if a marker moved by more than `jump` px plus the px that the motion
+    of marker 1 to p1 (3,) mm allows, or if a marker is stuck.
     """
-    way, crossed = distance(p1, e.p1), False
-    first, second = watch_stuck(w, p1, observation.points, t)
-    if way < t.comparable and not (first or second):
-        first, second, crossed = leapt(observation.points, e.points, way, jump, t.nearest)
-        if w.jumped > 0 and stays(w, observation.points, t):
+    path, crossed = distance(p1, estimate.p1), False
+    first, second = watch_stuck(watch, p1, observation.points, thresholds)
+    if path < thresholds.comparable and not (first or second):
+        nearest = thresholds.nearest
+        first, second, crossed = leapt(observation.points, estimate.points, path, jump, nearest)
+        if watch.jumped > 0 and stays(watch, observation.points, thresholds):
             first, second = True, True
-    watch_markers(w, first, second, crossed, observation.points, t)
+    watch_markers(watch, first, second, crossed, observation.points, thresholds)

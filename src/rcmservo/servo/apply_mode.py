@@ -1,4 +1,4 @@
-"""Mode of a tick, what is forgotten with it, and the command that the gate lets through."""
+"""Mode of a tick, the resets that it causes, and the command that the gate makes."""
 
 import numpy as np
 
@@ -21,92 +21,106 @@ from rcmservo.safety.state_machine import (
 )
 from rcmservo.safety.thresholds import Thresholds
 from rcmservo.servo.kernel_parameters import TickContext, rcm_of
-from rcmservo.servo.reset import forget, forget_but_places, restart, stand
+from rcmservo.servo.reset import (
+    request_rest,
+    reset_estimation,
+    reset_estimation_except_markers,
+    restart_stall_rule,
+)
 from rcmservo.servo.state import Stored
-from rcmservo.servo.update_estimate import BELIEVED
+from rcmservo.servo.update_estimate import FRAME_ACCEPTED
 
 NOT_FINITE = Cause.NOT_FINITE.place
 ESTIMATE, TARGETS = int(Invalidates.ESTIMATE), int(Invalidates.ESTIMATE_AND_TARGETS)
 
 
 @compiled
-def choose_mode(tick: TickContext, causes: int, news: int) -> bool:
-    """Enter the mode that follows from the set of `causes`; return whether the estimate is
-    forgotten with it. In JOG the operator's joint rates replace the law's.
+def choose_mode(tick: TickContext, causes: int, frame_result: int) -> bool:
+    """Enter the mode that follows from the set of `causes`; return True if the estimate was reset.
+
+    In JOG the joint rates of the operator replace those of the law.
     """
-    s, observation, setpoint = tick.stored, tick.observation, tick.setpoint
-    signs = Signs(observation.enabled, s.watch.believed >= 0, news >= BELIEVED, s.tour.done)
-    request, now, t = setpoint.request, observation.now, tick.parameters.thresholds
-    forgotten = enter(s, causes, signs, request, now, t)
-    if s.decision.mode.phase == JOG:
-        stand(s.decision)
-        put(s.decision.rates, setpoint.jog)
-    return forgotten
+    stored, observation, setpoint = tick.stored, tick.observation, tick.setpoint
+    markers_seen, is_accepted = stored.watch.believed >= 0, frame_result >= FRAME_ACCEPTED
+    signs = Signs(observation.enabled, markers_seen, is_accepted, stored.tour.done)
+    request, now, thresholds = setpoint.request, observation.now, tick.parameters.thresholds
+    was_reset = enter_mode(stored, causes, signs, request, now, thresholds)
+    if stored.decision.mode.phase == JOG:
+        request_rest(stored.decision)
+        put(stored.decision.rates, setpoint.jog)
+    return was_reset
 
 
 @compiled
-def enter(s: Stored, found: int, signs: Signs, request: int, now: int, t: Thresholds) -> bool:
-    """Into the next mode. A pause or fault forgets what it must not go on with; whether that is
-    the estimate.
+def enter_mode(
+    stored: Stored, causes: int, signs: Signs, request: int, now: int, thresholds: Thresholds
+) -> bool:
+    """Enter the next mode of the state machine; return True if the estimate was reset.
+
+    A pause or fault resets the parts of the state that its cause invalidates.
     """
-    d, before, cause, forgot = s.decision, s.decision.mode.phase, gravest(found), False
-    transition(d.mode, found, signs, request, now, t)
-    entered = d.mode.phase != before
-    if d.mode.phase in (PAUSED, FAULT) and (entered or ACTIONS[cause] == PAUSE):
-        forgot = unlearn(s, cause if ACTIONS[cause] >= PAUSE else d.mode.cause, now)
-    if d.mode.phase == ACQUIRE and before == PAUSED and not s.tour.done:
-        forget_but_places(s)
-        forgot = True
+    decision, cause, was_reset = stored.decision, gravest(causes), False
+    before = decision.mode.phase
+    transition(decision.mode, causes, signs, request, now, thresholds)
+    entered = decision.mode.phase != before
+    if decision.mode.phase in (PAUSED, FAULT) and (entered or ACTIONS[cause] == PAUSE):
+        acting = cause if ACTIONS[cause] >= PAUSE else decision.mode.cause
+        was_reset = invalidate(stored, acting, now)
+    if decision.mode.phase == ACQUIRE and before == PAUSED and not stored.tour.done:
+        reset_estimation_except_markers(stored)
+        was_reset = True
     if entered:
-        restart(d, now)
-    return forgot
+        restart_stall_rule(decision, now)
+    return was_reset
 
 
 @compiled
-def unlearn(s: Stored, cause: int, now: int) -> bool:
-    """Begin all counts anew, and forget what a cause invalidates; whether that is the estimate.
+def invalidate(stored: Stored, cause: int, now: int) -> bool:
+    """Restart all counts and reset what a cause invalidates; return True if that is the estimate.
 
-    Without an estimate nobody can tell one false marker from a camera that was moved: then it
-    counts as that. Nor can anybody tell whether markers that changed places are wrong now or were
-    before.
+    Before there is an estimate, one false marker cannot be distinguished from a moved camera, and
+    counts as one. Nor can markers that exchanged positions: they may be false now or before.
     """
-    d, invalid = s.decision, invalidated_by(cause, s.tour.done)
-    spoilt = invalid >= ESTIMATE
-    unwatch(s.watch, spoilt)
-    d.peak = np.inf
+    decision, invalid = stored.decision, invalidated_by(cause, stored.tour.done)
+    resets_estimate = invalid >= ESTIMATE
+    unwatch(stored.watch, resets_estimate)
+    decision.peak = np.inf
     if invalid == TARGETS:
-        d.moved = now
-    if spoilt:
-        forget(s)
-    s.tour.begun, s.tour.no_room = False, False
-    return spoilt
+        decision.moved = now
+    if resets_estimate:
+        reset_estimation(stored)
+    stored.tour.begun, stored.tour.no_room = False, False
+    return resets_estimate
 
 
 @compiled
 def bound_rates(tick: TickContext) -> bool:
-    """Make the joint rates a command by the gate, at the speed that the mode allows; return whether
-    the estimate is forgotten, as a number was not finite there.
+    """Make the command from the joint rates by the gate, at the speed that the mode allows.
+
+    Return True if the estimate was reset because a number was not finite.
     """
-    d, now, gate = tick.stored.decision, tick.observation.now, tick.parameters.gate
-    share = speed_share(d.mode.phase, d.mode.asks)
-    if not share > 0.0:
-        stand(d)
-    if d.mode.phase in (FAULT, DISABLED):
-        stop(d.command, now, gate)
+    stored, now, gate = tick.stored, tick.observation.now, tick.parameters.gate
+    decision, rcm = stored.decision, rcm_of(tick.parameters)
+    scale = speed_share(decision.mode.phase, decision.mode.asks)
+    if not scale > 0.0:
+        request_rest(decision)
+    if decision.mode.phase in (FAULT, DISABLED):
+        stop(decision.command, now, gate)
         return False
-    rcm = rcm_of(tick.parameters)
-    if admit(d.command, d.rates, tick.observation.q, rcm, now, share, gate):
+    q = tick.observation.q
+    if admit(decision.command, decision.rates, q, rcm, now, scale, gate):
         return False
-    return fail(tick.stored, now)
+    return enter_not_finite_fault(stored, now)
 
 
 @compiled
-def fail(s: Stored, now: int) -> bool:
-    """Enter FAULT after the gate replaced a number that is not finite by zero; return whether the
-    estimate is forgotten.
+def enter_not_finite_fault(stored: Stored, now: int) -> bool:
+    """Enter FAULT after the gate replaced a non-finite command by zero.
+
+    Return True if the estimate was reset.
     """
-    enter_fault(s.decision.mode, NOT_FINITE, now)
-    s.decision.command.enabled = False
-    forgotten = unlearn(s, NOT_FINITE, now)
-    restart(s.decision, now)
-    return forgotten
+    enter_fault(stored.decision.mode, NOT_FINITE, now)
+    stored.decision.command.enabled = False
+    was_reset = invalidate(stored, NOT_FINITE, now)
+    restart_stall_rule(stored.decision, now)
+    return was_reset

@@ -1,4 +1,4 @@
-"""Causes that are present at a tick, as a set."""
+"""Detection of the causes that are present at a tick."""
 
 import numpy as np
 
@@ -12,33 +12,33 @@ from rcmservo.safety.checks.facts import TickFacts
 from rcmservo.safety.state_machine import DISABLED, FAULT, PAUSED, SERVO
 from rcmservo.servo.kernel_parameters import KernelParameters, TickContext, rcm_of, shaft_of
 
-NEAR = 1.0
-"""mm from the target, by the picture, up to which the tool counts as being there."""
+ARRIVAL_DISTANCE_MM = 1.0
+"""Distance of marker 1 from the target by the image, in mm, below which the tool has arrived."""
 
-SHOWN = 30.0
-"""Frames that a target is taken to be the mean of."""
+ASSUMED_TEACHING_FRAMES = 30.0
+"""Number of frames assumed to be averaged in a target."""
 
-CERTAIN = 3.0
-"""Standard deviations."""
+NOISE_SIGMAS = 3.0
+"""Standard deviations of pose noise that a distance may contain."""
 
 
 @compiled
 def collect_causes(tick: TickContext) -> int:
-    """Return the set of the causes that are present."""
-    s, parameters = tick.stored, tick.parameters
-    if s.tour.done:
+    """Return the set of causes that are present, as bits."""
+    stored, parameters = tick.stored, tick.parameters
+    if stored.tour.done:
         watch_target(tick)
     facts = TickFacts(
-        seen=s.watch.observation,
-        watch=s.watch,
-        estimate=s.estimate,
-        tour=s.tour,
-        progress=s.decision,
-        prospect=s.prospect,
-        drive_requested=s.decision.mode.phase not in (DISABLED, FAULT),
-        paused=s.decision.mode.phase == PAUSED,
+        seen=stored.watch.observation,
+        watch=stored.watch,
+        estimate=stored.estimate,
+        tour=stored.tour,
+        progress=stored.decision,
+        prospect=stored.projection_fit,
+        drive_requested=stored.decision.mode.phase not in (DISABLED, FAULT),
+        paused=stored.decision.mode.phase == PAUSED,
         taught=tick.setpoint.shown,
-        estimator_failed=s.estimated.failed,
+        estimator_failed=stored.estimated.failed,
         rcm=rcm_of(parameters),
         period=parameters.period,
         gain=parameters.controller.gain,
@@ -51,49 +51,51 @@ def collect_causes(tick: TickContext) -> int:
 
 @compiled
 def watch_target(tick: TickContext) -> None:
-    """Record since when the image reports the target as reached, or leads the tool away from it
-    again, but the joints, beyond what noise explains, are not where they were taught.
+    """Record since when the image and the joints disagree on the arrival at the target.
+
+    They disagree if the image reports the target as reached, or leads the tool away from it again,
+    but the joints differ from those at teaching by more than noise explains.
     """
-    s, setpoint, parameters, now = tick.stored, tick.setpoint, tick.parameters, tick.observation.now
-    e, d, fit, allowed = s.estimate, s.decision, s.prospect, parameters.thresholds.elsewhere
+    stored, setpoint, parameters = tick.stored, tick.setpoint, tick.parameters
+    decision, fit, allowed = stored.decision, stored.projection_fit, parameters.thresholds.elsewhere
     q, q_d, shaft = tick.observation.q, setpoint.q, shaft_of(parameters)
-    been = d.arrived and not setpoint.is_new
-    if d.mode.phase != SERVO or not (been or d.left < NEAR):
-        d.arrived, d.astray = False, -1
+    was_there = decision.arrived and not setpoint.is_new
+    if decision.mode.phase != SERVO or not (was_there or decision.left < ARRIVAL_DISTANCE_MM):
+        decision.arrived, decision.astray = False, -1
         return
-    if away_at_most(q, q_d, parameters) < allowed:
-        d.arrived, d.astray = not setpoint.is_new, -1
+    if bound_marker_distance(q, q_d, parameters) < allowed:
+        decision.arrived, decision.astray = not setpoint.is_new, -1
         return
-    off = away(q, q_d, parameters)
-    if not off < allowed:
+    distance = larger_marker_distance(q, q_d, parameters)
+    if not distance < allowed:
         frames = max(min(fit.weight[0], fit.weight[1]), 1.0)
-        noise = pose_deviation(fit, e.p1, shaft) * np.sqrt(1.0 / frames + 1.0 / SHOWN)
-        allowed += CERTAIN * noise
-    d.arrived = not setpoint.is_new and (been or off < allowed)
-    if not off - min(d.left, NEAR) > allowed:
-        d.astray = -1
-    elif d.astray < 0:
-        d.astray = now
+        noise = pose_deviation(fit, stored.estimate.p1, shaft)
+        noise *= np.sqrt(1.0 / frames + 1.0 / ASSUMED_TEACHING_FRAMES)
+        allowed += NOISE_SIGMAS * noise
+    decision.arrived = not setpoint.is_new and (was_there or distance < allowed)
+    if not distance - min(decision.left, ARRIVAL_DISTANCE_MM) > allowed:
+        decision.astray = -1
+    elif decision.astray < 0:
+        decision.astray = tick.observation.now
 
 
 @compiled
-def away(q: Floats, q_d: Floats, fixed: KernelParameters) -> float:
-    """Mm from one place of the tool, by the joints q (3,), to another, of the marker that has the
-    longer way.
-    """
-    rcm = rcm_of(fixed)
+def larger_marker_distance(q: Floats, q_d: Floats, parameters: KernelParameters) -> float:
+    """Return the larger of the distances (mm) of both markers between the joints q and q_d (3,)."""
+    rcm, shaft = rcm_of(parameters), shaft_of(parameters)
     p1, p1_d = point_at(rcm, q), point_at(rcm, q_d)
-    p2, p2_d = second_point(shaft_of(fixed), p1), second_point(shaft_of(fixed), p1_d)
+    p2, p2_d = second_point(shaft, p1), second_point(shaft, p1_d)
     return max(apart(p1, p1_d), apart(p2, p2_d))
 
 
 @compiled
-def away_at_most(q: Floats, q_d: Floats, fixed: KernelParameters) -> float:
-    """What `away` is at most, in a fraction of the time: no direction turns by more than the angles
-    do.
+def bound_marker_distance(q: Floats, q_d: Floats, parameters: KernelParameters) -> float:
+    """Return an upper bound (mm) of `larger_marker_distance`, in a fraction of its time.
+
+    The direction of the tool turns by no more than the sum of the changes of the angles.
     """
-    zero = fixed.rcm.zero
+    zero = parameters.rcm.zero
     rho, rho_d = q[2] + zero, q_d[2] + zero
     turned = abs(q[0] - q_d[0]) + abs(q[1] - q_d[1])
-    longest = max(stretch(shaft_of(fixed), (0.0, 0.0, rho)), 1.0)
+    longest = max(stretch(shaft_of(parameters), (0.0, 0.0, rho)), 1.0)
     return longest * (abs(rho - rho_d) + max(abs(rho), abs(rho_d)) * turned)

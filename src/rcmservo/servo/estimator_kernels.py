@@ -1,5 +1,6 @@
-"""Choice of an estimator's compiled functions by the class of its kernel. It imports Numba, so
-nothing imports it before a kernel is compiled.
+"""Selection of an estimator's compiled functions by the class of its kernel.
+
+The module imports Numba. It is imported only when a kernel is compiled.
 """
 
 from functools import partial
@@ -10,7 +11,7 @@ from numba.extending import overload
 from rcmservo.servo.update_estimate import (
     UPDATES,
     empty_memory,
-    empty_own,
+    empty_own_memory,
     empty_with_lines,
     run_kernel,
     update_estimator,
@@ -38,6 +39,6 @@ def _run_kernel(kernel: Any, memory: Any, sample: Any, fit: Any, result: Any) ->
     return kernel.instance_class.update.py_func
 
 
-@declared(empty_own)
+@declared(empty_own_memory)
 def _empty_own(kernel: Any, memory: Any) -> Any:
     return kernel.instance_class.empty.py_func

@@ -1,4 +1,4 @@
-"""Settings of the compiled functions of a tick, and all that these functions share."""
+"""Settings and shared context of the compiled functions of a tick."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -19,8 +19,7 @@ from rcmservo.servo.state import Stored
 
 @dataclass(frozen=True)
 class KernelParameters:
-    """Settings of a servo's parts, which no tick changes. Compiled functions take them as one
-    row.
+    """Settings of the parts of a servo, which no tick changes, as one row for compiled functions.
 
     Parameters
     ----------
@@ -33,23 +32,23 @@ class KernelParameters:
     features : FeatureParameters
         Feature vector that the law acts on.
     needs_motion : bool
-        Whether the estimator must estimate ∂m/∂p₁ for it.
+        True if the features need ∂m/∂p₁ from the estimator.
     printed_potential : bool
-        Whether the potential (32) is as printed.
+        True for the potential (32) as printed.
     imaged_rcm : ImagedRcm
-        Solution of eq. (16).
+        Settings of eq. (16).
     printed_rcm : bool
-        Whether eq. (16) is as printed.
+        True for eq. (16) as printed.
     places_rcm : bool
-        Whether the estimator gives the imaged RCM.
+        True if the estimator computes the imaged RCM.
     spares_marker : bool
-        Whether the estimator goes on while one marker is lost.
+        True if the estimator continues while one marker is lost.
     gate : Gate
         Bounds on every command.
     thresholds : Thresholds
-        Values from which on something is a fault.
+        Thresholds of the checks.
     exploration : Exploration
-        First motion.
+        Settings of the exploration.
     period : int
         Time from tick to tick, ns.
     """
@@ -71,16 +70,18 @@ class KernelParameters:
 
 
 class TickContext(NamedTuple):
-    """All that the compiled parts of a tick read and write, but for the estimator's own memory.
+    """State, inputs and settings of a tick, shared by its compiled functions.
+
+    The estimator's own memory is not part of it.
 
     Parameters
     ----------
     stored : Stored
-        State, which the tick writes over.
+        State, which the tick overwrites.
     observation : ObservationRow
-        What the plant read, in the state too.
+        Observation of this tick; a part of the state.
     setpoint : SetpointRow
-        Target and request, in the state too.
+        Target and request of this tick; a part of the state.
     parameters : KernelParameters
         Settings.
     """
@@ -93,14 +94,14 @@ class TickContext(NamedTuple):
 
 @compiled
 def rcm_of(parameters: KernelParameters) -> Rcm:
-    """Return the mechanism and marker 1."""
-    known = parameters.rcm
-    lower, upper = known.lower, known.upper
+    """Return the mechanism with marker 1 as a tuple."""
+    rcm = parameters.rcm
+    lower, upper = rcm.lower, rcm.upper
     low, high = (lower[0], lower[1], lower[2]), (upper[0], upper[1], upper[2])
-    return Rcm(known.kind, known.zero, low, high)
+    return Rcm(rcm.kind, rcm.zero, low, high)
 
 
 @compiled
 def shaft_of(parameters: KernelParameters) -> Shaft:
-    """Return where the markers are on the tool."""
+    """Return the position of marker 2 on the tool as a tuple."""
     return Shaft(parameters.tool.kind, parameters.tool.value)

@@ -1,4 +1,4 @@
-"""What a tick writes over what was known: nothing learnt, a rule begun anew, another way to go."""
+"""Resets of parts of the state: estimation, stall rule and requested motion."""
 
 import numpy as np
 
@@ -9,20 +9,21 @@ from rcmservo.servo.state import Decision, Stored
 
 
 @compiled
-def forget(s: Stored) -> None:
-    """Nothing learnt: Ĵ = 0."""
-    e, tour = s.estimate, s.tour
-    fill(e.points, np.nan)
-    fill(e.p1, np.nan)
-    fill(e.o_c, np.nan)
-    fill(e.o_c_covariance, np.nan)
-    fill(e.y, np.nan)
-    fill(e.delta, np.nan)
-    fill(e.ahead, np.nan)
-    fill(e.J_hat, 0.0)
-    fill(e.law_jacobian, 0.0)
-    fill(e.law_error, 0.0)
-    e.exposure, e.line_count, e.rcm_condition, e.condition = -1, 0, np.inf, np.inf
+def reset_estimation(stored: Stored) -> None:
+    """Reset estimate and exploration to the state before the first frame, with Ĵ = 0."""
+    estimate, tour = stored.estimate, stored.tour
+    fill(estimate.points, np.nan)
+    fill(estimate.p1, np.nan)
+    fill(estimate.o_c, np.nan)
+    fill(estimate.o_c_covariance, np.nan)
+    fill(estimate.y, np.nan)
+    fill(estimate.delta, np.nan)
+    fill(estimate.ahead, np.nan)
+    fill(estimate.J_hat, 0.0)
+    fill(estimate.law_jacobian, 0.0)
+    fill(estimate.law_error, 0.0)
+    estimate.exposure, estimate.line_count = -1, 0
+    estimate.rcm_condition, estimate.condition = np.inf, np.inf
     fill(tour.home, 0.0)
     fill(tour.sides, 0.0)
     fill(tour.goal, 0.0)
@@ -32,22 +33,22 @@ def forget(s: Stored) -> None:
 
 
 @compiled
-def forget_but_places(s: Stored) -> None:
-    """Nothing learnt, but for where the markers were seen last."""
-    points, p1 = s.estimate.points.copy(), s.estimate.p1.copy()
-    forget(s)
-    put(s.estimate.points, points)
-    put(s.estimate.p1, p1)
+def reset_estimation_except_markers(stored: Stored) -> None:
+    """Reset the estimation but preserve the last accepted positions of the markers."""
+    points, p1 = stored.estimate.points.copy(), stored.estimate.p1.copy()
+    reset_estimation(stored)
+    put(stored.estimate.points, points)
+    put(stored.estimate.p1, p1)
 
 
 @compiled
-def restart(d: Decision, now: int) -> None:
-    """The rule on stalls begins anew, counted from `now` ns."""
-    d.peak, d.peak_time = np.inf, now
+def restart_stall_rule(decision: Decision, now: int) -> None:
+    """Restart the rule that detects a stall, counted from `now` ns."""
+    decision.peak, decision.peak_time = np.inf, now
 
 
 @compiled
-def stand(d: Decision) -> None:
-    """Want to stand still."""
-    fill(d.v, 0.0)
-    fill(d.rates, 0.0)
+def request_rest(decision: Decision) -> None:
+    """Set the requested velocity and joint rates to zero."""
+    fill(decision.v, 0.0)
+    fill(decision.rates, 0.0)

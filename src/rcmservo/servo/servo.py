@@ -1,7 +1,7 @@
-"""The servo: features, imaged RCM, estimate, law and gate composed into one pure step.
+"""Servo: features, imaged RCM, estimation, control law and gate composed into one pure step.
 
-No clock, no input, no output: the same state and observation always give the same answer. What
-can be compiled of a step is one function in tick.py.
+It has no clock, input or output: the same state and observation always give the same result. The
+compiled part of a step is one function in tick.py.
 """
 
 from dataclasses import dataclass, field
@@ -30,40 +30,59 @@ from rcmservo.safety.monitor_state import begin
 from rcmservo.safety.state_machine import REQUESTS, Mode, ModeStruct, Phase, Request
 from rcmservo.safety.thresholds import Thresholds
 from rcmservo.servo.kernel_parameters import KernelParameters
-from rcmservo.servo.state import Decision, EstimatorMemory, State, Stored, ignorance
+from rcmservo.servo.state import Decision, EstimatorMemory, State, Stored, initial_estimation_rows
 from rcmservo.servo.tick import begin_tick, finish_tick, tick_of
-from rcmservo.servo.update_estimate import LEARN
-from rcmservo.servo.user_estimator import examine, failure_of, kernel_of, learner, time_anew
-from rcmservo.servo.user_features import examine_features, linearise
+from rcmservo.servo.update_estimate import FRAME_UPDATES
+from rcmservo.servo.user_estimator import (
+    examine,
+    failure_of,
+    guard_estimator,
+    kernel_of,
+    reset_slowest,
+)
+from rcmservo.servo.user_features import check_feature_vector, linearise
 
-STILL = np.zeros(3)
-WARM_UP = 8
+ZERO_RATES = np.zeros(3)
+WARM_UP_TICKS = 8
+"""Number of made-up ticks that compile all functions of a step."""
 
 
 @dataclass(frozen=True)
 class Servo(Checked):
-    """The paper's block diagram. What the robot knows of itself, and a choice for every box.
+    """Servo of the paper's block diagram: what the robot knows of itself, and one part per block.
+
+    ``init`` makes the first state and ``step`` the next one. Both are pure.
 
     Parameters
     ----------
     mechanism : Kinematics
-        The arm's kinematics.
+        Kinematics of the arm, eq. (1)-(2).
     tool : Tool
-        Where the markers are on the tool.
+        Positions of the markers on the tool.
     estimator : Estimator
-        How Ĵ is learnt.
+        Estimator of Ĵ, eq. (17)-(30).
     controller : SaturatedController
-        The law.
+        Control law, eq. (31)-(32).
     exploration : Exploration
-        The first motion, from nothing.
+        First motion, while no estimate is known.
     imaged_rcm : ImagedRcm
-        How the imaged RCM is computed.
+        Computation of the imaged RCM, eq. (16).
     gate : Gate
         Bounds on every command.
     thresholds : Thresholds
-        From where on something is a fault.
+        Thresholds of the checks.
     rate : float
-        Number of ticks a second that it is stepped at.
+        Ticks per second, Hz: at least two within the gate's deadline, at most 1000.
+
+    Raises
+    ------
+    BadInput
+        If `rate` is out of range, or if the estimator does not estimate what the features of the
+        controller need.
+
+    References
+    ----------
+    Sections II and III of the paper.
     """
 
     mechanism: Kinematics
@@ -78,31 +97,31 @@ class Servo(Checked):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        good = self.rate * self.gate.deadline >= 2.0 and self.rate <= 1000.0
-        right = "at least two ticks in gate.deadline, and at most 1000 Hz"
-        require(good, "rate", self.rate, right)
+        in_range = self.rate * self.gate.deadline >= 2.0 and self.rate <= 1000.0
+        expected = "at least two ticks in gate.deadline, and at most 1000 Hz"
+        require(in_range, "rate", self.rate, expected)
         features, estimator = self.controller.features, self.estimator
-        needs = self.controller.feature_vector
-        known = not needs.needs_motion or estimator.tells_motion
-        right = "'srd', or an estimator that tells the markers' motion, such as dlt or projection"
-        require(known, "controller.features", features, right)
-        known = not needs.needs_sizes or estimator.tells_size_motion
-        right = "'srd' or 'points', or an estimator that tells how sizes change, such as affine"
-        require(known, "controller.features", features, right)
+        vector = self.controller.feature_vector
+        suffices = not vector.needs_motion or estimator.tells_motion
+        expected = "'srd', or an estimator of the markers' motion, such as dlt or projection"
+        require(suffices, "controller.features", features, expected)
+        suffices = not vector.needs_sizes or estimator.tells_size_motion
+        expected = "'srd' or 'points', or an estimator of how sizes change, such as affine"
+        require(suffices, "controller.features", features, expected)
 
     @cached_property
     def learner(self) -> Estimator:
-        """The estimator as a step calls it: a user's own through a guard."""
-        return learner(self.estimator)
+        """Estimator that a step calls: a user-defined one in a guard."""
+        return guard_estimator(self.estimator)
 
     @cached_property
     def period(self) -> int:
-        """Ns from tick to tick."""
+        """Time from tick to tick in ns."""
         return round(1e9 / self.rate)
 
     @cached_property
     def rcm(self) -> Rcm:
-        """The mechanism and marker 1, as compiled functions know them."""
+        """Mechanism with marker 1, as compiled functions take it."""
         return self.mechanism.rcm(self.tool.offset)
 
     @cached_property
@@ -112,12 +131,12 @@ class Servo(Checked):
 
     @cached_property
     def kernel(self) -> EstimatorKernel | None:
-        """Compiled form of the estimator; None where it or the feature vector does not compile."""
+        """Compiled form of the estimator; None if it or the feature vector does not compile."""
         return None if self.features.code == INTERPRETED else kernel_of(self.estimator)
 
     @cached_property
     def parameters(self) -> Rows[KernelParameters]:
-        """Settings as the compiled functions take them."""
+        """Settings as compiled functions take them."""
         return as_row(
             KernelParameters(
                 rcm=self.rcm,
@@ -138,162 +157,197 @@ class Servo(Checked):
         )
 
     def marker_1(self, q: Floats) -> Floats:
-        """p₁ (3,) mm at the joints q (3,)."""
+        """Return the position p₁ (3,) of marker 1 in mm at the joints q (3,), eq. (2)."""
         return position(self.rcm, q)
 
     def demand(self, target: Target) -> None:
-        """BadInput for a target that does not tell what the law acts on."""
-        known = not self.features.needs_sizes or bool(np.isfinite(target.sizes).all())
+        """Raise `BadInput` if a target lacks the marker sizes that the law needs."""
+        suffices = not self.features.needs_sizes or bool(np.isfinite(target.sizes).all())
         name = self.controller.features
-        right = f"shown with the markers' sizes, on which controller.features = {name!r} acts"
-        require(known, "target", "one without", right)
+        expected = f"taught with the markers' sizes, on which controller.features = {name!r} acts"
+        require(suffices, "target", "one without", expected)
 
     def init(self) -> State:
-        """Nothing seen, nothing known: Ĵ = 0, drive off."""
+        """Return the state before the first observation: Ĵ = 0, drive off."""
         rest = CommandStruct.from_source(self.gate.rest())
         decision = Decision.of(command=rest, blocked=-1, astray=-1, peak=np.inf, moved=-1)
-        stored = Stored.of(decision=decision, watch=begin(), **ignorance())
-        return State(stored, self._nothing())
+        stored = Stored.of(decision=decision, watch=begin(), **initial_estimation_rows())
+        return State(stored, self._initial_memory())
 
-    def _nothing(self) -> EstimatorMemory | tuple[()]:
-        """The estimator's memory while nothing is known."""
+    def _initial_memory(self) -> EstimatorMemory | tuple[()]:
+        """Return the memory of the estimator before the first frame."""
         if self.kernel is not None and self.kernel.places_rcm:
             return ()
         return EstimatorMemory(self.imaged_rcm.init()[0], self.learner.init())
 
     def again(self, state: State) -> State:
-        """The state to begin another run with: drive off, at rest, with what was learnt. A fault
-        stays one.
+        """Return the state with which another run begins: drive off, at rest, estimate preserved.
 
-        The tool may have been moved by hand since, but if the camera was, nothing but a new look
-        can tell.
-        """
-        mode = state.mode if state.phase is Phase.FAULT else Mode()
-        rest = CommandStruct.from_source(self.gate.rest())
-        decision = changed(state.decision, mode=ModeStruct.from_source(mode), command=rest)
-        parts, memory, places = ignorance(), state.memory, state.stored.estimate
-        if state.explored:
-            tour = changed(state.stored.tour, begun=False, no_room=False)
-            parts = {"estimate": changed(places, exposure=-1), "tour": tour}
-        else:
-            known = {"points": places.points, "p1": places.p1}
-            parts["estimate"], memory = changed(parts["estimate"], **known), self._nothing()
-        stored = changed(state.stored, decision=decision, watch=begin(), **parts)
-        return State(stored, memory, state.target, mode.detail)
-
-    def warm_up(self) -> None:
-        """Compile all that `step` calls, on made-up observations, so that nothing compiles while an
-        arm moves. Estimator and feature vector are tried first, and refused if they fail.
-        """
-        examine(self.estimator, self.tool)
-        examine_features(self.features)
-        state, q = self.init(), np.mean(self.mechanism.limits.arrays, axis=0)
-        points = np.array([[100.0, 50.0], [200.0, 100.0]])
-        for k in range(WARM_UP):
-            state = self.step(state, self._made_up(k, q, points), Target(points, q))
-        passed = self.gate.admit(STILL, state.command, q, self.rcm, state.command.time + 1)
-        self.gate.stop(passed.command, passed.command.time + 1)
-        time_anew(self.learner)
-
-    def _made_up(self, k: int, q: Floats, points: Floats) -> Observation:
-        """The k-th observation of a tool that turns a little."""
-        now, at = (k + 1) * self.period, q + 1e-3 * k
-        turned = points + k * np.array([[0.5, -1.0], [1.0, -3.0]])
-        return Observation(now, at, now, True, np.zeros(3), k, now - 1, now, at, turned)
-
-    def step(
-        self,
-        state: State,
-        seen: Observation,
-        target: Target,
-        request: Request = Request.NONE,
-        jog: Floats = STILL,
-    ) -> State:
-        """One tick, from the observation to the command in the state that is returned.
-
-        The checks accept or reject the frame, the estimator updates o_c and Ĵ from an accepted one,
-        and the controller, the checks, the state machine and the gate conclude (tick.py). Where the
-        estimator compiles, all of it is one compiled function; where it does not, it is called in
-        Python once per frame.
+        FAULT remains. The tool may have been moved by hand since. A camera that was moved is
+        detected only by the first frames of the run.
 
         Parameters
         ----------
         state : State
-            State after the tick before.
-        seen : Observation
+            State after the earlier run.
+
+        Returns
+        -------
+        State
+            Initial state, with the estimate if exploration had ended.
+        """
+        mode = state.mode if state.phase is Phase.FAULT else Mode()
+        rest = CommandStruct.from_source(self.gate.rest())
+        decision = changed(state.decision, mode=ModeStruct.from_source(mode), command=rest)
+        parts, memory, estimate = initial_estimation_rows(), state.memory, state.stored.estimate
+        if state.explored:
+            tour = changed(state.stored.tour, begun=False, no_room=False)
+            parts = {"estimate": changed(estimate, exposure=-1), "tour": tour}
+        else:
+            markers = {"points": estimate.points, "p1": estimate.p1}
+            parts["estimate"] = changed(parts["estimate"], **markers)
+            memory = self._initial_memory()
+        stored = changed(state.stored, decision=decision, watch=begin(), **parts)
+        return State(stored, memory, state.target, mode.detail)
+
+    def warm_up(self) -> None:
+        """Compile every function that `step` calls, so that nothing compiles while an arm moves.
+
+        The observations are made up. A user-defined estimator and the feature vector are checked
+        first.
+
+        Raises
+        ------
+        UnusableEstimator
+            If a user-defined estimator fails or is not pure.
+        BadInput
+            If the feature vector fails, or if its Jacobian is not its derivative.
+        """
+        examine(self.estimator, self.tool)
+        check_feature_vector(self.features)
+        state, q = self.init(), np.mean(self.mechanism.limits.arrays, axis=0)
+        points = np.array([[100.0, 50.0], [200.0, 100.0]])
+        for k in range(WARM_UP_TICKS):
+            state = self.step(state, self._warm_up_observation(k, q, points), Target(points, q))
+        passed = self.gate.admit(ZERO_RATES, state.command, q, self.rcm, state.command.time + 1)
+        self.gate.stop(passed.command, passed.command.time + 1)
+        reset_slowest(self.learner)
+
+    def _warm_up_observation(self, k: int, q: Floats, points: Floats) -> Observation:
+        """Return the k-th observation of a tool that turns a little."""
+        now, q_k = (k + 1) * self.period, q + 1e-3 * k
+        moved = points + k * np.array([[0.5, -1.0], [1.0, -3.0]])
+        return Observation(now, q_k, now, True, np.zeros(3), k, now - 1, now, q_k, moved)
+
+    def step(
+        self,
+        state: State,
+        observation: Observation,
+        target: Target,
+        request: Request = Request.NONE,
+        jog: Floats = ZERO_RATES,
+    ) -> State:
+        """Make one tick, from the observation to the command.
+
+        The checks compare the frame with the prediction of the projection fit and accept or reject
+        it. The estimator updates o_c and Ĵ from an accepted frame. The controller predicts the
+        error for the present joints and computes v and the joint rates. The checks collect the
+        causes, the state machine chooses the mode, and the gate bounds the rates. These steps are
+        the functions `step` and `conclude` of tick.py. An estimator that does not compile runs in
+        Python, once per frame.
+
+        Parameters
+        ----------
+        state : State
+            State after the previous tick. It does not change.
+        observation : Observation
             Joints, and markers of the newest frame.
         target : Target
-            Markers to bring the tool to.
+            Target of the motion.
         request : Request
             Request of the operator at this tick.
         jog : array
-            Joint rates (3,) rad/s, rad/s, mm/s, where that is to move them by hand.
+            Requested joint rates (3,) in rad/s, rad/s, mm/s if the request is JOG.
+
+        Returns
+        -------
+        State
+            State after this tick, with the command.
         """
         stored, is_new = copied(state.stored), target is not state.target
-        numbers, failure = observed_numbers(seen), ""
-        setpoint = target.points, target.q, target.shown, is_new, REQUESTS.index(request), jog
+        numbers, code = observed_numbers(observation), REQUESTS.index(request)
+        setpoint = target.points, target.q, target.shown, is_new, code, jog
         kernel: Any = self.kernel
         if kernel is not None:
-            memory, changes = tick_of(cast(Any, type(kernel)))(
-                stored.rows, state.memory, numbers, setpoint, tuple(kernel), self.parameters
+            tick = tick_of(cast(Any, type(kernel)))
+            settings, failure = tuple(kernel), ""
+            memory, cause_changed = tick(
+                stored.rows, state.memory, numbers, setpoint, settings, self.parameters
             )
         else:
-            lines, own = cast(EstimatorMemory, state.memory)
-            rows, known = stored.rows, self.parameters
-            lines, news, dt = begin_tick(rows, lines, numbers, setpoint, known)
-            if news == LEARN:
-                own, failure = self._estimate(stored, own, seen, target, dt)
-            failure = failure or failure_of(own)
+            lines, own_memory = cast(EstimatorMemory, state.memory)
+            rows, parameters, failure = stored.rows, self.parameters, ""
+            lines, frame_result, dt = begin_tick(rows, lines, numbers, setpoint, parameters)
+            if frame_result == FRAME_UPDATES:
+                own_memory, failure = self._update_estimate(
+                    stored, own_memory, observation, target, dt
+                )
+            failure = failure or failure_of(own_memory)
             cast(Any, stored.estimated.rows)["failed"] = failure != ""
-            forgotten = finish_tick(rows, news, known)
-            memory = self._nothing() if forgotten else EstimatorMemory(lines, own)
-            changes = stored.decision.mode.cause != state.decision.mode.cause
+            was_reset = finish_tick(rows, frame_result, parameters)
+            memory = self._initial_memory() if was_reset else EstimatorMemory(lines, own_memory)
+            cause_changed = stored.decision.mode.cause != state.decision.mode.cause
         after = State(stored, memory, target, state.detail)
-        return after._replace(detail=failure or self._detail(after, seen)) if changes else after
+        if not cause_changed:
+            return after
+        return after._replace(detail=failure or self._detail(after, observation))
 
-    def _estimate(
-        self, stored: Stored, own: Any, seen: Observation, target: Target, dt: float
+    def _update_estimate(
+        self, stored: Stored, memory: Any, observation: Observation, target: Target, dt: float
     ) -> tuple[Any, str]:
-        """Update an estimator or feature vector that does not compile by an accepted frame, dt s
-        after the one before; return its memory, and how the feature vector failed. A lost marker is
-        where the fit of all frames has it.
+        """Update an estimator that does not compile by an accepted frame, dt s after the last one.
+
+        A lost marker is replaced by the prediction of the projection fit. Return the memory of the
+        estimator, and the failure message of the feature vector.
         """
-        learner, tool, e, failure = self.learner, self.tool, stored.estimate, ""
-        sample = Sample(e.p1, seen.points, e.o_c, dt, seen.sizes)
-        own = learner.update(own, tool, sample)
-        points, is_seen = learner.located(own, tool, sample), np.isfinite(seen.points)
-        if not is_seen.all():
-            points = np.where(is_seen, points, located(stored.prospect.rows[0], e.p1, tool.shaft))
-        placed, numbers = learner.imaged_rcm(own), dict[str, Any]()
-        if placed is None:
-            numbers["J_hat"] = learner.jacobian(own, tool, sample)
+        estimator, tool, estimate, failure = self.learner, self.tool, stored.estimate, ""
+        sample = Sample(estimate.p1, observation.points, estimate.o_c, dt, observation.sizes)
+        memory = estimator.update(memory, tool, sample)
+        points, detected = estimator.located(memory, tool, sample), np.isfinite(observation.points)
+        if not detected.all():
+            predicted = located(stored.projection_fit.rows[0], estimate.p1, tool.shaft)
+            points = np.where(detected, points, predicted)
+        imaged_rcm, numbers = estimator.imaged_rcm(memory), dict[str, Any]()
+        if imaged_rcm is None:
+            numbers["J_hat"] = estimator.jacobian(memory, tool, sample)
         else:
-            numbers["o_c"], numbers["o_c_covariance"] = placed
-        if placed is not None or self.features.needs_motion:
-            numbers["motion"] = learner.motion(own, tool, sample)
-        result = Estimated.of(points=points, placed=placed is not None, **numbers)
+            numbers["o_c"], numbers["o_c_covariance"] = imaged_rcm
+        if imaged_rcm is not None or self.features.needs_motion:
+            numbers["motion"] = estimator.motion(memory, tool, sample)
+        result = Estimated.of(points=points, placed=imaged_rcm is not None, **numbers)
         cast(Any, stored.rows)["estimated"] = result.rows
         if self.features.code == INTERPRETED:
-            failure = self._measure(stored, own, sample, target)
-        return own, failure
+            failure = self._measure_features(stored, memory, sample, target)
+        return memory, failure
 
-    def _measure(self, stored: Stored, own: Any, sample: Sample, target: Target) -> str:
-        """Measure a feature vector that does not compile; return how it failed."""
-        e, result, sizes = stored.estimate, stored.estimated, sample.sizes.copy()
+    def _measure_features(self, stored: Stored, memory: Any, sample: Sample, target: Target) -> str:
+        """Measure a feature vector that does not compile and return its failure message."""
+        estimate, result, sizes = stored.estimate, stored.estimated, sample.sizes.copy()
         points, motion = result.points.copy(), result.motion
-        o_c = (result.o_c if result.placed else e.o_c).copy()
+        o_c = (result.o_c if result.placed else estimate.o_c).copy()
         if self.features.leaves_out_lost:
             points[~np.isfinite(sample.points)] = np.nan
         if self.features.needs_sizes:
-            motion = np.vstack([motion, self.learner.size_motion(own, self.tool, sample)])
-        aim = MarkerPair(target.points, target.sizes, o_c)
+            motion = np.vstack([motion, self.learner.size_motion(memory, self.tool, sample)])
+        desired = MarkerPair(target.points, target.sizes, o_c)
         markers = MarkerPair(points, sizes, o_c)
-        error, jacobian, failure = linearise(self.features, markers, aim, motion)
-        e.law_error[: len(error)], e.law_jacobian[: len(error)] = error, jacobian
+        error, jacobian, failure = linearise(self.features, markers, desired, motion)
+        n = len(error)
+        estimate.law_error[:n], estimate.law_jacobian[:n] = error, jacobian
         return failure
 
-    def _detail(self, state: State, seen: Observation) -> str:
-        """What a person should know of a cause that is new."""
+    def _detail(self, state: State, observation: Observation) -> str:
+        """Return the addition to the sentence of a new cause."""
         advice = self.estimator.advice
-        facts = DetailFacts(seen, state.watch, self.mechanism, self.thresholds, advice)
+        facts = DetailFacts(observation, state.watch, self.mechanism, self.thresholds, advice)
         return state.cause.declared.detail(facts)

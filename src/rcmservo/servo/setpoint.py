@@ -14,17 +14,17 @@ class Setpoint(NamedTuple):
     Parameters
     ----------
     points : Floats
-        The target's markers (2, 2) raw px.
+        Raw markers (2, 2) of the target in px.
     q : Floats
-        The joints (3,) while it was taught.
+        Joint values (3,) in rad, rad, mm during teaching.
     shown : int
-        When it was taught, ns.
+        Time of teaching, ns.
     is_new : bool
-        Whether it is another target than at the last tick.
+        True if the target differs from that of the last tick.
     request : int
-        Code of the operator's request: its position in Request.
+        Code of the operator's request: its position in `Request`.
     jog : Floats
-        Requested joint rates (3,) rad/s, rad/s, mm/s where that is JOG.
+        Requested joint rates (3,) in rad/s, rad/s, mm/s if the request is JOG.
     """
 
     points: Annotated[Floats, (2, 2)]
@@ -36,13 +36,13 @@ class Setpoint(NamedTuple):
 
 
 class SetpointRow(Struct, source=Setpoint):
-    """Setpoint in the state. A row is passed on without counting who refers to it."""
+    """Setpoint in the state; a row passes to a compiled function without reference counting."""
 
 
 @compiled
-def store_setpoint(row: SetpointRow, given: Setpoint) -> None:
-    """Copy the setpoint into a row."""
-    row.shown, row.is_new, row.request = given.shown, given.is_new, given.request
-    put(row.points, given.points)
-    put(row.q, given.q)
-    put(row.jog, given.jog)
+def store_setpoint(row: SetpointRow, setpoint: Setpoint) -> None:
+    """Copy a setpoint into a row."""
+    row.shown, row.is_new, row.request = setpoint.shown, setpoint.is_new, setpoint.request
+    put(row.points, setpoint.points)
+    put(row.q, setpoint.q)
+    put(row.jog, setpoint.jog)

@@ -1,4 +1,4 @@
-"""What the servo remembers from tick to tick, in three parts: watched, learnt, decided."""
+"""State of the servo from tick to tick: observations, estimate, decision, estimator memory."""
 
 from typing import Any, NamedTuple
 
@@ -21,104 +21,108 @@ NO_LINES = np.zeros((0, 4))
 
 
 class Decision(TargetProgress):
-    """What the servo decided: its mode, what it wants of the arm, its progress, and the last
-    command.
-    """
+    """Decision of a tick: mode, joint rates before and after the gate, and progress."""
 
-    mode: ModeStruct = part(ModeStruct, "phase, and why")
-    command: CommandStruct = part(CommandStruct, "the last command")
-    v: Floats = reals(3, "mm/s", "velocity wanted of marker 1")
-    rates: Floats = reals(3, "rad/s, rad/s, mm/s", "the joint rates that make it")
+    mode: ModeStruct = part(ModeStruct, "phase and cause")
+    command: CommandStruct = part(CommandStruct, "last command")
+    v: Floats = reals(3, "mm/s", "requested velocity of marker 1")
+    rates: Floats = reals(3, "rad/s, rad/s, mm/s", "requested joint rates, before the gate")
 
 
 class Workspace(Row):
-    """Intermediate results of a tick. In the state they need no memory of their own."""
+    """Intermediate results of a tick, stored in the state so that a tick allocates no memory."""
 
-    p1: Floats = reals(3, "mm", "marker 1 at the exposure of a new frame")
-    points: Floats = reals((2, 2), "px", "markers there, a lost one by the fit")
-    m: Floats = reals(4, "px", "markers about the imaged RCM")
-    m_d: Floats = reals(4, "px", "markers of the target about it")
+    p1: Floats = reals(3, "mm", "marker 1 at the exposure of the newest frame")
+    points: Floats = reals(
+        (2, 2), "px", "raw markers in that frame, a lost one as the fit predicts"
+    )
+    m: Floats = reals(4, "px", "markers relative to the imaged RCM")
+    m_d: Floats = reals(4, "px", "markers of the target relative to the imaged RCM")
     J_m: Floats = reals((3, 4), "rad/px, 1, 1", "∂y/∂m")
-    J: Floats = reals((MAX_FEATURES, 3), "", "Jacobian of the law's features, scaled")
-    error: Floats = reals(MAX_FEATURES, "", "error in these, scaled")
+    J: Floats = reals((MAX_FEATURES, 3), "", "scaled Jacobian of the law's features")
+    error: Floats = reals(MAX_FEATURES, "", "scaled error of the law's features")
 
 
 class Stored(Row):
-    """State that a tick changes, without the estimator's memory. All of it is one row: each array
-    that a compiled function is passed costs as much as what it does with it.
+    """State that a tick changes, except for the estimator's memory, in one row.
+
+    One row is passed instead of many arrays, because every array that is passed to a compiled
+    function costs as much time as the work on it.
     """
 
-    watch: Watch = part(Watch, "what the checks remember")
-    estimate: Estimate = part(Estimate, "what frames have taught, in numbers")
-    tour: Exploring = part(Exploring, "where an exploration stands")
-    decision: Decision = part(Decision, "mode, wishes and command")
-    prospect: Prospect = part(Prospect, "what the camera should see")
+    watch: Watch = part(Watch, "state of the checks")
+    estimate: Estimate = part(Estimate, "estimate from the accepted frames")
+    tour: Exploring = part(Exploring, "state of the exploration")
+    decision: Decision = part(Decision, "mode, requested velocity and command")
+    projection_fit: Prospect = part(Prospect, "fit that predicts the markers")
     setpoint: SetpointRow = part(SetpointRow, "target and request of this tick")
-    work: Workspace = part(Workspace, "intermediate results")
+    workspace: Workspace = part(Workspace, "intermediate results")
     estimated: Estimated = part(Estimated, "result of the estimator for the newest frame")
 
 
 class EstimatorMemory(NamedTuple):
-    """Memory of an estimator that works about the imaged RCM of eq. (16).
+    """Memory of an estimator that uses the imaged RCM of eq. (16).
 
     Parameters
     ----------
     lines : Floats
-        The imaged tool's lines that eq. (16) is made of.
+        Lines of the imaged tool (n, 4) from which eq. (16) computes the imaged RCM.
     memory : Any
-        The estimator's own memory.
+        Memory of the estimator itself.
     """
 
     lines: Floats
     memory: Any
 
 
-class Learnt(NamedTuple):
-    """All that is forgotten when the estimate is learnt anew.
+class EstimationState(NamedTuple):
+    """Part of the state that a restart of the estimation resets.
 
     Parameters
     ----------
     estimate : Estimate
-        What frames have taught, in numbers.
+        Estimate from the accepted frames.
     lines : Floats
-        The imaged tool's lines that eq. (16) is made of.
-    prospect : Prospect
-        What the camera should see.
+        Lines of the imaged tool (n, 4) from which eq. (16) computes the imaged RCM.
+    projection_fit : Prospect
+        Fit that predicts the markers.
     memory : Any
-        The estimator's own memory.
+        Memory of the estimator.
     tour : Exploring
-        Where an exploration stands.
+        State of the exploration.
     """
 
     estimate: Estimate
     lines: Floats
-    prospect: Prospect
+    projection_fit: Prospect
     memory: Any
     tour: Exploring
 
 
-def ignorance() -> dict[str, Row]:
-    """Nothing learnt yet, by the parts of what is stored: Ĵ = 0."""
+def initial_estimation_rows() -> dict[str, Row]:
+    """Return the estimation parts of `Stored` before the first frame, with Ĵ = 0."""
     unknown = dict.fromkeys(
         ("points", "o_c", "o_c_covariance", "p1", "y", "delta", "ahead"), np.nan
     )
     estimate = Estimate.of(exposure=-1, rcm_condition=np.inf, condition=np.inf, **unknown)
-    return {"estimate": estimate, "prospect": blank(), "tour": Exploring.of()}
+    return {"estimate": estimate, "projection_fit": blank(), "tour": Exploring.of()}
 
 
 class State(NamedTuple):
-    """All that the servo remembers, and what it decided at the last tick.
+    """State of the servo after a tick, with the command of that tick.
+
+    `Servo.init` makes the first state and `Servo.step` the next one. A state never changes.
 
     Parameters
     ----------
     stored : Stored
-        Its numbers.
+        Numbers of the state.
     memory : EstimatorMemory or tuple[()]
-        The estimator's memory; nothing where the fit of the projection is all that it is.
+        Memory of the estimator; empty for an estimator that uses only the fit of the projection.
     target : Target or None
-        Where it servoes to.
+        Target of the last tick.
     detail : str
-        What a person should know beside the cause's sentence, such as which joint it is.
+        Addition to the sentence of the cause, such as the joint concerned.
     """
 
     stored: Stored
@@ -126,10 +130,14 @@ class State(NamedTuple):
     target: Target | None = None
     detail: str = ""
 
-    def but(
-        self, *, mode: Mode | None = None, watch: Watch | None = None, learnt: Learnt | None = None
+    def with_changes(
+        self,
+        *,
+        mode: Mode | None = None,
+        watch: Watch | None = None,
+        estimation: EstimationState | None = None,
     ) -> "State":
-        """The same state with some parts changed."""
+        """Return a copy of the state in which the given parts are replaced."""
         parts: dict[str, Row] = {} if watch is None else {"watch": watch}
         detail, memory = self.detail, self.memory
         if mode is not None:
@@ -137,104 +145,105 @@ class State(NamedTuple):
                 changed(self.decision, mode=ModeStruct.from_source(mode)),
                 mode.detail,
             )
-        if learnt is not None:
-            parts |= {name: getattr(learnt, name) for name in ("estimate", "prospect", "tour")}
-            memory = self.memory and EstimatorMemory(learnt.lines, learnt.memory)
+        if estimation is not None:
+            names = ("estimate", "projection_fit", "tour")
+            parts |= {name: getattr(estimation, name) for name in names}
+            memory = self.memory and EstimatorMemory(estimation.lines, estimation.memory)
         return State(changed(self.stored, **parts), memory, self.target, detail)
 
     @property
     def decision(self) -> Decision:
-        """What it decided: mode, wishes, command."""
+        """Mode, requested velocity, command and progress."""
         return self.stored.decision
 
     @property
     def watch(self) -> Watch:
-        """What the checks for faults remember."""
+        """State of the checks."""
         return self.stored.watch
 
     @property
-    def learnt(self) -> Learnt:
-        """What it has learnt of camera and tool."""
+    def learnt(self) -> EstimationState:
+        """Estimate, exploration and estimator memory."""
         stored = self.stored
-        lines, memory = self.memory or (NO_LINES, stored.prospect.rows)
-        return Learnt(stored.estimate, lines, stored.prospect, memory, stored.tour)
+        lines, memory = self.memory or (NO_LINES, stored.projection_fit.rows)
+        return EstimationState(stored.estimate, lines, stored.projection_fit, memory, stored.tour)
 
     @property
     def mode(self) -> Mode:
-        """Its phase, and why."""
+        """Phase, cause and detail."""
         return Mode(**self.decision.mode.values(), detail=self.detail)
 
     @property
     def command(self) -> Command:
-        """What the gate passed."""
+        """Command that the gate made at the last tick."""
         return command_of(self.decision.command)
 
     @property
     def phase(self) -> Phase:
-        """What the servo is doing."""
+        """Phase of the state machine."""
         return PHASES[int(self.decision.mode.phase)]
 
     @property
     def cause(self) -> Cause:
-        """Why it is not simply on its way."""
+        """Cause of the phase; NONE in undisturbed operation."""
         return CAUSES[int(self.decision.mode.cause)]
 
     @property
     def words(self) -> str:
-        """Phase, cause and way out in words."""
+        """Sentence for the operator with phase, cause and remedy."""
         return self.mode.words
 
     @property
     def frame(self) -> int:
-        """The newest frame seen, -1 before the first."""
+        """Number of the newest frame; -1 before the first."""
         return self.watch.frame
 
     @property
     def believed(self) -> int:
-        """The newest frame accepted, -1 before the first."""
+        """Number of the newest frame that the checks accepted; -1 before the first."""
         return self.watch.believed
 
     @property
     def explored(self) -> bool:
-        """Whether there is an estimate to servo with."""
+        """True once exploration has ended with an estimate to servo with."""
         return self.stored.tour.done
 
     @property
     def o_c(self) -> Floats:
-        """The imaged RCM (2,) px."""
+        """Imaged RCM (2,) of eq. (16) in raw px; NaN while unknown."""
         return self.stored.estimate.o_c
 
     @property
     def J_hat(self) -> Floats:
-        """Ĵ (3, 3) of eq. (14), rad/mm, px/mm, px/mm."""
+        """Estimated Jacobian Ĵ (3, 3) of eq. (14) in rad/mm, px/mm, px/mm."""
         return self.stored.estimate.J_hat
 
     @property
     def condition(self) -> float:
-        """Condition of the scaled Ĵ."""
+        """Condition number of the scaled Ĵ."""
         return self.stored.estimate.condition
 
     @property
     def p1(self) -> Floats:
-        """Marker 1 (3,) mm at the exposure of the newest frame believed."""
+        """Position (3,) of marker 1 in mm at the exposure of the newest accepted frame."""
         return self.stored.estimate.p1
 
     @property
     def y(self) -> Floats:
-        """The features (3,) rad, px, px."""
+        """Features (3,) of eq. (7) in rad, px, px at the exposure."""
         return self.stored.estimate.y
 
     @property
     def delta(self) -> Floats:
-        """Δy (3,) rad, px, px at the exposure."""
+        """Feature error Δy (3,) in rad, px, px at the exposure."""
         return self.stored.estimate.delta
 
     @property
     def v(self) -> Floats:
-        """Velocity (3,) mm/s wanted of marker 1."""
+        """Requested velocity (3,) of marker 1 in mm/s, eq. (31)."""
         return self.decision.v
 
     @property
     def moved(self) -> int:
-        """When the camera was last noticed to have been moved, ns; -1: never."""
+        """Time in ns at which the checks last detected a moved camera; -1 if never."""
         return self.decision.moved

@@ -1,10 +1,10 @@
-"""One tick, from observation to command, with an estimator that compiles: one compiled function.
+"""One tick from observation to command: as one compiled function, or around an estimator in Python.
 
-In a live loop nothing of a step is in the processor's caches any more, and every array and named
-tuple that is passed from Python, or back, costs as much as a good part of the tick: so there are as
-few as can be, and rows are written over. An estimator that does not compile is called in Python
-between `begin_tick` and `finish_tick`, which are made of the same parts: the answers are the same
-to the last bit.
+In a live loop a tick finds nothing in the processor's caches, and each array or named tuple that
+passes between Python and a compiled function costs a considerable part of the tick. Few are passed,
+and the rows of the state are overwritten. An estimator that does not compile runs in Python between
+`begin_tick` and `finish_tick`. Both consist of the same functions as the compiled tick, so the
+results are equal to the last bit.
 """
 
 from collections.abc import Callable
@@ -25,18 +25,19 @@ from rcmservo.servo.kernel_parameters import KernelParameters, TickContext
 from rcmservo.servo.setpoint import Setpoint, store_setpoint
 from rcmservo.servo.state import Stored
 from rcmservo.servo.update_estimate import (
-    LEARN,
+    FRAME_UPDATES,
     empty_memory,
     fit_frame,
-    take_estimate,
+    store_estimate,
     update_estimator,
 )
 
 
 @cache
 def tick_of(kind: type[EstimatorKernel]) -> Callable[..., tuple[Any, bool]]:
-    """Return the compiled tick of a class of estimator kernels. Its settings are passed as a plain
-    tuple, as a named one costs a twentieth of the tick.
+    """Return the compiled tick for a class of estimator kernels.
+
+    The settings of the kernel pass as a plain tuple: a named one costs a twentieth of the tick.
     """
     kernel_class: Any = kind
 
@@ -49,14 +50,33 @@ def tick_of(kind: type[EstimatorKernel]) -> Callable[..., tuple[Any, bool]]:
         settings: tuple[Any, ...],
         parameters: Rows[KernelParameters],
     ) -> tuple[Any, bool]:
-        """Write one tick over what is stored, with the numbers of an `ObservationStruct` and of a
-        `Setpoint`; return the estimator's memory, and whether the cause is another than before.
+        """Overwrite the stored state with that after the tick.
+
+        Parameters
+        ----------
+        rows : Rows[Stored]
+            State after the last tick.
+        memory : Any
+            Memory of the estimator.
+        observation : tuple
+            Numbers of an `ObservationStruct`.
+        setpoint : tuple
+            Numbers of a `Setpoint`.
+        settings : tuple
+            Settings of the estimator's kernel.
+        parameters : Rows[KernelParameters]
+            Settings of the other parts of the servo.
+
+        Returns
+        -------
+        tuple
+            Memory of the estimator, and True if the cause changed.
         """
         stored = rows[0]
         cause = stored.decision.mode.cause
         store_inputs(stored, observation, setpoint)
-        now = TickContext(stored, stored.watch.observation, stored.setpoint, parameters[0])
-        memory = step(kernel_class(*settings), memory, now)
+        context = TickContext(stored, stored.watch.observation, stored.setpoint, parameters[0])
+        memory = step(kernel_class(*settings), memory, context)
         return memory, stored.decision.mode.cause != cause
 
     return tick
@@ -64,41 +84,41 @@ def tick_of(kind: type[EstimatorKernel]) -> Callable[..., tuple[Any, bool]]:
 
 @compiled
 def store_inputs(stored: Stored, observation: tuple[Any, ...], setpoint: tuple[Any, ...]) -> None:
-    """Store what the tick is given: the plain tuples that pass from Python in the least time."""
+    """Copy the inputs of a tick into the state; plain tuples pass from Python in the least time."""
     store_observation(stored.watch.observation, ObservationStruct(*observation))
     store_setpoint(stored.setpoint, Setpoint(*setpoint))
 
 
 @compiled
-def step(kernel: Any, memory: Any, now: TickContext) -> Any:
-    """Make one tick, and return the estimator's memory.
+def step(kernel: Any, memory: Any, tick: TickContext) -> Any:
+    """Make one tick and return the memory of the estimator.
 
-    The checks compare the frame with what the fit predicts and accept or reject it, the estimator
-    updates o_c and Ĵ from an accepted frame, and the tick concludes.
+    The checks compare the frame with the prediction of the fit and accept or reject it. The
+    estimator updates o_c and Ĵ from an accepted frame. `conclude` computes the command.
     """
-    news, dt = accept_frame(now)
-    if news == LEARN:
-        memory, news = update_estimator(kernel, memory, now, dt)
-    return empty_memory(kernel, memory) if conclude(now, news) else memory
+    frame_result, dt = accept_frame(tick)
+    if frame_result == FRAME_UPDATES:
+        memory, frame_result = update_estimator(kernel, memory, tick, dt)
+    return empty_memory(kernel, memory) if conclude(tick, frame_result) else memory
 
 
 @compiled
-def conclude(now: TickContext, news: int) -> bool:
-    """Conclude a tick after the estimator's update.
+def conclude(tick: TickContext, frame_result: int) -> bool:
+    """Make the part of a tick after the update of the estimator.
 
-    The controller predicts the error for the present joints and computes v and the joint rates, the
+    The controller predicts the error for the present joints and computes v and the joint rates. The
     checks collect the causes, the state machine chooses the mode, and the gate bounds the rates.
-    Return whether the estimate is forgotten.
+    Return True if the estimate was reset.
     """
-    if news == LEARN:
-        take_estimate(now)
-    compute_command(now, news)
-    causes = collect_causes(now)
-    forgotten = choose_mode(now, causes, news)
-    forgotten = bound_rates(now) or forgotten
-    if forgotten:
-        empty(now.stored.prospect)
-    return forgotten
+    if frame_result == FRAME_UPDATES:
+        store_estimate(tick)
+    compute_command(tick, frame_result)
+    causes = collect_causes(tick)
+    was_reset = choose_mode(tick, causes, frame_result)
+    was_reset = bound_rates(tick) or was_reset
+    if was_reset:
+        empty(tick.stored.projection_fit)
+    return was_reset
 
 
 @compiled
@@ -109,23 +129,29 @@ def begin_tick(
     setpoint: tuple[Any, ...],
     parameters: Rows[KernelParameters],
 ) -> tuple[Floats, int, float]:
-    """Begin a tick with an estimator that does not compile; return the lines of eq. (16), whether
-    the estimator is to be updated (LEARN), and the time since its last update, s.
+    """Make the part of a tick before the update of an estimator that does not compile.
+
+    Returns
+    -------
+    tuple
+        Lines (n, 4) of eq. (16); result of the frame, with FRAME_UPDATES for one that updates the
+        estimator; time since the exposure of the frame of the last update, s.
     """
     stored = rows[0]
     store_inputs(stored, observation, setpoint)
-    now = TickContext(stored, stored.watch.observation, stored.setpoint, parameters[0])
-    news, dt = accept_frame(now)
-    if news == LEARN:
-        lines, news = fit_frame(now, lines)
-    return lines, news, dt
+    context = TickContext(stored, stored.watch.observation, stored.setpoint, parameters[0])
+    frame_result, dt = accept_frame(context)
+    if frame_result == FRAME_UPDATES:
+        lines, frame_result = fit_frame(context, lines)
+    return lines, frame_result, dt
 
 
 @compiled
-def finish_tick(rows: Rows[Stored], news: int, parameters: Rows[KernelParameters]) -> bool:
-    """Finish it, after the estimator has left its result; return whether the estimate is
-    forgotten.
+def finish_tick(rows: Rows[Stored], frame_result: int, parameters: Rows[KernelParameters]) -> bool:
+    """Make the part of a tick after the update of an estimator that does not compile.
+
+    The estimator has stored its result. Return True if the estimate was reset.
     """
     stored = rows[0]
-    now = TickContext(stored, stored.watch.observation, stored.setpoint, parameters[0])
-    return conclude(now, news)
+    context = TickContext(stored, stored.watch.observation, stored.setpoint, parameters[0])
+    return conclude(context, frame_result)

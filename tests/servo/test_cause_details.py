@@ -1,6 +1,4 @@
-"""What is said beside a cause names the joint, its value and its limit, or what a person may
-change.
-"""
+"""The detail of a cause names the joint, its value and its limit, or a setting to change."""
 
 from dataclasses import replace
 
@@ -14,26 +12,30 @@ from rcmservo.safety.causes import Cause
 from rcmservo.safety.state_machine import Phase
 from rcmservo.servo.servo import Servo
 
-OFF = np.array([0.0, 0.0, 500.0])
+JOINT_ERROR = np.array([0.0, 0.0, 500.0])
 
 
 @pytest.mark.parametrize(
     "change,cause,words",
     [
-        (lambda seen: replace(seen, q=seen.q + OFF), Cause.BEYOND_LIMIT, ("joint 3", "limits are")),
         (
-            lambda seen: replace(seen, q=np.array([np.nan, *seen.q[1:]])),
+            lambda observation: replace(observation, q=observation.q + JOINT_ERROR),
+            Cause.BEYOND_LIMIT,
+            ("joint 3", "limits are"),
+        ),
+        (
+            lambda observation: replace(observation, q=np.array([np.nan, *observation.q[1:]])),
             Cause.JOINTS_NOT_FINITE,
             ("joint 1", "nan"),
         ),
         (
-            lambda seen: replace(seen, q=seen.q + np.array([0.0, 0.02, 0.0])),
+            lambda observation: replace(observation, q=observation.q + np.array([0.0, 0.02, 0.0])),
             Cause.NOT_FOLLOWING,
             ("joint 2", "should be within"),
         ),
     ],
 )
-def test_a_fault_of_a_joint_names_it_its_value_and_what_would_be_right(change, cause, words):
+def test_a_fault_of_a_joint_names_joint_value_and_limits(change, cause, words):
     lab = laboratory()
     servo, before = lab.servo(), None
     if cause is Cause.NOT_FOLLOWING:
@@ -47,10 +49,10 @@ def test_a_fault_of_a_joint_names_it_its_value_and_what_would_be_right(change, c
     assert "mm" in state.words or "rad" in state.words
 
 
-def test_an_exploration_that_flow_cannot_end_names_gamma():
+def test_an_unfinished_exploration_with_flow_names_gamma():
     lab = laboratory()
-    tour = replace(Servo(PitchYawRcm(), TOOLS["rigid"]).exploration, max_time=3.0)
-    servo = lab.servo(exploration=tour, estimator=FlowEstimator(gamma=1e-9))
+    exploration = replace(Servo(PitchYawRcm(), TOOLS["rigid"]).exploration, max_time=3.0)
+    servo = lab.servo(exploration=exploration, estimator=FlowEstimator(gamma=1e-9))
     for _, state in lab.run(servo, 4.0):
         if state.phase is Phase.PAUSED:
             break

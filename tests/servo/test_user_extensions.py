@@ -1,4 +1,4 @@
-"""Estimator and feature vector of a user: through the loop, options, record, page and study."""
+"""User-defined estimator and feature vector in the loop, options, record, page and study."""
 
 import importlib
 import json
@@ -16,12 +16,12 @@ from conftest import laboratory
 from rcmservo.cli.cli import main
 from rcmservo.control.feature_vectors import FEATURE_VECTORS
 from rcmservo.page.web.setting_fields import forms
-from rcmservo.servo.user_features import examine_features
+from rcmservo.servo.user_features import check_feature_vector
 from rcmservo.study.execution import workers as crews
 from rcmservo.study.execution.chunk import done
 from rcmservo.study.execution.store import runs_in
 
-MODULE = "lab_from_outside"
+MODULE = "user_module"
 ESTIMATOR = f"{MODULE}:Pixels"
 SOURCE = """
 from dataclasses import dataclass
@@ -33,7 +33,7 @@ from rcmservo.geometry.features import about, features_jacobian
 @dataclass(frozen=True)
 class Pixels(rs.Estimator):
     forgetting: float = 0.98
-    \"\"\"Weight of what was known before.\"\"\"
+    \"\"\"Weight of earlier measurements.\"\"\"
 
     name = "pixels"
 
@@ -88,8 +88,8 @@ controller = {{ features = "pose" }}
 
 
 @pytest.fixture
-def outside(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Generator[Any]:
-    """The present folder with the user's module, imported."""
+def user_module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Generator[Any]:
+    """Imported module of a user in the present folder."""
     (tmp_path / f"{MODULE}.py").write_text(SOURCE)
     (tmp_path / "study.toml").write_text(STUDY)
     monkeypatch.chdir(tmp_path)
@@ -107,19 +107,19 @@ def ran(estimator: rs.Estimator, features: str) -> list[rs.State]:
     return [state for _, state in lab.run(servo, 5.0)]
 
 
-def test_the_law_on_a_users_feature_vector_comes_to_the_target(outside: Any) -> None:
-    for estimator, near in ((rs.DltEstimator(), 0.2), (outside.Pixels(), 2.0)):
+def test_the_law_on_a_user_defined_feature_vector_reaches_the_target(user_module: Any) -> None:
+    for estimator, limit in ((rs.DltEstimator(), 0.2), (user_module.Pixels(), 2.0)):
         end = ran(estimator, "pose")[-1]
-        assert end.phase is rs.Phase.SERVO and end.decision.left < near
+        assert end.phase is rs.Phase.SERVO and end.decision.left < limit
         used = end.stored.estimate.law_jacobian.any(axis=1)
         assert used.tolist() == [True] * 5 + [False] * (len(used) - 5)
 
 
 @pytest.mark.usefixtures("blank_figures")
-def test_it_is_an_option_of_a_run_whose_record_replays_bit_for_bit(
-    outside: Any, capsys: pytest.CaptureFixture[str]
+def test_both_are_options_of_a_run_whose_record_replays_bit_for_bit(
+    user_module: Any, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    del outside
+    del user_module
     words = ["--estimator", ESTIMATOR, "--pixels.forgetting", "0.95", "--controller.features"]
     words += ["pose", "--duration", "2.5", "--no-video", "--json", "--teaching-frames", "30"]
     assert main(["run", *words, "--out", "run"]) in (0, 1)
@@ -128,15 +128,15 @@ def test_it_is_an_option_of_a_run_whose_record_replays_bit_for_bit(
     assert json.loads(capsys.readouterr().out)["same"]
 
 
-def test_it_is_a_choice_of_the_pages_settings(outside: Any) -> None:
-    del outside
+def test_a_user_defined_feature_vector_is_a_choice_on_the_page(user_module: Any) -> None:
+    del user_module
     form = next(form for form in forms(laboratory().servo(), None) if form["box"] == "controller")
     fields = {field["name"]: field for field in form["kinds"]["saturated"]["fields"]}
     assert fields["features"]["choices"] == ["srd", "points", "size", "pose"]
 
 
-class Alone:
-    """A crew of one: this process."""
+class SingleWorker:
+    """Workers of a study in this process."""
 
     count, where = 1, "this test"
 
@@ -145,12 +145,12 @@ class Alone:
             yield key, done(order)
 
 
-def test_it_takes_part_in_a_study(outside: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    del outside
+def test_both_take_part_in_a_study(user_module: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    del user_module
 
     @contextmanager
-    def crew(address: str | None, workers: int | None) -> Generator[Alone]:
-        yield Alone()
+    def crew(address: str | None, workers: int | None) -> Generator[SingleWorker]:
+        yield SingleWorker()
 
     monkeypatch.setattr(crews, "crew", crew)
     assert main(["study", "study.toml", "--own", ESTIMATOR, "--out", "study"]) == 0
@@ -159,31 +159,31 @@ def test_it_takes_part_in_a_study(outside: Any, monkeypatch: pytest.MonkeyPatch)
 
 
 @pytest.mark.parametrize("name", FEATURE_VECTORS)
-def test_a_jacobian_is_the_derivative_of_what_is_measured(name: str) -> None:
-    examine_features(FEATURE_VECTORS[name])
+def test_a_jacobian_is_the_derivative_of_the_features(name: str) -> None:
+    check_feature_vector(FEATURE_VECTORS[name])
 
 
-def test_a_wrong_jacobian_and_a_vector_that_raises_are_refused_before_the_drive_is_on(
-    outside: Any, monkeypatch: pytest.MonkeyPatch
+def test_a_false_jacobian_or_an_exception_is_refused_before_the_drive_is_enabled(
+    user_module: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(outside.Pose, "jacobian", lambda self, markers: np.ones((5, 4)))
+    monkeypatch.setattr(user_module.Pose, "jacobian", lambda self, markers: np.ones((5, 4)))
     with pytest.raises(rs.BadInput, match="derivative of its measure"):
         ran(rs.DltEstimator(), "pose")
-    monkeypatch.setattr(outside.Pose, "measure", lambda self, markers: 1 / 0)
+    monkeypatch.setattr(user_module.Pose, "measure", lambda self, markers: 1 / 0)
     with pytest.raises(rs.BadInput, match="ZeroDivisionError"):
         ran(rs.DltEstimator(), "pose")
 
 
-def test_a_vector_that_fails_in_motion_is_a_fault_in_the_same_tick(
-    outside: Any, monkeypatch: pytest.MonkeyPatch
+def test_a_feature_vector_that_fails_in_motion_is_a_fault_in_the_same_tick(
+    user_module: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    calls, measure = [], outside.Pose.measure
+    calls, measure = [], user_module.Pose.measure
 
     def failing(self: Any, markers: rs.MarkerPair) -> Any:
         calls.append(markers)
         return measure(self, markers) if len(calls) < 200 else 1 / 0
 
-    monkeypatch.setattr(outside.Pose, "measure", failing)
+    monkeypatch.setattr(user_module.Pose, "measure", failing)
     end = ran(rs.DltEstimator(), "pose")[-1]
     assert (end.phase, end.cause) == (rs.Phase.FAULT, rs.Cause.ESTIMATOR_FAILED)
     assert end.detail.startswith("feature vector pose raised ZeroDivisionError")
@@ -198,10 +198,10 @@ def test_a_vector_that_fails_in_motion_is_a_fault_in_the_same_tick(
         ({"units": ("px",)}, "one for each of 1 to 8 components"),
     ],
 )
-def test_what_does_not_fit_is_no_feature_vector(
-    change: dict[str, Any], words: str, outside: Any
+def test_an_invalid_feature_vector_is_refused(
+    change: dict[str, Any], words: str, user_module: Any
 ) -> None:
-    other = type("Other", (outside.Pose,), change)
+    other = type("Other", (user_module.Pose,), change)
     with pytest.raises(rs.BadInput, match=words):
         rs.add_feature_vector(other())
     with pytest.raises(rs.BadInput, match="derived from FeatureVector"):
