@@ -6,9 +6,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rcmservo.control.drive_lag import (
-    LONGEST,
-    SHORTEST,
-    SUPPOSED,
+    DEFAULT_LAG_S,
+    MAX_LAG_S,
+    MIN_LAG_S,
     begin_lag,
     follow_drives,
     lag_of,
@@ -68,7 +68,7 @@ def test_a_joint_that_does_not_move_tells_nothing_and_the_others_do() -> None:
 def test_what_cannot_be_a_lag_is_not_believed(moves: Floats) -> None:
     tour = told(0.04, 0.0, moves)
     assert tour.lag == 0.0
-    assert lag_of(tour.rows[0], 0.0) == SUPPOSED and lag_of(tour.rows[0], 0.3) == 0.3
+    assert lag_of(tour.rows[0], 0.0) == DEFAULT_LAG_S and lag_of(tour.rows[0], 0.3) == 0.3
 
 
 @pytest.mark.parametrize("early", [0.0, 0.01])
@@ -82,7 +82,7 @@ def test_a_drive_that_follows_at_once_or_is_told_late_is_believed_to(early: floa
         ahead = q + early * applied
         follow_drives(tour.rows[0], ahead, (k + 1) * TICK, applied, FASTEST)
     measure_lag(tour.rows[0])
-    assert tour.lag == SHORTEST == lag_of(tour.rows[0], 0.0)
+    assert tour.lag == MIN_LAG_S == lag_of(tour.rows[0], 0.0)
 
 
 def went(
@@ -111,7 +111,7 @@ def test_a_slower_one_needs_its_lag_told_and_a_wrong_one_stops_it() -> None:
     assert went(0.12, Thresholds())[0] == {Cause.NOT_FOLLOWING}
     assert not went(0.12, Thresholds(drive_lag=0.12))[0]
     assert went(0.06, Thresholds(drive_lag=0.01))[0] == {Cause.NOT_FOLLOWING}
-    assert LONGEST > 0.12
+    assert MAX_LAG_S > 0.12
 
 
 @pytest.mark.parametrize("delay", [0.02, 0.04])

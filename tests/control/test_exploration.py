@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from conftest import random_from, seeds
 from rcmservo.control.exploration import (
+    CORNER_TOLERANCE,
     CORNERS,
-    NEAR,
     Exploration,
     Exploring,
     arrived,
@@ -162,7 +162,7 @@ def test_every_tour_can_be_driven_within_the_limits_and_every_round_ends_at_its_
         assert tour.visits == 12
         largest = np.abs([later(tour, rcm, number) for number in range(3)]).max(axis=0)
         for home in there[3::4]:
-            assert np.all(np.abs(home - q) <= NEAR * largest)
+            assert np.all(np.abs(home - q) <= CORNER_TOLERANCE * largest)
 
 
 def test_a_tour_can_be_driven_from_a_spherical_start_near_half_a_turn_too():
@@ -224,7 +224,7 @@ def test_a_corner_counts_as_visited_by_all_three_joints():
     for joint in range(3):
         for share, there in ((0.9, True), (1.1, False)):
             q = corner.copy()
-            q[joint] += share * NEAR * tour.sides[joint]
+            q[joint] += share * CORNER_TOLERANCE * tour.sides[joint]
             assert arrived(tour.rows[0], q) == there
     assert not arrived(tour.rows[0], np.full(3, np.nan))
 

@@ -10,9 +10,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from conftest import SHAFT, SPACING, markers_seen, random_from, seeds, true_camera
-from rcmservo.control.exploration import CORNERS, NEAR, Exploration, Exploring, begin, box
-from rcmservo.control.exploration_planning import CLOSE, directed, off_target, plan
-from rcmservo.estimation.projection_fit import STEP, Prospect, blank, see
+from rcmservo.control.exploration import (
+    CORNER_TOLERANCE,
+    CORNERS,
+    Exploration,
+    Exploring,
+    begin,
+    box,
+)
+from rcmservo.control.exploration_planning import NEGLIGIBLE_ERROR_MM, directed, off_target, plan
+from rcmservo.estimation.projection_fit import MIN_FRAME_SPACING_MM, Prospect, blank, see
 from rcmservo.geometry.kinematics import SphericalRcm, position
 from rcmservo.interfaces import Floats
 from rcmservo.numerics.structs import as_row
@@ -92,7 +99,7 @@ class Toured:
             q = self.home + np.array(steps) * self.tour.sides
             free = (q >= lower + margin) & (q <= upper - margin) | (np.array(steps) == 0)
             far = np.linalg.norm(position(RCM.rcm(), q) - self.p1) <= Exploration.reach
-            same = (np.abs(q - self.q) <= NEAR * np.abs(self.tour.sides)).all()
+            same = (np.abs(q - self.q) <= CORNER_TOLERANCE * np.abs(self.tour.sides)).all()
             found += [q] if free.all() and far and not same else []
         return found
 
@@ -122,7 +129,7 @@ def counted(seen: Floats) -> list[Floats]:
     """The places that the sums take."""
     found = [seen[0]]
     for p in seen:
-        found += [p] if np.linalg.norm(p - found[-1]) >= STEP else []
+        found += [p] if np.linalg.norm(p - found[-1]) >= MIN_FRAME_SPACING_MM else []
     return found
 
 
@@ -223,7 +230,9 @@ def test_the_direction_is_known_from_the_share_of_the_way_that_is_set(seed: int)
     error, far = off_target(t.v.rows[0], t.p1, t.target, SHAFT)
     for limit in (0.9, 1.1):
         x = as_row(Exploration(uncertainty=limit * error / far))[0]
-        assert directed(t.v.rows[0], t.p1, t.target, SHAFT, x) == (limit > 1.0 or error <= CLOSE)
+        assert directed(t.v.rows[0], t.p1, t.target, SHAFT, x) == (
+            limit > 1.0 or error <= NEGLIGIBLE_ERROR_MM
+        )
 
 
 @given(seeds)
@@ -237,9 +246,9 @@ def test_an_error_too_small_to_matter_is_none_however_large_a_share_of_the_way_i
         if a_mm > 3.0 * X["uncertainty"]:
             break
     for share in (0.2, 0.8, 1.25, 3.0):
-        error, far = aimed(t, share * CLOSE / a_mm)
+        error, far = aimed(t, share * NEGLIGIBLE_ERROR_MM / a_mm)
         if error > 2.0 * X["uncertainty"] * far:
-            assert directed(t.v.rows[0], t.p1, t.target, SHAFT, X) == (error <= CLOSE)
+            assert directed(t.v.rows[0], t.p1, t.target, SHAFT, X) == (error <= NEGLIGIBLE_ERROR_MM)
 
 
 def aimed(t: Toured, mm: float) -> tuple[float, float]:

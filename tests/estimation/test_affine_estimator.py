@@ -16,7 +16,7 @@ import rcmservo as rs
 from conftest import SHAFT, SPACING, derivative, laboratory, random_from, seeds
 from rcmservo.cli.cli import main
 from rcmservo.estimation.affine import AffineEstimator
-from rcmservo.estimation.ball_size_fit import pictured
+from rcmservo.estimation.ball_size_fit import project_ball
 from rcmservo.estimation.base import Sample
 from rcmservo.geometry.features import SCALE, about, features
 from rcmservo.geometry.tool import RigidTool, second_marker
@@ -122,7 +122,7 @@ def test_how_sizes_change_is_what_the_fit_says_nearby_and_what_is_true(
 def sizes_by_fit(memory: Any, p1: Floats) -> Floats:
     """(2,) px that the fits have of both balls' radii."""
     both = p1, second_marker(SHAFT, p1)
-    return np.array([1.0 / pictured(memory[k], p).shrink for k, p in enumerate(both)])
+    return np.array([1.0 / project_ball(memory[k], p).inverse_radius for k, p in enumerate(both)])
 
 
 @given(seeds)

@@ -13,10 +13,10 @@ from rcmservo.estimation.base import Sample
 from rcmservo.estimation.broyden import BroydenEstimator
 from rcmservo.estimation.correntropy import CorrentropyEstimator
 from rcmservo.estimation.displacement import (
-    corrected,
+    correct_jacobian,
     displaced,
-    gain,
-    left_uncertain,
+    kalman_gain,
+    update_covariance,
 )
 from rcmservo.estimation.kalman import KalmanEstimator
 from rcmservo.estimation.normalised_flow import NormalisedFlowEstimator
@@ -102,10 +102,10 @@ def test_a_turn_across_half_a_turn_is_learnt_as_the_small_turn_it_is(kind):
 def test_clean_displacements_lead_to_the_true_jacobian(kind, seed):
     random, estimator = random_from(seed), kind()
     J = random.uniform(-0.5, 0.5, (3, 3)) * SCALE[:, None]
-    J_hat, P = np.zeros((3, 3)), estimator.uncertain()
+    J_hat, P = np.zeros((3, 3)), estimator.initial_covariance()
     for _ in range(20):
         for way in np.linalg.qr(random.standard_normal((3, 3)))[0]:
-            J_hat, P = estimator.learn(J_hat, P, 5.0 * way, J @ (5.0 * way))
+            J_hat, P = estimator.update_jacobian(J_hat, P, 5.0 * way, J @ (5.0 * way))
     error = np.linalg.norm((J_hat - J) / SCALE[:, None])
     assert error < 1e-3 * np.linalg.norm(J / SCALE[:, None])
 
@@ -128,10 +128,12 @@ def test_update_is_pure_and_the_first_frame_teaches_nothing(kind):
 def test_nothing_that_is_not_finite_comes_out_of_finite_displacements(kind, seed, step, flow, n):
     """Along one line over and over, or in any direction."""
     random, estimator = random_from(seed), kind()
-    line, J_hat, P = random.standard_normal(3), np.zeros((3, 3)), estimator.uncertain()
+    line, J_hat, P = random.standard_normal(3), np.zeros((3, 3)), estimator.initial_covariance()
     for k in range(n):
         way = line if seed % 2 else random.standard_normal(3)
-        J_hat, P = estimator.learn(J_hat, P, step * way, flow * random.standard_normal(3) * (k % 3))
+        J_hat, P = estimator.update_jacobian(
+            J_hat, P, step * way, flow * random.standard_normal(3) * (k % 3)
+        )
     assert np.isfinite(J_hat).all() and np.isfinite(P).all()
 
 
@@ -139,9 +141,11 @@ def test_nothing_that_is_not_finite_comes_out_of_finite_displacements(kind, seed
 def test_many_displacements_along_one_line_leave_p_positive_definite(kind):
     """30 m of them: in no other direction is anything seen."""
     estimator, J_hat = kind(), np.zeros((3, 3))
-    P = estimator.uncertain()
+    P = estimator.initial_covariance()
     for _ in range(10_000):
-        J_hat, P = estimator.learn(J_hat, P, np.array([3.0, 0.1, 0.0]), np.array([0.01, 9.0, 5.0]))
+        J_hat, P = estimator.update_jacobian(
+            J_hat, P, np.array([3.0, 0.1, 0.0]), np.array([0.01, 9.0, 5.0])
+        )
     assert np.isfinite(J_hat).all()
     for block in np.atleast_3d(P).reshape(-1, 3, 3):
         assert np.array_equal(block, block.T)
@@ -153,13 +157,13 @@ def test_the_gain_leaves_least_uncertain(seed, step, R):
     random = random_from(seed)
     root, way = random.standard_normal((3, 3)), step * random.standard_normal(3)
     P = root @ root.T
-    K = gain(P, way, R)
-    best = left_uncertain(P, way, R, K)
+    K = kalman_gain(P, way, R)
+    best = update_covariance(P, way, R, K)
     assert np.array_equal(best, best.T)
     assert np.allclose(
         best, P - np.outer(K, P @ way), atol=1e-9 * (1.0 + step**2) * np.abs(P).max()
     )
-    other = left_uncertain(P, way, R, K + 0.1 * random.standard_normal(3))
+    other = update_covariance(P, way, R, K + 0.1 * random.standard_normal(3))
     assert np.linalg.eigvalsh(other).min() > -1e-12 * np.abs(other).max()
     assert np.trace(other) >= np.trace(best) * (1.0 - 1e-9)
 
@@ -167,7 +171,7 @@ def test_the_gain_leaves_least_uncertain(seed, step, R):
 def test_a_correction_moves_each_row_by_its_own_news():
     J, way, K = np.arange(9.0).reshape(3, 3), np.array([1.0, 0.0, 2.0]), np.array([0.5, 0.0, 0.25])
     flow = J @ way + np.array([1.0, 0.0, -4.0])
-    after = corrected(J, way, flow, K)
+    after = correct_jacobian(J, way, flow, K)
     assert np.allclose(after - J, np.outer([1.0, 0.0, -4.0], K))
 
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from conftest import random_from, seeds
 from rcmservo.errors import BadInput
-from rcmservo.estimation.kalman import KalmanEstimator, drifted
+from rcmservo.estimation.kalman import KalmanEstimator, predict_covariance
 from rcmservo.estimation.rls import RlsEstimator
 from rcmservo.geometry.features import SCALE
 
@@ -18,9 +18,9 @@ noises = st.floats(1e-2, 1.0)
 
 
 def learnt(estimator, ways, flows):
-    J_hat, P = np.zeros((3, 3)), estimator.uncertain()
+    J_hat, P = np.zeros((3, 3)), estimator.initial_covariance()
     for way, flow in zip(ways, flows, strict=True):
-        J_hat, P = estimator.learn(J_hat, P, way, flow)
+        J_hat, P = estimator.update_jacobian(J_hat, P, way, flow)
     return J_hat, P
 
 
@@ -33,10 +33,10 @@ def noisy(random, J, count, size=4.0, noise=0.05):
 @given(seeds, st.integers(1, 40), drifts, noises, st.floats(1e-3, 50.0))
 def test_its_covariance_stays_symmetric_and_positive_definite(seed, count, drift, noise, size):
     random, estimator = random_from(seed), KalmanEstimator(drift=drift, noise=noise)
-    J_hat, P = np.zeros((3, 3)), estimator.uncertain()
+    J_hat, P = np.zeros((3, 3)), estimator.initial_covariance()
     for _ in range(count):
         way = size * random.standard_normal(3)
-        J_hat, P = estimator.learn(J_hat, P, way, random.uniform(-50, 50, 3))
+        J_hat, P = estimator.update_jacobian(J_hat, P, way, random.uniform(-50, 50, 3))
         assert np.array_equal(P, P.T)
         assert np.linalg.eigvalsh(P).min() > 0.0
 
@@ -56,9 +56,9 @@ def test_without_drift_it_is_recursive_least_squares_that_forgets_nothing(
 @given(seeds, drifts)
 def test_two_halves_of_a_way_drift_as_much_as_the_whole_and_rest_not_at_all(seed, drift):
     way, P = random_from(seed).standard_normal(3), np.diag([1.0, 2.0, 3.0])
-    halves = drifted(drifted(P, way / 2, drift), way / 2, drift)
-    assert np.allclose(halves, drifted(P, way, drift))
-    assert np.array_equal(drifted(P, np.zeros(3), drift), P)
+    halves = predict_covariance(predict_covariance(P, way / 2, drift), way / 2, drift)
+    assert np.allclose(halves, predict_covariance(P, way, drift))
+    assert np.array_equal(predict_covariance(P, np.zeros(3), drift), P)
 
 
 def test_what_it_says_of_its_own_error_is_true_of_a_jacobian_that_drifts_so():
@@ -69,21 +69,23 @@ def test_what_it_says_of_its_own_error_is_true_of_a_jacobian_that_drifts_so():
     for seed in range(150):
         random = random_from(seed)
         x = estimator.spread * random.standard_normal((3, 3))
-        J_hat, P = np.zeros((3, 3)), estimator.uncertain()
+        J_hat, P = np.zeros((3, 3)), estimator.initial_covariance()
         for way in 4.0 * random.standard_normal((25, 3)):
             x += estimator.drift * np.sqrt(np.linalg.norm(way)) * random.standard_normal((3, 3))
             flow = SCALE * (x @ way + estimator.noise * random.standard_normal(3))
-            J_hat, P = estimator.learn(J_hat, P, way, flow)
+            J_hat, P = estimator.update_jacobian(J_hat, P, way, flow)
         off = J_hat / SCALE[:, None] - x
         scores.append(np.einsum("ij,jk,ik->i", off, np.linalg.inv(P), off))
-        assert np.trace(P) < 0.01 * np.trace(estimator.uncertain())
+        assert np.trace(P) < 0.01 * np.trace(estimator.initial_covariance())
     assert np.mean(scores) == pytest.approx(3.0, abs=0.35)
 
 
 def test_noise_in_b_counts_alike_in_every_feature():
     """A radian is no pixel: the gain of every row is the same."""
     estimator = KalmanEstimator()
-    J_hat, _ = estimator.learn(np.zeros((3, 3)), estimator.uncertain(), np.full(3, 2.0), SCALE)
+    J_hat, _ = estimator.update_jacobian(
+        np.zeros((3, 3)), estimator.initial_covariance(), np.full(3, 2.0), SCALE
+    )
     rows = J_hat / SCALE[:, None]
     assert np.allclose(rows, rows[0])
     assert np.all(rows > 0.0)

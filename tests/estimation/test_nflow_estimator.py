@@ -27,7 +27,7 @@ def problem(seed):
 
 
 def learn(J_hat, delta_p, delta_y, mu):
-    return NormalisedFlowEstimator(mu=mu).learn(J_hat, np.empty(0), delta_p, delta_y)[0]
+    return NormalisedFlowEstimator(mu=mu).update_jacobian(J_hat, np.empty(0), delta_p, delta_y)[0]
 
 
 def frames(seed, dt):

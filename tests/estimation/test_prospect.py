@@ -19,13 +19,13 @@ from conftest import (
     true_camera,
 )
 from rcmservo.estimation.projection_fit import (
-    NOISE_FRAMES,
-    RCM,
-    STEP,
+    MIN_FRAME_SPACING_MM,
+    PRIOR_NOISE_FRAMES,
+    RCM_POSITION_MM,
     Prospect,
     blank,
     empty,
-    foretold,
+    project_point,
     see,
 )
 from rcmservo.estimation.projection_prediction import (
@@ -34,8 +34,8 @@ from rcmservo.estimation.projection_prediction import (
     features_motion,
     imaged,
     located,
-    motion,
     pose_deviation,
+    write_point_jacobian,
 )
 from rcmservo.geometry.features import about, features
 from rcmservo.geometry.tool import second_marker
@@ -109,7 +109,7 @@ def test_the_motion_is_the_derivative_of_what_is_expected(seed: int) -> None:
     row = known.rows[0]
     wanted = derivative(lambda p: imaged(row, p)[0], p1, 1e-2)
     found = np.empty((2, 3))
-    motion(row, foretold(row, p1), found)
+    write_point_jacobian(row, project_point(row, p1), found)
     np.testing.assert_allclose(found, wanted, rtol=1e-6, atol=1e-8)
     wanted = derivative(lambda p: expected(row, p, SHAFT).ravel(), p1, 1e-2)
     np.testing.assert_allclose(both_motions(row, p1, SHAFT), wanted, rtol=1e-6, atol=1e-8)
@@ -145,7 +145,7 @@ def test_the_predicted_covariance_is_honest_near_the_frames_and_away_from_them(
 def test_the_noise_is_told_once_there_are_many_more_frames_than_what_is_expected_counts_for(
     noise: float,
 ) -> None:
-    frames = round(200 * NOISE_FRAMES)
+    frames = round(200 * PRIOR_NOISE_FRAMES)
     told = [Scene(seed, frames).model(noise).noise for seed in range(10)]
     assert np.mean(told) == pytest.approx(noise**2, rel=0.15)
 
@@ -157,7 +157,7 @@ def biased(scenes: int, frames: int, spread: float) -> tuple[Floats, Floats]:
     shares, squares = [], []
     for seed in range(scenes):
         scene = Scene(seed, frames, spread)
-        wrong, squared = off(scene.model(0.3), scene.C, RCM)
+        wrong, squared = off(scene.model(0.3), scene.C, RCM_POSITION_MM)
         shares.append(share(scene, wrong))
         squares.append(squared)
     return np.array(shares), np.array(squares)
@@ -165,7 +165,7 @@ def biased(scenes: int, frames: int, spread: float) -> tuple[Floats, Floats]:
 
 def share(scene: Scene, wrong: Floats) -> float:
     """The part of an error (2,) px along the way from the tool to the imaged RCM, by its length."""
-    way = seen_by(scene.C, RCM[None])[0] - seen_by(scene.C, scene.middle[None])[0]
+    way = seen_by(scene.C, RCM_POSITION_MM[None])[0] - seen_by(scene.C, scene.middle[None])[0]
     return float(wrong @ way / (way @ way))
 
 
@@ -192,7 +192,7 @@ def plain(places: Floats, points: Floats) -> Floats:
         np.column_stack([none, x, -m[:, 1:] * x[:, :3]]),
     ]
     h = np.linalg.lstsq(np.concatenate(rows), m.T.ravel(), rcond=None)[0]
-    rcm = np.append((RCM - middle) / 100.0, 1.0)
+    rcm = np.append((RCM_POSITION_MM - middle) / 100.0, 1.0)
     return m_0 + h[:8].reshape(2, 4) @ rcm / (1.0 + h[8:] @ rcm[:3])
 
 
@@ -201,9 +201,9 @@ def test_without_the_correction_for_noise_the_imaged_rcm_would_be_seen_too_near(
     without, corrected = [], []
     for seed in range(30):
         scene = Scene(seed, 500, 3.0)
-        points, truly = scene.seen(1.0), seen_by(scene.C, RCM[None])[0]
+        points, truly = scene.seen(1.0), seen_by(scene.C, RCM_POSITION_MM[None])[0]
         without.append(share(scene, plain(scene.places, points) - truly))
-        wrong, _ = off(model(scene.places, points), scene.C, RCM)
+        wrong, _ = off(model(scene.places, points), scene.C, RCM_POSITION_MM)
         corrected.append(share(scene, wrong))
     assert np.median(without) < -0.1
     assert abs(np.median(corrected)) < 0.05
@@ -236,7 +236,12 @@ def test_at_rest_the_offset_averages_the_noise_and_the_sums_take_nothing() -> No
 
 def test_places_nearer_than_a_step_count_once_however_long_they_are_seen() -> None:
     p1, known = np.array([10.0, 20.0, -120.0]), blank()
-    for distance, frames in ((0.0, 1), (0.9 * STEP, 1), (1.1 * STEP, 2), (1.2 * STEP, 2)):
+    for distance, frames in (
+        (0.0, 1),
+        (0.9 * MIN_FRAME_SPACING_MM, 1),
+        (1.1 * MIN_FRAME_SPACING_MM, 2),
+        (1.2 * MIN_FRAME_SPACING_MM, 2),
+    ):
         see(known.rows[0], p1 + np.array([distance, 0.0, 0.0]), np.eye(2), SHAFT)
         assert known.frames == frames
 

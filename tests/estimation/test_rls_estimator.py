@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from conftest import random_from, seeds
 from rcmservo.errors import BadInput
 from rcmservo.estimation.broyden import learn as broyden_learn
-from rcmservo.estimation.rls import MOST, RlsEstimator, aged
+from rcmservo.estimation.rls import MAX_VARIANCE_PER_MM2, RlsEstimator, inflate_covariance
 
 forgettings = st.floats(0.5, 1.0)
 
@@ -21,9 +21,9 @@ def displacements(seed, count, noise=0.0, size=5.0):
 
 
 def learnt(estimator, ways, flows):
-    J_hat, P = np.zeros((3, 3)), estimator.uncertain()
+    J_hat, P = np.zeros((3, 3)), estimator.initial_covariance()
     for way, flow in zip(ways, flows, strict=True):
-        J_hat, P = estimator.learn(J_hat, P, way, flow)
+        J_hat, P = estimator.update_jacobian(J_hat, P, way, flow)
     return J_hat, P
 
 
@@ -84,9 +84,9 @@ def test_noise_is_averaged_that_broydens_update_learns():
 
 
 def test_what_is_forgotten_is_never_more_than_all():
-    P = aged(np.diag([1.0, 0.5 * MOST, MOST]), 0.1)
-    assert P.max() == MOST
-    assert np.array_equal(aged(np.eye(3), 0.5), 2.0 * np.eye(3))
+    P = inflate_covariance(np.diag([1.0, 0.5 * MAX_VARIANCE_PER_MM2, MAX_VARIANCE_PER_MM2]), 0.1)
+    assert P.max() == MAX_VARIANCE_PER_MM2
+    assert np.array_equal(inflate_covariance(np.eye(3), 0.5), 2.0 * np.eye(3))
 
 
 @pytest.mark.parametrize(
