@@ -90,8 +90,8 @@ class Exploration(Checked, section="exploration"):
     share: Annotated[float, FRACTION] = 0.2
     reach: Annotated[float, positive("length in mm")] = 8.0
     growth: Annotated[float, between(1.0, 10.0, "a factor")] = 1.5
-    uncertainty: Annotated[float, positive("share")] = 1.0
-    tolerance: Annotated[float, positive("share")] = 0.3
+    uncertainty: Annotated[float, positive("fraction")] = 1.0
+    tolerance: Annotated[float, positive("fraction")] = 0.3
     legs: Annotated[int, between(1, 1000, "a whole number")] = 3
     max_time: Annotated[float, positive("time in s")] = 10.0
 
@@ -156,9 +156,9 @@ def box(
         preferred, opposite = (up, down) if round_index % 2 == 0 else (down, up)
         is_reversed = preferred < side and opposite > preferred
         sign = 1.0 if is_reversed == (round_index % 2 == 1) else -1.0
-        length = min(max(preferred, opposite) if is_reversed else preferred, side)
-        state.sides[i] = sign * length
-        has_room = has_room and length >= min_room * side
+        side_length = min(max(preferred, opposite) if is_reversed else preferred, side)
+        state.sides[i] = sign * side_length
+        has_room = has_room and side_length >= min_room * side
     return has_room
 
 

@@ -7,8 +7,8 @@ markers at a position, frames at many positions determine θ with the covariance
 
 The sums of the fit hold all of N but the prior N₀. The path to the target is H⁺(m_d − m), with H =
 ∂m/∂p₁. An error δθ of the fit changes it by T δθ, T = H⁺(D(p₁ + path) − D(p₁)), so that its
-expected error is σ √tr(T N⁻¹Tᵀ). Only the first LOOK_AHEAD_MM of a long path count, in proportion,
-as the estimate improves during the motion.
+expected error is σ √tr(T N⁻¹Tᵀ). On a long path the error of its first LOOK_AHEAD_MM is
+extrapolated in proportion, as the estimate improves during the motion.
 
 A leg from p to p' adds to N the information of its frames, by Simpson's rule. The next corner
 minimises the expected error. The candidates are the corners of the round's box about the start and
@@ -34,7 +34,7 @@ from rcmservo.numerics.small_linalg import fill, length, put
 from rcmservo.numerics.small_solvers import invert
 
 LOOK_AHEAD_MM = 10.0
-"""Largest part (mm) of the path to the target over which its error is computed."""
+"""Largest part (mm) of the path over which its error is computed; the rest is extrapolated."""
 
 NEGLIGIBLE_ERROR_MM = 0.5
 """Error (mm) of the path that is accepted for any length of the path."""
@@ -163,7 +163,7 @@ def expected_error(T: Floats, N: Floats, noise: float) -> float:
 
 @compiled
 def off_target(fit: Prospect, p1: Floats, target: Floats, shaft: Shaft) -> tuple[float, float]:
-    """Return the standard error (mm) and the length (mm) of the path to the target.
+    """Return the standard deviation of the error and the length of the path to the target, in mm.
 
     The path runs from marker 1 at p1 (3,) mm to the `target` (2, 2) raw px. Both are infinite if
     the fit does not determine it.

@@ -31,7 +31,7 @@ from rcmservo.numerics.small_solvers import solve_3x3
 from rcmservo.numerics.small_svd import extremes, put_right
 
 MAX_UNDAMPED_CONDITION = 1e3
-"""Condition of the scaled Ĵ up to which its plain inverse is used if damping does not apply."""
+"""Condition of the scaled Ĵ up to which its plain inverse is accurate enough without damping."""
 
 
 @compiled

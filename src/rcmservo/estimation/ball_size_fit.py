@@ -81,17 +81,17 @@ def no_balls() -> Rows[BallFit]:
 
 
 @compiled
-def project_ball(b: BallFit, p: Floats) -> BallImage:
+def project_ball(fit: BallFit, p: Floats) -> BallImage:
     """Return the predicted image of a ball at p (3,) mm."""
     x = np.ones(4)
     for i in range(3):
-        x[i] = (p[i] - b.origin[i]) / UNIT
-    w = product(b.C, x)
+        x[i] = (p[i] - fit.origin[i]) / UNIT
+    w = product(fit.C, x)
     return BallImage(x, np.array([w[0] / w[2], w[1] / w[2]]), w[2])
 
 
 @compiled
-def update_ball_fit(b: BallFit, p: Floats, point: Floats, size: float, kappa: float) -> None:
+def update_ball_fit(fit: BallFit, p: Floats, point: Floats, size: float, kappa: float) -> None:
     """Update the fit by one frame with the ball at p (3,) mm.
 
     The ball has the raw `point` (2,) px and the apparent radius `size` px. A frame in which one of
@@ -99,73 +99,75 @@ def update_ball_fit(b: BallFit, p: Floats, point: Floats, size: float, kappa: fl
     """
     if not (all_finite(p) and all_finite(point) and np.isfinite(size) and size > 0.0):
         return
-    if not b.frame_count > 0.0:
-        put(b.origin[:3], p)
-        put(b.origin[3:], point)
-    elif distance(p, b.newest_p) < MIN_FRAME_SPACING_MM:
+    if not fit.frame_count > 0.0:
+        put(fit.origin[:3], p)
+        put(fit.origin[3:], point)
+    elif distance(p, fit.newest_p) < MIN_FRAME_SPACING_MM:
         return
     x, m = np.ones(4), np.empty(2)
     for i in range(3):
-        x[i] = (p[i] - b.origin[i]) / UNIT
+        x[i] = (p[i] - fit.origin[i]) / UNIT
     for k in range(2):
-        m[k] = point[k] - b.origin[3 + k]
-    add_to_sums(b, x, m, size, kappa)
-    b.frame_count += 1.0
-    put(b.newest_p, p)
-    solve_ball_fit(b, size, kappa)
+        m[k] = point[k] - fit.origin[3 + k]
+    add_to_sums(fit, x, m, size, kappa)
+    fit.frame_count += 1.0
+    put(fit.newest_p, p)
+    solve_ball_fit(fit, size, kappa)
 
 
 @compiled
-def add_to_sums(b: BallFit, x: Floats, m: Floats, size: float, kappa: float) -> None:
+def add_to_sums(fit: BallFit, x: Floats, m: Floats, size: float, kappa: float) -> None:
     """Add one frame with x̄ (4,) and m (2,) px from m₀ to the sums."""
     weights = size**2, size**2 * m[0], size**2 * m[1], (size * m[0]) ** 2 + (size * m[1]) ** 2
     for i in range(4):
-        b.size_sums[i] += kappa * size**3 * x[i]
+        fit.size_sums[i] += kappa * size**3 * x[i]
         for j in range(4):
             product = x[i] * x[j]
             for k in range(4):
-                b.sums[k, i, j] += weights[k] * product
-            b.sums[4, i, j] += kappa * size**4 * product
+                fit.sums[k, i, j] += weights[k] * product
+            fit.sums[4, i, j] += kappa * size**4 * product
 
 
 @compiled
-def solve_ball_fit(b: BallFit, size: float, kappa: float) -> None:
+def solve_ball_fit(fit: BallFit, size: float, kappa: float) -> None:
     """Solve for C and σ² from the sums, with priors for a ball of the radius `size` px."""
-    put(b.S_inverse, b.sums[0])
+    put(fit.S_inverse, fit.sums[0])
     for i in range(4):
-        b.S_inverse[i, i] += PRIOR_PRECISION[0] * b.noise_variance * size**2
-    invert(b.S_inverse)
-    Q = centre_residual_form(b)
-    c, inverse, _ = solve_third_row(b, Q, 0.0, size)
+        fit.S_inverse[i, i] += PRIOR_PRECISION[0] * fit.noise_variance * size**2
+    invert(fit.S_inverse)
+    Q = centre_residual_form(fit)
+    c, inverse, _ = solve_third_row(fit, Q, 0.0, size)
     residual = max(form(Q, c, c), 0.0)
-    correction = residual / form(b.sums[0], c, c) * max(1.0 - 4.0 / b.frame_count, 0.0)
-    corrected, corrected_inverse, is_invertible = solve_third_row(b, Q, correction, size)
+    correction = residual / form(fit.sums[0], c, c) * max(1.0 - 4.0 / fit.frame_count, 0.0)
+    corrected, corrected_inverse, is_invertible = solve_third_row(fit, Q, correction, size)
     if is_invertible:
         c, inverse, residual = corrected, corrected_inverse, max(form(Q, corrected, corrected), 0.0)
-    put(b.C[2], c)
-    put(b.c_inverse, inverse)
+    put(fit.C[2], c)
+    put(fit.c_inverse, inverse)
     for k in range(2):
-        put(b.C[k], product(b.S_inverse, product(b.sums[k + 1], c)))
-    residual += max(form(b.sums[4], c, c) + kappa * b.frame_count - 2.0 * dot(b.size_sums, c), 0.0)
-    prior_rows, rows = 3.0 * PRIOR_NOISE_FRAMES, max(3.0 * b.frame_count - 12.0, 0.0)
-    b.noise_variance = (residual + prior_rows * PRIOR_NOISE_PX**2) / (rows + prior_rows)
+        put(fit.C[k], product(fit.S_inverse, product(fit.sums[k + 1], c)))
+    residual += max(
+        form(fit.sums[4], c, c) + kappa * fit.frame_count - 2.0 * dot(fit.size_sums, c), 0.0
+    )
+    prior_rows, rows = 3.0 * PRIOR_NOISE_FRAMES, max(3.0 * fit.frame_count - 12.0, 0.0)
+    fit.noise_variance = (residual + prior_rows * PRIOR_NOISE_PX**2) / (rows + prior_rows)
 
 
 @compiled
-def centre_residual_form(b: BallFit) -> Floats:
+def centre_residual_form(fit: BallFit) -> Floats:
     """Return Q (4, 4): c₃ᵀQc₃ is the sum of squared residuals of the centres."""
-    Q = b.sums[3].copy()
+    Q = fit.sums[3].copy()
     for k in range(1, 3):
         for j in range(4):
-            S_inverse_column = product(b.S_inverse, b.sums[k, j])
+            S_inverse_column = product(fit.S_inverse, fit.sums[k, j])
             for i in range(4):
-                Q[i, j] -= dot(b.sums[k, i], S_inverse_column)
+                Q[i, j] -= dot(fit.sums[k, i], S_inverse_column)
     return Q
 
 
 @compiled
 def solve_third_row(
-    b: BallFit, Q: Floats, correction: float, size: float
+    fit: BallFit, Q: Floats, correction: float, size: float
 ) -> tuple[Floats, Floats, bool]:
     """Return c₃ (4,), the inverse (4, 4) that it is solved with, and whether that inverse exists.
 
@@ -174,60 +176,62 @@ def solve_third_row(
     M = np.empty((4, 4))
     for i in range(4):
         for j in range(4):
-            M[i, j] = Q[i, j] - correction * b.sums[0, i, j] + b.sums[4, i, j]
-        M[i, i] += PRIOR_PRECISION[1] * b.noise_variance * size**2 if i < 3 else 0.0
+            M[i, j] = Q[i, j] - correction * fit.sums[0, i, j] + fit.sums[4, i, j]
+        M[i, i] += PRIOR_PRECISION[1] * fit.noise_variance * size**2 if i < 3 else 0.0
     is_invertible = invert(M)
-    return product(M, b.size_sums), M, is_invertible
+    return product(M, fit.size_sums), M, is_invertible
 
 
 @compiled
-def place_told(b: BallFit, point: Floats, size: float) -> tuple[Floats, bool]:
+def place_told(fit: BallFit, point: Floats, size: float) -> tuple[Floats, bool]:
     """Return the position (3,) mm of the ball, and whether the fit determines it.
 
     The ball has the raw `point` (2,) px and the radius `size` px: C₁₋₃ x = (u, v, 1)/R − C₄.
     """
-    w, p = np.empty(3), b.origin[:3].copy()
+    w, p = np.empty(3), fit.origin[:3].copy()
     for k in range(2):
-        w[k] = (point[k] - b.origin[3 + k]) / size - b.C[k, 3]
-    w[2] = 1.0 / size - b.C[2, 3]
-    x, _ = solve_3x3(b.C, w)
+        w[k] = (point[k] - fit.origin[3 + k]) / size - fit.C[k, 3]
+    w[2] = 1.0 / size - fit.C[2, 3]
+    x, _ = solve_3x3(fit.C, w)
     for i in range(3):
         p[i] += UNIT * x[i]
-    return p, b.frame_count >= MIN_FRAMES and all_finite(p)
+    return p, fit.frame_count >= MIN_FRAMES and all_finite(p)
 
 
 @compiled
-def ball_jacobian(b: BallFit, p: Floats) -> Floats:
+def ball_jacobian(fit: BallFit, p: Floats) -> Floats:
     """Return ∂m/∂p (2, 3) px/mm of the fit at p (3,) mm."""
-    image, jacobian = project_ball(b, p), np.empty((2, 3))
+    image, jacobian = project_ball(fit, p), np.empty((2, 3))
     for k in range(2):
         for i in range(3):
-            jacobian[k, i] = (b.C[k, i] - image.m[k] * b.C[2, i]) / (image.inverse_radius * UNIT)
+            jacobian[k, i] = (fit.C[k, i] - image.m[k] * fit.C[2, i]) / (
+                image.inverse_radius * UNIT
+            )
     return jacobian
 
 
 @compiled
-def radius_jacobian(b: BallFit, p: Floats) -> Floats:
+def radius_jacobian(fit: BallFit, p: Floats) -> Floats:
     """Return ∂R/∂p = −R² c₃ / 100 mm, (3,) px/mm, of the fit at p (3,) mm, by 1/R = c₃ᵀx̄."""
-    image, jacobian = project_ball(b, p), np.empty(3)
+    image, jacobian = project_ball(fit, p), np.empty(3)
     for i in range(3):
-        jacobian[i] = -b.C[2, i] / (image.inverse_radius**2 * UNIT)
+        jacobian[i] = -fit.C[2, i] / (image.inverse_radius**2 * UNIT)
     return jacobian
 
 
 @compiled
-def predict_ball_image(b: BallFit, p: Floats) -> tuple[Floats, Floats]:
+def predict_ball_image(fit: BallFit, p: Floats) -> tuple[Floats, Floats]:
     """Return the predicted raw pixels (2,) of a point p (3,) mm and their covariance (2, 2) px²."""
-    image, point = project_ball(b, p), np.empty(2)
-    sensitivity, S_x = np.empty((2, 4)), product(b.S_inverse, image.x)
+    image, point = project_ball(fit, p), np.empty(2)
+    sensitivity, S_x = np.empty((2, 4)), product(fit.S_inverse, image.x)
     for k in range(2):
-        point[k] = b.origin[3 + k] + image.m[k]
-        put(sensitivity[k], product(b.sums[1 + k], S_x))
+        point[k] = fit.origin[3 + k] + image.m[k]
+        put(sensitivity[k], product(fit.sums[1 + k], S_x))
         for i in range(4):
             sensitivity[k, i] -= image.m[k] * image.x[i]
-    cov, scale = np.empty((2, 2)), b.noise_variance / image.inverse_radius**2
+    cov, scale = np.empty((2, 2)), fit.noise_variance / image.inverse_radius**2
     for k in range(2):
-        inverse_column = product(b.c_inverse, sensitivity[k])
+        inverse_column = product(fit.c_inverse, sensitivity[k])
         for n in range(2):
             leverage = dot(image.x, S_x) if k == n else 0.0
             cov[k, n] = scale * (leverage + dot(sensitivity[n], inverse_column))
