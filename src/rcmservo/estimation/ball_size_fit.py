@@ -122,10 +122,10 @@ def add_to_sums(fit: BallFit, x: Floats, m: Floats, size: float, kappa: float) -
     for i in range(4):
         fit.size_sums[i] += kappa * size**3 * x[i]
         for j in range(4):
-            product = x[i] * x[j]
+            outer = x[i] * x[j]
             for k in range(4):
-                fit.sums[k, i, j] += weights[k] * product
-            fit.sums[4, i, j] += kappa * size**4 * product
+                fit.sums[k, i, j] += weights[k] * outer
+            fit.sums[4, i, j] += kappa * size**4 * outer
 
 
 @compiled

@@ -84,7 +84,7 @@ def learn(
 
 @dataclass(frozen=True)
 class CorrentropyEstimator(RandomWalkEstimator):
-    """Estimator of Ĵ by a Kalman filter with the maximum correntropy criterion.
+    """Estimator of Ĵ by a maximum correntropy Kalman filter.
 
     It is the Kalman filter on the rows of Ĵ with the measurement noise r²/λ, where ``λ = exp(−ν²/(2
     β² S))`` is the weight of the innovation ν with the variance S.

@@ -61,7 +61,7 @@ class DltKernel(NamedTuple):
 
 @dataclass(frozen=True)
 class DltEstimator(Estimator):
-    """Estimator of Ĵ by a projection that is fitted to all frames.
+    """Estimator of Ĵ by a projection fitted to all frames.
 
     The eleven numbers A (2, 4) and g (3,) of ``m = A x̄ / (1 + gᵀx)`` follow from all frames and
     both markers, each row of eq. (18) weighted by 1/ẑ². Ĵ is eq. (15) with ∂m/∂p₁ of the fit. It is

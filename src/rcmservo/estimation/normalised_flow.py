@@ -25,7 +25,7 @@ from rcmservo.interfaces import Floats
 
 @dataclass(frozen=True)
 class NormalisedFlowEstimator(DisplacementEstimator):
-    """Estimator of Ĵ by the flow rule (28), normalised by the speed.
+    """Estimator of Ĵ by the speed-normalised flow rule (28).
 
     ``Ĵ += μ (Δy − Ĵ Δp₁) Δp₁ᵀ / |Δp₁|²`` for each displacement of marker 1 by at least `min_step`.
 

@@ -63,7 +63,7 @@ def learn(
 
 @dataclass(frozen=True)
 class RlsEstimator(DisplacementEstimator):
-    """Estimator of Ĵ by recursive least squares with exponential forgetting.
+    """Estimator of Ĵ by recursive least squares with forgetting.
 
     It minimises ``Σᵢ λⁿ⁻ⁱ |Δyᵢ − J Δpᵢ|² + λⁿ |J|²/P₀`` over the displacements of marker 1 by at
     least `min_step`.
