@@ -46,7 +46,7 @@ class Exploration(Checked, section="exploration"):
     """Exploratory motion in joint space before servoing, while the estimate is still unknown.
 
     The tool visits corners of small tetrahedra until the direction to the target is known. The next
-    corner minimises the expected error ``σ √tr(T N⁻¹ Tᵀ)`` of the path to the target.
+    corner minimises the expected error of the path to the target.
 
     Parameters
     ----------

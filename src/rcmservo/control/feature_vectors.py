@@ -72,7 +72,7 @@ class FeatureVector(ABC):
 
     References
     ----------
-    The paper's vector y = [s r d] of eq. (7)-(9) is the default.
+    Section II-D of the paper, eq. (6)-(9), for the default vector y = [s r d].
     """
 
     name: ClassVar[str]

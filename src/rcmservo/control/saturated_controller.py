@@ -200,8 +200,8 @@ def control(
 class SaturatedController(Checked, section="controller"):
     """Saturated kinematic controller: control law (31) with the potential (32).
 
-    The velocity of marker 1 is ``v = −k Ĵ⁻¹ ∂V/∂y``. V is quadratic for small errors and linear
-    beyond `bounds`. The inverse is damped where Ĵ is nearly singular.
+    The velocity of marker 1 is v = −k Ĵ⁻¹ ∂V/∂y. V is quadratic for small errors and linear beyond
+    `bounds`. The inverse is damped where Ĵ is nearly singular.
 
     Parameters
     ----------

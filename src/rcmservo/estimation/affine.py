@@ -121,8 +121,11 @@ def sized_rcm(memory: Rows[BallFit]) -> tuple[Floats, Floats]:
 class AffineEstimator(Estimator):
     """Estimator of Ĵ by the markers' pixels and apparent sizes.
 
-    ``(u, v, 1)/R = C [p 1]`` is affine in the position p of a ball with the apparent radius R. The
-    matrix C (3, 4) of each marker is fitted to all frames; Ĵ follows from eq. (15).
+    The pixels of a ball divided by its apparent radius R are affine in its position p:
+
+        (u, v, 1)/R = C [p 1]
+
+    The matrix C (3, 4) of each marker is fitted to all frames. Ĵ follows from eq. (15).
 
     Parameters
     ----------

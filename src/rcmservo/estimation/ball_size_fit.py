@@ -39,7 +39,7 @@ MIN_FRAMES = 4.0
 """Smallest number of frames at different positions that determines the twelve numbers."""
 
 PRIOR_PRECISION = 1e-6, 1.0
-"""Prior 1/variance of c₁ and c₂ (px/R), and of c₃ (1/R)."""
+"""Prior precision 1/variance of c₁ and c₂ (px/R), and of c₃ (1/R)."""
 
 
 class BallFit(Row):

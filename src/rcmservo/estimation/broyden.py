@@ -76,7 +76,9 @@ class BroydenMemory(NamedTuple):
 class BroydenEstimator(Estimator):
     """Estimator of Ĵ by Broyden's rank-one update.
 
-    ``Ĵ += (Δy − Ĵ Δp₁) Δp₁ᵀ / |Δp₁|²`` for each displacement of marker 1 by at least `min_step`.
+    Each displacement of marker 1 by at least `min_step` makes the update
+
+        Ĵ += (Δy − Ĵ Δp₁) Δp₁ᵀ / |Δp₁|²
 
     Parameters
     ----------

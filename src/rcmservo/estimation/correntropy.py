@@ -10,9 +10,9 @@ is replaced by the correntropy kernel, which stops growing beyond some βσ:
     λ = exp(−ν²/(2 β² S)),    K = λ P⁻ Δp / (λ Δpᵀ P⁻ Δp + R),    P by Joseph's form with K and R
 
 R thus counts as R/λ. An innovation of a few σ keeps nearly all of its weight, and one of tens of σ
-has none. The more certain Ĵ is in a direction, the smaller an outlier may be there. While
-displacements are suppressed, P still grows with the path, so that the filter adapts to a Jacobian
-that has changed permanently. For β → ∞ it is the Kalman filter.
+has none. The more certain Ĵ is in a direction, the smaller an innovation already counts as an
+outlier. While displacements are suppressed, P still grows with the path, so that the filter adapts
+to a Jacobian that has changed permanently. For β → ∞ it is the Kalman filter.
 
 It is the filter of Izanloo and others with a kernel width proportional to √S. With a fixed width,
 the first flow of an empty Ĵ, which is tens of σ from zero if σ² = R, counts as an outlier and Ĵ
@@ -86,8 +86,10 @@ def learn(
 class CorrentropyEstimator(RandomWalkEstimator):
     """Estimator of Ĵ by a maximum correntropy Kalman filter.
 
-    It is the Kalman filter on the rows of Ĵ with the measurement noise r²/λ, where ``λ = exp(−ν²/(2
-    β² S))`` is the weight of the innovation ν with the variance S.
+    It is the Kalman filter on the rows of Ĵ with the measurement noise r²/λ. The weight of an
+    innovation ν with the variance S is
+
+        λ = exp(−ν²/(2 β² S))
 
     Parameters
     ----------

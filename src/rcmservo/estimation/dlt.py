@@ -63,9 +63,13 @@ class DltKernel(NamedTuple):
 class DltEstimator(Estimator):
     """Estimator of Ĵ by a projection fitted to all frames.
 
-    The eleven numbers A (2, 4) and g (3,) of ``m = A x̄ / (1 + gᵀx)`` follow from all frames and
-    both markers, each row of eq. (18) weighted by 1/ẑ². Ĵ is eq. (15) with ∂m/∂p₁ of the fit. It is
-    rule (21) with ``Γ = (Σ w WᵀW + Γ₀⁻¹)⁻¹`` run to its end, about any origin.
+    The projection has eleven numbers, A (2, 4) and g (3,), with x̄ = [x 1]:
+
+        m = A x̄ / (1 + gᵀx),    x = (p − p₀) / 100 mm
+
+    They are fitted to both markers in all frames, each row of eq. (18) weighted by w = 1/ẑ². This
+    is rule (21) with Γ = (Σ w WᵀW + Γ₀⁻¹)⁻¹ run to its end, about any origin. Ĵ is eq. (15) with
+    ∂m/∂p₁ of the fit.
 
     Notes
     -----

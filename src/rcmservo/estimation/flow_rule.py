@@ -69,7 +69,9 @@ class FlowMemory(NamedTuple):
 class FlowEstimator(Estimator):
     """Estimator of Ĵ by the flow-based rule (28).
 
-    Rule (28), ``dĴ/dt = −γ (Ĵ ṗ₁ − ẏ) ṗ₁ᵀ``, is integrated exactly over each new frame.
+    Each new frame integrates the rule exactly for the mean velocity since the previous frame:
+
+        dĴ/dt = −γ (Ĵ ṗ₁ − ẏ) ṗ₁ᵀ
 
     Parameters
     ----------

@@ -82,9 +82,10 @@ class RandomWalkEstimator(DisplacementEstimator, ABC):
 class KalmanEstimator(RandomWalkEstimator):
     """Estimator of Ĵ by a Kalman filter on its rows.
 
-    The state of a row is x = Ĵᵢ/bᵢ with b = (10°, 10 px, 10 px). Each displacement of marker 1 by
-    at least `min_step` predicts ``P⁻ = P + q² |Δp| I`` and updates x with the gain ``K = P⁻ Δp /
-    (Δpᵀ P⁻ Δp + r²)``.
+    The state of a row is x = Ĵᵢ/bᵢ with b = (10°, 10 px, 10 px). Each displacement Δp of marker 1
+    by at least `min_step` updates x with the gain K:
+
+        P⁻ = P + q² |Δp| I,    K = P⁻ Δp / (Δpᵀ P⁻ Δp + r²),    x += K (Δyᵢ/bᵢ − Δpᵀ x)
 
     Raises
     ------

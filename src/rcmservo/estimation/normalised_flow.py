@@ -27,7 +27,9 @@ from rcmservo.interfaces import Floats
 class NormalisedFlowEstimator(DisplacementEstimator):
     """Estimator of Ĵ by the speed-normalised flow rule (28).
 
-    ``Ĵ += μ (Δy − Ĵ Δp₁) Δp₁ᵀ / |Δp₁|²`` for each displacement of marker 1 by at least `min_step`.
+    Each displacement of marker 1 by at least `min_step` makes the update
+
+        Ĵ += μ (Δy − Ĵ Δp₁) Δp₁ᵀ / |Δp₁|²
 
     Parameters
     ----------

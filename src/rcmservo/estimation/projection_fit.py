@@ -2,18 +2,18 @@
 
     m = (A x̄) / (1 + gᵀx),    x = (p − p₀) / 100 mm,    x̄ = [x 1],    m in px from m₀
 
-p₀ is the middle of both markers in the first frame, and m₀ the middle of their pixels. The RCM may
-therefore lie in front of, in or behind the image plane, while (10) needs it in front of the camera.
-Both markers of all frames count. Each row of (18) has the weight w = 1/ẑ², so that its error is in
-pixels. Four sums suffice,
+p₀ is the middle of both markers in the first frame, and m₀ the middle of their pixels. With this
+origin the RCM may lie in front of, in or behind the image plane; (10) needs it in front of the
+camera. Both markers of all frames count. Each row of (18) has the weight w = 1/ẑ², so that its
+error is in pixels. Four sums suffice,
 
     S = Σ w x̄x̄ᵀ,   U = Σ w u x̄x̄ᵀ,   V = Σ w v x̄x̄ᵀ,   W = Σ w (u² + v²) x̄x̄ᵀ
 
 since for h = [g 1] the rows of A are S⁻¹U h and S⁻¹V h, and their sum of squared residuals is hᵀQh
 with Q = W − U S⁻¹U − V S⁻¹V. Noise σ adds 2σ²S to W, which biases g towards zero; g therefore
 minimises hᵀ(Q − 2σ²S)h. This is rule (21) with Γ = (Σ w WᵀW + Γ₀⁻¹)⁻¹ run to its end, without a
-choice of observations. The transformation is that of Abdel-Aziz and Karara (1971), the correction
-that of errors in variables.
+choice of observations. It is the direct linear transformation of Abdel-Aziz and Karara (1971), with
+the correction for errors in variables.
 
 The offset is the mean residual of each marker over the newest frames nearby. Fit plus offset gives
 the markers without their noise.
@@ -52,7 +52,7 @@ MAX_OFFSET_FRAMES = 300.0
 PRIOR_NOISE_PX = 0.5
 """Expected noise (px) before the frames determine it."""
 PRIOR_NOISE_FRAMES = 5.0
-"""Number of frames that the expected noise weighs as much as."""
+"""Weight of the expected noise, as a number of frames."""
 
 MAX_RESIDUAL_GROWTH = 1.2
 """Largest factor by which the noise correction may increase the sum of squared residuals."""
@@ -61,7 +61,7 @@ RCM_POSITION_MM = np.zeros(3)
 """Position of the RCM in mm."""
 
 PRIOR_PRECISION = 1e-6, 1.0
-"""Prior 1/variance of A (px) and of g."""
+"""Prior precision 1/variance of A (px) and of g."""
 
 
 class FitWorkspace(Row):

@@ -325,8 +325,12 @@ def predict(a: Floats, p1: Floats, shaft: Shaft) -> Floats:
 class ProjectionEstimator(Estimator):
     """Estimator of Ĵ by the projection parameters of rule (21).
 
-    The nine parameters â minimise ``Q = ½ Σ eᵢᵀeᵢ`` of eq. (20) over P observations, by the
-    gradient descent ``dâ/dt = −Γ ∂Q/∂â``, which is integrated exactly. Ĵ follows from eq. (15).
+    The nine parameters â minimise Q = ½ Σ eᵢᵀeᵢ of eq. (20) over P observations, by the gradient
+    descent
+
+        dâ/dt = −Γ ∂Q/∂â
+
+    which is integrated exactly. Ĵ follows from eq. (15).
 
     Parameters
     ----------

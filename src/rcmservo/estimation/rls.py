@@ -65,8 +65,9 @@ def learn(
 class RlsEstimator(DisplacementEstimator):
     """Estimator of Ĵ by recursive least squares with forgetting.
 
-    It minimises ``Σᵢ λⁿ⁻ⁱ |Δyᵢ − J Δpᵢ|² + λⁿ |J|²/P₀`` over the displacements of marker 1 by at
-    least `min_step`.
+    For the displacements of marker 1 by at least `min_step` it minimises
+
+        Σᵢ λⁿ⁻ⁱ |Δyᵢ − J Δpᵢ|² + λⁿ |J|²/P₀
 
     Parameters
     ----------
