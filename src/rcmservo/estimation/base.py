@@ -23,7 +23,7 @@ class Sample(NamedTuple):
     Parameters
     ----------
     p1 : Floats
-        p₁ (3,) mm, the position of marker 1 by the measured joints at the exposure.
+        Position p₁ (3,) mm of marker 1 by the measured joints at the exposure.
     points : Floats
         Centres (2, 2) of the markers in raw px; NaN for a lost marker.
     o_c : Floats
@@ -60,7 +60,7 @@ class KernelSample(NamedTuple):
     Parameters
     ----------
     p1 : Floats
-        p₁ (3,) mm, the position of marker 1 by the measured joints at the exposure.
+        Position p₁ (3,) mm of marker 1 by the measured joints at the exposure.
     points : Floats
         Centres (2, 2) of the markers in raw px.
     o_c : Floats

@@ -339,7 +339,7 @@ class ProjectionEstimator(Estimator):
     rate : float
         Decay rate η of the fast Γ, 1/s.
     epsilon : float
-        ε of the fast Γ: modes of MᵀM weaker than ε Γ₀⁻¹ converge more slowly.
+        Regularisation ε of the fast Γ: modes of MᵀM weaker than ε Γ₀⁻¹ converge more slowly.
     observations : int
         P, the number of stored observations.
     both_markers : bool
