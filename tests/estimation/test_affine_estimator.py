@@ -1,6 +1,4 @@
-"""By places and sizes: exact from exact pictures wherever the RCM is, as near as the noise lets it,
-with one marker too; and without sizes it says that it knows nothing.
-"""
+"""The affine estimator: exact at any RCM depth, consistent with noise, empty without sizes."""
 
 import json
 from collections.abc import Iterator
@@ -16,7 +14,7 @@ import rcmservo as rs
 from conftest import SHAFT, SPACING, derivative, laboratory, random_from, seeds
 from rcmservo.cli.cli import main
 from rcmservo.estimation.affine import AffineEstimator
-from rcmservo.estimation.ball_size_fit import pictured
+from rcmservo.estimation.ball_size_fit import project_ball
 from rcmservo.estimation.base import Sample
 from rcmservo.geometry.features import SCALE, about, features
 from rcmservo.geometry.tool import RigidTool, second_marker
@@ -24,187 +22,195 @@ from rcmservo.interfaces import Floats
 
 TOOL, AFFINE = RigidTool(SPACING), AffineEstimator()
 RADII = np.array([3.0, 4.0])
-"""mm of the two balls, which no estimator is told."""
+"""Radii of the two balls in mm, which no estimator knows."""
 
 depths = st.sampled_from([-0.5, -0.05, 0.0, 0.05, 1.0])
-"""Of the RCM, as shares of the tool's: behind the camera, on its image plane, before it."""
+"""Depths of the RCM as fractions of the tool's depth.
+
+The RCM is behind the camera, on its image plane, and in front of it.
+"""
 
 
 def camera(random: np.random.Generator, middle: Floats, rcm_depth: float) -> Floats:
-    """A calibration matrix C (3, 4), whose last row is the depth in mm, of a camera that looks at
-    `middle` (3,) mm.
+    """Return the calibration matrix C (3, 4) of a camera that looks at `middle` (3,) mm.
+
+    Its last row is the depth in mm.
     """
-    away = random.uniform(50.0, 65.0)
+    distance = random.uniform(50.0, 65.0)
     along = middle / np.linalg.norm(middle)
     across = np.cross(along, random.standard_normal(3))
-    cosine = away * (1.0 - rcm_depth) / np.linalg.norm(middle)
+    cosine = distance * (1.0 - rcm_depth) / np.linalg.norm(middle)
     forward = cosine * along + np.sqrt(1.0 - cosine**2) * across / np.linalg.norm(across)
     right = np.cross(forward, random.standard_normal(3))
     right /= np.linalg.norm(right)
     rotation = np.stack([right, np.cross(forward, right), forward])
     K = np.array([[700.0, 0.0, 320.0], [0.0, 700.0, 240.0], [0.0, 0.0, 1.0]])
-    return K @ np.column_stack([rotation, -rotation @ (middle - away * forward)])
+    return K @ np.column_stack([rotation, -rotation @ (middle - distance * forward)])
 
 
-def places(random: np.random.Generator, count: int) -> Floats:
-    """p₁ (count, 3) mm in a cloud of ±10 mm that keeps away from the RCM."""
-    way = random.standard_normal(3)
-    return 120.0 * way / np.linalg.norm(way) + random.uniform(-10.0, 10.0, (count, 3))
+def random_positions(random: np.random.Generator, count: int) -> Floats:
+    """Return p₁ (count, 3) mm in a cloud of ±10 mm at a distance from the RCM."""
+    direction = random.standard_normal(3)
+    return 120.0 * direction / np.linalg.norm(direction) + random.uniform(-10.0, 10.0, (count, 3))
 
 
-def seen(C: Floats, p1: Floats) -> tuple[Floats, Floats]:
-    """The markers (2, 2) px and their apparent radii (2,) px: focal length, radius, depth."""
+def project_balls(C: Floats, p1: Floats) -> tuple[Floats, Floats]:
+    """Return the markers (2, 2) px and their radii (2,) px: focal length · radius / depth."""
     w = np.column_stack([np.stack([p1, second_marker(SHAFT, p1)]), np.ones(2)]) @ C.T
     return w[:, :2] / w[:, 2:], 700.0 * RADII / w[:, 2]
 
 
 def samples(
-    C: Floats, way: Floats, random: np.random.Generator, noise: float = 0.0
+    C: Floats, positions: Floats, random: np.random.Generator, noise: float = 0.0
 ) -> Iterator[Sample]:
-    """Frames at the places `way` (n, 3), with `noise` px of centres and sizes."""
-    for p1 in way:
-        points, sizes = seen(C, p1)
+    """Return frames at the positions (n, 3), with `noise` px of centres and sizes."""
+    for p1 in positions:
+        points, sizes = project_balls(C, p1)
         points = points + noise * random.standard_normal((2, 2))
         sizes = sizes + noise * random.standard_normal(2)
         yield Sample(p1, points, np.zeros(2), 1.0 / 60.0, sizes)
 
 
-def taught(frames: Iterator[Sample], estimator: AffineEstimator = AFFINE) -> Any:
+def fit_frames(frames: Iterator[Sample], estimator: AffineEstimator = AFFINE) -> Any:
     memory = estimator.init()
     for sample in frames:
         memory = estimator.update(memory, TOOL, sample)
     return memory
 
 
-def exact(seed: int, depth: float) -> tuple[Floats, Floats, Any]:
-    """A camera, 40 places, and what exact pictures of them teach."""
+def exact_fit(seed: int, depth: float) -> tuple[Floats, Floats, Any]:
+    """Return a camera, 40 positions, and the memory after exact images of them."""
     random = random_from(seed)
-    way = places(random, 40)
-    C = camera(random, way.mean(axis=0), depth)
-    return C, way, taught(samples(C, way, random))
+    positions = random_positions(random, 40)
+    C = camera(random, positions.mean(axis=0), depth)
+    return C, positions, fit_frames(samples(C, positions, random))
 
 
 @given(seeds, depths)
-def test_exact_pictures_teach_the_twelve_numbers_of_each_ball_wherever_the_rcm_is(
+def test_exact_images_determine_the_twelve_numbers_of_each_ball_at_any_rcm_depth(
     seed: int, depth: float
 ) -> None:
-    C, way, memory = exact(seed, depth)
-    for k, p_0 in enumerate((way[0], second_marker(SHAFT, way[0]))):
+    C, positions, memory = exact_fit(seed, depth)
+    for k, p_0 in enumerate((positions[0], second_marker(SHAFT, positions[0]))):
         shifted = C.copy()
-        shifted[:2] -= np.outer(seen(C, way[0])[0][k], C[2])
-        wanted = shifted @ np.column_stack([np.vstack([100.0 * np.eye(3), np.zeros(3)]), [*p_0, 1]])
-        wanted /= 700.0 * RADII[k]
-        apart = np.abs(memory[k]["C"] - wanted).max(axis=1) / np.abs(wanted).max(axis=1)
-        assert apart.max() < 2e-3
+        shifted[:2] -= np.outer(project_balls(C, positions[0])[0][k], C[2])
+        expected = shifted @ np.column_stack(
+            [np.vstack([100.0 * np.eye(3), np.zeros(3)]), [*p_0, 1]]
+        )
+        expected /= 700.0 * RADII[k]
+        deviation = np.abs(memory[k]["C"] - expected).max(axis=1) / np.abs(expected).max(axis=1)
+        assert deviation.max() < 2e-3
 
 
 @given(seeds, depths)
-def test_exact_pictures_teach_the_jacobian_wherever_the_rcm_is(seed: int, depth: float) -> None:
-    C, way, memory = exact(seed, depth)
-    points, o_c = seen(C, way[-1])[0], random_from(seed).uniform(-200.0, 800.0, 2)
-    J = derivative(lambda p: features(about(seen(C, p)[0], o_c)), way[-1], 1e-2)
-    J_hat = AFFINE.jacobian(memory, TOOL, Sample(way[-1], points, o_c, 0.0))
+def test_exact_images_determine_the_jacobian_at_any_rcm_depth(seed: int, depth: float) -> None:
+    C, positions, memory = exact_fit(seed, depth)
+    points, o_c = project_balls(C, positions[-1])[0], random_from(seed).uniform(-200.0, 800.0, 2)
+    J = derivative(lambda p: features(about(project_balls(C, p)[0], o_c)), positions[-1], 1e-2)
+    J_hat = AFFINE.jacobian(memory, TOOL, Sample(positions[-1], points, o_c, 0.0))
     assert np.linalg.norm((J_hat - J) / SCALE[:, None]) < 5e-3 * np.linalg.norm(J / SCALE[:, None])
 
 
 @given(seeds, depths)
-def test_how_sizes_change_is_what_the_fit_says_nearby_and_what_is_true(
+def test_the_derivative_of_the_sizes_is_that_of_the_fit_and_of_the_camera(
     seed: int, depth: float
 ) -> None:
-    C, way, memory = exact(seed, depth)
-    motion = AFFINE.size_motion(memory, TOOL, Sample(way[-1], *seen(C, way[-1])[:1], way[0], 0.0))
-    fitted = derivative(lambda p: sizes_by_fit(memory, p), way[-1], 1e-2)
+    C, positions, memory = exact_fit(seed, depth)
+    motion = AFFINE.size_motion(
+        memory, TOOL, Sample(positions[-1], *project_balls(C, positions[-1])[:1], positions[0], 0.0)
+    )
+    fitted = derivative(lambda p: fitted_sizes(memory, p), positions[-1], 1e-2)
     np.testing.assert_allclose(motion, fitted, rtol=0.0, atol=1e-7 * np.abs(fitted).max())
-    true = derivative(lambda p: seen(C, p)[1], way[-1], 1e-2)
+    true = derivative(lambda p: project_balls(C, p)[1], positions[-1], 1e-2)
     assert np.linalg.norm(motion - true) < 5e-3 * np.linalg.norm(true)
 
 
-def sizes_by_fit(memory: Any, p1: Floats) -> Floats:
-    """(2,) px that the fits have of both balls' radii."""
+def fitted_sizes(memory: Any, p1: Floats) -> Floats:
+    """Return the radii (2,) px of both balls by the fits."""
     both = p1, second_marker(SHAFT, p1)
-    return np.array([1.0 / pictured(memory[k], p).shrink for k, p in enumerate(both)])
+    return np.array([1.0 / project_ball(memory[k], p).inverse_radius for k, p in enumerate(both)])
 
 
 @given(seeds)
-def test_it_foretells_the_markers_from_the_imaged_rcm(seed: int) -> None:
-    C, way, memory = exact(seed, 1.0)
+def test_it_predicts_the_markers_from_the_imaged_rcm(seed: int) -> None:
+    C, positions, memory = exact_fit(seed, 1.0)
     o_c, _ = AFFINE.imaged_rcm(memory) or (np.full(2, np.nan), None)
     np.testing.assert_allclose(o_c, C[:2, 3] / C[2, 3], atol=3.0)
-    m = AFFINE.predict(memory, TOOL, way[3])
+    m = AFFINE.predict(memory, TOOL, positions[3])
     assert m is not None
-    np.testing.assert_allclose(m.reshape(2, 2) + o_c, seen(C, way[3])[0], atol=0.05)
+    np.testing.assert_allclose(m.reshape(2, 2) + o_c, project_balls(C, positions[3])[0], atol=0.05)
 
 
 @given(seeds)
-def test_the_place_it_tells_by_one_ball_is_off_by_what_the_noise_must_do(seed: int) -> None:
-    """Monte Carlo against Σ = H⁻¹ H⁻ᵀ σ², H the true derivative of u, v and size by the place."""
+def test_the_position_error_by_one_ball_is_that_of_the_noise(seed: int) -> None:
+    """Monte Carlo against Σ = H⁻¹ H⁻ᵀ σ², with H the true ∂(u, v, R)/∂p."""
     random, noise = random_from(seed), 0.1
-    way = places(random, 400)
-    C, p1 = camera(random, way.mean(axis=0), 1.0), way[-1]
-    memory = taught(samples(C, way, random, noise), AffineEstimator(size_noise=1.0))
+    positions = random_positions(random, 400)
+    C, p1 = camera(random, positions.mean(axis=0), 1.0), positions[-1]
+    memory = fit_frames(samples(C, positions, random, noise), AffineEstimator(size_noise=1.0))
     for k in range(2):
         p = p1 if k == 0 else second_marker(SHAFT, p1)
-        told = [
+        estimates = [
             AFFINE.position(memory, k, frame.points[k], frame.sizes[k])
             for frame in samples(C, np.tile(p1, (400, 1)), random, noise)
         ]
-        H = derivative(lambda p, k=k: by_numbers(C, p, k), p, 1e-2)
-        wanted = noise * np.sqrt(np.trace(np.linalg.inv(H.T @ H)))
-        off = np.sqrt(np.mean(np.sum((np.array(told) - p) ** 2, axis=1)))
-        assert off == pytest.approx(wanted, rel=0.25)
+        H = derivative(lambda p, k=k: true_pixels_and_radius(C, p, k), p, 1e-2)
+        expected = noise * np.sqrt(np.trace(np.linalg.inv(H.T @ H)))
+        error = np.sqrt(np.mean(np.sum((np.array(estimates) - p) ** 2, axis=1)))
+        assert error == pytest.approx(expected, rel=0.25)
 
 
-def by_numbers(C: Floats, p: Floats, k: int) -> Floats:
-    """(u, v, R) px of ball k at p (3,) mm."""
+def true_pixels_and_radius(C: Floats, p: Floats, k: int) -> Floats:
+    """Return (u, v, R) in px of ball k at p (3,) mm."""
     w = C @ [*p, 1.0]
     return np.array([w[0] / w[2], w[1] / w[2], 700.0 * RADII[k] / w[2]])
 
 
 def test_the_covariance_of_the_imaged_rcm_is_that_of_its_scatter() -> None:
-    random, surprises = random_from(4), []
-    way, estimator = places(random, 200), AffineEstimator(size_noise=1.0)
-    C = camera(random, way.mean(axis=0), 0.8)
+    random, squares = random_from(4), []
+    positions, estimator = random_positions(random, 200), AffineEstimator(size_noise=1.0)
+    C = camera(random, positions.mean(axis=0), 0.8)
     for _ in range(100):
-        told = estimator.imaged_rcm(taught(samples(C, way, random, 0.2), estimator))
-        assert told is not None
-        off = told[0] - C[:2, 3] / C[2, 3]
-        surprises.append(off @ np.linalg.solve(told[1], off))
-    assert 1.0 < np.mean(surprises) < 3.5, "2 on average, less as the better of two is taken"
+        estimates = estimator.imaged_rcm(fit_frames(samples(C, positions, random, 0.2), estimator))
+        assert estimates is not None
+        error = estimates[0] - C[:2, 3] / C[2, 3]
+        squares.append(error @ np.linalg.solve(estimates[1], error))
+    assert 1.0 < np.mean(squares) < 3.5, "2 on average, and less for the more certain of two fits"
 
 
-@pytest.mark.parametrize("lost", [0, 1])
-def test_with_one_marker_lost_the_other_still_tells_the_place(lost: int) -> None:
+@pytest.mark.parametrize("lost_marker", [0, 1])
+def test_with_one_marker_lost_the_other_determines_the_position(lost_marker: int) -> None:
     random, memory = random_from(1), AFFINE.init()
-    way = places(random, 60)
-    C = camera(random, way.mean(axis=0), 0.5)
-    for sample in samples(C, way, random, 0.05):
+    positions = random_positions(random, 60)
+    C = camera(random, positions.mean(axis=0), 0.5)
+    for sample in samples(C, positions, random, 0.05):
         points = sample.points.copy()
-        points[lost] = np.nan
+        points[lost_marker] = np.nan
         memory = AFFINE.update(memory, TOOL, sample._replace(points=points))
-    points, sizes = seen(C, way[0])
-    p = AFFINE.position(memory, 1 - lost, points[1 - lost], sizes[1 - lost])
+    points, sizes = project_balls(C, positions[0])
+    p = AFFINE.position(memory, 1 - lost_marker, points[1 - lost_marker], sizes[1 - lost_marker])
     assert p is not None
-    wanted = second_marker(SHAFT, way[0]) if lost == 0 else way[0]
-    assert np.linalg.norm(p - wanted) < 0.5
-    assert AFFINE.position(memory, lost, points[lost], sizes[lost]) is None
-    assert AFFINE.position(memory, 1 - lost, np.full(2, np.nan), 20.0) is None
-    assert AFFINE.position(memory, 1 - lost, points[1 - lost], 0.0) is None
-    assert AFFINE.predict(memory, TOOL, way[0]) is None
+    expected = second_marker(SHAFT, positions[0]) if lost_marker == 0 else positions[0]
+    assert np.linalg.norm(p - expected) < 0.5
+    assert AFFINE.position(memory, lost_marker, points[lost_marker], sizes[lost_marker]) is None
+    assert AFFINE.position(memory, 1 - lost_marker, np.full(2, np.nan), 20.0) is None
+    assert AFFINE.position(memory, 1 - lost_marker, points[1 - lost_marker], 0.0) is None
+    assert AFFINE.predict(memory, TOOL, positions[0]) is None
     assert not AFFINE.jacobian(memory, TOOL, sample).any()
 
 
-def test_without_sizes_it_says_that_nothing_is_known() -> None:
+def test_without_sizes_it_estimates_nothing() -> None:
     random, memory = random_from(2), AFFINE.init()
-    way = places(random, 30)
-    for sample in samples(camera(random, way.mean(axis=0), 0.5), way, random):
-        blind = Sample(*sample[:4])
-        memory = AFFINE.update(memory, TOOL, blind)
+    positions = random_positions(random, 30)
+    for sample in samples(camera(random, positions.mean(axis=0), 0.5), positions, random):
+        without_sizes = Sample(*sample[:4])
+        memory = AFFINE.update(memory, TOOL, without_sizes)
     assert memory.tobytes() == AFFINE.init().tobytes()
-    assert not AFFINE.jacobian(memory, TOOL, blind).any()
-    assert AFFINE.imaged_rcm(memory) is None and AFFINE.predict(memory, TOOL, way[0]) is None
+    assert not AFFINE.jacobian(memory, TOOL, without_sizes).any()
+    assert AFFINE.imaged_rcm(memory) is None and AFFINE.predict(memory, TOOL, positions[0]) is None
 
 
-def test_with_a_tracker_that_tells_no_sizes_a_run_ends_with_what_it_lacks() -> None:
+def test_a_run_with_a_tracker_without_sizes_ends_with_advice() -> None:
     lab = laboratory()
     servo = lab.servo(estimator=AFFINE)
     for _, state in lab.run(servo, 30.0):
@@ -215,7 +221,7 @@ def test_with_a_tracker_that_tells_no_sizes_a_run_ends_with_what_it_lacks() -> N
 
 
 @pytest.mark.slow
-def test_on_rendered_pictures_it_settles_at_the_target_and_replays(
+def test_on_rendered_images_it_reaches_the_target_and_replays(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     run = [
@@ -237,11 +243,11 @@ def test_on_rendered_pictures_it_settles_at_the_target_and_replays(
 
 
 @given(seeds)
-def test_an_update_changes_nothing_that_was_remembered(seed: int) -> None:
+def test_an_update_leaves_the_previous_memory_unchanged(seed: int) -> None:
     random = random_from(seed)
-    way = places(random, 3)
-    C, memory = camera(random, way.mean(axis=0), 0.5), AFFINE.init()
-    for sample in samples(C, way, random, 0.1):
+    positions = random_positions(random, 3)
+    C, memory = camera(random, positions.mean(axis=0), 0.5), AFFINE.init()
+    for sample in samples(C, positions, random, 0.1):
         before = memory.tobytes()
         after = AFFINE.update(memory, TOOL, sample)
         assert memory.tobytes() == before != after.tobytes()
@@ -250,6 +256,6 @@ def test_an_update_changes_nothing_that_was_remembered(seed: int) -> None:
 
 
 @pytest.mark.parametrize("value", [0, -1, 1e-3, 1e3, np.nan])
-def test_a_setting_that_cannot_work_is_refused_by_name(value: float) -> None:
+def test_a_setting_outside_its_range_is_refused_by_name(value: float) -> None:
     with pytest.raises(rs.BadInput, match=r"estimator\.size_noise"):
         AffineEstimator(size_noise=value)

@@ -1,6 +1,4 @@
-"""Broyden's update is the least change that explains a displacement, and small displacements teach
-nothing.
-"""
+"""Broyden's update: the smallest change that explains a displacement of at least `min_step`."""
 
 import numpy as np
 import pytest
@@ -20,66 +18,72 @@ lengths = st.one_of(st.floats(1e-3, 1), st.floats(1, 10), st.floats(10, 1e3))
 
 def problem(seed):
     random = random_from(seed)
-    way = random.standard_normal(3)
-    return random.uniform(-5, 5, (3, 3)), random.uniform(-5, 5, (3, 3)), way / np.linalg.norm(way)
+    direction = random.standard_normal(3)
+    return (
+        random.uniform(-5, 5, (3, 3)),
+        random.uniform(-5, 5, (3, 3)),
+        direction / np.linalg.norm(direction),
+    )
 
 
 @given(seeds, lengths)
 def test_after_an_update_the_secant_equation_holds_exactly(seed, length):
-    _, J_hat, way = problem(seed)
-    delta_p, delta_y = length * way, random_from(seed + 1).uniform(-50, 50, 3)
+    _, J_hat, direction = problem(seed)
+    delta_p, delta_y = length * direction, random_from(seed + 1).uniform(-50, 50, 3)
     after = learn(J_hat, delta_p, delta_y)
     assert np.allclose(after @ delta_p, delta_y, rtol=1e-12, atol=1e-12 * max(length, 50))
 
 
 @given(seeds, lengths)
-def test_orthogonal_directions_are_left_alone(seed, length):
-    J, J_hat, way = problem(seed)
-    after = learn(J_hat, length * way, J @ (length * way))
-    across = np.eye(3) - np.outer(way, way)
+def test_orthogonal_directions_stay_unchanged(seed, length):
+    J, J_hat, direction = problem(seed)
+    after = learn(J_hat, length * direction, J @ (length * direction))
+    across = np.eye(3) - np.outer(direction, direction)
     assert np.allclose(after @ across, J_hat @ across, atol=1e-12)
 
 
 @given(seeds, lengths)
 def test_no_other_jacobian_that_explains_the_displacement_is_nearer(seed, length):
-    J, J_hat, way = problem(seed)
-    after = learn(J_hat, length * way, J @ (length * way))
-    other = after + random_from(seed + 1).uniform(-5, 5, (3, 3)) @ (np.eye(3) - np.outer(way, way))
+    J, J_hat, direction = problem(seed)
+    after = learn(J_hat, length * direction, J @ (length * direction))
+    other = after + random_from(seed + 1).uniform(-5, 5, (3, 3)) @ (
+        np.eye(3) - np.outer(direction, direction)
+    )
     assert np.linalg.norm(after - J_hat) <= np.linalg.norm(other - J_hat) * (1 + 1e-12)
 
 
 @given(seeds, lengths)
 def test_no_row_of_the_error_grows_while_the_true_jacobian_stays(seed, length):
-    J, J_hat, way = problem(seed)
-    after = learn(J_hat, length * way, J @ (length * way))
+    J, J_hat, direction = problem(seed)
+    after = learn(J_hat, length * direction, J @ (length * direction))
     R, R_after = np.sum((J_hat - J) ** 2, axis=1), np.sum((after - J) ** 2, axis=1)
     assert np.all(R_after <= R * (1 + 1e-12))
 
 
 @given(seeds)
-def test_a_constant_jacobian_is_learnt_exactly_from_three_orthogonal_steps(seed):
+def test_three_orthogonal_steps_determine_a_constant_jacobian_exactly(seed):
     J, _, _ = problem(seed)
     J_hat = np.zeros((3, 3))
-    for way in np.linalg.qr(random_from(seed + 1).standard_normal((3, 3)))[0]:
-        J_hat = learn(J_hat, 5.0 * way, J @ (5.0 * way))
+    for direction in np.linalg.qr(random_from(seed + 1).standard_normal((3, 3)))[0]:
+        J_hat = learn(J_hat, 5.0 * direction, J @ (5.0 * direction))
     assert np.allclose(J_hat, J, atol=1e-12)
 
 
 @given(seeds)
-def test_independent_steps_over_and_over_lead_to_a_constant_jacobian(seed):
-    """Steps that are not orthogonal undo a part of each other, so that one round is not enough."""
+def test_repeated_independent_steps_converge_to_a_constant_jacobian(seed):
+    """Steps that are not orthogonal partly undo each other, so that one round is not enough."""
     J, J_hat, _ = problem(seed)
-    ways = np.eye(3) + 0.2 * random_from(seed + 1).uniform(-1, 1, (3, 3))
+    directions = np.eye(3) + 0.2 * random_from(seed + 1).uniform(-1, 1, (3, 3))
     for _ in range(60):
-        for way in ways:
-            J_hat = learn(J_hat, way, J @ way)
+        for direction in directions:
+            J_hat = learn(J_hat, direction, J @ direction)
     assert np.allclose(J_hat, J, atol=1e-9)
 
 
 @given(seeds, lengths)
-def test_it_is_the_flow_rule_28_with_a_boundless_gain(seed, length):
-    J, J_hat, way = problem(seed)
-    delta_p = length * way
+def test_it_is_the_limit_of_flow_rule_28_for_a_large_gain(seed, length):
+    J, J_hat, direction = problem(seed)
+    delta_p = length * direction
     assert np.allclose(
         learn(J_hat, delta_p, J @ delta_p),
         flow_learn(J_hat, delta_p, J @ delta_p, 1.0, 1e12),
@@ -88,18 +92,20 @@ def test_it_is_the_flow_rule_28_with_a_boundless_gain(seed, length):
 
 
 def frames(seed, steps):
-    """What a camera sees of marker 1 at places `steps` (n, 3) mm from a first one, and its o_c."""
+    """Return frames with marker 1 at `steps` (n, 3) mm from a first position."""
     random = random_from(seed)
-    places = tool_positions(random, 1)[0] + steps
-    C = true_camera(random, places)
-    return [Sample(p, markers_seen(C, p), parameters(C)[1], 0.02) for p in places]
+    positions = tool_positions(random, 1)[0] + steps
+    C = true_camera(random, positions)
+    return [Sample(p, markers_seen(C, p), parameters(C)[1], 0.02) for p in positions]
 
 
 @given(seeds, st.floats(0.1, 10.0), st.floats(0.0, 0.99))
-def test_below_min_step_nothing_is_learnt_however_often_it_is_seen(seed, min_step, share):
+def test_displacements_below_min_step_never_change_the_estimate(seed, min_step, fraction):
     estimator, tool = BroydenEstimator(min_step), TOOLS["rigid"]
-    _, _, way = problem(seed)
-    first, *rest = frames(seed, np.outer([0.0, share, -share, share], min_step * way))
+    _, _, direction = problem(seed)
+    first, *rest = frames(
+        seed, np.outer([0.0, fraction, -fraction, fraction], min_step * direction)
+    )
     memory = estimator.update(estimator.init(), tool, first)
     for sample in rest:
         memory = estimator.update(memory, tool, sample)
@@ -108,16 +114,16 @@ def test_below_min_step_nothing_is_learnt_however_often_it_is_seen(seed, min_ste
 
 
 @given(seeds)
-def test_small_steps_add_up_until_they_are_worth_learning_from(seed):
+def test_small_steps_add_up_to_a_displacement(seed):
     estimator, tool = BroydenEstimator(min_step=1.0), TOOLS["rigid"]
-    _, _, way = problem(seed)
-    samples = frames(seed, np.outer(0.3 * np.arange(9), way))
-    memory, learnt = estimator.init(), []
+    _, _, direction = problem(seed)
+    samples = frames(seed, np.outer(0.3 * np.arange(9), direction))
+    memory, updated = estimator.init(), []
     for i, sample in enumerate(samples):
         before, memory = memory, estimator.update(memory, tool, sample)
         if not np.array_equal(memory.J_hat, before.J_hat):
-            learnt.append(i)
-    assert learnt == [4, 8]
+            updated.append(i)
+    assert updated == [4, 8]
     last, o_c = samples[-1], samples[-1].o_c
     change = difference(features(about(last.points, o_c)), features(about(samples[4].points, o_c)))
     assert np.allclose(memory.J_hat @ (last.p1 - samples[4].p1) / SCALE, change / SCALE, atol=1e-9)
@@ -125,12 +131,12 @@ def test_small_steps_add_up_until_they_are_worth_learning_from(seed):
 
 def test_features_of_both_ends_are_taken_about_the_present_origin():
     p, points = np.array([0.0, 0.0, 100.0]), np.array([[10.0, 20.0], [30.0, 50.0]])
-    J, learnt = update(np.zeros((3, 3)), p, points, p + 2.0, points, np.array([40.0, -25.0]), 1.0)
-    assert learnt
+    J, updated = update(np.zeros((3, 3)), p, points, p + 2.0, points, np.array([40.0, -25.0]), 1.0)
+    assert updated
     assert not J.any()
 
 
-def test_a_turn_across_half_a_turn_is_learnt_as_the_small_turn_it_is():
+def test_an_angle_that_wraps_counts_as_a_small_rotation():
     before, after = (
         np.array([[-50.0, 1.0], [-150.0, 2.0]]),
         np.array([[-50.0, -1.0], [-150.0, -2.0]]),
@@ -141,7 +147,7 @@ def test_a_turn_across_half_a_turn_is_learnt_as_the_small_turn_it_is():
     assert abs(J[0, 0]) < 0.1
 
 
-def test_the_first_frame_teaches_nothing_and_there_is_no_model_of_the_markers():
+def test_the_first_frame_changes_nothing_and_markers_are_not_predicted():
     estimator, tool = BroydenEstimator(), TOOLS["rigid"]
     first, second = frames(3, np.array([[0.0, 0.0, 0.0], [3.0, 3.0, 0.0]]))
     memory = estimator.update(estimator.init(), tool, first)

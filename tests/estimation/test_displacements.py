@@ -1,6 +1,4 @@
-"""The estimators that learn from displacements: a tool at rest teaches them nothing, both ends are
-taken about one imaged RCM, and clean displacements lead each of them to the true Jacobian.
-"""
+"""Common properties of the estimators that update Ĵ by displacements."""
 
 import numpy as np
 import pytest
@@ -13,10 +11,10 @@ from rcmservo.estimation.base import Sample
 from rcmservo.estimation.broyden import BroydenEstimator
 from rcmservo.estimation.correntropy import CorrentropyEstimator
 from rcmservo.estimation.displacement import (
-    corrected,
+    correct_jacobian,
     displaced,
-    gain,
-    left_uncertain,
+    kalman_gain,
+    update_covariance,
 )
 from rcmservo.estimation.kalman import KalmanEstimator
 from rcmservo.estimation.normalised_flow import NormalisedFlowEstimator
@@ -24,12 +22,12 @@ from rcmservo.estimation.rls import RlsEstimator
 from rcmservo.geometry.features import SCALE
 from rcmservo.geometry.projection import parameters
 
-KINDS = (RlsEstimator, KalmanEstimator, CorrentropyEstimator, NormalisedFlowEstimator)
+ESTIMATORS = (RlsEstimator, KalmanEstimator, CorrentropyEstimator, NormalisedFlowEstimator)
 TOOL = TOOLS["rigid"]
-every = pytest.mark.parametrize("kind", KINDS)
+every_estimator = pytest.mark.parametrize("kind", ESTIMATORS)
 
 
-def fed(estimator, samples, memory=None):
+def memory_after(estimator, samples, memory=None):
     memory = estimator.init() if memory is None else memory
     for sample in samples:
         memory = estimator.update(memory, TOOL, sample)
@@ -37,111 +35,117 @@ def fed(estimator, samples, memory=None):
 
 
 def frames(seed, steps, noise=0.0):
-    """What a camera sees of marker 1 at places `steps` (n, 3) mm from a first one, and its o_c."""
+    """Return frames with marker 1 at `steps` (n, 3) mm from a first position."""
     random = random_from(seed)
-    places = tool_positions(random, 1)[0] + steps
-    C = true_camera(random, places)
+    positions = tool_positions(random, 1)[0] + steps
+    C = true_camera(random, positions)
     o_c = parameters(C)[1]
     return [
         Sample(p, markers_seen(C, p) + noise * random.standard_normal((2, 2)), o_c, 0.02)
-        for p in places
+        for p in positions
     ]
 
 
-@every
+@every_estimator
 @given(seeds, st.floats(0.1, 10.0), st.floats(0.0, 0.99))
-def test_a_tool_at_rest_teaches_nothing_and_makes_nothing_less_certain(kind, seed, step, share):
-    """However long it shakes within min_step and however its markers scatter."""
-    estimator, way = kind(min_step=step), random_from(seed).standard_normal(3)
-    moves = np.outer([0.0, 2.0 * step], way / np.linalg.norm(way))
-    shakes = moves[1] + share * step * np.outer(np.tile([1.0, -1.0], 10), way / np.linalg.norm(way))
+def test_a_tool_at_rest_changes_neither_estimate_nor_covariance(kind, seed, step, fraction):
+    """It holds for any motion within min_step and any noise of the markers."""
+    estimator, direction = kind(min_step=step), random_from(seed).standard_normal(3)
+    moves = np.outer([0.0, 2.0 * step], direction / np.linalg.norm(direction))
+    shakes = moves[1] + fraction * step * np.outer(
+        np.tile([1.0, -1.0], 10), direction / np.linalg.norm(direction)
+    )
     samples = frames(seed, np.concatenate([moves, shakes]), noise=1.0)
-    known = fed(estimator, samples[:2])
-    assert known.J_hat.any()
-    assert frozen(fed(estimator, samples[2:], known)) == frozen(known)
+    moved = memory_after(estimator, samples[:2])
+    assert moved.J_hat.any()
+    assert frozen(memory_after(estimator, samples[2:], moved)) == frozen(moved)
 
 
-@every
-def test_small_steps_add_up_until_they_are_worth_learning_from(kind):
+@every_estimator
+def test_small_steps_add_up_to_a_displacement(kind):
     estimator = kind(min_step=1.0)
-    memory, learnt = estimator.init(), []
+    memory, updated = estimator.init(), []
     for i, sample in enumerate(frames(3, np.outer(0.3 * np.arange(9), [0.6, 0.0, 0.8]))):
         before, memory = memory, estimator.update(memory, TOOL, sample)
         if not np.array_equal(memory.J_hat, before.J_hat):
-            learnt.append(i)
-    assert learnt == [4, 8]
+            updated.append(i)
+    assert updated == [4, 8]
 
 
-@every
-def test_how_fast_a_displacement_was_made_does_not_matter(kind):
+@every_estimator
+def test_the_speed_of_a_displacement_does_not_matter(kind):
     slow = frames(5, random_from(5).uniform(-20, 20, (9, 3)))
     fast = [sample._replace(dt=1e-3 * sample.dt) for sample in slow]
-    assert frozen(fed(kind(), slow)) == frozen(fed(kind(), fast))
+    assert frozen(memory_after(kind(), slow)) == frozen(memory_after(kind(), fast))
 
 
-@every
+@every_estimator
 def test_features_of_both_ends_are_taken_about_the_present_origin(kind):
     points = np.array([[10.0, 20.0], [30.0, 50.0]])
     first = Sample(np.zeros(3), points, np.array([0.0, 0.0]), 0.0)
     second = Sample(np.full(3, 5.0), points, np.array([40.0, -25.0]), 0.02)
-    memory = fed(kind(), [first, second])
+    memory = memory_after(kind(), [first, second])
     assert memory.p1 is second.p1
     assert not memory.J_hat.any()
 
 
-@every
-def test_a_turn_across_half_a_turn_is_learnt_as_the_small_turn_it_is(kind):
+@every_estimator
+def test_an_angle_that_wraps_counts_as_a_small_rotation(kind):
     before, after = [[-50.0, 1.0], [-150.0, 2.0]], [[-50.0, -1.0], [-150.0, -2.0]]
     first = Sample(np.zeros(3), np.array(before), np.zeros(2), 0.0)
     second = Sample(np.array([3.0, 0.0, 0.0]), np.array(after), np.zeros(2), 0.02)
-    assert 0.0 < abs(fed(kind(), [first, second]).J_hat[0, 0]) < 0.1
+    assert 0.0 < abs(memory_after(kind(), [first, second]).J_hat[0, 0]) < 0.1
 
 
-@every
+@every_estimator
 @given(seeds)
-def test_clean_displacements_lead_to_the_true_jacobian(kind, seed):
+def test_exact_displacements_converge_to_the_true_jacobian(kind, seed):
     random, estimator = random_from(seed), kind()
     J = random.uniform(-0.5, 0.5, (3, 3)) * SCALE[:, None]
-    J_hat, P = np.zeros((3, 3)), estimator.uncertain()
+    J_hat, P = np.zeros((3, 3)), estimator.initial_covariance()
     for _ in range(20):
-        for way in np.linalg.qr(random.standard_normal((3, 3)))[0]:
-            J_hat, P = estimator.learn(J_hat, P, 5.0 * way, J @ (5.0 * way))
+        for direction in np.linalg.qr(random.standard_normal((3, 3)))[0]:
+            J_hat, P = estimator.update_jacobian(J_hat, P, 5.0 * direction, J @ (5.0 * direction))
     error = np.linalg.norm((J_hat - J) / SCALE[:, None])
     assert error < 1e-3 * np.linalg.norm(J / SCALE[:, None])
 
 
-@every
-def test_update_is_pure_and_the_first_frame_teaches_nothing(kind):
+@every_estimator
+def test_update_is_pure_and_the_first_frame_changes_no_estimate(kind):
     estimator, (first, second) = kind(), frames(3, np.array([[0.0, 0.0, 0.0], [3.0, 3.0, 0.0]]))
-    memory = fed(estimator, [first])
+    memory = memory_after(estimator, [first])
     before = frozen(memory)
     assert not estimator.jacobian(memory, TOOL, first).any()
-    after = fed(estimator, [second], memory)
+    after = memory_after(estimator, [second], memory)
     assert estimator.jacobian(after, TOOL, second).any()
     assert frozen(memory) == before
-    assert frozen(fed(estimator, [second], memory)) == frozen(after)
+    assert frozen(memory_after(estimator, [second], memory)) == frozen(after)
     assert estimator.predict(memory, TOOL, first.p1) is None
 
 
-@every
+@every_estimator
 @given(seeds, st.floats(1e-3, 1e3), st.floats(0.0, 1e6), st.integers(1, 30))
-def test_nothing_that_is_not_finite_comes_out_of_finite_displacements(kind, seed, step, flow, n):
-    """Along one line over and over, or in any direction."""
+def test_finite_displacements_give_finite_estimates(kind, seed, step, flow, n):
+    """The displacements are along one line, or in any direction."""
     random, estimator = random_from(seed), kind()
-    line, J_hat, P = random.standard_normal(3), np.zeros((3, 3)), estimator.uncertain()
+    line, J_hat, P = random.standard_normal(3), np.zeros((3, 3)), estimator.initial_covariance()
     for k in range(n):
-        way = line if seed % 2 else random.standard_normal(3)
-        J_hat, P = estimator.learn(J_hat, P, step * way, flow * random.standard_normal(3) * (k % 3))
+        direction = line if seed % 2 else random.standard_normal(3)
+        J_hat, P = estimator.update_jacobian(
+            J_hat, P, step * direction, flow * random.standard_normal(3) * (k % 3)
+        )
     assert np.isfinite(J_hat).all() and np.isfinite(P).all()
 
 
 @pytest.mark.parametrize("kind", (RlsEstimator, KalmanEstimator, CorrentropyEstimator))
 def test_many_displacements_along_one_line_leave_p_positive_definite(kind):
-    """30 m of them: in no other direction is anything seen."""
+    """The path is 30 m long, with no measurement in any other direction."""
     estimator, J_hat = kind(), np.zeros((3, 3))
-    P = estimator.uncertain()
+    P = estimator.initial_covariance()
     for _ in range(10_000):
-        J_hat, P = estimator.learn(J_hat, P, np.array([3.0, 0.1, 0.0]), np.array([0.01, 9.0, 5.0]))
+        J_hat, P = estimator.update_jacobian(
+            J_hat, P, np.array([3.0, 0.1, 0.0]), np.array([0.01, 9.0, 5.0])
+        )
     assert np.isfinite(J_hat).all()
     for block in np.atleast_3d(P).reshape(-1, 3, 3):
         assert np.array_equal(block, block.T)
@@ -149,42 +153,46 @@ def test_many_displacements_along_one_line_leave_p_positive_definite(kind):
 
 
 @given(seeds, st.floats(1e-2, 1e2), st.floats(1e-4, 10.0))
-def test_the_gain_leaves_least_uncertain(seed, step, R):
+def test_the_gain_minimises_the_covariance(seed, step, R):
     random = random_from(seed)
-    root, way = random.standard_normal((3, 3)), step * random.standard_normal(3)
+    root, direction = random.standard_normal((3, 3)), step * random.standard_normal(3)
     P = root @ root.T
-    K = gain(P, way, R)
-    best = left_uncertain(P, way, R, K)
+    K = kalman_gain(P, direction, R)
+    best = update_covariance(P, direction, R, K)
     assert np.array_equal(best, best.T)
     assert np.allclose(
-        best, P - np.outer(K, P @ way), atol=1e-9 * (1.0 + step**2) * np.abs(P).max()
+        best, P - np.outer(K, P @ direction), atol=1e-9 * (1.0 + step**2) * np.abs(P).max()
     )
-    other = left_uncertain(P, way, R, K + 0.1 * random.standard_normal(3))
+    other = update_covariance(P, direction, R, K + 0.1 * random.standard_normal(3))
     assert np.linalg.eigvalsh(other).min() > -1e-12 * np.abs(other).max()
     assert np.trace(other) >= np.trace(best) * (1.0 - 1e-9)
 
 
-def test_a_correction_moves_each_row_by_its_own_news():
-    J, way, K = np.arange(9.0).reshape(3, 3), np.array([1.0, 0.0, 2.0]), np.array([0.5, 0.0, 0.25])
-    flow = J @ way + np.array([1.0, 0.0, -4.0])
-    after = corrected(J, way, flow, K)
+def test_a_correction_changes_each_row_by_its_own_innovation():
+    J, direction, K = (
+        np.arange(9.0).reshape(3, 3),
+        np.array([1.0, 0.0, 2.0]),
+        np.array([0.5, 0.0, 0.25]),
+    )
+    flow = J @ direction + np.array([1.0, 0.0, -4.0])
+    after = correct_jacobian(J, direction, flow, K)
     assert np.allclose(after - J, np.outer([1.0, 0.0, -4.0], K))
 
 
-def test_a_displacement_is_as_far_as_min_step_at_least():
+def test_a_displacement_is_at_least_as_long_as_min_step():
     points, o_c = np.array([[10.0, 20.0], [30.0, 50.0]]), np.zeros(2)
-    for way, far in ((2.0, True), (1.999, False)):
-        found = displaced(np.zeros(3), points, np.array([0.0, way, 0.0]), points, o_c, 2.0)
-        assert found[2] is far
+    for distance, is_long in ((2.0, True), (1.999, False)):
+        found = displaced(np.zeros(3), points, np.array([0.0, distance, 0.0]), points, o_c, 2.0)
+        assert found[2] is is_long
 
 
-@every
+@every_estimator
 @pytest.mark.parametrize("min_step", [0.0, -1.0, np.nan, np.inf])
 def test_a_step_that_is_no_positive_length_is_refused(kind, min_step):
     with pytest.raises(BadInput, match=r"estimator.min_step must be a positive length in mm, got"):
         kind(min_step=min_step)
 
 
-def test_a_smaller_least_step_than_broydens_will_do_as_noise_is_averaged():
-    assert {kind().min_step for kind in KINDS} == {2.0}
+def test_averaging_estimators_have_a_smaller_min_step_than_broyden():
+    assert {kind().min_step for kind in ESTIMATORS} == {2.0}
     assert BroydenEstimator().min_step == 3.0

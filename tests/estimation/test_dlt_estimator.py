@@ -1,5 +1,6 @@
-"""The recursive direct linear transformation: right wherever the RCM is, nearer with noise, and it
-takes the noise out of the markers. What it is made of is tested in test_prospect.py.
+"""The direct linear transformation: exact at any RCM depth, and averages the markers' noise.
+
+The tests of its projection fit are in test_projection_fit.py.
 """
 
 import numpy as np
@@ -19,122 +20,125 @@ TOOL = RigidTool(SPACING)
 DLT = DltEstimator()
 
 depths = st.sampled_from([-0.5, -0.05, 0.05, 1.0])
-"""Of the RCM, as shares of the tool's: behind the camera, about its image plane, before it."""
+"""Depths of the RCM as fractions of the tool's depth.
+
+The RCM is behind the camera, near its image plane, and in front of it.
+"""
 
 
 def camera(random: np.random.Generator, middle: Floats, rcm_depth: float) -> Floats:
-    """A calibration matrix C (3, 4) of a camera that looks at `middle` (3,) mm."""
-    away = random.uniform(45.0, 75.0)
+    """Return the calibration matrix C (3, 4) of a camera that looks at `middle` (3,) mm."""
+    distance = random.uniform(45.0, 75.0)
     across = np.cross(middle, random.standard_normal(3))
     across /= np.linalg.norm(across)
     along = middle / np.linalg.norm(middle)
-    cosine = away * (1.0 - rcm_depth) / np.linalg.norm(middle)
+    cosine = distance * (1.0 - rcm_depth) / np.linalg.norm(middle)
     forward = cosine * along + np.sqrt(1.0 - cosine**2) * across
     right = np.cross(forward, random.standard_normal(3))
     right /= np.linalg.norm(right)
     rotation = np.stack([right, np.cross(forward, right), forward])
     K = np.array([[700.0, 0.0, 320.0], [0.0, 700.0, 240.0], [0.0, 0.0, 1.0]])
-    return K @ np.column_stack([rotation, -rotation @ (middle - away * forward)])
+    return K @ np.column_stack([rotation, -rotation @ (middle - distance * forward)])
 
 
-def seen(C: Floats, p1: Floats) -> Floats:
+def project_markers(C: Floats, p1: Floats) -> Floats:
     points = np.column_stack([np.stack([p1, second_marker(SHAFT, p1)]), np.ones(2)]) @ C.T
     return points[:, :2] / points[:, 2:]
 
 
-def places(random: np.random.Generator, count: int) -> Floats:
-    """p₁ (count, 3) mm in a cloud of ±15 mm that keeps away from the RCM."""
-    way = random.standard_normal(3)
-    return 120.0 * way / np.linalg.norm(way) + random.uniform(-15.0, 15.0, (count, 3))
+def random_positions(random: np.random.Generator, count: int) -> Floats:
+    """Return p₁ (count, 3) mm in a cloud of ±15 mm at a distance from the RCM."""
+    direction = random.standard_normal(3)
+    return 120.0 * direction / np.linalg.norm(direction) + random.uniform(-15.0, 15.0, (count, 3))
 
 
-def taught(estimator: Estimator, C: Floats, way: Floats, noise: Floats, o_c: Floats) -> Floats:
-    """Ĵ (3, 3), scaled, at the last of the places `way` (n, 3), with `noise` (n, 2, 2) px."""
+def fitted_jacobian(
+    estimator: Estimator, C: Floats, positions: Floats, noise: Floats, o_c: Floats
+) -> Floats:
+    """Return the scaled Ĵ (3, 3) at the last of the positions (n, 3), with `noise` (n, 2, 2) px."""
     memory = estimator.init()
-    for p1, off in zip(way, noise, strict=True):
-        sample = Sample(p1, seen(C, p1) + off, o_c, 1.0 / 60.0)
+    for p1, offset in zip(positions, noise, strict=True):
+        sample = Sample(p1, project_markers(C, p1) + offset, o_c, 1.0 / 60.0)
         memory = estimator.update(memory, TOOL, sample)
-    exact = Sample(way[-1], seen(C, way[-1]), o_c, 1.0 / 60.0)
+    exact = Sample(positions[-1], project_markers(C, positions[-1]), o_c, 1.0 / 60.0)
     return estimator.jacobian(memory, TOOL, exact) / SCALE[:, None]
 
 
 def true_jacobian(C: Floats, p1: Floats, o_c: Floats) -> Floats:
-    return derivative(lambda p: features(about(seen(C, p), o_c)), p1, 1e-2) / SCALE[:, None]
+    return (
+        derivative(lambda p: features(about(project_markers(C, p), o_c)), p1, 1e-2) / SCALE[:, None]
+    )
 
 
 @given(seeds, depths)
-def test_from_exact_pictures_it_learns_the_jacobian_wherever_the_rcm_is(
-    seed: int, depth: float
-) -> None:
+def test_exact_images_determine_the_jacobian_at_any_rcm_depth(seed: int, depth: float) -> None:
     random = random_from(seed)
-    way = places(random, 40)
-    C, o_c = camera(random, way.mean(axis=0), depth), random.uniform(-200.0, 800.0, 2)
-    J = true_jacobian(C, way[-1], o_c)
-    J_hat = taught(DLT, C, way, np.zeros((40, 2, 2)), o_c)
+    positions = random_positions(random, 40)
+    C, o_c = camera(random, positions.mean(axis=0), depth), random.uniform(-200.0, 800.0, 2)
+    J = true_jacobian(C, positions[-1], o_c)
+    J_hat = fitted_jacobian(DLT, C, positions, np.zeros((40, 2, 2)), o_c)
     assert np.linalg.norm(J_hat - J) < 0.02 * np.linalg.norm(J)
 
 
-def test_behind_the_camera_the_nine_numbers_about_the_rcm_do_not() -> None:
-    """And before it they do: the other estimator is not broken here."""
-    wrong = {}
+def test_nine_parameters_about_the_rcm_fail_with_the_rcm_behind_the_camera() -> None:
+    """With the RCM in front of the camera that estimator works in the same scene."""
+    errors = {}
     for depth in (-0.5, 1.0):
         random = random_from(3)
-        way = places(random, 40)
-        C = camera(random, way.mean(axis=0), depth)
+        positions = random_positions(random, 40)
+        C = camera(random, positions.mean(axis=0), depth)
         o_c = (C[:, 3] / C[2, 3])[:2]
-        J = true_jacobian(C, way[-1], o_c)
-        J_hat = taught(ProjectionEstimator(), C, way, np.zeros((40, 2, 2)), o_c)
-        wrong[depth] = np.linalg.norm(J_hat - J) / np.linalg.norm(J)
-    assert wrong[-0.5] > 0.3 and wrong[1.0] < 0.05
+        J = true_jacobian(C, positions[-1], o_c)
+        J_hat = fitted_jacobian(ProjectionEstimator(), C, positions, np.zeros((40, 2, 2)), o_c)
+        errors[depth] = np.linalg.norm(J_hat - J) / np.linalg.norm(J)
+    assert errors[-0.5] > 0.3 and errors[1.0] < 0.05
 
 
 @given(seeds)
-def test_an_imaged_rcm_that_is_off_does_it_no_harm(seed: int) -> None:
+def test_an_error_of_the_imaged_rcm_does_not_affect_it(seed: int) -> None:
     random = random_from(seed)
-    way, noise = places(random, 100), 0.3 * random.standard_normal((100, 2, 2))
-    C, wrong = camera(random, way.mean(axis=0), 0.3), []
-    for off in (np.zeros(2), np.array([30.0, 40.0])):
-        o_c = (C[:, 3] / C[2, 3])[:2] + off
-        J = true_jacobian(C, way[-1], o_c)
-        J_hat = taught(DLT, C, way, noise, o_c)
-        wrong.append(np.linalg.norm(J_hat - J) / np.linalg.norm(J))
-    assert max(wrong) < 0.05
+    positions, noise = random_positions(random, 100), 0.3 * random.standard_normal((100, 2, 2))
+    C, errors = camera(random, positions.mean(axis=0), 0.3), []
+    for offset in (np.zeros(2), np.array([30.0, 40.0])):
+        o_c = (C[:, 3] / C[2, 3])[:2] + offset
+        J = true_jacobian(C, positions[-1], o_c)
+        J_hat = fitted_jacobian(DLT, C, positions, noise, o_c)
+        errors.append(np.linalg.norm(J_hat - J) / np.linalg.norm(J))
+    assert max(errors) < 0.05
 
 
-def still(noise: Floats, bias: float = 0.0) -> tuple[Floats, Floats]:
-    """Where it has the markers of a tool that has come to rest, in frames with this noise; and
-    where they are.
-    """
+def filtered_markers(noise: Floats, bias: float = 0.0) -> tuple[Floats, Floats]:
+    """Return the filtered and the true markers of a tool at rest, in frames with this noise."""
     random = random_from(5)
-    way = places(random, 40)
-    C, o_c, memory = camera(random, way.mean(axis=0), 1.0), np.zeros(2), DLT.init()
-    for p1 in way:
-        memory = DLT.update(memory, TOOL, Sample(p1, seen(C, p1), o_c, 0.0))
-    points = seen(C, way[-1]) + bias
-    for off in noise:
-        sample = Sample(way[-1], points + off, o_c, 0.0)
+    positions = random_positions(random, 40)
+    C, o_c, memory = camera(random, positions.mean(axis=0), 1.0), np.zeros(2), DLT.init()
+    for p1 in positions:
+        memory = DLT.update(memory, TOOL, Sample(p1, project_markers(C, p1), o_c, 0.0))
+    points = project_markers(C, positions[-1]) + bias
+    for offset in noise:
+        sample = Sample(positions[-1], points + offset, o_c, 0.0)
         memory = DLT.update(memory, TOOL, sample)
     return DLT.located(memory, TOOL, sample), points
 
 
 def test_at_rest_it_averages_the_noise_of_the_markers() -> None:
     noise = 0.3 * random_from(0).standard_normal((200, 2, 2))
-    located, points = still(noise)
+    located, points = filtered_markers(noise)
     assert np.abs(located - points).max() < 4.0 * 0.3 / np.sqrt(200)
 
 
-def test_what_the_fit_does_not_explain_it_follows() -> None:
-    """A camera that moved by 2 px since: after as many frames as the mean is of, that is gone."""
-    located, points = still(np.zeros((1000, 2, 2)), bias=2.0)
+def test_the_offset_follows_the_residuals_of_the_fit() -> None:
+    """The camera has moved by 2 px: the offset takes that in over the frames of its mean."""
+    located, points = filtered_markers(np.zeros((1000, 2, 2)), bias=2.0)
     assert np.abs(located - points).max() < 0.1
-    early, _ = still(np.zeros((1, 2, 2)), bias=2.0)
+    early, _ = filtered_markers(np.zeros((1, 2, 2)), bias=2.0)
     assert np.abs(early - points).max() > 0.5
 
 
-def test_one_frame_tells_no_more_than_how_the_tool_runs_through_the_picture() -> None:
+def test_one_frame_determines_only_the_direction_of_the_imaged_tool() -> None:
     random = random_from(1)
-    p1 = places(random, 1)[0]
-    points = seen(camera(random, p1, 1.0), p1)
+    p1 = random_positions(random, 1)[0]
+    points = project_markers(camera(random, p1, 1.0), p1)
     sample = Sample(p1, points, np.zeros(2), 0.0)
     memory = DLT.update(DLT.init(), TOOL, sample)
     strengths = np.linalg.svd(DLT.jacobian(memory, TOOL, sample) / SCALE[:, None])[1]
@@ -143,34 +147,39 @@ def test_one_frame_tells_no_more_than_how_the_tool_runs_through_the_picture() ->
 
 
 @given(seeds, depths)
-def test_the_imaged_rcm_is_where_the_camera_would_see_it_before_behind_or_beside_the_picture(
+def test_the_imaged_rcm_is_estimated_in_front_of_behind_and_near_the_image_plane(
     seed: int, depth: float
 ) -> None:
     random = random_from(seed)
-    way, memory = places(random, 40), DLT.init()
-    C = camera(random, way.mean(axis=0), depth)
-    for p1 in way:
-        memory = DLT.update(memory, TOOL, Sample(p1, seen(C, p1), np.full(2, np.nan), 0.0))
+    positions, memory = random_positions(random, 40), DLT.init()
+    C = camera(random, positions.mean(axis=0), depth)
+    for p1 in positions:
+        memory = DLT.update(
+            memory, TOOL, Sample(p1, project_markers(C, p1), np.full(2, np.nan), 0.0)
+        )
     o_c, covariance = DLT.imaged_rcm(memory)
-    wanted, near = (C[:, 3] / C[2, 3])[:2], seen(C, way[-1])[0]
-    assert np.linalg.norm(o_c - wanted) < 0.02 * np.linalg.norm(wanted - near)
+    expected, tool_image = (C[:, 3] / C[2, 3])[:2], project_markers(C, positions[-1])[0]
+    assert np.linalg.norm(o_c - expected) < 0.02 * np.linalg.norm(expected - tool_image)
     assert np.linalg.eigvalsh(covariance)[0] > 0.0
 
 
 @given(seeds)
-def test_what_it_predicts_is_where_the_markers_are_from_the_imaged_rcm(seed: int) -> None:
+def test_predictions_are_the_markers_from_the_imaged_rcm(seed: int) -> None:
     random = random_from(seed)
-    way, memory = places(random, 40), DLT.init()
-    C = camera(random, way.mean(axis=0), 1.0)
-    for p1 in way:
-        memory = DLT.update(memory, TOOL, Sample(p1, seen(C, p1), np.zeros(2), 0.0))
-    wanted = (seen(C, way[0]) - (C[:, 3] / C[2, 3])[:2]).ravel()
-    assert np.abs(DLT.predict(memory, TOOL, way[0]) - wanted).max() < 0.05 * np.abs(wanted).max()
+    positions, memory = random_positions(random, 40), DLT.init()
+    C = camera(random, positions.mean(axis=0), 1.0)
+    for p1 in positions:
+        memory = DLT.update(memory, TOOL, Sample(p1, project_markers(C, p1), np.zeros(2), 0.0))
+    expected = (project_markers(C, positions[0]) - (C[:, 3] / C[2, 3])[:2]).ravel()
+    assert (
+        np.abs(DLT.predict(memory, TOOL, positions[0]) - expected).max()
+        < 0.05 * np.abs(expected).max()
+    )
 
 
-def test_a_memory_is_never_written_into() -> None:
-    one, other = places(random_from(0), 2)
+def test_an_update_leaves_the_previous_memory_unchanged() -> None:
+    one, other = random_positions(random_from(0), 2)
     memory = DLT.update(DLT.init(), TOOL, Sample(one, np.ones((2, 2)), np.zeros(2), 0.0))
-    learnt = frozen(Prospect(memory))
+    before = frozen(Prospect(memory))
     after = DLT.update(memory, TOOL, Sample(other, np.ones((2, 2)), np.zeros(2), 0.0))
-    assert frozen(Prospect(memory)) == learnt != frozen(Prospect(after))
+    assert frozen(Prospect(memory)) == before != frozen(Prospect(after))

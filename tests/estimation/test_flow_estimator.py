@@ -1,6 +1,4 @@
-"""Proposition 2: R never rises at any step, the rule is integrated exactly, and only new frames
-teach, without bias.
-"""
+"""Proposition 2: R never rises, rule (28) is integrated exactly, and updates are unbiased."""
 
 import numpy as np
 import pytest
@@ -26,14 +24,18 @@ intervals = st.floats(1e-3, 10)
 
 def problem(seed):
     random = random_from(seed)
-    way = random.standard_normal(3)
-    return random.uniform(-5, 5, (3, 3)), random.uniform(-5, 5, (3, 3)), way / np.linalg.norm(way)
+    direction = random.standard_normal(3)
+    return (
+        random.uniform(-5, 5, (3, 3)),
+        random.uniform(-5, 5, (3, 3)),
+        direction / np.linalg.norm(direction),
+    )
 
 
 @given(seeds, lengths, intervals, gammas)
 def test_proposition_2_no_row_of_the_error_grows_at_any_step_length(seed, length, dt, gamma):
-    J, J_hat, way = problem(seed)
-    delta_p = length * way
+    J, J_hat, direction = problem(seed)
+    delta_p = length * direction
     after = learn(J_hat, delta_p, J @ delta_p, dt, gamma)
     R, R_after = np.sum((J_hat - J) ** 2, axis=1), np.sum((after - J) ** 2, axis=1)
     assert np.all(R_after <= R * (1 + 1e-12))
@@ -43,32 +45,36 @@ def test_proposition_2_no_row_of_the_error_grows_at_any_step_length(seed, length
 def test_the_error_along_the_motion_decays_as_exp_of_gamma_v_l_and_across_it_not_at_all(
     seed, length, dt, gamma
 ):
-    J, J_hat, way = problem(seed)
-    delta_p = length * way
+    J, J_hat, direction = problem(seed)
+    delta_p = length * direction
     error, after = J_hat - J, learn(J_hat, delta_p, J @ delta_p, dt, gamma) - J
-    assert np.allclose(after @ way, np.exp(-gamma * length**2 / dt) * (error @ way), atol=1e-9)
-    across = np.eye(3) - np.outer(way, way)
+    assert np.allclose(
+        after @ direction, np.exp(-gamma * length**2 / dt) * (error @ direction), atol=1e-9
+    )
+    across = np.eye(3) - np.outer(direction, direction)
     assert np.allclose(after @ across, error @ across, atol=1e-9)
 
 
 @pytest.mark.parametrize("seed", range(5))
 @pytest.mark.parametrize("gamma", [1e-3, 0.05])
 def test_a_step_is_the_solution_of_rule_28_for_the_mean_velocity(seed, gamma):
-    J, J_hat, way = problem(seed)
-    dt, delta_p = 0.5, 8.0 * way
+    J, J_hat, direction = problem(seed)
+    dt, delta_p = 0.5, 8.0 * direction
     p_dot, y_dot = delta_p / dt, J @ delta_p / dt
 
     def rule(_, flat):
         return (-gamma * np.outer(flat.reshape(3, 3) @ p_dot - y_dot, p_dot)).ravel()
 
-    wanted = solve_ivp(rule, (0, dt), J_hat.ravel(), rtol=1e-11, atol=1e-12).y[:, -1].reshape(3, 3)
-    assert np.allclose(learn(J_hat, delta_p, J @ delta_p, dt, gamma), wanted, atol=1e-8)
+    expected = (
+        solve_ivp(rule, (0, dt), J_hat.ravel(), rtol=1e-11, atol=1e-12).y[:, -1].reshape(3, 3)
+    )
+    assert np.allclose(learn(J_hat, delta_p, J @ delta_p, dt, gamma), expected, atol=1e-8)
 
 
 @given(seeds, lengths, intervals, gammas)
 def test_two_halves_of_a_step_are_the_whole(seed, length, dt, gamma):
-    J, J_hat, way = problem(seed)
-    delta_p, delta_y = length * way, J @ (length * way)
+    J, J_hat, direction = problem(seed)
+    delta_p, delta_y = length * direction, J @ (length * direction)
     half = learn(J_hat, delta_p / 2, delta_y / 2, dt / 2, gamma)
     assert np.allclose(
         learn(half, delta_p / 2, delta_y / 2, dt / 2, gamma),
@@ -80,14 +86,14 @@ def test_two_halves_of_a_step_are_the_whole(seed, length, dt, gamma):
 @pytest.mark.parametrize(
     "delta_p,dt", [(np.zeros(3), 0.02), (np.ones(3), 0.0), (np.ones(3), -1.0), (np.ones(3), np.nan)]
 )
-def test_no_motion_or_no_time_teaches_nothing_and_gives_a_copy(delta_p, dt):
+def test_no_motion_or_no_time_changes_nothing_and_returns_a_copy(delta_p, dt):
     J = np.arange(9.0).reshape(3, 3)
     after = learn(J, delta_p, np.ones(3), dt, 0.05)
     assert np.array_equal(after, J)
     assert not np.shares_memory(after, J)
 
 
-def test_a_turn_across_half_a_turn_is_learnt_as_the_small_turn_it_is():
+def test_an_angle_that_wraps_counts_as_a_small_rotation():
     before, after = (
         np.array([[-50.0, 1.0], [-150.0, 2.0]]),
         np.array([[-50.0, -1.0], [-150.0, -2.0]]),
@@ -104,7 +110,7 @@ def test_a_turn_across_half_a_turn_is_learnt_as_the_small_turn_it_is():
     assert abs(J[0, 0]) < 0.1
 
 
-def test_the_first_frame_teaches_nothing_and_the_second_something():
+def test_the_first_frame_changes_nothing_and_the_second_one_does():
     estimator, tool = FlowEstimator(), TOOLS["rigid"]
     first = Sample(np.array([0.0, 0, 100]), np.array([[10.0, 20], [30, 50]]), np.zeros(2), 0.0)
     second = Sample(np.array([1.0, 0, 100]), np.array([[12.0, 20], [33, 50]]), np.zeros(2), 0.02)
@@ -116,14 +122,15 @@ def test_the_first_frame_teaches_nothing_and_the_second_something():
 
 
 def straight_motion(gamma):
-    """A servo that is only shown pictures: marker 1 runs straight at 20 mm/s, 60 frames/s, read at
-    100 Hz.
+    """Return Ĵ ṗ₁ and J ṗ₁ along a straight motion of marker 1, as one servo estimates them.
+
+    Marker 1 moves at 20 mm/s; the camera gives 60 frames/s, and the loop runs at 100 Hz.
     """
     random = random_from(11)
     mechanism, tool = PitchYawRcm(), TOOLS["rigid"]
-    start, way = np.array([15.0, -10.0, -100.0]), np.array([0.8, 0.5, 0.33])
-    way /= np.linalg.norm(way)
-    C = true_camera(random, start + np.linspace(-5, 45, 9)[:, None] * way)
+    start, direction = np.array([15.0, -10.0, -100.0]), np.array([0.8, 0.5, 0.33])
+    direction /= np.linalg.norm(direction)
+    C = true_camera(random, start + np.linspace(-5, 45, 9)[:, None] * direction)
     o_c = parameters(C)[1]
     servo = Servo(
         mechanism, tool, estimator=FlowEstimator(gamma), imaged_rcm=ImagedRcm(max_condition=1e11)
@@ -132,7 +139,7 @@ def straight_motion(gamma):
     for tick in range(1, 150):
         frame = int(np.floor(tick * 0.6 + 1e-9))
         exposure = round(frame * 1e9 / 60)
-        p = start + 20.0 * exposure * 1e-9 * way
+        p = start + 20.0 * exposure * 1e-9 * direction
         q = mechanism.joints(p)
         before = state
         state = servo.step(
@@ -142,23 +149,23 @@ def straight_motion(gamma):
             repeats += 1
             assert state.learnt.memory is before.learnt.memory
     assert 0.35 < repeats / 149 < 0.45
-    step = 1e-3 * way
+    step = 1e-3 * direction
     y = [features(about(markers_seen(C, p + side * step), o_c)) for side in (-1, 1)]
-    return state.J_hat @ way, difference(y[1], y[0]) / 2e-3
+    return state.J_hat @ direction, difference(y[1], y[0]) / 2e-3
 
 
-def test_at_60_frames_in_a_100_hertz_loop_learning_per_frame_is_unbiased():
-    """Stale zeros between true frames would teach 0.6 of the flow."""
-    learnt, true = straight_motion(gamma=0.1)
-    share = (learnt / SCALE) @ (true / SCALE) / np.sum((true / SCALE) ** 2)
-    assert share == pytest.approx(1.0, abs=0.05)
+def test_at_60_frames_in_a_100_hertz_loop_the_update_per_frame_is_unbiased():
+    """Updates with repeated frames as zero flow would give 0.6 of the flow."""
+    estimated, true = straight_motion(gamma=0.1)
+    fraction = (estimated / SCALE) @ (true / SCALE) / np.sum((true / SCALE) ** 2)
+    assert fraction == pytest.approx(1.0, abs=0.05)
 
 
-def test_at_the_papers_gain_one_and_a_half_seconds_at_20_mm_per_second_teach_half_of_it():
+def test_at_the_papers_gain_one_and_a_half_seconds_at_20_mm_per_second_give_half_of_the_flow():
     """1 - exp(-γ v L): with γ = 0.001, v = 20 mm/s and L = 29.5 mm that is 45 %."""
-    learnt, true = straight_motion(gamma=0.001)
-    share = (learnt / SCALE) @ (true / SCALE) / np.sum((true / SCALE) ** 2)
-    assert share == pytest.approx(1 - np.exp(-0.001 * 20 * 29.5), abs=0.12)
+    estimated, true = straight_motion(gamma=0.001)
+    fraction = (estimated / SCALE) @ (true / SCALE) / np.sum((true / SCALE) ** 2)
+    assert fraction == pytest.approx(1 - np.exp(-0.001 * 20 * 29.5), abs=0.12)
 
 
 @pytest.mark.parametrize("gamma", [0.0, -0.001, np.nan, np.inf])

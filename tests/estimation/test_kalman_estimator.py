@@ -1,6 +1,4 @@
-"""Kalman's filter on the rows of Ĵ: P is what it says, it drifts by the way alone, and without a
-drift it is recursive least squares.
-"""
+"""The Kalman filter on the rows of Ĵ: consistent covariance, drift with the path, limit of RLS."""
 
 import numpy as np
 import pytest
@@ -9,7 +7,7 @@ from hypothesis import strategies as st
 
 from conftest import random_from, seeds
 from rcmservo.errors import BadInput
-from rcmservo.estimation.kalman import KalmanEstimator, drifted
+from rcmservo.estimation.kalman import KalmanEstimator, predict_covariance
 from rcmservo.estimation.rls import RlsEstimator
 from rcmservo.geometry.features import SCALE
 
@@ -17,26 +15,26 @@ drifts = st.floats(0.0, 0.1)
 noises = st.floats(1e-2, 1.0)
 
 
-def learnt(estimator, ways, flows):
-    J_hat, P = np.zeros((3, 3)), estimator.uncertain()
-    for way, flow in zip(ways, flows, strict=True):
-        J_hat, P = estimator.learn(J_hat, P, way, flow)
+def estimate_after(estimator, displacements, flows):
+    J_hat, P = np.zeros((3, 3)), estimator.initial_covariance()
+    for displacement, flow in zip(displacements, flows, strict=True):
+        J_hat, P = estimator.update_jacobian(J_hat, P, displacement, flow)
     return J_hat, P
 
 
-def noisy(random, J, count, size=4.0, noise=0.05):
-    """Displacements with noise in b."""
-    ways = size * random.standard_normal((count, 3))
-    return ways, ways @ J.T + noise * SCALE * random.standard_normal((count, 3))
+def noisy_displacements(random, J, count, size=4.0, noise=0.05):
+    """Return displacements and flows with noise in b."""
+    displacements = size * random.standard_normal((count, 3))
+    return displacements, displacements @ J.T + noise * SCALE * random.standard_normal((count, 3))
 
 
 @given(seeds, st.integers(1, 40), drifts, noises, st.floats(1e-3, 50.0))
 def test_its_covariance_stays_symmetric_and_positive_definite(seed, count, drift, noise, size):
     random, estimator = random_from(seed), KalmanEstimator(drift=drift, noise=noise)
-    J_hat, P = np.zeros((3, 3)), estimator.uncertain()
+    J_hat, P = np.zeros((3, 3)), estimator.initial_covariance()
     for _ in range(count):
-        way = size * random.standard_normal(3)
-        J_hat, P = estimator.learn(J_hat, P, way, random.uniform(-50, 50, 3))
+        displacement = size * random.standard_normal(3)
+        J_hat, P = estimator.update_jacobian(J_hat, P, displacement, random.uniform(-50, 50, 3))
         assert np.array_equal(P, P.T)
         assert np.linalg.eigvalsh(P).min() > 0.0
 
@@ -45,57 +43,65 @@ def test_its_covariance_stays_symmetric_and_positive_definite(seed, count, drift
 def test_without_drift_it_is_recursive_least_squares_that_forgets_nothing(
     seed, count, noise, spread
 ):
-    ways, flows = noisy(random_from(seed), np.ones((3, 3)), count)
+    displacements, flows = noisy_displacements(random_from(seed), np.ones((3, 3)), count)
     kalman = KalmanEstimator(drift=0.0, noise=noise, spread=spread)
     rls = RlsEstimator(forgetting=1.0, covariance=(spread / noise) ** 2)
-    (J_hat, P), (J_rls, P_rls) = (learnt(one, ways, flows) for one in (kalman, rls))
+    (J_hat, P), (J_rls, P_rls) = (
+        estimate_after(estimator, displacements, flows) for estimator in (kalman, rls)
+    )
     assert np.allclose(J_hat, J_rls, rtol=1e-7, atol=1e-7)
     assert np.allclose(P, noise**2 * P_rls, rtol=1e-7, atol=1e-12)
 
 
 @given(seeds, drifts)
-def test_two_halves_of_a_way_drift_as_much_as_the_whole_and_rest_not_at_all(seed, drift):
-    way, P = random_from(seed).standard_normal(3), np.diag([1.0, 2.0, 3.0])
-    halves = drifted(drifted(P, way / 2, drift), way / 2, drift)
-    assert np.allclose(halves, drifted(P, way, drift))
-    assert np.array_equal(drifted(P, np.zeros(3), drift), P)
+def test_two_half_paths_drift_as_much_as_the_whole_path_and_rest_adds_nothing(seed, drift):
+    displacement, P = random_from(seed).standard_normal(3), np.diag([1.0, 2.0, 3.0])
+    halves = predict_covariance(
+        predict_covariance(P, displacement / 2, drift), displacement / 2, drift
+    )
+    assert np.allclose(halves, predict_covariance(P, displacement, drift))
+    assert np.array_equal(predict_covariance(P, np.zeros(3), drift), P)
 
 
-def test_what_it_says_of_its_own_error_is_true_of_a_jacobian_that_drifts_so():
-    """Errors of rows, squared in units of P, are three on average; and P is far less than at
-    first.
-    """
+def test_its_covariance_is_consistent_for_a_jacobian_with_this_drift():
+    """The squared error of a row in units of P is three on average; P is far below its start."""
     estimator, scores = KalmanEstimator(), []
     for seed in range(150):
         random = random_from(seed)
         x = estimator.spread * random.standard_normal((3, 3))
-        J_hat, P = np.zeros((3, 3)), estimator.uncertain()
-        for way in 4.0 * random.standard_normal((25, 3)):
-            x += estimator.drift * np.sqrt(np.linalg.norm(way)) * random.standard_normal((3, 3))
-            flow = SCALE * (x @ way + estimator.noise * random.standard_normal(3))
-            J_hat, P = estimator.learn(J_hat, P, way, flow)
-        off = J_hat / SCALE[:, None] - x
-        scores.append(np.einsum("ij,jk,ik->i", off, np.linalg.inv(P), off))
-        assert np.trace(P) < 0.01 * np.trace(estimator.uncertain())
+        J_hat, P = np.zeros((3, 3)), estimator.initial_covariance()
+        for displacement in 4.0 * random.standard_normal((25, 3)):
+            x += (
+                estimator.drift
+                * np.sqrt(np.linalg.norm(displacement))
+                * random.standard_normal((3, 3))
+            )
+            flow = SCALE * (x @ displacement + estimator.noise * random.standard_normal(3))
+            J_hat, P = estimator.update_jacobian(J_hat, P, displacement, flow)
+        error = J_hat / SCALE[:, None] - x
+        scores.append(np.einsum("ij,jk,ik->i", error, np.linalg.inv(P), error))
+        assert np.trace(P) < 0.01 * np.trace(estimator.initial_covariance())
     assert np.mean(scores) == pytest.approx(3.0, abs=0.35)
 
 
 def test_noise_in_b_counts_alike_in_every_feature():
-    """A radian is no pixel: the gain of every row is the same."""
+    """The gain of every row is the same, as radians and pixels are scaled."""
     estimator = KalmanEstimator()
-    J_hat, _ = estimator.learn(np.zeros((3, 3)), estimator.uncertain(), np.full(3, 2.0), SCALE)
+    J_hat, _ = estimator.update_jacobian(
+        np.zeros((3, 3)), estimator.initial_covariance(), np.full(3, 2.0), SCALE
+    )
     rows = J_hat / SCALE[:, None]
     assert np.allclose(rows, rows[0])
     assert np.all(rows > 0.0)
 
 
-def test_a_camera_that_has_rolled_is_learnt_anew():
+def test_it_adapts_to_a_rolled_camera():
     random, estimator = random_from(1), KalmanEstimator()
     before = random.uniform(-0.5, 0.5, (3, 3)) * SCALE[:, None]
     after = random.uniform(-0.5, 0.5, (3, 3)) * SCALE[:, None]
-    parts = [noisy(random, J, n) for J, n in ((before, 20), (after, 150))]
-    ways, flows = (np.concatenate(both) for both in zip(*parts, strict=True))
-    J_hat, _ = learnt(estimator, ways, flows)
+    parts = [noisy_displacements(random, J, n) for J, n in ((before, 20), (after, 150))]
+    displacements, flows = (np.concatenate(both) for both in zip(*parts, strict=True))
+    J_hat, _ = estimate_after(estimator, displacements, flows)
     assert np.linalg.norm((J_hat - after) / SCALE[:, None]) < 0.1
 
 
@@ -110,7 +116,7 @@ def test_a_camera_that_has_rolled_is_learnt_anew():
         ({"spread": np.nan}, "estimator.spread must be a number"),
     ],
 )
-def test_settings_that_mean_nothing_are_one_sentence(settings, sentence):
+def test_settings_outside_their_range_are_refused_in_one_sentence(settings, sentence):
     with pytest.raises(BadInput, match=sentence) as refused:
         KalmanEstimator(**settings)
     assert len(str(refused.value).splitlines()) == 1

@@ -1,6 +1,4 @@
-"""Proposition 1 and what was built on it: U never rises, integration is exact, modes decay as
-promised, Ĵ becomes J.
-"""
+"""Proposition 1 and its implementation: U never rises, exact integration, decay rates, Ĵ → J."""
 
 import numpy as np
 import pytest
@@ -46,15 +44,16 @@ EPSILON = ProjectionEstimator().epsilon
 
 
 def scene(seed, count=12):
-    """Exact rows of `count` observations, the true parameters a and imaged RCM o_c, and an estimate
-    in front of all.
+    """Return exact observations, the true parameters a, the imaged RCM o_c, and an estimate.
+
+    The estimate has all observations in front of the camera.
     """
     random = random_from(seed)
-    places = tool_positions(random, count)
-    C = true_camera(random, places)
+    positions = tool_positions(random, count)
+    C = true_camera(random, positions)
     a, o_c = parameters(C)
     a_hat = np.where(random.random() < 0.5, 0.0, a * random.uniform(0.6, 1.4, 9))
-    return observed(C, places), a, o_c, a_hat
+    return observed(C, positions), a, o_c, a_hat
 
 
 def step(memory, count, a_hat, row, o_c, t, rate=20.0, both=True):
@@ -65,20 +64,21 @@ def step(memory, count, a_hat, row, o_c, t, rate=20.0, both=True):
 
 
 def energy(a_hat, a):
-    """U of (22) with Γ₀."""
+    """Return U of (22) with Γ₀."""
     return 0.5 * np.sum((a_hat - a) ** 2 / GAMMA_0)
 
 
 def root_of(A, fast, rate=20.0):
-    """C with C Cᵀ = Γ, as `update` makes it."""
+    """Return C with C Cᵀ = Γ, as the update makes it."""
     if not fast:
         return np.diag(np.sqrt(GAMMA_0))
     return np.sqrt(rate) * inverse_root(A, EPSILON)
 
 
 def steepest_rise(seed, t, fast, both, room=8):
-    """The largest rise of U from one frame to the next, as a share of U at â = 0; 20 exact
-    pictures, P = `room`.
+    """Return the largest rise of U between frames, as a fraction of U at â = 0.
+
+    There are 20 exact images, and P = `room`.
     """
     rows, a, o_c, a_hat = scene(seed, count=20)
     memory, count, worst = np.zeros((room + 1, 7)), 0, 0.0
@@ -100,7 +100,7 @@ def test_proposition_1_u_never_rises_under_the_printed_gamma_even_as_observation
 @example(1879503239, 1e3, True)
 @example(30282166, 259.0, False)
 def test_u_never_rises_under_the_fast_gamma_while_observations_are_added(seed, t, both):
-    """½ΔaᵀΓ₀⁻¹Δa, although Γ changes with every observation."""
+    """½ΔaᵀΓ₀⁻¹Δa never rises, although Γ changes with every observation."""
     assert steepest_rise(seed, t, True, both, room=20) < 1e-9
 
 
@@ -113,8 +113,10 @@ def test_u_never_rises_under_the_fast_gamma_as_observations_are_exchanged(t):
 
 
 @given(seeds, times, st.booleans())
-def test_u_with_gamma_itself_never_rises_in_a_step_even_if_gamma_knows_more_than_mtm(seed, t, both):
-    """(22)-(23) ask only for a constant positive definite Γ."""
+def test_u_with_gamma_itself_never_rises_in_a_step_even_if_gamma_has_more_observations_than_mtm(
+    seed, t, both
+):
+    """(22)-(23) need only a constant positive definite Γ."""
     rows, a, o_c, a_hat = scene(seed)
     root = inverse_root(equations(rows, o_c, both)[0], EPSILON)
     A, b = equations(rows[1:], o_c, both)
@@ -135,7 +137,7 @@ def test_u_never_rises_under_the_printed_gamma_in_weeks_or_years_of_estimator_ti
 
 
 def test_more_time_than_the_fast_gamma_needs_is_refused():
-    """Beyond it, rounding lets modes that were never observed grow."""
+    """Beyond it, rounding lets unobserved modes grow."""
     with pytest.raises(BadInput, match="estimator_time"):
         ProjectionEstimator(rate=20.0, estimator_time=1e4)
     ProjectionEstimator(rate=20.0, estimator_time=1e3)
@@ -148,12 +150,12 @@ def test_the_equations_are_the_sums_over_the_papers_regressors_of_19(seed, both)
     for row in rows:
         p1, m = row[:3].copy(), about(row[3:].copy(), o_c)
         p2 = second_marker(SHAFT, p1)
-        for W, seen in ((regressor(m[:2], p1), m[:2]), (regressor(m[2:], p2), m[2:]))[: 1 + both]:
-            A, b = A + W.T @ W, b + W.T @ seen
-    got_A, got_b = equations(rows, o_c, both)
+        for W, pixels in ((regressor(m[:2], p1), m[:2]), (regressor(m[2:], p2), m[2:]))[: 1 + both]:
+            A, b = A + W.T @ W, b + W.T @ pixels
+    A_found, b_found = equations(rows, o_c, both)
     unit = 1 / np.sqrt(np.diag(A))
-    assert np.allclose(unit[:, None] * got_A * unit, unit[:, None] * A * unit, atol=1e-12)
-    assert np.allclose(unit * got_b, unit * b, atol=1e-12 * np.abs(unit * b).max())
+    assert np.allclose(unit[:, None] * A_found * unit, unit[:, None] * A * unit, atol=1e-12)
+    assert np.allclose(unit * b_found, unit * b, atol=1e-12 * np.abs(unit * b).max())
 
 
 @given(seeds, st.booleans())
@@ -166,19 +168,19 @@ def test_the_root_is_that_of_the_regularised_inverse(seed, both):
 
 
 @given(seeds, st.booleans())
-def test_the_observation_that_goes_has_the_least_leverage(seed, both):
-    """tr(W (MᵀM + εΓ₀⁻¹)⁻¹ Wᵀ), over all."""
+def test_the_removed_observation_has_the_least_leverage(seed, both):
+    """The leverage is tr(W (MᵀM + εΓ₀⁻¹)⁻¹ Wᵀ)."""
     rows, _, o_c, _ = scene(seed)
     A, _ = equations(rows, o_c, both)
     root = inverse_root(A, EPSILON)
-    shares = [np.trace(root.T @ equations(row[None], o_c, both)[0] @ root) for row in rows]
-    goes = least_telling(sights(rows, len(rows), o_c, both, SHAFT), len(rows), root)
-    assert shares[goes] <= min(shares) * (1 + 1e-6)
+    leverages = [np.trace(root.T @ equations(row[None], o_c, both)[0] @ root) for row in rows]
+    removed = least_telling(sights(rows, len(rows), o_c, both, SHAFT), len(rows), root)
+    assert leverages[removed] <= min(leverages) * (1 + 1e-6)
 
 
 @given(seeds, times)
 def test_the_cost_of_20_never_rises_either(seed, t):
-    """Q may not rise under (21), noise or not."""
+    """Q must not rise under (21), with or without noise."""
     random = random_from(seed)
     rows, _, o_c, a_hat = scene(seed)
     rows[:, 3:] += 0.5 * random.standard_normal((len(rows), 4))
@@ -194,7 +196,7 @@ def test_the_cost_of_20_never_rises_either(seed, t):
 
 @given(seeds, st.floats(1e-4, 100.0), modes)
 def test_integration_is_exact(seed, t, fast):
-    """Against the matrix exponential of the linear ODE, in coordinates of one size."""
+    """The reference is the matrix exponential of the linear ODE, in coordinates of one size."""
     rows, a, o_c, a_hat = scene(seed)
     A, b = equations(rows, o_c)
     C = root_of(A, fast)
@@ -203,23 +205,23 @@ def test_integration_is_exact(seed, t, fast):
     system[:9, :9] = -(C @ C.T @ A) / unit[:, None] * unit
     system[:9, 9] = (C @ C.T @ b) / unit
     assume(np.linalg.norm(system[:9, :9]) * t < 1e4)
-    wanted = unit * (expm(system * t) @ np.append(a_hat / unit, 1.0))[:9]
-    got = decay(A, b, a_hat, C, t)
-    assert np.allclose(got / unit, wanted / unit, rtol=0, atol=1e-6 * np.abs(a / unit).max())
+    expected = unit * (expm(system * t) @ np.append(a_hat / unit, 1.0))[:9]
+    found = decay(A, b, a_hat, C, t)
+    assert np.allclose(found / unit, expected / unit, rtol=0, atol=1e-6 * np.abs(a / unit).max())
 
 
 @given(seeds, st.floats(1e-3, 3.9))
 def test_the_series_and_the_modes_give_one_integral(seed, size):
     random = random_from(seed)
     root = random.standard_normal((9, 9)) * np.geomspace(1.0, 1e-4, 9)
-    H, away = root @ root.T, random.standard_normal(9)
+    H, deviation = root @ root.T, random.standard_normal(9)
     t = size / np.linalg.norm(H)
-    same = 1e-12 * t * np.linalg.norm(away)
-    assert np.allclose(by_series(H, away, t), by_modes(H, away, t), rtol=0, atol=same)
+    same = 1e-12 * t * np.linalg.norm(deviation)
+    assert np.allclose(by_series(H, deviation, t), by_modes(H, deviation, t), rtol=0, atol=same)
 
 
 @given(seeds, st.floats(1e-3, 10.0), st.floats(1e-3, 10.0), modes)
-def test_two_times_after_each_other_are_one(seed, first, second, fast):
+def test_two_successive_times_equal_their_sum(seed, first, second, fast):
     rows, a, o_c, a_hat = scene(seed)
     A, b = equations(rows, o_c)
     C = root_of(A, fast)
@@ -236,7 +238,7 @@ def test_two_times_after_each_other_are_one(seed, first, second, fast):
 def test_under_the_fast_gamma_every_well_observed_mode_decays_at_the_rate_and_weak_ones_more_slowly(
     seed, rate, t
 ):
-    """A mode that MᵀM knows λ times as well as Γ₀⁻¹ has the rate η λ/(λ + ε)."""
+    """A mode with the strength λ in MᵀM relative to Γ₀⁻¹ has the rate η λ/(λ + ε)."""
     rows, a, o_c, _ = scene(seed)
     A, b = equations(rows, o_c)
     unit = np.sqrt(GAMMA_0)
@@ -247,50 +249,48 @@ def test_under_the_fast_gamma_every_well_observed_mode_decays_at_the_rate_and_we
     assert np.allclose(left, np.exp(-rate * t * strength / (strength + EPSILON)), rtol=0, atol=1e-4)
 
 
-def test_the_floor_of_depth_is_before_the_camera_and_below_what_nothing_known_gives():
-    """ẑ = 1 at â = 0, so that an estimate that starts from nothing starts in front of all."""
+def test_the_minimal_depth_is_in_front_of_the_camera_and_below_that_of_an_empty_estimate():
+    """ẑ = 1 at â = 0, so that an empty estimate has all observations in front of the camera."""
     assert 0 < MIN_DEPTH < depth(np.zeros(9), np.array([30.0, -40.0, 90.0])) == 1.0
 
 
 def test_the_printed_gamma_is_slow_and_the_fast_one_is_not():
-    slow, quick = [], []
+    printed_energies, fast_energies = [], []
     for seed in range(10):
         rows, a, o_c, _ = scene(seed)
         A, b = equations(rows, o_c)
         start = energy(0 * a, a)
-        slow.append(energy(decay(A, b, 0 * a, root_of(A, False), 1.0), a) / start)
-        quick.append(energy(decay(A, b, 0 * a, root_of(A, True), 1.0), a) / start)
-    assert np.median(quick) < 1e-6
-    assert np.median(slow) > 1e-3
+        printed_energies.append(energy(decay(A, b, 0 * a, root_of(A, False), 1.0), a) / start)
+        fast_energies.append(energy(decay(A, b, 0 * a, root_of(A, True), 1.0), a) / start)
+    assert np.median(fast_energies) < 1e-6
+    assert np.median(printed_energies) > 1e-3
 
 
 @given(seeds, st.floats(0.0, 50.0))
-def test_no_step_puts_an_observation_behind_the_floor_of_depth(seed, size):
+def test_no_step_puts_an_observation_below_the_minimal_depth(seed, size):
     random = random_from(seed)
     rows, _, _, a_hat = scene(seed)
     a_next = a_hat + size * random.standard_normal(9) * np.array([1.0] * 6 + [1e-2] * 3)
-    kept = keep_in_front(a_hat, a_next, rows, len(rows), SHAFT)
+    limited = keep_in_front(a_hat, a_next, rows, len(rows), SHAFT)
 
-    def least(a):
+    def minimal_depth(a):
         return min(
             min(depth(a, row[:3]), depth(a, second_marker(SHAFT, row[:3].copy()))) for row in rows
         )
 
-    assume(least(a_hat) >= MIN_DEPTH)
-    assert least(kept) >= MIN_DEPTH - 1e-9
-    if least(a_next) >= MIN_DEPTH:
-        assert np.allclose(kept, a_next, rtol=1e-12)
-    way, all_of_it = kept - a_hat, a_next - a_hat
-    assert np.linalg.norm(np.outer(way, all_of_it) - np.outer(all_of_it, way)) <= 1e-9 * (
-        1 + all_of_it @ all_of_it
-    )
+    assume(minimal_depth(a_hat) >= MIN_DEPTH)
+    assert minimal_depth(limited) >= MIN_DEPTH - 1e-9
+    if minimal_depth(a_next) >= MIN_DEPTH:
+        assert np.allclose(limited, a_next, rtol=1e-12)
+    step_taken, full_step = limited - a_hat, a_next - a_hat
+    assert np.linalg.norm(
+        np.outer(step_taken, full_step) - np.outer(full_step, step_taken)
+    ) <= 1e-9 * (1 + full_step @ full_step)
 
 
 @given(seeds, times)
 def test_an_estimate_that_starts_in_front_of_all_stays_there_whatever_the_camera_reports(seed, t):
-    """Wild pixels (outliers of a tracker) included: ẑ of what the memory holds never falls below
-    its floor.
-    """
+    """Even with outliers, ẑ of the stored observations never falls below its minimum."""
     random = random_from(seed)
     rows, _, o_c, _ = scene(seed)
     rows[:, 3:] += random.choice([0, 1, 300], (len(rows), 1)) * random.standard_normal(
@@ -300,22 +300,22 @@ def test_an_estimate_that_starts_in_front_of_all_stays_there_whatever_the_camera
     for row in rows:
         ahead = min(depth(a_hat, row[:3]), depth(a_hat, second_marker(SHAFT, row[:3].copy())))
         if ahead < MIN_DEPTH:
-            continue  # it was wrong about a place before it came there: not its step's doing
+            continue  # the estimate was behind the camera there before this step
         memory, count, a_hat = step(memory, count, a_hat, row, o_c, t)
-        for kept in memory[:count]:
-            assert depth(a_hat, kept[:3].copy()) >= MIN_DEPTH - 1e-9
-            assert depth(a_hat, second_marker(SHAFT, kept[:3].copy())) >= MIN_DEPTH - 1e-9
+        for limited in memory[:count]:
+            assert depth(a_hat, limited[:3].copy()) >= MIN_DEPTH - 1e-9
+            assert depth(a_hat, second_marker(SHAFT, limited[:3].copy())) >= MIN_DEPTH - 1e-9
 
 
 @pytest.mark.parametrize("seed", range(10))
-def test_with_perfect_pictures_the_estimate_becomes_the_true_jacobian(seed):
+def test_with_exact_images_the_estimate_converges_to_the_true_jacobian(seed):
     random = random_from(seed)
-    places = tool_positions(random, 60)
-    C = true_camera(random, places)
+    positions = tool_positions(random, 60)
+    C = true_camera(random, positions)
     o_c = parameters(C)[1]
     estimator, tool = ProjectionEstimator(), TOOLS["rigid"]
     memory = estimator.init()
-    for p in places:
+    for p in positions:
         sample = Sample(p, markers_seen(C, p), o_c, 1.0)
         memory = estimator.update(memory, tool, sample)
     J_hat = estimator.jacobian(memory, tool, sample)
@@ -333,15 +333,15 @@ def test_with_perfect_pictures_the_estimate_becomes_the_true_jacobian(seed):
 
 
 @given(seeds)
-def test_nothing_known_is_a_jacobian_without_rank(seed):
-    """â = 0: the picture is expected not to move at all."""
+def test_an_empty_estimate_gives_a_jacobian_without_rank(seed):
+    """With â = 0 the predicted markers do not move."""
     rows, _, o_c, _ = scene(seed, count=2)
     J_hat = feature_jacobian(np.zeros(9), rows[0, :3].copy(), about(rows[0, 3:].copy(), o_c), SHAFT)
     assert not J_hat.any()
 
 
 @given(seeds)
-def test_an_update_leaves_the_memory_before_it_alone(seed):
+def test_an_update_leaves_the_previous_memory_unchanged(seed):
     rows, _, o_c, a_hat = scene(seed, count=12)
     memory, count = np.zeros((9, 7)), 0
     for row in rows:
@@ -352,32 +352,32 @@ def test_an_update_leaves_the_memory_before_it_alone(seed):
         memory, a_hat = after, a_next
 
 
-def test_holding_still_for_long_keeps_the_observations_that_tell_something():
+def test_a_long_rest_keeps_the_informative_observations():
     random = random_from(2)
-    places = tool_positions(random, 12)
-    C = true_camera(random, places)
+    positions = tool_positions(random, 12)
+    C = true_camera(random, positions)
     o_c = parameters(C)[1]
     memory, count, a_hat = np.zeros((13, 7)), 0, np.zeros(9)
-    still = observed(C, np.repeat(places[-1:], 300, axis=0))
+    still = observed(C, np.repeat(positions[-1:], 300, axis=0))
     still[:, 3:] += 0.3 * random.standard_normal((300, 4))
-    for row in np.concatenate([observed(C, places), still]):
+    for row in np.concatenate([observed(C, positions), still]):
         memory, count, a_hat = step(memory, count, a_hat, row, o_c, 0.02)
     A, _ = equations(memory[:count], o_c)
-    toured, _ = equations(observed(C, places), o_c)
+    explored, _ = equations(observed(C, positions), o_c)
     unit = np.sqrt(GAMMA_0)
-    least = np.linalg.eigvalsh(unit[:, None] * A * unit)[0]
-    assert least > 0.3 * np.linalg.eigvalsh(unit[:, None] * toured * unit)[0]
+    minimal_depth = np.linalg.eigvalsh(unit[:, None] * A * unit)[0]
+    assert minimal_depth > 0.3 * np.linalg.eigvalsh(unit[:, None] * explored * unit)[0]
     assert len(np.unique(memory[:count, :3].round(6), axis=0)) >= 10
 
 
-def test_fitting_marker_1_alone_does_not_look_at_marker_2():
+def test_fitting_marker_1_alone_ignores_marker_2():
     rows, _, o_c, a_hat = scene(1)
     hidden = rows.copy()
     hidden[:, 5:] = 1e3
-    for wanted, got in zip(
+    for expected, found in zip(
         equations(rows, o_c, both=False), equations(hidden, o_c, both=False), strict=True
     ):
-        assert np.array_equal(wanted, got)
+        assert np.array_equal(expected, found)
     memory = np.zeros((13, 7))
     assert np.array_equal(
         step(memory, 0, a_hat, rows[0], o_c, 1.0, both=False)[2],
@@ -402,7 +402,7 @@ def test_the_estimators_own_time_replaces_the_real_time_between_frames():
 
 
 @pytest.mark.parametrize(
-    "wrong",
+    "invalid",
     [
         {"gamma": "slow"},
         {"rate": 0.0},
@@ -413,6 +413,6 @@ def test_the_estimators_own_time_replaces_the_real_time_between_frames():
         {"estimator_time": np.inf},
     ],
 )
-def test_settings_that_cannot_work_are_refused(wrong):
-    with pytest.raises(BadInput, match=next(iter(wrong))):
-        ProjectionEstimator(**wrong)
+def test_settings_that_cannot_work_are_refused(invalid):
+    with pytest.raises(BadInput, match=next(iter(invalid))):
+        ProjectionEstimator(**invalid)

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from conftest import random_from, seeds
 from rcmservo.errors import BadInput
 from rcmservo.estimation.broyden import learn as broyden_learn
-from rcmservo.estimation.rls import MOST, RlsEstimator, aged
+from rcmservo.estimation.rls import MAX_VARIANCE_PER_MM2, RlsEstimator, inflate_covariance
 
 forgettings = st.floats(0.5, 1.0)
 
@@ -16,22 +16,22 @@ forgettings = st.floats(0.5, 1.0)
 def displacements(seed, count, noise=0.0, size=5.0):
     random = random_from(seed)
     J = random.uniform(-5, 5, (3, 3))
-    ways = size * random.standard_normal((count, 3))
-    return J, ways, ways @ J.T + noise * random.standard_normal((count, 3))
+    displacements_p = size * random.standard_normal((count, 3))
+    return J, displacements_p, displacements_p @ J.T + noise * random.standard_normal((count, 3))
 
 
-def learnt(estimator, ways, flows):
-    J_hat, P = np.zeros((3, 3)), estimator.uncertain()
-    for way, flow in zip(ways, flows, strict=True):
-        J_hat, P = estimator.learn(J_hat, P, way, flow)
+def estimate_after(estimator, displacements_p, flows):
+    J_hat, P = np.zeros((3, 3)), estimator.initial_covariance()
+    for displacement, flow in zip(displacements_p, flows, strict=True):
+        J_hat, P = estimator.update_jacobian(J_hat, P, displacement, flow)
     return J_hat, P
 
 
-def batch(estimator, ways, flows):
-    """The weighted fit by NumPy, and the inverse of its normal equations."""
-    n, root = len(ways), np.sqrt(estimator.forgetting)
+def batch(estimator, displacements_p, flows):
+    """Return the weighted fit by NumPy, and the inverse of its normal equations."""
+    n, root = len(displacements_p), np.sqrt(estimator.forgetting)
     weights = np.append(root ** np.arange(n - 1, -1, -1), np.full(3, root**n))[:, None]
-    rows = np.concatenate([ways, np.eye(3) / np.sqrt(estimator.covariance)])
+    rows = np.concatenate([displacements_p, np.eye(3) / np.sqrt(estimator.covariance)])
     A, b = weights * rows, weights * np.concatenate([flows, np.zeros((3, 3))])
     return np.linalg.lstsq(A, b, rcond=None)[0].T, np.linalg.inv(A.T @ A)
 
@@ -39,9 +39,9 @@ def batch(estimator, ways, flows):
 @given(seeds, st.integers(1, 30), forgettings, st.floats(0.01, 1e4))
 def test_it_is_the_weighted_batch_fit(seed, count, forgetting, covariance):
     estimator = RlsEstimator(forgetting=forgetting, covariance=covariance)
-    _, ways, flows = displacements(seed, count, noise=1.0)
-    J_hat, P = learnt(estimator, ways, flows)
-    J, inverse = batch(estimator, ways, flows)
+    _, displacements_p, flows = displacements(seed, count, noise=1.0)
+    J_hat, P = estimate_after(estimator, displacements_p, flows)
+    J, inverse = batch(estimator, displacements_p, flows)
     assert np.allclose(J_hat, J, rtol=1e-6, atol=1e-6 * np.abs(J).max())
     assert np.allclose(P, inverse, rtol=1e-6, atol=1e-6 * np.abs(inverse).max())
 
@@ -49,44 +49,49 @@ def test_it_is_the_weighted_batch_fit(seed, count, forgetting, covariance):
 @given(seeds, st.integers(5, 40))
 def test_without_forgetting_the_order_of_displacements_does_not_matter(seed, count):
     estimator = RlsEstimator(forgetting=1.0)
-    _, ways, flows = displacements(seed, count, noise=1.0)
-    turned = learnt(estimator, ways[::-1], flows[::-1])
-    for one, other in zip(learnt(estimator, ways, flows), turned, strict=True):
+    _, displacements_p, flows = displacements(seed, count, noise=1.0)
+    reversed_order = estimate_after(estimator, displacements_p[::-1], flows[::-1])
+    for one, other in zip(
+        estimate_after(estimator, displacements_p, flows), reversed_order, strict=True
+    ):
         assert np.allclose(one, other, atol=1e-7)
 
 
 @given(seeds)
 def test_the_latest_displacement_counts_most(seed):
-    """Two Jacobians, one after the other: with forgetting Ĵ is nearer to the second."""
-    first, ways, flows = displacements(seed, 20)
+    """After two Jacobians in turn, forgetting brings Ĵ nearer to the second."""
+    first, displacements_p, flows = displacements(seed, 20)
     second = first + random_from(seed + 1).uniform(-5, 5, (3, 3))
-    both = np.concatenate([flows, ways @ second.T])
-    kept, forgot = (
+    both = np.concatenate([flows, displacements_p @ second.T])
+    unforgotten, forgotten = (
         np.linalg.norm(
-            learnt(RlsEstimator(forgetting=share), np.tile(ways, (2, 1)), both)[0] - second
+            estimate_after(
+                RlsEstimator(forgetting=forgetting_factor), np.tile(displacements_p, (2, 1)), both
+            )[0]
+            - second
         )
-        for share in (1.0, 0.8)
+        for forgetting_factor in (1.0, 0.8)
     )
-    assert forgot < 0.2 * kept
+    assert forgotten < 0.2 * unforgotten
 
 
-def test_noise_is_averaged_that_broydens_update_learns():
+def test_it_averages_noise_that_broydens_update_takes_in():
     errors = []
     for seed in range(30):
-        J, ways, flows = displacements(seed, 60, noise=1.0, size=2.0)
+        J, displacements_p, flows = displacements(seed, 60, noise=1.0, size=2.0)
         J_broyden = np.zeros((3, 3))
-        for way, flow in zip(ways, flows, strict=True):
-            J_broyden = broyden_learn(J_broyden, way, flow)
-        J_hat = learnt(RlsEstimator(), ways, flows)[0]
+        for displacement, flow in zip(displacements_p, flows, strict=True):
+            J_broyden = broyden_learn(J_broyden, displacement, flow)
+        J_hat = estimate_after(RlsEstimator(), displacements_p, flows)[0]
         errors.append([np.linalg.norm(J_hat - J), np.linalg.norm(J_broyden - J)])
-    ours, broydens = np.median(errors, axis=0)
-    assert ours < 0.5 * broydens
+    rls_error, broyden_error = np.median(errors, axis=0)
+    assert rls_error < 0.5 * broyden_error
 
 
-def test_what_is_forgotten_is_never_more_than_all():
-    P = aged(np.diag([1.0, 0.5 * MOST, MOST]), 0.1)
-    assert P.max() == MOST
-    assert np.array_equal(aged(np.eye(3), 0.5), 2.0 * np.eye(3))
+def test_forgetting_stops_at_the_largest_variance():
+    P = inflate_covariance(np.diag([1.0, 0.5 * MAX_VARIANCE_PER_MM2, MAX_VARIANCE_PER_MM2]), 0.1)
+    assert P.max() == MAX_VARIANCE_PER_MM2
+    assert np.array_equal(inflate_covariance(np.eye(3), 0.5), 2.0 * np.eye(3))
 
 
 @pytest.mark.parametrize(
@@ -100,7 +105,7 @@ def test_what_is_forgotten_is_never_more_than_all():
         ({"covariance": np.nan}, "estimator.covariance must be a number"),
     ],
 )
-def test_settings_that_mean_nothing_are_one_sentence(settings, sentence):
+def test_settings_outside_their_range_are_refused_in_one_sentence(settings, sentence):
     with pytest.raises(BadInput, match=sentence) as refused:
         RlsEstimator(**settings)
     assert len(str(refused.value).splitlines()) == 1

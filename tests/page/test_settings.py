@@ -233,7 +233,7 @@ def test_every_field_of_a_form_has_its_words_and_its_unit() -> None:
     assert units == {"gain": "1/s", "bounds": "rad, px, px", "max_speed": "mm/s", "tip": "mm"}
     assert law["features"]["choices"] == ["srd", "points", "size"] and law["gain"]["default"] == 8.0
     described = describe_field(rs.SaturatedController, "tip")
-    assert described == "How far the tip is beyond marker 2, mm."
+    assert described == "Distance from marker 2 to the tip, mm."
 
 
 def test_the_estimators_standing_is_told_in_words() -> None:

@@ -1,8 +1,8 @@
-"""How long the drives lag behind what is asked of them, as a motion tells it.
+"""Measurement of the drives' lag behind the commanded joint rates during a motion.
 
-A joint that follows its rate with a time constant T is behind by T times its speed, and a delay
-looks the same while the rate changes slowly. So T is the slope of how far the joints are behind
-over how fast they go, by least squares over all joints, each in units of its greatest speed.
+A joint that follows its rate with a time constant T is behind by T times its speed. A delay has the
+same effect while the rate changes slowly. T is therefore the slope of the following error over the
+speed, by least squares over all joints, each in units of its maximal speed.
 """
 
 import numpy as np
@@ -13,85 +13,88 @@ from rcmservo.numerics.jit import compiled
 from rcmservo.numerics.small_linalg import all_finite, fill, put
 from rcmservo.numerics.structs import Row, real, reals, whole
 
-SUPPOSED = 0.025
-"""s, before it is measured."""
+DEFAULT_LAG_S = 0.025
+"""Lag (s) that is assumed before a measurement."""
 
-LONGEST = 0.2
-"""s. A drive that is slower than this does not follow."""
+MAX_LAG_S = 0.2
+"""Largest lag (s) of a drive that still counts as following."""
 
-SHORTEST = 0.001
-"""s. Of drives that follow at once,"""
-AHEAD = -0.02
-"""and of those whose joints are told so much later than the rates that they took."""
+MIN_LAG_S = 0.001
+"""Lag (s) that is reported for drives without any measurable lag."""
+MIN_MEASURED_LAG_S = -0.02
+"""Smallest valid measurement (s), negative as joints that are read late lead the rates."""
 
 
 class DriveLag(Row):
-    """What the motion so far tells of the drives."""
+    """Running measurement of the drives' lag."""
 
-    behind: Floats = reals(3, "rad, rad, mm", "how far the joints are behind what was asked")
-    joints: Floats = reals(3, "rad, rad, mm", "the joints last told, NaN as a motion begins")
-    told: int = whole("ns", "when that was")
-    slope: Floats = reals(2, "s, 1", "Σ behind × speed and Σ speed², in greatest speeds")
-    lag: float = real("s", "T as the last whole motion told it, 0 before")
-
-
-@compiled
-def forget_lag(d: DriveLag) -> None:
-    """Nothing measured."""
-    fill(d.behind, 0.0)
-    fill(d.joints, 0.0)
-    fill(d.slope, 0.0)
-    d.told, d.lag = 0, 0.0
+    behind: Floats = reals(3, "rad, rad, mm", "following error of the joints")
+    joints: Floats = reals(
+        3, "rad, rad, mm", "joints at the previous reading, NaN at the start of a motion"
+    )
+    told: int = whole("ns", "time of the previous reading")
+    slope: Floats = reals(2, "s, 1", "Σ error × speed and Σ speed², in units of the maximal speeds")
+    lag: float = real("s", "T by the last complete motion, 0 before")
 
 
 @compiled
-def begin_lag(d: DriveLag) -> None:
-    """A motion begins, at rest."""
-    fill(d.behind, 0.0)
-    fill(d.joints, np.nan)
-    fill(d.slope, 0.0)
+def forget_lag(drives: DriveLag) -> None:
+    """Reset the measurement and its result."""
+    fill(drives.behind, 0.0)
+    fill(drives.joints, 0.0)
+    fill(drives.slope, 0.0)
+    drives.told, drives.lag = 0, 0.0
+
+
+@compiled
+def begin_lag(drives: DriveLag) -> None:
+    """Start a measurement with the arm at rest."""
+    fill(drives.behind, 0.0)
+    fill(drives.joints, np.nan)
+    fill(drives.slope, 0.0)
 
 
 @compiled
 def follow_drives(
-    d: DriveLag, q: Floats, time: int, applied: Floats, fastest: Floats | Point
+    drives: DriveLag, q: Floats, time: int, applied: Floats, max_rates: Floats | Point
 ) -> None:
-    """Take in the joints q (3,) told at `time` ns, and the rates (3,) that the arm took since those
-    before; `fastest` are the greatest.
+    """Add one reading of the joints and the rates applied since the previous one.
+
+    The joints q (3,) are read at `time` ns. `applied` (3,) and `max_rates` (3,) are the maximal
+    joint rates.
     """
-    dt = (time - d.told) * 1e-9
-    if all_finite(d.joints) and dt > 0.0:
+    dt = (time - drives.told) * 1e-9
+    if all_finite(drives.joints) and dt > 0.0:
         for i in range(3):
-            moved = q[i] - d.joints[i]
-            more, speed = applied[i] * dt - moved, moved / dt / fastest[i]
-            d.slope[0] += (d.behind[i] + 0.5 * more) / fastest[i] * speed
-            d.slope[1] += speed * speed
-            d.behind[i] += more
-    put(d.joints, q)
-    d.told = time
+            moved = q[i] - drives.joints[i]
+            error_step, speed = applied[i] * dt - moved, moved / dt / max_rates[i]
+            drives.slope[0] += (drives.behind[i] + 0.5 * error_step) / max_rates[i] * speed
+            drives.slope[1] += speed * speed
+            drives.behind[i] += error_step
+    put(drives.joints, q)
+    drives.told = time
 
 
 @compiled
-def measure_lag(d: DriveLag) -> None:
-    """The motion is over: what T it tells, where it can be one."""
-    lag = d.slope[0] / d.slope[1] if d.slope[1] > 0.0 else np.nan
-    if AHEAD <= lag <= LONGEST:
-        d.lag = max(lag, SHORTEST)
+def measure_lag(drives: DriveLag) -> None:
+    """Finish the measurement at the end of a motion, and store T if it is valid."""
+    lag = drives.slope[0] / drives.slope[1] if drives.slope[1] > 0.0 else np.nan
+    if MIN_MEASURED_LAG_S <= lag <= MAX_LAG_S:
+        drives.lag = max(lag, MIN_LAG_S)
 
 
 @compiled
-def lag_so_far(d: DriveLag, known: float) -> float:
-    """T in s: as `known`, or where that is 0 as the motion that is under way tells it; 0 where
-    nothing has moved yet.
-    """
-    if known > 0.0:
-        return known
-    return min(max(d.slope[0] / d.slope[1], 0.0), LONGEST) if d.slope[1] > 0.0 else 0.0
+def lag_so_far(drives: DriveLag, known_lag: float) -> float:
+    """Return T in s: `known_lag`, or if that is 0 the value by the motion so far, 0 at first."""
+    if known_lag > 0.0:
+        return known_lag
+    slope = drives.slope
+    return min(max(slope[0] / slope[1], 0.0), MAX_LAG_S) if slope[1] > 0.0 else 0.0
 
 
 @compiled
-def lag_of(d: DriveLag, known: float) -> float:
-    """T in s: as `known`, or where that is 0 as measured."""
-    if known > 0.0:
-        return known
-    return d.lag if d.lag > 0.0 else SUPPOSED
+def lag_of(drives: DriveLag, known_lag: float) -> float:
+    """Return T in s: `known_lag`, or if that is 0 the measured or the default value."""
+    if known_lag > 0.0:
+        return known_lag
+    return drives.lag if drives.lag > 0.0 else DEFAULT_LAG_S

@@ -1,17 +1,15 @@
-"""The first motion, from nothing: the joints visit the corners of a small tetrahedron, and then
-others of that size, until the estimate is known well enough.
+"""Exploration: the first motion, which visits the corners of small tetrahedra in joint space.
 
 Neither â = 0 nor Ĵ = 0 can be inverted, and coplanar positions leave the projection undetermined
-(rank 8), so the policy asks for yaw, pitch and insertion together. The corners are alternate ones
-of a box in joint space with the start at one corner, on the side that the joint limits leave free;
-so no joint has to go far, wherever the tool stands, and a round ends at the start. The next round
+(rank 8). Exploration therefore moves yaw, pitch and insertion together. The corners are alternate
+corners of a box in joint space, with the start at one corner, on the side that the joint limits
+leave free. No joint has to move far from any start, and a round ends at the start. The next round
 is mirrored and larger.
 
-Once the minimum number of corners is visited, the next corner is chosen for its information on the
-path to the target (exploration_planning.py). Exploration ends as soon as the direction to the
-target is known to `uncertainty` and Ĵ agrees to `tolerance` with the fitted projection
-(projection_fit.py); after the time allowed it reports that this is not the case. The estimate is
-updated further while the tool servoes.
+After the minimal number of corners, the next corner is chosen for its information on the path to
+the target (exploration_planning.py). Exploration ends when the direction to the target is known to
+`uncertainty`, and Ĵ agrees to `tolerance` with the projection fit (projection_fit.py). After its
+maximal time it reports that it has failed. The estimate is updated further during servoing.
 """
 
 from dataclasses import dataclass
@@ -28,42 +26,62 @@ from rcmservo.numerics.small_linalg import length, minus, put
 from rcmservo.numerics.structs import flag, reals, whole
 
 CORNERS = np.array([[1.0, 1.0, 0.0], [1.0, 0.0, 1.0], [0.0, 1.0, 1.0], [0.0, 0.0, 0.0]])
-"""Of a box of sides 1, in the order of the visits; the last is the start."""
+"""Corners of a box with sides of length 1 in the order of the visits; the last is the start."""
 
 LIMIT_MARGIN = 0.02
-"""Share of each joint's range that the corners keep from its ends."""
+"""Fraction of each joint's range between a corner and the joint limits."""
 
-NEAR = 0.15
-"""Share of a box's side by which a joint may be off a corner that counts as visited."""
+CORNER_TOLERANCE = 0.15
+"""Largest deviation of a joint from a visited corner, as a fraction of the box's side."""
 
-BRAKE = 0.03
-"""s before a corner at which the joints begin to go slower; longer where the drives lag by more, or
-they would swing about it."""
+MIN_BRAKING_TIME_S = 0.03
+"""Time (s) before a corner at which the joints slow down.
+
+It is longer if the drives lag by more, as the joints would otherwise overshoot the corner.
+"""
 
 
 @dataclass(frozen=True)
 class Exploration(Checked, section="exploration"):
-    """How the tool moves while nothing is known yet.
+    """Exploratory motion in joint space before servoing, while the estimate is still unknown.
+
+    The tool visits corners of small tetrahedra until the direction to the target is known. The next
+    corner minimises the expected error of the path to the target.
 
     Parameters
     ----------
     leg : float
         Time from corner to corner in the first round, s.
     share : float
-        Share of every joint's greatest speed at which it moves.
+        Fraction of every joint's maximal speed at which it moves.
     reach : float
-        How far marker 1 goes from corner to corner at most, mm.
+        Maximal distance of marker 1 from corner to corner, mm.
     growth : float
-        How many times as large every round is as the one before.
+        Ratio of the size of a round to that of the previous round.
     uncertainty : float
-        Share of the way to the target by which the estimate may mistake it as servoing begins, one
-        standard deviation.
+        Largest error of the estimated path to the target at the start of servoing, as a fraction of
+        its length, one standard deviation.
     tolerance : float
-        Share by which Ĵ may differ from what the camera should see.
+        Largest difference between Ĵ and the projection fit, as a fraction.
     legs : int
-        Least number of corners to visit.
+        Minimal number of corners to visit.
     max_time : float
-        Time after which exploration is given up, s.
+        Time after which exploration fails, s.
+
+    Raises
+    ------
+    BadInput
+        If a parameter is outside its range.
+
+    Notes
+    -----
+    Exploration fails with the cause NOT_EXPLORED after `max_time`, and with NO_ROOM if the joint
+    limits leave no room for a box.
+
+    References
+    ----------
+    Section III-B of the paper for the excitation that 6 independent observations need (Proposition
+    1).
     """
 
     name = "tour"
@@ -72,124 +90,128 @@ class Exploration(Checked, section="exploration"):
     share: Annotated[float, FRACTION] = 0.2
     reach: Annotated[float, positive("length in mm")] = 8.0
     growth: Annotated[float, between(1.0, 10.0, "a factor")] = 1.5
-    uncertainty: Annotated[float, positive("share")] = 1.0
-    tolerance: Annotated[float, positive("share")] = 0.3
+    uncertainty: Annotated[float, positive("fraction")] = 1.0
+    tolerance: Annotated[float, positive("fraction")] = 0.3
     legs: Annotated[int, between(1, 1000, "a whole number")] = 3
     max_time: Annotated[float, positive("time in s")] = 10.0
 
 
 class Exploring(DriveLag):
-    """Where an exploration stands."""
+    """State of an exploration."""
 
-    home: Floats = reals(3, "rad, rad, mm", "the joints at its start")
-    sides: Floats = reals(3, "rad, rad, mm", "of this round's box, with their signs")
-    goal: Floats = reals(3, "rad, rad, mm", "the joints at the next corner")
-    visits: int = whole("", "corners visited so far, over all rounds")
-    start: int = whole("ns", "when it began")
-    begun: bool = flag("whether there are corners to visit")
-    no_room: bool = flag("whether the joint limits leave no room for them")
-    done: bool = flag("whether there is an estimate to servo with")
+    home: Floats = reals(3, "rad, rad, mm", "joints at the start")
+    sides: Floats = reals(3, "rad, rad, mm", "signed sides of this round's box")
+    goal: Floats = reals(3, "rad, rad, mm", "joints at the next corner")
+    visits: int = whole("", "number of visited corners in all rounds")
+    start: int = whole("ns", "start time")
+    begun: bool = flag("whether corners are planned")
+    no_room: bool = flag("whether the joint limits leave no room for corners")
+    done: bool = flag("whether the estimate is usable for servoing")
 
 
 @compiled
 def begin(
-    tour: Exploring,
+    state: Exploring,
     rcm: Rcm,
-    fastest: Floats | Point,
+    max_rates: Floats | Point,
     q: Floats,
     now: int,
-    least: float,
-    x: Exploration,
+    min_room: float,
+    settings: Exploration,
 ) -> None:
-    """Plan the first round from the joints q (3,), or note that the limits leave a joint less than
-    the share `least` of its side. The joints move at `fastest` (3,) at most.
+    """Plan the first round from the joints q (3,) at the time `now` in ns.
+
+    There is no room if the limits leave a joint less than the fraction `min_room` of its side.
+    `max_rates` (3,) are the maximal joint rates.
     """
-    put(tour.home, q)
-    tour.visits, tour.start = 0, now
-    begin_lag(tour)
-    tour.begun = box(tour, rcm, fastest, least, x)
-    tour.no_room = not tour.begun
-    face(tour)
+    put(state.home, q)
+    state.visits, state.start = 0, now
+    begin_lag(state)
+    state.begun = box(state, rcm, max_rates, min_room, settings)
+    state.no_room = not state.begun
+    face(state)
 
 
 @compiled
-def face(tour: Exploring) -> None:
-    """Make the round's own corner the next one."""
-    corner = CORNERS[tour.visits % len(CORNERS)]
+def face(state: Exploring) -> None:
+    """Set the next corner to that of the round's own order."""
+    corner = CORNERS[state.visits % len(CORNERS)]
     for i in range(3):
-        tour.goal[i] = tour.home[i] + corner[i] * tour.sides[i]
+        state.goal[i] = state.home[i] + corner[i] * state.sides[i]
 
 
 @compiled
-def box(tour: Exploring, rcm: Rcm, fastest: Floats | Point, least: float, x: Exploration) -> bool:
-    """The sides of the next round; whether there is room for them."""
-    number, wanted, room = tour.visits // len(CORNERS), np.empty(3), True
+def box(
+    state: Exploring, rcm: Rcm, max_rates: Floats | Point, min_room: float, settings: Exploration
+) -> bool:
+    """Set the sides of the next round; return whether there is room for them."""
+    round_index, full_sides, has_room = state.visits // len(CORNERS), np.empty(3), True
     for i in range(3):
-        wanted[i] = x.share * x.leg * fastest[i] * x.growth**number
-    shorter = min(x.reach / max(span(rcm, tour.home, wanted), 1e-9), 1.0)
+        full_sides[i] = settings.share * settings.leg * max_rates[i] * settings.growth**round_index
+    factor = min(settings.reach / max(span(rcm, state.home, full_sides), 1e-9), 1.0)
     for i in range(3):
-        side, margin = shorter * wanted[i], LIMIT_MARGIN * (rcm.upper[i] - rcm.lower[i])
-        up = max(rcm.upper[i] - margin - tour.home[i], 0.0)
-        down = max(tour.home[i] - rcm.lower[i] - margin, 0.0)
-        first, second = (up, down) if number % 2 == 0 else (down, up)
-        other = first < side and second > first
-        sign = 1.0 if other == (number % 2 == 1) else -1.0
-        free = min(max(first, second) if other else first, side)
-        tour.sides[i] = sign * free
-        room = room and free >= least * side
-    return room
+        side, margin = factor * full_sides[i], LIMIT_MARGIN * (rcm.upper[i] - rcm.lower[i])
+        up = max(rcm.upper[i] - margin - state.home[i], 0.0)
+        down = max(state.home[i] - rcm.lower[i] - margin, 0.0)
+        preferred, opposite = (up, down) if round_index % 2 == 0 else (down, up)
+        is_reversed = preferred < side and opposite > preferred
+        sign = 1.0 if is_reversed == (round_index % 2 == 1) else -1.0
+        side_length = min(max(preferred, opposite) if is_reversed else preferred, side)
+        state.sides[i] = sign * side_length
+        has_room = has_room and side_length >= min_room * side
+    return has_room
 
 
 @compiled
 def span(rcm: Rcm, q: Floats, sides: Floats) -> float:
-    """Mm that marker 1 moves at most from corner to corner of a box in joint space."""
+    """Return the longest path (mm) of marker 1 from corner to corner of a box in joint space."""
     jacobian, longest = position_jacobian(rcm, q), 0.0
     for i in range(3):
         for j in range(i):
             squared = 0.0
             for k in range(3):
-                one, other = jacobian[k, i] * sides[i], jacobian[k, j] * sides[j]
-                squared += (abs(one) + abs(other)) ** 2
+                step_i, step_j = jacobian[k, i] * sides[i], jacobian[k, j] * sides[j]
+                squared += (abs(step_i) + abs(step_j)) ** 2
             longest = max(longest, np.sqrt(squared))
     return longest
 
 
 @compiled
 def towards(
-    tour: Exploring, fastest: Floats | Point, q: Floats, lag: float, x: Exploration
+    state: Exploring, max_rates: Floats | Point, q: Floats, lag: float, settings: Exploration
 ) -> Floats:
-    """Joint rates (3,) towards the next corner, by drives that lag by so many s."""
-    rates, brake = np.empty(3), max(lag, BRAKE)
+    """Return the joint rates (3,) to the next corner, for drives with the given lag in s."""
+    rates, braking_time = np.empty(3), max(lag, MIN_BRAKING_TIME_S)
     for i in range(3):
-        speed = x.share * fastest[i]
-        way = tour.goal[i] - q[i]
-        rates[i] = min(max(way / brake, -speed), speed)
+        speed = settings.share * max_rates[i]
+        distance = state.goal[i] - q[i]
+        rates[i] = min(max(distance / braking_time, -speed), speed)
     return rates
 
 
 @compiled
-def arrived(tour: Exploring, q: Floats) -> bool:
-    """Whether the joints q (3,) are at the next corner."""
-    return at(tour.goal, tour.sides, q)
+def arrived(state: Exploring, q: Floats) -> bool:
+    """Return whether the joints q (3,) are at the next corner."""
+    return is_at_corner(state.goal, state.sides, q)
 
 
 @compiled
-def at(corner: Floats, sides: Floats, q: Floats) -> bool:
-    """Whether the joints q (3,) are at a corner (3,) of a box with these `sides` (3,)."""
-    there = True
+def is_at_corner(corner: Floats, sides: Floats, q: Floats) -> bool:
+    """Return whether the joints q (3,) are at a corner (3,) of a box with these `sides` (3,)."""
+    is_at = True
     for i in range(3):
-        there = there and abs(corner[i] - q[i]) <= NEAR * abs(sides[i])
-    return there
+        is_at = is_at and abs(corner[i] - q[i]) <= CORNER_TOLERANCE * abs(sides[i])
+    return is_at
 
 
 @compiled
 def disagreement(J_hat: Floats, J: Floats) -> float:
-    """Share of J (3, 3), scaled, by which Ĵ differs from it."""
+    """Return the norm of Ĵ − J as a fraction of the norm of J (3, 3), both scaled."""
     size = length(J)
     return length(minus(J_hat.ravel(), J.ravel())) / size if size > 0.0 else np.inf
 
 
 @compiled
-def overdue(tour: Exploring, now: int, x: Exploration) -> bool:
-    """Whether the time allowed for a tour is used up."""
-    return tour.begun and now - tour.start > x.max_time * 1e9
+def overdue(state: Exploring, now: int, settings: Exploration) -> bool:
+    """Return whether the exploration has used up its maximal time."""
+    return state.begun and now - state.start > settings.max_time * 1e9

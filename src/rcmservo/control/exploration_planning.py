@@ -1,25 +1,31 @@
-"""Where to explore next, and whether it is enough: how well the fit tells the way to the target.
+"""Choice of the next exploration corner, and the test that the direction to the target is known.
 
-The fit has eleven numbers θ, the rows of A and g. With D = ∂m/∂θ (4, 11) of both markers at a
-place, frames at many places tell them with the covariance
+The projection fit has eleven parameters θ, the rows of A and g. With D = ∂m/∂θ (4, 11) of both
+markers at a position, frames at many positions determine θ with the covariance
 
     σ² N⁻¹,    N = Σ DᵀD + N₀
 
-of which the sums hold all but the prior N₀. The way to the target is H⁺(m_d − m), with H = ∂m/∂p₁.
-Where the fit errs by δθ it is off by T δθ, T = H⁺(D(p₁ + way) − D(p₁)), so its error is expected
-to be σ √tr(T N⁻¹Tᵀ). Of a long way only the first `AHEAD` mm count, in proportion: more is learnt
-while the tool goes them.
+The sums of the fit hold all of N but the prior N₀. The path to the target is H⁺(m_d − m), with H =
+∂m/∂p₁. An error δθ of the fit changes it by T δθ, T = H⁺(D(p₁ + path) − D(p₁)), so that its
+expected error is σ √tr(T N⁻¹Tᵀ). On a long path the error of its first LOOK_AHEAD_MM is
+extrapolated in proportion, as the estimate improves during the motion.
 
-A leg from p to p' adds to N what frames along it would, by Simpson's rule. So the next corner is
-that which leaves the least expected error, of those of the round's box about the start, and
-between them, that lie inside the joint limits and not too far away.
+A leg from p to p' adds to N the information of its frames, by Simpson's rule. The next corner
+minimises the expected error. The candidates are the corners of the round's box about the start and
+the points between them, inside the joint limits and not too far away.
 """
 
 import numpy as np
 
-from rcmservo.control.exploration import LIMIT_MARGIN, Exploration, Exploring, at
-from rcmservo.estimation.projection_fit import LEAST_DEPTH, PRIOR, Foretold, Prospect, both
-from rcmservo.estimation.projection_prediction import motions, told_apart
+from rcmservo.control.exploration import LIMIT_MARGIN, Exploration, Exploring, is_at_corner
+from rcmservo.estimation.projection_fit import (
+    MIN_WEIGHT_DEPTH,
+    PRIOR_PRECISION,
+    Foretold,
+    Prospect,
+    both,
+)
+from rcmservo.estimation.projection_prediction import invert_normal, write_markers_jacobian
 from rcmservo.geometry.kinematics import Point, Rcm, apart, point_at
 from rcmservo.geometry.tool import Shaft
 from rcmservo.interfaces import Floats
@@ -27,67 +33,71 @@ from rcmservo.numerics.jit import compiled
 from rcmservo.numerics.small_linalg import fill, length, put
 from rcmservo.numerics.small_solvers import invert
 
-AHEAD = 10.0
-"""mm of the way to the target over which its error is told."""
+LOOK_AHEAD_MM = 10.0
+"""Largest part (mm) of the path over which its error is computed; the rest is extrapolated."""
 
-CLOSE = 0.5
-"""mm of error that do not matter, however short the way is."""
+NEGLIGIBLE_ERROR_MM = 0.5
+"""Error (mm) of the path that is accepted for any length of the path."""
 
-PLACES = 27
-"""Corners to choose from: every joint at the start, or a side of the box from it."""
+CANDIDATE_CORNERS = 27
+"""Number of candidate corners: each joint at the start, or one side of the box up or down."""
 
 
 @compiled
-def slopes(there: Foretold, D: Floats) -> None:
-    """Write ∂m/∂θ (2, 11) of a point that the fit has `there`."""
+def write_theta_jacobian(prediction: Foretold, D: Floats) -> None:
+    """Write ∂m/∂θ (2, 11) of a point with the given prediction."""
     fill(D, 0.0)
     for k in range(2):
         for i in range(4):
-            D[k, 4 * k + i] = there.x[i] / there.z
+            D[k, 4 * k + i] = prediction.x[i] / prediction.z
         for i in range(3):
-            D[k, 8 + i] = -there.m[k] * there.x[i] / there.z
+            D[k, 8 + i] = -prediction.m[k] * prediction.x[i] / prediction.z
 
 
 @compiled
-def both_slopes(v: Prospect, p1: Point, shaft: Shaft, D: Floats) -> bool:
-    """Write ∂m/∂θ (4, 11) of both markers, with marker 1 at p1 (3,) mm; whether they lie before the
-    camera by the fit.
+def write_theta_jacobians(fit: Prospect, p1: Point, shaft: Shaft, D: Floats) -> bool:
+    """Write ∂m/∂θ (4, 11) of both markers with marker 1 at p1 (3,) mm.
+
+    Return whether the fit has both markers in front of the camera.
     """
-    one, other = both(v, p1, shaft)
-    slopes(one, D[:2])
-    slopes(other, D[2:])
-    return one.z > LEAST_DEPTH and other.z > LEAST_DEPTH
+    one, other = both(fit, p1, shaft)
+    write_theta_jacobian(one, D[:2])
+    write_theta_jacobian(other, D[2:])
+    return one.z > MIN_WEIGHT_DEPTH and other.z > MIN_WEIGHT_DEPTH
 
 
 @compiled
-def information(v: Prospect, N: Floats) -> None:
-    """Write N (11, 11) of the frames so far, and the prior."""
+def write_information(fit: Prospect, N: Floats) -> None:
+    """Write N (11, 11) of the frames so far and the prior."""
     fill(N, 0.0)
     for k in range(2):
         for i in range(4):
             for j in range(4):
-                N[4 * k + i, 4 * k + j] = v.sums[0, i, j]
+                N[4 * k + i, 4 * k + j] = fit.sums[0, i, j]
             for j in range(3):
-                N[4 * k + i, 8 + j] = -v.sums[1 + k, i, j]
-                N[8 + j, 4 * k + i] = -v.sums[1 + k, i, j]
-            N[4 * k + i, 4 * k + i] += PRIOR[0] * v.noise
+                N[4 * k + i, 8 + j] = -fit.sums[1 + k, i, j]
+                N[8 + j, 4 * k + i] = -fit.sums[1 + k, i, j]
+            N[4 * k + i, 4 * k + i] += PRIOR_PRECISION[0] * fit.noise
     for i in range(3):
         for j in range(3):
-            N[8 + i, 8 + j] = v.sums[3, i, j]
-        N[8 + i, 8 + i] += PRIOR[1] * v.noise
+            N[8 + i, 8 + j] = fit.sums[3, i, j]
+        N[8 + i, 8 + i] += PRIOR_PRECISION[1] * fit.noise
 
 
 @compiled
-def add_leg(v: Prospect, p: Point, to: Point, frames: float, shaft: Shaft, N: Floats) -> None:
-    """Add so many frames to N (11, 11), seen on a straight way of marker 1 from p to `to`, both
-    (3,) mm.
+def add_leg_information(
+    fit: Prospect, p: Point, to: Point, frames: float, shaft: Shaft, N: Floats
+) -> None:
+    """Add to N (11, 11) the information of `frames` frames on a straight leg of marker 1.
+
+    The leg runs from p to `to`, both (3,) mm.
     """
     D = np.empty((4, 11))
     for k in range(3):
-        part = 0.5 * k
+        fraction = 0.5 * k
         x, y, z = to[0] - p[0], to[1] - p[1], to[2] - p[2]
-        place = p[0] + part * x, p[1] + part * y, p[2] + part * z
-        both_slopes(v, place, shaft, D)
+        point = p[0] + fraction * x, p[1] + fraction * y, p[2] + fraction * z
+        write_theta_jacobians(fit, point, shaft, D)
         weight = frames * (4.0 if k == 1 else 1.0) / 6.0
         for n in range(4):
             for i in range(11):
@@ -96,82 +106,96 @@ def add_leg(v: Prospect, p: Point, to: Point, frames: float, shaft: Shaft, N: Fl
 
 
 @compiled
-def way_of(v: Prospect, p1: Point, target: Floats, shaft: Shaft, T: Floats) -> float:
-    """Write T (3, 11), mm a unit of θ, from marker 1 at p1 (3,) mm to the `target` (2, 2) raw px;
-    how long that way is, mm, infinite where the fit does not tell it.
+def write_path_sensitivity(
+    fit: Prospect, p1: Point, target: Floats, shaft: Shaft, T: Floats
+) -> float:
+    """Write T (3, 11) of the path to the target; return the length of the path in mm.
+
+    T is in mm per unit of θ. The path runs from marker 1 at p1 (3,) mm to the `target` (2, 2) raw
+    px. Its length is infinite if the fit does not determine it.
     """
-    H, back, D = np.empty((4, 3)), np.empty((3, 3)), np.empty((4, 11))
-    there, way, pull = np.empty((4, 11)), np.empty(3), np.empty((3, 4))
-    motions(v, p1, shaft, H)
-    if not told_apart(H, back):
+    H, inverse, D = np.empty((4, 3)), np.empty((3, 3)), np.empty((4, 11))
+    D_ahead, path, H_pinv = np.empty((4, 11)), np.empty(3), np.empty((3, 4))
+    write_markers_jacobian(fit, p1, shaft, H)
+    if not invert_normal(H, inverse):
         return np.inf
-    one, other = both(v, p1, shaft)
-    fill(way, 0.0)
+    first, second = both(fit, p1, shaft)
+    fill(path, 0.0)
     for i in range(3):
         for n in range(4):
-            pull[i, n] = back[i, 0] * H[n, 0] + back[i, 1] * H[n, 1] + back[i, 2] * H[n, 2]
+            H_pinv[i, n] = (
+                inverse[i, 0] * H[n, 0] + inverse[i, 1] * H[n, 1] + inverse[i, 2] * H[n, 2]
+            )
         for j in range(2):
-            seen_one = v.origin[3 + j] + one.m[j] + v.offset[0, j]
-            seen_other = v.origin[3 + j] + other.m[j] + v.offset[1, j]
-            way[i] += pull[i, j] * (target[0, j] - seen_one)
-            way[i] += pull[i, 2 + j] * (target[1, j] - seen_other)
-    far = length(way)
-    part = AHEAD / far if far > AHEAD else 1.0
-    ahead = p1[0] + part * way[0], p1[1] + part * way[1], p1[2] + part * way[2]
-    if not (both_slopes(v, p1, shaft, D) and both_slopes(v, ahead, shaft, there)):
+            marker_1 = fit.origin[3 + j] + first.m[j] + fit.offset[0, j]
+            marker_2 = fit.origin[3 + j] + second.m[j] + fit.offset[1, j]
+            path[i] += H_pinv[i, j] * (target[0, j] - marker_1)
+            path[i] += H_pinv[i, 2 + j] * (target[1, j] - marker_2)
+    distance = length(path)
+    fraction = LOOK_AHEAD_MM / distance if distance > LOOK_AHEAD_MM else 1.0
+    ahead = p1[0] + fraction * path[0], p1[1] + fraction * path[1], p1[2] + fraction * path[2]
+    if not (
+        write_theta_jacobians(fit, p1, shaft, D)
+        and write_theta_jacobians(fit, ahead, shaft, D_ahead)
+    ):
         return np.inf
     for i in range(3):
         for j in range(11):
             T[i, j] = 0.0
             for n in range(4):
-                T[i, j] += pull[i, n] * (there[n, j] - D[n, j]) / part
-    return far
+                T[i, j] += H_pinv[i, n] * (D_ahead[n, j] - D[n, j]) / fraction
+    return distance
 
 
 @compiled
-def error_of(T: Floats, N: Floats, noise: float) -> float:
-    """σ √tr(T N⁻¹Tᵀ) mm of T (3, 11), N (11, 11) and σ² px²; infinite where N tells too little."""
-    back, total = np.empty((11, 11)), 0.0
-    put(back, N)
-    if not invert(back):
+def expected_error(T: Floats, N: Floats, noise: float) -> float:
+    """Return σ √tr(T N⁻¹Tᵀ) mm of T (3, 11), N (11, 11), σ² px²; infinite if N is singular."""
+    inverse, total = np.empty((11, 11)), 0.0
+    put(inverse, N)
+    if not invert(inverse):
         return np.inf
     for k in range(3):
         for i in range(11):
             for j in range(11):
-                total += T[k, i] * back[i, j] * T[k, j]
+                total += T[k, i] * inverse[i, j] * T[k, j]
     return np.sqrt(noise * total)
 
 
 @compiled
-def off_target(v: Prospect, p1: Floats, target: Floats, shaft: Shaft) -> tuple[float, float]:
-    """By how many mm the way from marker 1 at p1 (3,) mm to the `target` (2, 2) raw px is mistaken,
-    one standard deviation, and how long it is; infinite where the fit does not tell it.
+def off_target(fit: Prospect, p1: Floats, target: Floats, shaft: Shaft) -> tuple[float, float]:
+    """Return the standard deviation of the error and the length of the path to the target, in mm.
+
+    The path runs from marker 1 at p1 (3,) mm to the `target` (2, 2) raw px. Both are infinite if
+    the fit does not determine it.
     """
     T, N = np.empty((3, 11)), np.empty((11, 11))
-    far = way_of(v, (p1[0], p1[1], p1[2]), target, shaft, T)
-    if not far < np.inf:
+    distance = write_path_sensitivity(fit, (p1[0], p1[1], p1[2]), target, shaft, T)
+    if not distance < np.inf:
         return np.inf, np.inf
-    information(v, N)
-    return error_of(T, N, v.noise), far
+    write_information(fit, N)
+    return expected_error(T, N, fit.noise), distance
 
 
 @compiled
-def directed(v: Prospect, p1: Floats, target: Floats, shaft: Shaft, x: Exploration) -> bool:
-    """Whether the direction from marker 1 at p1 (3,) mm to the `target` (2, 2) raw px is known:
-    the error of the way is at most the share `uncertainty` of it, or so small that it does not
-    matter.
+def directed(
+    fit: Prospect, p1: Floats, target: Floats, shaft: Shaft, settings: Exploration
+) -> bool:
+    """Return whether the direction to the target is known.
+
+    It runs from marker 1 at p1 (3,) mm to the `target` (2, 2) raw px. It is known if the error of
+    the path is at most the fraction `uncertainty` of its length, or negligible.
     """
-    error, far = off_target(v, p1, target, shaft)
-    return error < np.inf and error <= max(x.uncertainty * far, CLOSE)
+    error, distance = off_target(fit, p1, target, shaft)
+    return error < np.inf and error <= max(settings.uncertainty * distance, NEGLIGIBLE_ERROR_MM)
 
 
 @compiled
-def place_of(tour: Exploring, number: int, rcm: Rcm, q: Floats) -> bool:
-    """Write the joints (3,) of one of the `PLACES`; whether the limits allow it."""
+def write_candidate(state: Exploring, index: int, rcm: Rcm, q: Floats) -> bool:
+    """Write the joints (3,) of a candidate corner; return whether the joint limits allow it."""
     for i in range(3):
-        step, margin = number % 3 - 1, LIMIT_MARGIN * (rcm.upper[i] - rcm.lower[i])
-        number //= 3
-        q[i] = tour.home[i] + step * tour.sides[i]
+        step, margin = index % 3 - 1, LIMIT_MARGIN * (rcm.upper[i] - rcm.lower[i])
+        index //= 3
+        q[i] = state.home[i] + step * state.sides[i]
         if step != 0 and not rcm.lower[i] + margin <= q[i] <= rcm.upper[i] - margin:
             return False
     return True
@@ -179,26 +203,33 @@ def place_of(tour: Exploring, number: int, rcm: Rcm, q: Floats) -> bool:
 
 @compiled
 def plan(
-    tour: Exploring, v: Prospect, rcm: Rcm, shaft: Shaft, q: Floats, target: Floats, reach: float
+    state: Exploring,
+    fit: Prospect,
+    rcm: Rcm,
+    shaft: Shaft,
+    q: Floats,
+    target: Floats,
+    max_distance: float,
 ) -> None:
-    """Make that of the `PLACES` the next corner which leaves the least error of the way from the
-    joints q (3,) to the `target` (2, 2) raw px, of those at most `reach` mm away; leave the corner
-    as it is where none does.
+    """Set the next corner to the candidate with the least expected error of the path to the target.
+
+    The path starts at the joints q (3,) and ends at the `target` (2, 2) raw px. Candidates are at
+    most `max_distance` mm away. Without a usable candidate the corner stays.
     """
     T, N, M = np.empty((3, 11)), np.empty((11, 11)), np.empty((11, 11))
-    p, corner, least = point_at(rcm, q), np.empty(3), np.inf
-    if not way_of(v, p, target, shaft, T) < np.inf:
+    p, corner, least_error = point_at(rcm, q), np.empty(3), np.inf
+    if not write_path_sensitivity(fit, p, target, shaft, T) < np.inf:
         return
-    information(v, N)
-    frames = v.frames / tour.visits
-    for number in range(PLACES):
-        if not place_of(tour, number, rcm, corner) or at(corner, tour.sides, q):
+    write_information(fit, N)
+    frames = fit.frames / state.visits
+    for index in range(CANDIDATE_CORNERS):
+        if not write_candidate(state, index, rcm, corner) or is_at_corner(corner, state.sides, q):
             continue
         to = point_at(rcm, corner)
-        if apart(p, to) <= reach:
+        if apart(p, to) <= max_distance:
             put(M, N)
-            add_leg(v, p, to, frames, shaft, M)
-            error = error_of(T, M, v.noise)
-            if error < least:
-                least = error
-                put(tour.goal, corner)
+            add_leg_information(fit, p, to, frames, shaft, M)
+            error = expected_error(T, M, fit.noise)
+            if error < least_error:
+                least_error = error
+                put(state.goal, corner)

@@ -1,8 +1,8 @@
-"""Feature vectors that the law (31) may act on, and their registry.
+"""Feature vectors that the control law (31) can act on, and their registry.
 
-A `FeatureVector` says what it measures on both markers, the derivative of that, and what it needs
-an estimator to estimate. The paper's own and the points are part of the compiled tick, by their
-`code`. Another vector is measured in Python, once per frame; the law on it is compiled as well.
+A `FeatureVector` measures both markers, gives its derivative, and declares the derivatives that it
+needs from an estimator. The paper's vector and the points are part of the compiled tick, by their
+`code`. Another vector is measured in Python once per frame; the control law on it is compiled too.
 """
 
 from abc import ABC, abstractmethod
@@ -25,21 +25,21 @@ from rcmservo.geometry.features import (
 from rcmservo.interfaces import Floats
 from rcmservo.numerics.structs import Row, reals, whole
 
-UNITS = {"rad": 0, "px": 1}
+UNIT_INDICES = {"rad": 0, "px": 1}
 """Units of a component, with the index of their scale and of their saturation bound."""
 
 
 class MarkerPair(NamedTuple):
-    """Both markers as a feature vector measures them.
+    """Both markers as the input of a feature vector.
 
     Parameters
     ----------
     points : Floats
-        Centres (2, 2), raw px; NaN where lost.
+        Centres (2, 2) of the markers in raw px; NaN for a lost marker.
     sizes : Floats
-        Apparent radii (2,) px; NaN where lost or unknown.
+        Apparent radii (2,) of the markers in px; NaN where lost or unknown.
     o_c : Floats
-        Imaged RCM (2,), raw px.
+        Imaged RCM (2,) in raw px.
     """
 
     points: Floats
@@ -48,7 +48,7 @@ class MarkerPair(NamedTuple):
 
 
 class FeatureParameters(Row):
-    """A feature vector in compiled functions."""
+    """Parameters of a feature vector for compiled functions."""
 
     code: int = whole("", "code of the feature vector")
     dimension: int = whole("", "number of its components")
@@ -58,82 +58,152 @@ class FeatureParameters(Row):
 
 
 class FeatureVector(ABC):
-    """Numbers of the image that the law brings to those of the target.
+    """Base class of the feature vectors y (n,) that the law (31) drives to those of the target.
 
-    ``measure`` and ``jacobian`` are pure. An instance is known by its ``name`` once it is given to
-    `add_feature_vector`; then ``SaturatedController(features=name)`` acts on it.
+    A subclass declares its name, components and units, and implements `measure` and `jacobian`.
+    Both are pure functions. `add_feature_vector` registers an instance under its ``name``; then
+    ``SaturatedController(features=name)`` acts on it.
+
+    Notes
+    -----
+    A vector has 1 to 8 components; a tool that turns and moves along its axis needs 3 or more. With
+    more than three components the control law solves a least-squares problem. A vector outside the
+    compiled tick costs one Python call per frame.
+
+    References
+    ----------
+    Section II-D of the paper, eq. (6)-(9), for the default vector y = [s r d].
     """
 
     name: ClassVar[str]
-    """Its name as a setting."""
+    """Value of ``controller.features`` that selects the vector."""
     components: ClassVar[tuple[str, ...]]
-    """Name of each component; at most `MAX_FEATURES`, and at least 3 for a tool that turns and
-    moves along its axis."""
+    """Name of each component; at most `MAX_FEATURES`.
+
+    A tool that turns and moves along its axis needs 3 or more.
+    """
     units: ClassVar[tuple[str, ...]]
-    """Unit of each component, rad or px. An angle wraps to (−π, π]."""
+    """Unit of each component, rad or px. A component in rad wraps to (−π, π]."""
     needs_motion: ClassVar[bool] = True
-    """Whether the estimator must estimate ∂m/∂p₁ of the markers' coordinates."""
+    """True if the estimator must estimate ∂m/∂p₁ of the markers' coordinates."""
     needs_sizes: ClassVar[bool] = False
-    """Whether it must estimate ∂R/∂p₁ of the apparent radii too, and the target have them."""
+    """True if the estimator must also estimate ∂R/∂p₁, and the target must have radii."""
     leaves_out_lost: ClassVar[bool] = False
-    """Whether a component that is not finite is left out, instead of measured where a fit has the
-    lost marker."""
+    """True if a component that is not finite is ignored.
+
+    Otherwise the prediction of the fit replaces the lost marker.
+    """
     code: ClassVar[int] = INTERPRETED
-    """Code in compiled functions, of the vectors that these know."""
+    """Code of the vector in compiled functions, if these implement it."""
 
     @abstractmethod
     def measure(self, markers: MarkerPair) -> Floats:
-        """Return the features (n,)."""
+        """Return the features of both markers.
+
+        Parameters
+        ----------
+        markers : MarkerPair
+            Markers and imaged RCM.
+
+        Returns
+        -------
+        Floats
+            y (n,) in the declared units.
+        """
 
     @abstractmethod
     def jacobian(self, markers: MarkerPair) -> Floats:
-        """Return the derivative (n, 4) with respect to u₁ v₁ u₂ v₂; of a vector that needs sizes
-        (n, 6), with respect to R₁ R₂ too.
+        """Return the derivative of the features with respect to the markers' coordinates.
+
+        Parameters
+        ----------
+        markers : MarkerPair
+            Markers and imaged RCM.
+
+        Returns
+        -------
+        Floats
+            ∂y/∂(u₁ v₁ u₂ v₂) (n, 4) in units of y per px; with `needs_sizes` also with respect to
+            R₁ R₂, (n, 6).
         """
 
     def linearise(
         self, markers: MarkerPair, target: MarkerPair, motion: Floats
     ) -> tuple[Floats, Floats]:
-        """Return the error Δy (n,) to the target, and the features' Jacobian ∂y/∂p₁ (n, 3).
+        """Return the error to the target and the features' Jacobian.
 
-        `motion` (6, 3) px/mm is the derivative of u₁ v₁ u₂ v₂ R₁ R₂ with respect to p₁.
+        Parameters
+        ----------
+        markers : MarkerPair
+            Markers and imaged RCM.
+        target : MarkerPair
+            Markers of the target, about the same imaged RCM.
+        motion : Floats
+            Derivative (6, 3) of u₁ v₁ u₂ v₂ R₁ R₂ with respect to p₁ in px/mm.
+
+        Returns
+        -------
+        tuple of Floats
+            Δy (n,) with angles wrapped to (−π, π], and ∂y/∂p₁ (n, 3) per mm.
         """
-        error, slope = self.measure(markers) - self.measure(target), self.jacobian(markers)
-        J = slope @ motion[: slope.shape[1]]
+        error, derivative = self.measure(markers) - self.measure(target), self.jacobian(markers)
+        J = derivative @ motion[: derivative.shape[1]]
         error = np.array([wrapped(e) if a else e for e, a in zip(error, self.angles, strict=True)])
         if self.leaves_out_lost:
-            lost = ~np.isfinite(error)
-            error[lost], J[lost] = 0.0, 0.0
+            is_lost = ~np.isfinite(error)
+            error[is_lost], J[is_lost] = 0.0, 0.0
         return error, J
 
     @property
     def angles(self) -> list[bool]:
-        """Whether each component is an angle."""
+        """True for each component that is an angle, which wraps to (−π, π]."""
         return [unit == "rad" for unit in self.units]
 
     def bounds(self, b: tuple[float, float, float]) -> list[float]:
-        """Return the saturation of each component, from the controller's (rad, px, px)."""
-        return [b[UNITS[unit]] for unit in self.units]
+        """Return the saturation bound of each component from b of eq. (32) in (rad, px, px).
+
+        Parameters
+        ----------
+        b : tuple of float
+            Bounds of the controller in (rad, px, px).
+
+        Returns
+        -------
+        list of float
+            Bound of each component in its unit.
+        """
+        return [b[UNIT_INDICES[unit]] for unit in self.units]
 
     def parameters(self, b: tuple[float, float, float]) -> FeatureParameters:
-        """Return the vector in compiled functions, with the controller's bounds."""
-        scale = [float(SCALE[UNITS[unit]]) for unit in self.units]
+        """Return the vector's parameters for compiled functions, with the bounds b of eq. (32).
+
+        Parameters
+        ----------
+        b : tuple of float
+            Bounds of the controller in (rad, px, px).
+
+        Returns
+        -------
+        FeatureParameters
+            Code, dimension, scale and scaled bounds.
+        """
+        scale = [float(SCALE[UNIT_INDICES[unit]]) for unit in self.units]
         scaled = [bound / one for bound, one in zip(self.bounds(b), scale, strict=True)]
-        none = [0.0] * (MAX_FEATURES - len(scale))
+        padding = [0.0] * (MAX_FEATURES - len(scale))
         return FeatureParameters.of(
             code=self.code,
             dimension=len(scale),
-            scale=scale + none,
-            bounds=scaled + none,
-            angle=[*map(float, self.angles), *none],
+            scale=scale + padding,
+            bounds=scaled + padding,
+            angle=[*map(float, self.angles), *padding],
         )
 
 
 @final
 class ToolFeatures(FeatureVector):
-    """The paper's y = [s r d] of (6)-(9): angle of the imaged tool and two distances.
+    """The paper's y = [s r d] of (7)-(9): angle of the imaged tool and two distances.
 
-    Its Jacobian Ĵ is what every estimator estimates.
+    Its Jacobian is Ĵ, which every estimator gives.
     """
 
     name = "srd"
@@ -154,7 +224,7 @@ class ToolFeatures(FeatureVector):
 
 @final
 class PointFeatures(FeatureVector):
-    """The four coordinates of both markers, raw px."""
+    """The four coordinates u₁ v₁ u₂ v₂ of both markers, raw px."""
 
     name = "points"
     components = ("u1", "v1", "u2", "v2")
@@ -172,10 +242,10 @@ class PointFeatures(FeatureVector):
 class SizeFeatures(FeatureVector):
     """The four coordinates and both apparent radii, u₁ v₁ u₂ v₂ R₁ R₂ px.
 
-    A px of a radius counts as one of a coordinate: in rendered pictures both scatter by 0.013 px,
-    and with three times the weight the error at the target was twice as large. A lost marker is
-    left out, as the other and its size determine the position. Put where a fit has it, it pulls the
-    tool to where the fit is wrong: by 0.5 to 4 mm in rendered scenes, instead of 0.1.
+    A pixel of a radius weighs as much as one of a coordinate: in rendered images both scatter by
+    0.013 px, and three times the weight doubles the error at the target. A lost marker is ignored,
+    since the other marker and its size determine the position. A predicted marker in its place
+    would draw the tool to the error of the fit: 0.5 to 4 mm in rendered scenes, instead of 0.1 mm.
     """
 
     name = "size"
@@ -194,27 +264,32 @@ class SizeFeatures(FeatureVector):
 FEATURE_VECTORS: dict[str, FeatureVector] = {
     vector.name: vector for vector in (ToolFeatures(), PointFeatures(), SizeFeatures())
 }
-"""Feature vectors by name."""
+"""Registry of the feature vectors by name."""
 
 
 def add_feature_vector(vector: Any) -> None:
-    """Add a user's feature vector to those that ``controller.features`` may name.
+    """Register a user-defined feature vector for ``controller.features``.
+
+    Parameters
+    ----------
+    vector : FeatureVector
+        Instance of the vector. A vector of the same class and name replaces the registered one.
 
     Raises
     ------
     BadInput
-        If it is no `FeatureVector`, its name is taken by another class, or its components and units
-        do not fit.
+        If it is not a `FeatureVector`, if another class has its name, or if its components and
+        units do not match.
     """
     if not isinstance(vector, FeatureVector):
         raise BadInput("feature vector", vector, "an object of a class derived from FeatureVector")
-    where, count = f"feature vector {vector.name}", len(vector.units)
+    label, count = f"feature vector {vector.name}", len(vector.units)
     if not 1 <= count <= MAX_FEATURES or len(vector.components) != count:
-        right = f"one for each of 1 to {MAX_FEATURES} components"
-        raise BadInput(f"{where}: units", vector.units, right)
-    if not set(vector.units) <= set(UNITS):
-        raise BadInput(f"{where}: units", vector.units, "rad or px for each component")
-    known = FEATURE_VECTORS.get(vector.name, vector)
-    if type(known).__qualname__ != type(vector).__qualname__:
+        expected = f"one for each of 1 to {MAX_FEATURES} components"
+        raise BadInput(f"{label}: units", vector.units, expected)
+    if not set(vector.units) <= set(UNIT_INDICES):
+        raise BadInput(f"{label}: units", vector.units, "rad or px for each component")
+    registered = FEATURE_VECTORS.get(vector.name, vector)
+    if type(registered).__qualname__ != type(vector).__qualname__:
         raise BadInput("feature vector", vector.name, "a name that no other feature vector has")
     FEATURE_VECTORS[vector.name] = vector

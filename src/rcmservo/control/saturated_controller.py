@@ -1,9 +1,8 @@
-"""From the feature error to a velocity: the saturated potential (32) and the law (31), v = −k Ĵ⁻¹
-∂V/∂y.
+"""Control law v = −k Ĵ⁻¹ ∂V/∂y of (31) with the saturated potential V of (32).
 
-Features and Jacobian are scaled, diag(1/SCALE) Ĵ, so that a condition number means the same in
-every scene. The inverse is damped in directions that Ĵ hardly tells: what is left of the error then
-tells whether the way is open.
+Features and Jacobian are scaled to diag(1/SCALE) Ĵ, so that a condition number means the same in
+every scene. The inverse is damped in directions that Ĵ hardly determines. The fraction of the error
+that the damped motion reduces shows whether the target can be reached.
 """
 
 from dataclasses import dataclass
@@ -31,23 +30,24 @@ from rcmservo.numerics.small_linalg import all_finite, length
 from rcmservo.numerics.small_solvers import solve_3x3
 from rcmservo.numerics.small_svd import extremes, put_right
 
-SURE = 1e3
-"""Condition of the scaled Ĵ up to which its inverse is taken as it is, where nothing is damped."""
+MAX_UNDAMPED_CONDITION = 1e3
+"""Condition of the scaled Ĵ up to which its plain inverse is accurate enough without damping."""
 
 
 @compiled
 def potential_gradient(delta: Floats, bounds: Floats, printed: bool) -> Floats:
-    """∂V/∂y (n,): Δy inside ±b and, beyond, ±b (continuous, Fig. 5) or ±b/2 (as (32) is
-    printed).
+    """Return ∂V/∂y (n,) of (32): Δy inside ±b and, beyond, ±b (continuous) or ±b/2 (printed).
+
+    Fig. 5 of the paper shows the continuous form, while (32) as printed drops to half at b.
     """
     gradient = np.empty(len(delta))
-    saturate(delta, bounds, printed, gradient)
+    write_gradient(delta, bounds, printed, gradient)
     return gradient
 
 
 @compiled
-def saturate(delta: Floats, bounds: Floats, printed: bool, gradient: Floats) -> None:
-    """Write it over `gradient` (n,)."""
+def write_gradient(delta: Floats, bounds: Floats, printed: bool, gradient: Floats) -> None:
+    """Write ∂V/∂y (n,) of (32)."""
     beyond = 0.5 if printed else 1.0
     for i in range(len(delta)):
         inside = abs(delta[i]) < bounds[i]
@@ -56,8 +56,9 @@ def saturate(delta: Floats, bounds: Floats, printed: bool, gradient: Floats) -> 
 
 @compiled
 def potential(delta: Floats, bounds: Floats, printed: bool) -> float:
-    """V = Σ Vᵢ of (32): ½Δy² inside ±b and, beyond, b|Δy| − ½b² (continuous) or ½b|Δy|
-    (printed).
+    """Return V = Σ Vᵢ of (32).
+
+    Vᵢ is ½Δy² inside ±b and, beyond, b|Δy| − ½b² (continuous) or ½b|Δy| (printed).
     """
     total = 0.0
     for i in range(len(delta)):
@@ -73,14 +74,14 @@ def potential(delta: Floats, bounds: Floats, printed: bool) -> float:
 
 @compiled
 def scaled(J: Floats) -> Floats:
-    """diag(1/SCALE) J: every norm and condition is judged on this."""
+    """Return diag(1/SCALE) J, the matrix for every norm and condition."""
     out = np.empty(J.shape)
-    scale(J, out)
+    write_scaled(J, out)
     return out
 
 
 @compiled
-def scale(J: Floats, out: Floats) -> None:
+def write_scaled(J: Floats, out: Floats) -> None:
     """Write diag(1/SCALE) J."""
     for i in range(J.shape[0]):
         for j in range(J.shape[1]):
@@ -90,30 +91,30 @@ def scale(J: Floats, out: Floats) -> None:
 @compiled
 def largest_scaled(J: Floats) -> float:
     """Return the largest absolute value of diag(1/SCALE) J; NaN if a number is NaN."""
-    most = 0.0
+    largest = 0.0
     for i in range(J.shape[0]):
         for j in range(J.shape[1]):
             size = abs(J[i, j]) / SCALE[i]
             if np.isnan(size):
                 return np.nan
-            most = max(most, size)
-    return most
+            largest = max(largest, size)
+    return largest
 
 
 class Heading(NamedTuple):
-    """Where the law goes, and how well it can.
+    """Velocity of the control law and its quality.
 
     Parameters
     ----------
     v : Point
-        mm/s of marker 1.
+        Velocity (3,) of marker 1 in mm/s.
     condition : float
-        Of Ĵ, scaled.
+        Condition of the scaled Ĵ.
     open : float
-        Share of the error, scaled, that v works off: 1 where nothing is damped, 0 where no motion
-        that Ĵ knows of makes it smaller.
+        Fraction of the scaled error that v reduces: 1 without damping, 0 if no motion that Ĵ models
+        reduces it.
     left : float
-        mm that marker 1 is away from the target by what v works off, however slow v is.
+        Distance (mm) of marker 1 to the target along v, independent of the speed.
     """
 
     v: Point
@@ -126,50 +127,52 @@ class Heading(NamedTuple):
 def law(
     J: Floats, gradient: Floats, gain: float, max_condition: float, max_speed: float
 ) -> Heading:
-    """The heading of eq. (31), by least squares where there are more than three features, all of
-    them scaled: J (n, 3) in 1/mm and ∂V/∂y (n,).
+    """Return the velocity of eq. (31) and its quality.
 
-    The whole velocity is scaled down where it exceeds max_speed, so that its direction stays.
+    More than three features are solved by least squares. J (n, 3) per mm and the gradient ∂V/∂y
+    (n,) are scaled. The whole velocity is reduced to max_speed, so that its direction stays.
     """
     if not (all_finite(J) and length(J) > 0.0):
         return Heading((0.0, 0.0, 0.0), np.inf, 0.0, np.inf)
-    v, condition, way = (0.0, 0.0, 0.0), np.inf, 1.0
+    v, condition, reducible = (0.0, 0.0, 0.0), np.inf, 1.0
     if len(J) == 3:
         (x, y, z), condition = solve_3x3(J, gradient)
         v = -gain * x, -gain * y, -gain * z
-    if not condition < min(0.5 * max_condition, SURE):
-        v, condition, way = damped(J.copy(), gradient, gain, max_condition)
+    if not condition < min(0.5 * max_condition, MAX_UNDAMPED_CONDITION):
+        v, condition, reducible = damped_velocity(J.copy(), gradient, gain, max_condition)
     speed = np.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
-    slower = max(1.0, speed / max_speed)
-    v = v[0] / slower, v[1] / slower, v[2] / slower
-    return Heading(v, condition, way, speed / gain)
+    slowdown = max(1.0, speed / max_speed)
+    v = v[0] / slowdown, v[1] / slowdown, v[2] / slowdown
+    return Heading(v, condition, reducible, speed / gain)
 
 
 @compiled
-def damped(B: Floats, g: Floats, gain: float, max_condition: float) -> tuple[Point, float, float]:
-    """Return v mm/s of the scaled gradient g (n,) and the scaled Ĵ, B (n, 3), which is turned in
-    place; the condition of Ĵ, and the share of the error that v works off.
+def damped_velocity(
+    B: Floats, g: Floats, gain: float, max_condition: float
+) -> tuple[Point, float, float]:
+    """Return the damped v mm/s, the condition of Ĵ, and the fraction of the error that v reduces.
 
-    v is built along the right-angled columns of B = Ĵ V, whose lengths σ are the
-    singular values. Those below 2σ₁/max_condition are damped, so that |v| stops growing.
+    B (n, 3) is the scaled Ĵ, which is rotated in place, and g (n,) the scaled gradient. v is a sum
+    over the orthogonal columns of B = Ĵ V, whose lengths σ are the singular values. Those below
+    2σ₁/max_condition are damped, so that |v| stays bounded.
     """
-    V, v, total, done = np.empty((3, 3)), np.zeros(3), 0.0, 0.0
+    V, v, total, reduced = np.empty((3, 3)), np.zeros(3), 0.0, 0.0
     put_right(B, V)
     low, high = extremes(B)
     floor = 2.0 * high / max_condition
     for k in range(len(B)):
         total += g[k] ** 2
     for i in range(3):
-        sigma, along = length(B[:, i]), 0.0
+        sigma, projection = length(B[:, i]), 0.0
         for k in range(len(B)):
-            along += B[k, i] * g[k]
+            projection += B[k, i] * g[k]
         shortfall = max(1.0 - sigma / floor, 0.0)
-        share = along / (sigma**2 + (shortfall * floor) ** 2)
-        done += along * share
+        amplitude = projection / (sigma**2 + (shortfall * floor) ** 2)
+        reduced += projection * amplitude
         for k in range(3):
-            v[k] -= gain * V[k, i] * share
+            v[k] -= gain * V[k, i] * amplitude
     condition = high / low if low > 0.0 and high < np.inf else np.inf
-    return (v[0], v[1], v[2]), condition, done / total if total > 0.0 else 1.0
+    return (v[0], v[1], v[2]), condition, reduced / total if total > 0.0 else 1.0
 
 
 @compiled
@@ -182,44 +185,63 @@ def control(
     max_condition: float,
     max_speed: float,
 ) -> tuple[Heading, float]:
-    """For the scaled error Δy (n,), bounds b (n,) and Jacobian (n, 3): the heading by (32) and
-    (31), and √(2V).
+    """Return the velocity by (32) and (31) with its quality, and √(2V).
 
-    √(2V) is |Δy| where nothing is saturated. (33) makes V fall, while one component alone may rise
-    on the way.
+    The error Δy (n,), the bounds b (n,) and the Jacobian (n, 3) are scaled. √(2V) is |Δy| without
+    saturation. By (33) V decreases, while a single component may grow on the path.
     """
     gradient = np.empty(len(delta))
-    saturate(delta, bounds, printed, gradient)
+    write_gradient(delta, bounds, printed, gradient)
     heading = law(J, gradient, gain, max_condition, max_speed)
     return heading, np.sqrt(2.0 * potential(delta, bounds, printed))
 
 
 @dataclass(frozen=True)
 class SaturatedController(Checked, section="controller"):
-    """The law (31) with the saturated potential (32).
+    """Saturated kinematic controller: control law (31) with the potential (32).
+
+    The velocity of marker 1 is v = −k Ĵ⁻¹ ∂V/∂y. V is quadratic for small errors and linear beyond
+    `bounds`. The inverse is damped where Ĵ is nearly singular.
 
     Parameters
     ----------
     features : str
-        Feature vector that it acts on; by least squares, where that has more than three components.
+        Feature vector that the controller acts on; by least squares if it has more than three
+        components.
     gain : float
-        k, 1/s. The greatest gain without overshoot is 1/(e T), where the drives follow T s after
-        the joints were read: as built in T = 46 ms, of delay, lag and tick. The camera's latency
-        does not count, as the error is carried on to the present joints, and noise neither, where
-        the estimator averages it out; where it does not (all but dlt and affine), a smaller gain is
-        quieter.
+        Gain k, 1/s. Above 1/(e T) the tool overshoots, where T is the time in s from reading the
+        joints to the motion of the drives: 46 ms by default, of delay, lag and tick. The camera's
+        latency does not count, as the error is predicted for the present joints. Noise does not
+        count if the estimator averages it; with the other estimators (all but dlt and affine) a
+        smaller gain reduces the noise of the motion.
     bounds : Triple
-        b, the feature errors (rad, px, px) from which on the action is saturated; the angle is at
-        most π.
+        Saturation bounds b of the feature errors (rad, px, px); the angle is at most π.
     potential : Literal['continuous', 'printed']
-        V: continuous as Fig. 5 asks, or printed as (32) reads, where the action drops to half at b.
+        Potential V: continuous as in Fig. 5 of the paper, or printed as in (32), where the action
+        drops to half at b.
     max_speed : float
-        Cap on the speed of both markers and of the tip, mm/s.
+        Speed limit of both markers and of the tip, mm/s.
     tip : float
-        How far the tip is beyond marker 2, mm.
+        Distance from marker 2 to the tip, mm.
     max_condition : float
-        Condition number of the scaled Jacobian up to which its inverse is not damped by much: the
-        damping begins at half of it.
+        Condition of the scaled Jacobian above which its inverse is strongly damped. Damping begins
+        at half of it.
+
+    Raises
+    ------
+    BadInput
+        If a parameter is outside its range.
+
+    Notes
+    -----
+    Stability, eq. (33), assumes that Ĵ is accurate. With a feature vector of more than three
+    components a part of the error may remain at the target.
+
+    References
+    ----------
+    Section III-D of the paper; Y. Nakamura and H. Hanafusa, Inverse kinematic solutions with
+    singularity robustness for robot manipulator control, J. Dynamic Systems, Measurement, and
+    Control 108 (1986) 163-171, for the damping.
     """
 
     name = "saturated"
@@ -238,10 +260,10 @@ class SaturatedController(Checked, section="controller"):
 
     @property
     def feature_vector(self) -> FeatureVector:
-        """Feature vector that it acts on."""
+        """Feature vector that the controller acts on."""
         return FEATURE_VECTORS[self.features]
 
     @cached_property
     def b(self) -> Floats:
-        """The bounds (3,)."""
+        """Bounds b (3,) in (rad, px, px)."""
         return np.array(self.bounds)

@@ -1,5 +1,7 @@
-"""What every estimator of the Jacobian offers: settings in one frozen object, memory in another,
-and pure steps.
+"""Interface of the estimators of the Jacobian Ĵ of eq. (14).
+
+An estimator is a frozen dataclass of settings. Its memory is a separate value, and each step is a
+pure function of both.
 """
 
 from abc import ABC, abstractmethod
@@ -16,21 +18,21 @@ from rcmservo.numerics.structs import Row, flag, real, reals, whole
 
 
 class Sample(NamedTuple):
-    """One new frame as an estimator sees it: measured, never commanded.
+    """Measurements of one new frame for an estimator. No number in it is a command.
 
     Parameters
     ----------
     p1 : Floats
-        p₁ (3,) mm: where the robot's joints put marker 1 at the exposure.
+        Position p₁ (3,) mm of marker 1 by the measured joints at the exposure.
     points : Floats
-        The markers (2, 2) raw px.
+        Centres (2, 2) of the markers in raw px; NaN for a lost marker.
     o_c : Floats
-        The imaged RCM (2,) px as known now; NaN where the estimator is to tell it.
+        Imaged RCM (2,) in raw px by eq. (16); NaN if the estimator determines it.
     dt : float
-        s since the exposure of the sample before; 0 for the first of a run, and for the first after
-        all was forgotten.
+        Time in s since the exposure of the previous sample. It is 0 for the first sample of a run
+        and for the first one after a reset.
     sizes : Floats
-        The markers' apparent radii (2,) px, NaN where not known.
+        Apparent radii (2,) of the markers in px; NaN where unknown.
     """
 
     p1: Floats
@@ -41,36 +43,36 @@ class Sample(NamedTuple):
 
 
 class Estimated(Row):
-    """Result of an estimator for one frame, from which the servo takes features and error."""
+    """Result of an estimator for one frame, from which the servo computes features and error."""
 
-    points: Floats = reals((2, 2), "px", "markers, raw; without their noise where it is averaged")
-    J_hat: Floats = reals((3, 3), "rad/mm, px/mm, px/mm", "Ĵ of eq. (14), where not placed")
-    motion: Floats = reals((4, 3), "px/mm", "∂m/∂p₁ of both markers, where asked for or placed")
+    points: Floats = reals((2, 2), "px", "markers, raw; filtered if the estimator averages noise")
+    J_hat: Floats = reals((3, 3), "rad/mm, px/mm, px/mm", "Ĵ of eq. (14), unless placed")
+    motion: Floats = reals((4, 3), "px/mm", "∂m/∂p₁ of both markers, if needed or placed")
     placed: bool = flag("whether the estimator gives the imaged RCM, and Ĵ follows from motion")
-    failed: bool = flag("whether a user's estimator or feature vector failed at this tick")
-    o_c: Floats = reals(2, "px", "imaged RCM, raw, where placed")
+    failed: bool = flag("whether a user-defined estimator or feature vector failed at this tick")
+    o_c: Floats = reals(2, "px", "imaged RCM, raw, if placed")
     o_c_covariance: Floats = reals((2, 2), "px²", "of o_c")
 
 
 class KernelSample(NamedTuple):
-    """One new frame as an estimator's kernel sees it.
+    """Measurements of one new frame for the kernel of a compiled estimator.
 
     Parameters
     ----------
     p1 : Floats
-        Marker 1 (3,) mm by the joints at the exposure.
+        Position p₁ (3,) mm of marker 1 by the measured joints at the exposure.
     points : Floats
-        Markers (2, 2), raw px.
+        Centres (2, 2) of the markers in raw px.
     o_c : Floats
-        Imaged RCM (2,), raw px.
+        Imaged RCM (2,) in raw px.
     dt : float
-        Time since the exposure of the sample before, s; 0 for the first.
+        Time in s since the exposure of the previous sample; 0 for the first.
     shaft : Shaft
         Tool.
     needs_motion : bool
-        Whether ∂m/∂p₁ is asked for.
+        Whether the caller needs ∂m/∂p₁ of both markers.
     fit_changed : bool
-        Whether the fit of the projection is another one than at the last frame.
+        Whether the projection fit has changed since the previous frame.
     """
 
     p1: Floats
@@ -83,122 +85,265 @@ class KernelSample(NamedTuple):
 
 
 class EstimatorKernel(Protocol):
-    """Compiled form of an estimator: a named tuple of its settings, whose class names compiled
-    functions.
-    """
+    """Compiled form of an estimator: a named tuple of settings with compiled class functions."""
 
     places_rcm: ClassVar[bool]
-    """Whether it estimates the imaged RCM itself, without the lines of eq. (16)."""
+    """True if it estimates the imaged RCM itself, without the lines of eq. (16)."""
     update: ClassVar[Callable[..., Any]]
-    """Function of (kernel, memory, `KernelSample`, fit of the projection, `Estimated`): it writes
-    the result, and returns the memory after one new frame."""
+    """Function of (kernel, memory, `KernelSample`, projection fit, result of the frame).
+
+    It writes the result and returns the memory after the frame.
+    """
     empty: ClassVar[Callable[..., Any]]
-    """Function of (kernel, memory): the memory before the first frame."""
+    """Function of (kernel, memory) that returns the memory before the first frame."""
 
 
 @runtime_checkable
 class CompiledEstimator(Protocol):
-    """An estimator that is part of the compiled tick."""
+    """Estimator with a kernel in the compiled tick."""
 
     @property
     def kernel(self) -> Any:
-        """Its `EstimatorKernel`."""
+        """`EstimatorKernel` of the estimator."""
         ...
 
 
 class Estimator(Checked, ABC, section="estimator"):
-    """Learns Ĵ of eq. (14), ẏ = J v, from samples. ``init`` and ``update`` are pure; the memory is
-    opaque to others.
+    """Base class of the estimators of the Jacobian Ĵ of eq. (14), ẏ = Ĵ v with v = ṗ₁.
+
+    A user-defined estimator derives from this class, implements `init`, `update` and `jacobian`,
+    and overrides the optional methods that its model supports. Every method is pure: it changes
+    neither its arguments nor the estimator. Only the estimator interprets its memory.
+
+    Raises
+    ------
+    BadInput
+        On construction, if a setting is outside its limits. The limits are annotations of the
+        fields.
+
+    Notes
+    -----
+    The servo calls `update` once for each accepted new frame, never for a repeated frame. In
+    motion, an exception or a number that is not finite from a user-defined estimator puts the servo
+    into FAULT in the same tick.
+
+    References
+    ----------
+    Sections III-B and III-C of the paper.
     """
 
     name: ClassVar[str]
-    """What it is called where its settings are options."""
+    """Value of the setting ``estimator`` that selects the class."""
     models: ClassVar[bool] = False
-    """Whether it has a model that predicts where the markers are: `predict`."""
+    """True if `predict` returns predicted markers."""
     places_rcm: ClassVar[bool] = False
-    """Whether it tells the imaged RCM itself, with `imaged_rcm` and `motion`. Otherwise eq. (16)
-    does."""
+    """True if `imaged_rcm` replaces eq. (16), which also requires `motion`."""
     spares_marker: ClassVar[bool] = False
-    """Whether it goes on where the points of one marker are NaN, and places that marker itself;
-    asked only of one that tells the imaged RCM."""
+    """True if `update` accepts NaN for one marker, and the estimator supplies that marker itself.
+
+    It is used only with an estimator that determines the imaged RCM.
+    """
     advice: ClassVar[str] = ""
-    """What a person may change of it where an exploration ends without a usable estimate."""
+    """Advice to the user if exploration ends without a usable estimate."""
 
     @abstractmethod
     def init(self) -> Any:
-        """The empty estimate: Ĵ = 0 or â = 0."""
+        """Return the memory before the first frame.
+
+        Returns
+        -------
+        object
+            Memory with which Ĵ is zero (Ĵ = 0 or â = 0).
+        """
 
     @abstractmethod
     def update(self, memory: Any, tool: Tool, sample: Sample) -> Any:
-        """The memory after one new frame."""
+        """Return the memory after one new frame.
+
+        Parameters
+        ----------
+        memory : object
+            Memory after the previous frame. It must not be changed.
+        tool : Tool
+            Tool with both markers.
+        sample : Sample
+            Measurements of the frame.
+
+        Returns
+        -------
+        object
+            Memory after the frame.
+        """
 
     @abstractmethod
     def jacobian(self, memory: Any, tool: Tool, sample: Sample) -> Floats:
-        """Ĵ (3, 3) at the sample, rad/mm, px/mm, px/mm; zeros while nothing is known."""
+        """Return Ĵ of eq. (14) at a sample.
+
+        Parameters
+        ----------
+        memory : object
+            Memory after the frame of the sample.
+        tool : Tool
+            Tool with both markers.
+        sample : Sample
+            Measurements of the frame.
+
+        Returns
+        -------
+        Floats
+            Ĵ (3, 3) in (rad/mm, px/mm, px/mm) by rows; zeros before the estimator has data.
+        """
 
     def located(self, memory: Any, tool: Tool, sample: Sample) -> Floats:
-        """Where the markers are at the sample, (2, 2) raw px: as they were seen, unless an
-        estimator averages their noise out.
+        """Return the markers at a sample: measured, or filtered if the estimator does so.
+
+        Parameters
+        ----------
+        memory : object
+            Memory after the frame of the sample.
+        tool : Tool
+            Tool with both markers.
+        sample : Sample
+            Measurements of the frame.
+
+        Returns
+        -------
+        Floats
+            Centres (2, 2) of the markers in raw px.
         """
         del memory, tool
         return sample.points
 
     def imaged_rcm(self, memory: Any) -> tuple[Floats, Floats] | None:
-        """o_c (2,) raw px and its covariance (2, 2) px², or None where eq. (16) is to tell it."""
+        """Return the imaged RCM by the estimator's own model.
+
+        Parameters
+        ----------
+        memory : object
+            Memory after the newest frame.
+
+        Returns
+        -------
+        tuple of Floats, or None
+            o_c (2,) in raw px and its covariance (2, 2) in px²; None if eq. (16) determines o_c.
+        """
         del memory
         return None
 
     def motion(self, memory: Any, tool: Tool, sample: Sample) -> Floats:
-        """∂m/∂p₁ (4, 3) px/mm of both markers at the sample. Asked of an estimator that tells the
-        imaged RCM itself, and of any where the law acts on the markers' coordinates.
+        """Return ∂m/∂p₁ of both markers at a sample, the second factor of eq. (15).
+
+        The servo calls it if the estimator determines the imaged RCM, or if the control law acts on
+        the markers' coordinates.
+
+        Parameters
+        ----------
+        memory : object
+            Memory after the frame of the sample.
+        tool : Tool
+            Tool with both markers.
+        sample : Sample
+            Measurements of the frame.
+
+        Returns
+        -------
+        Floats
+            Derivative (4, 3) of (u₁, v₁, u₂, v₂) with respect to p₁ in px/mm.
+
+        Raises
+        ------
+        NotImplementedError
+            If the estimator has no such model.
         """
         raise NotImplementedError(type(self).__name__)
 
     @property
     def tells_motion(self) -> bool:
-        """Whether it has a `motion` of its own."""
+        """True if the class implements `motion`."""
         return type(self).motion is not Estimator.motion
 
     def size_motion(self, memory: Any, tool: Tool, sample: Sample) -> Floats:
-        """∂R/∂p₁ (2, 3) px/mm of both markers' apparent radii at the sample. Asked where the law
-        acts on these too.
+        """Return ∂R/∂p₁ of both markers' apparent radii at a sample.
+
+        The servo calls it if the control law acts on the apparent radii.
+
+        Parameters
+        ----------
+        memory : object
+            Memory after the frame of the sample.
+        tool : Tool
+            Tool with both markers.
+        sample : Sample
+            Measurements of the frame.
+
+        Returns
+        -------
+        Floats
+            Derivative (2, 3) of (R₁, R₂) with respect to p₁ in px/mm.
+
+        Raises
+        ------
+        NotImplementedError
+            If the estimator has no such model.
         """
         raise NotImplementedError(type(self).__name__)
 
     @property
     def tells_size_motion(self) -> bool:
-        """Whether it has a `size_motion` of its own."""
+        """True if the class implements `size_motion`."""
         return type(self).size_motion is not Estimator.size_motion
 
     def predict(self, memory: Any, tool: Tool, p1: Floats) -> Floats | None:
-        """The markers' pixels m (4,) from o_c that the estimate expects at p1, or None where it has
-        no such model.
+        """Return the markers predicted for a tool position.
+
+        Parameters
+        ----------
+        memory : object
+            Memory after the newest frame.
+        tool : Tool
+            Tool with both markers.
+        p1 : Floats
+            p₁ (3,) mm.
+
+        Returns
+        -------
+        Floats or None
+            m (4,) in px from o_c; None if the estimator has no model of the markers.
         """
         del memory, tool, p1
         return None
 
     def remembered(self, memory: Any) -> Floats | None:
-        """The numbers (n,) of its memory that a record keeps beside every tick, always as many;
-        none unless an estimator says so.
+        """Return the part of the memory that is recorded with every tick.
+
+        Parameters
+        ----------
+        memory : object
+            Memory after the newest frame.
+
+        Returns
+        -------
+        Floats or None
+            Numbers (n,), with the same n at every tick; None to record nothing.
         """
         del memory
         return None
 
 
 class Estimate(Row):
-    """What frames have taught, in numbers; NaN where not known yet."""
+    """Estimate after the newest frame, in numbers; NaN where not known yet."""
 
-    exposure: int = whole("ns", "of the newest frame learnt from, -1 before the first")
-    points: Floats = reals((2, 2), "px", "the markers in the newest frame believed")
-    p1: Floats = reals(3, "mm", "marker 1 in space at that exposure")
-    line_count: int = whole("", "lines of the tool kept for eq. (16)")
-    o_c: Floats = reals(2, "px", "the imaged RCM")
-    o_c_covariance: Floats = reals((2, 2), "px²", "of o_c, where a fit of the projection tells it")
-    rcm_condition: float = real("", "condition of eq. (16), 0 where o_c is of such a fit")
+    exposure: int = whole("ns", "of the newest frame in the estimate, -1 before the first")
+    points: Floats = reals((2, 2), "px", "markers in the newest accepted frame, raw")
+    p1: Floats = reals(3, "mm", "position of marker 1 at that exposure")
+    line_count: int = whole("", "number of stored lines of the tool for eq. (16)")
+    o_c: Floats = reals(2, "px", "imaged RCM, raw")
+    o_c_covariance: Floats = reals((2, 2), "px²", "of o_c, if the projection fit gives it")
+    rcm_condition: float = real("", "condition of eq. (16), 0 if the projection fit gives o_c")
     J_hat: Floats = reals((FEATURES, 3), "rad/mm, px/mm, px/mm", "Ĵ of eq. (14)")
     condition: float = real("", "condition of the scaled Ĵ")
-    law_jacobian: Floats = reals((MAX_FEATURES, 3), "", "∂/∂p₁ of the features of the law, per mm")
-    law_error: Floats = reals(MAX_FEATURES, "", "their error at the exposure")
-    y: Floats = reals(FEATURES, "rad, px, px", "the features, eq. (6)")
+    law_jacobian: Floats = reals((MAX_FEATURES, 3), "", "∂/∂p₁ of the law's features, per mm")
+    law_error: Floats = reals(MAX_FEATURES, "", "error of these features at the exposure")
+    y: Floats = reals(FEATURES, "rad, px, px", "features [s r d], eq. (7)")
     delta: Floats = reals(FEATURES, "rad, px, px", "Δy at the exposure")
-    ahead: Floats = reals(FEATURES, "rad, px, px", "Δy as predicted for now")
+    ahead: Floats = reals(FEATURES, "rad, px, px", "Δy predicted for the present joints")

@@ -1,11 +1,12 @@
-"""Broyden's rank-1 update: the least change of Ĵ that explains the latest displacement, Ĵ Δp₁ = Δy.
+"""Broyden's rank-one update of the Jacobian, the alternative to rule (28) that III-C names.
+
+It is the smallest change of Ĵ with which Ĵ Δp₁ = Δy holds for the newest displacement:
 
     Ĵ += (Δy − Ĵ Δp₁) Δp₁ᵀ / (Δp₁ᵀ Δp₁)
 
-This is what III-C compares rule (28) to, and where (28) goes for large γ: along Δp₁ all of the
-error is learnt at once, whatever speed and time. So is the noise, by its size over |Δp₁|. An update
-therefore waits until marker 1 has gone `min_step` from where the last one was made; below that
-nothing is learnt.
+It is the limit of rule (28) for large γ: the error of Ĵ along Δp₁ becomes zero at any speed and
+time. The noise of Δy enters Ĵ in full, divided by |Δp₁|. An update therefore waits until marker 1
+is `min_step` away from the position of the previous update.
 
 C. G. Broyden, A class of methods for solving nonlinear simultaneous equations, Math. Comp. 19
 (1965) 577-593.
@@ -18,7 +19,7 @@ import numpy as np
 
 from rcmservo.constraints import positive
 from rcmservo.estimation.base import Estimator, Sample
-from rcmservo.estimation.displacement import toward
+from rcmservo.estimation.displacement import rank_one_update
 from rcmservo.geometry.features import about, difference, features
 from rcmservo.geometry.tool import Tool
 from rcmservo.interfaces import Floats
@@ -28,41 +29,42 @@ from rcmservo.numerics.small_linalg import length, minus
 
 @compiled
 def learn(J: Floats, delta_p: Floats, delta_y: Floats) -> Floats:
-    """Ĵ (3, 3) nearest to J of all with Ĵ Δp = Δy; Δp (3,) mm must not be zero."""
-    return toward(J, delta_p, delta_y, 1.0)
+    """Return the Ĵ (3, 3) closest to J that maps Δp (3,) mm, not zero, to Δy (3,)."""
+    return rank_one_update(J, delta_p, delta_y, 1.0)
 
 
 @compiled
 def update(
     J: Floats,
     p1_before: Floats,
-    before: Floats,
+    points_before: Floats,
     p1: Floats,
     points: Floats,
     o_c: Floats,
     min_step: float,
 ) -> tuple[Floats, bool]:
-    """Ĵ after a new frame, and whether p₁ had gone far enough to learn from; both ends' features
-    are about one o_c.
+    """Return Ĵ after a new frame, and whether p₁ has moved far enough for an update.
+
+    The features of both frames are taken about the present o_c.
     """
     delta_p = minus(p1, p1_before)
     if not length(delta_p) >= min_step:
         return J.copy(), False
-    delta_y = difference(features(about(points, o_c)), features(about(before, o_c)))
+    delta_y = difference(features(about(points, o_c)), features(about(points_before, o_c)))
     return learn(J, delta_p, delta_y), True
 
 
 class BroydenMemory(NamedTuple):
-    """Ĵ, and where its last update was made.
+    """Ĵ and the frame of its newest update.
 
     Parameters
     ----------
     J_hat : Floats
-        Ĵ (3, 3) rad/mm, px/mm, px/mm; zeros at first.
+        Ĵ (3, 3) in rad/mm, px/mm, px/mm; zeros before the first update.
     p1 : Floats or None
-        p₁ (3,) mm at the last update, or in the first frame; None before it.
+        p₁ (3,) mm at the newest update, or in the first frame; None before the first frame.
     points : Floats or None
-        The markers (2, 2) raw px then; None before the first frame.
+        Markers (2, 2) in raw px of that frame; None before the first frame.
     """
 
     J_hat: Floats
@@ -72,13 +74,30 @@ class BroydenMemory(NamedTuple):
 
 @dataclass(frozen=True)
 class BroydenEstimator(Estimator):
-    """Ĵ by Broyden's rank-1 update.
+    """Estimator of Ĵ by Broyden's rank-one update.
+
+    Each displacement of marker 1 by at least `min_step` makes the update
+
+        Ĵ += (Δy − Ĵ Δp₁) Δp₁ᵀ / |Δp₁|²
 
     Parameters
     ----------
     min_step : float
-        Least displacement of marker 1 between two updates, mm: a pixel of noise enters Ĵ as
+        Smallest displacement of marker 1 between two updates, mm. A pixel of noise changes Ĵ by
         1/min_step px/mm.
+
+    Raises
+    ------
+    BadInput
+        If `min_step` is not a positive length.
+
+    Notes
+    -----
+    It does not average noise, and it has no model of the markers.
+
+    References
+    ----------
+    Section III-C of the paper; C. G. Broyden, Math. Comp. 19 (1965) 577-593.
     """
 
     min_step: Annotated[float, positive("length in mm")] = 3.0
@@ -92,7 +111,7 @@ class BroydenEstimator(Estimator):
     def update(self, memory: BroydenMemory, tool: Tool, sample: Sample) -> BroydenMemory:
         if memory.p1 is None or memory.points is None:
             return BroydenMemory(memory.J_hat, sample.p1, sample.points)
-        J_hat, learnt = update(
+        J_hat, is_updated = update(
             memory.J_hat,
             memory.p1,
             memory.points,
@@ -101,7 +120,7 @@ class BroydenEstimator(Estimator):
             sample.o_c,
             self.min_step,
         )
-        return BroydenMemory(J_hat, sample.p1, sample.points) if learnt else memory
+        return BroydenMemory(J_hat, sample.p1, sample.points) if is_updated else memory
 
     def jacobian(self, memory: BroydenMemory, tool: Tool, sample: Sample) -> Floats:
         return memory.J_hat

@@ -1,12 +1,11 @@
-"""What the estimators that learn from displacements share: where one begins and ends, and what it
-leaves uncertain.
+"""Common base of the estimators that update Ĵ by displacements.
 
-A displacement (Δp₁, Δy) begins where the last one ended, and ends in the first frame in which
-marker 1 is `min_step` away from there. So a tool at rest makes none, whatever the noise of its
-frames, and nothing is learnt from its shaking at the target. Both ends are taken about one imaged
-RCM, so that moves of o_c are no flow.
+A displacement (Δp₁, Δy) begins at the end of the previous one. It ends in the first frame in which
+marker 1 is `min_step` away from there. A tool at rest makes no displacement, so that noise at the
+target does not change Ĵ. The features of both ends are taken about one imaged RCM, so that a change
+of o_c is not flow.
 
-The derivatives of one feature by p₁ are a row of Ĵ; P (3, 3) is their covariance.
+A row of Ĵ holds the derivatives of one feature with respect to p₁; P (3, 3) is its covariance.
 """
 
 from abc import abstractmethod
@@ -23,30 +22,34 @@ from rcmservo.interfaces import Floats
 from rcmservo.numerics.jit import compiled
 from rcmservo.numerics.small_linalg import length, minus, product
 
-LOOK_FURTHER = (
-    "a longer first motion (exploration.reach, exploration.leg) tells more of each direction above "
-    "the noise"
+EXPLORATION_ADVICE = (
+    "a longer exploration motion (exploration.reach, exploration.leg) raises each displacement "
+    "above the noise"
 )
-"""Advice where a displacement counts by its length."""
+"""Advice for estimators that weigh a displacement by its length."""
 
 
 @compiled
 def displaced(
-    p1_before: Floats, before: Floats, p1: Floats, points: Floats, o_c: Floats, min_step: float
+    p1_before: Floats,
+    points_before: Floats,
+    p1: Floats,
+    points: Floats,
+    o_c: Floats,
+    min_step: float,
 ) -> tuple[Floats, Floats, bool]:
-    """Δp₁ (3,) mm and Δy (3,) from the raw `before` (2, 2) px to `points`, and whether p₁ has gone
-    far enough to learn from them.
+    """Return Δp₁ (3,) mm, Δy (3,), and whether |Δp₁| is at least min_step.
+
+    Δy is the change of the features from `points_before` (2, 2) to `points` (2, 2), both in raw px.
     """
     delta_p = minus(p1, p1_before)
-    delta_y = difference(features(about(points, o_c)), features(about(before, o_c)))
+    delta_y = difference(features(about(points, o_c)), features(about(points_before, o_c)))
     return delta_p, delta_y, length(delta_p) >= min_step
 
 
 @compiled
-def gain(P: Floats, delta_p: Floats, R: float) -> Floats:
-    """K = P Δp / (Δpᵀ P Δp + R) (3,): the share of what is new in one feature that each of its
-    derivatives takes, where the flow's variance is R.
-    """
+def kalman_gain(P: Floats, delta_p: Floats, R: float) -> Floats:
+    """Return the gain K = P Δp / (Δpᵀ P Δp + R) (3,) of a flow with the variance R."""
     K, variance = product(P, delta_p), R
     for i in range(3):
         variance += delta_p[i] * K[i]
@@ -56,51 +59,52 @@ def gain(P: Floats, delta_p: Floats, R: float) -> Floats:
 
 
 @compiled
-def left_uncertain(P: Floats, delta_p: Floats, R: float, K: Floats) -> Floats:
-    """(I − K Δpᵀ) P (I − K Δpᵀ)ᵀ + R K Kᵀ (3, 3): P once the gain K has been used, in Joseph's
-    form, which stays symmetric and positive definite whatever the gain.
+def update_covariance(P: Floats, delta_p: Floats, R: float, K: Floats) -> Floats:
+    """Return P (3, 3) after an update with the gain K: (I − K Δpᵀ) P (I − K Δpᵀ)ᵀ + R K Kᵀ.
+
+    This is Joseph's form, which stays symmetric and positive definite for any gain.
     """
-    kept, half, out = np.empty((3, 3)), np.zeros((3, 3)), np.empty((3, 3))
+    factor, product_left, out = np.empty((3, 3)), np.zeros((3, 3)), np.empty((3, 3))
     for i in range(3):
         for j in range(3):
-            kept[i, j] = (1.0 if i == j else 0.0) - K[i] * delta_p[j]
+            factor[i, j] = (1.0 if i == j else 0.0) - K[i] * delta_p[j]
     for i in range(3):
         for j in range(3):
             for k in range(3):
-                half[i, j] += kept[i, k] * P[k, j]
+                product_left[i, j] += factor[i, k] * P[k, j]
     for i in range(3):
         for j in range(i + 1):
             total = R * K[i] * K[j]
             for k in range(3):
-                total += half[i, k] * kept[j, k]
+                total += product_left[i, k] * factor[j, k]
             out[i, j] = out[j, i] = total
     return out
 
 
 @compiled
-def corrected(J: Floats, delta_p: Floats, delta_y: Floats, K: Floats) -> Floats:
-    """Ĵ + (Δy − Ĵ Δp) Kᵀ (3, 3)."""
-    foretold, out = product(J, delta_p), np.empty((3, 3))
+def correct_jacobian(J: Floats, delta_p: Floats, delta_y: Floats, K: Floats) -> Floats:
+    """Return Ĵ + (Δy − Ĵ Δp) Kᵀ (3, 3)."""
+    predicted, out = product(J, delta_p), np.empty((3, 3))
     for i in range(3):
         for j in range(3):
-            out[i, j] = J[i, j] + (delta_y[i] - foretold[i]) * K[j]
+            out[i, j] = J[i, j] + (delta_y[i] - predicted[i]) * K[j]
     return out
 
 
 class DisplacementMemory(NamedTuple):
-    """Ĵ, and where the last displacement ended.
+    """Ĵ and the frame in which the newest displacement ended.
 
     Parameters
     ----------
     J_hat : Floats
-        Ĵ (3, 3) rad/mm, px/mm, px/mm; zeros at first.
+        Ĵ (3, 3) in rad/mm, px/mm, px/mm; zeros before the first displacement.
     P : Floats
-        Covariance of the rows of Ĵ: (3, 3) of each, (3, 3, 3) where they differ, empty where an
-        estimator has none.
+        Covariance of the rows of Ĵ: (3, 3) common to all rows, (3, 3, 3) one for each row, or empty
+        (0,) if the estimator has none.
     p1 : Floats or None
-        p₁ (3,) mm there; None before the first frame.
+        p₁ (3,) mm in that frame; None before the first frame.
     points : Floats or None
-        The markers (2, 2) raw px there; None before the first frame.
+        Markers (2, 2) in raw px of that frame; None before the first frame.
     """
 
     J_hat: Floats
@@ -110,40 +114,39 @@ class DisplacementMemory(NamedTuple):
 
 
 @dataclass(frozen=True)
-class ByDisplacements(Estimator):
-    """Learns Ĵ from one displacement after the other.
+class DisplacementEstimator(Estimator):
+    """Base of the estimators that update Ĵ by one displacement at a time.
 
     Parameters
     ----------
     min_step : float
-        Way of marker 1 from which on it is a displacement, mm: a pixel of noise is 1/min_step px/mm
-        of it.
+        Smallest displacement of marker 1, mm. A pixel of noise is 1/min_step px/mm of it.
     """
 
     min_step: Annotated[float, positive("length in mm")] = 2.0
 
     @abstractmethod
-    def uncertain(self) -> Floats:
-        """P before the first displacement."""
+    def initial_covariance(self) -> Floats:
+        """Return P before the first displacement."""
 
     @abstractmethod
-    def learn(
+    def update_jacobian(
         self, J_hat: Floats, P: Floats, delta_p: Floats, delta_y: Floats
     ) -> tuple[Floats, Floats]:
-        """Ĵ and P after a displacement."""
+        """Return Ĵ (3, 3) and P after a displacement Δp (3,) mm with the flow Δy (3,)."""
 
     def init(self) -> DisplacementMemory:
-        return DisplacementMemory(np.zeros((3, 3)), self.uncertain(), None, None)
+        return DisplacementMemory(np.zeros((3, 3)), self.initial_covariance(), None, None)
 
     def update(self, memory: DisplacementMemory, tool: Tool, sample: Sample) -> DisplacementMemory:
         if memory.p1 is None or memory.points is None:
             return memory._replace(p1=sample.p1, points=sample.points)
-        delta_p, delta_y, far = displaced(
+        delta_p, delta_y, is_long = displaced(
             memory.p1, memory.points, sample.p1, sample.points, sample.o_c, self.min_step
         )
-        if not far:
+        if not is_long:
             return memory
-        J_hat, P = self.learn(memory.J_hat, memory.P, delta_p, delta_y)
+        J_hat, P = self.update_jacobian(memory.J_hat, memory.P, delta_p, delta_y)
         return DisplacementMemory(J_hat, P, sample.p1, sample.points)
 
     def jacobian(self, memory: DisplacementMemory, tool: Tool, sample: Sample) -> Floats:
@@ -151,11 +154,11 @@ class ByDisplacements(Estimator):
 
 
 @compiled
-def toward(J: Floats, delta_p: Floats, delta_y: Floats, share: float) -> Floats:
-    """J + share (Δy − J Δp) Δpᵀ/|Δp|² (3, 3); Δp (3,) mm must not be zero."""
+def rank_one_update(J: Floats, delta_p: Floats, delta_y: Floats, fraction: float) -> Floats:
+    """Return J + fraction (Δy − J Δp) Δpᵀ/|Δp|² (3, 3); Δp (3,) mm must not be zero."""
     squared = delta_p[0] ** 2 + delta_p[1] ** 2 + delta_p[2] ** 2
-    foretold, out = product(J, delta_p), np.empty(J.shape)
+    predicted, out = product(J, delta_p), np.empty(J.shape)
     for i in range(J.shape[0]):
         for j in range(J.shape[1]):
-            out[i, j] = J[i, j] + share / squared * (delta_y[i] - foretold[i]) * delta_p[j]
+            out[i, j] = J[i, j] + fraction / squared * (delta_y[i] - predicted[i]) * delta_p[j]
     return out

@@ -1,8 +1,7 @@
-"""Recursive direct linear transformation: Ĵ through the whole projection, fitted to all frames and
-both markers.
+"""Estimator by the recursive direct linear transformation of both markers over all frames.
 
 Its state is the fit of the camera's projection (projection_fit.py): eleven numbers, their
-covariance, and the offset that the fit leaves over. The imaged RCM is one of its results.
+covariance, and the offset of the markers from the fit. The imaged RCM is one of its results.
 """
 
 from dataclasses import dataclass
@@ -11,16 +10,16 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rcmservo.estimation.base import Estimated, Estimator, KernelSample, Sample
-from rcmservo.estimation.projection_fit import RCM, Prospect, blank, see
+from rcmservo.estimation.projection_fit import RCM_POSITION_MM, Prospect, blank, see
 from rcmservo.estimation.projection_prediction import (
     add_offset,
     both_motions,
-    expect,
     features_motion,
-    image,
     imaged,
     located,
-    motions,
+    write_markers_jacobian,
+    write_predicted_image,
+    write_predicted_markers,
 )
 from rcmservo.geometry.tool import Tool
 from rcmservo.interfaces import Floats
@@ -36,19 +35,19 @@ def update_kernel(
     fit: Prospect,
     result: Estimated,
 ) -> tuple[()]:
-    """Take the estimate from the servo's own fit of the projection, which is all that it is."""
+    """Write the estimate of the servo's projection fit, the estimator's whole state."""
     if sample.fit_changed:
-        image(fit, RCM, result.o_c, result.o_c_covariance)
-    expect(fit, sample.p1, sample.shaft, result.points)
+        write_predicted_image(fit, RCM_POSITION_MM, result.o_c, result.o_c_covariance)
+    write_predicted_markers(fit, sample.p1, sample.shaft, result.points)
     add_offset(fit, result.points)
-    motions(fit, sample.p1, sample.shaft, result.motion)
+    write_markers_jacobian(fit, sample.p1, sample.shaft, result.motion)
     result.placed = True
     return memory
 
 
 @compiled
 def empty_kernel(kernel: "DltKernel", memory: tuple[()]) -> tuple[()]:
-    """Return the memory before the first frame: there is none."""
+    """Return the memory before the first frame, which is empty."""
     return memory
 
 
@@ -62,7 +61,27 @@ class DltKernel(NamedTuple):
 
 @dataclass(frozen=True)
 class DltEstimator(Estimator):
-    """Ĵ through the whole projection, fitted to all frames."""
+    """Estimator of Ĵ by a projection fitted to all frames.
+
+    The projection has eleven numbers, A (2, 4) and g (3,), with x̄ = [x 1]:
+
+        m = A x̄ / (1 + gᵀx),    x = (p − p₀) / 100 mm
+
+    They are fitted to both markers in all frames, each row of eq. (18) weighted by w = 1/ẑ². This
+    is rule (21) with Γ = (Σ w WᵀW + Γ₀⁻¹)⁻¹ run to its end, about any origin. Ĵ is eq. (15) with
+    ∂m/∂p₁ of the fit.
+
+    Notes
+    -----
+    It has no settings. It estimates the imaged RCM, which may lie in front of, behind or in the
+    camera's image plane, averages the noise of the markers, and accepts frames with one lost
+    marker.
+
+    References
+    ----------
+    Section III-B of the paper; Y. I. Abdel-Aziz and H. M. Karara (1971) for the direct linear
+    transformation.
+    """
 
     name = "dlt"
     models = True
@@ -89,10 +108,10 @@ class DltEstimator(Estimator):
         return both_motions(memory[0], sample.p1, tool.shaft)
 
     def imaged_rcm(self, memory: Rows[Prospect]) -> tuple[Floats, Floats]:
-        return imaged(memory[0], RCM)
+        return imaged(memory[0], RCM_POSITION_MM)
 
     def predict(self, memory: Rows[Prospect], tool: Tool, p1: Floats) -> Floats:
-        o_c, both = imaged(memory[0], RCM)[0], (p1.copy(), tool.second_marker(p1))
+        o_c, both = imaged(memory[0], RCM_POSITION_MM)[0], (p1.copy(), tool.second_marker(p1))
         return np.concatenate([imaged(memory[0], p)[0] - o_c for p in both])
 
     def remembered(self, memory: Any) -> Floats:

@@ -1,8 +1,8 @@
-"""Flow-based estimation, eq. (26)-(30): turn Ĵ towards the measured flow, ẏ ≈ Ĵ ṗ₁.
+"""Flow-based estimation, eq. (26)-(30), which adapts Ĵ to the measured flow ẏ ≈ Ĵ ṗ₁.
 
-Rule (28) is dĴ/dt = −γ (Ĵ ṗ₁ − ẏ) ṗ₁ᵀ. Once per new frame it is integrated exactly, for the mean
-velocity between the two exposures: along Δp₁ the error decays by exp(−γ |ṗ₁| |Δp₁|), so that no
-step is too long. Between frames nothing was seen and nothing is learnt.
+Rule (28) is dĴ/dt = −γ (Ĵ ṗ₁ − ẏ) ṗ₁ᵀ. Each new frame integrates it exactly for the mean velocity
+between the two exposures. The error along Δp₁ decays by exp(−γ |ṗ₁| |Δp₁|), so that no step is too
+long. Between frames there is no measurement, and Ĵ stays.
 """
 
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ import numpy as np
 
 from rcmservo.constraints import positive
 from rcmservo.estimation.base import Estimator, Sample
-from rcmservo.estimation.displacement import toward
+from rcmservo.estimation.displacement import rank_one_update
 from rcmservo.geometry.features import about, difference, features
 from rcmservo.geometry.tool import Tool
 from rcmservo.interfaces import Floats
@@ -21,41 +21,43 @@ from rcmservo.numerics.jit import compiled
 
 @compiled
 def learn(J: Floats, delta_p: Floats, delta_y: Floats, dt: float, gamma: float) -> Floats:
-    """Ĵ (3, 3) after dt s of rule (28) at the constant velocity Δp/dt and flow Δy/dt."""
+    """Return Ĵ (3, 3) after dt s of rule (28) at the constant velocity Δp/dt and flow Δy/dt."""
     squared = delta_p[0] ** 2 + delta_p[1] ** 2 + delta_p[2] ** 2
     if not (squared > 0.0 and dt > 0.0):
         return J.copy()
-    return toward(J, delta_p, delta_y, -np.expm1(-gamma * squared / dt))
+    return rank_one_update(J, delta_p, delta_y, -np.expm1(-gamma * squared / dt))
 
 
 @compiled
 def update(
     J: Floats,
     delta_p: Floats,
-    before: Floats,
+    points_before: Floats,
     points: Floats,
     o_c: Floats,
     dt: float,
     gamma: float,
 ) -> Floats:
-    """Ĵ after a new frame; both frames' features are taken about the present o_c, so that its moves
-    are no flow.
+    """Return Ĵ after a new frame.
+
+    The features of both frames are taken about the present o_c, so that a change of o_c is not
+    flow.
     """
-    delta_y = difference(features(about(points, o_c)), features(about(before, o_c)))
+    delta_y = difference(features(about(points, o_c)), features(about(points_before, o_c)))
     return learn(J, delta_p, delta_y, dt, gamma)
 
 
 class FlowMemory(NamedTuple):
-    """Ĵ, and the frame before.
+    """Ĵ and the previous frame.
 
     Parameters
     ----------
     J_hat : Floats
-        Ĵ (3, 3) rad/mm, px/mm, px/mm; zeros at first.
+        Ĵ (3, 3) in rad/mm, px/mm, px/mm; zeros before the second frame.
     p1 : Floats or None
-        p₁ (3,) mm in the frame before; None at first.
+        p₁ (3,) mm in the previous frame; None before the first frame.
     points : Floats or None
-        The markers (2, 2) raw px in the frame before; None at first.
+        Markers (2, 2) in raw px of the previous frame; None before the first frame.
     """
 
     J_hat: Floats
@@ -65,19 +67,37 @@ class FlowMemory(NamedTuple):
 
 @dataclass(frozen=True)
 class FlowEstimator(Estimator):
-    """Ĵ from flow, rule (28).
+    """Estimator of Ĵ by the flow-based rule (28).
+
+    Each new frame integrates the rule exactly for the mean velocity since the previous frame:
+
+        dĴ/dt = −γ (Ĵ ṗ₁ − ẏ) ṗ₁ᵀ
 
     Parameters
     ----------
     gamma : float
-        γ, s/mm² whatever the unit of y.
+        Gain γ (s/mm²), for any unit of y.
+
+    Raises
+    ------
+    BadInput
+        If `gamma` is not a positive number.
+
+    Notes
+    -----
+    Its error decays by exp(−γ |ṗ₁| |Δp₁|) along the motion and not at all across it. With the
+    paper's γ = 0.001 a slow motion changes Ĵ little. It has no model of the markers.
+
+    References
+    ----------
+    Section III-C of the paper, eq. (26)-(30) and Proposition 2.
     """
 
     gamma: Annotated[float, positive("gain in s/mm²")] = 0.001
 
     name = "flow"
     models = False
-    advice = "a larger γ (gamma) lets the flow rule learn more from the same motion"
+    advice = "a larger γ (gamma) lets the flow rule adapt faster to the same motion"
 
     def init(self) -> FlowMemory:
         return FlowMemory(np.zeros((3, 3)), None, None)

@@ -1,19 +1,20 @@
-"""Kalman's filter on the rows of Ĵ: each is a state that drifts as the tool goes, and every
-displacement measures it along one direction.
+"""Kalman filter on the rows of Ĵ. A row is a state that drifts with the path of the tool.
+
+Each displacement measures the row along one direction:
 
     x = Ĵᵢ/bᵢ,    x⁺ = x + η,  E[ηηᵀ] = Q = q² |Δp| I,    Δyᵢ/bᵢ = Δpᵀ x + ε,  E[ε²] = R = r²
 
     P⁻ = P + Q,    K = P⁻ Δp / (Δpᵀ P⁻ Δp + R),    x += K (Δyᵢ/bᵢ − Δpᵀ x),    P by Joseph's form
 
-b = (10°, 10 px, 10 px): in units of it the three features are about as noisy and change about as
-fast, so that one q, r and P serve all rows. J changes by the way that the tool goes and not by
-time, so Q is in proportion to |Δp|: half a way twice adds what the whole adds, and a tool at rest
-neither forgets nor drifts. Without Q, and for any R, it is recursive least squares that forgets
-nothing.
+b is (10°, 10 px, 10 px). In units of b the three features have about the same noise and rate of
+change, so that one q, r and P serve all rows. J changes with the path of the tool and not with
+time. Q is therefore proportional to |Δp|: two half paths add as much as the whole path, and a tool
+at rest adds nothing. Without Q, for any R, the filter is recursive least squares without
+forgetting.
 
 J. Qian and J. Su, Online estimation of image Jacobian matrix by Kalman-Bucy filter for uncalibrated
-stereo vision feedback, ICRA 2002. A Q that is the same at every frame, as is usual there, would let
-a tool at rest forget.
+stereo vision feedback, ICRA 2002. Their Q is the same at every frame, with which a tool at rest
+would forget.
 """
 
 from abc import ABC
@@ -24,11 +25,11 @@ import numpy as np
 
 from rcmservo.constraints import between
 from rcmservo.estimation.displacement import (
-    LOOK_FURTHER,
-    ByDisplacements,
-    corrected,
-    gain,
-    left_uncertain,
+    EXPLORATION_ADVICE,
+    DisplacementEstimator,
+    correct_jacobian,
+    kalman_gain,
+    update_covariance,
 )
 from rcmservo.interfaces import Floats
 from rcmservo.numerics.jit import compiled
@@ -36,11 +37,11 @@ from rcmservo.numerics.small_linalg import length
 
 
 @compiled
-def drifted(P: Floats, delta_p: Floats, drift: float) -> Floats:
-    """P⁻ = P + q² |Δp| I (3, 3)."""
-    out, more = P.copy(), drift**2 * length(delta_p)
+def predict_covariance(P: Floats, delta_p: Floats, drift: float) -> Floats:
+    """Return P⁻ = P + q² |Δp| I (3, 3)."""
+    out, growth = P.copy(), drift**2 * length(delta_p)
     for i in range(3):
-        out[i, i] += more
+        out[i, i] += growth
     return out
 
 
@@ -48,46 +49,69 @@ def drifted(P: Floats, delta_p: Floats, drift: float) -> Floats:
 def learn(
     J: Floats, P: Floats, delta_p: Floats, delta_y: Floats, drift: float, noise: float
 ) -> tuple[Floats, Floats]:
-    """Ĵ (3, 3) and P (3, 3) b²/mm² after a displacement Δp (3,) mm with the flow Δy (3,)."""
-    before, R = drifted(P, delta_p, drift), noise**2
-    K = gain(before, delta_p, R)
-    return corrected(J, delta_p, delta_y, K), left_uncertain(before, delta_p, R, K)
+    """Return Ĵ (3, 3) and P (3, 3) b²/mm² after a displacement Δp (3,) mm with the flow Δy (3,)."""
+    P_prior, R = predict_covariance(P, delta_p, drift), noise**2
+    K = kalman_gain(P_prior, delta_p, R)
+    return correct_jacobian(J, delta_p, delta_y, K), update_covariance(P_prior, delta_p, R, K)
 
 
 @dataclass(frozen=True)
-class Drifting(ByDisplacements, ABC):
-    """Takes the rows of J for states that drift.
+class RandomWalkEstimator(DisplacementEstimator, ABC):
+    """Base of the estimators that model each row of J as a random walk.
 
     Parameters
     ----------
     drift : float
-        q, what a derivative drifts by in 1 mm of way, one standard deviation in b/mm; it grows with
-        the root of the way.
+        q, drift of a derivative over a path of 1 mm, one standard deviation in b/mm. It grows with
+        the root of the path.
     noise : float
-        r, noise of a displacement's flow, one standard deviation in b: 0.05 is half a degree of s
-        and half a pixel of r and d.
+        r, noise of the measured flow of a displacement, one standard deviation in b. 0.05 is half a
+        degree of s, and half a pixel of r and d.
     spread : float
-        Root of P at first, b/mm: how large a derivative is thought to be before anything is seen.
+        Root of the initial P in b/mm: expected size of a derivative before the first measurement.
     """
 
     drift: Annotated[float, between(0.0, 1000.0)] = 0.007
     noise: Annotated[float, between(1e-6, 1000.0)] = 0.05
     spread: Annotated[float, between(1e-6, 1000.0)] = 1.0
 
-    advice = LOOK_FURTHER
+    advice = EXPLORATION_ADVICE
 
 
 @dataclass(frozen=True)
-class KalmanEstimator(Drifting):
-    """Ĵ by Kalman's filter. The default exploration is enough for it."""
+class KalmanEstimator(RandomWalkEstimator):
+    """Estimator of Ĵ by a Kalman filter on its rows.
+
+    The state of a row is x = Ĵᵢ/bᵢ with b = (10°, 10 px, 10 px). Each displacement Δp of marker 1
+    by at least `min_step` updates x with the gain K:
+
+        P⁻ = P + q² |Δp| I,    K = P⁻ Δp / (Δpᵀ P⁻ Δp + r²),    x += K (Δyᵢ/bᵢ − Δpᵀ x)
+
+    Raises
+    ------
+    BadInput
+        If a parameter is outside its range.
+
+    Notes
+    -----
+    The default exploration is long enough for it. Outliers of the markers are not rejected. It has
+    no model of the markers. Further parameters: `drift` q (b/mm per root of mm), `noise` r (b) and
+    `spread`, root of the initial P (b/mm), of `RandomWalkEstimator`; `min_step` (mm) of
+    `DisplacementEstimator`.
+
+    References
+    ----------
+    J. Qian and J. Su, Online estimation of image Jacobian matrix by Kalman-Bucy filter for
+    uncalibrated stereo vision feedback, ICRA 2002.
+    """
 
     name = "kalman"
     models = False
 
-    def uncertain(self) -> Floats:
+    def initial_covariance(self) -> Floats:
         return self.spread**2 * np.eye(3)
 
-    def learn(
+    def update_jacobian(
         self, J_hat: Floats, P: Floats, delta_p: Floats, delta_y: Floats
     ) -> tuple[Floats, Floats]:
         return learn(J_hat, P, delta_p, delta_y, self.drift, self.noise)

@@ -1,13 +1,12 @@
-"""Normalised flow: rule (28) with the speed divided out, so that a displacement teaches the same
-share however fast it was made.
+"""Normalised flow rule: rule (28) with a gain that does not depend on the speed.
 
     Ĵ += μ (Δy − Ĵ Δp₁) Δp₁ᵀ / (Δp₁ᵀ Δp₁),    0 < μ < 2
 
-(28) learns the share 1 − exp(−γ |Δp₁|²/Δt) of what is new along Δp₁, nothing at a crawl and all of
-it in haste. Divided by |ṗ₁|² its gain is a pure number: the error of Ĵ along Δp₁ becomes 1 − μ of
-what it was, and no row's error grows for any μ from 0 to 2. μ = 1 is Broyden's update, all of the
-noise with all of the news; a smaller μ averages over the last displacements in about the same
-direction, and needs more of them.
+Rule (28) removes the fraction 1 − exp(−γ |Δp₁|²/Δt) of the error along Δp₁: almost nothing in a
+slow motion, and all of it in a fast one. After division by |ṗ₁|² the gain is a pure number. The
+error of Ĵ along Δp₁ is multiplied by 1 − μ, and no row's error grows for 0 < μ < 2. With μ = 1 it
+is Broyden's update, which takes in all of the noise. A smaller μ averages over the newest
+displacements of similar direction, and needs more of them.
 
 S. Kaczmarz, Angenäherte Auflösung von Systemen linearer Gleichungen, Bull. Acad. Polon. Sci. Lett.
 A 35 (1937) 355-357. As an adaptive filter it is normalised LMS: J. Nagumo and A. Noda, A learning
@@ -20,18 +19,37 @@ from typing import Annotated
 import numpy as np
 
 from rcmservo.constraints import inside
-from rcmservo.estimation.displacement import ByDisplacements, toward
+from rcmservo.estimation.displacement import DisplacementEstimator, rank_one_update
 from rcmservo.interfaces import Floats
 
 
 @dataclass(frozen=True)
-class NormalisedFlowEstimator(ByDisplacements):
-    """Ĵ from flow, normalised by the speed. It takes the default exploration a round further.
+class NormalisedFlowEstimator(DisplacementEstimator):
+    """Estimator of Ĵ by the speed-normalised flow rule (28).
+
+    Each displacement of marker 1 by at least `min_step` makes the update
+
+        Ĵ += μ (Δy − Ĵ Δp₁) Δp₁ᵀ / |Δp₁|²
 
     Parameters
     ----------
     mu : float
-        μ, the share of what is new in a displacement that is learnt from it.
+        Fraction μ of the innovation Δy − Ĵ Δp₁ that an update applies, between 0 and 2.
+
+    Raises
+    ------
+    BadInput
+        If a parameter is outside its range.
+
+    Notes
+    -----
+    It extends the default exploration by one round. It has no model of the markers. Further
+    parameter: `min_step` (mm) of `DisplacementEstimator`.
+
+    References
+    ----------
+    Section III-C of the paper; S. Kaczmarz (1937); J. Nagumo and A. Noda, IEEE Trans. Automatic
+    Control 12 (1967) 282-287.
     """
 
     mu: Annotated[float, inside(0.0, 2.0)] = 0.5
@@ -39,14 +57,14 @@ class NormalisedFlowEstimator(ByDisplacements):
     name = "nflow"
     models = False
     advice = (
-        "a share μ (mu) nearer to 1 learns more from each displacement, and a smaller min_step "
-        "makes more of them"
+        "a fraction μ (mu) nearer to 1 adapts faster to each displacement, and a smaller min_step "
+        "gives more displacements"
     )
 
-    def uncertain(self) -> Floats:
+    def initial_covariance(self) -> Floats:
         return np.empty(0)
 
-    def learn(
+    def update_jacobian(
         self, J_hat: Floats, P: Floats, delta_p: Floats, delta_y: Floats
     ) -> tuple[Floats, Floats]:
-        return toward(J_hat, delta_p, delta_y, self.mu), P
+        return rank_one_update(J_hat, delta_p, delta_y, self.mu), P

@@ -1,21 +1,21 @@
-"""What the camera should see: a projection fitted to all frames, with the covariance of what it
-foretells.
+"""Recursive fit of the camera's projection to all frames, eq. (17)-(21) about any origin.
 
     m = (A x̄) / (1 + gᵀx),    x = (p − p₀) / 100 mm,    x̄ = [x 1],    m in px from m₀
 
-p₀ is the middle of the tool in the first frame and m₀ that of its markers there, so that the RCM
-may lie before, in or behind the image plane, where (10) needs it before the camera. Both markers of
-all frames count, each row of (18) weighted by w = 1/ẑ², so that its error is in pixels. Four sums
-hold all of it,
+p₀ is the middle of both markers in the first frame, and m₀ the middle of their pixels. With this
+origin the RCM may lie in front of, in or behind the image plane; (10) needs it in front of the
+camera. Both markers of all frames count. Each row of (18) has the weight w = 1/ẑ², so that its
+error is in pixels. Four sums suffice,
 
     S = Σ w x̄x̄ᵀ,   U = Σ w u x̄x̄ᵀ,   V = Σ w v x̄x̄ᵀ,   W = Σ w (u² + v²) x̄x̄ᵀ
 
-as for h = [g 1] the rows of A are S⁻¹U h and S⁻¹V h, and what they leave over is hᵀQh with Q = W −
-U S⁻¹U − V S⁻¹V. Noise σ adds 2σ²S to W, which would pull g to zero; so g minimises hᵀ(Q − 2σ²S)h.
-It is rule (21) with Γ = (Σ w WᵀW + Γ₀⁻¹)⁻¹ run to its end, without a choice of observations. The
-transformation is that of Abdel-Aziz and Karara (1971), the correction that of errors in variables.
+since for h = [g 1] the rows of A are S⁻¹U h and S⁻¹V h, and their sum of squared residuals is hᵀQh
+with Q = W − U S⁻¹U − V S⁻¹V. Noise σ adds 2σ²S to W, which biases g towards zero; g therefore
+minimises hᵀ(Q − 2σ²S)h. This is rule (21) with Γ = (Σ w WᵀW + Γ₀⁻¹)⁻¹ run to its end, without a
+choice of observations. It is the direct linear transformation of Abdel-Aziz and Karara (1971), with
+the correction for errors in variables.
 
-What the fit leaves over, averaged over the last frames near by, is the offset: fit and offset are
+The offset is the mean residual of each marker over the newest frames nearby. Fit plus offset gives
 the markers without their noise.
 """
 
@@ -32,77 +32,79 @@ from rcmservo.numerics.small_solvers import invert
 from rcmservo.numerics.structs import Row, part, real, reals
 
 UNIT = 100.0
-"""mm of one unit of x."""
+"""Length of one unit of x in mm."""
 
-LEAST_DEPTH = 0.2
-"""Relative depth ẑ that a weight is made of at least."""
+MIN_WEIGHT_DEPTH = 0.2
+"""Smallest relative depth ẑ that enters a weight."""
 
-STEP = 0.3
-"""mm of way of marker 1 from one frame that the sums take to the next: one place that is seen for
-long must not outweigh the others."""
+MIN_FRAME_SPACING_MM = 0.3
+"""Smallest path of marker 1 (mm) between two frames in the sums.
+
+One position that is observed for long must not outweigh the others.
+"""
 
 NEAR = 40.0
-"""mm of way over which the offset fades to 1/e."""
+"""Path (mm) over which the weight of the offset decays to 1/e."""
 
-FRAMES = 300.0
-"""Frames that the offset is the mean of at most."""
+MAX_OFFSET_FRAMES = 300.0
+"""Largest number of frames in the mean of the offset."""
 
-NOISE = 0.5
-"""px of noise that is expected before frames tell it,"""
-NOISE_FRAMES = 5.0
-"""and the number of frames that this counts for."""
+PRIOR_NOISE_PX = 0.5
+"""Expected noise (px) before the frames determine it."""
+PRIOR_NOISE_FRAMES = 5.0
+"""Weight of the expected noise, as a number of frames."""
 
-SPOILT = 1.2
-"""How many times as large what is left over may get by the correction for noise."""
+MAX_RESIDUAL_GROWTH = 1.2
+"""Largest factor by which the noise correction may increase the sum of squared residuals."""
 
-RCM = np.zeros(3)
-"""Where the RCM is, mm."""
+RCM_POSITION_MM = np.zeros(3)
+"""Position of the RCM in mm."""
 
-PRIOR = 1e-6, 1.0
-"""1/variance expected of A in px and of g before frames tell them."""
+PRIOR_PRECISION = 1e-6, 1.0
+"""Prior precision 1/variance of A (px) and of g."""
 
 
 class FitWorkspace(Row):
-    """Intermediate results of the fit. In the state they need no memory of their own."""
+    """Intermediate results of the fit, a part of the state so that the fit allocates no memory."""
 
     x: Floats = reals(4, "", "x̄ of a marker")
-    m: Floats = reals(2, "px", "its picture, from m₀")
+    m: Floats = reals(2, "px", "pixels of the marker, from m₀")
     Q: Floats = reals((4, 4), "", "W − U S⁻¹U − V S⁻¹V")
     column: Floats = reals(4, "", "a column of S⁻¹U or S⁻¹V; U h or V h")
-    h: Floats = reals(4, "", "g and 1")
-    C: Floats = reals((3, 3), "", "(Q − 2σ²S)⁻¹ of g alone, corrected for noise")
+    h: Floats = reals(4, "", "[g 1]")
+    C: Floats = reals((3, 3), "", "(Q − 2σ²S)⁻¹ of g alone, with the noise correction")
 
 
 class Prospect(Row):
-    """All that the frames say of the projection."""
+    """Fit of the camera's projection: the sums over the frames and the solution."""
 
     sums: Floats = reals((4, 4, 4), "", "S, U, V, W")
-    frames: float = real("", "how many frames they hold, one with one marker for a half")
-    apart: Floats = reals((2, 6), "", "Σ w [x u v 1] of each marker by itself")
+    frames: float = real("", "number of frames in the sums; one with one marker counts half")
+    apart: Floats = reals((2, 6), "", "Σ w [x u v 1] of each marker alone")
     origin: Floats = reals(5, "mm, px", "p₀ and m₀, NaN before the first frame")
-    A: Floats = reals((2, 4), "px", "the numerators")
-    g: Floats = reals(3, "", "the denominator")
-    noise: float = real("px²", "σ², as what the fit leaves over tells it")
+    A: Floats = reals((2, 4), "px", "numerators")
+    g: Floats = reals(3, "", "denominator")
+    noise: float = real("px²", "σ² by the residuals of the fit")
     S_inverse: Floats = reals((4, 4), "", "S⁻¹")
     g_inverse: Floats = reals((3, 3), "", "(Q − 2σ²S)⁻¹ of g alone")
     summed: Floats = reals(3, "mm", "p₁ of the newest frame in the sums")
-    offset: Floats = reals((2, 2), "px", "that each marker is off the fit")
-    weight: Floats = reals(2, "", "frames that the offset of each marker is the mean of")
+    offset: Floats = reals((2, 2), "px", "mean residual of each marker")
+    weight: Floats = reals(2, "", "number of frames in the offset of each marker")
     last: Floats = reals(3, "mm", "p₁ of the newest frame")
     work: FitWorkspace = part(FitWorkspace, "intermediate results of the newest fit")
 
 
 class Foretold(NamedTuple):
-    """Where the fit has the picture of a point.
+    """Predicted image of a point.
 
     Parameters
     ----------
     x : tuple[float, float, float, float]
         x̄.
     m : tuple[float, float]
-        px from m₀.
+        Pixels from m₀.
     z : float
-        Its depth, in units of that of p₀.
+        Relative depth ẑ, in units of the depth of p₀.
     """
 
     x: tuple[float, float, float, float]
@@ -111,38 +113,38 @@ class Foretold(NamedTuple):
 
 
 def blank() -> Prospect:
-    """No frame seen yet."""
-    return Prospect.of(origin=np.nan, noise=NOISE**2)
+    """Return the fit before the first frame."""
+    return Prospect.of(origin=np.nan, noise=PRIOR_NOISE_PX**2)
 
 
 @compiled
-def empty(v: Prospect) -> None:
-    """Forget all frames."""
-    fill(v.sums, 0.0)
-    fill(v.apart, 0.0)
-    fill(v.origin, np.nan)
-    fill(v.A, 0.0)
-    fill(v.g, 0.0)
-    fill(v.S_inverse, 0.0)
-    fill(v.g_inverse, 0.0)
-    fill(v.summed, 0.0)
-    fill(v.offset, 0.0)
-    fill(v.weight, 0.0)
-    fill(v.last, 0.0)
-    fill(v.work.x, 0.0)
-    fill(v.work.m, 0.0)
-    fill(v.work.Q, 0.0)
-    fill(v.work.column, 0.0)
-    fill(v.work.h, 0.0)
-    fill(v.work.C, 0.0)
-    v.frames, v.noise = 0.0, NOISE**2
+def empty(fit: Prospect) -> None:
+    """Reset the fit to its state before the first frame."""
+    fill(fit.sums, 0.0)
+    fill(fit.apart, 0.0)
+    fill(fit.origin, np.nan)
+    fill(fit.A, 0.0)
+    fill(fit.g, 0.0)
+    fill(fit.S_inverse, 0.0)
+    fill(fit.g_inverse, 0.0)
+    fill(fit.summed, 0.0)
+    fill(fit.offset, 0.0)
+    fill(fit.weight, 0.0)
+    fill(fit.last, 0.0)
+    fill(fit.work.x, 0.0)
+    fill(fit.work.m, 0.0)
+    fill(fit.work.Q, 0.0)
+    fill(fit.work.column, 0.0)
+    fill(fit.work.h, 0.0)
+    fill(fit.work.C, 0.0)
+    fit.frames, fit.noise = 0.0, PRIOR_NOISE_PX**2
 
 
 @compiled
-def foretold(v: Prospect, p: Floats | Point) -> Foretold:
-    """Where the fit has the picture of a point p (3,) mm."""
-    A, g, a = v.A, v.g, (p[0] - v.origin[0]) / UNIT
-    b, c = (p[1] - v.origin[1]) / UNIT, (p[2] - v.origin[2]) / UNIT
+def project_point(fit: Prospect, p: Floats | Point) -> Foretold:
+    """Return the predicted image of a point p (3,) mm."""
+    A, g, a = fit.A, fit.g, (p[0] - fit.origin[0]) / UNIT
+    b, c = (p[1] - fit.origin[1]) / UNIT, (p[2] - fit.origin[2]) / UNIT
     z = 1.0 + g[0] * a + g[1] * b + g[2] * c
     first = A[0, 0] * a + A[0, 1] * b + A[0, 2] * c + A[0, 3]
     second = A[1, 0] * a + A[1, 1] * b + A[1, 2] * c + A[1, 3]
@@ -150,91 +152,90 @@ def foretold(v: Prospect, p: Floats | Point) -> Foretold:
 
 
 @compiled
-def both(v: Prospect, p1: Floats | Point, shaft: Shaft) -> tuple[Foretold, Foretold]:
-    """Where the fit has the markers, with marker 1 at p1 (3,) mm."""
-    return foretold(v, p1), foretold(v, second_point(shaft, p1))
+def both(fit: Prospect, p1: Floats | Point, shaft: Shaft) -> tuple[Foretold, Foretold]:
+    """Return the predicted images of both markers with marker 1 at p1 (3,) mm."""
+    return project_point(fit, p1), project_point(fit, second_point(shaft, p1))
 
 
 @compiled
-def take(v: Prospect, k: int, there: Foretold, points: Floats) -> None:
-    """Take marker k, which the fit has `there`, into the sums, if it is not lost: raw `points`
-    (2, 2) px.
-    """
+def add_marker(fit: Prospect, k: int, prediction: Foretold, points: Floats) -> None:
+    """Add marker k with the raw `points` (2, 2) px to the sums, unless it is lost."""
     if not all_finite(points[k]):
         return
-    v.frames += 0.5
-    x, m, weight = v.work.x, v.work.m, 1.0 / max(there.z, LEAST_DEPTH) ** 2
-    x[0], x[1], x[2], x[3] = there.x
+    fit.frames += 0.5
+    x, m, weight = fit.work.x, fit.work.m, 1.0 / max(prediction.z, MIN_WEIGHT_DEPTH) ** 2
+    x[0], x[1], x[2], x[3] = prediction.x
     for i in range(2):
-        m[i] = points[k, i] - v.origin[3 + i]
-    add(v, x, m, weight)
-    add_apart(v, k, x, m, weight)
+        m[i] = points[k, i] - fit.origin[3 + i]
+    add_point(fit, x, m, weight)
+    add_marker_sums(fit, k, x, m, weight)
 
 
 @compiled
-def add(v: Prospect, x: Floats, m: Floats, weight: float) -> None:
-    """Take one point into the sums: x̄ (4,) and its picture m (2,) px from m₀."""
+def add_point(fit: Prospect, x: Floats, m: Floats, weight: float) -> None:
+    """Add one point with x̄ (4,) and m (2,) px from m₀ to the sums."""
     square = m[0] * m[0] + m[1] * m[1]
     for i in range(4):
         for j in range(4):
             w = weight * x[i] * x[j]
-            v.sums[0, i, j] += w
-            v.sums[1, i, j] += w * m[0]
-            v.sums[2, i, j] += w * m[1]
-            v.sums[3, i, j] += w * square
+            fit.sums[0, i, j] += w
+            fit.sums[1, i, j] += w * m[0]
+            fit.sums[2, i, j] += w * m[1]
+            fit.sums[3, i, j] += w * square
 
 
 @compiled
-def add_apart(v: Prospect, k: int, x: Floats, m: Floats, weight: float) -> None:
-    """Take marker k into its own sums: x̄ (4,) and its picture m (2,) px from m₀."""
+def add_marker_sums(fit: Prospect, k: int, x: Floats, m: Floats, weight: float) -> None:
+    """Add one point with x̄ (4,) and m (2,) px from m₀ to the sums of marker k alone."""
     for i in range(3):
-        v.apart[k, i] += weight * x[i]
+        fit.apart[k, i] += weight * x[i]
     for i in range(2):
-        v.apart[k, 3 + i] += weight * m[i]
-    v.apart[k, 5] += weight
+        fit.apart[k, 3 + i] += weight * m[i]
+    fit.apart[k, 5] += weight
 
 
 @compiled
-def left_over(v: Prospect, Q: Floats) -> None:
-    """Write Q (4, 4)."""
-    put(Q, v.sums[3])
-    half = v.work.column
+def write_residual_form(fit: Prospect, Q: Floats) -> None:
+    """Write Q (4, 4), the quadratic form of the sum of squared residuals."""
+    put(Q, fit.sums[3])
+    S_inverse_column = fit.work.column
     for k in range(1, 3):
         for j in range(4):
             for i in range(4):
                 total = 0.0
                 for n in range(4):
-                    total += v.S_inverse[i, n] * v.sums[k, n, j]
-                half[i] = total
+                    total += fit.S_inverse[i, n] * fit.sums[k, n, j]
+                S_inverse_column[i] = total
             for i in range(4):
-                rest = Q[i, j]
+                entry = Q[i, j]
                 for n in range(4):
-                    rest -= v.sums[k, i, n] * half[n]
-                Q[i, j] = rest
+                    entry -= fit.sums[k, i, n] * S_inverse_column[n]
+                Q[i, j] = entry
 
 
 @compiled
-def denominator(v: Prospect, Q: Floats, correction: float, h: Floats, C: Floats) -> bool:
-    """Write h = [g 1] (4,) with so much of the correction for noise, and the matrix C (3, 3) that g
-    is known by; whether that exists.
+def solve_denominator(fit: Prospect, Q: Floats, correction: float, h: Floats, C: Floats) -> bool:
+    """Write h = [g 1] (4,) and the inverse C (3, 3) that g is solved with; return whether C exists.
+
+    Q is reduced by `correction` times S.
     """
     for i in range(3):
         for j in range(3):
-            C[i, j] = Q[i, j] - correction * v.sums[0, i, j]
-        C[i, i] += PRIOR[1] * v.noise
-    sound = invert(C)
+            C[i, j] = Q[i, j] - correction * fit.sums[0, i, j]
+        C[i, i] += PRIOR_PRECISION[1] * fit.noise
+    is_invertible = invert(C)
     h[3] = 1.0
     for i in range(3):
         total = 0.0
         for j in range(3):
-            total -= C[i, j] * (Q[j, 3] - correction * v.sums[0, j, 3])
+            total -= C[i, j] * (Q[j, 3] - correction * fit.sums[0, j, 3])
         h[i] = total
-    return sound
+    return is_invertible
 
 
 @compiled
-def quadratic(M: Floats, h: Floats) -> float:
-    """hᵀMh of M (4, 4) and h (4,)."""
+def quadratic_form(M: Floats, h: Floats) -> float:
+    """Return hᵀMh of M (4, 4) and h (4,)."""
     total = 0.0
     for i in range(4):
         for j in range(4):
@@ -243,89 +244,94 @@ def quadratic(M: Floats, h: Floats) -> float:
 
 
 @compiled
-def fit(v: Prospect) -> None:
-    """A, g and σ² from the sums.
+def solve_fit(fit: Prospect) -> None:
+    """Solve for A, g and σ² from the sums.
 
-    The correction for noise is that of what is left over without it, and it is taken only where
-    what is left over hardly grows by it: a motion too short to tell g must not make it large.
+    The noise correction is computed from the residuals without it. It is applied only if it hardly
+    increases these residuals: a motion too short to determine g must not make g large.
     """
-    put(v.S_inverse, v.sums[0])
+    put(fit.S_inverse, fit.sums[0])
     for i in range(4):
-        v.S_inverse[i, i] += PRIOR[0] * v.noise
-    invert(v.S_inverse)
-    points, Q, h, C = 2.0 * v.frames, v.work.Q, v.work.h, v.work.C
-    left_over(v, Q)
-    denominator(v, Q, 0.0, h, v.g_inverse)
-    rest = max(quadratic(Q, h), 0.0)
-    put(v.g, h[:3])
-    correction = rest / quadratic(v.sums[0], h) * max(1.0 - 4.0 / points, 0.0)
-    if denominator(v, Q, correction, h, C) and quadratic(Q, h) <= SPOILT * rest:
-        rest = quadratic(Q, h)
-        put(v.g, h[:3])
-        put(v.g_inverse, C)
-    put(h[:3], v.g)
+        fit.S_inverse[i, i] += PRIOR_PRECISION[0] * fit.noise
+    invert(fit.S_inverse)
+    points, Q, h, C = 2.0 * fit.frames, fit.work.Q, fit.work.h, fit.work.C
+    write_residual_form(fit, Q)
+    solve_denominator(fit, Q, 0.0, h, fit.g_inverse)
+    residual = max(quadratic_form(Q, h), 0.0)
+    put(fit.g, h[:3])
+    correction = residual / quadratic_form(fit.sums[0], h) * max(1.0 - 4.0 / points, 0.0)
+    if (
+        solve_denominator(fit, Q, correction, h, C)
+        and quadratic_form(Q, h) <= MAX_RESIDUAL_GROWTH * residual
+    ):
+        residual = quadratic_form(Q, h)
+        put(fit.g, h[:3])
+        put(fit.g_inverse, C)
+    put(h[:3], fit.g)
     for k in range(2):
-        numerators(v, k, h)
-    expected, rows = 4.0 * NOISE_FRAMES, max(2.0 * points - 11.0, 0.0)
-    v.noise = (max(rest, 0.0) + expected * NOISE**2) / (rows + expected)
+        solve_numerator(fit, k, h)
+    prior_rows, rows = 4.0 * PRIOR_NOISE_FRAMES, max(2.0 * points - 11.0, 0.0)
+    fit.noise = (max(residual, 0.0) + prior_rows * PRIOR_NOISE_PX**2) / (rows + prior_rows)
 
 
 @compiled
-def numerators(v: Prospect, k: int, h: Floats) -> None:
-    """A row of A from h (4,): S⁻¹U h, or S⁻¹V h."""
-    right = v.work.column
+def solve_numerator(fit: Prospect, k: int, h: Floats) -> None:
+    """Solve for row k of A from h (4,): S⁻¹U h for k = 0, S⁻¹V h for k = 1."""
+    moments = fit.work.column
     for i in range(4):
         total = 0.0
         for j in range(4):
-            total += v.sums[k + 1, i, j] * h[j]
-        right[i] = total
+            total += fit.sums[k + 1, i, j] * h[j]
+        moments[i] = total
     for i in range(4):
         total = 0.0
         for j in range(4):
-            total += v.S_inverse[i, j] * right[j]
-        v.A[k, i] = total
+            total += fit.S_inverse[i, j] * moments[j]
+        fit.A[k, i] = total
 
 
 @compiled
-def begin(v: Prospect, p1: Floats, p2: Floats, points: Floats) -> None:
-    """p₀ and m₀ of the first frame."""
+def set_origin(fit: Prospect, p1: Floats, p2: Floats, points: Floats) -> None:
+    """Set p₀ and m₀ from the first frame."""
     for i in range(3):
-        v.origin[i] = 0.5 * (p1[i] + p2[i])
+        fit.origin[i] = 0.5 * (p1[i] + p2[i])
     for i in range(2):
-        v.origin[3 + i] = 0.5 * (points[0, i] + points[1, i])
+        fit.origin[3 + i] = 0.5 * (points[0, i] + points[1, i])
 
 
 @compiled
-def see(v: Prospect, p1: Floats, points: Floats, shaft: Shaft) -> None:
-    """Take in one frame: raw `points` (2, 2) px of the markers, with marker 1 at p1 (3,) mm. After
-    the first, either may be NaN.
+def see(fit: Prospect, p1: Floats, points: Floats, shaft: Shaft) -> None:
+    """Update the fit by one frame with the raw `points` (2, 2) px and marker 1 at p1 (3,) mm.
+
+    After the first frame either marker may be NaN.
     """
-    first = not v.frames > 0.0
-    if first:
-        begin(v, p1, second_marker(shaft, p1), points)
-    if first or distance(p1, v.summed) >= STEP:
-        there = both(v, p1, shaft)
+    is_first = not fit.frames > 0.0
+    if is_first:
+        set_origin(fit, p1, second_marker(shaft, p1), points)
+    if is_first or distance(p1, fit.summed) >= MIN_FRAME_SPACING_MM:
+        predictions = both(fit, p1, shaft)
         for k in range(2):
-            take(v, k, there[k], points)
-        fit(v)
-        put(v.summed, p1)
-    stays = 0.0 if first else np.exp(-distance(p1, v.last) / NEAR)
-    there = both(v, p1, shaft)
+            add_marker(fit, k, predictions[k], points)
+        solve_fit(fit)
+        put(fit.summed, p1)
+    decay = 0.0 if is_first else np.exp(-distance(p1, fit.last) / NEAR)
+    predictions = both(fit, p1, shaft)
     for k in range(2):
-        settle(v, k, there[k], points[k], stays)
-    put(v.last, p1)
+        update_offset(fit, k, predictions[k], points[k], decay)
+    put(fit.last, p1)
 
 
 @compiled
-def settle(v: Prospect, k: int, there: Foretold, point: Floats, stays: float) -> None:
-    """Let what is left over of marker k, which the fit has `there`, fade to the share that `stays`,
-    and take in that of a raw `point` (2,) px, if it is not lost.
+def update_offset(fit: Prospect, k: int, prediction: Foretold, point: Floats, decay: float) -> None:
+    """Decay the offset of marker k by the factor `decay`, and add its newest residual.
+
+    Its centre is the raw `point` (2,) px; a lost marker adds nothing.
     """
-    v.weight[k] *= stays
+    fit.weight[k] *= decay
     if not all_finite(point):
-        v.offset[k, 0], v.offset[k, 1] = stays * v.offset[k, 0], stays * v.offset[k, 1]
+        fit.offset[k, 0], fit.offset[k, 1] = decay * fit.offset[k, 0], decay * fit.offset[k, 1]
         return
-    v.weight[k] = min(v.weight[k] + 1.0, FRAMES)
+    fit.weight[k] = min(fit.weight[k] + 1.0, MAX_OFFSET_FRAMES)
     for i in range(2):
-        left = point[i] - v.origin[3 + i] - there.m[i]
-        v.offset[k, i] += (left - v.offset[k, i]) / v.weight[k]
+        residual = point[i] - fit.origin[3 + i] - prediction.m[i]
+        fit.offset[k, i] += (residual - fit.offset[k, i]) / fit.weight[k]

@@ -1,10 +1,8 @@
-"""What the fitted projection foretells: places and motions in the picture, how well they are known,
-and how well the picture tells the pose.
-"""
+"""Predictions of the projection fit: markers, derivatives, covariances and pose accuracy."""
 
 import numpy as np
 
-from rcmservo.estimation.projection_fit import UNIT, Foretold, Prospect, both, foretold
+from rcmservo.estimation.projection_fit import UNIT, Foretold, Prospect, both, project_point
 from rcmservo.geometry.features import about, features_jacobian
 from rcmservo.geometry.kinematics import Point
 from rcmservo.geometry.tool import Shaft, by_first_marker
@@ -15,28 +13,28 @@ from rcmservo.numerics.small_solvers import invert
 
 
 @compiled
-def spread(v: Prospect, there: Foretold) -> tuple[float, float, float]:
-    """Covariance px² of where the fit has the picture of a point: of u, of u with v, and of v."""
-    x, (m_u, m_v), S, U, V = there.x, there.m, v.S_inverse, v.sums[1], v.sums[2]
-    S_x = along(S[0], x), along(S[1], x), along(S[2], x), along(S[3], x)
-    flat = x[0] * S_x[0] + x[1] * S_x[1] + x[2] * S_x[2] + x[3] * S_x[3]
-    u_0, u_1, u_2 = along(U[0], S_x), along(U[1], S_x), along(U[2], S_x)
-    v_0, v_1, v_2 = along(V[0], S_x), along(V[1], S_x), along(V[2], S_x)
-    bend_u = u_0 - m_u * x[0], u_1 - m_u * x[1], u_2 - m_u * x[2]
-    bend_v = v_0 - m_v * x[0], v_1 - m_v * x[1], v_2 - m_v * x[2]
-    scale, G = v.noise / there.z**2, v.g_inverse
-    uu, uv, vv = bent(G, bend_u, bend_u), bent(G, bend_u, bend_v), bent(G, bend_v, bend_v)
-    return scale * (flat + uu), scale * uv, scale * (flat + vv)
+def spread(fit: Prospect, prediction: Foretold) -> tuple[float, float, float]:
+    """Return the covariance (uu, uv, vv) in px² of a predicted image."""
+    x, (m_u, m_v), S, U, V = prediction.x, prediction.m, fit.S_inverse, fit.sums[1], fit.sums[2]
+    S_x = dot_4(S[0], x), dot_4(S[1], x), dot_4(S[2], x), dot_4(S[3], x)
+    leverage = x[0] * S_x[0] + x[1] * S_x[1] + x[2] * S_x[2] + x[3] * S_x[3]
+    u_0, u_1, u_2 = dot_4(U[0], S_x), dot_4(U[1], S_x), dot_4(U[2], S_x)
+    v_0, v_1, v_2 = dot_4(V[0], S_x), dot_4(V[1], S_x), dot_4(V[2], S_x)
+    d_u = u_0 - m_u * x[0], u_1 - m_u * x[1], u_2 - m_u * x[2]
+    d_v = v_0 - m_v * x[0], v_1 - m_v * x[1], v_2 - m_v * x[2]
+    scale, G = fit.noise / prediction.z**2, fit.g_inverse
+    uu, uv, vv = bilinear(G, d_u, d_u), bilinear(G, d_u, d_v), bilinear(G, d_v, d_v)
+    return scale * (leverage + uu), scale * uv, scale * (leverage + vv)
 
 
 @compiled
-def along(row: Floats, x: tuple[float, float, float, float]) -> float:
+def dot_4(row: Floats, x: tuple[float, float, float, float]) -> float:
     """Return the scalar product of a row (4,) and x."""
     return row[0] * x[0] + row[1] * x[1] + row[2] * x[2] + row[3] * x[3]
 
 
 @compiled
-def bent(G: Floats, a: Point, b: Point) -> float:
+def bilinear(G: Floats, a: Point, b: Point) -> float:
     """Return aᵀGb of G (3, 3)."""
     total = 0.0
     for i in range(3):
@@ -45,161 +43,169 @@ def bent(G: Floats, a: Point, b: Point) -> float:
 
 
 @compiled
-def image(v: Prospect, p: Floats, place: Floats, covariance: Floats) -> None:
-    """Write where the fit has the picture of a point p (3,) mm, (2,) raw px, of `RCM` the imaged
-    RCM; and its covariance (2, 2) px².
-    """
-    there = foretold(v, p)
-    uu, uv, vv = spread(v, there)
-    place[0], place[1] = v.origin[3] + there.m[0], v.origin[4] + there.m[1]
+def write_predicted_image(fit: Prospect, p: Floats, point: Floats, covariance: Floats) -> None:
+    """Write the predicted raw pixels (2,) of a point p (3,) mm and their covariance (2, 2) px²."""
+    prediction = project_point(fit, p)
+    uu, uv, vv = spread(fit, prediction)
+    point[0], point[1] = fit.origin[3] + prediction.m[0], fit.origin[4] + prediction.m[1]
     covariance[0, 0], covariance[0, 1], covariance[1, 0], covariance[1, 1] = uu, uv, uv, vv
 
 
 @compiled
-def imaged(v: Prospect, p: Floats) -> tuple[Floats, Floats]:
-    """`image` as new arrays."""
-    place, covariance = np.empty(2), np.empty((2, 2))
-    image(v, p, place, covariance)
-    return place, covariance
+def imaged(fit: Prospect, p: Floats) -> tuple[Floats, Floats]:
+    """Return the predicted raw pixels (2,) of a point p (3,) mm and their covariance (2, 2) px²."""
+    point, covariance = np.empty(2), np.empty((2, 2))
+    write_predicted_image(fit, p, point, covariance)
+    return point, covariance
 
 
 @compiled
-def expect(v: Prospect, p1: Floats, shaft: Shaft, places: Floats) -> None:
-    """Write the markers (2, 2) raw px at p1 (3,) mm by the fit alone."""
-    one, other = both(v, p1, shaft)
+def write_predicted_markers(fit: Prospect, p1: Floats, shaft: Shaft, points: Floats) -> None:
+    """Write the markers (2, 2) raw px that the fit alone predicts for p1 (3,) mm."""
+    first, second = both(fit, p1, shaft)
     for i in range(2):
-        places[0, i] = v.origin[3 + i] + one.m[i]
-        places[1, i] = v.origin[3 + i] + other.m[i]
+        points[0, i] = fit.origin[3 + i] + first.m[i]
+        points[1, i] = fit.origin[3 + i] + second.m[i]
 
 
 @compiled
-def expected(v: Prospect, p1: Floats, shaft: Shaft) -> Floats:
-    """`expect` as a new array."""
-    places = np.empty((2, 2))
-    expect(v, p1, shaft, places)
-    return places
-
-
-@compiled
-def add_offset(v: Prospect, points: Floats) -> None:
-    """Add what the fit leaves over of the markers lately to their places (2, 2) px."""
-    for k in range(2):
-        for i in range(2):
-            points[k, i] += v.offset[k, i]
-
-
-@compiled
-def located(v: Prospect, p1: Floats, shaft: Shaft) -> Floats:
-    """The markers (2, 2) raw px at p1 (3,) mm: fit and offset."""
-    points = expected(v, p1, shaft)
-    add_offset(v, points)
+def expected(fit: Prospect, p1: Floats, shaft: Shaft) -> Floats:
+    """Return the markers (2, 2) raw px that the fit alone predicts for p1 (3,) mm."""
+    points = np.empty((2, 2))
+    write_predicted_markers(fit, p1, shaft, points)
     return points
 
 
 @compiled
-def motion(v: Prospect, there: Foretold, jacobian: Floats) -> None:
-    """Write ∂m/∂p (2, 3) px/mm of the fit at a point that it has `there`."""
-    deep = there.z * UNIT
-    for i in range(3):
-        jacobian[0, i] = (v.A[0, i] - there.m[0] * v.g[i]) / deep
-        jacobian[1, i] = (v.A[1, i] - there.m[1] * v.g[i]) / deep
+def add_offset(fit: Prospect, points: Floats) -> None:
+    """Add the offset of the fit to the markers (2, 2) px."""
+    for k in range(2):
+        for i in range(2):
+            points[k, i] += fit.offset[k, i]
 
 
 @compiled
-def motions(v: Prospect, p1: Floats | Point, shaft: Shaft, jacobian: Floats) -> None:
-    """Write ∂m/∂p₁ (4, 3) px/mm of both markers, with marker 1 at p1 (3,) mm."""
-    one, other = both(v, p1, shaft)
-    motion(v, one, jacobian[:2])
-    motion(v, other, jacobian[2:])
+def located(fit: Prospect, p1: Floats, shaft: Shaft) -> Floats:
+    """Return the markers (2, 2) raw px at p1 (3,) mm by fit plus offset."""
+    points = expected(fit, p1, shaft)
+    add_offset(fit, points)
+    return points
+
+
+@compiled
+def write_point_jacobian(fit: Prospect, prediction: Foretold, jacobian: Floats) -> None:
+    """Write ∂m/∂p (2, 3) px/mm of the fit at a point with the given prediction."""
+    depth = prediction.z * UNIT
+    for i in range(3):
+        jacobian[0, i] = (fit.A[0, i] - prediction.m[0] * fit.g[i]) / depth
+        jacobian[1, i] = (fit.A[1, i] - prediction.m[1] * fit.g[i]) / depth
+
+
+@compiled
+def write_markers_jacobian(
+    fit: Prospect, p1: Floats | Point, shaft: Shaft, jacobian: Floats
+) -> None:
+    """Write ∂m/∂p₁ (4, 3) px/mm of both markers with marker 1 at p1 (3,) mm."""
+    first, second = both(fit, p1, shaft)
+    write_point_jacobian(fit, first, jacobian[:2])
+    write_point_jacobian(fit, second, jacobian[2:])
     by_first_marker(shaft, p1, jacobian[2:])
 
 
 @compiled
-def both_motions(v: Prospect, p1: Floats, shaft: Shaft) -> Floats:
-    """`motions` as a new array."""
+def both_motions(fit: Prospect, p1: Floats, shaft: Shaft) -> Floats:
+    """Return ∂m/∂p₁ (4, 3) px/mm of both markers with marker 1 at p1 (3,) mm."""
     jacobian = np.empty((4, 3))
-    motions(v, p1, shaft, jacobian)
+    write_markers_jacobian(fit, p1, shaft, jacobian)
     return jacobian
 
 
 @compiled
-def features_motion(v: Prospect, p1: Floats, points: Floats, o_c: Floats, shaft: Shaft) -> Floats:
-    """J (3, 3) of eq. (15): ∂y/∂m at raw `points` (2, 2) px about o_c, and ∂m/∂p₁ of the fit."""
-    return products(features_jacobian(about(points, o_c)), both_motions(v, p1, shaft))
+def features_motion(fit: Prospect, p1: Floats, points: Floats, o_c: Floats, shaft: Shaft) -> Floats:
+    """Return Ĵ (3, 3) of eq. (15) at the raw `points` (2, 2) px about o_c.
+
+    ∂m/∂p₁ is that of the fit.
+    """
+    return products(features_jacobian(about(points, o_c)), both_motions(fit, p1, shaft))
 
 
 @compiled
-def told_apart(H: Floats, back: Floats) -> bool:
-    """Write (HᵀH)⁻¹ (3, 3) mm²/px² of both markers' motion H (4, 3) px/mm; whether it exists."""
+def invert_normal(H: Floats, inverse: Floats) -> bool:
+    """Write (HᵀH)⁻¹ (3, 3) mm²/px² of H = ∂m/∂p₁ (4, 3) px/mm; return whether it exists."""
     for i in range(3):
         for j in range(3):
-            back[i, j] = 0.0
+            inverse[i, j] = 0.0
             for k in range(4):
-                back[i, j] += H[k, i] * H[k, j]
-    return invert(back)
+                inverse[i, j] += H[k, i] * H[k, j]
+    return invert(inverse)
 
 
 @compiled
-def weakness(v: Prospect, p1: Floats, shaft: Shaft) -> float:
-    """tr(HᵀH)⁻¹ (mm/px)², with H = ∂m/∂p₁ of both markers: how badly their pixels tell the pose."""
-    H, back = np.empty((4, 3)), np.empty((3, 3))
-    motions(v, p1, shaft, H)
-    return back[0, 0] + back[1, 1] + back[2, 2] if told_apart(H, back) else np.inf
+def weakness(fit: Prospect, p1: Floats, shaft: Shaft) -> float:
+    """Return the squared dilution of precision tr(HᵀH)⁻¹ in (mm/px)².
 
-
-@compiled
-def pose_deviation(v: Prospect, p1: Floats, shaft: Shaft) -> float:
-    """Standard deviation (mm) of marker 1 as the pixels of one frame tell it: σ √tr(HᵀH)⁻¹."""
-    return np.sqrt(v.noise * weakness(v, p1, shaft))
-
-
-@compiled
-def deviation_without(v: Prospect, p1: Floats, k: int, shaft: Shaft) -> float:
-    """Standard deviation (mm) of marker 1 where marker k (0 or 1) is not seen but put where the fit
-    has it: √tr(H⁺ cov H⁺ᵀ), of the columns of H⁺ that are that marker's.
+    H (4, 3) is ∂m/∂p₁ of both markers. The result is large where the pixels hardly determine the
+    pose, and infinite where they do not.
     """
-    H, back, total = np.empty((4, 3)), np.empty((3, 3)), 0.0
-    motions(v, p1, shaft, H)
-    if not told_apart(H, back):
+    H, inverse = np.empty((4, 3)), np.empty((3, 3))
+    write_markers_jacobian(fit, p1, shaft, H)
+    return inverse[0, 0] + inverse[1, 1] + inverse[2, 2] if invert_normal(H, inverse) else np.inf
+
+
+@compiled
+def pose_deviation(fit: Prospect, p1: Floats, shaft: Shaft) -> float:
+    """Return the standard deviation (mm) of marker 1 by the pixels of one frame: σ √tr(HᵀH)⁻¹."""
+    return np.sqrt(fit.noise * weakness(fit, p1, shaft))
+
+
+@compiled
+def deviation_without(fit: Prospect, p1: Floats, k: int, shaft: Shaft) -> float:
+    """Return the standard deviation (mm) of marker 1 if a prediction replaces marker k (0 or 1).
+
+    It is √tr(H⁺ cov H⁺ᵀ), with the columns of H⁺ that belong to marker k.
+    """
+    H, inverse, total = np.empty((4, 3)), np.empty((3, 3)), 0.0
+    write_markers_jacobian(fit, p1, shaft, H)
+    if not invert_normal(H, inverse):
         return np.inf
-    one, other = both(v, p1, shaft)
-    uu, uv, vv = spread(v, one if k == 0 else other)
+    first, second = both(fit, p1, shaft)
+    uu, uv, vv = spread(fit, first if k == 0 else second)
     for i in range(3):
         a, b = 0.0, 0.0
         for j in range(3):
-            a += back[i, j] * H[2 * k, j]
-            b += back[i, j] * H[2 * k + 1, j]
+            a += inverse[i, j] * H[2 * k, j]
+            b += inverse[i, j] * H[2 * k + 1, j]
         total += uu * a * a + 2.0 * uv * a * b + vv * b * b
     return np.sqrt(total)
 
 
 @compiled
-def order(v: Prospect) -> float:
-    """Of the way in the picture from marker 1 to marker 2, the share that a marker makes which
-    moves from the place of the one to that of the other: about 1, and −1 where they are taken for
-    each other.
+def order(fit: Prospect) -> float:
+    """Return the score of the marker order: about 1, or −1 if the markers are exchanged.
 
-    Its motion is taken from the motions of each marker by itself: the way from one to the other
-    would tell it wrongly.
+    A marker that moves from the position of marker 1 to that of marker 2 should move in the image
+    by the vector between both. The score is its predicted motion along that vector, as a fraction
+    of its length. The prediction uses the motions of each marker by itself: the vector between both
+    markers would be reversed if they are exchanged.
     """
-    spread_x, moved, way = np.zeros((3, 3)), np.zeros((3, 2)), np.empty(5)
+    cov_xx, cov_xm, difference = np.zeros((3, 3)), np.zeros((3, 2)), np.empty(5)
     for i in range(3):
         for j in range(3):
-            spread_x[i, j] = v.sums[0, i, j]
+            cov_xx[i, j] = fit.sums[0, i, j]
         for n in range(2):
-            moved[i, n] = v.sums[1 + n, i, 3]
+            cov_xm[i, n] = fit.sums[1 + n, i, 3]
         for k in range(2):
-            share = v.apart[k, i] / v.apart[k, 5]
+            mean = fit.apart[k, i] / fit.apart[k, 5]
             for j in range(3):
-                spread_x[i, j] -= share * v.apart[k, j]
+                cov_xx[i, j] -= mean * fit.apart[k, j]
             for n in range(2):
-                moved[i, n] -= share * v.apart[k, 3 + n]
-    sound = invert(spread_x)
+                cov_xm[i, n] -= mean * fit.apart[k, 3 + n]
+    is_invertible = invert(cov_xx)
     for i in range(5):
-        way[i] = v.apart[1, i] / v.apart[1, 5] - v.apart[0, i] / v.apart[0, 5]
-    along, apart = 0.0, way[3] ** 2 + way[4] ** 2
+        difference[i] = fit.apart[1, i] / fit.apart[1, 5] - fit.apart[0, i] / fit.apart[0, 5]
+    progress, squared = 0.0, difference[3] ** 2 + difference[4] ** 2
     for n in range(2):
         for i in range(3):
             for j in range(3):
-                along += way[3 + n] * moved[i, n] * spread_x[i, j] * way[j]
-    return along / apart if sound and apart > 0.0 else 0.0
+                progress += difference[3 + n] * cov_xm[i, n] * cov_xx[i, j] * difference[j]
+    return progress / squared if is_invertible and squared > 0.0 else 0.0

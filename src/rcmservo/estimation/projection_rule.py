@@ -1,15 +1,14 @@
-"""Projection-based estimation, eq. (17)-(25): fit the nine parameters â to P chosen observations,
-build Ĵ from â.
+"""Projection-based estimation, eq. (17)-(25): fit nine parameters â to P observations, Ĵ from â.
 
 (21) is the linear ODE dâ/dt = −Γ (MᵀM â − Mᵀm), stable for any constant symmetric positive definite
-Γ (Proposition 1), and here it is integrated exactly over any time (gradient_flow.py). Two choices
-of Γ:
-``printed`` is the paper's Γ₀ = diag(1e-5 I₆, 1e-8 I₃), a slow solver: its slowest mode needs hours.
-``fast`` is Γ = η (MᵀM + ε Γ₀⁻¹)⁻¹, for which every well-observed mode decays at the rate η.
+Γ (Proposition 1). It is integrated exactly over any time (gradient_flow.py). Γ has two choices.
+``printed`` is the paper's Γ₀ = diag(1e-5 I₆, 1e-8 I₃), whose slowest mode needs hours. ``fast`` is
+Γ = η (MᵀM + ε Γ₀⁻¹)⁻¹, for which every well-observed mode decays at the rate η.
 
-Observations are chosen for excitation: of P + 1 the one with the least leverage on â goes, so that
-the path's extremes stay. It goes after the step, so that Γ, M and the choice share one factor. Raw
-pixels are kept, so that all observations follow the imaged RCM when it moves.
+The observations are chosen for excitation: of P + 1 the one with the least leverage on â is
+removed, so that the extremes of the path stay. It is removed after the step, so that Γ, M and the
+choice share one factorisation. Raw pixels are stored, so that all observations follow a change of
+the imaged RCM.
 """
 
 from dataclasses import dataclass
@@ -33,43 +32,48 @@ GAMMA_0 = np.array([1e-5] * 6 + [1e-8] * 3)
 """Diagonal of the printed Γ, for p in mm and m in px."""
 
 MAX_DECAY = 1e5
-"""Largest η t of the fast Γ: far beyond, rounding lets modes that were never observed grow."""
+"""Largest η t of the fast Γ. Far beyond it, rounding lets unobserved modes grow."""
 
 MOST = 1000
-"""Observations; each costs time at every new frame."""
+"""Largest number of observations; each costs time at every new frame."""
 
-LEAST_EPSILON = 1e-10
-"""Smallest ε, with which (MᵀM + ε Γ₀⁻¹) still has a root."""
+MIN_EPSILON = 1e-10
+"""Smallest ε with which MᵀM + ε Γ₀⁻¹ still has a Cholesky factor."""
 
 MIN_DEPTH = 0.1
-"""Smallest relative depth ẑ that an estimate may give to an observation: behind it the projection
-turns over."""
+"""Smallest relative depth ẑ that an estimate may give to an observation.
+
+Behind the camera the projection changes its sign.
+"""
 
 
 @compiled
 def sights(observations: Floats, count: int, o_c: Floats, both: bool, shaft: Shaft) -> Floats:
-    """What is fitted, one point a row: [p (3) mm, its pixels (2) from o_c]. First marker 1 of all
-    observations, then marker 2 if ``both`` are fitted.
+    """Return the fitted points as rows [p (3) mm, its pixels (2) from o_c].
+
+    Marker 1 of all observations comes first, then marker 2 if ``both`` are fitted.
     """
     rows = np.empty((2 * count if both else count, 5))
     for i in range(count):
-        seen = observations[i]
-        reach = stretch(shaft, seen[:3])
+        observation = observations[i]
+        factor = stretch(shaft, observation[:3])
         for k in range(3):
-            rows[i, k] = seen[k]
+            rows[i, k] = observation[k]
             if both:
-                rows[count + i, k] = reach * seen[k]
+                rows[count + i, k] = factor * observation[k]
         for k in range(2):
-            rows[i, 3 + k] = seen[3 + k] - o_c[k]
+            rows[i, 3 + k] = observation[3 + k] - o_c[k]
             if both:
-                rows[count + i, 3 + k] = seen[5 + k] - o_c[k]
+                rows[count + i, 3 + k] = observation[5 + k] - o_c[k]
     return rows
 
 
 @compiled
 def normal_equations(sights: Floats) -> tuple[Floats, Floats]:
-    """MᵀM (9, 9) and Mᵀm (9,) of eq. (23)-(24): sums over the points of p pᵀ and p, each by itself
-    and times u, v and u² + v², put where eq. (19) has them.
+    """Return MᵀM (9, 9) and Mᵀm (9,) of eq. (23)-(24).
+
+    They are sums over the points of p pᵀ and p, each with the weights 1, u, v and u² + v², at the
+    positions of eq. (19).
     """
     squares, firsts = np.zeros((4, 3, 3)), np.zeros((4, 3))
     for row in range(len(sights)):
@@ -94,44 +98,48 @@ def normal_equations(sights: Floats) -> tuple[Floats, Floats]:
 
 
 @compiled
-def leverage(inverse: Floats, both: Floats, sight: Floats) -> float:
-    """tr(W A⁻¹ Wᵀ) of one point, by the blocks of A⁻¹ (9, 9); ``both`` is the sum of its first two
-    on the diagonal.
+def leverage(inverse: Floats, diagonal_sum: Floats, point: Floats) -> float:
+    """Return tr(W A⁻¹ Wᵀ) of one point by the blocks of A⁻¹ (9, 9).
+
+    `diagonal_sum` (3, 3) is the sum of the first two diagonal blocks.
     """
-    u, v = sight[3], sight[4]
-    far, total = u * u + v * v, 0.0
+    u, v = point[3], point[4]
+    squared, total = u * u + v * v, 0.0
     for i in range(3):
         for j in range(3):
-            block = both[i, j] + far * inverse[6 + i, 6 + j]
+            block = diagonal_sum[i, j] + squared * inverse[6 + i, 6 + j]
             cross = u * inverse[i, 6 + j] + v * inverse[3 + i, 6 + j]
-            total += sight[i] * sight[j] * (block - 2.0 * cross)
+            total += point[i] * point[j] * (block - 2.0 * cross)
     return total
 
 
 @compiled
 def least_telling(sights: Floats, count: int, root: Floats) -> int:
-    """The one of `count` observations with the least leverage tr(W root rootᵀ Wᵀ) on â, where root
-    rootᵀ = (MᵀM + εΓ₀⁻¹)⁻¹.
+    """Return the index of the observation with the least leverage tr(W root rootᵀ Wᵀ) on â.
+
+    root rootᵀ is (MᵀM + εΓ₀⁻¹)⁻¹.
     """
     inverse = products(root, root.T)
-    both = np.empty((3, 3))
+    diagonal_sum = np.empty((3, 3))
     for i in range(3):
         for j in range(3):
-            both[i, j] = inverse[i, j] + inverse[3 + i, 3 + j]
-    shares = np.zeros(count)
+            diagonal_sum[i, j] = inverse[i, j] + inverse[3 + i, 3 + j]
+    leverages = np.zeros(count)
     for row in range(len(sights)):
-        shares[row % count] += leverage(inverse, both, sights[row])
+        leverages[row % count] += leverage(inverse, diagonal_sum, sights[row])
     row = 0
     for i in range(count):
-        if shares[i] < shares[row]:
+        if leverages[i] < leverages[row]:
             row = i
     return row
 
 
 @compiled
 def inverse_root(A: Floats, epsilon: float) -> Floats:
-    """L⁻ᵀ (9, 9) with L Lᵀ = MᵀM + ε Γ₀⁻¹, by forward substitution: its product with its transpose
-    is the inverse. Γ needs this root, which `numerics.small_solvers.invert` does not give.
+    """Return L⁻ᵀ (9, 9) with L Lᵀ = MᵀM + ε Γ₀⁻¹, by forward substitution.
+
+    Its product with its transpose is the inverse. Γ needs this root, which
+    `numerics.small_solvers.invert` does not give.
     """
     regularised = A.copy()
     for i in range(PARAMETERS):
@@ -152,28 +160,29 @@ def inverse_root(A: Floats, epsilon: float) -> Floats:
 def keep_in_front(
     a: Floats, a_next: Floats, observations: Floats, count: int, shaft: Shaft
 ) -> Floats:
-    """a_next, or the last point on the way to it from a at which every ẑ is at least MIN_DEPTH.
+    """Return a_next, or the last point on the line from a to it with every ẑ at least MIN_DEPTH.
 
-    ẑ is linear in â and U is convex, so that U (22) falls on the shortened step too.
+    ẑ is linear in â and U is convex, so that U (22) decreases on the shortened step too.
     """
     step = 1.0
     for i in range(count):
         p1 = observations[i, :3]
         z, z_next = depth(a, p1), depth(a_next, p1)
-        for reach in (1.0, stretch(shaft, p1)):
-            here, there = 1.0 + reach * (z - 1.0), 1.0 + reach * (z_next - 1.0)
-            if there < MIN_DEPTH:
-                step = min(step, max((here - MIN_DEPTH) / (here - there), 0.0))
-    kept = np.empty(len(a))
+        for factor in (1.0, stretch(shaft, p1)):
+            z_now, z_then = 1.0 + factor * (z - 1.0), 1.0 + factor * (z_next - 1.0)
+            if z_then < MIN_DEPTH:
+                step = min(step, max((z_now - MIN_DEPTH) / (z_now - z_then), 0.0))
+    limited = np.empty(len(a))
     for k in range(len(a)):
-        kept[k] = a[k] + step * (a_next[k] - a[k])
-    return kept
+        limited[k] = a[k] + step * (a_next[k] - a[k])
+    return limited
 
 
 @compiled
-def root_of_gamma(root: Floats, rate: float) -> Floats:
-    """C (9, 9) with Γ = C Cᵀ: fast by the `root` of the inverse and η = `rate`, printed if that is
-    0.
+def gamma_root(root: Floats, rate: float) -> Floats:
+    """Return C (9, 9) with Γ = C Cᵀ: the fast Γ with η = `rate`, or the printed Γ if `rate` is 0.
+
+    `root` is the root of the inverse by `inverse_root`.
     """
     C = np.zeros((PARAMETERS, PARAMETERS))
     for i in range(PARAMETERS):
@@ -185,14 +194,14 @@ def root_of_gamma(root: Floats, rate: float) -> Floats:
 
 
 class ProjectionMemory(NamedTuple):
-    """The chosen observations, and what was fitted to them.
+    """Observations and the parameters that are fitted to them.
 
     Parameters
     ----------
     observations : Floats
-        (P + 1, 7) rows [p₁ mm, raw m₁ m₂ px]; the last is spare.
+        Rows (P + 1, 7) of [p₁ mm, raw m₁ m₂ px]; the last row is spare.
     filled : int
-        How many rows are used, from the first on.
+        Number of rows in use, from the first on.
     a_hat : Floats
         â (9,); zeros at first.
     """
@@ -209,21 +218,21 @@ def update(
     points: Floats,
     o_c: Floats,
     dt: float,
-    rule: "Rule",
+    kernel: "Rule",
     shaft: Shaft,
 ) -> ProjectionMemory:
-    """Take in one observation, dt s after the last one, and integrate (21) over the rule's time."""
-    t = rule.time if rule.time > 0.0 else dt
-    if rule.rate > 0.0:
-        t = min(t, MAX_DECAY / rule.rate)
+    """Return the memory after a step of rule (21) with one observation, dt s after the previous."""
+    t = kernel.estimator_time if kernel.estimator_time > 0.0 else dt
+    if kernel.rate > 0.0:
+        t = min(t, MAX_DECAY / kernel.rate)
     observations, a, count = memory.observations.copy(), memory.a_hat, memory.filled + 1
     newest = observations[count - 1]
     put(newest[:3], p1)
     put(newest[3:], points.copy().reshape(4))
-    fitted = sights(observations, count, o_c, rule.both, shaft)
+    fitted = sights(observations, count, o_c, kernel.both_markers, shaft)
     A, b = normal_equations(fitted)
-    root = inverse_root(A, rule.epsilon)
-    C = root_of_gamma(root, rule.rate)
+    root = inverse_root(A, kernel.epsilon)
+    C = gamma_root(root, kernel.rate)
     a_next = keep_in_front(a, decay(A, b, a, C, t), observations, count, shaft)
     if count == len(observations):
         row = least_telling(fitted, count, root)
@@ -234,7 +243,7 @@ def update(
 
 @compiled
 def markers_jacobian(a: Floats, p1: Floats, shaft: Shaft) -> Floats:
-    """∂m/∂p₁ (4, 3), the second factor of eq. (15), of both markers."""
+    """Return ∂m/∂p₁ (4, 3) px/mm of both markers, the second factor of eq. (15)."""
     p2, jacobian = second_marker(shaft, p1), np.empty((4, 3))
     put(jacobian[:2], project_jacobian(a, p1))
     put(jacobian[2:], products(project_jacobian(a, p2), second_marker_jacobian(shaft, p1)))
@@ -243,13 +252,13 @@ def markers_jacobian(a: Floats, p1: Floats, shaft: Shaft) -> Floats:
 
 @compiled
 def feature_jacobian(a: Floats, p1: Floats, m: Floats, shaft: Shaft) -> Floats:
-    """Ĵ (3, 3) of eq. (15): ∂y/∂m at the measured m, ∂m/∂p₁ from the parameters a."""
+    """Return Ĵ (3, 3) of eq. (15): ∂y/∂m at the measured m, times ∂m/∂p₁ by the parameters a."""
     return products(features_jacobian(m), markers_jacobian(a, p1, shaft))
 
 
 @compiled
 def jacobian_at(a: Floats, p1: Floats, points: Floats, o_c: Floats, shaft: Shaft) -> Floats:
-    """`feature_jacobian` at raw `points` (2, 2) px."""
+    """Return Ĵ (3, 3) of eq. (15) at the raw `points` (2, 2) px by the parameters a."""
     return feature_jacobian(a, p1, about(points, o_c), shaft)
 
 
@@ -261,7 +270,7 @@ def update_kernel(
     fit: Prospect,
     result: Estimated,
 ) -> ProjectionMemory:
-    """Take in one frame by rule (21), and write Ĵ of the new â."""
+    """Update the memory by one frame with rule (21), and write Ĵ of the new â."""
     p1, points, o_c, shaft = sample.p1, sample.points, sample.o_c, sample.shaft
     memory = update(memory, p1, points, o_c, sample.dt, kernel, shaft)
     put(result.points, points)
@@ -284,19 +293,19 @@ class Rule(NamedTuple):
     Parameters
     ----------
     rate : float
-        η of the fast Γ, 1/s; 0 for the printed Γ.
+        η of the fast Γ in 1/s; 0 for the printed Γ.
     epsilon : float
         ε of the fast Γ, which the choice of observations needs with either Γ.
-    both : bool
-        Whether m₂ is fitted as well as m₁.
-    time : float
-        Time that every new frame gives it, s; 0 for the real time between frames.
+    both_markers : bool
+        Whether m₂ is fitted in addition to m₁.
+    estimator_time : float
+        Integration time of every new frame in s; 0 for the real time between frames.
     """
 
     rate: float
     epsilon: float
-    both: bool
-    time: float = 0.0
+    both_markers: bool
+    estimator_time: float = 0.0
 
     places_rcm = False
     update = update_kernel
@@ -305,7 +314,7 @@ class Rule(NamedTuple):
 
 @compiled
 def predict(a: Floats, p1: Floats, shaft: Shaft) -> Floats:
-    """π of eq. (34) for both markers: m (4,) px from the imaged RCM."""
+    """Return π of eq. (34) for both markers: m (4,) px from the imaged RCM."""
     m = np.empty(4)
     put(m[:2], project(a, p1))
     put(m[2:], project(a, second_marker(shaft, p1)))
@@ -314,29 +323,51 @@ def predict(a: Floats, p1: Floats, shaft: Shaft) -> Floats:
 
 @dataclass(frozen=True)
 class ProjectionEstimator(Estimator):
-    """Ĵ through the projection parameters, rule (21).
+    """Estimator of Ĵ by the projection parameters of rule (21).
+
+    The nine parameters â minimise Q = ½ Σ eᵢᵀeᵢ of eq. (20) over P observations, by the gradient
+    descent
+
+        dâ/dt = −Γ ∂Q/∂â
+
+    which is integrated exactly. Ĵ follows from eq. (15).
 
     Parameters
     ----------
     gamma : Literal['fast', 'printed']
-        Γ of rule (21): fast, or the paper's as printed.
+        Γ of rule (21): fast is η (MᵀM + ε Γ₀⁻¹)⁻¹, printed is the paper's diag(1e-5 I₆, 1e-8 I₃).
     rate : float
-        η of the fast Γ, 1/s.
+        Decay rate η of the fast Γ, 1/s.
     epsilon : float
-        ε of the fast Γ: modes of MᵀM weaker than ε Γ₀⁻¹ learn more slowly.
+        Regularisation ε of the fast Γ: modes of MᵀM weaker than ε Γ₀⁻¹ converge more slowly.
     observations : int
-        P, the number of observations kept.
+        P, the number of stored observations.
     both_markers : bool
-        Fit m₂ as well as the paper's m₁.
+        Fit m₂ in addition to the paper's m₁.
     estimator_time : float
-        Time that the rule is given for every new frame, s; 0 stands for the real time between
+        Time that every new frame integrates the rule over, s. 0 stands for the real time between
         frames.
+
+    Raises
+    ------
+    BadInput
+        If a parameter is outside its range, or `estimator_time` is above 1e5 / `rate` with the fast
+        Γ.
+
+    Notes
+    -----
+    The parameters (9,) have the unit px/mm (six) and 1/mm (three). The model needs the RCM in front
+    of the camera, eq. (10), and the imaged RCM of eq. (16). The printed Γ converges in hours.
+
+    References
+    ----------
+    Section III-B of the paper, Proposition 1.
     """
 
     gamma: Literal["fast", "printed"] = "fast"
     rate: Annotated[float, positive("rate in 1/s")] = 20.0
-    epsilon: Annotated[float, at_least(LEAST_EPSILON, "(less is lost in rounding)")] = 1e-7
-    observations: Annotated[int, between(6, MOST, "a whole number (by Proposition 1)")] = 20
+    epsilon: Annotated[float, at_least(MIN_EPSILON, "(a smaller value is lost in rounding)")] = 1e-7
+    observations: Annotated[int, between(6, MOST, "a whole number (Proposition 1 needs 6)")] = 20
     both_markers: bool = True
     estimator_time: Annotated[float, not_negative("time in s")] = 0.0
 
@@ -345,16 +376,16 @@ class ProjectionEstimator(Estimator):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        decays = self.gamma == "printed" or self.rate * self.estimator_time <= MAX_DECAY
-        right = f"at most {MAX_DECAY:g} / rate with the fast Γ, whose modes decay long before"
-        self.require(decays, "estimator_time", right)
+        is_stable = self.gamma == "printed" or self.rate * self.estimator_time <= MAX_DECAY
+        expected = f"at most {MAX_DECAY:g} / rate with the fast Γ, whose modes have then decayed"
+        self.require(is_stable, "estimator_time", expected)
 
     def init(self) -> ProjectionMemory:
         return ProjectionMemory(np.zeros((self.observations + 1, 7)), 0, np.zeros(PARAMETERS))
 
     @cached_property
     def kernel(self) -> Rule:
-        """Its compiled form."""
+        """Compiled form of the estimator."""
         rate = float(self.rate) if self.gamma == "fast" else 0.0
         return Rule(rate, float(self.epsilon), bool(self.both_markers), float(self.estimator_time))
 
@@ -375,5 +406,7 @@ class ProjectionEstimator(Estimator):
 PRINTED = ProjectionEstimator(
     gamma="printed", observations=10, both_markers=False, estimator_time=1e4
 )
-"""The paper's own: the printed Γ, P = 10 observations of m₁; each new frame gives it 10⁴ s, as in
-real time it would need hours."""
+"""The paper's estimator: printed Γ, and P = 10 observations of m₁.
+
+Each new frame integrates the rule over 10⁴ s, as it would need hours in real time.
+"""
