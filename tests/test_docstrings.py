@@ -4,6 +4,7 @@ import ast
 import inspect
 import re
 from collections.abc import Iterator
+from dataclasses import fields, is_dataclass
 from enum import Enum
 from typing import Any
 
@@ -12,6 +13,7 @@ from numpydoc.validate import validate
 
 import rcmservo as rs
 from conftest import ROOT
+from rcmservo.config.field_docs import parameter_descriptions
 
 QUESTION_WORD = re.compile(r"(What|How|Where|Whether|Why|Who|When)\b")
 CHECKED_FOLDERS = "src", "tests", "benchmarks", "docs", "examples"
@@ -43,6 +45,18 @@ def public_objects() -> dict[str, Any]:
     """Classes and functions that `import rcmservo as rs` offers."""
     offered = {name: getattr(rs, name) for name in dir(rs)}
     return {name: one for name, one in offered.items() if callable(one)}
+
+
+def is_never_called(kind: type[Any]) -> bool:
+    """A class that has members or implementations, but whose parameters nobody passes."""
+    return issubclass(kind, Enum) or getattr(kind, "_is_protocol", False)
+
+
+def all_fields_are_described(kind: type[Any]) -> bool:
+    """Settings are described once, in the Parameters section of the class that declares them."""
+    return is_dataclass(kind) and {f.name for f in fields(kind)} <= set(
+        parameter_descriptions(kind)
+    )
 
 
 @pytest.mark.parametrize("name", sorted(public_objects()))
