@@ -12,19 +12,19 @@ if TYPE_CHECKING:
 
 __version__ = "0.2.0"
 
-FOLDERS = "sim", "study", "tracking"
+PUBLIC_PACKAGES = "sim", "study", "tracking"
 """Offered as they are; they need MuJoCo and OpenCV, which the core does not."""
 
-OF_STUDY = ("bound",)
+STUDY_NAMES = ("bound",)
 """Offered from `rcmservo.study`, likewise only when they are asked for."""
 
 
 def __getattr__(name: str) -> Any:
     """Load a public name on its first use, so that the command line starts at once."""
-    if name in FOLDERS:
+    if name in PUBLIC_PACKAGES:
         with needing(f"rcmservo.{name}", "sim"):
             return importlib.import_module(f"rcmservo.{name}")
-    if name in OF_STUDY:
+    if name in STUDY_NAMES:
         return getattr(importlib.import_module("rcmservo.study"), name)
     public = importlib.import_module("rcmservo.public")
     if name == "__all__" or name in public.__all__:

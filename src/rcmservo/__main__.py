@@ -3,7 +3,7 @@
 import os
 import sys
 
-INTERRUPTED = 130
+EXIT_INTERRUPTED = 130
 """Exit code after Ctrl-C."""
 
 
@@ -16,7 +16,7 @@ def main() -> int:
     except KeyboardInterrupt as stop:
         where = f"; what was done until then is in {stop}" if str(stop) else ""
         print(f"rcmservo: stopped by Ctrl-C{where}", file=sys.stderr)
-        return INTERRUPTED
+        return EXIT_INTERRUPTED
     finally:
         _drop_unread_output()
 

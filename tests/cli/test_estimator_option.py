@@ -123,5 +123,5 @@ def test_the_options_of_its_settings_take_no_name_that_the_command_has(
     code.write_text(code.read_text().replace('name = "pixels"', f'name = "{name}"'))
     words = [*command.split(), "--estimator", NAME, f"--{group}.forgetting", "0.5"]
     options = asked_of(words[0], words[1:])
-    assert options.own_estimators == {NAME: getattr(options, group)}
+    assert options.user_estimators == {NAME: getattr(options, group)}
     assert getattr(options, group).forgetting == 0.5

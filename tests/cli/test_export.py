@@ -11,7 +11,7 @@ import pytest
 
 import rcmservo as rs
 from rcmservo.cli.cli import main
-from rcmservo.cli.export import UNITS, arrays
+from rcmservo.cli.export import COLUMN_UNITS, arrays
 from rcmservo.recording import reader
 from rcmservo.recording.foreign import frame_folder as recording
 from rcmservo.recording.ros2_messages import TICK, TRUTH_LAYOUT
@@ -52,7 +52,7 @@ def exported(run: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_every_column_of_a_record_has_its_units() -> None:
-    for units, layout in ((UNITS, TICK), (TRUTH_COLUMNS, TRUTH_LAYOUT)):
+    for units, layout in ((COLUMN_UNITS, TICK), (TRUTH_COLUMNS, TRUTH_LAYOUT)):
         names = [name for name in layout.names or () if layout[name].shape]
         assert {name: (len(parts),) for name, parts in units.items()} == {
             name: layout[name].shape for name in names

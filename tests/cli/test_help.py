@@ -9,9 +9,9 @@ import pytest
 
 from conftest import first_quick
 from rcmservo.cli.cli import COMMANDS, main, options_kind
-from rcmservo.cli.command_line.help_text import estimator_words
+from rcmservo.cli.command_line.help_text import estimator_descriptions
 from rcmservo.cli.command_line.options import options_of
-from rcmservo.cli.servo_options import NAMES
+from rcmservo.cli.servo_options import ESTIMATOR_NAMES
 
 PAGE = 45
 """Lines of the basics at most."""
@@ -92,13 +92,13 @@ def test_the_basics_are_one_page_and_explain_every_estimator(
     said = help_of(capsys, command, "--help")
     assert len(said.splitlines()) <= PAGE
     rows = said.partition("estimators:\n")[2].splitlines()
-    assert set(NAMES) <= {row.split()[0] for row in rows if row.startswith("  ")}
+    assert set(ESTIMATOR_NAMES) <= {row.split()[0] for row in rows if row.startswith("  ")}
     assert "--controller." not in said and f"rcmservo {command} --help-all" in said
 
 
 def test_every_estimator_has_one_sentence_that_a_page_has_room_for() -> None:
-    words = estimator_words()
-    assert list(words) == list(NAMES)
+    words = estimator_descriptions()
+    assert list(words) == list(ESTIMATOR_NAMES)
     assert all(words.values())
 
 
@@ -110,7 +110,7 @@ def test_help_all_shows_every_option_with_its_default(
     for one in options_of(options_kind(command, [])):
         shown = one.name.replace(".", ".[no-]").replace("--", "--[no-]", "." not in one.name)
         assert (shown if one.is_flag else f"{one.name} {one.metavar}") in said or one.is_positional
-        assert one.words and " ".join(one.words.split()) in said
+        assert one.description and " ".join(one.description.split()) in said
         assert f"(default: {one.default})" in said or not one.default
     assert ("(default: dlt)" in said) == (command in ("run", "live", "serve"))
 

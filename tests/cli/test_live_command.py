@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from rcmservo.cli.cli import main
-from rcmservo.cli.result_output import METRICS, report, save_result
+from rcmservo.cli.result_output import METRICS_FILE, print_result, save_result
 from rcmservo.cli.terminal import console
 from rcmservo.loop.run_result import (
     CameraAccount,
@@ -27,7 +27,7 @@ def printed(**more: Any) -> str:
     """What the table says, as one line."""
     out = console()
     with out.capture() as got:
-        assert report(out, replace(FALLEN, **more), as_json=False) == 1
+        assert print_result(out, replace(FALLEN, **more), as_json=False) == 1
     return " ".join(got.get().replace("│", " ").split())
 
 
@@ -39,9 +39,9 @@ def test_a_live_run_tells_what_could_not_be_recorded() -> None:
 
 def test_a_live_result_that_cannot_be_written_is_told_and_not_lost(tmp_path: Path) -> None:
     """A folder where the metrics' file would grow stands for a disk that is full."""
-    (tmp_path / f"{METRICS}.part").mkdir()
+    (tmp_path / f"{METRICS_FILE}.part").mkdir()
     result = save_result(FALLEN, None, tmp_path)
-    assert f"{METRICS}: cannot be written" in result.not_written
+    assert f"{METRICS_FILE}: cannot be written" in result.not_written
     assert (
         "not written" in printed(not_written=result.not_written) and "not written" not in printed()
     )

@@ -10,7 +10,7 @@ import rcmservo as rs
 from conftest import SMALL
 from rcmservo.cli.cli import main
 from rcmservo.cli.lab_options import RunOptions
-from rcmservo.cli.result_output import METRICS
+from rcmservo.cli.result_output import METRICS_FILE
 from rcmservo.cli.simulated_run.simulate import simulate
 from rcmservo.loop.run_result import RunResult
 from rcmservo.recording import reader
@@ -72,7 +72,7 @@ def test_show_and_metrics_agree_on_a_run_that(ending: str, tmp_path: Path) -> No
     assert words in metrics.cause and metrics.settled == (words == "")
     whole = "the record ends" not in told.cause
     assert not whole or told.cause == metrics.cause
-    kept = json.loads((tmp_path / METRICS).read_text())
+    kept = json.loads((tmp_path / METRICS_FILE).read_text())
     assert kept == json.loads(json.dumps(asdict(metrics)))
 
 
@@ -94,10 +94,10 @@ def test_a_result_that_cannot_be_written_is_not_lost_and_nothing_is_half_written
     whole, part = tmp_path / "whole", tmp_path / "part"
     for folder in (whole, part):
         folder.mkdir()
-    for name in (METRICS, "errors.png"):
+    for name in (METRICS_FILE, "errors.png"):
         (part / f"{name}.part").mkdir()
     ours, theirs = (metrics_of(folder, 1.5) for folder in (part, whole))
-    for name in (METRICS, "errors.png"):
+    for name in (METRICS_FILE, "errors.png"):
         assert f"{name}: cannot be written" in ours.not_written
         assert not (part / name).exists() and (whole / name).exists()
     same = {"not_written": "", "folder": "", "real_time_factor": 0.0}

@@ -58,7 +58,7 @@ def test_a_session_goes_at_the_speed_that_its_file_has_earned_whatever_is_set(
     if checked:
         note_checked(digest_of(rig.read_bytes()))
     given = ServeOptions(rig=rig)
-    with page_rig.hardware(given) as behind:
+    with page_rig.open_hardware(given) as behind:
         assert (behind.setup.width, behind.setup.height) == (32, 24)
         assert ("10 %" in behind.title) is not checked
         fast = SaturatedController(max_speed=55.0)
@@ -73,7 +73,7 @@ def test_a_session_goes_at_the_speed_that_its_file_has_earned_whatever_is_set(
     assert words in at.intent and "Nothing moves before you hold a jog button" in at.intent
     recorded: Any = made.recorder
     assert recorded.args[1]["speed_share"] == share and recorded.args[1]["simulation"] is False
-    assert made.consent is page_rig.require_off
+    assert made.consent is page_rig.require_drive_off
 
 
 @pytest.mark.parametrize(

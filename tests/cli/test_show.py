@@ -14,7 +14,7 @@ from replays import Disturbed
 import rcmservo as rs
 from rcmservo.cli import show
 from rcmservo.cli.cli import main
-from rcmservo.cli.result_output import METRICS
+from rcmservo.cli.result_output import METRICS_FILE
 from rcmservo.figures import plots
 from rcmservo.interfaces import Dropped
 from rcmservo.recording import reader, timeline
@@ -125,7 +125,7 @@ def test_every_request_of_a_person_is_shown_also_one_that_is_refused_once_more(
     rows = reader.read_record(tmp_path)
     requests = [(round(span.start, 2), span.request) for span in spans(rows)]
     assert requests[1:] == [(i * 0.01, request) for i, request in asking.items()]
-    show.draw(rows, tmp_path)
+    show.write_figures(rows, tmp_path)
     assert (tmp_path / "timeline.csv").read_text().count("RESUME") == 3
     (asked,) = [
         lane
@@ -164,7 +164,7 @@ def test_the_verdict_is_that_of_the_run_while_it_happened(told: Told) -> None:
 def test_a_record_of_an_earlier_version_gives_the_numbers_of_its_metrics() -> None:
     folder = Path(__file__).parents[1] / "data/v0.1.0"
     now = asdict(summary(reader.read_record(folder)))
-    then = json.loads((folder / METRICS).read_text())
+    then = json.loads((folder / METRICS_FILE).read_text())
     for name in ("settled", "cause", "settle_time_s", "jacobian_error"):
         assert now[name] == then[name]
     for name in ("feature_error", "explore"):
@@ -315,10 +315,10 @@ def test_replay_reads_a_record_once(told: Told, monkeypatch: pytest.MonkeyPatch)
 def test_a_long_timeline_is_cut_in_the_middle_and_says_so(
     told: Told, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(show, "MOST", 3)
-    monkeypatch.setattr(show, "LAST", 2)
+    monkeypatch.setattr(show, "FIRST_SPANS", 3)
+    monkeypatch.setattr(show, "LAST_SPANS", 2)
     found = spans(reader.read_record(told.path))
-    table = show._timeline(found)
+    table = show._timeline_table(found)
     assert table.row_count == 3 + 1 + 2
     assert f"… {len(found) - 5} more, in timeline.csv" in list(table.columns[2].cells)
 

@@ -9,12 +9,12 @@ import pytest
 import rcmservo as rs
 from rcmservo.cli.cli import main
 from rcmservo.cli.lab import hardware_prompts
-from rcmservo.cli.lab.hardware_prompts import Preparing
+from rcmservo.cli.lab.hardware_prompts import HardwarePreparation
 from rcmservo.cli.lab.serve import ServeOptions
 from rcmservo.cli.lab_options import RunOptions
 from rcmservo.cli.live import LiveOptions
 from rcmservo.cli.simulated_run.about import about
-from rcmservo.cli.simulated_run.target import target_of
+from rcmservo.cli.simulated_run.target import obtain_target
 from rcmservo.live.arm_datagrams import teach_and_return
 from rcmservo.loop.operator import Teach
 from rcmservo.loop.plant import Plant
@@ -37,7 +37,7 @@ FRAMES: dict[Callable[..., object], str] = {
     ScriptedOperator: "frames",
     teach_and_return: "frames",
     SimulatedLab.session: "frames",
-    Preparing: "frames",
+    HardwarePreparation: "frames",
     PageOperator: "frames",
     RunOptions: "teaching_frames",
     LiveOptions: "teaching_frames",
@@ -68,7 +68,7 @@ def test_a_simulated_run_teaches_for_as_many_frames_as_are_asked_for() -> None:
     took = list[float]()
     for frames in (30, 60):
         began = rig.clock.now()
-        target_of(RunOptions(teaching_frames=frames), rig, plant)
+        obtain_target(RunOptions(teaching_frames=frames), rig, plant)
         took.append((rig.clock.now() - began) * 1e-9)
     assert took[1] - took[0] == pytest.approx(0.5, abs=0.1)
     assert about(RunOptions(teaching_frames=7), 2.0)["teaching_frames"] == 7
@@ -78,8 +78,8 @@ def test_a_target_taught_at_the_arm_is_the_mean_of_as_many_frames(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     taken, told = list[int](), list[str]()
-    monkeypatch.setattr(hardware_prompts, "enter", lambda *_: None)
+    monkeypatch.setattr(hardware_prompts, "await_enter", lambda *_: None)
     monkeypatch.setattr(hardware_prompts, "teach", lambda plant, frames: taken.append(frames))
     person: Any = type("Person", (), {"tell": lambda self, words: told.append(words)})()
-    hardware_prompts.shown(person, cast(Any, None), 7)
+    hardware_prompts.teach_by_hand(person, cast(Any, None), 7)
     assert taken == [7] and told[0].startswith("Taking 7 frames")

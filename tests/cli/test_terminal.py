@@ -16,9 +16,9 @@ from rich.live import Live
 from rcmservo.cli.cli import main
 from rcmservo.cli.progress import compiling as reports
 from rcmservo.cli.progress.preparing import compiling
-from rcmservo.cli.result_output import report
-from rcmservo.cli.score_report import numbers, show_score
-from rcmservo.cli.terminal import console, print_plainly
+from rcmservo.cli.result_output import print_result
+from rcmservo.cli.score_report import print_score, score_as_json
+from rcmservo.cli.terminal import console, use_ascii_fallback
 from rcmservo.loop.run_result import FeatureError, JacobianError, RunResult
 from rcmservo.recording.foreign.scoring import RecordingScore
 
@@ -39,10 +39,10 @@ def command(*words: str, **variables: str) -> subprocess.CompletedProcess[bytes]
 def test_a_score_keeps_the_units_in_brackets() -> None:
     steps = {"no_motion": np.array([1.0, 2.0, np.nan])}
     scored = RecordingScore([], [], np.array([1.0, 2.0]), 3.0, np.array([0.5, np.nan]), steps)
-    assert numbers(scored)["reprojection_rms_px"] == {"m1": 0.5, "m2": None}
+    assert score_as_json(scored)["reprojection_rms_px"] == {"m1": 0.5, "m2": None}
     out = console()
     with out.capture() as got:
-        show_score(out, scored)
+        print_score(out, scored)
     for words in ("s [°]", "r [px]", "d [px]", "marker 1 0.50 px, marker 2 –"):
         assert words in got.get()
 
@@ -55,7 +55,7 @@ def test_a_folder_whose_name_looks_like_markup_is_no_traceback(
     assert main(["show", str(tmp_path), "--out", str(tmp_path / "x[/y]")]) == 2
     out = console()
     with out.capture() as got:
-        report(out, RESULT, as_json=False)
+        print_result(out, RESULT, as_json=False)
     assert "[b]too far[/b]" in got.get()
 
 
@@ -68,7 +68,7 @@ def test_a_path_is_on_one_line_and_whole_however_wide_the_terminal(
         monkeypatch.setenv("COLUMNS", columns)
     out = console()
     with out.capture() as got:
-        report(out, RESULT, as_json=False)
+        print_result(out, RESULT, as_json=False)
     assert f"files in {LONG}\n" in got.get()
 
 
@@ -76,7 +76,7 @@ def test_a_narrow_table_folds_its_words_and_loses_none(monkeypatch: pytest.Monke
     monkeypatch.setenv("COLUMNS", "60")
     out, word = console(), "0123456789" * 12
     with out.capture() as got:
-        report(out, RunResult(cause=word), as_json=False)
+        print_result(out, RunResult(cause=word), as_json=False)
     kept = "".join(sign for sign in got.get() if sign.isdigit())
     assert word in kept
 
@@ -84,11 +84,11 @@ def test_a_narrow_table_folds_its_words_and_loses_none(monkeypatch: pytest.Monke
 def test_an_ascii_terminal_gets_ascii_that_can_be_read(monkeypatch: pytest.MonkeyPatch) -> None:
     stream = io.TextIOWrapper(io.BytesIO(), encoding="ascii")
     monkeypatch.setattr(sys, "stdout", stream)
-    print_plainly()
+    use_ascii_fallback()
     result = RunResult(
         feature_error=FeatureError(0.01, 1.0, 2.0), jacobian_error=JacobianError(0.1, 0.1)
     )
-    report(Console(file=stream, markup=False, width=100), result, as_json=False)
+    print_result(Console(file=stream, markup=False, width=100), result, as_json=False)
     stream.flush()
     said = stream.buffer.getvalue().decode("ascii")  # type: ignore[attr-defined]
     assert "s 0.573 deg, r 1.00 px" in said and "|J - J|/|J|" in said and "?" not in said

@@ -12,14 +12,14 @@ import pytest
 
 from rcmservo.cli.lab import hardware_prompts
 from rcmservo.cli.lab.hardware_prompts import (
-    AT_HAND,
-    AtHand,
-    Preparing,
+    MAX_ANSWER_AGE_NS,
+    AttendedTerminal,
+    HardwarePreparation,
+    confirm_enable,
     define,
-    leave_to_move,
-    setup_at,
-    shown,
-    target_at_the_arm,
+    obtain_target,
+    target_setup_for_size,
+    teach_by_hand,
 )
 from rcmservo.config.rig_file import Lab
 from rcmservo.config.target_file import save
@@ -86,14 +86,14 @@ def plant_of(arm: Arm) -> HeartbeatPlant:
     return HeartbeatPlant(arm, nothing, clock, nothing, nothing)  # type: ignore[arg-type]
 
 
-def at_hand(terminal: Answered) -> AtHand:
-    return AtHand(terminal)  # type: ignore[arg-type]
+def at_hand(terminal: Answered) -> AttendedTerminal:
+    return AttendedTerminal(terminal)  # type: ignore[arg-type]
 
 
 def asked_for_leave(monkeypatch: pytest.MonkeyPatch, terminal: Answered) -> None:
     monkeypatch.setattr(hardware_prompts, "Terminal", lambda told_to_end: terminal)
     try:
-        leave_to_move(Preparing(LAB, "It moves."), plant_of(Arm()))
+        confirm_enable(HardwarePreparation(LAB, "It moves."), plant_of(Arm()))
     finally:
         assert terminal.closed
 
@@ -108,11 +108,11 @@ def test_a_fresh_word_gives_leave(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_word_that_nobody_read_for_a_while_gives_none_and_is_asked_for_again(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    terminal = Answered(("enable", AT_HAND + 1), "enable")
+    terminal = Answered(("enable", MAX_ANSWER_AGE_NS + 1), "enable")
     asked_for_leave(monkeypatch, terminal)
     assert [one.endswith(WORD) for one in terminal.said] == [False, True, False, True]
     with pytest.raises(Stopped):
-        asked_for_leave(monkeypatch, Answered(("enable", AT_HAND + 1), "no"))
+        asked_for_leave(monkeypatch, Answered(("enable", MAX_ANSWER_AGE_NS + 1), "no"))
 
 
 @pytest.mark.parametrize("answer", ["enable please", "", "Enable", "y"])
@@ -148,7 +148,7 @@ def test_an_arm_that_does_not_take_what_it_is_told_is_not_used() -> None:
 def test_nobody_is_sent_to_move_an_arm_by_hand_whose_drive_is_on() -> None:
     terminal = Answered()
     with pytest.raises(NotReady, match="drive is on, by somebody else: switch it off there first"):
-        shown(at_hand(terminal), plant_of(Arm(enabled=True)), 5)
+        teach_by_hand(at_hand(terminal), plant_of(Arm(enabled=True)), 5)
     assert not terminal.said
 
 
@@ -157,7 +157,9 @@ def taught(monkeypatch: pytest.MonkeyPatch) -> Target:
     """What the camera sees when the target is taught, in pictures of 320x240."""
     target = Target(np.array([[100.0, 100.0], [120.0, 150.0]]), np.array([0.5, 0.1, 100.0]))
     monkeypatch.setattr(hardware_prompts, "teach", lambda plant, frames: target)
-    monkeypatch.setattr(hardware_prompts, "setup_of", lambda lab, plant: setup_at(lab, 320, 240))
+    monkeypatch.setattr(
+        hardware_prompts, "target_setup", lambda lab, plant: target_setup_for_size(lab, 320, 240)
+    )
     return target
 
 
@@ -165,7 +167,7 @@ def prepared(
     monkeypatch: pytest.MonkeyPatch, terminal: Answered, arm: Arm, **files: Path
 ) -> Target:
     monkeypatch.setattr(hardware_prompts, "Terminal", lambda told_to_end: terminal)
-    return target_at_the_arm(Preparing(LAB, "It moves.", **files), plant_of(arm))
+    return obtain_target(HardwarePreparation(LAB, "It moves.", **files), plant_of(arm))
 
 
 ANSWERS = {JOINTS: "0.5 0.1 100", SO: "", TARGET: "", START: ""}
@@ -198,7 +200,7 @@ def test_a_target_of_another_rig_is_refused_before_anything_is_asked(
     taught: Target, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     file, terminal = tmp_path / "target.json", Answered()
-    save(file, taught, replace(setup_at(LAB, 320, 240), tool=RigidTool(spacing=31.0)))
+    save(file, taught, replace(target_setup_for_size(LAB, 320, 240), tool=RigidTool(spacing=31.0)))
     with pytest.raises(UnusableFile, match=r"was taught with tool\.spacing 31"):
         prepared(monkeypatch, terminal, Arm(), target=file)
     assert not terminal.said

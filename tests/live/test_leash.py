@@ -45,7 +45,7 @@ GOES = Command(0, 0, 10**18, np.array([0.1, 0.0, 1.0]), True)
 
 def held() -> tuple[RemoteStop, ToyArm, RemotelyStoppableArm, list[str]]:
     leash, arm, told = RemoteStop(get_context("spawn")), ToyArm(), list[str]()
-    leash.renew()
+    leash.reset()
     return leash, arm, RemotelyStoppableArm(arm, leash, told.append), told
 
 
@@ -55,16 +55,16 @@ def test_once_the_leash_is_pulled_the_next_command_switches_the_drive_off() -> N
     leashed.measure()
     leashed.apply(GOES)
     assert arm.on and arm.taken[-1] is GOES
-    leash.off(True)
+    leash.switch_off(True)
     leashed.apply(GOES)
     assert not arm.on and not arm.taken[-1].enabled and not arm.taken[-1].rates.any()
     leashed.measure()
-    assert leash.off(True) == "the arm's drive is off"
+    assert leash.switch_off(True) == "the arm's drive is off"
 
 
 def test_a_drive_that_is_coming_on_counts_as_on_and_one_that_was_stopped_before_stays_off() -> None:
     leash, arm, leashed, _ = held()
-    assert leash.off(False) == "the arm's drive is off"
+    assert leash.switch_off(False) == "the arm's drive is off"
     with pytest.raises(Stopped):
         leashed.enable()
     assert not arm.on
@@ -72,7 +72,7 @@ def test_a_drive_that_is_coming_on_counts_as_on_and_one_that_was_stopped_before_
     leashed.enable()
     arm.on = False
     leashed.measure()
-    assert "did not switch the drive off" in leash.off(False)
+    assert "did not switch the drive off" in leash.switch_off(False)
 
 
 def test_why_the_drive_went_off_is_told_once() -> None:
@@ -101,13 +101,13 @@ def serves(leash: RemoteStop, obeys: bool, said: Any) -> None:
 def test_a_servo_that_does_not_switch_off_is_killed_and_one_that_does_is_not(obeys: bool) -> None:
     context = get_context("spawn")
     leash = RemoteStop(context)
-    leash.renew()
+    leash.reset()
     here, there = context.Pipe()
     process = context.Process(target=serves, args=(leash, obeys, there), daemon=True)
     process.start()
     try:
         assert here.recv() == "on"
-        words = leash.off(True)
+        words = leash.switch_off(True)
         if obeys:
             assert words.startswith("the servo has switched the arm's drive off within")
             assert process.is_alive()

@@ -42,7 +42,13 @@ from rcmservo.live.arm_datagrams import (
 from rcmservo.live.frame_ring import FrameRing, RingCamera
 from rcmservo.live.loop_statistics import Report
 from rcmservo.live.shared_ring import EMPTY, HEAD
-from rcmservo.live.supervisor import LOOK, SILENT, ServoProcess, nobody, supervise
+from rcmservo.live.supervisor import (
+    MAX_SILENT_POLLS,
+    POLL_NS,
+    ServoProcess,
+    ignore_report,
+    supervise,
+)
 from rcmservo.recording.reader import read_record
 from rcmservo.safety.thresholds import Thresholds
 from rcmservo.safety.watchdog import PATIENCE
@@ -396,7 +402,7 @@ def started(session):
     return servo
 
 
-def live(bench, path, seconds, progress=nobody, **choices):
+def live(bench, path, seconds, progress=ignore_report, **choices):
     """Record and result of a live run."""
     servo = ServoProcess(session_of(bench, path, seconds, **choices))
     try:
@@ -435,7 +441,7 @@ def test_an_arm_that_takes_its_time_to_stop_is_not_taken_for_a_servo_that_hangs(
         return np.abs(run[0].ticks["command"][-1] / np.array(slow.slew)).max()
 
     run = undisturbed(lambda: live(bench, next(paths), 0.8, gate=slow), lambda run: left(run) > 0.0)
-    assert run[0].complete and left(run) > 2.0 * SILENT * LOOK * 1e-9
+    assert run[0].complete and left(run) > 2.0 * MAX_SILENT_POLLS * POLL_NS * 1e-9
     assert not bench.log.last()["enabled"]
 
 

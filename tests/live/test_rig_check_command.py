@@ -19,7 +19,7 @@ from rcmservo.bringup.axis_wiring import Robot, Wiring
 from rcmservo.bringup.check import CheckReport
 from rcmservo.bringup.findings import Finding
 from rcmservo.cli.lab import rig_check
-from rcmservo.cli.lab.rig_check import RigOptions, concluded
+from rcmservo.cli.lab.rig_check import RigOptions, conclude
 from rcmservo.config.rig_file import Lab
 from rcmservo.config.verified_rigs import digest_of, is_checked, note_checked
 from rcmservo.errors import Stopped
@@ -172,7 +172,7 @@ def test_a_file_is_noted_as_passed_only_where_nothing_was_found(
     robot = Robot(lab.mechanism, lab.tool, Wiring((1.0, 1.0, 1.0)))
     wrong = [] if right else [Finding("the picture is mirrored", "camera", "so", "otherwise")]
     options = RigOptions("check", Path("lab.toml"), as_json)
-    code = concluded(options, CheckReport(wrong, done=True), robot, "0" * 64)
+    code = conclude(options, CheckReport(wrong, done=True), robot, "0" * 64)
     assert (code == 0) == right == is_checked("0" * 64)
     said = capsys.readouterr().out
     assert ("mirrored" in said) == (not right)

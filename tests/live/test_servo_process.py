@@ -17,9 +17,9 @@ import pytest
 import rcmservo as rs
 from rcmservo.errors import RcmServoError
 from rcmservo.live import servo_process
-from rcmservo.live.servo_process import ENABLING, STANDING, Session
+from rcmservo.live.servo_process import ENABLING, IDLE, Session
 from rcmservo.live.stop_signals import END_SIGNALS
-from rcmservo.live.supervisor import SILENT, Watchman, left_to_its_watchdog, supervise
+from rcmservo.live.supervisor import MAX_SILENT_POLLS, HeartbeatMonitor, rely_on_watchdog, supervise
 from rcmservo.loop.plant import Plant
 from rcmservo.recording.reader import read_record
 from rcmservo.recording.writer import Recorder
@@ -103,7 +103,7 @@ def test_a_live_run_that_never_saw_the_markers_says_why(serve: Any, tmp_path: Pa
     result = serve(beats, noted)
     assert not result.settled
     assert "the picture is grey" in result.cause
-    assert noted == [ENABLING] and beats.value == STANDING
+    assert noted == [ENABLING] and beats.value == IDLE
     assert len(read_record(tmp_path / "run.mcap").time) == result.loop.ticks > 0
 
 
@@ -113,12 +113,12 @@ def test_what_a_servo_process_cannot_use_is_said_in_the_supervisor(
     (tmp_path / "run.mcap").write_text("something else")
     beats, noted, (ours, theirs) = RawValue("q", 7), list[int](), Pipe()
     theirs.send(serve(beats, noted))
-    assert not noted and beats.value == STANDING
+    assert not noted and beats.value == IDLE
     with pytest.raises(RcmServoError, match=r"run\.mcap"):
-        supervise(SimpleNamespace(wire=ours, beats=beats), left_to_its_watchdog)  # type: ignore
+        supervise(SimpleNamespace(wire=ours, beats=beats), rely_on_watchdog)  # type: ignore
 
 
-@pytest.mark.parametrize(("beat", "hangs"), [(STANDING, False), (ENABLING, False), (0, True)])
+@pytest.mark.parametrize(("beat", "hangs"), [(IDLE, False), (ENABLING, False), (0, True)])
 def test_only_a_heart_that_has_begun_to_beat_can_stand_still(
     beat: int, hangs: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -132,5 +132,5 @@ def test_only_a_heart_that_has_begun_to_beat_can_stand_still(
 
     clock = iter(range(0, 10**12, 10**9))
     monkeypatch.setattr(time, "monotonic_ns", lambda: next(clock))
-    watchman = Watchman(Servo())  # pyright: ignore[reportArgumentType]
-    assert any(watchman.look() for _ in range(SILENT + 2)) == hangs
+    watchman = HeartbeatMonitor(Servo())  # pyright: ignore[reportArgumentType]
+    assert any(watchman.has_failed() for _ in range(MAX_SILENT_POLLS + 2)) == hangs

@@ -67,4 +67,4 @@ def test_its_settings_are_options_of_paper(monkeypatch: pytest.MonkeyPatch) -> N
     monkeypatch.setattr("rcmservo.cli.servo_options.named", lambda name: kind)
     options = with_own_estimator(PaperOptions, ["--estimator", "mylab.rls:RLS"])
     made = options(estimator="mylab.rls:RLS", pixels=kind(forgetting=0.9))
-    assert getattr(made, made.OWN["mylab.rls:RLS"]).forgetting == 0.9
+    assert getattr(made, made.USER_GROUPS["mylab.rls:RLS"]).forgetting == 0.9

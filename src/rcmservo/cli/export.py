@@ -32,10 +32,12 @@ from rcmservo.recording.tick_schema import (
     TRUTH_COLUMNS,
 )
 
-UNITS = {column.name: column.parts for column in (*INTEGER_COLUMNS, *REAL_COLUMNS, *FLAG_COLUMNS)}
+COLUMN_UNITS = {
+    column.name: column.parts for column in (*INTEGER_COLUMNS, *REAL_COLUMNS, *FLAG_COLUMNS)
+}
 """What every column of a tick holds, with its unit."""
 
-BLOCK = 1000
+TICKS_PER_BLOCK = 1000
 """Ticks that are turned into text at a time: a long run's would fill the memory."""
 
 
@@ -62,7 +64,9 @@ def export(options: ExportOptions) -> int:
         written = write(options.record, folder)
     what = f"{written.ticks} ticks" + (f" and {written.frames} frames" if written.frames else "")
     left = (
-        f"; left out, as no tick tells their joints: {written.left_out}" if written.left_out else ""
+        f"; left out, as no tick tells their joints: {written.frames_without_joints}"
+        if written.frames_without_joints
+        else ""
     )
     missing = f"; {written.missing}" if written.missing else ""
     out.print(f"{what} written to {folder}{left}{missing}", soft_wrap=True)
@@ -70,7 +74,7 @@ def export(options: ExportOptions) -> int:
 
 
 @dataclass(frozen=True)
-class Exported:
+class ExportSummary:
     """What was written.
 
     Parameters
@@ -87,18 +91,18 @@ class Exported:
 
     ticks: int
     frames: int
-    left_out: int
+    frames_without_joints: int
     missing: str
 
 
-def write(path: Path, folder: Path) -> Exported:
+def write(path: Path, folder: Path) -> ExportSummary:
     """Write the record of a run into an empty folder."""
     rows = reader.read_record(path)
     _write_csv(rows, folder / "ticks.csv")
     with whole(folder / "record.npz") as part, part.open("wb") as file:
         np.savez_compressed(file, **arrays(rows))
     frames, left_out = _write_frames(rows, folder / "recording")
-    return Exported(len(rows.time), frames, left_out, rows.missing)
+    return ExportSummary(len(rows.time), frames, left_out, rows.missing)
 
 
 def arrays(rows: Record) -> dict[str, Any]:
@@ -126,34 +130,34 @@ def arrays(rows: Record) -> dict[str, Any]:
 
 
 def _write_csv(rows: Record, path: Path) -> None:
-    titles, columns = _columns(rows)
+    titles, columns = _csv_columns(rows)
     with whole(path) as part, part.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(titles)
-        for i in range(0, len(rows.time), BLOCK):
-            block = (_texts(column[i : i + BLOCK]) for column in columns)
+        for i in range(0, len(rows.time), TICKS_PER_BLOCK):
+            block = (_format_column(column[i : i + TICKS_PER_BLOCK]) for column in columns)
             writer.writerows(zip(*block, strict=True))
 
 
-def _columns(rows: Record) -> tuple[list[str], list[Any]]:
+def _csv_columns(rows: Record) -> tuple[list[str], list[Any]]:
     """The table's titles, and under each its column (N,)."""
     titles: list[str] = ["time [s]"]
     columns: list[Any] = [rows.time]
-    tables = [("", rows.ticks, UNITS), ("truth_", rows.truth, TRUTH_COLUMNS)]
+    tables = [("", rows.ticks, COLUMN_UNITS), ("truth_", rows.truth, TRUTH_COLUMNS)]
     for start, table, units in tables if len(rows.truth["p1"]) else tables[:1]:
         for name, column in table.items():
-            for i, unit in enumerate(units.get(name) or _numbered(column)):
+            for i, unit in enumerate(units.get(name) or _numbered_titles(column)):
                 titles.append(f"{start}{name}{' ' if unit.startswith('[') else '_'}{unit}")
                 columns.append(column[:, i])
     return [*titles, *rows.words], [*columns, *rows.words.values()]
 
 
-def _numbered(column: Any) -> tuple[str, ...]:
+def _numbered_titles(column: Any) -> tuple[str, ...]:
     """Titles for numbers whose meaning only a user's own estimator knows."""
     return tuple(f"{i + 1} [own]" for i in range(column.shape[1]))
 
 
-def _texts(column: Any) -> Iterable[Any]:
+def _format_column(column: Any) -> Iterable[Any]:
     """A column's words or numbers as they are written: none that is lost, and nothing where there
     is no number.
     """
@@ -168,7 +172,7 @@ def _write_frames(rows: Record, folder: Path) -> tuple[int, int]:
     """Write the frames with the joints at their exposures; how many, and how many more no tick
     tells the joints of.
     """
-    joints = _joints(rows)
+    joints = _joints_by_exposure(rows)
     writer, count, left_out = None, 0, 0
     for exposure, jpeg in reader.iterate_jpegs(rows.path):
         q = joints.get(exposure)
@@ -176,13 +180,13 @@ def _write_frames(rows: Record, folder: Path) -> tuple[int, int]:
             left_out += 1
             continue
         if writer is None:
-            writer = RecordingWriter(folder, _mechanism(rows))
+            writer = RecordingWriter(folder, _read_mechanism(rows))
         writer.write(jpeg, q, exposure)
         count += 1
     return count, left_out
 
 
-def _joints(rows: Record) -> dict[int, Floats]:
+def _joints_by_exposure(rows: Record) -> dict[int, Floats]:
     """The joints (3,) at every exposure that a tick has used."""
     exposures, joints = rows.ticks["exposure"][:, 0].tolist(), rows.ticks["q_exposure"]
     return {
@@ -190,7 +194,7 @@ def _joints(rows: Record) -> dict[int, Floats]:
     }
 
 
-def _mechanism(rows: Record) -> Any:
+def _read_mechanism(rows: Record) -> Any:
     try:
         return rebuild_part(rows.stages[0].servo, "mechanism")
     except (IndexError, BadInput) as error:

@@ -11,7 +11,7 @@ from pathlib import Path
 from rcmservo.errors import Stopped, UnusableFile, require
 
 
-def dated(name: str) -> Path:
+def dated_folder(name: str) -> Path:
     """A folder under runs/ that nobody has used yet."""
     return Path("runs") / f"{name}-{datetime.now():%Y%m%d-%H%M%S-%f}"
 
@@ -23,10 +23,10 @@ def new_folder(out: Path | None, name: str) -> Generator[Path]:
     Where nothing came to be written, all folders that were made for it go again. Ctrl-C and being
     told to end are passed on with the folder in which something is.
     """
-    folder = out or dated(name)
+    folder = out or dated_folder(name)
     made = [path for path in (folder, *folder.parents) if not path.exists()]
     try:
-        _make_empty(folder)
+        _make_empty_folder(folder)
         yield folder
     except KeyboardInterrupt:
         raise KeyboardInterrupt(*([folder] if any(folder.iterdir()) else [])) from None
@@ -40,7 +40,7 @@ def new_folder(out: Path | None, name: str) -> Generator[Path]:
                 path.rmdir()
 
 
-def require_new(target: Path | None, save: Path | None) -> None:
+def require_new_target_file(target: Path | None, save: Path | None) -> None:
     """Refuse to keep a target that is read from a file, or in a file that is there."""
     if save is None:
         return
@@ -53,7 +53,7 @@ def require_new(target: Path | None, save: Path | None) -> None:
         raise UnusableFile(save, f"cannot be written: {save.parent} is no folder that you may use")
 
 
-def _make_empty(folder: Path) -> None:
+def _make_empty_folder(folder: Path) -> None:
     """Make the folder if it is not there, and refuse one that is in use or cannot be written to."""
     try:
         folder.mkdir(parents=True, exist_ok=True)

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 from rich.table import Table
 
-from rcmservo.cli.folders import dated
-from rcmservo.cli.progress.progress import going_on, progress
+from rcmservo.cli.folders import dated_folder
+from rcmservo.cli.progress.progress import progress, resume_hint
 from rcmservo.cli.servo_options import EstimatorOptions, OptionalEstimator
 from rcmservo.cli.terminal import console
 from rcmservo.config.rig_file import Lab
@@ -19,10 +19,10 @@ if TYPE_CHECKING:
     from rcmservo.paper.claims import ClaimRow
     from rcmservo.paper.lab.methods import Own
 
-UNMEASURED = 1
+EXIT_INCOMPLETE = 1
 """Exit code of a report that leaves out what could not be measured."""
 
-QUICK = (
+QUICK_REMARK = (
     "this was the quick set: one or two runs of a thing (n = 1 or 2) are a first look and no "
     "verdict; the numbers are its own, not those of the whole set"
 )
@@ -61,40 +61,40 @@ def paper(options: PaperOptions) -> int:
     with needing("paper", "sim"):
         from rcmservo.paper import run, store
 
-        experiments = run.chosen(options.only, _own(options))
+        experiments = run.chosen(options.only, _user_method(options))
     out = console()
-    folder = options.out or dated("paper")
+    folder = options.out or dated_folder("paper")
     tasks = [task for one in experiments.values() for task in one.plan(options.quick)]
     store.prepare(folder, options.quick)
     words = f"{len(tasks)} simulated pieces of work on all cores, into {folder}"
     out.print(words, style="dim", soft_wrap=True)
     total = sum(task.cost for task in tasks)
-    with going_on(folder, out), progress(out, "simulating", total) as advance:
+    with resume_hint(folder, out), progress(out, "simulating", total) as advance:
         written = run.run(folder, options.quick, experiments, lambda task: advance(task.cost))
     rows = written.rows
-    out.print(_claims(rows) if options.only is not None else _counts(rows))
+    out.print(_claim_table(rows) if options.only is not None else _verdict_table(rows))
     if options.quick:
-        out.print(QUICK, soft_wrap=True)
+        out.print(QUICK_REMARK, soft_wrap=True)
     for name, why in written.left_out.items():
         out.print(f"{name} is left out: {why}", soft_wrap=True)
     out.print(f"report in {written.page}", soft_wrap=True)
-    return UNMEASURED if written.left_out else 0
+    return EXIT_INCOMPLETE if written.left_out else 0
 
 
-def _own(options: PaperOptions) -> "Own | None":
+def _user_method(options: PaperOptions) -> "Own | None":
     """The user's own estimator that the options name, as one of the methods; tried first."""
     from rcmservo.paper.lab.methods import Own
 
     name = options.estimator
     if name is None:
         return None
-    require(name in options.own_estimators, "--estimator", name, "a user's own, as module:class")
-    estimator = options.own_estimators[name]
+    require(name in options.user_estimators, "--estimator", name, "a user's own, as module:class")
+    estimator = options.user_estimators[name]
     examine(estimator, Lab().tool)
     return Own(name, name.rpartition(":")[2], estimator, source=source(estimator))
 
 
-def _claims(rows: "list[ClaimRow]") -> Table:
+def _claim_table(rows: "list[ClaimRow]") -> Table:
     """Every claim of one experiment; without a verdict where there are one or two trials."""
     table = Table("claim", "where", "measured", "verdict")
     for row in rows:
@@ -105,7 +105,7 @@ def _claims(rows: "list[ClaimRow]") -> Table:
     return table
 
 
-def _counts(rows: "list[ClaimRow]") -> Table:
+def _verdict_table(rows: "list[ClaimRow]") -> Table:
     """How many claims of each experiment hold."""
     table = Table("experiment", *VERDICTS, "no verdict")
     for name in dict.fromkeys(row.experiment for row in rows):

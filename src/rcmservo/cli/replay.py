@@ -13,8 +13,8 @@ from rich.progress import BarColumn, Progress, TextColumn
 from rich.table import Table
 
 from rcmservo.cli.folders import new_folder
-from rcmservo.cli.score_report import centres, numbers, show_score
-from rcmservo.cli.servo_options import GROUPS, OptionalEstimator, ServoOptions
+from rcmservo.cli.score_report import centres_csv, print_score, score_as_json
+from rcmservo.cli.servo_options import OPTION_GROUPS, OptionalEstimator, ServoOptions
 from rcmservo.cli.terminal import console
 from rcmservo.config.atomic_files import write_whole
 from rcmservo.config.registry import ESTIMATORS, name_of
@@ -30,7 +30,7 @@ from rcmservo.servo.servo import Servo
 from rcmservo.servo.user_estimator import examine, strict
 from rcmservo.tracking import ColourMarkers
 
-OTHERWISE = 1
+EXIT_DECISIONS_DIFFER = 1
 """Exit code of a replay in which a decision came out otherwise."""
 
 
@@ -64,54 +64,56 @@ class ReplayOptions(ServoOptions):
     json: bool = False
 
 
-def recorded(asked: ReplayOptions, then: Record) -> ReplayOptions:
+def recorded_options(options: ReplayOptions, record: Record) -> ReplayOptions:
     """The settings that a run was recorded with, as a command that asks for them.
 
     The recorded estimator takes the place of its class's settings, but not the printed one where
     the command names `projection`: that would be itself under another name.
     """
-    if not then.stages:
-        raise UnusableFile(asked.path, "does not tell the servo of its ticks")
-    servo = rebuild_servo(then, then.stages[0], own_kinds(asked))
+    if not record.stages:
+        raise UnusableFile(options.path, "does not tell the servo of its ticks")
+    servo = rebuild_servo(record, record.stages[0], user_estimator_classes(options))
     name = name_of(servo.estimator, ESTIMATORS)
-    groups: dict[str, Any] = {part: getattr(servo, part) for part in METHOD_PARTS if part in GROUPS}
-    other = asked.estimator == "projection" and servo.estimator == PRINTED
+    groups: dict[str, Any] = {
+        part: getattr(servo, part) for part in METHOD_PARTS if part in OPTION_GROUPS
+    }
+    other = options.estimator == "projection" and servo.estimator == PRINTED
     if not other:
-        groups[asked.OWN.get(name, name)] = servo.estimator
-    own = asked.estimator if asked.estimator == name and not other else None
-    return type(asked)(asked.path, estimator=own, **groups)
+        groups[options.USER_GROUPS.get(name, name)] = servo.estimator
+    own = options.estimator if options.estimator == name and not other else None
+    return type(options)(options.path, estimator=own, **groups)
 
 
-def own_kinds(options: ReplayOptions) -> dict[str, type[Estimator]]:
+def user_estimator_classes(options: ReplayOptions) -> dict[str, type[Estimator]]:
     """The classes of the user's own estimators that the command line names."""
-    return {name: type(estimator) for name, estimator in options.own_estimators.items()}
+    return {name: type(estimator) for name, estimator in options.user_estimators.items()}
 
 
-def recompute_run(options: ReplayOptions, usual: ReplayOptions, then: Record) -> int:
+def recompute_run(options: ReplayOptions, recorded: ReplayOptions, record: Record) -> int:
     """The decisions of a recorded run once more; the exit code is 1 where they are others."""
     right = "left out for a run: its record tells the rig"
     require(options.rig is None, "--rig", options.rig, right)
     require(options.out is None, "--out", options.out, "left out for a run: nothing is written")
-    as_recorded = options == replace(usual, json=options.json)
-    other = None if as_recorded else _other(options, then)
-    again = replay_record(then, other, own_kinds(options))
+    as_recorded = options == replace(recorded, json=options.json)
+    other = None if as_recorded else _changed_servo(options, record)
+    again = replay_record(record, other, user_estimator_classes(options))
     if options.json:
         print(json.dumps(again.numbers))
     else:
-        print("; ".join(filter(None, (again.sentence, then.missing))))
+        print("; ".join(filter(None, (again.sentence, record.missing))))
         if again.open_loop and not again.same:
-            _show_differences(console(), again)
-    return 0 if again.same else OTHERWISE
+            _print_differences(console(), again)
+    return 0 if again.same else EXIT_DECISIONS_DIFFER
 
 
-def _other(options: ReplayOptions, then: Record) -> Servo:
+def _changed_servo(options: ReplayOptions, record: Record) -> Servo:
     """The recorded servo with the settings that the command asks for."""
-    servo = rebuild_servo(then, then.stages[0], own_kinds(options))
+    servo = rebuild_servo(record, record.stages[0], user_estimator_classes(options))
     parts = options.parts(options.estimator or name_of(servo.estimator, ESTIMATORS))
     return replace(servo, **parts)
 
 
-def _show_differences(console: Console, again: ReplayResult) -> None:
+def _print_differences(console: Console, again: ReplayResult) -> None:
     """What the other settings would have made of what was seen."""
     then, now = again.recorded, again.recomputed
     table = Table("", "as recorded", "with these settings")
@@ -131,18 +133,18 @@ def replay(options: ReplayOptions) -> int:
         raise UnusableFile(options.path, "does not exist")
     out = console(stderr=options.json)
     with nullcontext() if options.out is None else new_folder(options.out, "replay") as folder:
-        scored = _scored(options, out)
+        scored = _score(options, out)
         if options.json:
-            print(json.dumps(numbers(scored)))
+            print(json.dumps(score_as_json(scored)))
         else:
-            show_score(out, scored)
+            print_score(out, scored)
         if folder is not None:
-            write_whole(folder / "replay.json", json.dumps(numbers(scored), indent=2) + "\n")
-            write_whole(folder / "centres.csv", centres(scored))
+            write_whole(folder / "replay.json", json.dumps(score_as_json(scored), indent=2) + "\n")
+            write_whole(folder / "centres.csv", centres_csv(scored))
     return 0
 
 
-def _scored(options: ReplayOptions, out: Console) -> scoring.RecordingScore:
+def _score(options: ReplayOptions, out: Console) -> scoring.RecordingScore:
     """The score of a recording, with a bar while its frames are tracked."""
     lab = load_lab(options.rig)
     estimators = _estimators(options, lab.tool)
@@ -169,11 +171,11 @@ def _estimators(options: ReplayOptions, tool: Tool) -> dict[str, Estimator]:
     """The estimators to score: all of ours, and the user's own that the command names."""
     own = options.estimator
     right = "left out for a recording, where all of ours are scored, or module:class"
-    require(own is None or own in options.own_estimators, "--estimator", own, right)
+    require(own is None or own in options.user_estimators, "--estimator", own, right)
     ours = {
-        name: one for name, one in options.estimators.items() if name not in options.own_estimators
+        name: one for name, one in options.estimators.items() if name not in options.user_estimators
     }
     if own is None:
         return ours
-    examine(options.own_estimators[own], tool)
-    return {**ours, own: strict(options.own_estimators[own])}
+    examine(options.user_estimators[own], tool)
+    return {**ours, own: strict(options.user_estimators[own])}

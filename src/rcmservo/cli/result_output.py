@@ -18,14 +18,14 @@ from rcmservo.recording import reader
 from rcmservo.recording.reader import Record
 from rcmservo.recording.summary_text import result_rows, title_of
 
-METRICS = "metrics.json"
+METRICS_FILE = "metrics.json"
 """Name of the result's file in the folder of a run."""
 
-UNSETTLED = 1
+EXIT_NOT_SETTLED = 1
 """Exit code of a run that did not settle."""
 
 
-def record_in(folder: Path) -> Record | None:
+def read_record_if_any(folder: Path) -> Record | None:
     """Return the record of a run; None where it holds nothing."""
     with suppress(UnusableFile):
         return reader.read_record(folder)
@@ -46,12 +46,12 @@ def save_result(result: RunResult, record: Record | None, folder: Path) -> RunRe
     """
     result = replace(result, folder=str(folder))
     if record is not None:
-        result = _written(result, lambda: draw_figures(record, folder))
+        result = _note_failed_write(result, lambda: draw_figures(record, folder))
     text = json.dumps(asdict(result), indent=2) + "\n"
-    return _written(result, lambda: write_whole(folder / METRICS, text))
+    return _note_failed_write(result, lambda: write_whole(folder / METRICS_FILE, text))
 
 
-def _written(result: RunResult, write: Callable[[], None]) -> RunResult:
+def _note_failed_write(result: RunResult, write: Callable[[], None]) -> RunResult:
     """Write, and return the result with the reason if that fails."""
     try:
         write()
@@ -62,17 +62,17 @@ def _written(result: RunResult, write: Callable[[], None]) -> RunResult:
     return result
 
 
-def report(out: Console, result: RunResult, as_json: bool) -> int:
+def print_result(out: Console, result: RunResult, as_json: bool) -> int:
     """Print the result, as a table or as JSON on stdout; return the exit code of the command."""
     if as_json:
         print(json.dumps(asdict(result)))
     else:
-        out.print(table(title_of(result), result_rows(result)))
+        out.print(two_column_table(title_of(result), result_rows(result)))
         out.print(f"files in {result.folder}", soft_wrap=True)
-    return 0 if result.settled else UNSETTLED
+    return 0 if result.settled else EXIT_NOT_SETTLED
 
 
-def table(title: str, rows: list[tuple[str, str]]) -> Table:
+def two_column_table(title: str, rows: list[tuple[str, str]]) -> Table:
     """Return a table of titles and words. Long words are folded, never cropped."""
     made = Table(title=title, show_header=False)
     made.add_column(overflow="fold")

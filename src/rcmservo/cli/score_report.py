@@ -6,7 +6,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from rcmservo.cli.terminal import unit
+from rcmservo.cli.terminal import format_quantity
 from rcmservo.interfaces import Floats
 from rcmservo.loop.run_result import known
 from rcmservo.recording.foreign import scoring
@@ -14,7 +14,7 @@ from rcmservo.recording.foreign import scoring
 Pair = tuple[float, float]
 
 
-def numbers(result: scoring.RecordingScore) -> dict[str, Any]:
+def score_as_json(result: scoring.RecordingScore) -> dict[str, Any]:
     """Return a score as replay.json has it: None is what was not found or could not be computed."""
     return {
         "frames": [
@@ -37,7 +37,7 @@ def _pair(point: Floats) -> Pair | None:
     return (float(point[0]), float(point[1])) if np.isfinite(point).all() else None
 
 
-def centres(result: scoring.RecordingScore) -> str:
+def centres_csv(result: scoring.RecordingScore) -> str:
     """Return the markers' centres as CSV; what was not found is left empty."""
     lines = ["frame,m1_u_px,m1_v_px,m2_u_px,m2_v_px"]
     for pose, found in zip(result.poses, result.markers, strict=True):
@@ -46,25 +46,27 @@ def centres(result: scoring.RecordingScore) -> str:
     return "\n".join(lines) + "\n"
 
 
-def show_score(console: Console, result: scoring.RecordingScore) -> None:
+def print_score(console: Console, result: scoring.RecordingScore) -> None:
     """Print a score in words, and the one-step errors as a table."""
     found = [[np.isfinite(m).all() for m in markers.points] for markers in result.markers]
     m1, m2 = (sum(column) for column in zip(*found, strict=True)) if found else (0, 0)
-    rms_1, rms_2 = (unit(known(rms), "px", 2) for rms in result.reprojection)
+    rms_1, rms_2 = (format_quantity(known(rms), "px", 2) for rms in result.reprojection)
     lines = [
         f"{len(found)} frames, marker 1 found in {m1}, marker 2 in {m2}",
-        f"imaged RCM{_imaged_rcm(result)}",
+        f"imaged RCM{_describe_imaged_rcm(result)}",
         f"reprojection: marker 1 {rms_1}, marker 2 {rms_2} rms",
     ]
     for line in lines:
         console.print(line, soft_wrap=True)
     table = Table("one-step prediction, rms", "s [°]", "r [px]", "d [px]")
     for name, (s, r, d) in result.one_step.items():
-        table.add_row(name, *(unit(known(value), "", 2) for value in (np.degrees(s), r, d)))
+        table.add_row(
+            name, *(format_quantity(known(value), "", 2) for value in (np.degrees(s), r, d))
+        )
     console.print(table)
 
 
-def _imaged_rcm(result: scoring.RecordingScore) -> str:
+def _describe_imaged_rcm(result: scoring.RecordingScore) -> str:
     place, condition = result.o_c, result.condition
     if not (np.isfinite(place).all() and np.isfinite(condition)):
         return ": not observable, the imaged tool turned too little"

@@ -23,14 +23,14 @@ from rcmservo.servo.user_estimator import examine, name_of_class
 
 Options = TypeVar("Options")
 
-NAMES = (*ESTIMATORS, *PRESETS)
-ESTIMATOR = tyro.conf.arg(metavar="NAME")
-EstimatorName = Annotated[str, ESTIMATOR]
+ESTIMATOR_NAMES = (*ESTIMATORS, *PRESETS)
+ESTIMATOR_ARGUMENT = tyro.conf.arg(metavar="NAME")
+EstimatorName = Annotated[str, ESTIMATOR_ARGUMENT]
 """An estimator by its name, or a user's own by that of its class."""
-OptionalEstimator = Annotated[str | None, ESTIMATOR]
+OptionalEstimator = Annotated[str | None, ESTIMATOR_ARGUMENT]
 
 
-GROUPS: Classes = {
+OPTION_GROUPS: Classes = {
     part if len(PARTS[part]) == 1 else name: kind
     for part in sorted(METHOD_PARTS, key=lambda part: len(PARTS[part]))
     for name, kind in PARTS[part].items()
@@ -39,14 +39,14 @@ GROUPS: Classes = {
 class's own where the part has several."""
 
 
-def group_of(kind: type[Any], command: type[Any]) -> str:
+def option_group(kind: type[Any], command: type[Any]) -> str:
     """Return what the options of a class begin with. A user's estimator whose name the command has
     for something else goes by its module or class.
     """
-    if kind in GROUPS.values():
-        return next(group for group, one in GROUPS.items() if one is kind)
+    if kind in OPTION_GROUPS.values():
+        return next(group for group, one in OPTION_GROUPS.items() if one is kind)
     wanted = (getattr(kind, "name", ""), kind.__module__.rpartition(".")[2], kind.__name__.lower())
-    taken = {*dir(command), *(f.name for f in fields(command)), *GROUPS}
+    taken = {*dir(command), *(f.name for f in fields(command)), *OPTION_GROUPS}
     return next(one for one in (*wanted, "own") if one.isidentifier() and one not in taken)
 
 
@@ -63,18 +63,18 @@ def _with_groups(options: type[Options], groups: Classes, **attributes: object) 
 class EstimatorOptions(Checked):
     """Options of a command that takes a user's own estimator."""
 
-    OWN: ClassVar[Mapping[str, str]] = {}
+    USER_GROUPS: ClassVar[Mapping[str, str]] = {}
     """The groups of users' own estimators, by the estimators' names."""
 
     @property
-    def own_estimators(self) -> dict[str, Estimator]:
+    def user_estimators(self) -> dict[str, Estimator]:
         """The users' own estimators by the names that the command line gives them."""
-        return {name: getattr(self, group) for name, group in self.OWN.items()}
+        return {name: getattr(self, group) for name, group in self.USER_GROUPS.items()}
 
 
 def _with_part_groups(options: type[Options]) -> type[Options]:
     """Add GROUPS to a class of options."""
-    return _with_groups(options, GROUPS)
+    return _with_groups(options, OPTION_GROUPS)
 
 
 @_with_part_groups
@@ -85,7 +85,9 @@ class ServoOptions(EstimatorOptions):
     def estimators(self) -> dict[str, Estimator]:
         """The estimators by the names that the command line and the results use."""
         return (
-            {name: getattr(self, name) for name in ESTIMATORS} | self.own_estimators | dict(PRESETS)
+            {name: getattr(self, name) for name in ESTIMATORS}
+            | self.user_estimators
+            | dict(PRESETS)
         )
 
     def estimator_of(self, name: str) -> Estimator:
@@ -93,13 +95,13 @@ class ServoOptions(EstimatorOptions):
         if name in self.estimators:
             return self.estimators[name]
         hint = suggestion(name, self.estimators)
-        right = f"one of {', '.join(NAMES)}, or module:class such as mylab.rls:RLS{hint}"
+        right = f"one of {', '.join(ESTIMATOR_NAMES)}, or module:class such as mylab.rls:RLS{hint}"
         raise BadInput(OPTION, name, right)
 
     @property
     def settings(self) -> dict[str, Any]:
         """The parts that have one class, as the options set them."""
-        return {part: getattr(self, part) for part in METHOD_PARTS if part in GROUPS}
+        return {part: getattr(self, part) for part in METHOD_PARTS if part in OPTION_GROUPS}
 
     def parts(self, estimator: str) -> dict[str, Any]:
         """Return METHOD_PARTS as the options set them, with the estimator of this name."""
@@ -115,7 +117,9 @@ class ServoOptions(EstimatorOptions):
             return lab.servo(**parts)
         except BadInput as error:
             part, _, setting = error.field.partition(".")
-            typed = f"--{part}.{setting}".replace("_", "-") if part in GROUPS else error.field
+            typed = (
+                f"--{part}.{setting}".replace("_", "-") if part in OPTION_GROUPS else error.field
+            )
             raise BadInput(typed, error.value, error.right) from error
 
 
@@ -127,15 +131,15 @@ def with_own_estimator(command: type[Options], arguments: Sequence[str]) -> type
     name = dict(pairwise(words)).get(OPTION, "")
     if ":" not in name or not issubclass(command, EstimatorOptions):
         return command
-    return _extended(command, name, named(name))
+    return _with_user_group(command, name, named(name))
 
 
 @cache
-def _extended(command: type[Any], name: str, kind: type[Estimator]) -> type[Any]:
+def _with_user_group(command: type[Any], name: str, kind: type[Estimator]) -> type[Any]:
     """Return the options of a command with the estimator's settings. The same arguments give the
     same class, so that options read twice fit together.
     """
-    group = group_of(kind, command)
+    group = option_group(kind, command)
     return _with_groups(
-        command, {group: kind}, OWN=dict.fromkeys((name, name_of_class(kind)), group)
+        command, {group: kind}, USER_GROUPS=dict.fromkeys((name, name_of_class(kind)), group)
     )

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.live import Live
 
-PLAIN = str.maketrans(
+ASCII_REPLACEMENTS = str.maketrans(
     {
         "°": "deg",
         "∞": "inf",
@@ -27,7 +27,7 @@ PLAIN = str.maketrans(
 )
 """What stands for signs that ASCII does not have."""
 
-WIDE = 1000
+FILE_COLUMNS = 1000
 """Columns where nobody looks: in a pipe or a file a line is as long as it is."""
 
 
@@ -36,32 +36,32 @@ def console(stderr: bool = False) -> "Console":
     from rich.console import Console
 
     shown = (sys.stderr if stderr else sys.stdout).isatty()
-    width = None if shown or "COLUMNS" in os.environ else WIDE
+    width = None if shown or "COLUMNS" in os.environ else FILE_COLUMNS
     return Console(stderr=stderr, markup=False, highlight=False, emoji=False, width=width)
 
 
-def is_alive(console: "Console") -> bool:
+def can_rewrite_lines(console: "Console") -> bool:
     """Whether a line can be written over, so that what goes on is seen while it does."""
     return console.is_terminal and not console.is_dumb_terminal
 
 
-def print_plainly() -> None:
+def use_ascii_fallback() -> None:
     """From now on, print something that ASCII has for a sign that the output cannot show."""
     logging.getLogger("matplotlib").setLevel(logging.ERROR)  # no word of a cache without a home
-    codecs.register_error("plain", _plain)
+    codecs.register_error("plain", _replace_for_ascii)
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="plain")
 
 
-def _plain(error: UnicodeError) -> tuple[str, int]:
+def _replace_for_ascii(error: UnicodeError) -> tuple[str, int]:
     if not isinstance(error, UnicodeEncodeError):
         raise error
-    text = error.object[error.start : error.end].translate(PLAIN)
-    return "".join(map(_letter, text)), error.end
+    text = error.object[error.start : error.end].translate(ASCII_REPLACEMENTS)
+    return "".join(map(_ascii_letter, text)), error.end
 
 
-def _letter(sign: str) -> str:
+def _ascii_letter(sign: str) -> str:
     """A letter without its accents, or the name of a Greek one."""
     words = unicodedata.name(sign, "").split()
     if words[:1] == ["GREEK"]:
@@ -69,7 +69,7 @@ def _letter(sign: str) -> str:
     return unicodedata.normalize("NFKD", sign).encode("ascii", "ignore").decode() or "?"
 
 
-def live_line(out: "Console") -> "Live":
+def status_line(out: "Console") -> "Live":
     """Return a line that is written over while a command goes on."""
     from rich.live import Live
     from rich.text import Text
@@ -77,6 +77,6 @@ def live_line(out: "Console") -> "Live":
     return Live(Text(""), console=out, refresh_per_second=8, transient=True)
 
 
-def unit(value: float | None, name: str, digits: int) -> str:
+def format_quantity(value: float | None, name: str, digits: int) -> str:
     """A number with its unit, or a dash where there is none."""
     return "–" if value is None else f"{value:.{digits}f} {name}"

@@ -16,7 +16,7 @@ from rcmservo.loop.tick import Tick
 from rcmservo.recording.outcome import Judge
 from rcmservo.servo.servo import Servo
 
-EVERY = 10
+TICKS_PER_REPORT = 10
 """Ticks from one report to the next."""
 
 
@@ -74,7 +74,7 @@ class ReportThread:
     def _work(self) -> None:
         for tick in iter(self._ticks.get, None):
             self._collect(tick)
-            if len(self._times) % EVERY == 1:
+            if len(self._times) % TICKS_PER_REPORT == 1:
                 self._report(tick)
 
     def _collect(self, tick: Tick) -> None:

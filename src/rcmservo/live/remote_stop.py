@@ -18,7 +18,7 @@ import numpy as np
 from rcmservo.errors import Stopped
 from rcmservo.interfaces import Command, Floats, Measured
 from rcmservo.live.device_protocols import LabArm
-from rcmservo.live.supervisor import left_to_its_watchdog
+from rcmservo.live.supervisor import rely_on_watchdog
 
 STOP_TIMEOUT_NS = 80_000_000
 """Time in ns within which the servo process must disable the drive: some ticks, and the arm's
@@ -43,23 +43,23 @@ class RemoteStop:
         self._process: Any = context.RawValue("q", 0)
 
     @property
-    def pulled(self) -> bool:
+    def is_requested(self) -> bool:
         """True if the drive must be off and stay off."""
         return bool(self._pulled.value)
 
-    def renew(self) -> None:
+    def reset(self) -> None:
         """Reset the request for a new session, which begins with the drive off."""
         self._pulled.value = self._on.value = self._process.value = 0
 
-    def hold(self) -> None:
+    def set_process(self) -> None:
         """Record that this process controls the arm."""
         self._process.value = os.getpid()
 
-    def tell(self, on: bool) -> None:
+    def set_drive_on(self, on: bool) -> None:
         """Record that the drive is on, or may be."""
         self._on.value = on
 
-    def off(self, began: bool) -> str:
+    def switch_off(self, began: bool) -> str:
         """Have the drive disabled, and return a sentence on the state of the arm."""
         self._pulled.value = 1
         since = time.monotonic_ns()
@@ -73,9 +73,7 @@ class RemoteStop:
         for child in active_children():
             if child.pid == self._process.value:
                 child.kill()
-        return (
-            f"the servo did not switch the drive off and was killed; {left_to_its_watchdog(began)}"
-        )
+        return f"the servo did not switch the drive off and was killed; {rely_on_watchdog(began)}"
 
 
 class RemotelyStoppableArm:
@@ -91,10 +89,12 @@ class RemotelyStoppableArm:
         Function that receives the reason as soon as the drive goes off by itself.
     """
 
-    def __init__(self, arm: LabArm, leash: RemoteStop, told: Callable[[str], object]) -> None:
-        self._arm, self._leash, self._told = arm, leash, told
-        self._coming, self._why = False, ""
-        leash.hold()
+    def __init__(
+        self, arm: LabArm, remote_stop: RemoteStop, report: Callable[[str], object]
+    ) -> None:
+        self._arm, self._remote_stop, self._report = arm, remote_stop, report
+        self._enabling, self._why = False, ""
+        remote_stop.set_process()
 
     @property
     def why_off(self) -> str:
@@ -108,24 +108,24 @@ class RemotelyStoppableArm:
 
     def enable(self) -> None:
         """Enable the drive, unless a stop is requested. From here on it may be on."""
-        self._coming = True
-        self._leash.tell(True)
-        if self._leash.pulled:
+        self._enabling = True
+        self._remote_stop.set_drive_on(True)
+        if self._remote_stop.is_requested:
             raise Stopped("stopped before the drive was on")
         self._arm.enable()
 
     def measure(self) -> Measured:
         measured, why = self._arm.measure(), self._arm.why_off
-        self._coming = self._coming and not measured.enabled
-        self._leash.tell(measured.enabled or self._coming)
+        self._enabling = self._enabling and not measured.enabled
+        self._remote_stop.set_drive_on(measured.enabled or self._enabling)
         if why != self._why:
             self._why = why
             if why:
-                self._told(why)
+                self._report(why)
         return measured
 
     def apply(self, command: Command) -> Floats:
-        if self._leash.pulled:
+        if self._remote_stop.is_requested:
             command = replace(command, rates=np.zeros(3), enabled=False)
         return self._arm.apply(command)
 
@@ -133,4 +133,4 @@ class RemotelyStoppableArm:
         """Stop the arm, disable its drive and disconnect."""
         self._arm.close()
         if not self._arm.why_off:
-            self._leash.tell(False)
+            self._remote_stop.set_drive_on(False)

@@ -32,10 +32,10 @@ from rcmservo.recording.outcome import held
 from rcmservo.recording.writer import Recorder, ThreadedRecorder
 from rcmservo.servo.servo import Servo
 
-STANDING, ENABLING = -1, -2
+IDLE, ENABLING = -1, -2
 """What the heartbeat tells while no loop runs, and while the drive comes on."""
 
-PATIENCE = 120.0
+FRAME_TIMEOUT_S = 120.0
 """s within which a camera must deliver a frame, and what tracks the markers in it be loaded or
 compiled."""
 
@@ -148,7 +148,7 @@ def serve(session: Session, beats: Any, supervisor: Connection) -> None:
     """
     told_to_end = EndRequest(supervisor)
     told_to_end.handle_signals()
-    beats.value = STANDING
+    beats.value = IDLE
     try:
         said: Any = _live(session, beats, supervisor, told_to_end)
     except Stopped as stopped:
@@ -169,25 +169,25 @@ def _live(
     """
     clock = RecordingClock(WallClock())
     with contextlib.ExitStack() as stack:
-        arm, camera = _made(session.arm, stack), _made(session.camera, stack)
-        tracker = _made(session.tracker, stack)
-        operator = None if session.operator is None else _made(session.operator, stack)
+        arm, camera = _open(session.arm, stack), _open(session.camera, stack)
+        tracker = _open(session.tracker, stack)
+        operator = None if session.operator is None else _open(session.operator, stack)
         eye = stack.enter_context(TrackingThread(camera, tracker, clock.clock))
         plant = HeartbeatPlant(arm, eye, clock, beats, told_to_end, session.consent)
-        target = _target(session, plant)
-        result = _servoed(session, plant, target, operator, supervisor)
-        result = replace(result, camera=_account(camera))
+        target = _prepare_target(session, plant)
+        result = _run_loop(session, plant, target, operator, supervisor)
+        result = replace(result, camera=_camera_account(camera))
     off = getattr(arm, "why_off", "")
     return replace(result.unsettled(result.cause or off), drive_off=off) if off else result
 
 
-def _account(camera: object) -> CameraAccount | None:
+def _camera_account(camera: object) -> CameraAccount | None:
     """What became of a camera's frames, if it keeps account of them."""
     account = getattr(camera, "account", None)
     return None if account is None else account()
 
 
-def _made(make: Callable[[], Device], stack: contextlib.ExitStack) -> Device:
+def _open(make: Callable[[], Device], stack: contextlib.ExitStack) -> Device:
     """What a factory makes, to be closed at the end if it can be."""
     device = make()
     close = getattr(device, "close", None)
@@ -196,7 +196,7 @@ def _made(make: Callable[[], Device], stack: contextlib.ExitStack) -> Device:
     return device
 
 
-def _target(session: Session, plant: HeartbeatPlant) -> Target:
+def _prepare_target(session: Session, plant: HeartbeatPlant) -> Target:
     """The target, with everything warm: the first frame is searched, the next is followed, and
     after both nothing needs to be loaded. At the end the newest frame shows the tool as it is.
     """
@@ -216,16 +216,16 @@ def go_on(told_to_end: Callable[[], bool]) -> None:
 def _await_frame(plant: HeartbeatPlant) -> None:
     """Wait for a frame that is exposed from now on."""
     now, why = plant.clock.now(), ""
-    for _ in ticks(plant.clock, duration=PATIENCE):
+    for _ in ticks(plant.clock, duration=FRAME_TIMEOUT_S):
         seen = plant.read()
         go_on(plant.told_to_end)
         if seen.exposure >= now:
             return
         why = seen.dropped.words
-    raise NoFrames(f"no usable frame has come for {PATIENCE:g} s{why and ': ' + why}")
+    raise NoFrames(f"no usable frame has come for {FRAME_TIMEOUT_S:g} s{why and ': ' + why}")
 
 
-def _servoed(
+def _run_loop(
     session: Session,
     plant: HeartbeatPlant,
     target: Target,
@@ -256,7 +256,7 @@ def _servoed(
                     if picture is not None:
                         recorder.write_frame(picture)
             finally:
-                plant.beats.value = STANDING
+                plant.beats.value = IDLE
     timing = reports.timing(np.array(plant.lateness, dtype=float), system)
     result, blind = reports.judge.result(), reports.judge.blind
     if plant.told_to_end.signal:

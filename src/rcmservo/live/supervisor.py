@@ -23,19 +23,19 @@ from rcmservo.errors import RcmServoError, Stopped
 from rcmservo.live.child_process import EXIT_TIMEOUT_S, ChildProcess, Context
 from rcmservo.live.loop_statistics import Report
 from rcmservo.live.realtime import without_huge_pages
-from rcmservo.live.servo_process import STANDING, Session, serve
+from rcmservo.live.servo_process import IDLE, Session, serve
 from rcmservo.live.stop_signals import stopped_by_signals
 from rcmservo.loop.run_result import RunResult
 
-LOOK = 10_000_000
+POLL_NS = 10_000_000
 """ns between looks at the servo's heartbeat."""
 
-SILENT = 10
+MAX_SILENT_POLLS = 10
 """Looks in a row at which the heartbeat stood still: then the servo process is stopped. Counting
 looks, not time, makes no difference between the servo and the watching process when the whole
 computer stalls."""
 
-DYING = 0.5
+KILL_TIMEOUT_S = 0.5
 """s that a process which is killed needs at most to be gone; one that is not is only stopped."""
 
 Beside = Mapping[Any, Callable[[], None]]
@@ -49,7 +49,7 @@ SwitchOff = Callable[[bool], str]
 stands. It is told whether the arm had been enabled."""
 
 
-def left_to_its_watchdog(began: bool) -> str:
+def rely_on_watchdog(began: bool) -> str:
     """The words of somebody who cannot switch the drive off."""
     return "the arm is left to its own watchdog, if it has one: see that it is off and stands still"
 
@@ -59,39 +59,39 @@ class ServoProcess(ChildProcess):
 
     def __init__(self, session: Session, context: Context | None = None) -> None:
         context = get_context("spawn") if context is None else context
-        self.beats: Any = context.RawValue("q", STANDING)
+        self.beats: Any = context.RawValue("q", IDLE)
         super().__init__(context, serve, session, self.beats)
 
 
-class Watchman:
+class HeartbeatMonitor:
     """Watches a servo process: whether it is gone, and whether its heart beats while its loop
     runs.
     """
 
     def __init__(self, servo: ServoProcess) -> None:
         self._servo = servo
-        self._last, self._still, self._due = STANDING, 0, 0
+        self._last, self._still, self._due = IDLE, 0, 0
 
-    def look(self) -> bool:
+    def has_failed(self) -> bool:
         """Whether something is wrong with the process; it looks at most once in LOOK."""
         now = time.monotonic_ns()
         if now < self._due:
             return False
-        self._due = now + LOOK
+        self._due = now + POLL_NS
         beat = self._servo.beats.value
         self._still = self._still + 1 if beat == self._last and beat >= 0 else 0
         self._last = beat
-        return self._still >= SILENT or self._servo.process.exitcode is not None
+        return self._still >= MAX_SILENT_POLLS or self._servo.process.exitcode is not None
 
 
-def nobody(report: Report) -> None:
+def ignore_report(report: Report) -> None:
     """Listens to no report."""
 
 
 def run_live(
     session: Session,
-    off: SwitchOff = left_to_its_watchdog,
-    progress: Callable[[Report], None] = nobody,
+    off: SwitchOff = rely_on_watchdog,
+    progress: Callable[[Report], None] = ignore_report,
     beside: Beside = NOTHING,
 ) -> RunResult:
     """Run a session in a process of its own, in wall time, and watch over it. Meanwhile what is
@@ -122,18 +122,18 @@ def _run_live(
 def supervise(
     servo: ServoProcess,
     off: SwitchOff,
-    progress: Callable[[Report], None] = nobody,
+    progress: Callable[[Report], None] = ignore_report,
     beside: Beside = NOTHING,
 ) -> RunResult:
     """Watch over a servo process until it has told how its run went, or cannot any more."""
-    watchman, began = Watchman(servo), 0
+    watchman, began = HeartbeatMonitor(servo), 0
     ears = [servo.pipe]
     while True:
-        heard = wait([*ears, *beside], LOOK * 1e-9) if ears or beside else []
+        heard = wait([*ears, *beside], POLL_NS * 1e-9) if ears or beside else []
         for other in beside.keys() & heard:
             beside[other]()
         for wire in cast(list[Connection], [one for one in heard if one in ears]):
-            said = _next(wire)
+            said = _receive(wire)
             if isinstance(said, Report):
                 progress(said)
             elif said is not None:
@@ -141,13 +141,13 @@ def supervise(
             else:
                 ears.clear()
                 servo.process.join(EXIT_TIMEOUT_S)
-        if not began and servo.beats.value != STANDING:
+        if not began and servo.beats.value != IDLE:
             began = time.monotonic_ns()
-        if watchman.look() and not any(wire.poll() for wire in ears):
-            return _fallen(servo, off, began)
+        if watchman.has_failed() and not any(wire.poll() for wire in ears):
+            return _handle_failure(servo, off, began)
 
 
-def _next(wire: Connection) -> Any:
+def _receive(wire: Connection) -> Any:
     """What the servo process says next; None where it can say nothing more."""
     try:
         return wire.recv()
@@ -163,12 +163,12 @@ def _result(said: Any) -> RunResult:
     return cast(RunResult, said)
 
 
-def _fallen(servo: ServoProcess, off: SwitchOff, began: int) -> RunResult:
+def _handle_failure(servo: ServoProcess, off: SwitchOff, began: int) -> RunResult:
     """Make sure that the arm stands still and stays so, and say what happened."""
     now = time.monotonic_ns()
     stands = off(began > 0)
-    servo.process.join(DYING)
-    wrong = _wrong(servo.process.exitcode)
+    servo.process.join(KILL_TIMEOUT_S)
+    wrong = _describe_exit(servo.process.exitcode)
     servo.process.kill()
     servo.process.join()
     when = f"{(now - began) * 1e-9:.1f} s into the run" if began else "before the arm was enabled"
@@ -176,7 +176,7 @@ def _fallen(servo: ServoProcess, off: SwitchOff, began: int) -> RunResult:
     return RunResult(cause=cause)
 
 
-def _wrong(code: int | None) -> str:
+def _describe_exit(code: int | None) -> str:
     if code is None:
         return "was stopped: it did not tick any more"
     if code < 0:

@@ -12,17 +12,17 @@ from rcmservo.config.field_docs import describe_class, first_sentence
 from rcmservo.config.registry import ESTIMATORS, PRESETS, name_of
 from rcmservo.config.user_code import OPTION as ESTIMATOR_OPTION
 
-HELP, ALL = ("-h", "--help"), "--help-all"
+HELP_OPTIONS, HELP_ALL_OPTION = ("-h", "--help"), "--help-all"
 """Options that ask for the basics, and for everything."""
-INDENT = 22
+EXPLANATION_COLUMN = 22
 """Columns before the explanation of an option."""
-NARROWEST, WIDEST = 60, 100
+MIN_WIDTH, MAX_WIDTH = 60, 100
 """Columns that a line of help has at least and at most."""
 
 
-def help_of(command: str, kind: type[Any], everything: bool) -> str:
+def help_text(command: str, kind: type[Any], everything: bool) -> str:
     """Return the help of a command as text."""
-    width = min(max(shutil.get_terminal_size((80, 24)).columns, NARROWEST), WIDEST)
+    width = min(max(shutil.get_terminal_size((80, 24)).columns, MIN_WIDTH), MAX_WIDTH)
     return "\n".join(_lines(command, kind, everything, width))
 
 
@@ -43,30 +43,32 @@ def _lines(command: str, kind: type[Any], everything: bool, width: int) -> Itera
             head = f"{group} options:" if group else "options:"
             yield from textwrap.wrap(f"{head} {words}", width)
             for one in ones:
-                yield from _row(_left(one), _right(one), width)
+                yield from _option_lines(_option_usage(one), _option_explanation(one), width)
             if not group:
-                both = (f"--help, {ALL}", "Show this, or the settings too.")
-                yield from _row(*(both if groups else ("--help", "Show this.")), width)
+                both = (f"--help, {HELP_ALL_OPTION}", "Show this, or the settings too.")
+                yield from _option_lines(*(both if groups else ("--help", "Show this.")), width)
     if any(one.name == ESTIMATOR_OPTION for one in options):
         yield ""
-        yield from _estimators(width)
+        yield from _estimator_lines(width)
     if groups and not everything:
-        words = f"Settings of {', '.join(groups)}: rcmservo {command} {ALL}"
+        words = f"Settings of {', '.join(groups)}: rcmservo {command} {HELP_ALL_OPTION}"
         yield ""
         yield from textwrap.wrap(words, width, break_on_hyphens=False)
 
 
-def _row(left: str, right: str, width: int) -> Iterator[str]:
+def _option_lines(left: str, right: str, width: int) -> Iterator[str]:
     """Return an option beside its explanation, or above it if it is long."""
-    room = textwrap.wrap(right, width - INDENT, break_long_words=False, break_on_hyphens=False)
-    if len(left) + 3 > INDENT:
+    room = textwrap.wrap(
+        right, width - EXPLANATION_COLUMN, break_long_words=False, break_on_hyphens=False
+    )
+    if len(left) + 3 > EXPLANATION_COLUMN:
         yield from textwrap.wrap(f"  {left}", width, subsequent_indent="      ")
         left = ""
     for k, line in enumerate(room or [""]):
-        yield f"{f'  {left}' if k == 0 else '':<{INDENT}}{line}".rstrip()
+        yield f"{f'  {left}' if k == 0 else '':<{EXPLANATION_COLUMN}}{line}".rstrip()
 
 
-def _left(one: Option) -> str:
+def _option_usage(one: Option) -> str:
     if one.is_positional:
         return one.name
     if one.is_flag:
@@ -75,20 +77,20 @@ def _left(one: Option) -> str:
     return f"{one.name} {one.metavar}"
 
 
-def _right(one: Option) -> str:
-    return f"{one.words} (default: {one.default})" if one.default else one.words
+def _option_explanation(one: Option) -> str:
+    return f"{one.description} (default: {one.default})" if one.default else one.description
 
 
-def _estimators(width: int) -> Iterator[str]:
+def _estimator_lines(width: int) -> Iterator[str]:
     """Return a line for each estimator that a name stands for."""
     yield "estimators:"
-    for name, words in estimator_words().items():
-        short = textwrap.shorten(words, width - INDENT, placeholder=" ...")
-        yield from _row(name, short, width)
-    yield from _row("MODULE:CLASS", "your own, such as mylab.rls:RLS", width)
+    for name, words in estimator_descriptions().items():
+        short = textwrap.shorten(words, width - EXPLANATION_COLUMN, placeholder=" ...")
+        yield from _option_lines(name, short, width)
+    yield from _option_lines("MODULE:CLASS", "your own, such as mylab.rls:RLS", width)
 
 
-def estimator_words() -> dict[str, str]:
+def estimator_descriptions() -> dict[str, str]:
     """Return one sentence on each built-in estimator, by its name."""
     words = {name: first_sentence(kind) for name, kind in ESTIMATORS.items()}
     for name, preset in PRESETS.items():

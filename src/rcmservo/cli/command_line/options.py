@@ -45,7 +45,7 @@ class Option:
     default: str
 
     @property
-    def words(self) -> str:
+    def description(self) -> str:
         """What it means, read from the source of its dataclass."""
         return describe_field(self.owner, self.field)
 
@@ -63,7 +63,7 @@ class Option:
 def groups_of(kind: type[Any]) -> dict[str, type[Any]]:
     """Return the classes whose settings are groups of options of a command, by the groups."""
     hints = get_type_hints(kind).items()
-    return {_typed(name): cast(type[Any], hint) for name, hint in hints if is_dataclass(hint)}
+    return {_option_name(name): cast(type[Any], hint) for name, hint in hints if is_dataclass(hint)}
 
 
 def options_of(kind: type[Any], group: str = "") -> Iterator[Option]:
@@ -71,20 +71,20 @@ def options_of(kind: type[Any], group: str = "") -> Iterator[Option]:
     groups = groups_of(kind)
     hints = get_type_hints(kind, include_extras=True)
     for one in fields(kind):
-        if _typed(one.name) in groups:
+        if _option_name(one.name) in groups:
             continue
         hint = hints[one.name]
         markers = get_args(hint)[1:] if get_origin(hint) is Annotated else ()
         named = (getattr(marker, "metavar", None) for marker in markers)
         metavar = next(filter(None, named), None) or _metavar(hint)
-        typed = f"--{group}.{_typed(one.name)}" if group else f"--{_typed(one.name)}"
+        typed = f"--{group}.{_option_name(one.name)}" if group else f"--{_option_name(one.name)}"
         name = metavar if tyro.conf.Positional in markers else typed
-        yield Option(kind, one.name, group, name, metavar, _shown(one.default))
+        yield Option(kind, one.name, group, name, metavar, _format_default(one.default))
     for name, inner in groups.items():
         yield from options_of(inner, name)
 
 
-def _typed(name: str) -> str:
+def _option_name(name: str) -> str:
     return name.replace("_", "-")
 
 
@@ -106,7 +106,7 @@ def _metavar(hint: Any) -> str:
     return "" if plain is bool else METAVARS[plain]
 
 
-def _shown(value: Any) -> str:
+def _format_default(value: Any) -> str:
     """Return a default as it would be typed."""
     match value:
         case None | () | "":
@@ -116,6 +116,6 @@ def _shown(value: Any) -> str:
         case float():
             return f"{value:.4g}" if value else "0"
         case tuple():
-            return " ".join(map(_shown, cast(tuple[Any, ...], value)))
+            return " ".join(map(_format_default, cast(tuple[Any, ...], value)))
         case _:
             return "" if value is MISSING else str(value)

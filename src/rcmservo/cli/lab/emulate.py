@@ -24,7 +24,7 @@ from rcmservo.live.realtime import realtime
 AXES = 4
 COUNTS = 50000.0, 50000.0, 500.0
 """Of a rad, rad and mm of the emulated arm."""
-PORT = between(0, 65535, "a whole number")
+PORT_LIMIT = between(0, 65535, "a whole number")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,9 +47,9 @@ class GalilOptions(Checked):
         lists the kinds.
     """
 
-    port: Annotated[int, PORT] = 2323
+    port: Annotated[int, PORT_LIMIT] = 2323
     serial: bool = False
-    mjpeg: Annotated[int | None, PORT] = None
+    mjpeg: Annotated[int | None, PORT_LIMIT] = None
     gige: bool = False
     fault: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
 
@@ -81,7 +81,7 @@ def emulate(options: EmulateOptions) -> int:
         for name, words in FAULT_KINDS.items():
             print(f"{name:9} {words}")
         return 0
-    _require_own(options)
+    _require_device_options(options)
     lab = load_lab(options.rig)
     if options.device == "crtk":
         return emulate_crtk(options, options.seed, lab)
@@ -91,9 +91,9 @@ def emulate(options: EmulateOptions) -> int:
     with arm:
         cameras: list[str] = []
         if options.mjpeg is not None:
-            cameras.append(arm.offer(send_mjpeg, options.mjpeg))
+            cameras.append(arm.start_camera(send_mjpeg, options.mjpeg))
         if options.gige:
-            cameras.append("GigE Vision " + arm.offer(send_gige))
+            cameras.append("GigE Vision " + arm.start_camera(send_gige))
         controller = Controller(arm.motors(COUNTS, AXES), AXES)
         serial = SerialPort() if options.serial else None
         with closing(Server(controller, options.port, faults, serial)) as server:
@@ -103,11 +103,11 @@ def emulate(options: EmulateOptions) -> int:
             out = console(False)
             out.print(f"{words}, seed {options.seed}; Ctrl-C ends it", soft_wrap=True)
             out.print(arm.measurements, soft_wrap=True)
-            _serve(server)
+            _serve_controller(server)
     return 0
 
 
-def _require_own(options: EmulateOptions) -> None:
+def _require_device_options(options: EmulateOptions) -> None:
     """Refuse what is another controller's, which would be ignored."""
     for one in fields(GalilOptions if options.device == "crtk" else RosOptions):
         value = getattr(options, one.name)
@@ -115,7 +115,7 @@ def _require_own(options: EmulateOptions) -> None:
         require(value == one.default, f"--{one.name}", value, right)
 
 
-def _serve(server: Server) -> None:
+def _serve_controller(server: Server) -> None:
     """As punctually as the system allows: a controller waits for no other program."""
     start = time.monotonic()
     with realtime(), contextlib.suppress(KeyboardInterrupt):

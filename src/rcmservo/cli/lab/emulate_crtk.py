@@ -17,7 +17,7 @@ from rcmservo.hardware.crtk.transport import open_transport
 from rcmservo.live.frame_ring import FrameRing, RingCamera
 from rcmservo.live.realtime import realtime
 
-LOOK = 0.002
+POLL_S = 0.002
 """s between two looks for a new picture."""
 
 
@@ -39,7 +39,7 @@ def emulate_crtk(where: RosOptions, seed: int, lab: Lab) -> int:
     with needing("emulate", "sim"):
         arm = EmulatedArm(seed, lab)
     with arm, closing(open_transport(where)) as transport:
-        arm.offer(send_pictures, where)
+        arm.start_camera(send_images, where)
         limits, joints = lab.mechanism.limits, arm.joints()
         now = time.monotonic_ns()
         device = CrtkDevice(joints, limits, transport, where.namespace, now, time.time_ns)
@@ -47,13 +47,13 @@ def emulate_crtk(where: RosOptions, seed: int, lab: Lab) -> int:
         words = f"emulated CRTK arm {where.namespace} on ROS {where.ros}{on}, simulated arm"
         console(False).print(f"{words}, seed {seed}; Ctrl-C ends it", soft_wrap=True)
         try:
-            serve(device)
+            run_device(device)
         except KeyboardInterrupt:
             return 0
     return 0
 
 
-def send_pictures(ring: FrameRing, where: RosOptions, control: Connection) -> None:
+def send_images(ring: FrameRing, where: RosOptions, control: Connection) -> None:
     """Send a camera's pictures on a topic, until the other end of `control` speaks or is gone."""
     try:
         transport = open_transport(where)
@@ -64,7 +64,7 @@ def send_pictures(ring: FrameRing, where: RosOptions, control: Connection) -> No
     with closing(transport):
         transport.offer(topic)
         control.send(topic.name)
-        while not control.poll(LOOK):
+        while not control.poll(POLL_S):
             frame = camera.latest()
             if frame is None or frame is last or frame.image is None:
                 continue
@@ -75,7 +75,7 @@ def send_pictures(ring: FrameRing, where: RosOptions, control: Connection) -> No
             transport.publish(topic, said)
 
 
-def serve(device: CrtkDevice) -> None:
+def run_device(device: CrtkDevice) -> None:
     """Let a device live in wall time, until Ctrl-C."""
     with realtime():
         while True:

@@ -54,10 +54,10 @@ class EmulatedArm:
             f"{np.linalg.norm(first):.1f} mm from where the tool goes in"
         )
 
-    def offer(self, send: Callable[..., None], *arguments: Any) -> str:
+    def start_camera(self, send: Callable[..., None], *arguments: Any) -> str:
         """Have the camera's frames sent by a process of its own; the address that it tells."""
-        ring = self._ring = self._ring or self._filmed()
-        return self._child(send, ring, *arguments)
+        ring = self._ring = self._ring or self._start_filming()
+        return self._start_child(send, ring, *arguments)
 
     def joints(self) -> RateJoints:
         """The arm as joints with velocity drives and brakes, in the wall clock's time from now
@@ -65,24 +65,24 @@ class EmulatedArm:
         """
         from rcmservo.sim.motor_interface import SimulatedJoints
 
-        self._begin()
+        self._place_at_start()
         return SimulatedJoints(self._arm)
 
     def motors(self, counts: tuple[float, float, float], axes: int) -> Motors:
         """The arm as motors. Its time is the wall clock's from now on."""
         from rcmservo.sim.motor_interface import SimulatedMotors
 
-        self._begin()
+        self._place_at_start()
         return SimulatedMotors(self._arm, np.array(counts), axes)
 
-    def _begin(self) -> None:
+    def _place_at_start(self) -> None:
         """Be at the start now."""
         from rcmservo.sim.arm import PHYSICS_STEP_NS
 
         self._arm.time = time.monotonic_ns() // PHYSICS_STEP_NS * PHYSICS_STEP_NS
         self._arm.place(self._rig.scene.start)
 
-    def _filmed(self) -> FrameRing:
+    def _start_filming(self) -> FrameRing:
         """Where the frames are that a camera takes of it."""
         from rcmservo.sim.arm import PHYSICS_STEP_NS
         from rcmservo.sim.processes.camera_process import run_camera_process
@@ -98,10 +98,10 @@ class EmulatedArm:
         note()
         arm.before_step = note
         ring = FrameRing(self._context, self._settings.width, self._settings.height)
-        self._child(run_camera_process, self._seed, self._settings, log, ring)
+        self._start_child(run_camera_process, self._seed, self._settings, log, ring)
         return ring
 
-    def _child(self, work: Callable[..., None], *arguments: Any) -> Any:
+    def _start_child(self, work: Callable[..., None], *arguments: Any) -> Any:
         """Start a process; the first thing that it says."""
         child = ChildProcess(self._context, work, *arguments)
         self._stack.callback(child.end)
@@ -112,7 +112,7 @@ def send_mjpeg(ring: FrameRing, port: int, control: Connection) -> None:
     """Be a camera that sends JPEGs, until the other end of `control` speaks or is gone."""
     from rcmservo.hardware.cameras.emulated.mjpeg_server import MjpegServer
 
-    _send(lambda: MjpegServer(RingCamera(ring), port), control)
+    _run_camera(lambda: MjpegServer(RingCamera(ring), port), control)
 
 
 def send_gige(ring: FrameRing, control: Connection) -> None:
@@ -120,10 +120,10 @@ def send_gige(ring: FrameRing, control: Connection) -> None:
     from rcmservo.hardware.cameras.emulated.gige_camera import GigeCamera
 
     height, width, _ = ring.shape
-    _send(lambda: GigeCamera(RingCamera(ring), width, height), control)
+    _run_camera(lambda: GigeCamera(RingCamera(ring), width, height), control)
 
 
-def _send(opened: Callable[[], Any], control: Connection) -> None:
+def _run_camera(opened: Callable[[], Any], control: Connection) -> None:
     """Open a camera, report its address or the reason why there is none, and wait for the end."""
     try:
         camera = opened()

@@ -13,13 +13,18 @@ from typing import Any
 
 from rich.console import Console
 
-from rcmservo.cli.lab.hardware_prompts import Preparing, leave_to_move, target_at_the_arm, words_of
+from rcmservo.cli.lab.hardware_prompts import (
+    HardwarePreparation,
+    confirm_enable,
+    format_joints,
+    obtain_target,
+)
 from rcmservo.cli.lab.live_progress import LiveProgress
 from rcmservo.cli.lab_options import LabOptions, RunToTargetOptions
 from rcmservo.cli.progress.preparing import compiling
-from rcmservo.cli.result_output import record_in, save_result
+from rcmservo.cli.result_output import read_record_if_any, save_result
 from rcmservo.cli.simulated_run.about import about_any
-from rcmservo.cli.terminal import live_line
+from rcmservo.cli.terminal import status_line
 from rcmservo.config.rig_file import Lab, told_with
 from rcmservo.config.verified_rigs import is_checked
 from rcmservo.errors import UnusableFile, require
@@ -49,15 +54,15 @@ def live_on_hardware(
 ) -> RunResult:
     """Run with the operator's leave, and keep the result."""
     Terminal().close()  # where there is none, that is told before anything is connected
-    share, lab = speed_share(options), options.lab
+    share, lab = allowed_speed_scale(options), options.lab
     servo = options.servo if share == 1.0 else reduce_speed(options.servo, share)
     out.print(f"the arm and camera of {options.rig}; preparing …", style="dim", soft_wrap=True)
-    with live_line(out) as line, compiling(line):
+    with status_line(out) as line, compiling(line):
         servo.warm_up()
-    line = live_line(out)
-    words, frames = intent(options, servo, share), options.teaching_frames
-    preparing = Preparing(lab, words, options.target, options.save_target, frames)
-    described = about(options, options.duration, share)
+    line = status_line(out)
+    words, frames = motion_announcement(options, servo, share), options.teaching_frames
+    preparing = HardwarePreparation(lab, words, options.target, options.save_target, frames)
+    described = hardware_description(options, options.duration, share)
     session = Session(
         servo,
         options.duration,
@@ -65,13 +70,13 @@ def live_on_hardware(
         camera=partial(camera, lab),
         tracker=partial(ColourMarkers, lab.markers),
         recorder=partial(Recorder, folder / RECORD, described),
-        target=partial(target_at_the_arm, preparing),
-        consent=partial(leave_to_move, preparing),
+        target=partial(obtain_target, preparing),
+        consent=partial(confirm_enable, preparing),
     )
     try:
         result = run_live(session, progress=LiveProgress(line, options.duration))
     except BaseException:
-        _drop_empty(folder)
+        _remove_empty_record(folder)
         raise
     finally:
         line.stop()
@@ -84,10 +89,10 @@ def live_on_hardware(
         rig_checked=share == 1.0,
         speed_share=share,
     )
-    return save_result(result, record_in(folder), folder)
+    return save_result(result, read_record_if_any(folder), folder)
 
 
-def speed_share(options: LabOptions) -> float:
+def allowed_speed_scale(options: LabOptions) -> float:
     """Return the fraction of the full speed that the rig file allows."""
     return 1.0 if is_checked(options.digest) else UNCHECKED_SPEED_SCALE
 
@@ -104,46 +109,48 @@ def require_devices(lab: Lab, rig: Path | None, digest: str) -> None:
         require_latency(lab.device("camera", CAMERA_KINDS))
 
 
-def intent(options: RunToTargetOptions, servo: Servo, share: float) -> str:
+def motion_announcement(options: RunToTargetOptions, servo: Servo, speed_scale: float) -> str:
     """What is going to happen once the drive is on, in words."""
     return (
         f"Once the drive is on the servo moves it for at most {options.duration:g} s: first a "
         f"little about its start, so that marker 1 goes at most {servo.exploration.reach:g} mm "
-        f"from corner to corner, and then to the target. {bounds(options, servo, share)} Ctrl-C "
+        f"from corner to corner, and then to the target. {describe_speed_limits(options, servo, speed_scale)} Ctrl-C "
         "brings it to rest; have the emergency stop at hand."
     )
 
 
-def bounds(options: LabOptions, servo: Servo, share: float) -> str:
+def describe_speed_limits(options: LabOptions, servo: Servo, speed_scale: float) -> str:
     """How fast and how far joints go, in words."""
     x, y, z = servo.gate.speed
     lower, upper = servo.mechanism.limits.arrays
     why = (
-        f"which is {100.0 * share:g} % of the full speed, as `rcmservo rig check` has not passed "
+        f"which is {100.0 * speed_scale:g} % of the full speed, as `rcmservo rig check` has not passed "
         f"for {options.rig} as it is now"
-        if share < 1.0
+        if speed_scale < 1.0
         else f"the full speed, as `rcmservo rig check` has passed for {options.rig}"
     )
     return (
         f"No joint goes faster than {x:g} rad/s, {y:g} rad/s and {z:g} mm/s, {why}. None leaves "
-        f"its limits: {words_of(lower, options.lab)} to {words_of(upper, options.lab)}."
+        f"its limits: {format_joints(lower, options.lab)} to {format_joints(upper, options.lab)}."
     )
 
 
-def about(options: LabOptions, duration: float, share: float) -> dict[str, Any]:
+def hardware_description(
+    options: LabOptions, duration: float, speed_scale: float
+) -> dict[str, Any]:
     """Return the description of a run on hardware in its record."""
     return {
         "simulation": False,
         "rig_file": str(options.rig),
         "rig_sha256": options.digest,
-        "rig_checked": share == 1.0,
-        "speed_share": share,
+        "rig_checked": speed_scale == 1.0,
+        "speed_share": speed_scale,
         "devices": dict(options.lab.devices),
         **about_any(options, duration),
     }
 
 
-def _drop_empty(folder: Path) -> None:
+def _remove_empty_record(folder: Path) -> None:
     """Remove the record of a run that did not begin."""
     with suppress(UnusableFile):
         if not reader.has_ticks(folder):

@@ -13,13 +13,13 @@ class LiveProgress:
     """
 
     def __init__(self, line: Live, duration: float) -> None:
-        self._line, self._duration, self._said = line, duration, ""
+        self._line, self._duration, self._printed = line, duration, ""
 
     def __call__(self, report: Report) -> None:
         self._line.start()
         time = report.time * 1e-9
-        if report.words != self._said:
-            self._said = report.words
+        if report.words != self._printed:
+            self._printed = report.words
             words = f"{time:6.2f} s  {report.words}"
             self._line.console.print(words, soft_wrap=True, highlight=False)
         self._line.update(

@@ -82,7 +82,7 @@ def markers_report(
     )
 
 
-def show_markers(console: Console, found: list[Candidate], words: str) -> None:
+def print_markers(console: Console, found: list[Candidate], words: str) -> None:
     """What was found as a table, and in words what the tracker makes of it."""
     if not found:
         console.print(NO_BALL_MESSAGE, soft_wrap=True)
@@ -98,7 +98,7 @@ def show_markers(console: Console, found: list[Candidate], words: str) -> None:
     console.print(words, soft_wrap=True)
 
 
-def shown_in(
+def draw_candidates(
     image: Image, found: list[Candidate], pair: TrackedPair | None, words: str, numbered: bool
 ) -> Image:
     """The picture with the balls ringed, first those that the tracker takes; `numbered` where it is
@@ -106,7 +106,7 @@ def shown_in(
     """
     from rcmservo.figures.overlay import BallRing, draw_balls
 
-    rings = [] if pair is None else _taken(pair, numbered)
+    rings = [] if pair is None else _tracked_rings(pair, numbered)
     for one in found:
         ball = one.ball
         if all(np.hypot(ball.u - r.u, ball.v - r.v) > SAME_BALL_RADII * r.radius for r in rings):
@@ -115,7 +115,7 @@ def shown_in(
     return draw_balls(image, rings, words if found else NO_BALL_MESSAGE)
 
 
-def _taken(pair: TrackedPair, numbered: bool) -> "list[BallRing]":
+def _tracked_rings(pair: TrackedPair, numbered: bool) -> "list[BallRing]":
     from rcmservo.figures.overlay import BallRing
 
     colours = pair.appearance.colour_1, pair.appearance.colour_2

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import tyro
 
-from rcmservo.cli.lab.marker_report import markers_report, show_markers, shown_in
+from rcmservo.cli.lab.marker_report import draw_candidates, markers_report, print_markers
 from rcmservo.cli.terminal import console
 from rcmservo.config.rig_file import Lab, load_lab, told_with
 from rcmservo.config.rig_file_edit import told_in, write_markers
@@ -23,8 +23,8 @@ from rcmservo.tracking.candidates import (
     track_pair,
 )
 
-RADII = {"radius_1", "radius_2"}
-PICTURES = ".png", ".jpg", ".jpeg"
+RADIUS_KEYS = {"radius_1", "radius_2"}
+IMAGE_SUFFIXES = ".png", ".jpg", ".jpeg"
 
 
 @dataclass(frozen=True)
@@ -56,42 +56,42 @@ class MarkersOptions:
 
 def markers(options: MarkersOptions) -> int:
     """Tell what there is; the exit code is 0, and 1 where the tracker takes no two."""
-    colours = _colours(options.choose) if options.choose else None
+    colours = _parse_colours(options.choose) if options.choose else None
     out = options.picture
     right = "a file whose name ends in .png or .jpg"
-    require(out is None or out.suffix.lower() in PICTURES, "--picture", out, right)
+    require(out is None or out.suffix.lower() in IMAGE_SUFFIXES, "--picture", out, right)
     right = "a new file: nothing is overwritten"
     require(out is None or not out.exists(), "--picture", out, right)
     lab = load_lab(options.rig)
     image = read_image(options.frame)
     found = detect_candidates(image)
-    pair = _pair(image, found, lab, colours, options)
+    pair = _track(image, found, lab, colours, options)
     numbered = bool(colours or options.rig)
-    words = _words(pair, numbered)
+    words = _describe_pair(pair, numbered)
     if out:
         from rcmservo.figures.overlay import write_image
 
-        write_image(out, shown_in(image, found, pair, words, numbered))
+        write_image(out, draw_candidates(image, found, pair, words, numbered))
     written = bool(options.rig and colours and pair)
     if options.rig and colours and pair:
-        _write(options.rig, pair.appearance)
+        _write_appearance(options.rig, pair.appearance)
     if options.json:
         print(json.dumps(asdict(markers_report(found, pair, written))))
     else:
-        show_markers(console(), found, words)
+        print_markers(console(), found, words)
         if written:
             console().print(f"written into [markers] of {options.rig}", soft_wrap=True)
     return 0 if pair and not pair.reason else 1
 
 
-def _colours(text: str) -> tuple[str, str]:
+def _parse_colours(text: str) -> tuple[str, str]:
     parts = [part.strip() for part in text.split(",")]
     good = len(parts) == 2 and all(part in COLOURS for part in parts)
     require(good, "--choose", text, f"two of {', '.join(COLOURS)}, such as green,blue")
     return parts[0], parts[1]
 
 
-def _pair(
+def _track(
     image: Image,
     found: list[Candidate],
     lab: Lab,
@@ -104,20 +104,20 @@ def _pair(
     if colours is None:
         look = lab.markers
         return track_pair(image, look) if options.rig else propose_pair(image, found, look.radius_1)
-    pair = track_pair(image, _look(image, lab, colours, options))
+    pair = track_pair(image, _chosen_appearance(image, lab, colours, options))
     if pair.reason and options.rig:
         raise UnusableFile(options.frame, f"{pair.reason}; nothing was written")
     return pair
 
 
-def _look(
+def _chosen_appearance(
     image: Image, lab: Lab, colours: tuple[str, str], options: MarkersOptions
 ) -> MarkerAppearance:
     """The chosen colours with the rig file's radii, or where it has none, as the picture shows
     them. Which of two balls of one colour is nearer the RCM no picture tells.
     """
     radii = lab.markers.radius_1, lab.markers.radius_2
-    if options.rig and told_in(options.rig) & RADII:
+    if options.rig and told_in(options.rig) & RADIUS_KEYS:
         with told_with(options.rig):
             return MarkerAppearance(*colours, *radii)
     right = (
@@ -128,13 +128,13 @@ def _look(
     return measure_appearance(image, colours, radii[0]) or MarkerAppearance(*colours, *radii)
 
 
-def _write(path: Path, look: MarkerAppearance) -> None:
+def _write_appearance(path: Path, look: MarkerAppearance) -> None:
     """Write the markers into a rig file; radii that it has stay as they are."""
-    kept = RADII if told_in(path) & RADII else set[str]()
+    kept = RADIUS_KEYS if told_in(path) & RADIUS_KEYS else set[str]()
     write_markers(path, {key: value for key, value in asdict(look).items() if key not in kept})
 
 
-def _words(pair: TrackedPair | None, numbered: bool) -> str:
+def _describe_pair(pair: TrackedPair | None, numbered: bool) -> str:
     """In a sentence what the tracker takes."""
     if pair is None:
         return "the picture shows no two balls that the tracker could tell from others"

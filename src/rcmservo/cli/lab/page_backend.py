@@ -17,10 +17,10 @@ if TYPE_CHECKING:
     from rcmservo.page.settings import Chosen
     from rcmservo.page.view_model import Truth
 
-LONGEST = 3600.0
+SESSION_DURATION_S = 3600.0
 """s of a session."""
 
-PICTURES = 5.0
+RECORDED_IMAGES_PER_S = 5.0
 """Pictures that a record gets, 1/s."""
 
 
@@ -61,13 +61,13 @@ class Behind:
     truth: "Truth | None" = None
 
 
-def recorder(path: Path, words: dict[str, Any]) -> Recorder:
+def open_recorder(path: Path, words: dict[str, Any]) -> Recorder:
     """The record of a session, in a folder of its own, once there is something to record."""
     path.parent.mkdir(parents=True)
     return Recorder(path, words)
 
 
-def first_words(servo: Servo) -> str:
+def enable_announcement(servo: Servo) -> str:
     """What happens once the drive is on, as the page's person decides it."""
     return (
         "Enable switches the drive on, and the tool stands, paused. Nothing moves before you hold "

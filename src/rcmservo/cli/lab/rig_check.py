@@ -17,7 +17,7 @@ from rcmservo.bringup.axis_wiring import Robot
 from rcmservo.bringup.check import CheckReport, check, warm_up
 from rcmservo.bringup.findings import Finding
 from rcmservo.bringup.motion import PATIENCE, Mover
-from rcmservo.cli.lab.hardware_prompts import AtHand, define, require_off
+from rcmservo.cli.lab.hardware_prompts import AttendedTerminal, define, require_drive_off
 from rcmservo.cli.terminal import console
 from rcmservo.config.rig_file import Lab, bytes_of, lab_of, told_with
 from rcmservo.config.verified_rigs import digest_of, forget_checked, note_checked
@@ -66,7 +66,7 @@ def rig_check(
         latency = known_latency(lab.device("camera", CAMERA_KINDS))
         robot = Robot(lab.mechanism, lab.tool, read_wiring(lab))
     with stopped_by_signals(), closing(Terminal()) as terminal:
-        person = AtHand(terminal)
+        person = AttendedTerminal(terminal)
         person.tell(
             f"rig check of {options.file}: connecting, with the drive off; the first time, what "
             "finds the markers is compiled for up to a minute"
@@ -76,11 +76,11 @@ def rig_check(
         with (
             closing(camera(lab)) as eye,
             TrackingThread(eye, tracker, clock) as seen,
-            closing(_arm_beside(seen, arm, lab)) as joints,
+            closing(_connect_arm(seen, arm, lab)) as joints,
         ):
             told = partial(trouble, eye)
             mover = Mover(joints, seen, seen, clock, robot, lab.gate, silence, told)
-            require_off(mover.plant)
+            require_drive_off(mover.plant)
             if not joints.homed():
                 define(person, mover.plant, lab)
             forget_checked(digest)
@@ -89,10 +89,10 @@ def rig_check(
     if joints.why_off:
         right = "off when the check ends, by its own word"
         report.findings.append(Finding("the arm ended otherwise", "arm", joints.why_off, right))
-    return concluded(options, report, robot, digest)
+    return conclude(options, report, robot, digest)
 
 
-def _arm_beside(seen: TrackingThread, arm: Callable[[Lab], LabArm], lab: Lab) -> LabArm:
+def _connect_arm(seen: TrackingThread, arm: Callable[[Lab], LabArm], lab: Lab) -> LabArm:
     """The arm, connected once frames are tracked: one is searched, the next is followed, and then
     all is compiled.
     """
@@ -100,12 +100,12 @@ def _arm_beside(seen: TrackingThread, arm: Callable[[Lab], LabArm], lab: Lab) ->
     return arm(lab)
 
 
-def concluded(options: RigOptions, report: CheckReport, robot: Robot, digest: str) -> int:
+def conclude(options: RigOptions, report: CheckReport, robot: Robot, digest: str) -> int:
     """Print the report, and note a file that passed; the exit code."""
     if options.json:
         print(json.dumps({"ok": report.ok, "findings": [asdict(one) for one in report.findings]}))
     else:
-        show(report, robot, console(False))
+        print_report(report, robot, console(False))
     if report.ok:
         note_checked(digest)
     return 0 if report.ok else 1
@@ -116,10 +116,10 @@ def trouble(camera: LabCamera) -> str:
     return camera.counts().trouble
 
 
-def show(report: CheckReport, robot: Robot, out: Console) -> None:
+def print_report(report: CheckReport, robot: Robot, out: Console) -> None:
     """The report as tables."""
     seen = Table(title="rig check", show_header=False)
-    for name, words in measured(report, robot):
+    for name, words in measurement_rows(report, robot):
         seen.add_row(name, words)
     out.print(seen)
     if report.ok:
@@ -133,7 +133,7 @@ def show(report: CheckReport, robot: Robot, out: Console) -> None:
     out.print(wrong)
 
 
-def measured(report: CheckReport, robot: Robot) -> list[tuple[str, str]]:
+def measurement_rows(report: CheckReport, robot: Robot) -> list[tuple[str, str]]:
     """Return the names and values of all measurements, in words."""
     rows: list[tuple[str, str]] = []
     if report.q is not None:

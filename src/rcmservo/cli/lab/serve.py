@@ -24,10 +24,16 @@ import tyro
 
 from rcmservo.cli.folders import new_folder
 from rcmservo.cli.lab.live_on_hardware import require_devices
-from rcmservo.cli.lab.page_backend import LONGEST, PICTURES, Behind, first_words, recorder
+from rcmservo.cli.lab.page_backend import (
+    RECORDED_IMAGES_PER_S,
+    SESSION_DURATION_S,
+    Behind,
+    enable_announcement,
+    open_recorder,
+)
 from rcmservo.cli.lab_options import LabOptions
 from rcmservo.cli.progress.preparing import compiling
-from rcmservo.cli.terminal import console, live_line
+from rcmservo.cli.terminal import console, status_line
 from rcmservo.constraints import between
 from rcmservo.errors import RcmServoError, needing
 from rcmservo.live.child_process import ChildProcess
@@ -39,9 +45,9 @@ from rcmservo.recording.reader import RECORD
 if TYPE_CHECKING:
     from rcmservo.page.channels import Desk
 
-PORT = between(0, 65534, "a whole number"), tyro.conf.arg(metavar="PORT")
+PORT_ARGUMENT = between(0, 65534, "a whole number"), tyro.conf.arg(metavar="PORT")
 
-TROUBLE = "trouble.jsonl"
+DISTURBANCE_LOG = "trouble.jsonl"
 """In the folder of the records: what went wrong on request, and when."""
 
 
@@ -66,7 +72,7 @@ class ServeOptions(LabOptions):
         File with the token that browsers must give; made if absent.
     """
 
-    port: Annotated[int | None, *PORT] = None
+    port: Annotated[int | None, *PORT_ARGUMENT] = None
     browser: bool = True
     poses: Path = Path("runs/poses")
     host: str = "127.0.0.1"
@@ -81,24 +87,24 @@ def serve(options: ServeOptions) -> int:
     token = token_for(options.host, options.token_file)
     if options.has_devices():
         require_devices(options.lab, options.rig, options.digest)
-        from rcmservo.cli.lab.page_rig import hardware
+        from rcmservo.cli.lab.page_rig import open_hardware
 
-        name, devices = "serve-hardware", hardware(options)
+        name, devices = "serve-hardware", open_hardware(options)
     else:
         with needing("serve", "sim"):
             import_module("rcmservo.sim.processes.lab_processes")
-        name, devices = f"serve-seed{options.seed}", _bench(options)
+        name, devices = f"serve-seed{options.seed}", _simulated_lab(options)
     servo = options.servo
     with new_folder(options.out, name) as folder:
-        with live_line(console(False)) as line, compiling(line):
+        with status_line(console(False)) as line, compiling(line):
             servo.warm_up()
         with contextlib.suppress(KeyboardInterrupt), devices as behind:
-            _serve(options, behind, folder, token)
+            _run_sessions(options, behind, folder, token)
     return 0
 
 
 @contextlib.contextmanager
-def _bench(options: ServeOptions) -> Generator[Behind]:
+def _simulated_lab(options: ServeOptions) -> Generator[Behind]:
     """The simulated arm and its camera."""
     from rcmservo.cli.simulated_run.about import about
     from rcmservo.cli.simulated_run.target import setup_of
@@ -117,13 +123,13 @@ def _bench(options: ServeOptions) -> Generator[Behind]:
             from rcmservo.page.operator import PageOperator
 
             record, limited = folder / RECORD, chosen.limited
-            words = about(options, LONGEST)
+            words = about(options, SESSION_DURATION_S)
             return replace(
-                bench.session(limited, lab.markers, LONGEST, record, words),
-                recorder=partial(recorder, record, words),
-                target=partial(await_enable, desk, limited, first_words(limited)),
+                bench.session(limited, lab.markers, SESSION_DURATION_S, record, words),
+                recorder=partial(open_recorder, record, words),
+                target=partial(await_enable, desk, limited, enable_announcement(limited)),
                 operator=partial(PageOperator, desk, chosen, options.teaching_frames),
-                pictures=PICTURES,
+                pictures=RECORDED_IMAGES_PER_S,
             )
 
         def befall(what: str) -> str:
@@ -140,7 +146,7 @@ def _bench(options: ServeOptions) -> Generator[Behind]:
         )
 
 
-def _serve(options: ServeOptions, behind: Behind, folder: Path, token: str) -> None:
+def _run_sessions(options: ServeOptions, behind: Behind, folder: Path, token: str) -> None:
     """Have the page served, and run sessions beside it."""
     from rcmservo.page.channels import Desk
     from rcmservo.page.sessions import Sessions
@@ -152,9 +158,9 @@ def _serve(options: ServeOptions, behind: Behind, folder: Path, token: str) -> N
 
     def troubled() -> None:
         for one in desk.trouble.heard():
-            befallen(one.what, desk, behind.befall, folder / TROUBLE)
+            apply_disturbance(one.what, desk, behind.befall, folder / DISTURBANCE_LOG)
 
-    serving = _served(options, desk, behind, folder.parent, token)
+    serving = _page_processes(options, desk, behind, folder.parent, token)
     with serving as (address, needed), stopped_by_signals():
         asks = f", which asks for the token in {options.token_file}" if token else ""
         words = f"rcmservo page at {address}, {behind.title}{asks}; Ctrl-C ends it"
@@ -166,7 +172,7 @@ def _serve(options: ServeOptions, behind: Behind, folder: Path, token: str) -> N
 
 
 @contextlib.contextmanager
-def _served(
+def _page_processes(
     options: ServeOptions, desk: "Desk", behind: Behind, runs: Path, token: str
 ) -> Generator[tuple[str, dict[int, str]]]:
     """The page's processes: where the page is, and what each is by its sentinel. ``runs`` is the
@@ -200,7 +206,7 @@ def _served(
         yield f"http://{reached_at(options.host)}:{port}", needed
 
 
-def befallen(what: str, desk: "Desk", befall: Callable[[str], str], log: Path) -> None:
+def apply_disturbance(what: str, desk: "Desk", befall: Callable[[str], str], log: Path) -> None:
     """Let something go wrong; tell the person, and write it down with the time (ns) on the records'
     clock.
     """

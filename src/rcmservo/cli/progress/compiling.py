@@ -8,14 +8,14 @@ from numba.core import event
 from rich.live import Live
 from rich.text import Text
 
-from rcmservo.cli.terminal import is_alive
+from rcmservo.cli.terminal import can_rewrite_lines
 from rcmservo.numerics.jit import parts
 
-STEP = 20
+PARTS_PER_LINE = 20
 """Parts after which a lasting line is printed where no live line is seen."""
 
 
-class Compiling(event.Listener):
+class CompilationListener(event.Listener):
     """Tells of every part that is compiled; of one that is in the cache, nothing."""
 
     def __init__(self, line: Live) -> None:
@@ -33,5 +33,5 @@ class Compiling(event.Listener):
         self._all = max(self._all, self._count)  # some are compiled for more than one type
         words = f"compiling, {self._count} of about {self._all} parts: the next start is quicker"
         self._line.update(Text(words, style="dim"), refresh=True)
-        if self._count % STEP == 1 and not is_alive(self._line.console):
+        if self._count % PARTS_PER_LINE == 1 and not can_rewrite_lines(self._line.console):
             self._line.console.print(words, soft_wrap=True)

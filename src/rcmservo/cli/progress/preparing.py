@@ -13,7 +13,7 @@ def compiling(line: "Live") -> Generator[None]:
     """Tell on a live line what is compiled in here."""
     from numba.core import event
 
-    from rcmservo.cli.progress.compiling import Compiling
+    from rcmservo.cli.progress.compiling import CompilationListener
 
-    with event.install_listener("numba:compile", Compiling(line)):
+    with event.install_listener("numba:compile", CompilationListener(line)):
         yield

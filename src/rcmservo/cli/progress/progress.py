@@ -10,7 +10,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
 
-from rcmservo.cli.terminal import is_alive
+from rcmservo.cli.terminal import can_rewrite_lines
 
 
 @contextmanager
@@ -35,7 +35,7 @@ def progress(
             told = f"{pace:.0f} {unit}/s" if unit else ""
             bar.update(task, advance=amount, rate=told)
             now = int(10.0 * bar.tasks[0].completed / total)
-            if now > tenths and not is_alive(out):
+            if now > tenths and not can_rewrite_lines(out):
                 left = (total - done - made) / pace
                 more = f", {told}, about {left:.0f} s left" if unit and now < 10 else ""
                 out.print(f"{words}: {10 * now} % is done{more}", soft_wrap=True)
@@ -45,7 +45,7 @@ def progress(
 
 
 @contextmanager
-def going_on(folder: Path, out: Console) -> Generator[None]:
+def resume_hint(folder: Path, out: Console) -> Generator[None]:
     """After Ctrl-C, say how to go on."""
     try:
         yield

@@ -14,20 +14,23 @@ from rcmservo.loop.tick import Tick
 from rcmservo.recording.writer import Recorder
 from rcmservo.sim import RigSettings
 
-STRIDE = 4
+FRAMES_PER_VIDEO_IMAGE = 4
 """Frames from one picture of the video to the next: 15 pictures a second are enough to look at, and
 each takes 30 ms to encode."""
 
 
-def video_of(folder: Path, settings: RigSettings, stack: ExitStack) -> VideoWriter:
+def open_video(folder: Path, settings: RigSettings, stack: ExitStack) -> VideoWriter:
     """The overlay video."""
-    size, rate = (settings.width, settings.height), settings.timing.frame_rate / STRIDE
+    size, rate = (
+        (settings.width, settings.height),
+        settings.timing.frame_rate / FRAMES_PER_VIDEO_IMAGE,
+    )
     video = VideoWriter(folder / "overlay.webm", size, rate)
     stack.callback(video.close)
     return video
 
 
-def pictures(
+def frame_writer(
     plant: Plant, video: VideoWriter | None, recorder: Recorder | None
 ) -> Callable[[Tick], None]:
     """What to do with every new frame: add it to the overlay video, and to the record."""
@@ -40,7 +43,7 @@ def pictures(
         if frame is None or frame.image is None or frame is shown:
             return
         shown = frame
-        if video is not None and count % STRIDE == 0:
+        if video is not None and count % FRAMES_PER_VIDEO_IMAGE == 0:
             video.write(overlay(frame.image, tick))
         count += 1
         if recorder is not None:

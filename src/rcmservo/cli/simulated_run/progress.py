@@ -25,10 +25,10 @@ class RunProgress:
                     f"{tick.time * 1e-9:6.2f} s  {state.words}", soft_wrap=True, highlight=False
                 )
             self._mode = state.phase, state.cause
-        self._live.update(_line(tick, self._duration), refresh=False)
+        self._live.update(_status(tick, self._duration), refresh=False)
 
 
-def _line(tick: Tick, duration: float) -> Text:
+def _status(tick: Tick, duration: float) -> Text:
     """The live line of progress."""
     state = tick.state
     line = f"{tick.time * 1e-9:6.2f} / {duration:g} s  {state.phase.value:<14}"

@@ -16,10 +16,10 @@ from pathlib import Path
 import numpy as np
 
 from rcmservo.cli.lab_options import RunOptions
-from rcmservo.cli.result_output import record_in, save_result
+from rcmservo.cli.result_output import read_record_if_any, save_result
 from rcmservo.cli.simulated_run.about import about
-from rcmservo.cli.simulated_run.pictures import pictures, video_of
-from rcmservo.cli.simulated_run.target import target_of
+from rcmservo.cli.simulated_run.pictures import frame_writer, open_video
+from rcmservo.cli.simulated_run.target import obtain_target
 from rcmservo.interfaces import Floats
 from rcmservo.loop.detection_failure import reason_not_detected
 from rcmservo.loop.plant import Plant
@@ -46,7 +46,7 @@ def simulate(
     servo, lab, settings = options.servo, options.lab, options.rig_settings
     rig = Rig(options.seed, settings, disturbances=options.disturbances)
     plant = Plant(rig.arm, rig.camera, ColourMarkers(lab.markers), rig.clock)
-    target = target_of(options, rig, plant)
+    target = obtain_target(options, rig, plant)
     servo.warm_up()
     person = ScriptedOperator(rig, plant, options.resumes, options.teaching_frames)
     wrong = [str(disturbance) for disturbance in options.disturbances]
@@ -56,14 +56,14 @@ def simulate(
         recorder = stack.enter_context(
             Recorder(folder / RECORD, words, open_on_filling_disk(rig.disk_full))
         )
-        video = video_of(folder, settings, stack) if options.video else None
+        video = open_video(folder, settings, stack) if options.video else None
         plant.recorded = recorder.recorded
         begins = partial(recorder.begin, servo)
         ticks = run_attended(rig, plant, servo, target, options.duration, person, begins)
-        shown = pictures(plant, video, recorder if options.frames else None), progress
-        ended = _follow(ticks, rig, plant, recorder, shown)
-    took, record = time.perf_counter() - started, record_in(folder)
-    result = RunResult() if record is None else _by_truth(rig, record)
+        shown = frame_writer(plant, video, recorder if options.frames else None), progress
+        ended = _record_ticks(ticks, rig, plant, recorder, shown)
+    took, record = time.perf_counter() - started, read_record_if_any(folder)
+    result = RunResult() if record is None else _result_of(rig, record)
     result = replace(
         result,
         cause="" if result.settled else ended or result.cause,
@@ -81,7 +81,7 @@ def simulate(
     return save_result(result, record, folder)
 
 
-def _by_truth(rig: Rig, record: Record) -> RunResult:
+def _result_of(rig: Rig, record: Record) -> RunResult:
     """Return the result of a record, with the true pose error over the last second."""
     result, p2 = summary(record), record.truth["p2"]
     p_d = rig.body.points(rig.scene.target)[1]
@@ -90,7 +90,7 @@ def _by_truth(rig: Rig, record: Record) -> RunResult:
     return replace(result, pose_error_mm=error)
 
 
-def _follow(
+def _record_ticks(
     ticks: Generator[Tick],
     rig: Rig,
     plant: Plant,
@@ -100,7 +100,7 @@ def _follow(
     """Record and show every tick of a run; what ended it before its time, in words."""
     tick, began, ever = None, rig.clock.now(), False
     rig.begin()
-    with _between_ticks() as stopped, closing(ticks):
+    with _deferred_interrupt() as stopped, closing(ticks):
         try:
             for tick in ticks:
                 ever = ever or tick.state.believed >= 0
@@ -116,7 +116,7 @@ def _follow(
 
 
 @contextmanager
-def _between_ticks() -> Generator[Callable[[], None]]:
+def _deferred_interrupt() -> Generator[Callable[[], None]]:
     """Ctrl-C takes effect where the function that this gives is called, so that it never cuts a
     message in two.
     """

@@ -35,7 +35,7 @@ def setup_of(rig: Rig, lab: Lab) -> Setup:
     )
 
 
-def target_of(options: RunOptions, rig: Rig, plant: Plant) -> Target:
+def obtain_target(options: RunOptions, rig: Rig, plant: Plant) -> Target:
     """The target of a file, or one that a person shows before bringing the tool back to the
     start.
     """

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from rcmservo.cli.folders import new_folder
-from rcmservo.cli.result_output import draw_figures, table
+from rcmservo.cli.result_output import draw_figures, two_column_table
 from rcmservo.cli.simulated_run.pictures import overlay
 from rcmservo.cli.terminal import console
 from rcmservo.errors import BadInput, RcmServoError, UnusableFile, require
@@ -29,13 +29,13 @@ from rcmservo.study.plan.user_module_archive import parcel_of
 from rcmservo.study.row import StudyRow
 from rcmservo.study.simulation_engine import Laboratory, LaboratoryLoop
 
-SEEN = "replays"
+RERUNS_FOLDER = "replays"
 """The folder of these records, in that of the study."""
-PLACE = "cpu", "versions"
+ORIGIN_COLUMNS = "cpu", "versions"
 """Columns that tell where a row was made, and not what came of the run."""
 
 
-def seen_again(folder: Path | None, case: int, film: bool, own: dict[str, type[Estimator]]) -> int:
+def rerun_row(folder: Path | None, case: int, film: bool, own: dict[str, type[Estimator]]) -> int:
     """Make the run of a row again, and record it; 0 where it came out the same."""
     if folder is None:
         raise BadInput("--out", None, "the folder of the study, with --replay")
@@ -43,18 +43,20 @@ def seen_again(folder: Path | None, case: int, film: bool, own: dict[str, type[E
     if made is None:
         raise UnusableFile(folder, "holds no study")
     require(0 <= case < made.runs, "--replay", case, f"a row from 0 to {made.runs - 1}")
-    (cell, seed), before = made.run_of(case), _row(folder, made, case)
-    _require_same(made.package, cell, own)
+    (cell, seed), before = made.run_of(case), _recorded_row(folder, made, case)
+    _require_same_code(made.package, cell, own)
     servo, out = cell.rebuilt(own), console()
     made_again = one_run(cell, servo, seed)
     row = asdict(made_again)
-    other = [name for name in row if row[name] != before[name] and name not in PLACE]
-    with new_folder(_free(folder / SEEN / str(case)), "replay") as there:
-        failed = _record(cell, servo, seed, there, film)
+    other = [name for name in row if row[name] != before[name] and name not in ORIGIN_COLUMNS]
+    with new_folder(_unused_path(folder / RERUNS_FOLDER / str(case)), "replay") as there:
+        failed = _record_run(cell, servo, seed, there, film)
     out.print(f"row {case}: {cell.method}, {cell.condition}, seed {seed}, {cell.engine}")
-    out.print(table(title_of(made_again.result), _words(made_again)))
+    out.print(two_column_table(title_of(made_again.result), _result_rows(made_again)))
     same = "the same row, bit for bit" if not other else f"not the same: {', '.join(other)}"
-    elsewhere = [f"{name} was {before[name]}" for name in PLACE if row[name] != before[name]]
+    elsewhere = [
+        f"{name} was {before[name]}" for name in ORIGIN_COLUMNS if row[name] != before[name]
+    ]
     same = f"{same} ({', '.join(elsewhere)})" if elsewhere else same
     how = ", recorded with MuJoCo's arm" if cell.engine == COMPILED else ", recorded"
     out.print(f"{same}{how} in {there}; rcmservo show {there} tells it", soft_wrap=True)
@@ -63,7 +65,7 @@ def seen_again(folder: Path | None, case: int, film: bool, own: dict[str, type[E
     return 1 if other else 0
 
 
-def _row(folder: Path, made: manifest.StudyNote, case: int) -> dict[str, Any]:
+def _recorded_row(folder: Path, made: manifest.StudyNote, case: int) -> dict[str, Any]:
     """The row as the study has it."""
     rows = runs_in(folder)
     if rows.num_rows != made.runs:
@@ -74,14 +76,14 @@ def _row(folder: Path, made: manifest.StudyNote, case: int) -> dict[str, Any]:
     return rows.slice(case, 1).to_pylist()[0]
 
 
-def _words(row: StudyRow) -> list[tuple[str, str]]:
+def _result_rows(row: StudyRow) -> list[tuple[str, str]]:
     """Return the row's result as titles and words, with what only a study measures."""
     stop = "none" if row.stop_s is None else f"{row.stop} at {row.stop_s:.2f} s, of {row.stops}"
     grown = f"{row.unnoticed_mm:.3f} mm while no cause was named"
     return [*result_rows(row.result), ("first stop", stop), ("growth of the error", grown)]
 
 
-def _require_same(made_by: str, cell: Cell, own: dict[str, type[Estimator]]) -> None:
+def _require_same_code(made_by: str, cell: Cell, own: dict[str, type[Estimator]]) -> None:
     """Refuse to make a run again with other code than it was made with."""
     if made_by != package():
         raise RcmServoError(
@@ -97,13 +99,13 @@ def _require_same(made_by: str, cell: Cell, own: dict[str, type[Estimator]]) -> 
         )
 
 
-def _free(path: Path) -> Path:
+def _unused_path(path: Path) -> Path:
     """The path, or with a number after it if something is there already."""
     tries = (path.with_name(f"{path.name}-{k}") if k > 1 else path for k in range(1, 10_000))
     return next(one for one in tries if not one.exists())
 
 
-def _record(cell: Cell, servo: Servo, seed: int, folder: Path, film: bool) -> str:
+def _record_run(cell: Cell, servo: Servo, seed: int, folder: Path, film: bool) -> str:
     """Make the run in the laboratory, with its record, its figures and its film; what of the film
     went wrong, in words.
     """
@@ -114,9 +116,9 @@ def _record(cell: Cell, servo: Servo, seed: int, folder: Path, film: bool) -> st
     about = {"simulation": True, "seed": seed, "study": asdict(cell)}
     with ExitStack() as stack:
         recorder = stack.enter_context(Recorder(folder / RECORD, about))
-        video = _video(folder, loop) if film else None
+        video = _open_video(folder, loop) if film else None
         recorder.begin(laboratory.servo, loop.target, None)
-        filmed = _filmed(loop, video) if video is not None else None
+        filmed = _frame_writer(loop, video) if video is not None else None
         for tick in loop.ticks():
             loop.rig.truth.write(recorder, tick)
             if filmed is not None:
@@ -127,12 +129,12 @@ def _record(cell: Cell, servo: Servo, seed: int, folder: Path, film: bool) -> st
     return video.failed if video is not None else ""
 
 
-def _video(folder: Path, loop: LaboratoryLoop) -> VideoWriter:
+def _open_video(folder: Path, loop: LaboratoryLoop) -> VideoWriter:
     size, rate = loop.rig.settings, loop.rig.settings.timing.frame_rate
     return VideoWriter(folder / "overlay.webm", (size.width, size.height), rate)
 
 
-def _filmed(loop: LaboratoryLoop, video: VideoWriter) -> Callable[[Tick], None]:
+def _frame_writer(loop: LaboratoryLoop, video: VideoWriter) -> Callable[[Tick], None]:
     """What adds every new frame to the film. Where the camera only told points, the scene is drawn
     as a camera with pictures would have seen it then.
     """

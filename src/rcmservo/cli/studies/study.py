@@ -15,11 +15,11 @@ import tyro
 from rich.console import Console
 from rich.text import Text
 
-from rcmservo.cli.folders import dated
+from rcmservo.cli.folders import dated_folder
 from rcmservo.cli.progress.preparing import compiling
-from rcmservo.cli.progress.progress import going_on, progress
-from rcmservo.cli.studies.study_report import beside, described, results, tell_work
-from rcmservo.cli.terminal import console, live_line
+from rcmservo.cli.progress.progress import progress, resume_hint
+from rcmservo.cli.studies.study_report import beside, distribution_table, print_work, results
+from rcmservo.cli.terminal import console, status_line
 from rcmservo.config.registry import ESTIMATORS, PRESETS
 from rcmservo.config.user_code import named
 from rcmservo.constraints import Checked, between
@@ -98,7 +98,7 @@ class StudyOptions(RunConditions, WorkOptions):
     film: bool = False
 
     @cached_property
-    def asked(self) -> "StudyFile":
+    def study_file(self) -> "StudyFile":
         """The study in FILE; the usual one without."""
         with needing("a study", "study"):
             from rcmservo.study.plan.distribution import BUILT_IN
@@ -111,33 +111,35 @@ class StudyOptions(RunConditions, WorkOptions):
         return load(self.file)
 
     @property
-    def usual(self) -> "StudyOptions | None":
+    def file_defaults(self) -> "StudyOptions | None":
         """Options that FILE gives where the command line does not."""
-        return None if self.file is None else StudyOptions(**_conditions(self.asked))
+        return None if self.file is None else StudyOptions(**_conditions(self.study_file))
 
 
 def study(options: StudyOptions) -> int:
     """Do what is not done yet, and write rows and report."""
     with needing("a study", "study"):
-        from rcmservo.cli.studies.rerun import seen_again
+        from rcmservo.cli.studies.rerun import rerun_row
         from rcmservo.study.execution.run_study import Work
         from rcmservo.study.plan import distribution
         from rcmservo.study.report import report
     out = console()
     if "help" in options.scenes:
-        out.print(described(distribution.described()))
+        out.print(distribution_table(distribution.described()))
         return 0
     if options.replay is not None:
-        return seen_again(options.out, options.replay, options.film, own_of(options))
+        return rerun_row(options.out, options.replay, options.film, user_estimators(options))
     require(not options.film, "--film", True, "given with --replay")
-    plan = planned(options)
-    folder = options.out or dated("study")
-    require_kept(options.file, folder)
+    plan = make_plan(options)
+    folder = options.out or dated_folder("study")
+    require_other_folder(options.file, folder)
     work = Work(plan, folder)
-    tell_work(out, work)
-    with going_on(folder, out):
-        how = _do(work, options, out) if work.left else {}
-        told = report.write(folder, plan, work.gather(), {**about(work), **how}, options.report)
+    print_work(out, work)
+    with resume_hint(folder, out):
+        how = _run_remaining(work, options, out) if work.left else {}
+        told = report.write(
+            folder, plan, work.gather(), {**report_header(work), **how}, options.report
+        )
     out.print(results(told.summaries))
     for one in told.comparisons:
         out.print(beside(one), soft_wrap=True)
@@ -151,7 +153,7 @@ def _conditions(given: RunConditions) -> dict[str, Any]:
     return {f.name: getattr(given, f.name) for f in fields(RunConditions)}
 
 
-def planned(options: StudyOptions) -> "StudyPlan":
+def make_plan(options: StudyOptions) -> "StudyPlan":
     """Return the plan of a file, with what the options say put in its place."""
     from rcmservo.sim.disturbances import Disturbance
     from rcmservo.study.plan.file import plan_of
@@ -165,11 +167,11 @@ def planned(options: StudyOptions) -> "StudyPlan":
         "disturb": (options.disturb,) if options.disturb else (),
     }
     given = {name: value for name, value in said.items() if value not in ((), None)}
-    asked = replace(options.asked, **_conditions(options), **given)
-    return plan_of(asked, own_of(options))
+    asked = replace(options.study_file, **_conditions(options), **given)
+    return plan_of(asked, user_estimators(options))
 
 
-def require_kept(file: Path | None, folder: Path) -> None:
+def require_other_folder(file: Path | None, folder: Path) -> None:
     """Refuse the FILE that a search has left in this very folder: it would go with the others."""
     from rcmservo.study.execution.store import TUNED
 
@@ -177,13 +179,13 @@ def require_kept(file: Path | None, folder: Path) -> None:
     require(kept, "--out", folder, f"another folder than that of FILE, whose {TUNED} would go")
 
 
-def own_of(options: StudyOptions) -> dict[str, type[Estimator]]:
+def user_estimators(options: StudyOptions) -> dict[str, type[Estimator]]:
     """The users' own estimators that the command line names; their code is run here first."""
     own = {name: named(name, "--method") for name in options.method if ":" in name}
     return own | {name: named(name, "--own") for name in options.own}
 
 
-def _do(work: "Work", options: StudyOptions, out: Console) -> dict[str, object]:
+def _run_remaining(work: "Work", options: StudyOptions, out: Console) -> dict[str, object]:
     """Have what is left done; how that went."""
     runs, left = work.plan.runs, work.runs_left
     with workers_for(work, options, out) as hands:
@@ -202,7 +204,7 @@ def workers_for(work: "Work", options: WorkOptions, out: Console) -> Generator["
     if options.cluster is not None:
         require_guarded(options.cluster)
     with ExitStack() as stack:
-        with live_line(out) as line:
+        with status_line(out) as line:
             with compiling(line):
                 work.compile()
             line.update(Text("waiting for workers …", style="dim"))
@@ -210,7 +212,7 @@ def workers_for(work: "Work", options: WorkOptions, out: Console) -> Generator["
         yield hands
 
 
-def about(work: "Work") -> dict[str, object]:
+def report_header(work: "Work") -> dict[str, object]:
     """What a report says of its making."""
     from rcmservo.study.execution.package_version import package
 

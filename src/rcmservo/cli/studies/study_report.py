@@ -12,11 +12,11 @@ if TYPE_CHECKING:
     from rcmservo.study.report.statistics import Interval
     from rcmservo.study.report.summary import PairedComparison, Summary
 
-NUMBERS = "success, %", "to 1 mm, s", "error, mm", "/ bound"
+NUMBER_COLUMNS = "success, %", "to 1 mm, s", "error, mm", "/ bound"
 """Columns of numbers: the medians of time and error, and the rms of the ratio."""
 
 
-def described(distributions: Iterable[tuple[str, str]]) -> Table:
+def distribution_table(distributions: Iterable[tuple[str, str]]) -> Table:
     """What every distribution of scenes is."""
     table = Table.grid(padding=(0, 2))
     for name, words in distributions:
@@ -24,7 +24,7 @@ def described(distributions: Iterable[tuple[str, str]]) -> Table:
     return table
 
 
-def tell_work(out: Console, work: "Work") -> None:
+def print_work(out: Console, work: "Work") -> None:
     """What is going to be done."""
     runs, left = work.plan.runs, work.runs_left
     words = f"{runs} simulated run{'s' if runs > 1 else ''}, into {work.store.folder}"
@@ -43,7 +43,7 @@ def results(rows: list["Summary"]) -> Table:
     table = Table(show_lines=True)
     for words in ("method\nengine", "scenes"):
         table.add_column(words, overflow="fold")
-    for words in NUMBERS:
+    for words in NUMBER_COLUMNS:
         table.add_column(words, overflow="fold", justify="right")
     table.add_column("first stops", overflow="fold")
     for row in rows:
@@ -51,10 +51,10 @@ def results(rows: list["Summary"]) -> Table:
         table.add_row(
             f"{row.method}\n{row.engine}",
             row.condition,
-            _spread(row.success, ".1f", 100.0),
-            _spread(row.time_median_s, ".2f", 1.0, "never"),
-            _spread(row.pose_median_mm, ".3f"),
-            _spread(row.ratio_rms, ".2f"),
+            _format_two_lines(row.success, ".1f", 100.0),
+            _format_two_lines(row.time_median_s, ".2f", 1.0, "never"),
+            _format_two_lines(row.pose_median_mm, ".3f"),
+            _format_two_lines(row.ratio_rms, ".2f"),
             "\n".join(stops) or "–",
         )
     return table
@@ -64,38 +64,38 @@ def beside(one: "PairedComparison") -> str:
     """A method beside the first one, in a sentence."""
     return (
         f"{one.method} beside {one.beside}, {one.condition}, {one.pairs} pairs: success "
-        f"{_inline(one.success, '+.1f', '% points', 100.0)}, {_sooner(one)}, "
-        f"error {_inline(one.pose_mm, '+.3f', 'mm')}"
+        f"{_format_one_line(one.success, '+.1f', '% points', 100.0)}, {_describe_time_gain(one)}, "
+        f"error {_format_one_line(one.pose_mm, '+.3f', 'mm')}"
     )
 
 
-def _sooner(one: "PairedComparison") -> str:
+def _describe_time_gain(one: "PairedComparison") -> str:
     """How much sooner it comes within 1 mm, where both mostly do."""
     if math.isinf(one.time_s.value):
         only = one.beside if one.time_s.value > 0.0 else one.method
         return f"to 1 mm mostly only {only} comes"
-    return f"to 1 mm {_inline(one.time_s, '+.2f', 's')}"
+    return f"to 1 mm {_format_one_line(one.time_s, '+.2f', 's')}"
 
 
-def number(value: float, form: str, endless: str = "∞") -> str:
+def format_number(value: float, form: str, endless: str = "∞") -> str:
     """A number, or that it is without end."""
     if math.isinf(value):
         return endless if "+" not in form else f"{value:+f}".replace("inf", "∞")
     return format(value, form)
 
 
-def _spread(one: "Interval", form: str, times: float = 1.0, endless: str = "∞") -> str:
+def _format_two_lines(one: "Interval", form: str, times: float = 1.0, endless: str = "∞") -> str:
     """A number, and its interval in the line below."""
-    value, low, high = (number(times * x, form, endless) for x in one)
+    value, low, high = (format_number(times * x, form, endless) for x in one)
     if math.isnan(one.value):
         return "–"
     return value if low == high == value else f"{value}\n{low} to {high}"
 
 
-def _inline(one: "Interval", form: str, unit: str, times: float = 1.0) -> str:
+def _format_one_line(one: "Interval", form: str, unit: str, times: float = 1.0) -> str:
     """A number with its interval and its unit; a dash where there is none."""
     if math.isnan(one.value):
         return "–"
-    value, low, high = (number(times * x, form) for x in one)
+    value, low, high = (format_number(times * x, form) for x in one)
     between = "" if low == high == value else f" ({low} to {high})"
     return f"{value}{between} {unit}"

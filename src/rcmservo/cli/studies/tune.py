@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 import tyro
 from rich.console import Console
 
-from rcmservo.cli.folders import dated
+from rcmservo.cli.folders import dated_folder
 from rcmservo.cli.lab_options import RunOptions
-from rcmservo.cli.progress.progress import going_on, progress
-from rcmservo.cli.servo_options import group_of
-from rcmservo.cli.studies.study import WorkOptions, about, require_kept, workers_for
-from rcmservo.cli.studies.study_report import beside, results, tell_work
+from rcmservo.cli.progress.progress import progress, resume_hint
+from rcmservo.cli.servo_options import option_group
+from rcmservo.cli.studies.study import WorkOptions, report_header, require_other_folder, workers_for
+from rcmservo.cli.studies.study_report import beside, print_work, results
 from rcmservo.cli.terminal import console
 from rcmservo.config.atomic_files import write_whole
 from rcmservo.config.registry import ESTIMATORS, PARTS, name_of
@@ -51,12 +51,12 @@ def tune(options: TuneOptions) -> int:
         from rcmservo.study.tuning.search import best, searched
         from rcmservo.study.tuning.space import with_values
     tuning, out = _tuning(options), console()
-    folder = options.out or dated("tune")
-    require_kept(options.file, folder)
+    folder = options.out or dated_folder("tune")
+    require_other_folder(options.file, folder)
     start = tuning.plan.methods[0]
     unseen = Work(tuning.unseen, folder)
-    _tell_search(out, tuning, folder, folder / SEARCH)
-    with going_on(folder, out):
+    _print_search(out, tuning, folder, folder / SEARCH)
+    with resume_hint(folder, out):
         with workers_for(unseen, options, out) as crew:
             with progress(out, "searching", tuning.trials) as advance:
                 tried = searched(tuning, folder / SEARCH, crew, lambda _: advance(1))
@@ -64,13 +64,13 @@ def tune(options: TuneOptions) -> int:
             method = with_values(start, tuning.name, found.values)
             plan = replace(tuning.unseen, methods=(start, method))
             work = Work(plan, folder)
-            tell_work(out, work)
+            print_work(out, work)
             done = plan.runs - work.runs_left
             with progress(out, "trying on unseen scenes", plan.runs, done, "runs") as advance:
                 work.go(crew, advance)
         rows = work.gather()
         write_whole(folder / TUNED, settings_text(method, work.own, tuning))
-        made = about(work) | _found(tuning, method, tried, folder / TUNED)
+        made = report_header(work) | _search_summary(tuning, method, tried, folder / TUNED)
         told = report.write(folder, work.plan, rows, made, page=True)
     better = found.number > 0
     out.print(
@@ -100,7 +100,7 @@ def _tuning(options: TuneOptions) -> "Tuning":
         return Tuning(plan=plan, axes=axes, **asdict(section))
 
 
-def _tell_search(out: Console, tuning: "Tuning", folder: Path, search: Path) -> None:
+def _print_search(out: Console, tuning: "Tuning", folder: Path, search: Path) -> None:
     """What is going to be searched, and whether it goes on. Each trial has a method of its own."""
     from rcmservo.study.execution import manifest
 
@@ -119,7 +119,7 @@ def _tell_search(out: Console, tuning: "Tuning", folder: Path, search: Path) -> 
     )
 
 
-def _found(
+def _search_summary(
     tuning: "Tuning", method: "StudyMethod", tried: "list[Tried]", settings: Path
 ) -> dict[str, object]:
     """What a report says of the search."""
@@ -129,7 +129,7 @@ def _found(
     costs = tried[0].cost, min(one.cost for one in tried)
     seeds = f"seeds {plan.first_seed} to {plan.first_seed + plan.count - 1}"
     changes = [
-        f"{axis.name} {_told(value_of(start, axis.name))} -> {_told(value_of(method, axis.name))}"
+        f"{axis.name} {_format_value(value_of(start, axis.name))} -> {_format_value(value_of(method, axis.name))}"
         for axis in tuning.axes
     ]
     return {
@@ -140,7 +140,7 @@ def _found(
     }
 
 
-def _told(value: object) -> str:
+def _format_value(value: object) -> str:
     return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
@@ -149,15 +149,15 @@ def run_command(method: "StudyMethod") -> str:
     words = ["rcmservo", "run", "--estimator", name_of(method.estimator, ESTIMATORS)]
     for settings in method.parts.values():
         kind = cast(type[Any], type(settings))
-        group, usual = group_of(kind, RunOptions), kind()
+        group, usual = option_group(kind, RunOptions), kind()
         for f in fields(kind):
             value = getattr(settings, f.name)
             if value != getattr(usual, f.name):
-                words += _option(f"{group}.{f.name}".replace("_", "-"), value)
+                words += _option_words(f"{group}.{f.name}".replace("_", "-"), value)
     return shlex.join(words)
 
 
-def _option(name: str, value: Any) -> list[str]:
+def _option_words(name: str, value: Any) -> list[str]:
     """A setting as words of a command line."""
     if isinstance(value, bool):
         group, _, key = name.partition(".")
