@@ -1,4 +1,4 @@
-"""Sentences on a port of this computer that cannot be listened on."""
+"""Error messages for a port of this computer on which a server cannot listen."""
 
 import errno
 import os
@@ -7,30 +7,31 @@ from contextlib import suppress
 from pathlib import Path
 
 SOCKET_TABLES = "tcp", "tcp6", "udp", "udp6"
-"""Linux's tables of sockets, in /proc/net."""
+"""Socket tables of Linux in /proc/net."""
 LISTENING_STATES = "0A", "07"
-"""State of a TCP socket that listens, and of a UDP socket."""
+"""State codes of a listening TCP socket and of a UDP socket."""
 MAX_COMMAND_CHARACTERS = 100
-"""Characters of another process's command in a message."""
+"""Largest number of characters of another process's command in a message."""
 
 
 def refusal(port: int, error: OSError) -> str:
-    """Return why a port cannot be listened on, and which process holds it if that is known."""
-    why = f"port {port}: cannot be listened on: {error.strerror}"
+    """Return the error message for a port on which no server can listen, with its user if known."""
+    message = f"port {port}: cannot listen on it: {error.strerror}"
     holder = _describe_holder(port) if error.errno == errno.EADDRINUSE else ""
-    return f"{why} by {holder}" if holder else why
+    return f"{message} by {holder}" if holder else message
 
 
 def _describe_holder(port: int) -> str:
-    """Return number and command of the process that listens on a port; empty if it is not known,
-    as other users' processes are not.
+    """Return the number and command of the process that listens on a port; empty if unknown.
+
+    Processes of other users are unknown.
     """
     with suppress(OSError):
         links = {f"socket:[{inode}]" for inode in _listening_inodes(port)}
         for process in filter(str.isdecimal, os.listdir("/proc")):
             with suppress(OSError):
                 folder = Path("/proc", process)
-                if any(os.readlink(one) in links for one in (folder / "fd").iterdir()):
+                if any(os.readlink(file) in links for file in (folder / "fd").iterdir()):
                     command = (folder / "cmdline").read_bytes().replace(b"\0", b" ")
                     text = command.decode(errors="replace").strip()
                     return f"process {process} ({text[:MAX_COMMAND_CHARACTERS]})"

@@ -1,5 +1,6 @@
-"""The command line: which command is asked for, and how it ends. A command is imported when it is
-named, so that `--help` starts at once.
+"""Command line: dispatch to the requested command, and its exit code.
+
+A command is imported only when it is requested, so that `--help` is quick.
 """
 
 import sys
@@ -12,30 +13,30 @@ from rcmservo import __version__
 from rcmservo.errors import BadInput, RcmServoError, Stopped
 
 EXIT_BAD_INPUT, EXIT_STOPPED = 2, 1
-"""Exit codes: of what cannot be done, and of what was told to end before it was done. Others are 0,
-and 1 where a run did not settle."""
+"""Exit codes of an invalid request and of a stopped run; a run that did not settle gives 1 as well.
+"""
 
 SUMMARY_COLUMN = 11
-"""Columns before the summary of a command."""
+"""Column at which the summary of a command begins."""
 
 
 class CommandEntry(NamedTuple):
-    """A command that is not imported yet.
+    """Command that is imported on first use.
 
     Parameters
     ----------
-    place : str
-        Module below rcmservo.cli and its function that does it, as module:function. The dataclass
-        of the function's `options` is the only list of the command's options.
+    entry_point : str
+        Module below rcmservo.cli and its function, as module:function. The dataclass that
+        annotates the function's parameter `options` is the only list of the command's options.
     summary : str
-        One line for the list of commands.
+        Summary of one line for the list of commands.
     """
 
     entry_point: str
     summary: str
 
     def load(self) -> tuple[type[Any], Callable[[Any], int]]:
-        """Import the command: its options, and what it does."""
+        """Import the command; return the class of its options and its function."""
         module, _, name = self.entry_point.partition(":")
         action = getattr(import_module(f"rcmservo.cli.{module}"), name)
         return action.__annotations__["options"], action
@@ -55,14 +56,15 @@ COMMANDS = {
     "rig": CommandEntry("lab.rig_check:rig_check", "Check a rig file at the arm: rig check FILE."),
     "markers": CommandEntry("lab.markers:markers", "Find coloured balls that could be markers."),
 }
-"""Every command by its name."""
+"""All commands by name."""
 
-DESCRIPTION = """Position a tool through a remote centre of motion from the picture of one uncalibrated
-camera."""
+DESCRIPTION = (
+    "Position a tool through a remote centre of motion from the images of one uncalibrated camera."
+)
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Do what the arguments ask for, and return the exit code."""
+    """Run the command that the arguments name and return the exit code."""
     from rcmservo.cli.terminal import use_ascii_fallback
 
     use_ascii_fallback()
@@ -97,41 +99,42 @@ def _dispatch(arguments: list[str]) -> int:
     return 0
 
 
-def _run_command(name: str, words: list[str]) -> int:
-    """Do what a command is asked for, or print its help."""
+def _run_command(name: str, arguments: list[str]) -> int:
+    """Run a command, or print its help."""
     from rcmservo.cli.command_line.help_text import HELP_ALL_OPTION, HELP_OPTIONS, help_text
 
-    if {*HELP_OPTIONS, HELP_ALL_OPTION} & set(words):
-        print(help_text(name, options_kind(name, words), HELP_ALL_OPTION in words))
+    if {*HELP_OPTIONS, HELP_ALL_OPTION} & set(arguments):
+        print(help_text(name, options_kind(name, arguments), HELP_ALL_OPTION in arguments))
         return 0
-    options = asked_of(name, words)
+    options = asked_of(name, arguments)
     if name == "replay":
-        return _run_replay(options, words)
+        return _run_replay(options, arguments)
     if name == "study" and options.file_defaults is not None:
-        options = asked_of(name, words, options.file_defaults)
+        options = asked_of(name, arguments, options.file_defaults)
     _, action = COMMANDS[name].load()
     return action(options)
 
 
-def options_kind(name: str, words: list[str]) -> type[Any]:
-    """Return the dataclass of a command's options, with those of a user's own estimator that the
-    words name.
+def options_kind(name: str, arguments: list[str]) -> type[Any]:
+    """Return the dataclass of a command's options.
+
+    It includes the settings of a user-defined estimator that the arguments name.
     """
     from rcmservo.cli.servo_options import with_own_estimator
 
     kind, _ = COMMANDS[name].load()
-    return with_own_estimator(kind, words)
+    return with_own_estimator(kind, arguments)
 
 
-def asked_of(name: str, words: list[str], defaults: Any = None) -> Any:
-    """Return the options of a command that the words give; `usual` holds the others."""
+def asked_of(name: str, arguments: list[str], defaults: Any = None) -> Any:
+    """Return a command's options from its arguments, and from `defaults` where they are absent."""
     from rcmservo.cli.parse import parse
 
-    return parse(name, options_kind(name, words), words, defaults)
+    return parse(name, options_kind(name, arguments), arguments, defaults)
 
 
-def _run_replay(options: Any, words: list[str]) -> int:
-    """Score a recording, or recompute a run with its recorded settings but for those given."""
+def _run_replay(options: Any, arguments: list[str]) -> int:
+    """Score a recording, or recompute a run with its recorded settings and the given ones."""
     from rcmservo.cli.replay import recompute_run, recorded_options, replay
     from rcmservo.recording import reader
 
@@ -139,13 +142,13 @@ def _run_replay(options: Any, words: list[str]) -> int:
         return replay(options)
     then = reader.read_record(options.path)
     usual = recorded_options(options, then)
-    return recompute_run(asked_of("replay", words, usual), usual, then)
+    return recompute_run(asked_of("replay", arguments, usual), usual, then)
 
 
 def command_overview() -> str:
     """Return the list of all commands."""
-    about = textwrap.fill(" ".join(DESCRIPTION.split()), 80)
-    rows = (f"  {name:<{SUMMARY_COLUMN - 2}}{one.summary}" for name, one in COMMANDS.items())
+    about = textwrap.fill(DESCRIPTION, 80)
+    rows = (f"  {name:<{SUMMARY_COLUMN - 2}}{entry.summary}" for name, entry in COMMANDS.items())
     return "\n".join(
         [
             "usage: rcmservo [--version] COMMAND [options]",
@@ -161,7 +164,7 @@ def command_overview() -> str:
 
 
 def _unknown_command(arguments: list[str]) -> str:
-    """Return a sentence about arguments that name no command."""
+    """Return the error message for arguments that name no command."""
     from rcmservo.errors import quoted, suggestion
 
     known = ", ".join(COMMANDS)

@@ -1,4 +1,4 @@
-"""`rcmservo paper`: every experiment of the paper, and one report that judges its claims."""
+"""`rcmservo paper`: all experiments of the paper, and one report that judges its claims."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,32 +20,31 @@ if TYPE_CHECKING:
     from rcmservo.paper.lab.methods import Own
 
 EXIT_INCOMPLETE = 1
-"""Exit code of a report that leaves out what could not be measured."""
+"""Exit code if the report leaves out an experiment that could not be measured."""
 
 QUICK_REMARK = (
-    "this was the quick set: one or two runs of a thing (n = 1 or 2) are a first look and no "
-    "verdict; the numbers are its own, not those of the whole set"
+    "this is the quick set: one or two runs per case (n = 1 or 2) give a first impression and no "
+    "verdict; the numbers differ from those of the full set"
 )
 VERDICTS = ("holds", "holds with a remark", "does not hold")
 
 
 @dataclass(frozen=True)
 class PaperOptions(EstimatorOptions):
-    """Run every experiment of the paper in simulation, and write one report that judges its
-    claims.
+    """Run all experiments of the paper in simulation and write one report that judges its claims.
 
     Parameters
     ----------
     out : Path or None
-        Folder to write to: new or empty, or that of an earlier run, which then goes on where it
-        stopped. By default a new one under runs/.
+        Output folder: new or empty, or that of an earlier run, which then resumes. By default a
+        new one under runs/.
     quick : bool
-        A reduced set: few seeds, a camera that delivers points, one run on rendered frames. One or
-        two runs of a thing give numbers, but no verdict.
+        Reduced set: few seeds, a camera that delivers points, one run on rendered frames. One
+        or two runs per case give numbers but no verdict.
     only : str or None
-        One experiment by its name.
+        Name of the one experiment to run.
     estimator : OptionalEstimator
-        A user's own estimator, as module:class, to stand beside the others in `baselines`.
+        Your own estimator, as module:class, to compare with the others in `baselines`.
     """
 
     out: Path | None = None
@@ -55,18 +54,16 @@ class PaperOptions(EstimatorOptions):
 
 
 def paper(options: PaperOptions) -> int:
-    """Run what is not done yet, and write the report; the exit code is 0 where nothing is missing
-    in it.
-    """
+    """Run the remaining experiments and write the report; return 0 if the report is complete."""
     with needing("paper", "sim"):
         from rcmservo.paper import run, store
 
         experiments = run.chosen(options.only, _user_method(options))
     out = console()
     folder = options.out or dated_folder("paper")
-    tasks = [task for one in experiments.values() for task in one.plan(options.quick)]
+    tasks = [task for experiment in experiments.values() for task in experiment.plan(options.quick)]
     store.prepare(folder, options.quick)
-    words = f"{len(tasks)} simulated pieces of work on all cores, into {folder}"
+    words = f"{len(tasks)} simulated tasks on all cores, into {folder}"
     out.print(words, style="dim", soft_wrap=True)
     total = sum(task.cost for task in tasks)
     with resume_hint(folder, out), progress(out, "simulating", total) as advance:
@@ -82,20 +79,22 @@ def paper(options: PaperOptions) -> int:
 
 
 def _user_method(options: PaperOptions) -> "Own | None":
-    """The user's own estimator that the options name, as one of the methods; tried first."""
+    """Return the user-defined estimator that the options name as a method, after a trial."""
     from rcmservo.paper.lab.methods import Own
 
     name = options.estimator
     if name is None:
         return None
-    require(name in options.user_estimators, "--estimator", name, "a user's own, as module:class")
+    require(
+        name in options.user_estimators, "--estimator", name, "your own estimator, as module:class"
+    )
     estimator = options.user_estimators[name]
     examine(estimator, Lab().tool)
     return Own(name, name.rpartition(":")[2], estimator, source=source(estimator))
 
 
 def _claim_table(rows: "list[ClaimRow]") -> Table:
-    """Every claim of one experiment; without a verdict where there are one or two trials."""
+    """Return the claims of one experiment; one or two trials give no verdict."""
     table = Table("claim", "where", "measured", "verdict")
     for row in rows:
         claim = ": ".join(filter(None, (row.claim, *row.case)))
@@ -106,7 +105,7 @@ def _claim_table(rows: "list[ClaimRow]") -> Table:
 
 
 def _verdict_table(rows: "list[ClaimRow]") -> Table:
-    """How many claims of each experiment hold."""
+    """Return the number of claims with each verdict, by experiment."""
     table = Table("experiment", *VERDICTS, "no verdict")
     for name in dict.fromkeys(row.experiment for row in rows):
         found = [row.verdict for row in rows if row.experiment == name]

@@ -1,4 +1,4 @@
-"""The command line as settings; what is wrong with it as one sentence."""
+"""Options from a command line, and error messages of one sentence."""
 
 import re
 import sys
@@ -16,23 +16,39 @@ from rcmservo.errors import BadInput, RcmServoError, quoted, suggestion
 
 
 class InvalidCommandLine(RcmServoError):
-    """A command line that does not say what to do."""
+    """Report arguments that cannot be read."""
 
 
 SETTING_OPTION = re.compile(r"--[\w-]+\.")
-"""An option of a group, which only the long help explains."""
+"""Option of a group, which only the long help explains."""
 
 NUMBER_DESCRIPTIONS: dict[type[Any], str] = {int: "a whole number", float: "a number"}
-"""Words for the kinds of numbers in messages."""
+"""Types of numbers in words, for messages."""
 
 
 REQUIREMENT_START = "must be"
-"""How a message begins that is ours, not tyro's."""
+"""Start of a message that was written here and not by tyro."""
 
 
 def parse(command: str, kind: type[Any], arguments: list[str], defaults: Any = None) -> Any:
-    """Return the options that the arguments after the command's name give; `usual` holds those
-    that are not given. :class:`Unparsed` names what cannot be read.
+    """Return the options that the arguments after the command's name give.
+
+    Parameters
+    ----------
+    command : str
+        Name of the command, for messages.
+    kind : type
+        Dataclass of its options.
+    arguments : list of str
+        Arguments after the command's name.
+    defaults : Any
+        Options that hold the values which the arguments leave out; by default those of the
+        class.
+
+    Raises
+    ------
+    InvalidCommandLine
+        If an argument is unknown, missing or invalid.
     """
     default: Any = {} if defaults is None else {"default": defaults}
 
@@ -41,7 +57,7 @@ def parse(command: str, kind: type[Any], arguments: list[str], defaults: Any = N
         more = HELP_ALL_OPTION if SETTING_OPTION.search(sentence) else HELP_OPTIONS[1]
         raise InvalidCommandLine(f"{sentence}; see rcmservo {command} {more}")
 
-    # tyro hands what is wrong to this hook only; its printed text is meant for eyes
+    # only this hook receives tyro's errors as objects; otherwise tyro prints them
     with tyro_errors.on_parse_error(refuse):
         return tyro.cli(
             kind, prog="rcmservo", args=arguments, registry=_value_registry(), **default
@@ -49,8 +65,9 @@ def parse(command: str, kind: type[Any], arguments: list[str], defaults: Any = N
 
 
 def _value_registry() -> ConstructorRegistry:
-    """Return the reading of single values, which may be left out (`int | None`): as tyro reads
-    them, but with our names and sentences, and no word stands for None.
+    """Return the conversion of single values, which may be optional (`int | None`).
+
+    It differs from tyro's in its names and messages, and no word stands for None.
     """
     registry = ConstructorRegistry()
 
@@ -80,15 +97,15 @@ def _convert(kind: type[Any], word: str) -> Any:
 
 
 def _describe_error(
-    event: tyro_errors.ParseErrorEvent, command: str, kind: type[Any], words: list[str]
+    event: tyro_errors.ParseErrorEvent, command: str, kind: type[Any], arguments: list[str]
 ) -> str:
-    """What is wrong with the words of a command line, without where to read more."""
+    """Return the message for an error, without the hint to the help."""
     match event:
         case tyro_errors.UnrecognizedArgs():
             word = event.tokens[0]
             if not word.startswith("-"):
-                return f"{quoted(word)} is more than {command} takes"
-            names = [one.name for one in options_of(kind) if not one.is_positional]
+                return f"{quoted(word)} is one argument too many for {command}"
+            names = [option.name for option in options_of(kind) if not option.is_positional]
             return f"{command} has no option {word}{suggest_options(word, names)}"
         case tyro_errors.MissingArgs():
             missing = event.missing_arguments[0].arg
@@ -96,41 +113,38 @@ def _describe_error(
             meaning = " ".join(helptext().split())
             return f"{missing.lowered.metavar} must be given: {meaning}".rstrip(".")
         case tyro_errors.InvalidChoice():
-            right = f"one of {', '.join(event.choices)}"
+            expected = f"one of {', '.join(event.choices)}"
             near = suggestion(event.value, event.choices)
-            return (
-                f"{_argument_name(event.argument)} must be {right}, got {quoted(event.value)}{near}"
-            )
+            name = _argument_name(event.argument)
+            return f"{name} must be {expected}, got {quoted(event.value)}{near}"
         case tyro_errors.BadValue() | tyro_errors.InstantiationFailure():
-            return _describe_refusal(event, kind, words)
+            return _describe_refusal(event, kind, arguments)
         case _:
-            return "these arguments do not go together"
+            return "these arguments cannot be combined"
 
 
-def _describe_refusal(event: Any, kind: type[Any], words: list[str]) -> str:
-    """Values that are too few, of another kind, or of no use; the settings and our numbers say
-    why.
-    """
+def _describe_refusal(event: Any, kind: type[Any], arguments: list[str]) -> str:
+    """Return the message for values that are too few, of another type, or refused by a setting."""
     message = " ".join(getattr(event, "message", "").split())
     if event.argument is None:
         return _describe_setting_error(sys.exception(), kind) or message
     name = _argument_name(event.argument)
     if message.startswith(REQUIREMENT_START):
         return f"{name} {message}"
-    after = words[words.index(name) + 1 :] if name in words else []
-    given = " ".join(takewhile(lambda word: not word.startswith("--"), after))
+    following = arguments[arguments.index(name) + 1 :] if name in arguments else []
+    given = " ".join(takewhile(lambda word: not word.startswith("--"), following))
     metavar = str(event.argument.lowered.metavar)
-    numbers = {METAVARS[number]: words for number, words in NUMBER_DESCRIPTIONS.items()}
-    right = numbers.get(metavar, f"given {metavar}")
-    return f"{name} must be {right}, got {quoted(given)}"
+    numbers = {METAVARS[number]: arguments for number, arguments in NUMBER_DESCRIPTIONS.items()}
+    expected = numbers.get(metavar, f"given {metavar}")
+    return f"{name} must be {expected}, got {quoted(given)}"
 
 
 def _describe_setting_error(failure: BaseException | None, kind: type[Any]) -> str:
-    """Return what a settings class refused, with the option's name as typed; empty if unknown.
+    """Return the message of a settings class with the option's name as typed; empty if unknown.
 
     The class names the field as records and files do: `estimator.gamma` is --flow.gamma or
-    --projection.gamma here. Tyro's error names the group, and has that of the class as context;
-    what the options themselves refuse comes as it is.
+    --projection.gamma on the command line. Tyro's error names the group and has that of the class
+    as context. An error that the options themselves raise has no such context.
     """
     cause = failure.__context__ if failure and not isinstance(failure, BadInput) else failure
     if not isinstance(cause, BadInput):
@@ -142,6 +156,6 @@ def _describe_setting_error(failure: BaseException | None, kind: type[Any]) -> s
 
 
 def _argument_name(argument: Any) -> str:
-    """What an option or argument is called on the command line."""
+    """Return the name of an option or argument on the command line."""
     names = argument.lowered.name_or_flags
     return str(argument.lowered.metavar if argument.is_positional() else names[0])

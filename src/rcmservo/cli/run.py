@@ -1,4 +1,4 @@
-"""`rcmservo run`: a simulated run from the command line to a folder of results."""
+"""`rcmservo run`: a simulated run and its output folder."""
 
 from rcmservo.cli.folders import new_folder, require_new_target_file
 from rcmservo.cli.lab_options import RunOptions
@@ -10,14 +10,14 @@ from rcmservo.errors import needing
 
 
 def run(options: RunOptions) -> int:
-    """Run, write the folder, print the result; the exit code is 0 where it settled."""
+    """Run, write the folder and print the result; return 0 if the run settled."""
     with needing("run", "sim"):
         from rcmservo.sim.disturbances import describe_kinds
     if "help" in options.disturb:
         print(describe_kinds())
         return 0
     require_new_target_file(options.target, options.save_target)
-    _ = options.servo, options.rig_settings, options.disturbances  # refuse what they cannot read
+    _ = options.servo, options.rig_settings, options.disturbances  # raise an error for invalid ones
     out = console(stderr=options.json)
     with new_folder(options.out, f"run-seed{options.seed}") as folder:
         words = f"simulated arm and camera, seed {options.seed}; preparing …"

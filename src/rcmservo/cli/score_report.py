@@ -1,4 +1,4 @@
-"""Score of a recording: as JSON, as a table of centres, and in words."""
+"""Score of a recording: as JSON, as a table of marker centres, and in words."""
 
 from typing import Any
 
@@ -15,7 +15,7 @@ Pair = tuple[float, float]
 
 
 def score_as_json(result: scoring.RecordingScore) -> dict[str, Any]:
-    """Return a score as replay.json has it: None is what was not found or could not be computed."""
+    """Return a score in the form of replay.json; None stands for a value that is not available."""
     return {
         "frames": [
             {"frame": pose.name, "m1": _pair(found.points[0]), "m2": _pair(found.points[1])}
@@ -38,7 +38,7 @@ def _pair(point: Floats) -> Pair | None:
 
 
 def centres_csv(result: scoring.RecordingScore) -> str:
-    """Return the markers' centres as CSV; what was not found is left empty."""
+    """Return the markers' centres as CSV; undetected markers are empty."""
     lines = ["frame,m1_u_px,m1_v_px,m2_u_px,m2_v_px"]
     for pose, found in zip(result.poses, result.markers, strict=True):
         row = [f"{n:.3f}" if np.isfinite(n) else "" for n in found.points.ravel()]
@@ -67,7 +67,7 @@ def print_score(console: Console, result: scoring.RecordingScore) -> None:
 
 
 def _describe_imaged_rcm(result: scoring.RecordingScore) -> str:
-    place, condition = result.o_c, result.condition
-    if not (np.isfinite(place).all() and np.isfinite(condition)):
-        return ": not observable, the imaged tool turned too little"
-    return f" ({place[0]:.1f}, {place[1]:.1f}) px, condition number {condition:.0f}"
+    o_c, condition = result.o_c, result.condition
+    if not (np.isfinite(o_c).all() and np.isfinite(condition)):
+        return ": not observable, because the imaged tool rotates too little"
+    return f" ({o_c[0]:.1f}, {o_c[1]:.1f}) px, condition number {condition:.0f}"

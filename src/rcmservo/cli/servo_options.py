@@ -1,7 +1,7 @@
-"""Settings of the method's parts as options, derived from the registry: one group of options for
-each class, the same for every command that makes a servo.
+"""Settings of the method's parts as options, derived from the registry.
 
-The settings of a user's own estimator become options beside the built-in ones.
+Each class gives one group of options, the same for every command that makes a servo. A user-defined
+estimator adds a group of its own settings.
 """
 
 from collections.abc import Mapping, Sequence
@@ -26,7 +26,7 @@ Options = TypeVar("Options")
 ESTIMATOR_NAMES = (*ESTIMATORS, *PRESETS)
 ESTIMATOR_ARGUMENT = tyro.conf.arg(metavar="NAME")
 EstimatorName = Annotated[str, ESTIMATOR_ARGUMENT]
-"""An estimator by its name, or a user's own by that of its class."""
+"""Name of a built-in estimator, or a user-defined one as module:class."""
 OptionalEstimator = Annotated[str | None, ESTIMATOR_ARGUMENT]
 
 
@@ -35,23 +35,31 @@ OPTION_GROUPS: Classes = {
     for part in sorted(METHOD_PARTS, key=lambda part: len(PARTS[part]))
     for name, kind in PARTS[part].items()
 }
-"""Classes whose settings are options, by what these options begin with: the part's name, or the
-class's own where the part has several."""
+"""Classes whose settings are options, by the prefix of these options.
+
+The prefix is the name of the part, or that of the class if the part has several classes.
+"""
 
 
 def option_group(kind: type[Any], command: type[Any]) -> str:
-    """Return what the options of a class begin with. A user's estimator whose name the command has
-    for something else goes by its module or class.
+    """Return the prefix of the options of a class.
+
+    A user-defined estimator whose name is already an option of the command uses the name of its
+    module or class instead.
     """
     if kind in OPTION_GROUPS.values():
         return next(group for group, one in OPTION_GROUPS.items() if one is kind)
-    wanted = (getattr(kind, "name", ""), kind.__module__.rpartition(".")[2], kind.__name__.lower())
+    candidates = (
+        getattr(kind, "name", ""),
+        kind.__module__.rpartition(".")[2],
+        kind.__name__.lower(),
+    )
     taken = {*dir(command), *(f.name for f in fields(command)), *OPTION_GROUPS}
-    return next(one for one in (*wanted, "own") if one.isidentifier() and one not in taken)
+    return next(one for one in (*candidates, "own") if one.isidentifier() and one not in taken)
 
 
 def _with_groups(options: type[Options], groups: Classes, **attributes: object) -> type[Options]:
-    """Return a command's options with a group of options for each of these classes."""
+    """Return a command's options with one group of options for each class."""
     about = {"__doc__": options.__doc__, "__module__": options.__module__, **attributes}
     made = [(name, kind, field(default_factory=kind)) for name, kind in groups.items()]
     return make_dataclass(
@@ -61,19 +69,19 @@ def _with_groups(options: type[Options], groups: Classes, **attributes: object) 
 
 @dataclass(frozen=True)
 class EstimatorOptions(Checked):
-    """Options of a command that takes a user's own estimator."""
+    """Options of a command that accepts a user-defined estimator."""
 
     USER_GROUPS: ClassVar[Mapping[str, str]] = {}
-    """The groups of users' own estimators, by the estimators' names."""
+    """Groups of the user-defined estimators, by the names of the estimators."""
 
     @property
     def user_estimators(self) -> dict[str, Estimator]:
-        """The users' own estimators by the names that the command line gives them."""
+        """User-defined estimators by the names that the command line gives them."""
         return {name: getattr(self, group) for name, group in self.USER_GROUPS.items()}
 
 
 def _with_part_groups(options: type[Options]) -> type[Options]:
-    """Add GROUPS to a class of options."""
+    """Add the groups of the method's parts to a class of options."""
     return _with_groups(options, OPTION_GROUPS)
 
 
@@ -83,7 +91,7 @@ class ServoOptions(EstimatorOptions):
 
     @property
     def estimators(self) -> dict[str, Estimator]:
-        """The estimators by the names that the command line and the results use."""
+        """Estimators by the names that the command line and the results use."""
         return (
             {name: getattr(self, name) for name in ESTIMATORS}
             | self.user_estimators
@@ -91,25 +99,39 @@ class ServoOptions(EstimatorOptions):
         )
 
     def estimator_of(self, name: str) -> Estimator:
-        """Return the estimator of this name."""
+        """Return the estimator of a name.
+
+        Raises
+        ------
+        BadInput
+            If no estimator has this name.
+        """
         if name in self.estimators:
             return self.estimators[name]
         hint = suggestion(name, self.estimators)
-        right = f"one of {', '.join(ESTIMATOR_NAMES)}, or module:class such as mylab.rls:RLS{hint}"
-        raise BadInput(OPTION, name, right)
+        expected = (
+            f"one of {', '.join(ESTIMATOR_NAMES)}, or module:class such as mylab.rls:RLS{hint}"
+        )
+        raise BadInput(OPTION, name, expected)
 
     @property
     def settings(self) -> dict[str, Any]:
-        """The parts that have one class, as the options set them."""
+        """Settings of the parts that have one class."""
         return {part: getattr(self, part) for part in METHOD_PARTS if part in OPTION_GROUPS}
 
     def parts(self, estimator: str) -> dict[str, Any]:
-        """Return METHOD_PARTS as the options set them, with the estimator of this name."""
+        """Return the parts of the method, with the estimator of a name."""
         return {"estimator": self.estimator_of(estimator), **self.settings}
 
     def servo_of(self, estimator: str, lab: Lab) -> Servo:
-        """Return a servo for a laboratory, with the estimator of this name, which is tried if it is
-        a user's own.
+        """Return a servo for a lab, with the estimator of a name.
+
+        A user-defined estimator is tried on made samples first.
+
+        Raises
+        ------
+        BadInput
+            If a setting is refused; the error names the option as typed.
         """
         parts = self.parts(estimator)
         examine(parts["estimator"], lab.tool)
@@ -124,8 +146,9 @@ class ServoOptions(EstimatorOptions):
 
 
 def with_own_estimator(command: type[Options], arguments: Sequence[str]) -> type[Options]:
-    """Return a command's options with those of the user's own estimator that the arguments name.
-    Its code is run here for the first time.
+    """Return a command's options with those of the user-defined estimator that the arguments name.
+
+    This imports the user's code for the first time.
     """
     words = " ".join(arguments).replace(f"{OPTION}=", f"{OPTION} ").split(" ")
     name = dict(pairwise(words)).get(OPTION, "")
@@ -136,8 +159,9 @@ def with_own_estimator(command: type[Options], arguments: Sequence[str]) -> type
 
 @cache
 def _with_user_group(command: type[Any], name: str, kind: type[Estimator]) -> type[Any]:
-    """Return the options of a command with the estimator's settings. The same arguments give the
-    same class, so that options read twice fit together.
+    """Return the options of a command with the settings of an estimator.
+
+    Equal arguments give the same class, so that options that are parsed twice are comparable.
     """
     group = option_group(kind, command)
     return _with_groups(

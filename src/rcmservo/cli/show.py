@@ -1,4 +1,4 @@
-"""`rcmservo show`: a recorded run for a person, as a summary, a timeline in words, and figures."""
+"""`rcmservo show`: a recorded run as a summary, a timeline in words, and figures."""
 
 import csv
 import io
@@ -25,8 +25,9 @@ from rcmservo.recording.timeline import Span, spans, summary
 from rcmservo.safety.causes import Action
 
 FIRST_SPANS = 40
-"""Spans that the timeline shows from the beginning; of a longer one also the LAST."""
+"""Number of spans from the beginning that the timeline shows."""
 LAST_SPANS = 20
+"""Number of spans from the end that a longer timeline shows as well."""
 
 ACTION_STYLES = {
     Action.NONE: "",
@@ -36,19 +37,19 @@ ACTION_STYLES = {
     Action.PAUSE: "dark_orange",
     Action.FAULT: "bold red",
 }
+"""Style of a span in the timeline, by the action that its cause requires."""
 
 
 @dataclass(frozen=True)
 class ShowOptions:
-    """Tell what happened in a recorded run: a summary, a timeline of phases and causes, and
-    figures.
+    """Report a recorded run: a summary, a timeline of phases and causes, and figures.
 
     Parameters
     ----------
     record : Path
-        A run's folder, or an .mcap file.
+        Folder of a run, or an .mcap file.
     out : Path or None
-        Folder to write the figures to, new or empty; by default a new one under runs/.
+        New or empty folder for the figures; by default a new one under runs/.
     """
 
     record: Annotated[Path, tyro.conf.Positional]
@@ -56,16 +57,17 @@ class ShowOptions:
 
 
 def show(options: ShowOptions) -> int:
-    rows = reader.read_record(options.record)
+    """Print and draw a record and return the exit code 0."""
+    record = reader.read_record(options.record)
     out = console()
     with new_folder(options.out, "show") as folder:
-        print_record(out, rows)
-        write_figures(rows, folder)
+        print_record(out, record)
+        write_figures(record, folder)
     drawn = any(folder.glob("*.png"))
     words = (
         f"figures and timeline.csv in {folder}"
         if drawn
-        else f"timeline.csv in {folder}; there was nothing to draw"
+        else f"timeline.csv in {folder}; the record holds no data for figures"
     )
     out.print(words, soft_wrap=True)
     return 0
@@ -80,7 +82,7 @@ def print_record(out: Console, record: Record) -> None:
 
 
 def write_figures(record: Record, folder: Path) -> None:
-    """Write the figures of a record, and its whole timeline as a table."""
+    """Write the figures of a record, and its complete timeline as a table."""
     write_whole(folder / "timeline.csv", _timeline_csv(spans(record)))
     if np.isfinite(record.ticks["delta"]).any():
         charts.save_figure(plots.plot_timeline(record), folder / "timeline.png")
@@ -97,7 +99,7 @@ def _summary_table(record: Record, result: RunResult) -> Table:
 
 
 def _timeline_table(found: list[Span]) -> Table:
-    """A row for every span; of many the first and the last ones."""
+    """Return a table with one row per span; a long timeline is cut in the middle."""
     table = Table(title="timeline", title_justify="left")
     for title in ("start", "length"):
         table.add_column(title, justify="right", no_wrap=True)
@@ -110,10 +112,10 @@ def _timeline_table(found: list[Span]) -> Table:
             table.add_row("…", "…", f"… {left_out} more, in timeline.csv")
         if left_out > 0 and FIRST_SPANS <= i < FIRST_SPANS + left_out:
             continue
-        new = several and (i == 0 or found[i - 1].stage != span.stage)
-        if new and i:
+        begins_stage = several and (i == 0 or found[i - 1].stage != span.stage)
+        if begins_stage and i:
             table.add_section()
-        phase = f"stage {span.stage + 1}: {span.phase.value}" if new else span.phase.value
+        phase = f"stage {span.stage + 1}: {span.phase.value}" if begins_stage else span.phase.value
         words = [
             Text(phase, ACTION_STYLES[span.asks]),
             Text(why(span), ACTION_STYLES[span.asks]),

@@ -109,7 +109,7 @@ class RecordingCamera:
 
     def account(self) -> CameraAccount:
         """Return the counts of frames so far."""
-        return self._camera.counts()
+        return self._camera.account()
 
     def close(self) -> None:
         """Release the camera."""

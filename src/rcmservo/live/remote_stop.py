@@ -38,30 +38,30 @@ class RemoteStop:
     """
 
     def __init__(self, context: BaseContext) -> None:
-        self._pulled: Any = context.RawValue("b", 0)
+        self._requested: Any = context.RawValue("b", 0)
         self._on: Any = context.RawValue("b", 0)
         self._process: Any = context.RawValue("q", 0)
 
     @property
     def is_requested(self) -> bool:
         """True if the drive must be off and stay off."""
-        return bool(self._pulled.value)
+        return bool(self._requested.value)
 
     def reset(self) -> None:
         """Reset the request for a new session, which begins with the drive off."""
-        self._pulled.value = self._on.value = self._process.value = 0
+        self._requested.value = self._on.value = self._process.value = 0
 
     def set_process(self) -> None:
         """Record that this process controls the arm."""
         self._process.value = os.getpid()
 
     def set_drive_on(self, on: bool) -> None:
-        """Record that the drive is on, or may be."""
+        """Record whether the drive is on, or may be."""
         self._on.value = on
 
     def switch_off(self, began: bool) -> str:
         """Have the drive disabled, and return a sentence on the state of the arm."""
-        self._pulled.value = 1
+        self._requested.value = 1
         since = time.monotonic_ns()
         if not self._on.value:
             return "the arm's drive is off"
@@ -69,7 +69,7 @@ class RemoteStop:
             time.sleep(POLL_S)
             if not self._on.value:
                 after = (time.monotonic_ns() - since) * 1e-6
-                return f"the servo has switched the arm's drive off within {after:.0f} ms"
+                return f"the servo switched the arm's drive off within {after:.0f} ms"
         for child in active_children():
             if child.pid == self._process.value:
                 child.kill()
@@ -83,9 +83,9 @@ class RemotelyStoppableArm:
     ----------
     arm : LabArm
         Arm of the lab.
-    leash : Leash
+    remote_stop : RemoteStop
         Stop request.
-    told : Callable
+    report : Callable
         Function that receives the reason as soon as the drive goes off by itself.
     """
 

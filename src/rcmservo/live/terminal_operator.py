@@ -47,7 +47,7 @@ class Terminal:
             self._file = os.open(TERMINAL, os.O_RDWR | os.O_NOCTTY | os.O_CLOEXEC)
         except OSError as error:
             raise NotReady(
-                "hardware is enabled only by a person at a terminal, and this program has none"
+                "hardware is enabled only by an operator at a terminal, and this program has none"
             ) from error
 
     def close(self) -> None:
@@ -95,13 +95,11 @@ class Terminal:
             self.typed, began = began, time.monotonic_ns()
         line = self._read()
         if not line.endswith(b"\n"):
-            raise Stopped("ended at the terminal, before the drive was on")
+            raise Stopped("stopped at the terminal before the drive was on")
         return line.decode(errors="replace").strip()
 
     def _read(self) -> bytes:
-        """Return a whole line, or a part of one that Ctrl-D ends; nothing if the terminal is
-        closed.
-        """
+        """Return a line, or the part that Ctrl-D ends; nothing if the terminal is closed."""
         try:
             return os.read(self._file, MAX_LINE_BYTES)
         except OSError:

@@ -94,8 +94,10 @@ class TrackingThread:
         self._forget.set()
 
     def wait_for(self, frames: int, patience: float) -> None:
-        """Wait until a number of frames are tracked, or until the camera delivers none for
-        ``patience`` s. The first frames take long: the tracker is compiled for them.
+        """Wait until a number of frames are tracked, or until the camera is silent.
+
+        The camera counts as silent if it delivers no frame for ``patience`` s. The first frames
+        take long, because the tracker is compiled for them.
         """
         tracked, since = 0, self._clock.now()
         for _ in ticks(self._clock, 1.0 / POLL_S):

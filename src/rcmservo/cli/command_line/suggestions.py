@@ -1,25 +1,25 @@
-"""Suggestions for a word that is no command or option."""
+"""Suggestions for an unknown command or option."""
 
 from collections.abc import Iterable
 from difflib import SequenceMatcher, get_close_matches
 
 MAX_SUGGESTIONS = 4
-"""Options that are suggested at most."""
+"""Largest number of suggested options."""
 MIN_SIMILARITY = 0.65
-"""Likeness from which on a word may be meant."""
+"""Smallest similarity (0 to 1) of a suggested option."""
 
 
 def did_you_mean(names: Iterable[str]) -> str:
-    """Return the question that ends a message; empty if nothing comes near."""
+    """Return the question that ends a message; empty without suggestions."""
     question = " or ".join(names)
     return f" (did you mean {question}?)" if question else ""
 
 
 def suggest_options(word: str, known: Iterable[str]) -> str:
-    """Return the question for an option.
+    """Return the question that suggests options for an unknown one.
 
-    An option in a group is often typed without its group, or with another one: so the last part of
-    a name counts by itself.
+    Users often type an option without its group, or with another group. The last part of a name is
+    therefore compared by itself.
     """
     names = list(known)
     same = [name for name in names if _name_without_group(name) == _name_without_group(word)]
@@ -32,12 +32,15 @@ def suggest_options(word: str, known: Iterable[str]) -> str:
 
 
 def _similarity(word: str, name: str) -> float:
-    """Return how near two options are, from 0 to 1; of a word without a group the last part of the
-    other counts too.
+    """Return the similarity of two options, 0 to 1.
+
+    For a word without a group the last part of the name counts as well.
     """
     whole = SequenceMatcher(None, word.lstrip("-"), name.lstrip("-")).ratio()
-    alone = SequenceMatcher(None, _name_without_group(word), _name_without_group(name)).ratio()
-    return whole if "." in word else max(whole, alone)
+    without_group = SequenceMatcher(
+        None, _name_without_group(word), _name_without_group(name)
+    ).ratio()
+    return whole if "." in word else max(whole, without_group)
 
 
 def _name_without_group(name: str) -> str:

@@ -1,4 +1,4 @@
-"""Progress of a live run, on simulated devices and on those of a laboratory."""
+"""Progress of a live run, on simulated devices and on those of a lab."""
 
 from rich.live import Live
 from rich.text import Text
@@ -7,9 +7,9 @@ from rcmservo.live.loop_statistics import Report
 
 
 class LiveProgress:
-    """Shows a run: a live line, and a lasting one for every new phase or cause.
+    """Progress of a run: a status line, and a printed line for each new phase or cause.
 
-    The live line begins with the first report.
+    The status line begins with the first report.
     """
 
     def __init__(self, line: Live, duration: float) -> None:

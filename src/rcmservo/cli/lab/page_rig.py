@@ -1,9 +1,9 @@
-"""A laboratory's arm and camera behind the operator's page.
+"""Arm and camera of a lab for the operator's page.
 
-rig file ─► camera, for the size of its pictures ─► sessions
-                                                    arm: leashed for STOP; camera: seen by the page
+rig file ─► camera, for the size of its images ─► sessions
+                                                  arm: stopped by STOP; camera: shown on the page
 
-The person at the page is the one at the arm: who says where it stands, and switches its drive on.
+The page's operator is the one at the arm, who defines the joint values and enables the drive.
 """
 
 from collections.abc import Generator
@@ -56,27 +56,30 @@ from rcmservo.tracking import ColourMarkers
 
 @contextmanager
 def open_hardware(options: LabOptions) -> Generator[Behind]:
-    """The devices of a rig file, and the servo as the options have it."""
-    lab, share = options.lab, allowed_speed_scale(options)
-    chosen = Chosen(options.servo, as_set if share == 1.0 else reduce_speed)
+    """Yield the devices of a rig file, and the servo of the options."""
+    lab, speed_scale = options.lab, allowed_speed_scale(options)
+    chosen = Chosen(options.servo, as_set if speed_scale == 1.0 else reduce_speed)
     with closing(open_camera(lab)) as camera:
         width, height = image_size(camera)
     context = get_context("spawn")
-    ring, leash = FrameRing(context, width, height), RemoteStop(context)
+    ring, remote_stop = FrameRing(context, width, height), RemoteStop(context)
 
     def session(desk: Desk, folder: Path) -> Session:
-        leash.reset()
+        remote_stop.reset()
         limited, record = chosen.limited, folder / RECORD
-        stop = "STOP switches the drive off; have the emergency stop of the arm at hand."
-        intent = f"{enable_announcement(limited)} {describe_speed_limits(options, limited, share)} {stop}"
+        stop = "STOP switches the drive off; keep the emergency stop of the arm within reach."
+        limits = describe_speed_limits(options, limited, speed_scale)
+        intent = f"{enable_announcement(limited)} {limits} {stop}"
         return Session(
             limited,
             SESSION_DURATION_S,
-            arm=partial(connect_stoppable_arm, lab, leash, desk),
+            arm=partial(connect_stoppable_arm, lab, remote_stop, desk),
             camera=partial(open_recording_camera, lab, ring),
             tracker=partial(ColourMarkers, lab.markers),
             recorder=partial(
-                open_recorder, record, hardware_description(options, SESSION_DURATION_S, share)
+                open_recorder,
+                record,
+                hardware_description(options, SESSION_DURATION_S, speed_scale),
             ),
             target=partial(await_enable_at_page, PagePreparation(desk, limited, lab, intent)),
             operator=partial(PageOperator, desk, chosen, options.teaching_frames),
@@ -84,7 +87,11 @@ def open_hardware(options: LabOptions) -> Generator[Behind]:
             consent=require_drive_off,
         )
 
-    slow = "" if share == 1.0 else f", at {100.0 * share:g} % of the speed until `rig check` passes"
+    slow = (
+        ""
+        if speed_scale == 1.0
+        else f", at {100.0 * speed_scale:g} % of the speed until `rig check` passes"
+    )
     title, setup = (
         f"arm and camera of {options.rig}{slow}",
         target_setup_for_size(lab, width, height),
@@ -93,7 +100,7 @@ def open_hardware(options: LabOptions) -> Generator[Behind]:
         title,
         partial(RingCamera, ring),
         session,
-        leash.switch_off,
+        remote_stop.switch_off,
         setup,
         chosen,
         refuse_disturbance,
@@ -102,18 +109,18 @@ def open_hardware(options: LabOptions) -> Generator[Behind]:
 
 @dataclass(frozen=True)
 class PagePreparation:
-    """What is to be done with the help of the page's person; it passes to the servo's process.
+    """Preparation of a session with the page's operator; it is passed to the servo process.
 
     Parameters
     ----------
     desk : Desk
-        Where the person is heard.
+        Channels to the page.
     servo : Servo
-        What is going to move the arm.
+        Servo that moves the arm.
     lab : Lab
-        The laboratory with its devices.
+        Lab with its devices.
     intent : str
-        What is going to happen once the drive is on, in words.
+        Announcement of the motion that follows once the drive is on.
     """
 
     desk: Desk
@@ -122,41 +129,43 @@ class PagePreparation:
     intent: str
 
 
-def await_enable_at_page(at: PagePreparation, plant: Plant) -> Target:
-    """Where the arm stands, if it does not know; then wait until the person wants the drive on."""
+def await_enable_at_page(preparation: PagePreparation, plant: Plant) -> Target:
+    """Define the joint values if needed, and wait until the operator enables the drive."""
     assert isinstance(plant, HeartbeatPlant)
     require_drive_off(plant)
     if not lab_arm(plant).homed():
-        define(PagePerson(at.desk, plant), plant, at.lab)
-    return await_enable(at.desk, at.servo, at.intent, plant)
+        define(PagePerson(preparation.desk, plant), plant, preparation.lab)
+    return await_enable(preparation.desk, preparation.servo, preparation.intent, plant)
 
 
-def connect_stoppable_arm(lab: Lab, leash: RemoteStop, desk: Desk) -> RemotelyStoppableArm:
-    """Connect to the arm, so that STOP reaches it."""
-    return RemotelyStoppableArm(open_arm(lab), leash, partial(report_drive_off, desk))
+def connect_stoppable_arm(lab: Lab, remote_stop: RemoteStop, desk: Desk) -> RemotelyStoppableArm:
+    """Connect to the arm, so that STOP disables it."""
+    return RemotelyStoppableArm(open_arm(lab), remote_stop, partial(report_drive_off, desk))
 
 
 def report_drive_off(desk: Desk, why: str) -> None:
-    """Tell the page why the drive went off by itself."""
+    """Report to the page why the drive went off by itself."""
     desk.said.put(Note(f"the arm: {why}"))
 
 
 def open_recording_camera(lab: Lab, ring: FrameRing) -> RecordingCamera:
-    """Open the camera, so that the page sees what it sees."""
+    """Open the camera, whose frames the page displays as well."""
     return RecordingCamera(open_camera(lab), ring)
 
 
 def image_size(camera: LabCamera) -> tuple[int, int]:
-    """Width and height px of a camera's pictures."""
+    """Return the width and height of a camera's images in px."""
     for _ in ticks(WallClock(), duration=FRAME_TIMEOUT_S):
         frame = camera.latest()
         if frame is not None and frame.image is not None:
             height, width = frame.image.shape[:2]
             return width, height
-    why = camera.counts().trouble
-    raise NoFrames(f"the camera has given no picture for {FRAME_TIMEOUT_S:g} s{why and ': ' + why}")
+    why = camera.account().trouble
+    raise NoFrames(
+        f"the camera has delivered no image for {FRAME_TIMEOUT_S:g} s{why and ': ' + why}"
+    )
 
 
 def refuse_disturbance(what: str) -> str:
-    """Nothing goes wrong here on request."""
-    raise RcmServoError("trouble can be asked for of a simulated arm alone")
+    """Refuse a disturbance, which only a simulated lab offers."""
+    raise RcmServoError("disturbances are available on a simulated arm only")

@@ -10,7 +10,7 @@ from rcmservo.safety.state_machine import Phase
 
 
 class RunProgress:
-    """Shows a run: a live line, and a lasting one for every stop and every end of one."""
+    """Progress of a run: a status line, and a printed line whenever a stop begins or ends."""
 
     def __init__(self, live: Live, duration: float) -> None:
         self._live, self._duration = live, duration
@@ -29,7 +29,7 @@ class RunProgress:
 
 
 def _status(tick: Tick, duration: float) -> Text:
-    """The live line of progress."""
+    """Return the status line of a tick."""
     state = tick.state
     line = f"{tick.time * 1e-9:6.2f} / {duration:g} s  {state.phase.value:<14}"
     if state.cause is not Cause.NONE:

@@ -1,4 +1,4 @@
-"""What the terminal tells of a study."""
+"""Terminal output of a study."""
 
 import math
 from collections.abc import Iterable
@@ -13,11 +13,11 @@ if TYPE_CHECKING:
     from rcmservo.study.report.summary import PairedComparison, Summary
 
 NUMBER_COLUMNS = "success, %", "to 1 mm, s", "error, mm", "/ bound"
-"""Columns of numbers: the medians of time and error, and the rms of the ratio."""
+"""Titles of the columns of numbers: medians of time and error, and the rms of the ratio."""
 
 
 def distribution_table(distributions: Iterable[tuple[str, str]]) -> Table:
-    """What every distribution of scenes is."""
+    """Return a table that describes each distribution of scenes."""
     table = Table.grid(padding=(0, 2))
     for name, words in distributions:
         table.add_row(name, words)
@@ -25,21 +25,21 @@ def distribution_table(distributions: Iterable[tuple[str, str]]) -> Table:
 
 
 def print_work(out: Console, work: "Work") -> None:
-    """What is going to be done."""
+    """Print the number of runs, and how many of them exist already."""
     runs, left = work.plan.runs, work.runs_left
     words = f"{runs} simulated run{'s' if runs > 1 else ''}, into {work.store.folder}"
     out.print(words, style="dim", soft_wrap=True)
     if work.changed:
-        words = f"{', '.join(work.changed)} changed since this folder was used last"
-        out.print(f"{words}: {left} of {runs} runs are made anew", soft_wrap=True)
+        words = f"{', '.join(work.changed)} changed since the last use of this folder"
+        out.print(f"{words}: {left} of {runs} runs are repeated", soft_wrap=True)
     elif not left:
-        out.print("all are there already", soft_wrap=True)
+        out.print("all runs exist already", soft_wrap=True)
     elif left < runs:
-        out.print(f"{runs - left} are there already; the others follow", soft_wrap=True)
+        out.print(f"{runs - left} runs exist already; the others follow", soft_wrap=True)
 
 
 def results(rows: list["Summary"]) -> Table:
-    """What the terminal shows of a study: every number with its interval below it."""
+    """Return the results as a table, each number with its interval below."""
     table = Table(show_lines=True)
     for words in ("method\nengine", "scenes"):
         table.add_column(words, overflow="fold")
@@ -61,31 +61,31 @@ def results(rows: list["Summary"]) -> Table:
 
 
 def beside(one: "PairedComparison") -> str:
-    """A method beside the first one, in a sentence."""
+    """Return a sentence that compares a method with the first one."""
     return (
-        f"{one.method} beside {one.beside}, {one.condition}, {one.pairs} pairs: success "
+        f"{one.method} compared with {one.beside}, {one.condition}, {one.pairs} pairs: success "
         f"{_format_one_line(one.success, '+.1f', '% points', 100.0)}, {_describe_time_gain(one)}, "
         f"error {_format_one_line(one.pose_mm, '+.3f', 'mm')}"
     )
 
 
 def _describe_time_gain(one: "PairedComparison") -> str:
-    """How much sooner it comes within 1 mm, where both mostly do."""
+    """Return the gain in the time to 1 mm, or the only method that mostly reaches 1 mm."""
     if math.isinf(one.time_s.value):
         only = one.beside if one.time_s.value > 0.0 else one.method
-        return f"to 1 mm mostly only {only} comes"
+        return f"mostly only {only} reaches 1 mm"
     return f"to 1 mm {_format_one_line(one.time_s, '+.2f', 's')}"
 
 
 def format_number(value: float, form: str, endless: str = "∞") -> str:
-    """A number, or that it is without end."""
+    """Return a number, or a text for infinity."""
     if math.isinf(value):
         return endless if "+" not in form else f"{value:+f}".replace("inf", "∞")
     return format(value, form)
 
 
 def _format_two_lines(one: "Interval", form: str, times: float = 1.0, endless: str = "∞") -> str:
-    """A number, and its interval in the line below."""
+    """Return a number with its interval in the line below."""
     value, low, high = (format_number(times * x, form, endless) for x in one)
     if math.isnan(one.value):
         return "–"
@@ -93,7 +93,7 @@ def _format_two_lines(one: "Interval", form: str, times: float = 1.0, endless: s
 
 
 def _format_one_line(one: "Interval", form: str, unit: str, times: float = 1.0) -> str:
-    """A number with its interval and its unit; a dash where there is none."""
+    """Return a number with its interval and unit; a dash for NaN."""
     if math.isnan(one.value):
         return "–"
     value, low, high = (format_number(times * x, form) for x in one)
