@@ -15,8 +15,8 @@ from rcmservo.sim import Rig
 
 WORDS = r"emulated Galil DMC-4040 at 127.0.0.1:(\d+), simulated arm, seed 3; Ctrl-C ends it\n"
 MEASURED = (
-    r"the arm stands at (\S+ \S+ \S+) \(rad, rad, mm\); by the ruler its markers are (\S+) mm "
-    r"apart, and marker 1 is (\S+) mm from where the tool goes in\n"
+    r"the arm is at (\S+ \S+ \S+) \(rad, rad, mm\). By ruler, its markers are (\S+) mm "
+    r"apart, and marker 1 is (\S+) mm from the RCM\n"
 )
 
 

@@ -59,7 +59,7 @@ def test_another_source_or_setting_is_another_result(own: Own) -> None:
 
 def test_only_a_users_own_is_taken_by_paper(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["paper", "--only", "baselines", "--estimator", "flow", "--out", "x"]) == 2
-    assert "--estimator must be a user's own, as module:class" in capsys.readouterr().err
+    assert "--estimator must be your own estimator, as module:class" in capsys.readouterr().err
 
 
 def test_its_settings_are_options_of_paper(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -236,7 +236,7 @@ def test_what_only_one_of_two_does_is_said_in_words() -> None:
     alike = replace(one, time_s=Interval(0.0, 0.0, 0.0), pose_mm=Interval(0.0, 0.0, 0.0))
     assert beside(alike).endswith("to 1 mm +0.00 s, error +0.000 mm")
     sooner = replace(one, time_s=Interval(-np.inf, -np.inf, -0.5))
-    assert "to 1 mm mostly only a comes" in beside(sooner)
+    assert "mostly only a reaches 1 mm" in beside(sooner)
 
 
 def group(success: list[bool], **columns: Any) -> Group:

@@ -99,12 +99,12 @@ class ExportSummary:
 
 def write(path: Path, folder: Path) -> ExportSummary:
     """Write the record of a run to an empty folder."""
-    rows = reader.read_record(path)
-    _write_csv(rows, folder / "ticks.csv")
+    record = reader.read_record(path)
+    _write_csv(record, folder / "ticks.csv")
     with whole(folder / "record.npz") as part, part.open("wb") as file:
-        np.savez_compressed(file, **arrays(rows))
-    frames, left_out = _write_frames(rows, folder / "recording")
-    return ExportSummary(len(rows.time), frames, left_out, rows.missing)
+        np.savez_compressed(file, **arrays(record))
+    frames, left_out = _write_frames(record, folder / "recording")
+    return ExportSummary(len(record.time), frames, left_out, record.missing)
 
 
 def arrays(rows: Record) -> dict[str, Any]:

@@ -65,7 +65,7 @@ class SuspendsCommunication(Protocol):
 class LabCamera(Camera, Protocol):
     """Camera that is open."""
 
-    def account(self) -> CameraAccount:
+    def counts(self) -> CameraAccount:
         """Return the counts of frames so far."""
         ...
 

@@ -107,9 +107,9 @@ class RecordingCamera:
                 self._ring.publish(frame)
         return frame
 
-    def account(self) -> CameraAccount:
+    def counts(self) -> CameraAccount:
         """Return the counts of frames so far."""
-        return self._camera.account()
+        return self._camera.counts()
 
     def close(self) -> None:
         """Release the camera."""

@@ -160,7 +160,7 @@ class Film:
         return frame
 
 
-def serve(session: Session, beats: Any, supervisor: Connection) -> None:
+def run_session(session: Session, beats: Any, supervisor: Connection) -> None:
     """Run a session until it ends or the supervisor requests its end or is gone.
 
     The supervisor receives reports during the run. At the end it receives a RunResult, an
@@ -206,15 +206,15 @@ def _live(
         plant = HeartbeatPlant(arm, eye, clock, beats, told_to_end, session.consent)
         target = _prepare_target(session, plant)
         result = _run_loop(session, plant, target, operator, supervisor)
-        result = replace(result, camera=_camera_account(camera))
+        result = replace(result, camera=_camera_counts(camera))
     off = getattr(arm, "why_off", "")
     return replace(result.unsettled(result.cause or off), drive_off=off) if off else result
 
 
-def _camera_account(camera: object) -> CameraAccount | None:
+def _camera_counts(camera: object) -> CameraAccount | None:
     """Return the counts of a camera's frames, or None if it has none."""
-    account = getattr(camera, "account", None)
-    return None if account is None else account()
+    counts = getattr(camera, "counts", None)
+    return None if counts is None else counts()
 
 
 def _open(make: Callable[[], Device], stack: contextlib.ExitStack) -> Device:

@@ -23,7 +23,7 @@ from rcmservo.errors import RcmServoError, Stopped
 from rcmservo.live.child_process import EXIT_TIMEOUT_S, ChildProcess, Context
 from rcmservo.live.loop_statistics import Report
 from rcmservo.live.realtime import without_huge_pages
-from rcmservo.live.servo_process import IDLE, Session, serve
+from rcmservo.live.servo_process import IDLE, Session, run_session
 from rcmservo.live.stop_signals import stopped_by_signals
 from rcmservo.loop.run_result import RunResult
 
@@ -76,7 +76,7 @@ class ServoProcess(ChildProcess):
     def __init__(self, session: Session, context: Context | None = None) -> None:
         context = get_context("spawn") if context is None else context
         self.beats: Any = context.RawValue("q", IDLE)
-        super().__init__(context, serve, session, self.beats)
+        super().__init__(context, run_session, session, self.beats)
 
 
 class HeartbeatMonitor:

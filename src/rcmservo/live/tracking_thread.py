@@ -107,7 +107,7 @@ class TrackingThread:
             if tracked >= frames or silent or not self._thread.is_alive():
                 return
 
-    def look(self) -> None:
+    def track_newest_frame(self) -> None:
         """Track the markers in the camera's newest frame, if it is new."""
         frame = self._camera.latest()
         if frame is None or frame is self._newest:
@@ -134,6 +134,6 @@ class TrackingThread:
     def _work(self) -> None:
         try:
             while not self._ended.wait(POLL_S):
-                self.look()
+                self.track_newest_frame()
         except Exception as error:
             self._error = error

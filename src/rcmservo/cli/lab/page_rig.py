@@ -160,7 +160,7 @@ def image_size(camera: LabCamera) -> tuple[int, int]:
         if frame is not None and frame.image is not None:
             height, width = frame.image.shape[:2]
             return width, height
-    why = camera.account().trouble
+    why = camera.counts().trouble
     raise NoFrames(
         f"the camera has delivered no image for {FRAME_TIMEOUT_S:g} s{why and ': ' + why}"
     )

@@ -131,7 +131,7 @@ def conclude(options: RigOptions, report: CheckReport, robot: Robot, digest: str
 
 def trouble(camera: LabCamera) -> str:
     """Return the present fault of a camera in a sentence; empty if it has none."""
-    return camera.account().trouble
+    return camera.counts().trouble
 
 
 def print_report(report: CheckReport, robot: Robot, out: Console) -> None:
