@@ -212,9 +212,9 @@ def test_run_accepts_disturbances_an_operator_and_a_target_file(
         (["--resumes", "-1"], "--resumes must be"),
         (
             ["--target", "a.json", "--save-target", "b.json"],
-            "--save-target must be left out with --target: no target",
+            "--save-target must be left out with --target, where no target",
         ),
-        (["--save-target", "nowhere/b.json"], "nowhere is no folder that you may use"),
+        (["--save-target", "nowhere/b.json"], "nowhere is not a folder that you can write to"),
     ],
 )
 def test_an_invalid_request_gives_one_sentence(

@@ -29,7 +29,7 @@ def test_an_arm_receives_speeds_only_after_its_watchdog_is_verified(
     rig.write_text(SPEED_ARM)
     data = bytes_of(rig)
     lab, digest = lab_of(rig, data), digest_of(data)
-    with pytest.raises(BadInput, match="`rig check` has passed"):
+    with pytest.raises(BadInput, match="`rig check` of this file has verified"):
         require_devices(lab, rig, digest)
     note_checked(digest)
     require_devices(lab, rig, digest)

@@ -59,9 +59,9 @@ def recorded_run(tmp_path_factory: pytest.TempPathFactory) -> RecordedRun:
     rig = rs.sim.Rig(1, rs.sim.RigSettings(point_noise=0.1), pictures=False)
     plant = Disturbed(rig.arm, rig.camera, PointMarkers(), rig.clock)
     servo = rs.Servo(mechanism=rs.SphericalRcm(), tool=rs.RigidTool(spacing=30.0))
-    rig.show_target()
+    rig.move_to_target()
     target = rs.teach(plant, frames=5)
-    rig.go_home()
+    rig.move_to_start()
     plant.change = disturb_observation
     path = tmp_path_factory.mktemp("run") / reader.RECORD
     ticks, stages, state = [], [], None

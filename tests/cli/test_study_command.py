@@ -376,5 +376,5 @@ def test_settings_of_a_search_are_not_studied_in_its_own_folder(
     found.parent.mkdir()
     found.write_text('[method.tuned]\nestimator = "dlt"\n')
     words = ["study", str(found), "--out", "found"]
-    refused(words, "--out must be another folder than that of FILE, whose tuned.toml", capsys)
+    refused(words, "--out must be a folder other than that of FILE, where tuned.toml", capsys)
     assert found.exists()

@@ -30,12 +30,12 @@ class LabOptions(ServoOptions):
     Parameters
     ----------
     seed : int
-        Seed that draws camera, start, target and noise.
+        Seed of camera, start, target and noise.
     estimator : EstimatorName
         Estimator of the Jacobian: one of those below, or your own.
     rig : Path or None
-        TOML file with your own mechanism, tool, markers, camera and scene. live and serve also
-        read your own devices from it.
+        TOML file with your own mechanism, tool, markers, camera and scene, and with devices for
+        live and serve.
     teaching_frames : int
         Number of frames over which a taught target is averaged: 300 are 5 s at 60 frames/s.
     out : Path or None
@@ -108,14 +108,14 @@ class RunToTargetOptions(LabOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class RunOptions(RunToTargetOptions):
-    """Servo a simulated arm to a target that was taught once, with an uncalibrated camera.
+    """Servo a simulated arm to a taught target with an uncalibrated camera.
 
     Parameters
     ----------
     video : bool
         Write the overlay video.
     frames : bool
-        Store all frames in the record, for `export`.
+        Store all frames in the record for `export`.
     disturb : tyro.conf.UseAppendAction[tuple[str, ...]]
         Disturbance, as kind:at=5,for=0.5,key=value; repeatable. --disturb help lists all kinds.
     resumes : int

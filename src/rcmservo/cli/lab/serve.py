@@ -63,7 +63,7 @@ class ServeOptions(LabOptions):
         Port of the page; STOP uses the next port. By default the first free pair from 8080 on;
         0 takes any free pair.
     browser : bool
-        Open the page in the browser of this computer.
+        Open the page in this computer's browser.
     poses : Path
         Folder for the poses that are taught on the page, in the format that --target reads.
     host : str

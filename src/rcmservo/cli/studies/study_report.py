@@ -77,25 +77,25 @@ def _describe_time_gain(one: "PairedComparison") -> str:
     return f"to 1 mm {_format_one_line(one.time_s, '+.2f', 's')}"
 
 
-def format_number(value: float, form: str, endless: str = "∞") -> str:
+def format_number(value: float, form: str, infinity: str = "∞") -> str:
     """Return a number, or a text for infinity."""
     if math.isinf(value):
-        return endless if "+" not in form else f"{value:+f}".replace("inf", "∞")
+        return infinity if "+" not in form else f"{value:+f}".replace("inf", "∞")
     return format(value, form)
 
 
-def _format_two_lines(one: "Interval", form: str, times: float = 1.0, endless: str = "∞") -> str:
+def _format_two_lines(one: "Interval", form: str, scale: float = 1.0, infinity: str = "∞") -> str:
     """Return a number with its interval in the line below."""
-    value, low, high = (format_number(times * x, form, endless) for x in one)
+    value, low, high = (format_number(scale * x, form, infinity) for x in one)
     if math.isnan(one.value):
         return "–"
     return value if low == high == value else f"{value}\n{low} to {high}"
 
 
-def _format_one_line(one: "Interval", form: str, unit: str, times: float = 1.0) -> str:
+def _format_one_line(one: "Interval", form: str, unit: str, scale: float = 1.0) -> str:
     """Return a number with its interval and unit; a dash for NaN."""
     if math.isnan(one.value):
         return "–"
-    value, low, high = (format_number(times * x, form) for x in one)
+    value, low, high = (format_number(scale * x, form) for x in one)
     between = "" if low == high == value else f" ({low} to {high})"
     return f"{value}{between} {unit}"

@@ -132,10 +132,10 @@ def _search_summary(
     plan, start = tuning.plan, tuning.plan.methods[0]
     costs = tried[0].cost, min(one.cost for one in tried)
     seeds = f"seeds {plan.first_seed} to {plan.first_seed + plan.count - 1}"
-    changes = [
-        " -> ".join(f"{_format_value(value_of(one, axis.name))}" for one in (start, method))
-        for axis in tuning.axes
-    ]
+    changes: list[str] = []
+    for axis in tuning.axes:
+        old, new = (_format_value(value_of(one, axis.name)) for one in (start, method))
+        changes.append(f"{axis.name} {old} -> {new}")
     return {
         "search": f"{len(tried)} trials of {plan.runs} runs, {seeds}; goal {tuning.goal}, "
         f"initial and best value: {costs[0]:.3f}, {costs[1]:.3f}",
