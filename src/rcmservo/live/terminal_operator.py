@@ -18,7 +18,7 @@ from rcmservo.live.device_protocols import NotReady
 TERMINAL = Path("/dev/tty")
 """Terminal of the process that opens it."""
 
-POLL_S = 0.1
+STOP_POLL_S = 0.1
 """Interval in s at which a request to end is read."""
 
 MAX_LINE_BYTES = 4096
@@ -78,7 +78,7 @@ class Terminal:
         termios.tcflush(self._file, termios.TCIFLUSH)
         if self._told_to_end():
             raise Stopped("stopped before the drive was on")
-        select.select([], [], [], POLL_S)
+        select.select([], [], [], STOP_POLL_S)
         self.typed = time.monotonic_ns()
         termios.tcflush(self._file, termios.TCIFLUSH)
 
@@ -89,7 +89,7 @@ class Terminal:
         never too late, however long the process was suspended.
         """
         began = self.typed
-        while not select.select([self._file], [], [], POLL_S)[0]:
+        while not select.select([self._file], [], [], STOP_POLL_S)[0]:
             if self._told_to_end():
                 raise Stopped("stopped before the drive was on")
             self.typed, began = began, time.monotonic_ns()

@@ -17,7 +17,7 @@ from rcmservo.hardware.crtk.transport import open_transport
 from rcmservo.live.frame_ring import FrameRing, RingCamera
 from rcmservo.live.realtime import realtime
 
-POLL_S = 0.002
+IMAGE_POLL_S = 0.002
 """Interval in s at which the camera is polled for a new image."""
 
 
@@ -66,7 +66,7 @@ def send_images(ring: FrameRing, connection: RosOptions, control: Connection) ->
     with closing(transport):
         transport.offer(topic)
         control.send(topic.name)
-        while not control.poll(POLL_S):
+        while not control.poll(IMAGE_POLL_S):
             frame = camera.latest()
             if frame is None or frame is last or frame.image is None:
                 continue
