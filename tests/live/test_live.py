@@ -340,7 +340,7 @@ def served(tmp_path):
     wire.close()
 
 
-@pytest.mark.amanual_arm
+@pytest.mark.alone
 def test_a_remote_arm_reports_its_joints_and_is_enabled_for_one_session_only(served):
     with closing(RemoteArm(served)) as one, closing(RemoteArm(served)) as other:
         assert not one.measure().enabled
@@ -404,7 +404,7 @@ def live(bench, path, seconds, progress=ignore_report, **choices):
     return read_record(path), result
 
 
-@pytest.mark.amanual_arm
+@pytest.mark.alone
 @pytest.mark.slow
 def test_a_live_run_moves_the_arm_records_every_tick_and_disables_the_drive(bench, tmp_path):
     before, reports, paths = bench.log.last()["q"], [], map(tmp_path.joinpath, "abcdef")
@@ -423,7 +423,7 @@ def test_a_live_run_moves_the_arm_records_every_tick_and_disables_the_drive(benc
     assert not np.allclose(last["q"], before)
 
 
-@pytest.mark.amanual_arm
+@pytest.mark.alone
 @pytest.mark.slow
 def test_a_slow_stop_of_the_arm_is_not_mistaken_for_a_hanging_servo(bench, tmp_path):
     slow, paths = replace(LAB.gate, slew=(0.1, 0.1, 8.0)), map(tmp_path.joinpath, "abcdef")
@@ -438,7 +438,7 @@ def test_a_slow_stop_of_the_arm_is_not_mistaken_for_a_hanging_servo(bench, tmp_p
     assert not bench.log.last()["enabled"]
 
 
-@pytest.mark.amanual_arm
+@pytest.mark.alone
 @pytest.mark.parametrize(
     ("signal_number", "word"),
     [
@@ -496,7 +496,7 @@ if __name__ == "__main__":
 """
 
 
-@pytest.mark.amanual_arm
+@pytest.mark.alone
 @pytest.mark.slow
 @pytest.mark.parametrize("signal_number", [signal.SIGINT, signal.SIGKILL])
 def test_ctrl_c_ends_a_run_in_order_and_a_killed_supervisor_leaves_no_process(
