@@ -1,7 +1,7 @@
 """Simulated arm of an emulated controller, in wall time, and its camera if requested.
 
-emulate ─┬─► camera process    images the arm's motion log into shared memory
-         └─► device process    sends those frames as a real camera does
+emulate ─┬─► camera process    renders the logged motion into shared memory
+         └─► device process    sends the frames as a real camera does
 """
 
 import contextlib
@@ -50,7 +50,7 @@ class EmulatedArm:
 
     @property
     def measurements(self) -> str:
-        """Initial joint values and tool lengths."""
+        """Sentence on the initial joint values and tool lengths, which `rig check` requests."""
         q = self._rig.scene.start
         first, second = self._rig.body.points(q)[:2]
         return (
