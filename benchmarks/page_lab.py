@@ -89,7 +89,7 @@ class PageLab:
         signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored in a script's background
         thread.start()
         with contextlib.suppress(KeyboardInterrupt):
-            serve._serve(self.options, self.behind, self.folder, self.token)
+            serve._run_sessions(self.options, self.behind, self.folder, self.token)
         thread.join(PATIENCE)
         if wrong:
             raise wrong[0]
@@ -97,7 +97,7 @@ class PageLab:
     @contextlib.contextmanager
     def served(self, desk: Desk) -> Iterator[None]:
         """The page's processes alone."""
-        with serve._served(self.options, desk, self.behind, self.folder, self.token):
+        with serve._page_processes(self.options, desk, self.behind, self.folder, self.token):
             yield
 
 
@@ -117,7 +117,7 @@ def page_lab(seed: int = 0, recorded: bool = False, token: str = "") -> Generato
         options.servo.warm_up()
         pids = context.RawValue("q", 0), context.RawValue("q", 0)
         arrivals = context.RawArray("q", NUMBERS)
-        with serve._bench(options) as known, contextlib.ExitStack() as stack:
+        with serve._simulated_lab(options) as known, contextlib.ExitStack() as stack:
             bench = cast(SimulatedLab, cast(Any, known.off).__self__)
             if recorded:
                 frames = filmed(bench.ring)

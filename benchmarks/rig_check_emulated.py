@@ -49,7 +49,7 @@ class Mirror:
             self._given = replace(frame, image=np.ascontiguousarray(frame.image[:, ::-1]))
         return self._given
 
-    def account(self) -> CameraAccount:
+    def counts(self) -> CameraAccount:
         return self._camera.counts()
 
     def close(self) -> None:

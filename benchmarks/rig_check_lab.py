@@ -122,7 +122,7 @@ class LabEye:
             self._given = self.change(frame) or self._given
         return self._given
 
-    def account(self) -> CameraAccount:
+    def counts(self) -> CameraAccount:
         return CameraAccount()
 
     def close(self) -> None:
@@ -216,7 +216,7 @@ class WrongLab:
         self.gate = Gate()
         eye = LabEye(self.rig, mistake.mirrored, change)
         clock, tracker = self.rig.clock, PointMarkers()
-        gate, told = self.gate, lambda: eye.account().trouble
+        gate, told = self.gate, lambda: eye.counts().trouble
         self.mover = Mover(self.arm, eye, tracker, clock, self.robot, gate, 0.05, told)
         self.latency: float | None = 0.022
         self.thresholds = Thresholds()

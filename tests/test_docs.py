@@ -279,7 +279,7 @@ def test_the_estimator_of_the_studies_page_is_compared_as_the_page_says(tmp_path
     words = shlex.split(command[1].replace("--count 200", "--count 6"))
     line = [str(Path(sys.executable).with_name("rcmservo")), *words]
     told = subprocess.run(line, cwd=tmp_path, capture_output=True, text=True, check=True).stdout
-    assert "mylab:RLS beside dlt" in told and (tmp_path / "runs/mine/report.html").exists()
+    assert "mylab:RLS compared with dlt" in told and (tmp_path / "runs/mine/report.html").exists()
 
 
 def test_the_columns_of_the_studies_page_are_those_of_the_rows() -> None:

@@ -18,7 +18,7 @@ from rcmservo.page.web import access
 from rcmservo.page.web.access import NoPagePort, PortTaken, bound_pair
 
 HERE = "127.0.0.1"
-HELD = f"cannot be listened on: Address already in use by process {os.getpid()} \\(.*python"
+HELD = f"cannot listen on it: Address already in use by process {os.getpid()} \\(.*python"
 
 
 @contextmanager
@@ -64,7 +64,7 @@ def test_a_port_that_is_asked_for_and_taken_is_reported_with_its_holder(
 
 
 def test_an_address_of_another_computer_is_not_tried_at_other_ports(default: int) -> None:
-    with pytest.raises(NoPagePort, match=f"port {default}: cannot be listened on: Cannot assign"):
+    with pytest.raises(NoPagePort, match=f"port {default}: cannot listen on it: Cannot assign"):
         bound_pair("192.0.2.1", None)
 
 
@@ -88,5 +88,5 @@ def test_a_command_ends_with_one_sentence_on_a_port_that_is_taken(
     with held(default):
         assert main([*command.split(), str(default), *out]) == 2
     (said,) = capsys.readouterr().err.splitlines()
-    assert said.startswith(f"rcmservo: port {default}: cannot be listened on: ")
+    assert said.startswith(f"rcmservo: port {default}: cannot listen on it: ")
     assert f"process {os.getpid()} (" in said

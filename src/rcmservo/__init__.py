@@ -1,5 +1,6 @@
-"""rcmservo: position the tool of a remote-centre-of-motion mechanism from one uncalibrated
-camera.
+"""Position control of a tool in a remote-centre-of-motion mechanism from one uncalibrated camera.
+
+The public names are those of `rcmservo.public`, loaded on first use.
 """
 
 import importlib
@@ -12,19 +13,19 @@ if TYPE_CHECKING:
 
 __version__ = "0.2.0"
 
-FOLDERS = "sim", "study", "tracking"
-"""Offered as they are; they need MuJoCo and OpenCV, which the core does not."""
+PUBLIC_PACKAGES = "sim", "study", "tracking"
+"""Packages that are public as they are. They need MuJoCo or OpenCV, which the core does not."""
 
-OF_STUDY = ("bound",)
-"""Offered from `rcmservo.study`, likewise only when they are asked for."""
+STUDY_NAMES = ("bound",)
+"""Public names of `rcmservo.study`, which are also loaded on first use."""
 
 
 def __getattr__(name: str) -> Any:
-    """Load a public name on its first use, so that the command line starts at once."""
-    if name in FOLDERS:
+    """Load a public name on first use, so that the command line starts quickly."""
+    if name in PUBLIC_PACKAGES:
         with needing(f"rcmservo.{name}", "sim"):
             return importlib.import_module(f"rcmservo.{name}")
-    if name in OF_STUDY:
+    if name in STUDY_NAMES:
         return getattr(importlib.import_module("rcmservo.study"), name)
     public = importlib.import_module("rcmservo.public")
     if name == "__all__" or name in public.__all__:

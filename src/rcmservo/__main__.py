@@ -1,30 +1,30 @@
-"""The way in: `rcmservo` and `python -m rcmservo`. Ctrl-C ends it quietly, while it loads too."""
+"""Entry point of `rcmservo` and `python -m rcmservo`. Ctrl-C always ends it in order."""
 
 import os
 import sys
 
-INTERRUPTED = 130
+EXIT_INTERRUPTED = 130
 """Exit code after Ctrl-C."""
 
 
 def main() -> int:
-    """Load the commands and do what is asked for; the exit code."""
+    """Load the commands, run the requested one and return the exit code."""
     try:
-        from rcmservo.cli.cli import main as do
+        from rcmservo.cli.cli import main as run
 
-        return do()
-    except KeyboardInterrupt as stop:
-        where = f"; what was done until then is in {stop}" if str(stop) else ""
-        print(f"rcmservo: stopped by Ctrl-C{where}", file=sys.stderr)
-        return INTERRUPTED
+        return run()
+    except KeyboardInterrupt as interrupt:
+        results = f"; the results so far are in {interrupt}" if str(interrupt) else ""
+        print(f"rcmservo: stopped by Ctrl-C{results}", file=sys.stderr)
+        return EXIT_INTERRUPTED
     finally:
         _drop_unread_output()
 
 
 def _drop_unread_output() -> None:
-    """Send the rest of the output nowhere if nobody reads it, as after a terminal was closed.
+    """Discard the rest of the output if nothing reads it, for example after a terminal was closed.
 
-    Python would end with exit code 120 instead of the command's.
+    Otherwise Python ends with exit code 120 instead of the code of the command.
     """
     for stream in sys.stdout, sys.stderr:
         try:

@@ -1,4 +1,4 @@
-"""The public names of rcmservo: what `import rcmservo as rs` offers."""
+"""Public names of rcmservo, available as `rs.NAME` after `import rcmservo as rs`."""
 
 from rcmservo.config import registry
 from rcmservo.config.registry import *  # noqa: F403

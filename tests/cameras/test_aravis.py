@@ -92,7 +92,7 @@ def test_the_camera_accepts_its_settings_and_gives_frames_on_the_computers_clock
         assert all(frame.image.shape == (480, 640, 3) for frame in frames)
         assert all(a.number < b.number for a, b in itertools.pairwise(frames))
         assert all(frame.exposure <= frame.arrival - 5_000_000 for frame in frames)
-        assert 0.0 < camera.account().uncertainty_ms < 200.0
+        assert 0.0 < camera.counts().uncertainty_ms < 200.0
 
 
 @tool
@@ -103,9 +103,9 @@ def test_a_lost_camera_is_reopened() -> None:
     with fake_camera() as first, closing(open_camera(frame_rate=60.0)) as camera:
         before = frames_of(camera, 5)[-1].number
         first.kill()
-        wait_for(lambda: "no more frames come" in camera.account().trouble)
+        wait_for(lambda: "no more frames come" in camera.counts().trouble)
         with fake_camera():
-            wait_for(lambda: camera.account().reconnects > 0)
+            wait_for(lambda: camera.counts().reconnects > 0)
             assert frames_of(camera, 5)[-1].number > before
 
 
@@ -116,9 +116,9 @@ def test_incomplete_frames_are_dropped_and_counted_and_keep_their_numbers() -> N
     size = {"width": 640, "height": 480}
     with fake_camera(5), closing(open_camera(**size, frame_rate=60.0)) as camera:
         frames = frames_of(camera, 60)
-        wait_for(lambda: camera.account().incomplete > 10)
+        wait_for(lambda: camera.counts().incomplete > 10)
         assert any(b.number > a.number + 1 for a, b in itertools.pairwise(frames))
-        assert camera.account().frames >= 60
+        assert camera.counts().frames >= 60
 
 
 @library
@@ -131,8 +131,8 @@ def test_emulated_frames_arrive_complete_in_order_and_with_correct_times() -> No
         closing(open_camera(frame_rate=60.0)) as camera,
     ):
         frames = frames_of(camera, 240)
-        uncertainty = camera.account().uncertainty_ms * 1e-3
-        lost = camera.account().lost
+        uncertainty = camera.counts().uncertainty_ms * 1e-3
+        lost = camera.counts().lost
     numbers = [read_number(frame.image) for frame in frames]
     assert all(earlier <= later for earlier, later in itertools.pairwise(numbers))
     assert len(set(numbers)) > 200 and lost < 40

@@ -42,8 +42,8 @@ def write_video(folder: Path) -> str:
 def test_a_recording_plays_to_its_end(write: Any, rate: float | None, tmp_path: Path) -> None:
     settings = OpencvSettings(write(tmp_path), latency=0.02, frame_rate=rate)
     with closing(open_opencv_camera(settings)) as camera:
-        wait_for(lambda: "the file has ended" in camera.account().trouble)
-        frame, account = camera.latest(), camera.account()
+        wait_for(lambda: "the file has ended" in camera.counts().trouble)
+        frame, account = camera.latest(), camera.counts()
         assert frame is not None and frame.number == read_number(frame.image) == COUNT - 1
         assert frame.arrival - frame.exposure == 20_000_000
         assert (account.frames, account.reconnects) == (COUNT, 0)
@@ -53,8 +53,8 @@ def test_an_image_of_another_size_is_counted_and_dropped(tmp_path: Path) -> None
     source = write_sequence(tmp_path)
     cv2.imwrite(str(tmp_path / "005.png"), numbered_image(5, 640, 480))
     with closing(open_opencv_camera(OpencvSettings(source, frame_rate=100.0))) as camera:
-        wait_for(lambda: "the file has ended" in camera.account().trouble)
-        frame, account = camera.latest(), camera.account()
+        wait_for(lambda: "the file has ended" in camera.counts().trouble)
+        frame, account = camera.latest(), camera.counts()
         assert frame is not None and frame.number == COUNT - 1
         assert (account.frames, account.incomplete) == (COUNT - 1, 1)
 
@@ -67,9 +67,9 @@ def test_the_colours_of_a_jpeg_are_interpolated_smoothly(tmp_path: Path) -> None
     source = tmp_path / "ball.mjpeg"
     source.write_bytes(3 * jpeg.tobytes())
     with closing(open_opencv_camera(OpencvSettings(str(source), frame_rate=100.0))) as camera:
-        wait_for(lambda: "the file has ended" in camera.account().trouble)
+        wait_for(lambda: "the file has ended" in camera.counts().trouble)
         frame = camera.latest()
-        assert frame is not None and camera.account().frames == 3
+        assert frame is not None and camera.counts().frames == 3
         assert np.array_equal(frame.image, cv2.imdecode(jpeg, cv2.IMREAD_COLOR))
 
 
@@ -95,10 +95,10 @@ def test_a_restarted_server_is_found() -> None:
     with closing(open_opencv_camera(OpencvSettings(server.address, latency=0.01))) as camera:
         before = frames_of(camera, 5)[-1]
         server.close()
-        wait_for(lambda: camera.account().trouble != "")
-        assert camera.account().reconnects == 0
+        wait_for(lambda: camera.counts().trouble != "")
+        assert camera.counts().reconnects == 0
         with closing(MjpegServer(source_camera, server.port)):
-            wait_for(lambda: camera.account().reconnects == 1)
+            wait_for(lambda: camera.counts().reconnects == 1)
             after = frames_of(camera, 5)[-1]
         assert after.number > before.number
         assert read_number(after.image) > read_number(before.image)
@@ -107,7 +107,7 @@ def test_a_restarted_server_is_found() -> None:
 def test_a_port_in_use_is_reported_in_one_sentence() -> None:
     with (
         closing(MjpegServer(NumberedCamera(), 0)) as server,
-        pytest.raises(RcmServoError, match=f"port {server.port}: cannot be listened on"),
+        pytest.raises(RcmServoError, match=f"port {server.port}: cannot listen on it"),
     ):
         MjpegServer(NumberedCamera(), server.port)
 

@@ -62,7 +62,7 @@ def test_the_newest_frame_is_returned_at_once() -> None:
         assert frame is not None and frame is camera.latest()
         assert (frame.number, frame.exposure, frame.arrival) == (4, 400, 407)
         assert read_number(frame.image) == 4
-        assert camera.account().frames == 5
+        assert camera.counts().frames == 5
     assert stream.closed
 
 
@@ -72,7 +72,7 @@ def test_lost_incomplete_and_skipped_frames_keep_their_numbers() -> None:
         snapshot_of(0), snapshot_of(3, lost=2), damaged, snapshot_of(9, skipped=3, incomplete=1)
     )
     with closing(run(stream)) as camera:
-        frame, account = camera.latest(), camera.account()
+        frame, account = camera.latest(), camera.counts()
         assert frame is not None and frame.number == 9
         assert (account.frames, account.lost, account.incomplete) == (6, 2, 2)
 
@@ -82,8 +82,8 @@ def test_an_image_of_another_size_is_dropped_and_reported() -> None:
     with closing(run(Scripted(snapshot_of(0), other))) as camera:
         frame = camera.latest()
         assert frame is not None and frame.number == 0
-        assert camera.account().incomplete == 1
-        assert camera.account().trouble == "images have another size than before"
+        assert camera.counts().incomplete == 1
+        assert camera.counts().trouble == "images have another size than before"
 
 
 def test_a_camera_without_complete_frames_is_reported(
@@ -100,17 +100,17 @@ def test_a_camera_without_complete_frames_is_reported(
 
     with closing(run(SlowStream(snapshot_of(0), truncated, truncated, truncated))) as camera:
         assert re.fullmatch(
-            r"no complete frame has come for \d+ s: 3 came incomplete", camera.account().trouble
+            r"no complete frame has come for \d+ s: 3 came incomplete", camera.counts().trouble
         )
     with closing(run(SlowStream(truncated, truncated, snapshot_of(0), snapshot_of(1)))) as camera:
-        assert "incomplete" not in camera.account().trouble
+        assert "incomplete" not in camera.counts().trouble
 
 
 def test_a_lost_camera_is_reopened_and_its_numbers_continue() -> None:
     gone = CameraLost("gone")
     first, second = Scripted(snapshot_of(0), snapshot_of(1), gone), Scripted(snapshot_of(2))
     with closing(run(first, CameraLost("still gone"), second)) as camera:
-        frame, account = camera.latest(), camera.account()
+        frame, account = camera.latest(), camera.counts()
         assert first.closed and frame is not None and frame.number == 2
         assert (account.reconnects, account.trouble) == (1, "")
 
@@ -119,8 +119,8 @@ def test_a_file_that_has_ended_is_not_reopened() -> None:
     stream = Scripted(snapshot_of(0), None, CameraLost("the file has ended"))
     with closing(run(stream, Scripted(snapshot_of(1)), reopens=False)) as camera:
         wait_for(lambda: stream.closed)
-        assert camera.account().trouble == "the file has ended"
-        assert camera.account().reconnects == 0
+        assert camera.counts().trouble == "the file has ended"
+        assert camera.counts().reconnects == 0
 
 
 def test_a_camera_that_cannot_be_opened_is_reported_at_once() -> None:

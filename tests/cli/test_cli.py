@@ -1,6 +1,4 @@
-"""What `rcmservo run` promises: its JSON, its folder, its exit codes, and a record that survives
-Ctrl-C.
-"""
+"""`rcmservo run`: JSON, folder, exit codes, and a record that is readable after Ctrl-C."""
 
 import json
 import math
@@ -21,7 +19,7 @@ from rcmservo.figures.video import VideoWriter
 from rcmservo.recording import reader
 from rcmservo.recording.reader import RECORD
 
-pytestmark = pytest.mark.usefixtures("blank_figures")  # but not in the run that all tests read
+pytestmark = pytest.mark.usefixtures("blank_figures")  # except in the run that all tests read
 
 KEYS = {
     "seed",
@@ -39,7 +37,7 @@ KEYS = {
 
 
 def strict(text: str) -> Any:
-    """JSON without NaN and Infinity."""
+    """Parse JSON without NaN and Infinity."""
     return json.loads(text, parse_constant=lambda name: pytest.fail(f"{name} in JSON"))
 
 
@@ -52,7 +50,7 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> tuple[int, Path]:
 
 @pytest.fixture(scope="module")
 def small(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
-    """`run` with small pictures, no video, and JSON."""
+    """Return arguments of `run` with small images, no video, and JSON."""
     rig = tmp_path_factory.mktemp("rig") / "small.toml"
     rig.write_text(SMALL)
     return ["run", "--rig", str(rig), "--no-video", "--json", "--teaching-frames", "30"]
@@ -108,7 +106,7 @@ def test_the_metrics_follow_from_the_record(finished: tuple[int, Path]) -> None:
     assert len(rows.time) == 500
 
 
-def test_what_run_recorded_comes_out_the_same_again(
+def test_replay_recomputes_a_recorded_run_bit_for_bit(
     finished: tuple[int, Path], capsys: pytest.CaptureFixture[str]
 ) -> None:
     _, folder = finished
@@ -116,34 +114,37 @@ def test_what_run_recorded_comes_out_the_same_again(
     assert capsys.readouterr().out == "all 500 ticks came out the same, bit for bit\n"
 
 
-def test_with_other_settings_replay_tells_what_would_have_differed_and_that_the_loop_is_open(
+def test_replay_with_other_settings_reports_an_open_loop_and_the_differences(
     finished: tuple[int, Path], capsys: pytest.CaptureFixture[str]
 ) -> None:
     _, folder = finished
     assert main(["replay", str(folder), "--controller.gain", "4", "--json"]) == 1
-    told = strict(capsys.readouterr().out)
+    output = strict(capsys.readouterr().out)
     assert (
-        told["open_loop"] and not told["same"] and set(told["differs"]) <= {"v", "command", "phase"}
+        output["open_loop"]
+        and not output["same"]
+        and set(output["differs"]) <= {"v", "command", "phase"}
     )
     assert main(["replay", str(folder), "--estimator", "flow"]) == 1
-    said = capsys.readouterr().out
+    text = capsys.readouterr().out
     assert (
-        said.startswith("open loop, with other settings: from tick 0") and "ticks in SERVO" in said
+        text.startswith("open loop, with other settings: from tick 0") and "ticks in SERVO" in text
     )
-    for wrong in (["--rig", "examples/davinci.toml"], ["--out", "somewhere"]):
-        assert main(["replay", str(folder), *wrong]) == 2
-        said = capsys.readouterr().err
-        assert "left out for a run" in said and said.endswith(
-            f", got {wrong[1]!r}; see rcmservo replay --help\n"
+    for arguments in (["--rig", "examples/davinci.toml"], ["--out", "somewhere"]):
+        assert main(["replay", str(folder), *arguments]) == 2
+        text = capsys.readouterr().err
+        assert "left out for a run" in text and text.endswith(
+            f", got {arguments[1]!r}; see rcmservo replay --help\n"
         )
 
 
 @pytest.mark.slow
-def test_replay_tells_the_two_projection_estimators_apart(
+def test_replay_distinguishes_the_two_projection_estimators(
     small: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """A record made with one of them comes out otherwise with the other only; what is changed is
-    the recorded one's.
+    """A record of one of them differs only with the other.
+
+    Changed settings apply to the recorded one.
     """
     names = "projection", "projection-printed"
     for name in names:
@@ -152,15 +153,15 @@ def test_replay_tells_the_two_projection_estimators_apart(
             capsys.readouterr()
             words = ["--estimator", *given] if given else []
             assert main(["replay", str(tmp_path / name), *words, "--json"]) == (0 if same else 1)
-            told = strict(capsys.readouterr().out)
-            assert (told["same"], told["open_loop"]) == (same, not same)
+            output = strict(capsys.readouterr().out)
+            assert (output["same"], output["open_loop"]) == (same, not same)
     assert (
         main(["replay", str(tmp_path / names[1]), "--projection.observations", "30", "--json"]) == 1
     )
     assert strict(capsys.readouterr().out)["open_loop"]
 
 
-def test_the_frames_of_a_record_make_a_recording_that_can_be_replayed(
+def test_exported_frames_form_a_recording_that_replay_scores(
     finished: tuple[int, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     _, folder = finished
@@ -177,11 +178,12 @@ def test_the_frames_of_a_record_make_a_recording_that_can_be_replayed(
 
 
 @pytest.mark.slow
-def test_faults_a_person_and_a_target_from_a_file_on_the_command_line(
+def test_run_accepts_disturbances_an_operator_and_a_target_file(
     small: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """A marker is lost, the camera is moved, the target is shown again; the target of the old view
-    is refused later.
+    """A marker is lost, the camera moves, and the target is taught again.
+
+    The target of the earlier view is refused later.
     """
     target = str(tmp_path / "target.json")
     faults = ["--disturb", "occlusion:at=3,for=0.3", "--disturb", "relocate:at=4.5"]
@@ -199,7 +201,7 @@ def test_faults_a_person_and_a_target_from_a_file_on_the_command_line(
     assert "was taught with camera" in capsys.readouterr().err
     assert not (tmp_path / "c").exists()
     assert main([*small, "--save-target", target, "--out", str(tmp_path / "c")]) == 2
-    assert "nothing is overwritten" in capsys.readouterr().err
+    assert "is not overwritten" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -210,22 +212,22 @@ def test_faults_a_person_and_a_target_from_a_file_on_the_command_line(
         (["--resumes", "-1"], "--resumes must be"),
         (
             ["--target", "a.json", "--save-target", "b.json"],
-            "--save-target must be left out with --target: no target",
+            "--save-target must be left out with --target, where no target",
         ),
-        (["--save-target", "nowhere/b.json"], "nowhere is no folder that you may use"),
+        (["--save-target", "nowhere/b.json"], "nowhere is not a folder that you can write to"),
     ],
 )
-def test_what_cannot_be_done_is_one_sentence(
+def test_an_invalid_request_gives_one_sentence(
     words: list[str], sentence: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["run", *words, "--out", str(tmp_path / "out")]) == 2
-    said = capsys.readouterr().err.splitlines()
-    assert sentence in said[-1]
+    text = capsys.readouterr().err.splitlines()
+    assert sentence in text[-1]
     assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.slow
-def test_a_full_disk_pauses_the_run_and_leaves_what_was_written_readable(
+def test_a_full_disk_pauses_the_run_and_leaves_a_readable_record(
     small: list[str],
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
@@ -245,15 +247,15 @@ def test_a_full_disk_pauses_the_run_and_leaves_what_was_written_readable(
     assert f"the record ends at {rows.time[-1] + 0.01:.2f} s of 6.00 s" in capsys.readouterr().out
 
 
-def test_a_video_that_cannot_be_written_is_removed_and_told_and_the_run_goes_on(
+def test_a_failed_video_is_removed_and_reported_and_the_run_continues(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("COLUMNS", "200")
     monkeypatch.setattr(VideoWriter, "write", lambda self, image: None)
     assert main(["run", "--duration", "2", "--teaching-frames", "30", "--out", str(tmp_path)]) == 1
     assert (
-        "not filmed" in (said := capsys.readouterr().out)
-        and "overlay.webm could not be written" in said
+        "not filmed" in (text := capsys.readouterr().out)
+        and "overlay.webm could not be written" in text
     )
     assert "was removed" in strict((tmp_path / "metrics.json").read_text())["not_filmed"]
     assert not (tmp_path / "overlay.webm").exists() and (tmp_path / RECORD).exists()
@@ -269,7 +271,7 @@ def test_the_same_seed_gives_the_same_record(small: list[str], tmp_path: Path) -
         np.testing.assert_array_equal(rows[0].ticks[name], rows[1].ticks[name])
 
 
-def test_ctrl_c_in_the_middle_of_a_run_names_the_folder_of_a_readable_record(
+def test_ctrl_c_during_a_run_names_the_folder_of_a_readable_record(
     small: list[str], tmp_path: Path
 ) -> None:
     folder = tmp_path / "run"
@@ -286,7 +288,7 @@ def test_ctrl_c_in_the_middle_of_a_run_names_the_folder_of_a_readable_record(
         run.send_signal(signal.SIGINT)
         _, errors = run.communicate()
     assert run.returncode == 130
-    assert errors == f"rcmservo: stopped by Ctrl-C; what was done until then is in {folder}\n"
+    assert errors == f"rcmservo: stopped by Ctrl-C; the results so far are in {folder}\n"
     rows = reader.read_record(folder / RECORD)
     assert rows.complete
     assert len(rows.time) > 20

@@ -1,6 +1,4 @@
-"""--estimator module:class on the command line: run, replay, its settings as options, its
-sentences.
-"""
+"""`--estimator module:class`: run, replay, settings as options, and error messages."""
 
 import json
 import subprocess
@@ -19,7 +17,7 @@ SHORT = ["--duration", "2.5", "--no-video", "--json", "--teaching-frames", "30"]
 
 @pytest.fixture
 def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The present folder with a package in which the example's estimator stands."""
+    """Change to a folder with a package that holds the example's estimator."""
     package = tmp_path / "lab_of_mine"
     package.mkdir()
     (package / "__init__.py").touch()
@@ -31,22 +29,22 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def said(capsys: pytest.CaptureFixture[str]) -> dict[str, object]:
+def printed_json(capsys: pytest.CaptureFixture[str]) -> dict[str, object]:
     return json.loads(capsys.readouterr().out)
 
 
 @pytest.mark.slow
-def test_it_runs_with_its_settings_and_its_replay_is_the_same_bit_for_bit(
+def test_a_user_estimator_runs_with_its_settings_and_replays_bit_for_bit(
     here: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     words = ["--estimator", NAME, "--pixels.forgetting", "0.95", "--out", "run", *SHORT]
     assert main(["run", *words]) in (0, 1)
-    assert said(capsys)["estimator"] == NAME
+    assert printed_json(capsys)["estimator"] == NAME
     assert main(["replay", "run", "--json", f"--estimator={NAME}"]) == 0
-    again = said(capsys)
-    assert again["same"] and not again["open_loop"] and again["changed"] == ""
+    second = printed_json(capsys)
+    assert second["same"] and not second["open_loop"] and second["changed"] == ""
     assert main(["replay", "run", "--json", "--estimator", NAME, "--pixels.forgetting", "0.8"]) == 1
-    assert said(capsys)["open_loop"]
+    assert printed_json(capsys)["open_loop"]
     (here / "lab_of_mine/rls.py").open("a").write("# changed\n")
     assert main(["replay", "run", "--estimator", NAME]) == 0
     assert f"the source of {NAME} has changed since" in capsys.readouterr().out
@@ -56,7 +54,7 @@ def test_it_runs_with_its_settings_and_its_replay_is_the_same_bit_for_bit(
 
 @pytest.mark.alone
 @pytest.mark.slow
-def test_it_servoes_live_in_another_process_and_replays(here: Path) -> None:
+def test_a_user_estimator_servos_live_in_another_process_and_replays(here: Path) -> None:
     live = [
         "live",
         "--estimator",
@@ -87,25 +85,25 @@ def test_it_servoes_live_in_another_process_and_replays(here: Path) -> None:
         (["--estimator", "lab_of_mine.rls:rls"], "derives from rcmservo.Estimator"),
     ],
 )
-def test_what_is_wrong_on_its_command_line_is_one_sentence(
+def test_an_invalid_user_estimator_gives_one_sentence(
     words: list[str], sentence: str, here: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["run", *words, "--out", "run"]) == 2
-    told = capsys.readouterr().err
-    assert sentence in told and len(told.splitlines()) == 1 and not (here / "run").exists()
+    message = capsys.readouterr().err
+    assert sentence in message and len(message.splitlines()) == 1 and not (here / "run").exists()
 
 
-def test_one_that_fails_on_made_up_samples_is_refused_before_anything_is_written(
+def test_a_user_estimator_that_fails_its_trial_is_refused_before_anything_is_written(
     here: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     code = here / "lab_of_mine/rls.py"
     code.write_text(code.read_text().replace("memory[0][:, :3]", "memory[0]"))
     for command in ("run", "live"):
         assert main([command, "--estimator", NAME, "--out", "run"]) == 2
-        told = capsys.readouterr().err
+        message = capsys.readouterr().err
         assert (
             f"estimator {NAME}: its jacobian returned an array of shape (3, 4), expected (3, 3)"
-            in told
+            in (message)
         )
         assert not (here / "run").exists()
 
@@ -119,12 +117,12 @@ def test_one_that_fails_on_made_up_samples_is_refused_before_anything_is_written
         ("replay path", "path", "own"),
     ],
 )
-def test_the_options_of_its_settings_take_no_name_that_the_command_has(
+def test_option_groups_of_user_estimators_avoid_names_of_the_command(
     command: str, name: str, group: str, here: Path
 ) -> None:
     code = here / "lab_of_mine/rls.py"
     code.write_text(code.read_text().replace('name = "pixels"', f'name = "{name}"'))
     words = [*command.split(), "--estimator", NAME, f"--{group}.forgetting", "0.5"]
     options = asked_of(words[0], words[1:])
-    assert options.own_estimators == {NAME: getattr(options, group)}
+    assert options.user_estimators == {NAME: getattr(options, group)}
     assert getattr(options, group).forgetting == 0.5

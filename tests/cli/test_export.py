@@ -1,6 +1,4 @@
-"""An exported record holds every number of the record, for programs that know nothing of
-rcmservo.
-"""
+"""Exported records: every number of the record, for programs without rcmservo."""
 
 import csv
 import json
@@ -11,7 +9,7 @@ import pytest
 
 import rcmservo as rs
 from rcmservo.cli.cli import main
-from rcmservo.cli.export import UNITS, arrays
+from rcmservo.cli.export import COLUMN_UNITS, arrays
 from rcmservo.recording import reader
 from rcmservo.recording.foreign import frame_folder as recording
 from rcmservo.recording.ros2_messages import TICK, TRUTH_LAYOUT
@@ -24,23 +22,23 @@ SERVO = rs.Servo(mechanism=rs.PitchYawRcm(), tool=rs.RigidTool(spacing=30.0))
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder of a run of 0.8 s with its frames, one of which no tick has used."""
+    """Return the folder of a run of 0.8 s with its frames, one of which no tick used."""
     folder = tmp_path_factory.mktemp("run")
     settings = rs.sim.RigSettings(mechanism=rs.PitchYawRcm(), width=320, height=240)
     rig = rs.sim.Rig(1, settings)
     plant = rs.Plant(rig.arm, rig.camera, ColourMarkers(), rig.clock)
     target = rs.Target(np.array([[100.0, 100.0], [120.0, 140.0]]), np.array([0.1, 0.1, 100.0]))
-    shown = -1
+    newest = -1
     with Recorder(folder / reader.RECORD, {"seed": 1, "name": "é"}) as recorder:
         recorder.begin(SERVO, target)
         for tick in rs.run(plant, SERVO, target, 0.8):
             recorder.write(tick)
             recorder.write_truth(np.ones(3), np.full(3, 2.0), 0.5)
-            if plant.frame is not None and plant.frame.number > shown:
-                shown = plant.frame.number
+            if plant.frame is not None and plant.frame.number > newest:
+                newest = plant.frame.number
                 recorder.write_frame(plant.frame)
         assert plant.frame is not None
-        recorder.write_frame(rs.Frame(shown + 1, tick.seen.now, tick.seen.now, plant.frame.image))
+        recorder.write_frame(rs.Frame(newest + 1, tick.seen.now, tick.seen.now, plant.frame.image))
     return folder
 
 
@@ -52,7 +50,7 @@ def exported(run: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_every_column_of_a_record_has_its_units() -> None:
-    for units, layout in ((UNITS, TICK), (TRUTH_COLUMNS, TRUTH_LAYOUT)):
+    for units, layout in ((COLUMN_UNITS, TICK), (TRUTH_COLUMNS, TRUTH_LAYOUT)):
         names = [name for name in layout.names or () if layout[name].shape]
         assert {name: (len(parts),) for name, parts in units.items()} == {
             name: layout[name].shape for name in names
@@ -77,15 +75,15 @@ def test_the_arrays_are_the_record_bit_for_bit_and_need_no_pickle(
         assert json.loads(str(got["stage_servo"][0])) == rows.stages[0].servo
 
 
-def test_no_array_is_of_objects_and_numpy_is_asked_for_nothing_that_its_oldest_version_lacks(
+def test_arrays_hold_no_objects_and_numpy_needs_no_recent_keyword(
     run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """NumPy 2.0 takes every keyword for an array."""
-    kept: dict[str, object] = {}
-    monkeypatch.setattr(np, "savez_compressed", lambda file, **given: kept.update(given))
+    """NumPy 2.0 treats every keyword as the name of an array."""
+    saved: dict[str, object] = {}
+    monkeypatch.setattr(np, "savez_compressed", lambda file, **given: saved.update(given))
     assert main(["export", str(run), "--out", str(tmp_path / "out")]) == 0
-    assert list(kept) == list(arrays(reader.read_record(run)))
-    assert not any(np.asarray(array).dtype.hasobject for array in kept.values())
+    assert list(saved) == list(arrays(reader.read_record(run)))
+    assert not any(np.asarray(array).dtype.hasobject for array in saved.values())
 
 
 def test_the_table_has_every_tick_and_loses_no_digit(run: Path, exported: Path) -> None:
@@ -107,7 +105,7 @@ def test_the_table_has_every_tick_and_loses_no_digit(run: Path, exported: Path) 
     assert all(None not in row and None not in row.values() for row in table)
 
 
-def test_the_frames_come_out_as_a_recording_that_replay_reads(
+def test_exported_frames_are_a_recording_that_replay_reads(
     run: Path, exported: Path, tmp_path: Path
 ) -> None:
     rows = reader.read_record(run)
@@ -127,15 +125,15 @@ def test_the_frames_come_out_as_a_recording_that_replay_reads(
     assert main(["replay", str(exported / "recording"), "--rig", str(rig)]) == 0
 
 
-def test_frames_that_no_tick_has_used_are_told(
+def test_frames_without_a_tick_are_reported(
     run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["export", str(run / reader.RECORD), "--out", str(tmp_path / "out")]) == 0
     assert "80 ticks and" in (out := capsys.readouterr().out)
-    assert "left out, as no tick tells their joints: 1" in out
+    assert "left out, because no tick records their joints: 1 frames" in out
 
 
-def test_a_record_without_truth_and_frames_is_exported_too(tmp_path: Path) -> None:
+def test_a_record_without_truth_and_frames_is_exported(tmp_path: Path) -> None:
     with Recorder(tmp_path / reader.RECORD, {}) as recorder:
         recorder.begin(SERVO, rs.Target(np.ones((2, 2)), np.ones(3)))
     assert main(["export", str(tmp_path), "--out", str(tmp_path / "out")]) == 0

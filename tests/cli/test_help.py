@@ -1,6 +1,4 @@
-"""The help of the commands: the basics on one page, everything with --help-all, and nothing loaded
-that it does not need.
-"""
+"""Help of the commands: basics on one page, all options with --help-all, and few imports."""
 
 import subprocess
 import sys
@@ -9,15 +7,15 @@ import pytest
 
 from conftest import first_quick
 from rcmservo.cli.cli import COMMANDS, main, options_kind
-from rcmservo.cli.command_line.help_text import estimator_words
+from rcmservo.cli.command_line.help_text import estimator_descriptions
 from rcmservo.cli.command_line.options import options_of
-from rcmservo.cli.servo_options import NAMES
+from rcmservo.cli.servo_options import ESTIMATOR_NAMES
 
-PAGE = 45
-"""Lines of the basics at most."""
+PAGE_LINES = 45
+"""Largest number of lines of the basic help."""
 WITH_SETTINGS = "run", "live", "serve", "replay"
 
-NEEDED_BY_NO_HELP = (
+UNUSED_BY_HELP = (
     "numba",
     "llvmlite",
     "cv2",
@@ -34,7 +32,7 @@ NEEDED_BY_NO_HELP = (
     "cyclonedds",
     "rosbags",
 )
-NEEDED_BY_COMMANDS = "numpy", "tyro", "rich"
+USED_BY_COMMANDS = "numpy", "tyro", "rich"
 
 
 def help_of(capsys: pytest.CaptureFixture[str], *words: str) -> str:
@@ -43,9 +41,9 @@ def help_of(capsys: pytest.CaptureFixture[str], *words: str) -> str:
 
 
 def loaded(program: str, *modules: str) -> list[str]:
-    """Those of the modules that a new process has loaded when it has run the program."""
-    told = f"import sys\n{program}\nprint([x for x in {modules!r} if x in sys.modules])"
-    done = subprocess.run([sys.executable, "-c", told], capture_output=True, text=True, check=False)
+    """Return the modules that a new process has loaded after a program."""
+    code = f"import sys\n{program}\nprint([x for x in {modules!r} if x in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     return eval(done.stdout.splitlines()[-1])
 
@@ -56,17 +54,17 @@ def asking(*words: str) -> str:
 
 @pytest.mark.parametrize("option", ["--version", "--help"])
 def test_version_and_list_of_commands_load_no_library(option: str) -> None:
-    assert loaded(asking(option), *NEEDED_BY_COMMANDS, *NEEDED_BY_NO_HELP) == []
+    assert loaded(asking(option), *USED_BY_COMMANDS, *UNUSED_BY_HELP) == []
 
 
 @pytest.mark.parametrize("command", first_quick(COMMANDS))
 def test_the_help_of_a_command_loads_nothing_that_computes(command: str) -> None:
-    assert loaded(asking(command, "--help"), *NEEDED_BY_NO_HELP) == []
+    assert loaded(asking(command, "--help"), *UNUSED_BY_HELP) == []
 
 
 @pytest.mark.parametrize("registry", ["rcmservo.config.registry", "rcmservo.hardware.devices"])
 def test_a_registry_loads_nothing_that_computes(registry: str) -> None:
-    assert loaded(f"import {registry}", *NEEDED_BY_NO_HELP, "tyro", "rich") == []
+    assert loaded(f"import {registry}", *UNUSED_BY_HELP, "tyro", "rich") == []
 
 
 @pytest.mark.parametrize("command", COMMANDS)
@@ -89,16 +87,16 @@ def test_the_basics_are_one_page_and_explain_every_estimator(
     command: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("COLUMNS", "80")
-    said = help_of(capsys, command, "--help")
-    assert len(said.splitlines()) <= PAGE
-    rows = said.partition("estimators:\n")[2].splitlines()
-    assert set(NAMES) <= {row.split()[0] for row in rows if row.startswith("  ")}
-    assert "--controller." not in said and f"rcmservo {command} --help-all" in said
+    text = help_of(capsys, command, "--help")
+    assert len(text.splitlines()) <= PAGE_LINES
+    rows = text.partition("estimators:\n")[2].splitlines()
+    assert set(ESTIMATOR_NAMES) <= {row.split()[0] for row in rows if row.startswith("  ")}
+    assert "--controller." not in text and f"rcmservo {command} --help-all" in text
 
 
-def test_every_estimator_has_one_sentence_that_a_page_has_room_for() -> None:
-    words = estimator_words()
-    assert list(words) == list(NAMES)
+def test_every_estimator_has_one_sentence_that_fits_the_page() -> None:
+    words = estimator_descriptions()
+    assert list(words) == list(ESTIMATOR_NAMES)
     assert all(words.values())
 
 
@@ -106,13 +104,13 @@ def test_every_estimator_has_one_sentence_that_a_page_has_room_for() -> None:
 def test_help_all_shows_every_option_with_its_default(
     command: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    said = " ".join(help_of(capsys, command, "--help-all").split())
+    text = " ".join(help_of(capsys, command, "--help-all").split())
     for one in options_of(options_kind(command, [])):
-        shown = one.name.replace(".", ".[no-]").replace("--", "--[no-]", "." not in one.name)
-        assert (shown if one.is_flag else f"{one.name} {one.metavar}") in said or one.is_positional
-        assert one.words and " ".join(one.words.split()) in said
-        assert f"(default: {one.default})" in said or not one.default
-    assert ("(default: dlt)" in said) == (command in ("run", "live", "serve"))
+        usage = one.name.replace(".", ".[no-]").replace("--", "--[no-]", "." not in one.name)
+        assert (usage if one.is_flag else f"{one.name} {one.metavar}") in text or one.is_positional
+        assert one.description and " ".join(one.description.split()) in text
+        assert f"(default: {one.default})" in text or not one.default
+    assert ("(default: dlt)" in text) == (command in ("run", "live", "serve"))
 
 
 @pytest.mark.parametrize(
@@ -127,7 +125,7 @@ def test_help_all_shows_every_option_with_its_default(
         (["run", "--help"], "usage: rcmservo run [options]"),
     ],
 )
-def test_the_usage_is_what_can_be_typed(
+def test_the_usage_line_names_the_arguments(
     words: list[str], usage: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert help_of(capsys, *words).splitlines()[0] == usage

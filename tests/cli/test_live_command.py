@@ -1,4 +1,4 @@
-"""The result of a run as a table, as JSON and in one line, and what `rcmservo live` refuses."""
+"""Result of a run as a table, as JSON and in one line, and invalid options of `rcmservo live`."""
 
 import json
 from dataclasses import asdict, replace
@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from rcmservo.cli.cli import main
-from rcmservo.cli.result_output import METRICS, report, save_result
+from rcmservo.cli.result_output import METRICS_FILE, print_result, save_result
 from rcmservo.cli.terminal import console
 from rcmservo.loop.run_result import (
     CameraAccount,
@@ -20,34 +20,34 @@ from rcmservo.loop.run_result import (
 )
 
 CAUSE = "the servo process was killed (SIGKILL)"
-FALLEN = RunResult(cause=CAUSE, folder="runs/[a]")
+FAILED_RUN = RunResult(cause=CAUSE, folder="runs/[a]")
 
 
 def printed(**more: Any) -> str:
-    """What the table says, as one line."""
+    """Return the text of the table in one line."""
     out = console()
     with out.capture() as got:
-        assert report(out, replace(FALLEN, **more), as_json=False) == 1
+        assert print_result(out, replace(FAILED_RUN, **more), as_json=False) == 1
     return " ".join(got.get().replace("│", " ").split())
 
 
-def test_a_live_run_tells_what_could_not_be_recorded() -> None:
+def test_a_live_result_reports_an_incomplete_record() -> None:
     text = printed(not_recorded="No space left on [device]")
     assert "not recorded" in text and "No space left on [device]" in text
     assert "not recorded" not in printed()
 
 
-def test_a_live_result_that_cannot_be_written_is_told_and_not_lost(tmp_path: Path) -> None:
-    """A folder where the metrics' file would grow stands for a disk that is full."""
-    (tmp_path / f"{METRICS}.part").mkdir()
-    result = save_result(FALLEN, None, tmp_path)
-    assert f"{METRICS}: cannot be written" in result.not_written
+def test_a_live_result_that_cannot_be_written_is_reported_and_not_lost(tmp_path: Path) -> None:
+    """A folder in place of the temporary file acts as a full disk."""
+    (tmp_path / f"{METRICS_FILE}.part").mkdir()
+    result = save_result(FAILED_RUN, None, tmp_path)
+    assert f"{METRICS_FILE}: cannot be written" in result.not_written
     assert (
         "not written" in printed(not_written=result.not_written) and "not written" not in printed()
     )
 
 
-def test_a_live_run_names_its_cause_its_folder_and_how_the_loop_kept_its_time() -> None:
+def test_a_live_result_has_its_cause_its_folder_and_the_loop_timing() -> None:
     loop = LoopTiming(
         200,
         missed=2,
@@ -62,7 +62,7 @@ def test_a_live_run_names_its_cause_its_folder_and_how_the_loop_kept_its_time() 
     assert "latency" not in text and "lateness" not in printed()
 
 
-def test_a_run_on_hardware_names_its_drive_its_camera_and_its_speed() -> None:
+def test_a_hardware_result_has_its_drive_its_camera_and_its_speed() -> None:
     camera = CameraAccount(100, 2, 1, 3, trouble="no whole frame has come for 2 s")
     text = printed(drive_off="axis B", camera=camera, speed_share=0.1, rig_checked=False)
     for words in (
@@ -74,8 +74,8 @@ def test_a_run_on_hardware_names_its_drive_its_camera_and_its_speed() -> None:
     assert "exposure times to 0.50 ms" in printed(camera=replace(camera, uncertainty_ms=0.5))
 
 
-def test_what_is_not_known_is_none_in_json() -> None:
-    plain = json.loads(json.dumps(asdict(replace(FALLEN, loop=LoopTiming()))))
+def test_unknown_values_are_null_in_json() -> None:
+    plain = json.loads(json.dumps(asdict(replace(FAILED_RUN, loop=LoopTiming()))))
     assert plain["loop"]["rate_hz"] is None and plain["loop"]["lateness_ms"]["p99"] is None
     assert plain["feature_error"] == {"s_rad": None, "r_px": None, "d_px": None}
     assert spread(np.empty(0)) == Spread()
@@ -89,7 +89,7 @@ def test_what_is_not_known_is_none_in_json() -> None:
             RunResult(True, "", settle_time_s=1.92, pose_error_mm=0.021, bound_mm=0.05),
             "arrived, error 0.02 mm (bound 0.05), 1.9 s",
         ),
-        (replace(FALLEN, pose_error_mm=3.0), f"not arrived: {CAUSE}, error 3.00 mm"),
+        (replace(FAILED_RUN, pose_error_mm=3.0), f"not arrived: {CAUSE}, error 3.00 mm"),
     ],
 )
 def test_a_result_is_printed_in_one_line(result: RunResult, words: str) -> None:
@@ -105,16 +105,16 @@ def test_a_result_is_printed_in_one_line(result: RunResult, words: str) -> None:
         (["--frames"], "--frames"),
     ],
 )
-def test_what_live_cannot_use_is_one_sentence_and_leaves_no_folder(
+def test_invalid_live_options_give_one_sentence_and_leave_no_folder(
     words: list[str], sentence: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "out"
     assert main(["live", *words, "--out", str(out)]) == 2
-    said = capsys.readouterr().err
-    assert sentence in said and said.count("\n") == 1
+    message = capsys.readouterr().err
+    assert sentence in message and message.count("\n") == 1
     assert not out.exists()
 
 
-def test_run_has_no_live_any_more(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_run_has_no_live_option(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["run", "--live", "--out", str(tmp_path / "out")]) == 2
     assert "--live" in capsys.readouterr().err

@@ -1,4 +1,4 @@
-"""`show` and the metrics of a run tell the same of it, and nothing is lost where writing fails."""
+"""Metrics of a run: they agree with `show`, and are not lost if writing fails."""
 
 import json
 from dataclasses import asdict, replace
@@ -10,7 +10,7 @@ import rcmservo as rs
 from conftest import SMALL
 from rcmservo.cli.cli import main
 from rcmservo.cli.lab_options import RunOptions
-from rcmservo.cli.result_output import METRICS
+from rcmservo.cli.result_output import METRICS_FILE
 from rcmservo.cli.simulated_run.simulate import simulate
 from rcmservo.loop.run_result import RunResult
 from rcmservo.recording import reader
@@ -31,14 +31,14 @@ ENDINGS = {
     "is recorded in part": (4.0, "disk_full:at=1.5", rs.Cause.NOT_RECORDED.value),
     "has too little time": (1.01, "", "time ran out before the feature errors had settled"),
 }
-"""Length s, what goes wrong, and words of the cause that the metrics tell."""
+"""Duration in s, disturbance, and words of the cause in the metrics."""
 
 QUICK = "settles", "is killed"
-"""Of these, those that stand for all in the quick tests."""
+"""Endings that the quick tests cover."""
 
 
 def metrics_of(folder: Path, duration: float, disturbance: str = "") -> RunResult:
-    """Simulate a run with small pictures."""
+    """Simulate a run with small images."""
     rig = folder.with_name(f"{folder.name}.toml")
     rig.write_text(SMALL)
     options = RunOptions(
@@ -52,11 +52,11 @@ def metrics_of(folder: Path, duration: float, disturbance: str = "") -> RunResul
     return simulate(options, folder)
 
 
-def agree(result: RunResult, told: RunResult) -> None:
-    """All that both hold is the same, but for the words of what ended the run."""
+def agree(result: RunResult, from_record: RunResult) -> None:
+    """Check that both results are equal, except for the cause."""
     for name in ("settled", "settle_time_s", "remark", "loop", "feature_error", "jacobian_error"):
-        assert getattr(result, name) == getattr(told, name)
-    assert bool(result.cause) == bool(told.cause) != result.settled
+        assert getattr(result, name) == getattr(from_record, name)
+    assert bool(result.cause) == bool(from_record.cause) != result.settled
 
 
 @pytest.mark.parametrize(
@@ -64,20 +64,20 @@ def agree(result: RunResult, told: RunResult) -> None:
     [pytest.param(one, marks=() if one in QUICK else pytest.mark.slow) for one in ENDINGS],
 )
 def test_show_and_metrics_agree_on_a_run_that(ending: str, tmp_path: Path) -> None:
-    """The metrics tell more only of what the record cannot know: what ended it."""
-    seconds, wrong, words = ENDINGS[ending]
-    metrics = metrics_of(tmp_path, seconds, wrong)
-    told = summary(reader.read_record(tmp_path))
-    agree(metrics, told)
+    """Only the metrics hold the reason for an early end, which the record does not know."""
+    seconds, disturbance, words = ENDINGS[ending]
+    metrics = metrics_of(tmp_path, seconds, disturbance)
+    from_record = summary(reader.read_record(tmp_path))
+    agree(metrics, from_record)
     assert words in metrics.cause and metrics.settled == (words == "")
-    whole = "the record ends" not in told.cause
-    assert not whole or told.cause == metrics.cause
-    kept = json.loads((tmp_path / METRICS).read_text())
-    assert kept == json.loads(json.dumps(asdict(metrics)))
+    whole = "the record ends" not in from_record.cause
+    assert not whole or from_record.cause == metrics.cause
+    stored = json.loads((tmp_path / METRICS_FILE).read_text())
+    assert stored == json.loads(json.dumps(asdict(metrics)))
 
 
 @pytest.mark.slow
-def test_a_run_that_ends_without_a_marker_says_so_beside_its_verdict(
+def test_a_run_that_ends_without_a_marker_reports_it_with_the_verdict(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     metrics = metrics_of(tmp_path, 5.0, "occlusion:at=1.5,marker=1")
@@ -87,21 +87,21 @@ def test_a_run_that_ends_without_a_marker_says_so_beside_its_verdict(
     assert "marker 1 is not seen" in capsys.readouterr().out
 
 
-def test_a_result_that_cannot_be_written_is_not_lost_and_nothing_is_half_written(
+def test_a_result_that_cannot_be_written_is_not_lost_and_no_file_is_incomplete(
     tmp_path: Path,
 ) -> None:
-    """A folder where the metrics' file would grow stands for a disk that is full."""
+    """A folder in place of the temporary file acts as a full disk."""
     whole, part = tmp_path / "whole", tmp_path / "part"
     for folder in (whole, part):
         folder.mkdir()
-    for name in (METRICS, "errors.png"):
+    for name in (METRICS_FILE, "errors.png"):
         (part / f"{name}.part").mkdir()
-    ours, theirs = (metrics_of(folder, 1.5) for folder in (part, whole))
-    for name in (METRICS, "errors.png"):
-        assert f"{name}: cannot be written" in ours.not_written
+    failed, written = (metrics_of(folder, 1.5) for folder in (part, whole))
+    for name in (METRICS_FILE, "errors.png"):
+        assert f"{name}: cannot be written" in failed.not_written
         assert not (part / name).exists() and (whole / name).exists()
     same = {"not_written": "", "folder": "", "real_time_factor": 0.0}
-    assert replace(ours, **same) == replace(theirs, **same) and theirs.not_written == ""
+    assert replace(failed, **same) == replace(written, **same) and written.not_written == ""
     assert not [path for path in part.iterdir() if path.suffix == ".part" and path.is_file()]
 
 
@@ -119,7 +119,7 @@ def test_a_result_that_cannot_be_written_is_not_lost_and_nothing_is_half_written
         ),
     ],
 )
-def test_a_start_that_never_saw_the_markers_says_why(
+def test_a_run_that_never_detects_the_markers_reports_the_reason(
     disturbance: str, reason: str, tmp_path: Path
 ) -> None:
     metrics = metrics_of(tmp_path, 2.0, disturbance)

@@ -1,6 +1,4 @@
-"""What is wrong with a command line is one sentence: option, value, what is right, where to read
-more.
-"""
+"""Error messages for invalid command lines: option, value, expected value, and the help."""
 
 import math
 import re
@@ -47,9 +45,9 @@ SENTENCES = {
     "study --workers x": "--workers must be a whole number, got 'x'; see rcmservo study --help",
     "study --count 0": "--count must be a whole number from 1 to 1e8, got 0; see rcmservo study "
     "--help",
-    "run x": "'x' is more than run takes" + RUN,
+    "run x": "'x' is one argument too many for run" + RUN,
     "show a --seed 3": "show has no option --seed; see rcmservo show --help",
-    "show": "PATH must be given: A run's folder, or an .mcap file; see rcmservo show --help",
+    "show": "PATH must be given: Folder of a run, or an .mcap file; see rcmservo show --help",
     "rnu": "the command must be one of run, live, serve, replay, show, export, paper, study, "
     "tune, emulate, rig, markers, got 'rnu' (did you mean run?); see rcmservo --help",
     "": "a command must be given, one of run, live, serve, replay, show, export, paper, study, "
@@ -58,7 +56,7 @@ SENTENCES = {
 
 
 @pytest.mark.parametrize("line", SENTENCES)
-def test_a_line_that_cannot_be_read_is_one_sentence(
+def test_an_invalid_command_line_gives_one_sentence(
     line: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(line.split()) == 2
@@ -76,7 +74,7 @@ def test_a_line_that_cannot_be_read_is_one_sentence(
         "duration",
     ],
 )
-def test_a_size_that_no_computer_has_room_or_time_for_is_refused_at_once(
+def test_an_excessive_size_is_refused_at_once(
     option: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["run", f"--{option}", "1000000000"]) == 2
@@ -97,29 +95,29 @@ SUGGESTED = {
 
 
 @pytest.mark.parametrize("line", SUGGESTED)
-def test_the_option_that_is_suggested_is_the_one_that_was_meant(
+def test_the_suggested_option_is_the_intended_one(
     line: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(line.split()) == 2
     assert f"(did you mean {SUGGESTED[line]}?)" in capsys.readouterr().err
 
 
-def test_no_word_stands_for_an_option_that_is_left_out() -> None:
+def test_no_word_stands_for_an_absent_option() -> None:
     assert parse("run", RunOptions, ["--rig", "None"]).rig == Path("None")
 
 
-def test_nothing_is_suggested_for_an_option_that_nothing_is_like(
+def test_nothing_is_suggested_for_an_option_unlike_all_others(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     assert main(["study", "--gain", "3"]) == 2
     assert "did you mean" not in capsys.readouterr().err
 
 
-GROUPS = {one.group: one.owner for one in options_of(RunOptions) if one.group}
+OPTION_CLASSES = {one.group: one.owner for one in options_of(RunOptions) if one.group}
 
 
 def refused_setting(kind: type[Any]) -> str:
-    """A number of a class of settings that must not be -1."""
+    """Return a numeric setting of a class that must not be -1."""
     for f in fields(kind):
         if type(f.default) in (int, float):
             with suppress(BadInput):
@@ -129,18 +127,18 @@ def refused_setting(kind: type[Any]) -> str:
     raise AssertionError(f"{kind} takes any number")
 
 
-@pytest.mark.parametrize("group", GROUPS)
-def test_what_the_settings_refuse_is_named_as_it_was_typed(
+@pytest.mark.parametrize("group", OPTION_CLASSES)
+def test_a_refused_setting_is_named_as_typed(
     group: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    option = f"--{group}.{refused_setting(GROUPS[group])}".replace("_", "-")
+    option = f"--{group}.{refused_setting(OPTION_CLASSES[group])}".replace("_", "-")
     assert main(["run", option, "-1"]) == 2
-    said = capsys.readouterr().err
-    assert said.startswith(f"rcmservo: {option} must be ")
-    assert re.search(rf"got -1(\.0)?{re.escape(SETTING)}\n$", said)
+    message = capsys.readouterr().err
+    assert message.startswith(f"rcmservo: {option} must be ")
+    assert re.search(rf"got -1(\.0)?{re.escape(SETTING)}\n$", message)
 
 
-def test_a_setting_that_does_not_go_with_the_estimator_is_named_as_it_was_typed(
+def test_a_setting_that_does_not_fit_the_estimator_is_named_as_typed(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     words = ["--controller.features", "size", "--out", str(tmp_path / "out")]
@@ -148,21 +146,21 @@ def test_a_setting_that_does_not_go_with_the_estimator_is_named_as_it_was_typed(
     assert capsys.readouterr().err.startswith("rcmservo: --controller.features must be ")
 
 
-def test_in_python_the_field_keeps_the_name_that_records_give_it() -> None:
+def test_an_error_in_python_names_the_field_as_records_do() -> None:
     with pytest.raises(BadInput, match=r"^estimator\.gamma must be"):
         FlowEstimator(gamma=-1.0)
 
 
-def test_the_papers_degrees_are_refused_as_radians_and_both_units_are_named(
+def test_values_in_degrees_are_refused_as_radians_and_both_units_are_named(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     assert main(["run", "--controller.bounds", "10", "10", "10"]) == 2
-    said = capsys.readouterr().err
-    assert said.startswith("rcmservo: --controller.bounds must be at most 3.142 rad")
-    assert "(did you mean 0.1745 rad, which is 10 deg?)" in said
+    message = capsys.readouterr().err
+    assert message.startswith("rcmservo: --controller.bounds must be at most 3.142 rad")
+    assert "(did you mean 0.1745 rad, which is 10 deg?)" in message
 
 
-def in_scene(**values: object) -> SceneSettings:
+def scene_settings(**values: object) -> SceneSettings:
     return SceneSettings(**values)  # pyright: ignore[reportArgumentType]
 
 
@@ -172,8 +170,8 @@ def in_scene(**values: object) -> SceneSettings:
         (lambda: SaturatedController(bounds=(10.0, 10.0, 10.0)), "0.1745 rad, which is 10 deg?"),
         (lambda: Gate(speed=(30.0, 30.0, 50.0)), "0.5236 rad/s, which is 30 deg/s?"),
         (lambda: Thresholds(following=(0.1, 5.0, 5.0)), "0.08727 rad, which is 5 deg?"),
-        (lambda: in_scene(errors=(20.0, 50.0, 50.0)), "0.3491 rad, which is 20 deg?"),
-        (lambda: in_scene(start=(10.0, 45.0, 90.0)), "0.7854 rad, which is 45 deg?"),
+        (lambda: scene_settings(errors=(20.0, 50.0, 50.0)), "0.3491 rad, which is 20 deg?"),
+        (lambda: scene_settings(start=(10.0, 45.0, 90.0)), "0.7854 rad, which is 45 deg?"),
         (lambda: Drive(encoder_offset=(0.0, 90.0, 0.0)), "1.571 rad, which is 90 deg?"),
         (lambda: JointLimits((-90.0, 0.0, 50.0), (90.0, 1.0, 90.0)), "looks like degrees"),
     ],
@@ -185,5 +183,5 @@ def test_an_angle_that_can_only_be_degrees_is_refused(
         make()
 
 
-def test_an_angle_bound_of_half_a_turn_is_taken() -> None:
+def test_an_angle_bound_of_half_a_turn_is_accepted() -> None:
     assert SaturatedController(bounds=(math.pi, 10.0, 10.0)).bounds[0] == math.pi

@@ -1,4 +1,4 @@
-"""What a rig file must have before `live --rig` connects to anything."""
+"""Requirements on a rig file before `live --rig` connects to a device."""
 
 from pathlib import Path
 
@@ -9,7 +9,7 @@ from rcmservo.config.rig_file import bytes_of, lab_of
 from rcmservo.config.verified_rigs import digest_of, note_checked
 from rcmservo.errors import BadInput
 
-BY_SPEEDS = """
+SPEED_ARM = """
 [arm]
 kind = "crtk"
 namespace = "PSM1"
@@ -21,22 +21,22 @@ latency = 0.03
 """
 
 
-def test_speeds_go_only_to_an_arm_that_was_seen_to_stop_by_itself(
+def test_an_arm_receives_speeds_only_after_its_watchdog_is_verified(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
     rig = tmp_path / "lab.toml"
-    rig.write_text(BY_SPEEDS)
+    rig.write_text(SPEED_ARM)
     data = bytes_of(rig)
     lab, digest = lab_of(rig, data), digest_of(data)
-    with pytest.raises(BadInput, match="`rig check` has passed"):
+    with pytest.raises(BadInput, match="`rig check` of this file has verified"):
         require_devices(lab, rig, digest)
     note_checked(digest)
     require_devices(lab, rig, digest)
 
 
-def test_a_camera_whose_latency_nobody_has_measured_is_refused(tmp_path: Path) -> None:
+def test_a_camera_without_a_measured_latency_is_refused(tmp_path: Path) -> None:
     rig = tmp_path / "lab.toml"
-    rig.write_text(BY_SPEEDS.replace("jv = true\n", "").replace("latency = 0.03\n", ""))
+    rig.write_text(SPEED_ARM.replace("jv = true\n", "").replace("latency = 0.03\n", ""))
     with pytest.raises(BadInput, match=r"camera\.latency"):
         require_devices(lab_of(rig, bytes_of(rig)), rig, "")

@@ -1,4 +1,4 @@
-"""What `show` tells of a record is what happened in the run."""
+"""`show`: summary, timeline and figures agree with the run."""
 
 import json
 from dataclasses import asdict, astuple, dataclass, replace
@@ -14,7 +14,7 @@ from replays import Disturbed
 import rcmservo as rs
 from rcmservo.cli import show
 from rcmservo.cli.cli import main
-from rcmservo.cli.result_output import METRICS
+from rcmservo.cli.result_output import METRICS_FILE
 from rcmservo.figures import plots
 from rcmservo.interfaces import Dropped
 from rcmservo.recording import reader, timeline
@@ -25,10 +25,8 @@ from rcmservo.tracking import PointMarkers
 
 
 @dataclass
-class Told:
-    """A recorded run of two stages in which markers were lost, frames dropped and a person asked
-    for things.
-    """
+class RecordedRun:
+    """Recorded run of two stages with lost markers, dropped frames and requests of the operator."""
 
     path: Path
     ticks: list[rs.Tick]
@@ -38,17 +36,18 @@ class Told:
     target: rs.Target
 
 
-def lose(seen: rs.Observation) -> rs.Observation:
-    """Marker 2 hidden from 3.0 to 3.3 s, both from 3.4 to 3.6 s, and frames damaged from 5 s to
-    5.03 s, by the plant's clock.
+def disturb_observation(observation: rs.Observation) -> rs.Observation:
+    """Hide marker 2 from 3.0 to 3.3 s and both from 3.4 to 3.6 s; damage frames from 5 s on.
+
+    The damage lasts until 5.03 s. Times are those of the plant's clock.
     """
-    points = seen.points.copy()
-    second = seen.now * 1e-9
+    points = observation.points.copy()
+    second = observation.now * 1e-9
     points[1] = np.nan if 3.0 < second < 3.3 else points[1]
     points[:] = np.nan if 3.4 < second < 3.6 else points
     return rs.Observation(
         **{
-            **seen.__dict__,
+            **observation.__dict__,
             "points": points,
             "dropped": Dropped.DAMAGED if 5.0 < second < 5.03 else Dropped.NONE,
         }
@@ -56,15 +55,15 @@ def lose(seen: rs.Observation) -> rs.Observation:
 
 
 @pytest.fixture(scope="module")
-def told(tmp_path_factory: pytest.TempPathFactory) -> Told:
+def recorded_run(tmp_path_factory: pytest.TempPathFactory) -> RecordedRun:
     rig = rs.sim.Rig(1, rs.sim.RigSettings(point_noise=0.1), pictures=False)
     plant = Disturbed(rig.arm, rig.camera, PointMarkers(), rig.clock)
     servo = rs.Servo(mechanism=rs.SphericalRcm(), tool=rs.RigidTool(spacing=30.0))
     rig.move_to_target()
     target = rs.teach(plant, frames=5)
     rig.move_to_start()
-    plant.change = lose
-    path = tmp_path_factory.mktemp("told") / reader.RECORD
+    plant.change = disturb_observation
+    path = tmp_path_factory.mktemp("run") / reader.RECORD
     ticks, stages, state = [], [], None
     with Recorder(path, {"seed": 1, "simulation": True}) as recorder:
         for seconds in (1.5, 8.5):
@@ -78,11 +77,13 @@ def told(tmp_path_factory: pytest.TempPathFactory) -> Told:
                 ticks.append(tick)
                 judge.add(tick)
             state = ticks[-1].state
-    return Told(path, ticks, stages, judge, servo, target)
+    return RecordedRun(path, ticks, stages, judge, servo, target)
 
 
-def test_spans_are_every_tick_in_order_and_no_two_alike_follow(told: Told) -> None:
-    rows = reader.read_record(told.path)
+def test_spans_cover_all_ticks_in_order_and_successive_spans_differ(
+    recorded_run: RecordedRun,
+) -> None:
+    rows = reader.read_record(recorded_run.path)
     found = spans(rows)
     assert found[0].start == 0.0 and found[-1].end == pytest.approx(rows.time[-1] + 0.01)
     for one, next in pairwise(found):
@@ -90,21 +91,21 @@ def test_spans_are_every_tick_in_order_and_no_two_alike_follow(told: Told) -> No
         alike = (one.phase, one.cause, one.stage) == (next.phase, next.cause, next.stage)
         assert not alike or next.request is not rs.Request.NONE
     starts = [span.start for span in found]
-    for i, tick in enumerate(told.ticks):
+    for i, tick in enumerate(recorded_run.ticks):
         span = found[int(np.searchsorted(starts, rows.time[i], side="right")) - 1]
         assert (span.phase, span.cause) == (tick.state.phase, tick.state.cause)
         assert span.asks is tick.state.mode.asks
-        assert span.stage == int(i >= told.stages[1])
+        assert span.stage == int(i >= recorded_run.stages[1])
 
 
 @pytest.mark.parametrize("share,late", [(0.5, 0), (0.2, 1)])
 def test_a_tick_is_late_by_the_threshold_of_the_recorded_servo(
-    told: Told, tmp_path: Path, share: float, late: int
+    recorded_run: RecordedRun, tmp_path: Path, share: float, late: int
 ) -> None:
-    servo = replace(told.servo, thresholds=rs.Thresholds(late_share=share))
+    servo = replace(recorded_run.servo, thresholds=rs.Thresholds(late_share=share))
     with Recorder(tmp_path / reader.RECORD, {}) as recorder:
-        recorder.begin(servo, told.target)
-        for i, tick in enumerate(told.ticks[:20]):
+        recorder.begin(servo, recorded_run.target)
+        for i, tick in enumerate(recorded_run.ticks[:20]):
             now = tick.seen.now + 3_000_000 * (i >= 10)
             recorder.write(replace(tick, servo=servo, seen=replace(tick.seen, now=now)))
     loop = summary(reader.read_record(tmp_path)).loop
@@ -112,48 +113,52 @@ def test_a_tick_is_late_by_the_threshold_of_the_recorded_servo(
 
 
 @pytest.mark.usefixtures("blank_figures")
-def test_every_request_of_a_person_is_shown_also_one_that_is_refused_once_more(
-    told: Told, tmp_path: Path
+def test_every_request_of_the_operator_is_shown_including_refused_ones(
+    recorded_run: RecordedRun, tmp_path: Path
 ) -> None:
-    """Three requests to resume, of which none changes phase or cause."""
-    paused = next(tick for tick in told.ticks if tick.state.phase is rs.Phase.PAUSED)
+    """Send three requests to resume that change neither phase nor cause."""
+    paused = next(tick for tick in recorded_run.ticks if tick.state.phase is rs.Phase.PAUSED)
     asking = {10: rs.Request.RESUME, 20: rs.Request.RESUME, 30: rs.Request.RESUME}
     with Recorder(tmp_path / reader.RECORD, {}) as recorder:
-        recorder.begin(told.servo, told.target)
+        recorder.begin(recorded_run.servo, recorded_run.target)
         for i in range(40):
             recorder.write(replace(paused, time=i * 10**7, request=asking.get(i, rs.Request.NONE)))
     rows = reader.read_record(tmp_path)
     requests = [(round(span.start, 2), span.request) for span in spans(rows)]
     assert requests[1:] == [(i * 0.01, request) for i, request in asking.items()]
-    show.draw(rows, tmp_path)
+    show.write_figures(rows, tmp_path)
     assert (tmp_path / "timeline.csv").read_text().count("RESUME") == 3
-    (asked,) = [
+    (requests,) = [
         lane
         for panel in plots.plot_timeline(rows).panels
         for lane in panel.lanes
         if "operator requests" in lane.label
     ]
-    assert len(asked.bars) == 3
+    assert len(requests.bars) == 3
 
 
-def test_the_summary_is_what_the_ticks_say(told: Told) -> None:
-    got = summary(reader.read_record(told.path))
+def test_the_summary_agrees_with_the_ticks(recorded_run: RecordedRun) -> None:
+    got = summary(reader.read_record(recorded_run.path))
     loop, used = got.loop, got.frames
     assert loop is not None and used is not None
-    frames = {tick.seen.frame: tick for tick in reversed(told.ticks) if tick.seen.frame >= 0}
+    frames = {
+        tick.seen.frame: tick for tick in reversed(recorded_run.ticks) if tick.seen.frame >= 0
+    }
     latency = [(tick.seen.now - tick.seen.exposure) * 1e-9 for tick in frames.values()]
-    assert loop.ticks == len(told.ticks) == 1000
+    assert loop.ticks == len(recorded_run.ticks) == 1000
     assert used.used == len(frames)
     spread = [1e3 * one for one in (*np.percentile(latency, [50, 99]), max(latency))]
     assert astuple(loop.latency_ms) == pytest.approx(spread)
     assert (loop.late, loop.longest_ms) == (0, pytest.approx(10.0))
     assert used.dropped == {
-        Dropped.DAMAGED.words: sum(tick.seen.dropped is Dropped.DAMAGED for tick in told.ticks)
+        Dropped.DAMAGED.words: sum(
+            tick.seen.dropped is Dropped.DAMAGED for tick in recorded_run.ticks
+        )
     }
 
 
-def test_the_verdict_is_that_of_the_run_while_it_happened(told: Told) -> None:
-    got, live = summary(reader.read_record(told.path)), told.judge.result()
+def test_the_verdict_equals_that_of_the_run(recorded_run: RecordedRun) -> None:
+    got, live = summary(reader.read_record(recorded_run.path)), recorded_run.judge.result()
     assert (got.settled, got.cause) == (live.settled, live.cause)
     assert astuple(got.feature_error) == pytest.approx(astuple(live.feature_error))
     assert got.settled
@@ -161,10 +166,10 @@ def test_the_verdict_is_that_of_the_run_while_it_happened(told: Told) -> None:
     assert got.settle_time_s == pytest.approx(live.settle_time_s + 1.5, abs=0.5)
 
 
-def test_a_record_of_an_earlier_version_gives_the_numbers_of_its_metrics() -> None:
+def test_a_record_of_an_earlier_version_agrees_with_its_metrics() -> None:
     folder = Path(__file__).parents[1] / "data/v0.1.0"
     now = asdict(summary(reader.read_record(folder)))
-    then = json.loads((folder / METRICS).read_text())
+    then = json.loads((folder / METRICS_FILE).read_text())
     for name in ("settled", "cause", "settle_time_s", "jacobian_error"):
         assert now[name] == then[name]
     for name in ("feature_error", "explore"):
@@ -172,11 +177,14 @@ def test_a_record_of_an_earlier_version_gives_the_numbers_of_its_metrics() -> No
     assert now["loop"]["latency_ms"]["median"] == pytest.approx(1e3 * then["latency_s"]["median"])
 
 
-def test_show_tells_causes_and_ways_out_in_words_and_draws(
-    told: Told, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+def test_show_prints_causes_and_remedies_and_draws_figures(
+    recorded_run: RecordedRun,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setenv("COLUMNS", "300")
-    assert main(["show", str(told.path.parent), "--out", str(tmp_path / "out")]) == 0
+    assert main(["show", str(recorded_run.path.parent), "--out", str(tmp_path / "out")]) == 0
     text = capsys.readouterr().out
     for words in (
         "settled",
@@ -196,14 +204,14 @@ def test_show_tells_causes_and_ways_out_in_words_and_draws(
         assert cv2.imread(str(tmp_path / "out" / f"{name}.png")) is not None
     assert text.endswith(f"\nfigures and timeline.csv in {tmp_path / 'out'}\n")
     lines = (tmp_path / "out" / "timeline.csv").read_text().splitlines()
-    assert len(lines) == 1 + len(spans(reader.read_record(told.path)))
+    assert len(lines) == 1 + len(spans(reader.read_record(recorded_run.path)))
 
 
 @pytest.mark.usefixtures("blank_figures")
-def test_a_cut_record_is_shown_with_what_is_missing(
-    told: Told, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+def test_a_truncated_record_is_shown_with_its_missing_parts(
+    recorded_run: RecordedRun, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    data = told.path.read_bytes()
+    data = recorded_run.path.read_bytes()
     (tmp_path / "cut.mcap").write_bytes(data[: len(data) // 2])
     assert main(["show", str(tmp_path / "cut.mcap"), "--out", str(tmp_path / "out")]) == 0
     text = " ".join(capsys.readouterr().out.replace("│", " ").split())
@@ -211,21 +219,23 @@ def test_a_cut_record_is_shown_with_what_is_missing(
     assert "as far as the record can be read" in text
 
 
-def recorded_until(told: Told, path: Path, seconds: float, **about: object) -> Path:
-    """The record of the second stage alone, until it was stopped."""
+def recorded_until(recorded_run: RecordedRun, path: Path, seconds: float, **about: object) -> Path:
+    """Write a record of the second stage only, up to a time."""
     with Recorder(path, about) as recorder:
-        recorder.begin(told.servo, told.target)
-        for tick in told.ticks[told.stages[1] :]:
+        recorder.begin(recorded_run.servo, recorded_run.target)
+        for tick in recorded_run.ticks[recorded_run.stages[1] :]:
             if tick.time < seconds * 1e9:
                 recorder.write(tick)
     return path
 
 
 @pytest.mark.parametrize(("until", "planned"), [(7.0, 8.0), (0.5, 60.0), (8.5, 8.7)])
-def test_a_record_that_ends_before_its_run_was_to_end_gives_no_verdict_on_it(
-    until: float, planned: float, told: Told, tmp_path: Path
+def test_a_record_that_ends_early_gives_no_verdict(
+    until: float, planned: float, recorded_run: RecordedRun, tmp_path: Path
 ) -> None:
-    rows = reader.read_record(recorded_until(told, tmp_path / "r.mcap", until, duration_s=planned))
+    rows = reader.read_record(
+        recorded_until(recorded_run, tmp_path / "r.mcap", until, duration_s=planned)
+    )
     got = summary(rows)
     assert rows.complete
     assert (got.settled, got.settle_time_s) == (False, None)
@@ -238,29 +248,33 @@ def test_a_record_that_ends_before_its_run_was_to_end_gives_no_verdict_on_it(
 @pytest.mark.parametrize(
     "about", [{"duration_s": 8.5}, {"duration_s": 8.55}, {"duration_s": 3.0}, {}]
 )
-def test_a_record_that_holds_its_run_to_the_end_gives_its_verdict(
-    about: dict[str, float], told: Told, tmp_path: Path
+def test_a_complete_record_gives_the_verdict(
+    about: dict[str, float], recorded_run: RecordedRun, tmp_path: Path
 ) -> None:
     assert summary(
-        reader.read_record(recorded_until(told, tmp_path / "r.mcap", 8.5, **about))
+        reader.read_record(recorded_until(recorded_run, tmp_path / "r.mcap", 8.5, **about))
     ).settled
 
 
-def test_a_run_that_was_over_before_its_time_keeps_the_words_that_ended_it(
-    told: Told, tmp_path: Path
+def test_a_run_that_ended_early_reports_its_cause(
+    recorded_run: RecordedRun, tmp_path: Path
 ) -> None:
     paused = next(
-        tick for tick in told.ticks[told.stages[1] :] if tick.state.phase is rs.Phase.PAUSED
+        tick
+        for tick in recorded_run.ticks[recorded_run.stages[1] :]
+        if tick.state.phase is rs.Phase.PAUSED
     )
-    path = recorded_until(told, tmp_path / "r.mcap", paused.time * 1e-9 + 0.001, duration_s=60.0)
+    path = recorded_until(
+        recorded_run, tmp_path / "r.mcap", paused.time * 1e-9 + 0.001, duration_s=60.0
+    )
     assert summary(reader.read_record(path)).cause == rs.Cause.ASKED.words
 
 
 @pytest.mark.parametrize(("about", "words"), [({"duration_s": 8.5}, " s of 8.50 s"), ({}, " s: ")])
-def test_a_record_cut_anywhere_never_says_settled_or_that_time_ran_out(
-    about: dict[str, float], words: str, told: Told, tmp_path: Path
+def test_a_truncated_record_never_reports_settled_or_a_time_out(
+    about: dict[str, float], words: str, recorded_run: RecordedRun, tmp_path: Path
 ) -> None:
-    data = recorded_until(told, tmp_path / "whole.mcap", 8.5, **about).read_bytes()
+    data = recorded_until(recorded_run, tmp_path / "whole.mcap", 8.5, **about).read_bytes()
     causes = []
     for share in (0.03, 0.3, 0.5, 0.7, 0.9):
         (tmp_path / "cut.mcap").write_bytes(data[: int(len(data) * share)])
@@ -270,20 +284,20 @@ def test_a_record_cut_anywhere_never_says_settled_or_that_time_ran_out(
     assert all(cause.startswith("the record ends at ") and words in cause for cause in causes)
 
 
-def test_a_record_of_nothing_yet_is_shown_too(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_an_empty_record_is_shown(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     servo = rs.Servo(mechanism=rs.SphericalRcm(), tool=rs.RigidTool(spacing=30.0))
     with Recorder(tmp_path / reader.RECORD, {}) as recorder:
         recorder.begin(servo, rs.Target(np.ones((2, 2)), np.ones(3)))
     assert main(["show", str(tmp_path), "--out", str(tmp_path / "out")]) == 0
-    said = capsys.readouterr().out
-    assert "stopped before its first tick" in said
-    assert said.endswith(f"\ntimeline.csv in {tmp_path / 'out'}; there was nothing to draw\n")
-    assert "ms between two" not in said
+    output = capsys.readouterr().out
+    assert "stopped before its first tick" in output
+    assert output.endswith(
+        f"\ntimeline.csv in {tmp_path / 'out'}; the record holds no data for figures\n"
+    )
+    assert "ms between two" not in output
 
 
-def test_what_is_no_record_is_a_sentence_and_leaves_nothing(
+def test_a_file_that_is_no_record_gives_one_sentence_and_leaves_nothing(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     for command in ("show", "export"):
@@ -294,50 +308,53 @@ def test_what_is_no_record_is_a_sentence_and_leaves_nothing(
     assert not (tmp_path / "out").exists()
 
 
-def test_replay_of_a_run_says_that_it_came_out_the_same(
-    told: Told, capsys: pytest.CaptureFixture[str]
+def test_replay_of_a_run_reports_equal_decisions(
+    recorded_run: RecordedRun, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["replay", str(told.path.parent)]) == 0
+    assert main(["replay", str(recorded_run.path.parent)]) == 0
     assert "all 1000 ticks came out the same, bit for bit" in capsys.readouterr().out
-    assert main(["replay", str(told.path), "--controller.gain", "4"]) == 1
+    assert main(["replay", str(recorded_run.path), "--controller.gain", "4"]) == 1
     assert "open loop, with other settings" in capsys.readouterr().out
 
 
-def test_replay_reads_a_record_once(told: Told, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_replay_reads_a_record_once(
+    recorded_run: RecordedRun, monkeypatch: pytest.MonkeyPatch
+) -> None:
     read: list[Path] = []
     monkeypatch.setattr(
         reader,
         "read_record",
-        lambda path, usual=reader.read_record: read.append(path) or usual(path),
+        lambda path, original=reader.read_record: read.append(path) or original(path),
     )
-    assert main(["replay", str(told.path), "--controller.gain", "4"]) == 1
+    assert main(["replay", str(recorded_run.path), "--controller.gain", "4"]) == 1
     assert len(read) == 1
 
 
-def test_a_long_timeline_is_cut_in_the_middle_and_says_so(
-    told: Told, monkeypatch: pytest.MonkeyPatch
+def test_a_long_timeline_is_cut_in_the_middle(
+    recorded_run: RecordedRun, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(show, "MOST", 3)
-    monkeypatch.setattr(show, "LAST", 2)
-    found = spans(reader.read_record(told.path))
-    table = show._timeline(found)
+    monkeypatch.setattr(show, "FIRST_SPANS", 3)
+    monkeypatch.setattr(show, "LAST_SPANS", 2)
+    found = spans(reader.read_record(recorded_run.path))
+    table = show._timeline_table(found)
     assert table.row_count == 3 + 1 + 2
     assert f"… {len(found) - 5} more, in timeline.csv" in list(table.columns[2].cells)
 
 
-def test_exploration_is_shaded_while_the_servo_explores_and_nowhere_else(told: Told) -> None:
-    rows = reader.read_record(told.path)
+def test_exploration_is_shaded_only_while_the_servo_explores(recorded_run: RecordedRun) -> None:
+    rows = reader.read_record(recorded_run.path)
     shaded = plots.exploration_spans(rows)
     inside = np.array([any(start <= time < end for start, end in shaded) for time in rows.time])
     exploring = [
-        tick.state.phase is rs.Phase.ACQUIRE and not tick.state.explored for tick in told.ticks
+        tick.state.phase is rs.Phase.ACQUIRE and not tick.state.explored
+        for tick in recorded_run.ticks
     ]
     np.testing.assert_array_equal(inside, exploring)
     assert shaded
 
 
-def test_every_phase_and_cause_has_its_line_in_the_figure(told: Told) -> None:
-    rows = reader.read_record(told.path)
+def test_every_phase_and_cause_has_its_line_in_the_figure(recorded_run: RecordedRun) -> None:
+    rows = reader.read_record(recorded_run.path)
     figure = plots.plot_timeline(rows)
     labels = [lane.label.replace("\n", " ") for panel in figure.panels for lane in panel.lanes]
     for span in spans(rows):
@@ -347,15 +364,15 @@ def test_every_phase_and_cause_has_its_line_in_the_figure(told: Told) -> None:
     assert timeline.rate(rows) == 100.0
 
 
-def test_the_path_goes_from_exploration_to_where_the_target_was_shown(told: Told) -> None:
-    front, top, picture = plots.plot_path(reader.read_record(told.path)).panels
-    place = told.servo.marker_1(told.target.q)
+def test_the_path_leads_from_exploration_to_the_target(recorded_run: RecordedRun) -> None:
+    front, top, picture = plots.plot_path(reader.read_record(recorded_run.path)).panels
+    p1 = recorded_run.servo.marker_1(recorded_run.target.q)
     for panel, axes in ((front, [0, 1]), (top, [0, 2])):
-        exploring, then, shown = panel.curves
-        assert [*shown.x, *shown.y] == pytest.approx(place[axes], abs=1e-3)
-        assert [then.x[-1], then.y[-1]] == pytest.approx(place[axes], abs=1.0)
-        known = [sum(value is not None for value in one.y) for one in (exploring, then)]
+        exploring, motion, target_curve = panel.curves
+        assert [*target_curve.x, *target_curve.y] == pytest.approx(p1[axes], abs=1e-3)
+        assert [motion.x[-1], motion.y[-1]] == pytest.approx(p1[axes], abs=1.0)
+        known = [sum(value is not None for value in one.y) for one in (exploring, motion)]
         assert 0 < known[0] < known[1] and panel.map
     for i, marker in enumerate(picture.curves[:2]):
-        assert [marker.x[-1], marker.y[-1]] == pytest.approx(told.target.points[i], abs=2.0)
+        assert [marker.x[-1], marker.y[-1]] == pytest.approx(recorded_run.target.points[i], abs=2.0)
     assert picture.map and picture.downward

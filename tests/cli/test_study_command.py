@@ -1,6 +1,4 @@
-"""`rcmservo study` and `rcmservo tune` from the command line to a folder that others can read, and
-a run of it that can be seen again.
-"""
+"""`rcmservo study` and `rcmservo tune`: output folders, and rerun rows."""
 
 import json
 import re
@@ -72,7 +70,7 @@ WRITTEN = {"parts", "report.html", "runs.parquet", "study.json", "summary.json"}
 
 @pytest.fixture(scope="module")
 def here(tmp_path_factory: pytest.TempPathFactory) -> Generator[Path]:
-    """The present folder, with an estimator of a user's own and a file that names it."""
+    """Change to a folder with a user-defined estimator and a file that names it."""
     folder = tmp_path_factory.mktemp("here")
     (folder / f"{MODULE}.py").write_text(SOURCE)
     (folder / "study.toml").write_text(FILE)
@@ -86,7 +84,7 @@ def here(tmp_path_factory: pytest.TempPathFactory) -> Generator[Path]:
 
 @pytest.fixture(scope="module")
 def study(here: Path) -> str:
-    """What the command prints, with two workers: five scenes, by the compiled twin and MuJoCo."""
+    """Return the output of a study with two workers: five scenes, both engines."""
     words = ["study.toml", "--own", OWN, "--count", "3", "--workers", "2", "--out", "study"]
     command = [sys.executable, "-m", "rcmservo", "study", *words]
     made = subprocess.run(command, capture_output=True, text=True, check=False)
@@ -94,8 +92,8 @@ def study(here: Path) -> str:
     return made.stdout
 
 
-class Alone:
-    """A crew of one: this process."""
+class LocalCrew:
+    """Crew of one worker: this process."""
 
     count, where = 1, "this test"
 
@@ -105,12 +103,12 @@ class Alone:
 
 
 @pytest.fixture
-def alone(monkeypatch: pytest.MonkeyPatch) -> None:
-    """No workers are started."""
+def in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Replace the workers by this process."""
 
     @contextmanager
-    def crew(address: str | None, workers: int | None) -> Generator[Alone]:
-        yield Alone()
+    def crew(address: str | None, workers: int | None) -> Generator[LocalCrew]:
+        yield LocalCrew()
 
     monkeypatch.setattr(crews, "crew", crew)
 
@@ -119,7 +117,7 @@ def rows(folder: str) -> list[dict[str, Any]]:
     return runs_in(Path(folder)).to_pylist()
 
 
-def test_a_study_leaves_rows_summary_and_report_and_tells_how_far_it_is(study: str) -> None:
+def test_a_study_writes_rows_summary_and_report_and_shows_progress(study: str) -> None:
     assert {path.name for path in Path("study").iterdir()} == WRITTEN
     made = rows("study")
     assert [(row["method"], row["engine"], row["seed"]) for row in made] == [
@@ -130,13 +128,13 @@ def test_a_study_leaves_rows_summary_and_report_and_tells_how_far_it_is(study: s
     lines = study.splitlines()
     assert lines[0] == "6 simulated runs, into study"
     assert lines[-1] == "rows, summary and report in study"
-    assert "running: 100 % is done" in lines and "mine beside dlt, random, 3 pairs" in study
+    assert "running: 100 % is done" in lines and "mine compared with dlt, random, 3 pairs" in study
     summary = json.loads(Path("study/summary.json").read_text())
     assert summary["workers"] == "2 on this machine" and "--own" in summary["command"]
     assert f"--own {OWN} --replay 5</code>" in Path("study/report.html").read_text()
 
 
-def test_an_option_goes_before_the_file_and_the_file_before_the_default(
+def test_an_option_overrides_the_file_and_the_file_overrides_the_default(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def work(plan: StudyPlan, folder: Path) -> None:
@@ -149,20 +147,18 @@ def test_an_option_goes_before_the_file_and_the_file_before_the_default(
     assert capsys.readouterr().err == "rcmservo: 3 (0.3,) 15.0 8\n"
 
 
-@pytest.mark.usefixtures("alone")
-def test_the_same_command_again_does_nothing_twice(
-    study: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+@pytest.mark.usefixtures("in_this_process")
+def test_a_repeated_command_repeats_no_run(study: str, capsys: pytest.CaptureFixture[str]) -> None:
     before = Path("study/runs.parquet").read_bytes()
     assert main(["study", "study.toml", "--own", OWN, "--count", "3", "--out", "study"]) == 0
-    said = capsys.readouterr().out
-    assert "all are there already" in said and "running" not in said
+    output = capsys.readouterr().out
+    assert "all runs exist already" in output and "running" not in output
     assert Path("study/runs.parquet").read_bytes() == before
 
 
-@pytest.mark.usefixtures("alone")
+@pytest.mark.usefixtures("in_this_process")
 @pytest.mark.parametrize("before", [True, False])
-def test_what_an_option_says_goes_before_the_file_wherever_it_stands(
+def test_an_option_overrides_the_file_at_any_position(
     here: Path, before: bool, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = f"above-{before}"
@@ -174,14 +170,14 @@ def test_what_an_option_says_goes_before_the_file_wherever_it_stands(
     assert f"rows and summary in {out}" in capsys.readouterr().out
 
 
-@pytest.mark.usefixtures("alone")
-def test_several_noises_stand_behind_the_file(here: Path) -> None:
+@pytest.mark.usefixtures("in_this_process")
+def test_several_noises_follow_the_file(here: Path) -> None:
     words = ["--method", "dlt", "--count", "1", "--noise", "0.3", "1", "--out", "noises"]
     assert main(["study", "study.toml", "--own", OWN, *words]) == 0
     assert [row["noise_px"] for row in rows("noises")] == [0.3, 1.0]
 
 
-def test_scenes_help_says_what_each_is_and_does_nothing(
+def test_scenes_help_describes_each_distribution_and_runs_nothing(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -193,33 +189,35 @@ def test_scenes_help_says_what_each_is_and_does_nothing(
     assert names == ["paper", "random", "laparoscopic", "hard"]
 
 
-def seen_again(case: int, *words: str) -> int:
+def rerun(case: int, *words: str) -> int:
     return main(["study", "--out", "study", "--own", OWN, "--replay", str(case), *words])
 
 
 @pytest.mark.filterwarnings("error:::tyro")
 @pytest.mark.parametrize(("case", "engine"), [(1, "compiled"), (4, "mujoco")])
-def test_a_row_of_every_engine_comes_out_the_same_and_its_record_can_be_read(
+def test_a_rerun_row_of_each_engine_is_equal_and_its_record_is_readable(
     study: str, case: int, engine: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert seen_again(case) == 0
-    said, folder = capsys.readouterr().out, f"study/replays/{case}"
-    assert "the same row, bit for bit" in said and engine in said.splitlines()[0]
-    assert ("recorded with MuJoCo's arm" in said) == (engine == "compiled")
-    assert all(words in said for words in ("pose error", "Cramér-Rao bound", "growth of the error"))
+    assert rerun(case) == 0
+    output, folder = capsys.readouterr().out, f"study/replays/{case}"
+    assert "the same row, bit for bit" in output and engine in output.splitlines()[0]
+    assert ("recorded with MuJoCo's arm" in output) == (engine == "compiled")
+    assert all(
+        words in output for words in ("pose error", "Cramér-Rao bound", "growth of the error")
+    )
     names = {path.name for path in Path(folder).iterdir()}
     assert names == {"record.mcap", "metadata.yaml", "errors.png", "estimate.png"}
-    assert main(["show", folder, "--out", f"shown-{case}"]) == 0
+    assert main(["show", folder, "--out", f"figures-{case}"]) == 0
     assert "simulation with seed 1" in capsys.readouterr().out
-    assert (Path(f"shown-{case}") / "errors.png").stat().st_size > 10_000
+    assert (Path(f"figures-{case}") / "errors.png").stat().st_size > 10_000
     words = ["--estimator", OWN] if engine == "mujoco" else []
     assert main(["replay", folder, *words]) == 0
     assert "all 200 ticks came out the same" in capsys.readouterr().out
 
 
 @pytest.mark.slow
-def test_a_film_of_a_run_plays_and_shows_it(study: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert seen_again(2, "--film") == 0 and seen_again(2) == 0
+def test_a_rerun_writes_a_playable_video(study: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert rerun(2, "--film") == 0 and rerun(2) == 0
     assert re.search(r"in study/replays/2-2;", capsys.readouterr().out)
     film, frames = cv2.VideoCapture("study/replays/2/overlay.webm"), list[Image]()
     assert film.get(cv2.CAP_PROP_FPS) == 60
@@ -230,7 +228,7 @@ def test_a_film_of_a_run_plays_and_shows_it(study: str, capsys: pytest.CaptureFi
 
 
 @pytest.mark.slow
-def test_a_row_of_rendered_frames_comes_out_the_same(
+def test_a_rerun_row_of_rendered_frames_is_equal(
     here: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     words = ["--engine", "pictures", "--count", "1", "--duration", "1.5", "--shown", "5"]
@@ -244,11 +242,11 @@ def test_a_row_of_rendered_frames_comes_out_the_same(
 def refused(words: list[str], sentence: str, capsys: pytest.CaptureFixture[str]) -> None:
     capsys.readouterr()
     assert main(words) == 2
-    said = capsys.readouterr().err.strip().splitlines()
-    assert len(said) == 1 and said[0].startswith("rcmservo: ") and sentence in said[0]
+    output = capsys.readouterr().err.strip().splitlines()
+    assert len(output) == 1 and output[0].startswith("rcmservo: ") and sentence in output[0]
 
 
-def test_a_run_is_not_made_again_with_other_code_than_it_was_made_with(
+def test_a_run_is_not_repeated_with_other_code(
     study: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     note, module = Path("study/study.json"), Path(f"{MODULE}.py")
@@ -258,26 +256,28 @@ def test_a_run_is_not_made_again_with_other_code_than_it_was_made_with(
     for case in ("6", "-1"):
         refused([*beyond, case], f"--replay must be a row from 0 to 5, got {case}", capsys)
     try:
-        refused(replay, f"the estimator {OWN} is code of others: name it with --own {OWN}", capsys)
+        refused(
+            replay, f"the estimator {OWN} is code of another user: name it with --own {OWN}", capsys
+        )
         module.write_text(source + "# changed\n")
         refused([*replay, "--own", OWN], f"the estimator {OWN} has changed since", capsys)
         module.write_text(source)
         note.write_text(re.sub(r'"package": "[^"]*"', '"package": "0.0.1 abc"', whole))
-        refused([*replay, "--own", OWN], "was made by another rcmservo (0.0.1 abc)", capsys)
+        refused([*replay, "--own", OWN], "was made by rcmservo 0.0.1 abc, not by", capsys)
     finally:
         note.write_text(whole)
         module.write_text(source)
     assert not Path("study/replays/4-2").exists()
 
 
-@pytest.mark.usefixtures("alone")
-def test_a_row_that_another_processor_made_is_the_same_and_that_is_said(
+@pytest.mark.usefixtures("in_this_process")
+def test_an_equal_row_of_another_processor_is_reported_as_such(
     study: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from rcmservo.study import row
 
     monkeypatch.setattr(row, "cpu", lambda: "another one")
-    assert seen_again(0) == 0
+    assert rerun(0) == 0
     assert "the same row, bit for bit (cpu was " in capsys.readouterr().out
 
 
@@ -286,10 +286,10 @@ def test_a_row_that_another_processor_made_is_the_same_and_that_is_said(
     [
         (('"engine": "mujoco",', ""), "study.cells[1].engine must be given, got None"),
         (('"count": 3', '"count": "x"'), "study.count must be a whole number, got 'x'"),
-        (('"count": 3', '"count": 30'), "runs.parquet: has 6 rows, and study.json tells of 60"),
+        (('"count": 3', '"count": 30'), "runs.parquet: has 6 rows, but study.json lists 60"),
     ],
 )
-def test_a_run_is_not_made_again_from_a_damaged_note(
+def test_a_run_is_not_repeated_from_a_damaged_manifest(
     study: str, damage: tuple[str, str], words: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     note = Path("study/study.json")
@@ -301,18 +301,18 @@ def test_a_run_is_not_made_again_from_a_damaged_note(
         note.write_text(whole)
 
 
-def test_a_row_that_comes_out_otherwise_is_told_with_exit_code_1(
+def test_a_row_that_differs_is_reported_with_exit_code_1(
     study: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from rcmservo.study import row
 
     monkeypatch.setattr(row, "NEAR", 1e9)
-    assert seen_again(0) == 1
-    assert "not the same: success, time_to_1mm_s, recorded" in capsys.readouterr().out
+    assert rerun(0) == 1
+    assert "the row differs in success, time_to_1mm_s, recorded" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("command", [["study", "study.toml"], ["tune", "study.toml"]])
-def test_what_a_file_names_of_others_is_not_run(
+def test_user_code_that_only_the_file_names_is_not_run(
     here: Path, command: list[str], capsys: pytest.CaptureFixture[str]
 ) -> None:
     sys.modules.pop(MODULE, None)
@@ -320,15 +320,17 @@ def test_what_a_file_names_of_others_is_not_run(
     assert MODULE not in sys.modules
 
 
-@pytest.mark.usefixtures("alone")
-def test_a_search_leaves_settings_report_and_a_command_and_goes_on_where_it_was(
+@pytest.mark.usefixtures("in_this_process")
+def test_a_search_writes_settings_report_and_a_command_and_resumes(
     here: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["tune", "search.toml", "--out", "tuned"]) == 0
-    said = capsys.readouterr().out
+    output = capsys.readouterr().out
     assert {path.name for path in Path("tuned").iterdir()} == WRITTEN | {"search", "tuned.toml"}
-    assert "searching: 100 % is done" in said and "trying on unseen scenes: 100 % is done" in said
-    assert "to run with them: rcmservo run --estimator dlt" in said
+    assert (
+        "searching: 100 % is done" in output and "testing on unseen scenes: 100 % is done" in output
+    )
+    assert "to use them: rcmservo run --estimator dlt" in output
     made = rows("tuned")
     assert [(row["method"], row["seed"]) for row in made] == [
         (method, seed) for method in ("start", "tuned") for seed in range(5, 17)
@@ -338,7 +340,7 @@ def test_a_search_leaves_settings_report_and_a_command_and_goes_on_where_it_was(
     before = {path: path.read_bytes() for path in Path("tuned").rglob("*.parquet")}
     for name in WRITTEN - {"parts"}:
         (Path("tuned") / name).unlink()
-    shutil.rmtree("tuned/parts")  # as one that was stopped before it was through with the search
+    shutil.rmtree("tuned/parts")  # as after a stop during the search
     assert main(["tune", "search.toml", "--out", "tuned"]) == 0
     assert {path: path.read_bytes() for path in Path("tuned").rglob("*.parquet")} == before
     assert main(["study", "tuned/tuned.toml", "--count", "1", "--out", "again"]) == 0
@@ -346,33 +348,33 @@ def test_a_search_leaves_settings_report_and_a_command_and_goes_on_where_it_was(
     assert "row 13: tuned, random, seed 6" in capsys.readouterr().out
 
 
-@pytest.mark.usefixtures("alone")
-def test_a_search_says_that_it_goes_on_or_what_changed_and_ends_at_all(
+@pytest.mark.usefixtures("in_this_process")
+def test_a_search_reports_resumption_or_changes_and_ends(
     here: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def said(text: str) -> list[str]:
+    def output(text: str) -> list[str]:
         Path("short.toml").write_text(text)
         assert main(["tune", "short.toml", "--out", "short"]) == 0
         return capsys.readouterr().out.splitlines()
 
     short = SEARCH.replace("trials = 3", "trials = 1")
-    assert not [line for line in said(short) if "already" in line or "changed" in line]
+    assert not [line for line in output(short) if "already" in line or "changed" in line]
     next(Path("short/parts").iterdir()).unlink()
-    again = said(short)
-    assert "trials that are there already are not made again" in again
-    assert "12 are there already; the others follow" in again
-    assert "trying on unseen scenes: 100 % is done" in again
-    other = said(short.replace("duration = 2.0", "duration = 2.5"))
-    assert "duration changed since this folder was used last: trials are made anew" in other
-    assert "duration changed since this folder was used last: 24 of 24 runs are made anew" in other
+    repeated = output(short)
+    assert "existing trials are not repeated" in repeated
+    assert "12 runs exist already; the others follow" in repeated
+    assert "testing on unseen scenes: 100 % is done" in repeated
+    other = output(short.replace("duration = 2.0", "duration = 2.5"))
+    assert "duration changed since the last use of this folder: trials are repeated" in other
+    assert "duration changed since the last use of this folder: 24 of 24 runs are repeated" in other
 
 
-def test_what_a_search_found_is_not_tried_in_its_own_folder_from_which_it_would_go(
+def test_settings_of_a_search_are_not_studied_in_its_own_folder(
     here: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     found = Path("found/tuned.toml")
     found.parent.mkdir()
     found.write_text('[method.tuned]\nestimator = "dlt"\n')
     words = ["study", str(found), "--out", "found"]
-    refused(words, "--out must be another folder than that of FILE, whose tuned.toml", capsys)
+    refused(words, "--out must be a folder other than that of FILE, where tuned.toml", capsys)
     assert found.exists()

@@ -1,4 +1,4 @@
-"""How many frames a target is the mean of: one default, one option, and every command takes it."""
+"""Number of frames over which a target is averaged: one default and one option."""
 
 from collections.abc import Callable
 from inspect import signature
@@ -9,12 +9,12 @@ import pytest
 import rcmservo as rs
 from rcmservo.cli.cli import main
 from rcmservo.cli.lab import hardware_prompts
-from rcmservo.cli.lab.hardware_prompts import Preparing
+from rcmservo.cli.lab.hardware_prompts import HardwarePreparation
 from rcmservo.cli.lab.serve import ServeOptions
 from rcmservo.cli.lab_options import RunOptions
 from rcmservo.cli.live import LiveOptions
 from rcmservo.cli.simulated_run.about import about
-from rcmservo.cli.simulated_run.target import target_of
+from rcmservo.cli.simulated_run.target import obtain_target
 from rcmservo.live.arm_datagrams import teach_and_return
 from rcmservo.loop.operator import Teach
 from rcmservo.loop.plant import Plant
@@ -28,7 +28,7 @@ from rcmservo.study.plan.plan import StudyPlan
 from rcmservo.study.simulation_engine import Laboratory
 from rcmservo.tracking import PointMarkers
 
-FRAMES: dict[Callable[..., object], str] = {
+FRAME_PARAMETERS: dict[Callable[..., object], str] = {
     rs.teach: "frames",
     Teach: "frames",
     Study: "shown",
@@ -37,49 +37,51 @@ FRAMES: dict[Callable[..., object], str] = {
     ScriptedOperator: "frames",
     teach_and_return: "frames",
     SimulatedLab.session: "frames",
-    Preparing: "frames",
+    HardwarePreparation: "frames",
     PageOperator: "frames",
     RunOptions: "teaching_frames",
     LiveOptions: "teaching_frames",
     ServeOptions: "teaching_frames",
 }
-"""Whatever teaches, and what its number of frames is called."""
+"""Functions and classes that teach, and the names of their parameters for the number of frames."""
 
 
-def test_a_user_gets_the_accurate_target_wherever_it_is_taught() -> None:
-    """Of five seconds at 60 frames a second, as docs/how_to_choose.md advises."""
-    defaults = {made: signature(made).parameters[name].default for made, name in FRAMES.items()}
+def test_every_way_of_teaching_uses_the_accurate_number_of_frames() -> None:
+    """Five seconds at 60 frames/s, as docs/how_to_choose.md advises."""
+    defaults = {
+        made: signature(made).parameters[name].default for made, name in FRAME_PARAMETERS.items()
+    }
     assert set(defaults.values()) == {TEACHING_FRAMES} == {300}
 
 
 @pytest.mark.parametrize("command", ["run", "live", "serve"])
 @pytest.mark.parametrize("frames", ["0", "-1", "100001"])
-def test_a_number_of_frames_that_cannot_be_is_refused(
+def test_an_invalid_number_of_frames_is_refused(
     command: str, frames: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main([command, "--teaching-frames", frames]) == 2
-    said = capsys.readouterr().err
-    assert "--teaching-frames must be a whole number from 1 to 100000 frames" in said
+    message = capsys.readouterr().err
+    assert "--teaching-frames must be a whole number from 1 to 100000 frames" in message
 
 
-def test_a_simulated_run_teaches_for_as_many_frames_as_are_asked_for() -> None:
+def test_a_simulated_run_teaches_with_the_requested_number_of_frames() -> None:
     rig = Rig(0, RigSettings(), pictures=False)
     plant = Plant(rig.arm, rig.camera, PointMarkers(), rig.clock)
     took = list[float]()
     for frames in (30, 60):
         began = rig.clock.now()
-        target_of(RunOptions(teaching_frames=frames), rig, plant)
+        obtain_target(RunOptions(teaching_frames=frames), rig, plant)
         took.append((rig.clock.now() - began) * 1e-9)
     assert took[1] - took[0] == pytest.approx(0.5, abs=0.1)
     assert about(RunOptions(teaching_frames=7), 2.0)["teaching_frames"] == 7
 
 
-def test_a_target_taught_at_the_arm_is_the_mean_of_as_many_frames(
+def test_a_target_taught_at_the_arm_averages_the_requested_frames(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    taken, told = list[int](), list[str]()
-    monkeypatch.setattr(hardware_prompts, "enter", lambda *_: None)
-    monkeypatch.setattr(hardware_prompts, "teach", lambda plant, frames: taken.append(frames))
-    person: Any = type("Person", (), {"tell": lambda self, words: told.append(words)})()
-    hardware_prompts.shown(person, cast(Any, None), 7)
-    assert taken == [7] and told[0].startswith("Taking 7 frames")
+    numbers, printed = list[int](), list[str]()
+    monkeypatch.setattr(hardware_prompts, "await_enter", lambda *_: None)
+    monkeypatch.setattr(hardware_prompts, "teach", lambda plant, frames: numbers.append(frames))
+    operator: Any = type("Operator", (), {"tell": lambda self, words: printed.append(words)})()
+    hardware_prompts.teach_by_hand(operator, cast(Any, None), 7)
+    assert numbers == [7] and printed[0].startswith("Averaging 7 frames")

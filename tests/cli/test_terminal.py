@@ -1,4 +1,4 @@
-"""What the commands print: text as it is, nothing cropped, and readable where only ASCII is."""
+"""Printing of the commands: plain text without cropping, readable on an ASCII terminal."""
 
 import io
 import os
@@ -16,9 +16,9 @@ from rich.live import Live
 from rcmservo.cli.cli import main
 from rcmservo.cli.progress import compiling as reports
 from rcmservo.cli.progress.preparing import compiling
-from rcmservo.cli.result_output import report
-from rcmservo.cli.score_report import numbers, show_score
-from rcmservo.cli.terminal import console, print_plainly
+from rcmservo.cli.result_output import print_result
+from rcmservo.cli.score_report import print_score, score_as_json
+from rcmservo.cli.terminal import console, use_ascii_fallback
 from rcmservo.loop.run_result import FeatureError, JacobianError, RunResult
 from rcmservo.recording.foreign.scoring import RecordingScore
 
@@ -27,7 +27,7 @@ RESULT = RunResult(cause="[b]too far[/b]", folder=LONG)
 
 
 def command(*words: str, **variables: str) -> subprocess.CompletedProcess[bytes]:
-    """`python -m rcmservo` in a process of its own."""
+    """Run `python -m rcmservo` in a separate process."""
     return subprocess.run(
         [sys.executable, "-m", "rcmservo", *words],
         env=os.environ | variables,
@@ -39,28 +39,28 @@ def command(*words: str, **variables: str) -> subprocess.CompletedProcess[bytes]
 def test_a_score_keeps_the_units_in_brackets() -> None:
     steps = {"no_motion": np.array([1.0, 2.0, np.nan])}
     scored = RecordingScore([], [], np.array([1.0, 2.0]), 3.0, np.array([0.5, np.nan]), steps)
-    assert numbers(scored)["reprojection_rms_px"] == {"m1": 0.5, "m2": None}
+    assert score_as_json(scored)["reprojection_rms_px"] == {"m1": 0.5, "m2": None}
     out = console()
     with out.capture() as got:
-        show_score(out, scored)
+        print_score(out, scored)
     for words in ("s [°]", "r [px]", "d [px]", "marker 1 0.50 px, marker 2 –"):
         assert words in got.get()
 
 
-def test_a_folder_whose_name_looks_like_markup_is_no_traceback(
+def test_a_folder_name_that_looks_like_markup_gives_no_traceback(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "x[").mkdir()
-    (tmp_path / "x[" / "y]").write_text("mine")
+    (tmp_path / "x[" / "y]").write_text("content")
     assert main(["show", str(tmp_path), "--out", str(tmp_path / "x[/y]")]) == 2
     out = console()
     with out.capture() as got:
-        report(out, RESULT, as_json=False)
+        print_result(out, RESULT, as_json=False)
     assert "[b]too far[/b]" in got.get()
 
 
 @pytest.mark.parametrize("columns", ["80", "40", None])
-def test_a_path_is_on_one_line_and_whole_however_wide_the_terminal(
+def test_a_path_is_complete_on_one_line_at_any_terminal_width(
     columns: str | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delenv("COLUMNS", raising=False)
@@ -68,30 +68,30 @@ def test_a_path_is_on_one_line_and_whole_however_wide_the_terminal(
         monkeypatch.setenv("COLUMNS", columns)
     out = console()
     with out.capture() as got:
-        report(out, RESULT, as_json=False)
+        print_result(out, RESULT, as_json=False)
     assert f"files in {LONG}\n" in got.get()
 
 
-def test_a_narrow_table_folds_its_words_and_loses_none(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_narrow_table_folds_its_words_without_loss(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("COLUMNS", "60")
     out, word = console(), "0123456789" * 12
     with out.capture() as got:
-        report(out, RunResult(cause=word), as_json=False)
-    kept = "".join(sign for sign in got.get() if sign.isdigit())
-    assert word in kept
+        print_result(out, RunResult(cause=word), as_json=False)
+    digits = "".join(sign for sign in got.get() if sign.isdigit())
+    assert word in digits
 
 
-def test_an_ascii_terminal_gets_ascii_that_can_be_read(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_ascii_terminal_receives_readable_ascii(monkeypatch: pytest.MonkeyPatch) -> None:
     stream = io.TextIOWrapper(io.BytesIO(), encoding="ascii")
     monkeypatch.setattr(sys, "stdout", stream)
-    print_plainly()
+    use_ascii_fallback()
     result = RunResult(
         feature_error=FeatureError(0.01, 1.0, 2.0), jacobian_error=JacobianError(0.1, 0.1)
     )
-    report(Console(file=stream, markup=False, width=100), result, as_json=False)
+    print_result(Console(file=stream, markup=False, width=100), result, as_json=False)
     stream.flush()
-    said = stream.buffer.getvalue().decode("ascii")  # type: ignore[attr-defined]
-    assert "s 0.573 deg, r 1.00 px" in said and "|J - J|/|J|" in said and "?" not in said
+    text = stream.buffer.getvalue().decode("ascii")  # type: ignore[attr-defined]
+    assert "s 0.573 deg, r 1.00 px" in text and "|J - J|/|J|" in text and "?" not in text
 
 
 @pytest.mark.parametrize(
@@ -109,8 +109,8 @@ def test_every_help_and_error_can_be_printed_in_ascii(words: list[str]) -> None:
     assert b"Traceback" not in done.stderr and (done.stdout + done.stderr).isascii()
 
 
-def test_ctrl_c_while_it_loads_is_130_and_no_traceback() -> None:
-    """The signal comes at every import of ours and of the large libraries."""
+def test_ctrl_c_during_loading_gives_130_and_no_traceback() -> None:
+    """The signal arrives at imports of the package and of large libraries."""
     program = """
 import os, signal, sys
 signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -129,7 +129,7 @@ sys.exit(main())
         assert (done.returncode, done.stderr) == (130, "rcmservo: stopped by Ctrl-C\n"), where
 
 
-def test_the_command_loads_nothing_that_is_slow_before_it_can_heed_ctrl_c() -> None:
+def test_the_command_handles_ctrl_c_before_it_loads_slow_libraries() -> None:
     program = "import sys, rcmservo.__main__; print('numpy' in sys.modules)"
     done = subprocess.run(
         [sys.executable, "-c", program], capture_output=True, text=True, check=False
@@ -137,14 +137,14 @@ def test_the_command_loads_nothing_that_is_slow_before_it_can_heed_ctrl_c() -> N
     assert done.stdout == "False\n"
 
 
-def test_python_m_rcmservo_tells_its_version() -> None:
+def test_python_m_rcmservo_prints_its_version() -> None:
     import rcmservo
 
     done = command("--version")
     assert (done.returncode, done.stdout) == (0, f"rcmservo {rcmservo.__version__}\n".encode())
 
 
-def test_it_starts_without_a_home_that_can_be_written_to(tmp_path: Path) -> None:
+def test_the_command_starts_without_a_writable_home_folder(tmp_path: Path) -> None:
     nowhere = str(tmp_path / "file" / "below")
     (tmp_path / "file").write_text("")
     done = command("run", "--disturb", "help", HOME=nowhere, XDG_CACHE_HOME=nowhere)
@@ -152,26 +152,30 @@ def test_it_starts_without_a_home_that_can_be_written_to(tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize(("expected", "at_last", "others"), [(100, 100, 20), (5, 21, 0)])
-def test_what_is_compiled_is_told_and_what_is_not_ours_is_not_counted(
+def test_compiled_parts_are_reported_and_other_packages_are_not_counted(
     expected: int, at_last: int, others: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Where no live line is seen, one line lasts of every twenty parts; of no more than there
-    are.
+    """Without a status line, one line is printed per twenty parts.
+
+    The stated total is at least the number of compiled parts.
     """
     monkeypatch.setattr(reports, "parts", lambda: expected)
     written = io.StringIO()
     with Live(console=Console(file=written, width=40)) as line, compiling(line):
-        for module in ["somebody.elses"] * others + ["rcmservo.made_up"] * 21:
-            numba.njit(made(module))(1.0)
-    told = [one for one in written.getvalue().splitlines() if one.startswith("compiling")]
-    end = "parts: the next start is quicker"
-    lasting = [f"compiling, 1 of about {expected} {end}", f"compiling, 21 of about {at_last} {end}"]
-    assert told[:2] == lasting
-    assert len(told) <= 3
+        for module in ["other.package"] * others + ["rcmservo.made_up"] * 21:
+            numba.njit(uncompiled_function(module))(1.0)
+    lines = [one for one in written.getvalue().splitlines() if one.startswith("compiling")]
+    end = "parts; the next start is quicker"
+    printed_lines = [
+        f"compiling, 1 of about {expected} {end}",
+        f"compiling, 21 of about {at_last} {end}",
+    ]
+    assert lines[:2] == printed_lines
+    assert len(lines) <= 3
 
 
-def made(module: str) -> Callable[[float], float]:
-    """A function of a module, which nobody has compiled yet."""
+def uncompiled_function(module: str) -> Callable[[float], float]:
+    """Return a function of a module that is not compiled yet."""
 
     def double(x: float) -> float:
         return 2.0 * x

@@ -87,8 +87,11 @@ def test_the_command_prints_its_address_and_the_documents_rig_file_opens_arm_and
         (["--namespace", "PSM 1"], "--namespace must be letters, digits and _"),
         (["--domain", "300"], "--domain must be a whole number from 0 to 232, got 300"),
         (["--interface", "nowhere0", "--domain", "97"], "cannot use nowhere0"),
-        (["--mjpeg", "0"], "--mjpeg must be left out: emulate crtk has no such thing, got 0"),
-        (["--gige"], "--gige must be left out: emulate crtk has no such thing, got True"),
+        (
+            ["--mjpeg", "0"],
+            "--mjpeg must be left out, because emulate crtk has no such option, got 0",
+        ),
+        (["--gige"], "--gige must be left out, because emulate crtk has no such option, got True"),
         (["--serial"], "--serial must be left out"),
         (["--port", "2324"], "--port must be left out"),
         (["--fault", "slow:at=1"], "--fault must be left out"),

@@ -194,9 +194,9 @@ def test_the_problem_is_in_the_account() -> None:
     with contextlib.closing(StreamedCamera(lambda: bench.stream, reopen_period=60.0)) as camera:
         bench.send(age=1500 * MS)
         end = time.monotonic() + 20.0
-        while not camera.account().trouble and time.monotonic() < end:
+        while not camera.counts().trouble and time.monotonic() < end:
             pass
-        assert "1.500 s old" in camera.account().trouble
+        assert "1.500 s old" in camera.counts().trouble
 
 
 @pytest.mark.parametrize("topic", ["", "/camera", "a b", "camera/"])

@@ -15,8 +15,8 @@ from rcmservo.sim import Rig
 
 WORDS = r"emulated Galil DMC-4040 at 127.0.0.1:(\d+), simulated arm, seed 3; Ctrl-C ends it\n"
 MEASURED = (
-    r"the arm stands at (\S+ \S+ \S+) \(rad, rad, mm\); by the ruler its markers are (\S+) mm "
-    r"apart, and marker 1 is (\S+) mm from where the tool goes in\n"
+    r"the arm is at (\S+ \S+ \S+) \(rad, rad, mm\). By ruler, its markers are (\S+) mm "
+    r"apart, and marker 1 is (\S+) mm from the RCM\n"
 )
 
 
@@ -76,7 +76,7 @@ def jog_distance(stream: socket.socket) -> float:
         (["--seed", "-1"], "--seed must be a whole number that is not negative, got -1"),
         (["--fault", "slwo"], "(did you mean slow?), got 'slwo'"),
         (["--rig", "nowhere.toml"], "nowhere.toml"),
-        (["--ros", "1"], "--ros must be left out: emulate galil has no such thing, got 1"),
+        (["--ros", "1"], "--ros must be left out, because emulate galil has no such option, got 1"),
         (["--namespace", "PSM2"], "--namespace must be left out"),
         (["--domain", "3"], "--domain must be left out"),
         (["--interface", "eth0"], "--interface must be left out"),

@@ -160,5 +160,5 @@ def test_an_invalid_fault_is_refused(text: str, field: str) -> None:
 
 
 def test_a_port_in_use_is_reported_in_a_sentence(lab: Lab) -> None:
-    with pytest.raises(PortUnavailable, match="cannot be listened on"):
+    with pytest.raises(PortUnavailable, match="cannot listen on it"):
         Server(Controller(IdealMotors()), lab.server.port)

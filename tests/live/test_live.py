@@ -1,6 +1,4 @@
-"""The live loop: the wire and the frames between processes, the arm behind its wire, and the one
-who watches.
-"""
+"""Live loop: datagrams and frames between processes, the remote arm, and the supervisor."""
 
 import os
 import signal
@@ -42,7 +40,13 @@ from rcmservo.live.arm_datagrams import (
 from rcmservo.live.frame_ring import FrameRing, RingCamera
 from rcmservo.live.loop_statistics import Report
 from rcmservo.live.shared_ring import EMPTY, HEAD
-from rcmservo.live.supervisor import LOOK, SILENT, ServoProcess, nobody, supervise
+from rcmservo.live.supervisor import (
+    MAX_SILENT_POLLS,
+    POLL_NS,
+    ServoProcess,
+    ignore_report,
+    supervise,
+)
 from rcmservo.recording.reader import read_record
 from rcmservo.safety.thresholds import Thresholds
 from rcmservo.safety.watchdog import PATIENCE
@@ -56,51 +60,49 @@ from rcmservo.sim.rig_file import read_rig_settings
 from stalls import undisturbed
 
 MS = 1_000_000
-DEADLINE = 300.0
-"""s after which a test gives up waiting."""
+TEST_TIMEOUT_S = 300.0
+"""Time-out of a test in s."""
 
-# ---------------------------------------------------------------- the wire
-
-whole = st.integers(-(2**63), 2**63 - 1)
-session = st.integers(0, 2**64 - 1)
-three = st.lists(st.floats(), min_size=3, max_size=3).map(np.array)
+integers = st.integers(-(2**63), 2**63 - 1)
+sessions = st.integers(0, 2**64 - 1)
+triples = st.lists(st.floats(), min_size=3, max_size=3).map(np.array)
 messages = st.one_of(
     st.builds(
-        SessionCommand, session, st.builds(Command, whole, whole, whole, three, st.booleans())
+        SessionCommand,
+        sessions,
+        st.builds(Command, integers, integers, integers, triples, st.booleans()),
     ),
-    st.builds(ArmRequest, whole, session, st.sampled_from(ArmAction)),
-    st.builds(ArmState, session, whole, three, st.booleans(), three, whole),
-    st.builds(Done, whole),
+    st.builds(ArmRequest, integers, sessions, st.sampled_from(ArmAction)),
+    st.builds(ArmState, sessions, integers, triples, st.booleans(), triples, integers),
+    st.builds(Done, integers),
 )
 
 
 @given(messages)
-def test_a_message_comes_out_of_the_wire_as_it_went_in_bit_for_bit(message):
+def test_a_decoded_message_equals_the_encoded_one_bit_for_bit(message):
     out = decode(encode(message))
     assert type(out) is type(message)
     assert encode(out) == encode(message)
 
 
 @given(messages, st.data())
-def test_a_datagram_that_is_cut_or_lengthened_or_has_a_flipped_bit_is_no_message(message, data):
+def test_a_truncated_extended_or_damaged_datagram_is_no_message(message, data):
     sent = encode(message)
     assert decode(sent[: data.draw(st.integers(0, len(sent) - 1))]) is None
     assert decode(sent + data.draw(st.binary(min_size=1, max_size=8))) is None
-    place = data.draw(st.integers(0, 8 * len(sent) - 1))
+    bit = data.draw(st.integers(0, 8 * len(sent) - 1))
     flipped = bytearray(sent)
-    flipped[place // 8] ^= 1 << place % 8
+    flipped[bit // 8] ^= 1 << bit % 8
     assert decode(bytes(flipped)) is None
 
 
 @given(st.binary(max_size=200), st.integers(0, 255))
-def test_noise_is_no_message_even_with_a_good_checksum(noise, kind):
+def test_noise_is_no_message_even_with_a_valid_checksum(noise, kind):
     assert decode(noise) is None
     summed = MARK + bytes([kind]) + noise
     out = decode(summed + zlib.crc32(summed).to_bytes(4, "little"))
     assert out is None or encode(out) == summed + zlib.crc32(summed).to_bytes(4, "little")
 
-
-# ---------------------------------------------------------------- the frames
 
 context = get_context("spawn")
 
@@ -109,7 +111,7 @@ def picture(number, grey=0, size=(4, 6, 3)):
     return Frame(number, number, number + 1, image=np.full(size, grey, dtype=np.uint8))
 
 
-def test_the_newest_picture_comes_out_of_the_ring_as_it_went_in_and_stays_the_same_object():
+def test_the_newest_frame_of_the_ring_equals_the_published_one_and_stays_one_object():
     ring = FrameRing(context, 6, 4)
     camera = RingCamera(ring)
     assert camera.latest() is None
@@ -126,7 +128,7 @@ def test_the_newest_picture_comes_out_of_the_ring_as_it_went_in_and_stays_the_sa
         assert camera.latest() is frame
 
 
-def test_a_picture_being_overwritten_is_not_used_and_a_damaged_one_comes_without_its_pixels():
+def test_a_frame_being_overwritten_is_not_used_and_a_damaged_one_has_no_image():
     ring = FrameRing(context, 6, 4)
     camera = RingCamera(ring)
     ring.publish(picture(1))
@@ -140,7 +142,7 @@ def test_a_picture_being_overwritten_is_not_used_and_a_damaged_one_comes_without
     assert camera.latest().image is None
 
 
-def test_a_picture_of_another_shape_does_not_get_into_the_ring():
+def test_the_ring_refuses_an_image_of_another_shape():
     ring = FrameRing(context, 6, 4)
     for frame in (picture(1, size=(6, 4, 3)), Frame(1, 1, 1)):
         with pytest.raises(BadInput):
@@ -149,11 +151,8 @@ def test_a_picture_of_another_shape_does_not_get_into_the_ring():
         FrameRing(context, 0, 4)
 
 
-# ---------------------------------------------------------------- the arm behind its wire
-
-
-class Lone:
-    """A device whose clock the test holds, and a host's wire to it."""
+class ManualArm:
+    """Arm device whose clock the test controls, and a host's socket to it."""
 
     def __init__(self, folder):
         self.now = 5_000 * MS
@@ -167,13 +166,13 @@ class Lone:
         self.wire.close()
         self.host.close()
 
-    def turn(self, wait=0):
+    def step(self, wait=0):
         self.now += wait
         self.device.step(self.now)
 
     def send(self, message, wait=0):
         self.host.send(message if isinstance(message, bytes) else encode(message))
-        self.turn(wait)
+        self.step(wait)
 
     def enable(self, session=7):
         self.send(ArmRequest(self.now, session, ArmAction.ENABLE))
@@ -184,36 +183,36 @@ class Lone:
         )
 
     @property
-    def taken(self):
-        """The rates that the arm takes."""
+    def applied_rates(self):
+        """Rates that the arm applies."""
         return self.device.arm.watchdog.rates.tolist()
 
     @property
-    def on(self):
+    def is_on(self):
         return self.device.arm.watchdog.enabled
 
 
 @pytest.fixture
-def lone(tmp_path):
-    with closing(Lone(tmp_path)) as lone:
-        yield lone
+def manual_arm(tmp_path):
+    with closing(ManualArm(tmp_path)) as manual_arm:
+        yield manual_arm
 
 
-def test_the_arm_follows_valid_commands_of_the_session_that_switched_it_on(lone):
-    before = lone.device.arm.q_true
-    lone.enable()
+def test_the_arm_follows_valid_commands_of_the_session_that_enabled_it(manual_arm):
+    before = manual_arm.device.arm.q_true
+    manual_arm.enable()
     for k in range(20):
-        lone.send(lone.command(k, (0.2, 0.0, -10.0)), 10 * MS)
-    moved = lone.device.arm.q_true - before
-    assert lone.on
+        manual_arm.send(manual_arm.command(k, (0.2, 0.0, -10.0)), 10 * MS)
+    moved = manual_arm.device.arm.q_true - before
+    assert manual_arm.is_on
     assert moved[0] > 0.01
     assert moved[2] < -0.5
-    lone.turn(PATIENCE + 2 * MS)
-    assert not lone.on
-    assert not lone.log.last()["applied"].any()
+    manual_arm.step(PATIENCE + 2 * MS)
+    assert not manual_arm.is_on
+    assert not manual_arm.log.last()["applied"].any()
 
 
-junk = st.lists(
+noise_datagrams = st.lists(
     st.one_of(
         st.binary(max_size=100),
         messages.filter(
@@ -225,83 +224,83 @@ junk = st.lists(
 
 
 @pytest.fixture(scope="module")
-def held(tmp_path_factory):
-    with closing(Lone(tmp_path_factory.mktemp("arm"))) as lone:
-        yield lone
+def shared_arm(tmp_path_factory):
+    with closing(ManualArm(tmp_path_factory.mktemp("arm"))) as manual_arm:
+        yield manual_arm
 
 
-@given(noise=st.lists(junk, min_size=5, max_size=5), start=st.integers(0, 3))
-def test_whatever_else_arrives_the_drive_is_off_one_patience_after_the_last_valid_command(
-    held, noise, start
+@given(noise=st.lists(noise_datagrams, min_size=5, max_size=5), start=st.integers(0, 3))
+def test_the_drive_is_off_one_time_out_after_the_last_valid_command_despite_noise(
+    shared_arm, noise, start
 ):
-    held.turn(MS)
-    held.enable()
-    order = encode(held.command(start))
-    held.send(order)
-    assert held.on
+    shared_arm.step(MS)
+    shared_arm.enable()
+    command = encode(shared_arm.command(start))
+    shared_arm.send(command)
+    assert shared_arm.is_on
     for some in noise:
-        for one in (*some, order, order[:-1]):
-            held.send(one)
-        held.turn(PATIENCE // 5 + MS)
-    assert not held.on
-    assert not any(held.taken)
+        for one in (*some, command, command[:-1]):
+            shared_arm.send(one)
+        shared_arm.step(PATIENCE // 5 + MS)
+    assert not shared_arm.is_on
+    assert not any(shared_arm.applied_rates)
 
 
-def test_what_a_person_asked_for_once_is_not_done_again_when_the_datagram_comes_again(lone):
-    ask = encode(ArmRequest(lone.now, 7, ArmAction.ENABLE))
-    lone.send(ask)
-    assert lone.on
-    lone.turn(PATIENCE + 2 * MS)
-    assert not lone.on
-    lone.send(ask)
-    assert not lone.on
-    lone.send(ArmRequest(lone.now + 1, 7, ArmAction.ENABLE))
-    lone.send(ArmRequest(lone.now - 2_000 * MS, 7, ArmAction.ENABLE))
-    assert not lone.on
-    lone.send(ArmRequest(lone.now, 7, ArmAction.ENABLE))
-    assert lone.on
+def test_a_repeated_request_datagram_is_not_executed_again(manual_arm):
+    request = encode(ArmRequest(manual_arm.now, 7, ArmAction.ENABLE))
+    manual_arm.send(request)
+    assert manual_arm.is_on
+    manual_arm.step(PATIENCE + 2 * MS)
+    assert not manual_arm.is_on
+    manual_arm.send(request)
+    assert not manual_arm.is_on
+    manual_arm.send(ArmRequest(manual_arm.now + 1, 7, ArmAction.ENABLE))
+    manual_arm.send(ArmRequest(manual_arm.now - 2_000 * MS, 7, ArmAction.ENABLE))
+    assert not manual_arm.is_on
+    manual_arm.send(ArmRequest(manual_arm.now, 7, ArmAction.ENABLE))
+    assert manual_arm.is_on
 
 
-def test_a_servo_of_an_earlier_session_can_stop_the_arm_but_not_move_it(lone):
-    lone.enable(session=1)
-    lone.send(lone.command(50, session=1))
-    lone.turn(PATIENCE * 2)
-    lone.enable(session=2)
-    lone.send(lone.command(51, (1.0, 1.0, 10.0), session=1))
-    assert lone.on
-    assert not any(lone.taken)
-    lone.send(lone.command(0, (0.1, 0.0, 0.0), session=2))
-    assert lone.taken == [0.1, 0.0, 0.0]
-    lone.send(lone.command(52, session=1, enabled=False))
-    assert not lone.on
+def test_a_servo_of_an_earlier_session_can_stop_the_arm_but_not_move_it(manual_arm):
+    manual_arm.enable(session=1)
+    manual_arm.send(manual_arm.command(50, session=1))
+    manual_arm.step(PATIENCE * 2)
+    manual_arm.enable(session=2)
+    manual_arm.send(manual_arm.command(51, (1.0, 1.0, 10.0), session=1))
+    assert manual_arm.is_on
+    assert not any(manual_arm.applied_rates)
+    manual_arm.send(manual_arm.command(0, (0.1, 0.0, 0.0), session=2))
+    assert manual_arm.applied_rates == [0.1, 0.0, 0.0]
+    manual_arm.send(manual_arm.command(52, session=1, enabled=False))
+    assert not manual_arm.is_on
 
 
-def test_who_takes_over_a_moving_arm_finds_it_at_rest(lone):
-    lone.enable(session=1)
+def test_a_session_that_takes_over_a_moving_arm_stops_it_first(manual_arm):
+    manual_arm.enable(session=1)
     for k in range(5):
-        lone.send(lone.command(k, (0.5, 0.0, 0.0), session=1), 10 * MS)
-    lone.enable(session=2)
-    lone.turn(20 * MS)
-    rows = lone.log.since(lone.log.count - 5)
+        manual_arm.send(manual_arm.command(k, (0.5, 0.0, 0.0), session=1), 10 * MS)
+    manual_arm.enable(session=2)
+    manual_arm.step(20 * MS)
+    rows = manual_arm.log.since(manual_arm.log.count - 5)
     assert np.ptp(rows["q"], axis=0).max() < 1e-3
-    assert lone.on
+    assert manual_arm.is_on
 
 
-def test_a_stall_of_the_emulator_is_none_of_the_arm(lone):
-    lone.enable()
+def test_a_stall_of_the_emulator_does_not_stop_the_arm(manual_arm):
+    manual_arm.enable()
     for k in range(8):
-        lone.host.send(encode(lone.command(k)))
-        lone.now += 10 * MS
-    lone.turn()
-    assert lone.on
-    assert lone.log.rows["time"][lone.log.count - 1] >= lone.now
+        manual_arm.host.send(encode(manual_arm.command(k)))
+        manual_arm.now += 10 * MS
+    manual_arm.step()
+    assert manual_arm.is_on
+    assert manual_arm.log.rows["time"][manual_arm.log.count - 1] >= manual_arm.now
 
 
-def test_the_log_tells_where_the_joints_were(lone):
-    lone.enable()
+def test_the_motion_log_holds_the_past_joints(manual_arm):
+    manual_arm.enable()
     for k in range(10):
-        lone.send(lone.command(k, (0.5, 0.0, 0.0)), 10 * MS)
-    rows, camera_side = lone.log.since(0), LoggedArm(lone.log)
+        manual_arm.send(manual_arm.command(k, (0.5, 0.0, 0.0)), 10 * MS)
+    rows, camera_side = manual_arm.log.since(0), LoggedArm(manual_arm.log)
     for i in (5, 60, len(rows) - 2):
         halfway = (rows["q"][i] + rows["q"][i + 1]) / 2.0
         assert np.allclose(
@@ -310,21 +309,21 @@ def test_the_log_tells_where_the_joints_were(lone):
     assert np.array_equal(camera_side.joints_at(int(rows["time"][-1]) + 9 * MS), rows["q"][-1])
     assert np.array_equal(camera_side.joints_at(0), rows["q"][0])
     assert find_stop(rows) is None
-    lone.turn(PATIENCE + 5 * MS)
-    taken, off = find_stop(lone.log.since(0))
-    assert lone.log.rows["time"][off] - lone.log.rows["time"][taken] <= PATIENCE + MS
+    manual_arm.step(PATIENCE + 5 * MS)
+    taken, off = find_stop(manual_arm.log.since(0))
+    assert manual_arm.log.rows["time"][off] - manual_arm.log.rows["time"][taken] <= PATIENCE + MS
 
 
-def test_hosts_that_nobody_has_heard_of_lately_get_no_answers(lone):
-    lone.enable()
-    assert {type(m) for m, _ in receive(lone.host)} == {ArmState, Done}
-    lone.turn(2_000 * MS)
-    assert not receive(lone.host)
+def test_silent_hosts_receive_no_answers(manual_arm):
+    manual_arm.enable()
+    assert {type(m) for m, _ in receive(manual_arm.host)} == {ArmState, Done}
+    manual_arm.step(2_000 * MS)
+    assert not receive(manual_arm.host)
 
 
 @pytest.fixture
 def served(tmp_path):
-    """The folder of a device that a thread keeps in wall time."""
+    """Run a device in wall time in a thread and yield its folder."""
     wire, ended = open_socket(arm_socket_path(tmp_path)), threading.Event()
     device = ArmDevice(Rig(1, pictures=False), wire, MotionLog(context), time.monotonic_ns())
 
@@ -337,18 +336,18 @@ def served(tmp_path):
     thread.start()
     yield tmp_path
     ended.set()
-    thread.join(DEADLINE)
+    thread.join(TEST_TIMEOUT_S)
     wire.close()
 
 
 @pytest.mark.alone
-def test_a_remote_arm_tells_its_joints_and_is_on_for_the_one_who_enabled_it_alone(served):
+def test_a_remote_arm_reports_its_joints_and_is_enabled_for_one_session_only(served):
     with closing(RemoteArm(served)) as one, closing(RemoteArm(served)) as other:
         assert not one.measure().enabled
         one.request(ArmAction.HOLD_AT_TARGET)
-        shown = one.measure().q
+        at_target = one.measure().q
         one.request(ArmAction.RETURN_TO_START)
-        assert not np.allclose(one.measure().q, shown)
+        assert not np.allclose(one.measure().q, at_target)
         one.enable()
         other.request(ArmAction.REPORT)
         assert not other.measure().enabled
@@ -356,13 +355,11 @@ def test_a_remote_arm_tells_its_joints_and_is_on_for_the_one_who_enabled_it_alon
     assert [path.name for path in served.iterdir()] == ["arm"]
 
 
-def test_an_arm_that_is_not_there_is_one_sentence(tmp_path):
+def test_a_missing_arm_gives_one_sentence(tmp_path):
     with pytest.raises(NoAnswer, match="cannot be reached"):
         RemoteArm(tmp_path)
     assert not list(tmp_path.iterdir())
 
-
-# ---------------------------------------------------------------- all of it
 
 LAB = Lab(
     simulation={
@@ -373,8 +370,8 @@ LAB = Lab(
 
 
 def session_of(bench, path, seconds, **choices):
-    patient = Thresholds(overrun=1.0, latency=1.0, stale_slow=50.0, stale_hold=50.0, silence=1.0)
-    servo = Servo(LAB.mechanism, LAB.tool, **{"gate": LAB.gate, "thresholds": patient} | choices)
+    tolerant = Thresholds(overrun=1.0, latency=1.0, stale_slow=50.0, stale_hold=50.0, silence=1.0)
+    servo = Servo(LAB.mechanism, LAB.tool, **{"gate": LAB.gate, "thresholds": tolerant} | choices)
     return bench.session(servo, LAB.markers, seconds, path, frames=30)
 
 
@@ -384,23 +381,23 @@ def bench():
         yield bench
 
 
-def started(session):
-    """A servo process whose loop runs."""
+def start_servo(session):
+    """Start a servo process and wait until its loop runs."""
     servo = ServoProcess(session)
-    end = time.monotonic() + DEADLINE
+    end = time.monotonic() + TEST_TIMEOUT_S
     while servo.beats.value < 3:
         assert time.monotonic() < end
         wait([servo.pipe], 0.01)
         while servo.pipe.poll():
-            assert isinstance(said := servo.pipe.recv(), Report), said
+            assert isinstance(message := servo.pipe.recv(), Report), message
     return servo
 
 
-def live(bench, path, seconds, progress=nobody, **choices):
-    """Record and result of a live run."""
+def live(bench, path, seconds, progress=ignore_report, **choices):
+    """Return the record and the result of a live run."""
     servo = ServoProcess(session_of(bench, path, seconds, **choices))
     try:
-        result = supervise(servo, bench.off, progress)
+        result = supervise(servo, bench.switch_off, progress)
     finally:
         servo.end()
     assert result.loop is not None, result.cause
@@ -409,7 +406,7 @@ def live(bench, path, seconds, progress=nobody, **choices):
 
 @pytest.mark.alone
 @pytest.mark.slow
-def test_a_live_run_moves_the_arm_records_every_tick_and_leaves_it_off(bench, tmp_path):
+def test_a_live_run_moves_the_arm_records_every_tick_and_disables_the_drive(bench, tmp_path):
     before, reports, paths = bench.log.last()["q"], [], map(tmp_path.joinpath, "abcdef")
 
     def attempt():
@@ -428,31 +425,33 @@ def test_a_live_run_moves_the_arm_records_every_tick_and_leaves_it_off(bench, tm
 
 @pytest.mark.alone
 @pytest.mark.slow
-def test_an_arm_that_takes_its_time_to_stop_is_not_taken_for_a_servo_that_hangs(bench, tmp_path):
+def test_a_slow_stop_of_the_arm_is_not_mistaken_for_a_hanging_servo(bench, tmp_path):
     slow, paths = replace(LAB.gate, slew=(0.1, 0.1, 8.0)), map(tmp_path.joinpath, "abcdef")
 
-    def left(run):
+    def final_speed(run):
         return np.abs(run[0].ticks["command"][-1] / np.array(slow.slew)).max()
 
-    run = undisturbed(lambda: live(bench, next(paths), 0.8, gate=slow), lambda run: left(run) > 0.0)
-    assert run[0].complete and left(run) > 2.0 * SILENT * LOOK * 1e-9
+    run = undisturbed(
+        lambda: live(bench, next(paths), 0.8, gate=slow), lambda run: final_speed(run) > 0.0
+    )
+    assert run[0].complete and final_speed(run) > 2.0 * MAX_SILENT_POLLS * POLL_NS * 1e-9
     assert not bench.log.last()["enabled"]
 
 
 @pytest.mark.alone
 @pytest.mark.parametrize(
-    ("blow", "word"),
+    ("signal_number", "word"),
     [
         (signal.SIGKILL, "killed (SIGKILL)"),
         pytest.param(signal.SIGSTOP, "stopped", marks=pytest.mark.slow),
     ],
 )
-def test_a_servo_process_that_is_killed_or_stopped_is_noticed_and_the_arm_stands_still(
-    bench, tmp_path, blow, word
+def test_a_killed_or_suspended_servo_process_is_detected_and_the_arm_stops(
+    bench, tmp_path, signal_number, word
 ):
-    servo = started(session_of(bench, tmp_path / "run.mcap", 600.0))
-    os.kill(servo.process.pid, blow)
-    cause = supervise(servo, bench.off).cause
+    servo = start_servo(session_of(bench, tmp_path / "run.mcap", 600.0))
+    os.kill(servo.process.pid, signal_number)
+    cause = supervise(servo, bench.switch_off).cause
     assert word in cause
     assert "drive went off" in cause
     assert not servo.process.is_alive()
@@ -463,7 +462,7 @@ def test_a_servo_process_that_is_killed_or_stopped_is_noticed_and_the_arm_stands
     servo.end()
 
 
-def test_a_laboratory_that_cannot_be_is_one_sentence_also_from_another_process():
+def test_an_invalid_lab_gives_one_sentence_also_from_another_process():
     with pytest.raises(RcmServoError, match="seed must be"), SimulatedLab(-1, RigSettings()):
         pass
 
@@ -483,15 +482,15 @@ if __name__ == "__main__":
     import sys
     from pathlib import Path
 
-    # also where a script runs the tests in the background
+    # a script in the background starts with Ctrl-C ignored
     signal.signal(signal.SIGINT, signal.default_int_handler)
     from rcmservo.live.supervisor import run_live
-    from test_live import LAB, Bench, rig_settings, session_of
+    from test_live import LAB, SimulatedLab, read_rig_settings, session_of
 
     try:
-        told = lambda report: print("tick", flush=True)
-        with Bench(1, rig_settings(LAB)) as bench:
-            run_live(session_of(bench, Path({path!r}), 600.0), bench.off, told)
+        progress = lambda report: print("tick", flush=True)
+        with SimulatedLab(1, read_rig_settings(LAB)) as bench:
+            run_live(session_of(bench, Path({path!r}), 600.0), bench.switch_off, progress)
     except KeyboardInterrupt:
         print("stopped", flush=True)
 """
@@ -499,11 +498,11 @@ if __name__ == "__main__":
 
 @pytest.mark.alone
 @pytest.mark.slow
-@pytest.mark.parametrize("blow", [signal.SIGINT, signal.SIGKILL])
-def test_ctrl_c_ends_a_run_in_order_and_a_supervisor_that_is_killed_leaves_no_process(
-    tmp_path, blow
+@pytest.mark.parametrize("signal_number", [signal.SIGINT, signal.SIGKILL])
+def test_ctrl_c_ends_a_run_in_order_and_a_killed_supervisor_leaves_no_process(
+    tmp_path, signal_number
 ):
-    """All processes hold the same standard output: it ends when the last of them does."""
+    """All processes hold the same standard output, which ends with the last of them."""
     script, path = tmp_path / "script.py", tmp_path / "run.mcap"
     there = tempfile.mkdtemp()
     script.write_text(SCRIPT.format(path=str(path)))
@@ -515,15 +514,15 @@ def test_ctrl_c_ends_a_run_in_order_and_a_supervisor_that_is_killed_leaves_no_pr
     ) as running:
         try:
             assert running.stdout.readline() == b"tick\n"
-            if blow is signal.SIGINT:
-                os.killpg(running.pid, blow)
+            if signal_number is signal.SIGINT:
+                os.killpg(running.pid, signal_number)
             else:
-                os.kill(running.pid, blow)
-            said, _ = running.communicate(timeout=DEADLINE)
+                os.kill(running.pid, signal_number)
+            output, _ = running.communicate(timeout=TEST_TIMEOUT_S)
         except BaseException:
             os.killpg(running.pid, signal.SIGKILL)
             raise
-    assert (b"stopped" in said) == (blow is signal.SIGINT)
+    assert (b"stopped" in output) == (signal_number is signal.SIGINT)
     assert not os.listdir(there)
     os.rmdir(there)
     assert read_record(path).complete

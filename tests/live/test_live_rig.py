@@ -1,5 +1,6 @@
-"""`rcmservo live --rig lab.toml` at a terminal, against the emulated controller and its camera over
-the network. The emulator is asked over a connection of its own whether anything moved.
+"""`rcmservo live --rig lab.toml` at a terminal, with an emulated controller and camera.
+
+A second connection to the emulator shows whether the arm moved.
 """
 
 import json
@@ -12,7 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from at_terminal import PATIENCE, AtTerminal, Laboratory, live, wait_for, words_of
+from terminal_process import WAIT_TIMEOUT_S, AtTerminal, Laboratory, live, typed_joints, wait_for
 
 from conftest import ROOT, SMALL
 from rcmservo.cli.cli import asked_of, main
@@ -25,17 +26,17 @@ from rcmservo.sim import Rig
 from stalls import undisturbed
 
 PAGE = (ROOT / "docs/live_on_hardware.md").read_text()
-STANDS = "such as 0.1 -0.2 100: "
-SO = "Enter if so: "
-TARGET = "Bring the tool to the target by hand, then press Enter: "
-START = "Bring the tool to its start by hand, then press Enter: "
-WORD = "anything else ends this: "
+JOINTS = "such as 0.1 -0.2 100: "
+CONFIRM = "Press Enter to confirm: "
+TARGET = "Move the tool to the target by hand, then press Enter: "
+START = "Move the tool to its start by hand, then press Enter: "
+WORD = "any other answer ends the program: "
 
 SECONDS = "12"
-"""s of a run that settles."""
+"""Duration in s of a run that settles."""
 
-NEAR = np.array([0.005, 0.005, 0.3])
-"""rad, rad, mm within which the hand brings the arm to a place."""
+HAND_TOLERANCE = np.array([0.005, 0.005, 0.3])
+"""Tolerance in rad, rad, mm of a motion by hand."""
 
 
 @pytest.fixture(scope="module")
@@ -47,19 +48,19 @@ def lab(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Laboratory]:
 
 @contextmanager
 def unmoved(lab: Laboratory) -> Iterator[None]:
-    """In here the drive is never on, and nothing moves but by the hand, which brings it back."""
-    then, sessions = lab.q, lab.sessions
+    """Check that the drive is never on and that only the hand moves the arm, and returns it."""
+    before, sessions = lab.q, lab.sessions
     yield
     assert lab.off and lab.sessions == sessions
-    assert (np.abs(lab.q - then) <= NEAR).all()
+    assert (np.abs(lab.q - before) <= HAND_TOLERANCE).all()
 
 
-def led(at: AtTerminal, lab: Laboratory) -> None:
-    """A person answers everything but the last question."""
+def answer_until_enable(at: AtTerminal, lab: Laboratory) -> None:
+    """Answer all questions except the last."""
     if not lab.homed:
-        at.until(STANDS)
-        at.type(f"{words_of(lab.start)}\n")
-        at.until(SO)
+        at.until(JOINTS)
+        at.type(f"{typed_joints(lab.start)}\n")
+        at.until(CONFIRM)
         at.type("\n")
     at.until(TARGET)
     lab.bring(lab.target)
@@ -76,35 +77,32 @@ def at_terminal(lab: Laboratory, folder: Path, *options: str, more: str = "") ->
 
 
 def page_block() -> str:
-    """The rig file that the page shows."""
+    """Return the rig file of the documentation."""
     return PAGE.split("```toml\n")[1].split("```")[0]
 
 
-def test_its_page_shows_a_file_and_commands_that_are_understood(tmp_path: Path) -> None:
-    """The other tests run them, on ports that are free."""
+def test_the_documented_rig_file_and_commands_are_valid(tmp_path: Path) -> None:
+    """Other tests run the commands, on free ports."""
     (path := tmp_path / "lab.toml").write_text(page_block())
     require_devices(load_lab(path), path, "")
-    told = [block.split("```")[0].split() for block in PAGE.split("```sh\n")[1:]]
-    assert [words[:2] for words in told] == [
+    commands = [block.split("```")[0].split() for block in PAGE.split("```sh\n")[1:]]
+    assert [words[:2] for words in commands] == [
         [".venv/bin/rcmservo", "emulate"],
         [".venv/bin/rcmservo", "live"],
     ]
-    for words in told:
+    for words in commands:
         asked_of(words[1], words[2:])
     assert f"`{' '.join(f'{x:.4f}' for x in Rig(0).scene.start[:2])} " in PAGE
-
-
-# ---------------------------------------------------------------- refused
 
 
 def test_without_a_terminal_nothing_is_connected(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Nobody listens at the addresses in its file: that would be another sentence."""
+    """Nothing listens at the addresses of the file, so a connection would give another message."""
     (path := tmp_path / "lab.toml").write_text(page_block())
     monkeypatch.setattr(terminal_operator, "TERMINAL", tmp_path / "none")
     assert main(["live", "--rig", str(path), "--out", str(tmp_path / "out")]) == 2
-    words = "hardware is enabled only by a person at a terminal, and this program has none"
+    words = "hardware is enabled only by an operator at a terminal, and this program has none"
     assert capsys.readouterr().err == f"rcmservo: {words}\n"
     assert not (tmp_path / "out").exists()
 
@@ -112,71 +110,69 @@ def test_without_a_terminal_nothing_is_connected(
 @pytest.mark.alone
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("asked", "typed", "code", "words"),
+    ("last_question", "typed", "code", "words"),
     [
         (WORD, "\x03", 130, ""),
-        (WORD, "yes\n", 1, "rcmservo: nothing was switched on: the answer was not enable\n"),
-        (STANDS, "\x04", 1, "rcmservo: ended at the terminal, before the drive was on\n"),
+        (WORD, "yes\n", 1, "rcmservo: the drive was not switched on: the answer was not enable\n"),
+        (JOINTS, "\x04", 1, "rcmservo: stopped at the terminal before the drive was on\n"),
     ],
 )
-def test_a_person_ends_it_before_anything_moved(
-    lab: Laboratory, tmp_path: Path, asked: str, typed: str, code: int, words: str
+def test_the_operator_ends_the_program_before_any_motion(
+    lab: Laboratory, tmp_path: Path, last_question: str, typed: str, code: int, words: str
 ) -> None:
-    """At each other question too, as test_at_the_arm.py has it."""
+    """`test_hardware_prompts.py` tests the other questions."""
     lab.forget()
     with unmoved(lab), at_terminal(lab, tmp_path) as at:
-        for question in (STANDS, SO, TARGET, START, WORD):
+        for question in (JOINTS, CONFIRM, TARGET, START, WORD):
             at.until(question)
-            if question == asked:
+            if question == last_question:
                 break
-            at.type(f"{words_of(lab.start)}\n" if question == STANDS else "\n")
+            at.type(f"{typed_joints(lab.start)}\n" if question == JOINTS else "\n")
         at.type(typed)
         assert at.end() == code
     assert words in at.shown and "Traceback" not in at.shown
-    assert lab.homed == (asked != STANDS)
+    assert lab.homed == (last_question != JOINTS)
     assert not (tmp_path / "out").exists()
 
 
-# ---------------------------------------------------------------- moved
-
-
-def begun(at: AtTerminal, lab: Laboratory) -> None:
-    """The person types the word, and the arm moves."""
-    then = lab.counts
+def enable_and_move(at: AtTerminal, lab: Laboratory) -> None:
+    """Type the word and wait until the arm moves."""
+    before = lab.counts
     at.type("enable\n")
-    wait_for(lambda: lab.counts != then or at.process.poll() is not None)
+    wait_for(lambda: lab.counts != before or at.process.poll() is not None)
 
 
 def at_rest(lab: Laboratory) -> bool:
-    """Whether the motors are off and stay so, and the arm stands."""
-    then = lab.counts
-    return lab.off and then == lab.counts == lab.counts
+    """Return True if the motors are off and the arm is at rest."""
+    before = lab.counts
+    return lab.off and before == lab.counts == lab.counts
 
 
 @pytest.mark.alone
-def test_ctrl_c_in_a_motion_leaves_the_arm_off_at_rest_and_the_record_whole(
+def test_ctrl_c_during_motion_leaves_the_drive_off_and_the_record_complete(
     lab: Laboratory, tmp_path: Path
 ) -> None:
-    """What was typed ahead answers nothing before, and joints that cannot be are refused. A machine
-    that stands still may stop the arm before Ctrl-C: that leaves the same.
+    """Input typed ahead answers no question, and invalid joints are refused.
+
+    A stalled computer may stop the arm before Ctrl-C, with the same result.
     """
     lab.forget()
     lab.bring(lab.start)
     with at_terminal(lab, tmp_path) as at:
         at.until("preparing")
         at.type("\n\n\nenable\nenable\n")
-        at.until(STANDS)
+        at.until(JOINTS)
         at.type("somewhere\n")
         at.until("three numbers (rad, rad, mm)")
-        at.until(STANDS)
-        at.type(f"{words_of(lab.start + np.array([9.0, 0.0, 0.0]))}\n")
+        at.until(JOINTS)
+        at.type(f"{typed_joints(lab.start + np.array([9.0, 0.0, 0.0]))}\n")
         at.until("the joints must be within theta")
-        led(at, lab)
+        answer_until_enable(at, lab)
         assert "0.1 rad/s, 0.1 rad/s and 8 mm/s, which is 10 % of the full speed" in at.shown
         assert lab.off
-        begun(at, lab)
+        enable_and_move(at, lab)
         os.killpg(at.process.pid, signal.SIGINT)
-        assert at.end() in (130, 1)  # and no process of it holds the terminal any more
+        assert at.end() in (130, 1)  # and none of its processes holds the terminal
     wait_for(lambda: at_rest(lab))
     record = read_record(tmp_path / "out")
     speeds = np.abs(record.ticks["command"]) / np.array(load_lab(lab.lab()).gate.speed)
@@ -185,23 +181,23 @@ def test_ctrl_c_in_a_motion_leaves_the_arm_off_at_rest_and_the_record_whole(
 
 @pytest.mark.alone
 @pytest.mark.slow
-def test_a_window_that_is_closed_in_a_motion_leaves_the_same(
+def test_a_terminal_closed_during_motion_leaves_the_drive_off_and_the_record_complete(
     lab: Laboratory, tmp_path: Path
 ) -> None:
     with at_terminal(lab, tmp_path) as at:
-        led(at, lab)
-        begun(at, lab)
+        answer_until_enable(at, lab)
+        enable_and_move(at, lab)
         at.hang_up()
-        assert at.process.wait(PATIENCE) in (1, 2)
+        assert at.process.wait(WAIT_TIMEOUT_S) in (1, 2)
     wait_for(lambda: at_rest(lab))
     assert read_record(tmp_path / "out").complete
 
 
 @pytest.mark.alone
 @pytest.mark.slow
-def test_a_controller_that_falls_silent_is_told_in_words(lab: Laboratory, tmp_path: Path) -> None:
+def test_a_silent_controller_is_reported_in_words(lab: Laboratory, tmp_path: Path) -> None:
     with at_terminal(lab, tmp_path) as at:
-        led(at, lab)
+        answer_until_enable(at, lab)
         at.type("enable\n")
         at.until("0.00 s  ")
         lab.process.send_signal(signal.SIGSTOP)
@@ -218,7 +214,7 @@ def test_a_controller_that_falls_silent_is_told_in_words(lab: Laboratory, tmp_pa
 
 @pytest.mark.alone
 @pytest.mark.slow
-def test_it_goes_to_the_target_at_the_full_speed_that_a_checked_file_has_earned(
+def test_a_checked_rig_file_allows_the_full_speed_to_the_target(
     lab: Laboratory, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
@@ -227,16 +223,16 @@ def test_it_goes_to_the_target_at_the_full_speed_that_a_checked_file_has_earned(
 
     def attempt() -> tuple[Path, dict[str, Any]]:
         folder = next(folders)
-        kept = ["--save-target", str(folder / "target.json"), "--out", str(folder / "out")]
+        files = ["--save-target", str(folder / "target.json"), "--out", str(folder / "out")]
         folder.mkdir()
-        command = live(lab.lab(), *kept, "--duration", SECONDS)
+        command = live(lab.lab(), *files, "--duration", SECONDS)
         with AtTerminal(command, XDG_STATE_HOME=str(tmp_path)) as at:
-            led(at, lab)
+            answer_until_enable(at, lab)
             at.type("enable\n")
             code = at.end()
         wait_for(lambda: at_rest(lab))
-        if code == 2:  # a drive that does not come on in time is a sentence, and no run
-            return folder, {"settled": False, "said": at.shown}
+        if code == 2:  # a drive that is not enabled in time gives a message and no run
+            return folder, {"settled": False, "output": at.shown}
         metrics = json.loads((folder / "out/metrics.json").read_text())
         assert code == (0 if metrics["settled"] else 1)
         return folder, metrics

@@ -1,6 +1,4 @@
-"""The live wing knows no simulator: it runs whatever arm and camera it is handed, and a person
-beside them.
-"""
+"""Live runs without the simulator: user-defined arm, camera and operator."""
 
 import re
 import subprocess
@@ -16,8 +14,8 @@ from rcmservo.recording.replay import replay_record
 
 pytestmark = pytest.mark.alone
 
-DEADLINE = 300.0
-"""s after which a test gives up waiting."""
+TEST_TIMEOUT_S = 300.0
+"""Time-out of a test in s."""
 
 SCRIPT = """
 import own_devices  # hides the simulator, in this process and in those that it starts
@@ -29,19 +27,19 @@ if __name__ == "__main__":
 
     done = get_context("spawn").RawValue("b", 0)
 
-    def heard(report):
+    def stop_when_done(report):
         if done.value:
             raise KeyboardInterrupt
 
     try:
-        run_live(own_devices.session(Path({path!r}), 120.0, done), progress=heard)
+        run_live(own_devices.session(Path({path!r}), 120.0, done), progress=stop_when_done)
     except KeyboardInterrupt:
-        print("as somebody who has seen enough")
+        print("stopped by the test")
 """
 
 
-def ran(script: Path, text: str, enter: str = "") -> str:
-    """What a script says in a process of its own."""
+def run_script(script: Path, text: str, enter: str = "") -> str:
+    """Return the output of a script in a separate process."""
     script.write_text(text)
     done = subprocess.run(
         [sys.executable, script],
@@ -50,20 +48,19 @@ def ran(script: Path, text: str, enter: str = "") -> str:
         capture_output=True,
         text=True,
         check=False,
-        timeout=DEADLINE,
+        timeout=TEST_TIMEOUT_S,
     )
     assert done.returncode == 0, done.stderr
     return done.stdout
 
 
 @pytest.mark.slow
-def test_the_live_wing_runs_an_arm_and_a_camera_of_ones_own_where_there_is_no_simulator(
+def test_a_live_run_uses_user_devices_without_the_simulator(
     tmp_path: Path,
 ) -> None:
     path = tmp_path / "run.mcap"
     assert (
-        ran(tmp_path / "script.py", SCRIPT.format(path=str(path)))
-        == "as somebody who has seen enough\n"
+        run_script(tmp_path / "script.py", SCRIPT.format(path=str(path))) == "stopped by the test\n"
     )
     record = read_record(path)
     assert record.complete
@@ -91,9 +88,9 @@ print(len(enabled), supervisor.recv())
 """
 
 
-def test_who_stops_it_while_it_prepares_never_sees_the_drive_on(tmp_path: Path) -> None:
+def test_a_stop_during_preparation_never_enables_the_drive(tmp_path: Path) -> None:
     text = STOPPED.format(path=str(tmp_path / "run.mcap"))
-    assert ran(tmp_path / "script.py", text) == "0 stopped before the drive was on\n"
+    assert run_script(tmp_path / "script.py", text) == "0 stopped before the drive was on\n"
 
 
 MY_LAB = """
@@ -116,7 +113,7 @@ def MyCamera():
 def test_the_example_of_the_page_on_own_devices_runs(tmp_path: Path) -> None:
     (block,) = re.findall(r"```python\n(.*?)```", (ROOT / "docs/own_devices.md").read_text(), re.S)
     (tmp_path / "my_lab.py").write_text(MY_LAB)
-    said = ran(tmp_path / "script.py", block, enter="\n")
+    said = run_script(tmp_path / "script.py", block, enter="\n")
     assert "press Enter" in said
     assert re.search(r"acquiring|servoing|holding|waiting|paused", said), said
 

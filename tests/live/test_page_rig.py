@@ -1,5 +1,6 @@
-"""`rcmservo serve --rig lab.toml` through the page's websockets, against the emulated controller
-and its camera. The emulator is asked over a connection of its own how the arm is.
+"""`rcmservo serve --rig lab.toml` through the page's websockets, with an emulated controller.
+
+A second connection to the emulator shows the state of the arm.
 """
 
 import os
@@ -15,9 +16,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from at_terminal import Laboratory, wait_for, words_of
 from page_forged import Holder
 from page_lab import awaited
+from terminal_process import Laboratory, typed_joints, wait_for
 
 from conftest import HEEDING_CTRL_C, SMALL, with_tests
 from rcmservo.config.rig_file import load_lab
@@ -28,7 +29,7 @@ pytestmark = [pytest.mark.alone, pytest.mark.slow]
 
 @contextmanager
 def serving(lab: Laboratory, folder: Path) -> Iterator[tuple[Any, str]]:
-    """The command, and where its page is."""
+    """Yield the running command and the address of its page."""
     out = "--out", str(folder / "out"), "--poses", str(folder / "poses")
     command = [sys.executable, "-c", HEEDING_CTRL_C, "serve", "--port", "0", "--no-browser", *out]
     command += ["--teaching-frames", "30"]
@@ -49,29 +50,29 @@ def serving(lab: Laboratory, folder: Path) -> Iterator[tuple[Any, str]]:
         assert process.wait(60) == 0
 
 
-class AtThePage(Holder):
-    """The person who has control."""
+class PageOperator(Holder):
+    """Operator who has control of the page."""
 
     def __init__(self, address: str) -> None:
         server: Any = SimpleNamespace(address=address, token="")
         super().__init__(server)
 
     def answered(self, words: str, by: str) -> None:
-        """Answer until the page says something."""
-        asked = self.now["asks"]
-        want = {"do": "answer", "question": asked, "words": words}
-        self.insist(want, lambda: by in self.now["words"] + self.now["asks"])
+        """Answer until the page displays some words."""
+        question = self.now["asks"]
+        request = {"do": "answer", "question": question, "words": words}
+        self.insist(request, lambda: by in self.now["words"] + self.now["asks"])
 
-    def insist(self, want: dict[str, Any], reached: Callable[[], bool]) -> None:
-        """Say something until it is so: what comes late on a busy machine does not count."""
+    def insist(self, request: dict[str, Any], reached: Callable[[], bool]) -> None:
+        """Repeat a request until a condition holds, because a busy computer drops late ones."""
         for _ in range(60):
-            self.say(want)
+            self.say(request)
             with suppress(TimeoutError):
                 return awaited(reached, 1.5)
-        raise TimeoutError(f"{want} leads to {self.now}")
+        raise TimeoutError(f"{request} leads to {self.now}")
 
     def cleared(self) -> None:
-        """Clear, until the drive can be switched on."""
+        """Clear until the drive can be enabled."""
         self.insist({"do": "clear"}, lambda: "clear" not in self.now["can"])
         wait_for(lambda: "enable" in self.now["can"])
 
@@ -84,10 +85,10 @@ class AtThePage(Holder):
             assert wire.recv(20.0) == "heard"
 
 
-def youngest(process: Any) -> int:
-    """The servo's process: that which was started last."""
-    told = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text()
-    return max(map(int, told.split()))
+def servo_process(process: Any) -> int:
+    """Return the servo process: the one that was started last."""
+    children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text()
+    return max(map(int, children.split()))
 
 
 @pytest.fixture(scope="module")
@@ -97,63 +98,63 @@ def lab(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Laboratory]:
         yield lab
 
 
-def test_a_laboratory_is_homed_enabled_jogged_and_stopped_at_the_page(
+def test_a_lab_is_homed_enabled_jogged_and_stopped_at_the_page(
     lab: Laboratory, tmp_path: Path
 ) -> None:
     lab.forget()
     with serving(lab, tmp_path) as (process, address):
-        at = AtThePage(address)
+        at = PageOperator(address)
 
-        # where it stands: typed within the limits, and agreed to
-        wait_for(lambda: at.now["asks"].startswith("The joints at the mark"))
+        # joint values: typed within the limits, and confirmed
+        wait_for(lambda: at.now["asks"].startswith("Joint values at the mark"))
         at.say({"do": "enable"})
         at.answered("9 0 100", "the joints must be within theta")
-        at.answered(words_of(lab.start), "The arm stands at theta")
+        at.answered(typed_joints(lab.start), "The arm is at theta")
         assert lab.off and not lab.homed and "enable" not in at.now["can"]
         at.answered("", "the drive is off")
         wait_for(lambda: "enable" in at.now["can"])
         assert lab.off and lab.homed and np.abs(lab.q - lab.start).max() < 0.01
-        stands = lab.counts
+        counts = lab.counts
         assert "0.1 rad/s, 0.1 rad/s and 8 mm/s, which is 10 % of the full" in at.now["intent"]
         wait_for(lambda: None not in (at.now["points"] or [None]) and at.now["frame"] > 0)
 
-        # enabled it stands, and goes where a button is held
+        # once enabled, the arm is at rest until a jog button is held
         at.enable()
-        assert not lab.off and lab.counts == stands
+        assert not lab.off and lab.counts == counts
         at.jog(True)
-        wait_for(lambda: lab.counts != stands)
+        wait_for(lambda: lab.counts != counts)
 
         # STOP
         at.stop()
-        at.until_words("STOP was pressed: the servo has switched the arm's drive off")
+        at.until_words("STOP was pressed: the servo switched the arm's drive off")
         assert lab.off
         at.jogs = False
 
-        # STOP while the servo hangs: the controller's own watchdog, and the servo is killed
+        # STOP while the servo hangs: the controller's watchdog stops the arm, the servo is killed
         at.cleared()
         at.enable()
-        servo = youngest(process)
+        servo = servo_process(process)
         os.kill(servo, signal.SIGSTOP)
         at.stop()
         at.until_words("killed")
         assert lab.off and not Path(f"/proc/{servo}").exists()
 
-        # the drive goes off by itself: why is told, and nothing goes on before it is cleared
+        # the drive goes off by itself: the reason is shown, and a clear is required
         at.cleared()
         at.enable()
-        stands = lab.counts
+        counts = lab.counts
         assert "?" not in lab.ask("AB 1;MO ABC")
         wait_for(lambda: at.now["phase"] == "FAULT")
         wait_for(lambda: any(one.startswith("the arm: ") for one in at.now["notes"]))
         at.insist({"do": "clear"}, lambda: "the session is over: " in at.now["words"])
         assert "enable" not in at.now["can"] and lab.off
         at.cleared()
-        assert lab.off and np.abs(np.subtract(lab.counts, stands)).max() < 50
+        assert lab.off and np.abs(np.subtract(lab.counts, counts)).max() < 50
 
-        # somebody else has switched it on
+        # another program has enabled the drive
         lab.ask("SH ABC")
         at.insist({"do": "enable"}, lambda: "clear" in at.now["can"])
-        assert "the arm's drive is on, by somebody else" in at.now["words"]
+        assert "another program has switched the arm's drive on" in at.now["words"]
         lab.ask("MO ABC")
         at.cleared()
 

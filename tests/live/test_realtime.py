@@ -1,6 +1,4 @@
-"""The wall clock, the real-time context and the tracking thread: what they promise, without
-measuring time.
-"""
+"""Wall clock, real-time context and tracking thread, without measurements of time."""
 
 import gc
 import os
@@ -19,11 +17,11 @@ from rcmservo.live.tracking_thread import TrackingThread
 from rcmservo.loop.clock import RecordingClock, WallClock, ticks
 from rcmservo.loop.plant import Plant
 
-PATIENCE = 20.0
+WAIT_TIMEOUT_S = 20.0
 
 
-class Stepped:
-    """A clock whose waits end `late` ns too late."""
+class SteppedClock:
+    """Clock whose waits end `late` ns too late."""
 
     def __init__(self, late=0):
         self.time, self.late = 0, late
@@ -43,15 +41,15 @@ def test_the_wall_clock_never_ends_a_wait_early():
     clock.wait_until(due - 1_000_000_000)
 
 
-def test_punctuality_notes_how_late_each_wait_ended():
-    clock = RecordingClock(Stepped(late=7))
+def test_the_recording_clock_stores_the_lateness_of_each_wait():
+    clock = RecordingClock(SteppedClock(late=7))
     assert len(list(ticks(clock, 100.0, 0.05))) == 5
     assert list(clock.lateness) == [7] * 5
 
 
 @pytest.fixture
 def frozen_heap():
-    """What earlier tests left is not searched for garbage, which takes a second."""
+    """Exclude objects of earlier tests from garbage collection, which takes a second."""
     gc.freeze()
     yield
     gc.unfreeze()
@@ -63,7 +61,7 @@ def state_of_the_process():
 
 
 @pytest.mark.skipif(not hasattr(os, "SCHED_FIFO"), reason="no real-time scheduling here")
-def test_realtime_leaves_the_process_as_it_found_it_even_after_an_error():
+def test_realtime_restores_the_process_even_after_an_error():
     before = state_of_the_process()
     with pytest.raises(KeyError), realtime():
         assert not gc.isenabled()
@@ -73,7 +71,7 @@ def test_realtime_leaves_the_process_as_it_found_it_even_after_an_error():
 
 
 @pytest.mark.usefixtures("frozen_heap")
-def test_no_collection_happens_in_it_and_one_that_does_is_counted():
+def test_garbage_collection_is_off_inside_and_a_forced_one_is_counted():
     with realtime() as got:
         heap = [[] for _ in range(100_000)]
         for one in heap:
@@ -85,7 +83,7 @@ def test_no_collection_happens_in_it_and_one_that_does_is_counted():
 
 @pytest.mark.usefixtures("frozen_heap")
 @pytest.mark.skipif(not hasattr(os, "SCHED_FIFO"), reason="no real-time scheduling here")
-def test_what_the_system_refuses_is_told_in_words_and_everything_else_is_done(monkeypatch):
+def test_refused_requests_are_reported_and_the_others_take_effect(monkeypatch):
     def refuse(*_):
         raise PermissionError(1, "Operation not permitted")
 
@@ -99,14 +97,14 @@ def test_what_the_system_refuses_is_told_in_words_and_everything_else_is_done(mo
 
 @pytest.mark.usefixtures("frozen_heap")
 @pytest.mark.skipif(not hasattr(os, "SCHED_FIFO"), reason="no real-time scheduling here")
-def test_the_loop_goes_first_then_the_threads_there_are_and_then_all_else():
+def test_the_loop_has_the_first_priority_and_existing_threads_the_next():
     def policy(thread=0):
         return os.sched_getscheduler(thread) & ~os.SCHED_RESET_ON_FORK, os.sched_getparam(
             thread
         ).sched_priority
 
     ended, found = threading.Event(), []
-    thread = threading.Thread(target=ended.wait, args=(PATIENCE,))
+    thread = threading.Thread(target=ended.wait, args=(WAIT_TIMEOUT_S,))
     thread.start()
     try:
         with realtime() as got:
@@ -114,47 +112,47 @@ def test_the_loop_goes_first_then_the_threads_there_are_and_then_all_else():
                 pytest.skip(got.refused[0])
             later = threading.Thread(target=lambda: found.append(policy()))
             later.start()
-            later.join(PATIENCE)
+            later.join(WAIT_TIMEOUT_S)
             assert policy()[0] == policy(thread.native_id)[0] == os.SCHED_FIFO
             assert policy()[1] > policy(thread.native_id)[1]
             assert found == [(os.SCHED_OTHER, 0)]
         assert policy(thread.native_id) == (os.SCHED_OTHER, 0)
     finally:
         ended.set()
-        thread.join(PATIENCE)
+        thread.join(WAIT_TIMEOUT_S)
 
 
 @pytest.mark.usefixtures("frozen_heap")
 @pytest.mark.skipif(not hasattr(os, "SCHED_FIFO"), reason="no real-time scheduling here")
-def test_a_thread_that_takes_commands_to_a_device_goes_behind_the_loop_and_before_the_others():
+def test_a_thread_that_sends_commands_has_a_priority_between_loop_and_other_threads():
     def priority(thread):
         return os.sched_getparam(thread.native_id).sched_priority
 
     def work():
         found.append(urgent())
-        asked.set()
-        ended.wait(PATIENCE)
+        requested.set()
+        ended.wait(WAIT_TIMEOUT_S)
 
-    asked, ended, found = threading.Event(), threading.Event(), []
-    threads = [threading.Thread(target=one) for one in (work, lambda: ended.wait(PATIENCE))]
+    requested, ended, found = threading.Event(), threading.Event(), []
+    threads = [threading.Thread(target=one) for one in (work, lambda: ended.wait(WAIT_TIMEOUT_S))]
     for thread in threads:
         thread.start()
     try:
-        assert asked.wait(PATIENCE)
+        assert requested.wait(WAIT_TIMEOUT_S)
         if found != [""]:
             pytest.skip(found[0])
-        alone = priority(threads[0])
+        outside = priority(threads[0])
         with realtime():
             assert os.sched_getparam(0).sched_priority > priority(threads[0]) > priority(threads[1])
-        assert priority(threads[0]) == alone > priority(threads[1])
+        assert priority(threads[0]) == outside > priority(threads[1])
     finally:
         ended.set()
         for thread in threads:
-            thread.join(PATIENCE)
+            thread.join(WAIT_TIMEOUT_S)
 
 
 @pytest.mark.skipif(not hasattr(os, "SCHED_FIFO"), reason="no real-time scheduling here")
-def test_urgency_that_is_refused_is_noted_and_no_error(monkeypatch, caplog):
+def test_a_refused_priority_is_logged_and_raises_no_error(monkeypatch, caplog):
     def refuse(*_):
         raise PermissionError(1, "Operation not permitted")
 
@@ -165,7 +163,7 @@ def test_urgency_that_is_refused_is_noted_and_no_error(monkeypatch, caplog):
 
 
 class Scripted:
-    """A camera that gives what it is told to, and a tracker that sees each frame's number."""
+    """Camera with a given frame or error, and tracker that detects the number of the frame."""
 
     def __init__(self):
         self.frame = None
@@ -178,7 +176,7 @@ class Scripted:
 
     def find(self, frame):
         if frame.image is None:
-            raise BadInput("frame.image", None, "a picture")
+            raise BadInput("frame.image", None, "an image")
         return Markers(np.full((2, 2), float(frame.number)), np.ones(2), np.ones(2))
 
     def reset(self):
@@ -192,17 +190,17 @@ def picture(number, exposure=0):
     return Frame(number, exposure, exposure, image=PICTURE)
 
 
-def test_the_loop_gets_the_newest_frame_that_is_ready_together_with_its_own_markers():
-    eye, clock = Scripted(), Stepped()
+def test_the_loop_receives_the_newest_processed_frame_with_its_markers():
+    eye, clock = Scripted(), SteppedClock()
     thread = TrackingThread(eye, eye, clock)
     assert thread.latest() is None
     for number in (0, 1, 2):
         eye.frame = picture(number)
         clock.time = 100 + number
-        thread.look()
+        thread.track_newest_frame()
         frame = thread.latest()
         eye.frame = picture(number + 50)
-        thread.look()
+        thread.track_newest_frame()
         assert (frame.number, frame.arrival) == (number, 100 + number)
         assert np.array_equal(thread.find(frame).points, np.full((2, 2), float(number)))
     assert thread.latest().number == 52
@@ -210,22 +208,22 @@ def test_the_loop_gets_the_newest_frame_that_is_ready_together_with_its_own_mark
 
 def test_a_frame_is_tracked_once_and_stays_the_same_object():
     eye = Scripted()
-    thread = TrackingThread(eye, eye, Stepped())
+    thread = TrackingThread(eye, eye, SteppedClock())
     eye.frame = picture(1)
-    thread.look()
+    thread.track_newest_frame()
     first = thread.latest()
-    thread.look()
+    thread.track_newest_frame()
     assert thread.latest() is first
 
 
 def test_a_reset_of_the_loop_reaches_the_tracker_before_the_next_frame():
     eye = Scripted()
-    thread = TrackingThread(eye, eye, Stepped())
+    thread = TrackingThread(eye, eye, SteppedClock())
     thread.reset()
     assert eye.resets == 0
     for number in range(3):
         eye.frame = picture(number)
-        thread.look()
+        thread.track_newest_frame()
     assert eye.resets == 1
 
 
@@ -240,48 +238,48 @@ class Still:
         return command.rates
 
 
-def test_a_frame_that_the_tracker_refuses_is_damaged_for_the_plant_and_the_next_one_is_not():
-    eye, clock = Scripted(), Stepped()
+def test_a_frame_that_the_tracker_refuses_counts_as_damaged_and_the_next_does_not():
+    eye, clock = Scripted(), SteppedClock()
     clock.time = 10
     thread = TrackingThread(eye, eye, clock)
     plant = Plant(Still(), thread, thread, clock)
     eye.frame = picture(1)
-    thread.look()
+    thread.track_newest_frame()
     assert plant.read().frame == 1
     eye.frame = replace(picture(2, 1), image=None)
-    thread.look()
-    seen = plant.read()
-    assert (seen.frame, seen.dropped) == (1, Dropped.DAMAGED)
+    thread.track_newest_frame()
+    observation = plant.read()
+    assert (observation.frame, observation.dropped) == (1, Dropped.DAMAGED)
     eye.frame = picture(3, 2)
-    thread.look()
-    seen = plant.read()
-    assert (seen.frame, seen.dropped) == (3, Dropped.NONE)
+    thread.track_newest_frame()
+    observation = plant.read()
+    assert (observation.frame, observation.dropped) == (3, Dropped.NONE)
 
 
-def test_the_thread_never_makes_the_loop_wait_for_a_slow_tracker():
+def test_the_loop_never_waits_for_a_slow_tracker():
     busy, done = threading.Event(), threading.Event()
 
     class Slow(Scripted):
         def find(self, frame):
             busy.set()
-            assert done.wait(PATIENCE)
+            assert done.wait(WAIT_TIMEOUT_S)
             return super().find(frame)
 
     eye = Slow()
     eye.frame = picture(1)
-    with TrackingThread(eye, eye, Stepped()) as thread:
-        assert busy.wait(PATIENCE)
+    with TrackingThread(eye, eye, SteppedClock()) as thread:
+        assert busy.wait(WAIT_TIMEOUT_S)
         assert thread.latest() is None
         done.set()
 
 
-def test_a_tracker_that_takes_long_for_its_first_frame_is_waited_for_and_a_silent_camera_is_not():
-    """The clock goes on once the tracker is at work, which ends half a minute later."""
+def test_a_slow_first_frame_is_awaited_but_a_silent_camera_is_not():
+    """The clock advances once the tracker works, which takes half a minute."""
     at_work, later = threading.Event(), threading.Event()
 
-    class Going(Stepped):
+    class Going(SteppedClock):
         def wait_until(self, time):
-            assert at_work.wait(PATIENCE)
+            assert at_work.wait(WAIT_TIMEOUT_S)
             super().wait_until(time)
             if self.time >= 30 * 10**9:
                 later.set()
@@ -289,7 +287,7 @@ def test_a_tracker_that_takes_long_for_its_first_frame_is_waited_for_and_a_silen
     class Compiled(Scripted):
         def find(self, frame):
             at_work.set()
-            assert later.wait(PATIENCE)
+            assert later.wait(WAIT_TIMEOUT_S)
             return super().find(frame)
 
     eye = Compiled()
@@ -298,13 +296,13 @@ def test_a_tracker_that_takes_long_for_its_first_frame_is_waited_for_and_a_silen
         thread.wait_for(frames=1, patience=3.0)
         assert thread.latest().number == 1
     silent = Scripted()
-    with TrackingThread(silent, silent, Stepped()) as thread:
+    with TrackingThread(silent, silent, SteppedClock()) as thread:
         thread.wait_for(frames=1, patience=3.0)
         assert thread.latest() is None
 
 
-class Breaking(Scripted):
-    """A camera that gives so many frames and then fails."""
+class FailingCamera(Scripted):
+    """Camera that delivers a number of frames and then fails."""
 
     def __init__(self, frames):
         super().__init__()
@@ -316,32 +314,38 @@ class Breaking(Scripted):
         return self.frames.pop(0)
 
 
-def over(thread):
+def wait_until_ended(thread):
     """Wait until the thread has ended by itself."""
-    thread._thread.join(PATIENCE)
+    thread._thread.join(WAIT_TIMEOUT_S)
     assert not thread._thread.is_alive()
 
 
 def test_an_error_after_the_first_frame_stops_the_frames_and_is_raised_at_the_end():
-    eye = Breaking([picture(1)])
-    with pytest.raises(RuntimeError, match="cable"), TrackingThread(eye, eye, Stepped()) as thread:
-        over(thread)
+    eye = FailingCamera([picture(1)])
+    with (
+        pytest.raises(RuntimeError, match="cable"),
+        TrackingThread(eye, eye, SteppedClock()) as thread,
+    ):
+        wait_until_ended(thread)
         assert thread.latest().number == thread.latest().number == 1
 
 
 def test_an_error_before_the_first_frame_is_raised_at_once():
-    eye = Breaking([])
-    with pytest.raises(RuntimeError, match="cable"), TrackingThread(eye, eye, Stepped()) as thread:
-        over(thread)
+    eye = FailingCamera([])
+    with (
+        pytest.raises(RuntimeError, match="cable"),
+        TrackingThread(eye, eye, SteppedClock()) as thread,
+    ):
+        wait_until_ended(thread)
         thread.latest()
         raise AssertionError("latest has not raised")
 
 
-def test_a_camera_or_tracker_that_answers_something_else_is_named_by_the_thread():
+def test_a_camera_or_tracker_that_returns_another_type_is_named_in_the_error():
     eye = Scripted()
     eye.frame = [picture(1)]
     with pytest.raises(BadInput, match=r"Scripted\.latest\(\) must be a Frame"):
-        TrackingThread(eye, eye, Stepped()).look()
+        TrackingThread(eye, eye, SteppedClock()).track_newest_frame()
     eye.frame, eye.find = picture(1), lambda frame: None
     with pytest.raises(BadInput, match=r"Scripted\.find\(\) must be Markers"):
-        TrackingThread(eye, eye, Stepped()).look()
+        TrackingThread(eye, eye, SteppedClock()).track_newest_frame()

@@ -1,4 +1,4 @@
-"""`rcmservo rig check` at a terminal, against the emulated controller and its camera."""
+"""`rcmservo rig check` at a terminal, with the emulated controller and its camera."""
 
 import json
 import os
@@ -12,14 +12,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from at_terminal import AtTerminal, Laboratory, wait_for, words_of
+from terminal_process import AtTerminal, Laboratory, typed_joints, wait_for
 
 from conftest import HEEDING_CTRL_C, SMALL
 from rcmservo.bringup.axis_wiring import Robot, Wiring
 from rcmservo.bringup.check import CheckReport
 from rcmservo.bringup.findings import Finding
 from rcmservo.cli.lab import rig_check
-from rcmservo.cli.lab.rig_check import RigOptions, concluded
+from rcmservo.cli.lab.rig_check import RigOptions, conclude
 from rcmservo.config.rig_file import Lab
 from rcmservo.config.verified_rigs import digest_of, is_checked, note_checked
 from rcmservo.errors import Stopped
@@ -38,30 +38,31 @@ def command(lab: Path, *options: str) -> list[str]:
     return [sys.executable, "-c", HEEDING_CTRL_C, "rig", "check", str(lab), *options]
 
 
-def stands(person: AtTerminal, laboratory: Laboratory) -> None:
-    """The person says where the arm stands."""
-    person.until("such as 0.1 -0.2 100:")
-    person.type(words_of(laboratory.start) + "\n")
-    person.until("Enter if so:")
-    person.type("\n")
+def define_joints(terminal: AtTerminal, laboratory: Laboratory) -> None:
+    """Type and confirm the joint values."""
+    terminal.until("such as 0.1 -0.2 100:")
+    terminal.type(typed_joints(laboratory.start) + "\n")
+    terminal.until("Press Enter to confirm:")
+    terminal.type("\n")
 
 
 @contextmanager
-def asked_to_enable(
+def check_until_enable(
     laboratory: Laboratory, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> Generator[AtTerminal]:
-    """A check up to its first question, of a file that has passed once: that counts no more in the
-    end, and the arm is off.
+    """Run the check of a file that passed before up to its first question.
+
+    At the end the drive is off and the file no longer counts as checked.
     """
     laboratory.forget()
     lab = laboratory.lab()
     monkeypatch.setenv("XDG_STATE_HOME", str(folder))
     digest = digest_of(lab.read_bytes())
     note_checked(digest)
-    with AtTerminal(command(lab), XDG_STATE_HOME=str(folder)) as person:
-        stands(person, laboratory)
-        person.until("(enable / no)")
-        yield person
+    with AtTerminal(command(lab), XDG_STATE_HOME=str(folder)) as terminal:
+        define_joints(terminal, laboratory)
+        terminal.until("(enable / no)")
+        yield terminal
     wait_for(lambda: laboratory.off)
     assert not is_checked(digest)
 
@@ -69,21 +70,21 @@ def asked_to_enable(
 @pytest.mark.alone
 @pytest.mark.slow
 @pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGINT])
-def test_whatever_ends_it_in_a_motion_the_arm_is_off_and_what_passed_before_counts_no_more(
+def test_a_check_that_is_stopped_during_motion_disables_the_drive_and_revokes_the_pass(
     laboratory: Laboratory, tmp_path: Path, how: signal.Signals, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    with asked_to_enable(laboratory, tmp_path, monkeypatch) as person:
-        person.type("enable\n")
-        person.until("(yes / no)")
-        then = laboratory.counts
-        person.type("yes\n")
-        wait_for(lambda: laboratory.counts != then)
-        os.killpg(person.process.pid, how)
-        assert person.end() == (130 if how == signal.SIGINT else 1)
+    with check_until_enable(laboratory, tmp_path, monkeypatch) as terminal:
+        terminal.type("enable\n")
+        terminal.until("(yes / no)")
+        before = laboratory.counts
+        terminal.type("yes\n")
+        wait_for(lambda: laboratory.counts != before)
+        os.killpg(terminal.process.pid, how)
+        assert terminal.end() == (130 if how == signal.SIGINT else 1)
 
 
-class Seen:
-    """A camera of grey frames."""
+class GreyCamera:
+    """Camera of grey frames."""
 
     def __init__(self) -> None:
         self.frame, self.closed = Frame(-1, 0, 0), False
@@ -94,15 +95,15 @@ class Seen:
             self.frame = Frame(self.frame.number + 1, now, now, image=image)
         return self.frame
 
-    def account(self) -> CameraAccount:
+    def counts(self) -> CameraAccount:
         return CameraAccount()
 
     def close(self) -> None:
         self.closed = True
 
 
-class Off:
-    """An arm whose drive is off."""
+class DisabledArm:
+    """Arm whose drive is off."""
 
     def __init__(self, why_off: str = "") -> None:
         self.why_off, self.closed = why_off, False
@@ -117,8 +118,8 @@ class Off:
         self.closed = True
 
 
-class Quiet:
-    """A terminal at which nobody is asked."""
+class SilentTerminal:
+    """Terminal without questions."""
 
     typed = 0
 
@@ -126,54 +127,54 @@ class Quiet:
         assert words
 
     def close(self) -> None:
-        """Nothing is open."""
+        """Do nothing, because nothing is open."""
 
 
-def stopped_at_once(*_: Any) -> CheckReport:
+def is_stopped(*_: Any) -> CheckReport:
     raise Stopped("stopped by SIGTERM, in order")
 
 
-def all_right(*_: Any) -> CheckReport:
+def passes(*_: Any) -> CheckReport:
     return CheckReport([], done=True)
 
 
 @pytest.mark.parametrize(
     ("check", "why_off", "passed"),
-    [(all_right, "", True), (all_right, "its watchdog", False), (stopped_at_once, "", False)],
+    [(passes, "", True), (passes, "its watchdog", False), (is_stopped, "", False)],
 )
-def test_a_file_that_passed_once_counts_no_more_unless_it_passes_again_to_the_end(
+def test_an_earlier_pass_is_revoked_unless_the_check_passes_completely_again(
     check: Any, why_off: str, passed: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """In this process, with a check that is given; the devices are closed whatever it does."""
+    """The check is replaced; the devices are closed in every case."""
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
-    monkeypatch.setattr(rig_check, "Terminal", Quiet)
+    monkeypatch.setattr(rig_check, "Terminal", SilentTerminal)
     monkeypatch.setattr(rig_check, "check", check)
     (file := tmp_path / "lab.toml").write_text(
         '[arm]\nkind = "galil"\naddress = "127.0.0.1"\ncounts = [1e5, 1e5, 1e3]\n'
         '[camera]\nkind = "opencv"\nsource = "0"\nlatency = 0.02\n'
     )
-    digest, arm, camera = digest_of(file.read_bytes()), Off(why_off), Seen()
+    digest, arm, camera = digest_of(file.read_bytes()), DisabledArm(why_off), GreyCamera()
     note_checked(digest)
     try:
         code = rig_check.rig_check(RigOptions("check", file), lambda lab: arm, lambda lab: camera)
         assert code == (0 if passed else 1)
     except Stopped:
-        assert check is stopped_at_once
+        assert check is is_stopped
     assert is_checked(digest) == passed and arm.closed and camera.closed
 
 
 @pytest.mark.parametrize("as_json", [False, True])
-@pytest.mark.parametrize("right", [False, True])
-def test_a_file_is_noted_as_passed_only_where_nothing_was_found(
-    right: bool, as_json: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
+@pytest.mark.parametrize("ok", [False, True])
+def test_a_file_is_stored_as_passed_only_without_findings(
+    ok: bool, as_json: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
 ) -> None:
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
     lab = Lab()
     robot = Robot(lab.mechanism, lab.tool, Wiring((1.0, 1.0, 1.0)))
-    wrong = [] if right else [Finding("the picture is mirrored", "camera", "so", "otherwise")]
+    findings = [] if ok else [Finding("the picture is mirrored", "camera", "so", "otherwise")]
     options = RigOptions("check", Path("lab.toml"), as_json)
-    code = concluded(options, CheckReport(wrong, done=True), robot, "0" * 64)
-    assert (code == 0) == right == is_checked("0" * 64)
-    said = capsys.readouterr().out
-    assert ("mirrored" in said) == (not right)
-    assert not as_json or json.loads(said)["ok"] == right
+    code = conclude(options, CheckReport(findings, done=True), robot, "0" * 64)
+    assert (code == 0) == ok == is_checked("0" * 64)
+    output = capsys.readouterr().out
+    assert ("mirrored" in output) == (not ok)
+    assert not as_json or json.loads(output)["ok"] == ok

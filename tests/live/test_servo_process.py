@@ -1,5 +1,6 @@
-"""What the servo process tells of a run: when the drive is on, and why the markers were never
-seen. Run here in the tests' own process, with a wall for a picture.
+"""Results of the servo process: time of enabling, and the reason for undetected markers.
+
+The process function runs in the test process, with a grey wall in front of the camera.
 """
 
 import signal
@@ -17,9 +18,9 @@ import pytest
 import rcmservo as rs
 from rcmservo.errors import RcmServoError
 from rcmservo.live import servo_process
-from rcmservo.live.servo_process import ENABLING, STANDING, Session
+from rcmservo.live.servo_process import ENABLING, IDLE, Session
 from rcmservo.live.stop_signals import END_SIGNALS
-from rcmservo.live.supervisor import SILENT, Watchman, left_to_its_watchdog, supervise
+from rcmservo.live.supervisor import MAX_SILENT_POLLS, HeartbeatMonitor, rely_on_watchdog, supervise
 from rcmservo.loop.plant import Plant
 from rcmservo.recording.reader import read_record
 from rcmservo.recording.writer import Recorder
@@ -29,13 +30,13 @@ Q = np.array([0.6, 0.2, 120.0])
 
 
 class StillArm:
-    """An arm that is never asked to move; it notes the heartbeat while its drive comes on."""
+    """Arm that is never moved and stores the heartbeat while its drive is enabled."""
 
-    def __init__(self, beats: Any, noted: list[int]) -> None:
-        self.beats, self.noted, self.enabled = beats, noted, False
+    def __init__(self, beats: Any, heartbeats: list[int]) -> None:
+        self.beats, self.heartbeats, self.enabled = beats, heartbeats, False
 
     def enable(self) -> None:
-        self.noted.append(self.beats.value)
+        self.heartbeats.append(self.beats.value)
         self.enabled = True
 
     def measure(self) -> rs.Measured:
@@ -48,7 +49,7 @@ class StillArm:
 
 
 class Wall:
-    """Thirty pictures a second of nothing but grey."""
+    """Camera with thirty grey images per second."""
 
     def __init__(self) -> None:
         self.frame: rs.Frame | None = None
@@ -62,33 +63,35 @@ class Wall:
         return self.frame
 
 
-def shown(plant: Plant) -> rs.Target:
-    """A target from another day."""
+def fixed_target(plant: Plant) -> rs.Target:
+    """Return a fixed target."""
     del plant
     return rs.Target(np.array([[100.0, 100.0], [120.0, 150.0]]), Q)
 
 
 @pytest.fixture
-def serve(tmp_path: Path) -> Iterator[Any]:
-    """Runs a session of 1.2 s with this arm; what it sent last."""
-    ours, theirs = Pipe()
-    patient = rs.Thresholds(overrun=1.0, latency=1.0, stale_slow=50.0, stale_hold=50.0, silence=1.0)
-    servo = rs.Servo(rs.SphericalRcm(), rs.RigidTool(30.0), thresholds=patient)
+def run_session(tmp_path: Path) -> Iterator[Any]:
+    """Run a session of 1.2 s with this arm and return the last message."""
+    here, there = Pipe()
+    tolerant = rs.Thresholds(
+        overrun=1.0, latency=1.0, stale_slow=50.0, stale_hold=50.0, silence=1.0
+    )
+    servo = rs.Servo(rs.SphericalRcm(), rs.RigidTool(30.0), thresholds=tolerant)
 
-    def run(beats: Any, noted: list[int]) -> Any:
+    def run(beats: Any, heartbeats: list[int]) -> Any:
         session = Session(
             servo,
             1.2,
-            arm=partial(StillArm, beats, noted),
+            arm=partial(StillArm, beats, heartbeats),
             camera=Wall,
             tracker=ColourMarkers,
             recorder=partial(Recorder, tmp_path / "run.mcap", {}),
-            target=shown,
+            target=fixed_target,
         )
-        servo_process.serve(session, beats, theirs)
-        while ours.poll():
-            said = ours.recv()
-        return said
+        servo_process.run_session(session, beats, there)
+        while here.poll():
+            message = here.recv()
+        return message
 
     usual = {one: signal.getsignal(one) for one in (signal.SIGINT, *END_SIGNALS)}
     yield run
@@ -97,32 +100,34 @@ def serve(tmp_path: Path) -> Iterator[Any]:
 
 
 @pytest.mark.alone
-def test_a_live_run_that_never_saw_the_markers_says_why(serve: Any, tmp_path: Path) -> None:
-    """And from when the drive comes on, its heartbeat does not say that nothing has begun."""
-    beats, noted = RawValue("q", 7), list[int]()
-    result = serve(beats, noted)
+def test_a_live_run_that_never_detects_the_markers_reports_the_reason(
+    run_session: Any, tmp_path: Path
+) -> None:
+    """The heartbeat also shows from the start that the drive is being enabled."""
+    beats, heartbeats = RawValue("q", 7), list[int]()
+    result = run_session(beats, heartbeats)
     assert not result.settled
     assert "the picture is grey" in result.cause
-    assert noted == [ENABLING] and beats.value == STANDING
+    assert heartbeats == [ENABLING] and beats.value == IDLE
     assert len(read_record(tmp_path / "run.mcap").time) == result.loop.ticks > 0
 
 
-def test_what_a_servo_process_cannot_use_is_said_in_the_supervisor(
-    serve: Any, tmp_path: Path
+def test_an_error_of_the_servo_process_is_raised_in_the_supervisor(
+    run_session: Any, tmp_path: Path
 ) -> None:
     (tmp_path / "run.mcap").write_text("something else")
-    beats, noted, (ours, theirs) = RawValue("q", 7), list[int](), Pipe()
-    theirs.send(serve(beats, noted))
-    assert not noted and beats.value == STANDING
+    beats, heartbeats, (here, there) = RawValue("q", 7), list[int](), Pipe()
+    there.send(run_session(beats, heartbeats))
+    assert not heartbeats and beats.value == IDLE
     with pytest.raises(RcmServoError, match=r"run\.mcap"):
-        supervise(SimpleNamespace(pipe=ours, beats=beats), left_to_its_watchdog)  # type: ignore
+        supervise(SimpleNamespace(pipe=here, beats=beats), rely_on_watchdog)  # type: ignore
 
 
-@pytest.mark.parametrize(("beat", "hangs"), [(STANDING, False), (ENABLING, False), (0, True)])
-def test_only_a_heart_that_has_begun_to_beat_can_stand_still(
+@pytest.mark.parametrize(("beat", "hangs"), [(IDLE, False), (ENABLING, False), (0, True)])
+def test_only_a_heartbeat_that_has_started_can_stop(
     beat: int, hangs: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A drive may take its time to come on."""
+    """Enabling a drive may take time."""
 
     class Process:
         exitcode = None
@@ -132,5 +137,5 @@ def test_only_a_heart_that_has_begun_to_beat_can_stand_still(
 
     clock = iter(range(0, 10**12, 10**9))
     monkeypatch.setattr(time, "monotonic_ns", lambda: next(clock))
-    watchman = Watchman(Servo())  # pyright: ignore[reportArgumentType]
-    assert any(watchman.look() for _ in range(SILENT + 2)) == hangs
+    monitor = HeartbeatMonitor(Servo())  # pyright: ignore[reportArgumentType]
+    assert any(monitor.has_failed() for _ in range(MAX_SILENT_POLLS + 2)) == hangs

@@ -1,5 +1,6 @@
-"""The servo over the toy arm of examples/udp_arm: a camera that looks at the toy's truth delivers
-points. Run as `toy_lab.py PORT SECONDS`, it says how it ended.
+"""Servo on the toy arm of examples/udp_arm, with a camera that delivers points.
+
+Run as `toy_lab.py PORT SECONDS`; it prints the final phase and joints.
 """
 
 import socket
@@ -17,53 +18,54 @@ from rcmservo.live.tracking_thread import TrackingThread
 from rcmservo.tracking import PointMarkers
 
 GOAL = 0.75, 0.4, 135.0
-PATIENT = rs.Thresholds(overrun=1.0, latency=1.0, stale_slow=50.0, stale_hold=50.0, silence=1.0)
-"""A busy computer that runs tests may stall; the toy's own watchdog is not patient."""
+TOLERANT = rs.Thresholds(overrun=1.0, latency=1.0, stale_slow=50.0, stale_hold=50.0, silence=1.0)
+"""Tolerant thresholds for a busy computer; the toy's own watchdog is not tolerant.
+"""
 
 
 def tool_at(q):
-    """Both markers (2, 3) mm: eq. (2), written down once more, and a rigid tool."""
+    """Return both markers (2, 3) in mm by eq. (2) and a rigid tool, computed independently."""
     theta, phi, rho = q
-    way = [np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)]
-    return np.outer([rho, rho + 30.0], way)
+    direction = [np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)]
+    return np.outer([rho, rho + 30.0], direction)
 
 
 class ToyCamera:
-    """Sixty times a second, where the markers are in a picture; the toy's joints are asked for."""
+    """Camera that computes the marker points sixty times a second from the toy's joints."""
 
     def __init__(self, port):
         self.wire = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self.wire.connect(("127.0.0.1", port))
         self.wire.setblocking(False)
-        self.random, self.frame, self.asked = np.random.default_rng(0), None, 0
+        self.random, self.frame, self.requested = np.random.default_rng(0), None, 0
         middle = tool_at(START).mean(axis=0)
-        self.place = middle + 350.0 * np.array([0.3, -0.9, 0.4])
-        forward = (middle - self.place) / np.linalg.norm(middle - self.place)
+        self.position = middle + 350.0 * np.array([0.3, -0.9, 0.4])
+        forward = (middle - self.position) / np.linalg.norm(middle - self.position)
         right = np.cross(forward, [0.0, 0.0, 1.0]) / np.linalg.norm(np.cross(forward, [0, 0, 1]))
-        self.turned = np.stack([right, np.cross(forward, right), forward])
+        self.rotation = np.stack([right, np.cross(forward, right), forward])
 
     def latest(self):
         now = time.monotonic_ns()
-        if now > self.asked + 16_000_000:
-            self.asked = now
+        if now > self.requested + 16_000_000:
+            self.requested = now
             self.wire.send(sent(ToyOrder(ASK, 0, 0, now, (0.0, 0.0, 0.0))))
         try:
             answer = answer_in(self.wire.recv(512))
         except OSError:
             return self.frame
         number = 0 if self.frame is None else self.frame.number + 1
-        points = self.seen(answer.q) + 0.1 * self.random.standard_normal((2, 2))
+        points = self.project(answer.q) + 0.1 * self.random.standard_normal((2, 2))
         now = time.monotonic_ns()
         self.frame = rs.Frame(number, (answer.stamp + now) // 2, now, points=points)
         return self.frame
 
-    def seen(self, q):
-        x, y, z = self.turned @ (tool_at(q) - self.place).T
+    def project(self, q):
+        x, y, z = self.rotation @ (tool_at(q) - self.position).T
         return np.stack([800.0 * x / z + 320.0, 800.0 * y / z + 240.0], axis=1)
 
 
-def resumes(tick):
-    """A person who resumes whatever a busy computer may pause."""
+def resume(tick):
+    """Resume after any pause, which a busy computer may cause."""
     still = not tick.state.command.rates.any()
     paused = tick.state.phase is rs.Phase.PAUSED and still
     return rs.Request.RESUME if paused else rs.Request.NONE
@@ -71,12 +73,12 @@ def resumes(tick):
 
 def main(port, seconds):
     arm, camera, clock = UdpArm("127.0.0.1", port), ToyCamera(port), rs.WallClock()
-    servo = rs.Servo(rs.SphericalRcm(), rs.RigidTool(30.0), thresholds=PATIENT)
-    target = rs.Target(camera.seen(GOAL), np.array(GOAL))
+    servo = rs.Servo(rs.SphericalRcm(), rs.RigidTool(30.0), thresholds=TOLERANT)
+    target = rs.Target(camera.project(GOAL), np.array(GOAL))
     servo.warm_up()
     with TrackingThread(camera, PointMarkers(), clock) as eye, realtime():
         plant = rs.Plant(arm, eye, eye, clock)
-        for last in rs.run(plant, servo, target, seconds, operator=resumes):
+        for last in rs.run(plant, servo, target, seconds, operator=resume):
             tick = last
     print(tick.state.phase.name, *(f"{q:.3f}" for q in arm.measure().q))
     arm.close()

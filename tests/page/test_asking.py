@@ -75,12 +75,12 @@ def test_joints_are_typed_within_limits_and_agreed_to_before_the_arm_is_told() -
     define(PagePerson(page.desk, page.plant), page.plant, Lab())
     assert np.allclose(page.defined, start, atol=1e-4)
     words = [one.words for one in page.asked]
-    assert "Bring the arm by hand to a mark" in words[0]
+    assert "Move the arm by hand to a mark" in words[0]
     assert "three numbers (rad, rad, mm)" in words[1] and "within theta" in words[2]
-    assert [one.asks[:10] for one in page.asked] == ["The joints"] * 3 + [
-        "The arm st",
-        "The joints",
-        "The arm st",
+    assert [one.asks[:10] for one in page.asked] == ["Joint valu"] * 3 + [
+        "The arm is",
+        "Joint valu",
+        "The arm is",
     ]
 
 

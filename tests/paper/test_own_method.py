@@ -59,7 +59,7 @@ def test_another_source_or_setting_is_another_result(own: Own) -> None:
 
 def test_only_a_users_own_is_taken_by_paper(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["paper", "--only", "baselines", "--estimator", "flow", "--out", "x"]) == 2
-    assert "--estimator must be a user's own, as module:class" in capsys.readouterr().err
+    assert "--estimator must be your own estimator, as module:class" in capsys.readouterr().err
 
 
 def test_its_settings_are_options_of_paper(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -67,4 +67,4 @@ def test_its_settings_are_options_of_paper(monkeypatch: pytest.MonkeyPatch) -> N
     monkeypatch.setattr("rcmservo.cli.servo_options.named", lambda name: kind)
     options = with_own_estimator(PaperOptions, ["--estimator", "mylab.rls:RLS"])
     made = options(estimator="mylab.rls:RLS", pixels=kind(forgetting=0.9))
-    assert getattr(made, made.OWN["mylab.rls:RLS"]).forgetting == 0.9
+    assert getattr(made, made.USER_GROUPS["mylab.rls:RLS"]).forgetting == 0.9

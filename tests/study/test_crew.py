@@ -414,10 +414,10 @@ def test_ctrl_c_keeps_what_is_done_and_the_same_command_goes_on(tmp_path: Path) 
         os.killpg(study.pid, signal.SIGINT)
         out, err = (told.decode() for told in study.communicate(timeout=60))
     assert study.returncode == 130, err
-    assert f"the same command with --out {folder} goes on there" in out
+    assert f"the same command with --out {folder} resumes there" in out
     assert err.strip() == "rcmservo: stopped by Ctrl-C"
     done = len(list(folder.glob("parts/*.parquet")))
     assert 3 <= done < 15
     again = subprocess.run(words, capture_output=True, text=True, check=True)
-    assert f"{100 * done} are there already" in again.stdout
+    assert f"{100 * done} runs exist already" in again.stdout
     assert len(crews_rows(folder)) == 1500

@@ -230,13 +230,13 @@ def test_what_only_one_of_two_does_is_said_in_words() -> None:
     never, some = Interval(np.inf, np.inf, np.inf), Interval(np.nan, np.nan, np.nan)
     one = report.PairedComparison("a", "b", "random", 9, Interval(-1.0, -1.0, -0.6), never, some)
     assert beside(one) == (
-        "a beside b, random, 9 pairs: success -100.0 (-100.0 to -60.0) % points, to 1 mm mostly "
-        "only b comes, error –"
+        "a compared with b, random, 9 pairs: success -100.0 (-100.0 to -60.0) % points, "
+        "mostly only b reaches 1 mm, error –"
     )
     alike = replace(one, time_s=Interval(0.0, 0.0, 0.0), pose_mm=Interval(0.0, 0.0, 0.0))
     assert beside(alike).endswith("to 1 mm +0.00 s, error +0.000 mm")
     sooner = replace(one, time_s=Interval(-np.inf, -np.inf, -0.5))
-    assert "to 1 mm mostly only a comes" in beside(sooner)
+    assert "mostly only a reaches 1 mm" in beside(sooner)
 
 
 def group(success: list[bool], **columns: Any) -> Group:

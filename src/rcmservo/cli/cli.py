@@ -1,5 +1,6 @@
-"""The command line: which command is asked for, and how it ends. A command is imported when it is
-named, so that `--help` starts at once.
+"""Command line: dispatch to the requested command, and its exit code.
+
+A command is imported only when it is requested, so that `--help` is quick.
 """
 
 import sys
@@ -11,32 +12,32 @@ from typing import Any, NamedTuple
 from rcmservo import __version__
 from rcmservo.errors import BadInput, RcmServoError, Stopped
 
-BAD_INPUT, ENDED = 2, 1
-"""Exit codes: of what cannot be done, and of what was told to end before it was done. Others are 0,
-and 1 where a run did not settle."""
+EXIT_BAD_INPUT, EXIT_STOPPED = 2, 1
+"""Exit codes of an invalid request and of a stopped run; a run that did not settle gives 1 as well.
+"""
 
-INDENT = 11
-"""Columns before the summary of a command."""
+SUMMARY_COLUMN = 11
+"""Column at which the summary of a command begins."""
 
 
 class CommandEntry(NamedTuple):
-    """A command that is not imported yet.
+    """Command that is imported on first use.
 
     Parameters
     ----------
-    place : str
-        Module below rcmservo.cli and its function that does it, as module:function. The dataclass
-        of the function's `options` is the only list of the command's options.
+    entry_point : str
+        Module below rcmservo.cli and its function, as module:function. The dataclass that
+        annotates the function's parameter `options` is the only list of the command's options.
     summary : str
-        One line for the list of commands.
+        Summary of one line for the list of commands.
     """
 
-    place: str
+    entry_point: str
     summary: str
 
     def load(self) -> tuple[type[Any], Callable[[Any], int]]:
-        """Import the command: its options, and what it does."""
-        module, _, name = self.place.partition(":")
+        """Import the command; return the class of its options and its function."""
+        module, _, name = self.entry_point.partition(":")
         action = getattr(import_module(f"rcmservo.cli.{module}"), name)
         return action.__annotations__["options"], action
 
@@ -55,95 +56,99 @@ COMMANDS = {
     "rig": CommandEntry("lab.rig_check:rig_check", "Check a rig file at the arm: rig check FILE."),
     "markers": CommandEntry("lab.markers:markers", "Find coloured balls that could be markers."),
 }
-"""Every command by its name."""
+"""All commands by name."""
 
-ABOUT = """Position a tool through a remote centre of motion from the picture of one uncalibrated
-camera."""
+DESCRIPTION = (
+    "Position a tool through a remote centre of motion from the images of one uncalibrated camera."
+)
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Do what the arguments ask for, and return the exit code."""
-    from rcmservo.cli.terminal import print_plainly
+    """Run the command that the arguments name and return the exit code."""
+    from rcmservo.cli.terminal import use_ascii_fallback
 
-    print_plainly()
+    use_ascii_fallback()
     arguments = sys.argv[1:] if arguments is None else arguments
     try:
-        return _do(arguments)
+        return _dispatch(arguments)
     except Stopped as stopped:
         print(f"rcmservo: {stopped}", file=sys.stderr)
-        return ENDED
+        return EXIT_STOPPED
     except BadInput as error:
         option = error.field.startswith("--") and arguments[0] in COMMANDS
         more = "--help-all" if "." in error.field else "--help"
-        return _fail(f"{error}; see rcmservo {arguments[0]} {more}" if option else str(error))
+        return _print_error(
+            f"{error}; see rcmservo {arguments[0]} {more}" if option else str(error)
+        )
     except RcmServoError as error:
-        return _fail(str(error))
+        return _print_error(str(error))
     except OSError as error:
-        return _fail(f"{error.filename or 'output'}: cannot be used: {error.strerror}")
+        return _print_error(f"{error.filename or 'output'}: cannot be used: {error.strerror}")
 
 
-def _do(arguments: list[str]) -> int:
+def _dispatch(arguments: list[str]) -> int:
     match arguments:
         case ["--version"]:
             print(f"rcmservo {__version__}")
         case ["-h" | "--help" | "--help-all", *_]:
-            print(overview())
+            print(command_overview())
         case [name, *words] if name in COMMANDS:
-            return _command(name, words)
+            return _run_command(name, words)
         case _:
-            return _fail(f"{_no_command(arguments)}; see rcmservo --help")
+            return _print_error(f"{_unknown_command(arguments)}; see rcmservo --help")
     return 0
 
 
-def _command(name: str, words: list[str]) -> int:
-    """Do what a command is asked for, or print its help."""
-    from rcmservo.cli.command_line.help_text import ALL, HELP, help_of
+def _run_command(name: str, arguments: list[str]) -> int:
+    """Run a command, or print its help."""
+    from rcmservo.cli.command_line.help_text import HELP_ALL_OPTION, HELP_OPTIONS, help_text
 
-    if {*HELP, ALL} & set(words):
-        print(help_of(name, options_kind(name, words), ALL in words))
+    if {*HELP_OPTIONS, HELP_ALL_OPTION} & set(arguments):
+        print(help_text(name, options_kind(name, arguments), HELP_ALL_OPTION in arguments))
         return 0
-    options = asked_of(name, words)
+    options = asked_of(name, arguments)
     if name == "replay":
-        return _replay(options, words)
-    if name == "study" and options.usual is not None:
-        options = asked_of(name, words, options.usual)
+        return _run_replay(options, arguments)
+    if name == "study" and options.file_defaults is not None:
+        options = asked_of(name, arguments, options.file_defaults)
     _, action = COMMANDS[name].load()
     return action(options)
 
 
-def options_kind(name: str, words: list[str]) -> type[Any]:
-    """Return the dataclass of a command's options, with those of a user's own estimator that the
-    words name.
+def options_kind(name: str, arguments: list[str]) -> type[Any]:
+    """Return the dataclass of a command's options.
+
+    It includes the settings of a user-defined estimator that the arguments name.
     """
     from rcmservo.cli.servo_options import with_own_estimator
 
     kind, _ = COMMANDS[name].load()
-    return with_own_estimator(kind, words)
+    return with_own_estimator(kind, arguments)
 
 
-def asked_of(name: str, words: list[str], usual: Any = None) -> Any:
-    """Return the options of a command that the words give; `usual` holds the others."""
+def asked_of(name: str, arguments: list[str], defaults: Any = None) -> Any:
+    """Return a command's options from its arguments, and from `defaults` where they are absent."""
     from rcmservo.cli.parse import parse
 
-    return parse(name, options_kind(name, words), words, usual)
+    return parse(name, options_kind(name, arguments), arguments, defaults)
 
 
-def _replay(options: Any, words: list[str]) -> int:
-    """Score a recording, or recompute a run with its recorded settings but for those given."""
-    from rcmservo.cli.replay import recompute_run, recorded, replay
+def _run_replay(options: Any, arguments: list[str]) -> int:
+    """Score a recording, or recompute a run with its recorded settings and the given ones."""
+    from rcmservo.cli.replay import recompute_run, recorded_options, replay
     from rcmservo.recording import reader
 
     if not reader.record_file(options.path).is_file():
         return replay(options)
     then = reader.read_record(options.path)
-    usual = recorded(options, then)
-    return recompute_run(asked_of("replay", words, usual), usual, then)
+    usual = recorded_options(options, then)
+    return recompute_run(asked_of("replay", arguments, usual), usual, then)
 
 
-def overview() -> str:
+def command_overview() -> str:
     """Return the list of all commands."""
-    about = textwrap.fill(" ".join(ABOUT.split()), 80)
-    rows = (f"  {name:<{INDENT - 2}}{one.summary}" for name, one in COMMANDS.items())
+    about = textwrap.fill(DESCRIPTION, 80)
+    rows = (f"  {name:<{SUMMARY_COLUMN - 2}}{entry.summary}" for name, entry in COMMANDS.items())
     return "\n".join(
         [
             "usage: rcmservo [--version] COMMAND [options]",
@@ -158,8 +163,8 @@ def overview() -> str:
     )
 
 
-def _no_command(arguments: list[str]) -> str:
-    """Return a sentence about arguments that name no command."""
+def _unknown_command(arguments: list[str]) -> str:
+    """Return the error message for arguments that name no command."""
     from rcmservo.errors import quoted, suggestion
 
     known = ", ".join(COMMANDS)
@@ -169,6 +174,6 @@ def _no_command(arguments: list[str]) -> str:
     return f"the command must be one of {known}, got {quoted(word)}{suggestion(word, COMMANDS)}"
 
 
-def _fail(sentence: str) -> int:
+def _print_error(sentence: str) -> int:
     print(f"rcmservo: {sentence}", file=sys.stderr)
-    return BAD_INPUT
+    return EXIT_BAD_INPUT

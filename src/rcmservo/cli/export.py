@@ -1,8 +1,8 @@
-"""`rcmservo export`: a record as plain tables for other programs, and its frames as a recording.
+"""`rcmservo export`: a record as tables for other programs, and its frames as a recording.
 
-ticks.csv     one row for every tick, units in the header; what is not known is left empty
+ticks.csv     one row per tick, units in the header; unknown values are empty
 record.npz    the same numbers as arrays, bit for bit, with the stages and settings
-recording/    the frames, if the record holds any, as `replay` reads them
+recording/    the frames, if the record holds any, in the format that `replay` reads
 """
 
 import csv
@@ -32,24 +32,27 @@ from rcmservo.recording.tick_schema import (
     TRUTH_COLUMNS,
 )
 
-UNITS = {column.name: column.parts for column in (*INTEGER_COLUMNS, *REAL_COLUMNS, *FLAG_COLUMNS)}
-"""What every column of a tick holds, with its unit."""
+COLUMN_UNITS = {
+    column.name: column.parts for column in (*INTEGER_COLUMNS, *REAL_COLUMNS, *FLAG_COLUMNS)
+}
+"""Titles of the parts of each tick column, with their units."""
 
-BLOCK = 1000
-"""Ticks that are turned into text at a time: a long run's would fill the memory."""
+TICKS_PER_BLOCK = 1000
+"""Ticks that are formatted at a time, so that a long run does not fill the memory."""
 
 
 @dataclass(frozen=True)
 class ExportOptions:
-    """Write a recorded run as CSV and NumPy arrays and, if it holds frames, as a recording that
-    `replay` reads.
+    """Write a recorded run as CSV and NumPy arrays.
+
+    If the record holds frames, they are written as a recording that `replay` reads.
 
     Parameters
     ----------
     record : Path
-        A run's folder, or an .mcap file.
+        Folder of a run, or an .mcap file.
     out : Path or None
-        Folder to write to, new or empty; by default a new one under runs/.
+        New or empty output folder; by default a new one under runs/.
     """
 
     record: Annotated[Path, tyro.conf.Positional]
@@ -57,55 +60,58 @@ class ExportOptions:
 
 
 def export(options: ExportOptions) -> int:
+    """Export a record and return the exit code 0."""
     out = console()
     with new_folder(options.out, "export") as folder:
         written = write(options.record, folder)
-    what = f"{written.ticks} ticks" + (f" and {written.frames} frames" if written.frames else "")
+    counts = f"{written.ticks} ticks" + (f" and {written.frames} frames" if written.frames else "")
     left = (
-        f"; left out, as no tick tells their joints: {written.left_out}" if written.left_out else ""
+        f"; left out, because no tick records their joints: {written.frames_without_joints} frames"
+        if written.frames_without_joints
+        else ""
     )
     missing = f"; {written.missing}" if written.missing else ""
-    out.print(f"{what} written to {folder}{left}{missing}", soft_wrap=True)
+    out.print(f"{counts} written to {folder}{left}{missing}", soft_wrap=True)
     return 0
 
 
 @dataclass(frozen=True)
-class Exported:
-    """What was written.
+class ExportSummary:
+    """Counts of an export.
 
     Parameters
     ----------
     ticks : int
         Rows of ticks.csv.
     frames : int
-        Pictures in recording/.
-    left_out : int
-        Frames of the record that are not among them: no tick tells the joints at their exposures.
+        Images in recording/.
+    frames_without_joints : int
+        Frames that are left out because no tick records the joints at their exposure.
     missing : str
-        What of the record could not be read, in words; empty where nothing is missing.
+        Unreadable parts of the record, in words; empty if there are none.
     """
 
     ticks: int
     frames: int
-    left_out: int
+    frames_without_joints: int
     missing: str
 
 
-def write(path: Path, folder: Path) -> Exported:
-    """Write the record of a run into an empty folder."""
-    rows = reader.read_record(path)
-    _write_csv(rows, folder / "ticks.csv")
+def write(path: Path, folder: Path) -> ExportSummary:
+    """Write the record of a run to an empty folder."""
+    record = reader.read_record(path)
+    _write_csv(record, folder / "ticks.csv")
     with whole(folder / "record.npz") as part, part.open("wb") as file:
-        np.savez_compressed(file, **arrays(rows))
-    frames, left_out = _write_frames(rows, folder / "recording")
-    return Exported(len(rows.time), frames, left_out, rows.missing)
+        np.savez_compressed(file, **arrays(record))
+    frames, left_out = _write_frames(record, folder / "recording")
+    return ExportSummary(len(record.time), frames, left_out, record.missing)
 
 
 def arrays(rows: Record) -> dict[str, Any]:
-    """A record as plain arrays by name: time s, ticks, truth and words (N, …), and the stages (S,
-    …).
+    """Return a record as arrays by name.
 
-    None is of Python's objects, which could only be kept as a pickle.
+    Times (s), ticks, truth and words have N rows, stages S rows. No array holds Python objects,
+    which NumPy could only store as a pickle.
     """
     return {
         "time": rows.time,
@@ -126,37 +132,35 @@ def arrays(rows: Record) -> dict[str, Any]:
 
 
 def _write_csv(rows: Record, path: Path) -> None:
-    titles, columns = _columns(rows)
+    titles, columns = _csv_columns(rows)
     with whole(path) as part, part.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(titles)
-        for i in range(0, len(rows.time), BLOCK):
-            block = (_texts(column[i : i + BLOCK]) for column in columns)
+        for i in range(0, len(rows.time), TICKS_PER_BLOCK):
+            block = (_format_column(column[i : i + TICKS_PER_BLOCK]) for column in columns)
             writer.writerows(zip(*block, strict=True))
 
 
-def _columns(rows: Record) -> tuple[list[str], list[Any]]:
-    """The table's titles, and under each its column (N,)."""
+def _csv_columns(rows: Record) -> tuple[list[str], list[Any]]:
+    """Return the titles of the table and its columns (N,)."""
     titles: list[str] = ["time [s]"]
     columns: list[Any] = [rows.time]
-    tables = [("", rows.ticks, UNITS), ("truth_", rows.truth, TRUTH_COLUMNS)]
+    tables = [("", rows.ticks, COLUMN_UNITS), ("truth_", rows.truth, TRUTH_COLUMNS)]
     for start, table, units in tables if len(rows.truth["p1"]) else tables[:1]:
         for name, column in table.items():
-            for i, unit in enumerate(units.get(name) or _numbered(column)):
+            for i, unit in enumerate(units.get(name) or _numbered_titles(column)):
                 titles.append(f"{start}{name}{' ' if unit.startswith('[') else '_'}{unit}")
                 columns.append(column[:, i])
     return [*titles, *rows.words], [*columns, *rows.words.values()]
 
 
-def _numbered(column: Any) -> tuple[str, ...]:
-    """Titles for numbers whose meaning only a user's own estimator knows."""
+def _numbered_titles(column: Any) -> tuple[str, ...]:
+    """Return titles for values whose meaning only a user-defined estimator knows."""
     return tuple(f"{i + 1} [own]" for i in range(column.shape[1]))
 
 
-def _texts(column: Any) -> Iterable[Any]:
-    """A column's words or numbers as they are written: none that is lost, and nothing where there
-    is no number.
-    """
+def _format_column(column: Any) -> Iterable[Any]:
+    """Return the words or numbers of a column without loss; NaN becomes an empty string."""
     if isinstance(column, list):
         return cast(list[str], column)
     if column.dtype.kind == "f":
@@ -165,10 +169,8 @@ def _texts(column: Any) -> Iterable[Any]:
 
 
 def _write_frames(rows: Record, folder: Path) -> tuple[int, int]:
-    """Write the frames with the joints at their exposures; how many, and how many more no tick
-    tells the joints of.
-    """
-    joints = _joints(rows)
+    """Write the frames with their joints; return the numbers of written and omitted frames."""
+    joints = _joints_by_exposure(rows)
     writer, count, left_out = None, 0, 0
     for exposure, jpeg in reader.iterate_jpegs(rows.path):
         q = joints.get(exposure)
@@ -176,22 +178,24 @@ def _write_frames(rows: Record, folder: Path) -> tuple[int, int]:
             left_out += 1
             continue
         if writer is None:
-            writer = RecordingWriter(folder, _mechanism(rows))
+            writer = RecordingWriter(folder, _read_mechanism(rows))
         writer.write(jpeg, q, exposure)
         count += 1
     return count, left_out
 
 
-def _joints(rows: Record) -> dict[int, Floats]:
-    """The joints (3,) at every exposure that a tick has used."""
+def _joints_by_exposure(rows: Record) -> dict[int, Floats]:
+    """Return the joints (3,) at each exposure that a tick used."""
     exposures, joints = rows.ticks["exposure"][:, 0].tolist(), rows.ticks["q_exposure"]
     return {
         exposure: q for exposure, q in zip(exposures, joints, strict=True) if np.isfinite(q).all()
     }
 
 
-def _mechanism(rows: Record) -> Any:
+def _read_mechanism(rows: Record) -> Any:
     try:
         return rebuild_part(rows.stages[0].servo, "mechanism")
     except (IndexError, BadInput) as error:
-        raise UnusableFile(rows.path, "does not tell the mechanism that its frames need") from error
+        raise UnusableFile(
+            rows.path, "does not record the mechanism, which its frames need"
+        ) from error

@@ -1,6 +1,4 @@
-"""Where a command writes to: a folder that is new or empty, and gone again where nothing came of
-it; a target's file that is new.
-"""
+"""Output folders, which must be new or empty, and files for targets."""
 
 import contextlib
 import os
@@ -11,56 +9,57 @@ from pathlib import Path
 from rcmservo.errors import Stopped, UnusableFile, require
 
 
-def dated(name: str) -> Path:
-    """A folder under runs/ that nobody has used yet."""
+def dated_folder(name: str) -> Path:
+    """Return the path of an unused folder under runs/."""
     return Path("runs") / f"{name}-{datetime.now():%Y%m%d-%H%M%S-%f}"
 
 
 @contextlib.contextmanager
 def new_folder(out: Path | None, name: str) -> Generator[Path]:
-    """The folder to write to: the user's, which must be new or empty, or a fresh one under runs/.
+    """Yield the output folder: the user's, which must be new or empty, or a new one under runs/.
 
-    Where nothing came to be written, all folders that were made for it go again. Ctrl-C and being
-    told to end are passed on with the folder in which something is.
+    Every folder that was created is removed if it stays empty. Otherwise Ctrl-C and a stop request
+    are raised with the path of the folder.
     """
-    folder = out or dated(name)
-    made = [path for path in (folder, *folder.parents) if not path.exists()]
+    folder = out or dated_folder(name)
+    created = [path for path in (folder, *folder.parents) if not path.exists()]
     try:
-        _make_empty(folder)
+        _make_empty_folder(folder)
         yield folder
     except KeyboardInterrupt:
         raise KeyboardInterrupt(*([folder] if any(folder.iterdir()) else [])) from None
     except Stopped as stopped:
         if not any(folder.iterdir()):
             raise
-        raise Stopped(f"{stopped}; what was done until then is in {folder}") from stopped
+        raise Stopped(f"{stopped}; the results so far are in {folder}") from stopped
     finally:
-        for path in made:
+        for path in created:
             if path.is_dir() and not any(path.iterdir()):
                 path.rmdir()
 
 
-def require_new(target: Path | None, save: Path | None) -> None:
-    """Refuse to keep a target that is read from a file, or in a file that is there."""
+def require_new_target_file(target: Path | None, save: Path | None) -> None:
+    """Refuse to save a target that was read from a file, or to overwrite a file."""
     if save is None:
         return
-    right = "left out with --target: no target is shown then"
-    require(target is None, "--save-target", save, right)
+    expected = "left out with --target, where no target is taught"
+    require(target is None, "--save-target", save, expected)
     if save.exists():
-        why = "is there already, and nothing is overwritten: name a new file"
-        raise UnusableFile(save, why)
+        raise UnusableFile(save, "exists and is not overwritten: name a new file")
     if not (save.parent.is_dir() and os.access(save.parent, os.W_OK)):
-        raise UnusableFile(save, f"cannot be written: {save.parent} is no folder that you may use")
+        raise UnusableFile(
+            save, f"cannot be written: {save.parent} is not a folder that you can write to"
+        )
 
 
-def _make_empty(folder: Path) -> None:
-    """Make the folder if it is not there, and refuse one that is in use or cannot be written to."""
+def _make_empty_folder(folder: Path) -> None:
+    """Create the folder if it is absent; refuse one that is not empty or not writable."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        full = any(folder.iterdir())
+        is_full = any(folder.iterdir())
     except OSError as error:
         raise UnusableFile(folder, f"cannot be written to: {error.strerror}") from error
-    if full:
-        raise UnusableFile(folder, "is not empty, and nothing is overwritten: name a new folder")
+    if is_full:
+        raise UnusableFile(folder, "is not empty and is not overwritten: name a new folder")
     if not os.access(folder, os.W_OK):
         raise UnusableFile(folder, "cannot be written to")

@@ -1,4 +1,4 @@
-"""Options of the commands that servo an arm, and what follows from them: laboratory and servo."""
+"""Options of the commands that servo an arm, and the lab and servo that they define."""
 
 from contextlib import nullcontext
 from dataclasses import dataclass
@@ -30,16 +30,16 @@ class LabOptions(ServoOptions):
     Parameters
     ----------
     seed : int
-        Draws camera, start, target and noise.
+        Seed of camera, start, target and noise.
     estimator : EstimatorName
-        The estimator of the Jacobian: one of those below, or your own.
+        Estimator of the Jacobian: one of those below, or your own.
     rig : Path or None
-        TOML file with your own mechanism, tool, markers, camera and scene; live and serve take your
-        own devices too.
+        TOML file with your own mechanism, tool, markers, camera and scene, and with devices for
+        live and serve.
     teaching_frames : int
-        Frames that a target is the mean of: 300 are 5 s at 60 frames/s.
+        Number of frames over which a taught target is averaged: 300 are 5 s at 60 frames/s.
     out : Path or None
-        Folder to write to, new or empty; by default a new one under runs/.
+        New or empty output folder; by default a new one under runs/.
     """
 
     seed: Annotated[int, SEED] = 0
@@ -54,17 +54,17 @@ class LabOptions(ServoOptions):
 
     @cached_property
     def lab(self) -> Lab:
-        """The laboratory of the rig file."""
+        """Lab of the rig file."""
         return Lab() if self.rig is None else lab_of(self.rig, self._rig_bytes)
 
     @property
     def digest(self) -> str:
-        """What the bytes of the rig file are known by."""
+        """Digest that identifies the bytes of the rig file."""
         return digest_of(self._rig_bytes)
 
     @cached_property
     def rig_settings(self) -> "RigSettings":
-        """The simulated laboratory of the rig file."""
+        """Simulated lab of the rig file."""
         from rcmservo.sim.rig_file import read_rig_settings
 
         with told_with(self.rig) if self.rig else nullcontext():
@@ -72,15 +72,15 @@ class LabOptions(ServoOptions):
 
     @cached_property
     def servo(self) -> Servo:
-        """The servo of these options."""
+        """Servo of these options."""
         return self.servo_of(self.estimator, self.lab)
 
     def has_devices(self) -> bool:
-        """Return whether the rig file names an arm; a seed is refused then."""
+        """Return True if the rig file has an arm. A seed is then refused."""
         if "arm" not in self.lab.devices:
             return False
-        right = f"left out: nothing is simulated of {self.rig}"
-        require(self.seed == 0, "--seed", self.seed, right)
+        expected = f"left out: {self.rig} has an arm, so nothing is simulated"
+        require(self.seed == 0, "--seed", self.seed, expected)
         return True
 
 
@@ -93,9 +93,9 @@ class RunToTargetOptions(LabOptions):
     duration : float
         Length of the run, s.
     target : Path or None
-        File with the target, as --save-target wrote it; by default the target is shown first.
+        File with the target, as --save-target writes it; by default the target is taught first.
     save_target : Path or None
-        New file to keep the target in that was shown.
+        New file in which the taught target is saved.
     json : bool
         Print one JSON object and nothing else.
     """
@@ -108,21 +108,19 @@ class RunToTargetOptions(LabOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class RunOptions(RunToTargetOptions):
-    """Servo a simulated arm to a target that it was shown once, with a camera that nobody has
-    calibrated.
+    """Servo a simulated arm to a taught target with an uncalibrated camera.
 
     Parameters
     ----------
     video : bool
         Write the overlay video.
     frames : bool
-        Keep all frames in the record, for `export`.
+        Store all frames in the record for `export`.
     disturb : tyro.conf.UseAppendAction[tuple[str, ...]]
-        What goes wrong, as kind:at=5,for=0.5,key=value; may be given several times. --disturb help
-        lists all kinds.
+        Disturbance, as kind:at=5,for=0.5,key=value; repeatable. --disturb help lists all kinds.
     resumes : int
-        How often a scripted person resumes after a pause, or shows the target again where that is
-        needed.
+        Number of times that a scripted operator resumes after a pause, or teaches the target
+        again if needed.
     """
 
     video: bool = True
@@ -132,7 +130,7 @@ class RunOptions(RunToTargetOptions):
 
     @cached_property
     def disturbances(self) -> "tuple[Disturbance, ...]":
-        """What goes wrong, read from `disturb`."""
+        """Disturbances that `disturb` describes."""
         from rcmservo.sim import Disturbance
 
         return tuple(map(Disturbance.parse, self.disturb))

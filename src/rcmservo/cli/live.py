@@ -1,19 +1,17 @@
-"""`rcmservo live`: a run in wall time, the arm, its camera and the servo in processes of their own;
-of a laboratory's devices where the rig file names an arm.
-"""
+"""`rcmservo live`: a run in wall time on a simulated lab, or on the devices of a rig file."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from rich.console import Console
 
-from rcmservo.cli.folders import new_folder, require_new
+from rcmservo.cli.folders import new_folder, require_new_target_file
 from rcmservo.cli.lab.live_on_hardware import live_on_hardware, require_devices
 from rcmservo.cli.lab.live_progress import LiveProgress
 from rcmservo.cli.lab_options import RunToTargetOptions
 from rcmservo.cli.progress.preparing import compiling
-from rcmservo.cli.result_output import record_in, report, save_result
-from rcmservo.cli.terminal import console, live_line
+from rcmservo.cli.result_output import print_result, read_record_if_any, save_result
+from rcmservo.cli.terminal import console, status_line
 from rcmservo.errors import needing, require
 from rcmservo.live.supervisor import run_live
 from rcmservo.loop.run_result import RunResult, known
@@ -22,45 +20,47 @@ from rcmservo.recording.reader import RECORD
 
 @dataclass(frozen=True, kw_only=True)
 class LiveOptions(RunToTargetOptions):
-    """Servo in wall time, at 100 Hz: the arm, its camera and the servo in processes of their own,
-    and one that watches. Simulated, unless the rig file names an arm: then a person at the terminal
-    is asked at each step, and nothing moves before.
+    """Servo in wall time at 100 Hz.
+
+    The arm, its camera and the servo run in separate processes, and a supervisor watches the servo.
+    The lab is simulated unless the rig file has an arm. Then the operator at the terminal confirms
+    each step, and nothing moves before.
     """
 
 
 def live(options: LiveOptions) -> int:
-    """Run, write the folder, print the result; the exit code is 0 where it settled."""
+    """Run, write the folder and print the result; return 0 if the run settled."""
     out = console(stderr=options.json)
     if options.has_devices():
-        require_new(options.target, options.save_target)
+        require_new_target_file(options.target, options.save_target)
         require_devices(options.lab, options.rig, options.digest)
-        _ = options.servo  # is refused here, before anything is written
+        _ = options.servo  # invalid settings are refused before anything is written
         with new_folder(options.out, "live-hardware") as folder:
             result = live_on_hardware(options, folder, out)
-        return report(out, result, options.json)
+        return print_result(out, result, options.json)
     for name, path in (("--target", options.target), ("--save-target", options.save_target)):
-        right = "left out where no [arm] is given: a simulated arm is shown its target"
-        require(path is None, name, path, right)
+        expected = "left out without [arm] in the rig file: a simulated run teaches its own target"
+        require(path is None, name, path, expected)
     with needing("live", "sim"), new_folder(options.out, f"live-seed{options.seed}") as folder:
         words = f"simulated arm and camera, seed {options.seed}; preparing …"
         out.print(words, style="dim", soft_wrap=True)
-        result = _run(options, folder, out)
-    return report(out, result, options.json)
+        result = _run_simulated(options, folder, out)
+    return print_result(out, result, options.json)
 
 
-def _run(options: LiveOptions, folder: Path, out: Console) -> RunResult:
-    """Run on the simulated bench, and keep the result."""
+def _run_simulated(options: LiveOptions, folder: Path, out: Console) -> RunResult:
+    """Run on the simulated lab and save the result."""
     from rcmservo.cli.simulated_run.about import about
     from rcmservo.sim.processes.lab_processes import SimulatedLab
 
-    settings, servo, seconds = options.rig_settings, options.servo, options.duration
-    with live_line(out) as line, SimulatedLab(options.seed, settings) as bench:
-        with compiling(line):  # here, so that the servo's process finds it done
+    settings, servo, duration = options.rig_settings, options.servo, options.duration
+    with status_line(out) as line, SimulatedLab(options.seed, settings) as lab:
+        with compiling(line):  # here, so that the servo process finds the compiled kernels
             servo.warm_up()
-        record, words = folder / RECORD, about(options, seconds)
+        record, description = folder / RECORD, about(options, duration)
         markers, frames = options.lab.markers, options.teaching_frames
-        session = bench.session(servo, markers, seconds, record, words, frames)
-        result = run_live(session, bench.switch_off, LiveProgress(line, seconds))
-        error = known(bench.true_error())
+        session = lab.session(servo, markers, duration, record, description, frames)
+        result = run_live(session, lab.switch_off, LiveProgress(line, duration))
+        error = known(lab.true_error())
     result = replace(result, seed=options.seed, estimator=options.estimator, pose_error_mm=error)
-    return save_result(result, record_in(folder), folder)
+    return save_result(result, read_record_if_any(folder), folder)

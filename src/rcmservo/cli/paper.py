@@ -1,4 +1,4 @@
-"""`rcmservo paper`: every experiment of the paper, and one report that judges its claims."""
+"""`rcmservo paper`: all experiments of the paper, and one report that judges its claims."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 from rich.table import Table
 
-from rcmservo.cli.folders import dated
-from rcmservo.cli.progress.progress import going_on, progress
+from rcmservo.cli.folders import dated_folder
+from rcmservo.cli.progress.progress import progress, resume_hint
 from rcmservo.cli.servo_options import EstimatorOptions, OptionalEstimator
 from rcmservo.cli.terminal import console
 from rcmservo.config.rig_file import Lab
@@ -19,33 +19,32 @@ if TYPE_CHECKING:
     from rcmservo.paper.claims import ClaimRow
     from rcmservo.paper.lab.methods import Own
 
-UNMEASURED = 1
-"""Exit code of a report that leaves out what could not be measured."""
+EXIT_INCOMPLETE = 1
+"""Exit code if the report leaves out an experiment that could not be measured."""
 
-QUICK = (
-    "this was the quick set: one or two runs of a thing (n = 1 or 2) are a first look and no "
-    "verdict; the numbers are its own, not those of the whole set"
+QUICK_REMARK = (
+    "this is the quick set: one or two runs per case (n = 1 or 2) give a first impression and no "
+    "verdict; the numbers differ from those of the full set"
 )
 VERDICTS = ("holds", "holds with a remark", "does not hold")
 
 
 @dataclass(frozen=True)
 class PaperOptions(EstimatorOptions):
-    """Run every experiment of the paper in simulation, and write one report that judges its
-    claims.
+    """Run all experiments of the paper in simulation and write one report that judges its claims.
 
     Parameters
     ----------
     out : Path or None
-        Folder to write to: new or empty, or that of an earlier run, which then goes on where it
-        stopped. By default a new one under runs/.
+        Output folder: new or empty, or that of an earlier run, which then resumes. By default a
+        new one under runs/.
     quick : bool
-        A reduced set: few seeds, a camera that delivers points, one run on rendered frames. One or
-        two runs of a thing give numbers, but no verdict.
+        Reduced set: few seeds, a camera that delivers points, one run on rendered frames. One
+        or two runs per case give numbers but no verdict.
     only : str or None
-        One experiment by its name.
+        Name of the one experiment to run.
     estimator : OptionalEstimator
-        A user's own estimator, as module:class, to stand beside the others in `baselines`.
+        Your own estimator, as module:class, to compare with the others in `baselines`.
     """
 
     out: Path | None = None
@@ -55,47 +54,47 @@ class PaperOptions(EstimatorOptions):
 
 
 def paper(options: PaperOptions) -> int:
-    """Run what is not done yet, and write the report; the exit code is 0 where nothing is missing
-    in it.
-    """
+    """Run the remaining experiments and write the report; return 0 if the report is complete."""
     with needing("paper", "sim"):
         from rcmservo.paper import run, store
 
-        experiments = run.chosen(options.only, _own(options))
+        experiments = run.chosen(options.only, _user_method(options))
     out = console()
-    folder = options.out or dated("paper")
-    tasks = [task for one in experiments.values() for task in one.plan(options.quick)]
+    folder = options.out or dated_folder("paper")
+    tasks = [task for experiment in experiments.values() for task in experiment.plan(options.quick)]
     store.prepare(folder, options.quick)
-    words = f"{len(tasks)} simulated pieces of work on all cores, into {folder}"
+    words = f"{len(tasks)} simulated tasks on all cores, into {folder}"
     out.print(words, style="dim", soft_wrap=True)
     total = sum(task.cost for task in tasks)
-    with going_on(folder, out), progress(out, "simulating", total) as advance:
+    with resume_hint(folder, out), progress(out, "simulating", total) as advance:
         written = run.run(folder, options.quick, experiments, lambda task: advance(task.cost))
     rows = written.rows
-    out.print(_claims(rows) if options.only is not None else _counts(rows))
+    out.print(_claim_table(rows) if options.only is not None else _verdict_table(rows))
     if options.quick:
-        out.print(QUICK, soft_wrap=True)
+        out.print(QUICK_REMARK, soft_wrap=True)
     for name, why in written.left_out.items():
         out.print(f"{name} is left out: {why}", soft_wrap=True)
     out.print(f"report in {written.page}", soft_wrap=True)
-    return UNMEASURED if written.left_out else 0
+    return EXIT_INCOMPLETE if written.left_out else 0
 
 
-def _own(options: PaperOptions) -> "Own | None":
-    """The user's own estimator that the options name, as one of the methods; tried first."""
+def _user_method(options: PaperOptions) -> "Own | None":
+    """Return the user-defined estimator that the options name as a method, after a trial."""
     from rcmservo.paper.lab.methods import Own
 
     name = options.estimator
     if name is None:
         return None
-    require(name in options.own_estimators, "--estimator", name, "a user's own, as module:class")
-    estimator = options.own_estimators[name]
+    require(
+        name in options.user_estimators, "--estimator", name, "your own estimator, as module:class"
+    )
+    estimator = options.user_estimators[name]
     examine(estimator, Lab().tool)
     return Own(name, name.rpartition(":")[2], estimator, source=source(estimator))
 
 
-def _claims(rows: "list[ClaimRow]") -> Table:
-    """Every claim of one experiment; without a verdict where there are one or two trials."""
+def _claim_table(rows: "list[ClaimRow]") -> Table:
+    """Return the claims of one experiment; one or two trials give no verdict."""
     table = Table("claim", "where", "measured", "verdict")
     for row in rows:
         claim = ": ".join(filter(None, (row.claim, *row.case)))
@@ -105,8 +104,8 @@ def _claims(rows: "list[ClaimRow]") -> Table:
     return table
 
 
-def _counts(rows: "list[ClaimRow]") -> Table:
-    """How many claims of each experiment hold."""
+def _verdict_table(rows: "list[ClaimRow]") -> Table:
+    """Return the number of claims with each verdict, by experiment."""
     table = Table("experiment", *VERDICTS, "no verdict")
     for name in dict.fromkeys(row.experiment for row in rows):
         found = [row.verdict for row in rows if row.experiment == name]

@@ -1,4 +1,4 @@
-"""The command line as settings; what is wrong with it as one sentence."""
+"""Options from a command line, and error messages of one sentence."""
 
 import re
 import sys
@@ -9,46 +9,65 @@ import tyro
 from tyro import _errors as tyro_errors
 from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec, PrimitiveTypeInfo
 
-from rcmservo.cli.command_line.help_text import ALL, HELP
+from rcmservo.cli.command_line.help_text import HELP_ALL_OPTION, HELP_OPTIONS
 from rcmservo.cli.command_line.options import METAVARS, options_of, without_none
-from rcmservo.cli.command_line.suggestions import near_options
+from rcmservo.cli.command_line.suggestions import suggest_options
 from rcmservo.errors import BadInput, RcmServoError, quoted, suggestion
 
 
-class Unparsed(RcmServoError):
-    """A command line that does not say what to do."""
+class InvalidCommandLine(RcmServoError):
+    """Report arguments that cannot be read."""
 
 
-SETTING = re.compile(r"--[\w-]+\.")
-"""An option of a group, which only the long help explains."""
+SETTING_OPTION = re.compile(r"--[\w-]+\.")
+"""Option of a group, which only the long help explains."""
 
-NUMBERS: dict[type[Any], str] = {int: "a whole number", float: "a number"}
-"""Words for the kinds of numbers in messages."""
-
-
-OURS = "must be"
-"""How a message begins that is ours, not tyro's."""
+NUMBER_DESCRIPTIONS: dict[type[Any], str] = {int: "a whole number", float: "a number"}
+"""Types of numbers in words, for messages."""
 
 
-def parse(command: str, kind: type[Any], arguments: list[str], usual: Any = None) -> Any:
-    """Return the options that the arguments after the command's name give; `usual` holds those
-    that are not given. :class:`Unparsed` names what cannot be read.
+REQUIREMENT_START = "must be"
+"""Start of a message that was written here and not by tyro."""
+
+
+def parse(command: str, kind: type[Any], arguments: list[str], defaults: Any = None) -> Any:
+    """Return the options that the arguments after the command's name give.
+
+    Parameters
+    ----------
+    command : str
+        Name of the command, for messages.
+    kind : type
+        Dataclass of its options.
+    arguments : list of str
+        Arguments after the command's name.
+    defaults : Any
+        Options that hold the values which the arguments leave out; by default those of the
+        class.
+
+    Raises
+    ------
+    InvalidCommandLine
+        If an argument is unknown, missing or invalid.
     """
-    default: Any = {} if usual is None else {"default": usual}
+    default: Any = {} if defaults is None else {"default": defaults}
 
     def refuse(event: tyro_errors.ParseErrorEvent) -> None:
-        sentence = _sentence(event, command, kind, arguments)
-        more = ALL if SETTING.search(sentence) else HELP[1]
-        raise Unparsed(f"{sentence}; see rcmservo {command} {more}")
+        sentence = _describe_error(event, command, kind, arguments)
+        more = HELP_ALL_OPTION if SETTING_OPTION.search(sentence) else HELP_OPTIONS[1]
+        raise InvalidCommandLine(f"{sentence}; see rcmservo {command} {more}")
 
-    # tyro hands what is wrong to this hook only; its printed text is meant for eyes
+    # only this hook receives tyro's errors as objects; otherwise tyro prints them
     with tyro_errors.on_parse_error(refuse):
-        return tyro.cli(kind, prog="rcmservo", args=arguments, registry=_values(), **default)
+        return tyro.cli(
+            kind, prog="rcmservo", args=arguments, registry=_value_registry(), **default
+        )
 
 
-def _values() -> ConstructorRegistry:
-    """Return the reading of single values, which may be left out (`int | None`): as tyro reads
-    them, but with our names and sentences, and no word stands for None.
+def _value_registry() -> ConstructorRegistry:
+    """Return the conversion of single values, which may be optional (`int | None`).
+
+    It differs from tyro's in its names and messages, and no word stands for None.
     """
     registry = ConstructorRegistry()
 
@@ -60,7 +79,7 @@ def _values() -> ConstructorRegistry:
         return PrimitiveConstructorSpec(
             nargs=1,
             metavar=METAVARS[kind],
-            instance_from_str=lambda words: _read(kind, words[0]),
+            instance_from_str=lambda words: _convert(kind, words[0]),
             is_instance=lambda value: value is None or isinstance(value, kind),
             str_from_instance=lambda value: [str(value)],
         )
@@ -68,63 +87,64 @@ def _values() -> ConstructorRegistry:
     return registry
 
 
-def _read(kind: type[Any], word: str) -> Any:
+def _convert(kind: type[Any], word: str) -> Any:
     try:
         return kind(word)
     except ValueError:
-        raise ValueError(f"{OURS} {NUMBERS[kind]}, got {quoted(word)}") from None
+        raise ValueError(
+            f"{REQUIREMENT_START} {NUMBER_DESCRIPTIONS[kind]}, got {quoted(word)}"
+        ) from None
 
 
-def _sentence(
-    event: tyro_errors.ParseErrorEvent, command: str, kind: type[Any], words: list[str]
+def _describe_error(
+    event: tyro_errors.ParseErrorEvent, command: str, kind: type[Any], arguments: list[str]
 ) -> str:
-    """What is wrong with the words of a command line, without where to read more."""
+    """Return the message for an error, without the hint to the help."""
     match event:
         case tyro_errors.UnrecognizedArgs():
             word = event.tokens[0]
             if not word.startswith("-"):
-                return f"{quoted(word)} is more than {command} takes"
-            names = [one.name for one in options_of(kind) if not one.is_positional]
-            return f"{command} has no option {word}{near_options(word, names)}"
+                return f"{quoted(word)} is one argument too many for {command}"
+            names = [option.name for option in options_of(kind) if not option.is_positional]
+            return f"{command} has no option {word}{suggest_options(word, names)}"
         case tyro_errors.MissingArgs():
             missing = event.missing_arguments[0].arg
             helptext: Any = missing.field.helptext
             meaning = " ".join(helptext().split())
             return f"{missing.lowered.metavar} must be given: {meaning}".rstrip(".")
         case tyro_errors.InvalidChoice():
-            right = f"one of {', '.join(event.choices)}"
+            expected = f"one of {', '.join(event.choices)}"
             near = suggestion(event.value, event.choices)
-            return f"{_name(event.argument)} must be {right}, got {quoted(event.value)}{near}"
+            name = _argument_name(event.argument)
+            return f"{name} must be {expected}, got {quoted(event.value)}{near}"
         case tyro_errors.BadValue() | tyro_errors.InstantiationFailure():
-            return _refused(event, kind, words)
+            return _describe_refusal(event, kind, arguments)
         case _:
-            return "these arguments do not go together"
+            return "these arguments cannot be combined"
 
 
-def _refused(event: Any, kind: type[Any], words: list[str]) -> str:
-    """Values that are too few, of another kind, or of no use; the settings and our numbers say
-    why.
-    """
+def _describe_refusal(event: Any, kind: type[Any], arguments: list[str]) -> str:
+    """Return the message for values that are too few, of another type, or refused by a setting."""
     message = " ".join(getattr(event, "message", "").split())
     if event.argument is None:
-        return _as_typed(sys.exception(), kind) or message
-    name = _name(event.argument)
-    if message.startswith(OURS):
+        return _describe_setting_error(sys.exception(), kind) or message
+    name = _argument_name(event.argument)
+    if message.startswith(REQUIREMENT_START):
         return f"{name} {message}"
-    after = words[words.index(name) + 1 :] if name in words else []
-    given = " ".join(takewhile(lambda word: not word.startswith("--"), after))
+    following = arguments[arguments.index(name) + 1 :] if name in arguments else []
+    given = " ".join(takewhile(lambda word: not word.startswith("--"), following))
     metavar = str(event.argument.lowered.metavar)
-    numbers = {METAVARS[number]: words for number, words in NUMBERS.items()}
-    right = numbers.get(metavar, f"given {metavar}")
-    return f"{name} must be {right}, got {quoted(given)}"
+    numbers = {METAVARS[number]: arguments for number, arguments in NUMBER_DESCRIPTIONS.items()}
+    expected = numbers.get(metavar, f"given {metavar}")
+    return f"{name} must be {expected}, got {quoted(given)}"
 
 
-def _as_typed(failure: BaseException | None, kind: type[Any]) -> str:
-    """Return what a settings class refused, with the option's name as typed; empty if unknown.
+def _describe_setting_error(failure: BaseException | None, kind: type[Any]) -> str:
+    """Return the message of a settings class with the option's name as typed; empty if unknown.
 
     The class names the field as records and files do: `estimator.gamma` is --flow.gamma or
-    --projection.gamma here. Tyro's error names the group, and has that of the class as context;
-    what the options themselves refuse comes as it is.
+    --projection.gamma on the command line. Tyro's error names the group and has that of the class
+    as context. An error that the options themselves raise has no such context.
     """
     cause = failure.__context__ if failure and not isinstance(failure, BadInput) else failure
     if not isinstance(cause, BadInput):
@@ -135,7 +155,7 @@ def _as_typed(failure: BaseException | None, kind: type[Any]) -> str:
     return str(BadInput(name, cause.value, cause.right)) if name else ""
 
 
-def _name(argument: Any) -> str:
-    """What an option or argument is called on the command line."""
+def _argument_name(argument: Any) -> str:
+    """Return the name of an option or argument on the command line."""
     names = argument.lowered.name_or_flags
     return str(argument.lowered.metavar if argument.is_positional() else names[0])

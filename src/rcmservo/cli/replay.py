@@ -1,4 +1,4 @@
-"""`rcmservo replay`: score a recording, or compute the decisions of a recorded run again."""
+"""`rcmservo replay`: score a recording, or recompute the decisions of a recorded run."""
 
 import json
 from contextlib import nullcontext
@@ -13,8 +13,8 @@ from rich.progress import BarColumn, Progress, TextColumn
 from rich.table import Table
 
 from rcmservo.cli.folders import new_folder
-from rcmservo.cli.score_report import centres, numbers, show_score
-from rcmservo.cli.servo_options import GROUPS, OptionalEstimator, ServoOptions
+from rcmservo.cli.score_report import centres_csv, print_score, score_as_json
+from rcmservo.cli.servo_options import OPTION_GROUPS, OptionalEstimator, ServoOptions
 from rcmservo.cli.terminal import console
 from rcmservo.config.atomic_files import write_whole
 from rcmservo.config.registry import ESTIMATORS, name_of
@@ -30,29 +30,29 @@ from rcmservo.servo.servo import Servo
 from rcmservo.servo.user_estimator import examine, strict
 from rcmservo.tracking import ColourMarkers
 
-OTHERWISE = 1
-"""Exit code of a replay in which a decision came out otherwise."""
+EXIT_DECISIONS_DIFFER = 1
+"""Exit code of a replay in which a decision differs from the recorded one."""
 
 
 @dataclass(frozen=True)
 class ReplayOptions(ServoOptions):
-    """Put recorded frames and joints through tracking, features, imaged RCM and the estimators, and
-    score them.
+    """Score recorded frames and joints with tracking, features, imaged RCM and the estimators.
 
-    Of a recorded run, compute every decision again instead, with its own settings but for those
-    given here: are they the same, bit for bit, and if not, where do they differ?
+    For a recorded run, replay recomputes every decision instead, with the recorded settings except
+    for those given here. It reports whether the decisions are equal bit for bit, and if not, where
+    they differ.
 
     Parameters
     ----------
     path : Path
         Folder with frames/ and poses.csv, or a run's folder or .mcap file.
     estimator : OptionalEstimator
-        Of a run: another estimator than the recorded one. Of a recording all are scored.
+        For a run: an estimator in place of the recorded one. For a recording all are scored.
     rig : Path or None
         TOML file that describes the recorded arm: mechanism, tool and markers. By default the
         built-in one.
     out : Path or None
-        Folder to write replay.json and centres.csv to, new or empty; by default nothing is written.
+        New or empty folder for replay.json and centres.csv; by default nothing is written.
     json : bool
         Print one JSON object on stdout and nothing else.
     """
@@ -64,86 +64,92 @@ class ReplayOptions(ServoOptions):
     json: bool = False
 
 
-def recorded(asked: ReplayOptions, then: Record) -> ReplayOptions:
-    """The settings that a run was recorded with, as a command that asks for them.
+def recorded_options(options: ReplayOptions, record: Record) -> ReplayOptions:
+    """Return the recorded settings of a run as options of this command.
 
-    The recorded estimator takes the place of its class's settings, but not the printed one where
-    the command names `projection`: that would be itself under another name.
+    The recorded estimator replaces the settings of its class. The printed estimator does not where
+    the command names `projection`, because the two names would then mean the same estimator.
     """
-    if not then.stages:
-        raise UnusableFile(asked.path, "does not tell the servo of its ticks")
-    servo = rebuild_servo(then, then.stages[0], own_kinds(asked))
+    if not record.stages:
+        raise UnusableFile(options.path, "does not record the servo of its ticks")
+    servo = rebuild_servo(record, record.stages[0], user_estimator_classes(options))
     name = name_of(servo.estimator, ESTIMATORS)
-    groups: dict[str, Any] = {part: getattr(servo, part) for part in METHOD_PARTS if part in GROUPS}
-    other = asked.estimator == "projection" and servo.estimator == PRINTED
-    if not other:
-        groups[asked.OWN.get(name, name)] = servo.estimator
-    own = asked.estimator if asked.estimator == name and not other else None
-    return type(asked)(asked.path, estimator=own, **groups)
+    groups: dict[str, Any] = {
+        part: getattr(servo, part) for part in METHOD_PARTS if part in OPTION_GROUPS
+    }
+    is_printed_variant = options.estimator == "projection" and servo.estimator == PRINTED
+    if not is_printed_variant:
+        groups[options.USER_GROUPS.get(name, name)] = servo.estimator
+    user_defined = (
+        options.estimator if options.estimator == name and not is_printed_variant else None
+    )
+    return type(options)(options.path, estimator=user_defined, **groups)
 
 
-def own_kinds(options: ReplayOptions) -> dict[str, type[Estimator]]:
-    """The classes of the user's own estimators that the command line names."""
-    return {name: type(estimator) for name, estimator in options.own_estimators.items()}
+def user_estimator_classes(options: ReplayOptions) -> dict[str, type[Estimator]]:
+    """Return the classes of the user-defined estimators that the command line names."""
+    return {name: type(estimator) for name, estimator in options.user_estimators.items()}
 
 
-def recompute_run(options: ReplayOptions, usual: ReplayOptions, then: Record) -> int:
-    """The decisions of a recorded run once more; the exit code is 1 where they are others."""
-    right = "left out for a run: its record tells the rig"
-    require(options.rig is None, "--rig", options.rig, right)
-    require(options.out is None, "--out", options.out, "left out for a run: nothing is written")
-    as_recorded = options == replace(usual, json=options.json)
-    other = None if as_recorded else _other(options, then)
-    again = replay_record(then, other, own_kinds(options))
+def recompute_run(options: ReplayOptions, recorded: ReplayOptions, record: Record) -> int:
+    """Recompute the decisions of a recorded run; return 1 if any of them differs."""
+    expected = "left out for a run, whose record describes the rig"
+    require(options.rig is None, "--rig", options.rig, expected)
+    require(options.out is None, "--out", options.out, "left out for a run, which writes nothing")
+    as_recorded = options == replace(recorded, json=options.json)
+    changed = None if as_recorded else _changed_servo(options, record)
+    result = replay_record(record, changed, user_estimator_classes(options))
     if options.json:
-        print(json.dumps(again.numbers))
+        print(json.dumps(result.numbers))
     else:
-        print("; ".join(filter(None, (again.sentence, then.missing))))
-        if again.open_loop and not again.same:
-            _show_differences(console(), again)
-    return 0 if again.same else OTHERWISE
+        print("; ".join(filter(None, (result.sentence, record.missing))))
+        if result.open_loop and not result.same:
+            _print_differences(console(), result)
+    return 0 if result.same else EXIT_DECISIONS_DIFFER
 
 
-def _other(options: ReplayOptions, then: Record) -> Servo:
-    """The recorded servo with the settings that the command asks for."""
-    servo = rebuild_servo(then, then.stages[0], own_kinds(options))
+def _changed_servo(options: ReplayOptions, record: Record) -> Servo:
+    """Return the recorded servo with the settings of the command line."""
+    servo = rebuild_servo(record, record.stages[0], user_estimator_classes(options))
     parts = options.parts(options.estimator or name_of(servo.estimator, ESTIMATORS))
     return replace(servo, **parts)
 
 
-def _show_differences(console: Console, again: ReplayResult) -> None:
-    """What the other settings would have made of what was seen."""
-    then, now = again.recorded, again.recomputed
+def _print_differences(console: Console, result: ReplayResult) -> None:
+    """Print how the commanded speeds and phases change with the other settings."""
+    recorded, recomputed = result.recorded, result.recomputed
     table = Table("", "as recorded", "with these settings")
-    speeds = [np.median(np.linalg.norm(rows.ticks["v"], axis=1)) for rows in (then, now)]
-    table.add_row("wanted speed of marker 1, median", *(f"{speed:.2f} mm/s" for speed in speeds))
-    for name in dict.fromkeys((*then.phase, *now.phase)):
-        counts = [rows.phase.count(name) for rows in (then, now)]
+    speeds = [np.median(np.linalg.norm(rows.ticks["v"], axis=1)) for rows in (recorded, recomputed)]
+    table.add_row("median commanded speed of marker 1", *(f"{speed:.2f} mm/s" for speed in speeds))
+    for name in dict.fromkeys((*recorded.phase, *recomputed.phase)):
+        counts = [rows.phase.count(name) for rows in (recorded, recomputed)]
         table.add_row(f"ticks in {name}", *map(str, counts))
-    apart = np.linalg.norm(then.ticks["v"] - now.ticks["v"], axis=1)
-    table.add_row("the wanted velocities differ by, median", "", f"{np.median(apart):.2f} mm/s")
+    difference = np.linalg.norm(recorded.ticks["v"] - recomputed.ticks["v"], axis=1)
+    table.add_row(
+        "median difference of the commanded velocities", "", f"{np.median(difference):.2f} mm/s"
+    )
     console.print(table)
 
 
 def replay(options: ReplayOptions) -> int:
-    """Score a recording."""
+    """Score a recording and return the exit code 0."""
     if not options.path.exists():
         raise UnusableFile(options.path, "does not exist")
     out = console(stderr=options.json)
     with nullcontext() if options.out is None else new_folder(options.out, "replay") as folder:
-        scored = _scored(options, out)
+        scored = _score(options, out)
         if options.json:
-            print(json.dumps(numbers(scored)))
+            print(json.dumps(score_as_json(scored)))
         else:
-            show_score(out, scored)
+            print_score(out, scored)
         if folder is not None:
-            write_whole(folder / "replay.json", json.dumps(numbers(scored), indent=2) + "\n")
-            write_whole(folder / "centres.csv", centres(scored))
+            write_whole(folder / "replay.json", json.dumps(score_as_json(scored), indent=2) + "\n")
+            write_whole(folder / "centres.csv", centres_csv(scored))
     return 0
 
 
-def _scored(options: ReplayOptions, out: Console) -> scoring.RecordingScore:
-    """The score of a recording, with a bar while its frames are tracked."""
+def _score(options: ReplayOptions, out: Console) -> scoring.RecordingScore:
+    """Return the score of a recording; show a progress bar while its frames are tracked."""
     lab = load_lab(options.rig)
     estimators = _estimators(options, lab.tool)
     bar = Progress(
@@ -166,14 +172,19 @@ def _scored(options: ReplayOptions, out: Console) -> scoring.RecordingScore:
 
 
 def _estimators(options: ReplayOptions, tool: Tool) -> dict[str, Estimator]:
-    """The estimators to score: all of ours, and the user's own that the command names."""
-    own = options.estimator
-    right = "left out for a recording, where all of ours are scored, or module:class"
-    require(own is None or own in options.own_estimators, "--estimator", own, right)
-    ours = {
-        name: one for name, one in options.estimators.items() if name not in options.own_estimators
+    """Return the estimators to score: the built-in ones and the one that the options name."""
+    user_defined = options.estimator
+    expected = "left out for a recording, where all built-in ones are scored, or module:class"
+    require(
+        user_defined is None or user_defined in options.user_estimators,
+        "--estimator",
+        user_defined,
+        expected,
+    )
+    built_in = {
+        name: one for name, one in options.estimators.items() if name not in options.user_estimators
     }
-    if own is None:
-        return ours
-    examine(options.own_estimators[own], tool)
-    return {**ours, own: strict(options.own_estimators[own])}
+    if user_defined is None:
+        return built_in
+    examine(options.user_estimators[user_defined], tool)
+    return {**built_in, user_defined: strict(options.user_estimators[user_defined])}

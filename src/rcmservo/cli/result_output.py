@@ -1,4 +1,4 @@
-"""Output of a run's result, whatever made the run: figures, metrics.json and the table."""
+"""Output of a run's result: figures, metrics.json and the printed table."""
 
 import json
 from collections.abc import Callable
@@ -18,22 +18,22 @@ from rcmservo.recording import reader
 from rcmservo.recording.reader import Record
 from rcmservo.recording.summary_text import result_rows, title_of
 
-METRICS = "metrics.json"
-"""Name of the result's file in the folder of a run."""
+METRICS_FILE = "metrics.json"
+"""File of the result in the folder of a run."""
 
-UNSETTLED = 1
+EXIT_NOT_SETTLED = 1
 """Exit code of a run that did not settle."""
 
 
-def record_in(folder: Path) -> Record | None:
-    """Return the record of a run; None where it holds nothing."""
+def read_record_if_any(folder: Path) -> Record | None:
+    """Return the record of a run, or None if it holds nothing."""
     with suppress(UnusableFile):
         return reader.read_record(folder)
     return None
 
 
 def draw_figures(record: Record, folder: Path) -> None:
-    """Draw the figures of a run's record, if it holds anything to draw."""
+    """Draw the figures of a run's record, if it holds data for them."""
     if np.isfinite(record.ticks["delta"]).any():
         charts.save_figure(plots.plot_errors(record), folder / "errors.png")
         charts.save_figure(plots.plot_estimate(record), folder / "estimate.png")
@@ -42,17 +42,21 @@ def draw_figures(record: Record, folder: Path) -> None:
 def save_result(result: RunResult, record: Record | None, folder: Path) -> RunResult:
     """Write the figures and metrics.json.
 
-    What cannot be written is named in the result that is returned, which is not lost with it.
+    Returns
+    -------
+    RunResult
+        Result with the folder. A file that could not be written is named in it and raises no
+        error, so that the result is not lost.
     """
     result = replace(result, folder=str(folder))
     if record is not None:
-        result = _written(result, lambda: draw_figures(record, folder))
+        result = _note_failed_write(result, lambda: draw_figures(record, folder))
     text = json.dumps(asdict(result), indent=2) + "\n"
-    return _written(result, lambda: write_whole(folder / METRICS, text))
+    return _note_failed_write(result, lambda: write_whole(folder / METRICS_FILE, text))
 
 
-def _written(result: RunResult, write: Callable[[], None]) -> RunResult:
-    """Write, and return the result with the reason if that fails."""
+def _note_failed_write(result: RunResult, write: Callable[[], None]) -> RunResult:
+    """Call a function that writes; if it fails, return the result with the reason."""
     try:
         write()
     except (UnusableFile, OSError) as error:
@@ -62,18 +66,18 @@ def _written(result: RunResult, write: Callable[[], None]) -> RunResult:
     return result
 
 
-def report(out: Console, result: RunResult, as_json: bool) -> int:
-    """Print the result, as a table or as JSON on stdout; return the exit code of the command."""
+def print_result(out: Console, result: RunResult, as_json: bool) -> int:
+    """Print the result as a table, or as JSON on stdout; return the exit code of the command."""
     if as_json:
         print(json.dumps(asdict(result)))
     else:
-        out.print(table(title_of(result), result_rows(result)))
+        out.print(two_column_table(title_of(result), result_rows(result)))
         out.print(f"files in {result.folder}", soft_wrap=True)
-    return 0 if result.settled else UNSETTLED
+    return 0 if result.settled else EXIT_NOT_SETTLED
 
 
-def table(title: str, rows: list[tuple[str, str]]) -> Table:
-    """Return a table of titles and words. Long words are folded, never cropped."""
+def two_column_table(title: str, rows: list[tuple[str, str]]) -> Table:
+    """Return a table of names and values. Long values are folded, never cropped."""
     made = Table(title=title, show_header=False)
     made.add_column(overflow="fold")
     made.add_column(overflow="fold")

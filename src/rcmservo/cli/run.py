@@ -1,29 +1,29 @@
-"""`rcmservo run`: a simulated run from the command line to a folder of results."""
+"""`rcmservo run`: a simulated run and its output folder."""
 
-from rcmservo.cli.folders import new_folder, require_new
+from rcmservo.cli.folders import new_folder, require_new_target_file
 from rcmservo.cli.lab_options import RunOptions
 from rcmservo.cli.progress.preparing import compiling
-from rcmservo.cli.result_output import report
+from rcmservo.cli.result_output import print_result
 from rcmservo.cli.simulated_run.progress import RunProgress
-from rcmservo.cli.terminal import console, live_line
+from rcmservo.cli.terminal import console, status_line
 from rcmservo.errors import needing
 
 
 def run(options: RunOptions) -> int:
-    """Run, write the folder, print the result; the exit code is 0 where it settled."""
+    """Run, write the folder and print the result; return 0 if the run settled."""
     with needing("run", "sim"):
         from rcmservo.sim.disturbances import describe_kinds
     if "help" in options.disturb:
         print(describe_kinds())
         return 0
-    require_new(options.target, options.save_target)
-    _ = options.servo, options.rig_settings, options.disturbances  # refuse what they cannot read
+    require_new_target_file(options.target, options.save_target)
+    _ = options.servo, options.rig_settings, options.disturbances  # raise an error for invalid ones
     out = console(stderr=options.json)
     with new_folder(options.out, f"run-seed{options.seed}") as folder:
         words = f"simulated arm and camera, seed {options.seed}; preparing …"
         out.print(words, style="dim", soft_wrap=True)
-        with live_line(out) as line, compiling(line):
+        with status_line(out) as line, compiling(line):
             from rcmservo.cli.simulated_run.simulate import simulate
 
             result = simulate(options, folder, RunProgress(line, options.duration))
-    return report(out, result, options.json)
+    return print_result(out, result, options.json)

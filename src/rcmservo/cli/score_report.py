@@ -1,4 +1,4 @@
-"""Score of a recording: as JSON, as a table of centres, and in words."""
+"""Score of a recording: as JSON, as a table of marker centres, and in words."""
 
 from typing import Any
 
@@ -6,7 +6,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from rcmservo.cli.terminal import unit
+from rcmservo.cli.terminal import format_quantity
 from rcmservo.interfaces import Floats
 from rcmservo.loop.run_result import known
 from rcmservo.recording.foreign import scoring
@@ -14,8 +14,8 @@ from rcmservo.recording.foreign import scoring
 Pair = tuple[float, float]
 
 
-def numbers(result: scoring.RecordingScore) -> dict[str, Any]:
-    """Return a score as replay.json has it: None is what was not found or could not be computed."""
+def score_as_json(result: scoring.RecordingScore) -> dict[str, Any]:
+    """Return a score in the form of replay.json; None stands for a value that is not available."""
     return {
         "frames": [
             {"frame": pose.name, "m1": _pair(found.points[0]), "m2": _pair(found.points[1])}
@@ -37,8 +37,8 @@ def _pair(point: Floats) -> Pair | None:
     return (float(point[0]), float(point[1])) if np.isfinite(point).all() else None
 
 
-def centres(result: scoring.RecordingScore) -> str:
-    """Return the markers' centres as CSV; what was not found is left empty."""
+def centres_csv(result: scoring.RecordingScore) -> str:
+    """Return the markers' centres as CSV; undetected markers are empty."""
     lines = ["frame,m1_u_px,m1_v_px,m2_u_px,m2_v_px"]
     for pose, found in zip(result.poses, result.markers, strict=True):
         row = [f"{n:.3f}" if np.isfinite(n) else "" for n in found.points.ravel()]
@@ -46,26 +46,28 @@ def centres(result: scoring.RecordingScore) -> str:
     return "\n".join(lines) + "\n"
 
 
-def show_score(console: Console, result: scoring.RecordingScore) -> None:
+def print_score(console: Console, result: scoring.RecordingScore) -> None:
     """Print a score in words, and the one-step errors as a table."""
     found = [[np.isfinite(m).all() for m in markers.points] for markers in result.markers]
     m1, m2 = (sum(column) for column in zip(*found, strict=True)) if found else (0, 0)
-    rms_1, rms_2 = (unit(known(rms), "px", 2) for rms in result.reprojection)
+    rms_1, rms_2 = (format_quantity(known(rms), "px", 2) for rms in result.reprojection)
     lines = [
         f"{len(found)} frames, marker 1 found in {m1}, marker 2 in {m2}",
-        f"imaged RCM{_imaged_rcm(result)}",
+        f"imaged RCM{_describe_imaged_rcm(result)}",
         f"reprojection: marker 1 {rms_1}, marker 2 {rms_2} rms",
     ]
     for line in lines:
         console.print(line, soft_wrap=True)
     table = Table("one-step prediction, rms", "s [°]", "r [px]", "d [px]")
     for name, (s, r, d) in result.one_step.items():
-        table.add_row(name, *(unit(known(value), "", 2) for value in (np.degrees(s), r, d)))
+        table.add_row(
+            name, *(format_quantity(known(value), "", 2) for value in (np.degrees(s), r, d))
+        )
     console.print(table)
 
 
-def _imaged_rcm(result: scoring.RecordingScore) -> str:
-    place, condition = result.o_c, result.condition
-    if not (np.isfinite(place).all() and np.isfinite(condition)):
-        return ": not observable, the imaged tool turned too little"
-    return f" ({place[0]:.1f}, {place[1]:.1f}) px, condition number {condition:.0f}"
+def _describe_imaged_rcm(result: scoring.RecordingScore) -> str:
+    o_c, condition = result.o_c, result.condition
+    if not (np.isfinite(o_c).all() and np.isfinite(condition)):
+        return ": not observable, because the imaged tool rotates too little"
+    return f" ({o_c[0]:.1f}, {o_c[1]:.1f}) px, condition number {condition:.0f}"

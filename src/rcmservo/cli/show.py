@@ -1,4 +1,4 @@
-"""`rcmservo show`: a recorded run for a person, as a summary, a timeline in words, and figures."""
+"""`rcmservo show`: a recorded run as a summary, a timeline in words, and figures."""
 
 import csv
 import io
@@ -13,7 +13,7 @@ from rich.table import Table
 from rich.text import Text
 
 from rcmservo.cli.folders import new_folder
-from rcmservo.cli.result_output import table
+from rcmservo.cli.result_output import two_column_table
 from rcmservo.cli.terminal import console
 from rcmservo.config.atomic_files import write_whole
 from rcmservo.figures import charts, plots
@@ -24,11 +24,12 @@ from rcmservo.recording.summary_text import rows_of, verdict_of, way_out, why
 from rcmservo.recording.timeline import Span, spans, summary
 from rcmservo.safety.causes import Action
 
-MOST = 40
-"""Spans that the timeline shows from the beginning; of a longer one also the LAST."""
-LAST = 20
+FIRST_SPANS = 40
+"""Number of spans from the beginning that the timeline shows."""
+LAST_SPANS = 20
+"""Number of spans from the end that a longer timeline shows as well."""
 
-LOOKS = {
+ACTION_STYLES = {
     Action.NONE: "",
     Action.WARN: "",
     Action.SLOW: "cyan",
@@ -36,19 +37,19 @@ LOOKS = {
     Action.PAUSE: "dark_orange",
     Action.FAULT: "bold red",
 }
+"""Style of a span in the timeline, by the action that its cause requires."""
 
 
 @dataclass(frozen=True)
 class ShowOptions:
-    """Tell what happened in a recorded run: a summary, a timeline of phases and causes, and
-    figures.
+    """Report a recorded run: a summary, a timeline of phases and causes, and figures.
 
     Parameters
     ----------
     record : Path
-        A run's folder, or an .mcap file.
+        Folder of a run, or an .mcap file.
     out : Path or None
-        Folder to write the figures to, new or empty; by default a new one under runs/.
+        New or empty folder for the figures; by default a new one under runs/.
     """
 
     record: Annotated[Path, tyro.conf.Positional]
@@ -56,32 +57,33 @@ class ShowOptions:
 
 
 def show(options: ShowOptions) -> int:
-    rows = reader.read_record(options.record)
+    """Print and draw a record and return the exit code 0."""
+    record = reader.read_record(options.record)
     out = console()
     with new_folder(options.out, "show") as folder:
-        tell(out, rows)
-        draw(rows, folder)
+        print_record(out, record)
+        write_figures(record, folder)
     drawn = any(folder.glob("*.png"))
     words = (
         f"figures and timeline.csv in {folder}"
         if drawn
-        else f"timeline.csv in {folder}; there was nothing to draw"
+        else f"timeline.csv in {folder}; the record holds no data for figures"
     )
     out.print(words, soft_wrap=True)
     return 0
 
 
-def tell(out: Console, record: Record) -> None:
+def print_record(out: Console, record: Record) -> None:
     """Print the summary and the timeline of a record."""
     found = spans(record)
-    out.print(_summary(record, summary(record)))
+    out.print(_summary_table(record, summary(record)))
     if found:
-        out.print(_timeline(found))
+        out.print(_timeline_table(found))
 
 
-def draw(record: Record, folder: Path) -> None:
-    """Write the figures of a record, and its whole timeline as a table."""
-    write_whole(folder / "timeline.csv", _csv(spans(record)))
+def write_figures(record: Record, folder: Path) -> None:
+    """Write the figures of a record, and its complete timeline as a table."""
+    write_whole(folder / "timeline.csv", _timeline_csv(spans(record)))
     if np.isfinite(record.ticks["delta"]).any():
         charts.save_figure(plots.plot_timeline(record), folder / "timeline.png")
         charts.save_figure(plots.plot_path(record), folder / "path.png")
@@ -89,34 +91,34 @@ def draw(record: Record, folder: Path) -> None:
         charts.save_figure(plots.plot_estimate(record), folder / "estimate.png")
 
 
-def _summary(record: Record, result: RunResult) -> Table:
+def _summary_table(record: Record, result: RunResult) -> Table:
     rows = [("record", str(record.path)), *rows_of(record, result)]
     if record.missing:
         rows.insert(0, ("missing", record.missing))
-    return table(verdict_of(record, result), rows)
+    return two_column_table(verdict_of(record, result), rows)
 
 
-def _timeline(found: list[Span]) -> Table:
-    """A row for every span; of many the first and the last ones."""
+def _timeline_table(found: list[Span]) -> Table:
+    """Return a table with one row per span; a long timeline is cut in the middle."""
     table = Table(title="timeline", title_justify="left")
     for title in ("start", "length"):
         table.add_column(title, justify="right", no_wrap=True)
     for title in ("phase", "why", "way out")[: 3 if any(map(why, found)) else 1]:
         table.add_column(title)
     several = found[-1].stage > 0
-    left_out = len(found) - MOST - LAST
+    left_out = len(found) - FIRST_SPANS - LAST_SPANS
     for i, span in enumerate(found):
-        if left_out > 0 and i == MOST:
+        if left_out > 0 and i == FIRST_SPANS:
             table.add_row("…", "…", f"… {left_out} more, in timeline.csv")
-        if left_out > 0 and MOST <= i < MOST + left_out:
+        if left_out > 0 and FIRST_SPANS <= i < FIRST_SPANS + left_out:
             continue
-        new = several and (i == 0 or found[i - 1].stage != span.stage)
-        if new and i:
+        begins_stage = several and (i == 0 or found[i - 1].stage != span.stage)
+        if begins_stage and i:
             table.add_section()
-        phase = f"stage {span.stage + 1}: {span.phase.value}" if new else span.phase.value
+        phase = f"stage {span.stage + 1}: {span.phase.value}" if begins_stage else span.phase.value
         words = [
-            Text(phase, LOOKS[span.asks]),
-            Text(why(span), LOOKS[span.asks]),
+            Text(phase, ACTION_STYLES[span.asks]),
+            Text(why(span), ACTION_STYLES[span.asks]),
             Text(way_out(span)),
         ]
         table.add_row(
@@ -125,7 +127,7 @@ def _timeline(found: list[Span]) -> Table:
     return table
 
 
-def _csv(found: list[Span]) -> str:
+def _timeline_csv(found: list[Span]) -> str:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(

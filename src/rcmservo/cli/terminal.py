@@ -1,4 +1,4 @@
-"""How the commands print: text as it is, nothing cropped, and readable where only ASCII is."""
+"""Printing of the commands: plain text without cropping, with replacements on an ASCII terminal."""
 
 import codecs
 import io
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.live import Live
 
-PLAIN = str.maketrans(
+ASCII_REPLACEMENTS = str.maketrans(
     {
         "°": "deg",
         "∞": "inf",
@@ -25,58 +25,61 @@ PLAIN = str.maketrans(
         **dict.fromkeys("╭╮╰╯", "+"),
     }
 )
-"""What stands for signs that ASCII does not have."""
+"""ASCII text for symbols that ASCII does not have."""
 
-WIDE = 1000
-"""Columns where nobody looks: in a pipe or a file a line is as long as it is."""
+FILE_COLUMNS = 1000
+"""Width in columns if the output is a pipe or a file, where lines are not folded."""
 
 
 def console(stderr: bool = False) -> "Console":
-    """Where a command prints. Nothing in a text is taken for markup."""
+    """Return the console on which a command prints. It interprets no text as markup."""
     from rich.console import Console
 
-    shown = (sys.stderr if stderr else sys.stdout).isatty()
-    width = None if shown or "COLUMNS" in os.environ else WIDE
+    is_terminal = (sys.stderr if stderr else sys.stdout).isatty()
+    width = None if is_terminal or "COLUMNS" in os.environ else FILE_COLUMNS
     return Console(stderr=stderr, markup=False, highlight=False, emoji=False, width=width)
 
 
-def is_alive(console: "Console") -> bool:
-    """Whether a line can be written over, so that what goes on is seen while it does."""
+def can_rewrite_lines(console: "Console") -> bool:
+    """Return True if the console can rewrite a line, so that it can show live progress."""
     return console.is_terminal and not console.is_dumb_terminal
 
 
-def print_plainly() -> None:
-    """From now on, print something that ASCII has for a sign that the output cannot show."""
-    logging.getLogger("matplotlib").setLevel(logging.ERROR)  # no word of a cache without a home
-    codecs.register_error("plain", _plain)
+def use_ascii_fallback() -> None:
+    """Print an ASCII replacement from now on for each symbol that the output cannot encode."""
+    logging.getLogger("matplotlib").setLevel(
+        logging.ERROR
+    )  # no warning about its cache if the home folder is not writable
+    codecs.register_error("plain", _replace_for_ascii)
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="plain")
 
 
-def _plain(error: UnicodeError) -> tuple[str, int]:
+def _replace_for_ascii(error: UnicodeError) -> tuple[str, int]:
+    """Handle an encoding error by replacing the symbols."""
     if not isinstance(error, UnicodeEncodeError):
         raise error
-    text = error.object[error.start : error.end].translate(PLAIN)
-    return "".join(map(_letter, text)), error.end
+    text = error.object[error.start : error.end].translate(ASCII_REPLACEMENTS)
+    return "".join(map(_ascii_letter, text)), error.end
 
 
-def _letter(sign: str) -> str:
-    """A letter without its accents, or the name of a Greek one."""
-    words = unicodedata.name(sign, "").split()
+def _ascii_letter(symbol: str) -> str:
+    """Return a letter without its accents, or the name of a Greek letter."""
+    words = unicodedata.name(symbol, "").split()
     if words[:1] == ["GREEK"]:
         return words[-1].capitalize() if "CAPITAL" in words else words[-1].lower()
-    return unicodedata.normalize("NFKD", sign).encode("ascii", "ignore").decode() or "?"
+    return unicodedata.normalize("NFKD", symbol).encode("ascii", "ignore").decode() or "?"
 
 
-def live_line(out: "Console") -> "Live":
-    """Return a line that is written over while a command goes on."""
+def status_line(out: "Console") -> "Live":
+    """Return a line that the command rewrites while it runs."""
     from rich.live import Live
     from rich.text import Text
 
     return Live(Text(""), console=out, refresh_per_second=8, transient=True)
 
 
-def unit(value: float | None, name: str, digits: int) -> str:
-    """A number with its unit, or a dash where there is none."""
+def format_quantity(value: float | None, name: str, digits: int) -> str:
+    """Return a number with its unit, or a dash for None."""
     return "–" if value is None else f"{value:.{digits}f} {name}"

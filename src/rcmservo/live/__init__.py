@@ -1,1 +1,1 @@
-"""Runs in wall time, in several processes. The caller supplies the devices."""
+"""Runs in wall time in several processes, on devices that the caller supplies."""

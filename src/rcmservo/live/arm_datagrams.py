@@ -48,8 +48,10 @@ class NoAnswer(RcmServoError):
 
 
 class ArmAction(IntEnum):
-    """ArmAction that a servo requests of the arm: report the state, enable the drive, hold the tool
-    at the target, return to the start.
+    """Action that a servo requests of the arm.
+
+    The arm reports its state, enables the drive, holds the tool at the target, or returns to the
+    start.
     """
 
     REPORT = 0
@@ -75,15 +77,15 @@ class SessionCommand(NamedTuple):
 
 
 class ArmRequest(NamedTuple):
-    """ArmRequest of an action.
+    """Request of an action.
 
     Parameters
     ----------
     number : int
-        Time of the request in ns, which rises.
+        Time of the request in ns, which increases.
     session : int
-        Session of the servo that requests it. After ENABLE the arm accepts motion from this session
-        only.
+        Session of the servo that sends it. After ENABLE the arm accepts motion from this
+        session only.
     action : ArmAction
         Requested action.
     """
@@ -262,7 +264,7 @@ class RemoteArm:
         self.request(ArmAction.ENABLE)
 
     def request(self, action: ArmAction) -> None:
-        """ArmRequest an action and wait until it is completed and a state has arrived.
+        """Request an action and wait until it is completed and a state has arrived.
 
         Raises
         ------
@@ -297,8 +299,9 @@ class RemoteArm:
         return self._state
 
     def _send(self, message: Message) -> None:
-        """Send a message. A datagram that cannot be sent now is lost; an arm that is gone does not
-        answer.
+        """Send a message.
+
+        A datagram that cannot be sent now is lost, and an arm that is gone does not answer.
         """
         with contextlib.suppress(OSError):
             self._socket.send(encode(message))

@@ -82,8 +82,9 @@ class OperatorTerminal(Protocol):
         ...
 
     def ask(self, question: str) -> str:
-        """Return the operator's answer without surrounding spaces. Lines typed before the question
-        do not count.
+        """Return the operator's answer without surrounding spaces.
+
+        Lines that were typed before the question are discarded.
 
         Raises
         ------

@@ -107,7 +107,7 @@ class RecordingCamera:
                 self._ring.publish(frame)
         return frame
 
-    def account(self) -> CameraAccount:
+    def counts(self) -> CameraAccount:
         """Return the counts of frames so far."""
         return self._camera.counts()
 

@@ -1,4 +1,4 @@
-"""Reports of a live run on its way, and the numbers of its result, collected by a thread."""
+"""Reports of a live run while it runs, and the timing of its result, collected by a thread."""
 
 import contextlib
 import queue
@@ -16,24 +16,24 @@ from rcmservo.loop.tick import Tick
 from rcmservo.recording.outcome import Judge
 from rcmservo.servo.servo import Servo
 
-EVERY = 10
-"""Ticks from one report to the next."""
+TICKS_PER_REPORT = 10
+"""Number of ticks from one report to the next."""
 
 
 @dataclass(frozen=True, eq=False)
 class Report:
-    """How the loop stands.
+    """State of a live run at one tick.
 
     Parameters
     ----------
     time : int
-        ns since its start.
+        Time since the start of the run, ns.
     words : str
-        Phase, cause and way out.
+        Phase, cause and remedy.
     delta : Floats
-        The error Δy (3,).
+        Feature error Δy (3,) in rad, px, px.
     condition : float
-        That of the scaled Ĵ.
+        Condition number of the scaled Ĵ.
     """
 
     time: int
@@ -43,8 +43,16 @@ class Report:
 
 
 class ReportThread:
-    """A thread that takes the ticks from the loop, collects what the result needs, and sends
-    reports.
+    """Thread that collects data for the result from the ticks, and sends reports.
+
+    Parameters
+    ----------
+    servo : Servo
+        Servo of the run.
+    target : Target
+        Its target.
+    listener : Connection
+        Pipe to the receiver of the reports.
     """
 
     def __init__(self, servo: Servo, target: Target, listener: Connection) -> None:
@@ -74,7 +82,7 @@ class ReportThread:
     def _work(self) -> None:
         for tick in iter(self._ticks.get, None):
             self._collect(tick)
-            if len(self._times) % EVERY == 1:
+            if len(self._times) % TICKS_PER_REPORT == 1:
                 self._report(tick)
 
     def _collect(self, tick: Tick) -> None:
@@ -91,7 +99,15 @@ class ReportThread:
             self._listener.send(Report(tick.time, state.words, state.delta, state.condition))
 
     def timing(self, lateness: Floats, system: Realtime) -> LoopTiming:
-        """How the loop kept its time, given how late (ns) its waits ended."""
+        """Return the timing of the loop.
+
+        Parameters
+        ----------
+        lateness : Floats
+            Delay (N,) of each tick after its due time, ns.
+        system : Realtime
+            Results of the requests to the operating system.
+        """
         count = len(self._times)
         span = self._moments[-1] - self._moments[0] if count > 1 else np.nan
         return LoopTiming(

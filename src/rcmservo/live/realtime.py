@@ -68,10 +68,10 @@ class Realtime:
 
 @contextmanager
 def realtime() -> Generator[Realtime]:
-    """Give the calling thread the first priority and the existing threads the next one while the
-    context is open.
+    """Give the calling thread the first priority, and the existing threads the next one.
 
-    Threads that are started inside keep the ordinary priority.
+    The priorities hold while the context is open. Threads that are started inside keep the ordinary
+    priority.
     """
     got = Realtime()
     interval, collecting = sys.getswitchinterval(), gc.isenabled()
@@ -100,8 +100,10 @@ def realtime() -> Generator[Realtime]:
 
 @contextmanager
 def without_huge_pages() -> Generator[None]:
-    """Disable huge pages for this process while the context is open, and permanently for processes
-    that are started inside. Does nothing on systems other than Linux.
+    """Disable huge pages for this process while the context is open.
+
+    Processes that are started inside have none permanently. Does nothing on systems other than
+    Linux.
     """
     system: Any = ctypes.CDLL(None)
     if not hasattr(system, "prctl"):
@@ -133,8 +135,9 @@ def urgent() -> str:
 
 
 def _raise_priorities(got: Realtime) -> list[tuple[int, int, int]]:
-    """Request real-time scheduling; return each changed thread with its former policy and
-    priority.
+    """Request real-time scheduling.
+
+    Return each changed thread with its former policy and priority.
     """
     this = threading.get_native_id()
     others = [thread.native_id for thread in threading.enumerate()]

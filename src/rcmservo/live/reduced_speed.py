@@ -14,7 +14,15 @@ UNCHECKED_SPEED_SCALE = 0.1
 
 
 def reduce_speed(servo: Servo, speed_scale: float = UNCHECKED_SPEED_SCALE) -> Servo:
-    """Return a servo whose speed limits are a fraction of another one's."""
+    """Return a servo with a fraction of another servo's speed limits.
+
+    Parameters
+    ----------
+    servo : Servo
+        Servo with the full speed limits.
+    speed_scale : float
+        Fraction of the full speed, above 0 and at most 1.
+    """
     x, y, z = servo.gate.speed
     law, exploration = servo.controller, servo.exploration
     return replace(

@@ -18,7 +18,7 @@ import numpy as np
 from rcmservo.errors import Stopped
 from rcmservo.interfaces import Command, Floats, Measured
 from rcmservo.live.device_protocols import LabArm
-from rcmservo.live.supervisor import left_to_its_watchdog
+from rcmservo.live.supervisor import rely_on_watchdog
 
 STOP_TIMEOUT_NS = 80_000_000
 """Time in ns within which the servo process must disable the drive: some ticks, and the arm's
@@ -38,30 +38,30 @@ class RemoteStop:
     """
 
     def __init__(self, context: BaseContext) -> None:
-        self._pulled: Any = context.RawValue("b", 0)
+        self._requested: Any = context.RawValue("b", 0)
         self._on: Any = context.RawValue("b", 0)
         self._process: Any = context.RawValue("q", 0)
 
     @property
-    def pulled(self) -> bool:
+    def is_requested(self) -> bool:
         """True if the drive must be off and stay off."""
-        return bool(self._pulled.value)
+        return bool(self._requested.value)
 
-    def renew(self) -> None:
+    def reset(self) -> None:
         """Reset the request for a new session, which begins with the drive off."""
-        self._pulled.value = self._on.value = self._process.value = 0
+        self._requested.value = self._on.value = self._process.value = 0
 
-    def hold(self) -> None:
+    def set_process(self) -> None:
         """Record that this process controls the arm."""
         self._process.value = os.getpid()
 
-    def tell(self, on: bool) -> None:
-        """Record that the drive is on, or may be."""
+    def set_drive_on(self, on: bool) -> None:
+        """Record whether the drive is on, or may be."""
         self._on.value = on
 
-    def off(self, began: bool) -> str:
+    def switch_off(self, began: bool) -> str:
         """Have the drive disabled, and return a sentence on the state of the arm."""
-        self._pulled.value = 1
+        self._requested.value = 1
         since = time.monotonic_ns()
         if not self._on.value:
             return "the arm's drive is off"
@@ -69,13 +69,11 @@ class RemoteStop:
             time.sleep(POLL_S)
             if not self._on.value:
                 after = (time.monotonic_ns() - since) * 1e-6
-                return f"the servo has switched the arm's drive off within {after:.0f} ms"
+                return f"the servo switched the arm's drive off within {after:.0f} ms"
         for child in active_children():
             if child.pid == self._process.value:
                 child.kill()
-        return (
-            f"the servo did not switch the drive off and was killed; {left_to_its_watchdog(began)}"
-        )
+        return f"the servo did not switch the drive off and was killed; {rely_on_watchdog(began)}"
 
 
 class RemotelyStoppableArm:
@@ -85,16 +83,18 @@ class RemotelyStoppableArm:
     ----------
     arm : LabArm
         Arm of the lab.
-    leash : Leash
+    remote_stop : RemoteStop
         Stop request.
-    told : Callable
+    report : Callable
         Function that receives the reason as soon as the drive goes off by itself.
     """
 
-    def __init__(self, arm: LabArm, leash: RemoteStop, told: Callable[[str], object]) -> None:
-        self._arm, self._leash, self._told = arm, leash, told
-        self._coming, self._why = False, ""
-        leash.hold()
+    def __init__(
+        self, arm: LabArm, remote_stop: RemoteStop, report: Callable[[str], object]
+    ) -> None:
+        self._arm, self._remote_stop, self._report = arm, remote_stop, report
+        self._enabling, self._why = False, ""
+        remote_stop.set_process()
 
     @property
     def why_off(self) -> str:
@@ -108,24 +108,24 @@ class RemotelyStoppableArm:
 
     def enable(self) -> None:
         """Enable the drive, unless a stop is requested. From here on it may be on."""
-        self._coming = True
-        self._leash.tell(True)
-        if self._leash.pulled:
+        self._enabling = True
+        self._remote_stop.set_drive_on(True)
+        if self._remote_stop.is_requested:
             raise Stopped("stopped before the drive was on")
         self._arm.enable()
 
     def measure(self) -> Measured:
         measured, why = self._arm.measure(), self._arm.why_off
-        self._coming = self._coming and not measured.enabled
-        self._leash.tell(measured.enabled or self._coming)
+        self._enabling = self._enabling and not measured.enabled
+        self._remote_stop.set_drive_on(measured.enabled or self._enabling)
         if why != self._why:
             self._why = why
             if why:
-                self._told(why)
+                self._report(why)
         return measured
 
     def apply(self, command: Command) -> Floats:
-        if self._leash.pulled:
+        if self._remote_stop.is_requested:
             command = replace(command, rates=np.zeros(3), enabled=False)
         return self._arm.apply(command)
 
@@ -133,4 +133,4 @@ class RemotelyStoppableArm:
         """Stop the arm, disable its drive and disconnect."""
         self._arm.close()
         if not self._arm.why_off:
-            self._leash.tell(False)
+            self._remote_stop.set_drive_on(False)

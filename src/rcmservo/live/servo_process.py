@@ -1,8 +1,8 @@
-"""The process that servos: it makes its devices, gets everything ready, and runs the loop.
+"""Servo process: opens the devices, prepares them, and runs the loop.
 
-Everything is connected, taught, compiled and warmed up before the arm is enabled. While it is, this
-process does three things: the loop, which waits for nobody; markers are tracked in a thread beside
-it; ticks are recorded and reported in two more.
+All devices are connected, the target is taught, and the kernels are compiled before the arm is
+enabled. From then on the process runs the loop, which never waits, a thread that tracks the
+markers, and two threads that record and report the ticks.
 """
 
 import contextlib
@@ -32,51 +32,51 @@ from rcmservo.recording.outcome import held
 from rcmservo.recording.writer import Recorder, ThreadedRecorder
 from rcmservo.servo.servo import Servo
 
-STANDING, ENABLING = -1, -2
-"""What the heartbeat tells while no loop runs, and while the drive comes on."""
+IDLE, ENABLING = -1, -2
+"""Values of the heartbeat while no loop runs, and while the drive is being enabled."""
 
-PATIENCE = 120.0
-"""s within which a camera must deliver a frame, and what tracks the markers in it be loaded or
-compiled."""
+FRAME_TIMEOUT_S = 120.0
+"""Time in s within which a camera must deliver a frame and the tracker must be compiled."""
 
 Device = TypeVar("Device")
 
 
 class NoFrames(RcmServoError):
-    """A camera that delivers nothing of use."""
+    """Report a camera that delivers no usable frame."""
 
 
 @dataclass(frozen=True)
 class Session:
-    """What a live run is made of.
+    """Parts of a live run.
 
-    The devices are made in the servo process, which is spawned: so each comes as a factory that can
-    be imported there, a function of a module, or `functools.partial` of one with plain arguments.
-    What a factory makes is closed at the end if it has a method `close`.
+    The devices are made in the servo process, which is spawned. Each is therefore given as a
+    factory that can be imported there: a function of a module, or `functools.partial` of one with
+    plain arguments. A device that has a method `close` is closed at the end.
 
     Parameters
     ----------
     servo : Servo
-        Its settings at the start.
+        Initial settings of the servo.
     duration : float
         Length of the run, s.
     arm : Callable[[], Arm]
-        Connects to the arm.
+        Function that connects to the arm.
     camera : Callable[[], Camera]
-        Opens the camera.
+        Function that opens the camera.
     tracker : Callable[[], Tracker]
-        Makes what finds the markers in its frames.
+        Function that makes the marker tracker.
     recorder : Callable[[], Recorder]
-        Opens the record.
+        Function that opens the record.
     target : Callable[[Plant], Target]
-        Gets the target, before the drive is on. By default it is what the camera sees then.
+        Function that obtains the target before the drive is on. By default it teaches the
+        present image.
     operator : Callable[[], Operator] or None
-        Makes the person beside the loop; without one a pause ends the run.
+        Function that makes the operator of the loop; without one a pause ends the run.
     pictures : float
-        Pictures that the record gets, 1/s; 0 for none.
+        Images per second in the record, 1/s; 0 for none.
     consent : Callable[[Plant], None] or None
-        Asks for leave at the last moment before the drive is switched on, and raises an error where
-        it is not given; without it nobody is asked.
+        Function that is called just before the drive is enabled, and raises an error to prevent
+        it; by default there is none.
     """
 
     servo: Servo
@@ -92,8 +92,22 @@ class Session:
 
 
 class HeartbeatPlant(Plant):
-    """A plant that counts its commands in ``beats`` once the drive is on, also those that bring
-    the arm to rest. Whoever asks a person goes on asking whether it is ``told_to_end``.
+    """Plant that counts its commands once the drive is on, including those that stop the arm.
+
+    Parameters
+    ----------
+    arm : Arm
+        Arm of the plant.
+    eye : TrackingThread
+        Camera and tracker.
+    clock : RecordingClock
+        Clock that records the lateness of each tick.
+    beats : RawValue
+        Heartbeat in shared memory.
+    told_to_end : EndRequest
+        Stop request. Code that waits for the operator must poll it.
+    consent : Callable or None
+        Function that is called just before the drive is enabled.
     """
 
     def __init__(
@@ -116,7 +130,7 @@ class HeartbeatPlant(Plant):
         go_on(self.told_to_end)
         super().enable()
         self.beats.value = 0
-        del self.lateness[:]  # no tick was due while the drive came on
+        del self.lateness[:]  # no tick was due while the drive was being enabled
 
     def send(self, command: Command) -> Floats:
         if self.beats.value >= 0:
@@ -125,7 +139,13 @@ class HeartbeatPlant(Plant):
 
 
 class Film:
-    """Which of the frames a record gets as pictures: so many a second, or none."""
+    """Selection of the frames that are recorded as images.
+
+    Parameters
+    ----------
+    rate : float
+        Images per second, 1/s; 0 for none.
+    """
 
     def __init__(self, rate: float) -> None:
         self._period = 1e9 / rate if rate > 0.0 else np.inf
@@ -133,62 +153,72 @@ class Film:
         self._shown: Frame | None = None
 
     def picture(self, tick: Tick, frame: Frame | None) -> Frame | None:
-        """The frame that a tick knows, if it is the next one."""
+        """Return the frame of a tick if it is due, else None."""
         if tick.time < self._due or frame is None or frame is self._shown:
             return None
         self._due, self._shown = tick.time + self._period, frame
         return frame
 
 
-def serve(session: Session, beats: Any, supervisor: Connection) -> None:
-    """Servo until the session is done, or until the supervisor speaks or is gone.
+def run_session(session: Session, beats: Any, supervisor: Connection) -> None:
+    """Run a session until it ends or the supervisor requests its end or is gone.
 
-    ``beats`` counts the ticks while the loop runs. What is sent: a Report now and then, at the end
-    a RunResult, an RcmServoError, or, of an error in the software, its traceback (str).
+    The supervisor receives reports during the run. At the end it receives a RunResult, an
+    RcmServoError, or the traceback (str) of an internal error.
+
+    Parameters
+    ----------
+    session : Session
+        Parts of the run.
+    beats : RawValue
+        Heartbeat in shared memory, which counts the commands while the loop runs.
+    supervisor : Connection
+        Pipe to the supervisor.
     """
     told_to_end = EndRequest(supervisor)
     told_to_end.handle_signals()
-    beats.value = STANDING
+    beats.value = IDLE
     try:
-        said: Any = _live(session, beats, supervisor, told_to_end)
+        message: Any = _live(session, beats, supervisor, told_to_end)
     except Stopped as stopped:
-        said = stopped
+        message = stopped
     except RcmServoError as error:
-        said = RcmServoError(str(error))
+        message = RcmServoError(str(error))
     except Exception:
-        said = traceback.format_exc()
-    with contextlib.suppress(OSError):  # of a supervisor that is gone
-        supervisor.send(said)
+        message = traceback.format_exc()
+    with contextlib.suppress(OSError):  # the supervisor may be gone
+        supervisor.send(message)
 
 
 def _live(
     session: Session, beats: Any, supervisor: Connection, told_to_end: EndRequest
 ) -> RunResult:
-    """Make the devices, run, and tell how it went. Why the arm's drive went off is known for sure
-    when the arm is closed.
+    """Open the devices, run, and return the result.
+
+    The reason for a drive that went off by itself is complete only after the arm is closed.
     """
     clock = RecordingClock(WallClock())
     with contextlib.ExitStack() as stack:
-        arm, camera = _made(session.arm, stack), _made(session.camera, stack)
-        tracker = _made(session.tracker, stack)
-        operator = None if session.operator is None else _made(session.operator, stack)
+        arm, camera = _open(session.arm, stack), _open(session.camera, stack)
+        tracker = _open(session.tracker, stack)
+        operator = None if session.operator is None else _open(session.operator, stack)
         eye = stack.enter_context(TrackingThread(camera, tracker, clock.clock))
         plant = HeartbeatPlant(arm, eye, clock, beats, told_to_end, session.consent)
-        target = _target(session, plant)
-        result = _servoed(session, plant, target, operator, supervisor)
-        result = replace(result, camera=_account(camera))
+        target = _prepare_target(session, plant)
+        result = _run_loop(session, plant, target, operator, supervisor)
+        result = replace(result, camera=_camera_counts(camera))
     off = getattr(arm, "why_off", "")
     return replace(result.unsettled(result.cause or off), drive_off=off) if off else result
 
 
-def _account(camera: object) -> CameraAccount | None:
-    """What became of a camera's frames, if it keeps account of them."""
-    account = getattr(camera, "account", None)
-    return None if account is None else account()
+def _camera_counts(camera: object) -> CameraAccount | None:
+    """Return the counts of a camera's frames, or None if it has none."""
+    counts = getattr(camera, "counts", None)
+    return None if counts is None else counts()
 
 
-def _made(make: Callable[[], Device], stack: contextlib.ExitStack) -> Device:
-    """What a factory makes, to be closed at the end if it can be."""
+def _open(make: Callable[[], Device], stack: contextlib.ExitStack) -> Device:
+    """Return the device of a factory, which the stack closes."""
     device = make()
     close = getattr(device, "close", None)
     if close is not None:
@@ -196,9 +226,11 @@ def _made(make: Callable[[], Device], stack: contextlib.ExitStack) -> Device:
     return device
 
 
-def _target(session: Session, plant: HeartbeatPlant) -> Target:
-    """The target, with everything warm: the first frame is searched, the next is followed, and
-    after both nothing needs to be loaded. At the end the newest frame shows the tool as it is.
+def _prepare_target(session: Session, plant: HeartbeatPlant) -> Target:
+    """Return the target, once everything is loaded.
+
+    The tracker searches the first frame and follows the markers in the second, so both parts are
+    then loaded. The frame at the end is exposed after the target was taught.
     """
     for _ in range(2):
         _await_frame(plant)
@@ -208,7 +240,7 @@ def _target(session: Session, plant: HeartbeatPlant) -> Target:
 
 
 def go_on(told_to_end: Callable[[], bool]) -> None:
-    """Stop here if this process was told to end."""
+    """Raise `Stopped` if the end of this process is requested."""
     if told_to_end():
         raise Stopped("stopped before the drive was on")
 
@@ -216,23 +248,23 @@ def go_on(told_to_end: Callable[[], bool]) -> None:
 def _await_frame(plant: HeartbeatPlant) -> None:
     """Wait for a frame that is exposed from now on."""
     now, why = plant.clock.now(), ""
-    for _ in ticks(plant.clock, duration=PATIENCE):
-        seen = plant.read()
+    for _ in ticks(plant.clock, duration=FRAME_TIMEOUT_S):
+        observation = plant.read()
         go_on(plant.told_to_end)
-        if seen.exposure >= now:
+        if observation.exposure >= now:
             return
-        why = seen.dropped.words
-    raise NoFrames(f"no usable frame has come for {PATIENCE:g} s{why and ': ' + why}")
+        why = observation.dropped.words
+    raise NoFrames(f"no usable frame has arrived for {FRAME_TIMEOUT_S:g} s{why and ': ' + why}")
 
 
-def _servoed(
+def _run_loop(
     session: Session,
     plant: HeartbeatPlant,
     target: Target,
     operator: Operator | None,
     supervisor: Connection,
 ) -> RunResult:
-    """Run the loop, with record and reports beside it."""
+    """Run the loop, with record and reports in threads."""
     servo, duration = session.servo, session.duration
     with (
         ThreadedRecorder(session.recorder()) as recorder,
@@ -243,25 +275,27 @@ def _servoed(
         plant.recorded = recorder.recorded
         with realtime() as system:
 
-            def ended(tick: Tick) -> bool:
+            def stop_requested(tick: Tick) -> bool:
                 return plant.told_to_end()
 
             go_on(plant.told_to_end)
-            began, film = plant.clock.now(), Film(session.pictures)
+            start, film = plant.clock.now(), Film(session.pictures)
             try:
-                for tick in run(plant, servo, target, duration, ended, operator=operator):
+                for tick in run(plant, servo, target, duration, stop_requested, operator=operator):
                     recorder.write(tick)
                     reports.put(tick)
                     picture = film.picture(tick, plant.frame)
                     if picture is not None:
                         recorder.write_frame(picture)
             finally:
-                plant.beats.value = STANDING
+                plant.beats.value = IDLE
     timing = reports.timing(np.array(plant.lateness, dtype=float), system)
-    result, blind = reports.judge.result(), reports.judge.blind
+    result, undetected_tick = reports.judge.result(), reports.judge.blind
     if plant.told_to_end.signal:
-        result = result.unsettled(f"it was ended by {plant.told_to_end.signal}")
-    elif blind is not None:
-        cause = held(blind.state.mode, reason_not_detected(plant, blind.seen, began))
+        result = result.unsettled(f"the run was stopped by {plant.told_to_end.signal}")
+    elif undetected_tick is not None:
+        cause = held(
+            undetected_tick.state.mode, reason_not_detected(plant, undetected_tick.seen, start)
+        )
         result = replace(result, cause=cause or result.cause)
     return replace(result, not_recorded=recorder.failed, loop=timing)

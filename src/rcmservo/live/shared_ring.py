@@ -32,13 +32,14 @@ class Entry(NamedTuple):
 
 
 class SharedRing:
-    """Newest entries of one writer, numbered from 0. A process receives the ring when it is
-    started, not later.
+    """Newest entries of one writer, numbered from 0.
+
+    A process receives the ring when it is started, not later.
 
     Parameters
     ----------
     context : BaseContext
-        Context of the processes that share the ring.
+        Start method of the processes that share the ring.
     slots : int
         Number of entries that it holds.
     size : int

@@ -17,8 +17,9 @@ END_SIGNALS = (signal.SIGTERM, signal.SIGHUP)
 
 
 class EndRequest:
-    """Request to end the servo process, from its supervisor or by a signal. The supervisor handles
-    Ctrl-C.
+    """Request to end the servo process, from its supervisor or by a signal.
+
+    The supervisor handles Ctrl-C.
 
     Parameters
     ----------
@@ -46,8 +47,9 @@ class EndRequest:
 
 @contextlib.contextmanager
 def stopped_by_signals() -> Generator[None]:
-    """Raise :class:`Stopped` inside at the first orderly signal, and ignore further ones, so that
-    nothing interrupts the orderly end.
+    """Raise :class:`Stopped` inside the context at the first stop signal, and ignore further ones.
+
+    Nothing then interrupts the orderly end.
     """
     if threading.current_thread() is not threading.main_thread():
         yield

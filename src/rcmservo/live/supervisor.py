@@ -1,13 +1,13 @@
-"""The one who watches over a servo process.
+"""Supervisor of a servo process.
 
     supervisor ──► servo process      tracks, decides, commands
          │
-         └───────► whoever can switch the arm's drive off from outside
+         └───────► switch-off         disables the arm's drive from outside
 
-The arm stops by itself when commands stop. The supervisor is the one who notices why: a servo
-process that is gone or does not tick any more. It has the drive switched off, ends the servo for
-good, so that nobody can wake it up to move the arm, and says what happened. When the supervisor
-itself is gone, the servo process ends by itself.
+The arm stops by itself when commands stop. The supervisor detects the reason: a servo process that
+has ended or no longer ticks. It then has the drive disabled, kills the servo process, so that it
+cannot resume and move the arm, and reports the cause. If the supervisor itself ends, the servo
+process ends by itself.
 """
 
 import contextlib
@@ -23,82 +23,126 @@ from rcmservo.errors import RcmServoError, Stopped
 from rcmservo.live.child_process import EXIT_TIMEOUT_S, ChildProcess, Context
 from rcmservo.live.loop_statistics import Report
 from rcmservo.live.realtime import without_huge_pages
-from rcmservo.live.servo_process import STANDING, Session, serve
+from rcmservo.live.servo_process import IDLE, Session, run_session
 from rcmservo.live.stop_signals import stopped_by_signals
 from rcmservo.loop.run_result import RunResult
 
-LOOK = 10_000_000
-"""ns between looks at the servo's heartbeat."""
+POLL_NS = 10_000_000
+"""Interval in ns at which the heartbeat of the servo process is read."""
 
-SILENT = 10
-"""Looks in a row at which the heartbeat stood still: then the servo process is stopped. Counting
-looks, not time, makes no difference between the servo and the watching process when the whole
-computer stalls."""
+MAX_SILENT_POLLS = 10
+"""Number of successive polls without a heartbeat after which the process is stopped.
 
-DYING = 0.5
-"""s that a process which is killed needs at most to be gone; one that is not is only stopped."""
+Polls are counted instead of time, so that a stall of the whole computer does not count against the
+servo process.
+"""
+
+KILL_TIMEOUT_S = 0.5
+"""Time in s within which a killed process ends; one that has not ended was only suspended."""
 
 Beside = Mapping[Any, Callable[[], None]]
-"""What else there is to be heard, by something to wait for (`fileno`), and what to do then. What
-that raises ends the run in order."""
+"""Handlers of other events, by an object to wait for (`fileno`).
+
+An error in a handler ends the run in order.
+"""
 
 NOTHING: Beside = MappingProxyType({})
 
 SwitchOff = Callable[[bool], str]
-"""Has the arm's drive switched off from outside of the servo process, and says in words how the arm
-stands. It is told whether the arm had been enabled."""
+"""Function that disables the drive from outside the servo process.
+
+Its argument is True if the arm had been enabled. It returns the state of the arm in words.
+"""
 
 
-def left_to_its_watchdog(began: bool) -> str:
-    """The words of somebody who cannot switch the drive off."""
-    return "the arm is left to its own watchdog, if it has one: see that it is off and stands still"
+def rely_on_watchdog(began: bool) -> str:
+    """Return the sentence on an arm whose drive cannot be disabled from outside."""
+    return (
+        "the arm must stop by its own watchdog: check that its drive is off and that it is at rest"
+    )
 
 
 class ServoProcess(ChildProcess):
-    """A process that runs a session, and its heartbeat."""
+    """Process that runs a session, and its heartbeat.
+
+    Parameters
+    ----------
+    session : Session
+        Parts of the run.
+    context : Context or None
+        Start method of the process; spawn by default.
+    """
 
     def __init__(self, session: Session, context: Context | None = None) -> None:
         context = get_context("spawn") if context is None else context
-        self.beats: Any = context.RawValue("q", STANDING)
-        super().__init__(context, serve, session, self.beats)
+        self.beats: Any = context.RawValue("q", IDLE)
+        super().__init__(context, run_session, session, self.beats)
 
 
-class Watchman:
-    """Watches a servo process: whether it is gone, and whether its heart beats while its loop
-    runs.
+class HeartbeatMonitor:
+    """Check that a servo process exists, and that its heartbeat advances while its loop runs.
+
+    Parameters
+    ----------
+    servo : ServoProcess
+        Process to check.
     """
 
     def __init__(self, servo: ServoProcess) -> None:
         self._servo = servo
-        self._last, self._still, self._due = STANDING, 0, 0
+        self._last, self._still, self._due = IDLE, 0, 0
 
-    def look(self) -> bool:
-        """Whether something is wrong with the process; it looks at most once in LOOK."""
+    def has_failed(self) -> bool:
+        """Return True if the process has failed; poll at most once per `POLL_NS`."""
         now = time.monotonic_ns()
         if now < self._due:
             return False
-        self._due = now + LOOK
+        self._due = now + POLL_NS
         beat = self._servo.beats.value
         self._still = self._still + 1 if beat == self._last and beat >= 0 else 0
         self._last = beat
-        return self._still >= SILENT or self._servo.process.exitcode is not None
+        return self._still >= MAX_SILENT_POLLS or self._servo.process.exitcode is not None
 
 
-def nobody(report: Report) -> None:
-    """Listens to no report."""
+def ignore_report(report: Report) -> None:
+    """Discard a report."""
 
 
 def run_live(
     session: Session,
-    off: SwitchOff = left_to_its_watchdog,
-    progress: Callable[[Report], None] = nobody,
+    off: SwitchOff = rely_on_watchdog,
+    progress: Callable[[Report], None] = ignore_report,
     beside: Beside = NOTHING,
 ) -> RunResult:
-    """Run a session in a process of its own, in wall time, and watch over it. Meanwhile what is
-    there to be heard ``beside`` is.
+    """Run a session in a separate process in wall time, and supervise it.
 
-    Ctrl-C, a signal that ends a program in order, a terminal that is closed: each lets the servo
-    bring the arm to rest and end its record, and is then raised.
+    Ctrl-C, SIGTERM and a closed terminal let the servo stop the arm and complete its record. The
+    exception is raised afterwards.
+
+    Parameters
+    ----------
+    session : Session
+        Parts of the run.
+    off : SwitchOff
+        Function that disables the drive from outside the servo process.
+    progress : Callable
+        Function that receives each report.
+    beside : Beside
+        Handlers of other events during the run.
+
+    Returns
+    -------
+    RunResult
+        Result of the run.
+
+    Raises
+    ------
+    Stopped
+        After a signal or a stop request.
+    RcmServoError
+        If the session reports an error.
+    RuntimeError
+        If the servo process has an internal error.
     """
     with stopped_by_signals(), without_huge_pages():
         return _run_live(session, off, progress, beside)
@@ -110,7 +154,7 @@ def _run_live(
     servo = ServoProcess(session)
     try:
         return supervise(servo, off, progress, beside)
-    except (KeyboardInterrupt, Stopped, OSError):  # OSError of a terminal that shows no progress
+    except (KeyboardInterrupt, Stopped, OSError):  # OSError: the terminal is closed
         servo.send("end")
         with contextlib.suppress(RcmServoError):
             supervise(servo, off)
@@ -122,63 +166,63 @@ def _run_live(
 def supervise(
     servo: ServoProcess,
     off: SwitchOff,
-    progress: Callable[[Report], None] = nobody,
+    progress: Callable[[Report], None] = ignore_report,
     beside: Beside = NOTHING,
 ) -> RunResult:
-    """Watch over a servo process until it has told how its run went, or cannot any more."""
-    watchman, began = Watchman(servo), 0
-    ears = [servo.pipe]
+    """Supervise a servo process until it reports its result or fails; return the result."""
+    monitor, began = HeartbeatMonitor(servo), 0
+    pipes = [servo.pipe]
     while True:
-        heard = wait([*ears, *beside], LOOK * 1e-9) if ears or beside else []
-        for other in beside.keys() & heard:
-            beside[other]()
-        for wire in cast(list[Connection], [one for one in heard if one in ears]):
-            said = _next(wire)
-            if isinstance(said, Report):
-                progress(said)
-            elif said is not None:
-                return _result(said)
+        ready = wait([*pipes, *beside], POLL_NS * 1e-9) if pipes or beside else []
+        for source in beside.keys() & ready:
+            beside[source]()
+        for pipe in cast(list[Connection], [one for one in ready if one in pipes]):
+            message = _receive(pipe)
+            if isinstance(message, Report):
+                progress(message)
+            elif message is not None:
+                return _result(message)
             else:
-                ears.clear()
+                pipes.clear()
                 servo.process.join(EXIT_TIMEOUT_S)
-        if not began and servo.beats.value != STANDING:
+        if not began and servo.beats.value != IDLE:
             began = time.monotonic_ns()
-        if watchman.look() and not any(wire.poll() for wire in ears):
-            return _fallen(servo, off, began)
+        if monitor.has_failed() and not any(pipe.poll() for pipe in pipes):
+            return _handle_failure(servo, off, began)
 
 
-def _next(wire: Connection) -> Any:
-    """What the servo process says next; None where it can say nothing more."""
+def _receive(pipe: Connection) -> Any:
+    """Return the next message of the servo process, or None if it has ended."""
     try:
-        return wire.recv()
+        return pipe.recv()
     except (EOFError, OSError):
         return None
 
 
-def _result(said: Any) -> RunResult:
-    if isinstance(said, RcmServoError):
-        raise said
-    if isinstance(said, str):
-        raise RuntimeError(f"the servo process failed:\n{said}")
-    return cast(RunResult, said)
+def _result(message: Any) -> RunResult:
+    if isinstance(message, RcmServoError):
+        raise message
+    if isinstance(message, str):
+        raise RuntimeError(f"the servo process failed:\n{message}")
+    return cast(RunResult, message)
 
 
-def _fallen(servo: ServoProcess, off: SwitchOff, began: int) -> RunResult:
-    """Make sure that the arm stands still and stays so, and say what happened."""
+def _handle_failure(servo: ServoProcess, off: SwitchOff, began: int) -> RunResult:
+    """Disable the drive, kill the process, and return the result with the cause."""
     now = time.monotonic_ns()
-    stands = off(began > 0)
-    servo.process.join(DYING)
-    wrong = _wrong(servo.process.exitcode)
+    arm_state = off(began > 0)
+    servo.process.join(KILL_TIMEOUT_S)
+    exit_description = _describe_exit(servo.process.exitcode)
     servo.process.kill()
     servo.process.join()
     when = f"{(now - began) * 1e-9:.1f} s into the run" if began else "before the arm was enabled"
-    cause = f"the servo process {wrong}, {when}; {stands}"
+    cause = f"the servo process {exit_description}, {when}; {arm_state}"
     return RunResult(cause=cause)
 
 
-def _wrong(code: int | None) -> str:
+def _describe_exit(code: int | None) -> str:
     if code is None:
-        return "was stopped: it did not tick any more"
+        return "was stopped: its loop did not tick"
     if code < 0:
         return f"was killed ({signal.Signals(-code).name})"
     return f"ended by itself (exit code {code})"

@@ -18,7 +18,7 @@ from rcmservo.live.device_protocols import NotReady
 TERMINAL = Path("/dev/tty")
 """Terminal of the process that opens it."""
 
-POLL_S = 0.1
+STOP_POLL_S = 0.1
 """Interval in s at which a request to end is read."""
 
 MAX_LINE_BYTES = 4096
@@ -47,7 +47,7 @@ class Terminal:
             self._file = os.open(TERMINAL, os.O_RDWR | os.O_NOCTTY | os.O_CLOEXEC)
         except OSError as error:
             raise NotReady(
-                "hardware is enabled only by a person at a terminal, and this program has none"
+                "hardware is enabled only by an operator at a terminal, and this program has none"
             ) from error
 
     def close(self) -> None:
@@ -78,7 +78,7 @@ class Terminal:
         termios.tcflush(self._file, termios.TCIFLUSH)
         if self._told_to_end():
             raise Stopped("stopped before the drive was on")
-        select.select([], [], [], POLL_S)
+        select.select([], [], [], STOP_POLL_S)
         self.typed = time.monotonic_ns()
         termios.tcflush(self._file, termios.TCIFLUSH)
 
@@ -89,19 +89,17 @@ class Terminal:
         never too late, however long the process was suspended.
         """
         began = self.typed
-        while not select.select([self._file], [], [], POLL_S)[0]:
+        while not select.select([self._file], [], [], STOP_POLL_S)[0]:
             if self._told_to_end():
                 raise Stopped("stopped before the drive was on")
             self.typed, began = began, time.monotonic_ns()
         line = self._read()
         if not line.endswith(b"\n"):
-            raise Stopped("ended at the terminal, before the drive was on")
+            raise Stopped("stopped at the terminal before the drive was on")
         return line.decode(errors="replace").strip()
 
     def _read(self) -> bytes:
-        """Return a whole line, or a part of one that Ctrl-D ends; nothing if the terminal is
-        closed.
-        """
+        """Return a line, or the part that Ctrl-D ends; nothing if the terminal is closed."""
         try:
             return os.read(self._file, MAX_LINE_BYTES)
         except OSError:

@@ -43,9 +43,9 @@ class TrackingThread:
         self._newest: Frame | None = None
         self._offered: tuple[Frame, Markers | BadInput] | None = None
         self._taken: tuple[Frame, Markers | BadInput] | None = None
-        self._forget = threading.Event()
-        self._ended = threading.Event()
-        self._at_work, self._tracked = False, 0
+        self._reset_requested = threading.Event()
+        self._stop_requested = threading.Event()
+        self._is_tracking, self._tracked_count = False, 0
         self._error: Exception | None = None
         self._thread = threading.Thread(target=self._work, name="markers", daemon=True)
 
@@ -59,7 +59,7 @@ class TrackingThread:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        self._ended.set()
+        self._stop_requested.set()
         self._thread.join(EXIT_TIMEOUT_S)
         if self._error is not None and error is None:
             raise self._error
@@ -91,34 +91,36 @@ class TrackingThread:
 
     def reset(self) -> None:
         """Reset the tracker before the next frame."""
-        self._forget.set()
+        self._reset_requested.set()
 
     def wait_for(self, frames: int, patience: float) -> None:
-        """Wait until a number of frames are tracked, or until the camera delivers none for
-        ``patience`` s. The first frames take long: the tracker is compiled for them.
+        """Wait until a number of frames are tracked, or until the camera is silent.
+
+        The camera counts as silent if it delivers no frame for ``patience`` s. The first frames
+        take long, because the tracker is compiled for them.
         """
         tracked, since = 0, self._clock.now()
         for _ in ticks(self._clock, 1.0 / POLL_S):
-            if self._at_work or self._tracked > tracked:
-                tracked, since = self._tracked, self._clock.now()
+            if self._is_tracking or self._tracked_count > tracked:
+                tracked, since = self._tracked_count, self._clock.now()
             silent = not self._clock.now() - since <= patience * 1e9
             if tracked >= frames or silent or not self._thread.is_alive():
                 return
 
-    def look(self) -> None:
+    def track_newest_frame(self) -> None:
         """Track the markers in the camera's newest frame, if it is new."""
         frame = self._camera.latest()
         if frame is None or frame is self._newest:
             return
         check_first_value(self._camera, "latest", frame)
-        self._newest, self._at_work = frame, True
-        if self._forget.is_set():
-            self._forget.clear()
+        self._newest, self._is_tracking = frame, True
+        if self._reset_requested.is_set():
+            self._reset_requested.clear()
             self._tracker.reset()
         found = self._found(frame)
         self._offered = replace(frame, arrival=self._clock.now()), found
-        self._tracked += 1
-        self._at_work = False
+        self._tracked_count += 1
+        self._is_tracking = False
 
     def _found(self, frame: Frame) -> Markers | BadInput:
         """Return the markers in a frame, or the reason for refusing it."""
@@ -131,7 +133,7 @@ class TrackingThread:
 
     def _work(self) -> None:
         try:
-            while not self._ended.wait(POLL_S):
-                self.look()
+            while not self._stop_requested.wait(POLL_S):
+                self.track_newest_frame()
         except Exception as error:
             self._error = error

@@ -1,1 +1,1 @@
-"""The options of commands: their list, their help, and suggestions for misspelt ones."""
+"""Options of commands: their list, their help, and suggestions for misspelt ones."""

@@ -1,4 +1,4 @@
-"""The help of a command: the basics on one page, and with `--help-all` the settings too."""
+"""Help of a command: the basic options on one page, and with `--help-all` the settings as well."""
 
 import shutil
 import textwrap
@@ -12,88 +12,98 @@ from rcmservo.config.field_docs import describe_class, first_sentence
 from rcmservo.config.registry import ESTIMATORS, PRESETS, name_of
 from rcmservo.config.user_code import OPTION as ESTIMATOR_OPTION
 
-HELP, ALL = ("-h", "--help"), "--help-all"
-"""Options that ask for the basics, and for everything."""
-INDENT = 22
-"""Columns before the explanation of an option."""
-NARROWEST, WIDEST = 60, 100
-"""Columns that a line of help has at least and at most."""
+HELP_OPTIONS, HELP_ALL_OPTION = ("-h", "--help"), "--help-all"
+"""Options that print the basic options, and the one that prints all options."""
+EXPLANATION_COLUMN = 22
+"""Column at which the explanation of an option begins."""
+MIN_WIDTH, MAX_WIDTH = 60, 100
+"""Smallest and largest width of the help in columns."""
 
 
-def help_of(command: str, kind: type[Any], everything: bool) -> str:
-    """Return the help of a command as text."""
-    width = min(max(shutil.get_terminal_size((80, 24)).columns, NARROWEST), WIDEST)
-    return "\n".join(_lines(command, kind, everything, width))
+def help_text(command: str, kind: type[Any], with_settings: bool) -> str:
+    """Return the help of a command."""
+    width = min(max(shutil.get_terminal_size((80, 24)).columns, MIN_WIDTH), MAX_WIDTH)
+    return "\n".join(_lines(command, kind, with_settings, width))
 
 
-def _lines(command: str, kind: type[Any], everything: bool, width: int) -> Iterator[str]:
-    options = sorted(options_of(kind), key=lambda one: not one.is_positional)
+def _lines(command: str, kind: type[Any], with_settings: bool, width: int) -> Iterator[str]:
+    options = sorted(options_of(kind), key=lambda option: not option.is_positional)
     classes = groups_of(kind)
-    groups = list(dict.fromkeys(one.group for one in options if one.group))
-    given = [one for one in options if one.is_positional]
-    usage = ["usage: rcmservo", command, *(one.name for one in given), "[options]"]
+    groups = list(dict.fromkeys(option.group for option in options if option.group))
+    positionals = [option for option in options if option.is_positional]
+    usage = ["usage: rcmservo", command, *(option.name for option in positionals), "[options]"]
     yield " ".join(usage)
     for paragraph in describe_class(kind).split("\n\n"):
         yield ""
         yield from textwrap.wrap(" ".join(paragraph.split()), width)
-    for group, ones in groupby(options, key=lambda one: one.group):
-        if everything or not group:
+    for group, ones in groupby(options, key=lambda option: option.group):
+        if with_settings or not group:
             yield ""
             words = " ".join(describe_class(classes[group]).split()) if group else ""
             head = f"{group} options:" if group else "options:"
             yield from textwrap.wrap(f"{head} {words}", width)
-            for one in ones:
-                yield from _row(_left(one), _right(one), width)
+            for option in ones:
+                yield from _option_lines(_option_usage(option), _option_explanation(option), width)
             if not group:
-                both = (f"--help, {ALL}", "Show this, or the settings too.")
-                yield from _row(*(both if groups else ("--help", "Show this.")), width)
-    if any(one.name == ESTIMATOR_OPTION for one in options):
+                both = (f"--help, {HELP_ALL_OPTION}", "Show this help, or also the settings.")
+                yield from _option_lines(
+                    *(both if groups else ("--help", "Show this help.")), width
+                )
+    if any(option.name == ESTIMATOR_OPTION for option in options):
         yield ""
-        yield from _estimators(width)
-    if groups and not everything:
-        words = f"Settings of {', '.join(groups)}: rcmservo {command} {ALL}"
+        yield from _estimator_lines(width)
+    if groups and not with_settings:
+        words = f"Settings of {', '.join(groups)}: rcmservo {command} {HELP_ALL_OPTION}"
         yield ""
         yield from textwrap.wrap(words, width, break_on_hyphens=False)
 
 
-def _row(left: str, right: str, width: int) -> Iterator[str]:
-    """Return an option beside its explanation, or above it if it is long."""
-    room = textwrap.wrap(right, width - INDENT, break_long_words=False, break_on_hyphens=False)
-    if len(left) + 3 > INDENT:
+def _option_lines(left: str, right: str, width: int) -> Iterator[str]:
+    """Yield the lines of an option: its explanation to the right, or below if its usage is long."""
+    explanation = textwrap.wrap(
+        right, width - EXPLANATION_COLUMN, break_long_words=False, break_on_hyphens=False
+    )
+    if len(left) + 3 > EXPLANATION_COLUMN:
         yield from textwrap.wrap(f"  {left}", width, subsequent_indent="      ")
         left = ""
-    for k, line in enumerate(room or [""]):
-        yield f"{f'  {left}' if k == 0 else '':<{INDENT}}{line}".rstrip()
+    for k, line in enumerate(explanation or [""]):
+        yield f"{f'  {left}' if k == 0 else '':<{EXPLANATION_COLUMN}}{line}".rstrip()
 
 
-def _left(one: Option) -> str:
-    if one.is_positional:
-        return one.name
-    if one.is_flag:
-        start, _, end = one.name.rpartition("." if "." in one.name else "--")
-        return f"{start}{'.' if '.' in one.name else '--'}[no-]{end}"
-    return f"{one.name} {one.metavar}"
+def _option_usage(option: Option) -> str:
+    if option.is_positional:
+        return option.name
+    if option.is_flag:
+        start, _, end = option.name.rpartition("." if "." in option.name else "--")
+        return f"{start}{'.' if '.' in option.name else '--'}[no-]{end}"
+    return f"{option.name} {option.metavar}"
 
 
-def _right(one: Option) -> str:
-    return f"{one.words} (default: {one.default})" if one.default else one.words
+def _option_explanation(option: Option) -> str:
+    return (
+        f"{option.description} (default: {option.default})"
+        if option.default
+        else option.description
+    )
 
 
-def _estimators(width: int) -> Iterator[str]:
-    """Return a line for each estimator that a name stands for."""
+def _estimator_lines(width: int) -> Iterator[str]:
+    """Yield one line for each estimator name."""
     yield "estimators:"
-    for name, words in estimator_words().items():
-        short = textwrap.shorten(words, width - INDENT, placeholder=" ...")
-        yield from _row(name, short, width)
-    yield from _row("MODULE:CLASS", "your own, such as mylab.rls:RLS", width)
+    for name, words in estimator_descriptions().items():
+        short = textwrap.shorten(words, width - EXPLANATION_COLUMN, placeholder=" ...")
+        yield from _option_lines(name, short, width)
+    yield from _option_lines("MODULE:CLASS", "your own estimator, such as mylab.rls:RLS", width)
 
 
-def estimator_words() -> dict[str, str]:
-    """Return one sentence on each built-in estimator, by its name."""
+def estimator_descriptions() -> dict[str, str]:
+    """Return a description of one sentence for each built-in estimator, by name."""
     words = {name: first_sentence(kind) for name, kind in ESTIMATORS.items()}
     for name, preset in PRESETS.items():
         kind: Any = type(preset)
-        given = {f.name: (getattr(preset, f.name), f.default) for f in fields(kind)}
-        other = (f"{name}={value}" for name, (value, usual) in given.items() if value != usual)
-        words[name] = f"{name_of(preset, ESTIMATORS)} with {', '.join(other)}"
+        values = {f.name: (getattr(preset, f.name), f.default) for f in fields(kind)}
+        changed = (
+            f"{name}={value}" for name, (value, default) in values.items() if value != default
+        )
+        words[name] = f"{name_of(preset, ESTIMATORS)} with {', '.join(changed)}"
     return words

@@ -1,6 +1,4 @@
-"""The options of a command as a list, read from its dataclass: for the help, for suggestions, and
-for messages that name an option.
-"""
+"""Options of a command as a list, read from its dataclass for help, suggestions and messages."""
 
 from collections.abc import Iterator
 from dataclasses import MISSING, dataclass, fields, is_dataclass
@@ -14,27 +12,27 @@ from rcmservo.config.field_docs import describe_field
 from rcmservo.constraints import choices_of
 
 METAVARS: dict[type[Any], str] = {int: "INT", float: "FLOAT", str: "TEXT", Path: "PATH"}
-"""Name of a value in the help, by its type."""
+"""Placeholder of a value in the help, by type."""
 
 
 @dataclass(frozen=True)
 class Option:
-    """One option or positional argument of a command.
+    """Option or positional argument of a command.
 
     Parameters
     ----------
     owner : type[Any]
-        The dataclass whose field it is.
+        Dataclass that has the field.
     field : str
-        The name of that field.
+        Name of the field.
     group : str
-        Part of its name that it shares with other options, such as controller; or empty.
+        Prefix that the option shares with others, such as controller; empty if none.
     name : str
-        As typed, such as --controller.gain; of a positional argument its metavar.
+        Name as typed, such as --controller.gain; the metavar of a positional argument.
     metavar : str
-        What its values are called; empty for a flag.
+        Placeholder of its values; empty for a flag.
     default : str
-        Its default as it would be typed; empty if there is none to show.
+        Default as typed; empty if there is none to show.
     """
 
     owner: type[Any]
@@ -45,58 +43,60 @@ class Option:
     default: str
 
     @property
-    def words(self) -> str:
-        """What it means, read from the source of its dataclass."""
+    def description(self) -> str:
+        """Description of the option, read from the source of its dataclass."""
         return describe_field(self.owner, self.field)
 
     @property
     def is_positional(self) -> bool:
-        """True if it is given without a name."""
+        """True if the argument is given without a name."""
         return not self.name.startswith("--")
 
     @property
     def is_flag(self) -> bool:
-        """True if it is given without a value."""
+        """True if the option takes no value."""
         return not self.metavar
 
 
 def groups_of(kind: type[Any]) -> dict[str, type[Any]]:
-    """Return the classes whose settings are groups of options of a command, by the groups."""
+    """Return the classes whose settings are option groups of a command, by group."""
     hints = get_type_hints(kind).items()
-    return {_typed(name): cast(type[Any], hint) for name, hint in hints if is_dataclass(hint)}
+    return {_option_name(name): cast(type[Any], hint) for name, hint in hints if is_dataclass(hint)}
 
 
 def options_of(kind: type[Any], group: str = "") -> Iterator[Option]:
-    """Yield the options of a command, the groups last, or those of the class of a group."""
+    """Yield the options of a command, groups last, or the options of field group's class."""
     groups = groups_of(kind)
     hints = get_type_hints(kind, include_extras=True)
-    for one in fields(kind):
-        if _typed(one.name) in groups:
+    for field in fields(kind):
+        if _option_name(field.name) in groups:
             continue
-        hint = hints[one.name]
+        hint = hints[field.name]
         markers = get_args(hint)[1:] if get_origin(hint) is Annotated else ()
-        named = (getattr(marker, "metavar", None) for marker in markers)
-        metavar = next(filter(None, named), None) or _metavar(hint)
-        typed = f"--{group}.{_typed(one.name)}" if group else f"--{_typed(one.name)}"
+        metavars = (getattr(marker, "metavar", None) for marker in markers)
+        metavar = next(filter(None, metavars), None) or _metavar(hint)
+        typed = (
+            f"--{group}.{_option_name(field.name)}" if group else f"--{_option_name(field.name)}"
+        )
         name = metavar if tyro.conf.Positional in markers else typed
-        yield Option(kind, one.name, group, name, metavar, _shown(one.default))
+        yield Option(kind, field.name, group, name, metavar, _format_default(field.default))
     for name, inner in groups.items():
         yield from options_of(inner, name)
 
 
-def _typed(name: str) -> str:
+def _option_name(name: str) -> str:
     return name.replace("_", "-")
 
 
 def without_none(hint: Any) -> Any:
-    """Return the type of the values of an option that may be left out."""
+    """Return the type of the values of an optional option."""
     if get_origin(hint) in (Union, UnionType):
         return next(one for one in get_args(hint) if one is not NoneType)
     return hint
 
 
 def _metavar(hint: Any) -> str:
-    """Return what the values of a type are called."""
+    """Return the placeholder for values of a type."""
     choices = choices_of(hint)
     if choices:
         return choices[0] if len(choices) == 1 else f"{{{','.join(choices)}}}"
@@ -106,8 +106,8 @@ def _metavar(hint: Any) -> str:
     return "" if plain is bool else METAVARS[plain]
 
 
-def _shown(value: Any) -> str:
-    """Return a default as it would be typed."""
+def _format_default(value: Any) -> str:
+    """Return a default as typed."""
     match value:
         case None | () | "":
             return ""
@@ -116,6 +116,6 @@ def _shown(value: Any) -> str:
         case float():
             return f"{value:.4g}" if value else "0"
         case tuple():
-            return " ".join(map(_shown, cast(tuple[Any, ...], value)))
+            return " ".join(map(_format_default, cast(tuple[Any, ...], value)))
         case _:
             return "" if value is MISSING else str(value)

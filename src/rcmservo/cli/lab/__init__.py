@@ -1,1 +1,1 @@
-"""The commands that bring up a laboratory."""
+"""Commands for a lab: bring-up, emulation and the operator's page."""

@@ -1,4 +1,4 @@
-"""`rcmservo emulate`: a controller that is not there, with a simulated arm behind it."""
+"""`rcmservo emulate`: an emulated motion controller or ROS arm that drives a simulated arm."""
 
 import contextlib
 import time
@@ -23,49 +23,50 @@ from rcmservo.live.realtime import realtime
 
 AXES = 4
 COUNTS = 50000.0, 50000.0, 500.0
-"""Of a rad, rad and mm of the emulated arm."""
-PORT = between(0, 65535, "a whole number")
+"""Encoder counts of the emulated arm per rad, rad and mm."""
+PORT_LIMIT = between(0, 65535, "a whole number")
 
 
 @dataclass(frozen=True, kw_only=True)
 class GalilOptions(Checked):
-    """Options of `emulate galil` alone.
+    """Options of `emulate galil` only.
 
     Parameters
     ----------
     port : int
-        Where galil listens on 127.0.0.1, by TCP and UDP; 0 takes one that is free.
+        Port on 127.0.0.1 on which galil listens, by TCP and UDP; 0 takes a free one.
     serial : bool
-        Of galil: offer a serial port too, a pseudo-terminal whose path is told.
+        galil: also offer a serial port, a pseudo-terminal whose path is printed.
     mjpeg : int or None
-        Of galil: offer the arm's camera too, as Motion JPEG on this port of 127.0.0.1; 0 takes one
-        that is free.
+        galil: also offer the arm's camera, as Motion JPEG on this port of 127.0.0.1; 0 takes a
+        free one.
     gige : bool
-        Of galil: offer it as a GigE Vision camera at 127.0.0.1 (apt-get install libaravis-0.8-0).
+        galil: also offer the camera as a GigE Vision camera at 127.0.0.1 (apt-get install
+        libaravis-0.8-0).
     fault : tyro.conf.UseAppendAction[tuple[str, ...]]
-        Of galil: what goes wrong, as kind:at=5,for=0.5; may be given several times. --fault help
-        lists the kinds.
+        galil: fault to emulate, as kind:at=5,for=0.5; repeatable. --fault help lists the kinds.
     """
 
-    port: Annotated[int, PORT] = 2323
+    port: Annotated[int, PORT_LIMIT] = 2323
     serial: bool = False
-    mjpeg: Annotated[int | None, PORT] = None
+    mjpeg: Annotated[int | None, PORT_LIMIT] = None
     gige: bool = False
     fault: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
 
 
 @dataclass(frozen=True)
 class EmulateOptions(RosOptions, GalilOptions):
-    """A motion controller on 127.0.0.1, or an arm on ROS topics, that drives a simulated arm, for
-    developing without the hardware. It runs until Ctrl-C. Nothing real moves.
+    """Emulate a motion controller on 127.0.0.1, or an arm on ROS topics, with a simulated arm.
+
+    It serves development without hardware and runs until Ctrl-C. No real arm moves.
 
     Parameters
     ----------
     device : Literal['galil', 'crtk']
-        The controller: galil (a DMC-4040 with four axes, the joints on A, B and C), or crtk (an arm
-        on ROS topics, with its camera's pictures).
+        Emulated device: galil (a DMC-4040 with four axes, the joints on A, B and C), or crtk
+        (an arm on ROS topics, with the images of its camera).
     seed : int
-        Draws where the arm and its camera stand.
+        Seed that draws the poses of the arm and its camera.
     rig : Path or None
         TOML file with your own mechanism, drives and scene.
     """
@@ -76,12 +77,12 @@ class EmulateOptions(RosOptions, GalilOptions):
 
 
 def emulate(options: EmulateOptions) -> int:
-    """Be the controller until Ctrl-C; the exit code is 0."""
+    """Emulate the device until Ctrl-C and return the exit code 0."""
     if "help" in options.fault:
         for name, words in FAULT_KINDS.items():
             print(f"{name:9} {words}")
         return 0
-    _require_own(options)
+    _require_device_options(options)
     lab = load_lab(options.rig)
     if options.device == "crtk":
         return emulate_crtk(options, options.seed, lab)
@@ -91,32 +92,32 @@ def emulate(options: EmulateOptions) -> int:
     with arm:
         cameras: list[str] = []
         if options.mjpeg is not None:
-            cameras.append(arm.offer(send_mjpeg, options.mjpeg))
+            cameras.append(arm.start_camera(send_mjpeg, options.mjpeg))
         if options.gige:
-            cameras.append("GigE Vision " + arm.offer(send_gige))
+            cameras.append("GigE Vision " + arm.start_camera(send_gige))
         controller = Controller(arm.motors(COUNTS, AXES), AXES)
         serial = SerialPort() if options.serial else None
         with closing(Server(controller, options.port, faults, serial)) as server:
             at = f"127.0.0.1:{server.port}" + (f" and {serial.path}" if serial else "")
-            seen = f", its camera at {' and '.join(cameras)}" if cameras else ""
-            words = f"emulated Galil DMC-40{AXES}0 at {at}, simulated arm{seen}"
+            camera = f", its camera at {' and '.join(cameras)}" if cameras else ""
+            words = f"emulated Galil DMC-40{AXES}0 at {at}, simulated arm{camera}"
             out = console(False)
             out.print(f"{words}, seed {options.seed}; Ctrl-C ends it", soft_wrap=True)
             out.print(arm.measurements, soft_wrap=True)
-            _serve(server)
+            _serve_controller(server)
     return 0
 
 
-def _require_own(options: EmulateOptions) -> None:
-    """Refuse what is another controller's, which would be ignored."""
+def _require_device_options(options: EmulateOptions) -> None:
+    """Refuse options of the other device, which would have no effect."""
     for one in fields(GalilOptions if options.device == "crtk" else RosOptions):
         value = getattr(options, one.name)
-        right = f"left out: emulate {options.device} has no such thing"
-        require(value == one.default, f"--{one.name}", value, right)
+        expected = f"left out, because emulate {options.device} has no such option"
+        require(value == one.default, f"--{one.name}", value, expected)
 
 
-def _serve(server: Server) -> None:
-    """As punctually as the system allows: a controller waits for no other program."""
+def _serve_controller(server: Server) -> None:
+    """Serve at each sample time as punctually as the system allows, as a real controller does."""
     start = time.monotonic()
     with realtime(), contextlib.suppress(KeyboardInterrupt):
         while True:

@@ -1,4 +1,4 @@
-"""`rcmservo emulate crtk`: an arm that is not there, on ROS topics, with its camera's pictures."""
+"""`rcmservo emulate crtk`: an emulated arm on ROS topics, with the images of its camera."""
 
 import time
 from contextlib import closing
@@ -17,66 +17,68 @@ from rcmservo.hardware.crtk.transport import open_transport
 from rcmservo.live.frame_ring import FrameRing, RingCamera
 from rcmservo.live.realtime import realtime
 
-LOOK = 0.002
-"""s between two looks for a new picture."""
+IMAGE_POLL_S = 0.002
+"""Interval in s at which the camera is polled for a new image."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class RosOptions(RosConnection):
-    """Options of `emulate crtk` alone.
+    """Options of `emulate crtk` only.
 
     Parameters
     ----------
     namespace : str
-        Of crtk: the arm's name, before all of its topics.
+        crtk: name of the arm, the prefix of all its topics.
     """
 
     namespace: Annotated[str, NAMESPACE] = "PSM1"
 
 
-def emulate_crtk(where: RosOptions, seed: int, lab: Lab) -> int:
-    """Be the arm until Ctrl-C; the exit code is 0."""
+def emulate_crtk(connection: RosOptions, seed: int, lab: Lab) -> int:
+    """Emulate the arm until Ctrl-C and return the exit code 0."""
     with needing("emulate", "sim"):
         arm = EmulatedArm(seed, lab)
-    with arm, closing(open_transport(where)) as transport:
-        arm.offer(send_pictures, where)
+    with arm, closing(open_transport(connection)) as transport:
+        arm.start_camera(send_images, connection)
         limits, joints = lab.mechanism.limits, arm.joints()
         now = time.monotonic_ns()
-        device = CrtkDevice(joints, limits, transport, where.namespace, now, time.time_ns)
-        on = f" (domain {where.domain}, {where.interface})" if where.ros == 2 else ""
-        words = f"emulated CRTK arm {where.namespace} on ROS {where.ros}{on}, simulated arm"
+        device = CrtkDevice(joints, limits, transport, connection.namespace, now, time.time_ns)
+        on = f" (domain {connection.domain}, {connection.interface})" if connection.ros == 2 else ""
+        words = (
+            f"emulated CRTK arm {connection.namespace} on ROS {connection.ros}{on}, simulated arm"
+        )
         console(False).print(f"{words}, seed {seed}; Ctrl-C ends it", soft_wrap=True)
         try:
-            serve(device)
+            run_device(device)
         except KeyboardInterrupt:
             return 0
     return 0
 
 
-def send_pictures(ring: FrameRing, where: RosOptions, control: Connection) -> None:
-    """Send a camera's pictures on a topic, until the other end of `control` speaks or is gone."""
+def send_images(ring: FrameRing, connection: RosOptions, control: Connection) -> None:
+    """Publish a camera's images on a topic until the parent sends a message or is gone."""
     try:
-        transport = open_transport(where)
+        transport = open_transport(connection)
     except RcmServoError as error:
         control.send(RcmServoError(str(error)))
         return
-    camera, last, topic = RingCamera(ring), None, IMAGE_TOPIC.under(where.namespace)
+    camera, last, topic = RingCamera(ring), None, IMAGE_TOPIC.under(connection.namespace)
     with closing(transport):
         transport.offer(topic)
         control.send(topic.name)
-        while not control.poll(LOOK):
+        while not control.poll(IMAGE_POLL_S):
             frame = camera.latest()
             if frame is None or frame is last or frame.image is None:
                 continue
             last, (height, width, _) = frame, frame.image.shape
             stamp = frame.exposure + time.time_ns() - time.monotonic_ns()
             data = frame.image.tobytes()
-            said = PlainImage(stamp, height, width, "bgr8", 0, 3 * width, data)
-            transport.publish(topic, said)
+            message = PlainImage(stamp, height, width, "bgr8", 0, 3 * width, data)
+            transport.publish(topic, message)
 
 
-def serve(device: CrtkDevice) -> None:
-    """Let a device live in wall time, until Ctrl-C."""
+def run_device(device: CrtkDevice) -> None:
+    """Run a device in wall time until Ctrl-C."""
     with realtime():
         while True:
             now = time.monotonic_ns()

@@ -1,8 +1,7 @@
-"""The simulated arm behind an emulated controller, in wall time, and the camera before it where one
-is asked for.
+"""Simulated arm of an emulated controller, in wall time, and its camera if requested.
 
-    emulate ─┬─► camera process    films the arm's motion log into shared memory
-             └─► device process    sends those frames on as a camera does
+emulate ─┬─► camera process    renders the logged motion into shared memory
+         └─► device process    sends the frames as a real camera does
 """
 
 import contextlib
@@ -23,7 +22,15 @@ from rcmservo.live.frame_ring import FrameRing, RingCamera
 
 
 class EmulatedArm:
-    """A simulated arm drawn from a seed; use it as a context, whose end ends its camera too."""
+    """Simulated arm and its camera, as a context manager that ends the camera processes.
+
+    Parameters
+    ----------
+    seed : int
+        Seed that draws the poses of arm and camera.
+    lab : Lab
+        Lab with mechanism, drives and scene.
+    """
 
     def __init__(self, seed: int, lab: Lab) -> None:
         from rcmservo.sim.rig import Rig
@@ -43,47 +50,51 @@ class EmulatedArm:
 
     @property
     def measurements(self) -> str:
-        """The joints at which it stands at first, and the lengths that a ruler shows on its tool:
-        what `rig check` asks a person for.
-        """
+        """Sentence on the initial joint values and tool lengths, which `rig check` requests."""
         q = self._rig.scene.start
         first, second = self._rig.body.points(q)[:2]
         return (
-            f"the arm stands at {q[0]:.4f} {q[1]:.4f} {q[2]:.2f} (rad, rad, mm); by the ruler its "
-            f"markers are {np.linalg.norm(second - first):.1f} mm apart, and marker 1 is "
-            f"{np.linalg.norm(first):.1f} mm from where the tool goes in"
+            f"the arm is at {q[0]:.4f} {q[1]:.4f} {q[2]:.2f} (rad, rad, mm). By ruler, "
+            f"its markers are {np.linalg.norm(second - first):.1f} mm apart, and marker 1 is "
+            f"{np.linalg.norm(first):.1f} mm from the RCM"
         )
 
-    def offer(self, send: Callable[..., None], *arguments: Any) -> str:
-        """Have the camera's frames sent by a process of its own; the address that it tells."""
-        ring = self._ring = self._ring or self._filmed()
-        return self._child(send, ring, *arguments)
+    def start_camera(self, send: Callable[..., None], *arguments: Any) -> str:
+        """Start a process that sends the camera's frames, and return its address.
+
+        Parameters
+        ----------
+        send : Callable
+            Function that the process runs: `send_mjpeg`, `send_gige` or `send_images`.
+        *arguments
+            Arguments of `send` between the frame ring and the pipe.
+        """
+        ring = self._ring = self._ring or self._start_filming()
+        return self._start_child(send, ring, *arguments)
 
     def joints(self) -> RateJoints:
-        """The arm as joints with velocity drives and brakes, in the wall clock's time from now
-        on.
-        """
+        """Place the arm at its start and return it as joints with velocity drives and brakes."""
         from rcmservo.sim.motor_interface import SimulatedJoints
 
-        self._begin()
+        self._place_at_start()
         return SimulatedJoints(self._arm)
 
     def motors(self, counts: tuple[float, float, float], axes: int) -> Motors:
-        """The arm as motors. Its time is the wall clock's from now on."""
+        """Place the arm at its start and return it as motors with encoders."""
         from rcmservo.sim.motor_interface import SimulatedMotors
 
-        self._begin()
+        self._place_at_start()
         return SimulatedMotors(self._arm, np.array(counts), axes)
 
-    def _begin(self) -> None:
-        """Be at the start now."""
+    def _place_at_start(self) -> None:
+        """Place the arm at its start and set its time to the wall clock."""
         from rcmservo.sim.arm import PHYSICS_STEP_NS
 
         self._arm.time = time.monotonic_ns() // PHYSICS_STEP_NS * PHYSICS_STEP_NS
         self._arm.place(self._rig.scene.start)
 
-    def _filmed(self) -> FrameRing:
-        """Where the frames are that a camera takes of it."""
+    def _start_filming(self) -> FrameRing:
+        """Start the camera process, and return the ring that holds its frames."""
         from rcmservo.sim.arm import PHYSICS_STEP_NS
         from rcmservo.sim.processes.camera_process import run_camera_process
         from rcmservo.sim.processes.motion_log import MotionLog
@@ -92,39 +103,39 @@ class EmulatedArm:
         zero, arm = np.zeros(3), self._arm
 
         def note() -> None:
-            """Log where the step before this one has left the arm."""
+            """Log the joints after the previous step."""
             log.add(arm.time - PHYSICS_STEP_NS, time.monotonic_ns(), 0, True, zero, arm.q_true)
 
         note()
         arm.before_step = note
         ring = FrameRing(self._context, self._settings.width, self._settings.height)
-        self._child(run_camera_process, self._seed, self._settings, log, ring)
+        self._start_child(run_camera_process, self._seed, self._settings, log, ring)
         return ring
 
-    def _child(self, work: Callable[..., None], *arguments: Any) -> Any:
-        """Start a process; the first thing that it says."""
+    def _start_child(self, work: Callable[..., None], *arguments: Any) -> Any:
+        """Start a process and return its first message."""
         child = ChildProcess(self._context, work, *arguments)
         self._stack.callback(child.end)
         return child.receive()
 
 
 def send_mjpeg(ring: FrameRing, port: int, control: Connection) -> None:
-    """Be a camera that sends JPEGs, until the other end of `control` speaks or is gone."""
+    """Serve a camera's frames as Motion JPEG until the parent sends a message or is gone."""
     from rcmservo.hardware.cameras.emulated.mjpeg_server import MjpegServer
 
-    _send(lambda: MjpegServer(RingCamera(ring), port), control)
+    _run_camera(lambda: MjpegServer(RingCamera(ring), port), control)
 
 
 def send_gige(ring: FrameRing, control: Connection) -> None:
-    """Be a GigE Vision camera, until the other end of `control` speaks or is gone."""
+    """Serve a camera's frames by GigE Vision until the parent sends a message or is gone."""
     from rcmservo.hardware.cameras.emulated.gige_camera import GigeCamera
 
     height, width, _ = ring.shape
-    _send(lambda: GigeCamera(RingCamera(ring), width, height), control)
+    _run_camera(lambda: GigeCamera(RingCamera(ring), width, height), control)
 
 
-def _send(opened: Callable[[], Any], control: Connection) -> None:
-    """Open a camera, report its address or the reason why there is none, and wait for the end."""
+def _run_camera(opened: Callable[[], Any], control: Connection) -> None:
+    """Open a camera, report its address or the error, and wait for the parent."""
     try:
         camera = opened()
     except RcmServoError as error:

@@ -1,7 +1,7 @@
-"""What a person at the arm is asked before its drive goes on, in the process that will move it.
+"""Questions to the operator at the arm before the drive is enabled, in the process that moves it.
 
-Where the arm stands, if it does not know; the target, shown by hand or read from a file; and at
-last, for a word, leave to move. Nothing here moves anything.
+The operator defines the joint values if the arm does not know them, teaches the target by hand or
+names its file, and confirms the motion with a typed word. Nothing here moves the arm.
 """
 
 import json
@@ -26,29 +26,30 @@ from rcmservo.loop.plant import Plant
 from rcmservo.loop.target_frames import TEACHING_FRAMES
 from rcmservo.loop.teach import NotShown, teach
 
-WORD = "enable"
-AT_HAND = 1_000_000_000
-"""ns after it was typed for which an answer counts."""
+ENABLE_WORD = "enable"
+"""Word that the operator types to enable the drive."""
+MAX_ANSWER_AGE_NS = 1_000_000_000
+"""Time in ns after typing during which an answer is valid."""
 
-UNITS = "rad", "rad", "mm"
+JOINT_UNITS = "rad", "rad", "mm"
 
 
 @dataclass(frozen=True)
-class Preparing:
-    """What is to be done with a person's help; it passes to the servo's process.
+class HardwarePreparation:
+    """Preparation of a run with the operator; it is passed to the servo process.
 
     Parameters
     ----------
     lab : Lab
-        The laboratory with its devices.
+        Lab with its devices.
     intent : str
-        What is going to happen once the drive is on, in words.
+        Announcement of the motion that follows once the drive is on.
     target : Path or None
-        The file that holds the target; None where it is shown by hand.
+        File of the target; None if the operator teaches it by hand.
     save_target : Path or None
-        A new file to keep the target in that is shown; None where it is not kept.
+        New file for the taught target; None if it is not saved.
     frames : int
-        Frames that a target is the mean of.
+        Number of frames over which a taught target is averaged.
     """
 
     lab: Lab
@@ -58,150 +59,167 @@ class Preparing:
     frames: int = TEACHING_FRAMES
 
 
-class AtHand:
-    """A person at a terminal, whose answers count only where they were typed just now."""
+class AttendedTerminal:
+    """Operator at a terminal, whose answers are valid only if they were typed just now.
+
+    Parameters
+    ----------
+    terminal : Terminal
+        Terminal that reports when an answer was typed.
+    """
 
     def __init__(self, terminal: Terminal) -> None:
         self._terminal = terminal
 
     def tell(self, words: str) -> None:
-        """Say something that needs no answer."""
+        """Print a message that needs no answer."""
         self._terminal.tell(words)
 
     def ask(self, question: str) -> str:
-        """What the person answers to this question."""
+        """Return the operator's answer to a question; ask again if the answer is too old."""
         while True:
             answer = self._terminal.ask(question)
-            if time.monotonic_ns() - self._terminal.typed <= AT_HAND:
+            if time.monotonic_ns() - self._terminal.typed <= MAX_ANSWER_AGE_NS:
                 return answer
-            self.tell("That was typed a while ago; once more.")
+            self.tell("This answer is too old; please repeat it.")
 
 
-def target_at_the_arm(preparing: Preparing, plant: Plant) -> Target:
-    """Where the arm stands, and the target. At the end the tool is at its start."""
-    setup, given = setup_of(preparing.lab, plant), preparing.target
-    target = None if given is None else target_file.load(given, setup)
-    with _person(plant) as person:
-        require_off(plant)
-        if not arm_of(plant).homed():
-            define(person, plant, preparing.lab)
+def obtain_target(preparation: HardwarePreparation, plant: Plant) -> Target:
+    """Define the joint values if needed, and return the target; the tool is then at its start."""
+    setup, file = target_setup(preparation.lab, plant), preparation.target
+    target = None if file is None else target_file.load(file, setup)
+    with _operator(plant) as operator:
+        require_drive_off(plant)
+        if not lab_arm(plant).homed():
+            define(operator, plant, preparation.lab)
         if target is None:
-            target = shown(person, plant, preparing.frames)
-            if preparing.save_target is not None:
-                target_file.save(preparing.save_target, target, setup)
-                person.tell(f"The target is kept in {preparing.save_target}.")
+            target = teach_by_hand(operator, plant, preparation.frames)
+            if preparation.save_target is not None:
+                target_file.save(preparation.save_target, target, setup)
+                operator.tell(f"The target is saved in {preparation.save_target}.")
         else:
-            words = "It holds only if the camera stands where it stood when it was shown."
-            person.tell(f"The target is that of {given}. {words}")
-        enter(person, plant, "Bring the tool to its start by hand, then press Enter:")
+            condition = "It holds only if the camera has not moved since it was taught."
+            operator.tell(f"The target is read from {file}. {condition}")
+        await_enter(operator, plant, "Move the tool to its start by hand, then press Enter:")
     return target
 
 
-def leave_to_move(preparing: Preparing, plant: Plant) -> None:
-    """Ask for the word that lets the drive go on: it counts while it is fresh."""
-    with _person(plant) as person:
-        q = words_of(plant.arm.measure().q, preparing.lab)
-        person.tell(f"The arm stands at {q}. {preparing.intent}")
-        answer = person.ask(f"Type {WORD} to switch the drive on; anything else ends this:")
-        if answer != WORD:
-            raise Stopped(f"nothing was switched on: the answer was not {WORD}")
+def confirm_enable(preparation: HardwarePreparation, plant: Plant) -> None:
+    """Request the word that enables the drive; it is valid for a short time only."""
+    with _operator(plant) as operator:
+        q = format_joints(plant.arm.measure().q, preparation.lab)
+        operator.tell(f"The arm is at {q}. {preparation.intent}")
+        answer = operator.ask(
+            f"Type {ENABLE_WORD} to switch the drive on; any other answer ends the program:"
+        )
+        if answer != ENABLE_WORD:
+            raise Stopped(f"the drive was not switched on: the answer was not {ENABLE_WORD}")
 
 
-def setup_of(lab: Lab, plant: Plant) -> Setup:
-    """What a target is bound to: the camera by all that the rig file says of it but its latency,
-    which no picture shows.
+def target_setup(lab: Lab, plant: Plant) -> Setup:
+    """Return the set-up for which a target holds.
+
+    The camera is identified by all its entries in the rig file except its latency, which no image
+    shows.
     """
     frame = plant.frame
     image = None if frame is None else frame.image
     assert image is not None
     height, width = image.shape[:2]
-    return setup_at(lab, width, height)
+    return target_setup_for_size(lab, width, height)
 
 
-def setup_at(lab: Lab, width: int, height: int) -> Setup:
-    """The same, by the pictures' size in px."""
-    told = {key: value for key, value in lab.devices["camera"].items() if key != "latency"}
-    name = json.dumps(told, sort_keys=True)
+def target_setup_for_size(lab: Lab, width: int, height: int) -> Setup:
+    """Return the set-up for which a target holds, given the size of the images in px."""
+    camera = {key: value for key, value in lab.devices["camera"].items() if key != "latency"}
+    name = json.dumps(camera, sort_keys=True)
     slack = lab.thresholds.slack
     return Setup(name, width, height, lab.mechanism, lab.tool, lab.markers, slack=slack)
 
 
-def require_off(plant: Plant) -> None:
-    """Refuse an arm whose drive is on: nobody here has switched it on, and it would hold or go."""
+def require_drive_off(plant: Plant) -> None:
+    """Refuse an arm whose drive another program has enabled, because the arm could move."""
     if plant.arm.measure().enabled:
-        raise NotReady("the arm's drive is on, by somebody else: switch it off there first")
+        raise NotReady("another program has switched the arm's drive on: switch it off there first")
 
 
-def define(person: OperatorTerminal, plant: Plant, lab: Lab) -> None:
-    """A person says where the arm stands, and agrees to it before the arm is told."""
-    arm = arm_of(plant)
-    person.tell(
-        "The arm does not know where it stands: nobody has said so since its controller was reset. "
-        "The drive is off. Bring the arm by hand to a mark whose joints are known."
+def define(operator: OperatorTerminal, plant: Plant, lab: Lab) -> None:
+    """Let the operator type and confirm the joint values, and define them in the arm."""
+    arm = lab_arm(plant)
+    operator.tell(
+        "The joint values of the arm are unknown since its controller was reset. The drive is off. "
+        "Move the arm by hand to a mark whose joint values are known."
     )
     while True:
-        answer = person.ask("The joints at the mark in rad, rad and mm, such as 0.1 -0.2 100:")
+        answer = operator.ask("Joint values at the mark in rad, rad and mm, such as 0.1 -0.2 100:")
         try:
-            q = joints(answer, lab)
+            q = parse_joints(answer, lab)
         except BadInput as error:
-            person.tell(f"{error}.")
+            operator.tell(f"{error}.")
             continue
-        if not person.ask(f"The arm stands at {words_of(q, lab)}. Enter if so:"):
+        if not operator.ask(f"The arm is at {format_joints(q, lab)}. Press Enter to confirm:"):
             break
     arm.define(q)
-    told = arm.measure().q
-    if not (np.abs(told - q) <= lab.thresholds.following).all():
-        raise NotReady(f"the arm stands elsewhere than it was told, at {words_of(told, lab)}")
+    reported = arm.measure().q
+    if not (np.abs(reported - q) <= lab.thresholds.following).all():
+        raise NotReady(
+            "the arm did not take the defined joint values; it reports "
+            f"{format_joints(reported, lab)}"
+        )
 
 
-def joints(answer: str, lab: Lab) -> Floats:
-    """The joints (3,) that were typed, within their limits."""
+def parse_joints(answer: str, lab: Lab) -> Floats:
+    """Return the typed joint values (3,) in rad, rad, mm, within their limits."""
     try:
         typed = np.array([float(part) for part in answer.replace(",", " ").split()])
     except ValueError:
         typed = np.empty(0)
     require(typed.shape == (3,), "the joints", answer, "three numbers (rad, rad, mm)")
     lower, upper = lab.mechanism.limits.arrays
-    inside = bool(((lower <= typed) & (typed <= upper)).all())
-    limits = f"within {words_of(lower, lab)} and {words_of(upper, lab)}"
-    require(inside, "the joints", answer, limits)
+    is_within_limits = bool(((lower <= typed) & (typed <= upper)).all())
+    limits = f"within {format_joints(lower, lab)} and {format_joints(upper, lab)}"
+    require(is_within_limits, "the joints", answer, limits)
     return typed
 
 
-def shown(person: OperatorTerminal, plant: Plant, frames: int = TEACHING_FRAMES) -> Target:
-    """What the camera sees when a person says that the tool is at the target."""
+def teach_by_hand(
+    operator: OperatorTerminal, plant: Plant, frames: int = TEACHING_FRAMES
+) -> Target:
+    """Return the target that the camera sees once the operator has moved the tool there."""
     while True:
-        enter(person, plant, "Bring the tool to the target by hand, then press Enter:")
-        person.tell(f"Taking {frames} frames (60 are 1 s of most cameras): keep the tool still.")
+        await_enter(operator, plant, "Move the tool to the target by hand, then press Enter:")
+        operator.tell(
+            f"Averaging {frames} frames (most cameras take 60 in 1 s): hold the tool still."
+        )
         try:
             target = teach(plant, frames)
         except NotShown as error:
-            person.tell(f"{error}.")
+            operator.tell(f"{error}.")
         else:
-            person.tell("The target is taught.")
+            operator.tell("The target is taught.")
             return target
 
 
-def enter(person: OperatorTerminal, plant: Plant, words: str) -> None:
-    """Wait until a person has done what these words say, the drive being off."""
-    require_off(plant)
-    while person.ask(f"The drive is off. {words}"):
-        person.tell("Only Enter goes on; Ctrl-C ends this.")
+def await_enter(operator: OperatorTerminal, plant: Plant, instruction: str) -> None:
+    """Wait with the drive off until the operator confirms an instruction with Enter."""
+    require_drive_off(plant)
+    while operator.ask(f"The drive is off. {instruction}"):
+        operator.tell("Press Enter to continue, or Ctrl-C to end the program.")
 
 
-def words_of(q: Floats, lab: Lab) -> str:
-    """Joints (3,) in words, with their names and units."""
-    parts = zip(lab.mechanism.joint_names, q.tolist(), UNITS, strict=True)
+def format_joints(q: Floats, lab: Lab) -> str:
+    """Return joint values (3,) with their names and units."""
+    parts = zip(lab.mechanism.joint_names, q.tolist(), JOINT_UNITS, strict=True)
     return ", ".join(f"{name} {value:.4g} {unit}" for name, value, unit in parts)
 
 
-def arm_of(plant: Plant) -> LabArm:
-    """The plant's arm, which is one of a laboratory."""
+def lab_arm(plant: Plant) -> LabArm:
+    """Return the arm of the plant, which is that of a lab."""
     return cast(Any, plant.arm)
 
 
 @contextmanager
-def _person(plant: Plant) -> Generator[OperatorTerminal]:
+def _operator(plant: Plant) -> Generator[OperatorTerminal]:
     assert isinstance(plant, HeartbeatPlant)
     with closing(Terminal(plant.told_to_end)) as terminal:
-        yield AtHand(terminal)
+        yield AttendedTerminal(terminal)

@@ -1,7 +1,7 @@
-"""`rcmservo live --rig lab.toml` where the file names an arm: the same servo with a laboratory's
-devices, and a person at the terminal who is asked at each step.
+"""`rcmservo live --rig lab.toml` for a file with an arm: the servo on the devices of a lab.
 
-Until `rig check` has passed for the very bytes of the file, the arm goes at a tenth of its speed.
+The operator at the terminal confirms each step. Until `rig check` has passed for the exact bytes of
+the file, the arm moves at a tenth of its speed.
 """
 
 from collections.abc import Callable
@@ -13,13 +13,18 @@ from typing import Any
 
 from rich.console import Console
 
-from rcmservo.cli.lab.hardware_prompts import Preparing, leave_to_move, target_at_the_arm, words_of
+from rcmservo.cli.lab.hardware_prompts import (
+    HardwarePreparation,
+    confirm_enable,
+    format_joints,
+    obtain_target,
+)
 from rcmservo.cli.lab.live_progress import LiveProgress
 from rcmservo.cli.lab_options import LabOptions, RunToTargetOptions
 from rcmservo.cli.progress.preparing import compiling
-from rcmservo.cli.result_output import record_in, save_result
+from rcmservo.cli.result_output import read_record_if_any, save_result
 from rcmservo.cli.simulated_run.about import about_any
-from rcmservo.cli.terminal import live_line
+from rcmservo.cli.terminal import status_line
 from rcmservo.config.rig_file import Lab, told_with
 from rcmservo.config.verified_rigs import is_checked
 from rcmservo.errors import UnusableFile, require
@@ -47,31 +52,47 @@ def live_on_hardware(
     arm: Callable[[Lab], LabArm] = open_arm,
     camera: Callable[[Lab], LabCamera] = open_camera,
 ) -> RunResult:
-    """Run with the operator's leave, and keep the result."""
-    Terminal().close()  # where there is none, that is told before anything is connected
-    share, lab = speed_share(options), options.lab
-    servo = options.servo if share == 1.0 else reduce_speed(options.servo, share)
+    """Run on the devices of a lab after the operator's confirmation, and save the result.
+
+    Parameters
+    ----------
+    options : RunToTargetOptions
+        Options of the command.
+    folder : Path
+        Output folder.
+    out : Console
+        Console for the progress.
+    arm : Callable
+        Function that connects to the arm of a lab.
+    camera : Callable
+        Function that opens the camera of a lab.
+    """
+    Terminal().close()  # a missing terminal is reported before anything is connected
+    speed_scale, lab = allowed_speed_scale(options), options.lab
+    servo = options.servo if speed_scale == 1.0 else reduce_speed(options.servo, speed_scale)
     out.print(f"the arm and camera of {options.rig}; preparing …", style="dim", soft_wrap=True)
-    with live_line(out) as line, compiling(line):
+    with status_line(out) as line, compiling(line):
         servo.warm_up()
-    line = live_line(out)
-    words, frames = intent(options, servo, share), options.teaching_frames
-    preparing = Preparing(lab, words, options.target, options.save_target, frames)
-    described = about(options, options.duration, share)
+    line = status_line(out)
+    announcement, frames = motion_announcement(options, servo, speed_scale), options.teaching_frames
+    preparation = HardwarePreparation(
+        lab, announcement, options.target, options.save_target, frames
+    )
+    description = hardware_description(options, options.duration, speed_scale)
     session = Session(
         servo,
         options.duration,
         arm=partial(arm, lab),
         camera=partial(camera, lab),
         tracker=partial(ColourMarkers, lab.markers),
-        recorder=partial(Recorder, folder / RECORD, described),
-        target=partial(target_at_the_arm, preparing),
-        consent=partial(leave_to_move, preparing),
+        recorder=partial(Recorder, folder / RECORD, description),
+        target=partial(obtain_target, preparation),
+        consent=partial(confirm_enable, preparation),
     )
     try:
         result = run_live(session, progress=LiveProgress(line, options.duration))
     except BaseException:
-        _drop_empty(folder)
+        _remove_empty_record(folder)
         raise
     finally:
         line.stop()
@@ -81,69 +102,74 @@ def live_on_hardware(
         estimator=options.estimator,
         rig=str(options.rig),
         rig_sha256=options.digest,
-        rig_checked=share == 1.0,
-        speed_share=share,
+        rig_checked=speed_scale == 1.0,
+        speed_share=speed_scale,
     )
-    return save_result(result, record_in(folder), folder)
+    return save_result(result, read_record_if_any(folder), folder)
 
 
-def speed_share(options: LabOptions) -> float:
-    """Return the fraction of the full speed that the rig file allows."""
+def allowed_speed_scale(options: LabOptions) -> float:
+    """Return the fraction of the full speed that is allowed with the rig file."""
     return 1.0 if is_checked(options.digest) else UNCHECKED_SPEED_SCALE
 
 
 def require_devices(lab: Lab, rig: Path | None, digest: str) -> None:
-    """Refuse a rig file whose devices are not described, or that sends speeds to an arm that nobody
-    has seen stop by itself, before anything is connected.
+    """Refuse, before anything is connected, a rig file without complete devices.
+
+    An arm that receives speeds (arm.jv) is refused as well until `rig check` has verified that it
+    stops by itself.
     """
     with told_with(rig):
         arm = lab.device("arm", ARM_KINDS)
-        seen = not (isinstance(arm, CrtkSettings) and arm.jv) or is_checked(digest)
-        right = "false until `rig check` has passed for this file, and seen the arm stop by itself"
-        require(seen, "arm.jv", True, right)
+        stops = not (isinstance(arm, CrtkSettings) and arm.jv) or is_checked(digest)
+        expected = "false until `rig check` of this file has verified that the arm stops by itself"
+        require(stops, "arm.jv", True, expected)
         require_latency(lab.device("camera", CAMERA_KINDS))
 
 
-def intent(options: RunToTargetOptions, servo: Servo, share: float) -> str:
-    """What is going to happen once the drive is on, in words."""
+def motion_announcement(options: RunToTargetOptions, servo: Servo, speed_scale: float) -> str:
+    """Return the announcement of the motion that follows once the drive is on."""
+    limits = describe_speed_limits(options, servo, speed_scale)
     return (
-        f"Once the drive is on the servo moves it for at most {options.duration:g} s: first a "
-        f"little about its start, so that marker 1 goes at most {servo.exploration.reach:g} mm "
-        f"from corner to corner, and then to the target. {bounds(options, servo, share)} Ctrl-C "
-        "brings it to rest; have the emergency stop at hand."
+        f"Once the drive is on, the servo moves the arm for at most {options.duration:g} s: first "
+        f"a short distance around its start, at most {servo.exploration.reach:g} mm between two "
+        f"corners of the path of marker 1, and then to the target. {limits} Ctrl-C stops the arm; "
+        "keep the emergency stop within reach."
     )
 
 
-def bounds(options: LabOptions, servo: Servo, share: float) -> str:
-    """How fast and how far joints go, in words."""
+def describe_speed_limits(options: LabOptions, servo: Servo, speed_scale: float) -> str:
+    """Return the limits of the joints' speeds and positions in words."""
     x, y, z = servo.gate.speed
     lower, upper = servo.mechanism.limits.arrays
-    why = (
-        f"which is {100.0 * share:g} % of the full speed, as `rcmservo rig check` has not passed "
-        f"for {options.rig} as it is now"
-        if share < 1.0
-        else f"the full speed, as `rcmservo rig check` has passed for {options.rig}"
+    reason = (
+        f"which is {100.0 * speed_scale:g} % of the full speed, because `rcmservo rig check` has "
+        f"not passed for the present {options.rig}"
+        if speed_scale < 1.0
+        else f"the full speed, because `rcmservo rig check` has passed for {options.rig}"
     )
     return (
-        f"No joint goes faster than {x:g} rad/s, {y:g} rad/s and {z:g} mm/s, {why}. None leaves "
-        f"its limits: {words_of(lower, options.lab)} to {words_of(upper, options.lab)}."
+        f"The joints move at most at {x:g} rad/s, {y:g} rad/s and {z:g} mm/s, {reason}. They stay "
+        f"between {format_joints(lower, options.lab)} and {format_joints(upper, options.lab)}."
     )
 
 
-def about(options: LabOptions, duration: float, share: float) -> dict[str, Any]:
+def hardware_description(
+    options: LabOptions, duration: float, speed_scale: float
+) -> dict[str, Any]:
     """Return the description of a run on hardware in its record."""
     return {
         "simulation": False,
         "rig_file": str(options.rig),
         "rig_sha256": options.digest,
-        "rig_checked": share == 1.0,
-        "speed_share": share,
+        "rig_checked": speed_scale == 1.0,
+        "speed_share": speed_scale,
         "devices": dict(options.lab.devices),
         **about_any(options, duration),
     }
 
 
-def _drop_empty(folder: Path) -> None:
+def _remove_empty_record(folder: Path) -> None:
     """Remove the record of a run that did not begin."""
     with suppress(UnusableFile):
         if not reader.has_ticks(folder):

@@ -1,4 +1,4 @@
-"""Progress of a live run, on simulated devices and on those of a laboratory."""
+"""Progress of a live run, on simulated devices and on those of a lab."""
 
 from rich.live import Live
 from rich.text import Text
@@ -7,19 +7,19 @@ from rcmservo.live.loop_statistics import Report
 
 
 class LiveProgress:
-    """Shows a run: a live line, and a lasting one for every new phase or cause.
+    """Progress of a run: a status line, and a printed line for each new phase or cause.
 
-    The live line begins with the first report.
+    The status line begins with the first report.
     """
 
     def __init__(self, line: Live, duration: float) -> None:
-        self._line, self._duration, self._said = line, duration, ""
+        self._line, self._duration, self._printed = line, duration, ""
 
     def __call__(self, report: Report) -> None:
         self._line.start()
         time = report.time * 1e-9
-        if report.words != self._said:
-            self._said = report.words
+        if report.words != self._printed:
+            self._printed = report.words
             words = f"{time:6.2f} s  {report.words}"
             self._line.console.print(words, soft_wrap=True, highlight=False)
         self._line.update(

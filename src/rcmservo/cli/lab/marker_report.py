@@ -1,4 +1,4 @@
-"""What `rcmservo markers` has found: as JSON, as a table, and drawn in the picture."""
+"""Results of `rcmservo markers`: as JSON, as a table, and drawn in the image."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -17,20 +17,20 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class CandidateReport:
-    """A ball that could be a marker.
+    """Ball that could be a marker.
 
     Parameters
     ----------
     colour : str
-        The colour that shows it best.
+        Colour in which the ball is detected best.
     u_px : float
-        Of its centre.
+        Column of its centre.
     v_px : float
-        Of its centre.
+        Row of its centre.
     radius_px : float
-        Of its outline.
+        Radius of its outline.
     quality : float
-        How well it is seen: above 0, at most 1.
+        Quality of the detection, above 0 and at most 1.
     """
 
     colour: str
@@ -42,20 +42,20 @@ class CandidateReport:
 
 @dataclass(frozen=True)
 class MarkersReport:
-    """What `rcmservo markers --json` tells.
+    """Output of `rcmservo markers --json`.
 
     Parameters
     ----------
     candidates : list[CandidateReport]
-        The balls of the picture, best seen first.
-    look : MarkerLook or None
-        The markers that the tracker looked for; None where no two balls could be.
+        Balls in the image, best quality first.
+    look : MarkerAppearance or None
+        Appearance of the markers that the tracker searched; None if no two balls qualify.
     markers : list[tuple[float, float]] or None
-        The centres (u, v) px of markers 1 and 2; None where the tracker does not take two.
+        Centres (u, v) of markers 1 and 2 in px; None if the tracker does not detect both.
     why : str
-        Why it does not; empty where it does.
+        Reason why the tracker does not detect both; empty if it does.
     written : bool
-        Whether the markers were written into the rig file.
+        True if the markers were written to the rig file.
     """
 
     candidates: list[CandidateReport]
@@ -68,22 +68,22 @@ class MarkersReport:
 def markers_report(
     found: list[Candidate], pair: TrackedPair | None, written: bool
 ) -> MarkersReport:
-    """What was found as plain numbers."""
-    good = pair is not None and not pair.reason
+    """Return the detected balls and markers as plain numbers."""
+    has_pair = pair is not None and not pair.reason
     return MarkersReport(
         [
             CandidateReport(one.colour, one.ball.u, one.ball.v, one.ball.radius, one.ball.quality)
             for one in found
         ],
         pair.appearance if pair else None,
-        [(float(u), float(v)) for u, v in pair.points] if pair and good else None,
+        [(float(u), float(v)) for u, v in pair.points] if pair and has_pair else None,
         pair.reason if pair else "" if found else NO_BALL_MESSAGE,
         written,
     )
 
 
-def show_markers(console: Console, found: list[Candidate], words: str) -> None:
-    """What was found as a table, and in words what the tracker makes of it."""
+def print_markers(console: Console, found: list[Candidate], words: str) -> None:
+    """Print the detected balls as a table, and the tracker's choice in words."""
     if not found:
         console.print(NO_BALL_MESSAGE, soft_wrap=True)
         return
@@ -98,24 +98,36 @@ def show_markers(console: Console, found: list[Candidate], words: str) -> None:
     console.print(words, soft_wrap=True)
 
 
-def shown_in(
+def draw_candidates(
     image: Image, found: list[Candidate], pair: TrackedPair | None, words: str, numbered: bool
 ) -> Image:
-    """The picture with the balls ringed, first those that the tracker takes; `numbered` where it is
-    known which one is marker 1.
+    """Return the image with a ring around each ball, those of the tracker first.
+
+    Parameters
+    ----------
+    image : Image
+        Image (h, w, 3).
+    found : list of Candidate
+        Detected balls.
+    pair : TrackedPair or None
+        Balls that the tracker uses as markers.
+    words : str
+        Caption.
+    numbered : bool
+        True if it is known which ball is marker 1.
     """
     from rcmservo.figures.overlay import BallRing, draw_balls
 
-    rings = [] if pair is None else _taken(pair, numbered)
+    rings = [] if pair is None else _tracked_rings(pair, numbered)
     for one in found:
         ball = one.ball
         if all(np.hypot(ball.u - r.u, ball.v - r.v) > SAME_BALL_RADII * r.radius for r in rings):
-            named = f"{one.colour} {ball.quality:.2f}"
-            rings.append(BallRing(ball.u, ball.v, ball.radius, named, False))
+            label = f"{one.colour} {ball.quality:.2f}"
+            rings.append(BallRing(ball.u, ball.v, ball.radius, label, False))
     return draw_balls(image, rings, words if found else NO_BALL_MESSAGE)
 
 
-def _taken(pair: TrackedPair, numbered: bool) -> "list[BallRing]":
+def _tracked_rings(pair: TrackedPair, numbered: bool) -> "list[BallRing]":
     from rcmservo.figures.overlay import BallRing
 
     colours = pair.appearance.colour_1, pair.appearance.colour_2

@@ -1,4 +1,4 @@
-"""`rcmservo markers`: which coloured balls a picture shows, and which two the tracker takes."""
+"""`rcmservo markers`: detect the coloured balls of an image, and the two that the tracker uses."""
 
 import json
 from dataclasses import asdict, dataclass
@@ -7,7 +7,7 @@ from typing import Annotated
 
 import tyro
 
-from rcmservo.cli.lab.marker_report import markers_report, show_markers, shown_in
+from rcmservo.cli.lab.marker_report import draw_candidates, markers_report, print_markers
 from rcmservo.cli.terminal import console
 from rcmservo.config.rig_file import Lab, load_lab, told_with
 from rcmservo.config.rig_file_edit import told_in, write_markers
@@ -23,26 +23,29 @@ from rcmservo.tracking.candidates import (
     track_pair,
 )
 
-RADII = {"radius_1", "radius_2"}
-PICTURES = ".png", ".jpg", ".jpeg"
+RADIUS_KEYS = {"radius_1", "radius_2"}
+"""Keys of the markers' radii in a rig file."""
+IMAGE_SUFFIXES = ".png", ".jpg", ".jpeg"
+"""File suffixes of images that can be written."""
 
 
 @dataclass(frozen=True)
 class MarkersOptions:
-    """Find the coloured balls of a picture that could be markers, show which two the tracker takes,
-    and write them into a rig file. Nothing moves.
+    """Detect the coloured balls of an image, show the two that the tracker uses, and save them.
+
+    The command can write the markers to a rig file. Nothing moves.
 
     Parameters
     ----------
     frame : Path
-        A picture of the tool: a PNG or JPEG file.
+        Image of the tool: a PNG or JPEG file.
     choose : str
-        The markers' colours, such as green,blue: first that of the marker nearer the RCM.
+        Colours of the markers, such as green,blue: first that of the marker nearer to the RCM.
     rig : Path or None
-        The lab's TOML file. With --choose the markers are written into its section [markers];
-        without it the tracker looks for those that the file has.
+        TOML file of the lab. With --choose the markers are written to its section [markers];
+        without it the tracker searches for those of the file.
     picture : Path or None
-        Write the picture with what was found drawn in it to this PNG or JPEG file.
+        New PNG or JPEG file for the image with the detected balls.
     json : bool
         Print one JSON object on stdout and nothing else.
     """
@@ -55,97 +58,108 @@ class MarkersOptions:
 
 
 def markers(options: MarkersOptions) -> int:
-    """Tell what there is; the exit code is 0, and 1 where the tracker takes no two."""
-    colours = _colours(options.choose) if options.choose else None
+    """Report the balls of an image; return 1 if the tracker does not detect two markers."""
+    colours = _parse_colours(options.choose) if options.choose else None
     out = options.picture
-    right = "a file whose name ends in .png or .jpg"
-    require(out is None or out.suffix.lower() in PICTURES, "--picture", out, right)
-    right = "a new file: nothing is overwritten"
-    require(out is None or not out.exists(), "--picture", out, right)
+    expected = "a file whose name ends in .png or .jpg"
+    require(out is None or out.suffix.lower() in IMAGE_SUFFIXES, "--picture", out, expected)
+    expected = "a new file, because nothing is overwritten"
+    require(out is None or not out.exists(), "--picture", out, expected)
     lab = load_lab(options.rig)
     image = read_image(options.frame)
     found = detect_candidates(image)
-    pair = _pair(image, found, lab, colours, options)
+    pair = _track(image, found, lab, colours, options)
     numbered = bool(colours or options.rig)
-    words = _words(pair, numbered)
+    words = _describe_pair(pair, numbered)
     if out:
         from rcmservo.figures.overlay import write_image
 
-        write_image(out, shown_in(image, found, pair, words, numbered))
+        write_image(out, draw_candidates(image, found, pair, words, numbered))
     written = bool(options.rig and colours and pair)
     if options.rig and colours and pair:
-        _write(options.rig, pair.appearance)
+        _write_appearance(options.rig, pair.appearance)
     if options.json:
         print(json.dumps(asdict(markers_report(found, pair, written))))
     else:
-        show_markers(console(), found, words)
+        print_markers(console(), found, words)
         if written:
-            console().print(f"written into [markers] of {options.rig}", soft_wrap=True)
+            console().print(f"written to [markers] of {options.rig}", soft_wrap=True)
     return 0 if pair and not pair.reason else 1
 
 
-def _colours(text: str) -> tuple[str, str]:
+def _parse_colours(text: str) -> tuple[str, str]:
     parts = [part.strip() for part in text.split(",")]
-    good = len(parts) == 2 and all(part in COLOURS for part in parts)
-    require(good, "--choose", text, f"two of {', '.join(COLOURS)}, such as green,blue")
+    is_valid = len(parts) == 2 and all(part in COLOURS for part in parts)
+    require(is_valid, "--choose", text, f"two of {', '.join(COLOURS)}, such as green,blue")
     return parts[0], parts[1]
 
 
-def _pair(
+def _track(
     image: Image,
     found: list[Candidate],
     lab: Lab,
     colours: tuple[str, str] | None,
     options: MarkersOptions,
 ) -> TrackedPair | None:
-    """What the tracker takes: for the colours that were chosen, or the rig file's markers, or else
-    the best two balls that it can tell from others.
+    """Return the balls that the tracker uses as markers.
+
+    It searches for the chosen colours, for the markers of the rig file, or else for the best two
+    balls that it can distinguish.
     """
     if colours is None:
-        look = lab.markers
-        return track_pair(image, look) if options.rig else propose_pair(image, found, look.radius_1)
-    pair = track_pair(image, _look(image, lab, colours, options))
+        appearance = lab.markers
+        return (
+            track_pair(image, appearance)
+            if options.rig
+            else propose_pair(image, found, appearance.radius_1)
+        )
+    pair = track_pair(image, _chosen_appearance(image, lab, colours, options))
     if pair.reason and options.rig:
         raise UnusableFile(options.frame, f"{pair.reason}; nothing was written")
     return pair
 
 
-def _look(
+def _chosen_appearance(
     image: Image, lab: Lab, colours: tuple[str, str], options: MarkersOptions
 ) -> MarkerAppearance:
-    """The chosen colours with the rig file's radii, or where it has none, as the picture shows
-    them. Which of two balls of one colour is nearer the RCM no picture tells.
+    """Return the chosen colours with radii from the rig file, or else measured in the image.
+
+    No image shows which of two balls of one colour is nearer to the RCM, so their radii must be
+    given.
     """
     radii = lab.markers.radius_1, lab.markers.radius_2
-    if options.rig and told_in(options.rig) & RADII:
+    if options.rig and told_in(options.rig) & RADIUS_KEYS:
         with told_with(options.rig):
             return MarkerAppearance(*colours, *radii)
-    right = (
-        "two colours; of two balls of one colour write radius_1 (of the one nearer the RCM) and "
-        "radius_2, which must differ, into [markers] of a --rig before"
+    expected = (
+        "two different colours; for two balls of one colour first write radius_1 (of the ball "
+        "nearer to the RCM) and radius_2, which must differ, to [markers] of a --rig file"
     )
-    require(colours[0] != colours[1], "--choose", options.choose, right)
+    require(colours[0] != colours[1], "--choose", options.choose, expected)
     return measure_appearance(image, colours, radii[0]) or MarkerAppearance(*colours, *radii)
 
 
-def _write(path: Path, look: MarkerAppearance) -> None:
-    """Write the markers into a rig file; radii that it has stay as they are."""
-    kept = RADII if told_in(path) & RADII else set[str]()
-    write_markers(path, {key: value for key, value in asdict(look).items() if key not in kept})
+def _write_appearance(path: Path, appearance: MarkerAppearance) -> None:
+    """Write the markers to a rig file; existing radii stay as they are."""
+    existing = RADIUS_KEYS if told_in(path) & RADIUS_KEYS else set[str]()
+    write_markers(
+        path, {key: value for key, value in asdict(appearance).items() if key not in existing}
+    )
 
 
-def _words(pair: TrackedPair | None, numbered: bool) -> str:
-    """In a sentence what the tracker takes."""
+def _describe_pair(pair: TrackedPair | None, numbered: bool) -> str:
+    """Return a sentence on the balls that the tracker uses."""
     if pair is None:
-        return "the picture shows no two balls that the tracker could tell from others"
-    look = pair.appearance
+        return "the image shows no two balls that the tracker can distinguish"
+    appearance = pair.appearance
     if pair.reason:
-        return f"the tracker looks for {look.colour_1} and {look.colour_2}: {pair.reason}"
-    sizes = ("larger ", "smaller ") if look.ratio > 1.0 else ("smaller ", "larger ")
+        colours = f"{appearance.colour_1} and {appearance.colour_2}"
+        return f"the tracker searches for {colours}: {pair.reason}"
+    sizes = ("larger ", "smaller ") if appearance.ratio > 1.0 else ("smaller ", "larger ")
     first, second = (
-        f"the {size if look.same_colour else ''}{colour} ball"
-        for size, colour in zip(sizes, (look.colour_1, look.colour_2), strict=True)
+        f"the {size if appearance.same_colour else ''}{colour} ball"
+        for size, colour in zip(sizes, (appearance.colour_1, appearance.colour_2), strict=True)
     )
     if numbered:
-        return f"the tracker takes {first} as marker 1, nearer the RCM, and {second} as marker 2"
-    return f"the tracker could take {first} and {second}; which is nearer the RCM is yours to say"
+        return f"the tracker uses {first} as marker 1, nearer to the RCM, and {second} as marker 2"
+    return f"the tracker can use {first} and {second}; name the one nearer to the RCM in --choose"

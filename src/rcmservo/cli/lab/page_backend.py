@@ -1,4 +1,4 @@
-"""What is behind the operator's page: an arm and its camera, simulated or a laboratory's."""
+"""Arm and camera that the operator's page controls, simulated or those of a lab."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -17,37 +17,37 @@ if TYPE_CHECKING:
     from rcmservo.page.settings import Chosen
     from rcmservo.page.view_model import Truth
 
-LONGEST = 3600.0
-"""s of a session."""
+SESSION_DURATION_S = 3600.0
+"""Longest duration of a session in s."""
 
-PICTURES = 5.0
-"""Pictures that a record gets, 1/s."""
+RECORDED_IMAGES_PER_S = 5.0
+"""Images per second in the record of a session."""
 
 
 @dataclass(frozen=True)
 class Behind:
-    """What is behind the page.
+    """Arm and camera that the page controls.
 
     Parameters
     ----------
     title : str
-        What it is, in words.
+        Title of the page.
     camera : Callable[[], Camera]
-        Opens what the person sees, in the page's process.
+        Function that opens the displayed camera in the page's process.
     session : Callable[['Desk', Path], Session]
-        Makes a session, recorded in a folder that is new.
+        Function that makes a session, recorded in a new folder.
     off : SwitchOff
-        Has the drive switched off from outside of the session's process.
+        Function that disables the drive from outside the session's process.
     setup : Setup
-        What a pose is bound to.
+        Set-up for which a pose holds.
     chosen : Chosen
-        The servo, which the page may set anew for the sessions to come.
+        Servo, whose settings the page may change for later sessions.
     befall : Callable[[str], str]
-        Lets something go wrong, and says in words what began.
+        Function that starts a disturbance and returns a sentence on it.
     troubles : tuple[dict[str, Any], ...]
-        What can go wrong.
+        Available disturbances.
     truth : Truth | None
-        Tells the true pose error, where there is one who knows it.
+        Source of the true pose error, if it is known.
     """
 
     title: str
@@ -61,16 +61,17 @@ class Behind:
     truth: "Truth | None" = None
 
 
-def recorder(path: Path, words: dict[str, Any]) -> Recorder:
-    """The record of a session, in a folder of its own, once there is something to record."""
+def open_recorder(path: Path, description: dict[str, Any]) -> Recorder:
+    """Open the record of a session in a new folder, once there is something to record."""
     path.parent.mkdir(parents=True)
-    return Recorder(path, words)
+    return Recorder(path, description)
 
 
-def first_words(servo: Servo) -> str:
-    """What happens once the drive is on, as the page's person decides it."""
+def enable_announcement(servo: Servo) -> str:
+    """Return the announcement of the motion that the page's operator may start."""
     return (
-        "Enable switches the drive on, and the tool stands, paused. Nothing moves before you hold "
-        "a jog button or go to a pose; the first time that goes a little about its start before, "
-        f"so that marker 1 goes at most {servo.exploration.reach:g} mm from corner to corner."
+        "Enable switches the drive on, and the servo is paused. Nothing moves until you hold a jog "
+        "button or go to a pose. Before the first motion to a pose the tool moves a short distance "
+        f"around its start, at most {servo.exploration.reach:g} mm between two corners of the path "
+        "of marker 1."
     )

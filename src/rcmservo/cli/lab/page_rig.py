@@ -1,9 +1,9 @@
-"""A laboratory's arm and camera behind the operator's page.
+"""Arm and camera of a lab for the operator's page.
 
-rig file ─► camera, for the size of its pictures ─► sessions
-                                                    arm: leashed for STOP; camera: seen by the page
+rig file ─► camera, for the size of its images ─► sessions
+                                                  arm: stopped by STOP; camera: shown on the page
 
-The person at the page is the one at the arm: who says where it stands, and switches its drive on.
+The page's operator is the one at the arm, who defines the joint values and enables the drive.
 """
 
 from collections.abc import Generator
@@ -13,9 +13,24 @@ from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
 
-from rcmservo.cli.lab.hardware_prompts import arm_of, define, require_off, setup_at
-from rcmservo.cli.lab.live_on_hardware import about, bounds, speed_share
-from rcmservo.cli.lab.page_backend import LONGEST, PICTURES, Behind, first_words, recorder
+from rcmservo.cli.lab.hardware_prompts import (
+    define,
+    lab_arm,
+    require_drive_off,
+    target_setup_for_size,
+)
+from rcmservo.cli.lab.live_on_hardware import (
+    allowed_speed_scale,
+    describe_speed_limits,
+    hardware_description,
+)
+from rcmservo.cli.lab.page_backend import (
+    RECORDED_IMAGES_PER_S,
+    SESSION_DURATION_S,
+    Behind,
+    enable_announcement,
+    open_recorder,
+)
 from rcmservo.cli.lab_options import LabOptions
 from rcmservo.config.rig_file import Lab
 from rcmservo.errors import RcmServoError
@@ -25,7 +40,7 @@ from rcmservo.live.device_protocols import LabCamera
 from rcmservo.live.frame_ring import FrameRing, RecordingCamera, RingCamera
 from rcmservo.live.reduced_speed import reduce_speed
 from rcmservo.live.remote_stop import RemotelyStoppableArm, RemoteStop
-from rcmservo.live.servo_process import PATIENCE, HeartbeatPlant, NoFrames, Session
+from rcmservo.live.servo_process import FRAME_TIMEOUT_S, HeartbeatPlant, NoFrames, Session
 from rcmservo.loop.clock import WallClock, ticks
 from rcmservo.loop.plant import Plant
 from rcmservo.page.channels import Desk
@@ -40,52 +55,72 @@ from rcmservo.tracking import ColourMarkers
 
 
 @contextmanager
-def hardware(options: LabOptions) -> Generator[Behind]:
-    """The devices of a rig file, and the servo as the options have it."""
-    lab, share = options.lab, speed_share(options)
-    chosen = Chosen(options.servo, as_set if share == 1.0 else reduce_speed)
+def open_hardware(options: LabOptions) -> Generator[Behind]:
+    """Yield the devices of a rig file, and the servo of the options."""
+    lab, speed_scale = options.lab, allowed_speed_scale(options)
+    chosen = Chosen(options.servo, as_set if speed_scale == 1.0 else reduce_speed)
     with closing(open_camera(lab)) as camera:
-        width, height = size_of(camera)
+        width, height = image_size(camera)
     context = get_context("spawn")
-    ring, leash = FrameRing(context, width, height), RemoteStop(context)
+    ring, remote_stop = FrameRing(context, width, height), RemoteStop(context)
 
     def session(desk: Desk, folder: Path) -> Session:
-        leash.renew()
+        remote_stop.reset()
         limited, record = chosen.limited, folder / RECORD
-        stop = "STOP switches the drive off; have the emergency stop of the arm at hand."
-        intent = f"{first_words(limited)} {bounds(options, limited, share)} {stop}"
+        stop = "STOP switches the drive off; keep the emergency stop of the arm within reach."
+        limits = describe_speed_limits(options, limited, speed_scale)
+        intent = f"{enable_announcement(limited)} {limits} {stop}"
         return Session(
             limited,
-            LONGEST,
-            arm=partial(leashed, lab, leash, desk),
-            camera=partial(shown, lab, ring),
+            SESSION_DURATION_S,
+            arm=partial(connect_stoppable_arm, lab, remote_stop, desk),
+            camera=partial(open_recording_camera, lab, ring),
             tracker=partial(ColourMarkers, lab.markers),
-            recorder=partial(recorder, record, about(options, LONGEST, share)),
-            target=partial(enabled_at_the_page, AtThePage(desk, limited, lab, intent)),
+            recorder=partial(
+                open_recorder,
+                record,
+                hardware_description(options, SESSION_DURATION_S, speed_scale),
+            ),
+            target=partial(await_enable_at_page, PagePreparation(desk, limited, lab, intent)),
             operator=partial(PageOperator, desk, chosen, options.teaching_frames),
-            pictures=PICTURES,
-            consent=require_off,
+            pictures=RECORDED_IMAGES_PER_S,
+            consent=require_drive_off,
         )
 
-    slow = "" if share == 1.0 else f", at {100.0 * share:g} % of the speed until `rig check` passes"
-    title, setup = f"arm and camera of {options.rig}{slow}", setup_at(lab, width, height)
-    yield Behind(title, partial(RingCamera, ring), session, leash.off, setup, chosen, no_trouble)
+    slow = (
+        ""
+        if speed_scale == 1.0
+        else f", at {100.0 * speed_scale:g} % of the speed until `rig check` passes"
+    )
+    title, setup = (
+        f"arm and camera of {options.rig}{slow}",
+        target_setup_for_size(lab, width, height),
+    )
+    yield Behind(
+        title,
+        partial(RingCamera, ring),
+        session,
+        remote_stop.switch_off,
+        setup,
+        chosen,
+        refuse_disturbance,
+    )
 
 
 @dataclass(frozen=True)
-class AtThePage:
-    """What is to be done with the help of the page's person; it passes to the servo's process.
+class PagePreparation:
+    """Preparation of a session with the page's operator; it is passed to the servo process.
 
     Parameters
     ----------
     desk : Desk
-        Where the person is heard.
+        Channels to the page.
     servo : Servo
-        What is going to move the arm.
+        Servo that moves the arm.
     lab : Lab
-        The laboratory with its devices.
+        Lab with its devices.
     intent : str
-        What is going to happen once the drive is on, in words.
+        Announcement of the motion that follows once the drive is on.
     """
 
     desk: Desk
@@ -94,41 +129,43 @@ class AtThePage:
     intent: str
 
 
-def enabled_at_the_page(at: AtThePage, plant: Plant) -> Target:
-    """Where the arm stands, if it does not know; then wait until the person wants the drive on."""
+def await_enable_at_page(preparation: PagePreparation, plant: Plant) -> Target:
+    """Define the joint values if needed, and wait until the operator enables the drive."""
     assert isinstance(plant, HeartbeatPlant)
-    require_off(plant)
-    if not arm_of(plant).homed():
-        define(PagePerson(at.desk, plant), plant, at.lab)
-    return await_enable(at.desk, at.servo, at.intent, plant)
+    require_drive_off(plant)
+    if not lab_arm(plant).homed():
+        define(PagePerson(preparation.desk, plant), plant, preparation.lab)
+    return await_enable(preparation.desk, preparation.servo, preparation.intent, plant)
 
 
-def leashed(lab: Lab, leash: RemoteStop, desk: Desk) -> RemotelyStoppableArm:
-    """Connect to the arm, so that STOP reaches it."""
-    return RemotelyStoppableArm(open_arm(lab), leash, partial(tell, desk))
+def connect_stoppable_arm(lab: Lab, remote_stop: RemoteStop, desk: Desk) -> RemotelyStoppableArm:
+    """Connect to the arm, so that STOP disables it."""
+    return RemotelyStoppableArm(open_arm(lab), remote_stop, partial(report_drive_off, desk))
 
 
-def tell(desk: Desk, why: str) -> None:
-    """Tell the page why the drive went off by itself."""
+def report_drive_off(desk: Desk, why: str) -> None:
+    """Report to the page why the drive went off by itself."""
     desk.said.put(Note(f"the arm: {why}"))
 
 
-def shown(lab: Lab, ring: FrameRing) -> RecordingCamera:
-    """Open the camera, so that the page sees what it sees."""
+def open_recording_camera(lab: Lab, ring: FrameRing) -> RecordingCamera:
+    """Open the camera, whose frames the page displays as well."""
     return RecordingCamera(open_camera(lab), ring)
 
 
-def size_of(camera: LabCamera) -> tuple[int, int]:
-    """Width and height px of a camera's pictures."""
-    for _ in ticks(WallClock(), duration=PATIENCE):
+def image_size(camera: LabCamera) -> tuple[int, int]:
+    """Return the width and height of a camera's images in px."""
+    for _ in ticks(WallClock(), duration=FRAME_TIMEOUT_S):
         frame = camera.latest()
         if frame is not None and frame.image is not None:
             height, width = frame.image.shape[:2]
             return width, height
     why = camera.counts().trouble
-    raise NoFrames(f"the camera has given no picture for {PATIENCE:g} s{why and ': ' + why}")
+    raise NoFrames(
+        f"the camera has delivered no image for {FRAME_TIMEOUT_S:g} s{why and ': ' + why}"
+    )
 
 
-def no_trouble(what: str) -> str:
-    """Nothing goes wrong here on request."""
-    raise RcmServoError("trouble can be asked for of a simulated arm alone")
+def refuse_disturbance(what: str) -> str:
+    """Refuse a disturbance, which only a simulated lab offers."""
+    raise RcmServoError("disturbances are available on a simulated arm only")

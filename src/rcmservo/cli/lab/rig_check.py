@@ -1,4 +1,4 @@
-"""`rcmservo rig check`: whether arm, camera and rig file agree, with a person at the terminal."""
+"""`rcmservo rig check`: check with the operator whether arm, camera and rig file agree."""
 
 import json
 from collections.abc import Callable
@@ -17,7 +17,7 @@ from rcmservo.bringup.axis_wiring import Robot
 from rcmservo.bringup.check import CheckReport, check, warm_up
 from rcmservo.bringup.findings import Finding
 from rcmservo.bringup.motion import PATIENCE, Mover
-from rcmservo.cli.lab.hardware_prompts import AtHand, define, require_off
+from rcmservo.cli.lab.hardware_prompts import AttendedTerminal, define, require_drive_off
 from rcmservo.cli.terminal import console
 from rcmservo.config.rig_file import Lab, bytes_of, lab_of, told_with
 from rcmservo.config.verified_rigs import digest_of, forget_checked, note_checked
@@ -34,16 +34,16 @@ from rcmservo.tracking import ColourMarkers
 
 @dataclass(frozen=True)
 class RigOptions:
-    """Connect to the arm and the camera of a rig file, move each joint a little after asking, and
-    tell which lines of the file are wrong. Exit code 0: none; 1: some, or it was ended; 2: bad
-    input.
+    """Check a rig file at the arm: move each joint a little after confirmation, and report errors.
+
+    Exit code 0: no errors; 1: errors, or the check was stopped; 2: invalid input.
 
     Parameters
     ----------
     what : Literal['check']
-        The action: check.
+        Action: check.
     file : Path
-        The rig file, such as lab.toml.
+        Rig file, such as lab.toml.
     json : bool
         Print one JSON object: ok, findings[{what, where, found, expected, line}].
     """
@@ -58,7 +58,22 @@ def rig_check(
     arm: Callable[[Lab], LabArm] = open_arm,
     camera: Callable[[Lab], LabCamera] = lambda lab: open_camera(lab, unmeasured=True),
 ) -> int:
-    """Check, tell what was found, and note the file that passed by its bytes; the exit code."""
+    """Check a rig file, report the findings, and store its digest if it passes.
+
+    Parameters
+    ----------
+    options : RigOptions
+        Options of the command.
+    arm : Callable
+        Function that connects to the arm of a lab.
+    camera : Callable
+        Function that opens the camera of a lab, whose latency may be unmeasured.
+
+    Returns
+    -------
+    int
+        Exit code.
+    """
     data = bytes_of(options.file)
     lab, digest = lab_of(options.file, data), digest_of(data)
     with told_with(options.file):
@@ -66,46 +81,49 @@ def rig_check(
         latency = known_latency(lab.device("camera", CAMERA_KINDS))
         robot = Robot(lab.mechanism, lab.tool, read_wiring(lab))
     with stopped_by_signals(), closing(Terminal()) as terminal:
-        person = AtHand(terminal)
-        person.tell(
-            f"rig check of {options.file}: connecting, with the drive off; the first time, what "
-            "finds the markers is compiled for up to a minute"
+        operator = AttendedTerminal(terminal)
+        operator.tell(
+            f"rig check of {options.file}: connecting, with the drive off; on first use, the "
+            "marker detection is compiled, which takes up to a minute"
         )
         warm_up(robot, lab.gate)
         clock, tracker, silence = WallClock(), ColourMarkers(lab.markers), lab.thresholds.silence
         with (
-            closing(camera(lab)) as eye,
-            TrackingThread(eye, tracker, clock) as seen,
-            closing(_arm_beside(seen, arm, lab)) as joints,
+            closing(camera(lab)) as device,
+            TrackingThread(device, tracker, clock) as tracking,
+            closing(_connect_arm(tracking, arm, lab)) as joints,
         ):
-            told = partial(trouble, eye)
-            mover = Mover(joints, seen, seen, clock, robot, lab.gate, silence, told)
-            require_off(mover.plant)
+            camera_fault = partial(trouble, device)
+            mover = Mover(joints, tracking, tracking, clock, robot, lab.gate, silence, camera_fault)
+            require_drive_off(mover.plant)
             if not joints.homed():
-                define(person, mover.plant, lab)
+                define(operator, mover.plant, lab)
             forget_checked(digest)
             with realtime():
-                report = check(mover, person, robot, lab.thresholds, latency)
+                report = check(mover, operator, robot, lab.thresholds, latency)
     if joints.why_off:
-        right = "off when the check ends, by its own word"
-        report.findings.append(Finding("the arm ended otherwise", "arm", joints.why_off, right))
-    return concluded(options, report, robot, digest)
+        expected = "drive disabled by the check at its end"
+        finding = Finding("the drive went off by itself", "arm", joints.why_off, expected)
+        report.findings.append(finding)
+    return conclude(options, report, robot, digest)
 
 
-def _arm_beside(seen: TrackingThread, arm: Callable[[Lab], LabArm], lab: Lab) -> LabArm:
-    """The arm, connected once frames are tracked: one is searched, the next is followed, and then
-    all is compiled.
+def _connect_arm(tracking: TrackingThread, arm: Callable[[Lab], LabArm], lab: Lab) -> LabArm:
+    """Connect to the arm once two frames are tracked.
+
+    The tracker searches the first frame and follows the markers in the second, so both parts are
+    then compiled.
     """
-    seen.wait_for(frames=2, patience=PATIENCE)
+    tracking.wait_for(frames=2, patience=PATIENCE)
     return arm(lab)
 
 
-def concluded(options: RigOptions, report: CheckReport, robot: Robot, digest: str) -> int:
-    """Print the report, and note a file that passed; the exit code."""
+def conclude(options: RigOptions, report: CheckReport, robot: Robot, digest: str) -> int:
+    """Print the report, store the digest of a file that passed, and return the exit code."""
     if options.json:
         print(json.dumps({"ok": report.ok, "findings": [asdict(one) for one in report.findings]}))
     else:
-        show(report, robot, console(False))
+        print_report(report, robot, console(False))
     if report.ok:
         note_checked(digest)
     return 0 if report.ok else 1
@@ -116,46 +134,46 @@ def trouble(camera: LabCamera) -> str:
     return camera.counts().trouble
 
 
-def show(report: CheckReport, robot: Robot, out: Console) -> None:
-    """The report as tables."""
-    seen = Table(title="rig check", show_header=False)
-    for name, words in measured(report, robot):
-        seen.add_row(name, words)
-    out.print(seen)
+def print_report(report: CheckReport, robot: Robot, out: Console) -> None:
+    """Print the report as tables."""
+    measurements = Table(title="rig check", show_header=False)
+    for name, words in measurement_rows(report, robot):
+        measurements.add_row(name, words)
+    out.print(measurements)
     if report.ok:
-        out.print("all is as the rig file says; live may use the full speed with it")
+        out.print("arm and camera agree with the rig file; live may use the full speed with it")
         return
-    wrong = Table(title="what is wrong")
+    errors = Table(title="errors")
     for name in ("what", "where", "found", "expected", "line of the rig file"):
-        wrong.add_column(name, overflow="fold")
-    for one in report.findings:
-        wrong.add_row(one.what, one.where, one.found, one.expected, one.line)
-    out.print(wrong)
+        errors.add_column(name, overflow="fold")
+    for finding in report.findings:
+        errors.add_row(finding.what, finding.where, finding.found, finding.expected, finding.line)
+    out.print(errors)
 
 
-def measured(report: CheckReport, robot: Robot) -> list[tuple[str, str]]:
+def measurement_rows(report: CheckReport, robot: Robot) -> list[tuple[str, str]]:
     """Return the names and values of all measurements, in words."""
     rows: list[tuple[str, str]] = []
     if report.q is not None:
         q = [f"{np.degrees(report.q[0]):.2f} deg", f"{np.degrees(report.q[1]):.2f} deg"]
-        told = zip(robot.mechanism.joint_names, [*q, f"{report.q[2]:.2f} mm"], strict=True)
-        rows.append(("joints", ", ".join(f"{name} {value}" for name, value in told)))
+        joints = zip(robot.mechanism.joint_names, [*q, f"{report.q[2]:.2f} mm"], strict=True)
+        rows.append(("joints", ", ".join(f"{name} {value}" for name, value in joints)))
     for name, cadence in (("arm's answers", report.arm), ("frames", report.camera)):
         if cadence is not None:
             words = f"{cadence.rate:.1f} per s, jitter {1e3 * cadence.jitter:.1f} ms"
             rows.append((name, words))
     if report.rest is not None:
         rest = report.rest
-        found = 100.0 * rest.frames / (rest.frames + rest.missed)
-        rows.append(("markers", f"{found:.0f} % found, noise {rest.noise:.3f} px at rest"))
+        detected = 100.0 * rest.frames / (rest.frames + rest.missed)
+        rows.append(("markers", f"{detected:.0f} % detected, noise {rest.noise:.3f} px at rest"))
     latency = report.latency
     if latency is not None:
-        words = f"{1e3 * latency.latency:.1f} ms, to {1e3 * latency.deviation:.1f} ms"
+        words = f"{1e3 * latency.latency:.1f} ms, uncertainty {1e3 * latency.deviation:.1f} ms"
         rows.append(("latency", f"{words}; jitter {1e3 * latency.jitter:.1f} ms"))
     if report.lag > 0.0:
-        rows.append(("drives lag", f"{1e3 * report.lag:.0f} ms"))
+        rows.append(("drive lag", f"{1e3 * report.lag:.0f} ms"))
     if report.undecided:
-        rows.append(("not told apart by the picture", "\n".join(report.undecided)))
+        rows.append(("not distinguished by the image", "\n".join(report.undecided)))
     if report.unclear:
-        rows.append(("may be wrong unseen", "\n".join(report.unclear)))
+        rows.append(("not verifiable by the check", "\n".join(report.unclear)))
     return rows

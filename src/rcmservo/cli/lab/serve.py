@@ -1,10 +1,9 @@
-"""`rcmservo serve`: the operator's page in the browser, before a simulated arm and its camera, or a
-laboratory's.
+"""`rcmservo serve`: the operator's page in the browser, for a simulated lab or a real one.
 
-serve ─┬─► page process     what the person sees and wants
-       ├─► stop process     STOP, straight back to here
-       ├─► bench            the simulated arm and its camera, where there are no others
-       └─► servo process    one session after the other
+serve ─┬─► page process     displays the state and reads the operator's requests
+       ├─► stop process     receives STOP and passes it straight to this process
+       ├─► lab processes    simulated arm and camera, if there are no real ones
+       └─► servo process    one session after another
 """
 
 import contextlib
@@ -24,10 +23,16 @@ import tyro
 
 from rcmservo.cli.folders import new_folder
 from rcmservo.cli.lab.live_on_hardware import require_devices
-from rcmservo.cli.lab.page_backend import LONGEST, PICTURES, Behind, first_words, recorder
+from rcmservo.cli.lab.page_backend import (
+    RECORDED_IMAGES_PER_S,
+    SESSION_DURATION_S,
+    Behind,
+    enable_announcement,
+    open_recorder,
+)
 from rcmservo.cli.lab_options import LabOptions
 from rcmservo.cli.progress.preparing import compiling
-from rcmservo.cli.terminal import console, live_line
+from rcmservo.cli.terminal import console, status_line
 from rcmservo.constraints import between
 from rcmservo.errors import RcmServoError, needing
 from rcmservo.live.child_process import ChildProcess
@@ -39,34 +44,36 @@ from rcmservo.recording.reader import RECORD
 if TYPE_CHECKING:
     from rcmservo.page.channels import Desk
 
-PORT = between(0, 65534, "a whole number"), tyro.conf.arg(metavar="PORT")
+PORT_ARGUMENT = between(0, 65534, "a whole number"), tyro.conf.arg(metavar="PORT")
 
-TROUBLE = "trouble.jsonl"
-"""In the folder of the records: what went wrong on request, and when."""
+DISTURBANCE_LOG = "trouble.jsonl"
+"""File in the output folder that lists the requested disturbances and their times."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ServeOptions(LabOptions):
-    """The operator's page in the browser: see, teach, go, stop. The arm and its camera are
-    simulated, unless the rig file names an arm. It serves until Ctrl-C.
+    """Serve the operator's page in the browser: observe, teach, go to a pose, stop.
+
+    The arm and its camera are simulated unless the rig file has an arm. The command runs until
+    Ctrl-C.
 
     Parameters
     ----------
     port : int or None
-        Port of the page, and the next one of STOP: by default the first free pair from 8080 on. 0
-        takes any pair.
+        Port of the page; STOP uses the next port. By default the first free pair from 8080 on;
+        0 takes any free pair.
     browser : bool
-        Open the page in the browser that this computer has.
+        Open the page in this computer's browser.
     poses : Path
-        Folder with the poses that are taught on the page, in the files that --target takes.
+        Folder for the poses that are taught on the page, in the format that --target reads.
     host : str
-        Address of this computer to listen on, 0.0.0.0 for all; others than 127.0.0.1 need
-        --token-file.
+        Address of this computer to listen on, 0.0.0.0 for all; any other than 127.0.0.1
+        requires --token-file.
     token_file : Path or None
-        File with the token that browsers must give; made if absent.
+        File with the token that browsers must send; created if absent.
     """
 
-    port: Annotated[int | None, *PORT] = None
+    port: Annotated[int | None, *PORT_ARGUMENT] = None
     browser: bool = True
     poses: Path = Path("runs/poses")
     host: str = "127.0.0.1"
@@ -74,74 +81,80 @@ class ServeOptions(LabOptions):
 
 
 def serve(options: ServeOptions) -> int:
-    """Serve until Ctrl-C; the exit code is 0."""
+    """Serve the page until Ctrl-C and return the exit code 0."""
     with needing("serve", "page"):
-        import_module("rcmservo.page.web.page_process")  # imports NiceGUI before anything compiles
+        # imports NiceGUI before the kernels are compiled
+        import_module("rcmservo.page.web.page_process")
         from rcmservo.page.web.token_file import token_for
     token = token_for(options.host, options.token_file)
     if options.has_devices():
         require_devices(options.lab, options.rig, options.digest)
-        from rcmservo.cli.lab.page_rig import hardware
+        from rcmservo.cli.lab.page_rig import open_hardware
 
-        name, devices = "serve-hardware", hardware(options)
+        name, devices = "serve-hardware", open_hardware(options)
     else:
         with needing("serve", "sim"):
             import_module("rcmservo.sim.processes.lab_processes")
-        name, devices = f"serve-seed{options.seed}", _bench(options)
+        name, devices = f"serve-seed{options.seed}", _simulated_lab(options)
     servo = options.servo
     with new_folder(options.out, name) as folder:
-        with live_line(console(False)) as line, compiling(line):
+        with status_line(console(False)) as line, compiling(line):
             servo.warm_up()
         with contextlib.suppress(KeyboardInterrupt), devices as behind:
-            _serve(options, behind, folder, token)
+            _run_sessions(options, behind, folder, token)
     return 0
 
 
 @contextlib.contextmanager
-def _bench(options: ServeOptions) -> Generator[Behind]:
-    """The simulated arm and its camera."""
+def _simulated_lab(options: ServeOptions) -> Generator[Behind]:
+    """Yield the simulated arm and its camera."""
     from rcmservo.cli.simulated_run.about import about
     from rcmservo.cli.simulated_run.target import setup_of
     from rcmservo.page.settings import Chosen
     from rcmservo.sim.processes.lab_processes import SimulatedLab
-    from rcmservo.sim.processes.live_disturbances import DisturbanceChange, list_live_disturbances
-    from rcmservo.sim.processes.live_disturbances import parse_live_disturbance as trouble_of
+    from rcmservo.sim.processes.live_disturbances import (
+        DisturbanceChange,
+        list_live_disturbances,
+        parse_live_disturbance,
+    )
     from rcmservo.sim.processes.motion_log import TruePositionError
     from rcmservo.sim.rig import Rig
 
     chosen, lab = Chosen(options.servo), options.lab
-    with SimulatedLab(options.seed, options.rig_settings) as bench:
+    with SimulatedLab(options.seed, options.rig_settings) as processes:
 
         def session(desk: "Desk", folder: Path) -> Session:
             from rcmservo.page.enabling import await_enable
             from rcmservo.page.operator import PageOperator
 
             record, limited = folder / RECORD, chosen.limited
-            words = about(options, LONGEST)
+            description = about(options, SESSION_DURATION_S)
             return replace(
-                bench.session(limited, lab.markers, LONGEST, record, words),
-                recorder=partial(recorder, record, words),
-                target=partial(await_enable, desk, limited, first_words(limited)),
+                processes.session(limited, lab.markers, SESSION_DURATION_S, record, description),
+                recorder=partial(open_recorder, record, description),
+                target=partial(await_enable, desk, limited, enable_announcement(limited)),
                 operator=partial(PageOperator, desk, chosen, options.teaching_frames),
-                pictures=PICTURES,
+                pictures=RECORDED_IMAGES_PER_S,
             )
 
         def befall(what: str) -> str:
-            trouble = DisturbanceChange(time.monotonic_ns(), trouble_of(what) if what else None)
-            bench.disturb(trouble)
-            return f"trouble: {trouble.starts} begins" if what else "trouble: all that acted ends"
+            change = DisturbanceChange(
+                time.monotonic_ns(), parse_live_disturbance(what) if what else None
+            )
+            processes.disturb(change)
+            return f"disturbance: {change.starts} begins" if what else "disturbance: all end"
 
         title = f"simulated arm, seed {options.seed}"
-        setup = setup_of(Rig(options.seed, bench.settings, pictures=False), lab)
-        camera, troubles = partial(RingCamera, bench.ring), tuple(list_live_disturbances())
-        truth = TruePositionError(bench.settings, bench.log)
+        setup = setup_of(Rig(options.seed, processes.settings, pictures=False), lab)
+        camera, disturbances = partial(RingCamera, processes.ring), tuple(list_live_disturbances())
+        truth = TruePositionError(processes.settings, processes.log)
         yield Behind(
-            title, camera, session, bench.switch_off, setup, chosen, befall, troubles, truth
+            title, camera, session, processes.switch_off, setup, chosen, befall, disturbances, truth
         )
 
 
-def _serve(options: ServeOptions, behind: Behind, folder: Path, token: str) -> None:
-    """Have the page served, and run sessions beside it."""
+def _run_sessions(options: ServeOptions, behind: Behind, folder: Path, token: str) -> None:
+    """Serve the page, and run one session after another."""
     from rcmservo.page.channels import Desk
     from rcmservo.page.sessions import Sessions
 
@@ -150,27 +163,44 @@ def _serve(options: ServeOptions, behind: Behind, folder: Path, token: str) -> N
     def session() -> Session:
         return behind.session(desk, folder / f"session-{next(numbers)}")
 
-    def troubled() -> None:
-        for one in desk.trouble.heard():
-            befallen(one.what, desk, behind.befall, folder / TROUBLE)
+    def apply_disturbances() -> None:
+        for request in desk.trouble.heard():
+            apply_disturbance(request.what, desk, behind.befall, folder / DISTURBANCE_LOG)
 
-    serving = _served(options, desk, behind, folder.parent, token)
-    with serving as (address, needed), stopped_by_signals():
-        asks = f", which asks for the token in {options.token_file}" if token else ""
-        words = f"rcmservo page at {address}, {behind.title}{asks}; Ctrl-C ends it"
+    serving = _page_processes(options, desk, behind, folder.parent, token)
+    with serving as (address, names), stopped_by_signals():
+        access = f", which requires the token in {options.token_file}" if token else ""
+        words = f"rcmservo page at {address}, {behind.title}{access}; Ctrl-C ends it"
         console(False).print(words, soft_wrap=True)
         if options.browser:
             webbrowser.open(address)
-        beside = {desk.trouble: troubled}
-        Sessions(desk, session, behind.off, needed, behind.chosen.take, beside).keep()
+        handlers = {desk.trouble: apply_disturbances}
+        Sessions(desk, session, behind.off, names, behind.chosen.take, handlers).keep()
 
 
 @contextlib.contextmanager
-def _served(
+def _page_processes(
     options: ServeOptions, desk: "Desk", behind: Behind, runs: Path, token: str
 ) -> Generator[tuple[str, dict[int, str]]]:
-    """The page's processes: where the page is, and what each is by its sentinel. ``runs`` is the
-    folder of the past runs that it shows.
+    """Start the page's processes.
+
+    Parameters
+    ----------
+    options : ServeOptions
+        Options of the command.
+    desk : Desk
+        Channels between the processes.
+    behind : Behind
+        Arm and camera.
+    runs : Path
+        Folder of the past runs that the page lists.
+    token : str
+        Token that browsers must send; empty if none.
+
+    Yields
+    ------
+    tuple
+        Address of the page, and the names of the processes by their sentinels.
     """
     from rcmservo.page.plots.mechanism_shape import Shape
     from rcmservo.page.poses import PoseFolder
@@ -181,28 +211,29 @@ def _served(
 
     context = get_context("spawn")
     with contextlib.ExitStack() as stack:
-        here, stop = bound_pair(options.host, options.port)
-        port, stop_port = here.getsockname()[1], stop.getsockname()[1]
+        page_socket, stop_socket = bound_pair(options.host, options.port)
+        port, stop_port = page_socket.getsockname()[1], stop_socket.getsockname()[1]
         doors = Doors(port, drawn_secret(), token)
         title, poses = f"rcmservo: {behind.title}", PoseFolder(options.poses, behind.setup)
         shape = Shape.of(behind.chosen.servo)
         given = behind.chosen, poses, shape, runs, behind.troubles, behind.truth
         site = Site(title, behind.camera, doors, stop_port, *given)
-        needed: dict[int, str] = {}
+        names: dict[int, str] = {}
         for name, work, given in (
-            ("the process that hears STOP", serve_stop, (desk.bell, doors, stop)),
-            ("the page's process", serve_page, (desk, site, here)),
+            ("the stop process", serve_stop, (desk.bell, doors, stop_socket)),
+            ("the page process", serve_page, (desk, site, page_socket)),
         ):
             child = ChildProcess(context, work, *given)
             stack.callback(child.end)
             child.receive()
-            needed[child.process.sentinel] = name
-        yield f"http://{reached_at(options.host)}:{port}", needed
+            names[child.process.sentinel] = name
+        yield f"http://{reached_at(options.host)}:{port}", names
 
 
-def befallen(what: str, desk: "Desk", befall: Callable[[str], str], log: Path) -> None:
-    """Let something go wrong; tell the person, and write it down with the time (ns) on the records'
-    clock.
+def apply_disturbance(what: str, desk: "Desk", befall: Callable[[str], str], log: Path) -> None:
+    """Start a disturbance, report it to the page and log it.
+
+    The log has the time in ns on the clock of the records.
     """
     from rcmservo.page.messages import Note
 

@@ -1,1 +1,1 @@
-"""What a command tells while a person waits for it."""
+"""Progress of commands."""

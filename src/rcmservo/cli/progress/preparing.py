@@ -1,4 +1,4 @@
-"""Progress of the compilation of the kernels, before a command starts."""
+"""Progress of the compilation of the kernels before a command starts."""
 
 from collections.abc import Generator
 from contextlib import contextmanager
@@ -10,10 +10,10 @@ if TYPE_CHECKING:
 
 @contextmanager
 def compiling(line: "Live") -> Generator[None]:
-    """Tell on a live line what is compiled in here."""
+    """Report on a status line the parts that are compiled inside the context."""
     from numba.core import event
 
-    from rcmservo.cli.progress.compiling import Compiling
+    from rcmservo.cli.progress.compiling import CompilationListener
 
-    with event.install_listener("numba:compile", Compiling(line)):
+    with event.install_listener("numba:compile", CompilationListener(line)):
         yield

@@ -1,4 +1,4 @@
-"""Description of a run in its record, in addition to its stages (which hold servo and target)."""
+"""Description of a run in its record, in addition to its stages, which hold servo and target."""
 
 import platform
 from dataclasses import asdict
@@ -8,7 +8,7 @@ from typing import Any
 from rcmservo.cli.lab_options import LabOptions
 
 PACKAGES = "numpy", "numba", "opencv-python-headless"
-"""Packages whose versions every record holds."""
+"""Packages whose versions each record holds."""
 
 
 def about_any(options: LabOptions, duration: float, *packages: str) -> dict[str, Any]:

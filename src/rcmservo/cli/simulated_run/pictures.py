@@ -1,4 +1,4 @@
-"""The pictures of a simulated run: the overlay video as it goes."""
+"""Overlay video of a simulated run, and the frames of its record."""
 
 from collections.abc import Callable
 from contextlib import ExitStack
@@ -14,43 +14,45 @@ from rcmservo.loop.tick import Tick
 from rcmservo.recording.writer import Recorder
 from rcmservo.sim import RigSettings
 
-STRIDE = 4
-"""Frames from one picture of the video to the next: 15 pictures a second are enough to look at, and
-each takes 30 ms to encode."""
+FRAMES_PER_VIDEO_IMAGE = 4
+"""Frames per image of the video: 15 images per second suffice, and each takes 30 ms to encode."""
 
 
-def video_of(folder: Path, settings: RigSettings, stack: ExitStack) -> VideoWriter:
-    """The overlay video."""
-    size, rate = (settings.width, settings.height), settings.timing.frame_rate / STRIDE
+def open_video(folder: Path, settings: RigSettings, stack: ExitStack) -> VideoWriter:
+    """Open the overlay video, which the stack closes."""
+    size, rate = (
+        (settings.width, settings.height),
+        settings.timing.frame_rate / FRAMES_PER_VIDEO_IMAGE,
+    )
     video = VideoWriter(folder / "overlay.webm", size, rate)
     stack.callback(video.close)
     return video
 
 
-def pictures(
+def frame_writer(
     plant: Plant, video: VideoWriter | None, recorder: Recorder | None
 ) -> Callable[[Tick], None]:
-    """What to do with every new frame: add it to the overlay video, and to the record."""
-    shown: Frame | None = None
+    """Return a function that writes each new frame to the overlay video and to the record."""
+    written: Frame | None = None
     count = 0
 
-    def picture(tick: Tick) -> None:
-        nonlocal shown, count
+    def write_frame(tick: Tick) -> None:
+        nonlocal written, count
         frame = plant.frame
-        if frame is None or frame.image is None or frame is shown:
+        if frame is None or frame.image is None or frame is written:
             return
-        shown = frame
-        if video is not None and count % STRIDE == 0:
+        written = frame
+        if video is not None and count % FRAMES_PER_VIDEO_IMAGE == 0:
             video.write(overlay(frame.image, tick))
         count += 1
         if recorder is not None:
             recorder.write_frame(frame)
 
-    return picture
+    return write_frame
 
 
 def overlay(image: Image, tick: Tick) -> Image:
-    """A frame with what the servo makes of it."""
+    """Return a frame with the markers, the imaged RCM, the target and the state of the servo."""
     state = tick.state
     words = f"{state.cause.value}\n{tick.time * 1e-9:5.2f} s  {state.phase.value}"
     if np.isfinite(state.delta).all():

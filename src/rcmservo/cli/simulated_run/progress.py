@@ -10,7 +10,7 @@ from rcmservo.safety.state_machine import Phase
 
 
 class RunProgress:
-    """Shows a run: a live line, and a lasting one for every stop and every end of one."""
+    """Progress of a run: a status line, and a printed line whenever a stop begins or ends."""
 
     def __init__(self, live: Live, duration: float) -> None:
         self._live, self._duration = live, duration
@@ -25,11 +25,11 @@ class RunProgress:
                     f"{tick.time * 1e-9:6.2f} s  {state.words}", soft_wrap=True, highlight=False
                 )
             self._mode = state.phase, state.cause
-        self._live.update(_line(tick, self._duration), refresh=False)
+        self._live.update(_status(tick, self._duration), refresh=False)
 
 
-def _line(tick: Tick, duration: float) -> Text:
-    """The live line of progress."""
+def _status(tick: Tick, duration: float) -> Text:
+    """Return the status line of a tick."""
     state = tick.state
     line = f"{tick.time * 1e-9:6.2f} / {duration:g} s  {state.phase.value:<14}"
     if state.cause is not Cause.NONE:

@@ -1,7 +1,7 @@
-"""One simulated run, from its settings to a folder: record, metrics, figures and video.
+"""Simulated run, from its settings to a folder with record, metrics, figures and video.
 
-The servo is given what a real arm and camera would give it. The truth is read beside it, for the
-record and the verdict only.
+The servo receives only what a real arm and camera provide. The true state is used for the record
+and the result.
 """
 
 import signal
@@ -16,10 +16,10 @@ from pathlib import Path
 import numpy as np
 
 from rcmservo.cli.lab_options import RunOptions
-from rcmservo.cli.result_output import record_in, save_result
+from rcmservo.cli.result_output import read_record_if_any, save_result
 from rcmservo.cli.simulated_run.about import about
-from rcmservo.cli.simulated_run.pictures import pictures, video_of
-from rcmservo.cli.simulated_run.target import target_of
+from rcmservo.cli.simulated_run.pictures import frame_writer, open_video
+from rcmservo.cli.simulated_run.target import obtain_target
 from rcmservo.interfaces import Floats
 from rcmservo.loop.detection_failure import reason_not_detected
 from rcmservo.loop.plant import Plant
@@ -38,50 +38,64 @@ from rcmservo.tracking import ColourMarkers
 def simulate(
     options: RunOptions, folder: Path, progress: Callable[[Tick], None] = lambda tick: None
 ) -> RunResult:
-    """Run what the options ask for, write the folder, and return the result.
+    """Run a simulation, write its folder and return its result.
 
-    Stopped by Ctrl-C it raises KeyboardInterrupt as usual, after the record so far was ended and
-    the arm was at rest.
+    Parameters
+    ----------
+    options : RunOptions
+        Settings of the run.
+    folder : Path
+        Empty output folder.
+    progress : Callable
+        Function that receives each tick.
+
+    Raises
+    ------
+    KeyboardInterrupt
+        After Ctrl-C, once the record is complete and the arm is at rest.
     """
     servo, lab, settings = options.servo, options.lab, options.rig_settings
     rig = Rig(options.seed, settings, disturbances=options.disturbances)
     plant = Plant(rig.arm, rig.camera, ColourMarkers(lab.markers), rig.clock)
-    target = target_of(options, rig, plant)
+    target = obtain_target(options, rig, plant)
     servo.warm_up()
-    person = ScriptedOperator(rig, plant, options.resumes, options.teaching_frames)
-    wrong = [str(disturbance) for disturbance in options.disturbances]
-    words = about(options, options.duration) | {"disturbances": wrong, "resumes": options.resumes}
+    operator = ScriptedOperator(rig, plant, options.resumes, options.teaching_frames)
+    disturbances = [str(disturbance) for disturbance in options.disturbances]
+    description = about(options, options.duration) | {
+        "disturbances": disturbances,
+        "resumes": options.resumes,
+    }
     started = time.perf_counter()
     with ExitStack() as stack:
         recorder = stack.enter_context(
-            Recorder(folder / RECORD, words, open_on_filling_disk(rig.disk_full))
+            Recorder(folder / RECORD, description, open_on_filling_disk(rig.disk_full))
         )
-        video = video_of(folder, settings, stack) if options.video else None
+        video = open_video(folder, settings, stack) if options.video else None
         plant.recorded = recorder.recorded
-        begins = partial(recorder.begin, servo)
-        ticks = run_attended(rig, plant, servo, target, options.duration, person, begins)
-        shown = pictures(plant, video, recorder if options.frames else None), progress
-        ended = _follow(ticks, rig, plant, recorder, shown)
-    took, record = time.perf_counter() - started, record_in(folder)
-    result = RunResult() if record is None else _by_truth(rig, record)
+        begin_record = partial(recorder.begin, servo)
+        ticks = run_attended(rig, plant, servo, target, options.duration, operator, begin_record)
+        observers = frame_writer(plant, video, recorder if options.frames else None), progress
+        reason = _record_ticks(ticks, rig, plant, recorder, observers)
+    took, record = time.perf_counter() - started, read_record_if_any(folder)
+    result = RunResult() if record is None else _result_of(rig, record)
     result = replace(
         result,
-        cause="" if result.settled else ended or result.cause,
+        cause="" if result.settled else reason or result.cause,
         seed=options.seed,
         estimator=options.estimator,
         estimator_time_per_frame_s=getattr(servo.estimator, "estimator_time", 0.0) or None,
         rejected_scenes=rig.scene.rejected,
         real_time_factor=None if result.duration_s is None else result.duration_s / took,
-        resumed=person.resumed,
-        refused=person.refused,
-        shown_again=person.taught,
+        resumed=operator.resumed,
+        refused=operator.refused,
+        shown_again=operator.taught,
         not_recorded=recorder.failed,
         not_filmed=video.failed if video is not None else "",
     )
     return save_result(result, record, folder)
 
 
-def _by_truth(rig: Rig, record: Record) -> RunResult:
+def _result_of(rig: Rig, record: Record) -> RunResult:
     """Return the result of a record, with the true pose error over the last second."""
     result, p2 = summary(record), record.truth["p2"]
     p_d = rig.body.points(rig.scene.target)[1]
@@ -90,35 +104,38 @@ def _by_truth(rig: Rig, record: Record) -> RunResult:
     return replace(result, pose_error_mm=error)
 
 
-def _follow(
+def _record_ticks(
     ticks: Generator[Tick],
     rig: Rig,
     plant: Plant,
     recorder: Recorder,
-    shown: Iterable[Callable[[Tick], None]],
+    observers: Iterable[Callable[[Tick], None]],
 ) -> str:
-    """Record and show every tick of a run; what ended it before its time, in words."""
-    tick, began, ever = None, rig.clock.now(), False
+    """Record and observe each tick of a run; return the reason if it ended early."""
+    tick, start, ever_accepted = None, rig.clock.now(), False
     rig.begin()
-    with _between_ticks() as stopped, closing(ticks):
+    with _deferred_interrupt() as raise_if_interrupted, closing(ticks):
         try:
             for tick in ticks:
-                ever = ever or tick.state.believed >= 0
+                ever_accepted = ever_accepted or tick.state.believed >= 0
                 rig.truth.write(recorder, tick)
-                for show in shown:
-                    show(tick)
-                stopped()
+                for observe in observers:
+                    observe(tick)
+                raise_if_interrupted()
         except Killed as end:
             return f"{end}; the arm's watchdog stops it"
     if tick is None:
         return ""
-    return held(tick.state.mode, "" if ever else reason_not_detected(plant, tick.seen, began))
+    return held(
+        tick.state.mode, "" if ever_accepted else reason_not_detected(plant, tick.seen, start)
+    )
 
 
 @contextmanager
-def _between_ticks() -> Generator[Callable[[], None]]:
-    """Ctrl-C takes effect where the function that this gives is called, so that it never cuts a
-    message in two.
+def _deferred_interrupt() -> Generator[Callable[[], None]]:
+    """Yield a function that raises KeyboardInterrupt if Ctrl-C was pressed.
+
+    Ctrl-C thus takes effect between ticks only and never interrupts the writing of a message.
     """
     pressed = False
 
@@ -126,15 +143,15 @@ def _between_ticks() -> Generator[Callable[[], None]]:
         nonlocal pressed
         pressed = True
 
-    def stopped() -> None:
+    def raise_if_pressed() -> None:
         if pressed:
             raise KeyboardInterrupt
 
     if threading.current_thread() is not threading.main_thread():
-        yield stopped
+        yield raise_if_pressed
         return
-    usual = signal.signal(signal.SIGINT, press)
+    previous = signal.signal(signal.SIGINT, press)
     try:
-        yield stopped
+        yield raise_if_pressed
     finally:
-        signal.signal(signal.SIGINT, usual)
+        signal.signal(signal.SIGINT, previous)

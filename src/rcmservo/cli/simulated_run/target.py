@@ -1,4 +1,4 @@
-"""The target of a simulated run: shown first, or read from a file."""
+"""Target of a simulated run: taught first, or read from a file."""
 
 import hashlib
 
@@ -15,14 +15,15 @@ from rcmservo.sim import Rig
 
 
 def setup_of(rig: Rig, lab: Lab) -> Setup:
-    """What a target that is shown to a simulated rig is bound to. Its camera's name follows from
-    where it stands.
+    """Return the set-up for which a target that is taught in simulation holds.
+
+    The name of its camera follows from the camera's optics and pose.
     """
     optics = rig.scene.optics
-    where = np.concatenate(
+    parameters = np.concatenate(
         [[optics.focal], optics.centre, optics.distortion, optics.rotation.ravel(), optics.position]
     )
-    view = hashlib.sha256(np.round(where, 6).tobytes()).hexdigest()[:8]
+    view = hashlib.sha256(np.round(parameters, 6).tobytes()).hexdigest()[:8]
     name = f"simulation with seed {rig.seed}, view {view}"
     return Setup(
         name,
@@ -35,10 +36,8 @@ def setup_of(rig: Rig, lab: Lab) -> Setup:
     )
 
 
-def target_of(options: RunOptions, rig: Rig, plant: Plant) -> Target:
-    """The target of a file, or one that a person shows before bringing the tool back to the
-    start.
-    """
+def obtain_target(options: RunOptions, rig: Rig, plant: Plant) -> Target:
+    """Return the target of a file, or teach one and return the tool to the start."""
     setup = setup_of(rig, options.lab)
     if options.target is not None:
         target = target_file.load(options.target, setup)

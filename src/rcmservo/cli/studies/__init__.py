@@ -1,1 +1,1 @@
-"""Studies from the command line."""
+"""Commands for studies and tuning."""

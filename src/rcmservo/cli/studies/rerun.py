@@ -1,4 +1,4 @@
-"""`rcmservo study --replay`: one run of a study, made again, recorded, and held against its row."""
+"""`rcmservo study --replay`: rerun one run of a study, record it, and compare it with its row."""
 
 from collections.abc import Callable
 from contextlib import ExitStack
@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from rcmservo.cli.folders import new_folder
-from rcmservo.cli.result_output import draw_figures, table
+from rcmservo.cli.result_output import draw_figures, two_column_table
 from rcmservo.cli.simulated_run.pictures import overlay
 from rcmservo.cli.terminal import console
 from rcmservo.errors import BadInput, RcmServoError, UnusableFile, require
@@ -29,84 +29,98 @@ from rcmservo.study.plan.user_module_archive import parcel_of
 from rcmservo.study.row import StudyRow
 from rcmservo.study.simulation_engine import Laboratory, LaboratoryLoop
 
-SEEN = "replays"
-"""The folder of these records, in that of the study."""
-PLACE = "cpu", "versions"
-"""Columns that tell where a row was made, and not what came of the run."""
+RERUNS_FOLDER = "replays"
+"""Folder of these records in that of the study."""
+ORIGIN_COLUMNS = "cpu", "versions"
+"""Columns that describe the computer of a row and not the result of the run."""
 
 
-def seen_again(folder: Path | None, case: int, film: bool, own: dict[str, type[Estimator]]) -> int:
-    """Make the run of a row again, and record it; 0 where it came out the same."""
+def rerun_row(folder: Path | None, case: int, film: bool, own: dict[str, type[Estimator]]) -> int:
+    """Rerun and record the run of a row; return 0 if the row is the same.
+
+    Parameters
+    ----------
+    folder : Path or None
+        Folder of the study.
+    case : int
+        Index of the row.
+    film : bool
+        Write a video as well.
+    own : dict
+        User-defined estimators by name.
+    """
     if folder is None:
         raise BadInput("--out", None, "the folder of the study, with --replay")
-    made = manifest.read(folder)
-    if made is None:
+    note = manifest.read(folder)
+    if note is None:
         raise UnusableFile(folder, "holds no study")
-    require(0 <= case < made.runs, "--replay", case, f"a row from 0 to {made.runs - 1}")
-    (cell, seed), before = made.run_of(case), _row(folder, made, case)
-    _require_same(made.package, cell, own)
+    require(0 <= case < note.runs, "--replay", case, f"a row from 0 to {note.runs - 1}")
+    (cell, seed), before = note.run_of(case), _recorded_row(folder, note, case)
+    _require_same_code(note.package, cell, own)
     servo, out = cell.rebuilt(own), console()
     made_again = one_run(cell, servo, seed)
     row = asdict(made_again)
-    other = [name for name in row if row[name] != before[name] and name not in PLACE]
-    with new_folder(_free(folder / SEEN / str(case)), "replay") as there:
-        failed = _record(cell, servo, seed, there, film)
+    changed = [name for name in row if row[name] != before[name] and name not in ORIGIN_COLUMNS]
+    with new_folder(_unused_path(folder / RERUNS_FOLDER / str(case)), "replay") as output:
+        failed = _record_run(cell, servo, seed, output, film)
     out.print(f"row {case}: {cell.method}, {cell.condition}, seed {seed}, {cell.engine}")
-    out.print(table(title_of(made_again.result), _words(made_again)))
-    same = "the same row, bit for bit" if not other else f"not the same: {', '.join(other)}"
-    elsewhere = [f"{name} was {before[name]}" for name in PLACE if row[name] != before[name]]
-    same = f"{same} ({', '.join(elsewhere)})" if elsewhere else same
-    how = ", recorded with MuJoCo's arm" if cell.engine == COMPILED else ", recorded"
-    out.print(f"{same}{how} in {there}; rcmservo show {there} tells it", soft_wrap=True)
+    out.print(two_column_table(title_of(made_again.result), _result_rows(made_again)))
+    outcome = (
+        "the same row, bit for bit" if not changed else f"the row differs in {', '.join(changed)}"
+    )
+    origin = [f"{name} was {before[name]}" for name in ORIGIN_COLUMNS if row[name] != before[name]]
+    outcome = f"{outcome} ({', '.join(origin)})" if origin else outcome
+    recording = ", recorded with MuJoCo's arm" if cell.engine == COMPILED else ", recorded"
+    out.print(
+        f"{outcome}{recording} in {output}; rcmservo show {output} reports it", soft_wrap=True
+    )
     if failed:
         out.print(failed, soft_wrap=True)
-    return 1 if other else 0
+    return 1 if changed else 0
 
 
-def _row(folder: Path, made: manifest.StudyNote, case: int) -> dict[str, Any]:
-    """The row as the study has it."""
+def _recorded_row(folder: Path, note: manifest.StudyNote, case: int) -> dict[str, Any]:
+    """Return a row of the study."""
     rows = runs_in(folder)
-    if rows.num_rows != made.runs:
-        why = (
-            f"has {rows.num_rows} rows, and {manifest.NAME} tells of {made.runs}: name a new folder"
+    if rows.num_rows != note.runs:
+        problem = (
+            f"has {rows.num_rows} rows, but {manifest.NAME} lists {note.runs}: name a new folder"
         )
-        raise UnusableFile(folder / RUNS, why)
+        raise UnusableFile(folder / RUNS, problem)
     return rows.slice(case, 1).to_pylist()[0]
 
 
-def _words(row: StudyRow) -> list[tuple[str, str]]:
-    """Return the row's result as titles and words, with what only a study measures."""
+def _result_rows(row: StudyRow) -> list[tuple[str, str]]:
+    """Return the row's result as names and values, with those that only a study measures."""
     stop = "none" if row.stop_s is None else f"{row.stop} at {row.stop_s:.2f} s, of {row.stops}"
-    grown = f"{row.unnoticed_mm:.3f} mm while no cause was named"
+    grown = f"{row.unnoticed_mm:.3f} mm without a cause"
     return [*result_rows(row.result), ("first stop", stop), ("growth of the error", grown)]
 
 
-def _require_same(made_by: str, cell: Cell, own: dict[str, type[Estimator]]) -> None:
-    """Refuse to make a run again with other code than it was made with."""
+def _require_same_code(made_by: str, cell: Cell, own: dict[str, type[Estimator]]) -> None:
+    """Refuse to rerun a run with code other than that of the study."""
     if made_by != package():
         raise RcmServoError(
-            f"this study was made by another rcmservo ({made_by}) than this one ({package()}): "
-            "make it anew first"
+            f"this study was made by rcmservo {made_by}, not by the present {package()}: "
+            "rerun the study first"
         )
     kind = str(cell.servo["estimator"]["kind"])
     if cell.source and (kind not in own or parcel_of(own[kind]).digest != cell.source):
-        why = "has changed since" if kind in own else "is code of others"
+        reason = "has changed since" if kind in own else "is code of another user"
         raise RcmServoError(
-            f"the estimator {kind} {why}: "
-            + ("make the study anew first" if kind in own else f"name it with --own {kind}")
+            f"the estimator {kind} {reason}: "
+            + ("rerun the study first" if kind in own else f"name it with --own {kind}")
         )
 
 
-def _free(path: Path) -> Path:
-    """The path, or with a number after it if something is there already."""
+def _unused_path(path: Path) -> Path:
+    """Return a path, with a number appended if it exists."""
     tries = (path.with_name(f"{path.name}-{k}") if k > 1 else path for k in range(1, 10_000))
     return next(one for one in tries if not one.exists())
 
 
-def _record(cell: Cell, servo: Servo, seed: int, folder: Path, film: bool) -> str:
-    """Make the run in the laboratory, with its record, its figures and its film; what of the film
-    went wrong, in words.
-    """
+def _record_run(cell: Cell, servo: Servo, seed: int, folder: Path, film: bool) -> str:
+    """Run in the lab with record, figures and video; return the reason if the video failed."""
     engine = MUJOCO if cell.engine == COMPILED else cell.engine
     laboratory = replace(cell, engine=engine).engine_for(seed, servo)
     assert isinstance(laboratory, Laboratory)
@@ -114,9 +128,9 @@ def _record(cell: Cell, servo: Servo, seed: int, folder: Path, film: bool) -> st
     about = {"simulation": True, "seed": seed, "study": asdict(cell)}
     with ExitStack() as stack:
         recorder = stack.enter_context(Recorder(folder / RECORD, about))
-        video = _video(folder, loop) if film else None
+        video = _open_video(folder, loop) if film else None
         recorder.begin(laboratory.servo, loop.target, None)
-        filmed = _filmed(loop, video) if video is not None else None
+        filmed = _frame_writer(loop, video) if video is not None else None
         for tick in loop.ticks():
             loop.rig.truth.write(recorder, tick)
             if filmed is not None:
@@ -127,25 +141,30 @@ def _record(cell: Cell, servo: Servo, seed: int, folder: Path, film: bool) -> st
     return video.failed if video is not None else ""
 
 
-def _video(folder: Path, loop: LaboratoryLoop) -> VideoWriter:
+def _open_video(folder: Path, loop: LaboratoryLoop) -> VideoWriter:
     size, rate = loop.rig.settings, loop.rig.settings.timing.frame_rate
     return VideoWriter(folder / "overlay.webm", (size.width, size.height), rate)
 
 
-def _filmed(loop: LaboratoryLoop, video: VideoWriter) -> Callable[[Tick], None]:
-    """What adds every new frame to the film. Where the camera only told points, the scene is drawn
-    as a camera with pictures would have seen it then.
+def _frame_writer(loop: LaboratoryLoop, video: VideoWriter) -> Callable[[Tick], None]:
+    """Return a function that adds each new frame to the video.
+
+    If the camera delivered points only, the scene is rendered as a camera with images would see it.
     """
     newest = -1
 
-    def picture(tick: Tick) -> None:
+    def write_frame(tick: Tick) -> None:
         nonlocal newest
         if tick.seen.frame <= newest:
             return
         newest = tick.seen.frame
         frame = loop.plant.frame
-        seen = None if frame is None else frame.image
-        image = loop.rig.picture(tick.seen.exposure, newest) if seen is None else seen
+        image_of_frame = None if frame is None else frame.image
+        image = (
+            loop.rig.picture(tick.seen.exposure, newest)
+            if image_of_frame is None
+            else image_of_frame
+        )
         video.write(overlay(image, tick))
 
-    return picture
+    return write_frame

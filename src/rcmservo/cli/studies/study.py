@@ -1,4 +1,4 @@
-"""`rcmservo study`: methods over thousands of scenes, and one report that compares them."""
+"""`rcmservo study`: compare methods in thousands of simulated scenes, with one report."""
 
 import shlex
 import sys
@@ -15,11 +15,11 @@ import tyro
 from rich.console import Console
 from rich.text import Text
 
-from rcmservo.cli.folders import dated
+from rcmservo.cli.folders import dated_folder
 from rcmservo.cli.progress.preparing import compiling
-from rcmservo.cli.progress.progress import going_on, progress
-from rcmservo.cli.studies.study_report import beside, described, results, tell_work
-from rcmservo.cli.terminal import console, live_line
+from rcmservo.cli.progress.progress import progress, resume_hint
+from rcmservo.cli.studies.study_report import beside, distribution_table, print_work, results
+from rcmservo.cli.terminal import console, status_line
 from rcmservo.config.registry import ESTIMATORS, PRESETS
 from rcmservo.config.user_code import named
 from rcmservo.constraints import Checked, between
@@ -44,15 +44,15 @@ class WorkOptions(Checked):
     Parameters
     ----------
     own : Names
-        Your own estimator, as module:class, that FILE names: code of others is run only where the
-        command line names it too.
+        Your own estimator that FILE names, as module:class. User code runs only if the command
+        line names it as well.
     out : Path or None
-        Folder to write to, or that of an earlier study or search, which then goes on where it
-        stopped. By default a new one under runs/.
+        Output folder, or that of an earlier study or search, which then resumes. By default a
+        new one under runs/.
     workers : int or None
-        Processes of this machine (one for each processor).
+        Number of processes on this computer; by default one per processor.
     cluster : str or None
-        Address of a dask scheduler whose workers are to do it, such as tls://host:8786.
+        Address of a dask scheduler whose workers run the study, such as tls://host:8786.
     """
 
     own: Names = ()
@@ -63,29 +63,31 @@ class WorkOptions(Checked):
 
 @dataclass(frozen=True, kw_only=True)
 class StudyOptions(RunConditions, WorkOptions):
-    """Try methods in many simulated scenes, and write one row a run, a report that compares them
-    with intervals, and a summary.
+    """Compare methods in many simulated scenes.
+
+    The output is one row per run, a report that compares the methods with confidence intervals, and
+    a summary.
 
     Parameters
     ----------
     file : OptionalFile
-        TOML file with methods, scenes and conditions. What an option says goes before it.
+        TOML file with methods, scenes and conditions. An option takes precedence over the file.
     method : Names
-        What is tried: an estimator by its name, or your own as module:class; may be given several
-        times. The first is what the others are held against.
+        Method to study: an estimator by name, or your own as module:class; repeatable. The
+        others are compared with the first.
     scenes : Names
-        What scenes are drawn from: random, paper, laparoscopic, hard, or a rig file; may be given
-        several times. --scenes help says what each is.
+        Distribution of the scenes: random, paper, laparoscopic, hard, or a rig file;
+        repeatable. --scenes help describes each.
     seed : int or None
-        Of the first scene (0); the others follow one by one.
+        Seed of the first scene, by default 0; each further scene has the next seed.
     disturb : Names
-        What goes wrong in every run, as `rcmservo run --disturb` has it.
+        Disturbance in every run, as in `rcmservo run --disturb`.
     report : bool
-        Write report.html too.
+        Write report.html as well.
     replay : int or None
-        Instead of all this make one run of the study in --out again, by its row, and record it.
+        Only rerun and record one run of the study in --out, given by its row.
     film : bool
-        Make a film of it too.
+        Write a video of that run as well.
     """
 
     file: OptionalFile = None
@@ -98,51 +100,53 @@ class StudyOptions(RunConditions, WorkOptions):
     film: bool = False
 
     @cached_property
-    def asked(self) -> "StudyFile":
-        """The study in FILE; the usual one without."""
+    def study_file(self) -> "StudyFile":
+        """Study that FILE describes, or the default study."""
         with needing("a study", "study"):
             from rcmservo.study.plan.distribution import BUILT_IN
             from rcmservo.study.plan.file import StudyFile, load
         if self.file is None:
             return StudyFile()
         if str(self.file) in (*ESTIMATORS, *PRESETS, *BUILT_IN):
-            right = "a TOML file; --method and --scenes take one name each, and may be given "
-            require(self.file.exists(), "FILE", self.file, f"{right}several times")
+            expected = "a TOML file; repeat --method or --scenes to give several names"
+            require(self.file.exists(), "FILE", self.file, expected)
         return load(self.file)
 
     @property
-    def usual(self) -> "StudyOptions | None":
-        """Options that FILE gives where the command line does not."""
-        return None if self.file is None else StudyOptions(**_conditions(self.asked))
+    def file_defaults(self) -> "StudyOptions | None":
+        """Options that FILE gives for those that the command line leaves out."""
+        return None if self.file is None else StudyOptions(**_conditions(self.study_file))
 
 
 def study(options: StudyOptions) -> int:
-    """Do what is not done yet, and write rows and report."""
+    """Run the remaining runs and write rows and report; return the exit code 0."""
     with needing("a study", "study"):
-        from rcmservo.cli.studies.rerun import seen_again
+        from rcmservo.cli.studies.rerun import rerun_row
         from rcmservo.study.execution.run_study import Work
         from rcmservo.study.plan import distribution
         from rcmservo.study.report import report
     out = console()
     if "help" in options.scenes:
-        out.print(described(distribution.described()))
+        out.print(distribution_table(distribution.described()))
         return 0
     if options.replay is not None:
-        return seen_again(options.out, options.replay, options.film, own_of(options))
+        return rerun_row(options.out, options.replay, options.film, user_estimators(options))
     require(not options.film, "--film", True, "given with --replay")
-    plan = planned(options)
-    folder = options.out or dated("study")
-    require_kept(options.file, folder)
+    plan = make_plan(options)
+    folder = options.out or dated_folder("study")
+    require_other_folder(options.file, folder)
     work = Work(plan, folder)
-    tell_work(out, work)
-    with going_on(folder, out):
-        how = _do(work, options, out) if work.left else {}
-        told = report.write(folder, plan, work.gather(), {**about(work), **how}, options.report)
-    out.print(results(told.summaries))
-    for one in told.comparisons:
-        out.print(beside(one), soft_wrap=True)
-    written = "rows, summary and report" if options.report else "rows and summary"
-    out.print(f"{written} in {folder}", soft_wrap=True)
+    print_work(out, work)
+    with resume_hint(folder, out):
+        execution = _run_remaining(work, options, out) if work.left else {}
+        written = report.write(
+            folder, plan, work.gather(), {**report_header(work), **execution}, options.report
+        )
+    out.print(results(written.summaries))
+    for comparison in written.comparisons:
+        out.print(beside(comparison), soft_wrap=True)
+    files = "rows, summary and report" if options.report else "rows and summary"
+    out.print(f"{files} in {folder}", soft_wrap=True)
     return 0
 
 
@@ -151,67 +155,72 @@ def _conditions(given: RunConditions) -> dict[str, Any]:
     return {f.name: getattr(given, f.name) for f in fields(RunConditions)}
 
 
-def planned(options: StudyOptions) -> "StudyPlan":
-    """Return the plan of a file, with what the options say put in its place."""
+def make_plan(options: StudyOptions) -> "StudyPlan":
+    """Return the plan of the file, in which the given options take precedence."""
     from rcmservo.sim.disturbances import Disturbance
     from rcmservo.study.plan.file import plan_of
 
     for text in options.disturb:
         Disturbance.parse(text)
-    said = {
+    values = {
         "methods": options.method,
         "scenes": options.scenes,
         "first_seed": options.seed,
         "disturb": (options.disturb,) if options.disturb else (),
     }
-    given = {name: value for name, value in said.items() if value not in ((), None)}
-    asked = replace(options.asked, **_conditions(options), **given)
-    return plan_of(asked, own_of(options))
+    given = {name: value for name, value in values.items() if value not in ((), None)}
+    study_file = replace(options.study_file, **_conditions(options), **given)
+    return plan_of(study_file, user_estimators(options))
 
 
-def require_kept(file: Path | None, folder: Path) -> None:
-    """Refuse the FILE that a search has left in this very folder: it would go with the others."""
+def require_other_folder(file: Path | None, folder: Path) -> None:
+    """Refuse a FILE that a search wrote in the output folder, where it would be removed."""
     from rcmservo.study.execution.store import TUNED
 
-    kept = file is None or file.resolve() != (folder / TUNED).resolve()
-    require(kept, "--out", folder, f"another folder than that of FILE, whose {TUNED} would go")
+    is_other = file is None or file.resolve() != (folder / TUNED).resolve()
+    require(
+        is_other,
+        "--out",
+        folder,
+        f"a folder other than that of FILE, where {TUNED} would be removed",
+    )
 
 
-def own_of(options: StudyOptions) -> dict[str, type[Estimator]]:
-    """The users' own estimators that the command line names; their code is run here first."""
+def user_estimators(options: StudyOptions) -> dict[str, type[Estimator]]:
+    """Return the user-defined estimators that the command line names, and import their code."""
     own = {name: named(name, "--method") for name in options.method if ":" in name}
     return own | {name: named(name, "--own") for name in options.own}
 
 
-def _do(work: "Work", options: StudyOptions, out: Console) -> dict[str, object]:
-    """Have what is left done; how that went."""
+def _run_remaining(work: "Work", options: StudyOptions, out: Console) -> dict[str, object]:
+    """Run the remaining runs; return the workers and the speed in words."""
     runs, left = work.plan.runs, work.runs_left
-    with workers_for(work, options, out) as hands:
-        began, count = time.monotonic(), hands.count
+    with workers_for(work, options, out) as workers:
+        start, count = time.monotonic(), workers.count
         with progress(out, "running", runs, runs - left, "runs") as advance:
-            work.go(hands, advance)
-        took = time.monotonic() - began
-    return {"workers": f"{count} on {hands.where}", "pace": f"{left} runs in {took:.1f} s"}
+            work.go(workers, advance)
+        duration = time.monotonic() - start
+    return {"workers": f"{count} on {workers.where}", "pace": f"{left} runs in {duration:.1f} s"}
 
 
 @contextmanager
 def workers_for(work: "Work", options: WorkOptions, out: Console) -> Generator["Crew"]:
-    """Workers, after all that the work needs was compiled."""
+    """Yield workers, after everything that the study needs is compiled."""
     from rcmservo.study.execution.workers import crew, require_guarded
 
     if options.cluster is not None:
         require_guarded(options.cluster)
     with ExitStack() as stack:
-        with live_line(out) as line:
+        with status_line(out) as line:
             with compiling(line):
                 work.compile()
             line.update(Text("waiting for workers …", style="dim"))
-            hands = stack.enter_context(crew(options.cluster, options.workers))
-        yield hands
+            workers = stack.enter_context(crew(options.cluster, options.workers))
+        yield workers
 
 
-def about(work: "Work") -> dict[str, object]:
-    """What a report says of its making."""
+def report_header(work: "Work") -> dict[str, object]:
+    """Return the entries of a report on its origin."""
     from rcmservo.study.execution.package_version import package
 
     own = "".join(f" --own {name}" for name in work.own)

@@ -1,4 +1,4 @@
-"""What the terminal tells of a study."""
+"""Terminal output of a study."""
 
 import math
 from collections.abc import Iterable
@@ -12,38 +12,38 @@ if TYPE_CHECKING:
     from rcmservo.study.report.statistics import Interval
     from rcmservo.study.report.summary import PairedComparison, Summary
 
-NUMBERS = "success, %", "to 1 mm, s", "error, mm", "/ bound"
-"""Columns of numbers: the medians of time and error, and the rms of the ratio."""
+NUMBER_COLUMNS = "success, %", "to 1 mm, s", "error, mm", "/ bound"
+"""Titles of the columns of numbers: medians of time and error, and the rms of the ratio."""
 
 
-def described(distributions: Iterable[tuple[str, str]]) -> Table:
-    """What every distribution of scenes is."""
+def distribution_table(distributions: Iterable[tuple[str, str]]) -> Table:
+    """Return a table that describes each distribution of scenes."""
     table = Table.grid(padding=(0, 2))
     for name, words in distributions:
         table.add_row(name, words)
     return table
 
 
-def tell_work(out: Console, work: "Work") -> None:
-    """What is going to be done."""
+def print_work(out: Console, work: "Work") -> None:
+    """Print the number of runs, and how many of them exist already."""
     runs, left = work.plan.runs, work.runs_left
     words = f"{runs} simulated run{'s' if runs > 1 else ''}, into {work.store.folder}"
     out.print(words, style="dim", soft_wrap=True)
     if work.changed:
-        words = f"{', '.join(work.changed)} changed since this folder was used last"
-        out.print(f"{words}: {left} of {runs} runs are made anew", soft_wrap=True)
+        words = f"{', '.join(work.changed)} changed since the last use of this folder"
+        out.print(f"{words}: {left} of {runs} runs are repeated", soft_wrap=True)
     elif not left:
-        out.print("all are there already", soft_wrap=True)
+        out.print("all runs exist already", soft_wrap=True)
     elif left < runs:
-        out.print(f"{runs - left} are there already; the others follow", soft_wrap=True)
+        out.print(f"{runs - left} runs exist already; the others follow", soft_wrap=True)
 
 
 def results(rows: list["Summary"]) -> Table:
-    """What the terminal shows of a study: every number with its interval below it."""
+    """Return the results as a table, each number with its interval below."""
     table = Table(show_lines=True)
     for words in ("method\nengine", "scenes"):
         table.add_column(words, overflow="fold")
-    for words in NUMBERS:
+    for words in NUMBER_COLUMNS:
         table.add_column(words, overflow="fold", justify="right")
     table.add_column("first stops", overflow="fold")
     for row in rows:
@@ -51,51 +51,51 @@ def results(rows: list["Summary"]) -> Table:
         table.add_row(
             f"{row.method}\n{row.engine}",
             row.condition,
-            _spread(row.success, ".1f", 100.0),
-            _spread(row.time_median_s, ".2f", 1.0, "never"),
-            _spread(row.pose_median_mm, ".3f"),
-            _spread(row.ratio_rms, ".2f"),
+            _format_two_lines(row.success, ".1f", 100.0),
+            _format_two_lines(row.time_median_s, ".2f", 1.0, "never"),
+            _format_two_lines(row.pose_median_mm, ".3f"),
+            _format_two_lines(row.ratio_rms, ".2f"),
             "\n".join(stops) or "–",
         )
     return table
 
 
 def beside(one: "PairedComparison") -> str:
-    """A method beside the first one, in a sentence."""
+    """Return a sentence that compares a method with the first one."""
     return (
-        f"{one.method} beside {one.beside}, {one.condition}, {one.pairs} pairs: success "
-        f"{_inline(one.success, '+.1f', '% points', 100.0)}, {_sooner(one)}, "
-        f"error {_inline(one.pose_mm, '+.3f', 'mm')}"
+        f"{one.method} compared with {one.beside}, {one.condition}, {one.pairs} pairs: success "
+        f"{_format_one_line(one.success, '+.1f', '% points', 100.0)}, {_describe_time_gain(one)}, "
+        f"error {_format_one_line(one.pose_mm, '+.3f', 'mm')}"
     )
 
 
-def _sooner(one: "PairedComparison") -> str:
-    """How much sooner it comes within 1 mm, where both mostly do."""
+def _describe_time_gain(one: "PairedComparison") -> str:
+    """Return the gain in the time to 1 mm, or the only method that mostly reaches 1 mm."""
     if math.isinf(one.time_s.value):
         only = one.beside if one.time_s.value > 0.0 else one.method
-        return f"to 1 mm mostly only {only} comes"
-    return f"to 1 mm {_inline(one.time_s, '+.2f', 's')}"
+        return f"mostly only {only} reaches 1 mm"
+    return f"to 1 mm {_format_one_line(one.time_s, '+.2f', 's')}"
 
 
-def number(value: float, form: str, endless: str = "∞") -> str:
-    """A number, or that it is without end."""
+def format_number(value: float, form: str, infinity: str = "∞") -> str:
+    """Return a number, or a text for infinity."""
     if math.isinf(value):
-        return endless if "+" not in form else f"{value:+f}".replace("inf", "∞")
+        return infinity if "+" not in form else f"{value:+f}".replace("inf", "∞")
     return format(value, form)
 
 
-def _spread(one: "Interval", form: str, times: float = 1.0, endless: str = "∞") -> str:
-    """A number, and its interval in the line below."""
-    value, low, high = (number(times * x, form, endless) for x in one)
+def _format_two_lines(one: "Interval", form: str, scale: float = 1.0, infinity: str = "∞") -> str:
+    """Return a number with its interval in the line below."""
+    value, low, high = (format_number(scale * x, form, infinity) for x in one)
     if math.isnan(one.value):
         return "–"
     return value if low == high == value else f"{value}\n{low} to {high}"
 
 
-def _inline(one: "Interval", form: str, unit: str, times: float = 1.0) -> str:
-    """A number with its interval and its unit; a dash where there is none."""
+def _format_one_line(one: "Interval", form: str, unit: str, scale: float = 1.0) -> str:
+    """Return a number with its interval and unit; a dash for NaN."""
     if math.isnan(one.value):
         return "–"
-    value, low, high = (number(times * x, form) for x in one)
+    value, low, high = (format_number(scale * x, form) for x in one)
     between = "" if low == high == value else f" ({low} to {high})"
     return f"{value}{between} {unit}"

@@ -114,7 +114,7 @@ class StreamedCamera:
             raise self._error
         return self._frame
 
-    def account(self) -> CameraAccount:
+    def counts(self) -> CameraAccount:
         """Return counts of the frames so far, and the camera's present problem."""
         silence = time.monotonic() - self._last_frame_time
         if self._account.trouble or silence <= MAX_SILENCE_S:

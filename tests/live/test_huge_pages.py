@@ -1,4 +1,4 @@
-"""No huge pages are made of the memory of what must not wait, as the kernel tells it."""
+"""Memory of real-time processes without huge pages, as the kernel reports it."""
 
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
@@ -12,37 +12,37 @@ from rcmservo.live.realtime import realtime, without_huge_pages
 STATUS = Path("/proc/self/status")
 
 
-def huge() -> bool:
-    """Whether the kernel may make huge pages of this process's memory."""
+def huge_pages_enabled() -> bool:
+    """Return True if the kernel may use huge pages for this process."""
     line = next(line for line in STATUS.read_text().splitlines() if line.startswith("THP_enabled"))
     return line.split()[1] == "1"
 
 
 pytestmark = pytest.mark.skipif(
     not STATUS.exists() or "THP_enabled" not in STATUS.read_text(),
-    reason="this kernel does not tell whether it makes huge pages",
+    reason="this kernel does not report its use of huge pages",
 )
 
 
-def tell_huge(control: Connection) -> None:
-    control.send(huge())
+def send_huge(control: Connection) -> None:
+    control.send(huge_pages_enabled())
     receive_from_parent(control)
 
 
 @pytest.mark.parametrize("context", [without_huge_pages, realtime])
-def test_memory_is_left_alone_in_it_and_afterwards_is_as_before(context) -> None:
-    before = huge()
+def test_huge_pages_are_disabled_inside_and_restored_afterwards(context) -> None:
+    before = huge_pages_enabled()
     with pytest.raises(KeyError), context():
-        assert not huge()
+        assert not huge_pages_enabled()
         with without_huge_pages():
             pass
-        assert not huge()
+        assert not huge_pages_enabled()
         raise KeyError
-    assert huge() == before
+    assert huge_pages_enabled() == before
 
 
-def test_that_of_every_process_that_is_started_is_left_alone_for_good() -> None:
-    child = ChildProcess(get_context("spawn"), tell_huge)
+def test_huge_pages_are_disabled_permanently_in_started_processes() -> None:
+    child = ChildProcess(get_context("spawn"), send_huge)
     try:
         assert child.receive() is False
     finally:

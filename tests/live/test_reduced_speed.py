@@ -1,4 +1,4 @@
-"""A tenth of the speed: no command exceeds it, and the run still ends where it should."""
+"""Reduced speed: no command exceeds it, and the run still settles."""
 
 from dataclasses import replace
 
@@ -15,7 +15,7 @@ from rcmservo.safety.gate import Gate
 
 
 @pytest.mark.parametrize("seed", first_quick([1, 2, 3, 4]))
-def test_a_cautious_run_explores_and_settles_and_no_command_exceeds_its_speed(seed: int) -> None:
+def test_a_run_at_reduced_speed_settles_and_no_command_exceeds_its_speed(seed: int) -> None:
     lab = laboratory(seed)
     full = lab.servo()
     servo = reduce_speed(full)
@@ -29,14 +29,14 @@ def test_a_cautious_run_explores_and_settles_and_no_command_exceeds_its_speed(se
     assert fastest.max() > 0.0
 
 
-def test_all_that_bounds_the_speed_is_scaled_and_the_rest_stays() -> None:
-    own = laboratory().servo(
+def test_reduced_speed_scales_all_speed_limits_and_nothing_else() -> None:
+    full = laboratory().servo(
         gate=Gate(speed=(2.0, 1.0, 50.0)),
         controller=SaturatedController(max_speed=30.0, gain=3.0),
         exploration=Exploration(max_time=8.0, reach=5.0),
     )
-    servo = reduce_speed(own, 0.25)
-    assert servo.gate == replace(own.gate, speed=(0.5, 0.25, 12.5))
-    assert servo.controller == replace(own.controller, max_speed=7.5)
-    assert servo.exploration == replace(own.exploration, max_time=32.0)
-    assert servo.thresholds == own.thresholds
+    servo = reduce_speed(full, 0.25)
+    assert servo.gate == replace(full.gate, speed=(0.5, 0.25, 12.5))
+    assert servo.controller == replace(full.controller, max_speed=7.5)
+    assert servo.exploration == replace(full.exploration, max_time=32.0)
+    assert servo.thresholds == full.thresholds

@@ -1,4 +1,4 @@
-"""A signal that asks a program to end in order."""
+"""Signals that end a program in order."""
 
 import os
 import signal
@@ -10,23 +10,23 @@ from rcmservo.live.stop_signals import END_SIGNALS, stopped_by_signals
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
-def test_the_first_signal_stops_in_order_and_the_next_interrupts_nothing(
+def test_the_first_signal_stops_in_order_and_the_next_is_ignored(
     number: signal.Signals,
 ) -> None:
-    heard: list[int] = []
-    usual = {
-        one: signal.signal(one, lambda n, _: heard.append(n)) for one in {*END_SIGNALS, number}
+    received: list[int] = []
+    previous = {
+        one: signal.signal(one, lambda n, _: received.append(n)) for one in {*END_SIGNALS, number}
     }
     try:
         with pytest.raises(Stopped, match=number.name), stopped_by_signals():
             try:
                 os.kill(os.getpid(), number)
             finally:
-                for other in usual:
+                for other in previous:
                     os.kill(os.getpid(), other)
-        assert not heard
+        assert not received
         os.kill(os.getpid(), number)
-        assert heard == [number]
+        assert received == [number]
     finally:
-        for one, before in usual.items():
+        for one, before in previous.items():
             signal.signal(one, before)

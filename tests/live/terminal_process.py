@@ -1,6 +1,4 @@
-"""A command at a terminal of its own, and the emulated laboratory beside it, with a hand that moves
-the arm and looks how it is over a connection of its own.
-"""
+"""A command at its own terminal, and an emulated lab with a second connection to its controller."""
 
 import os
 import pty
@@ -23,36 +21,34 @@ from rcmservo.interfaces import Floats
 from rcmservo.sim import Rig
 from rcmservo.sim.rig_file import read_rig_settings
 
-PATIENCE = 120.0
-"""s within which all that is waited for must come on a machine that is busy."""
+WAIT_TIMEOUT_S = 120.0
+"""Time-out in s of every wait, long enough for a busy computer."""
 
 
-AT_ITS_TERMINAL = """
+EXEC_AT_TERMINAL = """
 import fcntl, os, sys, termios
 fcntl.ioctl(2, termios.TIOCSCTTY, 0)
 os.execvp(sys.argv[1], sys.argv[1:])
 """
 
 
-class Ended(AssertionError):
-    """The command ended before it showed what was waited for."""
+class UnexpectedEnd(AssertionError):
+    """The command ended before it printed the expected text."""
 
-    def __init__(self, shown: str, told: bytes | None) -> None:
-        super().__init__(f"{shown}\nIt has ended: {told}")
-        self.told = told or b""
+    def __init__(self, shown: str, output: bytes | None) -> None:
+        super().__init__(f"{shown}\nThe process has ended: {output}")
+        self.output = output or b""
 
 
 class AtTerminal:
-    """A process whose terminal the test holds: what it shows is text, and what is typed is the
-    person's. Use it as a context: nothing of it is left at the end.
-    """
+    """Process whose terminal the test controls, as a context manager that ends it."""
 
     def __init__(self, command: list[str], json: bool = False, **variables: str) -> None:
         self.shown, self._read = "", 0
         self.master, slave = pty.openpty()
 
         self.process: subprocess.Popen[bytes] = subprocess.Popen(
-            [sys.executable, "-c", AT_ITS_TERMINAL, *command],
+            [sys.executable, "-c", EXEC_AT_TERMINAL, *command],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE if json else slave,
             stderr=slave,
@@ -75,42 +71,42 @@ class AtTerminal:
         os.write(self.master, words.encode())
 
     def until(self, words: str) -> str:
-        """What is shown up to these words, since those that were waited for last."""
-        end = time.monotonic() + PATIENCE
+        """Return the output up to these words, starting after the previous match."""
+        end = time.monotonic() + WAIT_TIMEOUT_S
         while words not in self.shown[self._read :]:
             assert time.monotonic() < end, self.shown
             if not self._more():
-                raise Ended(self.shown, self.process.communicate()[0])
+                raise UnexpectedEnd(self.shown, self.process.communicate()[0])
         begin = self._read
         self._read = self.shown.index(words, begin) + len(words)
         return self.shown[begin : self._read]
 
     def end(self) -> int:
-        """The exit code, once it has ended by itself."""
-        end = time.monotonic() + PATIENCE
+        """Wait for the end of the process and return its exit code."""
+        end = time.monotonic() + WAIT_TIMEOUT_S
         while self._more():
             assert time.monotonic() < end, self.shown
-        return self.process.wait(PATIENCE)
+        return self.process.wait(WAIT_TIMEOUT_S)
 
     def hang_up(self) -> None:
-        """Close the terminal's window."""
+        """Close the terminal window."""
         os.close(self.master)
         self.master = -1
 
     def _more(self) -> bool:
-        """Whether there is more to come, once some has or a moment has passed."""
+        """Read available output; return False once the process has closed the terminal."""
         if not select.select([self.master], [], [], 0.5)[0]:
             return True
         try:
             data = os.read(self.master, 65536)
-        except OSError:  # nobody holds the other end any more
+        except OSError:  # the other end is closed
             return False
         self.shown += data.decode(errors="replace").replace("\r\n", "\n")
         return bool(data)
 
 
 class Laboratory:
-    """`rcmservo emulate galil --mjpeg`, and a hand: `close` it at the end."""
+    """`rcmservo emulate galil --mjpeg` and a second connection to it; `close` it at the end."""
 
     def __init__(self, folder: Path, seed: int = 1, rig: str = "", *options: str) -> None:
         self.folder = folder
@@ -121,16 +117,16 @@ class Laboratory:
         self.process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
         assert self.process.stdout is not None
         line, self.printed = self.process.stdout.readline(), self.process.stdout.readline()
-        said = re.search(r"127\.0\.0\.1:(\d+), .*its camera at (\S+),", line)
-        assert said is not None, line
-        self.port, self.camera = int(said[1]), said[2]
+        match = re.search(r"127\.0\.0\.1:(\d+), .*its camera at (\S+),", line)
+        assert match is not None, line
+        self.port, self.camera = int(match[1]), match[2]
         drawn = Rig(seed, read_rig_settings(load_lab(scene)), pictures=False).scene
         self.start, self.target = drawn.start, drawn.target
         self.wire: Any = None
         self.reach()
 
     def reach(self) -> None:
-        """Connect the hand."""
+        """Open the second connection."""
         self.wire = socket.create_connection(("127.0.0.1", self.port), timeout=30.0)
 
     def close(self) -> None:
@@ -140,7 +136,7 @@ class Laboratory:
         self.process.communicate(timeout=30.0)
 
     def lab(self, more: str = "") -> Path:
-        """Its rig file. The thresholds are patient: this machine has other work."""
+        """Write the lab's rig file; its thresholds are tolerant because the computer is busy."""
         path = self.folder / "lab.toml"
         path.write_text(
             f'[arm]\nkind = "galil"\naddress = "127.0.0.1"\nport = {self.port}\n'
@@ -152,81 +148,86 @@ class Laboratory:
         return path
 
     def ask(self, line: str) -> str:
-        """What the controller answers to the hand: one prompt for every command."""
+        """Return the controller's answer on the second connection: one prompt per command."""
         self.wire.sendall(f"{line}\r".encode())
-        told = ""
-        while told.count(":") + told.count("?") < line.count(";") + 1:
-            told += self.wire.recv(4096).decode("latin-1")
-        return told
+        answer = ""
+        while answer.count(":") + answer.count("?") < line.count(";") + 1:
+            answer += self.wire.recv(4096).decode("latin-1")
+        return answer
 
     @property
     def counts(self) -> list[float]:
-        """Where the axes are."""
+        """Counts of the axes."""
         return [float(part) for part in self.ask("MG _TPA,_TPB,_TPC")[:-1].split()]
 
     @property
     def off(self) -> bool:
-        """Whether all motors are off."""
+        """True if all motors are off."""
         return [float(p) for p in self.ask("MG _MOA,_MOB,_MOC")[:-1].split()] == [1.0, 1.0, 1.0]
 
     @property
     def q(self) -> Floats:
-        """The joints by its counters, which begin at the start and tell them once they were
-        defined.
-        """
+        """Joint values from the encoder counts, which are zero at the start until defined."""
         zero = self.start if "?" in self.ask("MG rcmhome") else np.zeros(3)
         return zero + np.array(self.counts) / np.array(COUNTS)
 
     def forget(self) -> None:
-        """Have it forget where it stands, as a reset does."""
+        """Mark the joint values as unknown, as a reset does."""
         if "?" not in self.ask("MG rcmhome"):
             self.ask("rcmhome=0")
 
     @property
     def homed(self) -> bool:
-        """Whether it knows where it stands."""
-        told = self.ask("MG rcmhome")
-        return "?" not in told and float(told[:-1]) != 0.0
+        """True if the joint values are known."""
+        answer = self.ask("MG rcmhome")
+        return "?" not in answer and float(answer[:-1]) != 0.0
 
     @property
     def sessions(self) -> float:
-        """How often the drive was switched on by the driver since the reset."""
-        told = self.ask("MG rcmsess")
-        return 0.0 if "?" in told else float(told[:-1])
+        """Number of times that the driver enabled the drive since the reset."""
+        answer = self.ask("MG rcmsess")
+        return 0.0 if "?" in answer else float(answer[:-1])
 
     def bring(self, q: Floats) -> None:
-        """A person brings the arm there by hand: these motors do it, and are off then."""
+        """Move the arm with its own motors as an operator would, then switch them off."""
         goal = np.round((q - self.q) * np.array(COUNTS)).astype(int).tolist()
-        speeds = "SP 25000,25000,25000"  # JG has set them too
+        speeds = "SP 25000,25000,25000"  # JG changes the speeds
         for line in ("SH ABC", speeds, "PR " + ",".join(map(str, goal)), "BG ABC"):
             assert "?" not in self.ask(line), (line, self.ask("TC 1"))
-        end = time.monotonic() + PATIENCE
+        end = time.monotonic() + WAIT_TIMEOUT_S
         while any(float(p) for p in self.ask("MG _BGA,_BGB,_BGC")[:-1].split()):
             assert time.monotonic() < end, self.state
         assert "?" not in self.ask("MO ABC"), self.state
 
     @property
     def state(self) -> list[str]:
-        """What a test shows that waits for it in vain."""
-        asked = "MG _BGA,_BGB,_BGC", "MG _JGA,_JGB,_JGC", "MG _PRA,_PRB,_PRC", "SC", "TV", "MG _XQ1"
-        return [self.ask(line) for line in (*asked, "MG _TPA,_TPB,_TPC", "MG _RPA,_RPB,_RPC")]
+        """State of the controller for the message of a failed test."""
+        queries = (
+            "MG _BGA,_BGB,_BGC",
+            "MG _JGA,_JGB,_JGC",
+            "MG _PRA,_PRB,_PRC",
+            "SC",
+            "TV",
+            "MG _XQ1",
+        )
+        return [self.ask(line) for line in (*queries, "MG _TPA,_TPB,_TPC", "MG _RPA,_RPB,_RPC")]
 
 
 SHORT = "--teaching-frames", "30"
-"""Half a second of teaching."""
+"""Teach for half a second."""
 
 
 def live(lab: Path, *options: str) -> list[str]:
-    """The command that is tested."""
+    """Return the command under test."""
     return [sys.executable, "-c", HEEDING_CTRL_C, "live", "--rig", str(lab), *SHORT, *options]
 
 
 def wait_for(reached: Any) -> None:
-    end = time.monotonic() + PATIENCE
+    end = time.monotonic() + WAIT_TIMEOUT_S
     while not reached():
         assert time.monotonic() < end
 
 
-def words_of(q: Floats) -> str:
-    """Joints as a person types them."""
+def typed_joints(q: Floats) -> str:
+    """Return joint values as an operator types them."""
     return " ".join(f"{value:.6f}" for value in q)

@@ -1,6 +1,4 @@
-"""A laboratory's devices behind the page: the speed that its file has earned, and what is refused
-before anything is connected.
-"""
+"""Devices of a lab for the page: allowed speed, and rig files that are refused early."""
 
 from multiprocessing import get_context
 from pathlib import Path
@@ -26,8 +24,8 @@ RIG = (
 )
 
 
-class Still:
-    """A camera with one picture."""
+class StillCamera:
+    """Camera with one image."""
 
     def __init__(self, *shape: int) -> None:
         self.frame = Frame(3, 1, 2, image=np.full((*shape, 3), 7, np.uint8))
@@ -35,30 +33,30 @@ class Still:
     def latest(self) -> Frame:
         return self.frame
 
-    def account(self) -> CameraAccount:
+    def counts(self) -> CameraAccount:
         return CameraAccount()
 
     def close(self) -> None:
-        """It is nothing that could be let go."""
+        """Do nothing, because nothing is open."""
 
 
 @pytest.fixture
 def rig(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
-    monkeypatch.setattr(page_rig, "open_camera", lambda lab: Still(24, 32))
+    monkeypatch.setattr(page_rig, "open_camera", lambda lab: StillCamera(24, 32))
     (path := tmp_path / "lab.toml").write_text(RIG)
     return path
 
 
 @pytest.mark.parametrize("checked", [False, True])
-def test_a_session_goes_at_the_speed_that_its_file_has_earned_whatever_is_set(
+def test_a_session_uses_the_speed_that_its_rig_file_allows(
     rig: Path, checked: bool, tmp_path: Path
 ) -> None:
     share = 1.0 if checked else 0.1
     if checked:
         note_checked(digest_of(rig.read_bytes()))
     given = ServeOptions(rig=rig)
-    with page_rig.hardware(given) as behind:
+    with page_rig.open_hardware(given) as behind:
         assert (behind.setup.width, behind.setup.height) == (32, 24)
         assert ("10 %" in behind.title) is not checked
         fast = SaturatedController(max_speed=55.0)
@@ -66,21 +64,21 @@ def test_a_session_goes_at_the_speed_that_its_file_has_earned_whatever_is_set(
         made = behind.session(Desk(get_context("spawn")), tmp_path / "session-1")
     assert np.allclose(made.servo.gate.speed, share * np.array(given.servo.gate.speed))
     assert made.servo.controller.max_speed == pytest.approx(share * 55.0)
-    told: Any = made.target
-    (at,) = told.args
+    obtain_target: Any = made.target
+    (at,) = obtain_target.args
     assert at.servo is made.servo
     words = "rig check` has passed" if checked else "10 % of the full speed"
-    assert words in at.intent and "Nothing moves before you hold a jog button" in at.intent
+    assert words in at.intent and "Nothing moves until you hold a jog button" in at.intent
     recorded: Any = made.recorder
     assert recorded.args[1]["speed_share"] == share and recorded.args[1]["simulation"] is False
-    assert made.consent is page_rig.require_off
+    assert made.consent is page_rig.require_drive_off
 
 
 @pytest.mark.parametrize(
     ("more", "options", "why"),
     [("", {"seed": 3}, "--seed must be left out"), ("latency = 0.02\n", {}, "latency")],
 )
-def test_what_is_wrong_is_told_before_anything_is_connected(
+def test_an_invalid_rig_file_is_reported_before_anything_is_connected(
     rig: Path, tmp_path: Path, more: str, options: dict[str, Any], why: str
 ) -> None:
     rig.write_text(RIG.replace(more, "") if more else RIG)
@@ -89,15 +87,15 @@ def test_what_is_wrong_is_told_before_anything_is_connected(
     assert not (tmp_path / "out").exists()
 
 
-def test_others_see_what_the_camera_shows_but_no_picture_of_another_size() -> None:
+def test_the_ring_receives_the_frames_except_those_of_another_size() -> None:
     ring = FrameRing(get_context("spawn"), 32, 24)
-    seen, camera = RingCamera(ring), Still(24, 32)
-    shown = RecordingCamera(camera, ring)
-    assert seen.latest() is None and shown.latest() is camera.frame
-    frame = seen.latest()
+    reader, camera = RingCamera(ring), StillCamera(24, 32)
+    recording = RecordingCamera(camera, ring)
+    assert reader.latest() is None and recording.latest() is camera.frame
+    frame = reader.latest()
     assert frame is not None and frame.image is not None and frame.number == 3
     assert (frame.image == 7).all()
-    shown.latest()
+    recording.latest()
     assert ring.entries.newest == 0
-    camera.frame = Still(12, 12).frame
-    assert shown.latest() is camera.frame and ring.entries.newest == 0
+    camera.frame = StillCamera(12, 12).frame
+    assert recording.latest() is camera.frame and ring.entries.newest == 0
