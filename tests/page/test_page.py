@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from first_use import follow, reached, section, steps
 from playwright.sync_api import Browser, Page, TimeoutError, sync_playwright
-from served import served
+from page_server import served
 
 from conftest import ROOT
 from peers import peer

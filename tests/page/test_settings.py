@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from boards import board_at
+from dashboards import board_at
 
 import rcmservo as rs
 from conftest import laboratory

@@ -29,7 +29,7 @@ from rcmservo.page.messages import (
     Wrong,
 )
 from rcmservo.page.settings import change_of
-from rcmservo.page.tour import GoOnTour, Plan
+from rcmservo.page.pose_sequence import GoOnTour, Plan
 from rcmservo.safety.state_machine import Request
 
 FRESH, FRESH_JOG = 300_000_000, 150_000_000

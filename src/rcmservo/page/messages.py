@@ -5,7 +5,7 @@ from typing import Annotated, Any
 
 from rcmservo.constraints import FRACTION, Checked, Limit, Triple, at_most, each
 from rcmservo.interfaces import Target
-from rcmservo.page.tour import GoOnTour, HowFar
+from rcmservo.page.pose_sequence import GoOnTour, HowFar
 from rcmservo.safety.state_machine import Request
 from rcmservo.servo.servo import Servo
 

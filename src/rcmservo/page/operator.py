@@ -22,7 +22,7 @@ from rcmservo.page.channels import Desk
 from rcmservo.page.jog_state import NONE, Gesture
 from rcmservo.page.messages import Aim, Change, Go, InForce, Note, OnTour, Taught, TeachAs, Teaching
 from rcmservo.page.settings import AT_ONCE, Chosen
-from rcmservo.page.tour import BY_ITSELF, GoOnTour, HowFar, Touring
+from rcmservo.page.pose_sequence import BY_ITSELF, GoOnTour, HowFar, Touring
 from rcmservo.safety.state_machine import SLOW_SHARE, Phase, Request
 from rcmservo.servo.servo import Servo
 

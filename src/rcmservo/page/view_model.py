@@ -17,7 +17,7 @@ from rcmservo.page.plots.mechanism_shape import Shape
 from rcmservo.page.poses import Poses
 from rcmservo.page.recovery_actions import allowed, ways
 from rcmservo.page.settings import standing
-from rcmservo.page.tour import BY_ITSELF, HowFar
+from rcmservo.page.pose_sequence import BY_ITSELF, HowFar
 from rcmservo.recording import ros2_messages
 from rcmservo.recording.ros2_messages import TICK
 from rcmservo.recording.tick_schema import NAME_COLUMNS

@@ -9,7 +9,7 @@ from nicegui import app, ui
 
 from rcmservo.page.control_ownership import NAME
 from rcmservo.page.messages import ANSWER
-from rcmservo.page.tour import LONGEST, ROUNDS, STOPS
+from rcmservo.page.pose_sequence import LONGEST, ROUNDS, STOPS
 from rcmservo.page.web.site import Site
 
 STATIC = Path(__file__).parent / "static"

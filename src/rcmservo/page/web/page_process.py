@@ -25,7 +25,7 @@ from rcmservo.page.poses import Poses
 from rcmservo.page.settings import AT_ONCE, Chosen
 from rcmservo.page.view_model import Board
 from rcmservo.page.web.access import said_on
-from rcmservo.page.web.board_routes import board_routes
+from rcmservo.page.web.dashboard_routes import board_routes
 from rcmservo.page.web.layout import lay_out
 from rcmservo.page.web.origin_check import Porter
 from rcmservo.page.web.pictures import Pictures, packed

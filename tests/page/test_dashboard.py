@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from boards import board_at
+from dashboards import board_at
 
 import rcmservo as rs
 from conftest import laboratory
@@ -21,7 +21,7 @@ from rcmservo.page.messages import Between
 from rcmservo.page.plots.curves import NAMES
 from rcmservo.page.plots.mechanism_shape import Shape
 from rcmservo.page.recovery_actions import allowed
-from rcmservo.page.tour import HowFar
+from rcmservo.page.pose_sequence import HowFar
 from rcmservo.page.view_model import Board
 from rcmservo.sim import RigSettings
 from rcmservo.sim.processes.motion_log import MotionLog, TruePositionError

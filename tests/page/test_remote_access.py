@@ -12,7 +12,7 @@ from http.cookiejar import CookieJar
 from pathlib import Path
 
 import pytest
-from served import served
+from page_server import served
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 from websockets.typing import Origin

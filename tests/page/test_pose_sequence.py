@@ -5,14 +5,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from test_operator_desk import Scene, phases, ran
+from test_page_operator import Scene, phases, ran
 
 import rcmservo as rs
 from conftest import Laboratory, laboratory
 from rcmservo.loop.operator import same
 from rcmservo.page.control_ownership import Control, Unheeded, heard
 from rcmservo.page.messages import Go, Held, Note, OnTour, Taught, TeachAs
-from rcmservo.page.tour import GoOnTour, HowFar, Plan, Stay
+from rcmservo.page.pose_sequence import GoOnTour, HowFar, Plan, Stay
 from rcmservo.recording.outcome import TOLERANCE
 
 NOW = 10**12
