@@ -6,12 +6,12 @@ from typing import Any
 from rcmservo.cli.simulated_run.target import setup_of
 from rcmservo.config.rig_file import Lab
 from rcmservo.page.channels import Desk
-from rcmservo.page.poses import PoseFolder, Poses
-from rcmservo.page.view_model import Board
+from rcmservo.page.poses import PoseFolder, PoseStore
+from rcmservo.page.view_model import Dashboard
 from rcmservo.sim import Rig
 
 
-def board_at(desk: Desk, **more: Any) -> Board:
+def board_at(desk: Desk, **more: Any) -> Dashboard:
     """What a desk's page shows."""
     setup = setup_of(Rig(1, pictures=False), Lab())
-    return Board(desk, Poses(PoseFolder(Path("/nowhere/at/all"), setup)), **more)
+    return Dashboard(desk, PoseStore(PoseFolder(Path("/nowhere/at/all"), setup)), **more)

@@ -9,26 +9,41 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import rcmservo as rs
-from rcmservo.page.control_ownership import FRESH, FRESH_JOG, SILENT, Control, Unheeded, heard
-from rcmservo.page.messages import Beat, Enable, Go, Held, Led, Released, TeachAs
+from rcmservo.page.control_ownership import (
+    MAX_MESSAGE_AGE_NS,
+    MAX_JOG_AGE_NS,
+    HOLDER_TIMEOUT_NS,
+    ControlOwnership,
+    MessageRefused,
+    interpret_message,
+)
+from rcmservo.page.messages import (
+    Heartbeat,
+    Enable,
+    Go,
+    JogJoints,
+    JogMarker,
+    ReleaseJog,
+    TeachPose,
+)
 
 NOW = 10**12
 POSES = {"above": rs.Target(np.array([[1.0, 2.0], [3.0, 4.0]]), np.zeros(3))}
 
 
-def said(message: Any, name: str = "a", control: Control | None = None) -> Any:
+def said(message: Any, name: str = "a", control: ControlOwnership | None = None) -> Any:
     text = message if isinstance(message, str) else json.dumps({"at": NOW - 1} | message)
-    return heard(text, name, control or Control("a"), POSES.get, NOW)
+    return interpret_message(text, name, control or ControlOwnership("a"), POSES.get, NOW)
 
 
 def test_each_message_becomes_what_it_says() -> None:
-    assert said({"do": "beat"}) == Beat() and said({"do": "enable"}) == Enable()
+    assert said({"do": "beat"}) == Heartbeat() and said({"do": "enable"}) == Enable()
     assert said({"do": "pause"}) is rs.Request.PAUSE
     assert said({"do": "clear"}) is rs.Request.CLEAR
-    assert said({"do": "jog", "rates": [1, 0, -2.5], "press": 3}) == Held((1.0, 0.0, -2.5), 3)
+    assert said({"do": "jog", "rates": [1, 0, -2.5], "press": 3}) == JogJoints((1.0, 0.0, -2.5), 3)
     led = {"do": "jog", "velocity": [0, 5.5, 0], "press": 4, "share": 0.25}
-    assert said(led) == Led((0.0, 5.5, 0.0), 4, 0.25)
-    assert said({"do": "teach", "name": "left of it"}) == TeachAs("left of it")
+    assert said(led) == JogMarker((0.0, 5.5, 0.0), 4, 0.25)
+    assert said({"do": "teach", "name": "left of it"}) == TeachPose("left of it")
     go = said({"do": "go", "name": "above"})
     assert isinstance(go, Go) and go.target is POSES["above"]
 
@@ -43,7 +58,7 @@ def test_each_message_becomes_what_it_says() -> None:
         ({"do": "fly"}, "nobody knows"),
         ({}, "nobody knows"),
         ({"do": ["jog"]}, "nobody knows"),
-        ({"do": "resume", "at": NOW - FRESH - 1}, "too late"),
+        ({"do": "resume", "at": NOW - MAX_MESSAGE_AGE_NS - 1}, "too late"),
         ({"do": "resume", "at": NOW + 1}, "too late"),
         ({"do": "resume", "at": float(NOW)}, "too late"),
         ({"do": "resume", "at": None}, "too late"),
@@ -69,13 +84,13 @@ def test_each_message_becomes_what_it_says() -> None:
     ],
 )
 def test_what_is_not_whole_or_not_fresh_is_refused_with_a_reason(message: Any, why: str) -> None:
-    with pytest.raises(Unheeded, match=why):
+    with pytest.raises(MessageRefused, match=why):
         said(message)
 
 
 @given(st.text(max_size=100) | st.binary(max_size=50).map(lambda data: data.decode("latin-1")))
 def test_any_text_at_all_is_refused_and_raises_nothing_else(text: str) -> None:
-    with pytest.raises(Unheeded):
+    with pytest.raises(MessageRefused):
         said(text)
 
 
@@ -95,25 +110,25 @@ json_values = st.recursive(
 def test_any_message_is_heeded_as_a_want_or_refused(message: dict[str, Any]) -> None:
     try:
         want = said(message)
-    except Unheeded:
+    except MessageRefused:
         return
-    assert isinstance(want, Beat | Enable | Held | Led | TeachAs | Go)
-    if isinstance(want, Held):
+    assert isinstance(want, Heartbeat | Enable | JogJoints | JogMarker | TeachPose | Go)
+    if isinstance(want, JogJoints):
         assert np.isfinite(want.rates).all()
 
 
 def test_one_browser_has_control_and_hands_it_over_when_it_is_asked() -> None:
-    control = Control()
+    control = ControlOwnership()
     a, b = control.join(NOW), control.join(NOW)
     assert control.holder == a != b
-    with pytest.raises(Unheeded, match="another browser has control"):
+    with pytest.raises(MessageRefused, match="another browser has control"):
         said({"do": "enable"}, b, control)
     assert said({"do": "ask"}, b, control) is None and control.holder == a
     said({"do": "give"}, b, control)
     assert control.holder == a
     said({"do": "give"}, a, control)
-    assert control.holder == b and not control.asking
-    control.ask(a, NOW)
+    assert control.holder == b and not control.requester
+    control.request(a, NOW)
     control.leave(b, NOW)
     assert control.holder == a
     control.leave(a, NOW)
@@ -123,30 +138,30 @@ def test_one_browser_has_control_and_hands_it_over_when_it_is_asked() -> None:
 
 
 def test_who_is_silent_loses_control_to_whoever_asks_and_who_is_not_keeps_it() -> None:
-    control = Control()
-    control.join(NOW - 2 * SILENT)
+    control = ControlOwnership()
+    control.join(NOW - 2 * HOLDER_TIMEOUT_NS)
     said({"do": "ask"}, "b", control)
     assert control.holder == "b"
     said({"do": "beat"}, "b", control)
-    control.ask("c", NOW + SILENT)
-    assert control.holder == "b" and control.asking == "c"
+    control.request("c", NOW + HOLDER_TIMEOUT_NS)
+    assert control.holder == "b" and control.requester == "c"
 
 
 def test_a_late_sign_of_life_counts_for_nothing_and_nobody_is_told() -> None:
-    control = Control()
-    control.join(NOW - 2 * SILENT)
-    heard = control.heard
-    assert said({"do": "beat", "at": NOW - FRESH - 1}, control.holder, control) is None
-    assert control.heard == heard
-    assert said({"do": "beat"}, control.holder, control) == Beat()
-    assert control.heard == NOW
+    control = ControlOwnership()
+    control.join(NOW - 2 * HOLDER_TIMEOUT_NS)
+    heard = control.last_message_at
+    assert said({"do": "beat", "at": NOW - MAX_MESSAGE_AGE_NS - 1}, control.holder, control) is None
+    assert control.last_message_at == heard
+    assert said({"do": "beat"}, control.holder, control) == Heartbeat()
+    assert control.last_message_at == NOW
 
 
 def test_a_jog_must_be_fresher_than_the_rest_and_letting_go_always_counts() -> None:
-    old = {"at": NOW - FRESH_JOG - 1}
-    assert said({"do": "beat"} | old) == Beat()
-    with pytest.raises(Unheeded, match="too late"):
+    old = {"at": NOW - MAX_JOG_AGE_NS - 1}
+    assert said({"do": "beat"} | old) == Heartbeat()
+    with pytest.raises(MessageRefused, match="too late"):
         said({"do": "jog", "rates": [1, 0, 0], "press": 1} | old)
-    assert said({"do": "release", "at": 0}) == Released()
-    with pytest.raises(Unheeded, match="another browser"):
+    assert said({"do": "release", "at": 0}) == ReleaseJog()
+    with pytest.raises(MessageRefused, match="another browser"):
         said({"do": "release"}, "b")

@@ -16,13 +16,13 @@ from conftest import laboratory
 from rcmservo.estimation.dlt import DltEstimator
 from rcmservo.estimation.projection_rule import ProjectionEstimator
 from rcmservo.page.channels import Desk
-from rcmservo.page.json_text import json_of
-from rcmservo.page.messages import Between
-from rcmservo.page.plots.curves import NAMES
+from rcmservo.page.json_text import encode_json
+from rcmservo.page.messages import Standby
+from rcmservo.page.plots.curves import SAMPLE_FIELDS
 from rcmservo.page.plots.mechanism_shape import Shape
-from rcmservo.page.recovery_actions import allowed
-from rcmservo.page.pose_sequence import HowFar
-from rcmservo.page.view_model import Board
+from rcmservo.page.recovery_actions import list_allowed_actions
+from rcmservo.page.pose_sequence import SequenceProgress
+from rcmservo.page.view_model import Dashboard
 from rcmservo.sim import RigSettings
 from rcmservo.sim.processes.motion_log import MotionLog, TruePositionError
 from rcmservo.sim.tool_body import ToolBody
@@ -30,14 +30,14 @@ from rcmservo.sim.tool_body import ToolBody
 
 def seen(
     estimator: rs.Estimator, seconds: float
-) -> tuple[list[rs.Tick], list[dict[str, Any]], Board]:
+) -> tuple[list[rs.Tick], list[dict[str, Any]], Dashboard]:
     """A run, what the page would show after each of its ticks, and the page's board."""
     lab, desk = laboratory(), Desk(get_context("spawn"))
     board, tables = board_at(desk), list[dict[str, Any]]()
     ticks = list[rs.Tick]()
     for tick in rs.run(lab.plant, lab.servo(estimator=estimator), lab.target, seconds):
         desk.ticks.add(tick)
-        board.look()
+        board.update()
         ticks.append(tick)
         tables.append(board.table())
     return ticks, tables, board
@@ -73,28 +73,32 @@ def test_the_buttons_that_may_be_pressed_are_those_of_the_phase() -> None:
         rs.Phase.PAUSED: moving - {"pause"} | {"resume"} | jog,
         rs.Phase.FAULT: {"clear"},
     }
-    assert {phase: set(allowed(phase)) for phase in rs.Phase} == expected
+    assert {phase: set(list_allowed_actions(phase)) for phase in rs.Phase} == expected
 
 
 @pytest.mark.parametrize(
     ("between", "phase", "can"),
     [
-        (Between("preparing"), "OFF", []),
-        (Between("the drive is off", ready=True), "OFF", ["enable"]),
-        (Between("STOP was pressed", latched=True), "FAULT", []),
-        (Between("STOP was pressed", latched=True, clears=True), "FAULT", ["clear"]),
+        (Standby("preparing"), "OFF", []),
+        (Standby("the drive is off", can_enable=True), "OFF", ["enable"]),
+        (Standby("STOP was pressed", latched=True), "FAULT", []),
+        (Standby("STOP was pressed", latched=True, can_clear=True), "FAULT", ["clear"]),
     ],
 )
 def test_without_a_loop_the_drive_can_be_enabled_or_a_stop_cleared(
-    between: Between, phase: str, can: list[str]
+    between: Standby, phase: str, can: list[str]
 ) -> None:
     table = board_at(Desk(get_context("spawn")), between=between).table()
-    assert (table["phase"], table["can"], table["ways"]) == (phase, can, can[: between.clears])
+    assert (table["phase"], table["can"], table["ways"]) == (phase, can, can[: between.can_clear])
 
 
 def test_numbers_that_are_not_finite_are_null_in_a_browsers_json() -> None:
-    table = {"y": np.array([1.0, np.nan]), "late": np.inf, "tour": HowFar("a", 1, 2, 3, 4, None)}
-    told = json.loads(json_of(table), parse_constant=pytest.fail)
+    table = {
+        "y": np.array([1.0, np.nan]),
+        "late": np.inf,
+        "tour": SequenceProgress("a", 1, 2, 3, 4, None),
+    }
+    told = json.loads(encode_json(table), parse_constant=pytest.fail)
     tour = {"pose": "a", "stop": 1, "stops": 2, "lap": 3, "laps": 4, "left": None}
     assert told == {"y": [1.0, None], "late": None, "tour": tour}
 
@@ -120,11 +124,11 @@ def test_the_curves_tell_the_loops_numbers_and_how_late_it_was_at_worst() -> Non
     for tick in rs.run(lab.plant, lab.servo(), lab.target, 5.0):
         desk.ticks.add(tick)
         if len(ticks) % 7 == 0:
-            board.look()
+            board.update()
         ticks.append(tick)
-    board.look()
+    board.update()
     samples = np.array(board.curves.after(0))
-    curves = dict(zip(NAMES, samples.T, strict=True))
+    curves = dict(zip(SAMPLE_FIELDS, samples.T, strict=True))
     assert len(samples) == board.curves.count >= 28
     by_time = {tick.seen.now: tick for tick in ticks}
     for sample in samples:
@@ -136,7 +140,7 @@ def test_the_curves_tell_the_loops_numbers_and_how_late_it_was_at_worst() -> Non
     servoed = np.array([by_time[round(t * 1e9)].state.phase is rs.Phase.SERVO for t in curves["t"]])
     first = replace(ticks[0], seen=replace(ticks[0].seen, now=ticks[-1].seen.now + 1_555_000_000))
     desk.ticks.add(first)
-    board.look()
+    board.update()
     assert board.curves.after(len(samples))[0][-1] == 0.0  # another loop has another schedule
     moves = servoed & (np.abs(curves["measured_r"]) > 20.0)
     assert moves.sum() > 5

@@ -10,24 +10,24 @@ import pytest
 import rcmservo as rs
 from conftest import Laboratory, laboratory
 from rcmservo.loop.operator import OperatorRequest, same
-from rcmservo.page.channels import DUE, SLOTS, Desk
-from rcmservo.page.control_ownership import Control
-from rcmservo.page.jog_state import Hand
+from rcmservo.page.channels import DUE_TIME, TICK_SLOTS, Desk
+from rcmservo.page.control_ownership import ControlOwnership
+from rcmservo.page.jog_state import JogState
 from rcmservo.page.messages import (
-    Aim,
-    Beat,
+    TargetChanged,
+    Heartbeat,
     Go,
-    Held,
-    Led,
+    JogJoints,
+    JogMarker,
     Note,
-    Released,
-    Taught,
-    TeachAs,
-    Teaching,
+    ReleaseJog,
+    PoseTaught,
+    TeachPose,
+    TeachingStatus,
 )
-from rcmservo.page.operator import GONE, LET_GO, PageOperator
+from rcmservo.page.operator import HEARTBEAT_TIMEOUT_NS, JOG_TIMEOUT_NS, PageOperator
 from rcmservo.page.settings import Chosen
-from rcmservo.page.web.page_process import changing_hands, done
+from rcmservo.page.web.page_process import pause_on_handover, dispatch
 from rcmservo.recording.ros2_messages import encode_tick
 from rcmservo.safety.state_machine import SLOW_SHARE
 
@@ -46,9 +46,9 @@ class Browser:
     def __call__(self, tick: rs.Tick) -> OperatorRequest:
         self.tick += 1
         if self.tick < self.there and self.tick % 10 == 0 and self.tick not in self.says:
-            assert done(Beat(), self.desk)
+            assert dispatch(Heartbeat(), self.desk)
         for one in self.says.get(self.tick, []):
-            assert done(one, self.desk)
+            assert dispatch(one, self.desk)
         want = self.operator(tick)
         self.said += self.desk.said.heard()
         return want
@@ -70,7 +70,7 @@ def phases(ticks: list[rs.Tick]) -> list[rs.Phase]:
 
 def held(ticks: range, rates: tuple[float, float, float], press: int = 1) -> Scene:
     """A button held down, as a browser says it at 25 Hz and more."""
-    return {k: [Held(rates, press)] for k in ticks if k % 4 == ticks.start % 4 or k % 10 == 0}
+    return {k: [JogJoints(rates, press)] for k in ticks if k % 4 == ticks.start % 4 or k % 10 == 0}
 
 
 def jogged(ticks: list[rs.Tick]) -> list[int]:
@@ -92,7 +92,7 @@ def test_go_aims_and_resumes_and_the_tool_arrives_and_on_the_way_it_aims_anew() 
     ticks, browser = ran({50: [Go(lab.target)], 300: [Go(other)]}, 6.0, lab=lab)
     assert phases(ticks).count(rs.Phase.PAUSED) == 1 and rs.Phase.SERVO in phases(ticks)
     assert np.abs(ticks[-1].state.delta / (0.02, 1.5, 1.5)).max() < 1.0
-    first, then = [one.target for one in browser.said if isinstance(one, Aim)]
+    first, then = [one.target for one in browser.said if isinstance(one, TargetChanged)]
     assert same(first, lab.target) and same(then, other)
 
 
@@ -104,7 +104,7 @@ def test_what_moves_by_itself_is_paused_once_nobody_is_there(there: int) -> None
     first = next(
         k for k, tick in enumerate(ticks) if k > 60 and tick.state.phase is rs.Phase.PAUSED
     )
-    assert 0 <= first - last_beat - GONE // 10_000_000 <= 3
+    assert 0 <= first - last_beat - HEARTBEAT_TIMEOUT_NS // 10_000_000 <= 3
     assert not any(tick.state.command.rates.any() for tick in ticks[first + 15 :])
     assert phases(ticks)[-1] is rs.Phase.PAUSED
 
@@ -114,7 +114,7 @@ def test_a_button_that_is_held_moves_the_joints_and_its_loss_is_noticed_in_time(
     ticks, _ = ran(held(range(100, 200), rates), 4.0, there=100)
     moving = [k for k, tick in enumerate(ticks) if tick.state.command.rates.any()]
     assert moving[0] == 101
-    assert moving[-1] <= 196 + LET_GO // 10_000_000 + 3 + 1
+    assert moving[-1] <= 196 + JOG_TIMEOUT_NS // 10_000_000 + 3 + 1
     assert ticks[-1].seen.q[0] - ticks[0].seen.q[0] == pytest.approx(0.1, rel=0.12)
     assert phases(ticks)[-2:] == [rs.Phase.JOG, rs.Phase.PAUSED]
 
@@ -126,7 +126,7 @@ def test_marker_1_is_led_straight_along_an_axis_of_the_arms_base_frame(
 ) -> None:
     velocity = [0.0, 0.0, 0.0]
     velocity[axis] = way
-    press = Led((velocity[0], velocity[1], velocity[2]), 1)
+    press = JogMarker((velocity[0], velocity[1], velocity[2]), 1)
     ticks, browser = ran({k: [press] for k in range(100, 160, 4)}, 3.0)
     begun, ended = jogged(ticks)[0], jogged(ticks)[-1]
     servo = browser.operator._chosen.servo
@@ -138,7 +138,7 @@ def test_marker_1_is_led_straight_along_an_axis_of_the_arms_base_frame(
 
 def test_a_jog_has_its_share_of_the_speed_and_no_more_whatever_was_asked_for() -> None:
     for share in (0.25, 1.0):
-        for press in (Held((1e9, 0.0, 1.0), 1, share), Led((0.0, -1e9, 1e9), 1, share)):
+        for press in (JogJoints((1e9, 0.0, 1.0), 1, share), JogMarker((0.0, -1e9, 1e9), 1, share)):
             ticks, browser = ran({k: [press] for k in range(100, 140, 4)}, 2.0)
             fastest = np.array(browser.operator._chosen.servo.gate.speed) * SLOW_SHARE
             used = max(np.abs(tick.state.command.rates / fastest).max() for tick in ticks)
@@ -146,7 +146,7 @@ def test_a_jog_has_its_share_of_the_speed_and_no_more_whatever_was_asked_for() -
 
 
 def test_a_button_that_is_let_go_stops_at_the_next_tick() -> None:
-    says = held(range(100, 150), (0.1, 0.0, 0.0)) | {150: [Released()]}
+    says = held(range(100, 150), (0.1, 0.0, 0.0)) | {150: [ReleaseJog()]}
     ticks, _ = ran(says, 3.0)
     assert jogged(ticks) == list(range(101, 151))
 
@@ -171,31 +171,31 @@ def test_a_press_that_was_not_renewed_in_time_is_over_also_where_it_is_renewed_l
 
 def test_a_button_held_before_the_session_began_moves_nothing_in_it() -> None:
     lab, desk = laboratory(), Desk(get_context("spawn"))
-    desk.hand.holds(7, (0.1, 0.0, 0.0))
+    desk.hand.hold(7, (0.1, 0.0, 0.0))
     browser = Browser(desk, held(range(0, 200), (0.1, 0.0, 0.0), 7))
     ticks = list(rs.run(lab.plant, lab.servo(), lab.target, 3.0, operator=browser))
     assert not jogged(ticks) and len(ticks) == 300
 
 
 def test_a_gesture_that_is_half_written_counts_for_nothing() -> None:
-    hand = Hand(get_context("spawn"))
-    hand.holds(3, (1.0, 2.0, 3.0))
+    hand = JogState(get_context("spawn"))
+    hand.hold(3, (1.0, 2.0, 3.0))
     assert hand.read() == (1, 3, 1.0, 2.0, 3.0, 1.0, False)
-    hand.gestures.slot(hand.gestures.newest)[40] ^= 1
+    hand.ring.slot(hand.ring.newest)[40] ^= 1
     assert hand.read() is None
 
 
 def test_where_control_changes_hands_what_is_in_motion_is_paused() -> None:
-    control, target = Control(), laboratory().target
+    control, target = ControlOwnership(), laboratory().target
     first = control.join(0)
     second = control.join(0)
-    control.ask(second, 1)
+    control.request(second, 1)
 
     class Handing(Browser):
         def __call__(self, tick: rs.Tick) -> OperatorRequest:
             if self.tick + 1 == 200:
-                with changing_hands(control, self.desk):
-                    control.give(first, 2)
+                with pause_on_handover(control, self.desk):
+                    control.hand_over(first, 2)
             return super().__call__(tick)
 
     lab = laboratory()
@@ -207,22 +207,22 @@ def test_where_control_changes_hands_what_is_in_motion_is_paused() -> None:
 
 
 def test_what_was_not_taught_is_told() -> None:
-    _, browser = ran({100: [TeachAs("above")], 110: [rs.Request.PAUSE]}, 3.0)
+    _, browser = ran({100: [TeachPose("above")], 110: [rs.Request.PAUSE]}, 3.0)
     notes = [one.words for one in browser.said if isinstance(one, Note)]
     assert notes == ["above was not taught"]
-    assert not any(isinstance(one, Taught) for one in browser.said)
+    assert not any(isinstance(one, PoseTaught) for one in browser.said)
 
 
 def test_a_pose_is_not_taught_under_the_name_of_another() -> None:
     target = laboratory().target
-    _, browser = ran({100: [Go(target), TeachAs("above")]}, 3.0)
-    (taught,) = [one for one in browser.said if isinstance(one, Taught)]
+    _, browser = ran({100: [Go(target), TeachPose("above")]}, 3.0)
+    (taught,) = [one for one in browser.said if isinstance(one, PoseTaught)]
     assert not same(taught.target, target)
 
 
 def test_a_pose_is_taught_under_its_name() -> None:
-    ticks, browser = ran({100: [TeachAs("above")]}, 3.0)
-    (taught,) = [one for one in browser.said if isinstance(one, Taught)]
+    ticks, browser = ran({100: [TeachPose("above")]}, 3.0)
+    (taught,) = [one for one in browser.said if isinstance(one, PoseTaught)]
     assert taught.name == "above"
     assert np.allclose(taught.target.points, ticks[-1].seen.points, atol=1.5)
     assert taught.target.points.tobytes() == ticks[-1].state.target.points.tobytes()
@@ -230,25 +230,25 @@ def test_a_pose_is_taught_under_its_name() -> None:
 
 def test_teaching_takes_the_frames_that_are_asked_for_and_tells_how_far_it_is() -> None:
     """So that the page shows that something happens for the seconds that it takes."""
-    _, browser = ran({100: [TeachAs("above")]}, 3.0)
-    told = [one.words for one in browser.said if isinstance(one, Teaching)]
+    _, browser = ran({100: [TeachPose("above")]}, 3.0)
+    told = [one.words for one in browser.said if isinstance(one, TeachingStatus)]
     assert told[0] == "teaching, keep the tool still: 1 frames so far, 30 are needed"
     assert len(told) >= 3 and told[-1] == ""
-    (end,) = [i for i, one in enumerate(browser.said) if isinstance(one, Taught)]
-    assert all(one.words == "" for one in browser.said[end:] if isinstance(one, Teaching))
+    (end,) = [i for i, one in enumerate(browser.said) if isinstance(one, PoseTaught)]
+    assert all(one.words == "" for one in browser.said[end:] if isinstance(one, TeachingStatus))
 
 
 def test_how_far_teaching_is_ends_where_the_person_wants_something_else() -> None:
-    _, browser = ran({100: [TeachAs("above")], 110: [rs.Request.PAUSE]}, 3.0)
-    assert [one.words for one in browser.said if isinstance(one, Teaching)][-1] == ""
+    _, browser = ran({100: [TeachPose("above")], 110: [rs.Request.PAUSE]}, 3.0)
+    assert [one.words for one in browser.said if isinstance(one, TeachingStatus)][-1] == ""
 
 
 def test_a_target_that_is_shown_again_is_told_and_kept_by_no_name() -> None:
-    ticks, browser = ran({100: [TeachAs("")]}, 3.0)
+    ticks, browser = ran({100: [TeachPose("")]}, 3.0)
     notes = [one.words for one in browser.said if isinstance(one, Note)]
     assert notes == ["the target is shown again"]
-    assert not any(isinstance(one, Taught) for one in browser.said)
-    _, target = [one.target for one in browser.said if isinstance(one, Aim)]
+    assert not any(isinstance(one, PoseTaught) for one in browser.said)
+    _, target = [one.target for one in browser.said if isinstance(one, TargetChanged)]
     assert same(target, ticks[-1].state.target)
 
 
@@ -271,8 +271,8 @@ def test_the_ring_gives_every_tick_as_its_record_has_it_and_the_newest_where_man
 ):
     ticks, browser = ran({}, 6.0)
     newest, found = browser.desk.ticks.after(-1)
-    assert newest == len(ticks) - 1 == 599 and len(found) == SLOTS
-    assert found == [encode_tick(tick) + DUE.pack(tick.time) for tick in ticks[-SLOTS:]]
+    assert newest == len(ticks) - 1 == 599 and len(found) == TICK_SLOTS
+    assert found == [encode_tick(tick) + DUE_TIME.pack(tick.time) for tick in ticks[-TICK_SLOTS:]]
     assert browser.desk.ticks.after(newest) == (newest, [])
     assert browser.desk.ticks.after(newest - 3) == (newest, found[-3:])
     browser.desk.ticks.slot(newest)[100] ^= 1

@@ -15,8 +15,8 @@ from rcmservo.config.rig_file import Lab
 from rcmservo.errors import Stopped
 from rcmservo.interfaces import Measured
 from rcmservo.page.channels import Desk
-from rcmservo.page.messages import Between, Enable, Note, Reply
-from rcmservo.page.prompts import READ, PagePerson
+from rcmservo.page.messages import Standby, Enable, Note, Reply
+from rcmservo.page.prompts import MIN_READING_TIME_NS, PagePerson
 
 
 class Page:
@@ -26,7 +26,7 @@ class Page:
 
     def __init__(self, *says: tuple[int, Any]) -> None:
         self.desk, self.says, self.looks, self.now = Desk(get_context("spawn")), list(says), 0, 0
-        self.asked: list[Between] = []
+        self.asked: list[Standby] = []
         self.notes: list[str] = []
         self.defined: Any = None
         clock: Any = SimpleNamespace(now=lambda: self.now, wait_until=self._wait)
@@ -37,7 +37,7 @@ class Page:
 
     def _look(self) -> bool:
         for one in self.desk.said.heard():
-            if isinstance(one, Between):
+            if isinstance(one, Standby):
                 self.asked.append(one)
                 self.looks = 0
             if isinstance(one, Note):
@@ -46,7 +46,7 @@ class Page:
         if self.says and self.looks == self.says[0][0]:
             told = self.says.pop(0)[1]
             if isinstance(told, str):
-                told = Reply(self.asked[-1].asks, told)
+                told = Reply(self.asked[-1].question, told)
             assert self.desk.wants.put(told)
         return self.looks > 500
 
@@ -57,7 +57,7 @@ class Page:
         return Measured(0, self.defined, False)
 
 
-READ_BY = READ // 20_000_000 + 2
+READ_BY = MIN_READING_TIME_NS // 20_000_000 + 2
 """Looks after which a question was read."""
 
 
@@ -77,7 +77,7 @@ def test_joints_are_typed_within_limits_and_agreed_to_before_the_arm_is_told() -
     words = [one.words for one in page.asked]
     assert "Bring the arm by hand to a mark" in words[0]
     assert "three numbers (rad, rad, mm)" in words[1] and "within theta" in words[2]
-    assert [one.asks[:10] for one in page.asked] == ["The joints"] * 3 + [
+    assert [one.question[:10] for one in page.asked] == ["The joints"] * 3 + [
         "The arm st",
         "The joints",
         "The arm st",

@@ -10,9 +10,9 @@ from test_page_operator import Scene, phases, ran
 import rcmservo as rs
 from conftest import Laboratory, laboratory
 from rcmservo.loop.operator import same
-from rcmservo.page.control_ownership import Control, Unheeded, heard
-from rcmservo.page.messages import Go, Held, Note, OnTour, Taught, TeachAs
-from rcmservo.page.pose_sequence import GoOnTour, HowFar, Plan, Stay
+from rcmservo.page.control_ownership import ControlOwnership, MessageRefused, interpret_message
+from rcmservo.page.messages import Go, JogJoints, Note, SequenceStatus, PoseTaught, TeachPose
+from rcmservo.page.pose_sequence import RunSequence, SequenceProgress, SequencePlan, Waypoint
 from rcmservo.recording.outcome import TOLERANCE
 
 NOW = 10**12
@@ -36,7 +36,9 @@ def toured(
     there: int = 10**9,
 ) -> tuple[list[rs.Tick], list[object], rs.Target, rs.Target]:
     lab, a, b = two_poses()
-    tour = GoOnTour(Plan((Stay("a", dwells[0]), Stay("b", dwells[1])), rounds), (a, b))
+    tour = RunSequence(
+        SequencePlan((Waypoint("a", dwells[0]), Waypoint("b", dwells[1])), rounds), (a, b)
+    )
     scene: Scene = {50: [tour], **(says or {})}
     ticks, browser = ran(scene, seconds, there, lab)
     return ticks, browser.said, a, b
@@ -46,8 +48,8 @@ def notes(said: list[object]) -> list[str]:
     return [one.words for one in said if isinstance(one, Note)]
 
 
-def way(said: list[object]) -> list[HowFar | None]:
-    return [one.progress for one in said if isinstance(one, OnTour)]
+def way(said: list[object]) -> list[SequenceProgress | None]:
+    return [one.progress for one in said if isinstance(one, SequenceStatus)]
 
 
 def under_way(ticks: list[rs.Tick], target: rs.Target, after: int) -> int:
@@ -79,8 +81,8 @@ def test_every_pose_is_visited_for_its_whole_dwell_in_every_round_and_then_the_t
     assert ticks[leave].state.phase is rs.Phase.PAUSED is ticks[-1].state.phase
     assert notes(said) == ["the tour is over: all its poses were visited"]
     told = way(said)
-    assert told[0] == HowFar("a", 1, 2, 1, 2, None) and told[-1] is None
-    assert HowFar("b", 2, 2, 2, 2, 1) in told and len(told) < 30
+    assert told[0] == SequenceProgress("a", 1, 2, 1, 2, None) and told[-1] is None
+    assert SequenceProgress("b", 2, 2, 2, 2, 1) in told and len(told) < 30
 
 
 def test_a_dwell_of_nothing_still_has_the_tool_come_to_the_pose() -> None:
@@ -96,7 +98,7 @@ def test_a_dwell_of_nothing_still_has_the_tool_come_to_the_pose() -> None:
     ("says", "why"),
     [
         ([rs.Request.PAUSE], "paused"),
-        ([Held((0.1, 0.0, 0.0), 1)], "paused"),
+        ([JogJoints((0.1, 0.0, 0.0), 1)], "paused"),
         (["other"], "elsewhere"),
     ],
 )
@@ -118,15 +120,15 @@ def test_it_ends_where_nobody_is_there_and_is_not_gone_on_with_by_a_resume() -> 
 
 
 def test_a_pose_that_is_taught_on_tour_is_taught_and_the_tour_is_over() -> None:
-    _, said, *_ = toured((5.0, 5.0), 9, 9.0, {500: [TeachAs("here")]})
-    assert [one.name for one in said if isinstance(one, Taught)] == ["here"]
+    _, said, *_ = toured((5.0, 5.0), 9, 9.0, {500: [TeachPose("here")]})
+    assert [one.name for one in said if isinstance(one, PoseTaught)] == ["here"]
     assert "ended" in notes(said)[0] and way(said)[-1] is None
 
 
 def asked(**more: Any) -> Any:
     message = {"do": "tour", "stops": [STAY], "rounds": 1, "at": NOW - 1} | more
     _, a, _ = POSES
-    return heard(json.dumps(message), "a", Control("a"), {"a": a}.get, NOW)
+    return interpret_message(json.dumps(message), "a", ControlOwnership("a"), {"a": a}.get, NOW)
 
 
 POSES = two_poses()
@@ -134,7 +136,7 @@ POSES = two_poses()
 
 def test_a_browser_asks_for_a_tour_of_poses_that_are_known() -> None:
     tour = asked(stops=[STAY, STAY], rounds=1000)
-    assert tour.plan == Plan((Stay("a", 0.5), Stay("a", 0.5)), 1000)
+    assert tour.plan == SequencePlan((Waypoint("a", 0.5), Waypoint("a", 0.5)), 1000)
     assert [same(one, POSES[1]) for one in tour.targets] == [True, True]
     asked(stops=[{"pose": "a", "dwell": 600}] * 20)
 
@@ -160,5 +162,5 @@ def test_a_browser_asks_for_a_tour_of_poses_that_are_known() -> None:
 def test_a_tour_that_is_not_bounded_or_has_no_such_pose_is_refused(
     more: dict[str, Any], why: str
 ) -> None:
-    with pytest.raises(Unheeded, match=why):
+    with pytest.raises(MessageRefused, match=why):
         asked(**more)

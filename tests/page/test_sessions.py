@@ -11,8 +11,8 @@ import pytest
 
 from rcmservo.errors import Stopped
 from rcmservo.page.channels import Desk
-from rcmservo.page.messages import CLEAR, STOP, Between
-from rcmservo.page.sessions import Rung, Sessions
+from rcmservo.page.messages import CLEAR, STOP, Standby
+from rcmservo.page.sessions import StopPressed, Sessions
 
 
 def off(began: bool) -> str:
@@ -31,7 +31,7 @@ class Talking(list[object]):
 
     def put(self, said: object) -> bool:
         self.append(said)
-        if isinstance(said, Between) and said.clears:
+        if isinstance(said, Standby) and said.can_clear:
             self._ring()
         return True
 
@@ -45,15 +45,15 @@ def sessions(*rings: str, needed: dict[int, str] | None = None) -> tuple[Session
 def test_a_stop_is_told_at_once_and_can_be_cleared_later() -> None:
     it, desk, said = sessions(CLEAR)
     desk.bell.put(CLEAR)
-    it._rung()
+    it._handle_stop_request()
     assert not said
     desk.bell.put(CLEAR)
     desk.bell.put(STOP)
-    with pytest.raises(Rung, match="STOP was pressed: it was off"):
-        it._rung()
-    assert said == [Between("STOP was pressed: it was off", latched=True)]
+    with pytest.raises(StopPressed, match="STOP was pressed: it was off"):
+        it._handle_stop_request()
+    assert said == [Standby("STOP was pressed: it was off", latched=True)]
     it._latch("why")
-    assert said[1:] == [Between("why", latched=True, clears=True)]
+    assert said[1:] == [Standby("why", latched=True, can_clear=True)]
 
 
 def test_what_was_rung_before_the_stop_could_be_cleared_clears_nothing() -> None:
@@ -76,6 +76,6 @@ KEPT: list[Any] = []
 
 def test_a_process_that_is_needed_and_gone_ends_it_with_its_name() -> None:
     it, _, _ = sessions(needed={ended(): "the ear"})
-    it._began = True
+    it._has_begun = True
     with pytest.raises(Stopped, match="the ear has ended by itself; it is off"):
         it._latch("why")

@@ -20,12 +20,12 @@ from rcmservo.errors import BadInput
 from rcmservo.live.reduced_speed import reduce_speed
 from rcmservo.loop.operator import OperatorRequest
 from rcmservo.page.channels import Desk
-from rcmservo.page.control_ownership import Control, Unheeded, heard
-from rcmservo.page.messages import Beat, Between, Change, Go, InForce, Note
+from rcmservo.page.control_ownership import ControlOwnership, MessageRefused, interpret_message
+from rcmservo.page.messages import Heartbeat, Standby, Change, Go, SettingsApplied, Note
 from rcmservo.page.operator import PageOperator
-from rcmservo.page.sessions import Again, Sessions
-from rcmservo.page.settings import BOXES, Chosen, change_of, standing
-from rcmservo.page.web.page_process import done, set_box
+from rcmservo.page.sessions import SessionRestart, Sessions
+from rcmservo.page.settings import BOXES, Chosen, decode_change, describe_estimator
+from rcmservo.page.web.page_process import dispatch, change_settings
 from rcmservo.page.web.setting_fields import forms
 from rcmservo.recording import reader
 from rcmservo.recording.replay import replay_record
@@ -41,7 +41,7 @@ def table_of(box: str, servo: rs.Servo | None = None, **others: Any) -> dict[str
 
 
 def changed(box: str, **others: Any) -> Change:
-    return change_of(box, table_of(box, **others))
+    return decode_change(box, table_of(box, **others))
 
 
 def ran(
@@ -52,8 +52,8 @@ def ran(
     operator, said = PageOperator(desk, chosen), list[object]()
 
     def person(tick: rs.Tick) -> OperatorRequest:
-        for one in says.get(len(ticks) - 1, [Beat()]):
-            assert done(one, desk)
+        for one in says.get(len(ticks) - 1, [Heartbeat()]):
+            assert dispatch(one, desk)
         want = operator(tick)
         said.extend(desk.said.heard())
         return want
@@ -89,7 +89,7 @@ def test_a_changed_controller_holds_from_the_next_tick_on_and_its_record_replays
     stages = again.recorded.stages
     assert [stage.mid_run for stage in stages] == [False, True] and stages[1].first == 221
     assert [stage.servo["controller"]["gain"] for stage in stages] == [8.0, 0.7]
-    forced = [one.servo.controller.gain for one in said if isinstance(one, InForce)]
+    forced = [one.servo.controller.gain for one in said if isinstance(one, SettingsApplied)]
     assert forced == [8.0, 0.7] and chosen.servo.controller.gain == 8.0
 
 
@@ -120,7 +120,7 @@ def test_no_setting_undoes_the_limit_that_was_handed_in() -> None:
 
 def test_in_mid_run_what_was_learnt_by_stays_and_what_does_not_go_together_is_told() -> None:
     chosen = Chosen(laboratory().servo())
-    flow = change_of("estimator", {"kind": "flow", "gamma": 0.002})
+    flow = decode_change("estimator", {"kind": "flow", "gamma": 0.002})
     sizes = changed("controller", features="size")
     ticks, said = ran({20: [flow], 30: [sizes], 40: [changed("controller", gain=2.0)]}, 1.0, chosen)
     assert {type(tick.servo.estimator) for tick in ticks} == {rs.DltEstimator}
@@ -141,7 +141,7 @@ def test_settings_and_a_target_that_wait_together_are_checked_against_each_other
 
 def said_of(box: object, table: object, control: str = "a", at: int = NOW) -> Any:
     text = json.dumps({"do": "set", "box": box, "table": table, "at": at})
-    return heard(text, "a", Control(control), lambda name: None, NOW)
+    return interpret_message(text, "a", ControlOwnership(control), lambda name: None, NOW)
 
 
 def test_a_table_from_a_browser_is_a_change_of_a_box() -> None:
@@ -170,16 +170,16 @@ def test_a_table_from_a_browser_is_a_change_of_a_box() -> None:
 def test_what_is_wrong_with_a_table_is_told_by_its_field(box: Any, table: Any, why: str) -> None:
     whole = table_of(box) | table if isinstance(table, dict) and box in BOXES else table
     whole = table if table == {"kind": "saturated"} else whole
-    with pytest.raises(Unheeded) as refused:
+    with pytest.raises(MessageRefused) as refused:
         said_of(box, whole)
     assert why in str(refused.value)
 
 
 def test_settings_need_control_and_freshness() -> None:
     table = table_of("controller")
-    with pytest.raises(Unheeded, match="another browser has control"):
+    with pytest.raises(MessageRefused, match="another browser has control"):
         said_of("controller", table, control="b")
-    with pytest.raises(Unheeded, match="too late"):
+    with pytest.raises(MessageRefused, match="too late"):
         said_of("controller", table, at=NOW - 10**9)
 
 
@@ -187,20 +187,24 @@ def test_a_change_goes_to_the_supervisor_always_and_to_the_servo_while_it_runs()
     desk = Desk(get_context("spawn"))
     chosen, board = (
         Chosen(laboratory().servo()),
-        board_at(desk, between=Between("the drive is off")),
+        board_at(desk, between=Standby("the drive is off")),
     )
     gain, flow = (
         changed("controller", gain=2.0),
-        change_of("estimator", {"kind": "flow", "gamma": 1.0}),
+        decode_change("estimator", {"kind": "flow", "gamma": 1.0}),
     )
-    assert set_box(gain, chosen, desk, board) == ""
-    board.between = None
-    assert set_box(gain, chosen, desk, board) == set_box(flow, chosen, desk, board) == ""
+    assert change_settings(gain, chosen, desk, board) == ""
+    board.standby = None
+    assert (
+        change_settings(gain, chosen, desk, board)
+        == change_settings(flow, chosen, desk, board)
+        == ""
+    )
     sizes = changed("controller", features="size")
-    assert set_box(sizes, chosen, desk, board).startswith("controller.features must be")
+    assert change_settings(sizes, chosen, desk, board).startswith("controller.features must be")
     assert [one.box for one in desk.changes.heard()] == ["controller", "controller", "estimator"]
     assert [one.box for one in desk.wants.heard()] == ["controller"]
-    assert chosen.servo.controller.gain == 2.0 and board.changes == 3
+    assert chosen.servo.controller.gain == 2.0 and board.settings_version == 3
 
 
 def test_settings_begin_a_session_anew_that_is_not_enabled_and_leave_one_that_is_alone() -> None:
@@ -208,13 +212,13 @@ def test_settings_begin_a_session_anew_that_is_not_enabled_and_leave_one_that_is
     sessions = Sessions(desk, lambda: None, lambda began: "", {}, taken.append)  # pyright: ignore
     change = changed("controller", gain=2.0)
     for waits in (True, False):
-        sessions._waits = waits
+        sessions._is_waiting = waits
         desk.changes.put(change)
         if waits:
-            with pytest.raises(Again):
-                sessions._changed()
+            with pytest.raises(SessionRestart):
+                sessions._apply_changes()
         else:
-            sessions._changed()
+            sessions._apply_changes()
     assert [one.value for one in taken] == [change.value] * 2
 
 
@@ -239,10 +243,10 @@ def test_every_field_of_a_form_has_its_words_and_its_unit() -> None:
 def test_the_estimators_standing_is_told_in_words() -> None:
     servo = laboratory().servo()
     told = [
-        standing(servo, False, np.inf, rs.Phase.PAUSED),
-        standing(servo, False, np.inf, rs.Phase.ACQUIRE),
-        standing(servo, True, 12.3456, rs.Phase.SERVO),
-        standing(servo, True, 100.0, rs.Phase.SERVO),
+        describe_estimator(servo, False, np.inf, rs.Phase.PAUSED),
+        describe_estimator(servo, False, np.inf, rs.Phase.ACQUIRE),
+        describe_estimator(servo, True, 12.3456, rs.Phase.SERVO),
+        describe_estimator(servo, True, 100.0, rs.Phase.SERVO),
     ]
     assert told == [
         "Estimator dlt: knows nothing yet, Go explores first",

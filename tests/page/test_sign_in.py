@@ -16,9 +16,15 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from rcmservo.cli.cli import main
 from rcmservo.errors import BadInput, UnusableFile
-from rcmservo.page.web.origin_check import Porter, names_of, refusal
-from rcmservo.page.web.sign_in import WHOM, WITHIN, WRONG, Guesses, SignIn
-from rcmservo.page.web.token_file import token_for, token_in
+from rcmservo.page.web.origin_check import OriginCheck, host_names, find_refusal
+from rcmservo.page.web.sign_in import (
+    MAX_TRACKED_ADDRESSES,
+    ATTEMPT_WINDOW_S,
+    MAX_FAILED_ATTEMPTS,
+    FailedAttempts,
+    SignIn,
+)
+from rcmservo.page.web.token_file import token_for, load_token
 
 TOKEN = "of-sixteen-chars"
 LAB = "192.168.1.5"
@@ -39,7 +45,7 @@ class Lab:
 
         app = Starlette(routes=[Route("/{path:path}", page), WebSocketRoute("/wire", wire)])
         sign_in = SignIn(token, 8080, lambda: self.now) if token else None
-        self.now, self.porter = 0.0, Porter(app, 8080, sign_in)
+        self.now, self.porter = 0.0, OriginCheck(app, 8080, sign_in)
 
     def browser(self, at: str = AT, who: str = "192.168.1.9") -> Any:
         return TestClient(self.porter, at, client=(who, 50000), follow_redirects=False)
@@ -100,21 +106,24 @@ def test_rubbish_instead_of_a_token_is_a_wrong_one(sent: bytes) -> None:
 def test_guessing_is_slow_for_who_guesses_and_for_nobody_else() -> None:
     lab = Lab()
     guesser = lab.browser()
-    for _ in range(WRONG):
+    for _ in range(MAX_FAILED_ATTEMPTS):
         assert guesser.post("/", data={"token": "wrong"}).status_code == 403
     waits = guesser.post("/", data={"token": TOKEN})
     assert waits.status_code == 429 and "wait 60 s" in waits.text  # were it the right one by now
     assert lab.browser(who="192.168.1.10").post("/", data={"token": TOKEN}).status_code == 303
-    lab.now = WITHIN
+    lab.now = ATTEMPT_WINDOW_S
     assert guesser.post("/", data={"token": TOKEN}).status_code == 303
 
 
 def test_of_how_many_addresses_wrong_tokens_are_kept_in_mind_is_bounded() -> None:
-    guesses = Guesses()
-    for count in range(WHOM + 100):
-        for _ in range(WRONG):
-            guesses.wrong(str(count), 0.0)
-    assert len(guesses._wrong) == WHOM and guesses.wait(str(WHOM), 0.0) > 0.0
+    guesses = FailedAttempts()
+    for count in range(MAX_TRACKED_ADDRESSES + 100):
+        for _ in range(MAX_FAILED_ATTEMPTS):
+            guesses.add(str(count), 0.0)
+    assert (
+        len(guesses._times) == MAX_TRACKED_ADDRESSES
+        and guesses.remaining_wait(str(MAX_TRACKED_ADDRESSES), 0.0) > 0.0
+    )
 
 
 def test_a_page_of_another_origin_gets_nothing_also_where_the_browser_signed_in() -> None:
@@ -150,10 +159,10 @@ def test_no_page_can_show_this_one_in_a_frame() -> None:
 def test_a_server_is_known_by_the_address_at_which_it_was_reached(
     address: str, names: set[str]
 ) -> None:
-    assert set(names_of(address)) == names
+    assert set(host_names(address)) == names
     for host in ("127.0.0.1", "localhost", LAB, "evil.example", "", "0.0.0.0", "192.168.1.6"):
         for told in (host, f"{host}:8080", f"{host.upper()}:22"):
-            refused = refusal(Headers({"host": told}), address, 8080, must_tell=False)
+            refused = find_refusal(Headers({"host": told}), address, 8080, origin_required=False)
             assert (refused is None) == (host in names), (address, told)
 
 
@@ -166,20 +175,22 @@ def test_one_name_and_one_origin_are_told_and_not_two() -> None:
         ([host, host, ours], False),
         ([host, ours, other], False),
     ):
-        assert (refusal(Headers(raw=raw), LAB, 8080, must_tell=True) is None) == good, raw
+        assert (find_refusal(Headers(raw=raw), LAB, 8080, origin_required=True) is None) == good, (
+            raw
+        )
 
 
 def test_a_browser_leaves_the_port_80_out() -> None:
     for origin, good in ((f"http://{LAB}", True), (f"http://{LAB}:80", False)):
         told = Headers({"host": LAB, "origin": origin})
-        assert (refusal(told, LAB, 80, must_tell=True) is None) == good
+        assert (find_refusal(told, LAB, 80, origin_required=True) is None) == good
 
 
 def test_a_token_is_drawn_once_and_only_its_owner_can_read_it(tmp_path: Path) -> None:
     file = tmp_path / "token"
     token = token_for("0.0.0.0", file)
     assert len(token) >= 32 and stat.S_IMODE(file.stat().st_mode) == 0o600
-    assert token_in(file) == token != token_in(tmp_path / "other")
+    assert load_token(file) == token != load_token(tmp_path / "other")
 
 
 @pytest.mark.parametrize("mode", [0o640, 0o604, 0o620, 0o660, 0o644])
@@ -187,9 +198,9 @@ def test_a_token_that_others_can_read_is_refused(tmp_path: Path, mode: int) -> N
     (file := tmp_path / "token").write_text(TOKEN)
     file.chmod(mode)
     with pytest.raises(UnusableFile, match=r"others than its owner.*: chmod 600"):
-        token_in(file)
+        load_token(file)
     file.chmod(0o600)
-    assert token_in(file) == TOKEN
+    assert load_token(file) == TOKEN
 
 
 @pytest.mark.parametrize("text", ["", "x" * 15, "x" * 257, "x" * 99999, "x " * 20, "é" * 20])
@@ -197,14 +208,14 @@ def test_what_is_no_token_is_refused(tmp_path: Path, text: str) -> None:
     (file := tmp_path / "token").write_text(text)
     file.chmod(0o600)
     with pytest.raises(UnusableFile, match="one word of 16 to 256"):
-        token_in(file)
+        load_token(file)
 
 
 def test_a_folder_or_a_file_that_cannot_be_made_is_told_in_words(tmp_path: Path) -> None:
     tmp_path.chmod(0o700)
     for file, why in ((tmp_path, "no file that could|cannot be"), (tmp_path / "no/token", "made")):
         with pytest.raises(UnusableFile, match=why):
-            token_in(file)
+            load_token(file)
 
 
 @pytest.mark.parametrize("host", ["lab", "", "::1", "1.2.3", "1.2.3.4:80", "127.0.0.1 "])

@@ -9,12 +9,12 @@ from typing import NamedTuple
 from rcmservo.constraints import Triple
 from rcmservo.live.shared_ring import SharedRing
 
-NONE = -1
-LAYOUT = struct.Struct("<qqdddd?")
-SLOTS = 2
+NO_PRESS = -1
+JOG_LAYOUT = struct.Struct("<qqdddd?")
+JOG_SLOTS = 2
 
 
-class Gesture(NamedTuple):
+class JogCommand(NamedTuple):
     """What the hand does.
 
     Parameters
@@ -35,44 +35,48 @@ class Gesture(NamedTuple):
         Whether the button leads marker 1 in the arm's base frame, and no single joint.
     """
 
-    life: int = 0
-    press: int = NONE
-    a: float = 0.0
-    b: float = 0.0
-    c: float = 0.0
-    share: float = 1.0
-    leads: bool = False
+    heartbeats: int = 0
+    press: int = NO_PRESS
+    first: float = 0.0
+    second: float = 0.0
+    third: float = 0.0
+    speed_scale: float = 1.0
+    moves_marker: bool = False
 
 
-class Hand:
+class JogState:
     """Shared memory with the newest gesture: one writer. It is handed to a process when that is
     started.
     """
 
     def __init__(self, context: BaseContext) -> None:
-        self.gestures = SharedRing(context, SLOTS, LAYOUT.size)
-        self._now = Gesture()
-        self._write(self._now)
+        self.ring = SharedRing(context, JOG_SLOTS, JOG_LAYOUT.size)
+        self._command = JogCommand()
+        self._write(self._command)
 
-    def holds(self, press: int, motion: Triple, share: float = 1.0, leads: bool = False) -> None:
+    def hold(
+        self, press: int, motion: Triple, speed_scale: float = 1.0, moves_marker: bool = False
+    ) -> None:
         """It is there, and holds a button down that moves joints by their rates, or leads marker 1
         by its velocity.
         """
-        self._write(Gesture(self._now.life + 1, press, *motion, share, leads))
+        self._write(
+            JogCommand(self._command.heartbeats + 1, press, *motion, speed_scale, moves_marker)
+        )
 
-    def beats(self) -> None:
+    def send_heartbeat(self) -> None:
         """It is there, and holds nothing."""
-        self._write(Gesture(self._now.life + 1))
+        self._write(JogCommand(self._command.heartbeats + 1))
 
-    def lets_go(self) -> None:
+    def release(self) -> None:
         """It holds nothing any more; that is no sign of life."""
-        self._write(Gesture(self._now.life))
+        self._write(JogCommand(self._command.heartbeats))
 
-    def _write(self, gesture: Gesture) -> None:
-        self._now = gesture
-        self.gestures.put(LAYOUT.pack(*gesture))
+    def _write(self, command: JogCommand) -> None:
+        self._command = command
+        self.ring.put(JOG_LAYOUT.pack(*command))
 
-    def read(self) -> Gesture | None:
+    def read(self) -> JogCommand | None:
         """The newest gesture; None if it is overwritten at this moment, or damaged."""
-        entry = self.gestures.read(self.gestures.newest)
-        return Gesture(*LAYOUT.unpack(entry.data)) if entry and entry.is_sound else None
+        entry = self.ring.read(self.ring.newest)
+        return JogCommand(*JOG_LAYOUT.unpack(entry.data)) if entry and entry.is_sound else None

@@ -5,11 +5,11 @@ from typing import Any
 from pydantic_core import to_json
 
 
-def json_of(value: object) -> bytes:
+def encode_json(value: object) -> bytes:
     """Return a value as JSON: dataclasses as tables, arrays as lists, NaN and infinity as null."""
-    return to_json(value, inf_nan_mode="null", fallback=_listed)
+    return to_json(value, inf_nan_mode="null", fallback=_to_plain)
 
 
-def _listed(array: Any) -> Any:
+def _to_plain(array: Any) -> Any:
     """Return an array or a number of NumPy as plain Python."""
     return array.tolist()

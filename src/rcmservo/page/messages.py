@@ -5,24 +5,24 @@ from typing import Annotated, Any
 
 from rcmservo.constraints import FRACTION, Checked, Limit, Triple, at_most, each
 from rcmservo.interfaces import Target
-from rcmservo.page.pose_sequence import GoOnTour, HowFar
+from rcmservo.page.pose_sequence import RunSequence, SequenceProgress
 from rcmservo.safety.state_machine import Request
 from rcmservo.servo.servo import Servo
 
-LARGEST = at_most(1e9, "of its unit")
+RATE_LIMIT = at_most(1e9, "of its unit")
 """Limit of a rate that a browser asks for."""
 
-ANSWER = 100
+MAX_ANSWER_CHARACTERS = 100
 """Characters of an answer."""
 
-PRESS = Limit(lambda press: 0 <= press < 2**53, "a whole number from 0 to 2⁵³ − 1")
+PRESS_NUMBER_LIMIT = Limit(lambda press: 0 <= press < 2**53, "a whole number from 0 to 2⁵³ − 1")
 """Limit of the number of a press: JavaScript holds it exactly."""
 
 
-def one_line(most: int, noun: str = "one line") -> Limit:
+def single_line_text(max_characters: int, noun: str = "one line") -> Limit:
     """Return the limit to a printable text of at most `most` characters."""
-    words = f"{noun} of at most {most} characters"
-    return Limit(lambda text: len(text) <= most and text.isprintable(), words)
+    words = f"{noun} of at most {max_characters} characters"
+    return Limit(lambda text: len(text) <= max_characters and text.isprintable(), words)
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class Go:
 
 
 @dataclass(frozen=True)
-class TeachAs:
+class TeachPose:
     """Wanted: that the tool pauses, and that what the camera then sees becomes the target, and is
     kept by this name.
 
@@ -58,7 +58,7 @@ class TeachAs:
 
 
 @dataclass(frozen=True)
-class Delete:
+class DeletePose:
     """Wanted: that a pose is forgotten.
 
     Parameters
@@ -71,7 +71,7 @@ class Delete:
 
 
 @dataclass(frozen=True)
-class Held(Checked, section="jog"):
+class JogJoints(Checked, section="jog"):
     """A person holds a jog button down, now.
 
     Parameters
@@ -84,13 +84,13 @@ class Held(Checked, section="jog"):
         Of the speed that a jog may have.
     """
 
-    rates: Annotated[Triple, each(LARGEST, "three numbers (rad/s, rad/s, mm/s) of at most 10⁹")]
-    press: Annotated[int, PRESS]
-    share: Annotated[float, FRACTION] = 1.0
+    rates: Annotated[Triple, each(RATE_LIMIT, "three numbers (rad/s, rad/s, mm/s) of at most 10⁹")]
+    press: Annotated[int, PRESS_NUMBER_LIMIT]
+    speed_scale: Annotated[float, FRACTION] = 1.0
 
 
 @dataclass(frozen=True)
-class Led(Checked, section="jog"):
+class JogMarker(Checked, section="jog"):
     """A person holds a button down, now, that leads marker 1 in a direction of the arm's base
     frame.
 
@@ -104,18 +104,18 @@ class Led(Checked, section="jog"):
         Of the speed that a jog may have.
     """
 
-    velocity: Annotated[Triple, each(LARGEST, "three numbers (mm/s) of at most 10⁹")]
-    press: Annotated[int, PRESS]
-    share: Annotated[float, FRACTION] = 1.0
+    velocity: Annotated[Triple, each(RATE_LIMIT, "three numbers (mm/s) of at most 10⁹")]
+    press: Annotated[int, PRESS_NUMBER_LIMIT]
+    speed_scale: Annotated[float, FRACTION] = 1.0
 
 
 @dataclass(frozen=True)
-class Beat:
+class Heartbeat:
     """The person who has control is there, now, and holds nothing."""
 
 
 @dataclass(frozen=True)
-class Released:
+class ReleaseJog:
     """The person has let go of the button."""
 
 
@@ -131,12 +131,12 @@ class Change:
         Its settings.
     """
 
-    box: str
+    part: str
     value: Any
 
 
 @dataclass(frozen=True)
-class Wrong(Checked, section="trouble"):
+class DisturbanceRequest(Checked, section="trouble"):
     """Wanted: that something goes wrong with a simulated laboratory.
 
     Parameters
@@ -145,7 +145,7 @@ class Wrong(Checked, section="trouble"):
         As `--disturb` takes it, without `at`; empty: all that goes wrong ends.
     """
 
-    what: Annotated[str, one_line(200, "a disturbance")]
+    what: Annotated[str, single_line_text(200, "a disturbance")]
 
 
 @dataclass(frozen=True)
@@ -160,23 +160,23 @@ class Reply(Checked, section="answer"):
         The answer.
     """
 
-    question: Annotated[str, one_line(400)]
-    words: Annotated[str, one_line(ANSWER)]
+    question: Annotated[str, single_line_text(400)]
+    words: Annotated[str, single_line_text(MAX_ANSWER_CHARACTERS)]
 
 
-Told = (
+BrowserMessage = (
     Enable
     | Go
-    | GoOnTour
-    | TeachAs
-    | Delete
-    | Held
-    | Led
-    | Beat
-    | Released
+    | RunSequence
+    | TeachPose
+    | DeletePose
+    | JogJoints
+    | JogMarker
+    | Heartbeat
+    | ReleaseJog
     | Change
     | Request
-    | Wrong
+    | DisturbanceRequest
     | Reply
 )
 """What comes from a browser."""
@@ -196,7 +196,7 @@ class Note:
 
 
 @dataclass(frozen=True)
-class Between:
+class Standby:
     """There is no loop: before the drive is on, or after a stop.
 
     Parameters
@@ -216,15 +216,15 @@ class Between:
     """
 
     words: str
-    ready: bool = False
+    can_enable: bool = False
     latched: bool = False
-    clears: bool = False
+    can_clear: bool = False
     intent: str = ""
-    asks: str = ""
+    question: str = ""
 
 
 @dataclass(frozen=True, eq=False)
-class Aim:
+class TargetChanged:
     """What the loop goes to from now on.
 
     Parameters
@@ -237,7 +237,7 @@ class Aim:
 
 
 @dataclass(frozen=True, eq=False)
-class Taught:
+class PoseTaught:
     """A target was taught.
 
     Parameters
@@ -253,7 +253,7 @@ class Taught:
 
 
 @dataclass(frozen=True, eq=False)
-class InForce:
+class SettingsApplied:
     """What the loop goes by from now on.
 
     Parameters
@@ -266,7 +266,7 @@ class InForce:
 
 
 @dataclass(frozen=True)
-class OnTour:
+class SequenceStatus:
     """How far a tour is.
 
     Parameters
@@ -275,11 +275,11 @@ class OnTour:
         None where there is none, or none any more.
     """
 
-    progress: HowFar | None
+    progress: SequenceProgress | None
 
 
 @dataclass(frozen=True)
-class Teaching:
+class TeachingStatus:
     """How far teaching is.
 
     Parameters
@@ -291,7 +291,9 @@ class Teaching:
     words: str
 
 
-Said = Note | Between | Aim | Taught | InForce | OnTour | Teaching
+StatusMessage = (
+    Note | Standby | TargetChanged | PoseTaught | SettingsApplied | SequenceStatus | TeachingStatus
+)
 """What servo process and supervisor tell the page beside the ticks."""
 
 STOP, CLEAR = "stop", "clear"

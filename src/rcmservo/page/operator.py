@@ -19,23 +19,38 @@ from rcmservo.loop.operator import Jog, OperatorRequest, Teach, changed_servo
 from rcmservo.loop.target_frames import TEACHING_FRAMES
 from rcmservo.loop.tick import Tick
 from rcmservo.page.channels import Desk
-from rcmservo.page.jog_state import NONE, Gesture
-from rcmservo.page.messages import Aim, Change, Go, InForce, Note, OnTour, Taught, TeachAs, Teaching
-from rcmservo.page.settings import AT_ONCE, Chosen
-from rcmservo.page.pose_sequence import BY_ITSELF, GoOnTour, HowFar, Touring
+from rcmservo.page.jog_state import NO_PRESS, JogCommand
+from rcmservo.page.messages import (
+    TargetChanged,
+    Change,
+    Go,
+    SettingsApplied,
+    Note,
+    SequenceStatus,
+    PoseTaught,
+    TeachPose,
+    TeachingStatus,
+)
+from rcmservo.page.settings import IMMEDIATE_PARTS, Chosen
+from rcmservo.page.pose_sequence import (
+    AUTONOMOUS_PHASES,
+    RunSequence,
+    SequenceProgress,
+    SequenceRunner,
+)
 from rcmservo.safety.state_machine import SLOW_SHARE, Phase, Request
 from rcmservo.servo.servo import Servo
 
-GONE = 500_000_000
+HEARTBEAT_TIMEOUT_NS = 500_000_000
 """ns without a sign of life from the person in control after which the tool is paused."""
 
-LET_GO = 80_000_000
+JOG_TIMEOUT_NS = 80_000_000
 """ns after which a jog button that nobody says is held counts as let go."""
 
-EVERY = 15
+FRAMES_PER_REPORT = 15
 """Frames between two sentences on how far teaching is, a quarter of a second."""
 
-Wanted = TypeVar("Wanted", Target, Servo)
+Requested = TypeVar("Wanted", Target, Servo)
 
 
 class PageOperator:
@@ -46,37 +61,37 @@ class PageOperator:
     def __init__(self, desk: Desk, chosen: Chosen, frames: int = TEACHING_FRAMES) -> None:
         self._desk, self._chosen, self._frames = desk, chosen, frames
         self._servo: Servo | None = None
-        self._wants: deque[tuple[OperatorRequest, str | None]] = deque([(Request.PAUSE, None)])
-        gesture = desk.hand.read() or Gesture()
-        self._gesture, self._spent = gesture, gesture.press
-        self._beat: int | None = None
-        self._asked = NONE
+        self._requests: deque[tuple[OperatorRequest, str | None]] = deque([(Request.PAUSE, None)])
+        gesture = desk.hand.read() or JogCommand()
+        self._jog, self._ended_press = gesture, gesture.press
+        self._heartbeat_at: int | None = None
+        self._active_press = NO_PRESS
         self._teaching: str | None = None
-        self._observed, self._frame = 0, -1
+        self._observed_frames, self._frame = 0, -1
         self._target: Target | None = None
-        self._touring: Touring | None = None
-        self._progress: HowFar | None = None
+        self._sequence: SequenceRunner | None = None
+        self._progress: SequenceProgress | None = None
         joint_rates(chosen.servo.rcm, np.zeros(3), np.zeros(3))  # compiled before the loop begins
 
     def __call__(self, tick: Tick) -> OperatorRequest:
         self._desk.ticks.add(tick)
-        self._tell(tick)
-        self._tell_teaching(tick)
-        self._look(tick)
-        self._tours(tick)
-        for told in self._desk.wants.heard():
-            self._hear(told, tick)
-        if self._alone(tick):
-            self._wants.clear()
+        self._report_changes(tick)
+        self._report_teaching(tick)
+        self._read_jog_state(tick)
+        self._advance_sequence(tick)
+        for message in self._desk.wants.heard():
+            self._handle(message, tick)
+        if self._is_unattended(tick):
+            self._requests.clear()
             return Request.PAUSE
-        if not self._wants:
+        if not self._requests:
             return self._jog(tick)
-        want, name = self._wants.popleft()
-        self._teaches_no_more()
+        request, name = self._requests.popleft()
+        self._cancel_teaching()
         self._teaching = name
-        return want
+        return request
 
-    def _teaches_no_more(self) -> None:
+    def _cancel_teaching(self) -> None:
         """Tell of what was to be taught and was not."""
         if self._teaching is not None:
             self._desk.said.put(Note(f"{self._teaching or 'the target'} was not taught"))
@@ -84,135 +99,138 @@ class PageOperator:
 
     def _end_teaching(self) -> None:
         self._teaching = None
-        self._observed = 0
-        self._desk.said.put(Teaching(""))
+        self._observed_frames = 0
+        self._desk.said.put(TeachingStatus(""))
 
-    def _tell_teaching(self, tick: Tick) -> None:
+    def _report_teaching(self, tick: Tick) -> None:
         """Tell how many frames have shown both markers since teaching began."""
-        new = tick.seen.frame != self._frame and bool(np.isfinite(tick.seen.points).all())
+        is_observed = tick.seen.frame != self._frame and bool(np.isfinite(tick.seen.points).all())
         self._frame = tick.seen.frame
-        if self._teaching is None or not new:
+        if self._teaching is None or not is_observed:
             return
-        self._observed += 1
-        if self._observed % EVERY == 1:
-            count = f"{self._observed} frames so far, {self._frames} are needed"
-            self._desk.said.put(Teaching(f"teaching, keep the tool still: {count}"))
+        self._observed_frames += 1
+        if self._observed_frames % FRAMES_PER_REPORT == 1:
+            count = f"{self._observed_frames} frames so far, {self._frames} are needed"
+            self._desk.said.put(TeachingStatus(f"teaching, keep the tool still: {count}"))
 
-    def _look(self, tick: Tick) -> None:
+    def _read_jog_state(self, tick: Tick) -> None:
         """See what the hand does. A press is over that was not renewed in time."""
-        now, gesture = tick.seen.now, self._desk.hand.read() or self._gesture
-        if self._beat is None or gesture.life != self._gesture.life:
-            self._beat = now
-        elif now - self._beat > LET_GO:
-            self._spent = gesture.press
-        self._gesture = gesture
+        now, command = tick.seen.now, self._desk.hand.read() or self._jog
+        if self._heartbeat_at is None or command.heartbeats != self._jog.heartbeats:
+            self._heartbeat_at = now
+        elif now - self._heartbeat_at > JOG_TIMEOUT_NS:
+            self._ended_press = command.press
+        self._jog = command
 
-    def _hear(self, told: object, tick: Tick) -> None:
-        match told:
+    def _handle(self, message: object, tick: Tick) -> None:
+        match message:
             case Go():
-                self._go(told.target, (told.target,), tick)
-            case GoOnTour():
-                if self._go(told.targets[0], told.targets, tick):
-                    self._touring = Touring(told)
-            case TeachAs():
-                self._wants.append((Teach(self._frames), told.name))
+                self._go(message.target, (message.target,), tick)
+            case RunSequence():
+                if self._go(message.targets[0], message.targets, tick):
+                    self._sequence = SequenceRunner(message)
+            case TeachPose():
+                self._requests.append((Teach(self._frames), message.name))
             case Change():
-                self._set(told, tick)
+                self._change_settings(message, tick)
             case Request():
-                self._wants.append((told, None))
+                self._requests.append((message, None))
             case _:
-                self._desk.said.put(Note(f"{type(told).__name__}: not while the drive is on"))
+                self._desk.said.put(Note(f"{type(message).__name__}: not while the drive is on"))
 
-    def _go(self, target: Target, all_of: tuple[Target, ...], tick: Tick) -> bool:
+    def _go(self, target: Target, targets: tuple[Target, ...], tick: Tick) -> bool:
         """Go to a target, if the settings can go to all of them; whether they can."""
         try:
-            for one in all_of:
-                self._next(Servo, tick.servo).demand(one)
+            for one in targets:
+                self._pending(Servo, tick.servo).demand(one)
         except BadInput as error:
             self._desk.said.put(Note(str(error)))
             return False
-        self._wants.append((target, None))
-        if tick.state.phase not in BY_ITSELF:
-            self._wants.append((Request.RESUME, None))
+        self._requests.append((target, None))
+        if tick.state.phase not in AUTONOMOUS_PHASES:
+            self._requests.append((Request.RESUME, None))
         return True
 
-    def _tours(self, tick: Tick) -> None:
+    def _advance_sequence(self, tick: Tick) -> None:
         """Go on with a tour, once the tick goes by all that was wanted."""
-        touring = self._touring
-        if touring is not None and not self._wants:
-            if touring.look(tick):
-                self._wants.append((touring.target, None))
-            elif touring.progress is None:
-                self._touring = None
-                if tick.state.phase in BY_ITSELF:
-                    self._wants.append((Request.PAUSE, None))
-                self._desk.said.put(Note(touring.words))
-        progress = None if self._touring is None else self._touring.progress
+        sequence = self._sequence
+        if sequence is not None and not self._requests:
+            if sequence.update(tick):
+                self._requests.append((sequence.target, None))
+            elif sequence.progress is None:
+                self._sequence = None
+                if tick.state.phase in AUTONOMOUS_PHASES:
+                    self._requests.append((Request.PAUSE, None))
+                self._desk.said.put(Note(sequence.outcome))
+        progress = None if self._sequence is None else self._sequence.progress
         if progress != self._progress:
             self._progress = progress
-            self._desk.said.put(OnTour(progress))
+            self._desk.said.put(SequenceStatus(progress))
 
-    def _set(self, change: Change, tick: Tick) -> None:
+    def _change_settings(self, change: Change, tick: Tick) -> None:
         """Have a box changed that may be now; the others are the next session's."""
-        if change.box not in AT_ONCE:
+        if change.part not in IMMEDIATE_PARTS:
             return
         try:
             chosen = self._chosen.with_change(change)
             servo = changed_servo(tick.servo, chosen.limited)
             assert tick.state.target is not None
-            servo.demand(self._next(Target, tick.state.target))
+            servo.demand(self._pending(Target, tick.state.target))
         except BadInput as error:
             self._desk.said.put(Note(f"not before the next session: {error}"))
             return
         self._chosen = chosen
-        self._wants.append((servo, None))
+        self._requests.append((servo, None))
 
-    def _next(self, kind: type[Wanted], now: Wanted) -> Wanted:
+    def _pending(self, kind: type[Requested], present: Requested) -> Requested:
         """What the loop will go by once it has what waits to be wanted; `now` is what it has."""
-        return next((one for one, _ in reversed(self._wants) if isinstance(one, kind)), now)
+        return next((one for one, _ in reversed(self._requests) if isinstance(one, kind)), present)
 
-    def _alone(self, tick: Tick) -> bool:
+    def _is_unattended(self, tick: Tick) -> bool:
         """Whether the tool goes its own way while nobody is there."""
-        assert self._beat is not None
-        return tick.state.phase in BY_ITSELF and tick.seen.now - self._beat > GONE
+        assert self._heartbeat_at is not None
+        return (
+            tick.state.phase in AUTONOMOUS_PHASES
+            and tick.seen.now - self._heartbeat_at > HEARTBEAT_TIMEOUT_NS
+        )
 
     def _jog(self, tick: Tick) -> OperatorRequest:
         """The motion of a button that is held. A press that something else ended is over too."""
-        gesture = self._gesture
-        if self._asked != NONE and tick.state.phase is not Phase.JOG:
-            self._spent = self._asked
-        going = gesture.press not in (NONE, self._spent)
-        self._asked = gesture.press if going else NONE
+        gesture = self._jog
+        if self._active_press != NO_PRESS and tick.state.phase is not Phase.JOG:
+            self._ended_press = self._active_press
+        going = gesture.press not in (NO_PRESS, self._ended_press)
+        self._active_press = gesture.press if going else NO_PRESS
         if not going:
             return Request.NONE
-        self._teaches_no_more()
-        if self._touring is not None:
+        self._cancel_teaching()
+        if self._sequence is not None:
             return Request.PAUSE
-        rates = _rates(gesture, tick)
+        rates = _jog_rates(gesture, tick)
         return Jog(rates) if np.isfinite(rates).all() else Request.NONE
 
-    def _tell(self, tick: Tick) -> None:
+    def _report_changes(self, tick: Tick) -> None:
         """Tell the page of settings and a target that are new, and of one that was taught."""
         if tick.servo is not self._servo:
             self._servo = tick.servo
-            self._desk.said.put(InForce(replace(tick.servo)))
+            self._desk.said.put(SettingsApplied(replace(tick.servo)))
         target = tick.state.target
         if target is None or target is self._target:
             return
         self._target = target
-        self._desk.said.put(Aim(target))
+        self._desk.said.put(TargetChanged(target))
         if self._teaching is not None:
-            shown = Note("the target is shown again")
-            self._desk.said.put(Taught(self._teaching, target) if self._teaching else shown)
+            note = Note("the target is shown again")
+            self._desk.said.put(PoseTaught(self._teaching, target) if self._teaching else note)
             self._end_teaching()
 
 
-def _rates(gesture: Gesture, tick: Tick) -> Floats:
+def _jog_rates(command: JogCommand, tick: Tick) -> Floats:
     """The joint rates (3,) that a gesture means where the joints are now, at its share of the jog's
     speed at most. They are not finite where the joints are not known.
     """
-    rates = np.array([gesture.a, gesture.b, gesture.c])
-    if gesture.leads:
+    rates = np.array([command.first, command.second, command.third])
+    if command.moves_marker:
         rates = joint_rates(tick.servo.rcm, np.array(tick.seen.q), rates)
-    fastest = SLOW_SHARE * gesture.share * np.array(tick.servo.gate.speed)
-    return rates / max(1.0, float(np.abs(rates / fastest).max()))
+    limits = SLOW_SHARE * command.speed_scale * np.array(tick.servo.gate.speed)
+    return rates / max(1.0, float(np.abs(rates / limits).max()))

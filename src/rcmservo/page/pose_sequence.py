@@ -19,15 +19,15 @@ from rcmservo.loop.tick import Tick
 from rcmservo.recording.outcome import TOLERANCE
 from rcmservo.safety.state_machine import Phase
 
-STOPS, ROUNDS, LONGEST = 20, 1000, 600.0
+MAX_WAYPOINTS, MAX_ROUNDS, MAX_DWELL_S = 20, 1000, 600.0
 """The most of them, and the longest dwell, s."""
 
-BY_ITSELF = Phase.ACQUIRE, Phase.SERVO, Phase.HOLD
+AUTONOMOUS_PHASES = Phase.ACQUIRE, Phase.SERVO, Phase.HOLD
 """Phases in which the tool goes its own way."""
 
 
 @dataclass(frozen=True)
-class Stay(Checked):
+class Waypoint(Checked):
     """A pose of a tour.
 
     Parameters
@@ -39,11 +39,11 @@ class Stay(Checked):
     """
 
     pose: str
-    dwell: Annotated[float, between(0.0, LONGEST, "a time", "s")]
+    dwell: Annotated[float, between(0.0, MAX_DWELL_S, "a time", "s")]
 
 
 @dataclass(frozen=True)
-class Plan(Checked, section="tour"):
+class SequencePlan(Checked, section="tour"):
     """What a person asks for.
 
     Parameters
@@ -54,14 +54,15 @@ class Plan(Checked, section="tour"):
         How often all are visited.
     """
 
-    stops: Annotated[
-        tuple[Stay, ...], Limit(lambda stops: 1 <= len(stops) <= STOPS, f"1 to {STOPS} poses")
+    waypoints: Annotated[
+        tuple[Waypoint, ...],
+        Limit(lambda stops: 1 <= len(stops) <= MAX_WAYPOINTS, f"1 to {MAX_WAYPOINTS} poses"),
     ]
-    rounds: Annotated[int, between(1, ROUNDS, "a whole number")] = 1
+    rounds: Annotated[int, between(1, MAX_ROUNDS, "a whole number")] = 1
 
 
 @dataclass(frozen=True, eq=False)
-class GoOnTour:
+class RunSequence:
     """Wanted: that the tool goes on a tour.
 
     Parameters
@@ -72,12 +73,12 @@ class GoOnTour:
         Those of its stops.
     """
 
-    plan: Plan
+    plan: SequencePlan
     targets: tuple[Target, ...]
 
 
 @dataclass(frozen=True)
-class HowFar:
+class SequenceProgress:
     """How far a tour is.
 
     Parameters
@@ -97,73 +98,81 @@ class HowFar:
     """
 
     pose: str
-    stop: int
-    stops: int
-    lap: int
-    laps: int
-    left: int | None
+    waypoint_number: int
+    waypoints: int
+    round_number: int
+    rounds: int
+    remaining_s: int | None
 
 
-class Touring:
+class SequenceRunner:
     """A tour under way. It begins by going to the first stop."""
 
-    def __init__(self, tour: GoOnTour) -> None:
-        self._plan, self._targets = tour.plan, tour.targets
-        self._visits = 0
-        self._aimed: int | None = None
-        self._there: int | None = None
-        self.progress: HowFar | None = self._told(None)
+    def __init__(self, request: RunSequence) -> None:
+        self._plan, self._targets = request.plan, request.targets
+        self._visit_count = 0
+        self._requested_at: int | None = None
+        self._arrived_at: int | None = None
+        self.progress: SequenceProgress | None = self._progress_at(None)
         """None once the tour is over."""
-        self.words = ""
+        self.outcome = ""
         """How it ended; empty before."""
 
     @property
     def target(self) -> Target:
         """That of the stop it goes to or is at."""
-        return self._targets[self._visits % len(self._targets)]
+        return self._targets[self._visit_count % len(self._targets)]
 
-    def look(self, tick: Tick) -> bool:
+    def update(self, tick: Tick) -> bool:
         """Take a tick that goes by what was wanted; whether to go to another stop from now on."""
         now, state = tick.seen.now, tick.state
-        why = stopped(tick, self.target)
-        if why:
-            self.progress, self.words = None, f"the tour has ended: {why}"
+        reason = interruption(tick, self.target)
+        if reason:
+            self.progress, self.outcome = None, f"the tour has ended: {reason}"
             return False
-        self._aimed = now if self._aimed is None else self._aimed
-        small = bool((np.abs(state.delta) < TOLERANCE).all())
-        if state.phase is not Phase.SERVO or tick.seen.exposure < self._aimed or not small:
-            self._there = None
-        elif self._there is None:
-            self._there = now
-        left = None if self._there is None else self._left(now - self._there)
-        if left == 0:
-            return self._goes_on()
-        self.progress = self._told(left)
+        self._requested_at = now if self._requested_at is None else self._requested_at
+        is_at_pose = bool((np.abs(state.delta) < TOLERANCE).all())
+        if (
+            state.phase is not Phase.SERVO
+            or tick.seen.exposure < self._requested_at
+            or not is_at_pose
+        ):
+            self._arrived_at = None
+        elif self._arrived_at is None:
+            self._arrived_at = now
+        remaining_s = (
+            None if self._arrived_at is None else self._remaining_dwell(now - self._arrived_at)
+        )
+        if remaining_s == 0:
+            return self._advance()
+        self.progress = self._progress_at(remaining_s)
         return False
 
-    def _left(self, stayed: int) -> int:
-        stop = self._plan.stops[self._visits % len(self._targets)]
-        return ceil(max(0.0, stop.dwell - stayed * 1e-9))
+    def _remaining_dwell(self, elapsed_ns: int) -> int:
+        waypoint = self._plan.waypoints[self._visit_count % len(self._targets)]
+        return ceil(max(0.0, waypoint.dwell - elapsed_ns * 1e-9))
 
-    def _told(self, left: int | None) -> HowFar:
-        stops, laps = len(self._targets), self._plan.rounds
-        lap, stop = divmod(self._visits, stops)
-        return HowFar(self._plan.stops[stop].pose, stop + 1, stops, lap + 1, laps, left)
+    def _progress_at(self, remaining_s: int | None) -> SequenceProgress:
+        count, rounds = len(self._targets), self._plan.rounds
+        completed, index = divmod(self._visit_count, count)
+        return SequenceProgress(
+            self._plan.waypoints[index].pose, index + 1, count, completed + 1, rounds, remaining_s
+        )
 
-    def _goes_on(self) -> bool:
+    def _advance(self) -> bool:
         """To the next stop, or to the end."""
-        self._visits, self._aimed, self._there = self._visits + 1, None, None
-        if self._visits < self._plan.rounds * len(self._targets):
-            self.progress = self._told(None)
+        self._visit_count, self._requested_at, self._arrived_at = self._visit_count + 1, None, None
+        if self._visit_count < self._plan.rounds * len(self._targets):
+            self.progress = self._progress_at(None)
             return True
-        self.progress, self.words = None, "the tour is over: all its poses were visited"
+        self.progress, self.outcome = None, "the tour is over: all its poses were visited"
         return False
 
 
-def stopped(tick: Tick, target: Target) -> str:
+def interruption(tick: Tick, target: Target) -> str:
     """What ends a tour to a target; empty where nothing does."""
     state = tick.state
-    if state.phase not in BY_ITSELF:
+    if state.phase not in AUTONOMOUS_PHASES:
         cause = state.mode.cause.value
         return f"{state.phase.value}: {cause}" if cause else state.phase.value
     if state.target is None or not same(state.target, target):

@@ -16,10 +16,10 @@ from rcmservo.config.target_file import Setup
 from rcmservo.errors import RcmServoError, UnusableFile
 from rcmservo.interfaces import Target
 
-LONGEST = 200
+MAX_FILE_NAME_BYTES = 200
 """Bytes of a file's name without its ending."""
 
-MOST = 200
+MAX_FILES = 200
 """Files of a folder that are looked at."""
 
 
@@ -40,7 +40,7 @@ class PoseFolder:
 
 
 @dataclass
-class Poses:
+class PoseStore:
     """The poses of a folder; `read` begins.
 
     Parameters
@@ -53,20 +53,20 @@ class Poses:
         Those that it cannot, and why.
     """
 
-    of: PoseFolder
+    location: PoseFolder
     targets: dict[str, Target] = field(default_factory=dict[str, Target])
     refused: dict[str, str] = field(default_factory=dict[str, str])
 
-    def read(self) -> None:
+    def load(self) -> None:
         """Take what is there. A file that is damaged, or another setup's, is refused."""
-        for path in sorted(self.of.folder.glob("*.json"))[:MOST]:
+        for path in sorted(self.location.folder.glob("*.json"))[:MAX_FILES]:
             name = unquote(path.stem)
             try:
-                self.targets[name] = target_file.load(path, self.of.setup)
+                self.targets[name] = target_file.load(path, self.location.setup)
             except RcmServoError as error:
                 self.refused[name] = str(error).removeprefix(f"{path}: ")
 
-    def keep(self, name: str, target: Target, jpeg: bytes) -> str:
+    def save(self, name: str, target: Target, jpeg: bytes) -> str:
         """Keep a pose, in the place of one of the same name. Why its file could not be written, in
         which case it is there until the page ends; empty where it was.
         """
@@ -74,12 +74,12 @@ class Poses:
         self.refused.pop(name, None)
         try:
             path = self._file(name)
-            self.of.folder.mkdir(parents=True, exist_ok=True)
-            target_file.save(path, target, self.of.setup)
+            self.location.folder.mkdir(parents=True, exist_ok=True)
+            target_file.save(path, target, self.location.setup)
             with whole(path.with_suffix(".jpg")) as part:
                 part.write_bytes(jpeg)
         except OSError as error:
-            return f"{name} is not kept: {self.of.folder}: {error.strerror}"
+            return f"{name} is not kept: {self.location.folder}: {error.strerror}"
         except RcmServoError as error:
             return f"{name} is not kept: {error}"
         return ""
@@ -107,7 +107,7 @@ class Poses:
 
     def _file(self, name: str) -> Path:
         encoded = quote(name, safe=" ")
-        path = self.of.folder / f"{encoded}.json"
-        if len(encoded) > LONGEST:
+        path = self.location.folder / f"{encoded}.json"
+        if len(encoded) > MAX_FILE_NAME_BYTES:
             raise UnusableFile(path, "has too long a name: shorten the pose's")
         return path

@@ -3,12 +3,12 @@
 from rcmservo.live.servo_process import HeartbeatPlant, go_on
 from rcmservo.loop.clock import ticks
 from rcmservo.page.channels import Desk
-from rcmservo.page.messages import Between, Note, Reply
+from rcmservo.page.messages import Standby, Note, Reply
 
-READ = 500_000_000
+MIN_READING_TIME_NS = 500_000_000
 """ns that a person needs at least to read a question: what comes before was meant for another."""
 
-LOOKS = 50.0
+POLL_RATE_HZ = 50.0
 """Looks for an answer, 1/s."""
 
 
@@ -25,14 +25,17 @@ class PagePerson:
 
     def ask(self, question: str) -> str:
         """What the person answers to this question."""
-        plant, asked = self._plant, self._plant.clock.now()
+        plant, displayed_at = self._plant, self._plant.clock.now()
         list(self._desk.wants.heard())
-        self._desk.said.put(Between(self._words, asks=question))
-        for _ in ticks(plant.clock, LOOKS):
+        self._desk.said.put(Standby(self._words, question=question))
+        for _ in ticks(plant.clock, POLL_RATE_HZ):
             go_on(plant.told_to_end)
-            for told in self._desk.wants.heard():
-                if not isinstance(told, Reply):
+            for message in self._desk.wants.heard():
+                if not isinstance(message, Reply):
                     self._desk.said.put(Note("the drive is off: answer first"))
-                elif told.question == question and plant.clock.now() - asked >= READ:
-                    return told.words.strip()
+                elif (
+                    message.question == question
+                    and plant.clock.now() - displayed_at >= MIN_READING_TIME_NS
+                ):
+                    return message.words.strip()
         raise AssertionError("the clock has ended")

@@ -4,7 +4,7 @@ from rcmservo.safety.causes import Cause
 from rcmservo.safety.state_machine import Phase
 
 
-def ways(phase: Phase, cause: Cause) -> list[str]:
+def list_recovery_actions(phase: Phase, cause: Cause) -> list[str]:
     """What the buttons say that lead on, in the order in which they are pressed."""
     if phase is Phase.FAULT:
         return ["clear"]
@@ -13,7 +13,7 @@ def ways(phase: Phase, cause: Cause) -> list[str]:
     return ["show", "resume"] if cause.needs_teaching else ["resume"]
 
 
-def allowed(phase: Phase) -> list[str]:
+def list_allowed_actions(phase: Phase) -> list[str]:
     """Return the actions that the browser in control may ask for in a phase of the loop."""
     if phase is Phase.FAULT:
         return ["clear"]

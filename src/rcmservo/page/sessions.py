@@ -14,14 +14,14 @@ from rcmservo.live.loop_statistics import Report
 from rcmservo.live.servo_process import Session
 from rcmservo.live.supervisor import NOTHING, Beside, SwitchOff, run_live
 from rcmservo.page.channels import Desk
-from rcmservo.page.messages import CLEAR, STOP, Between, Change, Note
+from rcmservo.page.messages import CLEAR, STOP, Standby, Change, Note
 
 
-class Again(Stopped):
+class SessionRestart(Stopped):
     """A session that was not enabled yet, and begins again with other settings."""
 
 
-class Rung(Stopped):
+class StopPressed(Stopped):
     """The bell has ended a session."""
 
 
@@ -35,39 +35,39 @@ class Sessions:
         self,
         desk: Desk,
         session: Callable[[], Session],
-        off: SwitchOff,
+        switch_off: SwitchOff,
         needed: Mapping[int, str],
         change: Callable[[Change], None],
-        beside: Beside = NOTHING,
+        handlers: Beside = NOTHING,
     ) -> None:
-        self._desk, self._session, self._off = desk, session, off
+        self._desk, self._session, self._switch_off = desk, session, switch_off
         self._change = change
-        self._began, self._waits = False, False
-        self._beside: dict[Any, Callable[[], None]] = {
-            **beside,
-            desk.bell: self._rung,
-            desk.changes: self._changed,
+        self._has_begun, self._is_waiting = False, False
+        self._handlers: dict[Any, Callable[[], None]] = {
+            **handlers,
+            desk.bell: self._handle_stop_request,
+            desk.changes: self._apply_changes,
         }
         for sentinel, name in needed.items():
-            self._beside[sentinel] = lambda name=name: self._lost(name)
+            self._handlers[sentinel] = lambda name=name: self._report_lost_process(name)
 
     def keep(self) -> None:
         """Run them, until something raises."""
         while True:
-            why = self._run()
-            if why:
-                self._latch(why)
+            reason = self._run()
+            if reason:
+                self._latch(reason)
 
     def _run(self) -> str:
         """One session; why there can be no other before a person clears, empty where there can."""
-        self._changed()
-        self._began, self._waits = False, True
-        self._desk.said.put(Between("preparing"))
+        self._apply_changes()
+        self._has_begun, self._is_waiting = False, True
+        self._desk.said.put(Standby("preparing"))
         try:
-            result = run_live(self._session(), self._off, self._report, self._beside)
-        except Rung as rung:
+            result = run_live(self._session(), self._switch_off, self._report, self._handlers)
+        except StopPressed as rung:
             return str(rung)
-        except Again:
+        except SessionRestart:
             return ""
         except Stopped:  # by a signal, or for want of a process
             raise
@@ -81,38 +81,38 @@ class Sessions:
         return ""
 
     def _report(self, report: Report) -> None:
-        self._began, self._waits = True, False
+        self._has_begun, self._is_waiting = True, False
 
-    def _rung(self) -> None:
+    def _handle_stop_request(self) -> None:
         """Hear the bell while a session runs."""
         if STOP in list(self._desk.bell.heard()):
-            why = f"STOP was pressed: {self._off(self._began)}"
-            self._desk.said.put(Between(why, latched=True))
-            raise Rung(why)
+            reason = f"STOP was pressed: {self._switch_off(self._has_begun)}"
+            self._desk.said.put(Standby(reason, latched=True))
+            raise StopPressed(reason)
 
-    def _changed(self) -> None:
+    def _apply_changes(self) -> None:
         """Take other settings: a session that is not enabled begins again with them, one that is
         goes on, and the next one has them.
         """
         changes = list(self._desk.changes.heard())
         for change in changes:
             self._change(change)
-        if changes and self._waits:
-            self._waits = False
-            raise Again("other settings were set")
+        if changes and self._is_waiting:
+            self._is_waiting = False
+            raise SessionRestart("other settings were set")
 
-    def _lost(self, name: str) -> None:
-        raise Stopped(f"{name} has ended by itself; {self._off(self._began)}")
+    def _report_lost_process(self, name: str) -> None:
+        raise Stopped(f"{name} has ended by itself; {self._switch_off(self._has_begun)}")
 
-    def _latch(self, why: str) -> None:
+    def _latch(self, reason: str) -> None:
         """Say why all stands still, until a person clears it."""
-        self._waits = False
+        self._is_waiting = False
         list(self._desk.bell.heard())  # from before it could be cleared
-        self._desk.said.put(Between(why, latched=True, clears=True))
+        self._desk.said.put(Standby(reason, latched=True, can_clear=True))
         while True:
-            for one in wait(list(self._beside)):
-                if one is not self._desk.bell:
-                    self._beside[one]()
-            told = list(self._desk.bell.heard())
-            if told and told[-1] == CLEAR:
+            for handle in wait(list(self._handlers)):
+                if handle is not self._desk.bell:
+                    self._handlers[handle]()
+            requests = list(self._desk.bell.heard())
+            if requests and requests[-1] == CLEAR:
                 return

@@ -19,12 +19,12 @@ from rcmservo.page.messages import Change
 from rcmservo.safety.state_machine import Phase
 from rcmservo.servo.servo import Servo
 
-AT_ONCE = ("controller",)
+IMMEDIATE_PARTS = ("controller",)
 """Boxes that may change while the drive is on."""
-BOXES = (*AT_ONCE, *(part for part in METHOD_PARTS if part not in AT_ONCE))
+BOXES = (*IMMEDIATE_PARTS, *(part for part in METHOD_PARTS if part not in IMMEDIATE_PARTS))
 """Boxes that may change at all: the parts of the method."""
 
-Limit = Callable[[Servo], Servo]
+ServoLimit = Callable[[Servo], Servo]
 """Bounds a servo, whatever was set of it."""
 
 
@@ -33,18 +33,18 @@ def as_set(servo: Servo) -> Servo:
     return servo
 
 
-def change_of(box: object, table: object) -> Change:
+def decode_change(part: object, table: object) -> Change:
     """The change that a browser's table for a box asks for, every field given; BadInput, naming the
     field, where there is no such change.
     """
-    require(box in BOXES, "box", box, f"one of {', '.join(BOXES)}")
-    return Change(str(box), rebuild_part({box: table}, str(box)))
+    require(part in BOXES, "box", part, f"one of {', '.join(BOXES)}")
+    return Change(str(part), rebuild_part({part: table}, str(part)))
 
 
 class Chosen:
     """The servo as a person has set it, and the ``limit`` that holds whatever is set."""
 
-    def __init__(self, servo: Servo, limit: Limit = as_set) -> None:
+    def __init__(self, servo: Servo, limit: ServoLimit = as_set) -> None:
         self.servo, self._limit = servo, limit
 
     @property
@@ -54,7 +54,7 @@ class Chosen:
 
     def with_change(self, change: Change) -> "Chosen":
         """What is chosen with one box changed; BadInput where the boxes do not go together."""
-        return Chosen(replace(self.servo, **{change.box: change.value}), self._limit)
+        return Chosen(replace(self.servo, **{change.part: change.value}), self._limit)
 
     def take(self, change: Change) -> None:
         """Change one box from now on; BadInput, and no change, where the boxes do not go
@@ -63,12 +63,12 @@ class Chosen:
         self.servo = self.with_change(change).servo
 
 
-def standing(servo: Servo, explored: bool, condition: float, phase: Phase) -> str:
+def describe_estimator(servo: Servo, has_explored: bool, condition: float, phase: Phase) -> str:
     """How the estimator stands, in words."""
     name = name_of(servo.estimator, ESTIMATORS)
     if phase is Phase.ACQUIRE:
         return f"Estimator {name}: exploring"
-    if not explored or not np.isfinite(condition):
+    if not has_explored or not np.isfinite(condition):
         return f"Estimator {name}: knows nothing yet, Go explores first"
     damped = condition > 0.5 * servo.controller.max_condition
     more = ", so high that the law is damped" if damped else ""

@@ -10,14 +10,23 @@ import numpy as np
 
 from rcmservo.config.texts import Table
 from rcmservo.interfaces import Floats, Target
-from rcmservo.page.channels import DUE, Desk
-from rcmservo.page.messages import Aim, Between, InForce, Note, OnTour, Said, Taught, Teaching
+from rcmservo.page.channels import DUE_TIME, Desk
+from rcmservo.page.messages import (
+    TargetChanged,
+    Standby,
+    SettingsApplied,
+    Note,
+    SequenceStatus,
+    StatusMessage,
+    PoseTaught,
+    TeachingStatus,
+)
 from rcmservo.page.plots.curves import Curves
 from rcmservo.page.plots.mechanism_shape import Shape
-from rcmservo.page.poses import Poses
-from rcmservo.page.recovery_actions import allowed, ways
-from rcmservo.page.settings import standing
-from rcmservo.page.pose_sequence import BY_ITSELF, HowFar
+from rcmservo.page.poses import PoseStore
+from rcmservo.page.recovery_actions import list_allowed_actions, list_recovery_actions
+from rcmservo.page.settings import describe_estimator
+from rcmservo.page.pose_sequence import AUTONOMOUS_PHASES, SequenceProgress
 from rcmservo.recording import ros2_messages
 from rcmservo.recording.ros2_messages import TICK
 from rcmservo.recording.tick_schema import NAME_COLUMNS
@@ -25,7 +34,7 @@ from rcmservo.safety.causes import Cause
 from rcmservo.safety.state_machine import Phase
 from rcmservo.servo.servo import Servo
 
-NOTES = 20
+MAX_NOTES = 20
 """Sentences that are kept."""
 
 Truth = Callable[[Floats], float]
@@ -64,16 +73,16 @@ class Status:
     words: str
     action: str
     can: list[str]
-    ways: list[str]
+    recovery: list[str]
     way_out: str
     why: str = ""
     moves: bool = False
     intent: str = ""
-    asks: str = ""
+    question: str = ""
 
 
 @dataclass
-class Board:
+class Dashboard:
     """What there is to show.
 
     Parameters
@@ -115,88 +124,88 @@ class Board:
     """
 
     desk: Desk
-    poses: Poses
-    between: Between | None = None
+    poses: PoseStore
+    standby: Standby | None = None
     target: Target | None = None
     tick: Table = field(default_factory=dict[str, Any])
-    notes: deque[str] = field(default_factory=lambda: deque[str](maxlen=NOTES))
-    in_force: Servo | None = None
-    kept: int = 0
-    changes: int = 0
-    tour: HowFar | None = None
+    notes: deque[str] = field(default_factory=lambda: deque[str](maxlen=MAX_NOTES))
+    active_servo: Servo | None = None
+    pose_version: int = 0
+    settings_version: int = 0
+    sequence: SequenceProgress | None = None
     teaching: str = ""
     curves: Curves = field(default_factory=Curves)
     shape: Shape | None = None
     truth: Truth | None = None
     count: int = -1
     picture: bytes = b""
-    looked: int = 0
+    updated_at: int = 0
 
     @property
     def frame(self) -> int:
         """Number of the frame that the newest tick knows, -1 where there is none."""
         return int(self.tick["frame"][0]) if self.tick else -1
 
-    def look(self) -> None:
+    def update(self) -> None:
         """Take what is new."""
         for said in self.desk.said.heard():
-            self._take(said)
+            self._apply(said)
         self.count, ticks = self.desk.ticks.after(self.count)
         for one in ticks:
-            self.tick = told(one)
-            self.curves.take(self.tick)
+            self.tick = decode_ring_tick(one)
+            self.curves.add(self.tick)
         if ticks:
-            ended = self.between is not None and self.between.latched
+            ended = self.standby is not None and self.standby.latched
             if self.tick["phase"] != Phase.DISABLED.name and not ended:
-                self.between = None
-        self.looked = time.monotonic_ns()
+                self.standby = None
+        self.updated_at = time.monotonic_ns()
 
-    def _take(self, said: Said) -> None:
-        match said:
+    def _apply(self, message: StatusMessage) -> None:
+        match message:
             case Note():
-                self.notes.append(said.words)
-            case Between():
-                self.between, self.tick = said, {}
+                self.notes.append(message.words)
+            case Standby():
+                self.standby, self.tick = message, {}
                 self.count = self.desk.ticks.newest
-                self.curves.begin()
-                self.target = self.tour = None
+                self.curves.restart()
+                self.target = self.sequence = None
                 self.teaching = ""
-            case OnTour():
-                self.tour = said.progress
-            case Aim():
-                self.target = said.target
-            case Taught():
-                why = self.poses.keep(said.name, said.target, self.picture)
-                self.notes.append(why or f"{said.name} is taught")
-                self.kept += 1
-            case Teaching():
-                self.teaching = said.words
-            case InForce():
-                self.in_force = said.servo
-                self.changes += 1
+            case SequenceStatus():
+                self.sequence = message.progress
+            case TargetChanged():
+                self.target = message.target
+            case PoseTaught():
+                error = self.poses.save(message.name, message.target, self.picture)
+                self.notes.append(error or f"{message.name} is taught")
+                self.pose_version += 1
+            case TeachingStatus():
+                self.teaching = message.words
+            case SettingsApplied():
+                self.active_servo = message.servo
+                self.settings_version += 1
             case _:
-                raise TypeError(f"{said!r} is nothing that is said to the page")
+                raise TypeError(f"{message!r} is nothing that is said to the page")
 
     def table(self) -> Table:
         """What a browser draws: `json_of` encodes it."""
         tick, target = self.tick, self.target
         return {
             **vars(self._status()),
-            "points": pairs(tick.get("points")),
-            "ghost": pairs(ghost(tick)),
+            "points": as_points(tick.get("points")),
+            "ghost": as_points(predicted_markers(tick)),
             **{name: tick.get(name) for name in ("y", "quality", "delta", "q")},
             "rcm": tick.get("o_c"),
             "target": None if target is None else target.points,
             "tool": self._tool(tick.get("q")),
             "tool_target": self._tool(None if target is None else target.q),
             "truth_mm": self._true_error(target),
-            "at": self.looked,
+            "at": self.updated_at,
             "poses": sorted(self.poses.targets),
             "refused_poses": self.poses.refused,
-            "kept": self.kept,
-            "tour": self.tour,
-            "settings": self.changes,
-            "standing": self._standing(),
+            "kept": self.pose_version,
+            "tour": self.sequence,
+            "settings": self.settings_version,
+            "standing": self._estimator_status(),
             "notes": list(self.notes)[-3:],
         }
 
@@ -205,13 +214,13 @@ class Board:
             return None
         return round(self.truth(target.q), 4)
 
-    def _standing(self) -> str:
+    def _estimator_status(self) -> str:
         """How the estimator stands, in words; empty where no servo looks."""
         tick = self.tick
-        if self.in_force is None or not tick:
+        if self.active_servo is None or not tick:
             return ""
         explored, condition = bool(tick["explored"][0]), float(tick["condition"][0])
-        return standing(self.in_force, explored, condition, Phase[tick["phase"]])
+        return describe_estimator(self.active_servo, explored, condition, Phase[tick["phase"]])
 
     def _tool(self, q: Floats | None) -> Floats | None:
         """Markers and tip (3, 3) mm at the joints; None where they are not known."""
@@ -221,17 +230,17 @@ class Board:
 
     def _status(self) -> Status:
         """State of the servo, or of the wait for it."""
-        if self.between is not None or not self.tick:
-            between = self.between or Between("preparing")
+        if self.standby is not None or not self.tick:
+            standby = self.standby or Standby("preparing")
             return Status(
-                phase="FAULT" if between.latched else "OFF",
-                words=between.words,
-                action="FAULT" if between.latched else "NONE",
-                way_out="find out why, then clear" if between.clears else "",
-                ways=["clear"] if between.clears else [],
-                can=["enable"] * between.ready + ["clear"] * between.clears,
-                intent=between.intent,
-                asks=between.asks,
+                phase="FAULT" if standby.latched else "OFF",
+                words=standby.words,
+                action="FAULT" if standby.latched else "NONE",
+                way_out="find out why, then clear" if standby.can_clear else "",
+                recovery=["clear"] if standby.can_clear else [],
+                can=["enable"] * standby.can_enable + ["clear"] * standby.can_clear,
+                intent=standby.intent,
+                question=standby.question,
             )
         phase, cause = Phase[self.tick["phase"]], Cause[self.tick["cause"]]
         return Status(
@@ -240,28 +249,28 @@ class Board:
             action=self.tick["asks"],
             why="; ".join(filter(None, (self.teaching, cause.value))),
             way_out=cause.way_out,
-            ways=ways(phase, cause),
-            can=allowed(phase),
-            moves=phase in BY_ITSELF,
+            recovery=list_recovery_actions(phase, cause),
+            can=list_allowed_actions(phase),
+            moves=phase in AUTONOMOUS_PHASES,
         )
 
 
-def told(data: bytes) -> Table:
+def decode_ring_tick(data: bytes) -> Table:
     """A tick of the ring as columns and names."""
     columns = ros2_messages.tick_columns(TICK, [data])
-    names = ros2_messages.decode_names(data[: -DUE.size], TICK)
-    words = {one.name: name for one, name in zip(NAME_COLUMNS, names, strict=True)}
-    (due,) = DUE.unpack(data[-DUE.size :])
-    return {name: column[0] for name, column in columns.items()} | words | {"time": due}
+    names = ros2_messages.decode_names(data[: -DUE_TIME.size], TICK)
+    named = {one.name: name for one, name in zip(NAME_COLUMNS, names, strict=True)}
+    (due,) = DUE_TIME.unpack(data[-DUE_TIME.size :])
+    return {name: column[0] for name, column in columns.items()} | named | {"time": due}
 
 
-def ghost(tick: Table) -> Floats | None:
+def predicted_markers(tick: Table) -> Floats | None:
     """Where the servo expects the markers (4,) px in the picture; NaN where its estimator does not
     tell.
     """
     return tick["model"] + np.tile(tick["o_c"], 2) if tick else None
 
 
-def pairs(numbers: Floats | None) -> Floats | None:
+def as_points(numbers: Floats | None) -> Floats | None:
     """Points [[u, v], ...] of numbers in a row."""
     return None if numbers is None else np.reshape(numbers, (-1, 2))

@@ -12,55 +12,55 @@ from typing import Any, TypeVar
 
 from rcmservo.errors import RcmServoError
 
-LONGEST = 300.0
+MAX_WORK_S = 300.0
 """s that a piece of work may take."""
 
-WAITING = 4
+MAX_QUEUED = 4
 """Pieces of work that there may be, with the one that is done now."""
 
-GIVES_WAY = 15
+NICENESS = 15
 """Of the process's niceness."""
 
-Made = TypeVar("Made")
+Result = TypeVar("Made")
 
 
-class Aside:
+class BackgroundWorker:
     """Does one piece of work after the other."""
 
     def __init__(self) -> None:
-        self._one, self._count = Lock(), 0
+        self._lock, self._count = Lock(), 0
 
     @property
-    def full(self) -> bool:
+    def is_full(self) -> bool:
         """Whether no more work is taken."""
-        return self._count >= WAITING
+        return self._count >= MAX_QUEUED
 
-    def do(self, work: Callable[..., Made], *given: Any) -> Made:
+    def run(self, work: Callable[..., Result], *given: Any) -> Result:
         """What a function of a module makes; what it could not do is raised. It blocks."""
         self._count += 1
         try:
-            with self._one:
-                return _done(pickle.dumps((work, given)))
+            with self._lock:
+                return _run_in_process(pickle.dumps((work, given)))
         finally:
             self._count -= 1
 
 
-def _done(job: bytes) -> Any:
+def _run_in_process(job: bytes) -> Any:
     command = [sys.executable, "-c", f"from {__name__} import main; main()"]
     try:
-        made = subprocess.run(
+        process = subprocess.run(
             command,
             input=job,
             stdout=subprocess.PIPE,
-            timeout=LONGEST,
+            timeout=MAX_WORK_S,
             start_new_session=True,
             check=False,
         )
     except subprocess.TimeoutExpired as error:
-        raise RcmServoError(f"the record took longer than {LONGEST:g} s to read") from error
-    if made.returncode:
+        raise RcmServoError(f"the record took longer than {MAX_WORK_S:g} s to read") from error
+    if process.returncode:
         raise RcmServoError("the process that reads records has ended by itself")
-    answer = pickle.loads(made.stdout)
+    answer = pickle.loads(process.stdout)
     if isinstance(answer, RcmServoError):
         raise answer
     return answer
@@ -68,7 +68,7 @@ def _done(job: bytes) -> Any:
 
 def main() -> None:
     """Do the work that stands in the input, and write what it makes."""
-    os.nice(GIVES_WAY)
+    os.nice(NICENESS)
     work, given = pickle.load(sys.stdin.buffer)
     try:
         answer: object = work(*given)

@@ -15,13 +15,13 @@ from rcmservo.recording.reader import RECORD
 from rcmservo.recording.record_header import RecordHeader, read_header
 from rcmservo.recording.summary_text import what
 
-MOST = 1000
+MAX_RUNS = 1000
 """Runs that are listed, the newest."""
 
-QUIET = 5.0
+RECORDING_TIMEOUT_S = 5.0
 """s without a change after which a record that was not ended counts as cut off."""
 
-DEPTHS = f"*/{RECORD}", f"*/*/{RECORD}"
+RECORD_PATTERNS = f"*/{RECORD}", f"*/*/{RECORD}"
 """Where records are: in a run's folder, and in a session's."""
 
 
@@ -49,38 +49,38 @@ class PastRun:
 
     name: str
     folder: str
-    when: str
-    what: str
+    changed: str
+    description: str
     seconds: float | None
     ended: str
     recording: bool
 
 
-class Shelf:
+class RunList:
     """The runs below a folder."""
 
     def __init__(self, root: Path) -> None:
         self._root = root
         self._lock = Lock()
-        self._places: dict[str, Path] = {}
-        self._glances: dict[Path, tuple[tuple[int, int], RecordHeader | str]] = {}
+        self._paths: dict[str, Path] = {}
+        self._headers: dict[Path, tuple[tuple[int, int], RecordHeader | str]] = {}
 
-    def listed(self) -> list[PastRun]:
+    def list_runs(self) -> list[PastRun]:
         """Those that there are, the newest first."""
         with self._lock:
-            found = sorted(self._records(), reverse=True)[:MOST]
-            self._places = {self._name(path): path for _, path in found}
-            self._glances = {p: self._glances[p] for _, p in found if p in self._glances}
-            return [self._told(path) for _, path in found]
+            found = sorted(self._records(), reverse=True)[:MAX_RUNS]
+            self._paths = {self._name(path): path for _, path in found}
+            self._headers = {p: self._headers[p] for _, p in found if p in self._headers}
+            return [self._describe(path) for _, path in found]
 
-    def place(self, name: str) -> Path | None:
+    def find_record(self, name: str) -> Path | None:
         """The record of a run that was listed, while it is there."""
-        path = self._places.get(name)
+        path = self._paths.get(name)
         return path if path is not None and path.is_file() else None
 
     def _records(self) -> Iterator[tuple[int, Path]]:
         """The records with the times of their last changes. What leads elsewhere is none."""
-        for depth in DEPTHS:
+        for depth in RECORD_PATTERNS:
             for path in self._root.glob(depth):
                 ways = (path, *path.relative_to(self._root).parents)
                 if not any((self._root / way).is_symlink() for way in ways if way != Path()):
@@ -89,35 +89,37 @@ class Shelf:
     def _name(self, path: Path) -> str:
         return blake2s(str(path.relative_to(self._root)).encode(), digest_size=8).hexdigest()
 
-    def _told(self, path: Path) -> PastRun:
+    def _describe(self, path: Path) -> PastRun:
         changed = path.stat().st_mtime
-        found = self._glance(path)
+        found = self._cached_header(path)
         common = self._name(path), str(path.parent.relative_to(self._root))
         when = f"{datetime.fromtimestamp(changed):%Y-%m-%d %H:%M:%S}"
         if isinstance(found, str):
             return PastRun(*common, when, found, None, "cannot be read", False)
-        recording = not found.is_closed and time.time() - changed < QUIET
+        recording = not found.is_closed and time.time() - changed < RECORDING_TIMEOUT_S
         words = what(found.settings, found.servo)
-        return PastRun(*common, when, words, found.seconds, ending(found, recording), recording)
+        return PastRun(
+            *common, when, words, found.seconds, describe_ending(found, recording), recording
+        )
 
-    def _glance(self, path: Path) -> RecordHeader | str:
+    def _cached_header(self, path: Path) -> RecordHeader | str:
         """What a record tells, or why it tells nothing; looked at anew where it has changed."""
         about = path.stat()
         key = about.st_mtime_ns, about.st_size
-        kept = self._glances.get(path)
-        if kept is None or kept[0] != key:
-            kept = self._glances[path] = key, _looked(path)
-        return kept[1]
+        cached = self._headers.get(path)
+        if cached is None or cached[0] != key:
+            cached = self._headers[path] = key, _read_or_explain(path)
+        return cached[1]
 
 
-def _looked(path: Path) -> RecordHeader | str:
+def _read_or_explain(path: Path) -> RecordHeader | str:
     try:
         return read_header(path)
     except (RcmServoError, ValueError, OSError) as error:
         return str(error).replace(f"{path.parent}/", "")
 
 
-def ending(found: RecordHeader, recording: bool) -> str:
+def describe_ending(found: RecordHeader, recording: bool) -> str:
     """How a run ended, in words."""
     last = ", ".join(filter(None, (found.phase, found.cause))) or "no tick"
     if recording:

@@ -13,14 +13,14 @@ import numpy as np
 from rcmservo.geometry.features import measured
 from rcmservo.interfaces import Floats
 
-EVERY = 100_000_000
+SAMPLE_PERIOD_NS = 100_000_000
 """ns from sample to sample."""
-KEPT = 300
+MAX_SAMPLES = 300
 """Samples that are kept."""
-FRESHEST = 20_000_000
+MIN_EXPOSURE_GAP_NS = 20_000_000
 """ns between two exposures from which on a rate is told by their difference."""
 
-NAMES = (
+SAMPLE_FIELDS = (
     "t",
     "delta_s",
     "delta_r",
@@ -37,7 +37,7 @@ NAMES = (
 )
 """Of a sample's numbers: s, rad, px, mm/s, 1, rad/s, px/s, ms."""
 
-Tick = dict[str, Any]
+TickColumns = dict[str, Any]
 
 
 @dataclass
@@ -63,18 +63,20 @@ class Curves:
     """
 
     count: int = 0
-    samples: deque[list[float]] = field(default_factory=lambda: deque[list[float]](maxlen=KEPT))
+    samples: deque[list[float]] = field(
+        default_factory=lambda: deque[list[float]](maxlen=MAX_SAMPLES)
+    )
     _start: int | None = None
     _due: int = 0
     _late: int = 0
     _next: int = 0
-    _before: Tick | None = None
+    _previous: TickColumns | None = None
 
-    def begin(self) -> None:
+    def restart(self) -> None:
         """Another session: its schedule is another one."""
-        self._start, self._late, self._next, self._before = None, 0, 0, None
+        self._start, self._late, self._next, self._previous = None, 0, 0, None
 
-    def take(self, tick: Tick) -> None:
+    def add(self, tick: TickColumns) -> None:
         """A tick, with the `time` at which it was due."""
         now = int(tick["now"][0])
         if tick["time"] < self._due:  # another loop, such as the wait for the drive before it
@@ -85,25 +87,25 @@ class Curves:
         self._late = max(self._late, begun - self._start)
         if now < self._next:
             return
-        self._next = now + EVERY
+        self._next = now + SAMPLE_PERIOD_NS
         rates = np.concatenate(self._rates(tick))
         v: Floats = tick["v"]
-        about = [np.linalg.norm(v), tick["condition"][0], *rates, self._late * 1e-6]
-        self.samples.append([now * 1e-9, *tick["delta"], *map(float, about)])
-        self.count, self._late, self._before = self.count + 1, 0, tick
+        numbers = [np.linalg.norm(v), tick["condition"][0], *rates, self._late * 1e-6]
+        self.samples.append([now * 1e-9, *tick["delta"], *map(float, numbers)])
+        self.count, self._late, self._previous = self.count + 1, 0, tick
 
-    def _rates(self, tick: Tick) -> tuple[Floats, Floats]:
+    def _rates(self, tick: TickColumns) -> tuple[Floats, Floats]:
         """ẏ as Ĵ tells it of marker 1's motion since the sample before, and as it was seen: both
         times about the same imaged RCM, whose own changes are no motion.
         """
-        before, unknown = self._before, np.full(3, np.nan)
-        passed = 0 if before is None else int(tick["exposure"][0] - before["exposure"][0])
-        if before is None or passed < FRESHEST:
+        before, unknown = self._previous, np.full(3, np.nan)
+        elapsed = 0 if before is None else int(tick["exposure"][0] - before["exposure"][0])
+        if before is None or elapsed < MIN_EXPOSURE_GAP_NS:
             return unknown, unknown
         predicted: Floats = np.reshape(before["J_hat"], (3, 3)) @ (tick["p1"] - before["p1"])
         points, then = np.reshape(tick["points"], (2, 2)), np.reshape(before["points"], (2, 2))
-        moved: Floats = measured(points, then, tick["o_c"])[1]
-        return predicted / (passed * 1e-9), moved / (passed * 1e-9)
+        measured_change: Floats = measured(points, then, tick["o_c"])[1]
+        return predicted / (elapsed * 1e-9), measured_change / (elapsed * 1e-9)
 
     def after(self, count: int) -> list[list[float]]:
         """The samples after the `count`-th that are still there."""

@@ -11,7 +11,7 @@ from rcmservo.geometry.tool import Tool
 from rcmservo.interfaces import Floats
 from rcmservo.servo.servo import Servo
 
-STEPS = 16
+SURFACE_POINTS = 16
 """Points along a side of what the limits enclose."""
 
 
@@ -52,5 +52,7 @@ class Shape:
         it may be.
         """
         lower, upper = self.mechanism.limits.lower, self.mechanism.limits.upper
-        one, two = (np.linspace(lower[joint], upper[joint], STEPS).tolist() for joint in (0, 1))
+        one, two = (
+            np.linspace(lower[joint], upper[joint], SURFACE_POINTS).tolist() for joint in (0, 1)
+        )
         return np.array([[self.points(np.array([a, b, upper[2]]))[0] for b in two] for a in one])

@@ -17,8 +17,8 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 from rcmservo.errors import RcmServoError
 from rcmservo.network_ports import refusal
 
-HERE = "127.0.0.1"
-FORBIDDEN = 4403
+LOOPBACK_ADDRESS = "127.0.0.1"
+FORBIDDEN_CLOSE_CODE = 4403
 """Close code of a websocket that is not let in."""
 
 
@@ -52,25 +52,25 @@ class Doors:
     secret: str
     token: str = ""
 
-    def knows(self, secret: str) -> bool:
+    def is_secret(self, secret: str) -> bool:
         """Whether it is the secret that stands in the page."""
-        return same(secret, self.secret)
+        return secrets_equal(secret, self.secret)
 
-    def asked(self, request: Request) -> None:
+    def require_secret(self, request: Request) -> None:
         """For what is fetched: refuse whoever does not know the secret."""
-        if not self.knows(request.query_params.get("secret", "")):
+        if not self.is_secret(request.query_params.get("secret", "")):
             raise HTTPException(403, "the page's secret is missing: open the page anew")
 
-    async def let_in(self, wire: WebSocket) -> bool:
+    async def accept(self, wire: WebSocket) -> bool:
         """Accept a websocket that comes from the page; close any other."""
-        if not self.knows(wire.query_params.get("secret", "")):
-            await wire.close(FORBIDDEN)
+        if not self.is_secret(wire.query_params.get("secret", "")):
+            await wire.close(FORBIDDEN_CLOSE_CODE)
             return False
         await wire.accept()
         return True
 
 
-def same(one: str, other: str) -> bool:
+def secrets_equal(one: str, other: str) -> bool:
     """Whether two secrets are one, in a time that does not tell how much of them is."""
     return secrets.compare_digest(one.encode(), other.encode())
 
@@ -80,7 +80,7 @@ def drawn_secret() -> str:
     return secrets.token_urlsafe(32)
 
 
-async def said_on(wire: WebSocket) -> str:
+async def receive_text(wire: WebSocket) -> str:
     """The next message; empty where it is no text."""
     message = await wire.receive()
     if message["type"] == "websocket.disconnect":
@@ -88,7 +88,7 @@ async def said_on(wire: WebSocket) -> str:
     return message.get("text") or ""
 
 
-def bound(host: str, port: int) -> socket.socket:
+def bind_socket(host: str, port: int) -> socket.socket:
     """A socket that listens; port 0 takes one that is free."""
     wire = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
     wire.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -116,9 +116,9 @@ def bound_pair(host: str, port: int | None) -> tuple[socket.socket, socket.socke
 
 
 def _bound_pair(host: str, port: int) -> tuple[socket.socket, socket.socket]:
-    page = bound(host, port)
+    page = bind_socket(host, port)
     try:
-        return page, bound(host, port and port + 1)
+        return page, bind_socket(host, port and port + 1)
     except NoPagePort:
         page.close()
         raise
@@ -128,9 +128,9 @@ def reached_at(host: str) -> str:
     """An address at which a server that listens there can be reached."""
     if host != "0.0.0.0":
         return host
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as way:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
-            way.connect(("192.0.2.1", 9))  # of no computer, by RFC 5737; nothing is sent
+            probe.connect(("192.0.2.1", 9))  # of no computer, by RFC 5737; nothing is sent
         except OSError:
-            return HERE
-        return way.getsockname()[0]
+            return LOOPBACK_ADDRESS
+        return probe.getsockname()[0]

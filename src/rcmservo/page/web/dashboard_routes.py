@@ -9,21 +9,23 @@ from typing import Any
 
 from fastapi import APIRouter, Depends, HTTPException, Response
 
-from rcmservo.page.json_text import json_of
-from rcmservo.page.plots.curves import NAMES
+from rcmservo.page.json_text import encode_json
+from rcmservo.page.plots.curves import SAMPLE_FIELDS
 from rcmservo.page.settings import Chosen
-from rcmservo.page.view_model import Board
+from rcmservo.page.view_model import Dashboard
 from rcmservo.page.web.access import Doors
 from rcmservo.page.web.setting_fields import forms
 
 
-def board_routes(doors: Doors, board: Board, chosen: Chosen) -> APIRouter:
+def dashboard_routes(doors: Doors, board: Dashboard, chosen: Chosen) -> APIRouter:
     """Return the routes that read a board and the servo that is chosen."""
-    router = APIRouter(dependencies=[Depends(doors.asked)])
+    router = APIRouter(dependencies=[Depends(doors.require_secret)])
 
     async def curves(after: int = 0) -> Response:
         samples = board.curves.after(after)
-        told = json_of({"count": board.curves.count, "names": NAMES, "samples": samples})
+        told = encode_json(
+            {"count": board.curves.count, "names": SAMPLE_FIELDS, "samples": samples}
+        )
         return Response(told, media_type="application/json")
 
     async def pose(name: str = "") -> Response:
@@ -33,7 +35,7 @@ def board_routes(doors: Doors, board: Board, chosen: Chosen) -> APIRouter:
         return Response(jpeg, media_type="image/jpeg", headers={"Cache-Control": "no-store"})
 
     async def settings() -> list[dict[str, Any]]:
-        return forms(chosen.servo, board.in_force)
+        return forms(chosen.servo, board.active_servo)
 
     for path, answer in (("/curves", curves), ("/pose", pose), ("/settings", settings)):
         router.add_api_route(path, answer, response_model=None)

@@ -7,14 +7,14 @@ from typing import Any
 import numpy as np
 from nicegui import app, ui
 
-from rcmservo.page.control_ownership import NAME
-from rcmservo.page.messages import ANSWER
-from rcmservo.page.pose_sequence import LONGEST, ROUNDS, STOPS
+from rcmservo.page.control_ownership import MAX_NAME_CHARACTERS
+from rcmservo.page.messages import MAX_ANSWER_CHARACTERS
+from rcmservo.page.pose_sequence import MAX_DWELL_S, MAX_ROUNDS, MAX_WAYPOINTS
 from rcmservo.page.web.site import Site
 
 STATIC = Path(__file__).parent / "static"
 
-BUTTONS = {
+ACTION_BUTTONS = {
     "Enable": ("enable", "power_settings_new", "switch the drive on, paused, where the tool is"),
     "Pause": ("pause", "pause", "stand still, with the drive on"),
     "Resume": ("resume", "play_arrow", "go on to the target"),
@@ -35,13 +35,13 @@ def _component(path: Path) -> type[ui.element]:
     return Part
 
 
-PARTS = {path.stem: _component(path) for path in sorted(STATIC.glob("parts/*.js"))}
+COMPONENTS = {path.stem: _component(path) for path in sorted(STATIC.glob("parts/*.js"))}
 """Elements of the components in ``static/parts``, by their names."""
 
 
-def part(component: str, /, **props: Any) -> ui.element:
+def place_component(component: str, /, **props: Any) -> ui.element:
     """Place a component with its props on the page."""
-    return PARTS[component](**props)
+    return COMPONENTS[component](**props)
 
 
 def lay_out(site: Site) -> None:
@@ -55,7 +55,7 @@ def lay_out(site: Site) -> None:
         ui.add_body_html('<script type="module" src="/rcmservo/main.js"></script>')
         with ui.header().classes("items-center justify-between rcm-header"):
             ui.label(site.title).classes("text-lg")
-            part("control_bar")
+            place_component("control_bar")
         with ui.row().classes("w-full no-wrap rcm-main"):
             with ui.column().classes("rcm-left"):
                 canvas = ui.element("canvas")
@@ -71,18 +71,18 @@ def _set_global(name: str, value: object) -> None:
 
 
 def _cards() -> None:
-    part("status_card", longest=ANSWER)
+    place_component("status_card", longest=MAX_ANSWER_CHARACTERS)
     with ui.row().classes("rcm-tight"):
-        for name, (does, icon, words) in BUTTONS.items():
-            part("action_button", name=name, does=does, icon=icon, words=words)
+        for name, (does, icon, words) in ACTION_BUTTONS.items():
+            place_component("action_button", name=name, does=does, icon=icon, words=words)
     with _card():
         ui.label("Poses: name the present one and teach it").classes("text-sm")
-        part("poses_card", longest=NAME)
+        place_component("poses_card", longest=MAX_NAME_CHARACTERS)
     with _card():
-        part("tour_card", most=STOPS, longest=LONGEST, laps=ROUNDS)
+        place_component("tour_card", most=MAX_WAYPOINTS, longest=MAX_DWELL_S, laps=MAX_ROUNDS)
     with _card():
-        part("jog_card")
-    part("notes")
+        place_component("jog_card")
+    place_component("notes")
 
 
 def _card() -> ui.card:
@@ -96,23 +96,23 @@ def _tabs(site: Site) -> None:
         space = ui.tab("3-D", icon="view_in_ar")
         settings = ui.tab("Settings", icon="tune")
         runs = ui.tab("Runs", icon="history")
-        trouble = ui.tab("Simulated trouble", icon="bolt") if site.troubles else None
+        trouble = ui.tab("Simulated trouble", icon="bolt") if site.disturbances else None
     with ui.tab_panels(heads, value=curves, keep_alive=True).classes("w-full rcm-panels"):
         with ui.tab_panel(curves):
             _curves()
         with ui.tab_panel(space):
             _mechanism(site)
         with ui.tab_panel(settings):
-            part("settings_tab")
+            place_component("settings_tab")
         with ui.tab_panel(runs):
-            part("runs_tab")
+            place_component("runs_tab")
         if trouble is not None:
             with ui.tab_panel(trouble):
                 ui.label(
                     "Something goes wrong with the simulated arm or camera. The state beside "
                     "tells it."
                 )
-                part("trouble_tab", kinds=site.troubles)
+                place_component("trouble_tab", kinds=site.disturbances)
 
 
 def _curves() -> None:
@@ -129,10 +129,16 @@ def _mechanism(site: Site) -> None:
     scene.classes("w-full").style("height: 26rem")
     scene.props('role="img" aria-label="The mechanism in space"')
     surface = site.shape.limits()
-    far = float(np.linalg.norm(surface, axis=-1).max())
-    way = 1.0 if surface[..., 2].mean() > 0.0 else -1.0  # to where the tool goes
+    extent = float(np.linalg.norm(surface, axis=-1).max())
+    direction = 1.0 if surface[..., 2].mean() > 0.0 else -1.0  # to where the tool goes
     scene.move_camera(
-        1.1 * far, -1.3 * far, (0.4 + 0.6 * way) * far, 0.0, 0.0, 0.4 * way * far, duration=0.0
+        1.1 * extent,
+        -1.3 * extent,
+        (0.4 + 0.6 * direction) * extent,
+        0.0,
+        0.0,
+        0.4 * direction * extent,
+        duration=0.0,
     )
     _set_global("RCMSERVO.scene", {"id": scene.id, "limits": surface.round(1).tolist()})
     ui.label(

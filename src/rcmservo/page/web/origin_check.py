@@ -14,11 +14,11 @@ from starlette.responses import PlainTextResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from starlette.websockets import WebSocket
 
-from rcmservo.page.web.access import FORBIDDEN
+from rcmservo.page.web.access import FORBIDDEN_CLOSE_CODE
 from rcmservo.page.web.sign_in import SignIn
 
 
-class TurnedAway(NamedTuple):
+class Refusal(NamedTuple):
     """What a request is answered that is not let in.
 
     Parameters
@@ -30,33 +30,35 @@ class TurnedAway(NamedTuple):
     """
 
     status: int
-    why: str
+    reason: str
 
 
-def names_of(address: str) -> tuple[str, ...]:
+def host_names(address: str) -> tuple[str, ...]:
     """What this server may be called by who reached it at an address of its own."""
     try:
-        own = IPv4Address(address)
+        ip = IPv4Address(address)
     except AddressValueError:
         return ()
-    return (address, "localhost") if own.is_loopback else (address,)
+    return (address, "localhost") if ip.is_loopback else (address,)
 
 
-def refusal(headers: Headers, address: str, port: int, must_tell: bool) -> TurnedAway | None:
+def find_refusal(
+    headers: Headers, address: str, port: int, origin_required: bool
+) -> Refusal | None:
     """Why what arrived at the address is not from a page of this server, which is at the port. A
     browser ``must_tell`` the origin of a page that opens a websocket; a page that is fetched has
     none.
     """
-    names, hosts, origins = names_of(address), headers.getlist("host"), headers.getlist("origin")
+    names, hosts, origins = host_names(address), headers.getlist("host"), headers.getlist("origin")
     if len(hosts) != 1 or hosts[0].partition(":")[0].lower() not in names:
-        return TurnedAway(400, "this server is known by its address alone, not by that name")
-    ours = {f"http://{name}{'' if port == 80 else f':{port}'}" for name in names}
-    if (origins or must_tell) and not (len(origins) == 1 and origins[0] in ours):
-        return TurnedAway(403, "that comes from a page of another server")
+        return Refusal(400, "this server is known by its address alone, not by that name")
+    allowed = {f"http://{name}{'' if port == 80 else f':{port}'}" for name in names}
+    if (origins or origin_required) and not (len(origins) == 1 and origins[0] in allowed):
+        return Refusal(403, "that comes from a page of another server")
     return None
 
 
-class Porter:
+class OriginCheck:
     """Stands before all that a process serves for the page at the port; whoever must sign in
     first, does so here.
     """
@@ -68,25 +70,27 @@ class Porter:
         if scope["type"] == "lifespan":
             await self._app(scope, receive, send)
             return
-        wire, server = scope["type"] == "websocket", scope.get("server") or ("", 0)
+        is_websocket, server = scope["type"] == "websocket", scope.get("server") or ("", 0)
         headers = Headers(scope=scope)
-        refused = refusal(headers, server[0], self._port, must_tell=wire)
-        unknown = self._sign_in is not None and not self._sign_in.knows(HTTPConnection(scope))
-        if wire and (refused or unknown):
-            await WebSocket(scope, receive, send).close(FORBIDDEN)
-        elif wire:
+        refused = find_refusal(headers, server[0], self._port, origin_required=is_websocket)
+        is_signed_out = self._sign_in is not None and not self._sign_in.is_signed_in(
+            HTTPConnection(scope)
+        )
+        if is_websocket and (refused or is_signed_out):
+            await WebSocket(scope, receive, send).close(FORBIDDEN_CLOSE_CODE)
+        elif is_websocket:
             await self._app(scope, receive, send)
         elif refused:
-            answer = PlainTextResponse(refused.why, refused.status)
+            answer = PlainTextResponse(refused.reason, refused.status)
             await answer(scope, receive, send)
-        elif self._sign_in is not None and (unknown or scope["method"] == "POST"):
+        elif self._sign_in is not None and (is_signed_out or scope["method"] == "POST"):
             answer = await self._sign_in.answer(Request(scope, receive))
-            await answer(scope, receive, unframed(send))
+            await answer(scope, receive, deny_frames(send))
         else:
-            await self._app(scope, receive, unframed(send))
+            await self._app(scope, receive, deny_frames(send))
 
 
-def unframed(send: Send) -> Send:
+def deny_frames(send: Send) -> Send:
     """Answer so that no page of another origin can show it in a frame, where a person would press
     what is not seen.
     """

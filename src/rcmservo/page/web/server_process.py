@@ -8,7 +8,7 @@ from multiprocessing.connection import Connection
 
 import uvicorn
 
-GRACE = 1
+SHUTDOWN_GRACE_S = 1
 """s for which browsers that stay are waited for at the end."""
 
 
@@ -20,7 +20,7 @@ class PageServer(uvicorn.Server):
         yield
 
 
-async def until_told(
+async def serve_until_stopped(
     settings: uvicorn.Config, listening: socket.socket, control: Connection
 ) -> None:
     """Serve until the other end of `control` speaks or is gone; it is told once this listens."""

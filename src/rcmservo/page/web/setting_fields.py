@@ -8,11 +8,13 @@ from rcmservo.config.field_docs import describe_class, describe_field
 from rcmservo.config.registry import PARTS
 from rcmservo.config.servo_json import describe
 from rcmservo.constraints import choices_of
-from rcmservo.page.settings import AT_ONCE, BOXES
+from rcmservo.page.settings import IMMEDIATE_PARTS, BOXES
 from rcmservo.servo.servo import Servo
 
-PART = r"(?:1/s|rad|px|mm/s|mm|s/mm²|1/rad²|s)"
-UNIT = re.compile(rf"(?:^|, |\()({PART}(?:, {PART})*)(?=[.:;)]|$| whatever)")
+UNIT_PATTERN = r"(?:1/s|rad|px|mm/s|mm|s/mm²|1/rad²|s)"
+UNIT_IN_TEXT = re.compile(
+    rf"(?:^|, |\()({UNIT_PATTERN}(?:, {UNIT_PATTERN})*)(?=[.:;)]|$| whatever)"
+)
 """A unit, as the docstrings of settings have it."""
 
 
@@ -36,31 +38,31 @@ class SettingField:
 
     name: str
     unit: str
-    words: str
+    description: str
     default: Any
     choices: list[str]
 
 
-def fields_of(kind: type[Any]) -> list[SettingField]:
+def list_fields(kind: type[Any]) -> list[SettingField]:
     """The fields of a settings dataclass."""
     if not is_dataclass(kind):
         return []
-    given, types = kind(), get_type_hints(kind, include_extras=True)
+    defaults, types = kind(), get_type_hints(kind, include_extras=True)
     return [
         SettingField(
             name=f.name,
-            unit=unit_in(describe_field(kind, f.name)),
-            words=describe_field(kind, f.name),
-            default=getattr(given, f.name),
+            unit=find_unit(describe_field(kind, f.name)),
+            description=describe_field(kind, f.name),
+            default=getattr(defaults, f.name),
             choices=list(choices_of(types[f.name])),
         )
         for f in fields(kind)
     ]
 
 
-def unit_in(words: str) -> str:
+def find_unit(words: str) -> str:
     """The first unit that a docstring tells; empty where it tells none."""
-    found = UNIT.search(words)
+    found = UNIT_IN_TEXT.search(words)
     return found[1] if found else ""
 
 
@@ -74,11 +76,11 @@ def forms(chosen: Servo, in_force: Servo | None) -> list[dict[str, Any]]:
         {
             "box": box,
             "title": (box[0].upper() + box[1:]).replace("_rcm", " RCM").replace("_", " "),
-            "at_once": box in AT_ONCE,
+            "at_once": box in IMMEDIATE_PARTS,
             "kinds": {
                 name: {
                     "words": _words(kind),
-                    "fields": [vars(field) for field in fields_of(kind)],
+                    "fields": [vars(field) for field in list_fields(kind)],
                 }
                 for name, kind in PARTS[box].items()
             },

@@ -49,5 +49,5 @@ class Site:
     poses: PoseFolder
     shape: Shape
     runs: Path
-    troubles: tuple[dict[str, Any], ...] = ()
+    disturbances: tuple[dict[str, Any], ...] = ()
     truth: Truth | None = None

@@ -11,30 +11,32 @@ from starlette.applications import Starlette
 from starlette.routing import WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from rcmservo.page.channels import Post
+from rcmservo.page.channels import MessageChannel
 from rcmservo.page.messages import STOP
-from rcmservo.page.web.access import Doors, said_on
-from rcmservo.page.web.origin_check import Porter
-from rcmservo.page.web.server_process import GRACE, until_told
+from rcmservo.page.web.access import Doors, receive_text
+from rcmservo.page.web.origin_check import OriginCheck
+from rcmservo.page.web.server_process import SHUTDOWN_GRACE_S, serve_until_stopped
 
 
-def serve_stop(bell: Post, doors: Doors, listening: socket.socket, control: Connection) -> None:
+def serve_stop(
+    bell: MessageChannel, doors: Doors, listening: socket.socket, control: Connection
+) -> None:
     """Ring the bell for whoever presses STOP, until the other end of `control` speaks or is
     gone.
     """
 
     async def pressed(wire: WebSocket) -> None:
-        if not await doors.let_in(wire):
+        if not await doors.accept(wire):
             return
         try:
             while True:
-                await said_on(wire)
+                await receive_text(wire)
                 await wire.send_text("heard" if bell.put(STOP) else "not heard")
         except WebSocketDisconnect:
             return
 
-    app = Porter(Starlette(routes=[WebSocketRoute("/stop", pressed)]), doors.port)
+    app = OriginCheck(Starlette(routes=[WebSocketRoute("/stop", pressed)]), doors.port)
     settings = uvicorn.Config(
-        app, log_level="error", lifespan="off", timeout_graceful_shutdown=GRACE
+        app, log_level="error", lifespan="off", timeout_graceful_shutdown=SHUTDOWN_GRACE_S
     )
-    asyncio.run(until_told(settings, listening, control))
+    asyncio.run(serve_until_stopped(settings, listening, control))

@@ -8,7 +8,7 @@ from pathlib import Path
 from rcmservo.errors import BadInput, UnusableFile, require
 from rcmservo.page.web.access import drawn_secret
 
-SHORTEST, LONGEST = 16, 256
+MIN_TOKEN_CHARACTERS, MAX_TOKEN_CHARACTERS = 16, 256
 """Characters of a token."""
 
 
@@ -17,18 +17,18 @@ def token_for(host: str, file: Path | None) -> str:
     address that this computer alone reaches.
     """
     try:
-        alone = IPv4Address(host).is_loopback
+        is_loopback = IPv4Address(host).is_loopback
     except AddressValueError as error:
-        right = "an IPv4 address of this computer, or 0.0.0.0 for all that it has"
-        raise BadInput("--host", host, right) from error
+        expected = "an IPv4 address of this computer, or 0.0.0.0 for all that it has"
+        raise BadInput("--host", host, expected) from error
     if file is None:
-        right = "an address that this computer alone reaches, as 127.0.0.1, without --token-file"
-        require(alone, "--host", host, right)
+        expected = "an address that this computer alone reaches, as 127.0.0.1, without --token-file"
+        require(is_loopback, "--host", host, expected)
         return ""
-    return token_in(file)
+    return load_token(file)
 
 
-def token_in(file: Path) -> str:
+def load_token(file: Path) -> str:
     """What the file holds. Where there is none, it is made with a token that is drawn."""
     try:
         _make(file)
@@ -47,17 +47,20 @@ def _make(file: Path) -> None:
 
 def _read(file: Path) -> str:
     try:
-        with os.fdopen(os.open(file, os.O_RDONLY | os.O_NONBLOCK), "rb") as old:
-            mode = os.fstat(old.fileno()).st_mode
+        with os.fdopen(os.open(file, os.O_RDONLY | os.O_NONBLOCK), "rb") as opened:
+            mode = os.fstat(opened.fileno()).st_mode
             if not stat.S_ISREG(mode):
                 raise UnusableFile(file, "is no file that could hold a token")
             if mode & 0o077:
-                may = f"others than its owner can read it or write to it: chmod 600 {file}"
-                raise UnusableFile(file, may)
-            text = old.read(LONGEST + 2).strip()
+                problem = f"others than its owner can read it or write to it: chmod 600 {file}"
+                raise UnusableFile(file, problem)
+            text = opened.read(MAX_TOKEN_CHARACTERS + 2).strip()
     except OSError as error:
         raise UnusableFile(file, f"cannot be read: {error.strerror}") from error
-    if not (SHORTEST <= len(text) <= LONGEST and all(33 <= one <= 126 for one in text)):
-        right = f"a token is one word of {SHORTEST} to {LONGEST} ASCII letters, digits or signs"
-        raise UnusableFile(file, f"holds no token: {right}")
+    if not (
+        MIN_TOKEN_CHARACTERS <= len(text) <= MAX_TOKEN_CHARACTERS
+        and all(33 <= one <= 126 for one in text)
+    ):
+        expected = f"a token is one word of {MIN_TOKEN_CHARACTERS} to {MAX_TOKEN_CHARACTERS} ASCII letters, digits or signs"
+        raise UnusableFile(file, f"holds no token: {expected}")
     return text.decode()
