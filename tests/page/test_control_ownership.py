@@ -10,17 +10,17 @@ from hypothesis import strategies as st
 
 import rcmservo as rs
 from rcmservo.page.control_ownership import (
-    MAX_MESSAGE_AGE_NS,
-    MAX_JOG_AGE_NS,
     HOLDER_TIMEOUT_NS,
+    MAX_JOG_AGE_NS,
+    MAX_MESSAGE_AGE_NS,
     ControlOwnership,
     MessageRefused,
     interpret_message,
 )
 from rcmservo.page.messages import (
-    Heartbeat,
     Enable,
     Go,
+    Heartbeat,
     JogJoints,
     JogMarker,
     ReleaseJog,

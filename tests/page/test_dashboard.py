@@ -20,8 +20,8 @@ from rcmservo.page.json_text import encode_json
 from rcmservo.page.messages import Standby
 from rcmservo.page.plots.curves import SAMPLE_FIELDS
 from rcmservo.page.plots.mechanism_shape import Shape
-from rcmservo.page.recovery_actions import list_allowed_actions
 from rcmservo.page.pose_sequence import SequenceProgress
+from rcmservo.page.recovery_actions import list_allowed_actions
 from rcmservo.page.view_model import Dashboard
 from rcmservo.sim import RigSettings
 from rcmservo.sim.processes.motion_log import MotionLog, TruePositionError
@@ -39,7 +39,7 @@ def seen(
         desk.ticks.add(tick)
         board.update()
         ticks.append(tick)
-        tables.append(board.table())
+        tables.append(board.to_table())
     return ticks, tables, board
 
 
@@ -88,7 +88,7 @@ def test_the_buttons_that_may_be_pressed_are_those_of_the_phase() -> None:
 def test_without_a_loop_the_drive_can_be_enabled_or_a_stop_cleared(
     between: Standby, phase: str, can: list[str]
 ) -> None:
-    table = board_at(Desk(get_context("spawn")), between=between).table()
+    table = board_at(Desk(get_context("spawn")), between=between).to_table()
     assert (table["phase"], table["can"], table["ways"]) == (phase, can, can[: between.can_clear])
 
 
@@ -158,12 +158,12 @@ def test_the_true_pose_error_is_that_of_the_targets_joints_and_none_where_nobody
     board = board_at(desk, target=lab.target, truth=TruePositionError(settings, log))
     body = ToolBody(settings.mechanism, settings.tool)
     off = body.points(lab.rig.scene.start)[1] - body.points(lab.target.q)[1]
-    assert board.table()["truth_mm"] == pytest.approx(np.linalg.norm(off), abs=1e-3)
+    assert board.to_table()["truth_mm"] == pytest.approx(np.linalg.norm(off), abs=1e-3)
     log.add(0, 0, 0, False, np.zeros(3), lab.target.q)
-    assert board.table()["truth_mm"] == 0.0
-    assert board_at(desk, target=lab.target).table()["truth_mm"] is None
+    assert board.to_table()["truth_mm"] == 0.0
+    assert board_at(desk, target=lab.target).to_table()["truth_mm"] is None
     unknown = replace(lab.target, q=np.full(3, np.nan))
-    assert board_at(desk, target=unknown, truth=board.truth).table()["truth_mm"] is None
+    assert board_at(desk, target=unknown, truth=board.truth).to_table()["truth_mm"] is None
 
 
 def test_the_tool_in_space_is_where_its_markers_are() -> None:
@@ -174,7 +174,7 @@ def test_the_tool_in_space_is_where_its_markers_are() -> None:
     assert np.allclose(tool[:2], markers, atol=0.5)
     assert np.allclose(np.cross(tool[0], tool[2]), 0.0, atol=1e-6)
     board = board_at(Desk(get_context("spawn")), target=lab.target, shape=shape)
-    assert np.allclose(board.table()["tool_target"], shape.points(lab.target.q), atol=0.01)
-    assert board.table()["tool"] is None
+    assert np.allclose(board.to_table()["tool_target"], shape.points(lab.target.q), atol=0.01)
+    assert board.to_table()["tool"] is None
     limits, (_, upper) = shape.limits(), lab.rig.settings.mechanism.limits.arrays
     assert np.allclose(limits[-1, -1], shape.points(upper)[0])

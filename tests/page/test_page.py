@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 import pytest
 from first_use import follow, reached, section, steps
-from playwright.sync_api import Browser, Page, TimeoutError, sync_playwright
 from page_server import served
+from playwright.sync_api import Browser, Page, TimeoutError, sync_playwright
 
 from conftest import ROOT
 from peers import peer

@@ -14,20 +14,20 @@ from rcmservo.page.channels import DUE_TIME, TICK_SLOTS, Desk
 from rcmservo.page.control_ownership import ControlOwnership
 from rcmservo.page.jog_state import JogState
 from rcmservo.page.messages import (
-    TargetChanged,
-    Heartbeat,
     Go,
+    Heartbeat,
     JogJoints,
     JogMarker,
     Note,
-    ReleaseJog,
     PoseTaught,
-    TeachPose,
+    ReleaseJog,
+    TargetChanged,
     TeachingStatus,
+    TeachPose,
 )
 from rcmservo.page.operator import HEARTBEAT_TIMEOUT_NS, JOG_TIMEOUT_NS, PageOperator
 from rcmservo.page.settings import Chosen
-from rcmservo.page.web.page_process import pause_on_handover, dispatch
+from rcmservo.page.web.page_process import dispatch, pause_on_handover
 from rcmservo.recording.ros2_messages import encode_tick
 from rcmservo.safety.state_machine import SLOW_SHARE
 
@@ -129,7 +129,7 @@ def test_marker_1_is_led_straight_along_an_axis_of_the_arms_base_frame(
     press = JogMarker((velocity[0], velocity[1], velocity[2]), 1)
     ticks, browser = ran({k: [press] for k in range(100, 160, 4)}, 3.0)
     begun, ended = jogged(ticks)[0], jogged(ticks)[-1]
-    servo = browser.operator._chosen.servo
+    servo = browser.operator._selection.servo
     moved = servo.marker_1(ticks[ended].seen.q) - servo.marker_1(ticks[begun].seen.q)
     along = moved[axis] * np.sign(way)
     assert 3.0 < along < 7.0 and np.linalg.norm(np.delete(moved, axis)) < 0.05 * along
@@ -140,7 +140,7 @@ def test_a_jog_has_its_share_of_the_speed_and_no_more_whatever_was_asked_for() -
     for share in (0.25, 1.0):
         for press in (JogJoints((1e9, 0.0, 1.0), 1, share), JogMarker((0.0, -1e9, 1e9), 1, share)):
             ticks, browser = ran({k: [press] for k in range(100, 140, 4)}, 2.0)
-            fastest = np.array(browser.operator._chosen.servo.gate.speed) * SLOW_SHARE
+            fastest = np.array(browser.operator._selection.servo.gate.speed) * SLOW_SHARE
             used = max(np.abs(tick.state.command.rates / fastest).max() for tick in ticks)
             assert used == pytest.approx(share)
 

@@ -15,7 +15,7 @@ from rcmservo.config.rig_file import Lab
 from rcmservo.errors import Stopped
 from rcmservo.interfaces import Measured
 from rcmservo.page.channels import Desk
-from rcmservo.page.messages import Standby, Enable, Note, Reply
+from rcmservo.page.messages import Enable, Note, Reply, Standby
 from rcmservo.page.prompts import MIN_READING_TIME_NS, PagePerson
 
 

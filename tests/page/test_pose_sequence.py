@@ -11,8 +11,8 @@ import rcmservo as rs
 from conftest import Laboratory, laboratory
 from rcmservo.loop.operator import same
 from rcmservo.page.control_ownership import ControlOwnership, MessageRefused, interpret_message
-from rcmservo.page.messages import Go, JogJoints, Note, SequenceStatus, PoseTaught, TeachPose
-from rcmservo.page.pose_sequence import RunSequence, SequenceProgress, SequencePlan, Waypoint
+from rcmservo.page.messages import Go, JogJoints, Note, PoseTaught, SequenceStatus, TeachPose
+from rcmservo.page.pose_sequence import RunSequence, SequencePlan, SequenceProgress, Waypoint
 from rcmservo.recording.outcome import TOLERANCE
 
 NOW = 10**12

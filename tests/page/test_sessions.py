@@ -12,7 +12,7 @@ import pytest
 from rcmservo.errors import Stopped
 from rcmservo.page.channels import Desk
 from rcmservo.page.messages import CLEAR, STOP, Standby
-from rcmservo.page.sessions import StopPressed, Sessions
+from rcmservo.page.sessions import Sessions, StopPressed
 
 
 def off(began: bool) -> str:

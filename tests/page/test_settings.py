@@ -21,11 +21,11 @@ from rcmservo.live.reduced_speed import reduce_speed
 from rcmservo.loop.operator import OperatorRequest
 from rcmservo.page.channels import Desk
 from rcmservo.page.control_ownership import ControlOwnership, MessageRefused, interpret_message
-from rcmservo.page.messages import Heartbeat, Standby, Change, Go, SettingsApplied, Note
+from rcmservo.page.messages import Change, Go, Heartbeat, Note, SettingsApplied, Standby
 from rcmservo.page.operator import PageOperator
 from rcmservo.page.sessions import SessionRestart, Sessions
 from rcmservo.page.settings import BOXES, Chosen, decode_change, describe_estimator
-from rcmservo.page.web.page_process import dispatch, change_settings
+from rcmservo.page.web.page_process import change_settings, dispatch
 from rcmservo.page.web.setting_fields import forms
 from rcmservo.recording import reader
 from rcmservo.recording.replay import replay_record

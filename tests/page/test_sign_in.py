@@ -16,15 +16,15 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from rcmservo.cli.cli import main
 from rcmservo.errors import BadInput, UnusableFile
-from rcmservo.page.web.origin_check import OriginCheck, host_names, find_refusal
+from rcmservo.page.web.origin_check import OriginCheck, find_refusal, host_names
 from rcmservo.page.web.sign_in import (
-    MAX_TRACKED_ADDRESSES,
     ATTEMPT_WINDOW_S,
     MAX_FAILED_ATTEMPTS,
+    MAX_TRACKED_ADDRESSES,
     FailedAttempts,
     SignIn,
 )
-from rcmservo.page.web.token_file import token_for, load_token
+from rcmservo.page.web.token_file import load_token, token_for
 
 TOKEN = "of-sixteen-chars"
 LAB = "192.168.1.5"

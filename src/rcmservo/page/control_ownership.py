@@ -16,20 +16,20 @@ from rcmservo.constraints import Checked, Limit
 from rcmservo.errors import BadInput
 from rcmservo.interfaces import Target
 from rcmservo.page.messages import (
-    Heartbeat,
+    BrowserMessage,
     DeletePose,
+    DisturbanceRequest,
     Enable,
     Go,
+    Heartbeat,
     JogJoints,
     JogMarker,
     ReleaseJog,
     Reply,
     TeachPose,
-    BrowserMessage,
-    DisturbanceRequest,
 )
-from rcmservo.page.settings import decode_change
 from rcmservo.page.pose_sequence import RunSequence, SequencePlan
+from rcmservo.page.settings import decode_change
 from rcmservo.safety.state_machine import Request
 
 MAX_MESSAGE_AGE_NS, MAX_JOG_AGE_NS = 300_000_000, 150_000_000

@@ -11,7 +11,7 @@ from rcmservo.loop.plant import Plant
 from rcmservo.loop.teach import NotShown, teach
 from rcmservo.loop.tick import Tick
 from rcmservo.page.channels import Desk
-from rcmservo.page.messages import Standby, Enable, SettingsApplied, Note
+from rcmservo.page.messages import Enable, Note, SettingsApplied, Standby
 from rcmservo.safety.state_machine import Request
 from rcmservo.servo.servo import Servo
 
@@ -21,37 +21,39 @@ FIRST_TARGET_FRAMES = 30
 only to what is taught or chosen later."""
 
 
-def await_enable(desk: Desk, servo: Servo, intent: str, plant: Plant) -> Target:
+def await_enable(channels: Desk, servo: Servo, intent: str, plant: Plant) -> Target:
     """Show what is seen, and tell what is going to happen, until the person wants the drive on; the
     pose in which the tool then is, as the first target. No `loop.run`: the drive is off, and no
     command is sent.
     """
     assert isinstance(plant, HeartbeatPlant)
-    desk.said.put(SettingsApplied(replace(servo)))
+    channels.said.put(SettingsApplied(replace(servo)))
     servo.warm_up()  # so that the drive goes on soon once it is wanted, whatever was set
     state, schedule = servo.init(), ticks(plant.clock, servo.rate)
-    list(desk.wants.heard())  # what was wanted of a session that is over
-    desk.said.put(Standby("the drive is off", can_enable=True, intent=intent))
+    list(channels.wants.heard())  # what was wanted of a session that is over
+    channels.said.put(Standby("the drive is off", can_enable=True, intent=intent))
     while True:
         now = next(schedule)
         go_on(plant.told_to_end)
-        desk.ticks.add(Tick(now, servo, plant.read(), Request.NONE, NO_MOTION, state, NO_MOTION))
-        target = _teach_first_target(desk, plant) if _enable_requested(desk) else None
+        channels.ticks.add(
+            Tick(now, servo, plant.read(), Request.NONE, NO_MOTION, state, NO_MOTION)
+        )
+        target = _teach_first_target(channels, plant) if _enable_requested(channels) else None
         if target is not None:
             return target
 
 
-def _enable_requested(desk: Desk) -> bool:
+def _enable_requested(channels: Desk) -> bool:
     """Whether the person wants the drive on; all else is not for now."""
-    messages = list(desk.wants.heard())
+    messages = list(channels.wants.heard())
     if any(not isinstance(one, Enable) for one in messages):
-        desk.said.put(Note("the drive is off: enable first"))
+        channels.said.put(Note("the drive is off: enable first"))
     return any(isinstance(one, Enable) for one in messages)
 
 
-def _teach_first_target(desk: Desk, plant: Plant) -> Target | None:
+def _teach_first_target(channels: Desk, plant: Plant) -> Target | None:
     try:
         return teach(plant, FIRST_TARGET_FRAMES)
     except NotShown as error:
-        desk.said.put(Note(f"not enabled: {error}"))
+        channels.said.put(Note(f"not enabled: {error}"))
         return None

@@ -21,23 +21,23 @@ from rcmservo.loop.tick import Tick
 from rcmservo.page.channels import Desk
 from rcmservo.page.jog_state import NO_PRESS, JogCommand
 from rcmservo.page.messages import (
-    TargetChanged,
     Change,
     Go,
-    SettingsApplied,
     Note,
-    SequenceStatus,
     PoseTaught,
-    TeachPose,
+    SequenceStatus,
+    SettingsApplied,
+    TargetChanged,
     TeachingStatus,
+    TeachPose,
 )
-from rcmservo.page.settings import IMMEDIATE_PARTS, Chosen
 from rcmservo.page.pose_sequence import (
     AUTONOMOUS_PHASES,
     RunSequence,
     SequenceProgress,
     SequenceRunner,
 )
+from rcmservo.page.settings import IMMEDIATE_PARTS, Chosen
 from rcmservo.safety.state_machine import SLOW_SHARE, Phase, Request
 from rcmservo.servo.servo import Servo
 
@@ -50,7 +50,7 @@ JOG_TIMEOUT_NS = 80_000_000
 FRAMES_PER_REPORT = 15
 """Frames between two sentences on how far teaching is, a quarter of a second."""
 
-Requested = TypeVar("Wanted", Target, Servo)
+Requested = TypeVar("Requested", Target, Servo)
 
 
 class PageOperator:
@@ -58,12 +58,12 @@ class PageOperator:
     a target is the mean of so many ``frames``.
     """
 
-    def __init__(self, desk: Desk, chosen: Chosen, frames: int = TEACHING_FRAMES) -> None:
-        self._desk, self._chosen, self._frames = desk, chosen, frames
+    def __init__(self, channels: Desk, selection: Chosen, frames: int = TEACHING_FRAMES) -> None:
+        self._channels, self._selection, self._frames = channels, selection, frames
         self._servo: Servo | None = None
         self._requests: deque[tuple[OperatorRequest, str | None]] = deque([(Request.PAUSE, None)])
-        gesture = desk.hand.read() or JogCommand()
-        self._jog, self._ended_press = gesture, gesture.press
+        command = channels.hand.read() or JogCommand()
+        self._jog, self._ended_press = command, command.press
         self._heartbeat_at: int | None = None
         self._active_press = NO_PRESS
         self._teaching: str | None = None
@@ -71,15 +71,17 @@ class PageOperator:
         self._target: Target | None = None
         self._sequence: SequenceRunner | None = None
         self._progress: SequenceProgress | None = None
-        joint_rates(chosen.servo.rcm, np.zeros(3), np.zeros(3))  # compiled before the loop begins
+        joint_rates(
+            selection.servo.rcm, np.zeros(3), np.zeros(3)
+        )  # compiled before the loop begins
 
     def __call__(self, tick: Tick) -> OperatorRequest:
-        self._desk.ticks.add(tick)
+        self._channels.ticks.add(tick)
         self._report_changes(tick)
         self._report_teaching(tick)
         self._read_jog_state(tick)
         self._advance_sequence(tick)
-        for message in self._desk.wants.heard():
+        for message in self._channels.wants.heard():
             self._handle(message, tick)
         if self._is_unattended(tick):
             self._requests.clear()
@@ -94,13 +96,13 @@ class PageOperator:
     def _cancel_teaching(self) -> None:
         """Tell of what was to be taught and was not."""
         if self._teaching is not None:
-            self._desk.said.put(Note(f"{self._teaching or 'the target'} was not taught"))
+            self._channels.said.put(Note(f"{self._teaching or 'the target'} was not taught"))
             self._end_teaching()
 
     def _end_teaching(self) -> None:
         self._teaching = None
         self._observed_frames = 0
-        self._desk.said.put(TeachingStatus(""))
+        self._channels.said.put(TeachingStatus(""))
 
     def _report_teaching(self, tick: Tick) -> None:
         """Tell how many frames have shown both markers since teaching began."""
@@ -111,11 +113,11 @@ class PageOperator:
         self._observed_frames += 1
         if self._observed_frames % FRAMES_PER_REPORT == 1:
             count = f"{self._observed_frames} frames so far, {self._frames} are needed"
-            self._desk.said.put(TeachingStatus(f"teaching, keep the tool still: {count}"))
+            self._channels.said.put(TeachingStatus(f"teaching, keep the tool still: {count}"))
 
     def _read_jog_state(self, tick: Tick) -> None:
         """See what the hand does. A press is over that was not renewed in time."""
-        now, command = tick.seen.now, self._desk.hand.read() or self._jog
+        now, command = tick.seen.now, self._channels.hand.read() or self._jog
         if self._heartbeat_at is None or command.heartbeats != self._jog.heartbeats:
             self._heartbeat_at = now
         elif now - self._heartbeat_at > JOG_TIMEOUT_NS:
@@ -136,7 +138,9 @@ class PageOperator:
             case Request():
                 self._requests.append((message, None))
             case _:
-                self._desk.said.put(Note(f"{type(message).__name__}: not while the drive is on"))
+                self._channels.said.put(
+                    Note(f"{type(message).__name__}: not while the drive is on")
+                )
 
     def _go(self, target: Target, targets: tuple[Target, ...], tick: Tick) -> bool:
         """Go to a target, if the settings can go to all of them; whether they can."""
@@ -144,7 +148,7 @@ class PageOperator:
             for one in targets:
                 self._pending(Servo, tick.servo).demand(one)
         except BadInput as error:
-            self._desk.said.put(Note(str(error)))
+            self._channels.said.put(Note(str(error)))
             return False
         self._requests.append((target, None))
         if tick.state.phase not in AUTONOMOUS_PHASES:
@@ -161,25 +165,25 @@ class PageOperator:
                 self._sequence = None
                 if tick.state.phase in AUTONOMOUS_PHASES:
                     self._requests.append((Request.PAUSE, None))
-                self._desk.said.put(Note(sequence.outcome))
+                self._channels.said.put(Note(sequence.outcome))
         progress = None if self._sequence is None else self._sequence.progress
         if progress != self._progress:
             self._progress = progress
-            self._desk.said.put(SequenceStatus(progress))
+            self._channels.said.put(SequenceStatus(progress))
 
     def _change_settings(self, change: Change, tick: Tick) -> None:
         """Have a box changed that may be now; the others are the next session's."""
         if change.part not in IMMEDIATE_PARTS:
             return
         try:
-            chosen = self._chosen.with_change(change)
-            servo = changed_servo(tick.servo, chosen.limited)
+            selection = self._selection.with_change(change)
+            servo = changed_servo(tick.servo, selection.limited)
             assert tick.state.target is not None
             servo.demand(self._pending(Target, tick.state.target))
         except BadInput as error:
-            self._desk.said.put(Note(f"not before the next session: {error}"))
+            self._channels.said.put(Note(f"not before the next session: {error}"))
             return
-        self._chosen = chosen
+        self._selection = selection
         self._requests.append((servo, None))
 
     def _pending(self, kind: type[Requested], present: Requested) -> Requested:
@@ -196,32 +200,32 @@ class PageOperator:
 
     def _jog(self, tick: Tick) -> OperatorRequest:
         """The motion of a button that is held. A press that something else ended is over too."""
-        gesture = self._jog
+        command = self._jog
         if self._active_press != NO_PRESS and tick.state.phase is not Phase.JOG:
             self._ended_press = self._active_press
-        going = gesture.press not in (NO_PRESS, self._ended_press)
-        self._active_press = gesture.press if going else NO_PRESS
+        going = command.press not in (NO_PRESS, self._ended_press)
+        self._active_press = command.press if going else NO_PRESS
         if not going:
             return Request.NONE
         self._cancel_teaching()
         if self._sequence is not None:
             return Request.PAUSE
-        rates = _jog_rates(gesture, tick)
+        rates = _jog_rates(command, tick)
         return Jog(rates) if np.isfinite(rates).all() else Request.NONE
 
     def _report_changes(self, tick: Tick) -> None:
         """Tell the page of settings and a target that are new, and of one that was taught."""
         if tick.servo is not self._servo:
             self._servo = tick.servo
-            self._desk.said.put(SettingsApplied(replace(tick.servo)))
+            self._channels.said.put(SettingsApplied(replace(tick.servo)))
         target = tick.state.target
         if target is None or target is self._target:
             return
         self._target = target
-        self._desk.said.put(TargetChanged(target))
+        self._channels.said.put(TargetChanged(target))
         if self._teaching is not None:
             note = Note("the target is shown again")
-            self._desk.said.put(PoseTaught(self._teaching, target) if self._teaching else note)
+            self._channels.said.put(PoseTaught(self._teaching, target) if self._teaching else note)
             self._end_teaching()
 
 

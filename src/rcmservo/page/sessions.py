@@ -14,7 +14,7 @@ from rcmservo.live.loop_statistics import Report
 from rcmservo.live.servo_process import Session
 from rcmservo.live.supervisor import NOTHING, Beside, SwitchOff, run_live
 from rcmservo.page.channels import Desk
-from rcmservo.page.messages import CLEAR, STOP, Standby, Change, Note
+from rcmservo.page.messages import CLEAR, STOP, Change, Note, Standby
 
 
 class SessionRestart(Stopped):
@@ -33,20 +33,20 @@ class Sessions:
 
     def __init__(
         self,
-        desk: Desk,
+        channels: Desk,
         session: Callable[[], Session],
         switch_off: SwitchOff,
         needed: Mapping[int, str],
         change: Callable[[Change], None],
         handlers: Beside = NOTHING,
     ) -> None:
-        self._desk, self._session, self._switch_off = desk, session, switch_off
+        self._channels, self._session, self._switch_off = channels, session, switch_off
         self._change = change
         self._has_begun, self._is_waiting = False, False
         self._handlers: dict[Any, Callable[[], None]] = {
             **handlers,
-            desk.bell: self._handle_stop_request,
-            desk.changes: self._apply_changes,
+            channels.bell: self._handle_stop_request,
+            channels.changes: self._apply_changes,
         }
         for sentinel, name in needed.items():
             self._handlers[sentinel] = lambda name=name: self._report_lost_process(name)
@@ -62,7 +62,7 @@ class Sessions:
         """One session; why there can be no other before a person clears, empty where there can."""
         self._apply_changes()
         self._has_begun, self._is_waiting = False, True
-        self._desk.said.put(Standby("preparing"))
+        self._channels.said.put(Standby("preparing"))
         try:
             result = run_live(self._session(), self._switch_off, self._report, self._handlers)
         except StopPressed as rung:
@@ -77,7 +77,7 @@ class Sessions:
             return result.cause
         if result.drive_off:
             return f"the session is over: {result.drive_off}"
-        self._desk.said.put(Note("the session is over, and the drive off"))
+        self._channels.said.put(Note("the session is over, and the drive off"))
         return ""
 
     def _report(self, report: Report) -> None:
@@ -85,16 +85,16 @@ class Sessions:
 
     def _handle_stop_request(self) -> None:
         """Hear the bell while a session runs."""
-        if STOP in list(self._desk.bell.heard()):
+        if STOP in list(self._channels.bell.heard()):
             reason = f"STOP was pressed: {self._switch_off(self._has_begun)}"
-            self._desk.said.put(Standby(reason, latched=True))
+            self._channels.said.put(Standby(reason, latched=True))
             raise StopPressed(reason)
 
     def _apply_changes(self) -> None:
         """Take other settings: a session that is not enabled begins again with them, one that is
         goes on, and the next one has them.
         """
-        changes = list(self._desk.changes.heard())
+        changes = list(self._channels.changes.heard())
         for change in changes:
             self._change(change)
         if changes and self._is_waiting:
@@ -107,12 +107,12 @@ class Sessions:
     def _latch(self, reason: str) -> None:
         """Say why all stands still, until a person clears it."""
         self._is_waiting = False
-        list(self._desk.bell.heard())  # from before it could be cleared
-        self._desk.said.put(Standby(reason, latched=True, can_clear=True))
+        list(self._channels.bell.heard())  # from before it could be cleared
+        self._channels.said.put(Standby(reason, latched=True, can_clear=True))
         while True:
             for handle in wait(list(self._handlers)):
-                if handle is not self._desk.bell:
+                if handle is not self._channels.bell:
                     self._handlers[handle]()
-            requests = list(self._desk.bell.heard())
+            requests = list(self._channels.bell.heard())
             if requests and requests[-1] == CLEAR:
                 return

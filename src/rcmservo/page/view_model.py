@@ -12,21 +12,21 @@ from rcmservo.config.texts import Table
 from rcmservo.interfaces import Floats, Target
 from rcmservo.page.channels import DUE_TIME, Desk
 from rcmservo.page.messages import (
-    TargetChanged,
-    Standby,
-    SettingsApplied,
     Note,
-    SequenceStatus,
-    StatusMessage,
     PoseTaught,
+    SequenceStatus,
+    SettingsApplied,
+    Standby,
+    StatusMessage,
+    TargetChanged,
     TeachingStatus,
 )
 from rcmservo.page.plots.curves import Curves
 from rcmservo.page.plots.mechanism_shape import Shape
+from rcmservo.page.pose_sequence import AUTONOMOUS_PHASES, SequenceProgress
 from rcmservo.page.poses import PoseStore
 from rcmservo.page.recovery_actions import list_allowed_actions, list_recovery_actions
 from rcmservo.page.settings import describe_estimator
-from rcmservo.page.pose_sequence import AUTONOMOUS_PHASES, SequenceProgress
 from rcmservo.recording import ros2_messages
 from rcmservo.recording.ros2_messages import TICK
 from rcmservo.recording.tick_schema import NAME_COLUMNS
@@ -123,7 +123,7 @@ class Dashboard:
         ns, when it was last made new: what is shown later is no newer.
     """
 
-    desk: Desk
+    channels: Desk
     poses: PoseStore
     standby: Standby | None = None
     target: Target | None = None
@@ -148,9 +148,9 @@ class Dashboard:
 
     def update(self) -> None:
         """Take what is new."""
-        for said in self.desk.said.heard():
+        for said in self.channels.said.heard():
             self._apply(said)
-        self.count, ticks = self.desk.ticks.after(self.count)
+        self.count, ticks = self.channels.ticks.after(self.count)
         for one in ticks:
             self.tick = decode_ring_tick(one)
             self.curves.add(self.tick)
@@ -166,7 +166,7 @@ class Dashboard:
                 self.notes.append(message.words)
             case Standby():
                 self.standby, self.tick = message, {}
-                self.count = self.desk.ticks.newest
+                self.count = self.channels.ticks.newest
                 self.curves.restart()
                 self.target = self.sequence = None
                 self.teaching = ""
@@ -186,7 +186,7 @@ class Dashboard:
             case _:
                 raise TypeError(f"{message!r} is nothing that is said to the page")
 
-    def table(self) -> Table:
+    def to_table(self) -> Table:
         """What a browser draws: `json_of` encodes it."""
         tick, target = self.tick, self.target
         return {

@@ -21,7 +21,7 @@ MAX_QUEUED = 4
 NICENESS = 15
 """Of the process's niceness."""
 
-Result = TypeVar("Made")
+Result = TypeVar("Result")
 
 
 class BackgroundWorker:
@@ -35,12 +35,12 @@ class BackgroundWorker:
         """Whether no more work is taken."""
         return self._count >= MAX_QUEUED
 
-    def run(self, work: Callable[..., Result], *given: Any) -> Result:
+    def run(self, work: Callable[..., Result], *arguments: Any) -> Result:
         """What a function of a module makes; what it could not do is raised. It blocks."""
         self._count += 1
         try:
             with self._lock:
-                return _run_in_process(pickle.dumps((work, given)))
+                return _run_in_process(pickle.dumps((work, arguments)))
         finally:
             self._count -= 1
 
@@ -69,9 +69,9 @@ def _run_in_process(job: bytes) -> Any:
 def main() -> None:
     """Do the work that stands in the input, and write what it makes."""
     os.nice(NICENESS)
-    work, given = pickle.load(sys.stdin.buffer)
+    work, arguments = pickle.load(sys.stdin.buffer)
     try:
-        answer: object = work(*given)
+        answer: object = work(*arguments)
     except RcmServoError as error:
         answer = RcmServoError(str(error))
     sys.stdout.buffer.write(pickle.dumps(answer))

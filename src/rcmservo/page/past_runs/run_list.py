@@ -53,7 +53,7 @@ class PastRun:
     description: str
     seconds: float | None
     ended: str
-    recording: bool
+    is_recording: bool
 
 
 class RunList:
@@ -82,8 +82,8 @@ class RunList:
         """The records with the times of their last changes. What leads elsewhere is none."""
         for depth in RECORD_PATTERNS:
             for path in self._root.glob(depth):
-                ways = (path, *path.relative_to(self._root).parents)
-                if not any((self._root / way).is_symlink() for way in ways if way != Path()):
+                parents = (path, *path.relative_to(self._root).parents)
+                if not any((self._root / way).is_symlink() for way in parents if way != Path()):
                     yield path.stat().st_mtime_ns, path
 
     def _name(self, path: Path) -> str:
@@ -91,21 +91,26 @@ class RunList:
 
     def _describe(self, path: Path) -> PastRun:
         changed = path.stat().st_mtime
-        found = self._cached_header(path)
+        header = self._cached_header(path)
         common = self._name(path), str(path.parent.relative_to(self._root))
         when = f"{datetime.fromtimestamp(changed):%Y-%m-%d %H:%M:%S}"
-        if isinstance(found, str):
-            return PastRun(*common, when, found, None, "cannot be read", False)
-        recording = not found.is_closed and time.time() - changed < RECORDING_TIMEOUT_S
-        words = what(found.settings, found.servo)
+        if isinstance(header, str):
+            return PastRun(*common, when, header, None, "cannot be read", False)
+        is_recording = not header.is_closed and time.time() - changed < RECORDING_TIMEOUT_S
+        words = what(header.settings, header.servo)
         return PastRun(
-            *common, when, words, found.seconds, describe_ending(found, recording), recording
+            *common,
+            when,
+            words,
+            header.seconds,
+            describe_ending(header, is_recording),
+            is_recording,
         )
 
     def _cached_header(self, path: Path) -> RecordHeader | str:
         """What a record tells, or why it tells nothing; looked at anew where it has changed."""
-        about = path.stat()
-        key = about.st_mtime_ns, about.st_size
+        status = path.stat()
+        key = status.st_mtime_ns, status.st_size
         cached = self._headers.get(path)
         if cached is None or cached[0] != key:
             cached = self._headers[path] = key, _read_or_explain(path)
@@ -119,9 +124,9 @@ def _read_or_explain(path: Path) -> RecordHeader | str:
         return str(error).replace(f"{path.parent}/", "")
 
 
-def describe_ending(found: RecordHeader, recording: bool) -> str:
+def describe_ending(header: RecordHeader, is_recording: bool) -> str:
     """How a run ended, in words."""
-    last = ", ".join(filter(None, (found.phase, found.cause))) or "no tick"
-    if recording:
+    last = ", ".join(filter(None, (header.phase, header.cause))) or "no tick"
+    if is_recording:
         return f"it is being recorded: {last}"
-    return last if found.is_closed else f"the record was not ended; at last: {last}"
+    return last if header.is_closed else f"the record was not ended; at last: {last}"

@@ -55,7 +55,7 @@ class OpenedRun:
 def open_run(path: Path) -> OpenedRun:
     """Read a record, up to its end or its damage."""
     record = read_record(path)
-    found, exposures = _locate_pictures(path)
+    locations, exposures = _locate_pictures(path)
     lines = spans(record)
     titles = {name: title for name, (title, _) in RUN_FIGURES.items()}
     content = {
@@ -68,7 +68,7 @@ def open_run(path: Path) -> OpenedRun:
         "figures": titles if _has_errors_to_draw(record) else {},
         "size": _size(record),
     }
-    return OpenedRun(encode_json(content), found)
+    return OpenedRun(encode_json(content), locations)
 
 
 def draw_figures(path: Path) -> dict[str, bytes]:
@@ -105,12 +105,12 @@ def _has_errors_to_draw(record: Record) -> bool:
 def _locate_pictures(path: Path) -> tuple[list[PictureLocation], list[int]]:
     """Where a record's pictures are, and when they were exposed."""
     messages = MessageReader(path)
-    found = [
+    located = [
         (messages.location, ros2_messages.decode_picture(message.data)[0])
         for message in messages
         if message.topic == PICTURE_TOPIC
     ]
-    return [where for where, _ in found], [exposure for _, exposure in found]
+    return [where for where, _ in located], [exposure for _, exposure in located]
 
 
 def _span(span: Span) -> list[object]:

@@ -98,13 +98,16 @@ class Curves:
         """ẏ as Ĵ tells it of marker 1's motion since the sample before, and as it was seen: both
         times about the same imaged RCM, whose own changes are no motion.
         """
-        before, unknown = self._previous, np.full(3, np.nan)
-        elapsed = 0 if before is None else int(tick["exposure"][0] - before["exposure"][0])
-        if before is None or elapsed < MIN_EXPOSURE_GAP_NS:
+        previous, unknown = self._previous, np.full(3, np.nan)
+        elapsed = 0 if previous is None else int(tick["exposure"][0] - previous["exposure"][0])
+        if previous is None or elapsed < MIN_EXPOSURE_GAP_NS:
             return unknown, unknown
-        predicted: Floats = np.reshape(before["J_hat"], (3, 3)) @ (tick["p1"] - before["p1"])
-        points, then = np.reshape(tick["points"], (2, 2)), np.reshape(before["points"], (2, 2))
-        measured_change: Floats = measured(points, then, tick["o_c"])[1]
+        predicted: Floats = np.reshape(previous["J_hat"], (3, 3)) @ (tick["p1"] - previous["p1"])
+        points, previous_points = (
+            np.reshape(tick["points"], (2, 2)),
+            np.reshape(previous["points"], (2, 2)),
+        )
+        measured_change: Floats = measured(points, previous_points, tick["o_c"])[1]
         return predicted / (elapsed * 1e-9), measured_change / (elapsed * 1e-9)
 
     def after(self, count: int) -> list[list[float]]:

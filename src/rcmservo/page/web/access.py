@@ -70,9 +70,9 @@ class Doors:
         return True
 
 
-def secrets_equal(one: str, other: str) -> bool:
+def secrets_equal(first: str, second: str) -> bool:
     """Whether two secrets are one, in a time that does not tell how much of them is."""
-    return secrets.compare_digest(one.encode(), other.encode())
+    return secrets.compare_digest(first.encode(), second.encode())
 
 
 def drawn_secret() -> str:
@@ -90,16 +90,16 @@ async def receive_text(wire: WebSocket) -> str:
 
 def bind_socket(host: str, port: int) -> socket.socket:
     """A socket that listens; port 0 takes one that is free."""
-    wire = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
-    wire.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+    listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
-        wire.bind((host, port))
+        listener.bind((host, port))
     except OSError as error:
-        wire.close()
+        listener.close()
         kind = PortTaken if error.errno == errno.EADDRINUSE else NoPagePort
         raise kind(f"{refusal(port, error)}; --port names another") from error
-    wire.listen(64)
-    return wire
+    listener.listen(64)
+    return listener
 
 
 def bound_pair(host: str, port: int | None) -> tuple[socket.socket, socket.socket]:

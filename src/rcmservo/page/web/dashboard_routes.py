@@ -17,26 +17,30 @@ from rcmservo.page.web.access import Doors
 from rcmservo.page.web.setting_fields import forms
 
 
-def dashboard_routes(doors: Doors, board: Dashboard, chosen: Chosen) -> APIRouter:
+def dashboard_routes(access: Doors, board: Dashboard, selection: Chosen) -> APIRouter:
     """Return the routes that read a board and the servo that is chosen."""
-    router = APIRouter(dependencies=[Depends(doors.require_secret)])
+    router = APIRouter(dependencies=[Depends(access.require_secret)])
 
-    async def curves(after: int = 0) -> Response:
+    async def get_curves(after: int = 0) -> Response:
         samples = board.curves.after(after)
         told = encode_json(
             {"count": board.curves.count, "names": SAMPLE_FIELDS, "samples": samples}
         )
         return Response(told, media_type="application/json")
 
-    async def pose(name: str = "") -> Response:
+    async def get_pose_picture(name: str = "") -> Response:
         jpeg = board.poses.picture(name)
         if not jpeg:
             raise HTTPException(404)
         return Response(jpeg, media_type="image/jpeg", headers={"Cache-Control": "no-store"})
 
-    async def settings() -> list[dict[str, Any]]:
-        return forms(chosen.servo, board.active_servo)
+    async def get_settings() -> list[dict[str, Any]]:
+        return forms(selection.servo, board.active_servo)
 
-    for path, answer in (("/curves", curves), ("/pose", pose), ("/settings", settings)):
+    for path, answer in (
+        ("/curves", get_curves),
+        ("/pose", get_pose_picture),
+        ("/settings", get_settings),
+    ):
         router.add_api_route(path, answer, response_model=None)
     return router

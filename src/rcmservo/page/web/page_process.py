@@ -22,14 +22,14 @@ from rcmservo.page.channels import Desk
 from rcmservo.page.control_ownership import ControlOwnership, MessageRefused, interpret_message
 from rcmservo.page.messages import (
     CLEAR,
-    Heartbeat,
+    BrowserMessage,
     Change,
     DeletePose,
+    DisturbanceRequest,
+    Heartbeat,
     JogJoints,
     JogMarker,
     ReleaseJog,
-    BrowserMessage,
-    DisturbanceRequest,
 )
 from rcmservo.page.poses import PoseStore
 from rcmservo.page.settings import IMMEDIATE_PARTS, Chosen
@@ -46,12 +46,12 @@ from rcmservo.page.web.site import Site
 from rcmservo.safety.state_machine import Request
 
 
-def serve_page(desk: Desk, site: Site, listening: socket.socket, control: Connection) -> None:
+def serve_page(channels: Desk, site: Site, listening: socket.socket, control: Connection) -> None:
     """Be the page until the other end of `control` speaks or is gone."""
     poses = PoseStore(site.poses)
     poses.load()
-    board = Dashboard(desk, poses, shape=site.shape, truth=site.truth)
-    who, doors = ControlOwnership(), site.doors
+    board = Dashboard(channels, poses, shape=site.shape, truth=site.truth)
+    ownership, doors = ControlOwnership(), site.doors
     pictures = Pictures(site.camera(), board)
     app = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
     sign_in = SignIn(doors.token, doors.port) if doors.token else None
@@ -61,20 +61,20 @@ def serve_page(desk: Desk, site: Site, listening: socket.socket, control: Connec
     async def see(wire: WebSocket) -> None:  # pyright: ignore[reportUnusedFunction]
         if await doors.accept(wire):
             with suppress(WebSocketDisconnect):
-                await _send_pictures(wire, pictures, who)
+                await _send_pictures(wire, pictures, ownership)
 
     @app.websocket("/operate")
     async def operate(wire: WebSocket) -> None:  # pyright: ignore[reportUnusedFunction]
         if not await doors.accept(wire):
             return
-        name = who.join(monotonic_ns())
+        name = ownership.join(monotonic_ns())
         try:
-            await _receive_messages(wire, name, who, desk, board, site.chosen)
+            await _receive_messages(wire, name, ownership, channels, board, site.chosen)
         except WebSocketDisconnect:
             """The browser is gone."""
         finally:
-            with pause_on_handover(who, desk):
-                who.leave(name, monotonic_ns())
+            with pause_on_handover(ownership, channels):
+                ownership.leave(name, monotonic_ns())
 
     app.include_router(dashboard_routes(doors, board, site.chosen))
     app.include_router(runs_routes(doors, site.runs))
@@ -93,29 +93,34 @@ def serve_page(desk: Desk, site: Site, listening: socket.socket, control: Connec
     asyncio.run(serve_until_stopped(settings, listening, control))
 
 
-async def _send_pictures(wire: WebSocket, pictures: Pictures, who: ControlOwnership) -> None:
+async def _send_pictures(wire: WebSocket, pictures: Pictures, ownership: ControlOwnership) -> None:
     """One browser's pictures, as it asks for them."""
     count = 0
     while True:
         await receive_text(wire)
         shown = await pictures.after(count)
         count = shown.count
-        about = {"holder": who.holder, "asking": who.requester}
+        about = {"holder": ownership.holder, "asking": ownership.requester}
         await wire.send_bytes(pack_picture(shown, about))
 
 
 @contextmanager
-def pause_on_handover(who: ControlOwnership, desk: Desk) -> Generator[None]:
+def pause_on_handover(ownership: ControlOwnership, channels: Desk) -> Generator[None]:
     """What is in motion is paused where control changes hands in here."""
-    before = who.holder
+    before = ownership.holder
     yield
-    if who.holder != before:
-        desk.hand.release()
-        desk.wants.put(Request.PAUSE)
+    if ownership.holder != before:
+        channels.hand.release()
+        channels.wants.put(Request.PAUSE)
 
 
 async def _receive_messages(
-    wire: WebSocket, name: str, who: ControlOwnership, desk: Desk, board: Dashboard, chosen: Chosen
+    wire: WebSocket,
+    name: str,
+    ownership: ControlOwnership,
+    channels: Desk,
+    board: Dashboard,
+    selection: Chosen,
 ) -> None:
     """What one browser wants. It is told its name, and what was refused."""
     await wire.send_json({"name": name})
@@ -123,55 +128,57 @@ async def _receive_messages(
         text = await receive_text(wire)
         refused = ""
         try:
-            with pause_on_handover(who, desk):
+            with pause_on_handover(ownership, channels):
                 message = interpret_message(
-                    text, name, who, board.poses.targets.get, monotonic_ns()
+                    text, name, ownership, board.poses.targets.get, monotonic_ns()
                 )
         except MessageRefused as error:
             refused = str(error)
         else:
             if isinstance(message, Change):
-                refused = change_settings(message, chosen, desk, board)
+                refused = change_settings(message, selection, channels, board)
             elif isinstance(message, DeletePose):
                 refused = board.poses.delete(message.name)
             else:
-                refused = "" if dispatch(message, desk) else "the servo does not listen"
+                refused = "" if dispatch(message, channels) else "the servo does not listen"
         if refused:
             await wire.send_json({"refused": refused})
 
 
-def dispatch(message: BrowserMessage | None, desk: Desk) -> bool:
+def dispatch(message: BrowserMessage | None, channels: Desk) -> bool:
     """Pass on what was told; whether there was room for it."""
     match message:
         case None:
             return True
         case JogJoints():
-            desk.hand.hold(message.press, message.rates, message.speed_scale)
+            channels.hand.hold(message.press, message.rates, message.speed_scale)
         case JogMarker():
-            desk.hand.hold(message.press, message.velocity, message.speed_scale, moves_marker=True)
+            channels.hand.hold(
+                message.press, message.velocity, message.speed_scale, moves_marker=True
+            )
         case ReleaseJog():
-            desk.hand.release()
+            channels.hand.release()
         case DisturbanceRequest():
-            return desk.trouble.put(message)
+            return channels.trouble.put(message)
         case Heartbeat():
-            desk.hand.send_heartbeat()
+            channels.hand.send_heartbeat()
         case _:
             if message is Request.CLEAR:
-                desk.bell.put(CLEAR)
-            return desk.wants.put(message)
+                channels.bell.put(CLEAR)
+            return channels.wants.put(message)
     return True
 
 
-def change_settings(change: Change, chosen: Chosen, desk: Desk, board: Dashboard) -> str:
+def change_settings(change: Change, selection: Chosen, channels: Desk, board: Dashboard) -> str:
     """Pass on a change; why it was refused, empty where it was not."""
     try:
-        chosen.with_change(change)
+        selection.with_change(change)
     except BadInput as error:
         return str(error)
-    if not desk.changes.put(change):
+    if not channels.changes.put(change):
         return "the server does not listen"
-    chosen.take(change)
+    selection.take(change)
     board.settings_version += 1
     if change.part in IMMEDIATE_PARTS and board.standby is None:
-        return "" if desk.wants.put(change) else "the servo does not listen"
+        return "" if channels.wants.put(change) else "the servo does not listen"
     return ""

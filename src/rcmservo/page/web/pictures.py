@@ -65,7 +65,7 @@ class Pictures:
             self._board.update()
             frame = self._next_frame() if loop.time() >= due else None
             if frame is not None and frame.image is not None:
-                due, table = loop.time() + MIN_PICTURE_PERIOD_S, self._board.table()
+                due, table = loop.time() + MIN_PICTURE_PERIOD_S, self._board.to_table()
                 jpeg = await asyncio.to_thread(encode_image, frame.image)
                 self._publish(frame.number, jpeg, table)
             await asyncio.sleep(POLL_PERIOD_S)
@@ -100,7 +100,7 @@ class Pictures:
             try:
                 await asyncio.wait_for(self._published.wait(), MAX_PICTURE_WAIT_S)
             except TimeoutError:
-                return ShownPicture(count, table=self._board.table())
+                return ShownPicture(count, table=self._board.to_table())
         return self._newest
 
 

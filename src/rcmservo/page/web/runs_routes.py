@@ -102,18 +102,18 @@ def download_name(path: Path) -> str:
     return "".join(c if c.isascii() and (c.isalnum() or c in "-_.") else "_" for c in folders)
 
 
-def runs_routes(doors: Doors, folder: Path) -> APIRouter:
+def runs_routes(access: Doors, folder: Path) -> APIRouter:
     """Return the routes that read the past runs below a folder."""
     runs = PastRuns(folder)
-    router = APIRouter(prefix="/runs", dependencies=[Depends(doors.require_secret)])
+    router = APIRouter(prefix="/runs", dependencies=[Depends(access.require_secret)])
 
-    async def listed() -> list[PastRun]:
+    async def list_runs() -> list[PastRun]:
         return await asyncio.to_thread(runs.run_list.list_runs)
 
-    async def one(name: str) -> Response:
+    async def get_run(name: str) -> Response:
         return Response((await runs.open_run(name)).json, media_type="application/json")
 
-    async def shown(name: str, k: int) -> Response:
+    async def get_picture(name: str, k: int) -> Response:
         where = (await runs.open_run(name)).pictures
         if not 0 <= k < len(where):
             raise HTTPException(
@@ -125,7 +125,7 @@ def runs_routes(doors: Doors, folder: Path) -> APIRouter:
             raise HTTPException(422, "the picture cannot be read") from error
         return Response(jpeg, media_type="image/jpeg")
 
-    async def figure(name: str, file: str) -> Response:
+    async def get_figure(name: str, file: str) -> Response:
         drawn = (await runs.draw_figures(name)).get(file)
         if drawn is None:
             raise HTTPException(404, "there is no such figure of this run")
@@ -133,15 +133,15 @@ def runs_routes(doors: Doors, folder: Path) -> APIRouter:
         headers = {"Content-Disposition": f'inline; filename="{called}"'}
         return Response(drawn, media_type=MEDIA_TYPES[file.rpartition(".")[2]], headers=headers)
 
-    async def record(name: str) -> Response:
+    async def get_record(name: str) -> Response:
         return runs.download(runs.find_record(name))
 
     for path, answer in (
-        ("", listed),
-        ("/{name}", one),
-        ("/{name}/pictures/{k}", shown),
-        ("/{name}/figures/{file}", figure),
-        ("/{name}/record.mcap", record),
+        ("", list_runs),
+        ("/{name}", get_run),
+        ("/{name}/pictures/{k}", get_picture),
+        ("/{name}/figures/{file}", get_figure),
+        ("/{name}/record.mcap", get_record),
     ):
         router.add_api_route(path, answer, response_model=None)
     return router

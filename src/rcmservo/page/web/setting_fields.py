@@ -8,7 +8,7 @@ from rcmservo.config.field_docs import describe_class, describe_field
 from rcmservo.config.registry import PARTS
 from rcmservo.config.servo_json import describe
 from rcmservo.constraints import choices_of
-from rcmservo.page.settings import IMMEDIATE_PARTS, BOXES
+from rcmservo.page.settings import BOXES, IMMEDIATE_PARTS
 from rcmservo.servo.servo import Servo
 
 UNIT_PATTERN = r"(?:1/s|rad|px|mm/s|mm|s/mm²|1/rad²|s)"
@@ -70,24 +70,24 @@ def forms(chosen: Servo, in_force: Servo | None) -> list[dict[str, Any]]:
     """A form for each box that may change, as JSON has it: its kinds and their fields, what is set,
     and what is in force.
     """
-    held = None if in_force is None else describe(in_force)
-    wanted = describe(chosen)
+    active = None if in_force is None else describe(in_force)
+    selected = describe(chosen)
     return [
         {
-            "box": box,
-            "title": (box[0].upper() + box[1:]).replace("_rcm", " RCM").replace("_", " "),
-            "at_once": box in IMMEDIATE_PARTS,
+            "box": part,
+            "title": (part[0].upper() + part[1:]).replace("_rcm", " RCM").replace("_", " "),
+            "at_once": part in IMMEDIATE_PARTS,
             "kinds": {
                 name: {
                     "words": _words(kind),
                     "fields": [vars(field) for field in list_fields(kind)],
                 }
-                for name, kind in PARTS[box].items()
+                for name, kind in PARTS[part].items()
             },
-            "set": wanted[box],
-            "in_force": None if held is None else held[box],
+            "set": selected[part],
+            "in_force": None if active is None else active[part],
         }
-        for box in BOXES
+        for part in BOXES
     ]
 
 

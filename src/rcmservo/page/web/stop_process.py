@@ -19,23 +19,23 @@ from rcmservo.page.web.server_process import SHUTDOWN_GRACE_S, serve_until_stopp
 
 
 def serve_stop(
-    bell: MessageChannel, doors: Doors, listening: socket.socket, control: Connection
+    stop_requests: MessageChannel, access: Doors, listening: socket.socket, control: Connection
 ) -> None:
     """Ring the bell for whoever presses STOP, until the other end of `control` speaks or is
     gone.
     """
 
-    async def pressed(wire: WebSocket) -> None:
-        if not await doors.accept(wire):
+    async def receive_stops(wire: WebSocket) -> None:
+        if not await access.accept(wire):
             return
         try:
             while True:
                 await receive_text(wire)
-                await wire.send_text("heard" if bell.put(STOP) else "not heard")
+                await wire.send_text("heard" if stop_requests.put(STOP) else "not heard")
         except WebSocketDisconnect:
             return
 
-    app = OriginCheck(Starlette(routes=[WebSocketRoute("/stop", pressed)]), doors.port)
+    app = OriginCheck(Starlette(routes=[WebSocketRoute("/stop", receive_stops)]), access.port)
     settings = uvicorn.Config(
         app, log_level="error", lifespan="off", timeout_graceful_shutdown=SHUTDOWN_GRACE_S
     )
