@@ -1,8 +1,8 @@
-"""What the processes about a page share. Nobody waits for anybody.
+"""Channels between the page's processes. No process waits for another one.
 
-page ─ wants, hand ─► servo process       page, STOP ─ bell ─► supervisor
+page ─ requests, jog state ─► servo process     page, STOP ─ stop requests ─► supervisor
      ◄─── ticks ────
-     ◄─── said ───── servo process, supervisor     page ── changes ─► supervisor
+     ◄─── status ───── servo process, supervisor     page ── settings ─► supervisor
 """
 
 import pickle
@@ -22,14 +22,14 @@ TICK_SLOTS = 512
 MAX_TICK_BYTES = 4096
 """Largest tick in bytes."""
 DUE_TIME = struct.Struct("<q")
-"""Time in ns from the start of the loop at which a tick was due, at the end of its bytes."""
+"""Due time of a tick in ns from the start of the loop, at the end of the tick's bytes."""
 
 MAX_MESSAGE_BYTES = 1 << 16
-"""Bytes of a message."""
+"""Largest message in bytes."""
 
 
 class TickRing(SharedRing):
-    """Newest ticks of a loop, each as a record holds it and followed by the time it was due."""
+    """Shared-memory ring of a loop's newest ticks, encoded as in a record and with their due times."""
 
     def __init__(self, context: BaseContext) -> None:
         super().__init__(context, TICK_SLOTS, MAX_TICK_BYTES)
@@ -40,8 +40,10 @@ class TickRing(SharedRing):
 
 
 class MessageChannel:
-    """Messages one way, whole or not at all: many may put, one hears. There is room for a few, as a
-    person has them. It is handed to a process when that is started.
+    """Channel in one direction with one receiver and any number of senders.
+
+    A message arrives whole or not at all. The channel holds a few messages, enough for an operator.
+    A process gets it as an argument when it is started.
     """
 
     def __init__(self) -> None:
@@ -50,7 +52,7 @@ class MessageChannel:
         self._receiver.setblocking(False)
 
     def put(self, message: object) -> bool:
-        """Say something; whether there was room for it."""
+        """Send a message. Return False if the channel is full."""
         data = pickle.dumps(message)
         try:
             return self._sender.send(data) == len(data)
@@ -58,7 +60,7 @@ class MessageChannel:
             return False
 
     def heard(self) -> Iterator[Any]:
-        """What was said since."""
+        """Yield the messages that have arrived since the last call."""
         while True:
             try:
                 data = self._receiver.recv(MAX_MESSAGE_BYTES)
@@ -67,25 +69,25 @@ class MessageChannel:
             yield pickle.loads(data)
 
     def fileno(self) -> int:
-        """To wait for a message by."""
+        """Return the file descriptor to wait for a message."""
         return self._receiver.fileno()
 
 
 class Desk:
-    """All of it."""
+    """All channels between the page's processes."""
 
     def __init__(self, context: BaseContext) -> None:
         self.ticks = TickRing(context)
-        """What the loop does, tick by tick."""
+        """Ticks of the loop."""
         self.wants = MessageChannel()
-        """What the person wants of the servo."""
+        """Requests of the operator to the servo."""
         self.hand = JogState(context)
-        """That the person is there, and which button is held."""
+        """Heartbeats and held jog button of the browser in control."""
         self.said = MessageChannel()
-        """What the servo process and the supervisor say to the person."""
+        """Status messages of the servo process and the supervisor to the page."""
         self.trouble = MessageChannel()
-        """What is to go wrong with a simulated laboratory."""
+        """Disturbances of a simulated laboratory."""
         self.bell = MessageChannel()
-        """What the supervisor is told: to stop, to clear."""
+        """Requests to the supervisor to stop and to clear a stop."""
         self.changes = MessageChannel()
-        """What it is told of settings, apart, so that they never fill the bell."""
+        """Settings to the supervisor, in a channel of their own, so that they never block a stop."""

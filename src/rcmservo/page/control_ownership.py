@@ -1,7 +1,7 @@
-"""Who may move the arm by the page, and what counts as said by that person.
+"""Control of the arm by one browser, and validation of the messages from browsers.
 
-One browser has control and the others watch. Every message tells the newest moment that the server
-has shown to that browser: what was said to a page long gone is said no more.
+One browser has control; the others watch. Every message carries the newest time that the server has
+displayed in that browser, so that a message about an outdated display is refused.
 """
 
 import json
@@ -33,16 +33,16 @@ from rcmservo.page.settings import decode_change
 from rcmservo.safety.state_machine import Request
 
 MAX_MESSAGE_AGE_NS, MAX_JOG_AGE_NS = 300_000_000, 150_000_000
-"""ns for which what the server has shown counts as seen now; by a hand that jogs."""
+"""Age (ns) of the displayed state up to which a message counts; the same for a jog."""
 
 HOLDER_TIMEOUT_NS = 2_000_000_000
-"""ns without a fresh message after which who has control loses it to whoever asks."""
+"""Time (ns) without a valid message after which the browser in control loses control on request."""
 
 MAX_MESSAGE_CHARACTERS = 2000
-"""Characters of a message."""
+"""Longest message in characters."""
 
 MAX_NAME_CHARACTERS = 40
-"""Characters of a pose's name."""
+"""Longest name of a pose in characters."""
 
 
 def _is_pose_name(text: str) -> bool:
@@ -51,12 +51,12 @@ def _is_pose_name(text: str) -> bool:
 
 @dataclass(frozen=True)
 class PoseArgument(Checked):
-    """Arguments of a message that names a pose.
+    """Arguments of a message about a pose.
 
     Parameters
     ----------
     name : str
-        The pose.
+        Name of the pose.
     """
 
     name: Annotated[str, Limit(_is_pose_name, f"a name of 1 to {MAX_NAME_CHARACTERS} characters")]
@@ -65,32 +65,32 @@ class PoseArgument(Checked):
 PLAIN_MESSAGES: dict[str, BrowserMessage] = {
     "beat": Heartbeat(),
     "enable": Enable(),
-    "show": TeachPose(""),
+    "teach_again": TeachPose(""),
     "pause": Request.PAUSE,
     "resume": Request.RESUME,
     "clear": Request.CLEAR,
 }
-"""Messages without arguments."""
+"""Messages without arguments, by their action."""
 
 FindPose = Callable[[str], Target | None]
 
 
 class MessageRefused(Exception):
-    """A message that is not heeded, and why."""
+    """Refusal of a message, with the reason."""
 
 
 @dataclass
 class ControlOwnership:
-    """Who has control: a browser by what it was named at random, or nobody.
+    """Ownership of control. Browsers have random names.
 
     Parameters
     ----------
     holder : str
-        Its name; empty where nobody has control.
-    asking : str
-        Who asks for it while somebody else has it.
-    heard : int
-        ns, when the holder last said something fresh, or came to be the holder.
+        Name of the browser in control; empty if there is none.
+    requester : str
+        Name of the browser that requests control from the holder.
+    last_message_at : int
+        Time (ns) of the holder's last valid message, or of the transfer of control.
     """
 
     holder: str = ""
@@ -98,27 +98,27 @@ class ControlOwnership:
     last_message_at: int = 0
 
     def join(self, now: int) -> str:
-        """Another browser; it has control if nobody has."""
+        """Register a browser and return its name; it gets control if no browser has it."""
         name = secrets.token_hex(16)
         if not self.holder:
             self._assign(name, now)
         return name
 
     def leave(self, name: str, now: int) -> None:
-        """A browser is gone; who asks for control gets what it had."""
+        """Remove a browser; its control passes to the requester."""
         self.requester = "" if self.requester == name else self.requester
         if self.holder == name:
             self._assign(self.requester, now)
 
     def request(self, name: str, now: int) -> None:
-        """A browser asks for control; it has it at once where the holder is silent."""
+        """Request control; it is transferred at once if the holder has been silent."""
         if not self.holder or now - self.last_message_at > HOLDER_TIMEOUT_NS:
             self._assign(name, now)
         elif self.holder != name:
             self.requester = name
 
     def hand_over(self, name: str, now: int) -> None:
-        """Who has control gives it to who asks for it."""
+        """Hand control over from its holder to the requester."""
         if self.holder == name and self.requester:
             self._assign(self.requester, now)
 
@@ -129,25 +129,47 @@ class ControlOwnership:
 def interpret_message(
     text: str, name: str, control: ControlOwnership, find: FindPose, now: int
 ) -> BrowserMessage | None:
-    """What a browser wants of the servo; None for what is settled between browsers, and for a sign
-    of life that comes too late: nobody pressed anything. `find` finds a target by its name.
+    """Return the request in a browser's message.
+
+    Parameters
+    ----------
+    text : str
+        Message: a JSON object with `do` (action), `at` (displayed time in ns) and arguments.
+    name : str
+        Name of the browser.
+    control : ControlOwnership
+        Ownership, which this call updates.
+    find : callable
+        Returns the target of a pose's name, or None.
+    now : int
+        Present time in ns.
+
+    Returns
+    -------
+    BrowserMessage or None
+        None for messages about ownership, and for a heartbeat that is too old: the user pressed
+        nothing, so that no refusal is displayed.
+
+    Raises
+    ------
+    MessageRefused
+        If the message is invalid or too old, or the browser does not have control.
     """
     message = _parse_message(text)
     action, shown_at = message.pop("do", None), message.pop("at", None)
-    if action == "ask":
+    if action == "request_control":
         return control.request(name, now)
-    if action == "give":
+    if action == "hand_over":
         return control.hand_over(name, now)
     if name != control.holder:
-        raise MessageRefused("another browser has control: ask for it")
+        raise MessageRefused("another browser has control: request control first")
     if action == "release":
         return ReleaseJog()
-    if type(shown_at) is not int or not 0 <= now - shown_at <= (
-        MAX_JOG_AGE_NS if action == "jog" else MAX_MESSAGE_AGE_NS
-    ):
+    max_age = MAX_JOG_AGE_NS if action == "jog" else MAX_MESSAGE_AGE_NS
+    if type(shown_at) is not int or not 0 <= now - shown_at <= max_age:
         if action == "beat":
             return None
-        raise MessageRefused("it came too late to count")
+        raise MessageRefused("the displayed state is too old: press again")
     control.last_message_at = now
     try:
         return _decode_action(action, message, find)
@@ -156,23 +178,23 @@ def interpret_message(
 
 
 def _decode_action(action: object, message: Table, find: FindPose) -> BrowserMessage:
-    """Return a fresh message of the browser in control. `message` holds its arguments."""
+    """Decode a valid message of the browser in control. `message` holds its arguments."""
     if isinstance(action, str) and action in PLAIN_MESSAGES:
         return PLAIN_MESSAGES[action]
     if isinstance(action, str) and action in DECODERS:
         return DECODERS[action](message, find)
-    raise MessageRefused(f"nobody knows what {str(action)[:MAX_NAME_CHARACTERS]!r} is")
+    raise MessageRefused(f"unknown action {str(action)[:MAX_NAME_CHARACTERS]!r}")
 
 
 def _parse_message(text: str) -> Table:
     if len(text) > MAX_MESSAGE_CHARACTERS:
-        raise MessageRefused("it is too long")
+        raise MessageRefused(f"the message is longer than {MAX_MESSAGE_CHARACTERS} characters")
     try:
         message: object = json.loads(text)
     except (ValueError, RecursionError) as error:
-        raise MessageRefused("it is no JSON") from error
+        raise MessageRefused("the message is not JSON") from error
     if not is_table(message):
-        raise MessageRefused("it is no JSON object")
+        raise MessageRefused("the message is not a JSON object")
     return message
 
 
@@ -188,9 +210,9 @@ def _find_target(name: str, find: FindPose) -> Target:
 
 
 def _decode_sequence(message: Table, find: FindPose) -> RunSequence:
-    """All its poses are known before it begins."""
-    plan = decode(SequencePlan, message, "tour")
-    return RunSequence(plan, tuple(_find_target(stop.pose, find) for stop in plan.waypoints))
+    """Decode a pose sequence; all its poses must exist before it starts."""
+    plan = decode(SequencePlan, message, "sequence")
+    return RunSequence(plan, tuple(_find_target(one.pose, find) for one in plan.waypoints))
 
 
 DECODERS: dict[str, Callable[[Table, FindPose], BrowserMessage]] = {
@@ -200,9 +222,9 @@ DECODERS: dict[str, Callable[[Table, FindPose], BrowserMessage]] = {
     "teach": lambda message, _: TeachPose(_pose_name(message)),
     "delete": lambda message, _: DeletePose(_pose_name(message)),
     "go": lambda message, find: Go(_find_target(_pose_name(message), find)),
-    "tour": _decode_sequence,
-    "set": lambda message, _: decode_change(message.get("box"), message.get("table")),
-    "trouble": lambda message, _: decode(DisturbanceRequest, message, "trouble"),
+    "sequence": _decode_sequence,
+    "set": lambda message, _: decode_change(message.get("part"), message.get("table")),
+    "disturb": lambda message, _: decode(DisturbanceRequest, message, "disturbance"),
     "answer": lambda message, _: decode(Reply, message, "answer"),
 }
-"""Messages with arguments."""
+"""Decoders of the messages with arguments, by their action."""

@@ -1,4 +1,4 @@
-"""Before the drive is on: the page sees what the camera sees, and the person switches it on."""
+"""Observation without motion until the operator enables the drive at the page."""
 
 from dataclasses import replace
 
@@ -17,20 +17,44 @@ from rcmservo.servo.servo import Servo
 
 NO_MOTION = np.zeros(3)
 FIRST_TARGET_FRAMES = 30
-"""Frames of the first target, half a second: the drive goes on soon after Enable, and the tool goes
-only to what is taught or chosen later."""
+"""Number of frames of the first target, half a second.
+
+It is small so that the drive goes on soon after Enable. The tool moves only to poses that are
+taught or selected later.
+"""
 
 
 def await_enable(channels: Desk, servo: Servo, intent: str, plant: Plant) -> Target:
-    """Show what is seen, and tell what is going to happen, until the person wants the drive on; the
-    pose in which the tool then is, as the first target. No `loop.run`: the drive is off, and no
-    command is sent.
+    """Display observations until the drive is enabled; return the present pose as the target.
+
+    This is not `loop.run`: the drive is off and no command is sent.
+
+    Parameters
+    ----------
+    channels : Desk
+        Channels to the page.
+    servo : Servo
+        Servo of the session.
+    intent : str
+        Description of what happens once the drive is on, for the page.
+    plant : Plant
+        Plant of the servo process.
+
+    Returns
+    -------
+    Target
+        Mean of the first frames after the request.
+
+    Raises
+    ------
+    Stopped
+        If a stop is requested.
     """
     assert isinstance(plant, HeartbeatPlant)
     channels.said.put(SettingsApplied(replace(servo)))
-    servo.warm_up()  # so that the drive goes on soon once it is wanted, whatever was set
+    servo.warm_up()  # so that no compilation delays the drive after Enable
     state, schedule = servo.init(), ticks(plant.clock, servo.rate)
-    list(channels.wants.heard())  # what was wanted of a session that is over
+    list(channels.wants.heard())  # requests to an earlier session
     channels.said.put(Standby("the drive is off", can_enable=True, intent=intent))
     while True:
         now = next(schedule)
@@ -44,7 +68,7 @@ def await_enable(channels: Desk, servo: Servo, intent: str, plant: Plant) -> Tar
 
 
 def _enable_requested(channels: Desk) -> bool:
-    """Whether the person wants the drive on; all else is not for now."""
+    """Return whether the operator requests the drive; report every other request as refused."""
     messages = list(channels.wants.heard())
     if any(not isinstance(one, Enable) for one in messages):
         channels.said.put(Note("the drive is off: enable first"))

@@ -1,5 +1,6 @@
-"""The hand of whoever has control: that it is there, and which jog button it holds down. What is
-newest is what counts, so that nothing of it waits in a queue.
+"""Shared jog state of the browser in control: heartbeats and the jog button that is held down.
+
+Only the newest state counts, so that no jog command waits in a queue.
 """
 
 import struct
@@ -10,29 +11,30 @@ from rcmservo.constraints import Triple
 from rcmservo.live.shared_ring import SharedRing
 
 NO_PRESS = -1
+"""Number of the press while no button is held down."""
 JOG_LAYOUT = struct.Struct("<qqdddd?")
 JOG_SLOTS = 2
 
 
 class JogCommand(NamedTuple):
-    """What the hand does.
+    """Jog command of the browser in control.
 
     Parameters
     ----------
-    life : int
-        It rises with each sign of life.
+    heartbeats : int
+        Counter that rises with each sign of life.
     press : int
-        Which press of a button it is, NONE where none is held.
-    a : float
-        rad/s of joint 1, or mm/s along x.
-    b : float
-        rad/s of joint 2, or mm/s along y.
-    c : float
-        mm/s of joint 3, or along z.
-    share : float
-        Of the speed that a jog may have.
-    leads : bool
-        Whether the button leads marker 1 in the arm's base frame, and no single joint.
+        Number of the press, `NO_PRESS` if no button is held down.
+    first : float
+        Rate of joint 1 in rad/s, or velocity along x in mm/s.
+    second : float
+        Rate of joint 2 in rad/s, or velocity along y in mm/s.
+    third : float
+        Rate of joint 3 in mm/s, or velocity along z in mm/s.
+    speed_scale : float
+        Fraction of the jog speed.
+    moves_marker : bool
+        The command moves marker 1 in the arm's base frame instead of joints.
     """
 
     heartbeats: int = 0
@@ -45,8 +47,9 @@ class JogCommand(NamedTuple):
 
 
 class JogState:
-    """Shared memory with the newest gesture: one writer. It is handed to a process when that is
-    started.
+    """Shared memory with the newest jog command. It has one writer.
+
+    A process gets it as an argument when it is started.
     """
 
     def __init__(self, context: BaseContext) -> None:
@@ -57,19 +60,17 @@ class JogState:
     def hold(
         self, press: int, motion: Triple, speed_scale: float = 1.0, moves_marker: bool = False
     ) -> None:
-        """It is there, and holds a button down that moves joints by their rates, or leads marker 1
-        by its velocity.
-        """
+        """Write that a button is held down; `motion` is joint rates or the velocity of marker 1."""
         self._write(
             JogCommand(self._command.heartbeats + 1, press, *motion, speed_scale, moves_marker)
         )
 
     def send_heartbeat(self) -> None:
-        """It is there, and holds nothing."""
+        """Write a sign of life without a held button."""
         self._write(JogCommand(self._command.heartbeats + 1))
 
     def release(self) -> None:
-        """It holds nothing any more; that is no sign of life."""
+        """Write that no button is held down. This is not a sign of life."""
         self._write(JogCommand(self._command.heartbeats))
 
     def _write(self, command: JogCommand) -> None:
@@ -77,6 +78,6 @@ class JogState:
         self.ring.put(JOG_LAYOUT.pack(*command))
 
     def read(self) -> JogCommand | None:
-        """The newest gesture; None if it is overwritten at this moment, or damaged."""
+        """Return the newest command; None if it is being overwritten or is damaged."""
         entry = self.ring.read(self.ring.newest)
         return JogCommand(*JOG_LAYOUT.unpack(entry.data)) if entry and entry.is_sound else None

@@ -1,4 +1,4 @@
-"""JSON for browsers."""
+"""JSON encoding of what browsers receive."""
 
 from typing import Any
 
@@ -6,10 +6,10 @@ from pydantic_core import to_json
 
 
 def encode_json(value: object) -> bytes:
-    """Return a value as JSON: dataclasses as tables, arrays as lists, NaN and infinity as null."""
+    """Encode a value as JSON: dataclasses as tables, arrays as lists, NaN and infinity as null."""
     return to_json(value, inf_nan_mode="null", fallback=_to_plain)
 
 
 def _to_plain(array: Any) -> Any:
-    """Return an array or a number of NumPy as plain Python."""
+    """Convert an array or a NumPy scalar to plain Python."""
     return array.tolist()

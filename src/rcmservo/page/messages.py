@@ -1,4 +1,4 @@
-"""What the page tells the servo: what a person wants, and that the person is still there."""
+"""Messages between browser, servo process and supervisor."""
 
 from dataclasses import dataclass
 from typing import Annotated, Any
@@ -10,34 +10,34 @@ from rcmservo.safety.state_machine import Request
 from rcmservo.servo.servo import Servo
 
 RATE_LIMIT = at_most(1e9, "of its unit")
-"""Limit of a rate that a browser asks for."""
+"""Limit of a rate that a browser requests."""
 
 MAX_ANSWER_CHARACTERS = 100
-"""Characters of an answer."""
+"""Longest answer to a question, in characters."""
 
 PRESS_NUMBER_LIMIT = Limit(lambda press: 0 <= press < 2**53, "a whole number from 0 to 2⁵³ − 1")
-"""Limit of the number of a press: JavaScript holds it exactly."""
+"""Limit of the number of a press, the largest range that JavaScript represents exactly."""
 
 
 def single_line_text(max_characters: int, noun: str = "one line") -> Limit:
-    """Return the limit to a printable text of at most `most` characters."""
+    """Return the limit to a printable text of at most `max_characters`."""
     words = f"{noun} of at most {max_characters} characters"
     return Limit(lambda text: len(text) <= max_characters and text.isprintable(), words)
 
 
 @dataclass(frozen=True)
 class Enable:
-    """Wanted: that the drive goes on, with the tool's present pose as the first target."""
+    """Request to switch the drive on, with the tool's present pose as the first target."""
 
 
 @dataclass(frozen=True, eq=False)
 class Go:
-    """Wanted: that the tool goes to a target.
+    """Request to move the tool to a target.
 
     Parameters
     ----------
     target : Target
-        Where to.
+        Target to reach.
     """
 
     target: Target
@@ -45,13 +45,12 @@ class Go:
 
 @dataclass(frozen=True)
 class TeachPose:
-    """Wanted: that the tool pauses, and that what the camera then sees becomes the target, and is
-    kept by this name.
+    """Request to pause the tool and to teach the present observation as the target.
 
     Parameters
     ----------
     name : str
-        Of the pose; empty where it is not kept.
+        Name under which the pose is stored; empty if it is not stored.
     """
 
     name: str
@@ -59,12 +58,12 @@ class TeachPose:
 
 @dataclass(frozen=True)
 class DeletePose:
-    """Wanted: that a pose is forgotten.
+    """Request to delete a stored pose.
 
     Parameters
     ----------
     name : str
-        Its name.
+        Name of the pose.
     """
 
     name: str
@@ -72,16 +71,16 @@ class DeletePose:
 
 @dataclass(frozen=True)
 class JogJoints(Checked, section="jog"):
-    """A person holds a jog button down, now.
+    """Report that a button that jogs joints is held down now.
 
     Parameters
     ----------
     rates : Triple
-        Joint rates rad/s, rad/s, mm/s.
+        Joint rates (3,) rad/s, rad/s, mm/s.
     press : int
-        Which press it is: what ended one press is not gone on with before the next.
-    share : float
-        Of the speed that a jog may have.
+        Number of the press. Each press has a number of its own, and one that was ended stays ended.
+    speed_scale : float
+        Fraction of the jog speed, above 0 and at most 1.
     """
 
     rates: Annotated[Triple, each(RATE_LIMIT, "three numbers (rad/s, rad/s, mm/s) of at most 10⁹")]
@@ -91,17 +90,16 @@ class JogJoints(Checked, section="jog"):
 
 @dataclass(frozen=True)
 class JogMarker(Checked, section="jog"):
-    """A person holds a button down, now, that leads marker 1 in a direction of the arm's base
-    frame.
+    """Report that a button that moves marker 1 is held down now.
 
     Parameters
     ----------
     velocity : Triple
-        Of marker 1 along x, y, z, mm/s.
+        Velocity (3,) of marker 1 along x, y, z of the arm's base frame, mm/s.
     press : int
-        Which press it is, as for Held.
-    share : float
-        Of the speed that a jog may have.
+        Number of the press, as for `JogJoints`.
+    speed_scale : float
+        Fraction of the jog speed, above 0 and at most 1.
     """
 
     velocity: Annotated[Triple, each(RATE_LIMIT, "three numbers (mm/s) of at most 10⁹")]
@@ -111,24 +109,24 @@ class JogMarker(Checked, section="jog"):
 
 @dataclass(frozen=True)
 class Heartbeat:
-    """The person who has control is there, now, and holds nothing."""
+    """Sign of life from the browser in control while no jog button is held down."""
 
 
 @dataclass(frozen=True)
 class ReleaseJog:
-    """The person has let go of the button."""
+    """Report that the jog button was released."""
 
 
 @dataclass(frozen=True, eq=False)
 class Change:
-    """Wanted: that a box of the servo has other settings.
+    """Request to change the settings of one part of the servo.
 
     Parameters
     ----------
-    box : str
-        Which one.
+    part : str
+        Name of the part, such as "controller".
     value : Any
-        Its settings.
+        New settings of the part.
     """
 
     part: str
@@ -136,13 +134,13 @@ class Change:
 
 
 @dataclass(frozen=True)
-class DisturbanceRequest(Checked, section="trouble"):
-    """Wanted: that something goes wrong with a simulated laboratory.
+class DisturbanceRequest(Checked, section="disturbance"):
+    """Request to disturb a simulated laboratory.
 
     Parameters
     ----------
     what : str
-        As `--disturb` takes it, without `at`; empty: all that goes wrong ends.
+        Disturbance as `--disturb` takes it, without `at`; empty to end all disturbances.
     """
 
     what: Annotated[str, single_line_text(200, "a disturbance")]
@@ -150,14 +148,14 @@ class DisturbanceRequest(Checked, section="trouble"):
 
 @dataclass(frozen=True)
 class Reply(Checked, section="answer"):
-    """What a person answers to a question.
+    """Answer to a question.
 
     Parameters
     ----------
     question : str
-        Which one, in its words: an answer to another one counts for nothing.
+        Text of the question. An answer to another question is ignored.
     words : str
-        The answer.
+        Answer.
     """
 
     question: Annotated[str, single_line_text(400)]
@@ -179,17 +177,17 @@ BrowserMessage = (
     | DisturbanceRequest
     | Reply
 )
-"""What comes from a browser."""
+"""Messages from a browser."""
 
 
 @dataclass(frozen=True)
 class Note:
-    """A sentence for the person.
+    """Sentence to display to the operator.
 
     Parameters
     ----------
     words : str
-        The sentence.
+        Sentence.
     """
 
     words: str
@@ -197,22 +195,22 @@ class Note:
 
 @dataclass(frozen=True)
 class Standby:
-    """There is no loop: before the drive is on, or after a stop.
+    """State of the session while no loop runs: before the drive is on, or after a stop.
 
     Parameters
     ----------
     words : str
-        What there is instead.
-    ready : bool
-        Whether the drive can be switched on.
+        State in words.
+    can_enable : bool
+        The drive can be switched on.
     latched : bool
-        Whether it stays so until the person clears it,
-    clears : bool
-        and whether that can be done now.
+        The state remains until the operator clears it.
+    can_clear : bool
+        The operator can clear it now.
     intent : str
-        What is going to happen once the drive is on.
-    asks : str
-        What the person is asked; empty where that is nothing.
+        Description of what happens once the drive is on.
+    question : str
+        Question to the operator; empty if there is none.
     """
 
     words: str
@@ -225,12 +223,12 @@ class Standby:
 
 @dataclass(frozen=True, eq=False)
 class TargetChanged:
-    """What the loop goes to from now on.
+    """Report of a new target of the loop.
 
     Parameters
     ----------
     target : Target
-        What was shown.
+        New target.
     """
 
     target: Target
@@ -238,14 +236,14 @@ class TargetChanged:
 
 @dataclass(frozen=True, eq=False)
 class PoseTaught:
-    """A target was taught.
+    """Report of a taught pose.
 
     Parameters
     ----------
     name : str
-        What it is called.
+        Name of the pose.
     target : Target
-        What the camera saw.
+        Observed markers and joints.
     """
 
     name: str
@@ -254,12 +252,12 @@ class PoseTaught:
 
 @dataclass(frozen=True, eq=False)
 class SettingsApplied:
-    """What the loop goes by from now on.
+    """Report of the settings that the loop uses from now on.
 
     Parameters
     ----------
     servo : Servo
-        Its settings.
+        Servo with these settings.
     """
 
     servo: Servo
@@ -267,12 +265,12 @@ class SettingsApplied:
 
 @dataclass(frozen=True)
 class SequenceStatus:
-    """How far a tour is.
+    """Report of the progress of a pose sequence.
 
     Parameters
     ----------
-    progress : HowFar or None
-        None where there is none, or none any more.
+    progress : SequenceProgress or None
+        Progress; None if no sequence runs.
     """
 
     progress: SequenceProgress | None
@@ -280,12 +278,12 @@ class SequenceStatus:
 
 @dataclass(frozen=True)
 class TeachingStatus:
-    """How far teaching is.
+    """Report of the progress of teaching.
 
     Parameters
     ----------
     words : str
-        In words; empty where nothing is being taught.
+        Progress in words; empty if no pose is being taught.
     """
 
     words: str
@@ -294,7 +292,7 @@ class TeachingStatus:
 StatusMessage = (
     Note | Standby | TargetChanged | PoseTaught | SettingsApplied | SequenceStatus | TeachingStatus
 )
-"""What servo process and supervisor tell the page beside the ticks."""
+"""Messages from the servo process and the supervisor to the page, in addition to the ticks."""
 
 STOP, CLEAR = "stop", "clear"
-"""What the supervisor is told: that a person has pressed STOP; that the stop is over."""
+"""Messages to the supervisor: STOP was pressed; the stop was cleared."""

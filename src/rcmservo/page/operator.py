@@ -1,9 +1,9 @@
-"""The person at the page, as the loop asks for one after every tick.
+"""Operator at the page, as the loop calls it after every tick.
 
-the session begins       paused: nothing moves before the person says where to
-no sign of life          what moves by itself is paused
-a jog button is held     the joints move, as long as the page says so anew
-a tour                   the tool goes from pose to pose, until something stops it
+start of the session     paused: nothing moves before the operator requests it
+no heartbeat             autonomous motion is paused
+jog button held down     the joints move as long as the browser repeats the command
+pose sequence            the tool moves from pose to pose until something stops it
 """
 
 from collections import deque
@@ -42,20 +42,28 @@ from rcmservo.safety.state_machine import SLOW_SHARE, Phase, Request
 from rcmservo.servo.servo import Servo
 
 HEARTBEAT_TIMEOUT_NS = 500_000_000
-"""ns without a sign of life from the person in control after which the tool is paused."""
+"""Time (ns) without a heartbeat of the browser in control after which the tool is paused."""
 
 JOG_TIMEOUT_NS = 80_000_000
-"""ns after which a jog button that nobody says is held counts as let go."""
+"""Time (ns) without a repeated jog command after which the button counts as released."""
 
 FRAMES_PER_REPORT = 15
-"""Frames between two sentences on how far teaching is, a quarter of a second."""
+"""Frames between two reports on teaching, a quarter of a second."""
 
 Requested = TypeVar("Requested", Target, Servo)
 
 
 class PageOperator:
-    """What the page wants, from tick to tick. ``chosen`` is what was set as the session began, and
-    a target is the mean of so many ``frames``.
+    """Operator whose requests come from the page.
+
+    Parameters
+    ----------
+    channels : Desk
+        Channels to the page.
+    selection : Chosen
+        Settings at the start of the session.
+    frames : int
+        Number of frames whose mean is a target.
     """
 
     def __init__(self, channels: Desk, selection: Chosen, frames: int = TEACHING_FRAMES) -> None:
@@ -71,9 +79,7 @@ class PageOperator:
         self._target: Target | None = None
         self._sequence: SequenceRunner | None = None
         self._progress: SequenceProgress | None = None
-        joint_rates(
-            selection.servo.rcm, np.zeros(3), np.zeros(3)
-        )  # compiled before the loop begins
+        joint_rates(selection.servo.rcm, np.zeros(3), np.zeros(3))  # compiles it before the loop
 
     def __call__(self, tick: Tick) -> OperatorRequest:
         self._channels.ticks.add(tick)
@@ -87,14 +93,14 @@ class PageOperator:
             self._requests.clear()
             return Request.PAUSE
         if not self._requests:
-            return self._jog(tick)
+            return self._jog_request(tick)
         request, name = self._requests.popleft()
         self._cancel_teaching()
         self._teaching = name
         return request
 
     def _cancel_teaching(self) -> None:
-        """Tell of what was to be taught and was not."""
+        """Report that a pose was not taught."""
         if self._teaching is not None:
             self._channels.said.put(Note(f"{self._teaching or 'the target'} was not taught"))
             self._end_teaching()
@@ -105,18 +111,18 @@ class PageOperator:
         self._channels.said.put(TeachingStatus(""))
 
     def _report_teaching(self, tick: Tick) -> None:
-        """Tell how many frames have shown both markers since teaching began."""
+        """Report the number of frames since teaching began in which both markers are observed."""
         is_observed = tick.seen.frame != self._frame and bool(np.isfinite(tick.seen.points).all())
         self._frame = tick.seen.frame
         if self._teaching is None or not is_observed:
             return
         self._observed_frames += 1
         if self._observed_frames % FRAMES_PER_REPORT == 1:
-            count = f"{self._observed_frames} frames so far, {self._frames} are needed"
+            count = f"{self._observed_frames} of {self._frames} frames"
             self._channels.said.put(TeachingStatus(f"teaching, keep the tool still: {count}"))
 
     def _read_jog_state(self, tick: Tick) -> None:
-        """See what the hand does. A press is over that was not renewed in time."""
+        """Read the jog command. End a press that the browser has not repeated in time."""
         now, command = tick.seen.now, self._channels.hand.read() or self._jog
         if self._heartbeat_at is None or command.heartbeats != self._jog.heartbeats:
             self._heartbeat_at = now
@@ -143,7 +149,7 @@ class PageOperator:
                 )
 
     def _go(self, target: Target, targets: tuple[Target, ...], tick: Tick) -> bool:
-        """Go to a target, if the settings can go to all of them; whether they can."""
+        """Request a target. Return False if the settings do not support all `targets`."""
         try:
             for one in targets:
                 self._pending(Servo, tick.servo).demand(one)
@@ -156,7 +162,7 @@ class PageOperator:
         return True
 
     def _advance_sequence(self, tick: Tick) -> None:
-        """Go on with a tour, once the tick goes by all that was wanted."""
+        """Advance the pose sequence once the tick includes all earlier requests."""
         sequence = self._sequence
         if sequence is not None and not self._requests:
             if sequence.update(tick):
@@ -172,7 +178,7 @@ class PageOperator:
             self._channels.said.put(SequenceStatus(progress))
 
     def _change_settings(self, change: Change, tick: Tick) -> None:
-        """Have a box changed that may be now; the others are the next session's."""
+        """Change a part that may change now; other parts change with the next session."""
         if change.part not in IMMEDIATE_PARTS:
             return
         try:
@@ -187,25 +193,25 @@ class PageOperator:
         self._requests.append((servo, None))
 
     def _pending(self, kind: type[Requested], present: Requested) -> Requested:
-        """What the loop will go by once it has what waits to be wanted; `now` is what it has."""
+        """Return the last value of a type that waits to be requested, or the present one."""
         return next((one for one, _ in reversed(self._requests) if isinstance(one, kind)), present)
 
     def _is_unattended(self, tick: Tick) -> bool:
-        """Whether the tool goes its own way while nobody is there."""
+        """Return whether the servo moves the tool autonomously without an operator."""
         assert self._heartbeat_at is not None
         return (
             tick.state.phase in AUTONOMOUS_PHASES
             and tick.seen.now - self._heartbeat_at > HEARTBEAT_TIMEOUT_NS
         )
 
-    def _jog(self, tick: Tick) -> OperatorRequest:
-        """The motion of a button that is held. A press that something else ended is over too."""
+    def _jog_request(self, tick: Tick) -> OperatorRequest:
+        """Return the motion of the held button. A press during which JOG was left is over."""
         command = self._jog
         if self._active_press != NO_PRESS and tick.state.phase is not Phase.JOG:
             self._ended_press = self._active_press
-        going = command.press not in (NO_PRESS, self._ended_press)
-        self._active_press = command.press if going else NO_PRESS
-        if not going:
+        is_held = command.press not in (NO_PRESS, self._ended_press)
+        self._active_press = command.press if is_held else NO_PRESS
+        if not is_held:
             return Request.NONE
         self._cancel_teaching()
         if self._sequence is not None:
@@ -214,7 +220,7 @@ class PageOperator:
         return Jog(rates) if np.isfinite(rates).all() else Request.NONE
 
     def _report_changes(self, tick: Tick) -> None:
-        """Tell the page of settings and a target that are new, and of one that was taught."""
+        """Report new settings, a new target, and a taught pose to the page."""
         if tick.servo is not self._servo:
             self._servo = tick.servo
             self._channels.said.put(SettingsApplied(replace(tick.servo)))
@@ -224,14 +230,16 @@ class PageOperator:
         self._target = target
         self._channels.said.put(TargetChanged(target))
         if self._teaching is not None:
-            note = Note("the target is shown again")
+            note = Note("the target was taught again")
             self._channels.said.put(PoseTaught(self._teaching, target) if self._teaching else note)
             self._end_teaching()
 
 
 def _jog_rates(command: JogCommand, tick: Tick) -> Floats:
-    """The joint rates (3,) that a gesture means where the joints are now, at its share of the jog's
-    speed at most. They are not finite where the joints are not known.
+    """Return the joint rates (3,) rad/s, rad/s, mm/s of a jog command at the present joints.
+
+    The rates are scaled down to the fraction `speed_scale` of the jog speed. They are not finite if
+    the joints are unknown.
     """
     rates = np.array([command.first, command.second, command.third])
     if command.moves_marker:

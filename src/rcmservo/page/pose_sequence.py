@@ -1,9 +1,9 @@
-"""A tour: poses that are visited in turn, each for a while, round after round.
+"""Sequence of poses that the tool visits in turn, with a dwell at each, for a number of rounds.
 
-go to a pose ─► errors within the verdict's tolerance ─► for the whole dwell ─► the next pose
-                        ▲ outside, or held still: the dwell begins anew │
+go to a pose ─► errors within the verdict's tolerance ─► for the whole dwell ─► next pose
+                        ▲ outside it, or HOLD: the dwell restarts │
 
-What stops the tool, or sends it elsewhere, ends the tour.
+Whatever stops the tool, or moves it elsewhere, ends the sequence.
 """
 
 from dataclasses import dataclass
@@ -20,22 +20,22 @@ from rcmservo.recording.outcome import TOLERANCE
 from rcmservo.safety.state_machine import Phase
 
 MAX_WAYPOINTS, MAX_ROUNDS, MAX_DWELL_S = 20, 1000, 600.0
-"""The most of them, and the longest dwell, s."""
+"""Limits of a sequence: number of waypoints and rounds, and the longest dwell in s."""
 
 AUTONOMOUS_PHASES = Phase.ACQUIRE, Phase.SERVO, Phase.HOLD
-"""Phases in which the tool goes its own way."""
+"""Phases in which the servo moves the tool, or may move it at any tick."""
 
 
 @dataclass(frozen=True)
 class Waypoint(Checked):
-    """A pose of a tour.
+    """Pose of a sequence and the dwell at it.
 
     Parameters
     ----------
     pose : str
-        Its name.
+        Name of the pose.
     dwell : float
-        s for which the errors stay small before the tool goes on.
+        Time (s) for which the errors must stay within the tolerance before the tool continues.
     """
 
     pose: str
@@ -43,15 +43,15 @@ class Waypoint(Checked):
 
 
 @dataclass(frozen=True)
-class SequencePlan(Checked, section="tour"):
-    """What a person asks for.
+class SequencePlan(Checked, section="sequence"):
+    """Waypoints and number of rounds, as a browser requests them.
 
     Parameters
     ----------
-    stops : tuple[Stay, ...]
-        In the order of the visits.
+    waypoints : tuple[Waypoint, ...]
+        Waypoints in the order of the visits.
     rounds : int
-        How often all are visited.
+        Number of times that all waypoints are visited.
     """
 
     waypoints: Annotated[
@@ -63,14 +63,14 @@ class SequencePlan(Checked, section="tour"):
 
 @dataclass(frozen=True, eq=False)
 class RunSequence:
-    """Wanted: that the tool goes on a tour.
+    """Request to run a pose sequence.
 
     Parameters
     ----------
-    plan : Plan
-        Where to, and for how long.
+    plan : SequencePlan
+        Plan of the sequence.
     targets : tuple[Target, ...]
-        Those of its stops.
+        Targets of the waypoints, in their order.
     """
 
     plan: SequencePlan
@@ -79,22 +79,22 @@ class RunSequence:
 
 @dataclass(frozen=True)
 class SequenceProgress:
-    """How far a tour is.
+    """Progress of a pose sequence.
 
     Parameters
     ----------
     pose : str
-        The one that the tool goes to or is at.
-    stop : int
-        Which of the stops that is, from 1,
-    stops : int
-        of how many.
-    lap : int
-        Which round, from 1,
-    laps : int
-        of how many.
-    left : int or None
-        s of the dwell that are left, rounded up; None on the way there.
+        Name of the pose that the tool moves to or is at.
+    waypoint_number : int
+        Number of this waypoint, from 1.
+    waypoints : int
+        Number of waypoints.
+    round_number : int
+        Number of this round, from 1.
+    rounds : int
+        Number of rounds.
+    remaining_s : int or None
+        Remaining dwell in s, rounded up; None while the tool moves to the pose.
     """
 
     pose: str
@@ -106,7 +106,7 @@ class SequenceProgress:
 
 
 class SequenceRunner:
-    """A tour under way. It begins by going to the first stop."""
+    """Pose sequence in progress. It starts at the first waypoint."""
 
     def __init__(self, request: RunSequence) -> None:
         self._plan, self._targets = request.plan, request.targets
@@ -114,35 +114,37 @@ class SequenceRunner:
         self._requested_at: int | None = None
         self._arrived_at: int | None = None
         self.progress: SequenceProgress | None = self._progress_at(None)
-        """None once the tour is over."""
+        """Progress; None after the end."""
         self.outcome = ""
-        """How it ended; empty before."""
+        """Reason of the end in words; empty before it."""
 
     @property
     def target(self) -> Target:
-        """That of the stop it goes to or is at."""
+        """Target of the present waypoint."""
         return self._targets[self._visit_count % len(self._targets)]
 
     def update(self, tick: Tick) -> bool:
-        """Take a tick that goes by what was wanted; whether to go to another stop from now on."""
+        """Update with a tick in which all earlier requests are applied.
+
+        Returns
+        -------
+        bool
+            True if the tool must go to the next waypoint from now on.
+        """
         now, state = tick.seen.now, tick.state
         reason = interruption(tick, self.target)
         if reason:
-            self.progress, self.outcome = None, f"the tour has ended: {reason}"
+            self.progress, self.outcome = None, f"the pose sequence has ended: {reason}"
             return False
         self._requested_at = now if self._requested_at is None else self._requested_at
         is_at_pose = bool((np.abs(state.delta) < TOLERANCE).all())
-        if (
-            state.phase is not Phase.SERVO
-            or tick.seen.exposure < self._requested_at
-            or not is_at_pose
-        ):
+        is_current = tick.seen.exposure >= self._requested_at
+        if state.phase is not Phase.SERVO or not is_current or not is_at_pose:
             self._arrived_at = None
         elif self._arrived_at is None:
             self._arrived_at = now
-        remaining_s = (
-            None if self._arrived_at is None else self._remaining_dwell(now - self._arrived_at)
-        )
+        arrived_at = self._arrived_at
+        remaining_s = None if arrived_at is None else self._remaining_dwell(now - arrived_at)
         if remaining_s == 0:
             return self._advance()
         self.progress = self._progress_at(remaining_s)
@@ -160,21 +162,21 @@ class SequenceRunner:
         )
 
     def _advance(self) -> bool:
-        """To the next stop, or to the end."""
+        """Advance to the next waypoint, or end the sequence."""
         self._visit_count, self._requested_at, self._arrived_at = self._visit_count + 1, None, None
         if self._visit_count < self._plan.rounds * len(self._targets):
             self.progress = self._progress_at(None)
             return True
-        self.progress, self.outcome = None, "the tour is over: all its poses were visited"
+        self.progress, self.outcome = None, "the pose sequence is complete"
         return False
 
 
 def interruption(tick: Tick, target: Target) -> str:
-    """What ends a tour to a target; empty where nothing does."""
+    """Return the reason that ends a sequence on the way to a target, or ""."""
     state = tick.state
     if state.phase not in AUTONOMOUS_PHASES:
         cause = state.mode.cause.value
         return f"{state.phase.value}: {cause}" if cause else state.phase.value
     if state.target is None or not same(state.target, target):
-        return "the tool was sent elsewhere"
+        return "the tool has another target"
     return ""

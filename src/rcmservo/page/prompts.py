@@ -1,4 +1,4 @@
-"""What a person is asked at the page before the drive can go on, such as where the arm stands."""
+"""Questions to the operator at the page before the drive can go on, such as the joints' values."""
 
 from rcmservo.live.servo_process import HeartbeatPlant, go_on
 from rcmservo.loop.clock import ticks
@@ -6,25 +6,31 @@ from rcmservo.page.channels import Desk
 from rcmservo.page.messages import Note, Reply, Standby
 
 MIN_READING_TIME_NS = 500_000_000
-"""ns that a person needs at least to read a question: what comes before was meant for another."""
+"""Time (ns) to read a question. An earlier answer is ignored: it was meant for another question."""
 
 POLL_RATE_HZ = 50.0
-"""Looks for an answer, 1/s."""
+"""Rate (1/s) at which answers are read."""
 
 
 class PagePerson:
-    """A person at the page, whose answers come from the browser that has control, and are fresh."""
+    """Operator at the page. Only new answers from the browser in control count."""
 
     def __init__(self, channels: Desk, plant: HeartbeatPlant) -> None:
         self._channels, self._plant = channels, plant
         self._statement = "the drive is off"
 
     def tell(self, words: str) -> None:
-        """Say something that needs no answer: it stands above the next question."""
+        """Set the statement that stands above the next question."""
         self._statement = words
 
     def ask(self, question: str) -> str:
-        """What the person answers to this question."""
+        """Display a question and return the answer.
+
+        Raises
+        ------
+        Stopped
+            If a stop is requested.
+        """
         plant, displayed_at = self._plant, self._plant.clock.now()
         list(self._channels.wants.heard())
         self._channels.said.put(Standby(self._statement, question=question))
@@ -32,7 +38,7 @@ class PagePerson:
             go_on(plant.told_to_end)
             for message in self._channels.wants.heard():
                 if not isinstance(message, Reply):
-                    self._channels.said.put(Note("the drive is off: answer first"))
+                    self._channels.said.put(Note("the drive is off: answer the question first"))
                 elif (
                     message.question == question
                     and plant.clock.now() - displayed_at >= MIN_READING_TIME_NS

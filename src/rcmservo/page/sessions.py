@@ -1,7 +1,7 @@
-"""Session after session on one arm, and the bell that stops them.
+"""Consecutive sessions on one arm, and the stop requests that end them.
 
-preparing ─► drive off ─ enable ─► the loop ─ its end ─► preparing
-    ▲                                │ STOP, or it cannot go on
+preparing ─► drive off ─ enable ─► loop ─ end of the session ─► preparing
+    ▲                                │ STOP, or an error
     └────────────── clear ◄── stopped, with the drive off
 """
 
@@ -18,17 +18,30 @@ from rcmservo.page.messages import CLEAR, STOP, Change, Note, Standby
 
 
 class SessionRestart(Stopped):
-    """A session that was not enabled yet, and begins again with other settings."""
+    """End of a session that was not enabled yet, to restart it with changed settings."""
 
 
 class StopPressed(Stopped):
-    """The bell has ended a session."""
+    """End of a session by a stop request."""
 
 
 class Sessions:
-    """Runs session after session. ``needed`` are processes without which none goes on, by their
-    sentinels, and what they are. ``change`` takes other settings for the next one; ``beside`` is
-    heard meanwhile.
+    """Loop over sessions.
+
+    Parameters
+    ----------
+    channels : Desk
+        Channels to the page.
+    session : callable
+        Returns the next session.
+    switch_off : callable
+        Switches the drive off from outside the servo process and returns the result in words.
+    needed : mapping
+        Names of the processes that every session needs, by their sentinels.
+    change : callable
+        Applies changed settings to the next session.
+    handlers : mapping, optional
+        Functions to call when further channels have a message.
     """
 
     def __init__(
@@ -52,24 +65,24 @@ class Sessions:
             self._handlers[sentinel] = lambda name=name: self._report_lost_process(name)
 
     def keep(self) -> None:
-        """Run them, until something raises."""
+        """Run sessions until an exception ends them."""
         while True:
             reason = self._run()
             if reason:
                 self._latch(reason)
 
     def _run(self) -> str:
-        """One session; why there can be no other before a person clears, empty where there can."""
+        """Run one session. Return the reason if the operator must clear first, or ""."""
         self._apply_changes()
         self._has_begun, self._is_waiting = False, True
         self._channels.said.put(Standby("preparing"))
         try:
             result = run_live(self._session(), self._switch_off, self._report, self._handlers)
-        except StopPressed as rung:
-            return str(rung)
+        except StopPressed as stop:
+            return str(stop)
         except SessionRestart:
             return ""
-        except Stopped:  # by a signal, or for want of a process
+        except Stopped:  # by a signal, or because a process has ended
             raise
         except RcmServoError as error:
             return str(error)
@@ -77,42 +90,40 @@ class Sessions:
             return result.cause
         if result.drive_off:
             return f"the session is over: {result.drive_off}"
-        self._channels.said.put(Note("the session is over, and the drive off"))
+        self._channels.said.put(Note("the session is over and the drive is off"))
         return ""
 
     def _report(self, report: Report) -> None:
         self._has_begun, self._is_waiting = True, False
 
     def _handle_stop_request(self) -> None:
-        """Hear the bell while a session runs."""
+        """End the running session if STOP was pressed."""
         if STOP in list(self._channels.bell.heard()):
             reason = f"STOP was pressed: {self._switch_off(self._has_begun)}"
             self._channels.said.put(Standby(reason, latched=True))
             raise StopPressed(reason)
 
     def _apply_changes(self) -> None:
-        """Take other settings: a session that is not enabled begins again with them, one that is
-        goes on, and the next one has them.
-        """
+        """Apply changed settings to the next session, and restart one that is not enabled yet."""
         changes = list(self._channels.changes.heard())
         for change in changes:
             self._change(change)
         if changes and self._is_waiting:
             self._is_waiting = False
-            raise SessionRestart("other settings were set")
+            raise SessionRestart("the settings have changed")
 
     def _report_lost_process(self, name: str) -> None:
         raise Stopped(f"{name} has ended by itself; {self._switch_off(self._has_begun)}")
 
     def _latch(self, reason: str) -> None:
-        """Say why all stands still, until a person clears it."""
+        """Display the reason of a stop and wait until the operator clears it."""
         self._is_waiting = False
-        list(self._channels.bell.heard())  # from before it could be cleared
+        list(self._channels.bell.heard())  # requests from before the stop could be cleared
         self._channels.said.put(Standby(reason, latched=True, can_clear=True))
         while True:
-            for handle in wait(list(self._handlers)):
-                if handle is not self._channels.bell:
-                    self._handlers[handle]()
+            for ready in wait(list(self._handlers)):
+                if ready is not self._channels.bell:
+                    self._handlers[ready]()
             requests = list(self._channels.bell.heard())
             if requests and requests[-1] == CLEAR:
                 return

@@ -1,4 +1,4 @@
-"""What the page shows: the newest tick in words and numbers, and what was said beside it."""
+"""Content of the page: the newest tick in words and numbers, and the newest status messages."""
 
 import time
 from collections import deque
@@ -35,38 +35,38 @@ from rcmservo.safety.state_machine import Phase
 from rcmservo.servo.servo import Servo
 
 MAX_NOTES = 20
-"""Sentences that are kept."""
+"""Number of notes that are stored."""
 
 Truth = Callable[[Floats], float]
-"""The true pose error, mm, of a target by the joints (3,) at which it was shown."""
+"""True pose error in mm of a target, as a function of the joints (3,) at which it was taught."""
 
 
 @dataclass(frozen=True)
 class Status:
-    """State of the servo in words, and the buttons that lead on.
+    """State of the servo in words, and the actions of the page's buttons.
 
     Parameters
     ----------
     phase : str
-        Name of the phase; OFF where no loop runs.
+        Name of the phase; OFF if no loop runs.
     words : str
-        The phase in words.
+        Phase in words.
     action : str
-        Action of the cause, which says how grave it is.
+        Action of the cause, a measure of its severity.
     can : list[str]
-        Actions that the browser in control may ask for now.
-    ways : list[str]
-        Actions that lead out of the cause, in the order in which they are pressed.
+        Actions that the browser in control may request now.
+    recovery : list[str]
+        Actions that recover from the cause, in the order in which they are pressed.
     way_out : str
-        The way out in words.
+        Recovery from the cause in words.
     why : str
-        The cause in words.
+        Cause in words.
     moves : bool
-        Whether the tool moves by itself.
+        The servo moves the tool.
     intent : str
-        What is going to happen once the drive is on.
-    asks : str
-        What the person is asked.
+        Description of what happens once the drive is on.
+    question : str
+        Question to the operator.
     """
 
     phase: str
@@ -83,44 +83,44 @@ class Status:
 
 @dataclass
 class Dashboard:
-    """What there is to show.
+    """Content of the page.
 
     Parameters
     ----------
-    desk : Desk
-        Where it comes from.
-    poses : Poses
-        Where poses are kept.
-    between : Between or None
-        What there is instead of a loop; None while there is one.
+    channels : Desk
+        Channels that it reads.
+    poses : PoseStore
+        Stored poses.
+    standby : Standby or None
+        State of the session while no loop runs; None while one runs.
     target : Target or None
-        Where the loop goes to.
+        Present target of the loop.
     tick : Table
-        The newest tick's columns and names.
+        Columns and names of the newest tick.
     notes : deque[str]
-        What was said, the newest last.
-    in_force : Servo or None
-        The settings that the loop goes by.
-    kept : int
-        It rises with each pose that is kept.
-    changes : int
-        It rises with each change of settings.
-    tour : HowFar or None
-        How far a tour is; None where there is none.
+        Notes, the newest last.
+    active_servo : Servo or None
+        Settings that the loop uses.
+    pose_version : int
+        Counter that rises with each stored pose.
+    settings_version : int
+        Counter that rises with each change of settings.
+    sequence : SequenceProgress or None
+        Progress of the pose sequence; None if none runs.
     teaching : str
-        How far teaching is, in words; empty where nothing is being taught.
+        Progress of teaching in words; empty if no pose is being taught.
     curves : Curves
-        The loop's last seconds.
+        Newest samples of the curves.
     shape : Shape or None
-        What the tool is, where that is to be drawn.
+        Mechanism and tool to draw; None if they are not drawn.
     truth : Truth or None
-        What tells how far the tool truly is from a target; None where nobody knows.
+        True pose error; None outside simulation.
     count : int
-        That of the newest tick taken.
+        Index of the newest tick that was read.
     picture : bytes
-        The JPEG file that is shown.
-    looked : int
-        ns, when it was last made new: what is shown later is no newer.
+        Displayed JPEG picture.
+    updated_at : int
+        Time (ns) of the last update. No message to a browser carries a later time.
     """
 
     channels: Desk
@@ -143,11 +143,11 @@ class Dashboard:
 
     @property
     def frame(self) -> int:
-        """Number of the frame that the newest tick knows, -1 where there is none."""
+        """Number of the frame of the newest tick, -1 if there is none."""
         return int(self.tick["frame"][0]) if self.tick else -1
 
     def update(self) -> None:
-        """Take what is new."""
+        """Read new status messages and ticks."""
         for said in self.channels.said.heard():
             self._apply(said)
         self.count, ticks = self.channels.ticks.after(self.count)
@@ -187,7 +187,7 @@ class Dashboard:
                 raise TypeError(f"{message!r} is nothing that is said to the page")
 
     def to_table(self) -> Table:
-        """What a browser draws: `json_of` encodes it."""
+        """Return the content for a browser; `encode_json` encodes it."""
         tick, target = self.tick, self.target
         return {
             **vars(self._status()),
@@ -215,7 +215,7 @@ class Dashboard:
         return round(self.truth(target.q), 4)
 
     def _estimator_status(self) -> str:
-        """How the estimator stands, in words; empty where no servo looks."""
+        """Return the state of the estimator in words; empty if no servo runs."""
         tick = self.tick
         if self.active_servo is None or not tick:
             return ""
@@ -223,13 +223,13 @@ class Dashboard:
         return describe_estimator(self.active_servo, explored, condition, Phase[tick["phase"]])
 
     def _tool(self, q: Floats | None) -> Floats | None:
-        """Markers and tip (3, 3) mm at the joints; None where they are not known."""
+        """Return markers and tip (3, 3) in mm at the joints; None if the joints are unknown."""
         if self.shape is None or q is None or not np.isfinite(q).all():
             return None
         return self.shape.points(q).round(2)
 
     def _status(self) -> Status:
-        """State of the servo, or of the wait for it."""
+        """Return the state of the servo, or of the session while no loop runs."""
         if self.standby is not None or not self.tick:
             standby = self.standby or Standby("preparing")
             return Status(
@@ -256,7 +256,7 @@ class Dashboard:
 
 
 def decode_ring_tick(data: bytes) -> Table:
-    """A tick of the ring as columns and names."""
+    """Decode a tick of the ring to its columns and names."""
     columns = ros2_messages.tick_columns(TICK, [data])
     names = ros2_messages.decode_names(data[: -DUE_TIME.size], TICK)
     named = {one.name: name for one, name in zip(NAME_COLUMNS, names, strict=True)}
@@ -265,12 +265,10 @@ def decode_ring_tick(data: bytes) -> Table:
 
 
 def predicted_markers(tick: Table) -> Floats | None:
-    """Where the servo expects the markers (4,) px in the picture; NaN where its estimator does not
-    tell.
-    """
+    """Return the markers (4,) px that the estimator predicts; NaN if it predicts none."""
     return tick["model"] + np.tile(tick["o_c"], 2) if tick else None
 
 
 def as_points(numbers: Floats | None) -> Floats | None:
-    """Points [[u, v], ...] of numbers in a row."""
+    """Return numbers in a row as points [[u, v], ...]."""
     return None if numbers is None else np.reshape(numbers, (-1, 2))

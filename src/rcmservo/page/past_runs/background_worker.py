@@ -1,5 +1,6 @@
-"""Work on a record, in a process of its own that gives way to all others: neither the page nor the
-servo waits for it.
+"""Execution of work on records in a process of low priority.
+
+Neither the page nor the servo waits for it.
 """
 
 import os
@@ -13,30 +14,36 @@ from typing import Any, TypeVar
 from rcmservo.errors import RcmServoError
 
 MAX_WORK_S = 300.0
-"""s that a piece of work may take."""
+"""Longest time in s for a piece of work."""
 
 MAX_QUEUED = 4
-"""Pieces of work that there may be, with the one that is done now."""
+"""Largest number of pieces of work, including the running one."""
 
 NICENESS = 15
-"""Of the process's niceness."""
+"""Niceness of the process."""
 
 Result = TypeVar("Result")
 
 
 class BackgroundWorker:
-    """Does one piece of work after the other."""
+    """Executor of one piece of work at a time."""
 
     def __init__(self) -> None:
         self._lock, self._count = Lock(), 0
 
     @property
     def is_full(self) -> bool:
-        """Whether no more work is taken."""
+        """State in which no further work is accepted."""
         return self._count >= MAX_QUEUED
 
     def run(self, work: Callable[..., Result], *arguments: Any) -> Result:
-        """What a function of a module makes; what it could not do is raised. It blocks."""
+        """Run a module's function in another process and return its result. This call blocks.
+
+        Raises
+        ------
+        RcmServoError
+            If the function raises one, takes too long, or its process ends.
+        """
         self._count += 1
         try:
             with self._lock:
@@ -67,7 +74,7 @@ def _run_in_process(job: bytes) -> Any:
 
 
 def main() -> None:
-    """Do the work that stands in the input, and write what it makes."""
+    """Read a piece of work from standard input, run it, and write the result to standard output."""
     os.nice(NICENESS)
     work, arguments = pickle.load(sys.stdin.buffer)
     try:

@@ -1,5 +1,7 @@
-"""Which runs there are. Each has a name that is made of its place, and is found by nothing else: a
-browser can ask for no other file.
+"""List of the past runs.
+
+Each run has a name that is a hash of its path. A browser can request a run only by this name, and
+so no other file.
 """
 
 import time
@@ -16,35 +18,35 @@ from rcmservo.recording.record_header import RecordHeader, read_header
 from rcmservo.recording.summary_text import what
 
 MAX_RUNS = 1000
-"""Runs that are listed, the newest."""
+"""Number of runs in the list, the newest."""
 
 RECORDING_TIMEOUT_S = 5.0
-"""s without a change after which a record that was not ended counts as cut off."""
+"""Time (s) without a change after which an open record counts as cut off."""
 
 RECORD_PATTERNS = f"*/{RECORD}", f"*/*/{RECORD}"
-"""Where records are: in a run's folder, and in a session's."""
+"""Locations of records: in the folder of a run and in that of a session."""
 
 
 @dataclass(frozen=True)
 class PastRun:
-    """A run as it is listed.
+    """Run in the list.
 
     Parameters
     ----------
     name : str
-        What it is asked for by.
+        Name by which a browser requests it.
     folder : str
-        Its folder, below that of all runs.
-    when : str
-        Its last change, as a date and time of day.
-    what : str
-        Of which arm, by which estimator; or why it cannot be read.
+        Folder, relative to the folder of all runs.
+    changed : str
+        Date and time of the last change.
+    description : str
+        Arm and estimator; or the reason why the record cannot be read.
     seconds : float or None
-        Its length; None where it cannot be read.
+        Length in s; None if the record cannot be read.
     ended : str
-        How it ended, in words.
-    recording : bool
-        Whether it is being recorded now.
+        End of the run in words.
+    is_recording : bool
+        The run is being recorded now.
     """
 
     name: str
@@ -57,7 +59,7 @@ class PastRun:
 
 
 class RunList:
-    """The runs below a folder."""
+    """List of the runs below a folder."""
 
     def __init__(self, root: Path) -> None:
         self._root = root
@@ -66,7 +68,7 @@ class RunList:
         self._headers: dict[Path, tuple[tuple[int, int], RecordHeader | str]] = {}
 
     def list_runs(self) -> list[PastRun]:
-        """Those that there are, the newest first."""
+        """Return the runs, the newest first."""
         with self._lock:
             found = sorted(self._records(), reverse=True)[:MAX_RUNS]
             self._paths = {self._name(path): path for _, path in found}
@@ -74,12 +76,12 @@ class RunList:
             return [self._describe(path) for _, path in found]
 
     def find_record(self, name: str) -> Path | None:
-        """The record of a run that was listed, while it is there."""
+        """Return the record of a listed run if it still exists."""
         path = self._paths.get(name)
         return path if path is not None and path.is_file() else None
 
     def _records(self) -> Iterator[tuple[int, Path]]:
-        """The records with the times of their last changes. What leads elsewhere is none."""
+        """Yield the records with the times of their last changes, except behind symbolic links."""
         for depth in RECORD_PATTERNS:
             for path in self._root.glob(depth):
                 parents = (path, *path.relative_to(self._root).parents)
@@ -108,7 +110,7 @@ class RunList:
         )
 
     def _cached_header(self, path: Path) -> RecordHeader | str:
-        """What a record tells, or why it tells nothing; looked at anew where it has changed."""
+        """Return a record's header, or why it cannot be read; read it again after a change."""
         status = path.stat()
         key = status.st_mtime_ns, status.st_size
         cached = self._headers.get(path)
@@ -125,7 +127,7 @@ def _read_or_explain(path: Path) -> RecordHeader | str:
 
 
 def describe_ending(header: RecordHeader, is_recording: bool) -> str:
-    """How a run ended, in words."""
+    """Return the end of a run in words."""
     last = ", ".join(filter(None, (header.phase, header.cause))) or "no tick"
     if is_recording:
         return f"it is being recorded: {last}"

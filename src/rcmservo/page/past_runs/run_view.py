@@ -1,4 +1,4 @@
-"""A run that is opened: what happened in words, what to draw on its pictures, and its figures."""
+"""Content of an opened run: time line in words, overlays of its pictures, and its figures."""
 
 import tempfile
 from bisect import bisect_right
@@ -21,31 +21,31 @@ from rcmservo.recording.timeline import Span, spans, stages, summary
 
 PICTURE_TOPIC = "image_raw/compressed"
 MOMENT_SPACING_S = 0.1
-"""s between moments of a run without pictures."""
+"""Time (s) between the moments of a run without pictures."""
 MAX_MOMENTS = 20_000
-"""Moments, and spans, that a browser is told of."""
+"""Largest number of moments, and of spans, that a browser gets."""
 RUN_FIGURES = {
     "timeline": ("Time line", plots.plot_timeline),
     "errors": ("Feature errors", plots.plot_errors),
     "path": ("Path", plots.plot_path),
     "estimate": ("Estimate", plots.plot_estimate),
 }
-"""Titles and plots by the names of their files, in the order in which they are shown."""
+"""Titles and plots by the names of their files, in the order of the page."""
 
 PictureLocation = tuple[int, int]
-"""Chunk of a picture, and its place there."""
+"""Chunk of a picture, and its index there."""
 
 
 @dataclass(frozen=True)
 class OpenedRun:
-    """A run as a browser gets it.
+    """Content of a run for a browser.
 
     Parameters
     ----------
-    told : bytes
-        JSON: all but pictures and figures.
-    pictures : list[Where]
-        Where its pictures are.
+    json : bytes
+        JSON of everything except pictures and figures.
+    pictures : list[PictureLocation]
+        Locations of its pictures.
     """
 
     json: bytes
@@ -53,7 +53,7 @@ class OpenedRun:
 
 
 def open_run(path: Path) -> OpenedRun:
-    """Read a record, up to its end or its damage."""
+    """Read a record up to its end or its damage."""
     record = read_record(path)
     locations, exposures = _locate_pictures(path)
     lines = spans(record)
@@ -72,7 +72,7 @@ def open_run(path: Path) -> OpenedRun:
 
 
 def draw_figures(path: Path) -> dict[str, bytes]:
-    """The figures of a record by their files' names, as SVG and PNG."""
+    """Draw the figures of a record. Return SVG and PNG files by their names."""
     record, files = read_record(path), dict[str, bytes]()
     if not _has_errors_to_draw(record):
         return files
@@ -86,7 +86,7 @@ def draw_figures(path: Path) -> dict[str, bytes]:
 
 
 def read_picture(path: Path, location: PictureLocation) -> bytes:
-    """A picture as the JPEG file that it was kept as."""
+    """Return a recorded picture as the JPEG file that was recorded."""
     place, k = location
     messages = read_chunk(path, place)
     if k >= len(messages):
@@ -98,12 +98,12 @@ def read_picture(path: Path, location: PictureLocation) -> bytes:
 
 
 def _has_errors_to_draw(record: Record) -> bool:
-    """Whether there is anything to draw."""
+    """Return whether the record holds finite errors."""
     return bool(np.isfinite(record.ticks["delta"]).any())
 
 
 def _locate_pictures(path: Path) -> tuple[list[PictureLocation], list[int]]:
-    """Where a record's pictures are, and when they were exposed."""
+    """Return the locations of a record's pictures and their exposure times in ns."""
     messages = MessageReader(path)
     located = [
         (messages.location, ros2_messages.decode_picture(message.data)[0])
@@ -118,7 +118,10 @@ def _span(span: Span) -> list[object]:
 
 
 def _moments(record: Record, lines: list[Span], exposures: list[int]) -> list[dict[str, Any]]:
-    """What is shown at each picture, or now and then where there is none: the tick that used it."""
+    """Return the overlay of each picture, from the tick that used it.
+
+    A run without pictures has moments at regular times.
+    """
     count = len(record.time)
     if not count:
         return []
@@ -146,7 +149,7 @@ def _moments(record: Record, lines: list[Span], exposures: list[int]) -> list[di
 
 
 def _size(record: Record) -> list[int]:
-    """Width and height px of what is drawn on where there is no picture."""
+    """Return width and height in px of the blank image that replaces missing pictures."""
     rig: object = record.about.get("rig")
     size: list[Any] = [rig.get("width"), rig.get("height")] if is_table(rig) else []
     is_valid = size and all(type(one) is int and 0 < one < 5000 for one in size)

@@ -1,8 +1,8 @@
-"""Routes for a page that knows the secret, beside the websockets.
+"""Routes of the page's data, for requests with the secret.
 
-/curves?after=N   samples of the curves after the N-th
-/pose?name=N      picture that was seen as a pose was taught, JPEG
-/settings         a form for each box, with what is set and what is in force
+/curves?after=N   samples of the curves after the sample with index N
+/pose?name=N      picture at the teaching of a pose, JPEG
+/settings         form of each part of the servo, with selected and active settings
 """
 
 from typing import Any
@@ -18,7 +18,7 @@ from rcmservo.page.web.setting_fields import forms
 
 
 def dashboard_routes(access: Doors, board: Dashboard, selection: Chosen) -> APIRouter:
-    """Return the routes that read a board and the servo that is chosen."""
+    """Return the routes that read the dashboard and the selected servo."""
     router = APIRouter(dependencies=[Depends(access.require_secret)])
 
     async def get_curves(after: int = 0) -> Response:

@@ -1,4 +1,4 @@
-"""Layout of the page: STOP in the header, the picture, tabs below it, and cards beside it."""
+"""Layout of the page: STOP in the header, the picture, tabs below it, and cards on the right."""
 
 import json
 from pathlib import Path
@@ -21,11 +21,11 @@ ACTION_BUTTONS = {
     "Show again": ("show", "my_location", "take what the camera sees now as the target"),
     "Clear": ("clear", "restart_alt", "leave a stop or a fault, with the drive off"),
 }
-"""Action of each button, its icon, and its tooltip."""
+"""Action, icon and tooltip of each button."""
 
 
 def _component(path: Path) -> type[ui.element]:
-    """Return the element of NiceGUI that shows a Vue component."""
+    """Return the NiceGUI element of a Vue component."""
 
     class Part(ui.element, component=path):
         def __init__(self, **props: Any) -> None:
@@ -45,7 +45,7 @@ def place_component(component: str, /, **props: Any) -> ui.element:
 
 
 def lay_out(site: Site) -> None:
-    """Have NiceGUI make the page of a site."""
+    """Register the page of a site with NiceGUI."""
     app.add_static_files("/rcmservo", STATIC, max_cache_age=0)
 
     @ui.page("/")
@@ -66,7 +66,7 @@ def lay_out(site: Site) -> None:
 
 
 def _set_global(name: str, value: object) -> None:
-    """Give a global variable of the page's modules a value."""
+    """Set a global variable of the page's JavaScript modules."""
     ui.add_body_html(f"<script>window.{name} = {json.dumps(value)};</script>")
 
 
@@ -90,7 +90,7 @@ def _card() -> ui.card:
 
 
 def _tabs(site: Site) -> None:
-    """Make the tabs below the picture; each is filled when it is looked at first."""
+    """Create the tabs below the picture; each gets its content when it is opened first."""
     with ui.tabs().props("dense align=left no-caps") as heads:
         curves = ui.tab("Curves", icon="show_chart")
         space = ui.tab("3-D", icon="view_in_ar")
@@ -116,14 +116,14 @@ def _tabs(site: Site) -> None:
 
 
 def _curves() -> None:
-    """Make the chart that static/curves.js draws on."""
+    """Create the chart that static/curves.js draws on."""
     chart = ui.echart({"series": []}).classes("w-full rcm-curves").style("height: 46rem")
     chart.props('role="img" aria-label="Curves of the last 30 seconds"')
     _set_global("RCMSERVO.curves", chart.id)
 
 
 def _mechanism(site: Site) -> None:
-    """Make the scene that static/scene.js draws in, to be turned with the mouse."""
+    """Create the scene that static/scene.js draws in; the mouse rotates it."""
     camera = ui.scene.perspective_camera(near=1.0, far=5000.0)
     scene = ui.scene(grid=False, camera=camera, background_color="#f4f4f4", fps=15, click_events=[])
     scene.classes("w-full").style("height: 26rem")

@@ -1,8 +1,8 @@
-"""At the door: what comes neither from a page of this server nor from a person gets no further.
+"""Refusal of requests from other servers' pages.
 
-A browser tells by which name it asks, and which page asks. A name of somebody's that is made to
-lead here, and a page of another origin, are known by that. So the name must be the address at
-which the request arrived, and the page one of that address.
+A browser reports the host name that it requests and the origin of the page that makes the request.
+This reveals a foreign host name that resolves to this computer, and a page of another origin. The
+host must therefore be the address at which the request arrived, and the origin one of that address.
 """
 
 from ipaddress import AddressValueError, IPv4Address
@@ -19,14 +19,14 @@ from rcmservo.page.web.sign_in import SignIn
 
 
 class Refusal(NamedTuple):
-    """What a request is answered that is not let in.
+    """Answer to a refused request.
 
     Parameters
     ----------
     status : int
-        Of HTTP.
-    why : str
-        For a person.
+        HTTP status.
+    reason : str
+        Reason in words.
     """
 
     status: int
@@ -34,7 +34,7 @@ class Refusal(NamedTuple):
 
 
 def host_names(address: str) -> tuple[str, ...]:
-    """What this server may be called by who reached it at an address of its own."""
+    """Return the host names of this server for a request that arrived at an address."""
     try:
         ip = IPv4Address(address)
     except AddressValueError:
@@ -45,9 +45,19 @@ def host_names(address: str) -> tuple[str, ...]:
 def find_refusal(
     headers: Headers, address: str, port: int, origin_required: bool
 ) -> Refusal | None:
-    """Why what arrived at the address is not from a page of this server, which is at the port. A
-    browser ``must_tell`` the origin of a page that opens a websocket; a page that is fetched has
-    none.
+    """Return the refusal of a request from a page of another server, or None.
+
+    Parameters
+    ----------
+    headers : Headers
+        Headers of the request.
+    address : str
+        Address at which it arrived.
+    port : int
+        Port of the page.
+    origin_required : bool
+        The request must have an origin. A browser sends one with every websocket, but not with the
+        first request for a page.
     """
     names, hosts, origins = host_names(address), headers.getlist("host"), headers.getlist("origin")
     if len(hosts) != 1 or hosts[0].partition(":")[0].lower() not in names:
@@ -59,8 +69,16 @@ def find_refusal(
 
 
 class OriginCheck:
-    """Stands before all that a process serves for the page at the port; whoever must sign in
-    first, does so here.
+    """ASGI middleware that checks host, origin and sign-in of all requests for the page.
+
+    Parameters
+    ----------
+    app : ASGIApp
+        Application behind it.
+    port : int
+        Port of the page.
+    sign_in : SignIn, optional
+        Sign-in that the requests need.
     """
 
     def __init__(self, app: ASGIApp, port: int, sign_in: SignIn | None = None) -> None:
@@ -91,8 +109,9 @@ class OriginCheck:
 
 
 def deny_frames(send: Send) -> Send:
-    """Answer so that no page of another origin can show it in a frame, where a person would press
-    what is not seen.
+    """Add the header that forbids frames, so that no other page can overlay this one.
+
+    A user of such a page would press buttons that are hidden.
     """
 
     async def sent(message: Message) -> None:

@@ -1,7 +1,7 @@
-"""The page's process: NiceGUI's page, and the websockets by which it sees and wants.
+"""Process of the page: NiceGUI's page and the websockets of its pictures and requests.
 
-/pictures   the browser asks for the next picture and gets it, with the board
-/operate    what the browser wants; it is told what was refused
+/pictures   the browser requests the next picture and gets it with the dashboard
+/operate    requests of the browser, and the reasons of refused ones
 """
 
 import asyncio
@@ -47,7 +47,7 @@ from rcmservo.safety.state_machine import Request
 
 
 def serve_page(channels: Desk, site: Site, listening: socket.socket, control: Connection) -> None:
-    """Be the page until the other end of `control` speaks or is gone."""
+    """Serve the page until the other end of `control` sends a message or is closed."""
     poses = PoseStore(site.poses)
     poses.load()
     board = Dashboard(channels, poses, shape=site.shape, truth=site.truth)
@@ -94,7 +94,7 @@ def serve_page(channels: Desk, site: Site, listening: socket.socket, control: Co
 
 
 async def _send_pictures(wire: WebSocket, pictures: Pictures, ownership: ControlOwnership) -> None:
-    """One browser's pictures, as it asks for them."""
+    """Send pictures to one browser, each on request."""
     count = 0
     while True:
         await receive_text(wire)
@@ -106,7 +106,7 @@ async def _send_pictures(wire: WebSocket, pictures: Pictures, ownership: Control
 
 @contextmanager
 def pause_on_handover(ownership: ControlOwnership, channels: Desk) -> Generator[None]:
-    """What is in motion is paused where control changes hands in here."""
+    """Pause the motion if control changes hands inside the block."""
     before = ownership.holder
     yield
     if ownership.holder != before:
@@ -122,7 +122,7 @@ async def _receive_messages(
     board: Dashboard,
     selection: Chosen,
 ) -> None:
-    """What one browser wants. It is told its name, and what was refused."""
+    """Receive the requests of one browser; send its name and the reasons of refusals."""
     await wire.send_json({"name": name})
     while True:
         text = await receive_text(wire)
@@ -146,7 +146,7 @@ async def _receive_messages(
 
 
 def dispatch(message: BrowserMessage | None, channels: Desk) -> bool:
-    """Pass on what was told; whether there was room for it."""
+    """Pass a request on. Return False if its channel is full."""
     match message:
         case None:
             return True
@@ -170,7 +170,7 @@ def dispatch(message: BrowserMessage | None, channels: Desk) -> bool:
 
 
 def change_settings(change: Change, selection: Chosen, channels: Desk, board: Dashboard) -> str:
-    """Pass on a change; why it was refused, empty where it was not."""
+    """Pass a change of settings on. Return the reason of a refusal, or ""."""
     try:
         selection.with_change(change)
     except BadInput as error:

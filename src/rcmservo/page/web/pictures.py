@@ -1,7 +1,7 @@
-"""The camera's pictures and the board beside them, for as many browsers as ask.
+"""Pictures of the camera with the dashboard, for any number of browsers.
 
-Each picture is encoded once. The one that the servo has used last is shown, so that what is drawn
-on it is where it was seen; where no servo looks, the newest.
+Each picture is encoded once. The page displays the picture that the servo has used last, so that
+the overlay fits it; without a servo, the newest picture.
 """
 
 import asyncio
@@ -16,31 +16,30 @@ from rcmservo.page.view_model import Dashboard
 from rcmservo.tracking import encode_image
 
 POLL_PERIOD_S = 0.006
-"""s between looks at the camera."""
+"""Time (s) between polls of the camera."""
 MIN_PICTURE_PERIOD_S = 0.025
-"""s from picture to picture at least: 60 a second are for the servo, and half of them for the
-eye."""
+"""Shortest time (s) between pictures: the servo needs 60 a second, a viewer half of them."""
 MAX_PICTURE_WAIT_S = 0.05
-"""s after which what there is to tell is told without a new picture."""
+"""Time (s) after which the dashboard is sent without a new picture."""
 MAX_WAITING_FRAMES = 12
-"""Pictures that wait for the servo to use them."""
+"""Number of frames that are stored until the servo has used them."""
 JSON_LENGTH = struct.Struct("<I")
 
 
 @dataclass(frozen=True)
 class ShownPicture:
-    """A picture as browsers get it.
+    """Displayed picture with its dashboard.
 
     Parameters
     ----------
     count : int
-        It rises.
+        Counter of displayed pictures.
     number : int
-        That of its frame.
+        Number of the frame.
     jpeg : bytes
-        Empty where there is none.
+        JPEG file; empty if there is no new picture.
     table : Table
-        The board beside it.
+        Content of the dashboard.
     """
 
     count: int = 0
@@ -50,7 +49,7 @@ class ShownPicture:
 
 
 class Pictures:
-    """What browsers see; `pump` keeps it new."""
+    """Encoder of pictures for browsers; `pump` must run."""
 
     def __init__(self, camera: Camera, board: Dashboard) -> None:
         self._camera, self._board = camera, board
@@ -58,7 +57,7 @@ class Pictures:
         self._newest, self._published = ShownPicture(), asyncio.Event()
 
     async def pump(self) -> None:
-        """Keep the board new, and encode picture after picture."""
+        """Update the dashboard and encode pictures until the task is cancelled."""
         loop, due = asyncio.get_running_loop(), 0.0
         while True:
             self._poll_camera()
@@ -78,8 +77,12 @@ class Pictures:
                 self._frames.popitem(last=False)
 
     def _next_frame(self) -> Frame | None:
-        """The frame that the servo has used last, or the newest where it has used none of late;
-        None where that is shown already.
+        """Return the frame that the servo has used last, or the newest without a recent one.
+
+        Returns
+        -------
+        Frame or None
+            None if that frame is displayed already.
         """
         number, oldest = self._board.frame, next(iter(self._frames), -1)
         if number < oldest:
@@ -93,9 +96,7 @@ class Pictures:
         self._published = asyncio.Event()
 
     async def after(self, count: int) -> ShownPicture:
-        """The picture shown once there is one after the `count`-th; what there is to tell without
-        it where none comes.
-        """
+        """Return a picture after the `count`-th, or only the dashboard if none comes in time."""
         if self._newest.count <= count:
             try:
                 await asyncio.wait_for(self._published.wait(), MAX_PICTURE_WAIT_S)
@@ -105,7 +106,7 @@ class Pictures:
 
 
 def pack_picture(shown: ShownPicture, about: Table) -> bytes:
-    """A picture and the board as one message: the length of its JSON, that, and a JPEG."""
+    """Encode a picture with its dashboard as a message: length of the JSON, the JSON, the JPEG."""
     table = {**shown.table, "frame": shown.number, **about}
     text = encode_json(table)
     return JSON_LENGTH.pack(len(text)) + text + shown.jpeg

@@ -1,10 +1,10 @@
-"""Past runs, for a page that knows the secret. Runs are asked for by the names in the list.
+"""Routes of past runs, for requests with the secret. NAME is the name in the list.
 
-/runs                        the list
-/runs/NAME                   one of them, in words and numbers
-/runs/NAME/pictures/K        a picture, JPEG
-/runs/NAME/figures/FILE      a figure, SVG or PNG
-/runs/NAME/record.mcap       the record as it is
+/runs                        list
+/runs/NAME                   content of a run in words and numbers
+/runs/NAME/pictures/K        picture, JPEG
+/runs/NAME/figures/FILE      figure, SVG or PNG
+/runs/NAME/record.mcap       record
 """
 
 import asyncio
@@ -23,11 +23,11 @@ from rcmservo.page.past_runs.run_view import OpenedRun, draw_figures, open_run, 
 from rcmservo.page.web.access import Doors
 
 MAX_CACHED_RUNS = 4
-"""Runs, and the figures of runs, that are kept in mind."""
+"""Number of opened runs, and of runs with figures, that are cached."""
 MAX_DOWNLOADS = 2
-"""Records that are downloaded at the same time."""
+"""Number of simultaneous downloads of records."""
 DOWNLOAD_BLOCK_BYTES = 1 << 18
-"""Bytes of a download at a time."""
+"""Block size of a download in bytes."""
 MEDIA_TYPES = {"svg": "image/svg+xml", "png": "image/png"}
 BUSY = HTTPException(503, "other runs are being read: try again")
 
@@ -35,7 +35,7 @@ Cache = OrderedDict[tuple[Path, int], Any]
 
 
 class PastRuns:
-    """What there is to be asked of past runs."""
+    """Access to past runs with a cache."""
 
     def __init__(self, root: Path) -> None:
         self.run_list, self._worker = RunList(root), BackgroundWorker()
@@ -44,22 +44,25 @@ class PastRuns:
         self._downloads = 0
 
     def find_record(self, name: str) -> Path:
-        """Where a run of the list is."""
+        """Return the record of a listed run; error 404 if there is none."""
         path = self.run_list.find_record(name)
         if path is None:
             raise HTTPException(404, "there is no such run in the list")
         return path
 
     async def open_run(self, name: str) -> OpenedRun:
-        """A run, read."""
+        """Return the content of a run."""
         return await self._cached(self._opened, open_run, self.find_record(name))
 
     async def draw_figures(self, name: str) -> dict[str, bytes]:
-        """A run's figures, drawn."""
+        """Return the figures of a run."""
         return await self._cached(self._figures, draw_figures, self.find_record(name))
 
     async def _cached(self, cache: Cache, work: Callable[[Path], Any], path: Path) -> Any:
-        """What is made of a record as it is now; what others wait for already is made once."""
+        """Return a result for the present state of a record.
+
+        Simultaneous requests compute it once.
+        """
         key = path, path.stat().st_mtime_ns
         if key not in cache:
             if self._worker.is_full:
@@ -74,7 +77,7 @@ class PastRuns:
             raise HTTPException(422, str(error).replace(f"{path.parent}/", "")) from error
 
     def download(self, path: Path) -> StreamingResponse:
-        """A record as long as it is now."""
+        """Return a response with a record at its present length."""
         if self._downloads >= MAX_DOWNLOADS:
             raise HTTPException(503, "other records are being downloaded: try again")
         size = path.stat().st_size
@@ -97,7 +100,7 @@ class PastRuns:
 
 
 def download_name(path: Path) -> str:
-    """What a download of a record is called: of plain letters only."""
+    """Return the name of a downloaded record, of ASCII letters, digits, "-", "_" and "."."""
     folders = "-".join(path.parent.parts[-2:])
     return "".join(c if c.isascii() and (c.isalnum() or c in "-_.") else "_" for c in folders)
 

@@ -1,4 +1,4 @@
-"""What a form for a box is made of: the fields of its dataclass, as their docstrings tell them."""
+"""Forms for the settings: fields of the dataclasses, with the text of their docstrings."""
 
 import re
 from dataclasses import dataclass, fields, is_dataclass
@@ -15,25 +15,25 @@ UNIT_PATTERN = r"(?:1/s|rad|px|mm/s|mm|s/mm²|1/rad²|s)"
 UNIT_IN_TEXT = re.compile(
     rf"(?:^|, |\()({UNIT_PATTERN}(?:, {UNIT_PATTERN})*)(?=[.:;)]|$| whatever)"
 )
-"""A unit, as the docstrings of settings have it."""
+"""Pattern of a unit in the docstring of a setting."""
 
 
 @dataclass(frozen=True)
 class SettingField:
-    """A field of a form.
+    """Field of a form.
 
     Parameters
     ----------
     name : str
-        As files and the command line call it.
+        Name, as in files and on the command line.
     unit : str
-        Of its number, or one for each of its numbers; empty where it has none.
-    words : str
-        What it is.
+        Unit of its number, or one for each of its numbers; empty if it has none.
+    description : str
+        Description.
     default : Any
-        Its default.
+        Default.
     choices : list[str]
-        What it can be, where that is a word.
+        Allowed words; empty if the value is not a word.
     """
 
     name: str
@@ -44,7 +44,7 @@ class SettingField:
 
 
 def list_fields(kind: type[Any]) -> list[SettingField]:
-    """The fields of a settings dataclass."""
+    """Return the fields of a settings dataclass."""
     if not is_dataclass(kind):
         return []
     defaults, types = kind(), get_type_hints(kind, include_extras=True)
@@ -61,14 +61,15 @@ def list_fields(kind: type[Any]) -> list[SettingField]:
 
 
 def find_unit(words: str) -> str:
-    """The first unit that a docstring tells; empty where it tells none."""
+    """Return the first unit in a text, or ""."""
     found = UNIT_IN_TEXT.search(words)
     return found[1] if found else ""
 
 
 def forms(chosen: Servo, in_force: Servo | None) -> list[dict[str, Any]]:
-    """A form for each box that may change, as JSON has it: its kinds and their fields, what is set,
-    and what is in force.
+    """Return a form for each part that may change, for JSON.
+
+    Each form has the kinds of the part with their fields, and the selected and active settings.
     """
     active = None if in_force is None else describe(in_force)
     selected = describe(chosen)

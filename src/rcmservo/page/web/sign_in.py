@@ -1,4 +1,4 @@
-"""Signing in: a browser gives the token once, and is known by a cookie until the server ends."""
+"""Sign-in: a browser sends the token once and is known by a cookie until the server ends."""
 
 import time
 from collections.abc import Callable
@@ -11,22 +11,22 @@ from starlette.responses import HTMLResponse, RedirectResponse, Response
 from rcmservo.page.web.access import drawn_secret, secrets_equal
 
 MAX_FAILED_ATTEMPTS, ATTEMPT_WINDOW_S, MAX_TRACKED_ADDRESSES = 5, 60.0, 1000
-"""Tokens that may be wrong within so many s from one address; addresses that are kept in mind."""
+"""Failed attempts of an address within a time (s), and the number of addresses that are stored."""
 MAX_FORM_BYTES = 2048
-"""Bytes of what is sent to sign in."""
+"""Largest form in bytes."""
 
 SIGN_IN_PAGE = (Path(__file__).parent / "static/sign_in.html").read_text()
-"""Page that asks for the token; SAID stands for the answer to the last one."""
+"""Page with the sign-in form; MESSAGE stands for the answer to the last attempt."""
 
 
 class FailedAttempts:
-    """Wrong tokens, which make an address wait, so that guessing is slow."""
+    """Failed attempts by address, to limit their rate."""
 
     def __init__(self) -> None:
         self._times: dict[str, list[float]] = {}
 
     def remaining_wait(self, address: str, now: float) -> float:
-        """S until the address is heard again."""
+        """Return the time in s until another attempt of the address is accepted."""
         before = self._times.get(address, [])
         return (
             0.0
@@ -35,7 +35,7 @@ class FailedAttempts:
         )
 
     def add(self, address: str, now: float) -> None:
-        """It gave a wrong one."""
+        """Record a failed attempt."""
         before = self._times.pop(address, [])
         self._times[address] = [*before, now][-MAX_FAILED_ATTEMPTS:]
         if len(self._times) > MAX_TRACKED_ADDRESSES:
@@ -43,7 +43,7 @@ class FailedAttempts:
 
 
 class SignIn:
-    """Who knows the token of the server whose page is at the port."""
+    """Sign-in with a token at the server whose page is at the port."""
 
     def __init__(self, token: str, port: int, now: Callable[[], float] = time.monotonic) -> None:
         self._token, self._now = token, now
@@ -52,11 +52,11 @@ class SignIn:
         self._failed = FailedAttempts()
 
     def is_signed_in(self, browser: HTTPConnection) -> bool:
-        """Whether it has signed in."""
+        """Return whether a browser has signed in."""
         return secrets_equal(browser.cookies.get(self._cookie, ""), self._cookie_value)
 
     async def answer(self, request: Request) -> Response:
-        """The sheet on which the token is asked for; what becomes of one that was sent."""
+        """Return the sign-in page, or the response to a token that was sent."""
         if request.method != "POST":
             return _sign_in_page(401)
         token = await _token(request)
@@ -81,7 +81,7 @@ def _sign_in_page(status: int, message: str = "") -> Response:
 
 
 async def _token(request: Request) -> str:
-    """The one that was sent; empty where that is none."""
+    """Return the token in a form; empty if there is none."""
     sent = b""
     try:
         async for part in request.stream():

@@ -1,6 +1,4 @@
-"""STOP, in a process of its own: from any browser that watches straight to the supervisor, however
-the page and the servo are.
-"""
+"""Process of STOP: from any browser to the supervisor, independent of page and servo."""
 
 import asyncio
 import socket
@@ -21,9 +19,7 @@ from rcmservo.page.web.server_process import SHUTDOWN_GRACE_S, serve_until_stopp
 def serve_stop(
     stop_requests: MessageChannel, access: Doors, listening: socket.socket, control: Connection
 ) -> None:
-    """Ring the bell for whoever presses STOP, until the other end of `control` speaks or is
-    gone.
-    """
+    """Forward stop requests until the other end of `control` sends a message or is closed."""
 
     async def receive_stops(wire: WebSocket) -> None:
         if not await access.accept(wire):

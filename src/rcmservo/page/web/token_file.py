@@ -1,4 +1,7 @@
-"""The token that a browser elsewhere must give: in a file, as a list of processes shows options."""
+"""Token file of remote browsers.
+
+The token is not an option of the command, because a list of processes displays these.
+"""
 
 import os
 import stat
@@ -9,12 +12,20 @@ from rcmservo.errors import BadInput, UnusableFile, require
 from rcmservo.page.web.access import drawn_secret
 
 MIN_TOKEN_CHARACTERS, MAX_TOKEN_CHARACTERS = 16, 256
-"""Characters of a token."""
+"""Limits of a token's length in characters."""
 
 
 def token_for(host: str, file: Path | None) -> str:
-    """The token of a server that listens there: empty where none is asked for, which is at an
-    address that this computer alone reaches.
+    """Return the token of a server that listens on `host`, or "" if none is required.
+
+    No token is required at an address that only this computer can reach.
+
+    Raises
+    ------
+    BadInput
+        If the address needs a token file, or is not an IPv4 address.
+    UnusableFile
+        If the file cannot be used.
     """
     try:
         is_loopback = IPv4Address(host).is_loopback
@@ -29,7 +40,7 @@ def token_for(host: str, file: Path | None) -> str:
 
 
 def load_token(file: Path) -> str:
-    """What the file holds. Where there is none, it is made with a token that is drawn."""
+    """Return the token in a file; create the file with a random token if it does not exist."""
     try:
         _make(file)
     except FileExistsError:
