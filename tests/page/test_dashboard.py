@@ -81,8 +81,8 @@ def test_the_buttons_that_may_be_pressed_are_those_of_the_phase() -> None:
     [
         (Standby("preparing"), "OFF", []),
         (Standby("the drive is off", can_enable=True), "OFF", ["enable"]),
-        (Standby("STOP was pressed", latched=True), "FAULT", []),
-        (Standby("STOP was pressed", latched=True, can_clear=True), "FAULT", ["clear"]),
+        (Standby("STOP was pressed", is_latched=True), "FAULT", []),
+        (Standby("STOP was pressed", is_latched=True, can_clear=True), "FAULT", ["clear"]),
     ],
 )
 def test_without_a_loop_the_drive_can_be_enabled_or_a_stop_cleared(

@@ -51,9 +51,9 @@ def test_a_stop_is_told_at_once_and_can_be_cleared_later() -> None:
     desk.bell.put(STOP)
     with pytest.raises(StopPressed, match="STOP was pressed: it was off"):
         it._handle_stop_request()
-    assert said == [Standby("STOP was pressed: it was off", latched=True)]
+    assert said == [Standby("STOP was pressed: it was off", is_latched=True)]
     it._latch("why")
-    assert said[1:] == [Standby("why", latched=True, can_clear=True)]
+    assert said[1:] == [Standby("why", is_latched=True, can_clear=True)]
 
 
 def test_what_was_rung_before_the_stop_could_be_cleared_clears_nothing() -> None:

@@ -29,7 +29,7 @@ MAX_MESSAGE_BYTES = 1 << 16
 
 
 class TickRing(SharedRing):
-    """Shared-memory ring of a loop's newest ticks, encoded as in a record and with their due times."""
+    """Shared-memory ring of a loop's newest ticks: bytes as in a record, then the due time."""
 
     def __init__(self, context: BaseContext) -> None:
         super().__init__(context, TICK_SLOTS, MAX_TICK_BYTES)
@@ -90,4 +90,4 @@ class Desk:
         self.bell = MessageChannel()
         """Requests to the supervisor to stop and to clear a stop."""
         self.changes = MessageChannel()
-        """Settings to the supervisor, in a channel of their own, so that they never block a stop."""
+        """Settings to the supervisor, in their own channel, so that they never block a stop."""

@@ -215,7 +215,7 @@ class Standby:
 
     words: str
     can_enable: bool = False
-    latched: bool = False
+    is_latched: bool = False
     can_clear: bool = False
     intent: str = ""
     question: str = ""

@@ -114,5 +114,7 @@ class PoseStore:
         encoded = quote(name, safe=" ")
         path = self.location.folder / f"{encoded}.json"
         if len(encoded) > MAX_FILE_NAME_BYTES:
-            raise UnusableFile(path, f"has a name longer than {MAX_FILE_NAME_BYTES} bytes: shorten the pose's name")
+            raise UnusableFile(
+                path, f"has a name longer than {MAX_FILE_NAME_BYTES} bytes: shorten the pose's name"
+            )
         return path

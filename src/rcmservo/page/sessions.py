@@ -100,7 +100,7 @@ class Sessions:
         """End the running session if STOP was pressed."""
         if STOP in list(self._channels.bell.heard()):
             reason = f"STOP was pressed: {self._switch_off(self._has_begun)}"
-            self._channels.said.put(Standby(reason, latched=True))
+            self._channels.said.put(Standby(reason, is_latched=True))
             raise StopPressed(reason)
 
     def _apply_changes(self) -> None:
@@ -119,7 +119,7 @@ class Sessions:
         """Display the reason of a stop and wait until the operator clears it."""
         self._is_waiting = False
         list(self._channels.bell.heard())  # requests from before the stop could be cleared
-        self._channels.said.put(Standby(reason, latched=True, can_clear=True))
+        self._channels.said.put(Standby(reason, is_latched=True, can_clear=True))
         while True:
             for ready in wait(list(self._handlers)):
                 if ready is not self._channels.bell:

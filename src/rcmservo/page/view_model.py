@@ -148,14 +148,14 @@ class Dashboard:
 
     def update(self) -> None:
         """Read new status messages and ticks."""
-        for said in self.channels.said.heard():
-            self._apply(said)
+        for message in self.channels.said.heard():
+            self._apply(message)
         self.count, ticks = self.channels.ticks.after(self.count)
         for one in ticks:
             self.tick = decode_ring_tick(one)
             self.curves.add(self.tick)
         if ticks:
-            ended = self.standby is not None and self.standby.latched
+            ended = self.standby is not None and self.standby.is_latched
             if self.tick["phase"] != Phase.DISABLED.name and not ended:
                 self.standby = None
         self.updated_at = time.monotonic_ns()
@@ -184,7 +184,7 @@ class Dashboard:
                 self.active_servo = message.servo
                 self.settings_version += 1
             case _:
-                raise TypeError(f"{message!r} is nothing that is said to the page")
+                raise TypeError(f"{message!r} is not a status message")
 
     def to_table(self) -> Table:
         """Return the content for a browser; `encode_json` encodes it."""
@@ -192,7 +192,7 @@ class Dashboard:
         return {
             **vars(self._status()),
             "points": as_points(tick.get("points")),
-            "ghost": as_points(predicted_markers(tick)),
+            "predicted": as_points(predicted_markers(tick)),
             **{name: tick.get(name) for name in ("y", "quality", "delta", "q")},
             "rcm": tick.get("o_c"),
             "target": None if target is None else target.points,
@@ -202,10 +202,10 @@ class Dashboard:
             "at": self.updated_at,
             "poses": sorted(self.poses.targets),
             "refused_poses": self.poses.refused,
-            "kept": self.pose_version,
-            "tour": self.sequence,
-            "settings": self.settings_version,
-            "standing": self._estimator_status(),
+            "pose_version": self.pose_version,
+            "sequence": self.sequence,
+            "settings_version": self.settings_version,
+            "estimator_status": self._estimator_status(),
             "notes": list(self.notes)[-3:],
         }
 
@@ -219,8 +219,8 @@ class Dashboard:
         tick = self.tick
         if self.active_servo is None or not tick:
             return ""
-        explored, condition = bool(tick["explored"][0]), float(tick["condition"][0])
-        return describe_estimator(self.active_servo, explored, condition, Phase[tick["phase"]])
+        has_explored, condition = bool(tick["explored"][0]), float(tick["condition"][0])
+        return describe_estimator(self.active_servo, has_explored, condition, Phase[tick["phase"]])
 
     def _tool(self, q: Floats | None) -> Floats | None:
         """Return markers and tip (3, 3) in mm at the joints; None if the joints are unknown."""
@@ -233,9 +233,9 @@ class Dashboard:
         if self.standby is not None or not self.tick:
             standby = self.standby or Standby("preparing")
             return Status(
-                phase="FAULT" if standby.latched else "OFF",
+                phase="FAULT" if standby.is_latched else "OFF",
                 words=standby.words,
-                action="FAULT" if standby.latched else "NONE",
+                action="FAULT" if standby.is_latched else "NONE",
                 way_out="find out why, then clear" if standby.can_clear else "",
                 recovery=["clear"] if standby.can_clear else [],
                 can=["enable"] * standby.can_enable + ["clear"] * standby.can_clear,

@@ -66,7 +66,7 @@ def _run_in_process(job: bytes) -> Any:
     except subprocess.TimeoutExpired as error:
         raise RcmServoError(f"the record took longer than {MAX_WORK_S:g} s to read") from error
     if process.returncode:
-        raise RcmServoError("the process that reads records has ended by itself")
+        raise RcmServoError("the process that reads records has ended unexpectedly")
     answer = pickle.loads(process.stdout)
     if isinstance(answer, RcmServoError):
         raise answer

@@ -54,7 +54,7 @@ class PastRun:
     changed: str
     description: str
     seconds: float | None
-    ended: str
+    ending: str
     is_recording: bool
 
 
@@ -130,5 +130,5 @@ def describe_ending(header: RecordHeader, is_recording: bool) -> str:
     """Return the end of a run in words."""
     last = ", ".join(filter(None, (header.phase, header.cause))) or "no tick"
     if is_recording:
-        return f"it is being recorded: {last}"
-    return last if header.is_closed else f"the record was not ended; at last: {last}"
+        return f"is being recorded: {last}"
+    return last if header.is_closed else f"record without its end; last: {last}"

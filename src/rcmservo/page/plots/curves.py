@@ -80,7 +80,7 @@ class Curves:
     def add(self, tick: TickColumns) -> None:
         """Add a tick with its due time `time`."""
         now = int(tick["now"][0])
-        if tick["time"] < self._due:  # another loop, such as the wait for the drive before it
+        if tick["time"] < self._due:  # another loop, such as the wait for Enable before it
             self._start = None
         self._due = tick["time"]
         begun = now - tick["time"]
@@ -98,19 +98,16 @@ class Curves:
     def _rates(self, tick: TickColumns) -> tuple[Floats, Floats]:
         """Return ẏ as Ĵ predicts it from the motion of marker 1, and as it is measured, each (3,).
 
-        Both are computed about the same imaged RCM, so that a change of its estimate is not a motion.
-        They are NaN without an earlier sample.
+        Both are computed about the same imaged RCM, so that a change of its estimate is not a
+        motion. They are NaN without an earlier sample.
         """
         previous, unknown = self._previous, np.full(3, np.nan)
         elapsed = 0 if previous is None else int(tick["exposure"][0] - previous["exposure"][0])
         if previous is None or elapsed < MIN_EXPOSURE_GAP_NS:
             return unknown, unknown
         predicted: Floats = np.reshape(previous["J_hat"], (3, 3)) @ (tick["p1"] - previous["p1"])
-        points, previous_points = (
-            np.reshape(tick["points"], (2, 2)),
-            np.reshape(previous["points"], (2, 2)),
-        )
-        measured_change: Floats = measured(points, previous_points, tick["o_c"])[1]
+        points, earlier = np.reshape(tick["points"], (2, 2)), np.reshape(previous["points"], (2, 2))
+        measured_change: Floats = measured(points, earlier, tick["o_c"])[1]
         return predicted / (elapsed * 1e-9), measured_change / (elapsed * 1e-9)
 
     def after(self, count: int) -> list[list[float]]:

@@ -37,7 +37,7 @@ class Shape:
         return cls(servo.mechanism, servo.tool, servo.controller.tip)
 
     def points(self, q: Floats) -> Floats:
-        """Return marker 1, marker 2 and tip (3, 3) in mm at the joints q (3,); NaN at unknown joints."""
+        """Return marker 1, marker 2 and tip (3, 3) in mm at joints q (3,); NaN if unknown."""
         p1 = self.mechanism.position(q)
         p1 = p1 * (1.0 + self.tool.offset / np.linalg.norm(p1))
         p2 = self.tool.second_marker(p1)

@@ -59,7 +59,7 @@ class Doors:
     def require_secret(self, request: Request) -> None:
         """Refuse a request without the secret."""
         if not self.is_secret(request.query_params.get("secret", "")):
-            raise HTTPException(403, "the page's secret is missing: open the page anew")
+            raise HTTPException(403, "the page's secret is missing or old: reload the page")
 
     async def accept(self, wire: WebSocket) -> bool:
         """Accept a websocket that carries the secret; close any other and return False."""
@@ -105,7 +105,7 @@ def bind_socket(host: str, port: int) -> socket.socket:
     except OSError as error:
         listener.close()
         kind = PortTaken if error.errno == errno.EADDRINUSE else NoPagePort
-        raise kind(f"{refusal(port, error)}; --port names another") from error
+        raise kind(f"{refusal(port, error)}; select another port with --port") from error
     listener.listen(64)
     return listener
 
@@ -138,7 +138,7 @@ def reached_at(host: str) -> str:
         return host
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
-            probe.connect(("192.0.2.1", 9))  # of no computer, by RFC 5737; nothing is sent
+            probe.connect(("192.0.2.1", 9))  # a reserved address (RFC 5737); nothing is sent
         except OSError:
             return LOOPBACK_ADDRESS
         return probe.getsockname()[0]

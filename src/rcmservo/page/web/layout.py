@@ -15,10 +15,14 @@ from rcmservo.page.web.site import Site
 STATIC = Path(__file__).parent / "static"
 
 ACTION_BUTTONS = {
-    "Enable": ("enable", "power_settings_new", "switch the drive on, paused, where the tool is"),
+    "Enable": (
+        "enable",
+        "power_settings_new",
+        "switch the drive on; the tool stays where it is, paused",
+    ),
     "Pause": ("pause", "pause", "stand still, with the drive on"),
-    "Resume": ("resume", "play_arrow", "go on to the target"),
-    "Show again": ("show", "my_location", "take what the camera sees now as the target"),
+    "Resume": ("resume", "play_arrow", "continue to the target"),
+    "Show again": ("teach_again", "my_location", "teach the present observation as the target"),
     "Clear": ("clear", "restart_alt", "leave a stop or a fault, with the drive off"),
 }
 """Action, icon and tooltip of each button."""
@@ -51,7 +55,7 @@ def lay_out(site: Site) -> None:
     @ui.page("/")
     def page() -> None:  # pyright: ignore[reportUnusedFunction]
         ui.add_head_html('<link rel="stylesheet" href="/rcmservo/page.css">')
-        _set_global("RCMSERVO", {"secret": site.doors.secret, "stopPort": site.stop_port})
+        _set_global("RCMSERVO", {"secret": site.access.secret, "stopPort": site.stop_port})
         ui.add_body_html('<script type="module" src="/rcmservo/main.js"></script>')
         with ui.header().classes("items-center justify-between rcm-header"):
             ui.label(site.title).classes("text-lg")
@@ -71,15 +75,20 @@ def _set_global(name: str, value: object) -> None:
 
 
 def _cards() -> None:
-    place_component("status_card", longest=MAX_ANSWER_CHARACTERS)
+    place_component("status_card", maxLength=MAX_ANSWER_CHARACTERS)
     with ui.row().classes("rcm-tight"):
-        for name, (does, icon, words) in ACTION_BUTTONS.items():
-            place_component("action_button", name=name, does=does, icon=icon, words=words)
+        for name, (action, icon, tooltip) in ACTION_BUTTONS.items():
+            place_component("action_button", name=name, does=action, icon=icon, words=tooltip)
     with _card():
-        ui.label("Poses: name the present one and teach it").classes("text-sm")
-        place_component("poses_card", longest=MAX_NAME_CHARACTERS)
+        ui.label("Poses: name and teach the present pose").classes("text-sm")
+        place_component("poses_card", maxLength=MAX_NAME_CHARACTERS)
     with _card():
-        place_component("tour_card", most=MAX_WAYPOINTS, longest=MAX_DWELL_S, laps=MAX_ROUNDS)
+        place_component(
+            "sequence_card",
+            maxWaypoints=MAX_WAYPOINTS,
+            maxDwell=MAX_DWELL_S,
+            maxRounds=MAX_ROUNDS,
+        )
     with _card():
         place_component("jog_card")
     place_component("notes")
@@ -96,7 +105,7 @@ def _tabs(site: Site) -> None:
         space = ui.tab("3-D", icon="view_in_ar")
         settings = ui.tab("Settings", icon="tune")
         runs = ui.tab("Runs", icon="history")
-        trouble = ui.tab("Simulated trouble", icon="bolt") if site.disturbances else None
+        disturbances = ui.tab("Simulated disturbances", icon="bolt") if site.disturbances else None
     with ui.tab_panels(heads, value=curves, keep_alive=True).classes("w-full rcm-panels"):
         with ui.tab_panel(curves):
             _curves()
@@ -106,13 +115,12 @@ def _tabs(site: Site) -> None:
             place_component("settings_tab")
         with ui.tab_panel(runs):
             place_component("runs_tab")
-        if trouble is not None:
-            with ui.tab_panel(trouble):
+        if disturbances is not None:
+            with ui.tab_panel(disturbances):
                 ui.label(
-                    "Something goes wrong with the simulated arm or camera. The state beside "
-                    "tells it."
+                    "Disturb the simulated arm or camera. The state on the right shows the effect."
                 )
-                place_component("trouble_tab", kinds=site.disturbances)
+                place_component("disturbances_tab", kinds=site.disturbances)
 
 
 def _curves() -> None:
@@ -130,7 +138,7 @@ def _mechanism(site: Site) -> None:
     scene.props('role="img" aria-label="The mechanism in space"')
     surface = site.shape.limits()
     extent = float(np.linalg.norm(surface, axis=-1).max())
-    direction = 1.0 if surface[..., 2].mean() > 0.0 else -1.0  # to where the tool goes
+    direction = 1.0 if surface[..., 2].mean() > 0.0 else -1.0  # side on which the tool is
     scene.move_camera(
         1.1 * extent,
         -1.3 * extent,
@@ -142,7 +150,7 @@ def _mechanism(site: Site) -> None:
     )
     _set_global("RCMSERVO.scene", {"id": scene.id, "limits": surface.round(1).tolist()})
     ui.label(
-        "mm from the RCM, as the joints tell it: tool blue, target black, red, green and blue axes "
-        "x, y, z of the arm's base; grey where marker 1 is at full insertion. Turn it with the "
-        "mouse."
+        "Positions in mm from the RCM, from the measured joints: tool blue, target black; axes x, "
+        "y, z of the arm's base red, green, blue; surface of marker 1 at full insertion grey. "
+        "Rotate the scene with the mouse."
     ).classes("text-xs")

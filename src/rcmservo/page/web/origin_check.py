@@ -61,10 +61,10 @@ def find_refusal(
     """
     names, hosts, origins = host_names(address), headers.getlist("host"), headers.getlist("origin")
     if len(hosts) != 1 or hosts[0].partition(":")[0].lower() not in names:
-        return Refusal(400, "this server is known by its address alone, not by that name")
+        return Refusal(400, "this server accepts its address only, not another host name")
     allowed = {f"http://{name}{'' if port == 80 else f':{port}'}" for name in names}
     if (origins or origin_required) and not (len(origins) == 1 and origins[0] in allowed):
-        return Refusal(403, "that comes from a page of another server")
+        return Refusal(403, "the request comes from a page of another server")
     return None
 
 

@@ -51,33 +51,33 @@ def serve_page(channels: Desk, site: Site, listening: socket.socket, control: Co
     poses = PoseStore(site.poses)
     poses.load()
     board = Dashboard(channels, poses, shape=site.shape, truth=site.truth)
-    ownership, doors = ControlOwnership(), site.doors
+    ownership, access = ControlOwnership(), site.access
     pictures = Pictures(site.camera(), board)
     app = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
-    sign_in = SignIn(doors.token, doors.port) if doors.token else None
-    app.add_middleware(OriginCheck, port=doors.port, sign_in=sign_in)
+    sign_in = SignIn(access.token, access.port) if access.token else None
+    app.add_middleware(OriginCheck, port=access.port, sign_in=sign_in)
 
     @app.websocket("/pictures")
-    async def see(wire: WebSocket) -> None:  # pyright: ignore[reportUnusedFunction]
-        if await doors.accept(wire):
+    async def send_pictures(wire: WebSocket) -> None:  # pyright: ignore[reportUnusedFunction]
+        if await access.accept(wire):
             with suppress(WebSocketDisconnect):
                 await _send_pictures(wire, pictures, ownership)
 
     @app.websocket("/operate")
-    async def operate(wire: WebSocket) -> None:  # pyright: ignore[reportUnusedFunction]
-        if not await doors.accept(wire):
+    async def receive_messages(wire: WebSocket) -> None:  # pyright: ignore[reportUnusedFunction]
+        if not await access.accept(wire):
             return
         name = ownership.join(monotonic_ns())
         try:
-            await _receive_messages(wire, name, ownership, channels, board, site.chosen)
+            await _receive_messages(wire, name, ownership, channels, board, site.selection)
         except WebSocketDisconnect:
             """The browser is gone."""
         finally:
             with pause_on_handover(ownership, channels):
                 ownership.leave(name, monotonic_ns())
 
-    app.include_router(dashboard_routes(doors, board, site.chosen))
-    app.include_router(runs_routes(doors, site.runs))
+    app.include_router(dashboard_routes(access, board, site.selection))
+    app.include_router(runs_routes(access, site.runs))
     lay_out(site)
     ui.run_with(
         app, title=site.title, dark=None, show_welcome_message=False, reconnect_timeout=10.0
@@ -98,10 +98,10 @@ async def _send_pictures(wire: WebSocket, pictures: Pictures, ownership: Control
     count = 0
     while True:
         await receive_text(wire)
-        shown = await pictures.after(count)
-        count = shown.count
-        about = {"holder": ownership.holder, "asking": ownership.requester}
-        await wire.send_bytes(pack_picture(shown, about))
+        picture = await pictures.after(count)
+        count = picture.count
+        about = {"holder": ownership.holder, "requester": ownership.requester}
+        await wire.send_bytes(pack_picture(picture, about))
 
 
 @contextmanager
@@ -140,7 +140,11 @@ async def _receive_messages(
             elif isinstance(message, DeletePose):
                 refused = board.poses.delete(message.name)
             else:
-                refused = "" if dispatch(message, channels) else "the servo does not listen"
+                refused = (
+                    ""
+                    if dispatch(message, channels)
+                    else "the servo does not accept requests now: press again"
+                )
         if refused:
             await wire.send_json({"refused": refused})
 
@@ -176,9 +180,13 @@ def change_settings(change: Change, selection: Chosen, channels: Desk, board: Da
     except BadInput as error:
         return str(error)
     if not channels.changes.put(change):
-        return "the server does not listen"
+        return "the server does not accept settings now: press again"
     selection.take(change)
     board.settings_version += 1
     if change.part in IMMEDIATE_PARTS and board.standby is None:
-        return "" if channels.wants.put(change) else "the servo does not listen"
+        return (
+            ""
+            if channels.wants.put(change)
+            else "the servo does not accept requests now: press again"
+        )
     return ""

@@ -105,8 +105,8 @@ class Pictures:
         return self._newest
 
 
-def pack_picture(shown: ShownPicture, about: Table) -> bytes:
+def pack_picture(picture: ShownPicture, about: Table) -> bytes:
     """Encode a picture with its dashboard as a message: length of the JSON, the JSON, the JPEG."""
-    table = {**shown.table, "frame": shown.number, **about}
+    table = {**picture.table, "frame": picture.number, **about}
     text = encode_json(table)
-    return JSON_LENGTH.pack(len(text)) + text + shown.jpeg
+    return JSON_LENGTH.pack(len(text)) + text + picture.jpeg

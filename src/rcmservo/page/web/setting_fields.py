@@ -60,9 +60,9 @@ def list_fields(kind: type[Any]) -> list[SettingField]:
     ]
 
 
-def find_unit(words: str) -> str:
+def find_unit(text: str) -> str:
     """Return the first unit in a text, or ""."""
-    found = UNIT_IN_TEXT.search(words)
+    found = UNIT_IN_TEXT.search(text)
     return found[1] if found else ""
 
 
@@ -75,22 +75,22 @@ def forms(chosen: Servo, in_force: Servo | None) -> list[dict[str, Any]]:
     selected = describe(chosen)
     return [
         {
-            "box": part,
+            "part": part,
             "title": (part[0].upper() + part[1:]).replace("_rcm", " RCM").replace("_", " "),
-            "at_once": part in IMMEDIATE_PARTS,
+            "immediate": part in IMMEDIATE_PARTS,
             "kinds": {
                 name: {
-                    "words": _words(kind),
+                    "description": _one_line(kind),
                     "fields": [vars(field) for field in list_fields(kind)],
                 }
                 for name, kind in PARTS[part].items()
             },
-            "set": selected[part],
-            "in_force": None if active is None else active[part],
+            "selected": selected[part],
+            "active": None if active is None else active[part],
         }
         for part in BOXES
     ]
 
 
-def _words(kind: type[Any]) -> str:
+def _one_line(kind: type[Any]) -> str:
     return " ".join(describe_class(kind).split())

@@ -47,7 +47,9 @@ class SignIn:
 
     def __init__(self, token: str, port: int, now: Callable[[], float] = time.monotonic) -> None:
         self._token, self._now = token, now
-        self._cookie = f"rcmservo-{port}"  # those of all ports of an address are in one jar
+        self._cookie = (
+            f"rcmservo-{port}"  # one browser stores the cookies of all ports of an address together
+        )
         self._cookie_value = drawn_secret()
         self._failed = FailedAttempts()
 
@@ -64,7 +66,7 @@ class SignIn:
         wait = self._failed.remaining_wait(address, now)
         if wait > 0.0:
             return _sign_in_page(
-                429, f"That was wrong too often: wait {wait:.0f} s, then try again."
+                429, f"Too many failed attempts: wait {wait:.0f} s, then try again."
             )
         if not secrets_equal(token, self._token):
             self._failed.add(address, now)
@@ -76,18 +78,18 @@ class SignIn:
 
 def _sign_in_page(status: int, message: str = "") -> Response:
     return HTMLResponse(
-        SIGN_IN_PAGE.replace("SAID", message), status, {"cache-control": "no-store"}
+        SIGN_IN_PAGE.replace("MESSAGE", message), status, {"cache-control": "no-store"}
     )
 
 
 async def _token(request: Request) -> str:
     """Return the token in a form; empty if there is none."""
-    sent = b""
+    content = b""
     try:
         async for part in request.stream():
-            sent += part
-            if len(sent) > MAX_FORM_BYTES:
+            content += part
+            if len(content) > MAX_FORM_BYTES:
                 return ""
     except ClientDisconnect:
         return ""
-    return parse_qs(sent.decode(errors="replace")).get("token", [""])[0].strip()
+    return parse_qs(content.decode(errors="replace")).get("token", [""])[0].strip()

@@ -43,9 +43,9 @@ class Site:
 
     title: str
     camera: Callable[[], Camera]
-    doors: Doors
+    access: Doors
     stop_port: int
-    chosen: Chosen
+    selection: Chosen
     poses: PoseFolder
     shape: Shape
     runs: Path

@@ -30,10 +30,10 @@ def token_for(host: str, file: Path | None) -> str:
     try:
         is_loopback = IPv4Address(host).is_loopback
     except AddressValueError as error:
-        expected = "an IPv4 address of this computer, or 0.0.0.0 for all that it has"
+        expected = "an IPv4 address of this computer, or 0.0.0.0 for all its addresses"
         raise BadInput("--host", host, expected) from error
     if file is None:
-        expected = "an address that this computer alone reaches, as 127.0.0.1, without --token-file"
+        expected = "an address that only this computer reaches, as 127.0.0.1, without --token-file"
         require(is_loopback, "--host", host, expected)
         return ""
     return load_token(file)
@@ -44,7 +44,7 @@ def load_token(file: Path) -> str:
     try:
         _make(file)
     except FileExistsError:
-        """It is read."""
+        """The file is read below."""
     except OSError as error:
         raise UnusableFile(file, f"cannot be made: {error.strerror}") from error
     return _read(file)
@@ -61,9 +61,9 @@ def _read(file: Path) -> str:
         with os.fdopen(os.open(file, os.O_RDONLY | os.O_NONBLOCK), "rb") as opened:
             mode = os.fstat(opened.fileno()).st_mode
             if not stat.S_ISREG(mode):
-                raise UnusableFile(file, "is no file that could hold a token")
+                raise UnusableFile(file, "is not a regular file")
             if mode & 0o077:
-                problem = f"others than its owner can read it or write to it: chmod 600 {file}"
+                problem = f"can be read or written by others than its owner: chmod 600 {file}"
                 raise UnusableFile(file, problem)
             text = opened.read(MAX_TOKEN_CHARACTERS + 2).strip()
     except OSError as error:
@@ -72,6 +72,8 @@ def _read(file: Path) -> str:
         MIN_TOKEN_CHARACTERS <= len(text) <= MAX_TOKEN_CHARACTERS
         and all(33 <= one <= 126 for one in text)
     ):
-        expected = f"a token is one word of {MIN_TOKEN_CHARACTERS} to {MAX_TOKEN_CHARACTERS} ASCII letters, digits or signs"
-        raise UnusableFile(file, f"holds no token: {expected}")
+        expected = (
+            f"{MIN_TOKEN_CHARACTERS} to {MAX_TOKEN_CHARACTERS} ASCII letters, digits or signs"
+        )
+        raise UnusableFile(file, f"holds no token: expected one word of {expected}")
     return text.decode()

@@ -1,124 +1,128 @@
-// What goes to the server and comes from it.
+// Connection to the server: websockets for pictures, requests and STOP.
 //
-// view           what the parts of the page show; they are drawn anew as it changes
-// can(what)      whether a press may say so now
-// rcm.board      what was told last
-// rcm.told(f)    have f(board, jpeg) called with all that is told from now on
-// rcm.changed(f) have f() called when there may be something to show anew
-// rcm.say(m)     say a message, which counts while rcm.board is fresh
-// rcm.want(w, m) say what a press wants, and more of it, once rcm.board is fresh
-// rcm.forget()   say no more for a press that waits
-// rcm.url(path)  where something can be fetched
+// view             reactive state that the components display
+// can(action)      whether the user may request an action now
+// rcm.board        newest content of the page
+// rcm.onBoard(f)   call f(board, jpeg) with each new content
+// rcm.onChange(f)  call f() whenever the displayed state may have changed
+// rcm.send(m)      send a message; it counts while rcm.board is fresh
+// rcm.request(action, more)  send a request with its arguments once rcm.board is fresh
+// rcm.cancelRequest()        discard a request that waits
+// rcm.url(path)    address of the server's data
 import { shallowReactive } from "vue";
 
-const AGAIN = 500, FRESH = 200, PRESSED = 500, SHOWN = 80, AT_LEAST = 250, LATELY = 10000; // ms
-export const UNHEARD = "STOP was not heard: use the emergency stop of the arm";
+const RECONNECT_MS = 500, MAX_AGE_MS = 200, MAX_REQUEST_WAIT_MS = 500, MIN_REFRESH_MS = 80;
+const MAX_REFRESH_MS = 250, DELAY_WINDOW_MS = 10000, CONNECTION_TIMEOUT_MS = 1000;
+export const STOP_FAILED = "STOP did not arrive: use the emergency stop of the arm";
 
 export const view = shallowReactive({
-  board: {}, connected: false, may: false, holds: false, asked: false, refused: "", stopWords: "",
-  stopReady: false,
+  board: {}, connected: false, may: false, holds: false, requested: false, refused: "",
+  stopStatus: "", stopReady: false,
 });
 
-export const can = (what) => {
-  if (what === "ask") return view.connected && !view.holds;
-  if (what === "give") return view.may && view.asked;
-  return view.may && (view.board.can || []).includes(what);
+export const can = (action) => {
+  if (action === "request_control") return view.connected && !view.holds;
+  if (action === "hand_over") return view.may && view.requested;
+  return view.may && (view.board.can || []).includes(action);
 };
 
 function connect(site) {
-  const listeners = [], showers = [];
-  const rcm = { drawn: 0, board: {}, name: "", holds: false, asked: false, refused: "", heard: 0,
-    stopWords: "", jogs: () => false, letGo: () => {} };
+  const boardListeners = [], changeListeners = [];
+  const rcm = { drawn: 0, board: {}, name: "", holds: false, requested: false, refused: "",
+    receivedAt: 0, stopStatus: "", jogs: () => false, releaseJog: () => {} };
   const secret = encodeURIComponent(site.secret);
   rcm.url = (path) => `${path}${path.includes("?") ? "&" : "?"}secret=${secret}`;
-  rcm.told = (f) => listeners.push(f);
-  rcm.changed = (f) => showers.push(f);
-  let shown = 0;
-  const show = () => {
-    shown = performance.now();
-    const { board, holds, asked, refused, stopWords } = rcm;
-    Object.assign(view, { board, holds, asked, refused, stopWords, connected: rcm.connected(),
-      may: rcm.may(), stopReady: rcm.stopLine.wire !== null });
-    for (const f of showers) f();
+  rcm.onBoard = (f) => boardListeners.push(f);
+  rcm.onChange = (f) => changeListeners.push(f);
+  let refreshedAt = 0;
+  const refresh = () => {
+    refreshedAt = performance.now();
+    const { board, holds, requested, refused, stopStatus } = rcm;
+    Object.assign(view, { board, holds, requested, refused, stopStatus,
+      connected: rcm.connected(), may: rcm.may(), stopReady: rcm.stopLine.socket !== null });
+    for (const f of changeListeners) f();
   };
-  rcm.show = show;
+  rcm.refresh = refresh;
 
-  // A websocket that is opened again whenever it is gone.
-  function line(path, port, opened, heard) {
-    const it = { wire: null };
+  // A websocket that reconnects after it was closed.
+  function openLine(path, port, opened, received) {
+    const line = { socket: null };
     const scheme = location.protocol === "https:" ? "wss" : "ws";
     const open = () => {
-      const wire = new WebSocket(`${scheme}://${location.hostname}:${port}${rcm.url(path)}`);
-      wire.binaryType = "arraybuffer";
-      wire.onopen = () => { it.wire = wire; opened(wire); };
-      wire.onmessage = (event) => heard(event.data, wire);
-      wire.onclose = () => { it.wire = null; show(); setTimeout(open, AGAIN); };
+      const socket = new WebSocket(`${scheme}://${location.hostname}:${port}${rcm.url(path)}`);
+      socket.binaryType = "arraybuffer";
+      socket.onopen = () => { line.socket = socket; opened(socket); };
+      socket.onmessage = (event) => received(event.data, socket);
+      socket.onclose = () => { line.socket = null; refresh(); setTimeout(open, RECONNECT_MS); };
     };
-    it.say = (words) => {
-      const ready = it.wire !== null && it.wire.readyState === WebSocket.OPEN;
-      if (ready) it.wire.send(words);
+    line.send = (text) => {
+      const ready = line.socket !== null && line.socket.readyState === WebSocket.OPEN;
+      if (ready) line.socket.send(text);
       return ready;
     };
     open();
-    return it;
+    return line;
   }
 
-  rcm.stopLine = line("/stop", site.stopPort, show, (words) => {
-    rcm.stopWords = words === "heard" ? "" : UNHEARD;
-    show();
+  rcm.stopLine = openLine("/stop", site.stopPort, refresh, (text) => {
+    rcm.stopStatus = text === "heard" ? "" : STOP_FAILED;
+    refresh();
   });
-  const operate = line("/operate", location.port, show, (words) => {
-    const answer = JSON.parse(words);
+  const operate = openLine("/operate", location.port, refresh, (text) => {
+    const answer = JSON.parse(text);
     if (answer.name) rcm.name = answer.name;
     if (answer.refused) rcm.refused = answer.refused;
-    show();
+    refresh();
   });
-  const pictures = line("/pictures", location.port, (wire) => wire.send("next"), (data, wire) => {
-    wire.send("next");
-    rcm.heard = performance.now();
+  const requestNext = (socket) => socket.send("next");
+  const pictures = openLine("/pictures", location.port, requestNext, (data, socket) => {
+    requestNext(socket);
+    rcm.receivedAt = performance.now();
     const length = new DataView(data).getUint32(0, true);
     rcm.board = JSON.parse(new TextDecoder().decode(new Uint8Array(data, 4, length)));
     rcm.holds = rcm.name !== "" && rcm.board.holder === rcm.name;
-    rcm.asked = Boolean(rcm.board.asking);
+    rcm.requested = Boolean(rcm.board.requester);
     const jpeg = data.slice(4 + length);
-    clocked();
-    sayPressed();
-    for (const f of listeners) f(rcm.board, jpeg);
-    if (rcm.heard - shown > SHOWN) show();
+    updateDelay();
+    sendPending();
+    for (const f of boardListeners) f(rcm.board, jpeg);
+    if (rcm.receivedAt - refreshedAt > MIN_REFRESH_MS) refresh();
   });
-  setInterval(show, AT_LEAST);
+  setInterval(refresh, MAX_REFRESH_MS);
 
-  // How old what was told last is now, against what came quickest of late: a board that lay in a
-  // queue while the browser was busy is heard now, and tells of then.
-  let quickest = Infinity, before = Infinity, begun = 0;
-  const since = () => performance.now() - 1e-6 * rcm.board.at;
-  const age = () => since() - Math.min(quickest, before);
-  function clocked() {
-    if (rcm.heard - begun > LATELY) [before, quickest, begun] = [quickest, Infinity, rcm.heard];
-    quickest = Math.min(quickest, since());
+  // Age of the board relative to the fastest recent transmission. A board that waited in a queue
+  // while the browser was busy arrives now but describes an earlier state.
+  let smallest = Infinity, smallestBefore = Infinity, windowStart = 0;
+  const delay = () => performance.now() - 1e-6 * rcm.board.at;
+  const age = () => delay() - Math.min(smallest, smallestBefore);
+  function updateDelay() {
+    if (rcm.receivedAt - windowStart > DELAY_WINDOW_MS) {
+      [smallestBefore, smallest, windowStart] = [smallest, Infinity, rcm.receivedAt];
+    }
+    smallest = Math.min(smallest, delay());
   }
 
-  rcm.say = (message) => operate.say(JSON.stringify({ ...message, at: rcm.board.at }));
-  // A press counts once what is shown is of now: a browser that was busy waits for the next board,
-  // but not for long.
-  let pressed = null;
-  const sayPressed = () => {
-    if (pressed === null) return;
-    const late = performance.now() - pressed.since > PRESSED;
-    if (!late && !(age() < FRESH)) return;
+  rcm.send = (message) => operate.send(JSON.stringify({ ...message, at: rcm.board.at }));
+  // A press counts only while the displayed state is fresh. A browser that was busy waits for the
+  // next board, up to MAX_REQUEST_WAIT_MS.
+  let pending = null;
+  const sendPending = () => {
+    if (pending === null) return;
+    const late = performance.now() - pending.since > MAX_REQUEST_WAIT_MS;
+    if (!late && !(age() < MAX_AGE_MS)) return;
     if (late) rcm.refused = "this browser was busy: press again";
-    else rcm.say(pressed.message);
-    pressed = null;
+    else rcm.send(pending.message);
+    pending = null;
   };
-  rcm.want = (what, more = {}) => {
+  rcm.request = (action, more = {}) => {
     rcm.refused = "";
-    pressed = { message: { do: what, ...more }, since: performance.now() };
-    sayPressed();
+    pending = { message: { do: action, ...more }, since: performance.now() };
+    sendPending();
   };
-  rcm.forget = () => { pressed = null; };
-  rcm.connected = () =>
-    performance.now() - rcm.heard < 1000 && pictures.wire !== null && operate.wire !== null;
-  rcm.may = () => rcm.connected() && rcm.holds && rcm.stopLine.wire !== null;
+  rcm.cancelRequest = () => { pending = null; };
+  rcm.connected = () => performance.now() - rcm.receivedAt < CONNECTION_TIMEOUT_MS &&
+    pictures.socket !== null && operate.socket !== null;
+  rcm.may = () => rcm.connected() && rcm.holds && rcm.stopLine.socket !== null;
   return rcm;
 }
 

@@ -1,35 +1,37 @@
-// How lines, circles and words are drawn on the picture, so that they can be read on any of it.
+// Lines, circles and text on the picture, with an outline so that they are legible on any image.
 export const BLUE = "#005aff", BLACK = "#000000", WHITE = "#ffffff", YELLOW = "#ffdc00";
+const MAX_COORDINATE_PX = 20000;
 
-export function known(point) {
-  return Array.isArray(point) && point.every((one) => one !== null);
+export function isKnown(point) {
+  return Array.isArray(point) && point.every((coordinate) => coordinate !== null);
 }
-export const near = ([u, v]) => Math.abs(u) < 20000 && Math.abs(v) < 20000;
+export const isDrawable = ([u, v]) =>
+  Math.abs(u) < MAX_COORDINATE_PX && Math.abs(v) < MAX_COORDINATE_PX;
 
-export function stroke(pen, colour, size, path, inks = [[WHITE, 4], [colour, 2]]) {
+export function drawPath(context, colour, size, path, inks = [[WHITE, 4], [colour, 2]]) {
   for (const [ink, width] of inks) {
-    pen.beginPath();
+    context.beginPath();
     path();
-    pen.strokeStyle = ink;
-    pen.lineWidth = width * size;
-    pen.stroke();
+    context.strokeStyle = ink;
+    context.lineWidth = width * size;
+    context.stroke();
   }
 }
 
-export function words(pen, text, u, v, colour, height) {
-  pen.font = `${height}px sans-serif`;
-  pen.lineWidth = height / 5;
-  pen.strokeStyle = WHITE;
-  pen.strokeText(text, u, v);
-  pen.fillStyle = colour;
-  pen.fillText(text, u, v);
+export function drawText(context, text, u, v, colour, height) {
+  context.font = `${height}px sans-serif`;
+  context.lineWidth = height / 5;
+  context.strokeStyle = WHITE;
+  context.strokeText(text, u, v);
+  context.fillStyle = colour;
+  context.fillText(text, u, v);
 }
 
-// Where the servo expects a marker.
-export function ghost(pen, [u, v], size) {
-  if (!near([u, v])) return;
-  pen.setLineDash([4 * size, 3 * size]);
-  stroke(pen, BLUE, size, () => pen.arc(u, v, 14 * size, 0, 2 * Math.PI),
+// Dashed circle at a predicted marker.
+export function drawPrediction(context, [u, v], size) {
+  if (!isDrawable([u, v])) return;
+  context.setLineDash([4 * size, 3 * size]);
+  drawPath(context, BLUE, size, () => context.arc(u, v, 14 * size, 0, 2 * Math.PI),
     [[WHITE, 2.5], [BLUE, 1.2]]);
-  pen.setLineDash([]);
+  context.setLineDash([]);
 }

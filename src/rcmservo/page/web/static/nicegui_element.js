@@ -1,8 +1,8 @@
-// What NiceGUI has made of an element of the page; undefined before it is there.
-export function made(id) {
+// NiceGUI's object of an element of the page; undefined before it exists.
+export function niceguiElement(id) {
   try {
     return window.getElement(id);
   } catch {
-    return undefined; // it answers with an error while the page is built
+    return undefined; // NiceGUI raises an error while it builds the page
   }
 }

@@ -1,64 +1,66 @@
-// A tour: a list of poses is made here and sent as a whole; how far it is comes with the board.
-import { can, rcm, view } from "/rcmservo/wire.js";
+// Pose sequence: the waypoints are edited here and sent as a whole; the board reports the progress.
+import { can, rcm, view } from "/rcmservo/connection.js";
 
 export default {
-  props: { most: Number, longest: Number, laps: Number },
-  data: () => ({ stops: [], pose: "", dwell: 5, rounds: 1 }),
+  props: { maxWaypoints: Number, maxDwell: Number, maxRounds: Number },
+  data: () => ({ waypoints: [], pose: "", dwell: 5, rounds: 1 }),
   computed: {
     poses: () => view.board.poses || [],
-    tour: () => view.board.tour || null,
-    chosen() { return this.poses.includes(this.pose) ? this.pose : this.poses[0]; },
-    room() { return this.chosen !== undefined && this.stops.length < this.most; },
-    words() {
-      if (!this.tour) return "";
-      const { pose, stop, stops, lap, laps, left } = this.tour;
-      const where = left === null ? `on the way to ${pose}` : `at ${pose}, ${left} s left`;
-      return `Tour: ${where} (pose ${stop} of ${stops}, round ${lap} of ${laps})`;
+    progress: () => view.board.sequence || null,
+    selected() { return this.poses.includes(this.pose) ? this.pose : this.poses[0]; },
+    canAdd() { return this.selected !== undefined && this.waypoints.length < this.maxWaypoints; },
+    text() {
+      if (!this.progress) return "";
+      const { pose, waypoint_number: number, waypoints, round_number: round, rounds,
+        remaining_s: remaining } = this.progress;
+      const state = remaining === null ? `moving to ${pose}` : `at ${pose}, ${remaining} s left`;
+      return `Sequence: ${state} (pose ${number} of ${waypoints}, round ${round} of ${rounds})`;
     },
   },
   setup: () => ({ can, rcm, view }),
   methods: {
     add() {
-      const { chosen: pose, dwell } = this;
-      if (Number.isFinite(dwell)) this.stops.push({ pose, dwell });
+      const { selected: pose, dwell } = this;
+      if (Number.isFinite(dwell)) this.waypoints.push({ pose, dwell });
     },
-    earlier(at) {
-      if (at > 0) this.stops.splice(at - 1, 2, this.stops[at], this.stops[at - 1]);
+    moveUp(i) {
+      if (i > 0) this.waypoints.splice(i - 1, 2, this.waypoints[i], this.waypoints[i - 1]);
     },
   },
   template: `
     <div class="rcm-part">
-      <details id="tour">
-        <summary>Tour: visit poses in turn</summary>
-        <ol id="tour-stops" aria-label="Poses of the tour">
-          <li v-for="({ pose, dwell }, at) in stops"
-            :aria-current="tour && tour.stop === at + 1 ? 'step' : null">
+      <details id="sequence">
+        <summary>Sequence: visit poses in turn</summary>
+        <ol id="waypoints" aria-label="Poses of the sequence">
+          <li v-for="({ pose, dwell }, i) in waypoints"
+            :aria-current="progress && progress.waypoint_number === i + 1 ? 'step' : null">
             <span>{{ pose }}, {{ dwell }} s</span>
             <button type="button" class="rcm-button" :aria-label="'Move ' + pose + ' up'"
-              @click="earlier(at)">↑</button>
-            <button type="button" class="rcm-button" :aria-label="'Take ' + pose + ' off the tour'"
-              @click="stops.splice(at, 1)">×</button>
+              @click="moveUp(i)">↑</button>
+            <button type="button" class="rcm-button"
+              :aria-label="'Remove ' + pose + ' from the sequence'"
+              @click="waypoints.splice(i, 1)">×</button>
           </li>
         </ol>
-        <div class="tour-row">
-          <select id="tour-pose" class="rcm-field" aria-label="Pose to visit" :value="chosen"
+        <div class="sequence-row">
+          <select id="waypoint-pose" class="rcm-field" aria-label="Pose to visit" :value="selected"
             @change="pose = $event.target.value">
             <option v-for="one in poses">{{ one }}</option>
           </select>
-          <label>for <input id="tour-dwell" class="rcm-field" type="number" min="0" :max="longest"
+          <label>for <input id="dwell" class="rcm-field" type="number" min="0" :max="maxDwell"
             step="any" aria-label="Dwell in seconds" v-model.number="dwell"> s</label>
-          <button type="button" class="rcm-button" :disabled="!room" @click="add">Add</button>
+          <button type="button" class="rcm-button" :disabled="!canAdd" @click="add">Add</button>
         </div>
-        <div class="tour-row">
-          <label>rounds <input id="tour-rounds" class="rcm-field" type="number" min="1" :max="laps"
-            step="1" aria-label="Rounds" v-model.number="rounds"></label>
-          <button type="button" class="rcm-button" aria-label="Start the tour"
-            :disabled="!can('go') || tour !== null || stops.length === 0"
-            @click="rcm.want('tour', { stops, rounds })">Start</button>
-          <button type="button" class="rcm-button" aria-label="End the tour"
-            :disabled="!view.may || tour === null" @click="rcm.want('pause')">End</button>
+        <div class="sequence-row">
+          <label>rounds <input id="rounds" class="rcm-field" type="number" min="1"
+            :max="maxRounds" step="1" aria-label="Rounds" v-model.number="rounds"></label>
+          <button type="button" class="rcm-button" aria-label="Start the sequence"
+            :disabled="!can('go') || progress !== null || waypoints.length === 0"
+            @click="rcm.request('sequence', { waypoints, rounds })">Start</button>
+          <button type="button" class="rcm-button" aria-label="End the sequence"
+            :disabled="!view.may || progress === null" @click="rcm.request('pause')">End</button>
         </div>
       </details>
-      <div id="tour-progress">{{ words }}</div>
+      <div id="sequence-progress">{{ text }}</div>
     </div>`,
 };
