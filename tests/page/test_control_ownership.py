@@ -36,7 +36,7 @@ def said(message: Any, name: str = "a", control: ControlOwnership | None = None)
     return interpret_message(text, name, control or ControlOwnership("a"), POSES.get, NOW)
 
 
-def test_each_message_becomes_what_it_says() -> None:
+def test_each_message_is_decoded_to_its_request() -> None:
     assert said({"do": "beat"}) == Heartbeat() and said({"do": "enable"}) == Enable()
     assert said({"do": "pause"}) is rs.Request.PAUSE
     assert said({"do": "clear"}) is rs.Request.CLEAR
@@ -83,13 +83,13 @@ def test_each_message_becomes_what_it_says() -> None:
         ({"do": "teach", "name": "a", "more": 1}, "more"),
     ],
 )
-def test_what_is_not_whole_or_not_fresh_is_refused_with_a_reason(message: Any, why: str) -> None:
+def test_an_invalid_or_old_message_is_refused_with_a_reason(message: Any, why: str) -> None:
     with pytest.raises(MessageRefused, match=why):
         said(message)
 
 
 @given(st.text(max_size=100) | st.binary(max_size=50).map(lambda data: data.decode("latin-1")))
-def test_any_text_at_all_is_refused_and_raises_nothing_else(text: str) -> None:
+def test_random_text_is_refused_and_raises_nothing_else(text: str) -> None:
     with pytest.raises(MessageRefused):
         said(text)
 
@@ -107,7 +107,7 @@ json_values = st.recursive(
         optional={"rates": json_values, "press": json_values, "name": json_values},
     )
 )
-def test_any_message_is_heeded_as_a_want_or_refused(message: dict[str, Any]) -> None:
+def test_a_random_message_is_decoded_or_refused(message: dict[str, Any]) -> None:
     try:
         want = said(message)
     except MessageRefused:
@@ -117,7 +117,7 @@ def test_any_message_is_heeded_as_a_want_or_refused(message: dict[str, Any]) -> 
         assert np.isfinite(want.rates).all()
 
 
-def test_one_browser_has_control_and_hands_it_over_when_it_is_asked() -> None:
+def test_one_browser_has_control_and_hands_it_over_on_request() -> None:
     control = ControlOwnership()
     a, b = control.join(NOW), control.join(NOW)
     assert control.holder == a != b
@@ -137,7 +137,7 @@ def test_one_browser_has_control_and_hands_it_over_when_it_is_asked() -> None:
     assert control.holder == "c"
 
 
-def test_who_is_silent_loses_control_to_whoever_asks_and_who_is_not_keeps_it() -> None:
+def test_only_a_silent_browser_loses_control_on_request() -> None:
     control = ControlOwnership()
     control.join(NOW - 2 * HOLDER_TIMEOUT_NS)
     said({"do": "ask"}, "b", control)
@@ -147,7 +147,7 @@ def test_who_is_silent_loses_control_to_whoever_asks_and_who_is_not_keeps_it() -
     assert control.holder == "b" and control.requester == "c"
 
 
-def test_a_late_sign_of_life_counts_for_nothing_and_nobody_is_told() -> None:
+def test_a_late_heartbeat_is_ignored_without_a_refusal() -> None:
     control = ControlOwnership()
     control.join(NOW - 2 * HOLDER_TIMEOUT_NS)
     heard = control.last_message_at
@@ -157,7 +157,7 @@ def test_a_late_sign_of_life_counts_for_nothing_and_nobody_is_told() -> None:
     assert control.last_message_at == NOW
 
 
-def test_a_jog_must_be_fresher_than_the_rest_and_letting_go_always_counts() -> None:
+def test_a_jog_expires_sooner_than_other_messages_and_a_release_never() -> None:
     old = {"at": NOW - MAX_JOG_AGE_NS - 1}
     assert said({"do": "beat"} | old) == Heartbeat()
     with pytest.raises(MessageRefused, match="too late"):

@@ -44,7 +44,7 @@ def seen(
 
 
 @pytest.mark.parametrize("estimator", [DltEstimator(), ProjectionEstimator()])
-def test_the_board_tells_the_tick_and_its_ghost_is_where_the_servo_expects_the_markers(
+def test_the_dashboard_holds_the_tick_and_the_predicted_markers(
     estimator: rs.Estimator,
 ) -> None:
     ticks, tables, _ = seen(estimator, 3.0)
@@ -65,7 +65,7 @@ def test_the_board_tells_the_tick_and_its_ghost_is_where_the_servo_expects_the_m
     assert np.abs(away).max() < 5.0
 
 
-def test_the_buttons_that_may_be_pressed_are_those_of_the_phase() -> None:
+def test_the_allowed_actions_depend_on_the_phase() -> None:
     moving, jog = {"show", "teach", "go", "pause"}, {"jog"}
     expected = {phase: moving for phase in rs.Phase} | {
         rs.Phase.IDLE: moving | jog,
@@ -117,7 +117,7 @@ class LateClock:
         self._clock.wait_until(time + self._late.get(self._count, 0))
 
 
-def test_the_curves_tell_the_loops_numbers_and_how_late_it_was_at_worst() -> None:
+def test_the_curves_hold_the_values_of_the_ticks_and_the_largest_lateness() -> None:
     lab, desk = laboratory(), Desk(get_context("spawn"))
     board, ticks = board_at(desk), list[rs.Tick]()
     lab.plant.clock = LateClock(lab.plant.clock, {104: 4_000_000, 107: 7_000_000})
@@ -150,7 +150,7 @@ def test_the_curves_tell_the_loops_numbers_and_how_late_it_was_at_worst() -> Non
     assert not board.curves.after(10**9)
 
 
-def test_the_true_pose_error_is_that_of_the_targets_joints_and_none_where_nobody_knows() -> None:
+def test_the_true_pose_error_belongs_to_the_joints_of_the_target() -> None:
     lab, settings = laboratory(), RigSettings()
     log = MotionLog(get_context("spawn"))
     log.add(0, 0, 0, False, np.zeros(3), lab.rig.scene.start)
@@ -166,7 +166,7 @@ def test_the_true_pose_error_is_that_of_the_targets_joints_and_none_where_nobody
     assert board_at(desk, target=unknown, truth=board.truth).to_table()["truth_mm"] is None
 
 
-def test_the_tool_in_space_is_where_its_markers_are() -> None:
+def test_the_tool_in_the_scene_goes_through_its_markers() -> None:
     lab = laboratory()
     shape = Shape.of(lab.servo())
     q = lab.rig.scene.start

@@ -11,7 +11,7 @@ from stalls import undisturbed
 pytestmark = [pytest.mark.alone, pytest.mark.slow]
 
 
-def test_forged_requests_and_rubbish_move_change_and_stop_nothing() -> None:
+def test_forged_and_random_requests_move_change_and_stop_nothing() -> None:
     def wrong() -> list[str]:
         found: list[str] = []
         with page_lab(recorded=True, token="a token that is long enough") as lab:

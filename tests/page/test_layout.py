@@ -23,7 +23,7 @@ LOADS = re.compile(r"</?script\b[^>]*>|<link\b[^>]*>")
 """Tags that load the page's own modules and style sheet."""
 
 
-def test_no_html_stands_in_python_and_no_element_is_made_by_hand_in_the_browser() -> None:
+def test_python_has_no_html_and_javascript_creates_no_elements() -> None:
     html = re.compile(r"</?[a-z]+[ >]|ui\.html")
     python = [
         path.name for path in PAGE.rglob("*.py") if html.search(LOADS.sub("", path.read_text()))
@@ -32,7 +32,7 @@ def test_no_html_stands_in_python_and_no_element_is_made_by_hand_in_the_browser(
     assert python == browser == []
 
 
-def test_each_component_of_the_page_is_placed_and_served() -> None:
+def test_each_component_is_placed_on_the_page_and_served() -> None:
     shape = Shape.of(laboratory().servo())
     site: Any = SimpleNamespace(
         title="a page",

@@ -220,7 +220,7 @@ def site(chromium: Browser, tmp_path_factory: pytest.TempPathFactory) -> Iterato
         yield site
 
 
-def test_the_first_steps_of_the_page_lead_to_a_taught_pose(site: ServedPage) -> None:
+def test_the_first_steps_in_the_documents_lead_to_a_taught_pose(site: ServedPage) -> None:
     text = section((ROOT / "docs/page.md").read_text(), "First steps")
 
     def play(address: str) -> None:
@@ -233,7 +233,7 @@ def test_the_first_steps_of_the_page_lead_to_a_taught_pose(site: ServedPage) -> 
     assert site.wrong_in(play) == ""
 
 
-def test_a_person_teaches_two_poses_goes_back_and_forth_stops_and_begins_again(
+def test_two_poses_are_taught_and_reached_and_a_watcher_can_only_stop(
     site: ServedPage,
 ) -> None:
     def play(address: str) -> None:
@@ -270,7 +270,7 @@ def test_a_person_teaches_two_poses_goes_back_and_forth_stops_and_begins_again(
     assert site.wrong_in(play) == ""
 
 
-def test_marker_1_is_led_and_a_tour_of_two_poses_is_made_watched_and_over(site: ServedPage) -> None:
+def test_marker_1_is_jogged_and_a_sequence_of_two_poses_is_completed(site: ServedPage) -> None:
     def play(address: str) -> None:
         person = Person(site.browser, address)
         page = person.page
@@ -293,7 +293,7 @@ def test_marker_1_is_led_and_a_tour_of_two_poses_is_made_watched_and_over(site: 
     assert site.wrong_in(play) == ""
 
 
-def test_closing_the_browser_in_mid_motion_pauses_and_another_one_resumes(site: ServedPage) -> None:
+def test_closing_the_browser_pauses_the_motion_and_another_one_resumes(site: ServedPage) -> None:
     def play(address: str) -> None:
         first = Person(site.browser, address)
         first.enable()
@@ -312,7 +312,7 @@ def test_closing_the_browser_in_mid_motion_pauses_and_another_one_resumes(site: 
     assert site.wrong_in(play) == ""
 
 
-def test_a_stopped_run_is_opened_looked_through_and_downloaded(site: ServedPage) -> None:
+def test_a_stopped_run_is_opened_replayed_and_downloaded(site: ServedPage) -> None:
     def play(address: str) -> None:
         person = Person(site.browser, address)
         page = person.page
@@ -345,7 +345,7 @@ def test_a_stopped_run_is_opened_looked_through_and_downloaded(site: ServedPage)
     assert site.wrong_in(play) == ""
 
 
-def test_the_curves_and_the_mechanism_are_drawn_where_they_are_looked_at(site: ServedPage) -> None:
+def test_the_curves_and_the_mechanism_are_drawn_in_their_tabs(site: ServedPage) -> None:
     chart, scene = "getElement(RCMSERVO.curves)?.chart", "getElement(RCMSERVO.scene.id)?.renderer"
 
     def play(address: str) -> None:
@@ -362,7 +362,7 @@ def test_the_curves_and_the_mechanism_are_drawn_where_they_are_looked_at(site: S
     assert site.wrong_in(play) == ""
 
 
-def test_a_student_sees_a_lost_marker_a_moved_camera_and_an_emergency_stop_and_their_ways_out(
+def test_an_operator_recovers_from_a_lost_marker_a_moved_camera_and_an_emergency_stop(
     site: ServedPage,
 ) -> None:
     def play(address: str) -> None:

@@ -24,14 +24,14 @@ MS = 1_000_000
 
 
 @pytest.mark.parametrize("kind", [one["kind"] for one in list_live_disturbances()])
-def test_each_kind_on_the_menu_can_be_chosen_with_its_defaults(kind: str) -> None:
+def test_each_kind_on_the_menu_is_valid_with_its_defaults(kind: str) -> None:
     assert parse_live_disturbance(f"{kind}:").kind == kind
 
 
 @pytest.mark.parametrize(
     "text", ["kill:", "nan_points:", "flood:", "occlusion:for=-1", "occlusion:px=3", "smoke:"]
 )
-def test_what_is_not_on_the_menu_is_refused(text: str) -> None:
+def test_kinds_and_parameters_that_the_menu_lacks_are_refused(text: str) -> None:
     with pytest.raises(BadInput):
         parse_live_disturbance(text)
 
@@ -42,7 +42,7 @@ def device(tmp_path: Path) -> Iterator[ArmDevice]:
         yield ArmDevice(Rig(1, pictures=False), wire, MotionLog(get_context("spawn")), 0)
 
 
-def test_a_pressed_emergency_stop_lets_nobody_enable_and_its_release_enables_nothing(
+def test_an_emergency_stop_prevents_enable_and_its_release_enables_nothing(
     device: ArmDevice,
 ) -> None:
     device.disturbed_arm.enable()
@@ -60,7 +60,7 @@ def test_a_pressed_emergency_stop_lets_nobody_enable_and_its_release_enables_not
     assert device.arm.watchdog.enabled
 
 
-def test_an_arm_that_creeps_creeps_from_then_until_it_is_ended(device: ArmDevice) -> None:
+def test_a_creep_acts_from_its_beginning_to_its_end(device: ArmDevice) -> None:
     device.disturbed_arm.enable()
     q = device.arm.q_true.copy()
     DisturbanceChange(device.arm.time, parse_live_disturbance("creep:speed=20,axis=3")).apply(

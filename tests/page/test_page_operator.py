@@ -77,13 +77,13 @@ def jogged(ticks: list[rs.Tick]) -> list[int]:
     return [k for k, tick in enumerate(ticks) if tick.state.phase is rs.Phase.JOG]
 
 
-def test_a_session_begins_paused_and_nothing_moves_before_a_person_says_where_to() -> None:
+def test_a_session_begins_paused_and_nothing_moves_without_a_request() -> None:
     ticks, _ = ran({}, 2.0)
     assert phases(ticks) == [rs.Phase.IDLE, rs.Phase.PAUSED]
     assert not any(tick.state.command.rates.any() for tick in ticks)
 
 
-def test_go_aims_and_resumes_and_the_tool_arrives_and_on_the_way_it_aims_anew() -> None:
+def test_go_sets_the_target_and_resumes_and_a_second_go_changes_the_target() -> None:
     lab = laboratory()
     scene = lab.rig.scene
     lab.rig.place((scene.start + scene.target) / 2.0)
@@ -97,7 +97,7 @@ def test_go_aims_and_resumes_and_the_tool_arrives_and_on_the_way_it_aims_anew() 
 
 
 @pytest.mark.parametrize("there", [150, 300])
-def test_what_moves_by_itself_is_paused_once_nobody_is_there(there: int) -> None:
+def test_autonomous_motion_is_paused_without_heartbeats(there: int) -> None:
     target = laboratory().target
     ticks, _ = ran({50: [Go(target)]}, 5.0, there)
     last_beat = (there - 1) // 10 * 10
@@ -109,7 +109,7 @@ def test_what_moves_by_itself_is_paused_once_nobody_is_there(there: int) -> None
     assert phases(ticks)[-1] is rs.Phase.PAUSED
 
 
-def test_a_button_that_is_held_moves_the_joints_and_its_loss_is_noticed_in_time() -> None:
+def test_a_held_button_moves_the_joints_until_the_browser_is_silent() -> None:
     rates = (0.1, 0.0, 0.0)
     ticks, _ = ran(held(range(100, 200), rates), 4.0, there=100)
     moving = [k for k, tick in enumerate(ticks) if tick.state.command.rates.any()]
@@ -121,7 +121,7 @@ def test_a_button_that_is_held_moves_the_joints_and_its_loss_is_noticed_in_time(
 
 @pytest.mark.parametrize("axis", [0, 1, 2])
 @pytest.mark.parametrize("way", [-10.0, 10.0])
-def test_marker_1_is_led_straight_along_an_axis_of_the_arms_base_frame(
+def test_marker_1_is_jogged_along_a_straight_line_in_the_arms_base_frame(
     axis: int, way: float
 ) -> None:
     velocity = [0.0, 0.0, 0.0]
@@ -136,7 +136,7 @@ def test_marker_1_is_led_straight_along_an_axis_of_the_arms_base_frame(
     assert phases(ticks)[-1] is rs.Phase.PAUSED
 
 
-def test_a_jog_has_its_share_of_the_speed_and_no_more_whatever_was_asked_for() -> None:
+def test_a_jog_has_its_fraction_of_the_jog_speed_whatever_the_request() -> None:
     for share in (0.25, 1.0):
         for press in (JogJoints((1e9, 0.0, 1.0), 1, share), JogMarker((0.0, -1e9, 1e9), 1, share)):
             ticks, browser = ran({k: [press] for k in range(100, 140, 4)}, 2.0)
@@ -145,13 +145,13 @@ def test_a_jog_has_its_share_of_the_speed_and_no_more_whatever_was_asked_for() -
             assert used == pytest.approx(share)
 
 
-def test_a_button_that_is_let_go_stops_at_the_next_tick() -> None:
+def test_a_released_button_stops_the_jog_at_the_next_tick() -> None:
     says = held(range(100, 150), (0.1, 0.0, 0.0)) | {150: [ReleaseJog()]}
     ticks, _ = ran(says, 3.0)
     assert jogged(ticks) == list(range(101, 151))
 
 
-def test_a_press_that_something_else_ended_is_over_and_the_next_one_counts() -> None:
+def test_a_press_that_a_pause_ended_stays_ended_and_the_next_one_counts() -> None:
     rates = (0.1, 0.0, 0.0)
     says = held(range(100, 300), rates, 1)
     says[150] = [rs.Request.PAUSE]
@@ -160,7 +160,7 @@ def test_a_press_that_something_else_ended_is_over_and_the_next_one_counts() -> 
     assert there[0] == 101 and not set(range(151, 320)) & set(there) and 321 in there
 
 
-def test_a_press_that_was_not_renewed_in_time_is_over_also_where_it_is_renewed_later() -> None:
+def test_a_press_that_was_not_repeated_in_time_stays_ended() -> None:
     rates = (0.1, 0.0, 0.0)
     says = held(range(100, 121), rates, 1) | held(range(140, 180), rates, 1)
     says |= held(range(200, 220), rates, 2)
@@ -177,7 +177,7 @@ def test_a_button_held_before_the_session_began_moves_nothing_in_it() -> None:
     assert not jogged(ticks) and len(ticks) == 300
 
 
-def test_a_gesture_that_is_half_written_counts_for_nothing() -> None:
+def test_a_half_written_jog_command_is_ignored() -> None:
     hand = JogState(get_context("spawn"))
     hand.hold(3, (1.0, 2.0, 3.0))
     assert hand.read() == (1, 3, 1.0, 2.0, 3.0, 1.0, False)
@@ -185,7 +185,7 @@ def test_a_gesture_that_is_half_written_counts_for_nothing() -> None:
     assert hand.read() is None
 
 
-def test_where_control_changes_hands_what_is_in_motion_is_paused() -> None:
+def test_a_transfer_of_control_pauses_the_motion() -> None:
     control, target = ControlOwnership(), laboratory().target
     first = control.join(0)
     second = control.join(0)
@@ -206,14 +206,14 @@ def test_where_control_changes_hands_what_is_in_motion_is_paused() -> None:
     assert {tick.state.phase for tick in ticks[201:]} == {rs.Phase.PAUSED}
 
 
-def test_what_was_not_taught_is_told() -> None:
+def test_cancelled_teaching_is_reported() -> None:
     _, browser = ran({100: [TeachPose("above")], 110: [rs.Request.PAUSE]}, 3.0)
     notes = [one.words for one in browser.said if isinstance(one, Note)]
     assert notes == ["above was not taught"]
     assert not any(isinstance(one, PoseTaught) for one in browser.said)
 
 
-def test_a_pose_is_not_taught_under_the_name_of_another() -> None:
+def test_a_requested_target_is_not_stored_as_the_taught_pose() -> None:
     target = laboratory().target
     _, browser = ran({100: [Go(target), TeachPose("above")]}, 3.0)
     (taught,) = [one for one in browser.said if isinstance(one, PoseTaught)]
@@ -228,7 +228,7 @@ def test_a_pose_is_taught_under_its_name() -> None:
     assert taught.target.points.tobytes() == ticks[-1].state.target.points.tobytes()
 
 
-def test_teaching_takes_the_frames_that_are_asked_for_and_tells_how_far_it_is() -> None:
+def test_teaching_takes_the_requested_frames_and_reports_its_progress() -> None:
     """So that the page shows that something happens for the seconds that it takes."""
     _, browser = ran({100: [TeachPose("above")]}, 3.0)
     told = [one.words for one in browser.said if isinstance(one, TeachingStatus)]
@@ -238,12 +238,12 @@ def test_teaching_takes_the_frames_that_are_asked_for_and_tells_how_far_it_is() 
     assert all(one.words == "" for one in browser.said[end:] if isinstance(one, TeachingStatus))
 
 
-def test_how_far_teaching_is_ends_where_the_person_wants_something_else() -> None:
+def test_the_progress_of_teaching_ends_with_another_request() -> None:
     _, browser = ran({100: [TeachPose("above")], 110: [rs.Request.PAUSE]}, 3.0)
     assert [one.words for one in browser.said if isinstance(one, TeachingStatus)][-1] == ""
 
 
-def test_a_target_that_is_shown_again_is_told_and_kept_by_no_name() -> None:
+def test_teaching_again_is_reported_and_stores_no_pose() -> None:
     ticks, browser = ran({100: [TeachPose("")]}, 3.0)
     notes = [one.words for one in browser.said if isinstance(one, Note)]
     assert notes == ["the target is shown again"]
@@ -252,7 +252,7 @@ def test_a_target_that_is_shown_again_is_told_and_kept_by_no_name() -> None:
     assert same(target, ticks[-1].state.target)
 
 
-def test_what_the_settings_refuse_is_told_and_the_loop_goes_on() -> None:
+def test_a_target_that_the_settings_refuse_is_reported_and_the_loop_continues() -> None:
     target = rs.Target(np.full((2, 2), 100.0), np.zeros(3))
     lab = laboratory()
     servo = lab.servo(
@@ -266,7 +266,7 @@ def test_what_the_settings_refuse_is_told_and_the_loop_goes_on() -> None:
     assert any("markers' sizes" in one.words for one in browser.said if isinstance(one, Note))
 
 
-def test_the_ring_gives_every_tick_as_its_record_has_it_and_the_newest_where_many_are_gone() -> (
+def test_the_ring_holds_the_newest_ticks_as_in_a_record() -> (
     None
 ):
     ticks, browser = ran({}, 6.0)

@@ -61,7 +61,7 @@ READ_BY = MIN_READING_TIME_NS // 20_000_000 + 2
 """Looks after which a question was read."""
 
 
-def test_joints_are_typed_within_limits_and_agreed_to_before_the_arm_is_told() -> None:
+def test_typed_joints_are_within_limits_and_confirmed_before_the_arm_gets_them() -> None:
     start = laboratory().rig.scene.start
     typed = " ".join(f"{value:.4f}" for value in start)
     page = Page(
@@ -87,7 +87,7 @@ def test_joints_are_typed_within_limits_and_agreed_to_before_the_arm_is_told() -
 @pytest.mark.parametrize(
     "told", [(1, "0 0 100"), (READ_BY, Reply("Another?", "0 0 100")), (READ_BY, Enable())]
 )
-def test_what_was_said_too_soon_or_to_another_question_is_no_answer(told: Any) -> None:
+def test_a_premature_answer_or_one_to_another_question_is_ignored(told: Any) -> None:
     page = Page(told)
     with pytest.raises(Stopped):
         PagePerson(page.desk, page.plant).ask("Where?")

@@ -85,7 +85,7 @@ def root(tmp_path: Path) -> Path:
     return tmp_path / "runs"
 
 
-def test_runs_are_listed_newest_first_and_damage_is_told(root: Path) -> None:
+def test_runs_are_listed_newest_first_and_damage_is_reported(root: Path) -> None:
     browser = Browser(root)
     runs = browser.listed()
     assert list(runs) == ["serve/session-1", "cut", "foreign", "old"]
@@ -113,7 +113,7 @@ def test_a_run_opens_with_its_time_line(root: Path) -> None:
 
 
 @pytest.mark.slow
-def test_the_figures_of_a_run_can_be_had_as_drawings_and_as_pictures(root: Path) -> None:
+def test_the_figures_of_a_run_are_served_as_svg_and_png(root: Path) -> None:
     browser = Browser(root)
     path = f"/runs/{browser.name('old')}"
     for name in browser.get(path).json()["figures"]:
@@ -123,7 +123,7 @@ def test_the_figures_of_a_run_can_be_had_as_drawings_and_as_pictures(root: Path)
         assert svg.headers["content-disposition"] == f'inline; filename="runs-old-{name}.svg"'
 
 
-def test_a_run_that_was_killed_shows_each_of_its_pictures(tmp_path: Path) -> None:
+def test_a_killed_run_has_all_its_pictures(tmp_path: Path) -> None:
     path = tmp_path / "killed/record.mcap"
     count = filmed(path)
     kept = [jpeg for _, jpeg in reader.iterate_jpegs(path)]
@@ -144,14 +144,14 @@ def test_a_run_that_was_killed_shows_each_of_its_pictures(tmp_path: Path) -> Non
     "name",
     ["..", "../outside", "%2e%2e%2foutside", "old", "old%2Frecord.mcap", "%2Fetc%2Fpasswd", "link"],
 )
-def test_nothing_can_be_had_but_by_a_name_of_the_list(root: Path, name: str) -> None:
+def test_only_names_of_the_list_are_served(root: Path, name: str) -> None:
     browser = Browser(root)
     assert browser.listed()
     for path in (f"/runs/{name}", f"/runs/{name}/record.mcap", f"/runs/{name}/pictures/0"):
         assert browser.get(path).status_code == 404
 
 
-def test_a_page_without_the_secret_gets_nothing(root: Path) -> None:
+def test_a_request_without_the_secret_is_refused(root: Path) -> None:
     browser = Browser(root)
     name = browser.name("old")
     for path in (

@@ -85,7 +85,7 @@ def test_every_pose_is_visited_for_its_whole_dwell_in_every_round_and_then_the_t
     assert SequenceProgress("b", 2, 2, 2, 2, 1) in told and len(told) < 30
 
 
-def test_a_dwell_of_nothing_still_has_the_tool_come_to_the_pose() -> None:
+def test_the_tool_reaches_a_pose_without_dwell() -> None:
     ticks, said, a, b = toured(dwells=(0.0, 0.0))
     for target in (a, b):
         there = [t for t in ticks if t.state.target is not None and same(t.state.target, target)]
@@ -102,7 +102,7 @@ def test_a_dwell_of_nothing_still_has_the_tool_come_to_the_pose() -> None:
         (["other"], "elsewhere"),
     ],
 )
-def test_a_pause_a_jog_button_and_another_go_end_it_in_a_pause(says: list[Any], why: str) -> None:
+def test_a_pause_a_jog_button_and_another_go_end_a_sequence_in_a_pause(says: list[Any], why: str) -> None:
     _, _, b = two_poses()
     says = [Go(rs.Target(b.points + 3.0, b.q)) if one == "other" else one for one in says]
     ticks, said, *_ = toured((5.0, 5.0), 9, 9.0, {400: says})
@@ -111,7 +111,7 @@ def test_a_pause_a_jog_button_and_another_go_end_it_in_a_pause(says: list[Any], 
     assert len(notes(said)) == 1 and why in notes(said)[0] and way(said)[-1] is None
 
 
-def test_it_ends_where_nobody_is_there_and_is_not_gone_on_with_by_a_resume() -> None:
+def test_a_sequence_ends_without_heartbeats_and_resume_does_not_continue_it() -> None:
     ticks, said, *_ = toured((0.0, 0.0), 1000, 9.0, {800: [rs.Request.RESUME]}, there=400)
     assert notes(said)[0].startswith("the tour has ended: paused")
     assert phases(ticks)[-1] is rs.Phase.PAUSED and way(said)[-1] is None
@@ -119,7 +119,7 @@ def test_it_ends_where_nobody_is_there_and_is_not_gone_on_with_by_a_resume() -> 
     assert len(later) == 1
 
 
-def test_a_pose_that_is_taught_on_tour_is_taught_and_the_tour_is_over() -> None:
+def test_teaching_ends_a_sequence() -> None:
     _, said, *_ = toured((5.0, 5.0), 9, 9.0, {500: [TeachPose("here")]})
     assert [one.name for one in said if isinstance(one, PoseTaught)] == ["here"]
     assert "ended" in notes(said)[0] and way(said)[-1] is None
@@ -134,7 +134,7 @@ def asked(**more: Any) -> Any:
 POSES = two_poses()
 
 
-def test_a_browser_asks_for_a_tour_of_poses_that_are_known() -> None:
+def test_a_sequence_of_known_poses_is_accepted() -> None:
     tour = asked(stops=[STAY, STAY], rounds=1000)
     assert tour.plan == SequencePlan((Waypoint("a", 0.5), Waypoint("a", 0.5)), 1000)
     assert [same(one, POSES[1]) for one in tour.targets] == [True, True]
@@ -159,7 +159,7 @@ def test_a_browser_asks_for_a_tour_of_poses_that_are_known() -> None:
         ({"rounds": None}, "rounds"),
     ],
 )
-def test_a_tour_that_is_not_bounded_or_has_no_such_pose_is_refused(
+def test_a_sequence_beyond_the_limits_or_with_an_unknown_pose_is_refused(
     more: dict[str, Any], why: str
 ) -> None:
     with pytest.raises(MessageRefused, match=why):

@@ -29,7 +29,7 @@ def poses(folder: Path, seed: int = 1) -> PoseStore:
     return made
 
 
-def test_a_pose_is_there_again_later_with_its_picture_as_a_file_that_target_takes(
+def test_a_pose_is_stored_as_a_target_file_with_its_picture(
     tmp_path: Path,
 ) -> None:
     assert poses(tmp_path / "new").save("left of it", TARGET, b"picture") == ""
@@ -45,7 +45,7 @@ def test_a_pose_is_there_again_later_with_its_picture_as_a_file_that_target_take
     assert not list((tmp_path / "new").iterdir()) and not poses(tmp_path / "new").targets
 
 
-def test_what_another_rig_was_shown_or_is_damaged_is_refused_with_the_reason(
+def test_a_damaged_file_or_one_of_another_rig_is_refused_with_the_reason(
     tmp_path: Path,
 ) -> None:
     made = poses(tmp_path)
@@ -60,7 +60,7 @@ def test_what_another_rig_was_shown_or_is_damaged_is_refused_with_the_reason(
 
 
 @given(st.text(min_size=1, max_size=40), st.text(min_size=1, max_size=40))
-def test_no_name_leaves_the_folder_and_no_two_share_a_file(one: str, other: str) -> None:
+def test_no_name_leaves_the_folder_and_no_two_have_the_same_file(one: str, other: str) -> None:
     made = PoseStore(PoseFolder(Path("/p/q"), SETUP))
     found: list[Path] = []
     for name in (one, other):
@@ -73,7 +73,7 @@ def test_no_name_leaves_the_folder_and_no_two_share_a_file(one: str, other: str)
 
 
 @pytest.mark.parametrize("name", ["../x", "a/b", "..", "C:\\x", "\0"])
-def test_names_that_are_paths_stay_inside(tmp_path: Path, name: str) -> None:
+def test_names_that_are_paths_stay_inside_the_folder(tmp_path: Path, name: str) -> None:
     made = poses(tmp_path / "in")
     assert made.save(name, TARGET, b"x") == ""
     assert [path.parent for path in tmp_path.rglob("*.json")] == [tmp_path / "in"]
@@ -81,7 +81,7 @@ def test_names_that_are_paths_stay_inside(tmp_path: Path, name: str) -> None:
     assert made.delete(name) == "" and not list((tmp_path / "in").iterdir())
 
 
-def test_where_the_disk_takes_nothing_it_is_told_and_the_pose_stays_of_use(tmp_path: Path) -> None:
+def test_a_pose_that_cannot_be_written_is_reported_and_remains_usable(tmp_path: Path) -> None:
     (file := tmp_path / "file").write_text("")
     made = poses(file / "in")
     assert "here is not kept" in made.save("here", TARGET, b"") and "here" in made.targets
@@ -89,7 +89,7 @@ def test_where_the_disk_takes_nothing_it_is_told_and_the_pose_stays_of_use(tmp_p
 
 
 @pytest.mark.parametrize("cause", list(Cause))
-def test_the_buttons_are_those_that_the_way_out_names(cause: Cause) -> None:
+def test_the_recovery_actions_match_the_way_out_in_words(cause: Cause) -> None:
     phase = rs.Phase.FAULT if cause.action is Action.FAULT else rs.Phase.PAUSED
     offered = list_recovery_actions(phase, cause)
     assert ("show" in offered) == ("show the target again" in cause.way_out)

@@ -20,7 +20,7 @@ from websockets.typing import Origin
 pytestmark = [pytest.mark.alone, pytest.mark.slow]
 
 
-def test_a_browser_elsewhere_signs_in_and_then_sees_and_stops(tmp_path: Path) -> None:
+def test_a_remote_browser_signs_in_and_gets_pictures_and_stop(tmp_path: Path) -> None:
     file = tmp_path / "token"
     with served(tmp_path / "out", "--host", "0.0.0.0", "--token-file", str(file)) as address:
         jar = CookieJar()

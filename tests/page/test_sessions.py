@@ -42,7 +42,7 @@ def sessions(*rings: str, needed: dict[int, str] | None = None) -> tuple[Session
     return Sessions(desk, never, off, needed or {}, never), desk, desk.said
 
 
-def test_a_stop_is_told_at_once_and_can_be_cleared_later() -> None:
+def test_a_stop_is_reported_at_once_and_can_be_cleared_later() -> None:
     it, desk, said = sessions(CLEAR)
     desk.bell.put(CLEAR)
     it._handle_stop_request()
@@ -56,7 +56,7 @@ def test_a_stop_is_told_at_once_and_can_be_cleared_later() -> None:
     assert said[1:] == [Standby("why", is_latched=True, can_clear=True)]
 
 
-def test_what_was_rung_before_the_stop_could_be_cleared_clears_nothing() -> None:
+def test_a_clear_request_before_the_stop_can_be_cleared_is_ignored() -> None:
     it, desk, _ = sessions("", CLEAR, STOP, "", needed={ended(): "the end"})
     desk.bell.put(CLEAR)
     with pytest.raises(Stopped, match="the end"):
@@ -74,7 +74,7 @@ def ended() -> int:
 KEPT: list[Any] = []
 
 
-def test_a_process_that_is_needed_and_gone_ends_it_with_its_name() -> None:
+def test_the_end_of_a_needed_process_is_reported_with_its_name() -> None:
     it, _, _ = sessions(needed={ended(): "the ear"})
     it._has_begun = True
     with pytest.raises(Stopped, match="the ear has ended by itself; it is off"):

@@ -75,7 +75,7 @@ def go() -> Go:
     return Go(laboratory().target)
 
 
-def test_a_changed_controller_holds_from_the_next_tick_on_and_its_record_replays_bit_for_bit(
+def test_a_changed_controller_acts_from_the_next_tick_and_its_record_replays_bit_for_bit(
     tmp_path: Path,
 ) -> None:
     change = changed("controller", gain=0.7)
@@ -106,7 +106,7 @@ def test_a_change_in_motion_goes_through_the_gate_without_a_jump() -> None:
     assert np.abs(rates[261:]).max() > 2.0 * np.abs(rates[200:261]).max()
 
 
-def test_no_setting_undoes_the_limit_that_was_handed_in() -> None:
+def test_no_setting_exceeds_the_given_limit() -> None:
     chosen = Chosen(laboratory().servo(), reduce_speed)
     fast = changed("controller", max_speed=1e6)
     ticks, _ = ran({20: [fast, go()]}, 3.0, chosen)
@@ -118,7 +118,7 @@ def test_no_setting_undoes_the_limit_that_was_handed_in() -> None:
     assert not {"gate", "thresholds", "mechanism", "tool"} & set(BOXES)
 
 
-def test_in_mid_run_what_was_learnt_by_stays_and_what_does_not_go_together_is_told() -> None:
+def test_the_estimator_stays_during_a_run_and_incompatible_settings_are_reported() -> None:
     chosen = Chosen(laboratory().servo())
     flow = decode_change("estimator", {"kind": "flow", "gamma": 0.002})
     sizes = changed("controller", features="size")
@@ -129,7 +129,7 @@ def test_in_mid_run_what_was_learnt_by_stays_and_what_does_not_go_together_is_to
     assert note.startswith("not before the next session: controller.features must be")
 
 
-def test_settings_and_a_target_that_wait_together_are_checked_against_each_other() -> None:
+def test_waiting_settings_and_targets_are_checked_against_each_other() -> None:
     lab = laboratory()
     servo = lab.servo(estimator=rs.AffineEstimator())
     with_sizes = replace(lab.target, sizes=np.array([9.0, 9.0]))
@@ -144,7 +144,7 @@ def said_of(box: object, table: object, control: str = "a", at: int = NOW) -> An
     return interpret_message(text, "a", ControlOwnership(control), lambda name: None, NOW)
 
 
-def test_a_table_from_a_browser_is_a_change_of_a_box() -> None:
+def test_a_table_from_a_browser_is_decoded_to_a_change() -> None:
     told = said_of("controller", table_of("controller", gain=3))
     assert told.box == "controller" and told.value == rs.SaturatedController(gain=3.0)
 
@@ -167,7 +167,7 @@ def test_a_table_from_a_browser_is_a_change_of_a_box() -> None:
         ("estimator", {"kind": "os:system"}, "code of others is run only where"),
     ],
 )
-def test_what_is_wrong_with_a_table_is_told_by_its_field(box: Any, table: Any, why: str) -> None:
+def test_an_invalid_table_is_refused_with_the_name_of_the_field(box: Any, table: Any, why: str) -> None:
     whole = table_of(box) | table if isinstance(table, dict) and box in BOXES else table
     whole = table if table == {"kind": "saturated"} else whole
     with pytest.raises(MessageRefused) as refused:
@@ -175,7 +175,7 @@ def test_what_is_wrong_with_a_table_is_told_by_its_field(box: Any, table: Any, w
     assert why in str(refused.value)
 
 
-def test_settings_need_control_and_freshness() -> None:
+def test_settings_need_control_and_a_recent_display() -> None:
     table = table_of("controller")
     with pytest.raises(MessageRefused, match="another browser has control"):
         said_of("controller", table, control="b")
@@ -207,7 +207,7 @@ def test_a_change_goes_to_the_supervisor_always_and_to_the_servo_while_it_runs()
     assert chosen.servo.controller.gain == 2.0 and board.settings_version == 3
 
 
-def test_settings_begin_a_session_anew_that_is_not_enabled_and_leave_one_that_is_alone() -> None:
+def test_settings_restart_only_a_session_that_is_not_enabled() -> None:
     desk, taken = Desk(get_context("spawn")), list[Change]()
     sessions = Sessions(desk, lambda: None, lambda began: "", {}, taken.append)  # pyright: ignore
     change = changed("controller", gain=2.0)
@@ -222,7 +222,7 @@ def test_settings_begin_a_session_anew_that_is_not_enabled_and_leave_one_that_is
     assert [one.value for one in taken] == [change.value] * 2
 
 
-def test_every_field_of_a_form_has_its_words_and_its_unit() -> None:
+def test_every_field_of_a_form_has_its_description_and_unit() -> None:
     servo = laboratory().servo()
     by_box = {form["box"]: form for form in forms(servo, None)}
     titles = [form["title"] for form in by_box.values()]
@@ -240,7 +240,7 @@ def test_every_field_of_a_form_has_its_words_and_its_unit() -> None:
     assert described == "How far the tip is beyond marker 2, mm."
 
 
-def test_the_estimators_standing_is_told_in_words() -> None:
+def test_the_state_of_the_estimator_is_described() -> None:
     servo = laboratory().servo()
     told = [
         describe_estimator(servo, False, np.inf, rs.Phase.PAUSED),
@@ -256,7 +256,7 @@ def test_the_estimators_standing_is_told_in_words() -> None:
     ]
 
 
-def test_what_does_not_go_together_changes_nothing() -> None:
+def test_incompatible_settings_change_nothing() -> None:
     chosen = Chosen(laboratory().servo())
     before = chosen.servo
     with pytest.raises(BadInput):

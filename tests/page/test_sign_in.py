@@ -65,7 +65,7 @@ def opens(browser: Any, **headers: str) -> bool:
     return True
 
 
-def test_without_the_token_there_is_a_sheet_to_sign_in_and_nothing_else() -> None:
+def test_only_the_sign_in_page_is_served_without_the_token() -> None:
     browser = Lab().browser()
     for path in ("/", "/rcmservo/main.js", "/_nicegui_ws/socket.io/", "/settings", "/runs"):
         got = browser.get(path)
@@ -73,7 +73,7 @@ def test_without_the_token_there_is_a_sheet_to_sign_in_and_nothing_else() -> Non
     assert not opens(browser, origin=AT)
 
 
-def test_who_gave_the_token_gets_the_page_and_its_websockets_until_the_server_ends() -> None:
+def test_the_token_opens_page_and_websockets_until_the_server_ends() -> None:
     lab = Lab()
     browser = lab.browser()
     known = browser.post("/", data={"token": f" {TOKEN}\n"}, headers={"origin": AT})
@@ -88,7 +88,7 @@ def test_who_gave_the_token_gets_the_page_and_its_websockets_until_the_server_en
 
 
 @pytest.mark.parametrize("token", ["", TOKEN[:-1], TOKEN + "x", TOKEN.upper(), "é" * 16])
-def test_a_wrong_token_is_refused_in_words(token: str) -> None:
+def test_another_token_is_refused_with_a_reason(token: str) -> None:
     browser = Lab().browser()
     got = browser.post("/", data={"token": token})
     assert got.status_code == 403 and "not the token" in got.text
@@ -99,11 +99,11 @@ LONG = b"more=" + b"x" * 9999 + b"&token=" + TOKEN.encode()
 
 
 @pytest.mark.parametrize("sent", [b"", b"\xff" * 9, b"token=" + b"x" * 9999, b"&" * 2048, LONG])
-def test_rubbish_instead_of_a_token_is_a_wrong_one(sent: bytes) -> None:
+def test_random_content_instead_of_a_token_is_refused(sent: bytes) -> None:
     assert Lab().browser().post("/", content=sent).status_code == 403
 
 
-def test_guessing_is_slow_for_who_guesses_and_for_nobody_else() -> None:
+def test_failed_attempts_delay_only_their_address() -> None:
     lab = Lab()
     guesser = lab.browser()
     for _ in range(MAX_FAILED_ATTEMPTS):
@@ -115,7 +115,7 @@ def test_guessing_is_slow_for_who_guesses_and_for_nobody_else() -> None:
     assert guesser.post("/", data={"token": TOKEN}).status_code == 303
 
 
-def test_of_how_many_addresses_wrong_tokens_are_kept_in_mind_is_bounded() -> None:
+def test_the_number_of_stored_addresses_is_bounded() -> None:
     guesses = FailedAttempts()
     for count in range(MAX_TRACKED_ADDRESSES + 100):
         for _ in range(MAX_FAILED_ATTEMPTS):
@@ -126,7 +126,7 @@ def test_of_how_many_addresses_wrong_tokens_are_kept_in_mind_is_bounded() -> Non
     )
 
 
-def test_a_page_of_another_origin_gets_nothing_also_where_the_browser_signed_in() -> None:
+def test_a_page_of_another_origin_is_refused_in_a_signed_in_browser() -> None:
     for browser in (Lab().signed_in(), Lab(token="").browser()):
         assert browser.get("/").text == "the secret" and opens(browser, origin=AT)
         for origin in ("http://evil.example", "null", f"https://{LAB}:8080", f"http://{LAB}"):
@@ -142,7 +142,7 @@ def test_a_page_of_another_origin_cannot_sign_a_browser_in() -> None:
     assert browser.get("/").status_code == 401
 
 
-def test_no_page_can_show_this_one_in_a_frame() -> None:
+def test_the_page_forbids_frames() -> None:
     for browser in (Lab().browser(), Lab().signed_in(), Lab(token="").browser()):
         assert browser.get("/").headers["x-frame-options"] == "DENY"
 
@@ -156,7 +156,7 @@ def test_no_page_can_show_this_one_in_a_frame() -> None:
         ("evil.example", set()),
     ],
 )
-def test_a_server_is_known_by_the_address_at_which_it_was_reached(
+def test_the_host_must_be_the_address_of_the_server(
     address: str, names: set[str]
 ) -> None:
     assert set(host_names(address)) == names
@@ -166,7 +166,7 @@ def test_a_server_is_known_by_the_address_at_which_it_was_reached(
             assert (refused is None) == (host in names), (address, told)
 
 
-def test_one_name_and_one_origin_are_told_and_not_two() -> None:
+def test_a_websocket_needs_exactly_one_host_and_one_origin() -> None:
     host, ours, other = (b"host", LAB.encode()), (b"origin", AT.encode()), (b"origin", b"null")
     for raw, good in (
         ([host, ours], True),
@@ -180,13 +180,13 @@ def test_one_name_and_one_origin_are_told_and_not_two() -> None:
         )
 
 
-def test_a_browser_leaves_the_port_80_out() -> None:
+def test_an_origin_omits_port_80() -> None:
     for origin, good in ((f"http://{LAB}", True), (f"http://{LAB}:80", False)):
         told = Headers({"host": LAB, "origin": origin})
         assert (find_refusal(told, LAB, 80, origin_required=True) is None) == good
 
 
-def test_a_token_is_drawn_once_and_only_its_owner_can_read_it(tmp_path: Path) -> None:
+def test_a_token_is_created_once_and_only_its_owner_can_read_it(tmp_path: Path) -> None:
     file = tmp_path / "token"
     token = token_for("0.0.0.0", file)
     assert len(token) >= 32 and stat.S_IMODE(file.stat().st_mode) == 0o600
@@ -204,14 +204,14 @@ def test_a_token_that_others_can_read_is_refused(tmp_path: Path, mode: int) -> N
 
 
 @pytest.mark.parametrize("text", ["", "x" * 15, "x" * 257, "x" * 99999, "x " * 20, "é" * 20])
-def test_what_is_no_token_is_refused(tmp_path: Path, text: str) -> None:
+def test_an_invalid_token_is_refused(tmp_path: Path, text: str) -> None:
     (file := tmp_path / "token").write_text(text)
     file.chmod(0o600)
     with pytest.raises(UnusableFile, match="one word of 16 to 256"):
         load_token(file)
 
 
-def test_a_folder_or_a_file_that_cannot_be_made_is_told_in_words(tmp_path: Path) -> None:
+def test_a_token_file_that_cannot_be_created_is_reported(tmp_path: Path) -> None:
     tmp_path.chmod(0o700)
     for file, why in ((tmp_path, "no file that could|cannot be"), (tmp_path / "no/token", "made")):
         with pytest.raises(UnusableFile, match=why):
@@ -219,13 +219,13 @@ def test_a_folder_or_a_file_that_cannot_be_made_is_told_in_words(tmp_path: Path)
 
 
 @pytest.mark.parametrize("host", ["lab", "", "::1", "1.2.3", "1.2.3.4:80", "127.0.0.1 "])
-def test_what_is_no_address_is_refused(host: str) -> None:
+def test_an_invalid_address_is_refused(host: str) -> None:
     with pytest.raises(BadInput, match="--host must be an IPv4 address"):
         token_for(host, None)
 
 
 @pytest.mark.parametrize("host", ["0.0.0.0", LAB])
-def test_elsewhere_is_served_with_a_token_only(
+def test_remote_browsers_need_a_token_file(
     host: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["serve", "--no-browser", "--host", host]) == 2

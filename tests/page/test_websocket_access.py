@@ -56,7 +56,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
 
 
 @pytest.mark.parametrize("path", ["/pictures", "/operate", "/stop"])
-def test_a_page_of_another_origin_or_without_the_secret_is_not_let_in(
+def test_websockets_of_another_origin_or_without_the_secret_are_refused(
     site: Site, path: str
 ) -> None:
     port = site.address.rpartition(":")[2]
@@ -70,13 +70,13 @@ def test_a_page_of_another_origin_or_without_the_secret_is_not_let_in(
         """It is let in."""
 
 
-def test_a_name_of_somebodys_that_leads_here_gets_nothing(site: Site) -> None:
+def test_another_host_name_is_refused(site: Site) -> None:
     request = urllib.request.Request(site.address, headers={"Host": "evil.example"})
     with pytest.raises(urllib.error.HTTPError, match="400"):
         urllib.request.urlopen(request)
 
 
-def test_a_page_of_another_origin_is_not_let_in_to_niceguis_own_socket(site: Site) -> None:
+def test_another_origin_is_refused_at_niceguis_socket(site: Site) -> None:
     path = "/_nicegui_ws/socket.io/?EIO=4&transport="
     for origin in ("http://evil.example", site.address):
         request = urllib.request.Request(f"{site.address}{path}polling", headers={"Origin": origin})
@@ -89,7 +89,7 @@ def test_a_page_of_another_origin_is_not_let_in_to_niceguis_own_socket(site: Sit
             site.open(f"{path}websocket&told", origin)
 
 
-def test_who_watches_or_is_late_moves_nothing_and_is_told_why(site: Site) -> None:
+def test_a_watcher_or_a_late_message_is_refused_with_the_reason(site: Site) -> None:
     with site.open("/pictures") as eye, site.open("/operate") as holder:
         at = site.until(eye, "OFF")["at"] - 1_000_000_000
         name = json.loads(holder.recv(20.0))["name"]
