@@ -11,7 +11,7 @@ from rcmservo.page.view_model import Dashboard
 from rcmservo.sim import Rig
 
 
-def board_at(desk: Desk, **more: Any) -> Dashboard:
+def make_dashboard(channels: Desk, **fields: Any) -> Dashboard:
     """What a desk's page shows."""
     setup = setup_of(Rig(1, pictures=False), Lab())
-    return Dashboard(desk, PoseStore(PoseFolder(Path("/nowhere/at/all"), setup)), **more)
+    return Dashboard(channels, PoseStore(PoseFolder(Path("/nowhere/at/all"), setup)), **fields)

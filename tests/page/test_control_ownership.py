@@ -31,20 +31,22 @@ NOW = 10**12
 POSES = {"above": rs.Target(np.array([[1.0, 2.0], [3.0, 4.0]]), np.zeros(3))}
 
 
-def said(message: Any, name: str = "a", control: ControlOwnership | None = None) -> Any:
+def interpret(message: Any, name: str = "a", control: ControlOwnership | None = None) -> Any:
     text = message if isinstance(message, str) else json.dumps({"at": NOW - 1} | message)
     return interpret_message(text, name, control or ControlOwnership("a"), POSES.get, NOW)
 
 
 def test_each_message_is_decoded_to_its_request() -> None:
-    assert said({"do": "beat"}) == Heartbeat() and said({"do": "enable"}) == Enable()
-    assert said({"do": "pause"}) is rs.Request.PAUSE
-    assert said({"do": "clear"}) is rs.Request.CLEAR
-    assert said({"do": "jog", "rates": [1, 0, -2.5], "press": 3}) == JogJoints((1.0, 0.0, -2.5), 3)
+    assert interpret({"do": "beat"}) == Heartbeat() and interpret({"do": "enable"}) == Enable()
+    assert interpret({"do": "pause"}) is rs.Request.PAUSE
+    assert interpret({"do": "clear"}) is rs.Request.CLEAR
+    assert interpret({"do": "jog", "rates": [1, 0, -2.5], "press": 3}) == JogJoints(
+        (1.0, 0.0, -2.5), 3
+    )
     led = {"do": "jog", "velocity": [0, 5.5, 0], "press": 4, "share": 0.25}
-    assert said(led) == JogMarker((0.0, 5.5, 0.0), 4, 0.25)
-    assert said({"do": "teach", "name": "left of it"}) == TeachPose("left of it")
-    go = said({"do": "go", "name": "above"})
+    assert interpret(led) == JogMarker((0.0, 5.5, 0.0), 4, 0.25)
+    assert interpret({"do": "teach", "name": "left of it"}) == TeachPose("left of it")
+    go = interpret({"do": "go", "name": "above"})
     assert isinstance(go, Go) and go.target is POSES["above"]
 
 
@@ -85,13 +87,13 @@ def test_each_message_is_decoded_to_its_request() -> None:
 )
 def test_an_invalid_or_old_message_is_refused_with_a_reason(message: Any, why: str) -> None:
     with pytest.raises(MessageRefused, match=why):
-        said(message)
+        interpret(message)
 
 
 @given(st.text(max_size=100) | st.binary(max_size=50).map(lambda data: data.decode("latin-1")))
 def test_random_text_is_refused_and_raises_nothing_else(text: str) -> None:
     with pytest.raises(MessageRefused):
-        said(text)
+        interpret(text)
 
 
 json_values = st.recursive(
@@ -109,7 +111,7 @@ json_values = st.recursive(
 )
 def test_a_random_message_is_decoded_or_refused(message: dict[str, Any]) -> None:
     try:
-        want = said(message)
+        want = interpret(message)
     except MessageRefused:
         return
     assert isinstance(want, Heartbeat | Enable | JogJoints | JogMarker | TeachPose | Go)
@@ -122,27 +124,27 @@ def test_one_browser_has_control_and_hands_it_over_on_request() -> None:
     a, b = control.join(NOW), control.join(NOW)
     assert control.holder == a != b
     with pytest.raises(MessageRefused, match="another browser has control"):
-        said({"do": "enable"}, b, control)
-    assert said({"do": "ask"}, b, control) is None and control.holder == a
-    said({"do": "give"}, b, control)
+        interpret({"do": "enable"}, b, control)
+    assert interpret({"do": "ask"}, b, control) is None and control.holder == a
+    interpret({"do": "give"}, b, control)
     assert control.holder == a
-    said({"do": "give"}, a, control)
+    interpret({"do": "give"}, a, control)
     assert control.holder == b and not control.requester
     control.request(a, NOW)
     control.leave(b, NOW)
     assert control.holder == a
     control.leave(a, NOW)
     assert not control.holder
-    said({"do": "ask"}, "c", control)
+    interpret({"do": "ask"}, "c", control)
     assert control.holder == "c"
 
 
 def test_only_a_silent_browser_loses_control_on_request() -> None:
     control = ControlOwnership()
     control.join(NOW - 2 * HOLDER_TIMEOUT_NS)
-    said({"do": "ask"}, "b", control)
+    interpret({"do": "ask"}, "b", control)
     assert control.holder == "b"
-    said({"do": "beat"}, "b", control)
+    interpret({"do": "beat"}, "b", control)
     control.request("c", NOW + HOLDER_TIMEOUT_NS)
     assert control.holder == "b" and control.requester == "c"
 
@@ -151,17 +153,20 @@ def test_a_late_heartbeat_is_ignored_without_a_refusal() -> None:
     control = ControlOwnership()
     control.join(NOW - 2 * HOLDER_TIMEOUT_NS)
     heard = control.last_message_at
-    assert said({"do": "beat", "at": NOW - MAX_MESSAGE_AGE_NS - 1}, control.holder, control) is None
+    assert (
+        interpret({"do": "beat", "at": NOW - MAX_MESSAGE_AGE_NS - 1}, control.holder, control)
+        is None
+    )
     assert control.last_message_at == heard
-    assert said({"do": "beat"}, control.holder, control) == Heartbeat()
+    assert interpret({"do": "beat"}, control.holder, control) == Heartbeat()
     assert control.last_message_at == NOW
 
 
 def test_a_jog_expires_sooner_than_other_messages_and_a_release_never() -> None:
     old = {"at": NOW - MAX_JOG_AGE_NS - 1}
-    assert said({"do": "beat"} | old) == Heartbeat()
+    assert interpret({"do": "beat"} | old) == Heartbeat()
     with pytest.raises(MessageRefused, match="too late"):
-        said({"do": "jog", "rates": [1, 0, 0], "press": 1} | old)
-    assert said({"do": "release", "at": 0}) == ReleaseJog()
+        interpret({"do": "jog", "rates": [1, 0, 0], "press": 1} | old)
+    assert interpret({"do": "release", "at": 0}) == ReleaseJog()
     with pytest.raises(MessageRefused, match="another browser"):
-        said({"do": "release"}, "b")
+        interpret({"do": "release"}, "b")

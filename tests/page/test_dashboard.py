@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from dashboards import board_at
+from dashboards import make_dashboard
 
 import rcmservo as rs
 from conftest import laboratory
@@ -28,12 +28,12 @@ from rcmservo.sim.processes.motion_log import MotionLog, TruePositionError
 from rcmservo.sim.tool_body import ToolBody
 
 
-def seen(
+def observe_run(
     estimator: rs.Estimator, seconds: float
 ) -> tuple[list[rs.Tick], list[dict[str, Any]], Dashboard]:
     """A run, what the page would show after each of its ticks, and the page's board."""
     lab, desk = laboratory(), Desk(get_context("spawn"))
-    board, tables = board_at(desk), list[dict[str, Any]]()
+    board, tables = make_dashboard(desk), list[dict[str, Any]]()
     ticks = list[rs.Tick]()
     for tick in rs.run(lab.plant, lab.servo(estimator=estimator), lab.target, seconds):
         desk.ticks.add(tick)
@@ -47,7 +47,7 @@ def seen(
 def test_the_dashboard_holds_the_tick_and_the_predicted_markers(
     estimator: rs.Estimator,
 ) -> None:
-    ticks, tables, _ = seen(estimator, 3.0)
+    ticks, tables, _ = observe_run(estimator, 3.0)
     expected = 0
     for tick, table in zip(ticks, tables, strict=True):
         state = tick.state
@@ -88,7 +88,7 @@ def test_the_allowed_actions_depend_on_the_phase() -> None:
 def test_without_a_loop_the_drive_can_be_enabled_or_a_stop_cleared(
     between: Standby, phase: str, can: list[str]
 ) -> None:
-    table = board_at(Desk(get_context("spawn")), between=between).to_table()
+    table = make_dashboard(Desk(get_context("spawn")), between=between).to_table()
     assert (table["phase"], table["can"], table["ways"]) == (phase, can, can[: between.can_clear])
 
 
@@ -119,7 +119,7 @@ class LateClock:
 
 def test_the_curves_hold_the_values_of_the_ticks_and_the_largest_lateness() -> None:
     lab, desk = laboratory(), Desk(get_context("spawn"))
-    board, ticks = board_at(desk), list[rs.Tick]()
+    board, ticks = make_dashboard(desk), list[rs.Tick]()
     lab.plant.clock = LateClock(lab.plant.clock, {104: 4_000_000, 107: 7_000_000})
     for tick in rs.run(lab.plant, lab.servo(), lab.target, 5.0):
         desk.ticks.add(tick)
@@ -155,15 +155,15 @@ def test_the_true_pose_error_belongs_to_the_joints_of_the_target() -> None:
     log = MotionLog(get_context("spawn"))
     log.add(0, 0, 0, False, np.zeros(3), lab.rig.scene.start)
     desk = Desk(get_context("spawn"))
-    board = board_at(desk, target=lab.target, truth=TruePositionError(settings, log))
+    board = make_dashboard(desk, target=lab.target, truth=TruePositionError(settings, log))
     body = ToolBody(settings.mechanism, settings.tool)
     off = body.points(lab.rig.scene.start)[1] - body.points(lab.target.q)[1]
     assert board.to_table()["truth_mm"] == pytest.approx(np.linalg.norm(off), abs=1e-3)
     log.add(0, 0, 0, False, np.zeros(3), lab.target.q)
     assert board.to_table()["truth_mm"] == 0.0
-    assert board_at(desk, target=lab.target).to_table()["truth_mm"] is None
+    assert make_dashboard(desk, target=lab.target).to_table()["truth_mm"] is None
     unknown = replace(lab.target, q=np.full(3, np.nan))
-    assert board_at(desk, target=unknown, truth=board.truth).to_table()["truth_mm"] is None
+    assert make_dashboard(desk, target=unknown, truth=board.truth).to_table()["truth_mm"] is None
 
 
 def test_the_tool_in_the_scene_goes_through_its_markers() -> None:
@@ -173,7 +173,7 @@ def test_the_tool_in_the_scene_goes_through_its_markers() -> None:
     tool, markers = shape.points(q), lab.rig.body.points(q)[:2]
     assert np.allclose(tool[:2], markers, atol=0.5)
     assert np.allclose(np.cross(tool[0], tool[2]), 0.0, atol=1e-6)
-    board = board_at(Desk(get_context("spawn")), target=lab.target, shape=shape)
+    board = make_dashboard(Desk(get_context("spawn")), target=lab.target, shape=shape)
     assert np.allclose(board.to_table()["tool_target"], shape.points(lab.target.q), atol=0.01)
     assert board.to_table()["tool"] is None
     limits, (_, upper) = shape.limits(), lab.rig.settings.mechanism.limits.arrays

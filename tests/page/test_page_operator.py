@@ -31,34 +31,34 @@ from rcmservo.page.web.page_process import dispatch, pause_on_handover
 from rcmservo.recording.ros2_messages import encode_tick
 from rcmservo.safety.state_machine import SLOW_SHARE
 
-Scene = dict[int, list[object]]
+Script = dict[int, list[object]]
 """What the page says after which tick."""
 
 
 class Browser:
     """Whoever is at the page: says things after ticks, and is there until some tick."""
 
-    def __init__(self, desk: Desk, says: Scene, there: int = 10**9) -> None:
-        self.desk, self.says, self.there, self.tick = desk, says, there, -1
+    def __init__(self, desk: Desk, says: Script, there: int = 10**9) -> None:
+        self.desk, self.script, self.last_tick, self.tick = desk, says, there, -1
         self.operator = PageOperator(desk, Chosen(laboratory().servo()), frames=30)
-        self.said: list[object] = []
+        self.messages: list[object] = []
 
     def __call__(self, tick: rs.Tick) -> OperatorRequest:
         self.tick += 1
-        if self.tick < self.there and self.tick % 10 == 0 and self.tick not in self.says:
+        if self.tick < self.last_tick and self.tick % 10 == 0 and self.tick not in self.script:
             assert dispatch(Heartbeat(), self.desk)
-        for one in self.says.get(self.tick, []):
+        for one in self.script.get(self.tick, []):
             assert dispatch(one, self.desk)
         want = self.operator(tick)
-        self.said += self.desk.said.heard()
+        self.messages += self.desk.said.heard()
         return want
 
 
-def ran(
-    says: Scene, seconds: float, there: int = 10**9, lab: Laboratory | None = None
+def run_loop(
+    script: Script, seconds: float, last_tick: int = 10**9, lab: Laboratory | None = None
 ) -> tuple[list[rs.Tick], Browser]:
     lab = lab or laboratory()
-    browser = Browser(Desk(get_context("spawn")), says, there)
+    browser = Browser(Desk(get_context("spawn")), script, last_tick)
     ticks = rs.run(lab.plant, lab.servo(), lab.target, seconds, operator=browser)
     return list(ticks), browser
 
@@ -68,17 +68,17 @@ def phases(ticks: list[rs.Tick]) -> list[rs.Phase]:
     return [one for i, one in enumerate(found) if i == 0 or found[i - 1] is not one]
 
 
-def held(ticks: range, rates: tuple[float, float, float], press: int = 1) -> Scene:
+def hold_button(ticks: range, rates: tuple[float, float, float], press: int = 1) -> Script:
     """A button held down, as a browser says it at 25 Hz and more."""
     return {k: [JogJoints(rates, press)] for k in ticks if k % 4 == ticks.start % 4 or k % 10 == 0}
 
 
-def jogged(ticks: list[rs.Tick]) -> list[int]:
+def jog_ticks(ticks: list[rs.Tick]) -> list[int]:
     return [k for k, tick in enumerate(ticks) if tick.state.phase is rs.Phase.JOG]
 
 
 def test_a_session_begins_paused_and_nothing_moves_without_a_request() -> None:
-    ticks, _ = ran({}, 2.0)
+    ticks, _ = run_loop({}, 2.0)
     assert phases(ticks) == [rs.Phase.IDLE, rs.Phase.PAUSED]
     assert not any(tick.state.command.rates.any() for tick in ticks)
 
@@ -89,17 +89,17 @@ def test_go_sets_the_target_and_resumes_and_a_second_go_changes_the_target() -> 
     lab.rig.place((scene.start + scene.target) / 2.0)
     other = rs.teach(lab.plant, frames=5)
     lab.rig.move_to_start()
-    ticks, browser = ran({50: [Go(lab.target)], 300: [Go(other)]}, 6.0, lab=lab)
+    ticks, browser = run_loop({50: [Go(lab.target)], 300: [Go(other)]}, 6.0, lab=lab)
     assert phases(ticks).count(rs.Phase.PAUSED) == 1 and rs.Phase.SERVO in phases(ticks)
     assert np.abs(ticks[-1].state.delta / (0.02, 1.5, 1.5)).max() < 1.0
-    first, then = [one.target for one in browser.said if isinstance(one, TargetChanged)]
+    first, then = [one.target for one in browser.messages if isinstance(one, TargetChanged)]
     assert same(first, lab.target) and same(then, other)
 
 
 @pytest.mark.parametrize("there", [150, 300])
 def test_autonomous_motion_is_paused_without_heartbeats(there: int) -> None:
     target = laboratory().target
-    ticks, _ = ran({50: [Go(target)]}, 5.0, there)
+    ticks, _ = run_loop({50: [Go(target)]}, 5.0, there)
     last_beat = (there - 1) // 10 * 10
     first = next(
         k for k, tick in enumerate(ticks) if k > 60 and tick.state.phase is rs.Phase.PAUSED
@@ -111,7 +111,7 @@ def test_autonomous_motion_is_paused_without_heartbeats(there: int) -> None:
 
 def test_a_held_button_moves_the_joints_until_the_browser_is_silent() -> None:
     rates = (0.1, 0.0, 0.0)
-    ticks, _ = ran(held(range(100, 200), rates), 4.0, there=100)
+    ticks, _ = run_loop(hold_button(range(100, 200), rates), 4.0, last_tick=100)
     moving = [k for k, tick in enumerate(ticks) if tick.state.command.rates.any()]
     assert moving[0] == 101
     assert moving[-1] <= 196 + JOG_TIMEOUT_NS // 10_000_000 + 3 + 1
@@ -127,8 +127,8 @@ def test_marker_1_is_jogged_along_a_straight_line_in_the_arms_base_frame(
     velocity = [0.0, 0.0, 0.0]
     velocity[axis] = way
     press = JogMarker((velocity[0], velocity[1], velocity[2]), 1)
-    ticks, browser = ran({k: [press] for k in range(100, 160, 4)}, 3.0)
-    begun, ended = jogged(ticks)[0], jogged(ticks)[-1]
+    ticks, browser = run_loop({k: [press] for k in range(100, 160, 4)}, 3.0)
+    begun, ended = jog_ticks(ticks)[0], jog_ticks(ticks)[-1]
     servo = browser.operator._selection.servo
     moved = servo.marker_1(ticks[ended].seen.q) - servo.marker_1(ticks[begun].seen.q)
     along = moved[axis] * np.sign(way)
@@ -139,32 +139,32 @@ def test_marker_1_is_jogged_along_a_straight_line_in_the_arms_base_frame(
 def test_a_jog_has_its_fraction_of_the_jog_speed_whatever_the_request() -> None:
     for share in (0.25, 1.0):
         for press in (JogJoints((1e9, 0.0, 1.0), 1, share), JogMarker((0.0, -1e9, 1e9), 1, share)):
-            ticks, browser = ran({k: [press] for k in range(100, 140, 4)}, 2.0)
+            ticks, browser = run_loop({k: [press] for k in range(100, 140, 4)}, 2.0)
             fastest = np.array(browser.operator._selection.servo.gate.speed) * SLOW_SHARE
             used = max(np.abs(tick.state.command.rates / fastest).max() for tick in ticks)
             assert used == pytest.approx(share)
 
 
 def test_a_released_button_stops_the_jog_at_the_next_tick() -> None:
-    says = held(range(100, 150), (0.1, 0.0, 0.0)) | {150: [ReleaseJog()]}
-    ticks, _ = ran(says, 3.0)
-    assert jogged(ticks) == list(range(101, 151))
+    says = hold_button(range(100, 150), (0.1, 0.0, 0.0)) | {150: [ReleaseJog()]}
+    ticks, _ = run_loop(says, 3.0)
+    assert jog_ticks(ticks) == list(range(101, 151))
 
 
 def test_a_press_that_a_pause_ended_stays_ended_and_the_next_one_counts() -> None:
     rates = (0.1, 0.0, 0.0)
-    says = held(range(100, 300), rates, 1)
+    says = hold_button(range(100, 300), rates, 1)
     says[150] = [rs.Request.PAUSE]
-    says |= held(range(320, 400), rates, 2)
-    there = jogged(ran(says, 5.0)[0])
+    says |= hold_button(range(320, 400), rates, 2)
+    there = jog_ticks(run_loop(says, 5.0)[0])
     assert there[0] == 101 and not set(range(151, 320)) & set(there) and 321 in there
 
 
 def test_a_press_that_was_not_repeated_in_time_stays_ended() -> None:
     rates = (0.1, 0.0, 0.0)
-    says = held(range(100, 121), rates, 1) | held(range(140, 180), rates, 1)
-    says |= held(range(200, 220), rates, 2)
-    there = jogged(ran(says, 4.0, there=100)[0])
+    says = hold_button(range(100, 121), rates, 1) | hold_button(range(140, 180), rates, 1)
+    says |= hold_button(range(200, 220), rates, 2)
+    there = jog_ticks(run_loop(says, 4.0, last_tick=100)[0])
     assert there[:20] == list(range(101, 121)) and not set(range(132, 200)) & set(there)
     assert 201 in there
 
@@ -172,9 +172,9 @@ def test_a_press_that_was_not_repeated_in_time_stays_ended() -> None:
 def test_a_button_held_before_the_session_began_moves_nothing_in_it() -> None:
     lab, desk = laboratory(), Desk(get_context("spawn"))
     desk.hand.hold(7, (0.1, 0.0, 0.0))
-    browser = Browser(desk, held(range(0, 200), (0.1, 0.0, 0.0), 7))
+    browser = Browser(desk, hold_button(range(0, 200), (0.1, 0.0, 0.0), 7))
     ticks = list(rs.run(lab.plant, lab.servo(), lab.target, 3.0, operator=browser))
-    assert not jogged(ticks) and len(ticks) == 300
+    assert not jog_ticks(ticks) and len(ticks) == 300
 
 
 def test_a_half_written_jog_command_is_ignored() -> None:
@@ -207,22 +207,22 @@ def test_a_transfer_of_control_pauses_the_motion() -> None:
 
 
 def test_cancelled_teaching_is_reported() -> None:
-    _, browser = ran({100: [TeachPose("above")], 110: [rs.Request.PAUSE]}, 3.0)
-    notes = [one.words for one in browser.said if isinstance(one, Note)]
+    _, browser = run_loop({100: [TeachPose("above")], 110: [rs.Request.PAUSE]}, 3.0)
+    notes = [one.words for one in browser.messages if isinstance(one, Note)]
     assert notes == ["above was not taught"]
-    assert not any(isinstance(one, PoseTaught) for one in browser.said)
+    assert not any(isinstance(one, PoseTaught) for one in browser.messages)
 
 
 def test_a_requested_target_is_not_stored_as_the_taught_pose() -> None:
     target = laboratory().target
-    _, browser = ran({100: [Go(target), TeachPose("above")]}, 3.0)
-    (taught,) = [one for one in browser.said if isinstance(one, PoseTaught)]
+    _, browser = run_loop({100: [Go(target), TeachPose("above")]}, 3.0)
+    (taught,) = [one for one in browser.messages if isinstance(one, PoseTaught)]
     assert not same(taught.target, target)
 
 
 def test_a_pose_is_taught_under_its_name() -> None:
-    ticks, browser = ran({100: [TeachPose("above")]}, 3.0)
-    (taught,) = [one for one in browser.said if isinstance(one, PoseTaught)]
+    ticks, browser = run_loop({100: [TeachPose("above")]}, 3.0)
+    (taught,) = [one for one in browser.messages if isinstance(one, PoseTaught)]
     assert taught.name == "above"
     assert np.allclose(taught.target.points, ticks[-1].seen.points, atol=1.5)
     assert taught.target.points.tobytes() == ticks[-1].state.target.points.tobytes()
@@ -230,25 +230,25 @@ def test_a_pose_is_taught_under_its_name() -> None:
 
 def test_teaching_takes_the_requested_frames_and_reports_its_progress() -> None:
     """So that the page shows that something happens for the seconds that it takes."""
-    _, browser = ran({100: [TeachPose("above")]}, 3.0)
-    told = [one.words for one in browser.said if isinstance(one, TeachingStatus)]
+    _, browser = run_loop({100: [TeachPose("above")]}, 3.0)
+    told = [one.words for one in browser.messages if isinstance(one, TeachingStatus)]
     assert told[0] == "teaching, keep the tool still: 1 frames so far, 30 are needed"
     assert len(told) >= 3 and told[-1] == ""
-    (end,) = [i for i, one in enumerate(browser.said) if isinstance(one, PoseTaught)]
-    assert all(one.words == "" for one in browser.said[end:] if isinstance(one, TeachingStatus))
+    (end,) = [i for i, one in enumerate(browser.messages) if isinstance(one, PoseTaught)]
+    assert all(one.words == "" for one in browser.messages[end:] if isinstance(one, TeachingStatus))
 
 
 def test_the_progress_of_teaching_ends_with_another_request() -> None:
-    _, browser = ran({100: [TeachPose("above")], 110: [rs.Request.PAUSE]}, 3.0)
-    assert [one.words for one in browser.said if isinstance(one, TeachingStatus)][-1] == ""
+    _, browser = run_loop({100: [TeachPose("above")], 110: [rs.Request.PAUSE]}, 3.0)
+    assert [one.words for one in browser.messages if isinstance(one, TeachingStatus)][-1] == ""
 
 
 def test_teaching_again_is_reported_and_stores_no_pose() -> None:
-    ticks, browser = ran({100: [TeachPose("")]}, 3.0)
-    notes = [one.words for one in browser.said if isinstance(one, Note)]
+    ticks, browser = run_loop({100: [TeachPose("")]}, 3.0)
+    notes = [one.words for one in browser.messages if isinstance(one, Note)]
     assert notes == ["the target is shown again"]
-    assert not any(isinstance(one, PoseTaught) for one in browser.said)
-    _, target = [one.target for one in browser.said if isinstance(one, TargetChanged)]
+    assert not any(isinstance(one, PoseTaught) for one in browser.messages)
+    _, target = [one.target for one in browser.messages if isinstance(one, TargetChanged)]
     assert same(target, ticks[-1].state.target)
 
 
@@ -263,13 +263,11 @@ def test_a_target_that_the_settings_refuse_is_reported_and_the_loop_continues() 
     shown = rs.Target(lab.target.points, lab.target.q, lab.target.shown, np.array([9.0, 9.0]))
     ticks = list(rs.run(lab.plant, servo, shown, 1.0, operator=browser))
     assert len(ticks) == 100 and phases(ticks)[-1] is rs.Phase.PAUSED
-    assert any("markers' sizes" in one.words for one in browser.said if isinstance(one, Note))
+    assert any("markers' sizes" in one.words for one in browser.messages if isinstance(one, Note))
 
 
-def test_the_ring_holds_the_newest_ticks_as_in_a_record() -> (
-    None
-):
-    ticks, browser = ran({}, 6.0)
+def test_the_ring_holds_the_newest_ticks_as_in_a_record() -> None:
+    ticks, browser = run_loop({}, 6.0)
     newest, found = browser.desk.ticks.after(-1)
     assert newest == len(ticks) - 1 == 599 and len(found) == TICK_SLOTS
     assert found == [encode_tick(tick) + DUE_TIME.pack(tick.time) for tick in ticks[-TICK_SLOTS:]]

@@ -25,30 +25,30 @@ class Page:
     """
 
     def __init__(self, *says: tuple[int, Any]) -> None:
-        self.desk, self.says, self.looks, self.now = Desk(get_context("spawn")), list(says), 0, 0
-        self.asked: list[Standby] = []
+        self.desk, self.answers, self.polls, self.now = Desk(get_context("spawn")), list(says), 0, 0
+        self.prompts: list[Standby] = []
         self.notes: list[str] = []
         self.defined: Any = None
         clock: Any = SimpleNamespace(now=lambda: self.now, wait_until=self._wait)
-        self.plant: Any = SimpleNamespace(clock=clock, told_to_end=self._look, arm=self)
+        self.plant: Any = SimpleNamespace(clock=clock, told_to_end=self._poll, arm=self)
 
     def _wait(self, time: int) -> None:
         self.now = max(self.now, time)
 
-    def _look(self) -> bool:
+    def _poll(self) -> bool:
         for one in self.desk.said.heard():
             if isinstance(one, Standby):
-                self.asked.append(one)
-                self.looks = 0
+                self.prompts.append(one)
+                self.polls = 0
             if isinstance(one, Note):
                 self.notes.append(one.words)
-        self.looks += 1
-        if self.says and self.looks == self.says[0][0]:
-            told = self.says.pop(0)[1]
+        self.polls += 1
+        if self.answers and self.polls == self.answers[0][0]:
+            told = self.answers.pop(0)[1]
             if isinstance(told, str):
-                told = Reply(self.asked[-1].question, told)
+                told = Reply(self.prompts[-1].question, told)
             assert self.desk.wants.put(told)
-        return self.looks > 500
+        return self.polls > 500
 
     def define(self, q: Any) -> None:
         self.defined = q
@@ -57,7 +57,7 @@ class Page:
         return Measured(0, self.defined, False)
 
 
-READ_BY = MIN_READING_TIME_NS // 20_000_000 + 2
+READ_AFTER_POLLS = MIN_READING_TIME_NS // 20_000_000 + 2
 """Looks after which a question was read."""
 
 
@@ -65,19 +65,19 @@ def test_typed_joints_are_within_limits_and_confirmed_before_the_arm_gets_them()
     start = laboratory().rig.scene.start
     typed = " ".join(f"{value:.4f}" for value in start)
     page = Page(
-        (READ_BY, "here"),
-        (READ_BY, "9 0 100"),
-        (READ_BY, typed),
-        (READ_BY, "no"),
-        (READ_BY, typed),
-        (READ_BY, ""),
+        (READ_AFTER_POLLS, "here"),
+        (READ_AFTER_POLLS, "9 0 100"),
+        (READ_AFTER_POLLS, typed),
+        (READ_AFTER_POLLS, "no"),
+        (READ_AFTER_POLLS, typed),
+        (READ_AFTER_POLLS, ""),
     )
     define(PagePerson(page.desk, page.plant), page.plant, Lab())
     assert np.allclose(page.defined, start, atol=1e-4)
-    words = [one.words for one in page.asked]
+    words = [one.words for one in page.prompts]
     assert "Bring the arm by hand to a mark" in words[0]
     assert "three numbers (rad, rad, mm)" in words[1] and "within theta" in words[2]
-    assert [one.question[:10] for one in page.asked] == ["The joints"] * 3 + [
+    assert [one.question[:10] for one in page.prompts] == ["The joints"] * 3 + [
         "The arm st",
         "The joints",
         "The arm st",
@@ -85,7 +85,12 @@ def test_typed_joints_are_within_limits_and_confirmed_before_the_arm_gets_them()
 
 
 @pytest.mark.parametrize(
-    "told", [(1, "0 0 100"), (READ_BY, Reply("Another?", "0 0 100")), (READ_BY, Enable())]
+    "told",
+    [
+        (1, "0 0 100"),
+        (READ_AFTER_POLLS, Reply("Another?", "0 0 100")),
+        (READ_AFTER_POLLS, Enable()),
+    ],
 )
 def test_a_premature_answer_or_one_to_another_question_is_ignored(told: Any) -> None:
     page = Page(told)

@@ -22,7 +22,7 @@ from rcmservo.recording.writer import Recorder
 from rcmservo.tracking import ColourMarkers
 
 OLD = ROOT / "tests/data/v0.1.0/record.mcap"
-SECRET = {"secret": "s"}
+SECRET_QUERY = {"secret": "s"}
 HOUR = 3600
 
 
@@ -35,16 +35,16 @@ class Browser:
         self.client: Any = TestClient(app)
 
     def get(self, path: str) -> Any:
-        return self.client.get(path, params=SECRET)
+        return self.client.get(path, params=SECRET_QUERY)
 
-    def listed(self) -> dict[str, dict[str, Any]]:
+    def list_runs(self) -> dict[str, dict[str, Any]]:
         return {run["folder"]: run for run in self.get("/runs").json()}
 
     def name(self, folder: str) -> str:
-        return self.listed()[folder]["name"]
+        return self.list_runs()[folder]["name"]
 
 
-def filmed(path: Path) -> int:
+def record_with_pictures(path: Path) -> int:
     """Record a short run with its pictures, twenty a second, and leave it without its end; how
     many pictures there are.
     """
@@ -87,14 +87,14 @@ def root(tmp_path: Path) -> Path:
 
 def test_runs_are_listed_newest_first_and_damage_is_reported(root: Path) -> None:
     browser = Browser(root)
-    runs = browser.listed()
+    runs = browser.list_runs()
     assert list(runs) == ["serve/session-1", "cut", "foreign", "old"]
     assert runs["old"]["seconds"] == 2.99 and "seed 3" in runs["old"]["what"]
     assert runs["old"]["ended"] == "acquiring"
     assert 0.0 < runs["cut"]["seconds"] < 2.99 and "was not ended" in runs["cut"]["ended"]
     assert runs["foreign"]["seconds"] is None and "not a record" in runs["foreign"]["what"]
     os.utime(root / "cut/record.mcap")
-    assert browser.listed()["cut"]["recording"]
+    assert browser.list_runs()["cut"]["recording"]
     assert not any(run["recording"] for run in runs.values())
 
 
@@ -125,7 +125,7 @@ def test_the_figures_of_a_run_are_served_as_svg_and_png(root: Path) -> None:
 
 def test_a_killed_run_has_all_its_pictures(tmp_path: Path) -> None:
     path = tmp_path / "killed/record.mcap"
-    count = filmed(path)
+    count = record_with_pictures(path)
     kept = [jpeg for _, jpeg in reader.iterate_jpegs(path)]
     assert len(kept) == count == 10
     browser = Browser(tmp_path)
@@ -146,7 +146,7 @@ def test_a_killed_run_has_all_its_pictures(tmp_path: Path) -> None:
 )
 def test_only_names_of_the_list_are_served(root: Path, name: str) -> None:
     browser = Browser(root)
-    assert browser.listed()
+    assert browser.list_runs()
     for path in (f"/runs/{name}", f"/runs/{name}/record.mcap", f"/runs/{name}/pictures/0"):
         assert browser.get(path).status_code == 404
 

@@ -22,7 +22,7 @@ SETUP = setup_of(Rig(1, pictures=False), Lab())
 TARGET = rs.Target(np.array([[100.0, 200.0], [150.0, 250.0]]), np.array([0.5, 0.1, 120.0]))
 
 
-def poses(folder: Path, seed: int = 1) -> PoseStore:
+def load_poses(folder: Path, seed: int = 1) -> PoseStore:
     setup = SETUP if seed == 1 else setup_of(Rig(seed, pictures=False), Lab())
     made = PoseStore(PoseFolder(folder, setup))
     made.load()
@@ -32,30 +32,30 @@ def poses(folder: Path, seed: int = 1) -> PoseStore:
 def test_a_pose_is_stored_as_a_target_file_with_its_picture(
     tmp_path: Path,
 ) -> None:
-    assert poses(tmp_path / "new").save("left of it", TARGET, b"picture") == ""
-    again = poses(tmp_path / "new")
+    assert load_poses(tmp_path / "new").save("left of it", TARGET, b"picture") == ""
+    again = load_poses(tmp_path / "new")
     assert same(again.targets["left of it"], TARGET) and again.picture("left of it") == b"picture"
     (file,) = (tmp_path / "new").glob("*.json")
     assert same(target_file.load(file, SETUP), TARGET)
     other = rs.Target(TARGET.points + 1.0, TARGET.q)
     again.save("left of it", other, b"other")
-    then = poses(tmp_path / "new")
+    then = load_poses(tmp_path / "new")
     assert same(then.targets["left of it"], other) and then.picture("left of it") == b"other"
     assert then.delete("left of it") == ""
-    assert not list((tmp_path / "new").iterdir()) and not poses(tmp_path / "new").targets
+    assert not list((tmp_path / "new").iterdir()) and not load_poses(tmp_path / "new").targets
 
 
 def test_a_damaged_file_or_one_of_another_rig_is_refused_with_the_reason(
     tmp_path: Path,
 ) -> None:
-    made = poses(tmp_path)
+    made = load_poses(tmp_path)
     made.save("here", TARGET, b"")
     made.save("there", TARGET, b"")
     there = tmp_path / "there.json"
     there.write_text(there.read_text().replace("100.0", "101.0"))
-    again = poses(tmp_path)
+    again = load_poses(tmp_path)
     assert list(again.targets) == ["here"] and "checksum" in again.refused["there"]
-    other = poses(tmp_path, seed=2)
+    other = load_poses(tmp_path, seed=2)
     assert not other.targets and "show the target again" in other.refused["here"]
 
 
@@ -74,16 +74,16 @@ def test_no_name_leaves_the_folder_and_no_two_have_the_same_file(one: str, other
 
 @pytest.mark.parametrize("name", ["../x", "a/b", "..", "C:\\x", "\0"])
 def test_names_that_are_paths_stay_inside_the_folder(tmp_path: Path, name: str) -> None:
-    made = poses(tmp_path / "in")
+    made = load_poses(tmp_path / "in")
     assert made.save(name, TARGET, b"x") == ""
     assert [path.parent for path in tmp_path.rglob("*.json")] == [tmp_path / "in"]
-    assert name in poses(tmp_path / "in").targets
+    assert name in load_poses(tmp_path / "in").targets
     assert made.delete(name) == "" and not list((tmp_path / "in").iterdir())
 
 
 def test_a_pose_that_cannot_be_written_is_reported_and_remains_usable(tmp_path: Path) -> None:
     (file := tmp_path / "file").write_text("")
-    made = poses(file / "in")
+    made = load_poses(file / "in")
     assert "here is not kept" in made.save("here", TARGET, b"") and "here" in made.targets
     assert "too long a name" in made.save("ü" * 40, TARGET, b"")
 

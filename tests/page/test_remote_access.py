@@ -12,7 +12,7 @@ from http.cookiejar import CookieJar
 from pathlib import Path
 
 import pytest
-from page_server import served
+from page_server import serve_page
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 from websockets.typing import Origin
@@ -22,7 +22,7 @@ pytestmark = [pytest.mark.alone, pytest.mark.slow]
 
 def test_a_remote_browser_signs_in_and_gets_pictures_and_stop(tmp_path: Path) -> None:
     file = tmp_path / "token"
-    with served(tmp_path / "out", "--host", "0.0.0.0", "--token-file", str(file)) as address:
+    with serve_page(tmp_path / "out", "--host", "0.0.0.0", "--token-file", str(file)) as address:
         jar = CookieJar()
         browser = urllib.request.build_opener(urllib.request.HTTPCookieProcessor(jar))
         with pytest.raises(urllib.error.HTTPError, match="401"):

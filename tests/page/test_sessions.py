@@ -15,31 +15,33 @@ from rcmservo.page.messages import CLEAR, STOP, Standby
 from rcmservo.page.sessions import Sessions, StopPressed
 
 
-def off(began: bool) -> str:
+def switch_off(began: bool) -> str:
     return "it is off" if began else "it was off"
 
 
-def never() -> Any:
+def fail() -> Any:
     raise AssertionError("no session is begun here")
 
 
-class Talking(list[object]):
+class StatusChannel(list[object]):
     """What is said to the page; once a stop can be cleared, somebody rings."""
 
     def __init__(self, ring: Callable[[], None]) -> None:
-        self._ring = ring
+        self._request = ring
 
     def put(self, said: object) -> bool:
         self.append(said)
         if isinstance(said, Standby) and said.can_clear:
-            self._ring()
+            self._request()
         return True
 
 
-def sessions(*rings: str, needed: dict[int, str] | None = None) -> tuple[Sessions, Desk, Talking]:
+def sessions(
+    *rings: str, needed: dict[int, str] | None = None
+) -> tuple[Sessions, Desk, StatusChannel]:
     desk: Any = Desk(get_context("spawn"))
-    desk.said = Talking(lambda: [desk.bell.put(ring) for ring in rings] and None)
-    return Sessions(desk, never, off, needed or {}, never), desk, desk.said
+    desk.said = StatusChannel(lambda: [desk.bell.put(ring) for ring in rings] and None)
+    return Sessions(desk, fail, switch_off, needed or {}, fail), desk, desk.said
 
 
 def test_a_stop_is_reported_at_once_and_can_be_cleared_later() -> None:
@@ -57,25 +59,25 @@ def test_a_stop_is_reported_at_once_and_can_be_cleared_later() -> None:
 
 
 def test_a_clear_request_before_the_stop_can_be_cleared_is_ignored() -> None:
-    it, desk, _ = sessions("", CLEAR, STOP, "", needed={ended(): "the end"})
+    it, desk, _ = sessions("", CLEAR, STOP, "", needed={ended_process(): "the end"})
     desk.bell.put(CLEAR)
     with pytest.raises(Stopped, match="the end"):
         it._latch("why")
 
 
-def ended() -> int:
+def ended_process() -> int:
     """The sentinel of a process that is over soon."""
     process = get_context("spawn").Process(target=sys.exit)
     process.start()
-    KEPT.append(process)
+    PROCESSES.append(process)
     return process.sentinel
 
 
-KEPT: list[Any] = []
+PROCESSES: list[Any] = []
 
 
 def test_the_end_of_a_needed_process_is_reported_with_its_name() -> None:
-    it, _, _ = sessions(needed={ended(): "the ear"})
+    it, _, _ = sessions(needed={ended_process(): "the ear"})
     it._has_begun = True
     with pytest.raises(Stopped, match="the ear has ended by itself; it is off"):
         it._latch("why")

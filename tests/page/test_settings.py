@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from dashboards import board_at
+from dashboards import make_dashboard
 
 import rcmservo as rs
 from conftest import laboratory
@@ -34,25 +34,25 @@ from rcmservo.recording.writer import Recorder
 NOW = 10**12
 
 
-def table_of(box: str, servo: rs.Servo | None = None, **others: Any) -> dict[str, Any]:
+def table_of(part: str, servo: rs.Servo | None = None, **others: Any) -> dict[str, Any]:
     """What the page sends for a box."""
     told: Any = describe(servo or laboratory().servo())
-    return told[box] | others
+    return told[part] | others
 
 
-def changed(box: str, **others: Any) -> Change:
-    return decode_change(box, table_of(box, **others))
+def make_change(part: str, **others: Any) -> Change:
+    return decode_change(part, table_of(part, **others))
 
 
-def ran(
-    says: dict[int, list[object]], seconds: float, chosen: Chosen, path: Path | None = None
+def run_session(
+    script: dict[int, list[object]], seconds: float, chosen: Chosen, path: Path | None = None
 ) -> tuple[list[rs.Tick], list[object]]:
     """A session under the page's operator, recorded at the path."""
     lab, desk, ticks = laboratory(), Desk(get_context("spawn")), list[rs.Tick]()
     operator, said = PageOperator(desk, chosen), list[object]()
 
     def person(tick: rs.Tick) -> OperatorRequest:
-        for one in says.get(len(ticks) - 1, [Heartbeat()]):
+        for one in script.get(len(ticks) - 1, [Heartbeat()]):
             assert dispatch(one, desk)
         want = operator(tick)
         said.extend(desk.said.heard())
@@ -78,9 +78,9 @@ def go() -> Go:
 def test_a_changed_controller_acts_from_the_next_tick_and_its_record_replays_bit_for_bit(
     tmp_path: Path,
 ) -> None:
-    change = changed("controller", gain=0.7)
+    change = make_change("controller", gain=0.7)
     chosen = Chosen(laboratory().servo())
-    ticks, said = ran({20: [go()], 220: [change]}, 5.0, chosen, tmp_path / reader.RECORD)
+    ticks, said = run_session({20: [go()], 220: [change]}, 5.0, chosen, tmp_path / reader.RECORD)
     assert [ticks[k].servo.controller.gain for k in (220, 221, -1)] == [8.0, 0.7, 0.7]
     speeds = [np.linalg.norm(tick.state.v) for tick in ticks[220:222]]
     assert ticks[220].state.phase is rs.Phase.SERVO and speeds[1] < 0.3 * speeds[0]
@@ -96,8 +96,8 @@ def test_a_changed_controller_acts_from_the_next_tick_and_its_record_replays_bit
 def test_a_change_in_motion_goes_through_the_gate_without_a_jump() -> None:
     servo = laboratory().servo()
     slow = Chosen(replace(servo, controller=replace(servo.controller, gain=0.5, max_speed=2.0)))
-    fast = changed("controller", gain=80.0, max_speed=500.0, bounds=[3.0, 500.0, 500.0])
-    ticks, _ = ran({20: [go()], 260: [fast]}, 4.0, slow)
+    fast = make_change("controller", gain=80.0, max_speed=500.0, bounds=[3.0, 500.0, 500.0])
+    ticks, _ = run_session({20: [go()], 260: [fast]}, 4.0, slow)
     rates = np.array([tick.state.command.rates for tick in ticks])
     steps = np.abs(np.diff(rates, axis=0)) * servo.rate
     assert ticks[260].state.phase is rs.Phase.SERVO
@@ -108,8 +108,8 @@ def test_a_change_in_motion_goes_through_the_gate_without_a_jump() -> None:
 
 def test_no_setting_exceeds_the_given_limit() -> None:
     chosen = Chosen(laboratory().servo(), reduce_speed)
-    fast = changed("controller", max_speed=1e6)
-    ticks, _ = ran({20: [fast, go()]}, 3.0, chosen)
+    fast = make_change("controller", max_speed=1e6)
+    ticks, _ = run_session({20: [fast, go()]}, 3.0, chosen)
     full, held = chosen.servo, ticks[-1].servo
     assert held.controller.max_speed == pytest.approx(1e5)
     assert held.gate.speed == reduce_speed(full).gate.speed
@@ -121,8 +121,10 @@ def test_no_setting_exceeds_the_given_limit() -> None:
 def test_the_estimator_stays_during_a_run_and_incompatible_settings_are_reported() -> None:
     chosen = Chosen(laboratory().servo())
     flow = decode_change("estimator", {"kind": "flow", "gamma": 0.002})
-    sizes = changed("controller", features="size")
-    ticks, said = ran({20: [flow], 30: [sizes], 40: [changed("controller", gain=2.0)]}, 1.0, chosen)
+    sizes = make_change("controller", features="size")
+    ticks, said = run_session(
+        {20: [flow], 30: [sizes], 40: [make_change("controller", gain=2.0)]}, 1.0, chosen
+    )
     assert {type(tick.servo.estimator) for tick in ticks} == {rs.DltEstimator}
     assert ticks[-1].servo.controller.gain == 2.0 and len(ticks) == 100
     (note,) = [one.words for one in said if isinstance(one, Note)]
@@ -133,19 +135,19 @@ def test_waiting_settings_and_targets_are_checked_against_each_other() -> None:
     lab = laboratory()
     servo = lab.servo(estimator=rs.AffineEstimator())
     with_sizes = replace(lab.target, sizes=np.array([9.0, 9.0]))
-    sizes = changed("controller", features="size")
-    ticks, said = ran({20: [Go(with_sizes), sizes, Go(lab.target)]}, 1.0, Chosen(servo))
+    sizes = make_change("controller", features="size")
+    ticks, said = run_session({20: [Go(with_sizes), sizes, Go(lab.target)]}, 1.0, Chosen(servo))
     assert len(ticks) == 100 and ticks[-1].servo.controller.features == "size"
     assert any("markers' sizes" in one.words for one in said if isinstance(one, Note))
 
 
-def said_of(box: object, table: object, control: str = "a", at: int = NOW) -> Any:
-    text = json.dumps({"do": "set", "box": box, "table": table, "at": at})
+def interpret(part: object, table: object, control: str = "a", at: int = NOW) -> Any:
+    text = json.dumps({"do": "set", "box": part, "table": table, "at": at})
     return interpret_message(text, "a", ControlOwnership(control), lambda name: None, NOW)
 
 
 def test_a_table_from_a_browser_is_decoded_to_a_change() -> None:
-    told = said_of("controller", table_of("controller", gain=3))
+    told = interpret("controller", table_of("controller", gain=3))
     assert told.box == "controller" and told.value == rs.SaturatedController(gain=3.0)
 
 
@@ -167,30 +169,32 @@ def test_a_table_from_a_browser_is_decoded_to_a_change() -> None:
         ("estimator", {"kind": "os:system"}, "code of others is run only where"),
     ],
 )
-def test_an_invalid_table_is_refused_with_the_name_of_the_field(box: Any, table: Any, why: str) -> None:
+def test_an_invalid_table_is_refused_with_the_name_of_the_field(
+    box: Any, table: Any, why: str
+) -> None:
     whole = table_of(box) | table if isinstance(table, dict) and box in BOXES else table
     whole = table if table == {"kind": "saturated"} else whole
     with pytest.raises(MessageRefused) as refused:
-        said_of(box, whole)
+        interpret(box, whole)
     assert why in str(refused.value)
 
 
 def test_settings_need_control_and_a_recent_display() -> None:
     table = table_of("controller")
     with pytest.raises(MessageRefused, match="another browser has control"):
-        said_of("controller", table, control="b")
+        interpret("controller", table, control="b")
     with pytest.raises(MessageRefused, match="too late"):
-        said_of("controller", table, at=NOW - 10**9)
+        interpret("controller", table, at=NOW - 10**9)
 
 
 def test_a_change_goes_to_the_supervisor_always_and_to_the_servo_while_it_runs() -> None:
     desk = Desk(get_context("spawn"))
     chosen, board = (
         Chosen(laboratory().servo()),
-        board_at(desk, between=Standby("the drive is off")),
+        make_dashboard(desk, between=Standby("the drive is off")),
     )
     gain, flow = (
-        changed("controller", gain=2.0),
+        make_change("controller", gain=2.0),
         decode_change("estimator", {"kind": "flow", "gamma": 1.0}),
     )
     assert change_settings(gain, chosen, desk, board) == ""
@@ -200,7 +204,7 @@ def test_a_change_goes_to_the_supervisor_always_and_to_the_servo_while_it_runs()
         == change_settings(flow, chosen, desk, board)
         == ""
     )
-    sizes = changed("controller", features="size")
+    sizes = make_change("controller", features="size")
     assert change_settings(sizes, chosen, desk, board).startswith("controller.features must be")
     assert [one.box for one in desk.changes.heard()] == ["controller", "controller", "estimator"]
     assert [one.box for one in desk.wants.heard()] == ["controller"]
@@ -210,7 +214,7 @@ def test_a_change_goes_to_the_supervisor_always_and_to_the_servo_while_it_runs()
 def test_settings_restart_only_a_session_that_is_not_enabled() -> None:
     desk, taken = Desk(get_context("spawn")), list[Change]()
     sessions = Sessions(desk, lambda: None, lambda began: "", {}, taken.append)  # pyright: ignore
-    change = changed("controller", gain=2.0)
+    change = make_change("controller", gain=2.0)
     for waits in (True, False):
         sessions._is_waiting = waits
         desk.changes.put(change)
@@ -260,5 +264,5 @@ def test_incompatible_settings_change_nothing() -> None:
     chosen = Chosen(laboratory().servo())
     before = chosen.servo
     with pytest.raises(BadInput):
-        chosen.take(changed("controller", features="size"))
+        chosen.take(make_change("controller", features="size"))
     assert chosen.servo is before

@@ -28,11 +28,11 @@ from rcmservo.page.web.token_file import load_token, token_for
 
 TOKEN = "of-sixteen-chars"
 LAB = "192.168.1.5"
-AT = f"http://{LAB}:8080"
+PAGE_ADDRESS = f"http://{LAB}:8080"
 EVIL = {"origin": "http://evil.example"}
 
 
-class Lab:
+class Server:
     """A server that asks for the token, at a time that is told."""
 
     def __init__(self, token: str = TOKEN) -> None:
@@ -45,10 +45,10 @@ class Lab:
 
         app = Starlette(routes=[Route("/{path:path}", page), WebSocketRoute("/wire", wire)])
         sign_in = SignIn(token, 8080, lambda: self.now) if token else None
-        self.now, self.porter = 0.0, OriginCheck(app, 8080, sign_in)
+        self.now, self.app = 0.0, OriginCheck(app, 8080, sign_in)
 
-    def browser(self, at: str = AT, who: str = "192.168.1.9") -> Any:
-        return TestClient(self.porter, at, client=(who, 50000), follow_redirects=False)
+    def browser(self, address: str = PAGE_ADDRESS, client: str = "192.168.1.9") -> Any:
+        return TestClient(self.app, address, client=(client, 50000), follow_redirects=False)
 
     def signed_in(self) -> Any:
         browser = self.browser()
@@ -56,7 +56,7 @@ class Lab:
         return browser
 
 
-def opens(browser: Any, **headers: str) -> bool:
+def opens_websocket(browser: Any, **headers: str) -> bool:
     try:
         with browser.websocket_connect(f"ws://{LAB}:8080/wire", headers=headers) as wire:
             wire.close()
@@ -66,30 +66,30 @@ def opens(browser: Any, **headers: str) -> bool:
 
 
 def test_only_the_sign_in_page_is_served_without_the_token() -> None:
-    browser = Lab().browser()
+    browser = Server().browser()
     for path in ("/", "/rcmservo/main.js", "/_nicegui_ws/socket.io/", "/settings", "/runs"):
         got = browser.get(path)
         assert got.status_code == 401 and "secret" not in got.text and "Sign in" in got.text
-    assert not opens(browser, origin=AT)
+    assert not opens_websocket(browser, origin=PAGE_ADDRESS)
 
 
 def test_the_token_opens_page_and_websockets_until_the_server_ends() -> None:
-    lab = Lab()
+    lab = Server()
     browser = lab.browser()
-    known = browser.post("/", data={"token": f" {TOKEN}\n"}, headers={"origin": AT})
+    known = browser.post("/", data={"token": f" {TOKEN}\n"}, headers={"origin": PAGE_ADDRESS})
     assert known.status_code == 303 and known.headers["location"] == "/"
     cookie = known.headers["set-cookie"].lower()
     assert "httponly" in cookie and "samesite=strict" in cookie and TOKEN not in cookie
-    assert browser.get("/").text == "the secret" and opens(browser, origin=AT)
+    assert browser.get("/").text == "the secret" and opens_websocket(browser, origin=PAGE_ADDRESS)
     assert lab.browser().get("/").status_code == 401  # another one
-    after = Lab().browser()
+    after = Server().browser()
     after.cookies = browser.cookies
     assert after.get("/").status_code == 401  # an old session
 
 
 @pytest.mark.parametrize("token", ["", TOKEN[:-1], TOKEN + "x", TOKEN.upper(), "é" * 16])
 def test_another_token_is_refused_with_a_reason(token: str) -> None:
-    browser = Lab().browser()
+    browser = Server().browser()
     got = browser.post("/", data={"token": token})
     assert got.status_code == 403 and "not the token" in got.text
     assert browser.get("/").status_code == 401
@@ -100,17 +100,17 @@ LONG = b"more=" + b"x" * 9999 + b"&token=" + TOKEN.encode()
 
 @pytest.mark.parametrize("sent", [b"", b"\xff" * 9, b"token=" + b"x" * 9999, b"&" * 2048, LONG])
 def test_random_content_instead_of_a_token_is_refused(sent: bytes) -> None:
-    assert Lab().browser().post("/", content=sent).status_code == 403
+    assert Server().browser().post("/", content=sent).status_code == 403
 
 
 def test_failed_attempts_delay_only_their_address() -> None:
-    lab = Lab()
+    lab = Server()
     guesser = lab.browser()
     for _ in range(MAX_FAILED_ATTEMPTS):
         assert guesser.post("/", data={"token": "wrong"}).status_code == 403
     waits = guesser.post("/", data={"token": TOKEN})
     assert waits.status_code == 429 and "wait 60 s" in waits.text  # were it the right one by now
-    assert lab.browser(who="192.168.1.10").post("/", data={"token": TOKEN}).status_code == 303
+    assert lab.browser(client="192.168.1.10").post("/", data={"token": TOKEN}).status_code == 303
     lab.now = ATTEMPT_WINDOW_S
     assert guesser.post("/", data={"token": TOKEN}).status_code == 303
 
@@ -127,23 +127,25 @@ def test_the_number_of_stored_addresses_is_bounded() -> None:
 
 
 def test_a_page_of_another_origin_is_refused_in_a_signed_in_browser() -> None:
-    for browser in (Lab().signed_in(), Lab(token="").browser()):
-        assert browser.get("/").text == "the secret" and opens(browser, origin=AT)
+    for browser in (Server().signed_in(), Server(token="").browser()):
+        assert browser.get("/").text == "the secret" and opens_websocket(
+            browser, origin=PAGE_ADDRESS
+        )
         for origin in ("http://evil.example", "null", f"https://{LAB}:8080", f"http://{LAB}"):
             assert browser.get("/", headers={"origin": origin}).status_code == 403
-            assert not opens(browser, origin=origin)
-        assert not opens(browser)  # no browser is silent about it
+            assert not opens_websocket(browser, origin=origin)
+        assert not opens_websocket(browser)  # no browser is silent about it
         assert browser.post("/_nicegui_ws/socket.io/", headers=EVIL).status_code == 403
 
 
 def test_a_page_of_another_origin_cannot_sign_a_browser_in() -> None:
-    browser = Lab().browser()
+    browser = Server().browser()
     assert browser.post("/", data={"token": TOKEN}, headers=EVIL).status_code == 403
     assert browser.get("/").status_code == 401
 
 
 def test_the_page_forbids_frames() -> None:
-    for browser in (Lab().browser(), Lab().signed_in(), Lab(token="").browser()):
+    for browser in (Server().browser(), Server().signed_in(), Server(token="").browser()):
         assert browser.get("/").headers["x-frame-options"] == "DENY"
 
 
@@ -156,9 +158,7 @@ def test_the_page_forbids_frames() -> None:
         ("evil.example", set()),
     ],
 )
-def test_the_host_must_be_the_address_of_the_server(
-    address: str, names: set[str]
-) -> None:
+def test_the_host_must_be_the_address_of_the_server(address: str, names: set[str]) -> None:
     assert set(host_names(address)) == names
     for host in ("127.0.0.1", "localhost", LAB, "evil.example", "", "0.0.0.0", "192.168.1.6"):
         for told in (host, f"{host}:8080", f"{host.upper()}:22"):
@@ -167,7 +167,11 @@ def test_the_host_must_be_the_address_of_the_server(
 
 
 def test_a_websocket_needs_exactly_one_host_and_one_origin() -> None:
-    host, ours, other = (b"host", LAB.encode()), (b"origin", AT.encode()), (b"origin", b"null")
+    host, ours, other = (
+        (b"host", LAB.encode()),
+        (b"origin", PAGE_ADDRESS.encode()),
+        (b"origin", b"null"),
+    )
     for raw, good in (
         ([host, ours], True),
         ([host], False),
@@ -225,9 +229,7 @@ def test_an_invalid_address_is_refused(host: str) -> None:
 
 
 @pytest.mark.parametrize("host", ["0.0.0.0", LAB])
-def test_remote_browsers_need_a_token_file(
-    host: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_remote_browsers_need_a_token_file(host: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["serve", "--no-browser", "--host", host]) == 2
     said = capsys.readouterr().err
     assert "without --token-file" in said and said.count("\n") == 1

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
-from page_server import served
+from page_server import serve_page
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 from websockets.typing import Origin
@@ -26,11 +26,11 @@ class Site:
             r"window\.RCMSERVO = (\{.*?\});", urllib.request.urlopen(address).read().decode()
         )
         assert told is not None
-        self.told = json.loads(told[1])
+        self.parameters = json.loads(told[1])
 
     def open(self, path: str, origin: str | None = None, **changes: Any) -> ClientConnection:
-        port = self.told["stopPort"] if path == "/stop" else self.address.rpartition(":")[2]
-        secret = changes.get("secret", self.told["secret"])
+        port = self.parameters["stopPort"] if path == "/stop" else self.address.rpartition(":")[2]
+        secret = changes.get("secret", self.parameters["secret"])
         url = f"ws://127.0.0.1:{port}{path}?secret={secret}"
         return connect(url, origin=Origin(origin or self.address))
 
@@ -51,7 +51,7 @@ class Site:
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
-    with served(tmp_path_factory.mktemp("serve") / "out") as address:
+    with serve_page(tmp_path_factory.mktemp("serve") / "out") as address:
         yield Site(address)
 
 
@@ -63,7 +63,7 @@ def test_websockets_of_another_origin_or_without_the_secret_are_refused(
     for origin in ("http://evil.example", "null", f"https://127.0.0.1:{port}", "http://127.0.0.1"):
         with pytest.raises(InvalidStatus, match="403"):
             site.open(path, origin)
-    for secret in ("", "x", site.told["secret"][:-1]):
+    for secret in ("", "x", site.parameters["secret"][:-1]):
         with pytest.raises(InvalidStatus, match="403"):
             site.open(path, secret=secret)
     with site.open(path):
