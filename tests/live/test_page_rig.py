@@ -58,9 +58,9 @@ class AtThePage(Holder):
 
     def answered(self, words: str, by: str) -> None:
         """Answer until the page says something."""
-        asked = self.now["asks"]
+        asked = self.now["question"]
         want = {"do": "answer", "question": asked, "words": words}
-        self.insist(want, lambda: by in self.now["words"] + self.now["asks"])
+        self.insist(want, lambda: by in self.now["words"] + self.now["question"])
 
     def insist(self, want: dict[str, Any], reached: Callable[[], bool]) -> None:
         """Say something until it is so: what comes late on a busy machine does not count."""
@@ -105,7 +105,7 @@ def test_a_laboratory_is_homed_enabled_jogged_and_stopped_at_the_page(
         at = AtThePage(address)
 
         # where it stands: typed within the limits, and agreed to
-        wait_for(lambda: at.now["asks"].startswith("The joints at the mark"))
+        wait_for(lambda: at.now["question"].startswith("The joints at the mark"))
         at.say({"do": "enable"})
         at.answered("9 0 100", "the joints must be within theta")
         at.answered(words_of(lab.start), "The arm stands at theta")

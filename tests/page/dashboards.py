@@ -1,4 +1,4 @@
-"""A board that keeps its poses nowhere."""
+"""Dashboard that stores no poses on disk."""
 
 from pathlib import Path
 from typing import Any
@@ -12,6 +12,6 @@ from rcmservo.sim import Rig
 
 
 def make_dashboard(channels: Desk, **fields: Any) -> Dashboard:
-    """What a desk's page shows."""
+    """Return the dashboard of a page with these channels."""
     setup = setup_of(Rig(1, pictures=False), Lab())
     return Dashboard(channels, PoseStore(PoseFolder(Path("/nowhere/at/all"), setup)), **fields)

@@ -1,6 +1,4 @@
-"""What the page shows is what the loop had: the same tick's numbers, and where it expected the
-markers.
-"""
+"""Dashboard of the page: the numbers of the tick and the predicted markers."""
 
 import json
 from dataclasses import replace
@@ -31,12 +29,12 @@ from rcmservo.sim.tool_body import ToolBody
 def observe_run(
     estimator: rs.Estimator, seconds: float
 ) -> tuple[list[rs.Tick], list[dict[str, Any]], Dashboard]:
-    """A run, what the page would show after each of its ticks, and the page's board."""
-    lab, desk = laboratory(), Desk(get_context("spawn"))
-    board, tables = make_dashboard(desk), list[dict[str, Any]]()
+    """Run the loop; return its ticks, the dashboard after each of them, and the dashboard."""
+    lab, channels = laboratory(), Desk(get_context("spawn"))
+    board, tables = make_dashboard(channels), list[dict[str, Any]]()
     ticks = list[rs.Tick]()
     for tick in rs.run(lab.plant, lab.servo(estimator=estimator), lab.target, seconds):
-        desk.ticks.add(tick)
+        channels.ticks.add(tick)
         board.update()
         ticks.append(tick)
         tables.append(board.to_table())
@@ -48,25 +46,24 @@ def test_the_dashboard_holds_the_tick_and_the_predicted_markers(
     estimator: rs.Estimator,
 ) -> None:
     ticks, tables, _ = observe_run(estimator, 3.0)
-    expected = 0
+    count = 0
     for tick, table in zip(ticks, tables, strict=True):
         state = tick.state
         for name, number in (("y", state.y), ("delta", state.delta), ("q", tick.seen.q)):
-            shown = np.array(table[name], dtype=float)
-            assert np.array_equal(shown, number, equal_nan=True), name
+            displayed = np.array(table[name], dtype=float)
+            assert np.array_equal(displayed, number, equal_nan=True), name
         known = tick.servo.learner.predict(state.learnt.memory, tick.servo.tool, state.p1)
         assert known is not None
-        for ghost, m in zip(table["ghost"], np.reshape(known, (2, 2)), strict=True):
-            there = m + state.o_c
-            assert np.array_equal(ghost, there, equal_nan=True)
-            expected += np.isfinite(ghost).all()
-    assert expected > len(ticks)
-    away = np.array(tables[-1]["ghost"]) - tables[-1]["points"]
-    assert np.abs(away).max() < 5.0
+        for predicted, m in zip(table["predicted"], np.reshape(known, (2, 2)), strict=True):
+            assert np.array_equal(predicted, m + state.o_c, equal_nan=True)
+            count += np.isfinite(predicted).all()
+    assert count > len(ticks)
+    residual = np.array(tables[-1]["predicted"]) - tables[-1]["points"]
+    assert np.abs(residual).max() < 5.0
 
 
 def test_the_allowed_actions_depend_on_the_phase() -> None:
-    moving, jog = {"show", "teach", "go", "pause"}, {"jog"}
+    moving, jog = {"teach_again", "teach", "go", "pause"}, {"jog"}
     expected = {phase: moving for phase in rs.Phase} | {
         rs.Phase.IDLE: moving | jog,
         rs.Phase.JOG: moving | jog,
@@ -77,34 +74,45 @@ def test_the_allowed_actions_depend_on_the_phase() -> None:
 
 
 @pytest.mark.parametrize(
-    ("between", "phase", "can"),
+    ("standby", "phase", "can"),
     [
         (Standby("preparing"), "OFF", []),
-        (Standby("the drive is off", can_enable=True), "OFF", ["enable"]),
+        (Standby("the drive is error", can_enable=True), "OFF", ["enable"]),
         (Standby("STOP was pressed", is_latched=True), "FAULT", []),
         (Standby("STOP was pressed", is_latched=True, can_clear=True), "FAULT", ["clear"]),
     ],
 )
 def test_without_a_loop_the_drive_can_be_enabled_or_a_stop_cleared(
-    between: Standby, phase: str, can: list[str]
+    standby: Standby, phase: str, can: list[str]
 ) -> None:
-    table = make_dashboard(Desk(get_context("spawn")), between=between).to_table()
-    assert (table["phase"], table["can"], table["ways"]) == (phase, can, can[: between.can_clear])
+    table = make_dashboard(Desk(get_context("spawn")), standby=standby).to_table()
+    assert (table["phase"], table["can"], table["recovery"]) == (
+        phase,
+        can,
+        can[: standby.can_clear],
+    )
 
 
 def test_numbers_that_are_not_finite_are_null_in_a_browsers_json() -> None:
     table = {
         "y": np.array([1.0, np.nan]),
         "late": np.inf,
-        "tour": SequenceProgress("a", 1, 2, 3, 4, None),
+        "sequence": SequenceProgress("a", 1, 2, 3, 4, None),
     }
-    told = json.loads(encode_json(table), parse_constant=pytest.fail)
-    tour = {"pose": "a", "stop": 1, "stops": 2, "lap": 3, "laps": 4, "left": None}
-    assert told == {"y": [1.0, None], "late": None, "tour": tour}
+    content = json.loads(encode_json(table), parse_constant=pytest.fail)
+    sequence = {
+        "pose": "a",
+        "waypoint_number": 1,
+        "waypoints": 2,
+        "round_number": 3,
+        "rounds": 4,
+        "remaining_s": None,
+    }
+    assert content == {"y": [1.0, None], "late": None, "sequence": sequence}
 
 
 class LateClock:
-    """A clock on which some waits end late: ns by the count of the wait."""
+    """Clock on which some waits end late, by ns given for the index of the wait."""
 
     def __init__(self, clock: rs.Clock, late: dict[int, int]) -> None:
         self._clock, self._late, self._count = clock, late, -1
@@ -118,11 +126,11 @@ class LateClock:
 
 
 def test_the_curves_hold_the_values_of_the_ticks_and_the_largest_lateness() -> None:
-    lab, desk = laboratory(), Desk(get_context("spawn"))
-    board, ticks = make_dashboard(desk), list[rs.Tick]()
+    lab, channels = laboratory(), Desk(get_context("spawn"))
+    board, ticks = make_dashboard(channels), list[rs.Tick]()
     lab.plant.clock = LateClock(lab.plant.clock, {104: 4_000_000, 107: 7_000_000})
     for tick in rs.run(lab.plant, lab.servo(), lab.target, 5.0):
-        desk.ticks.add(tick)
+        channels.ticks.add(tick)
         if len(ticks) % 7 == 0:
             board.update()
         ticks.append(tick)
@@ -139,7 +147,7 @@ def test_the_curves_hold_the_values_of_the_ticks_and_the_largest_lateness() -> N
     assert sorted(late)[-1] == pytest.approx(7.0, abs=1e-6) and (late > 0.1).sum() <= 2
     servoed = np.array([by_time[round(t * 1e9)].state.phase is rs.Phase.SERVO for t in curves["t"]])
     first = replace(ticks[0], seen=replace(ticks[0].seen, now=ticks[-1].seen.now + 1_555_000_000))
-    desk.ticks.add(first)
+    channels.ticks.add(first)
     board.update()
     assert board.curves.after(len(samples))[0][-1] == 0.0  # another loop has another schedule
     moves = servoed & (np.abs(curves["measured_r"]) > 20.0)
@@ -154,16 +162,18 @@ def test_the_true_pose_error_belongs_to_the_joints_of_the_target() -> None:
     lab, settings = laboratory(), RigSettings()
     log = MotionLog(get_context("spawn"))
     log.add(0, 0, 0, False, np.zeros(3), lab.rig.scene.start)
-    desk = Desk(get_context("spawn"))
-    board = make_dashboard(desk, target=lab.target, truth=TruePositionError(settings, log))
+    channels = Desk(get_context("spawn"))
+    board = make_dashboard(channels, target=lab.target, truth=TruePositionError(settings, log))
     body = ToolBody(settings.mechanism, settings.tool)
-    off = body.points(lab.rig.scene.start)[1] - body.points(lab.target.q)[1]
-    assert board.to_table()["truth_mm"] == pytest.approx(np.linalg.norm(off), abs=1e-3)
+    error = body.points(lab.rig.scene.start)[1] - body.points(lab.target.q)[1]
+    assert board.to_table()["truth_mm"] == pytest.approx(np.linalg.norm(error), abs=1e-3)
     log.add(0, 0, 0, False, np.zeros(3), lab.target.q)
     assert board.to_table()["truth_mm"] == 0.0
-    assert make_dashboard(desk, target=lab.target).to_table()["truth_mm"] is None
+    assert make_dashboard(channels, target=lab.target).to_table()["truth_mm"] is None
     unknown = replace(lab.target, q=np.full(3, np.nan))
-    assert make_dashboard(desk, target=unknown, truth=board.truth).to_table()["truth_mm"] is None
+    assert (
+        make_dashboard(channels, target=unknown, truth=board.truth).to_table()["truth_mm"] is None
+    )
 
 
 def test_the_tool_in_the_scene_goes_through_its_markers() -> None:

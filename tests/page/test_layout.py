@@ -1,6 +1,4 @@
-"""The rule by which the page is built: NiceGUI lays out, and what changes is a component with its
-template. There is no third way.
-"""
+"""Construction of the page: NiceGUI's layout and Vue components with templates, nothing else."""
 
 import re
 from types import SimpleNamespace
@@ -20,7 +18,7 @@ PAGE = ROOT / "src/rcmservo/page"
 STATIC = PAGE / "web/static"
 BY_HAND = re.compile(r"createElement|innerHTML|insertAdjacent|replaceChildren|new Option")
 LOADS = re.compile(r"</?script\b[^>]*>|<link\b[^>]*>")
-"""Tags that load the page's own modules and style sheet."""
+"""Tags that load the modules and the style sheet of the page."""
 
 
 def test_python_has_no_html_and_javascript_creates_no_elements() -> None:
@@ -36,10 +34,10 @@ def test_each_component_is_placed_on_the_page_and_served() -> None:
     shape = Shape.of(laboratory().servo())
     site: Any = SimpleNamespace(
         title="a page",
-        doors=Doors(1, "s"),
+        access=Doors(1, "s"),
         stop_port=2,
         shape=shape,
-        troubles=list_live_disturbances(),
+        disturbances=list_live_disturbances(),
     )
     app = FastAPI()
     lay_out(site)

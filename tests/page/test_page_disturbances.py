@@ -1,5 +1,6 @@
-"""Trouble from the page's menu, and that what is pressed enables nothing. test_page.py goes on to
-the fault and its way out.
+"""Disturbances from the page's menu; none of them enables the drive.
+
+test_page.py tests the fault and the recovery from it.
 """
 
 from collections.abc import Iterator

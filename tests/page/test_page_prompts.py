@@ -1,5 +1,6 @@
-"""A person is asked at the page where the arm stands: what answers this question, and was read,
-counts, within the limits, and agreed to.
+"""Questions at the page: only an answer to the displayed question counts, after a time to read it.
+
+Joints must be within the limits and confirmed.
 """
 
 from multiprocessing import get_context
@@ -20,12 +21,15 @@ from rcmservo.page.prompts import MIN_READING_TIME_NS, PagePerson
 
 
 class Page:
-    """A person who sees what is said and answers it after so many looks, and the servo's plant, in
-    no time at all.
-    """
+    """Simulated operator who answers each question after some polls, with a plant and its clock."""
 
-    def __init__(self, *says: tuple[int, Any]) -> None:
-        self.desk, self.answers, self.polls, self.now = Desk(get_context("spawn")), list(says), 0, 0
+    def __init__(self, *answers: tuple[int, Any]) -> None:
+        self.channels, self.answers, self.polls, self.now = (
+            Desk(get_context("spawn")),
+            list(answers),
+            0,
+            0,
+        )
         self.prompts: list[Standby] = []
         self.notes: list[str] = []
         self.defined: Any = None
@@ -36,7 +40,7 @@ class Page:
         self.now = max(self.now, time)
 
     def _poll(self) -> bool:
-        for one in self.desk.said.heard():
+        for one in self.channels.said.heard():
             if isinstance(one, Standby):
                 self.prompts.append(one)
                 self.polls = 0
@@ -44,10 +48,10 @@ class Page:
                 self.notes.append(one.words)
         self.polls += 1
         if self.answers and self.polls == self.answers[0][0]:
-            told = self.answers.pop(0)[1]
-            if isinstance(told, str):
-                told = Reply(self.prompts[-1].question, told)
-            assert self.desk.wants.put(told)
+            answer = self.answers.pop(0)[1]
+            if isinstance(answer, str):
+                answer = Reply(self.prompts[-1].question, answer)
+            assert self.channels.wants.put(answer)
         return self.polls > 500
 
     def define(self, q: Any) -> None:
@@ -58,7 +62,7 @@ class Page:
 
 
 READ_AFTER_POLLS = MIN_READING_TIME_NS // 20_000_000 + 2
-"""Looks after which a question was read."""
+"""Number of polls after which an answer counts."""
 
 
 def test_typed_joints_are_within_limits_and_confirmed_before_the_arm_gets_them() -> None:
@@ -72,7 +76,7 @@ def test_typed_joints_are_within_limits_and_confirmed_before_the_arm_gets_them()
         (READ_AFTER_POLLS, typed),
         (READ_AFTER_POLLS, ""),
     )
-    define(PagePerson(page.desk, page.plant), page.plant, Lab())
+    define(PagePerson(page.channels, page.plant), page.plant, Lab())
     assert np.allclose(page.defined, start, atol=1e-4)
     words = [one.words for one in page.prompts]
     assert "Bring the arm by hand to a mark" in words[0]
@@ -85,15 +89,17 @@ def test_typed_joints_are_within_limits_and_confirmed_before_the_arm_gets_them()
 
 
 @pytest.mark.parametrize(
-    "told",
+    "answer",
     [
         (1, "0 0 100"),
         (READ_AFTER_POLLS, Reply("Another?", "0 0 100")),
         (READ_AFTER_POLLS, Enable()),
     ],
 )
-def test_a_premature_answer_or_one_to_another_question_is_ignored(told: Any) -> None:
-    page = Page(told)
+def test_a_premature_answer_or_one_to_another_question_is_ignored(answer: Any) -> None:
+    page = Page(answer)
     with pytest.raises(Stopped):
-        PagePerson(page.desk, page.plant).ask("Where?")
-    assert page.notes == (["the drive is off: answer first"] if told[1] == Enable() else [])
+        PagePerson(page.channels, page.plant).ask("Joints?")
+    assert page.notes == (
+        ["the drive is off: answer the question first"] if answer[1] == Enable() else []
+    )

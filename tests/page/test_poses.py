@@ -1,4 +1,4 @@
-"""Poses on disk: what is taught is a target's file, and no name and no damage does harm."""
+"""Poses on disk: target files in one folder, whatever their names, and damaged files."""
 
 from pathlib import Path
 from urllib.parse import unquote
@@ -33,15 +33,20 @@ def test_a_pose_is_stored_as_a_target_file_with_its_picture(
     tmp_path: Path,
 ) -> None:
     assert load_poses(tmp_path / "new").save("left of it", TARGET, b"picture") == ""
-    again = load_poses(tmp_path / "new")
-    assert same(again.targets["left of it"], TARGET) and again.picture("left of it") == b"picture"
+    reloaded = load_poses(tmp_path / "new")
+    assert (
+        same(reloaded.targets["left of it"], TARGET)
+        and reloaded.picture("left of it") == b"picture"
+    )
     (file,) = (tmp_path / "new").glob("*.json")
     assert same(target_file.load(file, SETUP), TARGET)
     other = rs.Target(TARGET.points + 1.0, TARGET.q)
-    again.save("left of it", other, b"other")
-    then = load_poses(tmp_path / "new")
-    assert same(then.targets["left of it"], other) and then.picture("left of it") == b"other"
-    assert then.delete("left of it") == ""
+    reloaded.save("left of it", other, b"other")
+    replaced = load_poses(tmp_path / "new")
+    assert (
+        same(replaced.targets["left of it"], other) and replaced.picture("left of it") == b"other"
+    )
+    assert replaced.delete("left of it") == ""
     assert not list((tmp_path / "new").iterdir()) and not load_poses(tmp_path / "new").targets
 
 
@@ -53,8 +58,8 @@ def test_a_damaged_file_or_one_of_another_rig_is_refused_with_the_reason(
     made.save("there", TARGET, b"")
     there = tmp_path / "there.json"
     there.write_text(there.read_text().replace("100.0", "101.0"))
-    again = load_poses(tmp_path)
-    assert list(again.targets) == ["here"] and "checksum" in again.refused["there"]
+    reloaded = load_poses(tmp_path)
+    assert list(reloaded.targets) == ["here"] and "checksum" in reloaded.refused["there"]
     other = load_poses(tmp_path, seed=2)
     assert not other.targets and "show the target again" in other.refused["here"]
 
@@ -84,15 +89,15 @@ def test_names_that_are_paths_stay_inside_the_folder(tmp_path: Path, name: str) 
 def test_a_pose_that_cannot_be_written_is_reported_and_remains_usable(tmp_path: Path) -> None:
     (file := tmp_path / "file").write_text("")
     made = load_poses(file / "in")
-    assert "here is not kept" in made.save("here", TARGET, b"") and "here" in made.targets
-    assert "too long a name" in made.save("ü" * 40, TARGET, b"")
+    assert "here is not stored" in made.save("here", TARGET, b"") and "here" in made.targets
+    assert "a name longer than 200 bytes" in made.save("ü" * 40, TARGET, b"")
 
 
 @pytest.mark.parametrize("cause", list(Cause))
 def test_the_recovery_actions_match_the_way_out_in_words(cause: Cause) -> None:
     phase = rs.Phase.FAULT if cause.action is Action.FAULT else rs.Phase.PAUSED
     offered = list_recovery_actions(phase, cause)
-    assert ("show" in offered) == ("show the target again" in cause.way_out)
+    assert ("teach_again" in offered) == ("show the target again" in cause.way_out)
     if "resume" in cause.way_out and phase is rs.Phase.PAUSED:
         assert offered[-1] == "resume"
     if "clear" in cause.way_out.split() and phase is rs.Phase.FAULT:

@@ -1,6 +1,4 @@
-"""`rcmservo serve --host 0.0.0.0 --token-file`: from elsewhere a browser signs in once, and then
-has the page, its pictures and STOP.
-"""
+"""`rcmservo serve --host 0.0.0.0 --token-file`: a remote browser signs in once."""
 
 import contextlib
 import json
@@ -27,9 +25,9 @@ def test_a_remote_browser_signs_in_and_gets_pictures_and_stop(tmp_path: Path) ->
         browser = urllib.request.build_opener(urllib.request.HTTPCookieProcessor(jar))
         with pytest.raises(urllib.error.HTTPError, match="401"):
             browser.open(address)
-        told = urllib.parse.urlencode({"token": file.read_text().strip()}).encode()
+        form = urllib.parse.urlencode({"token": file.read_text().strip()}).encode()
         page = re.search(
-            r"window\.RCMSERVO = (\{.*?\});", browser.open(address, told).read().decode()
+            r"window\.RCMSERVO = (\{.*?\});", browser.open(address, form).read().decode()
         )
         assert page is not None
         site, port = json.loads(page[1]), int(address.rpartition(":")[2])

@@ -1,6 +1,4 @@
-"""A stop stays until a person clears it who has seen it, and nothing goes on without the processes
-that hear and show.
-"""
+"""Sessions: a stop lasts until the operator clears manager, and the needed processes must live."""
 
 import sys
 from collections.abc import Callable
@@ -16,7 +14,7 @@ from rcmservo.page.sessions import Sessions, StopPressed
 
 
 def switch_off(began: bool) -> str:
-    return "it is off" if began else "it was off"
+    return "manager is off" if began else "manager was off"
 
 
 def fail() -> Any:
@@ -24,49 +22,49 @@ def fail() -> Any:
 
 
 class StatusChannel(list[object]):
-    """What is said to the page; once a stop can be cleared, somebody rings."""
+    """Status messages; once a stop can be cleared, requests follow."""
 
-    def __init__(self, ring: Callable[[], None]) -> None:
-        self._request = ring
+    def __init__(self, send_requests: Callable[[], None]) -> None:
+        self._request = send_requests
 
-    def put(self, said: object) -> bool:
-        self.append(said)
-        if isinstance(said, Standby) and said.can_clear:
+    def put(self, messages: object) -> bool:
+        self.append(messages)
+        if isinstance(messages, Standby) and messages.can_clear:
             self._request()
         return True
 
 
 def sessions(
-    *rings: str, needed: dict[int, str] | None = None
+    *requests: str, needed: dict[int, str] | None = None
 ) -> tuple[Sessions, Desk, StatusChannel]:
-    desk: Any = Desk(get_context("spawn"))
-    desk.said = StatusChannel(lambda: [desk.bell.put(ring) for ring in rings] and None)
-    return Sessions(desk, fail, switch_off, needed or {}, fail), desk, desk.said
+    channels: Any = Desk(get_context("spawn"))
+    channels.said = StatusChannel(lambda: [channels.bell.put(one) for one in requests] and None)
+    return Sessions(channels, fail, switch_off, needed or {}, fail), channels, channels.said
 
 
 def test_a_stop_is_reported_at_once_and_can_be_cleared_later() -> None:
-    it, desk, said = sessions(CLEAR)
-    desk.bell.put(CLEAR)
-    it._handle_stop_request()
-    assert not said
-    desk.bell.put(CLEAR)
-    desk.bell.put(STOP)
-    with pytest.raises(StopPressed, match="STOP was pressed: it was off"):
-        it._handle_stop_request()
-    assert said == [Standby("STOP was pressed: it was off", is_latched=True)]
-    it._latch("why")
-    assert said[1:] == [Standby("why", is_latched=True, can_clear=True)]
+    manager, channels, messages = sessions(CLEAR)
+    channels.bell.put(CLEAR)
+    manager._handle_stop_request()
+    assert not messages
+    channels.bell.put(CLEAR)
+    channels.bell.put(STOP)
+    with pytest.raises(StopPressed, match="STOP was pressed: manager was off"):
+        manager._handle_stop_request()
+    assert messages == [Standby("STOP was pressed: manager was off", is_latched=True)]
+    manager._latch("why")
+    assert messages[1:] == [Standby("why", is_latched=True, can_clear=True)]
 
 
 def test_a_clear_request_before_the_stop_can_be_cleared_is_ignored() -> None:
-    it, desk, _ = sessions("", CLEAR, STOP, "", needed={ended_process(): "the end"})
-    desk.bell.put(CLEAR)
+    manager, channels, _ = sessions("", CLEAR, STOP, "", needed={ended_process(): "the end"})
+    channels.bell.put(CLEAR)
     with pytest.raises(Stopped, match="the end"):
-        it._latch("why")
+        manager._latch("why")
 
 
 def ended_process() -> int:
-    """The sentinel of a process that is over soon."""
+    """Return the sentinel of a process that ends soon."""
     process = get_context("spawn").Process(target=sys.exit)
     process.start()
     PROCESSES.append(process)
@@ -77,7 +75,7 @@ PROCESSES: list[Any] = []
 
 
 def test_the_end_of_a_needed_process_is_reported_with_its_name() -> None:
-    it, _, _ = sessions(needed={ended_process(): "the ear"})
-    it._has_begun = True
-    with pytest.raises(Stopped, match="the ear has ended by itself; it is off"):
-        it._latch("why")
+    manager, _, _ = sessions(needed={ended_process(): "the stop process"})
+    manager._has_begun = True
+    with pytest.raises(Stopped, match="the stop process has ended by itself; manager is off"):
+        manager._latch("why")

@@ -1,5 +1,6 @@
-"""Settings on the page: whole boxes, validated by their dataclass, that hold at once or from the
-next session on, and never loosen a bound that was handed in.
+"""Settings on the page: parts of the servo, validated by their dataclasses.
+
+They act at once or from the next session on, and never exceed a given limit.
 """
 
 import json
@@ -35,9 +36,9 @@ NOW = 10**12
 
 
 def table_of(part: str, servo: rs.Servo | None = None, **others: Any) -> dict[str, Any]:
-    """What the page sends for a box."""
-    told: Any = describe(servo or laboratory().servo())
-    return told[part] | others
+    """Return the table that the page sends for a part."""
+    content: Any = describe(servo or laboratory().servo())
+    return content[part] | others
 
 
 def make_change(part: str, **others: Any) -> Change:
@@ -47,28 +48,28 @@ def make_change(part: str, **others: Any) -> Change:
 def run_session(
     script: dict[int, list[object]], seconds: float, chosen: Chosen, path: Path | None = None
 ) -> tuple[list[rs.Tick], list[object]]:
-    """A session under the page's operator, recorded at the path."""
-    lab, desk, ticks = laboratory(), Desk(get_context("spawn")), list[rs.Tick]()
-    operator, said = PageOperator(desk, chosen), list[object]()
+    """Run a session with the page's operator, recorded at the path; return ticks and messages."""
+    lab, channels, ticks = laboratory(), Desk(get_context("spawn")), list[rs.Tick]()
+    operator, messages = PageOperator(channels, chosen), list[object]()
 
-    def person(tick: rs.Tick) -> OperatorRequest:
+    def operate(tick: rs.Tick) -> OperatorRequest:
         for one in script.get(len(ticks) - 1, [Heartbeat()]):
-            assert dispatch(one, desk)
-        want = operator(tick)
-        said.extend(desk.said.heard())
-        return want
+            assert dispatch(one, channels)
+        request = operator(tick)
+        messages.extend(channels.said.heard())
+        return request
 
     servo = chosen.limited
     recorder = Recorder(path, {}) if path else None
     if recorder:
         recorder.begin(servo, lab.target)
-    for tick in rs.run(lab.plant, servo, lab.target, seconds, operator=person):
+    for tick in rs.run(lab.plant, servo, lab.target, seconds, operator=operate):
         ticks.append(tick)
         if recorder:
             recorder.write(tick)
     if recorder:
         recorder.close()
-    return ticks, said
+    return ticks, messages
 
 
 def go() -> Go:
@@ -80,7 +81,9 @@ def test_a_changed_controller_acts_from_the_next_tick_and_its_record_replays_bit
 ) -> None:
     change = make_change("controller", gain=0.7)
     chosen = Chosen(laboratory().servo())
-    ticks, said = run_session({20: [go()], 220: [change]}, 5.0, chosen, tmp_path / reader.RECORD)
+    ticks, messages = run_session(
+        {20: [go()], 220: [change]}, 5.0, chosen, tmp_path / reader.RECORD
+    )
     assert [ticks[k].servo.controller.gain for k in (220, 221, -1)] == [8.0, 0.7, 0.7]
     speeds = [np.linalg.norm(tick.state.v) for tick in ticks[220:222]]
     assert ticks[220].state.phase is rs.Phase.SERVO and speeds[1] < 0.3 * speeds[0]
@@ -89,8 +92,8 @@ def test_a_changed_controller_acts_from_the_next_tick_and_its_record_replays_bit
     stages = again.recorded.stages
     assert [stage.mid_run for stage in stages] == [False, True] and stages[1].first == 221
     assert [stage.servo["controller"]["gain"] for stage in stages] == [8.0, 0.7]
-    forced = [one.servo.controller.gain for one in said if isinstance(one, SettingsApplied)]
-    assert forced == [8.0, 0.7] and chosen.servo.controller.gain == 8.0
+    applied = [one.servo.controller.gain for one in messages if isinstance(one, SettingsApplied)]
+    assert applied == [8.0, 0.7] and chosen.servo.controller.gain == 8.0
 
 
 def test_a_change_in_motion_goes_through_the_gate_without_a_jump() -> None:
@@ -110,9 +113,9 @@ def test_no_setting_exceeds_the_given_limit() -> None:
     chosen = Chosen(laboratory().servo(), reduce_speed)
     fast = make_change("controller", max_speed=1e6)
     ticks, _ = run_session({20: [fast, go()]}, 3.0, chosen)
-    full, held = chosen.servo, ticks[-1].servo
-    assert held.controller.max_speed == pytest.approx(1e5)
-    assert held.gate.speed == reduce_speed(full).gate.speed
+    full, limited = chosen.servo, ticks[-1].servo
+    assert limited.controller.max_speed == pytest.approx(1e5)
+    assert limited.gate.speed == reduce_speed(full).gate.speed
     fastest = np.abs([tick.state.command.rates for tick in ticks]).max(axis=0)
     assert (fastest <= 0.1 * (1.0 + 1e-9) * np.array(full.gate.speed)).all() and fastest.any()
     assert not {"gate", "thresholds", "mechanism", "tool"} & set(BOXES)
@@ -122,12 +125,12 @@ def test_the_estimator_stays_during_a_run_and_incompatible_settings_are_reported
     chosen = Chosen(laboratory().servo())
     flow = decode_change("estimator", {"kind": "flow", "gamma": 0.002})
     sizes = make_change("controller", features="size")
-    ticks, said = run_session(
+    ticks, messages = run_session(
         {20: [flow], 30: [sizes], 40: [make_change("controller", gain=2.0)]}, 1.0, chosen
     )
     assert {type(tick.servo.estimator) for tick in ticks} == {rs.DltEstimator}
     assert ticks[-1].servo.controller.gain == 2.0 and len(ticks) == 100
-    (note,) = [one.words for one in said if isinstance(one, Note)]
+    (note,) = [one.words for one in messages if isinstance(one, Note)]
     assert note.startswith("not before the next session: controller.features must be")
 
 
@@ -136,26 +139,26 @@ def test_waiting_settings_and_targets_are_checked_against_each_other() -> None:
     servo = lab.servo(estimator=rs.AffineEstimator())
     with_sizes = replace(lab.target, sizes=np.array([9.0, 9.0]))
     sizes = make_change("controller", features="size")
-    ticks, said = run_session({20: [Go(with_sizes), sizes, Go(lab.target)]}, 1.0, Chosen(servo))
+    ticks, messages = run_session({20: [Go(with_sizes), sizes, Go(lab.target)]}, 1.0, Chosen(servo))
     assert len(ticks) == 100 and ticks[-1].servo.controller.features == "size"
-    assert any("markers' sizes" in one.words for one in said if isinstance(one, Note))
+    assert any("markers' sizes" in one.words for one in messages if isinstance(one, Note))
 
 
 def interpret(part: object, table: object, control: str = "a", at: int = NOW) -> Any:
-    text = json.dumps({"do": "set", "box": part, "table": table, "at": at})
+    text = json.dumps({"do": "set", "part": part, "table": table, "at": at})
     return interpret_message(text, "a", ControlOwnership(control), lambda name: None, NOW)
 
 
 def test_a_table_from_a_browser_is_decoded_to_a_change() -> None:
-    told = interpret("controller", table_of("controller", gain=3))
-    assert told.box == "controller" and told.value == rs.SaturatedController(gain=3.0)
+    content = interpret("controller", table_of("controller", gain=3))
+    assert content.part == "controller" and content.value == rs.SaturatedController(gain=3.0)
 
 
 @pytest.mark.parametrize(
-    ("box", "table", "why"),
+    ("part", "table", "reason"),
     [
-        ("gate", {}, "box must be one of controller, estimator, exploration, imaged_rcm"),
-        (["controller"], {}, "box must be one of"),
+        ("gate", {}, "part must be one of controller, estimator, exploration, imaged_rcm"),
+        (["controller"], {}, "part must be one of"),
         ("controller", None, "controller must be a table"),
         ("controller", {"kind": "saturated"}, "controller.features must be given"),
         ("controller", {"gain": -1.0}, "controller.gain must be a positive gain in 1/s, got -1"),
@@ -170,54 +173,58 @@ def test_a_table_from_a_browser_is_decoded_to_a_change() -> None:
     ],
 )
 def test_an_invalid_table_is_refused_with_the_name_of_the_field(
-    box: Any, table: Any, why: str
+    part: Any, table: Any, reason: str
 ) -> None:
-    whole = table_of(box) | table if isinstance(table, dict) and box in BOXES else table
+    whole = table_of(part) | table if isinstance(table, dict) and part in BOXES else table
     whole = table if table == {"kind": "saturated"} else whole
     with pytest.raises(MessageRefused) as refused:
-        interpret(box, whole)
-    assert why in str(refused.value)
+        interpret(part, whole)
+    assert reason in str(refused.value)
 
 
 def test_settings_need_control_and_a_recent_display() -> None:
     table = table_of("controller")
     with pytest.raises(MessageRefused, match="another browser has control"):
         interpret("controller", table, control="b")
-    with pytest.raises(MessageRefused, match="too late"):
+    with pytest.raises(MessageRefused, match="too old"):
         interpret("controller", table, at=NOW - 10**9)
 
 
 def test_a_change_goes_to_the_supervisor_always_and_to_the_servo_while_it_runs() -> None:
-    desk = Desk(get_context("spawn"))
+    channels = Desk(get_context("spawn"))
     chosen, board = (
         Chosen(laboratory().servo()),
-        make_dashboard(desk, between=Standby("the drive is off")),
+        make_dashboard(channels, standby=Standby("the drive is off")),
     )
     gain, flow = (
         make_change("controller", gain=2.0),
         decode_change("estimator", {"kind": "flow", "gamma": 1.0}),
     )
-    assert change_settings(gain, chosen, desk, board) == ""
+    assert change_settings(gain, chosen, channels, board) == ""
     board.standby = None
     assert (
-        change_settings(gain, chosen, desk, board)
-        == change_settings(flow, chosen, desk, board)
+        change_settings(gain, chosen, channels, board)
+        == change_settings(flow, chosen, channels, board)
         == ""
     )
     sizes = make_change("controller", features="size")
-    assert change_settings(sizes, chosen, desk, board).startswith("controller.features must be")
-    assert [one.box for one in desk.changes.heard()] == ["controller", "controller", "estimator"]
-    assert [one.box for one in desk.wants.heard()] == ["controller"]
+    assert change_settings(sizes, chosen, channels, board).startswith("controller.features must be")
+    assert [one.part for one in channels.changes.heard()] == [
+        "controller",
+        "controller",
+        "estimator",
+    ]
+    assert [one.part for one in channels.wants.heard()] == ["controller"]
     assert chosen.servo.controller.gain == 2.0 and board.settings_version == 3
 
 
 def test_settings_restart_only_a_session_that_is_not_enabled() -> None:
-    desk, taken = Desk(get_context("spawn")), list[Change]()
-    sessions = Sessions(desk, lambda: None, lambda began: "", {}, taken.append)  # pyright: ignore
+    channels, taken = Desk(get_context("spawn")), list[Change]()
+    sessions = Sessions(channels, lambda: None, lambda began: "", {}, taken.append)  # pyright: ignore
     change = make_change("controller", gain=2.0)
     for waits in (True, False):
         sessions._is_waiting = waits
-        desk.changes.put(change)
+        channels.changes.put(change)
         if waits:
             with pytest.raises(SessionRestart):
                 sessions._apply_changes()
@@ -228,14 +235,14 @@ def test_settings_restart_only_a_session_that_is_not_enabled() -> None:
 
 def test_every_field_of_a_form_has_its_description_and_unit() -> None:
     servo = laboratory().servo()
-    by_box = {form["box"]: form for form in forms(servo, None)}
-    titles = [form["title"] for form in by_box.values()]
+    by_part = {form["part"]: form for form in forms(servo, None)}
+    titles = [form["title"] for form in by_part.values()]
     assert titles == ["Controller", "Estimator", "Exploration", "Imaged RCM"]
-    assert tuple(by_box) == BOXES and by_box["estimator"]["set"] == {"kind": "dlt"}
-    for form in by_box.values():
+    assert tuple(by_part) == BOXES and by_part["estimator"]["selected"] == {"kind": "dlt"}
+    for form in by_part.values():
         for kind in form["kinds"].values():
-            assert kind["words"] and all(field["words"] for field in kind["fields"])
-    law = {field["name"]: field for field in by_box["controller"]["kinds"]["saturated"]["fields"]}
+            assert kind["description"] and all(field["description"] for field in kind["fields"])
+    law = {field["name"]: field for field in by_part["controller"]["kinds"]["saturated"]["fields"]}
     assert list(law) == [f.name for f in fields(rs.SaturatedController)]
     units = {name: field["unit"] for name, field in law.items() if field["unit"]}
     assert units == {"gain": "1/s", "bounds": "rad, px, px", "max_speed": "mm/s", "tip": "mm"}
@@ -246,14 +253,14 @@ def test_every_field_of_a_form_has_its_description_and_unit() -> None:
 
 def test_the_state_of_the_estimator_is_described() -> None:
     servo = laboratory().servo()
-    told = [
+    content = [
         describe_estimator(servo, False, np.inf, rs.Phase.PAUSED),
         describe_estimator(servo, False, np.inf, rs.Phase.ACQUIRE),
         describe_estimator(servo, True, 12.3456, rs.Phase.SERVO),
         describe_estimator(servo, True, 100.0, rs.Phase.SERVO),
     ]
-    assert told == [
-        "Estimator dlt: knows nothing yet, Go explores first",
+    assert content == [
+        "Estimator dlt: no estimate yet; Go explores first",
         "Estimator dlt: exploring",
         "Estimator dlt: explored, condition of Ĵ 12.3",
         "Estimator dlt: explored, condition of Ĵ 100, so high that the law is damped",

@@ -1,6 +1,4 @@
-"""Who is let in from elsewhere: a browser that was given the token, at an address of this server,
-and its own pages only.
-"""
+"""Sign-in, host and origin: only a browser with the token, and only this server's pages."""
 
 import stat
 from pathlib import Path
@@ -33,7 +31,7 @@ EVIL = {"origin": "http://evil.example"}
 
 
 class Server:
-    """A server that asks for the token, at a time that is told."""
+    """Server that requires the token, with a settable time."""
 
     def __init__(self, token: str = TOKEN) -> None:
         async def page(request: Any) -> PlainTextResponse:
@@ -74,17 +72,17 @@ def test_only_the_sign_in_page_is_served_without_the_token() -> None:
 
 
 def test_the_token_opens_page_and_websockets_until_the_server_ends() -> None:
-    lab = Server()
-    browser = lab.browser()
+    server = Server()
+    browser = server.browser()
     known = browser.post("/", data={"token": f" {TOKEN}\n"}, headers={"origin": PAGE_ADDRESS})
     assert known.status_code == 303 and known.headers["location"] == "/"
     cookie = known.headers["set-cookie"].lower()
     assert "httponly" in cookie and "samesite=strict" in cookie and TOKEN not in cookie
     assert browser.get("/").text == "the secret" and opens_websocket(browser, origin=PAGE_ADDRESS)
-    assert lab.browser().get("/").status_code == 401  # another one
+    assert server.browser().get("/").status_code == 401  # another browser
     after = Server().browser()
     after.cookies = browser.cookies
-    assert after.get("/").status_code == 401  # an old session
+    assert after.get("/").status_code == 401  # a cookie of an earlier server
 
 
 @pytest.mark.parametrize("token", ["", TOKEN[:-1], TOKEN + "x", TOKEN.upper(), "é" * 16])
@@ -104,14 +102,14 @@ def test_random_content_instead_of_a_token_is_refused(sent: bytes) -> None:
 
 
 def test_failed_attempts_delay_only_their_address() -> None:
-    lab = Server()
-    guesser = lab.browser()
+    server = Server()
+    guesser = server.browser()
     for _ in range(MAX_FAILED_ATTEMPTS):
         assert guesser.post("/", data={"token": "wrong"}).status_code == 403
     waits = guesser.post("/", data={"token": TOKEN})
-    assert waits.status_code == 429 and "wait 60 s" in waits.text  # were it the right one by now
-    assert lab.browser(client="192.168.1.10").post("/", data={"token": TOKEN}).status_code == 303
-    lab.now = ATTEMPT_WINDOW_S
+    assert waits.status_code == 429 and "wait 60 s" in waits.text  # although this token is correct
+    assert server.browser(client="192.168.1.10").post("/", data={"token": TOKEN}).status_code == 303
+    server.now = ATTEMPT_WINDOW_S
     assert guesser.post("/", data={"token": TOKEN}).status_code == 303
 
 
@@ -134,7 +132,7 @@ def test_a_page_of_another_origin_is_refused_in_a_signed_in_browser() -> None:
         for origin in ("http://evil.example", "null", f"https://{LAB}:8080", f"http://{LAB}"):
             assert browser.get("/", headers={"origin": origin}).status_code == 403
             assert not opens_websocket(browser, origin=origin)
-        assert not opens_websocket(browser)  # no browser is silent about it
+        assert not opens_websocket(browser)  # every browser sends an origin
         assert browser.post("/_nicegui_ws/socket.io/", headers=EVIL).status_code == 403
 
 
@@ -161,33 +159,33 @@ def test_the_page_forbids_frames() -> None:
 def test_the_host_must_be_the_address_of_the_server(address: str, names: set[str]) -> None:
     assert set(host_names(address)) == names
     for host in ("127.0.0.1", "localhost", LAB, "evil.example", "", "0.0.0.0", "192.168.1.6"):
-        for told in (host, f"{host}:8080", f"{host.upper()}:22"):
-            refused = find_refusal(Headers({"host": told}), address, 8080, origin_required=False)
-            assert (refused is None) == (host in names), (address, told)
+        for headers in (host, f"{host}:8080", f"{host.upper()}:22"):
+            refused = find_refusal(Headers({"host": headers}), address, 8080, origin_required=False)
+            assert (refused is None) == (host in names), (address, headers)
 
 
 def test_a_websocket_needs_exactly_one_host_and_one_origin() -> None:
-    host, ours, other = (
+    host, origin, other = (
         (b"host", LAB.encode()),
         (b"origin", PAGE_ADDRESS.encode()),
         (b"origin", b"null"),
     )
-    for raw, good in (
-        ([host, ours], True),
+    for raw, is_accepted in (
+        ([host, origin], True),
         ([host], False),
-        ([ours], False),
-        ([host, host, ours], False),
-        ([host, ours, other], False),
+        ([origin], False),
+        ([host, host, origin], False),
+        ([host, origin, other], False),
     ):
-        assert (find_refusal(Headers(raw=raw), LAB, 8080, origin_required=True) is None) == good, (
-            raw
-        )
+        assert (
+            find_refusal(Headers(raw=raw), LAB, 8080, origin_required=True) is None
+        ) == is_accepted, raw
 
 
 def test_an_origin_omits_port_80() -> None:
-    for origin, good in ((f"http://{LAB}", True), (f"http://{LAB}:80", False)):
-        told = Headers({"host": LAB, "origin": origin})
-        assert (find_refusal(told, LAB, 80, origin_required=True) is None) == good
+    for origin, is_accepted in ((f"http://{LAB}", True), (f"http://{LAB}:80", False)):
+        headers = Headers({"host": LAB, "origin": origin})
+        assert (find_refusal(headers, LAB, 80, origin_required=True) is None) == is_accepted
 
 
 def test_a_token_is_created_once_and_only_its_owner_can_read_it(tmp_path: Path) -> None:
@@ -201,7 +199,7 @@ def test_a_token_is_created_once_and_only_its_owner_can_read_it(tmp_path: Path) 
 def test_a_token_that_others_can_read_is_refused(tmp_path: Path, mode: int) -> None:
     (file := tmp_path / "token").write_text(TOKEN)
     file.chmod(mode)
-    with pytest.raises(UnusableFile, match=r"others than its owner.*: chmod 600"):
+    with pytest.raises(UnusableFile, match=r"others than its owner: chmod 600"):
         load_token(file)
     file.chmod(0o600)
     assert load_token(file) == TOKEN
@@ -217,12 +215,12 @@ def test_an_invalid_token_is_refused(tmp_path: Path, text: str) -> None:
 
 def test_a_token_file_that_cannot_be_created_is_reported(tmp_path: Path) -> None:
     tmp_path.chmod(0o700)
-    for file, why in ((tmp_path, "no file that could|cannot be"), (tmp_path / "no/token", "made")):
+    for file, why in ((tmp_path, "not a regular file|cannot be"), (tmp_path / "no/token", "made")):
         with pytest.raises(UnusableFile, match=why):
             load_token(file)
 
 
-@pytest.mark.parametrize("host", ["lab", "", "::1", "1.2.3", "1.2.3.4:80", "127.0.0.1 "])
+@pytest.mark.parametrize("host", ["server", "", "::1", "1.2.3", "1.2.3.4:80", "127.0.0.1 "])
 def test_an_invalid_address_is_refused(host: str) -> None:
     with pytest.raises(BadInput, match="--host must be an IPv4 address"):
         token_for(host, None)
@@ -231,6 +229,6 @@ def test_an_invalid_address_is_refused(host: str) -> None:
 @pytest.mark.parametrize("host", ["0.0.0.0", LAB])
 def test_remote_browsers_need_a_token_file(host: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["serve", "--no-browser", "--host", host]) == 2
-    said = capsys.readouterr().err
-    assert "without --token-file" in said and said.count("\n") == 1
+    error = capsys.readouterr().err
+    assert "without --token-file" in error and error.count("\n") == 1
     assert token_for("127.0.0.1", None) == ""

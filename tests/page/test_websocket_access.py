@@ -1,6 +1,4 @@
-"""The page's websockets from outside: forged ones are not let in, and what is let in moves nothing
-without control and a fresh moment.
-"""
+"""Websockets of the page: forged ones are refused; requests need control and a fresh display."""
 
 import json
 import re
@@ -18,15 +16,15 @@ pytestmark = pytest.mark.alone
 
 
 class Site:
-    """A server's address, and what its page tells a browser."""
+    """Address of a server and the parameters in its page."""
 
     def __init__(self, address: str) -> None:
         self.address = address
-        told = re.search(
+        match = re.search(
             r"window\.RCMSERVO = (\{.*?\});", urllib.request.urlopen(address).read().decode()
         )
-        assert told is not None
-        self.parameters = json.loads(told[1])
+        assert match is not None
+        self.parameters = json.loads(match[1])
 
     def open(self, path: str, origin: str | None = None, **changes: Any) -> ClientConnection:
         port = self.parameters["stopPort"] if path == "/stop" else self.address.rpartition(":")[2]
@@ -35,7 +33,7 @@ class Site:
         return connect(url, origin=Origin(origin or self.address))
 
     def board(self, wire: ClientConnection) -> dict[str, Any]:
-        """The newest of a browser's pictures, without the picture."""
+        """Return the newest content of the page, without the picture."""
         wire.send("next")
         data = wire.recv(20.0)
         assert isinstance(data, bytes)
@@ -67,7 +65,7 @@ def test_websockets_of_another_origin_or_without_the_secret_are_refused(
         with pytest.raises(InvalidStatus, match="403"):
             site.open(path, secret=secret)
     with site.open(path):
-        """It is let in."""
+        """The websocket is accepted."""
 
 
 def test_another_host_name_is_refused(site: Site) -> None:
@@ -86,24 +84,24 @@ def test_another_origin_is_refused_at_niceguis_socket(site: Site) -> None:
         with pytest.raises(urllib.error.HTTPError, match="403"):
             urllib.request.urlopen(request)
         with pytest.raises(InvalidStatus, match="403"):
-            site.open(f"{path}websocket&told", origin)
+            site.open(f"{path}websocket&match", origin)
 
 
 def test_a_watcher_or_a_late_message_is_refused_with_the_reason(site: Site) -> None:
-    with site.open("/pictures") as eye, site.open("/operate") as holder:
-        at = site.until(eye, "OFF")["at"] - 1_000_000_000
+    with site.open("/pictures") as pictures, site.open("/operate") as holder:
+        at = site.until(pictures, "OFF")["at"] - 1_000_000_000
         name = json.loads(holder.recv(20.0))["name"]
-        assert site.board(eye)["holder"] == name
+        assert site.board(pictures)["holder"] == name
         with site.open("/operate") as watcher:
             assert json.loads(watcher.recv(20.0))["name"] != name
-            watcher.send(json.dumps({"do": "enable", "at": site.board(eye)["at"]}))
+            watcher.send(json.dumps({"do": "enable", "at": site.board(pictures)["at"]}))
             assert "another browser has control" in json.loads(watcher.recv(20.0))["refused"]
-        for message, why in (
-            (json.dumps({"do": "enable", "at": at}), "too late"),
-            (b"\xff\xfe", "no JSON"),
-            ("{", "no JSON"),
+        for message, reason in (
+            (json.dumps({"do": "enable", "at": at}), "too old"),
+            (b"\xff\xfe", "not JSON"),
+            ("{", "not JSON"),
         ):
             holder.send(message)
-            assert why in json.loads(holder.recv(20.0))["refused"]
+            assert reason in json.loads(holder.recv(20.0))["refused"]
         for _ in range(5):
-            assert site.board(eye)["phase"] == "OFF"
+            assert site.board(pictures)["phase"] == "OFF"

@@ -130,7 +130,7 @@ def test_it_is_an_option_of_a_run_whose_record_replays_bit_for_bit(
 
 def test_it_is_a_choice_of_the_pages_settings(outside: Any) -> None:
     del outside
-    form = next(form for form in forms(laboratory().servo(), None) if form["box"] == "controller")
+    form = next(form for form in forms(laboratory().servo(), None) if form["part"] == "controller")
     fields = {field["name"]: field for field in form["kinds"]["saturated"]["fields"]}
     assert fields["features"]["choices"] == ["srd", "points", "size", "pose"]
 
