@@ -39,8 +39,8 @@ def test_kinds_and_parameters_that_the_menu_lacks_are_refused(text: str) -> None
 
 @pytest.fixture
 def device(tmp_path: Path) -> Iterator[ArmDevice]:
-    with open_socket(arm_socket_path(tmp_path)) as wire:
-        yield ArmDevice(Rig(1, pictures=False), wire, MotionLog(get_context("spawn")), 0)
+    with open_socket(arm_socket_path(tmp_path)) as websocket:
+        yield ArmDevice(Rig(1, pictures=False), websocket, MotionLog(get_context("spawn")), 0)
 
 
 def test_an_emergency_stop_prevents_enable_and_its_release_enables_nothing(

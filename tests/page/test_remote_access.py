@@ -37,9 +37,9 @@ def test_a_remote_browser_signs_in_and_gets_pictures_and_stop(tmp_path: Path) ->
             url = f"ws://{urllib.parse.urlsplit(address).hostname}:{port}{path}"
             with connect(
                 f"{url}?secret={site['secret']}", origin=Origin(address), additional_headers=headers
-            ) as wire:
-                wire.send("next")
-                return wire.recv(20.0)
+            ) as websocket:
+                websocket.send("next")
+                return websocket.recv(20.0)
 
         assert opened("/stop", site["stopPort"], {}) == "heard"
         assert len(opened("/pictures", port, cookie)) > 1000

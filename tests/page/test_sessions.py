@@ -1,4 +1,4 @@
-"""Sessions: a stop lasts until the operator clears manager, and the needed processes must live."""
+"""Sessions: a stop lasts until the operator clears it, and the needed processes must live."""
 
 import sys
 from collections.abc import Callable

@@ -37,11 +37,13 @@ class Server:
         async def page(request: Any) -> PlainTextResponse:
             return PlainTextResponse("the secret")
 
-        async def wire(wire: WebSocket) -> None:
-            await wire.accept()
-            await wire.close()
+        async def websocket(websocket: WebSocket) -> None:
+            await websocket.accept()
+            await websocket.close()
 
-        app = Starlette(routes=[Route("/{path:path}", page), WebSocketRoute("/wire", wire)])
+        app = Starlette(
+            routes=[Route("/{path:path}", page), WebSocketRoute("/websocket", websocket)]
+        )
         sign_in = SignIn(token, 8080, lambda: self.now) if token else None
         self.now, self.app = 0.0, OriginCheck(app, 8080, sign_in)
 
@@ -56,8 +58,8 @@ class Server:
 
 def opens_websocket(browser: Any, **headers: str) -> bool:
     try:
-        with browser.websocket_connect(f"ws://{LAB}:8080/wire", headers=headers) as wire:
-            wire.close()
+        with browser.websocket_connect(f"ws://{LAB}:8080/websocket", headers=headers) as websocket:
+            websocket.close()
     except WebSocketDisconnect:
         return False
     return True

@@ -32,16 +32,16 @@ class Site:
         url = f"ws://127.0.0.1:{port}{path}?secret={secret}"
         return connect(url, origin=Origin(origin or self.address))
 
-    def board(self, wire: ClientConnection) -> dict[str, Any]:
+    def board(self, websocket: ClientConnection) -> dict[str, Any]:
         """Return the newest content of the page, without the picture."""
-        wire.send("next")
-        data = wire.recv(20.0)
+        websocket.send("next")
+        data = websocket.recv(20.0)
         assert isinstance(data, bytes)
         return json.loads(data[4 : 4 + int.from_bytes(data[:4], "little")])
 
-    def until(self, wire: ClientConnection, phase: str) -> dict[str, Any]:
+    def until(self, websocket: ClientConnection, phase: str) -> dict[str, Any]:
         for _ in range(3000):
-            board = self.board(wire)
+            board = self.board(websocket)
             if board["phase"] == phase and (phase != "OFF" or "enable" in board["can"]):
                 return board
         raise AssertionError(f"{phase} never came: {board}")

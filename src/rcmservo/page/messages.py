@@ -203,7 +203,7 @@ class Standby:
         State in words.
     can_enable : bool
         The drive can be switched on.
-    latched : bool
+    is_latched : bool
         The state remains until the operator clears it.
     can_clear : bool
         The operator can clear it now.

@@ -39,9 +39,8 @@ class PagePerson:
             for message in self._channels.wants.heard():
                 if not isinstance(message, Reply):
                     self._channels.said.put(Note("the drive is off: answer the question first"))
-                elif (
-                    message.question == question
-                    and plant.clock.now() - displayed_at >= MIN_READING_TIME_NS
-                ):
+                    continue
+                has_been_read = plant.clock.now() - displayed_at >= MIN_READING_TIME_NS
+                if message.question == question and has_been_read:
                     return message.words.strip()
         raise AssertionError("the clock has ended")

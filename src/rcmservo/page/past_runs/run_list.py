@@ -43,7 +43,7 @@ class PastRun:
         Arm and estimator; or the reason why the record cannot be read.
     seconds : float or None
         Length in s; None if the record cannot be read.
-    ended : str
+    ending : str
         End of the run in words.
     is_recording : bool
         The run is being recorded now.
@@ -82,10 +82,10 @@ class RunList:
 
     def _records(self) -> Iterator[tuple[int, Path]]:
         """Yield the records with the times of their last changes, except behind symbolic links."""
-        for depth in RECORD_PATTERNS:
-            for path in self._root.glob(depth):
-                parents = (path, *path.relative_to(self._root).parents)
-                if not any((self._root / way).is_symlink() for way in parents if way != Path()):
+        for pattern in RECORD_PATTERNS:
+            for path in self._root.glob(pattern):
+                steps = (path, *path.relative_to(self._root).parents)
+                if not any((self._root / step).is_symlink() for step in steps if step != Path()):
                     yield path.stat().st_mtime_ns, path
 
     def _name(self, path: Path) -> str:
@@ -99,15 +99,9 @@ class RunList:
         if isinstance(header, str):
             return PastRun(*common, when, header, None, "cannot be read", False)
         is_recording = not header.is_closed and time.time() - changed < RECORDING_TIMEOUT_S
-        words = what(header.settings, header.servo)
-        return PastRun(
-            *common,
-            when,
-            words,
-            header.seconds,
-            describe_ending(header, is_recording),
-            is_recording,
-        )
+        description = what(header.settings, header.servo)
+        ending = describe_ending(header, is_recording)
+        return PastRun(*common, when, description, header.seconds, ending, is_recording)
 
     def _cached_header(self, path: Path) -> RecordHeader | str:
         """Return a record's header, or why it cannot be read; read it again after a change."""

@@ -20,6 +20,7 @@ from rcmservo.recording.summary_text import rows_of, verdict_of, way_out, why
 from rcmservo.recording.timeline import Span, spans, stages, summary
 
 PICTURE_TOPIC = "image_raw/compressed"
+
 MOMENT_SPACING_S = 0.1
 """Time (s) between the moments of a run without pictures."""
 MAX_MOMENTS = 20_000
@@ -87,8 +88,8 @@ def draw_figures(path: Path) -> dict[str, bytes]:
 
 def read_picture(path: Path, location: PictureLocation) -> bytes:
     """Return a recorded picture as the JPEG file that was recorded."""
-    place, k = location
-    messages = read_chunk(path, place)
+    chunk, k = location
+    messages = read_chunk(path, chunk)
     if k >= len(messages):
         raise UnusableFile(path, "has changed since it was opened")
     try:
@@ -110,7 +111,7 @@ def _locate_pictures(path: Path) -> tuple[list[PictureLocation], list[int]]:
         for message in messages
         if message.topic == PICTURE_TOPIC
     ]
-    return [where for where, _ in located], [exposure for _, exposure in located]
+    return [location for location, _ in located], [exposure for _, exposure in located]
 
 
 def _span(span: Span) -> list[object]:

@@ -61,12 +61,12 @@ class Doors:
         if not self.is_secret(request.query_params.get("secret", "")):
             raise HTTPException(403, "the page's secret is missing or old: reload the page")
 
-    async def accept(self, wire: WebSocket) -> bool:
+    async def accept(self, websocket: WebSocket) -> bool:
         """Accept a websocket that carries the secret; close any other and return False."""
-        if not self.is_secret(wire.query_params.get("secret", "")):
-            await wire.close(FORBIDDEN_CLOSE_CODE)
+        if not self.is_secret(websocket.query_params.get("secret", "")):
+            await websocket.close(FORBIDDEN_CLOSE_CODE)
             return False
-        await wire.accept()
+        await websocket.accept()
         return True
 
 
@@ -80,9 +80,9 @@ def drawn_secret() -> str:
     return secrets.token_urlsafe(32)
 
 
-async def receive_text(wire: WebSocket) -> str:
+async def receive_text(websocket: WebSocket) -> str:
     """Return the next message of a websocket; empty if it is not text."""
-    message = await wire.receive()
+    message = await websocket.receive()
     if message["type"] == "websocket.disconnect":
         raise WebSocketDisconnect(message.get("code", 1000))
     return message.get("text") or ""

@@ -23,10 +23,10 @@ def dashboard_routes(access: Doors, board: Dashboard, selection: Chosen) -> APIR
 
     async def get_curves(after: int = 0) -> Response:
         samples = board.curves.after(after)
-        told = encode_json(
+        content = encode_json(
             {"count": board.curves.count, "names": SAMPLE_FIELDS, "samples": samples}
         )
-        return Response(told, media_type="application/json")
+        return Response(content, media_type="application/json")
 
     async def get_pose_picture(name: str = "") -> Response:
         jpeg = board.poses.picture(name)

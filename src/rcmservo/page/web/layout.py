@@ -15,11 +15,7 @@ from rcmservo.page.web.site import Site
 STATIC = Path(__file__).parent / "static"
 
 ACTION_BUTTONS = {
-    "Enable": (
-        "enable",
-        "power_settings_new",
-        "switch the drive on; the tool stays where it is, paused",
-    ),
+    "Enable": ("enable", "power_settings_new", "switch the drive on, paused at the present pose"),
     "Pause": ("pause", "pause", "stand still, with the drive on"),
     "Resume": ("resume", "play_arrow", "continue to the target"),
     "Show again": ("teach_again", "my_location", "teach the present observation as the target"),

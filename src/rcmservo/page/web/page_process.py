@@ -45,6 +45,8 @@ from rcmservo.page.web.sign_in import SignIn
 from rcmservo.page.web.site import Site
 from rcmservo.safety.state_machine import Request
 
+SERVO_BUSY = "the servo does not accept requests now: press again"
+
 
 def serve_page(channels: Desk, site: Site, listening: socket.socket, control: Connection) -> None:
     """Serve the page until the other end of `control` sends a message or is closed."""
@@ -58,18 +60,18 @@ def serve_page(channels: Desk, site: Site, listening: socket.socket, control: Co
     app.add_middleware(OriginCheck, port=access.port, sign_in=sign_in)
 
     @app.websocket("/pictures")
-    async def send_pictures(wire: WebSocket) -> None:  # pyright: ignore[reportUnusedFunction]
-        if await access.accept(wire):
+    async def send_pictures(websocket: WebSocket) -> None:  # pyright: ignore[reportUnusedFunction]
+        if await access.accept(websocket):
             with suppress(WebSocketDisconnect):
-                await _send_pictures(wire, pictures, ownership)
+                await _send_pictures(websocket, pictures, ownership)
 
     @app.websocket("/operate")
-    async def receive_messages(wire: WebSocket) -> None:  # pyright: ignore[reportUnusedFunction]
-        if not await access.accept(wire):
+    async def receive_messages(websocket: WebSocket) -> None:  # pyright: ignore[reportUnusedFunction]
+        if not await access.accept(websocket):
             return
         name = ownership.join(monotonic_ns())
         try:
-            await _receive_messages(wire, name, ownership, channels, board, site.selection)
+            await _receive_messages(websocket, name, ownership, channels, board, site.selection)
         except WebSocketDisconnect:
             """The browser is gone."""
         finally:
@@ -93,15 +95,17 @@ def serve_page(channels: Desk, site: Site, listening: socket.socket, control: Co
     asyncio.run(serve_until_stopped(settings, listening, control))
 
 
-async def _send_pictures(wire: WebSocket, pictures: Pictures, ownership: ControlOwnership) -> None:
+async def _send_pictures(
+    websocket: WebSocket, pictures: Pictures, ownership: ControlOwnership
+) -> None:
     """Send pictures to one browser, each on request."""
     count = 0
     while True:
-        await receive_text(wire)
+        await receive_text(websocket)
         picture = await pictures.after(count)
         count = picture.count
         about = {"holder": ownership.holder, "requester": ownership.requester}
-        await wire.send_bytes(pack_picture(picture, about))
+        await websocket.send_bytes(pack_picture(picture, about))
 
 
 @contextmanager
@@ -115,7 +119,7 @@ def pause_on_handover(ownership: ControlOwnership, channels: Desk) -> Generator[
 
 
 async def _receive_messages(
-    wire: WebSocket,
+    websocket: WebSocket,
     name: str,
     ownership: ControlOwnership,
     channels: Desk,
@@ -123,9 +127,9 @@ async def _receive_messages(
     selection: Chosen,
 ) -> None:
     """Receive the requests of one browser; send its name and the reasons of refusals."""
-    await wire.send_json({"name": name})
+    await websocket.send_json({"name": name})
     while True:
-        text = await receive_text(wire)
+        text = await receive_text(websocket)
         refused = ""
         try:
             with pause_on_handover(ownership, channels):
@@ -139,14 +143,10 @@ async def _receive_messages(
                 refused = change_settings(message, selection, channels, board)
             elif isinstance(message, DeletePose):
                 refused = board.poses.delete(message.name)
-            else:
-                refused = (
-                    ""
-                    if dispatch(message, channels)
-                    else "the servo does not accept requests now: press again"
-                )
+            elif not dispatch(message, channels):
+                refused = SERVO_BUSY
         if refused:
-            await wire.send_json({"refused": refused})
+            await websocket.send_json({"refused": refused})
 
 
 def dispatch(message: BrowserMessage | None, channels: Desk) -> bool:
@@ -183,10 +183,5 @@ def change_settings(change: Change, selection: Chosen, channels: Desk, board: Da
         return "the server does not accept settings now: press again"
     selection.take(change)
     board.settings_version += 1
-    if change.part in IMMEDIATE_PARTS and board.standby is None:
-        return (
-            ""
-            if channels.wants.put(change)
-            else "the servo does not accept requests now: press again"
-        )
-    return ""
+    acts_now = change.part in IMMEDIATE_PARTS and board.standby is None
+    return SERVO_BUSY if acts_now and not channels.wants.put(change) else ""

@@ -117,24 +117,22 @@ def runs_routes(access: Doors, folder: Path) -> APIRouter:
         return Response((await runs.open_run(name)).json, media_type="application/json")
 
     async def get_picture(name: str, k: int) -> Response:
-        where = (await runs.open_run(name)).pictures
-        if not 0 <= k < len(where):
-            raise HTTPException(
-                404, f"there is no picture {k}: a number from 0 to {len(where) - 1}"
-            )
+        locations = (await runs.open_run(name)).pictures
+        if not 0 <= k < len(locations):
+            raise HTTPException(404, f"no picture {k}; expected 0 to {len(locations) - 1}")
         try:
-            jpeg = await asyncio.to_thread(read_picture, runs.find_record(name), where[k])
+            jpeg = await asyncio.to_thread(read_picture, runs.find_record(name), locations[k])
         except RcmServoError as error:
             raise HTTPException(422, "the picture cannot be read") from error
         return Response(jpeg, media_type="image/jpeg")
 
     async def get_figure(name: str, file: str) -> Response:
-        drawn = (await runs.draw_figures(name)).get(file)
-        if drawn is None:
+        content = (await runs.draw_figures(name)).get(file)
+        if content is None:
             raise HTTPException(404, "there is no such figure of this run")
-        called = f"{download_name(runs.find_record(name))}-{file}"
-        headers = {"Content-Disposition": f'inline; filename="{called}"'}
-        return Response(drawn, media_type=MEDIA_TYPES[file.rpartition(".")[2]], headers=headers)
+        full_name = f"{download_name(runs.find_record(name))}-{file}"
+        headers = {"Content-Disposition": f'inline; filename="{full_name}"'}
+        return Response(content, media_type=MEDIA_TYPES[file.rpartition(".")[2]], headers=headers)
 
     async def get_record(name: str) -> Response:
         return runs.download(runs.find_record(name))

@@ -33,7 +33,7 @@ class SettingField:
     default : Any
         Default.
     choices : list[str]
-        Allowed words; empty if the value is not a word.
+        Allowed values of a text; empty for other types.
     """
 
     name: str
@@ -66,13 +66,13 @@ def find_unit(text: str) -> str:
     return found[1] if found else ""
 
 
-def forms(chosen: Servo, in_force: Servo | None) -> list[dict[str, Any]]:
+def forms(selected_servo: Servo, active_servo: Servo | None) -> list[dict[str, Any]]:
     """Return a form for each part that may change, for JSON.
 
     Each form has the kinds of the part with their fields, and the selected and active settings.
     """
-    active = None if in_force is None else describe(in_force)
-    selected = describe(chosen)
+    active = None if active_servo is None else describe(active_servo)
+    selected = describe(selected_servo)
     return [
         {
             "part": part,

@@ -28,11 +28,9 @@ class FailedAttempts:
     def remaining_wait(self, address: str, now: float) -> float:
         """Return the time in s until another attempt of the address is accepted."""
         before = self._times.get(address, [])
-        return (
-            0.0
-            if len(before) < MAX_FAILED_ATTEMPTS
-            else max(0.0, before[0] + ATTEMPT_WINDOW_S - now)
-        )
+        if len(before) < MAX_FAILED_ATTEMPTS:
+            return 0.0
+        return max(0.0, before[0] + ATTEMPT_WINDOW_S - now)
 
     def add(self, address: str, now: float) -> None:
         """Record a failed attempt."""
@@ -47,9 +45,7 @@ class SignIn:
 
     def __init__(self, token: str, port: int, now: Callable[[], float] = time.monotonic) -> None:
         self._token, self._now = token, now
-        self._cookie = (
-            f"rcmservo-{port}"  # one browser stores the cookies of all ports of an address together
-        )
+        self._cookie = f"rcmservo-{port}"  # a browser sends one cookie to all ports of an address
         self._cookie_value = drawn_secret()
         self._failed = FailedAttempts()
 

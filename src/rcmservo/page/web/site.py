@@ -23,11 +23,11 @@ class Site:
         Title of the page.
     camera : Callable[[], Camera]
         Opens the camera whose pictures are displayed.
-    doors : Doors
+    access : Doors
         Credentials of the page.
     stop_port : int
         Port of the process that receives STOP.
-    chosen : Chosen
+    selection : Chosen
         Servo with the selected settings.
     poses : PoseFolder
         Folder of stored poses.

@@ -21,13 +21,13 @@ def serve_stop(
 ) -> None:
     """Forward stop requests until the other end of `control` sends a message or is closed."""
 
-    async def receive_stops(wire: WebSocket) -> None:
-        if not await access.accept(wire):
+    async def receive_stops(websocket: WebSocket) -> None:
+        if not await access.accept(websocket):
             return
         try:
             while True:
-                await receive_text(wire)
-                await wire.send_text("heard" if stop_requests.put(STOP) else "not heard")
+                await receive_text(websocket)
+                await websocket.send_text("heard" if stop_requests.put(STOP) else "not heard")
         except WebSocketDisconnect:
             return
 
