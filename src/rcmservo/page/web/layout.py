@@ -74,7 +74,7 @@ def _cards() -> None:
     place_component("status_card", maxLength=MAX_ANSWER_CHARACTERS)
     with ui.row().classes("rcm-tight"):
         for name, (action, icon, tooltip) in ACTION_BUTTONS.items():
-            place_component("action_button", name=name, does=action, icon=icon, words=tooltip)
+            place_component("action_button", name=name, action=action, icon=icon, tooltip=tooltip)
     with _card():
         ui.label("Poses: name and teach the present pose").classes("text-sm")
         place_component("poses_card", maxLength=MAX_NAME_CHARACTERS)
