@@ -42,12 +42,12 @@ WANTS: list[dict[str, Any]] = [
     {"do": "jog", "rates": [0.5, 0.5, 5.0], "press": 7},
     {"do": "jog", "velocity": [0.0, 10.0, 0.0], "press": 8},
     {"do": "go", "name": "here"},
-    {"do": "tour", "stops": [{"pose": "here", "dwell": 0.0}], "rounds": 1000},
+    {"do": "sequence", "waypoints": [{"pose": "here", "dwell": 0.0}], "rounds": 1000},
     {"do": "teach", "name": "forged"},
     {"do": "delete", "name": "here"},
-    {"do": "show"},
-    {"do": "set", "box": "gains", "values": {}},
-    {"do": "trouble", "what": "occlusion"},
+    {"do": "teach_again"},
+    {"do": "set", "part": "gains", "values": {}},
+    {"do": "disturb", "what": "occlusion"},
     {"do": "resume"},
     {"do": "pause"},
     {"do": "clear"},
@@ -119,7 +119,7 @@ class Holder:
         awaited(lambda: self.now["phase"] != "OFF" or "enable" in self.now["can"])
         told, row = self.now, self.lab.bench.log.last()
         phase = "on its way" if told["phase"] in MOVING else told["phase"]
-        kept = {name: told[name] for name in ("holder", "asking", "target", "poses")}
+        kept = {name: told[name] for name in ("holder", "requester", "target", "poses")}
         still = row["q"].round(3).tolist() if phase in ("OFF", "PAUSED", "FAULT") else None
         return {"phase": phase, **kept, "enabled": int(row["enabled"]), "q": still}
 
@@ -300,8 +300,8 @@ def spoilt(draw: random.Random) -> dict[str, Any]:
             {"do": "jog", "rates": [0.1, 0, 0], "press": draw.choice([None, 0.5, "1", 2**63])},
             {"do": "go", "name": draw.choice(names)},
             {"do": "delete", "name": draw.choice(names)},
-            {"do": "set", "box": draw.choice(names), "values": bad},
-            {"do": "trouble", "what": bad},
+            {"do": "set", "part": draw.choice(names), "values": bad},
+            {"do": "disturb", "what": bad},
             {"do": f"enable{draw.randrange(9)}"},
         ]
     )

@@ -57,7 +57,7 @@ def test_without_an_option_the_page_takes_the_next_pair_that_is_free(
 def test_a_port_that_is_asked_for_and_taken_is_reported_with_its_holder(
     default: int, taken: int
 ) -> None:
-    words = f"port {default + taken}: {HELD}.*\\); --port names another"
+    words = f"port {default + taken}: {HELD}.*\\); select another port with --port"
     with held(default + taken), pytest.raises(PortTaken, match=words):
         bound_pair(HERE, default)
     assert ports_of(default) == [default, default + 1]

@@ -38,7 +38,7 @@ def test_a_part_is_described_by_the_rig_file_or_set_by_the_method() -> None:
 def test_every_setting_of_the_method_is_an_option_and_a_field_of_the_page() -> None:
     assert {(one.owner, one.field) for one in options_of(RunOptions)} > OF_METHOD
     shown = {
-        (PARTS[form["box"]][name], field["name"])
+        (PARTS[form["part"]][name], field["name"])
         for form in forms(laboratory().servo(), None)
         for name, kind in form["kinds"].items()
         for field in kind["fields"]

@@ -59,9 +59,9 @@ class PageOperator(Holder):
 
     def answered(self, words: str, by: str) -> None:
         """Answer until the page displays some words."""
-        question = self.now["asks"]
+        question = self.now["question"]
         request = {"do": "answer", "question": question, "words": words}
-        self.insist(request, lambda: by in self.now["words"] + self.now["asks"])
+        self.insist(request, lambda: by in self.now["words"] + self.now["question"])
 
     def insist(self, request: dict[str, Any], reached: Callable[[], bool]) -> None:
         """Repeat a request until a condition holds, because a busy computer drops late ones."""
@@ -106,7 +106,7 @@ def test_a_lab_is_homed_enabled_jogged_and_stopped_at_the_page(
         at = PageOperator(address)
 
         # joint values: typed within the limits, and confirmed
-        wait_for(lambda: at.now["asks"].startswith("Joint values at the mark"))
+        wait_for(lambda: at.now["question"].startswith("Joint values at the mark"))
         at.say({"do": "enable"})
         at.answered("9 0 100", "the joints must be within theta")
         at.answered(typed_joints(lab.start), "The arm is at theta")

@@ -1,6 +1,4 @@
-"""The rule by which the page is built: NiceGUI lays out, and what changes is a component with its
-template. There is no third way.
-"""
+"""Construction of the page: NiceGUI's layout and Vue components with templates, nothing else."""
 
 import re
 from types import SimpleNamespace
@@ -20,10 +18,10 @@ PAGE = ROOT / "src/rcmservo/page"
 STATIC = PAGE / "web/static"
 BY_HAND = re.compile(r"createElement|innerHTML|insertAdjacent|replaceChildren|new Option")
 LOADS = re.compile(r"</?script\b[^>]*>|<link\b[^>]*>")
-"""Tags that load the page's own modules and style sheet."""
+"""Tags that load the modules and the style sheet of the page."""
 
 
-def test_no_html_stands_in_python_and_no_element_is_made_by_hand_in_the_browser() -> None:
+def test_python_has_no_html_and_javascript_creates_no_elements() -> None:
     html = re.compile(r"</?[a-z]+[ >]|ui\.html")
     python = [
         path.name for path in PAGE.rglob("*.py") if html.search(LOADS.sub("", path.read_text()))
@@ -32,14 +30,14 @@ def test_no_html_stands_in_python_and_no_element_is_made_by_hand_in_the_browser(
     assert python == browser == []
 
 
-def test_each_component_of_the_page_is_placed_and_served() -> None:
+def test_each_component_is_placed_on_the_page_and_served() -> None:
     shape = Shape.of(laboratory().servo())
     site: Any = SimpleNamespace(
         title="a page",
-        doors=Doors(1, "s"),
+        access=Doors(1, "s"),
         stop_port=2,
         shape=shape,
-        troubles=list_live_disturbances(),
+        disturbances=list_live_disturbances(),
     )
     app = FastAPI()
     lay_out(site)

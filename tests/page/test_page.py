@@ -1,5 +1,7 @@
-"""The operator's page as a person uses it: headless Chromium, the real page, the simulated arm. One
-server serves all tests; each begins where the one before left it, with poses of its own names.
+"""The page in headless Chromium with the simulated arm.
+
+One server serves all tests. Each begins in the state that the previous one left, with its own names
+of poses.
 """
 
 import json
@@ -13,8 +15,8 @@ from typing import Any
 import numpy as np
 import pytest
 from first_use import follow, reached, section, steps
+from page_server import serve_page
 from playwright.sync_api import Browser, Page, TimeoutError, sync_playwright
-from served import served
 
 from conftest import ROOT
 from peers import peer
@@ -25,24 +27,24 @@ pytestmark = [
     pytest.mark.slow,
     peer("Chromium", bool(CHROMIUM), "apt-get install chromium"),
 ]
-PATIENCE, AGAIN = 45_000, 5_000
-"""ms for what must come on a busy machine; after which a person presses once more."""
+TIMEOUT_MS, RETRY_MS = 45_000, 5_000
+"""Timeout on a busy machine, and time after which a button is pressed a second time, in ms."""
 ATTEMPTS = 3
-BUSY_AT_STOP = """() => {  // what is said where a busy browser comes to Resume and then to STOP
-  const said = [], send = WebSocket.prototype.send, end = performance.now() + 300;
-  WebSocket.prototype.send = function (words) { said.push(words); return send.call(this, words); };
+BUSY_AT_STOP = """() => {  // messages of a browser that is busy during Resume and STOP
+  const sent = [], send = WebSocket.prototype.send, end = performance.now() + 300;
+  WebSocket.prototype.send = function (text) { sent.push(text); return send.call(this, text); };
   while (performance.now() < end);
-  rcm.want("resume");
+  rcm.request("resume");
   rcm.stop();
-  return new Promise((told) => setTimeout(() => told(said), 1000));
+  return new Promise((resolve) => setTimeout(() => resolve(sent), 1000));
 }"""
-CLEARS, ENABLES = (f"rcm.board.can.includes('{action}')" for action in ("clear", "enable"))
+CAN_CLEAR, CAN_ENABLE = (f"rcm.board.can.includes('{action}')" for action in ("clear", "enable"))
 PAUSED = "rcm.board.phase === 'PAUSED'"
-UNDER_WAY = "rcm.board.phase === 'ACQUIRE' || rcm.board.phase === 'SERVO'"
-AWAY = [0.1, 0.1, 8.0]
-"""rad, rad, mm by which a joint is jogged."""
-THERE = 0.02, 1.5, 1.5
-"""rad, px, px within which the features are those of the target."""
+MOVING = "rcm.board.phase === 'ACQUIRE' || rcm.board.phase === 'SERVO'"
+JOG_DISTANCE = [0.1, 0.1, 8.0]
+"""Distance (rad, rad, mm) that a joint is jogged."""
+TOLERANCE = 0.02, 1.5, 1.5
+"""Errors (rad, px, px) at which the target counts as reached."""
 
 
 @pytest.fixture(scope="module")
@@ -53,75 +55,73 @@ def chromium() -> Iterator[Browser]:
         browser.close()
 
 
-class Person:
-    """Somebody at a browser."""
+class Operator:
+    """Operator at a browser."""
 
     def __init__(self, browser: Browser, address: str) -> None:
         self.page: Page = browser.new_page(viewport={"width": 1366, "height": 800})
-        self.foreign: list[str] = []
+        self.foreign_requests: list[str] = []
         self.page.on("request", lambda request: self._note(request.url, address))
         self.page.goto(address)
         self.until("rcm.board.phase")
 
     def _note(self, url: str, address: str) -> None:
-        own = url.startswith((address, "data:", "blob:")) or "//127.0.0.1:" in url
-        self.foreign += [] if own else [url]
+        is_own = url.startswith((address, "data:", "blob:")) or "//127.0.0.1:" in url
+        self.foreign_requests += [] if is_own else [url]
 
     def until(self, condition: str) -> None:
-        self.page.wait_for_function(f"window.rcm && ({condition})", timeout=PATIENCE)
+        self.page.wait_for_function(f"window.rcm && ({condition})", timeout=TIMEOUT_MS)
 
     def press(self, name: str) -> None:
-        self.page.get_by_role("button", name=name, exact=True).click(timeout=PATIENCE)
+        self.page.get_by_role("button", name=name, exact=True).click(timeout=TIMEOUT_MS)
 
-    def leads(self, name: str, condition: str) -> None:
-        """Press a button until it leads somewhere: where the picture hangs, the servo refuses."""
+    def press_until(self, name: str, condition: str) -> None:
+        """Press a button until a condition holds: the servo refuses an old display."""
         for _ in range(4):
             self.press(name)
             with suppress(TimeoutError):
-                self.page.wait_for_function(condition, timeout=AGAIN)
+                self.page.wait_for_function(condition, timeout=RETRY_MS)
                 return
         self.until(condition)
 
-    def told(self, what: str) -> Any:
+    def read(self, what: str) -> Any:
         return self.page.evaluate(f"rcm.{what}")
 
     @property
     def phase(self) -> str:
-        return self.told("board.phase")
+        return self.read("board.phase")
 
     def enable(self) -> None:
-        """Have the drive on, which may be on already."""
-        self.until(f"rcm.holds && ({ENABLES} || {CLEARS} || {PAUSED})")
-        if self.page.evaluate(CLEARS):
-            self.leads("Clear", f"!{CLEARS}")
-            self.until(ENABLES)
+        """Switch the drive on if it is off."""
+        self.until(f"rcm.holds && ({CAN_ENABLE} || {CAN_CLEAR} || {PAUSED})")
+        if self.page.evaluate(CAN_CLEAR):
+            self.press_until("Clear", f"!{CAN_CLEAR}")
+            self.until(CAN_ENABLE)
         if self.phase != "PAUSED":
-            self.leads("Enable", PAUSED)
+            self.press_until("Enable", PAUSED)
         self.page.get_by_label("Jog speed").select_option("full")
 
     def teach(self, name: str) -> None:
         self.page.get_by_label("Name of the pose").fill(name)
-        self.leads("Teach", f"rcm.board.poses.includes('{name}')")
+        self.press_until("Teach", f"rcm.board.poses.includes('{name}')")
 
     def jog(self, name: str) -> None:
-        """Hold a button down until a joint has moved well away; where a busy machine let go of it,
-        press anew.
-        """
-        q = self.told("board.q")
-        moved = f"rcm.board.q.some((one, k) => Math.abs(one - {q}[k]) > {AWAY}[k])"
+        """Hold a button down until a joint has moved; repeat if a busy machine released it."""
+        q = self.read("board.q")
+        moved = f"rcm.board.q.some((one, k) => Math.abs(one - {q}[k]) > {JOG_DISTANCE}[k])"
         for _ in range(10):
             self.page.get_by_role("button", name=name, exact=True).hover()
             self.page.mouse.down()
             with suppress(TimeoutError):
-                self.page.wait_for_function(moved, timeout=AGAIN)
+                self.page.wait_for_function(moved, timeout=RETRY_MS)
             self.page.mouse.up()
             self.until(PAUSED)
             if self.page.evaluate(moved):
                 return
         raise AssertionError(f"{name} moves nothing")
 
-    def leaves(self, name: str) -> None:
-        """Press a jog button and leave it without letting go."""
+    def leave_pressed(self, name: str) -> None:
+        """Press a jog button and move the pointer off it without a release."""
         self.page.get_by_role("button", name=name, exact=True).hover()
         self.page.mouse.down()
         self.until("rcm.board.phase === 'JOG'")
@@ -129,48 +129,49 @@ class Person:
         self.until(PAUSED)
         self.page.mouse.up()
 
-    def arrived(self) -> bool:
-        delta = self.told("board.delta")
-        return self.phase == "SERVO" and bool((np.abs(delta) < THERE).all())
+    def is_at_target(self) -> bool:
+        delta = self.read("board.delta")
+        return self.phase == "SERVO" and bool((np.abs(delta) < TOLERANCE).all())
 
     def go(self, name: str) -> None:
-        self.leads(f"Go {name}", UNDER_WAY)
+        self.press_until(f"Go {name}", MOVING)
 
-    def trouble(self, kind: str, **parameters: str) -> None:
-        """Have something go wrong, from the menu."""
-        self.page.get_by_role("tab", name="Simulated trouble").click()
-        self.page.get_by_label("Kind of trouble").select_option(kind)
+    def disturb(self, kind: str, **parameters: str) -> None:
+        """Begin a disturbance from the menu."""
+        self.page.get_by_role("tab", name="Simulated disturbances").click()
+        self.page.get_by_label("Kind of disturbance").select_option(kind)
         for name, value in parameters.items():
-            self.page.locator(f"#trouble-parameters input[name={name}]").fill(value)
-        self.press("Begin trouble")
+            self.page.locator(f"#disturbance-parameters input[name={name}]").fill(value)
+        self.press("Begin disturbance")
 
-    def gone(self, name: str) -> bool:
-        """Whether the tool arrives at a pose within a while."""
+    def go_and_arrive(self, name: str) -> bool:
+        """Go to a pose; return whether the tool arrives in time."""
         self.go(name)
-        return self.arrives()
+        return self.wait_for_arrival()
 
-    def arrives(self) -> bool:
-        """Whether it arrives within a while."""
+    def wait_for_arrival(self) -> bool:
+        """Return whether the tool arrives in time."""
         end = time.monotonic() + 20.0
-        while not self.arrived() and time.monotonic() < end:
+        while not self.is_at_target() and time.monotonic() < end:
             if self.phase == "PAUSED":
-                self.leads("Resume", UNDER_WAY)
+                self.press_until("Resume", MOVING)
             self.page.wait_for_timeout(50)
-        return self.arrived()
+        return self.is_at_target()
 
 
-def seen(chromium: Browser, folder: Path) -> None:
-    """Keep what the browser shows in the end, for whoever reads the tests' folders."""
+def take_screenshots(chromium: Browser, folder: Path) -> None:
+    """Save screenshots in the folder of the tests."""
     for k, context in enumerate(chromium.contexts):
         for page in context.pages:
             with suppress(TimeoutError):
-                page.screenshot(path=folder / f"{k}.png", timeout=AGAIN)
+                page.screenshot(path=folder / f"{k}.png", timeout=RETRY_MS)
 
 
 class ServedPage:
-    """A server that is started when it is needed, and again after something went wrong: a browser
-    without a GPU draws on the processors of all that is simulated, and a machine that stands still
-    stops the arm. `close` it at the end.
+    """Server that is started when it is needed, and restarted after a failure.
+
+    Failures are possible: a browser without a GPU draws on the processors that also simulate, and a
+    stalled machine stops the arm. `close` it at the end.
     """
 
     def __init__(self, chromium: Browser, folder: Path) -> None:
@@ -179,37 +180,35 @@ class ServedPage:
 
     @property
     def out(self) -> Path:
-        """Where the records of the present server are."""
+        """Folder of the records of the present server."""
         return self._folder / str(self._count)
 
     def close(self) -> None:
         self._serving.close()
         self._address = ""
 
-    def wrong_in(self, play: Callable[[str], None]) -> str:
-        """What went wrong in the last attempt at what is played at a server; empty where nothing
-        did.
-        """
-        wrong = ""
+    def find_failure(self, play: Callable[[str], None]) -> str:
+        """Run a test at the server, several times if it fails; return the last failure or ""."""
+        failure = ""
         for k in range(ATTEMPTS):
-            wrong = self._attempt(play)
-            if not wrong:
+            failure = self._attempt(play)
+            if not failure:
                 break
             self.close()
-            print(f"attempt {k + 1} of {ATTEMPTS}: {wrong}")
-        return wrong
+            print(f"attempt {k + 1} of {ATTEMPTS}: {failure}")
+        return failure
 
     def _attempt(self, play: Callable[[str], None]) -> str:
         if not self._address:
             self._count += 1
-            self._address = self._serving.enter_context(served(self.out))
+            self._address = self._serving.enter_context(serve_page(self.out))
         try:
             play(self._address)
         except (AssertionError, TimeoutError) as error:
             return f"{type(error).__name__}: {error}"
         finally:
-            seen(self.browser, self._folder)
-            for context in self.browser.contexts:  # a page that is left would go on knocking
+            take_screenshots(self.browser, self._folder)
+            for context in self.browser.contexts:  # an open page would reconnect forever
                 context.close()
         return ""
 
@@ -220,173 +219,181 @@ def site(chromium: Browser, tmp_path_factory: pytest.TempPathFactory) -> Iterato
         yield site
 
 
-def test_the_first_steps_of_the_page_lead_to_a_taught_pose(site: ServedPage) -> None:
+def test_the_first_steps_in_the_documents_lead_to_a_taught_pose(site: ServedPage) -> None:
     text = section((ROOT / "docs/page.md").read_text(), "First steps")
 
     def play(address: str) -> None:
-        person = Person(site.browser, address)
+        operator = Operator(site.browser, address)
         todo = steps(text)
         assert [verb for verb, _ in todo] == ["press", "type", "press", "hold", "press"]
-        follow(person.page, todo)
-        reached(person.page)
+        follow(operator.page, todo)
+        reached(operator.page)
 
-    assert site.wrong_in(play) == ""
+    assert site.find_failure(play) == ""
 
 
-def test_a_person_teaches_two_poses_goes_back_and_forth_stops_and_begins_again(
+def test_two_poses_are_taught_and_reached_and_a_watcher_can_only_stop(
     site: ServedPage,
 ) -> None:
     def play(address: str) -> None:
-        person = Person(site.browser, address)
-        person.enable()
-        person.teach("here")
-        q = np.array(person.told("board.q"))
-        person.page.get_by_role("button", name="Jog joint 1 plus", exact=True).hover()
-        person.page.mouse.down(button="right")
-        person.page.wait_for_timeout(300)
-        assert person.phase == "PAUSED"
-        person.page.mouse.up(button="right")
-        person.jog("Jog joint 1 plus")
-        person.jog("Jog joint 3 plus")
-        moved = np.array(person.told("board.q")) - q
-        assert moved[0] > AWAY[0] and abs(moved[1]) < 1e-3 and moved[2] > AWAY[2]
-        person.teach("there")
+        operator = Operator(site.browser, address)
+        operator.enable()
+        operator.teach("here")
+        q = np.array(operator.read("board.q"))
+        operator.page.get_by_role("button", name="Jog joint 1 plus", exact=True).hover()
+        operator.page.mouse.down(button="right")
+        operator.page.wait_for_timeout(300)
+        assert operator.phase == "PAUSED"
+        operator.page.mouse.up(button="right")
+        operator.jog("Jog joint 1 plus")
+        operator.jog("Jog joint 3 plus")
+        moved = np.array(operator.read("board.q")) - q
+        assert moved[0] > JOG_DISTANCE[0] and abs(moved[1]) < 1e-3 and moved[2] > JOG_DISTANCE[2]
+        operator.teach("there")
         for pose in ("here", "there"):
-            assert person.gone(pose), (pose, person.told("board"))
-        watcher = Person(site.browser, address)
+            assert operator.go_and_arrive(pose), (pose, operator.read("board"))
+        watcher = Operator(site.browser, address)
         watcher.until("rcm.board.phase && !rcm.holds")
         assert watcher.page.get_by_role("button", name="Go here").is_disabled()
-        target = person.told("board.target")
-        watcher.page.evaluate("rcm.want('go', { name: 'here' })")
+        target = operator.read("board.target")
+        watcher.page.evaluate("rcm.request('go', { name: 'here' })")
         watcher.until("document.getElementById('notes').textContent.includes('has control')")
-        assert person.told("board.target") == target
-        person.go("here")
+        assert operator.read("board.target") == target
+        operator.go("here")
         watcher.page.keyboard.press("Space")
-        person.until("rcm.board.phase === 'FAULT' && rcm.board.words.includes('STOP was pressed')")
-        assert "drive went off" in person.told("board.words")
-        person.enable()
-        assert not watcher.foreign and not person.foreign and watcher.told("drawn") > 20
+        operator.until(
+            "rcm.board.phase === 'FAULT' && rcm.board.words.includes('STOP was pressed')"
+        )
+        assert "drive went off" in operator.read("board.words")
+        operator.enable()
+        assert (
+            not watcher.foreign_requests
+            and not operator.foreign_requests
+            and watcher.read("drawn") > 20
+        )
 
-    assert site.wrong_in(play) == ""
+    assert site.find_failure(play) == ""
 
 
-def test_marker_1_is_led_and_a_tour_of_two_poses_is_made_watched_and_over(site: ServedPage) -> None:
+def test_marker_1_is_jogged_and_a_sequence_of_two_poses_is_completed(site: ServedPage) -> None:
     def play(address: str) -> None:
-        person = Person(site.browser, address)
-        page = person.page
-        person.enable()
-        person.teach("first")
-        person.jog("Jog marker 1 along x plus")
-        person.teach("second")
-        page.locator("#tour summary").click()
+        operator = Operator(site.browser, address)
+        page = operator.page
+        operator.enable()
+        operator.teach("first")
+        operator.jog("Jog marker 1 along x plus")
+        operator.teach("second")
+        page.locator("#sequence summary").click()
         page.get_by_label("Dwell in seconds").fill("1")
         for pose in ("first", "second"):
             page.get_by_label("Pose to visit").select_option(pose)
-            person.press("Add")
-        person.press("Move second up")
-        person.leads("Start the tour", "rcm.board.tour !== null")
-        person.until("rcm.board.tour?.pose === 'second' && rcm.board.tour.left === 1")
-        person.until("document.getElementById('tour-progress').textContent.includes('first')")
-        person.until("rcm.board.tour === null && rcm.board.phase === 'PAUSED'")
-        assert "all its poses were visited" in person.told("board.notes.join()")
+            operator.press("Add")
+        operator.press("Move second up")
+        operator.press_until("Start the sequence", "rcm.board.sequence !== null")
+        operator.until(
+            "rcm.board.sequence?.pose === 'second' && rcm.board.sequence.remaining_s === 1"
+        )
+        operator.until("document.getElementById('sequence-progress').textContent.includes('first')")
+        operator.until("rcm.board.sequence === null && rcm.board.phase === 'PAUSED'")
+        assert "the pose sequence is complete" in operator.read("board.notes.join()")
 
-    assert site.wrong_in(play) == ""
+    assert site.find_failure(play) == ""
 
 
-def test_closing_the_browser_in_mid_motion_pauses_and_another_one_resumes(site: ServedPage) -> None:
+def test_closing_the_browser_pauses_the_motion_and_another_one_resumes(site: ServedPage) -> None:
     def play(address: str) -> None:
-        first = Person(site.browser, address)
+        first = Operator(site.browser, address)
         first.enable()
         first.teach("back")
         first.jog("Jog joint 2 minus")
-        first.leaves("Jog joint 2 minus")
+        first.leave_pressed("Jog joint 2 minus")
         first.go("back")
         first.page.close()
-        second = Person(site.browser, address)
+        second = Operator(site.browser, address)
         second.until("rcm.board.phase === 'PAUSED' && rcm.holds")
-        q = np.array(second.told("board.q"))
+        q = np.array(second.read("board.q"))
         second.page.wait_for_timeout(500)
-        assert np.allclose(q, second.told("board.q"), atol=2e-3)
-        second.leads("Resume", UNDER_WAY)
+        assert np.allclose(q, second.read("board.q"), atol=2e-3)
+        second.press_until("Resume", MOVING)
 
-    assert site.wrong_in(play) == ""
+    assert site.find_failure(play) == ""
 
 
-def test_a_stopped_run_is_opened_looked_through_and_downloaded(site: ServedPage) -> None:
+def test_a_stopped_run_is_opened_replayed_and_downloaded(site: ServedPage) -> None:
     def play(address: str) -> None:
-        person = Person(site.browser, address)
-        page = person.page
-        if person.phase != "OFF":  # a session of its own, which is short
+        operator = Operator(site.browser, address)
+        page = operator.page
+        if operator.phase != "OFF":  # a new session, so that its record is short
             page.evaluate("rcm.stop()")
-            person.until(CLEARS)
-        person.enable()
-        person.jog("Jog joint 1 plus")
-        said = page.evaluate(BUSY_AT_STOP)
-        assert "stop" in said and not any("resume" in one for one in said)
-        person.until("rcm.board.phase === 'FAULT'")
+            operator.until(CAN_CLEAR)
+        operator.enable()
+        operator.jog("Jog joint 1 plus")
+        sent = page.evaluate(BUSY_AT_STOP)
+        assert "stop" in sent and not any("resume" in one for one in sent)
+        operator.until("rcm.board.phase === 'FAULT'")
         page.get_by_role("tab", name="Runs").click()
-        page.get_by_role("button", name="session-").first.click(timeout=PATIENCE)
+        page.get_by_role("button", name="session-").first.click(timeout=TIMEOUT_MS)
         slider = page.get_by_label("Time in the past run")
-        slider.wait_for(timeout=PATIENCE)
-        said = page.locator(".run-said")
-        before = said.inner_text()
+        slider.wait_for(timeout=TIMEOUT_MS)
+        moment = page.locator(".run-moment")
+        before = moment.inner_text()
         slider.press("End")
-        assert said.inner_text() != before and " s · " in said.inner_text()
+        assert moment.inner_text() != before and " s · " in moment.inner_text()
         drawn = "[...document.querySelectorAll('.run-figures img')].map(one => one.naturalWidth)"
-        person.until(f"{drawn}.length === 4 && {drawn}.every(one => one > 0)")
+        operator.until(f"{drawn}.length === 4 && {drawn}.every(one => one > 0)")
         for words, start in (
             ("Download the record (MCAP)", b"\x89MCAP"),
             ("Path as SVG", b"<?xml"),
         ):
-            with page.expect_download(timeout=PATIENCE) as download:
+            with page.expect_download(timeout=TIMEOUT_MS) as download:
                 page.get_by_text(words, exact=True).click()
             assert Path(download.value.path()).read_bytes().startswith(start)
 
-    assert site.wrong_in(play) == ""
+    assert site.find_failure(play) == ""
 
 
-def test_the_curves_and_the_mechanism_are_drawn_where_they_are_looked_at(site: ServedPage) -> None:
+def test_the_curves_and_the_mechanism_are_drawn_in_their_tabs(site: ServedPage) -> None:
     chart, scene = "getElement(RCMSERVO.curves)?.chart", "getElement(RCMSERVO.scene.id)?.renderer"
 
     def play(address: str) -> None:
-        person = Person(site.browser, address)
-        person.enable()
-        person.page.get_by_role("tab", name="Curves").click()
-        person.until(
+        operator = Operator(site.browser, address)
+        operator.enable()
+        operator.page.get_by_role("tab", name="Curves").click()
+        operator.until(
             f"{chart}?.getOption().series?.filter((one) => one.data.length > 20).length > 10"
         )
-        person.page.get_by_role("tab", name="3-D").click()
-        person.until(f"{scene}?.info.render.triangles > 2000")
-        assert not person.foreign
+        operator.page.get_by_role("tab", name="3-D").click()
+        operator.until(f"{scene}?.info.render.triangles > 2000")
+        assert not operator.foreign_requests
 
-    assert site.wrong_in(play) == ""
+    assert site.find_failure(play) == ""
 
 
-def test_a_student_sees_a_lost_marker_a_moved_camera_and_an_emergency_stop_and_their_ways_out(
+def test_an_operator_recovers_from_a_lost_marker_a_moved_camera_and_an_emergency_stop(
     site: ServedPage,
 ) -> None:
     def play(address: str) -> None:
-        person = Person(site.browser, address)
-        person.enable()
-        person.teach("middle")
-        person.jog("Jog joint 2 minus")
-        assert person.gone("middle")
-        person.trouble("occlusion", **{"marker": "1", "for": "0.5"})
-        person.until("rcm.board.phase === 'HOLD' || rcm.board.why.includes('marker 1')")
-        person.until("rcm.board.phase === 'SERVO' && !rcm.board.why")
-        person.trouble("relocate")
-        person.until("rcm.board.phase === 'PAUSED' && rcm.board.ways.includes('show')")
-        person.press("Show again")
-        person.until("rcm.board.notes.at(-1) === 'the target is shown again'")
-        person.leads("Resume", UNDER_WAY)
-        assert person.arrives()
-        person.trouble("drive_off")
-        person.until(f"rcm.board.phase === 'FAULT' && {CLEARS}")
-        person.press("End all trouble")
-        person.page.wait_for_timeout(300)
-        assert person.phase == "FAULT" and person.told("board.ways") == ["clear"]
-        person.enable()
+        operator = Operator(site.browser, address)
+        operator.enable()
+        operator.teach("middle")
+        operator.jog("Jog joint 2 minus")
+        assert operator.go_and_arrive("middle")
+        operator.disturb("occlusion", **{"marker": "1", "for": "0.5"})
+        operator.until("rcm.board.phase === 'HOLD' || rcm.board.why.includes('marker 1')")
+        operator.until("rcm.board.phase === 'SERVO' && !rcm.board.why")
+        operator.disturb("relocate")
+        operator.until("rcm.board.phase === 'PAUSED' && rcm.board.recovery.includes('teach_again')")
+        operator.press("Show again")
+        operator.until("rcm.board.notes.at(-1) === 'the target was taught again'")
+        operator.press_until("Resume", MOVING)
+        assert operator.wait_for_arrival()
+        operator.disturb("drive_off")
+        operator.until(f"rcm.board.phase === 'FAULT' && {CAN_CLEAR}")
+        operator.press("End all disturbances")
+        operator.page.wait_for_timeout(300)
+        assert operator.phase == "FAULT" and operator.read("board.recovery") == ["clear"]
+        operator.enable()
         log = (site.out / "trouble.jsonl").read_text().splitlines()
         assert [json.loads(line)["time"] > 0 for line in log] == [True] * 4
 
-    assert site.wrong_in(play) == ""
+    assert site.find_failure(play) == ""

@@ -1,6 +1,4 @@
-"""Past runs as a browser asks for them: what is listed, opened, shown and taken away, and that
-nothing else can be had.
-"""
+"""Past runs in the browser: list, content, pictures, figures and downloads, and nothing else."""
 
 import os
 import shutil
@@ -22,12 +20,12 @@ from rcmservo.recording.writer import Recorder
 from rcmservo.tracking import ColourMarkers
 
 OLD = ROOT / "tests/data/v0.1.0/record.mcap"
-SECRET = {"secret": "s"}
+SECRET_QUERY = {"secret": "s"}
 HOUR = 3600
 
 
 class Browser:
-    """One that knows the secret."""
+    """Browser that knows the secret."""
 
     def __init__(self, root: Path) -> None:
         app = FastAPI()
@@ -35,19 +33,17 @@ class Browser:
         self.client: Any = TestClient(app)
 
     def get(self, path: str) -> Any:
-        return self.client.get(path, params=SECRET)
+        return self.client.get(path, params=SECRET_QUERY)
 
-    def listed(self) -> dict[str, dict[str, Any]]:
+    def list_runs(self) -> dict[str, dict[str, Any]]:
         return {run["folder"]: run for run in self.get("/runs").json()}
 
     def name(self, folder: str) -> str:
-        return self.listed()[folder]["name"]
+        return self.list_runs()[folder]["name"]
 
 
-def filmed(path: Path) -> int:
-    """Record a short run with its pictures, twenty a second, and leave it without its end; how
-    many pictures there are.
-    """
+def record_with_pictures(path: Path) -> int:
+    """Record a short run with 20 pictures a second, without its end; return their number."""
     path.parent.mkdir(parents=True)
     rig = rs.sim.Rig(1, replace(rs.sim.Rig(1, pictures=False).settings, width=160, height=120))
     plant = rs.Plant(rig.arm, rig.camera, ColourMarkers(), rig.clock)
@@ -74,7 +70,7 @@ def root(tmp_path: Path) -> Path:
     cut.write_bytes(cut.read_bytes()[:-40_000])
     foreign = tmp_path / "runs/foreign/record.mcap"
     foreign.parent.mkdir()
-    foreign.write_text("nothing of ours")
+    foreign.write_text("not a record")
     outside = tmp_path / "outside"
     outside.mkdir()
     shutil.copy(OLD, outside)
@@ -85,26 +81,26 @@ def root(tmp_path: Path) -> Path:
     return tmp_path / "runs"
 
 
-def test_runs_are_listed_newest_first_and_damage_is_told(root: Path) -> None:
+def test_runs_are_listed_newest_first_and_damage_is_reported(root: Path) -> None:
     browser = Browser(root)
-    runs = browser.listed()
+    runs = browser.list_runs()
     assert list(runs) == ["serve/session-1", "cut", "foreign", "old"]
-    assert runs["old"]["seconds"] == 2.99 and "seed 3" in runs["old"]["what"]
-    assert runs["old"]["ended"] == "acquiring"
-    assert 0.0 < runs["cut"]["seconds"] < 2.99 and "was not ended" in runs["cut"]["ended"]
-    assert runs["foreign"]["seconds"] is None and "not a record" in runs["foreign"]["what"]
+    assert runs["old"]["seconds"] == 2.99 and "seed 3" in runs["old"]["description"]
+    assert runs["old"]["ending"] == "acquiring"
+    assert 0.0 < runs["cut"]["seconds"] < 2.99 and "without its end" in runs["cut"]["ending"]
+    assert runs["foreign"]["seconds"] is None and "not a record" in runs["foreign"]["description"]
     os.utime(root / "cut/record.mcap")
-    assert browser.listed()["cut"]["recording"]
-    assert not any(run["recording"] for run in runs.values())
+    assert browser.list_runs()["cut"]["is_recording"]
+    assert not any(run["is_recording"] for run in runs.values())
 
 
 def test_a_run_opens_with_its_time_line(root: Path) -> None:
     browser = Browser(root)
     for folder in ("old", "cut"):
-        told = browser.get(f"/runs/{browser.name(folder)}").json()
-        assert ("damaged or cut off" in told["missing"]) == (folder == "cut")
-        assert [one["t"] for one in told["moments"]][:3] == [0.0, 0.1, 0.2]
-        assert told["spans"][0][2] == "waiting for the markers"
+        content = browser.get(f"/runs/{browser.name(folder)}").json()
+        assert ("damaged or cut off" in content["missing"]) == (folder == "cut")
+        assert [one["t"] for one in content["moments"]][:3] == [0.0, 0.1, 0.2]
+        assert content["spans"][0][2] == "waiting for the markers"
     path = f"/runs/{browser.name('old')}"
     assert browser.get(f"{path}/figures/..%2Frecord.mcap").status_code == 404
     assert browser.get(f"{path}/record.mcap").content == OLD.read_bytes()
@@ -113,7 +109,7 @@ def test_a_run_opens_with_its_time_line(root: Path) -> None:
 
 
 @pytest.mark.slow
-def test_the_figures_of_a_run_can_be_had_as_drawings_and_as_pictures(root: Path) -> None:
+def test_the_figures_of_a_run_are_served_as_svg_and_png(root: Path) -> None:
     browser = Browser(root)
     path = f"/runs/{browser.name('old')}"
     for name in browser.get(path).json()["figures"]:
@@ -123,19 +119,19 @@ def test_the_figures_of_a_run_can_be_had_as_drawings_and_as_pictures(root: Path)
         assert svg.headers["content-disposition"] == f'inline; filename="runs-old-{name}.svg"'
 
 
-def test_a_run_that_was_killed_shows_each_of_its_pictures(tmp_path: Path) -> None:
+def test_a_killed_run_has_all_its_pictures(tmp_path: Path) -> None:
     path = tmp_path / "killed/record.mcap"
-    count = filmed(path)
-    kept = [jpeg for _, jpeg in reader.iterate_jpegs(path)]
-    assert len(kept) == count == 10
+    count = record_with_pictures(path)
+    recorded = [jpeg for _, jpeg in reader.iterate_jpegs(path)]
+    assert len(recorded) == count == 10
     browser = Browser(tmp_path)
     name = browser.name("killed")
     moments = browser.get(f"/runs/{name}").json()["moments"]
-    shown = [one["picture"] for one in moments]
-    assert shown == list(range(count))
-    for k in shown:
+    numbers = [one["picture"] for one in moments]
+    assert numbers == list(range(count))
+    for k in numbers:
         answer = browser.get(f"/runs/{name}/pictures/{k}")
-        assert answer.content == kept[k] and answer.headers["content-type"] == "image/jpeg"
+        assert answer.content == recorded[k] and answer.headers["content-type"] == "image/jpeg"
     for k in (-1, count):
         assert browser.get(f"/runs/{name}/pictures/{k}").status_code == 404
 
@@ -144,14 +140,14 @@ def test_a_run_that_was_killed_shows_each_of_its_pictures(tmp_path: Path) -> Non
     "name",
     ["..", "../outside", "%2e%2e%2foutside", "old", "old%2Frecord.mcap", "%2Fetc%2Fpasswd", "link"],
 )
-def test_nothing_can_be_had_but_by_a_name_of_the_list(root: Path, name: str) -> None:
+def test_only_names_of_the_list_are_served(root: Path, name: str) -> None:
     browser = Browser(root)
-    assert browser.listed()
+    assert browser.list_runs()
     for path in (f"/runs/{name}", f"/runs/{name}/record.mcap", f"/runs/{name}/pictures/0"):
         assert browser.get(path).status_code == 404
 
 
-def test_a_page_without_the_secret_gets_nothing(root: Path) -> None:
+def test_a_request_without_the_secret_is_refused(root: Path) -> None:
     browser = Browser(root)
     name = browser.name("old")
     for path in (

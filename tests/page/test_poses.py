@@ -1,4 +1,4 @@
-"""Poses on disk: what is taught is a target's file, and no name and no damage does harm."""
+"""Poses on disk: target files in one folder, whatever their names, and damaged files."""
 
 from pathlib import Path
 from urllib.parse import unquote
@@ -13,8 +13,8 @@ from rcmservo.cli.simulated_run.target import setup_of
 from rcmservo.config import target_file
 from rcmservo.config.rig_file import Lab
 from rcmservo.loop.operator import same
-from rcmservo.page.poses import PoseFolder, Poses
-from rcmservo.page.recovery_actions import ways
+from rcmservo.page.poses import PoseFolder, PoseStore
+from rcmservo.page.recovery_actions import list_recovery_actions
 from rcmservo.safety.causes import Action, Cause
 from rcmservo.sim import Rig
 
@@ -22,46 +22,51 @@ SETUP = setup_of(Rig(1, pictures=False), Lab())
 TARGET = rs.Target(np.array([[100.0, 200.0], [150.0, 250.0]]), np.array([0.5, 0.1, 120.0]))
 
 
-def poses(folder: Path, seed: int = 1) -> Poses:
+def load_poses(folder: Path, seed: int = 1) -> PoseStore:
     setup = SETUP if seed == 1 else setup_of(Rig(seed, pictures=False), Lab())
-    made = Poses(PoseFolder(folder, setup))
-    made.read()
+    made = PoseStore(PoseFolder(folder, setup))
+    made.load()
     return made
 
 
-def test_a_pose_is_there_again_later_with_its_picture_as_a_file_that_target_takes(
+def test_a_pose_is_stored_as_a_target_file_with_its_picture(
     tmp_path: Path,
 ) -> None:
-    assert poses(tmp_path / "new").keep("left of it", TARGET, b"picture") == ""
-    again = poses(tmp_path / "new")
-    assert same(again.targets["left of it"], TARGET) and again.picture("left of it") == b"picture"
+    assert load_poses(tmp_path / "new").save("left of it", TARGET, b"picture") == ""
+    reloaded = load_poses(tmp_path / "new")
+    assert (
+        same(reloaded.targets["left of it"], TARGET)
+        and reloaded.picture("left of it") == b"picture"
+    )
     (file,) = (tmp_path / "new").glob("*.json")
     assert same(target_file.load(file, SETUP), TARGET)
     other = rs.Target(TARGET.points + 1.0, TARGET.q)
-    again.keep("left of it", other, b"other")
-    then = poses(tmp_path / "new")
-    assert same(then.targets["left of it"], other) and then.picture("left of it") == b"other"
-    assert then.delete("left of it") == ""
-    assert not list((tmp_path / "new").iterdir()) and not poses(tmp_path / "new").targets
+    reloaded.save("left of it", other, b"other")
+    replaced = load_poses(tmp_path / "new")
+    assert (
+        same(replaced.targets["left of it"], other) and replaced.picture("left of it") == b"other"
+    )
+    assert replaced.delete("left of it") == ""
+    assert not list((tmp_path / "new").iterdir()) and not load_poses(tmp_path / "new").targets
 
 
-def test_what_another_rig_was_shown_or_is_damaged_is_refused_with_the_reason(
+def test_a_damaged_file_or_one_of_another_rig_is_refused_with_the_reason(
     tmp_path: Path,
 ) -> None:
-    made = poses(tmp_path)
-    made.keep("here", TARGET, b"")
-    made.keep("there", TARGET, b"")
+    made = load_poses(tmp_path)
+    made.save("here", TARGET, b"")
+    made.save("there", TARGET, b"")
     there = tmp_path / "there.json"
     there.write_text(there.read_text().replace("100.0", "101.0"))
-    again = poses(tmp_path)
-    assert list(again.targets) == ["here"] and "checksum" in again.refused["there"]
-    other = poses(tmp_path, seed=2)
+    reloaded = load_poses(tmp_path)
+    assert list(reloaded.targets) == ["here"] and "checksum" in reloaded.refused["there"]
+    other = load_poses(tmp_path, seed=2)
     assert not other.targets and "show the target again" in other.refused["here"]
 
 
 @given(st.text(min_size=1, max_size=40), st.text(min_size=1, max_size=40))
-def test_no_name_leaves_the_folder_and_no_two_share_a_file(one: str, other: str) -> None:
-    made = Poses(PoseFolder(Path("/p/q"), SETUP))
+def test_no_name_leaves_the_folder_and_no_two_have_the_same_file(one: str, other: str) -> None:
+    made = PoseStore(PoseFolder(Path("/p/q"), SETUP))
     found: list[Path] = []
     for name in (one, other):
         try:
@@ -73,28 +78,28 @@ def test_no_name_leaves_the_folder_and_no_two_share_a_file(one: str, other: str)
 
 
 @pytest.mark.parametrize("name", ["../x", "a/b", "..", "C:\\x", "\0"])
-def test_names_that_are_paths_stay_inside(tmp_path: Path, name: str) -> None:
-    made = poses(tmp_path / "in")
-    assert made.keep(name, TARGET, b"x") == ""
+def test_names_that_are_paths_stay_inside_the_folder(tmp_path: Path, name: str) -> None:
+    made = load_poses(tmp_path / "in")
+    assert made.save(name, TARGET, b"x") == ""
     assert [path.parent for path in tmp_path.rglob("*.json")] == [tmp_path / "in"]
-    assert name in poses(tmp_path / "in").targets
+    assert name in load_poses(tmp_path / "in").targets
     assert made.delete(name) == "" and not list((tmp_path / "in").iterdir())
 
 
-def test_where_the_disk_takes_nothing_it_is_told_and_the_pose_stays_of_use(tmp_path: Path) -> None:
+def test_a_pose_that_cannot_be_written_is_reported_and_remains_usable(tmp_path: Path) -> None:
     (file := tmp_path / "file").write_text("")
-    made = poses(file / "in")
-    assert "here is not kept" in made.keep("here", TARGET, b"") and "here" in made.targets
-    assert "too long a name" in made.keep("ü" * 40, TARGET, b"")
+    made = load_poses(file / "in")
+    assert "here is not stored" in made.save("here", TARGET, b"") and "here" in made.targets
+    assert "a name longer than 200 bytes" in made.save("ü" * 40, TARGET, b"")
 
 
 @pytest.mark.parametrize("cause", list(Cause))
-def test_the_buttons_are_those_that_the_way_out_names(cause: Cause) -> None:
+def test_the_recovery_actions_match_the_way_out_in_words(cause: Cause) -> None:
     phase = rs.Phase.FAULT if cause.action is Action.FAULT else rs.Phase.PAUSED
-    offered = ways(phase, cause)
-    assert ("show" in offered) == ("show the target again" in cause.way_out)
+    offered = list_recovery_actions(phase, cause)
+    assert ("teach_again" in offered) == ("show the target again" in cause.way_out)
     if "resume" in cause.way_out and phase is rs.Phase.PAUSED:
         assert offered[-1] == "resume"
     if "clear" in cause.way_out.split() and phase is rs.Phase.FAULT:
         assert offered == ["clear"]
-    assert ways(rs.Phase.SERVO, cause) == []
+    assert list_recovery_actions(rs.Phase.SERVO, cause) == []

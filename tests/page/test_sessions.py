@@ -1,6 +1,4 @@
-"""A stop stays until a person clears it who has seen it, and nothing goes on without the processes
-that hear and show.
-"""
+"""Sessions: a stop lasts until the operator clears it, and the needed processes must live."""
 
 import sys
 from collections.abc import Callable
@@ -11,71 +9,73 @@ import pytest
 
 from rcmservo.errors import Stopped
 from rcmservo.page.channels import Desk
-from rcmservo.page.messages import CLEAR, STOP, Between
-from rcmservo.page.sessions import Rung, Sessions
+from rcmservo.page.messages import CLEAR, STOP, Standby
+from rcmservo.page.sessions import Sessions, StopPressed
 
 
-def off(began: bool) -> str:
-    return "it is off" if began else "it was off"
+def switch_off(began: bool) -> str:
+    return "manager is off" if began else "manager was off"
 
 
-def never() -> Any:
+def fail() -> Any:
     raise AssertionError("no session is begun here")
 
 
-class Talking(list[object]):
-    """What is said to the page; once a stop can be cleared, somebody rings."""
+class StatusChannel(list[object]):
+    """Status messages; once a stop can be cleared, requests follow."""
 
-    def __init__(self, ring: Callable[[], None]) -> None:
-        self._ring = ring
+    def __init__(self, send_requests: Callable[[], None]) -> None:
+        self._request = send_requests
 
-    def put(self, said: object) -> bool:
-        self.append(said)
-        if isinstance(said, Between) and said.clears:
-            self._ring()
+    def put(self, messages: object) -> bool:
+        self.append(messages)
+        if isinstance(messages, Standby) and messages.can_clear:
+            self._request()
         return True
 
 
-def sessions(*rings: str, needed: dict[int, str] | None = None) -> tuple[Sessions, Desk, Talking]:
-    desk: Any = Desk(get_context("spawn"))
-    desk.said = Talking(lambda: [desk.bell.put(ring) for ring in rings] and None)
-    return Sessions(desk, never, off, needed or {}, never), desk, desk.said
+def sessions(
+    *requests: str, needed: dict[int, str] | None = None
+) -> tuple[Sessions, Desk, StatusChannel]:
+    channels: Any = Desk(get_context("spawn"))
+    channels.said = StatusChannel(lambda: [channels.bell.put(one) for one in requests] and None)
+    return Sessions(channels, fail, switch_off, needed or {}, fail), channels, channels.said
 
 
-def test_a_stop_is_told_at_once_and_can_be_cleared_later() -> None:
-    it, desk, said = sessions(CLEAR)
-    desk.bell.put(CLEAR)
-    it._rung()
-    assert not said
-    desk.bell.put(CLEAR)
-    desk.bell.put(STOP)
-    with pytest.raises(Rung, match="STOP was pressed: it was off"):
-        it._rung()
-    assert said == [Between("STOP was pressed: it was off", latched=True)]
-    it._latch("why")
-    assert said[1:] == [Between("why", latched=True, clears=True)]
+def test_a_stop_is_reported_at_once_and_can_be_cleared_later() -> None:
+    manager, channels, messages = sessions(CLEAR)
+    channels.bell.put(CLEAR)
+    manager._handle_stop_request()
+    assert not messages
+    channels.bell.put(CLEAR)
+    channels.bell.put(STOP)
+    with pytest.raises(StopPressed, match="STOP was pressed: manager was off"):
+        manager._handle_stop_request()
+    assert messages == [Standby("STOP was pressed: manager was off", is_latched=True)]
+    manager._latch("why")
+    assert messages[1:] == [Standby("why", is_latched=True, can_clear=True)]
 
 
-def test_what_was_rung_before_the_stop_could_be_cleared_clears_nothing() -> None:
-    it, desk, _ = sessions("", CLEAR, STOP, "", needed={ended(): "the end"})
-    desk.bell.put(CLEAR)
+def test_a_clear_request_before_the_stop_can_be_cleared_is_ignored() -> None:
+    manager, channels, _ = sessions("", CLEAR, STOP, "", needed={ended_process(): "the end"})
+    channels.bell.put(CLEAR)
     with pytest.raises(Stopped, match="the end"):
-        it._latch("why")
+        manager._latch("why")
 
 
-def ended() -> int:
-    """The sentinel of a process that is over soon."""
+def ended_process() -> int:
+    """Return the sentinel of a process that ends soon."""
     process = get_context("spawn").Process(target=sys.exit)
     process.start()
-    KEPT.append(process)
+    PROCESSES.append(process)
     return process.sentinel
 
 
-KEPT: list[Any] = []
+PROCESSES: list[Any] = []
 
 
-def test_a_process_that_is_needed_and_gone_ends_it_with_its_name() -> None:
-    it, _, _ = sessions(needed={ended(): "the ear"})
-    it._began = True
-    with pytest.raises(Stopped, match="the ear has ended by itself; it is off"):
-        it._latch("why")
+def test_the_end_of_a_needed_process_is_reported_with_its_name() -> None:
+    manager, _, _ = sessions(needed={ended_process(): "the stop process"})
+    manager._has_begun = True
+    with pytest.raises(Stopped, match="the stop process has ended by itself; manager is off"):
+        manager._latch("why")

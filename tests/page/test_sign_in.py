@@ -1,6 +1,4 @@
-"""Who is let in from elsewhere: a browser that was given the token, at an address of this server,
-and its own pages only.
-"""
+"""Sign-in, host and origin: only a browser with the token, and only this server's pages."""
 
 import stat
 from pathlib import Path
@@ -16,33 +14,41 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from rcmservo.cli.cli import main
 from rcmservo.errors import BadInput, UnusableFile
-from rcmservo.page.web.origin_check import Porter, names_of, refusal
-from rcmservo.page.web.sign_in import WHOM, WITHIN, WRONG, Guesses, SignIn
-from rcmservo.page.web.token_file import token_for, token_in
+from rcmservo.page.web.origin_check import OriginCheck, find_refusal, host_names
+from rcmservo.page.web.sign_in import (
+    ATTEMPT_WINDOW_S,
+    MAX_FAILED_ATTEMPTS,
+    MAX_TRACKED_ADDRESSES,
+    FailedAttempts,
+    SignIn,
+)
+from rcmservo.page.web.token_file import load_token, token_for
 
 TOKEN = "of-sixteen-chars"
 LAB = "192.168.1.5"
-AT = f"http://{LAB}:8080"
+PAGE_ADDRESS = f"http://{LAB}:8080"
 EVIL = {"origin": "http://evil.example"}
 
 
-class Lab:
-    """A server that asks for the token, at a time that is told."""
+class Server:
+    """Server that requires the token, with a settable time."""
 
     def __init__(self, token: str = TOKEN) -> None:
         async def page(request: Any) -> PlainTextResponse:
             return PlainTextResponse("the secret")
 
-        async def wire(wire: WebSocket) -> None:
-            await wire.accept()
-            await wire.close()
+        async def websocket(websocket: WebSocket) -> None:
+            await websocket.accept()
+            await websocket.close()
 
-        app = Starlette(routes=[Route("/{path:path}", page), WebSocketRoute("/wire", wire)])
+        app = Starlette(
+            routes=[Route("/{path:path}", page), WebSocketRoute("/websocket", websocket)]
+        )
         sign_in = SignIn(token, 8080, lambda: self.now) if token else None
-        self.now, self.porter = 0.0, Porter(app, 8080, sign_in)
+        self.now, self.app = 0.0, OriginCheck(app, 8080, sign_in)
 
-    def browser(self, at: str = AT, who: str = "192.168.1.9") -> Any:
-        return TestClient(self.porter, at, client=(who, 50000), follow_redirects=False)
+    def browser(self, address: str = PAGE_ADDRESS, client: str = "192.168.1.9") -> Any:
+        return TestClient(self.app, address, client=(client, 50000), follow_redirects=False)
 
     def signed_in(self) -> Any:
         browser = self.browser()
@@ -50,40 +56,40 @@ class Lab:
         return browser
 
 
-def opens(browser: Any, **headers: str) -> bool:
+def opens_websocket(browser: Any, **headers: str) -> bool:
     try:
-        with browser.websocket_connect(f"ws://{LAB}:8080/wire", headers=headers) as wire:
-            wire.close()
+        with browser.websocket_connect(f"ws://{LAB}:8080/websocket", headers=headers) as websocket:
+            websocket.close()
     except WebSocketDisconnect:
         return False
     return True
 
 
-def test_without_the_token_there_is_a_sheet_to_sign_in_and_nothing_else() -> None:
-    browser = Lab().browser()
+def test_only_the_sign_in_page_is_served_without_the_token() -> None:
+    browser = Server().browser()
     for path in ("/", "/rcmservo/main.js", "/_nicegui_ws/socket.io/", "/settings", "/runs"):
         got = browser.get(path)
         assert got.status_code == 401 and "secret" not in got.text and "Sign in" in got.text
-    assert not opens(browser, origin=AT)
+    assert not opens_websocket(browser, origin=PAGE_ADDRESS)
 
 
-def test_who_gave_the_token_gets_the_page_and_its_websockets_until_the_server_ends() -> None:
-    lab = Lab()
-    browser = lab.browser()
-    known = browser.post("/", data={"token": f" {TOKEN}\n"}, headers={"origin": AT})
+def test_the_token_opens_page_and_websockets_until_the_server_ends() -> None:
+    server = Server()
+    browser = server.browser()
+    known = browser.post("/", data={"token": f" {TOKEN}\n"}, headers={"origin": PAGE_ADDRESS})
     assert known.status_code == 303 and known.headers["location"] == "/"
     cookie = known.headers["set-cookie"].lower()
     assert "httponly" in cookie and "samesite=strict" in cookie and TOKEN not in cookie
-    assert browser.get("/").text == "the secret" and opens(browser, origin=AT)
-    assert lab.browser().get("/").status_code == 401  # another one
-    after = Lab().browser()
+    assert browser.get("/").text == "the secret" and opens_websocket(browser, origin=PAGE_ADDRESS)
+    assert server.browser().get("/").status_code == 401  # another browser
+    after = Server().browser()
     after.cookies = browser.cookies
-    assert after.get("/").status_code == 401  # an old session
+    assert after.get("/").status_code == 401  # a cookie of an earlier server
 
 
 @pytest.mark.parametrize("token", ["", TOKEN[:-1], TOKEN + "x", TOKEN.upper(), "é" * 16])
-def test_a_wrong_token_is_refused_in_words(token: str) -> None:
-    browser = Lab().browser()
+def test_another_token_is_refused_with_a_reason(token: str) -> None:
+    browser = Server().browser()
     got = browser.post("/", data={"token": token})
     assert got.status_code == 403 and "not the token" in got.text
     assert browser.get("/").status_code == 401
@@ -93,48 +99,53 @@ LONG = b"more=" + b"x" * 9999 + b"&token=" + TOKEN.encode()
 
 
 @pytest.mark.parametrize("sent", [b"", b"\xff" * 9, b"token=" + b"x" * 9999, b"&" * 2048, LONG])
-def test_rubbish_instead_of_a_token_is_a_wrong_one(sent: bytes) -> None:
-    assert Lab().browser().post("/", content=sent).status_code == 403
+def test_random_content_instead_of_a_token_is_refused(sent: bytes) -> None:
+    assert Server().browser().post("/", content=sent).status_code == 403
 
 
-def test_guessing_is_slow_for_who_guesses_and_for_nobody_else() -> None:
-    lab = Lab()
-    guesser = lab.browser()
-    for _ in range(WRONG):
+def test_failed_attempts_delay_only_their_address() -> None:
+    server = Server()
+    guesser = server.browser()
+    for _ in range(MAX_FAILED_ATTEMPTS):
         assert guesser.post("/", data={"token": "wrong"}).status_code == 403
     waits = guesser.post("/", data={"token": TOKEN})
-    assert waits.status_code == 429 and "wait 60 s" in waits.text  # were it the right one by now
-    assert lab.browser(who="192.168.1.10").post("/", data={"token": TOKEN}).status_code == 303
-    lab.now = WITHIN
+    assert waits.status_code == 429 and "wait 60 s" in waits.text  # although this token is correct
+    assert server.browser(client="192.168.1.10").post("/", data={"token": TOKEN}).status_code == 303
+    server.now = ATTEMPT_WINDOW_S
     assert guesser.post("/", data={"token": TOKEN}).status_code == 303
 
 
-def test_of_how_many_addresses_wrong_tokens_are_kept_in_mind_is_bounded() -> None:
-    guesses = Guesses()
-    for count in range(WHOM + 100):
-        for _ in range(WRONG):
-            guesses.wrong(str(count), 0.0)
-    assert len(guesses._wrong) == WHOM and guesses.wait(str(WHOM), 0.0) > 0.0
+def test_the_number_of_stored_addresses_is_bounded() -> None:
+    guesses = FailedAttempts()
+    for count in range(MAX_TRACKED_ADDRESSES + 100):
+        for _ in range(MAX_FAILED_ATTEMPTS):
+            guesses.add(str(count), 0.0)
+    assert (
+        len(guesses._times) == MAX_TRACKED_ADDRESSES
+        and guesses.remaining_wait(str(MAX_TRACKED_ADDRESSES), 0.0) > 0.0
+    )
 
 
-def test_a_page_of_another_origin_gets_nothing_also_where_the_browser_signed_in() -> None:
-    for browser in (Lab().signed_in(), Lab(token="").browser()):
-        assert browser.get("/").text == "the secret" and opens(browser, origin=AT)
+def test_a_page_of_another_origin_is_refused_in_a_signed_in_browser() -> None:
+    for browser in (Server().signed_in(), Server(token="").browser()):
+        assert browser.get("/").text == "the secret" and opens_websocket(
+            browser, origin=PAGE_ADDRESS
+        )
         for origin in ("http://evil.example", "null", f"https://{LAB}:8080", f"http://{LAB}"):
             assert browser.get("/", headers={"origin": origin}).status_code == 403
-            assert not opens(browser, origin=origin)
-        assert not opens(browser)  # no browser is silent about it
+            assert not opens_websocket(browser, origin=origin)
+        assert not opens_websocket(browser)  # every browser sends an origin
         assert browser.post("/_nicegui_ws/socket.io/", headers=EVIL).status_code == 403
 
 
 def test_a_page_of_another_origin_cannot_sign_a_browser_in() -> None:
-    browser = Lab().browser()
+    browser = Server().browser()
     assert browser.post("/", data={"token": TOKEN}, headers=EVIL).status_code == 403
     assert browser.get("/").status_code == 401
 
 
-def test_no_page_can_show_this_one_in_a_frame() -> None:
-    for browser in (Lab().browser(), Lab().signed_in(), Lab(token="").browser()):
+def test_the_page_forbids_frames() -> None:
+    for browser in (Server().browser(), Server().signed_in(), Server(token="").browser()):
         assert browser.get("/").headers["x-frame-options"] == "DENY"
 
 
@@ -147,77 +158,79 @@ def test_no_page_can_show_this_one_in_a_frame() -> None:
         ("evil.example", set()),
     ],
 )
-def test_a_server_is_known_by_the_address_at_which_it_was_reached(
-    address: str, names: set[str]
-) -> None:
-    assert set(names_of(address)) == names
+def test_the_host_must_be_the_address_of_the_server(address: str, names: set[str]) -> None:
+    assert set(host_names(address)) == names
     for host in ("127.0.0.1", "localhost", LAB, "evil.example", "", "0.0.0.0", "192.168.1.6"):
-        for told in (host, f"{host}:8080", f"{host.upper()}:22"):
-            refused = refusal(Headers({"host": told}), address, 8080, must_tell=False)
-            assert (refused is None) == (host in names), (address, told)
+        for headers in (host, f"{host}:8080", f"{host.upper()}:22"):
+            refused = find_refusal(Headers({"host": headers}), address, 8080, origin_required=False)
+            assert (refused is None) == (host in names), (address, headers)
 
 
-def test_one_name_and_one_origin_are_told_and_not_two() -> None:
-    host, ours, other = (b"host", LAB.encode()), (b"origin", AT.encode()), (b"origin", b"null")
-    for raw, good in (
-        ([host, ours], True),
+def test_a_websocket_needs_exactly_one_host_and_one_origin() -> None:
+    host, origin, other = (
+        (b"host", LAB.encode()),
+        (b"origin", PAGE_ADDRESS.encode()),
+        (b"origin", b"null"),
+    )
+    for raw, is_accepted in (
+        ([host, origin], True),
         ([host], False),
-        ([ours], False),
-        ([host, host, ours], False),
-        ([host, ours, other], False),
+        ([origin], False),
+        ([host, host, origin], False),
+        ([host, origin, other], False),
     ):
-        assert (refusal(Headers(raw=raw), LAB, 8080, must_tell=True) is None) == good, raw
+        assert (
+            find_refusal(Headers(raw=raw), LAB, 8080, origin_required=True) is None
+        ) == is_accepted, raw
 
 
-def test_a_browser_leaves_the_port_80_out() -> None:
-    for origin, good in ((f"http://{LAB}", True), (f"http://{LAB}:80", False)):
-        told = Headers({"host": LAB, "origin": origin})
-        assert (refusal(told, LAB, 80, must_tell=True) is None) == good
+def test_an_origin_omits_port_80() -> None:
+    for origin, is_accepted in ((f"http://{LAB}", True), (f"http://{LAB}:80", False)):
+        headers = Headers({"host": LAB, "origin": origin})
+        assert (find_refusal(headers, LAB, 80, origin_required=True) is None) == is_accepted
 
 
-def test_a_token_is_drawn_once_and_only_its_owner_can_read_it(tmp_path: Path) -> None:
+def test_a_token_is_created_once_and_only_its_owner_can_read_it(tmp_path: Path) -> None:
     file = tmp_path / "token"
     token = token_for("0.0.0.0", file)
     assert len(token) >= 32 and stat.S_IMODE(file.stat().st_mode) == 0o600
-    assert token_in(file) == token != token_in(tmp_path / "other")
+    assert load_token(file) == token != load_token(tmp_path / "other")
 
 
 @pytest.mark.parametrize("mode", [0o640, 0o604, 0o620, 0o660, 0o644])
 def test_a_token_that_others_can_read_is_refused(tmp_path: Path, mode: int) -> None:
     (file := tmp_path / "token").write_text(TOKEN)
     file.chmod(mode)
-    with pytest.raises(UnusableFile, match=r"others than its owner.*: chmod 600"):
-        token_in(file)
+    with pytest.raises(UnusableFile, match=r"others than its owner: chmod 600"):
+        load_token(file)
     file.chmod(0o600)
-    assert token_in(file) == TOKEN
+    assert load_token(file) == TOKEN
 
 
 @pytest.mark.parametrize("text", ["", "x" * 15, "x" * 257, "x" * 99999, "x " * 20, "é" * 20])
-def test_what_is_no_token_is_refused(tmp_path: Path, text: str) -> None:
+def test_an_invalid_token_is_refused(tmp_path: Path, text: str) -> None:
     (file := tmp_path / "token").write_text(text)
     file.chmod(0o600)
     with pytest.raises(UnusableFile, match="one word of 16 to 256"):
-        token_in(file)
+        load_token(file)
 
 
-def test_a_folder_or_a_file_that_cannot_be_made_is_told_in_words(tmp_path: Path) -> None:
+def test_a_token_file_that_cannot_be_created_is_reported(tmp_path: Path) -> None:
     tmp_path.chmod(0o700)
-    for file, why in ((tmp_path, "no file that could|cannot be"), (tmp_path / "no/token", "made")):
+    for file, why in ((tmp_path, "not a regular file|cannot be"), (tmp_path / "no/token", "made")):
         with pytest.raises(UnusableFile, match=why):
-            token_in(file)
+            load_token(file)
 
 
-@pytest.mark.parametrize("host", ["lab", "", "::1", "1.2.3", "1.2.3.4:80", "127.0.0.1 "])
-def test_what_is_no_address_is_refused(host: str) -> None:
+@pytest.mark.parametrize("host", ["server", "", "::1", "1.2.3", "1.2.3.4:80", "127.0.0.1 "])
+def test_an_invalid_address_is_refused(host: str) -> None:
     with pytest.raises(BadInput, match="--host must be an IPv4 address"):
         token_for(host, None)
 
 
 @pytest.mark.parametrize("host", ["0.0.0.0", LAB])
-def test_elsewhere_is_served_with_a_token_only(
-    host: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_remote_browsers_need_a_token_file(host: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["serve", "--no-browser", "--host", host]) == 2
-    said = capsys.readouterr().err
-    assert "without --token-file" in said and said.count("\n") == 1
+    error = capsys.readouterr().err
+    assert "without --token-file" in error and error.count("\n") == 1
     assert token_for("127.0.0.1", None) == ""

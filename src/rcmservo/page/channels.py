@@ -1,8 +1,8 @@
-"""What the processes about a page share. Nobody waits for anybody.
+"""Channels between the page's processes. No process waits for another one.
 
-page ─ wants, hand ─► servo process       page, STOP ─ bell ─► supervisor
+page ─ requests, jog state ─► servo process     page, STOP ─ stop requests ─► supervisor
      ◄─── ticks ────
-     ◄─── said ───── servo process, supervisor     page ── changes ─► supervisor
+     ◄─── status ───── servo process, supervisor     page ── settings ─► supervisor
 """
 
 import pickle
@@ -14,78 +14,80 @@ from typing import Any
 
 from rcmservo.live.shared_ring import SharedRing
 from rcmservo.loop.tick import Tick
-from rcmservo.page.jog_state import Hand
+from rcmservo.page.jog_state import JogState
 from rcmservo.recording.ros2_messages import encode_tick
 
-SLOTS = 512
+TICK_SLOTS = 512
 """Number of ticks that the ring holds."""
 MAX_TICK_BYTES = 4096
 """Largest tick in bytes."""
-DUE = struct.Struct("<q")
-"""Time in ns from the start of the loop at which a tick was due, at the end of its bytes."""
+DUE_TIME = struct.Struct("<q")
+"""Due time of a tick in ns from the start of the loop, at the end of the tick's bytes."""
 
-LARGEST = 1 << 16
-"""Bytes of a message."""
+MAX_MESSAGE_BYTES = 1 << 16
+"""Largest message in bytes."""
 
 
 class TickRing(SharedRing):
-    """Newest ticks of a loop, each as a record holds it and followed by the time it was due."""
+    """Shared-memory ring of a loop's newest ticks: bytes as in a record, then the due time."""
 
     def __init__(self, context: BaseContext) -> None:
-        super().__init__(context, SLOTS, MAX_TICK_BYTES)
+        super().__init__(context, TICK_SLOTS, MAX_TICK_BYTES)
 
     def add(self, tick: Tick) -> None:
         """Add a tick as the newest."""
-        self.put(encode_tick(tick), DUE.pack(tick.time))
+        self.put(encode_tick(tick), DUE_TIME.pack(tick.time))
 
 
-class Post:
-    """Messages one way, whole or not at all: many may put, one hears. There is room for a few, as a
-    person has them. It is handed to a process when that is started.
+class MessageChannel:
+    """Channel in one direction with one receiver and any number of senders.
+
+    A message arrives whole or not at all. The channel holds a few messages, enough for an operator.
+    A process gets it as an argument when it is started.
     """
 
     def __init__(self) -> None:
-        self._mouth, self._ear = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
-        self._mouth.setblocking(False)
-        self._ear.setblocking(False)
+        self._sender, self._receiver = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
+        self._sender.setblocking(False)
+        self._receiver.setblocking(False)
 
     def put(self, message: object) -> bool:
-        """Say something; whether there was room for it."""
+        """Send a message. Return False if the channel is full."""
         data = pickle.dumps(message)
         try:
-            return self._mouth.send(data) == len(data)
+            return self._sender.send(data) == len(data)
         except (BlockingIOError, OSError):
             return False
 
     def heard(self) -> Iterator[Any]:
-        """What was said since."""
+        """Yield the messages that have arrived since the last call."""
         while True:
             try:
-                data = self._ear.recv(LARGEST)
+                data = self._receiver.recv(MAX_MESSAGE_BYTES)
             except BlockingIOError:
                 return
             yield pickle.loads(data)
 
     def fileno(self) -> int:
-        """To wait for a message by."""
-        return self._ear.fileno()
+        """Return the file descriptor to wait for a message."""
+        return self._receiver.fileno()
 
 
 class Desk:
-    """All of it."""
+    """All channels between the page's processes."""
 
     def __init__(self, context: BaseContext) -> None:
         self.ticks = TickRing(context)
-        """What the loop does, tick by tick."""
-        self.wants = Post()
-        """What the person wants of the servo."""
-        self.hand = Hand(context)
-        """That the person is there, and which button is held."""
-        self.said = Post()
-        """What the servo process and the supervisor say to the person."""
-        self.trouble = Post()
-        """What is to go wrong with a simulated laboratory."""
-        self.bell = Post()
-        """What the supervisor is told: to stop, to clear."""
-        self.changes = Post()
-        """What it is told of settings, apart, so that they never fill the bell."""
+        """Ticks of the loop."""
+        self.wants = MessageChannel()
+        """Requests of the operator to the servo."""
+        self.hand = JogState(context)
+        """Heartbeats and held jog button of the browser in control."""
+        self.said = MessageChannel()
+        """Status messages of the servo process and the supervisor to the page."""
+        self.trouble = MessageChannel()
+        """Disturbances of a simulated laboratory."""
+        self.bell = MessageChannel()
+        """Requests to the supervisor to stop and to clear a stop."""
+        self.changes = MessageChannel()
+        """Settings to the supervisor, in their own channel, so that they never block a stop."""

@@ -1,7 +1,7 @@
-"""Who may move the arm by the page, and what counts as said by that person.
+"""Control of the arm by one browser, and validation of the messages from browsers.
 
-One browser has control and the others watch. Every message tells the newest moment that the server
-has shown to that browser: what was said to a page long gone is said no more.
+One browser has control; the others watch. Every message carries the newest time that the server has
+displayed in that browser, so that a message about an outdated display is refused.
 """
 
 import json
@@ -16,187 +16,215 @@ from rcmservo.constraints import Checked, Limit
 from rcmservo.errors import BadInput
 from rcmservo.interfaces import Target
 from rcmservo.page.messages import (
-    Beat,
-    Delete,
+    BrowserMessage,
+    DeletePose,
+    DisturbanceRequest,
     Enable,
     Go,
-    Held,
-    Led,
-    Released,
+    Heartbeat,
+    JogJoints,
+    JogMarker,
+    ReleaseJog,
     Reply,
-    TeachAs,
-    Told,
-    Wrong,
+    TeachPose,
 )
-from rcmservo.page.settings import change_of
-from rcmservo.page.tour import GoOnTour, Plan
+from rcmservo.page.pose_sequence import RunSequence, SequencePlan
+from rcmservo.page.settings import decode_change
 from rcmservo.safety.state_machine import Request
 
-FRESH, FRESH_JOG = 300_000_000, 150_000_000
-"""ns for which what the server has shown counts as seen now; by a hand that jogs."""
+MAX_MESSAGE_AGE_NS, MAX_JOG_AGE_NS = 300_000_000, 150_000_000
+"""Age (ns) of the displayed state up to which a message counts; the same for a jog."""
 
-SILENT = 2_000_000_000
-"""ns without a fresh message after which who has control loses it to whoever asks."""
+HOLDER_TIMEOUT_NS = 2_000_000_000
+"""Time (ns) without a valid message after which the browser in control loses control on request."""
 
-LONGEST = 2000
-"""Characters of a message."""
+MAX_MESSAGE_CHARACTERS = 2000
+"""Longest message in characters."""
 
-NAME = 40
-"""Characters of a pose's name."""
+MAX_NAME_CHARACTERS = 40
+"""Longest name of a pose in characters."""
 
 
-def _is_name(text: str) -> bool:
-    return 0 < len(text) <= NAME and text.isprintable() and text == text.strip()
+def _is_pose_name(text: str) -> bool:
+    return 0 < len(text) <= MAX_NAME_CHARACTERS and text.isprintable() and text == text.strip()
 
 
 @dataclass(frozen=True)
-class Named(Checked):
-    """Arguments of a message that names a pose.
+class PoseArgument(Checked):
+    """Arguments of a message about a pose.
 
     Parameters
     ----------
     name : str
-        The pose.
+        Name of the pose.
     """
 
-    name: Annotated[str, Limit(_is_name, f"a name of 1 to {NAME} characters")]
+    name: Annotated[str, Limit(_is_pose_name, f"a name of 1 to {MAX_NAME_CHARACTERS} characters")]
 
 
-PLAIN: dict[str, Told] = {
-    "beat": Beat(),
+PLAIN_MESSAGES: dict[str, BrowserMessage] = {
+    "beat": Heartbeat(),
     "enable": Enable(),
-    "show": TeachAs(""),
+    "teach_again": TeachPose(""),
     "pause": Request.PAUSE,
     "resume": Request.RESUME,
     "clear": Request.CLEAR,
 }
-"""Messages without arguments."""
+"""Messages without arguments, by their action."""
 
 FindPose = Callable[[str], Target | None]
 
 
-class Unheeded(Exception):
-    """A message that is not heeded, and why."""
+class MessageRefused(Exception):
+    """Refusal of a message, with the reason."""
 
 
 @dataclass
-class Control:
-    """Who has control: a browser by what it was named at random, or nobody.
+class ControlOwnership:
+    """Ownership of control. Browsers have random names.
 
     Parameters
     ----------
     holder : str
-        Its name; empty where nobody has control.
-    asking : str
-        Who asks for it while somebody else has it.
-    heard : int
-        ns, when the holder last said something fresh, or came to be the holder.
+        Name of the browser in control; empty if there is none.
+    requester : str
+        Name of the browser that requests control from the holder.
+    last_message_at : int
+        Time (ns) of the holder's last valid message, or of the transfer of control.
     """
 
     holder: str = ""
-    asking: str = ""
-    heard: int = 0
+    requester: str = ""
+    last_message_at: int = 0
 
     def join(self, now: int) -> str:
-        """Another browser; it has control if nobody has."""
+        """Register a browser and return its name; it gets control if no browser has it."""
         name = secrets.token_hex(16)
         if not self.holder:
-            self._hand(name, now)
+            self._assign(name, now)
         return name
 
     def leave(self, name: str, now: int) -> None:
-        """A browser is gone; who asks for control gets what it had."""
-        self.asking = "" if self.asking == name else self.asking
+        """Remove a browser; its control passes to the requester."""
+        self.requester = "" if self.requester == name else self.requester
         if self.holder == name:
-            self._hand(self.asking, now)
+            self._assign(self.requester, now)
 
-    def ask(self, name: str, now: int) -> None:
-        """A browser asks for control; it has it at once where the holder is silent."""
-        if not self.holder or now - self.heard > SILENT:
-            self._hand(name, now)
+    def request(self, name: str, now: int) -> None:
+        """Request control; it is transferred at once if the holder has been silent."""
+        if not self.holder or now - self.last_message_at > HOLDER_TIMEOUT_NS:
+            self._assign(name, now)
         elif self.holder != name:
-            self.asking = name
+            self.requester = name
 
-    def give(self, name: str, now: int) -> None:
-        """Who has control gives it to who asks for it."""
-        if self.holder == name and self.asking:
-            self._hand(self.asking, now)
+    def hand_over(self, name: str, now: int) -> None:
+        """Hand control over from its holder to the requester."""
+        if self.holder == name and self.requester:
+            self._assign(self.requester, now)
 
-    def _hand(self, name: str, now: int) -> None:
-        self.holder, self.asking, self.heard = name, "", now
+    def _assign(self, name: str, now: int) -> None:
+        self.holder, self.requester, self.last_message_at = name, "", now
 
 
-def heard(text: str, name: str, control: Control, find: FindPose, now: int) -> Told | None:
-    """What a browser wants of the servo; None for what is settled between browsers, and for a sign
-    of life that comes too late: nobody pressed anything. `find` finds a target by its name.
+def interpret_message(
+    text: str, name: str, control: ControlOwnership, find: FindPose, now: int
+) -> BrowserMessage | None:
+    """Return the request in a browser's message.
+
+    Parameters
+    ----------
+    text : str
+        Message: a JSON object with `do` (action), `at` (displayed time in ns) and arguments.
+    name : str
+        Name of the browser.
+    control : ControlOwnership
+        Ownership, which this call updates.
+    find : callable
+        Returns the target of a pose's name, or None.
+    now : int
+        Present time in ns.
+
+    Returns
+    -------
+    BrowserMessage or None
+        None for messages about ownership, and for a heartbeat that is too old: the user pressed
+        nothing, so that no refusal is displayed.
+
+    Raises
+    ------
+    MessageRefused
+        If the message is invalid or too old, or the browser does not have control.
     """
-    message = _message(text)
-    do, at = message.pop("do", None), message.pop("at", None)
-    if do == "ask":
-        return control.ask(name, now)
-    if do == "give":
-        return control.give(name, now)
+    message = _parse_message(text)
+    action, shown_at = message.pop("do", None), message.pop("at", None)
+    if action == "request_control":
+        return control.request(name, now)
+    if action == "hand_over":
+        return control.hand_over(name, now)
     if name != control.holder:
-        raise Unheeded("another browser has control: ask for it")
-    if do == "release":
-        return Released()
-    if type(at) is not int or not 0 <= now - at <= (FRESH_JOG if do == "jog" else FRESH):
-        if do == "beat":
+        raise MessageRefused("another browser has control: request control first")
+    if action == "release":
+        return ReleaseJog()
+    max_age = MAX_JOG_AGE_NS if action == "jog" else MAX_MESSAGE_AGE_NS
+    if type(shown_at) is not int or not 0 <= now - shown_at <= max_age:
+        if action == "beat":
             return None
-        raise Unheeded("it came too late to count")
-    control.heard = now
+        raise MessageRefused("the displayed state is too old: press again")
+    control.last_message_at = now
     try:
-        return _told(do, message, find)
+        return _decode_action(action, message, find)
     except BadInput as error:
-        raise Unheeded(str(error)) from error
+        raise MessageRefused(str(error)) from error
 
 
-def _told(do: object, message: Table, find: FindPose) -> Told:
-    """Return a fresh message of the browser in control. `message` holds its arguments."""
-    if isinstance(do, str) and do in PLAIN:
-        return PLAIN[do]
-    if isinstance(do, str) and do in READERS:
-        return READERS[do](message, find)
-    raise Unheeded(f"nobody knows what {str(do)[:NAME]!r} is")
+def _decode_action(action: object, message: Table, find: FindPose) -> BrowserMessage:
+    """Decode a valid message of the browser in control. `message` holds its arguments."""
+    if isinstance(action, str) and action in PLAIN_MESSAGES:
+        return PLAIN_MESSAGES[action]
+    if isinstance(action, str) and action in DECODERS:
+        return DECODERS[action](message, find)
+    raise MessageRefused(f"unknown action {str(action)[:MAX_NAME_CHARACTERS]!r}")
 
 
-def _message(text: str) -> Table:
-    if len(text) > LONGEST:
-        raise Unheeded("it is too long")
+def _parse_message(text: str) -> Table:
+    if len(text) > MAX_MESSAGE_CHARACTERS:
+        raise MessageRefused(f"the message is longer than {MAX_MESSAGE_CHARACTERS} characters")
     try:
         message: object = json.loads(text)
     except (ValueError, RecursionError) as error:
-        raise Unheeded("it is no JSON") from error
+        raise MessageRefused("the message is not JSON") from error
     if not is_table(message):
-        raise Unheeded("it is no JSON object")
+        raise MessageRefused("the message is not a JSON object")
     return message
 
 
-def _name(message: Table) -> str:
-    return decode(Named, message, "pose").name
+def _pose_name(message: Table) -> str:
+    return decode(PoseArgument, message, "pose").name
 
 
-def _known(name: str, find: FindPose) -> Target:
+def _find_target(name: str, find: FindPose) -> Target:
     target = find(name)
     if target is None:
-        raise Unheeded(f"there is no pose {name[:NAME]!r}")
+        raise MessageRefused(f"there is no pose {name[:MAX_NAME_CHARACTERS]!r}")
     return target
 
 
-def _tour(message: Table, find: FindPose) -> GoOnTour:
-    """All its poses are known before it begins."""
-    plan = decode(Plan, message, "tour")
-    return GoOnTour(plan, tuple(_known(stop.pose, find) for stop in plan.stops))
+def _decode_sequence(message: Table, find: FindPose) -> RunSequence:
+    """Decode a pose sequence; all its poses must exist before it starts."""
+    plan = decode(SequencePlan, message, "sequence")
+    return RunSequence(plan, tuple(_find_target(one.pose, find) for one in plan.waypoints))
 
 
-READERS: dict[str, Callable[[Table, FindPose], Told]] = {
-    "jog": lambda message, _: decode(Led if "velocity" in message else Held, message, "jog"),
-    "teach": lambda message, _: TeachAs(_name(message)),
-    "delete": lambda message, _: Delete(_name(message)),
-    "go": lambda message, find: Go(_known(_name(message), find)),
-    "tour": _tour,
-    "set": lambda message, _: change_of(message.get("box"), message.get("table")),
-    "trouble": lambda message, _: decode(Wrong, message, "trouble"),
+DECODERS: dict[str, Callable[[Table, FindPose], BrowserMessage]] = {
+    "jog": lambda message, _: decode(
+        JogMarker if "velocity" in message else JogJoints, message, "jog"
+    ),
+    "teach": lambda message, _: TeachPose(_pose_name(message)),
+    "delete": lambda message, _: DeletePose(_pose_name(message)),
+    "go": lambda message, find: Go(_find_target(_pose_name(message), find)),
+    "sequence": _decode_sequence,
+    "set": lambda message, _: decode_change(message.get("part"), message.get("table")),
+    "disturb": lambda message, _: decode(DisturbanceRequest, message, "disturbance"),
     "answer": lambda message, _: decode(Reply, message, "answer"),
 }
-"""Messages with arguments."""
+"""Decoders of the messages with arguments, by their action."""

@@ -1,4 +1,4 @@
-"""Before the drive is on: the page sees what the camera sees, and the person switches it on."""
+"""Observation without motion until the operator enables the drive at the page."""
 
 from dataclasses import replace
 
@@ -11,47 +11,73 @@ from rcmservo.loop.plant import Plant
 from rcmservo.loop.teach import NotShown, teach
 from rcmservo.loop.tick import Tick
 from rcmservo.page.channels import Desk
-from rcmservo.page.messages import Between, Enable, InForce, Note
+from rcmservo.page.messages import Enable, Note, SettingsApplied, Standby
 from rcmservo.safety.state_machine import Request
 from rcmservo.servo.servo import Servo
 
-STILL = np.zeros(3)
-FIRST_FRAMES = 30
-"""Frames of the first target, half a second: the drive goes on soon after Enable, and the tool goes
-only to what is taught or chosen later."""
+NO_MOTION = np.zeros(3)
+FIRST_TARGET_FRAMES = 30
+"""Number of frames of the first target, half a second.
+
+It is small so that the drive goes on soon after Enable. The tool moves only to poses that are
+taught or selected later.
+"""
 
 
-def await_enable(desk: Desk, servo: Servo, intent: str, plant: Plant) -> Target:
-    """Show what is seen, and tell what is going to happen, until the person wants the drive on; the
-    pose in which the tool then is, as the first target. No `loop.run`: the drive is off, and no
-    command is sent.
+def await_enable(channels: Desk, servo: Servo, intent: str, plant: Plant) -> Target:
+    """Display observations until the drive is enabled; return the present pose as the target.
+
+    This is not `loop.run`: the drive is off and no command is sent.
+
+    Parameters
+    ----------
+    channels : Desk
+        Channels to the page.
+    servo : Servo
+        Servo of the session.
+    intent : str
+        Description of what happens once the drive is on, for the page.
+    plant : Plant
+        Plant of the servo process.
+
+    Returns
+    -------
+    Target
+        Mean of the first frames after the request.
+
+    Raises
+    ------
+    Stopped
+        If a stop is requested.
     """
     assert isinstance(plant, HeartbeatPlant)
-    desk.said.put(InForce(replace(servo)))
-    servo.warm_up()  # so that the drive goes on soon once it is wanted, whatever was set
+    channels.said.put(SettingsApplied(replace(servo)))
+    servo.warm_up()  # so that no compilation delays the drive after Enable
     state, schedule = servo.init(), ticks(plant.clock, servo.rate)
-    list(desk.wants.heard())  # what was wanted of a session that is over
-    desk.said.put(Between("the drive is off", ready=True, intent=intent))
+    list(channels.wants.heard())  # requests to an earlier session
+    channels.said.put(Standby("the drive is off", can_enable=True, intent=intent))
     while True:
         now = next(schedule)
         go_on(plant.told_to_end)
-        desk.ticks.add(Tick(now, servo, plant.read(), Request.NONE, STILL, state, STILL))
-        target = _shown(desk, plant) if _enabled(desk) else None
+        channels.ticks.add(
+            Tick(now, servo, plant.read(), Request.NONE, NO_MOTION, state, NO_MOTION)
+        )
+        target = _teach_first_target(channels, plant) if _enable_requested(channels) else None
         if target is not None:
             return target
 
 
-def _enabled(desk: Desk) -> bool:
-    """Whether the person wants the drive on; all else is not for now."""
-    told = list(desk.wants.heard())
-    if any(not isinstance(one, Enable) for one in told):
-        desk.said.put(Note("the drive is off: enable first"))
-    return any(isinstance(one, Enable) for one in told)
+def _enable_requested(channels: Desk) -> bool:
+    """Return whether the operator requests the drive; report every other request as refused."""
+    messages = list(channels.wants.heard())
+    if any(not isinstance(one, Enable) for one in messages):
+        channels.said.put(Note("the drive is off: enable first"))
+    return any(isinstance(one, Enable) for one in messages)
 
 
-def _shown(desk: Desk, plant: Plant) -> Target | None:
+def _teach_first_target(channels: Desk, plant: Plant) -> Target | None:
     try:
-        return teach(plant, FIRST_FRAMES)
+        return teach(plant, FIRST_TARGET_FRAMES)
     except NotShown as error:
-        desk.said.put(Note(f"not enabled: {error}"))
+        channels.said.put(Note(f"not enabled: {error}"))
         return None

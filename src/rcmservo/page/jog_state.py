@@ -1,5 +1,6 @@
-"""The hand of whoever has control: that it is there, and which jog button it holds down. What is
-newest is what counts, so that nothing of it waits in a queue.
+"""Shared jog state of the browser in control: heartbeats and the jog button that is held down.
+
+Only the newest state counts, so that no jog command waits in a queue.
 """
 
 import struct
@@ -9,70 +10,74 @@ from typing import NamedTuple
 from rcmservo.constraints import Triple
 from rcmservo.live.shared_ring import SharedRing
 
-NONE = -1
-LAYOUT = struct.Struct("<qqdddd?")
-SLOTS = 2
+NO_PRESS = -1
+"""Number of the press while no button is held down."""
+JOG_LAYOUT = struct.Struct("<qqdddd?")
+JOG_SLOTS = 2
 
 
-class Gesture(NamedTuple):
-    """What the hand does.
+class JogCommand(NamedTuple):
+    """Jog command of the browser in control.
 
     Parameters
     ----------
-    life : int
-        It rises with each sign of life.
+    heartbeats : int
+        Counter that rises with each sign of life.
     press : int
-        Which press of a button it is, NONE where none is held.
-    a : float
-        rad/s of joint 1, or mm/s along x.
-    b : float
-        rad/s of joint 2, or mm/s along y.
-    c : float
-        mm/s of joint 3, or along z.
-    share : float
-        Of the speed that a jog may have.
-    leads : bool
-        Whether the button leads marker 1 in the arm's base frame, and no single joint.
+        Number of the press, `NO_PRESS` if no button is held down.
+    first : float
+        Rate of joint 1 in rad/s, or velocity along x in mm/s.
+    second : float
+        Rate of joint 2 in rad/s, or velocity along y in mm/s.
+    third : float
+        Rate of joint 3 in mm/s, or velocity along z in mm/s.
+    speed_scale : float
+        Fraction of the jog speed.
+    moves_marker : bool
+        The command moves marker 1 in the arm's base frame instead of joints.
     """
 
-    life: int = 0
-    press: int = NONE
-    a: float = 0.0
-    b: float = 0.0
-    c: float = 0.0
-    share: float = 1.0
-    leads: bool = False
+    heartbeats: int = 0
+    press: int = NO_PRESS
+    first: float = 0.0
+    second: float = 0.0
+    third: float = 0.0
+    speed_scale: float = 1.0
+    moves_marker: bool = False
 
 
-class Hand:
-    """Shared memory with the newest gesture: one writer. It is handed to a process when that is
-    started.
+class JogState:
+    """Shared memory with the newest jog command. It has one writer.
+
+    A process gets it as an argument when it is started.
     """
 
     def __init__(self, context: BaseContext) -> None:
-        self.gestures = SharedRing(context, SLOTS, LAYOUT.size)
-        self._now = Gesture()
-        self._write(self._now)
+        self.ring = SharedRing(context, JOG_SLOTS, JOG_LAYOUT.size)
+        self._command = JogCommand()
+        self._write(self._command)
 
-    def holds(self, press: int, motion: Triple, share: float = 1.0, leads: bool = False) -> None:
-        """It is there, and holds a button down that moves joints by their rates, or leads marker 1
-        by its velocity.
-        """
-        self._write(Gesture(self._now.life + 1, press, *motion, share, leads))
+    def hold(
+        self, press: int, motion: Triple, speed_scale: float = 1.0, moves_marker: bool = False
+    ) -> None:
+        """Write that a button is held down; `motion` is joint rates or the velocity of marker 1."""
+        self._write(
+            JogCommand(self._command.heartbeats + 1, press, *motion, speed_scale, moves_marker)
+        )
 
-    def beats(self) -> None:
-        """It is there, and holds nothing."""
-        self._write(Gesture(self._now.life + 1))
+    def send_heartbeat(self) -> None:
+        """Write a sign of life without a held button."""
+        self._write(JogCommand(self._command.heartbeats + 1))
 
-    def lets_go(self) -> None:
-        """It holds nothing any more; that is no sign of life."""
-        self._write(Gesture(self._now.life))
+    def release(self) -> None:
+        """Write that no button is held down. This is not a sign of life."""
+        self._write(JogCommand(self._command.heartbeats))
 
-    def _write(self, gesture: Gesture) -> None:
-        self._now = gesture
-        self.gestures.put(LAYOUT.pack(*gesture))
+    def _write(self, command: JogCommand) -> None:
+        self._command = command
+        self.ring.put(JOG_LAYOUT.pack(*command))
 
-    def read(self) -> Gesture | None:
-        """The newest gesture; None if it is overwritten at this moment, or damaged."""
-        entry = self.gestures.read(self.gestures.newest)
-        return Gesture(*LAYOUT.unpack(entry.data)) if entry and entry.is_sound else None
+    def read(self) -> JogCommand | None:
+        """Return the newest command; None if it is being overwritten or is damaged."""
+        entry = self.ring.read(self.ring.newest)
+        return JogCommand(*JOG_LAYOUT.unpack(entry.data)) if entry and entry.is_sound else None

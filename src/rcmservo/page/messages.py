@@ -1,251 +1,249 @@
-"""What the page tells the servo: what a person wants, and that the person is still there."""
+"""Messages between browser, servo process and supervisor."""
 
 from dataclasses import dataclass
 from typing import Annotated, Any
 
 from rcmservo.constraints import FRACTION, Checked, Limit, Triple, at_most, each
 from rcmservo.interfaces import Target
-from rcmservo.page.tour import GoOnTour, HowFar
+from rcmservo.page.pose_sequence import RunSequence, SequenceProgress
 from rcmservo.safety.state_machine import Request
 from rcmservo.servo.servo import Servo
 
-LARGEST = at_most(1e9, "of its unit")
-"""Limit of a rate that a browser asks for."""
+RATE_LIMIT = at_most(1e9, "of its unit")
+"""Limit of a rate that a browser requests."""
 
-ANSWER = 100
-"""Characters of an answer."""
+MAX_ANSWER_CHARACTERS = 100
+"""Longest answer to a question, in characters."""
 
-PRESS = Limit(lambda press: 0 <= press < 2**53, "a whole number from 0 to 2⁵³ − 1")
-"""Limit of the number of a press: JavaScript holds it exactly."""
+PRESS_NUMBER_LIMIT = Limit(lambda press: 0 <= press < 2**53, "a whole number from 0 to 2⁵³ − 1")
+"""Limit of the number of a press, the largest range that JavaScript represents exactly."""
 
 
-def one_line(most: int, noun: str = "one line") -> Limit:
-    """Return the limit to a printable text of at most `most` characters."""
-    words = f"{noun} of at most {most} characters"
-    return Limit(lambda text: len(text) <= most and text.isprintable(), words)
+def single_line_text(max_characters: int, noun: str = "one line") -> Limit:
+    """Return the limit to a printable text of at most `max_characters`."""
+    words = f"{noun} of at most {max_characters} characters"
+    return Limit(lambda text: len(text) <= max_characters and text.isprintable(), words)
 
 
 @dataclass(frozen=True)
 class Enable:
-    """Wanted: that the drive goes on, with the tool's present pose as the first target."""
+    """Request to switch the drive on, with the tool's present pose as the first target."""
 
 
 @dataclass(frozen=True, eq=False)
 class Go:
-    """Wanted: that the tool goes to a target.
+    """Request to move the tool to a target.
 
     Parameters
     ----------
     target : Target
-        Where to.
+        Target to reach.
     """
 
     target: Target
 
 
 @dataclass(frozen=True)
-class TeachAs:
-    """Wanted: that the tool pauses, and that what the camera then sees becomes the target, and is
-    kept by this name.
+class TeachPose:
+    """Request to pause the tool and to teach the present observation as the target.
 
     Parameters
     ----------
     name : str
-        Of the pose; empty where it is not kept.
+        Name under which the pose is stored; empty if it is not stored.
     """
 
     name: str
 
 
 @dataclass(frozen=True)
-class Delete:
-    """Wanted: that a pose is forgotten.
+class DeletePose:
+    """Request to delete a stored pose.
 
     Parameters
     ----------
     name : str
-        Its name.
+        Name of the pose.
     """
 
     name: str
 
 
 @dataclass(frozen=True)
-class Held(Checked, section="jog"):
-    """A person holds a jog button down, now.
+class JogJoints(Checked, section="jog"):
+    """Report that a button that jogs joints is held down now.
 
     Parameters
     ----------
     rates : Triple
-        Joint rates rad/s, rad/s, mm/s.
+        Joint rates (3,) rad/s, rad/s, mm/s.
     press : int
-        Which press it is: what ended one press is not gone on with before the next.
-    share : float
-        Of the speed that a jog may have.
+        Number of the press. Each press has a number of its own, and one that was ended stays ended.
+    speed_scale : float
+        Fraction of the jog speed, above 0 and at most 1.
     """
 
-    rates: Annotated[Triple, each(LARGEST, "three numbers (rad/s, rad/s, mm/s) of at most 10⁹")]
-    press: Annotated[int, PRESS]
-    share: Annotated[float, FRACTION] = 1.0
+    rates: Annotated[Triple, each(RATE_LIMIT, "three numbers (rad/s, rad/s, mm/s) of at most 10⁹")]
+    press: Annotated[int, PRESS_NUMBER_LIMIT]
+    speed_scale: Annotated[float, FRACTION] = 1.0
 
 
 @dataclass(frozen=True)
-class Led(Checked, section="jog"):
-    """A person holds a button down, now, that leads marker 1 in a direction of the arm's base
-    frame.
+class JogMarker(Checked, section="jog"):
+    """Report that a button that moves marker 1 is held down now.
 
     Parameters
     ----------
     velocity : Triple
-        Of marker 1 along x, y, z, mm/s.
+        Velocity (3,) of marker 1 along x, y, z of the arm's base frame, mm/s.
     press : int
-        Which press it is, as for Held.
-    share : float
-        Of the speed that a jog may have.
+        Number of the press, as for `JogJoints`.
+    speed_scale : float
+        Fraction of the jog speed, above 0 and at most 1.
     """
 
-    velocity: Annotated[Triple, each(LARGEST, "three numbers (mm/s) of at most 10⁹")]
-    press: Annotated[int, PRESS]
-    share: Annotated[float, FRACTION] = 1.0
+    velocity: Annotated[Triple, each(RATE_LIMIT, "three numbers (mm/s) of at most 10⁹")]
+    press: Annotated[int, PRESS_NUMBER_LIMIT]
+    speed_scale: Annotated[float, FRACTION] = 1.0
 
 
 @dataclass(frozen=True)
-class Beat:
-    """The person who has control is there, now, and holds nothing."""
+class Heartbeat:
+    """Sign of life from the browser in control while no jog button is held down."""
 
 
 @dataclass(frozen=True)
-class Released:
-    """The person has let go of the button."""
+class ReleaseJog:
+    """Report that the jog button was released."""
 
 
 @dataclass(frozen=True, eq=False)
 class Change:
-    """Wanted: that a box of the servo has other settings.
+    """Request to change the settings of one part of the servo.
 
     Parameters
     ----------
-    box : str
-        Which one.
+    part : str
+        Name of the part, such as "controller".
     value : Any
-        Its settings.
+        New settings of the part.
     """
 
-    box: str
+    part: str
     value: Any
 
 
 @dataclass(frozen=True)
-class Wrong(Checked, section="trouble"):
-    """Wanted: that something goes wrong with a simulated laboratory.
+class DisturbanceRequest(Checked, section="disturbance"):
+    """Request to disturb a simulated laboratory.
 
     Parameters
     ----------
     what : str
-        As `--disturb` takes it, without `at`; empty: all that goes wrong ends.
+        Disturbance as `--disturb` takes it, without `at`; empty to end all disturbances.
     """
 
-    what: Annotated[str, one_line(200, "a disturbance")]
+    what: Annotated[str, single_line_text(200, "a disturbance")]
 
 
 @dataclass(frozen=True)
 class Reply(Checked, section="answer"):
-    """What a person answers to a question.
+    """Answer to a question.
 
     Parameters
     ----------
     question : str
-        Which one, in its words: an answer to another one counts for nothing.
+        Text of the question. An answer to another question is ignored.
     words : str
-        The answer.
+        Answer.
     """
 
-    question: Annotated[str, one_line(400)]
-    words: Annotated[str, one_line(ANSWER)]
+    question: Annotated[str, single_line_text(400)]
+    words: Annotated[str, single_line_text(MAX_ANSWER_CHARACTERS)]
 
 
-Told = (
+BrowserMessage = (
     Enable
     | Go
-    | GoOnTour
-    | TeachAs
-    | Delete
-    | Held
-    | Led
-    | Beat
-    | Released
+    | RunSequence
+    | TeachPose
+    | DeletePose
+    | JogJoints
+    | JogMarker
+    | Heartbeat
+    | ReleaseJog
     | Change
     | Request
-    | Wrong
+    | DisturbanceRequest
     | Reply
 )
-"""What comes from a browser."""
+"""Messages from a browser."""
 
 
 @dataclass(frozen=True)
 class Note:
-    """A sentence for the person.
+    """Sentence to display to the operator.
 
     Parameters
     ----------
     words : str
-        The sentence.
+        Sentence.
     """
 
     words: str
 
 
 @dataclass(frozen=True)
-class Between:
-    """There is no loop: before the drive is on, or after a stop.
+class Standby:
+    """State of the session while no loop runs: before the drive is on, or after a stop.
 
     Parameters
     ----------
     words : str
-        What there is instead.
-    ready : bool
-        Whether the drive can be switched on.
-    latched : bool
-        Whether it stays so until the person clears it,
-    clears : bool
-        and whether that can be done now.
+        State in words.
+    can_enable : bool
+        The drive can be switched on.
+    is_latched : bool
+        The state remains until the operator clears it.
+    can_clear : bool
+        The operator can clear it now.
     intent : str
-        What is going to happen once the drive is on.
-    asks : str
-        What the person is asked; empty where that is nothing.
+        Description of what happens once the drive is on.
+    question : str
+        Question to the operator; empty if there is none.
     """
 
     words: str
-    ready: bool = False
-    latched: bool = False
-    clears: bool = False
+    can_enable: bool = False
+    is_latched: bool = False
+    can_clear: bool = False
     intent: str = ""
-    asks: str = ""
+    question: str = ""
 
 
 @dataclass(frozen=True, eq=False)
-class Aim:
-    """What the loop goes to from now on.
+class TargetChanged:
+    """Report of a new target of the loop.
 
     Parameters
     ----------
     target : Target
-        What was shown.
+        New target.
     """
 
     target: Target
 
 
 @dataclass(frozen=True, eq=False)
-class Taught:
-    """A target was taught.
+class PoseTaught:
+    """Report of a taught pose.
 
     Parameters
     ----------
     name : str
-        What it is called.
+        Name of the pose.
     target : Target
-        What the camera saw.
+        Observed markers and joints.
     """
 
     name: str
@@ -253,46 +251,48 @@ class Taught:
 
 
 @dataclass(frozen=True, eq=False)
-class InForce:
-    """What the loop goes by from now on.
+class SettingsApplied:
+    """Report of the settings that the loop uses from now on.
 
     Parameters
     ----------
     servo : Servo
-        Its settings.
+        Servo with these settings.
     """
 
     servo: Servo
 
 
 @dataclass(frozen=True)
-class OnTour:
-    """How far a tour is.
+class SequenceStatus:
+    """Report of the progress of a pose sequence.
 
     Parameters
     ----------
-    progress : HowFar or None
-        None where there is none, or none any more.
+    progress : SequenceProgress or None
+        Progress; None if no sequence runs.
     """
 
-    progress: HowFar | None
+    progress: SequenceProgress | None
 
 
 @dataclass(frozen=True)
-class Teaching:
-    """How far teaching is.
+class TeachingStatus:
+    """Report of the progress of teaching.
 
     Parameters
     ----------
     words : str
-        In words; empty where nothing is being taught.
+        Progress in words; empty if no pose is being taught.
     """
 
     words: str
 
 
-Said = Note | Between | Aim | Taught | InForce | OnTour | Teaching
-"""What servo process and supervisor tell the page beside the ticks."""
+StatusMessage = (
+    Note | Standby | TargetChanged | PoseTaught | SettingsApplied | SequenceStatus | TeachingStatus
+)
+"""Messages from the servo process and the supervisor to the page, in addition to the ticks."""
 
 STOP, CLEAR = "stop", "clear"
-"""What the supervisor is told: that a person has pressed STOP; that the stop is over."""
+"""Messages to the supervisor: STOP was pressed; the stop was cleared."""

@@ -1,9 +1,9 @@
-"""The person at the page, as the loop asks for one after every tick.
+"""Operator at the page, as the loop calls it after every tick.
 
-the session begins       paused: nothing moves before the person says where to
-no sign of life          what moves by itself is paused
-a jog button is held     the joints move, as long as the page says so anew
-a tour                   the tool goes from pose to pose, until something stops it
+start of the session     paused: nothing moves before the operator requests it
+no heartbeat             autonomous motion is paused
+jog button held down     the joints move as long as the browser repeats the command
+pose sequence            the tool moves from pose to pose until something stops it
 """
 
 from collections import deque
@@ -19,200 +19,230 @@ from rcmservo.loop.operator import Jog, OperatorRequest, Teach, changed_servo
 from rcmservo.loop.target_frames import TEACHING_FRAMES
 from rcmservo.loop.tick import Tick
 from rcmservo.page.channels import Desk
-from rcmservo.page.jog_state import NONE, Gesture
-from rcmservo.page.messages import Aim, Change, Go, InForce, Note, OnTour, Taught, TeachAs, Teaching
-from rcmservo.page.settings import AT_ONCE, Chosen
-from rcmservo.page.tour import BY_ITSELF, GoOnTour, HowFar, Touring
+from rcmservo.page.jog_state import NO_PRESS, JogCommand
+from rcmservo.page.messages import (
+    Change,
+    Go,
+    Note,
+    PoseTaught,
+    SequenceStatus,
+    SettingsApplied,
+    TargetChanged,
+    TeachingStatus,
+    TeachPose,
+)
+from rcmservo.page.pose_sequence import (
+    AUTONOMOUS_PHASES,
+    RunSequence,
+    SequenceProgress,
+    SequenceRunner,
+)
+from rcmservo.page.settings import IMMEDIATE_PARTS, Chosen
 from rcmservo.safety.state_machine import SLOW_SHARE, Phase, Request
 from rcmservo.servo.servo import Servo
 
-GONE = 500_000_000
-"""ns without a sign of life from the person in control after which the tool is paused."""
+HEARTBEAT_TIMEOUT_NS = 500_000_000
+"""Time (ns) without a heartbeat of the browser in control after which the tool is paused."""
 
-LET_GO = 80_000_000
-"""ns after which a jog button that nobody says is held counts as let go."""
+JOG_TIMEOUT_NS = 80_000_000
+"""Time (ns) without a repeated jog command after which the button counts as released."""
 
-EVERY = 15
-"""Frames between two sentences on how far teaching is, a quarter of a second."""
+FRAMES_PER_REPORT = 15
+"""Frames between two reports on teaching, a quarter of a second."""
 
-Wanted = TypeVar("Wanted", Target, Servo)
+Requested = TypeVar("Requested", Target, Servo)
 
 
 class PageOperator:
-    """What the page wants, from tick to tick. ``chosen`` is what was set as the session began, and
-    a target is the mean of so many ``frames``.
+    """Operator whose requests come from the page.
+
+    Parameters
+    ----------
+    channels : Desk
+        Channels to the page.
+    selection : Chosen
+        Settings at the start of the session.
+    frames : int
+        Number of frames whose mean is a target.
     """
 
-    def __init__(self, desk: Desk, chosen: Chosen, frames: int = TEACHING_FRAMES) -> None:
-        self._desk, self._chosen, self._frames = desk, chosen, frames
+    def __init__(self, channels: Desk, selection: Chosen, frames: int = TEACHING_FRAMES) -> None:
+        self._channels, self._selection, self._frames = channels, selection, frames
         self._servo: Servo | None = None
-        self._wants: deque[tuple[OperatorRequest, str | None]] = deque([(Request.PAUSE, None)])
-        gesture = desk.hand.read() or Gesture()
-        self._gesture, self._spent = gesture, gesture.press
-        self._beat: int | None = None
-        self._asked = NONE
+        self._requests: deque[tuple[OperatorRequest, str | None]] = deque([(Request.PAUSE, None)])
+        command = channels.hand.read() or JogCommand()
+        self._jog, self._ended_press = command, command.press
+        self._heartbeat_at: int | None = None
+        self._active_press = NO_PRESS
         self._teaching: str | None = None
-        self._observed, self._frame = 0, -1
+        self._observed_frames, self._frame = 0, -1
         self._target: Target | None = None
-        self._touring: Touring | None = None
-        self._progress: HowFar | None = None
-        joint_rates(chosen.servo.rcm, np.zeros(3), np.zeros(3))  # compiled before the loop begins
+        self._sequence: SequenceRunner | None = None
+        self._progress: SequenceProgress | None = None
+        joint_rates(selection.servo.rcm, np.zeros(3), np.zeros(3))  # compiles it before the loop
 
     def __call__(self, tick: Tick) -> OperatorRequest:
-        self._desk.ticks.add(tick)
-        self._tell(tick)
-        self._tell_teaching(tick)
-        self._look(tick)
-        self._tours(tick)
-        for told in self._desk.wants.heard():
-            self._hear(told, tick)
-        if self._alone(tick):
-            self._wants.clear()
+        self._channels.ticks.add(tick)
+        self._report_changes(tick)
+        self._report_teaching(tick)
+        self._read_jog_state(tick)
+        self._advance_sequence(tick)
+        for message in self._channels.wants.heard():
+            self._handle(message, tick)
+        if self._is_unattended(tick):
+            self._requests.clear()
             return Request.PAUSE
-        if not self._wants:
-            return self._jog(tick)
-        want, name = self._wants.popleft()
-        self._teaches_no_more()
+        if not self._requests:
+            return self._jog_request(tick)
+        request, name = self._requests.popleft()
+        self._cancel_teaching()
         self._teaching = name
-        return want
+        return request
 
-    def _teaches_no_more(self) -> None:
-        """Tell of what was to be taught and was not."""
+    def _cancel_teaching(self) -> None:
+        """Report that a pose was not taught."""
         if self._teaching is not None:
-            self._desk.said.put(Note(f"{self._teaching or 'the target'} was not taught"))
+            self._channels.said.put(Note(f"{self._teaching or 'the target'} was not taught"))
             self._end_teaching()
 
     def _end_teaching(self) -> None:
         self._teaching = None
-        self._observed = 0
-        self._desk.said.put(Teaching(""))
+        self._observed_frames = 0
+        self._channels.said.put(TeachingStatus(""))
 
-    def _tell_teaching(self, tick: Tick) -> None:
-        """Tell how many frames have shown both markers since teaching began."""
-        new = tick.seen.frame != self._frame and bool(np.isfinite(tick.seen.points).all())
+    def _report_teaching(self, tick: Tick) -> None:
+        """Report the number of frames since teaching began in which both markers are observed."""
+        is_observed = tick.seen.frame != self._frame and bool(np.isfinite(tick.seen.points).all())
         self._frame = tick.seen.frame
-        if self._teaching is None or not new:
+        if self._teaching is None or not is_observed:
             return
-        self._observed += 1
-        if self._observed % EVERY == 1:
-            count = f"{self._observed} frames so far, {self._frames} are needed"
-            self._desk.said.put(Teaching(f"teaching, keep the tool still: {count}"))
+        self._observed_frames += 1
+        if self._observed_frames % FRAMES_PER_REPORT == 1:
+            count = f"{self._observed_frames} of {self._frames} frames"
+            self._channels.said.put(TeachingStatus(f"teaching, keep the tool still: {count}"))
 
-    def _look(self, tick: Tick) -> None:
-        """See what the hand does. A press is over that was not renewed in time."""
-        now, gesture = tick.seen.now, self._desk.hand.read() or self._gesture
-        if self._beat is None or gesture.life != self._gesture.life:
-            self._beat = now
-        elif now - self._beat > LET_GO:
-            self._spent = gesture.press
-        self._gesture = gesture
+    def _read_jog_state(self, tick: Tick) -> None:
+        """Read the jog command. End a press that the browser has not repeated in time."""
+        now, command = tick.seen.now, self._channels.hand.read() or self._jog
+        if self._heartbeat_at is None or command.heartbeats != self._jog.heartbeats:
+            self._heartbeat_at = now
+        elif now - self._heartbeat_at > JOG_TIMEOUT_NS:
+            self._ended_press = command.press
+        self._jog = command
 
-    def _hear(self, told: object, tick: Tick) -> None:
-        match told:
+    def _handle(self, message: object, tick: Tick) -> None:
+        match message:
             case Go():
-                self._go(told.target, (told.target,), tick)
-            case GoOnTour():
-                if self._go(told.targets[0], told.targets, tick):
-                    self._touring = Touring(told)
-            case TeachAs():
-                self._wants.append((Teach(self._frames), told.name))
+                self._go(message.target, (message.target,), tick)
+            case RunSequence():
+                if self._go(message.targets[0], message.targets, tick):
+                    self._sequence = SequenceRunner(message)
+            case TeachPose():
+                self._requests.append((Teach(self._frames), message.name))
             case Change():
-                self._set(told, tick)
+                self._change_settings(message, tick)
             case Request():
-                self._wants.append((told, None))
+                self._requests.append((message, None))
             case _:
-                self._desk.said.put(Note(f"{type(told).__name__}: not while the drive is on"))
+                self._channels.said.put(
+                    Note(f"{type(message).__name__}: not while the drive is on")
+                )
 
-    def _go(self, target: Target, all_of: tuple[Target, ...], tick: Tick) -> bool:
-        """Go to a target, if the settings can go to all of them; whether they can."""
+    def _go(self, target: Target, targets: tuple[Target, ...], tick: Tick) -> bool:
+        """Request a target. Return False if the settings do not support all `targets`."""
         try:
-            for one in all_of:
-                self._next(Servo, tick.servo).demand(one)
+            for one in targets:
+                self._pending(Servo, tick.servo).demand(one)
         except BadInput as error:
-            self._desk.said.put(Note(str(error)))
+            self._channels.said.put(Note(str(error)))
             return False
-        self._wants.append((target, None))
-        if tick.state.phase not in BY_ITSELF:
-            self._wants.append((Request.RESUME, None))
+        self._requests.append((target, None))
+        if tick.state.phase not in AUTONOMOUS_PHASES:
+            self._requests.append((Request.RESUME, None))
         return True
 
-    def _tours(self, tick: Tick) -> None:
-        """Go on with a tour, once the tick goes by all that was wanted."""
-        touring = self._touring
-        if touring is not None and not self._wants:
-            if touring.look(tick):
-                self._wants.append((touring.target, None))
-            elif touring.progress is None:
-                self._touring = None
-                if tick.state.phase in BY_ITSELF:
-                    self._wants.append((Request.PAUSE, None))
-                self._desk.said.put(Note(touring.words))
-        progress = None if self._touring is None else self._touring.progress
+    def _advance_sequence(self, tick: Tick) -> None:
+        """Advance the pose sequence once the tick includes all earlier requests."""
+        sequence = self._sequence
+        if sequence is not None and not self._requests:
+            if sequence.update(tick):
+                self._requests.append((sequence.target, None))
+            elif sequence.progress is None:
+                self._sequence = None
+                if tick.state.phase in AUTONOMOUS_PHASES:
+                    self._requests.append((Request.PAUSE, None))
+                self._channels.said.put(Note(sequence.outcome))
+        progress = None if self._sequence is None else self._sequence.progress
         if progress != self._progress:
             self._progress = progress
-            self._desk.said.put(OnTour(progress))
+            self._channels.said.put(SequenceStatus(progress))
 
-    def _set(self, change: Change, tick: Tick) -> None:
-        """Have a box changed that may be now; the others are the next session's."""
-        if change.box not in AT_ONCE:
+    def _change_settings(self, change: Change, tick: Tick) -> None:
+        """Change a part that may change now; other parts change with the next session."""
+        if change.part not in IMMEDIATE_PARTS:
             return
         try:
-            chosen = self._chosen.with_change(change)
-            servo = changed_servo(tick.servo, chosen.limited)
+            selection = self._selection.with_change(change)
+            servo = changed_servo(tick.servo, selection.limited)
             assert tick.state.target is not None
-            servo.demand(self._next(Target, tick.state.target))
+            servo.demand(self._pending(Target, tick.state.target))
         except BadInput as error:
-            self._desk.said.put(Note(f"not before the next session: {error}"))
+            self._channels.said.put(Note(f"not before the next session: {error}"))
             return
-        self._chosen = chosen
-        self._wants.append((servo, None))
+        self._selection = selection
+        self._requests.append((servo, None))
 
-    def _next(self, kind: type[Wanted], now: Wanted) -> Wanted:
-        """What the loop will go by once it has what waits to be wanted; `now` is what it has."""
-        return next((one for one, _ in reversed(self._wants) if isinstance(one, kind)), now)
+    def _pending(self, kind: type[Requested], present: Requested) -> Requested:
+        """Return the last value of a type that waits to be requested, or the present one."""
+        return next((one for one, _ in reversed(self._requests) if isinstance(one, kind)), present)
 
-    def _alone(self, tick: Tick) -> bool:
-        """Whether the tool goes its own way while nobody is there."""
-        assert self._beat is not None
-        return tick.state.phase in BY_ITSELF and tick.seen.now - self._beat > GONE
+    def _is_unattended(self, tick: Tick) -> bool:
+        """Return whether the servo moves the tool autonomously without an operator."""
+        assert self._heartbeat_at is not None
+        return (
+            tick.state.phase in AUTONOMOUS_PHASES
+            and tick.seen.now - self._heartbeat_at > HEARTBEAT_TIMEOUT_NS
+        )
 
-    def _jog(self, tick: Tick) -> OperatorRequest:
-        """The motion of a button that is held. A press that something else ended is over too."""
-        gesture = self._gesture
-        if self._asked != NONE and tick.state.phase is not Phase.JOG:
-            self._spent = self._asked
-        going = gesture.press not in (NONE, self._spent)
-        self._asked = gesture.press if going else NONE
-        if not going:
+    def _jog_request(self, tick: Tick) -> OperatorRequest:
+        """Return the motion of the held button. A press during which JOG was left is over."""
+        command = self._jog
+        if self._active_press != NO_PRESS and tick.state.phase is not Phase.JOG:
+            self._ended_press = self._active_press
+        is_held = command.press not in (NO_PRESS, self._ended_press)
+        self._active_press = command.press if is_held else NO_PRESS
+        if not is_held:
             return Request.NONE
-        self._teaches_no_more()
-        if self._touring is not None:
+        self._cancel_teaching()
+        if self._sequence is not None:
             return Request.PAUSE
-        rates = _rates(gesture, tick)
+        rates = _jog_rates(command, tick)
         return Jog(rates) if np.isfinite(rates).all() else Request.NONE
 
-    def _tell(self, tick: Tick) -> None:
-        """Tell the page of settings and a target that are new, and of one that was taught."""
+    def _report_changes(self, tick: Tick) -> None:
+        """Report new settings, a new target, and a taught pose to the page."""
         if tick.servo is not self._servo:
             self._servo = tick.servo
-            self._desk.said.put(InForce(replace(tick.servo)))
+            self._channels.said.put(SettingsApplied(replace(tick.servo)))
         target = tick.state.target
         if target is None or target is self._target:
             return
         self._target = target
-        self._desk.said.put(Aim(target))
+        self._channels.said.put(TargetChanged(target))
         if self._teaching is not None:
-            shown = Note("the target is shown again")
-            self._desk.said.put(Taught(self._teaching, target) if self._teaching else shown)
+            note = Note("the target was taught again")
+            self._channels.said.put(PoseTaught(self._teaching, target) if self._teaching else note)
             self._end_teaching()
 
 
-def _rates(gesture: Gesture, tick: Tick) -> Floats:
-    """The joint rates (3,) that a gesture means where the joints are now, at its share of the jog's
-    speed at most. They are not finite where the joints are not known.
+def _jog_rates(command: JogCommand, tick: Tick) -> Floats:
+    """Return the joint rates (3,) rad/s, rad/s, mm/s of a jog command at the present joints.
+
+    The rates are scaled down to the fraction `speed_scale` of the jog speed. They are not finite if
+    the joints are unknown.
     """
-    rates = np.array([gesture.a, gesture.b, gesture.c])
-    if gesture.leads:
+    rates = np.array([command.first, command.second, command.third])
+    if command.moves_marker:
         rates = joint_rates(tick.servo.rcm, np.array(tick.seen.q), rates)
-    fastest = SLOW_SHARE * gesture.share * np.array(tick.servo.gate.speed)
-    return rates / max(1.0, float(np.abs(rates / fastest).max()))
+    limits = SLOW_SHARE * command.speed_scale * np.array(tick.servo.gate.speed)
+    return rates / max(1.0, float(np.abs(rates / limits).max()))

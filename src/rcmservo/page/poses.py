@@ -1,8 +1,7 @@
-"""Poses on disk: the targets that a person has taught by their names, in the files that `--target`
-takes, each with the picture that was seen then.
+"""Taught poses on disk: target files as `--target` takes them, each with the picture at teaching.
 
-A pose's name is that of its file, percent-encoded, so that any name stays inside the folder and no
-two share a file.
+The file name of a pose is its percent-encoded name, so that every file stays inside the folder and
+no two poses use the same file.
 """
 
 from contextlib import suppress
@@ -16,23 +15,23 @@ from rcmservo.config.target_file import Setup
 from rcmservo.errors import RcmServoError, UnusableFile
 from rcmservo.interfaces import Target
 
-LONGEST = 200
-"""Bytes of a file's name without its ending."""
+MAX_FILE_NAME_BYTES = 200
+"""Longest file name, without its suffix, in bytes."""
 
-MOST = 200
-"""Files of a folder that are looked at."""
+MAX_FILES = 200
+"""Largest number of files that are read."""
 
 
 @dataclass(frozen=True)
 class PoseFolder:
-    """Where poses are, and what they are bound to.
+    """Folder of taught poses and the setup that they belong to.
 
     Parameters
     ----------
     folder : Path
-        It is made for the first pose.
+        Folder; it is created with the first pose.
     setup : Setup
-        The camera, arm, tool and markers that see them.
+        Camera, arm, tool and markers with which the poses are taught.
     """
 
     folder: Path
@@ -40,52 +39,58 @@ class PoseFolder:
 
 
 @dataclass
-class Poses:
-    """The poses of a folder; `read` begins.
+class PoseStore:
+    """Taught poses of a folder. Call `load` first.
 
     Parameters
     ----------
-    of : PoseFolder
-        Where they are.
+    location : PoseFolder
+        Folder and setup.
     targets : dict[str, Target]
-        Those that this setup can go to, by their names.
+        Targets that this setup can reach, by the names of the poses.
     refused : dict[str, str]
-        Those that it cannot, and why.
+        Reasons by the names of the poses whose files cannot be used.
     """
 
-    of: PoseFolder
+    location: PoseFolder
     targets: dict[str, Target] = field(default_factory=dict[str, Target])
     refused: dict[str, str] = field(default_factory=dict[str, str])
 
-    def read(self) -> None:
-        """Take what is there. A file that is damaged, or another setup's, is refused."""
-        for path in sorted(self.of.folder.glob("*.json"))[:MOST]:
+    def load(self) -> None:
+        """Read the folder. Refuse a file that is damaged or belongs to another setup."""
+        for path in sorted(self.location.folder.glob("*.json"))[:MAX_FILES]:
             name = unquote(path.stem)
             try:
-                self.targets[name] = target_file.load(path, self.of.setup)
+                self.targets[name] = target_file.load(path, self.location.setup)
             except RcmServoError as error:
                 self.refused[name] = str(error).removeprefix(f"{path}: ")
 
-    def keep(self, name: str, target: Target, jpeg: bytes) -> str:
-        """Keep a pose, in the place of one of the same name. Why its file could not be written, in
-        which case it is there until the page ends; empty where it was.
+    def save(self, name: str, target: Target, jpeg: bytes) -> str:
+        """Store a pose and replace one of the same name.
+
+        If the file cannot be written, the pose exists until the page ends.
+
+        Returns
+        -------
+        str
+            Reason why the file was not written, or "".
         """
         self.targets[name] = target
         self.refused.pop(name, None)
         try:
             path = self._file(name)
-            self.of.folder.mkdir(parents=True, exist_ok=True)
-            target_file.save(path, target, self.of.setup)
+            self.location.folder.mkdir(parents=True, exist_ok=True)
+            target_file.save(path, target, self.location.setup)
             with whole(path.with_suffix(".jpg")) as part:
                 part.write_bytes(jpeg)
         except OSError as error:
-            return f"{name} is not kept: {self.of.folder}: {error.strerror}"
+            return f"{name} is not stored: {self.location.folder}: {error.strerror}"
         except RcmServoError as error:
-            return f"{name} is not kept: {error}"
+            return f"{name} is not stored: {error}"
         return ""
 
     def delete(self, name: str) -> str:
-        """Forget a pose, and remove its files; why that could not be, empty where it could."""
+        """Delete a pose and its files. Return the reason if a file cannot be deleted, or ""."""
         self.targets.pop(name, None)
         self.refused.pop(name, None)
         try:
@@ -95,11 +100,11 @@ class Poses:
         except OSError as error:
             return f"{name} is not deleted: {error.strerror}"
         except UnusableFile:
-            """It was never on disk."""
+            """The pose was never on disk."""
         return ""
 
     def picture(self, name: str) -> bytes:
-        """The JPEG file of what was seen; empty where there is none."""
+        """Return the JPEG file of the picture at teaching; empty if there is none."""
         if name in self.targets or name in self.refused:
             with suppress(OSError, UnusableFile):
                 return self._file(name).with_suffix(".jpg").read_bytes()
@@ -107,7 +112,9 @@ class Poses:
 
     def _file(self, name: str) -> Path:
         encoded = quote(name, safe=" ")
-        path = self.of.folder / f"{encoded}.json"
-        if len(encoded) > LONGEST:
-            raise UnusableFile(path, "has too long a name: shorten the pose's")
+        path = self.location.folder / f"{encoded}.json"
+        if len(encoded) > MAX_FILE_NAME_BYTES:
+            raise UnusableFile(
+                path, f"has a name longer than {MAX_FILE_NAME_BYTES} bytes: shorten the pose's name"
+            )
         return path

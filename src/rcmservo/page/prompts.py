@@ -1,38 +1,46 @@
-"""What a person is asked at the page before the drive can go on, such as where the arm stands."""
+"""Questions to the operator at the page before the drive can go on, such as the joints' values."""
 
 from rcmservo.live.servo_process import HeartbeatPlant, go_on
 from rcmservo.loop.clock import ticks
 from rcmservo.page.channels import Desk
-from rcmservo.page.messages import Between, Note, Reply
+from rcmservo.page.messages import Note, Reply, Standby
 
-READ = 500_000_000
-"""ns that a person needs at least to read a question: what comes before was meant for another."""
+MIN_READING_TIME_NS = 500_000_000
+"""Time (ns) to read a question. An earlier answer is ignored: it was meant for another question."""
 
-LOOKS = 50.0
-"""Looks for an answer, 1/s."""
+POLL_RATE_HZ = 50.0
+"""Rate (1/s) at which answers are read."""
 
 
 class PagePerson:
-    """A person at the page, whose answers come from the browser that has control, and are fresh."""
+    """Operator at the page. Only new answers from the browser in control count."""
 
-    def __init__(self, desk: Desk, plant: HeartbeatPlant) -> None:
-        self._desk, self._plant = desk, plant
-        self._words = "the drive is off"
+    def __init__(self, channels: Desk, plant: HeartbeatPlant) -> None:
+        self._channels, self._plant = channels, plant
+        self._statement = "the drive is off"
 
     def tell(self, words: str) -> None:
-        """Say something that needs no answer: it stands above the next question."""
-        self._words = words
+        """Set the statement that stands above the next question."""
+        self._statement = words
 
     def ask(self, question: str) -> str:
-        """What the person answers to this question."""
-        plant, asked = self._plant, self._plant.clock.now()
-        list(self._desk.wants.heard())
-        self._desk.said.put(Between(self._words, asks=question))
-        for _ in ticks(plant.clock, LOOKS):
+        """Display a question and return the answer.
+
+        Raises
+        ------
+        Stopped
+            If a stop is requested.
+        """
+        plant, displayed_at = self._plant, self._plant.clock.now()
+        list(self._channels.wants.heard())
+        self._channels.said.put(Standby(self._statement, question=question))
+        for _ in ticks(plant.clock, POLL_RATE_HZ):
             go_on(plant.told_to_end)
-            for told in self._desk.wants.heard():
-                if not isinstance(told, Reply):
-                    self._desk.said.put(Note("the drive is off: answer first"))
-                elif told.question == question and plant.clock.now() - asked >= READ:
-                    return told.words.strip()
+            for message in self._channels.wants.heard():
+                if not isinstance(message, Reply):
+                    self._channels.said.put(Note("the drive is off: answer the question first"))
+                    continue
+                has_been_read = plant.clock.now() - displayed_at >= MIN_READING_TIME_NS
+                if message.question == question and has_been_read:
+                    return message.words.strip()
         raise AssertionError("the clock has ended")

@@ -1,7 +1,7 @@
-"""Session after session on one arm, and the bell that stops them.
+"""Consecutive sessions on one arm, and the stop requests that end them.
 
-preparing ─► drive off ─ enable ─► the loop ─ its end ─► preparing
-    ▲                                │ STOP, or it cannot go on
+preparing ─► drive off ─ enable ─► loop ─ end of the session ─► preparing
+    ▲                                │ STOP, or an error
     └────────────── clear ◄── stopped, with the drive off
 """
 
@@ -14,62 +14,75 @@ from rcmservo.live.loop_statistics import Report
 from rcmservo.live.servo_process import Session
 from rcmservo.live.supervisor import NOTHING, Beside, SwitchOff, run_live
 from rcmservo.page.channels import Desk
-from rcmservo.page.messages import CLEAR, STOP, Between, Change, Note
+from rcmservo.page.messages import CLEAR, STOP, Change, Note, Standby
 
 
-class Again(Stopped):
-    """A session that was not enabled yet, and begins again with other settings."""
+class SessionRestart(Stopped):
+    """End of a session that was not enabled yet, to restart it with changed settings."""
 
 
-class Rung(Stopped):
-    """The bell has ended a session."""
+class StopPressed(Stopped):
+    """End of a session by a stop request."""
 
 
 class Sessions:
-    """Runs session after session. ``needed`` are processes without which none goes on, by their
-    sentinels, and what they are. ``change`` takes other settings for the next one; ``beside`` is
-    heard meanwhile.
+    """Loop over sessions.
+
+    Parameters
+    ----------
+    channels : Desk
+        Channels to the page.
+    session : callable
+        Returns the next session.
+    switch_off : callable
+        Switches the drive off from outside the servo process and returns the result in words.
+    needed : mapping
+        Names of the processes that every session needs, by their sentinels.
+    change : callable
+        Applies changed settings to the next session.
+    handlers : mapping, optional
+        Functions to call when further channels have a message.
     """
 
     def __init__(
         self,
-        desk: Desk,
+        channels: Desk,
         session: Callable[[], Session],
-        off: SwitchOff,
+        switch_off: SwitchOff,
         needed: Mapping[int, str],
         change: Callable[[Change], None],
-        beside: Beside = NOTHING,
+        handlers: Beside = NOTHING,
     ) -> None:
-        self._desk, self._session, self._off = desk, session, off
+        self._channels, self._session, self._switch_off = channels, session, switch_off
         self._change = change
-        self._began, self._waits = False, False
-        self._beside: dict[Any, Callable[[], None]] = {
-            **beside,
-            desk.bell: self._rung,
-            desk.changes: self._changed,
+        self._has_begun, self._is_waiting = False, False
+        self._handlers: dict[Any, Callable[[], None]] = {
+            **handlers,
+            channels.bell: self._handle_stop_request,
+            channels.changes: self._apply_changes,
         }
         for sentinel, name in needed.items():
-            self._beside[sentinel] = lambda name=name: self._lost(name)
+            self._handlers[sentinel] = lambda name=name: self._report_lost_process(name)
 
     def keep(self) -> None:
-        """Run them, until something raises."""
+        """Run sessions until an exception ends them."""
         while True:
-            why = self._run()
-            if why:
-                self._latch(why)
+            reason = self._run()
+            if reason:
+                self._latch(reason)
 
     def _run(self) -> str:
-        """One session; why there can be no other before a person clears, empty where there can."""
-        self._changed()
-        self._began, self._waits = False, True
-        self._desk.said.put(Between("preparing"))
+        """Run one session. Return the reason if the operator must clear first, or ""."""
+        self._apply_changes()
+        self._has_begun, self._is_waiting = False, True
+        self._channels.said.put(Standby("preparing"))
         try:
-            result = run_live(self._session(), self._off, self._report, self._beside)
-        except Rung as rung:
-            return str(rung)
-        except Again:
+            result = run_live(self._session(), self._switch_off, self._report, self._handlers)
+        except StopPressed as stop:
+            return str(stop)
+        except SessionRestart:
             return ""
-        except Stopped:  # by a signal, or for want of a process
+        except Stopped:  # by a signal, or because a process has ended
             raise
         except RcmServoError as error:
             return str(error)
@@ -77,42 +90,40 @@ class Sessions:
             return result.cause
         if result.drive_off:
             return f"the session is over: {result.drive_off}"
-        self._desk.said.put(Note("the session is over, and the drive off"))
+        self._channels.said.put(Note("the session is over and the drive is off"))
         return ""
 
     def _report(self, report: Report) -> None:
-        self._began, self._waits = True, False
+        self._has_begun, self._is_waiting = True, False
 
-    def _rung(self) -> None:
-        """Hear the bell while a session runs."""
-        if STOP in list(self._desk.bell.heard()):
-            why = f"STOP was pressed: {self._off(self._began)}"
-            self._desk.said.put(Between(why, latched=True))
-            raise Rung(why)
+    def _handle_stop_request(self) -> None:
+        """End the running session if STOP was pressed."""
+        if STOP in list(self._channels.bell.heard()):
+            reason = f"STOP was pressed: {self._switch_off(self._has_begun)}"
+            self._channels.said.put(Standby(reason, is_latched=True))
+            raise StopPressed(reason)
 
-    def _changed(self) -> None:
-        """Take other settings: a session that is not enabled begins again with them, one that is
-        goes on, and the next one has them.
-        """
-        changes = list(self._desk.changes.heard())
+    def _apply_changes(self) -> None:
+        """Apply changed settings to the next session, and restart one that is not enabled yet."""
+        changes = list(self._channels.changes.heard())
         for change in changes:
             self._change(change)
-        if changes and self._waits:
-            self._waits = False
-            raise Again("other settings were set")
+        if changes and self._is_waiting:
+            self._is_waiting = False
+            raise SessionRestart("the settings have changed")
 
-    def _lost(self, name: str) -> None:
-        raise Stopped(f"{name} has ended by itself; {self._off(self._began)}")
+    def _report_lost_process(self, name: str) -> None:
+        raise Stopped(f"{name} has ended by itself; {self._switch_off(self._has_begun)}")
 
-    def _latch(self, why: str) -> None:
-        """Say why all stands still, until a person clears it."""
-        self._waits = False
-        list(self._desk.bell.heard())  # from before it could be cleared
-        self._desk.said.put(Between(why, latched=True, clears=True))
+    def _latch(self, reason: str) -> None:
+        """Display the reason of a stop and wait until the operator clears it."""
+        self._is_waiting = False
+        list(self._channels.bell.heard())  # requests from before the stop could be cleared
+        self._channels.said.put(Standby(reason, is_latched=True, can_clear=True))
         while True:
-            for one in wait(list(self._beside)):
-                if one is not self._desk.bell:
-                    self._beside[one]()
-            told = list(self._desk.bell.heard())
-            if told and told[-1] == CLEAR:
+            for ready in wait(list(self._handlers)):
+                if ready is not self._channels.bell:
+                    self._handlers[ready]()
+            requests = list(self._channels.bell.heard())
+            if requests and requests[-1] == CLEAR:
                 return

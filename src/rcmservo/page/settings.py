@@ -1,9 +1,9 @@
-"""The settings that a person changes on the page: whole boxes of the servo, one at a time.
+"""Settings that the page can change, one part of the servo at a time.
 
-controller                            holds from the next tick on
-estimator, exploration, imaged RCM    hold from the next session on
+controller                            from the next tick on
+estimator, exploration, imaged RCM    from the next session on
 
-Gate, thresholds, mechanism and tool are not among them: no browser moves a limit.
+Gate, thresholds, mechanism and tool are excluded, so that no browser changes a safety limit.
 """
 
 from collections.abc import Callable
@@ -19,57 +19,86 @@ from rcmservo.page.messages import Change
 from rcmservo.safety.state_machine import Phase
 from rcmservo.servo.servo import Servo
 
-AT_ONCE = ("controller",)
-"""Boxes that may change while the drive is on."""
-BOXES = (*AT_ONCE, *(part for part in METHOD_PARTS if part not in AT_ONCE))
-"""Boxes that may change at all: the parts of the method."""
+IMMEDIATE_PARTS = ("controller",)
+"""Parts that may change while the drive is on."""
+BOXES = (*IMMEDIATE_PARTS, *(part for part in METHOD_PARTS if part not in IMMEDIATE_PARTS))
+"""Parts that may change at all: the parts of the method."""
 
-Limit = Callable[[Servo], Servo]
-"""Bounds a servo, whatever was set of it."""
+ServoLimit = Callable[[Servo], Servo]
+"""Function that bounds a servo, whatever its settings are."""
 
 
 def as_set(servo: Servo) -> Servo:
-    """No bound but its own."""
+    """Return the servo unchanged: no limit."""
     return servo
 
 
-def change_of(box: object, table: object) -> Change:
-    """The change that a browser's table for a box asks for, every field given; BadInput, naming the
-    field, where there is no such change.
+def decode_change(part: object, table: object) -> Change:
+    """Return the change in a browser's message.
+
+    Parameters
+    ----------
+    part : object
+        Name of the part.
+    table : object
+        All its fields.
+
+    Raises
+    ------
+    BadInput
+        If the part or a field is invalid; the message names the field.
     """
-    require(box in BOXES, "box", box, f"one of {', '.join(BOXES)}")
-    return Change(str(box), rebuild_part({box: table}, str(box)))
+    require(part in BOXES, "part", part, f"one of {', '.join(BOXES)}")
+    return Change(str(part), rebuild_part({part: table}, str(part)))
 
 
 class Chosen:
-    """The servo as a person has set it, and the ``limit`` that holds whatever is set."""
+    """Servo with the settings selected on the page.
 
-    def __init__(self, servo: Servo, limit: Limit = as_set) -> None:
+    Parameters
+    ----------
+    servo : Servo
+        Servo with the selected settings.
+    limit : callable
+        Bounds the servo that runs, whatever is selected.
+    """
+
+    def __init__(self, servo: Servo, limit: ServoLimit = as_set) -> None:
         self.servo, self._limit = servo, limit
 
     @property
     def limited(self) -> Servo:
-        """The servo that may run."""
+        """Servo that may run: the selection within the limit."""
         return self._limit(self.servo)
 
     def with_change(self, change: Change) -> "Chosen":
-        """What is chosen with one box changed; BadInput where the boxes do not go together."""
-        return Chosen(replace(self.servo, **{change.box: change.value}), self._limit)
+        """Return the selection with one part changed.
+
+        Raises
+        ------
+        BadInput
+            If the parts do not fit together.
+        """
+        return Chosen(replace(self.servo, **{change.part: change.value}), self._limit)
 
     def take(self, change: Change) -> None:
-        """Change one box from now on; BadInput, and no change, where the boxes do not go
-        together.
+        """Change one part of this selection.
+
+        Raises
+        ------
+        BadInput
+            If the parts do not fit together; the selection is then unchanged.
         """
         self.servo = self.with_change(change).servo
 
 
-def standing(servo: Servo, explored: bool, condition: float, phase: Phase) -> str:
-    """How the estimator stands, in words."""
+def describe_estimator(servo: Servo, has_explored: bool, condition: float, phase: Phase) -> str:
+    """Return the state of the estimator in words."""
     name = name_of(servo.estimator, ESTIMATORS)
     if phase is Phase.ACQUIRE:
         return f"Estimator {name}: exploring"
-    if not explored or not np.isfinite(condition):
-        return f"Estimator {name}: knows nothing yet, Go explores first"
+    if not has_explored or not np.isfinite(condition):
+        return f"Estimator {name}: no estimate yet; Go explores first"
     damped = condition > 0.5 * servo.controller.max_condition
     more = ", so high that the law is damped" if damped else ""
     return f"Estimator {name}: explored, condition of Ĵ {condition:.3g}{more}"

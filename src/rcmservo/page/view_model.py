@@ -1,4 +1,4 @@
-"""What the page shows: the newest tick in words and numbers, and what was said beside it."""
+"""Content of the page: the newest tick in words and numbers, and the newest status messages."""
 
 import time
 from collections import deque
@@ -10,14 +10,23 @@ import numpy as np
 
 from rcmservo.config.texts import Table
 from rcmservo.interfaces import Floats, Target
-from rcmservo.page.channels import DUE, Desk
-from rcmservo.page.messages import Aim, Between, InForce, Note, OnTour, Said, Taught, Teaching
+from rcmservo.page.channels import DUE_TIME, Desk
+from rcmservo.page.messages import (
+    Note,
+    PoseTaught,
+    SequenceStatus,
+    SettingsApplied,
+    Standby,
+    StatusMessage,
+    TargetChanged,
+    TeachingStatus,
+)
 from rcmservo.page.plots.curves import Curves
 from rcmservo.page.plots.mechanism_shape import Shape
-from rcmservo.page.poses import Poses
-from rcmservo.page.recovery_actions import allowed, ways
-from rcmservo.page.settings import standing
-from rcmservo.page.tour import BY_ITSELF, HowFar
+from rcmservo.page.pose_sequence import AUTONOMOUS_PHASES, SequenceProgress
+from rcmservo.page.poses import PoseStore
+from rcmservo.page.recovery_actions import list_allowed_actions, list_recovery_actions
+from rcmservo.page.settings import describe_estimator
 from rcmservo.recording import ros2_messages
 from rcmservo.recording.ros2_messages import TICK
 from rcmservo.recording.tick_schema import NAME_COLUMNS
@@ -25,178 +34,178 @@ from rcmservo.safety.causes import Cause
 from rcmservo.safety.state_machine import Phase
 from rcmservo.servo.servo import Servo
 
-NOTES = 20
-"""Sentences that are kept."""
+MAX_NOTES = 20
+"""Number of notes that are stored."""
 
 Truth = Callable[[Floats], float]
-"""The true pose error, mm, of a target by the joints (3,) at which it was shown."""
+"""True pose error in mm of a target, as a function of the joints (3,) at which it was taught."""
 
 
 @dataclass(frozen=True)
 class Status:
-    """State of the servo in words, and the buttons that lead on.
+    """State of the servo in words, and the actions of the page's buttons.
 
     Parameters
     ----------
     phase : str
-        Name of the phase; OFF where no loop runs.
+        Name of the phase; OFF if no loop runs.
     words : str
-        The phase in words.
+        Phase in words.
     action : str
-        Action of the cause, which says how grave it is.
+        Action of the cause, a measure of its severity.
     can : list[str]
-        Actions that the browser in control may ask for now.
-    ways : list[str]
-        Actions that lead out of the cause, in the order in which they are pressed.
+        Actions that the browser in control may request now.
+    recovery : list[str]
+        Actions that recover from the cause, in the order in which they are pressed.
     way_out : str
-        The way out in words.
+        Recovery from the cause in words.
     why : str
-        The cause in words.
+        Cause in words.
     moves : bool
-        Whether the tool moves by itself.
+        The servo moves the tool.
     intent : str
-        What is going to happen once the drive is on.
-    asks : str
-        What the person is asked.
+        Description of what happens once the drive is on.
+    question : str
+        Question to the operator.
     """
 
     phase: str
     words: str
     action: str
     can: list[str]
-    ways: list[str]
+    recovery: list[str]
     way_out: str
     why: str = ""
     moves: bool = False
     intent: str = ""
-    asks: str = ""
+    question: str = ""
 
 
 @dataclass
-class Board:
-    """What there is to show.
+class Dashboard:
+    """Content of the page.
 
     Parameters
     ----------
-    desk : Desk
-        Where it comes from.
-    poses : Poses
-        Where poses are kept.
-    between : Between or None
-        What there is instead of a loop; None while there is one.
+    channels : Desk
+        Channels that it reads.
+    poses : PoseStore
+        Stored poses.
+    standby : Standby or None
+        State of the session while no loop runs; None while one runs.
     target : Target or None
-        Where the loop goes to.
+        Present target of the loop.
     tick : Table
-        The newest tick's columns and names.
+        Columns and names of the newest tick.
     notes : deque[str]
-        What was said, the newest last.
-    in_force : Servo or None
-        The settings that the loop goes by.
-    kept : int
-        It rises with each pose that is kept.
-    changes : int
-        It rises with each change of settings.
-    tour : HowFar or None
-        How far a tour is; None where there is none.
+        Notes, the newest last.
+    active_servo : Servo or None
+        Settings that the loop uses.
+    pose_version : int
+        Counter that rises with each stored pose.
+    settings_version : int
+        Counter that rises with each change of settings.
+    sequence : SequenceProgress or None
+        Progress of the pose sequence; None if none runs.
     teaching : str
-        How far teaching is, in words; empty where nothing is being taught.
+        Progress of teaching in words; empty if no pose is being taught.
     curves : Curves
-        The loop's last seconds.
+        Newest samples of the curves.
     shape : Shape or None
-        What the tool is, where that is to be drawn.
+        Mechanism and tool to draw; None if they are not drawn.
     truth : Truth or None
-        What tells how far the tool truly is from a target; None where nobody knows.
+        True pose error; None outside simulation.
     count : int
-        That of the newest tick taken.
+        Index of the newest tick that was read.
     picture : bytes
-        The JPEG file that is shown.
-    looked : int
-        ns, when it was last made new: what is shown later is no newer.
+        Displayed JPEG picture.
+    updated_at : int
+        Time (ns) of the last update. No message to a browser carries a later time.
     """
 
-    desk: Desk
-    poses: Poses
-    between: Between | None = None
+    channels: Desk
+    poses: PoseStore
+    standby: Standby | None = None
     target: Target | None = None
     tick: Table = field(default_factory=dict[str, Any])
-    notes: deque[str] = field(default_factory=lambda: deque[str](maxlen=NOTES))
-    in_force: Servo | None = None
-    kept: int = 0
-    changes: int = 0
-    tour: HowFar | None = None
+    notes: deque[str] = field(default_factory=lambda: deque[str](maxlen=MAX_NOTES))
+    active_servo: Servo | None = None
+    pose_version: int = 0
+    settings_version: int = 0
+    sequence: SequenceProgress | None = None
     teaching: str = ""
     curves: Curves = field(default_factory=Curves)
     shape: Shape | None = None
     truth: Truth | None = None
     count: int = -1
     picture: bytes = b""
-    looked: int = 0
+    updated_at: int = 0
 
     @property
     def frame(self) -> int:
-        """Number of the frame that the newest tick knows, -1 where there is none."""
+        """Number of the frame of the newest tick, -1 if there is none."""
         return int(self.tick["frame"][0]) if self.tick else -1
 
-    def look(self) -> None:
-        """Take what is new."""
-        for said in self.desk.said.heard():
-            self._take(said)
-        self.count, ticks = self.desk.ticks.after(self.count)
+    def update(self) -> None:
+        """Read new status messages and ticks."""
+        for message in self.channels.said.heard():
+            self._apply(message)
+        self.count, ticks = self.channels.ticks.after(self.count)
         for one in ticks:
-            self.tick = told(one)
-            self.curves.take(self.tick)
+            self.tick = decode_ring_tick(one)
+            self.curves.add(self.tick)
         if ticks:
-            ended = self.between is not None and self.between.latched
+            ended = self.standby is not None and self.standby.is_latched
             if self.tick["phase"] != Phase.DISABLED.name and not ended:
-                self.between = None
-        self.looked = time.monotonic_ns()
+                self.standby = None
+        self.updated_at = time.monotonic_ns()
 
-    def _take(self, said: Said) -> None:
-        match said:
+    def _apply(self, message: StatusMessage) -> None:
+        match message:
             case Note():
-                self.notes.append(said.words)
-            case Between():
-                self.between, self.tick = said, {}
-                self.count = self.desk.ticks.newest
-                self.curves.begin()
-                self.target = self.tour = None
+                self.notes.append(message.words)
+            case Standby():
+                self.standby, self.tick = message, {}
+                self.count = self.channels.ticks.newest
+                self.curves.restart()
+                self.target = self.sequence = None
                 self.teaching = ""
-            case OnTour():
-                self.tour = said.progress
-            case Aim():
-                self.target = said.target
-            case Taught():
-                why = self.poses.keep(said.name, said.target, self.picture)
-                self.notes.append(why or f"{said.name} is taught")
-                self.kept += 1
-            case Teaching():
-                self.teaching = said.words
-            case InForce():
-                self.in_force = said.servo
-                self.changes += 1
+            case SequenceStatus():
+                self.sequence = message.progress
+            case TargetChanged():
+                self.target = message.target
+            case PoseTaught():
+                error = self.poses.save(message.name, message.target, self.picture)
+                self.notes.append(error or f"{message.name} is taught")
+                self.pose_version += 1
+            case TeachingStatus():
+                self.teaching = message.words
+            case SettingsApplied():
+                self.active_servo = message.servo
+                self.settings_version += 1
             case _:
-                raise TypeError(f"{said!r} is nothing that is said to the page")
+                raise TypeError(f"{message!r} is not a status message")
 
-    def table(self) -> Table:
-        """What a browser draws: `json_of` encodes it."""
+    def to_table(self) -> Table:
+        """Return the content for a browser; `encode_json` encodes it."""
         tick, target = self.tick, self.target
         return {
             **vars(self._status()),
-            "points": pairs(tick.get("points")),
-            "ghost": pairs(ghost(tick)),
+            "points": as_points(tick.get("points")),
+            "predicted": as_points(predicted_markers(tick)),
             **{name: tick.get(name) for name in ("y", "quality", "delta", "q")},
             "rcm": tick.get("o_c"),
             "target": None if target is None else target.points,
             "tool": self._tool(tick.get("q")),
             "tool_target": self._tool(None if target is None else target.q),
             "truth_mm": self._true_error(target),
-            "at": self.looked,
+            "at": self.updated_at,
             "poses": sorted(self.poses.targets),
             "refused_poses": self.poses.refused,
-            "kept": self.kept,
-            "tour": self.tour,
-            "settings": self.changes,
-            "standing": self._standing(),
+            "pose_version": self.pose_version,
+            "sequence": self.sequence,
+            "settings_version": self.settings_version,
+            "estimator_status": self._estimator_status(),
             "notes": list(self.notes)[-3:],
         }
 
@@ -205,33 +214,33 @@ class Board:
             return None
         return round(self.truth(target.q), 4)
 
-    def _standing(self) -> str:
-        """How the estimator stands, in words; empty where no servo looks."""
+    def _estimator_status(self) -> str:
+        """Return the state of the estimator in words; empty if no servo runs."""
         tick = self.tick
-        if self.in_force is None or not tick:
+        if self.active_servo is None or not tick:
             return ""
-        explored, condition = bool(tick["explored"][0]), float(tick["condition"][0])
-        return standing(self.in_force, explored, condition, Phase[tick["phase"]])
+        has_explored, condition = bool(tick["explored"][0]), float(tick["condition"][0])
+        return describe_estimator(self.active_servo, has_explored, condition, Phase[tick["phase"]])
 
     def _tool(self, q: Floats | None) -> Floats | None:
-        """Markers and tip (3, 3) mm at the joints; None where they are not known."""
+        """Return markers and tip (3, 3) in mm at the joints; None if the joints are unknown."""
         if self.shape is None or q is None or not np.isfinite(q).all():
             return None
         return self.shape.points(q).round(2)
 
     def _status(self) -> Status:
-        """State of the servo, or of the wait for it."""
-        if self.between is not None or not self.tick:
-            between = self.between or Between("preparing")
+        """Return the state of the servo, or of the session while no loop runs."""
+        if self.standby is not None or not self.tick:
+            standby = self.standby or Standby("preparing")
             return Status(
-                phase="FAULT" if between.latched else "OFF",
-                words=between.words,
-                action="FAULT" if between.latched else "NONE",
-                way_out="find out why, then clear" if between.clears else "",
-                ways=["clear"] if between.clears else [],
-                can=["enable"] * between.ready + ["clear"] * between.clears,
-                intent=between.intent,
-                asks=between.asks,
+                phase="FAULT" if standby.is_latched else "OFF",
+                words=standby.words,
+                action="FAULT" if standby.is_latched else "NONE",
+                way_out="find out why, then clear" if standby.can_clear else "",
+                recovery=["clear"] if standby.can_clear else [],
+                can=["enable"] * standby.can_enable + ["clear"] * standby.can_clear,
+                intent=standby.intent,
+                question=standby.question,
             )
         phase, cause = Phase[self.tick["phase"]], Cause[self.tick["cause"]]
         return Status(
@@ -240,28 +249,26 @@ class Board:
             action=self.tick["action"],
             why="; ".join(filter(None, (self.teaching, cause.value))),
             way_out=cause.way_out,
-            ways=ways(phase, cause),
-            can=allowed(phase),
-            moves=phase in BY_ITSELF,
+            recovery=list_recovery_actions(phase, cause),
+            can=list_allowed_actions(phase),
+            moves=phase in AUTONOMOUS_PHASES,
         )
 
 
-def told(data: bytes) -> Table:
-    """A tick of the ring as columns and names."""
+def decode_ring_tick(data: bytes) -> Table:
+    """Decode a tick of the ring to its columns and names."""
     columns = ros2_messages.tick_columns(TICK, [data])
-    names = ros2_messages.decode_names(data[: -DUE.size], TICK)
-    words = {one.name: name for one, name in zip(NAME_COLUMNS, names, strict=True)}
-    (due,) = DUE.unpack(data[-DUE.size :])
-    return {name: column[0] for name, column in columns.items()} | words | {"time": due}
+    names = ros2_messages.decode_names(data[: -DUE_TIME.size], TICK)
+    named = {one.name: name for one, name in zip(NAME_COLUMNS, names, strict=True)}
+    (due,) = DUE_TIME.unpack(data[-DUE_TIME.size :])
+    return {name: column[0] for name, column in columns.items()} | named | {"time": due}
 
 
-def ghost(tick: Table) -> Floats | None:
-    """Where the servo expects the markers (4,) px in the picture; NaN where its estimator does not
-    tell.
-    """
+def predicted_markers(tick: Table) -> Floats | None:
+    """Return the markers (4,) px that the estimator predicts; NaN if it predicts none."""
     return tick["model"] + np.tile(tick["o_c"], 2) if tick else None
 
 
-def pairs(numbers: Floats | None) -> Floats | None:
-    """Points [[u, v], ...] of numbers in a row."""
+def as_points(numbers: Floats | None) -> Floats | None:
+    """Return numbers in a row as points [[u, v], ...]."""
     return None if numbers is None else np.reshape(numbers, (-1, 2))

@@ -1,1 +1,1 @@
-"""Runs of the past, for the page: which there are, and one of them opened."""
+"""Past runs on the page: the list, and one run opened."""

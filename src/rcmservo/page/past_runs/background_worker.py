@@ -1,5 +1,6 @@
-"""Work on a record, in a process of its own that gives way to all others: neither the page nor the
-servo waits for it.
+"""Execution of work on records in a process of low priority.
+
+Neither the page nor the servo waits for it.
 """
 
 import os
@@ -12,66 +13,72 @@ from typing import Any, TypeVar
 
 from rcmservo.errors import RcmServoError
 
-LONGEST = 300.0
-"""s that a piece of work may take."""
+MAX_WORK_S = 300.0
+"""Longest time in s for a piece of work."""
 
-WAITING = 4
-"""Pieces of work that there may be, with the one that is done now."""
+MAX_QUEUED = 4
+"""Largest number of pieces of work, including the running one."""
 
-GIVES_WAY = 15
-"""Of the process's niceness."""
+NICENESS = 15
+"""Niceness of the process."""
 
-Made = TypeVar("Made")
+Result = TypeVar("Result")
 
 
-class Aside:
-    """Does one piece of work after the other."""
+class BackgroundWorker:
+    """Executor of one piece of work at a time."""
 
     def __init__(self) -> None:
-        self._one, self._count = Lock(), 0
+        self._lock, self._count = Lock(), 0
 
     @property
-    def full(self) -> bool:
-        """Whether no more work is taken."""
-        return self._count >= WAITING
+    def is_full(self) -> bool:
+        """State in which no further work is accepted."""
+        return self._count >= MAX_QUEUED
 
-    def do(self, work: Callable[..., Made], *given: Any) -> Made:
-        """What a function of a module makes; what it could not do is raised. It blocks."""
+    def run(self, work: Callable[..., Result], *arguments: Any) -> Result:
+        """Run a module's function in another process and return its result. This call blocks.
+
+        Raises
+        ------
+        RcmServoError
+            If the function raises one, takes too long, or its process ends.
+        """
         self._count += 1
         try:
-            with self._one:
-                return _done(pickle.dumps((work, given)))
+            with self._lock:
+                return _run_in_process(pickle.dumps((work, arguments)))
         finally:
             self._count -= 1
 
 
-def _done(job: bytes) -> Any:
+def _run_in_process(job: bytes) -> Any:
     command = [sys.executable, "-c", f"from {__name__} import main; main()"]
     try:
-        made = subprocess.run(
+        process = subprocess.run(
             command,
             input=job,
             stdout=subprocess.PIPE,
-            timeout=LONGEST,
+            timeout=MAX_WORK_S,
             start_new_session=True,
             check=False,
         )
     except subprocess.TimeoutExpired as error:
-        raise RcmServoError(f"the record took longer than {LONGEST:g} s to read") from error
-    if made.returncode:
-        raise RcmServoError("the process that reads records has ended by itself")
-    answer = pickle.loads(made.stdout)
+        raise RcmServoError(f"the record took longer than {MAX_WORK_S:g} s to read") from error
+    if process.returncode:
+        raise RcmServoError("the process that reads records has ended unexpectedly")
+    answer = pickle.loads(process.stdout)
     if isinstance(answer, RcmServoError):
         raise answer
     return answer
 
 
 def main() -> None:
-    """Do the work that stands in the input, and write what it makes."""
-    os.nice(GIVES_WAY)
-    work, given = pickle.load(sys.stdin.buffer)
+    """Read a piece of work from standard input, run it, and write the result to standard output."""
+    os.nice(NICENESS)
+    work, arguments = pickle.load(sys.stdin.buffer)
     try:
-        answer: object = work(*given)
+        answer: object = work(*arguments)
     except RcmServoError as error:
         answer = RcmServoError(str(error))
     sys.stdout.buffer.write(pickle.dumps(answer))

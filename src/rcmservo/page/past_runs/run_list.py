@@ -1,5 +1,7 @@
-"""Which runs there are. Each has a name that is made of its place, and is found by nothing else: a
-browser can ask for no other file.
+"""List of the past runs.
+
+Each run has a name that is a hash of its path. A browser can request a run only by this name, and
+so no other file.
 """
 
 import time
@@ -15,111 +17,112 @@ from rcmservo.recording.reader import RECORD
 from rcmservo.recording.record_header import RecordHeader, read_header
 from rcmservo.recording.summary_text import what
 
-MOST = 1000
-"""Runs that are listed, the newest."""
+MAX_RUNS = 1000
+"""Number of runs in the list, the newest."""
 
-QUIET = 5.0
-"""s without a change after which a record that was not ended counts as cut off."""
+RECORDING_TIMEOUT_S = 5.0
+"""Time (s) without a change after which an open record counts as cut off."""
 
-DEPTHS = f"*/{RECORD}", f"*/*/{RECORD}"
-"""Where records are: in a run's folder, and in a session's."""
+RECORD_PATTERNS = f"*/{RECORD}", f"*/*/{RECORD}"
+"""Locations of records: in the folder of a run and in that of a session."""
 
 
 @dataclass(frozen=True)
 class PastRun:
-    """A run as it is listed.
+    """Run in the list.
 
     Parameters
     ----------
     name : str
-        What it is asked for by.
+        Name by which a browser requests it.
     folder : str
-        Its folder, below that of all runs.
-    when : str
-        Its last change, as a date and time of day.
-    what : str
-        Of which arm, by which estimator; or why it cannot be read.
+        Folder, relative to the folder of all runs.
+    changed : str
+        Date and time of the last change.
+    description : str
+        Arm and estimator; or the reason why the record cannot be read.
     seconds : float or None
-        Its length; None where it cannot be read.
-    ended : str
-        How it ended, in words.
-    recording : bool
-        Whether it is being recorded now.
+        Length in s; None if the record cannot be read.
+    ending : str
+        End of the run in words.
+    is_recording : bool
+        The run is being recorded now.
     """
 
     name: str
     folder: str
-    when: str
-    what: str
+    changed: str
+    description: str
     seconds: float | None
-    ended: str
-    recording: bool
+    ending: str
+    is_recording: bool
 
 
-class Shelf:
-    """The runs below a folder."""
+class RunList:
+    """List of the runs below a folder."""
 
     def __init__(self, root: Path) -> None:
         self._root = root
         self._lock = Lock()
-        self._places: dict[str, Path] = {}
-        self._glances: dict[Path, tuple[tuple[int, int], RecordHeader | str]] = {}
+        self._paths: dict[str, Path] = {}
+        self._headers: dict[Path, tuple[tuple[int, int], RecordHeader | str]] = {}
 
-    def listed(self) -> list[PastRun]:
-        """Those that there are, the newest first."""
+    def list_runs(self) -> list[PastRun]:
+        """Return the runs, the newest first."""
         with self._lock:
-            found = sorted(self._records(), reverse=True)[:MOST]
-            self._places = {self._name(path): path for _, path in found}
-            self._glances = {p: self._glances[p] for _, p in found if p in self._glances}
-            return [self._told(path) for _, path in found]
+            found = sorted(self._records(), reverse=True)[:MAX_RUNS]
+            self._paths = {self._name(path): path for _, path in found}
+            self._headers = {p: self._headers[p] for _, p in found if p in self._headers}
+            return [self._describe(path) for _, path in found]
 
-    def place(self, name: str) -> Path | None:
-        """The record of a run that was listed, while it is there."""
-        path = self._places.get(name)
+    def find_record(self, name: str) -> Path | None:
+        """Return the record of a listed run if it still exists."""
+        path = self._paths.get(name)
         return path if path is not None and path.is_file() else None
 
     def _records(self) -> Iterator[tuple[int, Path]]:
-        """The records with the times of their last changes. What leads elsewhere is none."""
-        for depth in DEPTHS:
-            for path in self._root.glob(depth):
-                ways = (path, *path.relative_to(self._root).parents)
-                if not any((self._root / way).is_symlink() for way in ways if way != Path()):
+        """Yield the records with the times of their last changes, except behind symbolic links."""
+        for pattern in RECORD_PATTERNS:
+            for path in self._root.glob(pattern):
+                steps = (path, *path.relative_to(self._root).parents)
+                if not any((self._root / step).is_symlink() for step in steps if step != Path()):
                     yield path.stat().st_mtime_ns, path
 
     def _name(self, path: Path) -> str:
         return blake2s(str(path.relative_to(self._root)).encode(), digest_size=8).hexdigest()
 
-    def _told(self, path: Path) -> PastRun:
+    def _describe(self, path: Path) -> PastRun:
         changed = path.stat().st_mtime
-        found = self._glance(path)
+        header = self._cached_header(path)
         common = self._name(path), str(path.parent.relative_to(self._root))
         when = f"{datetime.fromtimestamp(changed):%Y-%m-%d %H:%M:%S}"
-        if isinstance(found, str):
-            return PastRun(*common, when, found, None, "cannot be read", False)
-        recording = not found.is_closed and time.time() - changed < QUIET
-        words = what(found.settings, found.servo)
-        return PastRun(*common, when, words, found.seconds, ending(found, recording), recording)
+        if isinstance(header, str):
+            return PastRun(*common, when, header, None, "cannot be read", False)
+        is_recording = not header.is_closed and time.time() - changed < RECORDING_TIMEOUT_S
+        description = what(header.settings, header.servo)
+        ending = describe_ending(header, is_recording)
+        return PastRun(*common, when, description, header.seconds, ending, is_recording)
 
-    def _glance(self, path: Path) -> RecordHeader | str:
-        """What a record tells, or why it tells nothing; looked at anew where it has changed."""
-        about = path.stat()
-        key = about.st_mtime_ns, about.st_size
-        kept = self._glances.get(path)
-        if kept is None or kept[0] != key:
-            kept = self._glances[path] = key, _looked(path)
-        return kept[1]
+    def _cached_header(self, path: Path) -> RecordHeader | str:
+        """Return a record's header, or why it cannot be read; read it again after a change."""
+        status = path.stat()
+        key = status.st_mtime_ns, status.st_size
+        cached = self._headers.get(path)
+        if cached is None or cached[0] != key:
+            cached = self._headers[path] = key, _read_or_explain(path)
+        return cached[1]
 
 
-def _looked(path: Path) -> RecordHeader | str:
+def _read_or_explain(path: Path) -> RecordHeader | str:
     try:
         return read_header(path)
     except (RcmServoError, ValueError, OSError) as error:
         return str(error).replace(f"{path.parent}/", "")
 
 
-def ending(found: RecordHeader, recording: bool) -> str:
-    """How a run ended, in words."""
-    last = ", ".join(filter(None, (found.phase, found.cause))) or "no tick"
-    if recording:
-        return f"it is being recorded: {last}"
-    return last if found.is_closed else f"the record was not ended; at last: {last}"
+def describe_ending(header: RecordHeader, is_recording: bool) -> str:
+    """Return the end of a run in words."""
+    last = ", ".join(filter(None, (header.phase, header.cause))) or "no tick"
+    if is_recording:
+        return f"is being recorded: {last}"
+    return last if header.is_closed else f"record without its end; last: {last}"

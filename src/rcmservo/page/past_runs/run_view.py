@@ -1,4 +1,4 @@
-"""A run that is opened: what happened in words, what to draw on its pictures, and its figures."""
+"""Content of an opened run: time line in words, overlays of its pictures, and its figures."""
 
 import tempfile
 from bisect import bisect_right
@@ -11,73 +11,74 @@ import numpy as np
 from rcmservo.config.texts import is_table
 from rcmservo.errors import UnusableFile
 from rcmservo.figures import charts, plots
-from rcmservo.page.json_text import json_of
-from rcmservo.page.view_model import pairs
+from rcmservo.page.json_text import encode_json
+from rcmservo.page.view_model import as_points
 from rcmservo.recording import ros2_messages
 from rcmservo.recording.mcap_recovery import MessageReader, read_chunk
 from rcmservo.recording.reader import Record, read_record
 from rcmservo.recording.summary_text import rows_of, verdict_of, way_out, why
 from rcmservo.recording.timeline import Span, spans, stages, summary
 
-PICTURE = "image_raw/compressed"
-EVERY = 0.1
-"""s between moments of a run without pictures."""
-MOST = 20_000
-"""Moments, and spans, that a browser is told of."""
-FIGURES = {
+PICTURE_TOPIC = "image_raw/compressed"
+
+MOMENT_SPACING_S = 0.1
+"""Time (s) between the moments of a run without pictures."""
+MAX_MOMENTS = 20_000
+"""Largest number of moments, and of spans, that a browser gets."""
+RUN_FIGURES = {
     "timeline": ("Time line", plots.plot_timeline),
     "errors": ("Feature errors", plots.plot_errors),
     "path": ("Path", plots.plot_path),
     "estimate": ("Estimate", plots.plot_estimate),
 }
-"""Titles and plots by the names of their files, in the order in which they are shown."""
+"""Titles and plots by the names of their files, in the order of the page."""
 
-Where = tuple[int, int]
-"""Chunk of a picture, and its place there."""
+PictureLocation = tuple[int, int]
+"""Chunk of a picture, and its index there."""
 
 
 @dataclass(frozen=True)
 class OpenedRun:
-    """A run as a browser gets it.
+    """Content of a run for a browser.
 
     Parameters
     ----------
-    told : bytes
-        JSON: all but pictures and figures.
-    pictures : list[Where]
-        Where its pictures are.
+    json : bytes
+        JSON of everything except pictures and figures.
+    pictures : list[PictureLocation]
+        Locations of its pictures.
     """
 
-    told: bytes
-    pictures: list[Where]
+    json: bytes
+    pictures: list[PictureLocation]
 
 
-def opened(path: Path) -> OpenedRun:
-    """Read a record, up to its end or its damage."""
+def open_run(path: Path) -> OpenedRun:
+    """Read a record up to its end or its damage."""
     record = read_record(path)
-    found, exposures = _pictures(path)
+    locations, exposures = _locate_pictures(path)
     lines = spans(record)
-    titles = {name: title for name, (title, _) in FIGURES.items()}
-    told = {
+    titles = {name: title for name, (title, _) in RUN_FIGURES.items()}
+    content = {
         "verdict": verdict_of(record, summary(record)),
         "missing": record.missing,
         "summary": rows_of(record, summary(record)),
-        "spans": [_span(span) for span in lines[:MOST]],
+        "spans": [_span(span) for span in lines[:MAX_MOMENTS]],
         "moments": _moments(record, lines, exposures),
         "targets": [stage.target.points for stage in record.stages],
-        "figures": titles if _drawable(record) else {},
+        "figures": titles if _has_errors_to_draw(record) else {},
         "size": _size(record),
     }
-    return OpenedRun(json_of(told), found)
+    return OpenedRun(encode_json(content), locations)
 
 
-def figures(path: Path) -> dict[str, bytes]:
-    """The figures of a record by their files' names, as SVG and PNG."""
+def draw_figures(path: Path) -> dict[str, bytes]:
+    """Draw the figures of a record. Return SVG and PNG files by their names."""
     record, files = read_record(path), dict[str, bytes]()
-    if not _drawable(record):
+    if not _has_errors_to_draw(record):
         return files
     with tempfile.TemporaryDirectory() as folder:
-        for name, (_, figure) in FIGURES.items():
+        for name, (_, figure) in RUN_FIGURES.items():
             drawn, png = figure(record), Path(folder) / f"{name}.png"
             files[f"{name}.svg"] = charts.render_svg(drawn).encode()
             charts.save_figure(drawn, png)
@@ -85,10 +86,10 @@ def figures(path: Path) -> dict[str, bytes]:
     return files
 
 
-def picture(path: Path, where: Where) -> bytes:
-    """A picture as the JPEG file that it was kept as."""
-    place, k = where
-    messages = read_chunk(path, place)
+def read_picture(path: Path, location: PictureLocation) -> bytes:
+    """Return a recorded picture as the JPEG file that was recorded."""
+    chunk, k = location
+    messages = read_chunk(path, chunk)
     if k >= len(messages):
         raise UnusableFile(path, "has changed since it was opened")
     try:
@@ -97,20 +98,20 @@ def picture(path: Path, where: Where) -> bytes:
         raise UnusableFile(path, f"holds a frame that cannot be read: {error}") from error
 
 
-def _drawable(record: Record) -> bool:
-    """Whether there is anything to draw."""
+def _has_errors_to_draw(record: Record) -> bool:
+    """Return whether the record holds finite errors."""
     return bool(np.isfinite(record.ticks["delta"]).any())
 
 
-def _pictures(path: Path) -> tuple[list[Where], list[int]]:
-    """Where a record's pictures are, and when they were exposed."""
+def _locate_pictures(path: Path) -> tuple[list[PictureLocation], list[int]]:
+    """Return the locations of a record's pictures and their exposure times in ns."""
     messages = MessageReader(path)
-    found = [
+    located = [
         (messages.location, ros2_messages.decode_picture(message.data)[0])
         for message in messages
-        if message.topic == PICTURE
+        if message.topic == PICTURE_TOPIC
     ]
-    return [where for where, _ in found], [exposure for _, exposure in found]
+    return [location for location, _ in located], [exposure for _, exposure in located]
 
 
 def _span(span: Span) -> list[object]:
@@ -118,36 +119,39 @@ def _span(span: Span) -> list[object]:
 
 
 def _moments(record: Record, lines: list[Span], exposures: list[int]) -> list[dict[str, Any]]:
-    """What is shown at each picture, or now and then where there is none: the tick that used it."""
+    """Return the overlay of each picture, from the tick that used it.
+
+    A run without pictures has moments at regular times.
+    """
     count = len(record.time)
     if not count:
         return []
     if exposures:
         used = {int(one): i for i, one in reversed(list(enumerate(record.ticks["exposure"][:, 0])))}
-        both = [(used[one], k) for k, one in enumerate(exposures) if one in used]
+        samples = [(used[one], k) for k, one in enumerate(exposures) if one in used]
     else:
-        whole = np.arange(0.0, float(record.time[-1]) + EVERY, EVERY)
-        both = [(int(i), -1) for i in np.minimum(np.searchsorted(record.time, whole), count - 1)]
-    both = both[:: -(-len(both) // MOST) or 1]
+        whole = np.arange(0.0, float(record.time[-1]) + MOMENT_SPACING_S, MOMENT_SPACING_S)
+        samples = [(int(i), -1) for i in np.minimum(np.searchsorted(record.time, whole), count - 1)]
+    samples = samples[:: -(-len(samples) // MAX_MOMENTS) or 1]
     starts = [span.start for span in lines]
-    of: list[int] = stages(record).tolist()
+    stage_numbers: list[int] = stages(record).tolist()
     points, o_c = record.ticks["points"], record.ticks["o_c"]
     return [
         {
             "t": round(float(record.time[i]), 3),
             "picture": k,
             "span": bisect_right(starts, float(record.time[i])) - 1,
-            "stage": of[i],
-            "points": pairs(points[i].round(2)),
+            "stage": stage_numbers[i],
+            "points": as_points(points[i].round(2)),
             "rcm": o_c[i].round(2),
         }
-        for i, k in both
+        for i, k in samples
     ]
 
 
 def _size(record: Record) -> list[int]:
-    """Width and height px of what is drawn on where there is no picture."""
+    """Return width and height in px of the blank image that replaces missing pictures."""
     rig: object = record.about.get("rig")
-    told: list[Any] = [rig.get("width"), rig.get("height")] if is_table(rig) else []
-    known = told and all(type(one) is int and 0 < one < 5000 for one in told)
-    return told if known else [640, 480]
+    size: list[Any] = [rig.get("width"), rig.get("height")] if is_table(rig) else []
+    is_valid = size and all(type(one) is int and 0 < one < 5000 for one in size)
+    return size if is_valid else [640, 480]

@@ -1,1 +1,1 @@
-"""What the page draws beside the picture: curves over time, the tool in space."""
+"""Data of the page's plots: curves over time and the tool in space."""

@@ -1,7 +1,8 @@
-"""What the page draws over time: the loop's last seconds, thinned.
+"""Time series of the page: samples of the loop's last seconds.
 
-A sample tells the newest tick of its interval. How late the loop is counts from the earliest tick
-of the session, whose own lateness nobody tells; of it a sample holds the interval's worst.
+A sample holds the values of the newest tick of its interval. The lateness of the loop is relative
+to the earliest tick of the session, whose own lateness is unknown; a sample holds the largest
+lateness of its interval.
 """
 
 from collections import deque
@@ -13,14 +14,14 @@ import numpy as np
 from rcmservo.geometry.features import measured
 from rcmservo.interfaces import Floats
 
-EVERY = 100_000_000
-"""ns from sample to sample."""
-KEPT = 300
-"""Samples that are kept."""
-FRESHEST = 20_000_000
-"""ns between two exposures from which on a rate is told by their difference."""
+SAMPLE_PERIOD_NS = 100_000_000
+"""Time between samples in ns."""
+MAX_SAMPLES = 300
+"""Number of samples that are stored."""
+MIN_EXPOSURE_GAP_NS = 20_000_000
+"""Shortest time (ns) between two exposures for which a rate is computed from their difference."""
 
-NAMES = (
+SAMPLE_FIELDS = (
     "t",
     "delta_s",
     "delta_r",
@@ -35,49 +36,51 @@ NAMES = (
     "measured_d",
     "late",
 )
-"""Of a sample's numbers: s, rad, px, mm/s, 1, rad/s, px/s, ms."""
+"""Fields of a sample: s, rad, px, px, mm/s, 1, rad/s, px/s, px/s, rad/s, px/s, px/s, ms."""
 
-Tick = dict[str, Any]
+TickColumns = dict[str, Any]
 
 
 @dataclass
 class Curves:
-    """The samples there are.
+    """Newest samples.
 
     Parameters
     ----------
     count : int
-        How many there have been.
+        Number of samples since the start of the page.
     samples : deque[list[float]]
-        The last of them, each as `NAMES` has it.
+        Newest samples, each with the fields `SAMPLE_FIELDS`.
     _start : int or None
-        ns on the loop's clock of its time 0, were its earliest tick not late at all.
+        Time 0 of the loop in ns on its clock, if its earliest tick was not late.
     _due : int
-        ns from the start to when the newest tick was due.
+        Due time of the newest tick in ns from the start.
     _late : int
-        ns, the worst lateness since the last sample.
+        Largest lateness since the last sample in ns.
     _next : int
-        ns from which on the next sample is taken.
-    _before : Tick or None
-        The tick of the last sample.
+        Time in ns of the next sample.
+    _previous : TickColumns or None
+        Tick of the last sample.
     """
 
     count: int = 0
-    samples: deque[list[float]] = field(default_factory=lambda: deque[list[float]](maxlen=KEPT))
+    samples: deque[list[float]] = field(
+        default_factory=lambda: deque[list[float]](maxlen=MAX_SAMPLES)
+    )
     _start: int | None = None
     _due: int = 0
     _late: int = 0
     _next: int = 0
-    _before: Tick | None = None
+    _previous: TickColumns | None = None
 
-    def begin(self) -> None:
-        """Another session: its schedule is another one."""
-        self._start, self._late, self._next, self._before = None, 0, 0, None
+    def restart(self) -> None:
+        """Prepare for another session, which has another schedule."""
+        self._start, self._late, self._next, self._previous = None, 0, 0, None
 
-    def take(self, tick: Tick) -> None:
-        """A tick, with the `time` at which it was due."""
+    def add(self, tick: TickColumns) -> None:
+        """Add a tick with its due time `time`."""
         now = int(tick["now"][0])
-        if tick["time"] < self._due:  # another loop, such as the wait for the drive before it
+        if tick["time"] < self._due:  # another loop, such as the wait for Enable before it
             self._start = None
         self._due = tick["time"]
         begun = now - tick["time"]
@@ -85,27 +88,29 @@ class Curves:
         self._late = max(self._late, begun - self._start)
         if now < self._next:
             return
-        self._next = now + EVERY
+        self._next = now + SAMPLE_PERIOD_NS
         rates = np.concatenate(self._rates(tick))
         v: Floats = tick["v"]
-        about = [np.linalg.norm(v), tick["condition"][0], *rates, self._late * 1e-6]
-        self.samples.append([now * 1e-9, *tick["delta"], *map(float, about)])
-        self.count, self._late, self._before = self.count + 1, 0, tick
+        numbers = [np.linalg.norm(v), tick["condition"][0], *rates, self._late * 1e-6]
+        self.samples.append([now * 1e-9, *tick["delta"], *map(float, numbers)])
+        self.count, self._late, self._previous = self.count + 1, 0, tick
 
-    def _rates(self, tick: Tick) -> tuple[Floats, Floats]:
-        """ẏ as Ĵ tells it of marker 1's motion since the sample before, and as it was seen: both
-        times about the same imaged RCM, whose own changes are no motion.
+    def _rates(self, tick: TickColumns) -> tuple[Floats, Floats]:
+        """Return ẏ as Ĵ predicts it from the motion of marker 1, and as it is measured, each (3,).
+
+        Both are computed about the same imaged RCM, so that a change of its estimate is not a
+        motion. They are NaN without an earlier sample.
         """
-        before, unknown = self._before, np.full(3, np.nan)
-        passed = 0 if before is None else int(tick["exposure"][0] - before["exposure"][0])
-        if before is None or passed < FRESHEST:
+        previous, unknown = self._previous, np.full(3, np.nan)
+        elapsed = 0 if previous is None else int(tick["exposure"][0] - previous["exposure"][0])
+        if previous is None or elapsed < MIN_EXPOSURE_GAP_NS:
             return unknown, unknown
-        predicted: Floats = np.reshape(before["J_hat"], (3, 3)) @ (tick["p1"] - before["p1"])
-        points, then = np.reshape(tick["points"], (2, 2)), np.reshape(before["points"], (2, 2))
-        moved: Floats = measured(points, then, tick["o_c"])[1]
-        return predicted / (passed * 1e-9), moved / (passed * 1e-9)
+        predicted: Floats = np.reshape(previous["J_hat"], (3, 3)) @ (tick["p1"] - previous["p1"])
+        points, earlier = np.reshape(tick["points"], (2, 2)), np.reshape(previous["points"], (2, 2))
+        measured_change: Floats = measured(points, earlier, tick["o_c"])[1]
+        return predicted / (elapsed * 1e-9), measured_change / (elapsed * 1e-9)
 
     def after(self, count: int) -> list[list[float]]:
-        """The samples after the `count`-th that are still there."""
+        """Return the stored samples after the sample with index `count`."""
         new = min(max(self.count - count, 0), len(self.samples))
         return list(self.samples)[len(self.samples) - new :]

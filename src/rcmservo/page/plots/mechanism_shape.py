@@ -1,6 +1,4 @@
-"""The mechanism as the page draws it: points in the arm's base frame, whose origin is the RCM, in
-mm.
-"""
+"""Points of the mechanism for the 3-D scene, in mm in the arm's base frame (origin at the RCM)."""
 
 from dataclasses import dataclass
 
@@ -11,22 +9,22 @@ from rcmservo.geometry.tool import Tool
 from rcmservo.interfaces import Floats
 from rcmservo.servo.servo import Servo
 
-STEPS = 16
-"""Points along a side of what the limits enclose."""
+SURFACE_POINTS = 16
+"""Number of points along each side of the workspace surface."""
 
 
 @dataclass(frozen=True)
 class Shape:
-    """What of a servo tells where its tool is.
+    """Kinematics of the tool for drawing.
 
     Parameters
     ----------
     mechanism : Kinematics
-        The arm's joints.
+        Joints of the arm.
     tool : Tool
-        Its markers.
+        Markers of the tool.
     tip : float
-        mm from marker 2 to the tip.
+        Distance from marker 2 to the tip in mm.
     """
 
     mechanism: Kinematics
@@ -35,22 +33,26 @@ class Shape:
 
     @classmethod
     def of(cls, servo: Servo) -> "Shape":
-        """That of a servo."""
+        """Return the shape of a servo."""
         return cls(servo.mechanism, servo.tool, servo.controller.tip)
 
     def points(self, q: Floats) -> Floats:
-        """Marker 1, marker 2 and the tip (3, 3) at the joints q (3,); NaN where they are not
-        known.
-        """
+        """Return marker 1, marker 2 and tip (3, 3) in mm at joints q (3,); NaN if unknown."""
         p1 = self.mechanism.position(q)
         p1 = p1 * (1.0 + self.tool.offset / np.linalg.norm(p1))
         p2 = self.tool.second_marker(p1)
         return np.array([p1, p2, p2 + self.tip * p2 / np.linalg.norm(p2)])
 
     def limits(self) -> Floats:
-        """The surface (STEPS, STEPS, 3) on which marker 1 is where the tool is inserted as far as
-        it may be.
+        """Return the surface of marker 1 at full insertion.
+
+        Returns
+        -------
+        Floats
+            Points (SURFACE_POINTS, SURFACE_POINTS, 3) in mm.
         """
         lower, upper = self.mechanism.limits.lower, self.mechanism.limits.upper
-        one, two = (np.linspace(lower[joint], upper[joint], STEPS).tolist() for joint in (0, 1))
+        one, two = (
+            np.linspace(lower[joint], upper[joint], SURFACE_POINTS).tolist() for joint in (0, 1)
+        )
         return np.array([[self.points(np.array([a, b, upper[2]]))[0] for b in two] for a in one])

@@ -1,1 +1,1 @@
-"""What browsers are served: the page, its pictures and the websockets."""
+"""Web servers of the page: routes, websockets, pictures and access."""

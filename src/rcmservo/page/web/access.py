@@ -1,7 +1,7 @@
-"""Who is let in: pages that this server has given out, and nobody else.
+"""Access by pages of this server, and the sockets that it listens on.
 
-What is fetched and each websocket must tell the secret that stands in the page; the porter has seen
-to it by then that no page of another origin asks.
+Every request for data and every websocket must carry the secret that stands in the page. Before
+that, `OriginCheck` has refused pages of other origins.
 """
 
 import contextlib
@@ -17,95 +17,103 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 from rcmservo.errors import RcmServoError
 from rcmservo.network_ports import refusal
 
-HERE = "127.0.0.1"
-FORBIDDEN = 4403
-"""Close code of a websocket that is not let in."""
+LOOPBACK_ADDRESS = "127.0.0.1"
+FORBIDDEN_CLOSE_CODE = 4403
+"""Close code of a websocket that is refused."""
 
 
 DEFAULT_PORT, LAST_DEFAULT_PORT = 8080, 8180
-"""Ports of the page that are tried in turn if none is given."""
+"""First and last port of the page that are tried if no port is given."""
 
 
 class NoPagePort(RcmServoError):
-    """A port that cannot be listened on."""
+    """Port that the server cannot listen on."""
 
 
 class PortTaken(NoPagePort):
-    """A port that another process listens on."""
+    """Port that another process listens on."""
 
 
 @dataclass(frozen=True)
 class Doors:
-    """What a browser must know.
+    """Credentials of the page.
 
     Parameters
     ----------
     port : int
-        That of the page.
+        Port of the page.
     secret : str
-        Drawn when the server starts.
+        Secret in the page, drawn when the server starts.
     token : str
-        What a browser must give before it gets the page; empty where none is asked for.
+        Token that a browser must send before it gets the page; empty if none is required.
     """
 
     port: int
     secret: str
     token: str = ""
 
-    def knows(self, secret: str) -> bool:
-        """Whether it is the secret that stands in the page."""
-        return same(secret, self.secret)
+    def is_secret(self, secret: str) -> bool:
+        """Return whether a text is the secret of the page."""
+        return secrets_equal(secret, self.secret)
 
-    def asked(self, request: Request) -> None:
-        """For what is fetched: refuse whoever does not know the secret."""
-        if not self.knows(request.query_params.get("secret", "")):
-            raise HTTPException(403, "the page's secret is missing: open the page anew")
+    def require_secret(self, request: Request) -> None:
+        """Refuse a request without the secret."""
+        if not self.is_secret(request.query_params.get("secret", "")):
+            raise HTTPException(403, "the page's secret is missing or old: reload the page")
 
-    async def let_in(self, wire: WebSocket) -> bool:
-        """Accept a websocket that comes from the page; close any other."""
-        if not self.knows(wire.query_params.get("secret", "")):
-            await wire.close(FORBIDDEN)
+    async def accept(self, websocket: WebSocket) -> bool:
+        """Accept a websocket that carries the secret; close any other and return False."""
+        if not self.is_secret(websocket.query_params.get("secret", "")):
+            await websocket.close(FORBIDDEN_CLOSE_CODE)
             return False
-        await wire.accept()
+        await websocket.accept()
         return True
 
 
-def same(one: str, other: str) -> bool:
-    """Whether two secrets are one, in a time that does not tell how much of them is."""
-    return secrets.compare_digest(one.encode(), other.encode())
+def secrets_equal(first: str, second: str) -> bool:
+    """Compare two secrets in a time that does not depend on their common part."""
+    return secrets.compare_digest(first.encode(), second.encode())
 
 
 def drawn_secret() -> str:
-    """What is known where it was told, and nowhere else."""
+    """Return a random secret."""
     return secrets.token_urlsafe(32)
 
 
-async def said_on(wire: WebSocket) -> str:
-    """The next message; empty where it is no text."""
-    message = await wire.receive()
+async def receive_text(websocket: WebSocket) -> str:
+    """Return the next message of a websocket; empty if it is not text."""
+    message = await websocket.receive()
     if message["type"] == "websocket.disconnect":
         raise WebSocketDisconnect(message.get("code", 1000))
     return message.get("text") or ""
 
 
-def bound(host: str, port: int) -> socket.socket:
-    """A socket that listens; port 0 takes one that is free."""
-    wire = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
-    wire.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+def bind_socket(host: str, port: int) -> socket.socket:
+    """Return a listening socket; port 0 selects a free port.
+
+    Raises
+    ------
+    PortTaken
+        If another process listens on the port.
+    NoPagePort
+        If the server cannot listen on it for another reason.
+    """
+    listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+    listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
-        wire.bind((host, port))
+        listener.bind((host, port))
     except OSError as error:
-        wire.close()
+        listener.close()
         kind = PortTaken if error.errno == errno.EADDRINUSE else NoPagePort
-        raise kind(f"{refusal(port, error)}; --port names another") from error
-    wire.listen(64)
-    return wire
+        raise kind(f"{refusal(port, error)}; select another port with --port") from error
+    listener.listen(64)
+    return listener
 
 
 def bound_pair(host: str, port: int | None) -> tuple[socket.socket, socket.socket]:
-    """Return sockets that listen on a port, for the page, and on the next one, for STOP.
+    """Return listening sockets on a port, for the page, and on the next port, for STOP.
 
-    Port 0 takes any two that are free; None takes `DEFAULT_PORT`, or the next pair that is free.
+    Port 0 selects two free ports; None selects `DEFAULT_PORT` or the next free pair.
     """
     if port is not None:
         return _bound_pair(host, port)
@@ -116,21 +124,21 @@ def bound_pair(host: str, port: int | None) -> tuple[socket.socket, socket.socke
 
 
 def _bound_pair(host: str, port: int) -> tuple[socket.socket, socket.socket]:
-    page = bound(host, port)
+    page = bind_socket(host, port)
     try:
-        return page, bound(host, port and port + 1)
+        return page, bind_socket(host, port and port + 1)
     except NoPagePort:
         page.close()
         raise
 
 
 def reached_at(host: str) -> str:
-    """An address at which a server that listens there can be reached."""
+    """Return an address at which a server that listens on `host` can be reached."""
     if host != "0.0.0.0":
         return host
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as way:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
-            way.connect(("192.0.2.1", 9))  # of no computer, by RFC 5737; nothing is sent
+            probe.connect(("192.0.2.1", 9))  # a reserved address (RFC 5737); nothing is sent
         except OSError:
-            return HERE
-        return way.getsockname()[0]
+            return LOOPBACK_ADDRESS
+        return probe.getsockname()[0]

@@ -1,8 +1,8 @@
-"""At the door: what comes neither from a page of this server nor from a person gets no further.
+"""Refusal of requests from other servers' pages.
 
-A browser tells by which name it asks, and which page asks. A name of somebody's that is made to
-lead here, and a page of another origin, are known by that. So the name must be the address at
-which the request arrived, and the page one of that address.
+A browser reports the host name that it requests and the origin of the page that makes the request.
+This reveals a foreign host name that resolves to this computer, and a page of another origin. The
+host must therefore be the address at which the request arrived, and the origin one of that address.
 """
 
 from ipaddress import AddressValueError, IPv4Address
@@ -14,51 +14,71 @@ from starlette.responses import PlainTextResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from starlette.websockets import WebSocket
 
-from rcmservo.page.web.access import FORBIDDEN
+from rcmservo.page.web.access import FORBIDDEN_CLOSE_CODE
 from rcmservo.page.web.sign_in import SignIn
 
 
-class TurnedAway(NamedTuple):
-    """What a request is answered that is not let in.
+class Refusal(NamedTuple):
+    """Answer to a refused request.
 
     Parameters
     ----------
     status : int
-        Of HTTP.
-    why : str
-        For a person.
+        HTTP status.
+    reason : str
+        Reason in words.
     """
 
     status: int
-    why: str
+    reason: str
 
 
-def names_of(address: str) -> tuple[str, ...]:
-    """What this server may be called by who reached it at an address of its own."""
+def host_names(address: str) -> tuple[str, ...]:
+    """Return the host names of this server for a request that arrived at an address."""
     try:
-        own = IPv4Address(address)
+        ip = IPv4Address(address)
     except AddressValueError:
         return ()
-    return (address, "localhost") if own.is_loopback else (address,)
+    return (address, "localhost") if ip.is_loopback else (address,)
 
 
-def refusal(headers: Headers, address: str, port: int, must_tell: bool) -> TurnedAway | None:
-    """Why what arrived at the address is not from a page of this server, which is at the port. A
-    browser ``must_tell`` the origin of a page that opens a websocket; a page that is fetched has
-    none.
+def find_refusal(
+    headers: Headers, address: str, port: int, origin_required: bool
+) -> Refusal | None:
+    """Return the refusal of a request from a page of another server, or None.
+
+    Parameters
+    ----------
+    headers : Headers
+        Headers of the request.
+    address : str
+        Address at which it arrived.
+    port : int
+        Port of the page.
+    origin_required : bool
+        The request must have an origin. A browser sends one with every websocket, but not with the
+        first request for a page.
     """
-    names, hosts, origins = names_of(address), headers.getlist("host"), headers.getlist("origin")
+    names, hosts, origins = host_names(address), headers.getlist("host"), headers.getlist("origin")
     if len(hosts) != 1 or hosts[0].partition(":")[0].lower() not in names:
-        return TurnedAway(400, "this server is known by its address alone, not by that name")
-    ours = {f"http://{name}{'' if port == 80 else f':{port}'}" for name in names}
-    if (origins or must_tell) and not (len(origins) == 1 and origins[0] in ours):
-        return TurnedAway(403, "that comes from a page of another server")
+        return Refusal(400, "this server accepts its address only, not another host name")
+    allowed = {f"http://{name}{'' if port == 80 else f':{port}'}" for name in names}
+    if (origins or origin_required) and not (len(origins) == 1 and origins[0] in allowed):
+        return Refusal(403, "the request comes from a page of another server")
     return None
 
 
-class Porter:
-    """Stands before all that a process serves for the page at the port; whoever must sign in
-    first, does so here.
+class OriginCheck:
+    """ASGI middleware that checks host, origin and sign-in of all requests for the page.
+
+    Parameters
+    ----------
+    app : ASGIApp
+        Application behind it.
+    port : int
+        Port of the page.
+    sign_in : SignIn, optional
+        Sign-in that the requests need.
     """
 
     def __init__(self, app: ASGIApp, port: int, sign_in: SignIn | None = None) -> None:
@@ -68,27 +88,30 @@ class Porter:
         if scope["type"] == "lifespan":
             await self._app(scope, receive, send)
             return
-        wire, server = scope["type"] == "websocket", scope.get("server") or ("", 0)
+        is_websocket, server = scope["type"] == "websocket", scope.get("server") or ("", 0)
         headers = Headers(scope=scope)
-        refused = refusal(headers, server[0], self._port, must_tell=wire)
-        unknown = self._sign_in is not None and not self._sign_in.knows(HTTPConnection(scope))
-        if wire and (refused or unknown):
-            await WebSocket(scope, receive, send).close(FORBIDDEN)
-        elif wire:
+        refused = find_refusal(headers, server[0], self._port, origin_required=is_websocket)
+        is_signed_out = self._sign_in is not None and not self._sign_in.is_signed_in(
+            HTTPConnection(scope)
+        )
+        if is_websocket and (refused or is_signed_out):
+            await WebSocket(scope, receive, send).close(FORBIDDEN_CLOSE_CODE)
+        elif is_websocket:
             await self._app(scope, receive, send)
         elif refused:
-            answer = PlainTextResponse(refused.why, refused.status)
+            answer = PlainTextResponse(refused.reason, refused.status)
             await answer(scope, receive, send)
-        elif self._sign_in is not None and (unknown or scope["method"] == "POST"):
+        elif self._sign_in is not None and (is_signed_out or scope["method"] == "POST"):
             answer = await self._sign_in.answer(Request(scope, receive))
-            await answer(scope, receive, unframed(send))
+            await answer(scope, receive, deny_frames(send))
         else:
-            await self._app(scope, receive, unframed(send))
+            await self._app(scope, receive, deny_frames(send))
 
 
-def unframed(send: Send) -> Send:
-    """Answer so that no page of another origin can show it in a frame, where a person would press
-    what is not seen.
+def deny_frames(send: Send) -> Send:
+    """Add the header that forbids frames, so that no other page can overlay this one.
+
+    A user of such a page would press buttons that are hidden.
     """
 
     async def sent(message: Message) -> None:

@@ -1,7 +1,7 @@
-"""The page's process: NiceGUI's page, and the websockets by which it sees and wants.
+"""Process of the page: NiceGUI's page and the websockets of its pictures and requests.
 
-/pictures   the browser asks for the next picture and gets it, with the board
-/operate    what the browser wants; it is told what was refused
+/pictures   the browser requests the next picture and gets it with the dashboard
+/operate    requests of the browser, and the reasons of refused ones
 """
 
 import asyncio
@@ -19,55 +19,67 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from rcmservo.errors import BadInput
 from rcmservo.page.channels import Desk
-from rcmservo.page.control_ownership import Control, Unheeded, heard
-from rcmservo.page.messages import CLEAR, Beat, Change, Delete, Held, Led, Released, Told, Wrong
-from rcmservo.page.poses import Poses
-from rcmservo.page.settings import AT_ONCE, Chosen
-from rcmservo.page.view_model import Board
-from rcmservo.page.web.access import said_on
-from rcmservo.page.web.board_routes import board_routes
+from rcmservo.page.control_ownership import ControlOwnership, MessageRefused, interpret_message
+from rcmservo.page.messages import (
+    CLEAR,
+    BrowserMessage,
+    Change,
+    DeletePose,
+    DisturbanceRequest,
+    Heartbeat,
+    JogJoints,
+    JogMarker,
+    ReleaseJog,
+)
+from rcmservo.page.poses import PoseStore
+from rcmservo.page.settings import IMMEDIATE_PARTS, Chosen
+from rcmservo.page.view_model import Dashboard
+from rcmservo.page.web.access import receive_text
+from rcmservo.page.web.dashboard_routes import dashboard_routes
 from rcmservo.page.web.layout import lay_out
-from rcmservo.page.web.origin_check import Porter
-from rcmservo.page.web.pictures import Pictures, packed
+from rcmservo.page.web.origin_check import OriginCheck
+from rcmservo.page.web.pictures import Pictures, pack_picture
 from rcmservo.page.web.runs_routes import runs_routes
-from rcmservo.page.web.server_process import GRACE, until_told
+from rcmservo.page.web.server_process import SHUTDOWN_GRACE_S, serve_until_stopped
 from rcmservo.page.web.sign_in import SignIn
 from rcmservo.page.web.site import Site
 from rcmservo.safety.state_machine import Request
 
+SERVO_BUSY = "the servo does not accept requests now: press again"
 
-def serve_page(desk: Desk, site: Site, listening: socket.socket, control: Connection) -> None:
-    """Be the page until the other end of `control` speaks or is gone."""
-    poses = Poses(site.poses)
-    poses.read()
-    board = Board(desk, poses, shape=site.shape, truth=site.truth)
-    who, doors = Control(), site.doors
+
+def serve_page(channels: Desk, site: Site, listening: socket.socket, control: Connection) -> None:
+    """Serve the page until the other end of `control` sends a message or is closed."""
+    poses = PoseStore(site.poses)
+    poses.load()
+    board = Dashboard(channels, poses, shape=site.shape, truth=site.truth)
+    ownership, access = ControlOwnership(), site.access
     pictures = Pictures(site.camera(), board)
     app = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
-    sign_in = SignIn(doors.token, doors.port) if doors.token else None
-    app.add_middleware(Porter, port=doors.port, sign_in=sign_in)
+    sign_in = SignIn(access.token, access.port) if access.token else None
+    app.add_middleware(OriginCheck, port=access.port, sign_in=sign_in)
 
     @app.websocket("/pictures")
-    async def see(wire: WebSocket) -> None:  # pyright: ignore[reportUnusedFunction]
-        if await doors.let_in(wire):
+    async def send_pictures(websocket: WebSocket) -> None:  # pyright: ignore[reportUnusedFunction]
+        if await access.accept(websocket):
             with suppress(WebSocketDisconnect):
-                await _seen(wire, pictures, who)
+                await _send_pictures(websocket, pictures, ownership)
 
     @app.websocket("/operate")
-    async def operate(wire: WebSocket) -> None:  # pyright: ignore[reportUnusedFunction]
-        if not await doors.let_in(wire):
+    async def receive_messages(websocket: WebSocket) -> None:  # pyright: ignore[reportUnusedFunction]
+        if not await access.accept(websocket):
             return
-        name = who.join(monotonic_ns())
+        name = ownership.join(monotonic_ns())
         try:
-            await _operated(wire, name, who, desk, board, site.chosen)
+            await _receive_messages(websocket, name, ownership, channels, board, site.selection)
         except WebSocketDisconnect:
             """The browser is gone."""
         finally:
-            with changing_hands(who, desk):
-                who.leave(name, monotonic_ns())
+            with pause_on_handover(ownership, channels):
+                ownership.leave(name, monotonic_ns())
 
-    app.include_router(board_routes(doors, board, site.chosen))
-    app.include_router(runs_routes(doors, site.runs))
+    app.include_router(dashboard_routes(access, board, site.selection))
+    app.include_router(runs_routes(access, site.runs))
     lay_out(site)
     ui.run_with(
         app, title=site.title, dark=None, show_welcome_message=False, reconnect_timeout=10.0
@@ -78,88 +90,98 @@ def serve_page(desk: Desk, site: Site, listening: socket.socket, control: Connec
         log_level="error",
         ws_max_size=65536,
         ws_per_message_deflate=False,  # a JPEG gets no smaller
-        timeout_graceful_shutdown=GRACE,
+        timeout_graceful_shutdown=SHUTDOWN_GRACE_S,
     )
-    asyncio.run(until_told(settings, listening, control))
+    asyncio.run(serve_until_stopped(settings, listening, control))
 
 
-async def _seen(wire: WebSocket, pictures: Pictures, who: Control) -> None:
-    """One browser's pictures, as it asks for them."""
+async def _send_pictures(
+    websocket: WebSocket, pictures: Pictures, ownership: ControlOwnership
+) -> None:
+    """Send pictures to one browser, each on request."""
     count = 0
     while True:
-        await said_on(wire)
-        shown = await pictures.after(count)
-        count = shown.count
-        about = {"holder": who.holder, "asking": who.asking}
-        await wire.send_bytes(packed(shown, about))
+        await receive_text(websocket)
+        picture = await pictures.after(count)
+        count = picture.count
+        about = {"holder": ownership.holder, "requester": ownership.requester}
+        await websocket.send_bytes(pack_picture(picture, about))
 
 
 @contextmanager
-def changing_hands(who: Control, desk: Desk) -> Generator[None]:
-    """What is in motion is paused where control changes hands in here."""
-    before = who.holder
+def pause_on_handover(ownership: ControlOwnership, channels: Desk) -> Generator[None]:
+    """Pause the motion if control changes hands inside the block."""
+    before = ownership.holder
     yield
-    if who.holder != before:
-        desk.hand.lets_go()
-        desk.wants.put(Request.PAUSE)
+    if ownership.holder != before:
+        channels.hand.release()
+        channels.wants.put(Request.PAUSE)
 
 
-async def _operated(
-    wire: WebSocket, name: str, who: Control, desk: Desk, board: Board, chosen: Chosen
+async def _receive_messages(
+    websocket: WebSocket,
+    name: str,
+    ownership: ControlOwnership,
+    channels: Desk,
+    board: Dashboard,
+    selection: Chosen,
 ) -> None:
-    """What one browser wants. It is told its name, and what was refused."""
-    await wire.send_json({"name": name})
+    """Receive the requests of one browser; send its name and the reasons of refusals."""
+    await websocket.send_json({"name": name})
     while True:
-        text = await said_on(wire)
+        text = await receive_text(websocket)
         refused = ""
         try:
-            with changing_hands(who, desk):
-                told = heard(text, name, who, board.poses.targets.get, monotonic_ns())
-        except Unheeded as error:
+            with pause_on_handover(ownership, channels):
+                message = interpret_message(
+                    text, name, ownership, board.poses.targets.get, monotonic_ns()
+                )
+        except MessageRefused as error:
             refused = str(error)
         else:
-            if isinstance(told, Change):
-                refused = set_box(told, chosen, desk, board)
-            elif isinstance(told, Delete):
-                refused = board.poses.delete(told.name)
-            else:
-                refused = "" if done(told, desk) else "the servo does not listen"
+            if isinstance(message, Change):
+                refused = change_settings(message, selection, channels, board)
+            elif isinstance(message, DeletePose):
+                refused = board.poses.delete(message.name)
+            elif not dispatch(message, channels):
+                refused = SERVO_BUSY
         if refused:
-            await wire.send_json({"refused": refused})
+            await websocket.send_json({"refused": refused})
 
 
-def done(told: Told | None, desk: Desk) -> bool:
-    """Pass on what was told; whether there was room for it."""
-    match told:
+def dispatch(message: BrowserMessage | None, channels: Desk) -> bool:
+    """Pass a request on. Return False if its channel is full."""
+    match message:
         case None:
             return True
-        case Held():
-            desk.hand.holds(told.press, told.rates, told.share)
-        case Led():
-            desk.hand.holds(told.press, told.velocity, told.share, leads=True)
-        case Released():
-            desk.hand.lets_go()
-        case Wrong():
-            return desk.trouble.put(told)
-        case Beat():
-            desk.hand.beats()
+        case JogJoints():
+            channels.hand.hold(message.press, message.rates, message.speed_scale)
+        case JogMarker():
+            channels.hand.hold(
+                message.press, message.velocity, message.speed_scale, moves_marker=True
+            )
+        case ReleaseJog():
+            channels.hand.release()
+        case DisturbanceRequest():
+            return channels.trouble.put(message)
+        case Heartbeat():
+            channels.hand.send_heartbeat()
         case _:
-            if told is Request.CLEAR:
-                desk.bell.put(CLEAR)
-            return desk.wants.put(told)
+            if message is Request.CLEAR:
+                channels.bell.put(CLEAR)
+            return channels.wants.put(message)
     return True
 
 
-def set_box(change: Change, chosen: Chosen, desk: Desk, board: Board) -> str:
-    """Pass on a change; why it was refused, empty where it was not."""
+def change_settings(change: Change, selection: Chosen, channels: Desk, board: Dashboard) -> str:
+    """Pass a change of settings on. Return the reason of a refusal, or ""."""
     try:
-        chosen.with_change(change)
+        selection.with_change(change)
     except BadInput as error:
         return str(error)
-    if not desk.changes.put(change):
-        return "the server does not listen"
-    chosen.take(change)
-    board.changes += 1
-    if change.box in AT_ONCE and board.between is None:
-        return "" if desk.wants.put(change) else "the servo does not listen"
-    return ""
+    if not channels.changes.put(change):
+        return "the server does not accept settings now: press again"
+    selection.take(change)
+    board.settings_version += 1
+    acts_now = change.part in IMMEDIATE_PARTS and board.standby is None
+    return SERVO_BUSY if acts_now and not channels.wants.put(change) else ""

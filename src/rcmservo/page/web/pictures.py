@@ -1,7 +1,7 @@
-"""The camera's pictures and the board beside them, for as many browsers as ask.
+"""Pictures of the camera with the dashboard, for any number of browsers.
 
-Each picture is encoded once. The one that the servo has used last is shown, so that what is drawn
-on it is where it was seen; where no servo looks, the newest.
+Each picture is encoded once. The page displays the picture that the servo has used last, so that
+the overlay fits it; without a servo, the newest picture.
 """
 
 import asyncio
@@ -11,36 +11,35 @@ from dataclasses import dataclass, field
 
 from rcmservo.config.texts import Table
 from rcmservo.interfaces import Camera, Frame
-from rcmservo.page.json_text import json_of
-from rcmservo.page.view_model import Board
+from rcmservo.page.json_text import encode_json
+from rcmservo.page.view_model import Dashboard
 from rcmservo.tracking import encode_image
 
-LOOK = 0.006
-"""s between looks at the camera."""
-PACE = 0.025
-"""s from picture to picture at least: 60 a second are for the servo, and half of them for the
-eye."""
-WITHOUT = 0.05
-"""s after which what there is to tell is told without a new picture."""
-KEPT = 12
-"""Pictures that wait for the servo to use them."""
-LENGTH = struct.Struct("<I")
+POLL_PERIOD_S = 0.006
+"""Time (s) between polls of the camera."""
+MIN_PICTURE_PERIOD_S = 0.025
+"""Shortest time (s) between pictures: the servo needs 60 a second, a viewer half of them."""
+MAX_PICTURE_WAIT_S = 0.05
+"""Time (s) after which the dashboard is sent without a new picture."""
+MAX_WAITING_FRAMES = 12
+"""Number of frames that are stored until the servo has used them."""
+JSON_LENGTH = struct.Struct("<I")
 
 
 @dataclass(frozen=True)
 class ShownPicture:
-    """A picture as browsers get it.
+    """Displayed picture with its dashboard.
 
     Parameters
     ----------
     count : int
-        It rises.
+        Counter of displayed pictures.
     number : int
-        That of its frame.
+        Number of the frame.
     jpeg : bytes
-        Empty where there is none.
+        JPEG file; empty if there is no new picture.
     table : Table
-        The board beside it.
+        Content of the dashboard.
     """
 
     count: int = 0
@@ -50,62 +49,64 @@ class ShownPicture:
 
 
 class Pictures:
-    """What browsers see; `pump` keeps it new."""
+    """Encoder of pictures for browsers; `pump` must run."""
 
-    def __init__(self, camera: Camera, board: Board) -> None:
+    def __init__(self, camera: Camera, board: Dashboard) -> None:
         self._camera, self._board = camera, board
         self._frames: OrderedDict[int, Frame] = OrderedDict()
-        self._shown, self._new = ShownPicture(), asyncio.Event()
+        self._newest, self._published = ShownPicture(), asyncio.Event()
 
     async def pump(self) -> None:
-        """Keep the board new, and encode picture after picture."""
+        """Update the dashboard and encode pictures until the task is cancelled."""
         loop, due = asyncio.get_running_loop(), 0.0
         while True:
-            self._take()
-            self._board.look()
-            frame = self._chosen() if loop.time() >= due else None
+            self._poll_camera()
+            self._board.update()
+            frame = self._next_frame() if loop.time() >= due else None
             if frame is not None and frame.image is not None:
-                due, table = loop.time() + PACE, self._board.table()
+                due, table = loop.time() + MIN_PICTURE_PERIOD_S, self._board.to_table()
                 jpeg = await asyncio.to_thread(encode_image, frame.image)
-                self._show(frame.number, jpeg, table)
-            await asyncio.sleep(LOOK)
+                self._publish(frame.number, jpeg, table)
+            await asyncio.sleep(POLL_PERIOD_S)
 
-    def _take(self) -> None:
+    def _poll_camera(self) -> None:
         frame = self._camera.latest()
         if frame is not None and frame.image is not None and frame.number not in self._frames:
             self._frames[frame.number] = frame
-            while len(self._frames) > KEPT:
+            while len(self._frames) > MAX_WAITING_FRAMES:
                 self._frames.popitem(last=False)
 
-    def _chosen(self) -> Frame | None:
-        """The frame that the servo has used last, or the newest where it has used none of late;
-        None where that is shown already.
+    def _next_frame(self) -> Frame | None:
+        """Return the frame that the servo has used last, or the newest without a recent one.
+
+        Returns
+        -------
+        Frame or None
+            None if that frame is displayed already.
         """
         number, oldest = self._board.frame, next(iter(self._frames), -1)
         if number < oldest:
             number = next(reversed(self._frames))
-        return None if number == self._shown.number else self._frames.get(number)
+        return None if number == self._newest.number else self._frames.get(number)
 
-    def _show(self, number: int, jpeg: bytes, table: Table) -> None:
+    def _publish(self, number: int, jpeg: bytes, table: Table) -> None:
         self._board.picture = jpeg
-        self._shown = ShownPicture(self._shown.count + 1, number, jpeg, table)
-        self._new.set()
-        self._new = asyncio.Event()
+        self._newest = ShownPicture(self._newest.count + 1, number, jpeg, table)
+        self._published.set()
+        self._published = asyncio.Event()
 
     async def after(self, count: int) -> ShownPicture:
-        """The picture shown once there is one after the `count`-th; what there is to tell without
-        it where none comes.
-        """
-        if self._shown.count <= count:
+        """Return a picture after the `count`-th, or only the dashboard if none comes in time."""
+        if self._newest.count <= count:
             try:
-                await asyncio.wait_for(self._new.wait(), WITHOUT)
+                await asyncio.wait_for(self._published.wait(), MAX_PICTURE_WAIT_S)
             except TimeoutError:
-                return ShownPicture(count, table=self._board.table())
-        return self._shown
+                return ShownPicture(count, table=self._board.to_table())
+        return self._newest
 
 
-def packed(shown: ShownPicture, about: Table) -> bytes:
-    """A picture and the board as one message: the length of its JSON, that, and a JPEG."""
-    table = {**shown.table, "frame": shown.number, **about}
-    text = json_of(table)
-    return LENGTH.pack(len(text)) + text + shown.jpeg
+def pack_picture(picture: ShownPicture, about: Table) -> bytes:
+    """Encode a picture with its dashboard as a message: length of the JSON, the JSON, the JPEG."""
+    table = {**picture.table, "frame": picture.number, **about}
+    text = encode_json(table)
+    return JSON_LENGTH.pack(len(text)) + text + picture.jpeg

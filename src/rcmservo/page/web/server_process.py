@@ -1,4 +1,4 @@
-"""A web server as a process that ends when it is told to."""
+"""Web server in a process that ends on request."""
 
 import asyncio
 import contextlib
@@ -8,22 +8,25 @@ from multiprocessing.connection import Connection
 
 import uvicorn
 
-GRACE = 1
-"""s for which browsers that stay are waited for at the end."""
+SHUTDOWN_GRACE_S = 1
+"""Time (s) to wait for connected browsers at the end."""
 
 
 class PageServer(uvicorn.Server):
-    """One that leaves signals alone: Ctrl-C is the supervisor's."""
+    """Server without signal handlers: Ctrl-C is the supervisor's."""
 
     @contextlib.contextmanager
     def capture_signals(self) -> Generator[None]:
         yield
 
 
-async def until_told(
+async def serve_until_stopped(
     settings: uvicorn.Config, listening: socket.socket, control: Connection
 ) -> None:
-    """Serve until the other end of `control` speaks or is gone; it is told once this listens."""
+    """Serve until the other end of `control` sends a message or is closed.
+
+    The server sends "ready" to it before it serves.
+    """
     loop, server = asyncio.get_running_loop(), PageServer(settings)
 
     def end() -> None:

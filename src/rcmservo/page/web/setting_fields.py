@@ -1,4 +1,4 @@
-"""What a form for a box is made of: the fields of its dataclass, as their docstrings tell them."""
+"""Forms for the settings: fields of the dataclasses, with the text of their docstrings."""
 
 import re
 from dataclasses import dataclass, fields, is_dataclass
@@ -8,86 +8,89 @@ from rcmservo.config.field_docs import describe_class, describe_field
 from rcmservo.config.registry import PARTS
 from rcmservo.config.servo_json import describe
 from rcmservo.constraints import choices_of
-from rcmservo.page.settings import AT_ONCE, BOXES
+from rcmservo.page.settings import BOXES, IMMEDIATE_PARTS
 from rcmservo.servo.servo import Servo
 
-PART = r"(?:1/s|rad|px|mm/s|mm|s/mm²|1/rad²|s)"
-UNIT = re.compile(rf"(?:^|, |\()({PART}(?:, {PART})*)(?=[.:;)]|$| whatever)")
-"""A unit, as the docstrings of settings have it."""
+UNIT_PATTERN = r"(?:1/s|rad|px|mm/s|mm|s/mm²|1/rad²|s)"
+UNIT_IN_TEXT = re.compile(
+    rf"(?:^|, |\()({UNIT_PATTERN}(?:, {UNIT_PATTERN})*)(?=[.:;)]|$| whatever)"
+)
+"""Pattern of a unit in the docstring of a setting."""
 
 
 @dataclass(frozen=True)
 class SettingField:
-    """A field of a form.
+    """Field of a form.
 
     Parameters
     ----------
     name : str
-        As files and the command line call it.
+        Name, as in files and on the command line.
     unit : str
-        Of its number, or one for each of its numbers; empty where it has none.
-    words : str
-        What it is.
+        Unit of its number, or one for each of its numbers; empty if it has none.
+    description : str
+        Description.
     default : Any
-        Its default.
+        Default.
     choices : list[str]
-        What it can be, where that is a word.
+        Allowed values of a text; empty for other types.
     """
 
     name: str
     unit: str
-    words: str
+    description: str
     default: Any
     choices: list[str]
 
 
-def fields_of(kind: type[Any]) -> list[SettingField]:
-    """The fields of a settings dataclass."""
+def list_fields(kind: type[Any]) -> list[SettingField]:
+    """Return the fields of a settings dataclass."""
     if not is_dataclass(kind):
         return []
-    given, types = kind(), get_type_hints(kind, include_extras=True)
+    defaults, types = kind(), get_type_hints(kind, include_extras=True)
     return [
         SettingField(
             name=f.name,
-            unit=unit_in(describe_field(kind, f.name)),
-            words=describe_field(kind, f.name),
-            default=getattr(given, f.name),
+            unit=find_unit(describe_field(kind, f.name)),
+            description=describe_field(kind, f.name),
+            default=getattr(defaults, f.name),
             choices=list(choices_of(types[f.name])),
         )
         for f in fields(kind)
     ]
 
 
-def unit_in(words: str) -> str:
-    """The first unit that a docstring tells; empty where it tells none."""
-    found = UNIT.search(words)
+def find_unit(text: str) -> str:
+    """Return the first unit in a text, or ""."""
+    found = UNIT_IN_TEXT.search(text)
     return found[1] if found else ""
 
 
-def forms(chosen: Servo, in_force: Servo | None) -> list[dict[str, Any]]:
-    """A form for each box that may change, as JSON has it: its kinds and their fields, what is set,
-    and what is in force.
+def forms(selected_servo: Servo, active_servo: Servo | None) -> list[dict[str, Any]]:
+    """Return a form for each part that may change, for JSON.
+
+    Each form has the kinds of the part with their fields, and the selected and active settings.
     """
-    held = None if in_force is None else describe(in_force)
-    wanted = describe(chosen)
+    active = None if active_servo is None else describe(active_servo)
+    selected = describe(selected_servo)
     return [
         {
-            "box": box,
-            "title": (box[0].upper() + box[1:]).replace("_rcm", " RCM").replace("_", " "),
-            "at_once": box in AT_ONCE,
+            "part": part,
+            "title": (part[0].upper() + part[1:]).replace("_rcm", " RCM").replace("_", " "),
+            "immediate": part in IMMEDIATE_PARTS,
             "kinds": {
                 name: {
-                    "words": _words(kind),
-                    "fields": [vars(field) for field in fields_of(kind)],
+                    "description": _one_line(kind),
+                    "fields": [vars(field) for field in list_fields(kind)],
                 }
-                for name, kind in PARTS[box].items()
+                for name, kind in PARTS[part].items()
             },
-            "set": wanted[box],
-            "in_force": None if held is None else held[box],
+            "selected": selected[part],
+            "active": None if active is None else active[part],
         }
-        for box in BOXES
+        for part in BOXES
     ]
 
 
-def _words(kind: type[Any]) -> str:
+def _one_line(kind: type[Any]) -> str:
     return " ".join(describe_class(kind).split())

@@ -1,4 +1,4 @@
-"""Signing in: a browser gives the token once, and is known by a cookie until the server ends."""
+"""Sign-in: a browser sends the token once and is known by a cookie until the server ends."""
 
 import time
 from collections.abc import Callable
@@ -8,78 +8,84 @@ from urllib.parse import parse_qs
 from starlette.requests import ClientDisconnect, HTTPConnection, Request
 from starlette.responses import HTMLResponse, RedirectResponse, Response
 
-from rcmservo.page.web.access import drawn_secret, same
+from rcmservo.page.web.access import drawn_secret, secrets_equal
 
-WRONG, WITHIN, WHOM = 5, 60.0, 1000
-"""Tokens that may be wrong within so many s from one address; addresses that are kept in mind."""
-LONGEST = 2048
-"""Bytes of what is sent to sign in."""
+MAX_FAILED_ATTEMPTS, ATTEMPT_WINDOW_S, MAX_TRACKED_ADDRESSES = 5, 60.0, 1000
+"""Failed attempts of an address within a time (s), and the number of addresses that are stored."""
+MAX_FORM_BYTES = 2048
+"""Largest form in bytes."""
 
-SHEET = (Path(__file__).parent / "static/sign_in.html").read_text()
-"""Page that asks for the token; SAID stands for the answer to the last one."""
+SIGN_IN_PAGE = (Path(__file__).parent / "static/sign_in.html").read_text()
+"""Page with the sign-in form; MESSAGE stands for the answer to the last attempt."""
 
 
-class Guesses:
-    """Wrong tokens, which make an address wait, so that guessing is slow."""
+class FailedAttempts:
+    """Failed attempts by address, to limit their rate."""
 
     def __init__(self) -> None:
-        self._wrong: dict[str, list[float]] = {}
+        self._times: dict[str, list[float]] = {}
 
-    def wait(self, who: str, now: float) -> float:
-        """S until the address is heard again."""
-        before = self._wrong.get(who, [])
-        return 0.0 if len(before) < WRONG else max(0.0, before[0] + WITHIN - now)
+    def remaining_wait(self, address: str, now: float) -> float:
+        """Return the time in s until another attempt of the address is accepted."""
+        before = self._times.get(address, [])
+        if len(before) < MAX_FAILED_ATTEMPTS:
+            return 0.0
+        return max(0.0, before[0] + ATTEMPT_WINDOW_S - now)
 
-    def wrong(self, who: str, now: float) -> None:
-        """It gave a wrong one."""
-        before = self._wrong.pop(who, [])
-        self._wrong[who] = [*before, now][-WRONG:]
-        if len(self._wrong) > WHOM:
-            del self._wrong[next(iter(self._wrong))]
+    def add(self, address: str, now: float) -> None:
+        """Record a failed attempt."""
+        before = self._times.pop(address, [])
+        self._times[address] = [*before, now][-MAX_FAILED_ATTEMPTS:]
+        if len(self._times) > MAX_TRACKED_ADDRESSES:
+            del self._times[next(iter(self._times))]
 
 
 class SignIn:
-    """Who knows the token of the server whose page is at the port."""
+    """Sign-in with a token at the server whose page is at the port."""
 
     def __init__(self, token: str, port: int, now: Callable[[], float] = time.monotonic) -> None:
         self._token, self._now = token, now
-        self._cookie = f"rcmservo-{port}"  # those of all ports of an address are in one jar
-        self._known = drawn_secret()
-        self._guesses = Guesses()
+        self._cookie = f"rcmservo-{port}"  # a browser sends one cookie to all ports of an address
+        self._cookie_value = drawn_secret()
+        self._failed = FailedAttempts()
 
-    def knows(self, browser: HTTPConnection) -> bool:
-        """Whether it has signed in."""
-        return same(browser.cookies.get(self._cookie, ""), self._known)
+    def is_signed_in(self, browser: HTTPConnection) -> bool:
+        """Return whether a browser has signed in."""
+        return secrets_equal(browser.cookies.get(self._cookie, ""), self._cookie_value)
 
     async def answer(self, request: Request) -> Response:
-        """The sheet on which the token is asked for; what becomes of one that was sent."""
+        """Return the sign-in page, or the response to a token that was sent."""
         if request.method != "POST":
-            return _sheet(401)
+            return _sign_in_page(401)
         token = await _token(request)
-        who, now = request.client.host if request.client else "", self._now()
-        wait = self._guesses.wait(who, now)
+        address, now = request.client.host if request.client else "", self._now()
+        wait = self._failed.remaining_wait(address, now)
         if wait > 0.0:
-            return _sheet(429, f"That was wrong too often: wait {wait:.0f} s, then try again.")
-        if not same(token, self._token):
-            self._guesses.wrong(who, now)
-            return _sheet(403, "That is not the token.")
-        known = RedirectResponse("/", 303)
-        known.set_cookie(self._cookie, self._known, httponly=True, samesite="strict")
-        return known
+            return _sign_in_page(
+                429, f"Too many failed attempts: wait {wait:.0f} s, then try again."
+            )
+        if not secrets_equal(token, self._token):
+            self._failed.add(address, now)
+            return _sign_in_page(403, "That is not the token.")
+        response = RedirectResponse("/", 303)
+        response.set_cookie(self._cookie, self._cookie_value, httponly=True, samesite="strict")
+        return response
 
 
-def _sheet(status: int, said: str = "") -> Response:
-    return HTMLResponse(SHEET.replace("SAID", said), status, {"cache-control": "no-store"})
+def _sign_in_page(status: int, message: str = "") -> Response:
+    return HTMLResponse(
+        SIGN_IN_PAGE.replace("MESSAGE", message), status, {"cache-control": "no-store"}
+    )
 
 
 async def _token(request: Request) -> str:
-    """The one that was sent; empty where that is none."""
-    sent = b""
+    """Return the token in a form; empty if there is none."""
+    content = b""
     try:
         async for part in request.stream():
-            sent += part
-            if len(sent) > LONGEST:
+            content += part
+            if len(content) > MAX_FORM_BYTES:
                 return ""
     except ClientDisconnect:
         return ""
-    return parse_qs(sent.decode(errors="replace")).get("token", [""])[0].strip()
+    return parse_qs(content.decode(errors="replace")).get("token", [""])[0].strip()

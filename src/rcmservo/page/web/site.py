@@ -1,4 +1,4 @@
-"""What a page is served for."""
+"""Parameters of the page's process."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -15,39 +15,39 @@ from rcmservo.page.web.access import Doors
 
 @dataclass(frozen=True)
 class Site:
-    """All that the page's process is told when it begins.
+    """Parameters of the page's process, passed when it is started.
 
     Parameters
     ----------
     title : str
-        Of the page.
+        Title of the page.
     camera : Callable[[], Camera]
-        Opens what the person sees.
-    doors : Doors
-        Who is let in.
+        Opens the camera whose pictures are displayed.
+    access : Doors
+        Credentials of the page.
     stop_port : int
-        That of the process that hears STOP.
-    chosen : Chosen
-        The servo that can be set.
+        Port of the process that receives STOP.
+    selection : Chosen
+        Servo with the selected settings.
     poses : PoseFolder
-        Where poses are kept.
+        Folder of stored poses.
     shape : Shape
-        Of the tool that is drawn.
+        Mechanism and tool to draw.
     runs : Path
         Folder of all runs.
-    troubles : tuple[dict[str, Any], ...]
-        What can go wrong on request; none but in simulation.
+    disturbances : tuple[dict[str, Any], ...]
+        Disturbances that can be requested; empty outside simulation.
     truth : Truth or None
-        Tells the true pose error; None but in simulation.
+        True pose error; None outside simulation.
     """
 
     title: str
     camera: Callable[[], Camera]
-    doors: Doors
+    access: Doors
     stop_port: int
-    chosen: Chosen
+    selection: Chosen
     poses: PoseFolder
     shape: Shape
     runs: Path
-    troubles: tuple[dict[str, Any], ...] = ()
+    disturbances: tuple[dict[str, Any], ...] = ()
     truth: Truth | None = None

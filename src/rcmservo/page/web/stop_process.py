@@ -1,6 +1,4 @@
-"""STOP, in a process of its own: from any browser that watches straight to the supervisor, however
-the page and the servo are.
-"""
+"""Process of STOP: from any browser to the supervisor, independent of page and servo."""
 
 import asyncio
 import socket
@@ -11,30 +9,30 @@ from starlette.applications import Starlette
 from starlette.routing import WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from rcmservo.page.channels import Post
+from rcmservo.page.channels import MessageChannel
 from rcmservo.page.messages import STOP
-from rcmservo.page.web.access import Doors, said_on
-from rcmservo.page.web.origin_check import Porter
-from rcmservo.page.web.server_process import GRACE, until_told
+from rcmservo.page.web.access import Doors, receive_text
+from rcmservo.page.web.origin_check import OriginCheck
+from rcmservo.page.web.server_process import SHUTDOWN_GRACE_S, serve_until_stopped
 
 
-def serve_stop(bell: Post, doors: Doors, listening: socket.socket, control: Connection) -> None:
-    """Ring the bell for whoever presses STOP, until the other end of `control` speaks or is
-    gone.
-    """
+def serve_stop(
+    stop_requests: MessageChannel, access: Doors, listening: socket.socket, control: Connection
+) -> None:
+    """Forward stop requests until the other end of `control` sends a message or is closed."""
 
-    async def pressed(wire: WebSocket) -> None:
-        if not await doors.let_in(wire):
+    async def receive_stops(websocket: WebSocket) -> None:
+        if not await access.accept(websocket):
             return
         try:
             while True:
-                await said_on(wire)
-                await wire.send_text("heard" if bell.put(STOP) else "not heard")
+                await receive_text(websocket)
+                await websocket.send_text("heard" if stop_requests.put(STOP) else "not heard")
         except WebSocketDisconnect:
             return
 
-    app = Porter(Starlette(routes=[WebSocketRoute("/stop", pressed)]), doors.port)
+    app = OriginCheck(Starlette(routes=[WebSocketRoute("/stop", receive_stops)]), access.port)
     settings = uvicorn.Config(
-        app, log_level="error", lifespan="off", timeout_graceful_shutdown=GRACE
+        app, log_level="error", lifespan="off", timeout_graceful_shutdown=SHUTDOWN_GRACE_S
     )
-    asyncio.run(until_told(settings, listening, control))
+    asyncio.run(serve_until_stopped(settings, listening, control))

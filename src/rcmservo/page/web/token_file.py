@@ -1,4 +1,7 @@
-"""The token that a browser elsewhere must give: in a file, as a list of processes shows options."""
+"""Token file of remote browsers.
+
+The token is not an option of the command, because a list of processes displays these.
+"""
 
 import os
 import stat
@@ -8,32 +11,40 @@ from pathlib import Path
 from rcmservo.errors import BadInput, UnusableFile, require
 from rcmservo.page.web.access import drawn_secret
 
-SHORTEST, LONGEST = 16, 256
-"""Characters of a token."""
+MIN_TOKEN_CHARACTERS, MAX_TOKEN_CHARACTERS = 16, 256
+"""Limits of a token's length in characters."""
 
 
 def token_for(host: str, file: Path | None) -> str:
-    """The token of a server that listens there: empty where none is asked for, which is at an
-    address that this computer alone reaches.
+    """Return the token of a server that listens on `host`, or "" if none is required.
+
+    No token is required at an address that only this computer can reach.
+
+    Raises
+    ------
+    BadInput
+        If the address needs a token file, or is not an IPv4 address.
+    UnusableFile
+        If the file cannot be used.
     """
     try:
-        alone = IPv4Address(host).is_loopback
+        is_loopback = IPv4Address(host).is_loopback
     except AddressValueError as error:
-        right = "an IPv4 address of this computer, or 0.0.0.0 for all that it has"
-        raise BadInput("--host", host, right) from error
+        expected = "an IPv4 address of this computer, or 0.0.0.0 for all its addresses"
+        raise BadInput("--host", host, expected) from error
     if file is None:
-        right = "an address that this computer alone reaches, as 127.0.0.1, without --token-file"
-        require(alone, "--host", host, right)
+        expected = "an address that only this computer reaches, as 127.0.0.1, without --token-file"
+        require(is_loopback, "--host", host, expected)
         return ""
-    return token_in(file)
+    return load_token(file)
 
 
-def token_in(file: Path) -> str:
-    """What the file holds. Where there is none, it is made with a token that is drawn."""
+def load_token(file: Path) -> str:
+    """Return the token in a file; create the file with a random token if it does not exist."""
     try:
         _make(file)
     except FileExistsError:
-        """It is read."""
+        """The file is read below."""
     except OSError as error:
         raise UnusableFile(file, f"cannot be made: {error.strerror}") from error
     return _read(file)
@@ -47,17 +58,22 @@ def _make(file: Path) -> None:
 
 def _read(file: Path) -> str:
     try:
-        with os.fdopen(os.open(file, os.O_RDONLY | os.O_NONBLOCK), "rb") as old:
-            mode = os.fstat(old.fileno()).st_mode
+        with os.fdopen(os.open(file, os.O_RDONLY | os.O_NONBLOCK), "rb") as opened:
+            mode = os.fstat(opened.fileno()).st_mode
             if not stat.S_ISREG(mode):
-                raise UnusableFile(file, "is no file that could hold a token")
+                raise UnusableFile(file, "is not a regular file")
             if mode & 0o077:
-                may = f"others than its owner can read it or write to it: chmod 600 {file}"
-                raise UnusableFile(file, may)
-            text = old.read(LONGEST + 2).strip()
+                problem = f"can be read or written by others than its owner: chmod 600 {file}"
+                raise UnusableFile(file, problem)
+            text = opened.read(MAX_TOKEN_CHARACTERS + 2).strip()
     except OSError as error:
         raise UnusableFile(file, f"cannot be read: {error.strerror}") from error
-    if not (SHORTEST <= len(text) <= LONGEST and all(33 <= one <= 126 for one in text)):
-        right = f"a token is one word of {SHORTEST} to {LONGEST} ASCII letters, digits or signs"
-        raise UnusableFile(file, f"holds no token: {right}")
+    if not (
+        MIN_TOKEN_CHARACTERS <= len(text) <= MAX_TOKEN_CHARACTERS
+        and all(33 <= one <= 126 for one in text)
+    ):
+        expected = (
+            f"{MIN_TOKEN_CHARACTERS} to {MAX_TOKEN_CHARACTERS} ASCII letters, digits or signs"
+        )
+        raise UnusableFile(file, f"holds no token: expected one word of {expected}")
     return text.decode()

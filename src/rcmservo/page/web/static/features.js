@@ -1,35 +1,35 @@
-// The features on the picture: s is the tool's angle, r the way from the imaged RCM to m₁, d that
-// from m₁ to m₂.
-import { known, stroke, words, BLUE, WHITE } from "./pen.js";
+// Features on the picture: s is the angle of the tool, r the distance from the imaged RCM to m₁,
+// d the distance from m₁ to m₂.
+import { drawPath, drawText, isKnown, BLUE, WHITE } from "./drawing.js";
 
-const ARC = 26, HEIGHT = 13; // px of a picture that is 640 px wide
+const ARC_PX = 26, TEXT_HEIGHT_PX = 13; // on a picture that is 640 px wide
 
-export function features(pen, board, size) {
+export function drawFeatures(context, board, size) {
   const { points, y } = board;
-  if (!known(y) || !points.every(known)) return;
+  if (!isKnown(y) || !points.every(isKnown)) return;
   const [s, r, d] = y, [[u1, v1], [u2, v2]] = points;
   const thin = [[WHITE, 2.5], [BLUE, 1.2]];
-  pen.setLineDash([3 * size, 3 * size]);
-  stroke(pen, BLUE, size, () => {
-    pen.moveTo(u1, v1);
-    pen.lineTo(u1 + 1.6 * ARC * size, v1);
+  context.setLineDash([3 * size, 3 * size]);
+  drawPath(context, BLUE, size, () => {
+    context.moveTo(u1, v1);
+    context.lineTo(u1 + 1.6 * ARC_PX * size, v1);
   }, thin);
-  pen.setLineDash([]);
-  stroke(pen, BLUE, size, () => pen.arc(u1, v1, ARC * size, 0, s, s < 0), thin);
-  // beside the tool, on the side to which the angle does not open
+  context.setLineDash([]);
+  drawPath(context, BLUE, size, () => context.arc(u1, v1, ARC_PX * size, 0, s, s < 0), thin);
+  // next to the tool, on the side opposite to the arc
   const side = s < 0 ? -1 : 1, along = [Math.cos(s), Math.sin(s)];
-  const at = (share, off) => [
-    u1 + share * (u2 - u1) - side * off * along[1] * size,
-    v1 + share * (v2 - v1) + side * off * along[0] * size,
+  const at = (fraction, offset) => [
+    u1 + fraction * (u2 - u1) - side * offset * along[1] * size,
+    v1 + fraction * (v2 - v1) + side * offset * along[0] * size,
   ];
-  const say = (text, [u, v], align) => {
-    pen.textAlign = align;
-    words(pen, text, u, v + 0.35 * HEIGHT * size, BLUE, HEIGHT * size);
+  const label = (text, [u, v], align) => {
+    context.textAlign = align;
+    drawText(context, text, u, v + 0.35 * TEXT_HEIGHT_PX * size, BLUE, TEXT_HEIGHT_PX * size);
   };
-  const beside = side * along[1] > 0 ? "right" : "left";
+  const align = side * along[1] > 0 ? "right" : "left";
   const degrees = s * 180 / Math.PI;
-  say(`s ${degrees.toFixed(1)}°`, [u1 + 1.8 * ARC * size, v1], "left");
-  say(`d ${d.toFixed(0)} px`, at(0.6, 22), beside);
-  say(`r ${r.toFixed(0)} px`, at(-0.35, 22), beside);
-  pen.textAlign = "left";
+  label(`s ${degrees.toFixed(1)}°`, [u1 + 1.8 * ARC_PX * size, v1], "left");
+  label(`d ${d.toFixed(0)} px`, at(0.6, 22), align);
+  label(`r ${r.toFixed(0)} px`, at(-0.35, 22), align);
+  context.textAlign = "left";
 }

@@ -1,37 +1,38 @@
-// STOP, which nothing else on the page is needed for, and the sign of life of who has control.
-import { rcm, UNHEARD } from "./wire.js";
+// STOP, which needs no other part of the page, and the heartbeat of the browser in control.
+import { rcm, STOP_FAILED } from "./connection.js";
 
-const BEAT = 100, ANSWER = 400; // ms
+const HEARTBEAT_MS = 100, ANSWER_TIMEOUT_MS = 400;
 
 rcm.stop = () => {
-  rcm.letGo();
-  rcm.forget(); // nothing that was pressed before comes after it
-  rcm.stopWords = rcm.stopLine.say("stop") ? "STOP …" : UNHEARD;
-  rcm.say({ do: "pause" }); // beside it, should that be what is left
-  setTimeout(() => { if (rcm.stopWords) rcm.stopWords = UNHEARD; rcm.show(); }, ANSWER);
-  rcm.show();
+  rcm.releaseJog();
+  rcm.cancelRequest(); // no earlier press may follow STOP
+  rcm.stopStatus = rcm.stopLine.send("stop") ? "STOP …" : STOP_FAILED;
+  rcm.send({ do: "pause" }); // in addition, in case STOP does not arrive
+  setTimeout(() => { if (rcm.stopStatus) rcm.stopStatus = STOP_FAILED; rcm.refresh(); },
+    ANSWER_TIMEOUT_MS);
+  rcm.refresh();
 };
 
-setInterval(() => { if (rcm.holds && !rcm.jogs()) rcm.say({ do: "beat" }); }, BEAT);
+setInterval(() => { if (rcm.holds && !rcm.jogs()) rcm.send({ do: "beat" }); }, HEARTBEAT_MS);
 
 const isStop = ({ target }) => target instanceof Element && target.closest("#stop") !== null;
 document.addEventListener("pointerdown", (event) => { if (isStop(event)) rcm.stop(); });
 document.addEventListener("click", (event) => {
-  // of a keyboard or a screen reader: no pointer went down
+  // detail 0: from a keyboard or a screen reader, without pointerdown
   if (isStop(event) && event.detail === 0) rcm.stop();
 });
 
-// The space bar is STOP, and never presses the button that has the focus.
-const TYPES = ["text", "number", "search"];
-const typing = ({ target }) =>
+// The space bar is STOP and never presses the focused button.
+const TEXT_TYPES = ["text", "number", "search"];
+const isTyping = ({ target }) =>
   target instanceof HTMLTextAreaElement ||
-  (target instanceof HTMLInputElement && TYPES.includes(target.type));
+  (target instanceof HTMLInputElement && TEXT_TYPES.includes(target.type));
 window.addEventListener("keydown", (event) => {
-  if (event.code !== "Space" || typing(event)) return;
+  if (event.code !== "Space" || isTyping(event)) return;
   event.preventDefault();
   event.stopImmediatePropagation();
   if (!event.repeat) rcm.stop();
 }, true);
 window.addEventListener("keyup", (event) => {
-  if (event.code === "Space" && !typing(event)) event.preventDefault();
+  if (event.code === "Space" && !isTyping(event)) event.preventDefault();
 }, true);

@@ -1,13 +1,14 @@
-// A button that asks the server for something, as long as the server may be asked for it.
-import { can, rcm, view } from "/rcmservo/wire.js";
+// Button that requests an action from the server. It is enabled while the action is allowed.
+import { can, rcm, view } from "/rcmservo/connection.js";
 
 export default {
-  props: { name: String, does: String, icon: String, words: String, label: String, more: Object },
+  props: { name: String, action: String, icon: String, tooltip: String, label: String,
+    more: Object },
   setup: () => ({ can, rcm, view }),
   template: `
     <q-btn dense color="primary" :icon="icon" :label="label || name" :aria-label="name"
-      :data-do="does" :class="{ way: (view.board.ways || []).includes(does) }"
-      :disable="!can(does)" @click="rcm.want(does, more)">
-      <q-tooltip>{{ words }}</q-tooltip>
+      :data-do="action" :class="{ recovery: (view.board.recovery || []).includes(action) }"
+      :disable="!can(action)" @click="rcm.request(action, more)">
+      <q-tooltip>{{ tooltip }}</q-tooltip>
     </q-btn>`,
 };

@@ -1,51 +1,55 @@
-// Jog: a button counts as held only while it is, in a window that is looked at. It moves joints by
-// their rates, or marker 1 by its velocity in the arm's base frame.
-import { can, rcm } from "/rcmservo/wire.js";
+// Jog buttons: they move joints at given rates, or marker 1 in the arm's base frame. A button is
+// held only while it is pressed in a focused, visible window.
+import { can, rcm } from "/rcmservo/connection.js";
 
-const HOLD = 40, BEGUN = 500; // ms
+const REPEAT_MS = 40, START_TIMEOUT_MS = 500;
+const FULL_SPEED = 1e6; // the servo limits it to the jog speed
 const ROWS = [
-  { name: "Joint", of: "rates", parts: ["1", "2", "3"], called: "joint " },
-  { name: "Marker 1", of: "velocity", parts: ["x", "y", "z"], called: "marker 1 along " },
+  { name: "Joint", quantity: "rates", axes: ["1", "2", "3"], prefix: "joint " },
+  { name: "Marker 1", quantity: "velocity", axes: ["x", "y", "z"], prefix: "marker 1 along " },
 ];
-const SIGNS = [{ sign: -1, way: "minus", drawn: "−" }, { sign: 1, way: "plus", drawn: "+" }];
+const DIRECTIONS = [
+  { sign: -1, direction: "minus", symbol: "−" }, { sign: 1, direction: "plus", symbol: "+" },
+];
 
 let held = null;
-let press = Date.now(); // another page's presses are others
+let press = Date.now(); // differs from the presses of earlier pages
 
-const say = () => {
-  if (held !== null) rcm.say({ do: "jog", ...held.motion, press: held.press });
+const repeat = () => {
+  if (held !== null) rcm.send({ do: "jog", ...held.motion, press: held.press });
 };
-setInterval(say, HOLD);
+setInterval(repeat, REPEAT_MS);
 
 function hold(button, pointer) {
-  rcm.letGo();
-  const { of, place, sign } = button.dataset, numbers = [0, 0, 0];
-  numbers[Number(place)] = Number(sign) * 1e6; // as fast as the share allows
-  const motion = { [of]: numbers, share: Number(document.getElementById("jog-share").value) };
+  rcm.releaseJog();
+  const { quantity, axis, sign } = button.dataset, values = [0, 0, 0];
+  values[Number(axis)] = Number(sign) * FULL_SPEED;
+  const speed_scale = Number(document.getElementById("jog-speed").value);
+  const motion = { [quantity]: values, speed_scale };
   held = { button, motion, pointer, press: ++press, since: performance.now() };
   button.classList.add("held");
-  say();
+  repeat();
 }
 
 rcm.jogs = () => held !== null;
-rcm.letGo = () => {
+rcm.releaseJog = () => {
   if (held === null) return;
   held.button.classList.remove("held");
   held = null;
-  rcm.say({ do: "release" });
+  rcm.send({ do: "release" });
 };
-rcm.changed(() => {
+rcm.onChange(() => {
   if (held === null) return;
-  const never = performance.now() - held.since > BEGUN && rcm.board.phase !== "JOG";
-  if (never || !can("jog")) rcm.letGo();
+  const isLate = performance.now() - held.since > START_TIMEOUT_MS;
+  if ((isLate && rcm.board.phase !== "JOG") || !can("jog")) rcm.releaseJog();
 });
 
-const jogOf = (event) => {
+const jogButton = (event) => {
   const button = event.target instanceof Element ? event.target.closest(".jog") : null;
   return button && !button.disabled && held === null ? button : null;
 };
 document.addEventListener("pointerdown", (event) => {
-  const button = jogOf(event);
+  const button = jogButton(event);
   if (button && event.button === 0 && event.isPrimary && !event.ctrlKey) {
     event.preventDefault();
     button.focus();
@@ -53,46 +57,47 @@ document.addEventListener("pointerdown", (event) => {
   }
 });
 document.addEventListener("keydown", (event) => {
-  const button = jogOf(event);
+  const button = jogButton(event);
   if (event.code === "Enter" && button && !event.repeat) {
     event.preventDefault();
     hold(button, null);
   }
 });
 
-window.addEventListener("blur", rcm.letGo);
-document.addEventListener("visibilitychange", rcm.letGo);
+window.addEventListener("blur", rcm.releaseJog);
+document.addEventListener("visibilitychange", rcm.releaseJog);
 for (const name of ["pointerup", "pointercancel", "contextmenu"]) {
-  window.addEventListener(name, rcm.letGo, true);
+  window.addEventListener(name, rcm.releaseJog, true);
 }
-document.addEventListener("keyup", (event) => { if (event.code === "Enter") rcm.letGo(); });
+document.addEventListener("keyup", (event) => { if (event.code === "Enter") rcm.releaseJog(); });
 window.addEventListener("pointermove", (event) => {
   if (held === null || held.pointer !== event.pointerId) return;
   const box = held.button.getBoundingClientRect();
-  const on = event.clientX >= box.left && event.clientX <= box.right &&
+  const isInside = event.clientX >= box.left && event.clientX <= box.right &&
     event.clientY >= box.top && event.clientY <= box.bottom;
-  if (!on || !(event.buttons & 1)) rcm.letGo();
+  if (!isInside || !(event.buttons & 1)) rcm.releaseJog();
 }, true);
 
 export default {
-  setup: () => ({ can, ROWS, SIGNS }),
+  setup: () => ({ can, ROWS, DIRECTIONS }),
   template: `
     <div class="rcm-part">
       <div class="nicegui-row row items-center rcm-tight">
-        <span class="text-sm">Jog: hold a button down, from a pause</span>
-        <select id="jog-share" class="rcm-field" aria-label="Jog speed">
+        <span class="text-sm">Jog while paused: hold a button down</span>
+        <select id="jog-speed" class="rcm-field" aria-label="Jog speed">
           <option value="0.25">slow</option><option value="0.5">half</option>
           <option value="1">full</option>
         </select>
       </div>
-      <div class="nicegui-row row items-center rcm-tight" v-for="{ name, of, parts, called } in ROWS">
+      <div class="nicegui-row row items-center rcm-tight"
+        v-for="{ name, quantity, axes, prefix } in ROWS">
         <span>{{ name }}</span>
-        <template v-for="(part, place) in parts">
-          <span>{{ part }}:</span>
-          <button v-for="{ sign, way, drawn } in SIGNS" type="button" class="jog" :data-of="of"
-            :data-place="place" :data-sign="sign" :disabled="!can('jog')"
-            :aria-label="'Jog ' + called + part + ' ' + way"
-            :title="'Jog ' + called + part + ' ' + way">{{ drawn }}</button>
+        <template v-for="(axis, index) in axes">
+          <span>{{ axis }}:</span>
+          <button v-for="{ sign, direction, symbol } in DIRECTIONS" type="button" class="jog"
+            :data-quantity="quantity" :data-axis="index" :data-sign="sign" :disabled="!can('jog')"
+            :aria-label="'Jog ' + prefix + axis + ' ' + direction"
+            :title="'Jog ' + prefix + axis + ' ' + direction">{{ symbol }}</button>
         </template>
       </div>
     </div>`,

@@ -1,8 +1,8 @@
-// What was said lately.
-import { view } from "/rcmservo/wire.js";
+// Newest notes and the reason of the last refused request.
+import { view } from "/rcmservo/connection.js";
 
 export default {
-  computed: { words: () => [...(view.board.notes || []), view.refused].filter(Boolean).join("\n") },
+  computed: { text: () => [...(view.board.notes || []), view.refused].filter(Boolean).join("\n") },
   template: `
-    <div class="rcm-part"><div id="notes" role="log" aria-label="Notes">{{ words }}</div></div>`,
+    <div class="rcm-part"><div id="notes" role="log" aria-label="Notes">{{ text }}</div></div>`,
 };

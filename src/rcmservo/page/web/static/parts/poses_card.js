@@ -1,50 +1,51 @@
-// Poses: name the present one and teach it, go to one, delete one.
+// Poses: teach the present pose under a name, go to a pose, delete one.
 import ActionButton from "/rcmservo/parts/action_button.js";
-import { can, rcm, view } from "/rcmservo/wire.js";
+import { can, rcm, view } from "/rcmservo/connection.js";
 
-const SURE = 3000; // ms
+const CONFIRMATION_MS = 3000;
 
 export default {
   components: { ActionButton },
-  props: { longest: Number },
-  data: () => ({ name: "", asked: "" }),
+  props: { maxLength: Number },
+  data: () => ({ name: "", toConfirm: "" }),
   computed: {
-    called() { return this.name.trim(); },
-    known() { return (view.board.poses || []).includes(this.called); },
-    // Each pose with what was seen as it was taught; one that this rig refuses, with the reason.
+    trimmed() { return this.name.trim(); },
+    exists() { return (view.board.poses || []).includes(this.trimmed); },
+    // Each pose with its picture; a pose that this rig refuses, with the reason.
     poses: () => [
       ...(view.board.poses || []).map((name) => ({ name })),
-      ...Object.entries(view.board.refused_poses || {}).map(([name, why]) => ({ name, why })),
+      ...Object.entries(view.board.refused_poses || {}).map(([name, reason]) => ({ name, reason })),
     ],
   },
   setup: () => ({ can, rcm, view }),
   methods: {
-    picture: (name) => rcm.url(`/pose?name=${encodeURIComponent(name)}&kept=${view.board.kept}`),
-    // What cannot be undone is done at the second press.
+    picture: (name) =>
+      rcm.url(`/pose?name=${encodeURIComponent(name)}&version=${view.board.pose_version}`),
+    // Deleting cannot be undone, so that it needs a second press.
     remove(name) {
-      if (this.asked === name) rcm.want("delete", { name });
-      this.asked = this.asked === name ? "" : name;
-      setTimeout(() => { if (this.asked === name) this.asked = ""; }, SURE);
+      if (this.toConfirm === name) rcm.request("delete", { name });
+      this.toConfirm = this.toConfirm === name ? "" : name;
+      setTimeout(() => { if (this.toConfirm === name) this.toConfirm = ""; }, CONFIRMATION_MS);
     },
   },
   template: `
     <div class="rcm-part">
       <div class="nicegui-row row items-center rcm-tight">
-        <input id="name" class="rcm-field" aria-label="Name of the pose" :maxlength="longest"
+        <input id="name" class="rcm-field" aria-label="Name of the pose" :maxlength="maxLength"
           placeholder="name" v-model="name">
-        <action-button name="Teach" does="teach" icon="add_location" :more="{ name: called }"
-          :label="known ? 'Overwrite' : 'Teach'" words="keep what the camera sees now">
+        <action-button name="Teach" action="teach" icon="add_location" :more="{ name: trimmed }"
+          :label="exists ? 'Overwrite' : 'Teach'" tooltip="store the present observation">
         </action-button>
       </div>
       <div id="poses">
-        <div class="pose" v-for="{ name, why } in poses" :key="view.board.kept + name">
+        <div class="pose" v-for="{ name, reason } in poses" :key="view.board.pose_version + name">
           <img alt="" :src="picture(name)" @error="$event.target.style.display = 'none'">
-          <span v-if="why">{{ name }}: {{ why }}</span>
+          <span v-if="reason">{{ name }}: {{ reason }}</span>
           <button v-else type="button" class="rcm-button go" :disabled="!can('go')"
-            :aria-label="'Go ' + name" @click="rcm.want('go', { name })">Go {{ name }}</button>
+            :aria-label="'Go ' + name" @click="rcm.request('go', { name })">Go {{ name }}</button>
           <button type="button" class="rcm-button delete" :disabled="!view.may"
             :aria-label="'Delete ' + name" @click="remove(name)"
-            >{{ asked === name ? "sure?" : "×" }}</button>
+            >{{ toConfirm === name ? "delete?" : "×" }}</button>
         </div>
       </div>
     </div>`,

@@ -1,61 +1,63 @@
-// Past runs: the list, and one opened, with its replay, its figures and its files.
-import { paint } from "/rcmservo/picture.js";
-import { rcm } from "/rcmservo/wire.js";
+// Past runs: the list, and an opened run with its replay, figures and files.
+import { drawPicture } from "/rcmservo/picture.js";
+import { rcm } from "/rcmservo/connection.js";
 
-const AGAIN = 5000; // ms between looks at the list
+const REFRESH_MS = 5000, FRAME_MS = 50;
 const GREY = "#8a8a8a";
 
-// What the server answers; what it refuses is an error with its words.
-async function asked(path) {
-  const answer = await fetch(rcm.url(path), { cache: "no-store" });
-  if (answer.ok) return answer;
-  const told = await answer.json().catch(() => ({}));
-  throw new Error(typeof told.detail === "string" ? told.detail : "the server cannot answer");
+// Return the server's response; raise a refusal as an error with its reason.
+async function fetchData(path) {
+  const response = await fetch(rcm.url(path), { cache: "no-store" });
+  if (response.ok) return response;
+  const { detail } = await response.json().catch(() => ({}));
+  throw new Error(typeof detail === "string" ? detail : "the server cannot answer");
 }
 
-function blank([width, height]) {
-  const sheet = new OffscreenCanvas(width, height), pen = sheet.getContext("2d");
-  pen.fillStyle = GREY;
-  pen.fillRect(0, 0, width, height);
-  return sheet;
+function blankImage([width, height]) {
+  const canvas = new OffscreenCanvas(width, height), context = canvas.getContext("2d");
+  context.fillStyle = GREY;
+  context.fillRect(0, 0, width, height);
+  return canvas;
 }
 
 const Replay = {
-  props: { path: String, told: Object },
-  data: () => ({ at: 0, said: "", playing: null, busy: false }),
-  computed: { last() { return this.told.moments.length - 1; } },
+  props: { path: String, content: Object },
+  data: () => ({ at: 0, text: "", playing: null, busy: false }),
+  computed: { last() { return this.content.moments.length - 1; } },
   mounted() { this.show(0); },
   unmounted() { clearTimeout(this.playing); },
   methods: {
     async show(i) {
-      const { moments, spans } = this.told, [, , phase, why] = spans[moments[i].span] || [];
+      const { moments, spans } = this.content, [, , phase, why] = spans[moments[i].span] || [];
       this.at = i;
-      this.said = `${moments[i].t.toFixed(2)} s · ${[phase, why].filter(Boolean).join(" · ")}`;
+      this.text = `${moments[i].t.toFixed(2)} s · ${[phase, why].filter(Boolean).join(" · ")}`;
       if (this.busy) return;
       this.busy = true;
       try {
-        for (let drawn = -1; drawn !== this.at;) { // the newest that is wanted, none between
+        for (let drawn = -1; drawn !== this.at;) { // only the newest requested moment
           drawn = this.at;
           await this.draw(moments[drawn]);
         }
       } catch (error) {
-        this.said = error.message;
+        this.text = error.message;
       } finally {
         this.busy = false;
       }
     },
     async draw({ points, rcm: o_c, stage, picture }) {
-      const image = picture < 0 ? blank(this.told.size)
-        : await createImageBitmap(await (await asked(`${this.path}/pictures/${picture}`)).blob());
+      const image = picture < 0 ? blankImage(this.content.size)
+        : await createImageBitmap(
+          await (await fetchData(`${this.path}/pictures/${picture}`)).blob());
       if (this.$refs.canvas) {
-        paint(this.$refs.canvas, image, { points, rcm: o_c, target: this.told.targets[stage] });
+        const target = this.content.targets[stage];
+        drawPicture(this.$refs.canvas, image, { points, rcm: o_c, target });
       }
       image.close?.();
     },
-    turn() {
+    togglePlay() {
       clearTimeout(this.playing);
       if (this.playing !== null) { this.playing = null; return; }
-      const { moments } = this.told;
+      const { moments } = this.content;
       let i = this.at >= this.last ? 0 : this.at;
       const began = performance.now() - 1000 * moments[i].t;
       const step = () => {
@@ -63,59 +65,61 @@ const Replay = {
         const t = (performance.now() - began) / 1000;
         while (i < this.last && moments[i + 1].t <= t) i += 1;
         if (i !== this.at) this.show(i);
-        this.playing = i < this.last ? setTimeout(step, 50) : null;
+        this.playing = i < this.last ? setTimeout(step, FRAME_MS) : null;
       };
       step();
     },
   },
   template: `
     <div class="run-replay">
-      <div class="run-banner">Replay of the past: the live picture is above</div>
+      <div class="run-banner">Replay of a past run: the live picture is above</div>
       <canvas ref="canvas" role="img" aria-label="Picture of the past run"></canvas>
       <div class="run-head">
-        <button type="button" class="rcm-button" @click="turn">
-          {{ playing === null ? "Play" : "Hold still" }}</button>
-        <input type="range" min="0" :max="last" step="1" :value="at" :aria-valuetext="said"
+        <button type="button" class="rcm-button" @click="togglePlay">
+          {{ playing === null ? "Play" : "Pause replay" }}</button>
+        <input type="range" min="0" :max="last" step="1" :value="at" :aria-valuetext="text"
           aria-label="Time in the past run" @input="show(Number($event.target.value))">
       </div>
-      <div class="run-said">{{ said }}</div>
+      <div class="run-moment">{{ text }}</div>
     </div>`,
 };
 
 export default {
   components: { Replay },
-  data: () => ({ runs: null, run: null, told: null, error: "" }),
+  setup: () => ({ headings: ["Last change", "Length", "Arm and estimator", "End", ""] }),
+  data: () => ({ runs: null, run: null, content: null, error: "" }),
   computed: {
     path() { return `/runs/${this.run.name}`; },
     summary() {
-      const missing = this.told.missing ? [["missing", this.told.missing]] : [];
-      return [...missing, ["verdict", this.told.verdict], ...this.told.summary];
+      const missing = this.content.missing ? [["missing", this.content.missing]] : [];
+      return [...missing, ["verdict", this.content.verdict], ...this.content.summary];
     },
   },
   mounted() {
     this.list();
-    setInterval(() => { if (this.$el.offsetParent && !this.run) this.list(); }, AGAIN);
+    setInterval(() => { if (this.$el.offsetParent && !this.run) this.list(); }, REFRESH_MS);
   },
   methods: {
     url: rcm.url,
     async list() {
       try {
-        this.runs = await (await asked("/runs")).json();
+        this.runs = await (await fetchData("/runs")).json();
         if (!this.run) this.error = "";
       } catch (error) {
         if (!this.run) this.error = error.message;
       }
     },
     async open(run) {
-      [this.run, this.told, this.error] = [run, null, ""];
+      [this.run, this.content, this.error] = [run, null, ""];
       this.$nextTick(() => this.$refs.back.focus());
-      const told = await asked(this.path).then((answer) => answer.json()).catch((error) => error);
+      const content = await fetchData(this.path).then((response) => response.json())
+        .catch((error) => error);
       if (this.run !== run) return;
-      if (told instanceof Error) this.error = told.message;
-      else this.told = Object.freeze(told); // too much to be watched for changes
+      if (content instanceof Error) this.error = content.message;
+      else this.content = Object.freeze(content); // too large to be reactive
     },
     close() {
-      [this.run, this.told, this.error] = [null, null, ""];
+      [this.run, this.content, this.error] = [null, null, ""];
       this.list();
     },
     length(seconds) {
@@ -129,30 +133,31 @@ export default {
       <div v-if="run" class="run-head">
         <button type="button" class="rcm-button" ref="back" @click="close">
           Back to the list</button>
-        <strong>Past run {{ run.folder }}, {{ run.when }}</strong>
+        <strong>Past run {{ run.folder }}, {{ run.changed }}</strong>
       </div>
-      <p v-if="run && !told && !error" role="status">The record is being read …</p>
-      <div v-if="told || (run && error)" class="run-head">
+      <p v-if="run && !content && !error" role="status">The record is being read …</p>
+      <div v-if="content || (run && error)" class="run-head">
         <a class="rcm-button" download="" :href="url(path + '/record.mcap')"
           >Download the record (MCAP)</a>
       </div>
       <p v-if="error" role="alert" class="run-alert">{{ error }}</p>
-      <template v-if="told">
-        <replay v-if="told.moments.length" :path="path" :told="told"></replay>
+      <template v-if="content">
+        <replay v-if="content.moments.length" :path="path" :content="content"></replay>
         <p v-else>The record holds no tick.</p>
         <table class="run-list" aria-label="Summary"><tbody>
-          <tr v-for="[name, text] in summary"><th scope="row">{{ name }}</th><td>{{ text }}</td></tr>
+          <tr v-for="[name, text] in summary">
+            <th scope="row">{{ name }}</th><td>{{ text }}</td></tr>
         </tbody></table>
         <div class="run-lines"><table class="run-list" aria-label="Time line"><tbody>
-          <tr><th scope="col" v-for="head in ['Start', 'Length', 'Phase', 'Why', 'Way out']"
+          <tr><th scope="col" v-for="head in ['Start', 'Length', 'Phase', 'Cause', 'Recovery']"
             >{{ head }}</th></tr>
-          <tr v-for="[start, long, phase, why, out] in told.spans">
-            <td>{{ start.toFixed(2) }} s</td><td>{{ long.toFixed(2) }} s</td><td>{{ phase }}</td>
+          <tr v-for="[start, length, phase, why, out] in content.spans">
+            <td>{{ start.toFixed(2) }} s</td><td>{{ length.toFixed(2) }} s</td><td>{{ phase }}</td>
             <td>{{ why }}</td><td>{{ out }}</td>
           </tr>
         </tbody></table></div>
         <div class="run-figures">
-          <figure v-for="(title, name) in told.figures">
+          <figure v-for="(title, name) in content.figures">
             <img :src="url(path + '/figures/' + name + '.svg')" :alt="'Figure: ' + title">
             <figcaption class="run-head">
               <a v-for="kind in ['svg', 'png']" class="rcm-button" download=""
@@ -164,11 +169,11 @@ export default {
       </template>
       <p v-else-if="!run && runs && !runs.length">There are no runs yet.</p>
       <table v-else-if="!run && runs" class="run-list" aria-label="Past runs">
-        <thead><tr><th scope="col" v-for="head in ['When', 'Length', 'What', 'How it ended', '']"
+        <thead><tr><th scope="col" v-for="head in headings"
           >{{ head }}</th></tr></thead>
         <tbody><tr v-for="one in runs" :key="one.name" :class="{ 'run-now': one.recording }">
-          <td>{{ one.when }}</td><td>{{ length(one.seconds) }}</td>
-          <td>{{ one.what }}<small>{{ one.folder }}</small></td><td>{{ one.ended }}</td>
+          <td>{{ one.changed }}</td><td>{{ length(one.seconds) }}</td>
+          <td>{{ one.description }}<small>{{ one.folder }}</small></td><td>{{ one.ending }}</td>
           <td><button v-if="one.seconds !== null" type="button" class="rcm-button"
             :aria-label="'Open ' + one.folder" @click="open(one)">Open</button></td>
         </tr></tbody>

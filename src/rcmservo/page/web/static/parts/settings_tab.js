@@ -1,73 +1,78 @@
-// Settings: a form for each box of the servo that may change, made of what the server tells of it.
-import { rcm, view } from "/rcmservo/wire.js";
+// Settings: a form for each part of the servo that may change, built from the server's description.
+import { rcm, view } from "/rcmservo/connection.js";
 
-const AGAIN = 1000; // ms
+const RETRY_MS = 1000;
 
-const listed = (value) => (Array.isArray(value) ? [...value] : [value]);
-const short = (value) =>
+const toList = (value) => (Array.isArray(value) ? [...value] : [value]);
+const toShortText = (value) =>
   typeof value === "number" ? String(Number(value.toPrecision(4))) : String(value);
-const words = (value) => listed(value).map(short).join(", ");
-const same = (one, other) => JSON.stringify(one) === JSON.stringify(other);
+const toText = (value) => toList(value).map(toShortText).join(", ");
+const isEqual = (first, second) => JSON.stringify(first) === JSON.stringify(second);
 const fields = (form) => form.kinds[form.kind]?.fields || [];
+const unitOf = (unit, i) => unit.split(", ")[i % unit.split(", ").length];
 
-// Have a form hold a table's values of its kind, and defaults where the table has none.
+// Fill a form with the values of a table, and with defaults for missing ones.
 function fill(form, table) {
-  form.values = Object.fromEntries(fields(form).map(({ name, default: usual }) =>
-    [name, listed(name in table ? table[name] : usual)]));
+  form.values = Object.fromEntries(fields(form).map(({ name, default: standard }) =>
+    [name, toList(name in table ? table[name] : standard)]));
 }
 
 export default {
-  data: () => ({ forms: [], sent: "" }),
-  computed: { count: () => view.board.settings },
-  watch: { count: { immediate: true, handler: "fetchForms" } },
-  setup: () => ({ fields, fill, view, words }),
+  data: () => ({ forms: [], sentPart: "" }),
+  computed: { version: () => view.board.settings_version },
+  watch: { version: { immediate: true, handler: "fetchForms" } },
+  setup: () => ({ fields, fill, toText, view }),
   methods: {
     async fetchForms() {
-      if (this.count === undefined) return;
-      const answer = await fetch(rcm.url("/settings")).catch(() => ({ ok: false }));
-      if (!answer.ok) { setTimeout(() => this.fetchForms(), AGAIN); return; }
-      this.forms = (await answer.json()).map((told) => {
-        const old = this.forms.find(({ box }) => box === told.box);
-        if (old && same(old.set, told.set)) return { ...old, in_force: told.in_force };
-        const form = { ...told, kind: told.set.kind };
-        fill(form, told.set);
+      if (this.version === undefined) return;
+      const response = await fetch(rcm.url("/settings")).catch(() => ({ ok: false }));
+      if (!response.ok) { setTimeout(() => this.fetchForms(), RETRY_MS); return; }
+      this.forms = (await response.json()).map((description) => {
+        const old = this.forms.find(({ part }) => part === description.part);
+        if (old && isEqual(old.selected, description.selected)) {
+          return { ...old, active: description.active }; // keeps what the user has typed
+        }
+        const form = { ...description, kind: description.selected.kind };
+        fill(form, description.selected);
         return form;
       });
     },
-    kinds({ kinds, set }) { return [...new Set([...Object.keys(kinds), set.kind])]; },
-    label: ({ name, unit }, parts, i) => (parts.length > 1 ? `${name} ${i + 1}` : name) +
-      (unit ? `, ${unit.split(", ")[i % unit.split(", ").length]}` : ""),
+    kinds: ({ kinds, selected }) => [...new Set([...Object.keys(kinds), selected.kind])],
+    label: ({ name, unit }, values, i) => (values.length > 1 ? `${name} ${i + 1}` : name) +
+      (unit ? `, ${unitOf(unit, i)}` : ""),
     unit({ unit }, value, i) {
-      const one = unit.split(", ")[i % unit.split(", ").length];
-      return one === "rad" ? `rad = ${short(Number(value) * 180 / Math.PI)}°` : one;
+      const one = unitOf(unit, i);
+      return one === "rad" ? `rad = ${toShortText(Number(value) * 180 / Math.PI)}°` : one;
     },
-    // What is in force, where that is not what was set.
-    now({ in_force: force, set }, name) {
-      if (force === null || (force.kind === set.kind && same(force[name], set[name]))) return "";
-      return `now ${words(force.kind === set.kind ? force[name] : force.kind)}`;
+    // The active value if it differs from the selected one.
+    activeText({ active, selected }, name) {
+      const isSameKind = active?.kind === selected.kind;
+      if (active === null || (isSameKind && isEqual(active[name], selected[name]))) return "";
+      return `now ${toText(isSameKind ? active[name] : active.kind)}`;
     },
     send(form) {
       const table = { kind: form.kind };
-      for (const { name, default: usual } of fields(form)) {
+      for (const { name, default: standard } of fields(form)) {
         const values = form.values[name].map((one) => (one === "" ? null : one));
-        table[name] = Array.isArray(usual) ? values : values[0];
+        table[name] = Array.isArray(standard) ? values : values[0];
       }
-      this.sent = form.box;
-      rcm.want("set", { box: form.box, table });
+      this.sentPart = form.part;
+      rcm.request("set", { part: form.part, table });
     },
   },
   template: `
     <div class="rcm-settings">
-      <form v-for="form in forms" :key="form.box" novalidate :data-box="form.box"
+      <form v-for="form in forms" :key="form.part" novalidate :data-part="form.part"
         :aria-label="form.title" @submit.prevent="send(form)">
-        <h3>{{ form.title }}<small>{{ form.at_once
-          ? "holds at once, also in motion" : "holds from the next session on" }}</small></h3>
+        <h3>{{ form.title }}<small>{{ form.immediate
+          ? "takes effect at once, also in motion" : "takes effect in the next session"
+          }}</small></h3>
         <select class="rcm-field kind" v-show="kinds(form).length > 1" v-model="form.kind"
           :aria-label="form.title + ' kind'"
-          @change="fill(form, form.kind === form.set.kind ? form.set : {})">
+          @change="fill(form, form.kind === form.selected.kind ? form.selected : {})">
           <option v-for="name in kinds(form)">{{ name }}</option>
         </select>
-        <p>{{ form.kinds[form.kind]?.words }}</p>
+        <p>{{ form.kinds[form.kind]?.description }}</p>
         <div class="field" v-for="field in fields(form)" :key="form.kind + field.name"
           :data-field="field.name">
           <b>{{ field.name }}</b>
@@ -85,16 +90,17 @@ export default {
               <span class="unit">{{ unit(field, value, i) }}</span>
             </template>
           </template></span>
-          <small>default {{ words(field.default) }}</small>
-          <small class="in-force">{{ now(form, field.name) }}</small>
-          <p>{{ field.words }}</p>
+          <small>default {{ toText(field.default) }}</small>
+          <small class="active">{{ activeText(form, field.name) }}</small>
+          <p>{{ field.description }}</p>
         </div>
         <div class="buttons">
-          <button class="rcm-button set" :disabled="!view.may"
-            >Set {{ form.title.toLowerCase() }}</button>
+          <button class="rcm-button apply" :disabled="!view.may"
+            :aria-label="'Apply ' + form.title">Apply</button>
           <button class="rcm-button" type="button" :aria-label="form.title + ' defaults'"
             @click="fill(form, {})">Defaults</button>
-          <span class="refused" role="alert">{{ sent === form.box ? view.refused : "" }}</span>
+          <span class="refused" role="alert"
+            >{{ sentPart === form.part ? view.refused : "" }}</span>
         </div>
       </form>
     </div>`,

@@ -1,4 +1,4 @@
-"""`rcmservo serve` in a process of its own."""
+"""Start of `rcmservo serve` in another process."""
 
 import re
 import signal
@@ -10,15 +10,15 @@ from pathlib import Path
 
 from conftest import HEEDING_CTRL_C, SMALL, with_tests
 
-RIG = SMALL.replace("[scene]", "frame_rate = 30.0\n[scene]")
-"""A browser without a GPU draws beside all that is simulated, on a machine with few processors."""
+RIG_TEXT = SMALL.replace("[scene]", "frame_rate = 30.0\n[scene]")
+"""Frame rate 30 Hz: a browser without a GPU draws on the processors that also simulate."""
 
 
 @contextmanager
-def served(folder: Path, *options: str) -> Iterator[str]:
-    """Where the page is; its records go into the folder."""
+def serve_page(folder: Path, *options: str) -> Iterator[str]:
+    """Serve the page, record into the folder, and yield the address of the page."""
     command = [sys.executable, "-c", HEEDING_CTRL_C, "serve", "--port", "0", "--no-browser"]
-    (rig := folder.with_name(f"{folder.name}.toml")).write_text(RIG)
+    (rig := folder.with_name(f"{folder.name}.toml")).write_text(RIG_TEXT)
     poses = folder.with_name(f"{folder.name}-poses")
     process = subprocess.Popen(
         [

@@ -1,5 +1,6 @@
-"""Trouble from the page's menu, and that what is pressed enables nothing. test_page.py goes on to
-the fault and its way out.
+"""Disturbances from the page's menu; none of them enables the drive.
+
+test_page.py tests the fault and the recovery from it.
 """
 
 from collections.abc import Iterator
@@ -24,25 +25,25 @@ MS = 1_000_000
 
 
 @pytest.mark.parametrize("kind", [one["kind"] for one in list_live_disturbances()])
-def test_each_kind_on_the_menu_can_be_chosen_with_its_defaults(kind: str) -> None:
+def test_each_kind_on_the_menu_is_valid_with_its_defaults(kind: str) -> None:
     assert parse_live_disturbance(f"{kind}:").kind == kind
 
 
 @pytest.mark.parametrize(
     "text", ["kill:", "nan_points:", "flood:", "occlusion:for=-1", "occlusion:px=3", "smoke:"]
 )
-def test_what_is_not_on_the_menu_is_refused(text: str) -> None:
+def test_kinds_and_parameters_that_the_menu_lacks_are_refused(text: str) -> None:
     with pytest.raises(BadInput):
         parse_live_disturbance(text)
 
 
 @pytest.fixture
 def device(tmp_path: Path) -> Iterator[ArmDevice]:
-    with open_socket(arm_socket_path(tmp_path)) as wire:
-        yield ArmDevice(Rig(1, pictures=False), wire, MotionLog(get_context("spawn")), 0)
+    with open_socket(arm_socket_path(tmp_path)) as websocket:
+        yield ArmDevice(Rig(1, pictures=False), websocket, MotionLog(get_context("spawn")), 0)
 
 
-def test_a_pressed_emergency_stop_lets_nobody_enable_and_its_release_enables_nothing(
+def test_an_emergency_stop_prevents_enable_and_its_release_enables_nothing(
     device: ArmDevice,
 ) -> None:
     device.disturbed_arm.enable()
@@ -60,7 +61,7 @@ def test_a_pressed_emergency_stop_lets_nobody_enable_and_its_release_enables_not
     assert device.arm.watchdog.enabled
 
 
-def test_an_arm_that_creeps_creeps_from_then_until_it_is_ended(device: ArmDevice) -> None:
+def test_a_creep_acts_from_its_beginning_to_its_end(device: ArmDevice) -> None:
     device.disturbed_arm.enable()
     q = device.arm.q_true.copy()
     DisturbanceChange(device.arm.time, parse_live_disturbance("creep:speed=20,axis=3")).apply(

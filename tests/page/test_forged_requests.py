@@ -1,5 +1,6 @@
-"""Forged requests move and change nothing in any state, and rubbish stops neither loop nor page:
-the whole is in benchmarks/page_forged.py, of which this is a short part.
+"""Forged requests move and change nothing, and random ones stop neither loop nor page.
+
+This is a short version of benchmarks/page_forged.py.
 """
 
 import page_forged
@@ -11,12 +12,12 @@ from stalls import undisturbed
 pytestmark = [pytest.mark.alone, pytest.mark.slow]
 
 
-def test_forged_requests_and_rubbish_move_change_and_stop_nothing() -> None:
-    def wrong() -> list[str]:
+def test_forged_and_random_requests_move_change_and_stop_nothing() -> None:
+    def find_failures() -> list[str]:
         found: list[str] = []
         with page_lab(recorded=True, token="a token that is long enough") as lab:
 
-            def person() -> None:
+            def operate() -> None:
                 holder = page_forged.Holder(lab)
                 for state, sentences in page_forged.forged(holder, 40).items():
                     found.extend(f"{state}: {one}" for one in sentences)
@@ -24,9 +25,9 @@ def test_forged_requests_and_rubbish_move_change_and_stop_nothing() -> None:
                 if ticks.longest > page_forged.GAP or not ticks.still:
                     found.append(f"fuzzed: {ticks.longest:.0f} ms without a command")
                 if not page_forged.stop_heard(holder, 20):
-                    found.append("fuzzed: the page has lost its person, or hears no STOP")
+                    found.append("fuzzed: the page has lost its operator, or STOP has no effect")
 
-            lab.play(person)
+            lab.play(operate)
         return found
 
-    assert undisturbed(wrong, lambda found: not found) == []
+    assert undisturbed(find_failures, lambda found: not found) == []

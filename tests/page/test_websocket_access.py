@@ -1,6 +1,4 @@
-"""The page's websockets from outside: forged ones are not let in, and what is let in moves nothing
-without control and a fresh moment.
-"""
+"""Websockets of the page: forged ones are refused; requests need control and a fresh display."""
 
 import json
 import re
@@ -9,7 +7,7 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
-from served import served
+from page_server import serve_page
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 from websockets.typing import Origin
@@ -18,32 +16,32 @@ pytestmark = pytest.mark.alone
 
 
 class Site:
-    """A server's address, and what its page tells a browser."""
+    """Address of a server and the parameters in its page."""
 
     def __init__(self, address: str) -> None:
         self.address = address
-        told = re.search(
+        match = re.search(
             r"window\.RCMSERVO = (\{.*?\});", urllib.request.urlopen(address).read().decode()
         )
-        assert told is not None
-        self.told = json.loads(told[1])
+        assert match is not None
+        self.parameters = json.loads(match[1])
 
     def open(self, path: str, origin: str | None = None, **changes: Any) -> ClientConnection:
-        port = self.told["stopPort"] if path == "/stop" else self.address.rpartition(":")[2]
-        secret = changes.get("secret", self.told["secret"])
+        port = self.parameters["stopPort"] if path == "/stop" else self.address.rpartition(":")[2]
+        secret = changes.get("secret", self.parameters["secret"])
         url = f"ws://127.0.0.1:{port}{path}?secret={secret}"
         return connect(url, origin=Origin(origin or self.address))
 
-    def board(self, wire: ClientConnection) -> dict[str, Any]:
-        """The newest of a browser's pictures, without the picture."""
-        wire.send("next")
-        data = wire.recv(20.0)
+    def board(self, websocket: ClientConnection) -> dict[str, Any]:
+        """Return the newest content of the page, without the picture."""
+        websocket.send("next")
+        data = websocket.recv(20.0)
         assert isinstance(data, bytes)
         return json.loads(data[4 : 4 + int.from_bytes(data[:4], "little")])
 
-    def until(self, wire: ClientConnection, phase: str) -> dict[str, Any]:
+    def until(self, websocket: ClientConnection, phase: str) -> dict[str, Any]:
         for _ in range(3000):
-            board = self.board(wire)
+            board = self.board(websocket)
             if board["phase"] == phase and (phase != "OFF" or "enable" in board["can"]):
                 return board
         raise AssertionError(f"{phase} never came: {board}")
@@ -51,32 +49,32 @@ class Site:
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
-    with served(tmp_path_factory.mktemp("serve") / "out") as address:
+    with serve_page(tmp_path_factory.mktemp("serve") / "out") as address:
         yield Site(address)
 
 
 @pytest.mark.parametrize("path", ["/pictures", "/operate", "/stop"])
-def test_a_page_of_another_origin_or_without_the_secret_is_not_let_in(
+def test_websockets_of_another_origin_or_without_the_secret_are_refused(
     site: Site, path: str
 ) -> None:
     port = site.address.rpartition(":")[2]
     for origin in ("http://evil.example", "null", f"https://127.0.0.1:{port}", "http://127.0.0.1"):
         with pytest.raises(InvalidStatus, match="403"):
             site.open(path, origin)
-    for secret in ("", "x", site.told["secret"][:-1]):
+    for secret in ("", "x", site.parameters["secret"][:-1]):
         with pytest.raises(InvalidStatus, match="403"):
             site.open(path, secret=secret)
     with site.open(path):
-        """It is let in."""
+        """The websocket is accepted."""
 
 
-def test_a_name_of_somebodys_that_leads_here_gets_nothing(site: Site) -> None:
+def test_another_host_name_is_refused(site: Site) -> None:
     request = urllib.request.Request(site.address, headers={"Host": "evil.example"})
     with pytest.raises(urllib.error.HTTPError, match="400"):
         urllib.request.urlopen(request)
 
 
-def test_a_page_of_another_origin_is_not_let_in_to_niceguis_own_socket(site: Site) -> None:
+def test_another_origin_is_refused_at_niceguis_socket(site: Site) -> None:
     path = "/_nicegui_ws/socket.io/?EIO=4&transport="
     for origin in ("http://evil.example", site.address):
         request = urllib.request.Request(f"{site.address}{path}polling", headers={"Origin": origin})
@@ -86,24 +84,24 @@ def test_a_page_of_another_origin_is_not_let_in_to_niceguis_own_socket(site: Sit
         with pytest.raises(urllib.error.HTTPError, match="403"):
             urllib.request.urlopen(request)
         with pytest.raises(InvalidStatus, match="403"):
-            site.open(f"{path}websocket&told", origin)
+            site.open(f"{path}websocket&match", origin)
 
 
-def test_who_watches_or_is_late_moves_nothing_and_is_told_why(site: Site) -> None:
-    with site.open("/pictures") as eye, site.open("/operate") as holder:
-        at = site.until(eye, "OFF")["at"] - 1_000_000_000
+def test_a_watcher_or_a_late_message_is_refused_with_the_reason(site: Site) -> None:
+    with site.open("/pictures") as pictures, site.open("/operate") as holder:
+        at = site.until(pictures, "OFF")["at"] - 1_000_000_000
         name = json.loads(holder.recv(20.0))["name"]
-        assert site.board(eye)["holder"] == name
+        assert site.board(pictures)["holder"] == name
         with site.open("/operate") as watcher:
             assert json.loads(watcher.recv(20.0))["name"] != name
-            watcher.send(json.dumps({"do": "enable", "at": site.board(eye)["at"]}))
+            watcher.send(json.dumps({"do": "enable", "at": site.board(pictures)["at"]}))
             assert "another browser has control" in json.loads(watcher.recv(20.0))["refused"]
-        for message, why in (
-            (json.dumps({"do": "enable", "at": at}), "too late"),
-            (b"\xff\xfe", "no JSON"),
-            ("{", "no JSON"),
+        for message, reason in (
+            (json.dumps({"do": "enable", "at": at}), "too old"),
+            (b"\xff\xfe", "not JSON"),
+            ("{", "not JSON"),
         ):
             holder.send(message)
-            assert why in json.loads(holder.recv(20.0))["refused"]
+            assert reason in json.loads(holder.recv(20.0))["refused"]
         for _ in range(5):
-            assert site.board(eye)["phase"] == "OFF"
+            assert site.board(pictures)["phase"] == "OFF"

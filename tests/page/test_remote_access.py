@@ -1,6 +1,4 @@
-"""`rcmservo serve --host 0.0.0.0 --token-file`: from elsewhere a browser signs in once, and then
-has the page, its pictures and STOP.
-"""
+"""`rcmservo serve --host 0.0.0.0 --token-file`: a remote browser signs in once."""
 
 import contextlib
 import json
@@ -12,7 +10,7 @@ from http.cookiejar import CookieJar
 from pathlib import Path
 
 import pytest
-from served import served
+from page_server import serve_page
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 from websockets.typing import Origin
@@ -20,16 +18,16 @@ from websockets.typing import Origin
 pytestmark = [pytest.mark.alone, pytest.mark.slow]
 
 
-def test_a_browser_elsewhere_signs_in_and_then_sees_and_stops(tmp_path: Path) -> None:
+def test_a_remote_browser_signs_in_and_gets_pictures_and_stop(tmp_path: Path) -> None:
     file = tmp_path / "token"
-    with served(tmp_path / "out", "--host", "0.0.0.0", "--token-file", str(file)) as address:
+    with serve_page(tmp_path / "out", "--host", "0.0.0.0", "--token-file", str(file)) as address:
         jar = CookieJar()
         browser = urllib.request.build_opener(urllib.request.HTTPCookieProcessor(jar))
         with pytest.raises(urllib.error.HTTPError, match="401"):
             browser.open(address)
-        told = urllib.parse.urlencode({"token": file.read_text().strip()}).encode()
+        form = urllib.parse.urlencode({"token": file.read_text().strip()}).encode()
         page = re.search(
-            r"window\.RCMSERVO = (\{.*?\});", browser.open(address, told).read().decode()
+            r"window\.RCMSERVO = (\{.*?\});", browser.open(address, form).read().decode()
         )
         assert page is not None
         site, port = json.loads(page[1]), int(address.rpartition(":")[2])
@@ -39,9 +37,9 @@ def test_a_browser_elsewhere_signs_in_and_then_sees_and_stops(tmp_path: Path) ->
             url = f"ws://{urllib.parse.urlsplit(address).hostname}:{port}{path}"
             with connect(
                 f"{url}?secret={site['secret']}", origin=Origin(address), additional_headers=headers
-            ) as wire:
-                wire.send("next")
-                return wire.recv(20.0)
+            ) as websocket:
+                websocket.send("next")
+                return websocket.recv(20.0)
 
         assert opened("/stop", site["stopPort"], {}) == "heard"
         assert len(opened("/pictures", port, cookie)) > 1000

@@ -1,0 +1,182 @@
+"""Sequence of poses that the tool visits in turn, with a dwell at each, for a number of rounds.
+
+go to a pose ─► errors within the verdict's tolerance ─► for the whole dwell ─► next pose
+                        ▲ outside it, or HOLD: the dwell restarts │
+
+Whatever stops the tool, or moves it elsewhere, ends the sequence.
+"""
+
+from dataclasses import dataclass
+from math import ceil
+from typing import Annotated
+
+import numpy as np
+
+from rcmservo.constraints import Checked, Limit, between
+from rcmservo.interfaces import Target
+from rcmservo.loop.operator import same
+from rcmservo.loop.tick import Tick
+from rcmservo.recording.outcome import TOLERANCE
+from rcmservo.safety.state_machine import Phase
+
+MAX_WAYPOINTS, MAX_ROUNDS, MAX_DWELL_S = 20, 1000, 600.0
+"""Limits of a sequence: number of waypoints and rounds, and the longest dwell in s."""
+
+AUTONOMOUS_PHASES = Phase.ACQUIRE, Phase.SERVO, Phase.HOLD
+"""Phases in which the servo moves the tool, or may move it at any tick."""
+
+
+@dataclass(frozen=True)
+class Waypoint(Checked):
+    """Pose of a sequence and the dwell at it.
+
+    Parameters
+    ----------
+    pose : str
+        Name of the pose.
+    dwell : float
+        Time (s) for which the errors must stay within the tolerance before the tool continues.
+    """
+
+    pose: str
+    dwell: Annotated[float, between(0.0, MAX_DWELL_S, "a time", "s")]
+
+
+@dataclass(frozen=True)
+class SequencePlan(Checked, section="sequence"):
+    """Waypoints and number of rounds, as a browser requests them.
+
+    Parameters
+    ----------
+    waypoints : tuple[Waypoint, ...]
+        Waypoints in the order of the visits.
+    rounds : int
+        Number of times that all waypoints are visited.
+    """
+
+    waypoints: Annotated[
+        tuple[Waypoint, ...],
+        Limit(lambda stops: 1 <= len(stops) <= MAX_WAYPOINTS, f"1 to {MAX_WAYPOINTS} poses"),
+    ]
+    rounds: Annotated[int, between(1, MAX_ROUNDS, "a whole number")] = 1
+
+
+@dataclass(frozen=True, eq=False)
+class RunSequence:
+    """Request to run a pose sequence.
+
+    Parameters
+    ----------
+    plan : SequencePlan
+        Plan of the sequence.
+    targets : tuple[Target, ...]
+        Targets of the waypoints, in their order.
+    """
+
+    plan: SequencePlan
+    targets: tuple[Target, ...]
+
+
+@dataclass(frozen=True)
+class SequenceProgress:
+    """Progress of a pose sequence.
+
+    Parameters
+    ----------
+    pose : str
+        Name of the pose that the tool moves to or is at.
+    waypoint_number : int
+        Number of this waypoint, from 1.
+    waypoints : int
+        Number of waypoints.
+    round_number : int
+        Number of this round, from 1.
+    rounds : int
+        Number of rounds.
+    remaining_s : int or None
+        Remaining dwell in s, rounded up; None while the tool moves to the pose.
+    """
+
+    pose: str
+    waypoint_number: int
+    waypoints: int
+    round_number: int
+    rounds: int
+    remaining_s: int | None
+
+
+class SequenceRunner:
+    """Pose sequence in progress. It starts at the first waypoint."""
+
+    def __init__(self, request: RunSequence) -> None:
+        self._plan, self._targets = request.plan, request.targets
+        self._visit_count = 0
+        self._requested_at: int | None = None
+        self._arrived_at: int | None = None
+        self.progress: SequenceProgress | None = self._progress_at(None)
+        """Progress; None after the end."""
+        self.outcome = ""
+        """Reason of the end in words; empty before it."""
+
+    @property
+    def target(self) -> Target:
+        """Target of the present waypoint."""
+        return self._targets[self._visit_count % len(self._targets)]
+
+    def update(self, tick: Tick) -> bool:
+        """Update with a tick in which all earlier requests are applied.
+
+        Returns
+        -------
+        bool
+            True if the tool must go to the next waypoint from now on.
+        """
+        now, state = tick.seen.now, tick.state
+        reason = interruption(tick, self.target)
+        if reason:
+            self.progress, self.outcome = None, f"the pose sequence has ended: {reason}"
+            return False
+        self._requested_at = now if self._requested_at is None else self._requested_at
+        is_at_pose = bool((np.abs(state.delta) < TOLERANCE).all())
+        is_current = tick.seen.exposure >= self._requested_at
+        if state.phase is not Phase.SERVO or not is_current or not is_at_pose:
+            self._arrived_at = None
+        elif self._arrived_at is None:
+            self._arrived_at = now
+        arrived_at = self._arrived_at
+        remaining_s = None if arrived_at is None else self._remaining_dwell(now - arrived_at)
+        if remaining_s == 0:
+            return self._advance()
+        self.progress = self._progress_at(remaining_s)
+        return False
+
+    def _remaining_dwell(self, elapsed_ns: int) -> int:
+        waypoint = self._plan.waypoints[self._visit_count % len(self._targets)]
+        return ceil(max(0.0, waypoint.dwell - elapsed_ns * 1e-9))
+
+    def _progress_at(self, remaining_s: int | None) -> SequenceProgress:
+        count, rounds = len(self._targets), self._plan.rounds
+        completed, index = divmod(self._visit_count, count)
+        return SequenceProgress(
+            self._plan.waypoints[index].pose, index + 1, count, completed + 1, rounds, remaining_s
+        )
+
+    def _advance(self) -> bool:
+        """Advance to the next waypoint, or end the sequence."""
+        self._visit_count, self._requested_at, self._arrived_at = self._visit_count + 1, None, None
+        if self._visit_count < self._plan.rounds * len(self._targets):
+            self.progress = self._progress_at(None)
+            return True
+        self.progress, self.outcome = None, "the pose sequence is complete"
+        return False
+
+
+def interruption(tick: Tick, target: Target) -> str:
+    """Return the reason that ends a sequence on the way to a target, or ""."""
+    state = tick.state
+    if state.phase not in AUTONOMOUS_PHASES:
+        cause = state.mode.cause.value
+        return f"{state.phase.value}: {cause}" if cause else state.phase.value
+    if state.target is None or not same(state.target, target):
+        return "the tool has another target"
+    return ""

@@ -1,0 +1,105 @@
+"""Questions at the page: only an answer to the displayed question counts, after a time to read it.
+
+Joints must be within the limits and confirmed.
+"""
+
+from multiprocessing import get_context
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from conftest import laboratory
+from rcmservo.cli.lab.hardware_prompts import define
+from rcmservo.config.rig_file import Lab
+from rcmservo.errors import Stopped
+from rcmservo.interfaces import Measured
+from rcmservo.page.channels import Desk
+from rcmservo.page.messages import Enable, Note, Reply, Standby
+from rcmservo.page.prompts import MIN_READING_TIME_NS, PagePerson
+
+
+class Page:
+    """Simulated operator who answers each question after some polls, with a plant and its clock."""
+
+    def __init__(self, *answers: tuple[int, Any]) -> None:
+        self.channels, self.answers, self.polls, self.now = (
+            Desk(get_context("spawn")),
+            list(answers),
+            0,
+            0,
+        )
+        self.prompts: list[Standby] = []
+        self.notes: list[str] = []
+        self.defined: Any = None
+        clock: Any = SimpleNamespace(now=lambda: self.now, wait_until=self._wait)
+        self.plant: Any = SimpleNamespace(clock=clock, told_to_end=self._poll, arm=self)
+
+    def _wait(self, time: int) -> None:
+        self.now = max(self.now, time)
+
+    def _poll(self) -> bool:
+        for one in self.channels.said.heard():
+            if isinstance(one, Standby):
+                self.prompts.append(one)
+                self.polls = 0
+            if isinstance(one, Note):
+                self.notes.append(one.words)
+        self.polls += 1
+        if self.answers and self.polls == self.answers[0][0]:
+            answer = self.answers.pop(0)[1]
+            if isinstance(answer, str):
+                answer = Reply(self.prompts[-1].question, answer)
+            assert self.channels.wants.put(answer)
+        return self.polls > 500
+
+    def define(self, q: Any) -> None:
+        self.defined = q
+
+    def measure(self) -> Measured:
+        return Measured(0, self.defined, False)
+
+
+READ_AFTER_POLLS = MIN_READING_TIME_NS // 20_000_000 + 2
+"""Number of polls after which an answer counts."""
+
+
+def test_typed_joints_are_within_limits_and_confirmed_before_the_arm_gets_them() -> None:
+    start = laboratory().rig.scene.start
+    typed = " ".join(f"{value:.4f}" for value in start)
+    page = Page(
+        (READ_AFTER_POLLS, "here"),
+        (READ_AFTER_POLLS, "9 0 100"),
+        (READ_AFTER_POLLS, typed),
+        (READ_AFTER_POLLS, "no"),
+        (READ_AFTER_POLLS, typed),
+        (READ_AFTER_POLLS, ""),
+    )
+    define(PagePerson(page.channels, page.plant), page.plant, Lab())
+    assert np.allclose(page.defined, start, atol=1e-4)
+    words = [one.words for one in page.prompts]
+    assert "Bring the arm by hand to a mark" in words[0]
+    assert "three numbers (rad, rad, mm)" in words[1] and "within theta" in words[2]
+    assert [one.question[:10] for one in page.prompts] == ["The joints"] * 3 + [
+        "The arm st",
+        "The joints",
+        "The arm st",
+    ]
+
+
+@pytest.mark.parametrize(
+    "answer",
+    [
+        (1, "0 0 100"),
+        (READ_AFTER_POLLS, Reply("Another?", "0 0 100")),
+        (READ_AFTER_POLLS, Enable()),
+    ],
+)
+def test_a_premature_answer_or_one_to_another_question_is_ignored(answer: Any) -> None:
+    page = Page(answer)
+    with pytest.raises(Stopped):
+        PagePerson(page.channels, page.plant).ask("Joints?")
+    assert page.notes == (
+        ["the drive is off: answer the question first"] if answer[1] == Enable() else []
+    )
