@@ -1,6 +1,6 @@
-"""A simulated laboratory whose rig file is wrong, and a person beside it who sees what is true.
+"""Simulated laboratory with one error in its rig file, and an operator who observes the motion.
 
-benchmarks/rig_check.py checks many; tests ask a part.
+benchmarks/rig_check.py checks all of `MISTAKES`, tests/bringup some of them.
 """
 
 from collections.abc import Callable
@@ -22,40 +22,52 @@ from rcmservo.sim import Rig, RigSettings
 from rcmservo.tracking import PointMarkers
 
 COUNTS = 50000.0, 50000.0, 500.0
-"""True ones, of a rad, rad and mm."""
+"""True encoder counts per rad, rad and mm."""
 AXES = "ABC"
-"""The letters of the true joints' motors."""
+"""Letters of the axes that drive joints 1 to 3."""
 
 
 @dataclass(frozen=True)
 class Mistake:
-    """What is wrong, in the rig file or before the camera."""
+    """An error of the rig file or the camera, or none.
+
+    Parameters
+    ----------
+    where : str
+        Setting that the check must find; empty if nothing is wrong.
+    factors : tuple[float, float, float]
+        Factors on the counts in the file.
+    axes : str
+        Letters of the axes in the file.
+    mirrored : bool
+        True if the image is mirrored.
+    zero : float
+        Error (mm) of the zero of the insertion in the file, positive if too large.
+    spacing : float
+        Factor on the distance between the markers in the file.
+    counts : tuple[float, float, float]
+        True counts per rad, rad and mm.
+    also : str
+        Second setting that the check must find; empty if there is none.
+    """
 
     where: str = ""
-    """The setting that is to be named; empty where nothing is wrong."""
     factors: tuple[float, float, float] = (1.0, 1.0, 1.0)
-    """Of the counts."""
     axes: str = AXES
-    """The letters in the file."""
     mirrored: bool = False
-    """Whether the picture is mirrored."""
     zero: float = 0.0
-    """mm by which the file's insertion zero is too large."""
     spacing: float = 1.0
-    """Factor of the markers' distance in the file."""
     counts: tuple[float, float, float] = COUNTS
-    """True ones."""
     also: str = ""
-    """Another setting that is to be named."""
 
     def named(self, report: CheckReport) -> bool:
-        """Whether a check that came to its end names this, and nothing else."""
-        wrong = {self.where, self.also} - {""}
-        return report.done and {one.where for one in report.findings} == wrong
+        """Return whether a complete check found exactly this mistake."""
+        expected = {self.where, self.also} - {""}
+        return report.done and {one.where for one in report.findings} == expected
 
 
 class MiswiredArm:
-    """A simulated arm on encoders and motors that a rig file describes."""
+    """Simulated arm behind encoders and motors that a rig file describes, perhaps wrongly."""
 
     def __init__(self, rig: Rig, mistake: Mistake) -> None:
         self.rig, self.why_off = rig, ""
@@ -90,9 +102,9 @@ class MiswiredArm:
         self.rig.arm.enable()
 
     def measure(self) -> Measured:
-        told = self.rig.arm.measure()
+        now = self.rig.arm.measure()
         moved = np.round((self.q_true - self.mark) * self.true)
-        return Measured(told.time, self.mark + moved[self.axes] / self.counts, told.enabled)
+        return Measured(now.time, self.mark + moved[self.axes] / self.counts, now.enabled)
 
     def apply(self, command: Command) -> Floats:
         self.commands.append(command)
@@ -104,23 +116,23 @@ class MiswiredArm:
         return taken[self.axes] * self.true[self.axes] / self.counts
 
 
-class LabEye:
-    """A simulated camera as a laboratory has it."""
+class SimulatedLabCamera:
+    """Simulated camera with the interface of a laboratory's camera, mirrored on request."""
 
     def __init__(self, rig: Rig, mirrored: bool, change: Callable[[Frame], Frame | None]) -> None:
         self.rig, self.mirrored, self.change = rig, mirrored, change
-        self._seen: Frame | None = None
-        self._given: Frame | None = None
+        self._newest: Frame | None = None
+        self._delivered: Frame | None = None
 
     def latest(self) -> Frame | None:
         frame = self.rig.camera.latest()
-        if frame is not self._seen and frame is not None:
-            self._seen = frame
+        if frame is not self._newest and frame is not None:
+            self._newest = frame
             if self.mirrored:
                 assert frame.points is not None
                 frame = replace(frame, points=frame.points * [-1.0, 1.0] + [639.0, 0.0])
-            self._given = self.change(frame) or self._given
-        return self._given
+            self._delivered = self.change(frame) or self._delivered
+        return self._delivered
 
     def account(self) -> CameraAccount:
         return CameraAccount()
@@ -130,19 +142,28 @@ class LabEye:
 
 
 @dataclass
-class Onlooker:
-    """A person who says yes, and tells what the tool did truly."""
+class SimulatedOperator:
+    """Operator who agrees to each motion and reports the true motion of the tool.
+
+    Parameters
+    ----------
+    arm : MiswiredArm
+        Arm that the operator watches.
+    spacing : float
+        Distance (mm) between the markers, by the ruler.
+    instead : Callable[[str], str | None]
+        Function that returns a different answer to a question, or None for the true one.
+    asked : list[str]
+        All questions.
+    told : list[str]
+        All messages.
+    """
 
     arm: MiswiredArm
-    """Which the person watches."""
     spacing: float
-    """mm between the markers, by the ruler."""
     instead: Callable[[str], str | None] = lambda question: None
-    """What is answered to a question otherwise, if anything."""
     asked: list[str] = field(default_factory=list)
-    """All questions."""
     told: list[str] = field(default_factory=list)
-    """All that was said."""
 
     def tell(self, words: str) -> None:
         self.told.append(words)
@@ -154,33 +175,33 @@ class Onlooker:
         other = self.instead(question)
         if other is not None:
             if other == "stop":
-                raise Stopped("ended by the person")
+                raise Stopped("ended by the operator")
             return other
-        looks = {
-            "which way": self._seen,
-            "how many mm": lambda: f"{self._went():.1f}",
+        answers = {
+            "in which direction": self._direction,
+            "how many mm": lambda: f"{self._travel():.1f}",
             "how far apart": lambda: f"{self.spacing:.1f}",
-            "how far is the middle": lambda: f"{self._deep():.0f}",
+            "how far is the middle": lambda: f"{self._depth():.0f}",
             "May the drive": lambda: "enable",
             "Move joint": lambda: "yes",
         }
-        return next(look for words, look in looks.items() if words in question)()
+        return next(answer for words, answer in answers.items() if words in question)()
 
     def _robot(self) -> Robot:
         settings = self.arm.rig.settings
         return Robot(settings.mechanism, settings.tool, Wiring(COUNTS))
 
-    def _deep(self) -> float:
-        """Mm from the RCM to marker 1."""
+    def _depth(self) -> float:
+        """Return the distance (mm) from the RCM to marker 1."""
         return float(np.linalg.norm(self._robot().first_marker(self.arm.q_true)))
 
-    def _went(self) -> float:
-        """Mm that marker 2 went away from where it was, by a ruler of half millimetres."""
+    def _travel(self) -> float:
+        """Return the travel (mm) of marker 2, by a ruler with half millimetres."""
         second = np.array([self.arm.rig.body.points(q)[1] for q in self.arm.past])
         return round(2.0 * np.linalg.norm(second - second[0], axis=1).max()) / 2.0
 
-    def _seen(self) -> str:
-        """What the tool did when it went away from where it was."""
+    def _direction(self) -> str:
+        """Return the word for the direction in which the tool moved."""
         robot = self._robot()
         mechanism = robot.mechanism
         moved = np.array(self.arm.past) - self.arm.past[0]
@@ -193,7 +214,7 @@ class Onlooker:
 
 
 class WrongLab:
-    """All of it."""
+    """Simulated laboratory with a mistake: arm, camera, operator and `rig check`."""
 
     def __init__(
         self,
@@ -212,12 +233,12 @@ class WrongLab:
         if signs_only:
             wiring = Wiring(mistake.factors, "signs")
         self.robot = Robot(file, RigidTool(spacing=30.0 * mistake.spacing), wiring)
-        self.person = Onlooker(self.arm, 30.0)
+        self.person = SimulatedOperator(self.arm, 30.0)
         self.gate = Gate()
-        eye = LabEye(self.rig, mistake.mirrored, change)
+        camera = SimulatedLabCamera(self.rig, mistake.mirrored, change)
         clock, tracker = self.rig.clock, PointMarkers()
-        gate, told = self.gate, lambda: eye.account().trouble
-        self.mover = Mover(self.arm, eye, tracker, clock, self.robot, gate, 0.05, told)
+        gate, trouble = self.gate, lambda: camera.account().trouble
+        self.mover = Mover(self.arm, camera, tracker, clock, self.robot, gate, 0.05, trouble)
         self.latency: float | None = 0.022
         self.thresholds = Thresholds()
 

@@ -9,15 +9,21 @@ from rcmservo.live.device_protocols import OperatorTerminal
 Answer = TypeVar("Answer")
 
 MAX_ATTEMPTS = 5
-"""Invalid answers to a question before the check ends."""
+"""Number of times that a question is repeated before the check ends."""
 UNKNOWN = "unknown"
 """Answer of an operator who cannot measure a length."""
 MAX_LENGTH_MM = 2000.0
-"""Longest length that a ruler measures."""
+"""Largest length that is accepted as an answer."""
 
 
 def ask_choice(person: OperatorTerminal, question: str, words: Sequence[str]) -> str:
-    """Return the one of these words that the operator answers."""
+    """Return the operator's answer, one of `words`.
+
+    Raises
+    ------
+    Stopped
+        After `MAX_ATTEMPTS` invalid answers.
+    """
     choice = " / ".join(words)
 
     def parse(answer: str) -> str | None:
@@ -27,13 +33,19 @@ def ask_choice(person: OperatorTerminal, question: str, words: Sequence[str]) ->
 
 
 def require_yes(person: OperatorTerminal, question: str) -> None:
-    """Raise `Stopped` unless the operator says yes."""
+    """Raise `Stopped` unless the operator answers yes."""
     if ask_choice(person, question, ("yes", "no")) == "no":
         raise Stopped(f"the answer was no to: {question}")
 
 
 def ask_length(person: OperatorTerminal, question: str) -> float | None:
-    """Return the mm that a ruler measures; None if the operator cannot tell."""
+    """Return a length in mm; None if the operator cannot measure it.
+
+    Raises
+    ------
+    Stopped
+        After `MAX_ATTEMPTS` invalid answers.
+    """
 
     def parse(answer: str) -> tuple[float | None] | None:
         if answer.lower() == UNKNOWN:
