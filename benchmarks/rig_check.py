@@ -13,8 +13,8 @@ import time
 from rich.console import Console
 from rich.progress import track
 from rich.table import Table
-from rig_check_emulated import WrongEmulatedLab
-from rig_check_lab import MISTAKES, WrongLab
+from rig_check_emulated import FaultyEmulatedLab
+from rig_check_lab import MISTAKES, FaultyLab
 
 MAX_TRAVEL_MM = 2.0
 """Largest travel of marker 2 in a check."""
@@ -37,17 +37,17 @@ def main() -> int:
     for name, seed in track(cases, "checking", console=out):
         mistake = MISTAKES[name]
         lab = (
-            WrongEmulatedLab(mistake, seed, chosen.camera)
+            FaultyEmulatedLab(mistake, seed, chosen.camera)
             if chosen.camera
-            else WrongLab(mistake, seed)
+            else FaultyLab(mistake, seed)
         )
         report = lab.check()
-        success = mistake.named(report) and lab.arm.farthest < MAX_TRAVEL_MM
+        success = mistake.is_found(report) and lab.arm.max_travel < MAX_TRAVEL_MM
         named[name] += success
-        farthest[name] = max(farthest[name], lab.arm.farthest)
-        asked[name] = max(asked[name], len(lab.person.asked))
+        farthest[name] = max(farthest[name], lab.arm.max_travel)
+        asked[name] = max(asked[name], len(lab.operator.questions))
         if not success:
-            out.print(f"{name}, seed {seed}: {report.findings}, {lab.arm.farthest:.2f} mm")
+            out.print(f"{name}, seed {seed}: {report.findings}, {lab.arm.max_travel:.2f} mm")
     table = Table("mistake", "found", "largest travel of marker 2", "most questions")
     for name in MISTAKES:
         travel = f"{farthest[name]:.2f} mm"

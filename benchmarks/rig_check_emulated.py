@@ -61,8 +61,8 @@ class ObservedTool:
     """True motion of the tool, polled from the encoders in a thread."""
 
     def __init__(self, rig: Rig) -> None:
-        self.rig, self.past = rig, list[Floats]()
-        self.farthest = 0.0
+        self.rig, self.history = rig, list[Floats]()
+        self.max_travel = 0.0
         """Largest travel (mm) of marker 2."""
         self.q_true = rig.scene.start
         self._over = threading.Event()
@@ -84,19 +84,19 @@ class ObservedTool:
         home = self.rig.body.points(start)[1]
         while not self._over.wait(POLL_PERIOD_S):
             self.q_true = q = start + (host.places() - zero) / COUNTS
-            self.past.append(q)
+            self.history.append(q)
             travel = float(np.linalg.norm(self.rig.body.points(q)[1] - home))
-            self.farthest = max(self.farthest, travel)
+            self.max_travel = max(self.max_travel, travel)
 
 
-class WrongEmulatedLab:
+class FaultyEmulatedLab:
     """Emulated laboratory with a mistake in its rig file or its camera."""
 
     def __init__(self, mistake: Mistake, seed: int, camera: str) -> None:
         self._mistake, self._seed, self._camera = mistake, seed, camera
         self.rig = Rig(seed, pictures=False)
         self.arm = ObservedTool(self.rig)
-        self.person = SimulatedOperator(self.arm, self.rig.settings.tool.spacing)
+        self.operator = SimulatedOperator(self.arm, self.rig.settings.tool.spacing)
 
     def check(self) -> CheckReport:
         """Run the check once."""
@@ -120,7 +120,7 @@ class WrongEmulatedLab:
             stack.enter_context(self.arm.polling(emulated.port))
             latency = float(lab.devices["camera"]["latency"])
             with realtime():
-                return check(mover, self.person, robot, lab.thresholds, latency)
+                return check(mover, self.operator, robot, lab.thresholds, latency)
 
     def _file(self, lab: Lab) -> Lab:
         """Return the rig file with the mistake in it."""

@@ -60,7 +60,7 @@ class Mistake:
     counts: tuple[float, float, float] = COUNTS
     also: str = ""
 
-    def named(self, report: CheckReport) -> bool:
+    def is_found(self, report: CheckReport) -> bool:
         """Return whether a complete check found exactly this mistake."""
         expected = {self.where, self.also} - {""}
         return report.done and {one.where for one in report.findings} == expected
@@ -76,7 +76,7 @@ class MiswiredArm:
         self.axes = [AXES.index(letter) for letter in mistake.axes]
         self.mark = rig.truth.arm.q_true.copy()
         self.start = self._second()
-        self.farthest, self.past, self.known = 0.0, [], True
+        self.max_travel, self.history, self.known = 0.0, [], True
         self.commands: list[Command] = []
         self.enabled = 0
         self.closed = False
@@ -108,8 +108,8 @@ class MiswiredArm:
 
     def apply(self, command: Command) -> Floats:
         self.commands.append(command)
-        self.past.append(self.q_true.copy())
-        self.farthest = max(self.farthest, float(np.linalg.norm(self._second() - self.start)))
+        self.history.append(self.q_true.copy())
+        self.max_travel = max(self.max_travel, float(np.linalg.norm(self._second() - self.start)))
         rates = np.zeros(3)
         rates[self.axes] = command.rates * self.counts / self.true[self.axes]
         taken = self.rig.arm.apply(replace(command, rates=rates))
@@ -161,18 +161,18 @@ class SimulatedOperator:
 
     arm: MiswiredArm
     spacing: float
-    instead: Callable[[str], str | None] = lambda question: None
-    asked: list[str] = field(default_factory=list)
-    told: list[str] = field(default_factory=list)
+    override: Callable[[str], str | None] = lambda question: None
+    questions: list[str] = field(default_factory=list)
+    messages: list[str] = field(default_factory=list)
 
     def tell(self, words: str) -> None:
-        self.told.append(words)
+        self.messages.append(words)
         if words.startswith("Watch"):
-            self.arm.past.clear()
+            self.arm.history.clear()
 
     def ask(self, question: str) -> str:
-        self.asked.append(question)
-        other = self.instead(question)
+        self.questions.append(question)
+        other = self.override(question)
         if other is not None:
             if other == "stop":
                 raise Stopped("ended by the operator")
@@ -197,15 +197,15 @@ class SimulatedOperator:
 
     def _travel(self) -> float:
         """Return the travel (mm) of marker 2, by a ruler with half millimetres."""
-        second = np.array([self.arm.rig.body.points(q)[1] for q in self.arm.past])
+        second = np.array([self.arm.rig.body.points(q)[1] for q in self.arm.history])
         return round(2.0 * np.linalg.norm(second - second[0], axis=1).max()) / 2.0
 
     def _direction(self) -> str:
         """Return the word for the direction in which the tool moved."""
         robot = self._robot()
         mechanism = robot.mechanism
-        moved = np.array(self.arm.past) - self.arm.past[0]
-        mm = moved / robot.joint_per_mm(self.arm.past[0])
+        moved = np.array(self.arm.history) - self.arm.history[0]
+        mm = moved / robot.joint_per_mm(self.arm.history[0])
         row, joint = np.unravel_index(np.argmax(np.abs(mm)), mm.shape)
         spherical = mechanism.name == "spherical"
         up = ("away", "clockwise", "in") if spherical else ("right", "down", "in")
@@ -213,7 +213,7 @@ class SimulatedOperator:
         return (up if mm[row, joint] > 0.0 else down)[joint]
 
 
-class WrongLab:
+class FaultyLab:
     """Simulated laboratory with a mistake: arm, camera, operator and `rig check`."""
 
     def __init__(
@@ -233,7 +233,7 @@ class WrongLab:
         if signs_only:
             wiring = Wiring(mistake.factors, "signs")
         self.robot = Robot(file, RigidTool(spacing=30.0 * mistake.spacing), wiring)
-        self.person = SimulatedOperator(self.arm, 30.0)
+        self.operator = SimulatedOperator(self.arm, 30.0)
         self.gate = Gate()
         camera = SimulatedLabCamera(self.rig, mistake.mirrored, change)
         clock, tracker = self.rig.clock, PointMarkers()
@@ -243,7 +243,7 @@ class WrongLab:
         self.thresholds = Thresholds()
 
     def check(self) -> CheckReport:
-        return check(self.mover, self.person, self.robot, self.thresholds, self.latency)
+        return check(self.mover, self.operator, self.robot, self.thresholds, self.latency)
 
 
 MISTAKES = {

@@ -6,7 +6,7 @@ from dataclasses import MISSING, fields
 from pathlib import Path
 
 import pytest
-from rig_check_lab import Mistake, WrongLab
+from rig_check_lab import FaultyLab, Mistake
 
 from bring_up_page import PAGE, answer_to
 from conftest import ROOT
@@ -97,11 +97,11 @@ def test_the_check_passes_with_the_answers_of_the_page() -> None:
     """Simulated time; tests/live runs the command itself."""
     with EmulatedArm(SEED, Lab()) as arm:
         printed = arm.measurements
-    lab = WrongLab(Mistake(), SEED, Lab().mechanism)
-    lab.person.instead = lambda asked: answer_to(asked, printed)
+    lab = FaultyLab(Mistake(), SEED, Lab().mechanism)
+    lab.operator.override = lambda asked: answer_to(asked, printed)
     report = lab.check()
     assert report.ok, report.findings
-    assert any("in which direction" in asked for asked in lab.person.asked)
+    assert any("in which direction" in asked for asked in lab.operator.questions)
 
 
 @pytest.mark.slow
@@ -110,8 +110,8 @@ def test_the_page_answers_every_question_of_the_check(seed: int) -> None:
     """A wrong spacing triggers questions that the page's own laboratory does not."""
     with EmulatedArm(seed, Lab()) as arm:
         printed = arm.measurements
-    lab = WrongLab(Mistake(spacing=1.25), seed, Lab().mechanism)
-    lab.person.instead = lambda asked: answer_to(asked, printed)
+    lab = FaultyLab(Mistake(spacing=1.25), seed, Lab().mechanism)
+    lab.operator.override = lambda asked: answer_to(asked, printed)
     report = lab.check()
-    assert any("how far apart" in asked for asked in lab.person.asked)
+    assert any("how far apart" in asked for asked in lab.operator.questions)
     assert [one.where for one in report.findings] == ["tool.spacing"]

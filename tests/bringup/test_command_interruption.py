@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from rig_check_lab import Mistake, MiswiredArm, WrongLab
+from rig_check_lab import FaultyLab, Mistake, MiswiredArm
 
 from rcmservo.bringup.check import CheckReport
 from rcmservo.interfaces import Command, Floats, Measured
@@ -46,8 +46,8 @@ class RateControlledArm(MiswiredArm):
         return measured
 
 
-def checked(continues: bool) -> tuple[WrongLab, CheckReport]:
-    lab = WrongLab(Mistake(), seed=1)
+def checked(continues: bool) -> tuple[FaultyLab, CheckReport]:
+    lab = FaultyLab(Mistake(), seed=1)
     lab.arm.__class__ = RateControlledArm
     assert isinstance(lab.arm, RateControlledArm)
     lab.arm.continues = continues
@@ -58,14 +58,18 @@ def checked(continues: bool) -> tuple[WrongLab, CheckReport]:
 def test_an_arm_that_stops_passes_and_is_tested_in_one_of_its_first_small_motions() -> None:
     lab, report = checked(continues=False)
     assert report.ok
-    (test,) = [k for k, asked in enumerate(lab.person.asked) if "interrupt the commands" in asked]
+    (test,) = [
+        k for k, asked in enumerate(lab.operator.questions) if "interrupt the commands" in asked
+    ]
     assert test < FIRST_QUESTIONS
-    motions = [asked.split(",")[0] for asked in lab.person.asked if asked.startswith("Move joint")]
+    motions = [
+        asked.split(",")[0] for asked in lab.operator.questions if asked.startswith("Move joint")
+    ]
     assert motions[test - 1].removesuffix(" in either direction") in " ".join(motions[: test - 1])
 
 
 def test_an_arm_that_stops_answering_does_not_count_as_at_rest() -> None:
-    lab = WrongLab(Mistake(), seed=1)
+    lab = FaultyLab(Mistake(), seed=1)
     lab.arm.__class__ = RateControlledArm
     assert isinstance(lab.arm, RateControlledArm)
     lab.arm.freezes = lab.arm.continues = True
@@ -78,24 +82,26 @@ def test_an_arm_that_keeps_moving_is_reported_and_stopped_at_once() -> None:
     lab, report = checked(continues=True)
     assert [finding.line for finding in report.findings] == ["jv = false"]
     assert not report.ok and not lab.arm.measure().enabled
-    assert lab.arm.farthest < 0.5
-    assert "interrupt the commands" in lab.person.asked[-1]
+    assert lab.arm.max_travel < 0.5
+    assert "interrupt the commands" in lab.operator.questions[-1]
 
 
 def test_a_position_controlled_arm_is_not_tested() -> None:
-    lab = WrongLab(Mistake(), seed=1)
+    lab = FaultyLab(Mistake(), seed=1)
     lab.arm.__class__ = RateControlledArm
     lab.arm.by_speeds = False
-    lab.person.instead = lambda _: "no" if len(lab.person.asked) > FIRST_QUESTIONS else None
+    lab.operator.override = lambda _: (
+        "no" if len(lab.operator.questions) > FIRST_QUESTIONS else None
+    )
     lab.check()
-    assert len(lab.person.asked) > FIRST_QUESTIONS
-    assert not any("interrupt the commands" in question for question in lab.person.asked)
+    assert len(lab.operator.questions) > FIRST_QUESTIONS
+    assert not any("interrupt the commands" in question for question in lab.operator.questions)
 
 
 def test_the_operator_may_refuse_the_test() -> None:
-    lab = WrongLab(Mistake(), seed=1)
+    lab = FaultyLab(Mistake(), seed=1)
     lab.arm.__class__ = RateControlledArm
-    lab.person.instead = lambda question: "no" if "interrupt the commands" in question else None
+    lab.operator.override = lambda question: "no" if "interrupt the commands" in question else None
     report = lab.check()
     assert [finding.where for finding in report.findings] == ["operator"]
     assert not lab.arm.silent
@@ -106,9 +112,9 @@ def test_the_operator_may_refuse_the_test() -> None:
 def test_an_arm_without_counts_is_checked_for_its_signs(
     signs: tuple[float, float, float],
 ) -> None:
-    lab = WrongLab(Mistake(factors=signs), seed=1, signs_only=True)
+    lab = FaultyLab(Mistake(factors=signs), seed=1, signs_only=True)
     report = lab.check()
-    assert lab.arm.farthest < 2.0
+    assert lab.arm.max_travel < 2.0
     found = [finding for finding in report.findings if finding.where.startswith("arm")]
     assert report.done and (not found) == (signs[0] > 0.0)
     if found:

@@ -24,14 +24,14 @@ from rcmservo.sim import Rig
 ROBOT = Robot(SphericalRcm(), RigidTool(spacing=30.0), Wiring((5e4, 5e4, 500.0), axes="ABC"))
 
 
-class Mute:
+class PreparedOperator:
     """Operator with prepared answers."""
 
     def __init__(self, *answers: str) -> None:
-        self.answers, self.told = list(answers), []
+        self.answers, self.messages = list(answers), []
 
     def tell(self, words: str) -> None:
-        self.told.append(words)
+        self.messages.append(words)
 
     def ask(self, question: str) -> str:
         return self.answers.pop(0)
@@ -96,23 +96,23 @@ def test_each_equivalent_hypothesis_reports_the_uncertainty_of_its_own_number() 
 
 def decided_by(
     *answers: str, among: list[Hypothesis], mm: float = 1.0
-) -> tuple[list[Hypothesis], Mute]:
+) -> tuple[list[Hypothesis], PreparedOperator]:
     """Return the hypotheses that remain after the operator's answers, and the operator.
 
     The operator answers questions about directions truthfully and other questions with `answers`.
     Motions that the operator watches move marker 2 by `mm`.
     """
-    person = Mute(*answers)
+    operator = PreparedOperator(*answers)
     start = np.array([0.3, 0.2, 100.0])
 
     def show(joint: int) -> None:
-        if person.told[-1].startswith("Watch the tool"):
-            person.answers.insert(0, ["away", "clockwise", "in"][joint])
+        if operator.messages[-1].startswith("Watch the tool"):
+            operator.answers.insert(0, ["away", "clockwise", "in"][joint])
 
     def motion(joint: int) -> float:
         return mm * ROBOT.joint_per_mm(start)[joint]
 
-    return ask_operator(among, ROBOT, start, person, show, motion), person
+    return ask_operator(among, ROBOT, start, operator, show, motion), operator
 
 
 APART = Hypothesis(number=SPACING, size=float(np.log(1.25)), deviation=0.01)
@@ -120,9 +120,9 @@ LONGER = Hypothesis(number=2, size=-APART.size, deviation=0.01)
 
 
 def test_a_length_that_agrees_with_no_hypothesis_repeats_the_question() -> None:
-    left, person = decided_by("33.5", "37.0", among=[APART, LONGER])
+    left, operator = decided_by("33.5", "37.0", among=[APART, LONGER])
     assert {one.number for one in left} == {SPACING}
-    assert any("30 or 37.5" in words for words in person.told)
+    assert any("30 or 37.5" in words for words in operator.messages)
     left, _ = decided_by("30.4", among=[APART, LONGER])
     assert {one.number for one in left} == {2}
     with pytest.raises(Stopped, match="ruler"):
@@ -144,9 +144,9 @@ TENTH = Hypothesis(number=0, size=-float(np.log(10.0)))
 
 
 def test_the_travel_of_the_tool_identifies_the_angle_with_wrong_counts() -> None:
-    left, person = decided_by("0.7", "1.5", among=[INCHES, TENTH], mm=0.06)
+    left, operator = decided_by("0.7", "1.5", among=[INCHES, TENTH], mm=0.06)
     assert left == [INCHES]
-    assert any("0.3 or 1.5" in words for words in person.told)
+    assert any("0.3 or 1.5" in words for words in operator.messages)
     assert decided_by("0", among=[INCHES, TENTH], mm=0.06)[0] == [TENTH]
     with pytest.raises(Stopped, match="joint 2"):
         decided_by(*["20"] * 9, among=[INCHES, TENTH], mm=0.06)
@@ -156,21 +156,21 @@ def test_all_hypotheses_remain_if_the_operator_cannot_measure() -> None:
     left = decided_by("unknown", among=[APART, LONGER])[0]
     assert {one.number for one in left} == {SPACING, 2}
     assert decided_by("UNKNOWN", among=[INCHES, TENTH], mm=0.06)[0] == [INCHES, TENTH]
-    _, person = decided_by("2500", "nan", "37 or 38", "37.0", among=[APART, LONGER])
-    assert sum("or unknown" in words for words in person.told) == 3
+    _, operator = decided_by("2500", "nan", "37 or 38", "37.0", among=[APART, LONGER])
+    assert sum("or unknown" in words for words in operator.messages) == 3
 
 
 def test_both_hypotheses_remain_if_the_motion_is_too_small_to_observe() -> None:
-    left, person = decided_by(among=[INCHES, TENTH], mm=0.02)
+    left, operator = decided_by(among=[INCHES, TENTH], mm=0.02)
     assert left == [INCHES, TENTH]
-    assert not any("marker 2" in words for words in person.told)
+    assert not any("marker 2" in words for words in operator.messages)
 
 
 def test_a_question_repeats_until_the_answer_is_valid() -> None:
-    person = Mute("", "ja", "YES")
-    assert ask_choice(person, "Well?", ("yes", "no")) == "yes"
-    assert len(person.told) == 2
+    operator = PreparedOperator("", "ja", "YES")
+    assert ask_choice(operator, "Well?", ("yes", "no")) == "yes"
+    assert len(operator.messages) == 2
     with pytest.raises(Stopped, match="no valid answer"):
-        require_yes(Mute(*["perhaps"] * 9), "Well?")
+        require_yes(PreparedOperator(*["perhaps"] * 9), "Well?")
     with pytest.raises(Stopped, match="the answer was no"):
-        require_yes(Mute("no"), "Well?")
+        require_yes(PreparedOperator("no"), "Well?")

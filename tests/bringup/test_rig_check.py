@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from rig_check_lab import COUNTS, MISTAKES, Mistake, WrongLab
+from rig_check_lab import COUNTS, MISTAKES, FaultyLab, Mistake
 
 from conftest import first_quick
 from rcmservo.bringup.check import CheckReport
@@ -27,9 +27,9 @@ MAX_TRAVEL_MM = 2.0
 
 
 @cache
-def sound(seed: int) -> tuple[WrongLab, CheckReport]:
+def sound(seed: int) -> tuple[FaultyLab, CheckReport]:
     """Return a laboratory without a mistake, and the report of its check."""
-    lab = WrongLab(Mistake(), seed)
+    lab = FaultyLab(Mistake(), seed)
     return lab, lab.check()
 
 
@@ -37,7 +37,7 @@ def settings_of(report: CheckReport) -> list[str]:
     return [finding.where for finding in report.findings]
 
 
-def assert_slow_and_off(lab: WrongLab) -> None:
+def assert_slow_and_off(lab: FaultyLab) -> None:
     """Assert that no command exceeded the speed of the check and that the drive is off."""
     assert lab.arm.commands[-1].enabled is False
     assert not lab.arm.measure().enabled
@@ -51,11 +51,11 @@ def test_a_mistake_is_found_with_its_line_before_the_tool_travels_2_mm(
 ) -> None:
     name, seed = case
     mistake = MISTAKES[name]
-    lab = WrongLab(mistake, seed)
+    lab = FaultyLab(mistake, seed)
     report = lab.check()
-    assert lab.arm.farthest < MAX_TRAVEL_MM
+    assert lab.arm.max_travel < MAX_TRAVEL_MM
     assert_slow_and_off(lab)
-    assert mistake.named(report), report.findings
+    assert mistake.is_found(report), report.findings
     assert report.ok == (not mistake.where)
     line = line_of(mistake)
     assert not line or line in [finding.line for finding in report.findings]
@@ -65,9 +65,9 @@ def test_a_mistake_is_found_with_its_line_before_the_tool_travels_2_mm(
 @pytest.mark.parametrize("seed", [0, 1])
 def test_a_first_motion_much_larger_than_predicted_returns_at_once(seed: int) -> None:
     coarse = (50000.0, 50000.0, 20.0)
-    lab = WrongLab(Mistake("arm.counts[2]", (1.0, 1.0, 1000.0), counts=coarse), seed)
+    lab = FaultyLab(Mistake("arm.counts[2]", (1.0, 1.0, 1000.0), counts=coarse), seed)
     report = lab.check()
-    assert lab.arm.farthest < MAX_TRAVEL_MM
+    assert lab.arm.max_travel < MAX_TRAVEL_MM
     assert "counts = [50000.0, 50000.0, 20.0]" in [finding.line for finding in report.findings]
     assert_slow_and_off(lab)
 
@@ -76,22 +76,22 @@ def test_a_first_motion_much_larger_than_predicted_returns_at_once(seed: int) ->
 def test_an_arm_with_usual_encoders_needs_at_most_20_motions() -> None:
     lab, report = sound(1)
     assert report.ok
-    assert len([asked for asked in lab.person.asked if asked.startswith("Move")]) <= 20
+    assert len([asked for asked in lab.operator.questions if asked.startswith("Move")]) <= 20
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("by", [8.0, -8.0])
 def test_an_error_of_the_zero_above_the_documented_limit_is_found(by: float) -> None:
     mistake = Mistake("mechanism.insertion_zero", zero=by)
-    lab = WrongLab(mistake, seed=2)
-    assert mistake.named(lab.check())
-    assert lab.arm.farthest < MAX_TRAVEL_MM
+    lab = FaultyLab(mistake, seed=2)
+    assert mistake.is_found(lab.check())
+    assert lab.arm.max_travel < MAX_TRAVEL_MM
 
 
 @pytest.mark.slow
 def test_an_unknown_length_leaves_two_possibilities_with_all_their_findings() -> None:
-    lab = WrongLab(Mistake(factors=(-1.0, 1.0, 1.0), spacing=1.25), seed=1)
-    lab.person.instead = lambda asked: "unknown" if "how far apart" in asked else None
+    lab = FaultyLab(Mistake(factors=(-1.0, 1.0, 1.0), spacing=1.25), seed=1)
+    lab.operator.override = lambda asked: "unknown" if "how far apart" in asked else None
     report = lab.check()
     found = {(one.what.split(":")[0], one.where) for one in report.findings}
     one, other = "possibility 1 of 2", "possibility 2 of 2"
@@ -106,7 +106,7 @@ def test_settings_that_the_image_leaves_unclear_are_reported(seed: int, unclear:
     lab, report = sound(seed)
     assert report.ok
     assert [words.split()[0] for words in report.unclear] == unclear
-    advice = [words for words in lab.person.told if words.endswith("Measure it by hand.")]
+    advice = [words for words in lab.operator.messages if words.endswith("Measure it by hand.")]
     assert len(advice) == len(unclear)
 
 
@@ -118,17 +118,17 @@ def line_of(mistake: Mistake) -> str:
 
 
 def test_each_motion_needs_agreement_and_is_at_most_twice_the_last_one() -> None:
-    lab = WrongLab(Mistake(mirrored=True), seed=1)
+    lab = FaultyLab(Mistake(mirrored=True), seed=1)
     enable, agreed = lab.arm.enable, list[str]()
 
     def noted() -> None:
-        agreed.append(lab.person.asked[-1])
+        agreed.append(lab.operator.questions[-1])
         enable()
 
     lab.arm.enable = noted  # type: ignore[method-assign]
     lab.check()
-    assert any("in which direction" in asked for asked in lab.person.asked)
-    assert agreed == [asked for asked in lab.person.asked if asked.startswith("Move joint")]
+    assert any("in which direction" in asked for asked in lab.operator.questions)
+    assert agreed == [asked for asked in lab.operator.questions if asked.startswith("Move joint")]
     for joint in (1, 2, 3):
         motions = [int(words.split(" counts")[0].split()[-1]) for words in agreed]
         pairs = zip(motions, agreed, strict=True)
@@ -138,16 +138,16 @@ def test_each_motion_needs_agreement_and_is_at_most_twice_the_last_one() -> None
 
 @pytest.mark.slow
 def test_the_operator_may_refuse_a_motion_to_watch() -> None:
-    lab = WrongLab(Mistake(), seed=1)
+    lab = FaultyLab(Mistake(), seed=1)
 
     def no(asked: str) -> str | None:
-        watching = lab.person.told[-1].startswith("Watch the tool")
+        watching = lab.operator.messages[-1].startswith("Watch the tool")
         return "no" if watching and asked.startswith("Move") else None
 
-    lab.person.instead = no
+    lab.operator.override = no
     report = lab.check()
     assert settings_of(report) == ["operator"]
-    assert not any("in which direction" in asked for asked in lab.person.asked)
+    assert not any("in which direction" in asked for asked in lab.operator.questions)
 
 
 ENDS = [
@@ -164,7 +164,7 @@ ENDS = [
 )
 @pytest.mark.parametrize("answer", ["no", "stop", "what?"])
 def test_nothing_moves_after_the_operator_refuses(question: str, answer: str) -> None:
-    lab = WrongLab(Mistake(), seed=1)
+    lab = FaultyLab(Mistake(), seed=1)
     commands: list[int] = []
 
     def instead(asked: str) -> str | None:
@@ -173,7 +173,7 @@ def test_nothing_moves_after_the_operator_refuses(question: str, answer: str) ->
         commands.append(len(lab.arm.commands))
         return answer
 
-    lab.person.instead = instead
+    lab.operator.override = instead
     report = lab.check()
     assert "operator" in settings_of(report)
     assert not report.ok
@@ -184,7 +184,7 @@ def test_nothing_moves_after_the_operator_refuses(question: str, answer: str) ->
 
 @pytest.mark.parametrize("moment", [1, 60, 200])
 def test_ctrl_c_in_a_motion_switches_the_drive_off_and_ends_the_check(moment: int) -> None:
-    lab = WrongLab(Mistake(), seed=1)
+    lab = FaultyLab(Mistake(), seed=1)
     apply, before = lab.arm.apply, []
 
     def pressed(command: Any) -> Any:
@@ -200,7 +200,7 @@ def test_ctrl_c_in_a_motion_switches_the_drive_off_and_ends_the_check(moment: in
     assert not lab.arm.measure().enabled
 
 
-def failing(kind: str, lab: WrongLab, after: int) -> None:
+def failing(kind: str, lab: FaultyLab, after: int) -> None:
     """Inject a fault into the arm, from its answer number `after` with the drive on."""
     measure, answers = lab.arm.measure, [0]
     last: list[Measured] = []
@@ -235,7 +235,7 @@ def failing(kind: str, lab: WrongLab, after: int) -> None:
     ],
 )
 def test_a_fault_ends_the_check_and_the_drive_stays_off(kind: str, words: str) -> None:
-    lab = WrongLab(Mistake(), seed=1)
+    lab = FaultyLab(Mistake(), seed=1)
     failing(kind, lab, 200)
     enabled = lambda: lab.arm.enabled  # noqa: E731
     report = lab.check()
@@ -243,7 +243,7 @@ def test_a_fault_ends_the_check_and_the_drive_stays_off(kind: str, words: str) -
     assert not lab.rig.arm.measure().enabled
     assert lab.arm.commands[-1].enabled is False
     assert enabled() <= 3
-    assert lab.arm.farthest < 0.5
+    assert lab.arm.max_travel < 0.5
 
 
 UNBOUNDED = PixelBound(np.zeros((2, 2)), np.inf)
@@ -251,7 +251,7 @@ UNBOUNDED = PixelBound(np.zeros((2, 2)), np.inf)
 
 def test_a_motion_during_averaging_ends_the_check() -> None:
     """Joint 1 creeps after joint 3 has arrived."""
-    lab = WrongLab(Mistake(), seed=1)
+    lab = FaultyLab(Mistake(), seed=1)
     measure, apply, at_rest = lab.arm.measure, lab.arm.apply, [0]
 
     def counted(command: Command) -> Floats:
@@ -272,7 +272,7 @@ def test_a_motion_during_averaging_ends_the_check() -> None:
 
 
 def test_a_joint_that_friction_stops_near_its_goal_counts_as_arrived() -> None:
-    lab = WrongLab(Mistake(), seed=1)
+    lab = FaultyLab(Mistake(), seed=1)
     apply, sent = lab.arm.apply, list[Floats]()
 
     def stuck(command: Command) -> Floats:
@@ -297,23 +297,23 @@ def test_missing_markers_or_frames_end_the_check(lost: str) -> None:
             return frame
         return None if lost == "frames" else replace(frame, points=np.full((2, 2), np.nan))
 
-    lab = WrongLab(Mistake(), seed=1, change=change)
+    lab = FaultyLab(Mistake(), seed=1, change=change)
     report = lab.check()
     assert settings_of(report) == ["camera" if lost == "frames" else "markers"]
     assert not lab.arm.measure().enabled
-    assert lab.arm.farthest < 0.5
+    assert lab.arm.max_travel < 0.5
 
 
 def test_an_arm_that_is_not_homed_does_not_move() -> None:
-    lab = WrongLab(Mistake(), seed=1)
+    lab = FaultyLab(Mistake(), seed=1)
     lab.arm.known = False
     assert settings_of(lab.check()) == ["arm"]
     assert lab.arm.enabled == 0
-    assert not lab.person.asked
+    assert not lab.operator.questions
 
 
 def test_a_joint_at_its_limit_is_reported_before_any_motion() -> None:
-    lab = WrongLab(Mistake(), seed=1)
+    lab = FaultyLab(Mistake(), seed=1)
     limits = lab.robot.mechanism.limits
     q = np.array([0.0, 0.0, limits.upper[2] - 1.0])
     at_limit = lambda: lab.rig.arm.measure()._replace(q=q.copy())  # noqa: E731

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from rig_check_lab import Mistake, WrongLab
+from rig_check_lab import FaultyLab, Mistake
 
 from rcmservo.bringup.observations import MotionTrace
 from rcmservo.bringup.timing import identify_latency
@@ -18,7 +18,7 @@ from rcmservo.sim.cameras import Timing
 
 def test_the_reported_rates_are_those_of_the_devices() -> None:
     quick = RigSettings(mechanism=PitchYawRcm(), timing=Timing(frame_rate=180.0))
-    lab = WrongLab(Mistake(), seed=1, settings=quick)
+    lab = FaultyLab(Mistake(), seed=1, settings=quick)
     measure, last = lab.arm.measure, [lab.arm.measure()]
 
     def each_4_ms() -> Measured:
@@ -27,7 +27,7 @@ def test_the_reported_rates_are_those_of_the_devices() -> None:
         return last[0]
 
     lab.arm.measure = each_4_ms  # type: ignore[method-assign]
-    lab.person.instead = lambda asked: "no"
+    lab.operator.override = lambda asked: "no"
     report = lab.check()
     assert report.arm is not None and report.camera is not None
     assert abs(report.arm.rate - 250.0) < 1.0 and report.arm.jitter < 1e-4
@@ -57,7 +57,7 @@ def dated(by: float) -> Callable[[Frame], Frame]:
 
 @pytest.mark.slow
 def test_the_identified_latency_and_lag_are_the_true_ones() -> None:
-    lab = WrongLab(Mistake(), seed=1, change=dated(0.0))
+    lab = FaultyLab(Mistake(), seed=1, change=dated(0.0))
     lab.latency = None
     report = lab.check()
     assert report.latency is not None
@@ -71,7 +71,7 @@ def test_the_identified_latency_and_lag_are_the_true_ones() -> None:
 
 @pytest.mark.slow
 def test_a_missing_latency_is_reported_even_if_it_is_small() -> None:
-    lab = WrongLab(Mistake(), seed=1)
+    lab = FaultyLab(Mistake(), seed=1)
     lab.latency = None
     report = lab.check()
     assert [finding.where for finding in report.findings] == ["camera.latency"]
@@ -79,14 +79,14 @@ def test_a_missing_latency_is_reported_even_if_it_is_small() -> None:
 
 @pytest.mark.slow
 def test_correct_timestamps_need_no_latency() -> None:
-    lab = WrongLab(Mistake(), seed=1)
+    lab = FaultyLab(Mistake(), seed=1)
     lab.latency = 0.0
     assert lab.check().ok
 
 
 @pytest.mark.slow
 def test_timestamps_before_the_exposures_are_reported_without_a_line() -> None:
-    lab = WrongLab(Mistake(), seed=1, change=dated(0.042))
+    lab = FaultyLab(Mistake(), seed=1, change=dated(0.042))
     lab.latency = 0.0
     (finding,) = lab.check().findings
     assert finding.where == "camera.latency"

@@ -42,19 +42,19 @@ class Wiring:
     @property
     def steps(self) -> Floats:
         """Resolution (3,) of the joints in rad, rad, mm."""
-        return ENCODER_STEPS if self.signs_only else 1.0 / np.abs(self.counts)
+        return ENCODER_STEPS if self.has_signs_only else 1.0 / np.abs(self.counts)
 
     @property
-    def signs_only(self) -> bool:
+    def has_signs_only(self) -> bool:
         """True if the rig file sets only the direction of each joint, not its scale."""
         return self.key != "counts"
 
-    def line(self, factors: Floats) -> str:
+    def corrected_line(self, factors: Floats) -> str:
         """Return the line of the rig file that scales the counts by `factors` (3,).
 
         The line is empty if [arm] holds signs only and a factor is not 1 or -1.
         """
-        if self.signs_only and (np.abs(factors) != 1.0).any():
+        if self.has_signs_only and (np.abs(factors) != 1.0).any():
             return ""
         values = (float(f"{c * f:.6g}") for c, f in zip(self.counts, factors, strict=True))
         return f"{self.key} = [{', '.join(map(repr, values))}]"

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from rcmservo.bringup.axis_wiring import Robot
-from rcmservo.bringup.corrections import corrections, in_words, undetectable_error
+from rcmservo.bringup.corrections import corrections, describe, describe_undetectable_error
 from rcmservo.bringup.findings import CheckAborted, Finding
 from rcmservo.bringup.hypotheses import Hypothesis, equivalents
 from rcmservo.bringup.motion import REST_TIME, Mover
@@ -20,11 +20,11 @@ from rcmservo.bringup.prompts import ask_choice, require_yes
 from rcmservo.bringup.timing import (
     Cadence,
     CameraLatency,
-    cadence,
-    drive_lag,
+    compare_drive_lag,
+    compare_latency,
+    identify_drive_lag,
     identify_latency,
-    lag_findings,
-    latency_findings,
+    measure_cadence,
 )
 from rcmservo.errors import Stopped
 from rcmservo.interfaces import Floats
@@ -32,11 +32,11 @@ from rcmservo.live.device_protocols import OperatorTerminal, SuspendsCommunicati
 from rcmservo.safety.gate import Gate
 from rcmservo.safety.thresholds import Thresholds
 
-SWINGS = 6
+LATENCY_MOTIONS = 6
 """Motions in alternating directions that identify the latency of the camera."""
 MIN_FRAME_RATE = 10.0
 """Lowest frame rate (1/s) of the camera that passes."""
-MIN_FOUND = 0.9
+MIN_VISIBLE_FRACTION = 0.9
 """Smallest fraction of the frames with both markers that passes."""
 LIMIT_MARGIN_MM = 3.0
 """Motion (mm) of marker 2 that must remain between each joint and its limits."""
@@ -89,7 +89,7 @@ class CheckReport:
 
 def check(
     mover: Mover,
-    person: OperatorTerminal,
+    operator: OperatorTerminal,
     robot: Robot,
     thresholds: Thresholds,
     latency: float | None,
@@ -100,7 +100,7 @@ def check(
     ----------
     mover
         Arm and camera.
-    person
+    operator
         Operator who answers questions and agrees to each motion.
     robot
         Arm as the rig file describes it.
@@ -115,14 +115,16 @@ def check(
     CheckReport
         Findings and measurements; incomplete if the check aborted.
     """
-    return _Check(mover, person, robot, thresholds, latency).run()
+    return _Check(mover, operator, robot, thresholds, latency).run()
 
 
 def warm_up(robot: Robot, gate: Gate) -> None:
     """Compile all kernels before the arm is connected, because compilation would delay commands."""
     command = gate.admit(np.zeros(3), gate.rest(), np.zeros(3), robot.mechanism.rcm(), 1).command
     gate.stop(command, 2)
-    drive_lag(MotionTrace(answers=[(k, np.zeros(3), np.zeros(3)) for k in range(3)]), np.ones(3))
+    identify_drive_lag(
+        MotionTrace(answers=[(k, np.zeros(3), np.zeros(3)) for k in range(3)]), np.ones(3)
+    )
     q = np.array(robot.mechanism.limits.arrays).mean(axis=0)
     robot.joint_per_mm(q)
     Hypothesis().markers(robot, q[None])
@@ -133,7 +135,7 @@ class _Check:
     """State and steps of one check."""
 
     mover: Mover
-    person: OperatorTerminal
+    operator: OperatorTerminal
     robot: Robot
     thresholds: Thresholds
     latency: float | None
@@ -151,7 +153,7 @@ class _Check:
             expected = "agreement to every motion until the check is complete"
             findings.append(Finding("the check was stopped", "operator", str(stopped), expected))
         finally:
-            self.mover.off()
+            self.mover.switch_off()
         return self.report
 
     def _run(self) -> None:
@@ -162,18 +164,18 @@ class _Check:
                 "not homed since its controller was reset",
                 "homed, or its joint positions defined at a mark",
             )
-        rest = self.mover.look()
+        rest = self.mover.observe_at_rest()
         self._describe(rest)
         self._require_room(rest.q)
         self._require_picture(rest)
-        self.person.tell(
+        self.operator.tell(
             "The check asks before each motion. Motions are slow and at most a few mm long; the "
             "drive is on only during a motion. Keep a hand on the emergency stop."
         )
         question = "May the drive be switched on for these motions?"
-        if ask_choice(self.person, question, ("enable", "no")) == "no":
+        if ask_choice(self.operator, question, ("enable", "no")) == "no":
             raise Stopped("the operator did not allow the drive to be switched on")
-        escalation = MotionEscalation(self.mover, self.person, self.robot, rest)
+        escalation = MotionEscalation(self.mover, self.operator, self.robot, rest)
         fits = escalation.run(lambda joint: self._require_stop(escalation, joint))
         self._measure_times(escalation)
         self._decide(escalation, fits)
@@ -181,8 +183,8 @@ class _Check:
     def _describe(self, rest: StillView) -> None:
         report, trace = self.report, self.mover.trace
         report.rest, report.q = rest, rest.q
-        report.arm = cadence([time for time, _, _ in trace.answers])
-        report.camera = cadence([exposure for exposure, _, _ in trace.frames])
+        report.arm = measure_cadence([time for time, _, _ in trace.answers])
+        report.camera = measure_cadence([exposure for exposure, _, _ in trace.frames])
 
     def _require_room(self, q: Floats) -> None:
         """Abort if a joint is within `LIMIT_MARGIN_MM` of a limit, or beyond it."""
@@ -208,10 +210,10 @@ class _Check:
             expected = f"at least {MIN_FRAME_RATE:g} frames/s"
             findings.append(Finding("the frame rate is low", "camera", rate, expected))
         found = rest.frames / (rest.frames + rest.missed)
-        if not found >= MIN_FOUND:
+        if not found >= MIN_VISIBLE_FRACTION:
             what, fraction = "the markers are not always visible", f"{100 * found:.0f} %"
             advice = "check light, focus, and the colours in [markers]"
-            expected = f"at least {100 * MIN_FOUND:.0f} %: {advice}"
+            expected = f"at least {100 * MIN_VISIBLE_FRACTION:.0f} %: {advice}"
             findings.append(Finding(what, "markers", f"both in {fraction} of the frames", expected))
 
     def _require_stop(self, escalation: MotionEscalation, joint: int) -> None:
@@ -220,8 +222,8 @@ class _Check:
             return
         motion = float(escalation.motions[joint])
         question = escalation.question(joint, motion, ", interrupt the commands midway")
-        require_yes(self.person, question)
-        if not self.mover.stops_by_itself(joint, motion):
+        require_yes(self.operator, question)
+        if not self.mover.stops_without_commands(joint, motion):
             raise CheckAborted(
                 "the arm keeps moving without commands",
                 "arm.jv",
@@ -234,18 +236,20 @@ class _Check:
         """Identify the latency of the camera and the lag of the drives."""
         report, joint = self.report, int(np.argmax(escalation.displacement))
         motion = escalation.next_motion(joint)
-        question = escalation.question(joint, motion, f" in alternating directions, {SWINGS} times")
-        require_yes(self.person, question)
-        self.mover.visit(joint, SWINGS // 2 * (motion, -motion))
+        question = escalation.question(
+            joint, motion, f" in alternating directions, {LATENCY_MOTIONS} times"
+        )
+        require_yes(self.operator, question)
+        self.mover.visit(joint, LATENCY_MOTIONS // 2 * (motion, -motion))
         trace = self.mover.trace
         report.latency = identify_latency(trace, joint)
-        report.lag = drive_lag(trace, np.array(self.mover.gate.speed))
-        report.findings += latency_findings(report.latency, self.latency)
-        report.findings += lag_findings(report.lag, self.thresholds.drive_lag)
+        report.lag = identify_drive_lag(trace, np.array(self.mover.gate.speed))
+        report.findings += compare_latency(report.latency, self.latency)
+        report.findings += compare_drive_lag(report.lag, self.thresholds.drive_lag)
 
     def _decide(self, escalation: MotionEscalation, fits: list[Hypothesis]) -> None:
         """Add the corrections of the hypotheses that agree with the operator's answers."""
-        report, robot, person = self.report, self.robot, self.person
+        report, robot, operator = self.report, self.robot, self.operator
         views = escalation.marker_views()
         if not fits[0].explains(views):
             ratio = np.sqrt(fits[0].misfit / views.points.size)
@@ -261,18 +265,18 @@ class _Check:
 
         def show(joint: int) -> None:
             motion = escalation.next_motion(joint)
-            require_yes(person, escalation.question(joint, motion))
+            require_yes(operator, escalation.question(joint, motion))
             self.mover.visit(joint, (motion,), escalation.bound(joint, motion))
 
         plain = [fit for fit in fits if fit.number is None]
         unclear = [one for fit in plain for one in escalation.unclear(fit)]
-        report.unclear = sorted({undetectable_error(one, robot) for one in unclear})
+        report.unclear = sorted({describe_undetectable_error(one, robot) for one in unclear})
         for words in report.unclear:
-            person.tell(f"{words}. Measure it by hand.")
+            operator.tell(f"{words}. Measure it by hand.")
         named = {other for fit in fits for other in equivalents(fit)}
-        report.undecided = sorted({in_words(one, robot) for one in named})
+        report.undecided = sorted({describe(one, robot) for one in named})
         motion = escalation.next_motion
-        left = ask_operator(fits, robot, escalation.start, person, show, motion)
+        left = ask_operator(fits, robot, escalation.start, operator, show, motion)
         for number, hypothesis in enumerate(left, start=1):
             prefix = f"possibility {number} of {len(left)}: " if len(left) > 1 else ""
             found = corrections(hypothesis, robot)

@@ -5,7 +5,7 @@ import numpy as np
 from rcmservo.bringup.axis_wiring import Robot
 from rcmservo.bringup.findings import Finding
 from rcmservo.bringup.hypotheses import Hypothesis
-from rcmservo.bringup.identification import SPACING, ZERO, stretched
+from rcmservo.bringup.identification import SPACING, ZERO, scale_spacing
 from rcmservo.geometry.tool import RIGID
 
 MIRRORED = Finding(
@@ -27,7 +27,7 @@ def corrections(hypothesis: Hypothesis, robot: Robot) -> list[Finding]:
         found.append(Finding(what, "mechanism.insertion_zero", f"{zero:g} mm", value, line))
     if hypothesis.number == SPACING:
         tool = robot.tool
-        corrected = stretched(tool.shaft, hypothesis.size).value
+        corrected = scale_spacing(tool.shaft, hypothesis.size).value
         key, unit = ("spacing", " mm") if tool.kind == RIGID else ("scale", "")
         value = f"{corrected:.4g}{unit} ± {100 * hypothesis.deviation:.1g} %"
         what, line = "the distance between the markers differs", f"{key} = {corrected:.4g}"
@@ -35,7 +35,7 @@ def corrections(hypothesis: Hypothesis, robot: Robot) -> list[Finding]:
     return [*found, MIRRORED] if hypothesis.mirrored else found
 
 
-def in_words(hypothesis: Hypothesis, robot: Robot) -> str:
+def describe(hypothesis: Hypothesis, robot: Robot) -> str:
     """Return a hypothesis as text."""
     found = [f"{one.where}: {one.what}" for one in corrections(hypothesis, robot)]
     return "; ".join(found or ["the rig file is correct"])
@@ -55,7 +55,7 @@ def _order(hypothesis: Hypothesis, robot: Robot) -> list[Finding]:
 
 def _counts(hypothesis: Hypothesis, robot: Robot) -> list[Finding]:
     wiring, factors = robot.wiring, hypothesis.counts_factors
-    line, found = wiring.line(factors), list[Finding]()
+    line, found = wiring.corrected_line(factors), list[Finding]()
     for joint in np.flatnonzero(factors != 1.0):
         value, details = wiring.counts[joint], list[str]()
         if factors[joint] < 0.0:
@@ -69,7 +69,7 @@ def _counts(hypothesis: Hypothesis, robot: Robot) -> list[Finding]:
     return found
 
 
-def undetectable_error(fit: Hypothesis, robot: Robot) -> str:
+def describe_undetectable_error(fit: Hypothesis, robot: Robot) -> str:
     """Return as text the largest error of a setting that the image would not reveal."""
     number, size = fit.number, fit.undetectable
     assert number is not None
@@ -77,7 +77,7 @@ def undetectable_error(fit: Hypothesis, robot: Robot) -> str:
         return f"mechanism.insertion_zero may have an undetected error of {size:.0f} mm"
     if number == SPACING:
         where = "tool.spacing" if robot.tool.kind == RIGID else "tool.scale"
-    elif robot.wiring.signs_only:
+    elif robot.wiring.has_signs_only:
         where = f"the scale of joint {number + 1}"
     else:
         where = f"arm.counts[{number}]"

@@ -142,7 +142,7 @@ class Hypothesis:
         return self.deviation * float(np.sqrt(INDISTINGUISHABLE + unusual))
 
 
-def distinguishable() -> Iterator[Hypothesis]:
+def distinguishable_hypotheses() -> Iterator[Hypothesis]:
     """Yield one hypothesis of each class that an image distinguishes."""
     for insertion, mirrored in product((False, True), repeat=2):
         plain = Hypothesis(reversed=(False, False, insertion), mirrored=mirrored)
@@ -166,7 +166,7 @@ def equivalents(hypothesis: Hypothesis) -> Iterator[Hypothesis]:
 
 def fit_all(robot: Robot, views: MarkerViews) -> list[Hypothesis]:
     """Fit one hypothesis of each class; return them by increasing misfit."""
-    fits = (fitted(one, robot, views) for one in distinguishable())
+    fits = (fit_hypothesis(one, robot, views) for one in distinguishable_hypotheses())
     return sorted(fits, key=lambda fit: fit.misfit)
 
 
@@ -179,7 +179,7 @@ def most_likely(fits: list[Hypothesis]) -> list[Hypothesis]:
     return [fit for fit in close if fit.number is None] or close
 
 
-def fitted(one: Hypothesis, robot: Robot, views: MarkerViews) -> Hypothesis:
+def fit_hypothesis(one: Hypothesis, robot: Robot, views: MarkerViews) -> Hypothesis:
     """Fit the camera, and the number that a hypothesis corrects; return the fitted hypothesis."""
     views = views.mirrored() if one.mirrored else views
     views = replace(views, q=one.joints(robot.wiring, views.q))

@@ -262,7 +262,7 @@ def corrected_markers(mechanism: Kinematics, tool: Tool, q: Floats, correction: 
     rcm = mechanism.rcm(tool.offset)
     rcm = rcm._replace(zero=rcm.zero + correction[ZERO])
     motion = (q - q[0]) * np.exp(correction[:ZERO])
-    return _markers(rcm, q[0] + motion, stretched(tool.shaft, correction[SPACING]))
+    return _markers(rcm, q[0] + motion, scale_spacing(tool.shaft, correction[SPACING]))
 
 
 @compiled
@@ -275,7 +275,7 @@ def _markers(rcm: Rcm, q: Floats, shaft: Shaft) -> Floats:
     return markers
 
 
-def stretched(shaft: Shaft, log_factor: float) -> Shaft:
+def scale_spacing(shaft: Shaft, log_factor: float) -> Shaft:
     """Return the tool with the distance between its markers scaled by exp(`log_factor`)."""
     factor = float(np.exp(log_factor))
     value = shaft.value * factor if shaft.kind == RIGID else 1.0 + (shaft.value - 1.0) * factor

@@ -103,7 +103,7 @@ class Mover:
         Arm as the rig file describes it.
     gate : Gate
         Limits of the commands.
-    silence : float
+    answer_timeout : float
         Longest time (s) without an answer of the arm while its drive is on.
     trouble : Callable[[], str]
         Function that describes the present fault of the camera; empty if there is none.
@@ -117,11 +117,11 @@ class Mover:
         clock: Clock,
         robot: Robot,
         gate: Gate,
-        silence: float,
+        answer_timeout: float,
         trouble: Callable[[], str],
     ) -> None:
         self.arm, self.clock, self.robot, self.gate = arm, clock, robot, gate
-        self._silence, self._trouble = silence, trouble
+        self._silence, self._trouble = answer_timeout, trouble
         self.trace = MotionTrace()
         """Answers and frames of the last motion."""
         self.size = DEFAULT_SIZE
@@ -133,12 +133,12 @@ class Mover:
         self._leg = Leg(0, 0.0, 0.0, np.zeros(3))
         self._frame, self._is_new = -1, False
 
-    def off(self) -> None:
+    def switch_off(self) -> None:
         """Command zero rates and switch the drive off."""
         self._last = self.gate.stop(self._last, self.clock.now())
         self.plant.send(self._last)
 
-    def look(self) -> StillView:
+    def observe_at_rest(self) -> StillView:
         """Average joints and markers with the drive off."""
         self._begin()
         return self._average()
@@ -176,7 +176,7 @@ class Mover:
             views.append(self._average())
         return views
 
-    def stops_by_itself(self, joint: int, offset: float) -> bool:
+    def stops_without_commands(self, joint: int, offset: float) -> bool:
         """Interrupt the commands of a rate-controlled arm in motion; return whether it stops.
 
         The joint moves by `offset` (rad or mm) at most.
@@ -204,7 +204,7 @@ class Mover:
             self.plant.enable()
             yield home
         finally:
-            self.off()
+            self.switch_off()
 
     def _begin(self) -> Floats:
         """Discard earlier observations, wait for a frame, and return the present joints (3,).

@@ -53,7 +53,7 @@ class MotionEscalation:
     ----------
     mover : Mover
         Arm and camera.
-    person : OperatorTerminal
+    operator : OperatorTerminal
         Operator who agrees to each motion.
     robot : Robot
         Arm as the rig file describes it.
@@ -62,9 +62,9 @@ class MotionEscalation:
     """
 
     def __init__(
-        self, mover: Mover, person: OperatorTerminal, robot: Robot, rest: StillView
+        self, mover: Mover, operator: OperatorTerminal, robot: Robot, rest: StillView
     ) -> None:
-        self.mover, self.person, self.robot = mover, person, robot
+        self.mover, self.operator, self.robot = mover, operator, robot
         self.views = [rest]
         self.fits: list[Hypothesis] = []
         """One fitted hypothesis of each class, by increasing misfit."""
@@ -116,7 +116,7 @@ class MotionEscalation:
     def question(self, joint: int, motion: float, words: str = "") -> str:
         """Return the question to the operator whether a motion (rad or mm) is allowed."""
         size = f"{abs(motion * self.robot.wiring.counts[joint]):.0f} counts"
-        if self.robot.wiring.signs_only:
+        if self.robot.wiring.has_signs_only:
             size = f"{motion:.3g} mm" if joint == 2 else f"{np.degrees(motion):.3g} deg"
         return f"Move {self.robot.name(joint)} by at most {size}{words}, and return?"
 
@@ -154,7 +154,7 @@ class MotionEscalation:
 
     def _move(self, joint: int) -> None:
         motion = float(self.motions[joint])
-        require_yes(self.person, self.question(joint, motion, " in either direction"))
+        require_yes(self.operator, self.question(joint, motion, " in either direction"))
         new = self.mover.visit(joint, (motion, -motion), self.bound(joint, motion))
         moved = [np.linalg.norm(v.points - self.views[0].points, axis=1).max() for v in new[:2]]
         self.displacement[joint], self._displaced_by[joint] = max(moved), motion

@@ -72,7 +72,7 @@ def ask_operator(
     fits: Sequence[Hypothesis],
     robot: Robot,
     q: Floats,
-    person: OperatorTerminal,
+    operator: OperatorTerminal,
     show: ShowMotion,
     motion: Callable[[int], float],
 ) -> list[Hypothesis]:
@@ -86,7 +86,7 @@ def ask_operator(
         Arm as the rig file describes it.
     q
         Joints (3,) at the start of the check, where the tool is now.
-    person
+    operator
         Operator.
     show
         Function that moves a joint for the operator.
@@ -106,13 +106,13 @@ def ask_operator(
     left = [other for fit in fits for other in equivalents(fit)]
     for joint in range(3):
         if len({direction(one, robot, joint) for one in left}) > 1:
-            left = _by_direction(left, robot, joint, person, show)
+            left = _by_direction(left, robot, joint, operator, show)
     for question, length in LENGTHS.items():
         mm = _predicted(left, robot, q, length)
         if len(set(mm)) > 1:
             larger = [replace(h, size=h.size + SIZE_DEVIATIONS * h.deviation) for h in left]
             spread = np.abs(np.log(_predicted(larger, robot, q, length) / mm))
-            left = _by_length(left, mm, RULER_TOLERANCE + spread, question, person)
+            left = _by_length(left, mm, RULER_TOLERANCE + spread, question, operator)
     travels = np.array([[h.travel(robot, q, j, motion(j)) for h in left] for j in range(3)])
     travels = np.maximum(travels, MIN_TRAVEL_MM)
     ratios = travels.max(axis=1) / travels.min(axis=1)
@@ -121,16 +121,16 @@ def ask_operator(
         tolerance, name = np.full(len(left), TRAVEL_TOLERANCE), robot.name(joint)
 
         def show_travel() -> None:
-            person.tell(f"Watch marker 2 next to a ruler: {MOTION_NOTICE.format(name)}")
+            operator.tell(f"Watch marker 2 next to a ruler: {MOTION_NOTICE.format(name)}")
             show(joint)
 
         question = f"For {name}, by the ruler: about how many mm did marker 2 move (0: hardly any)?"
-        left = _by_length(left, travels[joint], tolerance, question, person, show_travel)
+        left = _by_length(left, travels[joint], tolerance, question, operator, show_travel)
     return left
 
 
 def _by_direction(
-    left: list[Hypothesis], robot: Robot, joint: int, person: OperatorTerminal, show: ShowMotion
+    left: list[Hypothesis], robot: Robot, joint: int, operator: OperatorTerminal, show: ShowMotion
 ) -> list[Hypothesis]:
     """Return the hypotheses that agree with the direction of motion that the operator observes."""
     kind, name = robot.mechanism.kind, robot.name(joint)
@@ -139,14 +139,14 @@ def _by_direction(
     question = f"{VIEWPOINTS[kind]}: in which direction did the tool move first, {hint}?"
     predicted = [direction(one, robot, joint) for one in left]
     for _ in range(MAX_ATTEMPTS):
-        person.tell(f"Watch the tool: {MOTION_NOTICE.format(name)}")
+        operator.tell(f"Watch the tool: {MOTION_NOTICE.format(name)}")
         show(joint)
-        answer = ask_choice(person, f"For {name}, {question}", (*choice, REPEAT))
+        answer = ask_choice(operator, f"For {name}, {question}", (*choice, REPEAT))
         if answer in predicted:
             return [one for one, word in zip(left, predicted, strict=True) if word == answer]
         if answer != REPEAT:
             words = " or ".join(sorted(set(predicted)))
-            person.tell(f"The image allows only {words}. The motion is repeated.")
+            operator.tell(f"The image allows only {words}. The motion is repeated.")
     raise Stopped(f"no answer agreed with the image for {name}")
 
 
@@ -177,7 +177,7 @@ def _by_length(
     predicted: Floats,
     tolerance: Floats,
     question: str,
-    person: OperatorTerminal,
+    operator: OperatorTerminal,
     show: Callable[[], None] = lambda: None,
 ) -> list[Hypothesis]:
     """Return the hypotheses whose `predicted` length (mm) agrees with the operator's ruler.
@@ -187,11 +187,11 @@ def _by_length(
     could = " or ".join(f"{mm:.3g}" for mm in sorted(set(predicted)))
     for _ in range(MAX_ATTEMPTS):
         show()
-        mm = ask_length(person, question)
+        mm = ask_length(operator, question)
         if mm is None:
             return left
         agrees = np.abs(np.log(predicted / max(mm, MIN_TRAVEL_MM))) <= tolerance
         if agrees.any():
             return list(compress(left, agrees))
-        person.tell(f"The image allows only about {could} mm. Repeat the measurement.")
+        operator.tell(f"The image allows only about {could} mm. Repeat the measurement.")
     raise Stopped(f"no answer agreed with the {could} mm of the image to: {question}")

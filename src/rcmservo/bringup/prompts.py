@@ -16,7 +16,7 @@ MAX_LENGTH_MM = 2000.0
 """Largest length that is accepted as an answer."""
 
 
-def ask_choice(person: OperatorTerminal, question: str, words: Sequence[str]) -> str:
+def ask_choice(operator: OperatorTerminal, question: str, words: Sequence[str]) -> str:
     """Return the operator's answer, one of `words`.
 
     Raises
@@ -29,16 +29,16 @@ def ask_choice(person: OperatorTerminal, question: str, words: Sequence[str]) ->
     def parse(answer: str) -> str | None:
         return answer.lower() if answer.lower() in words else None
 
-    return _ask(person, f"{question} ({choice})", parse, f"one of these: {choice}")
+    return _ask(operator, f"{question} ({choice})", parse, f"one of these: {choice}")
 
 
-def require_yes(person: OperatorTerminal, question: str) -> None:
+def require_yes(operator: OperatorTerminal, question: str) -> None:
     """Raise `Stopped` unless the operator answers yes."""
-    if ask_choice(person, question, ("yes", "no")) == "no":
+    if ask_choice(operator, question, ("yes", "no")) == "no":
         raise Stopped(f"the answer was no to: {question}")
 
 
-def ask_length(person: OperatorTerminal, question: str) -> float | None:
+def ask_length(operator: OperatorTerminal, question: str) -> float | None:
     """Return a length in mm; None if the operator cannot measure it.
 
     Raises
@@ -57,15 +57,15 @@ def ask_length(person: OperatorTerminal, question: str) -> float | None:
         return (mm,) if 0.0 <= mm <= MAX_LENGTH_MM else None
 
     expected = f"a number of mm from 0 to {MAX_LENGTH_MM:g}, or {UNKNOWN}"
-    return _ask(person, f"{question} (or: {UNKNOWN})", parse, expected)[0]
+    return _ask(operator, f"{question} (or: {UNKNOWN})", parse, expected)[0]
 
 
 def _ask(
-    person: OperatorTerminal, question: str, parse: Callable[[str], Answer | None], expected: str
+    operator: OperatorTerminal, question: str, parse: Callable[[str], Answer | None], expected: str
 ) -> Answer:
     for _ in range(MAX_ATTEMPTS):
-        answer = parse(person.ask(question))
+        answer = parse(operator.ask(question))
         if answer is not None:
             return answer
-        person.tell(f"Please answer with {expected}.")
+        operator.tell(f"Please answer with {expected}.")
     raise Stopped(f"no valid answer to: {question}")

@@ -66,7 +66,7 @@ class CameraLatency:
     jitter: float
 
 
-def cadence(times: list[int]) -> Cadence:
+def measure_cadence(times: list[int]) -> Cadence:
     """Return rate and jitter of events at `times` (ns)."""
     apart = np.diff(np.array(times)) * 1e-9
     return Cadence(1.0 / float(np.mean(apart)), float(np.std(apart)))
@@ -102,7 +102,7 @@ def identify_latency(trace: MotionTrace, joint: int) -> CameraLatency | None:
     return CameraLatency(reported - float(fit.x[0]), reported, deviation, jitter)
 
 
-def latency_findings(identified: CameraLatency | None, latency: float | None) -> list[Finding]:
+def compare_latency(identified: CameraLatency | None, latency: float | None) -> list[Finding]:
     """Compare the identified latency with that of the rig file in s (None if it has none)."""
     if identified is None:
         what, found = "the latency of the camera cannot be measured", "too few frames in motion"
@@ -123,7 +123,7 @@ def latency_findings(identified: CameraLatency | None, latency: float | None) ->
     return [Finding(what, "camera.latency", found, expected, line)]
 
 
-def drive_lag(trace: MotionTrace, fastest: Floats) -> float:
+def identify_drive_lag(trace: MotionTrace, fastest: Floats) -> float:
     """Return the lag (s) of the joints behind their commands; 0 if the motion is too small."""
     row: Any = DriveLag.of().rows[0]
     begin_lag(row)
@@ -133,7 +133,7 @@ def drive_lag(trace: MotionTrace, fastest: Floats) -> float:
     return float(row["lag"])
 
 
-def lag_findings(lag: float, known: float) -> list[Finding]:
+def compare_drive_lag(lag: float, known: float) -> list[Finding]:
     """Compare the measured drive `lag` (s) with that of the rig file (0 if it has none)."""
     if not known > 0.0 or not lag > 0.0 or abs(lag - known) <= LAG_TOLERANCE:
         return []
