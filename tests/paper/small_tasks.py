@@ -1,4 +1,4 @@
-"""Tasks of a moment, which the workers import without the experiments."""
+"""Short tasks, which workers import without the experiments."""
 
 from functools import partial
 from pathlib import Path
@@ -7,7 +7,7 @@ from rcmservo.paper.plan import Found, Task
 
 
 def count(folder: Path, log: Path, name: str) -> Found:
-    """A task that reports how often it ran."""
+    """Task that logs each run."""
     with log.open("a") as file:
         file.write(name + "\n")
     (folder / "made.txt").write_text(name)

@@ -1,7 +1,8 @@
-"""Knowledge of the camera in each estimate: IV-B's last words, and Proposition 1 in a servo run.
+"""Experiment `camera-knowledge`: calibration parameters identified in a servo run.
 
-It shows at poses that the servo never visited, as the distance of the predicted from the true
-markers. The flow rule has no parameters a, so it can only extrapolate linearly.
+Tests the end of IV-B, and Proposition 1 in a servo run. The measure is the distance between
+predicted and true markers at poses that the servo never visited. The flow rule has no parameters a
+and can only extrapolate linearly.
 """
 
 from collections.abc import Iterator
@@ -16,11 +17,14 @@ from rcmservo.paper.plan import Drawn, Found, Measurement, Results, Settings, Ta
 from rcmservo.paper.statistics import column, finite, median, seed_marks
 
 WITH_MODEL = [name for name, estimator in ESTIMATORS.items() if estimator.models]
-FIXED = {"estimators": ESTIMATORS, "scene": PAPER_SCENES, "exploration": LONG}
+
+
+def fixed_settings() -> dict[str, object]:
+    return {"estimators": ESTIMATORS, "scene": PAPER_SCENES, "exploration": LONG}
 
 
 def tasks(settings: Settings) -> list[Task]:
-    """Return the servo runs, which are also those of the Jacobian's accuracy."""
+    """Return the servo runs; the experiment `jacobian-accuracy` shares them."""
     return [
         Task(f"servo-{seed}-{noise:g}", servo_task(settings, seed, noise), cost=4.0)
         for seed in range(settings.seeds)
@@ -29,7 +33,7 @@ def tasks(settings: Settings) -> list[Task]:
 
 
 def servo_task(settings: Settings, seed: int, noise: float) -> "partial[Found]":
-    """Return the work of one servo run."""
+    """Return the function that performs one servo run."""
     return partial(
         servo_run,
         seed=seed,
@@ -42,7 +46,7 @@ def servo_task(settings: Settings, seed: int, noise: float) -> "partial[Found]":
 
 
 def known(settings: Settings, results: Results, noise: float, name: str, what: str) -> Floats:
-    """Return a number of an estimator's knowledge in every scene."""
+    """Return one entry of the knowledge of an estimator, for each scene."""
     runs = [results[f"servo-{seed}-{noise:g}"] for seed in range(settings.seeds)]
     return column(runs, "knowledge", name, what)
 
@@ -77,14 +81,14 @@ def measure(settings: Settings, results: Results) -> Iterator[Measurement]:
 
 
 def short(number: float) -> str:
-    """Return two digits, or all of those before the point."""
+    """Format a number with two significant digits, or as an integer from 10 on."""
     return f"{number:.0f}" if number >= 10.0 else f"{number:.2g}"
 
 
 def draw(settings: Settings, results: Results) -> Iterator[Drawn]:
-    places = {
-        "near": f"within {settings.around:g} mm of the way",
-        "workspace": "anywhere in the picture",
+    regions = {
+        "near": f"within {settings.around:g} mm of the path",
+        "workspace": "anywhere in the image",
     }
     panels = [
         Panel(
@@ -101,7 +105,7 @@ def draw(settings: Settings, results: Results) -> Iterator[Drawn]:
             log_y=True,
             categories=SHORT,
         )
-        for what, words in places.items()
+        for what, words in regions.items()
     ]
-    figure = Figure("Poses never seen", panels, columns=2)
+    figure = Figure("Prediction at unvisited poses", panels, columns=2)
     yield Drawn("accuracy-poses", range(settings.seeds), figure, words={"names": NAMES})

@@ -1,8 +1,8 @@
-"""Following a path of moving reference pixels, as in [10], without calibration or feed-forward.
+"""Experiment `path-following`: moving reference pixels as in [10], without calibration.
 
-Marker 1 is to go round a circle in space. The reference is the circle's picture in the true camera,
-as [10] computes it by its forward model; the servo knows these pixels and nothing else. A law
-without feed-forward stays behind by v/k.
+Marker 1 follows a circle in space. The reference is the image of the circle in the true camera, as
+[10] computes it by a forward model; the servo receives only these pixels. A law without
+feed-forward has a following error of v/k.
 """
 
 from collections import Counter
@@ -29,13 +29,16 @@ from rcmservo.sim import Rig, SceneSettings
 
 METHODS: Mapping[str, Learner] = {**OUR_METHODS, "flow": FLOW_RULE}
 SCENES = SceneSettings(room=17.0)
-FIXED = {"methods": METHODS, "controller": FAST_LAW, "scene": SCENES}
 AT_START = 0.15
-"""Scaled feature error at which the first point of a path counts as reached."""
+"""Scaled feature error below which the first point of a path counts as reached."""
 NEAR_END_S = 0.2
-"""s before the end of a path at which it counts as completed: two samples."""
+"""Time (s) before the end of a path at which it counts as completed: two samples."""
 MAX_LAG_S = 2.0
-"""s up to which the lag behind a path is searched."""
+"""Upper bound (s) of the search for the lag behind the reference."""
+
+
+def fixed_settings() -> dict[str, object]:
+    return {"methods": METHODS, "controller": FAST_LAW, "scene": SCENES}
 
 
 def tasks(settings: Settings) -> list[Task]:
@@ -46,17 +49,17 @@ def tasks(settings: Settings) -> list[Task]:
 
 
 def law(method: Learner) -> SaturatedController:
-    """Return a method's own controller, or that of all."""
+    """Return the controller of a method, by default the common one."""
     return method.controller or FAST_LAW
 
 
 def follow_all(settings: Settings, method: str) -> Found:
-    """Return the results of `follow` in every scene."""
+    """Return the results of `follow` in each scene."""
     return {"trials": [follow(settings, METHODS[method], i) for i in range(settings.seeds)]}
 
 
 class Circle:
-    """A path of marker 1, oblique to the tool, so that it needs yaw, pitch and insertion."""
+    """Circular path of marker 1, oblique to the tool so that it needs yaw, pitch and insertion."""
 
     def __init__(self, rig: Rig, radius: float, period: float) -> None:
         self.rig, self.period = rig, period
@@ -69,18 +72,18 @@ class Circle:
         self.across, self.along = radius * across, radius * along
 
     def p1(self, time: float) -> Floats:
-        """Return the reference (3,) mm of marker 1 at a time in s, at least 0."""
+        """Return the reference (3,) of marker 1 in mm at `time` (s); times below 0 count as 0."""
         angle = 2.0 * np.pi * max(time, 0.0) / self.period
         return self.middle + np.cos(angle) * self.across + np.sin(angle) * self.along
 
     def target(self, time: float) -> Target:
-        """Return the reference pixels at a time in s."""
+        """Return the reference pixels at `time` (s) as a target."""
         q = self.rig.settings.mechanism.joints(self.p1(time))
         return Target(self.rig.truth.pixels(q), np.full(3, np.nan))
 
 
 class Guide:
-    """Operator who leads the target along a path, from when the tool is at its first point."""
+    """Operator who moves the target along a path as soon as the tool is at its first point."""
 
     def __init__(self, path: Circle, period: int) -> None:
         self.path, self.period = path, period
@@ -94,14 +97,14 @@ class Guide:
         return Request.NONE if self.began is None else self.path.target(self.elapsed(due))
 
     def elapsed(self, now: int) -> float:
-        """Return the time in s since the path began; 0 before."""
+        """Return the time (s) since the start of the path; 0 before."""
         return 0.0 if self.began is None else (now - self.began) / 1e9
 
 
 def follow(settings: Settings, method: Learner, seed: int) -> Found:
-    """Explore, go to the path's first point, then servo to reference pixels that move along it.
+    """Explore, servo to the first point of the path, then follow the moving reference pixels.
 
-    Returns the seed, the cause of a path that was not completed, and `errors_on` a completed one.
+    Returns the seed, the cause if the path was not completed, and `errors_on` a completed path.
     """
     rig, plant = laboratory(seed, SCENES, settings.noise)
     servo = servo_for(rig.settings, method.estimator, method.exploration, law(method))
@@ -125,14 +128,15 @@ def follow(settings: Settings, method: Learner, seed: int) -> Found:
 
 
 def at_start(state: State) -> bool:
-    """Return True if the servo observes the tool at the path's first point."""
+    """Return True if the servo measures the tool at the first point of the path."""
     return state.phase is Phase.SERVO and bool(np.max(np.abs(state.delta) / SCALE) < AT_START)
 
 
 def errors_on(path: Circle, samples: list[tuple[float, Floats, Floats]]) -> Found:
-    """Return errors (mm) of a completed path: ``lag`` (s) explains most of them, ``left`` remains.
+    """Return the errors (mm) of a completed path.
 
-    The samples are time (s), true p₁ (3,) mm, and true m₁ (2,) px.
+    ``lag`` (s) is the delay of the reference that minimises the rms error, ``left`` that minimum.
+    The samples are time (s), true p₁ (3,) in mm, and true m₁ (2,) in px.
     """
     times, points, pixels = (np.array(values) for values in zip(*samples, strict=True))
 
@@ -158,7 +162,7 @@ def errors_on(path: Circle, samples: list[tuple[float, Floats, Floats]]) -> Foun
 
 
 def speed(settings: Settings) -> float:
-    """Return v in mm/s on the circle."""
+    """Return the speed v (mm/s) on the circle."""
     return 2.0 * np.pi * settings.radius / settings.period
 
 
@@ -197,7 +201,7 @@ def measure(settings: Settings, results: Results) -> Iterator[Measurement]:
     for name, found in done.items():
         left = median(column(found, "left"))
         start = median([one["errors"][0] for one in found])
-        late = f"the start counts too, where the tool is still {start:.1f} mm from the reference"
+        late = f"this includes the start, where the tool is {start:.1f} mm from the reference"
         remark = "; ".join(filter(None, (failures(results, name), late if left > 0.3 else "")))
         yield Measurement(
             "keeps-beside",

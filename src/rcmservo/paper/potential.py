@@ -1,7 +1,7 @@
-"""The saturated potential action, Fig. 5, in both readings of (32), and (33) with each.
+"""Experiment `potential`: the saturated potential action, Fig. 5, and the error under (33).
 
-As printed, V is ½b|Δy| beyond b: continuous, but its gradient drops from b to b/2 there. Fig. 5 and
-the word "saturated" ask for V = b|Δy| − ½b², whose gradient stays at b.
+Equation (32) has two readings. As printed, V = ½b|Δy| beyond b: V is continuous, but its gradient
+drops from b to b/2. Fig. 5 and the word "saturated" require V = b|Δy| − ½b², with a gradient of b.
 """
 
 from collections.abc import Iterator
@@ -16,7 +16,7 @@ from rcmservo.paper.plan import Drawn, Found, Measurement, Results, Settings, Ta
 
 LABELS = {"continuous": "continuous (Fig. 5)", "printed": "as (32) is printed"}
 SMALL_FRACTION = 0.02
-"""Fraction of the first error below which it counts as gone."""
+"""Fraction of the initial error below which the error counts as regulated."""
 
 
 def tasks(settings: Settings) -> list[Task]:
@@ -24,7 +24,7 @@ def tasks(settings: Settings) -> list[Task]:
 
 
 def action(settings: Settings) -> Found:
-    """Return V, its gradient, their largest steps, and (33) integrated, in both readings."""
+    """Return V, its gradient, their largest steps, and the integral of (33), in both readings."""
     reach: float = settings.reach
     errors = np.linspace(-reach, reach, 2001)
     readings = {name: reading(settings, errors, name == "printed") for name in LABELS}
@@ -32,7 +32,7 @@ def action(settings: Settings) -> Found:
 
 
 def reading(settings: Settings, errors: Floats, printed: bool) -> Found:
-    """Return one reading of (32): V (px²) and ∂V/∂y (px) of one component, and (33) over time."""
+    """Return V (px²) and ∂V/∂y (px) of one component in one reading of (32), and (33) over time."""
     bounds = np.full(3, settings.figure_bound)
     rows = [np.array([error, 0.0, 0.0]) for error in errors]
     V = np.array([potential(row, bounds, printed) for row in rows])
@@ -59,7 +59,7 @@ def closed_loop(settings: Settings, printed: bool) -> Floats:
 
 
 def first_below(bound: float, errors: Floats) -> float:
-    """Return the index of the first error below the bound; infinite if there is none."""
+    """Return the index of the first error below `bound`; infinite if there is none."""
     below = np.flatnonzero(errors < bound)
     return float(below[0]) if len(below) else np.inf
 

@@ -1,6 +1,6 @@
-"""Proposition 1, measured: U never rises along rule (21), and the time until Ĵ is J.
+"""Experiment `proposition-1`: monotonic decrease of U along rule (21), and convergence of Ĵ to J.
 
-Noiseless observations before pinhole cameras, with the printed Γ and with our fast one.
+Observations are without noise, from pinhole cameras, with the printed Γ and with the fast Γ.
 """
 
 from collections.abc import Iterator
@@ -30,9 +30,10 @@ from rcmservo.sim import RigSettings
 
 TOOL = RigSettings().tool
 FIT = ProjectionEstimator()
-"""Source of the fast Γ's η and ε."""
+"""Estimator with the rate η and the regularisation ε of the fast Γ."""
 SHOWN_CAMERAS = 5
-LABELS = {"printed": "printed Γ", "fast": "our fast Γ"}
+"""Number of cameras in the figure."""
+LABELS = {"printed": "printed Γ", "fast": "fast Γ"}
 
 
 def tasks(settings: Settings) -> list[Task]:
@@ -40,13 +41,13 @@ def tasks(settings: Settings) -> list[Task]:
 
 
 def all_cameras(settings: Settings) -> Found:
-    """Return the results of `one_camera` for every camera, by Γ."""
+    """Return the results of `one_camera` for each camera, by Γ."""
     found = [one_camera(settings, seed) for seed in range(settings.cameras)]
     return {name: [one[name] for one in found] for name in LABELS}
 
 
 def one_camera(settings: Settings, seed: int) -> dict[str, Found]:
-    """Return the fall of U with the printed and with our fast Γ, on the same observations."""
+    """Return U over time with the printed and the fast Γ, on the same observations."""
     C, p0 = drawn(seed)
     a, o_c = parameters(C)
     random = np.random.default_rng([seed, 2])
@@ -56,7 +57,7 @@ def one_camera(settings: Settings, seed: int) -> dict[str, Found]:
     printed, fast = np.diag(np.sqrt(GAMMA_0)), np.sqrt(FIT.rate) * inverse_root(A, FIT.epsilon)
 
     def fall(root: Floats, longest: float, judged_at: float) -> Found:
-        """Return rule (21) with Γ = root rootᵀ from â = 0."""
+        """Return the solution of rule (21) with Γ = root rootᵀ from â = 0."""
         slowest = float(np.linalg.eigvalsh(root.T @ A @ root)[0])
         time = np.concatenate([[0.0], np.geomspace(1e-4, longest, 200)])
         moments = [*time, judged_at, settings.end / slowest]
@@ -80,7 +81,7 @@ def one_camera(settings: Settings, seed: int) -> dict[str, Found]:
 
 
 def jacobian_error(a_hat: Floats, a: Floats, p1: Floats) -> float:
-    """Return ‖Ĵ − J‖/‖J‖ (Frobenius) of the scaled Jacobians at p1, from â and from the true a."""
+    """Return ‖Ĵ − J‖/‖J‖ (Frobenius) of the scaled Jacobians at `p1`, from â and the true a."""
     m = predict(a, p1, TOOL.shaft)
     J_hat, J = (scaled(feature_jacobian(some, p1, m, TOOL.shaft)) for some in (a_hat, a))
     return float(np.linalg.norm(J_hat - J) / np.linalg.norm(J))
@@ -100,15 +101,15 @@ def measure(settings: Settings, results: Results) -> Iterator[Measurement]:
         worst=hours.max(),
     )
     yield Measurement("fast-falls", column(fast, "rise").max(), seeds)
-    bad = np.sum(late > settings.near)
+    inaccurate = np.sum(late > settings.near)
     yield Measurement(
         "printed-in-time",
         late.max(),
         seeds,
         bound=settings.near,
-        remarked=bool(bad),
+        remarked=bool(inaccurate),
         confirmed=late.max() > 10.0 * fast_late.max(),
-        bad=bad,
+        bad=inaccurate,
         percent=100.0 * settings.near,
         middle=median(late),
         pixels=median(column(printed, "reprojection")),

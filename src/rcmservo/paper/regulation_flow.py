@@ -1,8 +1,9 @@
-"""Regulation with the flow-based estimator: Fig. 8, 10 and 12.
+"""Experiment `regulation-flow`: regulation with the flow-based estimator, Fig. 8, 10 and 12.
 
-On the way the image turns by 40° and J with it, by most of its size. At 1 mm/s the rule does not
-follow this change (T7): what is explored must do for the whole way. So the tool explores half-way,
-where Ĵ is within 20° of both ends. The same scenes are also run with the exploration at the start.
+On the path the imaged tool rotates by 40°, and J changes by most of its size. At 1 mm/s the flow
+rule does not follow this change (T7), so the Ĵ of the exploration must suffice for the whole path.
+The tool therefore explores half-way, where Ĵ is within 20° of both ends. The same scenes also run
+with the exploration at the start.
 """
 
 from collections.abc import Iterator
@@ -35,7 +36,10 @@ FLOWS = (
 )
 HALF_WAY = "flow-based, explored half-way"
 FROM_START = "flow-based, explored at the start"
-FIXED = {"estimator": FLOW, "exploration": LONG, "laboratory": LABORATORY}
+
+
+def fixed_settings() -> dict[str, object]:
+    return {"estimator": FLOW, "exploration": LONG, "laboratory": LABORATORY}
 
 
 def tasks(settings: Settings) -> list[Task]:
@@ -54,19 +58,19 @@ def measure(settings: Settings, results: Results) -> Iterator[Measurement]:
     yield falls_by_k_b(runs, seeds, HALF_WAY)
     at_end = median(column(begun(runs), "at_end"))
     yield Measurement("every-instant", at_end, seeds, confirmed=at_end > ACCURATE)
-    error, noise = (column(begun(runs), key) for key in ("flow_error", "flow_noise"))
-    value, words = median(error), ends_of(error)
+    errors, noise = (column(begun(runs), key) for key in ("flow_error", "flow_noise"))
+    value, words = median(errors), ends_of(errors)
     yield Measurement("omega-follows", value, seeds, remarked=value > ACCURATE, ends=words)
     value, words = median(noise), ends_of(noise)
     yield Measurement("less-noise", value, seeds, confirmed=value < 1.0, ends=words)
     reached = [run for run in other if is_small(run)]
-    wrong = median(column(reached or begun(other), "at_end"))
+    error = median(column(reached or begun(other), "at_end"))
     yield Measurement(
         "success-shows",
-        wrong,
+        error,
         seeds,
         trials=len(reached),
-        confirmed=wrong > ACCURATE,
+        confirmed=error > ACCURATE,
         reached=len(reached),
         runs=len(other),
     )

@@ -1,7 +1,7 @@
-"""Relocation of the camera, which the conclusions claim: moved and rolled in mid-run.
+"""Experiment `relocation`: the camera is moved and rolled during a run, as section V claims.
 
-The servo must notice and stop. Then an operator shows the target in the new view and puts the tool
-back to where it was, and the servo explores again and continues. (The script plays the operator.)
+The servo must detect the relocation and stop. Then the operator, simulated by this module, teaches
+the target in the new view and returns the tool, and the servo restarts with an exploration.
 """
 
 from collections.abc import Iterator
@@ -39,7 +39,10 @@ METHODS: dict[str, tuple[Estimator, Exploration]] = {
     "flow": (FLOW, LONG),
 }
 LABORATORY = RigSettings(scene=SceneSettings(room=12.0, travel=(30.0, 60.0)), point_noise=NOISE)
-FIXED = {"methods": METHODS, "controller": FAST_LAW, "laboratory": LABORATORY}
+
+
+def fixed_settings() -> dict[str, object]:
+    return {"methods": METHODS, "controller": FAST_LAW, "laboratory": LABORATORY}
 
 
 def tasks(settings: Settings) -> list[Task]:
@@ -52,10 +55,10 @@ def tasks(settings: Settings) -> list[Task]:
 
 
 def relocated(folder: Path, seed: int, method: str, settings: Settings) -> Found:
-    """Servo, relocate the camera half-way, wait for the stop, show the target again, continue.
+    """Servo, relocate the camera half-way, wait for the stop, teach the target, and restart.
 
-    Returns `until_stopped`, the time ``again`` (s) at which the servo was started again, the cause
-    at the end, and the final pose error (mm).
+    Returns the results of `until_stopped`, the time ``again`` (s) of the restart, the cause at the
+    end, and the final pose error (mm).
     """
     servo = servo_for(LABORATORY, *METHODS[method], FAST_LAW)
     with closed_loop(folder, seed, LABORATORY, settings.pictures, servo) as loop:
@@ -65,20 +68,21 @@ def relocated(folder: Path, seed: int, method: str, settings: Settings) -> Found
         stopped_at = loop.rig.arm.q_true
         target, _ = loop.teach(loop.rig.scene.target)
         loop.rig.place(stopped_at)
-        again = loop.elapsed()
+        restart = loop.elapsed()
         tick = loop.last(target, settings.duration)
-        words = "after: the target was shown in the new view"
+        words = "after: the target was taught in the new view"
         loop.snapshot("after.png", target, tick.state, words)
         error = np.linalg.norm(loop.true_p2() - p_d)
-    return {**stop, "again": again, "cause": tick.state.cause.stopping, "pose_error": error}
+    return {**stop, "again": restart, "cause": tick.state.cause.stopping, "pose_error": error}
 
 
 def until_stopped(loop: ClosedLoop, target: Target, settings: Settings) -> Found:
-    """Servo to the target, move the camera on the way, and wait until the tool stands still.
+    """Servo to the target, relocate the camera on the path, and wait until the tool is at rest.
 
-    Returns ``moved``, s at which the camera was moved, or None if the servo never came so far;
-    ``stopped_after``, s until the tool stood still, or None; ``travelled``, mm of marker 2 from
-    then to the end; and ``noticed``, True if the servo paused for that reason.
+    Returns ``moved``, the time (s) of the relocation, None if the servo did not come that far;
+    ``stopped_after``, the time (s) from the relocation until rest, or None; ``travelled``, the
+    distance (mm) of marker 2 from the relocation to the end; and ``noticed``, True if the servo
+    paused because it detected the relocation.
     """
     moved, stopped, p2, first = None, None, loop.true_p2(), np.nan
     tick: Tick | None = None
@@ -93,7 +97,7 @@ def until_stopped(loop: ClosedLoop, target: Target, settings: Settings) -> Found
         elif moved is not None and stopped is None and not tick.state.command.rates.any():
             stopped = tick.time / 1e9
     assert tick is not None
-    words = "the camera was moved and rolled: " + tick.state.phase.value
+    words = "camera moved and rolled: " + tick.state.phase.value
     loop.snapshot("moved.png", target, tick.state, words)
     return {
         "moved": moved,
@@ -108,7 +112,7 @@ def measure(settings: Settings, results: Results) -> Iterator[Measurement]:
     runs, seeds = [results[name] for name in names], range(settings.seeds)
     errors = column(runs, "pose_error")
     failed = [
-        f"{name}: {run['cause'] or 'not there'}"
+        f"{name}: {run['cause'] or 'not at the target'}"
         for name, run in zip(names, runs, strict=True)
         if run["pose_error"] > BOUND_MM
     ]
@@ -132,7 +136,7 @@ def draw(settings: Settings, results: Results) -> Iterator[Drawn]:
     if all(path.exists() for path in pictures):
         yield Drawn("pictures", [0], pictures=pictures)
     panels = [_over_time(method, f"{method}-0", results) for method in METHODS]
-    yield Drawn("relocated", [0], Figure("The camera relocated in mid-run", panels))
+    yield Drawn("relocated", [0], Figure("Relocation of the camera during a run", panels))
 
 
 def _over_time(method: str, task: str, results: Results) -> Panel:

@@ -1,8 +1,8 @@
-"""Teaching by showing, Fig. 13 and 14: poses are shown once and visited by their pictures.
+"""Experiment `showing`: teaching by showing, Fig. 13 and 14.
 
-An operator brings the tool to each pose and registers the camera's picture; then the servo visits
-them in turn, at the paper's gains. ‖Δp‖ = ‖p₂ − p_d‖ is taken by the truth when a visit ends (the
-paper presumably took it by the joints).
+The operator brings the tool to each pose and registers the image. Then the servo visits the poses
+in turn, with the paper's gains. The pose error ‖Δp‖ = ‖p₂ − p_d‖ at the end of a visit uses the
+true positions; the paper presumably uses those computed from the joints.
 """
 
 from collections.abc import Iterator
@@ -32,11 +32,14 @@ from rcmservo.safety.causes import Cause
 from rcmservo.sim import Rig, RigSettings, SceneSettings
 
 LABORATORY = RigSettings(scene=SceneSettings(room=18.0), point_noise=NOISE)
-FIXED = {"methods": PAPER_METHODS, "controller": PRINTED_LAW, "laboratory": LABORATORY}
 BOUND_MM = 4.0
 """Bound of the paper on the pose error."""
 BORDER_PX = 25.0
-"""px that a pose's markers keep from the picture's border."""
+"""Smallest distance (px) of a pose's markers from the border of the image."""
+
+
+def fixed_settings() -> dict[str, object]:
+    return {"methods": PAPER_METHODS, "controller": PRINTED_LAW, "laboratory": LABORATORY}
 
 
 def tasks(settings: Settings) -> list[Task]:
@@ -55,8 +58,8 @@ def seeds_of(settings: Settings) -> list[int]:
 def visit_all(folder: Path, seed: int, method: str, pictures: bool, settings: Settings) -> Found:
     """Teach all poses, explore about the start, and visit the poses in turn.
 
-    Returns the visits in their order, the cause that ended the last one early, p_d (n, 3) mm of
-    every pose, and the mm per pixel of noise there.
+    Returns the visits in order, the cause that ended the last one early, p_d (n, 3) in mm of each
+    pose, and the sensitivity `pose_per_pixel` there.
     """
     servo = servo_for(LABORATORY, *PAPER_METHODS[method], PRINTED_LAW)
     with closed_loop(folder, seed, LABORATORY, pictures, servo) as loop:
@@ -89,7 +92,7 @@ def visit_all(folder: Path, seed: int, method: str, pictures: bool, settings: Se
 def visit(
     loop: ClosedLoop, tick: Tick, target: Target, p_d: Floats, longest: float
 ) -> tuple[Found, Tick]:
-    """Servo to one pose; return when, the final pose error (mm), and the scaled error of Ĵ."""
+    """Servo to one pose; return times (s), final pose error (mm) and scaled error of Ĵ."""
     began = loop.elapsed()
     tick = loop.last(target, longest, tick.state, done=Arrived())
     return {
@@ -101,14 +104,15 @@ def visit(
 
 
 def drawn_poses(rig: Rig, count: int, spread: float) -> list[Floats]:
-    """Return joints (3,) of visible poses within `spread` mm of the start."""
+    """Return the joints (3,) of random visible poses within `spread` mm of the start."""
     random = np.random.default_rng(rig.seed)
     kinematics, size = rig.settings.mechanism, np.array([rig.settings.width, rig.settings.height])
     start = kinematics.position(rig.scene.start)
     poses: list[Floats] = []
     while len(poses) < count:
-        way = random.standard_normal(3)
-        q = kinematics.joints(start + spread * random.uniform(0.5, 1.0) * way / np.linalg.norm(way))
+        offset = random.standard_normal(3)
+        offset = spread * random.uniform(0.5, 1.0) * offset / np.linalg.norm(offset)
+        q = kinematics.joints(start + offset)
         m = rig.truth.pixels(q)
         inside = (q > kinematics.limits.lower) & (q < kinematics.limits.upper)
         if inside.all() and ((m > BORDER_PX) & (m < size - BORDER_PX)).all():
@@ -117,7 +121,7 @@ def drawn_poses(rig: Rig, count: int, spread: float) -> list[Floats]:
 
 
 def pose_per_pixel(rig: Rig, q: Floats) -> float:
-    """Return rms mm of marker 1 at the joints q (3,) for one pixel of noise in every coordinate."""
+    """Return the rms displacement (mm) of marker 1 at `q` for 1 px of noise in each coordinate."""
     o_c = rig.truth.imaged_rcm()
     noise = features_jacobian(about(rig.truth.pixels(q), o_c))
     return float(np.linalg.norm(np.linalg.solve(rig.truth.jacobian(q, o_c), noise)))
@@ -149,9 +153,9 @@ def measure(settings: Settings, results: Results) -> Iterator[Measurement]:
     for method, scenes in found.items():
         planned = settings.poses * settings.rounds * len(seeds)
         causes = sorted({scene["cause"] for scene in scenes if scene["cause"]})
-        share = 100.0 * len(errors[method]) / planned
-        words = "; ".join([f"{planned} asked for", *causes])
-        yield Measurement("all-made", share, seeds, case=(f"{method}-based",), words=words)
+        completed = 100.0 * len(errors[method]) / planned
+        words = "; ".join([f"{planned} planned", *causes])
+        yield Measurement("all-made", completed, seeds, case=(f"{method}-based",), words=words)
     per_pixel = np.concatenate([scene["per_pixel"] for scene in found["flow"]])
     yield Measurement(
         "meaning",
@@ -200,7 +204,7 @@ def draw(settings: Settings, results: Results) -> Iterator[Drawn]:
         )
         for key, (label, level) in numbers.items()
     ]
-    yield Drawn("visits", seeds_of(settings), Figure("Ends of all visits", panels))
+    yield Drawn("visits", seeds_of(settings), Figure("Final errors of all visits", panels))
 
 
 def _over_time(method: str, task: str, results: Results) -> Panel:
@@ -222,10 +226,10 @@ def _over_time(method: str, task: str, results: Results) -> Panel:
 
 
 def _marks(style: int, method: str, settings: Settings, results: Results, key: str) -> Curve:
-    """Return one mark for each visit, next to the place of its scene."""
+    """Return one mark per visit, next to the axis position of its scene."""
     points = [
-        (place + 0.3 * (style - 0.5), one[key])
-        for place, scene in enumerate(results.per_seed(method, seeds_of(settings)))
+        (index + 0.3 * (style - 0.5), one[key])
+        for index, scene in enumerate(results.per_seed(method, seeds_of(settings)))
         for one in scene["visits"]
     ]
     return make_curve(method, [x for x, _ in points], [y for _, y in points], style, marks=True)

@@ -1,7 +1,7 @@
-"""Results of tasks on disk: a folder for each task, with its results as JSON.
+"""Results of tasks on disk: one folder per task, with the results as JSON.
 
-A single number must be finite: NaN is a measurement that failed. Arrays may have gaps, which are
-null in JSON and NaN in memory.
+Single numbers must be finite, because NaN means a failed measurement. Arrays may have gaps, which
+are null in JSON and NaN in memory.
 """
 
 import hashlib
@@ -25,11 +25,17 @@ RESULT = "result.json"
 PART = ".part"
 MODE = "paper.json"
 RECORDS = ("record", "figures")
-"""Folders that a result may depend on and a row of a study does not."""
+"""Folders of the package that results here depend on, but rows of a study do not."""
 
 
 def prepare(out: Path, quick: bool) -> None:
-    """Make the folder, or check that it is one of an earlier run of the same kind."""
+    """Create the folder, or check that it belongs to an earlier run of the same kind.
+
+    Raises
+    ------
+    UnusableFile
+        If the folder belongs to another kind of run, is not empty, or cannot be used.
+    """
     mode = "quick" if quick else "whole"
     try:
         out.mkdir(parents=True, exist_ok=True)
@@ -52,16 +58,16 @@ def prepare(out: Path, quick: bool) -> None:
 
 
 class Assignment(NamedTuple):
-    """A task, and the folder of its result.
+    """A task with the folder of its result.
 
     Parameters
     ----------
     task : Task
-        Work to be done.
+        Task.
     folder : Path
         Folder of the result.
     mark : str
-        Fingerprint of all that the result depends on.
+        Fingerprint of everything that the result depends on.
     """
 
     task: Task
@@ -70,14 +76,14 @@ class Assignment(NamedTuple):
 
     @property
     def finished(self) -> bool:
-        """True if the folder holds the result of this very task."""
+        """True if the folder holds the result of this task with the same fingerprint."""
         try:
             return json.loads((self.folder / RESULT).read_text())["fingerprint"] == self.mark
         except (OSError, ValueError, KeyError, TypeError):
             return False
 
     def perform(self) -> None:
-        """Run the task into its folder."""
+        """Run the task, and move its results into the folder when they are complete."""
         part = self.folder.with_name(self.folder.name + PART)
         for old in (part, self.folder):
             shutil.rmtree(old, ignore_errors=True)
@@ -89,7 +95,7 @@ class Assignment(NamedTuple):
         part.rename(self.folder)
 
     def copy(self, other: "Assignment") -> None:
-        """Take the result of another task that does the same work."""
+        """Copy the result of another task with the same work."""
         shutil.rmtree(self.folder, ignore_errors=True)
         shutil.copytree(other.folder, self.folder)
 
@@ -100,7 +106,7 @@ class Assignment(NamedTuple):
 
 
 def fingerprint(task: Task) -> str:
-    """Return a hash of all that a result depends on: arguments, package, and own files."""
+    """Return a hash of everything that a result depends on: arguments, package and source files."""
     work, root = task.work, Path(rcmservo.__file__).parent
     text = hashlib.sha256(repr((work.func.__qualname__, sorted(work.keywords.items()))).encode())
     text.update(package().encode())
@@ -112,7 +118,7 @@ def fingerprint(task: Task) -> str:
 
 
 def used(root: Path, module: Path) -> set[Path]:
-    """Return the files of the paper's package that a module imports, and its own."""
+    """Return the files of `rcmservo.paper` that a module imports, directly or not, and its own."""
     found: set[Path] = set()
     todo = {module}
     while todo:
@@ -125,7 +131,7 @@ def used(root: Path, module: Path) -> set[Path]:
 
 
 def plain(value: Any, where: str = "result") -> Any:
-    """Return a value as JSON holds it; `NotMeasured`, naming the item, for a number not finite."""
+    """Convert a result to JSON types; raise `NotMeasured` for a number that is not finite."""
     if is_table(value):
         return {name: plain(one, f"{where}.{name}") for name, one in value.items()}
     if isinstance(value, np.ndarray):
@@ -145,7 +151,7 @@ def _with_gaps(values: Any) -> Any:
 
 
 def restored(value: Any) -> Any:
-    """Return a value from its form in JSON; a list of numbers becomes an array."""
+    """Convert a result back from JSON types; a list of numbers becomes an array."""
     if is_table(value):
         return {name: restored(one) for name, one in value.items()}
     if not isinstance(value, list):

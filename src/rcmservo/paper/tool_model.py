@@ -1,7 +1,7 @@
-"""Sensitivity to the tool's model: a rigid shaft, our default, or the paper's constant λ.
+"""Experiment `tool-model`: a rigid shaft, which is the default, or the paper's constant λ.
 
-Once without motion, with Ĵ from the true a, and once in closed loops that know the tool by either
-model.
+The models are compared without motion, with Ĵ from the true a, and in closed loops in which the
+servo uses either model.
 """
 
 from collections.abc import Iterator
@@ -23,10 +23,13 @@ from rcmservo.sim import Rig, RigSettings
 from rcmservo.study.report.statistics import dashed
 
 SPACING_MM = 30.0
-"""mm between the markers on the real tool."""
+"""Distance (mm) between the markers on the simulated tool."""
 MODELS = {"rigid": "rigid shaft", "constant": "constant λ"}
 LABORATORY = RigSettings(tool=RigidTool(SPACING_MM), point_noise=NOISE)
-FIXED = {"laboratory": LABORATORY}
+
+
+def fixed_settings() -> dict[str, object]:
+    return {"laboratory": LABORATORY}
 
 
 def tasks(settings: Settings) -> list[Task]:
@@ -35,20 +38,20 @@ def tasks(settings: Settings) -> list[Task]:
 
 
 def tools(p1: Floats) -> tuple[Tool, Tool]:
-    """Return both models of one tool, alike with marker 1 at p1 (3,) mm."""
+    """Return both models of a tool; they agree for marker 1 at `p1` (3,) in mm."""
     return RigidTool(SPACING_MM), ScaledTool(1.0 + SPACING_MM / float(np.linalg.norm(p1)))
 
 
 def scenes(settings: Settings) -> Found:
-    """Return the results of `scene` for every scene."""
+    """Return the results of `scene` for each scene."""
     return {"scenes": [scene(seed) for seed in range(settings.scenes)]}
 
 
 def scene(seed: int) -> Found:
-    """Return the true ∂d/∂ρ (px/mm), and Ĵ from the true a with either tool model.
+    """Return the true ∂d/∂ρ (px/mm), and the errors of Ĵ from the true a with either tool model.
 
-    A constant λ is right at the pose itself, so that both predict the same m₂. ``along`` is ∂d/∂ρ
-    (px/mm), ``whole`` the scaled error of Ĵ, ``row`` the error of its d row.
+    The constant λ is exact at the pose itself, so that both models predict the same m₂. ``along``
+    is ∂d/∂ρ (px/mm), ``whole`` the scaled error of Ĵ, ``row`` the relative error of its d row.
     """
     rig = Rig(seed, RigSettings(scene=PINHOLE), pictures=False)
     a, o_c = true_parameters(rig)
@@ -69,7 +72,7 @@ def scene(seed: int) -> Found:
 
 
 def loop(settings: Settings, seed: int) -> Found:
-    """Return the same closed loop with either tool model known to the servo. λ is right at home."""
+    """Return the trial of one seed with either tool model in the servo; λ is exact at the start."""
     home = Rig(seed, LABORATORY, pictures=False)
     known = tools(home.body.points(home.scene.start)[0])
     trials = [settle(seed, LABORATORY, settings.duration, tool)[0] for tool in known]
@@ -82,9 +85,14 @@ def measure(settings: Settings, results: Results) -> Iterator[Measurement]:
     row = median(column(found, "constant", "row"))
     confirmed = constant > 0.1 >= rigid
     yield Measurement("jacobian", constant, seeds, confirmed=confirmed, row=row, rigid=rigid)
-    wrong = float(np.mean(column(found, "true") * column(found, "constant", "along") < 0.0))
+    opposite = float(np.mean(column(found, "true") * column(found, "constant", "along") < 0.0))
     yield Measurement(
-        "sign", 1.0 - wrong, seeds, remarked=wrong > 0.0, confirmed=wrong >= 0.25, wrong=wrong
+        "sign",
+        1.0 - opposite,
+        seeds,
+        remarked=opposite > 0.0,
+        confirmed=opposite >= 0.25,
+        wrong=opposite,
     )
     trials = _trials(settings, results)
     counts = {model: settled(some) for model, some in trials.items()}
@@ -107,8 +115,8 @@ def _trials(settings: Settings, results: Results) -> dict[str, list[Found]]:
 
 
 def _settled_words(trials: list[Found]) -> str:
-    good = [trial for trial in trials if not trial["why_not"]]
-    time, pose = (median(column(good, name)) for name in ("settle_time", "pose"))
+    successful = [trial for trial in trials if not trial["why_not"]]
+    time, pose = (median(column(successful, name)) for name in ("settle_time", "pose"))
     return f"median after {dashed(time, '.1f')} s, pose error {dashed(pose, '.2g')} mm"
 
 
@@ -123,12 +131,12 @@ def draw(settings: Settings, results: Results) -> Iterator[Drawn]:
     derivative = Panel(
         "true $\\partial d / \\partial \\rho$ [px/mm]",
         "modelled $\\partial d / \\partial \\rho$ [px/mm]",
-        [make_curve("right", ends, ends, -1), *modelled],
+        [make_curve("exact", ends, ends, -1), *modelled],
         levels=[("", 0.0)],
     )
     errors = [marks([column(found, model, "whole") for model in MODELS])]
     error = Panel("", "$\\|\\hat{J} - J\\| / \\|J\\|$, scaled [1]", errors, categories=labels)
-    figure = Figure("What a constant λ does to the Jacobian", [derivative, error], columns=2)
+    figure = Figure("Effect of a constant λ on the Jacobian", [derivative, error], columns=2)
     yield Drawn("tool-model", range(settings.scenes), figure)
     trials = _trials(settings, results).values()
     numbers = {
@@ -142,5 +150,5 @@ def draw(settings: Settings, results: Results) -> Iterator[Drawn]:
         labels,
         log=("pose", "jacobian"),
     )
-    figure = Figure("Either tool model in the loop", panels, columns=3)
+    figure = Figure("Closed loops with either tool model", panels, columns=3)
     yield Drawn("tool-loops", range(settings.loops), figure)
