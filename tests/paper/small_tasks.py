@@ -3,10 +3,10 @@
 from functools import partial
 from pathlib import Path
 
-from rcmservo.paper.plan import Found, Task
+from rcmservo.paper.plan import Task, TaskResult
 
 
-def count(folder: Path, log: Path, name: str) -> Found:
+def count(folder: Path, log: Path, name: str) -> TaskResult:
     """Task that logs each run."""
     with log.open("a") as file:
         file.write(name + "\n")
@@ -14,16 +14,16 @@ def count(folder: Path, log: Path, name: str) -> Found:
     return {"name": name}
 
 
-def fail(folder: Path) -> Found:
+def fail(folder: Path) -> TaskResult:
     (folder / "half.txt").write_text("half")
     raise ValueError("this task fails")
 
 
-def not_measured() -> Found:
+def not_measured() -> TaskResult:
     return {"number": float("nan")}
 
 
-def settled(settings: object) -> Found:
+def settled(settings: object) -> TaskResult:
     return {"name": repr(settings)}
 
 

@@ -12,13 +12,13 @@ from rcmservo.control.exploration import Exploration
 from rcmservo.estimation.projection_rule import ProjectionEstimator
 from rcmservo.figures import charts
 from rcmservo.paper import baselines
-from rcmservo.paper.baselines import KINDS, SCENE, SCENES
+from rcmservo.paper.baselines import SCENE, SCENE_KINDS, SCENES
 from rcmservo.paper.claims import ClaimRow, judge
 from rcmservo.paper.lab.attempt import Attempt
-from rcmservo.paper.lab.methods import FAST, METHODS, Learner, Own
-from rcmservo.paper.lab.tally import Tally, numbers_of
-from rcmservo.paper.plan import Drawn, Found, Measurement, Results, Settings
-from rcmservo.paper.store import plain, restored
+from rcmservo.paper.lab.methods import COMPARED_METHODS, FAST, EstimatingMethod, Own
+from rcmservo.paper.lab.tally import MethodStatistics, run_results
+from rcmservo.paper.plan import Measurement, ReportFigure, Results, Settings, TaskResult
+from rcmservo.paper.store import from_json, to_json
 from rcmservo.safety.causes import Cause
 from rcmservo.study.plan.conditions import COMPILED, MUJOCO
 from rcmservo.study.report import statistics
@@ -42,9 +42,11 @@ class Renamed(ProjectionEstimator):
     """Estimator without a compiled function, which runs on the live path."""
 
 
-@pytest.mark.parametrize("name", first_quick(sorted(METHODS, key=lambda name: name != "default")))
+@pytest.mark.parametrize(
+    "name", first_quick(sorted(COMPARED_METHODS, key=lambda name: name != "default"))
+)
 def test_every_method_moves_and_arrives_in_most_accepted_scenes(name: str) -> None:
-    runs = [METHODS[name].run(attempt(seed, noise=0.1)) for seed in range(3)]
+    runs = [COMPARED_METHODS[name].run(attempt(seed, noise=0.1)) for seed in range(3)]
     moved = [float(np.ptp(run.error)) for run in runs]
     assert min(moved) > 5.0
     arrived = sum(run.pose_error < 1.0 for run in runs)
@@ -56,8 +58,8 @@ def test_every_method_moves_and_arrives_in_most_accepted_scenes(name: str) -> No
 @pytest.mark.parametrize("name", ["nflow", "rls", "kalman", "correntropy"])
 def test_every_estimator_from_displacements_works(name: str, reach: float) -> None:
     """The comparison is fair only if the other methods work with its noise."""
-    method = METHODS[name]
-    assert isinstance(method, Learner) and method.exploration == Exploration()
+    method = COMPARED_METHODS[name]
+    assert isinstance(method, EstimatingMethod) and method.exploration == Exploration()
     adapted = replace(method, exploration=Exploration(leg=0.15 * reach / 8.0, reach=reach))
     runs = [adapted.run(attempt(seed, 10.0)) for seed in range(10)]
     assert sum(run.pose_error <= 1.0 for run in runs) >= 9
@@ -66,7 +68,7 @@ def test_every_estimator_from_displacements_works(name: str, reach: float) -> No
 
 @pytest.mark.slow
 def test_methods_with_the_same_settings_give_identical_runs() -> None:
-    same = Learner("by another name", "another", ProjectionEstimator(), Exploration())
+    same = EstimatingMethod("by another name", "another", ProjectionEstimator(), Exploration())
     one, other, live = (
         method.run(attempt()) for method in (FAST, same, replace(same, estimator=Renamed()))
     )
@@ -85,19 +87,19 @@ def test_the_noise_and_the_target_of_a_seed_reach_every_engine_and_law(
     other = trial(SEED, 1, LABORATORY, 30.0, 30)
     assert given.scene.start == pytest.approx(other.scene.start)
     for name in ("default", "flow", "constant", "points-exact", "pose-exact"):
-        before = METHODS[name].run(attempt()).error
+        before = COMPARED_METHODS[name].run(attempt()).error
         for module in ("batch", "simulation_engine"):
             path = f"rcmservo.study.{module}.trial"
             monkeypatch.setattr(path, lambda seed, _, *rest: trial(seed, 1, *rest))
-        assert not np.array_equal(before, METHODS[name].run(attempt()).error), name
+        assert not np.array_equal(before, COMPARED_METHODS[name].run(attempt()).error), name
         monkeypatch.undo()
-        np.testing.assert_array_equal(before, METHODS[name].run(attempt()).error)
+        np.testing.assert_array_equal(before, COMPARED_METHODS[name].run(attempt()).error)
 
 
 @pytest.mark.parametrize("name", first_quick(["default", "fast", "printed"]))
 def test_the_compiled_and_the_live_path_agree_on_a_method(name: str) -> None:
-    method, one_attempt = METHODS[name], attempt()
-    assert isinstance(method, Learner)
+    method, one_attempt = COMPARED_METHODS[name], attempt()
+    assert isinstance(method, EstimatingMethod)
     servo = one_attempt.servo(method.estimator, method.exploration, method.controller)
     one, other = one_attempt.run(servo), one_attempt.live(servo)
     assert (one.engine, other.engine) == (COMPILED, MUJOCO)
@@ -110,14 +112,14 @@ def test_the_compiled_and_the_live_path_agree_on_a_method(name: str) -> None:
 
 def test_every_method_has_the_same_time_after_its_exploration() -> None:
     for name in ("default", "printed", "constant", "pose-exact"):
-        run = METHODS[name].run(attempt())
+        run = COMPARED_METHODS[name].run(attempt())
         after = len(run.error) / run.rate - run.explored
         assert after == pytest.approx(DURATION), name
-    assert METHODS["pose-exact"].run(attempt()).explored == 0.0
+    assert COMPARED_METHODS["pose-exact"].run(attempt()).explored == 0.0
 
 
 def test_a_run_that_only_an_operator_can_resume_ends_early_at_rest() -> None:
-    run = METHODS[FAILING_METHOD].run(attempt(duration=8.0))
+    run = COMPARED_METHODS[FAILING_METHOD].run(attempt(duration=8.0))
     assert run.held.stopping
     assert len(run.error) < 100 * 8.0
     assert np.ptp(run.error[-100:]) < 1e-3
@@ -138,14 +140,14 @@ def test_the_run_of_an_unfinished_loop_is_the_beginning_of_the_whole_run() -> No
 
 
 def test_the_rejected_scenes_exceed_the_built_in_condition() -> None:
-    for scenes in KINDS:
+    for scenes in SCENE_KINDS:
         laboratory = baselines.laboratory(SCENES[scenes])
         found = [worst_condition(trial(s, 0, laboratory, 1.0, 30).scene) for s in range(10)]
         hard = [condition > SCENE.max_condition for condition in found]
         assert all(hard) if scenes == "rejected" else not any(hard)
 
 
-def made(pose: list[float], within: list[float], held: list[str] | None = None) -> Found:
+def made(pose: list[float], within: list[float], held: list[str] | None = None) -> TaskResult:
     """Return the results of runs with certain pose errors and times."""
     n, known = len(pose), np.array(within, float)
     return dict(
@@ -167,7 +169,7 @@ def test_intervals_are_those_of_the_statistics_of_studies() -> None:
     poses, times = random.lognormal(-1.0, 1.0, (2, 40)), random.uniform(1.0, 5.0, (2, 40))
     times[0, :4] = np.nan
     one, other = (
-        Tally("a", "a", made(p.tolist(), t.tolist()), 9.0)
+        MethodStatistics("a", "a", made(p.tolist(), t.tolist()), 9.0)
         for p, t in zip(poses, times, strict=True)
     )
     arrived = poses <= 1.0
@@ -187,12 +189,12 @@ def test_intervals_are_those_of_the_statistics_of_studies() -> None:
 
 def test_the_results_of_a_run_are_those_of_the_study() -> None:
     study_runs = [FAST.run(attempt(seed)) for seed in range(3)]
-    runs = numbers_of(study_runs)
+    runs = run_results(study_runs)
     assert runs["pose"].tolist() == [one.pose_error for one in study_runs]
     assert runs["within"].tolist() == [one.first_within(1.0) for one in study_runs]
     assert runs["explored"].tolist() == [one.explored for one in study_runs]
     assert runs["middle"][-1] < runs["middle"][0]
-    stored = restored(plain(runs))
+    stored = from_json(to_json(runs))
     assert stored["pose"].tolist() == runs["pose"].tolist() and np.isnan(stored["jacobian"]).all()
 
 
@@ -202,13 +204,13 @@ def test_the_cause_of_a_run_that_did_not_arrive_is_reported() -> None:
     phases = np.full(n, 4, np.int8)
     causes = np.full(n, stopped.place, np.int8)
     held = StudyRun(0, 100.0, np.full(n, 5.0), phases, causes, 0.1, run.scene)
-    tally = Tally("a", "a", numbers_of([run, held]), 9.0)
+    tally = MethodStatistics("a", "a", run_results([run, held]), 9.0)
     assert tally.failures == f"1 of 2 did not arrive: {stopped.stopping}"
-    assert "never" in f"{Tally('a', 'a', made([5.0] * 9, [np.nan] * 9), 9.0).words}"
+    assert "never" in f"{MethodStatistics('a', 'a', made([5.0] * 9, [np.nan] * 9), 9.0).words}"
 
 
 @cache
-def chapter() -> tuple[list[Measurement], list[ClaimRow], list[Drawn]]:
+def chapter() -> tuple[list[Measurement], list[ClaimRow], list[ReportFigure]]:
     """Return measurements, claims and figures of two scenes, with a user-defined estimator."""
     own = Own("mylab:Own", "own", Renamed(), source="a hash")
     settings = Settings(accepted=2, rejected=2, draws=5, duration=1.0, own=own)

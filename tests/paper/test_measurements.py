@@ -5,7 +5,7 @@ import pytest
 
 from rcmservo.paper.lab.random_observations import RandomObservations
 from rcmservo.paper.lab.regulation import falls_by_k_b
-from rcmservo.paper.plan import Found, NotMeasured
+from rcmservo.paper.plan import NotMeasured, TaskResult
 from rcmservo.paper.potential import first_below
 from rcmservo.paper.statistics import column
 
@@ -13,7 +13,7 @@ SEEDS = (4, 5, 6)
 NEVER = {"cause": "time ran out during exploration", "began": None}
 
 
-def falling(slope: float) -> Found:
+def falling(slope: float) -> TaskResult:
     """Return a run in which the error of r fell at `slope` (px/s); NaN if it never saturated."""
     return {"cause": "", "began": 0.0, "slope": slope}
 

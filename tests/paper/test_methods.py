@@ -16,7 +16,13 @@ from rcmservo.interfaces import Target
 from rcmservo.loop.run import run
 from rcmservo.paper import differentiation, regulation_projection
 from rcmservo.paper.lab.cameras import PINHOLE
-from rcmservo.paper.lab.closed_loop import FAST_FIT, LONG, WIDE, endless, servo_for
+from rcmservo.paper.lab.closed_loop import (
+    FAST_FIT,
+    FLOW_EXPLORATION,
+    PROJECTION_EXPLORATION,
+    make_servo,
+    remove_limits,
+)
 from rcmservo.paper.lab.knowledge import parameter_error, parameters_of
 from rcmservo.paper.lab.methods import DEFAULT
 from rcmservo.paper.lab.random_observations import RandomObservations
@@ -33,7 +39,7 @@ SEED = 3
 def test_every_differentiation_method_gives_finite_results() -> None:
     settings = Settings(touring=differentiation.JUDGED_S + 1.0, gamma=0.001)
     found = differentiation.tour(settings, seed=0)
-    for method in differentiation.METHODS:
+    for method in differentiation.DIFFERENTIATION_METHODS:
         assert np.isfinite(list(found[method].values())).all()
     assert found["frame"]["ratio"] == pytest.approx(1.0, abs=0.05)
     assert found["stale"]["ratio"] == pytest.approx(0.6, abs=0.05)
@@ -102,11 +108,11 @@ def test_the_fit_of_the_projection_gives_the_parameters_of_the_paper() -> None:
     assert parameter_error(rig, parameters_of(estimator, memory)) < 1e-3
 
 
-@pytest.mark.parametrize("exploration", [WIDE, LONG])
+@pytest.mark.parametrize("exploration", [PROJECTION_EXPLORATION, FLOW_EXPLORATION])
 def test_an_endless_exploration_continues_in_equal_rounds(exploration: Exploration) -> None:
     """The distance from the start is about the reach of the exploration in each round."""
     rig, plant = laboratory(SEED, SCENE, 0.1)
-    servo = servo_for(rig.settings, FAST_FIT, endless(exploration))
+    servo = make_servo(rig.settings, FAST_FIT, remove_limits(exploration))
     here = Target(rig.truth.pixels(rig.scene.start), rig.scene.start)
     distances = list[float]()
     start = rig.body.points(rig.arm.q_true)[0]

@@ -270,7 +270,7 @@ def test_the_same_seed_gives_the_same_figures_bit_for_bit(
 def test_a_second_run_into_the_same_folder_finds_all_tasks_finished(quick: Path) -> None:
     jobs = [job for name in claim_table().experiment for job in assignments(name, quick)]
     assert len(jobs) > 50
-    assert all(job.finished for job in jobs)
+    assert all(job.is_finished for job in jobs)
 
 
 def test_a_run_stopped_by_ctrl_c_keeps_finished_tasks_and_can_continue(

@@ -17,7 +17,15 @@ from rcmservo.paper import run as running
 from rcmservo.paper.experiment import Experiment
 from rcmservo.paper.plan import Measurement, NotMeasured, Results, Settings, Task
 from rcmservo.paper.run import chosen, run, run_all
-from rcmservo.paper.store import PART, RESULT, Assignment, fingerprint, plain, restored, used
+from rcmservo.paper.store import (
+    PART_SUFFIX,
+    RESULT_FILE,
+    Assignment,
+    fingerprint,
+    from_json,
+    imported_paper_files,
+    to_json,
+)
 
 
 def runs(log: Path) -> list[str]:
@@ -62,12 +70,12 @@ def test_a_stopped_run_continues_with_unfinished_tasks(
         run_all(counted(log, *names), out, stop)
     finished = [
         path.parent.name
-        for path in out.glob(f"some/*/{RESULT}")
-        if not path.parent.name.endswith(PART)
+        for path in out.glob(f"some/*/{RESULT_FILE}")
+        if not path.parent.name.endswith(PART_SUFFIX)
     ]
     assert finished
     assert all(
-        json.loads((out / "some" / name / RESULT).read_text())["values"]["name"] == name
+        json.loads((out / "some" / name / RESULT_FILE).read_text())["values"]["name"] == name
         for name in finished
     )
     before = runs(log)
@@ -91,7 +99,7 @@ def test_only_a_damaged_result_is_computed_again(tmp_path: Path) -> None:
     tasks = counted(log, *damage, "whole")
     run_all(tasks, tmp_path / "out", nothing)
     for name, text in damage.items():
-        (tmp_path / "out" / "some" / name / RESULT).write_text(text)
+        (tmp_path / "out" / "some" / name / RESULT_FILE).write_text(text)
     done = run_all(tasks, tmp_path / "out", nothing)[0]["some"]
     assert all(done[name] == {"name": name} for name in damage)
     assert runs(log) == sorted([*damage, *damage, "whole"])
@@ -100,7 +108,7 @@ def test_only_a_damaged_result_is_computed_again(tmp_path: Path) -> None:
 def test_an_incomplete_result_is_discarded(tmp_path: Path) -> None:
     log = tmp_path / "log"
     task = counted(log, "a")["some"][0]
-    part = tmp_path / ("a" + PART)
+    part = tmp_path / ("a" + PART_SUFFIX)
     part.mkdir()
     (part / "old.txt").write_text("old")
     Assignment(task, tmp_path / "a", fingerprint(task)).perform()
@@ -120,7 +128,7 @@ def test_a_fingerprint_depends_on_every_setting() -> None:
 def test_a_fingerprint_depends_only_on_the_module_of_the_experiment_and_its_imports() -> None:
     root = Path(rcmservo.__file__).parent
     module = root / "paper/regulation_flow.py"
-    names = {path.stem for path in used(root, module)}
+    names = {path.stem for path in imported_paper_files(root, module)}
     assert names >= {"regulation_flow", "regulation", "closed_loop"}
     assert not names & {"showing", "potential", "report", "paper"}
 
@@ -133,7 +141,7 @@ def test_a_result_survives_a_round_trip_through_json() -> None:
         "series": np.array([1.0, np.nan]),
         "nested": [{"number": 0.1, "words": ["", "a"]}, {"number": 2, "words": []}],
     }
-    got = restored(json.loads(json.dumps(plain(given), allow_nan=False)))
+    got = from_json(json.loads(json.dumps(to_json(given), allow_nan=False)))
     np.testing.assert_array_equal(got.pop("series"), given.pop("series"))
     assert got["nested"][1].pop("words").size == 0
     del given["nested"][1]["words"]  # pyright: ignore[reportArgumentType, reportOptionalSubscript, reportIndexIssue, reportUnknownMemberType]
@@ -141,7 +149,7 @@ def test_a_result_survives_a_round_trip_through_json() -> None:
 
 
 def test_a_series_with_gaps_is_an_array() -> None:
-    got = restored(json.loads("[[1, null], [0.5, 3]]"))
+    got = from_json(json.loads("[[1, null], [0.5, 3]]"))
     np.testing.assert_array_equal(got, [[1.0, np.nan], [0.5, 3.0]])
 
 
@@ -174,7 +182,7 @@ def test_two_experiments_share_their_servo_runs() -> None:
 @pytest.mark.parametrize("value", [float("nan"), float("inf"), np.float64("nan")])
 def test_the_error_of_a_number_that_is_not_finite_names_it(value: float) -> None:
     with pytest.raises(NotMeasured, match=r"result.inner\[1\].number: measured (nan|inf)"):
-        plain({"series": np.full(1, np.nan), "inner": [{"number": 1.0}, {"number": value}]})
+        to_json({"series": np.full(1, np.nan), "inner": [{"number": 1.0}, {"number": value}]})
 
 
 @pytest.mark.usefixtures("in_this_process")

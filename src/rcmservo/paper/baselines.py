@@ -16,11 +16,17 @@ import numpy as np
 
 from rcmservo.figures.charts import Curve, Figure, Panel, make_curve
 from rcmservo.paper.lab.attempt import Attempt
-from rcmservo.paper.lab.calibration import ROLL_DEG, WRONG
+from rcmservo.paper.lab.calibration import ROLL_DEG, WRONG_CALIBRATION
 from rcmservo.paper.lab.closed_loop import FAST_LAW
-from rcmservo.paper.lab.methods import METHODS, OUR_METHODS, STEP_MM, Method, Own
-from rcmservo.paper.lab.tally import Tally, numbers_of
-from rcmservo.paper.plan import Drawn, Found, Measurement, Results, Settings, Task
+from rcmservo.paper.lab.methods import (
+    BROYDEN_STEP_MM,
+    COMPARED_METHODS,
+    RCMSERVO_METHODS,
+    Method,
+    Own,
+)
+from rcmservo.paper.lab.tally import MethodStatistics, run_results
+from rcmservo.paper.plan import Measurement, ReportFigure, Results, Settings, Task, TaskResult
 from rcmservo.paper.statistics import bars, finite, marks, percent
 from rcmservo.sim import RigSettings, SceneSettings
 from rcmservo.sim.rig import sample_scene_of_seed
@@ -28,7 +34,7 @@ from rcmservo.study.report import statistics
 from rcmservo.study.report.statistics import Interval
 from rcmservo.study.row import worst_condition
 
-KINDS = ("accepted", "rejected")
+SCENE_KINDS = ("accepted", "rejected")
 """Kinds of scenes, by the built-in condition on scenes."""
 SCENE = SceneSettings(room=17.0)
 UNLIMITED = replace(SCENE, max_condition=1e9)
@@ -44,7 +50,10 @@ UNCALIBRATED = ("fast", "default", "printed", "flow", "constant", USER_ESTIMATOR
 """Methods without a calibration, except those in `DISPLACEMENT_METHODS`."""
 DISPLACEMENT_METHODS = ("broyden", "broyden-1mm", "nflow", "rls", "kalman", "correntropy")
 """Methods that estimate Ĵ from successive displacements."""
-BROYDEN = {"broyden": f"displacements of {STEP_MM:g} mm", "broyden-1mm": "displacements of 1 mm"}
+BROYDEN = {
+    "broyden": f"displacements of {BROYDEN_STEP_MM:g} mm",
+    "broyden-1mm": "displacements of 1 mm",
+}
 POINTS = {
     "constant": "one constant 4x3 Jacobian, estimated",
     "points-exact": "exact calibration",
@@ -58,7 +67,7 @@ MEDIAN_OFFSET = 0.36
 def methods_of(settings: Settings) -> dict[str, Method]:
     """Return all methods by key, a user-defined one included."""
     own: Own | None = getattr(settings, "own", None)
-    return {**METHODS, **({USER_ESTIMATOR: own} if own is not None else {})}
+    return {**COMPARED_METHODS, **({USER_ESTIMATOR: own} if own is not None else {})}
 
 
 def laboratory(scene: SceneSettings) -> RigSettings:
@@ -83,39 +92,39 @@ def tasks(settings: Settings) -> list[Task]:
             ),
             cost=0.2 * getattr(settings, kind),
         )
-        for kind in KINDS
+        for kind in SCENE_KINDS
         for name, method in methods_of(settings).items()
     ]
     draws = Task("draws", partial(draw_scenes, draws=settings.draws), cost=0.001 * settings.draws)
     return [*compared, draws]
 
 
-def compare(kind: str, method: Method, scenes: int, duration: float) -> Found:
+def compare(kind: str, method: Method, scenes: int, duration: float) -> TaskResult:
     """Run one method in each scene of one kind."""
     attempts = (Attempt(seed, laboratory(SCENES[kind]), duration) for seed in range(scenes))
-    return numbers_of([method.run(attempt) for attempt in attempts])
+    return run_results([method.run(attempt) for attempt in attempts])
 
 
-def draw_scenes(draws: int) -> Found:
+def draw_scenes(draws: int) -> TaskResult:
     """Return the worst scaled condition number of J on the path, for scenes without the limit."""
     scenes = (sample_scene_of_seed(seed, laboratory(UNLIMITED))[0] for seed in range(draws))
     return {"conditions": np.array([worst_condition(scene) for scene in scenes])}
 
 
-Tallies = dict[str, dict[str, Tally]]
+Tallies = dict[str, dict[str, MethodStatistics]]
 """Statistics of all methods, by kind of scenes and key of the method."""
 
 
 def tallies(settings: Settings, results: Results) -> Tallies:
     methods = methods_of(settings)
-    runs = {kind: {name: results[f"{name}-{kind}"] for name in methods} for kind in KINDS}
+    runs = {kind: {name: results[f"{name}-{kind}"] for name in methods} for kind in SCENE_KINDS}
     never = max(one["length"] for some in runs.values() for one in some.values())
     return {
         kind: {
-            name: Tally(method.name, method.short, runs[kind][name], never)
+            name: MethodStatistics(method.name, method.short, runs[kind][name], never)
             for name, method in methods.items()
         }
-        for kind in KINDS
+        for kind in SCENE_KINDS
     }
 
 
@@ -126,7 +135,7 @@ class Comparison(NamedTuple):
     ----------
     claim : str
         Key of the claim.
-    number : Callable[[Tally, Tally], Interval]
+    number : Callable[[MethodStatistics, MethodStatistics], Interval]
         Function that returns the number of the claim from the statistics of both methods.
     one : str
         Key of the method that the claim is about.
@@ -137,18 +146,18 @@ class Comparison(NamedTuple):
     """
 
     claim: str
-    number: Callable[[Tally, Tally], Interval]
+    number: Callable[[MethodStatistics, MethodStatistics], Interval]
     one: str
     other: str
     case: tuple[str, ...] = ()
 
 
-def worst(one: Tally, other: Tally) -> Interval:
+def worst(one: MethodStatistics, other: MethodStatistics) -> Interval:
     """Return the largest final pose error (mm) of the first method; it has no interval."""
     return Interval(one.worst, -np.inf, np.inf)
 
 
-def success(one: Tally, other: Tally) -> Interval:
+def success(one: MethodStatistics, other: MethodStatistics) -> Interval:
     """Return the percentage of the scenes in which the first method arrives."""
     return one.success
 
@@ -158,25 +167,29 @@ def comparisons() -> Iterator[Comparison]:
     # Remark 2: the traditional image-based law [12] needs exact knowledge of C
     yield Comparison("wrong-calibration", success, "image-wrong", "image-exact")
     yield Comparison("stale-calibration", success, "image-rolled", "image-exact")
-    ours = {name: method.name for name, method in OUR_METHODS.items()}
+    ours = {name: method.name for name, method in RCMSERVO_METHODS.items()}
     for name, words in ours.items():
-        yield Comparison("image-based", Tally.times_as_far, name, "image-exact", (words,))
+        yield Comparison(
+            "image-based", MethodStatistics.times_as_far, name, "image-exact", (words,)
+        )
     # IV-C: accuracy without a pose estimation algorithm [20], and its cost in time
-    yield Comparison("flow-pose-based", Tally.times_as_far, "flow", "pose-exact")
+    yield Comparison("flow-pose-based", MethodStatistics.times_as_far, "flow", "pose-exact")
     yield Comparison("flow-4-mm", worst, "flow", "default")
     for name, words in ours.items():
         for other, case in POSES.items():
-            yield Comparison("pose-based", Tally.times_as_far, name, other, (words, case))
-        yield Comparison("later", Tally.later, name, "pose-exact", (words,))
+            yield Comparison(
+                "pose-based", MethodStatistics.times_as_far, name, other, (words, case)
+            )
+        yield Comparison("later", MethodStatistics.later, name, "pose-exact", (words,))
     # cost of the three features [s r d] compared with four coordinates
     for name, words in ours.items():
         for other, case in POINTS.items():
-            yield Comparison("points", Tally.times_as_far, name, other, (words, case))
+            yield Comparison("points", MethodStatistics.times_as_far, name, other, (words, case))
     # III-C: the flow rule resembles Broyden's update [15]-[17]
     for name, words in BROYDEN.items():
-        yield Comparison("broyden-arrives", Tally.more_often, name, "flow", (words,))
+        yield Comparison("broyden-arrives", MethodStatistics.more_often, name, "flow", (words,))
     for name, words in BROYDEN.items():
-        yield Comparison("broyden-sooner", Tally.times_as_long, name, "flow", (words,))
+        yield Comparison("broyden-sooner", MethodStatistics.times_as_long, name, "flow", (words,))
 
 
 def measure(settings: Settings, results: Results) -> Iterator[Measurement]:
@@ -199,8 +212,8 @@ def measure(settings: Settings, results: Results) -> Iterator[Measurement]:
             both=f"{_by_kind(found, one)}, against {_by_kind(found, other)}",
             more_often=first.more_often(second),
             later=first.later(second),
-            miscalibration=WRONG,
-            wrong=f"; {WRONG}" if other == "points-wrong" else "",
+            miscalibration=WRONG_CALIBRATION,
+            wrong=f"; {WRONG_CALIBRATION}" if other == "points-wrong" else "",
             roll=ROLL_DEG,
             noise=NOISE_PX,
             printed=accepted["printed"],
@@ -208,7 +221,7 @@ def measure(settings: Settings, results: Results) -> Iterator[Measurement]:
         )
     for claim in ("arrives", "ends-near"):
         for name in accepted:
-            for kind in KINDS:
+            for kind in SCENE_KINDS:
                 tally, seeds = found[kind][name], range(getattr(settings, kind))
                 value = tally.success if claim == "arrives" else tally.pose
                 case = (tally.name, f"scenes {kind}")
@@ -221,11 +234,11 @@ def measure(settings: Settings, results: Results) -> Iterator[Measurement]:
 
 def _by_kind(found: Tallies, name: str) -> str:
     """Return the median pose errors of one method in both kinds of scenes, as text."""
-    accepted, rejected = (found[kind][name] for kind in KINDS)
+    accepted, rejected = (found[kind][name] for kind in SCENE_KINDS)
     return f"{accepted.short} {accepted.pose:.2f} mm, in rejected scenes {rejected.pose:.2f} mm"
 
 
-def draw(settings: Settings, results: Results) -> Iterator[Drawn]:
+def draw(settings: Settings, results: Results) -> Iterator[ReportFigure]:
     found = tallies(settings, results)
     seeds, names = range(settings.accepted), list(found["accepted"])
     groups = [[n for n in names if n in some] for some in (UNCALIBRATED, DISPLACEMENT_METHODS)]
@@ -236,8 +249,8 @@ def draw(settings: Settings, results: Results) -> Iterator[Drawn]:
         for some in (*groups, calibrated)
     ]
     figure = Figure("Pose error, median over the scenes", panels)
-    yield Drawn("baselines-time", seeds, figure)
-    yield Drawn("baselines-final", seeds, Figure("Final pose errors", _final(found)))
+    yield ReportFigure("baselines-time", seeds, figure)
+    yield ReportFigure("baselines-final", seeds, Figure("Final pose errors", _final(found)))
     labels = {
         "within": "within 1 mm after [s]",
         "explored": "servoed after [s]",
@@ -254,7 +267,7 @@ def draw(settings: Settings, results: Results) -> Iterator[Drawn]:
         )
         for i, (number, label) in enumerate(labels.items())
     ]
-    yield Drawn("baselines-costs", seeds, Figure("Times and errors of the Jacobian", panels))
+    yield ReportFigure("baselines-costs", seeds, Figure("Times and errors of the Jacobian", panels))
 
 
 def _over_time(found: Tallies, names: list[str]) -> list[Curve]:
@@ -270,7 +283,7 @@ def _over_time(found: Tallies, names: list[str]) -> list[Curve]:
 def _final(found: Tallies) -> list[Panel]:
     """Return panels of the final pose errors and of the success rates with their intervals."""
     short, successes = [tally.short for tally in found["accepted"].values()], list[Curve]()
-    for style, kind in enumerate(KINDS):
+    for style, kind in enumerate(SCENE_KINDS):
         shift, rates = 0.2 * (style - 0.5), [tally.success for tally in found[kind].values()]
         x, values = np.arange(len(rates)) + shift, [one.value for one in rates]
         successes.append(make_curve(f"scenes {kind}", x, values, style, marks=True))
@@ -284,13 +297,13 @@ def _final(found: Tallies) -> list[Panel]:
             log_y=True,
             categories=short,
         )
-        for kind in KINDS
+        for kind in SCENE_KINDS
     ]
     label, limits = "within 1 mm [% of scenes]", (-5.0, 105.0)
     return [*panels, Panel("", label, successes, y_limits=limits, categories=short)]
 
 
-def _by_method(found: dict[str, Tally], number: str, legend: bool = True) -> list[Curve]:
+def _by_method(found: dict[str, MethodStatistics], number: str, legend: bool = True) -> list[Curve]:
     """Return a point per run above its method, and the medians with their intervals.
 
     Runs that arrived and runs that did not are separate curves, because the charts thin long

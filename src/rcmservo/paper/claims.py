@@ -202,7 +202,7 @@ class ClaimRow(Claim):
         return f"{self.experiment}/claim-{self.number}"
 
 
-def judge(experiment: str, number: int, one: Measurement, settings: Settings) -> ClaimRow:
+def judge(experiment: str, number: int, measurement: Measurement, settings: Settings) -> ClaimRow:
     """Return the row of claims.json for a measurement.
 
     Parameters
@@ -229,28 +229,35 @@ def judge(experiment: str, number: int, one: Measurement, settings: Settings) ->
         If neither the table nor the measurement has a bound.
     """
     table = claim_table()
-    row = table.experiment[experiment].claim[one.claim]
-    texts = {**vars(settings), **one.words}
+    row = table.experiment[experiment].claim[measurement.claim]
+    texts = {**vars(settings), **measurement.words}
     claim, detail = row.claim.format(**texts), row.detail.format(**texts)
-    bound = one.bound if row.bound is None else row.bound
+    bound = measurement.bound if row.bound is None else row.bound
     if bound is None:
-        raise ValueError(f"{experiment}, {one.claim}: neither table nor measurement has a bound")
-    if not math.isfinite(one.value):
-        raise NotMeasured(claim, one.value)
-    for end in one.ends:
+        raise ValueError(
+            f"{experiment}, {measurement.claim}: neither table nor measurement has a bound"
+        )
+    if not math.isfinite(measurement.value):
+        raise NotMeasured(claim, measurement.value)
+    for end in measurement.ends:
         if math.isnan(end):
             raise NotMeasured(f"{claim}, its interval", end)
 
     def holds(value: float) -> bool:
         return value <= bound if row.relation == "<=" else value >= bound
 
-    few = 0 < one.trials < MIN_TRIALS
-    undecided = not few and len({holds(end) for end in one.ends}) == 2
-    remarks = [row.remark.format(**texts) if one.remarked else "", UNDECIDED if undecided else ""]
+    few = 0 < measurement.trials < MIN_TRIALS
+    undecided = not few and len({holds(end) for end in measurement.ends}) == 2
+    remarks = [
+        row.remark.format(**texts) if measurement.remarked else "",
+        UNDECIDED if undecided else "",
+    ]
     remark = "; ".join(filter(None, remarks))
-    verdict = None if few else FAILS if not holds(one.value) else REMARK if remark else HOLDS
-    trap = row.trap if one.trapped else ""
-    low, high = one.ends or (math.inf, math.inf)
+    verdict = (
+        None if few else FAILS if not holds(measurement.value) else REMARK if remark else HOLDS
+    )
+    trap = row.trap if measurement.trapped else ""
+    low, high = measurement.ends or (math.inf, math.inf)
     filled: dict[str, Any] = {"claim": claim, "detail": detail, "remark": remark, "trap": trap}
     filled = vars(row) | filled | {"bound": float(bound)}
     return ClaimRow(
@@ -258,14 +265,14 @@ def judge(experiment: str, number: int, one: Measurement, settings: Settings) ->
         experiment=experiment,
         number=number,
         whose=_author(row),
-        case=one.case,
+        case=measurement.case,
         where=SOFTWARE if row.about == SOFTWARE else table.sentence[row.about].where,
-        measured=one.value,
+        measured=measurement.value,
         interval=(low, high) if not few and math.isfinite(high - low) else None,
         verdict=verdict,
-        trials=one.trials,
-        seed=one.seeds,
-        trap_confirmed=one.confirmed if trap and verdict is not None else None,
+        trials=measurement.trials,
+        seed=measurement.seeds,
+        trap_confirmed=measurement.confirmed if trap and verdict is not None else None,
     )
 
 

@@ -15,26 +15,31 @@ from rcmservo.geometry.kinematics import JointLimits, Kinematics, PitchYawRcm, S
 from rcmservo.interfaces import Floats
 from rcmservo.loop.run import Tick
 from rcmservo.paper.lab.cameras import PINHOLE
-from rcmservo.paper.lab.closed_loop import NOISE
-from rcmservo.paper.lab.witness import reasons, settle, settled
-from rcmservo.paper.plan import Drawn, Found, Measurement, Results, Settings, Task
+from rcmservo.paper.lab.closed_loop import POINT_NOISE_PX
+from rcmservo.paper.lab.witness import count_settled, failure_reasons, settle
+from rcmservo.paper.plan import Measurement, ReportFigure, Results, Settings, Task, TaskResult
 from rcmservo.paper.statistics import column, finite, mark_panels, median
 from rcmservo.safety.gate import Gate
 from rcmservo.sim import RigSettings
 from rcmservo.study.report.statistics import dashed
 
-HANGING = SphericalRcm(
+HANGING_ARM = SphericalRcm(
     JointLimits((0.5 * np.pi, -2.0 * np.pi, 40.0), (1.5 * np.pi, 2.0 * np.pi, 240.0))
 )
 """Arm with spherical joints, the pole inside its limits, and the tool hanging down like that of a
 pitch and yaw arm."""
-LIMITED = replace(
-    HANGING, limits=replace(HANGING.limits, upper=(float(np.radians(172.0)), 2.0 * np.pi, 240.0))
+LIMITED_ARM = replace(
+    HANGING_ARM,
+    limits=replace(HANGING_ARM.limits, upper=(float(np.radians(172.0)), 2.0 * np.pi, 240.0)),
 )
 """The same arm with limits that exclude 8° about the pole, like the default limits."""
-ARMS: dict[str, Kinematics] = {"pitch_yaw": PitchYawRcm(), "spherical": HANGING, "limited": LIMITED}
-LABELS = {"pitch_yaw": "pitch and yaw", "spherical": "spherical"}
-ENDS = (30.0, 32.0, 100.0)
+ARMS: dict[str, Kinematics] = {
+    "pitch_yaw": PitchYawRcm(),
+    "spherical": HANGING_ARM,
+    "limited": LIMITED_ARM,
+}
+COORDINATE_NAMES = {"pitch_yaw": "pitch and yaw", "spherical": "spherical"}
+PATH_ENDS_MM = (30.0, 32.0, 100.0)
 """Ends of the path of marker 1 in mm: across the pole on one side and the other, and depth below
 the RCM."""
 POLE_ANGLE = float(np.radians(5.0))
@@ -44,19 +49,19 @@ MAX_ANGLE_RATE = Gate().speed[0]
 
 
 def fixed_settings() -> dict[str, object]:
-    return {"arms": ARMS, "scene": PINHOLE, "noise": NOISE}
+    return {"arms": ARMS, "scene": PINHOLE, "noise": POINT_NOISE_PX}
 
 
 def tasks(settings: Settings) -> list[Task]:
     return Task.per_seed("loop", partial(loop, settings=settings), range(settings.seeds))
 
 
-def loop(settings: Settings, seed: int) -> Found:
+def loop(settings: Settings, seed: int) -> TaskResult:
     """Return the trial of one seed with each arm."""
     return {name: past_pole(arm, settings, seed) for name, arm in ARMS.items()}
 
 
-def past_pole(arm: Kinematics, settings: Settings, seed: int) -> Found:
+def past_pole(arm: Kinematics, settings: Settings, seed: int) -> TaskResult:
     """Return the trial of a closed loop past the pole, with its smallest angle from it (rad).
 
     ``kept`` is the fraction of the law's speed that the gate permits within `POLE_ANGLE` of the
@@ -64,7 +69,9 @@ def past_pole(arm: Kinematics, settings: Settings, seed: int) -> Found:
     """
     start, target = (tuple(float(x) for x in arm.joints(p1)) for p1 in ends(settings, seed))
     laboratory = RigSettings(
-        mechanism=arm, scene=replace(PINHOLE, start=start, target=target), point_noise=NOISE
+        mechanism=arm,
+        scene=replace(PINHOLE, start=start, target=target),
+        point_noise=POINT_NOISE_PX,
     )
     trial, ticks = settle(seed, laboratory, settings.duration)
     angles = np.array([from_pole(arm, tick) for tick in ticks])
@@ -84,7 +91,7 @@ def from_pole(arm: Kinematics, tick: Tick) -> float:
 
 def ends(settings: Settings, seed: int) -> list[Floats]:
     """Return both ends (3,) in mm of the path of marker 1 past the pole, in a random direction."""
-    before, after, below = ENDS
+    before, after, below = PATH_ENDS_MM
     turn = np.random.default_rng(seed).uniform(0.2, np.pi - 0.2)
     along, across = np.array([np.cos(turn), np.sin(turn)]), np.array([-np.sin(turn), np.cos(turn)])
     return [
@@ -138,7 +145,7 @@ def measure(settings: Settings, results: Results) -> Iterator[Measurement]:
         farthest=degrees[0],
     )
     loops = results.per_seed("loop", seeds)
-    fractions = {name: median(finite(column(loops, name, "kept"))) for name in LABELS}
+    fractions = {name: median(finite(column(loops, name, "kept"))) for name in COORDINATE_NAMES}
     yield Measurement(
         "keeps-speed",
         fractions["spherical"],
@@ -149,7 +156,7 @@ def measure(settings: Settings, results: Results) -> Iterator[Measurement]:
         nearest=np.degrees(median(column(loops, "spherical", "nearest"))),
     )
     trials = {name: [one[name] for one in loops] for name in ARMS}
-    counts = {name: settled(some) for name, some in trials.items()}
+    counts = {name: count_settled(some) for name, some in trials.items()}
     times = {
         name: np.nan_to_num(column(some, "settle_time"), nan=settings.duration)
         for name, some in trials.items()
@@ -162,18 +169,18 @@ def measure(settings: Settings, results: Results) -> Iterator[Measurement]:
         confirmed=ratio > 1.1 or counts["spherical"] < counts["pitch_yaw"],
         counts=counts,
         loops=len(loops),
-        reasons=reasons(trials["spherical"]),
-        limited=reasons(trials["limited"]),
+        reasons=failure_reasons(trials["spherical"]),
+        limited=failure_reasons(trials["limited"]),
     )
     fastest = demanded["pitch_yaw"].max()
     yield Measurement("other-rate", fastest, bound=MAX_ANGLE_RATE, limit=MAX_ANGLE_RATE)
 
 
-def draw(settings: Settings, results: Results) -> Iterator[Drawn]:
+def draw(settings: Settings, results: Results) -> Iterator[ReportFigure]:
     degrees, demanded = np.degrees(angles_of(settings)), all_rates(settings)
     curves = [
         make_curve(label, degrees, demanded[name], style)
-        for style, (name, label) in enumerate(LABELS.items())
+        for style, (name, label) in enumerate(COORDINATE_NAMES.items())
     ]
     panel = Panel(
         "angle from θ = 0, or from the home pose of pitch and yaw [°]",
@@ -183,14 +190,16 @@ def draw(settings: Settings, results: Results) -> Iterator[Drawn]:
         log_x=True,
         log_y=True,
     )
-    yield Drawn("pole-rates", [], Figure("Joint rates near the pole", [panel]))
+    yield ReportFigure("pole-rates", [], Figure("Joint rates near the pole", [panel]))
     loops = results.per_seed("loop", range(settings.seeds))
     numbers = {
         "kept": f"fraction of the speed within {np.degrees(POLE_ANGLE):g}° [1]",
         "settle_time": "settled after [s]",
     }
     panels = mark_panels(
-        numbers, lambda key: [column(loops, arm, key) for arm in LABELS], LABELS.values()
+        numbers,
+        lambda key: [column(loops, arm, key) for arm in COORDINATE_NAMES],
+        COORDINATE_NAMES.values(),
     )
     figure = Figure("Past the pole", panels, columns=2)
-    yield Drawn("pole-loops", range(settings.seeds), figure, words={"ends": ENDS})
+    yield ReportFigure("pole-loops", range(settings.seeds), figure, words={"ends": PATH_ENDS_MM})

@@ -16,25 +16,31 @@ from rcmservo.geometry.features import about, difference, features
 from rcmservo.interfaces import Floats, Target
 from rcmservo.loop.run import Tick, run
 from rcmservo.paper.lab.cameras import PINHOLE, true_parameters
-from rcmservo.paper.lab.closed_loop import FAST_ARM, FLOW, LONG, NOISE, endless
+from rcmservo.paper.lab.closed_loop import (
+    FAST_ARM,
+    FLOW_ESTIMATOR,
+    FLOW_EXPLORATION,
+    POINT_NOISE_PX,
+    remove_limits,
+)
 from rcmservo.paper.lab.streams import velocity
 from rcmservo.paper.lab.witness import laboratory
-from rcmservo.paper.plan import Drawn, Found, Measurement, Results, Settings, Task
+from rcmservo.paper.plan import Measurement, ReportFigure, Results, Settings, Task, TaskResult
 from rcmservo.paper.statistics import column, mark_panels, median
 from rcmservo.servo.servo import Servo
 from rcmservo.sim import Rig
 
-METHODS = {"frame": "by frame", "tick": "by tick", "stale": "zeros between"}
+DIFFERENTIATION_METHODS = {"frame": "by frame", "tick": "by tick", "stale": "zeros between"}
 """Methods to differentiate y: once per new frame, between exposures; once per tick, over the tick's
 interval, zero for a repeated frame; once per tick, over the frame interval, zero for a repeated
 frame."""
-LABELS = {
+RESULT_LABELS = {
     "ratio": "scale of $\\dot{y}$ over the true [1]",
     "scatter": "scatter of $\\dot{y}$ over the true [1]",
     "size": "scale of $\\hat{J}$ along J [1]",
     "error": "$\\|\\hat{J} - J\\| / \\|J\\|$, scaled [1]",
 }
-TOUR = endless(LONG)
+ENDLESS_EXPLORATION = remove_limits(FLOW_EXPLORATION)
 JUDGED_S = 5.0
 """Time (s) at the end over which the error of Ĵ is averaged, because the error of a flow rule
 oscillates with each round."""
@@ -43,25 +49,36 @@ HALF_WINDOW_NS = 5_000_000
 
 
 def fixed_settings() -> dict[str, object]:
-    return {"estimator": FLOW, "exploration": TOUR, "scene": PINHOLE, "noise": NOISE}
+    return {
+        "estimator": FLOW_ESTIMATOR,
+        "exploration": ENDLESS_EXPLORATION,
+        "scene": PINHOLE,
+        "noise": POINT_NOISE_PX,
+    }
 
 
 def tasks(settings: Settings) -> list[Task]:
     return Task.per_seed("tour", partial(tour, settings=settings), range(settings.seeds))
 
 
-def tour(settings: Settings, seed: int) -> Found:
+def tour(settings: Settings, seed: int) -> TaskResult:
     """Return the accuracy of ẏ by each method, and of the Ĵ of the flow rule that uses it.
 
     ``ratio`` is the least-squares factor of ẏ on the true ẏ and ``scatter`` the relative rms
     deviation. ``size`` of Ĵ along J and ``error`` ‖Ĵ − J‖/‖J‖ are medians of the scaled matrices.
     """
-    rig, plant = laboratory(seed, PINHOLE, NOISE)
+    rig, plant = laboratory(seed, PINHOLE, POINT_NOISE_PX)
     known = rig.settings
-    servo = Servo(known.mechanism, known.tool, estimator=FLOW, exploration=TOUR, gate=FAST_ARM)
+    servo = Servo(
+        known.mechanism,
+        known.tool,
+        estimator=FLOW_ESTIMATOR,
+        exploration=ENDLESS_EXPLORATION,
+        gate=FAST_ARM,
+    )
     here = Target(rig.truth.pixels(rig.scene.start), rig.scene.start)
     _a, o_c = true_parameters(rig)
-    methods = {name: Differentiated(settings.gamma) for name in METHODS}
+    methods = {name: Differentiated(settings.gamma) for name in DIFFERENTIATION_METHODS}
     last: Tick | None = None
     true = np.zeros(3)
     for tick in run(plant, servo, here, settings.touring):
@@ -125,7 +142,7 @@ class Differentiated:
         self.sizes.append(float(np.sum(J_hat * J) / np.sum(J**2)))
         self.errors.append(float(np.linalg.norm(J_hat - J) / np.linalg.norm(J)))
 
-    def found(self) -> Found:
+    def found(self) -> TaskResult:
         return {
             "ratio": self.product / self.square,
             "scatter": float(np.sqrt(self.missed / self.square)),
@@ -137,7 +154,10 @@ class Differentiated:
 def measure(settings: Settings, results: Results) -> Iterator[Measurement]:
     seeds = range(settings.seeds)
     tours = results.per_seed("tour", seeds)
-    middle = {m: {key: median(column(tours, m, key)) for key in LABELS} for m in METHODS}
+    middle = {
+        m: {key: median(column(tours, m, key)) for key in RESULT_LABELS}
+        for m in DIFFERENTIATION_METHODS
+    }
     frame, tick, stale = middle.values()
     confirmed = abs(stale["ratio"] - 0.6) < 0.05
     yield Measurement("zeros-between", stale["ratio"], seeds, confirmed=confirmed, stale=stale)
@@ -146,10 +166,12 @@ def measure(settings: Settings, results: Results) -> Iterator[Measurement]:
     yield Measurement("by-frame", abs(frame["ratio"] - 1.0), seeds, frame=frame)
 
 
-def draw(settings: Settings, results: Results) -> Iterator[Drawn]:
+def draw(settings: Settings, results: Results) -> Iterator[ReportFigure]:
     seeds = range(settings.seeds)
     tours = results.per_seed("tour", seeds)
     panels = mark_panels(
-        LABELS, lambda key: [column(tours, method, key) for method in METHODS], METHODS.values()
+        RESULT_LABELS,
+        lambda key: [column(tours, method, key) for method in DIFFERENTIATION_METHODS],
+        DIFFERENTIATION_METHODS.values(),
     )
-    yield Drawn("frames", seeds, Figure("Differentiation of y", panels, columns=2))
+    yield ReportFigure("frames", seeds, Figure("Differentiation of y", panels, columns=2))

@@ -24,7 +24,7 @@ from rcmservo.geometry.projection import project
 from rcmservo.interfaces import Floats
 from rcmservo.numerics.gradient_flow import decay
 from rcmservo.paper.lab.cameras import PINHOLE, true_parameters
-from rcmservo.paper.plan import Drawn, Found, Measurement, Results, Settings, Task
+from rcmservo.paper.plan import Measurement, ReportFigure, Results, Settings, Task, TaskResult
 from rcmservo.paper.statistics import median
 from rcmservo.sim import Rig, RigSettings
 
@@ -58,7 +58,7 @@ def times(settings: Settings) -> Floats:
     return np.geomspace(float(first), float(last), STEPS)
 
 
-def fits(settings: Settings, seeds: Sequence[int]) -> Found:
+def fits(settings: Settings, seeds: Sequence[int]) -> TaskResult:
     """Return the results of `leads` (scenes, STEPS, 3), by Γ and noise."""
     rigs = [Rig(seed, RigSettings(scene=PINHOLE), pictures=False) for seed in seeds]
     return {
@@ -145,14 +145,14 @@ def measure(settings: Settings, results: Results) -> Iterator[Measurement]:
             )
 
 
-def draw(settings: Settings, results: Results) -> Iterator[Drawn]:
+def draw(settings: Settings, results: Results) -> Iterator[ReportFigure]:
     labels = {
         ERROR: "median $\\|\\hat{J} - J\\| / \\|J\\|$ [1]",
         POSITIVE: "eigenvalues\npositive, fraction [1]",
         DEFINITE: "symmetric part\npositive, fraction [1]",
     }
     panels = [_panel(settings, results, index, label) for index, label in labels.items()]
-    yield Drawn("gammas", range(settings.scenes), Figure("Γ over estimator time", panels))
+    yield ReportFigure("gammas", range(settings.scenes), Figure("Γ over estimator time", panels))
 
 
 def _panel(settings: Settings, results: Results, index: int, label: str) -> Panel:

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from importlib import import_module
 
 from rcmservo.paper.claims import ClaimRow, ExperimentTexts, claim_table, judge
-from rcmservo.paper.plan import Drawn, Measurement, Results, Settings, Task
+from rcmservo.paper.plan import Measurement, ReportFigure, Results, Settings, Task
 
 
 @dataclass(frozen=True)
@@ -20,7 +20,7 @@ class Experiment:
         Function that returns the tasks for some settings.
     measure : Callable[[Settings, Results], Iterable[Measurement]]
         Function that returns the measurements of the claims, in the order of the report.
-    draw : Callable[[Settings, Results], Iterable[Drawn]]
+    draw : Callable[[Settings, Results], Iterable[ReportFigure]]
         Function that returns the figures, in the order of the report.
     fixed : Mapping[str, object]
         Settings that are the same in each run and not plain numbers, for the report.
@@ -31,7 +31,7 @@ class Experiment:
     name: str
     tasks: Callable[[Settings], Iterable[Task]]
     measure: Callable[[Settings, Results], Iterable[Measurement]]
-    draw: Callable[[Settings, Results], Iterable[Drawn]]
+    draw: Callable[[Settings, Results], Iterable[ReportFigure]]
     fixed: Mapping[str, object] = field(default_factory=dict[str, object])
     added: Mapping[str, object] = field(default_factory=dict[str, object])
 
@@ -58,5 +58,5 @@ class Experiment:
 def experiment_named(name: str) -> Experiment:
     """Return an experiment of the table, from the module of the same name."""
     module = import_module(f"rcmservo.paper.{name.replace('-', '_')}")
-    fixed = getattr(module, "fixed_settings", dict)()
+    fixed: Mapping[str, object] = getattr(module, "fixed_settings", dict[str, object])()
     return Experiment(name, module.tasks, module.measure, module.draw, fixed)

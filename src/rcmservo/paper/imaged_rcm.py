@@ -15,7 +15,7 @@ from rcmservo.figures.charts import Curve, Figure, Panel, make_curve
 from rcmservo.geometry.imaged_rcm import nearest_to_lines, solve
 from rcmservo.interfaces import Floats
 from rcmservo.paper.lab.lines import REFINEMENTS, markers
-from rcmservo.paper.plan import Drawn, Found, Measurement, Results, Settings, Task
+from rcmservo.paper.plan import Measurement, ReportFigure, Results, Settings, Task, TaskResult
 from rcmservo.paper.statistics import rms
 
 VARIED = {
@@ -34,13 +34,13 @@ def tasks(settings: Settings) -> list[Task]:
     ]
 
 
-def accuracy(settings: Settings, varied: str) -> dict[str, Found]:
+def accuracy(settings: Settings, varied: str) -> dict[str, TaskResult]:
     """Return rms error and bias towards the tool (px) of o_c, by fit, over a varied setting."""
     samples = [
         sample(Settings(**{**vars(settings), varied: value})) for value in _values(settings, varied)
     ]
 
-    def errors_of(i: int) -> Found:
+    def errors_of(i: int) -> TaskResult:
         errors = [one[:, i] for one in samples]
         return {
             "rms": np.array([rms(np.linalg.norm(error, axis=1)) for error in errors]),
@@ -113,9 +113,9 @@ def exponent(x: Sequence[float], y: Floats) -> float:
     return float(np.polyfit(np.log(x), np.log(y), 1)[0])
 
 
-def draw(settings: Settings, results: Results) -> Iterator[Drawn]:
+def draw(settings: Settings, results: Results) -> Iterator[ReportFigure]:
     panels = [_panel(settings, results, name, label) for name, label in VARIED.items()]
-    yield Drawn("rcm-accuracy", [0], Figure("Accuracy of the imaged RCM", panels, columns=2))
+    yield ReportFigure("rcm-accuracy", [0], Figure("Accuracy of the imaged RCM", panels, columns=2))
 
 
 def _panel(settings: Settings, results: Results, varied: str, label: str) -> Panel:

@@ -13,7 +13,7 @@ from rcmservo.figures.charts import Figure, Panel, make_curve
 from rcmservo.geometry.imaged_rcm import ImagedRcm, follow, nearest_to_lines, solve
 from rcmservo.interfaces import Floats
 from rcmservo.paper.lab.lines import REFINEMENTS, markers
-from rcmservo.paper.plan import Drawn, Found, Measurement, Results, Settings, Task
+from rcmservo.paper.plan import Measurement, ReportFigure, Results, Settings, Task, TaskResult
 from rcmservo.paper.statistics import column, finite, rms
 from rcmservo.study.report.statistics import dashed
 
@@ -37,7 +37,7 @@ def frame_times(settings: Settings) -> Floats:
     return np.arange(round(settings.duration * settings.frame_rate)) / settings.frame_rate
 
 
-def slow_turn(settings: Settings, seed: int) -> Found:
+def slow_turn(settings: Settings, seed: int) -> TaskResult:
     """Return the error (px) of o_c by each fit in each frame.
 
     ``gate`` is the error of the built-in method in the first frame that meets its limit on the
@@ -98,7 +98,7 @@ def measure(settings: Settings, results: Results) -> Iterator[Measurement]:
     )
 
 
-def draw(settings: Settings, results: Results) -> Iterator[Drawn]:
+def draw(settings: Settings, results: Results) -> Iterator[ReportFigure]:
     seeds = range(settings.seeds)
     turns = results.per_seed("slow", seeds)
     middle = {fit: np.median([turn["errors"][fit] for turn in turns], axis=0) for fit in FITS}
@@ -107,4 +107,4 @@ def draw(settings: Settings, results: Results) -> Iterator[Drawn]:
         for style, (fit, label) in enumerate(FITS.items())
     ]
     panel = Panel("time [s]", "error of $o_c$ [px]", curves, log_y=True)
-    yield Drawn("rcm-slow", seeds, Figure("The imaged RCM in slow motion", [panel]))
+    yield ReportFigure("rcm-slow", seeds, Figure("The imaged RCM in slow motion", [panel]))

@@ -12,22 +12,22 @@ from functools import partial
 from rcmservo.figures.charts import Curve, Figure, Panel, make_curve
 from rcmservo.interfaces import Floats
 from rcmservo.paper.camera_knowledge import tasks as servo_tasks
-from rcmservo.paper.lab.closed_loop import LONG, PAPER_SCENES
+from rcmservo.paper.lab.closed_loop import FLOW_EXPLORATION, PAPER_SCENES
 from rcmservo.paper.lab.knowledge import PHASES as SERVO_PHASES
 from rcmservo.paper.lab.streams import (
+    ESTIMATOR_NAMES,
     ESTIMATORS,
-    LABELS,
-    NAMES,
     SERIES_LENGTH,
-    SHORT,
+    SHORT_NAMES,
+    SHORT_NAMES_NOTE,
     Kind,
-    errors_over,
-    estimated,
-    in_short,
-    over_time,
+    jacobian_errors,
+    median_series,
+    run_estimator,
     stream,
+    summarise_error,
 )
-from rcmservo.paper.plan import Drawn, Found, Measurement, Results, Settings, Task
+from rcmservo.paper.plan import Measurement, ReportFigure, Results, Settings, Task, TaskResult
 from rcmservo.paper.statistics import column, finite, median, seed_marks
 
 PHASES: dict[Kind, tuple[str, ...]] = {
@@ -50,7 +50,7 @@ USELESS_ERROR = 0.9
 
 
 def fixed_settings() -> dict[str, object]:
-    return {"estimators": ESTIMATORS, "scene": PAPER_SCENES, "exploration": LONG}
+    return {"estimators": ESTIMATORS, "scene": PAPER_SCENES, "exploration": FLOW_EXPLORATION}
 
 
 def tasks(settings: Settings) -> list[Task]:
@@ -65,17 +65,17 @@ def tasks(settings: Settings) -> list[Task]:
     return [*servo_tasks(settings), *tours]
 
 
-def tour(settings: Settings, seed: int, noise: float) -> Found:
+def tour(settings: Settings, seed: int, noise: float) -> TaskResult:
     """Run each estimator on the samples of one exploration; return the errors of Ĵ."""
     rig, recorded = stream(seed, noise, settings, "tour")
-    errors: dict[str, Found] = {}
+    errors: dict[str, TaskResult] = {}
     for name, estimator in ESTIMATORS.items():
-        J_hat, _memory = estimated(estimator, recorded.samples, rig.settings.tool)
+        J_hat, _memory = run_estimator(estimator, recorded.samples, rig.settings.tool)
         errors[name] = {
-            measure: in_short(error, recorded.phase, len(PHASES["tour"]))
-            for measure, error in errors_over(J_hat, recorded, settings.least_speed).items()
+            measure: summarise_error(error, recorded.phase, len(PHASES["tour"]))
+            for measure, error in jacobian_errors(J_hat, recorded, settings.least_speed).items()
         }
-    return {"time": over_time(recorded.time), "errors": errors}
+    return {"time": median_series(recorded.time), "errors": errors}
 
 
 class AccuracyTable:
@@ -113,7 +113,7 @@ def measure(settings: Settings, results: Results) -> Iterator[Measurement]:
                     "more-accurate",
                     table.ratio(kind, noise, one, against),
                     range(settings.seeds),
-                    case=(LABELS[against], f"{words}, {MEASURE_NAMES[one]}"),
+                    case=(ESTIMATOR_NAMES[against], f"{words}, {MEASURE_NAMES[one]}"),
                     flow=medians["flow"],
                     other=medians[against],
                     useless=", about that of Ĵ = 0, which is 1"
@@ -121,7 +121,9 @@ def measure(settings: Settings, results: Results) -> Iterator[Measurement]:
                     else "",
                     turned=_turned(table, kind, one, against),
                     phase=PHASES[kind][JUDGED],
-                    medians="; ".join(f"{LABELS[k]} {error:.3f}" for k, error in medians.items()),
+                    medians="; ".join(
+                        f"{ESTIMATOR_NAMES[k]} {error:.3f}" for k, error in medians.items()
+                    ),
                 )
 
 
@@ -134,7 +136,7 @@ def _turned(table: AccuracyTable, kind: Kind, measure: str, against: str) -> str
     return f"; the comparison reverses with {others}" if turned else ""
 
 
-def draw(settings: Settings, results: Results) -> Iterator[Drawn]:
+def draw(settings: Settings, results: Results) -> Iterator[ReportFigure]:
     table, noise, seeds = (
         AccuracyTable(settings, results),
         settings.noises[0],
@@ -147,9 +149,9 @@ def draw(settings: Settings, results: Results) -> Iterator[Drawn]:
             for one, label in MEASURES.items()
         ]
         title = f"All estimators in a {words}, seed 0, {noise:g} px of noise"
-        piece = {"piece": found["time"][-1] / SERIES_LENGTH, "names": NAMES}
+        piece = {"piece": found["time"][-1] / SERIES_LENGTH, "names": SHORT_NAMES_NOTE}
         figure = Figure(title, panels, columns=2)
-        yield Drawn(f"accuracy-{kind}", [0], figure, words=piece, key="accuracy-time")
+        yield ReportFigure(f"accuracy-{kind}", [0], figure, words=piece, key="accuracy-time")
     panels = [
         Panel(
             "",
@@ -163,20 +165,22 @@ def draw(settings: Settings, results: Results) -> Iterator[Drawn]:
                 for style, px in enumerate(settings.noises)
             ],
             log_y=True,
-            categories=SHORT,
+            categories=SHORT_NAMES,
         )
         for kind in STREAMS
         for one, label in MEASURES.items()
     ]
     figure = Figure("Accuracy by seed", panels, columns=2)
-    yield Drawn("accuracy-seeds", seeds, figure, words={"names": NAMES})
-    yield Drawn("accuracy-phases", seeds, _by_phase(table, noise), words={"names": NAMES})
+    yield ReportFigure("accuracy-seeds", seeds, figure, words={"names": SHORT_NAMES_NOTE})
+    yield ReportFigure(
+        "accuracy-phases", seeds, _by_phase(table, noise), words={"names": SHORT_NAMES_NOTE}
+    )
 
 
-def _series(found: Found, measure: str) -> list[Curve]:
+def _series(found: TaskResult, measure: str) -> list[Curve]:
     return [
         make_curve(
-            SHORT[style] if measure == "full" else "",
+            SHORT_NAMES[style] if measure == "full" else "",
             found["time"],
             found["errors"][name][measure]["series"],
             style,
@@ -193,7 +197,7 @@ def _by_phase(table: AccuracyTable, noise: float) -> Figure:
             label,
             [
                 make_curve(
-                    SHORT[style] if one == "full" else "",
+                    SHORT_NAMES[style] if one == "full" else "",
                     phases,
                     [table.median("servo", noise, name, one, phase) for phase in phases],
                     style,

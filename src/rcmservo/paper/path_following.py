@@ -18,16 +18,16 @@ from rcmservo.interfaces import Floats, Target
 from rcmservo.loop.operator import OperatorRequest
 from rcmservo.loop.run import run
 from rcmservo.loop.tick import Tick
-from rcmservo.paper.lab.closed_loop import FAST_LAW, servo_for
-from rcmservo.paper.lab.methods import FLOW_RULE, OUR_METHODS, Learner
+from rcmservo.paper.lab.closed_loop import FAST_LAW, make_servo
+from rcmservo.paper.lab.methods import FLOW_RULE, RCMSERVO_METHODS, EstimatingMethod
 from rcmservo.paper.lab.witness import STRIDE_TICKS, laboratory
-from rcmservo.paper.plan import Drawn, Found, Measurement, Results, Settings, Task
+from rcmservo.paper.plan import Measurement, ReportFigure, Results, Settings, Task, TaskResult
 from rcmservo.paper.statistics import column, median, rms
 from rcmservo.safety.state_machine import Phase, Request
 from rcmservo.servo.servo import State
 from rcmservo.sim import Rig, SceneSettings
 
-METHODS: Mapping[str, Learner] = {**OUR_METHODS, "flow": FLOW_RULE}
+FOLLOWING_METHODS: Mapping[str, EstimatingMethod] = {**RCMSERVO_METHODS, "flow": FLOW_RULE}
 SCENES = SceneSettings(room=17.0)
 AT_START = 0.15
 """Scaled feature error below which the first point of a path counts as reached."""
@@ -38,24 +38,26 @@ MAX_LAG_S = 2.0
 
 
 def fixed_settings() -> dict[str, object]:
-    return {"methods": METHODS, "controller": FAST_LAW, "scene": SCENES}
+    return {"methods": FOLLOWING_METHODS, "controller": FAST_LAW, "scene": SCENES}
 
 
 def tasks(settings: Settings) -> list[Task]:
     return [
         Task(method, partial(follow_all, settings=settings, method=method), settings.seeds)
-        for method in METHODS
+        for method in FOLLOWING_METHODS
     ]
 
 
-def law(method: Learner) -> SaturatedController:
+def law(method: EstimatingMethod) -> SaturatedController:
     """Return the controller of a method, by default the common one."""
     return method.controller or FAST_LAW
 
 
-def follow_all(settings: Settings, method: str) -> Found:
+def follow_all(settings: Settings, method: str) -> TaskResult:
     """Return the results of `follow` in each scene."""
-    return {"trials": [follow(settings, METHODS[method], i) for i in range(settings.seeds)]}
+    return {
+        "trials": [follow(settings, FOLLOWING_METHODS[method], i) for i in range(settings.seeds)]
+    }
 
 
 class Circle:
@@ -101,13 +103,13 @@ class Guide:
         return 0.0 if self.began is None else (now - self.began) / 1e9
 
 
-def follow(settings: Settings, method: Learner, seed: int) -> Found:
+def follow(settings: Settings, method: EstimatingMethod, seed: int) -> TaskResult:
     """Explore, servo to the first point of the path, then follow the moving reference pixels.
 
     Returns the seed, the cause if the path was not completed, and `errors_on` a completed path.
     """
     rig, plant = laboratory(seed, SCENES, settings.noise)
-    servo = servo_for(rig.settings, method.estimator, method.exploration, law(method))
+    servo = make_servo(rig.settings, method.estimator, method.exploration, law(method))
     path = Circle(rig, settings.radius, settings.period)
     guide, samples = Guide(path, servo.period), list[tuple[float, Floats, Floats]]()
     longest = servo.exploration.max_time + settings.approach + settings.period
@@ -132,7 +134,7 @@ def at_start(state: State) -> bool:
     return state.phase is Phase.SERVO and bool(np.max(np.abs(state.delta) / SCALE) < AT_START)
 
 
-def errors_on(path: Circle, samples: list[tuple[float, Floats, Floats]]) -> Found:
+def errors_on(path: Circle, samples: list[tuple[float, Floats, Floats]]) -> TaskResult:
     """Return the errors (mm) of a completed path.
 
     ``lag`` (s) is the delay of the reference that minimises the rms error, ``left`` that minimum.
@@ -166,7 +168,7 @@ def speed(settings: Settings) -> float:
     return 2.0 * np.pi * settings.radius / settings.period
 
 
-def completed(results: Results, method: str) -> list[Found]:
+def completed(results: Results, method: str) -> list[TaskResult]:
     return [trial for trial in results[method]["trials"] if not trial["cause"]]
 
 
@@ -179,19 +181,19 @@ def failures(results: Results, method: str) -> str:
 
 def measure(settings: Settings, results: Results) -> Iterator[Measurement]:
     seeds, v = range(settings.seeds), speed(settings)
-    for name, method in METHODS.items():
+    for name, method in FOLLOWING_METHODS.items():
         value = 100.0 * len(completed(results, name)) / settings.seeds
         words = failures(results, name)
         yield Measurement("gets-round", value, seeds, case=(method.name,), failures=words, speed=v)
-    done = {name: found for name in METHODS if (found := completed(results, name))}
+    done = {name: found for name in FOLLOWING_METHODS if (found := completed(results, name))}
     for name, found in done.items():
-        lag, worst = v / law(METHODS[name]).gain, column(found, "max")
+        lag, worst = v / law(FOLLOWING_METHODS[name]).gain, column(found, "max")
         yield Measurement(
             "lags-by-v-over-k",
             median(column(found, "rms")),
             seeds,
             bound=1.5 * lag,
-            case=(METHODS[name].name,),
+            case=(FOLLOWING_METHODS[name].name,),
             failures=failures(results, name),
             lag=lag,
             largest=median(worst),
@@ -207,17 +209,19 @@ def measure(settings: Settings, results: Results) -> Iterator[Measurement]:
             "keeps-beside",
             left,
             seeds,
-            case=(METHODS[name].name,),
+            case=(FOLLOWING_METHODS[name].name,),
             words=remark,
             lag=median(column(found, "lag")),
-            time_constant=1.0 / law(METHODS[name]).gain,
+            time_constant=1.0 / law(FOLLOWING_METHODS[name]).gain,
         )
 
 
-def draw(settings: Settings, results: Results) -> Iterator[Drawn]:
-    done = {name: found for name in METHODS if (found := completed(results, name))}
+def draw(settings: Settings, results: Results) -> Iterator[ReportFigure]:
+    done = {name: found for name in FOLLOWING_METHODS if (found := completed(results, name))}
     pictures = [
-        make_curve(METHODS[name].short, found[0]["pixels"][:, 0], found[0]["pixels"][:, 1], style)
+        make_curve(
+            FOLLOWING_METHODS[name].short, found[0]["pixels"][:, 0], found[0]["pixels"][:, 1], style
+        )
         for style, (name, found) in enumerate(done.items())
     ]
     for found in list(done.values())[:1]:
@@ -228,8 +232,13 @@ def draw(settings: Settings, results: Results) -> Iterator[Drawn]:
     for style, (name, found) in enumerate(done.items()):
         shortest = min(len(one["errors"]) for one in found)
         middle = np.median([one["errors"][:shortest] for one in found], axis=0)
-        errors.append(make_curve(METHODS[name].short, found[0]["times"][:shortest], middle, style))
-    lags = {gain: speed(settings) / gain for gain in (law(one).gain for one in METHODS.values())}
+        errors.append(
+            make_curve(FOLLOWING_METHODS[name].short, found[0]["times"][:shortest], middle, style)
+        )
+    lags = {
+        gain: speed(settings) / gain
+        for gain in (law(one).gain for one in FOLLOWING_METHODS.values())
+    }
     panels = [
         Panel("u [px]", "v [px], downwards", pictures, y_limits=(max(rows) + 3.0, min(rows) - 3.0)),
         Panel(
@@ -241,4 +250,4 @@ def draw(settings: Settings, results: Results) -> Iterator[Drawn]:
     ]
     first = next((one["seed"] for found in done.values() for one in found), "–")
     figure = Figure("Following a path", panels, columns=2)
-    yield Drawn("path", range(settings.seeds), figure, words={"scene": first})
+    yield ReportFigure("path", range(settings.seeds), figure, words={"scene": first})

@@ -15,7 +15,7 @@ from rcmservo.figures.charts import Figure
 Settings = SimpleNamespace
 """Settings of an experiment, for a full or a reduced run, by name."""
 
-Found = Mapping[str, Any]
+TaskResult = Mapping[str, Any]
 """Results of a task by name: numbers, texts, arrays, lists and tables."""
 
 
@@ -38,7 +38,7 @@ class Task:
     ----------
     name : str
         Name of the folder, unique in the experiment.
-    work : partial[Found]
+    work : partial[TaskResult]
         Function that returns the results.
     cost : float
         Approximate time in s; long tasks start first.
@@ -47,7 +47,7 @@ class Task:
     """
 
     name: str
-    work: "partial[Found]"
+    work: "partial[TaskResult]"
     cost: float = 1.0
     in_folder: bool = False
 
@@ -55,7 +55,7 @@ class Task:
     def per_seed(
         cls,
         prefix: str,
-        work: "partial[Found]",
+        work: "partial[TaskResult]",
         seeds: Iterable[int],
         cost: float = 1.0,
         in_folder: bool = False,
@@ -70,19 +70,19 @@ class Results:
 
     Parameters
     ----------
-    found : Mapping[str, Found]
+    found : Mapping[str, TaskResult]
         Results by name of the task.
     folders : Mapping[str, Path]
         Folders with records and images, by name of the task.
     """
 
-    found: Mapping[str, Found]
+    found: Mapping[str, TaskResult]
     folders: Mapping[str, Path]
 
-    def __getitem__(self, task: str) -> Found:
+    def __getitem__(self, task: str) -> TaskResult:
         return self.found[task]
 
-    def per_seed(self, prefix: str, seeds: Iterable[int]) -> list[Found]:
+    def per_seed(self, prefix: str, seeds: Iterable[int]) -> list[TaskResult]:
         """Return the results of the tasks `prefix`-seed."""
         return [self.found[f"{prefix}-{seed}"] for seed in seeds]
 
@@ -143,7 +143,7 @@ class Measurement:
 
 
 @dataclass(frozen=True)
-class Drawn:
+class ReportFigure:
     """A figure of the report.
 
     Parameters

@@ -12,9 +12,9 @@ import numpy as np
 from rcmservo.control.saturated_controller import potential, potential_gradient
 from rcmservo.figures.charts import Curve, Figure, Panel, make_curve
 from rcmservo.interfaces import Floats
-from rcmservo.paper.plan import Drawn, Found, Measurement, Results, Settings, Task
+from rcmservo.paper.plan import Measurement, ReportFigure, Results, Settings, Task, TaskResult
 
-LABELS = {"continuous": "continuous (Fig. 5)", "printed": "as (32) is printed"}
+READING_NAMES = {"continuous": "continuous (Fig. 5)", "printed": "as (32) is printed"}
 SMALL_FRACTION = 0.02
 """Fraction of the initial error below which the error counts as regulated."""
 
@@ -23,15 +23,15 @@ def tasks(settings: Settings) -> list[Task]:
     return [Task("action", partial(action, settings=settings))]
 
 
-def action(settings: Settings) -> Found:
+def action(settings: Settings) -> TaskResult:
     """Return V, its gradient, their largest steps, and the integral of (33), in both readings."""
     reach: float = settings.reach
     errors = np.linspace(-reach, reach, 2001)
-    readings = {name: reading(settings, errors, name == "printed") for name in LABELS}
+    readings = {name: reading(settings, errors, name == "printed") for name in READING_NAMES}
     return {"errors": errors, **readings}
 
 
-def reading(settings: Settings, errors: Floats, printed: bool) -> Found:
+def reading(settings: Settings, errors: Floats, printed: bool) -> TaskResult:
     """Return V (px²) and ∂V/∂y (px) of one component in one reading of (32), and (33) over time."""
     bounds = np.full(3, settings.figure_bound)
     rows = [np.array([error, 0.0, 0.0]) for error in errors]
@@ -77,7 +77,7 @@ def measure(settings: Settings, results: Results) -> Iterator[Measurement]:
     yield Measurement("time", time, confirmed=time > 80.0, printed=as_printed)
 
 
-def draw(settings: Settings, results: Results) -> Iterator[Drawn]:
+def draw(settings: Settings, results: Results) -> Iterator[ReportFigure]:
     found = results["action"]
     labels = {"gradient": "$\\partial V_i / \\partial y_i$ [px]", "V": "$V_i$ [px²]"}
     panels = [
@@ -85,13 +85,13 @@ def draw(settings: Settings, results: Results) -> Iterator[Drawn]:
         for name, label in labels.items()
     ]
     title = f"Saturated potential action, $b_i$ = {settings.figure_bound:g} px"
-    yield Drawn("fig-5", [], Figure(title, panels, columns=2))
+    yield ReportFigure("fig-5", [], Figure(title, panels, columns=2))
     time = np.arange(round(settings.duration / settings.step)) * settings.step
     levels = [("2 %", SMALL_FRACTION * settings.error)]
     panel = Panel("time [s]", "$|\\Delta y_i|$ [px]", _curves(found, time, "fall"), levels=levels)
-    yield Drawn("potential-loop", [], Figure("Error under either reading of (32)", [panel]))
+    yield ReportFigure("potential-loop", [], Figure("Error under either reading of (32)", [panel]))
 
 
-def _curves(found: Found, x: Floats, name: str) -> list[Curve]:
-    labels = enumerate(LABELS.items())
+def _curves(found: TaskResult, x: Floats, name: str) -> list[Curve]:
+    labels = enumerate(READING_NAMES.items())
     return [make_curve(label, x, found[key][name], style) for style, (key, label) in labels]

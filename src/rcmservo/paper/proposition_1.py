@@ -23,8 +23,8 @@ from rcmservo.figures.charts import Figure, Panel, make_curve
 from rcmservo.geometry.projection import PARAMETERS, parameters, project
 from rcmservo.interfaces import Floats
 from rcmservo.numerics.gradient_flow import decay
-from rcmservo.paper.lab.cameras import drawn, seen_by
-from rcmservo.paper.plan import Drawn, Found, Measurement, Results, Settings, Task
+from rcmservo.paper.lab.cameras import project_point, random_camera
+from rcmservo.paper.plan import Measurement, ReportFigure, Results, Settings, Task, TaskResult
 from rcmservo.paper.statistics import column, median
 from rcmservo.sim import RigSettings
 
@@ -33,30 +33,30 @@ FIT = ProjectionEstimator()
 """Estimator with the rate η and the regularisation ε of the fast Γ."""
 SHOWN_CAMERAS = 5
 """Number of cameras in the figure."""
-LABELS = {"printed": "printed Γ", "fast": "fast Γ"}
+GAMMA_NAMES = {"printed": "printed Γ", "fast": "fast Γ"}
 
 
 def tasks(settings: Settings) -> list[Task]:
     return [Task("cameras", partial(all_cameras, settings=settings), cost=3.0)]
 
 
-def all_cameras(settings: Settings) -> Found:
+def all_cameras(settings: Settings) -> TaskResult:
     """Return the results of `one_camera` for each camera, by Γ."""
     found = [one_camera(settings, seed) for seed in range(settings.cameras)]
-    return {name: [one[name] for one in found] for name in LABELS}
+    return {name: [one[name] for one in found] for name in GAMMA_NAMES}
 
 
-def one_camera(settings: Settings, seed: int) -> dict[str, Found]:
+def one_camera(settings: Settings, seed: int) -> dict[str, TaskResult]:
     """Return U over time with the printed and the fast Γ, on the same observations."""
-    C, p0 = drawn(seed)
+    C, p0 = random_camera(seed)
     a, o_c = parameters(C)
     random = np.random.default_rng([seed, 2])
     points = p0 + settings.spread * random.uniform(-1.0, 1.0, (settings.observations, 3))
-    rows = np.array([[*p, *seen_by(C, p), np.nan, np.nan] for p in points])
+    rows = np.array([[*p, *project_point(C, p), np.nan, np.nan] for p in points])
     A, b = normal_equations(sights(rows, len(rows), o_c, False, TOOL.shaft))
     printed, fast = np.diag(np.sqrt(GAMMA_0)), np.sqrt(FIT.rate) * inverse_root(A, FIT.epsilon)
 
-    def fall(root: Floats, longest: float, judged_at: float) -> Found:
+    def fall(root: Floats, longest: float, judged_at: float) -> TaskResult:
         """Return the solution of rule (21) with Γ = root rootᵀ from â = 0."""
         slowest = float(np.linalg.eigvalsh(root.T @ A @ root)[0])
         time = np.concatenate([[0.0], np.geomspace(1e-4, longest, 200)])
@@ -118,14 +118,14 @@ def measure(settings: Settings, results: Results) -> Iterator[Measurement]:
     yield Measurement("fast-in-time", fast_late.max(), seeds, bound=settings.near, percent=percent)
 
 
-def draw(settings: Settings, results: Results) -> Iterator[Drawn]:
+def draw(settings: Settings, results: Results) -> Iterator[ReportFigure]:
     curves = [
         make_curve(label if i == 0 else "", one["time"][1:], np.maximum(one["U"][1:], 1e-12), style)
-        for style, (name, label) in enumerate(LABELS.items())
+        for style, (name, label) in enumerate(GAMMA_NAMES.items())
         for i, one in enumerate(results["cameras"][name][:SHOWN_CAMERAS])
     ]
     panel = Panel(
         "estimator time [s]", "U(t) / U(0)", curves, log_x=True, log_y=True, y_limits=(1e-9, 3.0)
     )
     shown = range(min(settings.cameras, SHOWN_CAMERAS))
-    yield Drawn("U", shown, Figure("Proposition 1", [panel]), words={"shown": len(shown)})
+    yield ReportFigure("U", shown, Figure("Proposition 1", [panel]), words={"shown": len(shown)})

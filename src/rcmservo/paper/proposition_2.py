@@ -16,7 +16,7 @@ from rcmservo.figures.charts import Figure, Panel, make_curve
 from rcmservo.geometry.features import SCALE, difference, features
 from rcmservo.geometry.kinematics import axis
 from rcmservo.interfaces import Floats
-from rcmservo.paper.plan import Drawn, Found, Measurement, Results, Settings, Task
+from rcmservo.paper.plan import Measurement, ReportFigure, Results, Settings, Task, TaskResult
 from rcmservo.paper.statistics import column, median
 from rcmservo.sim import Rig, RigSettings
 
@@ -50,7 +50,7 @@ class Round(NamedTuple):
     J_start: Floats
 
 
-def loops(settings: Settings, seed: int) -> Found:
+def loops(settings: Settings, seed: int) -> TaskResult:
     """Return the results of `on_loop` for both closed paths."""
     rig = Rig(seed, RigSettings(), pictures=False)
     rounds = [loop_round(rig, radius, settings.step) for radius in settings.radii]
@@ -75,7 +75,7 @@ def loop_round(rig: Rig, radius: float, step: float) -> Round:
     return Round(np.diff(p, axis=0), dy, J[1:], J[0])
 
 
-def on_loop(one: Round, settings: Settings) -> Found:
+def on_loop(one: Round, settings: Settings) -> TaskResult:
     """Return `fall_of_R` on one closed path at each speed, and its largest rise for constant J.
 
     ``change`` is the largest difference of J from J at the start, as a fraction of ‖J‖.
@@ -90,7 +90,7 @@ def on_loop(one: Round, settings: Settings) -> Found:
     }
 
 
-def fall_of_R(one: Round, settings: Settings, speed: float) -> Found:
+def fall_of_R(one: Round, settings: Settings, speed: float) -> TaskResult:
     """Return R_i (29) over R_i(0) along `settings.path` mm of rounds at `speed` (mm/s), from Ĵ = 0.
 
     ``rise`` is the largest increase of an R_i above its running minimum, ``share`` the fraction of
@@ -162,13 +162,13 @@ def measure(settings: Settings, results: Results) -> Iterator[Measurement]:
     yield Measurement("change-of-J", median(wide[0] / rises[0]), seeds, **change)
 
 
-def _by_speed(runs: list[Found], settings: Settings, loop: str, name: str) -> Floats:
+def _by_speed(runs: list[TaskResult], settings: Settings, loop: str, name: str) -> Floats:
     """Return a result (speeds, scenes) for each speed and scene."""
     indices = range(len(settings.speeds))
     return np.array([[run[loop]["speeds"][i][name] for run in runs] for i in indices])
 
 
-def draw(settings: Settings, results: Results) -> Iterator[Drawn]:
+def draw(settings: Settings, results: Results) -> Iterator[ReportFigure]:
     panels = [
         Panel(
             f"path [mm], loop of {radius:g} mm radius",
@@ -185,4 +185,4 @@ def draw(settings: Settings, results: Results) -> Iterator[Drawn]:
         )
         for radius, loop in zip(settings.radii, LOOPS, strict=True)
     ]
-    yield Drawn("R", [0], Figure("Proposition 2", panels, columns=2))
+    yield ReportFigure("R", [0], Figure("Proposition 2", panels, columns=2))

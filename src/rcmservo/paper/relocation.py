@@ -19,49 +19,55 @@ from rcmservo.loop.run import Tick
 from rcmservo.paper.lab.closed_loop import (
     FAST_FIT,
     FAST_LAW,
-    FLOW,
-    LONG,
-    NOISE,
+    FLOW_ESTIMATOR,
+    FLOW_EXPLORATION,
+    POINT_NOISE_PX,
     ClosedLoop,
     closed_loop,
-    recorded,
-    servo_for,
+    make_servo,
+    read_task_record,
 )
-from rcmservo.paper.plan import Drawn, Found, Measurement, Results, Settings, Task
+from rcmservo.paper.plan import Measurement, ReportFigure, Results, Settings, Task, TaskResult
 from rcmservo.paper.statistics import column, finite, fraction, median
 from rcmservo.safety.causes import Cause
 from rcmservo.safety.state_machine import Phase
 from rcmservo.sim import RigSettings, SceneSettings
 
-BOUND_MM = 4.0
-METHODS: dict[str, tuple[Estimator, Exploration]] = {
+PAPER_BOUND_MM = 4.0
+RELOCATION_METHODS: dict[str, tuple[Estimator, Exploration]] = {
     "projection": (FAST_FIT, Exploration()),
-    "flow": (FLOW, LONG),
+    "flow": (FLOW_ESTIMATOR, FLOW_EXPLORATION),
 }
-LABORATORY = RigSettings(scene=SceneSettings(room=12.0, travel=(30.0, 60.0)), point_noise=NOISE)
+RELOCATION_LABORATORY = RigSettings(
+    scene=SceneSettings(room=12.0, travel=(30.0, 60.0)), point_noise=POINT_NOISE_PX
+)
 
 
 def fixed_settings() -> dict[str, object]:
-    return {"methods": METHODS, "controller": FAST_LAW, "laboratory": LABORATORY}
+    return {
+        "methods": RELOCATION_METHODS,
+        "controller": FAST_LAW,
+        "laboratory": RELOCATION_LABORATORY,
+    }
 
 
 def tasks(settings: Settings) -> list[Task]:
     cost = (0.35 if settings.pictures else 0.05) * 2.0 * settings.duration
     found = list[Task]()
-    for method in METHODS:
+    for method in RELOCATION_METHODS:
         work = partial(relocated, method=method, settings=settings)
         found += Task.per_seed(method, work, range(settings.seeds), cost, in_folder=True)
     return found
 
 
-def relocated(folder: Path, seed: int, method: str, settings: Settings) -> Found:
+def relocated(folder: Path, seed: int, method: str, settings: Settings) -> TaskResult:
     """Servo, relocate the camera half-way, wait for the stop, teach the target, and restart.
 
     Returns the results of `until_stopped`, the time ``again`` (s) of the restart, the cause at the
     end, and the final pose error (mm).
     """
-    servo = servo_for(LABORATORY, *METHODS[method], FAST_LAW)
-    with closed_loop(folder, seed, LABORATORY, settings.pictures, servo) as loop:
+    servo = make_servo(RELOCATION_LABORATORY, *RELOCATION_METHODS[method], FAST_LAW)
+    with closed_loop(folder, seed, RELOCATION_LABORATORY, settings.pictures, servo) as loop:
         target, p_d = loop.teach(loop.rig.scene.target)
         loop.rig.move_to_start()
         stop = until_stopped(loop, target, settings)
@@ -76,7 +82,7 @@ def relocated(folder: Path, seed: int, method: str, settings: Settings) -> Found
     return {**stop, "again": restart, "cause": tick.state.cause.stopping, "pose_error": error}
 
 
-def until_stopped(loop: ClosedLoop, target: Target, settings: Settings) -> Found:
+def until_stopped(loop: ClosedLoop, target: Target, settings: Settings) -> TaskResult:
     """Servo to the target, relocate the camera on the path, and wait until the tool is at rest.
 
     Returns ``moved``, the time (s) of the relocation, None if the servo did not come that far;
@@ -108,13 +114,13 @@ def until_stopped(loop: ClosedLoop, target: Target, settings: Settings) -> Found
 
 
 def measure(settings: Settings, results: Results) -> Iterator[Measurement]:
-    names = [f"{method}-{seed}" for method in METHODS for seed in range(settings.seeds)]
+    names = [f"{method}-{seed}" for method in RELOCATION_METHODS for seed in range(settings.seeds)]
     runs, seeds = [results[name] for name in names], range(settings.seeds)
     errors = column(runs, "pose_error")
     failed = [
         f"{name}: {run['cause'] or 'not at the target'}"
         for name, run in zip(names, runs, strict=True)
-        if run["pose_error"] > BOUND_MM
+        if run["pose_error"] > PAPER_BOUND_MM
     ]
     words = "; ".join([f"median {median(errors):.2f} mm", *failed])
     yield Measurement("gets-there", errors.max(), seeds, words=words)
@@ -130,17 +136,17 @@ def measure(settings: Settings, results: Results) -> Iterator[Measurement]:
     )
 
 
-def draw(settings: Settings, results: Results) -> Iterator[Drawn]:
+def draw(settings: Settings, results: Results) -> Iterator[ReportFigure]:
     folder = results.folders["projection-0"]
     pictures = [folder / f"{name}.png" for name in ("before", "moved", "after")]
     if all(path.exists() for path in pictures):
-        yield Drawn("pictures", [0], pictures=pictures)
-    panels = [_over_time(method, f"{method}-0", results) for method in METHODS]
-    yield Drawn("relocated", [0], Figure("Relocation of the camera during a run", panels))
+        yield ReportFigure("pictures", [0], pictures=pictures)
+    panels = [_over_time(method, f"{method}-0", results) for method in RELOCATION_METHODS]
+    yield ReportFigure("relocated", [0], Figure("Relocation of the camera during a run", panels))
 
 
 def _over_time(method: str, task: str, results: Results) -> Panel:
-    rows, run = recorded(results.folders[task]), results[task]
+    rows, run = read_task_record(results.folders[task]), results[task]
     new = rows.new_frames()
     size = np.linalg.norm(rows.ticks["delta"][new] / SCALE, axis=1)
     label = f"scaled $|\\Delta y|$\n{method}"

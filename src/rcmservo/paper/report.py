@@ -15,7 +15,7 @@ from rcmservo.config.atomic_files import write_whole
 from rcmservo.figures import charts
 from rcmservo.paper.claims import FAILS, HOLDS, REMARK, SOFTWARE, VERDICTS, ClaimRow, claim_table
 from rcmservo.paper.experiment import Experiment
-from rcmservo.paper.plan import Drawn
+from rcmservo.paper.plan import ReportFigure
 from rcmservo.study.report.html import embedded, rendered
 
 CLAIMS, FIGURES, REPORT = "claims.json", "figures.json", "report.html"
@@ -30,13 +30,13 @@ class Chapter(NamedTuple):
         Experiment, with its texts and settings.
     rows : list[ClaimRow]
         Claims, in the order of the report.
-    figures : list[Drawn]
+    figures : list[ReportFigure]
         Figures, in the order of the report.
     """
 
     experiment: Experiment
     rows: list[ClaimRow]
-    figures: list[Drawn]
+    figures: list[ReportFigure]
 
 
 def write(out: Path, chapters: list[Chapter], quick: bool, left_out: Mapping[str, str]) -> Path:
@@ -93,7 +93,9 @@ def _section(chapter: Chapter, quick: bool) -> dict[str, object]:
     }
 
 
-def _figure(one: Experiment, drawn: Drawn, settings: Mapping[str, object]) -> dict[str, object]:
+def _figure(
+    one: Experiment, drawn: ReportFigure, settings: Mapping[str, object]
+) -> dict[str, object]:
     """Return the variables of a figure for the template, with its images as embedded data."""
     images = [embedded("image/png", path.read_bytes()) for path in drawn.pictures]
     if drawn.chart is not None:

@@ -116,7 +116,7 @@ def run_all(
     ]
     todo: dict[str, list[Assignment]] = {}
     for job in jobs:
-        if job.finished:
+        if job.is_finished:
             progress(job.task)
         else:
             todo.setdefault(job.mark, []).append(job)

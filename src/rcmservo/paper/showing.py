@@ -17,29 +17,29 @@ from rcmservo.geometry.features import about, features_jacobian
 from rcmservo.interfaces import Floats, Target
 from rcmservo.loop.run import Tick
 from rcmservo.paper.lab.closed_loop import (
-    NOISE,
     PAPER_METHODS,
+    POINT_NOISE_PX,
     PRINTED_LAW,
     Arrived,
     ClosedLoop,
     closed_loop,
-    recorded,
-    servo_for,
+    make_servo,
+    read_task_record,
 )
-from rcmservo.paper.plan import Drawn, Found, Measurement, Results, Settings, Task
+from rcmservo.paper.plan import Measurement, ReportFigure, Results, Settings, Task, TaskResult
 from rcmservo.paper.statistics import column, median
 from rcmservo.safety.causes import Cause
 from rcmservo.sim import Rig, RigSettings, SceneSettings
 
-LABORATORY = RigSettings(scene=SceneSettings(room=18.0), point_noise=NOISE)
-BOUND_MM = 4.0
+SHOWING_LABORATORY = RigSettings(scene=SceneSettings(room=18.0), point_noise=POINT_NOISE_PX)
+PAPER_BOUND_MM = 4.0
 """Bound of the paper on the pose error."""
 BORDER_PX = 25.0
 """Smallest distance (px) of a pose's markers from the border of the image."""
 
 
 def fixed_settings() -> dict[str, object]:
-    return {"methods": PAPER_METHODS, "controller": PRINTED_LAW, "laboratory": LABORATORY}
+    return {"methods": PAPER_METHODS, "controller": PRINTED_LAW, "laboratory": SHOWING_LABORATORY}
 
 
 def tasks(settings: Settings) -> list[Task]:
@@ -51,24 +51,26 @@ def tasks(settings: Settings) -> list[Task]:
     return found
 
 
-def seeds_of(settings: Settings) -> list[int]:
+def all_seeds(settings: Settings) -> list[int]:
     return [*settings.rendered, *settings.points]
 
 
-def visit_all(folder: Path, seed: int, method: str, pictures: bool, settings: Settings) -> Found:
+def visit_all(
+    folder: Path, seed: int, method: str, pictures: bool, settings: Settings
+) -> TaskResult:
     """Teach all poses, explore about the start, and visit the poses in turn.
 
     Returns the visits in order, the cause that ended the last one early, p_d (n, 3) in mm of each
     pose, and the sensitivity `pose_per_pixel` there.
     """
-    servo = servo_for(LABORATORY, *PAPER_METHODS[method], PRINTED_LAW)
-    with closed_loop(folder, seed, LABORATORY, pictures, servo) as loop:
+    servo = make_servo(SHOWING_LABORATORY, *PAPER_METHODS[method], PRINTED_LAW)
+    with closed_loop(folder, seed, SHOWING_LABORATORY, pictures, servo) as loop:
         taught = [loop.teach(q) for q in drawn_poses(loop.rig, settings.poses, settings.spread)]
         targets = [target for target, _ in taught]
         loop.rig.move_to_start()
         tick = loop.explore(targets[0])
         loop.snapshot("snapshot-0.png", targets[0], tick.state, "after exploration", targets[1:])
-        visits = list[Found]()
+        visits = list[TaskResult]()
         for count in range(settings.rounds * settings.poses):
             pose: int = count % settings.poses
             if not tick.state.explored or tick.state.cause.stopping:
@@ -91,7 +93,7 @@ def visit_all(folder: Path, seed: int, method: str, pictures: bool, settings: Se
 
 def visit(
     loop: ClosedLoop, tick: Tick, target: Target, p_d: Floats, longest: float
-) -> tuple[Found, Tick]:
+) -> tuple[TaskResult, Tick]:
     """Servo to one pose; return times (s), final pose error (mm) and scaled error of Ĵ."""
     began = loop.elapsed()
     tick = loop.last(target, longest, tick.state, done=Arrived())
@@ -128,7 +130,7 @@ def pose_per_pixel(rig: Rig, q: Floats) -> float:
 
 
 def measure(settings: Settings, results: Results) -> Iterator[Measurement]:
-    seeds = seeds_of(settings)
+    seeds = all_seeds(settings)
     found = {method: results.per_seed(method, seeds) for method in ("flow", "projection")}
     errors = {method: column(_visits(scenes), "pose_error") for method, scenes in found.items()}
     rendered = {
@@ -172,25 +174,25 @@ def measure(settings: Settings, results: Results) -> Iterator[Measurement]:
         yield Measurement("median-visit", median(errors[method]), seeds, case=case, words=words)
 
 
-def _visits(scenes: list[Found]) -> list[Found]:
+def _visits(scenes: list[TaskResult]) -> list[TaskResult]:
     return [one for scene in scenes for one in scene["visits"]]
 
 
-def draw(settings: Settings, results: Results) -> Iterator[Drawn]:
-    seed = seeds_of(settings)[0]
+def draw(settings: Settings, results: Results) -> Iterator[ReportFigure]:
+    seed = all_seeds(settings)[0]
     for method in PAPER_METHODS:
         pictures = sorted(results.folders[f"{method}-{seed}"].glob("snapshot-*.png"))
         if pictures:
             name, words = f"snapshots-{method}", {"method": method}
-            yield Drawn(name, [seed], pictures=pictures, words=words, key="snapshots")
+            yield ReportFigure(name, [seed], pictures=pictures, words=words, key="snapshots")
     panels = [_over_time(method, f"{method}-{seed}", results) for method in PAPER_METHODS]
-    yield Drawn("pose-error", [seed], Figure("Pose error", panels))
+    yield ReportFigure("pose-error", [seed], Figure("Pose error", panels))
     names = [
         f"seed {seed}" + (" (rendered)" if seed in settings.rendered else "")
-        for seed in seeds_of(settings)
+        for seed in all_seeds(settings)
     ]
     numbers = {
-        "pose_error": ("$\\|\\Delta p\\|$ [mm]", ("4 mm", BOUND_MM)),
+        "pose_error": ("$\\|\\Delta p\\|$ [mm]", ("4 mm", PAPER_BOUND_MM)),
         "jacobian_error": ("$\\|\\hat J - J\\| / \\|J\\|$", ("30 %", 0.3)),
     }
     panels = [
@@ -204,11 +206,11 @@ def draw(settings: Settings, results: Results) -> Iterator[Drawn]:
         )
         for key, (label, level) in numbers.items()
     ]
-    yield Drawn("visits", seeds_of(settings), Figure("Final errors of all visits", panels))
+    yield ReportFigure("visits", all_seeds(settings), Figure("Final errors of all visits", panels))
 
 
 def _over_time(method: str, task: str, results: Results) -> Panel:
-    rows, found = recorded(results.folders[task]), results[task]
+    rows, found = read_task_record(results.folders[task]), results[task]
     error = np.full(len(rows.time), np.nan)
     for one in found["visits"]:
         during = (rows.time >= one["began"]) & (rows.time <= one["ended"])
@@ -219,7 +221,7 @@ def _over_time(method: str, task: str, results: Results) -> Panel:
         "time [s]",
         f"$\\|\\Delta p\\|$ [mm]\n{method}",
         [make_curve("", rows.time[new], error[new])],
-        levels=[("4 mm", BOUND_MM)],
+        levels=[("4 mm", PAPER_BOUND_MM)],
         shaded=plots.exploration_spans(rows),
         log_y=True,
     )
@@ -229,7 +231,7 @@ def _marks(style: int, method: str, settings: Settings, results: Results, key: s
     """Return one mark per visit, next to the axis position of its scene."""
     points = [
         (index + 0.3 * (style - 0.5), one[key])
-        for index, scene in enumerate(results.per_seed(method, seeds_of(settings)))
+        for index, scene in enumerate(results.per_seed(method, all_seeds(settings)))
         for one in scene["visits"]
     ]
     return make_curve(method, [x for x, _ in points], [y for _, y in points], style, marks=True)

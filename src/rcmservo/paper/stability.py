@@ -16,15 +16,15 @@ from rcmservo.interfaces import Floats
 from rcmservo.loop.run import Tick, run
 from rcmservo.loop.teach import teach
 from rcmservo.paper.lab.closed_loop import (
-    NOISE,
     PAPER_METHODS,
     PAPER_SCENES,
+    POINT_NOISE_PX,
     PRINTED_LAW,
     TEACHING_FRAMES,
-    servo_for,
+    make_servo,
 )
 from rcmservo.paper.lab.witness import laboratory
-from rcmservo.paper.plan import Drawn, Found, Measurement, Results, Settings, Task
+from rcmservo.paper.plan import Measurement, ReportFigure, Results, Settings, Task, TaskResult
 from rcmservo.paper.statistics import median
 from rcmservo.safety.state_machine import Phase
 from rcmservo.servo.servo import State
@@ -32,11 +32,15 @@ from rcmservo.sim import Rig
 
 UNITY_BOUND = 0.3
 """Largest ‖J Ĵ⁻¹ − I‖₂ for which J Ĵ⁻¹ ≈ I holds."""
-LABELS = {"least": "$\\lambda_{min}$, sym. J Ĵ⁻¹", "V_dot": "V̇ [1/s]", "unity": "‖J Ĵ⁻¹ − I‖"}
+RESULT_LABELS = {
+    "least": "$\\lambda_{min}$, sym. J Ĵ⁻¹",
+    "V_dot": "V̇ [1/s]",
+    "unity": "‖J Ĵ⁻¹ − I‖",
+}
 
 
 def fixed_settings() -> dict[str, object]:
-    return {"methods": PAPER_METHODS, "scene": PAPER_SCENES, "noise": NOISE}
+    return {"methods": PAPER_METHODS, "scene": PAPER_SCENES, "noise": POINT_NOISE_PX}
 
 
 def tasks(settings: Settings) -> list[Task]:
@@ -47,13 +51,13 @@ def tasks(settings: Settings) -> list[Task]:
     return found
 
 
-def regulate(settings: Settings, estimator: str, seed: int) -> Found:
+def regulate(settings: Settings, estimator: str, seed: int) -> TaskResult:
     """Regulate with the printed gains; return the results of `judge` in each frame to the target.
 
     With the flow rule, the tool explores half-way, then returns to the start before the regulation.
     """
-    rig, plant = laboratory(seed, PAPER_SCENES, NOISE)
-    servo = servo_for(rig.settings, *PAPER_METHODS[estimator])
+    rig, plant = laboratory(seed, PAPER_SCENES, POINT_NOISE_PX)
+    servo = make_servo(rig.settings, *PAPER_METHODS[estimator])
     servo.warm_up()
     home = teach(plant, TEACHING_FRAMES)
     rig.move_to_target()
@@ -89,7 +93,7 @@ def arrived(tick: Tick) -> bool:
 def in_noise(state: State) -> float:
     """Return the largest component of Δy, in units of three times its noise in one frame."""
     d = state.y[2]
-    noise = NOISE * np.array([np.sqrt(2.0) / d, 1.0, np.sqrt(2.0)])
+    noise = POINT_NOISE_PX * np.array([np.sqrt(2.0) / d, 1.0, np.sqrt(2.0)])
     return float(np.max(np.abs(state.delta) / (3.0 * noise)))
 
 
@@ -107,7 +111,7 @@ def judge(rig: Rig, state: State, q: Floats) -> tuple[float, float, float, float
     return float(least), float(gradient @ J @ state.v), in_noise(state), float(unity)
 
 
-def above_noise(run: Found, name: str) -> Floats:
+def above_noise(run: TaskResult, name: str) -> Floats:
     """Return a result in the frames with an error above three times the noise."""
     return run[name][run["in_noise"] > 1.0]
 
@@ -149,7 +153,7 @@ def measure(settings: Settings, results: Results) -> Iterator[Measurement]:
         )
 
 
-def _words(runs: list[Found]) -> str:
+def _words(runs: list[TaskResult]) -> str:
     causes = [f"seed {seed}: {run['cause']}" for seed, run in enumerate(runs) if run["cause"]]
     count, there = (
         sum(len(above_noise(run, "time")) for run in runs),
@@ -162,7 +166,7 @@ def _words(runs: list[Found]) -> str:
     return "; ".join([about, *causes])
 
 
-def draw(settings: Settings, results: Results) -> Iterator[Drawn]:
+def draw(settings: Settings, results: Results) -> Iterator[ReportFigure]:
     panels = [
         Panel(
             "time [s]",
@@ -178,6 +182,6 @@ def draw(settings: Settings, results: Results) -> Iterator[Drawn]:
             ],
             levels=[] if key == "unity" else [("", 0.0)],
         )
-        for key, label in LABELS.items()
+        for key, label in RESULT_LABELS.items()
     ]
-    yield Drawn("stability", [0], Figure("Stability along a regulation", panels))
+    yield ReportFigure("stability", [0], Figure("Stability along a regulation", panels))

@@ -15,9 +15,9 @@ from rcmservo.geometry.features import about
 from rcmservo.geometry.tool import RigidTool, ScaledTool, Tool
 from rcmservo.interfaces import Floats
 from rcmservo.paper.lab.cameras import PINHOLE, true_parameters
-from rcmservo.paper.lab.closed_loop import NOISE
-from rcmservo.paper.lab.witness import reasons, settle, settled
-from rcmservo.paper.plan import Drawn, Found, Measurement, Results, Settings, Task
+from rcmservo.paper.lab.closed_loop import POINT_NOISE_PX
+from rcmservo.paper.lab.witness import count_settled, failure_reasons, settle
+from rcmservo.paper.plan import Measurement, ReportFigure, Results, Settings, Task, TaskResult
 from rcmservo.paper.statistics import column, finite, mark_panels, marks, median
 from rcmservo.sim import Rig, RigSettings
 from rcmservo.study.report.statistics import dashed
@@ -25,11 +25,11 @@ from rcmservo.study.report.statistics import dashed
 SPACING_MM = 30.0
 """Distance (mm) between the markers on the simulated tool."""
 MODELS = {"rigid": "rigid shaft", "constant": "constant λ"}
-LABORATORY = RigSettings(tool=RigidTool(SPACING_MM), point_noise=NOISE)
+RIGID_TOOL_LABORATORY = RigSettings(tool=RigidTool(SPACING_MM), point_noise=POINT_NOISE_PX)
 
 
 def fixed_settings() -> dict[str, object]:
-    return {"laboratory": LABORATORY}
+    return {"laboratory": RIGID_TOOL_LABORATORY}
 
 
 def tasks(settings: Settings) -> list[Task]:
@@ -42,12 +42,12 @@ def tools(p1: Floats) -> tuple[Tool, Tool]:
     return RigidTool(SPACING_MM), ScaledTool(1.0 + SPACING_MM / float(np.linalg.norm(p1)))
 
 
-def scenes(settings: Settings) -> Found:
+def scenes(settings: Settings) -> TaskResult:
     """Return the results of `scene` for each scene."""
     return {"scenes": [scene(seed) for seed in range(settings.scenes)]}
 
 
-def scene(seed: int) -> Found:
+def scene(seed: int) -> TaskResult:
     """Return the true ∂d/∂ρ (px/mm), and the errors of Ĵ from the true a with either tool model.
 
     The constant λ is exact at the pose itself, so that both models predict the same m₂. ``along``
@@ -71,11 +71,11 @@ def scene(seed: int) -> Found:
     return found
 
 
-def loop(settings: Settings, seed: int) -> Found:
+def loop(settings: Settings, seed: int) -> TaskResult:
     """Return the trial of one seed with either tool model in the servo; λ is exact at the start."""
-    home = Rig(seed, LABORATORY, pictures=False)
+    home = Rig(seed, RIGID_TOOL_LABORATORY, pictures=False)
     known = tools(home.body.points(home.scene.start)[0])
-    trials = [settle(seed, LABORATORY, settings.duration, tool)[0] for tool in known]
+    trials = [settle(seed, RIGID_TOOL_LABORATORY, settings.duration, tool)[0] for tool in known]
     return dict(zip(MODELS, trials, strict=True))
 
 
@@ -95,7 +95,7 @@ def measure(settings: Settings, results: Results) -> Iterator[Measurement]:
         wrong=opposite,
     )
     trials = _trials(settings, results)
-    counts = {model: settled(some) for model, some in trials.items()}
+    counts = {model: count_settled(some) for model, some in trials.items()}
     errors = {m: median(finite(column(some, "jacobian"))) for m, some in trials.items()}
     yield Measurement(
         "settles",
@@ -105,22 +105,22 @@ def measure(settings: Settings, results: Results) -> Iterator[Measurement]:
         errors={model: dashed(error) for model, error in errors.items()},
         counts=counts,
         words={model: _settled_words(some) for model, some in trials.items()},
-        reasons=reasons(trials["constant"]),
+        reasons=failure_reasons(trials["constant"]),
     )
 
 
-def _trials(settings: Settings, results: Results) -> dict[str, list[Found]]:
+def _trials(settings: Settings, results: Results) -> dict[str, list[TaskResult]]:
     loops = results.per_seed("loop", range(settings.loops))
     return {model: [one[model] for one in loops] for model in MODELS}
 
 
-def _settled_words(trials: list[Found]) -> str:
+def _settled_words(trials: list[TaskResult]) -> str:
     successful = [trial for trial in trials if not trial["why_not"]]
     time, pose = (median(column(successful, name)) for name in ("settle_time", "pose"))
     return f"median after {dashed(time, '.1f')} s, pose error {dashed(pose, '.2g')} mm"
 
 
-def draw(settings: Settings, results: Results) -> Iterator[Drawn]:
+def draw(settings: Settings, results: Results) -> Iterator[ReportFigure]:
     found, labels = results["scenes"]["scenes"], list(MODELS.values())
     true = column(found, "true")
     ends = [true.min(), true.max()]
@@ -137,7 +137,7 @@ def draw(settings: Settings, results: Results) -> Iterator[Drawn]:
     errors = [marks([column(found, model, "whole") for model in MODELS])]
     error = Panel("", "$\\|\\hat{J} - J\\| / \\|J\\|$, scaled [1]", errors, categories=labels)
     figure = Figure("Effect of a constant λ on the Jacobian", [derivative, error], columns=2)
-    yield Drawn("tool-model", range(settings.scenes), figure)
+    yield ReportFigure("tool-model", range(settings.scenes), figure)
     trials = _trials(settings, results).values()
     numbers = {
         "settle_time": "settled after [s]",
@@ -151,4 +151,4 @@ def draw(settings: Settings, results: Results) -> Iterator[Drawn]:
         log=("pose", "jacobian"),
     )
     figure = Figure("Closed loops with either tool model", panels, columns=3)
-    yield Drawn("tool-loops", range(settings.loops), figure)
+    yield ReportFigure("tool-loops", range(settings.loops), figure)

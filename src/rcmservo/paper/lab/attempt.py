@@ -10,8 +10,8 @@ import numpy as np
 from rcmservo.control.exploration import Exploration
 from rcmservo.control.saturated_controller import SaturatedController
 from rcmservo.estimation.base import Estimator
-from rcmservo.paper.lab.calibration import Calibration, Quality, handed_over
-from rcmservo.paper.lab.closed_loop import FAST_FIT, FAST_LAW, TEACHING_FRAMES, servo_for
+from rcmservo.paper.lab.calibration import Calibration, Quality, make_calibration
+from rcmservo.paper.lab.closed_loop import FAST_FIT, FAST_LAW, TEACHING_FRAMES, make_servo
 from rcmservo.paper.lab.laws import PoseLaw, drive
 from rcmservo.paper.lab.witness import STRIDE_TICKS
 from rcmservo.paper.statistics import median
@@ -51,7 +51,7 @@ class Attempt:
     def calibration(self, quality: Quality) -> Calibration:
         """Return the calibration for a method; the directions of its errors depend on the seed."""
         scene, _ = sample_scene_of_seed(self.seed, self.settings)
-        return handed_over(quality, scene.optics, np.random.default_rng([self.seed, 1]))
+        return make_calibration(quality, scene.optics, np.random.default_rng([self.seed, 1]))
 
     def servo(
         self,
@@ -60,7 +60,7 @@ class Attempt:
         controller: SaturatedController | None = None,
     ) -> Servo:
         """Return a servo, by default with the common controller."""
-        return servo_for(self.settings, estimator, exploration, controller or FAST_LAW)
+        return make_servo(self.settings, estimator, exploration, controller or FAST_LAW)
 
     def run(self, servo: Servo) -> StudyRun:
         """Explore, then servo for the duration.

@@ -32,7 +32,7 @@ SHIFT_MM = 10.0
 """Error (mm) of the position of a wrong calibration."""
 ROLL_DEG = 90.0
 """Angle (°) by which the camera was rolled after an outdated calibration."""
-WRONG = (
+WRONG_CALIBRATION = (
     f"errors of {100 * FOCAL_ERROR:g} % in f, {TURN_DEG:g}° in the orientation and "
     f"{SHIFT_MM:g} mm in the position of the camera"
 )
@@ -72,27 +72,29 @@ class Calibration:
         return markers_jacobian(self.a, p1, tool.shaft)
 
 
-def exact(optics: CameraModel) -> Calibration:
+def exact_calibration(optics: CameraModel) -> Calibration:
     """Return the true camera as a pinhole, without its distortion."""
     return Calibration(*parameters(optics.pinhole()))
 
 
-def handed_over(quality: Quality, optics: CameraModel, random: np.random.Generator) -> Calibration:
+def make_calibration(
+    quality: Quality, optics: CameraModel, random: np.random.Generator
+) -> Calibration:
     """Return a calibration of the true camera with a certain quality.
 
     A wrong one has a focal length too long or too short, and errors of orientation and position in
     random directions. A rolled one predates a roll of the camera about its optical axis.
     """
     if quality == "exact":
-        return exact(optics)
+        return exact_calibration(optics)
     if quality == "rolled":
         back = Rotation.from_rotvec([0.0, 0.0, float(np.radians(ROLL_DEG))]).as_matrix()
-        return exact(replace(optics, rotation=back @ optics.rotation))
+        return exact_calibration(replace(optics, rotation=back @ optics.rotation))
     longer = random.choice([-1.0, 1.0]) * FOCAL_ERROR
     turn, shift = (size * _direction(random) for size in (float(np.radians(TURN_DEG)), SHIFT_MM))
     rotation = Rotation.from_rotvec(turn).as_matrix() @ optics.rotation
     focal, position = (1.0 + longer) * optics.focal, optics.position + shift
-    return exact(replace(optics, focal=focal, rotation=rotation, position=position))
+    return exact_calibration(replace(optics, focal=focal, rotation=rotation, position=position))
 
 
 def _direction(random: np.random.Generator) -> Floats:
@@ -101,7 +103,7 @@ def _direction(random: np.random.Generator) -> Floats:
 
 
 @dataclass(frozen=True, eq=False)
-class Calibrated(Estimator):
+class CalibratedEstimator(Estimator):
     """Ĵ of (15) from known parameters: the traditional approach [12], without estimation.
 
     Parameters

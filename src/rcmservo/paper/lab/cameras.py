@@ -15,14 +15,14 @@ def true_parameters(rig: Rig) -> tuple[Floats, Floats]:
     return parameters(rig.scene.optics.pinhole())
 
 
-def drawn(seed: int) -> tuple[Floats, Floats]:
+def random_camera(seed: int) -> tuple[Floats, Floats]:
     """Return C (3, 4) of a random camera, up to a random scale, and p₁ (3,) in mm at the start."""
     rig = Rig(seed, RigSettings(scene=PINHOLE), pictures=False)
     scale = np.random.default_rng(seed).uniform(-2.0, 2.0)
     return scale * rig.scene.optics.pinhole(), rig.body.points(rig.scene.start)[0]
 
 
-def seen_by(C: Floats, p: Floats) -> Floats:
+def project_point(C: Floats, p: Floats) -> Floats:
     """Return the raw pixels (2,) of the point `p` (3,) in mm, eq. (4)."""
     m = C @ np.append(p, 1.0)
     return m[:2] / m[2]

@@ -45,10 +45,10 @@ FAST_LAW = SaturatedController(gain=2.0)
 FAST_FIT = ProjectionEstimator()
 """The paper's projection-based estimator with the fast Γ, on both markers."""
 
-STEADY = Exploration(leg=1.0, share=0.12, growth=1.0, max_time=60.0)
+EQUAL_ROUNDS = Exploration(leg=1.0, share=0.12, growth=1.0, max_time=60.0)
 """Exploration in equal rounds at about 30 mm/s with `FAST_ARM`; `reach` alone sets their size."""
 
-WIDE = replace(STEADY, reach=17.0, legs=8)
+PROJECTION_EXPLORATION = replace(EQUAL_ROUNDS, reach=17.0, legs=8)
 """Exploration for the printed fit: ten noisy observations of one marker need two rounds of 17
 mm."""
 
@@ -64,15 +64,15 @@ r and d grow on the path to the target. The insertion is short and the camera fa
 imaged tool can rotate by 40° within the image.
 """
 
-FLOW = FlowEstimator(gamma=0.001)
+FLOW_ESTIMATOR = FlowEstimator(gamma=0.001)
 """The paper's flow-based estimator."""
 
-LONG = replace(STEADY, reach=12.0, legs=60, tolerance=0.2)
+FLOW_EXPLORATION = replace(EQUAL_ROUNDS, reach=12.0, legs=60, tolerance=0.2)
 """Exploration for the flow rule, which converges as 1 − exp(−γ v L): about 20 s of motion."""
 
 PAPER_METHODS: dict[str, tuple[Estimator, Exploration]] = {
-    "projection": (PRINTED, WIDE),
-    "flow": (FLOW, LONG),
+    "projection": (PRINTED, PROJECTION_EXPLORATION),
+    "flow": (FLOW_ESTIMATOR, FLOW_EXPLORATION),
 }
 """The paper's estimators, each with its exploration."""
 
@@ -80,7 +80,7 @@ FAST_ARM = Gate(speed=(2.0, 2.0, 160.0), slew=(20.0, 20.0, 1600.0))
 """Limits of a fast arm: an exploration at 30 mm/s uses no more than its permitted fraction of the
 speed."""
 
-NOISE = 0.1
+POINT_NOISE_PX = 0.1
 """Standard deviation (px) of the markers of a camera without images, about that of tracking in
 rendered frames."""
 
@@ -90,12 +90,12 @@ ARRIVED = np.array([np.radians(0.1), 0.2, 0.2])
 AVERAGED_FRAMES = 30
 
 
-def endless(exploration: Exploration) -> Exploration:
+def remove_limits(exploration: Exploration) -> Exploration:
     """Return the same exploration without a limit on legs and time."""
     return replace(exploration, legs=1000, max_time=1e6)
 
 
-def recorded(folder: Path) -> reader.Record:
+def read_task_record(folder: Path) -> reader.Record:
     """Return the record of a task's closed loop."""
     path = folder / RECORD
     return _read(path, path.stat().st_mtime_ns)
@@ -108,7 +108,7 @@ def _read(path: Path, changed: int) -> reader.Record:
     return reader.read_record(path)
 
 
-def servo_for(
+def make_servo(
     laboratory: RigSettings,
     estimator: Estimator,
     exploration: Exploration | None = None,

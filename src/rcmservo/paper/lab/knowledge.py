@@ -15,13 +15,13 @@ from rcmservo.interfaces import Floats
 from rcmservo.paper.lab.cameras import true_parameters
 from rcmservo.paper.lab.streams import (
     ESTIMATORS,
-    errors_over,
-    estimated,
-    in_short,
-    over_time,
+    jacobian_errors,
+    median_series,
+    run_estimator,
     stream,
+    summarise_error,
 )
-from rcmservo.paper.plan import Found, Settings
+from rcmservo.paper.plan import Settings, TaskResult
 from rcmservo.paper.statistics import median
 from rcmservo.sim import Rig
 
@@ -33,7 +33,7 @@ PHASES = ("exploration", "saturated", "end")
 
 def servo_run(
     seed: int, noise: float, duration: float, held_out: int, around: float, speed: float
-) -> Found:
+) -> TaskResult:
     """Run each estimator on the samples of one servo run; return errors of Ĵ and of predictions.
 
     Parameters
@@ -53,18 +53,18 @@ def servo_run(
 
     Returns
     -------
-    Found
+    TaskResult
         By estimator: errors of Ĵ, and as knowledge the median error (px) of the predicted markers
         near the path and anywhere in the image, and the relative error of â (None without â).
     """
     rig, recorded = stream(seed, noise, Settings(duration=duration), "servo")
     near, far = near_path(rig, held_out, around, seed), workspace(rig, held_out, seed)
-    errors, knowledge = dict[str, Found](), dict[str, Found]()
+    errors, knowledge = dict[str, TaskResult](), dict[str, TaskResult]()
     for name, estimator in ESTIMATORS.items():
-        J_hat, memory = estimated(estimator, recorded.samples, rig.settings.tool)
+        J_hat, memory = run_estimator(estimator, recorded.samples, rig.settings.tool)
         errors[name] = {
-            measure: in_short(error, recorded.phase, len(PHASES))
-            for measure, error in errors_over(J_hat, recorded, speed).items()
+            measure: summarise_error(error, recorded.phase, len(PHASES))
+            for measure, error in jacobian_errors(J_hat, recorded, speed).items()
         }
         known = estimator, memory, J_hat[-1], recorded.samples[-1]
         knowledge[name] = {
@@ -74,7 +74,7 @@ def servo_run(
             if estimator.models
             else None,
         }
-    return {"time": over_time(recorded.time), "errors": errors, "knowledge": knowledge}
+    return {"time": median_series(recorded.time), "errors": errors, "knowledge": knowledge}
 
 
 def near_path(rig: Rig, count: int, around: float, seed: int) -> list[Floats]:

@@ -20,8 +20,14 @@ from rcmservo.estimation.normalised_flow import NormalisedFlowEstimator
 from rcmservo.estimation.projection_rule import PRINTED
 from rcmservo.estimation.rls import RlsEstimator
 from rcmservo.paper.lab.attempt import Attempt
-from rcmservo.paper.lab.calibration import Calibrated, Quality
-from rcmservo.paper.lab.closed_loop import FAST_FIT, FAST_LAW, FLOW, LONG, WIDE
+from rcmservo.paper.lab.calibration import CalibratedEstimator, Quality
+from rcmservo.paper.lab.closed_loop import (
+    FAST_FIT,
+    FAST_LAW,
+    FLOW_ESTIMATOR,
+    FLOW_EXPLORATION,
+    PROJECTION_EXPLORATION,
+)
 from rcmservo.paper.lab.constant import ConstantJacobian
 from rcmservo.safety.thresholds import Thresholds
 from rcmservo.study.run_outcome import StudyRun
@@ -55,7 +61,7 @@ class Method(ABC):
 
 
 @dataclass(frozen=True)
-class Learner(Method):
+class EstimatingMethod(Method):
     """A method without a calibration: it explores and estimates Ĵ.
 
     Parameters
@@ -77,7 +83,7 @@ class Learner(Method):
 
 
 @dataclass(frozen=True)
-class Own(Learner):
+class Own(EstimatingMethod):
     """A user-defined estimator, with the default exploration.
 
     Parameters
@@ -109,11 +115,11 @@ class CalibratedMethod(Method):
         if self.acts_on == "poses":
             return attempt.by_poses(calibration)
         law = POINTS_LAW if self.acts_on == "points" else FAST_LAW
-        return attempt.run(attempt.servo(Calibrated(calibration), LINES_ONLY, law))
+        return attempt.run(attempt.servo(CalibratedEstimator(calibration), LINES_ONLY, law))
 
 
 @dataclass(frozen=True)
-class Constant(Method):
+class ConstantJacobianMethod(Method):
     """Law on four marker coordinates, with one constant Jacobian from the exploration."""
 
     def run(self, attempt: Attempt) -> StudyRun:
@@ -121,37 +127,39 @@ class Constant(Method):
         return attempt.run(replace(servo, thresholds=CONSTANT_JACOBIAN_THRESHOLDS))
 
 
-FAST = Learner("the projection-based method with fast Γ (k = 2)", "fast Γ", FAST_FIT)
-DEFAULT = Learner(
+FAST = EstimatingMethod("the projection-based method with fast Γ (k = 2)", "fast Γ", FAST_FIT)
+DEFAULT = EstimatingMethod(
     "the default of rcmservo (whole projection, k = 8)",
     "default",
     DltEstimator(),
     controller=SaturatedController(),
 )
-OUR_METHODS = {"fast": FAST, "default": DEFAULT}
+RCMSERVO_METHODS = {"fast": FAST, "default": DEFAULT}
 """The two methods of rcmservo that the claims concern."""
-FLOW_RULE = Learner("the paper's flow rule (28) with γ = 0.001", "flow rule", FLOW, LONG)
-STEP_MM = BroydenEstimator().min_step
+FLOW_RULE = EstimatingMethod(
+    "the paper's flow rule (28) with γ = 0.001", "flow rule", FLOW_ESTIMATOR, FLOW_EXPLORATION
+)
+BROYDEN_STEP_MM = BroydenEstimator().min_step
 PRINTED_RULE = "the paper's projection rule (21) with 10⁴ s of estimator time per fit"
-BROYDEN = f"Broyden's update on displacements of {STEP_MM:g} mm (default)"
+BROYDEN = f"Broyden's update on displacements of {BROYDEN_STEP_MM:g} mm (default)"
 BROYDEN_1_MM = "Broyden's update on displacements of 1 mm"
 CORRENTROPY = "Kalman filter on Ĵ with maximum correntropy"
 ONE_JACOBIAN = "one constant 4x3 Jacobian of the marker coordinates, from the exploration"
 ROLLED = "the image-based law with a calibration outdated by a roll of the camera"
 
-METHODS: Mapping[str, Method] = {
-    **OUR_METHODS,
-    "printed": Learner(PRINTED_RULE, "printed Γ", PRINTED, WIDE),
+COMPARED_METHODS: Mapping[str, Method] = {
+    **RCMSERVO_METHODS,
+    "printed": EstimatingMethod(PRINTED_RULE, "printed Γ", PRINTED, PROJECTION_EXPLORATION),
     "flow": FLOW_RULE,
-    "broyden": Learner(BROYDEN, "Broyden", BroydenEstimator()),
-    "broyden-1mm": Learner(BROYDEN_1_MM, "Broyden, 1 mm", BroydenEstimator(min_step=1.0)),
-    "nflow": Learner(
+    "broyden": EstimatingMethod(BROYDEN, "Broyden", BroydenEstimator()),
+    "broyden-1mm": EstimatingMethod(BROYDEN_1_MM, "Broyden, 1 mm", BroydenEstimator(min_step=1.0)),
+    "nflow": EstimatingMethod(
         "the flow rule normalised by the speed", "normalised flow", NormalisedFlowEstimator()
     ),
-    "rls": Learner("recursive least squares with forgetting", "RLS", RlsEstimator()),
-    "kalman": Learner("Kalman filter on Ĵ", "Kalman", KalmanEstimator()),
-    "correntropy": Learner(CORRENTROPY, "correntropy", CorrentropyEstimator()),
-    "constant": Constant(ONE_JACOBIAN, "constant 4x3"),
+    "rls": EstimatingMethod("recursive least squares with forgetting", "RLS", RlsEstimator()),
+    "kalman": EstimatingMethod("Kalman filter on Ĵ", "Kalman", KalmanEstimator()),
+    "correntropy": EstimatingMethod(CORRENTROPY, "correntropy", CorrentropyEstimator()),
+    "constant": ConstantJacobianMethod(ONE_JACOBIAN, "constant 4x3"),
     "image-exact": CalibratedMethod(
         "the image-based law with an exact calibration", "image, exact C", "features", "exact"
     ),

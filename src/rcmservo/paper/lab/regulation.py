@@ -21,15 +21,23 @@ from rcmservo.figures.charts import Figure, Panel, make_curve
 from rcmservo.interfaces import Floats
 from rcmservo.loop.run import Tick
 from rcmservo.paper.lab.closed_loop import (
-    NOISE,
     PAPER_SCENES,
+    POINT_NOISE_PX,
     PRINTED_LAW,
     Arrived,
     closed_loop,
-    recorded,
-    servo_for,
+    make_servo,
+    read_task_record,
 )
-from rcmservo.paper.plan import Drawn, Found, Measurement, NotMeasured, Results, Settings, Task
+from rcmservo.paper.plan import (
+    Measurement,
+    NotMeasured,
+    ReportFigure,
+    Results,
+    Settings,
+    Task,
+    TaskResult,
+)
 from rcmservo.paper.statistics import column, ends_of, fraction, median, rms
 from rcmservo.recording.reader import Record
 from rcmservo.safety.causes import Cause
@@ -37,12 +45,12 @@ from rcmservo.servo.servo import Servo
 from rcmservo.sim import RigSettings
 from rcmservo.study.report.statistics import dashed
 
-LABORATORY = RigSettings(scene=PAPER_SCENES, point_noise=NOISE)
-INITIAL = np.abs(np.array(PAPER_SCENES.errors, dtype=float))
+REGULATION_LABORATORY = RigSettings(scene=PAPER_SCENES, point_noise=POINT_NOISE_PX)
+INITIAL_ERRORS = np.abs(np.array(PAPER_SCENES.errors, dtype=float))
 """Initial |Δy| (3,) in rad, px, px."""
 SMALL_FRACTION = 0.02
 """Fraction of its initial value below which an error counts as regulated."""
-ACCURATE = 0.3
+MAX_FAITHFUL_ERROR = 0.3
 """Largest scaled ‖Ĵ − J‖/‖J‖ of a faithful run."""
 SLOPE_TOLERANCE = 0.3
 """Largest difference (px/s) of the slope of r from 1 px/s in a faithful run."""
@@ -86,7 +94,7 @@ class Regulation:
     @property
     def servo(self) -> Servo:
         """Servo of this regulation."""
-        return servo_for(LABORATORY, self.estimator, self.exploration, self.controller)
+        return make_servo(REGULATION_LABORATORY, self.estimator, self.exploration, self.controller)
 
     def tasks(self, prefix: str, seeds: Iterable[int]) -> list[Task]:
         """Return one task per seed."""
@@ -94,9 +102,9 @@ class Regulation:
         return Task.per_seed(prefix, partial(regulate, plan=self), seeds, cost, in_folder=True)
 
 
-def regulate(folder: Path, seed: int, plan: Regulation) -> Found:
+def regulate(folder: Path, seed: int, plan: Regulation) -> TaskResult:
     """Explore, return to the start, regulate; return the cause at the end and `from_record`."""
-    with closed_loop(folder, seed, LABORATORY, plan.pictures, plan.servo) as loop:
+    with closed_loop(folder, seed, REGULATION_LABORATORY, plan.pictures, plan.servo) as loop:
         scene = loop.rig.scene
         home, _ = loop.teach(scene.start)
         target, p_d = loop.teach(scene.target)
@@ -111,7 +119,7 @@ def regulate(folder: Path, seed: int, plan: Regulation) -> Found:
             if count == round(100 * NOTICED_S):
                 loop.snapshot("initial.png", target, tick.state, _words("initial", tick))
         loop.snapshot("final.png", target, tick.state, _words("final", tick))
-    found = from_record(recorded(folder), began, p_d, plan.controller)
+    found = from_record(read_task_record(folder), began, p_d, plan.controller)
     return {"cause": tick.state.cause.stopping, **found}
 
 
@@ -120,7 +128,7 @@ def _words(when: str, tick: Tick) -> str:
     return f"{when}: |ds| {s:.2f} deg  |dr| {r:.2f} px  |dd| {d:.2f} px"
 
 
-def from_record(rows: Record, began: float, p_d: Floats, law: SaturatedController) -> Found:
+def from_record(rows: Record, began: float, p_d: Floats, law: SaturatedController) -> TaskResult:
     """Return the results of a run whose motion to the target started at the time `began` (s).
 
     ``explored``, ``at_start`` and ``at_end`` are scaled errors of Ĵ. ``initial`` is |Δy| (3,) and
@@ -133,7 +141,7 @@ def from_record(rows: Record, began: float, p_d: Floats, law: SaturatedControlle
     explored = int(np.argmax([phase not in ("IDLE", "ACQUIRE") for phase in rows.phase]))
     new = rows.new_frames(began + NOTICED_S)
     sizes, time = np.abs(rows.ticks["delta"][new]), rows.time[new] - began
-    small = (sizes < SMALL_FRACTION * INITIAL).all(axis=1)
+    small = (sizes < SMALL_FRACTION * INITIAL_ERRORS).all(axis=1)
     pose = np.linalg.norm(rows.truth["p2"] - p_d, axis=1)
     flow_error, flow_noise = _flow_errors(rows, began + NOTICED_S)
     return {
@@ -143,7 +151,9 @@ def from_record(rows: Record, began: float, p_d: Floats, law: SaturatedControlle
         "at_end": error[judged[-1]],
         "initial": np.mean(sizes[:6], axis=0),
         "slope": slope(time, sizes[:, 1], law.bounds[1]),
-        "left": np.max(np.sqrt(np.mean(sizes[time > time[-1] - END_S] ** 2, axis=0)) / INITIAL),
+        "left": np.max(
+            np.sqrt(np.mean(sizes[time > time[-1] - END_S] ** 2, axis=0)) / INITIAL_ERRORS
+        ),
         "time_to_small": time[np.argmax(small)] if small.any() else None,
         "pose": rms(pose[rows.time > rows.time[-1] - 1.0]),
         "model": _model_error(rows, began),
@@ -187,28 +197,28 @@ def moving_means(flow: Floats) -> Floats:
     return np.stack([np.convolve(column, window, mode="valid") for column in flow.T], axis=1)
 
 
-def begun(runs: Iterable[Found]) -> list[Found]:
+def started_runs(runs: Iterable[TaskResult]) -> list[TaskResult]:
     """Return the runs that started their motion to the target."""
     return [run for run in runs if run["began"] is not None]
 
 
-def is_small(run: Found) -> bool:
+def is_small(run: TaskResult) -> bool:
     """Return True if all errors fell below 2 % and the servo did not stop."""
-    return bool(begun([run])) and not run["cause"] and run["left"] < SMALL_FRACTION
+    return bool(started_runs([run])) and not run["cause"] and run["left"] < SMALL_FRACTION
 
 
-def failure(run: Found) -> str:
+def failure(run: TaskResult) -> str:
     """Return why a run failed or is not faithful, as text; empty if it succeeded."""
     if run["began"] is None or run["cause"]:
         return run["cause"]
-    if not run["explored"] <= ACCURATE:
+    if not run["explored"] <= MAX_FAITHFUL_ERROR:
         return f"error of Ĵ {run['explored']:.0%} after exploration"
     if run["slope"] is None or abs(run["slope"] - 1.0) > SLOPE_TOLERANCE:
         return f"r fell by {run['slope'] or np.nan:.2f} px/s"
     return "" if is_small(run) else f"{run['left']:.1%} of an error remains"
 
 
-def succeeds(runs: Sequence[Found], seeds: Sequence[int], case: str) -> Measurement:
+def succeeds(runs: Sequence[TaskResult], seeds: Sequence[int], case: str) -> Measurement:
     """Return the measurement that the errors fall as in the paper."""
     successful = [run for run in runs if not failure(run)]
     poses = column(successful, "pose")
@@ -217,10 +227,10 @@ def succeeds(runs: Sequence[Found], seeds: Sequence[int], case: str) -> Measurem
         f"largest remaining error {dashed(left, '.1f')} %, pose error median "
         f"{dashed(median(poses))} mm, worst {dashed(max(poses, default=np.nan))} mm"
     ]
-    if begun(runs):
-        errors = np.array([run["initial"] for run in begun(runs)]) - INITIAL
+    if started_runs(runs):
+        errors = np.array([run["initial"] for run in started_runs(runs)]) - INITIAL_ERRORS
         s, r, d = np.max(np.abs(errors), axis=0) * plots.DISPLAY_UNITS
-        s_0, r_0, d_0 = INITIAL * plots.DISPLAY_UNITS
+        s_0, r_0, d_0 = INITIAL_ERRORS * plots.DISPLAY_UNITS
         words = [
             f"initial errors [{s_0:.0f}°, {r_0:.0f} px, {d_0:.0f} px], which the servo measures "
             f"about its o_c to within {s:.2f}°, {r:.1f} px, {d:.1f} px",
@@ -232,8 +242,8 @@ def succeeds(runs: Sequence[Found], seeds: Sequence[int], case: str) -> Measurem
     return Measurement("succeeds", value, seeds, case=(case,), words="; ".join(words))
 
 
-def known_of(
-    runs: Sequence[Found], seeds: Sequence[int], what: str, key: str
+def measured_runs(
+    runs: Sequence[TaskResult], seeds: Sequence[int], what: str, key: str
 ) -> tuple[list[int], Floats, str]:
     """Return seeds and values of the runs that have a result, and a remark on those without.
 
@@ -251,50 +261,50 @@ def known_of(
     return [seed for seed, one in zip(seeds, known, strict=True) if one], values[known], missing
 
 
-def approximates(runs: Sequence[Found], seeds: Sequence[int], case: str) -> Measurement:
+def approximates(runs: Sequence[TaskResult], seeds: Sequence[int], case: str) -> Measurement:
     """Return the measurement that Ĵ approximates J after the exploration."""
-    known, errors, missing = known_of(runs, seeds, "the error of Ĵ", "explored")
+    known, errors, missing = measured_runs(runs, seeds, "the error of Ĵ", "explored")
     return Measurement(
         "approximates",
         median(errors),
         known,
         case=(case,),
         worst=errors.max(),
-        start=median(column(begun(runs), "at_start")),
-        end=median(column(begun(runs), "at_end")),
+        start=median(column(started_runs(runs), "at_start")),
+        end=median(column(started_runs(runs), "at_end")),
         missing=missing,
     )
 
 
-def falls_by_k_b(runs: Sequence[Found], seeds: Sequence[int], case: str) -> Measurement:
+def falls_by_k_b(runs: Sequence[TaskResult], seeds: Sequence[int], case: str) -> Measurement:
     """Return the measurement that a saturated error falls by k b."""
-    known, slopes, missing = known_of(runs, seeds, "the slope of r", "slope")
+    known, slopes, missing = measured_runs(runs, seeds, "the slope of r", "slope")
     value, ends = median(np.abs(slopes - 1.0)), ends_of(slopes)
     return Measurement("falls-by-k-b", value, known, case=(case,), ends=ends, missing=missing)
 
 
-def figures(settings: Settings, results: Results, case: str) -> Iterator[Drawn]:
+def figures(settings: Settings, results: Results, case: str) -> Iterator[ReportFigure]:
     """Yield Fig. 7 or 8 (images) and 9 or 10 (errors) of seed 0, and a figure of all seeds."""
     seeds, folder = range(settings.seeds), results.folders["seed-0"]
     pictures = [folder / name for name in ("initial.png", "final.png")]
     if all(path.exists() for path in pictures):
-        yield Drawn("pictures", [0], pictures=pictures)
-    yield Drawn("errors", [0], errors_figure(recorded(folder), results["seed-0"]))
+        yield ReportFigure("pictures", [0], pictures=pictures)
+    yield ReportFigure("errors", [0], errors_figure(read_task_record(folder), results["seed-0"]))
     chart = _seeds_figure(results.per_seed("seed", seeds), [str(seed) for seed in seeds])
-    yield Drawn("seeds", seeds, chart, words={"case": case})
+    yield ReportFigure("seeds", seeds, chart, words={"case": case})
 
 
-def start_of(run: Found) -> float:
+def start_time(run: TaskResult) -> float:
     """Return the time (s) at which the motion to the target started; 0 if it did not."""
     return run["began"] or 0.0
 
 
-def errors_figure(rows: Record, run: Found, until: float = float("inf")) -> Figure:
+def errors_figure(rows: Record, run: TaskResult, until: float = float("inf")) -> Figure:
     """Return a figure of the error magnitudes over `until` s from the start: Fig. 9 and 10."""
-    began = start_of(run)
+    began = start_time(run)
     selected = (rows.time >= began + NOTICED_S) & (rows.time <= began + until)
     sizes = np.abs(rows.ticks["delta"][selected]) * plots.DISPLAY_UNITS
-    ends = INITIAL * SMALL_FRACTION * plots.DISPLAY_UNITS
+    ends = INITIAL_ERRORS * SMALL_FRACTION * plots.DISPLAY_UNITS
     panels = [
         Panel(
             "time [s]",
@@ -307,10 +317,10 @@ def errors_figure(rows: Record, run: Found, until: float = float("inf")) -> Figu
     return Figure("Error coordinates", panels)
 
 
-def _seeds_figure(runs: Sequence[Found], names: list[str]) -> Figure:
+def _seeds_figure(runs: Sequence[TaskResult], names: list[str]) -> Figure:
     """Return a figure with three results of each run; a gap for a run that never started."""
     numbers = {
-        "$\\|\\hat J - J\\| / \\|J\\|$": (column(runs, "explored"), [("30 %", ACCURATE)]),
+        "$\\|\\hat J - J\\| / \\|J\\|$": (column(runs, "explored"), [("30 %", MAX_FAITHFUL_ERROR)]),
         "slope of r [px/s]": (
             column(runs, "slope"),
             [("", 1.0 - SLOPE_TOLERANCE), ("", 1.0 + SLOPE_TOLERANCE)],

@@ -18,32 +18,32 @@ from rcmservo.loop.run import Tick, run
 from rcmservo.loop.teach import teach
 from rcmservo.paper.lab.closed_loop import (
     FAST_FIT,
-    FLOW,
-    LONG,
+    FLOW_ESTIMATOR,
+    FLOW_EXPLORATION,
     PAPER_SCENES,
     PRINTED,
     PRINTED_LAW,
     TEACHING_FRAMES,
-    endless,
-    servo_for,
+    make_servo,
+    remove_limits,
 )
 from rcmservo.paper.lab.random_observations import RandomObservations
 from rcmservo.paper.lab.witness import laboratory
-from rcmservo.paper.plan import Found, Settings
+from rcmservo.paper.plan import Settings, TaskResult
 from rcmservo.paper.statistics import finite, median
 from rcmservo.sim import Rig
 
 Kind = Literal["servo", "tour"]
 
 ESTIMATORS: Mapping[str, Estimator] = {
-    "flow": FLOW,
+    "flow": FLOW_ESTIMATOR,
     "random": RandomObservations(),
     "given time": PRINTED,
     "real time": RandomObservations(estimator_time=0.0),
     "fast": FAST_FIT,
     "whole": DltEstimator(),
 }
-LABELS = {
+ESTIMATOR_NAMES = {
     "flow": "flow, γ = 0.001",
     "random": "printed Γ, 10⁴ s per fit, random observations",
     "given time": "printed Γ, 10⁴ s per fit, chosen observations",
@@ -51,8 +51,8 @@ LABELS = {
     "fast": "fast Γ, both markers",
     "whole": "whole projection (default)",
 }
-SHORT = ["flow", "random", "chosen", "real time", "fast Γ", "whole"]
-NAMES = (
+SHORT_NAMES = ["flow", "random", "chosen", "real time", "fast Γ", "whole"]
+SHORT_NAMES_NOTE = (
     "Random and chosen: the printed Γ, 10⁴ s of estimator time per fit, on random observations and "
     "on observations chosen by leverage. Real time: the printed Γ on random observations in real "
     "time. Fast Γ: rcmservo's rule on both markers. Whole: the default of rcmservo, a fit of the "
@@ -93,8 +93,8 @@ class Stream(NamedTuple):
 def stream(seed: int, noise: float, settings: Settings, kind: Kind) -> tuple[Rig, Stream]:
     """Return the samples of a servo with the fast fit, with true Jacobians and velocities."""
     rig, plant = laboratory(seed, PAPER_SCENES, noise)
-    exploration = LONG if kind == "servo" else endless(LONG)
-    servo = servo_for(rig.settings, FAST_FIT, exploration, PRINTED_LAW)
+    exploration = FLOW_EXPLORATION if kind == "servo" else remove_limits(FLOW_EXPLORATION)
+    servo = make_servo(rig.settings, FAST_FIT, exploration, PRINTED_LAW)
     rig.move_to_target()
     target = teach(plant, TEACHING_FRAMES)
     rig.move_to_start()
@@ -129,7 +129,9 @@ def velocity(rig: Rig, time: int, window: int = WINDOW_NS) -> Floats:
     return (after - before) / (2e-9 * window)
 
 
-def estimated(estimator: Estimator, samples: Sequence[Sample], tool: Tool) -> tuple[Floats, Any]:
+def run_estimator(
+    estimator: Estimator, samples: Sequence[Sample], tool: Tool
+) -> tuple[Floats, Any]:
     """Return the scaled Ĵ (n, 3, 3) after each sample, and the final memory of the estimator."""
     memory = estimator.init()
     J_hat = np.empty((len(samples), 3, 3))
@@ -139,7 +141,7 @@ def estimated(estimator: Estimator, samples: Sequence[Sample], tool: Tool) -> tu
     return J_hat, memory
 
 
-def errors_over(J_hat: Floats, truth: Stream, least_speed: float) -> dict[str, Floats]:
+def jacobian_errors(J_hat: Floats, truth: Stream, least_speed: float) -> dict[str, Floats]:
     """Return two scaled errors (n,) of Ĵ (n, 3, 3): of the whole matrix, and along the motion.
 
     The latter is NaN where marker 1 moves by no more than `least_speed` (mm/s).
@@ -154,13 +156,13 @@ def errors_over(J_hat: Floats, truth: Stream, least_speed: float) -> dict[str, F
     return {"full": full, "along": np.where(moves, missing / np.maximum(flow, 1e-12), np.nan)}
 
 
-def in_short(error: Floats, phase: Floats, phases: int) -> Found:
+def summarise_error(error: Floats, phase: Floats, phases: int) -> TaskResult:
     """Return the median of an error (n,) in each phase, and a series of medians over time."""
     medians = np.array([median(finite(error[phase == i])) for i in range(phases)])
-    return {"phases": medians, "series": over_time(error)}
+    return {"phases": medians, "series": median_series(error)}
 
 
-def over_time(numbers: Floats) -> Floats:
+def median_series(numbers: Floats) -> Floats:
     """Return medians over `SERIES_LENGTH` successive pieces of a series."""
     pieces = np.array_split(numbers, min(SERIES_LENGTH, len(numbers)))
     return np.array([median(finite(piece)) for piece in pieces])

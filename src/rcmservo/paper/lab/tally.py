@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rcmservo.interfaces import Floats
-from rcmservo.paper.plan import Found
+from rcmservo.paper.plan import TaskResult
 from rcmservo.paper.statistics import finite, median, percent
 from rcmservo.study.report.statistics import (
     Flags,
@@ -28,7 +28,7 @@ STORED_STRIDE = 10
 """Ticks between two stored errors over time."""
 
 
-def numbers_of(runs: Sequence[StudyRun]) -> Found:
+def run_results(runs: Sequence[StudyRun]) -> TaskResult:
     """Return the results of the runs of one method, one entry per scene.
 
     ``pose`` is the error (mm) of marker 2, rms over the last second; ``within`` the time (s) until
@@ -54,7 +54,7 @@ def numbers_of(runs: Sequence[StudyRun]) -> Found:
 
 
 @dataclass(frozen=True, eq=False)
-class Tally:
+class MethodStatistics:
     """Statistics of one method in all scenes of one kind.
 
     Parameters
@@ -63,15 +63,15 @@ class Tally:
         Name in sentences.
     short : str
         Short name in figures and tables.
-    runs : Found
-        Results of the runs, from `numbers_of`.
+    runs : TaskResult
+        Results of the runs, from `run_results`.
     never : float
         Time (s) that counts for a run that never comes within 1 mm, the same for all methods.
     """
 
     name: str
     short: str
-    runs: Found
+    runs: TaskResult
     never: float
 
     @property
@@ -142,19 +142,19 @@ class Tally:
         """Largest final pose error (mm)."""
         return float(self.pose_errors.max())
 
-    def times_as_far(self, other: "Tally") -> Interval:
+    def times_as_far(self, other: "MethodStatistics") -> Interval:
         """Return the median over scenes of the ratio of both final pose errors."""
         return _ratio(self.pose_errors, other.pose_errors)
 
-    def times_as_long(self, other: "Tally") -> Interval:
+    def times_as_long(self, other: "MethodStatistics") -> Interval:
         """Return the median over scenes of the ratio of both `times`."""
         return _ratio(self.times, other.times)
 
-    def later(self, other: "Tally") -> Interval:
+    def later(self, other: "MethodStatistics") -> Interval:
         """Return the median over scenes of the difference (s) of both `times`."""
         return median_difference(self.times, other.times)
 
-    def more_often(self, other: "Tally") -> Interval:
+    def more_often(self, other: "MethodStatistics") -> Interval:
         """Return the difference of both success rates in percentage points, paired by scene."""
         return percent(share_difference(self.arrived, other.arrived))
 

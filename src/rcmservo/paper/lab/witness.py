@@ -13,7 +13,7 @@ from rcmservo.loop.plant import Plant
 from rcmservo.loop.run import Tick, run
 from rcmservo.loop.teach import teach
 from rcmservo.paper.lab.closed_loop import FAST_FIT, FAST_LAW, TEACHING_FRAMES
-from rcmservo.paper.plan import Found
+from rcmservo.paper.plan import TaskResult
 from rcmservo.paper.statistics import median, rms
 from rcmservo.recording.outcome import SAME_POSE, settle_time
 from rcmservo.safety.causes import Cause
@@ -42,7 +42,7 @@ def with_points(seed: int, settings: RigSettings) -> tuple[Rig, Plant]:
 
 def settle(
     seed: int, settings: RigSettings, duration: float, known: Tool | None = None
-) -> tuple[Found, list[Tick]]:
+) -> tuple[TaskResult, list[Tick]]:
     """Servo from the start to the target with `FAST_FIT` and `FAST_LAW`.
 
     Parameters
@@ -58,7 +58,7 @@ def settle(
 
     Returns
     -------
-    tuple[Found, list[Tick]]
+    tuple[TaskResult, list[Tick]]
         The trial and its ticks. The trial has ``why_not``, the reason why it did not settle;
         ``settle_time`` in s, or None; ``pose``, ‖p₂ − p_d‖ in mm as rms over `END_S`, or at the end
         if a cause stopped the run; ``jacobian``, the median scaled error of Ĵ after exploration.
@@ -103,12 +103,12 @@ def _failure(cause: Cause, settled_at: float | None, pose: float) -> str:
     return "the features agree in a different pose" if pose > SAME_POSE else ""
 
 
-def settled(trials: list[Found]) -> int:
+def count_settled(trials: list[TaskResult]) -> int:
     """Return the number of trials that settled."""
     return sum(not trial["why_not"] for trial in trials)
 
 
-def reasons(trials: list[Found]) -> str:
+def failure_reasons(trials: list[TaskResult]) -> str:
     """Return the reasons of trials that did not settle, as the end of a sentence."""
     causes = sorted({trial["why_not"] for trial in trials if trial["why_not"]})
     return "; not settled: " + ", ".join(causes) if causes else ""
