@@ -1,16 +1,16 @@
-"""The cable to the controller pulled while the tool moves, and whatever else cuts it off.
+"""Reaction to a broken connection between servo and emulated controller during a motion.
 
     python benchmarks/cable.py [--count N] [--camera gige|mjpeg]
 
-The emulator is asked by a host of its own, on a connection that nothing happens to, where the axes
-are and whether the motors are off. Exit code 1 where one trial breaks a bound: axes at rest within
-100 ms with the motors off, and so half a second later; the servo in FAULT, for the right cause.
+An independent connection reads the positions of the axes and the state of the motors. Limits: axes
+at rest and motors off within 100 ms, unchanged half a second later, and the servo in FAULT with an
+expected cause. The exit code is 1 if a trial exceeds a limit.
 
     closed    both connections are closed
-    silence   nothing passes any more
-    garbage   bytes without sense go both ways
-    stopped   the servo process is stopped (SIGSTOP), and goes on 0.3 s later (SIGCONT)
-    foreign   a second host jogs the axes at another speed
+    silence   no bytes pass any more
+    garbage   random bytes pass in both directions
+    stopped   the servo process is stopped (SIGSTOP) and continues 0.3 s later (SIGCONT)
+    foreign   a second host jogs the axes at a different speed
 """
 
 import argparse
@@ -45,16 +45,16 @@ from rcmservo.loop.run_result import RunResult
 from rcmservo.recording.reader import read_record
 from rcmservo.safety.state_machine import Phase
 
-BOUND = 100.0
-"""ms from the moment at which it happens until the axes stand still and the motors are off."""
-STAYS = 0.6
-"""s for which the arm is looked at."""
-MOVING = 0.1
-"""Share of the bound on its speed with which one joint moves at least as it happens."""
-LEVER = 150.0, 150.0, 1.0
-"""mm of a marker for a rad, rad or mm of a joint, about."""
-DEADLINE = 60.0
-"""s within which a trial must have begun."""
+STOP_TIME_MS = 100.0
+"""Largest time (ms) from the event until the axes are at rest and the motors off."""
+OBSERVATION_S = 0.6
+"""Time (s) after the event during which the arm is observed."""
+MIN_SPEED_FRACTION = 0.1
+"""Smallest speed of the fastest joint at the event, as a fraction of its limit."""
+LEVER_MM = 150.0, 150.0, 1.0
+"""Approximate motion (mm) of a marker per rad, rad or mm of a joint."""
+DEADLINE_S = 60.0
+"""Time (s) within which a trial must start."""
 SILENT, OFF = "the arm has not answered", "the arm's drive went off"
 CAUSES = {
     "closed": (SILENT, OFF),
@@ -63,12 +63,13 @@ CAUSES = {
     "stopped": (OFF, SILENT, "the loop ran late"),
     "foreign": (OFF,),
 }
-"""What the servo may say of each: a servo that was stopped sees all of it at once."""
+"""Expected causes by kind of event; a stopped process detects several at the same time."""
 
 
 def pass_on(port: int, control: Connection) -> None:
-    """Be the cable, in a process of its own, until the other end of `control` says "end"; it says
-    where it listens, and hears what happens to it.
+    """Forward bytes in a separate process; `control` reports the port and receives events.
+
+    The message "end" ends the process.
     """
     with realtime():
         cable = Cable(port)
@@ -81,7 +82,7 @@ def pass_on(port: int, control: Connection) -> None:
 
 
 class Cable:
-    """Passes bytes on between the driver and the controller, until something happens to it."""
+    """Proxy between driver and controller that simulates faults of the connection."""
 
     def __init__(self, port: int) -> None:
         self._to, self._chance = port, random.Random(0)
@@ -91,7 +92,7 @@ class Cable:
         self._eyes.register(self._listening, selectors.EVENT_READ)
 
     def turn(self, kind: str) -> None:
-        """Pass on what comes within a moment, or do with it as its kind is."""
+        """Forward the bytes of the next 2 ms, with the fault `kind` if it is not empty."""
         if kind == "closed":
             self.part()
         for key, _ in self._eyes.select(0.002):
@@ -138,9 +139,24 @@ class Cable:
 
 @dataclass(frozen=True)
 class Pulled:
-    """One trial: ms until the axes stood still and the motors were off; the joints' speeds (3,)
-    rad/s, rad/s, mm/s as it happened; whether anything moved or came on later; the servo's last
-    phase and its words.
+    """Result of one trial.
+
+    Parameters
+    ----------
+    kind : str
+        Kind of the event.
+    still : float
+        Time (ms) until the axes were at rest.
+    off : float
+        Time (ms) until the motors were off.
+    speed : Floats
+        Joint rates (3,) in rad/s, rad/s, mm/s at the event.
+    moved : bool
+        True if an axis moved or a motor was on later.
+    phase : str
+        Last phase of the servo.
+    words : str
+        Last message of the servo.
     """
 
     kind: str
@@ -154,12 +170,12 @@ class Pulled:
     @property
     def good(self) -> bool:
         told = any(cause in self.words for cause in CAUSES[self.kind])
-        stopped = max(self.still, self.off) <= BOUND and not self.moved
+        stopped = max(self.still, self.off) <= STOP_TIME_MS and not self.moved
         return stopped and told and self.phase == Phase.FAULT.name
 
 
 class Words:
-    """What the servo process says, read while something else is waited for."""
+    """Messages of the servo process, read in the background of a trial."""
 
     def __init__(self, child: ServoProcess) -> None:
         self.child, self.last, self.ended = child, "", False
@@ -180,7 +196,7 @@ class Words:
 
 
 def happen(kind: str, cable: ChildProcess, child: ServoProcess, port: int) -> Callable[[], None]:
-    """Have it happen; what ends it."""
+    """Trigger an event; return the function that ends it."""
     if kind == "stopped":
         assert child.process.pid is not None
         os.kill(child.process.pid, signal.SIGSTOP)
@@ -204,14 +220,14 @@ def trial(
         end = happen(kind, cable, child, lab.port)
         rows: list[tuple[float, Floats, bool]] = []
         ended = False
-        while (now := time.monotonic()) < struck + STAYS:
+        while (now := time.monotonic()) < struck + OBSERVATION_S:
             rows.append((now - struck, moving.places(), moving.off()))
             if not ended and now > struck + 0.3:
                 ended = True
                 end()
-        while not words.ended and time.monotonic() < struck + DEADLINE:
+        while not words.ended and time.monotonic() < struck + DEADLINE_S:
             words.hear(0.05)
-        rows.append((STAYS, moving.places(), moving.off()))
+        rows.append((OBSERVATION_S, moving.places(), moving.off()))
     finally:
         child.process.kill()
         child.end()
@@ -220,17 +236,17 @@ def trial(
 
 
 def until_moving(words: Words, host: Host, tick: int) -> Floats:
-    """Wait for the tick, and then for a tool that moves; its joints' speeds."""
+    """Wait for the tick and for a moving tool; return the joint rates (3,)."""
     begun, fast = time.monotonic(), np.array(Lab().gate.speed)
-    while time.monotonic() < begun + DEADLINE:
+    while time.monotonic() < begun + DEADLINE_S:
         words.hear(0.005)
         if words.ended:
-            raise RuntimeError(f"the run ended before: {words.last}")
+            raise RuntimeError(f"the run ended before the event: {words.last}")
         if words.child.beats.value >= tick:
             speed = host.numbers("TV ABC") / COUNTS
-            if (np.abs(speed) > MOVING * fast).any():
+            if (np.abs(speed) > MIN_SPEED_FRACTION * fast).any():
                 return speed
-    raise RuntimeError("the tool does not move")
+    raise RuntimeError(f"the tool did not move within {DEADLINE_S:g} s")
 
 
 def judged(
@@ -240,7 +256,7 @@ def judged(
     moves = [(np.abs(b[1] - a[1]) > 2.0).any() for a, b in pairwise(rows)]
     still = times[max((k for k, moved in enumerate(moves) if moved), default=-1) + 1]
     off = next((t for t, row in zip(times, rows, strict=True) if row[2]), np.inf)
-    later = [row for t, row in zip(times, rows, strict=True) if t > BOUND]
+    later = [row for t, row in zip(times, rows, strict=True) if t > STOP_TIME_MS]
     moved = any(not row[2] or (np.abs(row[1] - later[0][1]) > 2.0).any() for row in later)
     return Pulled(kind, still, off, speed, bool(moved), phase, words)
 
@@ -250,12 +266,12 @@ def report(trials: list[Pulled]) -> None:
         some = [t for t in trials if t.kind == kind]
         if some:
             still, off = ([getattr(t, name) for t in some] for name in ("still", "off"))
-            speeds = np.abs([t.speed for t in some]) * LEVER
+            speeds = np.abs([t.speed for t in some]) * LEVER_MM
             print(
-                f"{kind:8} {len(some):3d}  at {np.median(speeds.max(axis=1)):.0f} mm/s (median), "
-                f"{speeds.max():.0f} at most; still {np.median(still):5.1f} ms (median), "
-                f"{max(still):5.1f} at most; off {np.median(off):5.1f}, {max(off):5.1f}; "
-                f"e.g. {some[-1].words[:70]}"
+                f"{kind:8} {len(some):3d} trials, speed {np.median(speeds.max(axis=1)):.0f} mm/s "
+                f"(median), {speeds.max():.0f} (max); at rest after {np.median(still):5.1f} ms "
+                f"(median), {max(still):5.1f} (max); off after {np.median(off):5.1f} ms (median), "
+                f"{max(off):5.1f} (max); e.g. {some[-1].words[:70]}"
             )
 
 
@@ -283,7 +299,7 @@ def main() -> int:
                 tick = int(chance.integers(20, 230))
                 one = trial(emulated, session, record, cable, kind, tick)
             except RuntimeError as why:
-                print(f"not begun: {why}", flush=True)
+                print(f"not started: {why}", flush=True)
                 continue
             finally:
                 cable.end()
@@ -294,7 +310,7 @@ def main() -> int:
                 print(f"{len(trials)} trials", flush=True)
     report(trials)
     bad = sum(not t.good for t in trials)
-    print(f"{len(trials)} trials, {bad} beyond a bound")
+    print(f"{len(trials)} trials, {bad} exceed a limit")
     return 1 if bad or len(trials) < chosen.count else 0
 
 

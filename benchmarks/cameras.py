@@ -1,11 +1,11 @@
-"""How old a picture is when its features are known: by shared memory as the simulated camera's, by
-Motion JPEG and by GigE Vision on this computer's own network, in one run.
+"""Latency from exposure to features, by shared memory, Motion JPEG and GigE Vision on loopback.
 
-    python benchmarks/cameras.py [SECONDS]    of each way in each of three rounds (20)
+    python benchmarks/cameras.py [SECONDS]    per transport in each of three rounds (default 20)
 
-One process publishes a rendered picture that bears its number, 60 times a second, 20 ms after its
-exposure; two others send it on. The ways take turns. It fails where one of them takes a frame's
-period longer than shared memory at 99 %, or loses more than 1 % of the frames.
+One process publishes a rendered image that contains its number, 60 times per second, 22 ms after
+its exposure; two other processes forward it. The transports take turns. The exit code is 1 if the
+99th percentile of a transport is more than one frame period above that of shared memory, or if it
+loses more than 1 % of the frames.
 """
 
 import platform
@@ -35,13 +35,13 @@ from rcmservo.tracking import ColourMarkers
 RATE, ROUNDS = 60.0, 3
 PERIOD = 1e9 / RATE
 DELAY = 22_000_000
-"""ns from the middle of an exposure to its frame, as in the simulated camera."""
+"""Time (ns) from the middle of an exposure to the frame, as in the simulated camera."""
 BITS, LIGHT, DARK, ROWS = 16, 220, 30, 16
-MOST_LOST = 0.01
+MAX_LOST_FRACTION = 0.01
 
 
 def publish(ring: FrameRing, control: Connection) -> None:
-    """Be the camera, until the other end speaks or is gone. Frame k is exposed at k/RATE s."""
+    """Publish frames until `control` has a message or closes; frame k is exposed at k/RATE s."""
     rig = Rig(0)
     frame = rig.camera.latest()
     assert frame is not None and frame.image is not None
@@ -64,7 +64,7 @@ def _write(image: Image, number: int) -> None:
 
 
 def _number(image: Image, now: int) -> int:
-    """The number that a picture bears, of those not later than now."""
+    """Return the number in an image, the newest one that is not later than `now` (ns)."""
     middles = ((np.arange(BITS) + 0.5) * (image.shape[1] // BITS)).astype(int)
     low = sum(int(v > (LIGHT + DARK) / 2) << b for b, v in enumerate(image[ROWS // 2, middles, 1]))
     newest = int(now / PERIOD)
@@ -72,9 +72,7 @@ def _number(image: Image, now: int) -> int:
 
 
 def watch(camera: Camera, seconds: float) -> tuple[list[float], int, int]:
-    """Ms from exposure to features of each frame; frames that were not seen, and those in whose
-    picture both markers were not found.
-    """
+    """Return the latency (ms) of each frame, and the numbers of lost and undetected frames."""
     ages: list[float] = []
     lost, blind, last = 0, 0, -1
     with TrackingThread(camera, ColourMarkers(Lab().markers), WallClock()) as thread:
@@ -85,7 +83,7 @@ def watch(camera: Camera, seconds: float) -> tuple[list[float], int, int]:
                 time.sleep(0.0005)
                 continue
             frame = newest
-            number = _number(frame.image, frame.arrival)  # TrackingThread's: with its features
+            number = _number(frame.image, frame.arrival)  # arrival: when the features were ready
             if time.monotonic() >= begin:
                 ages.append((frame.arrival - number * PERIOD) * 1e-6)
                 lost += max(number - last - 1, 0) if last >= 0 else 0
@@ -128,7 +126,7 @@ def _report(told: dict[str, tuple[list[float], int, int]]) -> int:
         p50, p99 = np.percentile(ages, [50, 99])
         least = least or p99
         share = lost / (lost + len(ages))
-        good = p99 - least <= PERIOD * 1e-6 and share <= MOST_LOST and not blind
+        good = p99 - least <= PERIOD * 1e-6 and share <= MAX_LOST_FRACTION and not blind
         failed |= not good
         print(
             f"{way:14} {p50:5.1f} ms (median) {p99:5.1f} (99 %) {max(ages):5.1f} (worst), "

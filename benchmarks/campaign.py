@@ -1,18 +1,16 @@
-"""Random faults on the closed loop in simulated time: what was sent, how soon it stood still, and
-what it said.
+"""Random faults in closed loops in simulated time: commands, stopping times and causes.
 
     python benchmarks/campaign.py [faults|none|short] [RUNS [FIRST_SEED]]
 
-    faults   1 to 3 disturbances by chance in 30 s; a person resumes after pauses (2000 runs)
-    none     no disturbance at all: nothing may stop the tool (500 runs)
-    short    1 to 3 that ask for HOLD at most, each shorter than 0.5 s (500 runs)
+    faults   1 to 3 random disturbances in 30 s; an operator resumes after pauses (2000 runs)
+    none     no disturbance: nothing may stop the tool (500 runs)
+    short    1 to 3 disturbances that require HOLD at most, each shorter than 0.5 s (500 runs)
 
-A camera that delivers points with 0.1 px of noise, about what tracking rendered frames leaves.
-Every run's commands are checked where the arm takes them. Unnoticed millimetres are those by which
-the true error grows while the servo names no cause, after an onlooker who knows the true camera
-could see in the frames that something is wrong (rcmservo.sim.disturbances.oracle). Odd runs are
-listed with their seed and disturbances, so that each can be run again: `rcmservo run --seed N
---disturb ...` (with pictures), or `one(seed, kind)` below.
+The camera delivers points with 0.1 px of noise, about the error of tracking in rendered frames.
+The arm checks each command. The undetected growth is the increase of the true error in mm after an
+observer with the true camera could detect a disturbance (rcmservo.sim.disturbances.oracle) while
+the servo reports no cause. Conspicuous runs are listed with seed and disturbances; `rcmservo run
+--seed N --disturb ...` (with images) or `one(seed, kind)` repeats them.
 """
 
 import signal
@@ -41,14 +39,14 @@ DURATION = 30.0
 NOISE = 0.1
 FAULTS_UNTIL = 20.0
 PATIENCE = 5
-STILL = 0.1
-"""s from a HOLD or PAUSE to zero rates."""
+STOP_TIME_S = 0.1
+"""Largest time (s) from HOLD or PAUSE to zero rates."""
 
-BEFORE = 1.0
-"""s before a stop within which a fault must have been active to be its cause."""
+CAUSE_WINDOW_S = 1.0
+"""Time (s) before a stop within which a fault counts as its cause."""
 
-UNNOTICED = 5.0
-"""mm by which the true error may grow unnoticed."""
+MAX_UNDETECTED_MM = 5.0
+"""Largest undetected growth (mm) of the true error."""
 
 SHORT = (
     "occlusion",
@@ -58,14 +56,14 @@ SHORT = (
     "camera_clock",
     "latency",
 )
-"""Kinds that ask for HOLD at most."""
+"""Kinds of disturbances that require HOLD at most."""
 
 STOPS = {rs.Phase.HOLD, rs.Phase.PAUSED, rs.Phase.FAULT}
 
 
 @dataclass
 class Run:
-    """What became of one run: ``resumed`` counts the requests to go on that the servo followed."""
+    """Result of one run; ``resumed`` counts the requests to resume that the servo accepted."""
 
     seed: int
     disturbances: list[str]
@@ -81,9 +79,7 @@ class Run:
 
 
 class Guarded:
-    """An arm whose every command is checked as it comes: finite, bounded, slew-limited, its number
-    rising.
-    """
+    """Arm that checks each command: finite, bounded, slew-limited, with an increasing number."""
 
     def __init__(self, arm: Any, servo: Servo, found: list[str]) -> None:
         self._arm, self._gate, self._found = arm, servo.gate, found
@@ -114,7 +110,7 @@ class Guarded:
 
 
 def disturbances_of(seed: int, kind: str) -> list[Disturbance]:
-    """What goes wrong in a run."""
+    """Return the disturbances of a run."""
     random = np.random.default_rng([seed, 4])
     if kind == "none":
         return []
@@ -132,12 +128,12 @@ def disturbances_of(seed: int, kind: str) -> list[Disturbance]:
 
 
 def one(seed: int, kind: str) -> Run:
-    """One run and what became of it."""
+    """Run one seed of a kind; return its result."""
     return disturbed(seed, disturbances_of(seed, kind))
 
 
 def disturbed(seed: int, disturbances: list[Disturbance]) -> Run:
-    """`one` with these disturbances."""
+    """Run one seed with certain disturbances; return its result."""
     run = Run(seed, [str(disturbance) for disturbance in disturbances])
     rig = rs.sim.Rig(
         seed, RigSettings(point_noise=NOISE), pictures=False, disturbances=disturbances
@@ -173,7 +169,7 @@ def disturbed(seed: int, disturbances: list[Disturbance]) -> Run:
 
 
 def ended(last: rs.Tick, judge: Judge) -> tuple[str, str]:
-    """How a run ended, in a word, and why."""
+    """Return the end of a run in one word, and its cause."""
     result, phase = judge.result(), last.state.phase
     error = np.array(astuple(result.feature_error), float)
     there = phase is rs.Phase.SERVO and bool((error < TOLERANCE).all())
@@ -184,9 +180,7 @@ def ended(last: rs.Tick, judge: Judge) -> tuple[str, str]:
 def watched(
     run: Run, ticks: Iterator[rs.Tick], disturbances: list[Disturbance], start: int
 ) -> Iterator[rs.Tick]:
-    """The same ticks; notes every stop, whether its cause is right, and whether the rates are zero
-    in time.
-    """
+    """Yield the ticks; record each stop, whether its cause is expected, and late zero rates."""
     phase, since = None, 0
     for tick in ticks:
         state, now = tick.state, tick.seen.now
@@ -198,14 +192,14 @@ def watched(
                 right = state.cause in accepted(disturbances, (now - start) * 1e-9)
                 run.stops.append(((now - start) * 1e-9, state.phase.name, state.cause.name, right))
             phase = state.phase
-        late = (now - since) * 1e-9 > STILL - 0.5e-2 or phase is rs.Phase.FAULT
+        late = (now - since) * 1e-9 > STOP_TIME_S - 0.5e-2 or phase is rs.Phase.FAULT
         if phase in STOPS and late and state.command.rates.any():
             run.too_slow.append(f"{(now - start) * 1e-9:.2f} s: {state.words}")
         yield tick
 
 
 def accepted(disturbances: list[Disturbance], now: float) -> set[rs.Cause]:
-    """The causes that name a fault which was active within the second before, or which stays."""
+    """Return the causes of faults that are active now or were within `CAUSE_WINDOW_S`."""
     causes: set[rs.Cause] = set()
     for disturbance in disturbances:
         kind = DISTURBANCE_KINDS[disturbance.kind]
@@ -216,13 +210,13 @@ def accepted(disturbances: list[Disturbance], now: float) -> set[rs.Cause]:
             if kind.default_duration is None
             else disturbance.duration_s
         )
-        if disturbance.at <= now <= disturbance.at + lasts + BEFORE:
+        if disturbance.at <= now <= disturbance.at + lasts + CAUSE_WINDOW_S:
             causes |= expected_causes(disturbance.kind)
     return causes
 
 
 def report(runs: list[Run], kind: str) -> None:
-    """The numbers of the campaign, and every odd run."""
+    """Print the numbers of the campaign, and each conspicuous run."""
     stops = [stop for run in runs for stop in run.stops]
     right = sum(stop[3] for stop in stops)
     print(
@@ -230,20 +224,20 @@ def report(runs: list[Run], kind: str) -> None:
         f"{dict(Counter(run.end for run in runs))}"
     )
     print(
-        f"commands not finite, unbounded, over-slewed: "
+        f"invalid commands (not finite, too fast, over-slewed, number not increasing): "
         f"{sum(len(run.wrong_commands) for run in runs)}"
     )
     print(
-        f"stops not at zero within {STILL:g} s (FAULT: at once): "
+        f"stops without zero rates after {STOP_TIME_S:g} s (FAULT: at once): "
         f"{sum(len(run.too_slow) for run in runs)}"
     )
     print(
         f"stops: {len(stops)}"
-        + (f", the right cause named in {right} ({right / len(stops):.2%})" if stops else "")
+        + (f", {right} with an expected cause ({right / len(stops):.2%})" if stops else "")
     )
     print(f"by cause: {dict(Counter(stop[2] for stop in stops).most_common())}")
     print(
-        f"resumed {sum(run.resumed for run in runs)} times, target shown again "
+        f"resumed {sum(run.resumed for run in runs)} times, target taught again "
         f"{sum(run.shown for run in runs)} times"
     )
     settled = np.array([run.pose_error for run in runs if run.end == "settled"])
@@ -255,13 +249,13 @@ def report(runs: list[Run], kind: str) -> None:
         )
     grown = [run.unnoticed for run in runs]
     print(
-        f"unnoticed millimetres: worst {max(grown, default=0.0):.2f}; more than {UNNOTICED:g} in "
-        f"{sum(one > UNNOTICED for one in grown)} runs"
+        f"undetected growth: worst {max(grown, default=0.0):.2f} mm; above {MAX_UNDETECTED_MM:g} "
+        f"mm in {sum(one > MAX_UNDETECTED_MM for one in grown)} runs"
     )
     for run in runs:
         wrong = [stop for stop in run.stops if not stop[3]]
         lost = run.end == "settled" and run.pose_error > 2.0
-        lost = lost or run.unnoticed > UNNOTICED or run.end == "under way"
+        lost = lost or run.unnoticed > MAX_UNDETECTED_MM or run.end == "under way"
         if run.wrong_commands or run.too_slow or wrong or lost:
             what = (
                 run.wrong_commands[:2]
@@ -270,7 +264,7 @@ def report(runs: list[Run], kind: str) -> None:
             )
             print(
                 f"  seed {run.seed} ends {run.end}, {run.pose_error:.2f} mm, "
-                f"{run.unnoticed:.2f} unnoticed: {what} "
+                f"{run.unnoticed:.2f} mm undetected: {what} "
                 f"{run.words}\n    {run.disturbances}"
             )
 
@@ -287,7 +281,7 @@ def main() -> None:
                 runs.append(run)
                 print(f"\r{len(runs)} of {count}", end="", file=sys.stderr, flush=True)
     except KeyboardInterrupt:
-        print("\nstopped: what follows is of the runs so far", file=sys.stderr)
+        print("\nstopped; the report covers the finished runs", file=sys.stderr)
     finally:
         report(runs, kind)
 

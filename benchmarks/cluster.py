@@ -1,9 +1,9 @@
-"""Workers that die in mid-study: a dask scheduler and four worker processes on this machine, one of
-which is killed every 20 s by its id, until the study ends.
+"""Study on a dask cluster whose workers are killed during the run.
 
     python benchmarks/cluster.py [--scenes 60000] [--every 20]
 
-The rows must be those of the same study on two processes of this machine, bit for bit.
+A dask scheduler and four workers run on this machine; every 20 s one worker is killed by its
+process id. The rows must equal those of the same study on two local processes, bit for bit.
 """
 
 import hashlib
@@ -26,18 +26,18 @@ RCMSERVO = str(Path(sys.executable).with_name("rcmservo"))
 
 @dataclass(frozen=True)
 class Options:
-    """What is tried."""
+    """Options of the benchmark."""
 
     scenes: int = 60_000
-    """How many; enough for some workers to die."""
+    """Number of scenes, large enough for several kills."""
     every: float = 20.0
-    """s from death to death."""
+    """Time (s) between two kills."""
     workers: int = 4
-    """Processes."""
+    """Number of worker processes."""
 
 
 def study(folder: Path, options: Options, *words: str) -> tuple[str, float]:
-    """SHA-256 of the rows of a study, and how long it took, s."""
+    """Run a study; return the SHA-256 of its rows and the duration (s)."""
     began = time.monotonic()
     count = ["--count", str(options.scenes)]
     command = [RCMSERVO, "study", *count, "--no-report", "--out", str(folder), *words]
@@ -47,7 +47,7 @@ def study(folder: Path, options: Options, *words: str) -> tuple[str, float]:
 
 
 class Killer(threading.Thread):
-    """Kills a worker every so often."""
+    """Thread that kills a random worker periodically."""
 
     def __init__(self, lab: Cluster, every: float) -> None:
         super().__init__(daemon=True)
@@ -56,8 +56,8 @@ class Killer(threading.Thread):
     def run(self) -> None:
         chance = random.Random(0)
         while not self.over.wait(self.every):
-            if there := self.lab.pids():
-                os.kill(chance.choice(there), signal.SIGKILL)
+            if pids := self.lab.pids():
+                os.kill(chance.choice(pids), signal.SIGKILL)
                 self.killed += 1
 
 
@@ -67,14 +67,14 @@ def main(options: Options) -> None:
         with cluster(options.workers) as lab:
             killer = Killer(lab, options.every)
             killer.start()
-            theirs, took = study(folder / "cluster", options, "--cluster", lab.address)
+            distributed, took = study(folder / "cluster", options, "--cluster", lab.address)
             killer.over.set()
-        deaths = f"{options.workers} workers, {killer.killed} of them killed"
-        print(f"{options.scenes} scenes, {deaths}: {took:.0f} s")
-        ours, took = study(folder / "here", options, "--workers", "2")
-        print(f"the same on two processes of this machine: {took:.0f} s")
-        print("rows are the same, bit for bit" if ours == theirs else "ROWS DIFFER")
-        sys.exit(ours != theirs or not killer.killed)
+        kills = f"{options.workers} workers, {killer.killed} kills"
+        print(f"{options.scenes} scenes, {kills}: {took:.0f} s")
+        local, took = study(folder / "local", options, "--workers", "2")
+        print(f"two local processes: {took:.0f} s")
+        print("rows are equal, bit for bit" if local == distributed else "ROWS DIFFER")
+        sys.exit(local != distributed or not killer.killed)
 
 
 if __name__ == "__main__":

@@ -1,10 +1,10 @@
-"""An arm over CRTK at length; the device is ours, in a process of its own or beside its client's.
+"""Long runs of the CRTK driver with an emulated device.
 
-    python benchmarks/crtk.py stream [SECONDS] [--ros1]   at 100 Hz (60): what became of all
-    python benchmarks/crtk.py kill [COUNT] [--ros1]       clients killed as they move the arm (100)
-    python benchmarks/crtk.py servo [SEEDS] [--ros1]      whole runs over topics, pictures too (5)
+    python benchmarks/crtk.py stream [SECONDS] [--ros1]   account of all commands at 100 Hz (60)
+    python benchmarks/crtk.py kill [COUNT] [--ros1]       clients killed during a motion (100)
+    python benchmarks/crtk.py servo [SEEDS] [--ros1]      servo runs over topics, with images (5)
 
-ROS 1 needs a master: roscore. The exit code is 0 where nothing was wrong.
+ROS 1 needs a master (roscore). The exit code is 0 if all checks pass.
 """
 
 import os
@@ -38,48 +38,48 @@ from rcmservo.sim.tool_body import ToolBody
 from rcmservo.tracking import ColourMarkers
 
 DOMAIN = 70
-STILL_AFTER = 100.0
-"""ms"""
-NEAR_ENOUGH = 0.5
-"""mm"""
-LAG = 0.053
-"""s that the emulated arm's drives are behind positions, as rig check's way to measure it tells."""
+STOP_TIME_MS = 100.0
+"""Largest time (ms) that the arm may move after its client was killed."""
+MAX_POSE_ERROR_MM = 0.5
+"""Largest final pose error (mm) of a run."""
+DRIVE_LAG_S = 0.053
+"""Lag (s) of the emulated drives behind position commands, as `rig check` measures it."""
 DURATION = 15.0
-"""s of a run."""
+"""Duration (s) of a run."""
 
 
 def stream(ros: int, seconds: float) -> int:
-    """How many commands went another way than was told."""
+    """Return the number of commands that the account does not explain."""
     with closing(RunningDevice(ros, DOMAIN)) as device:
-        told = streamed(ros, DOMAIN, device, seconds)
-    print(told)
-    lost = told["commands"] - told["sent"] - told["withheld"] - told["refused"]
-    return abs(lost) + abs(told["sent"] - told["heard"]) + (not told["on"])
+        account = streamed(ros, DOMAIN, device, seconds)
+    print(account)
+    lost = account["commands"] - account["sent"] - account["withheld"] - account["refused"]
+    return abs(lost) + abs(account["sent"] - account["heard"]) + (not account["on"])
 
 
 def kill(ros: int, count: int) -> int:
-    """How many times the arm went on for too long."""
+    """Return the number of trials in which the arm stopped too late."""
     chance, took = random.Random(0), list[float]()
     with closing(RunningDevice(ros, DOMAIN)) as device:
         for number in range(count):
             took.append(killed(ros, DOMAIN, device, chance.uniform(0.7, 1.5)))
             print(f"\r{number + 1} of {count}", end="", file=sys.stderr, flush=True)
-    print(f"stood still {np.median(took):.1f} ms after (median), {max(took):.1f} at most")
-    return sum(not ms <= STILL_AFTER for ms in took)
+    print(f"at rest after {np.median(took):.1f} ms (median), {max(took):.1f} ms (max)")
+    return sum(not ms <= STOP_TIME_MS for ms in took)
 
 
 def servo(ros: int, seeds: int) -> int:
-    """How many runs did not end where the target was shown."""
-    wrong = 0
+    """Return the number of runs that did not reach the target."""
+    failed = 0
     for seed in range(seeds):
         error, phase = servoed(ros, seed)
         print(f"seed {seed}: {error:.2f} mm from the target, {phase}", flush=True)
-        wrong += not error <= NEAR_ENOUGH
-    return wrong
+        failed += not error <= MAX_POSE_ERROR_MM
+    return failed
 
 
 def servoed(ros: int, seed: int) -> tuple[float, str]:
-    """Mm from where the target was shown at the end of a run over topics, and how it ended."""
+    """Return the final pose error (mm) of a run over topics, and its last phase."""
     rig, clock = Rig(seed, pictures=False), WallClock()
     settings = TopicSettings(IMAGE_TOPIC.under(NAME).name, ros=ros, domain=DOMAIN)
     with (
@@ -92,21 +92,23 @@ def servoed(ros: int, seed: int) -> tuple[float, str]:
         eye.wait_for(frames=2, patience=10.0)
         plant = Plant(arm, eye, eye, clock)
         brought(arm, clock, rig.scene.target)
-        shown = arm.measure().q
+        q_taught = arm.measure().q
         target = teach(plant, frames=30)
         brought(arm, clock, rig.scene.start)
-        box = Servo(rig.settings.mechanism, rig.settings.tool, thresholds=Thresholds(drive_lag=LAG))
+        box = Servo(
+            rig.settings.mechanism, rig.settings.tool, thresholds=Thresholds(drive_lag=DRIVE_LAG_S)
+        )
         phase = ""
         for tick in run(plant, box, target, DURATION):
             phase = f"{tick.state.phase.value} {tick.state.mode.cause.words} {arm.why_off}".strip()
         body = ToolBody(rig.settings.mechanism, rig.settings.tool)
-        tips = [body.points(q)[1] for q in (arm.measure().q, shown)]
+        tips = [body.points(q)[1] for q in (arm.measure().q, q_taught)]
         return float(np.linalg.norm(tips[0] - tips[1])), phase
 
 
 @contextmanager
 def emulated(ros: int, seed: int) -> Iterator[None]:
-    """The arm and its camera."""
+    """Run the emulated arm and its camera in the context."""
     words = ["emulate", "crtk", "--ros", str(ros), "--domain", str(DOMAIN), "--seed", str(seed)]
     code = "import sys; from rcmservo.__main__ import main; sys.exit(main())"
     command = [sys.executable, "-c", code, *words]
@@ -114,14 +116,14 @@ def emulated(ros: int, seed: int) -> Iterator[None]:
         try:
             assert it.stdout is not None
             if not it.stdout.readline():
-                raise RuntimeError("the emulated arm does not start")
+                raise RuntimeError("the emulated arm did not start")
             yield
         finally:
             it.send_signal(signal.SIGINT)
 
 
 def brought(arm: CrtkArm, clock: WallClock, q: Floats) -> None:
-    """Go to the joints q (3,) by speeds, stand there, and be off: what a person does by hand."""
+    """Move the arm to the joints `q` (3,) and switch it off, in place of a motion by hand."""
     arm.enable()
     for number, _ in enumerate(ticks(clock, 100.0, 10.0)):
         far = q - arm.measure().q
@@ -136,7 +138,7 @@ def brought(arm: CrtkArm, clock: WallClock, q: Floats) -> None:
 
 
 def main(arguments: list[str]) -> int:
-    """Do what is asked for; 1 where anything was wrong."""
+    """Run the requested measurement; return 1 if a check failed."""
     ros = 1 if "--ros1" in arguments else 2
     what, *rest = [word for word in arguments if word != "--ros1"]
     print(f"{platform.machine()}, {os.cpu_count()} processors, ROS {ros}")

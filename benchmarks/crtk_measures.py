@@ -1,6 +1,6 @@
-"""What CRTK over a transport is measured with; tests ask a part.
+"""Test bench of the CRTK driver, for benchmarks and tests.
 
-The device lives in this process, with its log; its client in another one, which can be killed.
+The device and its log run in this process, its client in another one, which can be killed.
 """
 
 import json
@@ -34,20 +34,20 @@ from rcmservo.sim.rig import Rig
 NAME = "PSM1"
 PATIENCE = 50_000_000
 SWING = np.array([0.3, 0.3, 20.0])
-"""rad/s, rad/s, mm/s at most of a client that goes to and fro."""
+"""Amplitude (rad/s, rad/s, mm/s) of the oscillation that a client commands."""
 
 COUNT = np.array(Drive().encoder)
-"""rad, rad, mm of a count of the joints' encoders."""
+"""Resolution (rad, rad, mm) of the joint encoders."""
 
 MOVING = 50_000_000
-"""ns before its client is killed in which the arm must have moved."""
+"""Time (ns) before the kill of a client within which the arm must have moved."""
 
 ROWS = 5000
-"""Steps of the arm that are kept."""
+"""Number of steps of the arm in the log."""
 
 
 class Counted:
-    """A transport that counts what it hears."""
+    """Transport that counts received messages by topic."""
 
     def __init__(self, inner: Transport) -> None:
         self.inner, self.heard = inner, dict[str, int]()
@@ -73,7 +73,7 @@ class Counted:
 
 
 class RunningDevice:
-    """A device that lives in wall time, in a thread."""
+    """Emulated device in wall time, in a thread."""
 
     def __init__(self, ros: int, domain: int, seed: int = 3) -> None:
         self.transport = Counted(open_transport(RosConnection(ros=ros, domain=domain)))
@@ -104,19 +104,19 @@ class RunningDevice:
         self.transport.close()
 
     def went(self, since: int) -> bool:
-        """Whether a joint went by more than a count since then, ns of its own time."""
+        """Return whether a joint moved by more than a count since the device time `since` (ns)."""
         rows = [q for time, q in list(self._rows) if time >= since]
         return bool((np.abs(np.array(rows) - rows[0]) > COUNT).any()) if rows else False
 
     def moved_last(self) -> int:
-        """Ns of its own time at which a joint was last more than a count from where it is."""
+        """Return the device time (ns) of the last motion by more than a count; 0 if none."""
         times, q = (np.array(column) for column in zip(*list(self._rows), strict=True))
         away = (np.abs(q - q[-1]) > COUNT).any(axis=1)
         return int(times[away][-1]) if away.any() else 0
 
 
 def client_arm(ros: int, domain: int) -> CrtkArm:
-    """A client of it."""
+    """Return a connected client of the device."""
     settings = CrtkSettings(NAME, ros=ros, domain=domain)
     return CrtkArm(
         settings, SphericalRcm().limits, open_transport(RosConnection(ros=ros, domain=domain))
@@ -124,17 +124,17 @@ def client_arm(ros: int, domain: int) -> CrtkArm:
 
 
 def swing(seconds: float) -> Floats:
-    """Rates of a client that goes to and fro, so many s after its start."""
+    """Return the oscillating joint rates (3,) at a time (s) after the start."""
     return SWING * np.cos(2.0 * np.pi * seconds / 4.0)
 
 
 def drive(ros: int, domain: int, seconds: float) -> None:
-    """Be a client for so many s: print "moving" when it is, and the account at the end."""
+    """Run a client for some seconds: print "moving" during the motion, then its account."""
     print(json.dumps(driven(ros, domain, seconds)), flush=True)
 
 
 def driven(ros: int, domain: int, seconds: float) -> dict[str, Any]:
-    """Be a client for so many s, in this process; return the account of all its commands."""
+    """Run a client for some seconds in this process; return the account of its commands."""
     arm, clock = client_arm(ros, domain), WallClock()
     arm.enable()
     number = 0
@@ -153,7 +153,7 @@ def driven(ros: int, domain: int, seconds: float) -> dict[str, Any]:
 
 @contextmanager
 def driving(ros: int, domain: int, seconds: float) -> Iterator[subprocess.Popen[str]]:
-    """A client in another process, which is moving the arm."""
+    """Run a client in another process in the context; it moves the arm."""
     code = f"from crtk_measures import drive; drive({ros}, {domain}, {seconds})"
     paths = [os.path.dirname(__file__), *filter(None, [os.environ.get("PYTHONPATH")])]
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(paths)}
@@ -162,14 +162,14 @@ def driving(ros: int, domain: int, seconds: float) -> Iterator[subprocess.Popen[
         try:
             assert client.stdout is not None
             if client.stdout.readline() != "moving\n":
-                raise RuntimeError("the client does not move")
+                raise RuntimeError("the client did not move the arm")
             yield client
         finally:
             client.kill()
 
 
 def streamed(ros: int, domain: int, device: RunningDevice, seconds: float) -> dict[str, Any]:
-    """What became of all commands of so many s at 100 Hz."""
+    """Return the account of all commands of some seconds at 100 Hz, with the received ones."""
     before = device.transport.heard.get(f"{NAME}/servo_jp", 0)
     with driving(ros, domain, seconds) as client:
         assert client.stdout is not None
@@ -179,8 +179,9 @@ def streamed(ros: int, domain: int, device: RunningDevice, seconds: float) -> di
 
 
 def killed(ros: int, domain: int, device: RunningDevice, wait: float) -> float:
-    """Ms for which the arm went on when its client was killed, at a moment of its motion: at least
-    `MOVING` before it, for an arm that stands moves no more at any rate.
+    """Kill a client during a motion; return the time (ms) until the arm was at rest.
+
+    The arm must have moved within `MOVING` before the kill, otherwise the trial proves nothing.
     """
     with driving(ros, domain, 30.0) as client:
         time.sleep(wait)

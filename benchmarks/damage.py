@@ -1,13 +1,12 @@
-"""Damaged records: cut, and with single bits flipped. Is anything wrong taken for right?
+"""Reading of damaged records: truncated, and with single flipped bits.
 
     python benchmarks/damage.py [--flips N] [--step BYTES]
 
-They are cut at every 1000th byte, 10,000 bits are flipped by chance, and so is every bit of the
-kind and the length of each record that the file's data are made of. Twice: a run of 1.5 s in three
-stages, and one of 0.5 s with its frames. A damaged record may be refused with a sentence, be read
-up to the damage and say that something is missing, or be read whole because nothing of it is
-missing. What is read must be what was written, bit for bit. The process may take 256 MiB more than
-at the start; whatever asks for more fails.
+Two records, a run of 1.5 s in three stages and one of 0.5 s with frames, are cut at every 1000th
+byte; 10,000 random bits are flipped, and each bit of the kind and the length of each MCAP record. A
+damaged record may be rejected with a sentence, read up to the damage with a report that data is
+missing, or read completely if nothing is missing. All data that is read must equal the written
+data, bit for bit. The process may allocate 256 MiB more than at its start.
 """
 
 import argparse
@@ -34,18 +33,18 @@ from rcmservo.tracking import PointMarkers
 
 ROOM = 256 * 2**20
 HEAD = 9
-"""Bytes of a record's kind and length."""
+"""Bytes of the kind and the length of an MCAP record."""
 
 REFUSED, SHORT, WHOLE = (
-    "refused with a sentence",
+    "rejected with a sentence",
     "read up to the damage",
-    "read whole, nothing missing",
+    "read completely, nothing missing",
 )
 
 
 @dataclass
 class Original:
-    """A record before it was damaged: its bytes, what is in it, and its frames."""
+    """Record before the damage: bytes, content and frames."""
 
     data: bytes
     rows: reader.Record
@@ -53,9 +52,7 @@ class Original:
 
 
 def original(folder: Path, duration: float, pictures: bool, stages: int = 1) -> Original:
-    """A simulated run's record, of one stage or of several equal ones, with its frames (small ones)
-    or without.
-    """
+    """Record a simulated run in one or several stages of equal length, with or without frames."""
     settings = replace(rs.sim.RigSettings(), width=160, height=120)
     rig = rs.sim.Rig(1, settings, pictures=False)
     plant = rs.Plant(rig.arm, rig.camera, PointMarkers(), rig.clock)
@@ -81,7 +78,7 @@ def original(folder: Path, duration: float, pictures: bool, stages: int = 1) -> 
 
 
 def read(path: Path, before: Original) -> str:
-    """How a damaged record was read; AssertionError where something wrong was taken for right."""
+    """Read a damaged record and return the outcome; raise `AssertionError` for incorrect data."""
     try:
         rows = reader.read_record(path)
     except rs.UnusableFile as error:
@@ -92,8 +89,8 @@ def read(path: Path, before: Original) -> str:
     assert rows.about == whole.about
     assert rows.time.tobytes() == whole.time[:count].tobytes()
     for name, column in whole.ticks.items():
-        kept = rows.ticks.get(name, column[:0])  # of no tick nothing is remembered
-        assert kept.tobytes() == column[:count].tobytes(), name
+        found = rows.ticks.get(name, column[:0])  # missing in a record without ticks
+        assert found.tobytes() == column[:count].tobytes(), name
     for name, words in whole.words.items():
         assert rows.words[name] == words[:count], name
     for name, column in whole.truth.items():
@@ -101,9 +98,10 @@ def read(path: Path, before: Original) -> str:
         assert count - known.sum() <= 1 or not len(known)
         assert rows.truth[name][known].tobytes() == column[:count][known].tobytes(), name
     assert len(rows.stages) >= sum(stage.first < count for stage in whole.stages)
-    for stage, told in zip(rows.stages, whole.stages, strict=rows.complete):
-        assert (stage.first, stage.origin, stage.servo) == (told.first, told.origin, told.servo)
-        assert stage.target.points.tobytes() == told.target.points.tobytes()
+    for stage, original in zip(rows.stages, whole.stages, strict=rows.complete):
+        expected = original.first, original.origin, original.servo
+        assert (stage.first, stage.origin, stage.servo) == expected
+        assert stage.target.points.tobytes() == original.target.points.tobytes()
     assert rows.complete == (rows.missing == "")
     assert not rows.complete or count == len(whole.time)
     assert _frames(path, before) or not rows.complete
@@ -111,7 +109,7 @@ def read(path: Path, before: Original) -> str:
 
 
 def _frames(path: Path, before: Original) -> bool:
-    """Whether all frames are there; those that are must be as they were."""
+    """Return whether all frames are present; assert that those present are unchanged."""
     count = 0
     for (exposure, image), (then, written) in zip(
         reader.iterate_frames(path), before.frames, strict=False
@@ -123,13 +121,13 @@ def _frames(path: Path, before: Original) -> bool:
 
 
 def cuts(before: Original, step: int) -> Iterator[bytes]:
-    """The record cut at every `step`-th byte."""
+    """Yield the record cut at each `step`-th byte."""
     for size in range(0, len(before.data), step):
         yield before.data[:size]
 
 
 def flips(before: Original, count: int, seed: int = 0) -> Iterator[bytes]:
-    """The record with one bit flipped, `count` times."""
+    """Yield the record with one random bit flipped, `count` times."""
     random = np.random.default_rng(seed)
     data = bytearray(before.data)
     for place, bit in zip(
@@ -141,7 +139,7 @@ def flips(before: Original, count: int, seed: int = 0) -> Iterator[bytes]:
 
 
 def heads(data: bytes) -> Iterator[int]:
-    """Where the records of a file's data begin: header, chunks, indexes, and the end of them."""
+    """Yield the offsets of the MCAP records of the data: header, chunks, indexes and their end."""
     place, kind = len(MAGIC), 0
     while kind != Opcode.DATA_END:
         yield place
@@ -150,9 +148,7 @@ def heads(data: bytes) -> Iterator[int]:
 
 
 def head_flips(before: Original) -> Iterator[bytes]:
-    """The record with one bit flipped in the kind or the length of one of its records: every such
-    bit in turn.
-    """
+    """Yield the record with one bit flipped in a kind or a length, for each such bit."""
     data = bytearray(before.data)
     for head in heads(before.data):
         for bit in range(8 * HEAD):
@@ -162,7 +158,7 @@ def head_flips(before: Original) -> Iterator[bytes]:
 
 
 def judge(name: str, damaged: Iterator[bytes], before: Original, path: Path) -> int:
-    """Read them all, print what came of them, and return how often that was wrong."""
+    """Read all damaged records, print the outcomes, and return the number of failures."""
     outcomes: Counter[str] = Counter()
     longest, wrong = 0.0, 0
     for data in damaged:
@@ -172,15 +168,15 @@ def judge(name: str, damaged: Iterator[bytes], before: Original, path: Path) -> 
             outcomes[read(path, before)] += 1
         except Exception as error:
             wrong += 1
-            print(f"  WRONG: {error!r}")
+            print(f"  FAILED: {error!r}")
         longest = max(longest, time.perf_counter() - started)
-    told = ", ".join(f"{count} {outcome}" for outcome, count in sorted(outcomes.items()))
-    print(f"{name}: {told}; {wrong} wrong; longest {longest * 1e3:.0f} ms")
+    listed = ", ".join(f"{count} {outcome}" for outcome, count in sorted(outcomes.items()))
+    print(f"{name}: {listed}; {wrong} failed; longest {longest * 1e3:.0f} ms")
     return wrong
 
 
 def limit_memory() -> None:
-    """Let this process take ROOM bytes of address space more than it has."""
+    """Limit the address space of this process to ROOM bytes more than at present."""
     taken = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
     resource.setrlimit(resource.RLIMIT_AS, (taken + ROOM, taken + ROOM))
 
@@ -213,7 +209,7 @@ def main() -> None:
             wrong += judge("  one bit of a kind or length flipped", head_flips(one), one, path)
             wrong += judge("  one bit flipped", flips(one, asked.flips), one, path)
         grown = (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) / 1024
-    print(f"resident memory grew by {grown:.0f} MiB; {wrong} wrong")
+    print(f"resident memory grew by {grown:.0f} MiB; {wrong} failed")
     sys.exit(wrong > 0)
 
 

@@ -1,6 +1,4 @@
-"""A dask scheduler and workers on this machine, started as dask's own documentation has it: what
-the tests and cluster.py give their studies to.
-"""
+"""Local dask scheduler and workers for benchmarks and tests, started as dask documents it."""
 
 import os
 import signal
@@ -17,15 +15,15 @@ from typing import Any
 import distributed
 
 PATIENCE = 60.0
-"""s for a scheduler, or a worker, to be there."""
-UNSEEN = "--dashboard-address", "127.0.0.1:0"
-"""Where dask's own web server is."""
+"""Time limit (s) for the start of a scheduler or a worker."""
+DASHBOARD_OPTION = "--dashboard-address", "127.0.0.1:0"
+"""Address of dask's web server, on a free port."""
 DASK = [str(Path(sys.executable).with_name("dask"))]
 
 
 @contextmanager
 def program(words: Sequence[str], **options: Any) -> Generator[subprocess.Popen[bytes]]:
-    """A program and all that it starts, until the end of this."""
+    """Run a program in the context; kill it and its children at the end."""
     quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
     process = subprocess.Popen(words, start_new_session=True, **{**quiet, **options})
     try:
@@ -37,26 +35,26 @@ def program(words: Sequence[str], **options: Any) -> Generator[subprocess.Popen[
 
 @dataclass
 class Cluster:
-    """A scheduler that runs, and what starts workers of it."""
+    """Running scheduler, with methods to start its workers."""
 
     address: str
-    """Of the scheduler."""
+    """Address of the scheduler."""
     tls: Sequence[str]
-    """Options that name its certificates."""
+    """Options with the TLS certificates."""
     _stack: ExitStack
     workers: list[subprocess.Popen[bytes]] = field(default_factory=list)
 
     def start(self, count: int, **options: Any) -> None:
-        """Start so many workers more, each with a nanny that starts it anew when it dies."""
+        """Start `count` more workers; the nanny of each restarts it when it dies."""
         words = [*DASK, "worker", self.address, "--nworkers", str(count), "--nthreads", "1"]
-        words += [*UNSEEN, "--memory-limit", "0", *self.tls]
+        words += [*DASHBOARD_OPTION, "--memory-limit", "0", *self.tls]
         folder = self._stack.enter_context(tempfile.TemporaryDirectory())
         options = {"cwd": folder, **options}
         words += ["--local-directory", folder]
         self.workers.append(self._stack.enter_context(program(words, **options)))
 
     def wait_for(self, count: int) -> None:
-        """Wait until so many workers are there."""
+        """Wait until `count` workers are connected."""
         with distributed.Client(self.address, timeout=PATIENCE) as client:
             client.wait_for_workers(count, timeout=PATIENCE)
 
@@ -65,18 +63,18 @@ class Cluster:
         self._stack.close()
 
     def pids(self, security: Any = None) -> list[int]:
-        """The processes that work now."""
+        """Return the process ids of the present workers."""
         with distributed.Client(self.address, security=security, timeout=PATIENCE) as client:
             return sorted(client.run(os.getpid).values())
 
 
 @contextmanager
 def cluster(workers: int, tls: Mapping[str, str] | None = None) -> Generator[Cluster]:
-    """A scheduler on the loopback interface, with so many workers."""
+    """Run a scheduler on the loopback interface with some workers in the context."""
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
         noted, options = folder / "scheduler.json", [w for p in (tls or {}).items() for w in p]
-        words = [*DASK, "scheduler", "--host", "127.0.0.1", "--port", "0", *UNSEEN]
+        words = [*DASK, "scheduler", "--host", "127.0.0.1", "--port", "0", *DASHBOARD_OPTION]
         words += ["--protocol", "tls" if tls else "tcp", "--scheduler-file", str(noted), *options]
         stack.enter_context(program(words, cwd=folder))
         address = _noted(noted)
@@ -87,7 +85,7 @@ def cluster(workers: int, tls: Mapping[str, str] | None = None) -> Generator[Clu
 
 
 def _noted(path: Path) -> str:
-    """The address that a scheduler has noted."""
+    """Return the address in a scheduler file, as soon as it is complete."""
     from json import loads
 
     end = time.monotonic() + PATIENCE

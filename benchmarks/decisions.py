@@ -1,14 +1,14 @@
-"""The servo's decisions on recorded observations: does a rebuilt servo still decide the same?
+"""Comparison of the servo's decisions with recorded ones, as a regression test.
 
     python benchmarks/decisions.py                   compare with all runs in tests/data
-    python benchmarks/decisions.py FOLDER            compare with every FOLDER/NNN.npz
-    python benchmarks/decisions.py FOLDER --keep N   first keep what today's servo decides, N runs
-    python benchmarks/decisions.py FOLDER --anew     first keep anew the runs that are there
+    python benchmarks/decisions.py FOLDER            compare with each FOLDER/NNN.npz
+    python benchmarks/decisions.py FOLDER --keep N   first record the decisions of N runs
+    python benchmarks/decisions.py FOLDER --anew     first record the present runs again
 
-A file holds one run of the campaign's faults (`campaign.py`, point camera, 0.1 px) as plain arrays:
-what the servo saw at every tick and what it decided. A few of them are in tests/data/decisions, and
-tests/data/loops has those of record_loops.py. Who changes a decision on purpose keeps them anew, in
-the commit that says why.
+A file holds one run with the faults of `campaign.py` (point camera, 0.1 px) as plain arrays: the
+observation and the decision of each tick. Some are in tests/data/decisions; tests/data/loops holds
+those of record_loops.py. A commit that changes decisions on purpose records them again and states
+the reason.
 """
 
 import sys
@@ -30,13 +30,15 @@ from rcmservo.interfaces import Dropped
 FOLDERS = [Path(__file__).parents[1] / "tests/data" / name for name in ("decisions", "loops")]
 
 ROUNDING = 1e-8
-"""rad/s or mm/s that a command may differ by: other machines round otherwise."""
+"""Largest difference (rad/s or mm/s) of a command; rounding depends on the machine."""
 
 
 @dataclass
 class Compared:
-    """How a run came out: ``differs`` is the first tick at which phase or cause did, or the command
-    by more than rounding.
+    """Comparison of one run.
+
+    ``differs`` is the first tick at which phase or cause differ, or the command by more than
+    `ROUNDING`.
     """
 
     name: str
@@ -47,7 +49,7 @@ class Compared:
 
 
 def observations(table: Table) -> Iterator[rs.Observation]:
-    """What was seen at every tick."""
+    """Yield the recorded observations."""
     rows = zip(table["integers"].tolist(), table["flags"], table["reals"], strict=True)
     for (whole, flags, r), words in zip(rows, table["words"], strict=True):
         now, q_time, frame, exposure, arrival = whole
@@ -69,7 +71,7 @@ def observations(table: Table) -> Iterator[rs.Observation]:
 
 
 def servo_of(table: Table) -> rs.Servo:
-    """The servo that made the decisions: the default one, or as the table names it."""
+    """Return the servo of a table: the default one, or with its estimator and features."""
     chosen: dict[str, Any] = {}
     if "estimator" in table:
         chosen["estimator"] = ESTIMATORS[str(table["estimator"])]()
@@ -78,7 +80,7 @@ def servo_of(table: Table) -> rs.Servo:
 
 
 def targets(table: Table) -> Iterator[rs.Target]:
-    """What was taught at the beginning of every stage."""
+    """Yield the target of each stage."""
     points, q, shown = (table[f"target_{name}"] for name in ("points", "q", "shown"))
     sizes = table.get("target_sizes", np.full((len(q), 2), np.nan))
     for one in zip(points, q, shown, sizes, strict=True):
@@ -86,7 +88,7 @@ def targets(table: Table) -> Iterator[rs.Target]:
 
 
 def decided(table: Table) -> Iterator[rs.State]:
-    """What today's servo decides at every tick."""
+    """Yield the states that the present servo computes from the recorded observations."""
     servo = servo_of(table)
     stages = zip(table["first"].tolist(), table["again"], targets(table), strict=True)
     begins = {first: (again, target) for first, again, target in stages}
@@ -101,7 +103,7 @@ def decided(table: Table) -> Iterator[rs.State]:
 
 
 def read(path: Path) -> Table:
-    """The table of a kept run."""
+    """Return the table of a recorded run."""
     if path.suffix == ".xz":
         return packed_table.read(path)
     with np.load(path) as file:
@@ -109,7 +111,7 @@ def read(path: Path) -> Table:
 
 
 def compared(path: Path) -> Compared:
-    """One kept run against today's servo."""
+    """Compare one recorded run with the present servo."""
     table = read(path)
     differs, worst = None, 0.0
     for i, state in enumerate(decided(table)):
@@ -121,7 +123,7 @@ def compared(path: Path) -> Compared:
 
 
 def kept(folder: Path, seed: int) -> None:
-    """Run the campaign's run of this seed and keep it."""
+    """Record the run of the campaign with this seed."""
     import campaign
 
     from rcmservo.tracking import PointMarkers
@@ -138,7 +140,7 @@ def kept(folder: Path, seed: int) -> None:
 def recorded(
     rig: rs.sim.Rig, plant: rs.Plant, servo: rs.Servo, duration: float, patience: int
 ) -> Table:
-    """Teach the target, run under a person who acts `patience` times, and return the run."""
+    """Teach the target, and run with an operator who acts up to `patience` times."""
     from rcmservo.loop.plant import NotEnabled
     from rcmservo.sim import Killed
     from rcmservo.sim.scripted_operator import ScriptedOperator, run_attended
@@ -162,7 +164,7 @@ def recorded(
 
 
 def arrays(ticks: list[rs.Tick], stages: list[tuple[int, bool, rs.Target]]) -> Table:
-    """A run as plain arrays."""
+    """Return a run as plain arrays."""
     seen = [tick.seen for tick in ticks]
     words = [
         (t.seen.dropped.name, t.request.name, t.state.phase.name, t.state.cause.name) for t in ticks
@@ -188,7 +190,7 @@ def arrays(ticks: list[rs.Tick], stages: list[tuple[int, bool, rs.Target]]) -> T
 
 
 def asked(folder: Path) -> list[int]:
-    """The seeds of the runs to keep first."""
+    """Return the seeds of the runs to record first."""
     if "--keep" in sys.argv:
         return list(range(int(sys.argv[sys.argv.index("--keep") + 1])))
     return [int(path.stem) for path in folder.glob("*.npz")] if "--anew" in sys.argv else []
@@ -204,9 +206,7 @@ def main() -> None:
         runs = list(pool.map(compared, paths))
     other = [run for run in runs if run.differs is not None]
     worst = max((run.worst for run in runs), default=np.nan)
-    print(
-        f"{len(runs)} runs, {sum(run.ticks for run in runs)} ticks: {len(other)} came out otherwise"
-    )
+    print(f"{len(runs)} runs, {sum(run.ticks for run in runs)} ticks: {len(other)} runs differ")
     print(f"largest difference of a joint rate: {worst:.3g}")
     for run in other:
         print(f"  run {run.name} from tick {run.differs} on, by {run.worst:.3g}")

@@ -1,8 +1,7 @@
-"""A laboratory of emulated devices, for what is measured on it: `rcmservo emulate galil` with its
-camera in processes of their own, and live runs over TCP.
+"""Laboratory of emulated devices for benchmarks: `rcmservo emulate galil`, and live runs over TCP.
 
-Its target is shown, and the tool brought back, as by hand: a host of its own jogs the arm while the
-servo's driver has not switched it on.
+Controller and camera run in separate processes. To teach the target and to return the tool, a
+second host jogs the arm while the servo's driver has not switched it on.
 """
 
 import contextlib
@@ -35,25 +34,25 @@ CAMERAS = {
     "mjpeg": (["--mjpeg", "0"], {"kind": "opencv", "latency": 0.03}),
     "gige": (["--gige"], {"kind": "aravis", "latency": 0.03}),
 }
-"""How the emulator offers each camera, and how a rig file then names it. The latencies were
-measured."""
+"""Options of the emulator and section [camera] of the rig file, by kind of camera. The latencies
+are measured."""
 PATIENCE = 30.0
-"""s for which an answer is waited for."""
+"""Time limit (s) for an answer."""
 SPEEDS = "25000,25000,25000"
-"""counts/s by hand; the driver's JG has set them too."""
+"""Speeds (counts/s) of motions by the second host; the driver's JG overwrites them."""
 SETTLED = 0.3
-"""s after a motion from which on frames show the tool where it is."""
+"""Time (s) after a motion until frames show the tool at rest."""
 
 
 class Host:
-    """One that talks with the controller beside the servo, by plain lines over TCP."""
+    """Second host of the controller, with plain text commands over TCP."""
 
     def __init__(self, port: int) -> None:
         self._wire = socket.create_connection(("127.0.0.1", port), timeout=PATIENCE)
         self._wire.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
 
     def ask(self, *commands: str) -> list[str]:
-        """What each command tells."""
+        """Send commands and return their replies."""
         self._wire.sendall((";".join(commands) + "\r").encode())
         heard = b""
         while heard.count(b":") + heard.count(b"?") < len(commands):
@@ -62,22 +61,22 @@ class Host:
                 raise ConnectionError("the emulator has closed the connection")
             heard += more
         if b"?" in heard:
-            raise RuntimeError(f"{commands} refused")
+            raise RuntimeError(f"the controller rejected a command of {commands}")
         return [part.strip() for part in heard.decode("latin-1").split(":")[:-1]]
 
     def numbers(self, command: str) -> Floats:
         return np.array([float(part) for part in self.ask(command)[0].replace(",", " ").split()])
 
     def places(self) -> Floats:
-        """The encoders of the three joints, counts."""
+        """Return the encoder positions (3,) of the joints in counts."""
         return self.numbers("TP ABC")
 
     def off(self) -> bool:
-        """Whether all three motors are off."""
+        """Return whether all three motors are off."""
         return bool(self.numbers("MG _MOA,_MOB,_MOC").all())
 
     def go(self, places: Floats) -> None:
-        """Move the joints' encoders there, at rest and with the motors off afterwards."""
+        """Move the joints to encoder positions (3,), wait until they are at rest, motors off."""
         there = ",".join(str(round(place)) for place in places)
         self.ask("SH ABC", f"SP {SPEEDS}", f"PA {there}", "BG ABC")
         while self.numbers("MG _BGA,_BGB,_BGC").any():
@@ -90,7 +89,7 @@ class Host:
 
 
 class EmulatedLab:
-    """The emulator with one of CAMERAS, drawn from a seed; use it as a context."""
+    """Emulator with one of `CAMERAS` and a scene from a seed; a context manager."""
 
     def __init__(self, seed: int, camera: str) -> None:
         options, self._camera = CAMERAS[camera]
@@ -120,7 +119,7 @@ class EmulatedLab:
             self._process.kill()
 
     def lab(self, port: int = 0) -> Lab:
-        """The rig file of it, with the controller behind another port where that is given."""
+        """Return the rig file, with another port of the controller if one is given."""
         where = "source" if self._camera["kind"] == "opencv" else "address"
         arm = {"kind": "galil", "address": "127.0.0.1", "port": port or self.port}
         return replace(
@@ -132,7 +131,7 @@ class EmulatedLab:
         )
 
     def session(self, servo: Servo, duration: float, record: Path, port: int = 0) -> Session:
-        """A live run of `duration` s, recorded in a new file."""
+        """Return a live session of `duration` s, recorded in a new file."""
         lab = self.lab(port)
         shown = partial(shown_by_jog, self.port, self.target * COUNTS, self.start * COUNTS)
         return Session(
@@ -146,7 +145,7 @@ class EmulatedLab:
         )
 
     def error(self) -> float:
-        """‖p₂ − p_d‖ mm by the encoders: how far the tool is from where it was shown."""
+        """Return the pose error ‖p₂ − p_d‖ in mm, from the encoders."""
         body = ToolBody(Lab().mechanism, Lab().tool)
         now = self.host.places() / COUNTS
         ends = [body.points(q)[1] for q in (now, self.target)]
@@ -154,9 +153,7 @@ class EmulatedLab:
 
 
 def shown_by_jog(port: int, target: Floats, start: Floats, plant: Plant) -> Target:
-    """The target, shown with the encoders at `target` (3,) counts; then the tool is brought back to
-    the start.
-    """
+    """Teach the target at encoder positions `target` (3,), then move the tool to the start."""
     with contextlib.closing(Host(port)) as host:
         host.go(target)
         shown = teach(plant, frames=30)

@@ -1,15 +1,15 @@
-"""Closed loops as an endoscope sees them: the camera comes through a port of its own, beside that
-of the tool, so that the RCM lies behind it, beside it or before it.
+"""Closed loops with an endoscope: the camera enters through its own port, next to that of the tool.
 
     python benchmarks/endoscope.py --scenes 200 --hidden 2
 
-Ports 70-130 mm apart, the camera 60-120 mm from the tool, 15 mm between the markers, the target
-shown for 5 s and 15 s of servoing: by the compiled twin of the laboratory with a camera that tells
-points, or by the laboratory itself with rendered pictures. One marker may be hidden for good once
-the tool is on its way.
+The RCM may lie behind the camera, at its side or in front of it. The ports are 70-130 mm apart, the
+camera 60-120 mm from the tool, the markers 15 mm apart; the target is taught for 5 s, and the servo
+runs for 15 s. The runs use the compiled simulation with a camera of points, or rendered images. One
+marker may disappear permanently when the servo starts.
 
-Here ports are in any direction, beneath the tool too, and balls may overlap in part: what is asked
-is where the RCM may be. `SceneSettings.ports` has them in a patient's wall.
+Ports have any direction here, also below the tool, and the balls may overlap partly, because the
+question is the position of the RCM. `SceneSettings.ports` places them in a patient's abdominal
+wall.
 """
 
 import sys
@@ -38,21 +38,21 @@ from rcmservo.study import Study, StudyRun
 from rcmservo.study.kernel_engine import Goal
 from rcmservo.study.report import statistics
 
-SHOWN = 300
-"""Frames: 5 s."""
+TEACHING_FRAMES = 300
+"""Frames of a taught target: 5 s."""
 DURATION = 15.0
-"""s."""
+"""Duration (s) of a run."""
 BORDER = 20.0
-"""px that the markers keep from the picture's border."""
+"""Smallest distance (px) of the markers from the border of the image and from each other."""
 CLEARANCE = 15.0
-"""mm from the tool to the tissue behind it."""
+"""Distance (mm) from the tool to the tissue behind it."""
 NEAR_PLANE = 0.3
-"""Depth of the RCM, in units of the tool's, up to which it counts as near the image plane."""
+"""Largest |depth| of the RCM relative to that of the tool that counts as near the image plane."""
 OPTICS = rs.sim.Rig(0, pictures=False).scene.optics
 
 
 def ends(random: np.random.Generator, body: ToolBody) -> Floats:
-    """Joints (2, 3) of a start, and of a target near by."""
+    """Return the joints (2, 3) of a random start and of a target nearby."""
     limits = body.mechanism.limits
     start = random.uniform(limits.lower, limits.upper)
     start[2] = random.uniform(70.0, 150.0)
@@ -60,72 +60,73 @@ def ends(random: np.random.Generator, body: ToolBody) -> Floats:
 
 
 def camera(random: np.random.Generator, middle: Floats) -> CameraModel:
-    """An endoscope that looks at `middle` (3,) mm through a port of its own."""
-    way = random.standard_normal(3)
-    port = random.uniform(70.0, 130.0) * way / np.linalg.norm(way)
-    sight = (middle - port) / np.linalg.norm(middle - port)
-    place = middle - random.uniform(60.0, 120.0) * sight
-    rotation = compute_look_at_rotation(place, middle, random.uniform(-np.pi, np.pi))
-    return replace(OPTICS, focal=random.uniform(500.0, 800.0), position=place, rotation=rotation)
+    """Return a random endoscope that looks at `middle` (3,) in mm through its port."""
+    direction = random.standard_normal(3)
+    port = random.uniform(70.0, 130.0) * direction / np.linalg.norm(direction)
+    axis = (middle - port) / np.linalg.norm(middle - port)
+    position = middle - random.uniform(60.0, 120.0) * axis
+    rotation = compute_look_at_rotation(position, middle, random.uniform(-np.pi, np.pi))
+    focal = random.uniform(500.0, 800.0)
+    return replace(OPTICS, focal=focal, position=position, rotation=rotation)
 
 
 def draw(seed: int, body: ToolBody) -> Scene:
-    """The first scene that shows both markers apart, at the start and at the target."""
+    """Return the first random scene with both markers visible and separate at start and target."""
     random, size = np.random.default_rng([seed, 77]), np.array([OPTICS.width, OPTICS.height])
     lower, upper = body.mechanism.limits.arrays
     while True:
-        way = ends(random, body)
-        markers = np.concatenate([body.points(q)[:2] for q in way])
+        path = ends(random, body)
+        markers = np.concatenate([body.points(q)[:2] for q in path])
         optics = camera(random, markers.mean(axis=0))
         pixels = optics.project(markers)
         inside = (pixels > BORDER).all() and (pixels < size - BORDER).all()
         apart = np.linalg.norm(pixels[0] - pixels[1]) > BORDER
         far = np.linalg.norm(markers[0] - markers[2]) > 8.0
-        if inside and apart and far and (way[1] > lower).all() and (way[1] < upper).all():
-            return Scene(optics, body, way, way[0], behind(optics, body, way), 0)
+        if inside and apart and far and (path[1] > lower).all() and (path[1] < upper).all():
+            return Scene(optics, body, path, path[0], behind(optics, body, path), 0)
 
 
-def behind(optics: CameraModel, body: ToolBody, way: Floats) -> Tissue:
-    """Tissue across the view, behind all of the tool at the joints `way` (2, 3)."""
-    sight = optics.rotation[2]
-    tool = np.concatenate([body.points(q) for q in way])
-    return Tissue(sight * (np.max(tool @ sight) + CLEARANCE), sight)
+def behind(optics: CameraModel, body: ToolBody, path: Floats) -> Tissue:
+    """Return tissue across the view, behind the whole tool at the joints `path` (2, 3)."""
+    axis = optics.rotation[2]
+    tool = np.concatenate([body.points(q) for q in path])
+    return Tissue(axis * (np.max(tool @ axis) + CLEARANCE), axis)
 
 
 def depth(scene: Scene) -> float:
-    """Of the RCM, in units of the tool's."""
+    """Return the depth of the RCM relative to that of the tool."""
     tool = scene.body.points(scene.start)[:1]
     return float(scene.optics.depth(np.zeros((1, 3)))[0] / scene.optics.depth(tool)[0])
 
 
 @dataclass(frozen=True)
 class Options:
-    """What is tried."""
+    """Options of the benchmark."""
 
     scenes: int = 200
-    """Seeds 0 to one less."""
+    """Number of scenes, with seeds from 0 on."""
     noise: float = 0.3
-    """px, of the camera that tells points."""
+    """Noise (px) of the camera of points."""
     estimator: str = "dlt"
-    """By its name."""
+    """Name of the estimator."""
     hidden: Literal[0, 1, 2] = 0
-    """Marker that is lost from the first tick of SERVO on; 0: neither."""
+    """Marker that disappears at the first tick of SERVO; 0 for none."""
     pictures: bool = False
-    """Rendered pictures."""
+    """Use rendered images."""
 
 
 @dataclass(frozen=True)
 class Ended:
-    """How one closed loop went."""
+    """Result of one closed loop."""
 
     depth: float
-    """Of the RCM, in units of the tool's."""
+    """Depth of the RCM relative to that of the tool."""
     final: float
-    """mm off at the end."""
+    """Final pose error (mm)."""
     first: float
-    """s until it was first within 1 mm."""
+    """Time (s) until first within 1 mm."""
     stops: tuple[str, ...]
-    """Why it stopped."""
+    """Causes of the stops."""
 
 
 def ended(scene: Scene, run: StudyRun) -> Ended:
@@ -138,13 +139,13 @@ def settings_of(options: Options) -> rs.sim.RigSettings:
 
 
 def by_twin(options: Options, seed: int) -> Ended:
-    """One closed loop of the twin."""
+    """Run one closed loop on the compiled simulation."""
     settings = settings_of(options)
     estimator = ServoOptions().estimator_of(options.estimator)
     study = Study(rs.Servo(settings.mechanism, settings.tool, estimator), settings, shown=30)
     scene = draw(seed, ToolBody(settings.mechanism, settings.tool))
     random, markers = np.random.default_rng(seed), scene.body.points(scene.target)[:2]
-    blur = random.standard_normal((2, 2)) / np.sqrt(SHOWN)
+    blur = random.standard_normal((2, 2)) / np.sqrt(TEACHING_FRAMES)
     points = scene.optics.project(markers) + options.noise * blur
     noise = options.noise * random.standard_normal((1000, 2, 2))
     goal = Goal(points, scene.target, markers[1])
@@ -158,7 +159,7 @@ def by_twin(options: Options, seed: int) -> Ended:
 
 
 def by_laboratory(options: Options, seed: int) -> Ended:
-    """One closed loop of the laboratory, with rendered pictures."""
+    """Run one closed loop with rendered images."""
     scene = draw(seed, ToolBody(rs.SphericalRcm(), settings_of(options).tool))
     try:
         return shown(options, seed, scene)
@@ -167,7 +168,7 @@ def by_laboratory(options: Options, seed: int) -> Ended:
 
 
 def shown(options: Options, seed: int, scene: Scene) -> Ended:
-    """The same, of a target that the tracker sees whole."""
+    """Run one closed loop with rendered images, perhaps with a hidden marker."""
     if not options.hidden:
         return ended(scene, course(seed, scene, ticks(options, seed, scene, [])))
     servoing = (t for t in ticks(options, seed, scene, []) if t.state.phase is Phase.SERVO)
@@ -179,11 +180,11 @@ def shown(options: Options, seed: int, scene: Scene) -> Ended:
 def ticks(
     options: Options, seed: int, scene: Scene, disturbances: list[Disturbance]
 ) -> Iterator[Tick]:
-    """A person shows the target and brings the tool home; then the servo runs."""
+    """Teach the target, return the tool to the start, and yield the ticks of the run."""
     rig = rs.sim.Rig(seed, settings_of(options), disturbances=disturbances, scene=scene)
     plant = rs.Plant(rig.arm, rig.camera, rs.tracking.ColourMarkers(), rig.clock)
     rig.move_to_target()
-    target = rs.teach(plant, SHOWN)
+    target = rs.teach(plant, TEACHING_FRAMES)
     rig.move_to_start()
     rig.begin()
     settings, estimator = rig.settings, ServoOptions().estimator_of(options.estimator)
@@ -192,7 +193,7 @@ def ticks(
 
 
 def course(seed: int, scene: Scene, ticks: Iterator[Tick]) -> StudyRun:
-    """How a run in a scene went, by the joints that the arm told."""
+    """Return a run in the form of a study, with errors from the reported joints."""
     run, there = list(ticks), scene.body.points(scene.target)[1]
     away = [np.linalg.norm(scene.body.points(tick.seen.q)[1] - there) for tick in run]
     phases = np.array([PHASES.index(tick.state.phase) for tick in run], np.int8)
@@ -202,7 +203,7 @@ def course(seed: int, scene: Scene, ticks: Iterator[Tick]) -> StudyRun:
 
 
 def share(count: int, of: int) -> str:
-    """A share and its interval."""
+    """Return a percentage with its confidence interval, as text."""
     value, low, high = statistics.share(count, of)
     return f"{100 * value:.2f} % ({100 * low:.2f}-{100 * high:.2f})"
 
@@ -221,14 +222,14 @@ def report(options: Options, runs: list[Ended]) -> None:
     for seed, run in enumerate(runs):
         if not run.final <= 1.0:
             print(
-                f"  seed {seed}: {run.final:.1f} mm off, RCM at depth {run.depth:.2f}, {run.stops}"
+                f"  seed {seed}: error {run.final:.1f} mm, RCM depth {run.depth:.2f}, {run.stops}"
             )
 
 
 def main(options: Options) -> None:
     one: Callable[[int], Ended] = partial(by_laboratory if options.pictures else by_twin, options)
     print(options)
-    one(0)  # compiled once, not by every process at a time
+    one(0)  # compile once, not in each process
     runs: list[Ended] = []
     with Pool() as pool:
         for run in pool.imap(one, range(options.scenes)):

@@ -1,16 +1,15 @@
-"""First use by README and docs/page.md alone: from a clone to a taught pose reached.
+"""Time of a first use by README and docs/page.md, from a clone to a taught pose reached.
 
     python benchmarks/first_use.py [--count N]
 
-Each time a clone of this checkout is made in a new folder, without anything that was compiled or
-configured before. There the command of README's "Install" is run, then that of "First steps" in
-docs/page.md, and then its numbered steps are followed in headless Chromium: what is bold after
-"press", "type" and "hold" is done in that order, by the names that an operator sees. It has ended
-when the errors are within the verdict's tolerance.
+Each round clones this checkout into a new folder without compiled files or configuration. It runs
+the command of "Install" in README and that of "First steps" in docs/page.md, then follows the
+numbered steps in headless Chromium: it performs the bold text after "press", "type" and "hold" in
+that order. A round ends when the errors are within the tolerance of the verdict.
 
-The downloads do not count: what pip installs was fetched before, into pip's own cache.
+Downloads do not count, because pip's cache holds the packages beforehand.
 
-Bar: 5 minutes. Exit code 1 where it is missed.
+Requirement: 5 minutes. The exit code is 1 if a round takes longer.
 """
 
 import argparse
@@ -29,35 +28,35 @@ from pathlib import Path
 from page_lab import chromium, machine
 from playwright.sync_api import Page, TimeoutError
 
-BAR = 300.0  # s
+MAX_TIME_S = 300.0
 ROOT = Path(__file__).parents[1]
 STEP = r"\b([Pp]ress|[Tt]ype|[Hh]old) \*\*(.+?)\*\*"
-HELD = 4.0  # s: "until the tool has moved well away"
+HELD = 4.0  # s, for "until the tool has moved well away"
 FIELD = "Name of the pose"
-PRESSED = 30.0  # s for a button that a person waits for
+PRESSED = 30.0  # s, time limit for an enabled button
 REACHED = """rcm.board.phase === 'SERVO' && rcm.board.delta.every(
   (one, k) => Math.abs(one) < [0.5 * Math.PI / 180, 1, 1][k])"""
 
 
 def section(readme: str, heading: str) -> str:
-    """What stands below a heading."""
+    """Return the text below a heading."""
     return readme.split(f"\n## {heading}\n")[1].split("\n## ", maxsplit=1)[0]
 
 
 def first_command(text: str) -> str:
-    """The first command of a section."""
+    """Return the first command of a section."""
     found = re.search(r"```sh\n(.+)", text)
     assert found is not None
     return found[1]
 
 
 def steps(text: str) -> list[tuple[str, str]]:
-    """What a person is told to do, and with what."""
+    """Return the steps of a text as pairs of verb and object."""
     return [(verb.lower(), name) for verb, name in re.findall(STEP, text)]
 
 
 def follow(page: Page, todo: list[tuple[str, str]], told: Callable[[str], None] = print) -> None:
-    """Do it, as a person would."""
+    """Perform the steps on the page."""
     for verb, name in todo:
         if verb == "type":
             page.get_by_label(FIELD).fill(name)
@@ -73,12 +72,12 @@ def follow(page: Page, todo: list[tuple[str, str]], told: Callable[[str], None] 
 
 
 def reached(page: Page) -> None:
-    """Wait until the tool is where it was shown."""
+    """Wait until the tool has reached the taught pose."""
     page.wait_for_function(REACHED, timeout=2e3 * PRESSED)
 
 
 def pressed(page: Page, name: str) -> None:
-    """Press a button once it can be pressed; once more, where nothing came of it."""
+    """Press a button as soon as it is enabled; repeat if it has no effect."""
     button = page.get_by_role("button", name=name, exact=True)
     before = page.evaluate("[rcm.board.phase, rcm.board.poses.length].join()")
     changed = f"[rcm.board.phase, rcm.board.poses.length].join() !== '{before}'"
@@ -87,12 +86,12 @@ def pressed(page: Page, name: str) -> None:
         with contextlib.suppress(TimeoutError):
             page.wait_for_function(changed, timeout=5_000)
             return
-    raise TimeoutError(f"nothing came of {name}")
+    raise TimeoutError(f"the button {name} had no effect")
 
 
 @contextlib.contextmanager
 def served(command: list[str], folder: Path, env: dict[str, str]) -> Iterator[str]:
-    """Where the page is that a command serves."""
+    """Run a command that serves the page; yield the address."""
     process = subprocess.Popen(command, cwd=folder, env=env, stdout=subprocess.PIPE, text=True)
     assert process.stdout is not None
     try:
@@ -106,7 +105,7 @@ def served(command: list[str], folder: Path, env: dict[str, str]) -> Iterator[st
 
 
 class Watch:
-    """Tells how long what was done has taken."""
+    """Stopwatch that prints the duration of each step."""
 
     def __init__(self) -> None:
         self.start = self.before = time.monotonic()
@@ -118,7 +117,7 @@ class Watch:
 
 
 def first_use(env: dict[str, str], folder: Path) -> float:
-    """S that it takes."""
+    """Perform one first use; return its duration (s)."""
     watch = Watch()
     subprocess.run(["git", "clone", "--quiet", ROOT, folder], check=True)
     watch("git clone")
@@ -130,15 +129,15 @@ def first_use(env: dict[str, str], folder: Path) -> float:
     with served(shlex.split(first_command(text)), folder, env) as address:
         watch(first_command(text))
         with chromium(address) as page:
-            watch("the page is in the browser")
+            watch("page loaded in the browser")
             follow(page, steps(text), watch)
             reached(page)
-            watch("the pose is reached")
+            watch("pose reached")
             return time.monotonic() - watch.start
 
 
 def fetched(env: dict[str, str], folder: Path) -> None:
-    """Have pip fetch what it will need."""
+    """Fill pip's cache with the packages."""
     subprocess.run([sys.executable, "-m", "venv", folder], check=True)
     install = folder / "bin/pip", "install", "--quiet", "--no-compile", f"{ROOT}[sim,page]"
     subprocess.run(install, env=env, check=True)
@@ -153,14 +152,14 @@ def main() -> int:
     for _ in range(chosen.count):
         with tempfile.TemporaryDirectory() as name:
             home = Path(name)
-            kept = {key: os.environ[key] for key in os.environ if not key.startswith("PYTHON")}
-            env = kept | {"XDG_CACHE_HOME": str(home / "cache"), "PYTHONUNBUFFERED": "1"}
+            rest = {key: os.environ[key] for key in os.environ if not key.startswith("PYTHON")}
+            env = rest | {"XDG_CACHE_HOME": str(home / "cache"), "PYTHONUNBUFFERED": "1"}
             env["PIP_CACHE_DIR"] = str(home / "pip")
             env.pop("VIRTUAL_ENV", None)
             fetched(env, home / "fetched")
             took.append(first_use(env, home / "rcmservo"))
-        print(f"{took[-1]:.0f} s   (bar: {BAR:g} s)", flush=True)
-    return 1 if max(took) > BAR else 0
+        print(f"{took[-1]:.0f} s   (requirement: {MAX_TIME_S:g} s)", flush=True)
+    return 1 if max(took) > MAX_TIME_S else 0
 
 
 if __name__ == "__main__":

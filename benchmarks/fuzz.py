@@ -1,13 +1,13 @@
-"""Rig files and target files as nobody should write them: is each refused with a sentence, or taken
-for what it says?
+"""Fuzzing of rig files and target files.
 
     python benchmarks/fuzz.py [--count N] [--seed SEED]
 
-Half are rig files, half targets. Each begins as a good one; some of its values are exchanged for
-others, and some are then damaged as text: flipped bits, cuts, repeated and exchanged lines, odd
-tokens, deep nesting, other encodings. An input passes if it is refused by an error of ours in one
-line, or accepted with what another parser reads in it. It fails with any other exception, after 2
-s, with wrong values, or beyond 256 MiB. What fails is printed and kept.
+Half of the inputs are rig files, half are target files. Each starts as a valid file; some values
+are replaced, and some files are damaged as text: flipped bits, cuts, repeated and exchanged lines,
+odd tokens, deep nesting, other encodings. An input passes if it is rejected by an `RcmServoError`
+with a one-line message, or accepted with the values that another parser reads. It fails with any
+other exception, after 2 s, with other values, or beyond 256 MiB. Failed inputs are printed and
+saved.
 """
 
 import argparse
@@ -117,14 +117,14 @@ TOKENS = (
 
 @dataclass
 class Campaign:
-    """How often each came out, and what failed, with its bytes."""
+    """Numbers of outcomes, and failed inputs with their bytes."""
 
     counts: Counter[str]
     failures: list[tuple[str, bytes]]
 
 
 def drawn(random: Random, value: Any) -> Any:
-    """A value in the place of a good one: near it, or of another size, kind or shape."""
+    """Return a random replacement of a value: near it, or of another size, type or shape."""
     if isinstance(value, list | tuple) and random.random() < 0.7:
         items = [drawn(random, item) if random.random() < 0.5 else item for item in value]
         return random.choice([items, items, items, items[1:], [*items, 1.0], items[::-1]])
@@ -158,9 +158,7 @@ def nested(depth: int) -> Any:
 
 
 def disturbed(random: Random, table: dict[str, Any]) -> None:
-    """Exchange values of a table, leave keys out, or put in ones that it does not know; in the
-    tables in it too.
-    """
+    """Replace values, remove keys or rename them to unknown ones, in a table and its subtables."""
     for key in list(table):
         if isinstance(table[key], dict) and random.random() < 0.8:
             disturbed(random, table[key])
@@ -173,7 +171,7 @@ def disturbed(random: Random, table: dict[str, Any]) -> None:
 
 
 def damaged(random: Random, data: bytes) -> bytes:
-    """The bytes with one to three damages."""
+    """Return the bytes with one to three random damages."""
     for _ in range(random.randint(1, 3)):
         data = random.choice(DAMAGES)(random, data)
     return data[:200_000]
@@ -216,7 +214,7 @@ def with_token(random: Random, data: bytes) -> bytes:
 
 
 def with_token_for_value(random: Random, data: bytes) -> bytes:
-    """A token in the place of what follows an = or a colon."""
+    """Return the bytes with a token instead of the value after an = or a colon."""
     places = [i + 1 for i, byte in enumerate(data) if byte in b"=:"]
     if not places:
         return data
@@ -252,7 +250,7 @@ DAMAGES: tuple[Callable[[Random, bytes], bytes], ...] = (
 
 
 def toml(value: Any) -> str:
-    """A value in TOML."""
+    """Return a value in TOML."""
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, str):
@@ -269,7 +267,7 @@ def toml(value: Any) -> str:
 
 
 def rig_tables() -> list[dict[str, Any]]:
-    """Rig files with every key of every section, at its default."""
+    """Return the tables of rig files with all keys of all sections at their defaults."""
     simulated = {
         "camera": asdict(CameraSection()),
         "drive": asdict(Drive()),
@@ -300,7 +298,7 @@ RIGS = rig_tables()
 
 
 def rig_file(random: Random) -> bytes:
-    """A rig file, good or bad."""
+    """Return a random rig file, valid or not."""
     tables = json.loads(json.dumps(random.choice(RIGS)))
     for name in list(tables):
         if random.random() < 0.4:
@@ -323,12 +321,12 @@ def rig_file(random: Random) -> bytes:
 
 
 def try_rig(path: Path) -> None:
-    """Read a rig file; AssertionError where what it says and what was read differ."""
+    """Read a rig file; raise `AssertionError` if the result differs from the file."""
     lab = load_lab(path)
     settings = read_rig_settings(lab)
     tables = tomllib.loads(path.read_bytes().decode())
     for name in lab.devices:
-        assert lab.devices[name] == tables.pop(name), f"the device [{name}] is not what it says"
+        assert lab.devices[name] == tables.pop(name), f"the device [{name}] differs from the file"
     mechanism = {"kind": lab.mechanism.name, "insertion_zero": lab.mechanism.insertion_zero}
     timing = settings.timing
     camera = {
@@ -351,17 +349,17 @@ def try_rig(path: Path) -> None:
         "scene": asdict(settings.scene),
     }
     usual = {"mechanism": asdict(MECHANISMS[lab.mechanism.name]().limits), **DEFAULTS}  # pyright: ignore[reportCallIssue]
-    assert set(tables) <= set(got), "a section was passed over"
+    assert set(tables) <= set(got), "a section was ignored"
     for name, fields in got.items():
         table = tables.get(name, {})
-        assert set(table) <= set(fields), f"a key of [{name}] was passed over"
+        assert set(table) <= set(fields), f"a key of [{name}] was ignored"
         for key, value in table.items():
             assert plain(fields[key]) == plain(value), (
                 f"{name}.{key} is {fields[key]!r} instead of {value!r}"
             )
         for key in set(usual.get(name, {})) - set(table):
             assert plain(fields[key]) == plain(usual[name][key]), (
-                f"{name}.{key} is not left as it was"
+                f"{name}.{key} does not have its default"
             )
 
 
@@ -377,8 +375,9 @@ DEFAULTS: dict[str, Any] = {
 
 
 def plain(value: Any) -> Any:
-    """Numbers as floats, lists as tuples, so that two ways to say one thing are equal; a truth
-    value is no number.
+    """Return a value in a form for comparison: numbers as floats, lists as tuples.
+
+    Booleans are not numbers.
     """
     if isinstance(value, list | tuple):
         return tuple(map(plain, value))
@@ -391,14 +390,14 @@ SETUP = Setup("one camera", 640, 480, rs.SphericalRcm(), rs.RigidTool(spacing=30
 
 
 def target_content(folder: Path) -> dict[str, Any]:
-    """What is in the file of a good target."""
+    """Return the content of a valid target file."""
     points, q = np.array([[100.25, 50.125], [200.1, 300.3]]), np.array([0.7, 0.1, 120.0])
     target_file.save(folder / "good.json", rs.Target(points, q), SETUP)
     return json.loads((folder / "good.json").read_text())
 
 
 def drawn_target(random: Random, content: dict[str, Any]) -> bytes:
-    """A target's file, good or bad; half of the time its checksum is right for what it holds."""
+    """Return a random target file, valid or not, often with a matching checksum."""
     content = json.loads(json.dumps(content))
     content["markers_px"] = [
         [random.uniform(-2.0, 642.0), random.uniform(-2.0, 482.0)] for _ in range(2)
@@ -423,9 +422,7 @@ def drawn_target(random: Random, content: dict[str, Any]) -> bytes:
 
 
 def try_target(path: Path) -> None:
-    """Read a target; AssertionError where what it says and what was read differ, or it should have
-    been refused.
-    """
+    """Read a target file; raise `AssertionError` if the result is incorrect or unexpected."""
     target = target_file.load(path, SETUP)
     content = json.loads(path.read_bytes())
     assert target.points.tolist() == content["markers_px"]
@@ -441,24 +438,24 @@ def try_target(path: Path) -> None:
 
 
 class Hung(BaseException):
-    """An input took longer than a person would wait."""
+    """Raised if an input takes longer than `PATIENCE`."""
 
 
 def outcome(attempt: Callable[[Path], None], path: Path) -> tuple[str, str]:
-    """How an input came out, and what is wrong if it failed."""
+    """Return the outcome of an input, and the error if it failed."""
     try:
         attempt(path)
     except rs.RcmServoError as error:
         words = str(error)
         one = words.isprintable() and len(words) < LONGEST_MESSAGE
-        return REFUSED, "" if one else f"the message is no readable line: {words[:300]!r}"
+        return REFUSED, "" if one else f"the message is not one readable line: {words[:300]!r}"
     except (Exception, Hung) as error:
         return "failed", f"{type(error).__name__}: {str(error)[:300]}"
     return ACCEPTED, ""
 
 
 def campaign(count: int, seed: int) -> Campaign:
-    """Try `count` inputs, each drawn from the seed and its number."""
+    """Try `count` random inputs; each depends on the seed and its number."""
     result = Campaign(Counter(), [])
 
     def hung(number: int, frame: object) -> None:
@@ -490,10 +487,10 @@ def main() -> int:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--count", type=int, default=100_000, help="how many inputs")
-    parser.add_argument("--seed", type=int, default=0, help="what they are drawn from")
+    parser.add_argument("--count", type=int, default=100_000, help="number of inputs")
+    parser.add_argument("--seed", type=int, default=0, help="seed of the inputs")
     parser.add_argument(
-        "--keep", type=Path, default=Path("runs/fuzz"), help="folder for the inputs that fail"
+        "--keep", type=Path, default=Path("runs/fuzz"), help="folder for failed inputs"
     )
     options = parser.parse_args()
     size = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()

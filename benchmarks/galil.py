@@ -27,8 +27,10 @@ RATE = 500.0
 
 
 def fuzz(count: int) -> int:
-    """Return the number of sessions that took too long, ended without a sentence, or left an axis
-    moving or a motor on.
+    """Run random sessions; return the number of failed ones.
+
+    A session fails if it takes too long, ends without a sentence, or leaves an axis moving or a
+    motor on.
     """
     chance, wrong, begun = random.Random(0), 0, 0
     for number in range(count):

@@ -1,12 +1,11 @@
-"""Servo processes killed and stopped at random ticks: how soon the arm stands still, and what is
-left of the record.
+"""Stopping time of the arm and completeness of the record after a servo process is killed.
 
     python benchmarks/kill.py [--count N]
 
-One simulated arm and camera keep running; N servo processes, one after the other, are killed
-(SIGKILL), stopped (SIGSTOP), or stopped and woken up again 0.2 s later (SIGCONT) with nobody
-watching. All times are read from the device's own log, which has a row for every millisecond. Exit
-code 1 if one trial breaks a bound.
+One simulated arm and camera run throughout. N servo processes, one after the other, are killed
+(SIGKILL), stopped (SIGSTOP), or stopped without a supervisor and continued 0.2 s later (SIGCONT),
+each at a random tick. All times come from the log of the device, with one row per millisecond. The
+exit code is 1 if a trial exceeds a limit.
 """
 
 import argparse
@@ -35,23 +34,41 @@ from rcmservo.sim.processes.motion_log import find_stop
 from rcmservo.sim.rig_file import read_rig_settings
 from rcmservo.tracking import ColourMarkers
 
-BOUND = 60.0  # ms from the signal until the drive is off: the watchdog's patience and one period
-STILL = np.array([1e-3, 1e-3, 0.1])  # rad/s, rad/s, mm/s below which a joint stands still
-LOST = 200.0  # ms of the run's end that may be missing from its record
-DEADLINE = 30.0  # s within which a trial must have begun
+OFF_TIME_MS = 60.0  # from the signal until the drive is off: timeout of the watchdog and one period
+REST_RATES = np.array([1e-3, 1e-3, 0.1])  # rad/s, rad/s, mm/s below which a joint is at rest
+MAX_LOST_MS = 200.0  # end of the run that may be missing in the record
+DEADLINE_S = 30.0  # time within which a trial must start
 KINDS = ("SIGKILL", "SIGSTOP", "SIGCONT")
 
 
 class NotBegun(Exception):
-    """A servo that did not get as far as the tick at which it was to be struck."""
+    """Raised if the servo does not reach the tick of the signal."""
 
 
 @dataclass(frozen=True)
 class Trial:
-    """Of one trial, ms: ``off`` from the signal, ``after`` from the newest valid command until the
-    drive was off; ``still`` from the signal until the joints stood still; ``lost``, how far before
-    that command the record ends. ``speed`` (3,) at the signal; ``moved``, whether a joint moved or
-    the drive came on again later; ``words``.
+    """Result of one trial, with times in ms.
+
+    Parameters
+    ----------
+    kind : str
+        Signal.
+    tick : int
+        Tick of the signal.
+    off : float
+        Time from the signal until the drive was off.
+    after : float
+        Time from the newest valid command until the drive was off.
+    still : float
+        Time from the signal until the joints were at rest.
+    lost : float
+        Time from the end of the record to the newest valid command.
+    speed : Any
+        Joint rates (3,) at the signal.
+    moved : bool
+        True if a joint moved or the drive was on later.
+    words : str
+        Cause that the supervisor or the servo reports.
     """
 
     kind: str
@@ -66,14 +83,15 @@ class Trial:
 
     @property
     def good(self) -> bool:
-        told = self.kind == "SIGCONT" or (
+        is_reported = self.kind == "SIGCONT" or (
             "servo process was" in self.words and "drive went off" in self.words
         )
-        return self.off <= BOUND and self.lost <= LOST and not self.moved and told
+        in_time = self.off <= OFF_TIME_MS and self.lost <= MAX_LOST_MS
+        return in_time and not self.moved and is_reported
 
 
 def prepare() -> None:
-    """Load all that is compiled."""
+    """Load all compiled functions."""
     lab = Lab()
     rs.Servo(mechanism=lab.mechanism, tool=lab.tool, gate=lab.gate).warm_up()
     ColourMarkers(lab.markers).find(rs.Frame(0, 0, 0, image=np.zeros((480, 640, 3), np.uint8)))
@@ -99,8 +117,8 @@ def trial(bench: SimulatedLab, session: Session, record: Path, kind: str, tick: 
 
 
 def until(good: Any, child: ServoProcess) -> None:
-    """Wait for it, taking what the servo process reports meanwhile."""
-    end = time.monotonic() + DEADLINE
+    """Wait for a condition, and read the messages of the servo process meanwhile."""
+    end = time.monotonic() + DEADLINE_S
     while not good():
         if time.monotonic() > end or child.process.exitcode is not None:
             raise NotBegun("no tick in time")
@@ -112,12 +130,12 @@ def until(good: Any, child: ServoProcess) -> None:
 
 
 def awaken(child: ServoProcess) -> str:
-    """What a servo process says of its run that was stopped and goes on."""
-    while child.pipe.poll(DEADLINE):
+    """Return the cause that a continued servo process reports."""
+    while child.pipe.poll(DEADLINE_S):
         said = child.pipe.recv()
         if isinstance(said, RunResult):
             return said.cause
-    raise SystemExit("the servo process that was woken up says nothing")
+    raise SystemExit("the continued servo process reports no result")
 
 
 def judged(kind: str, tick: int, struck: int, words: str, rows: Any, path: Path) -> Trial:
@@ -126,10 +144,10 @@ def judged(kind: str, tick: int, struck: int, words: str, rows: Any, path: Path)
         raise SystemExit(f"trial at tick {tick}: the drive is still on")
     taken, off = (int(rows["wall"][i]) for i in stop)
     speed = np.diff(rows["q"], axis=0) / 1e-3
-    moving = np.flatnonzero((np.abs(speed) > STILL).any(axis=1))
+    moving = np.flatnonzero((np.abs(speed) > REST_RATES).any(axis=1))
     still = int(rows["wall"][min(moving[-1] + 1, len(rows) - 1)]) if len(moving) else off
     awake = rows["enabled"][stop[1] :].any() or rows["applied"][stop[1] :].any()
-    moved = bool(awake or (np.abs(speed[stop[1] + 50 :]) > STILL).any())
+    moved = bool(awake or (np.abs(speed[stop[1] + 50 :]) > REST_RATES).any())
     kept = len(reader.read_record(path).time)
     return Trial(
         kind,
@@ -154,7 +172,8 @@ def report(trials: list[Trial]) -> None:
                 print(
                     f"  {name:<6} median {np.median(values):6.1f} ms   max {np.max(values):6.1f} ms"
                 )
-            print(f"  moving at the signal {sum(bool((t.speed > STILL).any()) for t in some)}")
+            moving = sum(bool((t.speed > REST_RATES).any()) for t in some)
+            print(f"  in motion at the signal: {moving}")
             print(f"  e.g. {some[-1].words}")
 
 
@@ -179,7 +198,7 @@ def main() -> int:
             try:
                 trials.append(trial(bench, session, record, kind, int(random.integers(1, 300))))
             except NotBegun as why:
-                print(f"not begun: {why}", flush=True)
+                print(f"not started: {why}", flush=True)
                 continue
             finally:
                 record.unlink(missing_ok=True)
@@ -189,11 +208,11 @@ def main() -> int:
                 print(f"{len(trials)} trials, load {os.getloadavg()[0]:.1f}", flush=True)
     report(trials)
     bad = sum(not t.good for t in trials)
-    print(f"{len(trials)} trials, {bad} beyond a bound")
+    print(f"{len(trials)} trials, {bad} exceed a limit")
     return 1 if bad else 0
 
 
 if __name__ == "__main__":
     sys.exit(main())
 elif __name__ == "__mp_main__":
-    prepare()  # in the process that all servos are forked from
+    prepare()  # in the process from which all servos are forked

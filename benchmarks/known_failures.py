@@ -1,9 +1,9 @@
-"""Two situations in which the servo fails today, as README reports them.
+"""Failures in two situations, as README reports them.
 
     python benchmarks/known_failures.py [COUNT]
 
 mirrored: the image is mirrored after the target was taught (a setting of many cameras). Point
-          camera, 8 s, nobody resumes: runs whose true error grows by more than 5 mm, and the most.
+          camera, 8 s, without an operator: runs whose true error grows by more than 5 mm.
 lag:      every drive follows its command with a time constant of 80 ms. 15 s: runs that stop.
 """
 

@@ -1,12 +1,11 @@
-"""Smoke and blood before the camera, on rendered frames: does the tool stand still meanwhile, and
-arrive afterwards?
+"""Occlusion by smoke and blood in rendered frames: the tool must stop, and arrive afterwards.
 
     python benchmarks/occlusion.py [SEEDS [FIRST]]
 
-Every run of 20 s has one cloud of smoke and one splash of blood at times by chance between 1 and 11
-s, each for 0.3 to 3 s. A scripted person resumes after pauses. Bars: at least 95 of 100 end within
-1 mm of the pose that was shown; in none does the tool move while the markers are gone, once the
-bound on stopping is past (0.1 s of ramp, 0.1 s for the drives).
+Each run of 20 s has one cloud of smoke and one splash of blood at random times between 1 and 11 s,
+each for 0.3 to 3 s. A scripted operator resumes after pauses. Requirements: at least 95 of 100 runs
+end within 1 mm of the taught pose, and the tool does not move without markers, after the time for
+stopping (0.1 s for the ramp and 0.1 s for the drives).
 """
 
 import sys
@@ -25,13 +24,11 @@ from rcmservo.tracking import ColourMarkers
 
 DURATION = 20.0
 STOPPED = 200_000_000
-"""ns after the first tick without markers from which on nothing may move."""
+"""Time (ns) after the first tick without markers until the tool must be at rest."""
 
 
 class Run(NamedTuple):
-    """What became of one run: mm from where the target was shown, mm moved while blind, s blind,
-    and what was said.
-    """
+    """Result of one run: pose error (mm), motion (mm) and time (s) without markers, message."""
 
     seed: int
     error: float
@@ -43,7 +40,7 @@ class Run(NamedTuple):
 
 
 def one(seed: int) -> Run:
-    """One run with smoke and blood."""
+    """Run one seed with smoke and blood."""
     random = np.random.default_rng([seed, 3])
     at, lasts = random.uniform(1.0, 8.0, 2), random.uniform(0.3, 3.0, 2)
     disturbances = [
@@ -85,9 +82,9 @@ def main() -> None:
         f"worst {errors.max():.2f}"
     )
     blind = np.median([run.blind for run in runs])
-    print(f"without markers for {blind:.1f} s (median); moved meanwhile by {moved:.4f} mm at most")
+    print(f"without markers for {blind:.1f} s (median); motion meanwhile at most {moved:.4f} mm")
     print(
-        f"resumed {sum(run.resumed for run in runs)} times, shown again "
+        f"resumed {sum(run.resumed for run in runs)} times, target taught again "
         f"{sum(run.shown for run in runs)} times"
     )
     for run in runs:

@@ -1,14 +1,14 @@
-"""How exactly one ball tells where the tool is, by its place and size in stills of a real arm.
+"""Accuracy of the tool position from the pixel and the radius of one ball, in images of a real arm.
 
     python benchmarks/one_ball.py RECORDING RIG
 
-such as `../shared/data/dvrk_two_balls examples/davinci.toml`. In each of 100 seeded splits the
-affine estimator learns from 20 stills in which it is shown one ball only, and tells the ball's
-place in 10 others. The error is the root mean square over those, of the distance to where the
-joints have the ball; told are its median over the splits, and from where to where 95 % of them lie.
+For example RIG is examples/davinci.toml. In each of 100 random splits, the affine estimator is
+fitted to 20 images in which it observes one ball only, and predicts the position of the ball in the
+others. The error is the root mean square distance to the position from the joints; the output is
+its median over the splits and the interval of 95 % of them.
 
-Sizes are taken once as the tracker tells them, and once from the outline alone that its fit to the
-pixels starts from: that fit does not find the same edge in every still.
+The radii are those of the tracker, or those of the outline at which its pixel fit starts, because
+that fit does not find the same edge in all images.
 """
 
 import sys
@@ -27,13 +27,13 @@ from rcmservo.tracking import ColourMarkers
 from rcmservo.tracking.circle_fit import find_colour_centroid, fit_outline
 from rcmservo.tracking.colours import COLOURS, colour_response
 
-SPLITS, LEARNT = 100, 20
+SPLITS, FITTED = 100, 20
 AFFINE = AffineEstimator()
 
 
 @dataclass(frozen=True, eq=False)
 class Still:
-    """One still: where marker 1 was, and both balls as the tracker and their outlines tell them."""
+    """One image: position of marker 1, pixels of both balls, and their radii from two methods."""
 
     p1: Floats
     points: Floats
@@ -42,7 +42,7 @@ class Still:
 
 
 def stills(folder: Path, lab: Lab) -> list[Still]:
-    """All of a recording in which both balls are found."""
+    """Return the images of a recording with both balls."""
     poses, tracker = load_recording(folder, lab.mechanism, lab.tool), ColourMarkers(lab.markers)
     found = [(frame, tracker.find(frame)) for frame in iterate_frames(poses)]
     return [
@@ -53,7 +53,7 @@ def stills(folder: Path, lab: Lab) -> list[Still]:
 
 
 def outlines(frame: Frame, markers: Markers, lab: Lab) -> Floats:
-    """The radii (2,) px of the outlines about the balls that were found."""
+    """Return the radii (2,) in px of the outlines of both balls."""
     image, sizes = np.array(frame.image), np.empty(2)
     for k, colour in enumerate((lab.markers.colour_1, lab.markers.colour_2)):
         (u, v), radius = markers.points[k], markers.radius[k]
@@ -64,19 +64,19 @@ def outlines(frame: Frame, markers: Markers, lab: Lab) -> Floats:
 
 
 def errors(seen: list[Still], sizes: list[Floats], k: int, tool: Tool) -> Floats:
-    """The error in mm (rms) of every split, by ball k (0 or 1) alone."""
+    """Return the rms error (mm) of each split, from ball `k` (0 or 1) alone."""
     out = np.empty(SPLITS)
     for seed in range(SPLITS):
         order = np.random.default_rng(seed).permutation(len(seen))
         memory = AFFINE.init()
-        for i in order[:LEARNT]:
+        for i in order[:FITTED]:
             points = seen[i].points.copy()
             points[1 - k] = np.nan
             memory = AFFINE.update(
                 memory, tool, Sample(seen[i].p1, points, np.zeros(2), 0.0, sizes[i])
             )
         squares: list[float] = []
-        for i in order[LEARNT:]:
+        for i in order[FITTED:]:
             p = AFFINE.position(memory, k, seen[i].points[k], sizes[i][k])
             there = seen[i].p1 if k == 0 else tool.second_marker(seen[i].p1)
             squares.append(np.inf if p is None else float(np.sum((p - there) ** 2)))
@@ -87,7 +87,7 @@ def errors(seen: list[Still], sizes: list[Floats], k: int, tool: Tool) -> Floats
 def main(folder: Path, rig: Path) -> None:
     lab = load_lab(rig)
     seen = stills(folder, lab)
-    print(f"{len(seen)} stills, {SPLITS} splits, {LEARNT} to learn from; error in mm, rms")
+    print(f"{len(seen)} images, {SPLITS} splits with {FITTED} images each; rms error in mm")
     for name, sizes in (
         ("as tracked", [one.tracked for one in seen]),
         ("of the outline", [one.outlined for one in seen]),

@@ -1,7 +1,7 @@
-"""The table of a recorded loop in few bytes, exactly.
+"""Lossless compression of the table of a recorded loop.
 
-Steps are kept as differences of whole numbers, words as numbers of a list, and commands that the
-arm took as the bits that differ from those that were sent; then xz compresses all.
+Quantised values are stored as differences of integers, words as indices of a list, and applied
+rates as the bits that differ from the commands; xz compresses the result.
 """
 
 import io
@@ -15,19 +15,19 @@ Array = np.ndarray[Any, Any]
 Table = dict[str, Array]
 
 JOINTS = 2.0**20, 2.0**20, 2.0**14
-"""Steps in a rad, a rad, a mm."""
+"""Quantisation steps per rad, rad and mm."""
 PIXELS = 2.0**10
-"""Steps in a px."""
+"""Quantisation steps per px."""
 STEPS = np.array([*JOINTS, *JOINTS, *[PIXELS] * 6])
-"""Of q, q_exposure, points and sizes."""
+"""Quantisation steps per unit of q, q_exposure, points and sizes."""
 APPLIED = slice(3, 6)
-"""The columns of `reals` that are not steps."""
+"""Columns of `reals` that are not quantised."""
 LOST = np.iinfo(np.int32).min
-"""The whole number that stands for NaN."""
+"""Integer that represents NaN."""
 
 
 def write(path: Path, table: Table) -> None:
-    """Write a table whose joints and markers are whole steps."""
+    """Write a table with quantised joints and markers."""
     file = io.BytesIO()
     kept = {name: table[name] for name in table.keys() - {"integers", "reals", "words"}}
     names, words = np.unique(table["words"], return_inverse=True)
@@ -47,7 +47,7 @@ def write(path: Path, table: Table) -> None:
 
 
 def read(path: Path) -> Table:
-    """The table that was written."""
+    """Read a table."""
     with np.load(io.BytesIO(lzma.decompress(path.read_bytes()))) as file:
         table = dict(file)
     whole = np.cumsum(table.pop("steps"), axis=0, dtype=np.int32)
@@ -61,5 +61,5 @@ def read(path: Path) -> Table:
 
 
 def before(rates: Array) -> Array:
-    """What was sent a tick before."""
+    """Return the commanded rates of the previous tick."""
     return np.vstack([np.zeros((1, 3)), rates[:-1]])

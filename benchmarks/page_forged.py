@@ -1,20 +1,19 @@
-"""Requests that are forged, and rubbish: does any of it move the arm, or stop the loop or the page?
+"""Robustness of the page against forged requests and invalid messages.
 
     python benchmarks/page_forged.py [--forged N] [--fuzzed N]
 
-Forged: requests of each kind that the page knows, with the drive off, paused, jogging, on the way
-to a pose, and after a STOP: from another origin or none, with a wrong secret, none, or that of an
-earlier server, under another name of the server, from one that has not signed in with the token or
-has with another, from a browser that watches, from the one in control about a moment that is long
-gone, to come or none. Each must leave state, control, target, poses and drive as they are, and
-joints that stand still where they are.
+Forged: requests of each kind, with the drive off, paused, jogging, moving to a pose, and after a
+STOP. They come from another origin or none, with a wrong secret, none, or that of an earlier
+server, under another host name, without a token or with a wrong one, from a watching browser, or
+from the controlling browser with an old, future or missing time. None may change the state, the
+control, the target, the poses or the drive, nor move a joint at rest.
 
-Fuzzed: websocket messages while the drive is on: text, bytes, JSON at random, deeply nested, too
-long; the same from the browser in control, about a fresh moment but with rubbish in it; frames that
-are cut off and lines that are dropped. The loop's commands must go on, and the page must answer at
-the end; and STOP must be heard after as much of it at its own door.
+Fuzzed: websocket messages while the drive is on: text, bytes, random JSON, deeply nested or too
+long; from the controlling browser invalid requests with the present time; incomplete frames and
+dropped connections. The loop must continue its commands, the page must answer at the end, and STOP
+must work after as many messages at its own port.
 
-Exit code 1 where something moved, changed or stopped.
+The exit code is 1 if anything moved, changed or stopped.
 """
 
 import argparse
@@ -35,8 +34,8 @@ from page_lab import Client, PageLab, awaited, board, machine, page_lab
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 MOVING = "ACQUIRE", "SERVO", "HOLD"
-GAP = 50.0  # ms between commands, from which on the arm stops by itself
-EACH = 100  # messages between looks at the arm's log
+GAP = 50.0  # ms between commands after which the arm stops by itself
+EACH = 100  # messages between checks of the arm's log
 WANTS: list[dict[str, Any]] = [
     {"do": "enable"},
     {"do": "jog", "rates": [0.5, 0.5, 5.0], "press": 7},
@@ -52,13 +51,11 @@ WANTS: list[dict[str, Any]] = [
     {"do": "pause"},
     {"do": "clear"},
 ]
-"""What is wanted by those who may not."""
+"""Requests of unauthorised clients."""
 
 
 class Holder:
-    """The browser in control: it says ten times a second that it is there, or holds a jog button
-    down.
-    """
+    """Controlling browser, which sends ten heartbeats per second or holds a jog button."""
 
     def __init__(self, lab: PageLab) -> None:
         self.client, self.lab = Client(lab.address, lab.token), lab
@@ -94,7 +91,7 @@ class Holder:
         self.hand.send(json.dumps({"at": self.now["at"], **want}))
 
     def until(self, want: dict[str, Any], *phases: str) -> None:
-        """Say something until it is so: what comes late on a busy machine does not count."""
+        """Repeat a request until the phase is one of `phases`, since busy machines are slow."""
         for _ in range(60):
             self.say(want)
             with contextlib.suppress(TimeoutError):
@@ -115,7 +112,7 @@ class Holder:
         self.until({"do": "enable"}, "PAUSED")
 
     def stands(self) -> dict[str, Any]:
-        """What no forged request may change."""
+        """Return the state that no forged request may change."""
         awaited(lambda: self.now["phase"] != "OFF" or "enable" in self.now["can"])
         told, row = self.now, self.lab.bench.log.last()
         phase = "on its way" if told["phase"] in MOVING else told["phase"]
@@ -125,7 +122,7 @@ class Holder:
 
 
 def handshake(client: Client, path: str, host: str, text: str) -> None:
-    """A websocket under another name of the server, and a message on it."""
+    """Open a websocket under another host name, and send a message."""
     with socket.create_connection(("127.0.0.1", client.port(path)), timeout=20.0) as wire:
         lines = [
             f"GET {path}?secret={client.told['secret']} HTTP/1.1",
@@ -144,40 +141,38 @@ def handshake(client: Client, path: str, host: str, text: str) -> None:
 
 
 def outside(holder: Holder, want: dict[str, Any], **how: str) -> None:
-    """From one who must not be let in at all, at each door in turn."""
+    """Send a request that each endpoint must reject at the handshake."""
     for path in ("/operate", "/pictures", "/stop"):
         try:
             with holder.client.open(path, **how) as wire:
                 wire.send(json.dumps({"at": holder.now["at"], **want}))
         except InvalidStatus:
             continue
-        raise AssertionError(f"{path} lets {how} in")
+        raise AssertionError(f"{path} accepts {how}")
 
 
 def unsigned(holder: Holder, want: dict[str, Any], cookie: str) -> None:
-    """From one who knows the page's secret, but has not signed in with the token. STOP is for
-    anyone who knows the secret.
-    """
+    """Send a request with the secret but without a valid token; STOP needs the secret only."""
     for path in ("/operate", "/pictures"):
         try:
             with holder.client.open(path, cookie=cookie) as wire:
                 wire.send(json.dumps({"at": holder.now["at"], **want}))
         except InvalidStatus:
             continue
-        raise AssertionError(f"{path} lets in who has not signed in")
+        raise AssertionError(f"{path} accepts a client without a token")
 
 
 def watching(holder: Holder, want: dict[str, Any]) -> None:
-    """From a browser without control."""
+    """Send a request from a browser without control."""
     with holder.client.open("/operate") as wire:
         wire.recv(20.0)
         wire.send(json.dumps({"at": holder.now["at"], **want}))
         if "refused" not in json.loads(wire.recv(20.0)):
-            raise AssertionError(f"{want} of one who watches is not refused")
+            raise AssertionError(f"{want} of a watching browser is not rejected")
 
 
 def at(holder: Holder, want: dict[str, Any], moment: object) -> None:
-    """From the browser in control, about a wrong moment."""
+    """Send a request from the controlling browser with an invalid time."""
     before = holder.refused
     holder.say({**want, "at": moment})
     awaited(lambda: holder.refused > before, 20.0)
@@ -207,7 +202,7 @@ FORGERIES: dict[str, Callable[[Holder, dict[str, Any]], None]] = {
 
 
 def forge(holder: Holder, count: int) -> list[str]:
-    """What went wrong with `count` forged requests while all is as it is."""
+    """Send `count` forged requests in the present state; return the failures."""
     wrong: list[str] = []
     before = holder.stands()
     pairs = list(itertools.product(WANTS, FORGERIES))
@@ -225,33 +220,31 @@ def forge(holder: Holder, count: int) -> list[str]:
 
 
 def forged(holder: Holder, count: int) -> dict[str, list[str]]:
-    """What went wrong, by the state in which the requests came. It ends with the drive on, and
-    paused.
-    """
+    """Send forged requests in five states; return the failures by state, with the drive paused."""
     found: dict[str, list[str]] = {}
-    share = -(-count // 5)
+    per_state = -(-count // 5)
     holder.enable()
     holder.until({"do": "teach", "name": "here"}, "PAUSED")
     awaited(lambda: "here" in holder.now["poses"])
-    found["paused"] = forge(holder, share)
+    found["paused"] = forge(holder, per_state)
     holder.jog(True)
-    found["jogging"] = forge(holder, share)
+    found["jogging"] = forge(holder, per_state)
     holder.jog(False)
     holder.until({"do": "go", "name": "here"}, *MOVING)
-    found["on its way"] = forge(holder, share)
+    found["on its way"] = forge(holder, per_state)
     with holder.client.open("/stop") as stop:
         stop.send("stop")
         awaited(lambda: "clear" in holder.now["can"] and holder.now["target"] is None)
-    found["after a STOP"] = forge(holder, share)
+    found["after a STOP"] = forge(holder, per_state)
     holder.until({"do": "clear"}, "OFF")
     awaited(lambda: "enable" in holder.now["can"])
-    found["off"] = forge(holder, share)
+    found["off"] = forge(holder, per_state)
     holder.enable()
     return found
 
 
 class Ticks:
-    """The loop's commands as the arm got them: the longest time without, ms."""
+    """Commands of the loop in the arm's log: longest gap (ms), and whether the arm was at rest."""
 
     def __init__(self, lab: PageLab) -> None:
         self._log = lab.bench.log
@@ -268,7 +261,7 @@ class Ticks:
 
 
 def rubbish(draw: random.Random) -> str | bytes:
-    """A message that nobody could mean."""
+    """Return a random invalid message."""
     kinds: list[Callable[[], str | bytes]] = [
         lambda: draw.randbytes(draw.randrange(300)),
         lambda: "".join(chr(draw.randrange(1, 0xD7FF)) for _ in range(draw.randrange(200))),
@@ -283,7 +276,7 @@ def rubbish(draw: random.Random) -> str | bytes:
 
 
 def value(draw: random.Random, deep: int) -> Any:
-    """JSON at random."""
+    """Return a random JSON value."""
     if deep and draw.random() < 0.4:
         return {str(value(draw, 0)): value(draw, deep - 1) for _ in range(draw.randrange(4))}
     plain = None, True, "", "\ud800", "../../etc", 10**30, -(2**63), 1e308, float("nan"), 0, [[]]
@@ -291,7 +284,7 @@ def value(draw: random.Random, deep: int) -> Any:
 
 
 def spoilt(draw: random.Random) -> dict[str, Any]:
-    """What the browser in control could mean, but for one thing."""
+    """Return a request of the controlling browser with one invalid value."""
     bad = draw.choice([None, [], [0.0], [1, 2, "3"], [float("nan")] * 3, {}, "x", [[1], 2, 3]])
     names = "", " x", "x" * 41, "\n", 3, None, ["x"], "no such pose"
     return draw.choice(
@@ -308,7 +301,7 @@ def spoilt(draw: random.Random) -> dict[str, Any]:
 
 
 def cut_off(client: Client, draw: random.Random) -> None:
-    """A line that is let in, says something that is no frame or half of one, and is gone."""
+    """Open a connection, send an invalid or incomplete frame, and close it."""
     path = draw.choice(["/operate", "/pictures"])
     wire = client.open(path)
     with contextlib.suppress(OSError):
@@ -317,7 +310,7 @@ def cut_off(client: Client, draw: random.Random) -> None:
 
 
 def fuzzed(holder: Holder, count: int, seed: int = 0) -> tuple[int, Ticks]:
-    """How many messages were said while the drive is on, paused, and how the loop went on."""
+    """Send invalid messages with the drive on, paused; return their number and the loop's ticks."""
     draw, ticks, said = random.Random(seed), Ticks(holder.lab), 0
     while said < count:
         try:
@@ -333,7 +326,7 @@ def fuzzed(holder: Holder, count: int, seed: int = 0) -> tuple[int, Ticks]:
                     holder.say(spoilt(draw))
                     said += 2
         except (ConnectionClosed, TimeoutError):
-            """It was too much for the page, or there is no answer yet."""
+            pass  # the page closed the connection, or there is no answer yet
         cut_off(holder.client, draw)
         said += 1
         ticks.look()
@@ -341,7 +334,7 @@ def fuzzed(holder: Holder, count: int, seed: int = 0) -> tuple[int, Ticks]:
 
 
 def stop_heard(holder: Holder, count: int) -> bool:
-    """Whether the one in control still has it, and STOP is heard after rubbish at its door."""
+    """Return whether the control is unchanged and STOP works after invalid messages at its port."""
     draw = random.Random(1)
     for _ in range(count):
         with socket.create_connection(("127.0.0.1", holder.client.port("/stop"))) as wire:
@@ -370,16 +363,16 @@ def main() -> int:
             nonlocal bad
             holder = Holder(lab)
             for state, wrong in forged(holder, chosen.forged).items():
-                print(f"forged, {state:<13} {len(wrong)} of {-(-chosen.forged // 5)} did something")
+                print(f"forged, {state:<13} {len(wrong)} of {-(-chosen.forged // 5)} had an effect")
                 for sentence in wrong[:5]:
                     print(f"  {sentence}")
                 bad += len(wrong)
             said, ticks = fuzzed(holder, chosen.fuzzed)
-            print(f"fuzzed: {said} messages, {holder.refused} refused to the one in control")
-            print(f"  longest without a command {ticks.longest:.1f} ms   (bar: {GAP:g} ms)")
-            print(f"  the arm stood still with its drive on: {ticks.still}")
+            print(f"fuzzed: {said} messages, {holder.refused} of the controlling browser rejected")
+            print(f"  longest gap without a command {ticks.longest:.1f} ms   (limit: {GAP:g} ms)")
+            print(f"  arm at rest with its drive on: {ticks.still}")
             heard = stop_heard(holder, chosen.fuzzed // 20)
-            print(f"  the page answers, and STOP is heard: {heard}")
+            print(f"  the page answers, and STOP works: {heard}")
             bad += (ticks.longest > GAP) + (not ticks.still) + (not heard)
 
         lab.play(person)

@@ -1,10 +1,10 @@
-"""The operator's page before a simulated arm, for what is measured on it.
+"""The operator's page with a simulated arm, for benchmarks and tests.
 
-    main thread            serves, as `rcmservo serve` does
-    a thread beside it     is the person: a browser, or plain websockets
+    main thread      serves the page, like `rcmservo serve`
+    second thread    acts as the operator: a browser, or plain websockets
 
-The arm's own log has a row for every millisecond, by the clock of this computer. The camera's
-frames can be recorded ones, so that rendering costs nothing.
+The log of the arm has a row per millisecond, with this computer's clock. Recorded frames can
+replace the camera, so that rendering takes no time.
 """
 
 import contextlib
@@ -48,17 +48,17 @@ from rcmservo.loop.operator import Operator
 from rcmservo.page.channels import Desk
 from rcmservo.sim.processes.lab_processes import SimulatedLab
 
-RATE = 60.0  # frames/s that are played
-FRAMES = 60  # that are recorded
-DELAY = 20_000_000  # ns from a frame's exposure to its arrival
-NUMBERS = 1 << 16  # frames of which it is known when they arrived
-PATIENCE = 180.0  # s for what must come; the first session may compile
+RATE = 60.0  # frames/s of the playback
+FRAMES = 60  # number of recorded frames
+DELAY = 20_000_000  # ns from the exposure of a frame to its arrival
+NUMBERS = 1 << 16  # frames with a known time of arrival
+PATIENCE = 180.0  # s, time limit of each wait; the first session may compile
 CLEARS, ENABLES = (f"rcm.board.can.includes('{action}')" for action in ("clear", "enable"))
 
 
 @dataclass
 class PageLab:
-    """What is behind the page, and where it is."""
+    """Laboratory behind the page, with the settings of the page."""
 
     options: ServeOptions
     behind: Behind
@@ -74,7 +74,7 @@ class PageLab:
         return f"http://127.0.0.1:{self.options.port}"
 
     def play(self, person: Callable[[], None]) -> None:
-        """Serve until the person is done. What went wrong for the person is raised."""
+        """Serve until the operator function ends; raise its exception."""
         wrong: list[BaseException] = []
 
         def played() -> None:
@@ -96,14 +96,14 @@ class PageLab:
 
     @contextlib.contextmanager
     def served(self, desk: Desk) -> Iterator[None]:
-        """The page's processes alone."""
+        """Run the processes of the page without the laboratory, in the context."""
         with serve._page_processes(self.options, desk, self.behind, self.folder, self.token):
             yield
 
 
 @contextlib.contextmanager
 def page_lab(seed: int = 0, recorded: bool = False, token: str = "") -> Generator[PageLab]:
-    """Everything but the page; the frames are ``recorded`` ones, if wanted."""
+    """Run the laboratory without the page, with ``recorded`` frames on request, in the context."""
     context = get_context("spawn")
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -137,19 +137,19 @@ def page_lab(seed: int = 0, recorded: bool = False, token: str = "") -> Generato
 
 
 def noted_operator(pid: Any, make: Callable[[], Operator]) -> Operator:
-    """An operator, and which process it is in."""
+    """Return an operator, and record the id of its process."""
     pid.value = os.getpid()
     return make()
 
 
 def noted_camera(pid: Any, make: Callable[[], Camera]) -> Camera:
-    """A camera, and which process it is in."""
+    """Return a camera, and record the id of its process."""
     pid.value = os.getpid()
     return make()
 
 
 def filmed(ring: FrameRing) -> list[Image]:
-    """Frames as the simulated camera makes them."""
+    """Return frames of the simulated camera."""
     camera, found = RingCamera(ring), dict[int, Image]()
     while len(found) < FRAMES:
         frame = camera.latest()
@@ -160,9 +160,7 @@ def filmed(ring: FrameRing) -> list[Image]:
 
 
 def replayed(frames: list[Image], ring: FrameRing, arrivals: Any, control: Connection) -> None:
-    """Play frames in turn, until the other end of `control` speaks or is gone; write down when each
-    arrived.
-    """
+    """Play frames in turn until `control` has a message or closes; record the arrival of each."""
     due, period = time.monotonic_ns(), round(1e9 / RATE)
     for number in itertools.count(round(due / period)):
         due += period
@@ -175,9 +173,7 @@ def replayed(frames: list[Image], ring: FrameRing, arrivals: Any, control: Conne
 
 
 class Client:
-    """A browser without a screen: the websockets that it opens, once it has signed in with a token
-    where one is asked for.
-    """
+    """Browser without a screen, signed in with a token if there is one; opens websockets."""
 
     def __init__(self, address: str, token: str = "") -> None:
         self.address = address
@@ -194,7 +190,7 @@ class Client:
         return self.told["stopPort"] if path == "/stop" else int(self.address.rpartition(":")[2])
 
     def known(self, cookie: str | None = None) -> str:
-        """What it is known by; each cookie with another value, where one is given."""
+        """Return the cookies as a header; each with the value `cookie` if one is given."""
         return "; ".join(
             f"{name}={value if cookie is None else cookie}" for name, value in self.cookies.items()
         )
@@ -207,7 +203,7 @@ class Client:
         cookie: str | None = None,
         **more: Any,
     ) -> ClientConnection:
-        """A websocket; where a ``cookie`` is given, each has that value."""
+        """Open a websocket; if `cookie` is given, each cookie has that value."""
         secret = self.told["secret"] if secret is None else secret
         url = f"ws://127.0.0.1:{self.port(path)}{path}?secret={secret}"
         known = self.known(cookie)
@@ -222,7 +218,7 @@ class Client:
 
 
 def board(wire: ClientConnection) -> dict[str, Any]:
-    """Ask for the next picture, and take it: what is told with it."""
+    """Request the next picture and return the state that comes with it."""
     wire.send("next")
     data = wire.recv(PATIENCE)
     assert isinstance(data, bytes)
@@ -231,7 +227,7 @@ def board(wire: ClientConnection) -> dict[str, Any]:
 
 @contextlib.contextmanager
 def chromium(address: str) -> Generator[Page]:
-    """The page in headless Chromium."""
+    """Open the page in headless Chromium, in the context."""
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(
             executable_path=shutil.which("chromium"), args=["--no-sandbox"]
@@ -248,19 +244,19 @@ def until(page: Page, condition: str) -> None:
 
 
 def press(page: Page, name: str, leads_to: str) -> None:
-    """Press a button until it leads somewhere: what comes late on a busy machine does not count."""
+    """Press a button until the condition `leads_to` holds, since busy machines are slow."""
     button = page.get_by_role("button", name=name, exact=True)
     for _ in range(20):
         with contextlib.suppress(PageTimeout):
             button.click(timeout=5_000)
             page.wait_for_function(leads_to, timeout=5_000)
             return
-        print(f"{name} led nowhere: {page.locator('#notes').inner_text()!r}", flush=True)
-    raise TimeoutError(f"{name} leads nowhere: {page.evaluate('rcm.board.words')}")
+        print(f"{name} had no effect: {page.locator('#notes').inner_text()!r}", flush=True)
+    raise TimeoutError(f"{name} has no effect: {page.evaluate('rcm.board.words')}")
 
 
 def enabled(page: Page) -> None:
-    """Switch the drive on, after a stop if there was one."""
+    """Switch the drive on; clear a stop before if there was one."""
     until(page, f"rcm.holds && ({ENABLES} || {CLEARS})")
     if page.evaluate(CLEARS):
         press(page, "Clear", f"!{CLEARS}")
@@ -269,16 +265,16 @@ def enabled(page: Page) -> None:
 
 
 def awaited(good: Callable[[], bool], within: float = PATIENCE) -> None:
-    """Wait until something is so."""
+    """Wait for a condition, up to `within` s."""
     end = time.monotonic() + within
     while not good():
         if time.monotonic() > end:
-            raise TimeoutError("it never came")
+            raise TimeoutError(f"the condition did not hold within {within:g} s")
         time.sleep(0.005)
 
 
 def reached(port: int) -> bool:
-    """Whether the page answers, be it by asking for a token."""
+    """Return whether the page answers, also if it requests a token."""
     with contextlib.suppress(OSError):
         try:
             urllib.request.urlopen(f"http://127.0.0.1:{port}", timeout=1.0).close()
@@ -289,7 +285,7 @@ def reached(port: int) -> bool:
 
 
 def free_port() -> int:
-    """One that is free with the next one, where STOP is heard."""
+    """Return a free port; the next one, for STOP, is free too."""
     while True:
         with socket.create_server(("127.0.0.1", 0)) as wire, contextlib.suppress(OSError):
             port = wire.getsockname()[1]
@@ -298,7 +294,7 @@ def free_port() -> int:
 
 
 def machine() -> str:
-    """What this is measured on."""
+    """Return a description of this machine."""
     return (
         f"{platform.machine()}, {os.cpu_count()} cores, {platform.system()}, Python "
         f"{platform.python_version()}, load {os.getloadavg()[0]:.2f}"
@@ -306,6 +302,6 @@ def machine() -> str:
 
 
 def spread(ms: Any) -> str:
-    """How times are spread."""
+    """Return median, 95th percentile and maximum of times (ms), as text."""
     median, p95, most = np.percentile(np.asarray(ms, dtype=float), [50, 95, 100])
     return f"median {median:6.1f}, 95 % {p95:6.1f}, max {most:6.1f} ms"

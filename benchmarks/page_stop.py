@@ -1,15 +1,14 @@
-"""STOP by a click in the browser: how soon is the drive off?
+"""Time from a click on STOP in the browser until the drive is off.
 
     python benchmarks/page_stop.py [--count N]
 
-In headless Chromium a jog button is held down by the keyboard, and STOP clicked by the mouse while
-the joint moves: N times as all is well (quiet), N times just after the page's process was stopped
-for 2 s by a signal, N times just after the servo's was for good. The time runs from before the
-click is handed to the browser until the first row of the arm's own log in which the drive is off.
-A stopped servo is also noticed by the arm's watchdog, which switches off by itself. The frames are
-recorded ones, so that the simulated camera takes nothing from the browser.
+In headless Chromium the keyboard holds a jog button, and the mouse clicks STOP while the joint
+moves: N times without a fault (quiet), N times just after a signal stopped the process of the page
+for 2 s, and N times just after a signal stopped the servo process permanently. The time runs from
+before the click until the first row of the arm's log with the drive off. The watchdog of the arm
+also detects a stopped servo. The frames are recorded, so that rendering does not slow the browser.
 
-Bar: 200 ms, every time. Exit code 1 where it is missed.
+Requirement: 200 ms for each click. The exit code is 1 if it does not hold.
 """
 
 import argparse
@@ -25,17 +24,15 @@ import numpy as np
 from page_lab import CLEARS, PageLab, awaited, chromium, enabled, machine, page_lab, spread, until
 from playwright.sync_api import Page
 
-BAR = 200.0  # ms
-BLOCKED = 2.0  # s
-STILL = np.array([1e-3, 1e-3, 0.1])  # rad/s, rad/s, mm/s below which a joint stands still
+MAX_OFF_TIME_MS = 200.0
+BLOCKED_S = 2.0
+REST_RATES = np.array([1e-3, 1e-3, 0.1])  # rad/s, rad/s, mm/s below which a joint is at rest
 KINDS = ("quiet", "page blocked", "servo stopped")
 
 
 @dataclass(frozen=True)
 class Stopped:
-    """One STOP: what was struck, ms from the click until the drive was off, whether the arm moved
-    at the click, and what the page then said.
-    """
+    """Result of one STOP: kind, time (ms) until the drive was off, motion at the click, message."""
 
     kind: str
     off: float
@@ -59,7 +56,7 @@ def stopped(page: Page, lab: PageLab, kind: str, turn: int) -> Stopped:
     page.mouse.up()
     page.keyboard.up("Enter")
     if kind == "page blocked":
-        time.sleep(max(since + BLOCKED - time.monotonic(), 0.0))
+        time.sleep(max(since + BLOCKED_S - time.monotonic(), 0.0))
         os.kill(struck.value, signal.SIGCONT)
     until(page, f"rcm.board.phase === 'FAULT' && {CLEARS}")
     rows = lab.bench.log.since(count - 1)
@@ -67,16 +64,16 @@ def stopped(page: Page, lab: PageLab, kind: str, turn: int) -> Stopped:
     return Stopped(kind, (off - clicked) * 1e-6, moving, page.evaluate("rcm.board.words"))
 
 
-def jogging(page: Page, lab: PageLab, way: str) -> None:
-    """Hold a jog button down until the joint moves; on a machine that is busy, press it anew."""
-    button = page.get_by_role("button", name=f"Jog joint 1 {way}", exact=True)
+def jogging(page: Page, lab: PageLab, direction: str) -> None:
+    """Hold a jog button until the joint moves; press it again on a busy machine."""
+    button = page.get_by_role("button", name=f"Jog joint 1 {direction}", exact=True)
     for _ in range(20):
         button.focus()
         page.keyboard.down("Enter")
         with contextlib.suppress(TimeoutError):
             return awaited(lambda: moves(lab), 1.0)
         page.keyboard.up("Enter")
-    raise TimeoutError("the joint does not move")
+    raise TimeoutError("the joint did not move after 20 attempts")
 
 
 def middle_of_stop(page: Page) -> tuple[float, float]:
@@ -86,10 +83,10 @@ def middle_of_stop(page: Page) -> tuple[float, float]:
 
 
 def moves(lab: PageLab) -> bool:
-    """Whether a joint moves now."""
+    """Return whether a joint moves now."""
     rows = lab.bench.log.since(lab.bench.log.count - 20)
     rates = (rows["q"][-1] - rows["q"][0]) / ((rows["time"][-1] - rows["time"][0]) * 1e-9)
-    return bool((np.abs(rates) > 10.0 * STILL).any())
+    return bool((np.abs(rates) > 10.0 * REST_RATES).any())
 
 
 def main() -> int:
@@ -105,30 +102,31 @@ def main() -> int:
                 for turn, kind in itertools.product(range(chosen.count), KINDS):
                     found.append(one := stopped(page, lab, kind, turn))
                     print(f"{turn + 1:3} {kind:<14} {one.off:6.1f} ms", flush=True)
-                    if one.off > BAR or not one.moving:
+                    if one.off > MAX_OFF_TIME_MS or not one.moving:
                         print(one, flush=True)
 
         try:
             lab.play(person)
         finally:
-            bad = told(found)
+            bad = report(found)
     return 1 if bad or len(found) < len(KINDS) * chosen.count else 0
 
 
-def told(found: list[Stopped]) -> int:
-    """Tell of what was found; how many were late."""
+def report(found: list[Stopped]) -> int:
+    """Print the results; return the number of late stops."""
     bad = 0
     for kind in KINDS:
         some = [one for one in found if one.kind == kind]
         if not some:
             continue
-        late = sum(one.off > BAR for one in some)
+        late = sum(one.off > MAX_OFF_TIME_MS for one in some)
         bad += late
-        print(f"{kind:<14} {spread([one.off for one in some])}   (bar: {BAR:g} ms)")
+        times = spread([one.off for one in some])
+        print(f"{kind:<14} {times}   (requirement: {MAX_OFF_TIME_MS:g} ms)")
         heard = sum("STOP was pressed" in one.words for one in some)
         print(
-            f"{'':<14} {len(some) - late} of {len(some)} in time, moving at the click "
-            f"{sum(one.moving for one in some)}, {heard} ended by STOP"
+            f"{'':<14} {len(some) - late} of {len(some)} in time, "
+            f"{sum(one.moving for one in some)} in motion at the click, {heard} ended by STOP"
         )
     return bad
 

@@ -1,4 +1,4 @@
-"""Ten planted faults: do the tests catch each of them?
+"""Mutation test: ten planted faults that the tests must detect.
 
     python benchmarks/planted_faults.py             the test files named for each fault
     python benchmarks/planted_faults.py --quick     the same without slow tests, as in `make test`

@@ -1,14 +1,14 @@
-"""Closed loops to compare a rebuilt servo with: what it saw at every tick, and what it decided.
+"""Recording of closed loops for regression tests: observations and decisions of each tick.
 
     python benchmarks/record_loops.py       writes tests/data/loops, in 6 minutes
 
-Loops 900 to 999, of rendered pictures, so that they hold sizes of markers; the estimators take
-turns; 0 to 3 faults by chance: those in tests/data were drawn from the kinds of before
-`old_names.py`. `decisions.py` compares. Whoever changes a decision on purpose records them again,
-in the commit that says why.
+The loops 900 to 999 use rendered images, so that they contain sizes of markers. The estimators take
+turns, and 0 to 3 random faults occur; those in tests/data are of the kinds before `old_names.py`.
+`decisions.py` compares. A commit that changes decisions on purpose records the loops again and
+states the reason.
 
-What the servo is told of joints and markers is rounded to 2^-20 rad, 2^-14 mm and 2^-10 px before
-it sees them: whole steps, whose differences take few bytes (packed_table.py).
+Joints and markers are rounded to 2^-20 rad, 2^-14 mm and 2^-10 px before the servo receives them,
+so that their differences take few bytes (packed_table.py).
 """
 
 import sys
@@ -32,13 +32,13 @@ ROOT = Path(__file__).parents[1]
 FOLDER = ROOT / "tests/data/loops"
 SEEDS = range(900, 1000)
 DURATION = 8.0
-"""s of a loop."""
+"""Duration (s) of a loop."""
 PATIENCE = 2
-"""How often the simulated person resumes or teaches again."""
+"""Number of times that the simulated operator resumes or teaches again."""
 
 
 class RoundedPlant(rs.Plant):
-    """A plant that tells joints and markers in steps."""
+    """Plant that rounds joints and markers."""
 
     def read(self) -> rs.Observation:
         seen = super().read()
@@ -52,12 +52,12 @@ class RoundedPlant(rs.Plant):
 
 
 def stepped(values: Floats, steps: float | tuple[float, ...]) -> Floats:
-    """The nearest whole steps."""
+    """Round values to the nearest step; `steps` is the number of steps per unit."""
     return np.round(values * np.asarray(steps)) / np.asarray(steps) + 0.0  # no negative zero
 
 
 def chosen_in(seed: int) -> Table:
-    """What the servo of a loop is made of. Every second `affine` one acts on sizes too."""
+    """Return estimator and features of a loop; every second `affine` loop uses sizes too."""
     round_, number = divmod(seed, len(ESTIMATORS))
     name = list(ESTIMATORS)[number]
     sized = name == rs.AffineEstimator.name and round_ % 2 == 0
@@ -65,14 +65,14 @@ def chosen_in(seed: int) -> Table:
 
 
 def disturbances_of(seed: int) -> list[Disturbance]:
-    """What goes wrong: 0 to 3 faults."""
+    """Return 0 to 3 random faults."""
     random = np.random.default_rng([seed, 5])
     drawn = sample_disturbances(random, DURATION, pictures=True)
     return drawn if random.random() < 0.75 else []
 
 
 def record(seed: int) -> int:
-    """Run a loop and keep it; how many bytes that takes."""
+    """Run a loop and write it; return the size of the file in bytes."""
     rig = rs.sim.Rig(seed, disturbances=disturbances_of(seed))
     chosen = chosen_in(seed)
     servo = servo_of(chosen)

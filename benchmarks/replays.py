@@ -1,12 +1,11 @@
-"""A hundred recorded runs of different seeds and faults, each computed again from its record: is
-every bit the same?
+"""Bit-exact replay of a hundred recorded runs with random faults.
 
     python benchmarks/replays.py [COUNT]
 
-Every run draws its scene, mechanism, tool and estimator, a second stage, an operator who pauses and
-resumes, and faults that stand before the servo: markers lost, swapped or jumped, frames that stop
-or are dropped, late ticks, a silent arm, joints that are not finite, a drive that goes off, a
-record that fails.
+Each run has a random scene, mechanism, tool and estimator, two stages, an operator who pauses and
+resumes, and faults in the observations: markers lost, swapped or displaced, frames missing or
+dropped, late ticks, a silent arm, joints that are not finite, a drive that switches off, a
+recording that fails.
 """
 
 import sys
@@ -33,7 +32,7 @@ FRAME = ("frame", "exposure", "arrival", "q_exposure", "points")
 
 
 class Disturbed(rs.Plant):
-    """A plant whose observations something stands before."""
+    """Plant that modifies its observations."""
 
     change: Change = staticmethod(lambda seen: seen)
 
@@ -42,7 +41,7 @@ class Disturbed(rs.Plant):
 
 
 def faults(random: np.random.Generator, clock: Clock, names: tuple[str, ...] = MILD) -> Change:
-    """Bursts of faults with quiet between them."""
+    """Return a change of observations: bursts of faults separated by pauses."""
     name, held, until, lost = "", None, 0, [0]
 
     def change(seen: rs.Observation) -> rs.Observation:
@@ -84,9 +83,7 @@ def faults(random: np.random.Generator, clock: Clock, names: tuple[str, ...] = M
 
 
 def operator(tick: rs.Tick) -> rs.Request:
-    """A person who asks for a pause after a second, resumes whatever pauses and clears whatever is
-    a fault.
-    """
+    """Operator who requests a pause after 1 s, resumes after pauses and clears faults."""
     if tick.state.phase is rs.Phase.PAUSED and not tick.state.command.rates.any():
         return rs.Request.RESUME
     if tick.state.phase is rs.Phase.FAULT:
@@ -95,7 +92,7 @@ def operator(tick: rs.Tick) -> rs.Request:
 
 
 def recorded(folder: Path, seed: int, duration: float, names: tuple[str, ...] = MILD) -> Path:
-    """The record of two stages of a run in which everything is drawn from the seed."""
+    """Record a random run of two stages; return the path of the record."""
     random = np.random.default_rng(seed)
     mechanism = [rs.SphericalRcm(), rs.PitchYawRcm()][random.integers(2)]
     tool = [rs.RigidTool(spacing=30.0), rs.ScaledTool(scale=1.3)][random.integers(2)]
@@ -137,8 +134,8 @@ def main() -> None:
                 other.append(again)
                 print(f"seed {seed}: {again.sentence}")
     seen = ", ".join(f"{cause} {runs}" for cause, runs in causes.most_common())
-    print(f"{count} records, {ticks} ticks: {count - len(other)} came out the same, bit for bit")
-    print(f"{seconds / ticks * 1e6:.0f} us a tick; runs in which a cause was seen: {seen}")
+    print(f"{count} records, {ticks} ticks: {count - len(other)} are equal, bit for bit")
+    print(f"{seconds / ticks * 1e6:.0f} us per tick; number of runs by cause: {seen}")
     sys.exit(bool(other))
 
 

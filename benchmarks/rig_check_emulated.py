@@ -1,6 +1,7 @@
-"""A rig file that is wrong, and the emulated controller with its camera, over TCP in wall time.
+"""Emulated controller and camera, over TCP in wall time, with one error in the rig file.
 
-The person beside it sees what the encoders tell to a host of their own, whatever the file says.
+The simulated operator observes the true motion: a second connection reads the encoders without the
+rig file.
 """
 
 import threading
@@ -11,7 +12,7 @@ from functools import partial
 
 import numpy as np
 from emulated_lab import COUNTS, EmulatedLab, Host
-from rig_check_lab import Mistake, Onlooker
+from rig_check_lab import Mistake, SimulatedOperator
 
 from rcmservo.bringup.axis_wiring import Robot
 from rcmservo.bringup.check import CheckReport, check, warm_up
@@ -29,25 +30,25 @@ from rcmservo.loop.run_result import CameraAccount
 from rcmservo.sim.rig import Rig
 from rcmservo.tracking import ColourMarkers
 
-LOOK = 0.01
-"""s between two looks at the encoders."""
+POLL_PERIOD_S = 0.01
+"""Time (s) between two readings of the encoders."""
 
 
 class Mirror:
-    """A camera whose picture is mirrored."""
+    """Camera whose image is mirrored."""
 
     def __init__(self, camera: LabCamera) -> None:
         self._camera = camera
-        self._seen: Frame | None = None
-        self._given: Frame | None = None
+        self._newest: Frame | None = None
+        self._delivered: Frame | None = None
 
     def latest(self) -> Frame | None:
         frame = self._camera.latest()
-        if frame is not self._seen and frame is not None:
+        if frame is not self._newest and frame is not None:
             assert frame.image is not None
-            self._seen = frame
-            self._given = replace(frame, image=np.ascontiguousarray(frame.image[:, ::-1]))
-        return self._given
+            self._newest = frame
+            self._delivered = replace(frame, image=np.ascontiguousarray(frame.image[:, ::-1]))
+        return self._delivered
 
     def counts(self) -> CameraAccount:
         return self._camera.counts()
@@ -56,21 +57,21 @@ class Mirror:
         self._camera.close()
 
 
-class Watched:
-    """The tool as somebody beside it sees it, who looks all the time."""
+class ObservedTool:
+    """True motion of the tool, polled from the encoders in a thread."""
 
     def __init__(self, rig: Rig) -> None:
-        self.rig, self.past = rig, list[Floats]()
-        self.farthest = 0.0
-        """mm that marker 2 went at most."""
+        self.rig, self.history = rig, list[Floats]()
+        self.max_travel = 0.0
+        """Largest travel (mm) of marker 2."""
         self.q_true = rig.scene.start
         self._over = threading.Event()
 
     @contextmanager
-    def looking(self, port: int) -> Generator[None]:
-        """Look meanwhile, from the tool's start on."""
+    def polling(self, port: int) -> Generator[None]:
+        """Poll the encoders in the context, with the tool at its start at first."""
         with closing(Host(port)) as host:
-            thread = threading.Thread(target=self._look, args=(host,))
+            thread = threading.Thread(target=self._poll, args=(host,))
             thread.start()
             try:
                 yield
@@ -78,28 +79,28 @@ class Watched:
                 self._over.set()
                 thread.join()
 
-    def _look(self, host: Host) -> None:
+    def _poll(self, host: Host) -> None:
         start, zero = self.rig.scene.start, host.places()
         home = self.rig.body.points(start)[1]
-        while not self._over.wait(LOOK):
+        while not self._over.wait(POLL_PERIOD_S):
             self.q_true = q = start + (host.places() - zero) / COUNTS
-            self.past.append(q)
-            gone = float(np.linalg.norm(self.rig.body.points(q)[1] - home))
-            self.farthest = max(self.farthest, gone)
+            self.history.append(q)
+            travel = float(np.linalg.norm(self.rig.body.points(q)[1] - home))
+            self.max_travel = max(self.max_travel, travel)
 
 
-class WrongEmulatedLab:
-    """All of it: the mistake stands in the rig file, or before the camera."""
+class FaultyEmulatedLab:
+    """Emulated laboratory with a mistake in its rig file or its camera."""
 
     def __init__(self, mistake: Mistake, seed: int, camera: str) -> None:
         self._mistake, self._seed, self._camera = mistake, seed, camera
         self.rig = Rig(seed, pictures=False)
-        self.arm = Watched(self.rig)
-        self.person = Onlooker(self.arm, self.rig.settings.tool.spacing)
+        self.arm = ObservedTool(self.rig)
+        self.operator = SimulatedOperator(self.arm, self.rig.settings.tool.spacing)
 
     def check(self) -> CheckReport:
-        """Check it once."""
-        wrong = self._mistake
+        """Run the check once."""
+        mistake = self._mistake
         with ExitStack() as stack:
             emulated = stack.enter_context(EmulatedLab(self._seed, self._camera))
             lab = self._file(emulated.lab())
@@ -108,28 +109,29 @@ class WrongEmulatedLab:
             clock, arm = WallClock(), open_arm(lab)
             stack.callback(arm.close)
             arm.define(emulated.start)
-            eye = open_camera(lab)
-            eye = Mirror(eye) if wrong.mirrored else eye
-            stack.callback(eye.close)
-            seen = stack.enter_context(TrackingThread(eye, ColourMarkers(lab.markers), clock))
-            seen.wait_for(frames=2, patience=PATIENCE)
-            silence, told = lab.thresholds.silence, partial(trouble, eye)
-            mover = Mover(arm, seen, seen, clock, robot, lab.gate, silence, told)
-            stack.enter_context(self.arm.looking(emulated.port))
+            camera = open_camera(lab)
+            camera = Mirror(camera) if mistake.mirrored else camera
+            stack.callback(camera.close)
+            tracking = TrackingThread(camera, ColourMarkers(lab.markers), clock)
+            tracker = stack.enter_context(tracking)
+            tracker.wait_for(frames=2, patience=PATIENCE)
+            silence, fault = lab.thresholds.silence, partial(trouble, camera)
+            mover = Mover(arm, tracker, tracker, clock, robot, lab.gate, silence, fault)
+            stack.enter_context(self.arm.polling(emulated.port))
             latency = float(lab.devices["camera"]["latency"])
             with realtime():
-                return check(mover, self.person, robot, lab.thresholds, latency)
+                return check(mover, self.operator, robot, lab.thresholds, latency)
 
     def _file(self, lab: Lab) -> Lab:
-        """The rig file with the mistake in it."""
-        wrong, tool, mechanism = self._mistake, lab.tool, lab.mechanism
+        """Return the rig file with the mistake in it."""
+        mistake, tool, mechanism = self._mistake, lab.tool, lab.mechanism
         assert isinstance(tool, RigidTool)
-        counts = (COUNTS * wrong.factors).tolist()
-        arm = {**lab.devices["arm"], "counts": counts, "axes": wrong.axes}
-        zero = mechanism.insertion_zero + wrong.zero
+        counts = (COUNTS * mistake.factors).tolist()
+        arm = {**lab.devices["arm"], "counts": counts, "axes": mistake.axes}
+        zero = mechanism.insertion_zero + mistake.zero
         return replace(
             lab,
             mechanism=replace(mechanism, insertion_zero=zero),
-            tool=replace(tool, spacing=tool.spacing * wrong.spacing),
+            tool=replace(tool, spacing=tool.spacing * mistake.spacing),
             devices={**lab.devices, "arm": arm},
         )

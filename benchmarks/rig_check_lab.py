@@ -1,6 +1,6 @@
-"""A simulated laboratory whose rig file is wrong, and a person beside it who sees what is true.
+"""Simulated laboratory with one error in its rig file, and an operator who observes the motion.
 
-benchmarks/rig_check.py checks many; tests ask a part.
+benchmarks/rig_check.py checks all of `MISTAKES`, tests/bringup some of them.
 """
 
 from collections.abc import Callable
@@ -22,40 +22,52 @@ from rcmservo.sim import Rig, RigSettings
 from rcmservo.tracking import PointMarkers
 
 COUNTS = 50000.0, 50000.0, 500.0
-"""True ones, of a rad, rad and mm."""
+"""True encoder counts per rad, rad and mm."""
 AXES = "ABC"
-"""The letters of the true joints' motors."""
+"""Letters of the axes that drive joints 1 to 3."""
 
 
 @dataclass(frozen=True)
 class Mistake:
-    """What is wrong, in the rig file or before the camera."""
+    """An error of the rig file or the camera, or none.
+
+    Parameters
+    ----------
+    where : str
+        Setting that the check must find; empty if nothing is wrong.
+    factors : tuple[float, float, float]
+        Factors on the counts in the file.
+    axes : str
+        Letters of the axes in the file.
+    mirrored : bool
+        True if the image is mirrored.
+    zero : float
+        Error (mm) of the zero of the insertion in the file, positive if too large.
+    spacing : float
+        Factor on the distance between the markers in the file.
+    counts : tuple[float, float, float]
+        True counts per rad, rad and mm.
+    also : str
+        Second setting that the check must find; empty if there is none.
+    """
 
     where: str = ""
-    """The setting that is to be named; empty where nothing is wrong."""
     factors: tuple[float, float, float] = (1.0, 1.0, 1.0)
-    """Of the counts."""
     axes: str = AXES
-    """The letters in the file."""
     mirrored: bool = False
-    """Whether the picture is mirrored."""
     zero: float = 0.0
-    """mm by which the file's insertion zero is too large."""
     spacing: float = 1.0
-    """Factor of the markers' distance in the file."""
     counts: tuple[float, float, float] = COUNTS
-    """True ones."""
     also: str = ""
-    """Another setting that is to be named."""
 
-    def named(self, report: CheckReport) -> bool:
-        """Whether a check that came to its end names this, and nothing else."""
-        wrong = {self.where, self.also} - {""}
-        return report.done and {one.where for one in report.findings} == wrong
+    def is_found(self, report: CheckReport) -> bool:
+        """Return whether a complete check found exactly this mistake."""
+        expected = {self.where, self.also} - {""}
+        return report.done and {one.where for one in report.findings} == expected
 
 
 class MiswiredArm:
-    """A simulated arm on encoders and motors that a rig file describes."""
+    """Simulated arm behind encoders and motors that a rig file describes, perhaps wrongly."""
 
     def __init__(self, rig: Rig, mistake: Mistake) -> None:
         self.rig, self.why_off = rig, ""
@@ -64,7 +76,7 @@ class MiswiredArm:
         self.axes = [AXES.index(letter) for letter in mistake.axes]
         self.mark = rig.truth.arm.q_true.copy()
         self.start = self._second()
-        self.farthest, self.past, self.known = 0.0, [], True
+        self.max_travel, self.history, self.known = 0.0, [], True
         self.commands: list[Command] = []
         self.enabled = 0
         self.closed = False
@@ -90,37 +102,37 @@ class MiswiredArm:
         self.rig.arm.enable()
 
     def measure(self) -> Measured:
-        told = self.rig.arm.measure()
+        now = self.rig.arm.measure()
         moved = np.round((self.q_true - self.mark) * self.true)
-        return Measured(told.time, self.mark + moved[self.axes] / self.counts, told.enabled)
+        return Measured(now.time, self.mark + moved[self.axes] / self.counts, now.enabled)
 
     def apply(self, command: Command) -> Floats:
         self.commands.append(command)
-        self.past.append(self.q_true.copy())
-        self.farthest = max(self.farthest, float(np.linalg.norm(self._second() - self.start)))
+        self.history.append(self.q_true.copy())
+        self.max_travel = max(self.max_travel, float(np.linalg.norm(self._second() - self.start)))
         rates = np.zeros(3)
         rates[self.axes] = command.rates * self.counts / self.true[self.axes]
         taken = self.rig.arm.apply(replace(command, rates=rates))
         return taken[self.axes] * self.true[self.axes] / self.counts
 
 
-class LabEye:
-    """A simulated camera as a laboratory has it."""
+class SimulatedLabCamera:
+    """Simulated camera with the interface of a laboratory's camera, mirrored on request."""
 
     def __init__(self, rig: Rig, mirrored: bool, change: Callable[[Frame], Frame | None]) -> None:
         self.rig, self.mirrored, self.change = rig, mirrored, change
-        self._seen: Frame | None = None
-        self._given: Frame | None = None
+        self._newest: Frame | None = None
+        self._delivered: Frame | None = None
 
     def latest(self) -> Frame | None:
         frame = self.rig.camera.latest()
-        if frame is not self._seen and frame is not None:
-            self._seen = frame
+        if frame is not self._newest and frame is not None:
+            self._newest = frame
             if self.mirrored:
                 assert frame.points is not None
                 frame = replace(frame, points=frame.points * [-1.0, 1.0] + [639.0, 0.0])
-            self._given = self.change(frame) or self._given
-        return self._given
+            self._delivered = self.change(frame) or self._delivered
+        return self._delivered
 
     def counts(self) -> CameraAccount:
         return CameraAccount()
@@ -130,61 +142,70 @@ class LabEye:
 
 
 @dataclass
-class Onlooker:
-    """A person who says yes, and tells what the tool did truly."""
+class SimulatedOperator:
+    """Operator who agrees to each motion and reports the true motion of the tool.
+
+    Parameters
+    ----------
+    arm : MiswiredArm
+        Arm that the operator watches.
+    spacing : float
+        Distance (mm) between the markers, by the ruler.
+    instead : Callable[[str], str | None]
+        Function that returns a different answer to a question, or None for the true one.
+    asked : list[str]
+        All questions.
+    told : list[str]
+        All messages.
+    """
 
     arm: MiswiredArm
-    """Which the person watches."""
     spacing: float
-    """mm between the markers, by the ruler."""
-    instead: Callable[[str], str | None] = lambda question: None
-    """What is answered to a question otherwise, if anything."""
-    asked: list[str] = field(default_factory=list)
-    """All questions."""
-    told: list[str] = field(default_factory=list)
-    """All that was said."""
+    override: Callable[[str], str | None] = lambda question: None
+    questions: list[str] = field(default_factory=list)
+    messages: list[str] = field(default_factory=list)
 
     def tell(self, words: str) -> None:
-        self.told.append(words)
+        self.messages.append(words)
         if words.startswith("Watch"):
-            self.arm.past.clear()
+            self.arm.history.clear()
 
     def ask(self, question: str) -> str:
-        self.asked.append(question)
-        other = self.instead(question)
+        self.questions.append(question)
+        other = self.override(question)
         if other is not None:
             if other == "stop":
-                raise Stopped("ended by the person")
+                raise Stopped("ended by the operator")
             return other
-        looks = {
-            "which way": self._seen,
-            "how many mm": lambda: f"{self._went():.1f}",
+        answers = {
+            "in which direction": self._direction,
+            "how many mm": lambda: f"{self._travel():.1f}",
             "how far apart": lambda: f"{self.spacing:.1f}",
-            "how far is the middle": lambda: f"{self._deep():.0f}",
+            "how far is the middle": lambda: f"{self._depth():.0f}",
             "May the drive": lambda: "enable",
             "Move joint": lambda: "yes",
         }
-        return next(look for words, look in looks.items() if words in question)()
+        return next(answer for words, answer in answers.items() if words in question)()
 
     def _robot(self) -> Robot:
         settings = self.arm.rig.settings
         return Robot(settings.mechanism, settings.tool, Wiring(COUNTS))
 
-    def _deep(self) -> float:
-        """Mm from the RCM to marker 1."""
+    def _depth(self) -> float:
+        """Return the distance (mm) from the RCM to marker 1."""
         return float(np.linalg.norm(self._robot().first_marker(self.arm.q_true)))
 
-    def _went(self) -> float:
-        """Mm that marker 2 went away from where it was, by a ruler of half millimetres."""
-        second = np.array([self.arm.rig.body.points(q)[1] for q in self.arm.past])
+    def _travel(self) -> float:
+        """Return the travel (mm) of marker 2, by a ruler with half millimetres."""
+        second = np.array([self.arm.rig.body.points(q)[1] for q in self.arm.history])
         return round(2.0 * np.linalg.norm(second - second[0], axis=1).max()) / 2.0
 
-    def _seen(self) -> str:
-        """What the tool did when it went away from where it was."""
+    def _direction(self) -> str:
+        """Return the word for the direction in which the tool moved."""
         robot = self._robot()
         mechanism = robot.mechanism
-        moved = np.array(self.arm.past) - self.arm.past[0]
-        mm = moved / robot.joint_per_mm(self.arm.past[0])
+        moved = np.array(self.arm.history) - self.arm.history[0]
+        mm = moved / robot.joint_per_mm(self.arm.history[0])
         row, joint = np.unravel_index(np.argmax(np.abs(mm)), mm.shape)
         spherical = mechanism.name == "spherical"
         up = ("away", "clockwise", "in") if spherical else ("right", "down", "in")
@@ -192,8 +213,8 @@ class Onlooker:
         return (up if mm[row, joint] > 0.0 else down)[joint]
 
 
-class WrongLab:
-    """All of it."""
+class FaultyLab:
+    """Simulated laboratory with a mistake: arm, camera, operator and `rig check`."""
 
     def __init__(
         self,
@@ -212,17 +233,17 @@ class WrongLab:
         if signs_only:
             wiring = Wiring(mistake.factors, "signs")
         self.robot = Robot(file, RigidTool(spacing=30.0 * mistake.spacing), wiring)
-        self.person = Onlooker(self.arm, 30.0)
+        self.operator = SimulatedOperator(self.arm, 30.0)
         self.gate = Gate()
-        eye = LabEye(self.rig, mistake.mirrored, change)
+        camera = SimulatedLabCamera(self.rig, mistake.mirrored, change)
         clock, tracker = self.rig.clock, PointMarkers()
-        gate, told = self.gate, lambda: eye.counts().trouble
-        self.mover = Mover(self.arm, eye, tracker, clock, self.robot, gate, 0.05, told)
+        gate, trouble = self.gate, lambda: camera.counts().trouble
+        self.mover = Mover(self.arm, camera, tracker, clock, self.robot, gate, 0.05, trouble)
         self.latency: float | None = 0.022
         self.thresholds = Thresholds()
 
     def check(self) -> CheckReport:
-        return check(self.mover, self.person, self.robot, self.thresholds, self.latency)
+        return check(self.mover, self.operator, self.robot, self.thresholds, self.latency)
 
 
 MISTAKES = {

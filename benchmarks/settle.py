@@ -1,10 +1,9 @@
-"""`rcmservo run --seed N` for N = 0..19: does it settle, how soon, how near, and what did
-exploration cost?
+"""Settling time, pose error and exploration of `rcmservo run --seed N` for N = 0..19.
 
     python benchmarks/settle.py [SEEDS [ESTIMATOR]]
 
-Every row is the JSON object that the command prints: rendered frames with noise, 20 ms delay, 30 s,
-video off. One process on one core, so that the real-time factor is one core's.
+Each row is the JSON output of the command: rendered frames with noise, 20 ms delay, 30 s, no video.
+One process runs on one core, so that the real-time factor is that of one core.
 """
 
 import contextlib
@@ -59,8 +58,8 @@ def main() -> None:
     print(
         f"settled {len(settled)} of {count}; settle time median {np.median(times):.2f} s, worst "
         f"{max(times):.2f} s; "
-        f"pose error median {np.median(poses):.3f} mm, worst {max(poses):.3f} mm; exploration at "
-        f"most "
+        f"pose error median {np.median(poses):.3f} mm, worst {max(poses):.3f} mm; longest "
+        f"exploration "
         f"{max(r['explore']['time_s'] or np.nan for r in rows):.2f} s and "
         f"{max(r['explore']['max_excursion_mm'] for r in rows):.2f} mm; "
         f"{np.median([r['real_time_factor'] for r in rows]):.1f} x real time (median)"

@@ -1,13 +1,11 @@
-"""A live run, long: does the loop keep its time with rendering and detection at 60 frames a second
-beside it?
+"""Timing of a long live run, with rendering and detection at 60 frames/s in parallel.
 
     python benchmarks/soak.py [--seconds N]
 
-Prints the loop's mean rate, how late its ticks began, how many were missed, the latency from
-exposure to command and the garbage collections, beside the bars that a quiet machine should meet;
-and the time of the two functions that stand between every decision and the arm. A run that ends
-early is followed by another. Where the arm's own process was held up as long as the loop, the whole
-computer stood still.
+Prints the mean rate of the loop, the lateness of its ticks, missed ticks, the latency from exposure
+to command, and garbage collections, each with the requirement for an idle machine; also the time
+of the two functions between each decision and the arm. If a run ends early, another one follows.
+If the process of the arm was blocked as long as the loop, the whole computer was.
 """
 
 import argparse
@@ -36,7 +34,7 @@ CALLS = 20_000
 
 
 def each(call: Callable[[], object]) -> tuple[float, float]:
-    """Median and 99 % of the time of one call, us."""
+    """Return median and 99th percentile (us) of the time of one call."""
     took = []
     for _ in range(CALLS):
         start = time.perf_counter_ns()
@@ -47,7 +45,7 @@ def each(call: Callable[[], object]) -> tuple[float, float]:
 
 
 def functions(servo: rs.Servo) -> None:
-    """The transition with two causes present, and the gate."""
+    """Print the times of the transition with two causes, and of the gate."""
     causes, signs = Cause.AGEING.bit | Cause.LATE_TICK.bit, Signs(True, True, True, True)
     gate, rcm, t = servo.gate, servo.rcm, as_row(servo.thresholds)[0]
     mode: Any = ModeStruct.from_source(Mode(Phase.SERVO)).rows[0]
@@ -59,11 +57,11 @@ def functions(servo: rs.Servo) -> None:
         ("gate", lambda: gate.admit(rates, last, q, rcm, 0)),
     ):
         median, most = each(call)
-        print(f"{name:<22} median {median:6.2f} us, 99 % {most:6.2f} us   (bar: 10 us)")
+        print(f"{name:<22} median {median:6.2f} us, 99 % {most:6.2f} us   (requirement: 10 us)")
 
 
 def show(report: Report) -> None:
-    """One line every ten seconds."""
+    """Print a line every ten seconds."""
     if report.time % 10_000_000_000 == 0:
         print(f"  {report.time * 1e-9:5.0f} s  {report.words}", flush=True)
 
@@ -99,7 +97,7 @@ def main() -> None:
 
 
 def judge(result: RunResult, bench: SimulatedLab) -> None:
-    """How one run went."""
+    """Print the results of one run."""
     print(result)
     if result.loop is None:
         return
@@ -107,16 +105,16 @@ def judge(result: RunResult, bench: SimulatedLab) -> None:
     for sentence in loop.refused:
         print(sentence)
     print(f"{'ticks':<22} {loop.ticks}, missed {loop.missed}")
-    print(f"{'mean rate':<22} {loop.rate_hz:.4f} Hz   (bar: 100.00 Hz +- 0.01 %)")
+    print(f"{'mean rate':<22} {loop.rate_hz:.4f} Hz   (requirement: 100.00 Hz +- 0.01 %)")
     print(
         f"{'lateness':<22} median {late.median:.3f}, 99 % {late.p99:.3f}, max "
-        f"{late.max:.3f} ms   (bar: 3 ms)"
+        f"{late.max:.3f} ms   (requirement: 3 ms)"
     )
     print(f"{'exposure to command':<22} median {latency.median:.1f}, 99 % {latency.p99:.1f} ms")
-    print(f"{'garbage collections':<22} {loop.collections}   (bar: 0)")
+    print(f"{'garbage collections':<22} {loop.collections}   (requirement: 0)")
     print(f"{'pose error':<22} {bench.true_error():.2f} mm")
     gap = np.diff(bench.log.since(0)["wall"]).max() * 1e-6
-    print(f"{'arm, last half minute':<22} its own process was held up for {gap:.1f} ms at most")
+    print(f"{'arm, last half minute':<22} longest gap in its process {gap:.1f} ms")
 
 
 if __name__ == "__main__":

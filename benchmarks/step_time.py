@@ -1,11 +1,11 @@
-"""Time of one servo step (features, imaged RCM, estimate, law, gate) on ticks with a new frame, per
-estimator, beside a plain NumPy 3x3 solve-and-clip.
+"""Time of one servo step with a new frame per estimator, relative to a NumPy 3x3 solve-and-clip.
 
     python benchmarks/step_time.py
 
-Absolute times depend on the machine; the ratio to the yardstick does not so much. Each pair is
-timed in turn, so that both find the processor in the same state: hot, one call after the other;
-right after the simulation has moved the arm; and after 3 ms of sleep, as in a live loop.
+A step computes features, imaged RCM, estimate, law and gate. Absolute times depend on the machine,
+the ratio to the reference less so. Step and reference are timed in turn, with the processor in the
+same state: hot, one call after the other; right after the simulation of the arm; and after 3 ms of
+sleep, as in a live loop.
 """
 
 import platform
@@ -23,23 +23,23 @@ from rcmservo.tracking import PointMarkers
 
 SEEDS = range(3)
 LAST = 200
-"""Frames of each run that steps are timed on again."""
+"""Number of steps of each run that are timed again."""
 
 Pairs = list[tuple[float, float]]
-"""Microseconds of a step and of the yardstick."""
+"""Times (us) of steps and of the reference."""
 
 
 class Run(NamedTuple):
-    """A run of 10 s, and what its last steps with a new frame were asked."""
+    """Timing of a run of 10 s, and its last steps with a new frame."""
 
     pairs: Pairs
-    """Every step with a new frame, right after the arm's simulation."""
+    """Times of the steps with a new frame, right after the simulation of the arm."""
     steps: list[Callable[[], object]]
-    """The last of them, to be made again."""
+    """Last steps, to be repeated."""
 
 
 def solve_and_clip() -> None:
-    """The plainest law, by NumPy: the yardstick."""
+    """Reference: the simplest law, with NumPy."""
     np.clip(-np.linalg.solve(J, ERROR), -1.0, 1.0)
 
 
@@ -47,14 +47,14 @@ J, ERROR = np.diag([1.0, 2.0, 3.0]) + 0.1, np.array([1.0, 2.0, 3.0])
 
 
 def timed(call: Callable[[], object]) -> float:
-    """Microseconds that a call takes."""
+    """Return the time (us) of a call."""
     start = time.perf_counter()
     call()
     return (time.perf_counter() - start) * 1e6
 
 
 def run(estimator: Estimator, seed: int) -> Run:
-    """A run after warm-up; the yardstick is timed at the ticks without a new frame."""
+    """Run after a warm-up; time the reference at ticks without a new frame."""
     rig = rs.sim.Rig(seed, pictures=False)
     plant = rs.Plant(rig.arm, rig.camera, PointMarkers(), rig.clock)
     servo = rs.Servo(
@@ -79,8 +79,8 @@ def run(estimator: Estimator, seed: int) -> Run:
     return Run(list(zip(took, yardstick, strict=False)), steps[-LAST:])
 
 
-def again(steps: list[Callable[[], object]], pause: float) -> Pairs:
-    """The steps once more, each, and the yardstick, after so many s of sleep."""
+def repeated(steps: list[Callable[[], object]], pause: float) -> Pairs:
+    """Time the steps and the reference in turn, each after `pause` s of sleep or a hot call."""
     pairs = []
     for step in steps:
         both = []
@@ -94,8 +94,8 @@ def again(steps: list[Callable[[], object]], pause: float) -> Pairs:
     return pairs
 
 
-def told(name: str, pairs: Pairs) -> str:
-    """Medians of both, the slowest hundredth of the steps, and the ratio."""
+def summary(name: str, pairs: Pairs) -> str:
+    """Return median and 99th percentile of the steps, median of the reference, and the ratio."""
     took, yardstick = np.transpose(pairs)
     p50, p99 = np.percentile(took, [50, 99])
     plain = float(np.median(yardstick))
@@ -109,9 +109,9 @@ def main() -> None:
         runs = [run(estimator, seed) for seed in SEEDS]
         steps = [step for one in runs for step in one.steps]
         print(name)
-        print(told("hot", again(steps, 0.0)))
-        print(told("after the simulation", [pair for one in runs for pair in one.pairs]))
-        print(told("after 3 ms of sleep", again(steps, 3e-3)))
+        print(summary("hot", repeated(steps, 0.0)))
+        print(summary("after the simulation", [pair for one in runs for pair in one.pairs]))
+        print(summary("after 3 ms of sleep", repeated(steps, 3e-3)))
 
 
 if __name__ == "__main__":

@@ -1,11 +1,10 @@
-"""How quick studies are: steps a second of a core, 10,000 scenes from the command line with and
-without the report, and two workers beside two processes of the same work that know nothing of each
-other.
+"""Speed of studies: steps per second, a command with 10,000 scenes, and scaling to two workers.
 
     python benchmarks/study.py [--scenes 10000] [--rounds 5]
 
-A step is one tick of the servo and ten of the arm. Its speed is told in CPU time, the drawing of
-scenes left out. The others are wall time, and want the machine to themselves.
+A step is one tick of the servo and ten of the arm; its speed is in CPU time per core, without the
+generation of scenes. The command runs with and without the report. Two workers are compared with
+two independent processes on the same work. These are wall times and need an idle machine.
 """
 
 import json
@@ -35,41 +34,41 @@ LOOPS = 200
 
 @dataclass(frozen=True)
 class Options:
-    """What is measured."""
+    """Options of the benchmark."""
 
     scenes: int = 10_000
-    """Of the command's study."""
+    """Number of scenes of the command's study."""
     rounds: int = 5
-    """Of two workers beside two processes, in turns."""
+    """Number of comparisons of two workers with two processes."""
 
 
-def steps_a_second() -> float:
-    """Of a core, in CPU time, over as many loops in ten scenes."""
+def steps_per_second() -> float:
+    """Return the steps per second of CPU time on one core, over LOOPS loops in ten scenes."""
     study = rs.study.Study(rs.Servo(rs.SphericalRcm(), rs.RigidTool(spacing=30.0)), shown=SHOWN)
     given = [trial(seed, 0, study.settings, study.duration, SHOWN) for seed in range(10)]
     first = [study.of(seed, *one) for seed, one in enumerate(given)]
-    assert max(run.error[-1] for run in first) < 1.0, "steps that do not servo are quicker"
+    assert max(run.error[-1] for run in first) < 1.0, "a run failed, and its steps are faster"
     began = time.process_time()
     ticks = sum(len(study.of(k, *given[k % 10]).error) for k in range(LOOPS))
     return ticks / (time.process_time() - began)
 
 
 def command(scenes: int, *words: str) -> float:
-    """S of wall time of a study from the command line."""
+    """Run a study from the command line; return its wall time (s)."""
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / "study"
         line = [RCMSERVO, "study", "--count", str(scenes), "--out", str(out), *words]
         began = time.monotonic()
         subprocess.run(line, check=True, stdout=subprocess.DEVNULL)
         took = time.monotonic() - began
-        told = json.loads((out / "summary.json").read_text())
-        success = told["methods"][0]["success"]
-        print(f"  success {100 * success['value']:.2f} %, {told['pace']}")
+        summary = json.loads((out / "summary.json").read_text())
+        success = summary["methods"][0]["success"]
+        print(f"  success {100 * success['value']:.2f} %, {summary['pace']}")
         return took
 
 
 def orders(scenes: int) -> list[ChunkOrder]:
-    """The work of a study, in chunks."""
+    """Return the chunks of a study."""
     chunks = plan_of(StudyFile(count=scenes), {}).chunks()
     ends = ((chunk, chunk.seeds.start, chunk.seeds.stop) for chunk in chunks)
     empty = plan_of(StudyFile(), {}).methods[0].parcel
@@ -77,7 +76,7 @@ def orders(scenes: int) -> list[ChunkOrder]:
 
 
 def alone(work: list[ChunkOrder], ready: object, go: object) -> None:
-    """One process by itself."""
+    """Process chunks in an independent process."""
     done(work[0])
     ready.release()  # pyright: ignore
     go.wait()  # pyright: ignore
@@ -86,7 +85,7 @@ def alone(work: list[ChunkOrder], ready: object, go: object) -> None:
 
 
 def two_alone(work: list[ChunkOrder]) -> float:
-    """Chunks a second of two processes that do half of the work each."""
+    """Return the chunks per second of two independent processes with half of the work each."""
     context = get_context("spawn")
     ready, go = context.Semaphore(0), context.Event()
     both = [context.Process(target=alone, args=(work[k::2], ready, go)) for k in range(2)]
@@ -102,7 +101,7 @@ def two_alone(work: list[ChunkOrder]) -> float:
 
 
 def two_workers(work: list[ChunkOrder]) -> float:
-    """Chunks a second of a study's two workers."""
+    """Return the chunks per second of two workers of a study."""
     with crew(None, 2) as hands:
         warm = [(f"warm-{k}", work[k]) for k in range(4)]
         assert len(list(hands.done(warm))) == 4
@@ -113,16 +112,17 @@ def two_workers(work: list[ChunkOrder]) -> float:
 
 def main(options: Options) -> None:
     print(f"{platform.machine()}, Python {platform.python_version()}, numpy {np.__version__}")
-    speeds = [steps_a_second() for _ in range(5)]
-    told = ", ".join(f"{speed / 1e6:.2f}" for speed in sorted(speeds))
-    print(f"million steps a second and core (CPU time), five times: {told}")
+    speeds = [steps_per_second() for _ in range(5)]
+    listed = ", ".join(f"{speed / 1e6:.2f}" for speed in sorted(speeds))
+    print(f"million steps per second and core (CPU time), five times: {listed}")
     print(f"{options.scenes} scenes, no report: {command(options.scenes, '--no-report'):.1f} s")
     print(f"{options.scenes} scenes, report: {command(options.scenes):.1f} s")
     work, ratios = orders(12_000), list[float]()
     for _ in range(options.rounds):
         ratios.append(two_workers(work) / two_alone(work))
-    told = ", ".join(f"{ratio:.2f}" for ratio in sorted(ratios))
-    print(f"two workers beside two processes, in turns: {told}; median {np.median(ratios):.3f}")
+    listed = ", ".join(f"{ratio:.2f}" for ratio in sorted(ratios))
+    median = np.median(ratios)
+    print(f"speed of two workers relative to two processes: {listed}; median {median:.3f}")
 
 
 if __name__ == "__main__":

@@ -1,13 +1,13 @@
-"""How well the tracker finds the two balls in rendered pictures: the centres' error and the time.
+"""Accuracy and time of the tracker for the two balls in rendered images.
 
-Every scene has a camera, a tool and a pose of its own; the truth is the centroid of the unhidden
+Each scene has a random camera, tool and pose; the reference is the centroid of the unoccluded
 silhouette.
 
     python benchmarks/tracking.py [scenes]
 
-Then, at the default rig (tracking_measures.py): how the error varies along a path of 5 mm, whether
-the covariance that is told explains the scatter, whether a third ball is told, and how a tool is
-followed that moves by 15 px a frame.
+With the default rig (tracking_measures.py) follow: the variation of the error along a path of 5 mm,
+the consistency of the reported covariance with the scatter, the detection of a third ball, and the
+tracking of a tool that moves by 15 px per frame.
 """
 
 import sys
@@ -41,9 +41,7 @@ COLOURS = ((60.0, 185.0, 30.0), (205.0, 80.0, 25.0))  # green and blue, in blue-
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """One picture, and where a perfect tracker would see the markers (2, 2) px, NaN where not
-    wholly in it.
-    """
+    """One image with the reference centres (2, 2) in px, NaN for a ball not completely in it."""
 
     image: Image
     truth: Floats
@@ -51,18 +49,14 @@ class Scene:
 
 
 def scenes(count: int, seed: int, shaft_radius: float) -> Iterator[Scene]:
-    """Random scenes; a `shaft_radius` of 0 mm leaves the balls whole, unless one hides the
-    other.
-    """
+    """Yield random scenes; a `shaft_radius` of 0 mm does not occlude the balls."""
     random = np.random.default_rng(seed)
     for number in range(count):
         yield _scene(random, number, shaft_radius)
 
 
 def _scene(random: np.random.Generator, number: int, shaft_radius: float) -> Scene:
-    """A camera looking down at a tool inclined to it by up to 60 degrees, towards it or away from
-    it.
-    """
+    """Return a scene with a camera above a tool that is inclined by up to 60° in any direction."""
     distance, focal = random.uniform(120, 300), random.uniform(500, 900)
     optics = CameraModel(
         *SIZE,
@@ -91,9 +85,7 @@ def _scene(random: np.random.Generator, number: int, shaft_radius: float) -> Sce
 
 
 def _tool(random: np.random.Generator, distance: float, focal: float) -> tuple[Floats, Floats]:
-    """The tool's four points, and of them the two balls', (4, 3) and (2, 3) mm, near the centre of
-    the view.
-    """
+    """Return the four points (4, 3) of the tool and the two balls (2, 3) in mm, near the centre."""
     slope, turn = random.uniform(-np.pi / 3, np.pi / 3), random.uniform(0, 2 * np.pi)
     along = np.array([np.cos(slope) * np.cos(turn), np.cos(slope) * np.sin(turn), np.sin(slope)])
     view = distance / focal * np.array(SIZE) / 2
@@ -103,8 +95,9 @@ def _tool(random: np.random.Generator, distance: float, focal: float) -> tuple[F
 
 
 def errors(count: int, seed: int, shaft_radius: float) -> tuple[Floats, Floats, float]:
-    """Distances to the truth [px] and qualities, of every marker that should be seen; ms a frame
-    once followed.
+    """Return errors (px) and qualities of all visible markers, and the time (ms) per frame.
+
+    The time is that of a frame in which the tracker follows known markers.
     """
     look = MarkerAppearance("green", "blue", 3.5, 3.5)
     missed, quality, spent = [], [], []
@@ -123,9 +116,7 @@ def errors(count: int, seed: int, shaft_radius: float) -> tuple[Floats, Floats, 
 
 def main() -> None:
     count = int(sys.argv[1]) if len(sys.argv) > 1 else 200
-    print(
-        f"{count} scenes    markers   lost   rms px   median    99 %   worst   ms a frame (median)"
-    )
+    print(f"{count} scenes    markers   lost   rms px   median    99 %   worst   ms/frame (median)")
     for name, shaft_radius in (("whole balls", 0.0), ("on a shaft", 2.0)):
         missed, _, spent = errors(count, 1, shaft_radius)
         seen = missed[np.isfinite(missed)]
@@ -138,33 +129,33 @@ def main() -> None:
 
 
 def default_rig(count: int) -> None:
-    """The rows at the default rig, on `count` scenes each."""
+    """Print the rows of the default rig, with `count` scenes each."""
     paths = np.array([errors_on_path(seed) for seed in range(count)])
     left = np.array([about_trend(one) for one in paths])
-    kept = np.isfinite(paths).all(axis=(1, 2, 3))
-    off = rms(np.linalg.norm(paths[kept][..., :2], axis=-1))
-    print(f"along 5 mm, {kept.sum()} of {count} unbroken: {off:.3f} px rms,", end=" ")
-    print(f"{rms(left[kept][..., :2]):.4f} about the trend; radius {rms(paths[kept][..., 2]):.3f}")
-    told = np.array([surprise(seed, 25) for seed in range(count)])
-    print(
-        f"squared scatter by covariance: mean {told.mean():.2f}, {told.min():.2f}-{told.max():.2f}"
-    )
+    whole = np.isfinite(paths).all(axis=(1, 2, 3))
+    error = rms(np.linalg.norm(paths[whole][..., :2], axis=-1))
+    print(f"along 5 mm, {whole.sum()} of {count} complete: {error:.3f} px rms,", end=" ")
+    radius = rms(paths[whole][..., 2])
+    print(f"{rms(left[whole][..., :2]):.4f} about the trend; radius {radius:.3f}")
+    ratio = np.array([surprise(seed, 25) for seed in range(count)])
+    limits = f"{ratio.min():.2f}-{ratio.max():.2f}"
+    print(f"squared scatter relative to the covariance: mean {ratio.mean():.2f}, {limits}")
     frames = [third_ball(seed) for seed in range(5 * count)]
     silent = [np.isnan(ColourMarkers().find(one).points).any() for one in frames]
     words = ["can be the markers" in ColourMarkers().why(one) for one in frames]
-    print(f"a third ball: not chosen in {sum(silent)}, told in {sum(words)} of {len(frames)}")
+    print(f"a third ball: rejected in {sum(silent)}, reported in {sum(words)} of {len(frames)}")
     for px in (5.0, 15.0):
         bad, due = np.sum([lost_or_wrong(seed, px) for seed in range(count)], axis=0)
-        print(f"{px:g} px a frame: {bad} of {due} lost or wrong ({bad / due:.1%})")
+        print(f"{px:g} px per frame: {bad} of {due} lost or mistracked ({bad / due:.1%})")
     for exposure in (0.008, 0.015, PERIOD):
         runs = (from_rest(seed, 15.0, 12, exposure) for seed in range(count))
         found = list(chain.from_iterable(runs))
         (bad, due), (far, _) = bad_of(found), bad_of(found, 8.0)
         print(
-            f"the same from rest, smeared by {15.0 * exposure / PERIOD:.1f} px: {bad} of {due}",
+            f"from rest, motion-blurred by {15.0 * exposure / PERIOD:.1f} px: {bad} of {due}",
             end=" ",
         )
-        print(f"lost or more than 3 px off, {far} more than 8")
+        print(f"lost or with errors above 3 px, {far} above 8 px")
 
 
 if __name__ == "__main__":

@@ -1,5 +1,6 @@
-"""What the tracker is measured by, on pictures of the default rig: along a short path, over noise,
-with a third ball in view, and in swift motion. benchmarks/tracking.py prints it; tests ask a part.
+"""Measurements of the tracker on images of the default rig, for benchmarks and tests.
+
+They cover a short path, noise, a third ball in the image, and fast motion.
 """
 
 from collections.abc import Callable, Iterable, Iterator
@@ -13,7 +14,7 @@ from rcmservo.tracking import ColourMarkers
 
 NOISELESS = Look(full_well=1e12, read_noise=0.0)
 PERIOD, EXPOSURE, MOMENTS = 1 / 60, 0.004, 8  # s, s, and poses in an exposure
-GAINING = 6  # frames in which a tool gains its speed
+GAINING = 6  # frames in which a tool accelerates
 
 
 def renderer_of(rig: Rig) -> Renderer:
@@ -21,7 +22,7 @@ def renderer_of(rig: Rig) -> Renderer:
 
 
 def truth(rig: Rig, points: Floats) -> Floats:
-    """Where whole silhouettes have their centres, and their radii: (2, 3) px."""
+    """Return centres and radii (2, 3) in px of the unoccluded silhouettes."""
     optics, radii = rig.scene.optics, rig.settings.look.marker_radii
     return np.array(
         [
@@ -32,28 +33,26 @@ def truth(rig: Rig, points: Floats) -> Floats:
 
 
 def measured(seen: Markers) -> Floats:
-    """u, v and radius of both markers, (2, 3) px."""
+    """Return u, v and radius of both markers (2, 3) in px."""
     return np.column_stack([seen.points, seen.radius])
 
 
 def errors_on_path(seed: int, length: float = 5.0, step: float = 0.1) -> Floats:
-    """What the tracker errs in u, v and radius at each place of a path that ends at the target, in
-    pictures without noise: (n, 2, 3) px.
-    """
+    """Return errors (n, 2, 3) in px of u, v and radius along a noiseless path to the target."""
     rig = Rig(seed, RigSettings(look=NOISELESS))
     renderer, tracker = renderer_of(rig), ColourMarkers()
-    end, way = rig.scene.target, rig.scene.start - rig.scene.target
-    mm = np.linalg.norm(rig.body.points(end + way)[0] - rig.body.points(end)[0])
+    end, path = rig.scene.target, rig.scene.start - rig.scene.target
+    mm = np.linalg.norm(rig.body.points(end + path)[0] - rig.body.points(end)[0])
     errors = []
     for number, along in enumerate(np.arange(0.0, length + 1e-9, step) / mm):
-        points = rig.body.points(end + along * way)
+        points = rig.body.points(end + along * path)
         seen = tracker.find(Frame(number, 0, 0, renderer.render(points[None], number)))
         errors.append(measured(seen) - truth(rig, points))
     return np.array(errors)
 
 
 def about_trend(errors: Floats) -> Floats:
-    """What a quadratic along the path leaves of errors (n, ...)."""
+    """Return the residuals of errors (n, ...) about a quadratic trend along the path."""
     along = np.linspace(-1.0, 1.0, len(errors))
     flat = errors.reshape(len(errors), -1)
     basis = np.vander(along, 3)
@@ -65,21 +64,22 @@ def rms(values: Floats) -> float:
 
 
 def surprise(seed: int, frames: int) -> Floats:
-    """The squared scatter of u, v, radius over noise by the covariance that was told, for each
-    marker (2,): 1 where it is told rightly.
+    """Return the squared scatter of u, v, radius relative to the reported covariance (2,).
+
+    The ratio is 1 for each marker if the covariance is consistent.
     """
     rig, tracker = Rig(seed), ColourMarkers()
     renderer, points = renderer_of(rig), rig.body.points(rig.scene.target)[None]
     seen = [tracker.find(Frame(i, 0, 0, renderer.render(points, i))) for i in range(frames)]
     values = np.array([measured(one) for one in seen])
-    told = np.linalg.inv(np.array([one.covariance for one in seen]))
-    away = values - values.mean(axis=0)
-    squares = np.einsum("tki,tkij,tkj->k", away, told, away)
+    information = np.linalg.inv(np.array([one.covariance for one in seen]))
+    error = values - values.mean(axis=0)
+    squares = np.einsum("tki,tkij,tkj->k", error, information, error)
     return squares / (3 * (frames - 1))
 
 
 def third_ball(seed: int) -> Frame:
-    """The target, with a third ball of one marker's colour and about its size, away from both."""
+    """Return a frame of the target with a third ball, similar to one marker, apart from both."""
     rig, random = Rig(seed), np.random.default_rng(seed)
     points = rig.body.points(rig.scene.target)
     known, k = truth(rig, points), int(random.integers(2))
@@ -94,21 +94,22 @@ def third_ball(seed: int) -> Frame:
 
 
 def painted_ball(place: Floats, radius: float, colour: Floats) -> Callable[[Light], None]:
-    """Paints a ball lit from the camera."""
+    """Return a function that paints a ball with light from the camera."""
 
     def paint(light: Light) -> None:
         rows, columns = np.mgrid[: light.shape[0], : light.shape[1]]
-        away = np.hypot(columns - place[0], rows - place[1])
-        cover = np.clip(radius + 0.5 - away, 0.0, 1.0)[..., None]
-        facing = np.sqrt(np.clip(1.0 - (away / radius) ** 2, 0.0, 1.0))[..., None]
+        distance = np.hypot(columns - place[0], rows - place[1])
+        cover = np.clip(radius + 0.5 - distance, 0.0, 1.0)[..., None]
+        facing = np.sqrt(np.clip(1.0 - (distance / radius) ** 2, 0.0, 1.0))[..., None]
         light += (cover * ((0.35 + 0.65 * facing) * colour - light)).astype(np.float32)
 
     return paint
 
 
 def swift(seed: int, px: float, frames: int) -> tuple[list[Image], Floats]:
-    """Pictures of a tool that moves across the picture by `px` in each frame, to and fro, blurred
-    over the exposure, and where its markers are (frames, 2, 3).
+    """Return images of an oscillating tool, and its markers (frames, 2, 3) in px.
+
+    The tool moves across the image by `px` per frame; the exposure blurs it.
     """
     rig = Rig(seed)
     renderer, points = renderer_of(rig), rig.body.points(rig.scene.target)
@@ -123,7 +124,7 @@ def swift(seed: int, px: float, frames: int) -> tuple[list[Image], Floats]:
 
 
 def across(rig: Rig, px: float) -> tuple[Floats, float]:
-    """A direction (3,) across the view, and the mm along it that move the tool by `px`."""
+    """Return a direction (3,) across the view, and the mm along it that move the image by `px`."""
     optics, points = rig.scene.optics, rig.body.points(rig.scene.target)[:1]
     aside = optics.rotation.T @ np.array([np.cos(rig.seed), np.sin(rig.seed), 0.0])
     return aside, float(
@@ -134,9 +135,10 @@ def across(rig: Rig, px: float) -> tuple[Floats, float]:
 def from_rest(
     seed: int, px: float, frames: int, exposure: float
 ) -> Iterator[tuple[Markers, Floats]]:
-    """Of a tool that starts from rest, is as fast as `px` in each frame after GAINING frames and
-    goes on so, in exposures of so many seconds: what is found, and where the markers are (2, 3) px,
-    in the frames from then on that show both whole.
+    """Yield tracked and true markers (2, 3) in px of a tool that accelerates from rest.
+
+    It moves by `px` per frame after `GAINING` frames, and each exposure lasts `exposure` s. Only
+    later frames with both markers completely in the image count.
     """
     rig, tracker = Rig(seed), ColourMarkers()
     renderer, points = renderer_of(rig), rig.body.points(rig.scene.target)
@@ -155,25 +157,30 @@ def from_rest(
 
 
 def bad_of(found: Iterable[tuple[Markers, Floats]], wrong: float = 3.0) -> tuple[int, int]:
-    """How many markers are lost or more than `wrong` px off, of how many."""
-    away = [np.linalg.norm(seen.points - balls[:, :2], axis=1) for seen, balls in found]
-    return int((~(np.array(away) < wrong)).sum()), 2 * len(away)
+    """Return the numbers of markers that are lost or have errors above `wrong` px, and of all."""
+    errors = [np.linalg.norm(seen.points - balls[:, :2], axis=1) for seen, balls in found]
+    return int((~(np.array(errors) < wrong)).sum()), 2 * len(errors)
 
 
 def gained(time: float) -> float:
-    """How far something is that comes to a speed of 1 in GAINING frames, evenly; 0 half way."""
+    """Return the position at a time of a motion with constant acceleration to speed 1.
+
+    The acceleration takes `GAINING` frames.
+    """
     ramp = min(max(time, 0.0), GAINING)
     return 0.5 * ramp**2 / GAINING + max(time - GAINING, 0.0) - GAINING
 
 
 def turned(time: float, half: float = 5.0) -> float:
-    """How far something is that goes to and fro at a speed of 1, turning every 2 `half`."""
+    """Return the position at `time` of a triangular oscillation with speed 1, period 4 `half`."""
     return half - abs((time + half) % (4.0 * half) - 2.0 * half)
 
 
 def lost_or_wrong(seed: int, px: float, frames: int = 40) -> tuple[int, int]:
-    """Of the markers that are whole in swift pictures, how many are lost or more than 3 px off,
-    after the first three frames; and how many there are.
+    """Return the number of lost or mistracked markers in fast motion, and the number of all.
+
+    A marker is mistracked if its error is above 3 px. The first three frames and markers at the
+    border do not count.
     """
     images, true = swift(seed, px, frames)
     tracker, bad, due = ColourMarkers(), 0, 0
@@ -186,6 +193,6 @@ def lost_or_wrong(seed: int, px: float, frames: int = 40) -> tuple[int, int]:
             balls[:, :2] < np.array([width, height]) - 1 - margin[:, None]
         ).all()
         if inside and number >= 3:
-            away = np.linalg.norm(seen - balls[:, :2], axis=1)
-            bad, due = bad + int((~(away < 3.0)).sum()), due + 2
+            error = np.linalg.norm(seen - balls[:, :2], axis=1)
+            bad, due = bad + int((~(error < 3.0)).sum()), due + 2
     return bad, due

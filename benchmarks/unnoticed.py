@@ -1,29 +1,27 @@
-"""What goes wrong without a word: for each row of disturbances that leave frames plausible, does
-the servo notice before the tool is millimetres off?
+"""Detection of disturbances with plausible frames, before the tool deviates by millimetres.
 
     python benchmarks/unnoticed.py [ROW ...] [--runs 50] [--first 0] [--estimator projection]
         [--processes N]
 
-Every run has a scene of its own, a camera that delivers points with 0.3 px of noise, a target that
-was shown with 300 frames, and 20 s. Nobody resumes: a pause ends it. The rows, and when what they
-tell of begins, are in unnoticed_rows.py; `one(row, seed)` below is one run.
+Each run has its own scene, a camera of points with 0.3 px of noise and a target taught from 300
+frames, and lasts 20 s. There is no operator: a pause ends the run. The rows, with the times at
+which their disturbances start, are in unnoticed_rows.py; `one(row, seed)` performs one run.
 
-An onlooker knows the camera as it was when the target was shown, the true joints, and the noise
-(rcmservo.sim.disturbances.oracle). The rule of visibility: a disturbance is visible from the first
-moment at which the largest coordinate of the innovation, the markers delivered less their true
-projection, has been at least 5 times the noise in every delivered frame for 0.3 s. A marker that is
-wrong in every second frame, a drive that lags and frames that come late are never visible so: they
-are judged by where the run ends.
+An observer knows the camera at the time of teaching, the true joints, and the noise
+(rcmservo.sim.disturbances.oracle). A disturbance is visible as soon as the largest coordinate of
+the innovation (delivered markers minus their true projection) has been at least 5 times the noise
+in each delivered frame for 0.3 s. By this rule, an error in every second frame, a lag of the drives
+and late frames are never visible; the final pose error counts for them.
 
-    settled  runs that end as if all were well: servoing, the features' errors (rms) within the
-             tolerance through the last second, the joints within 5 mm of where they were shown
-    wrong    of these, those more than 2.5 mm from where the target was shown (bar: 0)
-    worst    mm from there, the worst of those that settled
-    visible  runs in which it became visible
-    grown    mm by which the true error grew after that while the servo named no cause, the worst
-             (bar: 5)
-    stops    with a right cause, of all; a target that is refused while it is shown is a stop
-    silent   runs without any stop
+    settled  runs that end as settled: in SERVO, feature errors (rms) within the tolerance in the
+             last second, joints within 5 mm of the taught ones
+    wrong    settled runs with a pose error above 2.5 mm (requirement: 0)
+    worst    largest pose error (mm) of the settled runs
+    visible  runs in which the disturbance became visible
+    grown    largest increase (mm) of the true error after that, without a cause reported by the
+             servo (requirement: 5)
+    stops    stops with an expected cause, of all stops; a rejected target counts as a stop
+    silent   runs without a stop
 
 The true error is that of marker 2. Rows:
 
@@ -56,18 +54,18 @@ DURATION = 20.0
 FRAMES = 300
 NOISE = 0.3
 WRONG = 2.5
-"""mm from the target beyond which a run must not call itself settled."""
+"""Pose error (mm) above which a run must not count as settled."""
 
 UNREADY = "the first run did not settle"
-"""Such runs are left out of the figures."""
+"""End of runs that the table excludes."""
 
 GROWN = 5.0
-"""mm by which the true error may grow unnoticed."""
+"""Largest undetected growth (mm) of the true error."""
 
 
 @dataclass
 class Run:
-    """What became of one run: times in s, lengths in mm. ``grown`` as in the oracle's file."""
+    """Result of one run, with times in s and lengths in mm; ``grown`` is that of the oracle."""
 
     row: str
     seed: int
@@ -85,7 +83,7 @@ class Run:
 
 
 class Trial:
-    """A laboratory in which one run of a row takes place."""
+    """Simulated laboratory for one run of a row."""
 
     def __init__(
         self, run: Run, row: Trouble, disturbances: list[Disturbance], estimator: str
@@ -100,11 +98,11 @@ class Trial:
         self.shown = self.marker_2()
 
     def marker_2(self) -> Floats:
-        """Where it is, (3,) mm."""
+        """Return the true position (3,) of marker 2 in mm."""
         return self.rig.truth.markers(self.rig.clock.now())[1]
 
     def teach(self) -> Target:
-        """A person shows the target and brings the tool back to the start."""
+        """Teach the target and return the tool to the start."""
         self.rig.move_to_target()
         self.shown = self.marker_2()
         if self.row.when == SHOWING:
@@ -114,7 +112,7 @@ class Trial:
         return target
 
     def earlier(self, target: Target) -> State | None:
-        """A first run; its state, if it settled. Then the tool is brought back to the start."""
+        """Perform a first run, return the tool to the start, and return the state if it settled."""
         self.rig.begin()
         began, judge = self.rig.clock.now(), Judge(self.servo, target)
         for tick in rs.run(self.plant, self.servo, target, FIRST):
@@ -125,7 +123,7 @@ class Trial:
         return last.state if self.settled(last, target, judge) else None
 
     def judged(self, target: Target, state: State | None = None) -> None:
-        """The run that counts, and what became of it."""
+        """Perform the evaluated run, and store its result."""
         if self.row.when == RUN:
             self.rig.begin()
         run, judge = self.run, Judge(self.servo, target)
@@ -137,15 +135,15 @@ class Trial:
         run.grown = self.unnoticed.growth
 
     def settled(self, last: rs.Tick, target: Target, judge: Judge) -> bool:
-        """Whether a run ends as if all were well."""
+        """Return whether a run ends as settled."""
         marker_1 = self.servo.marker_1
-        away = np.linalg.norm(marker_1(last.seen.q) - marker_1(target.q))
+        distance = np.linalg.norm(marker_1(last.seen.q) - marker_1(target.q))
         error = np.array(astuple(judge.result().feature_error), float)
-        there = bool((error < TOLERANCE).all() and away <= SAME_POSE)
-        return there and last.state.phase is rs.Phase.SERVO
+        is_settled = bool((error < TOLERANCE).all() and distance <= SAME_POSE)
+        return is_settled and last.state.phase is rs.Phase.SERVO
 
     def watched(self, ticks: Iterator[rs.Tick]) -> Generator[rs.Tick]:
-        """The same ticks; notes when it became visible, and every stop."""
+        """Yield the ticks; record when the disturbance became visible, and each stop."""
         phase, events = None, self.rig.schedule.events
         began = max((event.start for event in events), default=0)
         for tick in ticks:
@@ -163,12 +161,12 @@ class Trial:
 
     @property
     def right(self) -> set[rs.Cause]:
-        """The causes that name what goes wrong."""
+        """Causes that identify the disturbance."""
         return set(self.row.causes).union(*(expected_causes(one.kind) for one in self.disturbances))
 
 
 def one(name: str, seed: int, estimator: str = "dlt") -> Run:
-    """One run of a row and what became of it."""
+    """Perform one run of a row; return its result."""
     row = ROWS[name]
     disturbances = row.draw(np.random.default_rng([seed, 5]))
     run = Run(name, seed, [str(disturbance) for disturbance in disturbances])
@@ -188,7 +186,7 @@ def one(name: str, seed: int, estimator: str = "dlt") -> Run:
 
 
 def report(runs: list[Run]) -> None:
-    """The table, and for each row the causes and the worst seeds."""
+    """Print the table, and for each row the causes and the worst seeds."""
     print("row            runs settled wrong  worst  visible  grown  stops right  silent")
     rows = {name: [run for run in runs if run.row == name] for name in ROWS}
     ready = {name: [run for run in rows[name] if run.end != UNREADY] for name in ROWS}
@@ -199,11 +197,11 @@ def report(runs: list[Run]) -> None:
         if ready[name]:
             details(name, ready[name])
         if len(ready[name]) < len(rows[name]):
-            print(f"  {len(rows[name]) - len(ready[name])} more left out: {UNREADY}")
+            print(f"  {len(rows[name]) - len(ready[name])} excluded: {UNREADY}")
 
 
 def line(name: str, runs: list[Run]) -> str:
-    """A row of the table."""
+    """Return a row of the table."""
     stops = [stop for run in runs for stop in run.stops]
     worst = max((run.error for run in runs if run.settled), default=np.nan)
     return (
@@ -217,9 +215,11 @@ def line(name: str, runs: list[Run]) -> str:
 
 
 def details(name: str, runs: list[Run]) -> None:
-    """Of a row: what its stops were called, and its worst runs."""
+    """Print the causes of the stops of a row, and its worst runs."""
     causes = Counter(
-        f"{cause}{'' if right else ' (wrong)'}" for run in runs for _, _, cause, right in run.stops
+        f"{cause}{'' if expected else ' (unexpected)'}"
+        for run in runs
+        for _, _, cause, expected in run.stops
     )
     print(f"\n{name}: {ROWS[name].says}")
     if causes:
@@ -228,7 +228,7 @@ def details(name: str, runs: list[Run]) -> None:
     for run in sorted(odd, key=lambda run: -max(run.grown, run.error))[:5]:
         ends = "settled" if run.settled else run.end.partition(":")[0]
         print(
-            f"  seed {run.seed}: {run.error:.1f} mm off, grown {run.grown:.1f} mm, visible at "
+            f"  seed {run.seed}: error {run.error:.1f} mm, grown {run.grown:.1f} mm, visible at "
             f"{run.visible:.1f} s, ends {ends}; {' '.join(run.disturbances)}"
         )
 
@@ -239,11 +239,11 @@ def main() -> None:
         description=(__doc__ or "").format(rows=rows),
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("row", nargs="*", help="all, where none is named")
+    parser.add_argument("row", nargs="*", help="rows to run; all by default")
     parser.add_argument("--runs", type=int, default=50)
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--estimator", default="dlt")
-    parser.add_argument("--processes", type=int, help="as many as there are cores")
+    parser.add_argument("--processes", type=int, help="number of processes; all cores by default")
     asked = parser.parse_args()
     for name in asked.row:
         if name not in ROWS:
@@ -254,7 +254,7 @@ def main() -> None:
 
 
 def measured(jobs: list[tuple[str, int, str]], processes: int | None) -> list[Run]:
-    """All runs, or those that were done when nobody waited longer."""
+    """Perform all runs; return the finished ones after Ctrl-C."""
     runs: list[Run] = []
     try:
         with Pool(processes, signal.signal, (signal.SIGINT, signal.SIG_IGN)) as pool:
@@ -262,7 +262,7 @@ def measured(jobs: list[tuple[str, int, str]], processes: int | None) -> list[Ru
                 runs.append(run)
                 print(f"\r{len(runs)} of {len(jobs)}", end="", file=sys.stderr, flush=True)
     except KeyboardInterrupt:
-        print("\nstopped: what follows is of the runs so far", end="", file=sys.stderr)
+        print("\nstopped; the report covers the finished runs", end="", file=sys.stderr)
     print(file=sys.stderr)
     return runs
 

@@ -1,12 +1,13 @@
-"""The whole loop over TCP and a camera on this computer, beside the same with simulated devices.
+"""Live loop with emulated devices over TCP, compared with the loop with simulated devices.
 
     python benchmarks/whole_loop.py [--camera gige|mjpeg] [--seeds N]
 
-For each seed a run with emulated devices (`rcmservo emulate galil`, its camera, the drivers, live
-tracking and servo) and one on the simulated bench, in turns, in wall time. Beside each row stands
-for how long one of this computer's processors stood still meanwhile, by threads that look each
-millisecond: no software can help that. Exit code 1 where a bar is missed: all settled, pose error
-0.5 mm (median), lateness p99 1.5 times that of the bench, 0.1 % of the ticks missed.
+For each seed there is one run with emulated devices (`rcmservo emulate galil`, its camera, the
+drivers, live tracking and servo) and one with the simulated laboratory, in turns, in wall time.
+Each row also shows the longest stall of a processor of this computer, from threads that poll each
+millisecond; no software can prevent these stalls. Requirements: all runs settle, the median pose
+error is at most 0.5 mm, the lateness p99 at most 1.5 times that of the simulated laboratory, and at
+most 0.1 % of the ticks are missed. The exit code is 1 if one does not hold.
 """
 
 import argparse
@@ -31,12 +32,12 @@ from rcmservo.sim.processes.lab_processes import SimulatedLab
 from rcmservo.sim.rig_file import read_rig_settings
 
 DURATION = 15.0
-"""s of each run."""
+"""Duration (s) of each run."""
 
 
 @dataclass(frozen=True)
 class Row:
-    """What became of a run; `stall` is the longest time ms for which a processor stood still."""
+    """Result of a run; ``stall`` is the longest stall (ms) of a processor."""
 
     result: RunResult
     error: float
@@ -58,9 +59,7 @@ class Row:
 
 @contextlib.contextmanager
 def stalls(found: list[float]):
-    """Note the longest time ms for which a processor ran nothing, not even what goes above all
-    else.
-    """
+    """Append to `found` the longest stall (ms) of each processor, even for a real-time thread."""
     over = threading.Event()
 
     def watch(processor: int) -> None:
@@ -104,23 +103,24 @@ def simulated(seed: int, servo: rs.Servo, record: Path) -> Row:
 
 
 def judged(rows: dict[str, list[Row]]) -> bool:
-    """Print what the rows come to; whether all bars are met."""
-    ours = rows["emulated"]
-    settled = sum(row.result.settled for row in ours)
-    error = float(np.median([row.error for row in ours]))
+    """Print a summary; return whether all requirements hold."""
+    emulated_rows = rows["emulated"]
+    settled = sum(row.result.settled for row in emulated_rows)
+    error = float(np.median([row.error for row in emulated_rows]))
     late = {
         name: float(np.median([r.result.loop.lateness_ms.p99 for r in some if r.result.loop]))
         for name, some in rows.items()
     }
-    timings = [row.result.loop for row in ours if row.result.loop]
+    timings = [row.result.loop for row in emulated_rows if row.result.loop]
     missed = sum(t.missed for t in timings) / max(sum(t.ticks for t in timings), 1)
     ratio = late["emulated"] / late["simulated"]
     print(
-        f"settled {settled} of {len(ours)}; pose error {error:.3f} mm (median); lateness p99 "
-        f"{late['emulated']:.2f} ms, {ratio:.2f} times the bench's; {100 * missed:.2f} % of the "
-        "ticks missed"
+        f"settled {settled} of {len(emulated_rows)}; pose error {error:.3f} mm (median); lateness "
+        f"p99 {late['emulated']:.2f} ms, {ratio:.2f} times the simulated one; "
+        f"{100 * missed:.2f} % of the ticks missed"
     )
-    return settled == len(ours) and error <= 0.5 and ratio <= 1.5 and missed <= 0.001
+    all_settled = settled == len(emulated_rows)
+    return all_settled and error <= 0.5 and ratio <= 1.5 and missed <= 0.001
 
 
 def main() -> int:

@@ -1,24 +1,22 @@
-"""Hello world: a simulated arm goes back to a pose that it was shown once, by a camera that nobody
-has calibrated.
-"""
+"""Hello world: a simulated arm returns to a taught pose, with an uncalibrated camera."""
 
 import rcmservo as rs
 
-rig = rs.sim.Rig(seed=0)  # simulation; a real arm and camera offer the same Protocols
+rig = rs.sim.Rig(seed=0)  # simulation; real devices implement the same Protocols
 plant = rs.Plant(rig.arm, rig.camera, rs.tracking.ColourMarkers(), rig.clock)
 servo = rs.Servo(
-    mechanism=rs.SphericalRcm(),  # what the robot knows about itself
+    mechanism=rs.SphericalRcm(),  # kinematics of the arm
     tool=rs.RigidTool(spacing=30.0),
-    estimator=rs.DltEstimator(),  # Ĵ of eq. (15) by a projection fitted to all frames
+    estimator=rs.DltEstimator(),  # Ĵ of eq. (15) from a projection fitted to all frames
     controller=rs.SaturatedController(gain=6.0),  # eq. (31)-(32)
 )
 rig.move_to_target()
-target = rs.teach(plant)  # learning by showing
+target = rs.teach(plant)  # teaching by showing
 rig.move_to_start()
-plant.reset()  # the tool was moved by hand: what was seen before counts for nothing
+plant.reset()  # discard observations, because the tool was moved by hand
 
-state = servo.init()  # Ĵ = 0: it explores first
-servo.warm_up()  # compile everything before the drive is switched on
+state = servo.init()  # Ĵ = 0: the servo explores first
+servo.warm_up()  # compile all kernels before the drive is switched on
 plant.enable()
 for _ in rs.ticks(plant.clock, rate=100.0, duration=8.0):
     state = servo.step(state, plant.read(), target)

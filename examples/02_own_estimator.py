@@ -1,4 +1,4 @@
-"""An estimator of one's own, recursive least squares, beside the default in ten simulated scenes.
+"""User-defined estimator, recursive least squares, compared with the default in ten scenes.
 
 python examples/02_own_estimator.py [SEEDS]
 rcmservo run --estimator 02_own_estimator:RLS --pixels.forgetting 0.99     # in this folder
@@ -15,12 +15,18 @@ from rcmservo.geometry.features import about, features_jacobian
 
 @dataclass(frozen=True)
 class RLS(rs.Estimator):
-    """Both markers' pixels as A [p₁ 1]ᵀ, with A (4, 4) by recursive least squares."""
+    """Pixels of both markers as A [p₁ 1]ᵀ, with A (4, 4) by recursive least squares.
+
+    Parameters
+    ----------
+    forgetting : float
+        Forgetting factor: weight of earlier observations at each step, between 0 and 1.
+    min_step : float
+        Smallest displacement (mm) of marker 1 between two updates.
+    """
 
     forgetting: float = 0.98
-    """Weight of what was known before, at every step."""
     min_step: float = 1.0
-    """Displacement of marker 1 from which on there is something to learn, mm."""
 
     name = "pixels"
 
@@ -44,7 +50,7 @@ class RLS(rs.Estimator):
 
 
 def pose_error(seed: int, estimator: rs.Estimator) -> float:
-    """Mm from where the tool's marker 2 was shown, after 15 s, by the simulation's truth."""
+    """Return the true pose error of marker 2 in mm after 15 s."""
     rig = rs.sim.Rig(seed, pictures=False)
     plant = rs.Plant(rig.arm, rig.camera, rs.tracking.PointMarkers(), rig.clock)
     rig.move_to_target()
@@ -53,8 +59,8 @@ def pose_error(seed: int, estimator: rs.Estimator) -> float:
     servo = rs.Servo(rs.SphericalRcm(), rs.RigidTool(spacing=30.0), estimator)
     for _ in rs.run(plant, servo, target, duration=15.0):
         pass
-    now, shown = rig.truth.markers(rig.clock.now()), rig.body.points(rig.scene.target)
-    return float(np.linalg.norm(now[1] - shown[1]))
+    now, taught = rig.truth.markers(rig.clock.now()), rig.body.points(rig.scene.target)
+    return float(np.linalg.norm(now[1] - taught[1]))
 
 
 if __name__ == "__main__":

@@ -1,5 +1,4 @@
-"""Which gain? The same scenes for each, hundreds of closed loops in a minute (simulation, a camera
-that tells points).
+"""Comparison of gains in the same scenes, with hundreds of simulated closed loops per minute.
 
 python examples/03_many_runs.py [SEEDS]
 """
@@ -25,6 +24,6 @@ if __name__ == "__main__":
     for gain in (2.0, 6.0, 12.0):
         runs = list(study(gain).runs(seeds))
         median, most = np.percentile([run.first_within(1.0) for run in runs], [50, 95])
-        there = np.mean([run.error[-1] <= 1.0 for run in runs])
+        final = np.mean([run.error[-1] <= 1.0 for run in runs])
         stopped = np.mean([len(run.stops) > 0 for run in runs])
-        print(f"{gain:4.1f} {median:20.2f} s {most:8.2f} s {there:12.1%} {stopped:9.1%}")
+        print(f"{gain:4.1f} {median:20.2f} s {most:8.2f} s {final:12.1%} {stopped:9.1%}")

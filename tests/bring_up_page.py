@@ -1,6 +1,4 @@
-"""The answers that docs/bring_up.md gives to the questions of its tutorial, with what the emulator
-prints.
-"""
+"""Answers of docs/bring_up.md to the questions of its tutorial, with the emulator's output."""
 
 import re
 
@@ -8,18 +6,18 @@ from conftest import ROOT
 
 PAGE = (ROOT / "docs/bring_up.md").read_text()
 ROWS = re.findall(r"^\| (.+?) \| (.+?) \|$", PAGE.partition("| question with | answer |")[2], re.M)
-"""Words of a question, and what to type, in the order of the table."""
+"""Rows of the table: words of a question, and the answer to type."""
 
 
 def answer_to(question: str, printed: str) -> str:
-    """The answer that the page gives to a question, with the line that the emulator printed."""
+    """Return the page's answer to a question; `printed` is the line that the emulator printed."""
     answers = [answer for words, answer in ROWS if words in question]
     assert answers, f"the page has no answer to: {question}"
     return _typed(answers[0], printed)
 
 
 def _typed(answer: str, printed: str) -> str:
-    """What a reader of the page types."""
+    """Return the characters that a reader of the page types."""
     if answer == "Enter":
         return ""
     if answer.startswith("`"):

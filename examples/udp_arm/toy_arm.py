@@ -1,10 +1,10 @@
-"""A toy arm in a process of its own, on the rules that hardware should have. Nothing real moves.
+"""Simulated toy arm in a separate process, with the safety rules that hardware should have.
 
     python examples/udp_arm/toy_arm.py --port 5600
 
-It is kinematics alone: three joints that follow the rates they are given with a small lag. All of
-its rules are in `ToyArm`, which is told the time and has no socket: docs/own_devices.md says what
-each of them prevents.
+The arm is kinematics only: three joints follow their commanded rates with a small lag. `ToyArm`
+implements all rules, without a socket and with the time as an argument; docs/own_devices.md
+explains the purpose of each rule.
 """
 
 import argparse
@@ -18,25 +18,25 @@ import time
 from toy_wire import ENABLE, JOG, OFF, ToyAnswer, ToyOrder, order_in, sent
 
 LOWER, UPPER = (-1.2, -1.2, 60.0), (1.2, 1.2, 220.0)
-"""rad, rad, mm between which the joints stay."""
+"""Joint limits in rad, rad, mm."""
 
 FASTEST = 1.0, 1.0, 100.0
-"""rad/s, rad/s, mm/s at most."""
+"""Largest joint rates in rad/s, rad/s, mm/s."""
 
 LAG = 0.015
-"""s, the time constant with which the joints follow."""
+"""Time constant (s) with which the joints follow their rates."""
 
 PATIENCE = 50_000_000
-"""ns without a command after which it stops by itself."""
+"""Time (ns) without a command after which the arm stops by itself."""
 
 TOLD, RAN_OUT = 1, 2
-"""Why it is off; the words are in toy_wire."""
+"""Codes of the reasons why the drive is off, indices of `toy_wire.WHYS`."""
 
 START = 0.6, 0.2, 120.0
 
 
 class ToyArm:
-    """The device. Its time is that of its own clock, ns, which nobody can set."""
+    """State and rules of the device; times are in ns of its own clock."""
 
     def __init__(self, now: int) -> None:
         self.q, self.rates, self.moving = list(START), [0.0] * 3, [0.0] * 3
@@ -45,7 +45,10 @@ class ToyArm:
         self.time = self.heard = now
 
     def hear(self, datagram: bytes, now: int) -> bytes | None:
-        """Do what a datagram says, if it may, and answer; what is damaged is dropped."""
+        """Execute the order in a datagram if it is permitted, and return the answer.
+
+        Damaged datagrams are dropped.
+        """
         order = order_in(datagram)
         if order is None:
             return None
@@ -65,11 +68,11 @@ class ToyArm:
         return sent(self._answer(order.stamp))
 
     def _may_move(self, order: ToyOrder) -> bool:
-        """Only who has it moves it, and only by an order that is newer than all before."""
+        """Return whether an order is of the present session and newer than all before."""
         return self.on and order.session == self.session and order.number > self.number
 
     def advance(self, now: int) -> None:
-        """Let time pass. The watchdog's end is the end of motion, also if we look at it later."""
+        """Advance the time; the motion ends when the watchdog expires, even if that was earlier."""
         end = self.heard + PATIENCE
         if self.on and now > end:
             self._move(end - self.time)
@@ -79,13 +82,13 @@ class ToyArm:
         self.time = now
 
     def _off(self, why: int) -> None:
-        """The drive is off and the brakes are on: it stands still."""
+        """Switch the drive off and the brakes on: the joints are at rest."""
         if self.on:
             self.on, self.why = False, why
         self.rates, self.moving = [0.0] * 3, [0.0] * 3
 
     def _move(self, ns: int) -> None:
-        """The joints follow their rates: exactly what a first order lag does in this time."""
+        """Move the joints by the exact solution of a first-order lag."""
         seconds = ns * 1e-9
         faded = 1.0 - math.exp(-seconds / LAG)
         for i, (rate, v) in enumerate(zip(self.rates, self.moving, strict=True)):
@@ -94,7 +97,7 @@ class ToyArm:
         self._keep_within()
 
     def _keep_within(self) -> None:
-        """At a limit only the way back is open."""
+        """Clip the joints at their limits, where only motion back is permitted."""
         for i, (lower, upper) in enumerate(zip(LOWER, UPPER, strict=True)):
             if not lower < self.q[i] < upper:
                 self.q[i] = min(max(self.q[i], lower), upper)
@@ -108,7 +111,7 @@ class ToyArm:
 
 
 def serve(wire: socket.socket, log: str | None) -> None:
-    """Be the toy until Ctrl-C. The log has a line for every turn in which something was new."""
+    """Serve the toy arm until Ctrl-C; write a line to the log for each change of its state."""
     toy, before = ToyArm(time.monotonic_ns()), None
     with open(log or "/dev/null", "w", buffering=1) as lines:
         while True:
@@ -125,7 +128,7 @@ def serve(wire: socket.socket, log: str | None) -> None:
 
 
 def received(wire: socket.socket) -> list[tuple[bytes, object]]:
-    """What waits in the socket, not more than a few: a flood must not hold the watchdog."""
+    """Return waiting datagrams, at most 32, because a flood must not delay the watchdog."""
     found = []
     with contextlib.suppress(OSError):
         while len(found) < 32:
@@ -134,17 +137,17 @@ def received(wire: socket.socket) -> list[tuple[bytes, object]]:
 
 
 def main() -> None:
-    options = argparse.ArgumentParser(description="A toy arm that hangs on UDP.")
-    options.add_argument("--port", type=int, default=5600, help="0 takes one that is free")
-    options.add_argument("--log", help="file for its own account of what it did")
-    asked = options.parse_args()
+    options = argparse.ArgumentParser(description="Toy arm with a UDP interface.")
+    options.add_argument("--port", type=int, default=5600, help="UDP port; 0 for a free one")
+    options.add_argument("--log", help="file for a log of the arm's state")
+    arguments = options.parse_args()
     wire = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-    wire.bind(("127.0.0.1", asked.port))
+    wire.bind(("127.0.0.1", arguments.port))
     wire.setblocking(False)
     print(f"toy arm at 127.0.0.1:{wire.getsockname()[1]}, Ctrl-C ends it", flush=True)
-    signal.signal(signal.SIGINT, signal.default_int_handler)  # a script may have it ignored
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # a script may ignore SIGINT
     with contextlib.suppress(KeyboardInterrupt):
-        serve(wire, asked.log)
+        serve(wire, arguments.log)
 
 
 if __name__ == "__main__":

@@ -1,9 +1,9 @@
-"""The toy arm's wire: datagrams that are whole or nothing.
+"""Protocol of the toy arm: datagrams with a checksum.
 
     host ─► toy   "TOY1", kind, session, number, stamp, three rates, checksum
     toy ─► host   "TOY1", session, number, stamp, on, why, three joints, three rates, checksum
 
-The toy sends each stamp back as it came: so a host knows when it asked what is answered here.
+The toy returns the stamp of each order, so that a host knows the time of the request.
 """
 
 import math
@@ -14,48 +14,68 @@ from typing import NamedTuple
 ORDER, ANSWER, SUM = struct.Struct("<4sBIIq3d"), struct.Struct("<4sIIqBB6d"), struct.Struct("<I")
 MARK = b"TOY1"
 ASK, ENABLE, JOG, OFF = range(4)
-WHYS = "", "it was told to", "its watchdog ran out"
-"""Why the drive is off, in words."""
+WHYS = "", "switched off by command", "its watchdog expired"
+"""Reasons why the drive is off, as text."""
 
 Three = tuple[float, float, float]
 
 
 class ToyOrder(NamedTuple):
-    """What a host wants."""
+    """Order of a host.
+
+    Parameters
+    ----------
+    kind : int
+        ASK (request an answer only), ENABLE, JOG or OFF.
+    session : int
+        Random number of the host, for one period with the drive on.
+    number : int
+        Number of a JOG, increasing within a session.
+    stamp : int
+        Time (ns) of the host's clock.
+    rates : Three
+        Joint rates of a JOG in rad/s, rad/s, mm/s.
+    """
 
     kind: int
-    """ASK (an answer alone), ENABLE, JOG or OFF."""
     session: int
-    """Of the host: drawn at random, for one time that the drive is on."""
     number: int
-    """Of a JOG: it rises in a session."""
     stamp: int
-    """ns on the host's clock."""
     rates: Three
-    """Of a JOG: rad/s, rad/s, mm/s."""
 
 
 class ToyAnswer(NamedTuple):
-    """How the toy is."""
+    """State of the toy arm.
+
+    Parameters
+    ----------
+    session : int
+        Present session; 0 before the first one.
+    number : int
+        Number of the newest accepted JOG of this session.
+    stamp : int
+        Stamp of the order that is answered.
+    on : bool
+        True if the drive is on.
+    why : int
+        Reason why it is off, an index of `WHYS`.
+    q : Three
+        Joints in rad, rad, mm.
+    rates : Three
+        Applied rates of the newest JOG in rad/s, rad/s, mm/s.
+    """
 
     session: int
-    """Whose it is; 0 before anybody had it."""
     number: int
-    """Of the newest JOG that it took in this session."""
     stamp: int
-    """That of the order which is answered."""
     on: bool
-    """Whether its drive is on."""
     why: int
-    """Why it is not, of WHYS."""
     q: Three
-    """rad, rad, mm."""
     rates: Three
-    """What it takes of the newest JOG: rad/s, rad/s, mm/s."""
 
 
 def sent(message: ToyOrder | ToyAnswer) -> bytes:
-    """A message as a datagram."""
+    """Return a message as a datagram."""
     if isinstance(message, ToyOrder):
         body = ORDER.pack(MARK, *message[:4], *message.rates)
     else:
@@ -64,7 +84,7 @@ def sent(message: ToyOrder | ToyAnswer) -> bytes:
 
 
 def order_in(datagram: bytes) -> ToyOrder | None:
-    """The order in a datagram, or None if it is not exactly one."""
+    """Return the order in a datagram; None if the datagram is invalid."""
     body = _whole(datagram, ORDER)
     if body is None or body[1] > OFF or not all(map(math.isfinite, body[5:])):
         return None
@@ -72,7 +92,7 @@ def order_in(datagram: bytes) -> ToyOrder | None:
 
 
 def answer_in(datagram: bytes) -> ToyAnswer | None:
-    """The answer in a datagram, or None if it is not exactly one."""
+    """Return the answer in a datagram; None if the datagram is invalid."""
     body = _whole(datagram, ANSWER)
     if body is None or body[5] >= len(WHYS):
         return None
@@ -82,5 +102,5 @@ def answer_in(datagram: bytes) -> ToyAnswer | None:
 def _whole(datagram: bytes, form: struct.Struct) -> tuple | None:
     if len(datagram) != form.size + SUM.size:
         return None
-    body, told = datagram[: form.size], SUM.unpack(datagram[form.size :])[0]
-    return form.unpack(body) if body.startswith(MARK) and zlib.crc32(body) == told else None
+    body, checksum = datagram[: form.size], SUM.unpack(datagram[form.size :])[0]
+    return form.unpack(body) if body.startswith(MARK) and zlib.crc32(body) == checksum else None

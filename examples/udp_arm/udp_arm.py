@@ -1,8 +1,8 @@
-"""The driver of the toy arm: an `Arm` to copy for one of your own.
+"""Driver of the toy arm: an example of an `Arm`.
 
     arm = UdpArm("127.0.0.1", 5600)
 
-A thread talks with the device, so that the loop never waits for it.
+A thread communicates with the device, so that the loop never waits for it.
 """
 
 import secrets
@@ -17,57 +17,57 @@ from toy_wire import ASK, ENABLE, JOG, OFF, WHYS, ToyAnswer, ToyOrder, answer_in
 import rcmservo as rs
 from rcmservo.errors import RcmServoError
 
-EVERY = 0.004
-"""s between two questions."""
+POLL_PERIOD_S = 0.004
+"""Time (s) between two requests."""
 
 SLOW = 10_000_000
-"""ns. An answer that took longer does not tell well enough when the joints were read."""
+"""Longest round trip (ns) of an answer; longer ones leave the time of the joints too uncertain."""
 
-PATIENCE = 1.0
-"""s within which it answers the first time, and is on."""
+TIMEOUT_S = 1.0
+"""Time (s) for the first answer, and for switching the drive on."""
 
 REST = 0.0, 0.0, 0.0
 
 
 class NoToy(RcmServoError):
-    """A toy arm that cannot be used."""
+    """Raised if the toy arm cannot be used."""
 
 
 class UdpArm:
-    """A toy arm, connected; `close` it at the end."""
+    """Connected toy arm; `close` it at the end."""
 
     def __init__(self, address: str, port: int) -> None:
         self._wire = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._wire.connect((address, port))
-        self._wire.settimeout(EVERY)
+        self._wire.settimeout(POLL_PERIOD_S)
         self._session, self._over, self._new = 0, False, threading.Event()
         self._last: tuple[int, ToyAnswer] | None = None
         self._thread = threading.Thread(target=self._talk, name="udp-arm", daemon=True)
         self._thread.start()
-        if not self._new.wait(PATIENCE):
+        if not self._new.wait(TIMEOUT_S):
             self.close()
-            raise NoToy(f"no toy arm answers at {address}:{port} within {PATIENCE:g} s")
+            raise NoToy(f"no toy arm answers at {address}:{port} within {TIMEOUT_S:g} s")
 
     def enable(self) -> None:
-        """Take the toy for this host alone, and switch its drive on."""
+        """Start a session of this host only, and switch the drive on."""
         self._session = secrets.randbits(32) or 1
-        end = time.monotonic() + PATIENCE
+        end = time.monotonic() + TIMEOUT_S
         while not self.measure().enabled:
             if time.monotonic() > end:
-                why = "another host has it" if self._last[1].on else "it does not answer"
+                why = "another host uses it" if self._last[1].on else "it does not answer"
                 raise NoToy(f"the toy arm cannot be switched on: {why}")
             self._send(ENABLE)
             self._new.clear()
-            self._new.wait(2 * EVERY)
+            self._new.wait(2 * POLL_PERIOD_S)
 
     def measure(self) -> rs.Measured:
-        """The last answer, at once; its drive is on for us only in our own session."""
+        """Return the last answer without waiting; the drive counts as on in this session only."""
         at, answer = self._last
         mine = answer.on and answer.session == self._session
         return rs.Measured(at, np.array(answer.q), mine)
 
     def apply(self, command: rs.Command) -> np.ndarray:
-        """Pass a command on. One whose time has passed is not sent: the watchdog stops the toy."""
+        """Send a command, unless its deadline has passed: then the watchdog stops the toy."""
         if not command.enabled:
             self._send(OFF)
         elif time.monotonic_ns() <= command.deadline:
@@ -76,11 +76,11 @@ class UdpArm:
 
     @property
     def why_off(self) -> str:
-        """Why the drive is off, in words; empty where it is on or was not."""
+        """Reason why the drive switched off, as text; empty if it is on or never was."""
         return WHYS[self._last[1].why]
 
     def close(self) -> None:
-        """Switch it off, if we have it, and hang up."""
+        """Switch the drive off if this host uses it, and disconnect."""
         self._over = True
         self._thread.join()
         if self._last is not None and self.measure().enabled:
@@ -88,27 +88,30 @@ class UdpArm:
         self._wire.close()
 
     def _send(self, kind: int, number: int = 0, rates: tuple[float, ...] = REST) -> None:
-        """What cannot be sent is lost, as any datagram may be; the toy's watchdog sees to it."""
+        """Send an order; a lost one is harmless, because the watchdog stops the toy."""
         order = ToyOrder(kind, self._session, number, time.monotonic_ns(), rates)
         with suppress(OSError):
             self._wire.send(sent(order))
 
     def _talk(self) -> None:
-        """Ask, and take what is answered, until it is over."""
+        """Send requests and process answers until `close`."""
         asked = 0.0
         while not self._over:
-            if time.monotonic() > asked + EVERY:
+            if time.monotonic() > asked + POLL_PERIOD_S:
                 asked = time.monotonic()
                 self._send(ASK)
             try:
                 self._take(self._wire.recv(512))
             except TimeoutError:
                 continue
-            except OSError:  # nobody is there now: its silence tells
-                time.sleep(EVERY)
+            except OSError:  # the device is absent; the age of its last answer reveals it
+                time.sleep(POLL_PERIOD_S)
 
     def _take(self, datagram: bytes) -> None:
-        """The joints were read between asking and now: neither long ago, nor out of order."""
+        """Store an answer if its round trip is short and it is newer than the last one.
+
+        The joints were read between the request and now.
+        """
         answer, now = answer_in(datagram), time.monotonic_ns()
         if answer is None or not 0 <= now - answer.stamp <= SLOW:
             return

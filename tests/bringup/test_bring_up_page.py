@@ -1,6 +1,4 @@
-"""docs/bring_up.md: its commands are commands, its rig file is one, and its tutorial answers the
-questions that are asked in it.
-"""
+"""docs/bring_up.md: valid commands, a valid rig file, and answers to all questions."""
 
 import re
 import shlex
@@ -8,7 +6,7 @@ from dataclasses import MISSING, fields
 from pathlib import Path
 
 import pytest
-from rig_check_lab import Mistake, WrongLab
+from rig_check_lab import FaultyLab, Mistake
 
 from bring_up_page import PAGE, answer_to
 from conftest import ROOT
@@ -24,10 +22,10 @@ from rcmservo.errors import BadInput
 from rcmservo.hardware.devices import ARM_KINDS, CAMERA_KINDS, read_wiring
 
 SEED = int(re.search(r"--seed (\d+)", PAGE)[1])  # type: ignore[index]
-"""Of the page's laboratory."""
+"""Seed of the page's emulated laboratory."""
 
 
-def test_every_command_of_the_page_can_be_read() -> None:
+def test_every_command_of_the_page_parses() -> None:
     blocks = re.findall(r"```sh\n(.*?)```", PAGE, re.S)
     lines = [line for block in blocks for line in block.splitlines()]
     words = [shlex.split(line)[1:] for line in lines]
@@ -40,7 +38,7 @@ def test_every_command_of_the_page_can_be_read() -> None:
     ]
 
 
-def test_the_rig_file_of_the_page_is_that_of_the_emulated_laboratory(tmp_path: Path) -> None:
+def test_the_rig_file_of_the_page_describes_the_emulated_laboratory(tmp_path: Path) -> None:
     (block,) = re.findall(r"```toml\n(.*?)```", PAGE, re.S)
     path = tmp_path / "lab.toml"
     path.write_text(block)
@@ -51,7 +49,7 @@ def test_the_rig_file_of_the_page_is_that_of_the_emulated_laboratory(tmp_path: P
 
 
 REQUIRED = re.search(r"\*\*Required\*\*.*?\n\n", PAGE, re.S)[0]  # type: ignore[index]
-"""What the page says that a rig file must hold."""
+"""Paragraph of the page on required keys of a rig file."""
 
 
 def test_the_page_names_every_key_without_a_default() -> None:
@@ -69,28 +67,26 @@ MINIMAL = {
     "aravis": {"camera": {"kind": "aravis", "address": "192.168.1.20", "latency": 0.02}},
     "topic": {"camera": {"kind": "topic", "topic": "PSM1/image_raw"}},
 }
-"""The tables of each kind of device with what the page says that they must hold."""
-OTHERS = {"arm": "galil", "camera": "opencv"}
+"""Tables of each kind of device with only the keys that the page requires."""
+OTHER_DEVICES = {"arm": "galil", "camera": "opencv"}
 
 
 @pytest.mark.parametrize("kind", MINIMAL)
-def test_a_rig_file_of_what_the_page_requires_is_taken_and_without_any_of_it_refused(
-    kind: str,
-) -> None:
+def test_the_required_keys_suffice_and_each_missing_one_is_reported(kind: str) -> None:
     ((section, table),) = MINIMAL[kind].items()
-    whole = {**MINIMAL[OTHERS["arm"]], **MINIMAL[OTHERS["camera"]], section: table}
+    whole = {**MINIMAL[OTHER_DEVICES["arm"]], **MINIMAL[OTHER_DEVICES["camera"]], section: table}
     require_devices(lab_from(whole), Path("lab.toml"), "")
     for key in table:
         rest = {name: value for name, value in table.items() if name != key}
         with pytest.raises(BadInput, match=rf"{section}\.{key} must be "):
             require_devices(lab_from({**whole, section: rest}), Path("lab.toml"), "")
-    for gone in OTHERS:
-        rest = {name: one for name, one in whole.items() if name != gone}
-        with pytest.raises(BadInput, match=f"section {gone} must be given"):
+    for missing in OTHER_DEVICES:
+        rest = {name: one for name, one in whole.items() if name != missing}
+        with pytest.raises(BadInput, match=f"section {missing} must be given"):
             require_devices(lab_from(rest), Path("lab.toml"), "")
 
 
-def test_the_page_on_live_runs_leaves_the_keys_to_this_one() -> None:
+def test_the_page_on_live_runs_links_to_this_one_for_the_keys() -> None:
     live = (ROOT / "docs/live_on_hardware.md").read_text()
     assert "[bring_up.md](bring_up.md#2-the-rig-file)" in live
     assert "\n## 2. The rig file\n" in PAGE
@@ -98,24 +94,24 @@ def test_the_page_on_live_runs_leaves_the_keys_to_this_one() -> None:
 
 @pytest.mark.slow
 def test_the_check_passes_with_the_answers_of_the_page() -> None:
-    """In simulated time; tests/live asks the command itself."""
+    """Simulated time; tests/live runs the command itself."""
     with EmulatedArm(SEED, Lab()) as arm:
         printed = arm.measurements
-    lab = WrongLab(Mistake(), SEED, Lab().mechanism)
-    lab.person.instead = lambda asked: answer_to(asked, printed)
+    lab = FaultyLab(Mistake(), SEED, Lab().mechanism)
+    lab.operator.override = lambda asked: answer_to(asked, printed)
     report = lab.check()
     assert report.ok, report.findings
-    assert any("which way" in asked for asked in lab.person.asked)
+    assert any("in which direction" in asked for asked in lab.operator.questions)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [SEED, 0, 1])
-def test_the_answers_of_the_page_are_true_of_every_question(seed: int) -> None:
-    """Of those too that the page's laboratory is not asked: a mistake has more of them asked."""
+def test_the_page_answers_every_question_of_the_check(seed: int) -> None:
+    """A wrong spacing triggers questions that the page's own laboratory does not."""
     with EmulatedArm(seed, Lab()) as arm:
         printed = arm.measurements
-    lab = WrongLab(Mistake(spacing=1.25), seed, Lab().mechanism)
-    lab.person.instead = lambda asked: answer_to(asked, printed)
+    lab = FaultyLab(Mistake(spacing=1.25), seed, Lab().mechanism)
+    lab.operator.override = lambda asked: answer_to(asked, printed)
     report = lab.check()
-    assert any("how far apart" in asked for asked in lab.person.asked)
+    assert any("how far apart" in asked for asked in lab.operator.questions)
     assert [one.where for one in report.findings] == ["tool.spacing"]

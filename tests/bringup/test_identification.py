@@ -17,11 +17,11 @@ from rcmservo.sim import Rig
 
 MECHANISM, TOOL = SphericalRcm(), RigidTool(spacing=30.0)
 NOISE = 0.1
-"""px."""
+"""Standard deviation (px) of a marker coordinate."""
 
 
 def views_of(correction: list[float], seed: int) -> MarkerViews:
-    """Views of an arm with a correction, over motions of several cm."""
+    """Return views of an arm with a `correction` (5,), over motions of several cm."""
     rng, rig = np.random.default_rng(seed), Rig(seed, pictures=False)
     q = rig.scene.start + np.vstack([np.zeros(3), rng.uniform(-1, 1, (39, 3)) * [0.2, 0.2, 20.0]])
     markers = corrected_markers(MECHANISM, TOOL, q, np.array(correction))

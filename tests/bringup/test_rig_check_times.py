@@ -1,4 +1,4 @@
-"""`rig check` in a simulated lab: how often arm and camera answer, and how late they are."""
+"""`rig check` in a simulated laboratory: rates, latency and drive lag."""
 
 import re
 from collections.abc import Callable
@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from rig_check_lab import Mistake, WrongLab
+from rig_check_lab import FaultyLab, Mistake
 
 from rcmservo.bringup.observations import MotionTrace
 from rcmservo.bringup.timing import identify_latency
@@ -16,18 +16,18 @@ from rcmservo.sim import RigSettings
 from rcmservo.sim.cameras import Timing
 
 
-def test_the_rates_told_are_those_of_the_devices() -> None:
+def test_the_reported_rates_are_those_of_the_devices() -> None:
     quick = RigSettings(mechanism=PitchYawRcm(), timing=Timing(frame_rate=180.0))
-    lab = WrongLab(Mistake(), seed=1, settings=quick)
-    measure, told = lab.arm.measure, [lab.arm.measure()]
+    lab = FaultyLab(Mistake(), seed=1, settings=quick)
+    measure, last = lab.arm.measure, [lab.arm.measure()]
 
     def each_4_ms() -> Measured:
-        if lab.rig.clock.now() - told[0].time >= 4_000_000:
-            told[0] = measure()
-        return told[0]
+        if lab.rig.clock.now() - last[0].time >= 4_000_000:
+            last[0] = measure()
+        return last[0]
 
     lab.arm.measure = each_4_ms  # type: ignore[method-assign]
-    lab.person.instead = lambda asked: "no"
+    lab.operator.override = lambda asked: "no"
     report = lab.check()
     assert report.arm is not None and report.camera is not None
     assert abs(report.arm.rate - 250.0) < 1.0 and report.arm.jitter < 1e-4
@@ -51,13 +51,13 @@ def test_errors_of_exposure_times_are_identified_within_their_deviation(error: f
 
 
 def dated(by: float) -> Callable[[Frame], Frame]:
-    """Frames that are told to be so many s late."""
+    """Return a change of frames that dates their exposure `by` s before the arrival."""
     return lambda frame: replace(frame, exposure=frame.arrival - round(by * 1e9))
 
 
 @pytest.mark.slow
-def test_latency_and_lag_are_those_of_the_camera_and_the_drives() -> None:
-    lab = WrongLab(Mistake(), seed=1, change=dated(0.0))
+def test_the_identified_latency_and_lag_are_the_true_ones() -> None:
+    lab = FaultyLab(Mistake(), seed=1, change=dated(0.0))
     lab.latency = None
     report = lab.check()
     assert report.latency is not None
@@ -70,25 +70,25 @@ def test_latency_and_lag_are_those_of_the_camera_and_the_drives() -> None:
 
 
 @pytest.mark.slow
-def test_a_latency_that_nobody_measured_is_told_though_frames_are_hardly_late() -> None:
-    lab = WrongLab(Mistake(), seed=1)
+def test_a_missing_latency_is_reported_even_if_it_is_small() -> None:
+    lab = FaultyLab(Mistake(), seed=1)
     lab.latency = None
     report = lab.check()
     assert [finding.where for finding in report.findings] == ["camera.latency"]
 
 
 @pytest.mark.slow
-def test_stamps_that_are_right_need_no_latency() -> None:
-    lab = WrongLab(Mistake(), seed=1)
+def test_correct_timestamps_need_no_latency() -> None:
+    lab = FaultyLab(Mistake(), seed=1)
     lab.latency = 0.0
     assert lab.check().ok
 
 
 @pytest.mark.slow
-def test_stamps_that_lie_before_the_exposures_are_told_without_a_line() -> None:
-    lab = WrongLab(Mistake(), seed=1, change=dated(0.042))
+def test_timestamps_before_the_exposures_are_reported_without_a_line() -> None:
+    lab = FaultyLab(Mistake(), seed=1, change=dated(0.042))
     lab.latency = 0.0
     (finding,) = lab.check().findings
     assert finding.where == "camera.latency"
     assert not finding.line
-    assert re.match(r"stamps 0\.02. s later", finding.expected)
+    assert re.match(r"timestamps 0\.02. s ± 0\.\d+ s later", finding.expected)

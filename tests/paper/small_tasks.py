@@ -1,29 +1,29 @@
-"""Tasks of a moment, which the workers import without the experiments."""
+"""Short tasks, which workers import without the experiments."""
 
 from functools import partial
 from pathlib import Path
 
-from rcmservo.paper.plan import Found, Task
+from rcmservo.paper.plan import Task, TaskResult
 
 
-def count(folder: Path, log: Path, name: str) -> Found:
-    """A task that reports how often it ran."""
+def count(folder: Path, log: Path, name: str) -> TaskResult:
+    """Task that logs each run."""
     with log.open("a") as file:
         file.write(name + "\n")
     (folder / "made.txt").write_text(name)
     return {"name": name}
 
 
-def fail(folder: Path) -> Found:
+def fail(folder: Path) -> TaskResult:
     (folder / "half.txt").write_text("half")
     raise ValueError("this task fails")
 
 
-def not_measured() -> Found:
+def not_measured() -> TaskResult:
     return {"number": float("nan")}
 
 
-def settled(settings: object) -> Found:
+def settled(settings: object) -> TaskResult:
     return {"name": repr(settings)}
 
 

@@ -1,6 +1,4 @@
-"""Claims: a verdict follows from number, bound and how many trials there are, and from nothing
-else.
-"""
+"""Claims: a verdict depends on the number, the bound and the number of trials only."""
 
 import json
 import math
@@ -14,6 +12,7 @@ from rcmservo.paper.claims import (
     FAILS,
     HOLDS,
     REMARK,
+    SOFTWARE,
     UNDECIDED,
     Claim,
     ClaimRow,
@@ -30,7 +29,7 @@ CLAIM = Claim("it is so", "<=", 2.0, "lemma-1", "mm", remark="{remark}")
 def row(
     measured: float, claim: Claim = CLAIM, trials: int = 3, remark: str = "", **options: Any
 ) -> ClaimRow:
-    """The row of a measurement, by a table with this claim alone."""
+    """Return the row of a measurement, from a table with one claim."""
     one = Measurement("it", measured, range(trials), remark=remark, **options)
     texts = replace(claim_table().experiment["lemma-1"], claim={"it": claim})
     table = replace(claim_table(), experiment={"some": texts})
@@ -58,9 +57,7 @@ AT_LEAST = replace(CLAIM, relation=">=")
         (row(3.0, replace(CLAIM, bound=None), bound=3.0), HOLDS),
     ],
 )
-def test_a_verdict_follows_from_the_number_its_bound_and_the_trials(
-    given: ClaimRow, verdict: str | None
-) -> None:
+def test_a_verdict_depends_on_number_bound_and_trials(given: ClaimRow, verdict: str | None) -> None:
     assert given.verdict == verdict
     json.dumps(asdict(given), allow_nan=False)
 
@@ -82,14 +79,14 @@ def test_trials_that_are_not_seeds_count() -> None:
         (row(1.0, trials=2, interval=(0.5, 2.5)), None, ""),
     ],
 )
-def test_an_interval_with_both_sides_of_the_bound_is_a_remark(
+def test_an_interval_that_contains_the_bound_is_a_remark(
     given: ClaimRow, verdict: str | None, remark: str
 ) -> None:
     assert (given.verdict, given.remark) == (verdict, remark)
     assert (given.interval is None) == (verdict is None)
 
 
-def test_an_interval_that_too_few_trials_leave_open_is_not_reported_and_decides_nothing() -> None:
+def test_an_unbounded_interval_of_few_trials_is_undecided_and_not_reported() -> None:
     given = row(1.0, interval=(0.0, math.inf))
     assert (given.verdict, given.remark, given.interval) == (REMARK, UNDECIDED, None)
     json.dumps(asdict(given), allow_nan=False)
@@ -101,38 +98,37 @@ def test_an_interval_that_was_not_measured_is_an_error() -> None:
 
 
 @pytest.mark.parametrize("value", [float("nan"), float("inf"), float("-inf")])
-def test_a_measurement_that_is_not_finite_is_an_error_and_no_verdict(value: float) -> None:
+def test_a_measurement_that_is_not_finite_is_an_error(value: float) -> None:
     with pytest.raises(NotMeasured, match="it is so: measured"):
         row(value)
 
 
-def test_a_claim_says_whose_it_is() -> None:
+def test_a_claim_names_its_author() -> None:
     assert row(1.0).whose == "the paper's"
     assert row(1.0, replace(CLAIM, follows=True)).whose == "follows from the paper"
-    assert row(1.0, replace(CLAIM, about="ours")).whose == "ours"
+    assert row(1.0, replace(CLAIM, about=SOFTWARE)).whose == SOFTWARE
 
 
-def test_every_key_of_the_table_leads_somewhere() -> None:
-    """Sentences, pitfalls and figures that a claim names are there, and every sentence has one."""
+def test_every_key_of_the_table_exists_and_every_sentence_has_a_claim() -> None:
     table: ClaimTable = claim_table()
     subjects = set[str]()
     for name, texts in table.experiment.items():
         assert texts.quick.keys() <= texts.whole.keys(), name
         for key, one in texts.claim.items():
             subjects.add(one.about)
-            assert one.about in (*table.sentence, "ours"), (name, key)
+            assert one.about in (*table.sentence, SOFTWARE), (name, key)
             assert one.trap in (*table.trap, ""), (name, key)
             assert one.figure in (*texts.figure, ""), (name, key)
-    assert subjects == {*table.sentence, "ours"}
+    assert subjects == {*table.sentence, SOFTWARE}
 
 
-def test_the_first_page_has_one_row_for_each_sentence_and_its_cases_in_one_small_table() -> None:
+def test_the_first_page_has_one_row_per_sentence_with_a_table_of_its_cases() -> None:
     cases = [
         row(number, case=(name, column))
         for number, name, column in ((1.0, "a", "x"), (3.0, "a", "y"), (1.5, "b", "x"))
     ]
     other = row(0.5, replace(CLAIM, claim="it follows", follows=True))
-    papers, apart = first_page([*cases, other, row(1.0, replace(CLAIM, about="ours"))])
+    papers, software = first_page([*cases, other, row(1.0, replace(CLAIM, about=SOFTWARE))])
     (judged,) = papers
     words = claim_table().sentence["lemma-1"].words
     assert (judged.words, judged.head.measured) == (words, 1.0)
@@ -141,10 +137,10 @@ def test_the_first_page_has_one_row_for_each_sentence_and_its_cases_in_one_small
     assert (table.rows, table.columns) == (["a", "b"], ["x", "y"])
     numbers = [[one and one.measured for one in cells] for cells in table.cells]
     assert numbers == [[1.0, 3.0], [1.5, None]]
-    assert [one.head.claim for one in apart] == ["it is so"]
+    assert [one.head.claim for one in software] == ["it is so"]
 
 
-def test_a_trap_is_confirmed_or_refuted_by_verdicts_only() -> None:
+def test_only_verdicts_confirm_or_refute_a_pitfall() -> None:
     trapped = replace(CLAIM, trap="T4")
 
     def verdict(trials: int, confirmed: bool) -> str:
@@ -152,5 +148,5 @@ def test_a_trap_is_confirmed_or_refuted_by_verdicts_only() -> None:
 
     assert verdict(3, True) == "confirmed"
     assert verdict(3, False) == "refuted"
-    assert verdict(1, True) == "too few trials to tell"
+    assert verdict(1, True) == "too few trials"
     assert not traps_met([row(1.0, trapped, trapped=False)])

@@ -1,4 +1,4 @@
-"""What the experiments are made of: ways to take the flow, estimators, tours without an end."""
+"""Parts of the experiments: differentiation methods, estimators, endless explorations."""
 
 from pathlib import Path
 
@@ -16,7 +16,13 @@ from rcmservo.interfaces import Target
 from rcmservo.loop.run import run
 from rcmservo.paper import differentiation, regulation_projection
 from rcmservo.paper.lab.cameras import PINHOLE
-from rcmservo.paper.lab.closed_loop import FAST_FIT, LONG, WIDE, endless, servo_for
+from rcmservo.paper.lab.closed_loop import (
+    FAST_FIT,
+    FLOW_EXPLORATION,
+    PROJECTION_EXPLORATION,
+    make_servo,
+    remove_limits,
+)
 from rcmservo.paper.lab.knowledge import parameter_error, parameters_of
 from rcmservo.paper.lab.methods import DEFAULT
 from rcmservo.paper.lab.random_observations import RandomObservations
@@ -30,17 +36,17 @@ SCENE = SceneSettings(room=17.0)
 SEED = 3
 
 
-def test_every_way_of_taking_the_flow_gives_numbers() -> None:
+def test_every_differentiation_method_gives_finite_results() -> None:
     settings = Settings(touring=differentiation.JUDGED_S + 1.0, gamma=0.001)
-    tour = differentiation.tour(settings, seed=0)
-    for method in differentiation.METHODS:
-        assert np.isfinite(list(tour[method].values())).all()
-    assert tour["frame"]["ratio"] == pytest.approx(1.0, abs=0.05)
-    assert tour["stale"]["ratio"] == pytest.approx(0.6, abs=0.05)
+    found = differentiation.tour(settings, seed=0)
+    for method in differentiation.DIFFERENTIATION_METHODS:
+        assert np.isfinite(list(found[method].values())).all()
+    assert found["frame"]["ratio"] == pytest.approx(1.0, abs=0.05)
+    assert found["stale"]["ratio"] == pytest.approx(0.6, abs=0.05)
 
 
-def test_a_run_can_have_the_papers_random_observations(tmp_path: Path) -> None:
-    """By the name that docs/paper.md gives."""
+def test_a_run_can_use_the_random_observations_of_the_paper(tmp_path: Path) -> None:
+    """docs/paper.md states the name of the estimator."""
     name = f"{RandomObservations.__module__}:{RandomObservations.__name__}"
     assert f"--estimator {name}" in (ROOT / "docs/paper.md").read_text()
     out = ["--duration", "1.1", "--no-video", "--json", "--out", str(tmp_path / "run")]
@@ -67,19 +73,19 @@ def test_a_run_can_have_the_papers_random_observations(tmp_path: Path) -> None:
     }
 
 
-def test_random_observations_are_as_likely_to_be_old_as_new() -> None:
+def test_random_observations_are_uniform_over_time() -> None:
     estimator, tool = RandomObservations(observations=10), RigidTool(30.0)
     memory, count = estimator.init(), 400
     for k in range(count):
         p1 = np.array([float(k), 10.0, 100.0])
         memory = estimator.update(memory, tool, Sample(p1, np.zeros((2, 2)), np.zeros(2), 0.016))
-    kept = memory.observations[:, 0]
-    assert len(set(kept)) == 10
-    assert 0.2 * count < np.mean(kept) < 0.8 * count
-    assert np.min(kept) < 0.5 * count < np.max(kept)
+    indices = memory.observations[:, 0]
+    assert len(set(indices)) == 10
+    assert 0.2 * count < np.mean(indices) < 0.8 * count
+    assert np.min(indices) < 0.5 * count < np.max(indices)
 
 
-def test_our_default_is_a_servo_as_it_comes_and_the_words_say_its_gain() -> None:
+def test_the_default_method_is_the_default_servo_and_its_name_states_the_gain() -> None:
     plain = Servo(SphericalRcm(), RigidTool(30.0))
     assert DEFAULT.estimator == plain.estimator
     assert DEFAULT.exploration == plain.exploration
@@ -91,27 +97,28 @@ def test_our_default_is_a_servo_as_it_comes_and_the_words_say_its_gain() -> None
     assert f"k = {plain.controller.gain:g})" in DEFAULT.name
 
 
-def test_the_whole_projection_has_the_papers_parameters() -> None:
+def test_the_fit_of_the_projection_gives_the_parameters_of_the_paper() -> None:
     rig = Rig(0, RigSettings(scene=PINHOLE), pictures=False)
     estimator, tool = DltEstimator(), rig.settings.tool
     start, memory = rig.body.points(rig.scene.start)[0], estimator.init()
-    for way in np.random.default_rng(0).uniform(-10.0, 10.0, (40, 3)):
-        q = rig.body.mechanism.joints(start + way)
-        sample = Sample(start + way, rig.truth.pixels(q), np.zeros(2), 0.016)
+    for offset in np.random.default_rng(0).uniform(-10.0, 10.0, (40, 3)):
+        q = rig.body.mechanism.joints(start + offset)
+        sample = Sample(start + offset, rig.truth.pixels(q), np.zeros(2), 0.016)
         memory = estimator.update(memory, tool, sample)
     assert parameter_error(rig, parameters_of(estimator, memory)) < 1e-3
 
 
-@pytest.mark.parametrize("exploration", [WIDE, LONG])
-def test_a_tour_without_an_end_goes_on_in_equal_rounds(exploration: Exploration) -> None:
-    """Its corners are apart by the exploration's reach at most, as in the first round."""
+@pytest.mark.parametrize("exploration", [PROJECTION_EXPLORATION, FLOW_EXPLORATION])
+def test_an_endless_exploration_continues_in_equal_rounds(exploration: Exploration) -> None:
+    """The distance from the start is about the reach of the exploration in each round."""
     rig, plant = laboratory(SEED, SCENE, 0.1)
-    servo = servo_for(rig.settings, FAST_FIT, endless(exploration))
+    servo = make_servo(rig.settings, FAST_FIT, remove_limits(exploration))
     here = Target(rig.truth.pixels(rig.scene.start), rig.scene.start)
-    ways = list[float]()
+    distances = list[float]()
     start = rig.body.points(rig.arm.q_true)[0]
     for tick in run(plant, servo, here, 12.0):
         assert not tick.state.explored and not tick.state.cause.stopping
-        ways.append(float(np.linalg.norm(rig.body.points(rig.arm.q_true)[0] - start)))
-    for half in (ways[: len(ways) // 2], ways[len(ways) // 2 :]):
+        distances.append(float(np.linalg.norm(rig.body.points(rig.arm.q_true)[0] - start)))
+    middle = len(distances) // 2
+    for half in (distances[:middle], distances[middle:]):
         assert 0.6 * exploration.reach < max(half) < 1.1 * exploration.reach

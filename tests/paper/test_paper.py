@@ -1,6 +1,4 @@
-"""`rcmservo paper`: the reduced run, its claims against its own records, its report, and the same
-numbers twice.
-"""
+"""`rcmservo paper`: reduced run, claims compared with records, report, and reproducibility."""
 
 import json
 import re
@@ -45,7 +43,7 @@ KEYS = {
 }
 COMPARED = ("baselines", "path-following")
 CHEAP = ("potential", "imaged-rcm", "tool-model")
-"""Experiments that are run a second time: a computation, a Monte Carlo, and closed loops."""
+"""Experiments that run twice: a computation, a Monte Carlo simulation, and closed loops."""
 
 
 def paper(*words: str) -> int:
@@ -68,13 +66,13 @@ def claims(quick: Path) -> list[dict[str, Any]]:
 
 
 def of(claims: list[dict[str, Any]], experiment: str, words: str, case: str) -> dict[str, Any]:
-    """The only claim of an experiment that says so in a case whose name holds these words."""
+    """Return the only claim of an experiment with `words` in it and `case` in its case."""
     found = [
         row
         for row in claims
         if row["experiment"] == experiment and words in row["claim"] and case in row["case"][0]
     ]
-    assert len(found) == 1, f"{len(found)} claims of {experiment} say {words!r}"
+    assert len(found) == 1, f"{len(found)} claims of {experiment} contain {words!r}"
     return found[0]
 
 
@@ -96,10 +94,10 @@ def test_every_experiment_has_claims_with_number_bound_verdict_and_seed(
             "does not hold" if not holds else "holds with a remark" if row["remark"] else "holds"
         )
         assert row["verdict"] == (None if row["trials"] in (1, 2) else verdict)
-        assert (row["whose"] == "ours") == (row["about"] == "ours")
+        assert (row["whose"] == "rcmservo") == (row["about"] == "rcmservo")
 
 
-def test_the_reduced_run_gives_no_verdict_on_one_or_two_trials_and_says_so(
+def test_the_reduced_run_gives_and_reports_no_verdict_on_one_or_two_trials(
     claims: list[dict[str, Any]], quick: Path
 ) -> None:
     few = [row for row in claims if row["trials"] in (1, 2)]
@@ -109,14 +107,14 @@ def test_the_reduced_run_gives_no_verdict_on_one_or_two_trials_and_says_so(
 
 
 def test_every_sentence_of_the_paper_has_one_row_on_the_first_page(quick: Path) -> None:
-    page = (quick / "report.html").read_text().split('id="ours"')[0]
-    said = re.findall(r"<q>(.*?)</q>", page, re.S)
-    assert said == [sentence.words for sentence in claim_table().sentence.values()]
+    page = (quick / "report.html").read_text().split('id="software"')[0]
+    sentences = re.findall(r"<q>(.*?)</q>", page, re.S)
+    assert sentences == [sentence.words for sentence in claim_table().sentence.values()]
 
 
-def test_no_wording_is_told_twice_for_the_same_case(claims: list[dict[str, Any]]) -> None:
-    told = [(row["about"], row["claim"], tuple(row["case"])) for row in claims]
-    assert len(told) == len(set(told))
+def test_no_claim_occurs_twice_for_the_same_case(claims: list[dict[str, Any]]) -> None:
+    keys = [(row["about"], row["claim"], tuple(row["case"])) for row in claims]
+    assert len(keys) == len(set(keys))
 
 
 @pytest.mark.parametrize(
@@ -138,11 +136,11 @@ def test_no_wording_is_told_twice_for_the_same_case(claims: list[dict[str, Any]]
         "Remark 3",
     ],
 )
-def test_every_theorem_and_figure_is_judged(words: str, claims: list[dict[str, Any]]) -> None:
+def test_every_theorem_and_figure_has_a_claim(words: str, claims: list[dict[str, Any]]) -> None:
     assert any(re.search(rf"(^|[ ,]){re.escape(words)}($|[ ,])", row["where"]) for row in claims)
 
 
-def test_the_systems_that_the_paper_compares_itself_with_are_judged(
+def test_the_systems_that_the_paper_refers_to_have_claims(
     claims: list[dict[str, Any]],
 ) -> None:
     compared = " ".join(
@@ -153,7 +151,7 @@ def test_the_systems_that_the_paper_compares_itself_with_are_judged(
 
 
 @pytest.mark.parametrize("method", ["projection", "flow"])
-def test_what_is_left_of_the_errors_agrees_with_the_record(method: str, quick: Path) -> None:
+def test_the_remaining_errors_agree_with_the_record(method: str, quick: Path) -> None:
     run = values(quick, f"regulation-{method}/seed-0")
     rows = reader.read_record(quick / f"regulation-{method}" / "seed-0" / "record.mcap")
     end = rows.time > rows.time[-1] - 2.0
@@ -192,8 +190,8 @@ def test_the_pose_errors_of_the_visits_agree_with_the_record(
     errors = list[float]()
     for visit in found["visits"]:
         last = np.flatnonzero(rows.time <= visit["ended"])[-1]
-        away = rows.truth["p2"][last] - np.array(found["poses"][visit["pose"]])
-        errors.append(float(np.linalg.norm(away)))
+        error = rows.truth["p2"][last] - np.array(found["poses"][visit["pose"]])
+        errors.append(float(np.linalg.norm(error)))
     (row,) = (
         row
         for row in claims
@@ -202,7 +200,7 @@ def test_the_pose_errors_of_the_visits_agree_with_the_record(
     assert row["measured"] == pytest.approx(np.median(errors), abs=0.05)
 
 
-def test_the_relocated_camera_is_in_the_record(quick: Path) -> None:
+def test_the_relocation_of_the_camera_agrees_with_the_record(quick: Path) -> None:
     rows = reader.read_record(quick / "relocation" / "projection-0" / "record.mcap")
     found = values(quick, "relocation/projection-0")
     after = rows.time > found["moved"] + found["stopped_after"] - 1e-6
@@ -215,16 +213,14 @@ def test_the_relocated_camera_is_in_the_record(quick: Path) -> None:
     assert (np.abs(rows.ticks["delta"][end]).mean(axis=0) < (0.02, 2.0, 2.0)).all()
 
 
-def test_errors_of_the_jacobian_in_the_report_are_those_of_the_record(quick: Path) -> None:
+def test_the_errors_of_the_jacobian_agree_with_the_record(quick: Path) -> None:
     run = values(quick, "regulation-projection/seed-0")
     rows = reader.read_record(quick / "regulation-projection" / "seed-0" / "record.mcap")
     explored = next(i for i, phase in enumerate(rows.phase) if phase == "SERVO")
     assert run["explored"] == pytest.approx(rows.truth["jacobian_error"][explored, 0], rel=1e-9)
 
 
-def test_the_report_is_one_file_that_opens_offline_and_its_links_lead_somewhere(
-    quick: Path,
-) -> None:
+def test_the_report_is_self_contained_and_its_links_have_targets(quick: Path) -> None:
     page = (quick / "report.html").read_text()
     anchors = set(re.findall(r'id="([^"]+)"', page))
     assert set(re.findall(r'href="#([^"]+)"', page)) <= anchors
@@ -247,7 +243,7 @@ def test_every_figure_has_labelled_axes(quick: Path) -> None:
 
 
 def assignments(name: str, out: Path) -> list[Assignment]:
-    """The tasks of an experiment's reduced run, in a folder."""
+    """Return the tasks of the reduced run of an experiment, with folders in `out`."""
     tasks = experiment_named(name).plan(quick=True)
     return [Assignment(task, out / name / task.name, fingerprint(task)) for task in tasks]
 
@@ -256,7 +252,7 @@ def assignments(name: str, out: Path) -> list[Assignment]:
 def test_the_same_seed_gives_the_same_figures_bit_for_bit(
     name: str, quick: Path, tmp_path: Path
 ) -> None:
-    """In this process, which has run other things before."""
+    """The second run is in this process, after other work."""
     jobs, one = assignments(name, tmp_path), experiment_named(name)
     for job in jobs:
         job.perform()
@@ -265,19 +261,19 @@ def test_the_same_seed_gives_the_same_figures_bit_for_bit(
     )
     drawn = one.draw(one.settings(quick=True), results)
     charts = {f"{name}/{d.name}": asdict(d.chart) for d in drawn if d.chart is not None}
-    again = json.loads(json.dumps(charts))
+    second = json.loads(json.dumps(charts))
     first = json.loads((quick / "figures.json").read_text())
-    assert again
-    assert again == {key: first[key] for key in first if key.startswith(name + "/")}
+    assert second
+    assert second == {key: first[key] for key in first if key.startswith(name + "/")}
 
 
-def test_a_second_run_into_the_same_folder_finds_all_done(quick: Path) -> None:
+def test_a_second_run_into_the_same_folder_finds_all_tasks_finished(quick: Path) -> None:
     jobs = [job for name in claim_table().experiment for job in assignments(name, quick)]
     assert len(jobs) > 50
-    assert all(job.finished for job in jobs)
+    assert all(job.is_finished for job in jobs)
 
 
-def test_a_run_that_is_stopped_by_ctrl_c_keeps_what_is_done_and_goes_on(
+def test_a_run_stopped_by_ctrl_c_keeps_finished_tasks_and_can_continue(
     quick: Path, tmp_path: Path
 ) -> None:
     folder = tmp_path / "stopped"
@@ -309,7 +305,7 @@ def test_a_run_that_is_stopped_by_ctrl_c_keeps_what_is_done_and_goes_on(
         (["--out", "DAMAGED"], "paper.json: is damaged"),
     ],
 )
-def test_bad_input_is_one_sentence_and_touches_nothing(
+def test_bad_input_gives_one_sentence_and_changes_no_file(
     words: list[str],
     sentence: str,
     tmp_path: Path,
@@ -326,7 +322,7 @@ def test_bad_input_is_one_sentence_and_touches_nothing(
         (tmp_path / name / file).write_text(text)
     before = sorted(tmp_path.rglob("*"))
     assert paper(*words) == 2
-    said = capsys.readouterr()
-    assert sentence in said.err
-    assert not said.out
+    printed = capsys.readouterr()
+    assert sentence in printed.err
+    assert not printed.out
     assert sorted(tmp_path.rglob("*")) == before

@@ -1,4 +1,4 @@
-"""Assignment of an arm's joints to its motors and encoders, as its rig file describes it."""
+"""Assignment of an arm's joints to its motors and encoders, as the rig file describes it."""
 
 from dataclasses import dataclass
 
@@ -9,26 +9,30 @@ from rcmservo.geometry.tool import Tool
 from rcmservo.interfaces import Floats
 
 Order = tuple[int, int, int]
-"""For each joint, the joint of the rig file whose axis drives it."""
+"""Index of the axis in the rig file that drives joint 1, 2 and 3."""
 
 ENCODER_STEPS = np.array([5e-5, 5e-5, 5e-3])
-"""Resolution (rad, rad, mm) of an arm that reports no counts."""
+"""Assumed resolution (rad, rad, mm) of an arm that reports no encoder counts."""
 MIN_LEVER_MM = 1.0
-"""Least motion of marker 2 that a rad of an angle is supposed to make."""
+"""Lower bound (mm per rad, or mm per mm) on the motion of marker 2 per unit of a joint."""
 
 
 @dataclass(frozen=True)
 class Wiring:
-    """Motors and encoders in a rig file. An arm that reports rad and mm has counts of 1 and -1.
+    """Motors and encoders of an arm, as its rig file describes them.
+
+    An arm that reports rad and mm instead of encoder counts has counts of 1 or -1.
 
     Parameters
     ----------
     counts : tuple[float, float, float]
-        Counts per rad, rad and mm of the joints, negative where they fall as one rises.
+        Encoder counts per rad, rad and mm of joints 1 to 3; negative if the count falls while the
+        joint rises.
     key : str
-        Name of this setting in the section of the arm.
+        Key of `counts` in the rig file's section [arm].
     axes : str
-        Letters of the axes that drive the joints, `axes` in the section; empty if it has none.
+        Letters of the axes that drive joints 1 to 3, key `axes` of [arm]; empty if the arm has no
+        such key.
     """
 
     counts: tuple[float, float, float]
@@ -38,24 +42,25 @@ class Wiring:
     @property
     def steps(self) -> Floats:
         """Resolution (3,) of the joints in rad, rad, mm."""
-        return ENCODER_STEPS if self.signs_only else 1.0 / np.abs(self.counts)
+        return ENCODER_STEPS if self.has_signs_only else 1.0 / np.abs(self.counts)
 
     @property
-    def signs_only(self) -> bool:
-        """True if only the direction of a joint can be set."""
+    def has_signs_only(self) -> bool:
+        """True if the rig file sets only the direction of each joint, not its scale."""
         return self.key != "counts"
 
-    def line(self, factors: Floats) -> str:
-        """Return the line with the counts of each joint times a factor (3,); empty if the section
-        cannot express it.
+    def corrected_line(self, factors: Floats) -> str:
+        """Return the line of the rig file that scales the counts by `factors` (3,).
+
+        The line is empty if [arm] holds signs only and a factor is not 1 or -1.
         """
-        if self.signs_only and (np.abs(factors) != 1.0).any():
+        if self.has_signs_only and (np.abs(factors) != 1.0).any():
             return ""
         values = (float(f"{c * f:.6g}") for c, f in zip(self.counts, factors, strict=True))
         return f"{self.key} = [{', '.join(map(repr, values))}]"
 
     def reordered(self, order: Order) -> str:
-        """Return the letters of the axes in another order."""
+        """Return the letters of the axes, permuted by `order`; empty if the arm has no letters."""
         return "".join(self.axes[k] for k in order) if self.axes else ""
 
 
@@ -66,11 +71,11 @@ class Robot:
     Parameters
     ----------
     mechanism : Kinematics
-        Its kinematics.
+        Kinematics of the arm.
     tool : Tool
         Positions of the markers on the tool.
     wiring : Wiring
-        Its motors and encoders.
+        Motors and encoders of the arm.
     """
 
     mechanism: Kinematics
@@ -78,17 +83,18 @@ class Robot:
     wiring: Wiring
 
     def joint_per_mm(self, q: Floats) -> Floats:
-        """Return the motion (3,) of each joint, rad or mm, that moves marker 2 by one mm at the
-        joints q (3,).
+        """Return the motion (3,) of each joint in rad, rad, mm that moves marker 2 by 1 mm at `q`.
+
+        Each joint moves alone, from the joint positions `q` (3,).
         """
         reach = float(np.linalg.norm(self.tool.second_marker(self.first_marker(q)))) - q[2]
         jacobian = position_jacobian(self.mechanism.rcm()._replace(zero=reach), q)
         return 1.0 / np.maximum(np.linalg.norm(jacobian, axis=0), MIN_LEVER_MM)
 
     def first_marker(self, q: Floats) -> Floats:
-        """Return marker 1 (3,) mm at the joints q (3,)."""
+        """Return the position (3,) of marker 1 in mm at the joints `q` (3,)."""
         return self.mechanism.position(q + np.array([0.0, 0.0, self.tool.offset]))
 
     def name(self, joint: int) -> str:
-        """Return the number and the name of a joint."""
+        """Return the number of a joint (counted from 1) with its name."""
         return f"joint {joint + 1} ({self.mechanism.joint_names[joint]})"

@@ -1,7 +1,7 @@
-"""Check of a laboratory, from the first look to the corrections of its rig file.
+"""`rig check`: the sequence of all steps, from the first frames to corrections of the rig file.
 
-It knows no more than what arm and camera report and an operator answers. It ends with the drive
-off, however it ends.
+The check uses only the readings of arm and camera and the answers of an operator. The drive is off
+when it ends, also after an error or an interrupt.
 """
 
 from dataclasses import dataclass, field, replace
@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from rcmservo.bringup.axis_wiring import Robot
-from rcmservo.bringup.corrections import corrections, in_words, undetectable_error
+from rcmservo.bringup.corrections import corrections, describe, describe_undetectable_error
 from rcmservo.bringup.findings import CheckAborted, Finding
 from rcmservo.bringup.hypotheses import Hypothesis, equivalents
 from rcmservo.bringup.motion import REST_TIME, Mover
@@ -20,11 +20,11 @@ from rcmservo.bringup.prompts import ask_choice, require_yes
 from rcmservo.bringup.timing import (
     Cadence,
     CameraLatency,
-    cadence,
-    drive_lag,
+    compare_drive_lag,
+    compare_latency,
+    identify_drive_lag,
     identify_latency,
-    lag_findings,
-    latency_findings,
+    measure_cadence,
 )
 from rcmservo.errors import Stopped
 from rcmservo.interfaces import Floats
@@ -32,14 +32,14 @@ from rcmservo.live.device_protocols import OperatorTerminal, SuspendsCommunicati
 from rcmservo.safety.gate import Gate
 from rcmservo.safety.thresholds import Thresholds
 
-SWINGS = 6
-"""Motions to and fro that identify the latency."""
+LATENCY_MOTIONS = 6
+"""Motions in alternating directions that identify the latency of the camera."""
 MIN_FRAME_RATE = 10.0
-"""Frames per s."""
-MIN_FOUND = 0.9
-"""Fraction of the frames that must show both markers."""
+"""Lowest frame rate (1/s) of the camera that passes."""
+MIN_VISIBLE_FRACTION = 0.9
+"""Smallest fraction of the frames with both markers that passes."""
 LIMIT_MARGIN_MM = 3.0
-"""Distance of marker 2 that the joints must be from their limits."""
+"""Motion (mm) of marker 2 that must remain between each joint and its limits."""
 
 
 @dataclass
@@ -49,25 +49,25 @@ class CheckReport:
     Parameters
     ----------
     findings : list[Finding]
-        All mismatches.
+        Mismatches between rig file, devices and image.
     q : Floats or None
-        The joints (3,) at first.
+        Joints (3,) in rad, rad, mm at the start of the check.
     arm : Cadence or None
-        Answers of the arm.
+        Rate and jitter of the arm's answers.
     camera : Cadence or None
-        Exposures of the camera.
+        Rate and jitter of the camera's exposures.
     rest : StillView or None
-        Joints and markers at first.
+        Joints and markers at the start of the check.
     latency : CameraLatency or None
-        Latency of the camera.
+        Identified latency of the camera; None if it was not measured.
     lag : float
         Lag (s) of the drives; 0 if it was not measured.
     undecided : list[str]
-        Hypotheses that only the operator distinguished, in words.
+        Hypotheses that the image does not distinguish, in words; the operator decided.
     unclear : list[str]
-        Errors that the picture does not show, in words.
+        Errors of the rig file that the motions could not reveal, in words.
     done : bool
-        True if the check came to its end.
+        True if the check completed all steps.
     """
 
     findings: list[Finding] = field(default_factory=list[Finding])
@@ -83,30 +83,48 @@ class CheckReport:
 
     @property
     def ok(self) -> bool:
-        """True if all is as the rig file says."""
+        """True if the check completed and confirms the rig file."""
         return self.done and not self.findings
 
 
 def check(
     mover: Mover,
-    person: OperatorTerminal,
+    operator: OperatorTerminal,
     robot: Robot,
     thresholds: Thresholds,
     latency: float | None,
 ) -> CheckReport:
-    """Look, move a little, and decide.
+    """Observe the tool at rest, move each joint slightly, and compare with the rig file.
 
-    `latency` (s) is that of the camera in the rig file; None if it was never measured, with frames
-    dated as if exposed when they arrive.
+    Parameters
+    ----------
+    mover
+        Arm and camera.
+    operator
+        Operator who answers questions and agrees to each motion.
+    robot
+        Arm as the rig file describes it.
+    thresholds
+        Thresholds of the rig file, with its drive lag.
+    latency
+        Latency (s) of the camera in the rig file. None if the file has none: the exposure time of
+        a frame is then its arrival time.
+
+    Returns
+    -------
+    CheckReport
+        Findings and measurements; incomplete if the check aborted.
     """
-    return _Check(mover, person, robot, thresholds, latency).run()
+    return _Check(mover, operator, robot, thresholds, latency).run()
 
 
 def warm_up(robot: Robot, gate: Gate) -> None:
-    """Compile all kernels before an arm is connected, which must not wait for them."""
+    """Compile all kernels before the arm is connected, because compilation would delay commands."""
     command = gate.admit(np.zeros(3), gate.rest(), np.zeros(3), robot.mechanism.rcm(), 1).command
     gate.stop(command, 2)
-    drive_lag(MotionTrace(answers=[(k, np.zeros(3), np.zeros(3)) for k in range(3)]), np.ones(3))
+    identify_drive_lag(
+        MotionTrace(answers=[(k, np.zeros(3), np.zeros(3)) for k in range(3)]), np.ones(3)
+    )
     q = np.array(robot.mechanism.limits.arrays).mean(axis=0)
     robot.joint_per_mm(q)
     Hypothesis().markers(robot, q[None])
@@ -114,17 +132,17 @@ def warm_up(robot: Robot, gate: Gate) -> None:
 
 @dataclass(eq=False)
 class _Check:
-    """The steps of a check."""
+    """State and steps of one check."""
 
     mover: Mover
-    person: OperatorTerminal
+    operator: OperatorTerminal
     robot: Robot
     thresholds: Thresholds
     latency: float | None
     report: CheckReport = field(default_factory=CheckReport)
 
     def run(self) -> CheckReport:
-        """Take all steps; whatever happens, the drive is off in the end."""
+        """Run all steps; switch the drive off at the end, also after an error."""
         findings = self.report.findings
         try:
             self._run()
@@ -132,32 +150,32 @@ class _Check:
         except CheckAborted as aborted:
             findings.append(aborted.finding)
         except Stopped as stopped:
-            expected = "to its end, with every motion agreed to"
-            findings.append(Finding("the check was ended", "person", str(stopped), expected))
+            expected = "agreement to every motion until the check is complete"
+            findings.append(Finding("the check was stopped", "operator", str(stopped), expected))
         finally:
-            self.mover.off()
+            self.mover.switch_off()
         return self.report
 
     def _run(self) -> None:
         if not self.mover.arm.homed():
             raise CheckAborted(
-                "the arm does not know where it stands",
+                "the arm does not know its joint positions",
                 "arm",
-                "nobody has said so since it was reset",
-                "homed, or its position defined at a mark",
+                "not homed since its controller was reset",
+                "homed, or its joint positions defined at a mark",
             )
-        rest = self.mover.look()
+        rest = self.mover.observe_at_rest()
         self._describe(rest)
         self._require_room(rest.q)
         self._require_picture(rest)
-        self.person.tell(
-            "Each motion is asked for. It is slow, a few mm at most, and the drive is on only "
-            "meanwhile. Have a hand on the emergency stop."
+        self.operator.tell(
+            "The check asks before each motion. Motions are slow and at most a few mm long; the "
+            "drive is on only during a motion. Keep a hand on the emergency stop."
         )
-        question = "May the drive be switched on for that?"
-        if ask_choice(self.person, question, ("enable", "no")) == "no":
-            raise Stopped("the drive may not be switched on")
-        escalation = MotionEscalation(self.mover, self.person, self.robot, rest)
+        question = "May the drive be switched on for these motions?"
+        if ask_choice(self.operator, question, ("enable", "no")) == "no":
+            raise Stopped("the operator did not allow the drive to be switched on")
+        escalation = MotionEscalation(self.mover, self.operator, self.robot, rest)
         fits = escalation.run(lambda joint: self._require_stop(escalation, joint))
         self._measure_times(escalation)
         self._decide(escalation, fits)
@@ -165,11 +183,11 @@ class _Check:
     def _describe(self, rest: StillView) -> None:
         report, trace = self.report, self.mover.trace
         report.rest, report.q = rest, rest.q
-        report.arm = cadence([time for time, _, _ in trace.answers])
-        report.camera = cadence([exposure for exposure, _, _ in trace.frames])
+        report.arm = measure_cadence([time for time, _, _ in trace.answers])
+        report.camera = measure_cadence([exposure for exposure, _, _ in trace.frames])
 
     def _require_room(self, q: Floats) -> None:
-        """Abort if a joint is at a limit."""
+        """Abort if a joint is within `LIMIT_MARGIN_MM` of a limit, or beyond it."""
         lower, upper = self.robot.mechanism.limits.arrays
         margin = LIMIT_MARGIN_MM * self.robot.joint_per_mm(q)
         is_low = ~(q >= lower + margin)
@@ -177,85 +195,88 @@ class _Check:
         if is_near.any():
             joint = int(np.argmax(is_near))
             raise CheckAborted(
-                f"{self.robot.name(joint)} is at a limit, or beyond it",
+                f"{self.robot.name(joint)} is at or beyond a limit",
                 f"mechanism.{'lower' if is_low[joint] else 'upper'}[{joint}]",
                 f"{q[joint]:.4g}",
-                f"{lower[joint]:.4g} to {upper[joint]:.4g}, with {LIMIT_MARGIN_MM:g} mm of room: "
-                "bring the tool there by hand, or home the arm again",
+                f"between {lower[joint]:.4g} and {upper[joint]:.4g} with a margin of "
+                f"{LIMIT_MARGIN_MM:g} mm: move the tool by hand, or rehome the arm",
             )
 
     def _require_picture(self, rest: StillView) -> None:
-        """Report a camera that is slow or does not show the markers."""
+        """Add a finding for a low frame rate and one for markers missing in many frames."""
         findings, camera = self.report.findings, self.report.camera
         if camera is None or not camera.rate >= MIN_FRAME_RATE:
             rate = "none" if camera is None else f"{camera.rate:.3g} frames/s"
             expected = f"at least {MIN_FRAME_RATE:g} frames/s"
             findings.append(Finding("the frame rate is low", "camera", rate, expected))
         found = rest.frames / (rest.frames + rest.missed)
-        if not found >= MIN_FOUND:
-            what, fraction = "the markers are not always seen", f"{100 * found:.0f} %"
-            expected = f"{100 * MIN_FOUND:.0f} %: light, focus, and the colours in [markers]"
+        if not found >= MIN_VISIBLE_FRACTION:
+            what, fraction = "the markers are not always visible", f"{100 * found:.0f} %"
+            advice = "check light, focus, and the colours in [markers]"
+            expected = f"at least {100 * MIN_VISIBLE_FRACTION:.0f} %: {advice}"
             findings.append(Finding(what, "markers", f"both in {fraction} of the frames", expected))
 
     def _require_stop(self, escalation: MotionEscalation, joint: int) -> None:
-        """Abort unless an arm that takes rates comes to rest by itself once nothing is sent."""
+        """Abort if a rate-controlled arm keeps moving after its commands cease."""
         if not (isinstance(self.mover.arm, SuspendsCommunication) and self.mover.arm.by_speeds):
             return
         motion = float(escalation.motions[joint])
-        question = escalation.question(joint, motion, ", and be left alone on the way")
-        require_yes(self.person, question)
-        if not self.mover.stops_by_itself(joint, motion):
+        question = escalation.question(joint, motion, ", interrupt the commands midway")
+        require_yes(self.operator, question)
+        if not self.mover.stops_without_commands(joint, motion):
             raise CheckAborted(
-                "the arm goes on when nothing is sent",
+                "the arm keeps moving without commands",
                 "arm.jv",
-                f"joint {joint + 1} still moved when nothing had been sent for {REST_TIME:g} s",
-                "at rest by itself: send it positions",
+                f"joint {joint + 1} still moved {REST_TIME:g} s after the last command",
+                "at rest without commands: command positions instead of rates",
                 "jv = false",
             )
 
     def _measure_times(self, escalation: MotionEscalation) -> None:
         """Identify the latency of the camera and the lag of the drives."""
-        report, joint = self.report, int(np.argmax(escalation.shown))
+        report, joint = self.report, int(np.argmax(escalation.displacement))
         motion = escalation.next_motion(joint)
-        question = escalation.question(joint, motion, f" to and fro, {SWINGS} times")
-        require_yes(self.person, question)
-        self.mover.visit(joint, SWINGS // 2 * (motion, -motion))
+        question = escalation.question(
+            joint, motion, f" in alternating directions, {LATENCY_MOTIONS} times"
+        )
+        require_yes(self.operator, question)
+        self.mover.visit(joint, LATENCY_MOTIONS // 2 * (motion, -motion))
         trace = self.mover.trace
         report.latency = identify_latency(trace, joint)
-        report.lag = drive_lag(trace, np.array(self.mover.gate.speed))
-        report.findings += latency_findings(report.latency, self.latency)
-        report.findings += lag_findings(report.lag, self.thresholds.drive_lag)
+        report.lag = identify_drive_lag(trace, np.array(self.mover.gate.speed))
+        report.findings += compare_latency(report.latency, self.latency)
+        report.findings += compare_drive_lag(report.lag, self.thresholds.drive_lag)
 
     def _decide(self, escalation: MotionEscalation, fits: list[Hypothesis]) -> None:
-        """Report the corrections of the hypotheses that remain after the operator was asked."""
-        report, robot, person = self.report, self.robot, self.person
+        """Add the corrections of the hypotheses that agree with the operator's answers."""
+        report, robot, operator = self.report, self.robot, self.operator
         views = escalation.marker_views()
         if not fits[0].explains(views):
             ratio = np.sqrt(fits[0].misfit / views.points.size)
             report.findings.append(
                 Finding(
-                    "no single mistake explains the picture",
+                    "no single error of the rig file explains the image",
                     "arm, mechanism, tool, markers",
-                    f"the residuals of the best one are {ratio:.1f} times the noise",
-                    "one mistake at most: look at all of [arm], [mechanism], [tool] and [markers]",
+                    f"residuals of the best hypothesis {ratio:.1f} times the noise",
+                    "at most one error: check all of [arm], [mechanism], [tool] and [markers]",
                 )
             )
             return
 
         def show(joint: int) -> None:
             motion = escalation.next_motion(joint)
-            require_yes(person, escalation.question(joint, motion))
+            require_yes(operator, escalation.question(joint, motion))
             self.mover.visit(joint, (motion,), escalation.bound(joint, motion))
 
         plain = [fit for fit in fits if fit.number is None]
         unclear = [one for fit in plain for one in escalation.unclear(fit)]
-        report.unclear = sorted({undetectable_error(one, robot) for one in unclear})
+        report.unclear = sorted({describe_undetectable_error(one, robot) for one in unclear})
         for words in report.unclear:
-            person.tell(f"{words}: measure it by hand.")
+            operator.tell(f"{words}. Measure it by hand.")
         named = {other for fit in fits for other in equivalents(fit)}
-        report.undecided = sorted({in_words(one, robot) for one in named})
+        report.undecided = sorted({describe(one, robot) for one in named})
         motion = escalation.next_motion
-        left = ask_operator(fits, robot, escalation.start, person, show, motion)
+        left = ask_operator(fits, robot, escalation.start, operator, show, motion)
         for number, hypothesis in enumerate(left, start=1):
             prefix = f"possibility {number} of {len(left)}: " if len(left) > 1 else ""
             found = corrections(hypothesis, robot)

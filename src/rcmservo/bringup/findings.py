@@ -1,4 +1,4 @@
-"""Findings of the check, and the end of a check by one."""
+"""A finding of `rig check`, and the exception that aborts the check with one."""
 
 from dataclasses import dataclass
 
@@ -7,20 +7,20 @@ from rcmservo.errors import RcmServoError
 
 @dataclass(frozen=True)
 class Finding:
-    """A mismatch between the rig file, the devices and the picture.
+    """A mismatch between the rig file, the devices and the image.
 
     Parameters
     ----------
     what : str
-        The mismatch in a few words.
+        Mismatch in a few words.
     where : str
-        The setting, such as arm.counts[1], or the device.
+        Setting, for example arm.counts[1], or device.
     found : str
-        The present value, or the observation.
+        Present value, or observation.
     expected : str
-        The value that it would have to be.
+        Expected value, with the next step where no line corrects the file.
     line : str
-        The line of the rig file that corrects it; empty where none does.
+        Line that corrects the rig file; empty if no line does.
     """
 
     what: str
@@ -31,7 +31,7 @@ class Finding:
 
 
 class CheckAborted(RcmServoError):
-    """A finding that ends the check, with the drive off."""
+    """Raised to abort the check with a finding; the drive is switched off."""
 
     def __init__(self, what: str, where: str, found: str, expected: str, line: str = "") -> None:
         super().__init__(what)

@@ -1,14 +1,14 @@
 """Identification of an arm and its camera from joints and markers by nonlinear least squares.
 
-The camera is unknown, but it is a camera: square pixels, an optical axis near the middle of the
-picture, a lens that distorts little. Marker positions P, eq. (2), of which no such camera makes the
-picture are invalid. With X = R (P − P₀) + (a, b, 1) Z in the axes of the camera and the slopes
-s = (X₁, X₂) / X₃, the picture
+The pose and the intrinsic parameters of the camera are unknown. It has square pixels, an optical
+axis near the middle of the image and a small radial distortion; marker positions P, eq. (2), that
+no such camera projects to the observed pixels are rejected. With X = R (P − P₀) + (a, b, 1) Z in
+the frame of the camera and the slopes s = (X₁, X₂) / X₃, the model of the pixels is
 
     m = f (1 + k |s|²) s + c
 
-is fitted to all observations at once, over R, a, b, Z, f, c, k and the free corrections of the arm.
-Prior knowledge of f, c, k and of the corrections counts as a measurement.
+The fit uses all observations at once. Its unknowns are R, a, b, Z, f, c, k and the free corrections
+of the arm. Priors on f, c, k and on the corrections enter as additional measurements.
 """
 
 from collections.abc import Callable, Sequence
@@ -24,34 +24,34 @@ from rcmservo.interfaces import Floats
 from rcmservo.numerics.jit import compiled
 
 ZERO, SPACING = 3, 4
-"""Indices of the corrections of an arm that follow those of the motion of joints 1, 2 and 3."""
+"""Indices of the corrections that follow those of the motions of joints 1, 2 and 3."""
 CORRECTION_PRIOR = np.array([2.0, 2.0, 2.0, 50.0, 2.0])
-"""Standard deviations of the corrections before anything is observed: logarithms of factors on the
-motion of each joint, mm of the zero of the insertion, logarithm of a factor on the spacing."""
+"""Prior standard deviations of the corrections: logarithm of a factor on the motion of joints 1 to
+3, mm of the zero of the insertion, logarithm of a factor on the spacing of the markers."""
 
 FOCAL_WIDTHS = 1.2
-"""Likely focal length in widths of the picture."""
+"""Prior mean of the focal length, in image widths."""
 CAMERA_UNITS = np.array([0.5, 0.5, 0.5, 0.1, 0.1, 0.5, 0.6, 0.025, 0.025, 0.15])
-"""Units of the unknowns of the camera: Rodrigues vector of R (half a rad), picture of P₀ (widths of
-the picture), log f/Z, log f, c (widths) and k. Those of the last four are their standard deviations
-before anything is observed.
+"""Units of the unknowns of the camera: Rodrigues vector of R (half a rad), pixel of P₀ (image
+widths), log f/Z, log f, c (image widths) and k. For log f, c and k the units are the prior standard
+deviations.
 
-The picture of P₀ and f/Z replace a, b and Z: observations determine these best, and the search
+The pixel of P₀ and f/Z replace a, b and Z. The observations determine them best, and the search
 takes several times fewer steps.
 """
 WITHOUT_PRIOR = 6
-"""Number of leading unknowns of the camera without a prior."""
+"""Number of leading unknowns of the camera that have no prior."""
 
 CROSS_PRODUCTS = np.cross(np.eye(3), np.eye(3)[:, None]).reshape(3, 9)
 """Matrices K₁, K₂, K₃ (3, 9) with ω × x = (ω₁ K₁ + ω₂ K₂ + ω₃ K₃) x."""
 RELATIVE_STEP = float(np.sqrt(np.finfo(float).eps))
-"""Change of an unknown, relative to its size or to 1, for a difference of the residual."""
+"""Step of a forward difference, relative to the unknown or to 1, whichever is larger."""
 MAX_STEPS = 40
-"""Steps of a fit at most."""
+"""Largest number of steps of a fit."""
 MIN_RELATIVE_GAIN = 1e-5
-"""Relative decrease of the squared residuals at which a fit ends."""
+"""Relative decrease of the squared residuals below which a fit ends."""
 MAX_RESIDUAL_PX = 1e3
-"""Residual of a marker behind the camera, and of one still further off."""
+"""Upper bound on the residual of a marker; also the residual of a marker behind the camera."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,9 +61,9 @@ class LeastSquaresFit:
     Parameters
     ----------
     x : Floats
-        The unknowns (n,).
+        Solution (n,).
     covariance : Floats
-        Their covariance (n, n) if the residuals are in standard deviations.
+        Covariance (n, n) of `x`, for residuals in standard deviations.
     misfit : float
         Sum of the squared residuals.
     """
@@ -74,20 +74,20 @@ class LeastSquaresFit:
 
 
 def fit_residuals(residuals: Callable[[Floats], Floats], x: Floats) -> LeastSquaresFit:
-    """Minimise the squares of residuals within a trust region from `x` (n,).
+    """Minimise the sum of squared residuals by a trust-region method, from the initial `x` (n,).
 
-    `residuals` takes m sets of unknowns (m, n) and returns (m, r): forward differences by all
-    unknowns cost one call.
+    `residuals` maps m vectors of unknowns (m, n) to m vectors of residuals (m, r), so that all
+    forward differences take one call.
     """
-    from scipy import optimize  # takes 0.1 s, which only a fit needs
+    from scipy import optimize  # local because the import takes 0.1 s
 
     @lru_cache(maxsize=1)
     def differentiated(x: tuple[float, ...]) -> tuple[Floats, Floats]:
         """Return the residuals (r,) and their derivative (r, n)."""
         at = np.array(x)
-        away = at + RELATIVE_STEP * np.maximum(1.0, np.abs(at)) * np.where(at < 0.0, -1.0, 1.0)
-        here, *others = residuals(np.vstack([at, np.where(np.eye(len(at)), away, at)]))
-        return here, (np.array(others) - here).T / (away - at)
+        shifted = at + RELATIVE_STEP * np.maximum(1.0, np.abs(at)) * np.where(at < 0.0, -1.0, 1.0)
+        here, *others = residuals(np.vstack([at, np.where(np.eye(len(at)), shifted, at)]))
+        return here, (np.array(others) - here).T / (shifted - at)
 
     def residual(x: Floats) -> Floats:
         return differentiated(tuple(x))[0]
@@ -109,13 +109,13 @@ class MarkerViews:
     Parameters
     ----------
     q : Floats
-        The measured joints (n, 3) in rad, rad, mm.
+        Measured joints (n, 3) in rad, rad, mm.
     points : Floats
-        The markers (n, 2, 2) px, each the mean over many frames.
+        Markers (n, 2, 2) in px, each the mean over many frames.
     noise : Floats
-        Standard deviations (n,) of these means, px.
+        Standard deviations (n,) of these means in px.
     size : tuple[int, int]
-        Width and height of the picture, px.
+        Width and height of the image in px.
     """
 
     q: Floats
@@ -124,7 +124,7 @@ class MarkerViews:
     size: tuple[int, int]
 
     def mirrored(self) -> "MarkerViews":
-        """Return the same poses in a mirrored picture."""
+        """Return the same poses in a mirrored image."""
         flipped = self.points * [-1.0, 1.0] + [self.size[0] - 1.0, 0.0]
         return MarkerViews(self.q, flipped, self.noise, self.size)
 
@@ -141,22 +141,22 @@ def identify(
     Parameters
     ----------
     mechanism, tool
-        The arm as its rig file describes it.
+        Kinematics and tool as the rig file describes them.
     views
-        Joints and markers at rest. Motion is corrected about the first pose.
+        Joints and markers at rest. Corrections of a motion are relative to the first pose.
     free
-        Indices (0 to 4) of the corrections to estimate; the others are 0.
+        Indices (0 to 4) of the corrections to estimate; the others stay 0.
     begin
-        Value of the free corrections at which the search begins.
+        Initial value of the free corrections.
 
     Returns
     -------
     LeastSquaresFit
-        Corrections (5,), 0 where one was not free, their covariance (5, 5), and the misfit.
+        Corrections (5,), 0 where not free, their covariance (5, 5), and the misfit.
 
     Notes
     -----
-    The search is local: it may miss a factor far from `begin`. Motions of a few mm determine one
+    The search is local: it may miss a factor far from `begin`. Motions of a few mm identify one
     correction at a time, not all five.
     """
     index, known = list(free), len(CAMERA_UNITS)
@@ -191,20 +191,20 @@ def identify(
 
 @dataclass(frozen=True, eq=False)
 class _Camera:
-    """The camera at which a search begins.
+    """Camera at which the search starts.
 
     Parameters
     ----------
     rotation : Floats
-        R (3, 3).
+        Rotation R (3, 3).
     centre : Floats
-        P₀ (3,) mm, the mean of all markers.
+        P₀ (3,) in mm, the mean of all markers.
     pixel : Floats
-        Picture (2,) px of P₀.
+        Pixel (2,) of P₀.
     scale : float
-        Size of the picture of P₀ in px per mm.
+        Image scale at P₀ in px per mm.
     size : Floats
-        Width and height (2,) px of the picture.
+        Width and height (2,) of the image in px.
     """
 
     rotation: Floats
@@ -215,9 +215,9 @@ class _Camera:
 
     @classmethod
     def about(cls, markers: Floats, views: MarkerViews) -> "_Camera":
-        """Return a distant camera that sees markers (n, 2, 3) mm about where they were observed.
+        """Return a distant camera that projects `markers` (n, 2, 3) in mm near the observed ones.
 
-        The vector between the markers weighs as much as all of their motion.
+        The fit is linear. The vector between the markers weighs as much as all of their motion.
         """
         size, points = np.array(views.size, float), views.points
         P, m = markers - markers.mean(axis=0), points - points.mean(axis=0)
@@ -232,38 +232,42 @@ class _Camera:
         return cls(rotation, centre, pixel, float(px_per_mm.mean()), size)
 
     def project(self, change: Floats, markers: Floats) -> Floats:
-        """Return the picture (..., n, 2) px of markers (..., n, 3) mm after changes of the camera
-        (..., 10) in the order of `CAMERA_UNITS`; NaN for a marker behind it.
+        """Return the pixels (..., n, 2) of `markers` (..., n, 3) in mm; NaN behind the camera.
+
+        `change` (..., 10) modifies the camera, in the order of `CAMERA_UNITS`.
         """
         R = _rotation(change[..., :3]) @ self.rotation
         focal = FOCAL_WIDTHS * self.size[0] * np.exp(change[..., None, 6:7])
         depth = focal / (self.scale * np.exp(change[..., None, 5:6]))
         axis = (self.size - 1.0) / 2.0 + self.size[0] * change[..., None, 7:9]
-        aside = (self.pixel + self.size[0] * change[..., None, 3:5] - axis) / focal
+        direction = (self.pixel + self.size[0] * change[..., None, 3:5] - axis) / focal
         X = (markers - self.centre) @ R.swapaxes(-1, -2)
-        X += depth * np.concatenate([aside, np.ones_like(focal)], axis=-1)
+        X += depth * np.concatenate([direction, np.ones_like(focal)], axis=-1)
         slope = X[..., :2] / np.where(X[..., 2:] > 1e-2 * depth, X[..., 2:], np.nan)
         square = (slope**2).sum(axis=-1, keepdims=True)
         return axis + focal * slope * (1.0 + change[..., None, 9:] * square)
 
 
 def _rotation(half_turns: Floats) -> Floats:
-    """Return the rotations (..., 3, 3) of Rodrigues vectors (..., 3): axis times tan(angle / 2)."""
+    """Return rotations (..., 3, 3) from Rodrigues vectors (..., 3), axis times tan(angle / 2)."""
     K = (half_turns @ CROSS_PRODUCTS).reshape(*half_turns.shape[:-1], 3, 3)
     return np.eye(3) + 2.0 / (1.0 + (half_turns**2).sum(axis=-1)[..., None, None]) * (K + K @ K)
 
 
 def corrected_markers(mechanism: Kinematics, tool: Tool, q: Floats, correction: Floats) -> Floats:
-    """Return the markers (n, 2, 3) mm at the joints q (n, 3), corrected about the first of them."""
+    """Return the markers (n, 2, 3) in mm at the joints `q` (n, 3) with a `correction` (5,).
+
+    Corrections of a motion are relative to the first joints, `q[0]`.
+    """
     rcm = mechanism.rcm(tool.offset)
     rcm = rcm._replace(zero=rcm.zero + correction[ZERO])
     motion = (q - q[0]) * np.exp(correction[:ZERO])
-    return _markers(rcm, q[0] + motion, stretched(tool.shaft, correction[SPACING]))
+    return _markers(rcm, q[0] + motion, scale_spacing(tool.shaft, correction[SPACING]))
 
 
 @compiled
 def _markers(rcm: Rcm, q: Floats, shaft: Shaft) -> Floats:
-    """Return p₁ and p₂ (n, 2, 3) mm at the joints q (n, 3), eq. (2)."""
+    """Return p₁ and p₂ (n, 2, 3) in mm at the joints `q` (n, 3), eq. (2)."""
     markers = np.empty((len(q), 2, 3))
     for i in range(len(q)):
         markers[i, 0] = position(rcm, q[i])
@@ -271,8 +275,8 @@ def _markers(rcm: Rcm, q: Floats, shaft: Shaft) -> Floats:
     return markers
 
 
-def stretched(shaft: Shaft, log_factor: float) -> Shaft:
-    """Return the tool with its markers further apart by the factor exp(`log_factor`)."""
+def scale_spacing(shaft: Shaft, log_factor: float) -> Shaft:
+    """Return the tool with the distance between its markers scaled by exp(`log_factor`)."""
     factor = float(np.exp(log_factor))
     value = shaft.value * factor if shaft.kind == RIGID else 1.0 + (shaft.value - 1.0) * factor
     return Shaft(shaft.kind, value)

@@ -1,9 +1,9 @@
-"""Small guarded motions of one joint, there and back, under observation.
+"""Small monitored motions of one joint, from the present joints and back.
 
-An operator has switched the drive on and says yes to each motion; the drive is on only while
-something moves. Commands pass the gate at a tenth of its speed. The drive goes off, and nothing
-moves any more, if a joint does not follow or moves too far, another joint moves with it, the drive
-goes off by itself, or the arm or the camera falls silent.
+The operator agrees to each motion, and the drive is on only during motions. Commands pass the gate
+at a tenth of its speed. The drive switches off and the check aborts if a joint does not follow its
+commands, moves too far or moves together with another joint, if the drive switches off by itself,
+or if the arm or the camera stops sending data.
 """
 
 from collections.abc import Callable, Generator, Sequence
@@ -21,49 +21,59 @@ from rcmservo.loop.plant import Plant
 from rcmservo.safety.gate import Gate
 
 TICK_RATE = 100.0
-"""Commands per s."""
+"""Command rate (1/s)."""
 POLL_RATE = 1000.0
-"""Readings per s with the drive off, so that the measured rates are those of the devices."""
+"""Rate (1/s) of readings with the drive off; above the devices' rates, which are measured."""
 SPEED_SCALE = 0.1
-"""Fraction of the gate's speed that is used."""
+"""Fraction of the gate's speed that motions use."""
 GAIN = 3.0
-"""Gain (1/s) of a joint's motion to its place."""
-ARRIVED = 0.03
-"""Fraction of its motion within which a joint has arrived,"""
-NEARLY_ARRIVED, STUCK_TIME = 0.3, 0.3
-"""or, where it has stood still for so many s, because friction holds it."""
+"""Proportional gain (1/s) of a joint's motion to its goal."""
+ARRIVAL_FRACTION = 0.03
+"""Remaining distance, as a fraction of the motion, at which a joint has arrived."""
+STUCK_FRACTION, STUCK_TIME = 0.3, 0.3
+"""Remaining distance, as a fraction of the motion, that friction may leave; it counts as arrival if
+the joint stands still for this time (s)."""
 MOTION_TIMEOUT = 8.0
-"""Time (s) within which it must arrive."""
+"""Time (s) within which a joint must arrive."""
 MAX_OVERSHOOT = 1.2
-"""Fraction of the agreed motion that the joint may move,"""
+"""Largest distance of the joint from its start, as a fraction of the agreed motion."""
 MAX_LAG = 1.2
-"""that it may be behind its commands,"""
+"""Largest distance of the joint behind its commands, as a fraction of the agreed motion."""
 MAX_COUPLING = 0.4
-"""and that another joint may move with it."""
+"""Largest motion of another joint in counts, as a fraction of the agreed motion in counts."""
 PLAY_COUNTS = 4.0
-"""Counts that are no motion."""
+"""Encoder counts that do not count as motion."""
 SETTLING_TIME = 0.25
-"""Time (s) after which a joint that arrived is at rest, and the picture of it."""
-FRAMES = 60
+"""Time (s) after the arrival until joint and image are at rest."""
+AVERAGED_FRAMES = 60
 """Frames over which the markers are averaged at rest."""
-MIN_SEEN = 0.5
-"""Fraction of the frames that must show both markers."""
-UNDER_WAY = 0.3
-"""Fraction of its motion after which an arm is left alone,"""
-ALONE_TIME, REST_TIME = 0.4, 0.15
-"""for how long (s), and the time (s) after which it must be at rest."""
-DRIVEN_PATIENCE = 0.5
-"""Time (s) without a frame after which a motion ends while the drive is on."""
+MIN_VISIBLE_FRACTION = 0.5
+"""Smallest fraction of the frames with both markers; below it the check aborts."""
+INTERRUPT_FRACTION = 0.3
+"""Fraction of a motion after which the test of a rate-controlled arm interrupts its commands."""
+INTERRUPT_TIME, REST_TIME = 0.4, 0.15
+"""Duration (s) of that interruption, and time (s) after which the arm must be at rest."""
+DRIVEN_FRAME_TIMEOUT = 0.5
+"""Time (s) without a frame after which a motion ends, with the drive on."""
 PATIENCE = 3.0
-"""Time (s) without a frame, or without an answer of the arm, while it is off."""
+"""Time (s) without a frame or an answer of the arm after which the check aborts, drive off."""
 DEFAULT_SIZE = 640, 480
-"""Size (px) of the picture of a camera that delivers the markers alone."""
+"""Assumed image size (px) of a camera that delivers markers without images."""
 
 
 class Leg:
-    """Part of a motion of one joint from `home` (3,), and what is monitored in it.
+    """One leg of a motion of one joint, with the quantities that are monitored.
 
-    ``offset`` is its goal from home and ``limit`` the largest distance from there, rad or mm.
+    Parameters
+    ----------
+    joint : int
+        Index of the joint.
+    offset : float
+        Goal relative to `home` in rad or mm.
+    limit : float
+        Largest agreed distance from `home` in rad or mm.
+    home : Floats
+        Joints (3,) at the start of the whole motion.
     """
 
     def __init__(self, joint: int, offset: float, limit: float, home: Floats) -> None:
@@ -71,16 +81,32 @@ class Leg:
         self.goal = home.copy()
         self.goal[joint] += offset
         self.start = home
-        """The joints (3,) where this part began."""
+        """Joints (3,) at the start of this leg."""
         self.commanded = np.zeros(3)
-        """Motion (3,) commanded since then."""
+        """Commanded motion (3,) since `start`."""
 
 
 class Mover:
-    """An arm that makes the small motions to which an operator has agreed, watched by a camera.
+    """Small motions of an arm, monitored by its encoders and a camera.
 
-    While its drive is on, the arm may not answer for ``silence`` s at most. ``trouble`` returns
-    what is wrong with the camera.
+    Parameters
+    ----------
+    arm : LabArm
+        Arm to move.
+    camera : Camera
+        Camera that observes the markers.
+    tracker : Tracker
+        Tracker of the markers.
+    clock : Clock
+        Clock of the plant.
+    robot : Robot
+        Arm as the rig file describes it.
+    gate : Gate
+        Limits of the commands.
+    answer_timeout : float
+        Longest time (s) without an answer of the arm while its drive is on.
+    trouble : Callable[[], str]
+        Function that describes the present fault of the camera; empty if there is none.
     """
 
     def __init__(
@@ -91,15 +117,15 @@ class Mover:
         clock: Clock,
         robot: Robot,
         gate: Gate,
-        silence: float,
+        answer_timeout: float,
         trouble: Callable[[], str],
     ) -> None:
         self.arm, self.clock, self.robot, self.gate = arm, clock, robot, gate
-        self._silence, self._trouble = silence, trouble
+        self._silence, self._trouble = answer_timeout, trouble
         self.trace = MotionTrace()
-        """All answers and frames of the last motion."""
+        """Answers and frames of the last motion."""
         self.size = DEFAULT_SIZE
-        """Size of the picture, px."""
+        """Width and height of the image in px."""
         self.plant = Plant(arm, camera, tracker, clock)
         self._rcm = robot.mechanism.rcm()
         self._steps = robot.wiring.steps
@@ -107,12 +133,12 @@ class Mover:
         self._leg = Leg(0, 0.0, 0.0, np.zeros(3))
         self._frame, self._is_new = -1, False
 
-    def off(self) -> None:
-        """Send zero and switch the drive off."""
+    def switch_off(self) -> None:
+        """Command zero rates and switch the drive off."""
         self._last = self.gate.stop(self._last, self.clock.now())
         self.plant.send(self._last)
 
-    def look(self) -> StillView:
+    def observe_at_rest(self) -> StillView:
         """Average joints and markers with the drive off."""
         self._begin()
         return self._average()
@@ -120,10 +146,22 @@ class Mover:
     def visit(
         self, joint: int, offsets: Sequence[float], bound: PixelBound | None = None
     ) -> list[StillView]:
-        """Move a joint to offsets (rad or mm) from here, one after the other, and back again.
+        """Move a joint to each of `offsets` (rad or mm) from its present position, then back.
 
-        With a bound on the markers it rests at each offset, and where they leave the bound it turns
-        back and goes to none of the others. Without, it rests at the end only.
+        With a `bound`, the joint rests at each offset and the markers are averaged there. If a
+        marker leaves the bound, the joint returns and omits the other offsets. Without a bound it
+        rests only at the end.
+
+        Returns
+        -------
+        list[StillView]
+            One view per rest; the last one is at the initial position.
+
+        Raises
+        ------
+        CheckAborted
+            If a monitored quantity exceeds its limit, the joint does not arrive in time, or
+            measurements are missing.
         """
         views: list[StillView] = []
         limit = max(map(abs, offsets))
@@ -138,19 +176,20 @@ class Mover:
             views.append(self._average())
         return views
 
-    def stops_by_itself(self, joint: int, offset: float) -> bool:
-        """Return whether an arm that takes rates comes to rest once nothing is sent, while a joint
-        moves by an offset at most.
+    def stops_without_commands(self, joint: int, offset: float) -> bool:
+        """Interrupt the commands of a rate-controlled arm in motion; return whether it stops.
+
+        The joint moves by `offset` (rad or mm) at most.
         """
         assert isinstance(self.arm, SuspendsCommunication)
         path: list[float] = []
         with self._driving() as home:
             self._leg = leg = Leg(joint, offset, offset, home)
             for _ in ticks(self.clock, TICK_RATE, MOTION_TIMEOUT):
-                if abs(self._tick(leg.goal)[joint] - home[joint]) >= UNDER_WAY * offset:
+                if abs(self._tick(leg.goal)[joint] - home[joint]) >= INTERRUPT_FRACTION * offset:
                     break
             self.arm.fall_silent()
-            for _ in ticks(self.clock, TICK_RATE, ALONE_TIME):
+            for _ in ticks(self.clock, TICK_RATE, INTERRUPT_TIME):
                 path.append(float(self._read().q[joint]))
                 if not abs(path[-1] - home[joint]) <= offset:
                     break
@@ -159,19 +198,18 @@ class Mover:
 
     @contextmanager
     def _driving(self) -> Generator[Floats]:
-        """Switch the drive on for a motion from the present joints (3,), and off whatever
-        happens.
-        """
+        """Switch the drive on, yield the present joints (3,), and always switch it off again."""
         home = self._begin()
         try:
             self.plant.enable()
             yield home
         finally:
-            self.off()
+            self.switch_off()
 
     def _begin(self) -> Floats:
-        """Forget earlier observations and wait for the first markers, which take longer to find;
-        return the present joints.
+        """Discard earlier observations, wait for a frame, and return the present joints (3,).
+
+        The first search for the markers takes longer than tracking, hence the wait.
         """
         self.trace, self._frame = MotionTrace(), -1
         self.plant.reset()
@@ -184,7 +222,7 @@ class Mover:
         raise AssertionError("ticks without a duration never end")
 
     def _go(self, leg: Leg, bound: PixelBound | None = None) -> bool:
-        """Bring a joint to its goal; return whether it arrived before the markers left a bound."""
+        """Move a joint to its goal; return False if a marker leaves the bound before that."""
         joint, step = leg.joint, float(self._steps[leg.joint])
         leg.start = last = q = self._read().q.copy()
         self._leg, since = leg, self.clock.now()
@@ -192,23 +230,23 @@ class Mover:
             q = self._tick(leg.goal)
             if abs(q[joint] - last[joint]) > 0.5 * step:
                 last, since = q, self.clock.now()
-            near = max(ARRIVED * leg.limit, 1.5 * step)
+            near = max(ARRIVAL_FRACTION * leg.limit, 1.5 * step)
             if self.clock.now() - since > STUCK_TIME * 1e9:
-                near = max(NEARLY_ARRIVED * leg.limit, PLAY_COUNTS * step)
+                near = max(STUCK_FRACTION * leg.limit, PLAY_COUNTS * step)
             if abs(q[joint] - leg.goal[joint]) <= near:
                 return True
             if bound is not None and self._is_new and bound.is_left(self.trace.frames[-1][2]):
                 return False
-        raise self._astray(q - leg.start, f"not there within {MOTION_TIMEOUT:g} s")
+        raise self._mismatch(q - leg.start, f"no arrival within {MOTION_TIMEOUT:g} s")
 
     def _average(self) -> StillView:
-        """Stay here, with the drive on or off, and average joints and markers."""
+        """Hold the position, with the drive on or off, and average joints and markers."""
         points, joints = list[Floats](), list[Floats]()
         missed, began = 0, self.clock.now()
         newest, on = began, self._last.enabled
         for _ in ticks(self.clock, TICK_RATE if on else POLL_RATE):
             q = self._tick(None) if on else self._read().q
-            self._require_frames(newest, DRIVEN_PATIENCE if on else PATIENCE)
+            self._require_frames(newest, DRIVEN_FRAME_TIMEOUT if on else PATIENCE)
             if not self._is_new:
                 continue
             newest = self.clock.now()
@@ -220,31 +258,31 @@ class Mover:
                 points.append(markers)
             else:
                 missed += 1
-            if missed > FRAMES / MIN_SEEN - FRAMES:
+            if missed > AVERAGED_FRAMES / MIN_VISIBLE_FRACTION - AVERAGED_FRAMES:
                 raise CheckAborted(
-                    "the markers are not seen",
+                    "the markers are not visible",
                     "markers",
                     f"both in {len(points)} of {len(points) + missed} frames",
-                    "both in nearly every frame: light, focus, and the colours in [markers]",
+                    "both in nearly every frame: check light, focus, and the colours in [markers]",
                 )
-            if len(points) >= FRAMES:
+            if len(points) >= AVERAGED_FRAMES:
                 break
         noise = float(np.std(points, axis=0, ddof=1).mean())
         q, mean = np.mean(joints, axis=0), np.mean(points, axis=0)
         return StillView(q, mean, noise, len(points), missed)
 
-    def _require_frames(self, newest: int, patience: float) -> None:
-        if not self.clock.now() - newest <= patience * 1e9:
-            found = self._trouble() or f"no frame for {patience:g} s"
-            raise CheckAborted("no frames come", "camera", found, "frames all the time")
+    def _require_frames(self, newest: int, timeout: float) -> None:
+        if not self.clock.now() - newest <= timeout * 1e9:
+            found = self._trouble() or f"no frame for {timeout:g} s"
+            raise CheckAborted("the camera sends no frames", "camera", found, "continuous frames")
 
     def _tick(self, goal: Floats | None) -> Floats:
-        """Send one command towards the goal (3,), or to stay; return the joints read before."""
+        """Send one command towards `goal` (3,), or zero rates; return the joints read before."""
         observation = self._read()
         if not observation.enabled:
             found = self.arm.why_off or "the arm reports no reason"
-            expected = "on until it is switched off"
-            raise CheckAborted("the drive went off by itself", "arm", found, expected)
+            expected = "drive on until the check switches it off"
+            raise CheckAborted("the drive switched off by itself", "arm", found, expected)
         q = observation.q
         self._monitor(q)
         error = np.zeros(3) if goal is None else goal - q
@@ -257,9 +295,9 @@ class Mover:
     def _read(self) -> Observation:
         """Read arm and camera, and record new answers and frames."""
         observation = self.plant.read()
-        patience = self._silence if self._last.enabled else PATIENCE
-        if not observation.now - observation.q_time <= patience * 1e9:
-            found = self.arm.why_off or f"no answer for {patience:g} s"
+        timeout = self._silence if self._last.enabled else PATIENCE
+        if not observation.now - observation.q_time <= timeout * 1e9:
+            found = self.arm.why_off or f"no answer for {timeout:g} s"
             raise CheckAborted("the arm does not answer", "arm", found, "an answer in every tick")
         answers, time = self.trace.answers, observation.q_time
         if not answers or time > answers[-1][0]:
@@ -275,25 +313,25 @@ class Mover:
         return observation
 
     def _monitor(self, q: Floats) -> None:
-        """Abort where a joint goes further than agreed, does not follow, or moves another one."""
+        """Abort if the joint moves further than agreed, lags too much, or another joint moves."""
         leg, moved = self._leg, q - self._leg.home
         counts, allowed = np.abs(moved) / self._steps, leg.limit / self._steps[leg.joint]
         lag = abs(leg.commanded - (q - leg.start))[leg.joint] / self._steps[leg.joint]
         others = np.delete(counts, leg.joint)
         if not counts[leg.joint] <= MAX_OVERSHOOT * allowed + PLAY_COUNTS:
-            raise self._astray(moved, "further than was asked for")
+            raise self._mismatch(moved, "it moves further than agreed")
         if not others.max() <= MAX_COUPLING * allowed + PLAY_COUNTS:
-            raise self._astray(moved, "another joint counts")
+            raise self._mismatch(moved, "another joint counts")
         if not lag <= MAX_LAG * allowed + PLAY_COUNTS:
-            raise self._astray(q - leg.start, "it does not follow")
+            raise self._mismatch(q - leg.start, "it does not follow")
 
-    def _astray(self, moved: Floats, why: str) -> CheckAborted:
-        """Return the abort of a motion whose joints moved (3,) otherwise than commanded."""
+    def _mismatch(self, moved: Floats, why: str) -> CheckAborted:
+        """Return the exception for a motion (3,) that differs from its command."""
         joint = f"joint {self._leg.joint + 1}"
         counts = ", ".join(f"{count:+.0f}" for count in moved / self._steps)
         return CheckAborted(
-            f"{joint} does not do as commanded: {why}",
+            f"{joint} does not move as commanded: {why}",
             joint,
             f"counts of joints 1, 2, 3: {counts}",
-            f"counts of {joint} alone: look at brake, motor and encoder cables",
+            f"counts of {joint} alone: check brake, motor and encoder cables",
         )

@@ -1,8 +1,8 @@
-"""Larger and larger motions of all joints until the picture determines the mistake, if any.
+"""Motions of growing size of all joints, until the image identifies the error of the rig file.
 
-This part is no identification but comes before it: the first motions must be too small for any
-usual mistake to make them dangerous, and each is doubled only after a yes, and only while marker 2
-stays near under every hypothesis that remains.
+The first motions are so small that no common error of a rig file makes them dangerous. A motion is
+doubled only after the operator agrees, and only while the travel of marker 2 stays small under
+every hypothesis that remains.
 """
 
 from collections.abc import Callable
@@ -20,59 +20,73 @@ from rcmservo.interfaces import Floats
 from rcmservo.live.device_protocols import OperatorTerminal
 
 FIRST_MM, FIRST_COUNTS = 0.06, 50.0
-"""First motion of marker 2 according to the rig file, and in counts at most: in a file with a
-thousand times too many counts per mm, so few are still small."""
+"""First motion: travel (mm) of marker 2 by the rig file, and upper bound in encoder counts. The
+bound keeps the motion small if the file has a thousand times too many counts per mm."""
 MAX_TRAVEL_MM = 1.5
-"""Largest motion of marker 2 under any remaining hypothesis."""
+"""Largest travel of marker 2 under any remaining hypothesis."""
 BLIND_MM, BLIND_RATIO = 0.4, 3.0
-"""Motion (mm) up to which the next one is doubled before hypotheses are fitted, while the picture
-shows less than this many times what the file predicts."""
+"""Travel (mm) up to which motions double before hypotheses are fitted, and the largest ratio of the
+observed to the predicted travel for that."""
 ABORT_RATIO, ABORT_MM = 4.0, 0.5
-"""A motion turns back if the picture shows so many times the prediction, and so many mm."""
+"""Bound on the observed travel beyond which the joint returns: this multiple of the predicted
+travel, plus this margin (mm)."""
 NOISE_DEVIATIONS = 5.0
-"""Standard deviations of the picture that are no motion."""
+"""Standard deviations of the noise up to which a displacement in the image is not a motion."""
 MIN_MOTION_STEPS = 20.0
-"""Counts of a motion that show whether an arm stops."""
+"""Smallest motion (counts) that suffices to test whether the arm stops without commands."""
 MAX_LOG_FACTOR, SIZE_DEVIATIONS = 8.0, 2.0
-"""Largest factor of a motion that is considered (its logarithm), and the standard deviations by
-which a fitted one may be larger."""
+"""Upper bound on the logarithm of a factor on a motion, and standard deviations that are added to a
+fitted one."""
 MIN_GROWTH = 1.15
-"""Factor by which a motion must grow to be repeated."""
+"""Smallest ratio of the next motion to the present one that makes a repetition worthwhile."""
 MIN_NOISE_PX, MAX_NOISE_PX = 0.03, 0.15
-"""Bounds of the noise of a mean over frames: the residuals of the best hypothesis count as the
-tracker's own error, as of compressed pictures."""
+"""Bounds on the noise of a mean over frames. Within them, the residuals of the best hypothesis
+count as errors of the tracker, for example from image compression."""
 MAX_UNDETECTABLE = 0.15, 0.15, 0.15, 5.0, 0.05
-"""Corrections (see `CORRECTION_PRIOR`) that may go undetected without notice."""
+"""Largest undetected errors (units of `CORRECTION_PRIOR`) that the report does not mention."""
 
 
 class MotionEscalation:
-    """Motions of growing size and all that was observed."""
+    """Sequence of motions of growing size, with their observations and fitted hypotheses.
+
+    Parameters
+    ----------
+    mover : Mover
+        Arm and camera.
+    operator : OperatorTerminal
+        Operator who agrees to each motion.
+    robot : Robot
+        Arm as the rig file describes it.
+    rest : StillView
+        Joints and markers before the first motion.
+    """
 
     def __init__(
-        self, mover: Mover, person: OperatorTerminal, robot: Robot, rest: StillView
+        self, mover: Mover, operator: OperatorTerminal, robot: Robot, rest: StillView
     ) -> None:
-        self.mover, self.person, self.robot = mover, person, robot
+        self.mover, self.operator, self.robot = mover, operator, robot
         self.views = [rest]
         self.fits: list[Hypothesis] = []
-        """One hypothesis of each kind, the best first."""
+        """One fitted hypothesis of each class, by increasing misfit."""
         self._per_mm = robot.joint_per_mm(rest.q)
         self.motions = np.minimum(FIRST_MM * self._per_mm, FIRST_COUNTS * robot.wiring.steps)
-        """Last motion (3,) of each joint to either side in rad, rad, mm."""
-        self.shown = np.zeros(3)
-        """Largest motion (3,) of a marker in it, px,"""
-        self._shown_by = self.motions.copy()
-        """and the motion of the joint that it belongs to."""
+        """Last motion (3,) of each joint in either direction in rad, rad, mm."""
+        self.displacement = np.zeros(3)
+        """Largest displacement (3,) of a marker in px during the last motion of each joint."""
+        self._displaced_by = self.motions.copy()
+        """Motion (3,) of each joint to which `displacement` belongs."""
         self._noise = MIN_NOISE_PX
 
     @property
     def start(self) -> Floats:
-        """The joints (3,) where the check began."""
+        """Joints (3,) at the start of the check."""
         return self.views[0].q
 
     def run(self, first_moved: Callable[[int], None]) -> list[Hypothesis]:
         """Move until one hypothesis remains or the next motion would be too large.
 
-        `first_moved` is called once, with the first joint whose motion picture and encoder show.
+        `first_moved` is called once, with the first joint that moves visibly in the image and by
+        `MIN_MOTION_STEPS` counts. Returns the most likely hypotheses.
         """
         active, is_still = [0, 1, 2], True
         while active:
@@ -90,33 +104,35 @@ class MotionEscalation:
             active = [joint for joint in range(3) if larger[joint] > self.motions[joint]]
             self.motions = np.where(larger > 0.0, larger, self.motions)
         if is_still:
-            first_moved(int(np.argmax(self.shown)))
+            first_moved(int(np.argmax(self.displacement)))
         return most_likely(self.fits)
 
     def marker_views(self) -> MarkerViews:
-        """Return all views with their noise."""
+        """Return all views, with the noise of each."""
         q, points = np.stack([v.q for v in self.views]), np.stack([v.points for v in self.views])
         noise = np.array([max(view.mean_noise, self._noise) for view in self.views])
         return MarkerViews(q, points, noise, self.mover.size)
 
     def question(self, joint: int, motion: float, words: str = "") -> str:
-        """Return the question whether a motion (rad or mm) is allowed."""
+        """Return the question to the operator whether a motion (rad or mm) is allowed."""
         size = f"{abs(motion * self.robot.wiring.counts[joint]):.0f} counts"
-        if self.robot.wiring.signs_only:
+        if self.robot.wiring.has_signs_only:
             size = f"{motion:.3g} mm" if joint == 2 else f"{np.degrees(motion):.3g} deg"
-        return f"Move {self.robot.name(joint)} by at most {size}{words}, and back?"
+        return f"Move {self.robot.name(joint)} by at most {size}{words}, and return?"
 
     def bound(self, joint: int, motion: float) -> PixelBound:
-        """Return the bound on the markers in the picture for a motion of a joint."""
+        """Return the bound on the markers in the image for a motion (rad or mm) of a joint."""
         predicted = motion / self._per_mm[joint] / self._mm_per_px()
-        predicted = max(predicted, self.shown[joint] * motion / self._shown_by[joint])
+        predicted = max(predicted, self.displacement[joint] * motion / self._displaced_by[joint])
         rest = self.views[0]
         margin = ABORT_MM / self._mm_per_px() + 2.0 * NOISE_DEVIATIONS * rest.noise
         return PixelBound(rest.points, ABORT_RATIO * predicted + margin)
 
     def next_motion(self, joint: int) -> float:
-        """Return the motion (rad or mm) that may follow: twice the last one, or less where that is
-        too far under a remaining hypothesis.
+        """Return the next motion (rad or mm): twice the last one, or less.
+
+        It is less if marker 2 would otherwise travel more than `MAX_TRAVEL_MM` under a remaining
+        hypothesis.
         """
         motion = float(self.motions[joint])
         left = [fit for fit in self.fits if fit.is_close(self.fits[0])]
@@ -124,8 +140,9 @@ class MotionEscalation:
         return motion * min(2.0, MAX_TRAVEL_MM / travel)
 
     def unclear(self, plain: Hypothesis) -> list[Hypothesis]:
-        """Return the fits of `plain` with one number corrected that may need more than
-        `MAX_UNDETECTABLE` without being detected.
+        """Return fits that correct a number of `plain` and allow a large undetected error of it.
+
+        An error is large if it exceeds `MAX_UNDETECTABLE`.
         """
         return [
             fit
@@ -137,20 +154,20 @@ class MotionEscalation:
 
     def _move(self, joint: int) -> None:
         motion = float(self.motions[joint])
-        require_yes(self.person, self.question(joint, motion, " either way"))
+        require_yes(self.operator, self.question(joint, motion, " in either direction"))
         new = self.mover.visit(joint, (motion, -motion), self.bound(joint, motion))
         moved = [np.linalg.norm(v.points - self.views[0].points, axis=1).max() for v in new[:2]]
-        self.shown[joint], self._shown_by[joint] = max(moved), motion
+        self.displacement[joint], self._displaced_by[joint] = max(moved), motion
         self.views += new
 
     def _has_moved(self, joint: int) -> bool:
-        """Return whether picture and encoder both show a motion beyond doubt."""
-        visible = self.shown[joint] > NOISE_DEVIATIONS * self.views[0].mean_noise
+        """Return whether image and encoder both confirm a motion."""
+        visible = self.displacement[joint] > NOISE_DEVIATIONS * self.views[0].mean_noise
         steps = self.motions[joint] / self.robot.wiring.steps[joint]
         return bool(visible and steps >= MIN_MOTION_STEPS)
 
     def _fit(self) -> None:
-        """Fit all hypotheses, with the noise that the residuals of the best one show."""
+        """Fit all hypotheses; raise the noise to the residuals of the best one and fit again."""
         views = self.marker_views()
         self.fits = fit_all(self.robot, views)
         ratio = float(np.sqrt(self.fits[0].misfit / views.points.size))
@@ -159,14 +176,12 @@ class MotionEscalation:
             self.fits = fit_all(self.robot, self.marker_views())
 
     def _is_decided(self) -> bool:
-        """Return whether one hypothesis is left and, if it corrects no number, all numbers are
-        known well enough.
-        """
+        """Return whether one hypothesis remains and no other number may have a large error."""
         best, *others = most_likely(self.fits)
         return not others and (best.number is not None or not self.unclear(best))
 
     def _mm_per_px(self) -> float:
-        """Return the scale of the picture if the tool lies across the line of sight."""
+        """Return the scale (mm per px) of the image for a tool across the line of sight."""
         first = self.robot.first_marker(self.start)
         spacing = np.linalg.norm(self.robot.tool.second_marker(first) - first)
         points = self.views[0].points
@@ -174,19 +189,19 @@ class MotionEscalation:
 
     def _blindly_doubled(self) -> Floats:
         """Return the motions (3,) doubled where that is safe under any hypothesis; 0 elsewhere."""
-        predicted, shown = self.motions / self._per_mm, self.shown * self._mm_per_px()
+        predicted, observed = self.motions / self._per_mm, self.displacement * self._mm_per_px()
         noise = NOISE_DEVIATIONS * self.views[0].mean_noise * self._mm_per_px()
-        is_small = (predicted < BLIND_MM) & (shown < BLIND_MM)
-        is_small &= shown < BLIND_RATIO * predicted + noise
+        is_small = (predicted < BLIND_MM) & (observed < BLIND_MM)
+        is_small &= observed < BLIND_RATIO * predicted + noise
         return np.where(is_small, 2.0 * self.motions, 0.0)
 
     def _worth_growth(self, joint: int) -> float:
-        """Return the next motion, or 0 if it grows too little."""
+        """Return the next motion (rad or mm); 0 if it is hardly larger than the last one."""
         larger = self.next_motion(joint)
         return larger if larger > MIN_GROWTH * self.motions[joint] else 0.0
 
     def _largest_travel(self, one: Hypothesis, joint: int, motion: float) -> float:
-        """Return the largest travel (mm) of marker 2 under a hypothesis and its uncertainty."""
+        """Return the largest travel (mm) of marker 2 within the uncertainty of a hypothesis."""
         sizes = [one.size]
         if one.corrects_counts:
             larger = one.size + SIZE_DEVIATIONS * one.deviation

@@ -14,15 +14,15 @@ class StillView:
     Parameters
     ----------
     q : Floats
-        The measured joints (3,), the mean.
+        Mean of the measured joints (3,) in rad, rad, mm.
     points : Floats
-        The markers (2, 2) px, the mean over frames.
+        Mean of the markers (2, 2) in px over the frames.
     noise : float
-        Standard deviation of a coordinate in one frame, px.
+        Standard deviation (px) of a marker coordinate in one frame.
     frames : int
-        Frames with both markers.
+        Number of frames with both markers.
     missed : int
-        Frames without.
+        Number of frames without both markers.
     """
 
     q: Floats
@@ -33,27 +33,27 @@ class StillView:
 
     @property
     def mean_noise(self) -> float:
-        """Standard deviation of a coordinate of the mean, px."""
+        """Standard deviation (px) of a coordinate of `points`."""
         return self.noise / float(np.sqrt(self.frames))
 
 
 @dataclass(frozen=True, eq=False)
 class PixelBound:
-    """Bound on the motion of the markers in the picture, beyond which the joint turns back.
+    """Bound on the motion of the markers in the image; beyond it the joint returns.
 
     Parameters
     ----------
     home : Floats
-        The markers (2, 2) px from which it counts.
+        Initial markers (2, 2) in px.
     px : float
-        Largest distance from there.
+        Largest distance (px) of a marker from `home`.
     """
 
     home: Floats
     px: float
 
     def is_left(self, points: Floats) -> bool:
-        """Return whether a visible marker (2, 2) is further away."""
+        """Return whether a visible marker of `points` (2, 2) is beyond the bound."""
         return bool((np.linalg.norm(points - self.home, axis=1) > self.px).any())
 
 
@@ -64,9 +64,9 @@ class MotionTrace:
     Parameters
     ----------
     answers : list[tuple[int, Floats, Floats]]
-        Time of a measurement (ns), joints (3,), and the rates (3,) applied before.
+        Time (ns) of each measurement, joints (3,), and rates (3,) applied before it.
     frames : list[tuple[int, int, Floats]]
-        Exposure and arrival of a frame (ns), and its markers (2, 2) px.
+        Exposure and arrival time (ns) of each frame, and its markers (2, 2) in px.
     """
 
     answers: list[tuple[int, Floats, Floats]] = field(

@@ -1,10 +1,15 @@
-"""Questions to the operator where picture and encoders cannot distinguish hypotheses.
+"""Questions to the operator that decide between hypotheses which image and encoders leave open.
 
-They do not distinguish a mirrored picture from one reversed angle, nor both angles reversed from a
-camera turned about the tool, nor a larger spacing of the markers from other counts of the
-insertion. At some poses they do not distinguish other counts of an angle from other counts of the
-other one or from another zero of the insertion. The direction and the length of a motion, and a
-ruler on the tool, do.
+Image and encoders do not distinguish
+
+- a mirrored image from one reversed angle,
+- two reversed angles from a camera turned about the tool,
+- a larger spacing of the markers from different counts of the insertion,
+- at some poses, different counts of one angle from those of the other, or from a different zero of
+  the insertion.
+
+The operator decides by the direction and the length of a motion, and by measuring the tool with a
+ruler.
 """
 
 from collections.abc import Callable, Sequence
@@ -22,68 +27,92 @@ from rcmservo.interfaces import Floats
 from rcmservo.live.device_protocols import OperatorTerminal
 
 VIEWPOINTS = {
-    SPHERICAL: "look from the point where the tool goes in, along the line theta = 0",
-    PITCH_YAW: "look from the point where the tool goes in along the tool at q = 0, the yaw axis "
+    SPHERICAL: "look from the entry point of the tool along the line theta = 0",
+    PITCH_YAW: "look from the entry point of the tool along the tool at q = 0, with the yaw axis "
     "up",
 }
-"""Viewpoint of the operator, by the kind of mechanism."""
+"""Viewpoint of the operator, by kind of mechanism."""
 DIRECTIONS = {
     SPHERICAL: (("away", "towards"), ("clockwise", "anticlockwise"), ("in", "out")),
     PITCH_YAW: (("right", "left"), ("down", "up"), ("in", "out")),
 }
-"""Motion of the tool when joint 1, 2 or 3 rises, or falls."""
-MEANINGS = {
+"""Words for the motion of the tool if joint 1, 2 or 3 rises, and if it falls."""
+DIRECTION_HINTS = {
     SPHERICAL: "away from that line or towards it, about it clockwise or anticlockwise, or further "
     "in or out",
     PITCH_YAW: "right or left, up or down, or further in or out",
 }
-AGAIN = "again"
-SHOWN = "{} goes one way, waits, and comes back."
+"""Explanation of the words in `DIRECTIONS`, by kind of mechanism."""
+REPEAT = "again"
+"""Answer of an operator who wants to observe the motion once more."""
+MOTION_NOTICE = "{} moves in one direction, waits, and returns."
 
 RULER_TOLERANCE = 0.05
-"""Relative error of a ruler,"""
+"""Relative error of a measurement by ruler."""
 SIZE_DEVIATIONS = 2.0
-"""in addition to so many standard deviations of the fitted size."""
+"""Standard deviations of the fitted size that are added to `RULER_TOLERANCE`."""
 TRAVEL_TOLERANCE = float(np.log(1.7))
-"""Error of the logarithm of a travel that the operator measures."""
+"""Tolerance on the logarithm of a travel that the operator estimates."""
 MIN_TRAVEL_MM = 0.3
-"""Travel that an operator sees; all shorter ones look like this."""
+"""Smallest travel that an operator perceives; shorter ones count as this."""
 MIN_TRAVEL_RATIO = 3.0
-"""Ratio of two travels that an operator distinguishes."""
+"""Smallest ratio of two travels that an operator distinguishes."""
 
-Show = Callable[[int], None]
-"""Move a joint up and back for the operator, who has agreed."""
+ShowMotion = Callable[[int], None]
+"""Function that asks for agreement and moves a joint up and back while the operator watches."""
 
 
 def direction(hypothesis: Hypothesis, robot: Robot, joint: int) -> str:
-    """Return the word for the motion of the tool when a joint is commanded up."""
-    true, sign = hypothesis.moves(joint, robot.wiring)
-    return DIRECTIONS[robot.mechanism.kind][true][0 if sign > 0 else 1]
+    """Return the word for the motion of the tool if `joint` is commanded upwards."""
+    actual, sign = hypothesis.moves(joint, robot.wiring)
+    return DIRECTIONS[robot.mechanism.kind][actual][0 if sign > 0 else 1]
 
 
 def ask_operator(
     fits: Sequence[Hypothesis],
     robot: Robot,
     q: Floats,
-    person: OperatorTerminal,
-    show: Show,
+    operator: OperatorTerminal,
+    show: ShowMotion,
     motion: Callable[[int], float],
 ) -> list[Hypothesis]:
-    """Return the hypotheses equivalent to these fits that agree with the operator's answers.
+    """Return the hypotheses that agree with the fits and with the operator's answers.
 
-    Several remain if the answers do not distinguish them either. The tool is at q (3,) with its
-    joints where the check began; `show` moves a joint by its `motion` in rad or mm.
+    Parameters
+    ----------
+    fits
+        Most likely hypotheses, each standing for those that an image does not distinguish from it.
+    robot
+        Arm as the rig file describes it.
+    q
+        Joints (3,) at the start of the check, where the tool is now.
+    operator
+        Operator.
+    show
+        Function that moves a joint for the operator.
+    motion
+        Function that returns the motion (rad or mm) by which `show` moves a joint.
+
+    Returns
+    -------
+    list[Hypothesis]
+        More than one if the answers do not distinguish them either.
+
+    Raises
+    ------
+    Stopped
+        If the operator refuses a motion, or no answer agrees with a hypothesis.
     """
     left = [other for fit in fits for other in equivalents(fit)]
     for joint in range(3):
         if len({direction(one, robot, joint) for one in left}) > 1:
-            left = _by_direction(left, robot, joint, person, show)
+            left = _by_direction(left, robot, joint, operator, show)
     for question, length in LENGTHS.items():
         mm = _predicted(left, robot, q, length)
         if len(set(mm)) > 1:
             larger = [replace(h, size=h.size + SIZE_DEVIATIONS * h.deviation) for h in left]
             spread = np.abs(np.log(_predicted(larger, robot, q, length) / mm))
-            left = _by_length(left, mm, RULER_TOLERANCE + spread, question, person)
+            left = _by_length(left, mm, RULER_TOLERANCE + spread, question, operator)
     travels = np.array([[h.travel(robot, q, j, motion(j)) for h in left] for j in range(3)])
     travels = np.maximum(travels, MIN_TRAVEL_MM)
     ratios = travels.max(axis=1) / travels.min(axis=1)
@@ -92,32 +121,33 @@ def ask_operator(
         tolerance, name = np.full(len(left), TRAVEL_TOLERANCE), robot.name(joint)
 
         def show_travel() -> None:
-            person.tell(f"Watch marker 2, with a ruler beside it: {SHOWN.format(name)}")
+            operator.tell(f"Watch marker 2 next to a ruler: {MOTION_NOTICE.format(name)}")
             show(joint)
 
-        question = f"For {name}, by the ruler: about how many mm did marker 2 go (0: hardly any)?"
-        left = _by_length(left, travels[joint], tolerance, question, person, show_travel)
+        question = f"For {name}, by the ruler: about how many mm did marker 2 move (0: hardly any)?"
+        left = _by_length(left, travels[joint], tolerance, question, operator, show_travel)
     return left
 
 
 def _by_direction(
-    left: list[Hypothesis], robot: Robot, joint: int, person: OperatorTerminal, show: Show
+    left: list[Hypothesis], robot: Robot, joint: int, operator: OperatorTerminal, show: ShowMotion
 ) -> list[Hypothesis]:
-    """Keep the hypotheses for which the tool moves in the direction that the operator sees."""
+    """Return the hypotheses that agree with the direction of motion that the operator observes."""
     kind, name = robot.mechanism.kind, robot.name(joint)
     choice = [word for pair in DIRECTIONS[kind] for word in pair]
-    question = f"{VIEWPOINTS[kind]}: which way did the tool go first, {MEANINGS[kind]}?"
+    hint = DIRECTION_HINTS[kind]
+    question = f"{VIEWPOINTS[kind]}: in which direction did the tool move first, {hint}?"
     predicted = [direction(one, robot, joint) for one in left]
     for _ in range(MAX_ATTEMPTS):
-        person.tell(f"Watch the tool: {SHOWN.format(name)}")
+        operator.tell(f"Watch the tool: {MOTION_NOTICE.format(name)}")
         show(joint)
-        answer = ask_choice(person, f"For {name}, {question}", (*choice, AGAIN))
+        answer = ask_choice(operator, f"For {name}, {question}", (*choice, REPEAT))
         if answer in predicted:
             return [one for one, word in zip(left, predicted, strict=True) if word == answer]
-        if answer != AGAIN:
+        if answer != REPEAT:
             words = " or ".join(sorted(set(predicted)))
-            person.tell(f"By the picture it can only have been {words}. It is shown again.")
-    raise Stopped(f"no answer agreed with the picture for {name}")
+            operator.tell(f"The image allows only {words}. The motion is repeated.")
+    raise Stopped(f"no answer agreed with the image for {name}")
 
 
 def _marker_distance(markers: Floats) -> float:
@@ -130,10 +160,10 @@ def _first_marker_depth(markers: Floats) -> float:
 
 LENGTHS = {
     "By the ruler: how far apart are the middles of the two markers, in mm?": _marker_distance,
-    "By the ruler: how far is the middle of marker 1 from the point where the tool goes in, "
-    "about which it turns, in mm?": _first_marker_depth,
+    "By the ruler: how far is the middle of marker 1 from the entry point of the tool, about "
+    "which it turns, in mm?": _first_marker_depth,
 }
-"""Lengths (mm) of the tool that a ruler measures, of the markers (2, 3) seen from the RCM."""
+"""Lengths (mm) that a ruler measures, as functions of the markers (2, 3) in mm from the RCM."""
 
 
 def _predicted(
@@ -147,18 +177,21 @@ def _by_length(
     predicted: Floats,
     tolerance: Floats,
     question: str,
-    person: OperatorTerminal,
+    operator: OperatorTerminal,
     show: Callable[[], None] = lambda: None,
 ) -> list[Hypothesis]:
-    """Keep the hypotheses whose length is that of the ruler; all if nobody can measure it."""
+    """Return the hypotheses whose `predicted` length (mm) agrees with the operator's ruler.
+
+    Return all of them if the operator cannot measure the length.
+    """
     could = " or ".join(f"{mm:.3g}" for mm in sorted(set(predicted)))
     for _ in range(MAX_ATTEMPTS):
         show()
-        mm = ask_length(person, question)
+        mm = ask_length(operator, question)
         if mm is None:
             return left
         agrees = np.abs(np.log(predicted / max(mm, MIN_TRAVEL_MM))) <= tolerance
         if agrees.any():
             return list(compress(left, agrees))
-        person.tell(f"By the picture it can only be about {could} mm. Measure it again.")
-    raise Stopped(f"no answer agreed with the picture's {could} mm to: {question}")
+        operator.tell(f"The image allows only about {could} mm. Repeat the measurement.")
+    raise Stopped(f"no answer agreed with the {could} mm of the image to: {question}")

@@ -1,8 +1,8 @@
 """Latency of the camera and lag of the drives, identified from a motion.
 
-The picture of a moving marker shows the joints at its exposure. With m = B q(t + δ) + c for one
-joint and a short motion, δ is the error of the reported exposure times. The latency of the camera
-is the reported one less δ.
+The pixels m of a marker depend on the joint q at the time of the exposure. For a short motion of
+one joint, m = B q(t + δ) + c, where t is the reported exposure time and δ its error. The latency of
+the camera is the reported latency less δ.
 """
 
 from dataclasses import dataclass
@@ -17,27 +17,27 @@ from rcmservo.control.drive_lag import DriveLag, begin_lag, follow_drives, measu
 from rcmservo.interfaces import Floats
 
 MAX_TIME_ERROR = 0.3
-"""Largest error (s) of reported exposure times."""
+"""Largest error (s) of reported exposure times that can be identified."""
 MIN_FRAMES = 20
-"""Frames that such a motion must have."""
+"""Smallest number of frames with both markers for an identification."""
 LATENCY_TOLERANCE, LATENCY_DEVIATIONS = 0.005, 4.0
-"""Error (s) that a latency may have, or in standard deviations."""
+"""Tolerated error of a latency, in s and in standard deviations; the larger one counts."""
 MIN_LATENCY = 0.001
-"""Least latency (s) of a line of the file."""
+"""Smallest latency (s) that a corrected line of the rig file holds."""
 LAG_TOLERANCE = 0.01
-"""Error (s) that a drive lag may have."""
+"""Tolerated error (s) of a drive lag."""
 
 
 @dataclass(frozen=True)
 class Cadence:
-    """Rate and evenness of a sequence of events.
+    """Rate and jitter of a sequence of events.
 
     Parameters
     ----------
     rate : float
-        1/s.
+        Mean rate in 1/s.
     jitter : float
-        Standard deviation of the time from one to the next, s.
+        Standard deviation (s) of the time between consecutive events.
     """
 
     rate: float
@@ -46,18 +46,18 @@ class Cadence:
 
 @dataclass(frozen=True)
 class CameraLatency:
-    """Delay of frames, from the middle of an exposure to the arrival.
+    """Latency of frames, from the middle of the exposure to the arrival.
 
     Parameters
     ----------
     latency : float
-        Delay (s) identified from the motion.
+        Latency (s) identified from a motion.
     reported : float
-        Delay (s) that the frames themselves report.
+        Latency (s) by the timestamps of the frames.
     deviation : float
-        Standard deviation of the first, s.
+        Standard deviation (s) of `latency`.
     jitter : float
-        Standard deviation of the reported delays, s.
+        Standard deviation (s) of the reported latencies.
     """
 
     latency: float
@@ -66,14 +66,14 @@ class CameraLatency:
     jitter: float
 
 
-def cadence(times: list[int]) -> Cadence:
-    """Return the cadence of events at these times (ns)."""
+def measure_cadence(times: list[int]) -> Cadence:
+    """Return rate and jitter of events at `times` (ns)."""
     apart = np.diff(np.array(times)) * 1e-9
     return Cadence(1.0 / float(np.mean(apart)), float(np.std(apart)))
 
 
 def identify_latency(trace: MotionTrace, joint: int) -> CameraLatency | None:
-    """Identify the latency from a motion of one joint; None if too few frames show it."""
+    """Identify the latency from a motion of one joint; None if too few frames show both markers."""
     times = np.array([time for time, _, _ in trace.answers]) * 1e-9
     q = np.array([joints[joint] for _, joints, _ in trace.answers])
     first, last = times[0] + MAX_TIME_ERROR, times[-1] - MAX_TIME_ERROR
@@ -85,8 +85,9 @@ def identify_latency(trace: MotionTrace, joint: int) -> CameraLatency | None:
     M = points - points.mean(axis=0)
 
     def residuals(shifts: Floats) -> Floats:
-        """Return what m = B q(t + δ) + c leaves of the markers with the best B and c, for every δ
-        of some (n, 1).
+        """Return the residuals (n, r) of m = B q(t + δ) + c with the best B and c.
+
+        `shifts` (n, 1) holds n values of δ in s.
         """
         Q: Floats = np.asarray(np.interp(exposed + shifts, times, q), np.float64)
         Q = Q - Q.mean(axis=1, keepdims=True)
@@ -101,29 +102,29 @@ def identify_latency(trace: MotionTrace, joint: int) -> CameraLatency | None:
     return CameraLatency(reported - float(fit.x[0]), reported, deviation, jitter)
 
 
-def latency_findings(identified: CameraLatency | None, latency: float | None) -> list[Finding]:
-    """Compare the identified latency with that of the file in s, None if it was never measured."""
+def compare_latency(identified: CameraLatency | None, latency: float | None) -> list[Finding]:
+    """Compare the identified latency with that of the rig file in s (None if it has none)."""
     if identified is None:
-        what, found = "the latency of the camera cannot be measured", "too few frames of a motion"
+        what, found = "the latency of the camera cannot be measured", "too few frames in motion"
         return [Finding(what, "camera.latency", found, "both markers in nearly every frame")]
     more, deviation = identified.latency - identified.reported, identified.deviation
     if latency is None:
-        right = max(more, MIN_LATENCY)
-        what, found = "the latency of the camera was never measured", "none"
+        corrected = max(more, MIN_LATENCY)
+        what, found = "the rig file has no measured latency of the camera", "none"
     elif abs(more) > max(LATENCY_TOLERANCE, LATENCY_DEVIATIONS * deviation):
-        right, found = latency + more, f"{latency:g} s"
-        what = "frames have another latency than the rig file says"
+        corrected, found = latency + more, f"{latency:g} s"
+        what = "the latency of the camera differs from the rig file"
     else:
         return []
-    line, expected = f"latency = {right:.3f}", f"{right:.3f} s, to {deviation:.3f} s"
-    if right < 0.0:
-        late = f"stamps {-right:.3f} s later, to {deviation:.3f} s"
-        line, expected = "", f"{late}: they lie before the exposures, and no latency corrects that"
+    line, expected = f"latency = {corrected:.3f}", f"{corrected:.3f} s ± {deviation:.3f} s"
+    if corrected < 0.0:
+        later = f"timestamps {-corrected:.3f} s ± {deviation:.3f} s later"
+        line, expected = "", f"{later}: they precede the exposures, which no latency corrects"
     return [Finding(what, "camera.latency", found, expected, line)]
 
 
-def drive_lag(trace: MotionTrace, fastest: Floats) -> float:
-    """Return the lag (s) of the joints behind their commands; 0 if the motion does not show it."""
+def identify_drive_lag(trace: MotionTrace, fastest: Floats) -> float:
+    """Return the lag (s) of the joints behind their commands; 0 if the motion is too small."""
     row: Any = DriveLag.of().rows[0]
     begin_lag(row)
     for time, q, applied in trace.answers:
@@ -132,9 +133,9 @@ def drive_lag(trace: MotionTrace, fastest: Floats) -> float:
     return float(row["lag"])
 
 
-def lag_findings(lag: float, known: float) -> list[Finding]:
-    """Compare the drive lag (s) of the file, 0 if it has none, with the measured one."""
+def compare_drive_lag(lag: float, known: float) -> list[Finding]:
+    """Compare the measured drive `lag` (s) with that of the rig file (0 if it has none)."""
     if not known > 0.0 or not lag > 0.0 or abs(lag - known) <= LAG_TOLERANCE:
         return []
-    what, line = "the drives lag otherwise than the rig file says", f"drive_lag = {lag:.3f}"
+    what, line = "the lag of the drives differs from the rig file", f"drive_lag = {lag:.3f}"
     return [Finding(what, "thresholds.drive_lag", f"{known:g} s", f"{lag:.3f} s", line)]

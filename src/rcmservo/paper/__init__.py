@@ -1,1 +1,1 @@
-"""The reproduction of the paper: one module per experiment, and the table of its claims."""
+"""Reproduction of the paper: one module per experiment, the table of claims, and the report."""

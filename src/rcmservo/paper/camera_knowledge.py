@@ -1,7 +1,8 @@
-"""Knowledge of the camera in each estimate: IV-B's last words, and Proposition 1 in a servo run.
+"""Experiment `camera-knowledge`: calibration parameters identified in a servo run.
 
-It shows at poses that the servo never visited, as the distance of the predicted from the true
-markers. The flow rule has no parameters a, so it can only extrapolate linearly.
+Tests the end of IV-B, and Proposition 1 in a servo run. The measure is the distance between
+predicted and true markers at poses that the servo never visited. The flow rule has no parameters a
+and can only extrapolate linearly.
 """
 
 from collections.abc import Iterator
@@ -9,18 +10,21 @@ from functools import partial
 
 from rcmservo.figures.charts import Figure, Panel
 from rcmservo.interfaces import Floats
-from rcmservo.paper.lab.closed_loop import LONG, PAPER_SCENES
+from rcmservo.paper.lab.closed_loop import FLOW_EXPLORATION, PAPER_SCENES
 from rcmservo.paper.lab.knowledge import servo_run
-from rcmservo.paper.lab.streams import ESTIMATORS, LABELS, NAMES, SHORT
-from rcmservo.paper.plan import Drawn, Found, Measurement, Results, Settings, Task
+from rcmservo.paper.lab.streams import ESTIMATOR_NAMES, ESTIMATORS, SHORT_NAMES, SHORT_NAMES_NOTE
+from rcmservo.paper.plan import Measurement, ReportFigure, Results, Settings, Task, TaskResult
 from rcmservo.paper.statistics import column, finite, median, seed_marks
 
 WITH_MODEL = [name for name, estimator in ESTIMATORS.items() if estimator.models]
-FIXED = {"estimators": ESTIMATORS, "scene": PAPER_SCENES, "exploration": LONG}
+
+
+def fixed_settings() -> dict[str, object]:
+    return {"estimators": ESTIMATORS, "scene": PAPER_SCENES, "exploration": FLOW_EXPLORATION}
 
 
 def tasks(settings: Settings) -> list[Task]:
-    """Return the servo runs, which are also those of the Jacobian's accuracy."""
+    """Return the servo runs; the experiment `jacobian-accuracy` shares them."""
     return [
         Task(f"servo-{seed}-{noise:g}", servo_task(settings, seed, noise), cost=4.0)
         for seed in range(settings.seeds)
@@ -28,8 +32,8 @@ def tasks(settings: Settings) -> list[Task]:
     ]
 
 
-def servo_task(settings: Settings, seed: int, noise: float) -> "partial[Found]":
-    """Return the work of one servo run."""
+def servo_task(settings: Settings, seed: int, noise: float) -> "partial[TaskResult]":
+    """Return the function that performs one servo run."""
     return partial(
         servo_run,
         seed=seed,
@@ -41,8 +45,10 @@ def servo_task(settings: Settings, seed: int, noise: float) -> "partial[Found]":
     )
 
 
-def known(settings: Settings, results: Results, noise: float, name: str, what: str) -> Floats:
-    """Return a number of an estimator's knowledge in every scene."""
+def knowledge_of(
+    settings: Settings, results: Results, noise: float, name: str, what: str
+) -> Floats:
+    """Return one entry of the knowledge of an estimator, for each scene."""
     runs = [results[f"servo-{seed}-{noise:g}"] for seed in range(settings.seeds)]
     return column(runs, "knowledge", name, what)
 
@@ -50,41 +56,47 @@ def known(settings: Settings, results: Results, noise: float, name: str, what: s
 def measure(settings: Settings, results: Results) -> Iterator[Measurement]:
     noise, seeds = settings.noises[0], range(settings.seeds)
     for name in WITH_MODEL:
-        near = {n: median(known(settings, results, n, name, "near")) for n in settings.noises}
+        near = {
+            n: median(knowledge_of(settings, results, n, name, "near")) for n in settings.noises
+        }
         beyond = [n for n, px in near.items() if px > settings.known]
-        workspace = median(known(settings, results, noise, name, "workspace"))
+        workspace = median(knowledge_of(settings, results, noise, name, "workspace"))
         yield Measurement(
             "knows-camera",
             near[noise],
             seeds,
             bound=settings.known,
-            case=(LABELS[name],),
+            case=(ESTIMATOR_NAMES[name],),
             trapped=name == "real time",
             confirmed=near[noise] > settings.known,
-            beyond="; ".join(f"with {n:g} px of noise it is {short(near[n])} px" for n in beyond),
-            listed=", ".join(f"{short(px)} px with {n:g} px" for n, px in near.items()),
-            workspace=short(workspace),
-            wrong=median(finite(known(settings, results, noise, name, "parameters"))),
+            beyond="; ".join(
+                f"with {n:g} px of noise it is {format_short(near[n])} px" for n in beyond
+            ),
+            listed=", ".join(f"{format_short(px)} px with {n:g} px" for n, px in near.items()),
+            workspace=format_short(workspace),
+            wrong=median(finite(knowledge_of(settings, results, noise, name, "parameters"))),
         )
-    flow, other = (known(settings, results, noise, name, "near") for name in ("flow", "random"))
+    flow, other = (
+        knowledge_of(settings, results, noise, name, "near") for name in ("flow", "random")
+    )
     yield Measurement(
         "flow-does-not",
         median(flow / other),
         seeds,
-        near=short(median(flow)),
-        workspace=short(median(known(settings, results, noise, "flow", "workspace"))),
+        near=format_short(median(flow)),
+        workspace=format_short(median(knowledge_of(settings, results, noise, "flow", "workspace"))),
     )
 
 
-def short(number: float) -> str:
-    """Return two digits, or all of those before the point."""
+def format_short(number: float) -> str:
+    """Format a number with two significant digits, or as an integer from 10 on."""
     return f"{number:.0f}" if number >= 10.0 else f"{number:.2g}"
 
 
-def draw(settings: Settings, results: Results) -> Iterator[Drawn]:
-    places = {
-        "near": f"within {settings.around:g} mm of the way",
-        "workspace": "anywhere in the picture",
+def draw(settings: Settings, results: Results) -> Iterator[ReportFigure]:
+    regions = {
+        "near": f"within {settings.around:g} mm of the path",
+        "workspace": "anywhere in the image",
     }
     panels = [
         Panel(
@@ -92,16 +104,18 @@ def draw(settings: Settings, results: Results) -> Iterator[Drawn]:
             f"error of the predicted markers [px]\n{words}",
             [
                 seed_marks(
-                    [known(settings, results, noise, name, what) for name in ESTIMATORS],
+                    [knowledge_of(settings, results, noise, name, what) for name in ESTIMATORS],
                     f"{noise:g} px of noise",
                     style,
                 )
                 for style, noise in enumerate(settings.noises)
             ],
             log_y=True,
-            categories=SHORT,
+            categories=SHORT_NAMES,
         )
-        for what, words in places.items()
+        for what, words in regions.items()
     ]
-    figure = Figure("Poses never seen", panels, columns=2)
-    yield Drawn("accuracy-poses", range(settings.seeds), figure, words={"names": NAMES})
+    figure = Figure("Prediction at unvisited poses", panels, columns=2)
+    yield ReportFigure(
+        "accuracy-poses", range(settings.seeds), figure, words={"names": SHORT_NAMES_NOTE}
+    )

@@ -1,7 +1,8 @@
-"""The table of claims, claims.toml, and the verdicts on what was measured.
+"""Table of claims (claims.toml), and verdicts on their measurements.
 
-A row of the table says what is measured, about which sentence of the paper, and the bound. An
-experiment gives a `Measurement` of it, and `judge` makes of both a row of claims.json.
+A row of the table states the measured quantity, the sentence of the paper that it concerns, and the
+bound. An experiment returns a `Measurement` for it; `judge` combines both into a row of
+claims.json.
 """
 
 import math
@@ -16,11 +17,11 @@ from rcmservo.paper.plan import Measurement, NotMeasured, Settings
 
 HOLDS, REMARK, FAILS = "holds", "holds with a remark", "does not hold"
 VERDICTS = (HOLDS, REMARK, FAILS)
-OURS = "ours"
-"""Subject of a claim of this software, not of the paper."""
+SOFTWARE = "rcmservo"
+"""Subject and author of a claim about this software, not about the paper."""
 MIN_TRIALS = 3
-"""Trials from which on a number has a verdict."""
-UNDECIDED = "the interval of 95 % holds both sides of the bound"
+"""Smallest number of trials that allows a verdict."""
+UNDECIDED = "the 95 % interval contains the bound"
 
 
 @dataclass(frozen=True)
@@ -30,7 +31,7 @@ class Sentence:
     Parameters
     ----------
     where : str
-        Section, equation or figure.
+        Section, equation or figure of the paper.
     words : str
         Wording of the paper, shortened.
     """
@@ -41,36 +42,36 @@ class Sentence:
 
 @dataclass(frozen=True)
 class Claim:
-    """A row of the table. Its texts may hold settings and measured words in braces.
+    """A row of the table; braces in its texts refer to settings and to words of the measurement.
 
     Parameters
     ----------
     claim : str
-        Measured statement, which is true or false.
+        Statement that the measurement confirms or refutes.
     relation : Literal['<=', '>=']
         Relation of the measured number to the bound if the claim holds.
     bound : float or None
-        Bound; None in a table whose experiment computes it from its settings.
+        Bound; None if the experiment computes it from its settings.
     about : str
-        Key of the paper's sentence, or OURS.
+        Key of the sentence of the paper, or `SOFTWARE`.
     unit : str
-        Unit of number and bound; empty for a plain number.
+        Unit of number and bound; empty for a dimensionless number.
     follows : bool
-        True if the claim only follows from the paper's sentence.
+        True if the claim is a consequence of the sentence, not its wording.
     remark : str
-        Condition under which it holds, or the reason why it does not.
+        Condition under which the claim holds, or reason why it does not.
     detail : str
         Further observations.
     figure : str
-        Key of the figure that shows it.
+        Key of the figure that shows the measurement.
     trap : str
-        Key of the pitfall of the paper that the number bears on.
+        Key of the pitfall of the paper that the measurement concerns.
     """
 
     claim: str
     relation: Literal["<=", ">="]
     bound: float | None = None
-    about: str = OURS
+    about: str = SOFTWARE
     unit: str = ""
     follows: bool = False
     remark: str = ""
@@ -81,14 +82,14 @@ class Claim:
 
 @dataclass(frozen=True)
 class Caption:
-    """Text of a figure.
+    """Heading and caption of a figure.
 
     Parameters
     ----------
     where : str
-        Part of the paper that it stands for, or another heading.
+        Corresponding part of the paper, or another heading.
     caption : str
-        Description in sentences.
+        Description of the figure.
     """
 
     where: str
@@ -102,17 +103,17 @@ class ExperimentTexts:
     Parameters
     ----------
     title : str
-        Heading of its chapter.
+        Heading of the experiment in the report.
     about : str
-        Description in sentences.
+        Description of the experiment.
     whole : dict[str, Any]
-        Settings of a whole run.
+        Settings of a full run.
     claim : dict[str, Claim]
-        Claims by their keys.
+        Claims by key.
     figure : dict[str, Caption]
-        Figures by their names.
+        Captions of figures by key.
     quick : dict[str, Any]
-        Settings in which a reduced run differs.
+        Settings that differ in a reduced run.
     """
 
     title: str
@@ -123,7 +124,7 @@ class ExperimentTexts:
     quick: dict[str, Any] = field(default_factory=dict[str, Any])
 
     def settings(self, quick: bool) -> Settings:
-        """Return the settings of a whole or a reduced run."""
+        """Return the settings of a full or a reduced run."""
         return Settings(**{**self.whole, **(self.quick if quick else {})})
 
 
@@ -134,7 +135,7 @@ class ClaimTable:
     Parameters
     ----------
     trap : dict[str, str]
-        Pitfalls of the project's critical reading of the paper.
+        Pitfalls of the paper, from a critical reading.
     sentence : dict[str, Sentence]
         Sentences of the paper, in its order.
     experiment : dict[str, ExperimentTexts]
@@ -148,39 +149,39 @@ class ClaimTable:
 
 @cache
 def claim_table() -> ClaimTable:
-    """Return the table of claims."""
+    """Return the content of claims.toml, read once."""
     data = resources.files("rcmservo.paper").joinpath("claims.toml").read_bytes()
     return decode(ClaimTable, toml(data), "claims")
 
 
 @dataclass(frozen=True, kw_only=True)
 class ClaimRow(Claim):
-    """A claim as it stands in claims.json: its row of the table, texts filled in, and judged.
+    """A row of claims.json: a claim with its texts filled in, its measurement and its verdict.
 
     Parameters
     ----------
     experiment : str
-        Name of its experiment.
+        Name of the experiment.
     number : int
-        Index among the claims of its experiment.
+        Index among the claims of the experiment.
     whose : str
-        Author of the sentence that is judged: ours, the paper's, or follows from the paper.
+        Author of the claim: `SOFTWARE`, "the paper's", or "follows from the paper".
     case : tuple[str, str]
-        Row and column among the cases of the same words; empty where it has none.
+        Row and column in the table of cases; empty if the claim has one case.
     where : str
-        Place of that sentence in the paper, or OURS.
+        Location of the sentence in the paper, or `SOFTWARE`.
     measured : float
-        Number, in ``unit``.
+        Measured number, in ``unit``.
     interval : tuple[float, float] or None
-        Confidence interval of 95 %; None if there is none or the trials are too few for it.
+        95 % confidence interval; None if there is none or the trials are too few for it.
     verdict : str or None
-        One of VERDICTS; None for one or two trials.
+        One of `VERDICTS`; None for one or two trials.
     trials : int
-        Number of trials; 0 for a computation without chance.
+        Number of trials; 0 for a deterministic computation.
     seed : list[int]
-        Seeds of the trials; empty for a computation without chance.
+        Seeds of the trials; empty for a deterministic computation.
     trap_confirmed : bool or None
-        True if the number confirms that pitfall; None without a pitfall or a verdict.
+        True if the measurement confirms the pitfall; None without a pitfall or a verdict.
     """
 
     experiment: str
@@ -197,35 +198,66 @@ class ClaimRow(Claim):
 
     @property
     def anchor(self) -> str:
-        """Link to the claim in the report."""
+        """Anchor of the claim in the report."""
         return f"{self.experiment}/claim-{self.number}"
 
 
-def judge(experiment: str, number: int, one: Measurement, settings: Settings) -> ClaimRow:
-    """Return the row of claims.json for a measurement; `NotMeasured` if it is not finite."""
+def judge(experiment: str, number: int, measurement: Measurement, settings: Settings) -> ClaimRow:
+    """Return the row of claims.json for a measurement.
+
+    Parameters
+    ----------
+    experiment
+        Name of the experiment.
+    number
+        Index of the measurement in the experiment.
+    one
+        Measurement.
+    settings
+        Settings of the experiment.
+
+    Returns
+    -------
+    ClaimRow
+        Claim with its verdict.
+
+    Raises
+    ------
+    NotMeasured
+        If the number is not finite, or an end of its interval is NaN.
+    ValueError
+        If neither the table nor the measurement has a bound.
+    """
     table = claim_table()
-    row = table.experiment[experiment].claim[one.claim]
-    texts = {**vars(settings), **one.words}
+    row = table.experiment[experiment].claim[measurement.claim]
+    texts = {**vars(settings), **measurement.words}
     claim, detail = row.claim.format(**texts), row.detail.format(**texts)
-    bound = one.bound if row.bound is None else row.bound
+    bound = measurement.bound if row.bound is None else row.bound
     if bound is None:
-        raise ValueError(f"{experiment}, {one.claim}: neither table nor measurement has a bound")
-    if not math.isfinite(one.value):
-        raise NotMeasured(claim, one.value)
-    for end in one.ends:
+        raise ValueError(
+            f"{experiment}, {measurement.claim}: neither table nor measurement has a bound"
+        )
+    if not math.isfinite(measurement.value):
+        raise NotMeasured(claim, measurement.value)
+    for end in measurement.ends:
         if math.isnan(end):
             raise NotMeasured(f"{claim}, its interval", end)
 
-    def keeps(value: float) -> bool:
+    def holds(value: float) -> bool:
         return value <= bound if row.relation == "<=" else value >= bound
 
-    few = 0 < one.trials < MIN_TRIALS
-    undecided = not few and len({keeps(end) for end in one.ends}) == 2
-    remarks = [row.remark.format(**texts) if one.remarked else "", UNDECIDED if undecided else ""]
+    few = 0 < measurement.trials < MIN_TRIALS
+    undecided = not few and len({holds(end) for end in measurement.ends}) == 2
+    remarks = [
+        row.remark.format(**texts) if measurement.remarked else "",
+        UNDECIDED if undecided else "",
+    ]
     remark = "; ".join(filter(None, remarks))
-    verdict = None if few else FAILS if not keeps(one.value) else REMARK if remark else HOLDS
-    trap = row.trap if one.trapped else ""
-    low, high = one.ends or (math.inf, math.inf)
+    verdict = (
+        None if few else FAILS if not holds(measurement.value) else REMARK if remark else HOLDS
+    )
+    trap = row.trap if measurement.trapped else ""
+    low, high = measurement.ends or (math.inf, math.inf)
     filled: dict[str, Any] = {"claim": claim, "detail": detail, "remark": remark, "trap": trap}
     filled = vars(row) | filled | {"bound": float(bound)}
     return ClaimRow(
@@ -233,19 +265,19 @@ def judge(experiment: str, number: int, one: Measurement, settings: Settings) ->
         experiment=experiment,
         number=number,
         whose=_author(row),
-        case=one.case,
-        where=OURS if row.about == OURS else table.sentence[row.about].where,
-        measured=one.value,
+        case=measurement.case,
+        where=SOFTWARE if row.about == SOFTWARE else table.sentence[row.about].where,
+        measured=measurement.value,
         interval=(low, high) if not few and math.isfinite(high - low) else None,
         verdict=verdict,
-        trials=one.trials,
-        seed=one.seeds,
-        trap_confirmed=one.confirmed if trap and verdict is not None else None,
+        trials=measurement.trials,
+        seed=measurement.seeds,
+        trap_confirmed=measurement.confirmed if trap and verdict is not None else None,
     )
 
 
 def _author(row: Claim) -> str:
-    """Return the author of the sentence that is judged."""
-    if row.about == OURS:
-        return OURS
+    """Return the author of a claim."""
+    if row.about == SOFTWARE:
+        return SOFTWARE
     return "follows from the paper" if row.follows else "the paper's"

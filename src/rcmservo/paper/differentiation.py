@@ -1,8 +1,7 @@
-"""Sensitivity to the differentiation of y: once per new frame, or once per tick.
+"""Experiment `differentiation`: ẏ once per new frame, compared with ẏ once per tick.
 
-The camera has 60 frames/s, the loop 100 Hz.
-
-One tour, on which the flow rule (28) learns from ẏ taken in every way, compared with the true ẏ.
+The camera delivers 60 frames/s to a 100 Hz loop. On one exploration, the flow rule (28) updates Ĵ
+with ẏ from each method; the true ẏ and J are the reference.
 """
 
 from collections.abc import Iterator
@@ -17,48 +16,69 @@ from rcmservo.geometry.features import about, difference, features
 from rcmservo.interfaces import Floats, Target
 from rcmservo.loop.run import Tick, run
 from rcmservo.paper.lab.cameras import PINHOLE, true_parameters
-from rcmservo.paper.lab.closed_loop import FAST_ARM, FLOW, LONG, NOISE, endless
+from rcmservo.paper.lab.closed_loop import (
+    FAST_ARM,
+    FLOW_ESTIMATOR,
+    FLOW_EXPLORATION,
+    POINT_NOISE_PX,
+    remove_limits,
+)
 from rcmservo.paper.lab.streams import velocity
 from rcmservo.paper.lab.witness import laboratory
-from rcmservo.paper.plan import Drawn, Found, Measurement, Results, Settings, Task
+from rcmservo.paper.plan import Measurement, ReportFigure, Results, Settings, Task, TaskResult
 from rcmservo.paper.statistics import column, mark_panels, median
 from rcmservo.servo.servo import Servo
 from rcmservo.sim import Rig
 
-METHODS = {"frame": "by frame", "tick": "by tick", "stale": "zeros between"}
-"""Once per new frame between exposures; once per tick, where a repeated frame shows no motion;
-once per tick over the frames' interval, zero where a frame repeats."""
-LABELS = {
-    "ratio": "size of $\\dot{y}$ over the true [1]",
+DIFFERENTIATION_METHODS = {"frame": "by frame", "tick": "by tick", "stale": "zeros between"}
+"""Methods to differentiate y: once per new frame, between exposures; once per tick, over the tick's
+interval, zero for a repeated frame; once per tick, over the frame interval, zero for a repeated
+frame."""
+RESULT_LABELS = {
+    "ratio": "scale of $\\dot{y}$ over the true [1]",
     "scatter": "scatter of $\\dot{y}$ over the true [1]",
-    "size": "size of $\\hat{J}$ along J [1]",
+    "size": "scale of $\\hat{J}$ along J [1]",
     "error": "$\\|\\hat{J} - J\\| / \\|J\\|$, scaled [1]",
 }
-TOUR = endless(LONG)
-FIXED = {"estimator": FLOW, "exploration": TOUR, "scene": PINHOLE, "noise": NOISE}
+ENDLESS_EXPLORATION = remove_limits(FLOW_EXPLORATION)
 JUDGED_S = 5.0
-"""s at the end of a tour over which Ĵ is judged: the error of a flow rule comes and goes with every
-round."""
-HALF_NS = 5_000_000
-"""ns before and after a moment over which the true ẏ is taken."""
+"""Time (s) at the end over which the error of Ĵ is averaged, because the error of a flow rule
+oscillates with each round."""
+HALF_WINDOW_NS = 5_000_000
+"""Half of the interval (ns) for the true ẏ."""
+
+
+def fixed_settings() -> dict[str, object]:
+    return {
+        "estimator": FLOW_ESTIMATOR,
+        "exploration": ENDLESS_EXPLORATION,
+        "scene": PINHOLE,
+        "noise": POINT_NOISE_PX,
+    }
 
 
 def tasks(settings: Settings) -> list[Task]:
     return Task.per_seed("tour", partial(tour, settings=settings), range(settings.seeds))
 
 
-def tour(settings: Settings, seed: int) -> Found:
-    """Return one tour's ẏ by every method, and the Ĵ that the flow rule learns from it.
+def tour(settings: Settings, seed: int) -> TaskResult:
+    """Return the accuracy of ẏ by each method, and of the Ĵ of the flow rule that uses it.
 
-    ``ratio`` is the mean ẏ over the true one, by least squares, ``scatter`` its relative deviation
-    from it, ``size`` of Ĵ along J and ``error`` ‖Ĵ − J‖/‖J‖ are scaled medians.
+    ``ratio`` is the least-squares factor of ẏ on the true ẏ and ``scatter`` the relative rms
+    deviation. ``size`` of Ĵ along J and ``error`` ‖Ĵ − J‖/‖J‖ are medians of the scaled matrices.
     """
-    rig, plant = laboratory(seed, PINHOLE, NOISE)
+    rig, plant = laboratory(seed, PINHOLE, POINT_NOISE_PX)
     known = rig.settings
-    servo = Servo(known.mechanism, known.tool, estimator=FLOW, exploration=TOUR, gate=FAST_ARM)
+    servo = Servo(
+        known.mechanism,
+        known.tool,
+        estimator=FLOW_ESTIMATOR,
+        exploration=ENDLESS_EXPLORATION,
+        gate=FAST_ARM,
+    )
     here = Target(rig.truth.pixels(rig.scene.start), rig.scene.start)
     _a, o_c = true_parameters(rig)
-    methods = {name: Differentiated(settings.gamma) for name in METHODS}
+    methods = {name: Differentiated(settings.gamma) for name in DIFFERENTIATION_METHODS}
     last: Tick | None = None
     true = np.zeros(3)
     for tick in run(plant, servo, here, settings.touring):
@@ -81,7 +101,7 @@ def _take(
     o_c: Floats,
     true: Floats,
 ) -> Floats:
-    """Take ẏ of two successive ticks by every method; return the true ẏ at the newest exposure."""
+    """Differentiate y over two successive ticks by each method; return the true ẏ of the frame."""
     last, tick = ticks
     marker, seen, before = servo.marker_1, tick.seen, last.seen
     tau = (tick.time - last.time) * 1e-9
@@ -89,7 +109,7 @@ def _take(
     delta_y = difference(y, y_before)
     if seen.frame > before.frame:
         J = rig.truth.jacobian(rig.truth.joints_at(seen.exposure), o_c)
-        true = J @ velocity(rig, seen.exposure, HALF_NS)
+        true = J @ velocity(rig, seen.exposure, HALF_WINDOW_NS)
         exposed = marker(seen.q_exposure) - marker(before.q_exposure)
         methods["frame"].add(exposed, delta_y, (seen.exposure - before.exposure) * 1e-9, true)
     moved = marker(seen.q) - marker(before.q)
@@ -100,7 +120,7 @@ def _take(
 
 
 class Differentiated:
-    """The flow rule (28) on one method of taking ẏ, and that ẏ compared with the true one."""
+    """Flow rule (28) with ẏ from one method, and the errors of this ẏ and of Ĵ."""
 
     def __init__(self, gamma: float) -> None:
         self.gamma, self.J_hat = gamma, np.zeros((3, 3))
@@ -109,20 +129,20 @@ class Differentiated:
         self.errors: list[float] = []
 
     def add(self, delta_p: Floats, delta_y: Floats, dt: float, true: Floats) -> None:
-        """Learn from Δp₁ mm and Δy over dt s; ``true`` (3,) is the true ẏ."""
+        """Update Ĵ with Δp₁ (mm) and Δy over `dt` (s); `true` (3,) is the true ẏ."""
         self.J_hat = learn(self.J_hat, delta_p, delta_y, dt, self.gamma)
-        taken, right = scaled((delta_y / dt)[:, None]), scaled(true[:, None])
-        self.product += dt * float(np.sum(taken * right))
-        self.square += dt * float(np.sum(right**2))
-        self.missed += dt * float(np.sum((taken - right) ** 2))
+        measured, expected = scaled((delta_y / dt)[:, None]), scaled(true[:, None])
+        self.product += dt * float(np.sum(measured * expected))
+        self.square += dt * float(np.sum(expected**2))
+        self.missed += dt * float(np.sum((measured - expected) ** 2))
 
     def judge(self, J: Floats) -> None:
-        """Compare the present Ĵ with the true J (3, 3)."""
+        """Record the scale and the error of the present Ĵ relative to the true J (3, 3)."""
         J_hat, J = scaled(self.J_hat), scaled(J)
         self.sizes.append(float(np.sum(J_hat * J) / np.sum(J**2)))
         self.errors.append(float(np.linalg.norm(J_hat - J) / np.linalg.norm(J)))
 
-    def found(self) -> Found:
+    def found(self) -> TaskResult:
         return {
             "ratio": self.product / self.square,
             "scatter": float(np.sqrt(self.missed / self.square)),
@@ -134,7 +154,10 @@ class Differentiated:
 def measure(settings: Settings, results: Results) -> Iterator[Measurement]:
     seeds = range(settings.seeds)
     tours = results.per_seed("tour", seeds)
-    middle = {m: {key: median(column(tours, m, key)) for key in LABELS} for m in METHODS}
+    middle = {
+        m: {key: median(column(tours, m, key)) for key in RESULT_LABELS}
+        for m in DIFFERENTIATION_METHODS
+    }
     frame, tick, stale = middle.values()
     confirmed = abs(stale["ratio"] - 0.6) < 0.05
     yield Measurement("zeros-between", stale["ratio"], seeds, confirmed=confirmed, stale=stale)
@@ -143,10 +166,12 @@ def measure(settings: Settings, results: Results) -> Iterator[Measurement]:
     yield Measurement("by-frame", abs(frame["ratio"] - 1.0), seeds, frame=frame)
 
 
-def draw(settings: Settings, results: Results) -> Iterator[Drawn]:
+def draw(settings: Settings, results: Results) -> Iterator[ReportFigure]:
     seeds = range(settings.seeds)
     tours = results.per_seed("tour", seeds)
     panels = mark_panels(
-        LABELS, lambda key: [column(tours, method, key) for method in METHODS], METHODS.values()
+        RESULT_LABELS,
+        lambda key: [column(tours, method, key) for method in DIFFERENTIATION_METHODS],
+        DIFFERENTIATION_METHODS.values(),
     )
-    yield Drawn("frames", seeds, Figure("Differentiating y", panels, columns=2))
+    yield ReportFigure("frames", seeds, Figure("Differentiation of y", panels, columns=2))

@@ -1,6 +1,7 @@
-"""The time that rule (21) needs: seconds of its own after which Ĵ leads to the target, by Γ.
+"""Experiment `estimator-time`: estimator time that rule (21) needs until Ĵ suffices for the law.
 
-The fits are of fixed observations in random scenes, without motion, with the printed Γ and ours.
+Estimator time is the integration time of (21), independent of real time. The fits use fixed
+observations in random scenes, without motion, with the printed Γ and with the fast Γ.
 """
 
 from collections.abc import Iterator, Sequence
@@ -23,23 +24,24 @@ from rcmservo.geometry.projection import project
 from rcmservo.interfaces import Floats
 from rcmservo.numerics.gradient_flow import decay
 from rcmservo.paper.lab.cameras import PINHOLE, true_parameters
-from rcmservo.paper.plan import Drawn, Found, Measurement, Results, Settings, Task
+from rcmservo.paper.plan import Measurement, ReportFigure, Results, Settings, Task, TaskResult
 from rcmservo.paper.statistics import median
 from rcmservo.sim import Rig, RigSettings
 
 GAMMAS = {"printed": "printed Γ", "fast": "fast Γ"}
 FIT = ProjectionEstimator()
-"""Source of the fast Γ's η and ε."""
+"""Estimator with the rate η and the regularisation ε of the fast Γ."""
 STEPS = 31
-"""Estimator times at which a fit is judged."""
-CLAIMS = {"leads": ("printed", (2.0, 100.0, 1e4)), "leads-fast": ("fast", (2.0,))}
-"""Γ and estimator times s of the claims."""
-CRITICAL = {2.0: 0.03, 100.0: 0.10, 1e4: 1.0}
-"""Fractions of the scenes that the critical reading of the paper gives for the printed Γ."""
-SLOW = {2.0: 0.2, 100.0: 0.4}
-"""Greatest fractions that still confirm a slow solver."""
+"""Number of estimator times at which a fit is evaluated."""
+JUDGED_TIMES = {"leads": ("printed", (2.0, 100.0, 1e4)), "leads-fast": ("fast", (2.0,))}
+"""Γ and estimator times (s) of each claim."""
+EXPECTED_FRACTIONS = {2.0: 0.03, 100.0: 0.10, 1e4: 1.0}
+"""Fractions of the scenes that the critical reading of the paper states for the printed Γ, by
+estimator time (s)."""
+MAX_SLOW_FRACTIONS = {2.0: 0.2, 100.0: 0.4}
+"""Largest fractions that still confirm a slow solver, by estimator time (s)."""
 ERROR, DEFINITE, POSITIVE = 0, 1, 2
-"""Columns of `leads`."""
+"""Indices of the columns of `leads`."""
 
 
 def tasks(settings: Settings) -> list[Task]:
@@ -51,13 +53,13 @@ def tasks(settings: Settings) -> list[Task]:
 
 
 def times(settings: Settings) -> Floats:
-    """Return the estimator times (STEPS,) s."""
+    """Return the estimator times (STEPS,) in s."""
     first, last = settings.times
     return np.geomspace(float(first), float(last), STEPS)
 
 
-def fits(settings: Settings, seeds: Sequence[int]) -> Found:
-    """Return, by Γ and noise, what `leads` gives for every scene and time: (scenes, STEPS, 3)."""
+def fits(settings: Settings, seeds: Sequence[int]) -> TaskResult:
+    """Return the results of `leads` (scenes, STEPS, 3), by Γ and noise."""
     rigs = [Rig(seed, RigSettings(scene=PINHOLE), pictures=False) for seed in seeds]
     return {
         f"{name} {noise:g}": np.array([one_scene(rig, settings, noise, name) for rig in rigs])
@@ -67,7 +69,7 @@ def fits(settings: Settings, seeds: Sequence[int]) -> Found:
 
 
 def one_scene(rig: Rig, settings: Settings, noise: float, name: str) -> list[list[float]]:
-    """Return the fits of one scene; Ĵ is judged at the start, amid the observations."""
+    """Return the results of `leads` over time in one scene, for Ĵ amid the observations."""
     a, o_c = true_parameters(rig)
     q, tool = rig.scene.start, rig.settings.tool
     p1 = rig.body.points(q)[0]
@@ -87,7 +89,7 @@ def one_scene(rig: Rig, settings: Settings, noise: float, name: str) -> list[lis
 def observed(
     a: Floats, p1: Floats, settings: Settings, noise: float, random: np.random.Generator
 ) -> Floats:
-    """Return P rows [p₁ mm, m₁ px, m₂ px (not used)] within `reach` mm of p1."""
+    """Return P observations [p₁ in mm, m₁ in px, m₂ (unused)] (P, 7) within `reach` mm of `p1`."""
     rows = np.zeros((settings.observations, 7))
     for row in rows:
         offset = random.standard_normal(3)
@@ -98,10 +100,10 @@ def observed(
 
 
 def leads(J_hat: Floats, J: Floats) -> list[float]:
-    """Return the scaled error of Ĵ, and 1 or 0 for two conditions on the scaled J Ĵ⁻¹.
+    """Return the scaled error of Ĵ, and whether J Ĵ⁻¹ meets two conditions (1 or 0).
 
-    They are a positive definite symmetric part, and eigenvalues with positive real parts; a
-    singular Ĵ has neither.
+    The conditions on the scaled matrix are a positive definite symmetric part, and eigenvalues with
+    positive real parts. A singular Ĵ meets neither.
     """
     J_hat, J = scaled(J_hat), scaled(J)
     error = float(np.linalg.norm(J_hat - J) / np.linalg.norm(J))
@@ -113,13 +115,13 @@ def leads(J_hat: Floats, J: Floats) -> list[float]:
 
 
 def all_scenes(results: Results, name: str, noise: float) -> Floats:
-    """Return what `leads` gives for one Γ at one noise: (scenes, STEPS, 3)."""
+    """Return the results of `leads` (scenes, STEPS, 3) for one Γ and one noise."""
     halves = results.per_seed("fits", (0, 1))
     return np.concatenate([half[f"{name} {noise:g}"] for half in halves])
 
 
 def measure(settings: Settings, results: Results) -> Iterator[Measurement]:
-    for claim, (name, judged_times) in CLAIMS.items():
+    for claim, (name, judged_times) in JUDGED_TIMES.items():
         clean, noisy = (all_scenes(results, name, noise) for noise in settings.noises)
         for time in judged_times:
             near = int(np.argmin(np.abs(np.log(times(settings) / time))))
@@ -130,9 +132,9 @@ def measure(settings: Settings, results: Results) -> Iterator[Measurement]:
                 positive,
                 range(settings.scenes),
                 case=(f"after {time:g} s of estimator time",),
-                trapped=time in SLOW,
-                confirmed=positive <= SLOW.get(time, 1.0),
-                critical=CRITICAL[time],
+                trapped=time in MAX_SLOW_FRACTIONS,
+                confirmed=positive <= MAX_SLOW_FRACTIONS.get(time, 1.0),
+                critical=EXPECTED_FRACTIONS[time],
                 positive=positive,
                 definite=np.mean(at[:, DEFINITE]),
                 error=median(at[:, ERROR]),
@@ -143,25 +145,25 @@ def measure(settings: Settings, results: Results) -> Iterator[Measurement]:
             )
 
 
-def draw(settings: Settings, results: Results) -> Iterator[Drawn]:
+def draw(settings: Settings, results: Results) -> Iterator[ReportFigure]:
     labels = {
         ERROR: "median $\\|\\hat{J} - J\\| / \\|J\\|$ [1]",
-        POSITIVE: "eigenvalues\npositive, share [1]",
-        DEFINITE: "symmetric part\npositive, share [1]",
+        POSITIVE: "eigenvalues\npositive, fraction [1]",
+        DEFINITE: "symmetric part\npositive, fraction [1]",
     }
-    panels = [_panel(settings, results, place, label) for place, label in labels.items()]
-    yield Drawn("gammas", range(settings.scenes), Figure("Γ over estimator time", panels))
+    panels = [_panel(settings, results, index, label) for index, label in labels.items()]
+    yield ReportFigure("gammas", range(settings.scenes), Figure("Γ over estimator time", panels))
 
 
-def _panel(settings: Settings, results: Results, place: int, label: str) -> Panel:
-    is_error = place == ERROR
+def _panel(settings: Settings, results: Results, index: int, label: str) -> Panel:
+    is_error = index == ERROR
     middle = np.median if is_error else np.mean
     cases = [(name, noise) for name in GAMMAS for noise in settings.noises]
     curves = [
         make_curve(
-            f"{GAMMAS[name]}, {noise:g} px" if place == POSITIVE else "",
+            f"{GAMMAS[name]}, {noise:g} px" if index == POSITIVE else "",
             times(settings),
-            middle(all_scenes(results, name, noise)[:, :, place], axis=0),
+            middle(all_scenes(results, name, noise)[:, :, index], axis=0),
             style,
         )
         for style, (name, noise) in enumerate(cases)

@@ -1,9 +1,9 @@
-"""Accuracy of the imaged RCM from lines of the imaged tool: (16) as printed, and our refinement.
+"""Experiment `imaged-rcm`: accuracy of (16) as printed, and with the built-in refinement.
 
-A tool turns in the image about the imaged RCM, the origin here. Marker 1 is r px from it and marker
-2 d px further, both with noise in u and v. A line through them has a normal that is wrong by an
-angle of about √2 noise/d. That has two effects on (16): o_c scatters, and it is drawn towards the
-tool, the more the less the lines differ in angle.
+A tool rotates in the image about the imaged RCM, which is the origin here. Marker 1 is r px from it
+and marker 2 another d px, both with noise in u and v. The normal of a line through them has an
+error of about √2 noise/d rad. It has two effects on (16): o_c scatters, and o_c is biased towards
+the tool; the bias grows as the angular span of the lines shrinks.
 """
 
 from collections.abc import Iterator, Sequence
@@ -15,7 +15,7 @@ from rcmservo.figures.charts import Curve, Figure, Panel, make_curve
 from rcmservo.geometry.imaged_rcm import nearest_to_lines, solve
 from rcmservo.interfaces import Floats
 from rcmservo.paper.lab.lines import REFINEMENTS, markers
-from rcmservo.paper.plan import Drawn, Found, Measurement, Results, Settings, Task
+from rcmservo.paper.plan import Measurement, ReportFigure, Results, Settings, Task, TaskResult
 from rcmservo.paper.statistics import rms
 
 VARIED = {
@@ -23,8 +23,8 @@ VARIED = {
     "span": "span of the lines' angles [°]",
     "noise": "noise of the markers [px]",
 }
-"""Settings of the lines that vary, one at a time."""
-FITS = {"printed": "(16)", "refined": "(16), then our refinement"}
+"""Settings of the lines that are varied, one at a time."""
+FITS = {"printed": "(16)", "refined": "(16), then refinement"}
 
 
 def tasks(settings: Settings) -> list[Task]:
@@ -34,13 +34,13 @@ def tasks(settings: Settings) -> list[Task]:
     ]
 
 
-def accuracy(settings: Settings, varied: str) -> dict[str, Found]:
-    """Return rms error and bias towards the tool (px) of o_c, by fit, over one varied setting."""
+def accuracy(settings: Settings, varied: str) -> dict[str, TaskResult]:
+    """Return rms error and bias towards the tool (px) of o_c, by fit, over a varied setting."""
     samples = [
         sample(Settings(**{**vars(settings), varied: value})) for value in _values(settings, varied)
     ]
 
-    def errors_of(i: int) -> Found:
+    def errors_of(i: int) -> TaskResult:
         errors = [one[:, i] for one in samples]
         return {
             "rms": np.array([rms(np.linalg.norm(error, axis=1)) for error in errors]),
@@ -55,17 +55,17 @@ def _values(settings: Settings, varied: str) -> Sequence[float]:
 
 
 def sample(lines: Settings) -> Floats:
-    """Return errors of o_c by every fit, each [towards the tool, across] px: (draws, 2, 2)."""
+    """Return errors (draws, 2, 2) of o_c by each fit, as [towards the tool, across] in px."""
     random = np.random.default_rng(0)
     errors, span = np.empty((lines.draws, 2, 2)), float(np.radians(1.0)) * lines.span
     for error in errors:
         middle = random.uniform(-np.pi, np.pi)
         angles = middle + np.linspace(-0.5, 0.5, lines.H) * span
-        seen = markers(angles, lines.r, lines.d, lines.noise, random)
+        observed = markers(angles, lines.r, lines.d, lines.noise, random)
         c, s = np.cos(middle), np.sin(middle)
         aligned = np.array([[c, s], [-s, c]])
-        error[0] = aligned @ nearest_to_lines(seen, lines.H, True)[0]
-        error[1] = aligned @ solve(seen, lines.H, REFINEMENTS, False)[0]
+        error[0] = aligned @ nearest_to_lines(observed, lines.H, True)[0]
+        error[1] = aligned @ solve(observed, lines.H, REFINEMENTS, False)[0]
     return errors
 
 
@@ -109,13 +109,13 @@ def measure(settings: Settings, results: Results) -> Iterator[Measurement]:
 
 
 def exponent(x: Sequence[float], y: Floats) -> float:
-    """Return the exponent of y ∝ x^exponent, by least squares of the logarithms."""
+    """Return the exponent e of y ∝ x^e, by least squares on the logarithms."""
     return float(np.polyfit(np.log(x), np.log(y), 1)[0])
 
 
-def draw(settings: Settings, results: Results) -> Iterator[Drawn]:
+def draw(settings: Settings, results: Results) -> Iterator[ReportFigure]:
     panels = [_panel(settings, results, name, label) for name, label in VARIED.items()]
-    yield Drawn("rcm-accuracy", [0], Figure("Accuracy of the imaged RCM", panels, columns=2))
+    yield ReportFigure("rcm-accuracy", [0], Figure("Accuracy of the imaged RCM", panels, columns=2))
 
 
 def _panel(settings: Settings, results: Results, varied: str, label: str) -> Panel:

@@ -1,7 +1,7 @@
-"""The imaged RCM in slow motion, which defeats (16): the last H lines are almost one line.
+"""Experiment `imaged-rcm-slow`: the imaged RCM (16) in slow motion.
 
-As printed, (16) uses the last H lines as they come. Ours uses lines chosen by what they contribute
-to o_c, and refines.
+As printed, (16) uses the last H lines, which are nearly identical in slow motion. The built-in
+method selects lines by their leverage on o_c, and refines the solution.
 """
 
 from collections.abc import Iterator
@@ -13,7 +13,7 @@ from rcmservo.figures.charts import Figure, Panel, make_curve
 from rcmservo.geometry.imaged_rcm import ImagedRcm, follow, nearest_to_lines, solve
 from rcmservo.interfaces import Floats
 from rcmservo.paper.lab.lines import REFINEMENTS, markers
-from rcmservo.paper.plan import Drawn, Found, Measurement, Results, Settings, Task
+from rcmservo.paper.plan import Measurement, ReportFigure, Results, Settings, Task, TaskResult
 from rcmservo.paper.statistics import column, finite, rms
 from rcmservo.study.report.statistics import dashed
 
@@ -21,8 +21,8 @@ MAX_CONDITION = ImagedRcm().max_condition
 FITS = {
     "window": "last H lines, (16) as printed",
     "window_refined": "last H lines, refined",
-    "chosen": "chosen lines, (16)",
-    "chosen_refined": "chosen lines, refined",
+    "chosen": "selected lines, (16)",
+    "chosen_refined": "selected lines, refined",
 }
 
 
@@ -33,30 +33,31 @@ def tasks(settings: Settings) -> list[Task]:
 
 
 def frame_times(settings: Settings) -> Floats:
-    """Return the time in s of every frame."""
+    """Return the times (n,) of the frames in s."""
     return np.arange(round(settings.duration * settings.frame_rate)) / settings.frame_rate
 
 
-def slow_turn(settings: Settings, seed: int) -> Found:
-    """Return the error (px) of o_c by every fit in every frame, and of ours at the gate.
+def slow_turn(settings: Settings, seed: int) -> TaskResult:
+    """Return the error (px) of o_c by each fit in each frame.
 
-    ``gate`` is the error in the first frame that our gate on the condition of (16) lets pass.
+    ``gate`` is the error of the built-in method in the first frame that meets its limit on the
+    condition number of (16); None if no frame does.
     """
     random, turned = np.random.default_rng(seed), float(np.radians(1.0)) * settings.speed
     angles = turned * frame_times(settings)
-    seen = markers(angles, settings.r, settings.d, settings.noise, random)
-    kept, count = ImagedRcm(lines=settings.H).init()
-    window, among = kept, count
+    observed = markers(angles, settings.r, settings.d, settings.noise, random)
+    selected, count = ImagedRcm(lines=settings.H).init()
+    window, window_count = selected, count
     errors: dict[str, list[float]] = {fit: [] for fit in FITS}
     gate: float | None = None
-    for line in seen:
+    for line in observed:
         points = line.reshape(2, 2)
-        window, among, printed, _condition = follow(window, among, points, 0, True)
-        kept, count, refined, condition = follow(kept, count, points, REFINEMENTS, False)
+        window, window_count, printed, _ = follow(window, window_count, points, 0, True)
+        selected, count, refined, condition = follow(selected, count, points, REFINEMENTS, False)
         found = {
             "window": printed,
-            "window_refined": solve(window, among, REFINEMENTS, False)[0],
-            "chosen": nearest_to_lines(kept, count, False)[0],
+            "window_refined": solve(window, window_count, REFINEMENTS, False)[0],
+            "chosen": nearest_to_lines(selected, count, False)[0],
             "chosen_refined": refined,
         }
         for fit, o_c in found.items():
@@ -97,7 +98,7 @@ def measure(settings: Settings, results: Results) -> Iterator[Measurement]:
     )
 
 
-def draw(settings: Settings, results: Results) -> Iterator[Drawn]:
+def draw(settings: Settings, results: Results) -> Iterator[ReportFigure]:
     seeds = range(settings.seeds)
     turns = results.per_seed("slow", seeds)
     middle = {fit: np.median([turn["errors"][fit] for turn in turns], axis=0) for fit in FITS}
@@ -106,4 +107,4 @@ def draw(settings: Settings, results: Results) -> Iterator[Drawn]:
         for style, (fit, label) in enumerate(FITS.items())
     ]
     panel = Panel("time [s]", "error of $o_c$ [px]", curves, log_y=True)
-    yield Drawn("rcm-slow", seeds, Figure("The imaged RCM in slow motion", [panel]))
+    yield ReportFigure("rcm-slow", seeds, Figure("The imaged RCM in slow motion", [panel]))

@@ -1,7 +1,7 @@
-"""Lemma 1, measured: a camera is known by nine parameters; observations that determine all nine.
+"""Experiment `lemma-1`: nine parameters of a camera, and the observations that determine them.
 
-Noiseless pinhole cameras, with points in general position, in a plane, and in a plane that holds
-the RCM.
+The cameras are pinholes without noise. The points are in general position, in a plane, and in a
+plane that contains the RCM.
 """
 
 from collections.abc import Iterator
@@ -12,16 +12,16 @@ import numpy as np
 from rcmservo.figures.charts import Figure, Panel, make_curve
 from rcmservo.geometry.projection import PARAMETERS, parameters, project, regressor
 from rcmservo.interfaces import Floats
-from rcmservo.paper.lab.cameras import drawn, seen_by
-from rcmservo.paper.plan import Drawn, Found, Measurement, Results, Settings, Task
+from rcmservo.paper.lab.cameras import project_point, random_camera
+from rcmservo.paper.plan import Measurement, ReportFigure, Results, Settings, Task, TaskResult
 
 RANK_TOLERANCE = 1e-9
-"""Singular value over the largest, of M with columns of length 1, that counts as zero."""
+"""Singular value, relative to the largest one, that counts as zero; M has columns of length 1."""
 
 SETS = {
     "generic": "generic points",
     "coplanar": "points of a plane",
-    "through": "points of a plane that holds the RCM",
+    "through": "points of a plane through the RCM",
 }
 
 
@@ -29,17 +29,17 @@ def tasks(settings: Settings) -> list[Task]:
     return [Task("cameras", partial(all_cameras, settings=settings))]
 
 
-def all_cameras(settings: Settings) -> Found:
-    """Return the results of `one_camera` for every camera."""
+def all_cameras(settings: Settings) -> TaskResult:
+    """Return the results of `one_camera` for each camera."""
     return {"cameras": [one_camera(settings, seed) for seed in range(settings.cameras)]}
 
 
-def one_camera(settings: Settings, seed: int) -> Found:
-    """Return the reprojection error (px) of a and o_c, and the scaled singular values of M (24)."""
-    C, p0 = drawn(seed)
+def one_camera(settings: Settings, seed: int) -> TaskResult:
+    """Return the reprojection error (px) of a and o_c, and singular values of M (24)."""
+    C, p0 = random_camera(seed)
     a, o_c = parameters(C)
     sets = point_sets(settings, seed, p0)
-    errors = [np.linalg.norm(project(a, p) + o_c - seen_by(C, p)) for p in sets["generic"]]
+    errors = [np.linalg.norm(project(a, p) + o_c - project_point(C, p)) for p in sets["generic"]]
     return {
         "reprojection": np.max(errors),
         "five": singular_values(C, o_c, sets["generic"][:5]),
@@ -49,7 +49,7 @@ def one_camera(settings: Settings, seed: int) -> Found:
 
 
 def point_sets(settings: Settings, seed: int, p0: Floats) -> dict[str, Floats]:
-    """Return points (n, 3) mm about p0: drawn, in a plane, and in one that holds the RCM."""
+    """Return points (n, 3) in mm about `p0`: random, in a plane, and in a plane through the RCM."""
     random = np.random.default_rng([seed, 1])
     points = p0 + settings.spread * random.uniform(-1.0, 1.0, (settings.points, 3))
     normal = random.standard_normal(3)
@@ -64,8 +64,8 @@ def point_sets(settings: Settings, seed: int, p0: Floats) -> dict[str, Floats]:
 
 
 def singular_values(C: Floats, o_c: Floats, points: Floats) -> Floats:
-    """Return the singular values over the largest of M (24), its columns scaled to length 1."""
-    M = np.concatenate([regressor(seen_by(C, p) - o_c, p) for p in points])
+    """Return the singular values of M (24) over the largest one, for columns scaled to length 1."""
+    M = np.concatenate([regressor(project_point(C, p) - o_c, p) for p in points])
     sigma = np.linalg.svd(M / np.linalg.norm(M, axis=0), compute_uv=False)
     return sigma / sigma[0]
 
@@ -95,7 +95,7 @@ def measure(settings: Settings, results: Results) -> Iterator[Measurement]:
     )
 
 
-def draw(settings: Settings, results: Results) -> Iterator[Drawn]:
+def draw(settings: Settings, results: Results) -> Iterator[ReportFigure]:
     first = results["cameras"]["cameras"][0]
     number = np.arange(1, PARAMETERS + 1)
     rows = {"five generic points": first["five"]}
@@ -106,8 +106,8 @@ def draw(settings: Settings, results: Results) -> Iterator[Drawn]:
         )
         for style, (label, sigma) in enumerate(rows.items())
     ]
-    levels = [("not observed below this", RANK_TOLERANCE)]
+    levels = [("unobservable below", RANK_TOLERANCE)]
     panel = Panel(
         "number of the singular value", "$\\sigma_i / \\sigma_1$ of M", curves, levels, log_y=True
     )
-    yield Drawn("rank", [0], Figure("What observations tell of a", [panel]))
+    yield ReportFigure("rank", [0], Figure("Observability of a", [panel]))

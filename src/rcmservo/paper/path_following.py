@@ -1,8 +1,8 @@
-"""Following a path of moving reference pixels, as in [10], without calibration or feed-forward.
+"""Experiment `path-following`: moving reference pixels as in [10], without calibration.
 
-Marker 1 is to go round a circle in space. The reference is the circle's picture in the true camera,
-as [10] computes it by its forward model; the servo knows these pixels and nothing else. A law
-without feed-forward stays behind by v/k.
+Marker 1 follows a circle in space. The reference is the image of the circle in the true camera, as
+[10] computes it by a forward model; the servo receives only these pixels. A law without
+feed-forward has a following error of v/k.
 """
 
 from collections import Counter
@@ -18,45 +18,50 @@ from rcmservo.interfaces import Floats, Target
 from rcmservo.loop.operator import OperatorRequest
 from rcmservo.loop.run import run
 from rcmservo.loop.tick import Tick
-from rcmservo.paper.lab.closed_loop import FAST_LAW, servo_for
-from rcmservo.paper.lab.methods import FLOW_RULE, OUR_METHODS, Learner
+from rcmservo.paper.lab.closed_loop import FAST_LAW, make_servo
+from rcmservo.paper.lab.methods import FLOW_RULE, RCMSERVO_METHODS, EstimatingMethod
 from rcmservo.paper.lab.witness import STRIDE_TICKS, laboratory
-from rcmservo.paper.plan import Drawn, Found, Measurement, Results, Settings, Task
+from rcmservo.paper.plan import Measurement, ReportFigure, Results, Settings, Task, TaskResult
 from rcmservo.paper.statistics import column, median, rms
 from rcmservo.safety.state_machine import Phase, Request
 from rcmservo.servo.servo import State
 from rcmservo.sim import Rig, SceneSettings
 
-METHODS: Mapping[str, Learner] = {**OUR_METHODS, "flow": FLOW_RULE}
+FOLLOWING_METHODS: Mapping[str, EstimatingMethod] = {**RCMSERVO_METHODS, "flow": FLOW_RULE}
 SCENES = SceneSettings(room=17.0)
-FIXED = {"methods": METHODS, "controller": FAST_LAW, "scene": SCENES}
 AT_START = 0.15
-"""Scaled feature error at which the first point of a path counts as reached."""
+"""Scaled feature error below which the first point of a path counts as reached."""
 NEAR_END_S = 0.2
-"""s before the end of a path at which it counts as completed: two samples."""
+"""Time (s) before the end of a path at which it counts as completed: two samples."""
 MAX_LAG_S = 2.0
-"""s up to which the lag behind a path is searched."""
+"""Upper bound (s) of the search for the lag behind the reference."""
+
+
+def fixed_settings() -> dict[str, object]:
+    return {"methods": FOLLOWING_METHODS, "controller": FAST_LAW, "scene": SCENES}
 
 
 def tasks(settings: Settings) -> list[Task]:
     return [
         Task(method, partial(follow_all, settings=settings, method=method), settings.seeds)
-        for method in METHODS
+        for method in FOLLOWING_METHODS
     ]
 
 
-def law(method: Learner) -> SaturatedController:
-    """Return a method's own controller, or that of all."""
+def law(method: EstimatingMethod) -> SaturatedController:
+    """Return the controller of a method, by default the common one."""
     return method.controller or FAST_LAW
 
 
-def follow_all(settings: Settings, method: str) -> Found:
-    """Return the results of `follow` in every scene."""
-    return {"trials": [follow(settings, METHODS[method], i) for i in range(settings.seeds)]}
+def follow_all(settings: Settings, method: str) -> TaskResult:
+    """Return the results of `follow` in each scene."""
+    return {
+        "trials": [follow(settings, FOLLOWING_METHODS[method], i) for i in range(settings.seeds)]
+    }
 
 
 class Circle:
-    """A path of marker 1, oblique to the tool, so that it needs yaw, pitch and insertion."""
+    """Circular path of marker 1, oblique to the tool so that it needs yaw, pitch and insertion."""
 
     def __init__(self, rig: Rig, radius: float, period: float) -> None:
         self.rig, self.period = rig, period
@@ -69,18 +74,18 @@ class Circle:
         self.across, self.along = radius * across, radius * along
 
     def p1(self, time: float) -> Floats:
-        """Return the reference (3,) mm of marker 1 at a time in s, at least 0."""
+        """Return the reference (3,) of marker 1 in mm at `time` (s); times below 0 count as 0."""
         angle = 2.0 * np.pi * max(time, 0.0) / self.period
         return self.middle + np.cos(angle) * self.across + np.sin(angle) * self.along
 
     def target(self, time: float) -> Target:
-        """Return the reference pixels at a time in s."""
+        """Return the reference pixels at `time` (s) as a target."""
         q = self.rig.settings.mechanism.joints(self.p1(time))
         return Target(self.rig.truth.pixels(q), np.full(3, np.nan))
 
 
 class Guide:
-    """Operator who leads the target along a path, from when the tool is at its first point."""
+    """Operator who moves the target along a path as soon as the tool is at its first point."""
 
     def __init__(self, path: Circle, period: int) -> None:
         self.path, self.period = path, period
@@ -94,17 +99,17 @@ class Guide:
         return Request.NONE if self.began is None else self.path.target(self.elapsed(due))
 
     def elapsed(self, now: int) -> float:
-        """Return the time in s since the path began; 0 before."""
+        """Return the time (s) since the start of the path; 0 before."""
         return 0.0 if self.began is None else (now - self.began) / 1e9
 
 
-def follow(settings: Settings, method: Learner, seed: int) -> Found:
-    """Explore, go to the path's first point, then servo to reference pixels that move along it.
+def follow(settings: Settings, method: EstimatingMethod, seed: int) -> TaskResult:
+    """Explore, servo to the first point of the path, then follow the moving reference pixels.
 
-    Returns the seed, the cause of a path that was not completed, and `errors_on` a completed one.
+    Returns the seed, the cause if the path was not completed, and `errors_on` a completed path.
     """
     rig, plant = laboratory(seed, SCENES, settings.noise)
-    servo = servo_for(rig.settings, method.estimator, method.exploration, law(method))
+    servo = make_servo(rig.settings, method.estimator, method.exploration, law(method))
     path = Circle(rig, settings.radius, settings.period)
     guide, samples = Guide(path, servo.period), list[tuple[float, Floats, Floats]]()
     longest = servo.exploration.max_time + settings.approach + settings.period
@@ -125,14 +130,15 @@ def follow(settings: Settings, method: Learner, seed: int) -> Found:
 
 
 def at_start(state: State) -> bool:
-    """Return True if the servo observes the tool at the path's first point."""
+    """Return True if the servo measures the tool at the first point of the path."""
     return state.phase is Phase.SERVO and bool(np.max(np.abs(state.delta) / SCALE) < AT_START)
 
 
-def errors_on(path: Circle, samples: list[tuple[float, Floats, Floats]]) -> Found:
-    """Return errors (mm) of a completed path: ``lag`` (s) explains most of them, ``left`` remains.
+def errors_on(path: Circle, samples: list[tuple[float, Floats, Floats]]) -> TaskResult:
+    """Return the errors (mm) of a completed path.
 
-    The samples are time (s), true p₁ (3,) mm, and true m₁ (2,) px.
+    ``lag`` (s) is the delay of the reference that minimises the rms error, ``left`` that minimum.
+    The samples are time (s), true p₁ (3,) in mm, and true m₁ (2,) in px.
     """
     times, points, pixels = (np.array(values) for values in zip(*samples, strict=True))
 
@@ -158,11 +164,11 @@ def errors_on(path: Circle, samples: list[tuple[float, Floats, Floats]]) -> Foun
 
 
 def speed(settings: Settings) -> float:
-    """Return v in mm/s on the circle."""
+    """Return the speed v (mm/s) on the circle."""
     return 2.0 * np.pi * settings.radius / settings.period
 
 
-def completed(results: Results, method: str) -> list[Found]:
+def completed(results: Results, method: str) -> list[TaskResult]:
     return [trial for trial in results[method]["trials"] if not trial["cause"]]
 
 
@@ -175,19 +181,19 @@ def failures(results: Results, method: str) -> str:
 
 def measure(settings: Settings, results: Results) -> Iterator[Measurement]:
     seeds, v = range(settings.seeds), speed(settings)
-    for name, method in METHODS.items():
+    for name, method in FOLLOWING_METHODS.items():
         value = 100.0 * len(completed(results, name)) / settings.seeds
         words = failures(results, name)
         yield Measurement("gets-round", value, seeds, case=(method.name,), failures=words, speed=v)
-    done = {name: found for name in METHODS if (found := completed(results, name))}
+    done = {name: found for name in FOLLOWING_METHODS if (found := completed(results, name))}
     for name, found in done.items():
-        lag, worst = v / law(METHODS[name]).gain, column(found, "max")
+        lag, worst = v / law(FOLLOWING_METHODS[name]).gain, column(found, "max")
         yield Measurement(
             "lags-by-v-over-k",
             median(column(found, "rms")),
             seeds,
             bound=1.5 * lag,
-            case=(METHODS[name].name,),
+            case=(FOLLOWING_METHODS[name].name,),
             failures=failures(results, name),
             lag=lag,
             largest=median(worst),
@@ -197,23 +203,25 @@ def measure(settings: Settings, results: Results) -> Iterator[Measurement]:
     for name, found in done.items():
         left = median(column(found, "left"))
         start = median([one["errors"][0] for one in found])
-        late = f"the start counts too, where the tool is still {start:.1f} mm from the reference"
+        late = f"this includes the start, where the tool is {start:.1f} mm from the reference"
         remark = "; ".join(filter(None, (failures(results, name), late if left > 0.3 else "")))
         yield Measurement(
             "keeps-beside",
             left,
             seeds,
-            case=(METHODS[name].name,),
+            case=(FOLLOWING_METHODS[name].name,),
             words=remark,
             lag=median(column(found, "lag")),
-            time_constant=1.0 / law(METHODS[name]).gain,
+            time_constant=1.0 / law(FOLLOWING_METHODS[name]).gain,
         )
 
 
-def draw(settings: Settings, results: Results) -> Iterator[Drawn]:
-    done = {name: found for name in METHODS if (found := completed(results, name))}
+def draw(settings: Settings, results: Results) -> Iterator[ReportFigure]:
+    done = {name: found for name in FOLLOWING_METHODS if (found := completed(results, name))}
     pictures = [
-        make_curve(METHODS[name].short, found[0]["pixels"][:, 0], found[0]["pixels"][:, 1], style)
+        make_curve(
+            FOLLOWING_METHODS[name].short, found[0]["pixels"][:, 0], found[0]["pixels"][:, 1], style
+        )
         for style, (name, found) in enumerate(done.items())
     ]
     for found in list(done.values())[:1]:
@@ -224,8 +232,13 @@ def draw(settings: Settings, results: Results) -> Iterator[Drawn]:
     for style, (name, found) in enumerate(done.items()):
         shortest = min(len(one["errors"]) for one in found)
         middle = np.median([one["errors"][:shortest] for one in found], axis=0)
-        errors.append(make_curve(METHODS[name].short, found[0]["times"][:shortest], middle, style))
-    lags = {gain: speed(settings) / gain for gain in (law(one).gain for one in METHODS.values())}
+        errors.append(
+            make_curve(FOLLOWING_METHODS[name].short, found[0]["times"][:shortest], middle, style)
+        )
+    lags = {
+        gain: speed(settings) / gain
+        for gain in (law(one).gain for one in FOLLOWING_METHODS.values())
+    }
     panels = [
         Panel("u [px]", "v [px], downwards", pictures, y_limits=(max(rows) + 3.0, min(rows) - 3.0)),
         Panel(
@@ -237,4 +250,4 @@ def draw(settings: Settings, results: Results) -> Iterator[Drawn]:
     ]
     first = next((one["seed"] for found in done.values() for one in found), "–")
     figure = Figure("Following a path", panels, columns=2)
-    yield Drawn("path", range(settings.seeds), figure, words={"scene": first})
+    yield ReportFigure("path", range(settings.seeds), figure, words={"scene": first})

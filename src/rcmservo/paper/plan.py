@@ -1,4 +1,4 @@
-"""Parts of an experiment: settings, tasks, results, measurements of its claims, and figures."""
+"""Parts of an experiment: settings, tasks, results, measurements of claims, and figures."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -13,14 +13,14 @@ from rcmservo.errors import RcmServoError
 from rcmservo.figures.charts import Figure
 
 Settings = SimpleNamespace
-"""Settings of an experiment, for a whole or a reduced run, by name."""
+"""Settings of an experiment, for a full or a reduced run, by name."""
 
-Found = Mapping[str, Any]
-"""Numbers, words, arrays, lists and tables that a task found, by name."""
+TaskResult = Mapping[str, Any]
+"""Results of a task by name: numbers, texts, arrays, lists and tables."""
 
 
 class NotMeasured(RcmServoError):
-    """A measurement that is missing or not finite, which gives no verdict."""
+    """Raised for a measurement that is missing or not finite, so that there is no verdict."""
 
     def __init__(self, what: str, value: object) -> None:
         super().__init__(what, value)
@@ -32,22 +32,22 @@ class NotMeasured(RcmServoError):
 
 @dataclass(frozen=True)
 class Task:
-    """A piece of work that needs no other.
+    """Work that does not depend on other tasks.
 
     Parameters
     ----------
     name : str
-        Name of its folder, unique in the experiment.
-    work : partial[Found]
+        Name of the folder, unique in the experiment.
+    work : partial[TaskResult]
         Function that returns the results.
     cost : float
-        Approximate time in s; the long ones begin first.
+        Approximate time in s; long tasks start first.
     in_folder : bool
-        True if the function takes its folder, to leave a record and pictures there.
+        True if the function takes a folder, in which it writes a record and images.
     """
 
     name: str
-    work: "partial[Found]"
+    work: "partial[TaskResult]"
     cost: float = 1.0
     in_folder: bool = False
 
@@ -55,12 +55,12 @@ class Task:
     def per_seed(
         cls,
         prefix: str,
-        work: "partial[Found]",
+        work: "partial[TaskResult]",
         seeds: Iterable[int],
         cost: float = 1.0,
         in_folder: bool = False,
     ) -> "list[Task]":
-        """Return one task for each seed, named `prefix`-seed, which is an argument of the work."""
+        """Return one task per seed, named `prefix`-seed; `work` receives the argument `seed`."""
         return [cls(f"{prefix}-{i}", partial(work, seed=i), cost, in_folder) for i in seeds]
 
 
@@ -70,19 +70,19 @@ class Results:
 
     Parameters
     ----------
-    found : Mapping[str, Found]
-        Results by the tasks' names.
+    found : Mapping[str, TaskResult]
+        Results by name of the task.
     folders : Mapping[str, Path]
-        Folders with the tasks' records and pictures, by the tasks' names.
+        Folders with records and images, by name of the task.
     """
 
-    found: Mapping[str, Found]
+    found: Mapping[str, TaskResult]
     folders: Mapping[str, Path]
 
-    def __getitem__(self, task: str) -> Found:
+    def __getitem__(self, task: str) -> TaskResult:
         return self.found[task]
 
-    def per_seed(self, prefix: str, seeds: Iterable[int]) -> list[Found]:
+    def per_seed(self, prefix: str, seeds: Iterable[int]) -> list[TaskResult]:
         """Return the results of the tasks `prefix`-seed."""
         return [self.found[f"{prefix}-{seed}"] for seed in seeds]
 
@@ -93,28 +93,28 @@ class Measurement:
     Parameters
     ----------
     claim : str
-        Key of the claim in its experiment's table.
+        Key of the claim in the table of the experiment.
     value : float
-        Number, finite.
+        Measured number, finite.
     seeds : iterable of int
-        Seeds of the trials; none for a computation without chance.
+        Seeds of the trials; empty for a deterministic computation.
     interval : sequence of float, optional
-        Confidence interval of 95 %, which may follow the number; an end is infinite if the trials
-        are too few for it.
+        95 % confidence interval, as the last two entries; an end is infinite if the trials are too
+        few for it.
     case : sequence of str
-        Row and column among the cases of the same claim.
+        Row and column in the table of cases of the claim.
     trials : int, optional
-        Independent trials, where they are not the seeds.
+        Number of independent trials; by default the number of seeds.
     bound : float, optional
-        Bound, where the table has none.
+        Bound, if the table has none.
     remarked : bool
-        False if the claim's remark does not apply.
+        False if the remark of the claim does not apply to this case.
     trapped : bool
-        False if this case does not bear on the claim's pitfall.
+        False if this case does not concern the pitfall of the claim.
     confirmed : bool
-        True if the number confirms that pitfall.
+        True if the number confirms the pitfall.
     words : object
-        Values for the texts of the claim.
+        Values for the braces in the texts of the claim.
     """
 
     def __init__(
@@ -143,23 +143,23 @@ class Measurement:
 
 
 @dataclass(frozen=True)
-class Drawn:
+class ReportFigure:
     """A figure of the report.
 
     Parameters
     ----------
     name : str
-        Key in the table of claims, and the name in links and figures.json.
+        Name in links and figures.json, and key in the table of claims.
     seeds : Sequence[int]
-        Seeds named below it; empty for a computation without chance.
+        Seeds that the report states; empty for a deterministic computation.
     chart : Figure or None
-        None where it consists of pictures alone.
+        Chart; None if the figure consists of images only.
     pictures : Sequence[Path]
-        PNG files that stand before the chart.
+        PNG files, placed before the chart.
     words : Mapping[str, object]
-        Values for the caption's text.
+        Values for the braces in the caption.
     key : str
-        Key in the table of claims, where that is not the name.
+        Key in the table of claims if it differs from `name`.
     """
 
     name: str

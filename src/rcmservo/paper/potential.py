@@ -1,7 +1,7 @@
-"""The saturated potential action, Fig. 5, in both readings of (32), and (33) with each.
+"""Experiment `potential`: the saturated potential action, Fig. 5, and the error under (33).
 
-As printed, V is ½b|Δy| beyond b: continuous, but its gradient drops from b to b/2 there. Fig. 5 and
-the word "saturated" ask for V = b|Δy| − ½b², whose gradient stays at b.
+Equation (32) has two readings. As printed, V = ½b|Δy| beyond b: V is continuous, but its gradient
+drops from b to b/2. Fig. 5 and the word "saturated" require V = b|Δy| − ½b², with a gradient of b.
 """
 
 from collections.abc import Iterator
@@ -12,27 +12,27 @@ import numpy as np
 from rcmservo.control.saturated_controller import potential, potential_gradient
 from rcmservo.figures.charts import Curve, Figure, Panel, make_curve
 from rcmservo.interfaces import Floats
-from rcmservo.paper.plan import Drawn, Found, Measurement, Results, Settings, Task
+from rcmservo.paper.plan import Measurement, ReportFigure, Results, Settings, Task, TaskResult
 
-LABELS = {"continuous": "continuous (Fig. 5)", "printed": "as (32) is printed"}
+READING_NAMES = {"continuous": "continuous (Fig. 5)", "printed": "as (32) is printed"}
 SMALL_FRACTION = 0.02
-"""Fraction of the first error below which it counts as gone."""
+"""Fraction of the initial error below which the error counts as regulated."""
 
 
 def tasks(settings: Settings) -> list[Task]:
     return [Task("action", partial(action, settings=settings))]
 
 
-def action(settings: Settings) -> Found:
-    """Return V, its gradient, their largest steps, and (33) integrated, in both readings."""
+def action(settings: Settings) -> TaskResult:
+    """Return V, its gradient, their largest steps, and the integral of (33), in both readings."""
     reach: float = settings.reach
     errors = np.linspace(-reach, reach, 2001)
-    readings = {name: reading(settings, errors, name == "printed") for name in LABELS}
+    readings = {name: reading(settings, errors, name == "printed") for name in READING_NAMES}
     return {"errors": errors, **readings}
 
 
-def reading(settings: Settings, errors: Floats, printed: bool) -> Found:
-    """Return one reading of (32): V (px²) and ∂V/∂y (px) of one component, and (33) over time."""
+def reading(settings: Settings, errors: Floats, printed: bool) -> TaskResult:
+    """Return V (px²) and ∂V/∂y (px) of one component in one reading of (32), and (33) over time."""
     bounds = np.full(3, settings.figure_bound)
     rows = [np.array([error, 0.0, 0.0]) for error in errors]
     V = np.array([potential(row, bounds, printed) for row in rows])
@@ -59,7 +59,7 @@ def closed_loop(settings: Settings, printed: bool) -> Floats:
 
 
 def first_below(bound: float, errors: Floats) -> float:
-    """Return the index of the first error below the bound; infinite if there is none."""
+    """Return the index of the first error below `bound`; infinite if there is none."""
     below = np.flatnonzero(errors < bound)
     return float(below[0]) if len(below) else np.inf
 
@@ -77,7 +77,7 @@ def measure(settings: Settings, results: Results) -> Iterator[Measurement]:
     yield Measurement("time", time, confirmed=time > 80.0, printed=as_printed)
 
 
-def draw(settings: Settings, results: Results) -> Iterator[Drawn]:
+def draw(settings: Settings, results: Results) -> Iterator[ReportFigure]:
     found = results["action"]
     labels = {"gradient": "$\\partial V_i / \\partial y_i$ [px]", "V": "$V_i$ [px²]"}
     panels = [
@@ -85,13 +85,13 @@ def draw(settings: Settings, results: Results) -> Iterator[Drawn]:
         for name, label in labels.items()
     ]
     title = f"Saturated potential action, $b_i$ = {settings.figure_bound:g} px"
-    yield Drawn("fig-5", [], Figure(title, panels, columns=2))
+    yield ReportFigure("fig-5", [], Figure(title, panels, columns=2))
     time = np.arange(round(settings.duration / settings.step)) * settings.step
     levels = [("2 %", SMALL_FRACTION * settings.error)]
     panel = Panel("time [s]", "$|\\Delta y_i|$ [px]", _curves(found, time, "fall"), levels=levels)
-    yield Drawn("potential-loop", [], Figure("Error under either reading of (32)", [panel]))
+    yield ReportFigure("potential-loop", [], Figure("Error under either reading of (32)", [panel]))
 
 
-def _curves(found: Found, x: Floats, name: str) -> list[Curve]:
-    labels = enumerate(LABELS.items())
+def _curves(found: TaskResult, x: Floats, name: str) -> list[Curve]:
+    labels = enumerate(READING_NAMES.items())
     return [make_curve(label, x, found[key][name], style) for style, (key, label) in labels]

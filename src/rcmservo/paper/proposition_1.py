@@ -1,6 +1,6 @@
-"""Proposition 1, measured: U never rises along rule (21), and the time until Ĵ is J.
+"""Experiment `proposition-1`: monotonic decrease of U along rule (21), and convergence of Ĵ to J.
 
-Noiseless observations before pinhole cameras, with the printed Γ and with our fast one.
+Observations are without noise, from pinhole cameras, with the printed Γ and with the fast Γ.
 """
 
 from collections.abc import Iterator
@@ -23,40 +23,41 @@ from rcmservo.figures.charts import Figure, Panel, make_curve
 from rcmservo.geometry.projection import PARAMETERS, parameters, project
 from rcmservo.interfaces import Floats
 from rcmservo.numerics.gradient_flow import decay
-from rcmservo.paper.lab.cameras import drawn, seen_by
-from rcmservo.paper.plan import Drawn, Found, Measurement, Results, Settings, Task
+from rcmservo.paper.lab.cameras import project_point, random_camera
+from rcmservo.paper.plan import Measurement, ReportFigure, Results, Settings, Task, TaskResult
 from rcmservo.paper.statistics import column, median
 from rcmservo.sim import RigSettings
 
 TOOL = RigSettings().tool
 FIT = ProjectionEstimator()
-"""Source of the fast Γ's η and ε."""
+"""Estimator with the rate η and the regularisation ε of the fast Γ."""
 SHOWN_CAMERAS = 5
-LABELS = {"printed": "printed Γ", "fast": "our fast Γ"}
+"""Number of cameras in the figure."""
+GAMMA_NAMES = {"printed": "printed Γ", "fast": "fast Γ"}
 
 
 def tasks(settings: Settings) -> list[Task]:
     return [Task("cameras", partial(all_cameras, settings=settings), cost=3.0)]
 
 
-def all_cameras(settings: Settings) -> Found:
-    """Return the results of `one_camera` for every camera, by Γ."""
+def all_cameras(settings: Settings) -> TaskResult:
+    """Return the results of `one_camera` for each camera, by Γ."""
     found = [one_camera(settings, seed) for seed in range(settings.cameras)]
-    return {name: [one[name] for one in found] for name in LABELS}
+    return {name: [one[name] for one in found] for name in GAMMA_NAMES}
 
 
-def one_camera(settings: Settings, seed: int) -> dict[str, Found]:
-    """Return the fall of U with the printed and with our fast Γ, on the same observations."""
-    C, p0 = drawn(seed)
+def one_camera(settings: Settings, seed: int) -> dict[str, TaskResult]:
+    """Return U over time with the printed and the fast Γ, on the same observations."""
+    C, p0 = random_camera(seed)
     a, o_c = parameters(C)
     random = np.random.default_rng([seed, 2])
     points = p0 + settings.spread * random.uniform(-1.0, 1.0, (settings.observations, 3))
-    rows = np.array([[*p, *seen_by(C, p), np.nan, np.nan] for p in points])
+    rows = np.array([[*p, *project_point(C, p), np.nan, np.nan] for p in points])
     A, b = normal_equations(sights(rows, len(rows), o_c, False, TOOL.shaft))
     printed, fast = np.diag(np.sqrt(GAMMA_0)), np.sqrt(FIT.rate) * inverse_root(A, FIT.epsilon)
 
-    def fall(root: Floats, longest: float, judged_at: float) -> Found:
-        """Return rule (21) with Γ = root rootᵀ from â = 0."""
+    def fall(root: Floats, longest: float, judged_at: float) -> TaskResult:
+        """Return the solution of rule (21) with Γ = root rootᵀ from â = 0."""
         slowest = float(np.linalg.eigvalsh(root.T @ A @ root)[0])
         time = np.concatenate([[0.0], np.geomspace(1e-4, longest, 200)])
         moments = [*time, judged_at, settings.end / slowest]
@@ -80,7 +81,7 @@ def one_camera(settings: Settings, seed: int) -> dict[str, Found]:
 
 
 def jacobian_error(a_hat: Floats, a: Floats, p1: Floats) -> float:
-    """Return ‖Ĵ − J‖/‖J‖ (Frobenius) of the scaled Jacobians at p1, from â and from the true a."""
+    """Return ‖Ĵ − J‖/‖J‖ (Frobenius) of the scaled Jacobians at `p1`, from â and the true a."""
     m = predict(a, p1, TOOL.shaft)
     J_hat, J = (scaled(feature_jacobian(some, p1, m, TOOL.shaft)) for some in (a_hat, a))
     return float(np.linalg.norm(J_hat - J) / np.linalg.norm(J))
@@ -100,15 +101,15 @@ def measure(settings: Settings, results: Results) -> Iterator[Measurement]:
         worst=hours.max(),
     )
     yield Measurement("fast-falls", column(fast, "rise").max(), seeds)
-    bad = np.sum(late > settings.near)
+    inaccurate = np.sum(late > settings.near)
     yield Measurement(
         "printed-in-time",
         late.max(),
         seeds,
         bound=settings.near,
-        remarked=bool(bad),
+        remarked=bool(inaccurate),
         confirmed=late.max() > 10.0 * fast_late.max(),
-        bad=bad,
+        bad=inaccurate,
         percent=100.0 * settings.near,
         middle=median(late),
         pixels=median(column(printed, "reprojection")),
@@ -117,14 +118,14 @@ def measure(settings: Settings, results: Results) -> Iterator[Measurement]:
     yield Measurement("fast-in-time", fast_late.max(), seeds, bound=settings.near, percent=percent)
 
 
-def draw(settings: Settings, results: Results) -> Iterator[Drawn]:
+def draw(settings: Settings, results: Results) -> Iterator[ReportFigure]:
     curves = [
         make_curve(label if i == 0 else "", one["time"][1:], np.maximum(one["U"][1:], 1e-12), style)
-        for style, (name, label) in enumerate(LABELS.items())
+        for style, (name, label) in enumerate(GAMMA_NAMES.items())
         for i, one in enumerate(results["cameras"][name][:SHOWN_CAMERAS])
     ]
     panel = Panel(
         "estimator time [s]", "U(t) / U(0)", curves, log_x=True, log_y=True, y_limits=(1e-9, 3.0)
     )
     shown = range(min(settings.cameras, SHOWN_CAMERAS))
-    yield Drawn("U", shown, Figure("Proposition 1", [panel]), words={"shown": len(shown)})
+    yield ReportFigure("U", shown, Figure("Proposition 1", [panel]), words={"shown": len(shown)})

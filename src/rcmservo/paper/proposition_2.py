@@ -1,6 +1,6 @@
-"""Proposition 2, measured: R falls along the flow rule (28) as far as J does not change on the way.
+"""Experiment `proposition-2`: decrease of R along the flow rule (28), as J changes on the path.
 
-The exact flow, without noise, along loops of two sizes before a true camera, at several speeds.
+The flow is exact and without noise, along closed paths of two sizes, at several speeds.
 """
 
 from collections.abc import Iterator
@@ -16,7 +16,7 @@ from rcmservo.figures.charts import Figure, Panel, make_curve
 from rcmservo.geometry.features import SCALE, difference, features
 from rcmservo.geometry.kinematics import axis
 from rcmservo.interfaces import Floats
-from rcmservo.paper.plan import Drawn, Found, Measurement, Results, Settings, Task
+from rcmservo.paper.plan import Measurement, ReportFigure, Results, Settings, Task, TaskResult
 from rcmservo.paper.statistics import column, median
 from rcmservo.sim import Rig, RigSettings
 
@@ -30,18 +30,18 @@ def tasks(settings: Settings) -> list[Task]:
 
 
 class Round(NamedTuple):
-    """One round of a closed path, step by step.
+    """One round of a closed path in n steps.
 
     Parameters
     ----------
     dp : Floats
-        (n, 3) mm.
+        Displacements (n, 3) of marker 1 in mm.
     dy : Floats
-        (n, 3) rad, px, px.
+        Changes (n, 3) of y in rad, px, px.
     J : Floats
-        (n, 3, 3), at the steps' ends.
+        True Jacobians (n, 3, 3) at the ends of the steps.
     J_start : Floats
-        (3, 3).
+        True Jacobian (3, 3) at the start.
     """
 
     dp: Floats
@@ -50,15 +50,15 @@ class Round(NamedTuple):
     J_start: Floats
 
 
-def loops(settings: Settings, seed: int) -> Found:
-    """Return the results of `on_loop` for both loops."""
+def loops(settings: Settings, seed: int) -> TaskResult:
+    """Return the results of `on_loop` for both closed paths."""
     rig = Rig(seed, RigSettings(), pictures=False)
     rounds = [loop_round(rig, radius, settings.step) for radius in settings.radii]
     return {name: on_loop(one, settings) for name, one in zip(LOOPS, rounds, strict=True)}
 
 
 def loop_round(rig: Rig, radius: float, step: float) -> Round:
-    """Return a closed curve in three directions about the start, through the true camera."""
+    """Return a closed path in three dimensions about the start, with true flow and Jacobians."""
     p0, n = rig.body.points(rig.scene.start)[0], axis(rig.settings.mechanism.rcm(), rig.scene.start)
     t1 = np.linalg.svd(n[None])[2][1]
     t2 = np.cross(n, t1)
@@ -75,10 +75,10 @@ def loop_round(rig: Rig, radius: float, step: float) -> Round:
     return Round(np.diff(p, axis=0), dy, J[1:], J[0])
 
 
-def on_loop(one: Round, settings: Settings) -> Found:
-    """Return the flow rule on one loop, and its largest rise of R_i were J constant.
+def on_loop(one: Round, settings: Settings) -> TaskResult:
+    """Return `fall_of_R` on one closed path at each speed, and its largest rise for constant J.
 
-    ``change`` is the largest distance of J from J at the start, as a fraction of ‖J‖.
+    ``change`` is the largest difference of J from J at the start, as a fraction of ‖J‖.
     """
     change = np.linalg.norm((one.J - one.J_start) / SCALE[:, None], axis=(1, 2))
     same = np.broadcast_to(one.J_start, one.J.shape)
@@ -90,11 +90,11 @@ def on_loop(one: Round, settings: Settings) -> Found:
     }
 
 
-def fall_of_R(one: Round, settings: Settings, speed: float) -> Found:
-    """Return R_i (29) over R_i(0), over `path` mm of rounds at a speed in mm/s, from Ĵ = 0.
+def fall_of_R(one: Round, settings: Settings, speed: float) -> TaskResult:
+    """Return R_i (29) over R_i(0) along `settings.path` mm of rounds at `speed` (mm/s), from Ĵ = 0.
 
-    ``rise`` is the largest height of an R_i above its running minimum, ``share`` the fraction of
-    the steps in which an R_i rises; ``path`` and ``R`` (the mean over i) are thinned for the
+    ``rise`` is the largest increase of an R_i above its running minimum, ``share`` the fraction of
+    the steps in which an R_i rises. ``path`` and ``R`` (the mean over i) are thinned for the
     figure.
     """
     lengths: Floats = np.linalg.norm(one.dp, axis=1)
@@ -118,7 +118,9 @@ def fall_of_R(one: Round, settings: Settings, speed: float) -> Found:
 
 def measure(settings: Settings, results: Results) -> Iterator[Measurement]:
     runs, seeds = results.per_seed("loops", range(settings.seeds)), range(settings.seeds)
-    rises, shares, ends = (_by_speed(runs, settings, "small", x) for x in ("rise", "share", "end"))
+    rises, fractions, ends = (
+        _by_speed(runs, settings, "small", name) for name in ("rise", "share", "end")
+    )
     wide = _by_speed(runs, settings, "large", "rise")
     change = {loop: 100.0 * column(runs, loop, "change").max() for loop in LOOPS}
 
@@ -134,7 +136,7 @@ def measure(settings: Settings, results: Results) -> Iterator[Measurement]:
         confirmed=most[0] > settings.rise,
         change=change["small"],
         rises=listed(most, ".2f"),
-        shares=listed(shares.mean(axis=1), ".2f"),
+        shares=listed(fractions.mean(axis=1), ".2f"),
     )
     yield Measurement(
         "constant-J", max(column(runs, loop, "constant").max() for loop in LOOPS), seeds
@@ -160,13 +162,13 @@ def measure(settings: Settings, results: Results) -> Iterator[Measurement]:
     yield Measurement("change-of-J", median(wide[0] / rises[0]), seeds, **change)
 
 
-def _by_speed(runs: list[Found], settings: Settings, loop: str, name: str) -> Floats:
-    """Return a number of each speed and scene, (speeds, scenes)."""
-    places = range(len(settings.speeds))
-    return np.array([[run[loop]["speeds"][i][name] for run in runs] for i in places])
+def _by_speed(runs: list[TaskResult], settings: Settings, loop: str, name: str) -> Floats:
+    """Return a result (speeds, scenes) for each speed and scene."""
+    indices = range(len(settings.speeds))
+    return np.array([[run[loop]["speeds"][i][name] for run in runs] for i in indices])
 
 
-def draw(settings: Settings, results: Results) -> Iterator[Drawn]:
+def draw(settings: Settings, results: Results) -> Iterator[ReportFigure]:
     panels = [
         Panel(
             f"path [mm], loop of {radius:g} mm radius",
@@ -183,4 +185,4 @@ def draw(settings: Settings, results: Results) -> Iterator[Drawn]:
         )
         for radius, loop in zip(settings.radii, LOOPS, strict=True)
     ]
-    yield Drawn("R", [0], Figure("Proposition 2", panels, columns=2))
+    yield ReportFigure("R", [0], Figure("Proposition 2", panels, columns=2))

@@ -1,8 +1,9 @@
-"""Regulation with the flow-based estimator: Fig. 8, 10 and 12.
+"""Experiment `regulation-flow`: regulation with the flow-based estimator, Fig. 8, 10 and 12.
 
-On the way the image turns by 40° and J with it, by most of its size. At 1 mm/s the rule does not
-follow this change (T7): what is explored must do for the whole way. So the tool explores half-way,
-where Ĵ is within 20° of both ends. The same scenes are also run with the exploration at the start.
+On the path the imaged tool rotates by 40°, and J changes by most of its size. At 1 mm/s the flow
+rule does not follow this change (T7), so the Ĵ of the exploration must suffice for the whole path.
+The tool therefore explores half-way, where Ĵ is within 20° of both ends. The same scenes also run
+with the exploration at the start.
 """
 
 from collections.abc import Iterator
@@ -10,22 +11,22 @@ from collections.abc import Iterator
 from rcmservo.figures import plots
 from rcmservo.figures.charts import Figure, Panel, make_curve
 from rcmservo.interfaces import Floats
-from rcmservo.paper.lab.closed_loop import FLOW, LONG, recorded
+from rcmservo.paper.lab.closed_loop import FLOW_ESTIMATOR, FLOW_EXPLORATION, read_task_record
 from rcmservo.paper.lab.regulation import (
-    ACCURATE,
-    LABORATORY,
+    MAX_FAITHFUL_ERROR,
     NOTICED_S,
+    REGULATION_LABORATORY,
     Regulation,
     approximates,
-    begun,
     falls_by_k_b,
     figures,
     is_small,
     moving_means,
-    start_of,
+    start_time,
+    started_runs,
     succeeds,
 )
-from rcmservo.paper.plan import Drawn, Measurement, Results, Settings, Task
+from rcmservo.paper.plan import Measurement, ReportFigure, Results, Settings, Task
 from rcmservo.paper.statistics import column, ends_of, median
 
 FLOWS = (
@@ -35,13 +36,22 @@ FLOWS = (
 )
 HALF_WAY = "flow-based, explored half-way"
 FROM_START = "flow-based, explored at the start"
-FIXED = {"estimator": FLOW, "exploration": LONG, "laboratory": LABORATORY}
+
+
+def fixed_settings() -> dict[str, object]:
+    return {
+        "estimator": FLOW_ESTIMATOR,
+        "exploration": FLOW_EXPLORATION,
+        "laboratory": REGULATION_LABORATORY,
+    }
 
 
 def tasks(settings: Settings) -> list[Task]:
     seeds, duration = range(settings.seeds), settings.duration
-    half_way = Regulation(FLOW, LONG, settings.pictures, duration, half_way=True)
-    from_start = Regulation(FLOW, LONG, False, duration)
+    half_way = Regulation(
+        FLOW_ESTIMATOR, FLOW_EXPLORATION, settings.pictures, duration, half_way=True
+    )
+    from_start = Regulation(FLOW_ESTIMATOR, FLOW_EXPLORATION, False, duration)
     return [*half_way.tasks("seed", seeds), *from_start.tasks("from-start", seeds)]
 
 
@@ -52,29 +62,34 @@ def measure(settings: Settings, results: Results) -> Iterator[Measurement]:
     yield succeeds(other, seeds, FROM_START)
     yield approximates(runs, seeds, HALF_WAY)
     yield falls_by_k_b(runs, seeds, HALF_WAY)
-    at_end = median(column(begun(runs), "at_end"))
-    yield Measurement("every-instant", at_end, seeds, confirmed=at_end > ACCURATE)
-    error, noise = (column(begun(runs), key) for key in ("flow_error", "flow_noise"))
-    value, words = median(error), ends_of(error)
-    yield Measurement("omega-follows", value, seeds, remarked=value > ACCURATE, ends=words)
+    at_end = median(column(started_runs(runs), "at_end"))
+    yield Measurement("every-instant", at_end, seeds, confirmed=at_end > MAX_FAITHFUL_ERROR)
+    errors, noise = (column(started_runs(runs), key) for key in ("flow_error", "flow_noise"))
+    value, words = median(errors), ends_of(errors)
+    yield Measurement(
+        "omega-follows", value, seeds, remarked=value > MAX_FAITHFUL_ERROR, ends=words
+    )
     value, words = median(noise), ends_of(noise)
     yield Measurement("less-noise", value, seeds, confirmed=value < 1.0, ends=words)
     reached = [run for run in other if is_small(run)]
-    wrong = median(column(reached or begun(other), "at_end"))
+    error = median(column(reached or started_runs(other), "at_end"))
     yield Measurement(
         "success-shows",
-        wrong,
+        error,
         seeds,
         trials=len(reached),
-        confirmed=wrong > ACCURATE,
+        confirmed=error > MAX_FAITHFUL_ERROR,
         reached=len(reached),
         runs=len(other),
     )
 
 
-def draw(settings: Settings, results: Results) -> Iterator[Drawn]:
+def draw(settings: Settings, results: Results) -> Iterator[ReportFigure]:
     yield from figures(settings, results, HALF_WAY)
-    rows, began = recorded(results.folders["seed-0"]), start_of(results["seed-0"]) + NOTICED_S
+    rows, began = (
+        read_task_record(results.folders["seed-0"]),
+        start_time(results["seed-0"]) + NOTICED_S,
+    )
     new = rows.new_frames(began)
     y_dot, omega = (flow * plots.DISPLAY_UNITS for flow in plots.compute_flows(rows, new))
     time = rows.time[new][1:] - began
@@ -84,7 +99,7 @@ def draw(settings: Settings, results: Results) -> Iterator[Drawn]:
         panels.append(_panel(i, "time [s]", time, y_dot, omega))
         label = "time [s], means over 1 s"
         panels.append(_panel(i, label, mean_time, moving_means(y_dot), moving_means(omega)))
-    yield Drawn("estimate", [0], Figure("Output flow", panels, columns=2))
+    yield ReportFigure("estimate", [0], Figure("Output flow", panels, columns=2))
 
 
 def _panel(i: int, label: str, time: Floats, y_dot: Floats, omega: Floats) -> Panel:

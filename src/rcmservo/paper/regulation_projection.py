@@ -1,9 +1,9 @@
-"""Regulation with the projection-based estimator: Fig. 7, 9 and 11.
+"""Experiment `regulation-projection`: the projection-based estimator, Fig. 7, 9 and 11.
 
-The printed Γ is given 10⁴ s of its own time for every fit: in real time its slowest modes need
-hours (T6), which is shown too. It is tried on random observations, as the paper has it, and on
-those chosen by leverage, as our estimators do, and compared with this software's own defaults, the
-whole projection with k = 8.
+The printed Γ gets 10⁴ s of estimator time for each fit, because its slowest modes take hours in
+real time (T6); some runs show this. The observations are random, as in the paper, or selected by
+leverage, as in the built-in estimators. For comparison, other runs use the default estimator (fit
+of the whole projection) and gain k = 8 of rcmservo.
 """
 
 from collections.abc import Iterator
@@ -15,63 +15,81 @@ from rcmservo.control.saturated_controller import SaturatedController
 from rcmservo.estimation.dlt import DltEstimator
 from rcmservo.figures import plots
 from rcmservo.figures.charts import Curve, Figure, Panel, make_curve
-from rcmservo.paper.lab.closed_loop import PRINTED, WIDE, closed_loop, recorded
+from rcmservo.paper.lab.closed_loop import (
+    PRINTED,
+    PROJECTION_EXPLORATION,
+    closed_loop,
+    read_task_record,
+)
 from rcmservo.paper.lab.random_observations import RandomObservations
 from rcmservo.paper.lab.regulation import (
-    ACCURATE,
-    LABORATORY,
+    MAX_FAITHFUL_ERROR,
+    REGULATION_LABORATORY,
     Regulation,
     approximates,
-    begun,
     errors_figure,
     falls_by_k_b,
     figures,
-    known_of,
-    start_of,
+    measured_runs,
+    start_time,
+    started_runs,
     succeeds,
 )
-from rcmservo.paper.plan import Drawn, Found, Measurement, Results, Settings, Task
+from rcmservo.paper.plan import Measurement, ReportFigure, Results, Settings, Task, TaskResult
 from rcmservo.paper.statistics import column, ends_of, finite, fraction, median
 
 SOON_S = 10.0
-"""s within which our defaults are to bring the errors below 2 %."""
-CHOSEN = "projection-based, 10⁴ s a fit, chosen observations"
-RANDOM = "projection-based, 10⁴ s a fit, random observations"
-RANDOMLY = RandomObservations()
-FIXED = {"estimators": (PRINTED, RANDOMLY), "exploration": WIDE, "laboratory": LABORATORY}
+"""Time (s) within which the defaults must bring the errors below 2 %."""
+CHOSEN = "projection-based, 10⁴ s per fit, chosen observations"
+RANDOM = "projection-based, 10⁴ s per fit, random observations"
+RANDOM_ESTIMATOR = RandomObservations()
 
 
 def default_plan(settings: Settings) -> Regulation:
-    """Return a regulation with this software's defaults."""
+    """Return a regulation with the defaults of rcmservo."""
     duration = settings.default_duration
     return Regulation(
         DltEstimator(), Exploration(), True, duration, controller=SaturatedController()
     )
 
 
+def fixed_settings() -> dict[str, object]:
+    return {
+        "estimators": (PRINTED, RANDOM_ESTIMATOR),
+        "exploration": PROJECTION_EXPLORATION,
+        "laboratory": REGULATION_LABORATORY,
+    }
+
+
 def tasks(settings: Settings) -> list[Task]:
     seeds, duration = range(settings.seeds), settings.duration
     slow = partial(in_real_time, settings=settings)
     return [
-        *Regulation(PRINTED, WIDE, settings.pictures, duration).tasks("seed", seeds),
-        *Regulation(RANDOMLY, WIDE, False, duration).tasks("random", seeds),
+        *Regulation(PRINTED, PROJECTION_EXPLORATION, settings.pictures, duration).tasks(
+            "seed", seeds
+        ),
+        *Regulation(RANDOM_ESTIMATOR, PROJECTION_EXPLORATION, False, duration).tasks(
+            "random", seeds
+        ),
         *default_plan(settings).tasks("default", range(settings.defaults)),
         *Task.per_seed("real-time", slow, range(settings.real_time), 25.0, in_folder=True),
     ]
 
 
-def in_real_time(folder: Path, seed: int, settings: Settings) -> Found:
-    """Explore with the printed Γ in real time, for as long as exploration may take.
+def in_real_time(folder: Path, seed: int, settings: Settings) -> TaskResult:
+    """Explore with the printed Γ in real time, up to the time limit of the exploration.
 
-    Returns whether it ended with a usable estimate, and the scaled error of the last Ĵ before the
-    servo gave up and forgot it.
+    Returns whether the exploration succeeded, and the scaled error of the last Ĵ before the servo
+    reset the estimate.
     """
-    now = Regulation(RandomObservations(estimator_time=0.0), WIDE, False, settings.duration)
-    with closed_loop(folder, seed, LABORATORY, now.pictures, now.servo) as loop:
+    now = Regulation(
+        RandomObservations(estimator_time=0.0), PROJECTION_EXPLORATION, False, settings.duration
+    )
+    with closed_loop(folder, seed, REGULATION_LABORATORY, now.pictures, now.servo) as loop:
         target, _ = loop.teach(loop.rig.scene.target)
         loop.rig.move_to_start()
         tick = loop.explore(target)
-    errors = recorded(folder).truth["jacobian_error"][:, 0]
+    errors = read_task_record(folder).truth["jacobian_error"][:, 0]
     return {"explored": tick.state.explored, "error": finite(errors)[-1]}
 
 
@@ -86,16 +104,16 @@ def measure(settings: Settings, results: Results) -> Iterator[Measurement]:
         "real-time",
         error,
         range(settings.real_time),
-        confirmed=error > ACCURATE,
-        seconds=WIDE.max_time,
+        confirmed=error > MAX_FAITHFUL_ERROR,
+        seconds=PROJECTION_EXPLORATION.max_time,
         unexplored=sum(not one["explored"] for one in slow),
         explorations=len(slow),
     )
     for measurement in (approximates, falls_by_k_b, _model_follows):
         for case, runs in cases.items():
-            if begun(runs):
+            if started_runs(runs):
                 yield measurement(runs, seeds, case)
-    runs = begun(results.per_seed("default", range(settings.defaults)))
+    runs = started_runs(results.per_seed("default", range(settings.defaults)))
     times = column(runs, "time_to_small")
     yield Measurement(
         "defaults-are-soon",
@@ -107,26 +125,28 @@ def measure(settings: Settings, results: Results) -> Iterator[Measurement]:
     )
 
 
-def _model_follows(runs: list[Found], seeds: range, case: str) -> Measurement:
-    known, errors, missing = known_of(runs, seeds, "π", "model")
+def _model_follows(runs: list[TaskResult], seeds: range, case: str) -> Measurement:
+    known, errors, missing = measured_runs(runs, seeds, "π", "model")
     value, ends = median(errors), ends_of(errors)
     return Measurement("model-follows", value, known, case=(case,), ends=ends, missing=missing)
 
 
-def draw(settings: Settings, results: Results) -> Iterator[Drawn]:
+def draw(settings: Settings, results: Results) -> Iterator[ReportFigure]:
     yield from figures(settings, results, CHOSEN)
-    chart = plots.plot_projection(recorded(results.folders["seed-0"]), start_of(results["seed-0"]))
-    yield Drawn("estimate", [0], chart)
-    names = {"random-0": "10⁴ s of its own time a fit", "real-time-0": "real time"}
+    chart = plots.plot_projection(
+        read_task_record(results.folders["seed-0"]), start_time(results["seed-0"])
+    )
+    yield ReportFigure("estimate", [0], chart)
+    names = {"random-0": "10⁴ s of estimator time per fit", "real-time-0": "real time"}
     curves = list[Curve]()
     for style, (task, label) in enumerate(names.items()):
-        rows = recorded(results.folders[task])
+        rows = read_task_record(results.folders[task])
         new = rows.new_frames()
-        new = new[rows.time[new] <= WIDE.max_time]
+        new = new[rows.time[new] <= PROJECTION_EXPLORATION.max_time]
         errors = rows.truth["jacobian_error"][new, 0]
         curves.append(make_curve(label, rows.time[new], errors, style))
-    scaled, levels = "scaled $\\|\\hat J - J\\| / \\|J\\|$", [("30 %", ACCURATE)]
+    scaled, levels = "scaled $\\|\\hat J - J\\| / \\|J\\|$", [("30 %", MAX_FAITHFUL_ERROR)]
     panel = Panel("time [s]", scaled, curves, levels=levels, log_y=True)
-    yield Drawn("real-time", [0], Figure("The printed Γ in real time", [panel]))
-    rows, run = recorded(results.folders["default-0"]), results["default-0"]
-    yield Drawn("default", [0], errors_figure(rows, run, SOON_S))
+    yield ReportFigure("real-time", [0], Figure("The printed Γ in real time", [panel]))
+    rows, run = read_task_record(results.folders["default-0"]), results["default-0"]
+    yield ReportFigure("default", [0], errors_figure(rows, run, SOON_S))

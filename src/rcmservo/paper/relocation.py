@@ -1,7 +1,7 @@
-"""Relocation of the camera, which the conclusions claim: moved and rolled in mid-run.
+"""Experiment `relocation`: the camera is moved and rolled during a run, as section V claims.
 
-The servo must notice and stop. Then an operator shows the target in the new view and puts the tool
-back to where it was, and the servo explores again and continues. (The script plays the operator.)
+The servo must detect the relocation and stop. Then the operator, simulated by this module, teaches
+the target in the new view and returns the tool, and the servo restarts with an exploration.
 """
 
 from collections.abc import Iterator
@@ -19,66 +19,76 @@ from rcmservo.loop.run import Tick
 from rcmservo.paper.lab.closed_loop import (
     FAST_FIT,
     FAST_LAW,
-    FLOW,
-    LONG,
-    NOISE,
+    FLOW_ESTIMATOR,
+    FLOW_EXPLORATION,
+    POINT_NOISE_PX,
     ClosedLoop,
     closed_loop,
-    recorded,
-    servo_for,
+    make_servo,
+    read_task_record,
 )
-from rcmservo.paper.plan import Drawn, Found, Measurement, Results, Settings, Task
+from rcmservo.paper.plan import Measurement, ReportFigure, Results, Settings, Task, TaskResult
 from rcmservo.paper.statistics import column, finite, fraction, median
 from rcmservo.safety.causes import Cause
 from rcmservo.safety.state_machine import Phase
 from rcmservo.sim import RigSettings, SceneSettings
 
-BOUND_MM = 4.0
-METHODS: dict[str, tuple[Estimator, Exploration]] = {
+PAPER_BOUND_MM = 4.0
+RELOCATION_METHODS: dict[str, tuple[Estimator, Exploration]] = {
     "projection": (FAST_FIT, Exploration()),
-    "flow": (FLOW, LONG),
+    "flow": (FLOW_ESTIMATOR, FLOW_EXPLORATION),
 }
-LABORATORY = RigSettings(scene=SceneSettings(room=12.0, travel=(30.0, 60.0)), point_noise=NOISE)
-FIXED = {"methods": METHODS, "controller": FAST_LAW, "laboratory": LABORATORY}
+RELOCATION_LABORATORY = RigSettings(
+    scene=SceneSettings(room=12.0, travel=(30.0, 60.0)), point_noise=POINT_NOISE_PX
+)
+
+
+def fixed_settings() -> dict[str, object]:
+    return {
+        "methods": RELOCATION_METHODS,
+        "controller": FAST_LAW,
+        "laboratory": RELOCATION_LABORATORY,
+    }
 
 
 def tasks(settings: Settings) -> list[Task]:
     cost = (0.35 if settings.pictures else 0.05) * 2.0 * settings.duration
     found = list[Task]()
-    for method in METHODS:
+    for method in RELOCATION_METHODS:
         work = partial(relocated, method=method, settings=settings)
         found += Task.per_seed(method, work, range(settings.seeds), cost, in_folder=True)
     return found
 
 
-def relocated(folder: Path, seed: int, method: str, settings: Settings) -> Found:
-    """Servo, relocate the camera half-way, wait for the stop, show the target again, continue.
+def relocated(folder: Path, seed: int, method: str, settings: Settings) -> TaskResult:
+    """Servo, relocate the camera half-way, wait for the stop, teach the target, and restart.
 
-    Returns `until_stopped`, the time ``again`` (s) at which the servo was started again, the cause
-    at the end, and the final pose error (mm).
+    Returns the results of `until_stopped`, the time ``again`` (s) of the restart, the cause at the
+    end, and the final pose error (mm).
     """
-    servo = servo_for(LABORATORY, *METHODS[method], FAST_LAW)
-    with closed_loop(folder, seed, LABORATORY, settings.pictures, servo) as loop:
+    servo = make_servo(RELOCATION_LABORATORY, *RELOCATION_METHODS[method], FAST_LAW)
+    with closed_loop(folder, seed, RELOCATION_LABORATORY, settings.pictures, servo) as loop:
         target, p_d = loop.teach(loop.rig.scene.target)
         loop.rig.move_to_start()
         stop = until_stopped(loop, target, settings)
         stopped_at = loop.rig.arm.q_true
         target, _ = loop.teach(loop.rig.scene.target)
         loop.rig.place(stopped_at)
-        again = loop.elapsed()
+        restart = loop.elapsed()
         tick = loop.last(target, settings.duration)
-        words = "after: the target was shown in the new view"
+        words = "after: the target was taught in the new view"
         loop.snapshot("after.png", target, tick.state, words)
         error = np.linalg.norm(loop.true_p2() - p_d)
-    return {**stop, "again": again, "cause": tick.state.cause.stopping, "pose_error": error}
+    return {**stop, "again": restart, "cause": tick.state.cause.stopping, "pose_error": error}
 
 
-def until_stopped(loop: ClosedLoop, target: Target, settings: Settings) -> Found:
-    """Servo to the target, move the camera on the way, and wait until the tool stands still.
+def until_stopped(loop: ClosedLoop, target: Target, settings: Settings) -> TaskResult:
+    """Servo to the target, relocate the camera on the path, and wait until the tool is at rest.
 
-    Returns ``moved``, s at which the camera was moved, or None if the servo never came so far;
-    ``stopped_after``, s until the tool stood still, or None; ``travelled``, mm of marker 2 from
-    then to the end; and ``noticed``, True if the servo paused for that reason.
+    Returns ``moved``, the time (s) of the relocation, None if the servo did not come that far;
+    ``stopped_after``, the time (s) from the relocation until rest, or None; ``travelled``, the
+    distance (mm) of marker 2 from the relocation to the end; and ``noticed``, True if the servo
+    paused because it detected the relocation.
     """
     moved, stopped, p2, first = None, None, loop.true_p2(), np.nan
     tick: Tick | None = None
@@ -93,7 +103,7 @@ def until_stopped(loop: ClosedLoop, target: Target, settings: Settings) -> Found
         elif moved is not None and stopped is None and not tick.state.command.rates.any():
             stopped = tick.time / 1e9
     assert tick is not None
-    words = "the camera was moved and rolled: " + tick.state.phase.value
+    words = "camera moved and rolled: " + tick.state.phase.value
     loop.snapshot("moved.png", target, tick.state, words)
     return {
         "moved": moved,
@@ -104,13 +114,13 @@ def until_stopped(loop: ClosedLoop, target: Target, settings: Settings) -> Found
 
 
 def measure(settings: Settings, results: Results) -> Iterator[Measurement]:
-    names = [f"{method}-{seed}" for method in METHODS for seed in range(settings.seeds)]
+    names = [f"{method}-{seed}" for method in RELOCATION_METHODS for seed in range(settings.seeds)]
     runs, seeds = [results[name] for name in names], range(settings.seeds)
     errors = column(runs, "pose_error")
     failed = [
-        f"{name}: {run['cause'] or 'not there'}"
+        f"{name}: {run['cause'] or 'not at the target'}"
         for name, run in zip(names, runs, strict=True)
-        if run["pose_error"] > BOUND_MM
+        if run["pose_error"] > PAPER_BOUND_MM
     ]
     words = "; ".join([f"median {median(errors):.2f} mm", *failed])
     yield Measurement("gets-there", errors.max(), seeds, words=words)
@@ -126,17 +136,17 @@ def measure(settings: Settings, results: Results) -> Iterator[Measurement]:
     )
 
 
-def draw(settings: Settings, results: Results) -> Iterator[Drawn]:
+def draw(settings: Settings, results: Results) -> Iterator[ReportFigure]:
     folder = results.folders["projection-0"]
     pictures = [folder / f"{name}.png" for name in ("before", "moved", "after")]
     if all(path.exists() for path in pictures):
-        yield Drawn("pictures", [0], pictures=pictures)
-    panels = [_over_time(method, f"{method}-0", results) for method in METHODS]
-    yield Drawn("relocated", [0], Figure("The camera relocated in mid-run", panels))
+        yield ReportFigure("pictures", [0], pictures=pictures)
+    panels = [_over_time(method, f"{method}-0", results) for method in RELOCATION_METHODS]
+    yield ReportFigure("relocated", [0], Figure("Relocation of the camera during a run", panels))
 
 
 def _over_time(method: str, task: str, results: Results) -> Panel:
-    rows, run = recorded(results.folders[task]), results[task]
+    rows, run = read_task_record(results.folders[task]), results[task]
     new = rows.new_frames()
     size = np.linalg.norm(rows.ticks["delta"][new] / SCALE, axis=1)
     label = f"scaled $|\\Delta y|$\n{method}"

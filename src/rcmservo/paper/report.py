@@ -1,7 +1,7 @@
-"""The report: one HTML file that opens offline, claims.json and figures.json.
+"""Report of the reproduction: one self-contained HTML file, claims.json and figures.json.
 
-Its first page has one row for each sentence of the paper, with its cases in small tables; claims
-of our own stand apart.
+The first table has one row per sentence of the paper, with its cases in nested tables. A second
+table holds the claims about rcmservo.
 """
 
 import json
@@ -13,36 +13,36 @@ from typing import NamedTuple
 
 from rcmservo.config.atomic_files import write_whole
 from rcmservo.figures import charts
-from rcmservo.paper.claims import FAILS, HOLDS, OURS, REMARK, VERDICTS, ClaimRow, claim_table
+from rcmservo.paper.claims import FAILS, HOLDS, REMARK, SOFTWARE, VERDICTS, ClaimRow, claim_table
 from rcmservo.paper.experiment import Experiment
-from rcmservo.paper.plan import Drawn
+from rcmservo.paper.plan import ReportFigure
 from rcmservo.study.report.html import embedded, rendered
 
 CLAIMS, FIGURES, REPORT = "claims.json", "figures.json", "report.html"
 
 
 class Chapter(NamedTuple):
-    """Findings of an experiment.
+    """Claims and figures of an experiment.
 
     Parameters
     ----------
     experiment : Experiment
-        Its texts and settings.
+        Experiment, with its texts and settings.
     rows : list[ClaimRow]
         Claims, in the order of the report.
-    figures : list[Drawn]
+    figures : list[ReportFigure]
         Figures, in the order of the report.
     """
 
     experiment: Experiment
     rows: list[ClaimRow]
-    figures: list[Drawn]
+    figures: list[ReportFigure]
 
 
 def write(out: Path, chapters: list[Chapter], quick: bool, left_out: Mapping[str, str]) -> Path:
-    """Write the report, the claims and the figures' data; return the report's path.
+    """Write report.html, claims.json and figures.json into `out`; return the path of the report.
 
-    `left_out` names experiments that could not be measured, with the reason.
+    `left_out` maps experiments without results to the reason.
     """
     rows = [row for chapter in chapters for row in chapter.rows]
     figures = {
@@ -64,11 +64,11 @@ def write(out: Path, chapters: list[Chapter], quick: bool, left_out: Mapping[str
 def _page(
     rows: list[ClaimRow], chapters: list[Chapter], quick: bool, left_out: Mapping[str, str]
 ) -> str:
-    papers, ours = first_page(rows)
+    papers, software = first_page(rows)
     return rendered(
         "rcmservo.paper",
         papers=papers,
-        ours=ours,
+        software=software,
         counts=counts(judged.head for judged in papers),
         marks={HOLDS: "●", REMARK: "◐", FAILS: "○", None: "–"},
         traps=traps_met(rows),
@@ -80,7 +80,7 @@ def _page(
 
 
 def _section(chapter: Chapter, quick: bool) -> dict[str, object]:
-    """Return a chapter as the page shows it."""
+    """Return the variables of a chapter for the template."""
     one, settings = chapter.experiment, chapter.experiment.settings(quick)
     mode = " --quick" if quick else ""
     return {
@@ -93,8 +93,10 @@ def _section(chapter: Chapter, quick: bool) -> dict[str, object]:
     }
 
 
-def _figure(one: Experiment, drawn: Drawn, settings: Mapping[str, object]) -> dict[str, object]:
-    """Return a figure as the page shows it, with its images as embedded data."""
+def _figure(
+    one: Experiment, drawn: ReportFigure, settings: Mapping[str, object]
+) -> dict[str, object]:
+    """Return the variables of a figure for the template, with its images as embedded data."""
     images = [embedded("image/png", path.read_bytes()) for path in drawn.pictures]
     if drawn.chart is not None:
         images.append(embedded("image/svg+xml", charts.render_svg(drawn.chart).encode()))
@@ -109,23 +111,23 @@ def _figure(one: Experiment, drawn: Drawn, settings: Mapping[str, object]) -> di
 
 
 def counts(rows: Iterable[ClaimRow]) -> dict[str | None, int]:
-    """Return how many rows have each verdict, and how many have none."""
+    """Return the number of rows with each verdict, and without one."""
     verdicts = [row.verdict for row in rows]
     return {verdict: verdicts.count(verdict) for verdict in (*VERDICTS, None)}
 
 
 @dataclass(frozen=True)
 class Trap:
-    """A pitfall and the claims that bear on it.
+    """A pitfall of the paper, and the claims that concern it.
 
     Parameters
     ----------
     name : str
-        T0, T1, ...
+        Key: T0, T1, ...
     words : str
         Description.
     rows : list[ClaimRow]
-        Claims that bear on it, in the order of the report.
+        Claims that concern the pitfall, in the order of the report.
     """
 
     name: str
@@ -134,31 +136,31 @@ class Trap:
 
     @property
     def verdict(self) -> str:
-        """State whether the numbers confirm it."""
+        """Verdict: confirmed, refuted, or too few trials."""
         known = [row.trap_confirmed for row in self.rows if row.trap_confirmed is not None]
         if not known:
-            return "too few trials to tell"
+            return "too few trials"
         return "confirmed" if all(known) else "refuted"
 
 
 def traps_met(rows: list[ClaimRow]) -> list[Trap]:
-    """Return the pitfalls that some claim bears on, in their order."""
+    """Return the pitfalls that claims concern, in their order."""
     traps = claim_table().trap.items()
     every = [Trap(name, words, [r for r in rows if r.trap == name]) for name, words in traps]
     return [trap for trap in every if trap.rows]
 
 
 class Cases(NamedTuple):
-    """Cases of one wording, as a small table.
+    """Table of the cases of one claim.
 
     Parameters
     ----------
     claim : str
-        Wording.
+        Statement of the claim.
     rows : list[str]
-        Labels, in the order of the cells.
+        Labels of the rows, in the order of `cells`.
     columns : list[str]
-        Labels; a single empty one where the rows alone distinguish the cases.
+        Labels of the columns; a single empty one if the rows alone distinguish the cases.
     cells : list[list[ClaimRow or None]]
         Claims by row and column.
     """
@@ -170,20 +172,20 @@ class Cases(NamedTuple):
 
 
 class Judged(NamedTuple):
-    """A sentence, or a wording of ours, on the first page.
+    """A row of the first page: a sentence of the paper, or a claim about rcmservo.
 
     Parameters
     ----------
     where : str
-        Place in the paper; empty for ours.
+        Location in the paper; empty for a claim about rcmservo.
     words : str
-        Words of the paper, or of our claim.
+        Wording of the paper, or statement of the claim.
     head : ClaimRow
-        Claim nearest to the words: the first one.
+        First claim, which is the nearest to the wording.
     others : list[ClaimRow]
-        Other wordings.
+        Other claims with a single case.
     cases : list[Cases]
-        A table for each wording with several cases.
+        A table for each claim with several cases.
     """
 
     where: str
@@ -194,13 +196,13 @@ class Judged(NamedTuple):
 
 
 def first_page(rows: list[ClaimRow]) -> tuple[list[Judged], list[Judged]]:
-    """Return the judged sentences of the paper, in its order, and our own claims."""
+    """Return the rows of the paper's sentences, in its order, and of the claims about rcmservo."""
     papers = [
         _judged(sentence.where, sentence.words, some)
         for about, sentence in claim_table().sentence.items()
         if (some := [row for row in rows if row.about == about])
     ]
-    own = [row for row in rows if row.about == OURS]
+    own = [row for row in rows if row.about == SOFTWARE]
     return papers, [_judged("", words, same) for words, same in _by_wording(own).items()]
 
 
@@ -212,7 +214,7 @@ def _by_wording(rows: list[ClaimRow]) -> dict[str, list[ClaimRow]]:
 
 
 def _judged(where: str, words: str, rows: list[ClaimRow]) -> Judged:
-    """Return the rows of one sentence: its head, its other wordings, and tables of cases."""
+    """Return the row of one sentence from all of its claims."""
     head, wordings = rows[0], _by_wording(rows).values()
     singles = [same[0] for same in wordings if len(same) == 1 and same[0] is not head]
     return Judged(where, words, head, singles, [_cases(same) for same in wordings if len(same) > 1])

@@ -1,8 +1,8 @@
-"""All experiments of the paper: tasks on all cores, then the claims, then the report.
+"""Run of all experiments: tasks on all cores, then the claims, then the report.
 
-What is done stays done, and a stopped run continues there. The workers are processes of this
-machine: those of a study (`study/work`) also reach a cluster, for which they need dask, and return
-rows only, whereas a task here leaves records and pictures in a folder.
+Finished tasks are not repeated, so that a stopped run continues where it ended. The workers are
+local processes. Workers of a study (`study/execution`) also run on a cluster, but they need dask
+and return rows only, while a task here writes records and images into a folder.
 """
 
 import multiprocessing
@@ -28,13 +28,18 @@ if TYPE_CHECKING:
 
 Progress = Callable[[Task], None]
 COMPARISON = "baselines"
-"""The experiment that compares methods."""
+"""Name of the experiment that compares methods."""
 
 
 def chosen(only: str | None, own: "Own | None" = None) -> dict[str, Experiment]:
-    """Return the experiments to run: all, or the one of that name.
+    """Return the experiments to run: all of them, or the one named `only`.
 
-    A user's `own` estimator is among the methods that they compare.
+    The comparison of methods includes the user-defined estimator `own`, if there is one.
+
+    Raises
+    ------
+    BadInput
+        If `only` is not the name of an experiment.
     """
     names = list(claim_table().experiment)
     if only is not None and only not in names:
@@ -46,16 +51,16 @@ def chosen(only: str | None, own: "Own | None" = None) -> dict[str, Experiment]:
 
 
 class Written(NamedTuple):
-    """A report that was written.
+    """A written report.
 
     Parameters
     ----------
     page : Path
-        The HTML file.
+        HTML file.
     rows : list[ClaimRow]
-        Judged claims, in the order of the report.
+        Claims with verdicts, in the order of the report.
     left_out : Mapping[str, str]
-        Experiments that are not in it, each with what could not be measured.
+        Experiments that are missing in the report, with the reason.
     """
 
     page: Path
@@ -66,7 +71,7 @@ class Written(NamedTuple):
 def run(
     out: Path, quick: bool, experiments: Mapping[str, Experiment], progress: Progress
 ) -> Written:
-    """Run what is not done yet, and write the report into `out`, which was prepared."""
+    """Run the unfinished tasks, and write the report into the prepared folder `out`."""
     plans = {name: one.plan(quick) for name, one in experiments.items()}
     results, left_out = run_all(plans, out, progress)
     chapters = list[Chapter]()
@@ -85,11 +90,24 @@ def run(
 def run_all(
     plans: Mapping[str, list[Task]], out: Path, progress: Progress
 ) -> tuple[dict[str, Results], dict[str, str]]:
-    """Run the tasks of every experiment that are not done.
+    """Run the unfinished tasks of all experiments.
 
-    A measurement that fails costs its own experiment, not the others: the second result says, by
-    experiment, what could not be measured. A task that does the same work as another takes its
-    result. At Ctrl-C the workers end; what they were working on is lost, nothing else.
+    A failed measurement excludes its experiment only. Tasks with the same work run once and share
+    the result. Ctrl-C ends the workers; only the results of running tasks are lost.
+
+    Parameters
+    ----------
+    plans
+        Tasks by experiment.
+    out
+        Folder of the results.
+    progress
+        Function that is called with each finished task.
+
+    Returns
+    -------
+    tuple[dict[str, Results], dict[str, str]]
+        Results by experiment, and the reasons of failed experiments.
     """
     jobs = [
         Assignment(task, out / experiment / task.name, fingerprint(task))
@@ -98,7 +116,7 @@ def run_all(
     ]
     todo: dict[str, list[Assignment]] = {}
     for job in jobs:
-        if job.finished:
+        if job.is_finished:
             progress(job.task)
         else:
             todo.setdefault(job.mark, []).append(job)
@@ -115,7 +133,7 @@ def run_all(
 
 
 def _run(todo: list[list[Assignment]], progress: Progress) -> dict[str, str]:
-    """Run lists of tasks that do the same work; return by experiment what could not be measured."""
+    """Run lists of tasks with the same work; return the reasons of failed experiments."""
     failed: dict[str, str] = {}
     context = multiprocessing.get_context("spawn")
     cores = getattr(os, "process_cpu_count", os.cpu_count)() or 1
@@ -144,7 +162,7 @@ def _run(todo: list[list[Assignment]], progress: Progress) -> dict[str, str]:
 
 
 def _become_worker() -> None:
-    """Leave Ctrl-C, which reaches every process of the terminal, to the parent, and end with it."""
+    """Ignore Ctrl-C, which the parent process handles, and end when the parent ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()
 

@@ -1,8 +1,8 @@
-"""Teaching by showing, Fig. 13 and 14: poses are shown once and visited by their pictures.
+"""Experiment `showing`: teaching by showing, Fig. 13 and 14.
 
-An operator brings the tool to each pose and registers the camera's picture; then the servo visits
-them in turn, at the paper's gains. ‖Δp‖ = ‖p₂ − p_d‖ is taken by the truth when a visit ends (the
-paper presumably took it by the joints).
+The operator brings the tool to each pose and registers the image. Then the servo visits the poses
+in turn, with the paper's gains. The pose error ‖Δp‖ = ‖p₂ − p_d‖ at the end of a visit uses the
+true positions; the paper presumably uses those computed from the joints.
 """
 
 from collections.abc import Iterator
@@ -17,26 +17,29 @@ from rcmservo.geometry.features import about, features_jacobian
 from rcmservo.interfaces import Floats, Target
 from rcmservo.loop.run import Tick
 from rcmservo.paper.lab.closed_loop import (
-    NOISE,
     PAPER_METHODS,
+    POINT_NOISE_PX,
     PRINTED_LAW,
     Arrived,
     ClosedLoop,
     closed_loop,
-    recorded,
-    servo_for,
+    make_servo,
+    read_task_record,
 )
-from rcmservo.paper.plan import Drawn, Found, Measurement, Results, Settings, Task
+from rcmservo.paper.plan import Measurement, ReportFigure, Results, Settings, Task, TaskResult
 from rcmservo.paper.statistics import column, median
 from rcmservo.safety.causes import Cause
 from rcmservo.sim import Rig, RigSettings, SceneSettings
 
-LABORATORY = RigSettings(scene=SceneSettings(room=18.0), point_noise=NOISE)
-FIXED = {"methods": PAPER_METHODS, "controller": PRINTED_LAW, "laboratory": LABORATORY}
-BOUND_MM = 4.0
+SHOWING_LABORATORY = RigSettings(scene=SceneSettings(room=18.0), point_noise=POINT_NOISE_PX)
+PAPER_BOUND_MM = 4.0
 """Bound of the paper on the pose error."""
 BORDER_PX = 25.0
-"""px that a pose's markers keep from the picture's border."""
+"""Smallest distance (px) of a pose's markers from the border of the image."""
+
+
+def fixed_settings() -> dict[str, object]:
+    return {"methods": PAPER_METHODS, "controller": PRINTED_LAW, "laboratory": SHOWING_LABORATORY}
 
 
 def tasks(settings: Settings) -> list[Task]:
@@ -48,24 +51,26 @@ def tasks(settings: Settings) -> list[Task]:
     return found
 
 
-def seeds_of(settings: Settings) -> list[int]:
+def all_seeds(settings: Settings) -> list[int]:
     return [*settings.rendered, *settings.points]
 
 
-def visit_all(folder: Path, seed: int, method: str, pictures: bool, settings: Settings) -> Found:
+def visit_all(
+    folder: Path, seed: int, method: str, pictures: bool, settings: Settings
+) -> TaskResult:
     """Teach all poses, explore about the start, and visit the poses in turn.
 
-    Returns the visits in their order, the cause that ended the last one early, p_d (n, 3) mm of
-    every pose, and the mm per pixel of noise there.
+    Returns the visits in order, the cause that ended the last one early, p_d (n, 3) in mm of each
+    pose, and the sensitivity `pose_per_pixel` there.
     """
-    servo = servo_for(LABORATORY, *PAPER_METHODS[method], PRINTED_LAW)
-    with closed_loop(folder, seed, LABORATORY, pictures, servo) as loop:
+    servo = make_servo(SHOWING_LABORATORY, *PAPER_METHODS[method], PRINTED_LAW)
+    with closed_loop(folder, seed, SHOWING_LABORATORY, pictures, servo) as loop:
         taught = [loop.teach(q) for q in drawn_poses(loop.rig, settings.poses, settings.spread)]
         targets = [target for target, _ in taught]
         loop.rig.move_to_start()
         tick = loop.explore(targets[0])
         loop.snapshot("snapshot-0.png", targets[0], tick.state, "after exploration", targets[1:])
-        visits = list[Found]()
+        visits = list[TaskResult]()
         for count in range(settings.rounds * settings.poses):
             pose: int = count % settings.poses
             if not tick.state.explored or tick.state.cause.stopping:
@@ -88,8 +93,8 @@ def visit_all(folder: Path, seed: int, method: str, pictures: bool, settings: Se
 
 def visit(
     loop: ClosedLoop, tick: Tick, target: Target, p_d: Floats, longest: float
-) -> tuple[Found, Tick]:
-    """Servo to one pose; return when, the final pose error (mm), and the scaled error of Ĵ."""
+) -> tuple[TaskResult, Tick]:
+    """Servo to one pose; return times (s), final pose error (mm) and scaled error of Ĵ."""
     began = loop.elapsed()
     tick = loop.last(target, longest, tick.state, done=Arrived())
     return {
@@ -101,14 +106,15 @@ def visit(
 
 
 def drawn_poses(rig: Rig, count: int, spread: float) -> list[Floats]:
-    """Return joints (3,) of visible poses within `spread` mm of the start."""
+    """Return the joints (3,) of random visible poses within `spread` mm of the start."""
     random = np.random.default_rng(rig.seed)
     kinematics, size = rig.settings.mechanism, np.array([rig.settings.width, rig.settings.height])
     start = kinematics.position(rig.scene.start)
     poses: list[Floats] = []
     while len(poses) < count:
-        way = random.standard_normal(3)
-        q = kinematics.joints(start + spread * random.uniform(0.5, 1.0) * way / np.linalg.norm(way))
+        offset = random.standard_normal(3)
+        offset = spread * random.uniform(0.5, 1.0) * offset / np.linalg.norm(offset)
+        q = kinematics.joints(start + offset)
         m = rig.truth.pixels(q)
         inside = (q > kinematics.limits.lower) & (q < kinematics.limits.upper)
         if inside.all() and ((m > BORDER_PX) & (m < size - BORDER_PX)).all():
@@ -117,14 +123,14 @@ def drawn_poses(rig: Rig, count: int, spread: float) -> list[Floats]:
 
 
 def pose_per_pixel(rig: Rig, q: Floats) -> float:
-    """Return rms mm of marker 1 at the joints q (3,) for one pixel of noise in every coordinate."""
+    """Return the rms displacement (mm) of marker 1 at `q` for 1 px of noise in each coordinate."""
     o_c = rig.truth.imaged_rcm()
     noise = features_jacobian(about(rig.truth.pixels(q), o_c))
     return float(np.linalg.norm(np.linalg.solve(rig.truth.jacobian(q, o_c), noise)))
 
 
 def measure(settings: Settings, results: Results) -> Iterator[Measurement]:
-    seeds = seeds_of(settings)
+    seeds = all_seeds(settings)
     found = {method: results.per_seed(method, seeds) for method in ("flow", "projection")}
     errors = {method: column(_visits(scenes), "pose_error") for method, scenes in found.items()}
     rendered = {
@@ -149,9 +155,9 @@ def measure(settings: Settings, results: Results) -> Iterator[Measurement]:
     for method, scenes in found.items():
         planned = settings.poses * settings.rounds * len(seeds)
         causes = sorted({scene["cause"] for scene in scenes if scene["cause"]})
-        share = 100.0 * len(errors[method]) / planned
-        words = "; ".join([f"{planned} asked for", *causes])
-        yield Measurement("all-made", share, seeds, case=(f"{method}-based",), words=words)
+        completed = 100.0 * len(errors[method]) / planned
+        words = "; ".join([f"{planned} planned", *causes])
+        yield Measurement("all-made", completed, seeds, case=(f"{method}-based",), words=words)
     per_pixel = np.concatenate([scene["per_pixel"] for scene in found["flow"]])
     yield Measurement(
         "meaning",
@@ -168,25 +174,25 @@ def measure(settings: Settings, results: Results) -> Iterator[Measurement]:
         yield Measurement("median-visit", median(errors[method]), seeds, case=case, words=words)
 
 
-def _visits(scenes: list[Found]) -> list[Found]:
+def _visits(scenes: list[TaskResult]) -> list[TaskResult]:
     return [one for scene in scenes for one in scene["visits"]]
 
 
-def draw(settings: Settings, results: Results) -> Iterator[Drawn]:
-    seed = seeds_of(settings)[0]
+def draw(settings: Settings, results: Results) -> Iterator[ReportFigure]:
+    seed = all_seeds(settings)[0]
     for method in PAPER_METHODS:
         pictures = sorted(results.folders[f"{method}-{seed}"].glob("snapshot-*.png"))
         if pictures:
             name, words = f"snapshots-{method}", {"method": method}
-            yield Drawn(name, [seed], pictures=pictures, words=words, key="snapshots")
+            yield ReportFigure(name, [seed], pictures=pictures, words=words, key="snapshots")
     panels = [_over_time(method, f"{method}-{seed}", results) for method in PAPER_METHODS]
-    yield Drawn("pose-error", [seed], Figure("Pose error", panels))
+    yield ReportFigure("pose-error", [seed], Figure("Pose error", panels))
     names = [
         f"seed {seed}" + (" (rendered)" if seed in settings.rendered else "")
-        for seed in seeds_of(settings)
+        for seed in all_seeds(settings)
     ]
     numbers = {
-        "pose_error": ("$\\|\\Delta p\\|$ [mm]", ("4 mm", BOUND_MM)),
+        "pose_error": ("$\\|\\Delta p\\|$ [mm]", ("4 mm", PAPER_BOUND_MM)),
         "jacobian_error": ("$\\|\\hat J - J\\| / \\|J\\|$", ("30 %", 0.3)),
     }
     panels = [
@@ -200,11 +206,11 @@ def draw(settings: Settings, results: Results) -> Iterator[Drawn]:
         )
         for key, (label, level) in numbers.items()
     ]
-    yield Drawn("visits", seeds_of(settings), Figure("Ends of all visits", panels))
+    yield ReportFigure("visits", all_seeds(settings), Figure("Final errors of all visits", panels))
 
 
 def _over_time(method: str, task: str, results: Results) -> Panel:
-    rows, found = recorded(results.folders[task]), results[task]
+    rows, found = read_task_record(results.folders[task]), results[task]
     error = np.full(len(rows.time), np.nan)
     for one in found["visits"]:
         during = (rows.time >= one["began"]) & (rows.time <= one["ended"])
@@ -215,17 +221,17 @@ def _over_time(method: str, task: str, results: Results) -> Panel:
         "time [s]",
         f"$\\|\\Delta p\\|$ [mm]\n{method}",
         [make_curve("", rows.time[new], error[new])],
-        levels=[("4 mm", BOUND_MM)],
+        levels=[("4 mm", PAPER_BOUND_MM)],
         shaded=plots.exploration_spans(rows),
         log_y=True,
     )
 
 
 def _marks(style: int, method: str, settings: Settings, results: Results, key: str) -> Curve:
-    """Return one mark for each visit, next to the place of its scene."""
+    """Return one mark per visit, next to the axis position of its scene."""
     points = [
-        (place + 0.3 * (style - 0.5), one[key])
-        for place, scene in enumerate(results.per_seed(method, seeds_of(settings)))
+        (index + 0.3 * (style - 0.5), one[key])
+        for index, scene in enumerate(results.per_seed(method, all_seeds(settings)))
         for one in scene["visits"]
     ]
     return make_curve(method, [x for x, _ in points], [y for _, y in points], style, marks=True)

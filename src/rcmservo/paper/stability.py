@@ -1,6 +1,7 @@
-"""(33), measured: V falls along a regulation if the symmetric part of J Ĵ⁻¹ is positive definite.
+"""Experiment `stability`: assumption and conclusion of (33) along regulations.
 
-Closed loops with the printed gains and either estimator; the truth judges every frame.
+V decreases if the symmetric part of J Ĵ⁻¹ is positive definite. Both are computed with the true J
+in each frame of closed loops with the printed gains and either estimator.
 """
 
 from collections.abc import Iterator
@@ -15,24 +16,31 @@ from rcmservo.interfaces import Floats
 from rcmservo.loop.run import Tick, run
 from rcmservo.loop.teach import teach
 from rcmservo.paper.lab.closed_loop import (
-    NOISE,
     PAPER_METHODS,
     PAPER_SCENES,
+    POINT_NOISE_PX,
     PRINTED_LAW,
     TEACHING_FRAMES,
-    servo_for,
+    make_servo,
 )
 from rcmservo.paper.lab.witness import laboratory
-from rcmservo.paper.plan import Drawn, Found, Measurement, Results, Settings, Task
+from rcmservo.paper.plan import Measurement, ReportFigure, Results, Settings, Task, TaskResult
 from rcmservo.paper.statistics import median
 from rcmservo.safety.state_machine import Phase
 from rcmservo.servo.servo import State
 from rcmservo.sim import Rig
 
 UNITY_BOUND = 0.3
-"""‖J Ĵ⁻¹ − I‖₂ up to which J Ĵ⁻¹ counts as about I."""
-FIXED = {"methods": PAPER_METHODS, "scene": PAPER_SCENES, "noise": NOISE}
-LABELS = {"least": "$\\lambda_{min}$, sym. J Ĵ⁻¹", "V_dot": "V̇ [1/s]", "unity": "‖J Ĵ⁻¹ − I‖"}
+"""Largest ‖J Ĵ⁻¹ − I‖₂ for which J Ĵ⁻¹ ≈ I holds."""
+RESULT_LABELS = {
+    "least": "$\\lambda_{min}$, sym. J Ĵ⁻¹",
+    "V_dot": "V̇ [1/s]",
+    "unity": "‖J Ĵ⁻¹ − I‖",
+}
+
+
+def fixed_settings() -> dict[str, object]:
+    return {"methods": PAPER_METHODS, "scene": PAPER_SCENES, "noise": POINT_NOISE_PX}
 
 
 def tasks(settings: Settings) -> list[Task]:
@@ -43,13 +51,13 @@ def tasks(settings: Settings) -> list[Task]:
     return found
 
 
-def regulate(settings: Settings, estimator: str, seed: int) -> Found:
-    """Regulate with the printed gains; return `judge` in every frame of the way to the target.
+def regulate(settings: Settings, estimator: str, seed: int) -> TaskResult:
+    """Regulate with the printed gains; return the results of `judge` in each frame to the target.
 
-    The flow rule explores half-way, is then servoed to the start, and from there to the target.
+    With the flow rule, the tool explores half-way, then returns to the start before the regulation.
     """
-    rig, plant = laboratory(seed, PAPER_SCENES, NOISE)
-    servo = servo_for(rig.settings, *PAPER_METHODS[estimator])
+    rig, plant = laboratory(seed, PAPER_SCENES, POINT_NOISE_PX)
+    servo = make_servo(rig.settings, *PAPER_METHODS[estimator])
     servo.warm_up()
     home = teach(plant, TEACHING_FRAMES)
     rig.move_to_target()
@@ -75,24 +83,25 @@ def regulate(settings: Settings, estimator: str, seed: int) -> Found:
 
 
 def arrived(tick: Tick) -> bool:
-    """Return True if the newest frame shows the target within three times the noise.
+    """Return True if the error in the newest frame is within three times the noise.
 
-    This holds from the second second on, when the error is no longer that of the stage before.
+    The first second of a stage never counts, because its error belongs to the previous target.
     """
     return tick.time > 1e9 and tick.state.explored and in_noise(tick.state) < 1.0
 
 
 def in_noise(state: State) -> float:
-    """Return the largest component of Δy over three times the noise that one frame has in it."""
+    """Return the largest component of Δy, in units of three times its noise in one frame."""
     d = state.y[2]
-    noise = NOISE * np.array([np.sqrt(2.0) / d, 1.0, np.sqrt(2.0)])
+    noise = POINT_NOISE_PX * np.array([np.sqrt(2.0) / d, 1.0, np.sqrt(2.0)])
     return float(np.max(np.abs(state.delta) / (3.0 * noise)))
 
 
 def judge(rig: Rig, state: State, q: Floats) -> tuple[float, float, float, float]:
-    """Return λ_min of sym. J Ĵ⁻¹, V̇ (1/s) as commanded, |Δy| over 3 x noise, and ‖J Ĵ⁻¹ − I‖₂.
+    """Return λ_min of sym. J Ĵ⁻¹, V̇ (1/s) of the command, `in_noise`, and ‖J Ĵ⁻¹ − I‖₂.
 
-    All scaled: V in units of (10°, 10 px, 10 px)². J is the true one where the frame was exposed.
+    Matrices are scaled, and V is in units of (10°, 10 px, 10 px)². J is the true Jacobian at the
+    joints `q` (3,) of the exposure.
     """
     J, J_hat = scaled(rig.truth.jacobian(q, state.o_c)), scaled(state.J_hat)
     closed = J @ np.linalg.inv(J_hat)
@@ -102,8 +111,8 @@ def judge(rig: Rig, state: State, q: Floats) -> tuple[float, float, float, float
     return float(least), float(gradient @ J @ state.v), in_noise(state), float(unity)
 
 
-def above_noise(run: Found, name: str) -> Floats:
-    """Return a number in the frames that show an error above their noise."""
+def above_noise(run: TaskResult, name: str) -> Floats:
+    """Return a result in the frames with an error above three times the noise."""
     return run[name][run["in_noise"] > 1.0]
 
 
@@ -144,20 +153,20 @@ def measure(settings: Settings, results: Results) -> Iterator[Measurement]:
         )
 
 
-def _words(runs: list[Found]) -> str:
+def _words(runs: list[TaskResult]) -> str:
     causes = [f"seed {seed}: {run['cause']}" for seed, run in enumerate(runs) if run["cause"]]
     count, there = (
         sum(len(above_noise(run, "time")) for run in runs),
         sum(r["arrived"] for r in runs),
     )
     about = (
-        f"least over {len(runs)} runs, of which {there} arrived; {count} frames "
+        f"smallest of {len(runs)} runs, {there} of which arrived; {count} frames "
         "with an error above three times the noise"
     )
     return "; ".join([about, *causes])
 
 
-def draw(settings: Settings, results: Results) -> Iterator[Drawn]:
+def draw(settings: Settings, results: Results) -> Iterator[ReportFigure]:
     panels = [
         Panel(
             "time [s]",
@@ -173,6 +182,6 @@ def draw(settings: Settings, results: Results) -> Iterator[Drawn]:
             ],
             levels=[] if key == "unity" else [("", 0.0)],
         )
-        for key, label in LABELS.items()
+        for key, label in RESULT_LABELS.items()
     ]
-    yield Drawn("stability", [0], Figure("Stability along a regulation", panels))
+    yield ReportFigure("stability", [0], Figure("Stability along a regulation", panels))

@@ -1,7 +1,7 @@
-"""Sensitivity to the tool's model: a rigid shaft, our default, or the paper's constant λ.
+"""Experiment `tool-model`: a rigid shaft, which is the default, or the paper's constant λ.
 
-Once without motion, with Ĵ from the true a, and once in closed loops that know the tool by either
-model.
+The models are compared without motion, with Ĵ from the true a, and in closed loops in which the
+servo uses either model.
 """
 
 from collections.abc import Iterator
@@ -15,18 +15,21 @@ from rcmservo.geometry.features import about
 from rcmservo.geometry.tool import RigidTool, ScaledTool, Tool
 from rcmservo.interfaces import Floats
 from rcmservo.paper.lab.cameras import PINHOLE, true_parameters
-from rcmservo.paper.lab.closed_loop import NOISE
-from rcmservo.paper.lab.witness import reasons, settle, settled
-from rcmservo.paper.plan import Drawn, Found, Measurement, Results, Settings, Task
+from rcmservo.paper.lab.closed_loop import POINT_NOISE_PX
+from rcmservo.paper.lab.witness import count_settled, failure_reasons, settle
+from rcmservo.paper.plan import Measurement, ReportFigure, Results, Settings, Task, TaskResult
 from rcmservo.paper.statistics import column, finite, mark_panels, marks, median
 from rcmservo.sim import Rig, RigSettings
 from rcmservo.study.report.statistics import dashed
 
 SPACING_MM = 30.0
-"""mm between the markers on the real tool."""
+"""Distance (mm) between the markers on the simulated tool."""
 MODELS = {"rigid": "rigid shaft", "constant": "constant λ"}
-LABORATORY = RigSettings(tool=RigidTool(SPACING_MM), point_noise=NOISE)
-FIXED = {"laboratory": LABORATORY}
+RIGID_TOOL_LABORATORY = RigSettings(tool=RigidTool(SPACING_MM), point_noise=POINT_NOISE_PX)
+
+
+def fixed_settings() -> dict[str, object]:
+    return {"laboratory": RIGID_TOOL_LABORATORY}
 
 
 def tasks(settings: Settings) -> list[Task]:
@@ -35,20 +38,20 @@ def tasks(settings: Settings) -> list[Task]:
 
 
 def tools(p1: Floats) -> tuple[Tool, Tool]:
-    """Return both models of one tool, alike with marker 1 at p1 (3,) mm."""
+    """Return both models of a tool; they agree for marker 1 at `p1` (3,) in mm."""
     return RigidTool(SPACING_MM), ScaledTool(1.0 + SPACING_MM / float(np.linalg.norm(p1)))
 
 
-def scenes(settings: Settings) -> Found:
-    """Return the results of `scene` for every scene."""
+def scenes(settings: Settings) -> TaskResult:
+    """Return the results of `scene` for each scene."""
     return {"scenes": [scene(seed) for seed in range(settings.scenes)]}
 
 
-def scene(seed: int) -> Found:
-    """Return the true ∂d/∂ρ (px/mm), and Ĵ from the true a with either tool model.
+def scene(seed: int) -> TaskResult:
+    """Return the true ∂d/∂ρ (px/mm), and the errors of Ĵ from the true a with either tool model.
 
-    A constant λ is right at the pose itself, so that both predict the same m₂. ``along`` is ∂d/∂ρ
-    (px/mm), ``whole`` the scaled error of Ĵ, ``row`` the error of its d row.
+    The constant λ is exact at the pose itself, so that both models predict the same m₂. ``along``
+    is ∂d/∂ρ (px/mm), ``whole`` the scaled error of Ĵ, ``row`` the relative error of its d row.
     """
     rig = Rig(seed, RigSettings(scene=PINHOLE), pictures=False)
     a, o_c = true_parameters(rig)
@@ -68,11 +71,11 @@ def scene(seed: int) -> Found:
     return found
 
 
-def loop(settings: Settings, seed: int) -> Found:
-    """Return the same closed loop with either tool model known to the servo. λ is right at home."""
-    home = Rig(seed, LABORATORY, pictures=False)
+def loop(settings: Settings, seed: int) -> TaskResult:
+    """Return the trial of one seed with either tool model in the servo; λ is exact at the start."""
+    home = Rig(seed, RIGID_TOOL_LABORATORY, pictures=False)
     known = tools(home.body.points(home.scene.start)[0])
-    trials = [settle(seed, LABORATORY, settings.duration, tool)[0] for tool in known]
+    trials = [settle(seed, RIGID_TOOL_LABORATORY, settings.duration, tool)[0] for tool in known]
     return dict(zip(MODELS, trials, strict=True))
 
 
@@ -82,12 +85,17 @@ def measure(settings: Settings, results: Results) -> Iterator[Measurement]:
     row = median(column(found, "constant", "row"))
     confirmed = constant > 0.1 >= rigid
     yield Measurement("jacobian", constant, seeds, confirmed=confirmed, row=row, rigid=rigid)
-    wrong = float(np.mean(column(found, "true") * column(found, "constant", "along") < 0.0))
+    opposite = float(np.mean(column(found, "true") * column(found, "constant", "along") < 0.0))
     yield Measurement(
-        "sign", 1.0 - wrong, seeds, remarked=wrong > 0.0, confirmed=wrong >= 0.25, wrong=wrong
+        "sign",
+        1.0 - opposite,
+        seeds,
+        remarked=opposite > 0.0,
+        confirmed=opposite >= 0.25,
+        wrong=opposite,
     )
     trials = _trials(settings, results)
-    counts = {model: settled(some) for model, some in trials.items()}
+    counts = {model: count_settled(some) for model, some in trials.items()}
     errors = {m: median(finite(column(some, "jacobian"))) for m, some in trials.items()}
     yield Measurement(
         "settles",
@@ -97,22 +105,22 @@ def measure(settings: Settings, results: Results) -> Iterator[Measurement]:
         errors={model: dashed(error) for model, error in errors.items()},
         counts=counts,
         words={model: _settled_words(some) for model, some in trials.items()},
-        reasons=reasons(trials["constant"]),
+        reasons=failure_reasons(trials["constant"]),
     )
 
 
-def _trials(settings: Settings, results: Results) -> dict[str, list[Found]]:
+def _trials(settings: Settings, results: Results) -> dict[str, list[TaskResult]]:
     loops = results.per_seed("loop", range(settings.loops))
     return {model: [one[model] for one in loops] for model in MODELS}
 
 
-def _settled_words(trials: list[Found]) -> str:
-    good = [trial for trial in trials if not trial["why_not"]]
-    time, pose = (median(column(good, name)) for name in ("settle_time", "pose"))
+def _settled_words(trials: list[TaskResult]) -> str:
+    successful = [trial for trial in trials if not trial["why_not"]]
+    time, pose = (median(column(successful, name)) for name in ("settle_time", "pose"))
     return f"median after {dashed(time, '.1f')} s, pose error {dashed(pose, '.2g')} mm"
 
 
-def draw(settings: Settings, results: Results) -> Iterator[Drawn]:
+def draw(settings: Settings, results: Results) -> Iterator[ReportFigure]:
     found, labels = results["scenes"]["scenes"], list(MODELS.values())
     true = column(found, "true")
     ends = [true.min(), true.max()]
@@ -123,13 +131,13 @@ def draw(settings: Settings, results: Results) -> Iterator[Drawn]:
     derivative = Panel(
         "true $\\partial d / \\partial \\rho$ [px/mm]",
         "modelled $\\partial d / \\partial \\rho$ [px/mm]",
-        [make_curve("right", ends, ends, -1), *modelled],
+        [make_curve("exact", ends, ends, -1), *modelled],
         levels=[("", 0.0)],
     )
     errors = [marks([column(found, model, "whole") for model in MODELS])]
     error = Panel("", "$\\|\\hat{J} - J\\| / \\|J\\|$, scaled [1]", errors, categories=labels)
-    figure = Figure("What a constant λ does to the Jacobian", [derivative, error], columns=2)
-    yield Drawn("tool-model", range(settings.scenes), figure)
+    figure = Figure("Effect of a constant λ on the Jacobian", [derivative, error], columns=2)
+    yield ReportFigure("tool-model", range(settings.scenes), figure)
     trials = _trials(settings, results).values()
     numbers = {
         "settle_time": "settled after [s]",
@@ -142,5 +150,5 @@ def draw(settings: Settings, results: Results) -> Iterator[Drawn]:
         labels,
         log=("pose", "jacobian"),
     )
-    figure = Figure("Either tool model in the loop", panels, columns=3)
-    yield Drawn("tool-loops", range(settings.loops), figure)
+    figure = Figure("Closed loops with either tool model", panels, columns=3)
+    yield ReportFigure("tool-loops", range(settings.loops), figure)

@@ -1,1 +1,1 @@
-"""The simulated laboratory that experiments share: closed loops, methods, and judges."""
+"""Simulated laboratory that the experiments share: closed loops, methods and evaluation."""

@@ -1,6 +1,6 @@
-"""One method in one scene: a closed loop of a study.
+"""Closed loop of one method in one scene.
 
-The scene, the target and the noise of every frame that the seed gives serve all methods.
+The scene, the target and the noise of each frame depend on the seed only, not on the method.
 """
 
 from dataclasses import dataclass, replace
@@ -10,8 +10,8 @@ import numpy as np
 from rcmservo.control.exploration import Exploration
 from rcmservo.control.saturated_controller import SaturatedController
 from rcmservo.estimation.base import Estimator
-from rcmservo.paper.lab.calibration import Calibration, Quality, handed_over
-from rcmservo.paper.lab.closed_loop import FAST_FIT, FAST_LAW, TEACHING_FRAMES, servo_for
+from rcmservo.paper.lab.calibration import Calibration, Quality, make_calibration
+from rcmservo.paper.lab.closed_loop import FAST_FIT, FAST_LAW, TEACHING_FRAMES, make_servo
 from rcmservo.paper.lab.laws import PoseLaw, drive
 from rcmservo.paper.lab.witness import STRIDE_TICKS
 from rcmservo.paper.statistics import median
@@ -25,23 +25,23 @@ from rcmservo.study.run_outcome import LAST, StudyRun
 from rcmservo.study.simulation_engine import Laboratory, LaboratoryLoop
 
 STOPPED_FOR_GOOD = Phase.PAUSED, Phase.FAULT
-"""Phases that only an operator ends."""
+"""Phases that only an operator can end."""
 AT_REST_S = 0.5
-"""s within which the tool stands still once it is in one of these."""
+"""Time (s) after which the tool is at rest in one of these phases."""
 
 
 @dataclass(frozen=True)
 class Attempt:
-    """A method's attempt in one scene.
+    """Run of a method in one scene.
 
     Parameters
     ----------
     seed : int
-        Source of all that is drawn.
+        Seed of the scene and of the noise.
     settings : RigSettings
-        Laboratory.
+        Settings of the simulated laboratory.
     duration : float
-        s after the exploration.
+        Time (s) after the exploration.
     """
 
     seed: int
@@ -49,9 +49,9 @@ class Attempt:
     duration: float
 
     def calibration(self, quality: Quality) -> Calibration:
-        """Return the calibration that is handed over; wrong in directions drawn from the seed."""
+        """Return the calibration for a method; the directions of its errors depend on the seed."""
         scene, _ = sample_scene_of_seed(self.seed, self.settings)
-        return handed_over(quality, scene.optics, np.random.default_rng([self.seed, 1]))
+        return make_calibration(quality, scene.optics, np.random.default_rng([self.seed, 1]))
 
     def servo(
         self,
@@ -59,23 +59,23 @@ class Attempt:
         exploration: Exploration,
         controller: SaturatedController | None = None,
     ) -> Servo:
-        """Return a servo, by default with the controller of all methods."""
-        return servo_for(self.settings, estimator, exploration, controller or FAST_LAW)
+        """Return a servo, by default with the common controller."""
+        return make_servo(self.settings, estimator, exploration, controller or FAST_LAW)
 
     def run(self, servo: Servo) -> StudyRun:
         """Explore, then servo for the duration.
 
-        The compiled twin runs a servo whose step is compiled, MuJoCo's arm the others.
+        A servo with a compiled step runs on the compiled simulation, others on MuJoCo's arm.
         """
         return self.compiled(servo) if servo.kernel is not None else self.live(servo)
 
     def compiled(self, servo: Servo) -> StudyRun:
-        """Run on the compiled twin."""
+        """Run on the compiled simulation."""
         run = Study(servo, self.settings, self._longest(servo), TEACHING_FRAMES).run(self.seed)
         return replace(run.until(self._end(run)), engine=COMPILED)
 
     def live(self, servo: Servo) -> StudyRun:
-        """Run with MuJoCo's arm and the live path's code."""
+        """Run with MuJoCo's arm and the code of live runs."""
         laboratory = Laboratory(servo, self.settings, self._longest(servo), TEACHING_FRAMES)
         loop = LaboratoryLoop(laboratory, self.seed, 0)
         end, moving, errors = np.inf, 0.0, list[float]()
@@ -92,7 +92,7 @@ class Attempt:
         return replace(run.until(self._end(run)), engine=MUJOCO, jacobian_error=median(errors))
 
     def by_poses(self, calibration: Calibration) -> StudyRun:
-        """Move by pose-based control, which explores nothing."""
+        """Run pose-based control, which does not explore."""
         robot = self.servo(FAST_FIT, Exploration())
         laboratory = Laboratory(robot, self.settings, self.duration, TEACHING_FRAMES)
         loop = LaboratoryLoop(laboratory, self.seed, 0)
@@ -101,9 +101,9 @@ class Attempt:
         return replace(loop.run, engine=MUJOCO)
 
     def _longest(self, servo: Servo) -> float:
-        """Return s of a run whose exploration takes all the time that it may."""
+        """Return the longest duration (s) of a run, with the time limit of the exploration."""
         return servo.exploration.max_time + self.duration
 
     def _end(self, run: StudyRun) -> float:
-        """Return s at which a run's time is over; inf where it never servoed."""
+        """Return the end (s) of a run; inf if it never servoed."""
         return run.explored + self.duration

@@ -1,7 +1,7 @@
-"""Calibrations of the camera that are handed over: exact, wrong, or from before it was rolled.
+"""Calibrations of the camera for methods that need one: exact, wrong, or outdated by a roll.
 
-They are calibrations of a pinhole: the distortion of the simulated lens stays unknown, as it would
-to anyone who has the matrix C alone.
+They describe a pinhole camera. The distortion of the simulated lens stays unknown, because the
+matrix C does not contain it.
 """
 
 from dataclasses import dataclass, replace
@@ -20,22 +20,23 @@ from rcmservo.interfaces import Floats
 from rcmservo.sim.camera_model import CameraModel
 
 SCIPY: Any = optimize
-"""SciPy's optimisers without types."""
+"""SciPy's optimisers, which have no type annotations."""
 
 
 Quality = Literal["exact", "wrong", "rolled"]
 FOCAL_ERROR = 0.05
 """Relative error of the focal length of a wrong calibration."""
 TURN_DEG = 5.0
-"""° by which the camera of a wrong calibration is turned."""
+"""Error (°) of the orientation of a wrong calibration."""
 SHIFT_MM = 10.0
-"""mm by which it is moved."""
+"""Error (mm) of the position of a wrong calibration."""
 ROLL_DEG = 90.0
-"""° by which the camera was rolled after it had been calibrated."""
-WRONG = (
-    f"f {100 * FOCAL_ERROR:g} % off, the camera turned by {TURN_DEG:g}° and moved by "
-    f"{SHIFT_MM:g} mm"
+"""Angle (°) by which the camera was rolled after an outdated calibration."""
+WRONG_CALIBRATION = (
+    f"errors of {100 * FOCAL_ERROR:g} % in f, {TURN_DEG:g}° in the orientation and "
+    f"{SHIFT_MM:g} mm in the position of the camera"
 )
+"""Description of a wrong calibration."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,16 +46,16 @@ class Calibration:
     Parameters
     ----------
     a : Floats
-        Nine parameters (9,).
+        Parameters (9,).
     o_c : Floats
-        Image of the RCM, (2,) px.
+        Imaged RCM (2,) in px.
     """
 
     a: Floats
     o_c: Floats
 
     def locate(self, points: Floats, guess: Floats, tool: Tool) -> Floats:
-        """Return p̂₁ (3,) mm from raw pixels (2, 2), by least squares from a first guess (3,)."""
+        """Return p̂₁ (3,) in mm from raw pixels (2, 2), by least squares from `guess` (3,)."""
         m = about(points, self.o_c)
 
         def residual(p1: Floats) -> Floats:
@@ -67,46 +68,48 @@ class Calibration:
         return found
 
     def points_jacobian(self, p1: Floats, tool: Tool) -> Floats:
-        """Return ∂m/∂p₁ (4, 3) px/mm of both markers with marker 1 at p1 (3,) mm."""
+        """Return ∂m/∂p₁ (4, 3) in px/mm of both markers, with marker 1 at `p1` (3,) in mm."""
         return markers_jacobian(self.a, p1, tool.shaft)
 
 
-def exact(optics: CameraModel) -> Calibration:
-    """Return the true camera as a pinhole."""
+def exact_calibration(optics: CameraModel) -> Calibration:
+    """Return the true camera as a pinhole, without its distortion."""
     return Calibration(*parameters(optics.pinhole()))
 
 
-def handed_over(quality: Quality, optics: CameraModel, random: np.random.Generator) -> Calibration:
-    """Return a calibration of the true camera.
+def make_calibration(
+    quality: Quality, optics: CameraModel, random: np.random.Generator
+) -> Calibration:
+    """Return a calibration of the true camera with a certain quality.
 
-    A wrong one has a focal length too long or too short, and a camera turned and moved in random
-    directions. A rolled one is from before the camera was rolled about its line of sight.
+    A wrong one has a focal length too long or too short, and errors of orientation and position in
+    random directions. A rolled one predates a roll of the camera about its optical axis.
     """
     if quality == "exact":
-        return exact(optics)
+        return exact_calibration(optics)
     if quality == "rolled":
         back = Rotation.from_rotvec([0.0, 0.0, float(np.radians(ROLL_DEG))]).as_matrix()
-        return exact(replace(optics, rotation=back @ optics.rotation))
+        return exact_calibration(replace(optics, rotation=back @ optics.rotation))
     longer = random.choice([-1.0, 1.0]) * FOCAL_ERROR
     turn, shift = (size * _direction(random) for size in (float(np.radians(TURN_DEG)), SHIFT_MM))
     rotation = Rotation.from_rotvec(turn).as_matrix() @ optics.rotation
     focal, position = (1.0 + longer) * optics.focal, optics.position + shift
-    return exact(replace(optics, focal=focal, rotation=rotation, position=position))
+    return exact_calibration(replace(optics, focal=focal, rotation=rotation, position=position))
 
 
 def _direction(random: np.random.Generator) -> Floats:
-    way = random.standard_normal(3)
-    return way / np.linalg.norm(way)
+    direction = random.standard_normal(3)
+    return direction / np.linalg.norm(direction)
 
 
 @dataclass(frozen=True, eq=False)
-class Calibrated(Estimator):
-    """Ĵ of (15) from given parameters, the traditional approach [12], which estimates nothing.
+class CalibratedEstimator(Estimator):
+    """Ĵ of (15) from known parameters: the traditional approach [12], without estimation.
 
     Parameters
     ----------
     calibration : Calibration
-        Source of ``a``; o_c, about which the features are measured, stays the servo's own.
+        Calibration with the parameters ``a``. The servo still estimates o_c.
     """
 
     calibration: Calibration

@@ -1,4 +1,4 @@
-"""Drawn cameras for which the paper's model (4) is exact, and their true parameters by Lemma 1."""
+"""Random cameras without distortion, so that the model (4) is exact, and their parameters."""
 
 import numpy as np
 
@@ -7,22 +7,22 @@ from rcmservo.interfaces import Floats
 from rcmservo.sim import Rig, RigSettings, SceneSettings
 
 PINHOLE = SceneSettings(distortion=(0.0, 0.0))
-"""Scenes without distortion of the lens."""
+"""Scenes without lens distortion."""
 
 
 def true_parameters(rig: Rig) -> tuple[Floats, Floats]:
-    """Return a (9,) and o_c (2,) px of the rig's camera, by Lemma 1."""
+    """Return a (9,) and o_c (2,) in px of the rig's camera, by Lemma 1."""
     return parameters(rig.scene.optics.pinhole())
 
 
-def drawn(seed: int) -> tuple[Floats, Floats]:
-    """Return C (3, 4) of a drawn camera, at an arbitrary scale, and p₁ (3,) mm at the start."""
+def random_camera(seed: int) -> tuple[Floats, Floats]:
+    """Return C (3, 4) of a random camera, up to a random scale, and p₁ (3,) in mm at the start."""
     rig = Rig(seed, RigSettings(scene=PINHOLE), pictures=False)
     scale = np.random.default_rng(seed).uniform(-2.0, 2.0)
     return scale * rig.scene.optics.pinhole(), rig.body.points(rig.scene.start)[0]
 
 
-def seen_by(C: Floats, p: Floats) -> Floats:
-    """Return raw pixels (2,) of the point p (3,) mm, eq. (4)."""
+def project_point(C: Floats, p: Floats) -> Floats:
+    """Return the raw pixels (2,) of the point `p` (3,) in mm, eq. (4)."""
     m = C @ np.append(p, 1.0)
     return m[:2] / m[2]

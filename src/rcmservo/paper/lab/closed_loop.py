@@ -1,7 +1,7 @@
-"""One simulated closed loop in stages, all in one record that holds the truth too.
+"""Simulated closed loop in stages, with one record that also contains the true state.
 
-The script plays the operator: it places the tool, teaches targets, moves the camera, and starts the
-servo.
+The experiment acts as the operator: it places the tool, teaches targets, moves the camera, and
+starts the servo.
 """
 
 from collections import deque
@@ -34,22 +34,22 @@ from rcmservo.sim import Rig, RigSettings, SceneSettings
 from rcmservo.tracking import ColourMarkers, PointMarkers
 
 TEACHING_FRAMES = 30
-"""Frames that the target of every experiment is the mean of: the claims' numbers depend on it."""
+"""Frames over which a taught target is averaged; the numbers of the claims depend on it."""
 
 PRINTED_LAW = SaturatedController(gain=0.1, bounds=(float(np.radians(10.0)), 10.0, 10.0))
-"""The paper's k = 0.1 and b = (10°, 10 px, 10 px)."""
+"""The paper's law with k = 0.1 and b = (10°, 10 px, 10 px)."""
 
 FAST_LAW = SaturatedController(gain=2.0)
-"""The paper's law with k = 2 and our b."""
+"""The paper's law with k = 2 and the default b."""
 
 FAST_FIT = ProjectionEstimator()
-"""The paper's projection-based estimator with our Γ, which is fast, on both markers."""
+"""The paper's projection-based estimator with the fast Γ, on both markers."""
 
-STEADY = Exploration(leg=1.0, share=0.12, growth=1.0, max_time=60.0)
-"""Exploration of equal rounds, whose size `reach` alone decides, at about 30 mm/s with FAST_ARM."""
+EQUAL_ROUNDS = Exploration(leg=1.0, share=0.12, growth=1.0, max_time=60.0)
+"""Exploration in equal rounds at about 30 mm/s with `FAST_ARM`; `reach` alone sets their size."""
 
-WIDE = replace(STEADY, reach=17.0, legs=8)
-"""An exploration for the printed fit: ten noisy observations of one marker need two rounds of 17
+PROJECTION_EXPLORATION = replace(EQUAL_ROUNDS, reach=17.0, legs=8)
+"""Exploration for the printed fit: ten noisy observations of one marker need two rounds of 17
 mm."""
 
 PAPER_SCENES = SceneSettings(
@@ -58,44 +58,44 @@ PAPER_SCENES = SceneSettings(
     distance=(150.0, 400.0),
     room=17.0,
 )
-"""Scenes of the regulation experiments: initial errors of exactly [40°, 80 px, 60 px], r and d
-growing to the target.
+"""Scenes of the regulation experiments, with initial errors of exactly [40°, 80 px, 60 px].
 
-The insertion is short and the camera far, so that the imaged tool can turn by 40° inside the
-picture.
+r and d grow on the path to the target. The insertion is short and the camera far, so that the
+imaged tool can rotate by 40° within the image.
 """
 
-FLOW = FlowEstimator(gamma=0.001)
+FLOW_ESTIMATOR = FlowEstimator(gamma=0.001)
 """The paper's flow-based estimator."""
 
-LONG = replace(STEADY, reach=12.0, legs=60, tolerance=0.2)
-"""Exploration for the flow rule, which converges by 1 − exp(−γ v L): about 20 s of motion."""
+FLOW_EXPLORATION = replace(EQUAL_ROUNDS, reach=12.0, legs=60, tolerance=0.2)
+"""Exploration for the flow rule, which converges as 1 − exp(−γ v L): about 20 s of motion."""
 
 PAPER_METHODS: dict[str, tuple[Estimator, Exploration]] = {
-    "projection": (PRINTED, WIDE),
-    "flow": (FLOW, LONG),
+    "projection": (PRINTED, PROJECTION_EXPLORATION),
+    "flow": (FLOW_ESTIMATOR, FLOW_EXPLORATION),
 }
-"""The paper's estimators with the exploration that each needs."""
+"""The paper's estimators, each with its exploration."""
 
 FAST_ARM = Gate(speed=(2.0, 2.0, 160.0), slew=(20.0, 20.0, 1600.0))
-"""Limits of an arm so fast that exploring at 30 mm/s stays within the fraction of its speed that
-exploration may use."""
+"""Limits of a fast arm: an exploration at 30 mm/s uses no more than its permitted fraction of the
+speed."""
 
-NOISE = 0.1
-"""px of noise of the camera without pictures, about that of tracking in rendered frames."""
+POINT_NOISE_PX = 0.1
+"""Standard deviation (px) of the markers of a camera without images, about that of tracking in
+rendered frames."""
 
 ARRIVED = np.array([np.radians(0.1), 0.2, 0.2])
-"""Mean |Δy| (rad, px, px) over AVERAGED_FRAMES at which the tool counts as arrived."""
+"""Largest mean |Δy| (rad, px, px) over `AVERAGED_FRAMES` at which the tool has arrived."""
 
 AVERAGED_FRAMES = 30
 
 
-def endless(exploration: Exploration) -> Exploration:
-    """Return the same exploration without an end."""
+def remove_limits(exploration: Exploration) -> Exploration:
+    """Return the same exploration without a limit on legs and time."""
     return replace(exploration, legs=1000, max_time=1e6)
 
 
-def recorded(folder: Path) -> reader.Record:
+def read_task_record(folder: Path) -> reader.Record:
     """Return the record of a task's closed loop."""
     path = folder / RECORD
     return _read(path, path.stat().st_mtime_ns)
@@ -103,18 +103,18 @@ def recorded(folder: Path) -> reader.Record:
 
 @lru_cache(maxsize=4)
 def _read(path: Path, changed: int) -> reader.Record:
-    """Return a record, cached while the file has not `changed`."""
+    """Return a record; the modification time `changed` (ns) is a key of the cache only."""
     del changed
     return reader.read_record(path)
 
 
-def servo_for(
+def make_servo(
     laboratory: RigSettings,
     estimator: Estimator,
     exploration: Exploration | None = None,
     controller: SaturatedController = PRINTED_LAW,
 ) -> Servo:
-    """Return a servo that knows the laboratory's mechanism and tool, and nothing of its camera."""
+    """Return a servo with the mechanism and the tool of the laboratory; the camera is unknown."""
     return Servo(
         laboratory.mechanism,
         laboratory.tool,
@@ -130,7 +130,7 @@ def servo_for(
 def closed_loop(
     folder: Path, seed: int, settings: RigSettings, pictures: bool, servo: Servo
 ) -> Generator["ClosedLoop"]:
-    """Open a closed loop and its record, on rendered pictures or with a camera of points."""
+    """Open a closed loop and its record, with rendered images or with a camera of points."""
     about = {
         "simulation": True,
         "seed": seed,
@@ -147,7 +147,7 @@ def closed_loop(
 
 
 class ClosedLoop:
-    """A rig and its plant, and a record of every tick of every stage."""
+    """Rig and plant, with a record of each tick of each stage."""
 
     def __init__(
         self, folder: Path, rig: Rig, plant: Plant, servo: Servo, recorder: Recorder
@@ -157,16 +157,16 @@ class ClosedLoop:
         self._began: int | None = None
 
     def teach(self, q: Floats) -> tuple[Target, Floats]:
-        """Return the target taught at the joints q (3,), and p_d (3,) mm, marker 2 there."""
+        """Return the target taught at the joints `q` (3,), and p_d (3,) in mm of marker 2."""
         self.rig.place(q)
         return teach(self.plant, TEACHING_FRAMES), self.true_p2()
 
     def elapsed(self) -> float:
-        """Return the time in s since the first stage began."""
+        """Return the time (s) since the start of the first stage."""
         return 0.0 if self._began is None else (self.rig.clock.now() - self._began) / 1e9
 
     def true_p2(self) -> Floats:
-        """Return the true position (3,) mm of marker 2."""
+        """Return the true position (3,) of marker 2 in mm."""
         return self.rig.truth.markers(self.rig.clock.now())[1]
 
     def stage(
@@ -176,14 +176,14 @@ class ClosedLoop:
         state: State | None = None,
         done: Callable[[Tick], bool] = lambda tick: False,
     ) -> Iterator[Tick]:
-        """Servo to the target as `run` does, and record; times go on from stage to stage."""
+        """Servo to the target like `run`, and record; the time continues from stage to stage."""
         now = self.rig.clock.now()
         self._began = now if self._began is None else self._began
         self._recorder.begin(self.servo, target, state)
         for tick in run(self.plant, self.servo, target, duration, done=done, state=state):
-            there = replace(tick, time=tick.time + now - self._began)
-            self.rig.truth.write(self._recorder, there)
-            yield there
+            shifted = replace(tick, time=tick.time + now - self._began)
+            self.rig.truth.write(self._recorder, shifted)
+            yield shifted
 
     def last(self, *arguments: Any, **options: Any) -> Tick:
         """Run a stage to its end and return its last tick."""
@@ -191,7 +191,7 @@ class ClosedLoop:
         return tick
 
     def explore(self, target: Target) -> Tick:
-        """Explore until Ĵ predicts or the servo gives up; return the last tick."""
+        """Explore until the servo succeeds or its time limit ends; return the last tick."""
 
         def explored(tick: Tick) -> bool:
             return tick.state.explored
@@ -201,7 +201,7 @@ class ClosedLoop:
     def snapshot(
         self, name: str, target: Target, state: State, words: str, others: Sequence[Target] = ()
     ) -> None:
-        """Write the camera's newest picture with features in blue and the target in black."""
+        """Write the newest image with the features in blue and the target in black."""
         frame = self.plant.camera.latest()
         if frame is None or frame.image is None or self.plant.markers is None:
             return
@@ -213,7 +213,7 @@ class ClosedLoop:
 
 
 class Arrived:
-    """Test whether the tool has arrived: a small mean error over the newest frames."""
+    """Condition that the mean error over the newest frames is within `ARRIVED`."""
 
     def __init__(self) -> None:
         self._errors: deque[Floats] = deque(maxlen=AVERAGED_FRAMES)

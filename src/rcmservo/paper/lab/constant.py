@@ -1,4 +1,4 @@
-"""One constant Jacobian of the four marker coordinates, estimated while exploring."""
+"""Estimator of one constant Jacobian of the four marker coordinates, from the exploration."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -18,9 +18,9 @@ class FirstFrames(NamedTuple):
     Parameters
     ----------
     p1 : Floats
-        (n, 3) mm, p₁ by the joints.
+        Positions p₁ (n, 3) in mm, from the joints.
     m : Floats
-        (n, 4) px, raw pixels there.
+        Raw pixels (n, 4) of both markers.
     """
 
     p1: Floats
@@ -29,12 +29,12 @@ class FirstFrames(NamedTuple):
 
 @dataclass(frozen=True)
 class ConstantJacobian(Estimator):
-    """L (4, 3) px/mm of m ≈ m₀ + L (p₁ − p₀), by least squares over the first frames.
+    """Least-squares fit of m ≈ m₀ + L (p₁ − p₀), with L (4, 3) in px/mm, over the first frames.
 
     Parameters
     ----------
     frames : int
-        Number of frames; an exploration takes about as many.
+        Number of frames, about the length of an exploration.
     """
 
     frames: int = 60

@@ -1,4 +1,4 @@
-"""An estimate's knowledge of the camera: the error of the pixels predicted at poses held out."""
+"""Accuracy of an estimated camera: error of the predicted pixels at held-out poses."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -15,79 +15,96 @@ from rcmservo.interfaces import Floats
 from rcmservo.paper.lab.cameras import true_parameters
 from rcmservo.paper.lab.streams import (
     ESTIMATORS,
-    errors_over,
-    estimated,
-    in_short,
-    over_time,
+    jacobian_errors,
+    median_series,
+    run_estimator,
     stream,
+    summarise_error,
 )
-from rcmservo.paper.plan import Found, Settings
+from rcmservo.paper.plan import Settings, TaskResult
 from rcmservo.paper.statistics import median
 from rcmservo.sim import Rig
 
 DRAWS = 2000
-"""Configurations drawn of the whole workspace; the camera sees a few of them."""
-PHASES = ("exploring", "saturated way", "end")
+"""Random configurations in the whole workspace; a few of them are visible."""
+PHASES = ("exploration", "saturated", "end")
 """Phases of a servo run."""
 
 
 def servo_run(
     seed: int, noise: float, duration: float, held_out: int, around: float, speed: float
-) -> Found:
-    """Give one servo run's samples to every estimator; return its errors of Ĵ, and its knowledge.
+) -> TaskResult:
+    """Run each estimator on the samples of one servo run; return errors of Ĵ and of predictions.
 
-    The knowledge is the median error (px) of the predicted markers at `held_out` poses within
-    `around` mm of the way, and anywhere in the picture, and the relative error of â, None where
-    there is no â.
+    Parameters
+    ----------
+    seed
+        Seed of the scene and of the noise.
+    noise
+        Standard deviation (px) of the markers.
+    duration
+        Duration (s) of the run.
+    held_out
+        Number of poses per region for predictions.
+    around
+        Distance (mm) from the path of the poses nearby.
+    speed
+        Smallest speed (mm/s) that defines a direction of motion.
+
+    Returns
+    -------
+    TaskResult
+        By estimator: errors of Ĵ, and as knowledge the median error (px) of the predicted markers
+        near the path and anywhere in the image, and the relative error of â (None without â).
     """
-    rig, seen = stream(seed, noise, Settings(duration=duration), "servo")
-    near, far = near_way(rig, held_out, around, seed), workspace(rig, held_out, seed)
-    errors, knowledge = dict[str, Found](), dict[str, Found]()
+    rig, recorded = stream(seed, noise, Settings(duration=duration), "servo")
+    near, far = near_path(rig, held_out, around, seed), workspace(rig, held_out, seed)
+    errors, knowledge = dict[str, TaskResult](), dict[str, TaskResult]()
     for name, estimator in ESTIMATORS.items():
-        J_hat, memory = estimated(estimator, seen.samples, rig.settings.tool)
+        J_hat, memory = run_estimator(estimator, recorded.samples, rig.settings.tool)
         errors[name] = {
-            measure: in_short(error, seen.phase, len(PHASES))
-            for measure, error in errors_over(J_hat, seen, speed).items()
+            measure: summarise_error(error, recorded.phase, len(PHASES))
+            for measure, error in jacobian_errors(J_hat, recorded, speed).items()
         }
-        known = estimator, memory, J_hat[-1], seen.samples[-1]
+        known = estimator, memory, J_hat[-1], recorded.samples[-1]
         knowledge[name] = {
-            "near": missed(rig, near, *known),
-            "workspace": missed(rig, far, *known),
+            "near": prediction_error(rig, near, *known),
+            "workspace": prediction_error(rig, far, *known),
             "parameters": parameter_error(rig, parameters_of(estimator, memory))
             if estimator.models
             else None,
         }
-    return {"time": over_time(seen.time), "errors": errors, "knowledge": knowledge}
+    return {"time": median_series(recorded.time), "errors": errors, "knowledge": knowledge}
 
 
-def near_way(rig: Rig, count: int, around: float, seed: int) -> list[Floats]:
-    """Return joints of visible poses, with marker 1 within `around` mm of the way."""
+def near_path(rig: Rig, count: int, around: float, seed: int) -> list[Floats]:
+    """Return the joints of visible poses with marker 1 within `around` mm of the path."""
     random = np.random.default_rng(seed)
     poses: list[Floats] = []
     while len(poses) < count:
         offset = random.standard_normal(3)
         offset *= around * random.uniform() ** (1.0 / 3.0) / np.linalg.norm(offset)
-        on_way = np.asarray(random.choice(rig.scene.path))
-        q = rig.body.mechanism.joints(rig.body.points(on_way)[0] + offset)
+        on_path = np.asarray(random.choice(rig.scene.path))
+        q = rig.body.mechanism.joints(rig.body.points(on_path)[0] + offset)
         if in_picture(rig, q):
             poses.append(q)
     return poses
 
 
 def workspace(rig: Rig, count: int, seed: int) -> list[Floats]:
-    """Return joints of visible poses, anywhere within the joint limits."""
+    """Return the joints of visible poses anywhere within the joint limits."""
     random = np.random.default_rng(seed)
     drawn = random.uniform(*rig.body.mechanism.limits.arrays, (DRAWS, 3))
     return [q for q in drawn if in_picture(rig, q)][:count]
 
 
 def in_picture(rig: Rig, q: Floats) -> bool:
-    """Return True if the true camera sees both markers at the joints q (3,)."""
+    """Return True if both markers are in the image at the joints `q` (3,)."""
     pixels, optics = rig.truth.pixels(q), rig.scene.optics
     return bool(((pixels >= 0.0) & (pixels <= np.array([optics.width, optics.height]) - 1.0)).all())
 
 
-def missed(
+def prediction_error(
     rig: Rig,
     poses: Sequence[Floats],
     estimator: Estimator,
@@ -95,18 +112,18 @@ def missed(
     J_hat: Floats,
     last: Sample,
 ) -> float:
-    """Return the median distance (px) of the predicted from the true markers at `poses`."""
+    """Return the median distance (px) between predicted and true markers at `poses`."""
     errors = list[Floats]()
     for q in poses:
         p1 = rig.body.points(q)[0]
-        errors.append(expected(rig, estimator, memory, J_hat, last, p1) - rig.truth.pixels(q))
+        errors.append(predicted(rig, estimator, memory, J_hat, last, p1) - rig.truth.pixels(q))
     return median(np.linalg.norm(np.concatenate(errors), axis=1))
 
 
-def expected(
+def predicted(
     rig: Rig, estimator: Estimator, memory: Any, J_hat: Floats, last: Sample, p1: Floats
 ) -> Floats:
-    """Return the raw pixels (2, 2) predicted at p1 (3,) mm, after the `last` sample."""
+    """Return the predicted raw pixels (2, 2) at `p1` (3,) in mm, after the `last` sample."""
     m = estimator.predict(memory, rig.settings.tool, p1)
     placed = estimator.imaged_rcm(memory)
     m = extrapolated(J_hat, last, p1) if m is None else m
@@ -114,7 +131,7 @@ def expected(
 
 
 def extrapolated(J_hat: Floats, last: Sample, p1: Floats) -> Floats:
-    """Return m (4,) px from o_c at p1 by a scaled Ĵ alone: y extrapolated linearly from `last`."""
+    """Return m (4,) in px from o_c at `p1`, by linear extrapolation of y with the scaled Ĵ."""
     unscale = 1.0 / scaled(np.ones((3, 1)))[:, 0]
     s, r, d = features(about(last.points, last.o_c)) + unscale * (J_hat @ (p1 - last.p1))
     along = np.array([np.cos(s), np.sin(s)])
@@ -122,7 +139,7 @@ def extrapolated(J_hat: Floats, last: Sample, p1: Floats) -> Floats:
 
 
 def parameters_of(estimator: Estimator, memory: Any) -> Floats:
-    """Return â (9,) of an estimator with a model; that of the whole projection by Lemma 1."""
+    """Return â (9,) of an estimator with a model; for a fit of the projection, by Lemma 1."""
     if not estimator.places_rcm:
         return memory.a_hat
     fit = Prospect(memory)
@@ -135,9 +152,9 @@ def parameters_of(estimator: Estimator, memory: Any) -> Floats:
 
 
 def parameter_error(rig: Rig, a_hat: Floats) -> float:
-    """Return the relative error of â in the measure of (22) with the printed Γ₀.
+    """Return the relative error of â in the norm of (22) with the printed Γ₀.
 
-    The true a is that of the camera without its distortion.
+    The true a is that of the camera without distortion.
     """
     a, _ = true_parameters(rig)
     weight = 1.0 / np.sqrt(GAMMA_0)

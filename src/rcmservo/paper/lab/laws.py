@@ -1,6 +1,6 @@
-"""Pose-based control: a law from a frame to a velocity, and the loop that drives an arm by it.
+"""Pose-based control: the law, and a loop that moves an arm with it.
 
-The law has no phases and no faults: it acts from its first frame to its last.
+The loop has no phases and no faults; the law acts on each frame.
 """
 
 from dataclasses import dataclass
@@ -18,26 +18,26 @@ from rcmservo.study.simulation_engine import LaboratoryLoop
 
 
 def saturated(error: Floats, bound: float) -> Floats:
-    """Return an error shortened to `bound`, with its direction."""
+    """Return an error vector with its norm limited to `bound`."""
     return error * min(1.0, bound / max(float(np.linalg.norm(error)), 1e-9))
 
 
 @dataclass(frozen=True, eq=False)
 class PoseLaw:
-    """Pose-based control [20]: v = −k sat(p̂₁ − p̂₁d), both poses by the calibration.
+    """Pose-based control [20]: v = −k sat(p̂₁ − p̂₁d), with both positions from the calibration.
 
     Parameters
     ----------
     calibration : Calibration
-        Calibration that locates marker 1; the present joints give the first guess of both fits.
+        Calibration that locates marker 1; both fits start at the position by the present joints.
     robot : Servo
-        Servo whose tool is used.
+        Servo with the model of the tool.
     target : Target
-        Target, of which only the pixels are used.
+        Target; the law uses only its pixels.
     gain : float
-        k, 1/s.
+        Gain k in 1/s.
     bound : float
-        Largest error in mm; a larger one is shortened to it.
+        Saturation of the error in mm.
     """
 
     calibration: Calibration
@@ -47,7 +47,7 @@ class PoseLaw:
     bound: float = 20.0
 
     def velocity(self, points: Floats, p1: Floats) -> Floats:
-        """Return v (3,) mm/s of marker 1, for raw pixels (2, 2) and p₁ (3,) mm by the joints."""
+        """Return v (3,) of marker 1 in mm/s, for raw pixels (2, 2) and p₁ (3,) in mm."""
         tool = self.robot.tool
         here, there = (
             self.calibration.locate(one, p1, tool) for one in (points, self.target.points)
@@ -56,9 +56,9 @@ class PoseLaw:
 
 
 def drive(loop: LaboratoryLoop, robot: Servo, law: PoseLaw, duration: float) -> None:
-    """Enable the drive, and move by the law for `duration` s.
+    """Enable the drive, and control the arm with the law for `duration` s.
 
-    The kinematics, the gate and the greatest speed are those of `robot`. No `loop.run`, which
+    Kinematics, gate and speed limit are those of `robot`. `loop.run` does not apply, because it
     steps a servo.
     """
     plant = loop.plant
@@ -76,7 +76,7 @@ def drive(loop: LaboratoryLoop, robot: Servo, law: PoseLaw, duration: float) -> 
 
 
 def _velocity(law: PoseLaw, robot: Servo, seen: Observation) -> Floats:
-    """Return the law's velocity (3,) mm/s; zero where a marker is lost."""
+    """Return the velocity (3,) of the law in mm/s; zero if a marker is missing."""
     if not np.isfinite(seen.points).all():
         return np.zeros(3)
     v = law.velocity(seen.points, robot.marker_1(seen.q))

@@ -1,7 +1,7 @@
-"""The methods that are compared: what each is handed, and how it takes the tool to a target.
+"""Methods of the comparison: their inputs, and their closed loops.
 
-Ten estimate Ĵ and need no calibration. One estimates a constant Jacobian of the four marker
-coordinates from the same exploration. The others are handed a calibration, exact or wrong.
+Ten methods estimate Ĵ and need no calibration. One estimates a constant Jacobian of the four marker
+coordinates from an exploration. The others receive a calibration, exact or wrong.
 """
 
 from abc import ABC, abstractmethod
@@ -20,30 +20,36 @@ from rcmservo.estimation.normalised_flow import NormalisedFlowEstimator
 from rcmservo.estimation.projection_rule import PRINTED
 from rcmservo.estimation.rls import RlsEstimator
 from rcmservo.paper.lab.attempt import Attempt
-from rcmservo.paper.lab.calibration import Calibrated, Quality
-from rcmservo.paper.lab.closed_loop import FAST_FIT, FAST_LAW, FLOW, LONG, WIDE
+from rcmservo.paper.lab.calibration import CalibratedEstimator, Quality
+from rcmservo.paper.lab.closed_loop import (
+    FAST_FIT,
+    FAST_LAW,
+    FLOW_ESTIMATOR,
+    FLOW_EXPLORATION,
+    PROJECTION_EXPLORATION,
+)
 from rcmservo.paper.lab.constant import ConstantJacobian
 from rcmservo.safety.thresholds import Thresholds
 from rcmservo.study.run_outcome import StudyRun
 
 LINES_ONLY = Exploration(tolerance=1e3)
-"""The default exploration, of which a calibrated law needs only the lines for o_c."""
-TRUSTING = Thresholds(disagreements=1000)
-"""Thresholds for a Jacobian that stays as it was while the tool moves on."""
+"""The default exploration without its accuracy requirement: a calibrated law needs only o_c."""
+CONSTANT_JACOBIAN_THRESHOLDS = Thresholds(disagreements=1000)
+"""Thresholds that tolerate the prediction errors of a Jacobian that stays constant."""
 POINTS_LAW = replace(FAST_LAW, features="points")
-"""The law of all methods, on the four marker coordinates."""
+"""The common law, on the four marker coordinates."""
 
 
 @dataclass(frozen=True)
 class Method(ABC):
-    """A way to take the tool to a target.
+    """A method to move the tool to a target.
 
     Parameters
     ----------
     name : str
         Name in sentences.
     short : str
-        Name in figures and tables.
+        Short name in figures and tables.
     """
 
     name: str
@@ -51,21 +57,21 @@ class Method(ABC):
 
     @abstractmethod
     def run(self, attempt: Attempt) -> StudyRun:
-        """Take the tool to the target."""
+        """Run the method in the scene of `attempt`."""
 
 
 @dataclass(frozen=True)
-class Learner(Method):
+class EstimatingMethod(Method):
     """A method without a calibration: it explores and estimates Ĵ.
 
     Parameters
     ----------
     estimator : Estimator
-        Source of Ĵ.
+        Estimator of Ĵ.
     exploration : Exploration
-        First motion, as this estimator needs it.
+        Exploration that the estimator requires.
     controller : SaturatedController or None
-        Its own law; None for that of all methods.
+        Control law; None for the common one.
     """
 
     estimator: Estimator
@@ -77,13 +83,13 @@ class Learner(Method):
 
 
 @dataclass(frozen=True)
-class Own(Learner):
-    """A user's own estimator, with our default exploration.
+class Own(EstimatingMethod):
+    """A user-defined estimator, with the default exploration.
 
     Parameters
     ----------
     source : str
-        Hash of its file: another one makes other results.
+        Hash of the source file; a different source invalidates stored results.
     """
 
     source: str = ""
@@ -91,15 +97,14 @@ class Own(Learner):
 
 @dataclass(frozen=True)
 class CalibratedMethod(Method):
-    """A law with a calibration: the traditional image-based one [12] on [s r d] or on the four
-    marker coordinates, or the pose-based one [20].
+    """A law with a calibration, image-based [12] or pose-based [20].
 
     Parameters
     ----------
     acts_on : Literal['features', 'points', 'poses']
-        Error that the law acts on.
+        Error that the law acts on: [s r d], the four marker coordinates, or the pose.
     quality : Quality
-        Quality of the calibration: exact, wrong, or from before the camera was rolled.
+        Quality of the calibration: exact, wrong, or outdated by a roll of the camera.
     """
 
     acts_on: Literal["features", "points", "poses"]
@@ -110,49 +115,51 @@ class CalibratedMethod(Method):
         if self.acts_on == "poses":
             return attempt.by_poses(calibration)
         law = POINTS_LAW if self.acts_on == "points" else FAST_LAW
-        return attempt.run(attempt.servo(Calibrated(calibration), LINES_ONLY, law))
+        return attempt.run(attempt.servo(CalibratedEstimator(calibration), LINES_ONLY, law))
 
 
 @dataclass(frozen=True)
-class Constant(Method):
-    """The law on four marker coordinates, with one constant Jacobian estimated while exploring."""
+class ConstantJacobianMethod(Method):
+    """Law on four marker coordinates, with one constant Jacobian from the exploration."""
 
     def run(self, attempt: Attempt) -> StudyRun:
         servo = attempt.servo(ConstantJacobian(), LINES_ONLY, POINTS_LAW)
-        return attempt.run(replace(servo, thresholds=TRUSTING))
+        return attempt.run(replace(servo, thresholds=CONSTANT_JACOBIAN_THRESHOLDS))
 
 
-FAST = Learner("our projection-based method (fast Γ, k = 2)", "fast Γ", FAST_FIT)
-DEFAULT = Learner(
-    "our default (the whole projection, k = 8)",
+FAST = EstimatingMethod("the projection-based method with fast Γ (k = 2)", "fast Γ", FAST_FIT)
+DEFAULT = EstimatingMethod(
+    "the default of rcmservo (whole projection, k = 8)",
     "default",
     DltEstimator(),
     controller=SaturatedController(),
 )
-OUR_METHODS = {"fast": FAST, "default": DEFAULT}
-"""The two methods of this software's own."""
-FLOW_RULE = Learner("the paper's flow rule (28) with γ = 0.001", "flow rule", FLOW, LONG)
-STEP_MM = BroydenEstimator().min_step
-PRINTED_RULE = "the paper's projection rule (21) with 10⁴ s of its own time a fit"
-BROYDEN = f"Broyden's update on displacements of {STEP_MM:g} mm (as built in)"
+RCMSERVO_METHODS = {"fast": FAST, "default": DEFAULT}
+"""The two methods of rcmservo that the claims concern."""
+FLOW_RULE = EstimatingMethod(
+    "the paper's flow rule (28) with γ = 0.001", "flow rule", FLOW_ESTIMATOR, FLOW_EXPLORATION
+)
+BROYDEN_STEP_MM = BroydenEstimator().min_step
+PRINTED_RULE = "the paper's projection rule (21) with 10⁴ s of estimator time per fit"
+BROYDEN = f"Broyden's update on displacements of {BROYDEN_STEP_MM:g} mm (default)"
 BROYDEN_1_MM = "Broyden's update on displacements of 1 mm"
-CORRENTROPY = "Kalman's filter on Ĵ with maximum correntropy"
-ONE_JACOBIAN = "one constant 4x3 Jacobian of the marker coordinates, learnt while exploring"
-ROLLED = "the image-based law with a calibration from before the camera was rolled"
+CORRENTROPY = "Kalman filter on Ĵ with maximum correntropy"
+ONE_JACOBIAN = "one constant 4x3 Jacobian of the marker coordinates, from the exploration"
+ROLLED = "the image-based law with a calibration outdated by a roll of the camera"
 
-METHODS: Mapping[str, Method] = {
-    **OUR_METHODS,
-    "printed": Learner(PRINTED_RULE, "printed Γ", PRINTED, WIDE),
+COMPARED_METHODS: Mapping[str, Method] = {
+    **RCMSERVO_METHODS,
+    "printed": EstimatingMethod(PRINTED_RULE, "printed Γ", PRINTED, PROJECTION_EXPLORATION),
     "flow": FLOW_RULE,
-    "broyden": Learner(BROYDEN, "Broyden", BroydenEstimator()),
-    "broyden-1mm": Learner(BROYDEN_1_MM, "Broyden, 1 mm", BroydenEstimator(min_step=1.0)),
-    "nflow": Learner(
+    "broyden": EstimatingMethod(BROYDEN, "Broyden", BroydenEstimator()),
+    "broyden-1mm": EstimatingMethod(BROYDEN_1_MM, "Broyden, 1 mm", BroydenEstimator(min_step=1.0)),
+    "nflow": EstimatingMethod(
         "the flow rule normalised by the speed", "normalised flow", NormalisedFlowEstimator()
     ),
-    "rls": Learner("recursive least squares with forgetting", "RLS", RlsEstimator()),
-    "kalman": Learner("Kalman's filter on Ĵ", "Kalman", KalmanEstimator()),
-    "correntropy": Learner(CORRENTROPY, "correntropy", CorrentropyEstimator()),
-    "constant": Constant(ONE_JACOBIAN, "constant 4x3"),
+    "rls": EstimatingMethod("recursive least squares with forgetting", "RLS", RlsEstimator()),
+    "kalman": EstimatingMethod("Kalman filter on Ĵ", "Kalman", KalmanEstimator()),
+    "correntropy": EstimatingMethod(CORRENTROPY, "correntropy", CorrentropyEstimator()),
+    "constant": ConstantJacobianMethod(ONE_JACOBIAN, "constant 4x3"),
     "image-exact": CalibratedMethod(
         "the image-based law with an exact calibration", "image, exact C", "features", "exact"
     ),
@@ -173,4 +180,4 @@ METHODS: Mapping[str, Method] = {
         "pose-based control with a wrong calibration", "pose, wrong C", "poses", "wrong"
     ),
 }
-"""Every method by its name in folders, in the order of the figures."""
+"""All methods by key, which names their folders, in the order of the figures."""

@@ -1,4 +1,4 @@
-"""Rule (21) on random observations, as the paper has them; this software chooses them."""
+"""Rule (21) on random observations as in the paper, instead of observations chosen by leverage."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -28,11 +28,11 @@ class RandomMemory(NamedTuple):
     Parameters
     ----------
     observations : Floats
-        Rows (P, 7) [p₁ mm, raw m₁ m₂ px].
+        Observations (P, 7): p₁ in mm, raw m₁ and m₂ in px.
     seen : int
-        Number of samples that they were drawn from.
+        Number of samples from which they were drawn.
     a_hat : Floats
-        Parameters (9,).
+        Estimated parameters (9,).
     """
 
     observations: Floats
@@ -42,16 +42,16 @@ class RandomMemory(NamedTuple):
 
 @dataclass(frozen=True)
 class RandomObservations(Estimator):
-    """Rule (21) with the printed Γ as the paper words it, on P random observations.
+    """Rule (21) with the printed Γ, on P random observations as in the paper.
 
-    Of all samples so far each is as likely to be among them.
+    Each sample so far is equally likely to be an observation (reservoir sampling).
 
     Parameters
     ----------
     observations : int
-        P.
+        Number P of observations.
     estimator_time : float
-        s of its own time that the rule is given at every frame; 0 for the real time between two.
+        Integration time (s) of the rule per frame; 0 for the real time between frames.
     """
 
     observations: int = 10
@@ -61,31 +61,31 @@ class RandomObservations(Estimator):
     models = True
 
     def __post_init__(self) -> None:
-        good = 1 <= self.observations <= MOST
-        require(good, "random.observations", self.observations, f"from 1 to {MOST}")
-        good = 0.0 <= self.estimator_time < np.inf
-        require(good, "random.estimator_time", self.estimator_time, "a time in s, at least 0")
+        is_valid = 1 <= self.observations <= MOST
+        require(is_valid, "random.observations", self.observations, f"from 1 to {MOST}")
+        is_valid = 0.0 <= self.estimator_time < np.inf
+        require(is_valid, "random.estimator_time", self.estimator_time, "a time in s, at least 0")
 
     def init(self) -> RandomMemory:
         return RandomMemory(np.zeros((self.observations, 7)), 0, np.zeros(PARAMETERS))
 
     def update(self, memory: RandomMemory, tool: Tool, sample: Sample) -> RandomMemory:
-        kept = self._drawn(memory, sample)
-        count = min(memory.seen + 1, len(kept))
-        A, b = normal_equations(sights(kept, count, sample.o_c, False, tool.shaft))
+        rows = self._drawn(memory, sample)
+        count = min(memory.seen + 1, len(rows))
+        A, b = normal_equations(sights(rows, count, sample.o_c, False, tool.shaft))
         root = np.diag(np.sqrt(GAMMA_0))
         a_next = decay(A, b, memory.a_hat, root, self.estimator_time or sample.dt)
-        a_hat = keep_in_front(memory.a_hat, a_next, kept, count, tool.shaft)
-        return RandomMemory(kept, memory.seen + 1, a_hat)
+        a_hat = keep_in_front(memory.a_hat, a_next, rows, count, tool.shaft)
+        return RandomMemory(rows, memory.seen + 1, a_hat)
 
     def _drawn(self, memory: RandomMemory, sample: Sample) -> Floats:
-        """Return the observations after one more sample, which may replace a drawn one."""
-        kept, seen = memory.observations.copy(), memory.seen
-        drawn = int(np.random.default_rng(seen).integers(seen + 1))
-        row = seen if seen < len(kept) else drawn
-        if row < len(kept):
-            kept[row] = np.concatenate([sample.p1, sample.points.ravel()])
-        return kept
+        """Return the observations after one more sample, which may replace one of them."""
+        rows, count = memory.observations.copy(), memory.seen
+        drawn = int(np.random.default_rng(count).integers(count + 1))
+        index = count if count < len(rows) else drawn
+        if index < len(rows):
+            rows[index] = np.concatenate([sample.p1, sample.points.ravel()])
+        return rows
 
     def jacobian(self, memory: RandomMemory, tool: Tool, sample: Sample) -> Floats:
         return jacobian_at(memory.a_hat, sample.p1, sample.points, sample.o_c, tool.shaft)

@@ -1,9 +1,9 @@
-"""A regulation of the paper, for either estimator, from errors of exactly [40°, 80 px, 60 px].
+"""Regulation of the paper, for either estimator, from errors of exactly [40°, 80 px, 60 px].
 
-The tool explores from nothing, goes back to the start at the paper's gains, and on to the target
-that it was taught. A run is faithful only if Ĵ is within 30 % of J after exploration and r falls by
-k b = 1 px/s ± 30 % while saturated: a small Ĵ multiplies k, and its quick success is not the
-paper's.
+The tool explores from Ĵ = 0, returns to the start with the paper's gains, and moves to the taught
+target. A run is faithful only if Ĵ is within 30 % of J after the exploration and the error of r
+falls by k b = 1 px/s ± 30 % while saturated: a Ĵ that is too small multiplies k, so that a fast run
+with it does not reproduce the paper.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -21,15 +21,23 @@ from rcmservo.figures.charts import Figure, Panel, make_curve
 from rcmservo.interfaces import Floats
 from rcmservo.loop.run import Tick
 from rcmservo.paper.lab.closed_loop import (
-    NOISE,
     PAPER_SCENES,
+    POINT_NOISE_PX,
     PRINTED_LAW,
     Arrived,
     closed_loop,
-    recorded,
-    servo_for,
+    make_servo,
+    read_task_record,
 )
-from rcmservo.paper.plan import Drawn, Found, Measurement, NotMeasured, Results, Settings, Task
+from rcmservo.paper.plan import (
+    Measurement,
+    NotMeasured,
+    ReportFigure,
+    Results,
+    Settings,
+    Task,
+    TaskResult,
+)
 from rcmservo.paper.statistics import column, ends_of, fraction, median, rms
 from rcmservo.recording.reader import Record
 from rcmservo.safety.causes import Cause
@@ -37,43 +45,43 @@ from rcmservo.servo.servo import Servo
 from rcmservo.sim import RigSettings
 from rcmservo.study.report.statistics import dashed
 
-LABORATORY = RigSettings(scene=PAPER_SCENES, point_noise=NOISE)
-INITIAL = np.abs(np.array(PAPER_SCENES.errors, dtype=float))
-"""|Δy| (3,) rad, px, px at the start."""
+REGULATION_LABORATORY = RigSettings(scene=PAPER_SCENES, point_noise=POINT_NOISE_PX)
+INITIAL_ERRORS = np.abs(np.array(PAPER_SCENES.errors, dtype=float))
+"""Initial |Δy| (3,) in rad, px, px."""
 SMALL_FRACTION = 0.02
-"""Fraction of its initial value below which an error is gone."""
-ACCURATE = 0.3
-"""Scaled ‖Ĵ − J‖/‖J‖ of a faithful run."""
-SLOPE = 0.3
-"""px/s by which the slope of r may differ from 1 px/s in a faithful run."""
-BACK_S = 150.0
-"""s allowed for the way back to the start."""
+"""Fraction of its initial value below which an error counts as regulated."""
+MAX_FAITHFUL_ERROR = 0.3
+"""Largest scaled ‖Ĵ − J‖/‖J‖ of a faithful run."""
+SLOPE_TOLERANCE = 0.3
+"""Largest difference (px/s) of the slope of r from 1 px/s in a faithful run."""
+RETURN_TIMEOUT_S = 150.0
+"""Time limit (s) of the return to the start."""
 END_S = 2.0
-"""s at the end over which the remaining error is taken."""
+"""Time (s) at the end over which the remaining error is averaged."""
 NOTICED_S = 0.1
-"""s after which the servo has observed its new target's error, and the tool has hardly moved."""
+"""Time (s) after which Δy refers to the new target, while the tool has hardly moved."""
 SMOOTH_FRAMES = 60
 """Frames, one second, over which a flow is averaged to separate signal from noise."""
 
 
 @dataclass(frozen=True)
 class Regulation:
-    """Plan of a regulation.
+    """Settings of a regulation.
 
     Parameters
     ----------
     estimator : Estimator
-        Source of Ĵ.
+        Estimator of Ĵ.
     exploration : Exploration
-        First motion, as this estimator needs it.
+        Exploration that the estimator requires.
     pictures : bool
         True for rendered frames; otherwise the camera delivers points.
     duration : float
-        s from the start on.
+        Duration (s) of the motion to the target.
     half_way : bool
-        True to explore where half of the errors are left.
+        True to explore at the middle of the path instead of its start.
     controller : SaturatedController
-        Law of the way back to the start, and of that to the target.
+        Law of the return to the start and of the motion to the target.
     """
 
     estimator: Estimator
@@ -85,18 +93,18 @@ class Regulation:
 
     @property
     def servo(self) -> Servo:
-        """Servo of such a run."""
-        return servo_for(LABORATORY, self.estimator, self.exploration, self.controller)
+        """Servo of this regulation."""
+        return make_servo(REGULATION_LABORATORY, self.estimator, self.exploration, self.controller)
 
     def tasks(self, prefix: str, seeds: Iterable[int]) -> list[Task]:
-        """Return one closed loop for every seed."""
+        """Return one task per seed."""
         cost = (0.35 if self.pictures else 0.03) * (self.duration + 80.0)
         return Task.per_seed(prefix, partial(regulate, plan=self), seeds, cost, in_folder=True)
 
 
-def regulate(folder: Path, seed: int, plan: Regulation) -> Found:
-    """Explore, go back to the start, regulate; return the cause at the end and `from_record`."""
-    with closed_loop(folder, seed, LABORATORY, plan.pictures, plan.servo) as loop:
+def regulate(folder: Path, seed: int, plan: Regulation) -> TaskResult:
+    """Explore, return to the start, regulate; return the cause at the end and `from_record`."""
+    with closed_loop(folder, seed, REGULATION_LABORATORY, plan.pictures, plan.servo) as loop:
         scene = loop.rig.scene
         home, _ = loop.teach(scene.start)
         target, p_d = loop.teach(scene.target)
@@ -104,14 +112,14 @@ def regulate(folder: Path, seed: int, plan: Regulation) -> Found:
         tick = loop.explore(home)
         if not tick.state.explored:
             return {"cause": tick.state.cause.stopping or Cause.NOT_EXPLORED.value, "began": None}
-        tick = loop.last(home, BACK_S, tick.state, done=Arrived())
+        tick = loop.last(home, RETURN_TIMEOUT_S, tick.state, done=Arrived())
         began = loop.elapsed()
-        for count, there in enumerate(loop.stage(target, plan.duration, tick.state)):
-            tick = there
+        for count, newest in enumerate(loop.stage(target, plan.duration, tick.state)):
+            tick = newest
             if count == round(100 * NOTICED_S):
                 loop.snapshot("initial.png", target, tick.state, _words("initial", tick))
         loop.snapshot("final.png", target, tick.state, _words("final", tick))
-    found = from_record(recorded(folder), began, p_d, plan.controller)
+    found = from_record(read_task_record(folder), began, p_d, plan.controller)
     return {"cause": tick.state.cause.stopping, **found}
 
 
@@ -120,19 +128,20 @@ def _words(when: str, tick: Tick) -> str:
     return f"{when}: |ds| {s:.2f} deg  |dr| {r:.2f} px  |dd| {d:.2f} px"
 
 
-def from_record(rows: Record, began: float, p_d: Floats, law: SaturatedController) -> Found:
-    """Return the numbers of a run that left its start, `began` s after its first tick.
+def from_record(rows: Record, began: float, p_d: Floats, law: SaturatedController) -> TaskResult:
+    """Return the results of a run whose motion to the target started at the time `began` (s).
 
-    ``explored``, ``at_start`` and ``at_end`` are scaled errors of Ĵ; ``initial`` is |Δy| (3,) and
-    ``left`` the largest fraction of it at the end; ``slope`` is the fall (px/s) of r while
-    saturated; ``pose`` is ‖p₂ − p_d‖ mm over the last second, and ``model`` rms px of π (34) − m₁.
+    ``explored``, ``at_start`` and ``at_end`` are scaled errors of Ĵ. ``initial`` is |Δy| (3,) and
+    ``left`` the largest remaining fraction of it. ``slope`` is the rate (px/s) at which the error
+    of r falls while saturated. ``pose`` is the rms of ‖p₂ − p_d‖ (mm) over the last second, and
+    ``model`` the rms (px) of π (34) − m₁.
     """
     error = rows.truth["jacobian_error"][:, 0]
     judged = np.flatnonzero(np.isfinite(error))
     explored = int(np.argmax([phase not in ("IDLE", "ACQUIRE") for phase in rows.phase]))
     new = rows.new_frames(began + NOTICED_S)
     sizes, time = np.abs(rows.ticks["delta"][new]), rows.time[new] - began
-    small = (sizes < SMALL_FRACTION * INITIAL).all(axis=1)
+    small = (sizes < SMALL_FRACTION * INITIAL_ERRORS).all(axis=1)
     pose = np.linalg.norm(rows.truth["p2"] - p_d, axis=1)
     flow_error, flow_noise = _flow_errors(rows, began + NOTICED_S)
     return {
@@ -142,7 +151,9 @@ def from_record(rows: Record, began: float, p_d: Floats, law: SaturatedControlle
         "at_end": error[judged[-1]],
         "initial": np.mean(sizes[:6], axis=0),
         "slope": slope(time, sizes[:, 1], law.bounds[1]),
-        "left": np.max(np.sqrt(np.mean(sizes[time > time[-1] - END_S] ** 2, axis=0)) / INITIAL),
+        "left": np.max(
+            np.sqrt(np.mean(sizes[time > time[-1] - END_S] ** 2, axis=0)) / INITIAL_ERRORS
+        ),
         "time_to_small": time[np.argmax(small)] if small.any() else None,
         "pose": rms(pose[rows.time > rows.time[-1] - 1.0]),
         "model": _model_error(rows, began),
@@ -152,7 +163,7 @@ def from_record(rows: Record, began: float, p_d: Floats, law: SaturatedControlle
 
 
 def slope(time: Floats, size: Floats, bound: float) -> float | None:
-    """Return the fall (units/s) of an error while saturated, above 1.2 b; None if it never was."""
+    """Return the rate (units/s) at which an error falls above 1.2 b; None if it never was there."""
     saturated = size > 1.2 * bound
     if saturated.sum() < 10:
         return None
@@ -160,19 +171,19 @@ def slope(time: Floats, size: Floats, bound: float) -> float | None:
 
 
 def _model_error(rows: Record, began: float) -> float | None:
-    """Return rms px between π and m₁ from the start on."""
+    """Return the rms distance (px) between π and m₁ from the start on; None without a model."""
     new = rows.new_frames(began)
     error = rows.ticks["model"][new, :2] - (rows.ticks["points"][new, :2] - rows.ticks["o_c"][new])
     return rms(np.linalg.norm(error, axis=1)) if np.isfinite(error).all() else None
 
 
 def _flow_errors(rows: Record, since: float) -> tuple[float, float]:
-    """Return rms of ω (35) − ẏ in means over 1 s, and the noise of ω, as fractions of ẏ's."""
+    """Return the rms of ω (35) − ẏ, averaged over 1 s, and the noise of ω, relative to ẏ."""
     y_dot, omega = (
         flow * plots.DISPLAY_UNITS for flow in plots.compute_flows(rows, rows.new_frames(since))
     )
     known = np.isfinite(y_dot).all(axis=1) & np.isfinite(omega).all(axis=1)
-    y_dot, omega = y_dot[known], omega[known]  # a pause at the end has invalidated the estimate
+    y_dot, omega = y_dot[known], omega[known]  # a pause at the end invalidates the estimate
     mean = moving_means(y_dot)
     return (
         rms(moving_means(omega) - mean) / rms(mean),
@@ -181,61 +192,65 @@ def _flow_errors(rows: Record, since: float) -> tuple[float, float]:
 
 
 def moving_means(flow: Floats) -> Floats:
-    """Return moving means over SMOOTH_FRAMES of a flow (n, 3)."""
+    """Return moving averages over `SMOOTH_FRAMES` of a flow (n, 3)."""
     window = np.ones(SMOOTH_FRAMES) / SMOOTH_FRAMES
     return np.stack([np.convolve(column, window, mode="valid") for column in flow.T], axis=1)
 
 
-def begun(runs: Iterable[Found]) -> list[Found]:
-    """Return the runs that left their start."""
+def started_runs(runs: Iterable[TaskResult]) -> list[TaskResult]:
+    """Return the runs that started their motion to the target."""
     return [run for run in runs if run["began"] is not None]
 
 
-def is_small(run: Found) -> bool:
-    """Return True if every error fell below 2 % and the servo did not stop."""
-    return bool(begun([run])) and not run["cause"] and run["left"] < SMALL_FRACTION
+def is_small(run: TaskResult) -> bool:
+    """Return True if all errors fell below 2 % and the servo did not stop."""
+    return bool(started_runs([run])) and not run["cause"] and run["left"] < SMALL_FRACTION
 
 
-def why_not(run: Found) -> str:
-    """Return in words why a run did not succeed; empty if it did, in a faithful run."""
+def failure(run: TaskResult) -> str:
+    """Return why a run failed or is not faithful, as text; empty if it succeeded."""
     if run["began"] is None or run["cause"]:
         return run["cause"]
-    if not run["explored"] <= ACCURATE:
-        return f"Ĵ off by {run['explored']:.0%} after exploration"
-    if run["slope"] is None or abs(run["slope"] - 1.0) > SLOPE:
+    if not run["explored"] <= MAX_FAITHFUL_ERROR:
+        return f"error of Ĵ {run['explored']:.0%} after exploration"
+    if run["slope"] is None or abs(run["slope"] - 1.0) > SLOPE_TOLERANCE:
         return f"r fell by {run['slope'] or np.nan:.2f} px/s"
-    return "" if is_small(run) else f"{run['left']:.1%} of an error left"
+    return "" if is_small(run) else f"{run['left']:.1%} of an error remains"
 
 
-def succeeds(runs: Sequence[Found], seeds: Sequence[int], case: str) -> Measurement:
-    """Measure that the errors fall as the paper's do."""
-    good = [run for run in runs if not why_not(run)]
-    poses, left = column(good, "pose"), max(100.0 * column(good, "left"), default=np.nan)
+def succeeds(runs: Sequence[TaskResult], seeds: Sequence[int], case: str) -> Measurement:
+    """Return the measurement that the errors fall as in the paper."""
+    successful = [run for run in runs if not failure(run)]
+    poses = column(successful, "pose")
+    left = max(100.0 * column(successful, "left"), default=np.nan)
     words = [
-        f"largest error left {dashed(left, '.1f')} %, pose error median "
+        f"largest remaining error {dashed(left, '.1f')} %, pose error median "
         f"{dashed(median(poses))} mm, worst {dashed(max(poses, default=np.nan))} mm"
     ]
-    if begun(runs):
-        errors = np.array([run["initial"] for run in begun(runs)]) - INITIAL
+    if started_runs(runs):
+        errors = np.array([run["initial"] for run in started_runs(runs)]) - INITIAL_ERRORS
         s, r, d = np.max(np.abs(errors), axis=0) * plots.DISPLAY_UNITS
-        s_0, r_0, d_0 = INITIAL * plots.DISPLAY_UNITS
+        s_0, r_0, d_0 = INITIAL_ERRORS * plots.DISPLAY_UNITS
         words = [
-            f"initial errors [{s_0:.0f}°, {r_0:.0f} px, {d_0:.0f} px], as the servo measures them "
+            f"initial errors [{s_0:.0f}°, {r_0:.0f} px, {d_0:.0f} px], which the servo measures "
             f"about its o_c to within {s:.2f}°, {r:.1f} px, {d:.1f} px",
             *words,
         ]
     pairs = zip(seeds, runs, strict=True)
-    words += [f"seed {seed}: {why}" for seed, run in pairs if (why := why_not(run))]
-    value = 100.0 * fraction(not why_not(run) for run in runs)
+    words += [f"seed {seed}: {why}" for seed, run in pairs if (why := failure(run))]
+    value = 100.0 * fraction(not failure(run) for run in runs)
     return Measurement("succeeds", value, seeds, case=(case,), words="; ".join(words))
 
 
-def known_of(
-    runs: Sequence[Found], seeds: Sequence[int], what: str, key: str
+def measured_runs(
+    runs: Sequence[TaskResult], seeds: Sequence[int], what: str, key: str
 ) -> tuple[list[int], Floats, str]:
-    """Return seeds and values of the runs in which a number was measured, and how many lack it.
+    """Return seeds and values of the runs that have a result, and a remark on those without.
 
-    Raises `NotMeasured` if it was measured in no run.
+    Raises
+    ------
+    NotMeasured
+        If no run has the result.
     """
     values = column(runs, key)
     known = np.isfinite(values)
@@ -246,55 +261,55 @@ def known_of(
     return [seed for seed, one in zip(seeds, known, strict=True) if one], values[known], missing
 
 
-def approximates(runs: Sequence[Found], seeds: Sequence[int], case: str) -> Measurement:
-    """Measure that Ĵ is near J when the exploration is done."""
-    known, errors, missing = known_of(runs, seeds, "the error of Ĵ", "explored")
+def approximates(runs: Sequence[TaskResult], seeds: Sequence[int], case: str) -> Measurement:
+    """Return the measurement that Ĵ approximates J after the exploration."""
+    known, errors, missing = measured_runs(runs, seeds, "the error of Ĵ", "explored")
     return Measurement(
         "approximates",
         median(errors),
         known,
         case=(case,),
         worst=errors.max(),
-        start=median(column(begun(runs), "at_start")),
-        end=median(column(begun(runs), "at_end")),
+        start=median(column(started_runs(runs), "at_start")),
+        end=median(column(started_runs(runs), "at_end")),
         missing=missing,
     )
 
 
-def falls_by_k_b(runs: Sequence[Found], seeds: Sequence[int], case: str) -> Measurement:
-    """Measure that the gains mean what they say."""
-    known, slopes, missing = known_of(runs, seeds, "the slope of r", "slope")
+def falls_by_k_b(runs: Sequence[TaskResult], seeds: Sequence[int], case: str) -> Measurement:
+    """Return the measurement that a saturated error falls by k b."""
+    known, slopes, missing = measured_runs(runs, seeds, "the slope of r", "slope")
     value, ends = median(np.abs(slopes - 1.0)), ends_of(slopes)
     return Measurement("falls-by-k-b", value, known, case=(case,), ends=ends, missing=missing)
 
 
-def figures(settings: Settings, results: Results, case: str) -> Iterator[Drawn]:
-    """Draw Fig. 7 or 8 (pictures) and 9 or 10 (errors) of the first seed, and all seeds."""
+def figures(settings: Settings, results: Results, case: str) -> Iterator[ReportFigure]:
+    """Yield Fig. 7 or 8 (images) and 9 or 10 (errors) of seed 0, and a figure of all seeds."""
     seeds, folder = range(settings.seeds), results.folders["seed-0"]
     pictures = [folder / name for name in ("initial.png", "final.png")]
     if all(path.exists() for path in pictures):
-        yield Drawn("pictures", [0], pictures=pictures)
-    yield Drawn("errors", [0], errors_figure(recorded(folder), results["seed-0"]))
+        yield ReportFigure("pictures", [0], pictures=pictures)
+    yield ReportFigure("errors", [0], errors_figure(read_task_record(folder), results["seed-0"]))
     chart = _seeds_figure(results.per_seed("seed", seeds), [str(seed) for seed in seeds])
-    yield Drawn("seeds", seeds, chart, words={"case": case})
+    yield ReportFigure("seeds", seeds, chart, words={"case": case})
 
 
-def start_of(run: Found) -> float:
-    """Return s at which a run left its start; 0 if it did not."""
+def start_time(run: TaskResult) -> float:
+    """Return the time (s) at which the motion to the target started; 0 if it did not."""
     return run["began"] or 0.0
 
 
-def errors_figure(rows: Record, run: Found, until: float = float("inf")) -> Figure:
-    """Draw the magnitude of the errors from the start on, for `until` s: Fig. 9 and 10."""
-    began = start_of(run)
-    shown = (rows.time >= began + NOTICED_S) & (rows.time <= began + until)
-    sizes = np.abs(rows.ticks["delta"][shown]) * plots.DISPLAY_UNITS
-    ends = INITIAL * SMALL_FRACTION * plots.DISPLAY_UNITS
+def errors_figure(rows: Record, run: TaskResult, until: float = float("inf")) -> Figure:
+    """Return a figure of the error magnitudes over `until` s from the start: Fig. 9 and 10."""
+    began = start_time(run)
+    selected = (rows.time >= began + NOTICED_S) & (rows.time <= began + until)
+    sizes = np.abs(rows.ticks["delta"][selected]) * plots.DISPLAY_UNITS
+    ends = INITIAL_ERRORS * SMALL_FRACTION * plots.DISPLAY_UNITS
     panels = [
         Panel(
             "time [s]",
             name,
-            [make_curve("", rows.time[shown] - began, sizes[:, i])],
+            [make_curve("", rows.time[selected] - began, sizes[:, i])],
             levels=[("2 %", float(ends[i]))],
         )
         for i, name in enumerate(plots.ERROR_LABELS)
@@ -302,12 +317,15 @@ def errors_figure(rows: Record, run: Found, until: float = float("inf")) -> Figu
     return Figure("Error coordinates", panels)
 
 
-def _seeds_figure(runs: Sequence[Found], names: list[str]) -> Figure:
-    """Draw three numbers of every run; a gap for one that never began."""
+def _seeds_figure(runs: Sequence[TaskResult], names: list[str]) -> Figure:
+    """Return a figure with three results of each run; a gap for a run that never started."""
     numbers = {
-        "$\\|\\hat J - J\\| / \\|J\\|$": (column(runs, "explored"), [("30 %", ACCURATE)]),
-        "slope of r [px/s]": (column(runs, "slope"), [("", 1.0 - SLOPE), ("", 1.0 + SLOPE)]),
-        "left [%]": (100.0 * column(runs, "left"), [("2 %", 100.0 * SMALL_FRACTION)]),
+        "$\\|\\hat J - J\\| / \\|J\\|$": (column(runs, "explored"), [("30 %", MAX_FAITHFUL_ERROR)]),
+        "slope of r [px/s]": (
+            column(runs, "slope"),
+            [("", 1.0 - SLOPE_TOLERANCE), ("", 1.0 + SLOPE_TOLERANCE)],
+        ),
+        "remaining [%]": (100.0 * column(runs, "left"), [("2 %", 100.0 * SMALL_FRACTION)]),
     }
     panels = [
         Panel(

@@ -1,7 +1,7 @@
-"""One stream of samples for every estimator, so that all learn from the same motion and noise.
+"""Recorded samples for all estimators, so that they observe the same motion and noise.
 
-Two kinds of stream: a servo run with the printed law, which moves at about 1 px/s, and an
-exploration that keeps moving at its speed.
+There are two kinds of stream: a servo run with the printed law, which moves at about 1 px/s, and an
+endless exploration at its usual speed.
 """
 
 from collections.abc import Mapping, Sequence
@@ -18,68 +18,69 @@ from rcmservo.loop.run import Tick, run
 from rcmservo.loop.teach import teach
 from rcmservo.paper.lab.closed_loop import (
     FAST_FIT,
-    FLOW,
-    LONG,
+    FLOW_ESTIMATOR,
+    FLOW_EXPLORATION,
     PAPER_SCENES,
     PRINTED,
     PRINTED_LAW,
     TEACHING_FRAMES,
-    endless,
-    servo_for,
+    make_servo,
+    remove_limits,
 )
 from rcmservo.paper.lab.random_observations import RandomObservations
 from rcmservo.paper.lab.witness import laboratory
-from rcmservo.paper.plan import Found, Settings
+from rcmservo.paper.plan import Settings, TaskResult
 from rcmservo.paper.statistics import finite, median
 from rcmservo.sim import Rig
 
 Kind = Literal["servo", "tour"]
 
 ESTIMATORS: Mapping[str, Estimator] = {
-    "flow": FLOW,
+    "flow": FLOW_ESTIMATOR,
     "random": RandomObservations(),
     "given time": PRINTED,
     "real time": RandomObservations(estimator_time=0.0),
     "fast": FAST_FIT,
     "whole": DltEstimator(),
 }
-LABELS = {
+ESTIMATOR_NAMES = {
     "flow": "flow, γ = 0.001",
-    "random": "printed Γ, 10⁴ s a fit, random observations",
-    "given time": "printed Γ, 10⁴ s a fit, chosen observations",
+    "random": "printed Γ, 10⁴ s per fit, random observations",
+    "given time": "printed Γ, 10⁴ s per fit, chosen observations",
     "real time": "printed Γ, real time, random observations",
-    "fast": "fast Γ, both markers (ours)",
-    "whole": "the whole projection (our default)",
+    "fast": "fast Γ, both markers",
+    "whole": "whole projection (default)",
 }
-SHORT = ["flow", "random", "chosen", "real time", "fast Γ", "whole"]
-NAMES = (
-    "Random and chosen: the printed Γ, 10⁴ s a fit, on random observations and on those chosen by "
-    "leverage; real time: the printed Γ on random ones in real time; fast Γ: ours, both "
-    "markers; whole: our default, the whole projection fitted to all frames."
+SHORT_NAMES = ["flow", "random", "chosen", "real time", "fast Γ", "whole"]
+SHORT_NAMES_NOTE = (
+    "Random and chosen: the printed Γ, 10⁴ s of estimator time per fit, on random observations and "
+    "on observations chosen by leverage. Real time: the printed Γ on random observations in real "
+    "time. Fast Γ: rcmservo's rule on both markers. Whole: the default of rcmservo, a fit of the "
+    "whole projection to all frames."
 )
-"""Meaning of the short names in the figures."""
+"""Explanation of the short names in the figures."""
 
-POINTS = 300
-"""Medians over time that a series has for its figure."""
+SERIES_LENGTH = 300
+"""Number of medians over time that a figure shows."""
 WINDOW_NS = 20_000_000
-"""ns before and after an exposure over which the true velocity is taken."""
+"""Time (ns) before and after an exposure over which the true velocity is averaged."""
 
 
 class Stream(NamedTuple):
-    """Observations of a servo, frame by frame, and the truth.
+    """Samples of a servo, frame by frame, with the true Jacobian and velocity.
 
     Parameters
     ----------
     samples : list[Sample]
-        One for each frame that the servo used, n of them.
+        One sample for each of the n frames that the servo used.
     time : Floats
-        (n,) s.
+        Times (n,) in s.
     phase : Floats
-        (n,): exploring, saturated, at the end; or learning, touring.
+        Indices (n,) of the phase: exploration, saturated, end; or initial and later exploration.
     J : Floats
-        (n, 3, 3), scaled.
+        True Jacobians (n, 3, 3), scaled.
     v : Floats
-        (n, 3) mm/s of marker 1.
+        True velocities (n, 3) of marker 1 in mm/s.
     """
 
     samples: list[Sample]
@@ -90,10 +91,10 @@ class Stream(NamedTuple):
 
 
 def stream(seed: int, noise: float, settings: Settings, kind: Kind) -> tuple[Rig, Stream]:
-    """Return the samples that a servo with the fast fit used, and the truth at each."""
+    """Return the samples of a servo with the fast fit, with true Jacobians and velocities."""
     rig, plant = laboratory(seed, PAPER_SCENES, noise)
-    exploration = LONG if kind == "servo" else endless(LONG)
-    servo = servo_for(rig.settings, FAST_FIT, exploration, PRINTED_LAW)
+    exploration = FLOW_EXPLORATION if kind == "servo" else remove_limits(FLOW_EXPLORATION)
+    servo = make_servo(rig.settings, FAST_FIT, exploration, PRINTED_LAW)
     rig.move_to_target()
     target = teach(plant, TEACHING_FRAMES)
     rig.move_to_start()
@@ -121,15 +122,17 @@ def _phase(tick: Tick, settings: Settings, kind: Kind) -> int:
 
 
 def velocity(rig: Rig, time: int, window: int = WINDOW_NS) -> Floats:
-    """Return the true velocity (3,) mm/s of marker 1 about a moment (ns), over ± `window` ns."""
+    """Return the true velocity (3,) of marker 1 in mm/s, averaged over `time` ± `window` (ns)."""
     before, after = (
         rig.body.points(rig.truth.joints_at(time + side * window))[0] for side in (-1, 1)
     )
     return (after - before) / (2e-9 * window)
 
 
-def estimated(estimator: Estimator, samples: Sequence[Sample], tool: Tool) -> tuple[Floats, Any]:
-    """Return Ĵ (n, 3, 3) scaled after every sample, and the estimator's memory at the end."""
+def run_estimator(
+    estimator: Estimator, samples: Sequence[Sample], tool: Tool
+) -> tuple[Floats, Any]:
+    """Return the scaled Ĵ (n, 3, 3) after each sample, and the final memory of the estimator."""
     memory = estimator.init()
     J_hat = np.empty((len(samples), 3, 3))
     for i, sample in enumerate(samples):
@@ -138,27 +141,28 @@ def estimated(estimator: Estimator, samples: Sequence[Sample], tool: Tool) -> tu
     return J_hat, memory
 
 
-def errors_over(J_hat: Floats, seen: Stream, least_speed: float) -> dict[str, Floats]:
+def jacobian_errors(J_hat: Floats, truth: Stream, least_speed: float) -> dict[str, Floats]:
     """Return two scaled errors (n,) of Ĵ (n, 3, 3): of the whole matrix, and along the motion.
 
-    The latter is NaN where marker 1 moves by no more than `least_speed` mm/s.
+    The latter is NaN where marker 1 moves by no more than `least_speed` (mm/s).
     """
-    wrong = J_hat - seen.J
-    full = np.linalg.norm(wrong, axis=(1, 2)) / np.linalg.norm(seen.J, axis=(1, 2))
+    error = J_hat - truth.J
+    full = np.linalg.norm(error, axis=(1, 2)) / np.linalg.norm(truth.J, axis=(1, 2))
     flow, missing = (
-        np.linalg.norm((matrix @ seen.v[:, :, None])[:, :, 0], axis=1) for matrix in (seen.J, wrong)
+        np.linalg.norm((matrix @ truth.v[:, :, None])[:, :, 0], axis=1)
+        for matrix in (truth.J, error)
     )
-    moves = np.linalg.norm(seen.v, axis=1) > least_speed
+    moves = np.linalg.norm(truth.v, axis=1) > least_speed
     return {"full": full, "along": np.where(moves, missing / np.maximum(flow, 1e-12), np.nan)}
 
 
-def in_short(error: Floats, phase: Floats, phases: int) -> Found:
-    """Return the median of an error (n,) in every phase, and its course over time."""
+def summarise_error(error: Floats, phase: Floats, phases: int) -> TaskResult:
+    """Return the median of an error (n,) in each phase, and a series of medians over time."""
     medians = np.array([median(finite(error[phase == i])) for i in range(phases)])
-    return {"phases": medians, "series": over_time(error)}
+    return {"phases": medians, "series": median_series(error)}
 
 
-def over_time(numbers: Floats) -> Floats:
-    """Return POINTS medians of successive numbers."""
-    pieces = np.array_split(numbers, min(POINTS, len(numbers)))
+def median_series(numbers: Floats) -> Floats:
+    """Return medians over `SERIES_LENGTH` successive pieces of a series."""
+    pieces = np.array_split(numbers, min(SERIES_LENGTH, len(numbers)))
     return np.array([median(finite(piece)) for piece in pieces])

@@ -1,7 +1,7 @@
-"""The truth about a servo's run to the scene's target.
+"""Evaluation of a run with the true state.
 
-A run has settled by the true features without noise, about the true imaged RCM: single frames with
-noise leave the tolerance by chance.
+The settling time uses the true features about the true imaged RCM, because noise makes single
+frames leave the tolerance.
 """
 
 import numpy as np
@@ -13,7 +13,7 @@ from rcmservo.loop.plant import Plant
 from rcmservo.loop.run import Tick, run
 from rcmservo.loop.teach import teach
 from rcmservo.paper.lab.closed_loop import FAST_FIT, FAST_LAW, TEACHING_FRAMES
-from rcmservo.paper.plan import Found
+from rcmservo.paper.plan import TaskResult
 from rcmservo.paper.statistics import median, rms
 from rcmservo.recording.outcome import SAME_POSE, settle_time
 from rcmservo.safety.causes import Cause
@@ -22,33 +22,46 @@ from rcmservo.sim import Rig, RigSettings, SceneSettings
 from rcmservo.tracking import PointMarkers
 
 STRIDE_TICKS = 10
-"""Ticks between two samples of the truth."""
+"""Ticks between two samples of the true state."""
 
 END_S = 5.0
-"""s at the end of a run over which its pose error is taken: noise makes the tool wander for a
-second at a time."""
+"""Time (s) at the end of a run over which the pose error is averaged; noise moves the tool on a
+time scale of one second."""
 
 
 def laboratory(seed: int, scene: SceneSettings, noise: float) -> tuple[Rig, Plant]:
-    """Return a scene, and its plant with the camera that delivers points with `noise` px."""
+    """Return a rig in `scene`, and its plant with a camera of points with `noise` (px)."""
     return with_points(seed, RigSettings(point_noise=noise, scene=scene))
 
 
 def with_points(seed: int, settings: RigSettings) -> tuple[Rig, Plant]:
-    """Return a rig, and its plant with the camera that delivers points."""
+    """Return a rig, and its plant with a camera that delivers points."""
     rig = Rig(seed, settings, pictures=False)
     return rig, Plant(rig.arm, rig.camera, PointMarkers(), rig.clock)
 
 
 def settle(
     seed: int, settings: RigSettings, duration: float, known: Tool | None = None
-) -> tuple[Found, list[Tick]]:
-    """Servo from home to the target with the fast fit and law; return the trial and its ticks.
+) -> tuple[TaskResult, list[Tick]]:
+    """Servo from the start to the target with `FAST_FIT` and `FAST_LAW`.
 
-    The servo takes its tool as `known`, by default as it is. The trial holds the reason why it did
-    not settle (``why_not``), ``settle_time`` (s, or None), ``pose`` (‖p₂ − p_d‖ mm, rms over
-    END_S; where a cause ended the run, at its end), and ``jacobian`` (median scaled error of Ĵ
-    after the exploration).
+    Parameters
+    ----------
+    seed
+        Seed of the scene and of the noise.
+    settings
+        Settings of the laboratory.
+    duration
+        Duration (s) of the run.
+    known
+        Model of the tool in the servo; by default the true tool.
+
+    Returns
+    -------
+    tuple[TaskResult, list[Tick]]
+        The trial and its ticks. The trial has ``why_not``, the reason why it did not settle;
+        ``settle_time`` in s, or None; ``pose``, ‖p₂ − p_d‖ in mm as rms over `END_S`, or at the end
+        if a cause stopped the run; ``jacobian``, the median scaled error of Ĵ after exploration.
     """
     rig, plant = with_points(seed, settings)
     rig.move_to_target()
@@ -69,7 +82,7 @@ def settle(
     times, deltas, poses = (np.array(values) for values in zip(*rows, strict=True))
     cause, settled_at = ticks[-1].state.cause, settle_time(times, deltas)
     pose = float(poses[-1]) if cause.stopping else rms(poses[times > times[-1] - END_S])
-    reason = _why_not(cause, settled_at, pose)
+    reason = _failure(cause, settled_at, pose)
     return {
         "why_not": reason,
         "settle_time": None if reason else settled_at,
@@ -82,20 +95,20 @@ def _true_features(rig: Rig, q: Floats) -> Floats:
     return features(about(rig.truth.pixels(q), rig.truth.imaged_rcm()))
 
 
-def _why_not(cause: Cause, settled_at: float | None, pose: float) -> str:
+def _failure(cause: Cause, settled_at: float | None, pose: float) -> str:
     if cause.stopping:
         return cause.stopping
     if settled_at is None:
-        return "time ran out before the true features had settled"
-    return "the features agree in another pose" if pose > SAME_POSE else ""
+        return "the true features did not settle in time"
+    return "the features agree in a different pose" if pose > SAME_POSE else ""
 
 
-def settled(trials: list[Found]) -> int:
-    """Return how many trials settled."""
+def count_settled(trials: list[TaskResult]) -> int:
+    """Return the number of trials that settled."""
     return sum(not trial["why_not"] for trial in trials)
 
 
-def reasons(trials: list[Found]) -> str:
-    """Return why some did not settle, as the end of a sentence."""
+def failure_reasons(trials: list[TaskResult]) -> str:
+    """Return the reasons of trials that did not settle, as the end of a sentence."""
     causes = sorted({trial["why_not"] for trial in trials if trial["why_not"]})
     return "; not settled: " + ", ".join(causes) if causes else ""

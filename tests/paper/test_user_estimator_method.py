@@ -1,4 +1,4 @@
-"""A user's own estimator stands beside the other methods of the paper's comparison."""
+"""A user-defined estimator in the comparison of methods of `rcmservo paper`."""
 
 import importlib.util
 from dataclasses import replace
@@ -17,7 +17,7 @@ from rcmservo.paper.store import fingerprint
 
 
 def recursive_least_squares() -> Any:
-    """The estimator of the example."""
+    """Return the estimator of the example."""
     path = ROOT / "examples/02_own_estimator.py"
     spec = importlib.util.spec_from_file_location("own_estimator_of_the_example", path)
     assert spec is not None and spec.loader is not None
@@ -31,7 +31,7 @@ def own() -> Own:
     return Own("mylab.rls:RLS", "RLS", recursive_least_squares(), source="a hash")
 
 
-def test_it_is_one_of_the_methods_in_both_kinds_of_scenes(own: Own) -> None:
+def test_the_estimator_is_a_method_in_both_kinds_of_scenes(own: Own) -> None:
     for quick in (True, False):
         tasks, usual = (
             {task.name for task in chosen("baselines", one)["baselines"].plan(quick)}
@@ -41,12 +41,12 @@ def test_it_is_one_of_the_methods_in_both_kinds_of_scenes(own: Own) -> None:
     assert chosen(None, own).keys() == chosen(None).keys()
 
 
-def test_it_moves_and_arrives(own: Own) -> None:
+def test_the_estimator_moves_the_tool_to_the_target(own: Own) -> None:
     runs = baselines.compare("accepted", own, scenes=1, duration=6.0)
     assert runs["middle"][0] > 5.0 and runs["pose"][0] < 1.0 and runs["explored"][0] < 2.0
 
 
-def test_another_source_or_setting_is_another_result(own: Own) -> None:
+def test_a_different_source_or_setting_invalidates_the_result(own: Own) -> None:
     others = (own, replace(own, source="another hash"), replace(own, estimator=None))
     marks = {
         fingerprint(task)
@@ -57,12 +57,14 @@ def test_another_source_or_setting_is_another_result(own: Own) -> None:
     assert len(marks) == 3
 
 
-def test_only_a_users_own_is_taken_by_paper(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_accepts_only_user_defined_estimators(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     assert main(["paper", "--only", "baselines", "--estimator", "flow", "--out", "x"]) == 2
     assert "--estimator must be your own estimator, as module:class" in capsys.readouterr().err
 
 
-def test_its_settings_are_options_of_paper(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_settings_of_the_estimator_are_options(monkeypatch: pytest.MonkeyPatch) -> None:
     kind = type(recursive_least_squares())
     monkeypatch.setattr("rcmservo.cli.servo_options.named", lambda name: kind)
     options = with_own_estimator(PaperOptions, ["--estimator", "mylab.rls:RLS"])

@@ -1,4 +1,4 @@
-"""Tasks of the experiments: done once, whole or not at all, and gone on with where they stopped."""
+"""Tasks of the experiments: run once, completely or not at all, and continued after a stop."""
 
 import json
 from collections.abc import Iterator
@@ -17,7 +17,15 @@ from rcmservo.paper import run as running
 from rcmservo.paper.experiment import Experiment
 from rcmservo.paper.plan import Measurement, NotMeasured, Results, Settings, Task
 from rcmservo.paper.run import chosen, run, run_all
-from rcmservo.paper.store import PART, RESULT, Assignment, fingerprint, plain, restored, used
+from rcmservo.paper.store import (
+    PART_SUFFIX,
+    RESULT_FILE,
+    Assignment,
+    fingerprint,
+    from_json,
+    imported_paper_files,
+    to_json,
+)
 
 
 def runs(log: Path) -> list[str]:
@@ -30,12 +38,12 @@ def nothing(task: Task) -> None:
 
 @pytest.fixture
 def in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Tasks run in a thread: new processes take a second of imports each."""
+    """Run tasks in a thread, because new processes need a second for imports."""
     monkeypatch.setattr(running, "ProcessPoolExecutor", lambda *_, **__: ThreadPoolExecutor(1))
 
 
 @pytest.mark.usefixtures("in_this_process")
-def test_what_is_done_is_not_repeated_and_what_changed_is(tmp_path: Path) -> None:
+def test_finished_tasks_are_not_repeated_unless_they_change(tmp_path: Path) -> None:
     log, out = tmp_path / "log", tmp_path / "out"
     first, _ = run_all(counted(log, "a", "b"), out, nothing)
     assert first["some"]["a"] == {"name": "a"}
@@ -48,10 +56,10 @@ def test_what_is_done_is_not_repeated_and_what_changed_is(tmp_path: Path) -> Non
     assert runs(log) == ["a", "b", "c", "other"]
 
 
-def test_a_run_that_is_stopped_goes_on_where_it_stopped(
+def test_a_stopped_run_continues_with_unfinished_tasks(
     tmp_path: Path, request: pytest.FixtureRequest
 ) -> None:
-    """Tasks run in processes until it is stopped."""
+    """Tasks run in processes until the stop."""
     log, out = tmp_path / "log", tmp_path / "out"
 
     def stop(task: Task) -> None:
@@ -60,21 +68,21 @@ def test_a_run_that_is_stopped_goes_on_where_it_stopped(
     names = [f"task-{i}" for i in range(8)]
     with pytest.raises(KeyboardInterrupt):
         run_all(counted(log, *names), out, stop)
-    kept = [
+    finished = [
         path.parent.name
-        for path in out.glob(f"some/*/{RESULT}")
-        if not path.parent.name.endswith(PART)
+        for path in out.glob(f"some/*/{RESULT_FILE}")
+        if not path.parent.name.endswith(PART_SUFFIX)
     ]
-    assert kept
+    assert finished
     assert all(
-        json.loads((out / "some" / name / RESULT).read_text())["values"]["name"] == name
-        for name in kept
+        json.loads((out / "some" / name / RESULT_FILE).read_text())["values"]["name"] == name
+        for name in finished
     )
     before = runs(log)
     request.getfixturevalue("in_this_process")
     results, _ = run_all(counted(log, *names), out, nothing)
     assert set(results["some"].found) == set(names)
-    assert all(runs(log).count(name) == before.count(name) for name in kept)
+    assert all(runs(log).count(name) == before.count(name) for name in finished)
 
 
 @pytest.mark.usefixtures("in_this_process")
@@ -85,22 +93,22 @@ def test_a_task_that_fails_leaves_no_result(tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("in_this_process")
-def test_a_damaged_result_is_made_again_and_no_other(tmp_path: Path) -> None:
+def test_only_a_damaged_result_is_computed_again(tmp_path: Path) -> None:
     log = tmp_path / "log"
     damage = dict(zip("abcde", ["", "{", "[]", '{"fingerprint": 3}', "null"], strict=True))
     tasks = counted(log, *damage, "whole")
     run_all(tasks, tmp_path / "out", nothing)
     for name, text in damage.items():
-        (tmp_path / "out" / "some" / name / RESULT).write_text(text)
+        (tmp_path / "out" / "some" / name / RESULT_FILE).write_text(text)
     done = run_all(tasks, tmp_path / "out", nothing)[0]["some"]
     assert all(done[name] == {"name": name} for name in damage)
     assert runs(log) == sorted([*damage, *damage, "whole"])
 
 
-def test_what_a_task_left_half_done_is_not_taken_for_its_result(tmp_path: Path) -> None:
+def test_an_incomplete_result_is_discarded(tmp_path: Path) -> None:
     log = tmp_path / "log"
     task = counted(log, "a")["some"][0]
-    part = tmp_path / ("a" + PART)
+    part = tmp_path / ("a" + PART_SUFFIX)
     part.mkdir()
     (part / "old.txt").write_text("old")
     Assignment(task, tmp_path / "a", fingerprint(task)).perform()
@@ -117,15 +125,15 @@ def test_a_fingerprint_depends_on_every_setting() -> None:
     assert fingerprint(one) != fingerprint(Task("a", partial(fail)))
 
 
-def test_a_fingerprint_depends_on_the_experiments_own_and_imported_files_and_on_no_other() -> None:
+def test_a_fingerprint_depends_only_on_the_module_of_the_experiment_and_its_imports() -> None:
     root = Path(rcmservo.__file__).parent
     module = root / "paper/regulation_flow.py"
-    names = {path.stem for path in used(root, module)}
+    names = {path.stem for path in imported_paper_files(root, module)}
     assert names >= {"regulation_flow", "regulation", "closed_loop"}
     assert not names & {"showing", "potential", "report", "paper"}
 
 
-def test_a_result_comes_back_from_json_as_it_was() -> None:
+def test_a_result_survives_a_round_trip_through_json() -> None:
     given = {
         "number": 1.0 / 3.0,
         "word": "word",
@@ -133,7 +141,7 @@ def test_a_result_comes_back_from_json_as_it_was() -> None:
         "series": np.array([1.0, np.nan]),
         "nested": [{"number": 0.1, "words": ["", "a"]}, {"number": 2, "words": []}],
     }
-    got = restored(json.loads(json.dumps(plain(given), allow_nan=False)))
+    got = from_json(json.loads(json.dumps(to_json(given), allow_nan=False)))
     np.testing.assert_array_equal(got.pop("series"), given.pop("series"))
     assert got["nested"][1].pop("words").size == 0
     del given["nested"][1]["words"]  # pyright: ignore[reportArgumentType, reportOptionalSubscript, reportIndexIssue, reportUnknownMemberType]
@@ -141,12 +149,12 @@ def test_a_result_comes_back_from_json_as_it_was() -> None:
 
 
 def test_a_series_with_gaps_is_an_array() -> None:
-    got = restored(json.loads("[[1, null], [0.5, 3]]"))
+    got = from_json(json.loads("[[1, null], [0.5, 3]]"))
     np.testing.assert_array_equal(got, [[1.0, np.nan], [0.5, 3.0]])
 
 
 @pytest.mark.usefixtures("in_this_process")
-def test_tasks_of_two_experiments_that_do_the_same_work_do_it_once(tmp_path: Path) -> None:
+def test_equal_tasks_of_two_experiments_run_once(tmp_path: Path) -> None:
     log = tmp_path / "log"
     plans = {"one": counted(log, "a")["some"], "two": counted(log, "a")["some"]}
     advanced = list[Task]()
@@ -159,7 +167,7 @@ def test_tasks_of_two_experiments_that_do_the_same_work_do_it_once(tmp_path: Pat
     assert runs(log) == ["a"]
 
 
-def test_the_same_servo_runs_serve_two_experiments() -> None:
+def test_two_experiments_share_their_servo_runs() -> None:
     for quick in (True, False):
         marks = [
             {task.name: fingerprint(task) for task in one.plan(quick)}
@@ -172,40 +180,40 @@ def test_the_same_servo_runs_serve_two_experiments() -> None:
 
 
 @pytest.mark.parametrize("value", [float("nan"), float("inf"), np.float64("nan")])
-def test_a_number_that_is_not_finite_is_an_error_that_names_it(value: float) -> None:
+def test_the_error_of_a_number_that_is_not_finite_names_it(value: float) -> None:
     with pytest.raises(NotMeasured, match=r"result.inner\[1\].number: measured (nan|inf)"):
-        plain({"series": np.full(1, np.nan), "inner": [{"number": 1.0}, {"number": value}]})
+        to_json({"series": np.full(1, np.nan), "inner": [{"number": 1.0}, {"number": value}]})
 
 
 @pytest.mark.usefixtures("in_this_process")
-def test_a_task_that_measured_nothing_fails_its_experiment_and_no_other(tmp_path: Path) -> None:
+def test_a_task_without_a_measurement_fails_only_its_experiment(tmp_path: Path) -> None:
     log = tmp_path / "log"
-    bad = [Task("bad", partial(not_measured)), *counted(log, "c")["some"]]
-    results, failed = run_all({"bad": bad, **counted(log, "a", "b")}, tmp_path, nothing)
+    tasks = [Task("bad", partial(not_measured)), *counted(log, "c")["some"]]
+    results, failed = run_all({"bad": tasks, **counted(log, "a", "b")}, tmp_path, nothing)
     assert failed == {"bad": "bad.number: measured nan, which is not a finite number"}
     assert not (tmp_path / "bad" / "bad").exists() and (tmp_path / "bad" / "c").exists()
     assert set(results) == {"some"} and set(results["some"].found) == {"a", "b"}
 
 
 def unmeasured(settings: Settings, results: Results) -> Iterator[Measurement]:
-    raise NotMeasured("how far it is", float("nan"))
+    raise NotMeasured("the distance", float("nan"))
     yield
 
 
 @pytest.mark.slow
-def test_what_could_not_be_measured_is_left_out_of_the_report_which_says_so(tmp_path: Path) -> None:
-    """Whether a task fails or the judging of its results."""
+def test_the_report_names_experiments_that_it_leaves_out(tmp_path: Path) -> None:
+    """Either a task or the evaluation of its results fails."""
 
-    def bad_tasks(settings: Settings) -> list[Task]:
+    def failing_tasks(settings: Settings) -> list[Task]:
         return [Task("bad", partial(not_measured))]
 
     draw: Any = potential.draw
     failing = {
-        "tasks": Experiment("potential", bad_tasks, potential.measure, draw),
+        "tasks": Experiment("potential", failing_tasks, potential.measure, draw),
         "judging": Experiment("potential", potential.tasks, unmeasured, draw),
     }
     written = run(tmp_path, True, {**chosen("potential"), **failing}, nothing)
     assert set(written.left_out) == {"tasks", "judging"}
     page = written.page.read_text()
-    assert "Left out: tasks." in page and "how far it is: measured nan" in page
+    assert "Left out: tasks." in page and "the distance: measured nan" in page
     assert {row.experiment for row in written.rows} == {"potential"}

@@ -1,0 +1,121 @@
+"""`rig check` of a rate-controlled arm: it must stop by itself when its commands cease."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from rig_check_lab import FaultyLab, Mistake, MiswiredArm
+
+from rcmservo.bringup.check import CheckReport
+from rcmservo.interfaces import Command, Floats, Measured
+
+FIRST_QUESTIONS = 8
+"""Questions within which the check interrupts the commands of a rate-controlled arm."""
+
+
+class RateControlledArm(MiswiredArm):
+    """Arm that stops when its commands cease, or continues with its last command."""
+
+    by_speeds, continues, silent, freezes = True, False, False, False
+    last: Command
+    last_measured: Measured
+
+    def fall_silent(self) -> None:
+        self.silent = True
+
+    def enable(self) -> None:
+        self.silent = False
+        super().enable()
+
+    def apply(self, command: Command) -> Floats:
+        if not command.enabled:
+            self.silent = False
+        if self.silent:
+            return np.zeros(3)
+        self.last = command
+        return super().apply(command)
+
+    def measure(self) -> Measured:
+        if self.silent and self.freezes:
+            return self.last_measured
+        self.last_measured = measured = super().measure()
+        if self.silent and self.continues:
+            number, now = self.last.number + 1, measured.time
+            self.last = replace(self.last, number=number, time=now, deadline=now + 50_000_000)
+            super().apply(self.last)
+        return measured
+
+
+def checked(continues: bool) -> tuple[FaultyLab, CheckReport]:
+    lab = FaultyLab(Mistake(), seed=1)
+    lab.arm.__class__ = RateControlledArm
+    assert isinstance(lab.arm, RateControlledArm)
+    lab.arm.continues = continues
+    return lab, lab.check()
+
+
+@pytest.mark.slow
+def test_an_arm_that_stops_passes_and_is_tested_in_one_of_its_first_small_motions() -> None:
+    lab, report = checked(continues=False)
+    assert report.ok
+    (test,) = [
+        k for k, asked in enumerate(lab.operator.questions) if "interrupt the commands" in asked
+    ]
+    assert test < FIRST_QUESTIONS
+    motions = [
+        asked.split(",")[0] for asked in lab.operator.questions if asked.startswith("Move joint")
+    ]
+    assert motions[test - 1].removesuffix(" in either direction") in " ".join(motions[: test - 1])
+
+
+def test_an_arm_that_stops_answering_does_not_count_as_at_rest() -> None:
+    lab = FaultyLab(Mistake(), seed=1)
+    lab.arm.__class__ = RateControlledArm
+    assert isinstance(lab.arm, RateControlledArm)
+    lab.arm.freezes = lab.arm.continues = True
+    report = lab.check()
+    assert [finding.what for finding in report.findings] == ["the arm does not answer"]
+    assert not lab.rig.arm.measure().enabled
+
+
+def test_an_arm_that_keeps_moving_is_reported_and_stopped_at_once() -> None:
+    lab, report = checked(continues=True)
+    assert [finding.line for finding in report.findings] == ["jv = false"]
+    assert not report.ok and not lab.arm.measure().enabled
+    assert lab.arm.max_travel < 0.5
+    assert "interrupt the commands" in lab.operator.questions[-1]
+
+
+def test_a_position_controlled_arm_is_not_tested() -> None:
+    lab = FaultyLab(Mistake(), seed=1)
+    lab.arm.__class__ = RateControlledArm
+    lab.arm.by_speeds = False
+    lab.operator.override = lambda _: (
+        "no" if len(lab.operator.questions) > FIRST_QUESTIONS else None
+    )
+    lab.check()
+    assert len(lab.operator.questions) > FIRST_QUESTIONS
+    assert not any("interrupt the commands" in question for question in lab.operator.questions)
+
+
+def test_the_operator_may_refuse_the_test() -> None:
+    lab = FaultyLab(Mistake(), seed=1)
+    lab.arm.__class__ = RateControlledArm
+    lab.operator.override = lambda question: "no" if "interrupt the commands" in question else None
+    report = lab.check()
+    assert [finding.where for finding in report.findings] == ["operator"]
+    assert not lab.arm.silent
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("signs", [(-1.0, 1.0, 1.0), (1.0, 1.0, 1.0)])
+def test_an_arm_without_counts_is_checked_for_its_signs(
+    signs: tuple[float, float, float],
+) -> None:
+    lab = FaultyLab(Mistake(factors=signs), seed=1, signs_only=True)
+    report = lab.check()
+    assert lab.arm.max_travel < 2.0
+    found = [finding for finding in report.findings if finding.where.startswith("arm")]
+    assert report.done and (not found) == (signs[0] > 0.0)
+    if found:
+        assert (found[0].where, found[0].line) == ("arm.signs[0]", "signs = [1.0, 1.0, 1.0]")
