@@ -57,9 +57,9 @@ class StudyNote(Checked):
     first_seed: Annotated[int, NOT_NEGATIVE_INTEGER]
     cells: Annotated[tuple[Cell, ...], not_empty("a list with at least one cell")]
 
-    def run_of(self, case: int) -> tuple[Cell, int]:
-        """Return the cell and the seed of the row with index `case`."""
-        return self.cells[case // self.count], self.first_seed + case % self.count
+    def run_of(self, row: int) -> tuple[Cell, int]:
+        """Return the cell and the seed of the row with this index."""
+        return self.cells[row // self.count], self.first_seed + row % self.count
 
     @property
     def runs(self) -> int:

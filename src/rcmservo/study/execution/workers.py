@@ -43,7 +43,7 @@ DASK_OBJECT_PATTERN = re.compile(r"in <[^>]*>: (\w+: )?(\[Errno \d+\] )?")
 
 
 class WorkLost(RcmServoError):
-    """Loss of the requests in progress: no worker can complete them."""
+    """Requests in progress that no worker can complete."""
 
 
 class PendingTask(NamedTuple):
