@@ -122,7 +122,7 @@ STUDIES = {
     "nothing to search": (["tune", "one.toml"], "one.toml: search must be at least one setting"),
     "two to search": (
         ["tune", "two.toml"],
-        "two.toml: method must be exactly one, which is tuned",
+        "two.toml: method must be exactly one",
         "2",
     ),
     "unknown setting": (["tune", "gian.toml"], "did you mean controller.gain?"),

@@ -26,7 +26,7 @@ from rcmservo.study.inertia import compute_inertia
 from rcmservo.study.kernel_engine import Goal, InitialConditions, LoopTrace, run_closed_loop
 from rcmservo.study.plant_kernel import (
     ARM_STEP_NS,
-    COMMAND_QUEUE_LENGTH,
+    QUEUE_LENGTH,
     DrivesStruct,
     FrameTimingStruct,
     PlantStruct,
@@ -84,8 +84,8 @@ class Study(Checked):
             known, simulated = getattr(self.servo, part), getattr(self.settings, part)
             expected = f"equal to that of the laboratory, {simulated}"
             require(known == simulated, f"servo.{part}", known, expected)
-        fits = self.settings.drive.delay * self.servo.rate < COMMAND_QUEUE_LENGTH
-        expected = f"shorter than {COMMAND_QUEUE_LENGTH} ticks"
+        fits = self.settings.drive.delay * self.servo.rate < QUEUE_LENGTH
+        expected = f"shorter than {QUEUE_LENGTH} ticks"
         require(fits, "drive.delay", self.settings.drive.delay, expected)
 
     def run(self, seed: int, repetition: int = 0) -> StudyRun:

@@ -15,12 +15,7 @@ from rcmservo.numerics.jit import compiled
 from rcmservo.numerics.small_linalg import fill, put
 from rcmservo.numerics.structs import Rows
 from rcmservo.safety.monitor_state import ObservationRow
-from rcmservo.servo.kernel_parameters import (
-    KernelParameters,
-    TickContext,
-    rcm_of,
-    shaft_of,
-)
+from rcmservo.servo.kernel_parameters import KernelParameters, TickContext, rcm_of, shaft_of
 from rcmservo.servo.setpoint import Setpoint, store_setpoint
 from rcmservo.servo.state import Stored
 from rcmservo.servo.tick import step
@@ -105,32 +100,28 @@ class LoopTrace(NamedTuple):
 
 @compiled
 def run_closed_loop(
-    initial: InitialConditions,
-    plants: Rows[PlantStruct],
-    goal: Goal,
-    noise: Floats,
-    trace: LoopTrace,
+    start: InitialConditions, plants: Rows[PlantStruct], goal: Goal, noise: Floats, trace: LoopTrace
 ) -> None:
     """Run one tick for each entry of the trace; overwrite the initial conditions and the plant.
 
     `noise` (frames, 2, 2) px is added to the markers of each frame from the first tick on.
     """
-    stored, parameters, plant = initial.stored[0], initial.parameters[0], plants[0]
+    stored, parameters, plant = start.stored[0], start.parameters[0], plants[0]
     now = TickContext(stored, stored.watch.observation, stored.setpoint, parameters)
-    memory, decision, (errors, phases, causes) = initial.memory, stored.decision, trace
-    store_setpoint(stored.setpoint, Setpoint(goal.points, goal.q, initial.now, True, 0, NO_JOG))
-    reset_plant_and_observation(plant, now.observation, initial.now)
-    skipped = compute_newest_frame(plant.frame_timing, initial.now)
+    memory, decision, (errors, phases, causes) = start.memory, stored.decision, trace
+    store_setpoint(stored.setpoint, Setpoint(goal.points, goal.q, start.now, True, 0, NO_JOG))
+    reset_plant_and_observation(plant, now.observation, start.now)
+    skipped = compute_newest_frame(plant.frame_timing, start.now)
     for k in range(len(errors)):
-        time = initial.now + k * parameters.period
+        time = start.now + k * parameters.period
         advance_plant(plant, time)
         read_encoders(plant, plant.readings[k % HISTORY_LENGTH])
         number = compute_newest_frame(plant.frame_timing, time)
         if number > max(now.observation.frame, skipped):
-            observe_frame(plant, now, number, noise[number - skipped - 1], initial.now, k)
+            observe_frame(plant, now, number, noise[number - skipped - 1], start.now, k)
         observe_joints(plant, now.observation, time, k)
         now.setpoint.is_new = k == 0
-        memory = step(initial.kernel, memory, now)
+        memory = step(start.kernel, memory, now)
         queue_command(plant, decision.command.rates, decision.command.enabled)
         p2 = second_point(shaft_of(parameters), point_at(rcm_of(parameters), plant.drives.q))
         errors[k] = apart(p2, (goal.p2[0], goal.p2[1], goal.p2[2]))

@@ -24,7 +24,7 @@ ARM_STEP_NS = 1_000_000
 HISTORY_LENGTH = 1024
 """Steps of the arm, and encoder readings, that are stored: the oldest that a frame may show."""
 
-COMMAND_QUEUE_LENGTH = 128
+QUEUE_LENGTH = 128
 """Largest number of commands that the drives have not executed yet."""
 
 
@@ -65,16 +65,10 @@ class PlantStruct(Row):
     """
 
     drives: DrivesStruct = part(DrivesStruct, "the arm")
-    queued_rates: Floats = reals(
-        (COMMAND_QUEUE_LENGTH, 3), "rad/s, rad/s, mm/s", "commands that are not executed yet"
-    )
-    due_times: NDArray[np.int64] = wholes(COMMAND_QUEUE_LENGTH, "ns", "execution time of each")
-    joint_history: Floats = reals(
-        (HISTORY_LENGTH, 3), "rad, rad, mm", "true joints at the last steps of the arm"
-    )
-    readings: Floats = reals(
-        (HISTORY_LENGTH, 3), "rad, rad, mm", "joints that the encoders reported at the last ticks"
-    )
+    queued_rates: Floats = reals((QUEUE_LENGTH, 3), "rad/s, rad/s, mm/s", "pending commands")
+    due_times: NDArray[np.int64] = wholes(QUEUE_LENGTH, "ns", "execution time of each command")
+    joint_history: Floats = reals((HISTORY_LENGTH, 3), "rad, rad, mm", "true joints, by arm step")
+    readings: Floats = reals((HISTORY_LENGTH, 3), "rad, rad, mm", "reported joints, by tick")
     camera: CameraStruct = part(CameraStruct, "projection of the camera")
     frame_timing: FrameTimingStruct = part(FrameTimingStruct, "timing of the frames")
 
@@ -92,14 +86,13 @@ def advance_plant(plant: PlantStruct, until: int) -> None:
             fill(drives.lagged_rates, 0.0)
         while (
             drives.queue_begin < drives.queue_end
-            and plant.due_times[drives.queue_begin % COMMAND_QUEUE_LENGTH]
-            <= drives.time + ARM_STEP_NS
+            and plant.due_times[drives.queue_begin % QUEUE_LENGTH] <= drives.time + ARM_STEP_NS
         ):
-            set_drive_target(drives, plant.queued_rates[drives.queue_begin % COMMAND_QUEUE_LENGTH])
+            set_drive_target(drives, plant.queued_rates[drives.queue_begin % QUEUE_LENGTH])
             drives.queue_begin += 1
         steps = left
         if drives.queue_begin < drives.queue_end:
-            due = plant.due_times[drives.queue_begin % COMMAND_QUEUE_LENGTH]
+            due = plant.due_times[drives.queue_begin % QUEUE_LENGTH]
             steps = min(left, max((due - drives.time - 1) // ARM_STEP_NS, 1))
         integrate_joints(drives, dynamics, plant.joint_history, steps)
         drives.time += steps * ARM_STEP_NS
@@ -199,8 +192,8 @@ def queue_command(plant: PlantStruct, rates: Floats, enabled: bool) -> None:
     drives.enabled = drives.enabled and enabled
     for i in range(3):
         drives.applied[i] = rates[i] if drives.enabled else 0.0
-    put(plant.queued_rates[drives.queue_end % COMMAND_QUEUE_LENGTH], drives.applied)
-    plant.due_times[drives.queue_end % COMMAND_QUEUE_LENGTH] = drives.time + drives.delay
+    put(plant.queued_rates[drives.queue_end % QUEUE_LENGTH], drives.applied)
+    plant.due_times[drives.queue_end % QUEUE_LENGTH] = drives.time + drives.delay
     drives.queue_end += 1
 
 

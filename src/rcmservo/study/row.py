@@ -32,7 +32,7 @@ Its target could not be taught, or its frames arrived too late to be used.
 """
 
 
-def declare_column(meaning: str) -> Any:
+def column(meaning: str) -> Any:
     """Return a dataclass field that carries the meaning of a column."""
     return field(metadata={"meaning": meaning})
 
@@ -41,47 +41,35 @@ def declare_column(meaning: str) -> Any:
 class StudyRow:
     """Row of one run. None stands for an unknown value, or for an event that never happened."""
 
-    method: str = declare_column("name of the method in the study")
-    scenes: str = declare_column("name of the distribution that the scene was drawn from")
-    seed: int = declare_column("seed; with the repetition it fixes all random numbers of the run")
-    repetition: int = declare_column("number of the noise sequence in this scene, from 0")
-    noise_px: float | None = declare_column(
-        "px, standard deviation of a marker's coordinate in a frame"
-    )
-    latency_s: float = declare_column("s from the middle of a frame's exposure to its arrival")
-    disturb: str = declare_column("disturbances in the notation of --disturb; empty for none")
-    engine: str = declare_column(
+    method: str = column("name of the method in the study")
+    scenes: str = column("name of the distribution that the scene was drawn from")
+    seed: int = column("seed; with the repetition it fixes all random numbers of the run")
+    repetition: int = column("number of the noise sequence in this scene, from 0")
+    noise_px: float | None = column("px, standard deviation of a marker coordinate in a frame")
+    latency_s: float = column("s from the middle of a frame's exposure to its arrival")
+    disturb: str = column("disturbances in the notation of --disturb; empty for none")
+    engine: str = column(
         "compiled (compiled plant), mujoco (full simulator) or pictures (with rendered frames)"
     )
-    success: bool = declare_column("true if pose_error_mm is at most 1 mm")
-    time_to_1mm_s: float | None = declare_column(
-        "s until marker 2 was first within 1 mm of the target"
-    )
-    pose_error_mm: float = declare_column(
-        "mm, true error of marker 2, root mean square over the last second"
-    )
-    bound_mm: float | None = declare_column(
-        "mm, rms: Cramér-Rao bound of pose_error_mm for all frames of the run"
-    )
-    stop: str = declare_column(
+    success: bool = column("true if pose_error_mm is at most 1 mm")
+    time_to_1mm_s: float | None = column("s until marker 2 was first within 1 mm of the target")
+    pose_error_mm: float = column("mm, true error of marker 2, rms over the last second")
+    bound_mm: float | None = column("mm, Cramér-Rao bound of pose_error_mm for all frames")
+    stop: str = column(
         f"cause of the first stop; empty without a stop, {NEVER_BEGAN} if the run never began"
     )
-    stop_s: float | None = declare_column("s, time of the first stop")
-    stops: int = declare_column("number of changes to HOLD, PAUSED or FAULT from another phase")
-    unnoticed_mm: float = declare_column(
-        "mm, largest growth of the true error in SERVO without a cause"
-    )
-    start_error_mm: float = declare_column("mm from marker 2 to the target at the first tick")
-    condition: float = declare_column(
-        "largest condition number of the scaled Jacobian on the straight path to the target"
-    )
-    focal_px: float = declare_column("px, focal length of the camera")
-    distance_mm: float = declare_column("mm from the camera to marker 1 at the start")
-    rcm_depth: float = declare_column("depth of the RCM in the camera divided by that of marker 1")
-    rejected: int = declare_column("number of draws that were rejected before this scene")
-    source: str = declare_column("SHA-256 of the user's module; empty for built-in methods")
-    cpu: str = declare_column("processor of the machine that made the run")
-    versions: str = declare_column("versions of rcmservo, Python, NumPy, Numba and MuJoCo there")
+    stop_s: float | None = column("s, time of the first stop")
+    stops: int = column("number of changes to HOLD, PAUSED or FAULT from another phase")
+    unnoticed_mm: float = column("mm, largest growth of the true error in SERVO without cause")
+    start_error_mm: float = column("mm from marker 2 to the target at the first tick")
+    condition: float = column("largest condition number of the scaled J on the straight path")
+    focal_px: float = column("px, focal length of the camera")
+    distance_mm: float = column("mm from the camera to marker 1 at the start")
+    rcm_depth: float = column("depth of the RCM in the camera divided by that of marker 1")
+    rejected: int = column("number of draws that were rejected before this scene")
+    source: str = column("SHA-256 of the user's module; empty for built-in methods")
+    cpu: str = column("processor of the machine that made the run")
+    versions: str = column("versions of rcmservo, Python, NumPy, Numba and MuJoCo there")
 
     @property
     def result(self) -> RunResult:

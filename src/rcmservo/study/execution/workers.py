@@ -28,7 +28,7 @@ with needing("a study", "study"):
 DASK: Any = distributed
 """Dask as `Any`, because most of it has no type annotations."""
 
-LOOPBACK = "127.0.0.1"
+SCHEDULER_HOST = "127.0.0.1"
 WORKER_TIMEOUT_S = 30.0
 """Time to wait for a scheduler, and then for its first worker, s."""
 WORKER_START_ATTEMPTS = 10
@@ -202,9 +202,9 @@ def _start_processes(workers: int | None) -> Generator[Any]:
             n_workers=count,
             threads_per_worker=1,
             processes=True,
-            host=LOOPBACK,
-            dashboard_address=f"{LOOPBACK}:0",
-            worker_dashboard_address=f"{LOOPBACK}:0",
+            host=SCHEDULER_HOST,
+            dashboard_address=f"{SCHEDULER_HOST}:0",
+            worker_dashboard_address=f"{SCHEDULER_HOST}:0",
             security=True,
             memory_limit=None,
             silence_logs=logging.CRITICAL + 1,

@@ -77,12 +77,7 @@ class Tuning(TuneSection):
     def __post_init__(self) -> None:
         super().__post_init__()
         require(bool(self.axes), "search", "nothing", "at least one setting")
-        require(
-            len(self.plan.methods) == 1,
-            "method",
-            len(self.plan.methods),
-            "exactly one, which is tuned",
-        )
+        require(len(self.plan.methods) == 1, "method", len(self.plan.methods), "exactly one")
 
     @property
     def name(self) -> str:
@@ -138,9 +133,7 @@ def _run_trials(
     for number in range(tuning.trials):
         # Optuna accepts no trial outside the ranges: initial settings there stay unreported.
         trial = study.ask() if number or within else None
-        values = (
-            start if trial is None else {axis.name: axis.suggest(trial) for axis in tuning.axes}
-        )
+        values = start if trial is None else {a.name: a.suggest(trial) for a in tuning.axes}
         result = _run_trial(tuning, number, values, folder, crew)
         if trial is not None:
             study.tell(trial, min(result.cost, 1e6))
