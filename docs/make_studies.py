@@ -1,11 +1,11 @@
-"""Run the studies that docs/how_to_choose.md stands on, and write the page from them.
+"""Run the studies that docs/how_to_choose.md cites, and write the page from them.
 
     python docs/make_studies.py [NAME ...] [--render] [--workers N]
 
-Every docs/studies/NAME.toml is run by `rcmservo study` into runs/studies/NAME, and goes on where it
-stopped. Their numbers are gathered in docs/studies/figures.json, and the page is written with them;
-it is not where they no longer bear one of its sentences. With names, those studies alone are run
-anew; --render runs none, and writes the page from the figures as they are.
+Each docs/studies/NAME.toml is run by `rcmservo study` into runs/studies/NAME; an interrupted study
+resumes. Their numbers are collected in docs/studies/figures.json, and the page is written from
+them, unless they no longer support one of its sentences. With names, only these studies are run;
+--render runs none and writes the page from the present numbers.
 """
 
 import argparse
@@ -20,53 +20,56 @@ from pathlib import Path
 from typing import Any
 
 import pyarrow.parquet as pq
-from choosing import COLUMNS, FIGURES, PAGE, STUDIES, load, render, rounded
+from choosing import COLUMNS, FIGURES, PAGE, STUDIES, load, render, round_numbers
 
 ROOT = Path(__file__).parents[1]
 RUNS = Path("runs/studies")
-KEPT = ["runs", "engine", "stops", *(column.key for column in COLUMNS.values())]
-"""Of the numbers of a method under a condition."""
-COMPARED = "success", "time_s", "pose_mm"
+SUMMARY_KEYS = ["runs", "engine", "stops", *(column.key for column in COLUMNS.values())]
+"""Numbers of a method under a condition that figures.json holds."""
+COMPARISON_KEYS = "success", "time_s", "pose_mm"
+"""Numbers of a paired comparison that figures.json holds."""
 
 
 def main() -> None:
-    """Run, gather, render."""
-    asked = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    asked.add_argument("names", nargs="*", help="studies; all of them by default")
-    asked.add_argument("--render", action="store_true", help="only write the page")
-    asked.add_argument("--workers", type=int, help="processes; one for each processor")
-    options = asked.parse_args()
+    """Run the studies, collect their numbers, and write the page."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("names", nargs="*", help="names of studies; default: all")
+    parser.add_argument("--render", action="store_true", help="only write the page")
+    parser.add_argument(
+        "--workers", type=int, help="number of processes; default: one per processor"
+    )
+    options = parser.parse_args()
     if not options.render:
-        began = time.monotonic()
-        for name in options.names or names():
+        start = time.monotonic()
+        for name in options.names or list_studies():
             run(name, options.workers)
-        write(gathered())
-        print(f"all studies: {time.monotonic() - began:.0f} s")
+        write(collect_figures())
+        print(f"all studies: {time.monotonic() - start:.0f} s")
     PAGE.write_text(render(load()), "utf-8")
     print(PAGE.relative_to(ROOT))
 
 
-def names() -> list[str]:
-    """Of all studies."""
+def list_studies() -> list[str]:
+    """Return the names of all studies."""
     return sorted(path.stem for path in STUDIES.glob("*.toml"))
 
 
-def command(name: str) -> str:
-    """What makes a study."""
+def make_command(name: str) -> str:
+    """Return the command that runs a study."""
     return f"rcmservo study docs/studies/{name}.toml --out {RUNS / name}"
 
 
 def run(name: str, workers: int | None) -> None:
-    """Make a study, or what is left of it."""
-    print(command(name), flush=True)
-    words = [sys.executable, "-m", *command(name).split()]
-    words += ["--workers", str(workers)] if workers else []
-    subprocess.run(words, cwd=ROOT, check=True)
+    """Run a study, or its missing part."""
+    print(make_command(name), flush=True)
+    arguments = [sys.executable, "-m", *make_command(name).split()]
+    arguments += ["--workers", str(workers)] if workers else []
+    subprocess.run(arguments, cwd=ROOT, check=True)
 
 
-def gathered() -> dict[str, Any]:
-    """The figures of all studies, and what they were made with."""
-    folders = {name: ROOT / RUNS / name for name in names()}
+def collect_figures() -> dict[str, Any]:
+    """Return the numbers of all studies with package, machine, versions and date."""
+    folders = {name: ROOT / RUNS / name for name in list_studies()}
     summaries = {name: json.loads((f / "summary.json").read_text()) for name, f in folders.items()}
     packages = {summary["package"] for summary in summaries.values()}
     if len(packages) > 1:
@@ -79,48 +82,48 @@ def gathered() -> dict[str, Any]:
         "machine": f"{os.cpu_count()} x {first['cpu'][0].as_py()}",
         "versions": first["versions"][0].as_py(),
         "date": f"{datetime.now(UTC):%Y-%m-%d}",
-        "studies": {name: told(name, summary) for name, summary in summaries.items()},
+        "studies": {name: select_figures(name, summary) for name, summary in summaries.items()},
     }
 
 
-def told(name: str, summary: dict[str, Any]) -> dict[str, Any]:
-    """What is kept of a study's summary."""
+def select_figures(name: str, summary: dict[str, Any]) -> dict[str, Any]:
+    """Return the part of a study's summary that figures.json holds."""
     return {
-        "question": question(name),
-        "command": command(name),
+        "question": read_question(name),
+        "command": make_command(name),
         "runs": summary["runs"],
-        "rows": by_condition(summary["methods"], KEPT),
-        "beside": by_condition(summary["comparisons"], COMPARED),
+        "rows": group_by_condition(summary["methods"], SUMMARY_KEYS),
+        "beside": group_by_condition(summary["comparisons"], COMPARISON_KEYS),
     }
 
 
-def question(name: str) -> str:
-    """What a study asks: the sentences at the head of its file up to the question mark."""
+def read_question(name: str) -> str:
+    """Return the question of a study: the comment at the start of its file up to the first "?"."""
     lines = (STUDIES / f"{name}.toml").read_text("utf-8").splitlines()
-    words = " ".join(line.lstrip("# ") for line in lines if line.startswith("#"))
-    if "?" not in words:
-        raise SystemExit(f"docs/studies/{name}.toml asks no question at its head")
-    return words.partition("?")[0] + "?"
+    comment = " ".join(line.lstrip("# ") for line in lines if line.startswith("#"))
+    if "?" not in comment:
+        raise SystemExit(f"docs/studies/{name}.toml has no question in its first comment")
+    return comment.partition("?")[0] + "?"
 
 
-def by_condition(rows: list[dict[str, Any]], keys: Any) -> dict[str, Any]:
-    """Rows by condition and method, with some of their numbers."""
-    found: dict[str, Any] = {}
+def group_by_condition(rows: list[dict[str, Any]], keys: Any) -> dict[str, Any]:
+    """Return the values of `keys` in the rows, by condition and method."""
+    conditions: dict[str, Any] = {}
     for row in rows:
-        kept = {key: ends(row[key]) for key in keys}
-        found.setdefault(row["condition"], {})[row["method"]] = kept
-    return found
+        selected = {key: flatten_interval(row[key]) for key in keys}
+        conditions.setdefault(row["condition"], {})[row["method"]] = selected
+    return conditions
 
 
-def ends(value: Any) -> Any:
-    """An interval as three numbers."""
+def flatten_interval(value: Any) -> Any:
+    """Return an interval as three numbers, and any other value unchanged."""
     return list(value.values()) if isinstance(value, dict) and "low" in value else value
 
 
 def write(figures: dict[str, Any]) -> None:
-    """Keep the figures: an interval a line, so that changes can be read."""
-    text = json.dumps(rounded(figures), ensure_ascii=False, indent=1)
-    text = re.sub(r"\[[^\[\]{}]*\]", lambda one: " ".join(one[0].split()), text)
+    """Write figures.json with one interval per line, so that changes are readable."""
+    text = json.dumps(round_numbers(figures), ensure_ascii=False, indent=1)
+    text = re.sub(r"\[[^\[\]{}]*\]", lambda match: " ".join(match[0].split()), text)
     FIGURES.write_text(text + "\n", "utf-8")
 
 

@@ -87,17 +87,17 @@ def test_a_sentence_that_the_figures_do_not_bear_is_not_written(
         written = choosing.render(FIGURES, tmp_path, "page.j2")
         assert written == "It is 50.0 % (40.0 to 60.0). ([one])\n"
         return
-    with pytest.raises(choosing.Unborne, match=r"claim 1 of: It is 50\.0 %"):
+    with pytest.raises(choosing.UnsupportedClaim, match=r"claim 1 of: It is 50\.0 %"):
         choosing.render(FIGURES, tmp_path, "page.j2")
 
 
 @pytest.mark.parametrize(
     ("text", "error"),
     [
-        ('{{ share("one", "a", "random") }}', "stand outside any sentence"),
+        ('{{ share("one", "a", "random") }}', "are outside a call of says"),
         (
             '{% call says(better("one", "b", "random", "time_s")) %}x{% endcall %}',
-            "nothing is known",
+            "time_s of b in random is unknown",
         ),
         (
             '{% call says() %}{{ share("one", "c", "random") }}{% endcall %}',
@@ -109,7 +109,7 @@ def test_a_figure_without_a_source_is_refused(
     choosing: Any, tmp_path: Path, text: str, error: str
 ) -> None:
     (tmp_path / "page.j2").write_text(text)
-    with pytest.raises((choosing.Unborne, ValueError, KeyError), match=error):
+    with pytest.raises((choosing.UnsupportedClaim, ValueError, KeyError), match=error):
         choosing.render(FIGURES, tmp_path, "page.j2")
 
 
@@ -131,7 +131,7 @@ def test_a_study_becomes_figures_and_a_page(
         '{{ table("tiny", "share time error ratio unnoticed", stops=True) }}\n'
     )
     make.run("tiny", 1)
-    make.write(make.gathered())
+    make.write(make.collect_figures())
     figures = choosing.load(choosing.FIGURES)
     assert figures["studies"]["tiny"]["question"] == "Does it run?"
     page = choosing.render(figures, tmp_path / "docs", "page.j2")

@@ -3,30 +3,30 @@
 from collections.abc import Generator, Iterable
 from pathlib import Path
 
-from rcmservo.study.execution.chunk import ChunkOrder, Numbers, done
+from rcmservo.study.execution.chunk import ChunkOrder, RowValues, done
 from rcmservo.study.execution.run_study import Work
 from rcmservo.study.plan.file import StudyFile, plan_of
 from rcmservo.study.plan.plan import StudyPlan
 
 
-class Alone:
-    """A crew of one: this process. Real ones are in test_crew.py."""
+class InProcessPool:
+    """Pool that runs every request in this process; test_study_workers.py has real workers."""
 
     def done(
-        self, orders: Iterable[tuple[str, ChunkOrder]]
-    ) -> Generator[tuple[str, list[Numbers]]]:
-        for key, order in orders:
-            yield key, done(order)
+        self, requests: Iterable[tuple[str, ChunkOrder]]
+    ) -> Generator[tuple[str, list[RowValues]]]:
+        for key, request in requests:
+            yield key, done(request)
 
 
-def small(**choices: object) -> StudyPlan:
-    """Two methods over 250 scenes, which are three chunks each."""
-    usual = {"methods": ("dlt", "projection"), "count": 250, "duration": 2.0}
-    return plan_of(StudyFile(**{**usual, **choices}), {})  # pyright: ignore[reportArgumentType]
+def make_plan(**settings: object) -> StudyPlan:
+    """Return a plan of two methods over 250 scenes, which are three chunks each."""
+    defaults = {"methods": ("dlt", "projection"), "count": 250, "duration": 2.0}
+    return plan_of(StudyFile(**{**defaults, **settings}), {})  # pyright: ignore[reportArgumentType]
 
 
-def made(plan: StudyPlan, folder: Path) -> Work:
-    """The study, done."""
+def run_plan(plan: StudyPlan, folder: Path) -> Work:
+    """Run all chunks of a plan."""
     work = Work(plan, folder)
-    work.go(Alone(), lambda _: None)  # pyright: ignore[reportArgumentType]
+    work.go(InProcessPool(), lambda _: None)  # pyright: ignore[reportArgumentType]
     return work

@@ -1,4 +1,4 @@
-"""The Cramér-Rao bound: what the best fit of the pose reaches, and no other."""
+"""Cramér-Rao bound: the least-squares fit of the pose reaches it, other fits stay above it."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -17,31 +17,31 @@ from rcmservo.sim.scene import Scene
 from rcmservo.sim.scenes.joint_paths import compute_imaged_rcm
 from rcmservo.study.cramer_rao import pixels_jacobian
 
-NOISE, SEEN, SHOWN = 0.3, 60, 30
+NOISE_PX, FRAMES, TAUGHT_FRAMES = 0.3, 60, 30
 DRAWS = 4000
-"""The rms of so many errors is known to about 1 %."""
+"""Number of errors whose rms has a standard deviation of about 1 %."""
 
 SCENES = range(20)
 
 
-def scene_of(seed: int, tool: Tool = RigidTool(30.0)) -> Scene:  # noqa: B008
+def sample_scene(seed: int, tool: Tool = RigidTool(30.0)) -> Scene:  # noqa: B008
     return sample_scene_of_seed(seed, RigSettings(tool=tool))[0]
 
 
 def pixels(scene: Scene, p2: Floats) -> Floats:
-    """Both markers' pixels (N, 4), with marker 2 of the rigid tool at p2 (N, 3)."""
+    """Return the pixels of both markers (N, 4) with marker 2 at p2 (N, 3), mm."""
     tool, rho = scene.body.tool, np.linalg.norm(p2, axis=1, keepdims=True)
     p1 = p2 * (1.0 - tool.value / rho) if isinstance(tool, RigidTool) else p2 / tool.value
     return np.column_stack([scene.optics.project(p1), scene.optics.project(p2)])
 
 
 def features(scene: Scene, m: Floats) -> Floats:
-    """[s r d] (N, 3) about the true imaged RCM, s from where the target has it."""
-    o_c, way = compute_imaged_rcm(scene.optics), m[:, 2:] - m[:, :2]
-    at = pixels(scene, target(scene)[None])[0]
-    turned = np.arctan2(way[:, 1], way[:, 0]) - np.arctan2(*(at[2:] - at[:2])[::-1])
-    s = (turned + np.pi) % (2.0 * np.pi) - np.pi
-    r, d = np.linalg.norm(m[:, :2] - o_c, axis=1), np.linalg.norm(way, axis=1)
+    """Return [s r d] (N, 3) about the true imaged RCM, with s relative to the target."""
+    o_c, axis = compute_imaged_rcm(scene.optics), m[:, 2:] - m[:, :2]
+    m_d = pixels(scene, target(scene)[None])[0]
+    angle = np.arctan2(axis[:, 1], axis[:, 0]) - np.arctan2(*(m_d[2:] - m_d[:2])[::-1])
+    s = (angle + np.pi) % (2.0 * np.pi) - np.pi
+    r, d = np.linalg.norm(m[:, :2] - o_c, axis=1), np.linalg.norm(axis, axis=1)
     return np.column_stack([s, r, d])
 
 
@@ -49,26 +49,27 @@ def target(scene: Scene) -> Floats:
     return scene.body.points(scene.target)[1]
 
 
-def fitted(seen: Floats, foretold: Callable[[Floats], Floats], start: Floats) -> Floats:
-    """The places (N, 3) whose numbers are nearest to those seen (N, k), by Gauss-Newton."""
-    p, step = np.tile(start, (len(seen), 1)), 1e-3 * np.eye(3)
+def fit_positions(measured: Floats, predict: Callable[[Floats], Floats], start: Floats) -> Floats:
+    """Fit positions (N, 3) to measurements (N, k) by Gauss-Newton."""
+    p, step = np.tile(start, (len(measured), 1)), 1e-3 * np.eye(3)
     for _ in range(3):
-        J = np.stack([foretold(p + h) - foretold(p - h) for h in step], axis=-1) / 2e-3
-        pull = J.swapaxes(1, 2) @ (seen - foretold(p))[..., None]
-        p = p + np.linalg.solve(J.swapaxes(1, 2) @ J, pull)[..., 0]
+        J = np.stack([predict(p + h) - predict(p - h) for h in step], axis=-1) / 2e-3
+        gradient = J.swapaxes(1, 2) @ (measured - predict(p))[..., None]
+        p = p + np.linalg.solve(J.swapaxes(1, 2) @ J, gradient)[..., 0]
     return p
 
 
-def error_of(scene: Scene, told: Callable[[Scene, Floats], Floats]) -> Floats:
-    """Errors (DRAWS, 3) mm between the poses fitted to what is seen and to what was shown, each
-    from what is `told` of the averaged pixels.
+def draw_errors(scene: Scene, measure: Callable[[Scene, Floats], Floats]) -> Floats:
+    """Return errors (DRAWS, 3) mm: the pose fitted to present frames minus that to taught frames.
+
+    The fit uses what `measure` computes from the averaged pixels.
     """
     random, p = np.random.default_rng(0), target(scene)
     poses = []
-    for frames in (SEEN, SHOWN):
-        blur = random.standard_normal((DRAWS, 4)) * NOISE / np.sqrt(frames)
-        seen = told(scene, pixels(scene, p[None]) + blur)
-        poses.append(fitted(seen, lambda places: told(scene, pixels(scene, places)), p))
+    for frames in (FRAMES, TAUGHT_FRAMES):
+        noise = random.standard_normal((DRAWS, 4)) * NOISE_PX / np.sqrt(frames)
+        measured = measure(scene, pixels(scene, p[None]) + noise)
+        poses.append(fit_positions(measured, lambda p2: measure(scene, pixels(scene, p2)), p))
     return poses[0] - poses[1]
 
 
@@ -77,53 +78,61 @@ def rms(errors: Floats) -> float:
 
 
 @pytest.mark.parametrize("tool", [RigidTool(30.0, offset=5.0), ScaledTool(1.3)])
-def test_its_derivative_is_that_of_both_markers_pixels_by_the_place_of_marker_2(tool: Tool) -> None:
+def test_the_jacobian_is_that_of_both_markers_by_the_position_of_marker_2(tool: Tool) -> None:
     for seed in range(5):
-        scene = scene_of(seed, tool)
+        scene = sample_scene(seed, tool)
         H = derivative(lambda p, scene=scene: pixels(scene, p[None])[0], target(scene), 1e-2)
         np.testing.assert_allclose(pixels_jacobian(scene), H, atol=1e-7)
-        here = rs.bound(scene, NOISE, SEEN, SHOWN).covariance
-        known = NOISE**2 * (1 / SEEN + 1 / SHOWN) * np.linalg.inv(H.T @ H)
-        np.testing.assert_allclose(here, known, rtol=1e-5, atol=1e-9)
+        covariance = rs.bound(scene, NOISE_PX, FRAMES, TAUGHT_FRAMES).covariance
+        expected = NOISE_PX**2 * (1 / FRAMES + 1 / TAUGHT_FRAMES) * np.linalg.inv(H.T @ H)
+        np.testing.assert_allclose(covariance, expected, rtol=1e-5, atol=1e-9)
 
 
 @pytest.mark.parametrize("seed", SCENES)
-def test_the_best_fit_of_averaged_pixels_reaches_it(seed: int) -> None:
-    scene = scene_of(seed)
-    errors, least = error_of(scene, lambda _, m: m), rs.bound(scene, NOISE, SEEN, SHOWN)
+def test_the_least_squares_fit_of_averaged_pixels_reaches_the_bound(seed: int) -> None:
+    scene = sample_scene(seed)
+    errors, least = (
+        draw_errors(scene, lambda _, m: m),
+        rs.bound(scene, NOISE_PX, FRAMES, TAUGHT_FRAMES),
+    )
     assert rms(errors) == pytest.approx(least.rms, rel=0.05)
     axes = np.linalg.eigh(least.covariance)
     spread = np.sqrt(np.mean((errors @ axes[1]) ** 2, axis=0))
     np.testing.assert_allclose(spread, np.sqrt(axes[0]), rtol=0.05)
 
 
-def test_a_fit_of_less_than_the_pixels_tell_stays_above_it() -> None:
-    """[s r d]: three numbers of four. In some scenes the fourth tells nothing."""
-    scenes = [scene_of(seed) for seed in SCENES]
-    errors = np.array([rms(error_of(scene, features)) for scene in scenes])
-    ratios = errors / [rs.bound(scene, NOISE, SEEN, SHOWN).rms for scene in scenes]
+def test_a_fit_of_the_features_stays_above_the_bound() -> None:
+    """[s r d] are three of four numbers. In some scenes the fourth has no information."""
+    scenes = [sample_scene(seed) for seed in SCENES]
+    errors = np.array([rms(draw_errors(scene, features)) for scene in scenes])
+    ratios = errors / [rs.bound(scene, NOISE_PX, FRAMES, TAUGHT_FRAMES).rms for scene in scenes]
     assert ratios.min() > 0.95 and np.mean(ratios > 1.1) > 0.7
     assert 1.2 < np.median(ratios) < 1.6
 
 
-def test_noise_and_frames_count_as_the_square_root_law_has_them() -> None:
-    scene = scene_of(0)
-    one = rs.bound(scene, NOISE, 1).rms
-    assert rs.bound(scene, 2.0 * NOISE, 4).rms == pytest.approx(one)
-    assert rs.bound(scene, NOISE, 1, np.inf).rms == pytest.approx(one / np.sqrt(2.0))
+def test_the_bound_grows_with_noise_and_falls_with_the_square_root_of_the_frames() -> None:
+    scene = sample_scene(0)
+    single = rs.bound(scene, NOISE_PX, 1).rms
+    assert rs.bound(scene, 2.0 * NOISE_PX, 4).rms == pytest.approx(single)
+    assert rs.bound(scene, NOISE_PX, 1, np.inf).rms == pytest.approx(single / np.sqrt(2.0))
     assert rs.bound(scene, 0.0, 1).rms == 0.0
 
 
-def test_markers_farther_apart_tell_more() -> None:
-    scene = scene_of(0)
+def test_markers_farther_apart_lower_the_bound() -> None:
+    scene = sample_scene(0)
     body = type(scene.body)(scene.body.mechanism, RigidTool(60.0))
-    assert rs.bound(replace(scene, body=body), NOISE, 1).rms < 0.8 * rs.bound(scene, NOISE, 1).rms
+    assert (
+        rs.bound(replace(scene, body=body), NOISE_PX, 1).rms
+        < 0.8 * rs.bound(scene, NOISE_PX, 1).rms
+    )
 
 
 @pytest.mark.parametrize(
-    ("choices", "name"),
+    ("arguments", "name"),
     [((-0.1, 30), "noise"), ((np.nan, 30), "noise"), ((0.3, 0), "frames"), ((0.3, 1, 0), "shown")],
 )
-def test_what_cannot_be_is_one_sentence(choices: tuple[float, ...], name: str) -> None:
+def test_an_invalid_argument_raises_an_error_that_names_it(
+    arguments: tuple[float, ...], name: str
+) -> None:
     with pytest.raises(BadInput, match=f"{name} must be"):
-        rs.bound(scene_of(0), *choices)
+        rs.bound(sample_scene(0), *arguments)

@@ -1,5 +1,6 @@
-"""What a study tells: its numbers are those of its rows, its page needs nothing but itself, and
-neither ends where there is little to tell.
+"""Report of a study: its numbers agree with its rows, and its page is self-contained.
+
+Both exist for studies with few runs too.
 """
 
 import base64
@@ -19,7 +20,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pyarrow as pa
 import pytest
-from studies import made, small
+from studies import make_plan, run_plan
 
 from rcmservo.cli.studies.study_report import beside, results
 from rcmservo.cli.terminal import console
@@ -28,39 +29,39 @@ from rcmservo.study.execution import manifest
 from rcmservo.study.execution.store import RUNS, runs_in
 from rcmservo.study.plan.plan import StudyPlan
 from rcmservo.study.report import report
-from rcmservo.study.report.maps import AXES, Map, map_of
+from rcmservo.study.report.maps import MAP_AXES, ConvergenceMap, make_map
 from rcmservo.study.report.statistics import Interval
 from rcmservo.study.report.summary import Group
 
 PA: Any = pa
-ODD = "<b>&amp;"
+HTML_NAME = "<b>&amp;"
 COUNT = 60
 INFINITE = 1e400
-NO_NUMBER = re.compile(r"(?<![a-z])(nan|inf)(?![a-z])")
+NOT_A_NUMBER = re.compile(r"(?<![a-z])(nan|inf)(?![a-z])")
 
 
-class Study:
-    """A study that was told: its folder, rows, numbers and page."""
+class ReportedStudy:
+    """Study with its folder, rows, numbers and page."""
 
     def __init__(self, folder: Path, plan: StudyPlan, table: Any = None) -> None:
         self.folder, self.plan = folder, plan
-        rows = made(plan, folder).gather() if table is None else table
+        rows = run_plan(plan, folder).gather() if table is None else table
         about = {"command": "rcmservo study", "replay": "rcmservo study --out X --replay"}
-        self.told = report.write(folder, plan, rows, about, page=True)
+        self.summary = report.write(folder, plan, rows, about, page=True)
         self.rows = rows.to_pylist()
         self.page = (folder / report.REPORT).read_text("utf-8")
-        self.seen = Seen(self.page)
+        self.parsed = ParsedPage(self.page)
         text = (folder / report.SUMMARY).read_text("utf-8")
         self.numbers = json.loads(text, parse_constant=lambda word: pytest.fail(f"{word} in JSON"))
 
     def of(self, method: str, noise: float) -> list[dict[str, Any]]:
-        """The rows of a method with this noise, by what their scenes and noises are."""
-        chosen = [r for r in self.rows if (r["method"], r["noise_px"]) == (method, noise)]
-        return sorted(chosen, key=lambda row: (row["seed"], row["repetition"]))
+        """Return the rows of a method with this noise, sorted by scene and repetition."""
+        rows = [r for r in self.rows if (r["method"], r["noise_px"]) == (method, noise)]
+        return sorted(rows, key=lambda row: (row["seed"], row["repetition"]))
 
 
-class Seen(HTMLParser):
-    """What a browser finds in a page."""
+class ParsedPage(HTMLParser):
+    """Tags, links and text of a page."""
 
     def __init__(self, page: str) -> None:
         super().__init__()
@@ -82,197 +83,206 @@ class Seen(HTMLParser):
 
 
 @pytest.fixture(scope="module")
-def study(tmp_path_factory: pytest.TempPathFactory) -> Study:
-    """Three methods, one with a name of HTML, two conditions, two repetitions."""
-    plan = small(
-        methods=("dlt", "projection", ODD),
-        method={ODD: {"estimator": "dlt", "controller": {"gain": 2.0}}},
+def study(tmp_path_factory: pytest.TempPathFactory) -> ReportedStudy:
+    """Study of three methods, one with HTML in its name, two conditions and two repetitions."""
+    plan = make_plan(
+        methods=("dlt", "projection", HTML_NAME),
+        method={HTML_NAME: {"estimator": "dlt", "controller": {"gain": 2.0}}},
         noise=(0.3, 2.0),
         count=COUNT,
         repetitions=2,
         duration=3.5,
     )
-    return Study(tmp_path_factory.mktemp("study"), plan)
+    return ReportedStudy(tmp_path_factory.mktemp("study"), plan)
 
 
 def column(rows: Iterable[dict[str, Any]], name: str) -> Floats:
     return np.array([np.inf if row[name] is None else row[name] for row in rows], np.float64)
 
 
-def at(values: Floats, p: float) -> Any:
-    """A quantile as the report has it: the value up to which there are so many, half-way to the
-    next one that came where they are whole; null beyond all that came.
+def expected_quantile(values: Floats, p: float) -> Any:
+    """Return a quantile as the report defines it; None if it is infinite.
+
+    For an integer number of values below, it is the mean of two finite neighbours.
     """
-    ordered, many = np.sort(values), Fraction(str(p)) * len(values)
-    below, above = ordered[math.ceil(many) - 1], ordered[math.floor(many)]
-    found = 0.5 * (below + above) if np.isfinite(above) else below
-    return pytest.approx(found) if np.isfinite(found) else None
+    ordered, rank = np.sort(values), Fraction(str(p)) * len(values)
+    below, above = ordered[math.ceil(rank) - 1], ordered[math.floor(rank)]
+    value = 0.5 * (below + above) if np.isfinite(above) else below
+    return pytest.approx(value) if np.isfinite(value) else None
 
 
 @pytest.mark.parametrize("noise", [0.3, 2.0])
-@pytest.mark.parametrize("method", ["dlt", "projection", ODD])
-def test_the_numbers_of_a_summary_are_those_of_the_rows(
-    study: Study, method: str, noise: float
+@pytest.mark.parametrize("method", ["dlt", "projection", HTML_NAME])
+def test_the_numbers_of_a_summary_agree_with_the_rows(
+    study: ReportedStudy, method: str, noise: float
 ) -> None:
     rows, name = study.of(method, noise), f"random, {noise:g} px"
-    told = next(
-        one
-        for one in study.numbers["methods"]
-        if (one["method"], one["condition"]) == (method, name)
+    summary = next(
+        entry
+        for entry in study.numbers["methods"]
+        if (entry["method"], entry["condition"]) == (method, name)
     )
-    assert told["runs"] == len(rows) == 2 * COUNT
+    assert summary["runs"] == len(rows) == 2 * COUNT
     arrived = column(rows, "pose_error_mm") <= 1.0
-    assert told["success"]["value"] == np.mean(arrived)
-    p, z, n = np.mean(arrived), 1.959964, len(rows)  # Wilson's interval, written down once more
+    assert summary["success"]["value"] == np.mean(arrived)
+    p, z, n = np.mean(arrived), 1.959964, len(rows)  # independent form of Wilson's interval
     half = z * np.sqrt(p * (1 - p) / n + (z / n / 2) ** 2)
     ends = [(p + z**2 / n / 2 + sign * half) / (1 + z**2 / n) for sign in (-1, 1)]
-    assert [told["success"]["low"], told["success"]["high"]] == pytest.approx(ends, abs=1e-6)
-    for key, values, share in (
+    assert [summary["success"]["low"], summary["success"]["high"]] == pytest.approx(ends, abs=1e-6)
+    for key, values, p in (
         ("time_median_s", column(rows, "time_to_1mm_s"), 0.5),
         ("time_95_s", column(rows, "time_to_1mm_s"), 0.95),
         ("pose_median_mm", column(rows, "pose_error_mm"), 0.5),
         ("pose_95_mm", column(rows, "pose_error_mm"), 0.95),
         ("unnoticed_99_mm", column(rows, "unnoticed_mm"), 0.99),
     ):
-        assert told[key]["value"] == at(values, share), key
+        assert summary[key]["value"] == expected_quantile(values, p), key
     ratios = (column(rows, "pose_error_mm") / column(rows, "bound_mm"))[arrived]
-    assert told["ratio_rms"]["value"] == pytest.approx(np.sqrt(np.mean(ratios**2)))
-    assert told["unnoticed_worst_mm"] == max(column(rows, "unnoticed_mm"))
+    assert summary["ratio_rms"]["value"] == pytest.approx(np.sqrt(np.mean(ratios**2)))
+    assert summary["unnoticed_worst_mm"] == max(column(rows, "unnoticed_mm"))
     names = [row["stop"] for row in rows if row["stop"]]
-    assert told["stops"] == {one: names.count(one) for one in names}
+    assert summary["stops"] == {cause: names.count(cause) for cause in names}
 
 
 @pytest.mark.parametrize("noise", [0.3, 2.0])
 def test_methods_are_compared_in_the_same_scene_with_the_same_noise(
-    study: Study, noise: float
+    study: ReportedStudy, noise: float
 ) -> None:
-    """Pairs that are out of step by one have another median."""
+    """Pairs shifted by one scene have another median."""
     one, other = study.of("projection", noise), study.of("dlt", noise)
-    told = next(
+    comparison = next(
         c
         for c in study.numbers["comparisons"]
         if c["method"] == "projection" and c["condition"].endswith(f" {noise:g} px")
     )
-    assert told["beside"] == "dlt" and told["pairs"] == 2 * COUNT
+    assert comparison["beside"] == "dlt" and comparison["pairs"] == 2 * COUNT
     success = [column(rows, "pose_error_mm") <= 1.0 for rows in (one, other)]
-    assert told["success"]["value"] == pytest.approx(np.mean(success[0]) - np.mean(success[1]))
+    assert comparison["success"]["value"] == pytest.approx(
+        np.mean(success[0]) - np.mean(success[1])
+    )
     times = [column(rows, "time_to_1mm_s") for rows in (one, other)]
     known = np.isfinite(times[0]) | np.isfinite(times[1])
-    assert told["time_s"]["value"] == at(times[0][known] - times[1][known], 0.5)
+    difference = times[0][known] - times[1][known]
+    assert comparison["time_s"]["value"] == expected_quantile(difference, 0.5)
     poses, both = [column(rows, "pose_error_mm") for rows in (one, other)], success[0] & success[1]
-    assert told["pose_mm"]["value"] == at((poses[0] - poses[1])[both], 0.5)
+    assert comparison["pose_mm"]["value"] == expected_quantile((poses[0] - poses[1])[both], 0.5)
     shifted = (poses[0] - np.roll(poses[1], 1))[both]
-    assert told["pose_mm"]["value"] != at(shifted, 0.5)
+    assert comparison["pose_mm"]["value"] != expected_quantile(shifted, 0.5)
 
 
-def test_the_page_opens_without_a_network_and_runs_nothing(study: Study) -> None:
-    assert study.seen.links and all(link.startswith("data:") for link in study.seen.links)
+def test_the_page_has_no_scripts_and_no_links_to_a_network(study: ReportedStudy) -> None:
+    assert study.parsed.links and all(link.startswith("data:") for link in study.parsed.links)
     assert not re.search(r"https?:|//|url\(|@import", study.page.replace("</", ""))
-    assert not {"script", "iframe", "link", "object"} & set(study.seen.tags)
+    assert not {"script", "iframe", "link", "object"} & set(study.parsed.tags)
 
 
-def test_the_page_has_every_method_every_condition_and_a_figure_of_each(study: Study) -> None:
-    figures = [base64.b64decode(link.partition(",")[2]) for link in study.seen.links]
+def test_the_page_has_every_method_and_condition_and_a_figure_per_condition(
+    study: ReportedStudy,
+) -> None:
+    figures = [base64.b64decode(link.partition(",")[2]) for link in study.parsed.links]
     assert len(figures) == 2 and figures[0] != figures[1]
     for figure in figures:
         ElementTree.fromstring(figure)
-        assert all(one.startswith(b"#") for one in re.findall(rb'href="([^"]*)"', figure))
+        assert all(link.startswith(b"#") for link in re.findall(rb'href="([^"]*)"', figure))
         assert b"<!-- dlt -->" in figure and b"<!-- projection -->" in figure
-    for words in ("random, 0.3 px", "random, 2 px", "dlt", "projection", ODD, "compiled"):
-        assert words in study.seen.text
-    for method in ("dlt", "projection", ODD):
-        assert study.seen.text.count(f"Settings of {method}") == 1
-    assert study.seen.text.count("Where it converges") == 2
+    for text in ("random, 0.3 px", "random, 2 px", "dlt", "projection", HTML_NAME, "compiled"):
+        assert text in study.parsed.text
+    for method in ("dlt", "projection", HTML_NAME):
+        assert study.parsed.text.count(f"Settings of {method}") == 1
+    assert study.parsed.text.count("Convergence by scene") == 2
 
 
-def test_a_name_is_never_taken_for_html(study: Study) -> None:
-    assert "b" not in study.seen.tags
-    assert ODD in study.seen.text and ODD not in study.page
+def test_names_are_escaped_in_the_page(study: ReportedStudy) -> None:
+    assert "b" not in study.parsed.tags
+    assert HTML_NAME in study.parsed.text and HTML_NAME not in study.page
 
 
-def test_the_worst_runs_are_the_worst_and_their_command_makes_them_again(study: Study) -> None:
-    """By their rows, also in a second condition and of a second repetition."""
+def test_the_page_lists_the_worst_runs_with_the_row_that_repeats_them(study: ReportedStudy) -> None:
+    """Rows count across conditions and repetitions."""
     cases = [
         int(case) for case in re.findall(r"rcmservo study --out X --replay (\d+)<", study.page)
     ]
-    made_of, expected = manifest.read(study.folder), []
+    recorded, expected = manifest.read(study.folder), []
     for noise in (0.3, 2.0):
-        for method in ("dlt", "projection", ODD):
-            own = [
+        for method in ("dlt", "projection", HTML_NAME):
+            indices = [
                 i
                 for i, r in enumerate(study.rows)
                 if (r["method"], r["noise_px"]) == (method, noise)
             ]
             errors = column(study.rows, "pose_error_mm")
-            expected += sorted(own, key=lambda i: -errors[i])[: report.WORST]
-    assert cases == expected and made_of is not None
+            expected += sorted(indices, key=lambda i: -errors[i])[: report.WORST_RUN_COUNT]
+    assert cases == expected and recorded is not None
     assert {study.rows[case]["repetition"] for case in cases} == {0, 1}
     for case in cases:
-        (cell, seed), row = made_of.run_of(case), study.rows[case]
+        (cell, seed), row = recorded.run_of(case), study.rows[case]
         noise = cell.tables["camera"]["point_noise"]
         assert (cell.method, seed, cell.repetition, noise) == tuple(
             row[name] for name in ("method", "seed", "repetition", "noise_px")
         )
 
 
-def test_the_terminal_folds_long_words_and_crops_none(
-    study: Study, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+def test_the_terminal_wraps_long_names_without_cropping(
+    study: ReportedStudy, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("COLUMNS", "80")
-    console().print(results(study.told.summaries))
-    said = capsys.readouterr().out
-    assert "…" not in said and max(map(len, said.splitlines())) <= 80
-    cells = [line.split("│")[1].strip() for line in said.splitlines() if line.startswith("│")]
+    console().print(results(study.summary.summaries))
+    output = capsys.readouterr().out
+    assert "…" not in output and max(map(len, output.splitlines())) <= 80
+    cells = [line.split("│")[1].strip() for line in output.splitlines() if line.startswith("│")]
     assert "".join(cells).count("projection") == 2
 
 
-def test_what_only_one_of_two_does_is_said_in_words() -> None:
-    never, some = Interval(np.inf, np.inf, np.inf), Interval(np.nan, np.nan, np.nan)
-    one = report.PairedComparison("a", "b", "random", 9, Interval(-1.0, -1.0, -0.6), never, some)
-    assert beside(one) == (
+def test_an_infinite_difference_of_times_is_described_in_words() -> None:
+    never, unknown = Interval(np.inf, np.inf, np.inf), Interval(np.nan, np.nan, np.nan)
+    success = Interval(-1.0, -1.0, -0.6)
+    later = report.PairedComparison("a", "b", "random", 9, success, never, unknown)
+    assert beside(later) == (
         "a compared with b, random, 9 pairs: success -100.0 (-100.0 to -60.0) % points, "
         "mostly only b reaches 1 mm, error –"
     )
-    alike = replace(one, time_s=Interval(0.0, 0.0, 0.0), pose_mm=Interval(0.0, 0.0, 0.0))
-    assert beside(alike).endswith("to 1 mm +0.00 s, error +0.000 mm")
-    sooner = replace(one, time_s=Interval(-np.inf, -np.inf, -0.5))
+    equal = replace(later, time_s=Interval(0.0, 0.0, 0.0), pose_mm=Interval(0.0, 0.0, 0.0))
+    assert beside(equal).endswith("to 1 mm +0.00 s, error +0.000 mm")
+    sooner = replace(later, time_s=Interval(-np.inf, -np.inf, -0.5))
     assert "mostly only a reaches 1 mm" in beside(sooner)
 
 
-def group(success: list[bool], **columns: Any) -> Group:
-    """A group of runs with these columns."""
-    usual = {name: np.arange(1.0, len(success) + 1.0) for axes in AXES for name, _ in axes}
-    table = PA.table({"success": success, **usual, **columns})
+def make_group(success: list[bool], **columns: Any) -> Group:
+    """Return a group of runs with these columns."""
+    defaults = {name: np.arange(1.0, len(success) + 1.0) for axes in MAP_AXES for name, _ in axes}
+    table = PA.table({"success": success, **defaults, **columns})
     return Group("m", "random", [0], table)
 
 
-def all_of(one: Map) -> list[tuple[int, Interval]]:
-    return [cell for row in one.cells for cell in row if cell is not None]
+def list_cells(found: ConvergenceMap) -> list[tuple[int, Interval]]:
+    return [cell for row in found.cells for cell in row if cell is not None]
 
 
-def brute(values: Floats, shown: list[str]) -> list[Floats]:
-    """Which of the values each bin has: about as many each, the ends by NumPy's quantiles."""
-    edges = np.quantile(values, np.linspace(0.0, 1.0, len(shown) + 1))
+def assign_to_bins(values: Floats, labels: list[str]) -> list[Floats]:
+    """Return, for each bin, which values are in it; the edges are NumPy's quantiles."""
+    edges = np.quantile(values, np.linspace(0.0, 1.0, len(labels) + 1))
     inside = [(low <= values) & (values < high) for low, high in pairwise(edges)]
     inside[-1] |= values >= edges[-1]
     return inside
 
 
-def test_the_cells_of_a_map_are_all_runs_and_their_shares_those_of_the_runs_in_them() -> None:
+def test_the_cells_of_a_map_hold_all_runs_with_their_success_rates() -> None:
     random = np.random.default_rng(0)
     down, across = (
         random.permutation(400.0 + np.arange(400)),
         random.permutation(1.0 * np.arange(400)),
     )
     success = random.random(400) < across / 400.0
-    one = map_of(group(success.tolist(), condition=down, start_error_mm=across), *AXES[0])
-    assert len(one.rows) == len(one.columns) == 5 and one.rows[0] == "400 to 480"
-    for row, below in zip(one.cells, brute(down, one.rows), strict=True):
-        for cell, left in zip(row, brute(across, one.columns), strict=True):
-            here = success[below & left]
-            assert cell is not None and cell[0] == len(here)
-            assert cell[1].value == here.mean() and cell[1].low < cell[1].high
-    assert sum(count for count, _ in all_of(one)) == 400
+    found = make_map(
+        make_group(success.tolist(), condition=down, start_error_mm=across), *MAP_AXES[0]
+    )
+    assert len(found.rows) == len(found.columns) == 5 and found.rows[0] == "400 to 480"
+    for row, below in zip(found.cells, assign_to_bins(down, found.rows), strict=True):
+        for cell, left in zip(row, assign_to_bins(across, found.columns), strict=True):
+            inside = success[below & left]
+            assert cell is not None and cell[0] == len(inside)
+            assert cell[1].value == inside.mean() and cell[1].low < cell[1].high
+    assert sum(count for count, _ in list_cells(found)) == 400
 
 
 @pytest.mark.parametrize(
@@ -285,81 +295,83 @@ def test_the_cells_of_a_map_are_all_runs_and_their_shares_those_of_the_runs_in_t
         ([*range(1, 300), INFINITE], None),
     ],
 )
-def test_a_map_of_few_or_equal_or_infinite_values_still_has_all_runs(
+def test_a_map_of_few_equal_or_infinite_values_holds_all_runs(
     conditions: list[float], rows: list[str] | None
 ) -> None:
     values = np.array(conditions, np.float64)
-    one = map_of(group([True] * len(values), condition=values), *AXES[0])
-    assert sum(count for count, _ in all_of(one)) == len(values)
-    assert all("inf" not in words and "nan" not in words for words in (*one.rows, *one.columns))
+    found = make_map(make_group([True] * len(values), condition=values), *MAP_AXES[0])
+    assert sum(count for count, _ in list_cells(found)) == len(values)
+    assert all("inf" not in text and "nan" not in text for text in (*found.rows, *found.columns))
     if rows is not None:
-        assert one.rows == rows
+        assert found.rows == rows
     else:
-        assert one.rows[-2:] == ["239 to 299", "∞"] and len(one.rows) == 6
-        assert sum(cell[0] for cell in one.cells[-1] if cell) == 1
+        assert found.rows[-2:] == ["239 to 299", "∞"] and len(found.rows) == 6
+        assert sum(cell[0] for cell in found.cells[-1] if cell) == 1
 
 
-def test_a_study_of_one_scene_is_told_and_tells_nothing_apart(tmp_path: Path) -> None:
-    study = Study(tmp_path, small(count=1, duration=6.0))
+def test_a_study_of_one_scene_has_a_report_without_differences(tmp_path: Path) -> None:
+    study = ReportedStudy(tmp_path, make_plan(count=1, duration=6.0))
     first = study.numbers["methods"][0]
     assert first["success"]["value"] == 1.0 and first["pose_median_mm"]["high"] is None
     assert study.numbers["comparisons"][0]["pose_mm"]["low"] is None
-    assert "worse" not in study.seen.words and "better" not in study.seen.words
-    assert not NO_NUMBER.search(study.seen.text)
-    assert study.seen.text.count("not told apart") == 3
-    assert "Where it converges" not in study.seen.text  # one cell would repeat the success rate
+    assert "worse" not in study.parsed.words and "better" not in study.parsed.words
+    assert not NOT_A_NUMBER.search(study.parsed.text)
+    assert study.parsed.text.count("no difference found") == 3
+    assert "Convergence by scene" not in study.parsed.text  # a single cell repeats the success rate
 
 
-def test_a_study_without_any_success_is_told(tmp_path: Path) -> None:
-    study = Study(tmp_path, small(count=30, duration=1.2))
-    for one in study.numbers["methods"]:
-        assert one["success"]["value"] == 0.0 and one["time_median_s"]["value"] is None
-        assert one["ratio_rms"] == {"value": None, "low": None, "high": None}
-    assert "never" in study.seen.words and "–" in study.seen.words
-    assert not NO_NUMBER.search(study.seen.text)
+def test_a_study_without_success_has_a_report(tmp_path: Path) -> None:
+    study = ReportedStudy(tmp_path, make_plan(count=30, duration=1.2))
+    for summary in study.numbers["methods"]:
+        assert summary["success"]["value"] == 0.0 and summary["time_median_s"]["value"] is None
+        assert summary["ratio_rms"] == {"value": None, "low": None, "high": None}
+    assert "never" in study.parsed.words and "–" in study.parsed.words
+    assert not NOT_A_NUMBER.search(study.parsed.text)
 
 
-def test_where_the_bound_is_not_known_the_page_has_a_dash(tmp_path: Path) -> None:
-    """As of rendered frames: no number may be made of what is not known."""
-    plan = small(count=20, methods=("dlt",), duration=4.0)
-    rows = made(plan, tmp_path / "a").gather()
+def test_an_unknown_bound_is_a_dash_in_the_page(tmp_path: Path) -> None:
+    """The bound is unknown for rendered frames."""
+    plan = make_plan(count=20, methods=("dlt",), duration=4.0)
+    rows = run_plan(plan, tmp_path / "a").gather()
     for name in ("bound_mm", "noise_px"):
-        place = rows.schema.get_field_index(name)
+        index = rows.schema.get_field_index(name)
         empty = PA.array([None] * rows.num_rows, PA.float64())
-        rows = rows.set_column(place, rows.schema.field(name), empty)
-    study = Study(tmp_path / "a", plan, rows)
-    one = study.numbers["methods"][0]
-    assert one["success"]["value"] > 0.5 and one["ratio_median"]["value"] is None
-    assert study.seen.words.count("–") == 2
+        rows = rows.set_column(index, rows.schema.field(name), empty)
+    study = ReportedStudy(tmp_path / "a", plan, rows)
+    summary = study.numbers["methods"][0]
+    assert summary["success"]["value"] > 0.5 and summary["ratio_median"]["value"] is None
+    assert study.parsed.words.count("–") == 2
 
 
-def test_without_noise_there_is_no_bound_to_divide_by(tmp_path: Path) -> None:
-    study = Study(tmp_path, small(count=20, methods=("dlt",), duration=4.0, noise=(0.0,)))
-    one = study.numbers["methods"][0]
-    assert {row["bound_mm"] for row in study.rows} == {0.0} and one["success"]["value"] > 0.5
-    assert one["ratio_rms"]["value"] is None and study.seen.words.count("–") == 2
+def test_without_noise_the_ratio_to_the_bound_is_unknown(tmp_path: Path) -> None:
+    study = ReportedStudy(
+        tmp_path, make_plan(count=20, methods=("dlt",), duration=4.0, noise=(0.0,))
+    )
+    summary = study.numbers["methods"][0]
+    assert {row["bound_mm"] for row in study.rows} == {0.0} and summary["success"]["value"] > 0.5
+    assert summary["ratio_rms"]["value"] is None and study.parsed.words.count("–") == 2
 
 
-def test_the_rows_say_what_their_columns_mean_wherever_they_are(study: Study) -> None:
+def test_the_meanings_of_the_columns_are_in_the_file_and_on_the_page(study: ReportedStudy) -> None:
     table = runs_in(study.folder)
     meanings = {field.name: field.metadata[b"meaning"].decode() for field in table.schema}
     assert len(meanings) == len(table.column_names) and (study.folder / RUNS).stat().st_size < 1e6
     for name, meaning in meanings.items():
-        assert name in study.seen.text and meaning in study.seen.text
+        assert name in study.parsed.text and meaning in study.parsed.text
 
 
-def test_curves_of_shares_begin_at_none_and_end_at_what_came() -> None:
-    """Also of one run, of which a line through its one point would not be seen."""
+def test_cumulative_curves_start_at_zero_and_end_at_the_fraction_of_finite_values() -> None:
+    """A curve of one run is a visible step, not a single point."""
     for values, last in (([3.0], 1.0), ([1.0, 2.0, np.inf, np.inf], 0.5), ([np.inf], 0.0)):
-        here = SimpleNamespace(
+        group = SimpleNamespace(
             method="m", first_within=np.array(values), column=lambda name: np.array([0.5])
         )
-        times, poses = report._figure([here], 15.0).panels  # pyright: ignore
-        one = times.curves[0]
-        assert (one.x[0], one.y[0], one.x[-1], one.y[-1]) == (0.0, 0.0, 15.0, last)
+        times, poses = report._make_figure([group], 15.0).panels  # pyright: ignore
+        curve = times.curves[0]
+        assert (curve.x[0], curve.y[0], curve.x[-1], curve.y[-1]) == (0.0, 0.0, 15.0, last)
         assert poses.curves[0].y == [0.0, 1.0] and poses.curves[0].x == [0.5, 0.5]
     many = np.random.default_rng(0).uniform(0.0, 15.0, 10_000)
-    here = SimpleNamespace(method="m", first_within=many, column=lambda name: many)
-    for panel in report._figure([here], 15.0).panels:  # pyright: ignore
+    group = SimpleNamespace(method="m", first_within=many, column=lambda name: many)
+    for panel in report._make_figure([group], 15.0).panels:  # pyright: ignore
         x, y = np.array(panel.curves[0].x), np.array(panel.curves[0].y)
         assert len(x) <= 500 and y[-1] == 1.0 and np.abs(y - x / 15.0).max() < 0.02

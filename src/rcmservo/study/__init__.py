@@ -1,5 +1,7 @@
-"""Many closed loops at once: the laboratory as compiled functions, the servo's step its own; and
-the least error that any servo could leave in them.
+"""Studies: many simulated closed loops of one servo, and the Cramér-Rao bound of their pose error.
+
+`batch` runs the servo's live step on a compiled plant. `cramer_rao` computes the smallest error
+that an unbiased servo can reach in a scene.
 """
 
 from importlib import import_module
@@ -12,15 +14,15 @@ if TYPE_CHECKING:
     from rcmservo.study.cramer_rao import Bound, bound
     from rcmservo.study.run_outcome import StudyRun
 
-MODULES = "batch", "course", "cramer_rao"
-"""Modules with the public names."""
+PUBLIC_MODULES = "batch", "cramer_rao"
+"""Modules that hold the public names."""
 __all__ = ["Bound", "Study", "StudyRun", "bound"]
 
 
 def __getattr__(name: str) -> Any:
-    """Load a public name on its first use: the conditions of a study need no simulation."""
+    """Import a public name on first use: the conditions of a study need no simulator."""
     if name not in __all__:
         raise AttributeError(f"module 'rcmservo.study' has no attribute {name!r}")
     with needing("rcmservo.study", "sim"):
-        modules = (import_module(f"rcmservo.study.{one}") for one in MODULES)
+        modules = (import_module(f"rcmservo.study.{module}") for module in PUBLIC_MODULES)
         return next(getattr(module, name) for module in modules if hasattr(module, name))

@@ -1,4 +1,4 @@
-"""Closed loops of one servo on the compiled twin, each in a scene drawn from a seed."""
+"""Closed loops of one servo on the compiled plant, each in a scene drawn from a seed."""
 
 import signal
 from collections.abc import Iterable, Iterator
@@ -22,30 +22,51 @@ from rcmservo.sim import RigSettings
 from rcmservo.sim.arm import HARD_STOP_RATIO
 from rcmservo.sim.scene import Scene
 from rcmservo.study.cramer_rao import bound
-from rcmservo.study.inertia import inertia_of
-from rcmservo.study.kernel_engine import Course, Goal, Start, closed_loop
-from rcmservo.study.plant_kernel import QUEUE, STEP, Drives, Pace, Twin
+from rcmservo.study.inertia import compute_inertia
+from rcmservo.study.kernel_engine import Goal, InitialConditions, LoopTrace, run_closed_loop
+from rcmservo.study.plant_kernel import (
+    ARM_STEP_NS,
+    QUEUE_LENGTH,
+    DrivesStruct,
+    FrameTimingStruct,
+    PlantStruct,
+)
 from rcmservo.study.run_outcome import StudyRun
-from rcmservo.study.trial import frames_of, trial
+from rcmservo.study.trial import count_frames, trial
 
-BEGIN = 1_000_000_000
-"""ns on the twin's clock at the first tick."""
+FIRST_TICK_NS = 1_000_000_000
+"""Time of the first tick on the clock of the plant, ns."""
 
 
 @dataclass(frozen=True)
 class Study(Checked):
-    """A servo, and what its scenes are drawn from. The servo's step is the live one.
+    """Simulated closed loops of a servo, with its live step on a compiled plant.
+
+    The scene, the target and the noise of every run follow from its seed, so that two servos with
+    the same settings meet the same conditions.
 
     Parameters
     ----------
     servo : Servo
-        The servo; its estimator must be one whose step is compiled.
+        The servo; its estimator must have a compiled step, and its mechanism and tool must be those
+        of the laboratory.
     settings : RigSettings
-        The laboratory, with the camera that tells points.
+        The simulated laboratory, with a camera that measures points.
     duration : float
         Length of each closed loop, s.
     shown : int
-        Frames that the target is the mean of.
+        Number of frames whose mean is the target.
+
+    Raises
+    ------
+    BadInput
+        If a parameter is outside its range, the estimator has no compiled step, mechanism or tool
+        differ from those of the laboratory, or the delay of the drives is 128 ticks or more.
+
+    Notes
+    -----
+    The compiled plant is that of `rcmservo.sim`: a run agrees with the simulated laboratory to a
+    few 1e-6 mm. Disturbances, rendered frames and estimators in Python are not available.
     """
 
     servo: Servo
@@ -57,83 +78,121 @@ class Study(Checked):
         super().__post_init__()
         kinds = " or ".join(k.__name__ for k in ESTIMATORS.values() if compiles(k))
         name = type(self.servo.estimator).__name__
-        good = self.servo.kernel is not None
-        require(good, "servo.estimator", name, f"{kinds}, whose steps are compiled")
-        for box in ("mechanism", "tool"):
-            known, there = getattr(self.servo, box), getattr(self.settings, box)
-            require(known == there, f"servo.{box}", known, f"that of the laboratory, {there}")
-        slow = self.settings.drive.delay * self.servo.rate < QUEUE
-        require(slow, "drive.delay", self.settings.drive.delay, f"below {QUEUE} ticks")
+        is_compiled = self.servo.kernel is not None
+        require(is_compiled, "servo.estimator", name, f"{kinds}, whose steps are compiled")
+        for part in ("mechanism", "tool"):
+            known, simulated = getattr(self.servo, part), getattr(self.settings, part)
+            expected = f"equal to that of the laboratory, {simulated}"
+            require(known == simulated, f"servo.{part}", known, expected)
+        fits = self.settings.drive.delay * self.servo.rate < QUEUE_LENGTH
+        expected = f"shorter than {QUEUE_LENGTH} ticks"
+        require(fits, "drive.delay", self.settings.drive.delay, expected)
 
     def run(self, seed: int, repetition: int = 0) -> StudyRun:
-        """One closed loop, in the scene that `Rig(seed)` has, each repetition with noise of its
-        own.
+        """Run one closed loop in the scene of `Rig(seed)`.
+
+        Parameters
+        ----------
+        seed : int
+            Seed of the scene and the noise, not negative.
+        repetition : int
+            Each repetition has other noise in the same scene.
+
+        Returns
+        -------
+        StudyRun
+            Error, phase and cause at every tick.
         """
         given = trial(seed, repetition, self.settings, self.duration, self.shown)
         return self.of(seed, *given)
 
     def of(self, seed: int, scene: Scene, shown: Goal, noise: Floats) -> StudyRun:
-        """One closed loop in a scene, to what was shown, with the noise (frames, 2, 2) px."""
-        good = noise.shape[0] >= self._frames and noise.shape[1:] == (2, 2)
-        require(good, "noise", noise.shape, f"of shape (2, 2) for at least {self._frames} frames")
+        """Run one closed loop in a given scene.
+
+        Parameters
+        ----------
+        seed : int
+            Number that the run is labelled with.
+        scene : Scene
+            Camera, tool, start and target.
+        shown : Goal
+            Target as it was taught.
+        noise : Floats
+            Noise (frames, 2, 2) px of every frame from the first tick on.
+
+        Returns
+        -------
+        StudyRun
+            Error, phase and cause at every tick.
+
+        Raises
+        ------
+        BadInput
+            If the noise has another shape or too few frames.
+        """
+        is_enough = noise.shape[0] >= self._frame_count and noise.shape[1:] == (2, 2)
+        expected = f"of shape (2, 2) for at least {self._frame_count} frames"
+        require(is_enough, "noise", noise.shape, expected)
         ticks = round(self.duration * self.servo.rate)
-        trace = Course(np.empty(ticks), np.empty(ticks, np.int8), np.empty(ticks, np.int8))
-        closed_loop(self._start, self._twin(scene).rows, shown, noise, trace)
-        least = bound(scene, self.settings.point_noise, self._frames, self.shown).rms
+        trace = LoopTrace(np.empty(ticks), np.empty(ticks, np.int8), np.empty(ticks, np.int8))
+        plant = self._make_plant(scene)
+        run_closed_loop(self._initial_conditions, plant.rows, shown, noise, trace)
+        least = bound(scene, self.settings.point_noise, self._frame_count, self.shown).rms
         return StudyRun(seed, self.servo.rate, trace.error, trace.phase, trace.cause, least, scene)
 
     def runs(self, seeds: Iterable[int]) -> Iterator[StudyRun]:
-        """A closed loop of every seed, in their order, on all cores."""
-        self.run(0)  # compiled once, not by every process at a time
+        """Run a closed loop for every seed on all processors, and yield them in order."""
+        self.run(0)  # compile once here instead of once in every process
         with Pool(initializer=_handle_signals) as pool:
             yield from pool.imap(self.run, seeds, chunksize=8)
 
     @property
-    def _frames(self) -> int:
-        return frames_of(self.settings, self.duration)
+    def _frame_count(self) -> int:
+        return count_frames(self.settings, self.duration)
 
     @property
-    def _start(self) -> Start:
-        """The servo at the start, in memory of its own."""
-        servo, state = self.servo, self._ignorant
+    def _initial_conditions(self) -> InitialConditions:
+        """The servo before the first tick, in memory that the loop may overwrite."""
+        servo, state = self.servo, self._initial_state
         stored, memory = copied(state.stored).rows, deepcopy(state.memory)
-        return Start(stored, memory, servo.parameters, servo.kernel, BEGIN)
+        return InitialConditions(stored, memory, servo.parameters, servo.kernel, FIRST_TICK_NS)
 
     @cached_property
-    def _ignorant(self) -> State:
+    def _initial_state(self) -> State:
         return self.servo.init()
 
-    def _twin(self, scene: Scene) -> Twin:
-        """The laboratory before a scene's start."""
+    def _make_plant(self, scene: Scene) -> PlantStruct:
+        """Return the compiled plant at the start of a scene."""
         timing = self.settings.timing
-        late = round((0.5 * timing.exposure + timing.delay) * 1e9)
-        pace = Pace.of(period=1e9 / timing.frame_rate, late=late)
-        drives, lens = changed(self._drives, q=scene.start), scene.optics.lens
-        return Twin.of(drives=drives, lens=lens, pace=pace)
+        latency = round((0.5 * timing.exposure + timing.delay) * 1e9)
+        frame_timing = FrameTimingStruct.of(period=1e9 / timing.frame_rate, latency=latency)
+        drives = changed(self._drives, q=scene.start)
+        return PlantStruct.of(drives=drives, camera=scene.optics.lens, frame_timing=frame_timing)
 
     @cached_property
-    def _drives(self) -> Drives:
-        """The arm, wherever it stands."""
+    def _drives(self) -> DrivesStruct:
+        """The drives of the laboratory, at no particular configuration."""
         drive, limits = self.settings.drive, self.settings.mechanism.limits
         lower, upper = limits.arrays
-        made = 1.0 + np.array(drive.rate_error)
+        rate_scale = 1.0 + np.array(drive.rate_error)
         middle, half = (upper + lower) / 2.0, (upper - lower) / 2.0
-        return Drives.of(
+        return DrivesStruct.of(
             delay=round(drive.delay * 1e9),
-            follow=1.0 - np.exp(-STEP * 1e-9 / drive.lag),
-            deadband=made * drive.deadband,
+            lag_gain=1.0 - np.exp(-ARM_STEP_NS * 1e-9 / drive.lag),
+            deadband=rate_scale * drive.deadband,
             encoder=np.maximum(drive.encoder, 1e-12),
-            offset=drive.encoder_offset,
-            made=made,
+            encoder_offset=drive.encoder_offset,
+            rate_scale=rate_scale,
             lower=middle - HARD_STOP_RATIO * half,
             upper=middle + HARD_STOP_RATIO * half,
-            inertia=inertia_of(self.settings.mechanism).rows,
+            inertia=compute_inertia(self.settings.mechanism).rows,
         )
 
 
 def _handle_signals() -> None:
-    """Leave Ctrl-C to the parent of this worker process, and end at SIGTERM: a handler of the
-    parent's, which a fork copies, could ignore it.
+    """Ignore Ctrl-C in a worker process, which its parent handles, and end on SIGTERM.
+
+    A fork copies the parent's SIGTERM handler, which could ignore the signal.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)

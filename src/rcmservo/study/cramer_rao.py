@@ -1,19 +1,21 @@
-"""The least error that pixels allow: the Cramér-Rao bound of the pose in which a servo arrives.
+"""Cramér-Rao bound of the pose error: the smallest error that the pixel noise allows.
 
-A servo has arrived where the markers are seen as they were shown. Both are known with noise only:
-m = h(p) + e, with p (3,) mm the position of marker 2, m (4,) px both markers' pixels, e
-independent and Gaussian with the standard deviation `noise` in every coordinate and frame. Whoever
-knows camera and tool, and takes the mean of n frames, can tell p without bias to the covariance
+A servo has arrived where it measures the same markers as when the target was taught. Both
+measurements are noisy: m = h(p) + e, with p (3,) mm the position of marker 2, m (4,) px the pixels
+of both markers, and e independent and Gaussian with the standard deviation `noise` in every
+coordinate and frame. An unbiased estimator that knows camera and tool and averages n frames has at
+least the covariance
 
-    noise²/n (HᵀH)⁻¹,    H = ∂h/∂p (4, 3) px/mm,
+    noise²/n (HᵀH)⁻¹,    H = ∂h/∂p (4, 3) px/mm.
 
-and no better. The error is the difference of two such poses, what is seen and what was shown, and
-what is wrong with h is in both alike. Near the target it has at least the covariance
+The pose error is the difference of two such estimates, of the present and of the taught position.
+An error of h is common to both and cancels. Near the target the covariance of the pose error is at
+least
 
     Σ = noise² (1/frames + 1/shown) (HᵀH)⁻¹    (3, 3) mm².
 
-H is that of the true camera, distortion included, so this is for the judge of a run, never for a
-servo. A servo that knows beforehand where the target may be (a biased one) can come below it.
+H is that of the true camera with its distortion. The bound therefore serves to assess a run, and no
+servo may use it. A biased servo, which knows in advance where the target may be, can be below it.
 
 C. R. Rao, "Information and the accuracy attainable in the estimation of statistical parameters",
 Bull. Calcutta Math. Soc. 37, 1945; H. Cramér, Mathematical Methods of Statistics, 1946.
@@ -32,28 +34,57 @@ from rcmservo.sim.scene import Scene
 
 @dataclass(frozen=True, eq=False)
 class Bound:
-    """How near to the target marker 2 can come, on an average over the noise.
+    """Cramér-Rao bound of the position error of marker 2, averaged over the noise.
 
     Parameters
     ----------
     covariance : Floats
-        Σ (3, 3) mm² of its position error.
+        Smallest covariance Σ of the position error (3, 3), mm².
     """
 
     covariance: Floats
 
     @property
     def rms(self) -> float:
-        """mm: the root of the mean square of the error's length."""
+        """Smallest root mean square length of the error, mm."""
         return float(np.sqrt(np.trace(self.covariance)))
 
 
 def bound(scene: Scene, noise: float, frames: float, shown: float | None = None) -> Bound:
-    """The Cramér-Rao bound at a scene's target.
+    """Return the Cramér-Rao bound of the pose error at the target of a scene.
 
-    `noise` is the standard deviation of every pixel coordinate in every frame, px. The servo's own
-    markers are the mean of the last `frames` frames, the target's that of `shown` frames, of as
-    many if that is None. Infinitely many tell of one side without noise.
+    The bound is Σ = noise² (1/frames + 1/shown) (HᵀH)⁻¹ in mm², with H (4, 3) px/mm the derivative
+    of both markers' pixels with respect to the position of marker 2.
+
+    Parameters
+    ----------
+    scene : Scene
+        Camera, tool and target.
+    noise : float
+        Standard deviation of a pixel coordinate in a frame, px, not negative.
+    frames : float
+        Number of frames that the servo averages, at least 1; inf for no noise.
+    shown : float or None
+        Number of frames whose mean is the target, at least 1; inf for no noise, None for `frames`.
+
+    Returns
+    -------
+    Bound
+        Covariance of the position error of marker 2.
+
+    Raises
+    ------
+    BadInput
+        If a number is outside its range.
+
+    Notes
+    -----
+    It holds for unbiased estimators only, and H is that of the true camera, which no servo knows.
+
+    References
+    ----------
+    C. R. Rao, Bull. Calcutta Math. Soc. 37, 1945; H. Cramér, Mathematical Methods of Statistics,
+    1946.
     """
     shown = frames if shown is None else shown
     not_negative("number of px").require("noise", noise)
@@ -65,9 +96,7 @@ def bound(scene: Scene, noise: float, frames: float, shown: float | None = None)
 
 
 def pixels_jacobian(scene: Scene) -> Floats:
-    """H (4, 3) px/mm: the derivative of both markers' pixels by the position of marker 2, at the
-    target.
-    """
+    """Return H (4, 3) px/mm: derivative of both markers' pixels by the position of marker 2."""
     shaft, p1 = scene.body.tool.shaft, scene.body.points(scene.target)[0]
     by_p1 = compute_markers_jacobian(scene.optics.lens[0], shaft, p1)
     return by_p1 @ np.linalg.inv(second_marker_jacobian(shaft, p1))

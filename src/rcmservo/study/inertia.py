@@ -1,17 +1,19 @@
-"""The inertia of the simulated arm: the equations of motion that MuJoCo solves for it.
+"""Equations of motion of the simulated arm, as MuJoCo solves them.
 
-Two hinges whose axes cross at right angles in the RCM, and a slide along the tool, a rod of mass m
-whose middle is z from the RCM. With α the angle from the outer hinge's axis to the tool, the mass
-matrix is diagonal:
+The arm has two hinges, whose axes intersect at right angles in the RCM, and a slide along the tool.
+The tool is a rod of mass m whose centre is z from the RCM. With the angle α between the axis of the
+outer hinge and the tool, the mass matrix is diagonal:
 
-    M_outer = own + (rod + m z²) sin²α,    M_inner = own + m z²,    M_slide = own
+    M_outer = fixed + (rod + m z²) sin²α,    M_inner = fixed + m z²,    M_slide = fixed
 
-A velocity drive of strength k pulls its joint from the rate v to the rate u; what turning and
-sliding do to each other is c, from Lagrange's equations. A step of MuJoCo's "implicitfast" is
+A velocity drive of gain k accelerates its joint from the rate v to the rate u. The Coriolis and
+centrifugal terms c follow from Lagrange's equations. One step h of MuJoCo's integrator
+"implicitfast" is
 
     v ← v + h (k (u − v) − c) / (M + h k)
 
-All in rad and mm: of the slide, masses and strengths count 1e-6 of what they are in m.
+Angles are in rad and lengths in mm. For the slide, masses and gains are therefore 1e-6 of their
+values in SI units.
 """
 
 from functools import cache
@@ -26,92 +28,95 @@ from rcmservo.numerics.structs import Row, real, reals, whole
 from rcmservo.sim.arm import MJCF_AXES, MUJOCO_UNITS, UNTYPED_MUJOCO, write_mjcf
 
 
-class Inertia(Row):
-    """The masses of an arm, and how strong its drives are."""
+class InertiaStruct(Row):
+    """Masses and drive gains of an arm."""
 
-    outer: int = whole("", "which of the first two joints turns the other one")
-    upright: float = real("", "1 where the inner one counts from the outer axis, -1 from across it")
-    own: Floats = reals(3, "kg m², kg m², 1e-6 kg", "what each joint moves in any pose")
-    rod: float = real("kg m²", "the tool's moment across itself, less that along itself")
-    mass: float = real("1e-6 kg", "of the tool")
-    strength: Floats = reals(3, "N m s, N m s, 1e-6 N s/m", "of each joint's drive")
+    outer_joint: int = whole("", "index of the hinge that carries the other one: 0 or 1")
+    cosine_sign: float = real("", "1 if the inner angle is zero on the outer axis, -1 if across it")
+    fixed: Floats = reals(3, "kg m², kg m², 1e-6 kg", "part of each joint's inertia in any pose")
+    rod: float = real("kg m²", "moment of the tool across its axis minus that along its axis")
+    mass: float = real("1e-6 kg", "mass of the tool")
+    drive_gain: Floats = reals(3, "N m s, N m s, 1e-6 N s/m", "velocity gain of each joint's drive")
 
 
 @cache
-def inertia_of(mechanism: Kinematics) -> Inertia:
-    """That of the simulated arm."""
+def compute_inertia(mechanism: Kinematics) -> InertiaStruct:
+    """Return the masses and drive gains of the simulated arm of a mechanism."""
     model, units = (
         UNTYPED_MUJOCO.MjModel.from_xml_string(write_mjcf(mechanism)),
         np.square(MUJOCO_UNITS),
     )
     (first, second, tool), mass = model.body_inertia[1:], model.body_mass[3]
-    order, own, strength = list(MJCF_AXES[mechanism.name][3]), np.empty(3), np.empty(3)
+    order, fixed, gain = list(MJCF_AXES[mechanism.name][3]), np.empty(3), np.empty(3)
     moved = first[0] + second[0] + tool[2], second[0] + tool[0], mass
-    own[order] = model.dof_armature + moved
-    strength[order] = model.actuator_gainprm[:, 0]
-    return Inertia.of(
-        outer=order[0],
-        upright=1.0 if mechanism.kind == SPHERICAL else -1.0,
-        own=own * units,
+    fixed[order] = model.dof_armature + moved
+    gain[order] = model.actuator_gainprm[:, 0]
+    return InertiaStruct.of(
+        outer_joint=order[0],
+        cosine_sign=1.0 if mechanism.kind == SPHERICAL else -1.0,
+        fixed=fixed * units,
         rod=tool[0] - tool[2],
         mass=mass * units[2],
-        strength=strength * units,
+        drive_gain=gain * units,
     )
 
 
-class Near(NamedTuple):
-    """The equations about a place, for the few ms that the arm is near it: linear in the way of
-    slide and inner hinge from there, what they leave out being a millionth.
+class LinearisedDynamics(NamedTuple):
+    """Equations of motion about a configuration, linear in the slide and the inner hinge.
+
+    They hold for the few ms that the arm spends near the configuration. The linearisation error is
+    about a millionth. Triples are in the order outer hinge, inner hinge, slide.
 
     Parameters
     ----------
     z : float
-        The slide there, mm.
+        Slide of the configuration, mm.
     angle : float
-        The inner hinge there, rad.
-    by : Point
-        h/(M + h k) of outer hinge, inner hinge and slide.
-    by_z : tuple[float, float]
-        How those of the hinges change with the slide, by mm.
-    by_angle : float
-        How that of the outer one changes with the inner hinge's angle, by rad.
+        Angle of the inner hinge of the configuration, rad.
+    gain : Point
+        h/(M + h k) of each joint.
+    gain_z : tuple[float, float]
+        Derivative of the gains of both hinges with respect to the slide, 1/mm.
+    gain_angle : float
+        Derivative of the gain of the outer hinge with respect to the inner angle, 1/rad.
     c : Point
-        Numbers a, b, e: c of the outer hinge is 2 v_outer (a v_inner + b v_slide), of the inner one
-        2 e v_slide v_inner - a v_outer², and of the slide -(b v_outer² + e v_inner²).
+        Coefficients a, b, e of the Coriolis and centrifugal terms: of the outer hinge
+        2 v_outer (a v_inner + b v_slide), of the inner hinge 2 e v_slide v_inner - a v_outer², of
+        the slide -(b v_outer² + e v_inner²).
     c_z : Point
-        How they change with the slide, by mm.
+        Derivatives of a, b, e with respect to the slide, 1/mm.
     c_angle : tuple[float, float]
-        How the first two change with the inner hinge's angle, by rad.
+        Derivatives of a and b with respect to the inner angle, 1/rad.
     """
 
     z: float
     angle: float
-    by: Point
-    by_z: tuple[float, float]
-    by_angle: float
+    gain: Point
+    gain_z: tuple[float, float]
+    gain_angle: float
     c: Point
     c_z: Point
     c_angle: tuple[float, float]
 
 
 @compiled
-def near(arm: Inertia, z: float, angle: float, h: float) -> Near:
-    """The equations with the slide at z and the inner joint at an `angle`."""
-    o, k, m = arm.outer, arm.strength, arm.mass
-    turned = arm.upright * np.cos(2.0 * angle)
-    share = 0.5 * (1.0 - turned)  # sin²α
-    slope = arm.upright * np.sin(2.0 * angle)  # its derivative
-    far, growth = m * z * z, 2.0 * m * z
-    tool = arm.rod + far
-    outer = h / (arm.own[o] + tool * share + h * k[o])
-    inner = h / (arm.own[1 - o] + far + h * k[1 - o])
-    return Near(
+def linearise_dynamics(arm: InertiaStruct, z: float, angle: float, h: float) -> LinearisedDynamics:
+    """Return the equations about slide `z` (mm) and inner `angle` (rad) for steps of `h` s."""
+    o, k, m = arm.outer_joint, arm.drive_gain, arm.mass
+    turned = arm.cosine_sign * np.cos(2.0 * angle)
+    squared_sine = 0.5 * (1.0 - turned)  # sin²α
+    slope = arm.cosine_sign * np.sin(2.0 * angle)  # derivative of sin²α
+    steiner, growth = m * z * z, 2.0 * m * z
+    tool = arm.rod + steiner
+    outer = h / (arm.fixed[o] + tool * squared_sine + h * k[o])
+    inner = h / (arm.fixed[1 - o] + steiner + h * k[1 - o])
+    return LinearisedDynamics(
         z,
         angle,
-        (outer, inner, h / (arm.own[2] + h * k[2])),
-        (-outer * outer * growth * share / h, -inner * inner * growth / h),
+        (outer, inner, h / (arm.fixed[2] + h * k[2])),
+        (-outer * outer * growth * squared_sine / h, -inner * inner * growth / h),
         -outer * outer * tool * slope / h,
-        (0.5 * tool * slope, m * z * share, m * z),
-        (0.5 * growth * slope, m * share, m),
+        (0.5 * tool * slope, m * z * squared_sine, m * z),
+        (0.5 * growth * slope, m * squared_sine, m),
         (tool * turned, m * z * slope),
     )

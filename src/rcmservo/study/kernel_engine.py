@@ -1,6 +1,6 @@
-"""One closed loop as one compiled function: the twin of the laboratory and the live servo's own
-step. It repeats `loop.run` because ten thousand loops in a minute leave no time for Python between
-two ticks.
+"""Closed loop of a study as one compiled function: the compiled plant and the live servo's step.
+
+It repeats `loop.run`, because 10,000 loops per minute leave no time for Python between two ticks.
 """
 
 from typing import Any, NamedTuple, cast
@@ -15,36 +15,31 @@ from rcmservo.numerics.jit import compiled
 from rcmservo.numerics.small_linalg import fill, put
 from rcmservo.numerics.structs import Rows
 from rcmservo.safety.monitor_state import ObservationRow
-from rcmservo.servo.kernel_parameters import (
-    KernelParameters,
-    TickContext,
-    rcm_of,
-    shaft_of,
-)
+from rcmservo.servo.kernel_parameters import KernelParameters, TickContext, rcm_of, shaft_of
 from rcmservo.servo.setpoint import Setpoint, store_setpoint
 from rcmservo.servo.state import Stored
 from rcmservo.servo.tick import step
 from rcmservo.sim.camera_kernels import CameraStruct, project_markers_into
 from rcmservo.study.plant_kernel import (
-    PAST,
-    Twin,
-    advance,
-    between,
-    count,
-    joints_at,
-    newest,
-    place,
-    take,
+    HISTORY_LENGTH,
+    PlantStruct,
+    advance_plant,
+    compute_newest_frame,
+    interpolate_history,
+    interpolate_joints,
+    queue_command,
+    read_encoders,
+    reset_plant,
 )
 
 NOT_DROPPED = cast(Dropped, Dropped.NONE.value)
-"""`Dropped.NONE` in compiled functions."""
+"""`Dropped.NONE` for compiled functions."""
 
-STILL = np.zeros(3)
+NO_JOG = np.zeros(3)
 
 
-class Start(NamedTuple):
-    """What a closed loop begins with.
+class InitialConditions(NamedTuple):
+    """Servo and its state before the first tick of a closed loop.
 
     Parameters
     ----------
@@ -57,7 +52,7 @@ class Start(NamedTuple):
     kernel : Any
         Compiled form of its estimator.
     now : int
-        When the first tick is, ns.
+        Time of the first tick, ns.
     """
 
     stored: Rows[Stored]
@@ -68,16 +63,16 @@ class Start(NamedTuple):
 
 
 class Goal(NamedTuple):
-    """What a closed loop goes to.
+    """Target of a closed loop, and the true position that belongs to it.
 
     Parameters
     ----------
     points : Floats
-        The target's markers (2, 2) raw px.
+        Markers of the target (2, 2), raw px.
     q : Floats
-        The joints (3,) then, as the arm told them.
+        Joints (3,) that the arm reported while the target was taught; rad, rad, mm.
     p2 : Floats
-        Where marker 2 truly was, (3,) mm.
+        True position of marker 2 at the target (3,), mm.
     """
 
     points: Floats
@@ -85,17 +80,17 @@ class Goal(NamedTuple):
     p2: Floats
 
 
-class Course(NamedTuple):
-    """What a closed loop leaves, of every tick.
+class LoopTrace(NamedTuple):
+    """Record of a closed loop: one entry per tick.
 
     Parameters
     ----------
     error : Floats
-        (n,) mm from marker 2 to where it was shown.
+        Distance (n,) from marker 2 to its position at the target, mm.
     phase : NDArray[np.int8]
-        (n,) places in Phase.
+        Index (n,) of the state machine's phase in `PHASES`.
     cause : NDArray[np.int8]
-        (n,) places in Cause.
+        Index (n,) of the cause in `CAUSES`.
     """
 
     error: Floats
@@ -104,39 +99,39 @@ class Course(NamedTuple):
 
 
 @compiled
-def closed_loop(
-    start: Start, laboratory: Rows[Twin], shown: Goal, noise: Floats, trace: Course
+def run_closed_loop(
+    start: InitialConditions, plants: Rows[PlantStruct], goal: Goal, noise: Floats, trace: LoopTrace
 ) -> None:
-    """Servo for as many ticks as the trace is long, and write over what it begins with.
+    """Run one tick for each entry of the trace; overwrite the initial conditions and the plant.
 
-    `noise` (frames, 2, 2) px is added to what the camera sees in each frame from the first tick on.
+    `noise` (frames, 2, 2) px is added to the markers of each frame from the first tick on.
     """
-    stored, fixed, twin = start.stored[0], start.parameters[0], laboratory[0]
-    now = TickContext(stored, stored.watch.observation, stored.setpoint, fixed)
-    memory, d, (errors, phases, causes) = start.memory, stored.decision, trace
-    store_setpoint(stored.setpoint, Setpoint(shown.points, shown.q, start.now, True, 0, STILL))
-    begin(twin, now.observation, start.now)
-    skipped = newest(twin.pace, start.now)
+    stored, parameters, plant = start.stored[0], start.parameters[0], plants[0]
+    now = TickContext(stored, stored.watch.observation, stored.setpoint, parameters)
+    memory, decision, (errors, phases, causes) = start.memory, stored.decision, trace
+    store_setpoint(stored.setpoint, Setpoint(goal.points, goal.q, start.now, True, 0, NO_JOG))
+    reset_plant_and_observation(plant, now.observation, start.now)
+    skipped = compute_newest_frame(plant.frame_timing, start.now)
     for k in range(len(errors)):
-        time = start.now + k * fixed.period
-        advance(twin, time)
-        count(twin, twin.told[k % PAST])
-        number = newest(twin.pace, time)
+        time = start.now + k * parameters.period
+        advance_plant(plant, time)
+        read_encoders(plant, plant.readings[k % HISTORY_LENGTH])
+        number = compute_newest_frame(plant.frame_timing, time)
         if number > max(now.observation.frame, skipped):
-            take_frame(twin, now, number, noise[number - skipped - 1], start.now, k)
-        read_joints(twin, now.observation, time, k)
+            observe_frame(plant, now, number, noise[number - skipped - 1], start.now, k)
+        observe_joints(plant, now.observation, time, k)
         now.setpoint.is_new = k == 0
         memory = step(start.kernel, memory, now)
-        take(twin, d.command.rates, d.command.enabled)
-        p2 = second_point(shaft_of(fixed), point_at(rcm_of(fixed), twin.drives.q))
-        errors[k] = apart(p2, (shown.p2[0], shown.p2[1], shown.p2[2]))
-        phases[k], causes[k] = d.mode.phase, d.mode.cause
+        queue_command(plant, decision.command.rates, decision.command.enabled)
+        p2 = second_point(shaft_of(parameters), point_at(rcm_of(parameters), plant.drives.q))
+        errors[k] = apart(p2, (goal.p2[0], goal.p2[1], goal.p2[2]))
+        phases[k], causes[k] = decision.mode.phase, decision.mode.cause
 
 
 @compiled
-def begin(twin: Twin, observation: ObservationRow, now: int) -> None:
-    """Begin at `now` ns, before the first frame."""
-    place(twin, now)
+def reset_plant_and_observation(plant: PlantStruct, observation: ObservationRow, now: int) -> None:
+    """Reset the plant at the time `now` (ns), and the observation to the one before any frame."""
+    reset_plant(plant, now)
     observation.frame, observation.exposure, observation.arrival = -1, 0, 0
     observation.dropped, observation.recorded = NOT_DROPPED, True
     fill(observation.q_exposure, np.nan)
@@ -144,40 +139,45 @@ def begin(twin: Twin, observation: ObservationRow, now: int) -> None:
 
 
 @compiled
-def read_joints(twin: Twin, observation: ObservationRow, now: int, k: int) -> None:
-    """Observe the arm at the k-th tick."""
-    observation.now, observation.q_time, observation.enabled = now, now, twin.drives.on
-    put(observation.q, twin.told[k % PAST])
-    put(observation.applied, twin.drives.applied)
+def observe_joints(plant: PlantStruct, observation: ObservationRow, now: int, k: int) -> None:
+    """Write the joints and rates that the arm reports at the k-th tick into the observation."""
+    drives = plant.drives
+    observation.now, observation.q_time, observation.enabled = now, now, drives.enabled
+    put(observation.q, plant.readings[k % HISTORY_LENGTH])
+    put(observation.applied, drives.applied)
 
 
 @compiled
-def take_frame(
-    twin: Twin, tick: TickContext, number: int, noise: Floats, start: int, k: int
+def observe_frame(
+    plant: PlantStruct, tick: TickContext, number: int, noise: Floats, start: int, k: int
 ) -> None:
-    """Observe the frame of this number at the k-th tick; none that was exposed before the `start`,
-    ns, as the tool may have been moved by hand before.
+    """Write the markers of a frame into the observation of the k-th tick.
+
+    A frame exposed before `start` (ns) is ignored: the tool may have been moved by hand before.
     """
-    fixed, observation, pace = tick.parameters, tick.observation, twin.pace
-    exposure = int(np.round(number * pace.period))
+    parameters, observation, timing = tick.parameters, tick.observation, plant.frame_timing
+    exposure = int(np.round(number * timing.period))
     if exposure < start:
         return
-    joints_at(twin, exposure, observation.q_exposure)
-    p1 = point_at(rcm_of(fixed), observation.q_exposure)
-    see(twin.lens, shaft_of(fixed), p1, noise, observation.points)
-    j = (exposure - start) // fixed.period
-    share = (exposure - start - j * fixed.period) / fixed.period
-    told = twin.told
-    between(told[j % PAST], told[min(j + 1, k) % PAST], share, observation.q_exposure)
+    interpolate_history(plant, exposure, observation.q_exposure)
+    p1 = point_at(rcm_of(parameters), observation.q_exposure)
+    measure_markers(plant.camera, shaft_of(parameters), p1, noise, observation.points)
+    j = (exposure - start) // parameters.period
+    fraction = (exposure - start - j * parameters.period) / parameters.period
+    before, after = j % HISTORY_LENGTH, min(j + 1, k) % HISTORY_LENGTH
+    readings = plant.readings
+    interpolate_joints(readings[before], readings[after], fraction, observation.q_exposure)
     observation.frame, observation.exposure = number, exposure
-    observation.arrival = exposure + pace.late
+    observation.arrival = exposure + timing.latency
 
 
 @compiled
-def see(lens: CameraStruct, shaft: Shaft, p1: Point, noise: Floats, points: Floats) -> None:
-    """Write both markers (2, 2) px with their noise; NaN where one is not in the picture."""
-    project_markers_into(lens, shaft, p1, points)
+def measure_markers(
+    camera: CameraStruct, shaft: Shaft, p1: Point, noise: Floats, points: Floats
+) -> None:
+    """Write both markers (2, 2) px with their noise; NaN for a marker outside the image."""
+    project_markers_into(camera, shaft, p1, points)
     for i in range(2):
         u, v = points[i, 0] + noise[i, 0], points[i, 1] + noise[i, 1]
-        within = 0.0 <= u <= lens.width - 1.0 and 0.0 <= v <= lens.height - 1.0
+        within = 0.0 <= u <= camera.width - 1.0 and 0.0 <= v <= camera.height - 1.0
         points[i, 0], points[i, 1] = (u, v) if within else (np.nan, np.nan)

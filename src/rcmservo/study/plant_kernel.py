@@ -1,10 +1,10 @@
-"""The twin of the simulated laboratory, for studies: arm and point camera as compiled functions.
+"""Compiled plant of a study: the arm and the point camera of the simulator as compiled functions.
 
-The drives are those of `rcmservo.sim.arm`: delay, first-order lag, deadband, inertia, counting
-encoders and hard stops. The camera is that of `rcmservo.sim.cameras`: the same lens, the same
-times. With the same noise a closed loop goes the way that it goes in the laboratory, to a few
-1e-6 mm. The inertia delays by less than a millisecond, but what a servo decides can hang on that:
-without it one loop in seven ended more than 5 % nearer or farther off.
+The drives are those of `rcmservo.sim.arm`: delay, first-order lag, deadband, inertia, quantising
+encoders and hard stops. The camera is that of `rcmservo.sim.cameras`, with the same lens and the
+same timing. With the same noise, a closed loop agrees with the simulated laboratory to a few
+1e-6 mm. The inertia delays the arm by less than a millisecond, but a decision of the servo can
+depend on that: without it, the final error of one loop in seven differed by more than 5 %.
 """
 
 import numpy as np
@@ -16,196 +16,214 @@ from rcmservo.numerics.jit import compiled
 from rcmservo.numerics.small_linalg import fill, put
 from rcmservo.numerics.structs import Row, flag, part, real, reals, whole, wholes
 from rcmservo.sim.camera_kernels import CameraStruct
-from rcmservo.study.inertia import Inertia, Near, near
+from rcmservo.study.inertia import InertiaStruct, LinearisedDynamics, linearise_dynamics
 
-STEP = 1_000_000
-"""ns of one step of the arm."""
+ARM_STEP_NS = 1_000_000
+"""Integration step of the arm, ns."""
 
-PAST = 1024
-"""Steps of the arm that are kept, and answers of it: as far back as a frame may be exposed."""
+HISTORY_LENGTH = 1024
+"""Steps of the arm, and encoder readings, that are stored: the oldest that a frame may show."""
 
-QUEUE = 128
-"""Commands that may be on their way to the drives."""
-
-
-class Pace(Row):
-    """When the camera's frames are taken and arrive."""
-
-    period: float = real("ns", "from frame to frame")
-    late: int = whole("ns", "from a frame's exposure to its arrival")
+QUEUE_LENGTH = 128
+"""Largest number of commands that the drives have not executed yet."""
 
 
-class Drives(Row):
-    """The arm, and what of its drives does not change."""
+class FrameTimingStruct(Row):
+    """Timing of the camera's frames."""
 
-    time: int = whole("ns", "now")
-    q: Floats = reals(3, "rad, rad, mm", "the joints as they are")
-    speeds: Floats = reals(3, "rad/s, rad/s, mm/s", "their rates")
-    rates: Floats = reals(3, "rad/s, rad/s, mm/s", "the rates that the drives pull to, lagging")
-    wanted: Floats = reals(3, "rad/s, rad/s, mm/s", "the rates that the drives obey")
-    applied: Floats = reals(3, "rad/s, rad/s, mm/s", "the rates last taken of a command")
-    on: bool = flag("whether the drives are on")
-    first: int = whole("", "the oldest command on its way")
-    last: int = whole("", "the newest command on its way, and one more")
-    delay: int = whole("ns", "from a command to its being obeyed")
-    follow: float = real("", "share of the way to the wanted rate in one step")
-    deadband: Floats = reals(3, "rad/s, rad/s, mm/s", "made rates below which it stays still")
-    encoder: Floats = reals(3, "rad, rad, mm", "of one count")
-    offset: Floats = reals(3, "rad, rad, mm", "by which what they tell is beside the joints")
-    made: Floats = reals(3, "", "what each motor makes of its rate")
-    lower: Floats = reals(3, "rad, rad, mm", "the hard stops")
-    upper: Floats = reals(3, "rad, rad, mm", "the hard stops")
-    inertia: Inertia = part(Inertia, "its masses")
+    period: float = real("ns", "time between two frames")
+    latency: int = whole("ns", "from the exposure of a frame to its arrival")
 
 
-class Twin(Row):
-    """A laboratory that runs. It is one row, so that nothing counts who refers to its arrays."""
+class DrivesStruct(Row):
+    """State of the arm and constants of its drives."""
 
-    drives: Drives = part(Drives, "the arm")
-    queue: Floats = reals((QUEUE, 3), "rad/s, rad/s, mm/s", "rates on their way to the drives")
-    due: NDArray[np.int64] = wholes(QUEUE, "ns", "when each is obeyed")
-    past: Floats = reals((PAST, 3), "rad, rad, mm", "the joints at each of the last steps")
-    told: Floats = reals((PAST, 3), "rad, rad, mm", "as the arm told them at the last ticks")
-    lens: CameraStruct = part(CameraStruct, "the camera")
-    pace: Pace = part(Pace, "its frames")
+    time: int = whole("ns", "present time")
+    q: Floats = reals(3, "rad, rad, mm", "true joints")
+    speeds: Floats = reals(3, "rad/s, rad/s, mm/s", "true joint rates")
+    lagged_rates: Floats = reals(3, "rad/s, rad/s, mm/s", "rates that the drives regulate to")
+    target_rates: Floats = reals(3, "rad/s, rad/s, mm/s", "rates before the first-order lag")
+    applied: Floats = reals(3, "rad/s, rad/s, mm/s", "rates of the last command")
+    enabled: bool = flag("the drives are enabled")
+    queue_begin: int = whole("", "number of the oldest command in the queue")
+    queue_end: int = whole("", "number of the next command")
+    delay: int = whole("ns", "from a command to its execution")
+    lag_gain: float = real("", "fraction of the difference to the target rate that a step removes")
+    deadband: Floats = reals(3, "rad/s, rad/s, mm/s", "lagged rates up to which a joint rests")
+    encoder: Floats = reals(3, "rad, rad, mm", "encoder resolution: joint motion of one count")
+    encoder_offset: Floats = reals(3, "rad, rad, mm", "reported joint minus true joint")
+    rate_scale: Floats = reals(3, "", "executed rate divided by commanded rate")
+    lower: Floats = reals(3, "rad, rad, mm", "lower hard stops")
+    upper: Floats = reals(3, "rad, rad, mm", "upper hard stops")
+    inertia: InertiaStruct = part(InertiaStruct, "masses and drive gains")
+
+
+class PlantStruct(Row):
+    """State of the compiled plant.
+
+    It is one row, so that compiled functions do not count references to its arrays.
+    """
+
+    drives: DrivesStruct = part(DrivesStruct, "the arm")
+    queued_rates: Floats = reals((QUEUE_LENGTH, 3), "rad/s, rad/s, mm/s", "pending commands")
+    due_times: NDArray[np.int64] = wholes(QUEUE_LENGTH, "ns", "execution time of each command")
+    joint_history: Floats = reals((HISTORY_LENGTH, 3), "rad, rad, mm", "true joints, by arm step")
+    readings: Floats = reals((HISTORY_LENGTH, 3), "rad, rad, mm", "reported joints, by tick")
+    camera: CameraStruct = part(CameraStruct, "projection of the camera")
+    frame_timing: FrameTimingStruct = part(FrameTimingStruct, "timing of the frames")
 
 
 @compiled
-def advance(twin: Twin, until: int) -> None:
-    """Let time pass until a moment (ns), a tick later at most, to the nearest step."""
-    a = twin.drives
-    left = (until - a.time + STEP // 2 - 1) // STEP
-    here = midway(a, left)
+def advance_plant(plant: PlantStruct, until: int) -> None:
+    """Integrate to the step nearest to the time `until` (ns), at most one tick ahead."""
+    drives = plant.drives
+    left = (until - drives.time + ARM_STEP_NS // 2 - 1) // ARM_STEP_NS
+    dynamics = linearise_at_midpoint(drives, left)
     while left > 0:
-        if not a.on:
-            a.first = a.last
-            fill(a.wanted, 0.0)
-            fill(a.rates, 0.0)
-        while a.first < a.last and twin.due[a.first % QUEUE] <= a.time + STEP:
-            obey(a, twin.queue[a.first % QUEUE])
-            a.first += 1
+        if not drives.enabled:
+            drives.queue_begin = drives.queue_end
+            fill(drives.target_rates, 0.0)
+            fill(drives.lagged_rates, 0.0)
+        while (
+            drives.queue_begin < drives.queue_end
+            and plant.due_times[drives.queue_begin % QUEUE_LENGTH] <= drives.time + ARM_STEP_NS
+        ):
+            set_drive_target(drives, plant.queued_rates[drives.queue_begin % QUEUE_LENGTH])
+            drives.queue_begin += 1
         steps = left
-        if a.first < a.last:
-            steps = min(left, max((twin.due[a.first % QUEUE] - a.time - 1) // STEP, 1))
-        move(a, here, twin.past, steps)
-        a.time += steps * STEP
+        if drives.queue_begin < drives.queue_end:
+            due = plant.due_times[drives.queue_begin % QUEUE_LENGTH]
+            steps = min(left, max((due - drives.time - 1) // ARM_STEP_NS, 1))
+        integrate_joints(drives, dynamics, plant.joint_history, steps)
+        drives.time += steps * ARM_STEP_NS
         left -= steps
 
 
 @compiled
-def midway(a: Drives, steps: int) -> Near:
-    """The arm's equations about the middle of the way that it goes in so many steps."""
-    half = 0.5 * steps * STEP * 1e-9
-    inner = 1 - a.inertia.outer
-    z, angle = a.q[2] + half * a.speeds[2], a.q[inner] + half * a.speeds[inner]
-    return near(a.inertia, z, angle, STEP * 1e-9)
+def linearise_at_midpoint(drives: DrivesStruct, steps: int) -> LinearisedDynamics:
+    """Return the equations about the middle of the motion during the next `steps`."""
+    half = 0.5 * steps * ARM_STEP_NS * 1e-9
+    inner = 1 - drives.inertia.outer_joint
+    z, angle = drives.q[2] + half * drives.speeds[2], drives.q[inner] + half * drives.speeds[inner]
+    return linearise_dynamics(drives.inertia, z, angle, ARM_STEP_NS * 1e-9)
 
 
 @compiled
-def obey(a: Drives, rates: Floats) -> None:
-    """Want what the motors make of these rates (3,)."""
+def set_drive_target(drives: DrivesStruct, rates: Floats) -> None:
+    """Execute a command: set the target rates (3,), each with the scale error of its motor."""
     for i in range(3):
-        a.wanted[i] = a.made[i] * rates[i]
+        drives.target_rates[i] = drives.rate_scale[i] * rates[i]
 
 
 @compiled
-def move(a: Drives, here: Near, past: Floats, steps: int) -> None:
-    """So many steps towards the rates that are wanted, by the equations `here`.
+def integrate_joints(
+    drives: DrivesStruct, dynamics: LinearisedDynamics, history: Floats, steps: int
+) -> None:
+    """Integrate the joints over `steps` with constant target rates, and store them in the history.
 
-    Numbers one by one, of outer hinge, inner hinge and slide, stay in the processor's registers.
+    The suffixes _o, _i and _s stand for outer hinge, inner hinge and slide; q are joints, v rates,
+    r lagged rates, u target rates, d deadbands, k drive gains and g the gains h/(M + h k). Scalars
+    instead of arrays stay in the processor's registers.
     """
-    h, follow, o = STEP * 1e-9, a.follow, a.inertia.outer
-    i, place = 1 - o, a.time // STEP
-    (q_o, q_i, q_s), (v_o, v_i, v_s) = in_turn(a.q, o), in_turn(a.speeds, o)
-    (r_o, r_i, r_s), (w_o, w_i, w_s) = in_turn(a.rates, o), in_turn(a.wanted, o)
-    d_o, d_i, d_s = in_turn(a.deadband, o)
-    (low_o, low_i, low_s), (high_o, high_i, high_s) = in_turn(a.lower, o), in_turn(a.upper, o)
-    k_o, k_i, k_s = in_turn(a.inertia.strength, o)
-    (by_o, by_i, by_s), (o_z, i_z), o_a = here.by, here.by_z, here.by_angle
-    (c_a, c_b, c_e), (a_z, b_z, e_z), (a_a, b_a) = here.c, here.c_z, here.c_angle
-    z, angle = q_s - here.z, q_i - here.angle
-    by_o, by_i = by_o + o_z * z + o_a * angle, by_i + i_z * z
-    c_a, c_b, c_e = c_a + a_z * z + a_a * angle, c_b + b_z * z + b_a * angle, c_e + e_z * z
+    h, lag_gain, o = ARM_STEP_NS * 1e-9, drives.lag_gain, drives.inertia.outer_joint
+    i, index = 1 - o, drives.time // ARM_STEP_NS
+    (q_o, q_i, q_s), (v_o, v_i, v_s) = order_joints(drives.q, o), order_joints(drives.speeds, o)
+    r_o, r_i, r_s = order_joints(drives.lagged_rates, o)
+    u_o, u_i, u_s = order_joints(drives.target_rates, o)
+    d_o, d_i, d_s = order_joints(drives.deadband, o)
+    low_o, low_i, low_s = order_joints(drives.lower, o)
+    high_o, high_i, high_s = order_joints(drives.upper, o)
+    k_o, k_i, k_s = order_joints(drives.inertia.drive_gain, o)
+    (g_o, g_i, g_s), (g_o_z, g_i_z) = dynamics.gain, dynamics.gain_z
+    g_o_angle = dynamics.gain_angle
+    (c_a, c_b, c_e), (a_z, b_z, e_z) = dynamics.c, dynamics.c_z
+    a_angle, b_angle = dynamics.c_angle
+    z, angle = q_s - dynamics.z, q_i - dynamics.angle
+    g_o, g_i = g_o + g_o_z * z + g_o_angle * angle, g_i + g_i_z * z
+    c_a, c_b, c_e = c_a + a_z * z + a_angle * angle, c_b + b_z * z + b_angle * angle, c_e + e_z * z
     for _ in range(steps):
-        turned = v_o * v_o
+        v_o_squared = v_o * v_o
         c_o = (v_o + v_o) * (c_a * v_i + c_b * v_s)
-        c_i = (v_s + v_s) * c_e * v_i - c_a * turned
-        c_s = -(c_b * turned + c_e * v_i * v_i)
-        r_o, r_i = r_o + follow * (w_o - r_o), r_i + follow * (w_i - r_i)
-        r_s += follow * (w_s - r_s)
-        v_o += by_o * (k_o * (beyond(r_o, d_o) - v_o) - c_o)
-        v_i += by_i * (k_i * (beyond(r_i, d_i) - v_i) - c_i)
-        v_s += by_s * (k_s * (beyond(r_s, d_s) - v_s) - c_s)
-        gone_o, gone_i, gone_s = v_o * h, v_i * h, v_s * h
-        by_o, by_i = by_o + o_z * gone_s + o_a * gone_i, by_i + i_z * gone_s
-        c_a, c_b = c_a + a_z * gone_s + a_a * gone_i, c_b + b_z * gone_s + b_a * gone_i
-        c_e += e_z * gone_s
-        q_o, q_i = min(max(q_o + gone_o, low_o), high_o), min(max(q_i + gone_i, low_i), high_i)
-        q_s = min(max(q_s + gone_s, low_s), high_s)
-        place = (place + 1) & (PAST - 1)
-        past[place, o], past[place, i], past[place, 2] = q_o, q_i, q_s
-    a.q[o], a.q[i], a.q[2] = q_o, q_i, q_s
-    a.speeds[o], a.speeds[i], a.speeds[2] = v_o, v_i, v_s
-    a.rates[o], a.rates[i], a.rates[2] = r_o, r_i, r_s
+        c_i = (v_s + v_s) * c_e * v_i - c_a * v_o_squared
+        c_s = -(c_b * v_o_squared + c_e * v_i * v_i)
+        r_o, r_i = r_o + lag_gain * (u_o - r_o), r_i + lag_gain * (u_i - r_i)
+        r_s += lag_gain * (u_s - r_s)
+        v_o += g_o * (k_o * (apply_deadband(r_o, d_o) - v_o) - c_o)
+        v_i += g_i * (k_i * (apply_deadband(r_i, d_i) - v_i) - c_i)
+        v_s += g_s * (k_s * (apply_deadband(r_s, d_s) - v_s) - c_s)
+        dq_o, dq_i, dq_s = v_o * h, v_i * h, v_s * h
+        g_o, g_i = g_o + g_o_z * dq_s + g_o_angle * dq_i, g_i + g_i_z * dq_s
+        c_a, c_b = c_a + a_z * dq_s + a_angle * dq_i, c_b + b_z * dq_s + b_angle * dq_i
+        c_e += e_z * dq_s
+        q_o, q_i = min(max(q_o + dq_o, low_o), high_o), min(max(q_i + dq_i, low_i), high_i)
+        q_s = min(max(q_s + dq_s, low_s), high_s)
+        index = (index + 1) & (HISTORY_LENGTH - 1)
+        history[index, o], history[index, i], history[index, 2] = q_o, q_i, q_s
+    drives.q[o], drives.q[i], drives.q[2] = q_o, q_i, q_s
+    drives.speeds[o], drives.speeds[i], drives.speeds[2] = v_o, v_i, v_s
+    drives.lagged_rates[o], drives.lagged_rates[i], drives.lagged_rates[2] = r_o, r_i, r_s
 
 
 @compiled
-def beyond(rate: float, deadband: float) -> float:
-    """The rate, or 0 within the deadband."""
+def apply_deadband(rate: float, deadband: float) -> float:
+    """Return the rate, or 0 inside the deadband."""
     return rate if abs(rate) > deadband else 0.0
 
 
 @compiled
-def in_turn(values: Floats, outer: int) -> Point:
-    """Of outer hinge, inner hinge and slide."""
+def order_joints(values: Floats, outer: int) -> Point:
+    """Return the values (3,) in the order outer hinge, inner hinge, slide."""
     return values[outer], values[1 - outer], values[2]
 
 
 @compiled
-def place(twin: Twin, now: int) -> None:
-    """The drives go on at `now` ns, with the tool at rest as if it had always been there."""
-    a = twin.drives
-    a.time, a.on = now, True
-    for i in range(PAST):
-        put(twin.past[i], a.q)
+def reset_plant(plant: PlantStruct, now: int) -> None:
+    """Enable the drives at the time `now` (ns), with a history in which the arm always rested."""
+    drives = plant.drives
+    drives.time, drives.enabled = now, True
+    for i in range(HISTORY_LENGTH):
+        put(plant.joint_history[i], drives.q)
 
 
 @compiled
-def take(twin: Twin, rates: Floats, on: bool) -> None:
-    """Take a command."""
-    a = twin.drives
-    a.on = a.on and on
+def queue_command(plant: PlantStruct, rates: Floats, enabled: bool) -> None:
+    """Queue the rates (3,) of a command; disabled drives stay disabled and apply zero."""
+    drives = plant.drives
+    drives.enabled = drives.enabled and enabled
     for i in range(3):
-        a.applied[i] = rates[i] if a.on else 0.0
-    put(twin.queue[a.last % QUEUE], a.applied)
-    twin.due[a.last % QUEUE] = a.time + a.delay
-    a.last += 1
+        drives.applied[i] = rates[i] if drives.enabled else 0.0
+    put(plant.queued_rates[drives.queue_end % QUEUE_LENGTH], drives.applied)
+    plant.due_times[drives.queue_end % QUEUE_LENGTH] = drives.time + drives.delay
+    drives.queue_end += 1
 
 
 @compiled
-def between(earlier: Floats, later: Floats, share: float, into: Floats) -> None:
-    """Write the joints (3,) a share of the way from one place to another."""
+def interpolate_joints(earlier: Floats, later: Floats, fraction: float, into: Floats) -> None:
+    """Write the joints (3,) at a fraction of the distance from `earlier` to `later`."""
     for i in range(3):
-        into[i] = earlier[i] + share * (later[i] - earlier[i])
+        into[i] = earlier[i] + fraction * (later[i] - earlier[i])
 
 
 @compiled
-def joints_at(twin: Twin, time: int, into: Floats) -> None:
-    """Write the joints (3,) as they were at a moment (ns) of the last second."""
-    step = time // STEP
-    share = (time - step * STEP) / STEP
-    between(twin.past[step % PAST], twin.past[(step + 1) % PAST], share, into)
+def interpolate_history(plant: PlantStruct, time: int, into: Floats) -> None:
+    """Write the true joints (3,) at a time (ns) of the last second."""
+    step = time // ARM_STEP_NS
+    fraction = (time - step * ARM_STEP_NS) / ARM_STEP_NS
+    history = plant.joint_history
+    earlier, later = history[step % HISTORY_LENGTH], history[(step + 1) % HISTORY_LENGTH]
+    interpolate_joints(earlier, later, fraction, into)
 
 
 @compiled
-def count(twin: Twin, into: Floats) -> None:
-    """Write the joints (3,) as the encoders count them now."""
-    a = twin.drives
+def read_encoders(plant: PlantStruct, into: Floats) -> None:
+    """Write the joints (3,) that the encoders report now."""
+    drives = plant.drives
     for i in range(3):
-        into[i] = np.round((a.q[i] + a.offset[i]) / a.encoder[i]) * a.encoder[i]
+        q, offset, encoder = drives.q[i], drives.encoder_offset[i], drives.encoder[i]
+        into[i] = np.round((q + offset) / encoder) * encoder
 
 
 @compiled
-def newest(pace: Pace, now: int) -> int:
-    """Number of the newest frame that has arrived, -1 before the first."""
-    return max(int(np.floor((now - pace.late) / pace.period + 1e-6)), -1)
+def compute_newest_frame(timing: FrameTimingStruct, now: int) -> int:
+    """Return the number of the newest frame that has arrived at `now` (ns); -1 before the first."""
+    return max(int(np.floor((now - timing.latency) / timing.period + 1e-6)), -1)

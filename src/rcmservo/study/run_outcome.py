@@ -1,4 +1,4 @@
-"""How one closed loop of a study went, by the truth."""
+"""Outcome of one closed loop of a study, measured against the true position of the tool."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -12,37 +12,37 @@ from rcmservo.safety.state_machine import PHASES, Phase
 from rcmservo.sim.scene import Scene
 
 LAST = 1.0
-"""s at the end of a run over which its pose error is the root mean square."""
+"""Length of the window at the end of a run over which the pose error is averaged, s."""
 
-STOPPING = [PHASES.index(phase) for phase in (Phase.HOLD, Phase.PAUSED, Phase.FAULT)]
-SERVO = PHASES.index(Phase.SERVO)
+STOPPED_PHASES = [PHASES.index(phase) for phase in (Phase.HOLD, Phase.PAUSED, Phase.FAULT)]
+SERVO_PHASE = PHASES.index(Phase.SERVO)
 
 
 @dataclass(frozen=True, eq=False)
 class StudyRun:
-    """How one closed loop went: numbers of every tick.
+    """Outcome of one closed loop: error, phase and cause at every tick.
 
     Parameters
     ----------
     seed : int
-        That its scene and noise were drawn from.
+        Seed of the scene and the noise.
     rate : float
-        Ticks per s.
+        Ticks per second.
     error : Floats
-        (n,) mm from marker 2 to where it was shown, by the truth.
+        True distance (n,) from marker 2 to its position at the target, mm.
     phases : NDArray[np.int8]
-        (n,) places in Phase.
+        Index (n,) of the phase in `PHASES`.
     causes : NDArray[np.int8]
-        (n,) places in Cause.
+        Index (n,) of the cause in `CAUSES`.
     bound : float
-        mm, rms: the Cramér-Rao bound of the error, at the laboratory's noise, of a target that was
-        shown so, with all frames of the closed loop; NaN where the noise is not known.
+        Cramér-Rao bound of the error, rms in mm, for the noise of the laboratory, the frames of the
+        taught target and all frames of the loop; NaN if the noise is unknown.
     scene : Scene
-        Where it took place, as it was drawn.
+        Camera, tool, start and target.
     engine : str
-        Engine that made it, where that is of interest.
+        Engine that made the run; empty if it does not matter.
     jacobian_error : float
-        Median scaled error of Ĵ while servoing; NaN on the compiled twin, or without a Ĵ.
+        Median scaled error of Ĵ in SERVO; NaN for the compiled plant or without a Ĵ.
     """
 
     seed: int
@@ -56,57 +56,57 @@ class StudyRun:
     jacobian_error: float = np.nan
 
     def first_within(self, mm: float) -> float:
-        """S until the error was first at most so large; inf if it never was."""
-        there = np.flatnonzero(self.error <= mm)
-        return float(there[0] / self.rate) if len(there) else np.inf
+        """Return the time of the first tick with an error up to `mm`, in s; inf without one."""
+        ticks = np.flatnonzero(self.error <= mm)
+        return float(ticks[0] / self.rate) if len(ticks) else np.inf
 
     @property
     def pose_error(self) -> float:
-        """mm: the root mean square of the error over the last second."""
+        """Root mean square of the error over the last second, mm."""
         return float(np.sqrt(np.mean(self.error[-round(LAST * self.rate) :] ** 2)))
 
     @property
     def explored(self) -> float:
-        """S until the tool was first servoed, its exploration behind it; inf if it never was."""
-        servoed = np.flatnonzero(self.phases == SERVO)
+        """Time of the first tick in SERVO, after the exploration, in s; inf without one."""
+        servoed = np.flatnonzero(self.phases == SERVO_PHASE)
         return float(servoed[0] / self.rate) if len(servoed) else np.inf
 
     @property
     def held(self) -> Cause:
-        """What the tool stood still for at the last tick; NONE if it did not."""
-        return CAUSES[int(self.causes[-1])] if int(self.phases[-1]) in STOPPING else Cause.NONE
+        """Cause of the stop at the last tick; NONE if the tool is not stopped."""
+        is_stopped = int(self.phases[-1]) in STOPPED_PHASES
+        return CAUSES[int(self.causes[-1])] if is_stopped else Cause.NONE
 
     def until(self, time: float) -> "StudyRun":
-        """The run had it ended so many s after its first tick; its bound stays that of all
-        frames.
-        """
+        """Return the first `time` s of the run; the bound remains that of all frames."""
         n = round(min(time * self.rate, len(self.error)))
         return replace(self, error=self.error[:n], phases=self.phases[:n], causes=self.causes[:n])
 
     @cached_property
     def stops(self) -> list[tuple[float, Cause]]:
-        """S and cause of every stop: HOLD, PAUSED or FAULT after what was none of them."""
-        stands = np.isin(self.phases, STOPPING).astype(np.int8)
-        begun = np.flatnonzero(np.diff(stands, prepend=0) > 0)
+        """Time (s) and cause of every stop: a change from any phase to HOLD, PAUSED or FAULT."""
+        is_stopped = np.isin(self.phases, STOPPED_PHASES).astype(np.int8)
+        begun = np.flatnonzero(np.diff(is_stopped, prepend=0) > 0)
         return [(float(k / self.rate), CAUSES[self.causes[k]]) for k in begun]
 
     @property
     def began(self) -> bool:
-        """Whether the tool was ever to move."""
-        return bool((self.phases == SERVO).any())
+        """True if the run ever reached SERVO."""
+        return bool((self.phases == SERVO_PHASE).any())
 
     @property
     def unnoticed(self) -> float:
-        """mm: the most by which the error grew while the tool servoed and no cause was named,
-        beyond the least that it had been since it began to. Every way that is not straight has a
-        little of it; a method that leads away without a word has much.
+        """Largest growth of the error in SERVO without a cause, mm.
+
+        The growth counts from the smallest error since the servo entered SERVO. Every path that is
+        not straight has a little of it; a method that diverges without raising a cause has much.
         """
-        servoing = (self.phases == SERVO).astype(np.int8)
+        servoing = (self.phases == SERVO_PHASE).astype(np.int8)
         edges = np.flatnonzero(np.diff(servoing, prepend=0, append=0))
-        most = 0.0
+        largest = 0.0
         for begin, end in edges.reshape(-1, 2):
             error = self.error[begin:end]
-            grown = error - np.minimum.accumulate(error)
-            quiet = self.causes[begin:end] == Cause.NONE.place
-            most = max(most, float(grown[quiet].max(initial=0.0)))
-        return most
+            growth = error - np.minimum.accumulate(error)
+            has_no_cause = self.causes[begin:end] == Cause.NONE.place
+            largest = max(largest, float(growth[has_no_cause].max(initial=0.0)))
+        return largest

@@ -1,6 +1,7 @@
-"""Closed loops of the simulated laboratory itself: MuJoCo's arm, and the live path's own code, with
-any estimator, with disturbances, with rendered frames. What batch.py does with its compiled twin,
-at the same times and with the same noise.
+"""Closed loops of a study in the full simulator: MuJoCo's arm and the code of the live loop.
+
+This engine also runs what the compiled plant of `batch` cannot: any estimator, disturbances and
+rendered frames. Timing and noise are the same in both.
 """
 
 from collections.abc import Generator, Sequence
@@ -22,104 +23,118 @@ from rcmservo.safety.state_machine import PHASES, Phase, Request
 from rcmservo.servo.servo import Servo
 from rcmservo.sim import Disturbance, Rig, RigSettings
 from rcmservo.sim.scene import Scene
-from rcmservo.study.batch import BEGIN
+from rcmservo.study.batch import FIRST_TICK_NS
 from rcmservo.study.cramer_rao import bound
 from rcmservo.study.run_outcome import StudyRun
-from rcmservo.study.trial import StudyTrial, frames_of, trial
+from rcmservo.study.trial import StudyTrial, count_frames, trial
 from rcmservo.tracking import ColourMarkers, MarkerAppearance, PointMarkers
 
-UNFIT = "kill", "disk_full"
-"""Disturbances of the process that servoes and of its record, not of the servo."""
+EXCLUDED_DISTURBANCES = "kill", "disk_full"
+"""Disturbances of the process or of its recorder, to which no servo can respond."""
 
 
 def request_nothing(tick: Tick) -> Request:
-    """Request nothing, as an operator who stands by."""
+    """Request nothing, as an operator who does not intervene."""
     return Request.NONE
 
 
 class LaboratoryLoop:
-    """One closed loop, before its first tick: whoever goes through its `ticks` moves the arm, until
-    the end or as far as they like.
+    """Closed loop of a simulated laboratory, ready for its first tick.
+
+    Iterating over `ticks` moves the arm; the caller may stop at any tick.
+
+    Parameters
+    ----------
+    laboratory : Laboratory
+        Servo and simulated laboratory.
+    seed : int
+        Seed of the scene and the noise.
+    repetition : int
+        Number of the repetition from 0; each has other noise.
+
+    Raises
+    ------
+    NotShown
+        If the target cannot be taught from rendered frames.
     """
 
     def __init__(self, laboratory: "Laboratory", seed: int, repetition: int) -> None:
-        of = self._of = laboratory
-        self.given = trial(seed, repetition, of.settings, of.duration, of.shown)
-        self.rig = Rig(seed, of.settings, of.pictures, of.disturbances, self.given.scene)
-        tracker = ColourMarkers(of.look) if of.pictures else PointMarkers()
+        engine = self._engine = laboratory
+        self.trial = trial(seed, repetition, engine.settings, engine.duration, engine.shown)
+        scene = self.trial.scene
+        self.rig = Rig(seed, engine.settings, engine.pictures, engine.disturbances, scene)
+        tracker = ColourMarkers(engine.appearance) if engine.pictures else PointMarkers()
         self.plant = Plant(self.rig.arm, self.rig.camera, tracker, self.rig.clock)
-        self.p_d, self.target = self.given.goal.p2, self._shown(self.given)
+        self.p_d, self.target = self.trial.goal.p2, self._make_target(self.trial)
         self._errors: list[float] = []
         self._phases: list[int] = []
         self._causes: list[int] = []
 
-    def _shown(self, given: StudyTrial) -> Target:
-        """The target: of rendered frames it must be shown, of points it is known what was seen."""
+    def _make_target(self, given: StudyTrial) -> Target:
+        """Teach the target from rendered frames, or take the markers of the trial."""
         rig = self.rig
-        if self._of.pictures:
+        if self._engine.pictures:
             rig.move_to_target()
-            target = teach(self.plant, self._of.shown)
+            target = teach(self.plant, self._engine.shown)
             rig.move_to_start()
             return target
-        rig.clock.wait_until(BEGIN)
-        rig.set_point_noise(np.concatenate([given.noise, self._quiet_frames()]))
+        rig.clock.wait_until(FIRST_TICK_NS)
+        rig.set_point_noise(np.concatenate([given.noise, self._make_trailing_noise()]))
         return Target(given.goal.points, given.goal.q, rig.clock.now())
 
-    def _quiet_frames(self) -> Floats:
-        """Return no noise, for the frames in which the arm comes to rest after the last tick: what
-        they show is used for nothing.
-        """
-        servo, rate = self._of.servo, self._of.settings.timing.frame_rate
+    def _make_trailing_noise(self) -> Floats:
+        """Return zeros for the frames after the last tick, until the arm rests; none is used."""
+        servo, rate = self._engine.servo, self._engine.settings.timing.frame_rate
         period = 1.0 / servo.rate
-        slower = max(period / servo.gate.max_period, 1.0)
-        longest = slower * np.max(np.divide(servo.gate.speed, servo.gate.slew)) + 3.0 * period
-        return np.zeros((int(longest * rate) + 2, 2, 2))
+        slowdown = max(period / servo.gate.max_period, 1.0)
+        braking = slowdown * np.max(np.divide(servo.gate.speed, servo.gate.slew)) + 3.0 * period
+        return np.zeros((int(braking * rate) + 2, 2, 2))
 
     def ticks(self) -> Generator[Tick]:
-        """Yield every tick, after its command was sent. Pauses and faults do not end the loop."""
-        of = self._of
+        """Yield every tick after its command was sent; pauses and faults do not end the loop."""
+        servo, duration = self._engine.servo, self._engine.duration
         self.rig.begin()
-        for tick in run(self.plant, of.servo, self.target, of.duration, operator=request_nothing):
+        for tick in run(self.plant, servo, self.target, duration, operator=request_nothing):
             self.note(tick.state.phase, tick.state.cause)
             yield tick
 
     def note(self, phase: Phase, cause: Cause) -> None:
-        """Take note of a tick whose command was sent: of a law that is no servo's too."""
+        """Record the true error, phase and cause of a tick, also of a law outside the servo."""
         p2 = self.rig.truth.markers(self.rig.clock.now())[1]
-        away: Floats = p2 - self.p_d
-        self._errors.append(float(np.linalg.norm(away)))
+        deviation: Floats = p2 - self.p_d
+        self._errors.append(float(np.linalg.norm(deviation)))
         self._phases.append(PHASES.index(phase))
         self._causes.append(cause.place)
 
     @property
     def run(self) -> StudyRun:
-        """How it went up to now."""
-        of, given = self._of, self.given
+        """Outcome of the ticks up to now."""
+        engine, scene = self._engine, self.trial.scene
         phases, causes = np.array(self._phases, np.int8), np.array(self._causes, np.int8)
-        least, errors = of.bound(given.scene), np.array(self._errors)
-        return StudyRun(self.rig.seed, of.servo.rate, errors, phases, causes, least, given.scene)
+        least, errors = engine.bound(scene), np.array(self._errors)
+        return StudyRun(self.rig.seed, engine.servo.rate, errors, phases, causes, least, scene)
 
 
 @dataclass(frozen=True)
 class Laboratory(Checked):
-    """A servo, and the laboratory that its scenes are drawn in.
+    """Simulated closed loops of a servo in the full simulator.
 
     Parameters
     ----------
     servo : Servo
         The servo.
     settings : RigSettings
-        The laboratory.
+        The simulated laboratory.
     duration : float
         Length of each closed loop, s.
     shown : int
-        Frames that the target is the mean of.
+        Number of frames whose mean is the target.
     disturbances : Sequence[Disturbance]
-        What goes wrong in every run.
+        Disturbances of every run.
     pictures : bool
-        Rendered frames instead of a camera that tells points.
-    look : MarkerLook
-        What the tracker looks for in them.
+        Render frames and track the markers, instead of a camera that measures points.
+    appearance : MarkerAppearance
+        Appearance of the markers for the tracker of rendered frames.
     """
 
     servo: Servo
@@ -128,42 +143,42 @@ class Laboratory(Checked):
     shown: Annotated[int, FRAMES] = TEACHING_FRAMES
     disturbances: Sequence[Disturbance] = ()
     pictures: bool = False
-    look: MarkerAppearance = field(default_factory=MarkerAppearance)
+    appearance: MarkerAppearance = field(default_factory=MarkerAppearance)
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for one in self.disturbances:
-            right = f"none of {', '.join(UNFIT)}, which no servo can answer"
-            require(one.kind not in UNFIT, "disturbance", one.kind, right)
+        for disturbance in self.disturbances:
+            expected = f"none of {', '.join(EXCLUDED_DISTURBANCES)}: no servo can respond to these"
+            is_allowed = disturbance.kind not in EXCLUDED_DISTURBANCES
+            require(is_allowed, "disturbance", disturbance.kind, expected)
 
     def run(self, seed: int, repetition: int = 0) -> StudyRun:
-        """One closed loop, in the scene that `Rig(seed)` has. Where the target cannot be taught,
-        the tool stays where it is.
-        """
+        """Run one closed loop in the scene of `Rig(seed)`; the arm rests if teaching fails."""
         try:
             loop = LaboratoryLoop(self, seed, repetition)
         except NotShown:
-            return self._stood(seed, repetition)
+            return self._make_idle_run(seed, repetition)
         for _ in loop.ticks():
             pass
         return loop.run
 
-    def _stood(self, seed: int, repetition: int) -> StudyRun:
-        """A run that nobody begins."""
+    def _make_idle_run(self, seed: int, repetition: int) -> StudyRun:
+        """Return the outcome of a run in which the arm never leaves the start."""
         given = trial(seed, repetition, self.settings, self.duration, self.shown)
         scene, rate = given.scene, self.servo.rate
-        away: Floats = scene.body.points(scene.start)[1] - given.goal.p2
-        far = float(np.linalg.norm(away))
+        deviation: Floats = scene.body.points(scene.start)[1] - given.goal.p2
+        error = float(np.linalg.norm(deviation))
         n = round(self.duration * rate)
         phases = np.full(n, PHASES.index(Phase.IDLE), np.int8)
         causes = np.full(n, Cause.NONE.place, np.int8)
-        return StudyRun(seed, rate, np.full(n, far), phases, causes, self.bound(scene), scene)
+        return StudyRun(seed, rate, np.full(n, error), phases, causes, self.bound(scene), scene)
 
     def bound(self, scene: Scene) -> float:
-        """The Cramér-Rao bound of the error, mm; NaN with rendered frames, whose noise is the
-        tracker's and not known.
+        """Return the Cramér-Rao bound of the error, mm; NaN for rendered frames.
+
+        The noise of a tracker in rendered frames is unknown.
         """
         if self.pictures:
             return float("nan")
-        frames = frames_of(self.settings, self.duration)
+        frames = count_frames(self.settings, self.duration)
         return bound(scene, self.settings.point_noise, frames, self.shown).rms

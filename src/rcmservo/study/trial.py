@@ -1,6 +1,7 @@
-"""What one closed loop of a study is given: a scene, the target as it was shown, and the noise of
-every frame. All of it comes from the seed and the repetition, so that two methods, and two engines,
-are tried on the same.
+"""Scene, target and noise of one closed loop of a study.
+
+All of them follow from the seed and the repetition, so that methods and engines meet the same
+conditions.
 """
 
 from typing import NamedTuple
@@ -14,21 +15,21 @@ from rcmservo.sim.rig import sample_scene_of_seed
 from rcmservo.sim.scene import Scene
 from rcmservo.study.kernel_engine import Goal
 
-NOISE = 1
-"""The child of a scene's seed that its noise is drawn from; its own children are repetitions."""
+NOISE_SEED_CHILD = 1
+"""Index of the seed's child that the noise is drawn from; its own children are repetitions."""
 
 
 class StudyTrial(NamedTuple):
-    """One scene, one target, one noise.
+    """Scene, target and noise of one closed loop.
 
     Parameters
     ----------
     scene : Scene
-        Drawn from the seed alone.
+        Scene, which depends on the seed alone.
     goal : Goal
-        The target, its markers the mean of the frames that it was shown for.
+        Target, whose markers are the mean of the frames that it was taught with.
     noise : Floats
-        (frames, 2, 2) px, of the frames from the first tick on.
+        Noise (frames, 2, 2) px of every frame from the first tick on.
     """
 
     scene: Scene
@@ -36,25 +37,37 @@ class StudyTrial(NamedTuple):
     noise: Floats
 
 
-def frames_of(settings: RigSettings, duration: float) -> int:
-    """As many frames as a closed loop of so many s may see."""
+def count_frames(settings: RigSettings, duration: float) -> int:
+    """Return the largest number of frames in a closed loop of `duration` s."""
     return int(duration * settings.timing.frame_rate) + 2
 
 
 def trial(
     seed: int, repetition: int, settings: RigSettings, duration: float, shown: int
 ) -> StudyTrial:
-    """The trial of a seed: its scene is that of `Rig(seed)`, with other noise in each
-    `repetition`.
+    """Draw the scene of `Rig(seed)`, and the noise of a repetition.
+
+    Parameters
+    ----------
+    seed : int
+        Seed of the scene.
+    repetition : int
+        Number of the repetition from 0; each has other noise.
+    settings : RigSettings
+        The simulated laboratory.
+    duration : float
+        Length of the closed loop, s.
+    shown : int
+        Number of frames whose mean is the target.
     """
     not_negative("whole number").require("repetition", repetition)
     scene, random = sample_scene_of_seed(seed, settings)
     if repetition:
-        source = np.random.SeedSequence(seed, spawn_key=(NOISE, repetition - 1))
+        source = np.random.SeedSequence(seed, spawn_key=(NOISE_SEED_CHILD, repetition - 1))
         random = np.random.default_rng(source)
     sigma, markers = settings.point_noise, scene.body.points(scene.target)[:2]
-    blur = random.standard_normal((2, 2)) / np.sqrt(shown)
-    points = scene.optics.project(markers) + sigma * blur
-    noise = sigma * random.standard_normal((frames_of(settings, duration), 2, 2))
-    told = settings.drive.measured(scene.target)
-    return StudyTrial(scene, Goal(points, told, markers[1]), noise)
+    mean_noise = random.standard_normal((2, 2)) / np.sqrt(shown)
+    points = scene.optics.project(markers) + sigma * mean_noise
+    noise = sigma * random.standard_normal((count_frames(settings, duration), 2, 2))
+    q = settings.drive.measured(scene.target)
+    return StudyTrial(scene, Goal(points, q, markers[1]), noise)

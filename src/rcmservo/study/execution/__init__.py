@@ -1,3 +1,1 @@
-"""How a study is done: runs in chunks, on the processes of this machine or on a cluster, each chunk
-kept as soon as it is there.
-"""
+"""Execution of a study: chunks of runs on local processes or a cluster, and their storage."""

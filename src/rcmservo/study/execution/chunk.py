@@ -1,4 +1,4 @@
-"""A chunk of a study, done: what a worker is sent, and the rows that it sends back."""
+"""Execution of one chunk of a study: the request that a worker gets, and the rows it returns."""
 
 from dataclasses import astuple
 from functools import lru_cache
@@ -8,65 +8,71 @@ from rcmservo.errors import RcmServoError
 from rcmservo.servo.servo import Servo
 from rcmservo.sim.scene import NoScene
 from rcmservo.study.execution.package_version import package
-from rcmservo.study.plan.cell import Cell, cell_from
-from rcmservo.study.plan.user_module_archive import Parcel, classes
-from rcmservo.study.row import StudyRow, row_of
+from rcmservo.study.plan.cell import Cell, parse_cell
+from rcmservo.study.plan.user_module_archive import ModuleArchive, load_classes
+from rcmservo.study.row import StudyRow, make_row
 
 
-class OtherPackage(RcmServoError):
-    """A worker with another rcmservo than the one that asks."""
+class PackageMismatch(RcmServoError):
+    """Worker with another version of rcmservo than this machine."""
 
 
 class ChunkOrder(NamedTuple):
-    """What a worker is to do: plain texts, whatever has been imported there.
+    """Request for the runs of a chunk, as plain text that needs no imports to be decoded.
 
     Parameters
     ----------
     cell : str
-        The cell, as text.
+        Cell, as `Cell.text`.
     begin : int
-        The first seed.
+        First seed.
     end : int
-        The last seed, and one more.
+        Seed after the last one.
     package : str
-        What the package must be known by.
-    parcel : Parcel
-        The user's own module that is needed.
+        Version and hash of rcmservo that the worker must have.
+    parcel : ModuleArchive
+        Module of the user-defined estimator; empty for a built-in one.
     """
 
     cell: str
     begin: int
     end: int
     package: str
-    parcel: Parcel
+    parcel: ModuleArchive
 
 
-Numbers = tuple[Any, ...]
-"""A row's values in the order of its columns: quicker to send than rows."""
+RowValues = tuple[Any, ...]
+"""Values of a row in the order of its columns: they are faster to send than a `StudyRow`."""
 
 
-def done(order: ChunkOrder) -> list[Numbers]:
-    """The rows of a chunk."""
+def done(order: ChunkOrder) -> list[RowValues]:
+    """Run a chunk and return its rows.
+
+    Raises
+    ------
+    PackageMismatch
+        If this worker has another version of rcmservo than requested.
+    """
     if order.package != package():
-        raise OtherPackage(
+        raise PackageMismatch(
             f"a worker has another rcmservo ({package()}) than this machine ({order.package}): "
             "install the same version there"
         )
-    cell, servo = _prepared(order.cell, order.parcel)
+    cell, servo = _prepare(order.cell, order.parcel)
     return [astuple(one_run(cell, servo, seed)) for seed in range(order.begin, order.end)]
 
 
 @lru_cache(maxsize=16)
-def _prepared(text: str, parcel: Parcel) -> tuple[Cell, Servo]:
-    cell = cell_from(text)
-    return cell, cell.rebuilt(classes(parcel))
+def _prepare(text: str, archive: ModuleArchive) -> tuple[Cell, Servo]:
+    cell = parse_cell(text)
+    return cell, cell.rebuilt(load_classes(archive))
 
 
 def one_run(cell: Cell, servo: Servo, seed: int) -> StudyRow:
-    """The run of one seed."""
+    """Run one seed of a cell and return its row."""
     engine = cell.engine_for(seed, servo)
     try:
         run = engine.run(seed, cell.repetition)
     except NoScene as error:
         raise NoScene(f"scenes {cell.scenes}, seed {seed}: {error}") from error
-    return row_of(cell, engine.settings, run)
+    return make_row(cell, engine.settings, run)

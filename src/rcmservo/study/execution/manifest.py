@@ -1,5 +1,7 @@
-"""What a folder holds: study.json, from which any run of the study can be made again, and which
-tells what has changed when the study is another one.
+"""Manifest of a study's folder: study.json, which describes every run.
+
+Any run can be repeated from it. A comparison with the manifest of a new study lists the settings
+that have changed.
 """
 
 import json
@@ -21,78 +23,85 @@ from rcmservo.study.plan.cell import Cell
 from rcmservo.study.plan.plan import StudyPlan
 
 NAME, FORMAT = "study.json", "rcmservo study 1"
-LARGEST = 100_000_000
-"""Bytes."""
-WORDS = {"package": "rcmservo", "count": "count", "first_seed": "seed"}
-"""What users call what is the same for all cells."""
+MAX_MANIFEST_BYTES = 100_000_000
+"""Largest size of study.json, bytes."""
+COMMON_SETTING_NAMES = {"package": "rcmservo", "count": "count", "first_seed": "seed"}
+"""Names, for the user, of the settings that all cells share."""
 METHOD = "method"
-"""What users call the names of the methods."""
-NOISE, DELAY = "camera.point_noise", "camera.delay"
-"""Numbers of a distribution that have options of their own."""
+"""Name, for the user, of the setting that lists the methods."""
+NOISE_KEY, DELAY_KEY = "camera.point_noise", "camera.delay"
+"""Numbers of a distribution that options of `rcmservo study` set."""
 
-FROM_0 = Limit(lambda number: number >= 0, "a whole number from 0 on")
-FROM_1 = Limit(lambda number: number >= 1, "a whole number from 1 on")
+NOT_NEGATIVE_INTEGER = Limit(lambda number: number >= 0, "a whole number from 0 on")
+POSITIVE_INTEGER = Limit(lambda number: number >= 1, "a whole number from 1 on")
 
 
 @dataclass(frozen=True)
 class StudyNote(Checked):
-    """A study as its folder tells it.
+    """Content of study.json.
 
     Parameters
     ----------
     package : str
-        Of the rcmservo that made it.
+        Version and hash of the rcmservo that made the study.
     count : int
-        Scenes of each cell.
+        Number of scenes of each cell.
     first_seed : int
-        Of the first of them.
+        Seed of the first scene.
     cells : tuple[Cell, ...]
-        In the order of their rows, `count` each.
+        Cells in the order of their rows, `count` rows each.
     """
 
     package: str
-    count: Annotated[int, FROM_1]
-    first_seed: Annotated[int, FROM_0]
-    cells: Annotated[tuple[Cell, ...], not_empty("one at least")]
+    count: Annotated[int, POSITIVE_INTEGER]
+    first_seed: Annotated[int, NOT_NEGATIVE_INTEGER]
+    cells: Annotated[tuple[Cell, ...], not_empty("a list with at least one cell")]
 
-    def run_of(self, case: int) -> tuple[Cell, int]:
-        """The cell and the seed of a row."""
-        return self.cells[case // self.count], self.first_seed + case % self.count
+    def run_of(self, row: int) -> tuple[Cell, int]:
+        """Return the cell and the seed of the row with this index."""
+        return self.cells[row // self.count], self.first_seed + row % self.count
 
     @property
     def runs(self) -> int:
-        """How many rows there are."""
+        """Number of rows."""
         return len(self.cells) * self.count
 
 
 def _require_usable(cell: Cell, where: str) -> None:
-    """Refuse a cell whose servo and scenes do not look like some; what is in them is refused where
-    it is used.
+    """Raise `BadInput` if the servo or the scenes of a cell lack their tables.
+
+    Their values are validated where they are used.
     """
     estimator = cell.servo.get("estimator")
-    good = is_table(estimator) and KIND in estimator
-    require(good, f"{where}.servo.estimator", estimator, "a table with its kind")
+    has_kind = is_table(estimator) and KIND in estimator
+    require(has_kind, f"{where}.servo.estimator", estimator, "a table with its kind")
     for name, section in cell.tables.items():
         require(is_table(section), f"{where}.tables.{name}", section, "a table")
 
 
 def note_of(plan: StudyPlan) -> StudyNote:
-    """What is noted of a plan."""
+    """Return the manifest of a plan."""
     return StudyNote(package(), plan.count, plan.first_seed, plan.cells)
 
 
 def write(folder: Path, note: StudyNote) -> None:
-    """Note what the folder holds."""
+    """Write study.json."""
     text = json.dumps({"format": FORMAT, **asdict(note)}, indent=1) + "\n"
     write_whole(folder / NAME, text)
 
 
 def read(folder: Path) -> StudyNote | None:
-    """What a folder holds; None where it holds no study yet."""
+    """Read study.json; return None if the folder holds no study yet.
+
+    Raises
+    ------
+    UnusableFile
+        If study.json is damaged.
+    """
     path = folder / NAME
     if not path.exists():
         return None
-    data = read_small(path, LARGEST, "a study's note")
+    data = read_small(path, MAX_MANIFEST_BYTES, "the manifest of a study")
     try:
         table = texts.from_json(data.decode())
         if is_table(table):
@@ -103,39 +112,42 @@ def read(folder: Path) -> StudyNote | None:
             _require_usable(cell, f"study.cells[{i}]")
         return note
     except (ValueError, RecursionError) as error:
-        why = f"is not what `rcmservo study` wrote ({one_line(error)}): name a new folder"
-        raise UnusableFile(path, why) from error
+        reason = f"is not a manifest of `rcmservo study` ({one_line(error)}): name a new folder"
+        raise UnusableFile(path, reason) from error
 
 
 def changed(before: StudyNote, now: StudyNote) -> list[str]:
-    """What of a study is not as it was, in the words of its settings. What is of a method, or of
-    scenes, is told where both studies have these.
+    """Return the names of the settings that differ between two studies.
+
+    Settings of a method or of scenes are compared only if both studies have them.
     """
-    names = [word for name, word in WORDS.items() if getattr(before, name) != getattr(now, name)]
-    old, new = _facts(before), _facts(now)
-    other = [word for word, of in new if (word, of) in old and old[word, of] != new[word, of]]
+    common = COMMON_SETTING_NAMES.items()
+    names = [word for name, word in common if getattr(before, name) != getattr(now, name)]
+    old, new = _collect_settings(before), _collect_settings(now)
+    other = [key[0] for key in new if key in old and old[key] != new[key]]
     return list(dict.fromkeys(names + other))
 
 
-def _facts(note: StudyNote) -> dict[tuple[str, str], set[str]]:
-    """All that the cells are of, by its word and the scenes that it is of."""
-    facts: dict[tuple[str, str], set[str]] = {}
+def _collect_settings(note: StudyNote) -> dict[tuple[str, str], set[str]]:
+    """Return the values of every setting of the cells, by name and scenes."""
+    settings: dict[tuple[str, str], set[str]] = {}
     for cell in note.cells:
-        for word, of, value in _facts_of(cell):
-            facts.setdefault((word, of), set()).add(json.dumps(value, sort_keys=True))
-    return facts
+        for name, scenes, value in _list_settings(cell):
+            settings.setdefault((name, scenes), set()).add(json.dumps(value, sort_keys=True))
+    return settings
 
 
-def _facts_of(cell: Cell) -> Iterator[tuple[str, str, object]]:
-    drawn = {**_numbers(cell), **cell.vary}
-    rest = {name: value for name, value in drawn.items() if name not in (NOISE, DELAY)}
+def _list_settings(cell: Cell) -> Iterator[tuple[str, str, object]]:
+    """Yield name, scenes (empty if it does not depend on them) and value of every setting."""
+    drawn = {**_flatten_tables(cell), **cell.vary}
+    rest = {name: value for name, value in drawn.items() if name not in (NOISE_KEY, DELAY_KEY)}
     yield METHOD, "", cell.method
     yield f"settings of {cell.method}", "", [cell.servo.get(part) for part in METHOD_PARTS]
     yield f"code of {cell.method}", "", cell.source
     yield "scenes", "", cell.scenes
     yield "scenes", cell.scenes, rest
-    yield "noise", cell.scenes, drawn.get(NOISE)
-    yield "latency", cell.scenes, drawn.get(DELAY)
+    yield "noise", cell.scenes, drawn.get(NOISE_KEY)
+    yield "latency", cell.scenes, drawn.get(DELAY_KEY)
     yield "disturb", "", cell.disturb
     yield "repetitions", "", cell.repetition
     yield f"engine of {cell.method}", "", cell.engine
@@ -143,7 +155,7 @@ def _facts_of(cell: Cell) -> Iterator[tuple[str, str, object]]:
     yield "shown", "", cell.shown
 
 
-def _numbers(cell: Cell) -> Table:
-    """The settings of a cell's scenes by section.key."""
+def _flatten_tables(cell: Cell) -> Table:
+    """Return the settings of a cell's scenes by section.key."""
     sections = cell.tables.items()
     return {f"{name}.{key}": value for name, table in sections for key, value in table.items()}

@@ -1,5 +1,6 @@
-"""What this package is known by: its version, and a hash of its source. Results of another one are
-not mixed with its own.
+"""Identity of this package: its version and a hash of its source.
+
+Results of packages with different identities are never mixed.
 """
 
 import hashlib
@@ -9,7 +10,7 @@ from pathlib import Path
 
 import rcmservo
 
-UNRELATED = (
+IGNORED_FOLDERS = (
     "cli",
     "live",
     "paper",
@@ -19,17 +20,19 @@ UNRELATED = (
     "figures",
     "recording",
 )
-"""Folders that no row depends on."""
-TOLD = "study/report", "study/execution/workers.py"
-"""Parts of a study that no row depends on."""
+"""Folders of the package that no row of a study depends on."""
+IGNORED_STUDY_PARTS = "study/report", "study/execution/workers.py"
+"""Parts of `study` that no row depends on."""
 
 
 @cache
 def package() -> str:
-    """The version of rcmservo, and the first digits of the SHA-256 of what rows depend on."""
+    """Return the version of rcmservo, and 12 digits of the SHA-256 of all files that rows need."""
     root, text = Path(rcmservo.__file__).parent, hashlib.sha256()
     for path in sorted((*root.rglob("*.py"), *root.rglob("*.toml"))):
         name = path.relative_to(root).as_posix()
-        if name.partition("/")[0] not in UNRELATED and not name.startswith(TOLD):
+        if name.partition("/")[0] not in IGNORED_FOLDERS and not name.startswith(
+            IGNORED_STUDY_PARTS
+        ):
             text.update(name.encode() + b"\0" + path.read_bytes() + b"\0")
     return f"{version('rcmservo')} {text.hexdigest()[:12]}"

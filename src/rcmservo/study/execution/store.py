@@ -1,6 +1,7 @@
-"""What is done of a study, on disk: a folder with one Parquet file for every chunk, by the hash of
-all that it depends on. A study that was stopped goes on from there, and so does one of whose
-settings only some were changed.
+"""Storage of a study: a folder with one Parquet file per chunk, named by a hash of its inputs.
+
+A stopped study resumes from these files. After a change of some settings, the chunks that do not
+depend on them are reused.
 """
 
 import hashlib
@@ -15,7 +16,7 @@ from typing import Any, get_args, get_type_hints
 
 from rcmservo.config.atomic_files import whole
 from rcmservo.errors import UnusableFile, needing
-from rcmservo.study.execution.chunk import Numbers
+from rcmservo.study.execution.chunk import RowValues
 from rcmservo.study.execution.package_version import package
 from rcmservo.study.plan.plan import Chunk
 from rcmservo.study.row import MEANINGS, StudyRow
@@ -26,16 +27,16 @@ with needing("a study", "study"):
 
 PA: Any = pa
 PQ: Any = pq
-"""Arrow without types: it has none."""
+"""Arrow as `Any`, because it has no type annotations."""
 
 RUNS, REPORT, SUMMARY = "runs.parquet", "report.html", "summary.json"
 TUNED = "tuned.toml"
-"""What a search found, as a study's file that has it as its method."""
+"""Study file that defines the settings found by a search as its method."""
 PARTS = "parts"
 SEARCH = "search"
-"""The folder of a search's trials, in that of what is made of it."""
+"""Folder of the trials of a search, inside the folder of its results."""
 
-KINDS: dict[type, Any] = {
+ARROW_TYPES: dict[type, Any] = {
     str: PA.string(),
     int: PA.int64(),
     float: PA.float64(),
@@ -46,51 +47,51 @@ KINDS: dict[type, Any] = {
 def _field(name: str, hint: Any) -> Any:
     kinds = [kind for kind in get_args(hint) or (hint,) if kind is not type(None)]
     optional = type(None) in get_args(hint)
-    about = {"meaning": MEANINGS[name]}
-    return PA.field(name, KINDS[kinds[0]], nullable=optional, metadata=about)
+    metadata = {"meaning": MEANINGS[name]}
+    return PA.field(name, ARROW_TYPES[kinds[0]], nullable=optional, metadata=metadata)
 
 
 HINTS = get_type_hints(StudyRow)
 SCHEMA = PA.schema([_field(f.name, HINTS[f.name]) for f in fields(StudyRow)], MEANINGS)
-"""The columns of runs.parquet; what each means is told beside it, and in the file's own metadata
-too, which programs without Arrow read."""
+"""Columns of runs.parquet. Their meanings are in the metadata of each column, and in that of the
+file for programs that do not use Arrow."""
 
 
-def key_of(chunk: Chunk) -> str:
-    """What a chunk's rows are known by: a hash of all that they depend on."""
+def compute_chunk_key(chunk: Chunk) -> str:
+    """Return the key of a chunk: a hash of everything that its rows depend on."""
     text = json.dumps([package(), chunk.cell.text, chunk.seeds.start, chunk.seeds.stop])
     return hashlib.sha256(text.encode()).hexdigest()[:32]
 
 
-class Store:
-    """The folder of a study."""
+class ChunkStore:
+    """Folder of a study with the rows of its chunks."""
 
     def __init__(self, folder: Path) -> None:
-        """Refuse a folder that holds something else, or cannot be written to; make none."""
+        """Raise `UnusableFile` for other content or without write access; create nothing."""
         self.folder, self.parts = folder, folder / PARTS
-        made = [path for path in (self.parts, folder, *folder.parents) if not path.exists()]
+        missing = [path for path in (self.parts, folder, *folder.parents) if not path.exists()]
         try:
-            ours = self.parts.is_dir() or (folder / SEARCH / PARTS).is_dir()
-            if folder.is_dir() and not ours and any(folder.iterdir()):
+            is_study = self.parts.is_dir() or (folder / SEARCH / PARTS).is_dir()
+            if folder.is_dir() and not is_study and any(folder.iterdir()):
                 raise UnusableFile(folder, "is not empty, and holds no study: name a new folder")
             self.parts.mkdir(parents=True, exist_ok=True)
-            with suppress(OSError):  # another one that has just begun may want it
-                for path in made:
+            with suppress(OSError):  # a study that has just started may already use it
+                for path in missing:
                     path.rmdir()
         except OSError as error:
             raise UnusableFile(folder, f"cannot be written to: {error.strerror}") from error
-        if not made and not os.access(self.parts, os.W_OK):
+        if not missing and not os.access(self.parts, os.W_OK):
             raise UnusableFile(folder, "cannot be written to")
 
     def make(self) -> None:
-        """Make the folder, where it is not there."""
+        """Create the folder if it does not exist."""
         try:
             self.parts.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise UnusableFile(self.folder, f"cannot be written to: {error.strerror}") from error
 
     def forget(self) -> None:
-        """Leave no rows that are gathered, and nothing that tells of them; the parts stay."""
+        """Remove the gathered rows and all files made from them; keep the parts."""
         for path in (self.folder / name for name in (RUNS, REPORT, SUMMARY, TUNED)):
             try:
                 path.unlink(missing_ok=True)
@@ -98,24 +99,25 @@ class Store:
                 raise UnusableFile(path, f"cannot be removed: {error.strerror}") from error
 
     @cached_property
-    def _there(self) -> set[str]:
+    def _stored(self) -> set[str]:
+        """Keys of the stored chunks."""
         return {path.stem for path in self.parts.glob("*.parquet")}
 
     def has(self, key: str) -> bool:
-        """Whether a chunk is done."""
-        return key in self._there
+        """Return True if a chunk is stored."""
+        return key in self._stored
 
-    def keep(self, key: str, rows: Iterable[Numbers]) -> None:
-        """Keep the rows of a chunk, whole or not at all."""
+    def keep(self, key: str, rows: Iterable[RowValues]) -> None:
+        """Store the rows of a chunk atomically."""
         columns = list(zip(*rows, strict=True))
         table = PA.table(
             [PA.array(c, f.type) for c, f in zip(columns, SCHEMA, strict=True)], SCHEMA
         )
         self._write(table, self.parts / f"{key}.parquet")
-        self._there.add(key)
+        self._stored.add(key)
 
     def gather(self, keys: Iterable[str]) -> Any:
-        """Write all rows of some chunks into one file, in their order, and give them as a table."""
+        """Write the rows of some chunks in order into one file and return them as a table."""
         tables = [self._part(key) for key in keys]
         table = PA.concat_tables(tables) if tables else SCHEMA.empty_table()
         self._write(table, self.folder / RUNS)
@@ -127,8 +129,8 @@ class Store:
             return PQ.read_table(path, schema=SCHEMA)
         except (OSError, PA.ArrowException) as error:
             path.unlink(missing_ok=True)
-            why = "cannot be read, and was removed: the same command makes it again"
-            raise UnusableFile(path, why) from error
+            reason = "cannot be read and was removed: run the same command again to replace it"
+            raise UnusableFile(path, reason) from error
 
     def _write(self, table: Any, path: Path) -> None:
         with whole(path) as part:
@@ -136,11 +138,17 @@ class Store:
 
 
 def runs_in(folder: Path) -> Any:
-    """The rows of a study's folder, as a table."""
+    """Read the rows of a study's folder as a table.
+
+    Raises
+    ------
+    UnusableFile
+        If the study is not complete, or the file is no table of runs.
+    """
     try:
         return PQ.read_table(folder / RUNS, schema=SCHEMA)
     except FileNotFoundError as error:
-        why = "is not there: the study is not done yet, and its command goes on where it stopped"
-        raise UnusableFile(folder / RUNS, why) from error
+        reason = "does not exist: the study is not complete; run its command again to resume it"
+        raise UnusableFile(folder / RUNS, reason) from error
     except (OSError, PA.ArrowException) as error:
-        raise UnusableFile(folder / RUNS, "is not the runs of a study") from error
+        raise UnusableFile(folder / RUNS, "is not a table of the runs of a study") from error

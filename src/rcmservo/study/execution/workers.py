@@ -1,10 +1,9 @@
-"""Workers, by dask.distributed: processes of this machine, or those of a cluster by the address of
-its scheduler.
+"""Workers of a study by dask.distributed: local processes, or a cluster by its scheduler's address.
 
-Whoever reaches a scheduler can run code on its workers. So the one that is started here listens on
-the loopback interface and asks for a certificate that is made for it alone. Another one is used
-over TLS, with the certificates that dask's own configuration names, or on the loopback interface,
-where a tunnel may end.
+Everyone who can connect to a scheduler can run code on its workers. The local scheduler therefore
+listens on the loopback interface and requires a certificate that is made for it alone. A remote
+scheduler is used over TLS, with the certificates in dask's configuration, or on the loopback
+interface, where a tunnel may end.
 """
 
 import gc
@@ -19,7 +18,7 @@ from multiprocessing import resource_tracker
 from typing import Any, NamedTuple
 
 from rcmservo.errors import BadInput, RcmServoError, needing, one_line, require
-from rcmservo.study.execution.chunk import ChunkOrder, Numbers, OtherPackage, done
+from rcmservo.study.execution.chunk import ChunkOrder, PackageMismatch, RowValues, done
 from rcmservo.study.execution.package_version import package
 
 with needing("a study", "study"):
@@ -27,150 +26,185 @@ with needing("a study", "study"):
     from dask import config, system
 
 DASK: Any = distributed
-"""Dask without types: most of it has none."""
+"""Dask as `Any`, because most of it has no type annotations."""
 
-HERE = "127.0.0.1"
-PATIENCE = 30.0
-"""s for which a scheduler is waited for, and then for a first worker."""
-STARTS = 10
-"""Times that lost workers are replaced within PATIENCE."""
-AHEAD = 4
-"""Orders for each worker that are under way, so that none is idle."""
-LOSSES = 100
-"""Workers that may die with an order before it is blamed for that."""
-OPTION = "--cluster"
-INSIDE = re.compile(r"in <[^>]*>: (\w+: )?(\[Errno \d+\] )?")
-"""What dask's messages tell of its own objects."""
+SCHEDULER_HOST = "127.0.0.1"
+WORKER_TIMEOUT_S = 30.0
+"""Time to wait for a scheduler, and then for its first worker, s."""
+WORKER_START_ATTEMPTS = 10
+"""Number of times that lost workers are replaced within WORKER_TIMEOUT_S."""
+TASKS_PER_WORKER = 4
+"""Requests sent ahead per worker, so that no worker is idle."""
+MAX_LOST_WORKERS = 100
+"""Workers that may die on a request before the study stops."""
+CLUSTER_OPTION = "--cluster"
+DASK_OBJECT_PATTERN = re.compile(r"in <[^>]*>: (\w+: )?(\[Errno \d+\] )?")
+"""Part of dask's messages that describes its internal objects."""
 
 
 class WorkLost(RcmServoError):
-    """What was under way cannot be had."""
+    """Requests in progress that no worker can complete."""
 
 
-class Given(NamedTuple):
-    """An order that is under way.
+class PendingTask(NamedTuple):
+    """Request in progress.
 
     Parameters
     ----------
     key : str
-        What its result is kept by.
-    order : ChunkOrder
-        What is to be done.
+        Key that the result is stored by.
+    request : ChunkOrder
+        The request.
     losses : int
-        Workers that died with it.
+        Number of workers that died on it.
     """
 
     key: str
-    order: ChunkOrder
+    request: ChunkOrder
     losses: int
 
 
 class Crew:
-    """Workers that take orders."""
+    """Pool of workers that run requests.
+
+    Parameters
+    ----------
+    client : Any
+        Dask client.
+    where : str
+        Address of the scheduler, or "this machine", for messages.
+    """
 
     def __init__(self, client: Any, where: str) -> None:
         self._client, self.where = client, where
-        self._under_way: dict[Any, Given] = {}
+        self._pending: dict[Any, PendingTask] = {}
 
     @property
     def count(self) -> int:
-        """Orders that are worked on at a time."""
+        """Number of requests that run at the same time."""
         return sum(self._client.nthreads().values())
 
     def done(
-        self, orders: Iterable[tuple[str, ChunkOrder]]
-    ) -> Generator[tuple[str, list[Numbers]]]:
-        """The rows of every order, as they come. A worker that dies loses nothing: what it had is
-        done by another.
+        self, requests: Iterable[tuple[str, ChunkOrder]]
+    ) -> Generator[tuple[str, list[RowValues]]]:
+        """Yield key and rows of every request as they arrive.
+
+        Another worker takes over the requests of a worker that dies.
+
+        Raises
+        ------
+        WorkLost
+            If the scheduler disconnects, a worker has no rcmservo, or too many workers die on one
+            request.
         """
-        waiting, futures = iter(orders), DASK.as_completed()
+        waiting, futures = iter(requests), DASK.as_completed()
         try:
             self._fill(futures, waiting)
             for future in futures:
-                given = self._under_way.pop(future)
+                task = self._pending.pop(future)
                 try:
                     rows = future.result()
                 except DASK.KilledWorker as error:
-                    futures.add(self._submit(self._again(given, error)))
+                    futures.add(self._submit(self._count_loss(task, error)))
                     continue
                 except ImportError as error:
-                    raise WorkLost(f"a worker has no rcmservo: {one_line(error)}") from error
-                yield given.key, rows
+                    raise WorkLost(
+                        f"a worker has no rcmservo: {one_line(error)}; install it there"
+                    ) from error
+                yield task.key, rows
                 self._fill(futures, waiting)
         except (OSError, DASK.CancelledError) as error:
-            raise WorkLost(f"the scheduler at {self.where} is gone: {one_line(error)}") from error
+            raise WorkLost(
+                f"the scheduler at {self.where} has disconnected: {one_line(error)}; the same "
+                "command resumes the study"
+            ) from error
         finally:
-            self._client.cancel(list(self._under_way))
-            self._under_way.clear()
+            self._client.cancel(list(self._pending))
+            self._pending.clear()
 
     def _fill(self, futures: Any, waiting: Iterator[tuple[str, ChunkOrder]]) -> None:
-        """Keep every worker busy."""
-        room = AHEAD * max(self.count, 1) - len(self._under_way)
-        for _, (key, order) in zip(range(room), waiting, strict=False):
-            futures.add(self._submit(Given(key, order, 0)))
+        """Submit requests until every worker has enough of them."""
+        room = TASKS_PER_WORKER * max(self.count, 1) - len(self._pending)
+        for _, (key, request) in zip(range(room), waiting, strict=False):
+            futures.add(self._submit(PendingTask(key, request, 0)))
 
-    def _submit(self, given: Given) -> Any:
-        future = self._client.submit(done, given.order, key=f"{given.key}-{given.losses}")
-        self._under_way[future] = given
+    def _submit(self, task: PendingTask) -> Any:
+        future = self._client.submit(done, task.request, key=f"{task.key}-{task.losses}")
+        self._pending[future] = task
         return future
 
-    def _again(self, given: Given, error: Exception) -> Given:
-        if given.losses >= LOSSES:
-            raise WorkLost(f"every worker that takes it dies: {one_line(error)}") from error
-        return given._replace(losses=given.losses + 1)
+    def _count_loss(self, task: PendingTask, error: Exception) -> PendingTask:
+        if task.losses >= MAX_LOST_WORKERS:
+            raise WorkLost(
+                f"{task.losses} workers died on the same request: {one_line(error)}"
+            ) from error
+        return task._replace(losses=task.losses + 1)
 
 
 @contextmanager
 def crew(address: str | None, workers: int | None) -> Generator[Crew]:
-    """The workers of a cluster, all of which have this very package; without an address as many
-    processes of this machine as it has processors, or as are asked for.
+    """Open a pool of workers, all with the version of rcmservo of this machine.
+
+    Parameters
+    ----------
+    address : str or None
+        Address of the scheduler of a cluster; None for processes of this machine.
+    workers : int or None
+        Number of local processes; None for one per processor.
+
+    Raises
+    ------
+    BadInput
+        If the address is invalid, not protected, or no scheduler answers there.
+    PackageMismatch
+        If a worker has another version of rcmservo.
     """
-    with _quietly():
+    with _silence_dask():
         if address is None:
-            with _processes(workers) as client:
+            with _start_processes(workers) as client:
                 yield Crew(client, "this machine")
         else:
             require_guarded(address)
             _require_certificates(address)
-            with _reached(address) as client:
+            with _connect(address) as client:
                 _require_same_package(client)
                 yield Crew(client, address)
 
 
 @contextmanager
-def _quietly() -> Generator[None]:
-    """What goes wrong is told by us; dask's own words of it go nowhere."""
+def _silence_dask() -> Generator[None]:
+    """Suppress dask's log messages: this module reports errors in its own words."""
     log = logging.getLogger("distributed")
-    usual = log.level
+    previous = log.level
     log.setLevel(logging.CRITICAL + 1)
     try:
         yield
     finally:
-        log.setLevel(usual)
+        log.setLevel(previous)
 
 
 @contextmanager
-def _processes(workers: int | None) -> Generator[Any]:
-    """A scheduler and workers of our own."""
+def _start_processes(workers: int | None) -> Generator[Any]:
+    """Start a scheduler and workers on this machine, and yield their client."""
     count = workers or system.CPU_COUNT
-    chosen: dict[str, Any] = {
-        "distributed.scheduler.allowed-failures": LOSSES,
+    settings: dict[str, Any] = {
+        "distributed.scheduler.allowed-failures": MAX_LOST_WORKERS,
         "distributed.scheduler.http.routes": [],
-        # what dask watches itself by, a twentieth of two processors
+        # dask's self-monitoring takes a twentieth of two processors
         "distributed.worker.profile.enabled": False,
         "distributed.admin.tick.interval": "1s",
         "distributed.admin.system-monitor.interval": "10s",
     }
     with (
-        config.set(chosen),
-        _left_alone(),
+        config.set(settings),
+        _block_interrupts(),
         DASK.LocalCluster(
             n_workers=count,
             threads_per_worker=1,
             processes=True,
-            host=HERE,
-            dashboard_address=f"{HERE}:0",
-            worker_dashboard_address=f"{HERE}:0",
+            host=SCHEDULER_HOST,
+            dashboard_address=f"{SCHEDULER_HOST}:0",
+            worker_dashboard_address=f"{SCHEDULER_HOST}:0",
             security=True,
             memory_limit=None,
             silence_logs=logging.CRITICAL + 1,
@@ -178,104 +212,113 @@ def _processes(workers: int | None) -> Generator[Any]:
         DASK.Client(cluster) as client,
     ):
         signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
-        _await_all(cluster, client, count)
+        _wait_for_workers(cluster, client, count)
         yield client
 
 
-def _await_all(cluster: Any, client: Any, count: int) -> None:
-    """Wait until all workers have joined, and replace those that are lost meanwhile.
+def _wait_for_workers(cluster: Any, client: Any, count: int) -> None:
+    """Wait until all workers have joined, and replace those that are lost.
 
-    With OpenSSL 3.5 one of thirty loses its connection when it joins, and dask starts no other.
+    With OpenSSL 3.5 one worker in thirty loses its connection when it joins, and dask does not
+    replace it.
     """
     with config.set({"distributed.deploy.lost-worker-timeout": "1s"}):
-        for _ in range(STARTS):
+        for _ in range(WORKER_START_ATTEMPTS):
             with suppress(TimeoutError):
-                client.wait_for_workers(count, timeout=PATIENCE / STARTS)
+                client.wait_for_workers(count, timeout=WORKER_TIMEOUT_S / WORKER_START_ATTEMPTS)
                 return
             cluster.scale(count)
     if not client.nthreads():
-        raise WorkLost(f"no worker of this machine has joined in {PATIENCE:g} s")
+        raise WorkLost(
+            f"no worker of this machine has joined in {WORKER_TIMEOUT_S:g} s: use fewer --workers"
+        )
 
 
 @contextmanager
-def _left_alone() -> Generator[None]:
-    """Ctrl-C, which reaches every process of the terminal, waits until this one unblocks it. The
-    thread that is made in here, and all workers that it ever starts, never hear of it.
+def _block_interrupts() -> Generator[None]:
+    """Block SIGINT, which Ctrl-C sends to every process of the terminal, while workers start.
+
+    The threads and workers that start inside inherit the block; the caller unblocks its own thread.
     """
-    resource_tracker.ensure_running()  # whoever starts a first process starts it, and unblocks
-    usual = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    resource_tracker.ensure_running()  # otherwise the first process starts it and unblocks SIGINT
+    previous = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
     finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, usual)
+        signal.pthread_sigmask(signal.SIG_SETMASK, previous)
 
 
 def require_guarded(address: str) -> None:
-    """Refuse a scheduler that anybody in the network can talk to as well."""
+    """Raise `BadInput` for a scheduler that others in the network can use too."""
     scheme, _, rest = address.rpartition("://")
     host, _, port = rest.rpartition(":")
-    good = scheme in ("", "tcp", "tls") and bool(host) and port.isdigit()
-    require(good, OPTION, address, "that of a dask scheduler, such as tls://host:8786")
-    right = (
-        "tls://..., or on the loopback interface, as whoever reaches a scheduler can run code on "
-        "its workers; a tunnel such as ssh -L 8786:localhost:8786 ends there"
+    is_address = scheme in ("", "tcp", "tls") and bool(host) and port.isdigit()
+    expected = "the address of a dask scheduler, such as tls://host:8786"
+    require(is_address, CLUSTER_OPTION, address, expected)
+    expected = (
+        "tls://..., or on the loopback interface, because everyone who connects to a scheduler can "
+        "run code on its workers; a tunnel such as ssh -L 8786:localhost:8786 ends there"
     )
-    require(scheme == "tls" or _on_loopback(host.strip("[]")), OPTION, address, right)
+    is_protected = scheme == "tls" or _is_loopback(host.strip("[]"))
+    require(is_protected, CLUSTER_OPTION, address, expected)
 
 
 def _require_certificates(address: str) -> None:
-    """Refuse TLS of which dask's configuration has no certificates."""
+    """Raise `BadInput` for a TLS address if dask's configuration lacks certificates."""
     names = "ca-file", "client.cert", "client.key"
-    lacking = [name for name in names if not config.get(f"distributed.comm.tls.{name}", None)]
-    right = "an address with its certificates in dask's configuration (docs/cluster.md); it lacks "
-    need = address.startswith("tls://")
-    require(not (need and lacking), OPTION, address, right + ", ".join(lacking))
+    missing = [name for name in names if not config.get(f"distributed.comm.tls.{name}", None)]
+    expected = "an address with certificates in dask's configuration (docs/cluster.md); it lacks "
+    uses_tls = address.startswith("tls://")
+    require(not (uses_tls and missing), CLUSTER_OPTION, address, expected + ", ".join(missing))
 
 
-def _on_loopback(host: str) -> bool:
+def _is_loopback(host: str) -> bool:
     try:
-        found = {info[4][0] for info in socket.getaddrinfo(host, None)}
+        addresses = {info[4][0] for info in socket.getaddrinfo(host, None)}
     except (OSError, UnicodeError) as error:
-        raise BadInput(OPTION, host, f"a host with an address ({one_line(error)})") from error
-    return all(ipaddress.ip_address(place).is_loopback for place in found)
+        raise BadInput(
+            CLUSTER_OPTION, host, f"a host with an address ({one_line(error)})"
+        ) from error
+    return all(ipaddress.ip_address(found).is_loopback for found in addresses)
 
 
 @contextmanager
-def _reached(address: str) -> Generator[Any]:
-    """The client of a scheduler that is there, with a worker at least."""
-    client, failure = _connected(address)
+def _connect(address: str) -> Generator[Any]:
+    """Connect to a scheduler with at least one worker, and yield the client."""
+    client, failure = _try_to_connect(address)
     if client is None:
-        gc.collect()  # the half-made client, while it cannot wait for itself: later it might
-        right = f"the address of a dask scheduler that answers ({failure})"
-        raise BadInput(OPTION, address, right)
+        gc.collect()  # collect the partial client now: collected later, it can wait for itself
+        expected = f"the address of a dask scheduler that answers ({failure})"
+        raise BadInput(CLUSTER_OPTION, address, expected)
     with client:
         try:
-            client.wait_for_workers(1, timeout=PATIENCE)
+            client.wait_for_workers(1, timeout=WORKER_TIMEOUT_S)
         except TimeoutError as error:
             raise RcmServoError(
-                f"no worker has joined the scheduler at {address} in {PATIENCE:g} s: start one, "
-                f"as docs/cluster.md has it"
+                f"no worker has joined the scheduler at {address} in {WORKER_TIMEOUT_S:g} s: start "
+                "one, as docs/cluster.md describes"
             ) from error
         yield client
 
 
-def _connected(address: str) -> tuple[Any, str]:
-    """The client of a scheduler; or None, and why not, with nothing that holds on to the half-made
-    one.
+def _try_to_connect(address: str) -> tuple[Any, str]:
+    """Return the client of a scheduler, or None and the reason.
+
+    After a failure nothing refers to the partial client.
     """
     try:
-        return DASK.Client(address, timeout=PATIENCE), ""
+        return DASK.Client(address, timeout=WORKER_TIMEOUT_S), ""
     except (OSError, TypeError, ValueError, RuntimeError) as error:
-        return None, one_line(INSIDE.sub("", str(error.__cause__ or error)))
+        return None, one_line(DASK_OBJECT_PATTERN.sub("", str(error.__cause__ or error)))
 
 
 def _require_same_package(client: Any) -> None:
-    """Refuse workers with another version of this package, or without it."""
-    told: dict[str, object] = client.run(package, on_error="return")
-    others = {worker: found for worker, found in told.items() if found != package()}
+    """Raise `PackageMismatch` if a worker has another version of this package, or none."""
+    packages: dict[str, object] = client.run(package, on_error="return")
+    others = {worker: found for worker, found in packages.items() if found != package()}
     for worker, found in others.items():
         has = f"rcmservo {found}" if isinstance(found, str) else f"none ({one_line(found)})"
-        raise OtherPackage(
-            f"{len(others)} of {len(told)} workers have another rcmservo than this machine, "
+        raise PackageMismatch(
+            f"{len(others)} of {len(packages)} workers have another rcmservo than this machine, "
             f"{package()}: {worker} has {has}; install the same version there"
         )

@@ -1,1 +1,1 @@
-"""What a study is to try: methods, distributions of scenes, and what is done with every pair."""
+"""Plan of a study: methods, distributions of scenes and conditions, combined into cells."""

@@ -1,6 +1,7 @@
-"""A cell of a study: one method, in one distribution of scenes, under one set of conditions. It is
-plain text, so that it can be sent to another machine, and so that what was computed of it can be
-known again.
+"""Cell of a study: one method in one distribution of scenes under one set of conditions.
+
+A cell is plain text, which can be sent to another machine and compared with the cell of earlier
+results.
 """
 
 import json
@@ -23,34 +24,34 @@ from rcmservo.study.simulation_engine import Laboratory
 
 @dataclass(frozen=True)
 class Cell:
-    """All that the runs of a cell depend on, but for their seeds.
+    """All inputs of the runs of a cell except their seeds.
 
     Parameters
     ----------
     method : str
-        Its name in the study.
+        Name of the method in the study.
     servo : Mapping[str, Any]
-        The servo, as records tell it, in the middle of the scenes' ranges.
+        Servo in the notation of records, for the mid-range values of the scenes.
     source : str
-        SHA-256 of the user's own module, in hexadecimal; empty for ours.
+        SHA-256 of the user's module in hexadecimal; empty for a built-in estimator.
     condition : str
-        Scenes, noise, latency and disturbances, in words.
+        Label of scenes, noise, latency and disturbances.
     scenes : str
-        The distribution's name.
+        Name of the distribution.
     tables : Mapping[str, Any]
-        Its sections.
+        Sections of the distribution.
     vary : Mapping[str, Any]
-        Its ranges.
+        Ranges of the distribution.
     disturb : tuple[str, ...]
-        What goes wrong in every run, as `--disturb` has it.
+        Disturbances of every run, in the notation of `--disturb`.
     repetition : int
-        Which noise of each scene.
+        Number of the noise sequence of each scene, from 0.
     engine : str
         One of ENGINES.
     duration : float
         Length of each closed loop, s.
     shown : int
-        Frames that the target is shown for.
+        Number of frames whose mean is the target.
     """
 
     method: str
@@ -68,7 +69,7 @@ class Cell:
 
     @cached_property
     def text(self) -> str:
-        """The cell in one line, which tells it from every other."""
+        """The cell as one line of JSON; different cells have different lines."""
         return json.dumps(asdict(self), sort_keys=True)
 
     @cached_property
@@ -76,36 +77,43 @@ class Cell:
         return Distribution(self.scenes, dict(self.tables), dict(self.vary))
 
     def rebuilt(self, own: Own) -> Servo:
-        """The servo, with users' own estimators by their names."""
+        """Return the servo, with the user-defined estimators `own` by name."""
         return rebuild(dict(self.servo), own)
 
     def engine_for(self, seed: int, servo: Servo) -> Study | Laboratory:
-        """What makes the run of a seed, with the cell's servo."""
-        lab, settings = self.distribution.laboratory(seed)
+        """Return the engine that runs the servo of this cell in the laboratory of a seed."""
+        lab, settings = self.distribution.draw(seed)
         known = (servo.mechanism, servo.tool) == (lab.mechanism, lab.tool)
         servo = servo if known else replace(servo, mechanism=lab.mechanism, tool=lab.tool)
         if self.engine == COMPILED:
             return Study(servo, settings, self.duration, self.shown)
-        wrong = tuple(map(Disturbance.read, self.disturb))
-        pictures = self.engine == PICTURES
-        shown = self.duration, self.shown
-        return Laboratory(servo, settings, *shown, wrong, pictures, lab.markers)
+        disturbances = tuple(map(Disturbance.read, self.disturb))
+        rendered = self.engine == PICTURES
+        lengths = self.duration, self.shown
+        return Laboratory(servo, settings, *lengths, disturbances, rendered, lab.markers)
 
 
-def cell_from(text: str) -> Cell:
-    """The cell of a line that `text` gave."""
+def parse_cell(text: str) -> Cell:
+    """Return the cell of a line that `Cell.text` returned."""
     table: dict[str, Any] = texts.from_json(text)
     table["disturb"] = tuple(table["disturb"])
     return Cell(**table)
 
 
-def engine_of(servo: Servo, disturb: tuple[str, ...], wanted: str) -> str:
-    """The engine for a servo: the one that is `wanted`, or with "auto" the compiled one where that
-    can do it.
+def choose_engine(servo: Servo, disturb: tuple[str, ...], requested: str) -> str:
+    """Return the requested engine; for "auto" the compiled one if it supports the runs.
+
+    Raises
+    ------
+    BadInput
+        If the compiled engine is requested but does not support the runs.
     """
-    compiled = servo.kernel is not None and not disturb
-    if wanted == AUTO:
-        return COMPILED if compiled else MUJOCO
-    right = "auto, mujoco or pictures: neither disturbances nor estimators in Python are compiled"
-    require(compiled or wanted != COMPILED, "engine", wanted, right)
-    return wanted
+    is_supported = servo.kernel is not None and not disturb
+    if requested == AUTO:
+        return COMPILED if is_supported else MUJOCO
+    expected = (
+        "auto, mujoco or pictures: the compiled engine supports neither disturbances nor "
+        "estimators in Python"
+    )
+    require(is_supported or requested != COMPILED, "engine", requested, expected)
+    return requested

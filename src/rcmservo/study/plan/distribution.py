@@ -1,17 +1,16 @@
-"""A distribution of scenes: the sections of a rig file, and which of their numbers vary from seed
-to seed.
+"""Distribution of scenes: the sections of a rig file, and ranges of numbers that vary by seed.
 
-`[scene]` tells what camera, start and target are drawn from. Under `vary`, any number of the other
-sections has a range that it is drawn from evenly, "drive.lag" = [0.01, 0.05] say: of the tool, of
-the camera's noise, delay and lens, of encoders and drives. A list of numbers has a list at either
-end. All of it comes from the seed alone.
+The section `[scene]` describes the distribution of camera, start and target. The table `vary` gives
+a number of any other section a range, from which each seed draws a uniform value, for example
+"drive.lag" = [0.01, 0.05]: of the tool, of the camera's noise, delay and lens, of encoders and
+drives. A list of numbers has a list at both ends of its range. All values follow from the seed.
 """
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from importlib.resources import files
-from itertools import cycle
+from itertools import cycle, takewhile
 from typing import Any, cast
 
 import numpy as np
@@ -23,34 +22,34 @@ from rcmservo.errors import BadInput, require
 from rcmservo.sim import RigSettings
 from rcmservo.sim.rig_file import read_rig_settings
 
-VARIED = ("tool", *SIMULATION_SECTIONS)
-"""Sections whose numbers may vary."""
+VARIABLE_SECTIONS = ("tool", *SIMULATION_SECTIONS)
+"""Sections of a rig file whose numbers may vary."""
 
-CHILD = 4
-"""The child of a scene's seed that what varies is drawn from; the first four are the rig's."""
+VARIATION_SEED_CHILD = 4
+"""Index of the seed's child that varying numbers are drawn from; the rig uses 0 to 3."""
 
 BUILT_IN = "paper", "random", "laparoscopic", "hard"
-"""Those that have a name; each is a file beside this one, and says what it is."""
+"""Names of the built-in distributions: files in `scenes/` that begin with their description."""
 
-Pick = Callable[[float, float], float]
-"""Takes one number of a range."""
+Picker = Callable[[float, float], float]
+"""Function that picks one number from a range."""
 
 Range = tuple[Any, Any]
-"""Least and greatest: two numbers, or two lists of them."""
+"""Lower and upper end: two numbers, or two lists of them."""
 
 
 @dataclass(frozen=True)
 class Distribution:
-    """What the scenes of a study are drawn from.
+    """Distribution that the scenes of a study are drawn from.
 
     Parameters
     ----------
     name : str
-        In rows and reports.
+        Name in rows and reports.
     tables : Table
-        The sections of a rig file.
+        Sections of a rig file.
     vary : Mapping[str, Range]
-        The range of every number that varies, by section.key.
+        Range of every number that varies, by section.key.
     """
 
     name: str
@@ -60,40 +59,43 @@ class Distribution:
     def __post_init__(self) -> None:
         for name, ends in self.vary.items():
             section, _, key = name.partition(".")
-            known = section in VARIED and bool(key)
-            right = f"section.key, with a section among {', '.join(VARIED)}"
-            require(known, f"{self.name}.vary", name, right)
+            known = section in VARIABLE_SECTIONS and bool(key)
+            expected = f"section.key, with a section among {', '.join(VARIABLE_SECTIONS)}"
+            require(known, f"{self.name}.vary", name, expected)
             _require_range(f'{self.name}.vary."{name}"', ends)
-        for turns in ((min,), (max,), (min, max), (max, min)):  # ends of pairs, each with each
-            pick = cycle(turns)
+        # Check every combination of the ends of a pair of numbers.
+        for choices in ((min,), (max,), (min, max), (max, min)):
+            pick = cycle(choices)
             self._at(lambda low, high, pick=pick: next(pick)(low, high))
 
     @cached_property
-    def fixed(self) -> tuple[Lab, RigSettings]:
-        """The laboratory in the middle of all ranges."""
+    def nominal(self) -> tuple[Lab, RigSettings]:
+        """Laboratory with the middle of all ranges."""
         return self._at(_middle)
 
-    def laboratory(self, seed: int) -> tuple[Lab, RigSettings]:
-        """The laboratory of a seed; the robot knows its own part of it."""
+    def draw(self, seed: int) -> tuple[Lab, RigSettings]:
+        """Draw the laboratory of a seed: the part that the robot knows, and the simulated rig."""
         if not self.vary:
-            return self.fixed
-        random = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(CHILD,)))
+            return self.nominal
+        random = np.random.default_rng(
+            np.random.SeedSequence(seed, spawn_key=(VARIATION_SEED_CHILD,))
+        )
         return self._at(random.uniform, f", seed {seed}")
 
-    def seen(self, noise: float | None, delay: float | None) -> "Distribution":
-        """The same before a camera with this noise, px, and delay, s, where they are given."""
+    def with_camera(self, noise: float | None, delay: float | None) -> "Distribution":
+        """Return the distribution with this camera noise (px) and delay (s); None keeps its own."""
         given = {"point_noise": noise, "delay": delay}
-        chosen = {key: value for key, value in given.items() if value is not None}
-        camera = {**self.tables.get("camera", {}), **chosen}
-        rest = {k: v for k, v in self.vary.items() if k.removeprefix("camera.") not in chosen}
-        return Distribution(self.name, {**self.tables, "camera": camera}, rest)
+        fixed = {key: value for key, value in given.items() if value is not None}
+        camera = {**self.tables.get("camera", {}), **fixed}
+        vary = {k: v for k, v in self.vary.items() if k.removeprefix("camera.") not in fixed}
+        return Distribution(self.name, {**self.tables, "camera": camera}, vary)
 
-    def _at(self, pick: Pick, where: str = "") -> tuple[Lab, RigSettings]:
-        """The laboratory with a number picked from every range."""
+    def _at(self, pick: Picker, where: str = "") -> tuple[Lab, RigSettings]:
+        """Return the laboratory with the number that `pick` takes from every range."""
         tables = {name: dict(table) for name, table in self.tables.items()}
         for name, (low, high) in self.vary.items():
             section, _, key = name.partition(".")
-            tables.setdefault(section, {})[key] = _picked(low, high, pick)
+            tables.setdefault(section, {})[key] = _pick(low, high, pick)
         with told_with(f"scenes {self.name}{where}"):
             lab = lab_from(tables)
             require(not lab.devices, "sections", ", ".join(lab.devices), "of a simulation")
@@ -104,47 +106,55 @@ def _middle(low: float, high: float) -> float:
     return 0.5 * (low + high)
 
 
-def _picked(low: Any, high: Any, pick: Pick) -> Any:
+def _pick(low: Any, high: Any, pick: Picker) -> Any:
     if isinstance(low, list):
         ends = zip(cast(list[Any], low), high, strict=True)
-        return [_picked(a, b, pick) for a, b in ends]
+        return [_pick(a, b, pick) for a, b in ends]
     return float(pick(low, high))
 
 
 def _require_range(where: str, ends: object) -> None:
-    right = "two finite numbers, least first, or two lists of them"
+    expected = "two finite numbers, least first, or two lists of them"
     try:
         numbers = np.array(ends, np.float64)
     except (TypeError, ValueError) as error:
-        raise BadInput(where, ends, right) from error
-    good = numbers.ndim >= 1 and len(numbers) == 2 and np.isfinite(numbers).all()
-    require(bool(good and (numbers[0] <= numbers[1]).all()), where, ends, right)
+        raise BadInput(where, ends, expected) from error
+    is_pair = numbers.ndim >= 1 and len(numbers) == 2 and np.isfinite(numbers).all()
+    require(bool(is_pair and (numbers[0] <= numbers[1]).all()), where, ends, expected)
 
 
-def built_in(name: str) -> Distribution:
-    """The distribution of this name."""
-    return distribution_from(name, texts.toml(_text(name).encode()), {})
+def load_built_in(name: str) -> Distribution:
+    """Return the built-in distribution with this name."""
+    return parse_distribution(name, texts.toml(_text(name).encode()), {})
 
 
 def described() -> Iterator[tuple[str, str]]:
-    """The name of every built-in distribution, and what it is."""
+    """Yield name and description of every built-in distribution."""
     for name in BUILT_IN:
         lines = _text(name).splitlines()
-        about = [line.lstrip("# ") for line in lines[: next(_first(lines), len(lines))]]
-        yield name, " ".join(about)
+        yield name, " ".join(line.lstrip("# ") for line in takewhile(_is_comment, lines))
 
 
-def _first(lines: list[str]) -> Iterator[int]:
-    return (i for i, line in enumerate(lines) if not line.startswith("#"))
+def _is_comment(line: str) -> bool:
+    return line.startswith("#")
 
 
 def _text(name: str) -> str:
     return (files("rcmservo.study.plan") / "scenes" / f"{name}.toml").read_text("utf-8")
 
 
-def distribution_from(name: str, table: Table, known: Mapping[str, Distribution]) -> Distribution:
-    """The distribution in a table: sections of a rig file, `vary`, and `like`, the name of one
-    whose sections and ranges it takes over where it has none of its own.
+def parse_distribution(name: str, table: Table, known: Mapping[str, Distribution]) -> Distribution:
+    """Return the distribution that a table describes.
+
+    Parameters
+    ----------
+    name : str
+        Name in rows and reports.
+    table : Table
+        Sections of a rig file, `vary` with its ranges, and `like`: the name of another distribution
+        whose sections and ranges it takes where it has none of its own.
+    known : Mapping[str, Distribution]
+        Distributions that `like` may name, in addition to the built-in ones.
     """
     own = dict(table)
     like, vary = own.pop("like", None), own.pop("vary", {})
@@ -153,7 +163,7 @@ def distribution_from(name: str, table: Table, known: Mapping[str, Distribution]
         require(is_table(value), f"{name}.{section}", value, "a section of a rig file")
     if like is None:
         return Distribution(name, own, vary)
-    base = chosen(str(like), known, f"{name}.like")
+    base = find_distribution(str(like), known, f"{name}.like")
     sections = dict.fromkeys((*base.tables, *own))
     tables = {key: {**base.tables.get(key, {}), **own.get(key, {})} for key in sections}
     fixed = {f"{section}.{key}" for section, keys in own.items() for key in keys}
@@ -161,14 +171,29 @@ def distribution_from(name: str, table: Table, known: Mapping[str, Distribution]
     return Distribution(name, tables, {**varied, **vary})
 
 
-def chosen(
-    name: str, known: Mapping[str, Distribution], where: str, beside: str = ""
+def find_distribution(
+    name: str, known: Mapping[str, Distribution], where: str, alternatives: str = ""
 ) -> Distribution:
-    """The distribution of a name: one that is `known`, or a built-in one. What could be named
-    `beside` these is for who named another one.
+    """Return the known or built-in distribution with this name.
+
+    Parameters
+    ----------
+    name : str
+        Name of the distribution.
+    known : Mapping[str, Distribution]
+        Distributions of the study.
+    where : str
+        Field that an error message names.
+    alternatives : str
+        Further valid entries of that field, for the error message.
+
+    Raises
+    ------
+    BadInput
+        If no distribution has this name.
     """
     if name in known:
         return known[name]
     names = ", ".join(dict.fromkeys((*known, *BUILT_IN)))
-    require(name in BUILT_IN, where, name, f"one of {names}{beside}")
-    return built_in(name)
+    require(name in BUILT_IN, where, name, f"one of {names}{alternatives}")
+    return load_built_in(name)

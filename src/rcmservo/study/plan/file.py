@@ -1,4 +1,4 @@
-"""A study as a TOML file: what `rcmservo study FILE` reads.
+"""Study files: TOML that `rcmservo study FILE` reads.
 
     methods = ["dlt", "careful"]
     scenes = ["random", "far"]
@@ -13,7 +13,8 @@
     scene = { distance = [250.0, 400.0] }
     vary = { "camera.delay" = [0.01, 0.05] }
 
-Without `methods`, or `scenes`, all that the file describes are tried.
+Without `methods` the study compares all methods of the file; without `scenes` it uses all
+distributions of the file.
 """
 
 from dataclasses import dataclass, field, fields
@@ -26,32 +27,32 @@ from rcmservo.config.strict_decoding import decode
 from rcmservo.config.texts import is_table
 from rcmservo.errors import BadInput, require
 from rcmservo.study.plan.conditions import StudyConditions
-from rcmservo.study.plan.distribution import Distribution, chosen, distribution_from
-from rcmservo.study.plan.method import Own, StudyMethod, method_from, named
+from rcmservo.study.plan.distribution import Distribution, find_distribution, parse_distribution
+from rcmservo.study.plan.method import Own, StudyMethod, make_default_method, parse_method
 from rcmservo.study.plan.plan import StudyPlan
 
-LARGEST = 1_000_000
-"""Bytes of a file."""
+MAX_STUDY_FILE_BYTES = 1_000_000
+"""Largest size of a study file, bytes."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class StudyFile(StudyConditions):
-    """A study as a file, and the command line above it, request it.
+    """Content of a study file, with the options of the command line in place of its settings.
 
     Parameters
     ----------
     methods : tuple[str, ...] or None
-        Names of what is tried; None for all of `method`.
+        Names of the methods to compare; None for all of `method`.
     scenes : tuple[str, ...] or None
-        Names of what scenes are drawn from; None for all of `distribution`.
+        Names of the distributions of scenes; None for all of `distribution`.
     method : dict[str, Any]
-        Methods of its own, by their names.
+        Methods that the file defines, by name.
     distribution : dict[str, Any]
-        Distributions of its own, by their names.
+        Distributions that the file defines, by name.
     search : dict[str, Any]
-        What `rcmservo tune` searches; a study leaves it alone.
+        Settings that `rcmservo tune` searches; a study ignores them.
     tune : dict[str, Any]
-        How it does.
+        Length and goal of that search.
     """
 
     methods: tuple[str, ...] | None = None
@@ -63,39 +64,39 @@ class StudyFile(StudyConditions):
 
 
 def load(path: Path) -> StudyFile:
-    """What a file asks for."""
-    data = read_small(path, LARGEST, "a study")
+    """Read a study file."""
+    data = read_small(path, MAX_STUDY_FILE_BYTES, "a study")
     with texts.reading(path, "TOML"):
         return decode(StudyFile, texts.toml(data), "study")
 
 
-def plan_of(asked: StudyFile, own: Own) -> StudyPlan:
-    """The plan that is asked for."""
-    methods = {name: _method(name, table, own) for name, table in asked.method.items()}
+def plan_of(request: StudyFile, own: Own) -> StudyPlan:
+    """Return the plan of a study file, with the user-defined estimators `own` by name."""
+    methods = {name: _method(name, table, own) for name, table in request.method.items()}
     scenes: dict[str, Distribution] = {}
-    for name, table in asked.distribution.items():
+    for name, table in request.distribution.items():
         require(is_table(table), f"distribution.{name}", table, "a table")
-        scenes[name] = distribution_from(name, table, scenes)
-    tried = asked.methods if asked.methods is not None else tuple(methods or ("dlt",))
-    drawn = asked.scenes if asked.scenes is not None else tuple(scenes or ("random",))
+        scenes[name] = parse_distribution(name, table, scenes)
+    compared = request.methods if request.methods is not None else tuple(methods or ("dlt",))
+    sampled = request.scenes if request.scenes is not None else tuple(scenes or ("random",))
     return StudyPlan(
-        methods=tuple(methods.get(name) or named(name, own) for name in tried),
-        scenes=tuple(_scenes(name, scenes) for name in drawn),
-        **{f.name: getattr(asked, f.name) for f in fields(StudyConditions)},
+        methods=tuple(methods.get(name) or make_default_method(name, own) for name in compared),
+        scenes=tuple(_find_scenes(name, scenes) for name in sampled),
+        **{f.name: getattr(request, f.name) for f in fields(StudyConditions)},
     )
 
 
 def _method(name: str, table: object, own: Own) -> StudyMethod:
     if not is_table(table):
         raise BadInput(f"method.{name}", table, "a table")
-    return method_from(name, table, own)
+    return parse_method(name, table, own)
 
 
-def _scenes(name: str, known: dict[str, Distribution]) -> Distribution:
-    """The distribution of a name, or a rig file's by its path."""
+def _find_scenes(name: str, known: dict[str, Distribution]) -> Distribution:
+    """Return the distribution with a name, or that of a rig file by its path."""
     if name in known or not name.endswith(".toml"):
-        return chosen(name, known, "scenes", ", or a rig file")
+        return find_distribution(name, known, "scenes", ", or a rig file")
     path = Path(name)
-    data = read_small(path, LARGEST, "a rig file")
+    data = read_small(path, MAX_STUDY_FILE_BYTES, "a rig file")
     with texts.reading(path, "TOML"):
-        return distribution_from(path.stem, texts.toml(data), known)
+        return parse_distribution(path.stem, texts.toml(data), known)

@@ -1,5 +1,6 @@
-"""A study: methods x scenes x noise x latency x disturbances x repetitions, as cells, and the seeds
-that each is tried on.
+"""Plan of a study: methods x scenes x noise x latency x disturbances x repetitions, as cells.
+
+Every cell runs on the same seeds.
 """
 
 from collections.abc import Iterator
@@ -11,24 +12,24 @@ from typing import NamedTuple
 from rcmservo.config.servo_json import describe
 from rcmservo.errors import BadInput, require
 from rcmservo.sim import Disturbance
-from rcmservo.study.plan.cell import Cell, engine_of
-from rcmservo.study.plan.conditions import COMPILED, MOST, MUJOCO, PICTURES, StudyConditions
+from rcmservo.study.plan.cell import Cell, choose_engine
+from rcmservo.study.plan.conditions import COMPILED, MAX_RUNS, MUJOCO, PICTURES, StudyConditions
 from rcmservo.study.plan.distribution import Distribution
-from rcmservo.study.plan.method import StudyMethod, tried
+from rcmservo.study.plan.method import StudyMethod, make_servo
 
-SIZES = {COMPILED: 100, MUJOCO: 4, PICTURES: 1}
-"""Seeds of a chunk: a fraction of a second of work, so that little is lost with a worker."""
+CHUNK_SIZES = {COMPILED: 100, MUJOCO: 4, PICTURES: 1}
+"""Seeds of a chunk by engine: below a second of work, so that a lost worker loses little."""
 
 
 class Chunk(NamedTuple):
-    """Runs that are made, kept and lost together.
+    """Runs that one worker makes and that are stored together.
 
     Parameters
     ----------
     cell : Cell
-        What they are runs of.
+        Cell of the runs.
     seeds : range
-        Of their scenes.
+        Seeds of the scenes.
     """
 
     cell: Cell
@@ -37,15 +38,14 @@ class Chunk(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class StudyPlan(StudyConditions):
-    """Methods and scenes that a study tries, and the conditions.
+    """Methods, distributions of scenes and conditions of a study.
 
     Parameters
     ----------
     methods : tuple[StudyMethod, ...]
-        Compared on the same scenes with the same noise; the first is what the others are held
-        against.
+        Methods, compared on the same scenes with the same noise; the first is the baseline.
     scenes : tuple[Distribution, ...]
-        What scenes are drawn from.
+        Distributions that scenes are drawn from.
     """
 
     methods: tuple[StudyMethod, ...]
@@ -53,61 +53,61 @@ class StudyPlan(StudyConditions):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        right = "left out with pictures, whose noise is the tracker's"
-        require(self.engine != PICTURES or not self.noise, "noise", list(self.noise), right)
+        expected = "left out with pictures, where the noise is that of the tracker"
+        require(self.engine != PICTURES or not self.noise, "noise", list(self.noise), expected)
         require(bool(self.methods), "method", "none", "at least one")
         require(bool(self.scenes), "scenes", "none", "at least one")
-        require(
-            bool(self.disturb), "disturb", "[]", "at least one set; [[]] for none that is wrong"
-        )
-        for what, names in (("method", self.methods), ("scenes", self.scenes)):
-            _require_once(what, [one.name for one in names])
+        expected = "at least one set; [[]] for none, without disturbances"
+        require(bool(self.disturb), "disturb", "[]", expected)
+        for key, entries in (("method", self.methods), ("scenes", self.scenes)):
+            _require_unique(key, [entry.name for entry in entries])
         for name in ("noise", "latency"):
-            _require_once(name, list(getattr(self, name)))
-        _require_once("disturb", list(self.disturb))
-        require(self.runs <= MOST, "runs in all", self.runs, f"at most {MOST}")
+            _require_unique(name, list(getattr(self, name)))
+        _require_unique("disturb", list(self.disturb))
+        require(self.runs <= MAX_RUNS, "runs in all", self.runs, f"at most {MAX_RUNS}")
 
     @property
     def runs(self) -> int:
-        """How many closed loops there are."""
+        """Number of closed loops."""
         cells = len(self.methods) * len(self.scenes) * max(len(self.noise), 1)
         cells *= max(len(self.latency), 1) * len(self.disturb) * self.repetitions
         return cells * self.count
 
     @cached_property
     def cells(self) -> tuple[Cell, ...]:
-        """Every cell, the methods of a condition after each other."""
+        """All cells; the methods of a condition are consecutive."""
         return tuple(self._cells())
 
     def _cells(self) -> Iterator[Cell]:
         noises, latencies = self.noise or (None,), self.latency or (None,)
         axes = self.scenes, noises, latencies, self.disturb, range(self.repetitions)
         for scenes, noise, latency, disturb, repetition in product(*axes):
-            seen = scenes.seen(noise, self._delay(scenes, latency))
-            asked = (
+            distribution = scenes.with_camera(noise, self._delay(scenes, latency))
+            label = (
                 scenes.name,
                 f"{noise:.12g} px" if noise is not None else "",
                 f"{1e3 * latency:.12g} ms" if latency is not None else "",
                 *disturb,
             )
             for method in self.methods:
-                condition = ", ".join(filter(None, asked))
-                yield self._cell(method, condition, seen, disturb, repetition)
+                condition = ", ".join(filter(None, label))
+                yield self._cell(method, condition, distribution, disturb, repetition)
 
     def chunks(self) -> Iterator[Chunk]:
-        """All runs, a few at a time, in the order of their rows."""
+        """Yield all runs in chunks, in the order of their rows."""
         end = self.first_seed + self.count
         for cell in self.cells:
-            size = SIZES[cell.engine]
-            first = self.first_seed - self.first_seed % size  # other studies share such chunks
+            size = CHUNK_SIZES[cell.engine]
+            # Chunks begin at multiples of their size, so that several studies share them.
+            first = self.first_seed - self.first_seed % size
             for begin in range(first, end, size):
                 yield Chunk(cell, range(max(begin, self.first_seed), min(begin + size, end)))
 
     def _delay(self, scenes: Distribution, latency: float | None) -> float | None:
-        """The camera's delay after the exposure that makes this latency."""
+        """Return the camera's delay after the exposure (s) that gives a latency (s)."""
         if latency is None:
             return None
-        half = 0.5 * scenes.fixed[1].timing.exposure
+        half = 0.5 * scenes.nominal[1].timing.exposure
         require(latency >= half, "latency", latency, f"at least half of the exposure, {half:g} s")
         return latency - half
 
@@ -119,8 +119,8 @@ class StudyPlan(StudyConditions):
         disturb: tuple[str, ...],
         repetition: int,
     ) -> Cell:
-        servo = tried(method, scenes.fixed[0])
-        told = tuple(str(Disturbance.read(one)) for one in disturb)
+        servo = make_servo(method, scenes.nominal[0])
+        disturbances = tuple(str(Disturbance.read(text)) for text in disturb)
         cell = Cell(
             method=method.name,
             servo=describe(servo),
@@ -129,9 +129,9 @@ class StudyPlan(StudyConditions):
             scenes=scenes.name,
             tables=scenes.tables,
             vary=scenes.vary,
-            disturb=told,
+            disturb=disturbances,
             repetition=repetition,
-            engine=engine_of(servo, told, self.engine),
+            engine=choose_engine(servo, disturbances, self.engine),
             duration=self.duration,
             shown=self.shown,
         )
@@ -139,7 +139,7 @@ class StudyPlan(StudyConditions):
         return cell
 
 
-def _require_once(what: str, names: list[object]) -> None:
-    for name in names:
-        if names.count(name) > 1:
-            raise BadInput(what, name, "given once")
+def _require_unique(key: str, entries: list[object]) -> None:
+    for entry in entries:
+        if entries.count(entry) > 1:
+            raise BadInput(key, entry, "given once")

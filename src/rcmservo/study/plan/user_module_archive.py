@@ -1,8 +1,8 @@
-"""A user's own module on its way to workers that do not have it: its source as a zip, by its hash.
+"""Archives of user modules for workers that do not have them: source as a zip, with its hash.
 
-A module in one file is sent with what it imports from its own folder, one in a package as the
-package, .py files only. A worker imports it from there, whatever is installed under that name on
-its machine, and another version of it anew.
+The archive of a one-file module also has the files that it imports from its own folder. The archive
+of a module in a package has all .py files of the package. A worker imports the module from the
+archive, even if its machine has another one of that name, and imports a changed archive again.
 """
 
 import hashlib
@@ -22,24 +22,24 @@ from rcmservo.errors import RcmServoError, one_line
 from rcmservo.estimation.base import Estimator
 from rcmservo.servo.user_estimator import name_of_class
 
-LARGEST = 10_000_000
-"""Bytes of a parcel."""
+MAX_ARCHIVE_BYTES = 10_000_000
+"""Largest size of an archive, bytes."""
 
-STAMP = (1980, 1, 1, 0, 0, 0)
-"""Of every file, so that the same source is the same parcel."""
+ZIP_TIMESTAMP = (1980, 1, 1, 0, 0, 0)
+"""Time stamp of every file in an archive, so that equal sources give equal archives."""
 
 
-class Parcel(NamedTuple):
-    """A user's own module.
+class ModuleArchive(NamedTuple):
+    """Source of the module of a user-defined estimator.
 
     Parameters
     ----------
     name : str
-        The class that is needed, as module:class.
+        Estimator class, as module:class.
     data : bytes
-        A zip of its source.
+        Source as a zip file.
     digest : str
-        Its SHA-256, in hexadecimal.
+        SHA-256 of `data` in hexadecimal.
     """
 
     name: str = ""
@@ -47,79 +47,83 @@ class Parcel(NamedTuple):
     digest: str = ""
 
 
-EMPTY = Parcel()
+NO_ARCHIVE = ModuleArchive()
 
 
-def parcel_of(kind: type[Estimator]) -> Parcel:
-    """The parcel with the module of a class, which is imported here."""
+def parcel_of(kind: type[Estimator]) -> ModuleArchive:
+    """Return the archive with the module of an imported class."""
     data, files = io.BytesIO(), dict(_files(kind.__module__))
     with zipfile.ZipFile(data, "w", zipfile.ZIP_DEFLATED) as archive:
         for name, content in sorted(files.items()):
-            archive.writestr(zipfile.ZipInfo(name, STAMP), content)
+            archive.writestr(zipfile.ZipInfo(name, ZIP_TIMESTAMP), content)
     packed = data.getvalue()
-    if len(packed) > LARGEST:
+    if len(packed) > MAX_ARCHIVE_BYTES:
         raise RcmServoError(
-            f"the source of {kind.__module__} is larger than {LARGEST} bytes, too large to be sent "
-            "to workers"
+            f"the source of {kind.__module__} has {len(packed)} bytes as an archive; expected "
+            f"at most {MAX_ARCHIVE_BYTES}: move the estimator to a smaller module"
         )
-    return Parcel(name_of_class(kind), packed, hashlib.sha256(packed).hexdigest())
+    return ModuleArchive(name_of_class(kind), packed, hashlib.sha256(packed).hexdigest())
 
 
 def _files(module: str) -> Iterable[tuple[str, bytes]]:
-    """What a module consists of: its own file and what that imports from beside it, or all .py
-    files of its package.
+    """Yield name and content of the files of a module.
+
+    They are its file and the imports from its folder, or all .py files of its package.
     """
     top = sys.modules[module.partition(".")[0]]
-    places = list(getattr(top, "__path__", ()))
-    if not places:
+    folders = list(getattr(top, "__path__", ()))
+    if not folders:
         path = Path(str(top.__file__))
         yield f"{top.__name__}.py", path.read_bytes()
-        for other in _beside(path):
+        for other in _find_local_imports(path):
             yield other.relative_to(path.parent).as_posix(), other.read_bytes()
-    for place in map(Path, places):
-        for path in sorted(place.rglob("*.py")):
-            yield f"{top.__name__}/{path.relative_to(place).as_posix()}", path.read_bytes()
+    for folder in map(Path, folders):
+        for path in sorted(folder.rglob("*.py")):
+            yield f"{top.__name__}/{path.relative_to(folder).as_posix()}", path.read_bytes()
 
 
-def _beside(path: Path) -> list[Path]:
-    """The files that a file imports from its own folder, and they from there; none of it where it
-    is installed, as it then is installed on workers too.
+def _find_local_imports(path: Path) -> list[Path]:
+    """Return the files that a file imports, directly or indirectly, from its own folder.
+
+    The list is empty for an installed module: its imports are installed on the workers too.
     """
     folder = path.parent
     if folder in {Path(get_path(kind)) for kind in ("purelib", "platlib", "stdlib")}:
         return []
     finder: Any = ModuleFinder([str(folder)], excludes=["rcmservo"])
     finder.run_script(str(path))
-    found = [Path(one.__file__) for one in finder.modules.values() if one.__file__]
+    found = [Path(module.__file__) for module in finder.modules.values() if module.__file__]
     return [other for other in found if other.suffix == ".py" and other != path]
 
 
-def classes(parcel: Parcel) -> dict[str, type[Estimator]]:
-    """The class of a parcel by its name, module:class, from its own source."""
-    if not parcel.name:
+def load_classes(archive: ModuleArchive) -> dict[str, type[Estimator]]:
+    """Return the class of an archive by its name, module:class, imported from the archive."""
+    if not archive.name:
         return {}
-    module, _, cls = parcel.name.partition(":")
+    module, _, cls = archive.name.partition(":")
     try:
-        return {parcel.name: getattr(_imported(module, parcel.data, parcel.digest), cls)}
-    except (Exception, SystemExit) as error:  # of whatever the module does while it is imported
+        return {
+            archive.name: getattr(_import_from_archive(module, archive.data, archive.digest), cls)
+        }
+    except (Exception, SystemExit) as error:  # the import runs the user's code
         raise RcmServoError(
-            f"{module} cannot be imported by a worker, where what it imports from elsewhere must "
-            f"be installed: {one_line(error)}"
+            f"{module} cannot be imported by a worker: {one_line(error)}; install there what the "
+            "module imports from outside its folder"
         ) from error
 
 
 @cache
-def _imported(module: str, data: bytes, digest: str) -> object:
-    """A module from the source in a zip, instead of any that was imported by its names before."""
+def _import_from_archive(module: str, data: bytes, digest: str) -> object:
+    """Import a module from the source in a zip, in place of earlier imports of the same names."""
     if hashlib.sha256(data).hexdigest() != digest:
-        raise RcmServoError("its hash is another one")
+        raise RcmServoError(f"the SHA-256 of its archive is not {digest}: the transfer damaged it")
     path = Path(_folder().name) / f"{digest}.zip"
     path.write_bytes(data)
     with zipfile.ZipFile(path) as archive:
         tops = {name.partition("/")[0].removesuffix(".py") for name in archive.namelist()}
     for old in [name for name in sys.modules if name.partition(".")[0] in tops]:
         del sys.modules[old]
-    sys.path.insert(0, str(path))  # for good: its functions may import more of it
+    sys.path.insert(0, str(path))  # permanent: its functions may import more of it
     importlib.invalidate_caches()
     return importlib.import_module(module)
 

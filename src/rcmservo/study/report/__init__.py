@@ -1,1 +1,1 @@
-"""What a study tells: statistics with their intervals, a summary, and one report."""
+"""Report of a study: statistics with confidence intervals, a summary and an HTML page."""

@@ -1,4 +1,4 @@
-"""HTML reports: pages from templates that open offline, with their images embedded."""
+"""HTML reports: pages from templates, with embedded images, that open without a network."""
 
 import base64
 
@@ -6,7 +6,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 
 def rendered(package: str, **values: object) -> str:
-    """Return the page that the template ``report.html.j2`` of a package makes of some values."""
+    """Render the template ``report.html.j2`` of a package with some values."""
     environment = Environment(
         loader=PackageLoader(package, "."),
         autoescape=True,
@@ -18,5 +18,5 @@ def rendered(package: str, **values: object) -> str:
 
 
 def embedded(kind: str, data: bytes) -> str:
-    """Return an image of some MIME type as the address that a page embeds."""
+    """Return the data URI of an image with the MIME type `kind`."""
     return f"data:{kind};base64,{base64.b64encode(data).decode()}"

@@ -1,5 +1,6 @@
-"""Where a method converges: the share of its runs that succeed, by two things of the scene, in bins
-that hold about as many runs each.
+"""Convergence maps: success rate of a method over two properties of the scene.
+
+The bins of a property hold about the same number of runs.
 """
 
 from dataclasses import dataclass
@@ -12,55 +13,56 @@ from rcmservo.interfaces import Floats
 from rcmservo.study.report.statistics import Flags, Interval, share
 from rcmservo.study.report.summary import Group
 
-BINS = 5
-LEAST = 10
-"""Runs of a cell on an average, below which there are fewer bins."""
+MAX_BINS = 5
+"""Largest number of bins of a property."""
+MIN_RUNS_PER_CELL = 10
+"""Mean number of runs of a cell, below which there are fewer bins."""
 
 
 class MapAxis(NamedTuple):
-    """A column that maps are drawn over.
+    """Column of the rows that is an axis of a map.
 
     Parameters
     ----------
     column : str
-        Of the rows.
-    words : str
-        With its unit.
+        Name of the column.
+    label : str
+        Label with unit.
     """
 
     column: str
-    words: str
+    label: str
 
 
-AXES = (
+MAP_AXES = (
     (
-        MapAxis("condition", "condition of the scaled J, the largest on the way"),
-        MapAxis("start_error_mm", "mm to go"),
+        MapAxis("condition", "largest condition number of the scaled J on the path"),
+        MapAxis("start_error_mm", "initial error, mm"),
     ),
     (
-        MapAxis("rcm_depth", "depth of the RCM before the camera, in units of marker 1's"),
-        MapAxis("distance_mm", "mm from the camera to marker 1"),
+        MapAxis("rcm_depth", "depth of the RCM divided by that of marker 1"),
+        MapAxis("distance_mm", "distance from the camera to marker 1, mm"),
     ),
 )
-"""The maps of a report: down, and across."""
+"""Axes of the maps of a report: vertical and horizontal."""
 
 
 @dataclass(frozen=True)
-class Map:
-    """Shares by rows and columns.
+class ConvergenceMap:
+    """Success rates in bins of two properties of the scene.
 
     Parameters
     ----------
     down : MapAxis
-        What its rows go by.
+        Property of the rows.
     across : MapAxis
-        What its columns go by.
+        Property of the columns.
     rows : list[str]
-        Ranges of `down`.
+        Labels of the bins of `down`.
     columns : list[str]
-        Ranges of `across`.
+        Labels of the bins of `across`.
     cells : list[list[tuple[int, Interval] or None]]
-        Runs, and the share of them that succeeded; None where there are no runs.
+        Number of runs and their success rate; None without runs.
     """
 
     down: MapAxis
@@ -70,29 +72,29 @@ class Map:
     cells: list[list[tuple[int, Interval] | None]]
 
     @property
-    def divides(self) -> bool:
-        """Whether there is more than one cell, which has the share of all runs."""
+    def has_several_cells(self) -> bool:
+        """True for more than one cell; a single cell repeats the success rate of all runs."""
         return len(self.rows) * len(self.columns) > 1
 
 
-def map_of(group: Group, down: MapAxis, across: MapAxis) -> Map:
-    """The map of a group."""
+def make_map(group: Group, down: MapAxis, across: MapAxis) -> ConvergenceMap:
+    """Return the map of a group of runs."""
     values = group.column(down.column), group.column(across.column)
-    count = int(np.clip(np.sqrt(len(group.success) / LEAST), 1, BINS))
-    edges = [_edges(one, count) for one in values]
-    places = [np.digitize(one, edge[1:-1]) for one, edge in zip(values, edges, strict=True)]
+    count = int(np.clip(np.sqrt(len(group.success) / MIN_RUNS_PER_CELL), 1, MAX_BINS))
+    edges = [_make_edges(column, count) for column in values]
+    bins = [np.digitize(x, edge[1:-1]) for x, edge in zip(values, edges, strict=True)]
     cells = [
         [
-            _cell(group.success[(places[0] == i) & (places[1] == j)])
+            _make_cell(group.success[(bins[0] == i) & (bins[1] == j)])
             for j in range(len(edges[1]) - 1)
         ]
         for i in range(len(edges[0]) - 1)
     ]
-    return Map(down, across, _ranges(edges[0]), _ranges(edges[1]), cells)
+    return ConvergenceMap(down, across, _make_labels(edges[0]), _make_labels(edges[1]), cells)
 
 
-def _edges(values: Floats, count: int) -> Floats:
-    """Ends of bins that hold about as many values each; infinite ones have a bin of their own."""
+def _make_edges(values: Floats, count: int) -> Floats:
+    """Return the edges of bins with about equal counts; infinite values have a bin of their own."""
     known = values[np.isfinite(values)]
     if not len(known):
         return np.array([np.inf, np.inf])
@@ -103,11 +105,11 @@ def _edges(values: Floats, count: int) -> Floats:
     return np.array([*edges[:-1], np.nextafter(edges[-1], np.inf), np.inf])
 
 
-def _ranges(edges: Floats) -> list[str]:
+def _make_labels(edges: Floats) -> list[str]:
     ends = [f"{end:.3g}" if np.isfinite(end) else "∞" for end in edges]
     return [a if a == b else b if b == "∞" else f"{a} to {b}" for a, b in pairwise(ends)]
 
 
-def _cell(success: Flags) -> tuple[int, Interval] | None:
+def _make_cell(success: Flags) -> tuple[int, Interval] | None:
     count = len(success)
     return (count, share(int(success.sum()), count)) if count else None

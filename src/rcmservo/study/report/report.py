@@ -1,4 +1,4 @@
-"""The report of a study: one HTML file that opens offline, and summary.json with its numbers."""
+"""Report of a study: an HTML page that opens without a network, and its numbers in summary.json."""
 
 import json
 import math
@@ -17,44 +17,44 @@ from rcmservo.interfaces import Floats
 from rcmservo.study.execution.store import REPORT, SUMMARY
 from rcmservo.study.plan.plan import StudyPlan
 from rcmservo.study.report.html import embedded, rendered
-from rcmservo.study.report.maps import AXES, Map, map_of
+from rcmservo.study.report.maps import MAP_AXES, ConvergenceMap, make_map
 from rcmservo.study.report.statistics import Interval
 from rcmservo.study.report.summary import (
     Group,
     PairedComparison,
     Summary,
     comparisons,
-    groups,
-    summary_of,
+    group_runs,
+    summarise,
 )
 from rcmservo.study.row import MEANINGS
 
-WORST = 5
-"""Runs of each method that are told apart."""
-STEPS = 200
-"""Of a curve at most: more cannot be seen."""
+WORST_RUN_COUNT = 5
+"""Number of worst runs of each method that the page lists."""
+MAX_CURVE_STEPS = 200
+"""Largest number of steps of a curve: more are not visible."""
 
 
-class Bad(NamedTuple):
-    """A run that went badly.
+class WorstRun(NamedTuple):
+    """Run with one of the largest pose errors.
 
     Parameters
     ----------
-    case : int
-        Its row in runs.parquet, from 0.
+    row : int
+        Index of its row in runs.parquet, from 0.
     seed : int
-        Of its scene.
+        Seed of its scene.
     repetition : int
-        Which noise.
+        Number of the noise sequence.
     pose_mm : float
-        Off at the end.
+        Pose error, mm.
     unnoticed_mm : float
-        By which the error grew without a word.
+        Growth of the error in SERVO without a cause, mm.
     stop : str
-        Cause of its first stop; empty if none.
+        Cause of the first stop; empty without a stop.
     """
 
-    case: int
+    row: int
     seed: int
     repetition: int
     pose_mm: float
@@ -63,43 +63,43 @@ class Bad(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Condition:
-    """All that is told of one condition.
+class ConditionReport:
+    """Section of the page about one condition.
 
     Parameters
     ----------
     name : str
-        In words.
+        Label of the condition.
     summaries : list[Summary]
-        Of every method.
+        Numbers of every method.
     comparisons : list[PairedComparison]
-        Of all methods but the first with that.
+        Comparisons of the other methods with the first one.
     figure : str
-        As data that the page embeds.
+        Figure as a data URI.
     maps : list[tuple[str, list[Map]]]
-        By method; none where they would repeat its success rate.
+        Convergence maps by method; none if they would repeat its success rate.
     worst : list[tuple[str, list[Bad]]]
-        By method.
+        Worst runs by method.
     """
 
     name: str
     summaries: list[Summary]
     comparisons: list[PairedComparison]
     figure: str
-    maps: list[tuple[str, list[Map]]]
-    worst: list[tuple[str, list[Bad]]]
+    maps: list[tuple[str, list[ConvergenceMap]]]
+    worst: list[tuple[str, list[WorstRun]]]
 
 
 @dataclass(frozen=True)
-class ReportTold:
-    """What the terminal tells of a study.
+class StudyNumbers:
+    """Numbers of a study, for the terminal.
 
     Parameters
     ----------
     summaries : list[Summary]
-        Of every method under every condition.
+        Numbers of every method under every condition.
     comparisons : list[PairedComparison]
-        Of every method with the first one.
+        Comparisons of every method with the first one.
     """
 
     summaries: list[Summary]
@@ -108,89 +108,110 @@ class ReportTold:
 
 def write(
     folder: Path, plan: StudyPlan, table: Any, about: Mapping[str, Any], page: bool
-) -> ReportTold:
-    """Write summary.json and, if it is wanted, the page. `about` says how the study was made."""
-    found = groups(plan, table)
-    summaries, beside = [summary_of(group) for group in found], list(comparisons(found))
+) -> StudyNumbers:
+    """Write summary.json and, if `page` is set, the HTML page.
+
+    Parameters
+    ----------
+    folder : Path
+        Folder of the study.
+    plan : StudyPlan
+        Methods, scenes and conditions.
+    table : Any
+        Rows of all runs.
+    about : Mapping[str, Any]
+        Description of how the study was made: command, package, date.
+    page : bool
+        Write the page in addition to the numbers.
+    """
+    groups = group_runs(plan, table)
+    summaries, compared = [summarise(group) for group in groups], list(comparisons(groups))
     numbers = {
         **about,
         "methods": [asdict(one) for one in summaries],
-        "comparisons": [asdict(one) for one in beside],
+        "comparisons": [asdict(one) for one in compared],
     }
-    write_whole(folder / SUMMARY, json.dumps(_plain(numbers), indent=1, ensure_ascii=False) + "\n")
+    write_whole(
+        folder / SUMMARY, json.dumps(_to_json(numbers), indent=1, ensure_ascii=False) + "\n"
+    )
     if page:
-        names = list(dict.fromkeys(group.condition for group in found))
-        conditions = [_condition(name, found, summaries, beside, plan) for name in names]
-        write_whole(folder / REPORT, _page(plan, table, about, conditions))
-    return ReportTold(summaries, beside)
+        names = list(dict.fromkeys(group.condition for group in groups))
+        conditions = [_report_condition(name, groups, summaries, compared, plan) for name in names]
+        write_whole(folder / REPORT, _render_page(plan, table, about, conditions))
+    return StudyNumbers(summaries, compared)
 
 
-def _plain(value: Any) -> Any:
-    """The same for JSON: intervals as tables, and null for what is not finite."""
+def _to_json(value: Any) -> Any:
+    """Return a value for JSON: intervals as tables, numbers that are not finite as None."""
     if isinstance(value, Interval):
-        return _plain(value._asdict())
+        return _to_json(value._asdict())
     if is_table(value):
-        return {key: _plain(one) for key, one in value.items()}
+        return {key: _to_json(one) for key, one in value.items()}
     if isinstance(value, list):
-        return [_plain(one) for one in cast(list[Any], value)]
+        return [_to_json(one) for one in cast(list[Any], value)]
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def _condition(
+def _report_condition(
     name: str,
-    found: list[Group],
+    groups: list[Group],
     summaries: list[Summary],
-    beside: list[PairedComparison],
+    compared: list[PairedComparison],
     plan: StudyPlan,
-) -> Condition:
-    here = [group for group in found if group.condition == name]
-    drawing = charts.render_svg(_figure(here, plan.duration)).encode()
-    return Condition(
+) -> ConditionReport:
+    here = [group for group in groups if group.condition == name]
+    drawing = charts.render_svg(_make_figure(here, plan.duration)).encode()
+    return ConditionReport(
         name=name,
         summaries=[one for one in summaries if one.condition == name],
-        comparisons=[one for one in beside if one.condition == name],
+        comparisons=[one for one in compared if one.condition == name],
         figure=embedded("image/svg+xml", drawing),
-        maps=[(group.method, maps) for group in here if (maps := _maps(group))],
-        worst=[(group.method, _worst(group, plan)) for group in here],
+        maps=[(group.method, maps) for group in here if (maps := _make_maps(group))],
+        worst=[(group.method, _find_worst_runs(group)) for group in here],
     )
 
 
-def _maps(group: Group) -> list[Map]:
-    """Where it converges."""
-    return [one for axes in AXES if (one := map_of(group, *axes)).divides]
+def _make_maps(group: Group) -> list[ConvergenceMap]:
+    """Return the convergence maps of a group that have more than one cell."""
+    maps = [make_map(group, *axes) for axes in MAP_AXES]
+    return [found for found in maps if found.has_several_cells]
 
 
-def _figure(here: list[Group], duration: float) -> Figure:
-    """Which share of the runs was there after so many s, and ended so near."""
-    times = [_shares(g.method, g.first_within, i, (0.0, duration)) for i, g in enumerate(here)]
-    poses = [_shares(g.method, g.column("pose_error_mm"), i, ()) for i, g in enumerate(here)]
+def _make_figure(here: list[Group], duration: float) -> Figure:
+    """Draw the cumulative distributions of time to 1 mm and of pose error, by method."""
+    ends = 0.0, duration
+    times = [_make_cdf(g.method, g.first_within, i, ends) for i, g in enumerate(here)]
+    poses = [_make_cdf(g.method, g.column("pose_error_mm"), i, ()) for i, g in enumerate(here)]
     panels = [
-        Panel("s until first within 1 mm", "share of the runs", times, y_limits=(-0.02, 1.02)),
-        Panel("mm off at the end", "share of the runs", poses, log_x=True, y_limits=(-0.02, 1.02)),
+        Panel("time to 1 mm, s", "fraction of the runs", times, y_limits=(-0.02, 1.02)),
+        Panel("pose error, mm", "fraction of the runs", poses, log_x=True, y_limits=(-0.02, 1.02)),
     ]
     return Figure("", panels, columns=2)
 
 
-def _shares(label: str, values: Floats, style: int, ends: tuple[float, ...]) -> Curve:
-    """The share of all runs with at most this value, as steps, from the first to the last of the
-    `ends` where there are any; it ends below 1 where some never came.
+def _make_cdf(label: str, values: Floats, style: int, ends: tuple[float, ...]) -> Curve:
+    """Return the cumulative distribution of values (n,) as a step curve.
+
+    It extends from the first to the last of the `ends`, if given, and stays below 1 if some values
+    are infinite.
     """
     known = np.sort(values[np.isfinite(values)])
-    places = np.unique(np.linspace(0, len(known) - 1, min(len(known), STEPS)).round().astype(int))
-    shares = np.concatenate([[0.0], (places + 1) / len(values)])
-    x = np.concatenate([ends[:1], np.repeat(known[places], 2), ends[1:]])
-    y = np.repeat(shares, 2)
+    count = min(len(known), MAX_CURVE_STEPS)
+    indices = np.unique(np.linspace(0, len(known) - 1, count).round().astype(int))
+    fractions = np.concatenate([[0.0], (indices + 1) / len(values)])
+    x = np.concatenate([ends[:1], np.repeat(known[indices], 2), ends[1:]])
+    y = np.repeat(fractions, 2)
     return make_curve(label, x, y if ends else y[1:-1], style)
 
 
-def _worst(group: Group, plan: StudyPlan) -> list[Bad]:
-    """Its runs that went worst: those farthest from the target at the end."""
+def _find_worst_runs(group: Group) -> list[WorstRun]:
+    """Return the runs of a group with the largest pose errors."""
     pose = group.column("pose_error_mm")
-    order = np.argsort(-np.nan_to_num(pose, nan=np.inf), kind="stable")[:WORST]
+    order = np.argsort(-np.nan_to_num(pose, nan=np.inf), kind="stable")[:WORST_RUN_COUNT]
     rows = group.rows.take(order.tolist()).to_pylist()
     return [
-        Bad(
-            group.case(int(i)),
+        WorstRun(
+            group.row_index(int(i)),
             row["seed"],
             row["repetition"],
             row["pose_error_mm"],
@@ -201,8 +222,8 @@ def _worst(group: Group, plan: StudyPlan) -> list[Bad]:
     ]
 
 
-def _page(
-    plan: StudyPlan, table: Any, about: Mapping[str, Any], conditions: list[Condition]
+def _render_page(
+    plan: StudyPlan, table: Any, about: Mapping[str, Any], conditions: list[ConditionReport]
 ) -> str:
     return rendered(
         "rcmservo.study.report",
@@ -212,12 +233,12 @@ def _page(
         meanings=MEANINGS,
         cpus=table["cpu"].unique().to_pylist(),
         versions=table["versions"].unique().to_pylist(),
-        tone=_tone,
+        colour=_choose_colour,
     )
 
 
-def _tone(share: float) -> str:
-    """The colour behind a share, from orange over white to green; the number stands on it."""
-    ends = (230, 159, 0) if share < 0.5 else (0, 158, 115)
-    strength = 0.75 * abs(2.0 * share - 1.0)
+def _choose_colour(fraction: float) -> str:
+    """Return the background of a success rate: orange for 0, white for 0.5, green for 1."""
+    ends = (230, 159, 0) if fraction < 0.5 else (0, 158, 115)
+    strength = 0.75 * abs(2.0 * fraction - 1.0)
     return "rgb({})".format(", ".join(f"{255 - strength * (255 - c):.0f}" for c in ends))

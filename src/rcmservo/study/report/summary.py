@@ -1,5 +1,6 @@
-"""A study in numbers: every method under every condition, and every method beside the first one, in
-the same scenes with the same noise.
+"""Numbers of a study: each method under each condition, and its paired comparison with the first.
+
+Pairs share the scene and the noise.
 """
 
 from collections import Counter
@@ -25,18 +26,18 @@ from rcmservo.study.report.statistics import (
 
 @dataclass(frozen=True, eq=False)
 class Group:
-    """All runs of one method under one condition.
+    """Runs of one method under one condition.
 
     Parameters
     ----------
     method : str
-        Its name.
+        Name of the method.
     condition : str
-        Scenes, noise, latency and disturbances, in words.
+        Label of scenes, noise, latency and disturbances.
     firsts : list[int]
-        The row of the first run of each of its repetitions.
+        Index, in the table of all runs, of the first run of each repetition.
     rows : Any
-        Its runs, repetition by repetition, as a table.
+        Table of the runs, repetition by repetition.
     """
 
     method: str
@@ -44,13 +45,13 @@ class Group:
     firsts: list[int]
     rows: Any
 
-    def case(self, i: int) -> int:
-        """The row of its i-th run in the table of all."""
+    def row_index(self, i: int) -> int:
+        """Return the index of the i-th run of the group in the table of all runs."""
         count = len(self.success) // len(self.firsts)
         return self.firsts[i // count] + i % count
 
     def column(self, name: str) -> Floats:
-        """A column of numbers; NaN where nothing is known."""
+        """Return a column of numbers (n,); NaN for unknown values."""
         return self.rows[name].to_numpy().astype(np.float64)
 
     @property
@@ -59,63 +60,63 @@ class Group:
 
     @cached_property
     def success(self) -> Flags:
-        """Of each of its runs."""
+        """Success of each run (n,)."""
         return self.rows["success"].to_numpy()
 
     @cached_property
     def first_within(self) -> Floats:
-        """S until first within 1 mm; inf if never."""
+        """Time until first within 1 mm (n,), s; inf for a run that never was."""
         times = self.column("time_to_1mm_s")
         return np.where(np.isnan(times), np.inf, times)
 
     @cached_property
     def ratios(self) -> Floats:
-        """Pose error over the bound, of runs that arrived."""
+        """Pose error divided by the bound, of the runs that succeeded."""
         bound = self.column("bound_mm")
-        good = self.success & (bound > 0.0)
-        return self.column("pose_error_mm")[good] / bound[good]
+        has_ratio = self.success & (bound > 0.0)
+        return self.column("pose_error_mm")[has_ratio] / bound[has_ratio]
 
     @property
     def stops(self) -> list[tuple[str, int]]:
-        """Causes of first stops, the most frequent first."""
+        """Causes of first stops with their counts, the most frequent first."""
         counted = Counter(name for name in self.rows["stop"].to_pylist() if name)
         return counted.most_common()
 
 
 @dataclass(frozen=True)
 class Summary:
-    """A method under a condition, in numbers.
+    """Numbers of a method under a condition.
 
     Parameters
     ----------
     method : str
-        Its name.
+        Name of the method.
     condition : str
-        In words.
+        Label of the condition.
     engine : str
-        What made the runs.
+        Engine that made the runs.
     runs : int
-        How many.
+        Number of runs.
     success : Interval
-        Share of the runs that ended within 1 mm.
+        Success rate: fraction of the runs that ended within 1 mm.
     time_median_s : Interval
-        s until first within 1 mm, runs that never were counting as infinite.
+        Median time until first within 1 mm, s; infinite for a run that never was.
     time_95_s : Interval
-        The same, 95 % of the runs.
+        95 % quantile of that time, s.
     pose_median_mm : Interval
-        mm at the end, of all runs.
+        Median pose error of all runs, mm.
     pose_95_mm : Interval
-        The same, 95 % of the runs.
+        95 % quantile of the pose error, mm.
     ratio_median : Interval
-        Pose error over the Cramér-Rao bound, of the runs that succeeded.
+        Median of pose error divided by Cramér-Rao bound, of the runs that succeeded.
     ratio_rms : Interval
-        The same, root mean square.
+        Root mean square of that ratio.
     unnoticed_99_mm : Interval
-        mm that the true error grew by without a word.
+        99 % quantile of the growth of the true error in SERVO without a cause, mm.
     unnoticed_worst_mm : float
-        The most of it.
+        Largest growth, mm.
     stops : dict[str, int]
-        First stops by their causes.
+        Number of first stops by cause.
     """
 
     method: str
@@ -136,24 +137,24 @@ class Summary:
 
 @dataclass(frozen=True)
 class PairedComparison:
-    """A method beside the first one, in the same scenes with the same noise.
+    """Paired comparison of a method with the first one, in the same scenes with the same noise.
 
     Parameters
     ----------
     method : str
-        Its name.
+        Name of the method.
     beside : str
-        The first one's.
+        Name of the first method.
     condition : str
-        In words.
+        Label of the condition.
     pairs : int
-        How many.
+        Number of pairs.
     success : Interval
-        Difference of the shares that succeeded.
+        Difference of the success rates.
     time_s : Interval
-        Median difference of the times until first within 1 mm, where one of them came.
+        Median difference of the times until first within 1 mm, s; pairs in which at least one was.
     pose_mm : Interval
-        Median difference of the pose errors, where both succeeded.
+        Median difference of the pose errors, mm; pairs in which both succeeded.
     """
 
     method: str
@@ -165,14 +166,14 @@ class PairedComparison:
     pose_mm: Interval
 
 
-def groups(plan: StudyPlan, table: Any) -> list[Group]:
-    """The rows by condition and method."""
-    places: dict[tuple[str, str], list[int]] = {}
+def group_runs(plan: StudyPlan, table: Any) -> list[Group]:
+    """Group the rows of a study by condition and method."""
+    firsts_of: dict[tuple[str, str], list[int]] = {}
     for i, cell in enumerate(plan.cells):
-        places.setdefault((cell.condition, cell.method), []).append(i * plan.count)
+        firsts_of.setdefault((cell.condition, cell.method), []).append(i * plan.count)
     return [
         Group(method, condition, firsts, _slices(table, firsts, plan.count))
-        for (condition, method), firsts in places.items()
+        for (condition, method), firsts in firsts_of.items()
     ]
 
 
@@ -183,8 +184,8 @@ def _slices(table: Any, firsts: list[int], count: int) -> Any:
     return arrow.concat_tables([table.slice(first, count) for first in firsts]).combine_chunks()
 
 
-def summary_of(group: Group) -> Summary:
-    """The numbers of a method under a condition."""
+def summarise(group: Group) -> Summary:
+    """Return the numbers of a method under a condition."""
     time, pose, runs = group.first_within, group.column("pose_error_mm"), len(group.success)
     unnoticed = group.column("unnoticed_mm")
     return Summary(
@@ -205,17 +206,17 @@ def summary_of(group: Group) -> Summary:
     )
 
 
-def comparisons(found: list[Group]) -> Iterator[PairedComparison]:
-    """Every method beside the first one, condition by condition."""
-    base: dict[str, Group] = {}
-    for group in found:
-        first = base.setdefault(group.condition, group)
+def comparisons(groups: list[Group]) -> Iterator[PairedComparison]:
+    """Compare every method with the first one of its condition."""
+    baselines: dict[str, Group] = {}
+    for group in groups:
+        first = baselines.setdefault(group.condition, group)
         if first is not group:
-            yield compared(group, first)
+            yield compare(group, first)
 
 
-def compared(one: Group, other: Group) -> PairedComparison:
-    """One method beside another, under the same condition."""
+def compare(one: Group, other: Group) -> PairedComparison:
+    """Compare two methods under the same condition."""
     both = one.success & other.success
     poses = (group.column("pose_error_mm")[both] for group in (one, other))
     return PairedComparison(

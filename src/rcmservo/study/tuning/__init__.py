@@ -1,3 +1,1 @@
-"""Settings found by study: a search over some of a method's numbers, and a trial of what it found
-on scenes that it has not seen.
-"""
+"""Tuning by study: a search over settings of a method, validated on scenes outside the search."""

@@ -1,10 +1,10 @@
-"""The search: Optuna asks, a study answers.
+"""Search for settings: Optuna proposes values, and a study evaluates them.
 
-Every trial is a study of the same scenes with the same noise, so that two trials differ by their
-settings alone, and what is done of it is kept like that of any study: a search that was stopped
-goes the same way again, without doing anything twice. What it found is then held against the
-settings at the start, in scenes that the search has not seen: the best of many trials looks better
-than it is on the scenes that it was chosen by.
+Every trial is a study of the same scenes with the same noise, so that trials differ in their
+settings alone. Its chunks are stored like those of any study: a stopped search repeats the same
+trials without running anything twice. The result is then compared with the initial settings on
+scenes outside the search, because the best of many trials looks better than it is on the scenes
+that selected it.
 """
 
 from collections.abc import Callable, Iterator
@@ -27,47 +27,48 @@ with needing("a study", "study"):
     import optuna
 
 OPTUNA: Any = optuna
-GOALS = "time", "error"
-FAILED_MM = 10.0
-"""What a run that fails counts as where the goal is the error, mm."""
-TUNED, AGAIN = "tuned", "tuned-again"
-"""What is found is called; and where the search starts at what one before has found."""
+TUNE_GOALS = "time", "error"
+"""Quantities that a search minimises."""
+FAILED_RUN_COST_MM = 10.0
+"""Cost of a failed run if the goal is the error, mm."""
+TUNED, TUNED_AGAIN = "tuned", "tuned-again"
+"""Names of the resulting method; the second one if the search starts from the first."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class TuneSection(Checked, section="tune"):
-    """[tune] of a study's file: length and goal of a search.
+    """Section [tune] of a study file: length and goal of a search.
 
     Parameters
     ----------
     trials : int
-        Settings that are tried.
+        Number of trials.
     goal : str
-        What is to be small, on an average over the runs: `time`, s until first within 1 mm, a run
-        that fails counting as twice its length; or `error`, mm off at the end, a run that fails
-        counting as FAILED_MM.
+        Mean over the runs that the search minimises. `time`: s until first within 1 mm, twice the
+        length of the run for a failed one. `error`: pose error in mm, at most 10 mm, which is also
+        the value for a failed run.
     seed : int
-        Of the optimiser's chance.
+        Seed of the optimiser.
     validation : int
-        Scenes that the search has not seen, on which it is tried.
+        Number of scenes outside the search that the result is compared on.
     """
 
     trials: Annotated[int, between(1, 100_000, "a whole number")] = 50
-    goal: Annotated[str, one_of(GOALS)] = "time"
+    goal: Annotated[str, one_of(TUNE_GOALS)] = "time"
     seed: Annotated[int, between(0, 2**32 - 1, "a whole number")] = 0
     validation: Annotated[int, between(10, 1_000_000, "a whole number")] = 1000
 
 
 @dataclass(frozen=True, kw_only=True)
 class Tuning(TuneSection):
-    """Settings that are searched, and the length and goal of the search.
+    """Search: its initial method, its scenes, and the settings to vary.
 
     Parameters
     ----------
     plan : StudyPlan
-        Its one method is where the search starts; its scenes are those of the search.
+        Plan with one method, the initial one, and the scenes of the search.
     axes : tuple[SearchAxis, ...]
-        What is searched.
+        Settings to vary, with their ranges.
     """
 
     plan: StudyPlan
@@ -75,34 +76,34 @@ class Tuning(TuneSection):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        require(bool(self.axes), "search", "nothing", "a setting at least")
-        require(len(self.plan.methods) == 1, "method", len(self.plan.methods), "one that is tuned")
+        require(bool(self.axes), "search", "nothing", "at least one setting")
+        require(len(self.plan.methods) == 1, "method", len(self.plan.methods), "exactly one")
 
     @property
     def name(self) -> str:
-        """Of what is found."""
-        return AGAIN if self.plan.methods[0].name == TUNED else TUNED
+        """Name of the resulting method."""
+        return TUNED_AGAIN if self.plan.methods[0].name == TUNED else TUNED
 
     @property
     def unseen(self) -> StudyPlan:
-        """The plan of the validation, without what was found yet."""
+        """Plan of the validation, with the initial method."""
         first = self.plan.first_seed + self.plan.count
         return replace(self.plan, first_seed=first, count=self.validation)
 
 
 class Tried(NamedTuple):
-    """One trial.
+    """Trial of a search.
 
     Parameters
     ----------
     number : int
-        From 0 on.
+        Number of the trial, from 0.
     values : Values
-        Of the settings that are searched.
+        Values of the varied settings.
     cost : float
-        What was to be small; inf for settings that cannot be.
+        Value of the goal; inf for an invalid combination of settings.
     success : float
-        Share of the runs.
+        Success rate.
     """
 
     number: int
@@ -112,55 +113,56 @@ class Tried(NamedTuple):
 
 
 def searched(
-    tuning: Tuning, folder: Path, crew: Crew, told: Callable[[Tried], None]
+    tuning: Tuning, folder: Path, crew: Crew, report_trial: Callable[[Tried], None]
 ) -> list[Tried]:
-    """All trials, each kept in the folder."""
+    """Run all trials of a search, with their chunks stored in the folder."""
     OPTUNA.logging.set_verbosity(OPTUNA.logging.ERROR)
     sampler = OPTUNA.samplers.TPESampler(seed=tuning.seed)
     study = OPTUNA.create_study(sampler=sampler, direction="minimize")
-    return list(_trials(tuning, folder, crew, study, told))
+    return list(_run_trials(tuning, folder, crew, study, report_trial))
 
 
-def _trials(
-    tuning: Tuning, folder: Path, crew: Crew, study: Any, told: Callable[[Tried], None]
+def _run_trials(
+    tuning: Tuning, folder: Path, crew: Crew, study: Any, report_trial: Callable[[Tried], None]
 ) -> Iterator[Tried]:
     method = tuning.plan.methods[0]
     start = {axis.name: value_of(method, axis.name) for axis in tuning.axes}
-    within = all(axis.has(start[axis.name]) for axis in tuning.axes)
+    within = all(axis.contains(start[axis.name]) for axis in tuning.axes)
     if within:
         study.enqueue_trial(start)
     for number in range(tuning.trials):
-        trial = study.ask() if number or within else None  # of a start beyond, it cannot be told
-        values = start if trial is None else {one.name: one.suggested(trial) for one in tuning.axes}
-        tried = _tried(tuning, number, values, folder, crew)
+        # Optuna accepts no trial outside the ranges: initial settings there stay unreported.
+        trial = study.ask() if number or within else None
+        values = start if trial is None else {a.name: a.suggest(trial) for a in tuning.axes}
+        result = _run_trial(tuning, number, values, folder, crew)
         if trial is not None:
-            study.tell(trial, min(tried.cost, 1e6))
-        told(tried)
-        yield tried
+            study.tell(trial, min(result.cost, 1e6))
+        report_trial(result)
+        yield result
 
 
-def _tried(tuning: Tuning, number: int, values: Values, folder: Path, crew: Crew) -> Tried:
-    """What comes of some settings."""
+def _run_trial(tuning: Tuning, number: int, values: Values, folder: Path, crew: Crew) -> Tried:
+    """Run the study of one trial; an invalid combination of settings costs inf."""
     try:
         method = with_values(tuning.plan.methods[0], tuning.name, values)
         work = Work(replace(tuning.plan, methods=(method,)), folder)
-    except (ValueError, UnusableEstimator):  # settings that do not go together
+    except (ValueError, UnusableEstimator):  # invalid combination of settings
         return Tried(number, values, np.inf, 0.0)
     work.go(crew, lambda _: None)
     rows = work.gather()
     success: Any = rows["success"].to_numpy()
-    return Tried(number, values, cost_of(tuning, rows), float(success.mean()))
+    return Tried(number, values, compute_cost(tuning, rows), float(success.mean()))
 
 
-def cost_of(tuning: Tuning, rows: Any) -> float:
-    """What is to be small."""
+def compute_cost(tuning: Tuning, rows: Any) -> float:
+    """Return the mean of the goal over the runs: s or mm."""
     success: Any = rows["success"].to_numpy()
     column = "time_to_1mm_s" if tuning.goal == "time" else "pose_error_mm"
     values: Floats = rows[column].to_numpy().astype(np.float64)
-    failed = 2.0 * tuning.plan.duration if tuning.goal == "time" else FAILED_MM
+    failed = 2.0 * tuning.plan.duration if tuning.goal == "time" else FAILED_RUN_COST_MM
     return float(np.mean(np.where(success, np.minimum(values, failed), failed)))
 
 
-def best(tried: list[Tried]) -> Tried:
-    """The trial that cost least, the first of those that are alike."""
-    return min(tried, key=lambda one: (one.cost, one.number))
+def best(trials: list[Tried]) -> Tried:
+    """Return the trial with the smallest cost, the first of equal ones."""
+    return min(trials, key=lambda trial: (trial.cost, trial.number))

@@ -1,11 +1,11 @@
-"""What is searched: some of a method's settings, each with the values that it may have.
+"""Search space: settings of a method with the values that a search may give them.
 
     [search]
     "controller.gain" = [2.0, 15.0]
     "exploration.leg" = { from = 0.05, to = 0.5, log = true }
     "controller.features" = ["srd", "points"]
 
-Two numbers are a range, whole ones a range of whole ones; words are a choice.
+Two numbers are a range, of integers if the setting is an integer. Strings are a set of choices.
 """
 
 from collections.abc import Mapping
@@ -17,94 +17,101 @@ from rcmservo.errors import BadInput, require, suggestion
 from rcmservo.study.plan.method import StudyMethod
 
 Values = Mapping[str, Any]
-"""A value for every setting that is searched, by box.name."""
+"""Value of every varied setting, by part.name."""
 
 
 @dataclass(frozen=True)
 class SearchAxis:
-    """One setting, and the values that it may have.
+    """Setting to vary, and its range or choices.
 
     Parameters
     ----------
     name : str
-        box.name.
+        Name of the setting, part.name.
     low : float
-        The least.
+        Smallest value.
     high : float
-        The greatest.
+        Largest value.
     log : bool
-        Whether a factor counts as much at either end.
+        Sample on a logarithmic scale.
     words : tuple[str, ...]
-        What it may be, where it is no number.
+        Values of a setting that is not a number.
     """
 
     name: str
     low: float = 0.0
     high: float = 0.0
     log: bool = False
-    words: tuple[str, ...] = ()
+    choices: tuple[str, ...] = ()
 
-    def has(self, value: Any) -> bool:
-        """Whether it may have a value."""
-        return value in self.words if self.words else self.low <= value <= self.high
+    def contains(self, value: Any) -> bool:
+        """Return True if the search may give the setting this value."""
+        return value in self.choices if self.choices else self.low <= value <= self.high
 
-    def suggested(self, trial: Any) -> Any:
-        """A value, by the optimiser."""
-        if self.words:
-            return trial.suggest_categorical(self.name, list(self.words))
+    def suggest(self, trial: Any) -> Any:
+        """Return the value that Optuna suggests for a trial."""
+        if self.choices:
+            return trial.suggest_categorical(self.name, list(self.choices))
         if isinstance(self.low, int):
             return trial.suggest_int(self.name, self.low, self.high, log=self.log)
         return trial.suggest_float(self.name, self.low, self.high, log=self.log)
 
 
-def axis_from(name: str, told: object, method: StudyMethod) -> SearchAxis:
-    """The axis that a file describes, of a setting that the method has."""
+def axis_from(name: str, entry: object, method: StudyMethod) -> SearchAxis:
+    """Return the axis that an entry of [search] describes for a setting of a method.
+
+    Raises
+    ------
+    BadInput
+        If the method has no such setting, or the entry does not fit its type.
+    """
     where = f'search."{name}"'
-    usual = value_of(method, name)
-    if is_table(told):
+    present = value_of(method, name)
+    if is_table(entry):
         known = {"from", "to", "log"}
-        for key in told:
-            require(key in known, f"{where}.{key}", told[key], "one of from, to, log")
-        log = told.get("log", False)
+        for key in entry:
+            require(key in known, f"{where}.{key}", entry[key], "one of from, to, log")
+        log = entry.get("log", False)
         if not isinstance(log, bool):
             raise BadInput(f"{where}.log", log, "true or false")
-        return _range(where, name, [told.get("from"), told.get("to")], log, usual)
-    values = cast(list[Any], told) if isinstance(told, list) else []
-    require(bool(values), where, cast(object, told), "two numbers, least first, or a list of words")
+        return _parse_range(where, name, [entry.get("from"), entry.get("to")], log, present)
+    values = cast(list[Any], entry) if isinstance(entry, list) else []
+    expected = "two numbers, least first, or a list of words"
+    require(bool(values), where, cast(object, entry), expected)
     if all(isinstance(value, str) for value in values):
-        require(isinstance(usual, str), where, values, f"two numbers, as it is {usual!r} now")
-        return SearchAxis(name, words=tuple(values))
-    return _range(where, name, values, False, usual)
+        require(isinstance(present, str), where, values, f"two numbers, as it is {present!r} now")
+        return SearchAxis(name, choices=tuple(values))
+    return _parse_range(where, name, values, False, present)
 
 
-def _range(where: str, name: str, ends: list[Any], log: bool, usual: Any) -> SearchAxis:
+def _parse_range(where: str, name: str, ends: list[Any], log: bool, present: Any) -> SearchAxis:
     numbers = [x for x in ends if isinstance(x, int | float) and not isinstance(x, bool)]
-    good = len(ends) == len(numbers) == 2 and -1e300 < numbers[0] < numbers[1] < 1e300
-    require(good, where, ends, "two finite numbers, least first")
-    require(numbers[0] > 0 or not log, where, ends, "positive numbers, where log = true")
-    number = isinstance(usual, int | float) and not isinstance(usual, bool)
-    require(number, where, ends, f"left out: it is {usual!r} now, which is no number")
-    kind = int if isinstance(usual, int) else float
+    is_range = len(ends) == len(numbers) == 2 and -1e300 < numbers[0] < numbers[1] < 1e300
+    require(is_range, where, ends, "two finite numbers, least first")
+    require(numbers[0] > 0 or not log, where, ends, "positive numbers, for log = true")
+    is_number = isinstance(present, int | float) and not isinstance(present, bool)
+    require(is_number, where, ends, f"left out: it is {present!r} now, which is not a number")
+    kind = int if isinstance(present, int) else float
     if kind is int:
-        whole = all(isinstance(x, int) for x in numbers)
-        require(whole, where, ends, f"two whole numbers, as it is {usual} now")
+        is_integer = all(isinstance(x, int) for x in numbers)
+        require(is_integer, where, ends, f"two whole numbers, as it is {present} now")
     return SearchAxis(name, kind(numbers[0]), kind(numbers[1]), log)
 
 
 def value_of(method: StudyMethod, name: str) -> Any:
-    """The value that a setting has now."""
-    box, _, key = name.partition(".")
-    boxes = ", ".join(method.parts)
-    require(box in method.parts, "search", name, f"box.name, with a box among {boxes}")
-    names = [f.name for f in fields(method.parts[box])]
-    hint = suggestion(name, [f"{box}.{one}" for one in names])
-    right = f"a setting of {box}, one of {', '.join(names) or 'none'}{hint}"
-    require(key in names, "search", name, right)
-    return getattr(method.parts[box], key)
+    """Return the value of a setting, part.name, of a method."""
+    part, _, key = name.partition(".")
+    parts = ", ".join(method.parts)
+    require(part in method.parts, "search", name, f"part.name, with a part among {parts}")
+    names = [f.name for f in fields(method.parts[part])]
+    hint = suggestion(name, [f"{part}.{setting}" for setting in names])
+    expected = f"a setting of {part}, one of {', '.join(names) or 'none'}{hint}"
+    require(key in names, "search", name, expected)
+    return getattr(method.parts[part], key)
 
 
 def with_values(method: StudyMethod, name: str, values: Values) -> StudyMethod:
-    """The method with other values, under another name."""
+    """Return the method with other values, under another name."""
     parts = dict(method.parts)
     for path, value in values.items():
         part, _, key = path.partition(".")

@@ -1,6 +1,4 @@
-"""A user's own module travels whole: with what it imports from its folder, however many of its
-classes are tried, and it is known by all of that.
-"""
+"""Archives of user modules hold the module and its local imports, and their hash covers both."""
 
 import importlib
 import sys
@@ -8,28 +6,28 @@ from collections.abc import Generator
 from pathlib import Path
 
 import pytest
-from studies import Alone
+from studies import InProcessPool
 
 from rcmservo.config.user_code import named
 from rcmservo.errors import BadInput, RcmServoError
 from rcmservo.study.execution.run_study import Work
 from rcmservo.study.plan.file import StudyFile, plan_of
 from rcmservo.study.plan.plan import StudyPlan
-from rcmservo.study.plan.user_module_archive import Parcel, classes, parcel_of
+from rcmservo.study.plan.user_module_archive import ModuleArchive, load_classes, parcel_of
 
-MODULE = "lab_of_parcels"
-HELPER = "SHARE = {share}\n"
+MODULE = "archived_module"
+HELPER = "FACTOR = {factor}\n"
 SOURCE = """
 from dataclasses import dataclass
-import lab_of_parcels_helper
+import archived_module_helper
 import rcmservo as rs
 from rcmservo.estimation.flow_rule import FlowEstimator
 
 @dataclass(frozen=True)
 class One(FlowEstimator):
     name = "one"
-    def share(self):
-        return lab_of_parcels_helper.SHARE
+    def factor(self):
+        return archived_module_helper.FACTOR
 
 @dataclass(frozen=True)
 class Other(FlowEstimator):
@@ -43,68 +41,68 @@ class Lacks(FlowEstimator):
 
 @pytest.fixture
 def lab(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Generator[Path]:
-    """A folder with a user's module and another one that it imports."""
+    """Create a folder with a user module and a helper that it imports."""
     (tmp_path / f"{MODULE}.py").write_text(SOURCE)
-    (tmp_path / f"{MODULE}_helper.py").write_text(HELPER.format(share=1.0))
+    (tmp_path / f"{MODULE}_helper.py").write_text(HELPER.format(factor=1.0))
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(tmp_path)
     yield tmp_path
-    forget()
+    forget_imports()
 
 
-def forget() -> None:
-    """Be a process that has imported none of it."""
-    sys.path[:] = [place for place in sys.path if "rcmservo-" not in place]
+def forget_imports() -> None:
+    """Remove all imports of the module from this process."""
+    sys.path[:] = [folder for folder in sys.path if "rcmservo-" not in folder]
     for name in [name for name in sys.modules if name.startswith(MODULE)]:
         del sys.modules[name]
     importlib.invalidate_caches()
 
 
-def parcel(name: str) -> Parcel:
-    """As a new command makes it."""
-    forget()
+def archive(name: str) -> ModuleArchive:
+    """Return the archive that a new process makes."""
+    forget_imports()
     return parcel_of(named(f"{MODULE}:{name}"))
 
 
-def planned(*names: str) -> StudyPlan:
+def make_plan(*names: str) -> StudyPlan:
     own = {f"{MODULE}:{name}": named(f"{MODULE}:{name}") for name in names}
     return plan_of(StudyFile(methods=tuple(own), count=1, duration=1.5), own)
 
 
-def test_two_classes_of_one_module_are_compared(lab: Path) -> None:
-    work = Work(planned("One", "Other"), lab / "out")
-    work.go(Alone(), lambda _: None)  # pyright: ignore[reportArgumentType]
+def test_two_classes_of_one_module_run_in_one_study(lab: Path) -> None:
+    work = Work(make_plan("One", "Other"), lab / "out")
+    work.go(InProcessPool(), lambda _: None)  # pyright: ignore[reportArgumentType]
     methods = work.gather()["method"].to_pylist()
     assert methods == [f"{MODULE}:One", f"{MODULE}:Other"]
 
 
-def test_a_module_travels_with_what_it_imports_from_its_folder_and_is_known_by_it(
+def test_an_archive_contains_local_imports_and_its_hash_covers_them(
     lab: Path,
 ) -> None:
     (lab / "unrelated.py").write_text("raise SystemExit\n")
-    before = parcel("One")
-    (lab / f"{MODULE}_helper.py").write_text(HELPER.format(share=0.5))
-    after = parcel("One")
+    before = archive("One")
+    (lab / f"{MODULE}_helper.py").write_text(HELPER.format(factor=0.5))
+    after = archive("One")
     assert before.digest != after.digest
-    shares = [classes(one)[one.name]().share() for one in (before, after)]  # pyright: ignore
-    assert shares == [1.0, 0.5]
+    factors = [load_classes(sent)[sent.name]().factor() for sent in (before, after)]  # pyright: ignore
+    assert factors == [1.0, 0.5]
     (lab / "unrelated.py").write_text("\n")
-    assert parcel("One").digest == after.digest
+    assert archive("One").digest == after.digest
 
 
-def test_what_a_worker_cannot_import_is_one_sentence(lab: Path) -> None:
-    sent = parcel("One")
+def test_a_module_that_a_worker_cannot_import_raises_one_error(lab: Path) -> None:
+    sent = archive("One")
     (lab / f"{MODULE}.py").write_text(f"import not_installed_here\n{SOURCE}")
-    sys.modules["not_installed_here"] = sys  # where it is sent from it is installed
-    lacking = parcel("One")
+    sys.modules["not_installed_here"] = sys  # installed on the machine that sends it
+    incomplete = archive("One")
     del sys.modules["not_installed_here"]
     words = f"{MODULE} cannot be imported by a worker.*No module named 'not_installed_here'"
     with pytest.raises(RcmServoError, match=words):
-        classes(lacking)
-    with pytest.raises(RcmServoError, match="its hash is another one"):
-        classes(sent._replace(digest="0" * 64))
+        load_classes(incomplete)
+    with pytest.raises(RcmServoError, match="the SHA-256 of its archive is not 000"):
+        load_classes(sent._replace(digest="0" * 64))
 
 
-def test_a_class_that_cannot_be_made_is_refused_by_its_name(lab: Path) -> None:
+def test_a_class_with_a_setting_without_default_is_rejected_by_name(lab: Path) -> None:
     with pytest.raises(BadInput, match=r"--method must be a class whose settings all have a de"):
         named(f"{MODULE}:Lacks", "--method")

@@ -1,7 +1,6 @@
-"""What a study is to try: files and names become a plan, or one sentence."""
+"""Study files and names become a plan, or raise one error that names the field."""
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -12,14 +11,14 @@ from rcmservo.estimation.dlt import DltEstimator
 from rcmservo.estimation.projection_rule import PRINTED
 from rcmservo.sim.scene import NoScene
 from rcmservo.study.execution.chunk import one_run
-from rcmservo.study.plan.cell import cell_from
+from rcmservo.study.plan.cell import parse_cell
 from rcmservo.study.plan.conditions import COMPILED, MUJOCO, PICTURES
 from rcmservo.study.plan.distribution import (
     BUILT_IN,
     Distribution,
-    built_in,
     described,
-    distribution_from,
+    load_built_in,
+    parse_distribution,
 )
 from rcmservo.study.plan.file import StudyFile, load, plan_of
 from rcmservo.study.plan.plan import StudyPlan
@@ -41,18 +40,18 @@ vary = { "camera.delay" = [0.01, 0.05], "drive.encoder" = [[1e-5, 1e-5, 1e-3], [
 """
 
 
-def written(folder: Path, text: str) -> Path:
+def write_file(folder: Path, text: str) -> Path:
     path = folder / "study.toml"
     path.write_text(text)
     return path
 
 
-def planned(folder: Path, text: str, own: Any = None) -> StudyPlan:
-    return plan_of(load(written(folder, text)), own or {})
+def make_plan(folder: Path, text: str) -> StudyPlan:
+    return plan_of(load(write_file(folder, text)), {})
 
 
-def test_a_file_is_methods_times_scenes_times_conditions(tmp_path: Path) -> None:
-    plan = planned(tmp_path, FILE)
+def test_a_plan_is_methods_times_scenes_times_conditions(tmp_path: Path) -> None:
+    plan = make_plan(tmp_path, FILE)
     assert plan.runs == 2 * 2 * 2 * 20 == sum(len(chunk.seeds) for chunk in plan.chunks())
     names = [(cell.condition, cell.method) for cell in plan.cells]
     assert names[:3] == [
@@ -64,56 +63,56 @@ def test_a_file_is_methods_times_scenes_times_conditions(tmp_path: Path) -> None
     assert (careful.estimator.rate, careful.parts["controller"].gain) == (2.0, 2.0)  # pyright: ignore
 
 
-def test_without_lists_all_that_a_file_describes_is_tried(tmp_path: Path) -> None:
+def test_without_lists_a_study_uses_everything_that_the_file_defines(tmp_path: Path) -> None:
     text = FILE.replace('methods = ["dlt", "careful"]\nscenes = ["random", "far"]\n', "")
-    plan = planned(tmp_path, text)
+    plan = make_plan(tmp_path, text)
     assert [m.name for m in plan.methods] == ["careful"]
     assert [s.name for s in plan.scenes] == ["far"]
-    usual = planned(tmp_path, "count = 3")
-    assert [type(m.estimator) for m in usual.methods] == [DltEstimator]
-    assert [s.name for s in usual.scenes] == ["random"]
+    default = make_plan(tmp_path, "count = 3")
+    assert [type(m.estimator) for m in default.methods] == [DltEstimator]
+    assert [s.name for s in default.scenes] == ["random"]
 
 
-def test_a_cell_is_the_same_after_it_was_sent(tmp_path: Path) -> None:
-    for cell in planned(tmp_path, FILE).cells:
-        again = cell_from(cell.text)
-        assert again == cell and again.text == cell.text
-        assert again.rebuilt({}) == cell.rebuilt({})
+def test_a_cell_survives_its_text_form(tmp_path: Path) -> None:
+    for cell in make_plan(tmp_path, FILE).cells:
+        parsed = parse_cell(cell.text)
+        assert parsed == cell and parsed.text == cell.text
+        assert parsed.rebuilt({}) == cell.rebuilt({})
 
 
-def test_what_varies_comes_from_the_seed_and_stays_in_its_range(tmp_path: Path) -> None:
-    far = planned(tmp_path, FILE).scenes[1]
-    drawn = [far.laboratory(seed)[1] for seed in range(50)]
-    delays = [one.timing.delay for one in drawn]
+def test_varying_numbers_depend_on_the_seed_and_stay_in_their_range(tmp_path: Path) -> None:
+    far = make_plan(tmp_path, FILE).scenes[1]
+    drawn = [far.draw(seed)[1] for seed in range(50)]
+    delays = [settings.timing.delay for settings in drawn]
     assert 0.01 <= min(delays) < 0.015 and 0.045 < max(delays) <= 0.05
-    assert all(1e-5 <= one.drive.encoder[0] <= 1e-4 for one in drawn)
-    assert far.laboratory(7)[1] == drawn[7] != drawn[8]
+    assert all(1e-5 <= settings.drive.encoder[0] <= 1e-4 for settings in drawn)
+    assert far.draw(7)[1] == drawn[7] != drawn[8]
     assert drawn[0].scene.distance == (250.0, 400.0)
 
 
-def test_a_condition_that_is_asked_for_stands_before_what_varies(tmp_path: Path) -> None:
-    plan = planned(tmp_path, "latency = [0.012]\n" + FILE)
+def test_a_requested_condition_replaces_a_varying_number(tmp_path: Path) -> None:
+    plan = make_plan(tmp_path, "latency = [0.012]\n" + FILE)
     far = next(cell for cell in plan.cells if cell.scenes == "far").distribution
-    assert {far.laboratory(seed)[1].timing.delay for seed in range(9)} == {0.01}
+    assert {far.draw(seed)[1].timing.delay for seed in range(9)} == {0.01}
     assert "drive.encoder" in far.vary
 
 
-def test_one_distribution_takes_over_from_another_what_it_has_not_itself() -> None:
-    base = distribution_from(
+def test_a_distribution_inherits_sections_and_ranges_with_like() -> None:
+    base = parse_distribution(
         "a", {"camera": {"width": 320, "height": 240}, "vary": {"drive.lag": [0.01, 0.1]}}, {}
     )
-    more = distribution_from("b", {"like": "a", "camera": {"width": 640}}, {"a": base})
+    more = parse_distribution("b", {"like": "a", "camera": {"width": 640}}, {"a": base})
     assert more.tables["camera"] == {"width": 640, "height": 240} and more.vary == base.vary
-    fixed = distribution_from("c", {"like": "a", "drive": {"lag": 0.05}}, {"a": base})
-    assert fixed.vary == {} and fixed.laboratory(3)[1].drive.lag == 0.05
+    fixed = parse_distribution("c", {"like": "a", "drive": {"lag": 0.05}}, {"a": base})
+    assert fixed.vary == {} and fixed.draw(3)[1].drive.lag == 0.05
 
 
 @pytest.mark.parametrize("name", BUILT_IN)
-def test_every_built_in_distribution_has_scenes_and_words(name: str) -> None:
-    about = dict(described())[name]
-    assert len(about) > 40 and about.endswith(".") and "#" not in about
+def test_every_built_in_distribution_has_scenes_and_a_description(name: str) -> None:
+    description = dict(described())[name]
+    assert len(description) > 40 and description.endswith(".") and "#" not in description
     plan = StudyPlan(
-        methods=plan_of(StudyFile(), {}).methods, scenes=(built_in(name),), duration=2.0
+        methods=plan_of(StudyFile(), {}).methods, scenes=(load_built_in(name),), duration=2.0
     )
     cell = plan.cells[0]
     rows = [one_run(cell, cell.rebuilt({}), seed) for seed in range(3)]
@@ -127,19 +126,19 @@ def test_every_built_in_distribution_has_scenes_and_words(name: str) -> None:
         assert 0.2 < np.mean(np.array(depths) < 0.0) < 0.9
 
 
-def test_the_engine_is_the_compiled_one_wherever_it_can_be(tmp_path: Path) -> None:
-    def engines(text: str) -> list[str]:
-        return [cell.engine for cell in planned(tmp_path, text).cells]
+def test_the_compiled_engine_is_the_default_where_it_is_supported(tmp_path: Path) -> None:
+    def choose_engines(text: str) -> list[str]:
+        return [cell.engine for cell in make_plan(tmp_path, text).cells]
 
-    assert engines('methods = ["dlt", "projection", "flow"]') == [COMPILED, COMPILED, MUJOCO]
-    assert engines('disturb = [[], ["occlusion:at=1,for=0.2"]]') == [COMPILED, MUJOCO]
-    assert engines('engine = "pictures"') == [PICTURES]
-    printed = planned(tmp_path, 'methods = ["projection-printed"]').methods[0]
+    assert choose_engines('methods = ["dlt", "projection", "flow"]') == [COMPILED, COMPILED, MUJOCO]
+    assert choose_engines('disturb = [[], ["occlusion:at=1,for=0.2"]]') == [COMPILED, MUJOCO]
+    assert choose_engines('engine = "pictures"') == [PICTURES]
+    printed = make_plan(tmp_path, 'methods = ["projection-printed"]').methods[0]
     assert printed.estimator == PRINTED
 
 
 @pytest.mark.parametrize(
-    ("text", "words"),
+    ("text", "message"),
     [
         ('methods = ["dtl"]', "method must be one of projection, dlt"),
         ('methods = ["dlt", "dlt"]', "method must be given once"),
@@ -185,17 +184,19 @@ def test_the_engine_is_the_compiled_one_wherever_it_can_be(tmp_path: Path) -> No
         ("count = 3\ncount = 4", "is not valid TOML"),
     ],
 )
-def test_what_cannot_be_studied_is_one_sentence(tmp_path: Path, text: str, words: str) -> None:
-    with pytest.raises(RcmServoError, match=r".") as told:
-        _ = planned(tmp_path, text).cells
-    assert words in str(told.value) and "\n" not in str(told.value)
+def test_an_invalid_file_raises_one_error_that_names_the_field(
+    tmp_path: Path, text: str, message: str
+) -> None:
+    with pytest.raises(RcmServoError, match=r".") as raised:
+        _ = make_plan(tmp_path, text).cells
+    assert message in str(raised.value) and "\n" not in str(raised.value)
 
 
-def test_scenes_that_cannot_be_drawn_are_told_with_their_name_and_seed(
+def test_scenes_that_cannot_be_drawn_raise_an_error_with_name_and_seed(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr("rcmservo.sim.scenes.sampling.MAX_DRAWS", 10)
-    nowhere = Distribution("nowhere", texts.toml(b"[scene]\ntravel = [900.0, 901.0]"))
-    cell = StudyPlan(methods=plan_of(StudyFile(), {}).methods, scenes=(nowhere,)).cells[0]
-    with pytest.raises(NoScene, match="scenes nowhere, seed 3: no scene in"):
+    impossible = Distribution("impossible", texts.toml(b"[scene]\ntravel = [900.0, 901.0]"))
+    cell = StudyPlan(methods=plan_of(StudyFile(), {}).methods, scenes=(impossible,)).cells[0]
+    with pytest.raises(NoScene, match="scenes impossible, seed 3: no scene in"):
         one_run(cell, cell.rebuilt({}), 3)

@@ -1,6 +1,4 @@
-"""The rows of a study open in what others read tables with: pandas, Polars and DuckDB find the same
-columns, of the right kinds, with the same values and what they mean.
-"""
+"""Rows of a study in pandas, Polars and DuckDB: the same columns, types, values and meanings."""
 
 import importlib
 import sys
@@ -10,7 +8,7 @@ from pathlib import Path
 from typing import Any, get_type_hints
 
 import pytest
-from studies import made, small
+from studies import make_plan, run_plan
 
 from conftest import ROOT
 from peers import peer
@@ -21,15 +19,15 @@ PEERS = ROOT / ".peers"
 NAMES = [f.name for f in fields(StudyRow)]
 HINTS = get_type_hints(StudyRow)
 KINDS = [str(HINTS[name]).removeprefix("<class '").split("'")[0].split(" |")[0] for name in NAMES]
-"""str, int, float or bool, of every column."""
+"""Name of the type of every column: str, int, float or bool."""
 
 
-def of(name: str) -> Callable[..., Any]:
+def requires(name: str) -> Callable[..., Any]:
     return peer(name, (PEERS / name).is_dir(), "make peers")
 
 
-def theirs(name: str) -> Any:
-    """Their module; NumPy and Arrow are ours."""
+def import_reader(name: str) -> Any:
+    """Import a reader from `.peers`, with NumPy and Arrow of this environment."""
     if str(PEERS) not in sys.path:
         sys.path.append(str(PEERS))
     return importlib.import_module(name)
@@ -37,33 +35,33 @@ def theirs(name: str) -> Any:
 
 @pytest.fixture(scope="module")
 def study(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[dict[str, Any]]]:
-    """The file, and what is in it: runs that arrived, and some that never did."""
+    """Path and rows of a study in which some runs arrived and some did not."""
     folder = tmp_path_factory.mktemp("study")
-    rows = made(small(count=4, duration=2.1), folder).gather().to_pylist()
+    rows = run_plan(make_plan(count=4, duration=2.1), folder).gather().to_pylist()
     assert {row["time_to_1mm_s"] is None for row in rows} == {True, False}
     return folder / RUNS, rows
 
 
-@of("pandas")
+@requires("pandas")
 def test_pandas_reads_rows(study: tuple[Path, list[dict[str, Any]]]) -> None:
     path, rows = study
-    table = theirs("pandas").read_parquet(path)
+    table = import_reader("pandas").read_parquet(path)
     assert list(table.columns) == NAMES and len(table) == 8
     letters = {"str": "OU", "int": "i", "float": "f", "bool": "b"}
     for name, kind in zip(NAMES, KINDS, strict=True):
         assert table[name].dtype.kind in letters[kind], name
-        unknown = [row[name] is None for row in rows]
-        assert table[name].isna().tolist() == unknown
+        is_none = [row[name] is None for row in rows]
+        assert table[name].isna().tolist() == is_none
         known = [row[name] for row in rows if row[name] is not None]
         assert table[name].dropna().tolist() == known
     means = table.groupby("method")["pose_error_mm"].mean()
     assert means["dlt"] == pytest.approx(sum(row["pose_error_mm"] for row in rows[:4]) / 4.0)
 
 
-@of("polars")
+@requires("polars")
 def test_polars_reads_rows(study: tuple[Path, list[dict[str, Any]]]) -> None:
     path, rows = study
-    polars = theirs("polars")
+    polars = import_reader("polars")
     table = polars.read_parquet(path)
     names = {"str": "String", "int": "Int64", "float": "Float64", "bool": "Boolean"}
     found = {name: str(kind) for name, kind in table.schema.items()}
@@ -72,16 +70,16 @@ def test_polars_reads_rows(study: tuple[Path, list[dict[str, Any]]]) -> None:
     assert MEANINGS.items() <= polars.read_parquet_metadata(path).items()
 
 
-@of("duckdb")
+@requires("duckdb")
 def test_duckdb_reads_rows(study: tuple[Path, list[dict[str, Any]]]) -> None:
     path, rows = study
-    with theirs("duckdb").connect() as data:
-        told = data.execute(f"DESCRIBE SELECT * FROM '{path}'").fetchall()
+    with import_reader("duckdb").connect() as data:
+        described = data.execute(f"DESCRIBE SELECT * FROM '{path}'").fetchall()
         names = {"str": "VARCHAR", "int": "BIGINT", "float": "DOUBLE", "bool": "BOOLEAN"}
         kinds = [names[kind] for kind in KINDS]
-        assert [one[:2] for one in told] == list(zip(NAMES, kinds, strict=True))
+        assert [column[:2] for column in described] == list(zip(NAMES, kinds, strict=True))
         values = data.execute(f"SELECT * FROM '{path}'").fetchall()
-        assert [dict(zip(NAMES, one, strict=True)) for one in values] == rows
-        meant = data.execute(f"SELECT key, value FROM parquet_kv_metadata('{path}')").fetchall()
-    known = {key.decode(): value.decode("utf-8", "replace") for key, value in meant}
+        assert [dict(zip(NAMES, row, strict=True)) for row in values] == rows
+        metadata = data.execute(f"SELECT key, value FROM parquet_kv_metadata('{path}')").fetchall()
+    known = {key.decode(): value.decode("utf-8", "replace") for key, value in metadata}
     assert MEANINGS.items() <= known.items()
