@@ -55,7 +55,7 @@ LEVER = 150.0, 150.0, 1.0
 """mm of a marker for a rad, rad or mm of a joint, about."""
 DEADLINE = 60.0
 """s within which a trial must have begun."""
-SILENT, OFF = "the arm has not answered", "the arm's drive went off"
+SILENT, OFF = "the arm has not answered", "the arm's drive is off"
 CAUSES = {
     "closed": (SILENT, OFF),
     "silence": (SILENT,),

@@ -94,7 +94,7 @@ def test_a_file_from_before_sizes_were_kept_tells_none(path: Path) -> None:
 def test_another_setup_refuses_it_and_says_what_differs(reason: str, path: Path) -> None:
     with pytest.raises(rs.UnusableFile) as refused:
         target_file.load(path, OTHERS[reason])
-    assert str(refused.value) == f"{path}: was taught with {reason}: show the target again"
+    assert str(refused.value) == f"{path}: was taught with {reason}: teach the target again"
 
 
 @pytest.mark.parametrize(

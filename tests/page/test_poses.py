@@ -56,7 +56,7 @@ def test_what_another_rig_was_shown_or_is_damaged_is_refused_with_the_reason(
     again = poses(tmp_path)
     assert list(again.targets) == ["here"] and "checksum" in again.refused["there"]
     other = poses(tmp_path, seed=2)
-    assert not other.targets and "show the target again" in other.refused["here"]
+    assert not other.targets and "teach the target again" in other.refused["here"]
 
 
 @given(st.text(min_size=1, max_size=40), st.text(min_size=1, max_size=40))
@@ -92,7 +92,7 @@ def test_where_the_disk_takes_nothing_it_is_told_and_the_pose_stays_of_use(tmp_p
 def test_the_buttons_are_those_that_the_way_out_names(cause: Cause) -> None:
     phase = rs.Phase.FAULT if cause.action is Action.FAULT else rs.Phase.PAUSED
     offered = ways(phase, cause)
-    assert ("show" in offered) == ("show the target again" in cause.way_out)
+    assert ("show" in offered) == ("teach the target again" in cause.way_out)
     if "resume" in cause.way_out and phase is rs.Phase.PAUSED:
         assert offered[-1] == "resume"
     if "clear" in cause.way_out.split() and phase is rs.Phase.FAULT:

@@ -189,5 +189,5 @@ def _same(then: object, now: object, where: str) -> None:
     elif isinstance(then, bool) is not isinstance(now, bool) or then != now:
         raise texts.Refused(
             f"was taught with {one_line(where) or 'setup'} {quoted(then)}, "
-            f"this rig has {quoted(now)}: show the target again"
+            f"this rig has {quoted(now)}: teach the target again"
         )
