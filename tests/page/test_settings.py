@@ -164,7 +164,7 @@ def test_a_table_from_a_browser_is_a_change_of_a_box() -> None:
         ("controller", {"kind": "os:system"}, "controller.kind must be one of saturated"),
         ("exploration", {"legs": 2.5}, "exploration.legs must be a whole number"),
         ("imaged_rcm", {"lines": 10**6}, "imaged_rcm.lines must be"),
-        ("estimator", {"kind": "os:system"}, "code of others is run only where"),
+        ("estimator", {"kind": "os:system"}, "user-defined code runs only if"),
     ],
 )
 def test_what_is_wrong_with_a_table_is_told_by_its_field(box: Any, table: Any, why: str) -> None:
