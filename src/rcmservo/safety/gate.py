@@ -40,13 +40,7 @@ value was given in degrees."""
 
 @compiled
 def within(
-    rates: Floats,
-    last: Floats,
-    q: Floats,
-    rcm: Rcm,
-    gate: "Gate",
-    dt: float,
-    share: float,
+    rates: Floats, last: Floats, q: Floats, rcm: Rcm, gate: "Gate", dt: float, speed_scale: float
 ) -> bool:
     """Bound joint rates by the limits of speed, slew and joint range.
 
@@ -64,7 +58,7 @@ def within(
         Bounds.
     dt : float
         Time since the last command, s.
-    share : float
+    speed_scale : float
         Fraction of the full speed that is permitted.
 
     Returns
@@ -76,11 +70,11 @@ def within(
         fill(last, 0.0)
         return False
     reduction = 1.0
-    if share > 0.0:
+    if speed_scale > 0.0:
         for i in range(3):
-            reduction = max(reduction, abs(rates[i]) / (share * gate.speed[i]))
+            reduction = max(reduction, abs(rates[i]) / (speed_scale * gate.speed[i]))
     for i in range(3):
-        allowed = rates[i] / reduction if share > 0.0 else 0.0
+        allowed = rates[i] / reduction if speed_scale > 0.0 else 0.0
         slew = gate.slew[i]
         half = 0.5 * slew * (np.e * gate.latency + dt)
         up = np.sqrt(half**2 + slew * max(rcm.upper[i] - q[i], 0.0)) - half
@@ -114,7 +108,7 @@ def admit(
     q: Floats,
     rcm: Rcm,
     now: int,
-    share: float,
+    speed_scale: float,
     gate: "Gate",
 ) -> bool:
     """Turn requested joint rates into the next command.
@@ -131,7 +125,7 @@ def admit(
         Mechanism with its joint limits.
     now : int
         Time of the tick, ns.
-    share : float
+    speed_scale : float
         Fraction of the full speed that is permitted. At 0 the rates go to zero as fast as the slew
         limit allows.
     gate : Gate
@@ -143,7 +137,7 @@ def admit(
         False if an input was not finite or no time had passed; the rates are zero then.
     """
     dt = min((now - last.time) * 1e-9, gate.max_period)
-    finite = within(rates, last.rates, q, rcm, gate, dt, share)
+    finite = within(rates, last.rates, q, rcm, gate, dt, speed_scale)
     issue(last, True, now, gate)
     return finite
 

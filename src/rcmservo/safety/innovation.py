@@ -45,12 +45,7 @@ def sound(fit: Prospect, thresholds: Thresholds) -> bool:
 
 @compiled
 def misplaced(
-    fit: Prospect,
-    p1: Floats,
-    points: Floats,
-    before: Floats,
-    shaft: Shaft,
-    thresholds: Thresholds,
+    fit: Prospect, p1: Floats, points: Floats, before: Floats, shaft: Shaft, thresholds: Thresholds
 ) -> tuple[bool, bool, bool]:
     """Compare both markers with their predictions.
 
@@ -75,14 +70,14 @@ def misplaced(
         True if marker 1 deviates from its prediction; the same for marker 2; and True if both
         deviate and each agrees with the prediction of the other.
     """
-    there, one, two = both(fit, p1, shaft), False, False
+    predicted, one, two = both(fit, p1, shaft), False, False
     for k in range(2):
-        deviates = deviates_from_prediction(fit, there[k], k, points[k], before[k], thresholds)
+        deviates = deviates_from_prediction(fit, predicted[k], k, points[k], before[k], thresholds)
         one, two = (deviates, two) if k == 0 else (one, deviates)
     crossed = one and two
     for k in range(2):
         crossed = crossed and not deviates_from_prediction(
-            fit, there[k], k, points[1 - k], before[k], thresholds
+            fit, predicted[k], k, points[1 - k], before[k], thresholds
         )
     return one, two, crossed
 
@@ -90,7 +85,7 @@ def misplaced(
 @compiled
 def deviates_from_prediction(
     fit: Prospect,
-    there: Foretold,
+    predicted: Foretold,
     k: int,
     point: Floats,
     before: Floats,
@@ -98,13 +93,13 @@ def deviates_from_prediction(
 ) -> bool:
     """Return True if a detection is an outlier for marker k.
 
-    The innovation is the difference (px) between `point` (2,) and the prediction `there`. It is
+    The innovation is the difference (px) between `point` (2,) and its prediction. It is
     first reduced by the error of the projection model and by the effect of a timing error on the
     motion since `before` (2,) px. The rest is an outlier if its Mahalanobis distance exceeds
     `innovation`, with the covariance of the fit and the noise of the detection.
     """
-    u = fit.origin[3] + there.m[0] + fit.offset[k, 0]
-    v = fit.origin[4] + there.m[1] + fit.offset[k, 1]
+    u = fit.origin[3] + predicted.m[0] + fit.offset[k, 0]
+    v = fit.origin[4] + predicted.m[1] + fit.offset[k, 1]
     error_u, error_v = point[0] - u, point[1] - v
     distance = np.sqrt(error_u * error_u + error_v * error_v)
     motion = np.sqrt((u - before[0]) ** 2 + (v - before[1]) ** 2)
@@ -112,7 +107,7 @@ def deviates_from_prediction(
     if excess <= 0.0:
         return False
     fraction, noise = excess / distance, fit.noise * (1.0 + 1.0 / max(fit.weight[k], 1.0))
-    squared = squared_mahalanobis_distance(error_u, error_v, spread(fit, there), noise)
+    squared = squared_mahalanobis_distance(error_u, error_v, spread(fit, predicted), noise)
     return not fraction * fraction * squared <= thresholds.innovation**2
 
 
@@ -127,7 +122,7 @@ def squared_mahalanobis_distance(
 
 @compiled
 def leapt(
-    points: Floats, before: Floats, way: float, jump: float, nearest: float
+    points: Floats, before: Floats, tool_motion: float, max_jump: float, max_px_per_mm: float
 ) -> tuple[bool, bool, bool]:
     """Detect jumps of the markers before an estimate exists.
 
@@ -135,20 +130,20 @@ def leapt(
     ----------
     points, before : Floats
         Markers of two frames, (2, 2) raw px.
-    way : float
+    tool_motion : float
         Distance by which the tool moved between the frames, mm.
-    jump : float
+    max_jump : float
         Largest motion of a marker of a tool at rest, px.
-    nearest : float
+    max_px_per_mm : float
         Largest motion of a marker in the image per motion of the tool, px/mm.
 
     Returns
     -------
     tuple[bool, bool, bool]
-        True if marker 1 moved further than ``jump + nearest * way``; the same for marker 2; and
-        True if each marker is within this distance of the other's earlier position.
+        True if marker 1 moved further than ``max_jump + max_px_per_mm * tool_motion``; the same for
+        marker 2; and True if each marker is within this distance of the other's earlier position.
     """
-    allowed = jump + nearest * way
+    allowed = max_jump + max_px_per_mm * tool_motion
     first, second = pixel_distance(points[0], before[0]), pixel_distance(points[1], before[1])
     crossed = (
         pixel_distance(points[0], before[1]) <= allowed
@@ -170,8 +165,8 @@ def judged(
     o_c: Floats,
     J_hat: Floats,
     delta_p: Floats,
-    telling: float,
-    wrong: float,
+    min_change: float,
+    max_error: float,
 ) -> int:
     """Compare the change of the features with its prediction Ĵ Δp₁.
 
@@ -185,19 +180,20 @@ def judged(
         Estimated Jacobian Ĵ, (3, 3).
     delta_p : Floats
         Motion of marker 1, (3,) mm.
-    telling : float
+    min_change : float
         Smallest predicted change, in units of `SCALE`, that permits a comparison.
-    wrong : float
-        Largest difference as a fraction of the predicted change, in addition to ``telling``.
+    max_error : float
+        Largest difference as a fraction of the predicted change, in addition to ``min_change``.
 
     Returns
     -------
     int
         0 if both agree, 1 if they disagree, and -1 if the motion is too small for a comparison.
     """
-    predicted = over(product(J_hat, delta_p), SCALE)
-    size = largest(predicted)
-    if size < telling:
+    change_hat = over(product(J_hat, delta_p), SCALE)
+    size = largest(change_hat)
+    if size < min_change:
         return -1
     change = difference(features(about(points, o_c)), features(about(before, o_c)))
-    return 0 if largest(minus(over(change, SCALE), predicted)) <= telling + wrong * size else 1
+    error = largest(minus(over(change, SCALE), change_hat))
+    return 0 if error <= min_change + max_error * size else 1

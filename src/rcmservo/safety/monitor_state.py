@@ -127,55 +127,58 @@ def watch_loop(watch: Watch, gap: int, period: int, lag: float, thresholds: Thre
     thresholds : Thresholds
         Thresholds of the checks.
     """
-    seen, watch.gap = watch.observation, gap
+    observation, reached, watch.gap = watch.observation, watch.reached, gap
     watch.late = watch.late + 1 if gap > (1.0 + thresholds.late_share) * period else 0
-    if seen.enabled and all_finite(watch.reached):
-        dt = max(seen.q_time - watch.told, 0) * 1e-9
-        followed(watch.reached, watch.rates, seen.applied, seen.q, dt, lag, thresholds.forget)
+    if observation.enabled and all_finite(reached):
+        applied, dt = observation.applied, max(observation.q_time - watch.told, 0) * 1e-9
+        followed(reached, watch.rates, applied, observation.q, dt, lag, thresholds.forget)
     else:
-        put(watch.reached, seen.q)
+        put(reached, observation.q)
         put(watch.rates, ZERO_VECTOR)
-    watch_rest(watch, seen, thresholds)
-    watch.told = seen.q_time
+    watch_rest(watch, observation, thresholds)
+    watch.told = observation.q_time
 
 
 @compiled
-def store_observation(row: ObservationRow, seen: ObservationStruct) -> None:
+def store_observation(row: ObservationRow, observation: ObservationStruct) -> None:
     """Copy the observation into a row."""
-    row.now, row.q_time, row.enabled = seen.now, seen.q_time, seen.enabled
-    row.frame, row.exposure, row.arrival = seen.frame, seen.exposure, seen.arrival
-    row.dropped, row.recorded = seen.dropped, seen.recorded
-    put(row.q, seen.q)
-    put(row.applied, seen.applied)
-    put(row.q_exposure, seen.q_exposure)
-    put(row.points, seen.points)
+    row.now, row.q_time, row.enabled = observation.now, observation.q_time, observation.enabled
+    row.frame, row.exposure = observation.frame, observation.exposure
+    row.arrival, row.dropped = observation.arrival, observation.dropped
+    row.recorded = observation.recorded
+    put(row.q, observation.q)
+    put(row.applied, observation.applied)
+    put(row.q_exposure, observation.q_exposure)
+    put(row.points, observation.points)
 
 
 @compiled
-def watch_rest(watch: Watch, seen: ObservationRow, thresholds: Thresholds) -> None:
+def watch_rest(watch: Watch, observation: ObservationRow, thresholds: Thresholds) -> None:
     """Store the rest position of the joints `come_to_rest` s after the last commanded motion."""
-    if not (seen.enabled and length(seen.applied) == 0.0):
+    now, delay = observation.now, thresholds.come_to_rest * 1e9
+    if not (observation.enabled and length(observation.applied) == 0.0):
         watch.idle = -1
         put(watch.rest, NAN_VECTOR)
     elif watch.idle < 0:
-        watch.idle = seen.now
-    elif not all_finite(watch.rest) and seen.now - watch.idle >= thresholds.come_to_rest * 1e9:
-        put(watch.rest, seen.q)
+        watch.idle = now
+    elif not all_finite(watch.rest) and now - watch.idle >= delay:
+        put(watch.rest, observation.q)
 
 
 @compiled
-def watch_frame(watch: Watch, seen: ObservationRow, thresholds: Thresholds) -> None:
+def watch_frame(watch: Watch, observation: ObservationRow, thresholds: Thresholds) -> None:
     """Update the latency and the low-pass filtered frame period with a new frame.
 
     A gap between frames enters the period only up to `stale_slow` periods.
     """
+    frame, exposure = observation.frame, observation.exposure
     if watch.frame >= 0:
-        one, period = (seen.exposure - watch.exposure) / (seen.frame - watch.frame), watch.period
+        one, period = (exposure - watch.exposure) / (frame - watch.frame), watch.period
         slow, first = thresholds.stale_slow, thresholds.first_period
         one = min(one, slow * period if period != 0.0 else 1e9 * first)
         watch.period = period + 0.2 * (one - period) if period != 0.0 else one
-    watch.frame, watch.exposure, watch.taken = seen.frame, seen.exposure, seen.now
-    watch.latency = seen.now - seen.exposure
+    watch.frame, watch.exposure, watch.taken = frame, exposure, observation.now
+    watch.latency = observation.now - exposure
 
 
 @compiled

@@ -32,7 +32,7 @@ def watch_drift(
     fit: Prospect,
     p1: Floats,
     points: Floats,
-    seen: Floats,
+    detected: Floats,
     shaft: Shaft,
     thresholds: Thresholds,
 ) -> None:
@@ -48,22 +48,23 @@ def watch_drift(
         Position of marker 1, (3,) mm.
     points : Floats
         Markers, (2, 2) raw px; a lost one is replaced by its prediction.
-    seen : Floats
+    detected : Floats
         Markers as they were detected, (2, 2) raw px, NaN where lost.
     shaft : Shaft
         Tool, which gives the position of marker 2.
     thresholds : Thresholds
         Thresholds of the checks.
     """
-    there = both(fit, p1, shaft)
+    predicted = both(fit, p1, shaft)
     watch.averaged = min(watch.averaged + 1, thresholds.drift_frames)
     for k in range(2):
-        update_mean_residual(watch, fit, k, there[k], points[k], thresholds)
-    same, largest = same_markers(seen, watch.seen), max_difference(watch.expected, watch.foretold)
+        update_mean_residual(watch, fit, k, predicted[k], points[k], thresholds)
+    same = same_markers(detected, watch.seen)
+    largest = max_difference(watch.expected, watch.foretold)
     moved = distance(p1, watch.stood) > thresholds.stuck or largest > thresholds.drift_px
     watch.frozen = same and moved
     if not same:
-        put(watch.seen, seen)
+        put(watch.seen, detected)
         put(watch.stood, p1)
         put(watch.foretold, watch.expected)
 
@@ -108,7 +109,7 @@ def watch_stuck(
 
 @compiled
 def update_mean_residual(
-    watch: Watch, fit: Prospect, k: int, there: Foretold, point: Floats, thresholds: Thresholds
+    watch: Watch, fit: Prospect, k: int, predicted: Foretold, point: Floats, thresholds: Thresholds
 ) -> None:
     """Average the residual of marker k at `point` (2,) raw px, and test the mean against noise.
 
@@ -116,7 +117,7 @@ def update_mean_residual(
     `drift_px`.
     """
     place = watch.expected[k]
-    place[0], place[1] = fit.origin[3] + there.m[0], fit.origin[4] + there.m[1]
+    place[0], place[1] = fit.origin[3] + predicted.m[0], fit.origin[4] + predicted.m[1]
     most_outliers = np.sqrt(2.0) * (thresholds.rejected + 1)
     bound = thresholds.drift_px * thresholds.drift_frames / most_outliers
     for i in range(2):
@@ -125,10 +126,10 @@ def update_mean_residual(
     noise, mean, error = fit.noise / watch.averaged, watch.left[k], length(watch.left[k])
     sigmas = thresholds.drift**2
     explained = error * error <= sigmas * noise  # the fit's own covariance only adds to the noise
-    drifts = not explained and (
-        squared_mahalanobis_distance(mean[0], mean[1], spread(fit, there), noise) > sigmas
-    )
-    watch.off[k] = error if drifts else 0.0
+    if not explained:
+        cov = spread(fit, predicted)
+        explained = not squared_mahalanobis_distance(mean[0], mean[1], cov, noise) > sigmas
+    watch.off[k] = 0.0 if explained else error
 
 
 @compiled
