@@ -70,7 +70,7 @@ def test_a_syntax_that_cannot_be_edited_is_left_and_the_error_gives_the_lines(
 ) -> None:
     path = tmp_path / "lab.toml"
     path.write_text(text)
-    with pytest.raises(UnusableFile, match='only a person can change: write colour_1 = "cyan"'):
+    with pytest.raises(UnusableFile, match='edited by hand: write colour_1 = "cyan"'):
         write_markers(path, NEW)
     assert path.read_text() == text
 

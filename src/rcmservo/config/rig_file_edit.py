@@ -9,7 +9,7 @@ from rcmservo.config.rig_file import MAX_RIG_FILE_BYTES, load_lab
 from rcmservo.errors import UnusableFile
 
 MARKERS_HEADING = re.compile(r"\s*\[\s*markers\s*\]")
-ANY_HEADING_LINE = re.compile(r"\s*\[")
+ANY_HEADING = re.compile(r"\s*\[")
 KEY_VALUE_LINE = re.compile(r"""(\s*)(\w+)(\s*=\s*)("[^"]*"|'[^']*'|[^\s#]+)(.*)""", re.DOTALL)
 
 Values = dict[str, str | float]
@@ -42,7 +42,7 @@ def write_markers(path: Path, values: Values) -> None:
         is_correct = False
     if not is_correct:
         lines = ", ".join(f"{key} = {_toml(value)}" for key, value in values.items())
-        why = "has a syntax of its markers that only a person can change"
+        why = "has its markers in a syntax that must be edited by hand"
         raise UnusableFile(path, f"{why}: write {lines} into its section [markers]")
     write_whole(path.resolve(), text)
 
@@ -60,9 +60,7 @@ def _changed(text: str, values: Values) -> str:
         gap = "" if not text else end if text.endswith("\n") else 2 * end
         return text + gap + f"[markers]{end}" + "".join(_lines(values, end))
     first = heads[0] + 1
-    last = next(
-        (i for i in range(first, len(lines)) if ANY_HEADING_LINE.match(lines[i])), len(lines)
-    )
+    last = next((i for i in range(first, len(lines)) if ANY_HEADING.match(lines[i])), len(lines))
     remaining = dict(values)
     for i in range(first, last):
         found = KEY_VALUE_LINE.match(lines[i])

@@ -67,9 +67,8 @@ def decode(kind: type[Settings], table: object, where: str, others: Sequence[str
         expected = "a dataclass of numbers, strings, and tuples of them"
         raise BadInput(where, kind.__name__, expected) from error
     except ValidationError as error:
-        first = min(
-            error.errors(), key=lambda one: one["type"] == "missing"
-        )  # a misspelt key, not its consequence
+        # a misspelt key, rather than the missing key that it causes
+        first = min(error.errors(), key=lambda one: one["type"] == "missing")
         _refuse(first, kind, where, others)
 
 

@@ -68,14 +68,11 @@ def toml(data: bytes) -> Table:
 def from_json(text: str) -> Any:
     """Return the value of a JSON text."""
     return json.loads(
-        text,
-        object_pairs_hook=_without_repeated_keys,
-        parse_constant=_finite_number,
-        parse_float=_finite_number,
+        text, object_pairs_hook=_unique_keys, parse_constant=_finite, parse_float=_finite
     )
 
 
-def _without_repeated_keys(pairs: list[tuple[str, Any]]) -> Table:
+def _unique_keys(pairs: list[tuple[str, Any]]) -> Table:
     table = dict(pairs)
     if len(table) < len(pairs):
         key = next(key for key, count in Counter(key for key, _ in pairs).items() if count > 1)
@@ -83,7 +80,7 @@ def _without_repeated_keys(pairs: list[tuple[str, Any]]) -> Table:
     return table
 
 
-def _finite_number(text: str) -> float:
+def _finite(text: str) -> float:
     value = float(text)
     if not math.isfinite(value):
         raise Refused(f"holds the number {text[:30]}, which is not finite")

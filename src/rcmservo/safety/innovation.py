@@ -93,10 +93,10 @@ def deviates_from_prediction(
 ) -> bool:
     """Return True if a detection is an outlier for marker k.
 
-    The innovation is the difference (px) between `point` (2,) and its prediction. It is
-    first reduced by the error of the projection model and by the effect of a timing error on the
-    motion since `before` (2,) px. The rest is an outlier if its Mahalanobis distance exceeds
-    `innovation`, with the covariance of the fit and the noise of the detection.
+    The innovation is the difference (px) between `point` (2,) and its prediction. It is first
+    reduced by `model_error` px and by the fraction `mistimed` of the marker's motion since `before`
+    (2,) px. The rest is an outlier if its Mahalanobis distance exceeds `innovation`, with the
+    covariance of the fit and the noise of the detection.
     """
     u = fit.origin[3] + predicted.m[0] + fit.offset[k, 0]
     v = fit.origin[4] + predicted.m[1] + fit.offset[k, 1]
