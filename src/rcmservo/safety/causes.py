@@ -18,7 +18,23 @@ TEACH_AGAIN = "teach the target again"
 
 
 class Action(IntEnum):
-    """Action that a cause requests. The greatest one that is requested is taken."""
+    """Action that a cause requests. If several are requested, the greatest one is taken.
+
+    Attributes
+    ----------
+    NONE
+        No action.
+    WARN
+        Report the cause.
+    SLOW
+        Move at a fraction of the full speed.
+    HOLD
+        Ramp the rates to zero; resume automatically once the cause is gone.
+    PAUSE
+        Ramp the rates to zero; resume only at the operator's request.
+    FAULT
+        Set the rates to zero at once and switch the drive off, until the operator clears the fault.
+    """
 
     NONE = 0
     WARN = 1
@@ -84,15 +100,26 @@ class Cause(Enum):
     The value of a member is the sentence for the operator. The members are ordered by the severity
     of their actions, the most severe first. If several causes are present, the first one is
     reported.
+
+    Attributes
+    ----------
+    declared : Declaration
+        Declaration of the cause, with its detector and what it invalidates.
+    action : Action
+        Action that the cause requests.
+    way_out : str
+        Remedy for the operator; empty if the tool does not stop.
+    place : int
+        Position among the members, the code of the cause in compiled functions; 0 for NONE.
+    bit : int
+        Bit of the cause in a set of causes that is stored as one integer; 0 for NONE.
     """
 
     declared: Declaration
     action: Action
     way_out: str
     place: int
-    """Position among the members, the code of the cause in compiled functions; 0 for NONE."""
     bit: int
-    """Bit of the cause in a set of causes that is stored as one integer; 0 for NONE."""
 
     def __new__(cls, *declared: Any) -> "Cause":
         cause = object.__new__(cls)

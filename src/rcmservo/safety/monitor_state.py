@@ -31,8 +31,8 @@ class Watch(Row):
     reached: Floats = reals(3, "rad, rad, mm", "joint positions predicted from the commands")
     rates: Floats = reals(3, "rad/s, rad/s, mm/s", "joint rates predicted with the drive's lag")
     told: int = whole("ns", "time of the newest joint positions")
-    idle: int = whole("ns", "time since when no motion is commanded, -1 during a motion")
-    rest: Floats = reals(3, "rad, rad, mm", "joint positions at rest since then, NaN before")
+    idle: int = whole("ns", "start of the time without a commanded motion, -1 during a motion")
+    rest: Floats = reals(3, "rad, rad, mm", "joint positions at rest in this time, NaN before")
     late: int = whole("", "number of successive late ticks")
     gap: int = whole("ns", "time between the last two ticks")
     frame: int = whole("", "number of the newest frame, -1 before the first")
@@ -52,11 +52,9 @@ class Watch(Row):
     seen: Floats = reals((2, 2), "px", "newest markers that differed from those before")
     foretold: Floats = reals((2, 2), "px", "prediction of the fit for these markers")
     expected: Floats = reals((2, 2), "px", "prediction of the fit for the newest markers")
-    frozen: bool = flag("True if the markers have not changed since, although the tool moved")
+    frozen: bool = flag("True if the markers did not change although the tool moved")
     stood: Floats = reals(3, "mm", "p₁ of the first frame with these markers")
-    anchors: Floats = reals(
-        (2, 4), "px", "position of each marker since it stopped, of the other then"
-    )
+    anchors: Floats = reals((2, 4), "px", "where each marker stopped, and where the other was then")
     p1: Floats = reals(3, "mm", "position of marker 1 at the last comparison with the estimate")
     points: Floats = reals((2, 2), "px", "markers at this comparison")
     wrong: int = whole("", "number of successive comparisons that contradict the estimate")
@@ -102,11 +100,11 @@ def followed(
     dt, lag, forget : float
         Times in s.
     """
-    decay, pulled = np.exp(-dt / lag), min(dt / forget, 1.0)
+    decay, correction = np.exp(-dt / lag), min(dt / forget, 1.0)
     for i in range(3):
         lead = rates[i] - applied[i]
-        there = reached[i] + applied[i] * dt + lead * lag * (1.0 - decay)
-        reached[i] = there + (q[i] - there) * pulled
+        predicted = reached[i] + applied[i] * dt + lead * lag * (1.0 - decay)
+        reached[i] = predicted + (q[i] - predicted) * correction
         rates[i] = applied[i] + lead * decay
 
 
@@ -114,7 +112,7 @@ def followed(
 def watch_loop(watch: Watch, gap: int, period: int, lag: float, thresholds: Thresholds) -> None:
     """Update the state of loop and arm at a tick.
 
-    Count late ticks, and predict the joints from the commands and find their rest position.
+    Count late ticks, predict the joints from the commands, and store their rest position.
 
     Parameters
     ----------

@@ -28,7 +28,27 @@ SLOW_SHARE = 0.2
 
 
 class Phase(Enum):
-    """Phase of the servo; its value describes it for the operator."""
+    """Phase of the servo; its value describes it for the operator.
+
+    Attributes
+    ----------
+    DISABLED
+        The drive is off.
+    IDLE
+        The tool stands still until both markers are detected.
+    ACQUIRE
+        The tool explores, or servoes at a fraction of the full speed.
+    SERVO
+        The tool servoes to the target.
+    HOLD
+        The rates are ramped to zero; accepted frames lead to ACQUIRE.
+    PAUSED
+        The tool stands still until the operator resumes.
+    JOG
+        The operator moves the joints.
+    FAULT
+        The rates are zero and the drive is off until the operator clears the fault.
+    """
 
     DISABLED = "drive off"
     IDLE = "waiting for the markers"
@@ -41,7 +61,21 @@ class Phase(Enum):
 
 
 class Request(Enum):
-    """Request of the operator: nothing, pause, resume, clear a fault, or jog at this tick."""
+    """Request of the operator at a tick.
+
+    Attributes
+    ----------
+    NONE
+        No request.
+    PAUSE
+        Enter PAUSED.
+    RESUME
+        Resume from PAUSED into ACQUIRE, unless a cause of a stop is present.
+    CLEAR
+        Leave FAULT into DISABLED, unless a cause of a fault is present.
+    JOG
+        Move the joints at requested rates; the request must be repeated at every tick.
+    """
 
     NONE = "nothing"
     PAUSE = "pause"

@@ -10,7 +10,9 @@ class TargetProgress(Row):
     open: float = real("", "fraction of the error that the damped law reduces, 1 where it is small")
     left: float = real("mm", "distance of marker 1 from the target by the image")
     arrived: bool = flag("True if the joints have reached the values of the taught target")
-    astray: int = whole("ns", "time since when image and joints disagree at the target, -1 if not")
+    astray: int = whole(
+        "ns", "start of the disagreement of image and joints at the target, -1: none"
+    )
     peak: float = real("", "error √(2V) from which the next decrease is measured")
     peak_time: int = whole("ns", "time of this error")
     moved: int = whole("ns", "time at which a moved camera was last detected, -1 for never")
