@@ -55,7 +55,7 @@ LEVER_MM = 150.0, 150.0, 1.0
 """Approximate motion (mm) of a marker per rad, rad or mm of a joint."""
 DEADLINE_S = 60.0
 """Time (s) within which a trial must start."""
-SILENT, OFF = "the arm has not answered", "the arm's drive went off"
+SILENT, OFF = "the arm has not answered", "the arm's drive is off"
 CAUSES = {
     "closed": (SILENT, OFF),
     "silence": (SILENT,),

@@ -9,7 +9,7 @@ from pathlib import Path
 from rcmservo.safety.causes import Cause, Invalidates
 
 PAGE = Path(__file__).parent / "faults.md"
-HEADING = "| cause | action | in words | the way out | invalidates |\n|---|---|---|---|---|\n"
+HEADING = "| cause | action | description | remedy | invalidates |\n|---|---|---|---|---|\n"
 
 INVALIDATED = {
     Invalidates.NOTHING: "",
@@ -34,7 +34,7 @@ def row(cause: Cause) -> list[str]:
 
 def with_table(page: str) -> str:
     """Return the page with the present table."""
-    pattern = re.escape(HEADING.partition(" in words")[0]) + r"[^\n]*\n(\|[^\n]*\n)+"
+    pattern = re.escape(HEADING.partition(" description")[0]) + r"[^\n]*\n(\|[^\n]*\n)+"
     page, count = re.subn(pattern, lambda _: table(), page)
     assert count == 1, f"{PAGE.name} has {count} tables of causes; expected 1"
     return page

@@ -26,7 +26,7 @@ CASES = {
         without_marker = 0.0
         """,
         3,
-        "is not seen",
+        "is not detected",
     ),
     "at a singular surface": (
         """

@@ -84,7 +84,7 @@ def test_a_run_that_ends_without_a_marker_reports_it_with_the_verdict(
     assert metrics.remark == rs.Cause.WITHOUT_MARKER_1.value
     agree(metrics, summary(reader.read_record(tmp_path)))
     assert main(["show", str(tmp_path)]) == 0
-    assert "marker 1 is not seen" in capsys.readouterr().out
+    assert "marker 1 is not detected" in capsys.readouterr().out
 
 
 def test_a_result_that_cannot_be_written_is_not_lost_and_no_file_is_incomplete(

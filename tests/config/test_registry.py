@@ -1,6 +1,4 @@
-"""One registry: an added part of the servo, class or setting is found in options, records, studies
-and on the page.
-"""
+"""Registry: every part, class and setting of the servo is in options, records, studies and page."""
 
 from dataclasses import fields, is_dataclass
 
@@ -18,32 +16,32 @@ from rcmservo.page.web.setting_fields import forms
 from rcmservo.study.plan.method import method_of
 
 CLASSES = {kind for classes in PARTS.values() for kind in classes.values()}
-OF_METHOD = {
+METHOD_SETTINGS = {
     (kind, f.name) for part in METHOD_PARTS for kind in PARTS[part].values() for f in fields(kind)
 }
 
 
-def test_every_field_of_a_servo_but_its_rate_is_a_part_with_classes_of_different_names() -> None:
+def test_every_field_of_a_servo_except_its_rate_is_a_part_with_distinct_class_names() -> None:
     assert [*PARTS, "rate"] == [f.name for f in fields(rs.Servo)]
     assert set(REGISTERED) <= CLASSES and all(map(is_dataclass, CLASSES))
     assert sum(map(len, PARTS.values())) == len(CLASSES)
 
 
-def test_a_part_is_described_by_the_rig_file_or_set_by_the_method() -> None:
+def test_every_part_belongs_to_the_rig_file_or_to_the_method() -> None:
     robot = {f.name for f in fields(Lab)} & set(PARTS)
     assert robot | set(METHOD_PARTS) == set(PARTS) and not robot & set(METHOD_PARTS)
     assert set(BOXES) == set(METHOD_PARTS) == set(method_of("a", estimator=rs.DltEstimator()).parts)
 
 
 def test_every_setting_of_the_method_is_an_option_and_a_field_of_the_page() -> None:
-    assert {(one.owner, one.field) for one in options_of(RunOptions)} > OF_METHOD
-    shown = {
+    assert {(one.owner, one.field) for one in options_of(RunOptions)} > METHOD_SETTINGS
+    page_fields = {
         (PARTS[form["part"]][name], field["name"])
         for form in forms(laboratory().servo(), None)
         for name, kind in form["kinds"].items()
         for field in kind["fields"]
     }
-    assert shown == OF_METHOD
+    assert page_fields == METHOD_SETTINGS
 
 
 @pytest.mark.parametrize("part", METHOD_PARTS)

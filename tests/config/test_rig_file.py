@@ -1,4 +1,4 @@
-"""A rig file becomes exactly the laboratory it describes, or one sentence."""
+"""Rig files: the rig that the file describes, or one error."""
 
 import contextlib
 from dataclasses import fields, replace
@@ -27,7 +27,7 @@ SECTIONS: dict[str, type[Any]] = {
     "look": Look,
     "scene": SceneSettings,
 }
-JUNK = st.one_of(
+ARBITRARY_VALUES = st.one_of(
     st.none(),
     st.booleans(),
     st.integers(),
@@ -38,7 +38,7 @@ JUNK = st.one_of(
 )
 
 
-def test_the_da_vinci_rig_is_what_its_recording_says() -> None:
+def test_the_da_vinci_rig_matches_its_recording() -> None:
     lab = load_lab(ROOT / "examples/davinci.toml")
     assert lab.mechanism == rs.PitchYawRcm(
         rs.JointLimits((-1.588, -0.925, 90.0), (1.588, 0.925, 240.0)), -15.6
@@ -50,12 +50,12 @@ def test_the_da_vinci_rig_is_what_its_recording_says() -> None:
     assert settings.look.marker_radii == (12.0, 10.0)
 
 
-def test_an_empty_file_is_the_built_in_laboratory(tmp_path: Path) -> None:
+def test_an_empty_file_gives_the_built_in_rig(tmp_path: Path) -> None:
     (tmp_path / "rig.toml").write_text("")
     assert load_lab(tmp_path / "rig.toml") == Lab()
 
 
-def test_every_key_of_every_section_is_taken(tmp_path: Path) -> None:
+def test_every_key_of_every_section_is_accepted(tmp_path: Path) -> None:
     for name, cls in SECTIONS.items():
         for f in fields(cls):
             value = getattr(cls(), f.name)
@@ -64,10 +64,10 @@ def test_every_key_of_every_section_is_taken(tmp_path: Path) -> None:
 
 
 @given(data=st.data())
-def test_junk_in_any_field_gives_one_sentence_or_settings(data: st.DataObject) -> None:
+def test_an_arbitrary_value_in_any_field_gives_settings_or_one_error(data: st.DataObject) -> None:
     name = data.draw(st.sampled_from(sorted(SECTIONS)))
     key = data.draw(st.sampled_from([f.name for f in fields(SECTIONS[name])]))
-    value = data.draw(JUNK)
+    value = data.draw(ARBITRARY_VALUES)
     try:
         made = decode(SECTIONS[name], {key: value}, name)
     except rs.RcmServoError as error:
@@ -77,7 +77,7 @@ def test_junk_in_any_field_gives_one_sentence_or_settings(data: st.DataObject) -
 
 
 @given(st.binary(max_size=60))
-def test_any_bytes_are_a_laboratory_or_refused(
+def test_arbitrary_bytes_give_a_rig_or_an_error(
     tmp_path_factory: pytest.TempPathFactory, data: bytes
 ) -> None:
     path = tmp_path_factory.mktemp("rig") / "rig.toml"
@@ -94,22 +94,22 @@ def test_radii_whose_ratio_no_float_can_hold_are_refused(one: float, other: floa
         decode(MarkerAppearance, {"radius_1": one, "radius_2": other}, "markers")
 
 
-BARE: dict[str, dict[str, Any]] = {
+OPTIONAL_TABLES: dict[str, dict[str, Any]] = {
     "mechanism": {"insertion_zero": -15.6},
     "tool": {"spacing": 50.0},
     **{name: {} for name in (*SECTIONS, "thresholds")},
 }
-"""Every table that may be left out of a rig file, with one key or none."""
+"""Every optional table of a rig file, with its required keys."""
 DEVICES: dict[str, Any] = {"arm": ARM_KINDS, "camera": CAMERA_KINDS}
-NEEDED: dict[str, dict[str, Any]] = {
+REQUIRED_KEYS: dict[str, dict[str, Any]] = {
     "arm": {"kind": "galil", "address": "127.0.0.1", "counts": [1e4, 1e4, 1e2]},
     "camera": {"kind": "opencv", "source": "0"},
 }
-"""Tables of devices, of which nothing is known by default, with what they need."""
+"""Tables of devices, which have no default, with their required keys."""
 
 
-def everything_of(tables: dict[str, Any]) -> Lab:
-    """The laboratory of a rig file, with all of its sections read."""
+def decode_all(tables: dict[str, Any]) -> Lab:
+    """Return the rig of a rig file after decoding all of its sections."""
     lab = lab_from(tables)
     for name, kinds in DEVICES.items():
         if name in lab.devices:
@@ -118,19 +118,19 @@ def everything_of(tables: dict[str, Any]) -> Lab:
     return lab
 
 
-@pytest.mark.parametrize("name", BARE)
-def test_what_a_table_leaves_out_is_as_in_the_built_in_laboratory(name: str) -> None:
-    assert everything_of({name: {}}) == replace(Lab(), simulation=lab_from({name: {}}).simulation)
-    made = getattr(everything_of({name: BARE[name]}), name, None)
-    assert made is None or made == replace(getattr(Lab(), name), **BARE[name])
+@pytest.mark.parametrize("name", OPTIONAL_TABLES)
+def test_keys_that_a_table_omits_have_the_built_in_values(name: str) -> None:
+    assert decode_all({name: {}}) == replace(Lab(), simulation=lab_from({name: {}}).simulation)
+    made = getattr(decode_all({name: OPTIONAL_TABLES[name]}), name, None)
+    assert made is None or made == replace(getattr(Lab(), name), **OPTIONAL_TABLES[name])
 
 
 @pytest.mark.parametrize("kind", MECHANISMS)
-def test_a_mechanism_of_any_kind_has_limits_of_its_own_by_default(kind: str) -> None:
+def test_every_kind_of_mechanism_has_its_own_default_limits(kind: str) -> None:
     assert lab_from({"mechanism": {"kind": kind}}).mechanism == MECHANISMS[kind]()
 
 
-def test_a_tool_of_another_kind_than_the_built_in_one_has_no_defaults_of_it() -> None:
+def test_a_tool_of_another_kind_does_not_inherit_the_built_in_values() -> None:
     with pytest.raises(rs.BadInput, match=r"tool\.scale must be given"):
         lab_from({"tool": {"kind": "scaled", "offset": 1.0}})
 
@@ -160,18 +160,18 @@ def test_a_tool_of_another_kind_than_the_built_in_one_has_no_defaults_of_it() ->
         ("arm", {"kindd": "galil", "address": "127.0.0.1"}, "kind"),
     ],
 )
-def test_an_unknown_key_of_any_table_is_named_with_the_one_that_was_meant(
+def test_an_unknown_key_of_any_table_is_reported_with_the_intended_key(
     name: str, table: dict[str, Any], meant: str
 ) -> None:
     unknown = next(key for key in table if key not in (meant, "kind", "source", "address"))
     with pytest.raises(rs.BadInput) as refused:
-        everything_of({name: table})
+        decode_all({name: table})
     assert refused.value.field == f"{name}.{unknown}"
     assert f"(did you mean {meant}?)" in refused.value.right
 
 
 @pytest.mark.parametrize("name", ["arm", "camera"])
 def test_a_device_has_no_kind_by_default(name: str) -> None:
-    table = {key: value for key, value in NEEDED[name].items() if key != "kind"}
+    table = {key: value for key, value in REQUIRED_KEYS[name].items() if key != "kind"}
     with pytest.raises(rs.BadInput, match=rf"{name}\.kind must be one of "):
         lab_from({name: table}).device(name, DEVICES[name])

@@ -1,4 +1,4 @@
-"""A target on disk comes back bit for bit to the setup that saw it, and to nothing else."""
+"""Target files: a target survives bit for bit and loads only for the setup it was taught with."""
 
 import json
 import time
@@ -24,7 +24,7 @@ SETUP = Setup(
 TARGET = rs.Target(
     np.array([[100.1, 50.25], [200.3, 1.0 / 3.0]]), np.array([0.7, 0.1, 120.0 / 7.0 + 100.0])
 )
-OTHERS = {
+OTHER_SETUPS = {
     "tool.spacing 30.0, this rig has 50.0": replace(SETUP, tool=rs.RigidTool(spacing=50.0)),
     "tool.kind 'rigid', this rig has 'scaled'": replace(SETUP, tool=rs.ScaledTool(scale=1.3)),
     "mechanism.kind 'spherical', this rig has 'pitch-yaw'": replace(
@@ -48,7 +48,7 @@ def path(tmp_path: Path) -> Path:
 
 
 def rewritten(path: Path, **changes: Any) -> Path:
-    """The file with other values and a checksum that is right for them."""
+    """Change values of the file and adapt its checksum."""
     content = json.loads(path.read_text()) | changes
     content = {
         key: value for key, value in content.items() if value != "left out" and key != "sha256"
@@ -64,7 +64,7 @@ pixels = st.tuples(st.floats(-0.5, 639.5), st.floats(-0.5, 479.5))
     st.tuples(pixels, pixels),
     st.tuples(st.floats(0.14, 1.48), st.floats(-3.14, 3.14), st.floats(40.0, 220.0)),
 )
-def test_every_number_comes_back_bit_for_bit(
+def test_every_number_survives_bit_for_bit(
     tmp_path_factory: pytest.TempPathFactory, points: Any, q: Any
 ) -> None:
     path = tmp_path_factory.mktemp("target") / "target.json"
@@ -78,23 +78,23 @@ radii = st.one_of(st.just(np.nan), st.floats(1e-3, 640.0))
 
 
 @given(st.tuples(radii, radii))
-def test_the_sizes_come_back_bit_for_bit_and_what_is_not_known_stays_so(
+def test_known_and_unknown_sizes_survive_bit_for_bit(
     tmp_path_factory: pytest.TempPathFactory, sizes: Any
 ) -> None:
-    path, told = tmp_path_factory.mktemp("target") / "target.json", np.array(sizes)
-    target_file.save(path, replace(TARGET, sizes=told), SETUP)
-    assert target_file.load(path, SETUP).sizes.tobytes() == told.tobytes()
+    path, expected = tmp_path_factory.mktemp("target") / "target.json", np.array(sizes)
+    target_file.save(path, replace(TARGET, sizes=expected), SETUP)
+    assert target_file.load(path, SETUP).sizes.tobytes() == expected.tobytes()
 
 
-def test_a_file_from_before_sizes_were_kept_tells_none(path: Path) -> None:
+def test_a_file_without_sizes_gives_nan(path: Path) -> None:
     assert np.isnan(target_file.load(rewritten(path, sizes_px="left out"), SETUP).sizes).all()
 
 
-@pytest.mark.parametrize("reason", OTHERS)
-def test_another_setup_refuses_it_and_says_what_differs(reason: str, path: Path) -> None:
+@pytest.mark.parametrize("reason", OTHER_SETUPS)
+def test_another_setup_is_refused_with_the_difference(reason: str, path: Path) -> None:
     with pytest.raises(rs.UnusableFile) as refused:
-        target_file.load(path, OTHERS[reason])
-    assert str(refused.value) == f"{path}: was taught with {reason}: show the target again"
+        target_file.load(path, OTHER_SETUPS[reason])
+    assert str(refused.value) == f"{path}: was taught with {reason}: teach the target again"
 
 
 @pytest.mark.parametrize(
@@ -120,9 +120,9 @@ def test_another_setup_refuses_it_and_says_what_differs(reason: str, path: Path)
         ),
         (
             {"markers_px": [[1.0, 2.0], [640.0, 2.0]]},
-            "markers_px[1] must be within the picture of 640 x 480 px, got (640.0, 2.0)",
+            "markers_px[1] must be within the image of 640 x 480 px, got (640.0, 2.0)",
         ),
-        ({"sizes_px": [9.0, 0]}, "target.sizes_px[1] must be a positive radius within the picture"),
+        ({"sizes_px": [9.0, 0]}, "target.sizes_px[1] must be a positive radius within the image"),
         ({"sizes_px": [9.0]}, "target.sizes_px[1] must be given, got [9.0]"),
         ({"sizes_px": ["a", 9.0]}, "target.sizes_px[0] must be a finite number, got 'a'"),
         ({"markers_px": [[1.0, 2.0], "ab"]}, "target.markers_px[1] must be a list, got 'ab'"),
@@ -132,7 +132,7 @@ def test_another_setup_refuses_it_and_says_what_differs(reason: str, path: Path)
         ),
     ],
 )
-def test_what_is_wrong_in_it_is_named(changes: dict[str, Any], reason: str, path: Path) -> None:
+def test_an_invalid_value_is_reported(changes: dict[str, Any], reason: str, path: Path) -> None:
     with pytest.raises(rs.UnusableFile) as refused:
         target_file.load(rewritten(path, **changes), SETUP)
     assert reason in str(refused.value)
@@ -152,7 +152,7 @@ def test_what_is_wrong_in_it_is_named(changes: dict[str, Any], reason: str, path
         (b" " * 65_537, "larger than 65536 bytes"),
     ],
 )
-def test_what_is_no_target_is_refused(data: bytes, reason: str, tmp_path: Path) -> None:
+def test_a_file_without_a_target_is_refused(data: bytes, reason: str, tmp_path: Path) -> None:
     path = tmp_path / "target.json"
     path.write_bytes(data)
     with pytest.raises(rs.UnusableFile) as refused:
@@ -161,7 +161,7 @@ def test_what_is_no_target_is_refused(data: bytes, reason: str, tmp_path: Path) 
     assert "\n" not in str(refused.value)
 
 
-def test_a_repeated_key_among_very_many_is_found_at_once(tmp_path: Path) -> None:
+def test_a_repeated_key_among_many_is_found_quickly(tmp_path: Path) -> None:
     path = tmp_path / "target.json"
     keys = [f'"{i}":1' for i in range(7000)]
     path.write_text("{" + ",".join([*keys, keys[-1]]) + "}")
@@ -171,13 +171,13 @@ def test_a_repeated_key_among_very_many_is_found_at_once(tmp_path: Path) -> None
     assert time.process_time() - started < 0.2
 
 
-def test_a_digit_that_changed_is_found_by_the_checksum(path: Path) -> None:
+def test_a_changed_digit_is_detected_by_the_checksum(path: Path) -> None:
     path.write_text(path.read_text().replace("50.25", "50.26"))
-    with pytest.raises(rs.UnusableFile, match="checksum is wrong"):
+    with pytest.raises(rs.UnusableFile, match="checksum differs"):
         target_file.load(path, SETUP)
 
 
-def test_a_target_outside_the_picture_or_the_limits_is_not_written(tmp_path: Path) -> None:
+def test_a_target_outside_the_image_or_the_limits_is_not_written(tmp_path: Path) -> None:
     for target in (
         rs.Target(TARGET.points + 600.0, TARGET.q),
         rs.Target(TARGET.points * np.nan, TARGET.q),
@@ -188,14 +188,14 @@ def test_a_target_outside_the_picture_or_the_limits_is_not_written(tmp_path: Pat
         assert not list(tmp_path.iterdir())
 
 
-def test_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:
+def test_a_missing_file_is_reported(tmp_path: Path) -> None:
     with pytest.raises(rs.UnusableFile, match=r"nothing\.json: cannot be read: No such file"):
         target_file.load(tmp_path / "nothing.json", SETUP)
     with pytest.raises(rs.UnusableFile, match="is not a file"):
         target_file.load(tmp_path, SETUP)
 
 
-def test_a_simulated_camera_refuses_what_another_or_the_same_elsewhere_has_seen(
+def test_a_simulated_camera_refuses_targets_of_other_cameras_and_positions(
     tmp_path: Path,
 ) -> None:
     path = tmp_path / "target.json"
@@ -213,7 +213,7 @@ def test_a_simulated_camera_refuses_what_another_or_the_same_elsewhere_has_seen(
         target_file.load(path, setup_of(rig, Lab()))
 
 
-def test_how_far_beyond_its_limit_a_target_may_be_is_the_rigs_threshold(tmp_path: Path) -> None:
+def test_the_tolerance_beyond_joint_limits_is_the_threshold_of_the_rig(tmp_path: Path) -> None:
     lower, upper = SETUP.mechanism.limits.arrays
     q = (lower + upper) / 2.0
     q[2] = upper[2] + 0.008 * (upper[2] - lower[2])

@@ -61,7 +61,7 @@ def test_a_damaged_file_or_one_of_another_rig_is_refused_with_the_reason(
     reloaded = load_poses(tmp_path)
     assert list(reloaded.targets) == ["here"] and "checksum" in reloaded.refused["there"]
     other = load_poses(tmp_path, seed=2)
-    assert not other.targets and "show the target again" in other.refused["here"]
+    assert not other.targets and "teach the target again" in other.refused["here"]
 
 
 @given(st.text(min_size=1, max_size=40), st.text(min_size=1, max_size=40))
@@ -97,7 +97,7 @@ def test_a_pose_that_cannot_be_written_is_reported_and_remains_usable(tmp_path: 
 def test_the_recovery_actions_match_the_way_out_in_words(cause: Cause) -> None:
     phase = rs.Phase.FAULT if cause.action is Action.FAULT else rs.Phase.PAUSED
     offered = list_recovery_actions(phase, cause)
-    assert ("teach_again" in offered) == ("show the target again" in cause.way_out)
+    assert ("teach_again" in offered) == ("teach the target again" in cause.way_out)
     if "resume" in cause.way_out and phase is rs.Phase.PAUSED:
         assert offered[-1] == "resume"
     if "clear" in cause.way_out.split() and phase is rs.Phase.FAULT:

@@ -169,7 +169,7 @@ def test_a_table_from_a_browser_is_decoded_to_a_change() -> None:
         ("controller", {"kind": "os:system"}, "controller.kind must be one of saturated"),
         ("exploration", {"legs": 2.5}, "exploration.legs must be a whole number"),
         ("imaged_rcm", {"lines": 10**6}, "imaged_rcm.lines must be"),
-        ("estimator", {"kind": "os:system"}, "code of others is run only where"),
+        ("estimator", {"kind": "os:system"}, "user-defined code runs only if"),
     ],
 )
 def test_an_invalid_table_is_refused_with_the_name_of_the_field(

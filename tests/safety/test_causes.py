@@ -1,4 +1,4 @@
-"""The table of causes: graver ones stand first, and each is found by its own detector."""
+"""Table of causes: order of severity, detectors and what each cause invalidates."""
 
 from itertools import pairwise
 
@@ -11,32 +11,32 @@ from rcmservo.safety.causes import (
     Action,
     Cause,
     Invalidates,
-    graver,
     gravest,
     invalidated_by,
+    select_more_severe,
 )
 from rcmservo.safety.monitor_state import begin
 from rcmservo.safety.thresholds import Thresholds
 
 WITHOUT_DETECTOR = Cause.NONE, Cause.NOT_FINITE, Cause.ASKED
-"""Causes that gate and state machine raise."""
+"""Causes that the gate or the state machine raises."""
 
 
-def test_graver_actions_stand_first() -> None:
+def test_causes_are_ordered_by_severity() -> None:
     assert all(one.action >= other.action for one, other in pairwise(CAUSES[1:]))
 
 
-def test_every_cause_has_a_detector_of_its_own() -> None:
+def test_every_cause_has_its_own_detector() -> None:
     detectors = [cause.declared.detector for cause in Cause if cause not in WITHOUT_DETECTOR]
     assert None not in detectors and len(set(detectors)) == len(detectors)
     assert [cause for cause in WITHOUT_DETECTOR if cause.declared.detector] == []
 
 
 @pytest.mark.parametrize("cause", CAUSES[1:])
-def test_of_several_causes_the_gravest_is_named(cause: Cause) -> None:
+def test_the_most_severe_of_several_causes_is_reported(cause: Cause) -> None:
     assert gravest(cause.bit | Cause.LATE_TICK.bit) == cause.place
-    assert graver(cause.place, 0) == graver(0, cause.place) == cause.place
-    assert graver(cause.place, Cause.NOT_FINITE.place) == Cause.NOT_FINITE.place
+    assert select_more_severe(cause.place, 0) == select_more_severe(0, cause.place) == cause.place
+    assert select_more_severe(cause.place, Cause.NOT_FINITE.place) == Cause.NOT_FINITE.place
 
 
 @pytest.mark.parametrize(
@@ -49,14 +49,14 @@ def test_of_several_causes_the_gravest_is_named(cause: Cause) -> None:
         (Cause.STALLED, Invalidates.NOTHING, Invalidates.NOTHING),
     ],
 )
-def test_an_estimate_survives_some_causes(
+def test_some_causes_leave_the_estimate_valid(
     cause: Cause, explored: Invalidates, unexplored: Invalidates
 ) -> None:
     assert invalidated_by(cause.place, True) == explored
     assert invalidated_by(cause.place, False) == unexplored
 
 
-def test_a_detector_reads_nothing_but_what_it_needs() -> None:
+def test_a_detector_needs_only_its_own_facts() -> None:
     limits, late = as_row(Thresholds())[0], changed(begin(), late=Thresholds.late_ticks, gap=1)
     facts = tick_facts(watch=late, period=1, thresholds=limits)
     found = [

@@ -1,6 +1,4 @@
-"""The last gate: whatever comes in, what goes out is finite, bounded, no jump, and stops before the
-joint's limit.
-"""
+"""Safety gate: every command is finite and within the limits of speed, slew and joint range."""
 
 import numpy as np
 import pytest
@@ -23,7 +21,7 @@ TICK = 10_000_000
 
 anything = st.floats(allow_nan=True, allow_infinity=True)
 any_three = st.tuples(anything, anything, anything).map(np.array)
-shares = st.tuples(*[st.floats(-1, 1)] * 3).map(np.array)
+fractions = st.tuples(*[st.floats(-1, 1)] * 3).map(np.array)
 within_range = st.tuples(*[st.one_of(st.floats(0, 1), st.sampled_from([0.0, 1.0]))] * 3).map(
     np.array
 )
@@ -41,12 +39,12 @@ def admit(rates, last, q, gate=GATE, now=1_000_000_000):
     return gate.admit(rates, last, q, RCM, now)
 
 
-@given(any_three, shares, any_three, st.integers(-50, 5000))
+@given(any_three, fractions, any_three, st.integers(-50, 5000))
 @example(np.full(3, 1e308), np.zeros(3), np.array([0.0, 0.0, 100.0]), 10)
 @example(np.full(3, 1.0), np.zeros(3), np.full(3, -1.7e308), 10)
 @example(np.array([np.nan, 0.0, 0.0]), np.ones(3), np.array([0.0, 0.0, 100.0]), 10)
-def test_any_input_gives_a_finite_command_within_speed_and_slew(rates, share, q, milliseconds):
-    last = share * SPEED
+def test_any_input_gives_a_finite_command_within_speed_and_slew(rates, fraction, q, milliseconds):
+    last = fraction * SPEED
     passed = admit(rates, after(last, milliseconds), q)
     allowed = passed.command.rates
     assert np.isfinite(allowed).all()
@@ -57,48 +55,48 @@ def test_any_input_gives_a_finite_command_within_speed_and_slew(rates, share, q,
         assert np.all(np.abs(allowed - last) <= SLEW * dt * (1 + 1e-9))
 
 
-@given(any_three, any_three, shares)
-def test_what_is_not_finite_stops_at_once_and_says_so(rates, q, share):
-    passed = admit(rates, after(share * SPEED), q)
-    good = np.isfinite(rates).all() and np.isfinite(q).all()
-    assert passed.finite == good
-    if not good:
+@given(any_three, any_three, fractions)
+def test_input_that_is_not_finite_stops_at_once_and_is_reported(rates, q, fraction):
+    passed = admit(rates, after(fraction * SPEED), q)
+    finite = np.isfinite(rates).all() and np.isfinite(q).all()
+    assert passed.finite == finite
+    if not finite:
         assert not passed.command.rates.any()
 
 
 @pytest.mark.parametrize("milliseconds", [0, -10])
-def test_a_tick_without_time_since_the_last_moves_nothing(milliseconds):
+def test_a_tick_without_elapsed_time_gives_zero_rates(milliseconds):
     passed = admit(np.ones(3), after(np.zeros(3), milliseconds), np.array([0.0, 0.0, 100.0]))
     assert not passed.command.rates.any() and not passed.finite
 
 
 @given(any_three.filter(lambda x: np.isfinite(x).all()), within_range, st.floats(0, 1e6))
-def test_at_or_beyond_a_limit_a_joint_at_rest_never_starts_outwards(rates, where, beyond):
-    """At the ends of their ranges, or past them, the three joints move inwards or not at all."""
+def test_at_or_beyond_a_limit_a_joint_at_rest_never_starts_outwards(rates, position, beyond):
+    """At the ends of their ranges, or beyond, the joints move inwards or not at all."""
     q = (
         LOWER
-        + where * (UPPER - LOWER)
-        + np.where(where == 1.0, beyond, 0.0)
-        - np.where(where == 0.0, beyond, 0.0)
+        + position * (UPPER - LOWER)
+        + np.where(position == 1.0, beyond, 0.0)
+        - np.where(position == 0.0, beyond, 0.0)
     )
     allowed = admit(rates, after(np.zeros(3)), q).command.rates
     assert np.all(allowed[q >= UPPER] <= 0.0) and np.all(allowed[q <= LOWER] >= 0.0)
 
 
-@given(shares, shares, st.sampled_from([-1.0, 1.0]))
+@given(fractions, fractions, st.sampled_from([-1.0, 1.0]))
 def test_a_joint_still_moving_outwards_at_its_limit_brakes_as_hard_as_the_slew_allows(
-    wanted, share, side
+    requested, fraction, side
 ):
     q = UPPER.copy() if side > 0 else LOWER.copy()
-    last = side * np.abs(share) * SPEED
-    allowed = admit(wanted * SPEED, after(last), q).command.rates
+    last = side * np.abs(fraction) * SPEED
+    allowed = admit(requested * SPEED, after(last), q).command.rates
     assert np.all(side * allowed <= np.maximum(np.abs(last) - SLEW * 0.01, 0.0) + 1e-12)
 
 
-def pressed(seed, delay, ticks=300):
-    """Joints (ticks, 3) and rates of an arm at rest anywhere that then follows `delay` ticks late.
+def follow_requests(seed, delay, ticks=300):
+    """Return the joints and rates, (ticks, 3), of an arm that follows the gate `delay` ticks late.
 
-    The wishes are as large as can be for 0.6 s, then random.
+    It starts at rest in a random pose. The requested rates are extreme for 0.6 s, then random.
     """
     random = random_from(seed)
     q, command, pipe = (
@@ -106,53 +104,48 @@ def pressed(seed, delay, ticks=300):
         command_of(0, 0, np.zeros(3)),
         [np.zeros(3)] * delay,
     )
-    wish, way, sent = random.choice([-1e9, 1e9], 3), [], []
+    requested, path, sent = random.choice([-1e9, 1e9], 3), [], []
     for k in range(1, ticks + 1):
         if k % 60 == 0:
-            wish = random.uniform(-2, 2, 3) * SPEED
-        command = GATE.admit(wish, command, q, RCM, k * TICK).command
+            requested = random.uniform(-2, 2, 3) * SPEED
+        command = GATE.admit(requested, command, q, RCM, k * TICK).command
         pipe.append(command.rates)
         q = q + pipe.pop(0) * 0.01
-        way.append(q)
+        path.append(q)
         sent.append(command.rates)
-    return np.array(way), np.array(sent)
+    return np.array(path), np.array(sent)
 
 
-def beyond_limits(way):
-    return np.max(np.maximum(way - UPPER, LOWER - way), axis=0)
+def beyond_limits(path):
+    return np.max(np.maximum(path - UPPER, LOWER - path), axis=0)
 
 
-@pytest.mark.parametrize("delay,share", [(0, 0.25), (3, 2.0), (5, 8.0)])
-def test_no_wish_drives_a_joint_visibly_past_its_limit(delay, share):
-    """At once, 30 and 50 ms late: past it by less than so many times what the slew limit gives in
-    one tick.
-    """
+@pytest.mark.parametrize("delay,factor", [(0, 0.25), (3, 2.0), (5, 8.0)])
+def test_no_request_moves_a_joint_far_beyond_its_limit(delay, factor):
+    """The bound is a multiple of slew limit times squared tick, for a delay of 0, 30 and 50 ms."""
     for seed in range(40):
-        assert np.all(beyond_limits(pressed(seed, delay)[0]) <= share * SLEW * 0.01**2 + 1e-9)
+        q, _ = follow_requests(seed, delay)
+        assert np.all(beyond_limits(q) <= factor * SLEW * 0.01**2 + 1e-9)
 
 
 @pytest.mark.parametrize("delay", [0, 3, 5])
-def test_no_wish_drives_a_joint_past_its_limit_at_all(delay):
-    """The latency allowed for is 50 ms, so that an arm that follows up to 5 ticks late must stop in
-    time.
-    """
-    assert all(np.all(beyond_limits(pressed(seed, delay)[0]) <= 1e-6) for seed in range(40))
+def test_no_request_moves_a_joint_beyond_its_limit_within_the_latency(delay):
+    """The gate's latency is 50 ms: an arm that follows up to 5 ticks late must stop in time."""
+    assert all(np.all(beyond_limits(follow_requests(seed, delay)[0]) <= 1e-6) for seed in range(40))
 
 
-def test_pressed_against_a_limit_a_joint_comes_to_rest_without_chattering():
+def test_a_joint_driven_to_its_limit_comes_to_rest_without_chattering():
     q, command, sent = np.array([0.0, 0.0, 200.0]), command_of(0, 0, np.zeros(3)), []
     for k in range(1, 301):
         command = GATE.admit(SPEED, command, q, RCM, k * TICK).command
         q = q + command.rates * 0.01
         sent.append(command.rates)
-    change = np.diff(np.array(sent)[30:], axis=0)  # it has sped up by then
+    change = np.diff(np.array(sent)[30:], axis=0)  # after the acceleration
     assert np.all(change <= 1e-9)
 
 
 def test_a_joint_can_come_close_to_its_limit():
-    """The gate is no reason to stay away: pushed for 3 s, a joint ends within 1 % of its range from
-    the limit.
-    """
+    """After 3 s towards its limit, a joint is within 1 % of its range from the limit."""
     q, command = np.array([0.0, 0.0, 200.0]), command_of(0, 0, np.zeros(3))
     for k in range(1, 301):
         command = GATE.admit(SPEED, command, q, RCM, k * TICK).command
@@ -160,49 +153,47 @@ def test_a_joint_can_come_close_to_its_limit():
     assert np.all(UPPER - q < 0.01 * (UPPER - LOWER))
 
 
-@given(shares.filter(lambda share: np.abs(share).max() > 1e-3), st.floats(1, 1e6))
-def test_too_fast_a_wish_keeps_its_direction(share, factor):
-    wish, q = share * SPEED, np.array([0.0, 0.0, 140.0])
-    wish = wish / np.max(np.abs(wish) / SPEED)
-    allowed = admit(factor * wish, after(wish), q).command.rates
-    assert np.allclose(allowed, wish)
+@given(fractions.filter(lambda fraction: np.abs(fraction).max() > 1e-3), st.floats(1, 1e6))
+def test_a_request_that_is_too_fast_keeps_its_direction(fraction, factor):
+    requested, q = fraction * SPEED, np.array([0.0, 0.0, 140.0])
+    requested = requested / np.max(np.abs(requested) / SPEED)
+    allowed = admit(factor * requested, after(requested), q).command.rates
+    assert np.allclose(allowed, requested)
 
 
-@given(shares)
-def test_a_wish_within_all_bounds_passes_unchanged(share):
-    last = 0.3 * share * SPEED
-    wish = last + 0.5 * share * SLEW * 0.01
-    passed = admit(wish, after(last), np.array([0.0, 0.0, 140.0]))
-    assert passed.finite and np.allclose(passed.command.rates, wish, rtol=1e-12)
+@given(fractions)
+def test_a_request_within_all_bounds_is_unchanged(fraction):
+    last = 0.3 * fraction * SPEED
+    requested = last + 0.5 * fraction * SLEW * 0.01
+    passed = admit(requested, after(last), np.array([0.0, 0.0, 140.0]))
+    assert passed.finite and np.allclose(passed.command.rates, requested, rtol=1e-12)
 
 
-def test_a_late_tick_allows_no_jump():
+def test_a_late_tick_causes_no_jump():
     last = after(np.zeros(3), milliseconds=5000)
     allowed = admit(SPEED, last, np.array([0.0, 0.0, 140.0])).command.rates
     assert np.allclose(allowed, np.minimum(SLEW * GATE.max_period, SPEED))
 
 
-@given(shares)
-def test_the_gate_leaves_its_inputs_alone(share):
-    rates, q, last = 2 * share * SPEED, np.array([0.9, 0.0, 50.0]), after(0.5 * share * SPEED)
+@given(fractions)
+def test_the_gate_does_not_change_its_inputs(fraction):
+    rates, q, last = 2 * fraction * SPEED, np.array([0.9, 0.0, 50.0]), after(0.5 * fraction * SPEED)
     before = rates.copy(), q.copy(), last.rates.copy()
     admit(rates, last, q)
     for now, then in zip((rates, q, last.rates), before, strict=True):
         assert np.array_equal(now, then)
 
 
-def test_at_rest_and_stopped_mean_no_rates_and_the_drive_off():
+def test_rest_and_stop_give_zero_rates_and_the_drive_off():
     for command in (GATE.rest(), GATE.stop(after(SPEED), 1_000_000_000)):
         assert not command.rates.any() and not command.enabled
     assert GATE.rest().number == 0 and GATE.stop(after(SPEED), 1_000_000_000).number == 8
 
 
-@given(any_three, shares, st.floats(0, 1))
-def test_a_share_of_the_speed_bounds_every_new_wish_and_none_at_all_ramps_to_zero(
-    rates, last, share
-):
-    passed = admit_share(rates, after(0.9 * last * share * SPEED), share)
-    assert np.all(np.abs(passed.command.rates) <= share * SPEED * (1 + 1e-12))
+@given(any_three, fractions, st.floats(0, 1))
+def test_a_fraction_of_the_speed_bounds_every_request_and_zero_ramps_to_rest(rates, last, fraction):
+    passed = admit_at(rates, after(0.9 * last * fraction * SPEED), fraction)
+    assert np.all(np.abs(passed.command.rates) <= fraction * SPEED * (1 + 1e-12))
     stopping = [after(last * SPEED)]
     for k in range(1, 11):
         q, now = np.array([0.0, 0.0, 140.0]), 1_000_000_000 + (k - 1) * TICK
@@ -211,12 +202,12 @@ def test_a_share_of_the_speed_bounds_every_new_wish_and_none_at_all_ramps_to_zer
     assert stopping[10].deadline == stopping[10].time + 50_000_000
 
 
-def admit_share(rates, last, share):
-    return GATE.admit(rates, last, np.array([0.0, 0.0, 140.0]), RCM, 1_000_000_000, share)
+def admit_at(rates, last, fraction):
+    return GATE.admit(rates, last, np.array([0.0, 0.0, 140.0]), RCM, 1_000_000_000, fraction)
 
 
 @pytest.mark.parametrize(
-    "wrong",
+    "invalid",
     [
         {"speed": (1.0, 1.0)},
         {"speed": (1.0, 1.0, np.inf)},
@@ -230,6 +221,6 @@ def admit_share(rates, last, share):
         {"deadline": np.nan},
     ],
 )
-def test_settings_that_cannot_work_are_refused_by_name(wrong):
-    with pytest.raises(BadInput, match=next(iter(wrong))):
-        Gate(**wrong)
+def test_invalid_settings_are_refused_by_name(invalid):
+    with pytest.raises(BadInput, match=next(iter(invalid))):
+        Gate(**invalid)

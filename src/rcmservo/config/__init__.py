@@ -1,1 +1,1 @@
-"""What can be named and written down: rigs, servos and targets in files."""
+"""Registry of names, and files that describe rigs, servos and targets."""

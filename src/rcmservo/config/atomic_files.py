@@ -1,4 +1,4 @@
-"""Files that are there whole or not at all, and files that are read only if they are small."""
+"""Atomic writing of files, and reading of files up to a maximum size."""
 
 import stat
 from collections.abc import Generator
@@ -10,7 +10,15 @@ from rcmservo.errors import UnusableFile
 
 @contextmanager
 def whole(path: Path) -> Generator[Path]:
-    """A path to write to. It becomes the file when that went well; otherwise nothing is left."""
+    """Yield a temporary path to write to, which replaces the file on success.
+
+    On an error the temporary file is removed and an earlier file stays unchanged.
+
+    Raises
+    ------
+    UnusableFile
+        If the file cannot be written.
+    """
     part = path.with_name(path.name + ".part")
     try:
         yield part
@@ -23,14 +31,27 @@ def whole(path: Path) -> Generator[Path]:
 
 
 def write_whole(path: Path, text: str) -> None:
-    """Write a file so that it is there whole or not at all."""
+    """Write a text atomically: an error or a crash leaves no incomplete file."""
     with whole(path) as part:
         part.write_text(text, "utf-8")
 
 
 def read_small(path: Path, largest: int, what: str) -> bytes:
-    """The bytes of a file of at most `largest`; a larger one, too large for `what` it should be, is
-    not read.
+    """Return the bytes of a regular file.
+
+    Parameters
+    ----------
+    path : Path
+        File to read.
+    largest : int
+        Maximum size, bytes.
+    what : str
+        Description of the file for the error message.
+
+    Raises
+    ------
+    UnusableFile
+        If the file cannot be read or is larger than ``largest``.
     """
     try:
         if not stat.S_ISREG(path.stat().st_mode):

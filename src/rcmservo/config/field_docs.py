@@ -1,4 +1,7 @@
-"""Descriptions of settings in their classes' Parameters sections, for options, help and page."""
+"""Descriptions of settings, read from the docstrings of their classes.
+
+Options, help texts and the page take them from the Parameters sections.
+"""
 
 import inspect
 import re
@@ -9,18 +12,18 @@ from typing import Annotated, Any, cast, get_args, get_origin, get_type_hints
 
 from rcmservo.constraints import OneOf
 
-PARAMETERS = re.compile(r"^Parameters\n-+\n(.*?)(?=\n\n\S|\Z)", re.DOTALL | re.MULTILINE)
+PARAMETERS_SECTION = re.compile(r"^Parameters\n-+\n(.*?)(?=\n\n\S|\Z)", re.DOTALL | re.MULTILINE)
 """Parameters section of a numpydoc docstring."""
 
-SECTION = re.compile(r"\n\n[A-Z]\w+(?: \w+)?\n-+\n")
-"""Head of a section of a numpydoc docstring."""
+SECTION_HEADING = re.compile(r"\n\n[A-Z]\w+(?: \w+)?\n-+\n")
+"""Heading of a section of a numpydoc docstring."""
 
-ENTRY = re.compile(r"^(\w+) :[^\n]*\n((?: +[^\n]+(?:\n|\Z))+)", re.MULTILINE)
-"""One parameter: its name, and the indented lines that describe it."""
+PARAMETER_ENTRY = re.compile(r"^(\w+) :[^\n]*\n((?: +[^\n]+(?:\n|\Z))+)", re.MULTILINE)
+"""Entry of a parameter: its name and the indented lines of its description."""
 
 
 def describe_field(kind: type[Any], name: str) -> str:
-    """Return the description of a field of a dataclass, with a sentence on each of its choices."""
+    """Return the description of a field of a dataclass, with a sentence for each of its choices."""
     hint = get_type_hints(kind, include_extras=True)[name]
     limits = get_args(hint)[1:] if get_origin(hint) is Annotated else ()
     choices = [one.choices for one in limits if isinstance(one, OneOf)]
@@ -39,14 +42,15 @@ def first_sentence(kind: type[Any]) -> str:
 
 
 def describe_class(kind: type[Any]) -> str:
-    """Return the paragraphs of a class's docstring that stand before its sections."""
-    return SECTION.split(inspect.getdoc(kind) or "")[0]
+    """Return the paragraphs of a class's docstring before its sections."""
+    return SECTION_HEADING.split(inspect.getdoc(kind) or "")[0]
 
 
 @cache
 def parameter_descriptions(kind: type[Any]) -> dict[str, str]:
-    """Return the descriptions in the Parameters sections of a dataclass and its parents, each on
-    one line.
+    """Return the descriptions of a dataclass's fields by name, each as one line.
+
+    They come from the Parameters sections of the class and of its parents.
     """
     found: dict[str, str] = {}
     for parent in reversed(kind.__mro__):
@@ -56,7 +60,7 @@ def parameter_descriptions(kind: type[Any]) -> dict[str, str]:
 
 
 def _described_parameters(docstring: str) -> dict[str, str]:
-    """Return the descriptions in the Parameters section of a docstring."""
-    section = PARAMETERS.search(docstring)
-    entries = ENTRY.findall(section[1]) if section else []
+    """Return the descriptions in the Parameters section of a docstring by parameter."""
+    section = PARAMETERS_SECTION.search(docstring)
+    entries = PARAMETER_ENTRY.findall(section[1]) if section else []
     return {name: " ".join(words.split()) for name, words in entries}

@@ -1,12 +1,12 @@
-"""Registry of the parts of a servo and of their classes, by the names that files, records, options,
-studies and the page use.
+"""Registry of the parts of a servo and their classes, by name.
 
-The fields of `Servo` are its parts. A part whose type is abstract has the classes of `REGISTERED`
-that derive from it; every other part has the class of its type. A class is called by its ``name``,
-and the fields of the dataclass are its settings: no other place lists parts, classes or settings.
+Files, records, options, studies and the page use these names. The fields of `Servo` are its parts.
+A part with an abstract type has the classes of `REGISTERED` that derive from it; every other part
+has the class of its type. The name of a class is its attribute ``name``, and the fields of the
+dataclass are its settings. No other module lists parts, classes or settings.
 
-A user's own estimator is called module:class, such as ``mylab.rls:RLS``. A file or record only
-names it: a table of classes holds it once the command line has named it too.
+The name of a user-defined estimator is module:class, such as ``mylab.rls:RLS``. A file or record
+may contain this name, but its code is loaded only if the command line names it too.
 """
 
 from collections.abc import Mapping
@@ -49,7 +49,7 @@ __all__ = [  # noqa: RUF022  (the order of lists for users)
     "KalmanEstimator",
     "CorrentropyEstimator",
 ]
-"""Classes that can be chosen for a part, one a line; `rcmservo` offers them as they are."""
+"""Classes that can be chosen for a part. The package `rcmservo` exports them."""
 REGISTERED: tuple[type[Any], ...] = tuple(globals()[name] for name in __all__)
 
 
@@ -62,34 +62,48 @@ _TYPES = get_type_hints(Servo)
 PARTS: Mapping[str, Classes] = {
     f.name: _classes(_TYPES[f.name]) for f in fields(Servo) if _TYPES[f.name] is not float
 }
-"""The parts of a servo, and their classes. (`Servo.rate` is a number, not a part.)"""
+"""Parts of a servo and their classes. (`Servo.rate` is a number, not a part.)"""
 MECHANISMS, TOOLS, ESTIMATORS = (PARTS[part] for part in ("mechanism", "tool", "estimator"))
 PRESETS: Mapping[str, Estimator] = {"projection-printed": PRINTED}
-"""Estimators with settings of their own that the command line has a name for."""
+"""Estimators with changed settings that have a name on the command line."""
 
 KIND = "kind"
-"""The key that names a table's class."""
+"""Key of a table that contains the name of its class."""
 
 
 def name_of(value: object, classes: Classes) -> str:
-    """Return the name of the class of a value among `classes`, or module:class."""
+    """Return the name of a value's class in `classes`, or module:class for another class."""
     names = (name for name, kind in classes.items() if kind is type(value))
     return next(names, called(value))
 
 
 def decode_kind(classes: Classes, table: object, where: str, default: object = None) -> Any:
-    """Return the settings of the class that the table's `kind` names.
+    """Return the settings in a table, as an instance of the class that its key `kind` names.
 
-    Without `kind` that is the only class, or the class of ``default``, whose values stand for those
-    that a table of its class leaves out.
+    Parameters
+    ----------
+    classes : Classes
+        Permitted classes by name.
+    table : object
+        Table of settings.
+    where : str
+        Path of the table in its file, for error messages.
+    default : object
+        Settings whose class is taken without the key `kind`, and whose values are taken for keys
+        that the table omits; None if the class and all values without a default must be given.
+
+    Raises
+    ------
+    BadInput
+        If the table has an unknown key or an invalid value.
     """
     if not is_table(table):
         raise BadInput(where, table, "a table of settings")
     rest = dict(table)
     if default is None and KIND not in rest:
         _require_known(classes, rest, where)
-    usual = next(iter(classes)) if len(classes) == 1 else None
-    usual = usual if default is None else name_of(default, classes)
+    only = next(iter(classes)) if len(classes) == 1 else None
+    usual = only if default is None else name_of(default, classes)
     kind = find_class(classes, rest.pop(KIND, usual), where)
     if is_dataclass(default) and type(default) is kind:
         rest = {**vars(default), **rest}
@@ -97,7 +111,7 @@ def decode_kind(classes: Classes, table: object, where: str, default: object = N
 
 
 def _require_known(classes: Classes, table: Mapping[str, object], where: str) -> None:
-    """Refuse a key that no class has: a misspelt `kind` is one."""
+    """Raise `BadInput` for a key that no class has, such as a misspelt `kind`."""
     names = [KIND, *dict.fromkeys(f.name for kind in classes.values() for f in fields(kind))]
     for key, value in table.items():
         if key not in names:
@@ -105,9 +119,9 @@ def _require_known(classes: Classes, table: Mapping[str, object], where: str) ->
 
 
 def find_class(classes: Classes, name: object, where: str) -> type[Any]:
-    """Return the class of a name; BadInput, with the known names, for another one."""
+    """Return the class of a name; raise `BadInput` with the known names for an unknown one."""
     if isinstance(name, str) and name in classes:
         return classes[name]
-    foreign = isinstance(name, str) and ":" in name and "estimator" in where
-    only = "; code of others is run only where the command line names it" if foreign else ""
-    raise BadInput(f"{where}.kind", name, f"one of {', '.join(classes)}{only}")
+    is_user_code = isinstance(name, str) and ":" in name and "estimator" in where
+    hint = "; user-defined code runs only if the command line names it" if is_user_code else ""
+    raise BadInput(f"{where}.kind", name, f"one of {', '.join(classes)}{hint}")

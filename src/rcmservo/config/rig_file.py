@@ -1,8 +1,7 @@
-"""A laboratory described in a TOML file: what the robot knows of itself, its devices, and what a
-simulation of it needs.
+"""Rig file: TOML description of a robot, its devices and the settings of its simulation.
 
-The file's sections are the settings dataclasses, its keys their fields. Everything is checked; see
-decode.py.
+The sections of the file are the settings dataclasses, and its keys are their fields. Every value is
+checked; see strict_decoding.py.
 """
 
 from collections.abc import Generator, Mapping
@@ -24,42 +23,41 @@ from rcmservo.safety.thresholds import Thresholds
 from rcmservo.servo.servo import Servo
 from rcmservo.tracking import MarkerAppearance
 
-MAX_SIZE = 64 * 1024
+MAX_RIG_FILE_BYTES = 64 * 1024
 DEVICE_SECTIONS = ("arm", "camera")
 SIMULATION_SECTIONS = ("camera", "drive", "look", "scene")
-"""A [camera] that names a kind is a device; another one is simulated."""
+"""A [camera] with the key `kind` is a device; without it, it describes a simulated camera."""
 
 Section = TypeVar("Section")
 Tables = Mapping[str, texts.Table]
-"""A rig file's sections as they are written."""
+"""Sections of a rig file by name, as undecoded tables."""
 
 
 def default_markers() -> MarkerAppearance:
-    """The built-in rig's markers: seen well on red tissue and told apart by colour."""
+    """Return the markers of the built-in rig: visible on red tissue, with different colours."""
     return MarkerAppearance(colour_1="green", colour_2="blue", radius_1=3.5, radius_2=3.5)
 
 
 @dataclass(frozen=True)
 class Lab:
-    """A laboratory: the robot's knowledge of itself, how its markers look, and the sections for a
-    simulation of it.
+    """Description of a rig: robot, markers, bounds, devices and simulation.
 
     Parameters
     ----------
     mechanism : Kinematics
-        The arm's kinematics.
+        Kinematics of the arm.
     tool : Tool
-        Where the markers are on the tool.
-    markers : MarkerLook
-        What the markers look like, so that they are found in pictures.
+        Positions of the markers on the tool.
+    markers : MarkerAppearance
+        Appearance of the markers, by which the tracker detects them in images.
     gate : Gate
         Bounds on every command.
     thresholds : Thresholds
-        From where on something is a fault.
+        Thresholds of the checks.
     devices : Tables
-        Those of DEVICE_SECTIONS that the file has, as they are written; `device` reads them.
+        Sections of the file among `DEVICE_SECTIONS`, undecoded; `device` decodes them.
     simulation : Tables
-        Those of SIMULATION_SECTIONS that the file has, as they are written; `section` reads them.
+        Sections of the file among `SIMULATION_SECTIONS`, undecoded; `section` decodes them.
     """
 
     mechanism: Kinematics = field(default_factory=SphericalRcm)
@@ -71,68 +69,89 @@ class Lab:
     simulation: Tables = field(default_factory=dict[str, texts.Table])
 
     def servo(self, **parts: Any) -> Servo:
-        """A servo of this laboratory with these METHOD_PARTS; those left out are the default
-        ones.
-        """
+        """Return a servo for this rig with some `METHOD_PARTS`; the others have their defaults."""
         robot = {part: getattr(self, part) for part in PARTS if part not in METHOD_PARTS}
         return Servo(**robot, **parts)
 
     def device(self, name: str, kinds: Mapping[str, type[Any]]) -> Any:
-        """The settings of a device, of the class that its section's `kind` names."""
+        """Return the settings of a device, of the class that the key `kind` of its section names.
+
+        Parameters
+        ----------
+        name : str
+            Name of the section.
+        kinds : Mapping[str, type]
+            Permitted classes by name.
+
+        Raises
+        ------
+        BadInput
+            If the section is missing or invalid.
+        """
         table = self.devices.get(name, self.simulation.get(name))
         if table is None:
             raise BadInput(f"section {name}", None, f"given, with a kind: {' or '.join(kinds)}")
         return decode_kind(kinds, table, name)
 
     def section(self, name: str, kind: type[Section], **known: object) -> Section:
-        """A section for the simulation as its settings; what the robot knows already is `known`,
-        and left out in the file.
+        """Return the settings in a section for the simulation.
+
+        Parameters
+        ----------
+        name : str
+            Name of the section.
+        kind : type
+            Class of the settings.
+        **known : object
+            Values that come from the robot's sections; the section must omit their keys.
+
+        Raises
+        ------
+        BadInput
+            If the section is invalid.
         """
         table = self.simulation.get(name, {})
         for key in known:
             if key in table:
-                raise BadInput(
-                    f"{name}.{key}", table[key], "left out: the robot's sections tell it"
-                )
+                expected = "left out: the robot's sections determine it"
+                raise BadInput(f"{name}.{key}", table[key], expected)
         others = (KIND,) if name in DEVICE_SECTIONS else ()
         return decode(kind, {**table, **known}, name, others)
 
 
 ROBOT_SECTIONS = tuple(f.name for f in fields(Lab) if f.name not in ("devices", "simulation"))
 METHOD_PARTS = tuple(part for part in PARTS if part not in {f.name for f in fields(Lab)})
-"""Parts of a servo that no rig file describes: the method's, which the command line, studies and
-the page set."""
+"""Parts of a servo that no rig file describes: those of the method. The command line, studies and
+the page set them."""
 
 
 def load_lab(path: Path | None) -> Lab:
-    """The laboratory in a TOML file; what the file leaves out, and all without a file, is as in the
-    built-in one.
-    """
+    """Return the rig in a TOML file, with built-in values where it omits them or is None."""
     return Lab() if path is None else lab_of(path, bytes_of(path))
 
 
 def bytes_of(path: Path) -> bytes:
-    """What a rig file holds."""
-    return read_small(path, MAX_SIZE, "a rig file")
+    """Return the bytes of a rig file."""
+    return read_small(path, MAX_RIG_FILE_BYTES, "a rig file")
 
 
 def lab_of(path: Path, data: bytes) -> Lab:
-    """The laboratory that the bytes of a rig file describe."""
+    """Return the rig that the bytes of a rig file describe; ``path`` serves error messages."""
     with texts.reading(path, "TOML"):
         return lab_from(texts.toml(data))
 
 
 @contextmanager
-def told_with(place: object) -> Generator[None]:
-    """What is wrong with a value that is used in here is told with its file, or another place."""
+def told_with(origin: object) -> Generator[None]:
+    """Prefix the field of a `BadInput` that is raised in the context with its file or origin."""
     try:
         yield
     except BadInput as error:
-        raise BadInput(f"{place}: {error.field}", error.value, error.right) from error
+        raise BadInput(f"{origin}: {error.field}", error.value, error.right) from error
 
 
 def lab_from(tables: texts.Table) -> Lab:
-    """The laboratory that the sections of a rig file describe."""
+    """Return the rig that the sections of a rig file describe."""
     known = tuple(dict.fromkeys((*ROBOT_SECTIONS, *DEVICE_SECTIONS, *SIMULATION_SECTIONS)))
     for name, table in tables.items():
         if name not in known or not texts.is_table(table):
@@ -154,16 +173,16 @@ def _is_device(name: str, tables: texts.Table) -> bool:
 
 
 def _section(name: str, table: texts.Table, default: Any) -> Any:
-    """Return the settings in a section of the robot's; those left out are the default ones."""
+    """Return the settings in a section of the robot; omitted values are the default ones."""
     if name == "mechanism":
         return _mechanism(table, default.name)
     only = {name: cast(type[Any], type(default))}
     return decode_kind(PARTS.get(name, only), table, name, default)
 
 
-def _mechanism(table: texts.Table, usual: str) -> Kinematics:
-    """The arm of a table, of the kind with the name `usual` where it names none."""
-    kind = find_class(MECHANISMS, table.get(KIND, usual), "mechanism")
+def _mechanism(table: texts.Table, default_kind: str) -> Kinematics:
+    """Return the mechanism in a table, of the default kind if the table has no key `kind`."""
+    kind = find_class(MECHANISMS, table.get(KIND, default_kind), "mechanism")
     given = {name: value for name, value in table.items() if name != KIND}
     given = {**asdict(kind().limits), **given}
     flat: Any = decode(_flat(kind), given, "mechanism", others=(KIND,))
@@ -175,6 +194,6 @@ def _mechanism(table: texts.Table, usual: str) -> Kinematics:
 
 @cache
 def _flat(kind: type[Kinematics]) -> type[Any]:
-    """A mechanism's settings as its section has them: the ends of the limits are two of them."""
+    """Return the class of a mechanism's section, with the two ends of the limits as keys."""
     others = [(f.name, f.type, f) for f in fields(kind) if f.name != "limits"]
     return make_dataclass("Mechanism", [*((f.name, Any) for f in fields(JointLimits)), *others])

@@ -1,11 +1,10 @@
-"""A servo in plain words and numbers, and the servo that they describe: what a record needs to be
-run again.
+"""Conversion of a servo to JSON and back. A record stores the servo in this form for its replay.
 
     {"mechanism": {"kind": "spherical", "limits": {…}, …}, "tool": {"kind": "rigid", …}, …, "rate":
     100.0}
 
-Numbers come back bit for bit. An estimator that somebody else has made is told as module:class
-with its settings, and comes back where the caller has named its class.
+The numbers survive bit for bit. A user-defined estimator is stored as module:class with its
+settings. It is restored only if the caller passes its class.
 """
 
 import json
@@ -32,13 +31,14 @@ from rcmservo.servo.servo import Servo
 Description: type[object] = make_dataclass(
     "Description", [*((part, object) for part in PARTS), ("rate", float)]
 )
-"""Every part of a servo, and its ticks a second."""
+"""Parts of a servo, and its tick rate in Hz."""
 
 NOBODY: Mapping[str, type[Estimator]] = {}
+"""No user-defined estimators."""
 
 
 def describe(servo: Servo) -> Table:
-    """The servo as it comes back from JSON: a table."""
+    """Return a servo as a table of JSON values."""
     parts = {part: _described(getattr(servo, part), classes) for part, classes in PARTS.items()}
     return json.loads(json.dumps({**parts, "rate": servo.rate}, default=_plain))
 
@@ -49,32 +49,45 @@ def _described(value: Any, classes: Classes) -> object:
 
 
 def _plain(value: Any) -> object:
-    """Settings within settings as a table; what JSON cannot hold in words."""
+    """Return nested settings as a table, and any other value as its `repr`."""
     return asdict(value) if is_dataclass(value) and not isinstance(value, type) else repr(value)
 
 
 def rebuild(description: object, own: Mapping[str, type[Estimator]] = NOBODY) -> Servo:
-    """The servo that was described, with the estimators that are the caller's `own` by their names;
-    BadInput, naming the field, where that cannot be.
+    """Return the servo that a description contains.
+
+    Parameters
+    ----------
+    description : object
+        Result of `describe`, or JSON values of a record.
+    own : Mapping[str, type[Estimator]]
+        Permitted user-defined estimators by name.
+
+    Raises
+    ------
+    BadInput
+        If a field is missing, unknown or invalid; the error names it.
     """
-    told: Any = decode(Description, description, "servo")
+    decoded: Any = decode(Description, description, "servo")
     parts = {**PARTS, "estimator": {**ESTIMATORS, **own}}
-    made = {part: _rebuilt(getattr(told, part), parts[part], f"servo.{part}") for part in parts}
-    return Servo(**made, rate=told.rate)
+    made = {part: _rebuilt(getattr(decoded, part), parts[part], f"servo.{part}") for part in parts}
+    return Servo(**made, rate=decoded.rate)
 
 
 def rebuild_part(description: object, part: str) -> Any:
-    """One part of the servo that was described, such as its ``mechanism``, whatever the others
-    hold; BadInput where that cannot be.
+    """Return one part of a described servo, such as its ``mechanism``; ignore the other parts.
+
+    Raises
+    ------
+    BadInput
+        If the part is missing or invalid.
     """
     table: object = description.get(part) if is_table(description) else None
     return _rebuilt(table, PARTS[part], f"servo.{part}")
 
 
 def _rebuilt(table: object, classes: Classes, where: str) -> Any:
-    """One part, with every one of its settings given: a default may change from version to
-    version.
-    """
+    """Return a part whose settings are all given, since defaults may change between versions."""
     if not is_table(table):
         raise BadInput(where, table, "a table of settings")
     names = [f.name for f in fields(find_class(classes, table.get(KIND), where))]

@@ -1,8 +1,8 @@
-"""A table as TOML and JSON give it becomes settings, strictly, or one sentence of what is wrong.
+"""Strict decoding of tables from TOML and JSON into settings.
 
-The settings dataclass is the only description of a table: its fields are the keys, their types what
-the values must be. Unknown keys, wrong types and numbers that are not finite are refused by the
-path of the key, and what a dataclass itself refuses is told with that path too.
+The settings dataclass is the only schema of a table: its fields are the keys, and their types are
+the types of the values. Unknown keys, other types and numbers that are not finite raise `BadInput`
+with the path of the key. An error that the dataclass itself raises receives this path too.
 """
 
 import json
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 Settings = TypeVar("Settings")
 
-RIGHT = {
+EXPECTED_VALUES = {
     "missing": "given",
     "float_type": "a finite number",
     "finite_number": "a finite number",
@@ -35,31 +35,47 @@ RIGHT = {
     "dict_type": "a table",
     "json_invalid": "plain text and numbers",
 }
-"""What would be right, by the kind of error."""
+"""Expected value by pydantic's type of error."""
 
-BARE = re.compile(r"[A-Za-z0-9_-]{1,60}")
-"""A key that TOML needs no quotes for."""
+BARE_KEY = re.compile(r"[A-Za-z0-9_-]{1,60}")
+"""Key that needs no quotes in TOML."""
 
 
 def decode(kind: type[Settings], table: object, where: str, others: Sequence[str] = ()) -> Settings:
-    """The settings in a table, which stands at ``where`` in its file; BadInput where they are not
-    as the dataclass `kind` has them. The table in the file may hold the keys `others` too.
+    """Return the settings in a table.
+
+    Parameters
+    ----------
+    kind : type
+        Dataclass of the settings.
+    table : object
+        Table from a file.
+    where : str
+        Path of the table in the file, for error messages.
+    others : Sequence of str
+        Further keys of the table in the file, which error messages list as permitted.
+
+    Raises
+    ------
+    BadInput
+        If the table does not match the dataclass.
     """
     from pydantic import PydanticUserError, ValidationError
 
     try:
         return _reader(kind).validate_json(json.dumps([table], default=str))[0]
-    except PydanticUserError as error:  # of a user's own class
-        right = "a dataclass of numbers, words, and tuples of them"
-        raise BadInput(where, kind.__name__, right) from error
+    except PydanticUserError as error:  # of a user-defined class
+        expected = "a dataclass of numbers, strings, and tuples of them"
+        raise BadInput(where, kind.__name__, expected) from error
     except ValidationError as error:
-        first = min(error.errors(), key=lambda one: one["type"] == "missing")  # a misspelt key
+        # a misspelt key, rather than the missing key that it causes
+        first = min(error.errors(), key=lambda one: one["type"] == "missing")
         _refuse(first, kind, where, others)
 
 
 @cache
 def _reader(kind: type[Any]) -> "TypeAdapter[tuple[Any]]":
-    """What reads a list of one table: of a lone dataclass pydantic takes no configuration."""
+    """Return a validator of a list of one table: pydantic cannot configure a single dataclass."""
     from pydantic import ConfigDict, TypeAdapter
 
     strict = ConfigDict(strict=True, extra="forbid", allow_inf_nan=False)
@@ -67,35 +83,37 @@ def _reader(kind: type[Any]) -> "TypeAdapter[tuple[Any]]":
 
 
 def _refuse(error: "ErrorDetails", kind: type[Any], where: str, others: Sequence[str]) -> NoReturn:
-    """Say the first thing that is wrong in our words."""
-    way, what, value = error["loc"][1:], error["type"], error["input"]
-    path = where + "".join(f"[{x}]" if isinstance(x, int) else f".{key_of(x)}" for x in way)
-    given = error.get("ctx", {})
-    cause = given.get("error")
+    """Raise `BadInput` for an error of pydantic, with the path of its key."""
+    steps, error_type, value = error["loc"][1:], error["type"], error["input"]
+    path = where + "".join(f"[{x}]" if isinstance(x, int) else f".{key_of(x)}" for x in steps)
+    context = error.get("ctx", {})
+    cause = context.get("error")
     if isinstance(cause, BadInput):
         name = cause.field.removeprefix(path.rpartition(".")[2] + ".")
         raise BadInput(f"{path}.{name}", cause.value, cause.right) from cause
-    if what == "unexpected_keyword_argument":
-        raise BadInput(path, value, instead(str(way[-1]), _keys(kind, way, others)))
-    right = RIGHT[what].format(**given) if what in RIGHT else f"a value of its kind ({what})"
-    raise BadInput(path, None if what == "missing" and isinstance(value, dict) else value, right)
+    if error_type == "unexpected_keyword_argument":
+        raise BadInput(path, value, instead(str(steps[-1]), _keys(kind, steps, others)))
+    expected = EXPECTED_VALUES.get(error_type, f"a value of its type ({error_type})")
+    if error_type == "missing" and isinstance(value, dict):
+        value = None
+    raise BadInput(path, value, expected.format(**context))
 
 
-def _keys(kind: type[Any], way: Sequence[int | str], others: Sequence[str]) -> list[str]:
-    """The keys that the table may have in which the last step of the way is none."""
-    for step in way[:-1]:
+def _keys(kind: type[Any], steps: Sequence[int | str], others: Sequence[str]) -> list[str]:
+    """Return the valid keys of the table that contains the unknown key ``steps[-1]``."""
+    for step in steps[:-1]:
         kind = get_args(kind)[0] if isinstance(step, int) else get_type_hints(kind)[step]
     names = [f.name for f in fields(kind)] if is_dataclass(kind) else []
-    return names if way[:-1] else [*others, *names]
+    return names if steps[:-1] else [*others, *names]
 
 
 def instead(key: str, names: Sequence[str]) -> str:
-    """The right thing to do with an unknown key: one of the known names, the nearest suggested."""
+    """Return the expected names for an unknown key, with the most similar one as a suggestion."""
     present = present_name(key, names)
     hint = f" (its name is {present} now)" if present else suggestion(key, names)
     return f"left out or one of {', '.join(names)}{hint}"
 
 
 def key_of(name: str) -> str:
-    """A key as a sentence tells it: quoted if it is no plain word, and not all of a long one."""
-    return name if BARE.fullmatch(name) else quoted(name[:60])
+    """Return a key as a message quotes it: in quotes unless it is a bare key, and shortened."""
+    return name if BARE_KEY.fullmatch(name) else quoted(name[:60])

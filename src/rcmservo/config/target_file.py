@@ -1,11 +1,12 @@
-"""Targets on disk: what was shown, when, and by which camera, arm, tool and markers.
+"""Target file: a taught target, the time of teaching, and the camera, arm, tool and markers used.
 
     {"format": "rcmservo target 1", "sha256": "…", "taught": "2026-11-21T11:30:00Z",
      "markers_px": [[u1, v1], [u2, v2]], "sizes_px": [R1, R2], "joints": [rad, rad, mm], "setup":
      {"camera": "…", "width": 640, "height": 480, "mechanism": {…}, "tool": {…}, "markers": {…}}}
 
-Raw pixels mean something to the setup that saw them only. A file is taken whole, by that setup, or
-not at all, with the reason in one sentence. The checksum finds accidents; it is no signature.
+Raw pixels are valid only for the setup that they were measured with. A file is therefore loaded
+only for this setup; otherwise the error names the difference. The checksum detects accidental
+changes; it is no signature.
 """
 
 import hashlib
@@ -27,32 +28,32 @@ from rcmservo.interfaces import Target
 from rcmservo.safety.thresholds import Thresholds
 from rcmservo.tracking import MarkerAppearance
 
-FORMAT = "rcmservo target 1"
-MAX_SIZE = 64 * 1024
-TAUGHT = "%Y-%m-%dT%H:%M:%SZ"
+TARGET_FORMAT = "rcmservo target 1"
+MAX_TARGET_FILE_BYTES = 64 * 1024
+TIME_FORMAT = "%Y-%m-%dT%H:%M:%SZ"
 
 
 @dataclass(frozen=True)
 class Setup:
-    """What a target is bound to.
+    """Setup for which a target is valid.
 
     Parameters
     ----------
     camera : str
-        Names the camera in its place. A place that it is brought to anew has another name.
+        Name of the camera at its position. After the camera was moved, it has another name.
     width : int
-        Of its picture, px.
+        Width of the camera's image, px.
     height : int
-        Of its picture, px.
+        Height of the camera's image, px.
     mechanism : Kinematics
-        The kinematics of the arm that holds the tool.
+        Kinematics of the arm that holds the tool.
     tool : Tool
-        Where the markers are on the tool.
-    markers : MarkerLook
-        What the markers look like.
+        Positions of the markers on the tool.
+    markers : MarkerAppearance
+        Appearance of the markers.
     slack : float
-        Share of a joint's range by which it may stand beyond its limit. A target is not bound to
-        it.
+        Distance by which a joint may be beyond its limit, as a fraction of its range. A target is
+        also valid with another value.
     """
 
     camera: str
@@ -66,20 +67,20 @@ class Setup:
 
 @dataclass(frozen=True)
 class Content:
-    """What a file holds beside its format and checksum.
+    """Content of a target file in addition to its format and checksum.
 
     Parameters
     ----------
     taught : str
-        When the file was written, in UTC: a time like 2026-11-21T11:30:00Z.
+        Time at which the file was written, in UTC, such as 2026-11-21T11:30:00Z.
     markers_px : tuple[tuple[float, float], tuple[float, float]]
-        (u, v) raw px of marker 1, then of marker 2.
+        Coordinates (u, v) of marker 1 and of marker 2, raw px.
     joints : tuple[float, float, float]
-        rad, rad, mm while the target was shown.
+        Joints while the target was taught, rad, rad, mm.
     setup : texts.Table
-        The Setup that it was shown by, in plain words and numbers.
+        `Setup` with which the target was taught, as JSON values.
     sizes_px : texts.Sizes
-        Apparent radii, px, of marker 1 and of marker 2; null where not known.
+        Apparent radii of marker 1 and of marker 2, px; null where unknown.
     """
 
     taught: str
@@ -90,32 +91,44 @@ class Content:
 
     def __post_init__(self) -> None:
         try:
-            datetime.strptime(self.taught, TAUGHT)
+            datetime.strptime(self.taught, TIME_FORMAT)
         except ValueError as error:
             raise BadInput("taught", self.taught, "a time like 2026-11-21T11:30:00Z") from error
 
 
 def save(path: Path, target: Target, setup: Setup) -> None:
-    """Write a target as it was shown now."""
+    """Write a target that was taught now.
+
+    Raises
+    ------
+    UnusableFile
+        If the target is invalid for the setup, or the file cannot be written.
+    """
     content = {
-        "taught": datetime.now(UTC).strftime(TAUGHT),
+        "taught": datetime.now(UTC).strftime(TIME_FORMAT),
         "markers_px": target.points.tolist(),
         "sizes_px": texts.sizes(target.sizes),
         "joints": target.q.tolist(),
-        "setup": _told(setup),
+        "setup": _describe_setup(setup),
     }
     try:
         _target(decode(Content, content, "target"), setup)
     except BadInput as error:
         raise UnusableFile(path, f"is not written: {error}") from error
-    content = {"format": FORMAT, **content}
-    first = {"format": FORMAT, "sha256": checksum(content)}
+    content = {"format": TARGET_FORMAT, **content}
+    first = {"format": TARGET_FORMAT, "sha256": checksum(content)}
     write_whole(path, json.dumps({**first, **content}, indent=1) + "\n")
 
 
 def load(path: Path, setup: Setup) -> Target:
-    """The target in a file, for the setup that it was shown by."""
-    data = read_small(path, MAX_SIZE, "a target")
+    """Return the target in a file.
+
+    Raises
+    ------
+    UnusableFile
+        If the file is damaged, or the target was taught with another setup.
+    """
+    data = read_small(path, MAX_TARGET_FILE_BYTES, "a target")
     with texts.reading(path, "JSON"):
         try:
             return _target(_content(texts.from_json(data.decode())), setup)
@@ -124,70 +137,70 @@ def load(path: Path, setup: Setup) -> Target:
 
 
 def checksum(content: object) -> str:
-    """SHA-256 of what a target's file holds beside it, in hexadecimal; the same however the file is
-    laid out.
-    """
+    """Return the SHA-256 of a target file's content in hexadecimal, whatever its layout."""
     text = json.dumps(content, sort_keys=True, separators=(",", ":"), allow_nan=False)
     return hashlib.sha256(text.encode()).hexdigest()
 
 
 def _content(table: object) -> Content:
-    """What a file's JSON tells, if it is a target's and whole."""
-    if not texts.is_table(table) or table.get("format") != FORMAT:
-        raise texts.Refused(f"is not a target of this version: its format must be {FORMAT!r}")
+    """Return the content of a target file from its JSON; check format and checksum."""
+    if not texts.is_table(table) or table.get("format") != TARGET_FORMAT:
+        raise texts.Refused(
+            f"is not a target of this version: its format must be {TARGET_FORMAT!r}"
+        )
     rest = {key: value for key, value in table.items() if key != "sha256"}
     if table.get("sha256") != checksum(rest):
-        raise texts.Refused("is damaged or was changed: its checksum is wrong")
+        raise texts.Refused("is damaged or was changed: its checksum differs")
     return decode(Content, {key: rest[key] for key in rest if key != "format"}, "target")
 
 
 def _target(content: Content, setup: Setup) -> Target:
-    """The target in a content, all of it checked."""
-    _same(content.setup, _told(setup), "")
-    right, below = setup.width - 0.5, setup.height - 0.5
+    """Return the target of a content after checking every value."""
+    _require_same(content.setup, _describe_setup(setup), "")
+    max_u, max_v = setup.width - 0.5, setup.height - 0.5
     for i, (u, v) in enumerate(content.markers_px):
-        inside = -0.5 <= u <= right and -0.5 <= v <= below
-        size = f"within the picture of {setup.width} x {setup.height} px"
+        inside = -0.5 <= u <= max_u and -0.5 <= v <= max_v
+        size = f"within the image of {setup.width} x {setup.height} px"
         require(inside, f"target.markers_px[{i}]", (u, v), size)
     for i, radius in enumerate(content.sizes_px):
-        good = radius is None or 0.0 < radius <= setup.width
-        require(good, f"target.sizes_px[{i}]", radius, "a positive radius within the picture")
-    _within(content.joints, setup)
+        is_valid = radius is None or 0.0 < radius <= setup.width
+        require(is_valid, f"target.sizes_px[{i}]", radius, "a positive radius within the image")
+    _require_joints_within_limits(content.joints, setup)
     sizes = np.array(content.sizes_px, dtype=np.float64)
     return Target(np.array(content.markers_px), np.array(content.joints), sizes=sizes)
 
 
-def _within(q: tuple[float, float, float], setup: Setup) -> None:
-    """Refuse joints beyond their limits, by more than one may stand beyond them."""
+def _require_joints_within_limits(q: tuple[float, float, float], setup: Setup) -> None:
+    """Raise `BadInput` for a joint beyond its limit by more than `slack`."""
     lower, upper = setup.mechanism.limits.arrays
     slack = setup.slack * (upper - lower)
     for i, name in enumerate(setup.mechanism.joint_names):
-        good = lower[i] - slack[i] <= q[i] <= upper[i] + slack[i]
-        right = f"{name} within its limits {lower[i]:.6g} and {upper[i]:.6g}"
-        require(bool(good), f"target.joints[{i}]", q[i], right)
+        is_within = lower[i] - slack[i] <= q[i] <= upper[i] + slack[i]
+        expected = f"{name} within its limits {lower[i]:.6g} and {upper[i]:.6g}"
+        require(bool(is_within), f"target.joints[{i}]", q[i], expected)
 
 
-def _told(setup: Setup) -> object:
-    """A setup in plain words and numbers, as they come back from JSON."""
+def _describe_setup(setup: Setup) -> object:
+    """Return a setup as JSON values."""
     bound = {name: value for name, value in vars(setup).items() if name != "slack"}
     return json.loads(json.dumps(bound, default=_table))
 
 
 def _table(part: Any) -> texts.Table:
-    """Return the settings of a part of a setup, with its kind where it has one."""
+    """Return the settings of a part of a setup as a table, with its kind where it has one."""
     kind = {"kind": part.name} if hasattr(part, "name") else {}
     return {**kind, **asdict(part)}
 
 
-def _same(then: object, now: object, where: str) -> None:
-    """Refuse what was taught with another setup, naming the first value that differs and both sides
-    of it.
-    """
+def _require_same(then: object, now: object, where: str) -> None:
+    """Raise `Refused` with the first value that differs between two setups."""
     if texts.is_table(then) and texts.is_table(now):
-        for key in sorted({**now, **then}, key="kind".__ne__):  # the kind says most
-            _same(then.get(key), now.get(key), f"{where}.{key}" if where else key)
+        for key in sorted(
+            {**now, **then}, key="kind".__ne__
+        ):  # a different kind is the most informative difference
+            _require_same(then.get(key), now.get(key), f"{where}.{key}" if where else key)
     elif isinstance(then, bool) is not isinstance(now, bool) or then != now:
         raise texts.Refused(
             f"was taught with {one_line(where) or 'setup'} {quoted(then)}, "
-            f"this rig has {quoted(now)}: show the target again"
+            f"this rig has {quoted(now)}: teach the target again"
         )

@@ -1,6 +1,7 @@
-"""The texts of TOML and JSON files as tables: repeated keys and numbers that are none are refused.
+"""Parsing of TOML and JSON texts into tables.
 
-All refusals are ValueErrors in one line, and RecursionErrors for what is nested too deeply.
+Repeated keys and numbers that are not finite are refused. Every refusal is a `ValueError` with a
+message of one line, or a `RecursionError` for a text that is nested too deeply.
 """
 
 import json
@@ -15,27 +16,35 @@ from typing import Any, TypeGuard
 from rcmservo.errors import BadInput, UnusableFile, one_line, quoted
 from rcmservo.interfaces import Floats
 
-MAX_LINE = 1000
-"""Characters of a line of TOML: a key of ten thousand parts keeps the parser busy for minutes."""
+MAX_LINE_LENGTH = 1000
+"""Maximum length of a line of TOML: the parser needs minutes for a key of ten thousand parts."""
 
 
 Table = dict[str, Any]
-"""What TOML calls a table and JSON an object."""
+"""Table of TOML, object of JSON."""
 
 
 Sizes = tuple[float | None, float | None]
-"""Apparent radii of both markers, px; None where not known."""
+"""Apparent radii of both markers, px; None where unknown."""
 
 NO_SIZES: Sizes = (None, None)
 
 
 class Refused(ValueError):
-    """What is wrong with a text that was read."""
+    """Invalid content of a text; the message completes a sentence that begins with its file."""
 
 
 @contextmanager
 def reading(path: Path, language: str) -> Generator[None]:
-    """Name the file, and what is wrong with it, where a text that is read in here is refused."""
+    """Turn an error in the context into one that names the file.
+
+    Raises
+    ------
+    BadInput
+        If a field has an invalid value.
+    UnusableFile
+        If the text is not valid `language`, or was refused.
+    """
     try:
         yield
     except BadInput as error:
@@ -44,24 +53,26 @@ def reading(path: Path, language: str) -> Generator[None]:
         raise UnusableFile(path, str(error)) from error
     except RecursionError as error:
         raise UnusableFile(path, "is nested too deeply") from error
-    except ValueError as error:  # of the parser, of the encoding, of numbers of thousands of digits
+    except ValueError as error:  # from the parser, the encoding, or a number of thousands of digits
         raise UnusableFile(path, f"is not valid {language}: {one_line(error)}") from error
 
 
 def toml(data: bytes) -> Table:
-    """The tables of a TOML file. (TOML itself refuses repeated keys.)"""
+    """Return the tables of a TOML file. The parser itself refuses repeated keys."""
     text = data.decode()
-    if max(map(len, text.split("\n"))) > MAX_LINE:
-        raise Refused(f"has a line of more than {MAX_LINE} characters")
+    if max(map(len, text.split("\n"))) > MAX_LINE_LENGTH:
+        raise Refused(f"has a line of more than {MAX_LINE_LENGTH} characters")
     return tomllib.loads(text)
 
 
 def from_json(text: str) -> Any:
-    """What a JSON text holds."""
-    return json.loads(text, object_pairs_hook=_once, parse_constant=_number, parse_float=_number)
+    """Return the value of a JSON text."""
+    return json.loads(
+        text, object_pairs_hook=_unique_keys, parse_constant=_finite, parse_float=_finite
+    )
 
 
-def _once(pairs: list[tuple[str, Any]]) -> Table:
+def _unique_keys(pairs: list[tuple[str, Any]]) -> Table:
     table = dict(pairs)
     if len(table) < len(pairs):
         key = next(key for key, count in Counter(key for key, _ in pairs).items() if count > 1)
@@ -69,7 +80,7 @@ def _once(pairs: list[tuple[str, Any]]) -> Table:
     return table
 
 
-def _number(text: str) -> float:
+def _finite(text: str) -> float:
     value = float(text)
     if not math.isfinite(value):
         raise Refused(f"holds the number {text[:30]}, which is not finite")
@@ -77,10 +88,10 @@ def _number(text: str) -> float:
 
 
 def sizes(radii: Floats) -> list[float | None]:
-    """Apparent radii (2,) px, of which NaN is not known, as JSON tells them."""
+    """Return apparent radii (2,) px as JSON values: None in place of NaN, which means unknown."""
     return [float(radius) if math.isfinite(radius) else None for radius in radii]
 
 
 def is_table(value: object) -> TypeGuard[Table]:
-    """Whether a value that was read is a table."""
+    """Return True if a parsed value is a table."""
     return isinstance(value, dict)

@@ -1,5 +1,6 @@
-"""Code that is not ours, by its name module:class: it is run when a person names it on the command
-line, and never because a file or record does.
+"""Import of user-defined estimators by their names module:class.
+
+The code runs only if the user names it on the command line, never because a file or record does.
 """
 
 import hashlib
@@ -15,38 +16,51 @@ from rcmservo.errors import BadInput, RcmServoError, one_line
 from rcmservo.estimation.base import Estimator
 
 OPTION = "--estimator"
-NAME = re.compile(r"\w+(\.\w+)*:\w+")
+CLASS_NAME = re.compile(r"\w+(\.\w+)*:\w+")
 
 
 def named(name: str, option: str = OPTION) -> type[Estimator]:
-    """The estimator class that a person has named by an option; its module is imported, from the
-    Python path or the present folder.
+    """Import and return the estimator class that the user named by an option.
+
+    The module is found on the Python path or in the current directory.
+
+    Parameters
+    ----------
+    name : str
+        Name of the class as module:class.
+    option : str
+        Option of the command line, for error messages.
+
+    Raises
+    ------
+    BadInput
+        If the module cannot be imported, or the class is no usable estimator.
     """
     module, _, cls = name.partition(":")
-    if not NAME.fullmatch(name):
-        ours = ", ".join((*ESTIMATORS, *PRESETS))
-        raise BadInput(option, name, f"one of {ours}, or module:class such as mylab.rls:RLS")
+    if not CLASS_NAME.fullmatch(name):
+        built_in = ", ".join((*ESTIMATORS, *PRESETS))
+        raise BadInput(option, name, f"one of {built_in}, or module:class such as mylab.rls:RLS")
     kind: object = getattr(_imported(module, name, option), cls, None)
     if not (isinstance(kind, type) and issubclass(kind, Estimator)):
         raise BadInput(option, name, f"a class in {module} that derives from rcmservo.Estimator")
     if not is_dataclass(kind):
         raise BadInput(option, name, "a frozen dataclass, whose fields are its settings")
     if inspect.isabstract(kind):
-        lacks = ", ".join(sorted(kind.__abstractmethods__))
-        raise BadInput(option, name, f"an estimator with all its methods; it lacks {lacks}")
-    _try(kind, name, option)
+        missing = ", ".join(sorted(kind.__abstractmethods__))
+        raise BadInput(option, name, f"an estimator with all its methods; it lacks {missing}")
+    _require_defaults(kind, name, option)
     return kind
 
 
-def _try(kind: type[Estimator], name: str, option: str) -> None:
-    """Refuse a class that cannot be made from its defaults."""
+def _require_defaults(kind: type[Estimator], name: str, option: str) -> None:
+    """Raise `BadInput` if the class cannot be constructed with its defaults."""
     try:
         kind()
     except RcmServoError:
         raise
     except Exception as error:
-        right = f"a class whose settings all have a default; to make one raised {one_line(error)}"
-        raise BadInput(option, name, right) from error
+        expected = f"a class whose settings all have a default; it raised {one_line(error)}"
+        raise BadInput(option, name, expected) from error
 
 
 def _imported(module: str, name: str, option: str) -> object:
@@ -55,14 +69,15 @@ def _imported(module: str, name: str, option: str) -> object:
         sys.path.append(here)
     try:
         return importlib.import_module(module)
-    except (Exception, SystemExit) as error:  # of whatever the module does while it is imported
-        right = f"a class of a module that can be imported; {module} raised {one_line(repr(error))}"
-        raise BadInput(option, name, right) from error
+    except (Exception, SystemExit) as error:  # from the code of the module
+        raised = f"{module} raised {one_line(repr(error))}"
+        raise BadInput(option, name, f"a class of an importable module; {raised}") from error
 
 
 def source(estimator: Estimator) -> str:
-    """SHA-256 of the file that a user's own estimator comes from, in hexadecimal; empty for ours,
-    and where there is no such file.
+    """Return the SHA-256 of a user-defined estimator's source file in hexadecimal.
+
+    The result is empty for a built-in estimator, or if there is no such file.
     """
     module = type(estimator).__module__
     file = getattr(sys.modules.get(module), "__file__", None)

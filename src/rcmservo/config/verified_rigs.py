@@ -1,8 +1,8 @@
-"""Which lab files have passed `rcmservo rig check`: by their bytes, so that a file that was changed
-since counts as a new one.
+"""Registry of the rig files that have passed `rcmservo rig check`.
 
-A note of each is kept under the user's state folder ($XDG_STATE_HOME, or ~/.local/state). One that
-is damaged counts as none. Notes guard against haste, not against whoever writes them by hand.
+A file is identified by the digest of its bytes; a changed file therefore counts as not verified.
+Each file has a note in the user's state directory ($XDG_STATE_HOME, or ~/.local/state). A damaged
+note is ignored. Notes prevent oversights; they are no protection against forgery.
 """
 
 import hashlib
@@ -15,42 +15,55 @@ from rcmservo.config import texts
 from rcmservo.config.atomic_files import read_small, write_whole
 from rcmservo.errors import RcmServoError, UnusableFile
 
-FORMAT = "rcmservo checked 1"
-MAX_SIZE = 4096
-DIGITS = frozenset("0123456789abcdef")
+NOTE_FORMAT = "rcmservo checked 1"
+MAX_NOTE_BYTES = 4096
+HEXADECIMAL_DIGITS = frozenset("0123456789abcdef")
 
 
 def digest_of(data: bytes) -> str:
-    """What a lab file's bytes are known by: SHA-256 in hexadecimal. Take it of the same bytes that
-    the settings are read from.
+    """Return the SHA-256 of a rig file's bytes in hexadecimal.
+
+    Use the same bytes for the settings: the file may change between two readings.
     """
     return hashlib.sha256(data).hexdigest()
 
 
 def is_checked(digest: str) -> bool:
-    """Whether the lab file with this digest has passed, and has not failed since."""
+    """Return True if the rig file with this digest passed its last check."""
     try:
-        told = texts.from_json(read_small(_note(digest), MAX_SIZE, "a note").decode())
+        note = texts.from_json(read_small(_note(digest), MAX_NOTE_BYTES, "a note").decode())
     except (RcmServoError, texts.Refused, ValueError, RecursionError):
         return False
-    if not texts.is_table(told):
+    if not texts.is_table(note):
         return False
-    return told.get("format") == FORMAT and told.get("sha256") == digest
+    return note.get("format") == NOTE_FORMAT and note.get("sha256") == digest
 
 
 def note_checked(digest: str) -> None:
-    """Note that the lab file with this digest has passed now."""
+    """Store that the rig file with this digest has passed the check now.
+
+    Raises
+    ------
+    UnusableFile
+        If the note cannot be written.
+    """
     note, when = _note(digest), datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
     try:
         note.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise UnusableFile(note.parent, f"cannot be made: {error.strerror}") from error
-    content = {"format": FORMAT, "sha256": digest, "checked": when}
+    content = {"format": NOTE_FORMAT, "sha256": digest, "checked": when}
     write_whole(note, json.dumps(content, indent=1) + "\n")
 
 
 def forget_checked(digest: str) -> None:
-    """Forget that it has passed, if it has: it failed now."""
+    """Remove the note of the rig file with this digest after a failed check.
+
+    Raises
+    ------
+    UnusableFile
+        If the note cannot be removed.
+    """
     note = _note(digest)
     try:
         note.unlink(missing_ok=True)
@@ -61,10 +74,12 @@ def forget_checked(digest: str) -> None:
 
 
 def _note(digest: str) -> Path:
-    """Where the note of this digest is."""
-    assert len(digest) == 64 and set(digest) <= DIGITS
-    told = Path(os.environ.get("XDG_STATE_HOME", ""))
-    state = told if told.is_absolute() else Path(os.path.expanduser("~/.local/state"))
+    """Return the path of the note for a digest."""
+    assert len(digest) == 64 and set(digest) <= HEXADECIMAL_DIGITS
+    configured = Path(os.environ.get("XDG_STATE_HOME", ""))
+    state = configured if configured.is_absolute() else Path(os.path.expanduser("~/.local/state"))
     if not state.is_absolute():
-        raise UnusableFile(state, "is nowhere, as you have no home folder: set XDG_STATE_HOME")
+        raise UnusableFile(
+            state, "is no absolute path because the home directory is unknown: set XDG_STATE_HOME"
+        )
     return state / "rcmservo" / "checked" / f"{digest}.json"

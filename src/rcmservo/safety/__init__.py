@@ -1,1 +1,1 @@
-"""Causes of a stop, their checks, the state machine, the gate and the watchdog."""
+"""Causes of stops, their checks, the state machine, the safety gate and the watchdog."""

@@ -1,5 +1,7 @@
-"""Causes of a stop: each is one object with its sentence, action, way out, detector and what it
-invalidates. Compiled functions have the same table as numbers, by the causes' places in it.
+"""Causes of stops, slow motion and warnings.
+
+A cause is one object: its sentence, action, remedy for the operator, detector and what it
+invalidates. Compiled functions read the same table as tuples that are indexed by a cause's code.
 """
 
 from collections.abc import Callable
@@ -11,12 +13,28 @@ from rcmservo.numerics.jit import compiled, declare_in
 from rcmservo.safety.checks import devices, drift, estimate, exploration, markers, progress
 from rcmservo.safety.checks.facts import DetailFacts, TickFacts
 
-TEACH_AGAIN = "show the target again"
-"""Words of a way out that includes teaching the target in the present view."""
+TEACH_AGAIN = "teach the target again"
+"""Words of a remedy that includes teaching the target in the present view."""
 
 
 class Action(IntEnum):
-    """Action that a cause requests; the greatest one wins."""
+    """Action that a cause requests. If several are requested, the greatest one is taken.
+
+    Attributes
+    ----------
+    NONE
+        No action.
+    WARN
+        Report the cause.
+    SLOW
+        Move at a fraction of the full speed.
+    HOLD
+        Ramp the rates to zero; resume automatically once the cause is gone.
+    PAUSE
+        Ramp the rates to zero; resume only at the operator's request.
+    FAULT
+        Set the rates to zero at once and switch the drive off, until the operator clears the fault.
+    """
 
     NONE = 0
     WARN = 1
@@ -27,16 +45,16 @@ class Action(IntEnum):
 
 
 class Invalidates(IntEnum):
-    """Knowledge that a pause or fault invalidates.
+    """State that a pause or fault invalidates.
 
-    The rest is kept, and with it the newest frame accepted, so that a camera moved meanwhile is
-    noticed.
+    The rest of the state stays valid. It includes the newest accepted frame, with which the first
+    frame after the pause is compared: this detects a camera that was moved during the pause.
     """
 
     NOTHING = 0
     ESTIMATE = 1
     ESTIMATE_AND_TARGETS = 2
-    """As after a moved camera."""
+    """After the camera was moved."""
 
 
 class Declaration(NamedTuple):
@@ -45,21 +63,22 @@ class Declaration(NamedTuple):
     Parameters
     ----------
     action : Action
-        Action that it requests.
+        Action that the cause requests.
     sentence : str
         Description for the operator.
     way_out : str
         Remedy for the operator.
     detector : Callable[[TickFacts], bool] or None
-        Compiled function that detects it at a tick; None where gate or state machine raise it.
+        Compiled function that detects the cause at a tick; None where the gate or the state machine
+        raises it.
     invalidates : Invalidates
-        Knowledge that it invalidates.
+        State that the cause invalidates.
     invalidates_unexplored : Invalidates
-        Knowledge that it invalidates before an exploration is done, if that is more.
+        State that the cause invalidates before an exploration is done, if that is more.
     hides_markers : bool
-        True if it explains why no marker is detected.
+        True if the cause explains why no marker is detected.
     detail : Callable[[DetailFacts], str]
-        Function that words which joint it is, its value and its limit.
+        Function that describes the details, such as the joint, its value and its limit.
     """
 
     action: Action
@@ -76,18 +95,31 @@ warn, slow, hold, pause, fault = (partial(Declaration, action) for action in lis
 
 
 class Cause(Enum):
-    """Cause of a stop, of slow motion or of a warning. Its value is the sentence for the operator.
+    """Cause of a stop, of slow motion or of a warning.
 
-    Graver actions stand first, and of several causes present the first is named.
+    The value of a member is the sentence for the operator. The members are ordered by the severity
+    of their actions, the most severe first. If several causes are present, the first one is
+    reported.
+
+    Attributes
+    ----------
+    declared : Declaration
+        Declaration of the cause, with its detector and what it invalidates.
+    action : Action
+        Action that the cause requests.
+    way_out : str
+        Remedy for the operator; empty if the tool does not stop.
+    place : int
+        Position among the members, the code of the cause in compiled functions; 0 for NONE.
+    bit : int
+        Bit of the cause in a set of causes that is stored as one integer; 0 for NONE.
     """
 
     declared: Declaration
     action: Action
     way_out: str
     place: int
-    """Its position, which stands for it in compiled functions; 0 for NONE."""
     bit: int
-    """Its bit in a set of causes that is kept as one number; 0 for NONE."""
 
     def __new__(cls, *declared: Any) -> "Cause":
         cause = object.__new__(cls)
@@ -99,36 +131,36 @@ class Cause(Enum):
 
     NONE = Declaration(Action.NONE, "")
     NOT_FINITE = fault(
-        "a number that is not finite reached the last gate",
-        "this is an error in the software: keep the record, clear, and enable again",
+        "the safety gate received a number that is not finite",
+        "this is a software error: keep the record, then clear and enable again",
         invalidates=Invalidates.ESTIMATE,
     )
     ESTIMATOR_FAILED = fault(
-        "the estimator raised an error, or gave what is no Jacobian",
-        "mend the estimator and begin a new run",
+        "the estimator raised an error or returned an invalid Jacobian",
+        "correct the estimator and start a new run",
         estimate.estimator_failed,
         invalidates=Invalidates.ESTIMATE,
     )
     ESTIMATE_NOT_FINITE = fault(
-        "the estimator gave a number that is not finite",
-        "this is an error in the estimator: keep the record, clear, and enable again",
+        "the estimator returned a number that is not finite",
+        "this is an error in the estimator: keep the record, then clear and enable again",
         estimate.estimate_is_not_finite,
         invalidates=Invalidates.ESTIMATE,
     )
     JOINTS_NOT_FINITE = fault(
-        "the arm tells joints that are not finite",
+        "the arm reports joint positions that are not finite",
         "check the encoders, then clear and enable again",
         devices.joints_are_not_finite,
         detail=devices.describe_not_finite,
     )
     CLOCK_STOOD = fault(
-        "the loop's clock stood still or went back",
-        "mend the clock, then clear and enable again",
-        devices.clock_stood,
+        "the loop's clock stopped or went back",
+        "correct the clock, then clear and enable again",
+        devices.clock_did_not_advance,
     )
     DRIVE_OFF = fault(
-        "the arm's drive went off: its watchdog or an emergency stop has switched it off",
-        "find out what stopped it, then clear and enable again",
+        "the arm's drive is off: its watchdog or an emergency stop has switched it off",
+        "find out why the drive was switched off, then clear and enable again",
         devices.drive_went_off,
     )
     ARM_SILENT = fault(
@@ -138,251 +170,251 @@ class Cause(Enum):
     )
     NOT_FOLLOWING = fault(
         "the joints do not follow the commands",
-        "look for a blocked, slipping or wrongly wired axis, or set thresholds.drive_lag for slow "
-        "drives, then clear and enable again",
+        "look for an axis that is blocked, slips or has its wires reversed, or set "
+        "thresholds.drive_lag for slow drives, then clear and enable again",
         devices.joints_do_not_follow,
         detail=devices.describe_following,
     )
     CREEPS = fault(
-        "the joints move while nothing is commanded",
-        "find what moves them, such as a slipping brake, an offset of the drive or a hand, then "
-        "clear and enable again",
+        "the joints move although no motion is commanded",
+        "find out what moves the joints, such as a slipping brake, an offset of the drive or a "
+        "hand, then clear and enable again",
         devices.joints_creep,
         detail=devices.describe_creeping,
     )
     BEYOND_LIMIT = fault(
         "a joint is beyond its limit",
-        "bring the tool back by hand, then clear and enable again",
+        "move the tool back by hand, then clear and enable again",
         devices.joint_is_beyond_limit,
         detail=devices.describe_limits,
     )
     CAMERA_MOVED = pause(
         "the markers jumped while the joints did not: the camera was moved",
-        "show the target again in the new view, then resume: the servo explores anew",
+        f"{TEACH_AGAIN} in the new view, then resume: the servo repeats the exploration",
         markers.camera_moved,
         invalidates=Invalidates.ESTIMATE_AND_TARGETS,
     )
     SWAPPED = pause(
-        "the markers are taken for each other",
-        "see that nothing else looks like a marker, and that marker 1 is the one nearer the RCM, "
+        "marker 1 and marker 2 are confused with each other",
+        "check that nothing else looks like a marker and that marker 1 is the one nearer the RCM, "
         "then resume",
         markers.markers_are_swapped,
         invalidates_unexplored=Invalidates.ESTIMATE,
     )
     SURPRISED = pause(
-        "the markers are not where the tool's motion puts them: something else is taken for one, "
-        "or the camera moved",
-        "see that nothing else looks like a marker, then resume",
+        "the markers are not at the predicted positions: another object is detected as a "
+        "marker, or the camera moved",
+        "check that nothing else looks like a marker, then resume",
         markers.markers_are_unexpected,
         invalidates_unexplored=Invalidates.ESTIMATE_AND_TARGETS,
     )
     FROZEN = pause(
-        "the picture stands still while the tool moves",
-        "let the camera's picture run again, then resume",
+        "the image does not change while the tool moves",
+        "restart the camera's image stream, then resume",
         drift.picture_is_frozen,
     )
     DRIFTS = pause(
-        "the markers drift away from where the joints put them: the camera moves, turns or zooms, "
-        "or something slides along with them",
-        "see that the camera stands still, show the target again, then resume: the servo explores "
-        "anew",
+        "the markers drift away from the positions that the joints predict: the camera moves, "
+        "turns or zooms, or an object that slides along is detected as the markers",
+        f"check that the camera is fixed, {TEACH_AGAIN}, then resume: the servo repeats the "
+        "exploration",
         drift.markers_drift,
         invalidates=Invalidates.ESTIMATE_AND_TARGETS,
     )
     ELSEWHERE = pause(
-        "the picture shows the tool at the target, but the joints say that it is elsewhere: a "
-        "pose beyond a singular surface looks the same, or since the target was shown the camera "
-        "was moved or zoomed, or the arm's zero has changed",
-        "show the target again, then resume",
-        progress.tool_is_elsewhere,
+        "the image shows the tool at the target, but the joints contradict it: a pose beyond a "
+        "singular surface looks the same, or the camera was moved or zoomed after the target was "
+        "taught, or the zero positions of the arm have changed",
+        f"{TEACH_AGAIN}, then resume",
+        progress.joints_contradict_image,
     )
     DIVERGED = pause(
-        "the markers keep moving otherwise than the estimate says",
-        "check that the tool is rigid and the arm tells its joints rightly, then resume: the "
-        "servo explores anew",
+        "the markers repeatedly move differently from the estimate's prediction",
+        "check that the tool is rigid and the arm reports correct joint positions, then resume: "
+        "the servo repeats the exploration",
         estimate.estimate_diverged,
         invalidates=Invalidates.ESTIMATE,
     )
     OVERRUN = pause(
-        "the loop ran late: several ticks in a row, or one by more than its bound",
-        "take other work off this computer, then resume",
+        "the loop ran late: several ticks in succession, or one tick by more than the limit",
+        "stop other programs on this computer, then resume",
         devices.loop_overran,
     )
     NOT_RECORDED = pause(
-        "the record can no longer be written",
-        "make room on the disk and start a new run",
+        "the record cannot be written any more",
+        "free disk space and start a new run",
         devices.recording_failed,
     )
     NO_ROOM = pause(
-        "the joint limits leave no room to explore around the start",
-        "bring the tool further from its limits, then resume",
-        exploration.there_is_no_room,
+        "the joint limits leave no room for the exploration around the start",
+        "move the tool away from its joint limits, then resume",
+        exploration.no_room_to_explore,
     )
     NOT_EXPLORED = pause(
-        "exploration ended without an estimate that predicts what the camera sees",
+        "the exploration ended without an estimate that predicts the camera's images",
         "check mechanism and tool in the rig file, or allow a larger exploration, then resume",
         exploration.exploration_failed,
         invalidates=Invalidates.ESTIMATE,
         detail=exploration.advise,
     )
     STALLED = pause(
-        "the feature error has stopped falling: the target cannot be reached from here",
-        "bring the tool to another start, or show a target within reach, then resume",
+        "the feature error does not decrease any more: the target cannot be reached from this pose",
+        "move the tool to another start, or teach a target within reach, then resume",
         progress.progress_stalled,
     )
     TARGET_OLD = pause(
-        "the target was shown before the camera was moved",
-        "show the target again, then resume",
+        "the target was taught before the camera was moved",
+        f"{TEACH_AGAIN}, then resume",
         progress.target_is_old,
     )
-    ASKED = pause("a person asked for a pause", "resume when ready")
+    ASKED = pause("the operator requested a pause", "resume when ready")
     MARKERS_LOST = hold(
-        "neither marker is seen: they left the picture or are hidden",
-        "clear the view, then resume",
+        "neither marker is detected: both left the image or are hidden",
+        "clear the camera's view, then resume",
         markers.both_markers_are_lost,
         hides_markers=True,
     )
     MARKER_1_LOST = hold(
-        "marker 1 is not seen: it left the picture or is hidden",
-        "clear the view, then resume",
+        "marker 1 is not detected: it left the image or is hidden",
+        "clear the camera's view, then resume",
         markers.marker_1_is_lost,
         hides_markers=True,
     )
     MARKER_2_LOST = hold(
-        "marker 2 is not seen: it left the picture or is hidden",
-        "clear the view, then resume",
+        "marker 2 is not detected: it left the image or is hidden",
+        "clear the camera's view, then resume",
         markers.marker_2_is_lost,
         hides_markers=True,
     )
     FRAMES_DAMAGED = hold(
-        "frames come damaged",
+        "the frames arrive damaged",
         "check the camera and its cable, then resume",
         devices.frames_are_damaged,
         hides_markers=True,
     )
     FRAMES_NOT_NEW = hold(
-        "frames come repeated or out of order",
+        "the frames arrive repeatedly or out of order",
         "check the camera's driver, then resume",
         devices.frames_are_not_new,
         hides_markers=True,
     )
     FRAMES_CLOCK = hold(
-        "frames bear times that cannot be right",
+        "the frames have impossible timestamps",
         "check the camera's clock, then resume",
         devices.frame_times_are_invalid,
         hides_markers=True,
     )
     STALE = hold(
-        "no new frame has come from the camera for too long",
+        "no new frame has arrived from the camera for too long",
         "check the camera, then resume",
         devices.frames_stopped,
         hides_markers=True,
     )
     LATE = hold(
-        "the frames come too long after their exposure",
-        "make camera and tracking faster, then resume",
+        "the frames arrive too long after their exposure",
+        "reduce the delay of camera and tracking, then resume",
         devices.frames_come_late,
     )
     JOINTS_UNKNOWN = hold(
-        "the joints' positions at the exposure of the frame are not known",
-        "check that camera and arm keep the same time, then resume",
+        "the joint positions at the exposure of the frame are not known",
+        "check that the clocks of camera and arm agree, then resume",
         devices.joints_at_exposure_are_unknown,
     )
     RCM_UNKNOWN = hold(
-        "the imaged RCM cannot be computed: the lines seen of the tool are too much alike",
-        "turn the camera so that the tool is not seen from its end, then resume",
+        "the imaged RCM cannot be computed: the imaged lines of the tool are nearly the same",
+        "turn the camera so that it does not look along the tool, then resume",
         estimate.rcm_is_unknown,
     )
     ESTIMATE_LARGE = hold(
-        "the estimate is out of bounds: no camera sees a tool move so fast",
-        "resume: the servo explores anew",
+        "the estimate is out of bounds: no camera images a tool that large",
+        "resume: the servo repeats the exploration",
         estimate.estimate_is_large,
         invalidates=Invalidates.ESTIMATE,
     )
     SINGULAR = hold(
-        "the target lies at or beyond a singular surface: no motion that the estimate knows of "
-        "brings the features nearer to it",
-        "bring the tool nearer to the target or away from the singular pose, then resume",
+        "the target lies at or beyond a singular surface: by the estimate, no motion of the tool "
+        "reduces the feature error",
+        "move the tool nearer to the target or away from the singular pose, then resume",
         progress.path_is_singular,
     )
     JOINT_1_LIMIT = hold(
-        "the way to the target goes past the limit of joint 1",
-        "bring the tool to another start, then resume",
+        "the path to the target passes the limit of joint 1",
+        "move the tool to another start, then resume",
         progress.joint_1_blocks_the_path,
     )
     JOINT_2_LIMIT = hold(
-        "the way to the target goes past the limit of joint 2",
-        "bring the tool to another start, then resume",
+        "the path to the target passes the limit of joint 2",
+        "move the tool to another start, then resume",
         progress.joint_2_blocks_the_path,
     )
     JOINT_3_LIMIT = hold(
-        "the way to the target goes past the limit of joint 3",
-        "bring the tool to another start, then resume",
+        "the path to the target passes the limit of joint 3",
+        "move the tool to another start, then resume",
         progress.joint_3_blocks_the_path,
     )
     REJECTED = slow(
-        "a frame was not believed: the markers are not where the tool's motion puts them",
+        "a frame was rejected: the markers are not at the predicted positions",
         detector=markers.frame_was_rejected,
     )
     WITHOUT_MARKER_1 = slow(
-        "marker 1 is not seen: marker 2 and the joints tell the pose",
+        "marker 1 is not detected: marker 2 and the joints determine the pose",
         detector=markers.marker_1_is_completed,
     )
     WITHOUT_MARKER_2 = slow(
-        "marker 2 is not seen: marker 1 and the joints tell the pose",
+        "marker 2 is not detected: marker 1 and the joints determine the pose",
         detector=markers.marker_2_is_completed,
     )
-    AGEING = slow("no new frame has come for longer than usual", detector=devices.frame_is_old)
+    AGEING = slow("no new frame has arrived for longer than usual", detector=devices.frame_is_old)
     NEARLY_SINGULAR = slow(
-        "a singular surface nearly closes the way to the target",
+        "the path to the target is nearly singular",
         detector=progress.path_is_nearly_singular,
     )
     LATE_TICK = warn("the loop ran late by a tick", detector=devices.tick_came_late)
 
     @property
     def needs_teaching(self) -> bool:
-        """True if the way out includes teaching the target again."""
+        """True if the remedy includes teaching the target again."""
         return TEACH_AGAIN in self.way_out
 
     @property
     def words(self) -> str:
-        """The sentence and the way out, as one text."""
+        """Sentence and remedy as one text."""
         return self.describe("")
 
     def describe(self, detail: str) -> str:
-        """Return sentence, detail and way out as one text."""
+        """Return sentence, detail and remedy as one text."""
         sentence = f"{self.value}: {detail}" if detail else self.value
         return f"{sentence} ({self.way_out})" if self.way_out else sentence
 
     @property
     def stopping(self) -> str:
-        """Its sentence if it stops the tool; empty otherwise."""
+        """Sentence of a cause that stops the tool; empty for other causes."""
         return self.value if self.action >= Action.HOLD else ""
 
 
 CAUSES = tuple(Cause)
 ACTIONS = tuple(int(cause.action) for cause in CAUSES)
-"""Action of each, by its place."""
+"""Action of each cause, indexed by its code."""
 
-EXPLORED = tuple(int(cause.declared.invalidates) for cause in CAUSES)
-"""Knowledge that each invalidates, by its place."""
+INVALIDATED_EXPLORED = tuple(int(cause.declared.invalidates) for cause in CAUSES)
+"""Value of `Invalidates` of each cause after an exploration, indexed by its code."""
 
-UNEXPLORED = tuple(
+INVALIDATED_UNEXPLORED = tuple(
     max(int(cause.declared.invalidates), int(cause.declared.invalidates_unexplored))
     for cause in CAUSES
 )
-"""The same before an exploration is done."""
+"""Value of `Invalidates` of each cause before an exploration is done, indexed by its code."""
 
 DETECTORS = tuple(
     (cause.bit, cause.declared.detector) for cause in CAUSES if cause.declared.detector is not None
 )
-"""Bit and detector of each cause that has one."""
+"""Bit and detector of each cause that has a detector."""
 
 declare_in("rcmservo.safety.compiled_detectors")
 
 
 def find_causes(facts: TickFacts) -> int:
-    """Return the set of the causes that their detectors find at a tick."""
+    """Return the set of causes that are detected at a tick, as the sum of their bits."""
     found = 0
     for bit, detects in DETECTORS:
         if detects(facts):
@@ -392,21 +424,21 @@ def find_causes(facts: TickFacts) -> int:
 
 @compiled
 def invalidated_by(cause: int, explored: bool) -> int:
-    """Return the knowledge that a cause, by its place, invalidates."""
-    return EXPLORED[cause] if explored else UNEXPLORED[cause]
+    """Return the value of `Invalidates` of a cause, given by its code."""
+    return INVALIDATED_EXPLORED[cause] if explored else INVALIDATED_UNEXPLORED[cause]
 
 
 @compiled
-def graver(one: int, other: int) -> int:
-    """Return the graver one of two causes, by their places."""
+def select_more_severe(one: int, other: int) -> int:
+    """Return the code of the more severe one of two causes, given by their codes."""
     return max(one, other) if one == 0 or other == 0 else min(one, other)
 
 
 @compiled
 def gravest(found: int) -> int:
-    """Return the place of the gravest cause in a set of them; 0 where there is none."""
+    """Return the code of the most severe cause of a set, given by its bits; 0 for the empty set."""
     if found != 0:
-        for place in range(1, len(ACTIONS)):
-            if found >> (place - 1) & 1:
-                return place
+        for code in range(1, len(ACTIONS)):
+            if found >> (code - 1) & 1:
+                return code
     return 0

@@ -1,12 +1,12 @@
-"""The last gate before anything moves: finite, within speed, inside the joint limits, and never a
-jump.
+"""Safety gate: bounds on the joint rates before they become a command.
 
-Joint rates come in from the law or from exploration; only what leaves here is a Command, and a
-plant takes nothing else. Every check is written so that NaN fails it.
+The gate receives joint rates from the control law or the exploration. It returns finite rates
+within the speed, slew and joint limits. Only the gate makes a `Command`, and a plant accepts
+nothing else. Every comparison is written so that NaN fails it.
 
-Towards a limit at the distance x a joint's speed v keeps v²/a + v T <= x: half of its slew limit a
-stops it in time, and T = e · latency + dt is what a loop with that latency needs to close in on the
-limit without passing it.
+At the distance x from a joint limit, the speed v of the joint satisfies v²/a + v T <= x. Half of
+the slew limit a stops the joint in time. T = e · latency + dt is the time that a loop with this
+latency needs to approach the limit without passing it.
 """
 
 from dataclasses import dataclass
@@ -31,34 +31,50 @@ from rcmservo.numerics.small_linalg import all_finite, fill
 from rcmservo.numerics.structs import Rows, Struct, as_row
 
 ROUNDING = 1.0 + 1e-12
-"""A rate that the slew brings to zero but for rounding is brought to zero."""
+"""Factor on the slew limit: without it, rounding would leave a rate of nearly zero."""
 
-FASTEST_TURN = 4.0 * np.pi
-"""rad/s. No arm of this kind turns twice in a second: a larger bound was given in degrees."""
+MAX_JOINT_SPEED_RAD_S = 4.0 * np.pi
+"""Largest valid speed of a rotary joint. No RCM mechanism makes two turns per second: a larger
+value was given in degrees."""
 
 
 @compiled
 def within(
-    rates: Floats,
-    last: Floats,
-    q: Floats,
-    rcm: Rcm,
-    gate: "Gate",
-    dt: float,
-    share: float,
+    rates: Floats, last: Floats, q: Floats, rcm: Rcm, gate: "Gate", dt: float, speed_scale: float
 ) -> bool:
-    """Write the joint rates (3,) that may be sent over the `last` ones; whether all that came in
-    was finite and time had passed.
+    """Bound joint rates by the limits of speed, slew and joint range.
+
+    Parameters
+    ----------
+    rates : Floats
+        Requested joint rates, (3,) rad/s, rad/s, mm/s.
+    last : Floats
+        Joint rates of the last command, (3,); overwritten by the bounded rates.
+    q : Floats
+        Measured joints, (3,) rad, rad, mm.
+    rcm : Rcm
+        Mechanism with its joint limits.
+    gate : Gate
+        Bounds.
+    dt : float
+        Time since the last command, s.
+    speed_scale : float
+        Fraction of the full speed that is permitted.
+
+    Returns
+    -------
+    bool
+        False if an input was not finite or no time had passed; the rates are zero then.
     """
     if not (all_finite(rates) and all_finite(q) and all_finite(last) and dt > 0.0):
         fill(last, 0.0)
         return False
-    slower = 1.0
-    if share > 0.0:
+    reduction = 1.0
+    if speed_scale > 0.0:
         for i in range(3):
-            slower = max(slower, abs(rates[i]) / (share * gate.speed[i]))
+            reduction = max(reduction, abs(rates[i]) / (speed_scale * gate.speed[i]))
     for i in range(3):
-        allowed = rates[i] / slower if share > 0.0 else 0.0
+        allowed = rates[i] / reduction if speed_scale > 0.0 else 0.0
         slew = gate.slew[i]
         half = 0.5 * slew * (np.e * gate.latency + dt)
         up = np.sqrt(half**2 + slew * max(rcm.upper[i] - q[i], 0.0)) - half
@@ -70,17 +86,17 @@ def within(
 
 
 class CommandStruct(Struct, source=Command):
-    """The last command in compiled functions."""
+    """Last command in compiled functions."""
 
 
 def command_of(last: CommandStruct) -> Command:
-    """The last command as devices take it."""
+    """Return the last command as a `Command`, as devices receive it."""
     return Command(**last.values())
 
 
 @compiled
 def issue(last: CommandStruct, enabled: bool, now: int, gate: "Gate") -> None:
-    """Number and times of the next command."""
+    """Set number, time and deadline of the next command."""
     last.number, last.time, last.enabled = last.number + 1, now, enabled
     last.deadline = now + int(np.round(gate.deadline * 1e9))
 
@@ -92,37 +108,56 @@ def admit(
     q: Floats,
     rcm: Rcm,
     now: int,
-    share: float,
+    speed_scale: float,
     gate: "Gate",
 ) -> bool:
-    """Make the wanted joint rates (3,) a command, from the last one and the measured q (3,).
+    """Turn requested joint rates into the next command.
 
-    ``share`` of the full speed may be used; at 0 the rates go to zero as fast as the slew allows.
-    False where something that came in was not finite or no time had passed: then it is zero.
+    Parameters
+    ----------
+    last : CommandStruct
+        Last command; overwritten by the next one.
+    rates : Floats
+        Requested joint rates, (3,) rad/s, rad/s, mm/s.
+    q : Floats
+        Measured joints, (3,) rad, rad, mm.
+    rcm : Rcm
+        Mechanism with its joint limits.
+    now : int
+        Time of the tick, ns.
+    speed_scale : float
+        Fraction of the full speed that is permitted. At 0 the rates go to zero as fast as the slew
+        limit allows.
+    gate : Gate
+        Bounds.
+
+    Returns
+    -------
+    bool
+        False if an input was not finite or no time had passed; the rates are zero then.
     """
     dt = min((now - last.time) * 1e-9, gate.max_period)
-    finite = within(rates, last.rates, q, rcm, gate, dt, share)
+    finite = within(rates, last.rates, q, rcm, gate, dt, speed_scale)
     issue(last, True, now, gate)
     return finite
 
 
 @compiled
 def stop(last: CommandStruct, now: int, gate: "Gate") -> None:
-    """Zero at once, with the drive off."""
+    """Make the next command one with zero rates and the drive off."""
     fill(last.rates, 0.0)
     issue(last, False, now, gate)
 
 
-class Passed(NamedTuple):
-    """What the gate let through.
+class GateResult(NamedTuple):
+    """Result of the gate.
 
     Parameters
     ----------
     command : Command
-        What the arm may be sent.
+        Command for the arm.
     finite : bool
-        Whether all numbers that came in were finite and time had passed. If not, the command is
-        zero at once.
+        False if an input was not finite or no time had passed; the rates are zero then.
     """
 
     command: Command
@@ -133,24 +168,35 @@ class Passed(NamedTuple):
 class Gate(Checked, section="gate"):
     """Bounds on every command.
 
+    The rates keep each joint within its range: towards a joint limit at the distance x, the speed v
+    satisfies v²/slew + v (e · latency + dt) <= x, where dt is the time since the last command.
+
     Parameters
     ----------
     speed : Triple
-        Bound on each joint's rate, rad/s, rad/s, mm/s.
+        Largest rate of each joint, rad/s, rad/s, mm/s.
     slew : Triple
-        Bound on its change, rad/s², rad/s², mm/s².
+        Largest change of each joint's rate per time, rad/s², rad/s², mm/s².
     latency : float
-        How long the arm may go on at its last speed before a command takes hold, s.
+        Time for which the arm may continue at its last speed before a command takes effect, s.
     max_period : float
-        Longest time over which one command may change, s: a late tick must not allow a jump.
+        Longest time for which the slew limit lets one command change the rates, s. A late tick must
+        not cause a jump.
     deadline : float
-        Time after its tick from which on a command is void, s.
+        Time after its tick at which a command expires, s.
+
+    Raises
+    ------
+    BadInput
+        If a bound is outside its range.
     """
 
     name = "gate"
 
     speed: Annotated[
-        Triple, three_positive("rad/s, rad/s, mm/s"), angles(FASTEST_TURN, first=2, unit="rad/s")
+        Triple,
+        three_positive("rad/s, rad/s, mm/s"),
+        angles(MAX_JOINT_SPEED_RAD_S, first=2, unit="rad/s"),
     ] = (1.0, 1.0, 80.0)
     slew: Annotated[Triple, three_positive("rad/s², rad/s², mm/s²")] = (10.0, 10.0, 800.0)
     latency: Annotated[float, not_negative("time in s")] = 0.05
@@ -159,11 +205,11 @@ class Gate(Checked, section="gate"):
 
     @cached_property
     def row(self) -> "Rows[Gate]":
-        """The bounds for compiled functions."""
+        """Bounds as a row for compiled functions."""
         return as_row(self)
 
     def rest(self) -> Command:
-        """The command before the first: stand still, drive off."""
+        """Return the command before the first: zero rates, drive off."""
         return Command(
             number=0, time=-1_000_000_000, deadline=-1_000_000_000, rates=np.zeros(3), enabled=False
         )
@@ -176,14 +222,35 @@ class Gate(Checked, section="gate"):
         rcm: Rcm,
         now: int,
         share: float = 1.0,
-    ) -> Passed:
-        """`admit`, from a Command to a Command."""
+    ) -> GateResult:
+        """Turn requested joint rates into the next command.
+
+        Parameters
+        ----------
+        rates : Floats
+            Requested joint rates, (3,) rad/s, rad/s, mm/s.
+        last : Command
+            Last command.
+        q : Floats
+            Measured joints, (3,) rad, rad, mm.
+        rcm : Rcm
+            Mechanism with its joint limits.
+        now : int
+            Time of the tick, ns.
+        share : float
+            Fraction of the full speed that is permitted, 0 to 1.
+
+        Returns
+        -------
+        GateResult
+            The command, and whether all inputs were finite.
+        """
         row = CommandStruct.from_source(last)
         finite = admit(cast(Any, row.rows)[0], rates, q, rcm, now, float(share), self.row[0])
-        return Passed(command_of(row), finite)
+        return GateResult(command_of(row), finite)
 
     def stop(self, last: Command, now: int) -> Command:
-        """Zero at once, with the drive off."""
+        """Return the next command with zero rates and the drive off; ``now`` in ns."""
         row = CommandStruct.from_source(last)
         stop(cast(Any, row.rows)[0], now, self.row[0])
         return command_of(row)

@@ -1,6 +1,8 @@
-"""Whether the markers are where the tool's motion puts them, and whether the estimate is right.
+"""Innovation gate: compare the markers of a frame with their prediction by the projection fit.
 
-Every check is written so that NaN trips it.
+Before a fit exists, the module bounds the motion of the markers from frame to frame. It also
+compares a measured change of the features with the prediction by Ĵ. Every comparison is written so
+that NaN fails it.
 """
 
 import numpy as np
@@ -15,13 +17,15 @@ from rcmservo.numerics.small_linalg import largest, length, minus, over, product
 from rcmservo.safety.thresholds import Thresholds
 
 NO_PIXEL = 1e6
-"""px from where on a coordinate is no marker's."""
+"""Absolute pixel coordinate (px) from which on a point is no detection of a marker."""
 
 
 @compiled
 def lost(points: Floats) -> tuple[bool, bool]:
-    """Whether marker 1 and marker 2 are lost: raw pixels (2, 2) not finite, or such as no camera
-    has.
+    """Return whether marker 1 and marker 2 are lost.
+
+    A marker is lost if its raw pixels in `points` (2, 2) are not finite or larger than those of any
+    camera.
     """
     first = abs(points[0, 0]) < NO_PIXEL and abs(points[0, 1]) < NO_PIXEL
     second = abs(points[1, 0]) < NO_PIXEL and abs(points[1, 1]) < NO_PIXEL
@@ -29,73 +33,128 @@ def lost(points: Floats) -> tuple[bool, bool]:
 
 
 @compiled
-def sound(v: Prospect, t: Thresholds) -> bool:
-    """Whether the fit is that of a camera: what it leaves over is no more than noise, and its depth
-    does not change faster than before any camera.
+def sound(fit: Prospect, thresholds: Thresholds) -> bool:
+    """Return True if the fit is plausible for a camera.
+
+    Its rms residual must be at most `left_over` px, and its depth must not change faster with
+    position than in front of a camera at `nearest_camera` mm.
     """
-    return v.noise <= t.left_over**2 and length(v.g) <= UNIT / t.nearest_camera
+    steepest = UNIT / thresholds.nearest_camera
+    return fit.noise <= thresholds.left_over**2 and length(fit.g) <= steepest
 
 
 @compiled
 def misplaced(
-    v: Prospect, p1: Floats, points: Floats, before: Floats, shaft: Shaft, t: Thresholds
+    fit: Prospect, p1: Floats, points: Floats, before: Floats, shaft: Shaft, thresholds: Thresholds
 ) -> tuple[bool, bool, bool]:
-    """Whether marker 1, marker 2 are not where the camera should see them with marker 1 at p1 (3,)
-    mm, and whether each is where the other should be. The newest frame believed had them at
-    `before` (2, 2) px.
+    """Compare both markers with their predictions.
+
+    Parameters
+    ----------
+    fit : Prospect
+        Fit of the camera's projection.
+    p1 : Floats
+        Position of marker 1, (3,) mm, by the joints at the exposure.
+    points : Floats
+        Detected markers, (2, 2) raw px.
+    before : Floats
+        Markers of the newest accepted frame, (2, 2) raw px.
+    shaft : Shaft
+        Tool, which gives the position of marker 2.
+    thresholds : Thresholds
+        Bounds of the comparison.
+
+    Returns
+    -------
+    tuple[bool, bool, bool]
+        True if marker 1 deviates from its prediction; the same for marker 2; and True if both
+        deviate and each agrees with the prediction of the other.
     """
-    there, one, two = both(v, p1, shaft), False, False
+    predicted, one, two = both(fit, p1, shaft), False, False
     for k in range(2):
-        off = doubtful(v, there[k], k, points[k], before[k], t)
-        one, two = (off, two) if k == 0 else (one, off)
+        deviates = deviates_from_prediction(fit, predicted[k], k, points[k], before[k], thresholds)
+        one, two = (deviates, two) if k == 0 else (one, deviates)
     crossed = one and two
     for k in range(2):
-        crossed = crossed and not doubtful(v, there[k], k, points[1 - k], before[k], t)
+        crossed = crossed and not deviates_from_prediction(
+            fit, predicted[k], k, points[1 - k], before[k], thresholds
+        )
     return one, two, crossed
 
 
 @compiled
-def doubtful(
-    v: Prospect, there: Foretold, k: int, point: Floats, before: Floats, t: Thresholds
+def deviates_from_prediction(
+    fit: Prospect,
+    predicted: Foretold,
+    k: int,
+    point: Floats,
+    before: Floats,
+    thresholds: Thresholds,
 ) -> bool:
-    """Whether a `point` (2,) px is further from where marker k should be than noise, what the fit
-    does not know, its errors and wrong times of a motion since `before` explain.
+    """Return True if a detection is an outlier for marker k.
+
+    The innovation is the difference (px) between `point` (2,) and its prediction. It is first
+    reduced by `model_error` px and by the fraction `mistimed` of the marker's motion since `before`
+    (2,) px. The rest is an outlier if its Mahalanobis distance exceeds `innovation`, with the
+    covariance of the fit and the noise of the detection.
     """
-    u = v.origin[3] + there.m[0] + v.offset[k, 0]
-    w = v.origin[4] + there.m[1] + v.offset[k, 1]
-    off_u, off_w = point[0] - u, point[1] - w
-    distance = np.sqrt(off_u * off_u + off_w * off_w)
-    way = np.sqrt((u - before[0]) ** 2 + (w - before[1]) ** 2)
-    excess = distance - t.model_error - t.mistimed * way
+    u = fit.origin[3] + predicted.m[0] + fit.offset[k, 0]
+    v = fit.origin[4] + predicted.m[1] + fit.offset[k, 1]
+    error_u, error_v = point[0] - u, point[1] - v
+    distance = np.sqrt(error_u * error_u + error_v * error_v)
+    motion = np.sqrt((u - before[0]) ** 2 + (v - before[1]) ** 2)
+    excess = distance - thresholds.model_error - thresholds.mistimed * motion
     if excess <= 0.0:
         return False
-    share, noise = excess / distance, v.noise * (1.0 + 1.0 / max(v.weight[k], 1.0))
-    return not share * share * squared(off_u, off_w, spread(v, there), noise) <= t.innovation**2
+    fraction, noise = excess / distance, fit.noise * (1.0 + 1.0 / max(fit.weight[k], 1.0))
+    squared = squared_mahalanobis_distance(error_u, error_v, spread(fit, predicted), noise)
+    return not fraction * fraction * squared <= thresholds.innovation**2
 
 
 @compiled
-def squared(u: float, v: float, cov: tuple[float, float, float], noise: float) -> float:
-    """xᵀ (C + noise I)⁻¹ x of x = (u, v) and the covariance C of u, of u with v, and of v."""
+def squared_mahalanobis_distance(
+    u: float, v: float, cov: tuple[float, float, float], noise: float
+) -> float:
+    """Return xᵀ (C + noise I)⁻¹ x of x = (u, v), with the entries C_uu, C_uv and C_vv in `cov`."""
     uu, uv, vv = cov[0] + noise, cov[1], cov[2] + noise
     return (vv * u**2 - 2.0 * uv * u * v + uu * v**2) / (uu * vv - uv * uv)
 
 
 @compiled
 def leapt(
-    points: Floats, before: Floats, way: float, jump: float, nearest: float
+    points: Floats, before: Floats, tool_motion: float, max_jump: float, max_px_per_mm: float
 ) -> tuple[bool, bool, bool]:
-    """The same without an estimate: whether they moved further than any camera sees a tool move by
-    `way` mm, which is `nearest` px a mm.
+    """Detect jumps of the markers before an estimate exists.
+
+    Parameters
+    ----------
+    points, before : Floats
+        Markers of two frames, (2, 2) raw px.
+    tool_motion : float
+        Distance by which the tool moved between the frames, mm.
+    max_jump : float
+        Largest motion of a marker of a tool at rest, px.
+    max_px_per_mm : float
+        Largest motion of a marker in the image per motion of the tool, px/mm.
+
+    Returns
+    -------
+    tuple[bool, bool, bool]
+        True if marker 1 moved further than ``max_jump + max_px_per_mm * tool_motion``; the same for
+        marker 2; and True if each marker is within this distance of the other's earlier position.
     """
-    allowed = jump + nearest * way
-    first, second = apart(points[0], before[0]), apart(points[1], before[1])
-    crossed = apart(points[0], before[1]) <= allowed and apart(points[1], before[0]) <= allowed
+    allowed = max_jump + max_px_per_mm * tool_motion
+    first, second = pixel_distance(points[0], before[0]), pixel_distance(points[1], before[1])
+    crossed = (
+        pixel_distance(points[0], before[1]) <= allowed
+        and pixel_distance(points[1], before[0]) <= allowed
+    )
     return not first <= allowed, not second <= allowed, crossed
 
 
 @compiled
-def apart(one: Floats, other: Floats) -> float:
-    """Px between two points (2,)."""
+def pixel_distance(one: Floats, other: Floats) -> float:
+    """Return the distance (px) between two points (2,)."""
     return np.sqrt((one[0] - other[0]) ** 2 + (one[1] - other[1]) ** 2)
 
 
@@ -106,15 +165,35 @@ def judged(
     o_c: Floats,
     J_hat: Floats,
     delta_p: Floats,
-    telling: float,
-    wrong: float,
+    min_change: float,
+    max_error: float,
 ) -> int:
-    """Whether the markers' change bears the estimate out (0) or not (1); −1 while the motion is too
-    small to tell.
+    """Compare the change of the features with its prediction Ĵ Δp₁.
+
+    Parameters
+    ----------
+    points, before : Floats
+        Markers at the end and at the start of a motion, (2, 2) raw px.
+    o_c : Floats
+        Imaged RCM, (2,) raw px.
+    J_hat : Floats
+        Estimated Jacobian Ĵ, (3, 3).
+    delta_p : Floats
+        Motion of marker 1, (3,) mm.
+    min_change : float
+        Smallest predicted change, in units of `SCALE`, that permits a comparison.
+    max_error : float
+        Largest difference as a fraction of the predicted change, in addition to ``min_change``.
+
+    Returns
+    -------
+    int
+        0 if both agree, 1 if they disagree, and -1 if the motion is too small for a comparison.
     """
-    predicted = over(product(J_hat, delta_p), SCALE)
-    size = largest(predicted)
-    if size < telling:
+    change_hat = over(product(J_hat, delta_p), SCALE)
+    size = largest(change_hat)
+    if size < min_change:
         return -1
     change = difference(features(about(points, o_c)), features(about(before, o_c)))
-    return 0 if largest(minus(over(change, SCALE), predicted)) <= telling + wrong * size else 1
+    error = largest(minus(over(change, SCALE), change_hat))
+    return 0 if error <= min_change + max_error * size else 1

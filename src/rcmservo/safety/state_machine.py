@@ -1,17 +1,17 @@
-"""What the servo may do: its phases, and the function that leads from phase to phase.
+"""State machine of the servo: its phases and the transitions between them.
 
     DISABLED ─► IDLE ─► ACQUIRE ─► SERVO        FAULT ─ clear ─► DISABLED
-                 │        ▲  ▲       │          (from everywhere, latched)
+                 │        ▲  ▲       │          (from every phase, latched)
                  │ resume │  └ HOLD ◄┤
                  │        └─ PAUSED ◄┘
                  └─► JOG ◄─────┘                JOG ends in PAUSED
 
-Every cause asks for an action, and the greatest of those present wins, so that one more fault never
-softens the answer. HOLD ramps to zero and recovers by itself; from PAUSED only a person resumes,
-always into ACQUIRE; FAULT is zero at once with the drive off, and only `CLEAR` with its causes gone
-leads out of it. In JOG a person moves the joints, and must ask for it at every tick: no picture and
-no estimate is needed, so nothing stops it but a fault and a loop that runs late. No clock here: the
-time is an argument.
+Every cause requests an action, and the greatest action that is requested is taken. An additional
+fault therefore never weakens the reaction. HOLD ramps the rates to zero and recovers by itself.
+Only the operator resumes from PAUSED, always into ACQUIRE. FAULT sets the rates to zero at once and
+switches the drive off; it ends only with the request `CLEAR` after its causes are gone. In JOG the
+operator moves the joints and repeats the request at every tick. JOG needs no image and no estimate:
+only a fault or a late loop ends it. The module reads no clock: the time is an argument.
 """
 
 from dataclasses import dataclass
@@ -20,15 +20,35 @@ from typing import NamedTuple
 
 from rcmservo.numerics.jit import compiled
 from rcmservo.numerics.structs import Struct
-from rcmservo.safety.causes import ACTIONS, Action, Cause, graver, gravest
+from rcmservo.safety.causes import ACTIONS, Action, Cause, gravest, select_more_severe
 from rcmservo.safety.thresholds import Thresholds
 
 SLOW_SHARE = 0.2
-"""Share of the full speed in ACQUIRE and JOG, and while a cause asks for SLOW."""
+"""Fraction of the full speed in ACQUIRE and JOG, and while a cause requests SLOW."""
 
 
 class Phase(Enum):
-    """What the servo is doing."""
+    """Phase of the servo; its value describes it for the operator.
+
+    Attributes
+    ----------
+    DISABLED
+        The drive is off.
+    IDLE
+        The tool stands still until both markers are detected.
+    ACQUIRE
+        The tool explores, or servoes at a fraction of the full speed.
+    SERVO
+        The tool servoes to the target.
+    HOLD
+        The rates are ramped to zero; accepted frames lead to ACQUIRE.
+    PAUSED
+        The tool stands still until the operator resumes.
+    JOG
+        The operator moves the joints.
+    FAULT
+        The rates are zero and the drive is off until the operator clears the fault.
+    """
 
     DISABLED = "drive off"
     IDLE = "waiting for the markers"
@@ -36,13 +56,25 @@ class Phase(Enum):
     SERVO = "servoing"
     HOLD = "holding still"
     PAUSED = "paused"
-    JOG = "moved by a person"
+    JOG = "jogged by the operator"
     FAULT = "fault"
 
 
 class Request(Enum):
-    """What a person asks for: nothing, a pause, to go on after one, to leave a fault, or to move
-    the joints by hand at this tick.
+    """Request of the operator at a tick.
+
+    Attributes
+    ----------
+    NONE
+        No request.
+    PAUSE
+        Enter PAUSED.
+    RESUME
+        Resume from PAUSED into ACQUIRE, unless a cause of a stop is present.
+    CLEAR
+        Leave FAULT into DISABLED, unless a cause of a fault is present.
+    JOG
+        Move the joints at requested rates; the request must be repeated at every tick.
     """
 
     NONE = "nothing"
@@ -54,34 +86,30 @@ class Request(Enum):
 
 PHASES, REQUESTS = tuple(Phase), tuple(Request)
 DISABLED, IDLE, ACQUIRE, SERVO, HOLD, PAUSED, JOG, FAULT = range(len(PHASES))
-_, ASKS_PAUSE, ASKS_RESUME, ASKS_CLEAR, ASKS_JOG = range(len(REQUESTS))
-SLOW, HELD, PAUSE, FAULTED = (
-    int(Action.SLOW),
-    int(Action.HOLD),
-    int(Action.PAUSE),
-    int(Action.FAULT),
-)
-ASKED, OVERRUN = Cause.ASKED.place, Cause.OVERRUN.bit
+_, REQUEST_PAUSE, REQUEST_RESUME, REQUEST_CLEAR, REQUEST_JOG = range(len(REQUESTS))
+ACTION_SLOW, ACTION_HOLD, PAUSE, ACTION_FAULT = range(int(Action.SLOW), int(Action.FAULT) + 1)
+OPERATOR_PAUSE, OVERRUN_BIT = Cause.ASKED.place, Cause.OVERRUN.bit
 
 
 @dataclass(frozen=True)
 class Mode:
-    """A phase, and why.
+    """Phase of the servo and its cause.
 
     Parameters
     ----------
     phase : Phase
-        What the servo is doing.
+        Phase of the servo.
     cause : Cause
-        Why; NONE if all is well.
+        Cause of the phase; NONE in normal operation.
     since : int
-        Since when, ns.
+        Time at which the phase began, ns.
     good : int
-        Good frames counted in it.
+        Number of frames accepted in the phase so far.
     asks : Action
-        The action that is being taken: in SERVO and ACQUIRE at most SLOW, in JOG always that.
+        Action that is taken: at most SLOW in SERVO and ACQUIRE, always SLOW in JOG.
     detail : str
-        What a person should know beside the cause's sentence, such as which joint it is.
+        Details for the operator in addition to the cause's sentence, such as the joint and its
+        value.
     """
 
     phase: Phase = Phase.DISABLED
@@ -93,37 +121,37 @@ class Mode:
 
     @property
     def words(self) -> str:
-        """Phase, cause and way out in words."""
+        """Phase, cause and remedy as one text."""
         return self.phase.value if self.cause is Cause.NONE else f"{self.phase.value}: {self.why}"
 
     @property
     def why(self) -> str:
-        """Cause, detail and way out in words; empty if all is well."""
+        """Cause, detail and remedy as one text; empty in normal operation."""
         return self.cause.describe(self.detail)
 
     @property
     def share(self) -> float:
-        """Share of the full speed at which the tool may move."""
+        """Fraction of the full speed at which the tool may move."""
         return speed_share(PHASES.index(self.phase), int(self.asks))
 
 
 class ModeStruct(Struct, source=Mode):
-    """A mode in compiled functions."""
+    """Mode in compiled functions."""
 
 
 class Signs(NamedTuple):
-    """What a transition depends on beside the causes.
+    """Inputs of a transition in addition to the causes.
 
     Parameters
     ----------
     enabled : bool
-        Whether the arm's drive is on.
+        True if the arm's drive is on.
     seen : bool
-        Whether both markers have been seen.
+        True if a frame with both markers has been accepted.
     good : bool
-        Whether a new frame came and was accepted in this tick.
+        True if a new frame arrived and was accepted at this tick.
     ready : bool
-        Whether there is an estimate to servo with.
+        True if the exploration has produced an estimate.
     """
 
     enabled: bool
@@ -134,117 +162,137 @@ class Signs(NamedTuple):
 
 @compiled
 def speed_share(phase: int, asks: int) -> float:
-    """Share of the full speed at which the tool may move."""
-    if phase == SERVO and asks < SLOW:
+    """Return the fraction of the full speed at which the tool may move in a phase."""
+    if phase == SERVO and asks < ACTION_SLOW:
         return 1.0
     return SLOW_SHARE if phase in (SERVO, ACQUIRE, JOG) else 0.0
 
 
 @compiled
 def transition(
-    s: ModeStruct, causes: int, signs: Signs, request: int, now: int, t: Thresholds
+    mode: ModeStruct, causes: int, signs: Signs, request: int, now: int, thresholds: Thresholds
 ) -> None:
-    """The mode after one tick at `now` ns, with the set of `causes` found; `request` by its place
-    in Request. Whatever the causes, more of them never give a softer answer.
+    """Advance the mode by one tick.
+
+    An additional cause never leads to a weaker action.
+
+    Parameters
+    ----------
+    mode : ModeStruct
+        Mode of the last tick; overwritten.
+    causes : int
+        Set of the causes that are present, by their bits.
+    signs : Signs
+        Other inputs.
+    request : int
+        Request of the operator, as an index of `REQUESTS`.
+    now : int
+        Time of the tick, ns.
+    thresholds : Thresholds
+        Thresholds of the checks.
     """
     cause = gravest(causes)
     action = ACTIONS[cause]
-    if s.phase == FAULT or action == FAULTED:
-        fault(s, cause, request, now)
-    elif s.phase == DISABLED:
+    if mode.phase == FAULT or action == ACTION_FAULT:
+        handle_fault(mode, cause, request, now)
+    elif mode.phase == DISABLED:
         if signs.enabled:
-            s.phase, s.cause, s.since, s.good, s.asks = IDLE, 0, now, 0, 0
-    elif request == ASKS_JOG and s.phase in (IDLE, PAUSED, JOG) and not causes & OVERRUN:
-        jog(s, now)
-    elif action == PAUSE or s.phase in (JOG, PAUSED) or request == ASKS_PAUSE:
-        pause(s, cause, request, now)
-    elif s.phase == IDLE:
-        wait(s, cause, signs, now)
-    elif action == HELD:
-        hold(s, cause, now, t)
+            set_mode(mode, IDLE, 0, now, 0, 0)
+    elif request == REQUEST_JOG and mode.phase in (IDLE, PAUSED, JOG) and not causes & OVERRUN_BIT:
+        jog(mode, now)
+    elif action == PAUSE or mode.phase in (JOG, PAUSED) or request == REQUEST_PAUSE:
+        pause(mode, cause, request, now)
+    elif mode.phase == IDLE:
+        wait(mode, cause, signs, now)
+    elif action == ACTION_HOLD:
+        hold(mode, cause, now, thresholds)
     else:
-        go_on(s, cause, signs, now, t)
+        advance(mode, cause, signs, now, thresholds)
 
 
 @compiled
-def fault(s: ModeStruct, cause: int, request: int, now: int) -> None:
-    """Into FAULT, where the first cause stays; out of it by a person once no cause asks for it any
-    more.
+def set_mode(mode: ModeStruct, phase: int, cause: int, since: int, good: int, action: int) -> None:
+    """Set all fields of the mode."""
+    mode.phase, mode.cause, mode.since, mode.good, mode.asks = phase, cause, since, good, action
+
+
+@compiled
+def handle_fault(mode: ModeStruct, cause: int, request: int, now: int) -> None:
+    """Enter FAULT, stay there with its first cause, or leave it at the operator's request.
+
+    The request is refused while a cause of a fault is present.
     """
-    if s.phase != FAULT:
-        enter_fault(s, cause, now)
-    elif request == ASKS_CLEAR and ACTIONS[cause] < FAULTED:
-        s.phase, s.cause, s.since, s.good, s.asks = DISABLED, 0, now, 0, 0
+    if mode.phase != FAULT:
+        enter_fault(mode, cause, now)
+    elif request == REQUEST_CLEAR and ACTIONS[cause] < ACTION_FAULT:
+        set_mode(mode, DISABLED, 0, now, 0, 0)
 
 
 @compiled
-def enter_fault(s: ModeStruct, cause: int, now: int) -> None:
+def enter_fault(mode: ModeStruct, cause: int, now: int) -> None:
     """Enter FAULT."""
-    s.phase, s.cause, s.since, s.good, s.asks = FAULT, cause, now, 0, FAULTED
+    set_mode(mode, FAULT, cause, now, 0, ACTION_FAULT)
 
 
 @compiled
-def jog(s: ModeStruct, now: int) -> None:
-    """Into JOG, or on in it."""
-    s.since = s.since if s.phase == JOG else now
-    s.phase, s.cause, s.good, s.asks = JOG, 0, 0, SLOW
+def jog(mode: ModeStruct, now: int) -> None:
+    """Enter JOG or stay there."""
+    mode.since = mode.since if mode.phase == JOG else now
+    mode.phase, mode.cause, mode.good, mode.asks = JOG, 0, 0, ACTION_SLOW
 
 
 @compiled
-def wait(s: ModeStruct, cause: int, signs: Signs, now: int) -> None:
-    """In IDLE, or into ACQUIRE."""
+def wait(mode: ModeStruct, cause: int, signs: Signs, now: int) -> None:
+    """Stay in IDLE, or enter ACQUIRE once both markers are known."""
     action = ACTIONS[cause]
-    if signs.seen and action < HELD:
-        s.phase, s.cause, s.since, s.good, s.asks = ACQUIRE, cause, now, 0, action
+    if signs.seen and action < ACTION_HOLD:
+        set_mode(mode, ACQUIRE, cause, now, 0, action)
     else:
-        s.phase, s.cause, s.since, s.good, s.asks = IDLE, cause, s.since, 0, action
+        set_mode(mode, IDLE, cause, mode.since, 0, action)
 
 
 @compiled
-def pause(s: ModeStruct, cause: int, request: int, now: int) -> None:
-    """Into PAUSED, on in it, or out of it by a person; what stands against that is named."""
-    why = cause if ACTIONS[cause] == PAUSE else 0
-    if s.phase != PAUSED:
-        s.phase, s.cause, s.since, s.good, s.asks = PAUSED, graver(why, ASKED), now, 0, PAUSE
-    elif request != ASKS_RESUME:
-        s.phase, s.cause, s.since, s.good, s.asks = PAUSED, graver(why, s.cause), s.since, 0, PAUSE
-    elif ACTIONS[cause] < HELD:
-        s.phase, s.cause, s.since, s.good, s.asks = ACQUIRE, 0, now, 0, 0
+def pause(mode: ModeStruct, cause: int, request: int, now: int) -> None:
+    """Enter PAUSED, stay there, or leave it at the operator's request.
+
+    While a cause prevents the resumption, the mode reports it.
+    """
+    present = cause if ACTIONS[cause] == PAUSE else 0
+    if mode.phase != PAUSED:
+        set_mode(mode, PAUSED, select_more_severe(present, OPERATOR_PAUSE), now, 0, PAUSE)
+    elif request != REQUEST_RESUME:
+        set_mode(mode, PAUSED, select_more_severe(present, mode.cause), mode.since, 0, PAUSE)
+    elif ACTIONS[cause] < ACTION_HOLD:
+        set_mode(mode, ACQUIRE, 0, now, 0, 0)
     else:
-        s.phase, s.cause, s.since, s.good, s.asks = PAUSED, cause, s.since, 0, PAUSE
+        set_mode(mode, PAUSED, cause, mode.since, 0, PAUSE)
 
 
 @compiled
-def hold(s: ModeStruct, cause: int, now: int, t: Thresholds) -> None:
-    """Into HOLD or on in it; after its time into PAUSED."""
-    since = s.since if s.phase == HOLD else now
-    if now - since > t.hold_time * 1e9:
-        s.phase, s.cause, s.since, s.good, s.asks = PAUSED, cause, now, 0, PAUSE
+def hold(mode: ModeStruct, cause: int, now: int, thresholds: Thresholds) -> None:
+    """Enter HOLD or stay there; enter PAUSED after `hold_time`."""
+    since = mode.since if mode.phase == HOLD else now
+    if now - since > thresholds.hold_time * 1e9:
+        set_mode(mode, PAUSED, cause, now, 0, PAUSE)
     else:
-        s.phase, s.cause, s.since, s.good, s.asks = HOLD, cause, since, 0, HELD
+        set_mode(mode, HOLD, cause, since, 0, ACTION_HOLD)
 
 
 @compiled
-def go_on(s: ModeStruct, cause: int, signs: Signs, now: int, t: Thresholds) -> None:
-    """From HOLD through ACQUIRE to SERVO, by good frames."""
-    good, action = s.good + int(signs.good), ACTIONS[cause]
-    if s.phase == HOLD:
-        if now - s.since > t.hold_time * 1e9:
-            s.phase, s.cause, s.since, s.good, s.asks = PAUSED, s.cause, now, 0, PAUSE
-        elif good < t.good_to_recover:
-            s.phase, s.cause, s.since, s.good, s.asks = HOLD, s.cause, s.since, good, HELD
+def advance(mode: ModeStruct, cause: int, signs: Signs, now: int, thresholds: Thresholds) -> None:
+    """Advance from HOLD through ACQUIRE to SERVO by counting accepted frames."""
+    good, action = mode.good + int(signs.good), ACTIONS[cause]
+    if mode.phase == HOLD:
+        if now - mode.since > thresholds.hold_time * 1e9:
+            set_mode(mode, PAUSED, mode.cause, now, 0, PAUSE)
+        elif good < thresholds.good_to_recover:
+            set_mode(mode, HOLD, mode.cause, mode.since, good, ACTION_HOLD)
         else:
-            s.phase, s.cause, s.since, s.good, s.asks = ACQUIRE, cause, now, 0, action
-    elif s.phase == ACQUIRE:
-        if signs.ready and good >= t.good_to_servo:
-            s.phase, s.cause, s.since, s.good, s.asks = SERVO, cause, now, 0, action
+            set_mode(mode, ACQUIRE, cause, now, 0, action)
+    elif mode.phase == ACQUIRE:
+        if signs.ready and good >= thresholds.good_to_servo:
+            set_mode(mode, SERVO, cause, now, 0, action)
         else:
-            s.phase, s.cause, s.since, s.good, s.asks = (
-                ACQUIRE,
-                cause,
-                s.since,
-                good if signs.ready else 0,
-                action,
-            )
-    elif s.cause != cause or s.asks != action:
-        s.phase, s.cause, s.since, s.good, s.asks = SERVO, cause, s.since, 0, action
+            set_mode(mode, ACQUIRE, cause, mode.since, good if signs.ready else 0, action)
+    elif mode.cause != cause or mode.asks != action:
+        set_mode(mode, SERVO, cause, mode.since, 0, action)

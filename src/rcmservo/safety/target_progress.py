@@ -1,16 +1,18 @@
-"""Progress towards the target, as the checks judge it."""
+"""Progress towards the target, as the checks read it."""
 
 from rcmservo.numerics.structs import Row, flag, real, whole
 
 
 class TargetProgress(Row):
-    """Progress towards the target, as the checks judge it."""
+    """Progress towards the target, as the checks read it."""
 
-    blocked: int = whole("", "the joint whose limit stands in the way, -1 for none")
-    open: float = real("", "share of the error that the damped law works off, 1 where it is small")
-    left: float = real("mm", "how far marker 1 is from the target by the picture")
-    arrived: bool = flag("whether the joints have been where the target was shown")
-    astray: int = whole("ns", "since when it is elsewhere than the target's joints, -1: not so")
-    peak: float = real("", "the error √(2V) that has last been fallen short of")
-    peak_time: int = whole("ns", "when that was")
-    moved: int = whole("ns", "when the camera was last noticed to have been moved, -1: never")
+    blocked: int = whole("", "index of the joint whose limit blocks the path, -1 for none")
+    open: float = real("", "fraction of the error that the damped law reduces, 1 where it is small")
+    left: float = real("mm", "distance of marker 1 from the target by the image")
+    arrived: bool = flag("True if the joints have reached the values of the taught target")
+    astray: int = whole(
+        "ns", "start of the disagreement of image and joints at the target, -1: none"
+    )
+    peak: float = real("", "error √(2V) from which the next decrease is measured")
+    peak_time: int = whole("ns", "time of this error")
+    moved: int = whole("ns", "time at which a moved camera was last detected, -1 for never")

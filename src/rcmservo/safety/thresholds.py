@@ -1,4 +1,4 @@
-"""From where on something is a fault, a stall or a blocked way: every number that decides it."""
+"""Thresholds of the checks: every number that decides whether a cause is present."""
 
 import math
 from dataclasses import dataclass
@@ -18,207 +18,233 @@ from rcmservo.constraints import (
     three_positive,
 )
 
-SHORT = above(0.0, 1.0, "a time", "s")
-TIME = positive("time in s")
-LENGTH = positive("length in mm")
-PIXELS = positive("number of px")
-NUMBER = positive()
-OR_INFINITE = Limit(lambda mm: mm > 0.0, "a positive number of mm, or inf")
-COUNT = between(1, 1000, "a whole number")
+UP_TO_1_S = above(0.0, 1.0, "a time", "s")
+POSITIVE_S = positive("time in s")
+POSITIVE_MM = positive("length in mm")
+POSITIVE_PX = positive("number of px")
+POSITIVE = positive()
+POSITIVE_MM_OR_INF = Limit(lambda mm: mm > 0.0, "a positive number of mm, or inf")
+COUNT_TO_1000 = between(1, 1000, "a whole number")
 
 
 @dataclass(frozen=True)
 class Thresholds(Checked, section="thresholds"):
-    """From where on something is a fault.
+    """Thresholds of the checks, from which on a cause is present.
 
     Parameters
     ----------
     stale_slow : float
-        Age of the newest frame since it arrived, in frame periods, from which on the tool goes
-        slowly.
+        Age of the newest frame since its arrival, in frame periods, from which on the tool moves
+        slowly (`AGEING`).
     stale_hold : float
-        The same for standing still.
+        Age of the newest frame since its arrival, in frame periods, from which on the tool holds
+        still (`STALE`); not below ``stale_slow``.
     first_period : float
-        Time between frames that is expected while only one has been seen, s.
+        Frame period that is assumed until a second frame arrives, s.
     latency : float
-        Longest time from a frame's exposure to the command made of it, s; up to it latency is
-        compensated.
+        Longest time from the exposure of a frame to the command that uses it, s (`LATE`). Latency
+        up to this value is compensated.
     silence : float
-        Longest time for which the arm may not answer, s.
+        Longest time without a reading of the joints, s (`ARM_SILENT`).
     following : Triple
-        How far each joint may stand from where its commands should have brought it (rad, rad, mm).
+        Largest following error: deviation of each joint from the position that the commands
+        predict (rad, rad, mm) (`NOT_FOLLOWING`).
     drive_lag : float
-        Time constant with which the joints are taken to follow their commanded rates, s; 0: as the
-        first motion measures it.
+        Time constant of the drives, with which the joints follow the commanded rates, s. If 0, the
+        exploration measures it.
     forget : float
-        Time over which the following error forgets, s: a slow drift is no fault of the drive,
-        unless nothing is commanded.
+        Time constant with which the following error decays, s: a slow drift of the joints is no
+        fault of the drive while a motion is commanded.
     come_to_rest : float
-        Time without a command after which the joints have come to rest, s. From then on none may
-        move by more than ``following``, however slowly.
+        Time without a commanded motion after which the joints are at rest, s. From then on a joint
+        that moves by more than ``following``, however slowly, is a fault (`CREEPS`).
     slack : float
-        Share of a joint's range by which it may stand beyond its limit.
+        Distance by which a joint may be beyond its limit, as a fraction of its range
+        (`BEYOND_LIMIT`).
     overrun : float
-        Longest time by which one tick may come late, s.
+        Longest delay of a single tick, s (`OVERRUN`).
     late_share : float
-        Share of its period by which a tick may come late and still count as in time.
+        Delay of a tick, as a fraction of the tick's period, from which on the tick is late
+        (`LATE_TICK`).
     late_ticks : int
-        Late ticks in a row that are an overrun.
+        Number of successive late ticks that count as an overrun (`OVERRUN`).
     innovation : float
-        How many standard deviations a marker may be from where the camera should see it,
+        Largest deviation of a marker from its prediction, in standard deviations (`REJECTED`).
+        ``model_error`` and ``mistimed`` are subtracted from the deviation first.
     model_error : float
-        beside so many px that a projection does not fit,
+        Deviation (px) of a marker that is attributed to the projection model.
     mistimed : float
-        and this share of its motion in the picture since the frame before.
+        Deviation of a marker that is attributed to timing errors, as a fraction of its motion in
+        the image since the last accepted frame.
     left_over : float
-        How much the fit of what the camera should see may leave over, px rms: what leaves more is
-        no projection.
+        Largest rms residual of the projection fit, px; a larger one is no camera's projection
+        (`DIVERGED`).
     nearest_camera : float
-        How near to the tool any camera is at most, mm: by the fit, a marker that stands still in
-        the picture is far behind the other.
+        Smallest distance between a camera and the tool, mm. If the fit implies a smaller one, it is
+        no camera's projection (`DIVERGED`): a marker that does not move in the image appears to be
+        far behind the other.
     drift : float
-        How many standard deviations the mean of what the fit leaves over may be from none,
+        Largest mean residual of a marker, in standard deviations. A drift (`DRIFTS`, `SURPRISED`)
+        exceeds this value and ``drift_px``.
     drift_px : float
-        and how many px,
+        Largest mean residual of a marker, px.
     drift_frames : int
-        over so many frames, before the picture counts as drifting.
+        Number of frames in the mean residual.
     stuck : float
-        Way of the tool, mm, after which a picture that is the same to the last bit counts as
-        frozen,
+        Distance (mm) that the tool moves until an image that is identical to the last bit counts as
+        frozen (`FROZEN`).
     stuck_px : float
-        and px that a marker goes at most which stands still while the tool explores and the other
-        goes five times as far.
+        Largest motion (px) of a marker that counts as stuck during the exploration if the other
+        marker moves five times as far (`SURPRISED`).
     elsewhere : float
-        How far from where the target was shown, by the joints, the tool may be where the picture
-        shows it there, mm, beside what noise explains; inf: as far as it likes.
+        Largest distance (mm) of the tool from the taught joints while the image shows it at the
+        target (`ELSEWHERE`), in addition to the effect of noise; inf switches the check off.
     elsewhere_time : float
-        for so long, s. The same where it has been there and leaves again.
+        Time for which image and joints must disagree at the target, s (`ELSEWHERE`).
     without_marker : float
-        Deviation of the pose, mm, up to which one lost marker only slows the tool, as the other and
-        the joints tell where it is; 0: never.
+        Largest standard deviation of the pose (mm) that permits slow motion with one marker lost,
+        by the other marker and the joints; 0 never permits it.
     jump : float
-        How far a marker may move in the picture of a tool at rest while nothing foretells it, px,
-        beside ``innovation`` standard deviations.
+        Largest motion (px) of a marker between frames while the tool is at rest and no prediction
+        exists, in addition to ``innovation`` standard deviations.
     nearest : float
-        How far 1 mm of motion may move a marker in the picture, px, where no estimate tells it
-        better.
+        Largest motion of a marker in the image per motion of the tool, px/mm, while no prediction
+        exists.
     comparable : float
-        Motion from one frame to the next up to which the markers of a tool that has not explored
-        yet are compared, mm. By hand a tool moves further.
+        Largest motion of the tool between two frames (mm) at which the markers are compared before
+        an exploration is done. An operator moves the tool further by hand.
     agreement : float
-        How far apart markers may be that jumped to the same new place, in ``jump``.
+        Largest distance between the positions of a marker in successive rejected frames at which
+        they count as the same, as a multiple of ``jump``.
     rejected : int
-        Frames in a row that were not believed from which on the tool stops.
+        Number of successive rejected frames at which the tool stops (`CAMERA_MOVED`, `SWAPPED`,
+        `SURPRISED`).
     rejected_for_good : int
-        Frames in a row after which what seemed mistaken must be the view itself.
+        Number of successive rejected frames after which the view itself must have changed
+        (`CAMERA_MOVED`).
     telling : float
-        Scaled feature change, as predicted, from which on a motion tells whether the estimate is
-        right.
+        Smallest predicted change of the scaled features at which the measured change is compared
+        with it.
     wrong : float
-        Share of the predicted change by which the measured one may differ, beside ``telling``.
+        Largest difference between measured and predicted change, as a fraction of the predicted
+        one, in addition to ``telling``.
     disagreements : int
-        Judgements in a row against the estimate that spoil it.
+        Number of successive comparisons that must contradict the estimate to invalidate it
+        (`DIVERGED`).
     closed : float
-        Share of the error that the damped law works off below which the way is closed: singular.
+        Fraction of the error that the damped law must reduce; below it the target is singular
+        (`SINGULAR`).
     nearly_closed : float
-        The same for going slowly.
+        Fraction of the error that the damped law must reduce for full speed; below it the tool
+        moves slowly (`NEARLY_SINGULAR`).
     small_error : float
-        A scaled error √(2V) up to which this is not judged: noise has any direction.
+        Scaled error √(2V) up to which ``closed`` and ``nearly_closed`` are not applied: noise has
+        an arbitrary direction.
     least_room : float
-        Share of the exploration's full volume that the joint limits must leave.
+        Fraction of the exploration's full volume that the joint limits must leave (`NO_ROOM`).
     largest : float
-        Largest entry of the scaled Ĵ, 1/mm: 30 is 300 px a mm, more than any camera sees.
+        Largest entry of the scaled Ĵ, 1/mm: 30 is 300 px/mm, more than any camera's image shows
+        (`ESTIMATE_LARGE`).
     hold_time : float
-        Time of standing still after which only a person resumes, s.
+        Time in HOLD after which only the operator resumes, s.
     good_to_recover : int
-        New good frames that end a HOLD.
+        Number of accepted frames that end a HOLD.
     good_to_servo : int
-        New good frames in ACQUIRE, with the estimate at hand, before SERVO.
+        Number of accepted frames in ACQUIRE, with an estimate, before SERVO.
     limit_horizon : float
-        A joint blocks the way if it would pass its limit within this time, s,
+        Time ahead within which a joint must not pass its limit, s (`JOINT_1_LIMIT`).
     limit_share : float
-        and if without it less than this share of the speed is left.
+        Fraction of the speed that must remain without the joint that would pass its limit; if less
+        remains, the joint blocks the path (`JOINT_1_LIMIT`).
     stall_error : float
-        A scaled error √(2V) above this that does not fall has stalled.
+        Scaled error √(2V) above which an error that does not decrease counts as stalled
+        (`STALLED`).
     stall_fall : float
-        It falls if it gets smaller by this
+        Decrease of the scaled error √(2V) that counts as progress.
     stall_share : float
-        or by this share of itself
+        Decrease of the scaled error that counts as progress, as a fraction of this error; the
+        smaller one of ``stall_fall`` and this counts.
     stall_time : float
-        within this time, s,
+        Longest time without progress, s (`STALLED`).
     stall_gains : float
-        and within this number of the law's time constants 1/k.
+        Longest time without progress, in time constants 1/k of the law; the longer one of
+        ``stall_time`` and this counts.
+
+    Raises
+    ------
+    BadInput
+        If a threshold is outside its range, or ``stale_hold`` is below ``stale_slow``.
     """
 
     name = "thresholds"
 
     stale_slow: Annotated[float, at_least(1.0, "frame period")] = 1.5
     stale_hold: Annotated[float, positive("number of frame periods")] = 3.0
-    first_period: Annotated[float, SHORT] = 0.1
-    latency: Annotated[float, SHORT] = 0.1
+    first_period: Annotated[float, UP_TO_1_S] = 0.1
+    latency: Annotated[float, UP_TO_1_S] = 0.1
 
-    silence: Annotated[float, SHORT] = 0.05
+    silence: Annotated[float, UP_TO_1_S] = 0.05
     following: Annotated[Triple, three_positive("rad, rad, mm"), angles(math.pi, first=2)] = (
         0.008,
         0.008,
         0.6,
     )
     drive_lag: Annotated[float, between(0.0, 1.0, "a time", "s")] = 0.0
-    forget: Annotated[float, TIME] = 1.0
-    come_to_rest: Annotated[float, SHORT] = 0.5
+    forget: Annotated[float, POSITIVE_S] = 1.0
+    come_to_rest: Annotated[float, UP_TO_1_S] = 0.5
     slack: Annotated[float, FRACTION] = 0.005
 
-    overrun: Annotated[float, SHORT] = 0.05
+    overrun: Annotated[float, UP_TO_1_S] = 0.05
     late_share: Annotated[float, FRACTION] = 0.5
-    late_ticks: Annotated[int, COUNT] = 3
+    late_ticks: Annotated[int, COUNT_TO_1000] = 3
 
-    innovation: Annotated[float, NUMBER] = 6.0
-    model_error: Annotated[float, PIXELS] = 1.0
-    mistimed: Annotated[float, NUMBER] = 0.25
+    innovation: Annotated[float, POSITIVE] = 6.0
+    model_error: Annotated[float, POSITIVE_PX] = 1.0
+    mistimed: Annotated[float, POSITIVE] = 0.25
 
-    left_over: Annotated[float, PIXELS] = 2.5
-    nearest_camera: Annotated[float, LENGTH] = 30.0
+    left_over: Annotated[float, POSITIVE_PX] = 2.5
+    nearest_camera: Annotated[float, POSITIVE_MM] = 30.0
 
-    drift: Annotated[float, NUMBER] = 6.0
-    drift_px: Annotated[float, PIXELS] = 1.25
-    drift_frames: Annotated[int, COUNT] = 20
-    stuck: Annotated[float, LENGTH] = 1.0
-    stuck_px: Annotated[float, PIXELS] = 2.0
-    elsewhere: Annotated[float, OR_INFINITE] = 2.0
-    elsewhere_time: Annotated[float, TIME] = 0.2
+    drift: Annotated[float, POSITIVE] = 6.0
+    drift_px: Annotated[float, POSITIVE_PX] = 1.25
+    drift_frames: Annotated[int, COUNT_TO_1000] = 20
+    stuck: Annotated[float, POSITIVE_MM] = 1.0
+    stuck_px: Annotated[float, POSITIVE_PX] = 2.0
+    elsewhere: Annotated[float, POSITIVE_MM_OR_INF] = 2.0
+    elsewhere_time: Annotated[float, POSITIVE_S] = 0.2
 
     without_marker: Annotated[float, not_negative("number of mm")] = 1.5
 
-    jump: Annotated[float, PIXELS] = 3.0
-    nearest: Annotated[float, PIXELS] = 20.0
-    comparable: Annotated[float, LENGTH] = 10.0
-    agreement: Annotated[float, NUMBER] = 2.0
-    rejected: Annotated[int, COUNT] = 3
-    rejected_for_good: Annotated[int, COUNT] = 30
+    jump: Annotated[float, POSITIVE_PX] = 3.0
+    nearest: Annotated[float, POSITIVE_PX] = 20.0
+    comparable: Annotated[float, POSITIVE_MM] = 10.0
+    agreement: Annotated[float, POSITIVE] = 2.0
+    rejected: Annotated[int, COUNT_TO_1000] = 3
+    rejected_for_good: Annotated[int, COUNT_TO_1000] = 30
 
-    telling: Annotated[float, NUMBER] = 0.2
+    telling: Annotated[float, POSITIVE] = 0.2
     wrong: Annotated[float, FRACTION] = 0.75
-    disagreements: Annotated[int, COUNT] = 5
+    disagreements: Annotated[int, COUNT_TO_1000] = 5
     closed: Annotated[float, FRACTION] = 0.02
     nearly_closed: Annotated[float, FRACTION] = 0.2
-    small_error: Annotated[float, NUMBER] = 0.2
+    small_error: Annotated[float, POSITIVE] = 0.2
     least_room: Annotated[float, FRACTION] = 0.2
-    largest: Annotated[float, NUMBER] = 30.0
+    largest: Annotated[float, POSITIVE] = 30.0
 
-    hold_time: Annotated[float, TIME] = 1.0
-    good_to_recover: Annotated[int, COUNT] = 5
-    good_to_servo: Annotated[int, COUNT] = 6
+    hold_time: Annotated[float, POSITIVE_S] = 1.0
+    good_to_recover: Annotated[int, COUNT_TO_1000] = 5
+    good_to_servo: Annotated[int, COUNT_TO_1000] = 6
 
-    limit_horizon: Annotated[float, TIME] = 0.1
+    limit_horizon: Annotated[float, POSITIVE_S] = 0.1
     limit_share: Annotated[float, FRACTION] = 0.3
 
-    stall_error: Annotated[float, NUMBER] = 0.5
-    stall_fall: Annotated[float, NUMBER] = 0.2
+    stall_error: Annotated[float, POSITIVE] = 0.5
+    stall_fall: Annotated[float, POSITIVE] = 0.2
     stall_share: Annotated[float, FRACTION] = 0.02
-    stall_time: Annotated[float, TIME] = 6.0
-    stall_gains: Annotated[float, NUMBER] = 3.0
+    stall_time: Annotated[float, POSITIVE_S] = 6.0
+    stall_gains: Annotated[float, POSITIVE] = 3.0
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        right = "a number of frame periods not below stale_slow"
-        self.require(self.stale_hold >= self.stale_slow, "stale_hold", right)
+        expected = "a number of frame periods not below stale_slow"
+        self.require(self.stale_hold >= self.stale_slow, "stale_hold", expected)

@@ -1,11 +1,10 @@
-"""What stands between commands and drives inside the device: it trusts nothing but valid commands
-that keep coming.
+"""Watchdog of a device, between the commands and the drives.
 
-A command is valid if it is finite, its number is higher than that of every one since the drive went
-on, and its deadline is neither past nor further off than the watchdog's own patience. Nothing else
-feeds it: not noise, not an old command sent again, not a connection that stays open. Without a
-valid command in time, or if the clock goes back, the joint rates are zero and the drive is off,
-until a person switches it on.
+It accepts only valid commands. A command is valid if it is finite, its number is higher than every
+number since the drive was switched on, and its deadline is neither past nor further ahead than the
+watchdog's timeout. Noise, a repeated old command or an open connection do not feed it. Without a
+valid command in time, or if the clock goes back, the joint rates are set to zero and the drive is
+switched off until the operator switches it on.
 """
 
 import math
@@ -16,12 +15,35 @@ from rcmservo.constraints import positive
 from rcmservo.interfaces import Command, Floats
 
 PATIENCE = 50_000_000
-"""ns of silence after which a device stops by itself."""
+"""Default timeout (ns) after which a device stops by itself."""
 
 
 class Watchdog:
-    """One device's guard. `now` is the device's own time in ns, the one that deadlines are given
-    in.
+    """Watchdog of one device.
+
+    Parameters
+    ----------
+    patience : int
+        Timeout in ns, positive.
+
+    Attributes
+    ----------
+    enabled : bool
+        True if the drive is on.
+    rates : Floats
+        Joint rates of the last valid command, (3,); zero while the drive is off.
+    number : int
+        Number of the last valid command, -1 before the first.
+
+    Raises
+    ------
+    BadInput
+        If the timeout is not positive.
+
+    Notes
+    -----
+    The argument `now` of the methods is the device's own time in ns. Deadlines refer to the same
+    clock.
     """
 
     def __init__(self, patience: int = PATIENCE) -> None:
@@ -33,16 +55,19 @@ class Watchdog:
         self._deadline = self._newest = 0
 
     def enable(self, now: int) -> None:
-        """Switch the drive on, at rest; commands must begin within the patience."""
+        """Switch the drive on, at rest. The first command must arrive within the timeout."""
         self.enabled, self.rates = True, np.zeros(3)
         self.number, self._deadline, self._newest = -1, now + self.patience, now
 
     def disable(self) -> None:
-        """Zero and off, now."""
+        """Set the rates to zero and switch the drive off."""
         self.enabled, self.rates = False, np.zeros(3)
 
     def feed(self, command: Command, now: int) -> bool:
-        """Take a command if it is valid; whether it was. Switching off is always taken."""
+        """Accept a command if it is valid, and return True if it was accepted.
+
+        A command that switches the drive off is always accepted.
+        """
         if not command.enabled:
             self.disable()
             return True
@@ -59,9 +84,10 @@ class Watchdog:
         return True
 
     def check(self, now: int) -> bool:
-        """Whether the drive may stay on at `now`; if no valid command came in time, it goes off.
+        """Switch the drive off if no valid command arrived in time; return True if it is on.
 
-        So it does if the clock went back: nobody knows then how long ago the last command came.
+        The drive is also switched off if the clock went back: the age of the last command is
+        unknown then.
         """
         if self.enabled and not self._newest <= now <= self._deadline:
             self.disable()

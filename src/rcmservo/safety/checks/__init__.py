@@ -1,1 +1,1 @@
-"""Detectors of causes: each is a small pure function of the facts of a tick."""
+"""Detectors of causes; each is a small pure function of the facts of a tick."""

@@ -1,6 +1,6 @@
-"""Detectors of faults of arm, loop, record and frames.
+"""Detectors of faults of the arm, the loop, the record and the frames.
 
-Every check is written so that NaN trips it.
+Every comparison is written so that NaN triggers the cause.
 """
 
 from typing import cast
@@ -14,192 +14,201 @@ from rcmservo.numerics.small_linalg import all_finite
 from rcmservo.safety.checks.facts import DetailFacts, TickFacts, has_frame
 from rcmservo.safety.thresholds import Thresholds
 
-NOT_DROPPED, NOT_NEW, CLOCK, DAMAGED = cast(list[Dropped], list(map(int, Dropped)))
+NOT_DROPPED, NOT_NEW, INVALID_TIME, DAMAGED = cast(list[Dropped], list(map(int, Dropped)))
 """Members of `Dropped` in compiled functions."""
 
-NO_REASON = cast(Dropped, -1)
-"""None of them."""
+NOT_MISSING = cast(Dropped, -1)
+"""Result of `missing_reason` while frames arrive."""
 
-UNITS = ("rad", "rad", "mm")
+JOINT_UNITS = ("rad", "rad", "mm")
 
 
 @compiled
-def joints_are_not_finite(c: TickFacts) -> bool:
+def joints_are_not_finite(facts: TickFacts) -> bool:
     """Detect joint positions that are not finite."""
-    return not all_finite(c.seen.q)
+    return not all_finite(facts.seen.q)
 
 
 @compiled
-def drive_went_off(c: TickFacts) -> bool:
-    """Detect a drive that is off but should be on."""
-    return c.drive_requested and not c.seen.enabled
+def drive_went_off(facts: TickFacts) -> bool:
+    """Detect a drive that is off although it is expected to be on."""
+    return facts.drive_requested and not facts.seen.enabled
 
 
 @compiled
-def arm_is_silent(c: TickFacts) -> bool:
-    """Detect joint positions that are too old."""
-    return not abs(c.seen.now - c.seen.q_time) <= c.thresholds.silence * 1e9
+def arm_is_silent(facts: TickFacts) -> bool:
+    """Detect joint positions with a timestamp too far from the present."""
+    return not abs(facts.seen.now - facts.seen.q_time) <= facts.thresholds.silence * 1e9
 
 
 @compiled
-def joint_is_beyond_limit(c: TickFacts) -> bool:
-    """Detect a joint beyond its limit and slack."""
-    return not reachable(c.rcm, c.seen.q, c.thresholds.slack)
+def joint_is_beyond_limit(facts: TickFacts) -> bool:
+    """Detect a joint beyond its limit by more than `slack`."""
+    return not reachable(facts.rcm, facts.seen.q, facts.thresholds.slack)
 
 
 @compiled
-def joints_do_not_follow(c: TickFacts) -> bool:
-    """Detect a following error."""
-    return deviates(c.seen.q, c.watch.reached, c.thresholds)
+def joints_do_not_follow(facts: TickFacts) -> bool:
+    """Detect a following error: joints that differ from the commanded motion."""
+    return exceeds_following_error(facts.seen.q, facts.watch.reached, facts.thresholds)
 
 
 @compiled
-def joints_creep(c: TickFacts) -> bool:
-    """Detect motion while nothing is commanded."""
-    return all_finite(c.watch.rest) and deviates(c.seen.q, c.watch.rest, c.thresholds)
+def joints_creep(facts: TickFacts) -> bool:
+    """Detect motion of the joints while no motion is commanded."""
+    rest = facts.watch.rest
+    return all_finite(rest) and exceeds_following_error(facts.seen.q, rest, facts.thresholds)
 
 
 @compiled
-def deviates(q: Floats, expected: Floats, t: Thresholds) -> bool:
-    """Return True if a joint of q (3,) is further than ``following`` from where it is expected."""
-    near = True
+def exceeds_following_error(q: Floats, expected: Floats, thresholds: Thresholds) -> bool:
+    """Return True if a joint of q (3,) differs from `expected` (3,) by more than `following`."""
+    within = True
     for i in range(3):
-        near = near and abs(q[i] - expected[i]) <= t.following[i]
-    return not near
+        within = within and abs(q[i] - expected[i]) <= thresholds.following[i]
+    return not within
 
 
 @compiled
-def clock_stood(c: TickFacts) -> bool:
-    """Detect a clock that stood still or went back."""
-    return not c.watch.gap > 0
+def clock_did_not_advance(facts: TickFacts) -> bool:
+    """Detect a clock that stopped or went back."""
+    return not facts.watch.gap > 0
 
 
 @compiled
-def loop_overran(c: TickFacts) -> bool:
-    """Detect late ticks in a row, or one that is much too late."""
-    t, late = c.thresholds, c.watch.gap - c.period
-    return c.watch.late >= t.late_ticks or not late <= t.overrun * 1e9
+def loop_overran(facts: TickFacts) -> bool:
+    """Detect several late ticks in succession, or one tick that is much too late."""
+    thresholds, delay = facts.thresholds, facts.watch.gap - facts.period
+    return facts.watch.late >= thresholds.late_ticks or not delay <= thresholds.overrun * 1e9
 
 
 @compiled
-def tick_came_late(c: TickFacts) -> bool:
+def tick_came_late(facts: TickFacts) -> bool:
     """Detect a late tick."""
-    return c.watch.late > 0
+    return facts.watch.late > 0
 
 
 @compiled
-def recording_failed(c: TickFacts) -> bool:
-    """Detect a record that can no longer be written."""
-    return not c.seen.recorded
+def recording_failed(facts: TickFacts) -> bool:
+    """Detect a record that cannot be written any more."""
+    return not facts.seen.recorded
 
 
 @compiled
-def joints_at_exposure_are_unknown(c: TickFacts) -> bool:
-    """Detect joints at the exposure that are unknown or beyond their limits."""
-    return has_frame(c) and not reachable(c.rcm, c.seen.q_exposure, c.thresholds.slack)
+def joints_at_exposure_are_unknown(facts: TickFacts) -> bool:
+    """Detect joint positions at the exposure that are unknown or beyond their limits."""
+    q, slack = facts.seen.q_exposure, facts.thresholds.slack
+    return has_frame(facts) and not reachable(facts.rcm, q, slack)
 
 
 @compiled
-def frames_come_late(c: TickFacts) -> bool:
-    """Detect too long a time from exposure to tick."""
-    return has_frame(c) and not c.watch.latency <= c.thresholds.latency * 1e9
+def frames_come_late(facts: TickFacts) -> bool:
+    """Detect a latency, from exposure to tick, that is too long."""
+    return has_frame(facts) and not facts.watch.latency <= facts.thresholds.latency * 1e9
 
 
 @compiled
-def frame_is_old(c: TickFacts) -> bool:
-    """Detect a newest frame that is older than usual."""
-    return has_frame(c) and not periods_since(c, c.seen.arrival) <= c.thresholds.stale_slow
+def frame_is_old(facts: TickFacts) -> bool:
+    """Detect a newest frame that arrived longer ago than usual."""
+    limit = facts.thresholds.stale_slow
+    return has_frame(facts) and not periods_since(facts, facts.seen.arrival) <= limit
 
 
 @compiled
-def frames_stopped(c: TickFacts) -> bool:
-    """Detect that no frame comes, or that a paused run has seen none."""
-    return missing_reason(c) == NOT_DROPPED or (c.paused and not has_frame(c))
+def frames_stopped(facts: TickFacts) -> bool:
+    """Detect that no frames arrive, or that none has arrived in a paused run."""
+    return missing_reason(facts) == NOT_DROPPED or (facts.paused and not has_frame(facts))
 
 
 @compiled
-def frames_are_damaged(c: TickFacts) -> bool:
-    """Detect that only damaged frames come."""
-    return missing_reason(c) == DAMAGED
+def frames_are_damaged(facts: TickFacts) -> bool:
+    """Detect that only damaged frames arrive."""
+    return missing_reason(facts) == DAMAGED
 
 
 @compiled
-def frames_are_not_new(c: TickFacts) -> bool:
-    """Detect that frames come repeated or out of order."""
-    return missing_reason(c) == NOT_NEW or c.seen.frame < c.watch.frame
+def frames_are_not_new(facts: TickFacts) -> bool:
+    """Detect frames that arrive repeatedly or out of order."""
+    return missing_reason(facts) == NOT_NEW or facts.seen.frame < facts.watch.frame
 
 
 @compiled
-def frame_times_are_invalid(c: TickFacts) -> bool:
-    """Detect invalid times: of frames that are not used, or that keep coming and are always
-    old.
+def frame_times_are_invalid(facts: TickFacts) -> bool:
+    """Detect invalid timestamps.
+
+    Either the frames are dropped for their timestamps, or frames arrive but always seem to be old.
     """
-    return missing_reason(c) == CLOCK or (is_missing(c) and keeps_coming(c))
+    return missing_reason(facts) == INVALID_TIME or (
+        frames_are_missing(facts) and frames_still_arrive(facts)
+    )
 
 
 @compiled
-def missing_reason(c: TickFacts) -> Dropped:
-    """Return why the last frame offered was not used, if no frame comes; else NO_REASON."""
-    return c.seen.dropped if is_missing(c) and not keeps_coming(c) else NO_REASON
+def missing_reason(facts: TickFacts) -> Dropped:
+    """Return the reason why the last frame was dropped; NOT_MISSING while frames arrive."""
+    missing = frames_are_missing(facts) and not frames_still_arrive(facts)
+    return facts.seen.dropped if missing else NOT_MISSING
 
 
 @compiled
-def is_missing(c: TickFacts) -> bool:
+def frames_are_missing(facts: TickFacts) -> bool:
     """Return True if the newest frame arrived too long ago."""
-    return has_frame(c) and not periods_since(c, c.seen.arrival) <= c.thresholds.stale_hold
+    limit = facts.thresholds.stale_hold
+    return has_frame(facts) and not periods_since(facts, facts.seen.arrival) <= limit
 
 
 @compiled
-def keeps_coming(c: TickFacts) -> bool:
-    """Return True if the newest frame was first used a short time ago."""
-    return periods_since(c, c.watch.taken) <= c.thresholds.stale_slow
+def frames_still_arrive(facts: TickFacts) -> bool:
+    """Return True if the newest frame was first used recently, whatever its timestamps say."""
+    return periods_since(facts, facts.watch.taken) <= facts.thresholds.stale_slow
 
 
 @compiled
-def periods_since(c: TickFacts, time: int) -> float:
-    """Return how many frame periods have passed since a time in ns."""
-    period = c.watch.period if c.watch.period != 0.0 else 1e9 * c.thresholds.first_period
-    return (c.seen.now - time) / period
+def periods_since(facts: TickFacts, time: int) -> float:
+    """Return the number of frame periods since a time in ns."""
+    watch, first = facts.watch, facts.thresholds.first_period
+    period = watch.period if watch.period != 0.0 else 1e9 * first
+    return (facts.seen.now - time) / period
 
 
-def describe_not_finite(f: DetailFacts) -> str:
-    """Name the joints that are not finite."""
-    q = f.seen.q
-    return "; ".join(_joint(f.mechanism, i, q) for i in range(3) if not np.isfinite(q[i]))
+def describe_not_finite(facts: DetailFacts) -> str:
+    """Describe the joints whose positions are not finite."""
+    q, arm = facts.seen.q, facts.mechanism
+    return "; ".join(_describe_joint(arm, i, q) for i in range(3) if not np.isfinite(q[i]))
 
 
-def describe_limits(f: DetailFacts) -> str:
-    """Name the joints beyond their limits."""
-    lower, upper = f.mechanism.limits.arrays
-    slack, q = f.thresholds.slack * (upper - lower), f.seen.q
+def describe_limits(facts: DetailFacts) -> str:
+    """Describe the joints beyond their limits."""
+    lower, upper = facts.mechanism.limits.arrays
+    slack, q, arm = facts.thresholds.slack * (upper - lower), facts.seen.q, facts.mechanism
     parts = [
-        f"{_joint(f.mechanism, i, q)}, its limits are {lower[i]:.4g} and {upper[i]:.4g}"
+        f"{_describe_joint(arm, i, q)}, its limits are {lower[i]:.4g} and {upper[i]:.4g}"
         for i in range(3)
         if not lower[i] - slack[i] <= q[i] <= upper[i] + slack[i]
     ]
     return "; ".join(parts)
 
 
-def describe_following(f: DetailFacts) -> str:
-    """Name the joints with a following error."""
-    return _deviations(f, f.watch.reached, "should be")
+def describe_following(facts: DetailFacts) -> str:
+    """Describe the joints with a following error."""
+    return _describe_deviations(facts, facts.watch.reached, "should be")
 
 
-def describe_creeping(f: DetailFacts) -> str:
-    """Name the joints that move while nothing is commanded."""
-    return _deviations(f, f.watch.rest, "at rest it should stay")
+def describe_creeping(facts: DetailFacts) -> str:
+    """Describe the joints that move while no motion is commanded."""
+    return _describe_deviations(facts, facts.watch.rest, "at rest it should stay")
 
 
-def _deviations(f: DetailFacts, expected: Floats, verb: str) -> str:
-    """Name the joints that are further than ``following`` from where they are expected."""
-    q, following = f.seen.q, f.thresholds.following
+def _describe_deviations(facts: DetailFacts, expected: Floats, verb: str) -> str:
+    """Describe the joints that differ from `expected` (3,) by more than `following`."""
+    q, limit, arm = facts.seen.q, facts.thresholds.following, facts.mechanism
     parts = [
-        f"{_joint(f.mechanism, i, q)}, and {verb} within {following[i]:g} of {expected[i]:.4g}"
+        f"{_describe_joint(arm, i, q)}, and {verb} within {limit[i]:g} of {expected[i]:.4g}"
         for i in range(3)
-        if not abs(q[i] - expected[i]) <= following[i]
+        if not abs(q[i] - expected[i]) <= limit[i]
     ]
     return "; ".join(parts)
 
 
-def _joint(mechanism: Kinematics, i: int, q: Floats) -> str:
-    return f"joint {i + 1} ({mechanism.joint_names[i]}) is at {q[i]:.4g} {UNITS[i]}"
+def _describe_joint(mechanism: Kinematics, i: int, q: Floats) -> str:
+    return f"joint {i + 1} ({mechanism.joint_names[i]}) is at {q[i]:.4g} {JOINT_UNITS[i]}"

@@ -1,9 +1,9 @@
-"""Whether the picture drifts away from what the joints say, or stands still while they move.
+"""Detectors of markers that drift away from their prediction, or that do not move with the tool.
 
-One frame that is wrong is told by its own innovation (innovation.py). A camera that pans, rolls,
-zooms or comes nearer, and a likeness that slides along, are wrong by little in every frame: their
-mean over a third of a second tells them, with the noise averaged out of it. A picture that is
-frozen is the same to the last bit, which no camera delivers of a tool that moves.
+The innovation gate (innovation.py) detects an error in one frame. A camera that pans, rolls, zooms
+or approaches, and a decoy marker that slides along, cause a small error in every frame: the mean
+residual over a third of a second detects it, because averaging reduces the noise. A frozen image is
+the same to the last bit, which no camera delivers while the tool moves.
 """
 
 import numpy as np
@@ -15,78 +15,126 @@ from rcmservo.interfaces import Floats
 from rcmservo.numerics.jit import compiled
 from rcmservo.numerics.small_linalg import distance, length, put
 from rcmservo.safety.checks.facts import TickFacts
-from rcmservo.safety.innovation import squared
+from rcmservo.safety.innovation import squared_mahalanobis_distance
 from rcmservo.safety.monitor_state import Watch
 from rcmservo.safety.thresholds import Thresholds
 
-OTHERS = 5.0
-"""Times as far as a marker that stands still may go, the other must have gone."""
+STUCK_MOTION_RATIO = 5.0
+"""A marker is stuck if the other one moves by more than this multiple of its largest motion."""
 
-ALONE = 3.0
-"""A marker that is so many times as far off as the other may be something else."""
+SINGLE_DRIFT_RATIO = 3.0
+"""A marker drifts alone if its mean residual exceeds this multiple of the other's."""
 
 
 @compiled
 def watch_drift(
-    w: Watch, v: Prospect, p1: Floats, points: Floats, seen: Floats, shaft: Shaft, t: Thresholds
+    watch: Watch,
+    fit: Prospect,
+    p1: Floats,
+    points: Floats,
+    detected: Floats,
+    shaft: Shaft,
+    thresholds: Thresholds,
 ) -> None:
-    """One more frame: raw `points` (2, 2) px, and the same as they were `seen`, NaN where lost,
-    with marker 1 at p1 (3,) mm.
+    """Update the mean residuals, and detect a frozen image, with a new frame.
+
+    Parameters
+    ----------
+    watch : Watch
+        State of the checks; updated.
+    fit : Prospect
+        Fit of the camera's projection.
+    p1 : Floats
+        Position of marker 1, (3,) mm.
+    points : Floats
+        Markers, (2, 2) raw px; a lost one is replaced by its prediction.
+    detected : Floats
+        Markers as they were detected, (2, 2) raw px, NaN where lost.
+    shaft : Shaft
+        Tool, which gives the position of marker 2.
+    thresholds : Thresholds
+        Thresholds of the checks.
     """
-    there = both(v, p1, shaft)
-    w.averaged = min(w.averaged + 1, t.drift_frames)
+    predicted = both(fit, p1, shaft)
+    watch.averaged = min(watch.averaged + 1, thresholds.drift_frames)
     for k in range(2):
-        average(w, v, k, there[k], points[k], t)
-    same = alike(seen, w.seen)
-    moved = distance(p1, w.stood) > t.stuck or farthest(w.expected, w.foretold) > t.drift_px
-    w.frozen = same and moved
+        update_mean_residual(watch, fit, k, predicted[k], points[k], thresholds)
+    same = same_markers(detected, watch.seen)
+    largest = max_difference(watch.expected, watch.foretold)
+    moved = distance(p1, watch.stood) > thresholds.stuck or largest > thresholds.drift_px
+    watch.frozen = same and moved
     if not same:
-        put(w.seen, seen)
-        put(w.stood, p1)
-        put(w.foretold, w.expected)
+        put(watch.seen, detected)
+        put(watch.stood, p1)
+        put(watch.foretold, watch.expected)
 
 
 @compiled
-def watch_stuck(w: Watch, p1: Floats, points: Floats, t: Thresholds) -> tuple[bool, bool]:
-    """Whether marker 1, marker 2 stands still while the other goes its way, as long as nothing
-    foretells them: raw `points` (2, 2) px, with marker 1 at p1 (3,) mm. Where neither changes at
-    all while the tool moves, the picture is frozen.
+def watch_stuck(
+    watch: Watch, p1: Floats, points: Floats, thresholds: Thresholds
+) -> tuple[bool, bool]:
+    """Detect a stuck marker or a frozen image before an estimate exists.
+
+    A marker is stuck if it does not move while the other does. If neither changes at all while the
+    tool moves, the image is frozen.
+
+    Parameters
+    ----------
+    watch : Watch
+        State of the checks; updated.
+    p1 : Floats
+        Position of marker 1, (3,) mm.
+    points : Floats
+        Markers, (2, 2) raw px.
+    thresholds : Thresholds
+        Thresholds of the checks.
+
+    Returns
+    -------
+    tuple[bool, bool]
+        True if marker 1, marker 2 is stuck.
     """
-    same, stands = alike(points, w.seen), np.empty(2)
-    w.frozen = same and distance(p1, w.stood) > t.stuck
+    same, motion, limit = same_markers(points, watch.seen), np.empty(2), thresholds.stuck_px
+    watch.frozen = same and distance(p1, watch.stood) > thresholds.stuck
     if not same:
-        put(w.seen, points)
-        put(w.stood, p1)
+        put(watch.seen, points)
+        put(watch.stood, p1)
     for k in range(2):
-        if not distance(points[k], w.anchors[k, :2]) <= t.stuck_px:
-            put(w.anchors[k, :2], points[k])
-            put(w.anchors[k, 2:], points[1 - k])
-        stands[k] = distance(points[1 - k], w.anchors[k, 2:])
-    return stands[0] > OTHERS * t.stuck_px, stands[1] > OTHERS * t.stuck_px
+        if not distance(points[k], watch.anchors[k, :2]) <= limit:
+            put(watch.anchors[k, :2], points[k])
+            put(watch.anchors[k, 2:], points[1 - k])
+        motion[k] = distance(points[1 - k], watch.anchors[k, 2:])
+    return motion[0] > STUCK_MOTION_RATIO * limit, motion[1] > STUCK_MOTION_RATIO * limit
 
 
 @compiled
-def average(w: Watch, v: Prospect, k: int, there: Foretold, point: Floats, t: Thresholds) -> None:
-    """Take what the fit leaves over of marker k, seen at a raw `point` (2,) px, into the mean, and
-    judge that. It counts only up to a bound, so that no mean is made by so few frames as may be
-    rejected in a row.
+def update_mean_residual(
+    watch: Watch, fit: Prospect, k: int, predicted: Foretold, point: Floats, thresholds: Thresholds
+) -> None:
+    """Average the residual of marker k at `point` (2,) raw px, and test the mean against noise.
+
+    The residual is clipped: as many frames as may be rejected in succession cannot move the mean by
+    `drift_px`.
     """
-    place = w.expected[k]
-    place[0], place[1] = v.origin[3] + there.m[0], v.origin[4] + there.m[1]
-    bound = t.drift_px * t.drift_frames / (np.sqrt(2.0) * (t.rejected + 1))
+    place = watch.expected[k]
+    place[0], place[1] = fit.origin[3] + predicted.m[0], fit.origin[4] + predicted.m[1]
+    most_outliers = np.sqrt(2.0) * (thresholds.rejected + 1)
+    bound = thresholds.drift_px * thresholds.drift_frames / most_outliers
     for i in range(2):
-        most = min(max(point[i] - place[i], -bound), bound)
-        w.left[k, i] += (most - w.left[k, i]) / w.averaged
-    noise, off = v.noise / w.averaged, length(w.left[k])
-    surely = off * off <= t.drift**2 * noise  # the fit's own error only adds to what noise explains
-    left = w.left[k]
-    told = not surely and squared(left[0], left[1], spread(v, there), noise) > t.drift**2
-    w.off[k] = off if told else 0.0
+        clipped = min(max(point[i] - place[i], -bound), bound)
+        watch.left[k, i] += (clipped - watch.left[k, i]) / watch.averaged
+    noise, mean, error = fit.noise / watch.averaged, watch.left[k], length(watch.left[k])
+    sigmas = thresholds.drift**2
+    explained = error * error <= sigmas * noise  # the fit's own covariance only adds to the noise
+    if not explained:
+        cov = spread(fit, predicted)
+        explained = not squared_mahalanobis_distance(mean[0], mean[1], cov, noise) > sigmas
+    watch.off[k] = 0.0 if explained else error
 
 
 @compiled
-def alike(one: Floats, other: Floats) -> bool:
-    """Whether two (2, 2) are the same, a lost marker being like a lost one."""
+def same_markers(one: Floats, other: Floats) -> bool:
+    """Return True if two arrays (2, 2) of markers are equal; NaN equals NaN."""
     for k in range(2):
         for i in range(2):
             a, b = one[k, i], other[k, i]
@@ -96,40 +144,40 @@ def alike(one: Floats, other: Floats) -> bool:
 
 
 @compiled
-def farthest(one: Floats, other: Floats) -> float:
-    """The largest absolute difference of two (2, 2); NaN if a number is NaN."""
+def max_difference(one: Floats, other: Floats) -> float:
+    """Return the largest absolute difference of two arrays (2, 2); NaN if a number is NaN."""
     most = 0.0
     for k in range(2):
         for i in range(2):
-            off = abs(one[k, i] - other[k, i])
-            if np.isnan(off):
+            difference = abs(one[k, i] - other[k, i])
+            if np.isnan(difference):
                 return np.nan
-            most = max(most, off)
+            most = max(most, difference)
     return most
 
 
 @compiled
-def picture_is_frozen(c: TickFacts) -> bool:
-    """Detect a picture that stays the same while the tool moves."""
-    return c.watch.frozen and not c.tour.no_room
+def picture_is_frozen(facts: TickFacts) -> bool:
+    """Detect an image that does not change while the tool moves."""
+    return facts.watch.frozen and not facts.tour.no_room
 
 
 @compiled
-def markers_deviate(c: TickFacts) -> bool:
-    """Return True if a marker's mean residual is too large."""
-    w, t = c.watch, c.thresholds
-    judged = c.tour.done and not w.frozen and w.averaged >= t.drift_frames
-    return judged and max(w.off[0], w.off[1]) > t.drift_px
+def markers_deviate(facts: TickFacts) -> bool:
+    """Return True if the mean residual of a marker is too large."""
+    watch, thresholds = facts.watch, facts.thresholds
+    known = facts.tour.done and not watch.frozen and watch.averaged >= thresholds.drift_frames
+    return known and max(watch.off[0], watch.off[1]) > thresholds.drift_px
 
 
 @compiled
-def one_marker_deviates(c: TickFacts) -> bool:
+def one_marker_deviates(facts: TickFacts) -> bool:
     """Return True if the mean residual of one marker alone is too large."""
-    off = c.watch.off
-    return markers_deviate(c) and max(off[0], off[1]) > ALONE * min(off[0], off[1])
+    off = facts.watch.off
+    return markers_deviate(facts) and max(off[0], off[1]) > SINGLE_DRIFT_RATIO * min(off[0], off[1])
 
 
 @compiled
-def markers_drift(c: TickFacts) -> bool:
-    """Detect that both markers drift away from where the joints put them."""
-    return markers_deviate(c) and not one_marker_deviates(c)
+def markers_drift(facts: TickFacts) -> bool:
+    """Detect that both markers drift away from their prediction."""
+    return markers_deviate(facts) and not one_marker_deviates(facts)

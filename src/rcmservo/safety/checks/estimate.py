@@ -1,4 +1,4 @@
-"""Detectors of an estimate that is unknown, out of bounds or contradicted by the frames."""
+"""Detectors of an estimate that is unknown, out of bounds or contradicted by frames."""
 
 from rcmservo.control.saturated_controller import largest_scaled
 from rcmservo.numerics.jit import compiled
@@ -8,31 +8,31 @@ from rcmservo.safety.innovation import sound
 
 
 @compiled
-def estimator_failed(c: TickFacts) -> bool:
-    """Detect the failure of a user's estimator."""
-    return c.estimator_failed
+def estimator_failed(facts: TickFacts) -> bool:
+    """Detect an error that a user-defined estimator raised."""
+    return facts.estimator_failed
 
 
 @compiled
-def estimate_is_not_finite(c: TickFacts) -> bool:
-    """Detect a Ĵ that is not finite."""
-    return not all_finite(c.estimate.J_hat)
+def estimate_is_not_finite(facts: TickFacts) -> bool:
+    """Detect an estimated Jacobian Ĵ that is not finite."""
+    return not all_finite(facts.estimate.J_hat)
 
 
 @compiled
-def rcm_is_unknown(c: TickFacts) -> bool:
-    """Detect an imaged RCM that eq. (16) does not determine."""
-    return c.tour.done and not c.estimate.rcm_condition <= c.max_rcm_condition
+def rcm_is_unknown(facts: TickFacts) -> bool:
+    """Detect an imaged RCM that eq. (16) does not determine: it is ill-conditioned."""
+    return facts.tour.done and not facts.estimate.rcm_condition <= facts.max_rcm_condition
 
 
 @compiled
-def estimate_is_large(c: TickFacts) -> bool:
-    """Detect a scaled Ĵ larger than that of any camera."""
-    return c.tour.done and not largest_scaled(c.estimate.J_hat) <= c.thresholds.largest
+def estimate_is_large(facts: TickFacts) -> bool:
+    """Detect a scaled Ĵ with entries larger than those of any camera."""
+    return facts.tour.done and not largest_scaled(facts.estimate.J_hat) <= facts.thresholds.largest
 
 
 @compiled
-def estimate_diverged(c: TickFacts) -> bool:
-    """Detect an estimate that frames contradict, or a fit that no camera explains."""
-    contradicted = c.watch.wrong >= c.thresholds.disagreements
-    return c.tour.done and (contradicted or not sound(c.prospect, c.thresholds))
+def estimate_diverged(facts: TickFacts) -> bool:
+    """Detect an estimate that frames contradict, or a fit that is no camera's projection."""
+    contradicted = facts.watch.wrong >= facts.thresholds.disagreements
+    return facts.tour.done and (contradicted or not sound(facts.prospect, facts.thresholds))

@@ -1,33 +1,33 @@
-"""Detectors of an exploration that cannot begin or does not succeed."""
+"""Detectors of an exploration that cannot start or does not succeed."""
 
 from rcmservo.control.exploration import overdue
 from rcmservo.estimation.projection_prediction import order
 from rcmservo.numerics.jit import compiled
 from rcmservo.safety.checks.facts import DetailFacts, TickFacts
 
-REVERSED = -0.3
-"""Order of the markers below which they are taken for each other."""
+MAX_SWAPPED_ORDER = -0.3
+"""Value of `order` below which the markers count as swapped: 1 if correct, -1 if swapped."""
 
 
 @compiled
-def there_is_no_room(c: TickFacts) -> bool:
-    """Detect joint limits that leave no room."""
-    return not c.tour.done and c.tour.no_room
+def no_room_to_explore(facts: TickFacts) -> bool:
+    """Detect joint limits that leave no room for the exploration."""
+    return not facts.tour.done and facts.tour.no_room
 
 
 @compiled
-def exploration_failed(c: TickFacts) -> bool:
-    """Detect an exploration that takes too long, though room and picture allow it."""
-    hindered = c.tour.done or c.tour.no_room or c.watch.frozen
-    return not hindered and overdue(c.tour, c.seen.now, c.exploration)
+def exploration_failed(facts: TickFacts) -> bool:
+    """Detect an exploration that takes too long although joint limits and images permit it."""
+    hindered = facts.tour.done or facts.tour.no_room or facts.watch.frozen
+    return not hindered and overdue(facts.tour, facts.seen.now, facts.exploration)
 
 
 @compiled
-def markers_stand_in_reverse(c: TickFacts) -> bool:
-    """Return True if an exploration failed since the markers are taken for each other."""
-    return exploration_failed(c) and order(c.prospect) < REVERSED
+def markers_are_in_reverse_order(facts: TickFacts) -> bool:
+    """Return True if an exploration failed because the markers are swapped."""
+    return exploration_failed(facts) and order(facts.prospect) < MAX_SWAPPED_ORDER
 
 
-def advise(f: DetailFacts) -> str:
-    """Return the advice of the estimator."""
-    return f.advice
+def advise(facts: DetailFacts) -> str:
+    """Return the estimator's advice for the operator."""
+    return facts.advice

@@ -1,4 +1,4 @@
-"""Facts of a tick for the detectors, and for the details of causes."""
+"""Facts of a tick: the arguments of the detectors and of the descriptions of causes."""
 
 from typing import NamedTuple
 
@@ -14,16 +14,16 @@ from rcmservo.safety.thresholds import Thresholds
 
 
 class TickFacts(NamedTuple):
-    """Facts of a tick that a detector may read, in compiled functions.
+    """Facts of a tick for the detectors, in compiled functions.
 
     Parameters
     ----------
     seen : ObservationRow
-        The observation.
+        Observation of this tick.
     watch : Watch
         State of the checks.
     estimate : Estimate
-        Estimate of Ĵ, imaged RCM and features.
+        Estimate of Ĵ, of the imaged RCM and of the features.
     tour : Exploring
         State of the exploration.
     progress : TargetProgress
@@ -31,25 +31,25 @@ class TickFacts(NamedTuple):
     prospect : Prospect
         Fit of the camera's projection.
     drive_requested : bool
-        True if the arm's drive should be on.
+        True if the arm's drive is expected to be on.
     paused : bool
-        True in the phase PAUSED.
+        True if the phase is PAUSED.
     taught : int
-        ns, when the target was taught.
+        Time at which the target was taught, ns.
     estimator_failed : bool
         True if a user's estimator failed at this tick.
     rcm : Rcm
         Mechanism, with marker 1 as the point on its tool.
     period : int
-        ns from tick to tick.
+        Time from tick to tick, ns.
     gain : float
-        1/s, k of the law (31).
+        Gain k of the law (31), 1/s.
     max_rcm_condition : float
-        Condition of eq. (16) up to which o_c is known.
+        Largest condition number of eq. (16) at which o_c counts as known.
     exploration : Exploration
         Settings of the exploration.
     thresholds : Thresholds
-        Values from which on something is a fault.
+        Thresholds of the checks.
     """
 
     seen: ObservationRow
@@ -71,26 +71,26 @@ class TickFacts(NamedTuple):
 
 
 @compiled
-def has_frame(c: TickFacts) -> bool:
-    """Return True if any frame has been used."""
-    return c.seen.frame >= 0
+def has_frame(facts: TickFacts) -> bool:
+    """Return True if at least one frame has arrived."""
+    return facts.seen.frame >= 0
 
 
 class DetailFacts(NamedTuple):
-    """Facts of a tick that the detail of a cause may be made of.
+    """Facts of a tick for the description of a cause's details.
 
     Parameters
     ----------
     seen : Observation
-        The observation.
+        Observation of this tick.
     watch : Watch
         State of the checks.
     mechanism : Kinematics
-        The arm's kinematics.
+        Kinematics of the arm.
     thresholds : Thresholds
-        Values from which on something is a fault.
+        Thresholds of the checks.
     advice : str
-        Advice of the estimator for an exploration that fails.
+        Advice of the estimator after a failed exploration.
     """
 
     seen: Observation

@@ -1,88 +1,86 @@
-"""Detectors of markers that are lost, or that frame after frame shows where no motion puts them."""
+"""Detectors of markers that are lost, swapped or repeatedly far from their predictions."""
 
 from rcmservo.numerics.jit import compiled
 from rcmservo.safety.checks.drift import one_marker_deviates
-from rcmservo.safety.checks.exploration import markers_stand_in_reverse
+from rcmservo.safety.checks.exploration import markers_are_in_reverse_order
 from rcmservo.safety.checks.facts import TickFacts, has_frame
 from rcmservo.safety.innovation import lost
 
 
 @compiled
-def both_markers_are_lost(c: TickFacts) -> bool:
-    """Detect a frame without markers."""
-    first, second = lost(c.seen.points)
-    return has_frame(c) and first and second
+def both_markers_are_lost(facts: TickFacts) -> bool:
+    """Detect a frame in which neither marker is detected."""
+    first, second = lost(facts.seen.points)
+    return has_frame(facts) and first and second
 
 
 @compiled
-def marker_1_is_lost(c: TickFacts) -> bool:
-    """Detect the loss of marker 1 where the other does not suffice."""
-    return lost_marker(c) == 1 and not c.watch.spared
+def marker_1_is_lost(facts: TickFacts) -> bool:
+    """Detect the loss of marker 1 where marker 2 does not determine the pose."""
+    return lost_marker(facts) == 1 and not facts.watch.spared
 
 
 @compiled
-def marker_2_is_lost(c: TickFacts) -> bool:
-    """Detect the loss of marker 2 where the other does not suffice."""
-    return lost_marker(c) == 2 and not c.watch.spared
+def marker_2_is_lost(facts: TickFacts) -> bool:
+    """Detect the loss of marker 2 where marker 1 does not determine the pose."""
+    return lost_marker(facts) == 2 and not facts.watch.spared
 
 
 @compiled
-def marker_1_is_completed(c: TickFacts) -> bool:
-    """Detect the loss of marker 1 where the other and the joints suffice."""
-    return lost_marker(c) == 1 and c.watch.spared
+def marker_1_is_completed(facts: TickFacts) -> bool:
+    """Detect the loss of marker 1 where marker 2 and the joints determine the pose."""
+    return lost_marker(facts) == 1 and facts.watch.spared
 
 
 @compiled
-def marker_2_is_completed(c: TickFacts) -> bool:
-    """Detect the loss of marker 2 where the other and the joints suffice."""
-    return lost_marker(c) == 2 and c.watch.spared
+def marker_2_is_completed(facts: TickFacts) -> bool:
+    """Detect the loss of marker 2 where marker 1 and the joints determine the pose."""
+    return lost_marker(facts) == 2 and facts.watch.spared
 
 
 @compiled
-def lost_marker(c: TickFacts) -> int:
-    """Return which marker, 1 or 2, is lost while the other is not; 0 if none."""
-    first, second = lost(c.seen.points)
-    if first == second or not has_frame(c):
+def lost_marker(facts: TickFacts) -> int:
+    """Return the number (1 or 2) of the only marker that is lost; 0 if none or both are lost."""
+    first, second = lost(facts.seen.points)
+    if first == second or not has_frame(facts):
         return 0
     return 1 if first else 2
 
 
 @compiled
-def frame_was_rejected(c: TickFacts) -> bool:
-    """Detect a newest frame that was rejected."""
-    return has_frame(c) and c.watch.rejected > 0
+def frame_was_rejected(facts: TickFacts) -> bool:
+    """Detect that the innovation gate rejected the newest frame."""
+    return has_frame(facts) and facts.watch.rejected > 0
 
 
 @compiled
-def frames_are_rejected(c: TickFacts) -> bool:
-    """Return True if so many frames in a row were rejected that the tool stops."""
-    return has_frame(c) and c.watch.rejected >= c.thresholds.rejected
+def frames_are_rejected(facts: TickFacts) -> bool:
+    """Return True if enough successive frames were rejected to stop the tool."""
+    return has_frame(facts) and facts.watch.rejected >= facts.thresholds.rejected
 
 
 @compiled
-def markers_changed_places(c: TickFacts) -> bool:
-    """Return True if each marker appears at the other's place."""
-    return frames_are_rejected(c) and c.watch.swapped >= c.thresholds.rejected
+def markers_exchanged_positions(facts: TickFacts) -> bool:
+    """Return True if each marker repeatedly appears at the other marker's position."""
+    return frames_are_rejected(facts) and facts.watch.swapped >= facts.thresholds.rejected
 
 
 @compiled
-def markers_are_swapped(c: TickFacts) -> bool:
-    """Detect markers that changed places, or that an exploration finds in reverse order."""
-    return markers_changed_places(c) or markers_stand_in_reverse(c)
+def markers_are_swapped(facts: TickFacts) -> bool:
+    """Detect markers that exchanged positions, or that an exploration finds swapped."""
+    return markers_exchanged_positions(facts) or markers_are_in_reverse_order(facts)
 
 
 @compiled
-def camera_moved(c: TickFacts) -> bool:
-    """Detect that both markers jumped, or that frames are rejected for good."""
-    w, t = c.watch, c.thresholds
-    jumped = w.jumped >= t.rejected or w.rejected >= t.rejected_for_good
-    return frames_are_rejected(c) and jumped and not markers_changed_places(c)
+def camera_moved(facts: TickFacts) -> bool:
+    """Detect that both markers jumped, or that no frame is accepted for a long time."""
+    watch, thresholds = facts.watch, facts.thresholds
+    jumped = watch.jumped >= thresholds.rejected or watch.rejected >= thresholds.rejected_for_good
+    return frames_are_rejected(facts) and jumped and not markers_exchanged_positions(facts)
 
 
 @compiled
-def markers_are_unexpected(c: TickFacts) -> bool:
-    """Detect markers that no motion of tool or camera explains: by leaps, or by the drift of one
-    alone.
-    """
-    unexplained = not (camera_moved(c) or markers_changed_places(c))
-    return (frames_are_rejected(c) and unexplained) or one_marker_deviates(c)
+def markers_are_unexpected(facts: TickFacts) -> bool:
+    """Detect that markers jump without a moved camera, or that one marker alone drifts."""
+    unexplained = not (camera_moved(facts) or markers_exchanged_positions(facts))
+    return (frames_are_rejected(facts) and unexplained) or one_marker_deviates(facts)

@@ -1,5 +1,6 @@
-"""What version 0.1.0 has written: its rig file and target load, its record shows and exports, and a
-replay that cannot be names the version that can.
+"""Files of version 0.1.0 can be read: rig file, target and record.
+
+A replay that this version cannot do names the version that can.
 """
 
 import json
@@ -24,7 +25,7 @@ from rcmservo.tracking import MarkerAppearance
 OLD = ROOT / "tests/data/v0.1.0"
 
 
-def test_its_rig_file_is_read_as_it_was_meant() -> None:
+def test_its_rig_file_gives_the_same_rig() -> None:
     lab = load_lab(OLD / "rig.toml")
     limits = rs.JointLimits((-1.5, -0.9, 45.0), (1.5, 0.9, 235.0))
     assert lab.mechanism == rs.PitchYawRcm(limits, 5.0)
@@ -37,7 +38,7 @@ def test_its_rig_file_is_read_as_it_was_meant() -> None:
     assert settings.drive.lag == 0.025 and settings.scene.insertion == (60.0, 150.0)
 
 
-def test_its_target_loads_for_the_setup_that_it_was_shown_by() -> None:
+def test_its_target_loads_for_the_same_setup() -> None:
     lab = load_lab(OLD / "rig.toml")
     name = "simulation with seed 3, view ae914c9f"
     setup = Setup(name, 640, 480, lab.mechanism, lab.tool, lab.markers)
@@ -47,7 +48,7 @@ def test_its_target_loads_for_the_setup_that_it_was_shown_by() -> None:
 
 
 @pytest.mark.usefixtures("blank_figures")
-def test_its_record_shows_and_exports(tmp_path: Path) -> None:
+def test_its_record_can_be_shown_and_exported(tmp_path: Path) -> None:
     shutil.copy(OLD / "record.mcap", tmp_path / "record.mcap")
     assert main(["show", str(tmp_path / "record.mcap"), "--out", str(tmp_path / "shown")]) == 0
     assert main(["export", str(tmp_path / "record.mcap"), "--out", str(tmp_path / "out")]) == 0
@@ -56,7 +57,7 @@ def test_its_record_shows_and_exports(tmp_path: Path) -> None:
     assert len((tmp_path / "out/ticks.csv").read_text().splitlines()) == 301
 
 
-def test_its_record_tells_no_sizes_of_markers() -> None:
+def test_its_record_has_no_marker_sizes() -> None:
     rows = reader.read_record(OLD / "record.mcap")
     assert rows.ticks["sizes"].shape == (300, 2) and np.isnan(rows.ticks["sizes"]).all()
     assert np.isfinite(rows.ticks["points"]).any() and rows.complete
@@ -66,7 +67,7 @@ def test_its_record_names_the_version_that_wrote_it() -> None:
     assert reader.read_record(OLD / "record.mcap").version == "0.1.0"
 
 
-def test_a_record_whose_settings_this_version_does_not_know_names_the_version_that_does(
+def test_a_record_with_unknown_settings_names_the_version_that_wrote_it(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def before(servo: rs.Servo) -> dict[str, object]:
@@ -80,23 +81,23 @@ def test_a_record_whose_settings_this_version_does_not_know_names_the_version_th
     with Recorder(tmp_path / "record.mcap", {}) as recorder:
         recorder.begin(servo, rs.Target(np.zeros((2, 2)), np.zeros(3)))
     assert main(["replay", str(tmp_path)]) == 2
-    told = capsys.readouterr().err
-    assert "servo.thresholds.jump must be given" in told
-    assert "replay it with rcmservo 0.1.7, which has written it" in told
-    assert len(told.splitlines()) == 1
+    error = capsys.readouterr().err
+    assert "servo.thresholds.jump must be given" in error
+    assert "replay it with rcmservo 0.1.7, which has written it" in error
+    assert len(error.splitlines()) == 1
 
 
-def test_a_replay_of_its_record_comes_out_the_same_or_names_the_version(
+def test_a_replay_of_its_record_agrees_or_names_the_version(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     code = main(["replay", str(OLD / "record.mcap")])
-    said = capsys.readouterr()
-    assert (code == 0 and "the same, bit for bit" in said.out) or (
-        code == 2 and "replay it with rcmservo 0.1.0" in said.err
+    output = capsys.readouterr()
+    assert (code == 0 and "the same, bit for bit" in output.out) or (
+        code == 2 and "replay it with rcmservo 0.1.0" in output.err
     )
 
 
-def test_a_stage_of_today_names_the_version_that_writes_it(tmp_path: Path) -> None:
+def test_a_new_stage_names_the_present_version(tmp_path: Path) -> None:
     with Recorder(tmp_path / "record.mcap", {}) as recorder:
         servo = rs.Servo(rs.SphericalRcm(), rs.RigidTool(spacing=30.0))
         recorder.begin(servo, rs.Target(np.zeros((2, 2)), np.zeros(3)))

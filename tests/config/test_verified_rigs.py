@@ -1,4 +1,4 @@
-"""Which lab files have passed `rig check`."""
+"""Registry of the rig files that have passed `rig check`."""
 
 import json
 from pathlib import Path
@@ -18,7 +18,7 @@ def state(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path / "state/rcmservo/checked"
 
 
-def test_a_file_that_passed_is_known_by_its_bytes_until_it_fails() -> None:
+def test_a_file_that_passed_is_identified_by_its_bytes_until_it_fails() -> None:
     assert not is_checked(ONE)
     forget_checked(ONE)
     note_checked(ONE)
@@ -28,7 +28,9 @@ def test_a_file_that_passed_is_known_by_its_bytes_until_it_fails() -> None:
     assert not is_checked(ONE)
 
 
-def test_who_has_no_home_folder_has_no_notes_and_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_a_home_directory_there_are_no_notes_and_an_error(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.delenv("XDG_STATE_HOME")
     monkeypatch.setattr("os.path.expanduser", str)
     assert not is_checked(ONE)
@@ -49,7 +51,7 @@ def test_who_has_no_home_folder_has_no_notes_and_is_told(monkeypatch: pytest.Mon
         lambda whole: "[" * 4000,
     ],
 )
-def test_a_note_that_is_damaged_counts_as_none(damage, state: Path) -> None:
+def test_a_damaged_note_is_ignored(damage, state: Path) -> None:
     note_checked(ONE)
     note = state / f"{ONE}.json"
     note.write_text(damage(note.read_text()))
@@ -58,14 +60,14 @@ def test_a_note_that_is_damaged_counts_as_none(damage, state: Path) -> None:
     assert is_checked(ONE)
 
 
-def test_a_note_that_is_no_text_or_no_file_counts_as_none(state: Path) -> None:
+def test_a_note_that_is_no_text_or_no_file_is_ignored(state: Path) -> None:
     state.mkdir(parents=True)
     (state / f"{ONE}.json").write_bytes(b"\xff\xfe")
     (state / f"{OTHER}.json").mkdir()
     assert not is_checked(ONE) and not is_checked(OTHER)
 
 
-def test_a_state_folder_that_cannot_be_is_one_sentence(
+def test_a_state_directory_that_cannot_be_made_is_one_error(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "state").write_text("")
@@ -75,7 +77,7 @@ def test_a_state_folder_that_cannot_be_is_one_sentence(
     forget_checked(ONE)
 
 
-def test_a_relative_state_folder_is_none_by_its_standard(
+def test_a_relative_state_directory_is_ignored_as_its_standard_says(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("XDG_STATE_HOME", "here")
@@ -84,8 +86,8 @@ def test_a_relative_state_folder_is_none_by_its_standard(
     assert (tmp_path / f".local/state/rcmservo/checked/{ONE}.json").is_file()
 
 
-def test_the_digest_and_the_settings_come_of_the_same_bytes(tmp_path: Path) -> None:
-    """Whoever changes the file between two readings changes nothing."""
+def test_the_digest_and_the_settings_come_from_the_same_bytes(tmp_path: Path) -> None:
+    """A change of the file between two readings has no effect."""
     path = tmp_path / "lab.toml"
     path.write_text("[gate]\nspeed = [0.5, 0.5, 40.0]\n")
     data = bytes_of(path)

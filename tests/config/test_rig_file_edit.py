@@ -1,4 +1,4 @@
-"""The markers of a rig file are written between lines that stay as they are, to the byte."""
+"""Edits of a rig file's markers leave every other byte unchanged."""
 
 import tomllib
 from pathlib import Path
@@ -38,7 +38,7 @@ def test_only_the_markers_change(before: str, tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_the_example_keeps_every_other_line(tmp_path: Path) -> None:
+def test_every_other_line_of_the_example_is_unchanged(tmp_path: Path) -> None:
     text = (ROOT / "examples/davinci.toml").read_text()
     path = tmp_path / "lab.toml"
     path.write_text(text)
@@ -48,7 +48,7 @@ def test_the_example_keeps_every_other_line(tmp_path: Path) -> None:
     assert path.read_text() == expected.replace('colour_2 = "red"', 'colour_2 = "blue"')
 
 
-def test_the_file_behind_a_link_is_written(tmp_path: Path) -> None:
+def test_the_file_behind_a_symbolic_link_is_written(tmp_path: Path) -> None:
     (tmp_path / "real.toml").write_text("")
     (tmp_path / "lab.toml").symlink_to(tmp_path / "real.toml")
     write_markers(tmp_path / "lab.toml", NEW)
@@ -65,17 +65,17 @@ def test_the_file_behind_a_link_is_written(tmp_path: Path) -> None:
         '[markers]\n"colour_1" = "red"\n',
     ],
 )
-def test_what_only_a_person_can_change_is_left_and_the_lines_are_told(
+def test_a_syntax_that_cannot_be_edited_is_left_and_the_error_gives_the_lines(
     text: str, tmp_path: Path
 ) -> None:
     path = tmp_path / "lab.toml"
     path.write_text(text)
-    with pytest.raises(UnusableFile, match='only a person can change: write colour_1 = "cyan"'):
+    with pytest.raises(UnusableFile, match='edited by hand: write colour_1 = "cyan"'):
         write_markers(path, NEW)
     assert path.read_text() == text
 
 
-def test_a_file_that_is_wrong_already_is_not_written(tmp_path: Path) -> None:
+def test_an_invalid_file_is_not_written(tmp_path: Path) -> None:
     path = tmp_path / "lab.toml"
     path.write_text("[gate]\nnothing = 3\n")
     with pytest.raises(BadInput, match=r"gate\.nothing"):

@@ -1,6 +1,4 @@
-"""A table becomes the settings that it describes, bit for bit, or one sentence that names the
-field.
-"""
+"""Decoding of tables: the settings bit for bit, or one error that names the field."""
 
 import json
 from dataclasses import dataclass, field
@@ -33,9 +31,9 @@ class Outer:
     real: float
     whole: int = 1
     word: str = "a"
-    way: Literal["fast", "slow"] = "fast"
+    mode: Literal["fast", "slow"] = "fast"
     three: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    maybe: tuple[float, float] | None = None
+    optional: tuple[float, float] | None = None
     flag: bool = False
     inner: Inner = field(default_factory=Inner)
 
@@ -44,7 +42,7 @@ finite = st.floats(allow_nan=False, allow_infinity=False)
 
 
 @given(finite, st.integers(-(2**70), 2**70), st.tuples(finite, finite, finite), st.text(max_size=9))
-def test_every_number_comes_back_bit_for_bit(
+def test_every_number_survives_bit_for_bit(
     real: float, whole: int, three: tuple[float, float, float], word: str
 ) -> None:
     if not word.isprintable():
@@ -55,7 +53,7 @@ def test_every_number_comes_back_bit_for_bit(
     assert [x.hex() for x in (made.real, *made.three)] == [x.hex() for x in (real, *three)]
 
 
-def test_a_whole_number_is_a_real_one_but_not_the_other_way_round() -> None:
+def test_an_integer_is_accepted_as_a_float_but_no_float_as_an_integer() -> None:
     made = decode(Outer, {"real": 3, "three": [1, 2, 3]}, "box")
     assert (type(made.real), made.three) == (float, (1.0, 2.0, 3.0))
     with pytest.raises(rs.BadInput, match=r"box\.whole must be a whole number, got 3\.0"):
@@ -74,7 +72,7 @@ def test_a_whole_number_is_a_real_one_but_not_the_other_way_round() -> None:
         ({"whole": True}, "box.whole must be a whole number, got True"),
         ({"flag": 1}, "box.flag must be true or false, got 1"),
         ({"word": 1}, "box.word must be text, got 1"),
-        ({"way": "slwo"}, "box.way must be 'fast' or 'slow', got 'slwo'"),
+        ({"mode": "slwo"}, "box.mode must be 'fast' or 'slow', got 'slwo'"),
         ({"three": 1.0}, "box.three must be a list, got 1.0"),
         ({"three": [1.0, 2.0]}, "box.three[2] must be given, got [1.0, 2.0]"),
         (
@@ -88,23 +86,23 @@ def test_a_whole_number_is_a_real_one_but_not_the_other_way_round() -> None:
         ({"word": "\ud800"}, "box must be plain text and numbers"),
     ],
 )
-def test_what_is_wrong_is_told_by_the_path_of_its_key(change: Any, sentence: str) -> None:
+def test_an_invalid_value_is_reported_with_the_path_of_its_key(change: Any, sentence: str) -> None:
     with pytest.raises(rs.BadInput) as refused:
         decode(Outer, {"real": 1.0, **change}, "box")
     assert sentence in str(refused.value)
 
 
-def test_a_setting_that_has_no_default_must_be_given() -> None:
+def test_a_setting_without_a_default_must_be_given() -> None:
     with pytest.raises(rs.BadInput, match=r"box\.real must be given, got None"):
         decode(Outer, {}, "box")
 
 
-def test_what_a_box_says_of_its_own_field_is_told_once_by_the_files_path() -> None:
+def test_an_error_of_the_dataclass_is_reported_once_with_the_path_in_the_file() -> None:
     with pytest.raises(rs.BadInput, match=r"^servo\.tool\.spacing must be "):
         decode(rs.RigidTool, {"spacing": -3.0}, "servo.tool")
 
 
-def test_json_that_says_a_thing_twice_or_names_no_number_is_refused() -> None:
+def test_json_with_a_repeated_key_or_no_finite_number_is_refused() -> None:
     for text in ('{"a": 1, "a": 1}', '{"a": NaN}', '{"a": -Infinity}', '{"a": 1e999}'):
         assert json.loads(text)
         with pytest.raises(texts.Refused):
