@@ -100,7 +100,7 @@ class Larger(Box):
         ({"inner": 3}, "box.inner must be an Inner, got 3"),
         ({"many": (1, "b")}, "box.many must be a list, each a whole number, got (1, 'b')"),
         ({"any_of": 3}, "box.any_of must be a Sequence, got 3"),
-        ({"share": 2.0}, "box.share must be a share above 0 and at most 1, got 2.0"),
+        ({"share": 2.0}, "box.share must be a fraction above 0 and at most 1, got 2.0"),
         ({"share": 0.9, "gain": 0.5}, "box.share must be below gain, got 0.9"),
     ],
 )
