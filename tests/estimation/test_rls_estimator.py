@@ -92,7 +92,10 @@ def test_what_is_forgotten_is_never_more_than_all():
 @pytest.mark.parametrize(
     ("settings", "sentence"),
     [
-        ({"forgetting": 0.0}, "estimator.forgetting must be a fraction above 0 and at most 1, got 0"),
+        (
+            {"forgetting": 0.0},
+            "estimator.forgetting must be a fraction above 0 and at most 1, got 0",
+        ),
         ({"forgetting": 1.01}, "estimator.forgetting must be a fraction"),
         ({"forgetting": np.nan}, "estimator.forgetting must be a fraction"),
         ({"covariance": 0.0}, "estimator.covariance must be a number from 1e-9 to 1e9 1/mm²"),

@@ -133,7 +133,7 @@ def test_derivative_of_the_features_holds_for_given_projection_parameters(seed, 
 
 @given(seeds)
 def test_derivative_of_the_features_holds_for_a_full_calibration_matrix(seed):
-    """The parameters of Lemma 1 give the Jacobian of the raw pixels, without a loss of terms of C."""
+    """Compare the raw pixels with the Jacobian of Lemma 1's parameters, without a loss of terms."""
     random = random_from(seed)
     p1 = tool_positions(random, 1)[0]
     C = true_camera(random, p1[None])
@@ -206,13 +206,13 @@ def test_derivative_of_the_features_holds_for_a_lens_with_distortion(seed, mecha
     optics = CameraModel(640, 480, 700.0, centre, np.array([k1, k2]), rotation, position_of_camera)
     o_c = random.uniform(-200, 800, 2)
 
-    def project_markers(q):
+    def project_with_lens(q):
         return about(optics.project(body.points(q)[:2]), o_c)
 
-    m = project_markers(q)
+    m = project_with_lens(q)
     assume(np.isfinite(m).all() and np.linalg.norm(m[:2] - m[2:]) > 2 and np.linalg.norm(m[:2]) > 2)
     numeric = derivative(
-        lambda q: difference(features(project_markers(q)), features(m)), q, [1e-5, 1e-5, 1e-3]
+        lambda q: difference(features(project_with_lens(q)), features(m)), q, [1e-5, 1e-5, 1e-3]
     )
     marker = position_jacobian(mechanism.rcm(tool.offset), q)
     J = true_feature_jacobian(body, optics, q, o_c) @ marker

@@ -1,4 +1,4 @@
-"""Caching of compiled code in a writable folder, keyed by its sources, and calls without a folder."""
+"""Caching of compiled code in a writable folder, keyed by its sources; kernels without a folder."""
 
 import ast
 import copy

@@ -28,7 +28,7 @@ diag(1/SCALE) Ĵ."""
 
 @compiled
 def features(m: Floats) -> Floats:
-    """Return y = [s r d] (rad, px, px), eq. (7)-(9), of the markers m (4,) px."""
+    """Return y = [s r d] (rad, px, px), eq. (7)-(9), of m = [u₁ v₁ u₂ v₂] (4,) px."""
     du, dv = m[2] - m[0], m[3] - m[1]
     return np.array([np.arctan2(dv, du), np.sqrt(m[0] ** 2 + m[1] ** 2), np.sqrt(du**2 + dv**2)])
 
@@ -96,7 +96,10 @@ def compute_line_features(m: Floats) -> Floats:
 
 @compiled
 def along_line(m: Floats) -> tuple[float, float, float]:
-    """Return the line's features [s r d] (rad, px, px) as a tuple, which needs no array."""
+    """Return s, r, d (rad, px, px) of the line through the origin nearest to both markers.
+
+    A tuple needs no array.
+    """
     c, s = compute_line_direction(m)
     r = c * m[0] + s * m[1]
     return np.arctan2(s, c), r, c * m[2] + s * m[3] - r
@@ -104,7 +107,10 @@ def along_line(m: Floats) -> tuple[float, float, float]:
 
 @compiled
 def compute_line_direction(m: Floats) -> tuple[float, float]:
-    """Return cosine and sine of the angle of that line, directed from the origin to the markers."""
+    """Return (cos s, sin s) of the line through the origin nearest to both markers m (4,) px.
+
+    The direction is that from the origin to the markers.
+    """
     along = m[0] ** 2 - m[1] ** 2 + m[2] ** 2 - m[3] ** 2
     c, s = compute_principal_direction(along, 2.0 * (m[0] * m[1] + m[2] * m[3]))
     sign = 1.0 if c * (m[0] + m[2]) + s * (m[1] + m[3]) >= 0.0 else -1.0
@@ -113,7 +119,7 @@ def compute_line_direction(m: Floats) -> tuple[float, float]:
 
 @compiled
 def straight_jacobian(m: Floats, J: Floats) -> None:
-    """Write ∂y/∂m of the line's features at m (4,) px into J (3, 4)."""
+    """Write ∂y/∂m of `compute_line_features` at m (4,) px into J (3, 4)."""
     c, s = compute_line_direction(m)
     along = m[0] ** 2 - m[1] ** 2 + m[2] ** 2 - m[3] ** 2
     across = 2.0 * (m[0] * m[1] + m[2] * m[3])

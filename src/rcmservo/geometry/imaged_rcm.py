@@ -56,7 +56,10 @@ def build_normal_equations(lines: Floats, count: int, printed: bool) -> tuple[Fl
 
 @compiled
 def compute_condition(N: Floats) -> float:
-    """Return the condition of a symmetric positive semidefinite N (2, 2); inf if singular."""
+    """Return the condition number of a symmetric positive semidefinite N (2, 2).
+
+    It is inf for a singular matrix.
+    """
     half_trace = 0.5 * (N[0, 0] + N[1, 1])
     spread = np.sqrt((0.5 * (N[0, 0] - N[1, 1])) ** 2 + N[0, 1] ** 2)
     least = half_trace - spread

@@ -142,7 +142,7 @@ def joint_rates(rcm: Rcm, q: Floats, v: Floats) -> Floats:
 
 @compiled
 def compute_joint_rates_tuple(rcm: Rcm, q: Floats | Point, v: Floats) -> Point:
-    """Return the same joint rates as a tuple."""
+    """Return q̇ (rad/s, rad/s, mm/s) for the velocity v (3,) mm/s as a tuple."""
     rho = q[2] + rcm.zero
     min_square = (MIN_LEVER * rho) ** 2
     (x1, y1, z1), (x2, y2, z2) = compute_axis_jacobian(rcm, q)

@@ -53,7 +53,7 @@ def second_marker(shaft: Shaft, p1: Floats) -> Floats:
 
 @compiled
 def second_point(shaft: Shaft, p1: Floats | Point) -> Point:
-    """Return the position p₂ mm of marker 2 as a tuple."""
+    """Return the position p₂ (mm) of marker 2 from that of marker 1, p₁, as a tuple."""
     ratio = stretch(shaft, p1)
     return ratio * p1[0], ratio * p1[1], ratio * p1[2]
 
@@ -90,7 +90,7 @@ def second_marker_jacobian(shaft: Shaft, p1: Floats) -> Floats:
 def by_first_marker(shaft: Shaft, p1: Floats | Point, motion: Floats) -> None:
     """Convert ∂m₂/∂p₂ (n, 3) to ∂m₂/∂p₁ in place, by the chain rule.
 
-    The factor ∂p₂/∂p₁ is a multiple of I plus a term along p₁, so no matrix is formed.
+    The factor ∂p₂/∂p₁ is a multiple of I plus a term along p₁, so its matrix is not needed.
     """
     ratio, squared = stretch(shaft, p1), p1[0] ** 2 + p1[1] ** 2 + p1[2] ** 2
     fraction = 0.0 if shaft.kind == SCALED else (ratio - 1.0) / squared

@@ -104,19 +104,19 @@ class Kernel:
         update_wrapper(self, function)
         self.py_func = function
 
-    def __call__(self, *arguments: Any, **named: Any) -> Any:
-        return self.dispatcher(*arguments, **named)
+    def __call__(self, *args: Any, **kwargs: Any) -> Any:
+        return self.dispatcher(*args, **kwargs)
 
     def __getattr__(self, name: str) -> Any:
         """Make a dispatcher on its first use, or return an attribute of the one for Python."""
         if name == "inner":
             return vars(self).setdefault(name, _make_dispatcher(self.py_func, INNER_NUMBA_OPTIONS))
         if name == "dispatcher":
-            made = vars(self).setdefault(name, _make_dispatcher(self.py_func, NUMBA_OPTIONS))
+            dispatcher = vars(self).setdefault(name, _make_dispatcher(self.py_func, NUMBA_OPTIONS))
             # further calls reach the dispatcher without a Python frame: 0.1 us instead of 0.3
-            loaded: Any = type("LoadedKernel", (Kernel,), {"__call__": staticmethod(made)})
+            loaded: Any = type("LoadedKernel", (Kernel,), {"__call__": staticmethod(dispatcher)})
             self.__class__ = loaded
-            return made
+            return dispatcher
         if name.startswith("_"):
             raise AttributeError(name)
         return getattr(self.dispatcher, name)
@@ -143,15 +143,15 @@ def _make_dispatcher(function: Callable[..., Any], options: Any) -> Any:
     for module in DECLARING_MODULES:
         import_module(module)
     with _CACHE_FOLDER_LOCK:
-        chosen = config.CACHE_DIR
-        folder = chosen or find_cache_folder()
+        user_folder = config.CACHE_DIR
+        folder = user_folder or find_cache_folder()
         config.CACHE_DIR = (
             str(Path(folder) / "inner") if folder and options is INNER_NUMBA_OPTIONS else folder
         )
         try:
             return numba.njit(cache=bool(folder), **options)(function)
         finally:
-            config.CACHE_DIR = chosen
+            config.CACHE_DIR = user_folder
 
 
 @cache
