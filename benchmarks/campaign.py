@@ -147,10 +147,10 @@ def disturbed(seed: int, disturbances: list[Disturbance]) -> Run:
         Guarded(rig.arm, servo, run.wrong_commands), rig.camera, PointMarkers(), rig.clock
     )
     plant.recorded = lambda: not rig.disk_full()
-    rig.show_target()
+    rig.move_to_target()
     target = rs.teach(plant, frames=30)
     p_d = rig.truth.markers(rig.clock.now())[1]
-    rig.go_home()
+    rig.move_to_start()
     rig.begin()
     person, judge = ScriptedOperator(rig, plant, PATIENCE, frames=30), Judge(servo, target)
     start, unnoticed = rig.clock.now(), UnnoticedGrowth(Oracle(rig.truth, NOISE))

@@ -182,9 +182,9 @@ def ticks(
     """A person shows the target and brings the tool home; then the servo runs."""
     rig = rs.sim.Rig(seed, settings_of(options), disturbances=disturbances, scene=scene)
     plant = rs.Plant(rig.arm, rig.camera, rs.tracking.ColourMarkers(), rig.clock)
-    rig.show_target()
+    rig.move_to_target()
     target = rs.teach(plant, SHOWN)
-    rig.go_home()
+    rig.move_to_start()
     rig.begin()
     settings, estimator = rig.settings, ServoOptions().estimator_of(options.estimator)
     servo = rs.Servo(settings.mechanism, settings.tool, estimator)

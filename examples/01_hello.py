@@ -12,9 +12,9 @@ servo = rs.Servo(
     estimator=rs.DltEstimator(),  # Ĵ of eq. (15) by a projection fitted to all frames
     controller=rs.SaturatedController(gain=6.0),  # eq. (31)-(32)
 )
-rig.show_target()
+rig.move_to_target()
 target = rs.teach(plant)  # learning by showing
-rig.go_home()
+rig.move_to_start()
 plant.reset()  # the tool was moved by hand: what was seen before counts for nothing
 
 state = servo.init()  # Ĵ = 0: it explores first

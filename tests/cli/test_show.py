@@ -60,9 +60,9 @@ def told(tmp_path_factory: pytest.TempPathFactory) -> Told:
     rig = rs.sim.Rig(1, rs.sim.RigSettings(point_noise=0.1), pictures=False)
     plant = Disturbed(rig.arm, rig.camera, PointMarkers(), rig.clock)
     servo = rs.Servo(mechanism=rs.SphericalRcm(), tool=rs.RigidTool(spacing=30.0))
-    rig.show_target()
+    rig.move_to_target()
     target = rs.teach(plant, frames=5)
-    rig.go_home()
+    rig.move_to_start()
     plant.change = lose
     path = tmp_path_factory.mktemp("told") / reader.RECORD
     ticks, stages, state = [], [], None
@@ -86,7 +86,7 @@ def test_spans_are_every_tick_in_order_and_no_two_alike_follow(told: Told) -> No
     found = spans(rows)
     assert found[0].start == 0.0 and found[-1].end == pytest.approx(rows.time[-1] + 0.01)
     for one, next in pairwise(found):
-        assert one.end == next.start and one.length > 0.0
+        assert one.end == next.start and one.duration > 0.0
         alike = (one.phase, one.cause, one.stage) == (next.phase, next.cause, next.stage)
         assert not alike or next.request is not rs.Request.NONE
     starts = [span.start for span in found]
@@ -187,7 +187,7 @@ def test_show_tells_causes_and_ways_out_in_words_and_draws(
         "neither marker is seen: they left the picture or are hidden",
         "clear the view, then resume",
         "a person asked for a pause",
-        "after a person's resume",
+        "after the operator's request to resume",
         "frames come damaged at",
         "late ticks",
     ):

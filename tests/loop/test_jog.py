@@ -267,7 +267,7 @@ def test_it_is_recorded_with_its_rates_in_one_span_and_comes_out_again_bit_for_b
     assert during.sum() == round(100 * (END - BEGIN))
     assert (asked[during] == RATES).all() and not asked[~during].any()
     found = [span for span in spans(again.recorded) if span.phase is rs.Phase.JOG]
-    assert len(found) == 1 and found[0].length == pytest.approx(END - BEGIN)
+    assert len(found) == 1 and found[0].duration == pytest.approx(END - BEGIN)
     other = replace(again.recorded, ticks={**again.recorded.ticks, "jog": np.zeros_like(asked)})
     assert "command" in replay_record(other).difference_counts
 

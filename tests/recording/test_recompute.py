@@ -33,9 +33,9 @@ class RecordedLab:
     recorder: Recorder
 
     def teach(self) -> rs.Target:
-        self.rig.show_target()
+        self.rig.move_to_target()
         target = rs.teach(self.plant, frames=5)
-        self.rig.go_home()
+        self.rig.move_to_start()
         return target
 
     def stage(

@@ -49,9 +49,9 @@ def record_run(folder: Path, **settings: Any) -> RecordedRun:
     rig = rs.sim.Rig(1, pictures=False)
     plant = rs.Plant(rig.arm, rig.camera, PointMarkers(), rig.clock)
     servo = rs.Servo(mechanism=rs.SphericalRcm(), tool=rs.RigidTool(spacing=30.0), **settings)
-    rig.show_target()
+    rig.move_to_target()
     target = rs.teach(plant, frames=30)
-    rig.go_home()
+    rig.move_to_start()
     run = RecordedRun(folder, [], servo, target)
     with Recorder(run.path, {"seed": 1}) as recorder:
         recorder.begin(servo, target)
@@ -126,7 +126,7 @@ def expected_names(tick: rs.Tick) -> dict[str, str]:
 def test_every_number_and_name_of_a_tick_is_read_back_bit_for_bit(
     which: str, request: pytest.FixtureRequest
 ) -> None:
-    """This includes the estimator's memory: â, or its recorded numbers."""
+    """The estimator's memory is â, or its recorded numbers."""
     run: RecordedRun = request.getfixturevalue(which)
     rows = reader.read_record(run.folder)
     assert rows.complete and rows.missing == ""

@@ -46,7 +46,7 @@ def test_a_scene_is_infeasible_if_its_camera_turns_or_its_path_meets_a_limit(see
     assert FEASIBILITY.is_feasible(scene)
     aside = replace(scene, optics=replace(optics, centre=optics.centre + np.array([0.0, 400.0])))
     behind = replace(scene, optics=replace(optics, position=-optics.position))
-    far = replace(scene, way=scene.path + np.array([0.0, 0.0, 200.0]))
+    far = replace(scene, path=scene.path + np.array([0.0, 0.0, 200.0]))
     assert not any(FEASIBILITY.is_feasible(other) for other in (aside, behind, far))
 
 

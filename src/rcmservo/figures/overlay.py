@@ -90,9 +90,9 @@ class BallRing(NamedTuple):
         Row of the centre (px).
     radius : float
         Radius of the ball (px).
-    words : str
+    label : str
         Label next to the ring.
-    strong : bool
+    highlighted : bool
         True to highlight the ball.
     """
 

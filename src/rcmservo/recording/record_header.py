@@ -26,7 +26,7 @@ class RecordHeader:
 
     Parameters
     ----------
-    about : dict[str, Any]
+    settings : dict[str, Any]
         Settings, seed and versions of the run.
     servo : Any
         Description of the first servo; empty if there is none.
@@ -36,7 +36,7 @@ class RecordHeader:
         Phase at the last tick, as a sentence; empty without a tick.
     cause : str
         Cause at the last tick, as a sentence; empty if there is none.
-    ended : bool
+    is_closed : bool
         True if the file was closed properly.
     """
 

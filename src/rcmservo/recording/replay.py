@@ -38,13 +38,13 @@ class ReplayResult:
 
     Parameters
     ----------
-    then : Record
+    recorded : Record
         Record as it was written.
-    now : Record
+    recomputed : Record
         Record with the replayed decisions; it can be plotted like any other record.
-    first : int or None
+    first_difference : int or None
         Index of the first tick that differs in any bit; None if there is none.
-    differs : dict[str, int]
+    difference_counts : dict[str, int]
         Number of differing ticks by column; columns without a difference are left out.
     open_loop : bool
         True if other settings than the recorded ones were used.
@@ -112,7 +112,7 @@ def replay_record(
 
     Returns
     -------
-    Rerun
+    ReplayResult
         Both runs and their differences.
 
     Raises

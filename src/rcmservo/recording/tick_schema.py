@@ -38,7 +38,7 @@ class Column(NamedTuple):
         Name in messages, tables and comparisons.
     parts : tuple[str, ...]
         Name and unit of each number.
-    of : Callable[[Tick], Any]
+    value_of : Callable[[Tick], Any]
         Function that returns the value of a tick.
     """
 

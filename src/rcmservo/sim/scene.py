@@ -129,11 +129,11 @@ class Scene:
 
     Parameters
     ----------
-    optics : Optics
+    optics : CameraModel
         True camera.
-    body : Body
+    body : ToolBody
         Tool.
-    way : Floats
+    path : Floats
         Joints (n, 3) on the path from the start to the target.
     half_way : Floats
         Joints (3,) at the path's midpoint.

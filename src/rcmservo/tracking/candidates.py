@@ -41,13 +41,13 @@ class TrackedPair:
 
     Parameters
     ----------
-    look : MarkerLook
+    appearance : MarkerAppearance
         Appearance of the markers.
     points : Floats
         Markers 1 and 2, (2, 2) px; NaN for a marker that is not found.
     radius : Floats
         Radii of the markers in the image, (2,) px.
-    why : str
+    reason : str
         Reason why the tracker does not find both markers, a sentence; empty if it does.
     """
 

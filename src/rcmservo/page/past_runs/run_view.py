@@ -114,7 +114,7 @@ def _pictures(path: Path) -> tuple[list[Where], list[int]]:
 
 
 def _span(span: Span) -> list[object]:
-    return [span.start, span.length, span.phase.value, why(span), way_out(span), span.asks.name]
+    return [span.start, span.duration, span.phase.value, why(span), way_out(span), span.asks.name]
 
 
 def _moments(record: Record, lines: list[Span], exposures: list[int]) -> list[dict[str, Any]]:

@@ -46,7 +46,7 @@ class RecordedPose:
     ----------
     name : str
         Name of the frame in poses.csv, which is also the stem of its image file.
-    picture : Path or None
+    image_path : Path or None
         Image file, or None in a recording of points.
     points : Floats or None
         Markers (2, 2) px, NaN for an undetected one; None if there is an image.
@@ -172,7 +172,7 @@ def _reference_point(row: TableRow, p: Floats) -> Floats:
 
 
 class RecordingWriter:
-    """Writer of recordings that `load` reads. A row is written only after its frame.
+    """Writer of recordings that `load_recording` reads. A row is written only after its frame.
 
     Parameters
     ----------

@@ -13,7 +13,7 @@ from rcmservo.sim.disturbances.schedule import Schedule
 class Killed(RcmServoError):
     """Simulated process was killed: it sends nothing more, and the arm's own watchdog must stop it.
 
-    `Rig.let_pass` lets time pass without the process.
+    `Rig.advance_until` lets time pass without the process.
     """
 
 

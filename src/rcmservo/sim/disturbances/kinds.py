@@ -24,7 +24,7 @@ class Kind:
         Causes that name it correctly, warnings included; none if the servo cannot report any more.
     parameters : Mapping[str, Parameter]
         Parameters by name.
-    lasts : float or None
+    default_duration : float or None
         Default of `for` (s). 0: it happens at once, or within a given time, and is permanent. None:
         it happens at once and cannot be undone.
     sampled_duration : tuple[float, float]

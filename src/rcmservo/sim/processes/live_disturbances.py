@@ -18,7 +18,7 @@ class DisturbanceChange:
     ----------
     at : int
         Wall time, ns.
-    begins : Disturbance or None
+    starts : Disturbance or None
         Disturbance that starts; None ends all that act.
     """
 
