@@ -1,4 +1,4 @@
-"""Bad input gets one sentence that names what is wrong, exit code 2, and leaves nothing behind."""
+"""Bad input: one sentence that names the invalid value, exit code 2, and no files left behind."""
 
 import shutil
 import sys
@@ -46,7 +46,7 @@ RIGS = {
     "too few numbers": ("[gate]\nspeed = [1.0, 1.0]", "gate.speed", "1.0"),
     "zero speed": ("[gate]\nspeed = [1.0, 0.0, 1.0]", "gate.speed", "0.0"),
     "unknown colour": ('[markers]\ncolour_1 = "mauve"', "colour_1", "mauve"),
-    "markers that look the same": (
+    "markers of equal appearance": (
         '[markers]\ncolour_1 = "red"\ncolour_2 = "red"\nradius_1 = 3.0\nradius_2 = 3.0',
         "radius_2",
         "3.0",
@@ -142,7 +142,7 @@ FILES = {
 
 
 def refused(arguments: list[str], capsys: pytest.CaptureFixture[str], *names: str) -> None:
-    """The command ends with 2 and one sentence on stderr that holds the names."""
+    """Check that the command ends with 2 and one sentence on stderr that contains `names`."""
     assert main(arguments) == 2
     error = capsys.readouterr().err.strip().splitlines()
     assert error[-1].startswith("rcmservo: ")
@@ -152,19 +152,19 @@ def refused(arguments: list[str], capsys: pytest.CaptureFixture[str], *names: st
 
 
 @pytest.mark.parametrize("case", COMMAND_LINES)
-def test_a_bad_command_line_is_refused(case: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_invalid_command_line_is_refused(case: str, capsys: pytest.CaptureFixture[str]) -> None:
     arguments, name = COMMAND_LINES[case]
     refused(arguments, capsys, name)
 
 
 @pytest.mark.parametrize("case", STUDIES)
-def test_a_bad_study_is_refused_and_nothing_is_left(
+def test_an_invalid_study_is_refused_and_leaves_no_files(
     case: str,
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Not a folder under runs/ either."""
+    """There is no new folder under runs/ either."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", [*sys.path])
     (tmp_path / "mine").mkdir()
@@ -172,12 +172,12 @@ def test_a_bad_study_is_refused_and_nothing_is_left(
         (tmp_path / name).write_text(text)
     arguments, *names = STUDIES[case]
     refused(arguments, capsys, *names)
-    left = {path.relative_to(tmp_path).as_posix() for path in tmp_path.rglob("*")}
-    assert left == {*FILES, "mine"}
+    remaining = {path.relative_to(tmp_path).as_posix() for path in tmp_path.rglob("*")}
+    assert remaining == {*FILES, "mine"}
 
 
 @pytest.mark.parametrize("case", RIGS)
-def test_a_bad_rig_file_is_refused_and_nothing_is_written(
+def test_an_invalid_rig_file_is_refused_and_nothing_is_written(
     case: str,
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
@@ -201,7 +201,7 @@ def test_output_that_cannot_be_written_is_refused(
     assert (tmp_path / "file").read_text() == "mine"
 
 
-def test_of_a_refused_run_no_folder_is_left_however_deep(
+def test_a_refused_run_leaves_no_folder_at_any_depth(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     words = ["--target", str(tmp_path / "none.json"), "--out", str(tmp_path / "x1" / "y" / "z")]
@@ -211,7 +211,7 @@ def test_of_a_refused_run_no_folder_is_left_however_deep(
 
 @pytest.fixture
 def recording(tmp_path: Path) -> Path:
-    """Three frames without any marker, with good poses."""
+    """Recording of three frames without a marker, with valid poses."""
     folder = tmp_path / "recording"
     (folder / "frames").mkdir(parents=True)
     picture = np.full((120, 160, 3), 90, dtype=np.uint8)
@@ -237,7 +237,7 @@ def test_frames_without_markers_are_refused(
 
 
 @pytest.mark.parametrize("text", ["nan", "inf", "", "north"])
-def test_a_pose_that_is_no_number_is_refused(
+def test_a_pose_that_is_not_a_number_is_refused(
     text: str, recording: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     edit(recording, "01,0.5,", f"01,{text},")
@@ -295,11 +295,11 @@ def test_a_recording_without_poses_is_refused(
     refused(["replay", str(recording)], capsys, "poses.csv")
 
 
-@pytest.mark.parametrize("share", [0.0, 0.3, 0.9, 0.999])
+@pytest.mark.parametrize("fraction", [0.0, 0.3, 0.9, 0.999])
 def test_a_truncated_jpeg_is_refused(
-    share: float, recording: Path, capsys: pytest.CaptureFixture[str]
+    fraction: float, recording: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     frame = recording / "frames" / "01.jpg"
     data = frame.read_bytes()
-    frame.write_bytes(data[: int(share * len(data))])
+    frame.write_bytes(data[: int(fraction * len(data))])
     refused(["replay", str(recording)], capsys, "01.jpg")

@@ -1,4 +1,4 @@
-"""Commands, options and TOML keys of README and of every page in docs: they exist."""
+"""Commands, options and TOML keys of the README and of every page in docs exist."""
 
 import re
 import tomllib
@@ -30,7 +30,7 @@ FENCE = re.compile(r"^```(\w*)\n(.*?)^```$", re.M | re.S)
 SPAN = re.compile(r"(`+)(.+?)\1", re.S)
 OPTION = re.compile(r"(?<![\w-])--[a-z][\w.*-]*")
 END = re.compile(r"\s(?:\||&&|;|#)\s|;\s|$")
-"""Where a command ends on its line."""
+"""End of a command on its line."""
 SECTIONS: dict[str, list[type[Any]]] = {
     "mechanism": list(MECHANISMS.values()),
     "tool": list(TOOLS.values()),
@@ -43,24 +43,25 @@ SECTIONS: dict[str, list[type[Any]]] = {
     "look": [Look],
     "scene": [SceneSettings],
 }
-"""The classes of every section of a rig file."""
+"""Classes of every section of a rig file."""
 SCRIPT = re.compile(r"(?:benchmarks|docs|examples)/[\w/]+\.py")
-"""A program of the repository that is no command."""
+"""Program of the repository that is not a command of rcmservo."""
 KEY = re.compile(rf"({'|'.join(SECTIONS)})\.(\w+)(?:\[\d\])?")
-"""A setting of a rig file as sentences name it."""
+"""Setting of a rig file as sentences name it."""
 
 
 @cache
 def options_of(command: str) -> frozenset[str]:
-    """All options of a command."""
-    made = {one.name for one in options.options_of(options_kind(command, []))}
-    made |= {"--help", "--help-all", "--version"}
-    return frozenset(made | {f"--no-{one[2:]}" for one in made})
+    """Return all options of a command."""
+    names = {one.name for one in options.options_of(options_kind(command, []))}
+    names |= {"--help", "--help-all", "--version"}
+    return frozenset(names | {f"--no-{one[2:]}" for one in names})
 
 
 def is_option(option: str, command: str | None) -> bool:
-    """Whether a command has an option, or any command where none is named; `--gate.*` stands for
-    options that begin so.
+    """Return True if a command has an option, or, without a command, if any command has it.
+
+    `--gate.*` stands for options that begin with `--gate.`.
     """
     known = [one for name in ([command] if command else COMMANDS) for one in options_of(name)]
     if option.endswith("*"):
@@ -69,7 +70,7 @@ def is_option(option: str, command: str | None) -> bool:
 
 
 def pieces(text: str) -> Iterator[str]:
-    """The lines of the code blocks of a page, continued ones as one, and its code spans."""
+    """Yield the lines of the code blocks of a page, continued ones joined, and its code spans."""
     for language, block in FENCE.findall(text):
         if language in ("sh", ""):
             yield from block.replace("\\\n", " ").splitlines()
@@ -78,25 +79,27 @@ def pieces(text: str) -> Iterator[str]:
 
 
 def of_script(path: Path) -> set[str]:
-    """The options of a script: those that it spells out, and the fields of its settings."""
+    """Return the options of a script: those in its source, and the fields of its settings."""
     source = path.read_text()
     names = re.findall(r"^    (\w+): ", source, re.M)
     return {*OPTION.findall(source), *(f"--{name.replace('_', '-')}" for name in names)}
 
 
 def of_others(text: str) -> set[str]:
-    """The options of other programs that a page shows: of the repository's scripts that it names,
-    and of what it runs.
+    """Return the options of other programs on a page.
+
+    The programs are the repository's scripts that the page names, and commands other than rcmservo.
     """
     scripts = {ROOT / name for name in SCRIPT.findall(text)}
     found = {one for path in scripts if path.exists() for one in of_script(path)}
-    told = [one for one in pieces(text) if not one.startswith("--") and "rcmservo" not in one]
-    return found | {option for one in told for option in OPTION.findall(one)}
+    commands = [one for one in pieces(text) if not one.startswith("--") and "rcmservo" not in one]
+    return found | {option for one in commands for option in OPTION.findall(one)}
 
 
 def unknown(piece: str, others: Collection[str] = ()) -> list[str]:
-    """The commands and options of a piece of code that do not exist; [] of another program's.
-    An option without a command may be of `others`.
+    """Return the commands and options of a piece of code that do not exist.
+
+    Other programs give an empty list. An option without a command may be one of `others`.
     """
     words = piece.removeprefix("$ ").split()
     while words and re.fullmatch(r"[A-Z_]+=\S*|nice|exec", words[0]):
@@ -122,8 +125,8 @@ def unknown(piece: str, others: Collection[str] = ()) -> list[str]:
 def test_every_command_and_option_of_a_page_exists(page: Path) -> None:
     text = page.read_text()
     others = of_others(text)
-    wrong = {piece: found for piece in pieces(text) if (found := unknown(piece, others))}
-    assert wrong == {}
+    unknown_options = {piece: found for piece in pieces(text) if (found := unknown(piece, others))}
+    assert unknown_options == {}
 
 
 @pytest.mark.parametrize("page", PAGES, ids=IDS)
@@ -153,7 +156,7 @@ def test_every_script_that_a_page_runs_exists_and_has_the_options_that_it_is_giv
         ("python benchmarks/soak.py --minutes 3", []),
     ],
 )
-def test_an_option_that_does_not_exist_is_found(piece: str, found: list[str]) -> None:
+def test_unknown_options_are_found(piece: str, found: list[str]) -> None:
     assert unknown(piece) == found
 
 
@@ -200,7 +203,7 @@ def test_every_setting_of_a_rig_file_that_a_page_names_exists(page: Path) -> Non
 
 
 def is_key(section: str, key: str) -> bool:
-    """Whether a section of a rig file has a key."""
+    """Return True if a section of a rig file has a key."""
     if key == "kind" or (section == "mechanism" and key in ("lower", "upper")):
         return True
     return any(key in {f.name for f in fields(kind)} for kind in SECTIONS[section])

@@ -1,4 +1,4 @@
-"""Every public class takes a wrong argument, or refuses it with field, value and expected value."""
+"""Constructors of all public classes: an invalid argument is accepted, or refused with its name."""
 
 import inspect
 import math
@@ -26,11 +26,11 @@ ODD: dict[str, Any] = {
     "three NaNs": (math.nan,) * 3,
     "an object": object(),
 }
-"""Values of many kinds."""
+"""Values of many types."""
 
 
 def required(name: str) -> dict[str, Any]:
-    """Arguments without which a class cannot be made."""
+    """Return the arguments that a class requires."""
     if name == "Plant":
         rig = Rig(seed=0, pictures=False)
         tracker = rs.tracking.PointMarkers()
@@ -51,14 +51,14 @@ def required(name: str) -> dict[str, Any]:
 
 
 PER_TICK = "Command", "MarkerPair", "Observation", "Sample", "State", "Tick"
-"""Classes that only the servo and its loop make, up to a thousand times a second."""
+"""Classes that only the servo and its loop construct, up to a thousand times a second."""
 
 WRITTEN = {"duration": "for"}
-"""Arguments that a message spells as a disturbance is written."""
+"""Arguments for which a message uses the spelling of a disturbance."""
 
 
 def public() -> Iterator[tuple[str, type[Any]]]:
-    """Names and classes that a user makes."""
+    """Yield names and classes that a user constructs."""
     for module in (rs, rs.sim, rs.tracking):
         for name in module.__all__:
             made = getattr(module, name)
@@ -76,7 +76,7 @@ ARGUMENTS = [
 
 
 @pytest.mark.parametrize(("made", "argument"), ARGUMENTS)
-def test_a_wrong_argument_is_refused_with_field_value_and_expected(
+def test_an_invalid_argument_is_refused_with_field_value_and_expected_value(
     made: type[Any], argument: str
 ) -> None:
     for kind, value in ODD.items():
