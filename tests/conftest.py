@@ -251,7 +251,7 @@ class Laboratory:
         servo: Servo,
         seconds: float,
         state: State | None = None,
-        change: Callable[[Observation], Observation] = lambda current: current,
+        change: Callable[[Observation], Observation] = lambda observation: observation,
     ) -> Iterator[tuple[Observation, State]]:
         """Yield observation and state of every tick of a new run, or of one that continues `state`.
 

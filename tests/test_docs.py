@@ -31,18 +31,18 @@ WORDS = re.findall(
 )
 
 
-def commands_of(*pages: str) -> list[str]:
+def list_commands(*pages: str) -> list[str]:
     """Return the commands in the shell blocks of pages, each once."""
     texts = [(ROOT / page).read_text() for page in pages]
     blocks = [block for text in texts for block in re.findall(r"```sh\n(.*?)```", text, re.S)]
     return list(dict.fromkeys(line for block in blocks for line in block.splitlines()))
 
 
-COMMANDS = commands_of("README.md", "docs/command_line.md", "docs/paper.md")
-SET_UP = {"make run", "make test"}
+COMMANDS = list_commands("README.md", "docs/command_line.md", "docs/paper.md")
+SET_UP_COMMANDS = {"make run", "make test"}
 MAX_LINES, MAX_WORDS, MAX_CELL_WORDS = 130, 1200, 15
 """Size limits of the README, for a reader with a few minutes."""
-SEARCHED = (
+SEARCH_TERMS = (
     "visual servoing", "image-based", "pose-based", "eye-to-hand", "hand-eye calibration",
     "dVRK", "ViSP",
 )  # fmt: skip
@@ -84,16 +84,16 @@ def test_the_readme_is_short_and_has_the_search_terms() -> None:
     rows = [line for line in README.splitlines() if line.startswith("|")]
     cells = [cell for row in rows for cell in row.strip("|").split("|")]
     assert [cell for cell in cells if len(cell.split()) > MAX_CELL_WORDS] == []
-    assert [word for word in SEARCHED if word not in README] == []
-    assert max(path.stat().st_size for path in pictures_of(README)) <= 1.5e6
+    assert [word for word in SEARCH_TERMS if word not in README] == []
+    assert max(path.stat().st_size for path in list_images(README)) <= 1.5e6
 
 
-def pictures_of(text: str) -> list[Path]:
+def list_images(text: str) -> list[Path]:
     """Return the images of a page."""
     return [ROOT / name for name in re.findall(r"!\[[^]]*\]\(([^)]+)\)", text)]
 
 
-def undescribed_fields(path: Path) -> Iterator[str]:
+def find_undescribed_fields(path: Path) -> Iterator[str]:
     """Yield public fields that the Parameters section of their class does not describe."""
     for node in ast.walk(ast.parse(path.read_text())):
         if not isinstance(node, ast.ClassDef) or node.name.startswith("_"):
@@ -137,7 +137,7 @@ def test_no_folder_has_more_than_15_files() -> None:
 
 def test_every_field_is_described_in_the_parameters_of_its_class() -> None:
     files = sorted(SOURCE.rglob("*.py"))
-    assert [name for path in files for name in undescribed_fields(path)] == []
+    assert [name for path in files for name in find_undescribed_fields(path)] == []
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
@@ -146,10 +146,12 @@ def test_every_link_of_a_page_resolves(page: Path) -> None:
     targets = [(page.parent / file if file else page, anchor) for file, anchor in links]
     assert [str(path) for path, _ in targets if not path.exists()] == []
     anchored = [(path, anchor) for path, anchor in targets if anchor and path.suffix == ".md"]
-    assert [(path.name, anchor) for path, anchor in anchored if anchor not in anchors(path)] == []
+    assert [
+        (path.name, anchor) for path, anchor in anchored if anchor not in list_anchors(path)
+    ] == []
 
 
-def anchors(page: Path) -> set[str]:
+def list_anchors(page: Path) -> set[str]:
     """Return the anchors of a page's headings."""
     headings = re.findall(r"^#+ (.*)$", page.read_text(), re.M)
     words = [re.sub(r"[^\w\- ]", "", heading.lower()) for heading in headings]
@@ -157,12 +159,12 @@ def anchors(page: Path) -> set[str]:
 
 
 PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])
-NAMED = re.compile(r"(?<![\w./-])(?:benchmarks|docs|examples|tests)/[\w./-]*\w")
+FILE_REFERENCE = re.compile(r"(?<![\w./-])(?:benchmarks|docs|examples|tests)/[\w./-]*\w")
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_every_file_of_the_repository_that_a_page_names_exists(page: Path) -> None:
-    named = set(NAMED.findall(page.read_text()))
+    named = set(FILE_REFERENCE.findall(page.read_text()))
     assert sorted(name for name in named if not (ROOT / name).exists()) == []
 
 
@@ -184,9 +186,9 @@ def test_each_checker_has_one_version_and_the_tests_do_not_need_it() -> None:
 
 
 def test_the_set_up_commands_are_targets_of_the_makefile_and_ci_calls_the_test_command() -> None:
-    assert set(COMMANDS) >= SET_UP
+    assert set(COMMANDS) >= SET_UP_COMMANDS
     targets = re.findall(r"^(\w+):", (ROOT / "Makefile").read_text(), re.M)
-    assert {command.split()[1] for command in SET_UP} <= set(targets)
+    assert {command.split()[1] for command in SET_UP_COMMANDS} <= set(targets)
     called = re.findall(r"^make ([\w-]+)", (ROOT / ".ci/run").read_text(), re.M)
     assert called == ["peers", "check", "test", "test-all"]
 
@@ -201,7 +203,7 @@ def is_in_wall_time(command: str) -> bool:
     return shlex.split(command)[1] == "live"
 
 
-FIRST, *OTHERS = (one for one in COMMANDS if one not in SET_UP)
+FIRST, *OTHERS = (one for one in COMMANDS if one not in SET_UP_COMMANDS)
 
 
 @pytest.mark.slow

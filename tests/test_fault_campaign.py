@@ -7,31 +7,32 @@ from campaign import Run, disturbed, one
 
 from rcmservo.sim import Disturbance
 
-RUNS = {"faults": 14, "short": 6, "none": 4}
-ENDS = {"settled", "HOLD", "PAUSED", "FAULT", "killed"}
+RUN_COUNTS = {"faults": 14, "short": 6, "none": 4}
+VALID_ENDS = {"settled", "HOLD", "PAUSED", "FAULT", "killed"}
 
 
 @pytest.fixture(scope="module")
 def runs() -> dict[str, list[Run]]:
     with ProcessPoolExecutor() as pool:
         return {
-            kind: list(pool.map(one, range(count), [kind] * count)) for kind, count in RUNS.items()
+            kind: list(pool.map(one, range(count), [kind] * count))
+            for kind, count in RUN_COUNTS.items()
         }
 
 
 @pytest.mark.parametrize(
     "kind",
-    [pytest.param(kind, marks=() if kind == "faults" else pytest.mark.slow) for kind in RUNS],
+    [pytest.param(kind, marks=() if kind == "faults" else pytest.mark.slow) for kind in RUN_COUNTS],
 )
 def test_one_run_of_each_kind_meets_all_requirements(kind: str) -> None:
     run = one(1, kind)
     assert not run.wrong_commands and not run.too_slow, run
     assert all(stop[3] for stop in run.stops), run
-    assert run.end in ENDS, run
+    assert run.end in VALID_ENDS, run
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", RUNS)
+@pytest.mark.parametrize("kind", RUN_COUNTS)
 def test_no_command_is_invalid_and_no_stop_is_slow(kind: str, runs: dict[str, list[Run]]) -> None:
     for run in runs[kind]:
         assert not run.wrong_commands, run
@@ -50,7 +51,7 @@ def test_every_stop_names_an_injected_fault(runs: dict[str, list[Run]]) -> None:
 @pytest.mark.slow
 def test_every_run_settles_or_ends_at_rest(runs: dict[str, list[Run]]) -> None:
     ends = {run.end for run in runs["faults"]}
-    assert ends <= ENDS
+    assert ends <= VALID_ENDS
     assert all(run.pose_error < 2.0 for run in runs["faults"] if run.end == "settled")
 
 

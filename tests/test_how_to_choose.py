@@ -12,7 +12,7 @@ from conftest import ROOT
 CHOOSING = ROOT / "docs/studies"
 STUDIES = sorted(path.stem for path in CHOOSING.glob("*.toml"))
 TEMPLATE = ROOT / "docs/how_to_choose.md.j2"
-RESULT = re.compile(r"\d\s*(%|mm\b|s\b(?!tudy))")
+RESULT_PATTERN = re.compile(r"\d\s*(%|mm\b|s\b(?!tudy))")
 """Figure with the unit of a result; settings in px, Hz and ms are not results."""
 
 
@@ -48,17 +48,17 @@ def test_the_page_is_generated_from_its_template_and_its_results(choosing: Any) 
 def test_the_sentences_of_the_template_contain_no_result() -> None:
     text = re.sub(r"\{\{.*?\}\}|\{%.*?%\}", " ", TEMPLATE.read_text(), flags=re.S)
     text = re.sub(r"`[^`]*`|^#.*$", " ", text, flags=re.M)
-    assert [match[0] for match in RESULT.finditer(text)] == []
+    assert [match[0] for match in RESULT_PATTERN.finditer(text)] == []
 
 
 @pytest.mark.parametrize("text", ["in 98 % of", "after 1.9 s", "0.04 mm off", "ends 3mm off"])
 def test_results_are_recognised_by_their_unit(text: str) -> None:
-    assert RESULT.search(text)
+    assert RESULT_PATTERN.search(text)
 
 
 ROWS = {"random": {"a": {"success": [0.5, 0.4, 0.6], "runs": 10, "stops": {"SINGULAR": 2}}}}
-BESIDE = {"random": {"b": {"success": [-0.1, -0.2, -0.02], "time_s": [None, None, None]}}}
-FIGURES = {"studies": {"one": {"rows": ROWS, "beside": BESIDE}}}
+COMPARISONS = {"random": {"b": {"success": [-0.1, -0.2, -0.02], "time_s": [None, None, None]}}}
+FIGURES = {"studies": {"one": {"rows": ROWS, "beside": COMPARISONS}}}
 """Results of a minimal study."""
 
 

@@ -12,7 +12,7 @@ import pytest
 import rcmservo as rs
 from rcmservo.sim import Rig
 
-ODD: dict[str, Any] = {
+ODD_VALUES: dict[str, Any] = {
     "a number": 3,
     "a negative number": -1.5,
     "text": "fast",
@@ -29,7 +29,7 @@ ODD: dict[str, Any] = {
 """Values of many types."""
 
 
-def required(name: str) -> dict[str, Any]:
+def required_arguments(name: str) -> dict[str, Any]:
     """Return the arguments that a class requires."""
     if name == "Plant":
         rig = Rig(seed=0, pictures=False)
@@ -53,11 +53,11 @@ def required(name: str) -> dict[str, Any]:
 PER_TICK = "Command", "MarkerPair", "Observation", "Sample", "State", "Tick"
 """Classes that only the servo and its loop construct, up to a thousand times a second."""
 
-WRITTEN = {"duration": "for"}
+MESSAGE_SPELLINGS = {"duration": "for"}
 """Arguments for which a message uses the spelling of a disturbance."""
 
 
-def public() -> Iterator[tuple[str, type[Any]]]:
+def list_public_classes() -> Iterator[tuple[str, type[Any]]]:
     """Yield names and classes that a user constructs."""
     for module in (rs, rs.sim, rs.tracking):
         for name in module.__all__:
@@ -70,7 +70,7 @@ def public() -> Iterator[tuple[str, type[Any]]]:
 
 ARGUMENTS = [
     pytest.param(made, argument, id=f"{name}-{argument}")
-    for name, made in public()
+    for name, made in list_public_classes()
     for argument in inspect.signature(made).parameters
 ]
 
@@ -79,12 +79,12 @@ ARGUMENTS = [
 def test_an_invalid_argument_is_refused_with_field_value_and_expected_value(
     made: type[Any], argument: str
 ) -> None:
-    for kind, value in ODD.items():
+    for kind, value in ODD_VALUES.items():
         try:
-            made(**required(made.__name__) | {argument: value})
+            made(**required_arguments(made.__name__) | {argument: value})
         except rs.BadInput as refused:
             assert refused.right, kind
-            spelling = WRITTEN.get(argument, argument)
+            spelling = MESSAGE_SPELLINGS.get(argument, argument)
             assert spelling in refused.field or refused.field == made.__name__.lower(), kind
         except Exception as error:
             pytest.fail(f"{kind}: {error!r}")

@@ -11,18 +11,18 @@ import pytest
 from conftest import CONTROLLERS, ESTIMATORS, ROOT, TOOLS, laboratory
 from rcmservo.safety.state_machine import Phase
 
-LINT = (
+LINT_PROGRAM = (
     "import sys; from importlinter.cli import lint_imports; "
     "sys.exit(lint_imports(no_cache=True, no_logo=True))"
 )
 
 
-def lint(folder):
+def check_import_contracts(folder):
     """Check the import contracts of pyproject.toml on folder/src; return exit code and report."""
     path = os.pathsep.join([str(folder / "src"), os.environ.get("PYTHONPATH", "")])
     environment = os.environ | {"PYTHONPATH": path, "COLUMNS": "300"}
     done = subprocess.run(
-        [sys.executable, "-c", LINT],
+        [sys.executable, "-c", LINT_PROGRAM],
         cwd=folder,
         env=environment,
         capture_output=True,
@@ -33,7 +33,7 @@ def lint(folder):
 
 
 def test_the_import_contracts_hold():
-    code, report = lint(ROOT)
+    code, report = check_import_contracts(ROOT)
     assert code == 0, report
     assert "0 broken" in report
 
@@ -76,13 +76,13 @@ def test_the_contracts_find_a_forbidden_import_and_an_unlisted_folder(
     shutil.copy(ROOT / "pyproject.toml", tmp_path)
     with (tmp_path / "src" / "rcmservo" / module).open("a", encoding="utf-8") as file:
         file.write(f"\n{line}\n")
-    code, report = lint(tmp_path)
+    code, report = check_import_contracts(tmp_path)
     assert code != 0
     broken = [text for text in report.splitlines() if "BROKEN" in text]
     assert any(contract in text for text in broken), report
 
 
-HIDDEN = """
+PROGRAM_WITHOUT_SIMULATION = """
 import pickle, sys
 
 class Hide:
@@ -132,7 +132,14 @@ def test_without_the_simulation_the_same_observations_give_bitwise_equal_command
     with (tmp_path / "stream").open("wb") as file:
         pickle.dump((servo, [observation for observation, _ in ticks], lab.target), file)
     subprocess.run(
-        [sys.executable, "-c", HIDDEN, tmp_path / "stream", tmp_path / "commands"], check=True
+        [
+            sys.executable,
+            "-c",
+            PROGRAM_WITHOUT_SIMULATION,
+            tmp_path / "stream",
+            tmp_path / "commands",
+        ],
+        check=True,
     )
     with (tmp_path / "commands").open("rb") as file:
         assert pickle.load(file) == expected

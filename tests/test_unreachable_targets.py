@@ -12,7 +12,7 @@ from rcmservo.recording.outcome import judged
 from rcmservo.safety.causes import Cause
 from rcmservo.safety.state_machine import Mode, Phase
 
-CASES = {
+UNREACHABLE_TARGETS = {
     "a marker leaves the image": (
         """
         [scene]
@@ -48,11 +48,11 @@ CASES = {
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("case", UNREACHABLE_TARGETS)
 def test_an_unreachable_target(
     case: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    text, seed, words = CASES[case]
+    text, seed, words = UNREACHABLE_TARGETS[case]
     rig, out = tmp_path / "rig.toml", tmp_path / "out"
     rig.write_text(text)
     arguments = [
@@ -147,7 +147,7 @@ def test_a_run_that_ends_by_its_duration_names_that_cause(
     assert "exploration" in json.loads(capsys.readouterr().out)["cause"]
 
 
-VERDICTS = [
+OUTCOMES = [
     (Mode(Phase.SERVO, Cause.LATE_TICK), 1.0, ""),
     (Mode(Phase.SERVO, Cause.NEARLY_SINGULAR), 1.0, ""),
     (Mode(Phase.HOLD, Cause.STALE), 1.0, Cause.STALE.words),
@@ -158,7 +158,7 @@ VERDICTS = [
 ]
 
 
-@pytest.mark.parametrize("mode,explored,words", VERDICTS)
+@pytest.mark.parametrize("mode,explored,words", OUTCOMES)
 def test_the_outcome_names_only_the_cause_of_the_stop(
     mode: Mode, explored: float | None, words: str
 ) -> None:

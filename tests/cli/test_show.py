@@ -306,7 +306,9 @@ def test_replay_of_a_run_says_that_it_came_out_the_same(
 def test_replay_reads_a_record_once(told: Told, monkeypatch: pytest.MonkeyPatch) -> None:
     read: list[Path] = []
     monkeypatch.setattr(
-        reader, "read", lambda path, usual=reader.read_record: read.append(path) or usual(path)
+        reader,
+        "read_record",
+        lambda path, usual=reader.read_record: read.append(path) or usual(path),
     )
     assert main(["replay", str(told.path), "--controller.gain", "4"]) == 1
     assert len(read) == 1

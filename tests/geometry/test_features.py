@@ -14,7 +14,7 @@ angles = st.one_of(
 )
 
 
-def pair(seed):
+def draw_markers(seed):
     random = random_from(seed)
     return random.uniform(-400, 400, 4)
 
@@ -26,7 +26,7 @@ def test_features_of_known_markers():
 
 @given(seeds, st.floats(-np.pi, np.pi))
 def test_rotation_about_the_imaged_rcm_changes_s_only(seed, turn):
-    m = pair(seed)
+    m = draw_markers(seed)
     c, s = np.cos(turn), np.sin(turn)
     turned = (m.reshape(2, 2) @ np.array([[c, s], [-s, c]])).ravel()
     assert np.allclose(
@@ -36,7 +36,7 @@ def test_rotation_about_the_imaged_rcm_changes_s_only(seed, turn):
 
 @given(seeds, st.floats(0.01, 100))
 def test_enlargement_about_the_imaged_rcm_scales_the_distances_only(seed, factor):
-    m = pair(seed)
+    m = draw_markers(seed)
     s, r, d = features(m)
     assert np.allclose(features(factor * m), [s, factor * r, factor * d])
 

@@ -22,7 +22,7 @@ from rcmservo.geometry.imaged_rcm import (
 from rcmservo.geometry.projection import parameters
 
 
-def lines_through(random, o_c, angles, noise=0.0):
+def draw_lines(random, o_c, angles, noise=0.0):
     """Return rows [m₁ m₂] of raw pixels on lines through o_c, with markers 60-90 px apart."""
     direction = np.column_stack([np.cos(angles), np.sin(angles)])
     near = random.uniform(150, 250, len(angles))[:, None]
@@ -32,7 +32,7 @@ def lines_through(random, o_c, angles, noise=0.0):
     ) + noise * random.standard_normal((len(angles), 4))
 
 
-def fill(lines, settings=None):
+def store_lines(lines, settings=None):
     """Return the lines that are stored of a stream of lines, and their number."""
     settings = settings or ImagedRcm()
     memory, count = settings.init()
@@ -46,7 +46,7 @@ def test_exact_lines_give_the_exact_point_at_any_position(seed, refinements, spr
     random = random_from(seed)
     o_c = random.uniform(-1500, 1500, 2)
     angles = random.uniform(-np.pi, np.pi) + spread * np.linspace(0, 1, count)
-    found, _ = solve(lines_through(random, o_c, angles), count, refinements, False)
+    found, _ = solve(draw_lines(random, o_c, angles), count, refinements, False)
     assert np.allclose(found, o_c, rtol=0, atol=1e-6)
 
 
@@ -94,7 +94,7 @@ def test_with_noise_the_bundle_is_more_accurate_than_eq_16_alone():
     alone, refined = [], []
     for seed in range(60):
         random = random_from(seed)
-        lines = lines_through(random, o_c, 0.3 + random.uniform(-0.04, 0.04, 50), noise=0.5)
+        lines = draw_lines(random, o_c, 0.3 + random.uniform(-0.04, 0.04, 50), noise=0.5)
         alone.append(solve(lines, 50, 0, False)[0] - o_c)
         refined.append(solve(lines, 50, 5, False)[0] - o_c)
     pull = np.mean(alone, axis=0) @ [np.cos(0.3), np.sin(0.3)]
@@ -110,9 +110,9 @@ def test_over_a_long_slow_motion_only_the_last_50_lines_collapse_onto_the_tool()
     """At 1°/s and 60 frames/s, 50 frames of a motion over 40° contain less than 1°."""
     random = random_from(7)
     o_c = np.array([80.0, 400.0])
-    lines = lines_through(random, o_c, np.radians(np.arange(0, 40, 1 / 60)), noise=0.3)
+    lines = draw_lines(random, o_c, np.radians(np.arange(0, 40, 1 / 60)), noise=0.3)
     window, window_condition = nearest_to_lines(lines[-50:].copy(), 50, False)
-    memory, count = fill(lines)
+    memory, count = store_lines(lines)
     informative, condition = solve(memory, count, ImagedRcm().refinements, False)
     assert np.linalg.norm(window - o_c) > 50
     assert np.linalg.norm(informative - o_c) < 1.5
@@ -122,9 +122,9 @@ def test_over_a_long_slow_motion_only_the_last_50_lines_collapse_onto_the_tool()
 def test_a_long_standstill_does_not_displace_informative_lines():
     random = random_from(3)
     o_c = np.array([300.0, 200.0])
-    exploration = lines_through(random, o_c, random.uniform(0.0, 0.3, 60), noise=0.3)
-    standstill = lines_through(random, o_c, np.full(1500, 0.15), noise=0.3)
-    memory, count = fill(np.vstack([exploration, standstill]))
+    exploration = draw_lines(random, o_c, random.uniform(0.0, 0.3, 60), noise=0.3)
+    standstill = draw_lines(random, o_c, np.full(1500, 0.15), noise=0.3)
+    memory, count = store_lines(np.vstack([exploration, standstill]))
     found, condition = solve(memory, count, 5, False)
     assert condition < 3e2
     assert np.linalg.norm(found - o_c) < 3
@@ -135,7 +135,7 @@ def test_memory_is_bounded_and_an_update_does_not_change_its_input(seed, size, f
     random = random_from(seed)
     settings = ImagedRcm(lines=size, fit=fit)
     memory, count = settings.init()
-    for i, line in enumerate(lines_through(random, np.zeros(2), random.uniform(0, 1, 3 * size))):
+    for i, line in enumerate(draw_lines(random, np.zeros(2), random.uniform(0, 1, 3 * size))):
         before = memory.copy()
         after, count = remember(memory, count, line.reshape(2, 2), settings.printed)
         assert np.array_equal(memory, before)
@@ -149,7 +149,7 @@ def test_eq_16_as_printed_uses_unit_normals(seed, count):
     random = random_from(seed)
     o_c = random.uniform(-500, 500, 2)
     angles = random.uniform(-np.pi, np.pi) + np.linspace(0, 1, count)
-    lines = lines_through(random, o_c, angles, noise=1.0)
+    lines = draw_lines(random, o_c, angles, noise=1.0)
     along = lines[:, 2:] - lines[:, :2]
     n = np.stack([-along[:, 1], along[:, 0]], axis=1) / np.linalg.norm(along, axis=1)[:, None]
     expected = np.linalg.lstsq(n, np.sum(n * lines[:, :2], axis=1), rcond=None)[0]
@@ -162,7 +162,7 @@ def test_eq_16_as_printed_uses_unit_normals(seed, count):
 @given(seeds, st.integers(2, 5), st.integers(0, 12))
 def test_the_printed_fit_stores_the_last_lines_in_order(seed, size, count):
     lines = random_from(seed).uniform(0, 640, (count, 4))
-    memory, stored = fill(lines, ImagedRcm(lines=size, fit="printed"))
+    memory, stored = store_lines(lines, ImagedRcm(lines=size, fit="printed"))
     assert np.array_equal(memory[:stored], lines[-size:] if count else lines)
 
 
@@ -170,8 +170,8 @@ def test_the_least_informative_line_is_removed():
     """Of equally spaced angles and one more in the middle, the extremes stay."""
     random = random_from(0)
     angles = np.array([0.0, 0.5, 0.25, 0.26])
-    rows = lines_through(random, np.zeros(2), angles)
-    memory, count = fill(rows, ImagedRcm(lines=3))
+    rows = draw_lines(random, np.zeros(2), angles)
+    memory, count = store_lines(rows, ImagedRcm(lines=3))
     stored = {tuple(row) for row in memory[:count]}
     assert tuple(rows[0]) in stored and tuple(rows[1]) in stored
 

@@ -19,7 +19,7 @@ NOISE = 0.3
 EITHER = pytest.mark.parametrize("k", [0, 1])
 
 
-class Hidden:
+class FitWithLostMarker:
     """Fit of 60 frames with both markers and then 60 frames without marker k.
 
     The second half moves to another position.
@@ -52,7 +52,7 @@ class Hidden:
 
 @EITHER
 def test_the_deviation_of_the_pose_is_the_propagated_covariance(k: int) -> None:
-    hidden = Hidden(0, k)
+    hidden = FitWithLostMarker(0, k)
     row, p1 = hidden.fit.rows[0], hidden.end
     position = p1 if k == 0 else second_marker(SHAFT, p1)
     back = np.linalg.pinv(both_motions(row, p1, SHAFT))[:, 2 * k : 2 * k + 2]
@@ -64,7 +64,7 @@ def test_the_deviation_of_the_pose_is_the_propagated_covariance(k: int) -> None:
 def test_the_error_of_the_pose_matches_its_deviation(k: int) -> None:
     ratios = []
     for seed in range(150):
-        hidden = Hidden(seed, k)
+        hidden = FitWithLostMarker(seed, k)
         row = hidden.fit.rows[0]
         ratios.append(hidden.pose_error() / deviation_without(row, hidden.end, k, SHAFT))
     assert 0.8 < np.sqrt(np.mean(np.minimum(ratios, 4.0) ** 2)) < 1.25
@@ -73,7 +73,7 @@ def test_the_error_of_the_pose_matches_its_deviation(k: int) -> None:
 
 @EITHER
 def test_a_lost_marker_adds_no_data_and_its_offset_decays(k: int) -> None:
-    hidden, points = Hidden(3, k), np.full((2, 2), np.nan)
+    hidden, points = FitWithLostMarker(3, k), np.full((2, 2), np.nan)
     before = changed(hidden.fit, offset=np.ones((2, 2)))
     after = changed(before)
     there = hidden.end + np.array([NEAR, 0.0, 0.0])

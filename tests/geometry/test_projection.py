@@ -71,7 +71,7 @@ def test_the_regressor_is_linear_in_the_parameters_and_gives_the_depth_weighted_
     assert np.allclose(error, depth(a_hat, p) * (project(a_hat, p) - m), rtol=1e-9, atol=1e-9)
 
 
-def rank(random, positions, both=False):
+def compute_rank(random, positions, both=False):
     """Return the rank of M with its columns scaled to one size, because their units differ."""
     C = true_camera(random, positions)
     A, _ = equations(observed(C, positions), parameters(C)[1], both)
@@ -80,7 +80,7 @@ def rank(random, positions, both=False):
     return int(np.sum(eigenvalues > 1e-12 * eigenvalues[-1]))
 
 
-def in_a_plane(random, count, through_the_rcm):
+def draw_coplanar_positions(random, count, through_the_rcm):
     normal = random.standard_normal(3)
     normal /= np.linalg.norm(normal)
     positions = tool_positions(random, count)
@@ -88,33 +88,38 @@ def in_a_plane(random, count, through_the_rcm):
     return positions - np.outer(positions @ normal - distance, normal)
 
 
-many = pytest.mark.parametrize("seed", range(12))
+twelve_seeds = pytest.mark.parametrize("seed", range(12))
 
 
-@many
+@twelve_seeds
 def test_five_generic_positions_determine_all_nine_parameters_and_four_do_not(seed):
     random = random_from(seed)
     positions = tool_positions(random, 5, spread=40)
-    assert rank(random, positions) == 9
-    assert rank(random, positions[:4]) == 8
+    assert compute_rank(random, positions) == 9
+    assert compute_rank(random, positions[:4]) == 8
 
 
-@many
+@twelve_seeds
 def test_coplanar_positions_leave_one_parameter_undetermined(seed):
     random = random_from(seed)
-    assert rank(random, in_a_plane(random, 30, through_the_rcm=False)) == 8
+    assert compute_rank(random, draw_coplanar_positions(random, 30, through_the_rcm=False)) == 8
 
 
-@many
+@twelve_seeds
 @pytest.mark.parametrize("both", [False, True])
 def test_positions_in_a_plane_with_the_rcm_leave_three_parameters_undetermined(seed, both):
     """The second marker of a tool through the RCM is in the same plane and adds no information."""
     random = random_from(seed)
-    assert rank(random, in_a_plane(random, 30, through_the_rcm=True), both) == 6
+    assert (
+        compute_rank(random, draw_coplanar_positions(random, 30, through_the_rcm=True), both) == 6
+    )
 
 
-@many
+@twelve_seeds
 def test_marker_2_determines_the_parameter_that_coplanar_positions_leave_undetermined(seed):
     """The positions p₂ of a rigid tool leave the plane of the positions p₁."""
     random = random_from(seed)
-    assert rank(random, in_a_plane(random, 30, through_the_rcm=False), both=True) == 9
+    assert (
+        compute_rank(random, draw_coplanar_positions(random, 30, through_the_rcm=False), both=True)
+        == 9
+    )

@@ -27,14 +27,14 @@ PROGRAM = (
 )
 
 
-def copied(folder: Path) -> Path:
+def copy_source(folder: Path) -> Path:
     shutil.copytree(
         ROOT / "src", folder, ignore=shutil.ignore_patterns("__pycache__", "*.egg-info")
     )
     return folder
 
 
-def run(source: Path, **variables: str) -> list[str]:
+def run_with_source(source: Path, **variables: str) -> list[str]:
     environment = {**os.environ, "PYTHONPATH": str(source), **variables}
     environment.pop("NUMBA_CACHE_DIR", None)
     command = [sys.executable, "-B", "-c", PROGRAM]
@@ -44,24 +44,26 @@ def run(source: Path, **variables: str) -> list[str]:
 
 @pytest.mark.slow
 def test_a_change_of_any_file_with_compiled_functions_makes_a_new_cache(tmp_path: Path) -> None:
-    source = copied(tmp_path / "src")
-    before = run(source)[0]
+    source = copy_source(tmp_path / "src")
+    before = run_with_source(source)[0]
     other = source / "rcmservo/cli/cli.py"
     other.write_text(other.read_text() + "\n# a remark\n")
-    assert run(source)[0] == before
+    assert run_with_source(source)[0] == before
     kernel = source / "rcmservo/geometry/features.py"
     kernel.write_text(kernel.read_text() + "\n# a remark\n")
-    assert run(source)[0] != before
+    assert run_with_source(source)[0] != before
 
 
 @pytest.mark.skipif(os.name != "posix", reason="permissions as on POSIX")
 def test_kernels_run_where_neither_package_nor_home_is_writable(tmp_path: Path) -> None:
     """A file occupies the path of each folder, which also stops the root user."""
-    source = copied(tmp_path / "src")
+    source = copy_source(tmp_path / "src")
     (source / "rcmservo/__pycache__").write_text("in the way")
     home = tmp_path / "home"
     home.write_text("in the way")
-    folder, root = run(source, HOME=str(home), XDG_CACHE_HOME=str(home), TMPDIR=str(tmp_path))
+    folder, root = run_with_source(
+        source, HOME=str(home), XDG_CACHE_HOME=str(home), TMPDIR=str(tmp_path)
+    )
     assert Path(folder).is_relative_to(tmp_path)
     assert stat.S_IMODE(Path(folder).stat().st_mode) & 0o077 == 0
     assert float(root) == pytest.approx(5.0**0.5)
@@ -73,12 +75,12 @@ def test_compiled_functions_use_only_hashed_files_of_this_package() -> None:
     assert len(hashed) > 10
     for path in hashed:
         tree = ast.parse(path.read_text())
-        for name, origin in imported(tree).items():
+        for name, origin in list_imported_names(tree).items():
             used = any(name in names_in(node) for node in ast.walk(tree) if is_compiled(node))
-            assert not used or origin in hashed or origin.name in WITHOUT_NUMBERS, (path, name)
+            assert not used or origin in hashed or origin.name in TYPE_FILES, (path, name)
 
 
-WITHOUT_NUMBERS = {"base.py", "interfaces.py", "numerics/structs.py", "thresholds.py", "state.py"}
+TYPE_FILES = {"base.py", "interfaces.py", "numerics/structs.py", "thresholds.py", "state.py"}
 """Files that only define types for compiled functions."""
 
 
@@ -93,7 +95,7 @@ def names_in(node: ast.AST) -> set[str]:
     return {part.id for part in body if isinstance(part, ast.Name)}
 
 
-def imported(tree: ast.AST) -> dict[str, Path]:
+def list_imported_names(tree: ast.AST) -> dict[str, Path]:
     """Return the names imported from this package, with the file that defines them."""
     found = {}
     for node in ast.walk(tree):
@@ -103,7 +105,7 @@ def imported(tree: ast.AST) -> dict[str, Path]:
     return found
 
 
-def printed(program: str, **variables: str) -> list[str]:
+def run_program(program: str, **variables: str) -> list[str]:
     """Return the words that a program prints in a process of its own."""
     command = [sys.executable, "-c", program]
     environment = os.environ | variables
@@ -126,16 +128,16 @@ assert products(np.eye(2), np.eye(2))[1, 1] == 1.0
 print(sum(products.stats.cache_hits.values()), len(products.signatures))
 """
     cache = {"NUMBA_CACHE_DIR": str(tmp_path)}
-    assert printed(program, **cache) == ["False", "0", "1"]
-    assert printed(program, **cache) == ["False", "1", "1"]
-    assert printed(program, NUMBA_DISABLE_JIT="0", **cache) == ["False", "1", "1"]
+    assert run_program(program, **cache) == ["False", "0", "1"]
+    assert run_program(program, **cache) == ["False", "1", "1"]
+    assert run_program(program, NUMBA_DISABLE_JIT="0", **cache) == ["False", "1", "1"]
 
 
 def test_without_jit_a_kernel_is_the_plain_function() -> None:
     program = "import sys; from rcmservo.numerics.small_linalg import length; "
     program += "print(type(length).__name__, length(__import__('numpy').array([3.0, 4.0])), "
     program += "'numba' in sys.modules)"
-    assert printed(program, NUMBA_DISABLE_JIT="1") == ["function", "5.0", "False"]
+    assert run_program(program, NUMBA_DISABLE_JIT="1") == ["function", "5.0", "False"]
 
 
 def test_a_kernel_is_pickled_and_copied_by_name_like_a_function() -> None:

@@ -31,7 +31,7 @@ def test_a_row_has_named_numbers_and_writable_arrays() -> None:
     assert (pair.size, pair.count, pair.known) == (3.0, 4, True)
 
 
-class Both(Row):
+class PairOfPairs(Row):
     """Row with two parts, for these tests."""
 
     one: Pair = part(Pair, "first part")
@@ -39,7 +39,7 @@ class Both(Row):
 
 
 def test_a_part_is_a_view_of_its_row() -> None:
-    both = Both.of(one=Pair.of(size=3.0, point=1.0), other=Pair.of(count=4))
+    both = PairOfPairs.of(one=Pair.of(size=3.0, point=1.0), other=Pair.of(count=4))
     both.one.point[1] = 5.0
     assert (both.one.point.tolist(), both.one.size, both.other.count) == ([1.0, 5.0], 3.0, 4)
     other = changed(both, other=Pair.of(count=6))
@@ -47,7 +47,7 @@ def test_a_part_is_a_view_of_its_row() -> None:
 
 
 def test_a_copy_is_bitwise_equal_and_shares_no_memory() -> None:
-    both = Both.of(one=Pair.of(size=np.nan, known=True, point=-0.0))
+    both = PairOfPairs.of(one=Pair.of(size=np.nan, known=True, point=-0.0))
     twin = copied(both)
     assert twin.rows.tobytes() == both.rows.tobytes() and twin.rows.dtype == both.rows.dtype
     twin.one.point[0] = 7.0
