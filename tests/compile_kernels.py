@@ -14,7 +14,7 @@ sys.path[:0] = [str(Path(__file__).parent)]
 
 
 def compile_servo() -> None:
-    """The default servo, the simulation of studies around it, and the other learners."""
+    """Compile the default servo, the simulation of studies around it, and the other estimators."""
     import rcmservo as rs
     from conftest import ESTIMATORS, laboratory
 
@@ -28,7 +28,10 @@ def compile_servo() -> None:
 
 
 def compile_images() -> None:
-    """Rendering, tracking and teaching; then the projection estimator, which shares least."""
+    """Compile rendering, tracking and teaching, then the projection estimator.
+
+    The projection estimator shares the fewest kernels with `compile_servo`.
+    """
     import rcmservo as rs
     from conftest import ESTIMATORS, TOOLS, laboratory
 

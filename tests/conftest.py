@@ -1,6 +1,4 @@
-"""What the tests share: random cameras that hide from the tool, random poses, runs with a point
-camera, comparisons.
-"""
+"""Shared fixtures and helpers: random cameras and poses, runs with a point camera, comparisons."""
 
 import importlib
 import os
@@ -59,18 +57,18 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 signal.signal(signal.SIGHUP, signal.SIG_DFL)
 sys.exit(main())
 """
-"""The command, also where a script runs the tests in the background, deaf to Ctrl-C and to a
-terminal that is closed."""
+"""Program of the command line that reacts to Ctrl-C and to a closed terminal, even where a script
+runs the tests in the background with both signals ignored."""
 
 DATA = ROOT.parent / "shared/data/dvrk_two_balls"
-"""A recording of a real arm, which is not part of this repository."""
+"""Recording of a real arm, which is not part of this repository."""
 
 SPACING = 30.0
-"""mm between the markers of the tests' rigid tool."""
+"""Marker spacing of the rigid tool, mm."""
 
 SHAFT = Shaft(RIGID, SPACING)
 WIDE = (-1e3, -1e3, -1e6), (1e3, 1e3, 1e6)
-"""Limits that nothing meets."""
+"""Joint limits that no test reaches."""
 
 SMALL = """\
 [camera]
@@ -79,26 +77,25 @@ height = 240
 [scene]
 focal = [300.0, 400.0]
 """
-"""A rig file for tests in which nothing depends on the size of the pictures: they are drawn
-sooner."""
+"""Rig file with small images, which render faster, for tests that do not depend on their size."""
 
 seeds = st.integers(0, 2**32 - 1)
 kinds = st.sampled_from([SPHERICAL, PITCH_YAW])
 
 
 def rcm_of(kind: int, zero: float = 0.0) -> Rcm:
-    """A mechanism without limits."""
+    """Return the struct of a mechanism without joint limits."""
     return Rcm(kind, float(zero), *WIDE)
 
 
 def first_quick(values: Iterable[Any]) -> list[Any]:
-    """Values for one claim: `make test` tries it on the first, `make test-all` on the others."""
+    """Return test parameters: `make test` takes the first and `make test-all` the others."""
     first, *others = values
     return [first, *(pytest.param(value, marks=pytest.mark.slow) for value in others)]
 
 
 def compiled_functions() -> dict[str, Any]:
-    """Every compiled function of what decides a motion, by its module and name."""
+    """Return every compiled function of the modules that decide a motion, by module and name."""
     packages = [rcmservo.geometry, rcmservo.safety, rcmservo.servo]
     modules = [
         importlib.import_module(module.name)
@@ -114,14 +111,14 @@ def compiled_functions() -> dict[str, Any]:
 
 
 def tick_facts(**parts: Any) -> TickFacts:
-    """The facts that some detectors read, and nothing of the others."""
+    """Return `TickFacts` with the given parts; all others are None."""
     facts: Any = dict.fromkeys(TickFacts._fields) | parts
     rows = {name: part.rows[0] for name, part in facts.items() if isinstance(part, Row)}
     return TickFacts(**facts | rows)
 
 
 def with_tests(**variables: str) -> dict[str, str]:
-    """The environment of a process that may import the tests' own files."""
+    """Return the environment of a process that can import the modules of the tests."""
     tests = ROOT / "tests"
     folders = [tests, *(path for path in tests.iterdir() if path.is_dir())]
     paths = [*map(str, folders), *filter(None, [os.environ.get("PYTHONPATH")])]
@@ -129,7 +126,7 @@ def with_tests(**variables: str) -> dict[str, str]:
 
 
 def wait_until(reached: Callable[[], bool], process: subprocess.Popen[Any]) -> None:
-    """Wait until something is reached, or the process that should reach it ends."""
+    """Wait until `reached` is true, or until the process that should make it true ends."""
     while not reached() and process.poll() is None:
         with suppress(subprocess.TimeoutExpired):
             process.wait(0.02)
@@ -140,28 +137,29 @@ def random_from(seed: int) -> np.random.Generator:
 
 
 def derivative(f: Callable[[Floats], Any], x: Floats, step: Any) -> Floats:
-    """∂f/∂x by central differences of fourth order; `step` a number or one per coordinate."""
+    """Return ∂f/∂x by central differences of fourth order, with one step or one per coordinate."""
     steps = np.broadcast_to(np.asarray(step, dtype=float), x.shape)
     columns = []
     for i in range(len(x)):
-        way = np.zeros(len(x))
-        way[i] = steps[i]
-        near = np.asarray(f(x + way)) - np.asarray(f(x - way))
-        far = np.asarray(f(x + 2 * way)) - np.asarray(f(x - 2 * way))
+        offset = np.zeros(len(x))
+        offset[i] = steps[i]
+        near = np.asarray(f(x + offset)) - np.asarray(f(x - offset))
+        far = np.asarray(f(x + 2 * offset)) - np.asarray(f(x - 2 * offset))
         columns.append((8 * near - far) / (12 * steps[i]))
     return np.stack(columns, axis=-1)
 
 
 def tool_positions(random: np.random.Generator, count: int, spread: float = 25.0) -> Floats:
-    """p₁ (count, 3) mm in a ball-shaped cloud that keeps well away from the RCM."""
-    way = random.standard_normal(3)
-    middle = random.uniform(80.0, 150.0) * way / np.linalg.norm(way)
+    """Return random positions p₁ (count, 3) mm in a cube that is far from the RCM."""
+    direction = random.standard_normal(3)
+    middle = random.uniform(80.0, 150.0) * direction / np.linalg.norm(direction)
     return middle + random.uniform(-spread, spread, (count, 3))
 
 
 def true_camera(random: np.random.Generator, places: Floats) -> Floats:
-    """A calibration matrix C (3, 4), at a random scale, of a camera with all `places` and the RCM
-    before it.
+    """Return a random calibration matrix C (3, 4) of random scale.
+
+    All `places` (n, 3) mm of marker 1, those of marker 2 and the RCM are in front of the camera.
     """
     middle = places.mean(axis=0)
     tips = np.stack([second_marker(SHAFT, p) for p in places])
@@ -183,25 +181,25 @@ def true_camera(random: np.random.Generator, places: Floats) -> Floats:
         )
         depths = (np.concatenate([places, tips, np.zeros((1, 3))]) - position) @ rotation[2]
         m1, m2 = ((p - position) @ rotation.T for p in (places, tips))
-        apart = np.linalg.norm(m1[:, :2] / m1[:, 2:] - m2[:, :2] / m2[:, 2:], axis=1) * focal
-        if depths.min() > 60.0 and apart.min() > 15.0:
+        distances = np.linalg.norm(m1[:, :2] / m1[:, 2:] - m2[:, :2] / m2[:, 2:], axis=1) * focal
+        if depths.min() > 60.0 and distances.min() > 15.0:
             scale = random.choice([-1.0, 1.0]) * np.exp(random.uniform(-5.0, 5.0))
             return scale * K @ np.column_stack([rotation, -rotation @ position])
 
 
 def seen_by(C: Floats, p: Floats) -> Floats:
-    """The picture (n, 2) px of points p (n, 3) mm: eq. (4), written down once more."""
+    """Return the pixels (n, 2) of points p (n, 3) mm: eq. (4), written a second time."""
     image = np.column_stack([p, np.ones(len(p))]) @ C.T
     return image[:, :2] / image[:, 2:]
 
 
 def markers_seen(C: Floats, p1: Floats) -> Floats:
-    """Raw pixels (2, 2) of both markers of the rigid tool with marker 1 at p₁ (3,) mm."""
+    """Return the raw pixels (2, 2) of both markers of the rigid tool for p₁ (3,) mm."""
     return seen_by(C, np.stack([p1, second_marker(SHAFT, p1)]))
 
 
 def observed(C: Floats, places: Floats) -> Floats:
-    """The projection estimator's rows [p₁, raw m₁ m₂] (n, 7) without noise."""
+    """Return the projection estimator's rows [p₁, raw m₁ m₂] (n, 7) without noise."""
     return np.stack([np.concatenate([p, markers_seen(C, p).ravel()]) for p in places])
 
 
@@ -229,7 +227,17 @@ CONTROLLERS = {
 
 @dataclass
 class Laboratory:
-    """A simulated run with a camera that delivers points, and a taught target."""
+    """Simulated rig with a camera that delivers points, and a taught target.
+
+    Parameters
+    ----------
+    rig : Rig
+        Simulated rig.
+    plant : Plant
+        Plant of the rig's arm, camera and clock.
+    target : Target
+        Target that the rig taught.
+    """
 
     rig: Rig
     plant: Plant
@@ -243,10 +251,11 @@ class Laboratory:
         servo: Servo,
         seconds: float,
         state: State | None = None,
-        change: Callable[[Observation], Observation] = lambda seen: seen,
+        change: Callable[[Observation], Observation] = lambda observation: observation,
     ) -> Iterator[tuple[Observation, State]]:
-        """Observation and state of every tick, of a new run or on from `state`; `change` stands
-        before the servo.
+        """Yield observation and state of every tick of a new run, or of one that continues `state`.
+
+        `change` replaces each observation before the servo gets it.
         """
         if state is None:
             state = servo.init()
@@ -255,14 +264,14 @@ class Laboratory:
         else:
             self.plant.clock.wait_until(state.command.time + 10_000_000)
         for _ in ticks(self.plant.clock, 100.0, seconds):
-            seen = change(self.plant.read())
-            state = servo.step(state, seen, self.target)
+            current = change(self.plant.read())
+            state = servo.step(state, current, self.target)
             self.plant.send(state.command)
-            yield seen, state
+            yield current, state
 
 
 def taught(rig: Rig, plant: Plant) -> Target:
-    """The target as it was shown; the tool is back at the start."""
+    """Return the target that the rig teaches; the tool is back at the start afterwards."""
     rig.move_to_target()
     target = teach(plant, frames=5)
     rig.move_to_start()
@@ -286,23 +295,21 @@ def observation(
     points: Floats,
     **others: Any,
 ) -> Observation:
-    """What a servo is told while the arm answers and follows and a frame arrives as it is
-    exposed.
-    """
+    """Return an observation of an arm that follows, with a frame that arrives at its exposure."""
     return Observation(
         now, q, now, True, np.zeros(3), frame, exposure, exposure, q_exposure, points, **others
     )
 
 
-def without(seen: Observation, *markers: int) -> Observation:
-    """The observation with markers (0 or 1) lost."""
-    points = seen.points.copy()
+def without(current: Observation, *markers: int) -> Observation:
+    """Return the observation with some markers (0 or 1) lost."""
+    points = current.points.copy()
     points[list(markers)] = np.nan
-    return replace(seen, points=points)
+    return replace(current, points=points)
 
 
 def leaves(value: Any) -> list[Any]:
-    """All numbers, arrays and names inside a record, in order."""
+    """Return all numbers, arrays and names of a record, in order."""
     if isinstance(value, Row):
         return [value.rows]
     if is_dataclass(value) and not isinstance(value, type):
@@ -313,9 +320,7 @@ def leaves(value: Any) -> list[Any]:
 
 
 def frozen(value: Any) -> list[Any]:
-    """What a record holds now, down to the bits, so that two of these are equal only if nothing
-    differs.
-    """
+    """Return the values of a record bit by bit, equal for two records only if nothing differs."""
     exact = []
     for leaf in leaves(value):
         if isinstance(leaf, np.ndarray):
@@ -334,9 +339,7 @@ def lab() -> Laboratory:
 
 @pytest.fixture
 def blank_figures(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Figures are saved without anything in them, where the test is of something else: to draw one
-    takes 0.3 s.
-    """
+    """Save empty figures, for tests that do not examine them: drawing one takes 0.3 s."""
     from matplotlib.figure import Figure
 
     monkeypatch.setattr(charts, "_canvas", lambda figure: Figure(figsize=(1.0, 1.0)))

@@ -1,7 +1,7 @@
-"""Other people's programs that tests talk to: a test whose peer is not there is skipped, with the
-command that installs it, and a table at the end says which peers ran.
+"""Marks for tests of external programs, and a table at the end of the programs that were tested.
 
-Where RCMSERVO_PEERS is "all", as in CI, such a test fails instead.
+A test whose program is not installed is skipped with the command that installs it. With
+RCMSERVO_PEERS set to "all", as in CI, it fails instead.
 """
 
 import os
@@ -12,8 +12,9 @@ import pytest
 
 
 def peer(name: str, installed: bool, command: str) -> pytest.MarkDecorator:
-    """The mark of tests that need a peer, for one test or as a file's `pytestmark`: its name,
-    whether it is installed, and the command that installs it.
+    """Return the mark of tests that need an external program, for one test or as `pytestmark`.
+
+    `command` installs the program.
     """
     return pytest.mark.peer(name=name, installed=installed, command=command)
 
@@ -22,10 +23,10 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
     for mark in item.iter_markers("peer"):
         item.user_properties.append(("peer", mark.kwargs["name"]))
         if not mark.kwargs["installed"]:
-            _without("{name} is not installed: {command}".format(**mark.kwargs))
+            _skip_or_fail("{name} is not installed: {command}".format(**mark.kwargs))
 
 
-def _without(sentence: str) -> None:
+def _skip_or_fail(sentence: str) -> None:
     if os.environ.get("RCMSERVO_PEERS") == "all":
         pytest.fail(sentence, pytrace=False)
     pytest.skip(sentence)
@@ -42,5 +43,5 @@ def pytest_terminal_summary(terminalreporter: Any) -> None:
         return
     terminalreporter.section("peers")
     for name, counts in sorted(outcomes.items()):
-        told = ", ".join(f"{count} {outcome}" for outcome, count in sorted(counts.items()))
-        terminalreporter.line(f"{name}: {told}")
+        summary = ", ".join(f"{count} {outcome}" for outcome, count in sorted(counts.items()))
+        terminalreporter.line(f"{name}: {summary}")

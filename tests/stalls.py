@@ -1,5 +1,7 @@
-"""A machine that stands still stops an arm, as it should: a claim about an undisturbed run in wall
-time waits for a moment in which it does not.
+"""Retries of tests in wall time after the machine stalled.
+
+A stall of the machine stops an arm, as it should. A claim about an undisturbed run in wall time
+therefore needs an attempt without a stall.
 """
 
 import contextlib
@@ -11,26 +13,27 @@ from typing import TypeVar
 
 import pytest
 
-TRIES = 5
-LONG = 20_000_000
-"""ns: two ticks that nobody was there to begin."""
-FIRST = 90
-"""Of the 99 real-time priorities."""
+MAX_ATTEMPTS = 5
+MIN_STALL_NS = 20_000_000
+"""Shortest interruption that counts as a stall: two ticks."""
+MONITOR_PRIORITY = 90
+"""Real-time priority of the monitor's threads, from 1 to 99."""
 
 Run = TypeVar("Run")
 
 
 class Witness:
-    """A thread on each processor that only waits, 1 ms at a time, before all other work where the
-    system allows it, and notes how long it was once kept from going on: a virtual machine may stand
-    still on one of its processors alone.
+    """Monitor of the longest interruption of any processor.
+
+    One thread on each processor waits 1 ms at a time and measures the delay, with real-time
+    priority where the system allows it: a virtual machine may stall on one of its processors only.
     """
 
     def __init__(self) -> None:
         self.longest = 0
         self._ended = threading.Event()
         self._threads = [
-            threading.Thread(target=self._on, args=(processor,))
+            threading.Thread(target=self._watch_processor, args=(processor,))
             for processor in os.sched_getaffinity(0)
         ]
 
@@ -44,10 +47,10 @@ class Witness:
         for thread in self._threads:
             thread.join()
 
-    def _on(self, processor: int) -> None:
+    def _watch_processor(self, processor: int) -> None:
         os.sched_setaffinity(0, {processor})
         with contextlib.suppress(PermissionError):
-            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(FIRST))
+            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(MONITOR_PRIORITY))
         self._watch()
 
     def _watch(self) -> None:
@@ -58,15 +61,16 @@ class Witness:
             before = now
 
 
-def undisturbed(attempt: Callable[[], Run], arrived: Callable[[Run], bool]) -> Run:
-    """What an attempt gave. One that did not arrive is made again if the witness was kept waiting
-    too; where that goes on, nothing can be told here.
+def undisturbed(attempt: Callable[[], Run], has_succeeded: Callable[[Run], bool]) -> Run:
+    """Return the result of an attempt, repeated while it fails and the machine stalls.
+
+    Skip the test if the machine stalls in every attempt.
     """
-    for k in range(TRIES):
-        with Witness() as witness:
+    for k in range(MAX_ATTEMPTS):
+        with Witness() as monitor:
             run = attempt()
-        if arrived(run) or witness.longest < LONG:
+        if has_succeeded(run) or monitor.longest < MIN_STALL_NS:
             return run
-        print(f"attempt {k + 1}, in which this machine stood still for", end=" ")
-        print(f"{witness.longest * 1e-6:.0f} ms: {run!s:.500}")
-    pytest.skip(f"this machine stood still in each of {TRIES} attempts; the last: {run!s:.500}")
+        print(f"attempt {k + 1}, in which this machine stalled for", end=" ")
+        print(f"{monitor.longest * 1e-6:.0f} ms: {run!s:.500}")
+    pytest.skip(f"this machine stalled in each of {MAX_ATTEMPTS} attempts; the last: {run!s:.500}")

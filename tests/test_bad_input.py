@@ -1,4 +1,4 @@
-"""Bad input gets one sentence that names what is wrong, exit code 2, and leaves nothing behind."""
+"""Bad input: one sentence that names the invalid value, exit code 2, and no files left behind."""
 
 import shutil
 import sys
@@ -12,7 +12,7 @@ from conftest import ROOT
 from rcmservo.cli.cli import main
 from rcmservo.sim.scenes import sampling
 
-RIGS = {
+INVALID_RIGS = {
     "negative spacing": ('[tool]\nkind = "rigid"\nspacing = -3.0', "spacing", "-3"),
     "no scale": ('[tool]\nkind = "scaled"', "tool.scale", "None"),
     "unknown tool": ('[tool]\nkind = "bent"', "tool.kind", "bent"),
@@ -46,7 +46,7 @@ RIGS = {
     "too few numbers": ("[gate]\nspeed = [1.0, 1.0]", "gate.speed", "1.0"),
     "zero speed": ("[gate]\nspeed = [1.0, 0.0, 1.0]", "gate.speed", "0.0"),
     "unknown colour": ('[markers]\ncolour_1 = "mauve"', "colour_1", "mauve"),
-    "markers that look the same": (
+    "markers of equal appearance": (
         '[markers]\ncolour_1 = "red"\ncolour_2 = "red"\nradius_1 = 3.0\nradius_2 = 3.0',
         "radius_2",
         "3.0",
@@ -60,7 +60,7 @@ RIGS = {
         "",
     ),
 }
-COMMAND_LINES = {
+INVALID_COMMAND_LINES = {
     "misspelt option": (["run", "--sede", "1"], "--seed"),
     "no number": (["run", "--seed", "abc"], "abc"),
     "negative seed": (["run", "--seed", "-1"], "-1"),
@@ -76,9 +76,9 @@ COMMAND_LINES = {
     "a rig that is not there": (["run", "--rig", "nowhere.toml"], "nowhere.toml"),
 }
 
-ONE = '[method.a]\nestimator = "dlt"\n'
-GAIN = '[search]\n"controller.gain" = [2.0, 15.0]\n'
-STUDIES = {
+ONE_METHOD = '[method.a]\nestimator = "dlt"\n'
+GAIN_SEARCH = '[search]\n"controller.gain" = [2.0, 15.0]\n'
+INVALID_STUDIES = {
     "unknown method": (["study", "--method", "magic"], "method must be one of projection", "magic"),
     "code that is not there": (["study", "--method", "nolab:RLS"], "--method", "nolab"),
     "two names for one option": (["study", "--method", "dlt", "flow"], "FILE", "several times"),
@@ -139,18 +139,18 @@ FILES = {
     "large.toml": "#" * 1_000_001,
     "noise.toml": "\x00 = [",
     "unknown.toml": "cont = 3",
-    "one.toml": ONE,
-    "two.toml": 'methods = ["a", "flow"]\n' + ONE + GAIN,
-    "gian.toml": ONE + GAIN.replace("gain", "gian"),
-    "goal.toml": ONE + GAIN + '[tune]\ngoal = "speed"',
-    "key.toml": ONE + GAIN + "[tune]\ntrails = 3",
-    "good.toml": ONE + GAIN,
+    "one.toml": ONE_METHOD,
+    "two.toml": 'methods = ["a", "flow"]\n' + ONE_METHOD + GAIN_SEARCH,
+    "gian.toml": ONE_METHOD + GAIN_SEARCH.replace("gain", "gian"),
+    "goal.toml": ONE_METHOD + GAIN_SEARCH + '[tune]\ngoal = "speed"',
+    "key.toml": ONE_METHOD + GAIN_SEARCH + "[tune]\ntrails = 3",
+    "good.toml": ONE_METHOD + GAIN_SEARCH,
     "mine/mine.txt": "mine",
 }
 
 
-def refused(arguments: list[str], capsys: pytest.CaptureFixture[str], *names: str) -> None:
-    """The command ends with 2 and one sentence on stderr that holds the names."""
+def assert_refused(arguments: list[str], capsys: pytest.CaptureFixture[str], *names: str) -> None:
+    """Check that the command ends with 2 and one sentence on stderr that contains `names`."""
     assert main(arguments) == 2
     error = capsys.readouterr().err.strip().splitlines()
     assert error[-1].startswith("rcmservo: ")
@@ -159,43 +159,43 @@ def refused(arguments: list[str], capsys: pytest.CaptureFixture[str], *names: st
         assert name in error[-1]
 
 
-@pytest.mark.parametrize("case", COMMAND_LINES)
-def test_a_bad_command_line_is_refused(case: str, capsys: pytest.CaptureFixture[str]) -> None:
-    arguments, name = COMMAND_LINES[case]
-    refused(arguments, capsys, name)
+@pytest.mark.parametrize("case", INVALID_COMMAND_LINES)
+def test_an_invalid_command_line_is_refused(case: str, capsys: pytest.CaptureFixture[str]) -> None:
+    arguments, name = INVALID_COMMAND_LINES[case]
+    assert_refused(arguments, capsys, name)
 
 
-@pytest.mark.parametrize("case", STUDIES)
-def test_a_bad_study_is_refused_and_nothing_is_left(
+@pytest.mark.parametrize("case", INVALID_STUDIES)
+def test_an_invalid_study_is_refused_and_leaves_no_files(
     case: str,
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Not a folder under runs/ either."""
+    """There is no new folder under runs/ either."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", [*sys.path])
     (tmp_path / "mine").mkdir()
     for name, text in FILES.items():
         (tmp_path / name).write_text(text)
-    arguments, *names = STUDIES[case]
-    refused(arguments, capsys, *names)
-    left = {path.relative_to(tmp_path).as_posix() for path in tmp_path.rglob("*")}
-    assert left == {*FILES, "mine"}
+    arguments, *names = INVALID_STUDIES[case]
+    assert_refused(arguments, capsys, *names)
+    remaining = {path.relative_to(tmp_path).as_posix() for path in tmp_path.rglob("*")}
+    assert remaining == {*FILES, "mine"}
 
 
-@pytest.mark.parametrize("case", RIGS)
-def test_a_bad_rig_file_is_refused_and_nothing_is_written(
+@pytest.mark.parametrize("case", INVALID_RIGS)
+def test_an_invalid_rig_file_is_refused_and_nothing_is_written(
     case: str,
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(sampling, "MAX_DRAWS", 100)
-    text, *names = RIGS[case]
+    text, *names = INVALID_RIGS[case]
     rig, out = tmp_path / "rig.toml", tmp_path / "out"
     rig.write_text(text)
-    refused(["run", "--rig", str(rig), "--out", str(out)], capsys, *names)
+    assert_refused(["run", "--rig", str(rig), "--out", str(out)], capsys, *names)
     assert sorted(tmp_path.iterdir()) == [rig]
 
 
@@ -203,23 +203,23 @@ def test_output_that_cannot_be_written_is_refused(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "file").write_text("mine")
-    refused(["run", "--out", str(tmp_path / "file")], capsys, "file")
-    refused(["run", "--out", str(tmp_path / "file" / "below")], capsys, "below")
-    refused(["run", "--out", str(tmp_path)], capsys, "not empty")
+    assert_refused(["run", "--out", str(tmp_path / "file")], capsys, "file")
+    assert_refused(["run", "--out", str(tmp_path / "file" / "below")], capsys, "below")
+    assert_refused(["run", "--out", str(tmp_path)], capsys, "not empty")
     assert (tmp_path / "file").read_text() == "mine"
 
 
-def test_of_a_refused_run_no_folder_is_left_however_deep(
+def test_a_refused_run_leaves_no_folder_at_any_depth(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     words = ["--target", str(tmp_path / "none.json"), "--out", str(tmp_path / "x1" / "y" / "z")]
-    refused(["run", *words], capsys, "none.json")
+    assert_refused(["run", *words], capsys, "none.json")
     assert not list(tmp_path.iterdir())
 
 
 @pytest.fixture
 def recording(tmp_path: Path) -> Path:
-    """Three frames without any marker, with good poses."""
+    """Recording of three frames without a marker, with valid poses."""
     folder = tmp_path / "recording"
     (folder / "frames").mkdir(parents=True)
     picture = np.full((120, 160, 3), 90, dtype=np.uint8)
@@ -230,7 +230,7 @@ def recording(tmp_path: Path) -> Path:
     return folder
 
 
-def edit(folder: Path, old: str, new: str) -> None:
+def replace_in_poses(folder: Path, old: str, new: str) -> None:
     table = folder / "poses.csv"
     assert old in table.read_text()
     table.write_text(table.read_text().replace(old, new))
@@ -240,39 +240,41 @@ def test_frames_without_markers_are_refused(
     recording: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = recording.parent / "out"
-    refused(["replay", str(recording), "--out", str(out)], capsys, "no frame shows both markers")
+    assert_refused(
+        ["replay", str(recording), "--out", str(out)], capsys, "no frame shows both markers"
+    )
     assert not out.exists()
 
 
 @pytest.mark.parametrize("text", ["nan", "inf", "", "north"])
-def test_a_pose_that_is_no_number_is_refused(
+def test_a_pose_that_is_not_a_number_is_refused(
     text: str, recording: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    edit(recording, "01,0.5,", f"01,{text},")
-    refused(["replay", str(recording)], capsys, "frame 01", "theta_rad", text)
+    replace_in_poses(recording, "01,0.5,", f"01,{text},")
+    assert_refused(["replay", str(recording)], capsys, "frame 01", "theta_rad", text)
 
 
 def test_a_missing_row_is_refused(recording: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    edit(recording, "01,0.5,0.1,0.1\n", "")
-    refused(["replay", str(recording)], capsys, "no row for frame 01")
+    replace_in_poses(recording, "01,0.5,0.1,0.1\n", "")
+    assert_refused(["replay", str(recording)], capsys, "no row for frame 01")
 
 
 def test_a_row_without_its_frame_is_refused(
     recording: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (recording / "frames" / "02.jpg").unlink()
-    refused(["replay", str(recording)], capsys, "02")
+    assert_refused(["replay", str(recording)], capsys, "02")
 
 
 def test_a_short_row_is_refused(recording: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    edit(recording, "02,0.5,0.2,0.1", "02,0.5")
-    refused(["replay", str(recording)], capsys, "phi_rad")
+    replace_in_poses(recording, "02,0.5,0.2,0.1", "02,0.5")
+    assert_refused(["replay", str(recording)], capsys, "phi_rad")
 
 
 def test_poses_of_another_mechanism_are_refused(
     recording: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    refused(
+    assert_refused(
         ["replay", str(recording), "--rig", str(ROOT / "examples/davinci.toml")],
         capsys,
         "yaw_rad",
@@ -283,31 +285,31 @@ def test_poses_of_another_mechanism_are_refused(
 def test_two_rows_for_one_frame_are_refused(
     recording: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    edit(recording, "02,", "01,")
-    refused(["replay", str(recording)], capsys, "poses.csv")
+    replace_in_poses(recording, "02,", "01,")
+    assert_refused(["replay", str(recording)], capsys, "poses.csv")
 
 
 def test_a_folder_without_frames_is_refused(
     recording: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     shutil.rmtree(recording / "frames")
-    refused(["replay", str(recording)], capsys, "holds no images")
+    assert_refused(["replay", str(recording)], capsys, "holds no images")
     for name in ("nowhere", "nofile.mcap"):
-        refused(["replay", str(recording / name)], capsys, f"{name}: does not exist")
+        assert_refused(["replay", str(recording / name)], capsys, f"{name}: does not exist")
 
 
 def test_a_recording_without_poses_is_refused(
     recording: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (recording / "poses.csv").unlink()
-    refused(["replay", str(recording)], capsys, "poses.csv")
+    assert_refused(["replay", str(recording)], capsys, "poses.csv")
 
 
-@pytest.mark.parametrize("share", [0.0, 0.3, 0.9, 0.999])
+@pytest.mark.parametrize("fraction", [0.0, 0.3, 0.9, 0.999])
 def test_a_truncated_jpeg_is_refused(
-    share: float, recording: Path, capsys: pytest.CaptureFixture[str]
+    fraction: float, recording: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     frame = recording / "frames" / "01.jpg"
     data = frame.read_bytes()
-    frame.write_bytes(data[: int(share * len(data))])
-    refused(["replay", str(recording)], capsys, "01.jpg")
+    frame.write_bytes(data[: int(fraction * len(data))])
+    assert_refused(["replay", str(recording)], capsys, "01.jpg")

@@ -1,4 +1,4 @@
-"""Limits of settings: what a dataclass accepts, what it refuses, and in which words."""
+"""Limits of settings: values that a dataclass accepts or refuses, and its messages."""
 
 import copy
 import math
@@ -60,17 +60,17 @@ class Box(Checked, section="box"):
 
 @dataclass(frozen=True)
 class Larger(Box):
-    """A user's own box, with a field and a rule more."""
+    """User-defined box with one more field and one more rule."""
 
-    share: Annotated[float, FRACTION] = 0.5
+    fraction: Annotated[float, FRACTION] = 0.5
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        self.require(self.share < self.gain, "share", "below gain")
+        self.require(self.fraction < self.gain, "fraction", "below gain")
 
 
 @pytest.mark.parametrize(
-    ("wrong", "sentence"),
+    ("invalid", "sentence"),
     [
         ({"gain": -1.0}, "box.gain must be a positive gain in 1/s, got -1.0"),
         ({"gain": "fast"}, "box.gain must be a positive gain in 1/s, got 'fast'"),
@@ -100,18 +100,18 @@ class Larger(Box):
         ({"inner": 3}, "box.inner must be an Inner, got 3"),
         ({"many": (1, "b")}, "box.many must be a list, each a whole number, got (1, 'b')"),
         ({"any_of": 3}, "box.any_of must be a Sequence, got 3"),
-        ({"share": 2.0}, "box.share must be a share above 0 and at most 1, got 2.0"),
-        ({"share": 0.9, "gain": 0.5}, "box.share must be below gain, got 0.9"),
+        ({"fraction": 2.0}, "box.fraction must be a fraction above 0 and at most 1, got 2.0"),
+        ({"fraction": 0.9, "gain": 0.5}, "box.fraction must be below gain, got 0.9"),
     ],
 )
-def test_a_value_of_another_kind_or_beyond_its_limit_is_refused_in_one_sentence(wrong, sentence):
+def test_a_value_of_another_type_or_outside_its_limit_is_refused_in_one_sentence(invalid, sentence):
     with pytest.raises(BadInput) as refused:
-        Larger(**wrong)
+        Larger(**invalid)
     assert str(refused.value).startswith(sentence)
 
 
 @pytest.mark.parametrize(
-    "good",
+    "valid",
     [
         {"gain": 3},
         {"gain": np.float64(3.0)},
@@ -125,9 +125,9 @@ def test_a_value_of_another_kind_or_beyond_its_limit_is_refused_in_one_sentence(
         {"many": (1, 2, 3, 4)},
     ],
 )
-def test_numbers_of_numpy_and_lists_are_taken_as_they_are(good):
-    (name,) = good
-    assert getattr(Box(**good), name) is good[name]
+def test_numbers_of_numpy_and_lists_are_accepted_unchanged(valid):
+    (name,) = valid
+    assert getattr(Box(**valid), name) is valid[name]
 
 
 @pytest.mark.parametrize(
@@ -143,13 +143,13 @@ def test_numbers_of_numpy_and_lists_are_taken_as_they_are(good):
         (at_most(1073740800, "mm"), [-10, 10], [math.inf, -math.inf], "at most 1073740800 mm"),
     ],
 )
-def test_a_limit_holds_up_to_its_ends_and_says_them(limit, inner, outer, words):
+def test_a_limit_names_its_ends_and_includes_or_excludes_them(limit, inner, outer, words):
     assert all(map(limit.holds, inner))
     assert not any(map(limit.holds, [*outer, math.nan]))
     assert limit.expected.startswith(words)
 
 
-def test_texts_are_limited_by_choice_by_pattern_and_to_be_there():
+def test_texts_are_limited_by_choices_patterns_and_blanks():
     assert one_of(("red", "blue")).holds("red")
     assert not one_of(("red", "blue")).holds("green")
     assert one_of(("red", "blue")).hint("blu") == "red, blue (did you mean blue?)"
@@ -169,7 +169,7 @@ def test_a_checked_class_stays_a_plain_frozen_dataclass():
         replace(box, gain=-5.0)
 
 
-def test_a_file_is_read_by_the_same_annotations():
+def test_files_are_checked_by_the_same_annotations():
     assert decode(Larger, {"gain": 3.0, "bounds": [0.5, 1.0, 1.0]}, "servo.box").gain == 3.0
     with pytest.raises(BadInput, match=r"^servo\.box\.gain must be a positive gain in 1/s, got -1"):
         decode(Larger, {"gain": -1.0}, "servo.box")
@@ -179,7 +179,7 @@ class Named(Protocol):
     name: str
 
 
-def test_what_cannot_be_recognised_by_its_type_passes_and_a_nested_annotation_counts():
+def test_values_of_unrecognisable_types_pass_and_nested_annotations_count():
     @dataclass(frozen=True)
     class Open(Checked):
         anything: Any = None
@@ -192,7 +192,7 @@ def test_what_cannot_be_recognised_by_its_type_passes_and_a_nested_annotation_co
         Open(either="x")
 
 
-def test_an_argument_of_another_kind_is_refused_too():
+def test_an_argument_of_another_type_is_refused_too():
     with pytest.raises(BadInput, match=r"^rate must be a positive frequency in Hz, got 'fast'$"):
         positive("frequency in Hz").require("rate", "fast")
 

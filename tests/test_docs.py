@@ -1,4 +1,4 @@
-"""What the documents say is true: names exist, links lead somewhere, examples and commands run."""
+"""Documents: their names exist, their links resolve, their examples and commands run."""
 
 import ast
 import importlib
@@ -31,38 +31,38 @@ WORDS = re.findall(
 )
 
 
-def commands_of(*pages: str) -> list[str]:
-    """The commands in the shell blocks of pages, each once."""
+def list_commands(*pages: str) -> list[str]:
+    """Return the commands in the shell blocks of pages, each once."""
     texts = [(ROOT / page).read_text() for page in pages]
     blocks = [block for text in texts for block in re.findall(r"```sh\n(.*?)```", text, re.S)]
     return list(dict.fromkeys(line for block in blocks for line in block.splitlines()))
 
 
-COMMANDS = commands_of("README.md", "docs/command_line.md", "docs/paper.md")
-SET_UP = {"make run", "make test"}
+COMMANDS = list_commands("README.md", "docs/command_line.md", "docs/paper.md")
+SET_UP_COMMANDS = {"make run", "make test"}
 MAX_LINES, MAX_WORDS, MAX_CELL_WORDS = 130, 1200, 15
-"""Size of the README that a stranger reads in a few minutes."""
-SEARCHED = (
+"""Size limits of the README, for a reader with a few minutes."""
+SEARCH_TERMS = (
     "visual servoing", "image-based", "pose-based", "eye-to-hand", "hand-eye calibration",
     "dVRK", "ViSP",
 )  # fmt: skip
-"""Words by which people search for such software."""
+"""Search terms for software of this kind."""
 
 
 @pytest.mark.parametrize("name", NAMES, ids=":".join)
 def test_every_name_in_the_notation_exists(name: tuple[str, str]) -> None:
-    place = importlib.import_module(name[0])
+    owner = importlib.import_module(name[0])
     for part in name[1].split("."):
-        fields = getattr(place, "__dataclass_fields__", {})
-        assert part in fields or hasattr(place, part)
-        place = getattr(place, part, None)
+        fields = getattr(owner, "__dataclass_fields__", {})
+        assert part in fields or hasattr(owner, part)
+        owner = getattr(owner, part, None)
 
 
-def test_the_notation_names_something() -> None:
+def test_the_notation_has_names() -> None:
     assert len(NAMES) > 60
 
 
-def test_every_word_of_the_house_means_one_thing() -> None:
+def test_every_term_has_one_meaning() -> None:
     table = (ROOT / "docs/notation.md").read_text().partition("## The words of the house")[2]
     words, meanings = zip(*WORDS, strict=True)
     assert (
@@ -78,23 +78,23 @@ def test_the_program_of_the_readme_is_the_example() -> None:
     assert len(list(filter(None, block[1].splitlines()))) <= 12
 
 
-def test_the_readme_is_one_page_with_the_words_that_people_search_for() -> None:
+def test_the_readme_is_short_and_has_the_search_terms() -> None:
     assert len(README.splitlines()) <= MAX_LINES
     assert len(README.split()) <= MAX_WORDS
     rows = [line for line in README.splitlines() if line.startswith("|")]
     cells = [cell for row in rows for cell in row.strip("|").split("|")]
     assert [cell for cell in cells if len(cell.split()) > MAX_CELL_WORDS] == []
-    assert [word for word in SEARCHED if word not in README] == []
-    assert max(path.stat().st_size for path in pictures_of(README)) <= 1.5e6
+    assert [word for word in SEARCH_TERMS if word not in README] == []
+    assert max(path.stat().st_size for path in list_images(README)) <= 1.5e6
 
 
-def pictures_of(text: str) -> list[Path]:
-    """The pictures that a page shows."""
+def list_images(text: str) -> list[Path]:
+    """Return the images of a page."""
     return [ROOT / name for name in re.findall(r"!\[[^]]*\]\(([^)]+)\)", text)]
 
 
-def undescribed_fields(path: Path) -> Iterator[str]:
-    """Public fields of a file that the Parameters section of their class does not describe."""
+def find_undescribed_fields(path: Path) -> Iterator[str]:
+    """Yield public fields that the Parameters section of their class does not describe."""
     for node in ast.walk(ast.parse(path.read_text())):
         if not isinstance(node, ast.ClassDef) or node.name.startswith("_"):
             continue
@@ -108,8 +108,9 @@ def undescribed_fields(path: Path) -> Iterator[str]:
 
 
 def is_parameter(field: ast.stmt) -> TypeGuard[ast.AnnAssign]:
-    """A field of a dataclass that is no class variable and no column of the record, which carries
-    its description itself.
+    """Return True for a field that is no class variable and no column of the record.
+
+    A column carries its description itself.
     """
     if not isinstance(field, ast.AnnAssign) or "ClassVar" in ast.unparse(field.annotation):
         return False
@@ -126,8 +127,8 @@ def test_no_two_public_classes_share_a_name() -> None:
     assert [name for name, count in Counter(public).items() if count > 1] == []
 
 
-def test_no_folder_holds_more_files_than_a_reader_can_keep_in_mind() -> None:
-    """The experiments excepted, one file for each claim."""
+def test_no_folder_has_more_than_15_files() -> None:
+    """The folder of the experiments, with one file for each claim, is an exception."""
     folders = [path for path in SOURCE.rglob("*") if path.is_dir() and path.name != "paper"]
     counts = {path.name: len(list(path.glob("*.py"))) for path in folders}
     assert len(counts) > 10
@@ -136,43 +137,45 @@ def test_no_folder_holds_more_files_than_a_reader_can_keep_in_mind() -> None:
 
 def test_every_field_is_described_in_the_parameters_of_its_class() -> None:
     files = sorted(SOURCE.rglob("*.py"))
-    assert [name for path in files for name in undescribed_fields(path)] == []
+    assert [name for path in files for name in find_undescribed_fields(path)] == []
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
-def test_every_link_of_a_page_leads_somewhere(page: Path) -> None:
+def test_every_link_of_a_page_resolves(page: Path) -> None:
     links = re.findall(r"\]\((?!https?:)([^)#]*)#?([^)]*)\)", page.read_text())
     targets = [(page.parent / file if file else page, anchor) for file, anchor in links]
     assert [str(path) for path, _ in targets if not path.exists()] == []
     anchored = [(path, anchor) for path, anchor in targets if anchor and path.suffix == ".md"]
-    assert [(path.name, anchor) for path, anchor in anchored if anchor not in anchors(path)] == []
+    assert [
+        (path.name, anchor) for path, anchor in anchored if anchor not in list_anchors(path)
+    ] == []
 
 
-def anchors(page: Path) -> set[str]:
-    """The names by which a page's headings are linked to."""
+def list_anchors(page: Path) -> set[str]:
+    """Return the anchors of a page's headings."""
     headings = re.findall(r"^#+ (.*)$", page.read_text(), re.M)
     words = [re.sub(r"[^\w\- ]", "", heading.lower()) for heading in headings]
     return {text.replace(" ", "-") for text in words}
 
 
 PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])
-NAMED = re.compile(r"(?<![\w./-])(?:benchmarks|docs|examples|tests)/[\w./-]*\w")
+FILE_REFERENCE = re.compile(r"(?<![\w./-])(?:benchmarks|docs|examples|tests)/[\w./-]*\w")
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_every_file_of_the_repository_that_a_page_names_exists(page: Path) -> None:
-    named = set(NAMED.findall(page.read_text()))
+    named = set(FILE_REFERENCE.findall(page.read_text()))
     assert sorted(name for name in named if not (ROOT / name).exists()) == []
 
 
-def test_the_table_of_causes_is_what_the_code_generates(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_table_of_causes_is_generated(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(str(ROOT / "docs"))
     tables, page = importlib.import_module("make_fault_table"), ROOT / "docs/faults.md"
     assert tables.with_table(page.read_text()) == page.read_text()
     assert page.read_text().count("\n| `") == len(Cause) - 1
 
 
-def test_the_checkers_have_one_version_each_and_the_tests_do_without_them() -> None:
+def test_each_checker_has_one_version_and_the_tests_do_not_need_it() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     dev = {re.split(r"[\[=<>~!]", one)[0]: one for one in project["optional-dependencies"]["dev"]}
     for name in "ruff", "pyright", "import-linter":
@@ -183,9 +186,9 @@ def test_the_checkers_have_one_version_each_and_the_tests_do_without_them() -> N
 
 
 def test_the_set_up_commands_are_targets_of_the_makefile_and_ci_calls_the_test_command() -> None:
-    assert set(COMMANDS) >= SET_UP
+    assert set(COMMANDS) >= SET_UP_COMMANDS
     targets = re.findall(r"^(\w+):", (ROOT / "Makefile").read_text(), re.M)
-    assert {command.split()[1] for command in SET_UP} <= set(targets)
+    assert {command.split()[1] for command in SET_UP_COMMANDS} <= set(targets)
     called = re.findall(r"^make ([\w-]+)", (ROOT / ".ci/run").read_text(), re.M)
     assert called == ["peers", "check", "test", "test-all"]
 
@@ -200,7 +203,7 @@ def is_in_wall_time(command: str) -> bool:
     return shlex.split(command)[1] == "live"
 
 
-FIRST, *OTHERS = (one for one in COMMANDS if one not in SET_UP)
+FIRST, *OTHERS = (one for one in COMMANDS if one not in SET_UP_COMMANDS)
 
 
 @pytest.mark.slow
@@ -208,7 +211,7 @@ FIRST, *OTHERS = (one for one in COMMANDS if one not in SET_UP)
 def test_every_other_command_of_the_first_pages_runs(
     command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """In this process: a new one takes seconds until it begins."""
+    """The commands run in this process, because a new one takes seconds to start."""
     monkeypatch.chdir(ROOT)
     program, *words = shlex.split(command)
     assert program == ".venv/bin/rcmservo"
@@ -242,7 +245,7 @@ def test_the_script_runs_the_first_command_and_those_in_wall_time(
 
 
 @pytest.mark.slow
-def test_hello_world_arrives() -> None:
+def test_the_hello_example_reaches_its_target() -> None:
     done = subprocess.run(
         [sys.executable, ROOT / "examples/01_hello.py"],
         capture_output=True,
@@ -269,7 +272,7 @@ STUDIES = (ROOT / "docs/studies.md").read_text()
 
 
 @pytest.mark.slow
-def test_the_estimator_of_the_studies_page_is_compared_as_the_page_says(tmp_path: Path) -> None:
+def test_the_estimator_of_the_studies_page_is_compared_as_described(tmp_path: Path) -> None:
     block = re.search(r"```python\n(.*?)```", STUDIES, re.S)
     command = re.search(r"^rcmservo (study .*mylab:RLS.*)$", STUDIES, re.M)
     assert block is not None and command is not None
@@ -278,15 +281,15 @@ def test_the_estimator_of_the_studies_page_is_compared_as_the_page_says(tmp_path
     (tmp_path / "mylab.py").write_text(block[1])
     words = shlex.split(command[1].replace("--count 200", "--count 6"))
     line = [str(Path(sys.executable).with_name("rcmservo")), *words]
-    told = subprocess.run(line, cwd=tmp_path, capture_output=True, text=True, check=True).stdout
-    assert "mylab:RLS compared with dlt" in told and (tmp_path / "runs/mine/report.html").exists()
+    output = subprocess.run(line, cwd=tmp_path, capture_output=True, text=True, check=True).stdout
+    assert "mylab:RLS compared with dlt" in output and (tmp_path / "runs/mine/report.html").exists()
 
 
 def test_the_columns_of_the_studies_page_are_those_of_the_rows() -> None:
     from rcmservo.study.row import MEANINGS
 
-    told = dict(re.findall(r"^\| `(\w+)` \| (.*) \|$", STUDIES, re.M))
-    assert {name: told.get(name) for name in MEANINGS} == MEANINGS
+    rows = dict(re.findall(r"^\| `(\w+)` \| (.*) \|$", STUDIES, re.M))
+    assert {name: rows.get(name) for name in MEANINGS} == MEANINGS
 
 
 @pytest.mark.parametrize(

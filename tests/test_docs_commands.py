@@ -1,4 +1,4 @@
-"""Commands, options and TOML keys of README and of every page in docs: they exist."""
+"""Commands, options and TOML keys of the README and of every page in docs exist."""
 
 import re
 import tomllib
@@ -30,7 +30,7 @@ FENCE = re.compile(r"^```(\w*)\n(.*?)^```$", re.M | re.S)
 SPAN = re.compile(r"(`+)(.+?)\1", re.S)
 OPTION = re.compile(r"(?<![\w-])--[a-z][\w.*-]*")
 END = re.compile(r"\s(?:\||&&|;|#)\s|;\s|$")
-"""Where a command ends on its line."""
+"""End of a command on its line."""
 SECTIONS: dict[str, list[type[Any]]] = {
     "mechanism": list(MECHANISMS.values()),
     "tool": list(TOOLS.values()),
@@ -43,33 +43,34 @@ SECTIONS: dict[str, list[type[Any]]] = {
     "look": [Look],
     "scene": [SceneSettings],
 }
-"""The classes of every section of a rig file."""
+"""Classes of every section of a rig file."""
 SCRIPT = re.compile(r"(?:benchmarks|docs|examples)/[\w/]+\.py")
-"""A program of the repository that is no command."""
+"""Program of the repository that is not a command of rcmservo."""
 KEY = re.compile(rf"({'|'.join(SECTIONS)})\.(\w+)(?:\[\d\])?")
-"""A setting of a rig file as sentences name it."""
+"""Setting of a rig file as sentences name it."""
 
 
 @cache
-def options_of(command: str) -> frozenset[str]:
-    """All options of a command."""
-    made = {one.name for one in options.options_of(options_kind(command, []))}
-    made |= {"--help", "--help-all", "--version"}
-    return frozenset(made | {f"--no-{one[2:]}" for one in made})
+def list_options(command: str) -> frozenset[str]:
+    """Return all options of a command."""
+    names = {one.name for one in options.options_of(options_kind(command, []))}
+    names |= {"--help", "--help-all", "--version"}
+    return frozenset(names | {f"--no-{one[2:]}" for one in names})
 
 
 def is_option(option: str, command: str | None) -> bool:
-    """Whether a command has an option, or any command where none is named; `--gate.*` stands for
-    options that begin so.
+    """Return True if a command has an option, or, without a command, if any command has it.
+
+    `--gate.*` stands for options that begin with `--gate.`.
     """
-    known = [one for name in ([command] if command else COMMANDS) for one in options_of(name)]
+    known = [one for name in ([command] if command else COMMANDS) for one in list_options(name)]
     if option.endswith("*"):
         return any(one.startswith(option[:-1]) for one in known)
     return option in known
 
 
-def pieces(text: str) -> Iterator[str]:
-    """The lines of the code blocks of a page, continued ones as one, and its code spans."""
+def list_code_pieces(text: str) -> Iterator[str]:
+    """Yield the lines of the code blocks of a page, continued ones joined, and its code spans."""
     for language, block in FENCE.findall(text):
         if language in ("sh", ""):
             yield from block.replace("\\\n", " ").splitlines()
@@ -77,26 +78,30 @@ def pieces(text: str) -> Iterator[str]:
         yield " ".join(span.split())
 
 
-def of_script(path: Path) -> set[str]:
-    """The options of a script: those that it spells out, and the fields of its settings."""
+def list_script_options(path: Path) -> set[str]:
+    """Return the options of a script: those in its source, and the fields of its settings."""
     source = path.read_text()
     names = re.findall(r"^    (\w+): ", source, re.M)
     return {*OPTION.findall(source), *(f"--{name.replace('_', '-')}" for name in names)}
 
 
-def of_others(text: str) -> set[str]:
-    """The options of other programs that a page shows: of the repository's scripts that it names,
-    and of what it runs.
+def list_other_options(text: str) -> set[str]:
+    """Return the options of other programs on a page.
+
+    The programs are the repository's scripts that the page names, and commands other than rcmservo.
     """
     scripts = {ROOT / name for name in SCRIPT.findall(text)}
-    found = {one for path in scripts if path.exists() for one in of_script(path)}
-    told = [one for one in pieces(text) if not one.startswith("--") and "rcmservo" not in one]
-    return found | {option for one in told for option in OPTION.findall(one)}
+    found = {one for path in scripts if path.exists() for one in list_script_options(path)}
+    commands = [
+        one for one in list_code_pieces(text) if not one.startswith("--") and "rcmservo" not in one
+    ]
+    return found | {option for one in commands for option in OPTION.findall(one)}
 
 
-def unknown(piece: str, others: Collection[str] = ()) -> list[str]:
-    """The commands and options of a piece of code that do not exist; [] of another program's.
-    An option without a command may be of `others`.
+def find_unknown_options(piece: str, others: Collection[str] = ()) -> list[str]:
+    """Return the commands and options of a piece of code that do not exist.
+
+    Other programs give an empty list. An option without a command may be one of `others`.
     """
     words = piece.removeprefix("$ ").split()
     while words and re.fullmatch(r"[A-Z_]+=\S*|nice|exec", words[0]):
@@ -121,20 +126,24 @@ def unknown(piece: str, others: Collection[str] = ()) -> list[str]:
 @pytest.mark.parametrize("page", PAGES, ids=IDS)
 def test_every_command_and_option_of_a_page_exists(page: Path) -> None:
     text = page.read_text()
-    others = of_others(text)
-    wrong = {piece: found for piece in pieces(text) if (found := unknown(piece, others))}
-    assert wrong == {}
+    others = list_other_options(text)
+    unknown_options = {
+        piece: found
+        for piece in list_code_pieces(text)
+        if (found := find_unknown_options(piece, others))
+    }
+    assert unknown_options == {}
 
 
 @pytest.mark.parametrize("page", PAGES, ids=IDS)
 def test_every_script_that_a_page_runs_exists_and_has_the_options_that_it_is_given(
     page: Path,
 ) -> None:
-    for piece in pieces(page.read_text()):
+    for piece in list_code_pieces(page.read_text()):
         script = SCRIPT.search(piece)
         if script is not None:
             assert (ROOT / script[0]).exists(), piece
-            assert set(OPTION.findall(piece)) <= of_script(ROOT / script[0]), piece
+            assert set(OPTION.findall(piece)) <= list_script_options(ROOT / script[0]), piece
 
 
 @pytest.mark.parametrize(
@@ -153,15 +162,15 @@ def test_every_script_that_a_page_runs_exists_and_has_the_options_that_it_is_giv
         ("python benchmarks/soak.py --minutes 3", []),
     ],
 )
-def test_an_option_that_does_not_exist_is_found(piece: str, found: list[str]) -> None:
-    assert unknown(piece) == found
+def test_unknown_options_are_found(piece: str, found: list[str]) -> None:
+    assert find_unknown_options(piece) == found
 
 
 def test_blocks_and_spans_of_a_page_are_all_read() -> None:
     text = (
         "`a\n b` and ``c `d` ``\n```sh\nrcmservo run \\\n  --seed 1\n```\n```toml\nx = `1`\n```\n"
     )
-    assert list(pieces(text)) == ["rcmservo run    --seed 1", "a b", "c `d`"]
+    assert list(list_code_pieces(text)) == ["rcmservo run    --seed 1", "a b", "c `d`"]
 
 
 BLOCKS = [
@@ -182,10 +191,10 @@ def test_every_file_of_a_page_can_be_read_with_all_of_its_keys(block: str, tmp_p
     elif tables.keys() & {f.name for f in fields(StudyFile)}:
         assert plan_of(load(path), {}).cells
     else:
-        read(load_lab(path))
+        read_sections(load_lab(path))
 
 
-def read(lab: Lab) -> None:
+def read_sections(lab: Lab) -> None:
     """Read all sections of a rig file."""
     for name, kinds in (("arm", ARM_KINDS), ("camera", CAMERA_KINDS)):
         if name in lab.devices:
@@ -195,12 +204,12 @@ def read(lab: Lab) -> None:
 
 @pytest.mark.parametrize("page", PAGES, ids=IDS)
 def test_every_setting_of_a_rig_file_that_a_page_names_exists(page: Path) -> None:
-    named = [found for one in pieces(page.read_text()) if (found := KEY.fullmatch(one))]
+    named = [found for one in list_code_pieces(page.read_text()) if (found := KEY.fullmatch(one))]
     assert [one[0] for one in named if not is_key(one[1], one[2])] == []
 
 
 def is_key(section: str, key: str) -> bool:
-    """Whether a section of a rig file has a key."""
+    """Return True if a section of a rig file has a key."""
     if key == "kind" or (section == "mechanism" and key in ("lower", "upper")):
         return True
     return any(key in {f.name for f in fields(kind)} for kind in SECTIONS[section])
@@ -208,4 +217,6 @@ def is_key(section: str, key: str) -> bool:
 
 def test_the_pages_hold_commands_and_files() -> None:
     assert len(PAGES) > 8 and len(BLOCKS) >= 5
-    assert sum("rcmservo " in one for path in PAGES for one in pieces(path.read_text())) > 30
+    assert (
+        sum("rcmservo " in one for path in PAGES for one in list_code_pieces(path.read_text())) > 30
+    )

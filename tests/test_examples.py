@@ -1,4 +1,4 @@
-"""The examples run as they stand, and show what they say."""
+"""Examples: they run as they are, with the output that they describe."""
 
 import re
 import subprocess
@@ -23,7 +23,7 @@ def test_gains_are_compared_in_the_same_scenes() -> None:
 
 
 @pytest.mark.slow
-def test_an_estimator_of_ones_own_stands_beside_the_default() -> None:
+def test_a_user_defined_estimator_is_compared_with_the_default() -> None:
     code = [sys.executable, "examples/02_own_estimator.py", "2"]
     done = subprocess.run(code, cwd=ROOT, capture_output=True, text=True, check=True)
     rows = re.findall(r"^ +(\d+) +(\d+\.\d\d) +(\d+\.\d\d)$", done.stdout, re.M)

@@ -1,6 +1,4 @@
-"""Rig and target files as nobody should write them are refused with a sentence, or taken for what
-they say.
-"""
+"""Malformed rig and target files: refused with a sentence, or read correctly."""
 
 from pathlib import Path
 
@@ -12,7 +10,7 @@ from rcmservo.config.rig_file import Lab, load_lab
 from rcmservo.sim.rig_file import read_rig_settings
 
 
-def test_no_odd_input_gives_a_traceback_a_hang_or_wrong_data() -> None:
+def test_no_malformed_input_gives_a_traceback_a_hang_or_invalid_data() -> None:
     tried = fuzz.campaign(3000, seed=1)
     assert [what for what, _ in tried.failures] == []
     assert (
@@ -43,7 +41,7 @@ def test_no_odd_input_gives_a_traceback_a_hang_or_wrong_data() -> None:
         ("[look]\nmarker_radii = [1.0, 2.0]", "look.marker_radii must be left out"),
     ],
 )
-def test_what_once_was_a_traceback_a_hang_or_passed_over_is_a_sentence(
+def test_inputs_that_once_gave_a_traceback_a_hang_or_no_message_are_refused(
     text: str, reason: str, tmp_path: Path
 ) -> None:
     path = tmp_path / "rig.toml"
@@ -54,7 +52,7 @@ def test_what_once_was_a_traceback_a_hang_or_passed_over_is_a_sentence(
     assert str(refused.value).isprintable()
 
 
-def test_thresholds_are_read_and_what_is_left_out_stays_as_built_in(tmp_path: Path) -> None:
+def test_thresholds_are_read_and_omitted_ones_have_their_defaults(tmp_path: Path) -> None:
     path = tmp_path / "rig.toml"
     path.write_text("[thresholds]\njump = 6.0\n[markers]\ncolour_1 = 'red'\n")
     lab = load_lab(path)
@@ -62,6 +60,6 @@ def test_thresholds_are_read_and_what_is_left_out_stays_as_built_in(tmp_path: Pa
     assert (lab.markers.colour_1, lab.markers.radius_1) == ("red", Lab().markers.radius_1)
 
 
-def test_a_pipe_or_a_device_is_no_rig_file() -> None:
+def test_a_device_file_is_not_a_rig_file() -> None:
     with pytest.raises(rs.UnusableFile, match="is not a file"):
         load_lab(Path("/dev/zero"))

@@ -1,6 +1,4 @@
-"""docs/how_to_choose.md is what its template and the figures of studies make, and they bear each of
-its sentences.
-"""
+"""The page docs/how_to_choose.md: generated from its template and study results that support it."""
 
 import importlib
 import re
@@ -14,19 +12,19 @@ from conftest import ROOT
 CHOOSING = ROOT / "docs/studies"
 STUDIES = sorted(path.stem for path in CHOOSING.glob("*.toml"))
 TEMPLATE = ROOT / "docs/how_to_choose.md.j2"
-RESULT = re.compile(r"\d\s*(%|mm\b|s\b(?!tudy))")
-"""A figure with the unit of a result. Settings of px, Hz and ms are none."""
+RESULT_PATTERN = re.compile(r"\d\s*(%|mm\b|s\b(?!tudy))")
+"""Figure with the unit of a result; settings in px, Hz and ms are not results."""
 
 
 @pytest.fixture
 def choosing(monkeypatch: pytest.MonkeyPatch) -> Any:
-    """The module that writes docs/how_to_choose.md."""
+    """Module that writes docs/how_to_choose.md."""
     monkeypatch.syspath_prepend(str(ROOT / "docs"))
     return importlib.import_module("choosing")
 
 
 @pytest.mark.parametrize("name", STUDIES)
-def test_every_study_behind_the_page_can_be_planned(name: str) -> None:
+def test_every_study_of_the_page_can_be_planned(name: str) -> None:
     from rcmservo.study.plan.file import load, plan_of
 
     plan = plan_of(load(CHOOSING / f"{name}.toml"), {})
@@ -34,7 +32,7 @@ def test_every_study_behind_the_page_can_be_planned(name: str) -> None:
     assert len(plan.cells) > 1
 
 
-def test_every_study_behind_the_page_has_its_figures_and_is_named_on_it(choosing: Any) -> None:
+def test_every_study_of_the_page_has_results_and_is_named_on_it(choosing: Any) -> None:
     figures, page = choosing.load(), choosing.PAGE.read_text()
     assert sorted(figures["studies"]) == STUDIES
     for name, study in figures["studies"].items():
@@ -42,26 +40,26 @@ def test_every_study_behind_the_page_has_its_figures_and_is_named_on_it(choosing
         assert study["question"].endswith("?") and f"`{study['command']}`" in page
 
 
-def test_the_page_on_how_to_choose_is_what_its_template_and_its_figures_make(choosing: Any) -> None:
-    """So none of its figures was typed by hand, and the figures bear every sentence."""
+def test_the_page_is_generated_from_its_template_and_its_results(choosing: Any) -> None:
+    """No figure is typed by hand, and the results support every sentence."""
     assert choosing.render(choosing.load()) == choosing.PAGE.read_text()
 
 
-def test_no_figure_stands_in_the_sentences_of_the_template() -> None:
+def test_the_sentences_of_the_template_contain_no_result() -> None:
     text = re.sub(r"\{\{.*?\}\}|\{%.*?%\}", " ", TEMPLATE.read_text(), flags=re.S)
     text = re.sub(r"`[^`]*`|^#.*$", " ", text, flags=re.M)
-    assert [match[0] for match in RESULT.finditer(text)] == []
+    assert [match[0] for match in RESULT_PATTERN.finditer(text)] == []
 
 
 @pytest.mark.parametrize("text", ["in 98 % of", "after 1.9 s", "0.04 mm off", "ends 3mm off"])
-def test_a_figure_is_known_when_it_is_seen(text: str) -> None:
-    assert RESULT.search(text)
+def test_results_are_recognised_by_their_unit(text: str) -> None:
+    assert RESULT_PATTERN.search(text)
 
 
 ROWS = {"random": {"a": {"success": [0.5, 0.4, 0.6], "runs": 10, "stops": {"SINGULAR": 2}}}}
-BESIDE = {"random": {"b": {"success": [-0.1, -0.2, -0.02], "time_s": [None, None, None]}}}
-FIGURES = {"studies": {"one": {"rows": ROWS, "beside": BESIDE}}}
-"""Of a study as small as can be."""
+COMPARISONS = {"random": {"b": {"success": [-0.1, -0.2, -0.02], "time_s": [None, None, None]}}}
+FIGURES = {"studies": {"one": {"rows": ROWS, "beside": COMPARISONS}}}
+"""Results of a minimal study."""
 
 
 @pytest.mark.parametrize(
@@ -76,7 +74,7 @@ FIGURES = {"studies": {"one": {"rows": ROWS, "beside": BESIDE}}}
         ('below(("one", "a", "random"), ("one", "a", "random"))', False),
     ],
 )
-def test_a_sentence_that_the_figures_do_not_bear_is_not_written(
+def test_a_sentence_without_support_by_the_results_is_refused(
     choosing: Any, tmp_path: Path, claim: str, holds: bool
 ) -> None:
     sentence = (
@@ -105,7 +103,7 @@ def test_a_sentence_that_the_figures_do_not_bear_is_not_written(
         ),
     ],
 )
-def test_a_figure_without_a_source_is_refused(
+def test_a_result_without_a_source_is_refused(
     choosing: Any, tmp_path: Path, text: str, error: str
 ) -> None:
     (tmp_path / "page.j2").write_text(text)
@@ -114,16 +112,16 @@ def test_a_figure_without_a_source_is_refused(
 
 
 @pytest.mark.slow
-def test_a_study_becomes_figures_and_a_page(
+def test_a_study_gives_results_and_a_page(
     choosing: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """As `make studies` does it, with a study of four runs."""
+    """Run `make studies` with a study of four runs."""
     make = importlib.import_module("make_studies")
     (tmp_path / "docs").mkdir()
     monkeypatch.setattr(make, "ROOT", tmp_path)
-    for place in (make, choosing):
-        monkeypatch.setattr(place, "STUDIES", tmp_path / "docs/studies")
-        monkeypatch.setattr(place, "FIGURES", tmp_path / "docs/studies/figures.json")
+    for module in (make, choosing):
+        monkeypatch.setattr(module, "STUDIES", tmp_path / "docs/studies")
+        monkeypatch.setattr(module, "FIGURES", tmp_path / "docs/studies/figures.json")
     choosing.STUDIES.mkdir()
     methods = 'methods = ["dlt", "projection"]\ncount = 2\n'
     (choosing.STUDIES / "tiny.toml").write_text(f"# Does it\n# run? So it seems.\n{methods}")

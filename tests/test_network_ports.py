@@ -1,4 +1,4 @@
-"""A port that another process holds is reported with that process; the page takes the next pair."""
+"""Occupied network ports: reported with their process; the page takes the next free pair."""
 
 import os
 import socket
@@ -17,27 +17,29 @@ from rcmservo.hardware.galil.emulator.server import PortUnavailable, Server
 from rcmservo.page.web import access
 from rcmservo.page.web.access import NoPagePort, PortTaken, bound_pair
 
-HERE = "127.0.0.1"
-HELD = f"cannot listen on it: Address already in use by process {os.getpid()} \\(.*python"
+LOOPBACK = "127.0.0.1"
+OCCUPIED_MESSAGE = (
+    f"cannot listen on it: Address already in use by process {os.getpid()} \\(.*python"
+)
 
 
 @contextmanager
-def held(port: int) -> Generator[None]:
-    with socket.create_server((HERE, port)):
+def occupied(port: int) -> Generator[None]:
+    with socket.create_server((LOOPBACK, port)):
         yield
 
 
 @pytest.fixture
 def default(monkeypatch: pytest.MonkeyPatch) -> int:
-    """The page's first port, of six that are free, as the default."""
+    """First default port of the page, of six free ones."""
     port = free_port()
     monkeypatch.setattr(access, "DEFAULT_PORT", port)
     monkeypatch.setattr(access, "LAST_DEFAULT_PORT", port + 6)
     return port
 
 
-def ports_of(port: int | None) -> list[int]:
-    pair = bound_pair(HERE, port)
+def find_port_pair(port: int | None) -> list[int]:
+    pair = bound_pair(LOOPBACK, port)
     ports = [one.getsockname()[1] for one in pair]
     for one in pair:
         one.close()
@@ -45,22 +47,20 @@ def ports_of(port: int | None) -> list[int]:
 
 
 @pytest.mark.parametrize("taken", [0, 1])
-def test_without_an_option_the_page_takes_the_next_pair_that_is_free(
-    default: int, taken: int
-) -> None:
-    assert ports_of(None) == [default, default + 1]
-    with held(default + taken):
-        assert ports_of(None) == [default + 2, default + 3]
+def test_without_an_option_the_page_takes_the_next_free_pair(default: int, taken: int) -> None:
+    assert find_port_pair(None) == [default, default + 1]
+    with occupied(default + taken):
+        assert find_port_pair(None) == [default + 2, default + 3]
 
 
 @pytest.mark.parametrize("taken", [0, 1])
-def test_a_port_that_is_asked_for_and_taken_is_reported_with_its_holder(
+def test_a_requested_port_that_is_occupied_is_reported_with_its_process(
     default: int, taken: int
 ) -> None:
-    words = f"port {default + taken}: {HELD}.*\\); select another port with --port"
-    with held(default + taken), pytest.raises(PortTaken, match=words):
-        bound_pair(HERE, default)
-    assert ports_of(default) == [default, default + 1]
+    words = f"port {default + taken}: {OCCUPIED_MESSAGE}.*\\); select another port with --port"
+    with occupied(default + taken), pytest.raises(PortTaken, match=words):
+        bound_pair(LOOPBACK, default)
+    assert find_port_pair(default) == [default, default + 1]
 
 
 def test_an_address_of_another_computer_is_not_tried_at_other_ports(default: int) -> None:
@@ -68,25 +68,25 @@ def test_an_address_of_another_computer_is_not_tried_at_other_ports(default: int
         bound_pair("192.0.2.1", None)
 
 
-def test_the_emulated_controller_reports_the_holder_of_its_port_by_tcp_and_by_udp() -> None:
+def test_the_emulated_controller_reports_the_process_on_its_tcp_or_udp_port() -> None:
     port = free_port()
-    with held(port), pytest.raises(PortUnavailable, match=f"port {port}: {HELD}"):
+    with occupied(port), pytest.raises(PortUnavailable, match=f"port {port}: {OCCUPIED_MESSAGE}"):
         Server(Controller(IdealMotors()), port)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as wire:
-        wire.bind((HERE, port))
-        with pytest.raises(PortUnavailable, match=f"port {port}: {HELD}"):
+        wire.bind((LOOPBACK, port))
+        with pytest.raises(PortUnavailable, match=f"port {port}: {OCCUPIED_MESSAGE}"):
             Server(Controller(IdealMotors()), port)
 
 
 @pytest.mark.parametrize(
     "command", first_quick(["emulate galil --mjpeg", "serve --no-browser --port"])
 )
-def test_a_command_ends_with_one_sentence_on_a_port_that_is_taken(
+def test_a_command_ends_with_one_sentence_on_an_occupied_port(
     command: str, default: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = ["--out", str(tmp_path / "out")] if command.startswith("serve") else ["--port", "0"]
-    with held(default):
+    with occupied(default):
         assert main([*command.split(), str(default), *out]) == 2
-    (said,) = capsys.readouterr().err.splitlines()
-    assert said.startswith(f"rcmservo: port {default}: cannot listen on it: ")
-    assert f"process {os.getpid()} (" in said
+    (message,) = capsys.readouterr().err.splitlines()
+    assert message.startswith(f"rcmservo: port {default}: cannot listen on it: ")
+    assert f"process {os.getpid()} (" in message

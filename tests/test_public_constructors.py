@@ -1,4 +1,4 @@
-"""Every public class takes a wrong argument, or refuses it with field, value and expected value."""
+"""Constructors of all public classes: an invalid argument is accepted, or refused with its name."""
 
 import inspect
 import math
@@ -12,7 +12,7 @@ import pytest
 import rcmservo as rs
 from rcmservo.sim import Rig
 
-ODD: dict[str, Any] = {
+ODD_VALUES: dict[str, Any] = {
     "a number": 3,
     "a negative number": -1.5,
     "text": "fast",
@@ -26,11 +26,11 @@ ODD: dict[str, Any] = {
     "three NaNs": (math.nan,) * 3,
     "an object": object(),
 }
-"""Values of many kinds."""
+"""Values of many types."""
 
 
-def required(name: str) -> dict[str, Any]:
-    """Arguments without which a class cannot be made."""
+def required_arguments(name: str) -> dict[str, Any]:
+    """Return the arguments that a class requires."""
     if name == "Plant":
         rig = Rig(seed=0, pictures=False)
         tracker = rs.tracking.PointMarkers()
@@ -51,14 +51,14 @@ def required(name: str) -> dict[str, Any]:
 
 
 PER_TICK = "Command", "MarkerPair", "Observation", "Sample", "State", "Tick"
-"""Classes that only the servo and its loop make, up to a thousand times a second."""
+"""Classes that only the servo and its loop construct, up to a thousand times a second."""
 
-WRITTEN = {"duration": "for"}
-"""Arguments that a message spells as a disturbance is written."""
+MESSAGE_SPELLINGS = {"duration": "for"}
+"""Arguments for which a message uses the spelling of a disturbance."""
 
 
-def public() -> Iterator[tuple[str, type[Any]]]:
-    """Names and classes that a user makes."""
+def list_public_classes() -> Iterator[tuple[str, type[Any]]]:
+    """Yield names and classes that a user constructs."""
     for module in (rs, rs.sim, rs.tracking):
         for name in module.__all__:
             made = getattr(module, name)
@@ -70,21 +70,21 @@ def public() -> Iterator[tuple[str, type[Any]]]:
 
 ARGUMENTS = [
     pytest.param(made, argument, id=f"{name}-{argument}")
-    for name, made in public()
+    for name, made in list_public_classes()
     for argument in inspect.signature(made).parameters
 ]
 
 
 @pytest.mark.parametrize(("made", "argument"), ARGUMENTS)
-def test_a_wrong_argument_is_refused_with_field_value_and_expected(
+def test_an_invalid_argument_is_refused_with_field_value_and_expected_value(
     made: type[Any], argument: str
 ) -> None:
-    for kind, value in ODD.items():
+    for kind, value in ODD_VALUES.items():
         try:
-            made(**required(made.__name__) | {argument: value})
+            made(**required_arguments(made.__name__) | {argument: value})
         except rs.BadInput as refused:
             assert refused.right, kind
-            spelling = WRITTEN.get(argument, argument)
+            spelling = MESSAGE_SPELLINGS.get(argument, argument)
             assert spelling in refused.field or refused.field == made.__name__.lower(), kind
         except Exception as error:
             pytest.fail(f"{kind}: {error!r}")

@@ -1,42 +1,42 @@
-"""What tests in wall time lean on: only a machine that stood still excuses a run."""
+"""Retries of tests in wall time: only a stall of the machine excuses a failed run."""
 
 import pytest
 from _pytest.outcomes import Skipped
 
 import stalls
-from stalls import LONG, TRIES, Witness, undisturbed
+from stalls import MAX_ATTEMPTS, MIN_STALL_NS, Witness, undisturbed
 
 
-def test_the_witness_notes_what_kept_it_waiting() -> None:
-    """Here a call that does not let go of the interpreter."""
-    with Witness() as witness:
+def test_the_monitor_measures_a_stall() -> None:
+    """The stall is a call that does not release the interpreter."""
+    with Witness() as monitor:
         sum(range(20_000_000))
-    assert witness.longest >= LONG
+    assert monitor.longest >= MIN_STALL_NS
 
 
-class Still(Witness):
-    """One that was kept waiting as long as it is told to."""
+class FixedStall(Witness):
+    """Monitor that reports a stall of fixed duration."""
 
-    kept = LONG
+    duration_ns = MIN_STALL_NS
 
     def _watch(self) -> None:
-        self.longest = self.kept
+        self.longest = self.duration_ns
 
 
-def test_a_run_that_did_not_arrive_is_made_again_where_the_machine_stood_still(
+def test_a_failed_run_is_repeated_if_the_machine_stalled(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(stalls, "Witness", Still)
-    runs = iter(range(2 * TRIES))
+    monkeypatch.setattr(stalls, "Witness", FixedStall)
+    runs = iter(range(2 * MAX_ATTEMPTS))
     assert undisturbed(lambda: next(runs), lambda run: run == 2) == 2
-    with pytest.raises(Skipped, match="stood still"):
+    with pytest.raises(Skipped, match="stalled"):
         undisturbed(lambda: next(runs), lambda run: False)
-    assert next(runs) == 3 + TRIES
+    assert next(runs) == 3 + MAX_ATTEMPTS
 
 
-def test_nothing_excuses_it_where_the_machine_went_on(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(stalls, "Witness", Still)
-    monkeypatch.setattr(Still, "kept", LONG - 1)
-    runs = iter(range(TRIES))
+def test_a_failed_run_is_not_repeated_without_a_stall(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(stalls, "Witness", FixedStall)
+    monkeypatch.setattr(FixedStall, "duration_ns", MIN_STALL_NS - 1)
+    runs = iter(range(MAX_ATTEMPTS))
     assert undisturbed(lambda: next(runs), lambda run: False) == 0
     assert next(runs) == 1

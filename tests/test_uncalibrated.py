@@ -1,6 +1,4 @@
-"""Uncalibrated is a theorem: what decides a motion cannot reach the true camera, and decides the
-same without it.
-"""
+"""Uncalibrated: motion decisions cannot reach the true camera, and are the same without it."""
 
 import os
 import pickle
@@ -13,18 +11,18 @@ import pytest
 from conftest import CONTROLLERS, ESTIMATORS, ROOT, TOOLS, laboratory
 from rcmservo.safety.state_machine import Phase
 
-LINT = (
+LINT_PROGRAM = (
     "import sys; from importlinter.cli import lint_imports; "
     "sys.exit(lint_imports(no_cache=True, no_logo=True))"
 )
 
 
-def lint(folder):
-    """Check the contracts of pyproject.toml on the package in folder/src: exit code and report."""
+def check_import_contracts(folder):
+    """Check the import contracts of pyproject.toml on folder/src; return exit code and report."""
     path = os.pathsep.join([str(folder / "src"), os.environ.get("PYTHONPATH", "")])
     environment = os.environ | {"PYTHONPATH": path, "COLUMNS": "300"}
     done = subprocess.run(
-        [sys.executable, "-c", LINT],
+        [sys.executable, "-c", LINT_PROGRAM],
         cwd=folder,
         env=environment,
         capture_output=True,
@@ -35,7 +33,7 @@ def lint(folder):
 
 
 def test_the_import_contracts_hold():
-    code, report = lint(ROOT)
+    code, report = check_import_contracts(ROOT)
     assert code == 0, report
     assert "0 broken" in report
 
@@ -57,7 +55,7 @@ def test_the_import_contracts_hold():
                 ("geometry/kinematics.py", "from rcmservo.servo.servo import Servo", "siblings"),
                 (
                     "tracking/full_search.py",
-                    "from rcmservo.sim.camera_model import Optics",
+                    "from rcmservo.sim.camera_model import CameraModel",
                     "siblings",
                 ),
                 ("servo/servo.py", "import cv2", "OpenCV"),
@@ -69,7 +67,7 @@ def test_the_import_contracts_hold():
         ),
     ],
 )
-def test_the_contracts_see_a_forbidden_import_and_a_room_without_a_place(
+def test_the_contracts_find_a_forbidden_import_and_an_unlisted_folder(
     tmp_path, module, line, contract
 ):
     shutil.copytree(
@@ -78,13 +76,13 @@ def test_the_contracts_see_a_forbidden_import_and_a_room_without_a_place(
     shutil.copy(ROOT / "pyproject.toml", tmp_path)
     with (tmp_path / "src" / "rcmservo" / module).open("a", encoding="utf-8") as file:
         file.write(f"\n{line}\n")
-    code, report = lint(tmp_path)
+    code, report = check_import_contracts(tmp_path)
     assert code != 0
     broken = [text for text in report.splitlines() if "BROKEN" in text]
     assert any(contract in text for text in broken), report
 
 
-HIDDEN = """
+PROGRAM_WITHOUT_SIMULATION = """
 import pickle, sys
 
 class Hide:
@@ -102,8 +100,8 @@ except ImportError:
 with open(sys.argv[1], "rb") as file:
     servo, stream, target = pickle.load(file)
 state, commands = servo.init(), []
-for seen in stream:
-    state = servo.step(state, seen, target)
+for observation in stream:
+    state = servo.step(state, observation, target)
     commands.append(state.command)
 with open(sys.argv[2], "wb") as file:
     pickle.dump([(c.number, c.time, c.rates.tobytes()) for c in commands], file)
@@ -118,28 +116,33 @@ with open(sys.argv[2], "wb") as file:
         pytest.param("flow", "rigid", "continuous", marks=pytest.mark.slow),
     ],
 )
-def test_without_the_simulation_the_same_observations_give_the_same_commands_to_the_last_bit(
+def test_without_the_simulation_the_same_observations_give_bitwise_equal_commands(
     tmp_path, estimator, tool, controller
 ):
-    """The stream and the servo go to a process without `rcmservo.sim`: an object that carried truth
-    could not.
-    """
+    """Observations and servo carry no ground truth: a process without `rcmservo.sim` loads them."""
     lab = laboratory(seed=2)
     servo = lab.servo(
         estimator=ESTIMATORS[estimator], tool=TOOLS[tool], controller=CONTROLLERS[controller]
     )
     ticks = list(lab.run(servo, 4.0))
-    wanted = [
+    expected = [
         (state.command.number, state.command.time, state.command.rates.tobytes())
         for _, state in ticks
     ]
     with (tmp_path / "stream").open("wb") as file:
-        pickle.dump((servo, [seen for seen, _ in ticks], lab.target), file)
+        pickle.dump((servo, [observation for observation, _ in ticks], lab.target), file)
     subprocess.run(
-        [sys.executable, "-c", HIDDEN, tmp_path / "stream", tmp_path / "commands"], check=True
+        [
+            sys.executable,
+            "-c",
+            PROGRAM_WITHOUT_SIMULATION,
+            tmp_path / "stream",
+            tmp_path / "commands",
+        ],
+        check=True,
     )
     with (tmp_path / "commands").open("rb") as file:
-        assert pickle.load(file) == wanted
+        assert pickle.load(file) == expected
     assert any(state.command.rates.any() for _, state in ticks)
     if estimator == "fast":
         assert any(state.phase is Phase.SERVO for _, state in ticks)

@@ -1,4 +1,4 @@
-"""The rows of benchmarks/unnoticed.py are what they say, and a run of each can be judged."""
+"""Rows of benchmarks/unnoticed.py: they draw possible disturbances, and a run of each is judged."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ from rcmservo.sim.disturbances import DISTURBANCE_KINDS
 
 
 @pytest.mark.parametrize("name", ROWS)
-def test_every_row_draws_what_a_rig_can_suffer_within_the_time_of_its_run(name: str) -> None:
+def test_every_row_draws_disturbances_within_the_time_of_its_run(name: str) -> None:
     row = ROWS[name]
     assert row.when in (RUN, SHOWING, TWO_RUNS)
     for seed in range(20):
@@ -30,8 +30,8 @@ def test_a_run_of_a_row_is_judged(name: str) -> None:
 
 
 @pytest.mark.slow
-def test_a_picture_frozen_where_the_tool_hardly_moves_in_it_is_told_before_it_is_far_off() -> None:
-    """Seed 25 went 2.6 mm, which moved the markers by half a px."""
+def test_a_frozen_image_is_detected_before_the_pose_error_is_large() -> None:
+    """Seed 25 once moved 2.6 mm, which moved the markers by half a pixel."""
     run = one("freeze_after", 25)
     assert [cause for _, _, cause, _ in run.stops] == ["FROZEN"] and run.error < 1.5
 

@@ -1,4 +1,4 @@
-"""Errors that rcmservo raises on purpose. Subclasses carry the data of their message."""
+"""Errors that rcmservo raises deliberately; subclasses carry the data of their message."""
 
 from collections.abc import Generator, Iterable
 from contextlib import contextmanager
@@ -6,23 +6,21 @@ from pathlib import PurePath
 
 
 class RcmServoError(Exception):
-    """Base class of all errors that rcmservo raises on purpose. The message is one sentence for the
-    user.
-    """
+    """Base of all errors that rcmservo raises deliberately; the message is one sentence."""
 
 
-MAX_QUOTED_LENGTH = 200
-"""Characters of foreign text that a message quotes."""
+MAX_QUOTED_CHARACTERS = 200
+"""Largest number of characters of foreign text that a message quotes."""
 
 
 def one_line(text: object) -> str:
     """Return a text on one line, cut to the length that a message quotes."""
     line = " ".join(str(text).split())
-    return line if len(line) <= MAX_QUOTED_LENGTH else line[: MAX_QUOTED_LENGTH - 3] + "..."
+    return line if len(line) <= MAX_QUOTED_CHARACTERS else line[: MAX_QUOTED_CHARACTERS - 3] + "..."
 
 
 def quoted(value: object) -> str:
-    """Return a value as a message quotes it."""
+    """Return a value in the form in which a message quotes it."""
     try:
         return one_line(repr(str(value) if isinstance(value, PurePath) else value))
     except (ValueError, RecursionError):  # an integer of thousands of digits; deeply nested lists
@@ -37,9 +35,9 @@ class BadInput(RcmServoError, ValueError):
     field : str
         Name of the field or argument.
     value : object
-        Its invalid value.
-    right : str
-        Noun phrase for the values that are valid.
+        Invalid value, of which the message quotes at most 200 characters.
+    expected : str
+        Noun phrase for the valid values.
     """
 
     def __init__(self, field: str, value: object, expected: str) -> None:
@@ -48,7 +46,15 @@ class BadInput(RcmServoError, ValueError):
 
 
 class UnusableFile(RcmServoError):
-    """File or folder that cannot be read or written, with the reason."""
+    """File or folder that cannot be read or written, with the reason.
+
+    Parameters
+    ----------
+    path : object
+        Path of the file or folder.
+    why : str
+        Reason, as a clause that follows the path.
+    """
 
     def __init__(self, path: object, why: str) -> None:
         super().__init__(f"{path}: {why}")
@@ -56,7 +62,7 @@ class UnusableFile(RcmServoError):
 
 
 class Stopped(RcmServoError):
-    """Work that was stopped by request before it was done."""
+    """Work that ended early because a stop was requested."""
 
 
 class NotInstalled(RcmServoError, ModuleNotFoundError):
@@ -80,14 +86,14 @@ def needing(user: str, extra: str) -> Generator[None]:
 
 
 def suggestion(word: object, names: Iterable[str]) -> str:
-    """Return " (did you mean ...?)" with the name that is nearest to a word, or nothing."""
+    """Return " (did you mean ...?)" with the name most similar to `word`, or an empty text."""
     from difflib import get_close_matches
 
-    near = get_close_matches(str(word), list(names), 1)
-    return f" (did you mean {near[0]}?)" if near else ""
+    matches = get_close_matches(str(word), list(names), 1)
+    return f" (did you mean {matches[0]}?)" if matches else ""
 
 
-def require(good: bool, field: str, value: object, right: str) -> None:
-    """Raise :class:`BadInput` unless `good`. Write the condition so that NaN fails it."""
-    if not good:
-        raise BadInput(field, value, right)
+def require(condition: bool, field: str, value: object, expected: str) -> None:
+    """Raise `BadInput` unless the condition holds; write the condition so that NaN fails it."""
+    if not condition:
+        raise BadInput(field, value, expected)

@@ -84,9 +84,9 @@ def test_after_ten_seconds_the_uncertainty_is_far_below_the_jitter(seed: int) ->
 @given(seeds)
 def test_lost_frames_do_not_increase_the_error_beyond_the_uncertainty(seed: int) -> None:
     device = Device(seed, "exponential")
-    kept = sorted(set(random_from(seed).integers(0, 1500, 400).tolist()))
+    received = sorted(set(random_from(seed).integers(0, 1500, 400).tolist()))
     for name in ("stamps", "arrivals", "least"):
-        setattr(device, name, [getattr(device, name)[i] for i in kept])
+        setattr(device, name, [getattr(device, name)[i] for i in received])
     for error, uncertainty in device.errors(ClockMap()):
         assert abs(error) <= uncertainty
 

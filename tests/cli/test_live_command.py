@@ -67,7 +67,7 @@ def test_a_hardware_result_has_its_drive_its_camera_and_its_speed() -> None:
     text = printed(drive_off="axis B", camera=camera, speed_share=0.1, rig_checked=False)
     for words in (
         "arm axis B",
-        "100 frames, 2 lost, 1 incomplete, opened again 3 x; exposure times unchecked; no whole",
+        "100 frames, 2 lost, 1 incomplete, reopened 3 x; exposure times unchecked; no whole",
         "at most 10 %: rig check has not passed",
     ):
         assert words in text

@@ -87,7 +87,7 @@ def test_spans_cover_all_ticks_in_order_and_successive_spans_differ(
     found = spans(rows)
     assert found[0].start == 0.0 and found[-1].end == pytest.approx(rows.time[-1] + 0.01)
     for one, next in pairwise(found):
-        assert one.end == next.start and one.length > 0.0
+        assert one.end == next.start and one.duration > 0.0
         alike = (one.phase, one.cause, one.stage) == (next.phase, next.cause, next.stage)
         assert not alike or next.request is not rs.Request.NONE
     starts = [span.start for span in found]

@@ -63,8 +63,9 @@ def test_signs_reverse_joints_and_commands() -> None:
 def test_the_setpoint_never_leads_by_more_than_the_lead(
     steps: list[tuple[Any, int, Any]], lead: Any, disturbance: float
 ) -> None:
-    """This holds for any measurements and pauses of the loop. The returned rates are those of the
-    setpoint, which never jumps.
+    """Try any measurements and pauses of the loop.
+
+    The returned rates are those of the setpoint, which never jumps.
     """
     setpoint = BoundedLead(np.array(lead), LIMITS)
     now, last, measured = 0, 0, START.copy()
@@ -260,7 +261,7 @@ def test_a_refused_enable_reports_the_reason(word: str, text: str) -> None:
 
 
 def test_an_operator_cannot_set_the_position() -> None:
-    """The arm homes itself, so the driver refuses before the operator is asked."""
+    """The arm homes itself, so the driver refuses before it prompts the operator."""
     lab = CrtkLab()
     arm = lab.client()
     assert arm.homed()

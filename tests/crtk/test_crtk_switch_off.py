@@ -86,7 +86,7 @@ def test_of_two_reports_with_one_stamp_the_unhomed_one_counts() -> None:
 
 @pytest.mark.parametrize("age", [-1, 100 * MS, 3600_000 * MS, None])
 def test_a_second_arm_of_the_same_name_ends_the_control(age: int | None) -> None:
-    """This holds for reports of any age, and without a stamp."""
+    """Reports of any age count, and reports without a stamp."""
     lab, arm = moving_arm()
     other = lab.network.endpoint("other")
     stamp = 0 if age is None else lab.real() - age

@@ -142,7 +142,7 @@ def test_the_exif_orientation_is_ignored() -> None:
 def test_a_truncated_file_gives_no_image(
     fraction: float, complete: bool, progressive: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """This holds even if OpenCV decodes any bytes to an image."""
+    """The replaced decoder of OpenCV decodes any bytes to an image."""
     monkeypatch.setattr("rcmservo.hardware.cameras.topic.cv2.imdecode", lambda *_: COLOUR)
     bench, image = TopicBench(compressed=True), np.kron(COLOUR, np.ones((40, 40, 1), np.uint8))
     _, file = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_PROGRESSIVE, progressive])

@@ -97,9 +97,12 @@ def test_forgetting_stops_at_the_largest_variance():
 @pytest.mark.parametrize(
     ("settings", "sentence"),
     [
-        ({"forgetting": 0.0}, "estimator.forgetting must be a share above 0 and at most 1, got 0"),
-        ({"forgetting": 1.01}, "estimator.forgetting must be a share"),
-        ({"forgetting": np.nan}, "estimator.forgetting must be a share"),
+        (
+            {"forgetting": 0.0},
+            "estimator.forgetting must be a fraction above 0 and at most 1, got 0",
+        ),
+        ({"forgetting": 1.01}, "estimator.forgetting must be a fraction"),
+        ({"forgetting": np.nan}, "estimator.forgetting must be a fraction"),
         ({"covariance": 0.0}, "estimator.covariance must be a number from 1e-9 to 1e9 1/mm²"),
         ({"covariance": np.inf}, "estimator.covariance must be a number"),
         ({"covariance": np.nan}, "estimator.covariance must be a number"),

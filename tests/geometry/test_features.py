@@ -1,6 +1,4 @@
-"""The features: (6)-(9) as printed, an angle that wraps, differences without jumps, what leaves
-them unchanged.
-"""
+"""Features: eq. (6)-(9) as printed, wrapped angle, continuous errors and invariances."""
 
 import numpy as np
 import pytest
@@ -16,19 +14,19 @@ angles = st.one_of(
 )
 
 
-def pair(seed):
+def draw_markers(seed):
     random = random_from(seed)
     return random.uniform(-400, 400, 4)
 
 
-def test_features_of_a_known_picture():
+def test_features_of_known_markers():
     y = features(np.array([3.0, 4.0, 3.0, -6.0]))
     assert np.allclose(y, [-np.pi / 2, 5.0, 10.0])
 
 
 @given(seeds, st.floats(-np.pi, np.pi))
-def test_turning_the_picture_about_the_rcm_turns_s_and_leaves_the_distances(seed, turn):
-    m = pair(seed)
+def test_rotation_about_the_imaged_rcm_changes_s_only(seed, turn):
+    m = draw_markers(seed)
     c, s = np.cos(turn), np.sin(turn)
     turned = (m.reshape(2, 2) @ np.array([[c, s], [-s, c]])).ravel()
     assert np.allclose(
@@ -37,14 +35,14 @@ def test_turning_the_picture_about_the_rcm_turns_s_and_leaves_the_distances(seed
 
 
 @given(seeds, st.floats(0.01, 100))
-def test_enlarging_the_picture_about_the_rcm_enlarges_the_distances_and_leaves_s(seed, factor):
-    m = pair(seed)
+def test_enlargement_about_the_imaged_rcm_scales_the_distances_only(seed, factor):
+    m = draw_markers(seed)
     s, r, d = features(m)
     assert np.allclose(features(factor * m), [s, factor * r, factor * d])
 
 
 @given(seeds)
-def test_shifting_pixels_and_the_imaged_rcm_together_changes_nothing(seed):
+def test_a_common_shift_of_pixels_and_imaged_rcm_changes_nothing(seed):
     random = random_from(seed)
     points, o_c, shift = (
         random.uniform(0, 640, (2, 2)),
@@ -55,18 +53,18 @@ def test_shifting_pixels_and_the_imaged_rcm_together_changes_nothing(seed):
 
 
 @given(seeds)
-def test_about_takes_both_shapes_and_leaves_its_input_alone(seed):
+def test_the_shift_of_the_origin_takes_both_shapes_and_does_not_change_its_input(seed):
     random = random_from(seed)
     points, o_c = random.uniform(0, 640, (2, 2)), random.uniform(0, 640, 2)
     before = points.copy()
-    wanted = (points - o_c).ravel()
-    assert np.array_equal(about(points, o_c), wanted)
-    assert np.array_equal(about(points.ravel(), o_c), wanted)
+    expected = (points - o_c).ravel()
+    assert np.array_equal(about(points, o_c), expected)
+    assert np.array_equal(about(points.ravel(), o_c), expected)
     assert np.array_equal(points, before)
 
 
 @given(angles, angles)
-def test_the_difference_of_angles_is_wrapped_and_the_same_angle(s, s_d):
+def test_the_error_of_the_angle_is_wrapped(s, s_d):
     y, y_d = np.array([s, 30.0, 40.0]), np.array([s_d, 35.0, 20.0])
     before = y.copy(), y_d.copy()
     delta = difference(y, y_d)
@@ -83,14 +81,14 @@ def test_half_a_turn_counts_as_plus_pi(s):
 
 
 @given(angles, angles)
-def test_the_difference_is_antisymmetric_except_at_half_a_turn(s, s_d):
+def test_the_error_is_antisymmetric_except_at_half_a_turn(s, s_d):
     y, y_d = np.array([s, 30.0, 40.0]), np.array([s_d, 35.0, 20.0])
     forth, back = difference(y, y_d), difference(y_d, y)
     assume(abs(forth[0]) < np.pi - 1e-9)
     assert np.allclose(forth, -back, atol=1e-12)
 
 
-def test_a_small_turn_across_the_cut_of_atan2_is_a_small_difference():
+def test_a_small_rotation_across_the_cut_of_atan2_is_a_small_error():
     near, past = (
         features(np.array([0.0, 0.0, -100.0, 1.0])),
         features(np.array([0.0, 0.0, -100.0, -1.0])),
@@ -100,8 +98,6 @@ def test_a_small_turn_across_the_cut_of_atan2_is_a_small_difference():
 
 
 @pytest.mark.parametrize("m", [[50.0, 60.0, 50.0, 60.0], [0.0, 0.0, 50.0, 60.0]])
-def test_the_derivative_says_that_it_does_not_exist_where_it_does_not(m):
-    """Markers that coincide, or marker 1 at the imaged RCM: not finite, never a number to be
-    believed.
-    """
+def test_an_undefined_derivative_is_not_finite(m):
+    """The Jacobian is not finite where the markers coincide or marker 1 is at the imaged RCM."""
     assert not np.isfinite(features_jacobian(np.array(m))).all()

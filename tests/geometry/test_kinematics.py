@@ -1,6 +1,4 @@
-"""The mechanism: eq. (2) as printed, its inverse, joint rates that move the marker as wanted,
-limits with a meaning.
-"""
+"""Kinematics: eq. (2) as printed, its inverse, joint rates, and checks of joint limits."""
 
 import numpy as np
 import pytest
@@ -17,7 +15,7 @@ from rcmservo.geometry.kinematics import (
     PitchYawRcm,
     SphericalRcm,
     axis,
-    axis_jacobian,
+    compute_axis_jacobian,
     joint_rates,
     joints,
     position,
@@ -41,7 +39,7 @@ def test_spherical_coordinates_are_equation_2(theta, phi, rho):
     assert np.allclose(position(rcm_of(SPHERICAL), np.array([theta, phi, rho])), printed)
 
 
-def test_pitch_and_yaw_point_down_at_home_and_turn_to_x_and_against_y():
+def test_pitch_and_yaw_start_at_minus_z_and_turn_to_x_and_minus_y():
     assert np.allclose(axis(rcm_of(PITCH_YAW), np.zeros(3)), [0, 0, -1])
     assert np.allclose(axis(rcm_of(PITCH_YAW), np.array([np.pi / 2, 0, 0])), [1, 0, 0])
     assert np.allclose(axis(rcm_of(PITCH_YAW), np.array([0, np.pi / 2, 0])), [0, -1, 0])
@@ -56,7 +54,7 @@ def test_the_distance_from_the_rcm_is_insertion_plus_zero_at_any_angle(
 
 
 @given(kinds, st.floats(0.01, 1.5), angles, rhos, zeros)
-def test_joints_undo_position(kind, inner, outer, rho, zero):
+def test_inverse_kinematics_inverts_the_position(kind, inner, outer, rho, zero):
     q = np.array(
         [inner, outer, rho - zero] if kind == SPHERICAL else [outer, inner - 0.75, rho - zero]
     )
@@ -64,16 +62,16 @@ def test_joints_undo_position(kind, inner, outer, rho, zero):
 
 
 @given(kinds, angles, angles)
-def test_the_axis_turns_orthogonally_to_itself_and_in_orthogonal_ways(kind, first, second):
-    """What `joint_rates` rests on: it projects instead of inverting."""
+def test_axis_and_its_derivatives_are_orthogonal(kind, first, second):
+    """The joint rates are a projection, not an inversion, because the columns are orthogonal."""
     q = np.array([first, second, 100.0])
-    along = np.column_stack([*axis_jacobian(rcm_of(kind), q), axis(rcm_of(kind), q)])
+    along = np.column_stack([*compute_axis_jacobian(rcm_of(kind), q), axis(rcm_of(kind), q)])
     products = along.T @ along
     assert np.allclose(products - np.diag(np.diag(products)), 0, atol=1e-12)
 
 
 @given(kinds, seeds, angles, angles, rhos, zeros)
-def test_joint_rates_move_the_marker_as_wanted_where_the_mechanism_is_regular(
+def test_joint_rates_give_the_requested_velocity_outside_singularities(
     kind, seed, first, second, rho, zero
 ):
     q = np.array([first, second, rho - zero])
@@ -88,7 +86,7 @@ def test_joint_rates_move_the_marker_as_wanted_where_the_mechanism_is_regular(
 
 
 @given(kinds, seeds, st.one_of(st.just(0.0), st.floats(-1e-2, 1e-2)), angles, rhos)
-def test_joint_rates_stay_bounded_at_the_singular_pose_and_never_push_more_than_wanted(
+def test_joint_rates_are_bounded_at_the_singularity_and_never_exceed_the_request(
     kind, seed, near, other, rho
 ):
     q = np.array([near, other, rho] if kind == SPHERICAL else [other, np.pi / 2 + near, rho])
@@ -99,7 +97,7 @@ def test_joint_rates_stay_bounded_at_the_singular_pose_and_never_push_more_than_
     assert np.linalg.norm(position_jacobian(rcm, q) @ rates) <= np.linalg.norm(v) * (1 + 1e-9)
 
 
-def test_joint_rates_at_theta_zero_and_at_the_rcm_itself_are_finite_or_nan_never_raised():
+def test_joint_rates_at_theta_zero_and_at_the_rcm_raise_no_error():
     v = np.array([1.0, 2.0, 3.0])
     assert np.isfinite(joint_rates(rcm_of(SPHERICAL), np.array([0.0, 0.0, 100.0]), v)).all()
     assert joint_rates(rcm_of(SPHERICAL), np.zeros(3), v)[2] == 3.0
@@ -107,7 +105,7 @@ def test_joint_rates_at_theta_zero_and_at_the_rcm_itself_are_finite_or_nan_never
 
 @rcms
 @pytest.mark.parametrize("seed", range(3))
-def test_the_physics_puts_the_reference_point_where_equation_2_says(rcm, seed):
+def test_the_simulated_arm_follows_equation_2(rcm, seed):
     q = random_from(seed).uniform(rcm.limits.lower, rcm.limits.upper)
     arm = SimulatedArm(rcm, Drive())
     arm.place(q)
@@ -125,7 +123,7 @@ def test_methods_take_any_memory_order_and_agree_with_the_functions(rcm):
 @pytest.mark.parametrize(
     "bad", [(0.0, 0.0, np.nan), (0.0, 0.0, np.inf), (2.0, 0.0, 50.0), (0.0, 1.0, 50.0)]
 )
-def test_limits_that_are_not_finite_or_not_in_order_are_refused_by_name(bad):
+def test_limits_that_are_not_finite_or_not_ordered_are_refused_by_name(bad):
     with pytest.raises(BadInput, match=r"lower|upper"):
         JointLimits(lower=bad, upper=(1.0, 1.0, 100.0))
 
@@ -139,12 +137,12 @@ def test_limits_that_are_not_finite_or_not_in_order_are_refused_by_name(bad):
         ((-1.0, -1.0, 0.04), (1.0, 1.0, 0.22), "like m"),
     ],
 )
-def test_limits_of_impossible_size_name_their_likely_unit(lower, upper, unit):
+def test_limits_of_implausible_size_name_their_likely_unit(lower, upper, unit):
     with pytest.raises(BadInput, match=rf"(lower|upper) must be .*{unit}"):
         JointLimits(lower, upper)
 
 
 @pytest.mark.parametrize("zero", [np.nan, np.inf, -40.0, -100.0])
-def test_a_zero_that_would_put_the_marker_at_or_behind_the_rcm_is_refused(zero):
+def test_an_insertion_zero_that_puts_the_marker_at_or_behind_the_rcm_is_refused(zero):
     with pytest.raises(BadInput):
         PitchYawRcm(insertion_zero=zero)

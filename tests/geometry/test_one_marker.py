@@ -1,6 +1,4 @@
-"""While one marker is lost: what the camera should see goes on from the other, and the pose is as
-uncertain as it says.
-"""
+"""Predictions of both markers and the deviation of the pose while one marker is lost."""
 
 import numpy as np
 import pytest
@@ -21,60 +19,61 @@ NOISE = 0.3
 EITHER = pytest.mark.parametrize("k", [0, 1])
 
 
-class Hidden:
-    """A fit of 60 frames, and of 60 more in which marker k is lost, on the way to somewhere
-    else.
+class FitWithLostMarker:
+    """Fit of 60 frames with both markers and then 60 frames without marker k.
+
+    The second half moves to another position.
     """
 
     def __init__(self, seed: int, k: int) -> None:
         self.random, self.k = random_from(seed), k
-        places = tool_positions(self.random, 60, 6.0)
-        self.end = places[-1] + self.random.uniform(-12.0, 12.0, 3)
-        self.C = true_camera(self.random, np.stack([*places, self.end]))
+        positions = tool_positions(self.random, 60, 6.0)
+        self.end = positions[-1] + self.random.uniform(-12.0, 12.0, 3)
+        self.C = true_camera(self.random, np.stack([*positions, self.end]))
         self.fit = blank()
-        for p1 in places:
-            see(self.fit.rows[0], p1, self.seen(p1), SHAFT)
-        for p1 in np.linspace(places[-1], self.end, 60):
-            points = self.seen(p1)
+        for p1 in positions:
+            see(self.fit.rows[0], p1, self.markers(p1), SHAFT)
+        for p1 in np.linspace(positions[-1], self.end, 60):
+            points = self.markers(p1)
             points[k] = np.nan
             see(self.fit.rows[0], p1, points, SHAFT)
 
-    def seen(self, p1: Floats) -> Floats:
+    def markers(self, p1: Floats) -> Floats:
         return markers_seen(self.C, p1) + NOISE * self.random.standard_normal((2, 2))
 
-    def mistaken(self) -> float:
-        """Mm that the pose is off where the lost marker is put where the fit has it."""
+    def pose_error(self) -> float:
+        """Return the error of the pose in mm if the lost marker is replaced by its prediction."""
         H = derivative(lambda p: markers_seen(self.C, p).ravel(), self.end, 1e-2)
-        off = np.zeros((2, 2))
-        seen = expected(self.fit.rows[0], self.end, SHAFT)
-        off[self.k] = seen[self.k] - markers_seen(self.C, self.end)[self.k]
-        return float(np.linalg.norm(np.linalg.pinv(H) @ off.ravel()))
+        deviation = np.zeros((2, 2))
+        predicted = expected(self.fit.rows[0], self.end, SHAFT)
+        deviation[self.k] = predicted[self.k] - markers_seen(self.C, self.end)[self.k]
+        return float(np.linalg.norm(np.linalg.pinv(H) @ deviation.ravel()))
 
 
 @EITHER
-def test_the_deviation_of_the_pose_is_that_of_the_books(k: int) -> None:
-    hidden = Hidden(0, k)
+def test_the_deviation_of_the_pose_is_the_propagated_covariance(k: int) -> None:
+    hidden = FitWithLostMarker(0, k)
     row, p1 = hidden.fit.rows[0], hidden.end
-    place = p1 if k == 0 else second_marker(SHAFT, p1)
+    position = p1 if k == 0 else second_marker(SHAFT, p1)
     back = np.linalg.pinv(both_motions(row, p1, SHAFT))[:, 2 * k : 2 * k + 2]
-    total = np.trace(back @ imaged(row, place)[1] @ back.T)
+    total = np.trace(back @ imaged(row, position)[1] @ back.T)
     assert deviation_without(row, p1, k, SHAFT) == pytest.approx(np.sqrt(total))
 
 
 @EITHER
-def test_the_pose_is_mistaken_by_as_much_as_its_deviation_says(k: int) -> None:
+def test_the_error_of_the_pose_matches_its_deviation(k: int) -> None:
     ratios = []
     for seed in range(150):
-        hidden = Hidden(seed, k)
+        hidden = FitWithLostMarker(seed, k)
         row = hidden.fit.rows[0]
-        ratios.append(hidden.mistaken() / deviation_without(row, hidden.end, k, SHAFT))
+        ratios.append(hidden.pose_error() / deviation_without(row, hidden.end, k, SHAFT))
     assert 0.8 < np.sqrt(np.mean(np.minimum(ratios, 4.0) ** 2)) < 1.25
     assert np.quantile(ratios, 0.95) < 2.5
 
 
 @EITHER
-def test_a_lost_marker_is_counted_nowhere_and_its_offset_fades(k: int) -> None:
-    hidden, points = Hidden(3, k), np.full((2, 2), np.nan)
+def test_a_lost_marker_adds_no_data_and_its_offset_decays(k: int) -> None:
+    hidden, points = FitWithLostMarker(3, k), np.full((2, 2), np.nan)
     before = changed(hidden.fit, offset=np.ones((2, 2)))
     after = changed(before)
     there = hidden.end + np.array([NEAR, 0.0, 0.0])

@@ -1,6 +1,4 @@
-"""Lemma 1: nine parameters are all of C that the RCM's picture needs, and which tool positions
-determine them.
-"""
+"""Lemma 1: nine parameters describe the projection, and enough tool positions determine them."""
 
 import numpy as np
 import pytest
@@ -12,26 +10,26 @@ from rcmservo.geometry.projection import PARAMETERS, depth, parameters, project,
 
 
 @given(seeds)
-def test_nine_parameters_recover_the_picture_of_any_calibration_matrix(seed):
+def test_nine_parameters_reproduce_the_image_of_any_calibration_matrix(seed):
     random = random_from(seed)
-    places = tool_positions(random, 8)
-    C = true_camera(random, places)
+    positions = tool_positions(random, 8)
+    C = true_camera(random, positions)
     a, o_c = parameters(C)
     assert a.shape == (PARAMETERS,)
-    for p, seen in zip(places, seen_by(C, places), strict=True):
-        assert np.allclose(project(a, p) + o_c, seen, rtol=0, atol=1e-8)
+    for p, image in zip(positions, seen_by(C, positions), strict=True):
+        assert np.allclose(project(a, p) + o_c, image, rtol=0, atol=1e-8)
 
 
 @given(seeds, st.floats(-1e6, 1e6).filter(lambda scale: abs(scale) > 1e-6))
-def test_the_scale_of_the_calibration_matrix_does_not_matter_nor_its_sign(seed, scale):
+def test_scale_and_sign_of_the_calibration_matrix_do_not_matter(seed, scale):
     random = random_from(seed)
     C = true_camera(random, tool_positions(random, 3))
-    for got, wanted in zip(parameters(scale * C), parameters(C), strict=True):
-        assert np.allclose(got, wanted, rtol=1e-12)
+    for actual, expected in zip(parameters(scale * C), parameters(C), strict=True):
+        assert np.allclose(actual, expected, rtol=1e-12)
 
 
 @given(seeds)
-def test_shifting_the_pixel_origin_moves_the_imaged_rcm_and_no_parameter(seed):
+def test_a_shift_of_the_pixel_origin_moves_the_imaged_rcm_only(seed):
     random = random_from(seed)
     C = true_camera(random, tool_positions(random, 3))
     shift = random.uniform(-500, 500, 2)
@@ -52,7 +50,7 @@ def test_the_rcm_projects_to_the_origin_at_depth_one(seed):
 
 
 @given(seeds)
-def test_depth_is_the_cameras_depth_over_that_of_the_rcm(seed):
+def test_depth_is_relative_to_the_depth_of_the_rcm(seed):
     random = random_from(seed)
     p = tool_positions(random, 1)[0]
     C = true_camera(random, p[None])
@@ -73,52 +71,55 @@ def test_the_regressor_is_linear_in_the_parameters_and_gives_the_depth_weighted_
     assert np.allclose(error, depth(a_hat, p) * (project(a_hat, p) - m), rtol=1e-9, atol=1e-9)
 
 
-def rank(random, places, both=False):
-    """The rank of M, columns scaled to one size first: they have different units."""
-    C = true_camera(random, places)
-    A, _ = equations(observed(C, places), parameters(C)[1], both)
+def compute_rank(random, positions, both=False):
+    """Return the rank of M with its columns scaled to one size, because their units differ."""
+    C = true_camera(random, positions)
+    A, _ = equations(observed(C, positions), parameters(C)[1], both)
     scale = 1 / np.sqrt(np.diag(A))
     eigenvalues = np.linalg.eigvalsh(scale[:, None] * A * scale)
     return int(np.sum(eigenvalues > 1e-12 * eigenvalues[-1]))
 
 
-def in_a_plane(random, count, through_the_rcm):
+def draw_coplanar_positions(random, count, through_the_rcm):
     normal = random.standard_normal(3)
     normal /= np.linalg.norm(normal)
-    places = tool_positions(random, count)
+    positions = tool_positions(random, count)
     distance = 0.0 if through_the_rcm else random.uniform(40, 70)
-    return places - np.outer(places @ normal - distance, normal)
+    return positions - np.outer(positions @ normal - distance, normal)
 
 
-many = pytest.mark.parametrize("seed", range(12))
+twelve_seeds = pytest.mark.parametrize("seed", range(12))
 
 
-@many
+@twelve_seeds
 def test_five_generic_positions_determine_all_nine_parameters_and_four_do_not(seed):
     random = random_from(seed)
-    places = tool_positions(random, 5, spread=40)
-    assert rank(random, places) == 9
-    assert rank(random, places[:4]) == 8
+    positions = tool_positions(random, 5, spread=40)
+    assert compute_rank(random, positions) == 9
+    assert compute_rank(random, positions[:4]) == 8
 
 
-@many
-def test_any_number_of_coplanar_positions_leaves_one_parameter_open(seed):
+@twelve_seeds
+def test_coplanar_positions_leave_one_parameter_undetermined(seed):
     random = random_from(seed)
-    assert rank(random, in_a_plane(random, 30, through_the_rcm=False)) == 8
+    assert compute_rank(random, draw_coplanar_positions(random, 30, through_the_rcm=False)) == 8
 
 
-@many
+@twelve_seeds
 @pytest.mark.parametrize("both", [False, True])
-def test_positions_in_a_plane_with_the_rcm_leave_three_parameters_open_with_both_markers_too(
-    seed, both
-):
-    """The second marker of a tool through the RCM is in that plane as well: it cannot help."""
+def test_positions_in_a_plane_with_the_rcm_leave_three_parameters_undetermined(seed, both):
+    """The second marker of a tool through the RCM is in the same plane and adds no information."""
     random = random_from(seed)
-    assert rank(random, in_a_plane(random, 30, through_the_rcm=True), both) == 6
+    assert (
+        compute_rank(random, draw_coplanar_positions(random, 30, through_the_rcm=True), both) == 6
+    )
 
 
-@many
-def test_the_second_marker_determines_what_coplanar_first_markers_leave_open(seed):
-    """The rigid tool's p₂ leave the plane of the p₁."""
+@twelve_seeds
+def test_marker_2_determines_the_parameter_that_coplanar_positions_leave_undetermined(seed):
+    """The positions p₂ of a rigid tool leave the plane of the positions p₁."""
     random = random_from(seed)
-    assert rank(random, in_a_plane(random, 30, through_the_rcm=False), both=True) == 9
+    assert (
+        compute_rank(random, draw_coplanar_positions(random, 30, through_the_rcm=False), both=True)
+        == 9
+    )

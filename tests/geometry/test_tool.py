@@ -1,6 +1,4 @@
-"""The tool: both markers on one axis through the RCM, at a fixed spacing or a fixed ratio, and what
-that decides.
-"""
+"""Tool models: two markers on one axis through the RCM, at a fixed spacing or a fixed ratio."""
 
 import numpy as np
 import pytest
@@ -17,8 +15,8 @@ spacings = st.floats(1.0, 100.0)
 @given(seeds, spacings)
 def test_on_a_rigid_shaft_the_markers_keep_their_spacing_along_the_axis_outwards(seed, spacing):
     p1 = tool_positions(random_from(seed), 1)[0]
-    way = RigidTool(spacing).second_marker(p1) - p1
-    assert np.allclose(way, spacing * p1 / np.linalg.norm(p1))
+    displacement = RigidTool(spacing).second_marker(p1) - p1
+    assert np.allclose(displacement, spacing * p1 / np.linalg.norm(p1))
 
 
 @given(seeds, st.floats(1.01, 5.0))
@@ -28,16 +26,14 @@ def test_on_a_scaled_tool_the_markers_keep_their_ratio(seed, scale):
 
 
 @given(seeds, spacings)
-def test_both_tools_agree_at_the_one_insertion_where_lambda_is_right(seed, spacing):
+def test_both_tools_agree_at_the_insertion_of_their_common_lambda(seed, spacing):
     p1 = tool_positions(random_from(seed), 1)[0]
     scale = 1.0 + spacing / np.linalg.norm(p1)
     assert np.allclose(RigidTool(spacing).second_marker(p1), ScaledTool(scale).second_marker(p1))
 
 
-def test_insertion_shrinks_the_imaged_distance_of_a_receding_rigid_pair_and_grows_a_scaled_one():
-    """The wrong sign of ∂d/∂ρ under a constant λ, for a camera that looks along a tool inclined by
-    40 degrees.
-    """
+def test_insertion_shrinks_the_imaged_distance_of_a_rigid_tool_and_grows_a_scaled_one():
+    """A constant λ gives ∂d/∂ρ the opposite sign, for a camera along a tool inclined by 40°."""
 
     def d(kind, value, rho):
         p1 = rho * np.array([np.sin(0.7), 0.0, np.cos(0.7)])
@@ -50,13 +46,13 @@ def test_insertion_shrinks_the_imaged_distance_of_a_receding_rigid_pair_and_grow
 
 
 @pytest.mark.parametrize("bad", [0.0, -30.0, np.nan, np.inf])
-def test_a_spacing_that_is_no_positive_length_is_refused(bad):
+def test_a_spacing_that_is_not_a_positive_length_is_refused(bad):
     with pytest.raises(BadInput, match="spacing"):
         RigidTool(bad)
 
 
 @pytest.mark.parametrize(("bad", "unit"), [(0.03, "m"), (30_000.0, "µm")])
-def test_a_spacing_of_impossible_size_names_its_likely_unit(bad, unit):
+def test_a_spacing_of_implausible_size_names_its_likely_unit(bad, unit):
     with pytest.raises(BadInput, match=rf"spacing must be .*this looks like {unit}\)"):
         RigidTool(bad)
     for possible in (1.0, 1000.0):
@@ -64,13 +60,13 @@ def test_a_spacing_of_impossible_size_names_its_likely_unit(bad, unit):
 
 
 @pytest.mark.parametrize("bad", [1.0, 0.5, -2.0, np.nan, np.inf])
-def test_a_factor_that_would_put_marker_2_at_or_before_marker_1_is_refused(bad):
+def test_a_factor_that_puts_marker_2_at_or_before_marker_1_is_refused(bad):
     with pytest.raises(BadInput, match="scale"):
         ScaledTool(bad)
 
 
 @pytest.mark.parametrize("tool", [RigidTool, ScaledTool])
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -67_000.0])
-def test_an_offset_that_is_not_finite_or_of_impossible_size_is_refused(tool, bad):
+def test_an_offset_that_is_not_finite_or_implausible_is_refused(tool, bad):
     with pytest.raises(BadInput, match="offset"):
         tool(30.0, offset=bad)

@@ -76,7 +76,7 @@ def test_a_record_follows_the_prompts_of_its_line_even_in_pieces() -> None:
 
 @pytest.mark.parametrize("packets", [(b"::",), (b":x",), (b" 1.0000\r\n: 2.0000\r\n:",)])
 def test_a_surplus_reply_closes_the_connection(packets: tuple[bytes, ...]) -> None:
-    """Otherwise the next command would get the wrong reply."""
+    """Otherwise the next command would get the reply to another one."""
     connection, _ = connect(*packets)
     with pytest.raises(ConnectionLost, match="more than"):
         connection.execute("MG 1")

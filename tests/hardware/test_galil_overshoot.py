@@ -11,9 +11,7 @@ COUNTS = np.array([50000.0, 50000.0, 500.0])
 
 
 def test_a_jog_and_its_stop_overshoot_by_at_most_10_percent() -> None:
-    """Without the acceleration feedforward the overshoot was 25 %, and the servo reported a
-    following error.
-    """
+    """Without acceleration feedforward the overshoot was 25 %, a following error of the servo."""
     arm = SimulatedArm(SphericalRcm(), Drive())
     arm.place(np.array([1.0, 0.2, 100.0]))
     controller = Controller(SimulatedMotors(arm, COUNTS, 4), 4)

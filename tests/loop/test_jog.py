@@ -271,7 +271,7 @@ def test_jogging_is_recorded_in_one_span_and_replays_bit_for_bit(
     assert during.sum() == round(100 * (END - BEGIN))
     assert (jog[during] == RATES).all() and not jog[~during].any()
     found = [span for span in spans(replayed.recorded) if span.phase is rs.Phase.JOG]
-    assert len(found) == 1 and found[0].length == pytest.approx(END - BEGIN)
+    assert len(found) == 1 and found[0].duration == pytest.approx(END - BEGIN)
     other = replace(replayed.recorded, ticks={**replayed.recorded.ticks, "jog": np.zeros_like(jog)})
     assert "command" in replay_record(other).difference_counts
 

@@ -1,10 +1,10 @@
-"""Singular values by rotation are those of LAPACK, down to the smallest."""
+"""Singular values by rotations equal LAPACK's, down to the smallest."""
 
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rcmservo.numerics.small_svd import condition, right_angled
+from rcmservo.numerics.small_svd import condition, orthogonalise_columns
 
 shapes = st.sampled_from([(3, 3), (4, 3), (6, 3), (2, 2)])
 
@@ -16,11 +16,11 @@ def matrix(seed, shape, condition):
 
 
 @given(st.integers(0, 9999), shapes, st.floats(1.0, 1e6), st.floats(1e-6, 1e6))
-def test_the_columns_stand_at_right_angles_and_their_lengths_are_the_singular_values(
+def test_the_columns_are_orthogonal_and_their_lengths_are_the_singular_values(
     seed, shape, condition, size
 ):
     A = size * matrix(seed, shape, condition)
-    B, V = right_angled(A)
+    B, V = orthogonalise_columns(A)
     lengths = np.linalg.norm(B, axis=0)
     n = shape[1]
     np.testing.assert_allclose(V.T @ V, np.eye(n), atol=1e-14)
@@ -32,24 +32,24 @@ def test_the_columns_stand_at_right_angles_and_their_lengths_are_the_singular_va
 
 @given(st.floats(-3.0, 3.0), st.floats(-3.0, 3.0), st.floats(-3.0, 3.0), st.floats(1e-12, 1e-3))
 def test_small_singular_values_keep_their_digits(x, y, z, small):
-    """Columns of very unequal length: what LAPACK rounds away is still there."""
+    """Columns of very unequal length keep the digits that LAPACK rounds off."""
     A = np.array([[1.0, 0.0, x], [0.0, 1.0, y], [z, 0.0, 1.0]]) @ np.diag([1.0, small, 1.0])
-    lengths = np.linalg.norm(right_angled(A)[0], axis=0)
+    lengths = np.linalg.norm(orthogonalise_columns(A)[0], axis=0)
     determinant = np.linalg.det(A)
     np.testing.assert_allclose(np.prod(lengths), abs(determinant), rtol=1e-9, atol=1e-12 * small)
 
 
-def test_nothing_stays_nothing_and_what_is_too_large_ends():
-    assert not right_angled(np.zeros((3, 3)))[0].any()
-    right_angled(np.full((3, 3), 1e200))
-    right_angled(np.full((3, 3), np.nan))
+def test_zero_stays_zero_and_overflow_or_nan_terminates():
+    assert not orthogonalise_columns(np.zeros((3, 3)))[0].any()
+    orthogonalise_columns(np.full((3, 3), 1e200))
+    orthogonalise_columns(np.full((3, 3), np.nan))
 
 
 @given(st.integers(0, 9999), shapes, st.floats(1.0, 1e6))
-def test_the_condition_is_the_largest_of_them_over_the_least(seed, shape, known):
+def test_the_condition_is_the_largest_over_the_smallest_singular_value(seed, shape, known):
     assert np.isclose(condition(matrix(seed, shape, known)), known, rtol=1e-9)
 
 
-def test_what_has_no_inverse_or_is_not_finite_has_an_infinite_condition():
+def test_singular_or_not_finite_matrices_have_an_infinite_condition():
     for number in (0.0, np.nan, np.inf):
         assert condition(np.diag([1.0, 1.0, number])) == np.inf

@@ -110,7 +110,7 @@ def test_any_bit_of_any_kind_and_length_may_flip(
 def test_reading_stops_at_a_chunk_with_the_kind_of_an_index(
     record_with_stages: Original, path: Path
 ) -> None:
-    """This holds for each chunk, including one with a stage only.
+    """Damage each chunk, including one with a stage only.
 
     Without that stage, ticks would seem to belong to the previous one.
     """

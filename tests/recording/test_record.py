@@ -126,7 +126,7 @@ def expected_names(tick: rs.Tick) -> dict[str, str]:
 def test_every_number_and_name_of_a_tick_is_read_back_bit_for_bit(
     which: str, request: pytest.FixtureRequest
 ) -> None:
-    """This includes the estimator's memory: â, or its recorded numbers."""
+    """The estimator's memory is â, or its recorded numbers."""
     run: RecordedRun = request.getfixturevalue(which)
     rows = reader.read_record(run.folder)
     assert rows.complete and rows.missing == ""

@@ -96,7 +96,7 @@ def moving():
         joint, rates = kinematics.blocked(rcm, q, 99.0 * p, np.ones(3), 0.1, 0.3)
         out |= {
             f"axis {kind}": kinematics.axis(rcm, q),
-            f"axis_jacobian {kind}": kinematics.axis_jacobian(rcm, q),
+            f"axis_jacobian {kind}": kinematics.compute_axis_jacobian(rcm, q),
             f"position {kind}": p,
             f"distance {kind}": distance(p, v),
             f"cross {kind}": cross(p, v),
@@ -154,7 +154,7 @@ def imaging(scene):
         "J": scene.J,
         "condition": small_svd.condition(scene.J),
         "disagreement": exploration.disagreement(scene.J, scene.J + 0.01),
-        "straight": features.straight(m),
+        "straight": features.compute_line_features(m),
         "straight_jacobian": J_straight,
         "near_origin": features.near_origin(scene.o_c, scene.points, 100.0),
     }
@@ -165,7 +165,7 @@ def imaging(scene):
             lines, count, o_c, condition = imaged_rcm.follow(lines, count, points, 3, printed)
         out |= {f"lines {printed}": lines[:count], f"imaged rcm {printed}": o_c}
         out[f"rcm condition {printed}"] = np.log(condition)
-    out["least_telling line"] = imaged_rcm.least_telling(lines, count)
+    out["least_telling line"] = imaged_rcm.find_least_informative_line(lines, count)
     out["nearest_to_lines"] = imaged_rcm.nearest_to_lines(lines, count, False)[0]
     return out
 

@@ -34,10 +34,10 @@ def test_a_point_on_a_pixels_ray_projects_to_that_pixel(k1, k2, focal):
 
 def test_the_target_of_look_at_is_at_the_principal_point_and_up_is_up():
     optics = camera(roll=0.0)
-    seen = optics.project(np.stack([TARGET, TARGET + UP]))
-    assert np.allclose(seen[0], optics.centre)
-    assert seen[1, 0] == pytest.approx(seen[0, 0])
-    assert seen[1, 1] < seen[0, 1]
+    image = optics.project(np.stack([TARGET, TARGET + UP]))
+    assert np.allclose(image[0], optics.centre)
+    assert image[1, 0] == pytest.approx(image[0, 0])
+    assert image[1, 1] < image[0, 1]
 
 
 def test_rolling_the_camera_clockwise_turns_the_picture_anticlockwise():
@@ -76,8 +76,8 @@ def test_the_jacobian_is_the_derivative_of_the_distorted_projection(x, y, z):
 def test_compiled_functions_project_as_the_camera_does(seed):
     random, optics = random_from(seed), camera(k1=-0.3)
     points = optics.position + random.uniform(-300.0, 300.0, (20, 3))
-    seen = [project(optics.lens[0], p) for p in points]
-    np.testing.assert_allclose(seen, optics.project(points), rtol=1e-9)
+    images = [project(optics.lens[0], p) for p in points]
+    np.testing.assert_allclose(images, optics.project(points), rtol=1e-9)
 
 
 @pytest.mark.parametrize(("k1", "k2", "turns"), [(-0.3, 0.02, 1), (-0.08, 0.02, 0), (0.1, 0.0, 0)])
@@ -116,9 +116,9 @@ def test_a_sphere_around_or_behind_the_camera_has_no_silhouette():
 
 def test_without_distortion_the_calibration_matrix_projects_as_the_camera_does():
     optics = camera(0.0, 0.0)
-    places = np.random.default_rng(0).uniform(-20.0, 20.0, (10, 3)) + TARGET
-    image = np.column_stack([places, np.ones(10)]) @ optics.pinhole().T
-    np.testing.assert_allclose(image[:, :2] / image[:, 2:], optics.project(places), atol=1e-9)
+    positions = np.random.default_rng(0).uniform(-20.0, 20.0, (10, 3)) + TARGET
+    image = np.column_stack([positions, np.ones(10)]) @ optics.pinhole().T
+    np.testing.assert_allclose(image[:, :2] / image[:, 2:], optics.project(positions), atol=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -134,7 +134,7 @@ def test_without_distortion_the_calibration_matrix_projects_as_the_camera_does()
     ],
 )
 def test_impossible_geometry_is_refused_in_one_sentence(change):
-    good = {
+    valid = {
         "width": 640,
         "height": 480,
         "focal": 700.0,
@@ -143,9 +143,9 @@ def test_impossible_geometry_is_refused_in_one_sentence(change):
         "rotation": np.eye(3),
         "position": np.zeros(3),
     }
-    CameraModel(**good)
+    CameraModel(**valid)
     with pytest.raises(BadInput, match=f"{next(iter(change))} must be"):
-        CameraModel(**(good | change))
+        CameraModel(**(valid | change))
 
 
 def test_a_camera_cannot_look_at_itself():

@@ -131,7 +131,7 @@ TABLE: dict[str, tuple[Phase, Cause, float]] = {
     "stall:at=1.3": (Phase.FAULT, Cause.DRIVE_OFF, 0.5 + TICK),
     "disk_full:at=1.3": (Phase.PAUSED, Cause.NOT_RECORDED, TICK),
 }
-"""Disturbances on the way to the target, with the phase, the cause and the largest time (s) to
+"""Disturbances on the path to the target, with the phase, the cause and the largest time (s) to
 them."""
 
 FOLLOWING = [
@@ -230,11 +230,13 @@ def test_a_drive_that_creeps_without_command_is_a_fault_at_any_speed(
     text: str,
 ) -> None:
     ticks = run_unattended(f"{PAUSING} {text}", 11.0)
-    seen, state = next(tick for tick in ticks if tick[1].phase is Phase.FAULT)
+    observation, state = next(tick for tick in ticks if tick[1].phase is Phase.FAULT)
     assert state.cause is Cause.CREEPS
     assert "at rest it should stay within" in state.words
     assert f"joint {text.partition('axis=')[2][0]} " in state.words
-    assert np.all(np.abs(seen.q - state.watch.rest) <= 1.1 * np.array(Thresholds().following))
+    assert np.all(
+        np.abs(observation.q - state.watch.rest) <= 1.1 * np.array(Thresholds().following)
+    )
 
 
 def test_a_drive_may_rest_for_any_time() -> None:

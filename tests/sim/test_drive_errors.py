@@ -85,8 +85,8 @@ def test_the_true_error_uses_the_true_joints() -> None:
     error = TruePositionError(settings, Log())  # type: ignore[arg-type]
     assert error(target.q) < 0.01
     rig.move_to_start()
-    way = rig.body.points(rig.scene.start)[1] - rig.body.points(rig.scene.target)[1]
-    assert error(target.q) == pytest.approx(np.linalg.norm(way), abs=0.01)
+    displacement = rig.body.points(rig.scene.start)[1] - rig.body.points(rig.scene.target)[1]
+    assert error(target.q) == pytest.approx(np.linalg.norm(displacement), abs=0.01)
 
 
 def test_an_encoder_that_is_reversed_continues_from_its_last_reading() -> None:

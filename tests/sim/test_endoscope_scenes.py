@@ -65,8 +65,8 @@ def test_a_tracker_finds_both_markers_in_the_images(seed: int) -> None:
         rig.place(q)
         frame = rig.camera.latest()
         assert frame is not None
-        seen = ColourMarkers().find(frame).points
-        np.testing.assert_allclose(seen, rig.truth.pixels(q), atol=2.0)
+        points = ColourMarkers().find(frame).points
+        np.testing.assert_allclose(points, rig.truth.pixels(q), atol=2.0)
 
 
 def test_a_camera_that_cannot_image_the_rcm_can_be_relocated() -> None:

@@ -121,8 +121,8 @@ def test_frames_of_a_frozen_image_have_fresh_numbers_and_times() -> None:
 @pytest.mark.parametrize("marker", [1, 2])
 def test_one_frozen_marker_stays_and_the_other_moves(marker: int) -> None:
     samples = during(true_frames(f"freeze:at=0.2,for=0.5,marker={marker}"))
-    places = np.array([sample.frame.points for sample in samples])
-    assert np.ptp(places[:, marker - 1], axis=0).max() < 1e-9
+    positions = np.array([sample.frame.points for sample in samples])
+    assert np.ptp(positions[:, marker - 1], axis=0).max() < 1e-9
     assert errors_of(samples, 2 - marker).max() < 1e-9
     assert errors_of(samples, marker - 1)[-1] > 1.0
 
@@ -131,9 +131,9 @@ def test_a_flickering_decoy_is_in_every_second_frame() -> None:
     samples = during(true_frames("decoy:at=0.2,for=0.5,every=2,marker=2,px=30"))
     assert errors_of(samples, 0).max() < 1e-9
     halves = errors_of(samples[::2], 1), errors_of(samples[1::2], 1)
-    right, wrong = sorted(halves, key=np.max)
-    assert right.max() < 1e-9
-    assert np.allclose(wrong, 30.0)
+    without_decoy, with_decoy = sorted(halves, key=np.max)
+    assert without_decoy.max() < 1e-9
+    assert np.allclose(with_decoy, 30.0)
 
 
 def test_a_decoy_slides_away_from_the_true_marker_in_one_direction() -> None:
@@ -199,7 +199,7 @@ def test_an_offset_of_the_cameras_clock_shifts_both_stamps(s: float) -> None:
 
 
 def images(text: str, *moments: float) -> tuple[Rig, list[Frame]]:
-    """Return images at so many s after the start, of a tool that stands still."""
+    """Return images at so many s after the start, of a tool at rest."""
     rig = Rig(2, pictures=True, disturbances=[Disturbance.parse(text)])
     rig.begin()
     began, frames = rig.clock.now(), list[Frame]()

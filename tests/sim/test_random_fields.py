@@ -18,13 +18,13 @@ def ten_waves(waves: Floats) -> Floats:
 
 @given(
     seed=st.integers(0, 1000),
-    places=st.lists(st.tuples(*[st.floats(-200.0, 200.0)] * 2), min_size=1, max_size=20),
+    positions=st.lists(st.tuples(*[st.floats(-200.0, 200.0)] * 2), min_size=1, max_size=20),
 )
 def test_fields_are_interpolated_as_scipy_does_periodically(
-    seed: int, places: list[tuple[float, float]]
+    seed: int, positions: list[tuple[float, float]]
 ) -> None:
     field = make_random_field(np.random.default_rng(seed), SIZE, ten_waves)[:, : SIZE // 2]
-    where = np.array(places).T
+    where = np.array(positions).T
     expected = ndimage.map_coordinates(field, where, order=1, mode="grid-wrap")
     np.testing.assert_allclose(sample_field(field, where), expected, atol=1e-9)
 

@@ -111,16 +111,16 @@ def test_a_target_taught_during_the_pause_is_accepted():
     *_, held = run(lab.plant, servo, lab.target, 1.0, state=there.state)
     assert held.state.cause is Cause.CAMERA_MOVED
     fresh = replace(lab.target, points=lab.target.points + 1.0, shown=held.seen.now)
-    state, seen = held.state, held.seen
+    state, observation = held.state, held.seen
     for recorded, request in ((False, Request.NONE), (True, Request.RESUME)):
-        seen = replace(
-            seen,
-            now=seen.now + 10_000_000,
-            q_time=seen.now + 10_000_000,
+        observation = replace(
+            observation,
+            now=observation.now + 10_000_000,
+            q_time=observation.now + 10_000_000,
             enabled=True,
             recorded=recorded,
         )
-        state = servo.step(state, replace(seen, arrival=seen.now), fresh, request)
+        state = servo.step(state, replace(observation, arrival=observation.now), fresh, request)
     assert state.phase is Phase.ACQUIRE
 
 
@@ -171,7 +171,8 @@ def test_after_the_tool_is_moved_by_hand_no_frame_has_earlier_joints():
     teach(lab.plant, frames=5)
     lab.rig.move_to_start()
     home = lab.rig.scene.start
-    seen = [
+    observations = [
         tick.seen for tick in run(lab.plant, lab.servo(), lab.target, 0.1) if tick.seen.frame >= 0
     ]
-    assert seen and all(np.abs(one.q_exposure - home).max() < 0.1 for one in seen)
+    assert observations
+    assert all(np.abs(one.q_exposure - home).max() < 0.1 for one in observations)

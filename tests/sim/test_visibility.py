@@ -35,18 +35,19 @@ def when_visible(text: str, seconds: float = 2.0, moving: bool = True, seed: int
     began, rates = rig.clock.now(), moving * np.array([0.1, -0.1, 10.0])
     for k in range(round(seconds * 100)):
         rig.clock.wait_until(began + (k + 1) * 10_000_000)
-        seen = plant.read()
-        oracle.update(seen)
-        plant.send(Command(k, seen.now, seen.now + 50_000_000, rates, True))
+        observation = plant.read()
+        oracle.update(observation)
+        deadline = observation.now + 50_000_000
+        plant.send(Command(k, observation.now, deadline, rates, True))
     return np.nan if oracle.visible_since is None else (oracle.visible_since - began) * 1e-9
 
 
 @pytest.mark.parametrize("seed", first_quick(range(1, 4)))
 def test_a_pan_is_visible_after_it_exceeds_the_noise_for_long_enough(seed: int) -> None:
     delay = INNOVATION_THRESHOLD * NOISE / 10.0  # s at 10 px/s, along u or v
-    seen = when_visible("camera_pan:at=0.5,for=4.5,px=45", seed=seed)
+    visible = when_visible("camera_pan:at=0.5,for=4.5,px=45", seed=seed)
     earliest = 0.5 + MIN_DURATION_NS * 1e-9
-    assert earliest + 0.3 * delay < seen < earliest + 2.5 * delay + 0.1
+    assert earliest + 0.3 * delay < visible < earliest + 2.5 * delay + 0.1
 
 
 @pytest.mark.parametrize(
@@ -70,10 +71,10 @@ def test_after_a_restart_the_oracle_uses_the_present_camera() -> None:
     rig.begin()
     plant.read()
     rig.advance_until(rig.clock.now() + 60_000_000)
-    seen = plant.read()
-    before = np.abs(oracle.innovation(seen)).max()
+    observation = plant.read()
+    before = np.abs(oracle.innovation(observation)).max()
     oracle.restart()
-    assert before > INNOVATION_THRESHOLD > np.abs(oracle.innovation(seen)).max()
+    assert before > INNOVATION_THRESHOLD > np.abs(oracle.innovation(observation)).max()
 
 
 @pytest.mark.slow
@@ -97,14 +98,14 @@ class StubOracle:
     """Oracle that detects a disturbance at the k-th update."""
 
     def __init__(self, k: int) -> None:
-        self.left, self.visible_since = k, None
+        self.remaining, self.visible_since = k, None
 
-    def update(self, seen: object) -> None:
-        self.left -= 1
-        self.visible_since = 1 if self.left < 0 else None
+    def update(self, observation: object) -> None:
+        self.remaining -= 1
+        self.visible_since = 1 if self.remaining < 0 else None
 
     def reset(self) -> None:
-        self.left, self.visible_since = 0, None
+        self.remaining, self.visible_since = 0, None
 
 
 def ticks(*phases: Phase, cause: Cause = Cause.NONE) -> list[SimpleNamespace]:
@@ -114,26 +115,28 @@ def ticks(*phases: Phase, cause: Cause = Cause.NONE) -> list[SimpleNamespace]:
     ]
 
 
-def grown(seen: list[SimpleNamespace], errors: list[float], k: int = 2) -> float:
+def unnoticed_growth(ticks: list[SimpleNamespace], errors: list[float], k: int = 2) -> float:
     unnoticed = UnnoticedGrowth(StubOracle(k))
-    for tick, error in zip(seen, errors, strict=True):
+    for tick, error in zip(ticks, errors, strict=True):
         unnoticed.update(tick, error)
     return unnoticed.growth
 
 
 def test_growth_counts_from_the_moment_of_visibility() -> None:
-    assert grown(ticks(*[Phase.SERVO] * 5), [1.0, 9.0, 2.0, 3.0, 5.5]) == pytest.approx(3.5)
-    assert grown(ticks(*[Phase.SERVO] * 5), [1.0, 9.0, 7.0, 6.0, 5.5]) == 0.0
-    assert grown(ticks(*[Phase.SERVO] * 5), [1.0, 2.0, 3.0, 4.0, 5.0], 9) == 0.0
+    assert unnoticed_growth(ticks(*[Phase.SERVO] * 5), [1.0, 9.0, 2.0, 3.0, 5.5]) == pytest.approx(
+        3.5
+    )
+    assert unnoticed_growth(ticks(*[Phase.SERVO] * 5), [1.0, 9.0, 7.0, 6.0, 5.5]) == 0.0
+    assert unnoticed_growth(ticks(*[Phase.SERVO] * 5), [1.0, 2.0, 3.0, 4.0, 5.0], 9) == 0.0
 
 
 def test_a_stop_or_a_reported_cause_ends_the_unnoticed_growth() -> None:
     stopped = [Phase.SERVO, Phase.SERVO, Phase.HOLD, Phase.PAUSED]
-    assert grown(ticks(*stopped), [1.0, 2.0, 9.0, 9.0], 0) == pytest.approx(1.0)
+    assert unnoticed_growth(ticks(*stopped), [1.0, 2.0, 9.0, 9.0], 0) == pytest.approx(1.0)
     named = ticks(Phase.SERVO, Phase.SERVO, cause=Cause.REJECTED)
-    assert grown(named, [1.0, 9.0], 0) == 0.0
+    assert unnoticed_growth(named, [1.0, 9.0], 0) == 0.0
 
 
 def test_after_a_stop_the_growth_restarts() -> None:
     phases = [Phase.SERVO, Phase.HOLD, Phase.ACQUIRE, Phase.SERVO]
-    assert grown(ticks(*phases), [1.0, 5.0, 5.0, 6.5], 0) == pytest.approx(1.5)
+    assert unnoticed_growth(ticks(*phases), [1.0, 5.0, 5.0, 6.5], 0) == pytest.approx(1.5)

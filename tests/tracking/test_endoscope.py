@@ -46,7 +46,7 @@ def test_the_unlit_side_of_a_ball_is_a_part_of_its_outline(seed: int, pose: str)
 
 
 @pytest.mark.parametrize(("seed", "pose"), [(53, "target"), (89, "start")])
-def test_a_crescent_of_a_ball_beside_the_shaft_is_no_ring(seed: int, pose: str) -> None:
+def test_a_crescent_of_a_ball_next_to_the_shaft_is_not_a_ring(seed: int, pose: str) -> None:
     """Less than a third of the disc remains, as much as of a thin ring."""
     assert (tracking_errors(seed, pose)[0] < 0.2).all()
 

@@ -1,4 +1,4 @@
-"""Properties of the tracker: the whole ball's centre, the right marker, and never a guess."""
+"""Properties of the tracker: the whole ball's centre, the correct marker, and never a guess."""
 
 from dataclasses import dataclass, replace
 

@@ -122,7 +122,7 @@ def _timeline_table(found: list[Span]) -> Table:
             Text(way_out(span)),
         ]
         table.add_row(
-            f"{span.start:.2f} s", f"{span.length:.2f} s", *words[: len(table.columns) - 2]
+            f"{span.start:.2f} s", f"{span.duration:.2f} s", *words[: len(table.columns) - 2]
         )
     return table
 
@@ -147,7 +147,7 @@ def _timeline_csv(found: list[Span]) -> str:
         writer.writerow(
             (
                 f"{span.start:.4f}",
-                f"{span.length:.4f}",
+                f"{span.duration:.4f}",
                 span.stage + 1,
                 span.phase.name,
                 span.cause.name,

@@ -1,1 +1,1 @@
-"""Geometry of arm, tool and camera: eq. (1)-(16)."""
+"""Geometry of arm, tool and camera, eq. (1)-(16)."""

@@ -1,41 +1,43 @@
-"""What the servo controls: the angle s of the imaged tool and two distances r and d, eq. (6)-(9),
-and their derivative.
+"""Feature vector of the imaged tool and its derivatives, eq. (6)-(9) and (15).
 
-All image points here are measured from the imaged RCM o_c. y = [s r d] in rad, px, px.
+The vector is y = [s r d] in rad, px, px: the angle s of the imaged tool, the distance r of marker 1
+from the imaged RCM, and the distance d between the markers. All image points here are measured from
+the imaged RCM o_c.
 """
 
 import numpy as np
 
-from rcmservo.geometry.imaged_rcm import principal
+from rcmservo.geometry.imaged_rcm import compute_principal_direction
 from rcmservo.interfaces import Floats
 from rcmservo.numerics.jit import compiled
 from rcmservo.numerics.small_linalg import minus
 
 FEATURES = 3
-"""How many there are."""
+"""Dimension of y = [s r d]."""
 
 MAX_FEATURES = 8
-"""Largest dimension of a feature vector."""
+"""Largest dimension of a feature vector that compiled functions reserve memory for."""
 
 INTERPRETED, SRD, POINTS = range(3)
-"""Codes of the feature vectors in compiled functions."""
+"""Codes of the feature vectors in compiled functions; INTERPRETED is one that Python computes."""
 
 SCALE = np.array([np.radians(10.0), 10.0, 10.0])
-"""One unit of each feature, the paper's b = 10 (10°, 10 px, 10 px): norms, conditions are those of
+"""Unit of each feature, the paper's b: 10°, 10 px, 10 px. Norms and conditions are those of
 diag(1/SCALE) Ĵ."""
 
 
 @compiled
 def features(m: Floats) -> Floats:
-    """Y = [s r d], eq. (7)-(9), of m = [u₁ v₁ u₂ v₂] (4,) px from the imaged RCM."""
+    """Return y = [s r d] (rad, px, px), eq. (7)-(9), of m = [u₁ v₁ u₂ v₂] (4,) px."""
     du, dv = m[2] - m[0], m[3] - m[1]
     return np.array([np.arctan2(dv, du), np.sqrt(m[0] ** 2 + m[1] ** 2), np.sqrt(du**2 + dv**2)])
 
 
 @compiled
 def features_jacobian(m: Floats) -> Floats:
-    """∂y/∂m (3, 4), the first factor of eq. (15); not finite where the markers coincide or m₁ is
-    the imaged RCM.
+    """Return ∂y/∂m (3, 4), the first factor of eq. (15).
+
+    It is not finite where the markers coincide or marker 1 is the imaged RCM.
     """
     du, dv = m[2] - m[0], m[3] - m[1]
     d = np.sqrt(du**2 + dv**2)
@@ -51,7 +53,7 @@ def features_jacobian(m: Floats) -> Floats:
 
 @compiled
 def difference(y: Floats, y_d: Floats) -> Floats:
-    """Δy = y − y_d (3,) with the angle wrapped to (−π, π]."""
+    """Return the error Δy = y − y_d (3,) with its angle in (−π, π]."""
     delta = minus(y, y_d)
     delta[0] = wrapped(delta[0])
     return delta
@@ -59,7 +61,7 @@ def difference(y: Floats, y_d: Floats) -> Floats:
 
 @compiled
 def wrapped(angle: float) -> float:
-    """An angle, rad, in (−π, π]."""
+    """Return the angle (rad) in (−π, π] that differs by whole turns from `angle`."""
     short = np.pi - angle
     if not 0.0 <= short < 2.0 * np.pi:
         short %= 2.0 * np.pi
@@ -68,9 +70,7 @@ def wrapped(angle: float) -> float:
 
 @compiled
 def about(points: Floats, o_c: Floats) -> Floats:
-    """M (4,) px from the imaged RCM, of raw marker pixels (2, 2) or (4,): the shift of the origin
-    to o_c.
-    """
+    """Return m (4,) px: raw marker pixels, (2, 2) or (4,), measured from o_c (2,) px."""
     m = np.empty(4)
     shift(points, o_c, m)
     return m
@@ -78,15 +78,17 @@ def about(points: Floats, o_c: Floats) -> Floats:
 
 @compiled
 def shift(points: Floats, o_c: Floats | tuple[float, float], m: Floats) -> None:
-    """Write it over m (4,)."""
+    """Write raw marker pixels, measured from o_c, into m (4,) px."""
     for k in range(4):
         m[k] = points.flat[k] - o_c[k % 2]
 
 
 @compiled
-def straight(m: Floats) -> Floats:
-    """Y = [s r d] of the line through the origin that passes nearest to both markers m (4,) px: the
-    imaged tool, told by the long way from the RCM instead of by the short one between them.
+def compute_line_features(m: Floats) -> Floats:
+    """Return [s r d] of the line through the origin nearest to both markers m (4,) px.
+
+    Its angle comes from the long distance between RCM and markers, not from the short one between
+    the markers, so pixel noise disturbs it less.
     """
     angle, r, d = along_line(m)
     return np.array([angle, r, d])
@@ -94,52 +96,61 @@ def straight(m: Floats) -> Floats:
 
 @compiled
 def along_line(m: Floats) -> tuple[float, float, float]:
-    """The same as three numbers."""
-    c, s = heading(m)
+    """Return s, r, d (rad, px, px) of the line through the origin nearest to both markers.
+
+    A tuple needs no array.
+    """
+    c, s = compute_line_direction(m)
     r = c * m[0] + s * m[1]
     return np.arctan2(s, c), r, c * m[2] + s * m[3] - r
 
 
 @compiled
-def heading(m: Floats) -> tuple[float, float]:
-    """The cosine and sine of that line's angle, from the origin to the markers."""
+def compute_line_direction(m: Floats) -> tuple[float, float]:
+    """Return (cos s, sin s) of the line through the origin nearest to both markers m (4,) px.
+
+    The direction is that from the origin to the markers.
+    """
     along = m[0] ** 2 - m[1] ** 2 + m[2] ** 2 - m[3] ** 2
-    c, s = principal(along, 2.0 * (m[0] * m[1] + m[2] * m[3]))
-    way = 1.0 if c * (m[0] + m[2]) + s * (m[1] + m[3]) >= 0.0 else -1.0
-    return way * c, way * s
+    c, s = compute_principal_direction(along, 2.0 * (m[0] * m[1] + m[2] * m[3]))
+    sign = 1.0 if c * (m[0] + m[2]) + s * (m[1] + m[3]) >= 0.0 else -1.0
+    return sign * c, sign * s
 
 
 @compiled
 def straight_jacobian(m: Floats, J: Floats) -> None:
-    """Write ∂y/∂m of `straight` over J (3, 4)."""
-    c, s = heading(m)
+    """Write ∂y/∂m of `compute_line_features` at m (4,) px into J (3, 4)."""
+    c, s = compute_line_direction(m)
     along = m[0] ** 2 - m[1] ** 2 + m[2] ** 2 - m[3] ** 2
     across = 2.0 * (m[0] * m[1] + m[2] * m[3])
     for k in range(4):
         sign, other = (1.0, m[k + 1]) if k % 2 == 0 else (-1.0, m[k - 1])
         J[0, k] = (along * other - across * sign * m[k]) / (along**2 + across**2)
-    beside_1, beside_2 = c * m[1] - s * m[0], c * m[3] - s * m[2]
+    normal_1, normal_2 = c * m[1] - s * m[0], c * m[3] - s * m[2]
     for k in range(4):
-        forward, near = (c if k % 2 == 0 else s), (1.0 if k < 2 else 0.0)
-        J[1, k] = near * forward + beside_1 * J[0, k]
-        J[2, k] = (1.0 - near) * forward + beside_2 * J[0, k] - J[1, k]
+        direction, is_marker_1 = (c if k % 2 == 0 else s), (1.0 if k < 2 else 0.0)
+        J[1, k] = is_marker_1 * direction + normal_1 * J[0, k]
+        J[2, k] = (1.0 - is_marker_1) * direction + normal_2 * J[0, k] - J[1, k]
 
 
 @compiled
 def near_origin(o_c: Floats, points: Floats, reach: float) -> tuple[float, float]:
-    """o_c (2,) px, or where it is further than `reach` px from the middle of the markers' `points`
-    (2, 2), the point so far on the way there.
+    """Return o_c (2,) px, moved to at most `reach` px from the midpoint of both markers.
+
+    A point that is further away moves along the line to that midpoint; `points` (2, 2) are raw
+    pixels.
     """
     u, v = 0.5 * (points[0, 0] + points[1, 0]), 0.5 * (points[0, 1] + points[1, 1])
     du, dv = o_c[0] - u, o_c[1] - v
-    share = min(reach / np.sqrt(du**2 + dv**2), 1.0)
-    return u + share * du, v + share * dv
+    fraction = min(reach / np.sqrt(du**2 + dv**2), 1.0)
+    return u + fraction * du, v + fraction * dv
 
 
 @compiled
 def measured(points: Floats, target: Floats, o_c: Floats) -> tuple[Floats, Floats]:
-    """Y and Δy = y − y_d (3,) of raw pixels (2, 2) and a target's (2, 2), both about the same
-    imaged RCM.
+    """Return y and Δy = y − y_d (3,), both measured from o_c (2,) px.
+
+    `points` and `target` are raw marker pixels (2, 2), observed and desired.
     """
     y = features(about(points, o_c))
     return y, difference(y, features(about(target, o_c)))

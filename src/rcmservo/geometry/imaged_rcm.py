@@ -1,16 +1,17 @@
-"""Where the camera sees the RCM: the point o_c nearest to the imaged tool's axis in many poses, eq.
-(16).
+"""Estimation of the imaged RCM o_c from lines of the imaged tool's axis, eq. (16).
 
-The last H lines of a slow motion are almost one line, and (16) then collapses onto the tool. So a
-line stays by what it says about o_c: of H + 1 lines the one with the least leverage on the solution
-goes, which keeps the extremes of angle. A line through two points d apart is known to an angle of
-noise/d, so lines are weighted by d².
+The last H lines of a slow motion nearly coincide, and the solution of (16) then collapses onto the
+tool. Lines are therefore stored by their information about o_c: of H + 1 lines, the one with the
+least leverage on the solution is removed, which preserves the extremes of angle. The angle of a
+line through two points d apart is known to noise/d, so each line has the weight d².
 
-Noise turns the normals n of (16), which pulls o_c towards the tool. So a few Gauss-Newton steps
-follow, to the point whose bundle of lines passes nearest to the markers: that has no such bias, as
-each line's direction then comes from o_c and both markers instead of from the markers alone.
+Noise turns the normals n of (16), which biases o_c towards the tool. A few Gauss-Newton steps
+follow, to the point whose bundle of lines passes nearest to the markers. This point has no such
+bias, because the direction of each line then comes from o_c and both markers instead of the markers
+alone.
 
-``printed`` is eq. (16) as the paper has it: unit normals, the last H lines, no steps after it.
+With ``printed``, the solution is eq. (16) as the paper has it: unit normals, the last H lines, no
+further steps.
 """
 
 from dataclasses import dataclass
@@ -24,14 +25,16 @@ from rcmservo.numerics.jit import compiled
 from rcmservo.numerics.small_linalg import put
 from rcmservo.numerics.small_solvers import solve_2x2
 
-MOST = 1000
-"""Lines; each costs time at every new frame."""
+MAX_LINES = 1000
+"""Largest number of stored lines; each costs time at every new frame."""
 
 
 @compiled
-def normal_equations(lines: Floats, count: int, printed: bool) -> tuple[Floats, Floats]:
-    """Σ w n nᵀ (2, 2) and Σ w n nᵀ m̃₁ (2,) of eq. (16) over `count` rows [u₁ v₁ u₂ v₂] of raw
-    pixels; w is d², or 1 if as `printed`.
+def build_normal_equations(lines: Floats, count: int, printed: bool) -> tuple[Floats, Floats]:
+    """Return Σ w n nᵀ (2, 2) and Σ w n nᵀ m̃₁ (2,) of eq. (16).
+
+    The first `count` rows of `lines` hold raw pixels [u₁ v₁ u₂ v₂]. The weight w is d², or 1 if
+    `printed`.
     """
     N = np.zeros((2, 2))
     b = np.zeros(2)
@@ -52,9 +55,10 @@ def normal_equations(lines: Floats, count: int, printed: bool) -> tuple[Floats, 
 
 
 @compiled
-def condition_of(N: Floats) -> float:
-    """Condition number of a symmetric positive semidefinite (2, 2) matrix; inf where it is
-    singular.
+def compute_condition(N: Floats) -> float:
+    """Return the condition number of a symmetric positive semidefinite N (2, 2).
+
+    It is inf for a singular matrix.
     """
     half_trace = 0.5 * (N[0, 0] + N[1, 1])
     spread = np.sqrt((0.5 * (N[0, 0] - N[1, 1])) ** 2 + N[0, 1] ** 2)
@@ -66,22 +70,23 @@ def condition_of(N: Floats) -> float:
 
 @compiled
 def nearest_to_lines(lines: Floats, count: int, printed: bool) -> tuple[Floats, float]:
-    """o_c (2,) px of eq. (16) and the condition number of its matrix, about 1 / var(line angle);
-    NaN where singular.
+    """Return o_c (2,) px of eq. (16), the point nearest to all lines, and the condition of (16).
+
+    The condition is about 1 / var(line angle). For a singular matrix o_c is NaN and the condition
+    inf.
     """
-    N, b = normal_equations(lines, count, printed)
-    condition = condition_of(N)
+    N, b = build_normal_equations(lines, count, printed)
+    condition = compute_condition(N)
     if not condition < 1e12:
         return np.full(2, np.nan), np.inf
     return solve_2x2(N, b), condition
 
 
 @compiled
-def principal(along: float, across: float) -> tuple[float, float]:
-    """(cos θ, sin θ) of the half angle θ = ½ atan2(across, along): the main direction of a scatter
-    matrix.
+def compute_principal_direction(along: float, across: float) -> tuple[float, float]:
+    """Return (cos θ, sin θ) of θ = ½ atan2(across, along), the main direction of a scatter matrix.
 
-    Where it has none, (1, 0).
+    A scatter matrix without a main direction gives (1, 0).
     """
     size = np.sqrt(along * along + across * across)
     if size == 0.0:
@@ -94,13 +99,12 @@ def principal(along: float, across: float) -> tuple[float, float]:
 
 
 @compiled
-def nearest_bundle(lines: Floats, count: int, o_c: Floats) -> Floats:
-    """One Gauss-Newton step from o_c (2,) towards the point whose bundle of lines passes nearest to
-    all markers.
+def step_to_nearest_bundle(lines: Floats, count: int, o_c: Floats) -> Floats:
+    """Return o_c (2,) px after one Gauss-Newton step to the bundle of lines nearest to all markers.
 
-    Each line's direction is fitted through o_c to both its markers, at distances l₁, l₂ along it
-    and e₁, e₂ beside it. Turning it leaves (e₁ l₂ − e₂ l₁)/√(l₁² + l₂²), which o_c changes by (l₂ −
-    l₁)/√(l₁² + l₂²) along the normal.
+    Each line's direction is fitted through o_c to both its markers, at distances l₁, l₂ along the
+    line and e₁, e₂ across it. The fitted direction leaves the residual (e₁ l₂ − e₂ l₁)/√(l₁² +
+    l₂²), whose derivative by o_c is (l₂ − l₁)/√(l₁² + l₂²) along the normal.
     """
     N = np.zeros((2, 2))
     b = np.zeros(2)
@@ -112,18 +116,18 @@ def nearest_bundle(lines: Floats, count: int, o_c: Floats) -> Floats:
             lines[i, 3] - o_c[1],
         )
         across, along = u1 * v1 + u2 * v2, 0.5 * (u1 * u1 + u2 * u2 - v1 * v1 - v2 * v2)
-        tu, tv = principal(along, across)
+        tu, tv = compute_principal_direction(along, across)
         l1, l2 = tu * u1 + tv * v1, tu * u2 + tv * v2
         e1, e2 = tu * v1 - tv * u1, tu * v2 - tv * u2
         size = l1**2 + l2**2
         if size == 0.0:
             continue
-        weight, left = (l2 - l1) ** 2 / size, (e1 * l2 - e2 * l1) * (l2 - l1) / size
+        weight, residual = (l2 - l1) ** 2 / size, (e1 * l2 - e2 * l1) * (l2 - l1) / size
         N[0, 0] += weight * tv * tv
         N[0, 1] -= weight * tu * tv
         N[1, 1] += weight * tu * tu
-        b[0] -= left * tv
-        b[1] += left * tu
+        b[0] -= residual * tv
+        b[1] += residual * tu
     if not N[0, 0] * N[1, 1] - N[0, 1] ** 2 > 0.0:
         return o_c
     step = solve_2x2(N, b)
@@ -132,22 +136,24 @@ def nearest_bundle(lines: Floats, count: int, o_c: Floats) -> Floats:
 
 @compiled
 def solve(lines: Floats, count: int, refinements: int, printed: bool) -> tuple[Floats, float]:
-    """o_c (2,) px, eq. (16) and then, but if as `printed`, `refinements` steps to the nearest
-    bundle; and the condition number of (16).
+    """Return o_c (2,) px and the condition number of eq. (16).
+
+    The solution of (16) is followed by `refinements` steps to the nearest bundle, unless `printed`.
     """
     o_c, condition = nearest_to_lines(lines, count, printed)
     if condition < 1e6 and not printed:
         for _ in range(refinements):
-            o_c = nearest_bundle(lines, count, o_c)
+            o_c = step_to_nearest_bundle(lines, count, o_c)
     return o_c, condition
 
 
 @compiled
-def least_telling(lines: Floats, count: int) -> int:
-    """The row whose line has the least leverage nᵀ (Σ n nᵀ)⁻¹ n on o_c: what is lost least when it
-    goes.
+def find_least_informative_line(lines: Floats, count: int) -> int:
+    """Return the row of the line with the least leverage nᵀ (Σ n nᵀ)⁻¹ n on o_c.
+
+    The removal of this line changes the solution least.
     """
-    N, _ = normal_equations(lines, count, False)
+    N, _ = build_normal_equations(lines, count, False)
     least, row = np.inf, 0
     for i in range(count):
         nu, nv = lines[i, 1] - lines[i, 3], lines[i, 2] - lines[i, 0]
@@ -159,8 +165,10 @@ def least_telling(lines: Floats, count: int) -> int:
 
 @compiled
 def remember(lines: Floats, count: int, points: Floats, printed: bool) -> tuple[Floats, int]:
-    """The lines (H + 1, 4) and their number after the line through raw `points` (2, 2) came; the
-    last row is spare. The most telling lines stay, or the last ones if as `printed`.
+    """Return the lines (H + 1, 4) and their number, with the line through `points` added.
+
+    `points` (2, 2) are raw marker pixels. The last row is spare. Where H lines are stored already,
+    the least informative one is removed, or the oldest one if `printed`.
     """
     lines = lines.copy()
     for k in range(4):
@@ -171,7 +179,7 @@ def remember(lines: Floats, count: int, points: Floats, printed: bool) -> tuple[
         for i in range(count):
             put(lines[i], lines[i + 1])
     else:
-        row = least_telling(lines, count + 1)
+        row = find_least_informative_line(lines, count + 1)
         put(lines[row], lines[count])
     return lines, count
 
@@ -180,7 +188,10 @@ def remember(lines: Floats, count: int, points: Floats, printed: bool) -> tuple[
 def follow(
     lines: Floats, count: int, points: Floats, refinements: int, printed: bool
 ) -> tuple[Floats, int, Floats, float]:
-    """The lines and their number after raw `points` (2, 2) came, and `solve` of them."""
+    """Add the line through raw marker pixels `points` (2, 2) and solve eq. (16).
+
+    Return the lines (H + 1, 4), their number, o_c (2,) px and the condition number.
+    """
     lines, count = remember(lines, count, points, printed)
     o_c, condition = solve(lines, count, refinements, printed)
     return lines, count, o_c, condition
@@ -188,35 +199,44 @@ def follow(
 
 @dataclass(frozen=True)
 class ImagedRcm(Checked, section="imaged_rcm"):
-    """How the imaged RCM is computed: eq. (16) over the most telling lines, then refined; or as
-    printed.
+    """Estimation of the imaged RCM by eq. (16), over the most informative lines and refined.
 
     Parameters
     ----------
     lines : int
-        H, the number of lines kept.
+        H, the number of stored lines, from 2 to 1000.
     refinements : int
-        Gauss-Newton steps after (16), to the nearest bundle of lines; none if as printed.
+        Gauss-Newton steps after (16), from 0 to 100, to the nearest bundle of lines; not used by
+        the printed fit.
     max_condition : float
-        Condition of (16), about 1 / variance of the line angle (1/rad²), above which o_c is not yet
-        observable.
+        Largest condition of (16), about 1 / variance of the line angle (1/rad²), above 1, at which
+        o_c counts as observable.
     fit : Literal['refined', 'printed']
         Printed is eq. (16) exactly: unit normals, the last H lines, no steps after it. As the tool
-        comes to rest these lines are one, and the run pauses because o_c is not known.
+        comes to rest these lines coincide, and the run pauses because o_c is not known.
+
+    Raises
+    ------
+    BadInput
+        If a parameter is outside its range.
+
+    References
+    ----------
+    Section III-A of the paper.
     """
 
     name = "lines"
 
-    lines: Annotated[int, between(2, MOST, "a whole number of lines")] = 50
+    lines: Annotated[int, between(2, MAX_LINES, "a whole number of lines")] = 50
     refinements: Annotated[int, between(0, 100, "a whole number")] = 3
     max_condition: Annotated[float, above(1.0, 1e12)] = 2e4
     fit: Literal["refined", "printed"] = "refined"
 
     @property
     def printed(self) -> bool:
-        """Whether it is eq. (16) as printed."""
+        """True if the solution is eq. (16) as printed."""
         return self.fit == "printed"
 
     def init(self) -> tuple[Floats, int]:
-        """No line seen yet."""
+        """Return an empty memory: lines (H + 1, 4) px and their number, 0."""
         return np.zeros((self.lines + 1, 4)), 0

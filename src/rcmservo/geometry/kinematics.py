@@ -1,10 +1,9 @@
-"""Where an RCM mechanism holds its tool: eq. (1)-(2), their inverse, their derivative, and the
-joint limits.
+"""Kinematics of RCM mechanisms, eq. (1)-(2): position, inverse, derivatives, and joint limits.
 
-A configuration is q = [angle, angle, insertion] in rad, rad, mm. It turns the tool's axis n(q)
-about the RCM, which is the origin, and slides it: a point at the distance ρ = insertion + zero
-along the axis lies at p = ρ n. In both coordinate systems here the three columns of ∂p/∂q are
-orthogonal, which makes joint rates a projection.
+A configuration is q = [angle, angle, insertion] in rad, rad, mm. The angles turn the tool's axis
+n(q) about the RCM, which is the origin; the insertion moves the tool along it. A point at the
+distance ρ = insertion + zero along the axis is at p = ρ n. In both coordinate systems of this
+module the three columns of ∂p/∂q are orthogonal, so a projection onto them gives the joint rates.
 """
 
 from abc import ABC
@@ -21,31 +20,31 @@ from rcmservo.numerics.jit import compiled
 from rcmservo.numerics.small_linalg import length, product
 
 SPHERICAL, PITCH_YAW = 0, 1
+"""Codes of the coordinate systems in compiled functions."""
 MIN_LEVER = 1e-3
-"""Shortest |∂n/∂q_i| that joint rates divide by: below it (2) is singular and the axis direction
-undefined."""
+"""Smallest |∂n/∂q_i| that joint rates are divided by; below it eq. (2) is singular and the axis
+direction undefined."""
 
-FULL_TURN, LONGEST_TRAVEL, LEAST_TRAVEL = 2.0 * np.pi, 2000.0, 1.0
-"""rad and mm that limits can have: what is beyond was given in another unit."""
-
+FULL_TURN, LONGEST_TRAVEL, MIN_TRAVEL_MM = 2.0 * np.pi, 2000.0, 1.0
+"""Bounds of plausible joint limits, rad and mm; other values were given in another unit."""
 
 Point = tuple[float, float, float]
-"""A point as compiled functions pass it on where no array is needed, mm."""
+"""Point in mm, as compiled functions pass it on where no array is needed."""
 
 
 class Rcm(NamedTuple):
-    """What compiled functions know of a mechanism and of one point on its tool.
+    """Mechanism and one point on its tool, for compiled functions.
 
     Parameters
     ----------
     kind : int
-        Its coordinates: SPHERICAL or PITCH_YAW.
+        Code of the coordinate system, SPHERICAL or PITCH_YAW.
     zero : float
-        mm: the point is at ρ = q₃ + zero.
+        Distance ρ of the point from the RCM where the insertion reads zero, mm: ρ = q₃ + zero.
     lower : tuple[float, float, float]
-        The joints' lower limits, rad, rad, mm.
+        Lower joint limits, rad, rad, mm.
     upper : tuple[float, float, float]
-        Their upper limits, rad, rad, mm.
+        Upper joint limits, rad, rad, mm.
     """
 
     kind: int
@@ -54,21 +53,21 @@ class Rcm(NamedTuple):
     upper: tuple[float, float, float]
 
 
-def floats(numbers: Sequence[float]) -> tuple[float, float, float]:
-    """Three numbers as floats: compiled functions are compiled anew for whole numbers."""
+def to_float_triple(numbers: Sequence[float]) -> tuple[float, float, float]:
+    """Return three numbers as floats; compiled functions are compiled once more for integers."""
     one, two, three = map(float, numbers)
     return one, two, three
 
 
 @compiled
 def apart(one: Point, other: Point) -> float:
-    """Mm between two points."""
+    """Return the distance between two points in mm."""
     return np.sqrt((one[0] - other[0]) ** 2 + (one[1] - other[1]) ** 2 + (one[2] - other[2]) ** 2)
 
 
 @compiled
-def direction(rcm: Rcm, q: Floats | Point) -> tuple[float, float, float]:
-    """Unit direction n of the tool from the RCM outwards; eq. (2) divided by ρ."""
+def compute_axis_tuple(rcm: Rcm, q: Floats | Point) -> tuple[float, float, float]:
+    """Return the tool's unit direction n, from the RCM outwards: eq. (2) divided by ρ."""
     if rcm.kind == SPHERICAL:
         theta, phi = q[0], q[1]
         return np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)
@@ -78,14 +77,14 @@ def direction(rcm: Rcm, q: Floats | Point) -> tuple[float, float, float]:
 
 @compiled
 def axis(rcm: Rcm, q: Floats) -> Floats:
-    """N (3,)."""
-    x, y, z = direction(rcm, q)
+    """Return the tool's unit direction n (3,), from the RCM outwards."""
+    x, y, z = compute_axis_tuple(rcm, q)
     return np.array([x, y, z])
 
 
 @compiled
-def axis_jacobian(rcm: Rcm, q: Floats | Point) -> tuple[Point, Point]:
-    """∂n/∂(angle, angle), its two columns: orthogonal to each other and to n."""
+def compute_axis_jacobian(rcm: Rcm, q: Floats | Point) -> tuple[Point, Point]:
+    """Return the two columns of ∂n/∂(angle, angle); they are orthogonal to each other and to n."""
     s1, c1, s2, c2 = np.sin(q[0]), np.cos(q[0]), np.sin(q[1]), np.cos(q[1])
     if rcm.kind == SPHERICAL:
         return (c1 * c2, c1 * s2, -s1), (-s1 * s2, s1 * c2, 0.0)
@@ -94,24 +93,24 @@ def axis_jacobian(rcm: Rcm, q: Floats | Point) -> tuple[Point, Point]:
 
 @compiled
 def position(rcm: Rcm, q: Floats) -> Floats:
-    """P = ρ n(q) in mm, eq. (2)."""
+    """Return p = ρ n(q) (3,) in mm, eq. (2)."""
     x, y, z = point_at(rcm, q)
     return np.array([x, y, z])
 
 
 @compiled
 def point_at(rcm: Rcm, q: Floats | Point) -> Point:
-    """P = ρ n(q) in mm, eq. (2), as three numbers."""
-    x, y, z = direction(rcm, q)
+    """Return p = ρ n(q) in mm, eq. (2), as a tuple."""
+    x, y, z = compute_axis_tuple(rcm, q)
     rho = q[2] + rcm.zero
     return rho * x, rho * y, rho * z
 
 
 @compiled
 def position_jacobian(rcm: Rcm, q: Floats | Point) -> Floats:
-    """∂p/∂q, shape (3, 3), mm per rad, rad, mm."""
-    jacobian, n, rho = np.empty((3, 3)), direction(rcm, q), q[2] + rcm.zero
-    one, two = axis_jacobian(rcm, q)
+    """Return ∂p/∂q (3, 3); its columns are in mm/rad, mm/rad and mm/mm."""
+    jacobian, n, rho = np.empty((3, 3)), compute_axis_tuple(rcm, q), q[2] + rcm.zero
+    one, two = compute_axis_jacobian(rcm, q)
     for i in range(3):
         jacobian[i, 0], jacobian[i, 1], jacobian[i, 2] = rho * one[i], rho * two[i], n[i]
     return jacobian
@@ -119,7 +118,10 @@ def position_jacobian(rcm: Rcm, q: Floats | Point) -> Floats:
 
 @compiled
 def joints(rcm: Rcm, p: Floats) -> Floats:
-    """The configuration q, insertion positive, that brings the point to p: the inverse of (2)."""
+    """Return the configuration q (3,) that brings the point to p (3,) mm, the inverse of eq. (2).
+
+    The distance ρ of the result is positive.
+    """
     rho = np.sqrt(p[0] ** 2 + p[1] ** 2 + p[2] ** 2)
     if rcm.kind == SPHERICAL:
         across = np.sqrt(p[0] ** 2 + p[1] ** 2)
@@ -130,81 +132,89 @@ def joints(rcm: Rcm, p: Floats) -> Floats:
 
 @compiled
 def joint_rates(rcm: Rcm, q: Floats, v: Floats) -> Floats:
-    """q̇ (rad/s, rad/s, mm/s) that moves the point with v mm/s; finite even where (2) is
-    singular.
+    """Return q̇ (rad/s, rad/s, mm/s) that moves the point with the velocity v (3,) mm/s.
+
+    The rates are finite even where eq. (2) is singular.
     """
-    one, two, three = rates_of(rcm, q, v)
+    one, two, three = compute_joint_rates_tuple(rcm, q, v)
     return np.array([one, two, three])
 
 
 @compiled
-def rates_of(rcm: Rcm, q: Floats | Point, v: Floats) -> Point:
-    """The same as three numbers."""
+def compute_joint_rates_tuple(rcm: Rcm, q: Floats | Point, v: Floats) -> Point:
+    """Return q̇ (rad/s, rad/s, mm/s) for the velocity v (3,) mm/s as a tuple."""
     rho = q[2] + rcm.zero
-    shortest = (MIN_LEVER * rho) ** 2
-    (x1, y1, z1), (x2, y2, z2) = axis_jacobian(rcm, q)
+    min_square = (MIN_LEVER * rho) ** 2
+    (x1, y1, z1), (x2, y2, z2) = compute_axis_jacobian(rcm, q)
     return (
-        along_column((rho * x1, rho * y1, rho * z1), v, shortest),
-        along_column((rho * x2, rho * y2, rho * z2), v, shortest),
-        along_column(direction(rcm, q), v, shortest),
+        project_on_column((rho * x1, rho * y1, rho * z1), v, min_square),
+        project_on_column((rho * x2, rho * y2, rho * z2), v, min_square),
+        project_on_column(compute_axis_tuple(rcm, q), v, min_square),
     )
 
 
 @compiled
-def along_column(column: Point, v: Floats, shortest: float) -> float:
-    """The rate of the joint that moves the point along a `column` of ∂p/∂q; `shortest` is the least
-    square of a length that is divided by.
+def project_on_column(column: Point, v: Floats, min_square: float) -> float:
+    """Return the rate of the joint that moves the point along a `column` of ∂p/∂q.
+
+    `min_square` is the smallest squared length of the column that the projection divides by.
     """
     x, y, z = column
-    return (x * v[0] + y * v[1] + z * v[2]) / max(x**2 + y**2 + z**2, shortest)
+    return (x * v[0] + y * v[1] + z * v[2]) / max(x**2 + y**2 + z**2, min_square)
 
 
 @compiled
 def reachable(rcm: Rcm, q: Floats, slack: float) -> bool:
-    """Whether the joints q (3,) are within their limits, but for a share `slack` of each range; NaN
-    is not.
+    """Return True if the joints q (3,) are within their limits.
+
+    Each limit may be exceeded by the fraction `slack` of the joint's range. NaN gives False.
     """
     for i in range(3):
-        beyond = slack * (rcm.upper[i] - rcm.lower[i])
-        if not rcm.lower[i] - beyond <= q[i] <= rcm.upper[i] + beyond:
+        margin = slack * (rcm.upper[i] - rcm.lower[i])
+        if not rcm.lower[i] - margin <= q[i] <= rcm.upper[i] + margin:
             return False
     return True
 
 
 @compiled
 def blocked(
-    rcm: Rcm, q: Floats | Point, v: Floats, fastest: Floats | Point, horizon: float, share: float
+    rcm: Rcm,
+    q: Floats | Point,
+    v: Floats,
+    max_rates: Floats | Point,
+    horizon: float,
+    min_fraction: float,
 ) -> tuple[int, Point]:
-    """The joint (or -1) whose limit stands in the way of v (3,) mm/s, and v's joint rates.
+    """Return the joint whose limit blocks the velocity v (3,) mm/s, or -1; and v's joint rates.
 
-    The joints move at `fastest` (3,) at most. One stands in the way if its limit would be passed
-    within `horizon` s, and if without it less than `share` of the speed is left.
+    The joints move at `max_rates` (3,) at most. A joint blocks if it would pass its limit within
+    `horizon` s and the joints that stay within theirs keep less than `min_fraction` of the speed.
     """
-    wanted = rates_of(rcm, q, v)
-    slower = 1.0
+    requested = compute_joint_rates_tuple(rcm, q, v)
+    slowdown = 1.0
     for i in range(3):
-        slower = max(slower, abs(wanted[i]) / fastest[i])
+        slowdown = max(slowdown, abs(requested[i]) / max_rates[i])
     joint = -1
     for i in range(3):
-        if passes_limit(rcm, i, q[i] + wanted[i] / slower * horizon):
+        if is_beyond_limit(rcm, i, q[i] + requested[i] / slowdown * horizon):
             joint = i
     if joint < 0:
-        return -1, wanted
+        return -1, requested
     rates = np.zeros(3)
     for i in range(3):
-        if not passes_limit(rcm, i, q[i] + wanted[i] / slower * horizon):
-            rates[i] = wanted[i] / slower
-    left = length(product(position_jacobian(rcm, q), rates))
-    return joint if left < share * length(v) / slower else -1, wanted
+        if not is_beyond_limit(rcm, i, q[i] + requested[i] / slowdown * horizon):
+            rates[i] = requested[i] / slowdown
+    remaining = length(product(position_jacobian(rcm, q), rates))
+    return joint if remaining < min_fraction * length(v) / slowdown else -1, requested
 
 
 @compiled
-def passes_limit(rcm: Rcm, i: int, ahead: float) -> bool:
-    """Return whether joint i is beyond a limit where it will be."""
-    return ahead > rcm.upper[i] or ahead < rcm.lower[i]
+def is_beyond_limit(rcm: Rcm, i: int, position: float) -> bool:
+    """Return True if a position of joint i is outside its limits."""
+    return position > rcm.upper[i] or position < rcm.lower[i]
 
 
-LIMITS = (
+JOINT_RANGE_LIMITS = (
     each(finite(), "three finite numbers (rad, rad, mm)"),
     Limit(
         lambda q: max(abs(q[0]), abs(q[1])) <= FULL_TURN,
@@ -215,57 +225,72 @@ LIMITS = (
         f"within ±{LONGEST_TRAVEL:g} mm in joint 3 (this looks like µm)",
     ),
 )
-"""Limits of the joints' limits, which name the likely unit of impossible ones."""
+"""Plausible values of joint limits; the messages name the likely unit of other values."""
 
 
 @dataclass(frozen=True)
 class JointLimits(Checked):
-    """The configurations that the tool may take: lower <= q <= upper.
+    """Joint limits of a mechanism: lower <= q <= upper.
 
     Parameters
     ----------
     lower : Triple
-        rad, rad, mm.
+        Lower limits, rad, rad, mm; within ±2π rad and ±2000 mm.
     upper : Triple
-        rad, rad, mm; above `lower` in every joint.
+        Upper limits, rad, rad, mm; above `lower` in every joint.
+
+    Raises
+    ------
+    BadInput
+        If a limit is not finite, is not above the lower one, or has an implausible size. The
+        message names the likely unit.
     """
 
-    lower: Annotated[Triple, *LIMITS]
-    upper: Annotated[Triple, *LIMITS]
+    lower: Annotated[Triple, *JOINT_RANGE_LIMITS]
+    upper: Annotated[Triple, *JOINT_RANGE_LIMITS]
 
     def __post_init__(self) -> None:
         super().__post_init__()
         above = all(low < high for low, high in zip(self.lower, self.upper, strict=True))
         self.require(above, "upper", f"above lower {self.lower} in every joint")
         farthest = max(abs(self.lower[2]), abs(self.upper[2]))
-        right = f"beyond ±{LEAST_TRAVEL:g} mm in joint 3 (this looks like m)"
-        self.require(farthest >= LEAST_TRAVEL, "upper", right)
+        expected = f"beyond ±{MIN_TRAVEL_MM:g} mm in joint 3 (this looks like m)"
+        self.require(farthest >= MIN_TRAVEL_MM, "upper", expected)
 
     @property
     def arrays(self) -> tuple[Floats, Floats]:
-        """Lower (3,) and upper (3,)."""
+        """Lower and upper limits as arrays (3,), rad, rad, mm."""
         return np.array(self.lower), np.array(self.upper)
 
 
 @dataclass(frozen=True)
 class Kinematics(Checked, ABC):
-    """What a robot knows of its own RCM mechanism: coordinates, limits, and where the insertion
-    axis reads zero.
+    """Base of the RCM mechanisms: coordinates, joint limits and zero of the insertion, eq. (1)-(2).
 
     Parameters
     ----------
     limits : JointLimits
-        How far each joint may go.
+        Joint limits, rad, rad, mm.
     insertion_zero : float
-        mm: ρ of the tool's reference point where the insertion joint reads zero.
+        Distance ρ (mm) of the tool's reference point from the RCM where the insertion joint reads
+        zero; it must leave ρ positive at the lower limit.
+
+    Raises
+    ------
+    BadInput
+        If a parameter is outside its range.
+
+    References
+    ----------
+    Section II-B of the paper.
     """
 
     kind: ClassVar[int]
-    """SPHERICAL or PITCH_YAW, for compiled functions."""
+    """Code of the coordinates in compiled functions: SPHERICAL or PITCH_YAW."""
     joint_names: ClassVar[tuple[str, str, str]]
-    """Those of q's joints in their order, as records and sentences tell them."""
+    """Names of the joints in the order of q, for records and messages."""
     name: ClassVar[str]
-    """What files, records and sentences call these coordinates."""
+    """Name of the coordinates in files, records and messages."""
 
     limits: JointLimits
     insertion_zero: Annotated[float, finite("length in mm")] = 0.0
@@ -277,38 +302,83 @@ class Kinematics(Checked, ABC):
         require(shortest > 0.0, "lower[2]", self.limits.lower[2], above)
 
     def rcm(self, offset: float = 0.0) -> Rcm:
-        """What compiled functions know of it and of the point `offset` mm beyond the reference
-        point.
-        """
+        """Return the struct of the point `offset` mm beyond the tool's reference point."""
         return Rcm(
             self.kind,
             float(self.insertion_zero + offset),
-            floats(self.limits.lower),
-            floats(self.limits.upper),
+            to_float_triple(self.limits.lower),
+            to_float_triple(self.limits.upper),
         )
 
     def position(self, q: Floats) -> Floats:
-        """P (3,) mm of the tool's reference point, eq. (2)."""
+        """Return the position p (3,) mm of the tool's reference point, eq. (2).
+
+        Parameters
+        ----------
+        q : Floats
+            Configuration (3,), rad, rad, mm.
+
+        Returns
+        -------
+        Floats
+            Position (3,) mm from the RCM.
+        """
         return position(self.rcm(), np.ascontiguousarray(q, dtype=float))
 
     def jacobian(self, q: Floats) -> Floats:
-        """∂p/∂q (3, 3)."""
+        """Return ∂p/∂q (3, 3) of the tool's reference point, the derivative of eq. (2).
+
+        Parameters
+        ----------
+        q : Floats
+            Configuration (3,), rad, rad, mm.
+
+        Returns
+        -------
+        Floats
+            Matrix (3, 3); its columns are in mm/rad, mm/rad and mm/mm.
+        """
         return position_jacobian(self.rcm(), np.ascontiguousarray(q, dtype=float))
 
     def joints(self, p: Floats) -> Floats:
-        """Q (3,) of the reference point's position p (3,) mm."""
+        """Return the configuration of a position, the inverse of eq. (2).
+
+        Parameters
+        ----------
+        p : Floats
+            Position (3,) mm of the tool's reference point, from the RCM.
+
+        Returns
+        -------
+        Floats
+            Configuration (3,), rad, rad, mm, with ρ positive.
+        """
         return joints(self.rcm(), np.ascontiguousarray(p, dtype=float))
 
 
 @dataclass(frozen=True)
 class SphericalRcm(Kinematics):
-    """The paper's coordinates q = [θ φ ρ], eq. (1)-(2): singular at θ = 0, so its limits must leave
-    that pose out.
+    """Mechanism in the paper's spherical coordinates q = [θ φ ρ], eq. (1)-(2).
+
+    A point of the tool is at p = ρ [sin θ cos φ, sin θ sin φ, cos θ]. The coordinates are singular
+    at θ = 0, so the limits must exclude that pose.
 
     Parameters
     ----------
     limits : JointLimits
-        By default 8° to 85°, a full turn, and 40 to 220 mm.
+        Joint limits, rad, rad, mm; by default 8° to 85°, a full turn, and 40 to 220 mm.
+    insertion_zero : float
+        Distance ρ (mm) of the tool's reference point from the RCM where the insertion joint reads
+        zero; it must leave ρ positive at the lower limit.
+
+    Raises
+    ------
+    BadInput
+        If a parameter is outside its range.
+
+    References
+    ----------
+    Section II-B of the paper.
     """
 
     kind = SPHERICAL
@@ -324,13 +394,29 @@ class SphericalRcm(Kinematics):
 
 @dataclass(frozen=True)
 class PitchYawRcm(Kinematics):
-    """Yaw about y, pitch about x, insertion towards −z, as a da Vinci arm counts: regular at its
-    home pose q = 0.
+    """Mechanism with yaw about y, pitch about x and insertion towards −z, as in a da Vinci arm.
+
+    A point of the tool is at p = ρ [cos β sin α, −sin β, −cos β cos α] for q = [α, β, insertion]
+    and ρ = insertion + insertion_zero. The coordinates are regular at the home pose α = β = 0, and
+    singular at β = ±90°.
 
     Parameters
     ----------
     limits : JointLimits
-        By default those of a da Vinci research kit's patient-side manipulator.
+        Joint limits, rad, rad, mm; by default those of a da Vinci research kit's patient-side
+        manipulator.
+    insertion_zero : float
+        Distance ρ (mm) of the tool's reference point from the RCM where the insertion joint reads
+        zero; it must leave ρ positive at the lower limit.
+
+    Raises
+    ------
+    BadInput
+        If a parameter is outside its range.
+
+    References
+    ----------
+    Kazanzides et al., "An open-source research kit for the da Vinci Surgical System", ICRA 2014.
     """
 
     kind = PITCH_YAW

@@ -1,9 +1,8 @@
-"""Perspective projection by given parameters a: eq. (3)-(5) and (10)-(13), its derivative, and its
-linear form (18).
+"""Perspective projection with parameters a, eq. (3)-(5) and (10)-(13), and its linear form (18).
 
-Measured from the imaged RCM o_c, the projection has nine degrees of freedom (Lemma 1): with c₁₄ =
-c₂₄ = 0 and c₃₄ = 1 a point p projects to m = G p / z, z = gᵀp + 1, where a = [G₁ G₂ g]. z is depth
-relative to the RCM's depth.
+In pixels measured from the imaged RCM o_c, the projection has nine degrees of freedom (Lemma 1).
+With c₁₄ = c₂₄ = 0 and c₃₄ = 1, a point p projects to m = G p / z with z = gᵀp + 1 and a = [G₁ G₂
+g]. The depth z is relative to the depth of the RCM.
 """
 
 import numpy as np
@@ -12,19 +11,18 @@ from rcmservo.interfaces import Floats
 from rcmservo.numerics.jit import compiled
 
 PARAMETERS = 9
+"""Number of projection parameters a, eq. (12)."""
 
 
 @compiled
 def depth(a: Floats, p: Floats) -> float:
-    """Z = gᵀp + 1, eq. (5) with c₃₄ = 1: the depth of p over the depth of the RCM,
-    dimensionless.
-    """
+    """Return z = gᵀp + 1, eq. (5) with c₃₄ = 1: depth of p over depth of the RCM, dimensionless."""
     return a[6] * p[0] + a[7] * p[1] + a[8] * p[2] + 1.0
 
 
 @compiled
 def project(a: Floats, p: Floats) -> Floats:
-    """M (2,) px from the imaged RCM, eq. (4) and, with an estimate for a, eq. (34)."""
+    """Return m (2,) px of p (3,) mm, eq. (4); with an estimate of a, eq. (34)."""
     z = depth(a, p)
     return np.array(
         [
@@ -36,7 +34,7 @@ def project(a: Floats, p: Floats) -> Floats:
 
 @compiled
 def project_jacobian(a: Floats, p: Floats) -> Floats:
-    """∂m/∂p = (G − m gᵀ)/z, shape (2, 3), px/mm."""
+    """Return ∂m/∂p = (G − m gᵀ)/z (2, 3), px/mm."""
     m = project(a, p)
     z = depth(a, p)
     jacobian = np.empty((2, 3))
@@ -48,7 +46,10 @@ def project_jacobian(a: Floats, p: Floats) -> Floats:
 
 @compiled
 def regressor(m: Floats, p: Floats) -> Floats:
-    """W (2, 9) of eq. (19), for which W a = m and W â − m is the projection error e of eq. (17)."""
+    """Return W (2, 9) of eq. (19), with W a = m.
+
+    For an estimate â, the projection error e of eq. (17) is W â − m.
+    """
     w = np.zeros((2, 9))
     for j in range(3):
         w[0, j] = p[j]
@@ -59,11 +60,10 @@ def regressor(m: Floats, p: Floats) -> Floats:
 
 
 def parameters(C: Floats) -> tuple[Floats, Floats]:
-    """Lemma 1: a (9,) and the imaged RCM o_c (2,) px of a calibration matrix C (3, 4), whatever its
-    scale.
+    """Return a (9,) and o_c (2,) px of a calibration matrix C (3, 4) of any scale, by Lemma 1.
 
-    Shifting the pixel origin to o_c removes two degrees of freedom and scaling c₃₄ to 1 a third,
-    eq. (10)-(12).
+    The shift of the pixel origin to o_c removes two degrees of freedom, and the scaling of c₃₄ to 1
+    a third one, eq. (10)-(12).
     """
     C = C / C[2, 3]
     o_c = C[:2, 3].copy()

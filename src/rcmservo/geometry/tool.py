@@ -1,9 +1,8 @@
-"""Where the second marker is, given the first: on a rigid shaft, or by the paper's constant factor
-λ.
+"""Models of the tool: position of marker 2 relative to marker 1, on a rigid shaft or by a factor λ.
 
-Both markers ride on the tool's axis, m₁ nearer the RCM and m₂ nearer the tip. The paper writes p₂ =
-λ p₁; on a real shaft the spacing l is what stays, so p₂ = p₁ (1 + l/ρ) and λ changes with insertion
-(by the wrong sign of ∂d/∂ρ).
+Both markers are on the tool's axis, m₁ nearer the RCM and m₂ nearer the tip. The paper writes p₂ =
+λ p₁. On a real shaft the spacing l is constant, so p₂ = p₁ (1 + l/ρ), and λ changes with the
+insertion. A constant λ gives ∂d/∂ρ the opposite sign.
 """
 
 from abc import ABC, abstractmethod
@@ -19,17 +18,18 @@ from rcmservo.interfaces import Floats
 from rcmservo.numerics.jit import compiled
 
 RIGID, SCALED = 0, 1
+"""Codes of the tool models in compiled functions."""
 
 
 class Shaft(NamedTuple):
-    """What compiled functions know of a tool.
+    """Tool model for compiled functions.
 
     Parameters
     ----------
     kind : int
         RIGID or SCALED.
     value : float
-        l in mm of a rigid one, λ of a scaled one.
+        Spacing l (mm) of a rigid tool, factor λ of a scaled one.
     """
 
     kind: int
@@ -38,7 +38,7 @@ class Shaft(NamedTuple):
 
 @compiled
 def stretch(shaft: Shaft, p1: Floats | Point) -> float:
-    """|p₂|/|p₁|: λ itself, or 1 + l/ρ."""
+    """Return |p₂|/|p₁|: λ of a scaled tool, 1 + l/ρ of a rigid one."""
     if shaft.kind == SCALED:
         return shaft.value
     return 1.0 + shaft.value / np.sqrt(p1[0] ** 2 + p1[1] ** 2 + p1[2] ** 2)
@@ -46,22 +46,24 @@ def stretch(shaft: Shaft, p1: Floats | Point) -> float:
 
 @compiled
 def second_marker(shaft: Shaft, p1: Floats) -> Floats:
-    """p₂ (3,) mm from p₁ (3,) mm."""
+    """Return the position p₂ (3,) mm of marker 2 from that of marker 1, p₁ (3,) mm."""
     x, y, z = second_point(shaft, p1)
     return np.array([x, y, z])
 
 
 @compiled
 def second_point(shaft: Shaft, p1: Floats | Point) -> Point:
-    """p₂ mm from p₁ (3,) mm, as three numbers."""
-    reach = stretch(shaft, p1)
-    return reach * p1[0], reach * p1[1], reach * p1[2]
+    """Return the position p₂ (mm) of marker 2 from that of marker 1, p₁, as a tuple."""
+    ratio = stretch(shaft, p1)
+    return ratio * p1[0], ratio * p1[1], ratio * p1[2]
 
 
 @compiled
 def fastest_point(shaft: Shaft, p1: Floats | Point, v: Floats | Point, tip: float) -> float:
-    """Speed mm/s of the fastest of marker 1, which moves with v (3,) mm/s at p1 (3,) mm, marker 2,
-    and the tip, which is `tip` mm beyond marker 2: it turns about the RCM with the tool.
+    """Return the largest speed (mm/s) of marker 1, marker 2 and the tip.
+
+    Marker 1 is at p1 (3,) mm and moves with v (3,) mm/s; the tip is `tip` mm beyond marker 2. The
+    tool turns about the RCM, so speed across the axis grows with the distance from it.
     """
     squared = p1[0] ** 2 + p1[1] ** 2 + p1[2] ** 2
     along = v[0] * p1[0] + v[1] * p1[1] + v[2] * p1[2]
@@ -73,12 +75,12 @@ def fastest_point(shaft: Shaft, p1: Floats | Point, v: Floats | Point, tip: floa
 
 @compiled
 def second_marker_jacobian(shaft: Shaft, p1: Floats) -> Floats:
-    """∂p₂/∂p₁ (3, 3): λ I, or I + (l/ρ)(I − n nᵀ) with n = p₁/ρ."""
+    """Return ∂p₂/∂p₁ (3, 3): λ I, or I + (l/ρ)(I − n nᵀ) with n = p₁/ρ."""
     jacobian = np.zeros((3, 3))
-    reach, squared = stretch(shaft, p1), p1[0] ** 2 + p1[1] ** 2 + p1[2] ** 2
-    along = 0.0 if shaft.kind == SCALED else (reach - 1.0) / squared
+    ratio, squared = stretch(shaft, p1), p1[0] ** 2 + p1[1] ** 2 + p1[2] ** 2
+    along = 0.0 if shaft.kind == SCALED else (ratio - 1.0) / squared
     for i in range(3):
-        jacobian[i, i] = reach
+        jacobian[i, i] = ratio
         for j in range(3):
             jacobian[i, j] -= along * p1[i] * p1[j]
     return jacobian
@@ -86,28 +88,29 @@ def second_marker_jacobian(shaft: Shaft, p1: Floats) -> Floats:
 
 @compiled
 def by_first_marker(shaft: Shaft, p1: Floats | Point, motion: Floats) -> None:
-    """Make ∂m₂/∂p₂ (n, 3) to ∂m₂/∂p₁ in place: times `second_marker_jacobian`, which is a multiple
-    of I but along p₁.
+    """Convert ∂m₂/∂p₂ (n, 3) to ∂m₂/∂p₁ in place, by the chain rule.
+
+    The factor ∂p₂/∂p₁ is a multiple of I plus a term along p₁, so its matrix is not needed.
     """
-    reach, squared = stretch(shaft, p1), p1[0] ** 2 + p1[1] ** 2 + p1[2] ** 2
-    share = 0.0 if shaft.kind == SCALED else (reach - 1.0) / squared
+    ratio, squared = stretch(shaft, p1), p1[0] ** 2 + p1[1] ** 2 + p1[2] ** 2
+    fraction = 0.0 if shaft.kind == SCALED else (ratio - 1.0) / squared
     for k in range(len(motion)):
-        along = share * (motion[k, 0] * p1[0] + motion[k, 1] * p1[1] + motion[k, 2] * p1[2])
+        along = fraction * (motion[k, 0] * p1[0] + motion[k, 1] * p1[1] + motion[k, 2] * p1[2])
         for i in range(3):
-            motion[k, i] = reach * motion[k, i] - along * p1[i]
+            motion[k, i] = ratio * motion[k, i] - along * p1[i]
 
 
-SHORTEST, LONGEST = 1.0, 1000.0
-"""mm that a tool's lengths can have: what is beyond was given in another unit."""
+MIN_LENGTH_MM, MAX_LENGTH_MM = 1.0, 1000.0
+"""Bounds of plausible tool lengths; other values were given in another unit."""
 
-OFFSET = at_most(LONGEST, "mm either way")
+OFFSET_LIMIT = at_most(MAX_LENGTH_MM, "mm in either direction")
 
 
 class Tool(Checked, ABC, section="tool"):
-    """The markers' places on the tool's axis.
+    """Base of the tool models: positions of both markers on the tool's axis.
 
-    ``offset`` (mm) is how far m₁ is beyond the reference point whose ρ the arm reports. ``value``
-    is the number that the compiled functions take: l or λ.
+    ``offset`` (mm) is the distance from the reference point, whose ρ the arm reports, to m₁.
+    ``value`` is the parameter of the compiled functions: l or λ.
     """
 
     kind: ClassVar[int]
@@ -117,28 +120,49 @@ class Tool(Checked, ABC, section="tool"):
     @property
     @abstractmethod
     def value(self) -> float:
-        """L in mm, or λ."""
+        """Spacing l in mm, or factor λ."""
 
     @cached_property
     def shaft(self) -> Shaft:
-        """What compiled functions know of it."""
+        """Struct for compiled functions."""
         return Shaft(self.kind, float(self.value))
 
     def second_marker(self, p1: Floats) -> Floats:
-        """p₂ (3,) mm of the marker nearer the tip."""
+        """Return the position of marker 2, the one nearer the tip.
+
+        Parameters
+        ----------
+        p1 : Floats
+            Position (3,) mm of marker 1, from the RCM.
+
+        Returns
+        -------
+        Floats
+            Position p₂ (3,) mm.
+        """
         return second_marker(self.shaft, np.ascontiguousarray(p1, dtype=float))
 
 
 @dataclass(frozen=True)
 class RigidTool(Tool):
-    """Two markers at a fixed spacing l on one rigid shaft: p₂ = p₁ (1 + l/ρ).
+    """Tool with two markers at a fixed spacing l on a rigid shaft: p₂ = p₁ (1 + l/ρ).
 
     Parameters
     ----------
     spacing : float
-        l, mm from m₁ to m₂ along the tool, away from the RCM.
+        Spacing l (mm) from m₁ to m₂ along the tool, away from the RCM, from 1 to 1000.
     offset : float
-        mm from the tool's reference point to m₁, positive away from the RCM.
+        Distance (mm) from the tool's reference point to m₁, positive away from the RCM, at most
+        1000 either way.
+
+    Raises
+    ------
+    BadInput
+        If a parameter is outside its range. The message names the likely unit.
+
+    Notes
+    -----
+    The paper uses a constant factor λ instead, see `ScaledTool`.
     """
 
     kind = RIGID
@@ -147,10 +171,10 @@ class RigidTool(Tool):
     spacing: Annotated[
         float,
         positive("length in mm"),
-        at_least(SHORTEST, "mm (this looks like m)"),
-        at_most(LONGEST, "mm (this looks like µm)"),
+        at_least(MIN_LENGTH_MM, "mm (this looks like m)"),
+        at_most(MAX_LENGTH_MM, "mm (this looks like µm)"),
     ]
-    offset: Annotated[float, OFFSET] = 0.0
+    offset: Annotated[float, OFFSET_LIMIT] = 0.0
 
     @property
     def value(self) -> float:
@@ -159,22 +183,33 @@ class RigidTool(Tool):
 
 @dataclass(frozen=True)
 class ScaledTool(Tool):
-    """The paper's model p₂ = λ p₁ with λ constant: right at one insertion only, kept to reproduce
-    the paper.
+    """Tool with the paper's model p₂ = λ p₁ of constant λ.
+
+    A rigid shaft has this λ at one insertion only. The model is here to reproduce the paper.
 
     Parameters
     ----------
     scale : float
-        λ, above 1.
+        Factor λ, above 1.
     offset : float
-        mm from the tool's reference point to m₁, positive away from the RCM.
+        Distance (mm) from the tool's reference point to m₁, positive away from the RCM, at most
+        1000 either way.
+
+    Raises
+    ------
+    BadInput
+        If a parameter is outside its range.
+
+    References
+    ----------
+    Section II-B of the paper, after eq. (2).
     """
 
     kind = SCALED
     name = "scaled"
 
     scale: Annotated[float, above(1.0, what="a factor λ")]
-    offset: Annotated[float, OFFSET] = 0.0
+    offset: Annotated[float, OFFSET_LIMIT] = 0.0
 
     @property
     def value(self) -> float:

@@ -1,9 +1,9 @@
-"""The one way in which rcmservo compiles a function: Numba, cached, never with fastmath.
+"""Compilation of kernels by Numba: cached, and never with fastmath.
 
-Numba itself is loaded on the first call of a kernel: a command that computes nothing starts without
-it. Numba's cache looks only at the file of the compiled function, so an edit in a file that it
-calls would be missed. The cache therefore lies in a folder named by a hash over all files that
-kernels are made of: new source, new cache. Whatever a kernel uses must be in such a file.
+Numba itself is loaded on the first call of a kernel, so a command that computes nothing starts
+without it. Numba's cache looks only at the file of the compiled function and would miss an edit in
+a file that the function calls. The cache folder is therefore named by a hash over all files with
+kernels: new source, new cache. Everything that a kernel uses must be in such a file.
 """
 
 import hashlib
@@ -18,34 +18,34 @@ from typing import Any, TypeVar, cast
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 PACKAGE = Path(__file__).parent.parent
-MARK = "\n@compiled\n"
-MARKS = MARK, "\n@declared(", "\ndeclare_in("
-"""Each is in files that machine code is made of."""
+DECORATOR_LINE = "\n@compiled\n"
+KERNEL_FILE_MARKS = DECORATOR_LINE, "\n@declared(", "\ndeclare_in("
+"""Lines that mark a file whose text decides the machine code."""
 
-PLAIN = os.environ.get("NUMBA_DISABLE_JIT", "") not in ("", "0")
-"""True if kernels stay readable Python, the oracle of the compiled ones."""
+JIT_IS_DISABLED = os.environ.get("NUMBA_DISABLE_JIT", "") not in ("", "0")
+"""True if kernels stay plain Python, the oracle of the compiled ones."""
 
 
-def sources() -> list[Path]:
-    """The files of this package that compiled functions are made of."""
+def find_kernel_files() -> list[Path]:
+    """Return the files of this package that compiled functions are made of."""
     texts = ((path, path.read_text("utf-8")) for path in sorted(PACKAGE.rglob("*.py")))
-    return [path for path, text in texts if any(mark in text for mark in MARKS)]
+    return [path for path, text in texts if any(mark in text for mark in KERNEL_FILE_MARKS)]
 
 
 def parts() -> int:
-    """How many functions of this package are compiled."""
-    return sum(path.read_text("utf-8").count(MARK) for path in sources())
+    """Return the number of compiled functions of this package."""
+    return sum(path.read_text("utf-8").count(DECORATOR_LINE) for path in find_kernel_files())
 
 
-def _source_hash() -> str:
+def _hash_kernel_files() -> str:
     digest = hashlib.sha256()
-    for path in sources():
+    for path in find_kernel_files():
         digest.update(path.read_bytes())
     return digest.hexdigest()[:16]
 
 
-def _places() -> Iterator[Path]:
-    """Where compiled code may be kept, the best place first."""
+def _cache_parents() -> Iterator[Path]:
+    """Yield the folders that may hold the cache, the preferred one first."""
     yield PACKAGE / "__pycache__"
     home = os.environ.get("XDG_CACHE_HOME")
     yield Path(home) / "rcmservo" if home else Path("~/.cache/rcmservo")
@@ -54,47 +54,48 @@ def _places() -> Iterator[Path]:
 
 
 @cache
-def cache_folder() -> str:
-    """A folder for compiled code that can be written to; empty if there is none."""
-    name = f"numba-{_source_hash()}"
-    for place in _places():
+def find_cache_folder() -> str:
+    """Return a writable folder for compiled code; empty if there is none."""
+    name = f"numba-{_hash_kernel_files()}"
+    for parent in _cache_parents():
         try:
-            folder = place.expanduser() / name
+            folder = parent.expanduser() / name
             folder.mkdir(mode=0o700, parents=True, exist_ok=True)
             with tempfile.TemporaryFile(dir=folder):
                 return str(folder)
-        except (OSError, RuntimeError):  # not writable; a home that nobody knows
+        except (OSError, RuntimeError):  # not writable; an unknown home folder
             continue
     return ""
 
 
-OPTIONS: Any = {"error_model": "numpy", "no_cfunc_wrapper": True, "forceinline": True}
-"""Nothing here is called from C: without what that needs it compiles in four fifths of the time.
-What one function calls becomes part of it: to pass on all the numbers of a tick took as long as to
-compute them."""
+NUMBA_OPTIONS: Any = {"error_model": "numpy", "no_cfunc_wrapper": True, "forceinline": True}
+"""Options of functions that Python calls. No function is called from C: without the wrapper for
+such calls, compilation takes four fifths of the time. Called functions are inlined: passing on
+all numbers of a tick took as long as computing them."""
 
-INNER: Any = {**OPTIONS, "no_cpython_wrapper": True}
-"""The same for a function that another compiled one calls. The code that takes Python's objects
-apart is a third of the compilation of a small function, and most functions need none."""
+INNER_NUMBA_OPTIONS: Any = {**NUMBA_OPTIONS, "no_cpython_wrapper": True}
+"""Options of functions that other compiled functions call. The code that unpacks Python's objects
+is a third of the compilation of a small function, and most functions do not need it."""
 
-DECLARING: list[str] = []
-"""Modules that extend Numba: they are imported before a kernel is compiled."""
+DECLARING_MODULES: list[str] = []
+"""Modules that extend Numba; they are imported before a kernel is compiled."""
 
-_CHANGING_THE_FOLDER = Lock()
+_CACHE_FOLDER_LOCK = Lock()
 
 
 def declare_in(module: str) -> None:
-    """Name a module that declares the compiled form of some functions. It imports Numba, so it is
-    imported only when a kernel is about to be compiled.
+    """Register a module that declares the compiled form of some functions.
+
+    The module imports Numba, so it is imported only before a kernel is compiled.
     """
-    DECLARING.append(module)
+    DECLARING_MODULES.append(module)
 
 
 class Kernel:
-    """A function that Numba compiles on its first call. Until then Numba is not even imported.
+    """Function that Numba compiles on its first call; until then Numba is not imported.
 
-    The plain function is `py_func`. Numba's object for calls from Python is `dispatcher`, that for
-    calls from other kernels is `inner`; other attributes are those of the dispatcher.
+    The plain function is `py_func`. Numba's object for calls from Python is `dispatcher`, the one
+    for calls from other kernels is `inner`. Other attributes are those of `dispatcher`.
     """
 
     py_func: Callable[..., Any]
@@ -103,19 +104,19 @@ class Kernel:
         update_wrapper(self, function)
         self.py_func = function
 
-    def __call__(self, *arguments: Any, **named: Any) -> Any:
-        return self.dispatcher(*arguments, **named)
+    def __call__(self, *args: Any, **kwargs: Any) -> Any:
+        return self.dispatcher(*args, **kwargs)
 
     def __getattr__(self, name: str) -> Any:
-        """Make a dispatcher, once, or return an attribute of the one for Python."""
+        """Make a dispatcher on its first use, or return an attribute of the one for Python."""
         if name == "inner":
-            return vars(self).setdefault(name, _dispatcher(self.py_func, INNER))
+            return vars(self).setdefault(name, _make_dispatcher(self.py_func, INNER_NUMBA_OPTIONS))
         if name == "dispatcher":
-            made = vars(self).setdefault(name, _dispatcher(self.py_func, OPTIONS))
-            # from now on a call reaches it without a frame of Python between: 0.1 us, not 0.3
-            loaded: Any = type("LoadedKernel", (Kernel,), {"__call__": staticmethod(made)})
+            dispatcher = vars(self).setdefault(name, _make_dispatcher(self.py_func, NUMBA_OPTIONS))
+            # further calls reach the dispatcher without a Python frame: 0.1 us instead of 0.3
+            loaded: Any = type("LoadedKernel", (Kernel,), {"__call__": staticmethod(dispatcher)})
             self.__class__ = loaded
-            return made
+            return dispatcher
         if name.startswith("_"):
             raise AttributeError(name)
         return getattr(self.dispatcher, name)
@@ -128,33 +129,34 @@ class Kernel:
 def compiled(function: Function) -> Function:
     """Compile `function` on its first call.
 
-    With NUMBA_DISABLE_JIT=1 it stays readable Python: the oracle.
+    With NUMBA_DISABLE_JIT=1 it stays plain Python, the oracle of the compiled form.
     """
-    return function if PLAIN else cast(Function, Kernel(function))
+    return function if JIT_IS_DISABLED else cast(Function, Kernel(function))
 
 
-def _dispatcher(function: Callable[..., Any], options: Any) -> Any:
-    """Return what Numba makes of a function, with the cache in our folder: one folder for each set
-    of options, which Numba does not tell apart there.
+def _make_dispatcher(function: Callable[..., Any], options: Any) -> Any:
+    """Return Numba's dispatcher of a function, with the cache in the folder of this package.
+
+    Each set of options has a folder of its own, because Numba's cache does not distinguish them.
     """
-    numba, config = _numba()
-    for module in DECLARING:
+    numba, config = _import_numba()
+    for module in DECLARING_MODULES:
         import_module(module)
-    with _CHANGING_THE_FOLDER:
-        chosen = config.CACHE_DIR
-        folder = chosen or cache_folder()
-        config.CACHE_DIR = str(Path(folder) / "inner") if folder and options is INNER else folder
+    with _CACHE_FOLDER_LOCK:
+        user_folder = config.CACHE_DIR
+        folder = user_folder or find_cache_folder()
+        config.CACHE_DIR = (
+            str(Path(folder) / "inner") if folder and options is INNER_NUMBA_OPTIONS else folder
+        )
         try:
             return numba.njit(cache=bool(folder), **options)(function)
         finally:
-            config.CACHE_DIR = chosen
+            config.CACHE_DIR = user_folder
 
 
 @cache
-def _numba() -> tuple[Any, Any]:
-    """Import Numba and its configuration, and declare the type of a kernel that another one
-    calls.
-    """
+def _import_numba() -> tuple[Any, Any]:
+    """Import Numba and its configuration; declare the type of kernels that other kernels call."""
     import numba
     from numba import extending
     from numba.core import config

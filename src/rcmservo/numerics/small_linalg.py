@@ -1,7 +1,8 @@
-"""Arithmetic on a few numbers, as loops for compiled functions.
+"""Small linear algebra as loops, for compiled functions.
 
-Numba compiles NumPy's way of writing the same to many times the code, as it holds broadcasting and
-the words of its errors: `a[:] = b` alone to nineteen times, in forty times the time.
+Numba compiles the same arithmetic in NumPy's notation to many times the code, because that includes
+broadcasting and the texts of its errors: `a[:] = b` alone becomes nineteen times as long and takes
+forty times as long to compile.
 """
 
 import numpy as np
@@ -12,21 +13,21 @@ from rcmservo.numerics.structs import Floats
 
 @compiled
 def put(into: Floats, numbers: Floats) -> None:
-    """Write the numbers over an array of the same shape."""
+    """Copy `numbers` into an array of the same shape."""
     for i in np.ndindex(into.shape):
         into[i] = numbers[i]
 
 
 @compiled
 def fill(into: Floats, number: float) -> None:
-    """Write one number over all of an array."""
+    """Set all entries of an array to one number."""
     for i in np.ndindex(into.shape):
         into[i] = number
 
 
 @compiled
 def all_finite(numbers: Floats) -> bool:
-    """Whether all numbers are finite."""
+    """Return True if all numbers are finite."""
     for number in numbers.flat:  # noqa: SIM110 Numba compiles no generators in `all`
         if not np.isfinite(number):
             return False
@@ -35,18 +36,18 @@ def all_finite(numbers: Floats) -> bool:
 
 @compiled
 def largest(numbers: Floats) -> float:
-    """The largest absolute value; NaN if a number is NaN."""
-    most = 0.0
+    """Return the largest absolute value; NaN if a number is NaN."""
+    maximum = 0.0
     for number in numbers.flat:
         if np.isnan(number):
             return np.nan
-        most = max(most, abs(number))
-    return most
+        maximum = max(maximum, abs(number))
+    return maximum
 
 
 @compiled
 def length(numbers: Floats) -> float:
-    """The square root of the sum of squares."""
+    """Return the square root of the sum of squares: the Euclidean or Frobenius norm."""
     total = 0.0
     for number in numbers.flat:
         total += number * number
@@ -55,7 +56,7 @@ def length(numbers: Floats) -> float:
 
 @compiled
 def minus(one: Floats, other: Floats) -> Floats:
-    """One − other, both (n,)."""
+    """Return one − other, both (n,)."""
     out = np.empty(len(one))
     for i in range(len(one)):
         out[i] = one[i] - other[i]
@@ -64,7 +65,7 @@ def minus(one: Floats, other: Floats) -> Floats:
 
 @compiled
 def distance(one: Floats, other: Floats) -> float:
-    """The length of one − other, both (n,)."""
+    """Return the Euclidean norm of one − other, both (n,)."""
     total = 0.0
     for i in range(len(one)):
         total += (one[i] - other[i]) ** 2
@@ -73,7 +74,7 @@ def distance(one: Floats, other: Floats) -> float:
 
 @compiled
 def over(one: Floats, other: Floats) -> Floats:
-    """One / other, number by number, both (n,)."""
+    """Return one / other entry by entry, both (n,)."""
     out = np.empty(len(one))
     for i in range(len(one)):
         out[i] = one[i] / other[i]
@@ -82,7 +83,7 @@ def over(one: Floats, other: Floats) -> Floats:
 
 @compiled
 def dot(one: Floats, other: Floats) -> float:
-    """oneᵀother, both (n,)."""
+    """Return oneᵀother, both (n,)."""
     total = 0.0
     for i in range(len(one)):
         total += one[i] * other[i]
@@ -91,7 +92,7 @@ def dot(one: Floats, other: Floats) -> float:
 
 @compiled
 def form(M: Floats, a: Floats, b: Floats) -> float:
-    """aᵀMb of M (n, m), a (n,) and b (m,)."""
+    """Return the bilinear form aᵀMb of M (n, m), a (n,) and b (m,)."""
     total = 0.0
     for i in range(len(a)):
         row = 0.0
@@ -103,7 +104,7 @@ def form(M: Floats, a: Floats, b: Floats) -> float:
 
 @compiled
 def product(A: Floats, x: Floats) -> Floats:
-    """A x (n,), of A (n, m) and x (m,)."""
+    """Return A x (n,) of A (n, m) and x (m,)."""
     out = np.empty(A.shape[0])
     for i in range(A.shape[0]):
         total = 0.0
@@ -115,7 +116,7 @@ def product(A: Floats, x: Floats) -> Floats:
 
 @compiled
 def products(A: Floats, B: Floats) -> Floats:
-    """A B (n, k), of A (n, m) and B (m, k)."""
+    """Return A B (n, k) of A (n, m) and B (m, k)."""
     out = np.empty((A.shape[0], B.shape[1]))
     multiply(A, B, out)
     return out
@@ -123,7 +124,7 @@ def products(A: Floats, B: Floats) -> Floats:
 
 @compiled
 def multiply(A: Floats, B: Floats, out: Floats) -> None:
-    """Write A B (n, k), of A (n, m) and B (m, k)."""
+    """Write A B of A (n, m) and B (m, k) into `out` (n, k)."""
     for i in range(A.shape[0]):
         for k in range(B.shape[1]):
             total = 0.0
@@ -134,7 +135,7 @@ def multiply(A: Floats, B: Floats, out: Floats) -> None:
 
 @compiled
 def cross(a: Floats, b: Floats) -> Floats:
-    """A × b (3,)."""
+    """Return a × b (3,)."""
     return np.array(
         [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
     )

@@ -1,9 +1,9 @@
 """Inverses and solutions of small linear systems, for compiled functions.
 
-One function for each kind of matrix: `invert` for positive definite ones of any size (covariances,
-normal equations), `solve_3x3` for the Jacobian of three features, `solve_2x2` where a positive
-definite matrix may be nearly singular. LAPACK's functions take longer at this size, of which most
-is the call, and seconds to compile.
+There is one function for each kind of matrix: `invert` for positive definite ones of any size
+(covariances, normal equations), `solve_3x3` for the Jacobian of three features, `solve_2x2` for a
+positive definite matrix that may be nearly singular. LAPACK takes longer at this size, mostly for
+the call, and seconds to compile.
 """
 
 import numpy as np
@@ -12,18 +12,18 @@ from rcmservo.numerics.jit import compiled
 from rcmservo.numerics.structs import Floats
 
 Vector = tuple[float, float, float]
-"""Three numbers."""
+"""Vector of three numbers."""
 
-ALIKE = 1e-5 - 1.0
-"""Cosine of the angle below which two roots of a cubic are taken to be nearly equal."""
+MIN_ROOT_COSINE = 1e-5 - 1.0
+"""Smallest cosine of the angle at which two roots of a cubic count as distinct."""
 
 
 @compiled
 def invert(X: Floats) -> bool:
     """Replace a symmetric positive definite X (n, n) by its inverse, by Gauss-Jordan elimination.
 
-    Return False, with X spoilt, if a pivot is not positive: X is not positive definite, or not a
-    number.
+    Return False if a pivot is not positive: X is not positive definite, or contains NaN. X is then
+    partly eliminated and must not be used.
     """
     n = len(X)
     for k in range(n):
@@ -35,10 +35,10 @@ def invert(X: Floats) -> bool:
             X[k, j] /= pivot
         for i in range(n):
             if i != k:
-                share = X[i, k]
+                factor = X[i, k]
                 X[i, k] = 0.0
                 for j in range(n):
-                    X[i, j] -= share * X[k, j]
+                    X[i, j] -= factor * X[k, j]
     return True
 
 
@@ -46,12 +46,12 @@ def invert(X: Floats) -> bool:
 def solve_2x2(N: Floats, b: Floats) -> Floats:
     """Return x (2,) of N x = b, for a symmetric positive definite N (2, 2).
 
-    The larger pivot is eliminated first: unlike `invert` it keeps its digits up to the condition of
-    1e12 that the lines of a slow motion have.
+    The larger pivot is eliminated first. Unlike `invert`, this preserves the digits up to a
+    condition of 1e12, which the lines of a slow motion have.
     """
     i = 0 if N[0, 0] >= N[1, 1] else 1
-    share, x = N[0, 1] / N[i, i], np.empty(2)
-    x[1 - i] = (b[1 - i] - share * b[i]) / (N[1 - i, 1 - i] - share * N[0, 1])
+    factor, x = N[0, 1] / N[i, i], np.empty(2)
+    x[1 - i] = (b[1 - i] - factor * b[i]) / (N[1 - i, 1 - i] - factor * N[0, 1])
     x[i] = (b[i] - N[0, 1] * x[1 - i]) / N[i, i]
     return x
 
@@ -60,8 +60,9 @@ def solve_2x2(N: Floats, b: Floats) -> Floats:
 def solve_3x3(A: Floats, b: Floats) -> tuple[Vector, float]:
     """Return x of A x = b for any A (3, 3) and b (3,) by the minors of A, and its condition number.
 
-    That is |A||A⁻¹|, to about 1e-16 times its square, so that of a large one no digit need be true;
-    NaN where the two greatest or the two least singular values are nearly equal.
+    The condition |A||A⁻¹| has a relative error of about 1e-16 times its square, so no digit of a
+    large one is certain. It is NaN where the two largest or the two smallest singular values are
+    nearly equal.
     """
     one, two = (A[0, 0], A[0, 1], A[0, 2]), (A[1, 0], A[1, 1], A[1, 2])
     three = A[2, 0], A[2, 1], A[2, 2]
@@ -70,10 +71,10 @@ def solve_3x3(A: Floats, b: Floats) -> tuple[Vector, float]:
     first = u[0] / det, v[0] / det, w[0] / det
     second = u[1] / det, v[1] / det, w[1] / det
     third = u[2] / det, v[2] / det, w[2] / det
-    right = b[0], b[1], b[2]
-    x, y = scalar_product(first, right), scalar_product(second, right)
+    rhs = b[0], b[1], b[2]
+    x, y = scalar_product(first, rhs), scalar_product(second, rhs)
     size = norm_squared(one, two, three) * norm_squared(first, second, third)
-    return (x, y, scalar_product(third, right)), np.sqrt(size)
+    return (x, y, scalar_product(third, rhs)), np.sqrt(size)
 
 
 @compiled
@@ -81,8 +82,8 @@ def norm_squared(one: Vector, two: Vector, three: Vector) -> float:
     """Return the square of the largest singular value of a matrix of three rows.
 
     It is the largest root of the characteristic polynomial of A Aᵀ, by the cosine of a third of an
-    angle: O. K. Smith, Eigenvalues of a symmetric 3 x 3 matrix, Comm. ACM 4 (1961) 168. NaN where
-    it is nearly a double root, of which the angle has half the digits only.
+    angle: O. K. Smith, Eigenvalues of a symmetric 3 x 3 matrix, Comm. ACM 4 (1961) 168. It is NaN
+    where this root is nearly a double root, whose angle has only half the digits.
     """
     a, b, c = scalar_product(one, one), scalar_product(two, two), scalar_product(three, three)
     d, e, f = scalar_product(one, two), scalar_product(one, three), scalar_product(two, three)
@@ -92,10 +93,10 @@ def norm_squared(one: Vector, two: Vector, three: Vector) -> float:
     if size == 0.0:
         return mean
     det = a * (b * c - f * f) - d * (d * c - f * e) + e * (d * f - b * e)
-    turned = 0.5 * det / size**3
-    if not turned > ALIKE:
+    cosine = 0.5 * det / size**3
+    if not cosine > MIN_ROOT_COSINE:
         return np.nan
-    return mean + 2.0 * size * np.cos(np.arccos(min(turned, 1.0)) / 3.0)
+    return mean + 2.0 * size * np.cos(np.arccos(min(cosine, 1.0)) / 3.0)
 
 
 @compiled

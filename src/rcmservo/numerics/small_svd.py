@@ -1,8 +1,8 @@
-"""The singular values of a small matrix, by rotating its columns until they stand at right angles.
+"""Singular values of a small matrix, by rotations that make its columns orthogonal.
 
-One-sided Jacobi rotations: at this size a tenth of the time that LAPACK's way takes, and small
-values come out to full relative precision. Hestenes, "Inversion of matrices by biorthogonalization
-and related results", J. SIAM 6(1), 1958.
+One-sided Jacobi rotations take a tenth of LAPACK's time at this size, and small singular values
+keep their full relative precision. Hestenes, "Inversion of matrices by biorthogonalization and
+related results", J. SIAM 6(1), 1958.
 """
 
 import numpy as np
@@ -11,14 +11,16 @@ from rcmservo.numerics.jit import compiled
 from rcmservo.numerics.small_linalg import all_finite, length
 from rcmservo.numerics.structs import Floats
 
-SWEEPS = 30
-"""Over all pairs of columns; they converge quadratically, three columns in about five."""
+MAX_SWEEPS = 30
+"""Largest number of sweeps over all pairs of columns. They converge quadratically: three columns
+need about five."""
 
 
 @compiled
-def right_angled(A: Floats) -> tuple[Floats, Floats]:
-    """B = A V (n, m) with columns at right angles, and the rotation V (m, m). The lengths of the
-    columns of B are the singular values of A, in any order.
+def orthogonalise_columns(A: Floats) -> tuple[Floats, Floats]:
+    """Return B = A V (n, m) with orthogonal columns, and the rotation V (m, m).
+
+    The lengths of the columns of B are the singular values of A, in any order.
     """
     B, V = A.copy(), np.empty((A.shape[1], A.shape[1]))
     put_right(B, V)
@@ -27,28 +29,32 @@ def right_angled(A: Floats) -> tuple[Floats, Floats]:
 
 @compiled
 def put_right(B: Floats, V: Floats) -> None:
-    """Turn the columns of B (n, m) in place until they are at right angles, and write the rotation
-    V (m, m).
+    """Rotate the columns of B (n, m) in place until they are orthogonal.
+
+    The rotation is written into V (m, m).
     """
     for i in range(len(V)):
         for j in range(len(V)):
             V[i, j] = 1.0 if i == j else 0.0
-    for _ in range(SWEEPS):
-        turned = False
+    for _ in range(MAX_SWEEPS):
+        was_rotated = False
         for i in range(len(V)):
             for j in range(i):
-                c, s = rotation(B, i, j)
+                c, s = compute_rotation(B, i, j)
                 if s != 0.0:
-                    turn(B, i, j, c, s)
-                    turn(V, i, j, c, s)
-                    turned = True
-        if not turned:
+                    rotate_columns(B, i, j, c, s)
+                    rotate_columns(V, i, j, c, s)
+                    was_rotated = True
+        if not was_rotated:
             break
 
 
 @compiled
-def rotation(B: Floats, i: int, j: int) -> tuple[float, float]:
-    """(cos, sin) of the turn that puts the columns i and j at right angles; (1, 0) if they are."""
+def compute_rotation(B: Floats, i: int, j: int) -> tuple[float, float]:
+    """Return (cos, sin) of the rotation that makes columns i and j orthogonal.
+
+    It is (1, 0) if they are orthogonal already.
+    """
     across, ii, jj = 0.0, 0.0, 0.0
     for k in range(len(B)):
         across += B[k, i] * B[k, j]
@@ -63,8 +69,8 @@ def rotation(B: Floats, i: int, j: int) -> tuple[float, float]:
 
 
 @compiled
-def turn(B: Floats, i: int, j: int, c: float, s: float) -> None:
-    """Turn the columns i and j of B in place."""
+def rotate_columns(B: Floats, i: int, j: int, c: float, s: float) -> None:
+    """Rotate columns i and j of B in place."""
     for k in range(len(B)):
         x, y = B[k, i], B[k, j]
         B[k, i], B[k, j] = c * x - s * y, s * x + c * y
@@ -72,19 +78,20 @@ def turn(B: Floats, i: int, j: int, c: float, s: float) -> None:
 
 @compiled
 def condition(A: Floats) -> float:
-    """The condition number of A (n, m): its largest singular value over its least; inf where A is
-    not finite.
+    """Return the condition number of A (n, m), largest over smallest singular value.
+
+    It is inf where A is singular or not finite.
     """
     if not all_finite(A):
         return np.inf
-    B, _ = right_angled(A)
+    B, _ = orthogonalise_columns(A)
     low, high = extremes(B)
     return high / low if low > 0.0 else np.inf
 
 
 @compiled
 def extremes(B: Floats) -> tuple[float, float]:
-    """The least and the greatest length of the columns of B (n, m)."""
+    """Return the smallest and the largest length of the columns of B (n, m)."""
     low, high = np.inf, 0.0
     for i in range(B.shape[1]):
         sigma = length(B[:, i])

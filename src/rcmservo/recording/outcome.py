@@ -1,4 +1,4 @@
-"""Judge a run by the measurements of its ticks: settled or not, when, and why not."""
+"""Outcome of a run from its ticks: settled or not, with time and cause."""
 
 from dataclasses import replace
 
@@ -13,46 +13,50 @@ from rcmservo.servo.servo import Servo
 from rcmservo.servo.user_estimator import Guard, called
 
 TOLERANCE = np.array([np.radians(0.5), 1.0, 1.0])
-"""|Δs|, |Δr|, |Δd| (rad, px, px) within which a run counts as settled."""
+"""Largest |Δs|, |Δr|, |Δd| (rad, px, px) at which a run counts as settled."""
 
 LAST = 1.0
-"""s at the end of a run through which the errors must keep within the tolerance."""
+"""Time (s) at the end of a run in which the errors must stay within the tolerance."""
 
 SAME_POSE = 5.0
-"""mm between the tool's end and where it was shown, by its own joints, beyond which it is another
-pose."""
+"""Largest distance (mm) of marker 1 from its taught position, by the joints, at which the pose
+counts as the taught one."""
 
-ON_THE_WAY = {
+UNFINISHED_CAUSES = {
     Phase.DISABLED: "the arm's drive is off",
     Phase.IDLE: "time ran out before both markers were seen",
     Phase.ACQUIRE: "time ran out during exploration",
 }
-"""Why a run ended in a phase that nothing wrong led to."""
+"""Causes of runs that end in a phase before servoing without a fault."""
 
 
 def held(mode: Mode, why: str) -> str:
-    """Return what holds the arm still at the last tick; `why` is why the markers were never seen,
-    if they never were.
+    """Return the cause that stops the arm at the last tick; empty if nothing stops it.
+
+    `why` is the reason why no marker was ever observed, or empty.
     """
     if mode.cause.stopping:
         return mode.cause.describe(
             mode.detail or (why if mode.cause.declared.hides_markers else "")
         )
-    return f"{ON_THE_WAY[mode.phase]}: {why}" if why and mode.phase in ON_THE_WAY else ""
+    return (
+        f"{UNFINISHED_CAUSES[mode.phase]}: {why}" if why and mode.phase in UNFINISHED_CAUSES else ""
+    )
 
 
 def settle_time(times: Floats, errors: Floats) -> float | None:
-    """Return when the errors Δy (N, 3) came within TOLERANCE for good; None if not, or for less
-    than LAST s before the last of ``times`` (N,) s.
+    """Return the time (s) from which on the errors Δy (N, 3) stay within TOLERANCE.
+
+    It is None if they do not, or do so for less than LAST s before the last of ``times`` (N,) s.
     """
     outside = np.flatnonzero(~(np.abs(errors) < TOLERANCE).all(axis=1))
     since = int(outside[-1]) + 1 if len(outside) else 0
-    stayed = since < len(times) and times[-1] - times[since] >= LAST - 1e-6
-    return float(times[since]) if stayed else None
+    has_settled = since < len(times) and times[-1] - times[since] >= LAST - 1e-6
+    return float(times[since]) if has_settled else None
 
 
 class Judge:
-    """Collect the ticks of a run, and judge them."""
+    """Collector of a run's ticks that computes their outcome."""
 
     def __init__(self, servo: Servo, target: Target) -> None:
         self._servo, self._target = servo, target
@@ -72,12 +76,12 @@ class Judge:
 
     @property
     def blind(self) -> Tick | None:
-        """The last tick, if the markers have never been seen."""
+        """Last tick, if no tick has accepted an observation of both markers; otherwise None."""
         return None if self._seen else self._last
 
     @property
     def duration(self) -> float:
-        """Time s of the last tick."""
+        """Time (s) of the last tick."""
         return self._times[-1] if self._times else 0.0
 
     def result(self) -> RunResult:
@@ -85,9 +89,9 @@ class Judge:
         if self._last is None:
             return RunResult(target_q=self._target.q.tolist())
         marker_1 = self._servo.marker_1
-        apart = np.linalg.norm(marker_1(self._last.seen.q) - marker_1(self._target.q))
+        distance = np.linalg.norm(marker_1(self._last.seen.q) - marker_1(self._target.q))
         times, errors = np.array(self._times), np.array(self._errors)
-        result = judged(times, errors, self._explored_at, self._last.state.mode, float(apart))
+        result = judged(times, errors, self._explored_at, self._last.state.mode, float(distance))
         return replace(
             result,
             cause=result.cause + _slow_estimator(self._last),
@@ -97,11 +101,15 @@ class Judge:
 
 
 def _slow_estimator(last: Tick) -> str:
-    """Return the user's own estimator that made the loop run late, as the rest of a sentence."""
-    cause, own = last.state.cause, last.servo.learner
-    late = cause in (Cause.OVERRUN, Cause.DRIVE_OFF)  # the arm's watchdog may be the first to act
-    if late and isinstance(own, Guard) and own.slowest > last.servo.period:
-        return f": estimator {called(own.own)} took up to {own.slowest * 1e-6:.1f} ms for a frame"
+    """Return the end of a sentence about a user-defined estimator that delayed the loop.
+
+    It is empty if no such estimator did.
+    """
+    cause, estimator = last.state.cause, last.servo.learner
+    is_late = cause in (Cause.OVERRUN, Cause.DRIVE_OFF)  # the arm's watchdog may act first
+    if is_late and isinstance(estimator, Guard) and estimator.slowest > last.servo.period:
+        longest = f"{estimator.slowest * 1e-6:.1f} ms"
+        return f": estimator {called(estimator.own)} took up to {longest} for a frame"
     return ""
 
 
@@ -112,16 +120,16 @@ def judged(
 
     Parameters
     ----------
-    times : array
+    times : Floats
         Times (N,) of its ticks, s.
-    errors : array
-        Errors Δy (N, 3) there, rad, px, px.
-    explored_at : float or None
+    errors : Floats
+        Errors Δy (N, 3) at these times, rad, px, px.
+    explored_at : float | None
         Time at which exploration ended, s.
     mode : Mode
         Mode of the servo at the end.
     apart : float
-        Distance (mm) at the end of marker 1 from where it was taught, by the arm's own joints.
+        Distance (mm) of marker 1 at the end from its taught position, by the joints.
     """
     if not len(times):
         return RunResult()
@@ -143,13 +151,13 @@ def _cause(mode: Mode, explored_at: float | None, settled_at: float | None, apar
         return mode.why
     if mode.phase is Phase.ACQUIRE and explored_at is not None:
         return "time ran out on the way back from a hold"
-    if mode.phase in ON_THE_WAY:
-        return ON_THE_WAY[mode.phase]
+    if mode.phase in UNFINISHED_CAUSES:
+        return UNFINISHED_CAUSES[mode.phase]
     if settled_at is None:
         return "time ran out before the feature errors had settled"
     if apart > SAME_POSE:
         return (
-            f"the features agree, but marker 1 is {apart:.0f} mm from where it was shown: a pose "
+            f"the features agree, but marker 1 is {apart:.0f} mm from its taught position: a pose "
             f"beyond the singular surface looks the same"
         )
     return ""

@@ -112,7 +112,7 @@ def replay_record(
 
     Returns
     -------
-    Rerun
+    ReplayResult
         Both runs and their differences.
 
     Raises

@@ -1,4 +1,4 @@
-"""Words of a run: its result, row by row, for every command that prints one."""
+"""Text of a run's result, row by row, for every command that prints one."""
 
 import math
 from collections.abc import Iterator
@@ -21,13 +21,13 @@ from rcmservo.safety.state_machine import Request
 
 
 def verdict_of(record: Record, result: RunResult) -> str:
-    """Return if it settled, and if that is known for the whole run."""
+    """Return whether the run settled, and if the record is incomplete."""
     so_far = ", as far as the record can be read" if record.missing else ""
     return title_of(result) + so_far
 
 
 def rows_of(record: Record, result: RunResult) -> list[tuple[str, str]]:
-    """Return a recorded run as titles and words."""
+    """Return a recorded run as pairs of title and text."""
     rows = [("what", what(record.about, record.stages[-1].servo if record.stages else {}))]
     if len(record.stages) > 1:
         rows.append(("stages", _stages(record)))
@@ -35,12 +35,12 @@ def rows_of(record: Record, result: RunResult) -> list[tuple[str, str]]:
 
 
 def title_of(result: RunResult) -> str:
-    """Return the verdict as the title of a result."""
+    """Return "settled" or "not settled", the title of a result."""
     return "settled" if result.settled else "not settled"
 
 
 def result_rows(result: RunResult) -> list[tuple[str, str]]:
-    """Return what is known of a result, as titles and words."""
+    """Return the known parts of a result as pairs of title and text."""
     given = result.estimator_time_per_frame_s
     loop = LoopTiming() if result.loop is None else result.loop
     rows = (
@@ -67,7 +67,7 @@ def result_rows(result: RunResult) -> list[tuple[str, str]]:
 
 
 def _number(value: float | None, unit: str, digits: int, before: str = "") -> str:
-    """Return a number with its unit; empty where it is unknown."""
+    """Return a number with its unit; empty if it is unknown."""
     return "" if value is None else f"{before}{value:.{digits}f} {unit}"
 
 
@@ -105,7 +105,7 @@ def _operator(result: RunResult) -> str:
     if not (result.resumed or result.refused or result.shown_again):
         return ""
     refused = f" (refused {result.refused} x)" if result.refused else ""
-    return f"resumed {result.resumed} x{refused}, showed the target again {result.shown_again} x"
+    return f"resumed {result.resumed} x{refused}, taught the target again {result.shown_again} x"
 
 
 def _duration(result: RunResult) -> str:
@@ -115,7 +115,7 @@ def _duration(result: RunResult) -> str:
 
 
 def _loop_rows(loop: LoopTiming) -> Iterator[tuple[str, str]]:
-    """Yield the punctuality of a loop, as titles and words."""
+    """Yield the punctuality of a loop as pairs of title and text."""
     if loop.missed is not None:
         missed = f"{loop.missed} of {loop.ticks} ticks missed"
         yield "loop", _joined(_number(loop.rate_hz, "Hz", 3), missed)
@@ -141,7 +141,7 @@ def _spread(times: Spread, digits: int) -> str:
 def _camera(camera: CameraAccount) -> str:
     counts = f"{camera.frames} frames, {camera.lost} lost, {camera.incomplete} incomplete"
     times = _number(camera.uncertainty_ms, "ms", 2, "exposure times to ")
-    parts = f"{counts}, opened again {camera.reconnects} x", times or "exposure times unchecked"
+    parts = f"{counts}, reopened {camera.reconnects} x", times or "exposure times unchecked"
     return "; ".join(filter(None, (*parts, camera.trouble)))
 
 
@@ -153,13 +153,13 @@ def _speed(result: RunResult) -> str:
 
 
 def what(about: dict[str, Any], servo: Any) -> str:
-    """Of which arm, by which estimator, drawn from which seed and by which version."""
+    """Return kind of run, seed, mechanism, tool, estimator and version, separated by commas."""
     parts = ["simulation" if about.get("simulation") else "run"]
     if "seed" in about:
         parts[0] += f" with seed {about['seed']}"
-    for box in ("mechanism", "tool", "estimator"):
+    for section in ("mechanism", "tool", "estimator"):
         try:
-            parts.append(f"{box} {servo[box]['kind']}")
+            parts.append(f"{section} {servo[section]['kind']}")
         except (KeyError, TypeError):
             continue
     versions: Any = about.get("versions")
@@ -169,20 +169,20 @@ def what(about: dict[str, Any], servo: Any) -> str:
 
 
 def why(span: Span) -> str:
-    """The cause of a span, after what a person asked for."""
+    """Return the cause of a span, preceded by the operator's request."""
     if span.request is Request.NONE or span.cause is Cause.ASKED:
         return span.why
-    asked = f"after a person's {span.request.value}"
-    return f"{asked}: {span.why}" if span.cause is not Cause.NONE else asked
+    request = f"after the operator's request to {span.request.value}"
+    return f"{request}: {span.why}" if span.cause is not Cause.NONE else request
 
 
 def way_out(span: Span) -> str:
-    """What a person can do, where the tool stands still until then."""
+    """Return the operator's next step, if the tool stands still until then; otherwise nothing."""
     return span.cause.way_out if span.asks >= Action.HOLD else ""
 
 
 def _stages(record: Record) -> str:
-    """How many stages the record holds, and when each of them began."""
+    """Return the number of stages in the record and the time at which each begins."""
     count = len(record.time)
     begun = [f"{record.time[stage.first]:.2f} s" for stage in record.stages if stage.first < count]
     return f"{len(record.stages)}, begun at {', '.join(begun)}"
@@ -191,9 +191,9 @@ def _stages(record: Record) -> str:
 def _frames(frames: FrameCounts) -> str:
     parts = [f"{frames.used} used"]
     if frames.skipped:
-        parts.append(f"{frames.skipped} passed over")
+        parts.append(f"{frames.skipped} skipped")
     if frames.rejected:
-        parts.append(f"{frames.rejected} not believed")
+        parts.append(f"{frames.rejected} rejected")
     parts += [f"{why} at {_count(count, 'tick')}" for why, count in frames.dropped.items()]
     return ", ".join(parts)
 

@@ -1,4 +1,4 @@
-"""Timeline of a recorded run, its phases and causes one after the other, and its result."""
+"""Timeline of a recorded run: consecutive phases and causes, and its result."""
 
 import math
 from bisect import bisect_right
@@ -30,37 +30,36 @@ from rcmservo.safety.causes import Action, Cause
 from rcmservo.safety.state_machine import Mode, Phase, Request
 from rcmservo.safety.thresholds import Thresholds
 
-USUAL_RATE = 100.0
+DEFAULT_RATE_HZ = 100.0
 
-SLACK = 0.1
-"""s before the planned end of a run within which its last tick may come: a loop in wall time may
-miss some."""
+END_TOLERANCE_S = 0.1
+"""Largest time from a run's last tick to its planned end; a loop in wall time may miss ticks."""
 
 
 @dataclass(frozen=True)
 class Span:
-    """A stretch of ticks with one phase and one cause.
+    """Consecutive ticks with one phase and one cause.
 
-    A tick at which a person asked for something always begins one.
+    A tick with a new request of the operator always begins a span.
 
     Parameters
     ----------
     start : float
-        s of its first tick.
+        Time of its first tick, s.
     end : float
-        s at which its last tick ends.
+        Time at which its last tick ends, s.
     phase : Phase
-        What the servo was doing.
+        Phase of the servo.
     cause : Cause
-        Why; NONE if all was well.
+        Cause of a stop or slowdown; NONE if there is none.
     detail : str
-        What a person should know beside it, such as which joint it is.
+        Detail of the cause for the operator, such as the joint.
     asks : Action
-        The action that was taken in it.
+        Action that was taken.
     request : Request
-        What a person asked for at its first tick.
+        Request of the operator at its first tick.
     stage : int
-        The number of the stage within the record.
+        Number of the stage within the record.
     """
 
     start: float
@@ -78,16 +77,18 @@ class Span:
         return f"{self.cause.value}: {self.detail}" if self.detail else self.cause.value
 
     @property
-    def length(self) -> float:
-        """S from start to end."""
+    def duration(self) -> float:
+        """Duration in s."""
         return self.end - self.start
 
 
 def spans(record: Record) -> list[Span]:
-    """The record from beginning to end; a stage always begins a span of its own."""
+    """Return the spans of the whole record; a stage always begins a span of its own."""
     count = len(record.time)
     rows = list(zip(record.phase, record.cause, stages(record).tolist(), strict=True))
-    starts = [i for i in range(count) if i == 0 or rows[i] != rows[i - 1] or _asked(record, i)]
+    starts = [
+        i for i in range(count) if i == 0 or rows[i] != rows[i - 1] or _has_new_request(record, i)
+    ]
     return [
         Span(
             start=float(record.time[i]),
@@ -103,56 +104,57 @@ def spans(record: Record) -> list[Span]:
     ]
 
 
-def _asked(record: Record, i: int) -> bool:
-    """Whether a person asks for something at tick i that was not asked for at the one before."""
-    asked, before = record.words["request"][i], record.words["request"][i - 1]
-    return asked not in (Request.NONE.name, before)
+def _has_new_request(record: Record, i: int) -> bool:
+    """Return True if the operator's request at tick i is not that of the previous tick."""
+    request, previous = record.words["request"][i], record.words["request"][i - 1]
+    return request not in (Request.NONE.name, previous)
 
 
 def _detail(record: Record, i: int) -> str:
-    """What was said beside the cause at tick i: what stands in the words of the operating state
-    between it and the way out.
+    """Return the detail of the cause at tick i, from the text of the operating state.
+
+    It is the part of that text between the cause and the way out.
     """
     cause = record.enum_at(Cause, "cause", i)
-    place = bisect_right(record.operating, i, key=itemgetter(0))
-    words = record.operating[place - 1][1] if place else ""
-    _, said, rest = words.partition(f": {cause.value}: ")
-    return rest.removesuffix(f" ({cause.way_out})") if said else ""
+    index = bisect_right(record.operating, i, key=itemgetter(0))
+    text = record.operating[index - 1][1] if index else ""
+    _, separator, rest = text.partition(f": {cause.value}: ")
+    return rest.removesuffix(f" ({cause.way_out})") if separator else ""
 
 
 def stages(record: Record) -> NDArray[np.intp]:
-    """The number (N,) of every tick's stage."""
+    """Return the number (N,) of every tick's stage."""
     firsts = [stage.first for stage in record.stages]
     return np.maximum(np.searchsorted(firsts, np.arange(len(record.time)), side="right") - 1, 0)
 
 
 def end(record: Record) -> float:
-    """S at which the last tick ends."""
+    """Return the time (s) at which the last tick ends."""
     return float(record.time[-1]) + 1.0 / rate(record) if len(record.time) else 0.0
 
 
 def rate(record: Record) -> float:
-    """Ticks a second, as the servo was told."""
+    """Return the servo's setting of the ticks per second."""
     value = _setting(record, "rate")
-    return value if value > 0.0 else USUAL_RATE
+    return value if value > 0.0 else DEFAULT_RATE_HZ
 
 
-def _late_share(record: Record) -> float:
-    """Share of its period by which a tick could come late and count as in time."""
+def _late_fraction(record: Record) -> float:
+    """Return the fraction of the period by which a tick may be late and still count as punctual."""
     value = _setting(record, "thresholds", "late_share")
     return value if value > 0.0 else Thresholds.late_share
 
 
 def _setting(record: Record, *names: str) -> float:
-    """A setting of the last stage's servo; NaN where the record does not tell it as a number."""
-    told: Any = record.stages[-1].servo if record.stages else None
+    """Return a setting of the last stage's servo; NaN if it is not recorded as a number."""
+    value: Any = record.stages[-1].servo if record.stages else None
     for name in names:
-        told = told.get(name) if isinstance(told, dict) else None  # pyright: ignore[reportUnknownVariableType, reportUnknownMemberType]
-    return float(told) if isinstance(told, float) else math.nan
+        value = value.get(name) if isinstance(value, dict) else None  # pyright: ignore[reportUnknownVariableType, reportUnknownMemberType]
+    return float(value) if isinstance(value, float) else math.nan
 
 
 def summary(record: Record) -> RunResult:
-    """Return the outcome of a recorded run, with all numbers that its record holds."""
+    """Return the outcome of a recorded run with all numbers of its record."""
     cost, jacobian = _exploration(record)
     return replace(
         outcome(record),
@@ -165,19 +167,19 @@ def summary(record: Record) -> RunResult:
 
 
 def _loop_timing(record: Record) -> LoopTiming:
-    """Return the punctuality of the loop, apart from the times between its stages."""
+    """Return the punctuality of the loop, without the times between its stages."""
     ticks, stage = record.ticks, stages(record)
     gaps = (np.diff(ticks["now"][:, 0]) * 1e-9)[np.diff(stage) == 0]
     return LoopTiming(
         ticks=len(record.time),
-        late=int((gaps > (1.0 + _late_share(record)) / rate(record)).sum()),
+        late=int((gaps > (1.0 + _late_fraction(record)) / rate(record)).sum()),
         longest_ms=1e3 * float(gaps.max()) if len(gaps) else None,
         latency_ms=spread(ticks["latency"][record.new_frames(), 0]),
     )
 
 
 def _frame_counts(record: Record) -> FrameCounts:
-    """Return how the frames were used."""
+    """Return the numbers of used, skipped, rejected and dropped frames."""
     number, new, stage = record.ticks["frame"][:, 0], record.new_frames(), stages(record)
     steps = np.diff(number[new])[np.diff(stage[new]) == 0]
     dropped = Counter(record.enum_at(Dropped, "dropped", i) for i in range(len(record.time)))
@@ -191,22 +193,23 @@ def _frame_counts(record: Record) -> FrameCounts:
 
 def _exploration(record: Record) -> tuple[ExplorationCost, JacobianError]:
     """Return the cost of the first exploration, and the errors of Ĵ after it and at the end."""
-    found = np.flatnonzero(record.ticks["explored"][:, 0])
-    explored = int(found[0]) if len(found) else None
+    explored_ticks = np.flatnonzero(record.ticks["explored"][:, 0])
+    explored = int(explored_ticks[0]) if len(explored_ticks) else None
     time = None if explored is None else float(record.time[explored])
-    places, errors = record.truth["p1"], record.truth["jacobian_error"][:, 0]
-    if not len(places):
+    positions, errors = record.truth["p1"], record.truth["jacobian_error"][:, 0]
+    if not len(positions):
         return ExplorationCost(time), JacobianError()
     after = None if explored is None else known(errors[explored])
-    path: Floats = places if explored is None else places[: explored + 1]
+    path: Floats = positions if explored is None else positions[: explored + 1]
     length = float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
     excursion = float(np.linalg.norm(path - path[0], axis=1).max())
     return ExplorationCost(time, length, excursion), JacobianError(after, known(errors[-1]))
 
 
 def outcome(record: Record) -> RunResult:
-    """Return the verdict on the record's last run, judged as a run is while it happens, if the
-    record goes to its end.
+    """Return the outcome of the record's last run, judged as during the run.
+
+    A record that ends early gives an unsettled result.
     """
     first = max((stage.first for stage in record.stages if not stage.mid_run), default=0)
     time = record.time[first:]
@@ -217,38 +220,39 @@ def outcome(record: Record) -> RunResult:
     mode = Mode(phase, cause, detail=_detail(record, last))
     explored = np.flatnonzero(record.ticks["explored"][first:, 0])
     explored_at = float(time[explored[0]]) if len(explored) else None
-    result = judged(time, record.ticks["delta"][first:], explored_at, mode, _apart(record))
+    result = judged(
+        time, record.ticks["delta"][first:], explored_at, mode, _distance_from_target(record)
+    )
     return _unless_short(record, result, mode)
 
 
 def _unless_short(record: Record, result: RunResult, mode: Mode) -> RunResult:
-    """Return the result, not settled if the record ends before its run did, and in a mode that does
-    not tell why.
+    """Return the result, or an unsettled one if the record ends before its run.
+
+    The result stays if the mode at the end of the record explains the end.
     """
     planned, last = record.planned, end(record)
-    whole = record.complete if planned is None else last > planned - SLACK
-    over = bool(mode.cause.stopping) or (mode.phase is Phase.DISABLED and record.complete)
-    if whole or over:
+    is_complete = record.complete if planned is None else last > planned - END_TOLERANCE_S
+    is_explained = bool(mode.cause.stopping) or (mode.phase is Phase.DISABLED and record.complete)
+    if is_complete or is_explained:
         return result
     until = f"{last:.2f} s" if planned is None else f"{last:.2f} s of {planned:.2f} s"
     return result.unsettled(f"the record ends at {until}: what came after is not in it")
 
 
-def _apart(record: Record) -> float:
-    """Mm at the end between marker 1 and where it was shown; 0 where the record does not tell the
-    arm.
-    """
-    place, shown = _place(record, record.ticks["q"][-1]), shown_place(record)
-    return 0.0 if place is None or shown is None else float(np.linalg.norm(place - shown))
+def _distance_from_target(record: Record) -> float:
+    """Return the distance (mm) of marker 1 at the end from its taught position; 0 if unknown."""
+    final, taught = _marker_1_position(record, record.ticks["q"][-1]), shown_place(record)
+    return 0.0 if final is None or taught is None else float(np.linalg.norm(final - taught))
 
 
 def shown_place(record: Record) -> Floats | None:
-    """Where marker 1 was shown last, (3,) mm by the joints; None where the record does not tell."""
-    return _place(record, record.stages[-1].target.q) if record.stages else None
+    """Return marker 1's last taught position (3,) mm by the joints; None if it is not recorded."""
+    return _marker_1_position(record, record.stages[-1].target.q) if record.stages else None
 
 
-def _place(record: Record, q: Floats) -> Floats | None:
-    """p₁ (3,) mm at the joints q, if the record tells the arm."""
+def _marker_1_position(record: Record, q: Floats) -> Floats | None:
+    """Return p₁ (3,) mm at the joints q; None if the record does not describe the arm."""
     if not record.stages:
         return None
     try:

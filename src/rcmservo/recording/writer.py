@@ -198,7 +198,7 @@ class Recorder:
         self._send("servo_jv", ros2.encode_rates(self._joints, command.time, command.rates))
 
     def write_truth(self, p1: Floats, p2: Floats, jacobian_error: float) -> None:
-        """Add the simulation's truth for the last tick.
+        """Add the ground truth of the last tick.
 
         `p1` and `p2` are the markers (3,) in mm; `jacobian_error` is the scaled relative error of
         Ĵ.
@@ -319,7 +319,7 @@ class ThreadedRecorder:
         self._enqueue(self._recorder.write, tick)
 
     def write_truth(self, p1: Floats, p2: Floats, jacobian_error: float) -> None:
-        """Add the simulation's truth for the last tick."""
+        """Add the ground truth of the last tick."""
         self._enqueue(self._recorder.write_truth, p1, p2, jacobian_error)
 
     def write_frame(self, frame: Frame) -> None:

@@ -12,7 +12,7 @@ from rcmservo.numerics.structs import Row, real, reals, whole
 
 
 class CameraStruct(Row):
-    """Numbers of `Optics`."""
+    """Parameters of `CameraModel`."""
 
     width: int = whole("px", "width of the image")
     height: int = whole("px", "height of the image")
@@ -40,7 +40,7 @@ def transform_to_camera(lens: CameraStruct, p: Floats | Point) -> tuple[float, f
 def project(lens: CameraStruct, p: Floats | Point) -> tuple[float, float]:
     """Return the image (u, v) px of a world point p (3,) mm.
 
-    It is NaN where `Optics.project` returns NaN.
+    It is NaN where `CameraModel.project` returns NaN.
     """
     x, y, z = transform_to_camera(lens, p)
     u, v = x / z, y / z

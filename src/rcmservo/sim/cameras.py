@@ -115,7 +115,7 @@ class SimulatedCamera(ABC):
     ----------
     arm : SimulatedArm
         Arm whose joint history the camera reads.
-    body : Body
+    body : ToolBody
         Points of the tool.
     timing : Timing
         Frame rate, exposure and delay.
@@ -132,7 +132,7 @@ class SimulatedCamera(ABC):
         return self._frame
 
     def points_at(self, time: int) -> Floats:
-        """Return `Body.points` (4, 3) mm at a time (ns) within the last second."""
+        """Return `ToolBody.points` (4, 3) mm at a time (ns) within the last second."""
         return self.body.points(self.arm.joints_at(time))
 
     @abstractmethod

@@ -129,9 +129,9 @@ class Scene:
 
     Parameters
     ----------
-    optics : Optics
+    optics : CameraModel
         True camera.
-    body : Body
+    body : ToolBody
         Tool.
     path : Floats
         Joints (n, 3) on the path from the start to the target.

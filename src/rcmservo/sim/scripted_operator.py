@@ -119,7 +119,7 @@ def run_attended(
     servo: Servo,
     target: Target,
     duration: float,
-    person: ScriptedOperator,
+    operator: ScriptedOperator,
     begins: Callable[[Target, State | None], None] = lambda target, state: None,
 ) -> Generator[Tick]:
     """Run for `duration` s with a scripted operator, and yield its ticks.
@@ -138,8 +138,8 @@ def run_attended(
         First target.
     duration : float
         Length of the whole run, s.
-    person : ScriptedPerson
-        Scripted operator.
+    operator : ScriptedOperator
+        Operator that pauses, resumes and teaches.
     begins : callable
         Called at the start of every part of the run with its target and its initial state.
     """
@@ -150,10 +150,12 @@ def run_attended(
         begins(target, state)
         offset = rig.clock.now() - start
         remaining = duration - offset * 1e-9
-        with closing(run(plant, servo, target, remaining, person.ends_run, state, person)) as ticks:
+        with closing(
+            run(plant, servo, target, remaining, operator.ends_run, state, operator)
+        ) as ticks:
             for tick in ticks:
                 yield replace(tick, time=tick.time + offset)
-        new_target = None if tick is None else person.teach_again(tick)
+        new_target = None if tick is None else operator.teach_again(tick)
         if tick is None or new_target is None or rig.clock.now() - start >= duration * 1e9:
             return
         target, state = new_target, tick.state

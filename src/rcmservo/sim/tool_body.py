@@ -14,7 +14,7 @@ TIP_BEYOND_MARKER_2_MM = 14.0
 
 @compiled
 def compute_body_points(rcm: Rcm, shaft: Shaft, q: Floats) -> Floats:
-    """Compute `Body.points`; `rcm`'s reference point is marker 1."""
+    """Compute `ToolBody.points`; `rcm`'s reference point is marker 1."""
     out, n = np.zeros((4, 3)), axis(rcm, q)
     put(out[0], position(rcm, q))
     put(out[1], second_marker(shaft, out[0]))

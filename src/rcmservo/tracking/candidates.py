@@ -41,7 +41,7 @@ class TrackedPair:
 
     Parameters
     ----------
-    appearance : MarkerLook
+    appearance : MarkerAppearance
         Appearance of the markers.
     points : Floats
         Markers 1 and 2, (2, 2) px; NaN for a marker that is not found.

@@ -36,19 +36,22 @@ class ColourMarkers:
 
     Parameters
     ----------
-    look : MarkerLook, optional
+    look : MarkerAppearance, optional
         Colours and radii of the balls; by default a green marker 1 and a blue marker 2 of equal
         size.
 
     Raises
     ------
     BadInput
-        If `look` is no `MarkerLook`.
+        If `look` is no `MarkerAppearance`.
     """
 
     def __init__(self, look: MarkerAppearance | None = None) -> None:
         require(
-            isinstance(cast(object, look), MarkerAppearance | None), "look", look, "a MarkerLook"
+            isinstance(cast(object, look), MarkerAppearance | None),
+            "look",
+            look,
+            "a MarkerAppearance",
         )
         self.look = look or MarkerAppearance()
         self._colours = COLOURS.index(self.look.colour_1), COLOURS.index(self.look.colour_2)

@@ -181,8 +181,9 @@ class FrameIds:
         self._last: int | None = None
 
     def step(self, frame_id: int) -> int:
-        """Return the difference to the previous id: 1 if no frame is missing or the counter has
-        restarted.
+        """Return the difference to the previous id.
+
+        It is 1 if no frame is missing or the counter has restarted.
         """
         last, self._last = self._last, frame_id
         if last is None:

@@ -24,8 +24,9 @@ EXPOSURE_TIME = Limit(lambda exposure: 1e-5 <= exposure <= 1.0, "a time from 0.0
 
 @dataclass(frozen=True)
 class OpencvSettings(Checked, section="camera"):
-    """Video device, video file, numbered image sequence or network address, read with OpenCV. It
-    has no time stamps.
+    """Video device, video file, numbered image sequence or network address, read with OpenCV.
+
+    Such a source has no time stamps.
 
     Parameters
     ----------
@@ -175,8 +176,9 @@ def _is_loopback(address: str) -> bool:
 
 
 def require_accepted(name: str, value: float, actual: float, tolerance: float) -> None:
-    """Raise `BadInput` if a camera's actual value differs from a setting by more than a relative
-    tolerance.
+    """Raise `BadInput` if a camera's actual value differs from its setting.
+
+    `tolerance` is the largest accepted relative difference.
     """
     accepted = abs(actual - value) <= tolerance * abs(value)
     expected = f"a value that the camera accepts (it has set {actual:g})"

@@ -157,8 +157,9 @@ class CrtkArm:
             return replace(self._counts, warned=received.warnings, stale=received.rejected)
 
     def homed(self) -> bool:
-        """Return True if the arm reports that it is homed; otherwise raise `NotReady`, because an
-        operator cannot set its position.
+        """Return True if the arm reports that it is homed, False if it reports no state.
+
+        Raise `NotReady` if it is not homed, because an operator cannot set its position.
         """
         state = self._received.state
         if state is not None and not state.is_homed:

@@ -265,8 +265,9 @@ class Transport(Protocol):
     """Publishers and subscribers of topics. A transport does not receive its own messages."""
 
     def publish(self, topic: Topic[MessageT], message: MessageT) -> bool:
-        """Send a message at once; return True if it was sent. The first message of a topic also
-        offers it.
+        """Send a message at once; return True if it was sent.
+
+        The first message of a topic also offers the topic.
         """
         ...
 

@@ -265,8 +265,9 @@ class GalilSession:
         return reading
 
     def _read_messages(self) -> None:
-        """Store the last unsolicited message. Unread messages would fill the controller's
-        buffers.
+        """Store the last unsolicited message.
+
+        Unread messages would fill the controller's buffers.
         """
         if self._message_connection is not None:
             self.last_message = [self.last_message, *self._message_connection.read_messages()][-1]

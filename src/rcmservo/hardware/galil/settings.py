@@ -90,9 +90,7 @@ class GalilSettings(Checked, section="arm"):
 
     @property
     def scale_checksum(self) -> int:
-        """Checksum of `axes` and `counts`, between 1 and 2^31 - 1, a range that the controller can
-        store.
-        """
+        """Checksum of `axes` and `counts`, from 1 to 2^31 - 1, which the controller can store."""
         text = f"{self.axes} {' '.join(map(repr, map(float, self.counts)))}"
         return zlib.crc32(text.encode()) % (2**31 - 1) + 1
 

@@ -115,7 +115,7 @@ def _locate_pictures(path: Path) -> tuple[list[PictureLocation], list[int]]:
 
 
 def _span(span: Span) -> list[object]:
-    return [span.start, span.length, span.phase.value, why(span), way_out(span), span.asks.name]
+    return [span.start, span.duration, span.phase.value, why(span), way_out(span), span.asks.name]
 
 
 def _moments(record: Record, lines: list[Span], exposures: list[int]) -> list[dict[str, Any]]:

@@ -172,7 +172,7 @@ def _reference_point(row: TableRow, p: Floats) -> Floats:
 
 
 class RecordingWriter:
-    """Writer of recordings that `load` reads. A row is written only after its frame.
+    """Writer of recordings that `load_recording` reads. A row is written only after its frame.
 
     Parameters
     ----------

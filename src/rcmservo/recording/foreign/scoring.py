@@ -39,7 +39,7 @@ class RecordingScore:
 
     Parameters
     ----------
-    poses : list[Pose]
+    poses : list[RecordedPose]
         All rows of the recording, in order.
     markers : list[Markers]
         Markers of each frame.
@@ -98,7 +98,7 @@ def score_recording(
 
     Returns
     -------
-    Replay
+    RecordingScore
         Scores by estimator name.
 
     Raises

@@ -47,7 +47,7 @@ class CameraMotion:
             Disturbance of one of the kinds `CAMERA_MOTION_KINDS`, except relocate.
         fraction : float
             Fraction of the motion since the previous call.
-        optics : Optics
+        optics : CameraModel
             Present camera.
         markers : Floats, shape (2, 3)
             Present positions of the markers, mm.

@@ -31,7 +31,7 @@ class Disturbance:
     Parameters
     ----------
     kind : str
-        Name in `KINDS`.
+        Name in `DISTURBANCE_KINDS`.
     at : float
         Start, s after the start of the run.
     duration : float or None
@@ -137,7 +137,7 @@ def sample_disturbances(
     Parameters
     ----------
     random : numpy.random.Generator
-        Source of chance.
+        Generator of random numbers.
     duration : float
         Length of the run, s.
     pictures : bool

@@ -35,7 +35,7 @@ def damage(frame: Frame, what: str, random: np.random.Generator) -> Frame:
     what : {"size", "half", "noise", "none"}
         Another size, half missing, flipped bits, or an empty frame.
     random : numpy.random.Generator
-        Source of chance.
+        Generator of random numbers.
     """
     if frame.image is not None:
         return replace(frame, image=_damage_image(frame.image, what, random))

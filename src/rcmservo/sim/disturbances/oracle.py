@@ -4,8 +4,8 @@
 
 The projection is that of the camera when the servo began to estimate; the joints are the true ones
 at the reported time of the exposure; σ is the markers' noise. No servo can know better, so no servo
-can report a disturbance before the oracle does. `Unnoticed` measures the growth of the true error
-after that time while the servo reports no cause.
+can report a disturbance before the oracle does. `UnnoticedGrowth` measures the growth of the true
+error after that time while the servo reports no cause.
 """
 
 import numpy as np
@@ -32,7 +32,7 @@ class Oracle:
 
     Parameters
     ----------
-    truth : Truth
+    truth : GroundTruth
         Ground truth of the run.
     sigma : float
         Standard deviation (px) of the markers' noise.
@@ -55,23 +55,23 @@ class Oracle:
         self.visible_since: int | None = None
         self._frame, self._loud_since = -1, None
 
-    def innovation(self, seen: Observation) -> Floats:
+    def innovation(self, observation: Observation) -> Floats:
         """Return the normalised innovation (2, 2) of a frame, NaN where a marker is not found."""
-        markers = self._truth.markers(seen.exposure)
-        return (seen.points - self._optics.project(markers)) / self._sigma
+        markers = self._truth.markers(observation.exposure)
+        return (observation.points - self._optics.project(markers)) / self._sigma
 
-    def update(self, seen: Observation) -> None:
+    def update(self, observation: Observation) -> None:
         """Update with the observation of a tick."""
-        if seen.frame in (-1, self._frame):
+        if observation.frame in (-1, self._frame):
             return
-        self._frame = seen.frame
-        innovation = np.abs(self.innovation(seen))
+        self._frame = observation.frame
+        innovation = np.abs(self.innovation(observation))
         if not np.nan_to_num(innovation).max() >= INNOVATION_THRESHOLD:
             self._loud_since = None
             return
-        self._loud_since = seen.now if self._loud_since is None else self._loud_since
-        if self.visible_since is None and seen.now - self._loud_since >= MIN_DURATION_NS:
-            self.visible_since = seen.now
+        self._loud_since = observation.now if self._loud_since is None else self._loud_since
+        if self.visible_since is None and observation.now - self._loud_since >= MIN_DURATION_NS:
+            self.visible_since = observation.now
 
 
 class UnnoticedGrowth:

@@ -56,17 +56,17 @@ class Schedule:
     ----------
     disturbances : sequence of Disturbance
         Disturbances of the run.
-    chance : numpy.random.SeedSequence
+    seed : numpy.random.SeedSequence
         Seed of all their random numbers.
     """
 
     killed: bool
     """True after the process was killed: it sends nothing more."""
 
-    def __init__(self, disturbances: Sequence[Disturbance], chance: np.random.SeedSequence) -> None:
+    def __init__(self, disturbances: Sequence[Disturbance], seed: np.random.SeedSequence) -> None:
         self.disturbances = tuple(disturbances)
-        self._chance = chance.spawn(len(self.disturbances))
-        self._seed = chance
+        self._chance = seed.spawn(len(self.disturbances))
+        self._seed = seed
         self.events: list[Event] = []
         self._kinds: frozenset[str] = frozenset()
         self.killed = False

@@ -109,7 +109,7 @@ class Smoke(Veil):
     origin : Floats, shape (2,)
         Origin of the smoke, px.
     random : numpy.random.Generator
-        Source of chance.
+        Generator of random numbers.
     """
 
     RISE_TIME_S, FALL_TIME_S = 0.8, 1.0
@@ -170,7 +170,7 @@ class Stain(Veil):
     drops : Floats, shape (n, 3)
         Centre u, v and radius (px) of the drops that must be covered. Smaller ones surround them.
     random : numpy.random.Generator
-        Source of chance.
+        Generator of random numbers.
     """
 
     RISE_TIME_S, FALL_TIME_S = 0.08, 0.15

@@ -97,7 +97,7 @@ class ArmDevice:
         while self.arm.time < now:
             self._step()
 
-    def off(self) -> None:
+    def switch_off(self) -> None:
         """Zero the rates and switch the drive off, at once."""
         self.arm.watchdog.disable()
         self._step()
@@ -136,7 +136,7 @@ class ArmDevice:
         """Carry out an operator's request; return the time (ns) at which it is done."""
         self.advance(now)
         if request is ArmAction.ENABLE:
-            self.off()
+            self.switch_off()
             self.session = session
             self.disturbed_arm.enable()
         elif request in (ArmAction.HOLD_AT_TARGET, ArmAction.RETURN_TO_START):
@@ -202,7 +202,7 @@ def run_arm_process(
             if isinstance(message, DisturbanceChange):
                 message.apply(rig.schedule)
             elif message == "off":
-                device.off()
+                device.switch_off()
                 control.send("off")
-        device.off()
+        device.switch_off()
     shutil.rmtree(folder, ignore_errors=True)

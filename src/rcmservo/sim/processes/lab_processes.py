@@ -94,7 +94,7 @@ class SimulatedLab:
         ----------
         servo : Servo
             Servo that runs.
-        markers : MarkerLook
+        markers : MarkerAppearance
             Appearance of the markers.
         duration : float
             Length of the session, s.

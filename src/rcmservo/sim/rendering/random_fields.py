@@ -16,7 +16,7 @@ def make_random_field(
     Parameters
     ----------
     random : numpy.random.Generator
-        Source of chance.
+        Generator of random numbers.
     size : int
         Nodes along a side.
     strength : callable

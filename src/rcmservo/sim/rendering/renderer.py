@@ -34,7 +34,7 @@ class Renderer:
 
     Parameters
     ----------
-    optics : Optics
+    optics : CameraModel
         True camera.
     look : Look
         Appearance of the scene.

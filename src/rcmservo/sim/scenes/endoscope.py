@@ -28,7 +28,7 @@ def sample_through_port(
     Parameters
     ----------
     random : numpy.random.Generator
-        Source of chance.
+        Generator of random numbers.
     settings : SceneSettings
         Distributions; `ports` must be given.
     middle : Floats, shape (3,)

@@ -46,7 +46,7 @@ class SceneFeasibility:
     ----------
     settings : SceneSettings
         Distributions of the scenes.
-    body : Body
+    body : ToolBody
         Tool.
     radius : float
         Radius (mm) of the larger ball.
@@ -63,15 +63,15 @@ class SceneFeasibility:
 
         If the user gives both ends, only visibility counts.
         """
-        optics, way, half_way = scene.optics, scene.path, scene.half_way[None]
-        if self.settings.is_sampled and not path_is_within_limits(self.body.rcm, way):
+        optics, path, half_way = scene.optics, scene.path, scene.half_way[None]
+        if self.settings.is_sampled and not path_is_within_limits(self.body.rcm, path):
             return False
-        if not (self.markers_visible(optics, way) and self.markers_visible(optics, half_way)):
+        if not (self.markers_visible(optics, path) and self.markers_visible(optics, half_way)):
             return False
         if not self.settings.is_sampled:
             return True
-        explored = way[:1] if self.settings.errors is None else np.stack([way[0], half_way[0]])
-        return self._has_room(optics, explored) and self.is_well_conditioned(optics, way)
+        explored = path[:1] if self.settings.errors is None else np.stack([path[0], half_way[0]])
+        return self._has_room(optics, explored) and self.is_well_conditioned(optics, path)
 
     def markers_visible(self, optics: CameraModel, path: Floats) -> bool:
         """Return True if both balls are whole and apart in the image along the path (n, 3)."""

@@ -41,9 +41,9 @@ def plan_saturated_path(
 
     Parameters
     ----------
-    body : Body
+    body : ToolBody
         Tool.
-    optics : Optics
+    optics : CameraModel
         True camera.
     target : Floats, shape (3,)
         Joints of the target.
@@ -55,7 +55,7 @@ def plan_saturated_path(
     tuple or None
         Joints of the path, and the joints (3,) at half the error; None if no such joints exist.
     """
-    y_d = compute_features(body, optics, target)
+    y_d = compute_true_features(body, optics, target)
     path = [target]
     largest = np.max(np.abs(errors) / SCALE)
     for fraction in np.linspace(1.0, 0.0, PATH_POINTS)[1:]:
@@ -76,7 +76,7 @@ def _solve_for_error(
     None if the method does not converge.
     """
     for _ in range(10):
-        residual = difference(error, difference(compute_features(body, optics, q), y_d))
+        residual = difference(error, difference(compute_true_features(body, optics, q), y_d))
         if np.max(np.abs(residual) / SCALE) < 1e-9:
             return q
         J = scaled(compute_feature_jacobian(body, optics, q, compute_imaged_rcm(optics)))
@@ -89,7 +89,7 @@ def _solve_for_error(
     return None
 
 
-def compute_features(body: ToolBody, optics: CameraModel, q: Floats) -> Floats:
+def compute_true_features(body: ToolBody, optics: CameraModel, q: Floats) -> Floats:
     """Return y (3,) about the true imaged RCM at the joints q (3,)."""
     return features(about(optics.project(body.points(q)[:2]), compute_imaged_rcm(optics)))
 

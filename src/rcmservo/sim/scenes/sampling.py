@@ -36,7 +36,7 @@ class SceneSampler:
     ----------
     settings : SceneSettings
         Distributions of the scenes.
-    body : Body
+    body : ToolBody
         Tool.
     size : tuple[int, int]
         Width and height of the image, px.

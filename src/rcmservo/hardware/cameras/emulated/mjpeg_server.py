@@ -68,8 +68,9 @@ class MjpegServer:
         return f"http://{LOOPBACK}:{self.port}/"
 
     def wait_for_newer(self, count: int) -> tuple[int, bytes]:
-        """Wait for a frame after the one with a count; return its count and JPEG, empty if none
-        comes.
+        """Wait for a frame after the one with a count; return its count and JPEG.
+
+        The JPEG is empty if no frame comes.
         """
         with self._new_frame:
             self._waiting += 1

@@ -81,8 +81,9 @@ class Program:
         return self.labels[label]
 
     def index_of_line(self, line: int) -> int:
-        """Return the index of the first instruction in a line or after it, or raise
-        :class:`CommandError`.
+        """Return the index of the first instruction in a line or after it.
+
+        Raise :class:`CommandError` if the program has no such line.
         """
         if not 0 <= line < len(self.lines):
             raise CommandError(11)

@@ -1,7 +1,7 @@
-"""Network server of the emulated controller: eight handles over TCP or UDP on one port, and an
-optional serial port.
+"""Network server of the emulated controller.
 
-A ninth host is disconnected. Source: command reference, TH and IH.
+It has eight handles over TCP or UDP on one port, and an optional serial port. A ninth host is
+disconnected. Source: command reference, TH and IH.
 """
 
 import contextlib
@@ -65,7 +65,7 @@ class Server:
 
     Raises
     ------
-    NoPort
+    PortUnavailable
         If the port is in use or not permitted.
     """
 

@@ -1,6 +1,4 @@
-"""A small campaign of random faults: the whole is in benchmarks/campaign.py, whose runs these are
-the first of.
-"""
+"""Small campaign of random faults: the first runs of benchmarks/campaign.py."""
 
 from concurrent.futures import ProcessPoolExecutor
 
@@ -9,39 +7,40 @@ from campaign import Run, disturbed, one
 
 from rcmservo.sim import Disturbance
 
-RUNS = {"faults": 14, "short": 6, "none": 4}
-ENDS = {"settled", "HOLD", "PAUSED", "FAULT", "killed"}
+RUN_COUNTS = {"faults": 14, "short": 6, "none": 4}
+VALID_ENDS = {"settled", "HOLD", "PAUSED", "FAULT", "killed"}
 
 
 @pytest.fixture(scope="module")
 def runs() -> dict[str, list[Run]]:
     with ProcessPoolExecutor() as pool:
         return {
-            kind: list(pool.map(one, range(count), [kind] * count)) for kind, count in RUNS.items()
+            kind: list(pool.map(one, range(count), [kind] * count))
+            for kind, count in RUN_COUNTS.items()
         }
 
 
 @pytest.mark.parametrize(
     "kind",
-    [pytest.param(kind, marks=() if kind == "faults" else pytest.mark.slow) for kind in RUNS],
+    [pytest.param(kind, marks=() if kind == "faults" else pytest.mark.slow) for kind in RUN_COUNTS],
 )
-def test_one_run_of_each_kind_keeps_all_of_it(kind: str) -> None:
+def test_one_run_of_each_kind_meets_all_requirements(kind: str) -> None:
     run = one(1, kind)
     assert not run.wrong_commands and not run.too_slow, run
     assert all(stop[3] for stop in run.stops), run
-    assert run.end in ENDS, run
+    assert run.end in VALID_ENDS, run
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", RUNS)
-def test_no_command_is_wrong_and_no_stop_is_slow(kind: str, runs: dict[str, list[Run]]) -> None:
+@pytest.mark.parametrize("kind", RUN_COUNTS)
+def test_no_command_is_invalid_and_no_stop_is_slow(kind: str, runs: dict[str, list[Run]]) -> None:
     for run in runs[kind]:
         assert not run.wrong_commands, run
         assert not run.too_slow, run
 
 
 @pytest.mark.slow
-def test_every_stop_names_a_fault_that_was_there(runs: dict[str, list[Run]]) -> None:
+def test_every_stop_names_an_injected_fault(runs: dict[str, list[Run]]) -> None:
     stops = [
         (run.seed, stop) for kind in ("faults", "short") for run in runs[kind] for stop in run.stops
     ]
@@ -50,14 +49,14 @@ def test_every_stop_names_a_fault_that_was_there(runs: dict[str, list[Run]]) -> 
 
 
 @pytest.mark.slow
-def test_every_run_ends_well_or_standing_still(runs: dict[str, list[Run]]) -> None:
+def test_every_run_settles_or_ends_at_rest(runs: dict[str, list[Run]]) -> None:
     ends = {run.end for run in runs["faults"]}
-    assert ends <= ENDS
+    assert ends <= VALID_ENDS
     assert all(run.pose_error < 2.0 for run in runs["faults"] if run.end == "settled")
 
 
 @pytest.mark.slow
-def test_nothing_stops_a_run_without_faults_and_short_ones_do_not_keep_it_from_arriving(
+def test_runs_without_faults_never_stop_and_runs_with_short_faults_settle(
     runs: dict[str, list[Run]],
 ) -> None:
     assert all(not run.stops and run.end == "settled" for run in runs["none"])
@@ -72,14 +71,16 @@ def test_nothing_stops_a_run_without_faults_and_short_ones_do_not_keep_it_from_a
         (1853, "corrupt:at=2.157,for=1.301,what=noise"),
     ],
 )
-def test_points_that_are_noise_leave_the_estimate_what_it_was(seed: int, text: str) -> None:
-    """Of 10^12 px and more: the servo stopped as if the estimator were wrong."""
+def test_random_points_do_not_change_the_estimate(seed: int, text: str) -> None:
+    """Points beyond 10^12 px stopped the servo as if the estimator had failed."""
     run = disturbed(seed, [Disturbance.parse(text)])
     assert run.stops and all(stop[3] for stop in run.stops), run
 
 
 @pytest.mark.slow
-def test_an_arm_that_falls_silent_as_its_drive_comes_on_ends_the_run_in_one_sentence() -> None:
+def test_an_arm_that_stops_answering_while_its_drive_is_enabled_ends_the_run_in_one_sentence() -> (
+    None
+):
     texts = "decoy:at=0.855,for=1.02,marker=2,px=23.2", "arm_silent:at=4.459,for=1.427"
     run = disturbed(1667, [Disturbance.parse(text) for text in texts])
     assert run.end == "not enabled"

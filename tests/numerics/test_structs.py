@@ -1,4 +1,4 @@
-"""Rows of numbers: declared once, read by compiled functions and outside of them alike."""
+"""Structs with named fields, declared once and read alike by compiled functions and Python."""
 
 import pickle
 from dataclasses import dataclass
@@ -16,42 +16,42 @@ from rcmservo.servo.state import Decision, Estimate, Stored
 
 
 class Pair(Row):
-    """A row to try."""
+    """Row for these tests."""
 
-    place: Floats = reals(2, "mm", "where")
-    size: float = real("mm", "how large")
-    count: int = whole("", "how many")
-    known: bool = flag("whether it is known")
+    point: Floats = reals(2, "mm", "position")
+    size: float = real("mm", "diameter")
+    count: int = whole("", "number of samples")
+    known: bool = flag("the position is known")
 
 
-def test_a_row_gives_its_numbers_under_their_names_and_lets_arrays_be_changed() -> None:
-    pair = Pair.of(place=[1.0, 2.0], size=3.0, count=4, known=True)
-    pair.place[1] = 5.0
-    assert pair.place.tolist() == [1.0, 5.0]
+def test_a_row_has_named_numbers_and_writable_arrays() -> None:
+    pair = Pair.of(point=[1.0, 2.0], size=3.0, count=4, known=True)
+    pair.point[1] = 5.0
+    assert pair.point.tolist() == [1.0, 5.0]
     assert (pair.size, pair.count, pair.known) == (3.0, 4, True)
 
 
-class Both(Row):
-    """A row with parts to try."""
+class PairOfPairs(Row):
+    """Row with two parts, for these tests."""
 
-    one: Pair = part(Pair, "the one")
-    other: Pair = part(Pair, "the other")
+    one: Pair = part(Pair, "first part")
+    other: Pair = part(Pair, "second part")
 
 
-def test_a_part_is_a_view_of_the_row_that_it_belongs_to() -> None:
-    both = Both.of(one=Pair.of(size=3.0, place=1.0), other=Pair.of(count=4))
-    both.one.place[1] = 5.0
-    assert (both.one.place.tolist(), both.one.size, both.other.count) == ([1.0, 5.0], 3.0, 4)
+def test_a_part_is_a_view_of_its_row() -> None:
+    both = PairOfPairs.of(one=Pair.of(size=3.0, point=1.0), other=Pair.of(count=4))
+    both.one.point[1] = 5.0
+    assert (both.one.point.tolist(), both.one.size, both.other.count) == ([1.0, 5.0], 3.0, 4)
     other = changed(both, other=Pair.of(count=6))
     assert (other.one.size, other.other.count, both.other.count) == (3.0, 6, 4)
 
 
-def test_a_copy_is_the_same_to_the_last_bit_and_shares_no_memory() -> None:
-    both = Both.of(one=Pair.of(size=np.nan, known=True, place=-0.0))
+def test_a_copy_is_bitwise_equal_and_shares_no_memory() -> None:
+    both = PairOfPairs.of(one=Pair.of(size=np.nan, known=True, point=-0.0))
     twin = copied(both)
     assert twin.rows.tobytes() == both.rows.tobytes() and twin.rows.dtype == both.rows.dtype
-    twin.one.place[0] = 7.0
-    assert both.one.place[0] == 0.0 and pickle.loads(pickle.dumps(twin)).one.place[0] == 7.0
+    twin.one.point[0] = 7.0
+    assert both.one.point[0] == 0.0 and pickle.loads(pickle.dumps(twin)).one.point[0] == 7.0
 
 
 def test_a_batch_is_an_array_of_the_same_rows() -> None:
@@ -61,7 +61,7 @@ def test_a_batch_is_an_array_of_the_same_rows() -> None:
 
 
 @pytest.mark.parametrize("row", [Watch, Estimate, Decision, ModeStruct, CommandStruct, Stored])
-def test_every_field_of_the_core_has_a_shape_and_a_meaning(row: type[Row]) -> None:
+def test_every_field_of_the_servo_structs_has_a_shape_and_a_meaning(row: type[Row]) -> None:
     assert row.dtype.names == tuple(field.name for field in row.fields)
     assert all(field.meaning for field in row.fields)
     assert len(row.fields) > 3
@@ -69,37 +69,37 @@ def test_every_field_of_the_core_has_a_shape_and_a_meaning(row: type[Row]) -> No
 
 @dataclass(frozen=True)
 class Numbers:
-    """Settings to try; a whole number given for a real one stays a real one."""
+    """Settings for these tests; an integer default of a float field becomes a float."""
 
-    share: float = 1
+    fraction: float = 1
     ends: tuple[float, float, float] = (1, 2, 3)
     times: int = 5
     on: bool = True
 
 
-def test_settings_become_a_row_of_the_kinds_that_they_declare() -> None:
+def test_settings_become_a_row_of_their_declared_types() -> None:
     rows = as_row(Numbers())
     kinds = {name: rows.dtype[name].base.str for name in rows.dtype.names}
-    assert kinds == {"share": "<f8", "ends": "<f8", "times": "<i8", "on": "|b1"}
+    assert kinds == {"fraction": "<f8", "ends": "<f8", "times": "<i8", "on": "|b1"}
     assert rows["ends"][0].tolist() == [1.0, 2.0, 3.0]
     assert as_row(Thresholds()).dtype == as_row(Thresholds(stale_slow=2, jump=4)).dtype
 
 
 @dataclass(frozen=True)
 class Settings:
-    """Settings that have parts."""
+    """Settings with parts."""
 
     numbers: Numbers
     pair: Pair
 
 
-def test_settings_that_have_parts_become_a_row_of_rows() -> None:
-    rows = as_row(Settings(Numbers(share=3), Pair.of(count=4)))
-    assert rows["numbers"]["share"][0] == 3.0 and rows["pair"]["count"][0] == 4
+def test_settings_with_parts_become_nested_rows() -> None:
+    rows = as_row(Settings(Numbers(fraction=3), Pair.of(count=4)))
+    assert rows["numbers"]["fraction"][0] == 3.0 and rows["pair"]["count"][0] == 4
     assert rows.dtype["pair"] == Pair.dtype and rows.dtype["numbers"] == as_row(Numbers()).dtype
 
 
-def test_two_watches_that_begin_share_no_memory() -> None:
+def test_two_initial_monitor_states_share_no_memory() -> None:
     one, other = begin(), begin()
     one.reached[:] = 1.0
     assert np.isnan(other.reached).all()

@@ -1,4 +1,4 @@
-"""Compiled code is kept where it can be, keyed by what it is made of; without a place it runs."""
+"""Caching of compiled code in a writable folder, keyed by its sources; kernels without a folder."""
 
 import ast
 import copy
@@ -23,18 +23,18 @@ from rcmservo.numerics.small_linalg import length
 PROGRAM = (
     "import numpy as np; from rcmservo.numerics import jit; "
     "from rcmservo.geometry.features import features; "
-    "print(jit.cache_folder()); print(features(np.array([1.0, 2.0, 3.0, 5.0]))[1])"
+    "print(jit.find_cache_folder()); print(features(np.array([1.0, 2.0, 3.0, 5.0]))[1])"
 )
 
 
-def copied(folder: Path) -> Path:
+def copy_source(folder: Path) -> Path:
     shutil.copytree(
         ROOT / "src", folder, ignore=shutil.ignore_patterns("__pycache__", "*.egg-info")
     )
     return folder
 
 
-def run(source: Path, **variables: str) -> list[str]:
+def run_with_source(source: Path, **variables: str) -> list[str]:
     environment = {**os.environ, "PYTHONPATH": str(source), **variables}
     environment.pop("NUMBA_CACHE_DIR", None)
     command = [sys.executable, "-B", "-c", PROGRAM]
@@ -44,42 +44,44 @@ def run(source: Path, **variables: str) -> list[str]:
 
 @pytest.mark.slow
 def test_a_change_of_any_file_with_compiled_functions_makes_a_new_cache(tmp_path: Path) -> None:
-    source = copied(tmp_path / "src")
-    before = run(source)[0]
+    source = copy_source(tmp_path / "src")
+    before = run_with_source(source)[0]
     other = source / "rcmservo/cli/cli.py"
     other.write_text(other.read_text() + "\n# a remark\n")
-    assert run(source)[0] == before
+    assert run_with_source(source)[0] == before
     kernel = source / "rcmservo/geometry/features.py"
     kernel.write_text(kernel.read_text() + "\n# a remark\n")
-    assert run(source)[0] != before
+    assert run_with_source(source)[0] != before
 
 
 @pytest.mark.skipif(os.name != "posix", reason="permissions as on POSIX")
-def test_where_neither_package_nor_home_can_be_written_to_it_still_runs(tmp_path: Path) -> None:
-    """A file stands where each folder would be, which stops root too."""
-    source = copied(tmp_path / "src")
+def test_kernels_run_where_neither_package_nor_home_is_writable(tmp_path: Path) -> None:
+    """A file occupies the path of each folder, which also stops the root user."""
+    source = copy_source(tmp_path / "src")
     (source / "rcmservo/__pycache__").write_text("in the way")
     home = tmp_path / "home"
     home.write_text("in the way")
-    place, root = run(source, HOME=str(home), XDG_CACHE_HOME=str(home), TMPDIR=str(tmp_path))
-    assert Path(place).is_relative_to(tmp_path)
-    assert stat.S_IMODE(Path(place).stat().st_mode) & 0o077 == 0
+    folder, root = run_with_source(
+        source, HOME=str(home), XDG_CACHE_HOME=str(home), TMPDIR=str(tmp_path)
+    )
+    assert Path(folder).is_relative_to(tmp_path)
+    assert stat.S_IMODE(Path(folder).stat().st_mode) & 0o077 == 0
     assert float(root) == pytest.approx(5.0**0.5)
 
 
-def test_what_a_compiled_function_names_of_this_package_stands_in_a_file_that_is_hashed() -> None:
-    """Otherwise an edit there would go unseen."""
-    hashed = {path.resolve() for path in jit.sources()}
+def test_compiled_functions_use_only_hashed_files_of_this_package() -> None:
+    """Otherwise an edit in that file would not renew the cache."""
+    hashed = {path.resolve() for path in jit.find_kernel_files()}
     assert len(hashed) > 10
     for path in hashed:
         tree = ast.parse(path.read_text())
-        for name, origin in imported(tree).items():
+        for name, origin in list_imported_names(tree).items():
             used = any(name in names_in(node) for node in ast.walk(tree) if is_compiled(node))
-            assert not used or origin in hashed or origin.name in WITHOUT_NUMBERS, (path, name)
+            assert not used or origin in hashed or origin.name in TYPE_FILES, (path, name)
 
 
-WITHOUT_NUMBERS = {"base.py", "interfaces.py", "numerics/structs.py", "thresholds.py", "state.py"}
-"""Files of types alone as far as compiled functions see them."""
+TYPE_FILES = {"base.py", "interfaces.py", "numerics/structs.py", "thresholds.py", "state.py"}
+"""Files that only define types for compiled functions."""
 
 
 def is_compiled(node: ast.AST) -> bool:
@@ -93,8 +95,8 @@ def names_in(node: ast.AST) -> set[str]:
     return {part.id for part in body if isinstance(part, ast.Name)}
 
 
-def imported(tree: ast.AST) -> dict[str, Path]:
-    """Names imported from this package, by the file they come from."""
+def list_imported_names(tree: ast.AST) -> dict[str, Path]:
+    """Return the names imported from this package, with the file that defines them."""
     found = {}
     for node in ast.walk(tree):
         if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("rcmservo."):
@@ -103,8 +105,8 @@ def imported(tree: ast.AST) -> dict[str, Path]:
     return found
 
 
-def printed(program: str, **variables: str) -> list[str]:
-    """The words that a program in a process of its own prints."""
+def run_program(program: str, **variables: str) -> list[str]:
+    """Return the words that a program prints in a process of its own."""
     command = [sys.executable, "-c", program]
     environment = os.environ | variables
     return subprocess.run(
@@ -113,10 +115,10 @@ def printed(program: str, **variables: str) -> list[str]:
 
 
 @pytest.mark.slow
-def test_a_kernel_brings_numba_in_on_its_first_call_and_is_in_the_cache_for_the_next_process(
+def test_the_first_call_of_a_kernel_imports_numba_and_caches_it_for_other_processes(
     tmp_path: Path,
 ) -> None:
-    """It calls others of its kind, in another file."""
+    """The kernel calls kernels in another file."""
     program = """
 import sys
 import numpy as np
@@ -126,19 +128,19 @@ assert products(np.eye(2), np.eye(2))[1, 1] == 1.0
 print(sum(products.stats.cache_hits.values()), len(products.signatures))
 """
     cache = {"NUMBA_CACHE_DIR": str(tmp_path)}
-    assert printed(program, **cache) == ["False", "0", "1"]
-    assert printed(program, **cache) == ["False", "1", "1"]
-    assert printed(program, NUMBA_DISABLE_JIT="0", **cache) == ["False", "1", "1"]
+    assert run_program(program, **cache) == ["False", "0", "1"]
+    assert run_program(program, **cache) == ["False", "1", "1"]
+    assert run_program(program, NUMBA_DISABLE_JIT="0", **cache) == ["False", "1", "1"]
 
 
-def test_as_plain_python_a_kernel_is_the_function_itself() -> None:
+def test_without_jit_a_kernel_is_the_plain_function() -> None:
     program = "import sys; from rcmservo.numerics.small_linalg import length; "
     program += "print(type(length).__name__, length(__import__('numpy').array([3.0, 4.0])), "
     program += "'numba' in sys.modules)"
-    assert printed(program, NUMBA_DISABLE_JIT="1") == ["function", "5.0", "False"]
+    assert run_program(program, NUMBA_DISABLE_JIT="1") == ["function", "5.0", "False"]
 
 
-def test_a_kernel_is_pickled_and_copied_as_a_function_is_by_name() -> None:
+def test_a_kernel_is_pickled_and_copied_by_name_like_a_function() -> None:
     for _ in range(2):  # before and after its first call
         assert pickle.loads(pickle.dumps(length)) is copy.deepcopy(length) is length
         assert length(np.array([3.0, 4.0])) == 5.0
@@ -156,14 +158,14 @@ def doubled_and_one(number: float) -> float:
     return doubled(number) + 1.0
 
 
-def test_a_kernel_called_by_kernels_only_has_no_code_for_calls_from_python() -> None:
+def test_a_kernel_that_only_kernels_call_has_no_code_for_python() -> None:
     kernel: Any = doubled
     assert doubled_and_one(3.0) == 7.0 and len(kernel.inner.signatures) == 1
     assert not kernel.signatures
     assert doubled(3.0) == 6.0 and len(kernel.signatures) == 1
 
 
-def test_threads_that_call_a_new_kernel_at_once_share_one_dispatcher() -> None:
+def test_concurrent_first_calls_of_a_kernel_share_one_dispatcher() -> None:
     kernel = jit.Kernel(length.py_func)  # type: ignore[attr-defined]
     with ThreadPoolExecutor(8) as pool:
         made = set(pool.map(lambda _: id(kernel.dispatcher), range(64)))

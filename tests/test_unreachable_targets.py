@@ -1,6 +1,4 @@
-"""A target that cannot be reached ends unsettled with its cause in words and exit code 1, and the
-tool stands still.
-"""
+"""Unreachable targets: the run ends unsettled at rest, with its cause in words and exit code 1."""
 
 import json
 from pathlib import Path
@@ -14,8 +12,8 @@ from rcmservo.recording.outcome import judged
 from rcmservo.safety.causes import Cause
 from rcmservo.safety.state_machine import Mode, Phase
 
-CASES = {
-    "a marker leaves the picture on the way": (
+UNREACHABLE_TARGETS = {
+    "a marker leaves the image": (
         """
         [scene]
         start = [0.33, -0.68, 93.74]
@@ -37,7 +35,7 @@ CASES = {
         1,
         "singular surface",
     ),
-    "beyond one, where the same picture is another pose": (
+    "beyond a singular surface, where the same image is another pose": (
         """
         [scene]
         start = [0.3, 0.0, 100.0]
@@ -50,11 +48,11 @@ CASES = {
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("case", UNREACHABLE_TARGETS)
 def test_an_unreachable_target(
     case: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    text, seed, words = CASES[case]
+    text, seed, words = UNREACHABLE_TARGETS[case]
     rig, out = tmp_path / "rig.toml", tmp_path / "out"
     rig.write_text(text)
     arguments = [
@@ -88,7 +86,7 @@ def test_an_unreachable_target(
 
 
 @pytest.mark.slow
-def test_a_target_past_a_joint_limit_that_the_arm_cannot_hold_is_not_taught(
+def test_a_target_beyond_a_joint_limit_is_not_taught(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     rig = tmp_path / "rig.toml"
@@ -108,7 +106,9 @@ def test_a_target_past_a_joint_limit_that_the_arm_cannot_hold_is_not_taught(
 
 
 @pytest.mark.slow
-def test_time_that_runs_out_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_run_that_ends_by_its_duration_names_that_cause(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert (
         main(
             [
@@ -147,7 +147,7 @@ def test_time_that_runs_out_is_said(tmp_path: Path, capsys: pytest.CaptureFixtur
     assert "exploration" in json.loads(capsys.readouterr().out)["cause"]
 
 
-VERDICTS = [
+OUTCOMES = [
     (Mode(Phase.SERVO, Cause.LATE_TICK), 1.0, ""),
     (Mode(Phase.SERVO, Cause.NEARLY_SINGULAR), 1.0, ""),
     (Mode(Phase.HOLD, Cause.STALE), 1.0, Cause.STALE.words),
@@ -158,8 +158,8 @@ VERDICTS = [
 ]
 
 
-@pytest.mark.parametrize("mode,explored,words", VERDICTS)
-def test_the_verdict_names_what_stopped_it_and_nothing_else(
+@pytest.mark.parametrize("mode,explored,words", OUTCOMES)
+def test_the_outcome_names_only_the_cause_of_the_stop(
     mode: Mode, explored: float | None, words: str
 ) -> None:
     times = np.arange(300) / 100.0
@@ -168,7 +168,7 @@ def test_the_verdict_names_what_stopped_it_and_nothing_else(
 
 @pytest.mark.parametrize("at", ["0", "0.02"])
 @pytest.mark.usefixtures("blank_figures")
-def test_a_run_that_ends_before_anything_was_seen_says_why(
+def test_a_run_that_ends_before_the_first_observation_names_its_cause(
     at: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "run"
