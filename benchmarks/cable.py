@@ -34,7 +34,7 @@ import numpy as np
 from emulated_lab import COUNTS, EmulatedLab, Host
 
 import rcmservo as rs
-from rcmservo.config.rig_file import Lab
+from rcmservo.config.rig_file import RigDescription
 from rcmservo.interfaces import Floats
 from rcmservo.live.child_process import ChildProcess, receive_from_parent
 from rcmservo.live.loop_statistics import Report
@@ -237,12 +237,12 @@ def trial(
 
 def until_moving(words: Words, host: Host, tick: int) -> Floats:
     """Wait for the tick and for a moving tool; return the joint rates (3,)."""
-    begun, fast = time.monotonic(), np.array(Lab().gate.speed)
+    begun, fast = time.monotonic(), np.array(RigDescription().gate.speed)
     while time.monotonic() < begun + DEADLINE_S:
         words.hear(0.005)
         if words.ended:
             raise RuntimeError(f"the run ended before the event: {words.last}")
-        if words.child.beats.value >= tick:
+        if words.child.heartbeat.value >= tick:
             speed = host.numbers("TV ABC") / COUNTS
             if (np.abs(speed) > MIN_SPEED_FRACTION * fast).any():
                 return speed
@@ -281,7 +281,7 @@ def main() -> int:
     parser.add_argument("--camera", choices=("gige", "mjpeg"), default="gige")
     parser.add_argument("--seed", type=int, default=0)
     chosen = parser.parse_args()
-    chance, lab = np.random.default_rng(chosen.seed), Lab()
+    chance, lab = np.random.default_rng(chosen.seed), RigDescription()
     servo = rs.Servo(mechanism=lab.mechanism, tool=lab.tool, gate=lab.gate)
     servo.warm_up()
     trials: list[Pulled] = []

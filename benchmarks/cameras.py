@@ -20,7 +20,7 @@ from multiprocessing.connection import Connection
 import numpy as np
 
 from rcmservo.cli.lab.emulated_arm import send_gige, send_mjpeg
-from rcmservo.config.rig_file import Lab
+from rcmservo.config.rig_file import RigDescription
 from rcmservo.hardware.cameras.aravis import open_aravis_camera
 from rcmservo.hardware.cameras.opencv import open_opencv_camera
 from rcmservo.hardware.cameras.settings import AravisSettings, OpencvSettings
@@ -75,7 +75,7 @@ def watch(camera: Camera, seconds: float) -> tuple[list[float], int, int]:
     """Return the latency (ms) of each frame, and the numbers of lost and undetected frames."""
     ages: list[float] = []
     lost, blind, last = 0, 0, -1
-    with TrackingThread(camera, ColourMarkers(Lab().markers), WallClock()) as thread:
+    with TrackingThread(camera, ColourMarkers(RigDescription().markers), WallClock()) as thread:
         begin, frame = time.monotonic() + 2.0, None
         while time.monotonic() < begin + seconds:
             newest = thread.latest()

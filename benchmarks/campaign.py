@@ -27,7 +27,7 @@ import numpy as np
 import rcmservo as rs
 from rcmservo.interfaces import Floats
 from rcmservo.loop.plant import NotEnabled
-from rcmservo.recording.outcome import TOLERANCE, Judge
+from rcmservo.recording.outcome import SETTLED_TOLERANCE, OutcomeCollector
 from rcmservo.servo.servo import Servo
 from rcmservo.sim import Disturbance, Killed, RigSettings
 from rcmservo.sim.disturbances import DISTURBANCE_KINDS, expected_causes, sample_disturbances
@@ -148,7 +148,7 @@ def disturbed(seed: int, disturbances: list[Disturbance]) -> Run:
     p_d = rig.truth.markers(rig.clock.now())[1]
     rig.move_to_start()
     rig.begin()
-    person, judge = ScriptedOperator(rig, plant, PATIENCE, frames=30), Judge(servo, target)
+    person, judge = ScriptedOperator(rig, plant, PATIENCE, frames=30), OutcomeCollector(servo, target)
     start, unnoticed = rig.clock.now(), UnnoticedGrowth(Oracle(rig.truth, NOISE))
     ticks = run_attended(
         rig, plant, servo, target, DURATION, person, lambda *begins: unnoticed.oracle.restart()
@@ -156,7 +156,7 @@ def disturbed(seed: int, disturbances: list[Disturbance]) -> Run:
     try:
         for tick in watched(run, ticks, disturbances, start):
             judge.add(tick)
-            unnoticed.update(tick, float(np.linalg.norm(rig.truth.markers(tick.seen.now)[1] - p_d)))
+            unnoticed.update(tick, float(np.linalg.norm(rig.truth.markers(tick.observation.now)[1] - p_d)))
     except Killed:
         run.end = "killed"
     except NotEnabled as why:
@@ -168,11 +168,11 @@ def disturbed(seed: int, disturbances: list[Disturbance]) -> Run:
     return run
 
 
-def ended(last: rs.Tick, judge: Judge) -> tuple[str, str]:
+def ended(last: rs.Tick, judge: OutcomeCollector) -> tuple[str, str]:
     """Return the end of a run in one word, and its cause."""
     result, phase = judge.result(), last.state.phase
     error = np.array(astuple(result.feature_error), float)
-    there = phase is rs.Phase.SERVO and bool((error < TOLERANCE).all())
+    there = phase is rs.Phase.SERVO and bool((error < SETTLED_TOLERANCE).all())
     end = "settled" if there else phase.name if phase in STOPS else "under way"
     return end, result.cause
 
@@ -183,7 +183,7 @@ def watched(
     """Yield the ticks; record each stop, whether its cause is expected, and late zero rates."""
     phase, since = None, 0
     for tick in ticks:
-        state, now = tick.state, tick.seen.now
+        state, now = tick.state, tick.observation.now
         if state.phase is not phase:
             since = since if phase in STOPS and state.phase in STOPS else now
             if state.phase in STOPS and not (
@@ -194,7 +194,7 @@ def watched(
             phase = state.phase
         late = (now - since) * 1e-9 > STOP_TIME_S - 0.5e-2 or phase is rs.Phase.FAULT
         if phase in STOPS and late and state.command.rates.any():
-            run.too_slow.append(f"{(now - start) * 1e-9:.2f} s: {state.words}")
+            run.too_slow.append(f"{(now - start) * 1e-9:.2f} s: {state.text}")
         yield tick
 
 

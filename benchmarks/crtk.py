@@ -89,7 +89,7 @@ def servoed(ros: int, seed: int) -> tuple[float, str]:
         TrackingThread(camera, ColourMarkers(default_markers()), clock) as eye,
         realtime(),
     ):
-        eye.wait_for(frames=2, patience=10.0)
+        eye.wait_for(frames=2, timeout_s=10.0)
         plant = Plant(arm, eye, eye, clock)
         brought(arm, clock, rig.scene.target)
         q_taught = arm.measure().q
@@ -100,7 +100,7 @@ def servoed(ros: int, seed: int) -> tuple[float, str]:
         )
         phase = ""
         for tick in run(plant, box, target, DURATION):
-            phase = f"{tick.state.phase.value} {tick.state.mode.cause.words} {arm.why_off}".strip()
+            phase = f"{tick.state.phase.value} {tick.state.mode.cause.text} {arm.why_off}".strip()
         body = ToolBody(rig.settings.mechanism, rig.settings.tool)
         tips = [body.points(q)[1] for q in (arm.measure().q, q_taught)]
         return float(np.linalg.norm(tips[0] - tips[1])), phase

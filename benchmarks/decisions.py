@@ -25,7 +25,7 @@ from packed_table import Table
 
 import rcmservo as rs
 from rcmservo.config.registry import ESTIMATORS
-from rcmservo.interfaces import Dropped
+from rcmservo.interfaces import DropReason
 
 FOLDERS = [Path(__file__).parents[1] / "tests/data" / name for name in ("decisions", "loops")]
 
@@ -64,7 +64,7 @@ def observations(table: Table) -> Iterator[rs.Observation]:
             arrival=arrival,
             q_exposure=r[6:9].copy(),
             points=r[9:13].copy().reshape(2, 2),
-            dropped=Dropped[words[0]],
+            drop_reason=DropReason[words[0]],
             recorded=bool(flags[1]),
             sizes=r[13:15].copy() if len(r) > 13 else np.full(2, np.nan),
         )
@@ -96,7 +96,7 @@ def decided(table: Table) -> Iterator[rs.State]:
     for i, seen in enumerate(observations(table)):
         if i in begins:
             again, target = begins[i]
-            state = servo.again(state) if again else servo.init()
+            state = servo.restart(state) if again else servo.init()
         assert target is not None
         state = servo.step(state, seen, target, rs.Request[table["words"][i, 1]])
         yield state
@@ -165,9 +165,9 @@ def recorded(
 
 def arrays(ticks: list[rs.Tick], stages: list[tuple[int, bool, rs.Target]]) -> Table:
     """Return a run as plain arrays."""
-    seen = [tick.seen for tick in ticks]
+    seen = [tick.observation for tick in ticks]
     words = [
-        (t.seen.dropped.name, t.request.name, t.state.phase.name, t.state.cause.name) for t in ticks
+        (t.observation.drop_reason.name, t.request.name, t.state.phase.name, t.state.cause.name) for t in ticks
     ]
     return {
         "integers": np.array([(o.now, o.q_time, o.frame, o.exposure, o.arrival) for o in seen]),
@@ -184,7 +184,7 @@ def arrays(ticks: list[rs.Tick], stages: list[tuple[int, bool, rs.Target]]) -> T
         "again": np.array([again for _, again, _ in stages]),
         "target_points": np.array([target.points for _, _, target in stages]),
         "target_q": np.array([target.q for _, _, target in stages]),
-        "target_shown": np.array([target.shown for _, _, target in stages]),
+        "target_shown": np.array([target.taught_at for _, _, target in stages]),
         "target_sizes": np.array([target.sizes for _, _, target in stages]),
     }
 

@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rcmservo.config.rig_file import Lab
+from rcmservo.config.rig_file import RigDescription
 from rcmservo.hardware.devices import open_arm, open_camera
 from rcmservo.interfaces import Arm, Camera, Floats, Target
 from rcmservo.live.servo_process import Session
@@ -118,12 +118,12 @@ class EmulatedLab:
         except subprocess.TimeoutExpired:
             self._process.kill()
 
-    def lab(self, port: int = 0) -> Lab:
+    def lab(self, port: int = 0) -> RigDescription:
         """Return the rig file, with another port of the controller if one is given."""
         where = "source" if self._camera["kind"] == "opencv" else "address"
         arm = {"kind": "galil", "address": "127.0.0.1", "port": port or self.port}
         return replace(
-            Lab(),
+            RigDescription(),
             devices={
                 "arm": {**arm, "counts": COUNTS.tolist()},
                 "camera": {**self._camera, where: self._address},
@@ -146,7 +146,7 @@ class EmulatedLab:
 
     def error(self) -> float:
         """Return the pose error ‖p₂ − p_d‖ in mm, from the encoders."""
-        body = ToolBody(Lab().mechanism, Lab().tool)
+        body = ToolBody(RigDescription().mechanism, RigDescription().tool)
         now = self.host.places() / COUNTS
         ends = [body.points(q)[1] for q in (now, self.target)]
         return float(np.linalg.norm(ends[0] - ends[1]))
@@ -161,12 +161,12 @@ def shown_by_jog(port: int, target: Floats, start: Floats, plant: Plant) -> Targ
     return shown
 
 
-def _homed(lab: Lab, start: Floats) -> Arm:
+def _homed(lab: RigDescription, start: Floats) -> Arm:
     arm = open_arm(lab)
-    if not arm.homed():
-        arm.define(start)
+    if not arm.is_homed():
+        arm.set_position(start)
     return arm
 
 
-def _opened(lab: Lab) -> Camera:
+def _opened(lab: RigDescription) -> Camera:
     return open_camera(lab)

@@ -26,7 +26,7 @@ import tyro
 import rcmservo as rs
 from rcmservo.cli.servo_options import ServoOptions
 from rcmservo.interfaces import Floats
-from rcmservo.loop.teach import NotShown
+from rcmservo.loop.teach import TeachingFailed
 from rcmservo.loop.tick import Tick
 from rcmservo.safety.state_machine import PHASES, Phase
 from rcmservo.sim import Disturbance
@@ -35,7 +35,7 @@ from rcmservo.sim.rendering import Tissue
 from rcmservo.sim.scene import Scene
 from rcmservo.sim.tool_body import ToolBody
 from rcmservo.study import Study, StudyRun
-from rcmservo.study.kernel_engine import Goal
+from rcmservo.study.kernel_engine import StudyGoal
 from rcmservo.study.report import statistics
 
 TEACHING_FRAMES = 300
@@ -142,13 +142,13 @@ def by_twin(options: Options, seed: int) -> Ended:
     """Run one closed loop on the compiled simulation."""
     settings = settings_of(options)
     estimator = ServoOptions().estimator_of(options.estimator)
-    study = Study(rs.Servo(settings.mechanism, settings.tool, estimator), settings, shown=30)
+    study = Study(rs.Servo(settings.mechanism, settings.tool, estimator), settings, teaching_frames=30)
     scene = draw(seed, ToolBody(settings.mechanism, settings.tool))
     random, markers = np.random.default_rng(seed), scene.body.points(scene.target)[:2]
     blur = random.standard_normal((2, 2)) / np.sqrt(TEACHING_FRAMES)
     points = scene.optics.project(markers) + options.noise * blur
     noise = options.noise * random.standard_normal((1000, 2, 2))
-    goal = Goal(points, scene.target, markers[1])
+    goal = StudyGoal(points, scene.target, markers[1])
     run = study.of(seed, scene, goal, noise)
     servoing = np.flatnonzero(run.phases == PHASES.index(Phase.SERVO))
     if options.hidden and len(servoing):
@@ -163,7 +163,7 @@ def by_laboratory(options: Options, seed: int) -> Ended:
     scene = draw(seed, ToolBody(rs.SphericalRcm(), settings_of(options).tool))
     try:
         return shown(options, seed, scene)
-    except NotShown:
+    except TeachingFailed:
         return Ended(depth(scene), np.inf, np.inf, ("NOT_SHOWN",))
 
 
@@ -195,16 +195,16 @@ def ticks(
 def course(seed: int, scene: Scene, ticks: Iterator[Tick]) -> StudyRun:
     """Return a run in the form of a study, with errors from the reported joints."""
     run, there = list(ticks), scene.body.points(scene.target)[1]
-    away = [np.linalg.norm(scene.body.points(tick.seen.q)[1] - there) for tick in run]
+    away = [np.linalg.norm(scene.body.points(tick.observation.q)[1] - there) for tick in run]
     phases = np.array([PHASES.index(tick.state.phase) for tick in run], np.int8)
-    causes = np.array([tick.state.cause.place for tick in run], np.int8)
+    causes = np.array([tick.state.cause.code for tick in run], np.int8)
     errors, rate = np.array(away, np.float64), run[0].servo.rate
     return StudyRun(seed, rate, errors, phases, causes, np.nan, scene)
 
 
 def share(count: int, of: int) -> str:
     """Return a percentage with its confidence interval, as text."""
-    value, low, high = statistics.share(count, of)
+    value, low, high = statistics.estimate_fraction(count, of)
     return f"{100 * value:.2f} % ({100 * low:.2f}-{100 * high:.2f})"
 
 

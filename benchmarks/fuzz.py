@@ -29,9 +29,9 @@ import numpy as np
 import rcmservo as rs
 from rcmservo.config import target_file
 from rcmservo.config.registry import MECHANISMS
-from rcmservo.config.rig_file import Lab, load_lab
-from rcmservo.config.target_file import Setup
-from rcmservo.sim import Drive, Look, SceneSettings
+from rcmservo.config.rig_file import RigDescription, load_rig_file
+from rcmservo.config.target_file import TargetSetup
+from rcmservo.sim import Drive, Appearance, SceneSettings
 from rcmservo.sim.rig_file import CameraSection, read_rig_settings
 from rcmservo.tracking import COLOURS
 
@@ -273,7 +273,7 @@ def rig_tables() -> list[dict[str, Any]]:
         "drive": asdict(Drive()),
         "scene": asdict(SceneSettings()),
     }
-    look = {key: value for key, value in asdict(Look()).items() if not key.startswith("marker_")}
+    look = {key: value for key, value in asdict(Appearance()).items() if not key.startswith("marker_")}
     both = {**simulated, "look": look}
     tools = (
         {"kind": "rigid", "spacing": 30.0, "offset": 0.0},
@@ -284,7 +284,7 @@ def rig_tables() -> list[dict[str, Any]]:
         limits = asdict(cls().limits)  # pyright: ignore[reportCallIssue]
         for tool in tools:
             robot = {"mechanism": {"kind": kind, "insertion_zero": 0.0, **limits}, "tool": tool}
-            lab = Lab()
+            lab = RigDescription()
             rest = {
                 "markers": asdict(lab.markers),
                 "gate": asdict(lab.gate),
@@ -322,7 +322,7 @@ def rig_file(random: Random) -> bytes:
 
 def try_rig(path: Path) -> None:
     """Read a rig file; raise `AssertionError` if the result differs from the file."""
-    lab = load_lab(path)
+    lab = load_rig_file(path)
     settings = read_rig_settings(lab)
     tables = tomllib.loads(path.read_bytes().decode())
     for name in lab.devices:
@@ -345,7 +345,7 @@ def try_rig(path: Path) -> None:
         "thresholds": asdict(lab.thresholds),
         "camera": camera,
         "drive": asdict(settings.drive),
-        "look": asdict(settings.look),
+        "look": asdict(settings.appearance),
         "scene": asdict(settings.scene),
     }
     usual = {"mechanism": asdict(MECHANISMS[lab.mechanism.name]().limits), **DEFAULTS}  # pyright: ignore[reportCallIssue]
@@ -364,12 +364,12 @@ def try_rig(path: Path) -> None:
 
 
 DEFAULTS: dict[str, Any] = {
-    "markers": asdict(Lab().markers),
-    "gate": asdict(Lab().gate),
-    "thresholds": asdict(Lab().thresholds),
+    "markers": asdict(RigDescription().markers),
+    "gate": asdict(RigDescription().gate),
+    "thresholds": asdict(RigDescription().thresholds),
     "camera": asdict(CameraSection()),
     "drive": asdict(Drive()),
-    "look": {key: value for key, value in asdict(Look()).items() if not key.startswith("marker_")},
+    "look": {key: value for key, value in asdict(Appearance()).items() if not key.startswith("marker_")},
     "scene": asdict(SceneSettings()),
 }
 
@@ -386,13 +386,13 @@ def plain(value: Any) -> Any:
     return float(value)
 
 
-SETUP = Setup("one camera", 640, 480, rs.SphericalRcm(), rs.RigidTool(spacing=30.0), Lab().markers)
+SETUP = TargetSetup("one camera", 640, 480, rs.SphericalRcm(), rs.RigidTool(spacing=30.0), RigDescription().markers)
 
 
 def target_content(folder: Path) -> dict[str, Any]:
     """Return the content of a valid target file."""
     points, q = np.array([[100.25, 50.125], [200.1, 300.3]]), np.array([0.7, 0.1, 120.0])
-    target_file.save(folder / "good.json", rs.Target(points, q), SETUP)
+    target_file.save_target(folder / "good.json", rs.Target(points, q), SETUP)
     return json.loads((folder / "good.json").read_text())
 
 
@@ -412,7 +412,7 @@ def drawn_target(random: Random, content: dict[str, Any]) -> bytes:
     if random.random() < 0.8:
         content.pop("sha256", None)
         try:
-            content["sha256"] = target_file.checksum(content)
+            content["sha256"] = target_file.compute_checksum(content)
         except ValueError:
             content["sha256"] = "0" * 64
     items = list(content.items())
@@ -423,7 +423,7 @@ def drawn_target(random: Random, content: dict[str, Any]) -> bytes:
 
 def try_target(path: Path) -> None:
     """Read a target file; raise `AssertionError` if the result is incorrect or unexpected."""
-    target = target_file.load(path, SETUP)
+    target = target_file.load_target(path, SETUP)
     content = json.loads(path.read_bytes())
     assert target.points.tolist() == content["markers_px"]
     assert target.q.tolist() == content["joints"]
@@ -434,7 +434,7 @@ def try_target(path: Path) -> None:
         "a joint is beyond its limits"
     )
     assert content["setup"] == json.loads((path.parent / "good.json").read_text())["setup"]
-    assert content.pop("sha256") == target_file.checksum(content)
+    assert content.pop("sha256") == target_file.compute_checksum(content)
 
 
 class Hung(BaseException):

@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 
 import rcmservo as rs
-from rcmservo.config.rig_file import Lab
+from rcmservo.config.rig_file import RigDescription
 from rcmservo.live.servo_process import Session
 from rcmservo.live.supervisor import ServoProcess, supervise
 from rcmservo.loop.run_result import RunResult
@@ -92,7 +92,7 @@ class Trial:
 
 def prepare() -> None:
     """Load all compiled functions."""
-    lab = Lab()
+    lab = RigDescription()
     rs.Servo(mechanism=lab.mechanism, tool=lab.tool, gate=lab.gate).warm_up()
     ColourMarkers(lab.markers).find(rs.Frame(0, 0, 0, image=np.zeros((480, 640, 3), np.uint8)))
 
@@ -101,7 +101,7 @@ def trial(bench: SimulatedLab, session: Session, record: Path, kind: str, tick: 
     first = bench.log.count
     child = ServoProcess(session, get_context("forkserver"))
     try:
-        until(lambda: child.beats.value >= tick - 1, child)
+        until(lambda: child.heartbeat.value >= tick - 1, child)
         struck = time.monotonic_ns()
         os.kill(child.process.pid, signal.SIGKILL if kind == "SIGKILL" else signal.SIGSTOP)
         if kind == "SIGCONT":
@@ -183,7 +183,7 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=0)
     chosen = parser.parse_args()
     get_context("forkserver").set_forkserver_preload(["__main__"])
-    random, lab = np.random.default_rng(chosen.seed), Lab()
+    random, lab = np.random.default_rng(chosen.seed), RigDescription()
     servo = rs.Servo(mechanism=lab.mechanism, tool=lab.tool, gate=lab.gate)
     trials: list[Trial] = []
     with (

@@ -17,7 +17,7 @@ import numpy as np
 import rcmservo as rs
 from rcmservo.config.rig_file import default_markers
 from rcmservo.interfaces import Floats
-from rcmservo.safety.innovation import lost
+from rcmservo.safety.innovation import find_lost_markers
 from rcmservo.sim import Disturbance
 from rcmservo.sim.scripted_operator import ScriptedOperator, run_attended
 from rcmservo.tracking import ColourMarkers
@@ -58,8 +58,8 @@ def one(seed: int) -> Run:
     person, gone, blind, moved = ScriptedOperator(rig, plant, 20, frames=30), -1, 0, 0.0
     stood: Floats | None = None
     for tick in run_attended(rig, plant, servo, target, DURATION, person):
-        now, p2 = tick.seen.now, rig.truth.markers(rig.clock.now())[1]
-        if any(lost(tick.seen.points)):
+        now, p2 = tick.observation.now, rig.truth.markers(rig.clock.now())[1]
+        if any(find_lost_markers(tick.observation.points)):
             gone = now if gone < 0 else gone
             blind += 1
             if now - gone > STOPPED:
@@ -68,7 +68,7 @@ def one(seed: int) -> Run:
         else:
             gone, stood = -1, None
     error = float(np.linalg.norm(rig.truth.markers(rig.clock.now())[1] - p_d))
-    return Run(seed, error, moved, blind / 100.0, person.resumed, person.taught, tick.state.words)
+    return Run(seed, error, moved, blind / 100.0, person.resumed, person.taught, tick.state.text)
 
 
 def main() -> None:

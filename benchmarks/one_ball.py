@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rcmservo.config.rig_file import Lab, load_lab
+from rcmservo.config.rig_file import RigDescription, load_rig_file
 from rcmservo.estimation.affine import AffineEstimator
 from rcmservo.estimation.base import Sample
 from rcmservo.geometry.tool import Tool
@@ -41,7 +41,7 @@ class Still:
     outlined: Floats
 
 
-def stills(folder: Path, lab: Lab) -> list[Still]:
+def stills(folder: Path, lab: RigDescription) -> list[Still]:
     """Return the images of a recording with both balls."""
     poses, tracker = load_recording(folder, lab.mechanism, lab.tool), ColourMarkers(lab.markers)
     found = [(frame, tracker.find(frame)) for frame in iterate_frames(poses)]
@@ -52,7 +52,7 @@ def stills(folder: Path, lab: Lab) -> list[Still]:
     ]
 
 
-def outlines(frame: Frame, markers: Markers, lab: Lab) -> Floats:
+def outlines(frame: Frame, markers: Markers, lab: RigDescription) -> Floats:
     """Return the radii (2,) in px of the outlines of both balls."""
     image, sizes = np.array(frame.image), np.empty(2)
     for k, colour in enumerate((lab.markers.colour_1, lab.markers.colour_2)):
@@ -85,7 +85,7 @@ def errors(seen: list[Still], sizes: list[Floats], k: int, tool: Tool) -> Floats
 
 
 def main(folder: Path, rig: Path) -> None:
-    lab = load_lab(rig)
+    lab = load_rig_file(rig)
     seen = stills(folder, lab)
     print(f"{len(seen)} images, {SPLITS} splits with {FITTED} images each; rms error in mm")
     for name, sizes in (

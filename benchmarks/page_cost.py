@@ -31,7 +31,7 @@ from rcmservo.loop.operator import Operator, OperatorRequest
 from rcmservo.loop.run_result import LoopTiming
 from rcmservo.loop.teach import teach
 from rcmservo.loop.tick import Tick
-from rcmservo.page.channels import Desk
+from rcmservo.page.channels import PageChannels
 from rcmservo.safety.state_machine import Request
 
 MAX_INCREASE_MS = 1.0
@@ -73,14 +73,14 @@ def clients(address: str, pictures: Any, control: Connection) -> None:
 
 
 def without(lab: PageLab, turn: int, seconds: float) -> LoopTiming:
-    session = lab.behind.session(Desk(get_context("spawn")), lab.folder / f"without-{turn}")
+    session = lab.behind.session(PageChannels(get_context("spawn")), lab.folder / f"without-{turn}")
     session = replace(session, duration=seconds, target=teach, operator=at_rest)
-    return timing(run_live(session, lab.behind.off), seconds)
+    return timing(run_live(session, lab.behind.switch_off), seconds)
 
 
 def with_page(lab: PageLab, turn: int, seconds: float) -> tuple[LoopTiming, Any]:
     context = get_context("spawn")
-    desk, pictures = Desk(context), context.RawArray("q", 3)
+    desk, pictures = PageChannels(context), context.RawArray("q", 3)
     session = replace(lab.behind.session(desk, lab.folder / f"with-{turn}"), duration=seconds)
     with lab.served(desk):
         awaited(partial(reached, lab.options.port))
@@ -92,7 +92,7 @@ def with_page(lab: PageLab, turn: int, seconds: float) -> tuple[LoopTiming, Any]
             def note(report: object) -> None:
                 counted.append((time.monotonic(), np.array(pictures)))
 
-            found = timing(run_live(session, lab.behind.off, note), seconds)
+            found = timing(run_live(session, lab.behind.switch_off, note), seconds)
         finally:
             child.end()
     (begin, few), (end, many) = counted[0], counted[-1]

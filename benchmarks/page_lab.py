@@ -38,14 +38,14 @@ from websockets.sync.client import ClientConnection, connect
 from websockets.typing import Origin
 
 from rcmservo.cli.lab import serve
-from rcmservo.cli.lab.serve import Behind, ServeOptions
+from rcmservo.cli.lab.serve import PageBackend, ServeOptions
 from rcmservo.interfaces import Camera, Frame, Image
 from rcmservo.live.child_process import ChildProcess
 from rcmservo.live.frame_ring import FrameRing, RingCamera
 from rcmservo.live.servo_process import Session
 from rcmservo.loop.clock import sleep_until
 from rcmservo.loop.operator import Operator
-from rcmservo.page.channels import Desk
+from rcmservo.page.channels import PageChannels
 from rcmservo.sim.processes.lab_processes import SimulatedLab
 
 RATE = 60.0  # frames/s of the playback
@@ -61,7 +61,7 @@ class PageLab:
     """Laboratory behind the page, with the settings of the page."""
 
     options: ServeOptions
-    behind: Behind
+    behind: PageBackend
     bench: SimulatedLab
     folder: Path
     servo: Any
@@ -95,7 +95,7 @@ class PageLab:
             raise wrong[0]
 
     @contextlib.contextmanager
-    def served(self, desk: Desk) -> Iterator[None]:
+    def served(self, desk: PageChannels) -> Iterator[None]:
         """Run the processes of the page without the laboratory, in the context."""
         with serve._page_processes(self.options, desk, self.behind, self.folder, self.token):
             yield
@@ -118,7 +118,7 @@ def page_lab(seed: int = 0, recorded: bool = False, token: str = "") -> Generato
         pids = context.RawValue("q", 0), context.RawValue("q", 0)
         arrivals = context.RawArray("q", NUMBERS)
         with serve._simulated_lab(options) as known, contextlib.ExitStack() as stack:
-            bench = cast(SimulatedLab, cast(Any, known.off).__self__)
+            bench = cast(SimulatedLab, cast(Any, known.switch_off).__self__)
             if recorded:
                 frames = filmed(bench.ring)
                 bench.camera.end()
@@ -126,7 +126,7 @@ def page_lab(seed: int = 0, recorded: bool = False, token: str = "") -> Generato
                 stack.callback(player.end)
             make = known.session
 
-            def session(desk: Desk, where: Path) -> Session:
+            def session(desk: PageChannels, where: Path) -> Session:
                 made = make(desk, where)
                 assert made.operator is not None
                 return replace(made, operator=partial(noted_operator, pids[0], made.operator))

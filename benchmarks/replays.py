@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 
 import rcmservo as rs
-from rcmservo.interfaces import Clock, Dropped
+from rcmservo.interfaces import Clock, DropReason
 from rcmservo.recording import reader
 from rcmservo.recording.replay import ReplayResult, replay_record
 from rcmservo.recording.writer import Recorder
@@ -70,7 +70,7 @@ def faults(random: np.random.Generator, clock: Clock, names: tuple[str, ...] = M
             "points": {"points": points},
             "swap": {"points": seen.points[::-1].copy()},
             "jump": {"points": seen.points + 30.0},
-            "stop": {n: getattr(held, n) for n in FRAME} | {"dropped": list(Dropped)[held.now % 4]},
+            "stop": {n: getattr(held, n) for n in FRAME} | {"dropped": list(DropReason)[held.now % 4]},
             "silent": {"q": held.q, "q_time": held.q_time},
             "joints": {"q": np.array([np.nan, 1.0, 60.0])},
             "drive": {"enabled": False},

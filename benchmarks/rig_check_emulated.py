@@ -16,9 +16,9 @@ from rig_check_lab import Mistake, SimulatedOperator
 
 from rcmservo.bringup.axis_wiring import Robot
 from rcmservo.bringup.check import CheckReport, check, warm_up
-from rcmservo.bringup.motion import PATIENCE, Mover
-from rcmservo.cli.lab.rig_check import trouble
-from rcmservo.config.rig_file import Lab
+from rcmservo.bringup.motion import IDLE_TIMEOUT, Mover
+from rcmservo.cli.lab.rig_check import camera_fault
+from rcmservo.config.rig_file import RigDescription
 from rcmservo.geometry.tool import RigidTool
 from rcmservo.hardware.devices import open_arm, open_camera, read_wiring
 from rcmservo.interfaces import Floats, Frame
@@ -26,7 +26,7 @@ from rcmservo.live.device_protocols import LabCamera
 from rcmservo.live.realtime import realtime
 from rcmservo.live.tracking_thread import TrackingThread
 from rcmservo.loop.clock import WallClock
-from rcmservo.loop.run_result import CameraAccount
+from rcmservo.loop.run_result import CameraStatistics
 from rcmservo.sim.rig import Rig
 from rcmservo.tracking import ColourMarkers
 
@@ -50,7 +50,7 @@ class Mirror:
             self._delivered = replace(frame, image=np.ascontiguousarray(frame.image[:, ::-1]))
         return self._delivered
 
-    def counts(self) -> CameraAccount:
+    def counts(self) -> CameraStatistics:
         return self._camera.counts()
 
     def close(self) -> None:
@@ -108,21 +108,21 @@ class FaultyEmulatedLab:
             warm_up(robot, lab.gate)
             clock, arm = WallClock(), open_arm(lab)
             stack.callback(arm.close)
-            arm.define(emulated.start)
+            arm.set_position(emulated.start)
             camera = open_camera(lab)
             camera = Mirror(camera) if mistake.mirrored else camera
             stack.callback(camera.close)
             tracking = TrackingThread(camera, ColourMarkers(lab.markers), clock)
             tracker = stack.enter_context(tracking)
-            tracker.wait_for(frames=2, patience=PATIENCE)
-            silence, fault = lab.thresholds.silence, partial(trouble, camera)
+            tracker.wait_for(frames=2, timeout_s=IDLE_TIMEOUT)
+            silence, fault = lab.thresholds.arm_timeout, partial(camera_fault, camera)
             mover = Mover(arm, tracker, tracker, clock, robot, lab.gate, silence, fault)
             stack.enter_context(self.arm.polling(emulated.port))
             latency = float(lab.devices["camera"]["latency"])
             with realtime():
                 return check(mover, self.operator, robot, lab.thresholds, latency)
 
-    def _file(self, lab: Lab) -> Lab:
+    def _file(self, lab: RigDescription) -> RigDescription:
         """Return the rig file with the mistake in it."""
         mistake, tool, mechanism = self._mistake, lab.tool, lab.mechanism
         assert isinstance(tool, RigidTool)

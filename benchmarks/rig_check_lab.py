@@ -14,8 +14,8 @@ from rcmservo.bringup.motion import Mover
 from rcmservo.errors import Stopped
 from rcmservo.geometry.kinematics import Kinematics, PitchYawRcm, SphericalRcm
 from rcmservo.geometry.tool import RigidTool
-from rcmservo.interfaces import Command, Floats, Frame, Measured
-from rcmservo.loop.run_result import CameraAccount
+from rcmservo.interfaces import Command, Floats, Frame, ArmMeasurement
+from rcmservo.loop.run_result import CameraStatistics
 from rcmservo.safety.gate import Gate
 from rcmservo.safety.thresholds import Thresholds
 from rcmservo.sim import Rig, RigSettings
@@ -101,10 +101,10 @@ class MiswiredArm:
         self.enabled += 1
         self.rig.arm.enable()
 
-    def measure(self) -> Measured:
+    def measure(self) -> ArmMeasurement:
         now = self.rig.arm.measure()
         moved = np.round((self.q_true - self.mark) * self.true)
-        return Measured(now.time, self.mark + moved[self.axes] / self.counts, now.enabled)
+        return ArmMeasurement(now.time, self.mark + moved[self.axes] / self.counts, now.enabled)
 
     def apply(self, command: Command) -> Floats:
         self.commands.append(command)
@@ -134,8 +134,8 @@ class SimulatedLabCamera:
             self._delivered = self.change(frame) or self._delivered
         return self._delivered
 
-    def counts(self) -> CameraAccount:
-        return CameraAccount()
+    def counts(self) -> CameraStatistics:
+        return CameraStatistics()
 
     def close(self) -> None:
         pass

@@ -20,13 +20,13 @@ from typing import Any
 import numpy as np
 
 import rcmservo as rs
-from rcmservo.config.rig_file import Lab
+from rcmservo.config.rig_file import RigDescription
 from rcmservo.live.loop_statistics import Report
 from rcmservo.live.supervisor import run_live
 from rcmservo.loop.run_result import RunResult
-from rcmservo.numerics.structs import as_row
+from rcmservo.numerics.structs import to_row
 from rcmservo.safety.causes import Cause
-from rcmservo.safety.state_machine import Mode, ModeStruct, Phase, Signs, transition
+from rcmservo.safety.state_machine import Mode, ModeStruct, Phase, TransitionInputs, advance_mode
 from rcmservo.sim.processes.lab_processes import SimulatedLab
 from rcmservo.sim.rig_file import read_rig_settings
 
@@ -46,14 +46,14 @@ def each(call: Callable[[], object]) -> tuple[float, float]:
 
 def functions(servo: rs.Servo) -> None:
     """Print the times of the transition with two causes, and of the gate."""
-    causes, signs = Cause.AGEING.bit | Cause.LATE_TICK.bit, Signs(True, True, True, True)
-    gate, rcm, t = servo.gate, servo.rcm, as_row(servo.thresholds)[0]
+    causes, signs = Cause.AGEING.bit | Cause.LATE_TICK.bit, TransitionInputs(True, True, True, True)
+    gate, rcm, t = servo.gate, servo.rcm, to_row(servo.thresholds)[0]
     mode: Any = ModeStruct.from_source(Mode(Phase.SERVO)).rows[0]
     last, q, rates = gate.rest(), np.array([0.5, 0.0, 130.0]), np.array([0.1, 0.2, 3.0])
     gate.admit(rates, last, q, rcm, 0)
-    transition(mode, causes, signs, 0, 0, t)
+    advance_mode(mode, causes, signs, 0, 0, t)
     for name, call in (
-        ("transition", lambda: transition(mode, causes, signs, 0, 0, t)),
+        ("transition", lambda: advance_mode(mode, causes, signs, 0, 0, t)),
         ("gate", lambda: gate.admit(rates, last, q, rcm, 0)),
     ):
         median, most = each(call)
@@ -76,7 +76,7 @@ def main() -> None:
         f"{platform.python_version()}"
     )
     print(f"load of the machine before: {os.getloadavg()[0]:.2f}")
-    lab = Lab()
+    lab = RigDescription()
     servo = rs.Servo(mechanism=lab.mechanism, tool=lab.tool, gate=lab.gate)
     functions(servo)
     left = chosen.seconds

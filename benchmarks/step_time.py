@@ -69,7 +69,7 @@ def run(estimator: Estimator, seed: int) -> Run:
     for _ in rs.ticks(plant.clock, rate=100.0, duration=10.0):
         seen = plant.read()
         step = partial(servo.step, state, seen, target)
-        if seen.frame > state.frame:
+        if seen.frame > state.newest_frame:
             took.append(timed(step))
             steps.append(step)
         else:

@@ -21,11 +21,11 @@ import numpy as np
 import tyro
 
 import rcmservo as rs
-from rcmservo.study.execution.chunk import ChunkOrder, done
-from rcmservo.study.execution.package_version import package
-from rcmservo.study.execution.workers import crew
-from rcmservo.study.plan.file import StudyFile, plan_of
-from rcmservo.study.trial import trial
+from rcmservo.study.execution.chunk import ChunkRequest, run_chunk
+from rcmservo.study.execution.package_version import identify_package
+from rcmservo.study.execution.workers import open_worker_pool
+from rcmservo.study.plan.file import StudyFile, make_plan
+from rcmservo.study.trial import draw_trial
 
 RCMSERVO = str(Path(sys.executable).with_name("rcmservo"))
 SHOWN = 300
@@ -45,7 +45,7 @@ class Options:
 def steps_per_second() -> float:
     """Return the steps per second of CPU time on one core, over LOOPS loops in ten scenes."""
     study = rs.study.Study(rs.Servo(rs.SphericalRcm(), rs.RigidTool(spacing=30.0)), shown=SHOWN)
-    given = [trial(seed, 0, study.settings, study.duration, SHOWN) for seed in range(10)]
+    given = [draw_trial(seed, 0, study.settings, study.duration, SHOWN) for seed in range(10)]
     first = [study.of(seed, *one) for seed, one in enumerate(given)]
     assert max(run.error[-1] for run in first) < 1.0, "a run failed, and its steps are faster"
     began = time.process_time()
@@ -67,24 +67,24 @@ def command(scenes: int, *words: str) -> float:
         return took
 
 
-def orders(scenes: int) -> list[ChunkOrder]:
+def orders(scenes: int) -> list[ChunkRequest]:
     """Return the chunks of a study."""
-    chunks = plan_of(StudyFile(count=scenes), {}).chunks()
+    chunks = make_plan(StudyFile(count=scenes), {}).chunks()
     ends = ((chunk, chunk.seeds.start, chunk.seeds.stop) for chunk in chunks)
-    empty = plan_of(StudyFile(), {}).methods[0].parcel
-    return [ChunkOrder(chunk.cell.text, begin, end, package(), empty) for chunk, begin, end in ends]
+    empty = make_plan(StudyFile(), {}).methods[0].archive
+    return [ChunkRequest(chunk.cell.text, begin, end, identify_package(), empty) for chunk, begin, end in ends]
 
 
-def alone(work: list[ChunkOrder], ready: object, go: object) -> None:
+def alone(work: list[ChunkRequest], ready: object, go: object) -> None:
     """Process chunks in an independent process."""
-    done(work[0])
+    run_chunk(work[0])
     ready.release()  # pyright: ignore
     go.wait()  # pyright: ignore
     for order in work:
-        done(order)
+        run_chunk(order)
 
 
-def two_alone(work: list[ChunkOrder]) -> float:
+def two_alone(work: list[ChunkRequest]) -> float:
     """Return the chunks per second of two independent processes with half of the work each."""
     context = get_context("spawn")
     ready, go = context.Semaphore(0), context.Event()
@@ -100,13 +100,13 @@ def two_alone(work: list[ChunkOrder]) -> float:
     return len(work) / (time.monotonic() - began)
 
 
-def two_workers(work: list[ChunkOrder]) -> float:
+def two_workers(work: list[ChunkRequest]) -> float:
     """Return the chunks per second of two workers of a study."""
-    with crew(None, 2) as hands:
+    with open_worker_pool(None, 2) as hands:
         warm = [(f"warm-{k}", work[k]) for k in range(4)]
-        assert len(list(hands.done(warm))) == 4
+        assert len(list(hands.run(warm))) == 4
         began = time.monotonic()
-        count = sum(1 for _ in hands.done([(str(k), one) for k, one in enumerate(work)]))
+        count = sum(1 for _ in hands.run([(str(k), one) for k, one in enumerate(work)]))
         return count / (time.monotonic() - began)
 
 

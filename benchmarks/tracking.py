@@ -31,7 +31,7 @@ from tracking_measures import (
 
 from rcmservo.interfaces import Floats, Frame, Image
 from rcmservo.sim.camera_model import CameraModel, compute_look_at_rotation
-from rcmservo.sim.rendering import Look, Renderer, Tissue
+from rcmservo.sim.rendering import Appearance, Renderer, Tissue
 from rcmservo.tracking import ColourMarkers, MarkerAppearance
 
 SIZE = 640, 480
@@ -70,7 +70,7 @@ def _scene(random: np.random.Generator, number: int, shaft_radius: float) -> Sce
     )
     radii = tuple(random.uniform(3, 4, 2))
     poses, points = _tool(random, distance, focal)
-    look = Look(
+    look = Appearance(
         marker_radii=radii, shaft_radius=shaft_radius, jaw_radius=0.0, marker_colours=COLOURS
     )
     tissue = Tissue(np.array([0.0, 0.0, -random.uniform(40, 60)]), np.array([0.0, 0.0, 1.0]))
@@ -142,7 +142,7 @@ def default_rig(count: int) -> None:
     print(f"squared scatter relative to the covariance: mean {ratio.mean():.2f}, {limits}")
     frames = [third_ball(seed) for seed in range(5 * count)]
     silent = [np.isnan(ColourMarkers().find(one).points).any() for one in frames]
-    words = ["can be the markers" in ColourMarkers().why(one) for one in frames]
+    words = ["can be the markers" in ColourMarkers().explain_failure(one) for one in frames]
     print(f"a third ball: rejected in {sum(silent)}, reported in {sum(words)} of {len(frames)}")
     for px in (5.0, 15.0):
         bad, due = np.sum([lost_or_wrong(seed, px) for seed in range(count)], axis=0)

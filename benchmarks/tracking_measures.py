@@ -8,22 +8,22 @@ from collections.abc import Callable, Iterable, Iterator
 import numpy as np
 
 from rcmservo.interfaces import Floats, Frame, Image, Markers
-from rcmservo.sim.rendering import Light, Look, Renderer
+from rcmservo.sim.rendering import Light, Appearance, Renderer
 from rcmservo.sim.rig import Rig, RigSettings
 from rcmservo.tracking import ColourMarkers
 
-NOISELESS = Look(full_well=1e12, read_noise=0.0)
+NOISELESS = Appearance(full_well=1e12, read_noise=0.0)
 PERIOD, EXPOSURE, MOMENTS = 1 / 60, 0.004, 8  # s, s, and poses in an exposure
 GAINING = 6  # frames in which a tool accelerates
 
 
 def renderer_of(rig: Rig) -> Renderer:
-    return Renderer(rig.scene.optics, rig.settings.look, rig.scene.tissue, rig.seed)
+    return Renderer(rig.scene.optics, rig.settings.appearance, rig.scene.tissue, rig.seed)
 
 
 def truth(rig: Rig, points: Floats) -> Floats:
     """Return centres and radii (2, 3) in px of the unoccluded silhouettes."""
-    optics, radii = rig.scene.optics, rig.settings.look.marker_radii
+    optics, radii = rig.scene.optics, rig.settings.appearance.marker_radii
     return np.array(
         [
             [*optics.silhouette_centre(p, r), optics.silhouette_radius(p, r)]
@@ -39,7 +39,7 @@ def measured(seen: Markers) -> Floats:
 
 def errors_on_path(seed: int, length: float = 5.0, step: float = 0.1) -> Floats:
     """Return errors (n, 2, 3) in px of u, v and radius along a noiseless path to the target."""
-    rig = Rig(seed, RigSettings(look=NOISELESS))
+    rig = Rig(seed, RigSettings(appearance=NOISELESS))
     renderer, tracker = renderer_of(rig), ColourMarkers()
     end, path = rig.scene.target, rig.scene.start - rig.scene.target
     mm = np.linalg.norm(rig.body.points(end + path)[0] - rig.body.points(end)[0])
@@ -89,7 +89,7 @@ def third_ball(seed: int) -> Frame:
         place = random.uniform(radius + 5.0, size - radius - 5.0)
         if np.linalg.norm(known[:, :2] - place, axis=1).min() > 4.0 * known[:, 2].max():
             break
-    between = painted_ball(place, radius, np.array(rig.settings.look.marker_colours[k]))
+    between = painted_ball(place, radius, np.array(rig.settings.appearance.marker_colours[k]))
     return Frame(0, 0, 0, renderer_of(rig).render(points[None], 0, between))
 
 

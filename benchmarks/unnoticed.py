@@ -42,8 +42,8 @@ from unnoticed_rows import FIRST, MOVED, ROWS, RUN, SHOWING, TWO_RUNS, Trouble
 import rcmservo as rs
 from rcmservo.cli.servo_options import ServoOptions
 from rcmservo.interfaces import Floats, Target
-from rcmservo.loop.teach import NotShown
-from rcmservo.recording.outcome import SAME_POSE, TOLERANCE, Judge
+from rcmservo.loop.teach import TeachingFailed
+from rcmservo.recording.outcome import MAX_SAME_POSE_DISTANCE_MM, SETTLED_TOLERANCE, OutcomeCollector
 from rcmservo.servo.state import State
 from rcmservo.sim import Disturbance, RigSettings
 from rcmservo.sim.disturbances import expected_causes
@@ -114,7 +114,7 @@ class Trial:
     def earlier(self, target: Target) -> State | None:
         """Perform a first run, return the tool to the start, and return the state if it settled."""
         self.rig.begin()
-        began, judge = self.rig.clock.now(), Judge(self.servo, target)
+        began, judge = self.rig.clock.now(), OutcomeCollector(self.servo, target)
         for tick in rs.run(self.plant, self.servo, target, FIRST):
             judge.add(tick)
             last = tick
@@ -126,7 +126,7 @@ class Trial:
         """Perform the evaluated run, and store its result."""
         if self.row.when == RUN:
             self.rig.begin()
-        run, judge = self.run, Judge(self.servo, target)
+        run, judge = self.run, OutcomeCollector(self.servo, target)
         for tick in self.watched(rs.run(self.plant, self.servo, target, DURATION, state=state)):
             judge.add(tick)
         run.settled = self.settled(tick, target, judge)
@@ -134,12 +134,12 @@ class Trial:
         run.error = float(np.linalg.norm(self.marker_2() - self.shown))
         run.grown = self.unnoticed.growth
 
-    def settled(self, last: rs.Tick, target: Target, judge: Judge) -> bool:
+    def settled(self, last: rs.Tick, target: Target, judge: OutcomeCollector) -> bool:
         """Return whether a run ends as settled."""
-        marker_1 = self.servo.marker_1
-        distance = np.linalg.norm(marker_1(last.seen.q) - marker_1(target.q))
+        marker_1 = self.servo.position_of_marker_1
+        distance = np.linalg.norm(marker_1(last.observation.q) - marker_1(target.q))
         error = np.array(astuple(judge.result().feature_error), float)
-        is_settled = bool((error < TOLERANCE).all() and distance <= SAME_POSE)
+        is_settled = bool((error < SETTLED_TOLERANCE).all() and distance <= MAX_SAME_POSE_DISTANCE_MM)
         return is_settled and last.state.phase is rs.Phase.SERVO
 
     def watched(self, ticks: Iterator[rs.Tick]) -> Generator[rs.Tick]:
@@ -153,7 +153,7 @@ class Trial:
                 self.run.visible = tick.time * 1e-9
             state = tick.state
             if state.phase in STOPPED_PHASES and phase not in STOPPED_PHASES:
-                right = tick.seen.now >= began and state.cause in self.right
+                right = tick.observation.now >= began and state.cause in self.right
                 name = state.cause.name
                 self.run.stops.append((tick.time * 1e-9, state.phase.name, name, right))
             phase = state.phase
@@ -173,7 +173,7 @@ def one(name: str, seed: int, estimator: str = "dlt") -> Run:
     trial = Trial(run, row, disturbances, estimator)
     try:
         target = trial.teach()
-    except NotShown as refused:
+    except TeachingFailed as refused:
         run.end = str(refused)
         run.stops.append((0.0, "REFUSED", "NOT_SHOWN", row.when == SHOWING))
         return run

@@ -24,7 +24,7 @@ import numpy as np
 from emulated_lab import EmulatedLab
 
 import rcmservo as rs
-from rcmservo.config.rig_file import Lab
+from rcmservo.config.rig_file import RigDescription
 from rcmservo.live.realtime import urgent
 from rcmservo.live.supervisor import run_live
 from rcmservo.loop.run_result import RunResult
@@ -93,7 +93,7 @@ def emulated(seed: int, camera: str, servo: rs.Servo, record: Path) -> Row:
 
 def simulated(seed: int, servo: rs.Servo, record: Path) -> Row:
     found: list[float] = []
-    lab = Lab()
+    lab = RigDescription()
     with SimulatedLab(seed, read_rig_settings(lab)) as bench, stalls(found):
         result = run_live(
             bench.session(servo, lab.markers, DURATION, record, frames=30), bench.switch_off
@@ -129,7 +129,7 @@ def main() -> int:
     parser.add_argument("--seeds", type=int, default=10)
     parser.add_argument("--first", type=int, default=0)
     chosen = parser.parse_args()
-    lab = Lab()
+    lab = RigDescription()
     servo = rs.Servo(mechanism=lab.mechanism, tool=lab.tool, gate=lab.gate)
     servo.warm_up()
     rows: dict[str, list[Row]] = {"emulated": [], "simulated": []}

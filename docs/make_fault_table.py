@@ -29,7 +29,7 @@ def row(cause: Cause) -> list[str]:
     lost, lost_before = cause.declared.invalidates, cause.declared.invalidates_unexplored
     words = INVALIDATED[max(lost, lost_before)]
     words += " before exploration is done" if lost < lost_before else ""
-    return [f"`{cause.name}`", cause.action.name, cause.value, cause.way_out, words]
+    return [f"`{cause.name}`", cause.action.name, cause.value, cause.remedy, words]
 
 
 def with_table(page: str) -> str:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 import rcmservo as rs
-from rcmservo.geometry.features import about, features_jacobian
+from rcmservo.geometry.features import shift_to_rcm, compute_features_jacobian
 
 
 @dataclass(frozen=True)
@@ -43,9 +43,9 @@ class RLS(rs.Estimator):
         return A, (P - np.outer(gain, P @ x)) / self.forgetting, sample.p1
 
     def jacobian(self, memory, tool, sample):
-        return features_jacobian(about(sample.points, sample.o_c)) @ memory[0][:, :3]
+        return compute_features_jacobian(shift_to_rcm(sample.points, sample.o_c)) @ memory[0][:, :3]
 
-    def remembered(self, memory):
+    def recorded_numbers(self, memory):
         return memory[0].ravel()
 
 

@@ -16,9 +16,9 @@ sys.path[:0] = [str(Path(__file__).parent)]
 def compile_servo() -> None:
     """Compile the default servo, the simulation of studies around it, and the other estimators."""
     import rcmservo as rs
-    from conftest import ESTIMATORS, laboratory
+    from conftest import ESTIMATORS, make_laboratory
 
-    lab = laboratory()
+    lab = make_laboratory()
     servo = lab.servo(estimator=ESTIMATORS["dlt"])
     servo.warm_up()
     rs.study.Study(servo, duration=0.1, shown=1).run(0)
@@ -33,11 +33,11 @@ def compile_images() -> None:
     The projection estimator shares the fewest kernels with `compile_servo`.
     """
     import rcmservo as rs
-    from conftest import ESTIMATORS, TOOLS, laboratory
+    from conftest import ESTIMATORS, TOOLS, make_laboratory
 
     rig = rs.sim.Rig()
     rs.teach(rs.Plant(rig.arm, rig.camera, rs.tracking.ColourMarkers(), rig.clock), 1)
-    lab = laboratory()
+    lab = make_laboratory()
     servo = lab.servo(estimator=ESTIMATORS["fast"])
     servo.warm_up()
     rs.study.Study(servo, duration=0.1, shown=1).run(0)

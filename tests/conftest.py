@@ -25,11 +25,11 @@ from rcmservo.estimation.dlt import DltEstimator
 from rcmservo.estimation.flow_rule import FlowEstimator
 from rcmservo.estimation.kalman import KalmanEstimator
 from rcmservo.estimation.normalised_flow import NormalisedFlowEstimator
-from rcmservo.estimation.projection_rule import ProjectionEstimator, normal_equations, sights
+from rcmservo.estimation.projection_rule import ProjectionEstimator, normal_equations, fitted_points
 from rcmservo.estimation.rls import RlsEstimator
 from rcmservo.figures import charts
-from rcmservo.geometry.kinematics import PITCH_YAW, SPHERICAL, Rcm
-from rcmservo.geometry.tool import RIGID, RigidTool, ScaledTool, Shaft, second_marker
+from rcmservo.geometry.kinematics import PITCH_YAW, SPHERICAL, RcmStruct
+from rcmservo.geometry.tool import RIGID, RigidTool, ScaledTool, ToolStruct, compute_second_marker
 from rcmservo.interfaces import Floats, Observation, Target
 from rcmservo.loop.clock import ticks
 from rcmservo.loop.plant import Plant
@@ -50,7 +50,7 @@ settings.load_profile("quick")
 
 ROOT = Path(__file__).resolve().parents[1]
 
-HEEDING_CTRL_C = """
+INTERRUPTIBLE_COMMAND = """
 import signal, sys
 from rcmservo.__main__ import main
 signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -60,17 +60,17 @@ sys.exit(main())
 """Program of the command line that reacts to Ctrl-C and to a closed terminal, even where a script
 runs the tests in the background with both signals ignored."""
 
-DATA = ROOT.parent / "shared/data/dvrk_two_balls"
+ARM_RECORDING = ROOT.parent / "shared/data/dvrk_two_balls"
 """Recording of a real arm, which is not part of this repository."""
 
-SPACING = 30.0
+SPACING_MM = 30.0
 """Marker spacing of the rigid tool, mm."""
 
-SHAFT = Shaft(RIGID, SPACING)
-WIDE = (-1e3, -1e3, -1e6), (1e3, 1e3, 1e6)
+SHAFT = ToolStruct(RIGID, SPACING_MM)
+NO_JOINT_LIMITS = (-1e3, -1e3, -1e6), (1e3, 1e3, 1e6)
 """Joint limits that no test reaches."""
 
-SMALL = """\
+SMALL_RIG_TOML = """\
 [camera]
 width = 320
 height = 240
@@ -83,18 +83,18 @@ seeds = st.integers(0, 2**32 - 1)
 kinds = st.sampled_from([SPHERICAL, PITCH_YAW])
 
 
-def rcm_of(kind: int, zero: float = 0.0) -> Rcm:
+def make_rcm(kind: int, zero: float = 0.0) -> RcmStruct:
     """Return the struct of a mechanism without joint limits."""
-    return Rcm(kind, float(zero), *WIDE)
+    return RcmStruct(kind, float(zero), *NO_JOINT_LIMITS)
 
 
-def first_quick(values: Iterable[Any]) -> list[Any]:
+def mark_others_slow(values: Iterable[Any]) -> list[Any]:
     """Return test parameters: `make test` takes the first and `make test-all` the others."""
     first, *others = values
     return [first, *(pytest.param(value, marks=pytest.mark.slow) for value in others)]
 
 
-def compiled_functions() -> dict[str, Any]:
+def find_compiled_functions() -> dict[str, Any]:
     """Return every compiled function of the modules that decide a motion, by module and name."""
     packages = [rcmservo.geometry, rcmservo.safety, rcmservo.servo]
     modules = [
@@ -110,14 +110,14 @@ def compiled_functions() -> dict[str, Any]:
     }
 
 
-def tick_facts(**parts: Any) -> TickFacts:
+def make_tick_facts(**parts: Any) -> TickFacts:
     """Return `TickFacts` with the given parts; all others are None."""
     facts: Any = dict.fromkeys(TickFacts._fields) | parts
     rows = {name: part.rows[0] for name, part in facts.items() if isinstance(part, Row)}
     return TickFacts(**facts | rows)
 
 
-def with_tests(**variables: str) -> dict[str, str]:
+def make_environment(**variables: str) -> dict[str, str]:
     """Return the environment of a process that can import the modules of the tests."""
     tests = ROOT / "tests"
     folders = [tests, *(path for path in tests.iterdir() if path.is_dir())]
@@ -132,11 +132,11 @@ def wait_until(reached: Callable[[], bool], process: subprocess.Popen[Any]) -> N
             process.wait(0.02)
 
 
-def random_from(seed: int) -> np.random.Generator:
+def make_random(seed: int) -> np.random.Generator:
     return np.random.default_rng(seed)
 
 
-def derivative(f: Callable[[Floats], Any], x: Floats, step: Any) -> Floats:
+def differentiate(f: Callable[[Floats], Any], x: Floats, step: Any) -> Floats:
     """Return ∂f/∂x by central differences of fourth order, with one step or one per coordinate."""
     steps = np.broadcast_to(np.asarray(step, dtype=float), x.shape)
     columns = []
@@ -149,20 +149,20 @@ def derivative(f: Callable[[Floats], Any], x: Floats, step: Any) -> Floats:
     return np.stack(columns, axis=-1)
 
 
-def tool_positions(random: np.random.Generator, count: int, spread: float = 25.0) -> Floats:
+def draw_tool_positions(random: np.random.Generator, count: int, spread: float = 25.0) -> Floats:
     """Return random positions p₁ (count, 3) mm in a cube that is far from the RCM."""
     direction = random.standard_normal(3)
     middle = random.uniform(80.0, 150.0) * direction / np.linalg.norm(direction)
     return middle + random.uniform(-spread, spread, (count, 3))
 
 
-def true_camera(random: np.random.Generator, places: Floats) -> Floats:
+def draw_calibration_matrix(random: np.random.Generator, places: Floats) -> Floats:
     """Return a random calibration matrix C (3, 4) of random scale.
 
     All `places` (n, 3) mm of marker 1, those of marker 2 and the RCM are in front of the camera.
     """
     middle = places.mean(axis=0)
-    tips = np.stack([second_marker(SHAFT, p) for p in places])
+    tips = np.stack([compute_second_marker(SHAFT, p) for p in places])
     while True:
         forward = random.standard_normal(3)
         forward /= np.linalg.norm(forward)
@@ -187,24 +187,24 @@ def true_camera(random: np.random.Generator, places: Floats) -> Floats:
             return scale * K @ np.column_stack([rotation, -rotation @ position])
 
 
-def seen_by(C: Floats, p: Floats) -> Floats:
+def project_points(C: Floats, p: Floats) -> Floats:
     """Return the pixels (n, 2) of points p (n, 3) mm: eq. (4), written a second time."""
     image = np.column_stack([p, np.ones(len(p))]) @ C.T
     return image[:, :2] / image[:, 2:]
 
 
-def markers_seen(C: Floats, p1: Floats) -> Floats:
+def project_markers(C: Floats, p1: Floats) -> Floats:
     """Return the raw pixels (2, 2) of both markers of the rigid tool for p₁ (3,) mm."""
-    return seen_by(C, np.stack([p1, second_marker(SHAFT, p1)]))
+    return project_points(C, np.stack([p1, compute_second_marker(SHAFT, p1)]))
 
 
-def observed(C: Floats, places: Floats) -> Floats:
+def make_observation_rows(C: Floats, places: Floats) -> Floats:
     """Return the projection estimator's rows [p₁, raw m₁ m₂] (n, 7) without noise."""
-    return np.stack([np.concatenate([p, markers_seen(C, p).ravel()]) for p in places])
+    return np.stack([np.concatenate([p, project_markers(C, p).ravel()]) for p in places])
 
 
-def equations(rows: Floats, o_c: Floats, both: bool = True) -> tuple[Floats, Floats]:
-    return normal_equations(sights(rows, len(rows), o_c, both, SHAFT))
+def build_equations(rows: Floats, o_c: Floats, both: bool = True) -> tuple[Floats, Floats]:
+    return normal_equations(fitted_points(rows, len(rows), o_c, both, SHAFT))
 
 
 ESTIMATORS = {
@@ -218,7 +218,7 @@ ESTIMATORS = {
     "kalman": KalmanEstimator(min_step=0.1),
     "correntropy": CorrentropyEstimator(min_step=0.1),
 }
-TOOLS = {"rigid": RigidTool(spacing=SPACING), "scaled": ScaledTool(scale=1.3)}
+TOOLS = {"rigid": RigidTool(spacing=SPACING_MM), "scaled": ScaledTool(scale=1.3)}
 CONTROLLERS = {
     "continuous": SaturatedController(),
     "printed": SaturatedController(potential="printed"),
@@ -270,7 +270,7 @@ class Laboratory:
             yield current, state
 
 
-def taught(rig: Rig, plant: Plant) -> Target:
+def teach_target(rig: Rig, plant: Plant) -> Target:
     """Return the target that the rig teaches; the tool is back at the start afterwards."""
     rig.move_to_target()
     target = teach(plant, frames=5)
@@ -278,15 +278,15 @@ def taught(rig: Rig, plant: Plant) -> Target:
     return target
 
 
-def laboratory(
+def make_laboratory(
     seed: int = 1, settings: RigSettings | None = None, disturbances: Sequence[Disturbance] = ()
 ) -> Laboratory:
     rig = Rig(seed, settings, pictures=False, disturbances=disturbances)
     plant = Plant(rig.arm, rig.camera, PointMarkers(), rig.clock)
-    return Laboratory(rig, plant, taught(rig, plant))
+    return Laboratory(rig, plant, teach_target(rig, plant))
 
 
-def observation(
+def make_observation(
     now: int,
     q: Floats,
     frame: int,
@@ -301,28 +301,28 @@ def observation(
     )
 
 
-def without(current: Observation, *markers: int) -> Observation:
+def lose_markers(current: Observation, *markers: int) -> Observation:
     """Return the observation with some markers (0 or 1) lost."""
     points = current.points.copy()
     points[list(markers)] = np.nan
     return replace(current, points=points)
 
 
-def leaves(value: Any) -> list[Any]:
+def list_leaves(value: Any) -> list[Any]:
     """Return all numbers, arrays and names of a record, in order."""
     if isinstance(value, Row):
         return [value.rows]
     if is_dataclass(value) and not isinstance(value, type):
-        return [leaf for f in fields(value) for leaf in leaves(getattr(value, f.name))]
+        return [leaf for f in fields(value) for leaf in list_leaves(getattr(value, f.name))]
     if isinstance(value, tuple | list):
-        return [leaf for part in value for leaf in leaves(part)]
+        return [leaf for part in value for leaf in list_leaves(part)]
     return [value]
 
 
-def frozen(value: Any) -> list[Any]:
+def snapshot(value: Any) -> list[Any]:
     """Return the values of a record bit by bit, equal for two records only if nothing differs."""
     exact = []
-    for leaf in leaves(value):
+    for leaf in list_leaves(value):
         if isinstance(leaf, np.ndarray):
             exact.append((leaf.dtype.str, leaf.shape, leaf.tobytes()))
         elif isinstance(leaf, float):
@@ -334,7 +334,7 @@ def frozen(value: Any) -> list[Any]:
 
 @pytest.fixture
 def lab() -> Laboratory:
-    return laboratory()
+    return make_laboratory()
 
 
 @pytest.fixture

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 
-def peer(name: str, installed: bool, command: str) -> pytest.MarkDecorator:
+def mark_peer(name: str, installed: bool, command: str) -> pytest.MarkDecorator:
     """Return the mark of tests that need an external program, for one test or as `pytestmark`.
 
     `command` installs the program.

@@ -22,7 +22,7 @@ MONITOR_PRIORITY = 90
 Run = TypeVar("Run")
 
 
-class Witness:
+class StallMonitor:
     """Monitor of the longest interruption of any processor.
 
     One thread on each processor waits 1 ms at a time and measures the delay, with real-time
@@ -37,7 +37,7 @@ class Witness:
             for processor in os.sched_getaffinity(0)
         ]
 
-    def __enter__(self) -> "Witness":
+    def __enter__(self) -> "StallMonitor":
         for thread in self._threads:
             thread.start()
         return self
@@ -61,13 +61,13 @@ class Witness:
             before = now
 
 
-def undisturbed(attempt: Callable[[], Run], has_succeeded: Callable[[Run], bool]) -> Run:
+def retry_after_stalls(attempt: Callable[[], Run], has_succeeded: Callable[[Run], bool]) -> Run:
     """Return the result of an attempt, repeated while it fails and the machine stalls.
 
     Skip the test if the machine stalls in every attempt.
     """
     for k in range(MAX_ATTEMPTS):
-        with Witness() as monitor:
+        with StallMonitor() as monitor:
             run = attempt()
         if has_succeeded(run) or monitor.longest < MIN_STALL_NS:
             return run

@@ -18,7 +18,7 @@ from conftest import ROOT
 from rcmservo.cli.cli import main
 from rcmservo.paper.claims import claim_table
 from rcmservo.safety.causes import Cause
-from stalls import undisturbed
+from stalls import retry_after_stalls
 
 SOURCE = ROOT / "src/rcmservo"
 README = (ROOT / "README.md").read_text()
@@ -239,7 +239,7 @@ def test_the_script_runs_the_first_command_and_those_in_wall_time(
             check=False,
         )
 
-    ran = undisturbed if is_in_wall_time(command) else lambda run, _: run()
+    ran = retry_after_stalls if is_in_wall_time(command) else lambda run, _: run()
     done = ran(attempt, lambda run: run.returncode == 0)
     assert done.returncode == 0, done.stderr
 
@@ -286,18 +286,18 @@ def test_the_estimator_of_the_studies_page_is_compared_as_described(tmp_path: Pa
 
 
 def test_the_columns_of_the_studies_page_are_those_of_the_rows() -> None:
-    from rcmservo.study.row import MEANINGS
+    from rcmservo.study.row import COLUMN_MEANINGS
 
     rows = dict(re.findall(r"^\| `(\w+)` \| (.*) \|$", STUDIES, re.M))
-    assert {name: rows.get(name) for name in MEANINGS} == MEANINGS
+    assert {name: rows.get(name) for name in COLUMN_MEANINGS} == COLUMN_MEANINGS
 
 
 @pytest.mark.parametrize(
     "block", re.findall(r"```toml\n(.*?)```", STUDIES, re.S), ids=("study", "search")
 )
 def test_the_files_of_the_studies_page_are_files_of_studies(block: str, tmp_path: Path) -> None:
-    from rcmservo.study.plan.file import load, plan_of
+    from rcmservo.study.plan.file import read_study_file, make_plan
 
     (tmp_path / "study.toml").write_text(block)
-    plan = plan_of(load(tmp_path / "study.toml"), {})
+    plan = make_plan(read_study_file(tmp_path / "study.toml"), {})
     assert plan.cells and plan.runs >= 200

@@ -11,17 +11,17 @@ from typing import Any
 import pytest
 
 from conftest import ROOT
-from rcmservo.cli.cli import COMMANDS, options_kind
+from rcmservo.cli.cli import COMMANDS, options_class
 from rcmservo.cli.command_line import options
-from rcmservo.cli.studies.tune import TuneOptions, _tuning
+from rcmservo.cli.studies.tune import TuneOptions, read_tuning
 from rcmservo.config.registry import MECHANISMS, TOOLS
-from rcmservo.config.rig_file import Lab, load_lab
+from rcmservo.config.rig_file import RigDescription, load_rig_file
 from rcmservo.hardware.devices import ARM_KINDS, CAMERA_KINDS
 from rcmservo.safety.gate import Gate
 from rcmservo.safety.thresholds import Thresholds
-from rcmservo.sim import Drive, Look, SceneSettings
+from rcmservo.sim import Drive, Appearance, SceneSettings
 from rcmservo.sim.rig_file import CameraSection, read_rig_settings
-from rcmservo.study.plan.file import StudyFile, load, plan_of
+from rcmservo.study.plan.file import StudyFile, read_study_file, make_plan
 from rcmservo.tracking import MarkerAppearance
 
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -40,7 +40,7 @@ SECTIONS: dict[str, list[type[Any]]] = {
     "arm": list(ARM_KINDS.values()),
     "camera": [CameraSection, *CAMERA_KINDS.values()],
     "drive": [Drive],
-    "look": [Look],
+    "look": [Appearance],
     "scene": [SceneSettings],
 }
 """Classes of every section of a rig file."""
@@ -53,7 +53,7 @@ KEY = re.compile(rf"({'|'.join(SECTIONS)})\.(\w+)(?:\[\d\])?")
 @cache
 def list_options(command: str) -> frozenset[str]:
     """Return all options of a command."""
-    names = {one.name for one in options.options_of(options_kind(command, []))}
+    names = {one.name for one in options.list_options(options_class(command, []))}
     names |= {"--help", "--help-all", "--version"}
     return frozenset(names | {f"--no-{one[2:]}" for one in names})
 
@@ -187,14 +187,14 @@ def test_every_file_of_a_page_can_be_read_with_all_of_its_keys(block: str, tmp_p
     path.write_text(block)
     tables = tomllib.loads(block)
     if "search" in tables:
-        assert _tuning(TuneOptions(path)).axes
+        assert read_tuning(TuneOptions(path)).axes
     elif tables.keys() & {f.name for f in fields(StudyFile)}:
-        assert plan_of(load(path), {}).cells
+        assert make_plan(read_study_file(path), {}).cells
     else:
-        read_sections(load_lab(path))
+        read_sections(load_rig_file(path))
 
 
-def read_sections(lab: Lab) -> None:
+def read_sections(lab: RigDescription) -> None:
     """Read all sections of a rig file."""
     for name, kinds in (("arm", ARM_KINDS), ("camera", CAMERA_KINDS)):
         if name in lab.devices:

@@ -6,7 +6,7 @@ import fuzz
 import pytest
 
 import rcmservo as rs
-from rcmservo.config.rig_file import Lab, load_lab
+from rcmservo.config.rig_file import RigDescription, load_rig_file
 from rcmservo.sim.rig_file import read_rig_settings
 
 
@@ -47,7 +47,7 @@ def test_inputs_that_once_gave_a_traceback_a_hang_or_no_message_are_refused(
     path = tmp_path / "rig.toml"
     path.write_text(text)
     with pytest.raises(rs.RcmServoError) as refused:
-        read_rig_settings(load_lab(path))
+        read_rig_settings(load_rig_file(path))
     assert reason in str(refused.value)
     assert str(refused.value).isprintable()
 
@@ -55,11 +55,11 @@ def test_inputs_that_once_gave_a_traceback_a_hang_or_no_message_are_refused(
 def test_thresholds_are_read_and_omitted_ones_have_their_defaults(tmp_path: Path) -> None:
     path = tmp_path / "rig.toml"
     path.write_text("[thresholds]\njump = 6.0\n[markers]\ncolour_1 = 'red'\n")
-    lab = load_lab(path)
-    assert lab.thresholds == rs.Thresholds(jump=6.0)
-    assert (lab.markers.colour_1, lab.markers.radius_1) == ("red", Lab().markers.radius_1)
+    lab = load_rig_file(path)
+    assert lab.thresholds == rs.Thresholds(max_jump_px=6.0)
+    assert (lab.markers.colour_1, lab.markers.radius_1) == ("red", RigDescription().markers.radius_1)
 
 
 def test_a_device_file_is_not_a_rig_file() -> None:
     with pytest.raises(rs.UnusableFile, match="is not a file"):
-        load_lab(Path("/dev/zero"))
+        load_rig_file(Path("/dev/zero"))

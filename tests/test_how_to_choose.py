@@ -25,9 +25,9 @@ def choosing(monkeypatch: pytest.MonkeyPatch) -> Any:
 
 @pytest.mark.parametrize("name", STUDIES)
 def test_every_study_of_the_page_can_be_planned(name: str) -> None:
-    from rcmservo.study.plan.file import load, plan_of
+    from rcmservo.study.plan.file import read_study_file, make_plan
 
-    plan = plan_of(load(CHOOSING / f"{name}.toml"), {})
+    plan = make_plan(read_study_file(CHOOSING / f"{name}.toml"), {})
     assert 0 < plan.runs <= 10_000
     assert len(plan.cells) > 1
 

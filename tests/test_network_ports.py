@@ -10,12 +10,12 @@ import pytest
 from galil_measures import IdealMotors
 from page_lab import free_port
 
-from conftest import first_quick
+from conftest import mark_others_slow
 from rcmservo.cli.cli import main
 from rcmservo.hardware.galil.emulator.controller import Controller
 from rcmservo.hardware.galil.emulator.server import PortUnavailable, Server
 from rcmservo.page.web import access
-from rcmservo.page.web.access import NoPagePort, PortTaken, bound_pair
+from rcmservo.page.web.access import NoPagePort, PortTaken, bind_pair
 
 LOOPBACK = "127.0.0.1"
 OCCUPIED_MESSAGE = (
@@ -39,7 +39,7 @@ def default(monkeypatch: pytest.MonkeyPatch) -> int:
 
 
 def find_port_pair(port: int | None) -> list[int]:
-    pair = bound_pair(LOOPBACK, port)
+    pair = bind_pair(LOOPBACK, port)
     ports = [one.getsockname()[1] for one in pair]
     for one in pair:
         one.close()
@@ -59,13 +59,13 @@ def test_a_requested_port_that_is_occupied_is_reported_with_its_process(
 ) -> None:
     words = f"port {default + taken}: {OCCUPIED_MESSAGE}.*\\); select another port with --port"
     with occupied(default + taken), pytest.raises(PortTaken, match=words):
-        bound_pair(LOOPBACK, default)
+        bind_pair(LOOPBACK, default)
     assert find_port_pair(default) == [default, default + 1]
 
 
 def test_an_address_of_another_computer_is_not_tried_at_other_ports(default: int) -> None:
     with pytest.raises(NoPagePort, match=f"port {default}: cannot listen on it: Cannot assign"):
-        bound_pair("192.0.2.1", None)
+        bind_pair("192.0.2.1", None)
 
 
 def test_the_emulated_controller_reports_the_process_on_its_tcp_or_udp_port() -> None:
@@ -79,7 +79,7 @@ def test_the_emulated_controller_reports_the_process_on_its_tcp_or_udp_port() ->
 
 
 @pytest.mark.parametrize(
-    "command", first_quick(["emulate galil --mjpeg", "serve --no-browser --port"])
+    "command", mark_others_slow(["emulate galil --mjpeg", "serve --no-browser --port"])
 )
 def test_a_command_ends_with_one_sentence_on_an_occupied_port(
     command: str, default: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]

@@ -4,17 +4,17 @@ import pytest
 from _pytest.outcomes import Skipped
 
 import stalls
-from stalls import MAX_ATTEMPTS, MIN_STALL_NS, Witness, undisturbed
+from stalls import MAX_ATTEMPTS, MIN_STALL_NS, StallMonitor, retry_after_stalls
 
 
 def test_the_monitor_measures_a_stall() -> None:
     """The stall is a call that does not release the interpreter."""
-    with Witness() as monitor:
+    with StallMonitor() as monitor:
         sum(range(20_000_000))
     assert monitor.longest >= MIN_STALL_NS
 
 
-class FixedStall(Witness):
+class FixedStall(StallMonitor):
     """Monitor that reports a stall of fixed duration."""
 
     duration_ns = MIN_STALL_NS
@@ -28,9 +28,9 @@ def test_a_failed_run_is_repeated_if_the_machine_stalled(
 ) -> None:
     monkeypatch.setattr(stalls, "Witness", FixedStall)
     runs = iter(range(2 * MAX_ATTEMPTS))
-    assert undisturbed(lambda: next(runs), lambda run: run == 2) == 2
+    assert retry_after_stalls(lambda: next(runs), lambda run: run == 2) == 2
     with pytest.raises(Skipped, match="stalled"):
-        undisturbed(lambda: next(runs), lambda run: False)
+        retry_after_stalls(lambda: next(runs), lambda run: False)
     assert next(runs) == 3 + MAX_ATTEMPTS
 
 
@@ -38,5 +38,5 @@ def test_a_failed_run_is_not_repeated_without_a_stall(monkeypatch: pytest.Monkey
     monkeypatch.setattr(stalls, "Witness", FixedStall)
     monkeypatch.setattr(FixedStall, "duration_ns", MIN_STALL_NS - 1)
     runs = iter(range(MAX_ATTEMPTS))
-    assert undisturbed(lambda: next(runs), lambda run: False) == 0
+    assert retry_after_stalls(lambda: next(runs), lambda run: False) == 0
     assert next(runs) == 1

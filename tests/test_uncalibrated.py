@@ -8,7 +8,7 @@ import sys
 
 import pytest
 
-from conftest import CONTROLLERS, ESTIMATORS, ROOT, TOOLS, laboratory
+from conftest import CONTROLLERS, ESTIMATORS, ROOT, TOOLS, make_laboratory
 from rcmservo.safety.state_machine import Phase
 
 LINT_PROGRAM = (
@@ -120,7 +120,7 @@ def test_without_the_simulation_the_same_observations_give_bitwise_equal_command
     tmp_path, estimator, tool, controller
 ):
     """Observations and servo carry no ground truth: a process without `rcmservo.sim` loads them."""
-    lab = laboratory(seed=2)
+    lab = make_laboratory(seed=2)
     servo = lab.servo(
         estimator=ESTIMATORS[estimator], tool=TOOLS[tool], controller=CONTROLLERS[controller]
     )

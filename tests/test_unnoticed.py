@@ -5,7 +5,7 @@ import pytest
 from unnoticed import DURATION, UNREADY, one, report
 from unnoticed_rows import ROWS, RUN, SHOWING, TWO_RUNS
 
-from conftest import first_quick
+from conftest import mark_others_slow
 from rcmservo.sim.disturbances import DISTURBANCE_KINDS
 
 
@@ -19,7 +19,7 @@ def test_every_row_draws_disturbances_within_the_time_of_its_run(name: str) -> N
             assert disturbance.at < DURATION - 5.0
 
 
-@pytest.mark.parametrize("name", first_quick(["freeze", "lag", "taught", "between_15", "none"]))
+@pytest.mark.parametrize("name", mark_others_slow(["freeze", "lag", "taught", "between_15", "none"]))
 def test_a_run_of_a_row_is_judged(name: str) -> None:
     run = one(name, 3)
     assert run.end != UNREADY

@@ -8,7 +8,7 @@ import pytest
 
 from rcmservo.cli.cli import main
 from rcmservo.recording import reader
-from rcmservo.recording.outcome import judged
+from rcmservo.recording.outcome import judge_run
 from rcmservo.safety.causes import Cause
 from rcmservo.safety.state_machine import Mode, Phase
 
@@ -150,7 +150,7 @@ def test_a_run_that_ends_by_its_duration_names_that_cause(
 OUTCOMES = [
     (Mode(Phase.SERVO, Cause.LATE_TICK), 1.0, ""),
     (Mode(Phase.SERVO, Cause.NEARLY_SINGULAR), 1.0, ""),
-    (Mode(Phase.HOLD, Cause.STALE), 1.0, Cause.STALE.words),
+    (Mode(Phase.HOLD, Cause.STALE), 1.0, Cause.STALE.text),
     (Mode(Phase.DISABLED), None, "the arm's drive is off"),
     (Mode(Phase.IDLE), None, "time ran out before both markers were seen"),
     (Mode(Phase.ACQUIRE), None, "time ran out during exploration"),
@@ -163,7 +163,7 @@ def test_the_outcome_names_only_the_cause_of_the_stop(
     mode: Mode, explored: float | None, words: str
 ) -> None:
     times = np.arange(300) / 100.0
-    assert judged(times, np.zeros((300, 3)), explored, mode, 0.0).cause == words
+    assert judge_run(times, np.zeros((300, 3)), explored, mode, 0.0).cause == words
 
 
 @pytest.mark.parametrize("at", ["0", "0.02"])

@@ -20,16 +20,16 @@ from toy_wire import ENABLE, JOG, OFF, ToyAnswer, ToyOrder, order_in, sent
 LOWER, UPPER = (-1.2, -1.2, 60.0), (1.2, 1.2, 220.0)
 """Joint limits in rad, rad, mm."""
 
-FASTEST = 1.0, 1.0, 100.0
+MAX_RATES = 1.0, 1.0, 100.0
 """Largest joint rates in rad/s, rad/s, mm/s."""
 
 LAG = 0.015
 """Time constant (s) with which the joints follow their rates."""
 
-PATIENCE = 50_000_000
+WATCHDOG_TIMEOUT_NS = 50_000_000
 """Time (ns) without a command after which the arm stops by itself."""
 
-TOLD, RAN_OUT = 1, 2
+OFF_BY_COMMAND, OFF_BY_WATCHDOG = 1, 2
 """Codes of the reasons why the drive is off, indices of `toy_wire.WHYS`."""
 
 START = 0.6, 0.2, 120.0
@@ -58,11 +58,11 @@ class ToyArm:
             self.on, self.why, self.session, self.number = True, 0, order.session, 0
             self.heard = now
         elif order.kind == OFF:
-            self._off(TOLD)
+            self._off(OFF_BY_COMMAND)
         elif order.kind == JOG and self._may_move(order):
             self.number, self.heard = order.number, now
             self.rates = [
-                min(max(rate, -most), most) for rate, most in zip(order.rates, FASTEST, strict=True)
+                min(max(rate, -most), most) for rate, most in zip(order.rates, MAX_RATES, strict=True)
             ]
             self._keep_within()
         return sent(self._answer(order.stamp))
@@ -73,10 +73,10 @@ class ToyArm:
 
     def advance(self, now: int) -> None:
         """Advance the time; the motion ends when the watchdog expires, even if that was earlier."""
-        end = self.heard + PATIENCE
+        end = self.heard + WATCHDOG_TIMEOUT_NS
         if self.on and now > end:
             self._move(end - self.time)
-            self._off(RAN_OUT)
+            self._off(OFF_BY_WATCHDOG)
         elif self.on:
             self._move(now - self.time)
         self.time = now

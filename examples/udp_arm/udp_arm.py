@@ -20,7 +20,7 @@ from rcmservo.errors import RcmServoError
 POLL_PERIOD_S = 0.004
 """Time (s) between two requests."""
 
-SLOW = 10_000_000
+MAX_ROUND_TRIP_NS = 10_000_000
 """Longest round trip (ns) of an answer; longer ones leave the time of the joints too uncertain."""
 
 TIMEOUT_S = 1.0
@@ -60,11 +60,11 @@ class UdpArm:
             self._new.clear()
             self._new.wait(2 * POLL_PERIOD_S)
 
-    def measure(self) -> rs.Measured:
+    def measure(self) -> rs.ArmMeasurement:
         """Return the last answer without waiting; the drive counts as on in this session only."""
         at, answer = self._last
         mine = answer.on and answer.session == self._session
-        return rs.Measured(at, np.array(answer.q), mine)
+        return rs.ArmMeasurement(at, np.array(answer.q), mine)
 
     def apply(self, command: rs.Command) -> np.ndarray:
         """Send a command, unless its deadline has passed: then the watchdog stops the toy."""
@@ -113,7 +113,7 @@ class UdpArm:
         The joints were read between the request and now.
         """
         answer, now = answer_in(datagram), time.monotonic_ns()
-        if answer is None or not 0 <= now - answer.stamp <= SLOW:
+        if answer is None or not 0 <= now - answer.stamp <= MAX_ROUND_TRIP_NS:
             return
         at = (answer.stamp + now) // 2
         if self._last is None or at > self._last[0]:

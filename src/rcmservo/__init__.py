@@ -6,7 +6,7 @@ The public names are those of `rcmservo.public`, loaded on first use.
 import importlib
 from typing import TYPE_CHECKING, Any
 
-from rcmservo.errors import needing
+from rcmservo.errors import require_extra
 
 if TYPE_CHECKING:
     from rcmservo.public import *  # noqa: F403
@@ -23,7 +23,7 @@ STUDY_NAMES = ("bound",)
 def __getattr__(name: str) -> Any:
     """Load a public name on first use, so that the command line starts quickly."""
     if name in PUBLIC_PACKAGES:
-        with needing(f"rcmservo.{name}", "sim"):
+        with require_extra(f"rcmservo.{name}", "sim"):
             return importlib.import_module(f"rcmservo.{name}")
     if name in STUDY_NAMES:
         return getattr(importlib.import_module("rcmservo.study"), name)

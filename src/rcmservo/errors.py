@@ -75,7 +75,7 @@ class NotInstalled(RcmServoError, ModuleNotFoundError):
 
 
 @contextmanager
-def needing(user: str, extra: str) -> Generator[None]:
+def require_extra(user: str, extra: str) -> Generator[None]:
     """Raise :class:`NotInstalled` if `user` imports a package that only the extra installs."""
     try:
         yield

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple, Protocol, Self, runtime
 import numpy as np
 from numpy.typing import NDArray
 
-from rcmservo.numerics.structs import Floats, struct_reader, tuple_struct
+from rcmservo.numerics.structs import Floats, make_struct_reader, make_tuple_struct
 
 Image = NDArray[np.uint8]
 JointArray = Annotated[Floats, (3,)]
@@ -73,7 +73,7 @@ class Markers:
     covariance: Floats = field(default_factory=lambda: np.full((2, 3, 3), np.nan))
 
 
-class Dropped(IntEnum):
+class DropReason(IntEnum):
     """Reason for not using the newest frame of a camera.
 
     ``words`` is its sentence for the operator.
@@ -142,7 +142,7 @@ class Observation:
     arrival: int
     q_exposure: JointArray
     points: MarkerArray
-    dropped: Dropped = Dropped.NONE
+    drop_reason: DropReason = DropReason.NONE
     recorded: bool = True
     sizes: Floats = field(default_factory=lambda: np.full(2, np.nan))
     quality: Floats = field(default_factory=lambda: np.full(2, np.nan))
@@ -151,9 +151,9 @@ class Observation:
 if TYPE_CHECKING:
     ObservationStruct = Observation
 else:
-    ObservationStruct = tuple_struct(Observation, without=("sizes", "quality"))
+    ObservationStruct = make_tuple_struct(Observation, without=("sizes", "quality"))
 
-observed_numbers = struct_reader(Observation, ObservationStruct)
+observation_numbers = make_struct_reader(Observation, ObservationStruct)
 """Function that reads the numbers of an `ObservationStruct` from an `Observation`."""
 
 
@@ -206,7 +206,7 @@ class Target:
 
     points: Floats
     q: Floats
-    shown: int = 0
+    taught_at: int = 0
     sizes: Floats = field(default_factory=lambda: np.full(2, np.nan))
 
 
@@ -226,7 +226,7 @@ class Clock(Protocol):
         ...
 
 
-class Measured(NamedTuple):
+class ArmMeasurement(NamedTuple):
     """State of an arm that it reported last.
 
     Parameters
@@ -261,7 +261,7 @@ class Arm(Protocol):
         """
         ...
 
-    def measure(self) -> Measured:
+    def measure(self) -> ArmMeasurement:
         """Return the last reported state without waiting, the same one until the next arrives.
 
         Its time is that at which the joints were read, on the plant's clock. The method is also
@@ -326,10 +326,10 @@ class Tracker(Protocol):
 
 
 @runtime_checkable
-class Explains(Protocol):
+class FailureExplainer(Protocol):
     """Tracker that gives the reason for a failed detection."""
 
-    def why(self, frame: Frame) -> str:
+    def explain_failure(self, frame: Frame) -> str:
         """Return the reason for undetected markers in a frame, in a sentence; empty if detected.
 
         The method is called only after a failure. It may be slow and changes nothing.

@@ -10,14 +10,14 @@ from rig_check_lab import FaultyLab, Mistake
 
 from bring_up_page import PAGE, answer_to
 from conftest import ROOT
-from rcmservo.cli.cli import asked_of
-from rcmservo.cli.lab.emulate import COUNTS, EmulateOptions
+from rcmservo.cli.cli import parse_options
+from rcmservo.cli.lab.emulate import COUNTS_PER_UNIT, EmulateOptions
 from rcmservo.cli.lab.emulated_arm import EmulatedArm
 from rcmservo.cli.lab.live_on_hardware import require_devices
 from rcmservo.cli.lab.markers import MarkersOptions
 from rcmservo.cli.lab.rig_check import RigOptions
 from rcmservo.cli.live import LiveOptions
-from rcmservo.config.rig_file import Lab, lab_from, load_lab
+from rcmservo.config.rig_file import RigDescription, decode_rig_tables, load_rig_file
 from rcmservo.errors import BadInput
 from rcmservo.hardware.devices import ARM_KINDS, CAMERA_KINDS, read_wiring
 
@@ -29,7 +29,7 @@ def test_every_command_of_the_page_parses() -> None:
     blocks = re.findall(r"```sh\n(.*?)```", PAGE, re.S)
     lines = [line for block in blocks for line in block.splitlines()]
     words = [shlex.split(line)[1:] for line in lines]
-    read = [asked_of(name, options) for name, *options in words]
+    read = [parse_options(name, options) for name, *options in words]
     assert [type(one) for one in read] == [
         EmulateOptions,
         MarkersOptions,
@@ -42,8 +42,8 @@ def test_the_rig_file_of_the_page_describes_the_emulated_laboratory(tmp_path: Pa
     (block,) = re.findall(r"```toml\n(.*?)```", PAGE, re.S)
     path = tmp_path / "lab.toml"
     path.write_text(block)
-    lab = load_lab(path)
-    assert read_wiring(lab).counts == COUNTS
+    lab = load_rig_file(path)
+    assert read_wiring(lab).counts == COUNTS_PER_UNIT
     assert lab.device("arm", ARM_KINDS).port == 2323
     assert "8080" in lab.device("camera", CAMERA_KINDS).source
 
@@ -75,15 +75,15 @@ OTHER_DEVICES = {"arm": "galil", "camera": "opencv"}
 def test_the_required_keys_suffice_and_each_missing_one_is_reported(kind: str) -> None:
     ((section, table),) = MINIMAL[kind].items()
     whole = {**MINIMAL[OTHER_DEVICES["arm"]], **MINIMAL[OTHER_DEVICES["camera"]], section: table}
-    require_devices(lab_from(whole), Path("lab.toml"), "")
+    require_devices(decode_rig_tables(whole), Path("lab.toml"), "")
     for key in table:
         rest = {name: value for name, value in table.items() if name != key}
         with pytest.raises(BadInput, match=rf"{section}\.{key} must be "):
-            require_devices(lab_from({**whole, section: rest}), Path("lab.toml"), "")
+            require_devices(decode_rig_tables({**whole, section: rest}), Path("lab.toml"), "")
     for missing in OTHER_DEVICES:
         rest = {name: one for name, one in whole.items() if name != missing}
         with pytest.raises(BadInput, match=f"section {missing} must be given"):
-            require_devices(lab_from(rest), Path("lab.toml"), "")
+            require_devices(decode_rig_tables(rest), Path("lab.toml"), "")
 
 
 def test_the_page_on_live_runs_links_to_this_one_for_the_keys() -> None:
@@ -95,9 +95,9 @@ def test_the_page_on_live_runs_links_to_this_one_for_the_keys() -> None:
 @pytest.mark.slow
 def test_the_check_passes_with_the_answers_of_the_page() -> None:
     """Simulated time; tests/live runs the command itself."""
-    with EmulatedArm(SEED, Lab()) as arm:
+    with EmulatedArm(SEED, RigDescription()) as arm:
         printed = arm.measurements
-    lab = FaultyLab(Mistake(), SEED, Lab().mechanism)
+    lab = FaultyLab(Mistake(), SEED, RigDescription().mechanism)
     lab.operator.override = lambda asked: answer_to(asked, printed)
     report = lab.check()
     assert report.ok, report.findings
@@ -108,9 +108,9 @@ def test_the_check_passes_with_the_answers_of_the_page() -> None:
 @pytest.mark.parametrize("seed", [SEED, 0, 1])
 def test_the_page_answers_every_question_of_the_check(seed: int) -> None:
     """A wrong spacing triggers questions that the page's own laboratory does not."""
-    with EmulatedArm(seed, Lab()) as arm:
+    with EmulatedArm(seed, RigDescription()) as arm:
         printed = arm.measurements
-    lab = FaultyLab(Mistake(spacing=1.25), seed, Lab().mechanism)
+    lab = FaultyLab(Mistake(spacing=1.25), seed, RigDescription().mechanism)
     lab.operator.override = lambda asked: answer_to(asked, printed)
     report = lab.check()
     assert any("how far apart" in asked for asked in lab.operator.questions)

@@ -7,7 +7,7 @@ import pytest
 from rig_check_lab import FaultyLab, Mistake, MiswiredArm
 
 from rcmservo.bringup.check import CheckReport
-from rcmservo.interfaces import Command, Floats, Measured
+from rcmservo.interfaces import Command, Floats, ArmMeasurement
 
 FIRST_QUESTIONS = 8
 """Questions within which the check interrupts the commands of a rate-controlled arm."""
@@ -18,7 +18,7 @@ class RateControlledArm(MiswiredArm):
 
     by_speeds, continues, silent, freezes = True, False, False, False
     last: Command
-    last_measured: Measured
+    last_measured: ArmMeasurement
 
     def fall_silent(self) -> None:
         self.silent = True
@@ -35,7 +35,7 @@ class RateControlledArm(MiswiredArm):
         self.last = command
         return super().apply(command)
 
-    def measure(self) -> Measured:
+    def measure(self) -> ArmMeasurement:
         if self.silent and self.freezes:
             return self.last_measured
         self.last_measured = measured = super().measure()

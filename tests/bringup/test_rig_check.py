@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from rig_check_lab import COUNTS, MISTAKES, FaultyLab, Mistake
 
-from conftest import first_quick
+from conftest import mark_others_slow
 from rcmservo.bringup.check import CheckReport
 from rcmservo.bringup.findings import CheckAborted
 from rcmservo.bringup.motion import SPEED_SCALE
 from rcmservo.bringup.observations import PixelBound
-from rcmservo.interfaces import Command, Floats, Frame, Measured
+from rcmservo.interfaces import Command, Floats, Frame, ArmMeasurement
 
 QUICK = "axes 1 and 2 swapped", 1
 CASES = [QUICK, *(case for case in zip(MISTAKES, cycle([0, 1]), strict=False) if case != QUICK)]
@@ -45,7 +45,7 @@ def assert_slow_and_off(lab: FaultyLab) -> None:
     assert (rates <= SPEED_SCALE * np.array(lab.gate.speed) * (1.0 + 1e-9)).all()
 
 
-@pytest.mark.parametrize("case", first_quick(CASES), ids=lambda case: "{}, seed {}".format(*case))
+@pytest.mark.parametrize("case", mark_others_slow(CASES), ids=lambda case: "{}, seed {}".format(*case))
 def test_a_mistake_is_found_with_its_line_before_the_tool_travels_2_mm(
     case: tuple[str, int],
 ) -> None:
@@ -203,9 +203,9 @@ def test_ctrl_c_in_a_motion_switches_the_drive_off_and_ends_the_check(moment: in
 def failing(kind: str, lab: FaultyLab, after: int) -> None:
     """Inject a fault into the arm, from its answer number `after` with the drive on."""
     measure, answers = lab.arm.measure, [0]
-    last: list[Measured] = []
+    last: list[ArmMeasurement] = []
 
-    def faulty() -> Measured:
+    def faulty() -> ArmMeasurement:
         now = measure()
         answers[0] += now.enabled
         if answers[0] < after:
@@ -258,7 +258,7 @@ def test_a_motion_during_averaging_ends_the_check() -> None:
         at_rest[0] += command.enabled and bool((np.abs(command.rates) < 1e-2).all())
         return apply(command)
 
-    def faulty() -> Measured:
+    def faulty() -> ArmMeasurement:
         now = measure()
         creeping = np.array([2e-5, 0.0, 0.0]) * max(at_rest[0] - 50, 0)
         return now._replace(q=now.q + creeping)

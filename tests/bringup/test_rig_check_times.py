@@ -11,7 +11,7 @@ from rig_check_lab import FaultyLab, Mistake
 from rcmservo.bringup.observations import MotionTrace
 from rcmservo.bringup.timing import identify_latency
 from rcmservo.geometry.kinematics import PitchYawRcm
-from rcmservo.interfaces import Frame, Measured
+from rcmservo.interfaces import Frame, ArmMeasurement
 from rcmservo.sim import RigSettings
 from rcmservo.sim.cameras import Timing
 
@@ -21,7 +21,7 @@ def test_the_reported_rates_are_those_of_the_devices() -> None:
     lab = FaultyLab(Mistake(), seed=1, settings=quick)
     measure, last = lab.arm.measure, [lab.arm.measure()]
 
-    def each_4_ms() -> Measured:
+    def each_4_ms() -> ArmMeasurement:
         if lab.rig.clock.now() - last[0].time >= 4_000_000:
             last[0] = measure()
         return last[0]

@@ -19,8 +19,8 @@ import pytest
 from numbered_camera import NumberedCamera, frames_of, numbered_image, read_number, wait_for
 
 from conftest import ROOT
-from peers import peer
-from rcmservo.config.rig_file import load_lab
+from peers import mark_peer
+from rcmservo.config.rig_file import load_rig_file
 from rcmservo.errors import BadInput, RcmServoError
 from rcmservo.hardware.cameras.aravis import (
     BUFFER_COUNT,
@@ -52,8 +52,8 @@ def installed() -> bool:
     return False
 
 
-library = peer("Aravis library", installed(), "sudo apt-get install libaravis-0.8-0")
-tool = peer(
+library = mark_peer("Aravis library", installed(), "sudo apt-get install libaravis-0.8-0")
+tool = mark_peer(
     "Aravis' fake GigE camera", shutil.which(FAKE) is not None, "sudo apt-get install aravis-tools"
 )
 LOOPBACK = "127.0.0.1"
@@ -342,7 +342,7 @@ def test_the_document_shows_a_valid_camera(tmp_path: Path) -> None:
     assert block is not None
     rig = tmp_path / "lab.toml"
     rig.write_text(block[1])
-    settings = load_lab(rig).device("camera", CAMERA_KINDS)
+    settings = load_rig_file(rig).device("camera", CAMERA_KINDS)
     assert settings == AravisSettings("192.168.1.20", 0.012, 640, 480, 60.0, 0.004, 6.0)
 
 

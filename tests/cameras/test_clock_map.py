@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from conftest import random_from, seeds
+from conftest import make_random, seeds
 from rcmservo.hardware.cameras.clock_map import ClockMap
 
 DAYS = 86400 * 10**9
@@ -35,7 +35,7 @@ class Device:
     """Stamps and arrivals of a camera's frames, and the arrivals without jitter."""
 
     def __init__(self, seed: int, kind: str, count: int = 1500) -> None:
-        random = random_from(seed)
+        random = make_random(seed)
         self.offset = int(random.integers(-20, 20)) * DAYS + int(random.integers(10**9))
         self.drift = random.uniform(-100e-6, 100e-6)
         taken = np.arange(count) * PERIOD + random.uniform(0.0, 1e9)
@@ -84,7 +84,7 @@ def test_after_ten_seconds_the_uncertainty_is_far_below_the_jitter(seed: int) ->
 @given(seeds)
 def test_lost_frames_do_not_increase_the_error_beyond_the_uncertainty(seed: int) -> None:
     device = Device(seed, "exponential")
-    received = sorted(set(random_from(seed).integers(0, 1500, 400).tolist()))
+    received = sorted(set(make_random(seed).integers(0, 1500, 400).tolist()))
     for name in ("stamps", "arrivals", "least"):
         setattr(device, name, [getattr(device, name)[i] for i in received])
     for error, uncertainty in device.errors(ClockMap()):

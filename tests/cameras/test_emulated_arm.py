@@ -14,9 +14,9 @@ import pytest
 from numbered_camera import frames_of
 from test_aravis import library
 
-from conftest import HEEDING_CTRL_C, ROOT
+from conftest import INTERRUPTIBLE_COMMAND, ROOT
 from rcmservo.cli.cli import main
-from rcmservo.config.rig_file import Lab
+from rcmservo.config.rig_file import RigDescription
 from rcmservo.hardware.cameras.aravis import open_aravis_camera
 from rcmservo.hardware.cameras.opencv import open_opencv_camera
 from rcmservo.hardware.cameras.settings import AravisSettings, OpencvSettings
@@ -43,7 +43,7 @@ def marker_positions(camera: Camera, tracker: ColourMarkers) -> Iterator[Floats]
 @pytest.mark.alone
 def test_both_cameras_show_the_arm_that_the_controller_moves() -> None:
     options = ["emulate", "galil", "--port", "0", "--mjpeg", "0", "--gige", "--seed", "3"]
-    command = [sys.executable, "-c", HEEDING_CTRL_C, *options]
+    command = [sys.executable, "-c", INTERRUPTIBLE_COMMAND, *options]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as it:
         try:
             assert it.stdout is not None
@@ -57,7 +57,7 @@ def test_both_cameras_show_the_arm_that_the_controller_moves() -> None:
                 ]
                 for camera in cameras:
                     stack.enter_context(closing(camera))
-                trackers = [ColourMarkers(Lab().markers) for _ in cameras]
+                trackers = [ColourMarkers(RigDescription().markers) for _ in cameras]
                 pairs = list(zip(cameras, trackers, strict=True))
                 before = [next(marker_positions(*pair)) for pair in pairs]
                 assert np.isfinite(before).all()

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from numbered_camera import NumberedCamera, frames_of, numbered_image, read_number, wait_for
 
-from rcmservo.config.rig_file import load_lab
+from rcmservo.config.rig_file import load_rig_file
 from rcmservo.errors import BadInput, RcmServoError
 from rcmservo.hardware.cameras import opencv
 from rcmservo.hardware.cameras.emulated.mjpeg_server import MjpegServer
@@ -147,14 +147,14 @@ def test_invalid_settings_are_reported_in_one_sentence(
     rig = tmp_path / "lab.toml"
     rig.write_text(f'[camera]\nkind = "opencv"\n{lines}\n')
     with pytest.raises(BadInput) as error:
-        open_camera(load_lab(rig))
+        open_camera(load_rig_file(rig))
     assert message in str(error.value)
 
 
 def test_a_camera_without_a_latency_opens_for_its_measurement(tmp_path: Path) -> None:
     rig = tmp_path / "lab.toml"
     rig.write_text(f'[camera]\nkind = "opencv"\nsource = "{write_video(tmp_path)}"\n')
-    with closing(open_camera(load_lab(rig), unmeasured=True)) as camera:
+    with closing(open_camera(load_rig_file(rig), unmeasured=True)) as camera:
         frame = frames_of(camera, 1)[0]
         assert frame.exposure == frame.arrival
 

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import rcmservo as rs
-from conftest import SMALL, wait_until
+from conftest import SMALL_RIG_TOML, wait_until
 from rcmservo.cli.cli import main
 from rcmservo.figures.video import VideoWriter
 from rcmservo.recording import reader
@@ -52,7 +52,7 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> tuple[int, Path]:
 def small(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
     """Return arguments of `run` with small images, no video, and JSON."""
     rig = tmp_path_factory.mktemp("rig") / "small.toml"
-    rig.write_text(SMALL)
+    rig.write_text(SMALL_RIG_TOML)
     return ["run", "--rig", str(rig), "--no-video", "--json", "--teaching-frames", "30"]
 
 
@@ -193,7 +193,7 @@ def test_run_accepts_disturbances_an_operator_and_a_target_file(
     metrics = strict(captured.out)
     assert metrics["shown_again"] == 1 and metrics["pose_error_mm"] < 1.0
     for cause in (rs.Cause.MARKERS_LOST, rs.Cause.CAMERA_MOVED):
-        assert cause.value in captured.err and cause.way_out in captured.err
+        assert cause.value in captured.err and cause.remedy in captured.err
     again = ["--duration", "6", "--target", target]
     assert main([*small, "--seed", "1", *again, "--out", str(tmp_path / "b")]) == 0
     capsys.readouterr()

@@ -5,10 +5,10 @@ import sys
 
 import pytest
 
-from conftest import first_quick
-from rcmservo.cli.cli import COMMANDS, main, options_kind
+from conftest import mark_others_slow
+from rcmservo.cli.cli import COMMANDS, main, options_class
 from rcmservo.cli.command_line.help_text import estimator_descriptions
-from rcmservo.cli.command_line.options import options_of
+from rcmservo.cli.command_line.options import list_options
 from rcmservo.cli.servo_options import ESTIMATOR_NAMES
 
 PAGE_LINES = 45
@@ -57,7 +57,7 @@ def test_version_and_list_of_commands_load_no_library(option: str) -> None:
     assert loaded(asking(option), *USED_BY_COMMANDS, *UNUSED_BY_HELP) == []
 
 
-@pytest.mark.parametrize("command", first_quick(COMMANDS))
+@pytest.mark.parametrize("command", mark_others_slow(COMMANDS))
 def test_the_help_of_a_command_loads_nothing_that_computes(command: str) -> None:
     assert loaded(asking(command, "--help"), *UNUSED_BY_HELP) == []
 
@@ -105,7 +105,7 @@ def test_help_all_shows_every_option_with_its_default(
     command: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     text = " ".join(help_of(capsys, command, "--help-all").split())
-    for one in options_of(options_kind(command, [])):
+    for one in list_options(options_class(command, [])):
         usage = one.name.replace(".", ".[no-]").replace("--", "--[no-]", "." not in one.name)
         assert (usage if one.is_flag else f"{one.name} {one.metavar}") in text or one.is_positional
         assert one.description and " ".join(one.description.split()) in text

@@ -12,11 +12,11 @@ from rcmservo.cli.cli import main
 from rcmservo.cli.result_output import METRICS_FILE, print_result, save_result
 from rcmservo.cli.terminal import console
 from rcmservo.loop.run_result import (
-    CameraAccount,
+    CameraStatistics,
     LoopTiming,
     RunResult,
-    Spread,
-    spread,
+    TimeSpread,
+    time_spread,
 )
 
 CAUSE = "the servo process was killed (SIGKILL)"
@@ -52,7 +52,7 @@ def test_a_live_result_has_its_cause_its_folder_and_the_loop_timing() -> None:
         200,
         missed=2,
         rate_hz=99.5,
-        lateness_ms=Spread(0.25, 0.5, 1.5),
+        lateness_ms=TimeSpread(0.25, 0.5, 1.5),
         collections=0,
         refused=["paging [1] may delay"],
     )
@@ -63,7 +63,7 @@ def test_a_live_result_has_its_cause_its_folder_and_the_loop_timing() -> None:
 
 
 def test_a_hardware_result_has_its_drive_its_camera_and_its_speed() -> None:
-    camera = CameraAccount(100, 2, 1, 3, trouble="no whole frame has come for 2 s")
+    camera = CameraStatistics(100, 2, 1, 3, trouble="no whole frame has come for 2 s")
     text = printed(drive_off="axis B", camera=camera, speed_share=0.1, rig_checked=False)
     for words in (
         "arm axis B",
@@ -78,7 +78,7 @@ def test_unknown_values_are_null_in_json() -> None:
     plain = json.loads(json.dumps(asdict(replace(FAILED_RUN, loop=LoopTiming()))))
     assert plain["loop"]["rate_hz"] is None and plain["loop"]["lateness_ms"]["p99"] is None
     assert plain["feature_error"] == {"s_rad": None, "r_px": None, "d_px": None}
-    assert spread(np.empty(0)) == Spread()
+    assert time_spread(np.empty(0)) == TimeSpread()
 
 
 @pytest.mark.parametrize(

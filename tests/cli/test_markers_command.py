@@ -8,9 +8,9 @@ import cv2
 import numpy as np
 import pytest
 
-from conftest import DATA, ROOT
+from conftest import ARM_RECORDING, ROOT
 from rcmservo.cli.cli import main
-from rcmservo.config.rig_file import load_lab
+from rcmservo.config.rig_file import load_rig_file
 from rcmservo.interfaces import Image
 from rcmservo.sim.rig import Rig
 from rcmservo.tracking import read_image
@@ -72,7 +72,7 @@ def test_chosen_colours_are_tracked_and_written(
     rig.write_text('[tool] # mine\nkind = "rigid"\nspacing = 20.0\n')
     found = markers_json(capsys, frame, "--choose", "blue,green", "--rig", rig)
     assert found["written"] and not found["why"]
-    appearance = load_lab(rig).markers
+    appearance = load_rig_file(rig).markers
     assert (appearance.colour_1, appearance.colour_2) == ("blue", "green")
     assert appearance.radius_2 / appearance.radius_1 == pytest.approx(10.3 / 9.7, abs=0.02)
     assert rig.read_text().startswith('[tool] # mine\nkind = "rigid"\nspacing = 20.0\n')
@@ -87,7 +87,7 @@ def test_radii_of_the_rig_file_are_not_changed(
     rig.write_text("[markers]\nradius_1 = 4.0 # callipers\nradius_2 = 4.1\n")
     markers_json(capsys, frame, "--choose", "green,blue", "--rig", rig)
     assert "radius_1 = 4.0 # callipers\nradius_2 = 4.1\n" in rig.read_text()
-    assert load_lab(rig).markers.colour_1 == "green"
+    assert load_rig_file(rig).markers.colour_1 == "green"
 
 
 def test_the_output_image_has_rings_and_a_caption(
@@ -176,10 +176,10 @@ def test_unknown_colours_are_refused(frame: Path, capsys: pytest.CaptureFixture[
 
 
 def test_both_balls_of_the_da_vinci_image_are_detected(capsys: pytest.CaptureFixture[str]) -> None:
-    if not DATA.exists():
+    if not ARM_RECORDING.exists():
         pytest.skip("../shared/data is not here")
     rig = ROOT / "examples/davinci.toml"
-    for frame in sorted((DATA / "frames").iterdir())[::12]:
+    for frame in sorted((ARM_RECORDING / "frames").iterdir())[::12]:
         found = markers_json(capsys, frame, "--rig", rig)
         assert [each["colour"] for each in found["candidates"]][:2] == ["red", "red"]
         assert found["markers"] is not None

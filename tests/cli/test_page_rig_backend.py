@@ -9,14 +9,14 @@ import pytest
 
 from rcmservo.cli.lab import page_rig
 from rcmservo.cli.lab.serve import ServeOptions, serve
-from rcmservo.config.verified_rigs import digest_of, note_checked
+from rcmservo.config.verified_rigs import compute_digest, store_verified
 from rcmservo.control.saturated_controller import SaturatedController
 from rcmservo.errors import BadInput
 from rcmservo.interfaces import Frame
 from rcmservo.live.frame_ring import FrameRing, RecordingCamera, RingCamera
-from rcmservo.loop.run_result import CameraAccount
-from rcmservo.page.channels import Desk
-from rcmservo.page.messages import Change
+from rcmservo.loop.run_result import CameraStatistics
+from rcmservo.page.channels import PageChannels
+from rcmservo.page.messages import SettingsChange
 
 RIG = (
     '[arm]\nkind = "galil"\naddress = "127.0.0.1"\nport = 1\ncounts = [50000.0, 50000.0, 500.0]\n'
@@ -33,8 +33,8 @@ class StillCamera:
     def latest(self) -> Frame:
         return self.frame
 
-    def counts(self) -> CameraAccount:
-        return CameraAccount()
+    def counts(self) -> CameraStatistics:
+        return CameraStatistics()
 
     def close(self) -> None:
         """Do nothing, because nothing is open."""
@@ -54,14 +54,14 @@ def test_a_session_uses_the_speed_that_its_rig_file_allows(
 ) -> None:
     share = 1.0 if checked else 0.1
     if checked:
-        note_checked(digest_of(rig.read_bytes()))
+        store_verified(compute_digest(rig.read_bytes()))
     given = ServeOptions(rig=rig)
     with page_rig.open_hardware(given) as behind:
         assert (behind.setup.width, behind.setup.height) == (32, 24)
         assert ("10 %" in behind.title) is not checked
         fast = SaturatedController(max_speed=55.0)
-        behind.chosen.take(Change("controller", fast))
-        made = behind.session(Desk(get_context("spawn")), tmp_path / "session-1")
+        behind.servo_settings.apply(SettingsChange("controller", fast))
+        made = behind.session(PageChannels(get_context("spawn")), tmp_path / "session-1")
     assert np.allclose(made.servo.gate.speed, share * np.array(given.servo.gate.speed))
     assert made.servo.controller.max_speed == pytest.approx(share * 55.0)
     obtain_target: Any = made.target

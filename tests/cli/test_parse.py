@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from rcmservo.cli.cli import main
-from rcmservo.cli.command_line.options import options_of
+from rcmservo.cli.command_line.options import list_options
 from rcmservo.cli.lab_options import RunOptions
 from rcmservo.cli.parse import parse
 from rcmservo.control.saturated_controller import SaturatedController
@@ -113,7 +113,7 @@ def test_nothing_is_suggested_for_an_option_unlike_all_others(
     assert "did you mean" not in capsys.readouterr().err
 
 
-OPTION_CLASSES = {one.group: one.owner for one in options_of(RunOptions) if one.group}
+OPTION_CLASSES = {one.group: one.owner for one in list_options(RunOptions) if one.group}
 
 
 def refused_setting(kind: type[Any]) -> str:
@@ -169,7 +169,7 @@ def scene_settings(**values: object) -> SceneSettings:
     [
         (lambda: SaturatedController(bounds=(10.0, 10.0, 10.0)), "0.1745 rad, which is 10 deg?"),
         (lambda: Gate(speed=(30.0, 30.0, 50.0)), "0.5236 rad/s, which is 30 deg/s?"),
-        (lambda: Thresholds(following=(0.1, 5.0, 5.0)), "0.08727 rad, which is 5 deg?"),
+        (lambda: Thresholds(max_following_error=(0.1, 5.0, 5.0)), "0.08727 rad, which is 5 deg?"),
         (lambda: scene_settings(errors=(20.0, 50.0, 50.0)), "0.3491 rad, which is 20 deg?"),
         (lambda: scene_settings(start=(10.0, 45.0, 90.0)), "0.7854 rad, which is 45 deg?"),
         (lambda: Drive(encoder_offset=(0.0, 90.0, 0.0)), "1.571 rad, which is 90 deg?"),

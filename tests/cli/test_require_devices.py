@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from rcmservo.cli.lab.live_on_hardware import require_devices
-from rcmservo.config.rig_file import bytes_of, lab_of
-from rcmservo.config.verified_rigs import digest_of, note_checked
+from rcmservo.config.rig_file import read_rig_file, decode_rig_file
+from rcmservo.config.verified_rigs import compute_digest, store_verified
 from rcmservo.errors import BadInput
 
 SPEED_ARM = """
@@ -27,11 +27,11 @@ def test_an_arm_receives_speeds_only_after_its_watchdog_is_verified(
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
     rig = tmp_path / "lab.toml"
     rig.write_text(SPEED_ARM)
-    data = bytes_of(rig)
-    lab, digest = lab_of(rig, data), digest_of(data)
+    data = read_rig_file(rig)
+    lab, digest = decode_rig_file(rig, data), compute_digest(data)
     with pytest.raises(BadInput, match="`rig check` of this file has verified"):
         require_devices(lab, rig, digest)
-    note_checked(digest)
+    store_verified(digest)
     require_devices(lab, rig, digest)
 
 
@@ -39,4 +39,4 @@ def test_a_camera_without_a_measured_latency_is_refused(tmp_path: Path) -> None:
     rig = tmp_path / "lab.toml"
     rig.write_text(SPEED_ARM.replace("jv = true\n", "").replace("latency = 0.03\n", ""))
     with pytest.raises(BadInput, match=r"camera\.latency"):
-        require_devices(lab_of(rig, bytes_of(rig)), rig, "")
+        require_devices(decode_rig_file(rig, read_rig_file(rig)), rig, "")

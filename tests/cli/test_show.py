@@ -16,10 +16,10 @@ from rcmservo.cli import show
 from rcmservo.cli.cli import main
 from rcmservo.cli.result_output import METRICS_FILE
 from rcmservo.figures import plots
-from rcmservo.interfaces import Dropped
+from rcmservo.interfaces import DropReason
 from rcmservo.recording import reader, timeline
-from rcmservo.recording.outcome import Judge
-from rcmservo.recording.timeline import spans, summary
+from rcmservo.recording.outcome import OutcomeCollector
+from rcmservo.recording.timeline import list_spans, summarise
 from rcmservo.recording.writer import Recorder
 from rcmservo.tracking import PointMarkers
 
@@ -31,7 +31,7 @@ class RecordedRun:
     path: Path
     ticks: list[rs.Tick]
     stages: list[int]
-    judge: Judge
+    judge: OutcomeCollector
     servo: rs.Servo
     target: rs.Target
 
@@ -49,7 +49,7 @@ def disturb_observation(observation: rs.Observation) -> rs.Observation:
         **{
             **observation.__dict__,
             "points": points,
-            "dropped": Dropped.DAMAGED if 5.0 < second < 5.03 else Dropped.NONE,
+            "dropped": DropReason.DAMAGED if 5.0 < second < 5.03 else DropReason.NONE,
         }
     )
 
@@ -68,7 +68,7 @@ def recorded_run(tmp_path_factory: pytest.TempPathFactory) -> RecordedRun:
     with Recorder(path, {"seed": 1, "simulation": True}) as recorder:
         for seconds in (1.5, 8.5):
             stages.append(len(ticks))
-            judge = Judge(servo, target)
+            judge = OutcomeCollector(servo, target)
             recorder.begin(servo, target, state)
             for tick in rs.run(
                 plant, servo, target, seconds, state=state, operator=replays.operator
@@ -84,7 +84,7 @@ def test_spans_cover_all_ticks_in_order_and_successive_spans_differ(
     recorded_run: RecordedRun,
 ) -> None:
     rows = reader.read_record(recorded_run.path)
-    found = spans(rows)
+    found = list_spans(rows)
     assert found[0].start == 0.0 and found[-1].end == pytest.approx(rows.time[-1] + 0.01)
     for one, next in pairwise(found):
         assert one.end == next.start and one.duration > 0.0
@@ -94,7 +94,7 @@ def test_spans_cover_all_ticks_in_order_and_successive_spans_differ(
     for i, tick in enumerate(recorded_run.ticks):
         span = found[int(np.searchsorted(starts, rows.time[i], side="right")) - 1]
         assert (span.phase, span.cause) == (tick.state.phase, tick.state.cause)
-        assert span.asks is tick.state.mode.asks
+        assert span.action is tick.state.mode.action
         assert span.stage == int(i >= recorded_run.stages[1])
 
 
@@ -102,13 +102,13 @@ def test_spans_cover_all_ticks_in_order_and_successive_spans_differ(
 def test_a_tick_is_late_by_the_threshold_of_the_recorded_servo(
     recorded_run: RecordedRun, tmp_path: Path, share: float, late: int
 ) -> None:
-    servo = replace(recorded_run.servo, thresholds=rs.Thresholds(late_share=share))
+    servo = replace(recorded_run.servo, thresholds=rs.Thresholds(late_tick_fraction=share))
     with Recorder(tmp_path / reader.RECORD, {}) as recorder:
         recorder.begin(servo, recorded_run.target)
         for i, tick in enumerate(recorded_run.ticks[:20]):
-            now = tick.seen.now + 3_000_000 * (i >= 10)
-            recorder.write(replace(tick, servo=servo, seen=replace(tick.seen, now=now)))
-    loop = summary(reader.read_record(tmp_path)).loop
+            now = tick.observation.now + 3_000_000 * (i >= 10)
+            recorder.write(replace(tick, servo=servo, seen=replace(tick.observation, now=now)))
+    loop = summarise(reader.read_record(tmp_path)).loop
     assert loop is not None and loop.late == late
 
 
@@ -124,7 +124,7 @@ def test_every_request_of_the_operator_is_shown_including_refused_ones(
         for i in range(40):
             recorder.write(replace(paused, time=i * 10**7, request=asking.get(i, rs.Request.NONE)))
     rows = reader.read_record(tmp_path)
-    requests = [(round(span.start, 2), span.request) for span in spans(rows)]
+    requests = [(round(span.start, 2), span.request) for span in list_spans(rows)]
     assert requests[1:] == [(i * 0.01, request) for i, request in asking.items()]
     show.write_figures(rows, tmp_path)
     assert (tmp_path / "timeline.csv").read_text().count("RESUME") == 3
@@ -138,27 +138,27 @@ def test_every_request_of_the_operator_is_shown_including_refused_ones(
 
 
 def test_the_summary_agrees_with_the_ticks(recorded_run: RecordedRun) -> None:
-    got = summary(reader.read_record(recorded_run.path))
+    got = summarise(reader.read_record(recorded_run.path))
     loop, used = got.loop, got.frames
     assert loop is not None and used is not None
     frames = {
-        tick.seen.frame: tick for tick in reversed(recorded_run.ticks) if tick.seen.frame >= 0
+        tick.observation.frame: tick for tick in reversed(recorded_run.ticks) if tick.observation.frame >= 0
     }
-    latency = [(tick.seen.now - tick.seen.exposure) * 1e-9 for tick in frames.values()]
+    latency = [(tick.observation.now - tick.observation.exposure) * 1e-9 for tick in frames.values()]
     assert loop.ticks == len(recorded_run.ticks) == 1000
     assert used.used == len(frames)
     spread = [1e3 * one for one in (*np.percentile(latency, [50, 99]), max(latency))]
     assert astuple(loop.latency_ms) == pytest.approx(spread)
     assert (loop.late, loop.longest_ms) == (0, pytest.approx(10.0))
     assert used.dropped == {
-        Dropped.DAMAGED.words: sum(
-            tick.seen.dropped is Dropped.DAMAGED for tick in recorded_run.ticks
+        DropReason.DAMAGED.words: sum(
+            tick.observation.drop_reason is DropReason.DAMAGED for tick in recorded_run.ticks
         )
     }
 
 
 def test_the_verdict_equals_that_of_the_run(recorded_run: RecordedRun) -> None:
-    got, live = summary(reader.read_record(recorded_run.path)), recorded_run.judge.result()
+    got, live = summarise(reader.read_record(recorded_run.path)), recorded_run.judge.result()
     assert (got.settled, got.cause) == (live.settled, live.cause)
     assert astuple(got.feature_error) == pytest.approx(astuple(live.feature_error))
     assert got.settled
@@ -168,7 +168,7 @@ def test_the_verdict_equals_that_of_the_run(recorded_run: RecordedRun) -> None:
 
 def test_a_record_of_an_earlier_version_agrees_with_its_metrics() -> None:
     folder = Path(__file__).parents[1] / "data/v0.1.0"
-    now = asdict(summary(reader.read_record(folder)))
+    now = asdict(summarise(reader.read_record(folder)))
     then = json.loads((folder / METRICS_FILE).read_text())
     for name in ("settled", "cause", "settle_time_s", "jacobian_error"):
         assert now[name] == then[name]
@@ -204,7 +204,7 @@ def test_show_prints_causes_and_remedies_and_draws_figures(
         assert cv2.imread(str(tmp_path / "out" / f"{name}.png")) is not None
     assert text.endswith(f"\nfigures and timeline.csv in {tmp_path / 'out'}\n")
     lines = (tmp_path / "out" / "timeline.csv").read_text().splitlines()
-    assert len(lines) == 1 + len(spans(reader.read_record(recorded_run.path)))
+    assert len(lines) == 1 + len(list_spans(reader.read_record(recorded_run.path)))
 
 
 @pytest.mark.usefixtures("blank_figures")
@@ -236,7 +236,7 @@ def test_a_record_that_ends_early_gives_no_verdict(
     rows = reader.read_record(
         recorded_until(recorded_run, tmp_path / "r.mcap", until, duration_s=planned)
     )
-    got = summary(rows)
+    got = summarise(rows)
     assert rows.complete
     assert (got.settled, got.settle_time_s) == (False, None)
     assert (
@@ -251,7 +251,7 @@ def test_a_record_that_ends_early_gives_no_verdict(
 def test_a_complete_record_gives_the_verdict(
     about: dict[str, float], recorded_run: RecordedRun, tmp_path: Path
 ) -> None:
-    assert summary(
+    assert summarise(
         reader.read_record(recorded_until(recorded_run, tmp_path / "r.mcap", 8.5, **about))
     ).settled
 
@@ -267,7 +267,7 @@ def test_a_run_that_ended_early_reports_its_cause(
     path = recorded_until(
         recorded_run, tmp_path / "r.mcap", paused.time * 1e-9 + 0.001, duration_s=60.0
     )
-    assert summary(reader.read_record(path)).cause == rs.Cause.ASKED.words
+    assert summarise(reader.read_record(path)).cause == rs.Cause.ASKED.text
 
 
 @pytest.mark.parametrize(("about", "words"), [({"duration_s": 8.5}, " s of 8.50 s"), ({}, " s: ")])
@@ -278,7 +278,7 @@ def test_a_truncated_record_never_reports_settled_or_a_time_out(
     causes = []
     for share in (0.03, 0.3, 0.5, 0.7, 0.9):
         (tmp_path / "cut.mcap").write_bytes(data[: int(len(data) * share)])
-        got = summary(reader.read_record(tmp_path / "cut.mcap"))
+        got = summarise(reader.read_record(tmp_path / "cut.mcap"))
         assert not got.settled and "time ran out" not in got.cause
         causes.append(got.cause)
     assert all(cause.startswith("the record ends at ") and words in cause for cause in causes)
@@ -335,7 +335,7 @@ def test_a_long_timeline_is_cut_in_the_middle(
 ) -> None:
     monkeypatch.setattr(show, "FIRST_SPANS", 3)
     monkeypatch.setattr(show, "LAST_SPANS", 2)
-    found = spans(reader.read_record(recorded_run.path))
+    found = list_spans(reader.read_record(recorded_run.path))
     table = show._timeline_table(found)
     assert table.row_count == 3 + 1 + 2
     assert f"… {len(found) - 5} more, in timeline.csv" in list(table.columns[2].cells)
@@ -357,16 +357,16 @@ def test_every_phase_and_cause_has_its_line_in_the_figure(recorded_run: Recorded
     rows = reader.read_record(recorded_run.path)
     figure = plots.plot_timeline(rows)
     labels = [lane.label.replace("\n", " ") for panel in figure.panels for lane in panel.lanes]
-    for span in spans(rows):
+    for span in list_spans(rows):
         assert span.phase.value in labels
         assert span.cause is rs.Cause.NONE or span.cause.value in labels
-    assert len(figure.panels[0].bands) == len(spans(rows))
-    assert timeline.rate(rows) == 100.0
+    assert len(figure.panels[0].bands) == len(list_spans(rows))
+    assert timeline.read_rate(rows) == 100.0
 
 
 def test_the_path_leads_from_exploration_to_the_target(recorded_run: RecordedRun) -> None:
     front, top, picture = plots.plot_path(reader.read_record(recorded_run.path)).panels
-    p1 = recorded_run.servo.marker_1(recorded_run.target.q)
+    p1 = recorded_run.servo.position_of_marker_1(recorded_run.target.q)
     for panel, axes in ((front, [0, 1]), (top, [0, 2])):
         exploring, motion, target_curve = panel.curves
         assert [*target_curve.x, *target_curve.y] == pytest.approx(p1[axes], abs=1e-3)

@@ -17,8 +17,8 @@ from rcmservo.cli.cli import main
 from rcmservo.errors import RcmServoError
 from rcmservo.interfaces import Image
 from rcmservo.study.execution import workers as crews
-from rcmservo.study.execution.chunk import done
-from rcmservo.study.execution.store import runs_in
+from rcmservo.study.execution.chunk import run_chunk
+from rcmservo.study.execution.store import read_runs
 from rcmservo.study.plan.plan import StudyPlan
 
 MODULE = "lab_of_studies"
@@ -99,7 +99,7 @@ class LocalCrew:
 
     def done(self, orders: Any) -> Generator[Any]:
         for key, order in orders:
-            yield key, done(order)
+            yield key, run_chunk(order)
 
 
 @pytest.fixture
@@ -114,7 +114,7 @@ def in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def rows(folder: str) -> list[dict[str, Any]]:
-    return runs_in(Path(folder)).to_pylist()
+    return read_runs(Path(folder)).to_pylist()
 
 
 def test_a_study_writes_rows_summary_and_report_and_shows_progress(study: str) -> None:

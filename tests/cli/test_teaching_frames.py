@@ -13,7 +13,7 @@ from rcmservo.cli.lab.hardware_prompts import HardwarePreparation
 from rcmservo.cli.lab.serve import ServeOptions
 from rcmservo.cli.lab_options import RunOptions
 from rcmservo.cli.live import LiveOptions
-from rcmservo.cli.simulated_run.about import about
+from rcmservo.cli.simulated_run.about import describe_simulated_run
 from rcmservo.cli.simulated_run.target import obtain_target
 from rcmservo.live.arm_datagrams import teach_and_return
 from rcmservo.loop.operator import Teach
@@ -25,14 +25,14 @@ from rcmservo.sim.processes.lab_processes import SimulatedLab
 from rcmservo.sim.scripted_operator import ScriptedOperator
 from rcmservo.study.batch import Study
 from rcmservo.study.plan.plan import StudyPlan
-from rcmservo.study.simulation_engine import Laboratory
+from rcmservo.study.simulation_engine import SimulationEngine
 from rcmservo.tracking import PointMarkers
 
 FRAME_PARAMETERS: dict[Callable[..., object], str] = {
     rs.teach: "frames",
     Teach: "frames",
     Study: "shown",
-    Laboratory: "shown",
+    SimulationEngine: "shown",
     StudyPlan: "shown",
     ScriptedOperator: "frames",
     teach_and_return: "frames",
@@ -73,7 +73,7 @@ def test_a_simulated_run_teaches_with_the_requested_number_of_frames() -> None:
         obtain_target(RunOptions(teaching_frames=frames), rig, plant)
         took.append((rig.clock.now() - began) * 1e-9)
     assert took[1] - took[0] == pytest.approx(0.5, abs=0.1)
-    assert about(RunOptions(teaching_frames=7), 2.0)["teaching_frames"] == 7
+    assert describe_simulated_run(RunOptions(teaching_frames=7), 2.0)["teaching_frames"] == 7
 
 
 def test_a_target_taught_at_the_arm_averages_the_requested_frames(

@@ -9,8 +9,8 @@ import pytest
 import rcmservo as rs
 from rcmservo.cli.cli import main
 from rcmservo.config.former_names import FORMER_SETTINGS, with_present_names
-from rcmservo.config.registry import KIND, PARTS
-from rcmservo.config.servo_json import describe, rebuild
+from rcmservo.config.registry import KIND_KEY, PART_CLASSES
+from rcmservo.config.servo_json import describe_servo, rebuild_servo
 
 SERVO = rs.Servo(
     mechanism=rs.SphericalRcm(),
@@ -30,13 +30,13 @@ def as_of_earlier_versions(table: Any) -> Any:
 
 
 def test_a_recorded_servo_with_former_names_is_rebuilt() -> None:
-    old = as_of_earlier_versions(describe(SERVO))
+    old = as_of_earlier_versions(describe_servo(SERVO))
     assert "share" in old["exploration"] and "jump" in old["thresholds"]
-    assert rebuild(old) == SERVO
+    assert rebuild_servo(old) == SERVO
 
 
 def test_a_former_name_is_no_present_name_of_the_same_class() -> None:
-    kinds = {kind for kinds in PARTS.values() for kind in kinds.values()}
+    kinds = {kind for kinds in PART_CLASSES.values() for kind in kinds.values()}
     for kind in kinds:
         names = {f.name for f in fields(kind)}
         renamed = names & set(FORMER_SETTINGS.values())
@@ -44,9 +44,9 @@ def test_a_former_name_is_no_present_name_of_the_same_class() -> None:
 
 
 def test_present_names_stay() -> None:
-    assert with_present_names({"max_jump_px": 1.0, KIND: "x"}, ["max_jump_px", KIND]) == {
+    assert with_present_names({"max_jump_px": 1.0, KIND_KEY: "x"}, ["max_jump_px", KIND_KEY]) == {
         "max_jump_px": 1.0,
-        KIND: "x",
+        KIND_KEY: "x",
     }
 
 

@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 import rcmservo as rs
 from conftest import ROOT
 from rcmservo.config.registry import MECHANISMS
-from rcmservo.config.rig_file import Lab, lab_from, load_lab
-from rcmservo.config.strict_decoding import decode
+from rcmservo.config.rig_file import RigDescription, decode_rig_tables, load_rig_file
+from rcmservo.config.strict_decoding import decode_settings
 from rcmservo.hardware.devices import ARM_KINDS, CAMERA_KINDS
-from rcmservo.sim import Drive, Look, SceneSettings
+from rcmservo.sim import Drive, Appearance, SceneSettings
 from rcmservo.sim.rig_file import CameraSection, read_rig_settings
 from rcmservo.tracking import MarkerAppearance
 
@@ -24,7 +24,7 @@ SECTIONS: dict[str, type[Any]] = {
     "markers": MarkerAppearance,
     "camera": CameraSection,
     "drive": Drive,
-    "look": Look,
+    "look": Appearance,
     "scene": SceneSettings,
 }
 ARBITRARY_VALUES = st.one_of(
@@ -39,7 +39,7 @@ ARBITRARY_VALUES = st.one_of(
 
 
 def test_the_da_vinci_rig_matches_its_recording() -> None:
-    lab = load_lab(ROOT / "examples/davinci.toml")
+    lab = load_rig_file(ROOT / "examples/davinci.toml")
     assert lab.mechanism == rs.PitchYawRcm(
         rs.JointLimits((-1.588, -0.925, 90.0), (1.588, 0.925, 240.0)), -15.6
     )
@@ -47,12 +47,12 @@ def test_the_da_vinci_rig_matches_its_recording() -> None:
     assert lab.markers == MarkerAppearance("red", "red", 12.0, 10.0)
     settings = read_rig_settings(lab)
     assert (settings.width, settings.height) == (800, 600)
-    assert settings.look.marker_radii == (12.0, 10.0)
+    assert settings.appearance.marker_radii == (12.0, 10.0)
 
 
 def test_an_empty_file_gives_the_built_in_rig(tmp_path: Path) -> None:
     (tmp_path / "rig.toml").write_text("")
-    assert load_lab(tmp_path / "rig.toml") == Lab()
+    assert load_rig_file(tmp_path / "rig.toml") == RigDescription()
 
 
 def test_every_key_of_every_section_is_accepted(tmp_path: Path) -> None:
@@ -60,7 +60,7 @@ def test_every_key_of_every_section_is_accepted(tmp_path: Path) -> None:
         for f in fields(cls):
             value = getattr(cls(), f.name)
             if value is not None:
-                assert decode(cls, {f.name: value}, name) == cls()
+                assert decode_settings(cls, {f.name: value}, name) == cls()
 
 
 @given(data=st.data())
@@ -69,7 +69,7 @@ def test_an_arbitrary_value_in_any_field_gives_settings_or_one_error(data: st.Da
     key = data.draw(st.sampled_from([f.name for f in fields(SECTIONS[name])]))
     value = data.draw(ARBITRARY_VALUES)
     try:
-        made = decode(SECTIONS[name], {key: value}, name)
+        made = decode_settings(SECTIONS[name], {key: value}, name)
     except rs.RcmServoError as error:
         assert "\n" not in str(error) or isinstance(value, str)
     else:
@@ -83,7 +83,7 @@ def test_arbitrary_bytes_give_a_rig_or_an_error(
     path = tmp_path_factory.mktemp("rig") / "rig.toml"
     path.write_bytes(data)
     with contextlib.suppress(rs.RcmServoError):
-        assert isinstance(load_lab(path), Lab)
+        assert isinstance(load_rig_file(path), RigDescription)
 
 
 @pytest.mark.parametrize(
@@ -91,7 +91,7 @@ def test_arbitrary_bytes_give_a_rig_or_an_error(
 )
 def test_radii_whose_ratio_no_float_can_hold_are_refused(one: float, other: float) -> None:
     with pytest.raises(rs.BadInput, match="radius"):
-        decode(MarkerAppearance, {"radius_1": one, "radius_2": other}, "markers")
+        decode_settings(MarkerAppearance, {"radius_1": one, "radius_2": other}, "markers")
 
 
 OPTIONAL_TABLES: dict[str, dict[str, Any]] = {
@@ -108,9 +108,9 @@ REQUIRED_KEYS: dict[str, dict[str, Any]] = {
 """Tables of devices, which have no default, with their required keys."""
 
 
-def decode_all(tables: dict[str, Any]) -> Lab:
+def decode_all(tables: dict[str, Any]) -> RigDescription:
     """Return the rig of a rig file after decoding all of its sections."""
-    lab = lab_from(tables)
+    lab = decode_rig_tables(tables)
     for name, kinds in DEVICES.items():
         if name in lab.devices:
             lab.device(name, kinds)
@@ -120,19 +120,19 @@ def decode_all(tables: dict[str, Any]) -> Lab:
 
 @pytest.mark.parametrize("name", OPTIONAL_TABLES)
 def test_keys_that_a_table_omits_have_the_built_in_values(name: str) -> None:
-    assert decode_all({name: {}}) == replace(Lab(), simulation=lab_from({name: {}}).simulation)
+    assert decode_all({name: {}}) == replace(RigDescription(), simulation=decode_rig_tables({name: {}}).simulation)
     made = getattr(decode_all({name: OPTIONAL_TABLES[name]}), name, None)
-    assert made is None or made == replace(getattr(Lab(), name), **OPTIONAL_TABLES[name])
+    assert made is None or made == replace(getattr(RigDescription(), name), **OPTIONAL_TABLES[name])
 
 
 @pytest.mark.parametrize("kind", MECHANISMS)
 def test_every_kind_of_mechanism_has_its_own_default_limits(kind: str) -> None:
-    assert lab_from({"mechanism": {"kind": kind}}).mechanism == MECHANISMS[kind]()
+    assert decode_rig_tables({"mechanism": {"kind": kind}}).mechanism == MECHANISMS[kind]()
 
 
 def test_a_tool_of_another_kind_does_not_inherit_the_built_in_values() -> None:
     with pytest.raises(rs.BadInput, match=r"tool\.scale must be given"):
-        lab_from({"tool": {"kind": "scaled", "offset": 1.0}})
+        decode_rig_tables({"tool": {"kind": "scaled", "offset": 1.0}})
 
 
 @pytest.mark.parametrize(
@@ -174,4 +174,4 @@ def test_an_unknown_key_of_any_table_is_reported_with_the_intended_key(
 def test_a_device_has_no_kind_by_default(name: str) -> None:
     table = {key: value for key, value in REQUIRED_KEYS[name].items() if key != "kind"}
     with pytest.raises(rs.BadInput, match=rf"{name}\.kind must be one of "):
-        lab_from({name: table}).device(name, DEVICES[name])
+        decode_rig_tables({name: table}).device(name, DEVICES[name])

@@ -6,12 +6,12 @@ from pathlib import Path
 import pytest
 
 from conftest import ROOT
-from rcmservo.config.rig_file import load_lab
-from rcmservo.config.rig_file_edit import Values, told_in, write_markers
+from rcmservo.config.rig_file import load_rig_file
+from rcmservo.config.rig_file_edit import MarkerValues, find_marker_keys, write_markers
 from rcmservo.errors import BadInput, UnusableFile
 from rcmservo.tracking import MarkerAppearance
 
-NEW: Values = {"colour_1": "cyan", "colour_2": "yellow", "radius_1": 5.0, "radius_2": 4.25}
+NEW: MarkerValues = {"colour_1": "cyan", "colour_2": "yellow", "radius_1": 5.0, "radius_2": 4.25}
 LINES = 'colour_1 = "cyan"\ncolour_2 = "yellow"\nradius_1 = 5.0\nradius_2 = 4.25\n'
 
 TEXTS = {
@@ -34,7 +34,7 @@ def test_only_the_markers_change(before: str, tmp_path: Path) -> None:
     path.write_bytes(before.encode())
     write_markers(path, NEW)
     assert path.read_bytes().decode() == TEXTS[before]
-    assert load_lab(path).markers == MarkerAppearance("cyan", "yellow", 5.0, 4.25)
+    assert load_rig_file(path).markers == MarkerAppearance("cyan", "yellow", 5.0, 4.25)
     assert list(tmp_path.iterdir()) == [path]
 
 
@@ -42,7 +42,7 @@ def test_every_other_line_of_the_example_is_unchanged(tmp_path: Path) -> None:
     text = (ROOT / "examples/davinci.toml").read_text()
     path = tmp_path / "lab.toml"
     path.write_text(text)
-    assert told_in(path) == set(tomllib.loads(text)["markers"])
+    assert find_marker_keys(path) == set(tomllib.loads(text)["markers"])
     write_markers(path, {"colour_1": "green", "colour_2": "blue"})
     expected = text.replace('colour_1 = "red"', 'colour_1 = "green"')
     assert path.read_text() == expected.replace('colour_2 = "red"', 'colour_2 = "blue"')
@@ -53,7 +53,7 @@ def test_the_file_behind_a_symbolic_link_is_written(tmp_path: Path) -> None:
     (tmp_path / "lab.toml").symlink_to(tmp_path / "real.toml")
     write_markers(tmp_path / "lab.toml", NEW)
     assert (tmp_path / "lab.toml").is_symlink()
-    assert load_lab(tmp_path / "real.toml").markers.colour_1 == "cyan"
+    assert load_rig_file(tmp_path / "real.toml").markers.colour_1 == "cyan"
 
 
 @pytest.mark.parametrize(

@@ -12,13 +12,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import rcmservo as rs
-from rcmservo.cli.simulated_run.target import setup_of
+from rcmservo.cli.simulated_run.target import simulated_setup
 from rcmservo.config import target_file
-from rcmservo.config.rig_file import Lab, load_lab
-from rcmservo.config.target_file import Setup, checksum
+from rcmservo.config.rig_file import RigDescription, load_rig_file
+from rcmservo.config.target_file import TargetSetup, compute_checksum
 from rcmservo.tracking import MarkerAppearance
 
-SETUP = Setup(
+SETUP = TargetSetup(
     "one camera", 640, 480, rs.SphericalRcm(), rs.RigidTool(spacing=30.0), MarkerAppearance()
 )
 TARGET = rs.Target(
@@ -43,7 +43,7 @@ OTHER_SETUPS = {
 
 @pytest.fixture
 def path(tmp_path: Path) -> Path:
-    target_file.save(tmp_path / "target.json", TARGET, SETUP)
+    target_file.save_target(tmp_path / "target.json", TARGET, SETUP)
     return tmp_path / "target.json"
 
 
@@ -53,7 +53,7 @@ def rewritten(path: Path, **changes: Any) -> Path:
     content = {
         key: value for key, value in content.items() if value != "left out" and key != "sha256"
     }
-    path.write_text(json.dumps({**content, "sha256": checksum(content)}))
+    path.write_text(json.dumps({**content, "sha256": compute_checksum(content)}))
     return path
 
 
@@ -68,8 +68,8 @@ def test_every_number_survives_bit_for_bit(
     tmp_path_factory: pytest.TempPathFactory, points: Any, q: Any
 ) -> None:
     path = tmp_path_factory.mktemp("target") / "target.json"
-    target_file.save(path, rs.Target(np.array(points), np.array(q)), SETUP)
-    loaded = target_file.load(path, SETUP)
+    target_file.save_target(path, rs.Target(np.array(points), np.array(q)), SETUP)
+    loaded = target_file.load_target(path, SETUP)
     assert loaded.points.tobytes() == np.array(points).tobytes()
     assert loaded.q.tobytes() == np.array(q).tobytes()
 
@@ -82,18 +82,18 @@ def test_known_and_unknown_sizes_survive_bit_for_bit(
     tmp_path_factory: pytest.TempPathFactory, sizes: Any
 ) -> None:
     path, expected = tmp_path_factory.mktemp("target") / "target.json", np.array(sizes)
-    target_file.save(path, replace(TARGET, sizes=expected), SETUP)
-    assert target_file.load(path, SETUP).sizes.tobytes() == expected.tobytes()
+    target_file.save_target(path, replace(TARGET, sizes=expected), SETUP)
+    assert target_file.load_target(path, SETUP).sizes.tobytes() == expected.tobytes()
 
 
 def test_a_file_without_sizes_gives_nan(path: Path) -> None:
-    assert np.isnan(target_file.load(rewritten(path, sizes_px="left out"), SETUP).sizes).all()
+    assert np.isnan(target_file.load_target(rewritten(path, sizes_px="left out"), SETUP).sizes).all()
 
 
 @pytest.mark.parametrize("reason", OTHER_SETUPS)
 def test_another_setup_is_refused_with_the_difference(reason: str, path: Path) -> None:
     with pytest.raises(rs.UnusableFile) as refused:
-        target_file.load(path, OTHER_SETUPS[reason])
+        target_file.load_target(path, OTHER_SETUPS[reason])
     assert str(refused.value) == f"{path}: was taught with {reason}: teach the target again"
 
 
@@ -134,7 +134,7 @@ def test_another_setup_is_refused_with_the_difference(reason: str, path: Path) -
 )
 def test_an_invalid_value_is_reported(changes: dict[str, Any], reason: str, path: Path) -> None:
     with pytest.raises(rs.UnusableFile) as refused:
-        target_file.load(rewritten(path, **changes), SETUP)
+        target_file.load_target(rewritten(path, **changes), SETUP)
     assert reason in str(refused.value)
 
 
@@ -156,7 +156,7 @@ def test_a_file_without_a_target_is_refused(data: bytes, reason: str, tmp_path: 
     path = tmp_path / "target.json"
     path.write_bytes(data)
     with pytest.raises(rs.UnusableFile) as refused:
-        target_file.load(path, SETUP)
+        target_file.load_target(path, SETUP)
     assert reason in str(refused.value)
     assert "\n" not in str(refused.value)
 
@@ -167,14 +167,14 @@ def test_a_repeated_key_among_many_is_found_quickly(tmp_path: Path) -> None:
     path.write_text("{" + ",".join([*keys, keys[-1]]) + "}")
     started = time.process_time()
     with pytest.raises(rs.UnusableFile, match="two of the key '6999'"):
-        target_file.load(path, SETUP)
+        target_file.load_target(path, SETUP)
     assert time.process_time() - started < 0.2
 
 
 def test_a_changed_digit_is_detected_by_the_checksum(path: Path) -> None:
     path.write_text(path.read_text().replace("50.25", "50.26"))
     with pytest.raises(rs.UnusableFile, match="checksum differs"):
-        target_file.load(path, SETUP)
+        target_file.load_target(path, SETUP)
 
 
 def test_a_target_outside_the_image_or_the_limits_is_not_written(tmp_path: Path) -> None:
@@ -184,15 +184,15 @@ def test_a_target_outside_the_image_or_the_limits_is_not_written(tmp_path: Path)
         rs.Target(TARGET.points, TARGET.q + 200.0),
     ):
         with pytest.raises(rs.UnusableFile, match=r"is not written: target\."):
-            target_file.save(tmp_path / "target.json", target, SETUP)
+            target_file.save_target(tmp_path / "target.json", target, SETUP)
         assert not list(tmp_path.iterdir())
 
 
 def test_a_missing_file_is_reported(tmp_path: Path) -> None:
     with pytest.raises(rs.UnusableFile, match=r"nothing\.json: cannot be read: No such file"):
-        target_file.load(tmp_path / "nothing.json", SETUP)
+        target_file.load_target(tmp_path / "nothing.json", SETUP)
     with pytest.raises(rs.UnusableFile, match="is not a file"):
-        target_file.load(tmp_path, SETUP)
+        target_file.load_target(tmp_path, SETUP)
 
 
 def test_a_simulated_camera_refuses_targets_of_other_cameras_and_positions(
@@ -201,16 +201,16 @@ def test_a_simulated_camera_refuses_targets_of_other_cameras_and_positions(
     path = tmp_path / "target.json"
     rig = rs.sim.Rig(3, pictures=False)
     target = rs.Target(np.array([[300.0, 200.0], [320.0, 260.0]]), rig.scene.target)
-    target_file.save(path, target, setup_of(rig, Lab()))
-    again = target_file.load(path, setup_of(rs.sim.Rig(3, pictures=False), Lab()))
+    target_file.save_target(path, target, simulated_setup(rig, RigDescription()))
+    again = target_file.load_target(path, simulated_setup(rs.sim.Rig(3, pictures=False), RigDescription()))
     assert again.q.tobytes() == rig.scene.target.tobytes()
     with pytest.raises(
         rs.UnusableFile, match=r"was taught with camera 'simulation with seed 3, .* with seed 4, "
     ):
-        target_file.load(path, setup_of(rs.sim.Rig(4, pictures=False), Lab()))
+        target_file.load_target(path, simulated_setup(rs.sim.Rig(4, pictures=False), RigDescription()))
     rig.relocate_camera()
     with pytest.raises(rs.UnusableFile, match="was taught with camera"):
-        target_file.load(path, setup_of(rig, Lab()))
+        target_file.load_target(path, simulated_setup(rig, RigDescription()))
 
 
 def test_the_tolerance_beyond_joint_limits_is_the_threshold_of_the_rig(tmp_path: Path) -> None:
@@ -220,9 +220,9 @@ def test_the_tolerance_beyond_joint_limits_is_the_threshold_of_the_rig(tmp_path:
     target, path = rs.Target(np.array([[100.0, 100.0], [120.0, 150.0]]), q), tmp_path / "t.json"
     rig = tmp_path / "rig.toml"
     rig.write_text("[thresholds]\nslack = 0.01\n")
-    generous = replace(SETUP, slack=load_lab(rig).thresholds.slack)
+    generous = replace(SETUP, slack=load_rig_file(rig).thresholds.limit_tolerance)
     with pytest.raises(rs.UnusableFile, match=r"target\.joints"):
-        target_file.save(path, target, SETUP)
-    target_file.save(path, target, generous)
-    assert target_file.load(path, generous).q.tobytes() == q.tobytes()
-    assert setup_of(rs.sim.Rig(3, pictures=False), load_lab(rig)).slack == 0.01
+        target_file.save_target(path, target, SETUP)
+    target_file.save_target(path, target, generous)
+    assert target_file.load_target(path, generous).q.tobytes() == q.tobytes()
+    assert simulated_setup(rs.sim.Rig(3, pictures=False), load_rig_file(rig)).slack == 0.01

@@ -10,7 +10,7 @@ import pytest
 
 import rcmservo as rs
 from rcmservo.cli.cli import main
-from rcmservo.config.user_code import named, source
+from rcmservo.config.user_code import import_estimator, hash_source
 from rcmservo.recording.writer import Recorder
 
 IMPORT_MODULE = importlib.import_module
@@ -135,9 +135,9 @@ def test_a_module_in_the_current_directory_is_found_and_its_source_hashed(
     working_directory: Path,
 ) -> None:
     (working_directory / "valid2.py").write_text(VALID_MODULE)
-    kind = named("valid2:Own")
-    before = source(kind())
-    assert len(before) == 64 and before == source(kind())
+    kind = import_estimator("valid2:Own")
+    before = hash_source(kind())
+    assert len(before) == 64 and before == hash_source(kind())
     (working_directory / "valid2.py").write_text(VALID_MODULE + "# another\n")
-    assert source(kind()) != before
-    assert source(rs.ProjectionEstimator()) == ""
+    assert hash_source(kind()) != before
+    assert hash_source(rs.ProjectionEstimator()) == ""

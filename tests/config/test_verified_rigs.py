@@ -5,11 +5,11 @@ from pathlib import Path
 
 import pytest
 
-from rcmservo.config.rig_file import bytes_of, lab_of
-from rcmservo.config.verified_rigs import digest_of, forget_checked, is_checked, note_checked
+from rcmservo.config.rig_file import read_rig_file, decode_rig_file
+from rcmservo.config.verified_rigs import compute_digest, remove_verified, is_verified, store_verified
 from rcmservo.errors import UnusableFile
 
-ONE, OTHER = digest_of(b"[arm]\n"), digest_of(b"[arm] \n")
+ONE, OTHER = compute_digest(b"[arm]\n"), compute_digest(b"[arm] \n")
 
 
 @pytest.fixture(autouse=True)
@@ -19,13 +19,13 @@ def state(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def test_a_file_that_passed_is_identified_by_its_bytes_until_it_fails() -> None:
-    assert not is_checked(ONE)
-    forget_checked(ONE)
-    note_checked(ONE)
-    note_checked(ONE)
-    assert is_checked(ONE) and not is_checked(OTHER)
-    forget_checked(ONE)
-    assert not is_checked(ONE)
+    assert not is_verified(ONE)
+    remove_verified(ONE)
+    store_verified(ONE)
+    store_verified(ONE)
+    assert is_verified(ONE) and not is_verified(OTHER)
+    remove_verified(ONE)
+    assert not is_verified(ONE)
 
 
 def test_without_a_home_directory_there_are_no_notes_and_an_error(
@@ -33,8 +33,8 @@ def test_without_a_home_directory_there_are_no_notes_and_an_error(
 ) -> None:
     monkeypatch.delenv("XDG_STATE_HOME")
     monkeypatch.setattr("os.path.expanduser", str)
-    assert not is_checked(ONE)
-    for use in (note_checked, forget_checked):
+    assert not is_verified(ONE)
+    for use in (store_verified, remove_verified):
         with pytest.raises(UnusableFile, match="set XDG_STATE_HOME"):
             use(ONE)
 
@@ -52,19 +52,19 @@ def test_without_a_home_directory_there_are_no_notes_and_an_error(
     ],
 )
 def test_a_damaged_note_is_ignored(damage, state: Path) -> None:
-    note_checked(ONE)
+    store_verified(ONE)
     note = state / f"{ONE}.json"
     note.write_text(damage(note.read_text()))
-    assert not is_checked(ONE)
-    note_checked(ONE)
-    assert is_checked(ONE)
+    assert not is_verified(ONE)
+    store_verified(ONE)
+    assert is_verified(ONE)
 
 
 def test_a_note_that_is_no_text_or_no_file_is_ignored(state: Path) -> None:
     state.mkdir(parents=True)
     (state / f"{ONE}.json").write_bytes(b"\xff\xfe")
     (state / f"{OTHER}.json").mkdir()
-    assert not is_checked(ONE) and not is_checked(OTHER)
+    assert not is_verified(ONE) and not is_verified(OTHER)
 
 
 def test_a_state_directory_that_cannot_be_made_is_one_error(
@@ -72,9 +72,9 @@ def test_a_state_directory_that_cannot_be_made_is_one_error(
 ) -> None:
     (tmp_path / "state").write_text("")
     with pytest.raises(UnusableFile, match="cannot be made"):
-        note_checked(ONE)
-    assert not is_checked(ONE)
-    forget_checked(ONE)
+        store_verified(ONE)
+    assert not is_verified(ONE)
+    remove_verified(ONE)
 
 
 def test_a_relative_state_directory_is_ignored_as_its_standard_says(
@@ -82,7 +82,7 @@ def test_a_relative_state_directory_is_ignored_as_its_standard_says(
 ) -> None:
     monkeypatch.setenv("XDG_STATE_HOME", "here")
     monkeypatch.setenv("HOME", str(tmp_path))
-    note_checked(ONE)
+    store_verified(ONE)
     assert (tmp_path / f".local/state/rcmservo/checked/{ONE}.json").is_file()
 
 
@@ -90,6 +90,6 @@ def test_the_digest_and_the_settings_come_from_the_same_bytes(tmp_path: Path) ->
     """A change of the file between two readings has no effect."""
     path = tmp_path / "lab.toml"
     path.write_text("[gate]\nspeed = [0.5, 0.5, 40.0]\n")
-    data = bytes_of(path)
+    data = read_rig_file(path)
     path.write_text("[gate]\nspeed = [5.0, 5.0, 400.0]\n")
-    assert lab_of(path, data).gate.speed == (0.5, 0.5, 40.0)
+    assert decode_rig_file(path, data).gate.speed == (0.5, 0.5, 40.0)

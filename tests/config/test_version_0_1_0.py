@@ -14,9 +14,9 @@ import rcmservo as rs
 from conftest import ROOT
 from rcmservo.cli.cli import main
 from rcmservo.config import target_file
-from rcmservo.config.rig_file import load_lab
-from rcmservo.config.servo_json import describe
-from rcmservo.config.target_file import Setup
+from rcmservo.config.rig_file import load_rig_file
+from rcmservo.config.servo_json import describe_servo
+from rcmservo.config.target_file import TargetSetup
 from rcmservo.recording import reader
 from rcmservo.recording.writer import Recorder
 from rcmservo.sim.rig_file import read_rig_settings
@@ -26,23 +26,23 @@ OLD = ROOT / "tests/data/v0.1.0"
 
 
 def test_its_rig_file_gives_the_same_rig() -> None:
-    lab = load_lab(OLD / "rig.toml")
+    lab = load_rig_file(OLD / "rig.toml")
     limits = rs.JointLimits((-1.5, -0.9, 45.0), (1.5, 0.9, 235.0))
     assert lab.mechanism == rs.PitchYawRcm(limits, 5.0)
     assert lab.tool == rs.RigidTool(spacing=28.0, offset=-2.0)
     assert lab.markers == MarkerAppearance("yellow", "cyan", 3.0, 4.0)
     assert (lab.gate.speed, lab.gate.latency) == ((0.8, 0.8, 70.0), 0.04)
-    assert (lab.thresholds.jump, lab.thresholds.following) == (3.5, (0.008, 0.008, 0.6))
+    assert (lab.thresholds.max_jump_px, lab.thresholds.max_following_error) == (3.5, (0.008, 0.008, 0.6))
     settings = read_rig_settings(lab)
     assert (settings.timing.frame_rate, settings.point_noise) == (50.0, 0.2)
     assert settings.drive.lag == 0.025 and settings.scene.insertion == (60.0, 150.0)
 
 
 def test_its_target_loads_for_the_same_setup() -> None:
-    lab = load_lab(OLD / "rig.toml")
+    lab = load_rig_file(OLD / "rig.toml")
     name = "simulation with seed 3, view ae914c9f"
-    setup = Setup(name, 640, 480, lab.mechanism, lab.tool, lab.markers)
-    target = target_file.load(OLD / "target.json", setup)
+    setup = TargetSetup(name, 640, 480, lab.mechanism, lab.tool, lab.markers)
+    target = target_file.load_target(OLD / "target.json", setup)
     assert target.points[0].tolist() == [386.80959824902493, 212.98916869997595]
     assert target.q.tolist() == [0.48719999999999974, -0.19787999999999992, 110.50599999999996]
 
@@ -71,7 +71,7 @@ def test_a_record_with_unknown_settings_names_the_version_that_wrote_it(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def before(servo: rs.Servo) -> dict[str, object]:
-        table = describe(servo)
+        table = describe_servo(servo)
         del table["thresholds"]["jump"]
         return table
 
@@ -103,4 +103,4 @@ def test_a_new_stage_names_the_present_version(tmp_path: Path) -> None:
         recorder.begin(servo, rs.Target(np.zeros((2, 2)), np.zeros(3)))
     stage = reader.read_record(tmp_path / "record.mcap").stages[0]
     assert (stage.version, stage.source) == (rs.__version__, "")
-    assert json.dumps(stage.servo) == json.dumps(describe(servo))
+    assert json.dumps(stage.servo) == json.dumps(describe_servo(servo))

@@ -5,12 +5,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from conftest import random_from, seeds
+from conftest import make_random, seeds
 from rcmservo.control import saturated_controller
 from rcmservo.control.saturated_controller import (
-    Heading,
+    LawResult,
     SaturatedController,
-    control,
+    apply_law,
     potential,
     potential_gradient,
 )
@@ -27,19 +27,19 @@ counts = st.sampled_from([3, 4, 6])
 
 def jacobian(seed, sigma, n=3):
     """Return a scaled Ĵ (n, 3) with the singular values `sigma`."""
-    random = random_from(seed)
+    random = make_random(seed)
     U, V = (np.linalg.qr(random.standard_normal((size, 3)))[0] for size in (n, 3))
     return U * sigma @ V.T
 
 
 def gradient_of(seed, n=3):
-    return random_from(seed + 1).uniform(-1, 1, n) * BOUNDS[:n]
+    return make_random(seed + 1).uniform(-1, 1, n) * BOUNDS[:n]
 
 
 def law(*given):
     """Return the result of the control law with v as an array (3,)."""
-    v, *others = saturated_controller.law(*given)
-    return Heading(np.array(v), *others)
+    v, *others = saturated_controller.solve_law(*given)
+    return LawResult(np.array(v), *others)
 
 
 def speed(v):
@@ -69,7 +69,7 @@ def test_the_speed_cap_keeps_the_direction(seed, condition, cap):
         law(J, g, 2.0, MAX_CONDITION, cap).v,
     )
     assert speed(capped) <= cap * (1 + 1e-12)
-    left = law(J, g, 2.0, MAX_CONDITION, cap).left
+    left = law(J, g, 2.0, MAX_CONDITION, cap).distance_to_target
     assert left == pytest.approx(speed(free) / 2.0), "the distance does not depend on the speed"
     assert speed(capped) == pytest.approx(min(cap, speed(free)))
     assert np.allclose(
@@ -86,7 +86,7 @@ def blocked(seed, condition):
 @given(seeds, st.floats(100.0 * MAX_CONDITION, 1e300))
 def test_beyond_any_condition_only_the_observable_error_is_reduced(seed, condition):
     J, U = blocked(seed, condition)
-    observable = U[:, :2] @ random_from(seed).uniform(0.1, 1.0, 2)
+    observable = U[:, :2] @ make_random(seed).uniform(0.1, 1.0, 2)
     v, found, reducible, _ = law(J, observable + U[:, 2], 2.0, MAX_CONDITION, NO_SPEED_LIMIT)
     assert np.allclose(J @ v, -2.0 * observable, atol=0.01 * speed(observable))
     assert found == pytest.approx(condition, rel=1e-3) or min(found, condition) > 1e12
@@ -105,15 +105,15 @@ def test_the_reducible_fraction_vanishes_for_an_error_in_the_weak_direction(seed
         1e4 * MAX_CONDITION,
     ):
         J, U = blocked(seed, condition)
-        fractions.append(law(J, U[:, 2].copy(), 2.0, MAX_CONDITION, NO_SPEED_LIMIT).open)
-        assert law(J, U[:, 0].copy(), 2.0, MAX_CONDITION, NO_SPEED_LIMIT).open == pytest.approx(1.0)
+        fractions.append(law(J, U[:, 2].copy(), 2.0, MAX_CONDITION, NO_SPEED_LIMIT).reducible_fraction)
+        assert law(J, U[:, 0].copy(), 2.0, MAX_CONDITION, NO_SPEED_LIMIT).reducible_fraction == pytest.approx(1.0)
     assert fractions[0] == pytest.approx(1.0)
     assert np.all(np.diff(fractions) < 0.0) and fractions[2] < 0.01 and fractions[3] < 1e-6
 
 
 def test_without_an_error_nothing_moves_and_the_reducible_fraction_is_one():
     heading = law(jacobian(1, np.ones(3)), np.zeros(3), 2.0, MAX_CONDITION, NO_SPEED_LIMIT)
-    assert not heading.v.any() and heading.open == 1.0
+    assert not heading.v.any() and heading.reducible_fraction == 1.0
 
 
 @given(seeds, st.booleans())
@@ -121,7 +121,7 @@ def test_the_law_is_applied_to_the_saturated_error_and_its_size_is_that_of_the_p
     seed, printed
 ):
     J, delta = jacobian(seed, np.array([1.0, 0.5, 0.1])), 3.0 * gradient_of(seed)
-    heading, error = control(J, delta, BOUNDS[:3], printed, 2.0, MAX_CONDITION, 40.0)
+    heading, error = apply_law(J, delta, BOUNDS[:3], printed, 2.0, MAX_CONDITION, 40.0)
     expected = law(J, potential_gradient(delta, BOUNDS[:3], printed), 2.0, MAX_CONDITION, 40.0)
     assert np.array_equal(heading.v, expected.v) and heading[1:] == expected[1:]
     V = potential(delta, BOUNDS[:3], printed)
@@ -175,7 +175,7 @@ def test_equation_33_the_potential_falls_all_the_way_to_zero_and_the_error_with_
     """With Ĵ = J, ẏ = J v is ẏ = -k ∂V/∂y."""
     J, gain, dt = jacobian(seed, np.array([1.0, 0.4, 1 / condition])), 2.0, 0.05
     bounds = BOUNDS[:3]
-    delta = random_from(seed + 2).uniform(-3, 3, 3) * bounds
+    delta = make_random(seed + 2).uniform(-3, 3, 3) * bounds
     V = potential(delta, bounds, printed)
     for _ in range(250):
         gradient = potential_gradient(delta, bounds, printed)

@@ -9,12 +9,12 @@ from rcmservo.control.drive_lag import (
     DEFAULT_LAG_S,
     MAX_LAG_S,
     MIN_LAG_S,
-    begin_lag,
-    follow_drives,
-    lag_of,
-    measure_lag,
+    start_lag_measurement,
+    add_lag_reading,
+    known_or_measured_lag,
+    finish_lag_measurement,
 )
-from rcmservo.control.exploration import Exploring
+from rcmservo.control.exploration import ExplorationState
 from rcmservo.interfaces import Floats
 from rcmservo.loop.plant import Plant
 from rcmservo.loop.run import run
@@ -29,24 +29,24 @@ MAX_RATES = np.array([1.0, 1.0, 80.0])
 TICK_NS = 10_000_000
 
 
-def measurement(lag: float, delay: float, obeys: Floats) -> Exploring:
+def measurement(lag: float, delay: float, obeys: Floats) -> ExplorationState:
     """Return the measurement of a second of motion to and fro.
 
     Only the drives with 1 in `obeys` (3,) follow their rates.
     """
-    tour, q, rate, steps = Exploring.of(), np.zeros(3), np.zeros(3), 10
-    begin_lag(tour.rows[0])
+    tour, q, rate, steps = ExplorationState.of(), np.zeros(3), np.zeros(3), 10
+    start_lag_measurement(tour.rows[0])
     commanded = [0.2 * MAX_RATES * np.sign(np.sin(2.0 * np.pi * k / 30 + 0.1)) for k in range(100)]
     delay_ms = round(delay * 1000)
     for k in range(100):
         applied = commanded[k - 1] if k else np.zeros(3)
-        follow_drives(tour.rows[0], q.copy(), (k + 1) * TICK_NS, applied, MAX_RATES)
+        add_lag_reading(tour.rows[0], q.copy(), (k + 1) * TICK_NS, applied, MAX_RATES)
         for j in range(steps):
             at = (k * steps + j - delay_ms) // steps
             command = commanded[at] if at >= 0 else np.zeros(3)
             rate += (1.0 - np.exp(-1e-3 / lag)) * (command * obeys - rate)
             q = q + 1e-3 * rate
-    measure_lag(tour.rows[0])
+    finish_lag_measurement(tour.rows[0])
     return tour
 
 
@@ -72,21 +72,21 @@ def test_a_joint_without_motion_does_not_affect_the_measurement() -> None:
 def test_an_impossible_lag_is_rejected(obeys: Floats) -> None:
     tour = measurement(0.04, 0.0, obeys)
     assert tour.lag == 0.0
-    assert lag_of(tour.rows[0], 0.0) == DEFAULT_LAG_S and lag_of(tour.rows[0], 0.3) == 0.3
+    assert known_or_measured_lag(tour.rows[0], 0.0) == DEFAULT_LAG_S and known_or_measured_lag(tour.rows[0], 0.3) == 0.3
 
 
 @pytest.mark.parametrize("early", [0.0, 0.01])
 def test_a_drive_that_follows_at_once_or_is_read_late_has_the_minimal_lag(early: float) -> None:
     """With the default lag such a drive would stop as NOT_FOLLOWING."""
-    tour, q = Exploring.of(), np.zeros(3)
-    begin_lag(tour.rows[0])
+    tour, q = ExplorationState.of(), np.zeros(3)
+    start_lag_measurement(tour.rows[0])
     for k in range(100):
         applied = 0.2 * MAX_RATES * np.sign(np.sin(2.0 * np.pi * k / 30 + 0.1))
         q = q + TICK_NS * 1e-9 * applied
         ahead = q + early * applied
-        follow_drives(tour.rows[0], ahead, (k + 1) * TICK_NS, applied, MAX_RATES)
-    measure_lag(tour.rows[0])
-    assert tour.lag == MIN_LAG_S == lag_of(tour.rows[0], 0.0)
+        add_lag_reading(tour.rows[0], ahead, (k + 1) * TICK_NS, applied, MAX_RATES)
+    finish_lag_measurement(tour.rows[0])
+    assert tour.lag == MIN_LAG_S == known_or_measured_lag(tour.rows[0], 0.0)
 
 
 def run_with_drives(
@@ -101,7 +101,7 @@ def run_with_drives(
     rig.move_to_start()
     servo = Servo(settings.mechanism, settings.tool, thresholds=thresholds)
     states = [tick.state for tick in run(plant, servo, target, 4.0)]
-    return {s.cause for s in states if s.cause.stopping}, states[-1].learnt.tour.lag
+    return {s.cause for s in states if s.cause.stop_sentence}, states[-1].estimation.exploration_state.lag
 
 
 @pytest.mark.parametrize("lag", [0.005, 0.02, 0.06])

@@ -5,34 +5,34 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from conftest import random_from, seeds
+from conftest import make_random, seeds
 from rcmservo.control.exploration import (
     CORNER_TOLERANCE,
     CORNERS,
     Exploration,
-    Exploring,
-    arrived,
-    begin,
-    box,
-    disagreement,
-    face,
-    overdue,
-    span,
-    towards,
+    ExplorationState,
+    is_at_next_corner,
+    start_exploration,
+    set_round,
+    relative_difference,
+    set_next_corner,
+    is_overdue,
+    max_leg_length,
+    rates_to_corner,
 )
 from rcmservo.errors import BadInput
 from rcmservo.geometry.kinematics import (
     JointLimits,
     PitchYawRcm,
     SphericalRcm,
-    position,
-    position_jacobian,
+    compute_position,
+    compute_position_jacobian,
 )
-from rcmservo.numerics.structs import as_row
+from rcmservo.numerics.structs import to_row
 from rcmservo.safety.gate import Gate
 from rcmservo.safety.thresholds import Thresholds
 
-MIN_ROOM = Thresholds.least_room
+MIN_ROOM = Thresholds.min_exploration_room
 MAX_RATES = np.array(Gate.speed)
 RCMS = [SphericalRcm(), PitchYawRcm(), PitchYawRcm(insertion_zero=-7.0)]
 rcms = st.sampled_from(RCMS)
@@ -40,26 +40,26 @@ rcms = st.sampled_from(RCMS)
 
 def random_joints(rcm, seed, margin=0.0):
     lower, upper = np.array(rcm.limits.lower), np.array(rcm.limits.upper)
-    return random_from(seed).uniform(
+    return make_random(seed).uniform(
         lower + margin * (upper - lower), upper - margin * (upper - lower)
     )
 
 
 def begun(rcm, q, now=0, least_room=MIN_ROOM, **choices):
     """Return an exploration, or None if there is no room for it."""
-    state = Exploring.of()
-    parameters = as_row(Exploration(**choices))[0]
-    begin(state.rows[0], rcm.rcm(), MAX_RATES, q, now, least_room, parameters)
-    assert state.begun != state.no_room
-    return state if state.begun else None
+    state = ExplorationState.of()
+    parameters = to_row(Exploration(**choices))[0]
+    start_exploration(state.rows[0], rcm.rcm(), MAX_RATES, q, now, least_room, parameters)
+    assert state.has_begun != state.has_no_room
+    return state if state.has_begun else None
 
 
 def sides_of_round(state, rcm, number, **choices):
     """Return the sides of round `number`, counted from 0."""
     rows = state.rows.copy()
     rows["visits"] = number * len(CORNERS)
-    box(rows[0], rcm.rcm(), MAX_RATES, 0.0, as_row(Exploration(**choices))[0])
-    return Exploring(rows).sides
+    set_round(rows[0], rcm.rcm(), MAX_RATES, 0.0, to_row(Exploration(**choices))[0])
+    return ExplorationState(rows).sides
 
 
 def corners(home, sides):
@@ -68,7 +68,7 @@ def corners(home, sides):
 
 def longest_distance(rcm, joints):
     """Return the longest distance in mm of marker 1 between any two of these joints."""
-    p = np.stack([position(rcm.rcm(), q) for q in joints])
+    p = np.stack([compute_position(rcm.rcm(), q) for q in joints])
     return np.linalg.norm(p[:, None] - p[None], axis=2).max()
 
 
@@ -76,7 +76,7 @@ def longest_distance(rcm, joints):
 def test_every_rounds_corners_are_within_the_limits_and_marker_1_goes_no_further_than_the_reach(
     rcm, seed, number
 ):
-    q, reach = random_joints(rcm, seed), Exploration.reach
+    q, reach = random_joints(rcm, seed), Exploration.max_leg_length
     state = begun(rcm, q)
     if state is not None:
         reached = corners(q, sides_of_round(state, rcm, number))
@@ -102,17 +102,17 @@ def test_the_corners_of_an_exploration_span_space(rcm, seed):
 
 def expected_sides(rcm, q, number=0, parameters=Exploration()):  # noqa: B008 frozen
     """Return the sides of a round with enough room."""
-    sides = parameters.share * parameters.leg * MAX_RATES * parameters.growth**number
-    return sides * min(parameters.reach / span(rcm.rcm(), q, sides), 1.0)
+    sides = parameters.speed_scale * parameters.leg_time * MAX_RATES * parameters.growth**number
+    return sides * min(parameters.max_leg_length / max_leg_length(rcm.rcm(), q, sides), 1.0)
 
 
 @given(rcms, seeds)
 def test_far_from_limits_a_side_is_the_motion_of_one_leg_up_to_the_reach(rcm, seed):
     q = random_joints(rcm, seed, margin=0.3)
     state = begun(rcm, q, now=5)
-    assert state is not None and state.visits == 0 and state.start == 5
+    assert state is not None and state.visited_corners == 0 and state.start_time == 5
     np.testing.assert_allclose(state.sides, expected_sides(rcm, q))
-    assert np.array_equal(state.home, q)
+    assert np.array_equal(state.start_joints, q)
 
 
 @given(rcms, seeds)
@@ -121,19 +121,19 @@ def test_every_round_is_larger_until_the_reach_and_mirrored(rcm, seed):
     state = begun(rcm, q, reach=20.0)
     for number in range(1, 7):
         sides = sides_of_round(state, rcm, number, reach=20.0)
-        size = expected_sides(rcm, q, number, Exploration(reach=20.0))
+        size = expected_sides(rcm, q, number, Exploration(max_leg_length=20.0))
         np.testing.assert_allclose(sides, size * (-1.0) ** number)
 
 
 @given(rcms, seeds)
 def test_the_span_is_the_longest_corner_distance_by_the_derivative(rcm, seed):
-    random, q = random_from(seed), random_joints(rcm, seed)
+    random, q = make_random(seed), random_joints(rcm, seed)
     sides = random.uniform(-1.0, 1.0, 3) * (0.1, 0.1, 10.0)
-    steps = position_jacobian(rcm.rcm(), q) * np.abs(sides)
+    steps = compute_position_jacobian(rcm.rcm(), q) * np.abs(sides)
     pairs = (0, 1), (1, 2), (2, 0)
     longest = max(np.linalg.norm(np.abs(steps[:, pair]).sum(axis=1)) for pair in pairs)
-    assert span(rcm.rcm(), q, sides) == pytest.approx(longest)
-    p = corners(np.zeros(3), sides) @ position_jacobian(rcm.rcm(), q).T
+    assert max_leg_length(rcm.rcm(), q, sides) == pytest.approx(longest)
+    p = corners(np.zeros(3), sides) @ compute_position_jacobian(rcm.rcm(), q).T
     assert np.linalg.norm(p[:, None] - p[None], axis=2).max() <= longest * (1 + 1e-12)
 
 
@@ -142,17 +142,17 @@ def drive_exploration(rcm, q, visits, dt=0.01):
 
     A round may take 3 s at most.
     """
-    state, parameters, reached = begun(rcm, q), as_row(Exploration())[0], []
+    state, parameters, reached = begun(rcm, q), to_row(Exploration())[0], []
     for _ in range(round(3.0 / dt) * visits // len(CORNERS)):
-        if state is None or state.visits == visits:
+        if state is None or state.visited_corners == visits:
             break
-        if arrived(state.rows[0], q):
+        if is_at_next_corner(state.rows[0], q):
             reached.append(q)
             state.rows["visits"] += 1
-            if state.visits % len(CORNERS) == 0:
-                box(state.rows[0], rcm.rcm(), MAX_RATES, 0.0, parameters)
-            face(state.rows[0])
-        q = q + towards(state.rows[0], MAX_RATES, q, 0.0, parameters) * dt
+            if state.visited_corners % len(CORNERS) == 0:
+                set_round(state.rows[0], rcm.rcm(), MAX_RATES, 0.0, parameters)
+            set_next_corner(state.rows[0])
+        q = q + rates_to_corner(state.rows[0], MAX_RATES, q, 0.0, parameters) * dt
         assert np.all(q >= rcm.limits.lower) and np.all(q <= rcm.limits.upper)
     return state, reached
 
@@ -164,7 +164,7 @@ def test_every_exploration_can_be_driven_within_the_limits_and_every_round_ends_
     q = random_joints(rcm, seed)
     state, reached = drive_exploration(rcm, q, visits=12)
     if state is not None:
-        assert state.visits == 12
+        assert state.visited_corners == 12
         largest = np.abs([sides_of_round(state, rcm, number) for number in range(3)]).max(axis=0)
         for home in reached[3::4]:
             assert np.all(np.abs(home - q) <= CORNER_TOLERANCE * largest)
@@ -175,7 +175,7 @@ def test_an_exploration_can_be_driven_from_a_spherical_start_near_half_a_turn():
     for theta in (0.5, 1.0):
         for side in (-1, 1):
             assert (
-                drive_exploration(rcm, np.array([theta, side * 3.0, 100.0]), visits=8)[0].visits
+                drive_exploration(rcm, np.array([theta, side * 3.0, 100.0]), visits=8)[0].visited_corners
                 == 8
             )
 
@@ -183,7 +183,7 @@ def test_an_exploration_can_be_driven_from_a_spherical_start_near_half_a_turn():
 def test_the_first_round_is_driven_in_less_than_a_second():
     state, reached = drive_exploration(PitchYawRcm(), np.array([0.1, 0.2, 100.0]), visits=4)
     assert len(reached) == 4
-    durations = np.abs(np.diff([state.home, *reached], axis=0)) / (Exploration.share * MAX_RATES)
+    durations = np.abs(np.diff([state.start_joints, *reached], axis=0)) / (Exploration.speed_scale * MAX_RATES)
     assert durations.max(axis=1).sum() < 1.0
 
 
@@ -220,43 +220,43 @@ def test_there_is_room_at_every_position_within_the_margins():
 
 def test_at_the_corner_itself_nothing_moves_and_far_from_it_the_slowest_joint_at_its_speed():
     state = begun(PitchYawRcm(), np.array([0.1, 0.2, 100.0]))
-    parameters, corner = as_row(Exploration())[0], corners(state.home, state.sides)[0]
-    assert not towards(state.rows[0], MAX_RATES, corner, 0.0, parameters).any()
-    rates = towards(state.rows[0], MAX_RATES, corner - [1.0, -1.0, 50.0], 0.0, parameters)
-    np.testing.assert_allclose(rates, Exploration.share * MAX_RATES * [1.0, -1.0, 1.0])
+    parameters, corner = to_row(Exploration())[0], corners(state.start_joints, state.sides)[0]
+    assert not rates_to_corner(state.rows[0], MAX_RATES, corner, 0.0, parameters).any()
+    rates = rates_to_corner(state.rows[0], MAX_RATES, corner - [1.0, -1.0, 50.0], 0.0, parameters)
+    np.testing.assert_allclose(rates, Exploration.speed_scale * MAX_RATES * [1.0, -1.0, 1.0])
 
 
 def test_a_corner_counts_as_visited_by_all_three_joints():
     state = begun(PitchYawRcm(), np.array([0.1, 0.2, 100.0]))
-    corner = corners(state.home, state.sides)[0]
+    corner = corners(state.start_joints, state.sides)[0]
     for joint in range(3):
         for fraction, reached in ((0.9, True), (1.1, False)):
             q = corner.copy()
             q[joint] += fraction * CORNER_TOLERANCE * state.sides[joint]
-            assert arrived(state.rows[0], q) == reached
-    assert not arrived(state.rows[0], np.full(3, np.nan))
+            assert is_at_next_corner(state.rows[0], q) == reached
+    assert not is_at_next_corner(state.rows[0], np.full(3, np.nan))
 
 
 @given(seeds, st.floats(0.0, 2.0))
 def test_the_disagreement_is_the_relative_error_of_the_estimate(seed, fraction):
-    random = random_from(seed)
+    random = make_random(seed)
     J, error = random.standard_normal((2, 3, 3))
     J_hat = J + fraction * error * np.linalg.norm(J) / np.linalg.norm(error)
-    assert disagreement(J_hat, J) == pytest.approx(fraction, abs=1e-9)
+    assert relative_difference(J_hat, J) == pytest.approx(fraction, abs=1e-9)
 
 
 def test_an_empty_or_invalid_estimate_never_agrees():
-    assert disagreement(np.ones((3, 3)), np.zeros((3, 3))) == np.inf
-    assert disagreement(np.zeros((3, 3)), np.ones((3, 3))) == 1.0
-    assert not disagreement(np.full((3, 3), np.nan), np.ones((3, 3))) <= 1e9
+    assert relative_difference(np.ones((3, 3)), np.zeros((3, 3))) == np.inf
+    assert relative_difference(np.zeros((3, 3)), np.ones((3, 3))) == 1.0
+    assert not relative_difference(np.full((3, 3), np.nan), np.ones((3, 3))) <= 1e9
 
 
 def test_an_exploration_is_overdue_just_after_its_time():
     state = begun(PitchYawRcm(), np.array([0.1, 0.2, 100.0]), now=3_000_000_000)
-    parameters = as_row(Exploration(max_time=10.0))[0]
-    assert not overdue(state.rows[0], 13_000_000_000, parameters)
-    assert overdue(state.rows[0], 13_000_000_001, parameters)
-    assert not overdue(Exploring.of().rows[0], 13_000_000_001, parameters)
+    parameters = to_row(Exploration(max_time=10.0))[0]
+    assert not is_overdue(state.rows[0], 13_000_000_000, parameters)
+    assert is_overdue(state.rows[0], 13_000_000_001, parameters)
+    assert not is_overdue(ExplorationState.of().rows[0], 13_000_000_001, parameters)
 
 
 @pytest.mark.parametrize(

@@ -7,24 +7,24 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from conftest import SHAFT, SPACING, markers_seen, random_from, seeds, true_camera
+from conftest import SHAFT, SPACING_MM, project_markers, make_random, seeds, draw_calibration_matrix
 from rcmservo.control.exploration import (
     CORNER_TOLERANCE,
     CORNERS,
     Exploration,
-    Exploring,
-    begin,
-    box,
+    ExplorationState,
+    start_exploration,
+    set_round,
 )
-from rcmservo.control.exploration_planning import NEGLIGIBLE_ERROR_MM, directed, off_target, plan
-from rcmservo.estimation.projection_fit import MIN_FRAME_SPACING_MM, Prospect, blank, see
-from rcmservo.geometry.kinematics import SphericalRcm, position
+from rcmservo.control.exploration_planning import NEGLIGIBLE_ERROR_MM, direction_is_known, path_error, plan_corner
+from rcmservo.estimation.projection_fit import MIN_FRAME_SPACING_MM, ProjectionFit, initial_fit, update_fit
+from rcmservo.geometry.kinematics import SphericalRcm, compute_position
 from rcmservo.interfaces import Floats
-from rcmservo.numerics.structs import as_row
+from rcmservo.numerics.structs import to_row
 from rcmservo.safety.gate import Gate
 
 RCM, MAX_RATES, FRAMES_PER_LEG = SphericalRcm(), np.array(Gate.speed), 8
-SETTINGS = as_row(Exploration())[0]
+SETTINGS = to_row(Exploration())[0]
 MIN_PIXELS_PER_MM = 0.05
 """Smallest motion in the image in px/mm, in any direction; below it lies a singular surface."""
 
@@ -37,7 +37,7 @@ def positions_on_legs(corners: Floats) -> Floats:
         for one, other in legs
         for k in range(FRAMES_PER_LEG)
     ]
-    return np.stack([position(RCM.rcm(), joints) for joints in [corners[0], *q]])
+    return np.stack([compute_position(RCM.to_struct(), joints) for joints in [corners[0], *q]])
 
 
 class ExploredScene:
@@ -46,19 +46,19 @@ class ExploredScene:
     def __init__(
         self, seed: int, noise: float = 0.0, near_limits: bool = False, number: int = 0
     ) -> None:
-        self.random = random_from(seed)
+        self.random = make_random(seed)
         lower, upper = RCM.limits.arrays
         inside = self.random.uniform(0.2, 0.8, 3)
         if near_limits:
             inside[1:] = self.random.choice([0.021, 0.979], 2)
         self.home = lower + inside * (upper - lower)
         self.home[0] = np.clip(self.home[0], 0.5, 1.2)
-        self.tour = Exploring.of()
-        begin(self.tour.rows[0], RCM.rcm(), MAX_RATES, self.home, 0, 0.0, SETTINGS)
+        self.tour = ExplorationState.of()
+        start_exploration(self.tour.rows[0], RCM.to_struct(), MAX_RATES, self.home, 0, 0.0, SETTINGS)
         sides = self.tour.sides.copy()
         self.corners = self.home + np.vstack([np.zeros(3), CORNERS[:3]]) * sides
         self.tour.rows["visits"] = 4 * number
-        box(self.tour.rows[0], RCM.rcm(), MAX_RATES, 0.0, SETTINGS)
+        set_round(self.tour.rows[0], RCM.to_struct(), MAX_RATES, 0.0, SETTINGS)
         self.tour.rows["visits"] = 3
         self.q, self.positions = self.corners[-1], positions_on_legs(self.corners)
         self.p1 = self.positions[-1]
@@ -66,32 +66,32 @@ class ExploredScene:
         self.fit = self.fit_frames(noise)
         direction = self.random.standard_normal(3)
         self.target_position = self.p1 + 9.0 * direction / np.linalg.norm(direction)
-        self.target = markers_seen(self.C, self.target_position)
+        self.target = project_markers(self.C, self.target_position)
 
     def camera(self) -> Floats:
         """Return a camera in whose image every motion of marker 1 is visible."""
         while True:
-            C = true_camera(self.random, self.positions)
+            C = draw_calibration_matrix(self.random, self.positions)
             positions = self.p1 + 0.5 * np.vstack([np.eye(3), -np.eye(3)])
-            pixels = [markers_seen(C, p).ravel() for p in positions]
+            pixels = [project_markers(C, p).ravel() for p in positions]
             H = np.stack([pixels[i] - pixels[i + 3] for i in range(3)], axis=1)
             if np.linalg.svd(H, compute_uv=False)[-1] > MIN_PIXELS_PER_MM:
                 return C
 
-    def fit_frames(self, noise: float, more: Floats | None = None) -> Prospect:
-        fit = blank()
+    def fit_frames(self, noise: float, more: Floats | None = None) -> ProjectionFit:
+        fit = initial_fit()
         for p in self.positions if more is None else np.vstack([self.positions, more]):
-            points = markers_seen(self.C, p)
+            points = project_markers(self.C, p)
             points = points + noise * self.random.standard_normal((2, 2))
-            see(fit.rows[0], p, points, SHAFT)
+            update_fit(fit.rows[0], p, points, SHAFT)
         return fit
 
     def plan(self) -> Floats:
         """Return the next corner."""
         self.tour.rows["goal"] = np.nan
-        rcm, reach = RCM.rcm(), Exploration.reach
-        plan(self.tour.rows[0], self.fit.rows[0], rcm, SHAFT, self.q, self.target, reach)
-        return self.tour.goal
+        rcm, reach = RCM.to_struct(), Exploration.max_leg_length
+        plan_corner(self.tour.rows[0], self.fit.rows[0], rcm, SHAFT, self.q, self.target, reach)
+        return self.tour.next_corner
 
     def allowed(self) -> list[Floats]:
         """Return the corners that may be planned."""
@@ -100,21 +100,21 @@ class ExploredScene:
         for steps in product((-1, 0, 1), repeat=3):
             q = self.home + np.array(steps) * self.tour.sides
             free = (q >= lower + margin) & (q <= upper - margin) | (np.array(steps) == 0)
-            is_near = np.linalg.norm(position(RCM.rcm(), q) - self.p1) <= Exploration.reach
+            is_near = np.linalg.norm(compute_position(RCM.to_struct(), q) - self.p1) <= Exploration.max_leg_length
             same = (np.abs(q - self.q) <= CORNER_TOLERANCE * np.abs(self.tour.sides)).all()
             result += [q] if free.all() and is_near and not same else []
         return result
 
 
-def predicted_pixels(fit: Prospect, p: Floats, change: Floats | float = 0.0) -> Floats:
+def predicted_pixels(fit: ProjectionFit, p: Floats, change: Floats | float = 0.0) -> Floats:
     """Return the markers (4,) px from m₀ by a fit whose θ differs by `change`."""
     theta = np.concatenate([fit.A.ravel(), fit.g]) + change
-    both = np.stack([p, p * (1.0 + SPACING / np.linalg.norm(p))])
+    both = np.stack([p, p * (1.0 + SPACING_MM / np.linalg.norm(p))])
     x = np.column_stack([(both - fit.origin[:3]) / 100.0, np.ones(2)])
     return ((x @ theta[:8].reshape(2, 4).T) / (1.0 + x[:, :3] @ theta[8:])[:, None]).ravel()
 
 
-def theta_jacobian(fit: Prospect, p: Floats) -> Floats:
+def theta_jacobian(fit: ProjectionFit, p: Floats) -> Floats:
     """Return ∂m/∂θ (4, 11) of both markers by differences."""
     steps = 1e-4 * np.eye(11)
     return (
@@ -125,7 +125,7 @@ def theta_jacobian(fit: Prospect, p: Floats) -> Floats:
     )
 
 
-def pinv_jacobian(fit: Prospect, p: Floats) -> Floats:
+def pinv_jacobian(fit: ProjectionFit, p: Floats) -> Floats:
     """Return H⁺ (3, 4) of the fit by differences."""
     steps = 1e-3 * np.eye(3)
     H = (
@@ -163,7 +163,7 @@ class Textbook:
         D = np.concatenate(
             [theta_jacobian(scene.fit, p) for p in positions_in_sums(scene.positions)]
         )
-        self.N = D.T @ D + scene.fit.noise * np.diag([1e-6] * 8 + [1.0] * 3)
+        self.N = D.T @ D + scene.fit.noise_variance * np.diag([1e-6] * 8 + [1.0] * 3)
         path = path_to_target(scene)
         part = min(10.0 / np.linalg.norm(path), 1.0)
         turned = theta_jacobian(scene.fit, scene.p1 + part * path) - theta_jacobian(
@@ -175,14 +175,14 @@ class Textbook:
         """Return the expected error after more frames with these weights."""
         E = [np.sqrt(w) * theta_jacobian(self.fit, p) for p, w in zip(more, weights, strict=True)]
         N = sum((e.T @ e for e in E), self.N)
-        return float(np.sqrt(self.fit.noise * np.trace(self.T @ np.linalg.solve(N, self.T.T))))
+        return float(np.sqrt(self.fit.noise_variance * np.trace(self.T @ np.linalg.solve(N, self.T.T))))
 
 
 @given(seeds)
 @settings(max_examples=20)
 def test_the_error_of_the_path_follows_the_textbook_formula(seed: int) -> None:
     scene = ExploredScene(seed)
-    error, distance = off_target(scene.fit.rows[0], scene.p1, scene.target, SHAFT)
+    error, distance = path_error(scene.fit.rows[0], scene.p1, scene.target, SHAFT)
     assert error == pytest.approx(Textbook(scene).error(), rel=0.05)
     assert distance == pytest.approx(np.linalg.norm(path_to_target(scene)))
 
@@ -194,9 +194,9 @@ def test_the_next_corner_minimises_the_expected_error(
 ) -> None:
     """It holds near the joint limits and in rounds of different size."""
     scene = ExploredScene(seed, near_limits=near_limits, number=number)
-    frames, errors, corners, textbook = scene.fit.frames / 3, [], scene.allowed(), Textbook(scene)
+    frames, errors, corners, textbook = scene.fit.frame_count / 3, [], scene.allowed(), Textbook(scene)
     for q in corners:
-        to = position(RCM.rcm(), q)
+        to = compute_position(RCM.to_struct(), q)
         points = np.stack([scene.p1, 0.5 * (scene.p1 + to), to])
         errors.append(textbook.error(points, frames * np.array([1.0, 4.0, 1.0]) / 6.0))
     goal = scene.plan()
@@ -212,7 +212,7 @@ def test_the_expected_error_matches_the_observed_error() -> None:
         leg = positions_on_legs(np.stack([scene.q, scene.plan()]))[1:]
         full = scene.fit_frames(0.0, leg)
         full.rows["noise"] = 0.3**2
-        expected.append(off_target(full.rows[0], scene.p1, scene.target, SHAFT)[0] ** 2)
+        expected.append(path_error(full.rows[0], scene.p1, scene.target, SHAFT)[0] ** 2)
         H_pinv, exact = pinv_jacobian(full, scene.p1), predicted_motion(full, scene)
         for _ in range(20):
             error_px = predicted_motion(scene.fit_frames(0.3, leg), scene) - exact
@@ -220,7 +220,7 @@ def test_the_expected_error_matches_the_observed_error() -> None:
     assert 0.8 < np.sqrt(np.mean(squared) / np.mean(expected)) < 1.25
 
 
-def predicted_motion(fit: Prospect, scene: ExploredScene) -> Floats:
+def predicted_motion(fit: ProjectionFit, scene: ExploredScene) -> Floats:
     """Return the motion (4,) px of the markers on the path to the target by the fit."""
     return predicted_pixels(fit, scene.target_position) - predicted_pixels(fit, scene.p1)
 
@@ -235,8 +235,8 @@ def test_servoing_begins_sooner_towards_a_target_whose_direction_is_known_better
         scene.positions = scene.p1 + steps + 0.3 * scene.random.standard_normal((30, 3))
         row, relative_errors = scene.fit_frames(0.1).rows[0], []
         for direction in directions:
-            target = markers_seen(scene.C, scene.p1 + 3.0 * direction)
-            error, distance = off_target(row, scene.p1, target, SHAFT)
+            target = project_markers(scene.C, scene.p1 + 3.0 * direction)
+            error, distance = path_error(row, scene.p1, target, SHAFT)
             relative_errors.append(error / distance)
         ratios.append(relative_errors[0] / np.mean(relative_errors[1:]))
     assert np.median(ratios) < 0.6
@@ -247,10 +247,10 @@ def test_servoing_begins_sooner_towards_a_target_whose_direction_is_known_better
 def test_the_direction_is_known_below_the_relative_error_that_is_set(seed: int) -> None:
     """It is also known if the error is negligible."""
     scene = ExploredScene(seed, noise=1.0)
-    error, distance = off_target(scene.fit.rows[0], scene.p1, scene.target, SHAFT)
+    error, distance = path_error(scene.fit.rows[0], scene.p1, scene.target, SHAFT)
     for limit in (0.9, 1.1):
-        settings_row = as_row(Exploration(uncertainty=limit * error / distance))[0]
-        assert directed(scene.fit.rows[0], scene.p1, scene.target, SHAFT, settings_row) == (
+        settings_row = to_row(Exploration(uncertainty=limit * error / distance))[0]
+        assert direction_is_known(scene.fit.rows[0], scene.p1, scene.target, SHAFT, settings_row) == (
             limit > 1.0 or error <= NEGLIGIBLE_ERROR_MM
         )
 
@@ -268,7 +268,7 @@ def test_a_negligible_error_is_accepted_for_any_path_length(
     for fraction in (0.2, 0.8, 1.25, 3.0):
         error, distance = error_of_target(scene, fraction * NEGLIGIBLE_ERROR_MM / a_mm)
         if error > 2.0 * SETTINGS["uncertainty"] * distance:
-            assert directed(scene.fit.rows[0], scene.p1, scene.target, SHAFT, SETTINGS) == (
+            assert direction_is_known(scene.fit.rows[0], scene.p1, scene.target, SHAFT, SETTINGS) == (
                 error <= NEGLIGIBLE_ERROR_MM
             )
 
@@ -283,7 +283,7 @@ def error_of_target(scene: ExploredScene, mm: float) -> tuple[float, float]:
         + scene.fit.origin[3:]
         + scene.fit.offset
     )
-    return off_target(scene.fit.rows[0], scene.p1, scene.target, SHAFT)
+    return path_error(scene.fit.rows[0], scene.p1, scene.target, SHAFT)
 
 
 @given(seeds)
@@ -292,13 +292,13 @@ def test_at_the_target_the_direction_is_known_and_a_corner_is_still_planned(
     seed: int,
 ) -> None:
     scene = ExploredScene(seed)
-    scene.target = markers_seen(scene.C, scene.p1) + scene.fit.offset
-    assert directed(scene.fit.rows[0], scene.p1, scene.target, SHAFT, SETTINGS)
+    scene.target = project_markers(scene.C, scene.p1) + scene.fit.offset
+    assert direction_is_known(scene.fit.rows[0], scene.p1, scene.target, SHAFT, SETTINGS)
     assert any(np.allclose(scene.plan(), q) for q in scene.allowed())
 
 
 def test_without_frames_no_direction_is_known_and_the_corner_stays() -> None:
     scene = ExploredScene(0)
-    scene.fit = blank()
-    assert not directed(scene.fit.rows[0], scene.p1, scene.target, SHAFT, SETTINGS)
+    scene.fit = initial_fit()
+    assert not direction_is_known(scene.fit.rows[0], scene.p1, scene.target, SHAFT, SETTINGS)
     assert np.isnan(scene.plan()).all()

@@ -12,9 +12,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from conftest import HEEDING_CTRL_C, ROOT
+from conftest import INTERRUPTIBLE_COMMAND, ROOT
 from rcmservo.cli.cli import main
-from rcmservo.config.rig_file import load_lab
+from rcmservo.config.rig_file import load_rig_file
 from rcmservo.hardware.devices import open_arm, open_camera
 
 PAGE = (ROOT / "docs/crtk.md").read_text()
@@ -55,16 +55,16 @@ def test_the_command_prints_its_address_and_the_documents_rig_file_opens_arm_and
         .replace("[arm]", "[arm]\ndomain = 96")
     )
     own = ["--domain", "96", "--seed", "3", "--rig", str(small)]
-    start = [sys.executable, "-c", HEEDING_CTRL_C, *arguments, *own]
+    start = [sys.executable, "-c", INTERRUPTIBLE_COMMAND, *arguments, *own]
     with subprocess.Popen(start, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as it:
         try:
             assert it.stdout is not None and it.stdout.readline() == WORDS
-            rig_file = load_lab(lab)
+            rig_file = load_rig_file(lab)
             with (
                 contextlib.closing(open_arm(rig_file)) as arm,
                 contextlib.closing(open_camera(rig_file)) as camera,
             ):
-                assert arm.homed() and not arm.measure().enabled
+                assert arm.is_homed() and not arm.measure().enabled
                 assert reached(lambda: camera.latest() is not None), camera.counts()
                 frame = camera.latest()
                 assert frame is not None and frame.image is not None

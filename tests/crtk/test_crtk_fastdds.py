@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 from crtk_measures import NAME, RunningDevice
 
-from peers import peer
+from peers import mark_peer
 
 PACKAGES = "libfastrtps-dev fastddsgen g++ default-jre-headless"
 TOOLS = "fastddsgen", "g++", "java"
@@ -23,7 +23,7 @@ DOMAIN = 95
 pytestmark = [
     pytest.mark.slow,
     pytest.mark.alone,
-    peer(
+    mark_peer(
         "Fast DDS",
         all(map(shutil.which, TOOLS)) and Path("/usr/include/fastdds").is_dir(),
         f"apt-get install {PACKAGES}",

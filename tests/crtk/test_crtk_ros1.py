@@ -18,7 +18,7 @@ from typing import Any
 import pytest
 
 from conftest import ROOT
-from peers import peer
+from peers import mark_peer
 
 PACKAGES = (
     "ros-core python3-rospy python3-std-msgs python3-sensor-msgs python3-geometry-msgs "
@@ -30,7 +30,7 @@ EARLIEST_STOP_MS, LATEST_STOP_MS = -20.0, 100.0
 pytestmark = [
     pytest.mark.slow,
     pytest.mark.alone,
-    peer(
+    mark_peer(
         "ROS 1",
         all(map(shutil.which, ("roscore", "rostopic"))),
         f"apt-get install {PACKAGES}",

@@ -11,16 +11,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import rcmservo as rs
-from conftest import SHAFT, SPACING, derivative, laboratory, random_from, seeds
+from conftest import SHAFT, SPACING_MM, differentiate, make_laboratory, make_random, seeds
 from rcmservo.cli.cli import main
 from rcmservo.estimation.affine import AffineEstimator
 from rcmservo.estimation.ball_size_fit import project_ball
 from rcmservo.estimation.base import Sample
-from rcmservo.geometry.features import SCALE, about, features
-from rcmservo.geometry.tool import RigidTool, second_marker
+from rcmservo.geometry.features import FEATURE_SCALE, shift_to_rcm, compute_features
+from rcmservo.geometry.tool import RigidTool, compute_second_marker
 from rcmservo.interfaces import Floats
 
-TOOL, AFFINE = RigidTool(SPACING), AffineEstimator()
+TOOL, AFFINE = RigidTool(SPACING_MM), AffineEstimator()
 RADII = np.array([3.0, 4.0])
 """Radii of the two balls in mm, which no estimator knows."""
 
@@ -56,7 +56,7 @@ def random_positions(random: np.random.Generator, count: int) -> Floats:
 
 def project_balls(C: Floats, p1: Floats) -> tuple[Floats, Floats]:
     """Return the markers (2, 2) px and their radii (2,) px: focal length · radius / depth."""
-    w = np.column_stack([np.stack([p1, second_marker(SHAFT, p1)]), np.ones(2)]) @ C.T
+    w = np.column_stack([np.stack([p1, compute_second_marker(SHAFT, p1)]), np.ones(2)]) @ C.T
     return w[:, :2] / w[:, 2:], 700.0 * RADII / w[:, 2]
 
 
@@ -80,7 +80,7 @@ def fit_frames(frames: Iterator[Sample], estimator: AffineEstimator = AFFINE) ->
 
 def exact_fit(seed: int, depth: float) -> tuple[Floats, Floats, Any]:
     """Return a camera, 40 positions, and the memory after exact images of them."""
-    random = random_from(seed)
+    random = make_random(seed)
     positions = random_positions(random, 40)
     C = camera(random, positions.mean(axis=0), depth)
     return C, positions, fit_frames(samples(C, positions, random))
@@ -91,7 +91,7 @@ def test_exact_images_determine_the_twelve_numbers_of_each_ball_at_any_rcm_depth
     seed: int, depth: float
 ) -> None:
     C, positions, memory = exact_fit(seed, depth)
-    for k, p_0 in enumerate((positions[0], second_marker(SHAFT, positions[0]))):
+    for k, p_0 in enumerate((positions[0], compute_second_marker(SHAFT, positions[0]))):
         shifted = C.copy()
         shifted[:2] -= np.outer(project_balls(C, positions[0])[0][k], C[2])
         expected = shifted @ np.column_stack(
@@ -105,10 +105,10 @@ def test_exact_images_determine_the_twelve_numbers_of_each_ball_at_any_rcm_depth
 @given(seeds, depths)
 def test_exact_images_determine_the_jacobian_at_any_rcm_depth(seed: int, depth: float) -> None:
     C, positions, memory = exact_fit(seed, depth)
-    points, o_c = project_balls(C, positions[-1])[0], random_from(seed).uniform(-200.0, 800.0, 2)
-    J = derivative(lambda p: features(about(project_balls(C, p)[0], o_c)), positions[-1], 1e-2)
+    points, o_c = project_balls(C, positions[-1])[0], make_random(seed).uniform(-200.0, 800.0, 2)
+    J = differentiate(lambda p: compute_features(shift_to_rcm(project_balls(C, p)[0], o_c)), positions[-1], 1e-2)
     J_hat = AFFINE.jacobian(memory, TOOL, Sample(positions[-1], points, o_c, 0.0))
-    assert np.linalg.norm((J_hat - J) / SCALE[:, None]) < 5e-3 * np.linalg.norm(J / SCALE[:, None])
+    assert np.linalg.norm((J_hat - J) / FEATURE_SCALE[:, None]) < 5e-3 * np.linalg.norm(J / FEATURE_SCALE[:, None])
 
 
 @given(seeds, depths)
@@ -116,18 +116,18 @@ def test_the_derivative_of_the_sizes_is_that_of_the_fit_and_of_the_camera(
     seed: int, depth: float
 ) -> None:
     C, positions, memory = exact_fit(seed, depth)
-    motion = AFFINE.size_motion(
+    motion = AFFINE.sizes_jacobian(
         memory, TOOL, Sample(positions[-1], *project_balls(C, positions[-1])[:1], positions[0], 0.0)
     )
-    fitted = derivative(lambda p: fitted_sizes(memory, p), positions[-1], 1e-2)
+    fitted = differentiate(lambda p: fitted_sizes(memory, p), positions[-1], 1e-2)
     np.testing.assert_allclose(motion, fitted, rtol=0.0, atol=1e-7 * np.abs(fitted).max())
-    true = derivative(lambda p: project_balls(C, p)[1], positions[-1], 1e-2)
+    true = differentiate(lambda p: project_balls(C, p)[1], positions[-1], 1e-2)
     assert np.linalg.norm(motion - true) < 5e-3 * np.linalg.norm(true)
 
 
 def fitted_sizes(memory: Any, p1: Floats) -> Floats:
     """Return the radii (2,) px of both balls by the fits."""
-    both = p1, second_marker(SHAFT, p1)
+    both = p1, compute_second_marker(SHAFT, p1)
     return np.array([1.0 / project_ball(memory[k], p).inverse_radius for k, p in enumerate(both)])
 
 
@@ -144,17 +144,17 @@ def test_it_predicts_the_markers_from_the_imaged_rcm(seed: int) -> None:
 @given(seeds)
 def test_the_position_error_by_one_ball_is_that_of_the_noise(seed: int) -> None:
     """Monte Carlo against Σ = H⁻¹ H⁻ᵀ σ², with H the true ∂(u, v, R)/∂p."""
-    random, noise = random_from(seed), 0.1
+    random, noise = make_random(seed), 0.1
     positions = random_positions(random, 400)
     C, p1 = camera(random, positions.mean(axis=0), 1.0), positions[-1]
     memory = fit_frames(samples(C, positions, random, noise), AffineEstimator(size_noise=1.0))
     for k in range(2):
-        p = p1 if k == 0 else second_marker(SHAFT, p1)
+        p = p1 if k == 0 else compute_second_marker(SHAFT, p1)
         estimates = [
             AFFINE.position(memory, k, frame.points[k], frame.sizes[k])
             for frame in samples(C, np.tile(p1, (400, 1)), random, noise)
         ]
-        H = derivative(lambda p, k=k: true_pixels_and_radius(C, p, k), p, 1e-2)
+        H = differentiate(lambda p, k=k: true_pixels_and_radius(C, p, k), p, 1e-2)
         expected = noise * np.sqrt(np.trace(np.linalg.inv(H.T @ H)))
         error = np.sqrt(np.mean(np.sum((np.array(estimates) - p) ** 2, axis=1)))
         assert error == pytest.approx(expected, rel=0.25)
@@ -167,7 +167,7 @@ def true_pixels_and_radius(C: Floats, p: Floats, k: int) -> Floats:
 
 
 def test_the_covariance_of_the_imaged_rcm_is_that_of_its_scatter() -> None:
-    random, squares = random_from(4), []
+    random, squares = make_random(4), []
     positions, estimator = random_positions(random, 200), AffineEstimator(size_noise=1.0)
     C = camera(random, positions.mean(axis=0), 0.8)
     for _ in range(100):
@@ -180,7 +180,7 @@ def test_the_covariance_of_the_imaged_rcm_is_that_of_its_scatter() -> None:
 
 @pytest.mark.parametrize("lost_marker", [0, 1])
 def test_with_one_marker_lost_the_other_determines_the_position(lost_marker: int) -> None:
-    random, memory = random_from(1), AFFINE.init()
+    random, memory = make_random(1), AFFINE.init()
     positions = random_positions(random, 60)
     C = camera(random, positions.mean(axis=0), 0.5)
     for sample in samples(C, positions, random, 0.05):
@@ -190,7 +190,7 @@ def test_with_one_marker_lost_the_other_determines_the_position(lost_marker: int
     points, sizes = project_balls(C, positions[0])
     p = AFFINE.position(memory, 1 - lost_marker, points[1 - lost_marker], sizes[1 - lost_marker])
     assert p is not None
-    expected = second_marker(SHAFT, positions[0]) if lost_marker == 0 else positions[0]
+    expected = compute_second_marker(SHAFT, positions[0]) if lost_marker == 0 else positions[0]
     assert np.linalg.norm(p - expected) < 0.5
     assert AFFINE.position(memory, lost_marker, points[lost_marker], sizes[lost_marker]) is None
     assert AFFINE.position(memory, 1 - lost_marker, np.full(2, np.nan), 20.0) is None
@@ -200,7 +200,7 @@ def test_with_one_marker_lost_the_other_determines_the_position(lost_marker: int
 
 
 def test_without_sizes_it_estimates_nothing() -> None:
-    random, memory = random_from(2), AFFINE.init()
+    random, memory = make_random(2), AFFINE.init()
     positions = random_positions(random, 30)
     for sample in samples(camera(random, positions.mean(axis=0), 0.5), positions, random):
         without_sizes = Sample(*sample[:4])
@@ -211,7 +211,7 @@ def test_without_sizes_it_estimates_nothing() -> None:
 
 
 def test_a_run_with_a_tracker_without_sizes_ends_with_advice() -> None:
-    lab = laboratory()
+    lab = make_laboratory()
     servo = lab.servo(estimator=AFFINE)
     for _, state in lab.run(servo, 30.0):
         assert np.isfinite(state.command.rates).all() and not state.J_hat.any()
@@ -244,7 +244,7 @@ def test_on_rendered_images_it_reaches_the_target_and_replays(
 
 @given(seeds)
 def test_an_update_leaves_the_previous_memory_unchanged(seed: int) -> None:
-    random = random_from(seed)
+    random = make_random(seed)
     positions = random_positions(random, 3)
     C, memory = camera(random, positions.mean(axis=0), 0.5), AFFINE.init()
     for sample in samples(C, positions, random, 0.1):

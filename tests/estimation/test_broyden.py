@@ -5,19 +5,19 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from conftest import TOOLS, markers_seen, random_from, seeds, tool_positions, true_camera
+from conftest import TOOLS, project_markers, make_random, seeds, draw_tool_positions, draw_calibration_matrix
 from rcmservo.errors import BadInput
 from rcmservo.estimation.base import Sample
-from rcmservo.estimation.broyden import BroydenEstimator, learn, update
-from rcmservo.estimation.flow_rule import learn as flow_learn
-from rcmservo.geometry.features import SCALE, about, difference, features
-from rcmservo.geometry.projection import parameters
+from rcmservo.estimation.broyden import BroydenEstimator, broyden_update, update_from_frame
+from rcmservo.estimation.flow_rule import integrate_flow_rule as flow_learn
+from rcmservo.geometry.features import FEATURE_SCALE, shift_to_rcm, compute_feature_error, compute_features
+from rcmservo.geometry.projection import extract_parameters
 
 lengths = st.one_of(st.floats(1e-3, 1), st.floats(1, 10), st.floats(10, 1e3))
 
 
 def problem(seed):
-    random = random_from(seed)
+    random = make_random(seed)
     direction = random.standard_normal(3)
     return (
         random.uniform(-5, 5, (3, 3)),
@@ -29,15 +29,15 @@ def problem(seed):
 @given(seeds, lengths)
 def test_after_an_update_the_secant_equation_holds_exactly(seed, length):
     _, J_hat, direction = problem(seed)
-    delta_p, delta_y = length * direction, random_from(seed + 1).uniform(-50, 50, 3)
-    after = learn(J_hat, delta_p, delta_y)
+    delta_p, delta_y = length * direction, make_random(seed + 1).uniform(-50, 50, 3)
+    after = broyden_update(J_hat, delta_p, delta_y)
     assert np.allclose(after @ delta_p, delta_y, rtol=1e-12, atol=1e-12 * max(length, 50))
 
 
 @given(seeds, lengths)
 def test_orthogonal_directions_stay_unchanged(seed, length):
     J, J_hat, direction = problem(seed)
-    after = learn(J_hat, length * direction, J @ (length * direction))
+    after = broyden_update(J_hat, length * direction, J @ (length * direction))
     across = np.eye(3) - np.outer(direction, direction)
     assert np.allclose(after @ across, J_hat @ across, atol=1e-12)
 
@@ -45,8 +45,8 @@ def test_orthogonal_directions_stay_unchanged(seed, length):
 @given(seeds, lengths)
 def test_no_other_jacobian_that_explains_the_displacement_is_nearer(seed, length):
     J, J_hat, direction = problem(seed)
-    after = learn(J_hat, length * direction, J @ (length * direction))
-    other = after + random_from(seed + 1).uniform(-5, 5, (3, 3)) @ (
+    after = broyden_update(J_hat, length * direction, J @ (length * direction))
+    other = after + make_random(seed + 1).uniform(-5, 5, (3, 3)) @ (
         np.eye(3) - np.outer(direction, direction)
     )
     assert np.linalg.norm(after - J_hat) <= np.linalg.norm(other - J_hat) * (1 + 1e-12)
@@ -55,7 +55,7 @@ def test_no_other_jacobian_that_explains_the_displacement_is_nearer(seed, length
 @given(seeds, lengths)
 def test_no_row_of_the_error_grows_while_the_true_jacobian_stays(seed, length):
     J, J_hat, direction = problem(seed)
-    after = learn(J_hat, length * direction, J @ (length * direction))
+    after = broyden_update(J_hat, length * direction, J @ (length * direction))
     R, R_after = np.sum((J_hat - J) ** 2, axis=1), np.sum((after - J) ** 2, axis=1)
     assert np.all(R_after <= R * (1 + 1e-12))
 
@@ -64,8 +64,8 @@ def test_no_row_of_the_error_grows_while_the_true_jacobian_stays(seed, length):
 def test_three_orthogonal_steps_determine_a_constant_jacobian_exactly(seed):
     J, _, _ = problem(seed)
     J_hat = np.zeros((3, 3))
-    for direction in np.linalg.qr(random_from(seed + 1).standard_normal((3, 3)))[0]:
-        J_hat = learn(J_hat, 5.0 * direction, J @ (5.0 * direction))
+    for direction in np.linalg.qr(make_random(seed + 1).standard_normal((3, 3)))[0]:
+        J_hat = broyden_update(J_hat, 5.0 * direction, J @ (5.0 * direction))
     assert np.allclose(J_hat, J, atol=1e-12)
 
 
@@ -73,10 +73,10 @@ def test_three_orthogonal_steps_determine_a_constant_jacobian_exactly(seed):
 def test_repeated_independent_steps_converge_to_a_constant_jacobian(seed):
     """Steps that are not orthogonal partly undo each other, so that one round is not enough."""
     J, J_hat, _ = problem(seed)
-    directions = np.eye(3) + 0.2 * random_from(seed + 1).uniform(-1, 1, (3, 3))
+    directions = np.eye(3) + 0.2 * make_random(seed + 1).uniform(-1, 1, (3, 3))
     for _ in range(60):
         for direction in directions:
-            J_hat = learn(J_hat, direction, J @ direction)
+            J_hat = broyden_update(J_hat, direction, J @ direction)
     assert np.allclose(J_hat, J, atol=1e-9)
 
 
@@ -85,7 +85,7 @@ def test_it_is_the_limit_of_flow_rule_28_for_a_large_gain(seed, length):
     J, J_hat, direction = problem(seed)
     delta_p = length * direction
     assert np.allclose(
-        learn(J_hat, delta_p, J @ delta_p),
+        broyden_update(J_hat, delta_p, J @ delta_p),
         flow_learn(J_hat, delta_p, J @ delta_p, 1.0, 1e12),
         atol=1e-9,
     )
@@ -93,10 +93,10 @@ def test_it_is_the_limit_of_flow_rule_28_for_a_large_gain(seed, length):
 
 def frames(seed, steps):
     """Return frames with marker 1 at `steps` (n, 3) mm from a first position."""
-    random = random_from(seed)
-    positions = tool_positions(random, 1)[0] + steps
-    C = true_camera(random, positions)
-    return [Sample(p, markers_seen(C, p), parameters(C)[1], 0.02) for p in positions]
+    random = make_random(seed)
+    positions = draw_tool_positions(random, 1)[0] + steps
+    C = draw_calibration_matrix(random, positions)
+    return [Sample(p, project_markers(C, p), extract_parameters(C)[1], 0.02) for p in positions]
 
 
 @given(seeds, st.floats(0.1, 10.0), st.floats(0.0, 0.99))
@@ -125,13 +125,13 @@ def test_small_steps_add_up_to_a_displacement(seed):
             updated.append(i)
     assert updated == [4, 8]
     last, o_c = samples[-1], samples[-1].o_c
-    change = difference(features(about(last.points, o_c)), features(about(samples[4].points, o_c)))
-    assert np.allclose(memory.J_hat @ (last.p1 - samples[4].p1) / SCALE, change / SCALE, atol=1e-9)
+    change = compute_feature_error(compute_features(shift_to_rcm(last.points, o_c)), compute_features(shift_to_rcm(samples[4].points, o_c)))
+    assert np.allclose(memory.J_hat @ (last.p1 - samples[4].p1) / FEATURE_SCALE, change / FEATURE_SCALE, atol=1e-9)
 
 
 def test_features_of_both_ends_are_taken_about_the_present_origin():
     p, points = np.array([0.0, 0.0, 100.0]), np.array([[10.0, 20.0], [30.0, 50.0]])
-    J, updated = update(np.zeros((3, 3)), p, points, p + 2.0, points, np.array([40.0, -25.0]), 1.0)
+    J, updated = update_from_frame(np.zeros((3, 3)), p, points, p + 2.0, points, np.array([40.0, -25.0]), 1.0)
     assert updated
     assert not J.any()
 
@@ -141,7 +141,7 @@ def test_an_angle_that_wraps_counts_as_a_small_rotation():
         np.array([[-50.0, 1.0], [-150.0, 2.0]]),
         np.array([[-50.0, -1.0], [-150.0, -2.0]]),
     )
-    J, _ = update(
+    J, _ = update_from_frame(
         np.zeros((3, 3)), np.zeros(3), before, np.array([1.0, 0, 0]), after, np.zeros(2), 1.0
     )
     assert abs(J[0, 0]) < 0.1

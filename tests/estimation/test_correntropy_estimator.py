@@ -5,15 +5,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from conftest import random_from, seeds
+from conftest import make_random, seeds
 from rcmservo.errors import BadInput
 from rcmservo.estimation.correntropy import MIN_WEIGHT, CorrentropyEstimator, correntropy_weight
 from rcmservo.estimation.kalman import KalmanEstimator
-from rcmservo.geometry.features import SCALE
+from rcmservo.geometry.features import FEATURE_SCALE
 
 
 def error(J_hat, J):
-    return np.linalg.norm((J_hat - J) / SCALE[:, None]) / np.linalg.norm(J / SCALE[:, None])
+    return np.linalg.norm((J_hat - J) / FEATURE_SCALE[:, None]) / np.linalg.norm(J / FEATURE_SCALE[:, None])
 
 
 def error_history(estimator, seed, outliers, count=60):
@@ -21,13 +21,13 @@ def error_history(estimator, seed, outliers, count=60):
 
     The fraction `outliers` of the displacements has an error of about 30 px.
     """
-    random = random_from(seed)
-    J = random.uniform(-0.5, 0.5, (3, 3)) * SCALE[:, None]
+    random = make_random(seed)
+    J = random.uniform(-0.5, 0.5, (3, 3)) * FEATURE_SCALE[:, None]
     J_hat, P, errors = np.zeros((3, 3)), estimator.initial_covariance(), []
     for k in range(count):
         displacement = 4.0 * random.standard_normal(3)
-        flow = J @ displacement + 0.05 * SCALE * random.standard_normal(3)
-        outlier = 3.0 * SCALE * random.standard_normal(3)
+        flow = J @ displacement + 0.05 * FEATURE_SCALE * random.standard_normal(3)
+        outlier = 3.0 * FEATURE_SCALE * random.standard_normal(3)
         if random.random() < outliers and k >= 10:
             flow = flow + outlier
         J_hat, P = estimator.update_jacobian(J_hat, P, displacement, flow)
@@ -60,13 +60,13 @@ def test_without_outliers_it_is_as_accurate():
 def test_one_outlier_changes_it_by_less_than_a_hundredth_of_the_kalman_filter():
     changes = []
     for estimator in (CorrentropyEstimator(), KalmanEstimator()):
-        random = random_from(1)
-        J = random.uniform(-0.5, 0.5, (3, 3)) * SCALE[:, None]
+        random = make_random(1)
+        J = random.uniform(-0.5, 0.5, (3, 3)) * FEATURE_SCALE[:, None]
         J_hat, P = np.zeros((3, 3)), estimator.initial_covariance()
         for displacement in 4.0 * random.standard_normal((15, 3)):
             J_hat, P = estimator.update_jacobian(J_hat, P, displacement, J @ displacement)
         displacement = 4.0 * random.standard_normal(3)
-        after, _ = estimator.update_jacobian(J_hat, P, displacement, J @ displacement + 5.0 * SCALE)
+        after, _ = estimator.update_jacobian(J_hat, P, displacement, J @ displacement + 5.0 * FEATURE_SCALE)
         changes.append(error(after, J_hat))
     assert changes[0] < 0.01 * changes[1]
     assert changes[1] > 0.1
@@ -74,7 +74,7 @@ def test_one_outlier_changes_it_by_less_than_a_hundredth_of_the_kalman_filter():
 
 @given(seeds, st.integers(1, 20))
 def test_with_a_wide_kernel_it_is_the_kalman_filter(seed, count):
-    random = random_from(seed)
+    random = make_random(seed)
     wide, kalman = CorrentropyEstimator(bandwidth=1e6), KalmanEstimator()
     J_hat, P, J_plain, P_plain = (
         np.zeros((3, 3)),
@@ -83,17 +83,17 @@ def test_with_a_wide_kernel_it_is_the_kalman_filter(seed, count):
         np.eye(3),
     )
     for _ in range(count):
-        displacement, flow = 4.0 * random.standard_normal(3), SCALE * random.standard_normal(3)
+        displacement, flow = 4.0 * random.standard_normal(3), FEATURE_SCALE * random.standard_normal(3)
         J_hat, P = wide.update_jacobian(J_hat, P, displacement, flow)
         J_plain, P_plain = kalman.update_jacobian(J_plain, P_plain, displacement, flow)
-    assert np.allclose(J_hat / SCALE[:, None], J_plain / SCALE[:, None], atol=1e-6)
+    assert np.allclose(J_hat / FEATURE_SCALE[:, None], J_plain / FEATURE_SCALE[:, None], atol=1e-6)
     assert np.allclose(P, P_plain, atol=1e-8)
 
 
 @given(seeds, st.floats(-20.0, 20.0), st.floats(0.5, 10.0))
 def test_a_weight_is_the_kernel_of_the_normalised_innovation(seed, outlier, bandwidth):
     half, displacement, R = (
-        random_from(seed).standard_normal((3, 3)),
+        make_random(seed).standard_normal((3, 3)),
         np.array([1.0, -2.0, 3.0]),
         0.5,
     )
@@ -107,7 +107,7 @@ def test_a_weight_is_the_kernel_of_the_normalised_innovation(seed, outlier, band
 
 @given(seeds)
 def test_no_innovation_changes_it_more_than_the_kalman_filter(seed):
-    random = random_from(seed)
+    random = make_random(seed)
     J_hat, half = random.uniform(-5, 5, (3, 3)), random.standard_normal((3, 3))
     displacement, flow, P = (
         4.0 * random.standard_normal(3),
@@ -128,12 +128,12 @@ def test_an_empty_estimate_adapts_to_its_first_displacements():
 
 @given(seeds)
 def test_each_row_has_a_covariance_of_its_own(seed):
-    random, wide = random_from(seed), CorrentropyEstimator(bandwidth=1e6)
+    random, wide = make_random(seed), CorrentropyEstimator(bandwidth=1e6)
     P, displacement = (
         np.stack([size * np.eye(3) for size in (0.01, 0.1, 1.0)]),
         random.standard_normal(3),
     )
-    J_hat, flow = random.uniform(-5, 5, (3, 3)), SCALE * random.standard_normal(3)
+    J_hat, flow = random.uniform(-5, 5, (3, 3)), FEATURE_SCALE * random.standard_normal(3)
     after, P_after = wide.update_jacobian(J_hat, P, displacement, flow)
     for i in range(3):
         J_plain, P_plain = KalmanEstimator().update_jacobian(J_hat, P[i], displacement, flow)
@@ -145,9 +145,9 @@ def test_only_the_row_with_an_outlier_is_suppressed():
     estimator, displacement = CorrentropyEstimator(), np.array([3.0, 0.0, 0.0])
     J_hat, P = np.zeros((3, 3)), estimator.initial_covariance()
     for _ in range(5):
-        J_hat, P = estimator.update_jacobian(J_hat, P, displacement, SCALE)
+        J_hat, P = estimator.update_jacobian(J_hat, P, displacement, FEATURE_SCALE)
     J_after, P_after = estimator.update_jacobian(
-        J_hat, P, displacement, SCALE * np.array([1.0, 6.0, 1.0])
+        J_hat, P, displacement, FEATURE_SCALE * np.array([1.0, 6.0, 1.0])
     )
     assert abs(J_after[1, 0] - J_hat[1, 0]) < 0.01 * J_hat[1, 0]
     assert P_after[1, 0, 0] > 1.2 * P_after[0, 0, 0]
@@ -155,10 +155,10 @@ def test_only_the_row_with_an_outlier_is_suppressed():
 
 def test_it_adapts_to_a_rolled_camera():
     """At first every innovation is an outlier; the drift then raises the covariance."""
-    random, estimator = random_from(1), CorrentropyEstimator()
+    random, estimator = make_random(1), CorrentropyEstimator()
     J_hat, P = np.zeros((3, 3)), estimator.initial_covariance()
     for J, count in ((np.eye(3), 20), (np.eye(3)[[1, 2, 0]], 300)):
-        J_now = 0.4 * J * SCALE[:, None]
+        J_now = 0.4 * J * FEATURE_SCALE[:, None]
         for displacement in 4.0 * random.standard_normal((count, 3)):
             J_hat, P = estimator.update_jacobian(J_hat, P, displacement, J_now @ displacement)
     assert error(J_hat, J_now) < 0.1

@@ -5,22 +5,22 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from conftest import TOOLS, frozen, markers_seen, random_from, seeds, tool_positions, true_camera
+from conftest import TOOLS, snapshot, project_markers, make_random, seeds, draw_tool_positions, draw_calibration_matrix
 from rcmservo.errors import BadInput
 from rcmservo.estimation.base import Sample
 from rcmservo.estimation.broyden import BroydenEstimator
 from rcmservo.estimation.correntropy import CorrentropyEstimator
 from rcmservo.estimation.displacement import (
     correct_jacobian,
-    displaced,
+    measure_displacement,
     kalman_gain,
     update_covariance,
 )
 from rcmservo.estimation.kalman import KalmanEstimator
 from rcmservo.estimation.normalised_flow import NormalisedFlowEstimator
 from rcmservo.estimation.rls import RlsEstimator
-from rcmservo.geometry.features import SCALE
-from rcmservo.geometry.projection import parameters
+from rcmservo.geometry.features import FEATURE_SCALE
+from rcmservo.geometry.projection import extract_parameters
 
 ESTIMATORS = (RlsEstimator, KalmanEstimator, CorrentropyEstimator, NormalisedFlowEstimator)
 TOOL = TOOLS["rigid"]
@@ -36,12 +36,12 @@ def memory_after(estimator, samples, memory=None):
 
 def frames(seed, steps, noise=0.0):
     """Return frames with marker 1 at `steps` (n, 3) mm from a first position."""
-    random = random_from(seed)
-    positions = tool_positions(random, 1)[0] + steps
-    C = true_camera(random, positions)
-    o_c = parameters(C)[1]
+    random = make_random(seed)
+    positions = draw_tool_positions(random, 1)[0] + steps
+    C = draw_calibration_matrix(random, positions)
+    o_c = extract_parameters(C)[1]
     return [
-        Sample(p, markers_seen(C, p) + noise * random.standard_normal((2, 2)), o_c, 0.02)
+        Sample(p, project_markers(C, p) + noise * random.standard_normal((2, 2)), o_c, 0.02)
         for p in positions
     ]
 
@@ -50,7 +50,7 @@ def frames(seed, steps, noise=0.0):
 @given(seeds, st.floats(0.1, 10.0), st.floats(0.0, 0.99))
 def test_a_tool_at_rest_changes_neither_estimate_nor_covariance(kind, seed, step, fraction):
     """It holds for any motion within min_step and any noise of the markers."""
-    estimator, direction = kind(min_step=step), random_from(seed).standard_normal(3)
+    estimator, direction = kind(min_step=step), make_random(seed).standard_normal(3)
     moves = np.outer([0.0, 2.0 * step], direction / np.linalg.norm(direction))
     shakes = moves[1] + fraction * step * np.outer(
         np.tile([1.0, -1.0], 10), direction / np.linalg.norm(direction)
@@ -58,7 +58,7 @@ def test_a_tool_at_rest_changes_neither_estimate_nor_covariance(kind, seed, step
     samples = frames(seed, np.concatenate([moves, shakes]), noise=1.0)
     moved = memory_after(estimator, samples[:2])
     assert moved.J_hat.any()
-    assert frozen(memory_after(estimator, samples[2:], moved)) == frozen(moved)
+    assert snapshot(memory_after(estimator, samples[2:], moved)) == snapshot(moved)
 
 
 @every_estimator
@@ -74,9 +74,9 @@ def test_small_steps_add_up_to_a_displacement(kind):
 
 @every_estimator
 def test_the_speed_of_a_displacement_does_not_matter(kind):
-    slow = frames(5, random_from(5).uniform(-20, 20, (9, 3)))
+    slow = frames(5, make_random(5).uniform(-20, 20, (9, 3)))
     fast = [sample._replace(dt=1e-3 * sample.dt) for sample in slow]
-    assert frozen(memory_after(kind(), slow)) == frozen(memory_after(kind(), fast))
+    assert snapshot(memory_after(kind(), slow)) == snapshot(memory_after(kind(), fast))
 
 
 @every_estimator
@@ -100,26 +100,26 @@ def test_an_angle_that_wraps_counts_as_a_small_rotation(kind):
 @every_estimator
 @given(seeds)
 def test_exact_displacements_converge_to_the_true_jacobian(kind, seed):
-    random, estimator = random_from(seed), kind()
-    J = random.uniform(-0.5, 0.5, (3, 3)) * SCALE[:, None]
+    random, estimator = make_random(seed), kind()
+    J = random.uniform(-0.5, 0.5, (3, 3)) * FEATURE_SCALE[:, None]
     J_hat, P = np.zeros((3, 3)), estimator.initial_covariance()
     for _ in range(20):
         for direction in np.linalg.qr(random.standard_normal((3, 3)))[0]:
             J_hat, P = estimator.update_jacobian(J_hat, P, 5.0 * direction, J @ (5.0 * direction))
-    error = np.linalg.norm((J_hat - J) / SCALE[:, None])
-    assert error < 1e-3 * np.linalg.norm(J / SCALE[:, None])
+    error = np.linalg.norm((J_hat - J) / FEATURE_SCALE[:, None])
+    assert error < 1e-3 * np.linalg.norm(J / FEATURE_SCALE[:, None])
 
 
 @every_estimator
 def test_update_is_pure_and_the_first_frame_changes_no_estimate(kind):
     estimator, (first, second) = kind(), frames(3, np.array([[0.0, 0.0, 0.0], [3.0, 3.0, 0.0]]))
     memory = memory_after(estimator, [first])
-    before = frozen(memory)
+    before = snapshot(memory)
     assert not estimator.jacobian(memory, TOOL, first).any()
     after = memory_after(estimator, [second], memory)
     assert estimator.jacobian(after, TOOL, second).any()
-    assert frozen(memory) == before
-    assert frozen(memory_after(estimator, [second], memory)) == frozen(after)
+    assert snapshot(memory) == before
+    assert snapshot(memory_after(estimator, [second], memory)) == snapshot(after)
     assert estimator.predict(memory, TOOL, first.p1) is None
 
 
@@ -127,7 +127,7 @@ def test_update_is_pure_and_the_first_frame_changes_no_estimate(kind):
 @given(seeds, st.floats(1e-3, 1e3), st.floats(0.0, 1e6), st.integers(1, 30))
 def test_finite_displacements_give_finite_estimates(kind, seed, step, flow, n):
     """The displacements are along one line, or in any direction."""
-    random, estimator = random_from(seed), kind()
+    random, estimator = make_random(seed), kind()
     line, J_hat, P = random.standard_normal(3), np.zeros((3, 3)), estimator.initial_covariance()
     for k in range(n):
         direction = line if seed % 2 else random.standard_normal(3)
@@ -154,7 +154,7 @@ def test_many_displacements_along_one_line_leave_p_positive_definite(kind):
 
 @given(seeds, st.floats(1e-2, 1e2), st.floats(1e-4, 10.0))
 def test_the_gain_minimises_the_covariance(seed, step, R):
-    random = random_from(seed)
+    random = make_random(seed)
     root, direction = random.standard_normal((3, 3)), step * random.standard_normal(3)
     P = root @ root.T
     K = kalman_gain(P, direction, R)
@@ -182,7 +182,7 @@ def test_a_correction_changes_each_row_by_its_own_innovation():
 def test_a_displacement_is_at_least_as_long_as_min_step():
     points, o_c = np.array([[10.0, 20.0], [30.0, 50.0]]), np.zeros(2)
     for distance, is_long in ((2.0, True), (1.999, False)):
-        found = displaced(np.zeros(3), points, np.array([0.0, distance, 0.0]), points, o_c, 2.0)
+        found = measure_displacement(np.zeros(3), points, np.array([0.0, distance, 0.0]), points, o_c, 2.0)
         assert found[2] is is_long
 
 

@@ -7,16 +7,16 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from conftest import SHAFT, SPACING, derivative, frozen, random_from, seeds
+from conftest import SHAFT, SPACING_MM, differentiate, snapshot, make_random, seeds
 from rcmservo.estimation.base import Estimator, Sample
 from rcmservo.estimation.dlt import DltEstimator
-from rcmservo.estimation.projection_fit import Prospect
+from rcmservo.estimation.projection_fit import ProjectionFit
 from rcmservo.estimation.projection_rule import ProjectionEstimator
-from rcmservo.geometry.features import SCALE, about, features
-from rcmservo.geometry.tool import RigidTool, second_marker
+from rcmservo.geometry.features import FEATURE_SCALE, shift_to_rcm, compute_features
+from rcmservo.geometry.tool import RigidTool, compute_second_marker
 from rcmservo.interfaces import Floats
 
-TOOL = RigidTool(SPACING)
+TOOL = RigidTool(SPACING_MM)
 DLT = DltEstimator()
 
 depths = st.sampled_from([-0.5, -0.05, 0.05, 1.0])
@@ -42,7 +42,7 @@ def camera(random: np.random.Generator, middle: Floats, rcm_depth: float) -> Flo
 
 
 def project_markers(C: Floats, p1: Floats) -> Floats:
-    points = np.column_stack([np.stack([p1, second_marker(SHAFT, p1)]), np.ones(2)]) @ C.T
+    points = np.column_stack([np.stack([p1, compute_second_marker(SHAFT, p1)]), np.ones(2)]) @ C.T
     return points[:, :2] / points[:, 2:]
 
 
@@ -61,18 +61,18 @@ def fitted_jacobian(
         sample = Sample(p1, project_markers(C, p1) + offset, o_c, 1.0 / 60.0)
         memory = estimator.update(memory, TOOL, sample)
     exact = Sample(positions[-1], project_markers(C, positions[-1]), o_c, 1.0 / 60.0)
-    return estimator.jacobian(memory, TOOL, exact) / SCALE[:, None]
+    return estimator.jacobian(memory, TOOL, exact) / FEATURE_SCALE[:, None]
 
 
 def true_jacobian(C: Floats, p1: Floats, o_c: Floats) -> Floats:
     return (
-        derivative(lambda p: features(about(project_markers(C, p), o_c)), p1, 1e-2) / SCALE[:, None]
+        differentiate(lambda p: compute_features(shift_to_rcm(project_markers(C, p), o_c)), p1, 1e-2) / FEATURE_SCALE[:, None]
     )
 
 
 @given(seeds, depths)
 def test_exact_images_determine_the_jacobian_at_any_rcm_depth(seed: int, depth: float) -> None:
-    random = random_from(seed)
+    random = make_random(seed)
     positions = random_positions(random, 40)
     C, o_c = camera(random, positions.mean(axis=0), depth), random.uniform(-200.0, 800.0, 2)
     J = true_jacobian(C, positions[-1], o_c)
@@ -84,7 +84,7 @@ def test_nine_parameters_about_the_rcm_fail_with_the_rcm_behind_the_camera() -> 
     """With the RCM in front of the camera that estimator works in the same scene."""
     errors = {}
     for depth in (-0.5, 1.0):
-        random = random_from(3)
+        random = make_random(3)
         positions = random_positions(random, 40)
         C = camera(random, positions.mean(axis=0), depth)
         o_c = (C[:, 3] / C[2, 3])[:2]
@@ -96,7 +96,7 @@ def test_nine_parameters_about_the_rcm_fail_with_the_rcm_behind_the_camera() -> 
 
 @given(seeds)
 def test_an_error_of_the_imaged_rcm_does_not_affect_it(seed: int) -> None:
-    random = random_from(seed)
+    random = make_random(seed)
     positions, noise = random_positions(random, 100), 0.3 * random.standard_normal((100, 2, 2))
     C, errors = camera(random, positions.mean(axis=0), 0.3), []
     for offset in (np.zeros(2), np.array([30.0, 40.0])):
@@ -109,7 +109,7 @@ def test_an_error_of_the_imaged_rcm_does_not_affect_it(seed: int) -> None:
 
 def filtered_markers(noise: Floats, bias: float = 0.0) -> tuple[Floats, Floats]:
     """Return the filtered and the true markers of a tool at rest, in frames with this noise."""
-    random = random_from(5)
+    random = make_random(5)
     positions = random_positions(random, 40)
     C, o_c, memory = camera(random, positions.mean(axis=0), 1.0), np.zeros(2), DLT.init()
     for p1 in positions:
@@ -118,11 +118,11 @@ def filtered_markers(noise: Floats, bias: float = 0.0) -> tuple[Floats, Floats]:
     for offset in noise:
         sample = Sample(positions[-1], points + offset, o_c, 0.0)
         memory = DLT.update(memory, TOOL, sample)
-    return DLT.located(memory, TOOL, sample), points
+    return DLT.filtered_markers(memory, TOOL, sample), points
 
 
 def test_at_rest_it_averages_the_noise_of_the_markers() -> None:
-    noise = 0.3 * random_from(0).standard_normal((200, 2, 2))
+    noise = 0.3 * make_random(0).standard_normal((200, 2, 2))
     located, points = filtered_markers(noise)
     assert np.abs(located - points).max() < 4.0 * 0.3 / np.sqrt(200)
 
@@ -136,21 +136,21 @@ def test_the_offset_follows_the_residuals_of_the_fit() -> None:
 
 
 def test_one_frame_determines_only_the_direction_of_the_imaged_tool() -> None:
-    random = random_from(1)
+    random = make_random(1)
     p1 = random_positions(random, 1)[0]
     points = project_markers(camera(random, p1, 1.0), p1)
     sample = Sample(p1, points, np.zeros(2), 0.0)
     memory = DLT.update(DLT.init(), TOOL, sample)
-    strengths = np.linalg.svd(DLT.jacobian(memory, TOOL, sample) / SCALE[:, None])[1]
+    strengths = np.linalg.svd(DLT.jacobian(memory, TOOL, sample) / FEATURE_SCALE[:, None])[1]
     assert strengths[1] < 1e-3 * strengths[0]
-    np.testing.assert_allclose(DLT.located(memory, TOOL, sample), points, atol=1e-9)
+    np.testing.assert_allclose(DLT.filtered_markers(memory, TOOL, sample), points, atol=1e-9)
 
 
 @given(seeds, depths)
 def test_the_imaged_rcm_is_estimated_in_front_of_behind_and_near_the_image_plane(
     seed: int, depth: float
 ) -> None:
-    random = random_from(seed)
+    random = make_random(seed)
     positions, memory = random_positions(random, 40), DLT.init()
     C = camera(random, positions.mean(axis=0), depth)
     for p1 in positions:
@@ -165,7 +165,7 @@ def test_the_imaged_rcm_is_estimated_in_front_of_behind_and_near_the_image_plane
 
 @given(seeds)
 def test_predictions_are_the_markers_from_the_imaged_rcm(seed: int) -> None:
-    random = random_from(seed)
+    random = make_random(seed)
     positions, memory = random_positions(random, 40), DLT.init()
     C = camera(random, positions.mean(axis=0), 1.0)
     for p1 in positions:
@@ -178,8 +178,8 @@ def test_predictions_are_the_markers_from_the_imaged_rcm(seed: int) -> None:
 
 
 def test_an_update_leaves_the_previous_memory_unchanged() -> None:
-    one, other = random_positions(random_from(0), 2)
+    one, other = random_positions(make_random(0), 2)
     memory = DLT.update(DLT.init(), TOOL, Sample(one, np.ones((2, 2)), np.zeros(2), 0.0))
-    before = frozen(Prospect(memory))
+    before = snapshot(ProjectionFit(memory))
     after = DLT.update(memory, TOOL, Sample(other, np.ones((2, 2)), np.zeros(2), 0.0))
-    assert frozen(Prospect(memory)) == before != frozen(Prospect(after))
+    assert snapshot(ProjectionFit(memory)) == before != snapshot(ProjectionFit(after))

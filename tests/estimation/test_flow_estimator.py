@@ -6,14 +6,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from conftest import TOOLS, markers_seen, observation, random_from, seeds, true_camera
+from conftest import TOOLS, project_markers, make_observation, make_random, seeds, draw_calibration_matrix
 from rcmservo.errors import BadInput
 from rcmservo.estimation.base import Sample
-from rcmservo.estimation.flow_rule import FlowEstimator, learn, update
-from rcmservo.geometry.features import SCALE, about, difference, features
+from rcmservo.estimation.flow_rule import FlowEstimator, integrate_flow_rule, update_from_frame
+from rcmservo.geometry.features import FEATURE_SCALE, shift_to_rcm, compute_feature_error, compute_features
 from rcmservo.geometry.imaged_rcm import ImagedRcm
 from rcmservo.geometry.kinematics import PitchYawRcm
-from rcmservo.geometry.projection import parameters
+from rcmservo.geometry.projection import extract_parameters
 from rcmservo.interfaces import Target
 from rcmservo.servo.servo import Servo
 
@@ -23,7 +23,7 @@ intervals = st.floats(1e-3, 10)
 
 
 def problem(seed):
-    random = random_from(seed)
+    random = make_random(seed)
     direction = random.standard_normal(3)
     return (
         random.uniform(-5, 5, (3, 3)),
@@ -36,7 +36,7 @@ def problem(seed):
 def test_proposition_2_no_row_of_the_error_grows_at_any_step_length(seed, length, dt, gamma):
     J, J_hat, direction = problem(seed)
     delta_p = length * direction
-    after = learn(J_hat, delta_p, J @ delta_p, dt, gamma)
+    after = integrate_flow_rule(J_hat, delta_p, J @ delta_p, dt, gamma)
     R, R_after = np.sum((J_hat - J) ** 2, axis=1), np.sum((after - J) ** 2, axis=1)
     assert np.all(R_after <= R * (1 + 1e-12))
 
@@ -47,7 +47,7 @@ def test_the_error_along_the_motion_decays_as_exp_of_gamma_v_l_and_across_it_not
 ):
     J, J_hat, direction = problem(seed)
     delta_p = length * direction
-    error, after = J_hat - J, learn(J_hat, delta_p, J @ delta_p, dt, gamma) - J
+    error, after = J_hat - J, integrate_flow_rule(J_hat, delta_p, J @ delta_p, dt, gamma) - J
     assert np.allclose(
         after @ direction, np.exp(-gamma * length**2 / dt) * (error @ direction), atol=1e-9
     )
@@ -68,17 +68,17 @@ def test_a_step_is_the_solution_of_rule_28_for_the_mean_velocity(seed, gamma):
     expected = (
         solve_ivp(rule, (0, dt), J_hat.ravel(), rtol=1e-11, atol=1e-12).y[:, -1].reshape(3, 3)
     )
-    assert np.allclose(learn(J_hat, delta_p, J @ delta_p, dt, gamma), expected, atol=1e-8)
+    assert np.allclose(integrate_flow_rule(J_hat, delta_p, J @ delta_p, dt, gamma), expected, atol=1e-8)
 
 
 @given(seeds, lengths, intervals, gammas)
 def test_two_halves_of_a_step_are_the_whole(seed, length, dt, gamma):
     J, J_hat, direction = problem(seed)
     delta_p, delta_y = length * direction, J @ (length * direction)
-    half = learn(J_hat, delta_p / 2, delta_y / 2, dt / 2, gamma)
+    half = integrate_flow_rule(J_hat, delta_p / 2, delta_y / 2, dt / 2, gamma)
     assert np.allclose(
-        learn(half, delta_p / 2, delta_y / 2, dt / 2, gamma),
-        learn(J_hat, delta_p, delta_y, dt, gamma),
+        integrate_flow_rule(half, delta_p / 2, delta_y / 2, dt / 2, gamma),
+        integrate_flow_rule(J_hat, delta_p, delta_y, dt, gamma),
         atol=1e-9,
     )
 
@@ -88,7 +88,7 @@ def test_two_halves_of_a_step_are_the_whole(seed, length, dt, gamma):
 )
 def test_no_motion_or_no_time_changes_nothing_and_returns_a_copy(delta_p, dt):
     J = np.arange(9.0).reshape(3, 3)
-    after = learn(J, delta_p, np.ones(3), dt, 0.05)
+    after = integrate_flow_rule(J, delta_p, np.ones(3), dt, 0.05)
     assert np.array_equal(after, J)
     assert not np.shares_memory(after, J)
 
@@ -98,7 +98,7 @@ def test_an_angle_that_wraps_counts_as_a_small_rotation():
         np.array([[-50.0, 1.0], [-150.0, 2.0]]),
         np.array([[-50.0, -1.0], [-150.0, -2.0]]),
     )
-    J = update(
+    J = update_from_frame(
         np.zeros((3, 3)),
         np.array([1.0, 0, 0]),
         before,
@@ -126,16 +126,16 @@ def straight_motion(gamma):
 
     Marker 1 moves at 20 mm/s; the camera gives 60 frames/s, and the loop runs at 100 Hz.
     """
-    random = random_from(11)
+    random = make_random(11)
     mechanism, tool = PitchYawRcm(), TOOLS["rigid"]
     start, direction = np.array([15.0, -10.0, -100.0]), np.array([0.8, 0.5, 0.33])
     direction /= np.linalg.norm(direction)
-    C = true_camera(random, start + np.linspace(-5, 45, 9)[:, None] * direction)
-    o_c = parameters(C)[1]
+    C = draw_calibration_matrix(random, start + np.linspace(-5, 45, 9)[:, None] * direction)
+    o_c = extract_parameters(C)[1]
     servo = Servo(
         mechanism, tool, estimator=FlowEstimator(gamma), imaged_rcm=ImagedRcm(max_condition=1e11)
     )
-    target, state, repeats = Target(markers_seen(C, start), np.zeros(3)), servo.init(), 0
+    target, state, repeats = Target(project_markers(C, start), np.zeros(3)), servo.init(), 0
     for tick in range(1, 150):
         frame = int(np.floor(tick * 0.6 + 1e-9))
         exposure = round(frame * 1e9 / 60)
@@ -143,28 +143,28 @@ def straight_motion(gamma):
         q = mechanism.joints(p)
         before = state
         state = servo.step(
-            state, observation(tick * 10_000_000, q, frame, exposure, q, markers_seen(C, p)), target
+            state, make_observation(tick * 10_000_000, q, frame, exposure, q, project_markers(C, p)), target
         )
-        if frame == before.frame:
+        if frame == before.newest_frame:
             repeats += 1
-            assert state.learnt.memory is before.learnt.memory
+            assert state.estimation.memory is before.estimation.memory
     assert 0.35 < repeats / 149 < 0.45
     step = 1e-3 * direction
-    y = [features(about(markers_seen(C, p + side * step), o_c)) for side in (-1, 1)]
-    return state.J_hat @ direction, difference(y[1], y[0]) / 2e-3
+    y = [compute_features(shift_to_rcm(project_markers(C, p + side * step), o_c)) for side in (-1, 1)]
+    return state.J_hat @ direction, compute_feature_error(y[1], y[0]) / 2e-3
 
 
 def test_at_60_frames_in_a_100_hertz_loop_the_update_per_frame_is_unbiased():
     """Updates with repeated frames as zero flow would give 0.6 of the flow."""
     estimated, true = straight_motion(gamma=0.1)
-    fraction = (estimated / SCALE) @ (true / SCALE) / np.sum((true / SCALE) ** 2)
+    fraction = (estimated / FEATURE_SCALE) @ (true / FEATURE_SCALE) / np.sum((true / FEATURE_SCALE) ** 2)
     assert fraction == pytest.approx(1.0, abs=0.05)
 
 
 def test_at_the_papers_gain_one_and_a_half_seconds_at_20_mm_per_second_give_half_of_the_flow():
     """1 - exp(-γ v L): with γ = 0.001, v = 20 mm/s and L = 29.5 mm that is 45 %."""
     estimated, true = straight_motion(gamma=0.001)
-    fraction = (estimated / SCALE) @ (true / SCALE) / np.sum((true / SCALE) ** 2)
+    fraction = (estimated / FEATURE_SCALE) @ (true / FEATURE_SCALE) / np.sum((true / FEATURE_SCALE) ** 2)
     assert fraction == pytest.approx(1 - np.exp(-0.001 * 20 * 29.5), abs=0.12)
 
 

@@ -5,13 +5,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from conftest import TOOLS, frozen, markers_seen, random_from, seeds, tool_positions, true_camera
+from conftest import TOOLS, snapshot, project_markers, make_random, seeds, draw_tool_positions, draw_calibration_matrix
 from rcmservo.errors import BadInput
 from rcmservo.estimation.base import Sample
 from rcmservo.estimation.broyden import BroydenEstimator
-from rcmservo.estimation.flow_rule import learn as flow_learn
+from rcmservo.estimation.flow_rule import integrate_flow_rule as flow_learn
 from rcmservo.estimation.normalised_flow import NormalisedFlowEstimator
-from rcmservo.geometry.projection import parameters
+from rcmservo.geometry.projection import extract_parameters
 
 lengths = st.one_of(st.floats(1e-3, 1), st.floats(1, 10), st.floats(10, 1e3))
 gains = st.floats(0.01, 1.99)
@@ -19,7 +19,7 @@ TOOL = TOOLS["rigid"]
 
 
 def problem(seed):
-    random = random_from(seed)
+    random = make_random(seed)
     direction = random.standard_normal(3)
     return (
         random.uniform(-5, 5, (3, 3)),
@@ -33,10 +33,10 @@ def normalised_update(J_hat, delta_p, delta_y, mu):
 
 
 def frames(seed, dt):
-    random = random_from(seed)
-    positions = tool_positions(random, 1)[0] + random.uniform(-20, 20, (12, 3))
-    C = true_camera(random, positions)
-    return [Sample(p, markers_seen(C, p), parameters(C)[1], dt) for p in positions]
+    random = make_random(seed)
+    positions = draw_tool_positions(random, 1)[0] + random.uniform(-20, 20, (12, 3))
+    C = draw_calibration_matrix(random, positions)
+    return [Sample(p, project_markers(C, p), extract_parameters(C)[1], dt) for p in positions]
 
 
 @given(seeds)
@@ -78,7 +78,7 @@ def test_speed_does_not_matter_while_rule_28_adapts_more_in_fast_motion(speed):
     for one, expected in zip(frames(1, 0.02 / speed), frames(1, 0.02), strict=True):
         memory = estimator.update(memory, TOOL, one)
         usual = estimator.update(usual, TOOL, expected)
-    assert frozen(memory) == frozen(usual)
+    assert snapshot(memory) == snapshot(usual)
     J, J_hat, direction = problem(1)
     slow, fast = (
         flow_learn(J_hat, 3.0 * direction, J @ (3.0 * direction), dt, 1e-3) for dt in (1.0, 1e-3)
@@ -103,7 +103,7 @@ def test_it_is_rule_28_with_the_gain_for_the_speed(seed, length, dt, gamma):
 def test_a_smaller_mu_admits_less_noise():
     errors = {mu: [] for mu in (0.2, 0.5, 1.0)}
     for seed, (mu, found) in ((s, one) for s in range(20) for one in errors.items()):
-        random, (J, _, _) = random_from(seed), problem(seed)
+        random, (J, _, _) = make_random(seed), problem(seed)
         J_hat = J
         for direction in 3.0 * random.standard_normal((100, 3)):
             J_hat = normalised_update(

@@ -6,37 +6,37 @@ from hypothesis import given
 
 from conftest import (
     SHAFT,
-    SPACING,
-    derivative,
-    frozen,
-    markers_seen,
-    random_from,
+    SPACING_MM,
+    differentiate,
+    snapshot,
+    project_markers,
+    make_random,
     seeds,
-    seen_by,
-    tool_positions,
-    true_camera,
+    project_points,
+    draw_tool_positions,
+    draw_calibration_matrix,
 )
 from rcmservo.estimation.projection_fit import (
     MIN_FRAME_SPACING_MM,
     PRIOR_NOISE_FRAMES,
     RCM_POSITION_MM,
-    Prospect,
-    blank,
-    empty,
+    ProjectionFit,
+    initial_fit,
+    reset_fit,
     project_point,
-    see,
+    update_fit,
 )
 from rcmservo.estimation.projection_prediction import (
-    both_motions,
-    expected,
-    features_motion,
-    imaged,
-    located,
+    markers_jacobian,
+    predict_markers,
+    fitted_features_jacobian,
+    predict_image,
+    filter_markers,
     pose_deviation,
     write_point_jacobian,
 )
-from rcmservo.geometry.features import about, features
-from rcmservo.geometry.tool import second_marker
+from rcmservo.geometry.features import shift_to_rcm, compute_features
+from rcmservo.geometry.tool import compute_second_marker
 from rcmservo.interfaces import Floats
 
 CHI_SQUARE_95 = 5.991
@@ -48,19 +48,19 @@ FAR_POSITION_MM = np.array([-1.0, 1.0, 60.0])
 
 def tips(positions: Floats) -> Floats:
     """Return p₂ (n, 3) mm of p₁ (n, 3)."""
-    return positions * (1.0 + SPACING / np.linalg.norm(positions, axis=1))[:, None]
+    return positions * (1.0 + SPACING_MM / np.linalg.norm(positions, axis=1))[:, None]
 
 
 def project_markers(C: Floats, positions: Floats) -> Floats:
     """Return the raw pixels (n, 2, 2) of both markers."""
-    return np.stack([seen_by(C, positions), seen_by(C, tips(positions))], axis=1)
+    return np.stack([project_points(C, positions), project_points(C, tips(positions))], axis=1)
 
 
-def fit_frames(positions: Floats, points: Floats) -> Prospect:
-    fit = blank()
+def fit_frames(positions: Floats, points: Floats) -> ProjectionFit:
+    fit = initial_fit()
     row = fit.rows[0]
     for p1, markers in zip(positions, points, strict=True):
-        see(row, p1, markers, SHAFT)
+        update_fit(row, p1, markers, SHAFT)
     return fit
 
 
@@ -68,31 +68,31 @@ class Scene:
     """A camera, and a tool in `frames` positions within ±`spread` mm."""
 
     def __init__(self, seed: int, frames: int, spread: float = 6.0) -> None:
-        self.random = random_from(seed)
-        self.positions = tool_positions(self.random, frames, spread)
+        self.random = make_random(seed)
+        self.positions = draw_tool_positions(self.random, frames, spread)
         self.middle = self.positions.mean(axis=0)
-        self.C = true_camera(self.random, self.positions[:20])
+        self.C = draw_calibration_matrix(self.random, self.positions[:20])
 
     def noisy_images(self, noise: float) -> Floats:
         exact = project_markers(self.C, self.positions)
         return exact + noise * self.random.standard_normal(exact.shape)
 
-    def fit_frames(self, noise: float) -> Prospect:
+    def fit_frames(self, noise: float) -> ProjectionFit:
         return fit_frames(self.positions, self.noisy_images(noise))
 
 
-def prediction_error(fit: Prospect, C: Floats, p: Floats) -> tuple[Floats, float]:
+def prediction_error(fit: ProjectionFit, C: Floats, p: Floats) -> tuple[Floats, float]:
     """Return the error (2,) px of the predicted image of p, and its normalised square."""
-    point, covariance = imaged(fit.rows[0], p)
-    error = point - seen_by(C, p[None])[0]
+    point, covariance = predict_image(fit.rows[0], p)
+    error = point - project_points(C, p[None])[0]
     return error, float(error @ np.linalg.solve(covariance, error))
 
 
-def random_fit(seed: int) -> tuple[Prospect, Floats]:
+def random_fit(seed: int) -> tuple[ProjectionFit, Floats]:
     """Return a random projection, and a position p₁ in front of its camera."""
-    random = random_from(seed)
-    p1 = tool_positions(random, 1)[0]
-    fit = Prospect.of(
+    random = make_random(seed)
+    p1 = draw_tool_positions(random, 1)[0]
+    fit = ProjectionFit.of(
         A=100.0 * random.standard_normal((2, 4)),
         g=random.uniform(-0.2, 0.2, 3),
         origin=[*(p1 + random.uniform(-20.0, 20.0, 3)), 300.0, 200.0],
@@ -105,25 +105,25 @@ def random_fit(seed: int) -> tuple[Prospect, Floats]:
 def test_the_jacobian_is_the_derivative_of_the_prediction(seed: int) -> None:
     fit, p1 = random_fit(seed)
     row = fit.rows[0]
-    expected_jacobian = derivative(lambda p: imaged(row, p)[0], p1, 1e-2)
+    expected_jacobian = differentiate(lambda p: predict_image(row, p)[0], p1, 1e-2)
     found = np.empty((2, 3))
     write_point_jacobian(row, project_point(row, p1), found)
     np.testing.assert_allclose(found, expected_jacobian, rtol=1e-6, atol=1e-8)
-    expected_jacobian = derivative(lambda p: expected(row, p, SHAFT).ravel(), p1, 1e-2)
+    expected_jacobian = differentiate(lambda p: predict_markers(row, p, SHAFT).ravel(), p1, 1e-2)
     np.testing.assert_allclose(
-        both_motions(row, p1, SHAFT), expected_jacobian, rtol=1e-6, atol=1e-8
+        markers_jacobian(row, p1, SHAFT), expected_jacobian, rtol=1e-6, atol=1e-8
     )
 
 
 @given(seeds)
 def test_the_features_jacobian_is_the_derivative_of_the_features(seed: int) -> None:
     fit, p1 = random_fit(seed)
-    row, o_c = fit.rows[0], random_from(seed).uniform(-900.0, -300.0, 2)
-    points = expected(row, p1, SHAFT)
-    expected_jacobian = derivative(
-        lambda p: features(about(expected(row, p, SHAFT), o_c)), p1, 1e-3
+    row, o_c = fit.rows[0], make_random(seed).uniform(-900.0, -300.0, 2)
+    points = predict_markers(row, p1, SHAFT)
+    expected_jacobian = differentiate(
+        lambda p: compute_features(shift_to_rcm(predict_markers(row, p, SHAFT), o_c)), p1, 1e-3
     )
-    J = features_motion(row, p1, points, o_c, SHAFT)
+    J = fitted_features_jacobian(row, p1, points, o_c, SHAFT)
     np.testing.assert_allclose(
         J, expected_jacobian, rtol=1e-4, atol=1e-6 * np.abs(expected_jacobian).max()
     )
@@ -142,7 +142,7 @@ def test_the_predicted_covariance_is_consistent_near_the_frames_and_far_from_the
             for squares, point in ((near_squares, p1), (far_squares, far)):
                 squares += [
                     prediction_error(fit, scene.C, p)[1]
-                    for p in (point, second_marker(SHAFT, point))
+                    for p in (point, compute_second_marker(SHAFT, point))
                 ]
     for squares in (near_squares, far_squares):
         assert 0.90 < np.mean(np.array(squares) < CHI_SQUARE_95) < 0.99
@@ -153,7 +153,7 @@ def test_the_noise_is_estimated_once_the_frames_outweigh_the_prior(
     noise: float,
 ) -> None:
     frames = round(200 * PRIOR_NOISE_FRAMES)
-    variances = [Scene(seed, frames).fit_frames(noise).noise for seed in range(10)]
+    variances = [Scene(seed, frames).fit_frames(noise).noise_variance for seed in range(10)]
     assert np.mean(variances) == pytest.approx(noise**2, rel=0.15)
 
 
@@ -176,7 +176,7 @@ def relative_error(scene: Scene, error: Floats) -> float:
 
     The radial direction is that from the tool to the imaged RCM.
     """
-    direction = seen_by(scene.C, RCM_POSITION_MM[None])[0] - seen_by(scene.C, scene.middle[None])[0]
+    direction = project_points(scene.C, RCM_POSITION_MM[None])[0] - project_points(scene.C, scene.middle[None])[0]
     return float(error @ direction / (direction @ direction))
 
 
@@ -212,7 +212,7 @@ def test_without_the_correction_for_noise_the_imaged_rcm_is_biased_towards_the_t
     uncorrected, corrected = [], []
     for seed in range(30):
         scene = Scene(seed, 500, 3.0)
-        points, true_rcm = scene.noisy_images(1.0), seen_by(scene.C, RCM_POSITION_MM[None])[0]
+        points, true_rcm = scene.noisy_images(1.0), project_points(scene.C, RCM_POSITION_MM[None])[0]
         uncorrected.append(
             relative_error(scene, least_squares_rcm(scene.positions, points) - true_rcm)
         )
@@ -232,48 +232,48 @@ def test_a_motion_too_short_to_determine_the_denominator_does_not_make_it_large(
 def test_the_standard_deviation_of_the_pose_follows_the_textbook_formula(seed: int) -> None:
     scene = Scene(seed, 40)
     fit, p1 = scene.fit_frames(0.3), scene.positions[0]
-    H = both_motions(fit.rows[0], p1, SHAFT)
-    pose = fit.noise * np.trace(np.linalg.inv(H.T @ H))
+    H = markers_jacobian(fit.rows[0], p1, SHAFT)
+    pose = fit.noise_variance * np.trace(np.linalg.inv(H.T @ H))
     assert pose_deviation(fit.rows[0], p1, SHAFT) == pytest.approx(np.sqrt(pose))
 
 
 def test_at_rest_the_offset_averages_the_noise_and_the_sums_stay() -> None:
     scene = Scene(5, 60)
     fit, p1 = scene.fit_frames(0.0), scene.positions[-1]
-    row, sums, exact = fit.rows[0], fit.sums.copy(), markers_seen(scene.C, scene.positions[-1])
+    row, sums, exact = fit.rows[0], fit.sums.copy(), project_markers(scene.C, scene.positions[-1])
     for noise in 0.3 * scene.random.standard_normal((200, 2, 2)):
-        see(row, p1, exact + noise, SHAFT)
-    assert np.abs(located(row, p1, SHAFT) - exact).max() < 4.0 * 0.3 / np.sqrt(200)
+        update_fit(row, p1, exact + noise, SHAFT)
+    assert np.abs(filter_markers(row, p1, SHAFT) - exact).max() < 4.0 * 0.3 / np.sqrt(200)
     assert np.array_equal(fit.sums, sums)
 
 
 def test_positions_closer_than_the_spacing_count_once() -> None:
-    p1, fit = np.array([10.0, 20.0, -120.0]), blank()
+    p1, fit = np.array([10.0, 20.0, -120.0]), initial_fit()
     for distance, frames in (
         (0.0, 1),
         (0.9 * MIN_FRAME_SPACING_MM, 1),
         (1.1 * MIN_FRAME_SPACING_MM, 2),
         (1.2 * MIN_FRAME_SPACING_MM, 2),
     ):
-        see(fit.rows[0], p1 + np.array([distance, 0.0, 0.0]), np.eye(2), SHAFT)
-        assert fit.frames == frames
+        update_fit(fit.rows[0], p1 + np.array([distance, 0.0, 0.0]), np.eye(2), SHAFT)
+        assert fit.frame_count == frames
 
 
 def test_one_frame_determines_the_markers_and_nothing_more() -> None:
     scene = Scene(1, 1)
     p1, points = scene.positions[0], project_markers(scene.C, scene.positions)[0]
     row = fit_frames(scene.positions, points[None]).rows[0]
-    np.testing.assert_allclose(located(row, p1, SHAFT), points, atol=1e-9)
-    covariance = imaged(row, p1 + FAR_POSITION_MM)[1]
+    np.testing.assert_allclose(filter_markers(row, p1, SHAFT), points, atol=1e-9)
+    covariance = predict_image(row, p1 + FAR_POSITION_MM)[1]
     assert covariance.trace() > 100.0**2
 
 
 def test_before_the_first_frame_nothing_is_predicted() -> None:
-    row = blank().rows[0]
-    assert np.isnan(expected(row, FAR_POSITION_MM, SHAFT)).all()
+    row = initial_fit().rows[0]
+    assert np.isnan(predict_markers(row, FAR_POSITION_MM, SHAFT)).all()
 
 
 def test_a_reset_fit_is_as_before_the_first_frame() -> None:
     fit = Scene(0, 10).fit_frames(0.3)
-    empty(fit.rows[0])
-    assert frozen(fit) == frozen(blank())
+    reset_fit(fit.rows[0])
+    assert snapshot(fit) == snapshot(initial_fit())

@@ -5,16 +5,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from conftest import random_from, seeds
+from conftest import make_random, seeds
 from rcmservo.errors import BadInput
-from rcmservo.estimation.broyden import learn as broyden_learn
+from rcmservo.estimation.broyden import broyden_update as broyden_learn
 from rcmservo.estimation.rls import MAX_VARIANCE_PER_MM2, RlsEstimator, inflate_covariance
 
 forgettings = st.floats(0.5, 1.0)
 
 
 def displacements(seed, count, noise=0.0, size=5.0):
-    random = random_from(seed)
+    random = make_random(seed)
     J = random.uniform(-5, 5, (3, 3))
     displacements_p = size * random.standard_normal((count, 3))
     return J, displacements_p, displacements_p @ J.T + noise * random.standard_normal((count, 3))
@@ -61,7 +61,7 @@ def test_without_forgetting_the_order_of_displacements_does_not_matter(seed, cou
 def test_the_latest_displacement_counts_most(seed):
     """After two Jacobians in turn, forgetting brings Ĵ nearer to the second."""
     first, displacements_p, flows = displacements(seed, 20)
-    second = first + random_from(seed + 1).uniform(-5, 5, (3, 3))
+    second = first + make_random(seed + 1).uniform(-5, 5, (3, 3))
     both = np.concatenate([flows, displacements_p @ second.T])
     unforgotten, forgotten = (
         np.linalg.norm(

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
-from conftest import first_quick
+from conftest import mark_others_slow
 from rcmservo.figures import video
 from rcmservo.figures.video import VideoWriter
 from rcmservo.interfaces import Image
@@ -82,7 +82,7 @@ def test_only_the_opencv_warning_is_removed_from_stderr(
     assert capfd.readouterr().err == "of C code\n"
 
 
-@pytest.mark.parametrize("missing_bytes", first_quick([1_500_000, 2_000_000, 1]))
+@pytest.mark.parametrize("missing_bytes", mark_others_slow([1_500_000, 2_000_000, 1]))
 def test_a_video_without_disk_space_is_removed_with_the_reason(
     missing_bytes: int, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:

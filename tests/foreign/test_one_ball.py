@@ -4,25 +4,25 @@ import numpy as np
 import pytest
 from one_ball import Still, errors, stills
 
-from conftest import DATA, ROOT
-from rcmservo.config.rig_file import Lab, load_lab
+from conftest import ARM_RECORDING, ROOT
+from rcmservo.config.rig_file import RigDescription, load_rig_file
 
 
 @pytest.fixture(scope="module")
-def lab() -> Lab:
-    return load_lab(ROOT / "examples/davinci.toml")
+def lab() -> RigDescription:
+    return load_rig_file(ROOT / "examples/davinci.toml")
 
 
 @pytest.fixture(scope="module")
-def observations(lab: Lab) -> list[Still]:
-    if not DATA.exists():
+def observations(lab: RigDescription) -> list[Still]:
+    if not ARM_RECORDING.exists():
         pytest.skip("../shared/data/dvrk_two_balls is not here")
-    return stills(DATA, lab)
+    return stills(ARM_RECORDING, lab)
 
 
 @pytest.mark.parametrize(("k", "limit"), [(0, 1.5), (1, 2.0)])
 def test_the_size_of_one_ball_gives_the_position(
-    k: int, limit: float, observations: list[Still], lab: Lab
+    k: int, limit: float, observations: list[Still], lab: RigDescription
 ) -> None:
     """Ball 2 is smaller and farther away: the same size error causes 1.5 times the error."""
     assert len(observations) == 30

@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from conftest import DATA, ROOT, markers_seen, random_from, true_camera
+from conftest import ARM_RECORDING, ROOT, project_markers, make_random, draw_calibration_matrix
 from rcmservo.cli.cli import main
-from rcmservo.config.rig_file import Lab
+from rcmservo.config.rig_file import RigDescription
 from rcmservo.errors import UnusableFile
 from rcmservo.estimation.base import Estimator, Sample
 from rcmservo.estimation.projection_rule import ProjectionEstimator
-from rcmservo.geometry.imaged_rcm import ImagedRcm, solve
+from rcmservo.geometry.imaged_rcm import ImagedRcm, solve_imaged_rcm
 from rcmservo.geometry.tool import Tool
 from rcmservo.interfaces import Floats
 from rcmservo.recording.foreign.frame_folder import POINT_COLUMNS, load_recording
@@ -25,19 +25,19 @@ from rcmservo.recording.foreign.scoring import (
 )
 from rcmservo.tracking import PointMarkers
 
-LAB = Lab()
+LAB = RigDescription()
 
 
 def write_recording(folder: Path, count: int, lost: int = 0) -> Path:
     """Write a recording of points by an exact camera; the first `lost` frames lack marker 2."""
-    random = random_from(5)
+    random = make_random(5)
     low, high = np.array([0.5, -0.6, 90.0]), np.array([0.9, 0.6, 150.0])
     joints = random.uniform(low, high, (count, 3))
     positions = np.array([LAB.mechanism.position(q) for q in joints])
-    C = true_camera(random_from(8), positions)
+    C = draw_calibration_matrix(make_random(8), positions)
     lines = ["frame,theta_rad,phi_rad,rho_m," + ",".join(POINT_COLUMNS)]
     for i, (q, p1) in enumerate(zip(joints, positions, strict=True)):
-        points = [f"{x:.9f}" for x in markers_seen(C, p1).ravel()]
+        points = [f"{x:.9f}" for x in project_markers(C, p1).ravel()]
         points[2:] = ["", ""] if i < lost else points[2:]
         lines.append(",".join([str(i), *(repr(float(x)) for x in q * [1, 1, 1e-3]), *points]))
     (folder / "poses.csv").write_text("\n".join(lines) + "\n")
@@ -64,7 +64,7 @@ def test_eq_16_as_printed_can_be_scored(tmp_path: Path) -> None:
         write_recording(tmp_path, 40), LAB, PointMarkers(), estimators, printed
     )
     last = np.array([found.points.ravel() for found in result.markers[-4:]])
-    assert np.array_equal(result.o_c, solve(last, 4, 0, True)[0])
+    assert np.array_equal(result.o_c, solve_imaged_rcm(last, 4, 0, True)[0])
 
 
 def test_frames_without_both_markers_are_left_out(tmp_path: Path) -> None:
@@ -130,11 +130,11 @@ def test_the_command_scores_points_without_any_image(
 
 
 def test_the_points_of_a_real_recording_have_the_score_of_its_images(tmp_path: Path) -> None:
-    if not DATA.exists():
+    if not ARM_RECORDING.exists():
         pytest.skip("../shared/data/dvrk_two_balls is not here")
     rig = ["--rig", str(ROOT / "examples/davinci.toml")]
-    assert main(["replay", str(DATA), *rig, "--out", str(tmp_path / "pictures")]) == 0
-    poses = (DATA / "poses.csv").read_text().splitlines()
+    assert main(["replay", str(ARM_RECORDING), *rig, "--out", str(tmp_path / "pictures")]) == 0
+    poses = (ARM_RECORDING / "poses.csv").read_text().splitlines()
     centres = (tmp_path / "pictures" / "centres.csv").read_text().splitlines()
     (tmp_path / "points").mkdir()
     lines = [

@@ -6,20 +6,20 @@ from typing import Any
 import numpy as np
 import pytest
 
-from conftest import DATA, ROOT
+from conftest import ARM_RECORDING, ROOT
 from rcmservo.cli.cli import main
 
 
 @pytest.fixture(scope="module")
 def report(tmp_path_factory: pytest.TempPathFactory) -> Any:
-    if not DATA.exists():
+    if not ARM_RECORDING.exists():
         pytest.skip("../shared/data/dvrk_two_balls is not here")
     out = tmp_path_factory.mktemp("replay") / "out"
     assert (
         main(
             [
                 "replay",
-                str(DATA),
+                str(ARM_RECORDING),
                 "--rig",
                 str(ROOT / "examples/davinci.toml"),
                 "--out",

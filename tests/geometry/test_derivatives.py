@@ -7,44 +7,44 @@ from hypothesis import strategies as st
 
 from conftest import (
     SHAFT,
-    SPACING,
-    derivative,
+    SPACING_MM,
+    differentiate,
     kinds,
-    markers_seen,
-    random_from,
-    rcm_of,
+    project_markers,
+    make_random,
+    make_rcm,
     seeds,
-    tool_positions,
-    true_camera,
+    draw_tool_positions,
+    draw_calibration_matrix,
 )
 from rcmservo.control.saturated_controller import potential, potential_gradient
 from rcmservo.estimation.projection_rule import feature_jacobian, markers_jacobian, predict
 from rcmservo.geometry.features import (
-    SCALE,
-    about,
+    FEATURE_SCALE,
+    shift_to_rcm,
     compute_line_features,
-    difference,
-    features,
-    features_jacobian,
-    straight_jacobian,
+    compute_feature_error,
+    compute_features,
+    compute_features_jacobian,
+    write_line_features_jacobian,
 )
 from rcmservo.geometry.kinematics import (
     PitchYawRcm,
     SphericalRcm,
-    axis,
+    compute_axis,
     compute_axis_jacobian,
-    position,
-    position_jacobian,
+    compute_position,
+    compute_position_jacobian,
 )
-from rcmservo.geometry.projection import depth, parameters, project, project_jacobian
+from rcmservo.geometry.projection import compute_depth, extract_parameters, project, compute_projection_jacobian
 from rcmservo.geometry.tool import (
     RIGID,
     SCALED,
     RigidTool,
     ScaledTool,
-    Shaft,
-    second_marker,
-    second_marker_jacobian,
+    ToolStruct,
+    compute_second_marker,
+    compute_second_marker_jacobian,
 )
 from rcmservo.sim.camera_model import CameraModel, compute_look_at_rotation
 from rcmservo.sim.ground_truth import compute_feature_jacobian as true_feature_jacobian
@@ -56,19 +56,19 @@ angles = st.one_of(
 points = st.tuples(*[st.floats(-150, 150)] * 3).map(np.array)
 markers = st.tuples(*[st.floats(-400, 400)] * 4).map(np.array)
 tools = st.one_of(
-    st.builds(Shaft, st.just(RIGID), st.floats(1, 80)),
-    st.builds(Shaft, st.just(SCALED), st.floats(1.01, 3)),
+    st.builds(ToolStruct, st.just(RIGID), st.floats(1, 80)),
+    st.builds(ToolStruct, st.just(SCALED), st.floats(1.01, 3)),
 )
 
 
 @given(kinds, angles, angles, st.floats(0.01, 300), st.floats(-5, 5))
 def test_derivatives_of_position_and_axis_are_analytic(kind, first, second, rho, zero):
-    q, rcm = np.array([first, second, rho - zero]), rcm_of(kind, zero)
-    numeric = derivative(lambda q: position(rcm, q), q, [1e-3, 1e-3, 1e-3 * rho])
-    assert np.allclose(position_jacobian(rcm, q), numeric, rtol=0, atol=1e-9 * max(rho, 1))
+    q, rcm = np.array([first, second, rho - zero]), make_rcm(kind, zero)
+    numeric = differentiate(lambda q: compute_position(rcm, q), q, [1e-3, 1e-3, 1e-3 * rho])
+    assert np.allclose(compute_position_jacobian(rcm, q), numeric, rtol=0, atol=1e-9 * max(rho, 1))
     assert np.allclose(
         np.transpose(compute_axis_jacobian(rcm, q)),
-        derivative(lambda q: axis(rcm, q), q, 1e-3)[:, :2],
+        differentiate(lambda q: compute_axis(rcm, q), q, 1e-3)[:, :2],
         atol=1e-10,
     )
 
@@ -77,22 +77,22 @@ def test_derivatives_of_position_and_axis_are_analytic(kind, first, second, rho,
 def test_derivative_of_marker_2_is_analytic(tool, p1):
     rho = np.linalg.norm(p1)
     assume(rho > 0.1)  # a rigid shaft has no direction at the RCM
-    numeric = derivative(lambda p: second_marker(tool, p), p1, 1e-3 * rho)
+    numeric = differentiate(lambda p: compute_second_marker(tool, p), p1, 1e-3 * rho)
     assert np.allclose(
-        second_marker_jacobian(tool, p1), numeric, rtol=0, atol=1e-9 * (1 + tool.value / rho)
+        compute_second_marker_jacobian(tool, p1), numeric, rtol=0, atol=1e-9 * (1 + tool.value / rho)
     )
 
 
 @given(seeds, points)
 def test_derivative_of_the_projection_is_analytic(seed, p):
-    random = random_from(seed)
+    random = make_random(seed)
     a = np.concatenate([random.uniform(-5, 5, 6), random.uniform(-0.01, 0.01, 3)])
-    z = depth(a, p)
+    z = compute_depth(a, p)
     assume(abs(z) > 1e-3)  # z = 0 is the plane of the camera
     step = 1e-3 * abs(z) / 0.01
-    numeric = derivative(lambda p: project(a, p), p, step)
+    numeric = differentiate(lambda p: project(a, p), p, step)
     assert np.allclose(
-        project_jacobian(a, p), numeric, rtol=1e-7, atol=1e-9 * (1 + np.abs(numeric).max())
+        compute_projection_jacobian(a, p), numeric, rtol=1e-7, atol=1e-9 * (1 + np.abs(numeric).max())
     )
 
 
@@ -103,47 +103,47 @@ def test_derivative_of_the_features_holds_for_close_markers_too(m, closeness):
     assume(nearest > 1e-3)
 
     def change(x):
-        return difference(features(x), features(m))
+        return compute_feature_error(compute_features(x), compute_features(m))
 
-    numeric = derivative(change, m, 1e-3 * nearest)
+    numeric = differentiate(change, m, 1e-3 * nearest)
     rounding = 1e-13 * np.abs(m).max() / (1e-3 * nearest)  # rounding of m, over the step
     assert np.allclose(
-        features_jacobian(m), numeric, rtol=1e-8, atol=1e-9 + rounding * max(1, 1 / nearest)
+        compute_features_jacobian(m), numeric, rtol=1e-8, atol=1e-9 + rounding * max(1, 1 / nearest)
     )
 
 
 @given(seeds, tools)
 def test_derivative_of_the_features_holds_for_given_projection_parameters(seed, tool):
-    random = random_from(seed)
-    p1 = tool_positions(random, 1)[0]
-    a, _ = parameters(true_camera(random, p1[None]))
-    assume(depth(a, second_marker(tool, p1)) > 0.05)
+    random = make_random(seed)
+    p1 = draw_tool_positions(random, 1)[0]
+    a, _ = extract_parameters(draw_calibration_matrix(random, p1[None]))
+    assume(compute_depth(a, compute_second_marker(tool, p1)) > 0.05)
     m = predict(a, p1, tool)
     assume(np.linalg.norm(m[2:] - m[:2]) > 0.5)
     assert np.allclose(
         markers_jacobian(a, p1, tool),
-        derivative(lambda p: predict(a, p, tool), p1, 1e-2),
+        differentiate(lambda p: predict(a, p, tool), p1, 1e-2),
         rtol=1e-6,
         atol=1e-7,
     )
     J = feature_jacobian(a, p1, m, tool)
-    numeric = derivative(lambda p: difference(features(predict(a, p, tool)), features(m)), p1, 1e-2)
-    assert np.abs((J - numeric) / SCALE[:, None]).max() < 1e-6 * np.abs(J / SCALE[:, None]).max()
+    numeric = differentiate(lambda p: compute_feature_error(compute_features(predict(a, p, tool)), compute_features(m)), p1, 1e-2)
+    assert np.abs((J - numeric) / FEATURE_SCALE[:, None]).max() < 1e-6 * np.abs(J / FEATURE_SCALE[:, None]).max()
 
 
 @given(seeds)
 def test_derivative_of_the_features_holds_for_a_full_calibration_matrix(seed):
     """Compare the raw pixels with the Jacobian of Lemma 1's parameters, without a loss of terms."""
-    random = random_from(seed)
-    p1 = tool_positions(random, 1)[0]
-    C = true_camera(random, p1[None])
-    a, o_c = parameters(C)
-    m = about(markers_seen(C, p1), o_c)
+    random = make_random(seed)
+    p1 = draw_tool_positions(random, 1)[0]
+    C = draw_calibration_matrix(random, p1[None])
+    a, o_c = extract_parameters(C)
+    m = shift_to_rcm(project_markers(C, p1), o_c)
     J = feature_jacobian(a, p1, m, SHAFT)
-    numeric = derivative(
-        lambda p: difference(features(about(markers_seen(C, p), o_c)), features(m)), p1, 1e-2
+    numeric = differentiate(
+        lambda p: compute_feature_error(compute_features(shift_to_rcm(project_markers(C, p), o_c)), compute_features(m)), p1, 1e-2
     )
-    assert np.abs((J - numeric) / SCALE[:, None]).max() < 1e-6 * np.abs(J / SCALE[:, None]).max()
+    assert np.abs((J - numeric) / FEATURE_SCALE[:, None]).max() < 1e-6 * np.abs(J / FEATURE_SCALE[:, None]).max()
 
 
 BOUNDS = np.array([np.radians(10.0), 10.0, 40.0])
@@ -157,7 +157,7 @@ not_at_the_kink = st.floats(-5, 5).filter(lambda share: abs(abs(share) - 1.0) > 
 @given(st.tuples(errors, errors, errors))
 def test_gradient_of_the_continuous_potential_holds_at_its_bounds_too(shares):
     delta, step = np.array(shares) * BOUNDS, 1e-6 * BOUNDS.min()
-    numeric = derivative(lambda x: potential(x, BOUNDS, False), delta, step)
+    numeric = differentiate(lambda x: potential(x, BOUNDS, False), delta, step)
     assert np.allclose(
         potential_gradient(delta, BOUNDS, False), numeric, rtol=0, atol=2e-6 * BOUNDS.max()
     )
@@ -166,7 +166,7 @@ def test_gradient_of_the_continuous_potential_holds_at_its_bounds_too(shares):
 @given(st.tuples(not_at_the_kink, not_at_the_kink, not_at_the_kink))
 def test_gradient_of_the_printed_potential_holds_outside_its_kink(shares):
     delta = np.array(shares) * BOUNDS
-    numeric = derivative(lambda x: potential(x, BOUNDS, True), delta, 1e-3 * BOUNDS.min())
+    numeric = differentiate(lambda x: potential(x, BOUNDS, True), delta, 1e-3 * BOUNDS.min())
     assert np.allclose(potential_gradient(delta, BOUNDS, True), numeric, rtol=0, atol=1e-8)
 
 
@@ -183,14 +183,14 @@ def test_the_printed_potential_is_continuous_but_its_gradient_drops_by_half_at_t
     seeds,
     st.sampled_from([SphericalRcm(), PitchYawRcm(insertion_zero=-3.0)]),
     st.sampled_from(
-        [RigidTool(SPACING), RigidTool(SPACING, offset=12.0), ScaledTool(1.3, offset=-8.0)]
+        [RigidTool(SPACING_MM), RigidTool(SPACING_MM, offset=12.0), ScaledTool(1.3, offset=-8.0)]
     ),
     st.floats(-0.25, 0.05),
     st.floats(-0.02, 0.05),
 )
 def test_derivative_of_the_features_holds_for_a_lens_with_distortion(seed, mechanism, tool, k1, k2):
     """The Jacobian of the ground truth, along all joints: ∂y/∂q = J ∂p₁/∂q."""
-    random = random_from(seed)
+    random = make_random(seed)
     body = ToolBody(mechanism, tool)
     lower, upper = np.array(mechanism.limits.lower), np.array(mechanism.limits.upper)
     q = random.uniform(lower + 0.1 * (upper - lower), upper - 0.1 * (upper - lower))
@@ -207,16 +207,16 @@ def test_derivative_of_the_features_holds_for_a_lens_with_distortion(seed, mecha
     o_c = random.uniform(-200, 800, 2)
 
     def project_with_lens(q):
-        return about(optics.project(body.points(q)[:2]), o_c)
+        return shift_to_rcm(optics.project(body.points(q)[:2]), o_c)
 
     m = project_with_lens(q)
     assume(np.isfinite(m).all() and np.linalg.norm(m[:2] - m[2:]) > 2 and np.linalg.norm(m[:2]) > 2)
-    numeric = derivative(
-        lambda q: difference(features(project_with_lens(q)), features(m)), q, [1e-5, 1e-5, 1e-3]
+    numeric = differentiate(
+        lambda q: compute_feature_error(compute_features(project_with_lens(q)), compute_features(m)), q, [1e-5, 1e-5, 1e-3]
     )
-    marker = position_jacobian(mechanism.rcm(tool.offset), q)
+    marker = compute_position_jacobian(mechanism.rcm(tool.offset), q)
     J = true_feature_jacobian(body, optics, q, o_c) @ marker
-    assert np.abs((J - numeric) / SCALE[:, None]).max() < 1e-6 * np.abs(J / SCALE[:, None]).max()
+    assert np.abs((J - numeric) / FEATURE_SCALE[:, None]).max() < 1e-6 * np.abs(J / FEATURE_SCALE[:, None]).max()
 
 
 @given(markers, st.floats(1.1, 4.0), st.floats(-0.3, 0.3))
@@ -225,7 +225,7 @@ def test_derivative_of_the_line_features_is_analytic(m, further, bend):
     assume(np.hypot(u, v) > 20.0)
     m[2:] = further * np.array([u - bend * v, v + bend * u])
     J = np.empty((3, 4))
-    straight_jacobian(m, J)
-    numeric = derivative(compute_line_features, m, 1e-2)
+    write_line_features_jacobian(m, J)
+    numeric = differentiate(compute_line_features, m, 1e-2)
     assume(np.abs(numeric).max() < 10.0)
     assert np.allclose(J, numeric, rtol=0, atol=1e-7)

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from conftest import kinds, random_from, rcm_of, seeds
+from conftest import kinds, make_random, make_rcm, seeds
 from rcmservo.errors import BadInput
 from rcmservo.geometry.kinematics import (
     MIN_LEVER,
@@ -14,12 +14,12 @@ from rcmservo.geometry.kinematics import (
     JointLimits,
     PitchYawRcm,
     SphericalRcm,
-    axis,
+    compute_axis,
     compute_axis_jacobian,
-    joint_rates,
-    joints,
-    position,
-    position_jacobian,
+    compute_joint_rates,
+    compute_joints,
+    compute_position,
+    compute_position_jacobian,
 )
 from rcmservo.sim.arm import Drive, SimulatedArm
 
@@ -36,20 +36,20 @@ def test_spherical_coordinates_are_equation_2(theta, phi, rho):
     printed = rho * np.array(
         [np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)]
     )
-    assert np.allclose(position(rcm_of(SPHERICAL), np.array([theta, phi, rho])), printed)
+    assert np.allclose(compute_position(make_rcm(SPHERICAL), np.array([theta, phi, rho])), printed)
 
 
 def test_pitch_and_yaw_start_at_minus_z_and_turn_to_x_and_minus_y():
-    assert np.allclose(axis(rcm_of(PITCH_YAW), np.zeros(3)), [0, 0, -1])
-    assert np.allclose(axis(rcm_of(PITCH_YAW), np.array([np.pi / 2, 0, 0])), [1, 0, 0])
-    assert np.allclose(axis(rcm_of(PITCH_YAW), np.array([0, np.pi / 2, 0])), [0, -1, 0])
+    assert np.allclose(compute_axis(make_rcm(PITCH_YAW), np.zeros(3)), [0, 0, -1])
+    assert np.allclose(compute_axis(make_rcm(PITCH_YAW), np.array([np.pi / 2, 0, 0])), [1, 0, 0])
+    assert np.allclose(compute_axis(make_rcm(PITCH_YAW), np.array([0, np.pi / 2, 0])), [0, -1, 0])
 
 
 @given(kinds, angles, angles, rhos, zeros)
 def test_the_distance_from_the_rcm_is_insertion_plus_zero_at_any_angle(
     kind, first, second, rho, zero
 ):
-    p = position(rcm_of(kind, zero), np.array([first, second, rho - zero]))
+    p = compute_position(make_rcm(kind, zero), np.array([first, second, rho - zero]))
     assert np.linalg.norm(p) == pytest.approx(rho)
 
 
@@ -58,14 +58,14 @@ def test_inverse_kinematics_inverts_the_position(kind, inner, outer, rho, zero):
     q = np.array(
         [inner, outer, rho - zero] if kind == SPHERICAL else [outer, inner - 0.75, rho - zero]
     )
-    assert np.allclose(joints(rcm_of(kind, zero), position(rcm_of(kind, zero), q)), q, atol=1e-9)
+    assert np.allclose(compute_joints(make_rcm(kind, zero), compute_position(make_rcm(kind, zero), q)), q, atol=1e-9)
 
 
 @given(kinds, angles, angles)
 def test_axis_and_its_derivatives_are_orthogonal(kind, first, second):
     """The joint rates are a projection, not an inversion, because the columns are orthogonal."""
     q = np.array([first, second, 100.0])
-    along = np.column_stack([*compute_axis_jacobian(rcm_of(kind), q), axis(rcm_of(kind), q)])
+    along = np.column_stack([*compute_axis_jacobian(make_rcm(kind), q), compute_axis(make_rcm(kind), q)])
     products = along.T @ along
     assert np.allclose(products - np.diag(np.diag(products)), 0, atol=1e-12)
 
@@ -77,9 +77,9 @@ def test_joint_rates_give_the_requested_velocity_outside_singularities(
     q = np.array([first, second, rho - zero])
     lever = abs(np.sin(first)) if kind == SPHERICAL else abs(np.cos(second))
     assume(lever > 2 * MIN_LEVER)
-    v = random_from(seed).uniform(-50, 50, 3)
+    v = make_random(seed).uniform(-50, 50, 3)
     assert np.allclose(
-        position_jacobian(rcm_of(kind, zero), q) @ joint_rates(rcm_of(kind, zero), q, v),
+        compute_position_jacobian(make_rcm(kind, zero), q) @ compute_joint_rates(make_rcm(kind, zero), q, v),
         v,
         atol=1e-8,
     )
@@ -90,23 +90,23 @@ def test_joint_rates_are_bounded_at_the_singularity_and_never_exceed_the_request
     kind, seed, near, other, rho
 ):
     q = np.array([near, other, rho] if kind == SPHERICAL else [other, np.pi / 2 + near, rho])
-    v = random_from(seed).uniform(-50, 50, 3)
-    rcm = rcm_of(kind)
-    rates = joint_rates(rcm, q, v)
+    v = make_random(seed).uniform(-50, 50, 3)
+    rcm = make_rcm(kind)
+    rates = compute_joint_rates(rcm, q, v)
     assert np.all(np.abs(rates[:2]) <= np.linalg.norm(v) / (MIN_LEVER * rho) * 1.001)
-    assert np.linalg.norm(position_jacobian(rcm, q) @ rates) <= np.linalg.norm(v) * (1 + 1e-9)
+    assert np.linalg.norm(compute_position_jacobian(rcm, q) @ rates) <= np.linalg.norm(v) * (1 + 1e-9)
 
 
 def test_joint_rates_at_theta_zero_and_at_the_rcm_raise_no_error():
     v = np.array([1.0, 2.0, 3.0])
-    assert np.isfinite(joint_rates(rcm_of(SPHERICAL), np.array([0.0, 0.0, 100.0]), v)).all()
-    assert joint_rates(rcm_of(SPHERICAL), np.zeros(3), v)[2] == 3.0
+    assert np.isfinite(compute_joint_rates(make_rcm(SPHERICAL), np.array([0.0, 0.0, 100.0]), v)).all()
+    assert compute_joint_rates(make_rcm(SPHERICAL), np.zeros(3), v)[2] == 3.0
 
 
 @rcms
 @pytest.mark.parametrize("seed", range(3))
 def test_the_simulated_arm_follows_equation_2(rcm, seed):
-    q = random_from(seed).uniform(rcm.limits.lower, rcm.limits.upper)
+    q = make_random(seed).uniform(rcm.limits.lower, rcm.limits.upper)
     arm = SimulatedArm(rcm, Drive())
     arm.place(q)
     assert np.allclose(arm.p_true, rcm.position(q), atol=1e-6)
@@ -115,8 +115,8 @@ def test_the_simulated_arm_follows_equation_2(rcm, seed):
 @rcms
 def test_methods_take_any_memory_order_and_agree_with_the_functions(rcm):
     q = np.array([[0.4, 9], [-0.3, 9], [90.0, 9]])[:, 0]  # not contiguous
-    assert np.array_equal(rcm.position(q), position(rcm.rcm(), q.copy()))
-    assert np.array_equal(rcm.jacobian(q), position_jacobian(rcm.rcm(), q.copy()))
+    assert np.array_equal(rcm.position(q), compute_position(rcm.rcm(), q.copy()))
+    assert np.array_equal(rcm.jacobian(q), compute_position_jacobian(rcm.rcm(), q.copy()))
     assert np.allclose(rcm.position(rcm.joints(rcm.position(q))), rcm.position(q))
 
 

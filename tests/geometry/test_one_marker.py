@@ -3,17 +3,17 @@
 import numpy as np
 import pytest
 
-from conftest import SHAFT, derivative, markers_seen, random_from, tool_positions, true_camera
-from rcmservo.estimation.projection_fit import NEAR, blank, see
+from conftest import SHAFT, differentiate, project_markers, make_random, draw_tool_positions, draw_calibration_matrix
+from rcmservo.estimation.projection_fit import OFFSET_DECAY_MM, initial_fit, update_fit
 from rcmservo.estimation.projection_prediction import (
-    both_motions,
-    deviation_without,
-    expected,
-    imaged,
+    markers_jacobian,
+    deviation_without_marker,
+    predict_markers,
+    predict_image,
 )
-from rcmservo.geometry.tool import second_marker
+from rcmservo.geometry.tool import compute_second_marker
 from rcmservo.interfaces import Floats
-from rcmservo.numerics.structs import changed
+from rcmservo.numerics.structs import replace_fields
 
 NOISE = 0.3
 EITHER = pytest.mark.parametrize("k", [0, 1])
@@ -26,27 +26,27 @@ class FitWithLostMarker:
     """
 
     def __init__(self, seed: int, k: int) -> None:
-        self.random, self.k = random_from(seed), k
-        positions = tool_positions(self.random, 60, 6.0)
+        self.random, self.k = make_random(seed), k
+        positions = draw_tool_positions(self.random, 60, 6.0)
         self.end = positions[-1] + self.random.uniform(-12.0, 12.0, 3)
-        self.C = true_camera(self.random, np.stack([*positions, self.end]))
-        self.fit = blank()
+        self.C = draw_calibration_matrix(self.random, np.stack([*positions, self.end]))
+        self.fit = initial_fit()
         for p1 in positions:
-            see(self.fit.rows[0], p1, self.markers(p1), SHAFT)
+            update_fit(self.fit.rows[0], p1, self.markers(p1), SHAFT)
         for p1 in np.linspace(positions[-1], self.end, 60):
             points = self.markers(p1)
             points[k] = np.nan
-            see(self.fit.rows[0], p1, points, SHAFT)
+            update_fit(self.fit.rows[0], p1, points, SHAFT)
 
     def markers(self, p1: Floats) -> Floats:
-        return markers_seen(self.C, p1) + NOISE * self.random.standard_normal((2, 2))
+        return project_markers(self.C, p1) + NOISE * self.random.standard_normal((2, 2))
 
     def pose_error(self) -> float:
         """Return the error of the pose in mm if the lost marker is replaced by its prediction."""
-        H = derivative(lambda p: markers_seen(self.C, p).ravel(), self.end, 1e-2)
+        H = differentiate(lambda p: project_markers(self.C, p).ravel(), self.end, 1e-2)
         deviation = np.zeros((2, 2))
-        predicted = expected(self.fit.rows[0], self.end, SHAFT)
-        deviation[self.k] = predicted[self.k] - markers_seen(self.C, self.end)[self.k]
+        predicted = predict_markers(self.fit.rows[0], self.end, SHAFT)
+        deviation[self.k] = predicted[self.k] - project_markers(self.C, self.end)[self.k]
         return float(np.linalg.norm(np.linalg.pinv(H) @ deviation.ravel()))
 
 
@@ -54,10 +54,10 @@ class FitWithLostMarker:
 def test_the_deviation_of_the_pose_is_the_propagated_covariance(k: int) -> None:
     hidden = FitWithLostMarker(0, k)
     row, p1 = hidden.fit.rows[0], hidden.end
-    position = p1 if k == 0 else second_marker(SHAFT, p1)
-    back = np.linalg.pinv(both_motions(row, p1, SHAFT))[:, 2 * k : 2 * k + 2]
-    total = np.trace(back @ imaged(row, position)[1] @ back.T)
-    assert deviation_without(row, p1, k, SHAFT) == pytest.approx(np.sqrt(total))
+    position = p1 if k == 0 else compute_second_marker(SHAFT, p1)
+    back = np.linalg.pinv(markers_jacobian(row, p1, SHAFT))[:, 2 * k : 2 * k + 2]
+    total = np.trace(back @ predict_image(row, position)[1] @ back.T)
+    assert deviation_without_marker(row, p1, k, SHAFT) == pytest.approx(np.sqrt(total))
 
 
 @EITHER
@@ -66,7 +66,7 @@ def test_the_error_of_the_pose_matches_its_deviation(k: int) -> None:
     for seed in range(150):
         hidden = FitWithLostMarker(seed, k)
         row = hidden.fit.rows[0]
-        ratios.append(hidden.pose_error() / deviation_without(row, hidden.end, k, SHAFT))
+        ratios.append(hidden.pose_error() / deviation_without_marker(row, hidden.end, k, SHAFT))
     assert 0.8 < np.sqrt(np.mean(np.minimum(ratios, 4.0) ** 2)) < 1.25
     assert np.quantile(ratios, 0.95) < 2.5
 
@@ -74,14 +74,14 @@ def test_the_error_of_the_pose_matches_its_deviation(k: int) -> None:
 @EITHER
 def test_a_lost_marker_adds_no_data_and_its_offset_decays(k: int) -> None:
     hidden, points = FitWithLostMarker(3, k), np.full((2, 2), np.nan)
-    before = changed(hidden.fit, offset=np.ones((2, 2)))
-    after = changed(before)
-    there = hidden.end + np.array([NEAR, 0.0, 0.0])
-    points[1 - k] = markers_seen(hidden.C, there)[1 - k]
-    see(after.rows[0], there, points, SHAFT)
-    assert after.frames == before.frames + 0.5
-    assert np.array_equal(after.apart[k], before.apart[k])
-    assert np.any(after.apart[1 - k] != before.apart[1 - k])
+    before = replace_fields(hidden.fit, offset=np.ones((2, 2)))
+    after = replace_fields(before)
+    there = hidden.end + np.array([OFFSET_DECAY_MM, 0.0, 0.0])
+    points[1 - k] = project_markers(hidden.C, there)[1 - k]
+    update_fit(after.rows[0], there, points, SHAFT)
+    assert after.frame_count == before.frame_count + 0.5
+    assert np.array_equal(after.marker_sums[k], before.marker_sums[k])
+    assert np.any(after.marker_sums[1 - k] != before.marker_sums[1 - k])
     assert after.offset[k] == pytest.approx(np.exp(-1.0))
-    assert after.weight[k] == pytest.approx(before.weight[k] * np.exp(-1.0))
-    assert np.isfinite(after.A).all() and np.isfinite(after.noise)
+    assert after.offset_weight[k] == pytest.approx(before.offset_weight[k] * np.exp(-1.0))
+    assert np.isfinite(after.A).all() and np.isfinite(after.noise_variance)

@@ -5,29 +5,29 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from conftest import random_from, seeds, tool_positions
+from conftest import make_random, seeds, draw_tool_positions
 from rcmservo.errors import BadInput
-from rcmservo.geometry.tool import RIGID, SCALED, RigidTool, ScaledTool, Shaft, second_marker
+from rcmservo.geometry.tool import RIGID, SCALED, RigidTool, ScaledTool, ToolStruct, compute_second_marker
 
 spacings = st.floats(1.0, 100.0)
 
 
 @given(seeds, spacings)
 def test_on_a_rigid_shaft_the_markers_keep_their_spacing_along_the_axis_outwards(seed, spacing):
-    p1 = tool_positions(random_from(seed), 1)[0]
+    p1 = draw_tool_positions(make_random(seed), 1)[0]
     displacement = RigidTool(spacing).second_marker(p1) - p1
     assert np.allclose(displacement, spacing * p1 / np.linalg.norm(p1))
 
 
 @given(seeds, st.floats(1.01, 5.0))
 def test_on_a_scaled_tool_the_markers_keep_their_ratio(seed, scale):
-    p1 = tool_positions(random_from(seed), 1)[0]
+    p1 = draw_tool_positions(make_random(seed), 1)[0]
     assert np.allclose(ScaledTool(scale).second_marker(p1), scale * p1)
 
 
 @given(seeds, spacings)
 def test_both_tools_agree_at_the_insertion_of_their_common_lambda(seed, spacing):
-    p1 = tool_positions(random_from(seed), 1)[0]
+    p1 = draw_tool_positions(make_random(seed), 1)[0]
     scale = 1.0 + spacing / np.linalg.norm(p1)
     assert np.allclose(RigidTool(spacing).second_marker(p1), ScaledTool(scale).second_marker(p1))
 
@@ -37,7 +37,7 @@ def test_insertion_shrinks_the_imaged_distance_of_a_rigid_tool_and_grows_a_scale
 
     def d(kind, value, rho):
         p1 = rho * np.array([np.sin(0.7), 0.0, np.cos(0.7)])
-        pair = np.stack([p1, second_marker(Shaft(kind, value), p1)])
+        pair = np.stack([p1, compute_second_marker(ToolStruct(kind, value), p1)])
         image = 800 * pair[:, :2] / (200 + pair[:, 2:])
         return np.linalg.norm(image[1] - image[0])
 

@@ -9,7 +9,7 @@ import time
 
 import pytest
 
-from conftest import HEEDING_CTRL_C, ROOT
+from conftest import INTERRUPTIBLE_COMMAND, ROOT
 from rcmservo.cli.cli import main
 from rcmservo.sim import Rig
 
@@ -26,7 +26,7 @@ def test_the_command_prints_its_address_and_the_arms_position_moves_the_arm_and_
     command = [
         sys.executable,
         "-c",
-        HEEDING_CTRL_C,
+        INTERRUPTIBLE_COMMAND,
         "emulate",
         "galil",
         "--port",

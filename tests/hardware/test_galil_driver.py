@@ -22,11 +22,11 @@ from rcmservo.hardware.galil.emulator.faults import Fault
 from rcmservo.hardware.galil.emulator.serial_port import SerialPort
 from rcmservo.hardware.galil.emulator.server import Server
 from rcmservo.hardware.galil.settings import GalilSettings
-from rcmservo.interfaces import Command, Floats, Measured
+from rcmservo.interfaces import Command, Floats, ArmMeasurement
 from rcmservo.live.device_protocols import NotReady
 from rcmservo.live.realtime import urgent
 from rcmservo.loop.clock import WallClock
-from stalls import undisturbed
+from stalls import retry_after_stalls
 
 pytestmark = pytest.mark.alone
 
@@ -88,7 +88,7 @@ def emulator() -> Iterator[WallTimeEmulator]:
         yield one
 
 
-def drive(arm: GalilArm, rates: Floats, ticks: int) -> Measured:
+def drive(arm: GalilArm, rates: Floats, ticks: int) -> ArmMeasurement:
     """Send commands every 10 ms, as the loop does; return the measurement after the last."""
     clock = WallClock()
     start = clock.now()
@@ -111,11 +111,11 @@ def test_the_driver_moves_an_arm_whose_position_is_set_and_leaves_it_off(
         arm.define(HOME)
         assert arm.measure().q == pytest.approx(HOME, abs=2e-3)
 
-        def move() -> tuple[Measured, Measured]:
+        def move() -> tuple[ArmMeasurement, ArmMeasurement]:
             arm.enable()
             return drive(arm, RATES, 10), drive(arm, RATES, 30)
 
-        first, last = undisturbed(move, lambda run: run[1].enabled)
+        first, last = retry_after_stalls(move, lambda run: run[1].enabled)
         assert last.enabled, arm.why_off
         rates = (last.q - first.q) / ((last.time - first.time) * 1e-9)
         assert rates == pytest.approx(RATES, rel=0.1)

@@ -13,14 +13,14 @@ import pytest
 from galil_measures import Emulated
 
 from conftest import ROOT
-from peers import peer
+from peers import mark_peer
 
 PEERS = ROOT / ".peers"
 
 pytestmark = [
     pytest.mark.slow,
     pytest.mark.alone,
-    peer("socs (Galil client)", (PEERS / "socs").is_dir(), "make peers"),
+    mark_peer("socs (Galil client)", (PEERS / "socs").is_dir(), "make peers"),
 ]
 
 

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from conftest import random_from, seeds
+from conftest import make_random, seeds
 from rcmservo.hardware.galil.sample_clock import COUNTER_MODULUS, SAMPLE_TIME_PER_TM_S, SampleClock
 
 PERIOD = 1000 * SAMPLE_TIME_PER_TM_S
@@ -36,7 +36,7 @@ def test_a_delayed_reply_does_not_shift_the_time_of_its_joints(
     seed: int, drift: float, first: int, start: float
 ) -> None:
     """One message in ten takes up to 0.3 s longer, and some exchanges pause for a second."""
-    random, world = random_from(seed), World(drift, first, start)
+    random, world = make_random(seed), World(drift, first, start)
     for _ in range(20):
         world.now += 0.01
         world.exchange(*random.uniform(1e-4, 4e-4, 2))

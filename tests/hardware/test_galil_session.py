@@ -33,7 +33,7 @@ class Rig:
     def new_session(
         self, settings: GalilSettings = SETTINGS, limits: JointLimits = LIMITS
     ) -> GalilSession:
-        connections = [self.connect(settings.answer_within) for _ in range(2)]
+        connections = [self.connect(settings.reply_timeout) for _ in range(2)]
         session = GalilSession(*connections, settings, limits)
         session.set_up()
         return session
@@ -116,7 +116,7 @@ def test_the_controller_alone_stops_the_arm_of_a_silent_host() -> None:
     rig.jog(RATES, 0.5)
     rest, off = stopping_times(rig, 0.5)
     ramp = max(0.3 / 10.0, 20.0 / 1000.0)
-    assert 0.03 < rest < SETTINGS.patience + ramp + 0.01
+    assert 0.03 < rest < SETTINGS.command_timeout + ramp + 0.01
     assert off < rest + 0.01
 
 

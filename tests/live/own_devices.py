@@ -58,7 +58,7 @@ class OwnArm:
             self.rates, self.enabled = np.zeros(3), False
         q = self.shared[1:] + self.rates * (now - self.shared[0]) * 1e-9
         self.shared[:] = now, *q
-        return rs.Measured(now, q, self.enabled)
+        return rs.ArmMeasurement(now, q, self.enabled)
 
     def apply(self, command):
         self.measure()
@@ -137,7 +137,7 @@ class ScriptedOperator:
     def __call__(self, tick: rs.Tick) -> OperatorRequest:
         state = tick.state
         self.servoed += state.phase is rs.Phase.SERVO
-        taught = len(self.requests) > 0 or state.target.shown > tick.seen.now - tick.time
+        taught = len(self.requests) > 0 or state.target.taught_at > tick.observation.now - tick.time
         if state.phase is rs.Phase.PAUSED and not state.command.rates.any() and taught:
             return rs.Request.RESUME
         if self.servoed >= 15 and self.requests:
@@ -153,7 +153,7 @@ def make_operator(servo: rs.Servo, done: Any) -> Operator:
 
 def own_servo(gain: float = 2.0) -> rs.Servo:
     tolerant = rs.Thresholds(
-        overrun=1.0, latency=1.0, stale_slow=50.0, stale_hold=50.0, silence=1.0
+        max_tick_delay=1.0, max_latency=1.0, max_frame_age_slow=50.0, max_frame_age_hold=50.0, arm_timeout=1.0
     )
     law = rs.SaturatedController(gain=gain)
     return rs.Servo(rs.SphericalRcm(), rs.RigidTool(30.0), controller=law, thresholds=tolerant)

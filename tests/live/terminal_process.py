@@ -14,9 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from conftest import HEEDING_CTRL_C, with_tests
-from rcmservo.cli.lab.emulate import COUNTS
-from rcmservo.config.rig_file import load_lab
+from conftest import INTERRUPTIBLE_COMMAND, make_environment
+from rcmservo.cli.lab.emulate import COUNTS_PER_UNIT
+from rcmservo.config.rig_file import load_rig_file
 from rcmservo.interfaces import Floats
 from rcmservo.sim import Rig
 from rcmservo.sim.rig_file import read_rig_settings
@@ -53,7 +53,7 @@ class AtTerminal:
             stdout=subprocess.PIPE if json else slave,
             stderr=slave,
             start_new_session=True,
-            env=with_tests(COLUMNS="500", TERM="dumb", **variables),
+            env=make_environment(COLUMNS="500", TERM="dumb", **variables),
         )
         os.close(slave)
 
@@ -120,7 +120,7 @@ class Laboratory:
         match = re.search(r"127\.0\.0\.1:(\d+), .*its camera at (\S+),", line)
         assert match is not None, line
         self.port, self.camera = int(match[1]), match[2]
-        drawn = Rig(seed, read_rig_settings(load_lab(scene)), pictures=False).scene
+        drawn = Rig(seed, read_rig_settings(load_rig_file(scene)), pictures=False).scene
         self.start, self.target = drawn.start, drawn.target
         self.wire: Any = None
         self.reach()
@@ -140,7 +140,7 @@ class Laboratory:
         path = self.folder / "lab.toml"
         path.write_text(
             f'[arm]\nkind = "galil"\naddress = "127.0.0.1"\nport = {self.port}\n'
-            f"counts = {list(COUNTS)}\npatience = 0.05\nanswer_within = 2.0\n"
+            f"counts = {list(COUNTS_PER_UNIT)}\npatience = 0.05\nanswer_within = 2.0\n"
             f'[camera]\nkind = "opencv"\nsource = "{self.camera}"\nlatency = 0.02\n'
             "[thresholds]\noverrun = 1.0\nlatency = 1.0\nstale_slow = 50.0\nstale_hold = 50.0\n"
             f"silence = 1.0\n{more}"
@@ -169,7 +169,7 @@ class Laboratory:
     def q(self) -> Floats:
         """Joint values from the encoder counts, which are zero at the start until defined."""
         zero = self.start if "?" in self.ask("MG rcmhome") else np.zeros(3)
-        return zero + np.array(self.counts) / np.array(COUNTS)
+        return zero + np.array(self.counts) / np.array(COUNTS_PER_UNIT)
 
     def forget(self) -> None:
         """Mark the joint values as unknown, as a reset does."""
@@ -190,7 +190,7 @@ class Laboratory:
 
     def bring(self, q: Floats) -> None:
         """Move the arm with its own motors as an operator would, then switch them off."""
-        goal = np.round((q - self.q) * np.array(COUNTS)).astype(int).tolist()
+        goal = np.round((q - self.q) * np.array(COUNTS_PER_UNIT)).astype(int).tolist()
         speeds = "SP 25000,25000,25000"  # JG changes the speeds
         for line in ("SH ABC", speeds, "PR " + ",".join(map(str, goal)), "BG ABC"):
             assert "?" not in self.ask(line), (line, self.ask("TC 1"))
@@ -219,7 +219,7 @@ SHORT = "--teaching-frames", "30"
 
 def live(lab: Path, *options: str) -> list[str]:
     """Return the command under test."""
-    return [sys.executable, "-c", HEEDING_CTRL_C, "live", "--rig", str(lab), *SHORT, *options]
+    return [sys.executable, "-c", INTERRUPTIBLE_COMMAND, "live", "--rig", str(lab), *SHORT, *options]
 
 
 def wait_for(reached: Any) -> None:

@@ -17,16 +17,16 @@ from rcmservo.cli.lab.hardware_prompts import (
     AttendedTerminal,
     HardwarePreparation,
     confirm_enable,
-    define,
+    define_joints,
     obtain_target,
     target_setup_for_size,
     teach_by_hand,
 )
-from rcmservo.config.rig_file import Lab
-from rcmservo.config.target_file import save
+from rcmservo.config.rig_file import RigDescription
+from rcmservo.config.target_file import save_target
 from rcmservo.errors import Stopped, UnusableFile
 from rcmservo.geometry.tool import RigidTool
-from rcmservo.interfaces import Floats, Measured, Target
+from rcmservo.interfaces import Floats, ArmMeasurement, Target
 from rcmservo.live.device_protocols import NotReady
 from rcmservo.live.servo_process import HeartbeatPlant
 from rcmservo.loop.clock import RecordingClock, WallClock
@@ -36,7 +36,7 @@ TARGET, START = (
     "to the target by hand, then press Enter:",
     "to its start by hand, then press Enter:",
 )
-LAB = Lab(devices={"camera": {"kind": "opencv", "source": "0"}})
+LAB = RigDescription(devices={"camera": {"kind": "opencv", "source": "0"}})
 INITIAL_JOINTS = "theta 0.6 rad, phi 0.2 rad, rho 120 mm"
 
 
@@ -77,8 +77,8 @@ class Arm:
         )
         self.defined = False
 
-    def measure(self) -> Measured:
-        return Measured(time.monotonic_ns(), self.q, self.enabled)
+    def measure(self) -> ArmMeasurement:
+        return ArmMeasurement(time.monotonic_ns(), self.q, self.enabled)
 
     def homed(self) -> bool:
         return self.defined
@@ -131,7 +131,7 @@ def test_any_other_answer_ends_the_program(answer: str, monkeypatch: pytest.Monk
 def test_joints_are_requested_until_they_are_valid_and_confirmed() -> None:
     refused = "", "1 2", "0.5 nan 100", "0.5 0.1 100 7", "0.5 0.1 1e9"
     terminal, arm = ScriptedTerminal(*refused, "0.5, 0.1, 100", "no", "0.5 0.1 101", ""), Arm()
-    define(attended(terminal), plant_of(arm), LAB)
+    define_joints(attended(terminal), plant_of(arm), LAB)
     terminal.close()
     assert arm.q.tolist() == [0.5, 0.1, 101.0]
     output = terminal.printed[1:]
@@ -151,7 +151,7 @@ def test_an_arm_that_does_not_take_the_defined_joints_is_not_used() -> None:
     with pytest.raises(
         NotReady, match=f"did not take the defined joint values; it reports {INITIAL_JOINTS}"
     ):
-        define(attended(terminal), plant_of(Arm(ignores_define=True)), LAB)
+        define_joints(attended(terminal), plant_of(Arm(ignores_define=True)), LAB)
 
 
 def test_moving_by_hand_is_not_requested_while_the_drive_is_on() -> None:
@@ -213,7 +213,7 @@ def test_a_target_of_another_rig_is_refused_before_any_question(
     taught: Target, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     file, terminal = tmp_path / "target.json", ScriptedTerminal()
-    save(file, taught, replace(target_setup_for_size(LAB, 320, 240), tool=RigidTool(spacing=31.0)))
+    save_target(file, taught, replace(target_setup_for_size(LAB, 320, 240), tool=RigidTool(spacing=31.0)))
     with pytest.raises(UnusableFile, match=r"was taught with tool\.spacing 31"):
         prepare(monkeypatch, terminal, Arm(), target=file)
     assert not terminal.printed

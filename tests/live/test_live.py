@@ -18,8 +18,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from conftest import with_tests
-from rcmservo.config.rig_file import Lab
+from conftest import make_environment
+from rcmservo.config.rig_file import RigDescription
 from rcmservo.errors import BadInput, RcmServoError, UnusableFile
 from rcmservo.interfaces import Command, Frame
 from rcmservo.live.arm_datagrams import (
@@ -49,7 +49,7 @@ from rcmservo.live.supervisor import (
 )
 from rcmservo.recording.reader import read_record
 from rcmservo.safety.thresholds import Thresholds
-from rcmservo.safety.watchdog import PATIENCE
+from rcmservo.safety.watchdog import WATCHDOG_TIMEOUT_NS
 from rcmservo.servo.servo import Servo
 from rcmservo.sim import Rig, RigSettings
 from rcmservo.sim.processes.arm_process import ArmDevice
@@ -57,7 +57,7 @@ from rcmservo.sim.processes.camera_process import LoggedArm
 from rcmservo.sim.processes.lab_processes import SimulatedLab
 from rcmservo.sim.processes.motion_log import MotionLog, find_stop
 from rcmservo.sim.rig_file import read_rig_settings
-from stalls import undisturbed
+from stalls import retry_after_stalls
 
 MS = 1_000_000
 TEST_TIMEOUT_S = 300.0
@@ -179,7 +179,7 @@ class ManualArm:
 
     def command(self, number, rates=(0.1, 0.0, 0.0), session=7, enabled=True):
         return SessionCommand(
-            session, Command(number, self.now, self.now + PATIENCE, np.array(rates), enabled)
+            session, Command(number, self.now, self.now + WATCHDOG_TIMEOUT_NS, np.array(rates), enabled)
         )
 
     @property
@@ -207,7 +207,7 @@ def test_the_arm_follows_valid_commands_of_the_session_that_enabled_it(manual_ar
     assert manual_arm.is_on
     assert moved[0] > 0.01
     assert moved[2] < -0.5
-    manual_arm.step(PATIENCE + 2 * MS)
+    manual_arm.step(WATCHDOG_TIMEOUT_NS + 2 * MS)
     assert not manual_arm.is_on
     assert not manual_arm.log.last()["applied"].any()
 
@@ -241,7 +241,7 @@ def test_the_drive_is_off_one_time_out_after_the_last_valid_command_despite_nois
     for some in noise:
         for one in (*some, command, command[:-1]):
             shared_arm.send(one)
-        shared_arm.step(PATIENCE // 5 + MS)
+        shared_arm.step(WATCHDOG_TIMEOUT_NS // 5 + MS)
     assert not shared_arm.is_on
     assert not any(shared_arm.applied_rates)
 
@@ -250,7 +250,7 @@ def test_a_repeated_request_datagram_is_not_executed_again(manual_arm):
     request = encode(ArmRequest(manual_arm.now, 7, ArmAction.ENABLE))
     manual_arm.send(request)
     assert manual_arm.is_on
-    manual_arm.step(PATIENCE + 2 * MS)
+    manual_arm.step(WATCHDOG_TIMEOUT_NS + 2 * MS)
     assert not manual_arm.is_on
     manual_arm.send(request)
     assert not manual_arm.is_on
@@ -264,7 +264,7 @@ def test_a_repeated_request_datagram_is_not_executed_again(manual_arm):
 def test_a_servo_of_an_earlier_session_can_stop_the_arm_but_not_move_it(manual_arm):
     manual_arm.enable(session=1)
     manual_arm.send(manual_arm.command(50, session=1))
-    manual_arm.step(PATIENCE * 2)
+    manual_arm.step(WATCHDOG_TIMEOUT_NS * 2)
     manual_arm.enable(session=2)
     manual_arm.send(manual_arm.command(51, (1.0, 1.0, 10.0), session=1))
     assert manual_arm.is_on
@@ -309,9 +309,9 @@ def test_the_motion_log_holds_the_past_joints(manual_arm):
     assert np.array_equal(camera_side.joints_at(int(rows["time"][-1]) + 9 * MS), rows["q"][-1])
     assert np.array_equal(camera_side.joints_at(0), rows["q"][0])
     assert find_stop(rows) is None
-    manual_arm.step(PATIENCE + 5 * MS)
+    manual_arm.step(WATCHDOG_TIMEOUT_NS + 5 * MS)
     taken, off = find_stop(manual_arm.log.since(0))
-    assert manual_arm.log.rows["time"][off] - manual_arm.log.rows["time"][taken] <= PATIENCE + MS
+    assert manual_arm.log.rows["time"][off] - manual_arm.log.rows["time"][taken] <= WATCHDOG_TIMEOUT_NS + MS
 
 
 def test_silent_hosts_receive_no_answers(manual_arm):
@@ -361,7 +361,7 @@ def test_a_missing_arm_gives_one_sentence(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-LAB = Lab(
+LAB = RigDescription(
     simulation={
         "camera": {"frame_rate": 30.0, "width": 320, "height": 240},
         "scene": {"focal": [300.0, 400.0]},
@@ -370,7 +370,7 @@ LAB = Lab(
 
 
 def session_of(bench, path, seconds, **choices):
-    tolerant = Thresholds(overrun=1.0, latency=1.0, stale_slow=50.0, stale_hold=50.0, silence=1.0)
+    tolerant = Thresholds(max_tick_delay=1.0, max_latency=1.0, max_frame_age_slow=50.0, max_frame_age_hold=50.0, arm_timeout=1.0)
     servo = Servo(LAB.mechanism, LAB.tool, **{"gate": LAB.gate, "thresholds": tolerant} | choices)
     return bench.session(servo, LAB.markers, seconds, path, frames=30)
 
@@ -385,7 +385,7 @@ def start_servo(session):
     """Start a servo process and wait until its loop runs."""
     servo = ServoProcess(session)
     end = time.monotonic() + TEST_TIMEOUT_S
-    while servo.beats.value < 3:
+    while servo.heartbeat.value < 3:
         assert time.monotonic() < end
         wait([servo.pipe], 0.01)
         while servo.pipe.poll():
@@ -413,7 +413,7 @@ def test_a_live_run_moves_the_arm_records_every_tick_and_disables_the_drive(benc
         reports.clear()
         return live(bench, next(paths), 1.0, reports.append)
 
-    record, result = undisturbed(attempt, lambda run: "FAULT" not in run[0].phase)
+    record, result = retry_after_stalls(attempt, lambda run: "FAULT" not in run[0].phase)
     assert record.complete
     assert len(record.time) == result.loop.ticks > 0
     assert result.loop.collections == 0
@@ -431,7 +431,7 @@ def test_a_slow_stop_of_the_arm_is_not_mistaken_for_a_hanging_servo(bench, tmp_p
     def final_speed(run):
         return np.abs(run[0].ticks["command"][-1] / np.array(slow.slew)).max()
 
-    run = undisturbed(
+    run = retry_after_stalls(
         lambda: live(bench, next(paths), 0.8, gate=slow), lambda run: final_speed(run) > 0.0
     )
     assert run[0].complete and final_speed(run) > 2.0 * MAX_SILENT_POLLS * POLL_NS * 1e-9
@@ -510,7 +510,7 @@ def test_ctrl_c_ends_a_run_in_order_and_a_killed_supervisor_leaves_no_process(
         [sys.executable, script],
         stdout=subprocess.PIPE,
         start_new_session=True,
-        env=with_tests(TMPDIR=there),
+        env=make_environment(TMPDIR=there),
     ) as running:
         try:
             assert running.stdout.readline() == b"tick\n"

@@ -15,15 +15,15 @@ import numpy as np
 import pytest
 from terminal_process import WAIT_TIMEOUT_S, AtTerminal, Laboratory, live, typed_joints, wait_for
 
-from conftest import ROOT, SMALL
-from rcmservo.cli.cli import asked_of, main
+from conftest import ROOT, SMALL_RIG_TOML
+from rcmservo.cli.cli import parse_options, main
 from rcmservo.cli.lab.live_on_hardware import require_devices
-from rcmservo.config.rig_file import load_lab
-from rcmservo.config.verified_rigs import digest_of, note_checked
+from rcmservo.config.rig_file import load_rig_file
+from rcmservo.config.verified_rigs import compute_digest, store_verified
 from rcmservo.live import terminal_operator
 from rcmservo.recording.reader import read_record
 from rcmservo.sim import Rig
-from stalls import undisturbed
+from stalls import retry_after_stalls
 
 PAGE = (ROOT / "docs/live_on_hardware.md").read_text()
 JOINTS = "such as 0.1 -0.2 100: "
@@ -41,7 +41,7 @@ HAND_TOLERANCE = np.array([0.005, 0.005, 0.3])
 
 @pytest.fixture(scope="module")
 def lab(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Laboratory]:
-    with closing(Laboratory(tmp_path_factory.mktemp("lab"), 1, SMALL)) as lab:
+    with closing(Laboratory(tmp_path_factory.mktemp("lab"), 1, SMALL_RIG_TOML)) as lab:
         lab.ask("MO ABC")
         yield lab
 
@@ -84,14 +84,14 @@ def page_block() -> str:
 def test_the_documented_rig_file_and_commands_are_valid(tmp_path: Path) -> None:
     """Other tests run the commands, on free ports."""
     (path := tmp_path / "lab.toml").write_text(page_block())
-    require_devices(load_lab(path), path, "")
+    require_devices(load_rig_file(path), path, "")
     commands = [block.split("```")[0].split() for block in PAGE.split("```sh\n")[1:]]
     assert [words[:2] for words in commands] == [
         [".venv/bin/rcmservo", "emulate"],
         [".venv/bin/rcmservo", "live"],
     ]
     for words in commands:
-        asked_of(words[1], words[2:])
+        parse_options(words[1], words[2:])
     assert f"`{' '.join(f'{x:.4f}' for x in Rig(0).scene.start[:2])} " in PAGE
 
 
@@ -175,7 +175,7 @@ def test_ctrl_c_during_motion_leaves_the_drive_off_and_the_record_complete(
         assert at.end() in (130, 1)  # and none of its processes holds the terminal
     wait_for(lambda: at_rest(lab))
     record = read_record(tmp_path / "out")
-    speeds = np.abs(record.ticks["command"]) / np.array(load_lab(lab.lab()).gate.speed)
+    speeds = np.abs(record.ticks["command"]) / np.array(load_rig_file(lab.lab()).gate.speed)
     assert record.complete and 0.0 < speeds.max() <= 0.1 * (1.0 + 1e-9)
 
 
@@ -218,7 +218,7 @@ def test_a_checked_rig_file_allows_the_full_speed_to_the_target(
     lab: Laboratory, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
-    note_checked(digest_of(lab.lab().read_bytes()))
+    store_verified(compute_digest(lab.lab().read_bytes()))
     folders = (tmp_path / name for name in "abcdef")
 
     def attempt() -> tuple[Path, dict[str, Any]]:
@@ -237,7 +237,7 @@ def test_a_checked_rig_file_allows_the_full_speed_to_the_target(
         assert code == (0 if metrics["settled"] else 1)
         return folder, metrics
 
-    folder, metrics = undisturbed(attempt, lambda run: run[1]["settled"])
+    folder, metrics = retry_after_stalls(attempt, lambda run: run[1]["settled"])
     assert metrics["settled"], json.dumps(metrics)
     assert metrics["simulated"] is False and metrics["pose_error_mm"] is None
     assert metrics["camera"]["frames"] > 100 and (folder / "target.json").is_file()

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 import rcmservo as rs
-from conftest import ROOT, with_tests
+from conftest import ROOT, make_environment
 from rcmservo.recording.reader import read_record
 from rcmservo.recording.replay import replay_record
 
@@ -43,7 +43,7 @@ def run_script(script: Path, text: str, enter: str = "") -> str:
     script.write_text(text)
     done = subprocess.run(
         [sys.executable, script],
-        env=with_tests(),
+        env=make_environment(),
         input=enter,
         capture_output=True,
         text=True,
@@ -65,7 +65,7 @@ def test_a_live_run_uses_user_devices_without_the_simulator(
     record = read_record(path)
     assert record.complete
     assert "SERVO" in record.phase
-    assert all(stage.target.shown > 0 for stage in record.stages)
+    assert all(stage.target.taught_at > 0 for stage in record.stages)
     assert record.words["request"].count("RESUME") >= 2
     assert [stage.mid_run for stage in record.stages] == [False, True, True]
     assert [stage.servo["controller"]["gain"] for stage in record.stages] == [2.0, 1.0, 1.0]

@@ -20,8 +20,8 @@ from page_forged import Holder
 from page_lab import awaited
 from terminal_process import Laboratory, typed_joints, wait_for
 
-from conftest import HEEDING_CTRL_C, SMALL, with_tests
-from rcmservo.config.rig_file import load_lab
+from conftest import INTERRUPTIBLE_COMMAND, SMALL_RIG_TOML, make_environment
+from rcmservo.config.rig_file import load_rig_file
 from rcmservo.recording.reader import read_record
 
 pytestmark = [pytest.mark.alone, pytest.mark.slow]
@@ -31,13 +31,13 @@ pytestmark = [pytest.mark.alone, pytest.mark.slow]
 def serving(lab: Laboratory, folder: Path) -> Iterator[tuple[Any, str]]:
     """Yield the running command and the address of its page."""
     out = "--out", str(folder / "out"), "--poses", str(folder / "poses")
-    command = [sys.executable, "-c", HEEDING_CTRL_C, "serve", "--port", "0", "--no-browser", *out]
+    command = [sys.executable, "-c", INTERRUPTIBLE_COMMAND, "serve", "--port", "0", "--no-browser", *out]
     command += ["--teaching-frames", "30"]
     process = subprocess.Popen(
         [*command, "--rig", str(lab.lab())],
         stdout=subprocess.PIPE,
         text=True,
-        env=with_tests(COLUMNS="300", TERM="dumb", XDG_STATE_HOME=str(folder)),
+        env=make_environment(COLUMNS="300", TERM="dumb", XDG_STATE_HOME=str(folder)),
     )
     assert process.stdout is not None
     try:
@@ -93,7 +93,7 @@ def servo_process(process: Any) -> int:
 
 @pytest.fixture(scope="module")
 def lab(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Laboratory]:
-    with closing(Laboratory(tmp_path_factory.mktemp("lab"), 1, SMALL)) as lab:
+    with closing(Laboratory(tmp_path_factory.mktemp("lab"), 1, SMALL_RIG_TOML)) as lab:
         lab.ask("MO ABC")
         yield lab
 
@@ -160,5 +160,5 @@ def test_a_lab_is_homed_enabled_jogged_and_stopped_at_the_page(
 
     assert lab.off
     first = read_record(tmp_path / "out/session-1")
-    speeds = np.abs(first.ticks["command"]) / np.array(load_lab(lab.lab()).gate.speed)
+    speeds = np.abs(first.ticks["command"]) / np.array(load_rig_file(lab.lab()).gate.speed)
     assert first.complete and 0.0 < speeds.max() <= 0.1 * 0.2 * (1.0 + 1e-9)

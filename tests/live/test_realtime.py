@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from rcmservo.errors import BadInput
-from rcmservo.interfaces import Dropped, Frame, Markers, Measured
+from rcmservo.interfaces import DropReason, Frame, Markers, ArmMeasurement
 from rcmservo.live import realtime as module
 from rcmservo.live.realtime import realtime, urgent
 from rcmservo.live.tracking_thread import TrackingThread
@@ -232,7 +232,7 @@ class Still:
         pass
 
     def measure(self):
-        return Measured(0, np.zeros(3), True)
+        return ArmMeasurement(0, np.zeros(3), True)
 
     def apply(self, command):
         return command.rates
@@ -249,11 +249,11 @@ def test_a_frame_that_the_tracker_refuses_counts_as_damaged_and_the_next_does_no
     eye.frame = replace(picture(2, 1), image=None)
     thread.track_newest_frame()
     observation = plant.read()
-    assert (observation.frame, observation.dropped) == (1, Dropped.DAMAGED)
+    assert (observation.frame, observation.drop_reason) == (1, DropReason.DAMAGED)
     eye.frame = picture(3, 2)
     thread.track_newest_frame()
     observation = plant.read()
-    assert (observation.frame, observation.dropped) == (3, Dropped.NONE)
+    assert (observation.frame, observation.drop_reason) == (3, DropReason.NONE)
 
 
 def test_the_loop_never_waits_for_a_slow_tracker():
@@ -293,11 +293,11 @@ def test_a_slow_first_frame_is_awaited_but_a_silent_camera_is_not():
     eye = Compiled()
     eye.frame = picture(1)
     with TrackingThread(eye, eye, Going()) as thread:
-        thread.wait_for(frames=1, patience=3.0)
+        thread.wait_for(frames=1, timeout_s=3.0)
         assert thread.latest().number == 1
     silent = Scripted()
     with TrackingThread(silent, silent, SteppedClock()) as thread:
-        thread.wait_for(frames=1, patience=3.0)
+        thread.wait_for(frames=1, timeout_s=3.0)
         assert thread.latest() is None
 
 

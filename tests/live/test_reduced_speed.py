@@ -5,21 +5,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from conftest import first_quick, laboratory
+from conftest import mark_others_slow, make_laboratory
 from rcmservo.control.exploration import Exploration
 from rcmservo.control.saturated_controller import SaturatedController
 from rcmservo.live.reduced_speed import UNCHECKED_SPEED_SCALE, reduce_speed
 from rcmservo.loop.run import run
-from rcmservo.recording.outcome import Judge
+from rcmservo.recording.outcome import OutcomeCollector
 from rcmservo.safety.gate import Gate
 
 
-@pytest.mark.parametrize("seed", first_quick([1, 2, 3, 4]))
+@pytest.mark.parametrize("seed", mark_others_slow([1, 2, 3, 4]))
 def test_a_run_at_reduced_speed_settles_and_no_command_exceeds_its_speed(seed: int) -> None:
-    lab = laboratory(seed)
+    lab = make_laboratory(seed)
     full = lab.servo()
     servo = reduce_speed(full)
-    judge, fastest = Judge(servo, lab.target), np.zeros(3)
+    judge, fastest = OutcomeCollector(servo, lab.target), np.zeros(3)
     for tick in run(lab.plant, servo, lab.target, 40.0):
         judge.add(tick)
         fastest = np.maximum(fastest, np.abs(tick.state.command.rates))
@@ -30,10 +30,10 @@ def test_a_run_at_reduced_speed_settles_and_no_command_exceeds_its_speed(seed: i
 
 
 def test_reduced_speed_scales_all_speed_limits_and_nothing_else() -> None:
-    full = laboratory().servo(
+    full = make_laboratory().servo(
         gate=Gate(speed=(2.0, 1.0, 50.0)),
         controller=SaturatedController(max_speed=30.0, gain=3.0),
-        exploration=Exploration(max_time=8.0, reach=5.0),
+        exploration=Exploration(max_time=8.0, max_leg_length=5.0),
     )
     servo = reduce_speed(full, 0.25)
     assert servo.gate == replace(full.gate, speed=(0.5, 0.25, 12.5))

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from rcmservo.errors import Stopped
-from rcmservo.interfaces import Command, Floats, Measured
+from rcmservo.interfaces import Command, Floats, ArmMeasurement
 from rcmservo.live.remote_stop import RemotelyStoppableArm, RemoteStop
 
 
@@ -28,8 +28,8 @@ class ToyArm:
     def enable(self) -> None:
         self.on = True
 
-    def measure(self) -> Measured:
-        return Measured(len(self.taken), np.zeros(3), self.on)
+    def measure(self) -> ArmMeasurement:
+        return ArmMeasurement(len(self.taken), np.zeros(3), self.on)
 
     def apply(self, command: Command) -> Floats:
         self.taken.append(command)

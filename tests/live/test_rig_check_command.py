@@ -14,28 +14,28 @@ import numpy as np
 import pytest
 from terminal_process import AtTerminal, Laboratory, typed_joints, wait_for
 
-from conftest import HEEDING_CTRL_C, SMALL
+from conftest import INTERRUPTIBLE_COMMAND, SMALL_RIG_TOML
 from rcmservo.bringup.axis_wiring import Robot, Wiring
 from rcmservo.bringup.check import CheckReport
 from rcmservo.bringup.findings import Finding
 from rcmservo.cli.lab import rig_check
 from rcmservo.cli.lab.rig_check import RigOptions, conclude
-from rcmservo.config.rig_file import Lab
-from rcmservo.config.verified_rigs import digest_of, is_checked, note_checked
+from rcmservo.config.rig_file import RigDescription
+from rcmservo.config.verified_rigs import compute_digest, is_verified, store_verified
 from rcmservo.errors import Stopped
-from rcmservo.interfaces import Frame, Measured
-from rcmservo.loop.run_result import CameraAccount
+from rcmservo.interfaces import Frame, ArmMeasurement
+from rcmservo.loop.run_result import CameraStatistics
 
 
 @pytest.fixture(scope="module")
 def laboratory(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Laboratory]:
-    it = Laboratory(tmp_path_factory.mktemp("laboratory"), seed=1, rig=SMALL)
+    it = Laboratory(tmp_path_factory.mktemp("laboratory"), seed=1, rig=SMALL_RIG_TOML)
     yield it
     it.close()
 
 
 def command(lab: Path, *options: str) -> list[str]:
-    return [sys.executable, "-c", HEEDING_CTRL_C, "rig", "check", str(lab), *options]
+    return [sys.executable, "-c", INTERRUPTIBLE_COMMAND, "rig", "check", str(lab), *options]
 
 
 def define_joints(terminal: AtTerminal, laboratory: Laboratory) -> None:
@@ -57,14 +57,14 @@ def check_until_enable(
     laboratory.forget()
     lab = laboratory.lab()
     monkeypatch.setenv("XDG_STATE_HOME", str(folder))
-    digest = digest_of(lab.read_bytes())
-    note_checked(digest)
+    digest = compute_digest(lab.read_bytes())
+    store_verified(digest)
     with AtTerminal(command(lab), XDG_STATE_HOME=str(folder)) as terminal:
         define_joints(terminal, laboratory)
         terminal.until("(enable / no)")
         yield terminal
     wait_for(lambda: laboratory.off)
-    assert not is_checked(digest)
+    assert not is_verified(digest)
 
 
 @pytest.mark.alone
@@ -95,8 +95,8 @@ class GreyCamera:
             self.frame = Frame(self.frame.number + 1, now, now, image=image)
         return self.frame
 
-    def counts(self) -> CameraAccount:
-        return CameraAccount()
+    def counts(self) -> CameraStatistics:
+        return CameraStatistics()
 
     def close(self) -> None:
         self.closed = True
@@ -108,8 +108,8 @@ class DisabledArm:
     def __init__(self, why_off: str = "") -> None:
         self.why_off, self.closed = why_off, False
 
-    def measure(self) -> Measured:
-        return Measured(time.monotonic_ns(), np.array([0.6, 0.2, 120.0]), False)
+    def measure(self) -> ArmMeasurement:
+        return ArmMeasurement(time.monotonic_ns(), np.array([0.6, 0.2, 120.0]), False)
 
     def homed(self) -> bool:
         return True
@@ -153,14 +153,14 @@ def test_an_earlier_pass_is_revoked_unless_the_check_passes_completely_again(
         '[arm]\nkind = "galil"\naddress = "127.0.0.1"\ncounts = [1e5, 1e5, 1e3]\n'
         '[camera]\nkind = "opencv"\nsource = "0"\nlatency = 0.02\n'
     )
-    digest, arm, camera = digest_of(file.read_bytes()), DisabledArm(why_off), GreyCamera()
-    note_checked(digest)
+    digest, arm, camera = compute_digest(file.read_bytes()), DisabledArm(why_off), GreyCamera()
+    store_verified(digest)
     try:
         code = rig_check.rig_check(RigOptions("check", file), lambda lab: arm, lambda lab: camera)
         assert code == (0 if passed else 1)
     except Stopped:
         assert check is is_stopped
-    assert is_checked(digest) == passed and arm.closed and camera.closed
+    assert is_verified(digest) == passed and arm.closed and camera.closed
 
 
 @pytest.mark.parametrize("as_json", [False, True])
@@ -169,12 +169,12 @@ def test_a_file_is_stored_as_passed_only_without_findings(
     ok: bool, as_json: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
 ) -> None:
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
-    lab = Lab()
+    lab = RigDescription()
     robot = Robot(lab.mechanism, lab.tool, Wiring((1.0, 1.0, 1.0)))
     findings = [] if ok else [Finding("the picture is mirrored", "camera", "so", "otherwise")]
     options = RigOptions("check", Path("lab.toml"), as_json)
     code = conclude(options, CheckReport(findings, done=True), robot, "0" * 64)
-    assert (code == 0) == ok == is_checked("0" * 64)
+    assert (code == 0) == ok == is_verified("0" * 64)
     output = capsys.readouterr().out
     assert ("mirrored" in output) == (not ok)
     assert not as_json or json.loads(output)["ok"] == ok

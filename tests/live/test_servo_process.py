@@ -39,8 +39,8 @@ class StillArm:
         self.heartbeats.append(self.beats.value)
         self.enabled = True
 
-    def measure(self) -> rs.Measured:
-        return rs.Measured(time.monotonic_ns(), Q, self.enabled)
+    def measure(self) -> rs.ArmMeasurement:
+        return rs.ArmMeasurement(time.monotonic_ns(), Q, self.enabled)
 
     def apply(self, command: rs.Command) -> Any:
         assert not command.rates.any()
@@ -74,7 +74,7 @@ def run_session(tmp_path: Path) -> Iterator[Any]:
     """Run a session of 1.2 s with this arm and return the last message."""
     here, there = Pipe()
     tolerant = rs.Thresholds(
-        overrun=1.0, latency=1.0, stale_slow=50.0, stale_hold=50.0, silence=1.0
+        max_tick_delay=1.0, max_latency=1.0, max_frame_age_slow=50.0, max_frame_age_hold=50.0, arm_timeout=1.0
     )
     servo = rs.Servo(rs.SphericalRcm(), rs.RigidTool(30.0), thresholds=tolerant)
 

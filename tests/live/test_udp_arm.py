@@ -20,8 +20,8 @@ from toy_wire import ASK, ENABLE, JOG, OFF, ToyAnswer, ToyOrder, answer_in, orde
 from udp_arm import SLOW, NoToy, UdpArm
 
 import rcmservo as rs
-from conftest import ROOT, with_tests
-from stalls import undisturbed
+from conftest import ROOT, make_environment
+from stalls import retry_after_stalls
 
 MS = 1_000_000
 REST = 0.0, 0.0, 0.0
@@ -254,7 +254,7 @@ def test_a_missing_arm_is_reported() -> None:
 def run_toy_servo() -> list[str]:
     """Return the phase at the end of a run, and the joints."""
     script = Path(__file__).with_name("toy_lab.py")
-    env = with_tests()
+    env = make_environment()
     env["PYTHONPATH"] += os.pathsep + str(TOY.parent)
     with toy() as port:
         command = [sys.executable, str(script), str(port), SECONDS]
@@ -265,7 +265,7 @@ def run_toy_servo() -> list[str]:
 @pytest.mark.alone
 @pytest.mark.slow
 def test_a_complete_servo_reaches_its_target_over_udp() -> None:
-    phase, *q = undisturbed(run_toy_servo, lambda run: run[0] == "SERVO")
+    phase, *q = retry_after_stalls(run_toy_servo, lambda run: run[0] == "SERVO")
     assert phase == "SERVO"
     error = np.abs(np.array(q, float) - [0.75, 0.4, 135.0])
     assert (error < [0.01, 0.01, 1.0]).all()

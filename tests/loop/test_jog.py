@@ -13,14 +13,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import rcmservo as rs
-from conftest import Laboratory, laboratory
+from conftest import Laboratory, make_laboratory
 from rcmservo.interfaces import Floats
 from rcmservo.loop.operator import OperatorRequest
 from rcmservo.recording import reader
 from rcmservo.recording.replay import replay_record
-from rcmservo.recording.timeline import spans
+from rcmservo.recording.timeline import list_spans
 from rcmservo.recording.writer import Recorder
-from rcmservo.safety.state_machine import SLOW_SHARE
+from rcmservo.safety.state_machine import SLOW_SPEED_SCALE
 from rcmservo.sim import Disturbance
 
 RATES = np.array([0.1, -0.08, 9.0])
@@ -65,7 +65,7 @@ def at(ticks: list[rs.Tick], time: float) -> rs.Tick:
 
 
 def moved(ticks: list[rs.Tick], begin: float, end: float) -> Floats:
-    return at(ticks, end).seen.q - at(ticks, begin).seen.q
+    return at(ticks, end).observation.q - at(ticks, begin).observation.q
 
 
 def hide_markers(lab: Laboratory) -> None:
@@ -87,7 +87,7 @@ class BlindTracker:
 def test_the_joints_move_as_requested_and_then_the_servo_is_paused(
     markers_visible: bool,
 ) -> None:
-    lab = laboratory()
+    lab = make_laboratory()
     if not markers_visible:
         hide_markers(lab)
     ticks = ticks_of(lab, pause_and_jog())
@@ -102,7 +102,7 @@ def test_the_joints_move_as_requested_and_then_the_servo_is_paused(
 
 
 def test_jogging_is_possible_in_idle_without_detected_markers() -> None:
-    lab = laboratory()
+    lab = make_laboratory()
     hide_markers(lab)
     ticks = ticks_of(lab, lambda tick: scripted_request(tick, (BEGIN, END, rs.Jog(RATES))))
     assert phases(ticks) == [rs.Phase.IDLE, rs.Phase.JOG, rs.Phase.PAUSED]
@@ -111,14 +111,14 @@ def test_jogging_is_possible_in_idle_without_detected_markers() -> None:
 
 @pytest.mark.parametrize("phase", [rs.Phase.ACQUIRE, rs.Phase.SERVO])
 def test_a_jog_is_ignored_while_the_servo_moves_the_arm(phase: rs.Phase) -> None:
-    plain = ticks_of(laboratory(), lambda tick: rs.Request.NONE)
+    plain = ticks_of(make_laboratory(), lambda tick: rs.Request.NONE)
     first = next(i for i, tick in enumerate(plain) if tick.state.phase is phase) + 5
 
     def operator(tick: rs.Tick) -> OperatorRequest:
         now = round(tick.time * 1e-7)
         return rs.Jog(RATES) if first <= now < first + 10 else rs.Request.NONE
 
-    ticks = ticks_of(laboratory(), operator)
+    ticks = ticks_of(make_laboratory(), operator)
     assert ticks[first + 5].request is rs.Request.JOG
     for one, other in zip(plain, ticks, strict=True):
         assert one.state.command.rates.tobytes() == other.state.command.rates.tobytes()
@@ -129,10 +129,10 @@ def test_a_jog_is_ignored_while_the_servo_moves_the_arm(phase: rs.Phase) -> None
 def test_jogging_is_limited_to_a_fifth_of_the_speed_in_the_requested_direction(
     requested: tuple[float, float, float],
 ) -> None:
-    lab = laboratory()
+    lab = make_laboratory()
     servo, rates = lab.servo(), np.array(requested)
     ticks = ticks_of(lab, pause_and_jog(rs.Jog(rates), end=0.8), 1.0)
-    limit = SLOW_SHARE * np.array(servo.gate.speed)
+    limit = SLOW_SPEED_SCALE * np.array(servo.gate.speed)
     commands = np.array([tick.state.command.rates for tick in ticks])
     assert (np.abs(commands) <= limit * (1.0 + 1e-9)).all()
     steps = np.abs(np.diff(commands, axis=0))
@@ -144,10 +144,10 @@ def test_jogging_is_limited_to_a_fifth_of_the_speed_in_the_requested_direction(
 @pytest.mark.parametrize("joint", range(3))
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_jogging_stops_at_a_joint_limit_and_can_leave_it(joint: int, sign: float) -> None:
-    lab = laboratory()
+    lab = make_laboratory()
     lower, upper = lab.servo().mechanism.limits.arrays
     rates = np.zeros(3)
-    rates[joint] = sign * SLOW_SHARE * np.array(lab.servo().gate.speed)[joint]
+    rates[joint] = sign * SLOW_SPEED_SCALE * np.array(lab.servo().gate.speed)[joint]
     far = (upper if sign > 0.0 else lower)[joint] - lab.rig.scene.start[joint]
     ends = 1.0 + abs(far / rates[joint]) + 1.0
 
@@ -156,11 +156,11 @@ def test_jogging_stops_at_a_joint_limit_and_can_leave_it(joint: int, sign: float
         return scripted_request(tick, (0.0, 0.02, rs.Request.PAUSE), *jogs)
 
     ticks = ticks_of(lab, operator, ends + 2.0)
-    q = np.array([tick.seen.q for tick in ticks])
-    slack = lab.servo().thresholds.slack
+    q = np.array([tick.observation.q for tick in ticks])
+    slack = lab.servo().thresholds.limit_tolerance
     assert (lower - slack <= q).all() and (q <= upper + slack).all()
     assert abs(
-        at(ticks, ends).seen.q[joint] - (upper if sign > 0.0 else lower)[joint]
+        at(ticks, ends).observation.q[joint] - (upper if sign > 0.0 else lower)[joint]
     ) < 0.02 * max(1.0, abs(far))
     np.testing.assert_allclose(
         moved(ticks, ends + 0.4, ends + 2.0)[joint], -rates[joint], rtol=0.05
@@ -201,7 +201,7 @@ CAUSES_THAT_END_JOGGING = {
 
 
 def disturbed(text: str, operator: Callable[[rs.Tick], OperatorRequest]) -> list[rs.Tick]:
-    lab = laboratory(disturbances=[Disturbance.parse(text)])
+    lab = make_laboratory(disturbances=[Disturbance.parse(text)])
     lab.plant.recorded = lambda: not lab.rig.disk_full()
     lab.rig.begin()
     return ticks_of(lab, operator)
@@ -230,7 +230,7 @@ def test_after_jogging_the_servo_continues_to_its_target() -> None:
         jog = (6.0, 6.02, rs.Request.PAUSE), (6.5, 7.5, rs.Jog(RATES))
         return scripted_request(tick, *jog, (8.0, 8.01, rs.Request.RESUME))
 
-    lab = laboratory()
+    lab = make_laboratory()
     ticks = ticks_of(lab, operator, 14.0)
     assert phases(ticks)[2:] == [
         rs.Phase.SERVO,
@@ -249,7 +249,7 @@ def test_a_camera_moved_during_jogging_is_reported_afterwards() -> None:
     def operator(tick: rs.Tick) -> OperatorRequest:
         return scripted_request(tick, (4.0, 4.02, rs.Request.PAUSE), (4.5, 5.5, rs.Jog(RATES)))
 
-    lab = laboratory(disturbances=[Disturbance.parse("relocate:at=5")])
+    lab = make_laboratory(disturbances=[Disturbance.parse("relocate:at=5")])
     lab.rig.begin()
     ticks = ticks_of(lab, operator, 7.0)
     assert phases(ticks)[-2:] == [rs.Phase.JOG, rs.Phase.PAUSED]
@@ -259,7 +259,7 @@ def test_a_camera_moved_during_jogging_is_reported_afterwards() -> None:
 def test_jogging_is_recorded_in_one_span_and_replays_bit_for_bit(
     tmp_path: Path,
 ) -> None:
-    lab = laboratory()
+    lab = make_laboratory()
     with Recorder(tmp_path / reader.RECORD, {}) as recorder:
         recorder.begin(lab.servo(), lab.target)
         for tick in ticks_of(lab, pause_and_jog()):
@@ -270,7 +270,7 @@ def test_jogging_is_recorded_in_one_span_and_replays_bit_for_bit(
     during = np.array(replayed.recorded.words["request"]) == "JOG"
     assert during.sum() == round(100 * (END - BEGIN))
     assert (jog[during] == RATES).all() and not jog[~during].any()
-    found = [span for span in spans(replayed.recorded) if span.phase is rs.Phase.JOG]
+    found = [span for span in list_spans(replayed.recorded) if span.phase is rs.Phase.JOG]
     assert len(found) == 1 and found[0].duration == pytest.approx(END - BEGIN)
     other = replace(replayed.recorded, ticks={**replayed.recorded.ticks, "jog": np.zeros_like(jog)})
     assert "command" in replay_record(other).difference_counts
@@ -281,4 +281,4 @@ def test_rates_must_be_three_finite_numbers() -> None:
         with pytest.raises(rs.BadInput, match=r"jog\.rates must be three finite numbers"):
             rs.Jog(rates)  # type: ignore[arg-type]
     with pytest.raises(rs.BadInput, match="a Jog, with the joint rates"):
-        ticks_of(laboratory(), lambda tick: rs.Request.JOG)
+        ticks_of(make_laboratory(), lambda tick: rs.Request.JOG)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import rcmservo as rs
-from conftest import Laboratory, laboratory
+from conftest import Laboratory, make_laboratory
 from rcmservo.loop.operator import OperatorRequest, Teach
 from rcmservo.recording import reader
 from rcmservo.recording.replay import replay_record
@@ -68,7 +68,7 @@ def open_threaded_recorder(path: Path) -> ThreadedRecorder:
 def test_targets_and_settings_changed_during_a_run_are_stages_that_replay_bit_for_bit(
     opened: Callable[[Path], Any], tmp_path: Path
 ) -> None:
-    lab = laboratory()
+    lab = make_laboratory()
     servo, other = lab.servo(), midway_target(lab)
     lab.plant.arm = arm = CountingArm(lab.plant.arm)
     requests = {
@@ -102,10 +102,10 @@ def test_targets_and_settings_changed_during_a_run_are_stages_that_replay_bit_fo
 
 
 def test_a_changed_gain_applies_from_the_next_tick_on() -> None:
-    lab = laboratory()
+    lab = make_laboratory()
     servo = lab.servo()
     plain = list(ticks_of(lab, servo, 4.0, {}))
-    lab = laboratory()
+    lab = make_laboratory()
     changed = list(ticks_of(lab, servo, 4.0, {215: with_lower_gain(servo)}))
     speeds = [[np.linalg.norm(tick.state.v) for tick in ticks] for ticks in (plain, changed)]
     assert plain[215].state.phase is rs.Phase.SERVO
@@ -113,27 +113,27 @@ def test_a_changed_gain_applies_from_the_next_tick_on() -> None:
 
 
 def test_a_target_is_taught_from_a_tool_at_rest() -> None:
-    lab = laboratory()
+    lab = make_laboratory()
     taught, moved = None, []
     for tick in ticks_of(lab, lab.servo(), 3.0, {200: Teach(frames=8)}):
         if tick.state.target is not lab.target:
             taught = tick.state.target
             moved.append(tick.state.command.rates.any())
-            assert np.allclose(tick.seen.points, taught.points, atol=1.5)
-            assert np.allclose(tick.seen.q, taught.q, atol=1e-3)
+            assert np.allclose(tick.observation.points, taught.points, atol=1.5)
+            assert np.allclose(tick.observation.q, taught.q, atol=1e-3)
     assert taught is not None and not any(moved) and len(moved) > 50
-    assert taught.shown > lab.target.shown
+    assert taught.taught_at > lab.target.taught_at
 
 
 def test_another_request_ends_teaching() -> None:
-    lab = laboratory()
+    lab = make_laboratory()
     requests = {200: Teach(frames=30), 215: rs.Request.RESUME, 220: rs.Request.PAUSE}
     *_, last = ticks_of(lab, lab.servo(), 4.0, requests)
     assert last.state.target is lab.target and last.state.phase is rs.Phase.PAUSED
 
 
 def test_teaching_waits_for_frames_with_both_markers() -> None:
-    lab = laboratory()
+    lab = make_laboratory()
     find, hidden = lab.plant.tracker.find, [True]
 
     def find_partly(frame: rs.Frame) -> rs.Markers:
@@ -152,7 +152,7 @@ def test_teaching_waits_for_frames_with_both_markers() -> None:
 
 
 def test_an_equal_target_is_no_change(tmp_path: Path) -> None:
-    lab = laboratory()
+    lab = make_laboratory()
     servo = lab.servo()
     with Recorder(tmp_path / reader.RECORD, {}) as recorder:
         recorder.begin(servo, lab.target)
@@ -163,7 +163,7 @@ def test_an_equal_target_is_no_change(tmp_path: Path) -> None:
 
 
 def test_a_servo_for_which_the_estimate_is_invalid_is_refused_and_the_arm_is_at_rest() -> None:
-    lab = laboratory()
+    lab = make_laboratory()
     servo = lab.servo()
     for change in (
         {"estimator": rs.FlowEstimator()},
@@ -179,7 +179,7 @@ def test_a_servo_for_which_the_estimate_is_invalid_is_refused_and_the_arm_is_at_
 
 @pytest.mark.parametrize("answer", [None, "resume", True, [rs.Request.RESUME]])
 def test_an_invalid_result_of_an_operator_is_refused_with_one_sentence(answer: Any) -> None:
-    lab = laboratory()
+    lab = make_laboratory()
     with pytest.raises(rs.BadInput, match=r"operator\(\) must be a Request, Target, Servo, Tea"):
         list(ticks_of(lab, lab.servo(), 1.0, {3: answer}))
     assert not lab.rig.arm.measure().enabled

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import rcmservo as rs
-from conftest import Laboratory, laboratory
+from conftest import Laboratory, make_laboratory
 from rcmservo.loop.plant import ENABLE_TIMEOUT_S, JOINT_HISTORY, NotEnabled
 from rcmservo.tracking import PointMarkers
 
@@ -75,7 +75,7 @@ def refusal(lab: Laboratory) -> str:
     ],
 )
 def test_an_invalid_measurement_is_refused(answer: Any) -> None:
-    lab = laboratory()
+    lab = make_laboratory()
     lab.plant = rs.Plant(
         FaultyArm(lab, measure=answer), lab.rig.camera, PointMarkers(), lab.rig.clock
     )
@@ -88,7 +88,7 @@ def test_an_invalid_measurement_is_refused(answer: Any) -> None:
 
 @pytest.mark.parametrize("answer", [None, [0.0, 0.0, 0.0], np.zeros(2), READ_ONLY])
 def test_invalid_applied_rates_are_refused(answer: Any) -> None:
-    lab = laboratory()
+    lab = make_laboratory()
     lab.plant = rs.Plant(
         FaultyArm(lab, apply=answer), lab.rig.camera, PointMarkers(), lab.rig.clock
     )
@@ -102,7 +102,7 @@ def test_invalid_applied_rates_are_refused(answer: Any) -> None:
     "answer", [[], np.zeros((480, 640, 3), np.uint8), rs.Frame(0, 0.5, 1), rs.Frame(None, 0, 1)]
 )
 def test_an_invalid_frame_is_refused(answer: Any) -> None:
-    lab = laboratory()
+    lab = make_laboratory()
     lab.plant = rs.Plant(lab.rig.arm, FaultyCamera(answer), PointMarkers(), lab.rig.clock)
     message = refusal(lab)
     assert message.startswith(
@@ -121,7 +121,7 @@ def test_an_invalid_frame_is_refused(answer: Any) -> None:
     ],
 )
 def test_invalid_markers_are_refused(answer: Any) -> None:
-    lab = laboratory()
+    lab = make_laboratory()
     lab.plant = rs.Plant(lab.rig.arm, lab.rig.camera, FaultyTracker(answer), lab.rig.clock)
     message = refusal(lab)
     assert message.startswith(
@@ -146,7 +146,7 @@ class LateArm(FaultyArm):
 
 @pytest.mark.parametrize("delay_s", [0.1, 0.9 * ENABLE_TIMEOUT_S])
 def test_the_plant_waits_for_a_drive_that_comes_on_late(delay_s: float) -> None:
-    lab = laboratory()
+    lab = make_laboratory()
     arm = LateArm(lab)
     arm.delay_s, arm.since = delay_s, 10**18
     lab.plant = rs.Plant(arm, lab.rig.camera, PointMarkers(), lab.rig.clock)
@@ -157,7 +157,7 @@ def test_the_plant_waits_for_a_drive_that_comes_on_late(delay_s: float) -> None:
 
 
 def test_a_drive_that_does_not_come_on_in_time_is_reported_and_stays_off() -> None:
-    lab = laboratory()
+    lab = make_laboratory()
     arm = LateArm(lab)
     arm.delay_s, arm.since = ENABLE_TIMEOUT_S + 0.5, 10**18
     lab.plant = rs.Plant(arm, lab.rig.camera, PointMarkers(), lab.rig.clock)
@@ -169,24 +169,24 @@ def test_a_drive_that_does_not_come_on_in_time_is_reported_and_stays_off() -> No
 
 
 def test_only_the_first_result_is_checked() -> None:
-    lab = laboratory()
+    lab = make_laboratory()
     arm = FaultyArm(lab)
     lab.plant = rs.Plant(arm, lab.rig.camera, PointMarkers(), lab.rig.clock)
     ticks = rs.run(lab.plant, lab.servo(), lab.target, 1.0)
     next(ticks)
     time, q, _ = arm.arm.measure()
     arm.answers = {"measure": [time, q, True]}
-    assert next(ticks).seen.q_time == time
+    assert next(ticks).observation.q_time == time
     ticks.close()
 
 
 def test_a_frame_without_an_image_is_dropped_as_damaged() -> None:
-    lab = laboratory()
+    lab = make_laboratory()
     lab.plant.tracker = rs.tracking.ColourMarkers()
     frame = replace(lab.rig.camera.latest(), points=None)
     lab.plant.camera = FaultyCamera(frame)
     *_, last = rs.run(lab.plant, lab.servo(), lab.target, 0.2)
-    assert last.seen.frame == -1
+    assert last.observation.frame == -1
 
 
 class SharedArrayArm(FaultyArm):
@@ -199,13 +199,13 @@ class SharedArrayArm(FaultyArm):
     def measure(self) -> Any:
         measured = self.arm.measure()
         self.joints[:] = measured.q
-        return rs.Measured(measured.time, self.joints, measured.enabled)
+        return rs.ArmMeasurement(measured.time, self.joints, measured.enabled)
 
 
 def test_a_device_may_reuse_one_array() -> None:
     ends = []
     for kind in (None, SharedArrayArm):
-        lab = laboratory()
+        lab = make_laboratory()
         if kind is not None:
             lab.plant = rs.Plant(kind(lab), lab.rig.camera, PointMarkers(), lab.rig.clock)
         *_, last = rs.run(lab.plant, lab.servo(), lab.target, 3.0)
@@ -214,7 +214,7 @@ def test_a_device_may_reuse_one_array() -> None:
 
 
 def test_joints_before_the_oldest_stored_measurement_are_unknown() -> None:
-    lab, camera = laboratory(), FaultyCamera(None)
+    lab, camera = make_laboratory(), FaultyCamera(None)
     plant, clock = rs.Plant(lab.rig.arm, camera, PointMarkers(), lab.rig.clock), lab.rig.clock
     plant.read()
     clock.wait_until(clock.now() + 50_000_000)
@@ -228,7 +228,7 @@ def test_joints_before_the_oldest_stored_measurement_are_unknown() -> None:
 
 
 def test_an_observation_contains_the_sizes_of_detected_markers() -> None:
-    lab = laboratory()
+    lab = make_laboratory()
     points = np.array([[100.0, 50.0], [np.nan, np.nan]])
     tracker = FaultyTracker(rs.Markers(points, np.array([9.5, 8.0]), np.array([1.0, 0.0])))
     plant = rs.Plant(lab.rig.arm, lab.rig.camera, tracker, lab.rig.clock)
@@ -242,7 +242,7 @@ def test_an_observation_contains_the_sizes_of_detected_markers() -> None:
 @pytest.mark.parametrize("far", [1e6, -1.25e12, 3.7e156, np.inf])
 def test_a_marker_outside_any_image_counts_as_lost(far: float) -> None:
     """One such frame once made the estimate non-finite."""
-    lab = laboratory()
+    lab = make_laboratory()
     points = np.array([[300.0, 200.0], [310.0, far]])
     markers = rs.Markers(points, np.array([9.0, 9.0]), np.ones(2))
     plant = rs.Plant(lab.rig.arm, lab.rig.camera, FaultyTracker(markers), lab.rig.clock)
@@ -255,7 +255,7 @@ def test_a_marker_outside_any_image_counts_as_lost(far: float) -> None:
 
 
 def test_an_observation_contains_the_detection_quality_with_0_for_a_lost_marker() -> None:
-    lab = laboratory()
+    lab = make_laboratory()
 
     class QualityTracker(rs.tracking.PointMarkers):
         reported: Any = np.array([0.9, 0.4])

@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from conftest import Laboratory, laboratory
+from conftest import Laboratory, make_laboratory
 from rcmservo.interfaces import Frame, Image, Markers, Tracker
 from rcmservo.loop.plant import Plant
-from rcmservo.loop.teach import NotShown, teach
+from rcmservo.loop.teach import TeachingFailed, teach
 from rcmservo.tracking import ColourMarkers, MarkerAppearance, PointMarkers
 
 LOOK = MarkerAppearance("green", "blue", 3.5, 3.5)
@@ -48,9 +48,9 @@ def draw_balls(*balls: tuple[str, float, float, float]) -> Image:
 
 def reason(change: Change, tracker: Tracker | None = None) -> str:
     """Return the reason for failed teaching with changed frames."""
-    lab = laboratory()
+    lab = make_laboratory()
     plant = Plant(lab.rig.arm, Changed(lab, change), tracker or PointMarkers(), lab.rig.clock)
-    with pytest.raises(NotShown) as caught:
+    with pytest.raises(TeachingFailed) as caught:
         teach(plant, frames=30)
     start, _, why = str(caught.value).partition(": ")
     assert start == "the target cannot be taught" and "\n" not in why
@@ -63,7 +63,7 @@ def reason_of(image: Image, look: MarkerAppearance = LOOK) -> str:
 
 
 def test_two_visible_balls_are_taught() -> None:
-    image, lab = draw_balls(GREEN, BLUE), laboratory()
+    image, lab = draw_balls(GREEN, BLUE), make_laboratory()
     camera = Changed(lab, lambda frame: replace(frame, points=None, image=image))
     target = teach(Plant(lab.rig.arm, camera, ColourMarkers(LOOK), lab.rig.clock), frames=30)
     np.testing.assert_allclose(target.points, [[80.0, 100.0], [200.0, 120.0]], atol=0.3)

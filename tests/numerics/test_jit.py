@@ -18,7 +18,7 @@ import pytest
 
 from conftest import ROOT
 from rcmservo.numerics import jit
-from rcmservo.numerics.small_linalg import length
+from rcmservo.numerics.small_linalg import compute_norm
 
 PROGRAM = (
     "import numpy as np; from rcmservo.numerics import jit; "
@@ -142,10 +142,10 @@ def test_without_jit_a_kernel_is_the_plain_function() -> None:
 
 def test_a_kernel_is_pickled_and_copied_by_name_like_a_function() -> None:
     for _ in range(2):  # before and after its first call
-        assert pickle.loads(pickle.dumps(length)) is copy.deepcopy(length) is length
-        assert length(np.array([3.0, 4.0])) == 5.0
-    assert inspect.signature(length) == inspect.signature(length.py_func)  # type: ignore[attr-defined]
-    assert not hasattr(length, "_a_name_of_nothing")
+        assert pickle.loads(pickle.dumps(compute_norm)) is copy.deepcopy(compute_norm) is compute_norm
+        assert compute_norm(np.array([3.0, 4.0])) == 5.0
+    assert inspect.signature(compute_norm) == inspect.signature(compute_norm.py_func)  # type: ignore[attr-defined]
+    assert not hasattr(compute_norm, "_a_name_of_nothing")
 
 
 @jit.compiled
@@ -166,7 +166,7 @@ def test_a_kernel_that_only_kernels_call_has_no_code_for_python() -> None:
 
 
 def test_concurrent_first_calls_of_a_kernel_share_one_dispatcher() -> None:
-    kernel = jit.Kernel(length.py_func)  # type: ignore[attr-defined]
+    kernel = jit.Kernel(compute_norm.py_func)  # type: ignore[attr-defined]
     with ThreadPoolExecutor(8) as pool:
         made = set(pool.map(lambda _: id(kernel.dispatcher), range(64)))
     assert len(made) == 1 and kernel(np.array([3.0, 4.0])) == 5.0

@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rcmservo.numerics.small_svd import condition, orthogonalise_columns
+from rcmservo.numerics.small_svd import compute_condition, orthogonalise_columns
 
 shapes = st.sampled_from([(3, 3), (4, 3), (6, 3), (2, 2)])
 
@@ -47,9 +47,9 @@ def test_zero_stays_zero_and_overflow_or_nan_terminates():
 
 @given(st.integers(0, 9999), shapes, st.floats(1.0, 1e6))
 def test_the_condition_is_the_largest_over_the_smallest_singular_value(seed, shape, known):
-    assert np.isclose(condition(matrix(seed, shape, known)), known, rtol=1e-9)
+    assert np.isclose(compute_condition(matrix(seed, shape, known)), known, rtol=1e-9)
 
 
 def test_singular_or_not_finite_matrices_have_an_infinite_condition():
     for number in (0.0, np.nan, np.inf):
-        assert condition(np.diag([1.0, 1.0, number])) == np.inf
+        assert compute_condition(np.diag([1.0, 1.0, number])) == np.inf

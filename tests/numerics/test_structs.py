@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from rcmservo.interfaces import Floats
-from rcmservo.numerics.structs import Row, as_row, changed, copied, flag, part, real, reals, whole
+from rcmservo.numerics.structs import Row, to_row, replace_fields, copy_row, flag, part, real, reals, whole
 from rcmservo.safety.gate import CommandStruct
-from rcmservo.safety.monitor_state import Watch, begin
+from rcmservo.safety.monitor_state import MonitorState, initial_monitor_state
 from rcmservo.safety.state_machine import ModeStruct
 from rcmservo.safety.thresholds import Thresholds
-from rcmservo.servo.state import Decision, Estimate, Stored
+from rcmservo.servo.state import Decision, Estimate, StoredState
 
 
 class Pair(Row):
@@ -42,13 +42,13 @@ def test_a_part_is_a_view_of_its_row() -> None:
     both = PairOfPairs.of(one=Pair.of(size=3.0, point=1.0), other=Pair.of(count=4))
     both.one.point[1] = 5.0
     assert (both.one.point.tolist(), both.one.size, both.other.count) == ([1.0, 5.0], 3.0, 4)
-    other = changed(both, other=Pair.of(count=6))
+    other = replace_fields(both, other=Pair.of(count=6))
     assert (other.one.size, other.other.count, both.other.count) == (3.0, 6, 4)
 
 
 def test_a_copy_is_bitwise_equal_and_shares_no_memory() -> None:
     both = PairOfPairs.of(one=Pair.of(size=np.nan, known=True, point=-0.0))
-    twin = copied(both)
+    twin = copy_row(both)
     assert twin.rows.tobytes() == both.rows.tobytes() and twin.rows.dtype == both.rows.dtype
     twin.one.point[0] = 7.0
     assert both.one.point[0] == 0.0 and pickle.loads(pickle.dumps(twin)).one.point[0] == 7.0
@@ -60,7 +60,7 @@ def test_a_batch_is_an_array_of_the_same_rows() -> None:
     assert Pair(batch[3:4]).size == 3.0
 
 
-@pytest.mark.parametrize("row", [Watch, Estimate, Decision, ModeStruct, CommandStruct, Stored])
+@pytest.mark.parametrize("row", [MonitorState, Estimate, Decision, ModeStruct, CommandStruct, StoredState])
 def test_every_field_of_the_servo_structs_has_a_shape_and_a_meaning(row: type[Row]) -> None:
     assert row.dtype.names == tuple(field.name for field in row.fields)
     assert all(field.meaning for field in row.fields)
@@ -78,11 +78,11 @@ class Numbers:
 
 
 def test_settings_become_a_row_of_their_declared_types() -> None:
-    rows = as_row(Numbers())
+    rows = to_row(Numbers())
     kinds = {name: rows.dtype[name].base.str for name in rows.dtype.names}
     assert kinds == {"fraction": "<f8", "ends": "<f8", "times": "<i8", "on": "|b1"}
     assert rows["ends"][0].tolist() == [1.0, 2.0, 3.0]
-    assert as_row(Thresholds()).dtype == as_row(Thresholds(stale_slow=2, jump=4)).dtype
+    assert to_row(Thresholds()).dtype == to_row(Thresholds(max_frame_age_slow=2, max_jump_px=4)).dtype
 
 
 @dataclass(frozen=True)
@@ -94,12 +94,12 @@ class Settings:
 
 
 def test_settings_with_parts_become_nested_rows() -> None:
-    rows = as_row(Settings(Numbers(fraction=3), Pair.of(count=4)))
+    rows = to_row(Settings(Numbers(fraction=3), Pair.of(count=4)))
     assert rows["numbers"]["fraction"][0] == 3.0 and rows["pair"]["count"][0] == 4
-    assert rows.dtype["pair"] == Pair.dtype and rows.dtype["numbers"] == as_row(Numbers()).dtype
+    assert rows.dtype["pair"] == Pair.dtype and rows.dtype["numbers"] == to_row(Numbers()).dtype
 
 
 def test_two_initial_monitor_states_share_no_memory() -> None:
-    one, other = begin(), begin()
-    one.reached[:] = 1.0
-    assert np.isnan(other.reached).all()
+    one, other = initial_monitor_state(), initial_monitor_state()
+    one.predicted_joints[:] = 1.0
+    assert np.isnan(other.predicted_joints).all()

@@ -8,16 +8,16 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from conftest import HEEDING_CTRL_C, SMALL, with_tests
+from conftest import INTERRUPTIBLE_COMMAND, SMALL_RIG_TOML, make_environment
 
-RIG_TEXT = SMALL.replace("[scene]", "frame_rate = 30.0\n[scene]")
+RIG_TEXT = SMALL_RIG_TOML.replace("[scene]", "frame_rate = 30.0\n[scene]")
 """Frame rate 30 Hz: a browser without a GPU draws on the processors that also simulate."""
 
 
 @contextmanager
 def serve_page(folder: Path, *options: str) -> Iterator[str]:
     """Serve the page, record into the folder, and yield the address of the page."""
-    command = [sys.executable, "-c", HEEDING_CTRL_C, "serve", "--port", "0", "--no-browser"]
+    command = [sys.executable, "-c", INTERRUPTIBLE_COMMAND, "serve", "--port", "0", "--no-browser"]
     (rig := folder.with_name(f"{folder.name}.toml")).write_text(RIG_TEXT)
     poses = folder.with_name(f"{folder.name}-poses")
     process = subprocess.Popen(
@@ -37,7 +37,7 @@ def serve_page(folder: Path, *options: str) -> Iterator[str]:
         ],
         stdout=subprocess.PIPE,
         text=True,
-        env=with_tests(COLUMNS="200", TERM="dumb"),
+        env=make_environment(COLUMNS="200", TERM="dumb"),
     )
     assert process.stdout is not None
     try:

@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from conftest import laboratory
-from rcmservo.cli.lab.hardware_prompts import define
-from rcmservo.config.rig_file import Lab
+from conftest import make_laboratory
+from rcmservo.cli.lab.hardware_prompts import define_joints
+from rcmservo.config.rig_file import RigDescription
 from rcmservo.errors import Stopped
-from rcmservo.interfaces import Measured
-from rcmservo.page.channels import Desk
+from rcmservo.interfaces import ArmMeasurement
+from rcmservo.page.channels import PageChannels
 from rcmservo.page.messages import Between, Enable, Note, Reply
-from rcmservo.page.prompts import READ, PagePerson
+from rcmservo.page.prompts import READ, PagePrompts
 
 
 class Page:
@@ -25,7 +25,7 @@ class Page:
     """
 
     def __init__(self, *says: tuple[int, Any]) -> None:
-        self.desk, self.says, self.looks, self.now = Desk(get_context("spawn")), list(says), 0, 0
+        self.desk, self.says, self.looks, self.now = PageChannels(get_context("spawn")), list(says), 0, 0
         self.asked: list[Between] = []
         self.notes: list[str] = []
         self.defined: Any = None
@@ -36,7 +36,7 @@ class Page:
         self.now = max(self.now, time)
 
     def _look(self) -> bool:
-        for one in self.desk.said.heard():
+        for one in self.desk.status.receive_all():
             if isinstance(one, Between):
                 self.asked.append(one)
                 self.looks = 0
@@ -47,14 +47,14 @@ class Page:
             told = self.says.pop(0)[1]
             if isinstance(told, str):
                 told = Reply(self.asked[-1].asks, told)
-            assert self.desk.wants.put(told)
+            assert self.desk.requests.send(told)
         return self.looks > 500
 
     def define(self, q: Any) -> None:
         self.defined = q
 
-    def measure(self) -> Measured:
-        return Measured(0, self.defined, False)
+    def measure(self) -> ArmMeasurement:
+        return ArmMeasurement(0, self.defined, False)
 
 
 READ_BY = READ // 20_000_000 + 2
@@ -62,7 +62,7 @@ READ_BY = READ // 20_000_000 + 2
 
 
 def test_joints_are_typed_within_limits_and_agreed_to_before_the_arm_is_told() -> None:
-    start = laboratory().rig.scene.start
+    start = make_laboratory().rig.scene.start
     typed = " ".join(f"{value:.4f}" for value in start)
     page = Page(
         (READ_BY, "here"),
@@ -72,7 +72,7 @@ def test_joints_are_typed_within_limits_and_agreed_to_before_the_arm_is_told() -
         (READ_BY, typed),
         (READ_BY, ""),
     )
-    define(PagePerson(page.desk, page.plant), page.plant, Lab())
+    define_joints(PagePrompts(page.desk, page.plant), page.plant, RigDescription())
     assert np.allclose(page.defined, start, atol=1e-4)
     words = [one.words for one in page.asked]
     assert "Move the arm by hand to a mark" in words[0]
@@ -90,5 +90,5 @@ def test_joints_are_typed_within_limits_and_agreed_to_before_the_arm_is_told() -
 def test_what_was_said_too_soon_or_to_another_question_is_no_answer(told: Any) -> None:
     page = Page(told)
     with pytest.raises(Stopped):
-        PagePerson(page.desk, page.plant).ask("Where?")
+        PagePrompts(page.desk, page.plant).ask("Where?")
     assert page.notes == (["the drive is off: answer first"] if told[1] == Enable() else [])

@@ -10,14 +10,14 @@ import pytest
 from dashboards import make_dashboard
 
 import rcmservo as rs
-from conftest import laboratory
+from conftest import make_laboratory
 from rcmservo.estimation.dlt import DltEstimator
 from rcmservo.estimation.projection_rule import ProjectionEstimator
-from rcmservo.page.channels import Desk
+from rcmservo.page.channels import PageChannels
 from rcmservo.page.json_text import encode_json
 from rcmservo.page.messages import Standby
 from rcmservo.page.plots.curves import SAMPLE_FIELDS
-from rcmservo.page.plots.mechanism_shape import Shape
+from rcmservo.page.plots.mechanism_shape import MechanismShape
 from rcmservo.page.pose_sequence import SequenceProgress
 from rcmservo.page.recovery_actions import list_allowed_actions
 from rcmservo.page.view_model import Dashboard
@@ -30,7 +30,7 @@ def observe_run(
     estimator: rs.Estimator, seconds: float
 ) -> tuple[list[rs.Tick], list[dict[str, Any]], Dashboard]:
     """Run the loop; return its ticks, the dashboard after each of them, and the dashboard."""
-    lab, channels = laboratory(), Desk(get_context("spawn"))
+    lab, channels = make_laboratory(), PageChannels(get_context("spawn"))
     board, tables = make_dashboard(channels), list[dict[str, Any]]()
     ticks = list[rs.Tick]()
     for tick in rs.run(lab.plant, lab.servo(estimator=estimator), lab.target, seconds):
@@ -49,10 +49,10 @@ def test_the_dashboard_holds_the_tick_and_the_predicted_markers(
     count = 0
     for tick, table in zip(ticks, tables, strict=True):
         state = tick.state
-        for name, number in (("y", state.y), ("delta", state.delta), ("q", tick.seen.q)):
+        for name, number in (("y", state.y), ("delta", state.delta), ("q", tick.observation.q)):
             displayed = np.array(table[name], dtype=float)
             assert np.array_equal(displayed, number, equal_nan=True), name
-        known = tick.servo.learner.predict(state.learnt.memory, tick.servo.tool, state.p1)
+        known = tick.servo.guarded_estimator.predict(state.estimation.memory, tick.servo.tool, state.p1)
         assert known is not None
         for predicted, m in zip(table["predicted"], np.reshape(known, (2, 2)), strict=True):
             assert np.array_equal(predicted, m + state.o_c, equal_nan=True)
@@ -85,7 +85,7 @@ def test_the_allowed_actions_depend_on_the_phase() -> None:
 def test_without_a_loop_the_drive_can_be_enabled_or_a_stop_cleared(
     standby: Standby, phase: str, can: list[str]
 ) -> None:
-    table = make_dashboard(Desk(get_context("spawn")), standby=standby).to_table()
+    table = make_dashboard(PageChannels(get_context("spawn")), standby=standby).to_table()
     assert (table["phase"], table["can"], table["recovery"]) == (
         phase,
         can,
@@ -126,7 +126,7 @@ class LateClock:
 
 
 def test_the_curves_hold_the_values_of_the_ticks_and_the_largest_lateness() -> None:
-    lab, channels = laboratory(), Desk(get_context("spawn"))
+    lab, channels = make_laboratory(), PageChannels(get_context("spawn"))
     board, ticks = make_dashboard(channels), list[rs.Tick]()
     lab.plant.clock = LateClock(lab.plant.clock, {104: 4_000_000, 107: 7_000_000})
     for tick in rs.run(lab.plant, lab.servo(), lab.target, 5.0):
@@ -138,7 +138,7 @@ def test_the_curves_hold_the_values_of_the_ticks_and_the_largest_lateness() -> N
     samples = np.array(board.curves.after(0))
     curves = dict(zip(SAMPLE_FIELDS, samples.T, strict=True))
     assert len(samples) == board.curves.count >= 28
-    by_time = {tick.seen.now: tick for tick in ticks}
+    by_time = {tick.observation.now: tick for tick in ticks}
     for sample in samples:
         state = by_time[round(sample[0] * 1e9)].state
         assert np.array_equal(sample[1:4], state.delta, equal_nan=True)
@@ -146,7 +146,7 @@ def test_the_curves_hold_the_values_of_the_ticks_and_the_largest_lateness() -> N
     late = curves["late"]
     assert sorted(late)[-1] == pytest.approx(7.0, abs=1e-6) and (late > 0.1).sum() <= 2
     servoed = np.array([by_time[round(t * 1e9)].state.phase is rs.Phase.SERVO for t in curves["t"]])
-    first = replace(ticks[0], seen=replace(ticks[0].seen, now=ticks[-1].seen.now + 1_555_000_000))
+    first = replace(ticks[0], seen=replace(ticks[0].observation, now=ticks[-1].observation.now + 1_555_000_000))
     channels.ticks.add(first)
     board.update()
     assert board.curves.after(len(samples))[0][-1] == 0.0  # another loop has another schedule
@@ -159,10 +159,10 @@ def test_the_curves_hold_the_values_of_the_ticks_and_the_largest_lateness() -> N
 
 
 def test_the_true_pose_error_belongs_to_the_joints_of_the_target() -> None:
-    lab, settings = laboratory(), RigSettings()
+    lab, settings = make_laboratory(), RigSettings()
     log = MotionLog(get_context("spawn"))
     log.add(0, 0, 0, False, np.zeros(3), lab.rig.scene.start)
-    channels = Desk(get_context("spawn"))
+    channels = PageChannels(get_context("spawn"))
     board = make_dashboard(channels, target=lab.target, truth=TruePositionError(settings, log))
     body = ToolBody(settings.mechanism, settings.tool)
     error = body.points(lab.rig.scene.start)[1] - body.points(lab.target.q)[1]
@@ -177,13 +177,13 @@ def test_the_true_pose_error_belongs_to_the_joints_of_the_target() -> None:
 
 
 def test_the_tool_in_the_scene_goes_through_its_markers() -> None:
-    lab = laboratory()
-    shape = Shape.of(lab.servo())
+    lab = make_laboratory()
+    shape = MechanismShape.of(lab.servo())
     q = lab.rig.scene.start
     tool, markers = shape.points(q), lab.rig.body.points(q)[:2]
     assert np.allclose(tool[:2], markers, atol=0.5)
     assert np.allclose(np.cross(tool[0], tool[2]), 0.0, atol=1e-6)
-    board = make_dashboard(Desk(get_context("spawn")), target=lab.target, shape=shape)
+    board = make_dashboard(PageChannels(get_context("spawn")), target=lab.target, shape=shape)
     assert np.allclose(board.to_table()["tool_target"], shape.points(lab.target.q), atol=0.01)
     assert board.to_table()["tool"] is None
     limits, (_, upper) = shape.limits(), lab.rig.settings.mechanism.limits.arrays

@@ -7,7 +7,7 @@ import page_forged
 import pytest
 from page_lab import page_lab
 
-from stalls import undisturbed
+from stalls import retry_after_stalls
 
 pytestmark = [pytest.mark.alone, pytest.mark.slow]
 
@@ -30,4 +30,4 @@ def test_forged_and_random_requests_move_change_and_stop_nothing() -> None:
             lab.play(operate)
         return found
 
-    assert undisturbed(find_failures, lambda found: not found) == []
+    assert retry_after_stalls(find_failures, lambda found: not found) == []

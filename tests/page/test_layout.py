@@ -8,9 +8,9 @@ from fastapi import FastAPI
 from nicegui import ui
 from starlette.testclient import TestClient
 
-from conftest import ROOT, laboratory
-from rcmservo.page.plots.mechanism_shape import Shape
-from rcmservo.page.web.access import Doors
+from conftest import ROOT, make_laboratory
+from rcmservo.page.plots.mechanism_shape import MechanismShape
+from rcmservo.page.web.access import PageCredentials
 from rcmservo.page.web.layout import lay_out
 from rcmservo.sim.processes.live_disturbances import list_live_disturbances
 
@@ -31,10 +31,10 @@ def test_python_has_no_html_and_javascript_creates_no_elements() -> None:
 
 
 def test_each_component_is_placed_on_the_page_and_served() -> None:
-    shape = Shape.of(laboratory().servo())
+    shape = MechanismShape.of(make_laboratory().servo())
     site: Any = SimpleNamespace(
         title="a page",
-        access=Doors(1, "s"),
+        access=PageCredentials(1, "s"),
         stop_port=2,
         shape=shape,
         disturbances=list_live_disturbances(),

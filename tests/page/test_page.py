@@ -19,13 +19,13 @@ from page_server import serve_page
 from playwright.sync_api import Browser, Page, TimeoutError, sync_playwright
 
 from conftest import ROOT
-from peers import peer
+from peers import mark_peer
 
 CHROMIUM = shutil.which("chromium") or ""
 pytestmark = [
     pytest.mark.alone,
     pytest.mark.slow,
-    peer("Chromium", bool(CHROMIUM), "apt-get install chromium"),
+    mark_peer("Chromium", bool(CHROMIUM), "apt-get install chromium"),
 ]
 TIMEOUT_MS, RETRY_MS = 45_000, 5_000
 """Timeout on a busy machine, and time after which a button is pressed a second time, in ms."""

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import rcmservo as rs
-from conftest import Laboratory, laboratory
-from rcmservo.loop.operator import OperatorRequest, same
-from rcmservo.page.channels import DUE_TIME, TICK_SLOTS, Desk
+from conftest import Laboratory, make_laboratory
+from rcmservo.loop.operator import OperatorRequest, targets_are_equal
+from rcmservo.page.channels import DUE_TIME, TICK_SLOTS, PageChannels
 from rcmservo.page.control_ownership import ControlOwnership
 from rcmservo.page.jog_state import JogState
 from rcmservo.page.messages import (
@@ -24,10 +24,10 @@ from rcmservo.page.messages import (
     TeachPose,
 )
 from rcmservo.page.operator import HEARTBEAT_TIMEOUT_NS, JOG_TIMEOUT_NS, PageOperator
-from rcmservo.page.settings import Chosen
+from rcmservo.page.settings import SelectedSettings
 from rcmservo.page.web.page_process import dispatch, pause_on_handover
 from rcmservo.recording.ros2_messages import encode_tick
-from rcmservo.safety.state_machine import SLOW_SHARE
+from rcmservo.safety.state_machine import SLOW_SPEED_SCALE
 
 Script = dict[int, list[object]]
 """Messages of the page by the tick after which they are sent."""
@@ -36,9 +36,9 @@ Script = dict[int, list[object]]
 class Browser:
     """Simulated browser: sends messages after given ticks, and heartbeats until a given tick."""
 
-    def __init__(self, channels: Desk, script: Script, last_tick: int = 10**9) -> None:
+    def __init__(self, channels: PageChannels, script: Script, last_tick: int = 10**9) -> None:
         self.channels, self.script, self.last_tick, self.tick = channels, script, last_tick, -1
-        self.operator = PageOperator(channels, Chosen(laboratory().servo()), frames=30)
+        self.operator = PageOperator(channels, SelectedSettings(make_laboratory().servo()), frames=30)
         self.messages: list[object] = []
 
     def __call__(self, tick: rs.Tick) -> OperatorRequest:
@@ -48,15 +48,15 @@ class Browser:
         for one in self.script.get(self.tick, []):
             assert dispatch(one, self.channels)
         request = self.operator(tick)
-        self.messages += self.channels.said.heard()
+        self.messages += self.channels.status.receive_all()
         return request
 
 
 def run_loop(
     script: Script, seconds: float, last_tick: int = 10**9, lab: Laboratory | None = None
 ) -> tuple[list[rs.Tick], Browser]:
-    lab = lab or laboratory()
-    browser = Browser(Desk(get_context("spawn")), script, last_tick)
+    lab = lab or make_laboratory()
+    browser = Browser(PageChannels(get_context("spawn")), script, last_tick)
     ticks = rs.run(lab.plant, lab.servo(), lab.target, seconds, operator=browser)
     return list(ticks), browser
 
@@ -82,7 +82,7 @@ def test_a_session_begins_paused_and_nothing_moves_without_a_request() -> None:
 
 
 def test_go_sets_the_target_and_resumes_and_a_second_go_changes_the_target() -> None:
-    lab = laboratory()
+    lab = make_laboratory()
     scene = lab.rig.scene
     lab.rig.place((scene.start + scene.target) / 2.0)
     other = rs.teach(lab.plant, frames=5)
@@ -91,12 +91,12 @@ def test_go_sets_the_target_and_resumes_and_a_second_go_changes_the_target() -> 
     assert phases(ticks).count(rs.Phase.PAUSED) == 1 and rs.Phase.SERVO in phases(ticks)
     assert np.abs(ticks[-1].state.delta / (0.02, 1.5, 1.5)).max() < 1.0
     first, second = [one.target for one in browser.messages if isinstance(one, TargetChanged)]
-    assert same(first, lab.target) and same(second, other)
+    assert targets_are_equal(first, lab.target) and targets_are_equal(second, other)
 
 
 @pytest.mark.parametrize("last_tick", [150, 300])
 def test_autonomous_motion_is_paused_without_heartbeats(last_tick: int) -> None:
-    target = laboratory().target
+    target = make_laboratory().target
     ticks, _ = run_loop({50: [Go(target)]}, 5.0, last_tick)
     last_beat = (last_tick - 1) // 10 * 10
     first = next(
@@ -113,7 +113,7 @@ def test_a_held_button_moves_the_joints_until_the_browser_is_silent() -> None:
     moving = [k for k, tick in enumerate(ticks) if tick.state.command.rates.any()]
     assert moving[0] == 101
     assert moving[-1] <= 196 + JOG_TIMEOUT_NS // 10_000_000 + 3 + 1
-    assert ticks[-1].seen.q[0] - ticks[0].seen.q[0] == pytest.approx(0.1, rel=0.12)
+    assert ticks[-1].observation.q[0] - ticks[0].observation.q[0] == pytest.approx(0.1, rel=0.12)
     assert phases(ticks)[-2:] == [rs.Phase.JOG, rs.Phase.PAUSED]
 
 
@@ -128,7 +128,7 @@ def test_marker_1_is_jogged_along_a_straight_line_in_the_arms_base_frame(
     ticks, browser = run_loop({k: [press] for k in range(100, 160, 4)}, 3.0)
     begun, ended = jog_ticks(ticks)[0], jog_ticks(ticks)[-1]
     servo = browser.operator._selection.servo
-    moved = servo.marker_1(ticks[ended].seen.q) - servo.marker_1(ticks[begun].seen.q)
+    moved = servo.position_of_marker_1(ticks[ended].observation.q) - servo.position_of_marker_1(ticks[begun].observation.q)
     along = moved[axis] * np.sign(speed)
     assert 3.0 < along < 7.0 and np.linalg.norm(np.delete(moved, axis)) < 0.05 * along
     assert phases(ticks)[-1] is rs.Phase.PAUSED
@@ -141,7 +141,7 @@ def test_a_jog_has_its_fraction_of_the_jog_speed_whatever_the_request() -> None:
             JogMarker((0.0, -1e9, 1e9), 1, speed_scale),
         ):
             ticks, browser = run_loop({k: [press] for k in range(100, 140, 4)}, 2.0)
-            limits = np.array(browser.operator._selection.servo.gate.speed) * SLOW_SHARE
+            limits = np.array(browser.operator._selection.servo.gate.speed) * SLOW_SPEED_SCALE
             used = max(np.abs(tick.state.command.rates / limits).max() for tick in ticks)
             assert used == pytest.approx(speed_scale)
 
@@ -177,8 +177,8 @@ def test_a_press_that_was_not_repeated_in_time_stays_ended() -> None:
 
 
 def test_a_button_held_before_the_session_began_moves_nothing_in_it() -> None:
-    lab, channels = laboratory(), Desk(get_context("spawn"))
-    channels.hand.hold(7, (0.1, 0.0, 0.0))
+    lab, channels = make_laboratory(), PageChannels(get_context("spawn"))
+    channels.jog_state.hold(7, (0.1, 0.0, 0.0))
     browser = Browser(channels, hold_button(range(0, 200), (0.1, 0.0, 0.0), 7))
     ticks = list(rs.run(lab.plant, lab.servo(), lab.target, 3.0, operator=browser))
     assert not jog_ticks(ticks) and len(ticks) == 300
@@ -193,7 +193,7 @@ def test_a_half_written_jog_command_is_ignored() -> None:
 
 
 def test_a_transfer_of_control_pauses_the_motion() -> None:
-    control, target = ControlOwnership(), laboratory().target
+    control, target = ControlOwnership(), make_laboratory().target
     first = control.join(0)
     second = control.join(0)
     control.request(second, 1)
@@ -205,8 +205,8 @@ def test_a_transfer_of_control_pauses_the_motion() -> None:
                     control.hand_over(first, 2)
             return super().__call__(tick)
 
-    lab = laboratory()
-    browser = BrowserThatHandsOver(Desk(get_context("spawn")), {50: [Go(target)]})
+    lab = make_laboratory()
+    browser = BrowserThatHandsOver(PageChannels(get_context("spawn")), {50: [Go(target)]})
     ticks = list(rs.run(lab.plant, lab.servo(), lab.target, 4.0, operator=browser))
     assert control.holder == second
     assert ticks[200].state.phase in (rs.Phase.ACQUIRE, rs.Phase.SERVO)
@@ -221,17 +221,17 @@ def test_cancelled_teaching_is_reported() -> None:
 
 
 def test_a_requested_target_is_not_stored_as_the_taught_pose() -> None:
-    target = laboratory().target
+    target = make_laboratory().target
     _, browser = run_loop({100: [Go(target), TeachPose("above")]}, 3.0)
     (taught,) = [one for one in browser.messages if isinstance(one, PoseTaught)]
-    assert not same(taught.target, target)
+    assert not targets_are_equal(taught.target, target)
 
 
 def test_a_pose_is_taught_under_its_name() -> None:
     ticks, browser = run_loop({100: [TeachPose("above")]}, 3.0)
     (taught,) = [one for one in browser.messages if isinstance(one, PoseTaught)]
     assert taught.name == "above"
-    assert np.allclose(taught.target.points, ticks[-1].seen.points, atol=1.5)
+    assert np.allclose(taught.target.points, ticks[-1].observation.points, atol=1.5)
     assert taught.target.points.tobytes() == ticks[-1].state.target.points.tobytes()
 
 
@@ -256,19 +256,19 @@ def test_teaching_again_is_reported_and_stores_no_pose() -> None:
     assert notes == ["the target was taught again"]
     assert not any(isinstance(one, PoseTaught) for one in browser.messages)
     _, target = [one.target for one in browser.messages if isinstance(one, TargetChanged)]
-    assert same(target, ticks[-1].state.target)
+    assert targets_are_equal(target, ticks[-1].state.target)
 
 
 def test_a_target_that_the_settings_refuse_is_reported_and_the_loop_continues() -> None:
     target = rs.Target(np.full((2, 2), 100.0), np.zeros(3))
-    lab = laboratory()
+    lab = make_laboratory()
     servo = lab.servo(
         estimator=rs.AffineEstimator(), controller=rs.SaturatedController(features="size")
     )
-    channels = Desk(get_context("spawn"))
+    channels = PageChannels(get_context("spawn"))
     browser = Browser(channels, {20: [Go(target)]})
     target_with_sizes = rs.Target(
-        lab.target.points, lab.target.q, lab.target.shown, np.array([9.0, 9.0])
+        lab.target.points, lab.target.q, lab.target.taught_at, np.array([9.0, 9.0])
     )
     ticks = list(rs.run(lab.plant, servo, target_with_sizes, 1.0, operator=browser))
     assert len(ticks) == 100 and phases(ticks)[-1] is rs.Phase.PAUSED

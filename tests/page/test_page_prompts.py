@@ -10,14 +10,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from conftest import laboratory
-from rcmservo.cli.lab.hardware_prompts import define
-from rcmservo.config.rig_file import Lab
+from conftest import make_laboratory
+from rcmservo.cli.lab.hardware_prompts import define_joints
+from rcmservo.config.rig_file import RigDescription
 from rcmservo.errors import Stopped
-from rcmservo.interfaces import Measured
-from rcmservo.page.channels import Desk
+from rcmservo.interfaces import ArmMeasurement
+from rcmservo.page.channels import PageChannels
 from rcmservo.page.messages import Enable, Note, Reply, Standby
-from rcmservo.page.prompts import MIN_READING_TIME_NS, PagePerson
+from rcmservo.page.prompts import MIN_READING_TIME_NS, PagePrompts
 
 
 class Page:
@@ -25,7 +25,7 @@ class Page:
 
     def __init__(self, *answers: tuple[int, Any]) -> None:
         self.channels, self.answers, self.polls, self.now = (
-            Desk(get_context("spawn")),
+            PageChannels(get_context("spawn")),
             list(answers),
             0,
             0,
@@ -40,7 +40,7 @@ class Page:
         self.now = max(self.now, time)
 
     def _poll(self) -> bool:
-        for one in self.channels.said.heard():
+        for one in self.channels.status.receive_all():
             if isinstance(one, Standby):
                 self.prompts.append(one)
                 self.polls = 0
@@ -51,14 +51,14 @@ class Page:
             answer = self.answers.pop(0)[1]
             if isinstance(answer, str):
                 answer = Reply(self.prompts[-1].question, answer)
-            assert self.channels.wants.put(answer)
+            assert self.channels.requests.send(answer)
         return self.polls > 500
 
     def define(self, q: Any) -> None:
         self.defined = q
 
-    def measure(self) -> Measured:
-        return Measured(0, self.defined, False)
+    def measure(self) -> ArmMeasurement:
+        return ArmMeasurement(0, self.defined, False)
 
 
 READ_AFTER_POLLS = MIN_READING_TIME_NS // 20_000_000 + 2
@@ -66,7 +66,7 @@ READ_AFTER_POLLS = MIN_READING_TIME_NS // 20_000_000 + 2
 
 
 def test_typed_joints_are_within_limits_and_confirmed_before_the_arm_gets_them() -> None:
-    start = laboratory().rig.scene.start
+    start = make_laboratory().rig.scene.start
     typed = " ".join(f"{value:.4f}" for value in start)
     page = Page(
         (READ_AFTER_POLLS, "here"),
@@ -76,7 +76,7 @@ def test_typed_joints_are_within_limits_and_confirmed_before_the_arm_gets_them()
         (READ_AFTER_POLLS, typed),
         (READ_AFTER_POLLS, ""),
     )
-    define(PagePerson(page.channels, page.plant), page.plant, Lab())
+    define_joints(PagePrompts(page.channels, page.plant), page.plant, RigDescription())
     assert np.allclose(page.defined, start, atol=1e-4)
     words = [one.words for one in page.prompts]
     assert "Bring the arm by hand to a mark" in words[0]
@@ -99,7 +99,7 @@ def test_typed_joints_are_within_limits_and_confirmed_before_the_arm_gets_them()
 def test_a_premature_answer_or_one_to_another_question_is_ignored(answer: Any) -> None:
     page = Page(answer)
     with pytest.raises(Stopped):
-        PagePerson(page.channels, page.plant).ask("Joints?")
+        PagePrompts(page.channels, page.plant).ask("Joints?")
     assert page.notes == (
         ["the drive is off: answer the question first"] if answer[1] == Enable() else []
     )

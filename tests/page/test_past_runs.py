@@ -12,8 +12,8 @@ from starlette.testclient import TestClient
 
 import rcmservo as rs
 from conftest import ROOT
-from rcmservo.live.servo_process import Film
-from rcmservo.page.web.access import Doors
+from rcmservo.live.servo_process import FrameSampler
+from rcmservo.page.web.access import PageCredentials
 from rcmservo.page.web.runs_routes import runs_routes
 from rcmservo.recording import reader
 from rcmservo.recording.writer import Recorder
@@ -29,7 +29,7 @@ class Browser:
 
     def __init__(self, root: Path) -> None:
         app = FastAPI()
-        app.include_router(runs_routes(Doors(1, "s"), root))
+        app.include_router(runs_routes(PageCredentials(1, "s"), root))
         self.client: Any = TestClient(app)
 
     def get(self, path: str) -> Any:
@@ -49,11 +49,11 @@ def record_with_pictures(path: Path) -> int:
     plant = rs.Plant(rig.arm, rig.camera, ColourMarkers(), rig.clock)
     servo = rs.Servo(mechanism=rs.SphericalRcm(), tool=rs.RigidTool(spacing=30.0))
     target = rs.Target(reader.read_record(OLD).stages[0].target.points / 4.0, plant.read().q)
-    recorder, film, count = Recorder(path, {"simulation": True, "seed": 1}), Film(20.0), 0
+    recorder, film, count = Recorder(path, {"simulation": True, "seed": 1}), FrameSampler(20.0), 0
     recorder.begin(servo, target)
     for tick in rs.run(plant, servo, target, duration=0.5):
         recorder.write(tick)
-        picture = film.picture(tick, plant.frame)
+        picture = film.sample(tick, plant.frame)
         if picture is not None:
             recorder.write_frame(picture)
             count += 1

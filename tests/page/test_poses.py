@@ -9,21 +9,21 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import rcmservo as rs
-from rcmservo.cli.simulated_run.target import setup_of
+from rcmservo.cli.simulated_run.target import simulated_setup
 from rcmservo.config import target_file
-from rcmservo.config.rig_file import Lab
-from rcmservo.loop.operator import same
+from rcmservo.config.rig_file import RigDescription
+from rcmservo.loop.operator import targets_are_equal
 from rcmservo.page.poses import PoseFolder, PoseStore
 from rcmservo.page.recovery_actions import list_recovery_actions
 from rcmservo.safety.causes import Action, Cause
 from rcmservo.sim import Rig
 
-SETUP = setup_of(Rig(1, pictures=False), Lab())
+SETUP = simulated_setup(Rig(1, pictures=False), RigDescription())
 TARGET = rs.Target(np.array([[100.0, 200.0], [150.0, 250.0]]), np.array([0.5, 0.1, 120.0]))
 
 
 def load_poses(folder: Path, seed: int = 1) -> PoseStore:
-    setup = SETUP if seed == 1 else setup_of(Rig(seed, pictures=False), Lab())
+    setup = SETUP if seed == 1 else simulated_setup(Rig(seed, pictures=False), RigDescription())
     made = PoseStore(PoseFolder(folder, setup))
     made.load()
     return made
@@ -35,16 +35,16 @@ def test_a_pose_is_stored_as_a_target_file_with_its_picture(
     assert load_poses(tmp_path / "new").save("left of it", TARGET, b"picture") == ""
     reloaded = load_poses(tmp_path / "new")
     assert (
-        same(reloaded.targets["left of it"], TARGET)
+        targets_are_equal(reloaded.targets["left of it"], TARGET)
         and reloaded.picture("left of it") == b"picture"
     )
     (file,) = (tmp_path / "new").glob("*.json")
-    assert same(target_file.load(file, SETUP), TARGET)
+    assert targets_are_equal(target_file.load_target(file, SETUP), TARGET)
     other = rs.Target(TARGET.points + 1.0, TARGET.q)
     reloaded.save("left of it", other, b"other")
     replaced = load_poses(tmp_path / "new")
     assert (
-        same(replaced.targets["left of it"], other) and replaced.picture("left of it") == b"other"
+        targets_are_equal(replaced.targets["left of it"], other) and replaced.picture("left of it") == b"other"
     )
     assert replaced.delete("left of it") == ""
     assert not list((tmp_path / "new").iterdir()) and not load_poses(tmp_path / "new").targets
@@ -97,9 +97,9 @@ def test_a_pose_that_cannot_be_written_is_reported_and_remains_usable(tmp_path: 
 def test_the_recovery_actions_match_the_way_out_in_words(cause: Cause) -> None:
     phase = rs.Phase.FAULT if cause.action is Action.FAULT else rs.Phase.PAUSED
     offered = list_recovery_actions(phase, cause)
-    assert ("teach_again" in offered) == ("teach the target again" in cause.way_out)
-    if "resume" in cause.way_out and phase is rs.Phase.PAUSED:
+    assert ("teach_again" in offered) == ("teach the target again" in cause.remedy)
+    if "resume" in cause.remedy and phase is rs.Phase.PAUSED:
         assert offered[-1] == "resume"
-    if "clear" in cause.way_out.split() and phase is rs.Phase.FAULT:
+    if "clear" in cause.remedy.split() and phase is rs.Phase.FAULT:
         assert offered == ["clear"]
     assert list_recovery_actions(rs.Phase.SERVO, cause) == []

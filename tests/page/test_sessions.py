@@ -8,9 +8,9 @@ from typing import Any
 import pytest
 
 from rcmservo.errors import Stopped
-from rcmservo.page.channels import Desk
+from rcmservo.page.channels import PageChannels
 from rcmservo.page.messages import CLEAR, STOP, Standby
-from rcmservo.page.sessions import Sessions, StopPressed
+from rcmservo.page.sessions import SessionLoop, StopPressed
 
 
 def switch_off(began: bool) -> str:
@@ -36,19 +36,19 @@ class StatusChannel(list[object]):
 
 def sessions(
     *requests: str, needed: dict[int, str] | None = None
-) -> tuple[Sessions, Desk, StatusChannel]:
-    channels: Any = Desk(get_context("spawn"))
+) -> tuple[SessionLoop, PageChannels, StatusChannel]:
+    channels: Any = PageChannels(get_context("spawn"))
     channels.said = StatusChannel(lambda: [channels.bell.put(one) for one in requests] and None)
-    return Sessions(channels, fail, switch_off, needed or {}, fail), channels, channels.said
+    return SessionLoop(channels, fail, switch_off, needed or {}, fail), channels, channels.said
 
 
 def test_a_stop_is_reported_at_once_and_can_be_cleared_later() -> None:
     manager, channels, messages = sessions(CLEAR)
-    channels.bell.put(CLEAR)
+    channels.stop_requests.send(CLEAR)
     manager._handle_stop_request()
     assert not messages
-    channels.bell.put(CLEAR)
-    channels.bell.put(STOP)
+    channels.stop_requests.send(CLEAR)
+    channels.stop_requests.send(STOP)
     with pytest.raises(StopPressed, match="STOP was pressed: manager was off"):
         manager._handle_stop_request()
     assert messages == [Standby("STOP was pressed: manager was off", is_latched=True)]
@@ -58,7 +58,7 @@ def test_a_stop_is_reported_at_once_and_can_be_cleared_later() -> None:
 
 def test_a_clear_request_before_the_stop_can_be_cleared_is_ignored() -> None:
     manager, channels, _ = sessions("", CLEAR, STOP, "", needed={ended_process(): "the end"})
-    channels.bell.put(CLEAR)
+    channels.stop_requests.send(CLEAR)
     with pytest.raises(Stopped, match="the end"):
         manager._latch("why")
 

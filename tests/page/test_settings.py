@@ -14,20 +14,20 @@ import pytest
 from dashboards import make_dashboard
 
 import rcmservo as rs
-from conftest import laboratory
+from conftest import make_laboratory
 from rcmservo.config.field_docs import describe_field
-from rcmservo.config.servo_json import describe
+from rcmservo.config.servo_json import describe_servo
 from rcmservo.errors import BadInput
 from rcmservo.live.reduced_speed import reduce_speed
 from rcmservo.loop.operator import OperatorRequest
-from rcmservo.page.channels import Desk
+from rcmservo.page.channels import PageChannels
 from rcmservo.page.control_ownership import ControlOwnership, MessageRefused, interpret_message
-from rcmservo.page.messages import Change, Go, Heartbeat, Note, SettingsApplied, Standby
+from rcmservo.page.messages import SettingsChange, Go, Heartbeat, Note, SettingsApplied, Standby
 from rcmservo.page.operator import PageOperator
-from rcmservo.page.sessions import SessionRestart, Sessions
-from rcmservo.page.settings import BOXES, Chosen, decode_change, describe_estimator
+from rcmservo.page.sessions import SessionRestart, SessionLoop
+from rcmservo.page.settings import EDITABLE_PARTS, SelectedSettings, decode_change, describe_estimator
 from rcmservo.page.web.page_process import change_settings, dispatch
-from rcmservo.page.web.setting_fields import forms
+from rcmservo.page.web.setting_fields import build_forms
 from rcmservo.recording import reader
 from rcmservo.recording.replay import replay_record
 from rcmservo.recording.writer import Recorder
@@ -37,26 +37,26 @@ NOW = 10**12
 
 def table_of(part: str, servo: rs.Servo | None = None, **others: Any) -> dict[str, Any]:
     """Return the table that the page sends for a part."""
-    content: Any = describe(servo or laboratory().servo())
+    content: Any = describe_servo(servo or make_laboratory().servo())
     return content[part] | others
 
 
-def make_change(part: str, **others: Any) -> Change:
+def make_change(part: str, **others: Any) -> SettingsChange:
     return decode_change(part, table_of(part, **others))
 
 
 def run_session(
-    script: dict[int, list[object]], seconds: float, chosen: Chosen, path: Path | None = None
+    script: dict[int, list[object]], seconds: float, chosen: SelectedSettings, path: Path | None = None
 ) -> tuple[list[rs.Tick], list[object]]:
     """Run a session with the page's operator, recorded at the path; return ticks and messages."""
-    lab, channels, ticks = laboratory(), Desk(get_context("spawn")), list[rs.Tick]()
+    lab, channels, ticks = make_laboratory(), PageChannels(get_context("spawn")), list[rs.Tick]()
     operator, messages = PageOperator(channels, chosen), list[object]()
 
     def operate(tick: rs.Tick) -> OperatorRequest:
         for one in script.get(len(ticks) - 1, [Heartbeat()]):
             assert dispatch(one, channels)
         request = operator(tick)
-        messages.extend(channels.said.heard())
+        messages.extend(channels.status.receive_all())
         return request
 
     servo = chosen.limited
@@ -73,14 +73,14 @@ def run_session(
 
 
 def go() -> Go:
-    return Go(laboratory().target)
+    return Go(make_laboratory().target)
 
 
 def test_a_changed_controller_acts_from_the_next_tick_and_its_record_replays_bit_for_bit(
     tmp_path: Path,
 ) -> None:
     change = make_change("controller", gain=0.7)
-    chosen = Chosen(laboratory().servo())
+    chosen = SelectedSettings(make_laboratory().servo())
     ticks, messages = run_session(
         {20: [go()], 220: [change]}, 5.0, chosen, tmp_path / reader.RECORD
     )
@@ -97,8 +97,8 @@ def test_a_changed_controller_acts_from_the_next_tick_and_its_record_replays_bit
 
 
 def test_a_change_in_motion_goes_through_the_gate_without_a_jump() -> None:
-    servo = laboratory().servo()
-    slow = Chosen(replace(servo, controller=replace(servo.controller, gain=0.5, max_speed=2.0)))
+    servo = make_laboratory().servo()
+    slow = SelectedSettings(replace(servo, controller=replace(servo.controller, gain=0.5, max_speed=2.0)))
     fast = make_change("controller", gain=80.0, max_speed=500.0, bounds=[3.0, 500.0, 500.0])
     ticks, _ = run_session({20: [go()], 260: [fast]}, 4.0, slow)
     rates = np.array([tick.state.command.rates for tick in ticks])
@@ -110,7 +110,7 @@ def test_a_change_in_motion_goes_through_the_gate_without_a_jump() -> None:
 
 
 def test_no_setting_exceeds_the_given_limit() -> None:
-    chosen = Chosen(laboratory().servo(), reduce_speed)
+    chosen = SelectedSettings(make_laboratory().servo(), reduce_speed)
     fast = make_change("controller", max_speed=1e6)
     ticks, _ = run_session({20: [fast, go()]}, 3.0, chosen)
     full, limited = chosen.servo, ticks[-1].servo
@@ -118,11 +118,11 @@ def test_no_setting_exceeds_the_given_limit() -> None:
     assert limited.gate.speed == reduce_speed(full).gate.speed
     fastest = np.abs([tick.state.command.rates for tick in ticks]).max(axis=0)
     assert (fastest <= 0.1 * (1.0 + 1e-9) * np.array(full.gate.speed)).all() and fastest.any()
-    assert not {"gate", "thresholds", "mechanism", "tool"} & set(BOXES)
+    assert not {"gate", "thresholds", "mechanism", "tool"} & set(EDITABLE_PARTS)
 
 
 def test_the_estimator_stays_during_a_run_and_incompatible_settings_are_reported() -> None:
-    chosen = Chosen(laboratory().servo())
+    chosen = SelectedSettings(make_laboratory().servo())
     flow = decode_change("estimator", {"kind": "flow", "gamma": 0.002})
     sizes = make_change("controller", features="size")
     ticks, messages = run_session(
@@ -135,11 +135,11 @@ def test_the_estimator_stays_during_a_run_and_incompatible_settings_are_reported
 
 
 def test_waiting_settings_and_targets_are_checked_against_each_other() -> None:
-    lab = laboratory()
+    lab = make_laboratory()
     servo = lab.servo(estimator=rs.AffineEstimator())
     with_sizes = replace(lab.target, sizes=np.array([9.0, 9.0]))
     sizes = make_change("controller", features="size")
-    ticks, messages = run_session({20: [Go(with_sizes), sizes, Go(lab.target)]}, 1.0, Chosen(servo))
+    ticks, messages = run_session({20: [Go(with_sizes), sizes, Go(lab.target)]}, 1.0, SelectedSettings(servo))
     assert len(ticks) == 100 and ticks[-1].servo.controller.features == "size"
     assert any("markers' sizes" in one.words for one in messages if isinstance(one, Note))
 
@@ -175,7 +175,7 @@ def test_a_table_from_a_browser_is_decoded_to_a_change() -> None:
 def test_an_invalid_table_is_refused_with_the_name_of_the_field(
     part: Any, table: Any, reason: str
 ) -> None:
-    whole = table_of(part) | table if isinstance(table, dict) and part in BOXES else table
+    whole = table_of(part) | table if isinstance(table, dict) and part in EDITABLE_PARTS else table
     whole = table if table == {"kind": "saturated"} else whole
     with pytest.raises(MessageRefused) as refused:
         interpret(part, whole)
@@ -191,9 +191,9 @@ def test_settings_need_control_and_a_recent_display() -> None:
 
 
 def test_a_change_goes_to_the_supervisor_always_and_to_the_servo_while_it_runs() -> None:
-    channels = Desk(get_context("spawn"))
+    channels = PageChannels(get_context("spawn"))
     chosen, board = (
-        Chosen(laboratory().servo()),
+        SelectedSettings(make_laboratory().servo()),
         make_dashboard(channels, standby=Standby("the drive is off")),
     )
     gain, flow = (
@@ -209,22 +209,22 @@ def test_a_change_goes_to_the_supervisor_always_and_to_the_servo_while_it_runs()
     )
     sizes = make_change("controller", features="size")
     assert change_settings(sizes, chosen, channels, board).startswith("controller.features must be")
-    assert [one.part for one in channels.changes.heard()] == [
+    assert [one.part for one in channels.settings_changes.receive_all()] == [
         "controller",
         "controller",
         "estimator",
     ]
-    assert [one.part for one in channels.wants.heard()] == ["controller"]
+    assert [one.part for one in channels.requests.receive_all()] == ["controller"]
     assert chosen.servo.controller.gain == 2.0 and board.settings_version == 3
 
 
 def test_settings_restart_only_a_session_that_is_not_enabled() -> None:
-    channels, taken = Desk(get_context("spawn")), list[Change]()
-    sessions = Sessions(channels, lambda: None, lambda began: "", {}, taken.append)  # pyright: ignore
+    channels, taken = PageChannels(get_context("spawn")), list[SettingsChange]()
+    sessions = SessionLoop(channels, lambda: None, lambda began: "", {}, taken.append)  # pyright: ignore
     change = make_change("controller", gain=2.0)
     for waits in (True, False):
         sessions._is_waiting = waits
-        channels.changes.put(change)
+        channels.settings_changes.send(change)
         if waits:
             with pytest.raises(SessionRestart):
                 sessions._apply_changes()
@@ -234,11 +234,11 @@ def test_settings_restart_only_a_session_that_is_not_enabled() -> None:
 
 
 def test_every_field_of_a_form_has_its_description_and_unit() -> None:
-    servo = laboratory().servo()
-    by_part = {form["part"]: form for form in forms(servo, None)}
+    servo = make_laboratory().servo()
+    by_part = {form["part"]: form for form in build_forms(servo, None)}
     titles = [form["title"] for form in by_part.values()]
     assert titles == ["Controller", "Estimator", "Exploration", "Imaged RCM"]
-    assert tuple(by_part) == BOXES and by_part["estimator"]["selected"] == {"kind": "dlt"}
+    assert tuple(by_part) == EDITABLE_PARTS and by_part["estimator"]["selected"] == {"kind": "dlt"}
     for form in by_part.values():
         for kind in form["kinds"].values():
             assert kind["description"] and all(field["description"] for field in kind["fields"])
@@ -252,7 +252,7 @@ def test_every_field_of_a_form_has_its_description_and_unit() -> None:
 
 
 def test_the_state_of_the_estimator_is_described() -> None:
-    servo = laboratory().servo()
+    servo = make_laboratory().servo()
     content = [
         describe_estimator(servo, False, np.inf, rs.Phase.PAUSED),
         describe_estimator(servo, False, np.inf, rs.Phase.ACQUIRE),
@@ -268,8 +268,8 @@ def test_the_state_of_the_estimator_is_described() -> None:
 
 
 def test_incompatible_settings_change_nothing() -> None:
-    chosen = Chosen(laboratory().servo())
+    chosen = SelectedSettings(make_laboratory().servo())
     before = chosen.servo
     with pytest.raises(BadInput):
-        chosen.take(make_change("controller", features="size"))
+        chosen.apply(make_change("controller", features="size"))
     assert chosen.servo is before

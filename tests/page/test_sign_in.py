@@ -22,7 +22,7 @@ from rcmservo.page.web.sign_in import (
     FailedAttempts,
     SignIn,
 )
-from rcmservo.page.web.token_file import load_token, token_for
+from rcmservo.page.web.token_file import load_token, load_required_token
 
 TOKEN = "of-sixteen-chars"
 LAB = "192.168.1.5"
@@ -192,7 +192,7 @@ def test_an_origin_omits_port_80() -> None:
 
 def test_a_token_is_created_once_and_only_its_owner_can_read_it(tmp_path: Path) -> None:
     file = tmp_path / "token"
-    token = token_for("0.0.0.0", file)
+    token = load_required_token("0.0.0.0", file)
     assert len(token) >= 32 and stat.S_IMODE(file.stat().st_mode) == 0o600
     assert load_token(file) == token != load_token(tmp_path / "other")
 
@@ -225,7 +225,7 @@ def test_a_token_file_that_cannot_be_created_is_reported(tmp_path: Path) -> None
 @pytest.mark.parametrize("host", ["server", "", "::1", "1.2.3", "1.2.3.4:80", "127.0.0.1 "])
 def test_an_invalid_address_is_refused(host: str) -> None:
     with pytest.raises(BadInput, match="--host must be an IPv4 address"):
-        token_for(host, None)
+        load_required_token(host, None)
 
 
 @pytest.mark.parametrize("host", ["0.0.0.0", LAB])
@@ -233,4 +233,4 @@ def test_remote_browsers_need_a_token_file(host: str, capsys: pytest.CaptureFixt
     assert main(["serve", "--no-browser", "--host", host]) == 2
     error = capsys.readouterr().err
     assert "without --token-file" in error and error.count("\n") == 1
-    assert token_for("127.0.0.1", None) == ""
+    assert load_required_token("127.0.0.1", None) == ""

@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from conftest import first_quick
+from conftest import mark_others_slow
 from rcmservo.control.exploration import Exploration
 from rcmservo.estimation.projection_rule import ProjectionEstimator
 from rcmservo.figures import charts
@@ -15,17 +15,17 @@ from rcmservo.paper import baselines
 from rcmservo.paper.baselines import SCENE, SCENE_KINDS, SCENES
 from rcmservo.paper.claims import ClaimRow, judge
 from rcmservo.paper.lab.attempt import Attempt
-from rcmservo.paper.lab.methods import COMPARED_METHODS, FAST, EstimatingMethod, Own
+from rcmservo.paper.lab.methods import COMPARED_METHODS, FAST, EstimatingMethod, UserEstimatorMethod
 from rcmservo.paper.lab.tally import MethodStatistics, run_results
 from rcmservo.paper.plan import Measurement, ReportFigure, Results, Settings, TaskResult
 from rcmservo.paper.store import from_json, to_json
 from rcmservo.safety.causes import Cause
 from rcmservo.study.plan.conditions import COMPILED, MUJOCO
 from rcmservo.study.report import statistics
-from rcmservo.study.row import worst_condition
+from rcmservo.study.row import compute_worst_condition
 from rcmservo.study.run_outcome import StudyRun
-from rcmservo.study.simulation_engine import Laboratory, LaboratoryLoop
-from rcmservo.study.trial import trial
+from rcmservo.study.simulation_engine import SimulationEngine, SimulationLoop
+from rcmservo.study.trial import draw_trial
 
 DURATION = 4.0
 LABORATORY = baselines.laboratory(SCENE)
@@ -43,7 +43,7 @@ class Renamed(ProjectionEstimator):
 
 
 @pytest.mark.parametrize(
-    "name", first_quick(sorted(COMPARED_METHODS, key=lambda name: name != "default"))
+    "name", mark_others_slow(sorted(COMPARED_METHODS, key=lambda name: name != "default"))
 )
 def test_every_method_moves_and_arrives_in_most_accepted_scenes(name: str) -> None:
     runs = [COMPARED_METHODS[name].run(attempt(seed, noise=0.1)) for seed in range(3)]
@@ -60,7 +60,7 @@ def test_every_estimator_from_displacements_works(name: str, reach: float) -> No
     """The comparison is fair only if the other methods work with its noise."""
     method = COMPARED_METHODS[name]
     assert isinstance(method, EstimatingMethod) and method.exploration == Exploration()
-    adapted = replace(method, exploration=Exploration(leg=0.15 * reach / 8.0, reach=reach))
+    adapted = replace(method, exploration=Exploration(leg_time=0.15 * reach / 8.0, max_leg_length=reach))
     runs = [adapted.run(attempt(seed, 10.0)) for seed in range(10)]
     assert sum(run.pose_error <= 1.0 for run in runs) >= 9
     assert np.median([run.pose_error for run in runs]) < 0.4
@@ -83,20 +83,20 @@ def test_the_noise_and_the_target_of_a_seed_reach_every_engine_and_law(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """A run depends on the trial of its seed; another trial gives another run."""
-    given = trial(SEED, 0, LABORATORY, 30.0, 30)
-    other = trial(SEED, 1, LABORATORY, 30.0, 30)
+    given = draw_trial(SEED, 0, LABORATORY, 30.0, 30)
+    other = draw_trial(SEED, 1, LABORATORY, 30.0, 30)
     assert given.scene.start == pytest.approx(other.scene.start)
     for name in ("default", "flow", "constant", "points-exact", "pose-exact"):
         before = COMPARED_METHODS[name].run(attempt()).error
         for module in ("batch", "simulation_engine"):
             path = f"rcmservo.study.{module}.trial"
-            monkeypatch.setattr(path, lambda seed, _, *rest: trial(seed, 1, *rest))
+            monkeypatch.setattr(path, lambda seed, _, *rest: draw_trial(seed, 1, *rest))
         assert not np.array_equal(before, COMPARED_METHODS[name].run(attempt()).error), name
         monkeypatch.undo()
         np.testing.assert_array_equal(before, COMPARED_METHODS[name].run(attempt()).error)
 
 
-@pytest.mark.parametrize("name", first_quick(["default", "fast", "printed"]))
+@pytest.mark.parametrize("name", mark_others_slow(["default", "fast", "printed"]))
 def test_the_compiled_and_the_live_path_agree_on_a_method(name: str) -> None:
     method, one_attempt = COMPARED_METHODS[name], attempt()
     assert isinstance(method, EstimatingMethod)
@@ -120,7 +120,7 @@ def test_every_method_has_the_same_time_after_its_exploration() -> None:
 
 def test_a_run_that_only_an_operator_can_resume_ends_early_at_rest() -> None:
     run = COMPARED_METHODS[FAILING_METHOD].run(attempt(duration=8.0))
-    assert run.held.stopping
+    assert run.held.stop_sentence
     assert len(run.error) < 100 * 8.0
     assert np.ptp(run.error[-100:]) < 1e-3
 
@@ -128,12 +128,12 @@ def test_a_run_that_only_an_operator_can_resume_ends_early_at_rest() -> None:
 def test_the_run_of_an_unfinished_loop_is_the_beginning_of_the_whole_run() -> None:
     one_attempt = attempt()
     servo = one_attempt.servo(FAST.estimator, FAST.exploration)
-    laboratory = Laboratory(servo, one_attempt.settings, 2.0)
-    loop, whole = LaboratoryLoop(laboratory, SEED, 0), laboratory.run(SEED)
+    laboratory = SimulationEngine(servo, one_attempt.settings, 2.0)
+    loop, whole = SimulationLoop(laboratory, SEED, 0), laboratory.run(SEED)
     for _, _tick in zip(range(50), loop.ticks(), strict=False):
         pass
-    np.testing.assert_array_equal(loop.run.error, whole.error[: len(loop.run.error)])
-    assert len(loop.run.error) in (50, 51)
+    np.testing.assert_array_equal(loop.outcome.error, whole.error[: len(loop.outcome.error)])
+    assert len(loop.outcome.error) in (50, 51)
     cut = whole.until(0.5)
     assert len(cut.error) == len(cut.phases) == len(cut.causes) == 50
     assert len(whole.until(np.inf).error) == 200
@@ -142,7 +142,7 @@ def test_the_run_of_an_unfinished_loop_is_the_beginning_of_the_whole_run() -> No
 def test_the_rejected_scenes_exceed_the_built_in_condition() -> None:
     for scenes in SCENE_KINDS:
         laboratory = baselines.laboratory(SCENES[scenes])
-        found = [worst_condition(trial(s, 0, laboratory, 1.0, 30).scene) for s in range(10)]
+        found = [compute_worst_condition(draw_trial(s, 0, laboratory, 1.0, 30).scene) for s in range(10)]
         hard = [condition > SCENE.max_condition for condition in found]
         assert all(hard) if scenes == "rejected" else not any(hard)
 
@@ -175,14 +175,14 @@ def test_intervals_are_those_of_the_statistics_of_studies() -> None:
     arrived = poses <= 1.0
     never = np.where(np.isnan(times), 9.0, times)
     endless = np.where(np.isnan(times), np.inf, times)
-    percent = 100.0 * np.array(statistics.share(int(arrived[0].sum()), 40))
+    percent = 100.0 * np.array(statistics.estimate_fraction(int(arrived[0].sum()), 40))
     assert one.success == pytest.approx(percent)
-    assert one.pose == statistics.quantile(poses[0], 0.5)
-    assert one.time == statistics.quantile(endless[0], 0.5)
-    assert one.later(other) == statistics.median_difference(never[0], never[1])
-    expected = 100.0 * np.array(statistics.share_difference(arrived[0], arrived[1]))
+    assert one.pose == statistics.estimate_quantile(poses[0], 0.5)
+    assert one.time == statistics.estimate_quantile(endless[0], 0.5)
+    assert one.later(other) == statistics.estimate_median_difference(never[0], never[1])
+    expected = 100.0 * np.array(statistics.estimate_fraction_difference(arrived[0], arrived[1]))
     assert one.more_often(other) == pytest.approx(expected)
-    ratio = np.exp(statistics.median_difference(np.log(poses[0]), np.log(poses[1])))
+    ratio = np.exp(statistics.estimate_median_difference(np.log(poses[0]), np.log(poses[1])))
     assert one.times_as_far(other) == pytest.approx(ratio)
     assert ratio[0] == pytest.approx(np.exp(np.median(np.log(poses[0] / poses[1]))))
 
@@ -202,17 +202,17 @@ def test_the_cause_of_a_run_that_did_not_arrive_is_reported() -> None:
     n, stopped = 300, Cause.CAMERA_MOVED
     run = FAST.run(attempt())
     phases = np.full(n, 4, np.int8)
-    causes = np.full(n, stopped.place, np.int8)
+    causes = np.full(n, stopped.code, np.int8)
     held = StudyRun(0, 100.0, np.full(n, 5.0), phases, causes, 0.1, run.scene)
     tally = MethodStatistics("a", "a", run_results([run, held]), 9.0)
-    assert tally.failures == f"1 of 2 did not arrive: {stopped.stopping}"
+    assert tally.failures == f"1 of 2 did not arrive: {stopped.stop_sentence}"
     assert "never" in f"{MethodStatistics('a', 'a', made([5.0] * 9, [np.nan] * 9), 9.0).words}"
 
 
 @cache
 def chapter() -> tuple[list[Measurement], list[ClaimRow], list[ReportFigure]]:
     """Return measurements, claims and figures of two scenes, with a user-defined estimator."""
-    own = Own("mylab:Own", "own", Renamed(), source="a hash")
+    own = UserEstimatorMethod("mylab:Own", "own", Renamed(), source="a hash")
     settings = Settings(accepted=2, rejected=2, draws=5, duration=1.0, own=own)
     names = [task.name for task in baselines.tasks(settings)]
     found = {name: made([0.25, 1.5], [1.0, np.nan], ["", "held"]) for name in names}

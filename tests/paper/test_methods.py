@@ -117,8 +117,8 @@ def test_an_endless_exploration_continues_in_equal_rounds(exploration: Explorati
     distances = list[float]()
     start = rig.body.points(rig.arm.q_true)[0]
     for tick in run(plant, servo, here, 12.0):
-        assert not tick.state.explored and not tick.state.cause.stopping
+        assert not tick.state.explored and not tick.state.cause.stop_sentence
         distances.append(float(np.linalg.norm(rig.body.points(rig.arm.q_true)[0] - start)))
     middle = len(distances) // 2
     for half in (distances[:middle], distances[middle:]):
-        assert 0.6 * exploration.reach < max(half) < 1.1 * exploration.reach
+        assert 0.6 * exploration.max_leg_length < max(half) < 1.1 * exploration.max_leg_length

@@ -13,14 +13,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from conftest import HEEDING_CTRL_C, wait_until
+from conftest import INTERRUPTIBLE_COMMAND, wait_until
 from rcmservo.cli.cli import main
 from rcmservo.paper.claims import claim_table
 from rcmservo.paper.experiment import experiment_named
 from rcmservo.paper.plan import Results
 from rcmservo.paper.store import Assignment, fingerprint
 from rcmservo.recording import reader
-from rcmservo.recording.outcome import LAST
+from rcmservo.recording.outcome import SETTLED_DURATION_S
 
 pytestmark = pytest.mark.slow
 
@@ -209,7 +209,7 @@ def test_the_relocation_of_the_camera_agrees_with_the_record(quick: Path) -> Non
     assert {cause for cause, here in zip(rows.cause, waiting, strict=True) if here} == {
         "CAMERA_MOVED"
     }
-    end = rows.time > rows.time[-1] - LAST
+    end = rows.time > rows.time[-1] - SETTLED_DURATION_S
     assert (np.abs(rows.ticks["delta"][end]).mean(axis=0) < (0.02, 2.0, 2.0)).all()
 
 
@@ -281,7 +281,7 @@ def test_a_run_stopped_by_ctrl_c_keeps_finished_tasks_and_can_continue(
     shutil.copy(quick / "paper.json", folder)
     shutil.copytree(quick / "potential", folder / "potential")
     shutil.copytree(quick / "imaged-rcm", folder / "imaged-rcm")
-    words = [sys.executable, "-c", HEEDING_CTRL_C, "paper", "--quick", "--out", str(folder)]
+    words = [sys.executable, "-c", INTERRUPTIBLE_COMMAND, "paper", "--quick", "--out", str(folder)]
     with subprocess.Popen(
         words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True
     ) as run:

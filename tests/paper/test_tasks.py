@@ -16,7 +16,7 @@ from rcmservo.paper import potential
 from rcmservo.paper import run as running
 from rcmservo.paper.experiment import Experiment
 from rcmservo.paper.plan import Measurement, NotMeasured, Results, Settings, Task
-from rcmservo.paper.run import chosen, run, run_all
+from rcmservo.paper.run import select_experiments, run, run_all
 from rcmservo.paper.store import (
     PART_SUFFIX,
     RESULT_FILE,
@@ -171,7 +171,7 @@ def test_two_experiments_share_their_servo_runs() -> None:
     for quick in (True, False):
         marks = [
             {task.name: fingerprint(task) for task in one.plan(quick)}
-            for name, one in chosen(None).items()
+            for name, one in select_experiments(None).items()
             if name in ("jacobian-accuracy", "camera-knowledge")
         ]
         servo = marks[1].keys()
@@ -212,7 +212,7 @@ def test_the_report_names_experiments_that_it_leaves_out(tmp_path: Path) -> None
         "tasks": Experiment("potential", failing_tasks, potential.measure, draw),
         "judging": Experiment("potential", potential.tasks, unmeasured, draw),
     }
-    written = run(tmp_path, True, {**chosen("potential"), **failing}, nothing)
+    written = run(tmp_path, True, {**select_experiments("potential"), **failing}, nothing)
     assert set(written.left_out) == {"tasks", "judging"}
     page = written.page.read_text()
     assert "Left out: tasks." in page and "the distance: measured nan" in page

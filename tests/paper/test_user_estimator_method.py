@@ -9,10 +9,10 @@ import pytest
 from conftest import ROOT
 from rcmservo.cli.cli import main
 from rcmservo.cli.paper import PaperOptions
-from rcmservo.cli.servo_options import with_own_estimator
+from rcmservo.cli.servo_options import with_user_estimator
 from rcmservo.paper import baselines
-from rcmservo.paper.lab.methods import Own
-from rcmservo.paper.run import chosen
+from rcmservo.paper.lab.methods import UserEstimatorMethod
+from rcmservo.paper.run import select_experiments
 from rcmservo.paper.store import fingerprint
 
 
@@ -27,31 +27,31 @@ def recursive_least_squares() -> Any:
 
 
 @pytest.fixture
-def own() -> Own:
-    return Own("mylab.rls:RLS", "RLS", recursive_least_squares(), source="a hash")
+def own() -> UserEstimatorMethod:
+    return UserEstimatorMethod("mylab.rls:RLS", "RLS", recursive_least_squares(), source="a hash")
 
 
-def test_the_estimator_is_a_method_in_both_kinds_of_scenes(own: Own) -> None:
+def test_the_estimator_is_a_method_in_both_kinds_of_scenes(own: UserEstimatorMethod) -> None:
     for quick in (True, False):
         tasks, usual = (
-            {task.name for task in chosen("baselines", one)["baselines"].plan(quick)}
+            {task.name for task in select_experiments("baselines", one)["baselines"].plan(quick)}
             for one in (own, None)
         )
         assert tasks - usual == {"own-accepted", "own-rejected"}
-    assert chosen(None, own).keys() == chosen(None).keys()
+    assert select_experiments(None, own).keys() == select_experiments(None).keys()
 
 
-def test_the_estimator_moves_the_tool_to_the_target(own: Own) -> None:
+def test_the_estimator_moves_the_tool_to_the_target(own: UserEstimatorMethod) -> None:
     runs = baselines.compare("accepted", own, scenes=1, duration=6.0)
     assert runs["middle"][0] > 5.0 and runs["pose"][0] < 1.0 and runs["explored"][0] < 2.0
 
 
-def test_a_different_source_or_setting_invalidates_the_result(own: Own) -> None:
+def test_a_different_source_or_setting_invalidates_the_result(own: UserEstimatorMethod) -> None:
     others = (own, replace(own, source="another hash"), replace(own, estimator=None))
     marks = {
         fingerprint(task)
         for one in others
-        for task in chosen("baselines", one)["baselines"].plan(True)
+        for task in select_experiments("baselines", one)["baselines"].plan(True)
         if task.name == "own-accepted"
     }
     assert len(marks) == 3
@@ -67,6 +67,6 @@ def test_the_command_accepts_only_user_defined_estimators(
 def test_the_settings_of_the_estimator_are_options(monkeypatch: pytest.MonkeyPatch) -> None:
     kind = type(recursive_least_squares())
     monkeypatch.setattr("rcmservo.cli.servo_options.named", lambda name: kind)
-    options = with_own_estimator(PaperOptions, ["--estimator", "mylab.rls:RLS"])
+    options = with_user_estimator(PaperOptions, ["--estimator", "mylab.rls:RLS"])
     made = options(estimator="mylab.rls:RLS", pixels=kind(forgetting=0.9))
     assert getattr(made, made.USER_GROUPS["mylab.rls:RLS"]).forgetting == 0.9

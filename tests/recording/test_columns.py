@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from conftest import laboratory
+from conftest import make_laboratory
 from rcmservo.loop.run import run
-from rcmservo.numerics.structs import Field, Part
+from rcmservo.numerics.structs import Field, RowField
 from rcmservo.recording.tick_schema import (
     FLAG_COLUMNS,
     INTEGER_COLUMNS,
@@ -13,15 +13,15 @@ from rcmservo.recording.tick_schema import (
     REAL_COLUMNS,
     Column,
 )
-from rcmservo.safety.monitor_state import Watch
+from rcmservo.safety.monitor_state import MonitorState
 from rcmservo.servo.state import Decision, Estimate
 
 COLUMNS = (*INTEGER_COLUMNS, *REAL_COLUMNS, *FLAG_COLUMNS)
 PAIRS = [
     (column, field)
-    for row in (Estimate, Decision, Watch)
+    for row in (Estimate, Decision, MonitorState)
     for field in row.fields
-    if not isinstance(field, Part)
+    if not isinstance(field, RowField)
     for column in COLUMNS
     if column.name == field.name
 ]
@@ -54,7 +54,7 @@ def test_a_column_has_the_units_of_its_source(column: Column, field: Field) -> N
 
 
 def test_every_column_has_as_many_numbers_as_parts() -> None:
-    lab = laboratory()
+    lab = make_laboratory()
     (tick,) = run(lab.plant, lab.servo(), lab.target, done=lambda tick: True)
     for column in (*COLUMNS, *NAME_COLUMNS):
         assert np.size(column.value_of(tick)) == len(column.parts), column.name

@@ -19,7 +19,7 @@ from mcap.stream_reader import StreamReader
 from mcap.writer import CompressionType, Writer
 
 import rcmservo as rs
-from conftest import first_quick
+from conftest import mark_others_slow
 from rcmservo.recording import mcap_recovery, reader
 from rcmservo.recording import ros2_messages as ros2
 from rcmservo.recording.mcap_recovery import MAGIC, MAX_RECORD_BYTES
@@ -81,7 +81,7 @@ def test_a_truncated_record_reports_the_missing_part(small_record: Original, pat
     assert rows.unread > len(small_record.data) // 2 - 8000
 
 
-@pytest.mark.parametrize("which", first_quick(["small_record", "record_with_images"]))
+@pytest.mark.parametrize("which", mark_others_slow(["small_record", "record_with_images"]))
 def test_a_flipped_bit_never_gives_false_data(
     which: str, path: Path, request: pytest.FixtureRequest
 ) -> None:
@@ -93,7 +93,7 @@ def test_a_flipped_bit_never_gives_false_data(
     assert {SHORT, WHOLE} <= outcomes
 
 
-@pytest.mark.parametrize("stride", first_quick([17, 1]))
+@pytest.mark.parametrize("stride", mark_others_slow([17, 1]))
 def test_any_bit_of_any_kind_and_length_may_flip(
     stride: int, record_with_stages: Original, path: Path
 ) -> None:

@@ -12,9 +12,9 @@ from rosbags.highlevel import AnyReader
 
 import rcmservo as rs
 from conftest import ROOT, Laboratory
-from rcmservo.cli.export import arrays
-from rcmservo.cli.export import write as export
-from rcmservo.config.user_code import named, source
+from rcmservo.cli.export import record_arrays
+from rcmservo.cli.export import export_record as export
+from rcmservo.config.user_code import import_estimator, hash_source
 from rcmservo.recording import estimator_memory, reader
 from rcmservo.recording.replay import replay_record
 from rcmservo.recording.ros2_messages import decode_memory, encode_memory
@@ -32,7 +32,7 @@ def RLS(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
     (folder / "own_rls.py").write_text(text)
     monkeypatch.syspath_prepend(str(folder))
     monkeypatch.delitem(__import__("sys").modules, "own_rls", raising=False)
-    return named(NAME)
+    return import_estimator(NAME)
 
 
 def record_run(lab: Laboratory, folder: Path, *estimators: rs.Estimator) -> Path:
@@ -76,7 +76,7 @@ def test_an_unnamed_estimator_is_not_replayed(RLS: Any, lab: Laboratory, tmp_pat
 
 def test_a_changed_source_is_reported(RLS: Any, lab: Laboratory, tmp_path: Path) -> None:
     folder = record_run(lab, tmp_path / "run", RLS())
-    assert reader.read_record(folder).stages[0].source == source(RLS())
+    assert reader.read_record(folder).stages[0].source == hash_source(RLS())
     code = tmp_path / "code/own_rls.py"
     code.write_text(code.read_text() + "# a word more\n")
     rerun = replay_record(folder, own={NAME: RLS})
@@ -105,7 +105,7 @@ def test_the_memory_is_exported_and_readable_by_other_software(
         title for title in titles if title.startswith("memory")
     ]
     rows = reader.read_record(folder)
-    assert arrays(rows)["memory"].shape == (len(rows.time), 16)
+    assert record_arrays(rows)["memory"].shape == (len(rows.time), 16)
     with AnyReader([folder]) as bag:
         connections = [one for one in bag.connections if one.topic == estimator_memory.TOPIC]
         messages = [

@@ -12,8 +12,8 @@ from replays import NAMES, Disturbed, faults, operator
 from replays import recorded as record_of_a_seed
 
 import rcmservo as rs
-from conftest import CONTROLLERS, ESTIMATORS, TOOLS, first_quick, random_from
-from rcmservo.config.servo_json import describe, rebuild
+from conftest import CONTROLLERS, ESTIMATORS, TOOLS, mark_others_slow, make_random
+from rcmservo.config.servo_json import describe_servo, rebuild_servo
 from rcmservo.estimation.base import Estimator, Sample
 from rcmservo.interfaces import Floats
 from rcmservo.recording import reader
@@ -66,11 +66,11 @@ def phases(folder: Path) -> set[str]:
     return set(reader.read_record(folder).phase)
 
 
-@pytest.mark.parametrize("recorded", first_quick(range(6)), indirect=True)
+@pytest.mark.parametrize("recorded", mark_others_slow(range(6)), indirect=True)
 def test_a_disturbed_run_with_pauses_is_reproduced_bit_for_bit(recorded: RecordedLab) -> None:
     target = recorded.teach()
     recorded.plant.change = faults(
-        random_from(recorded.seed), recorded.rig.clock, ("points", "stop")
+        make_random(recorded.seed), recorded.rig.clock, ("points", "stop")
     )
     recorded.stage(make_servo(), target, 6.0)
     recorded.recorder.close()
@@ -81,7 +81,7 @@ def test_a_disturbed_run_with_pauses_is_reproduced_bit_for_bit(recorded: Recorde
     assert "RESUME" in rerun.recorded.words["request"]
 
 
-@pytest.mark.parametrize("seed", first_quick(range(20, 28)))
+@pytest.mark.parametrize("seed", mark_others_slow(range(20, 28)))
 def test_all_disturbances_are_reproduced(seed: int, tmp_path: Path) -> None:
     assert replay_record(record_of_a_seed(tmp_path, seed, 3.0, NAMES)).same
 
@@ -185,7 +185,7 @@ class ConstantEstimator(Estimator):
     """User-defined estimator."""
 
     name = "guess"
-    models = False
+    predicts_markers = False
     size: float = 1.0
 
     def init(self) -> Floats:
@@ -218,28 +218,28 @@ def test_a_servo_is_rebuilt_from_its_description(
         controller=CONTROLLERS[controller],
         estimator=ESTIMATORS[estimator],
         gate=rs.Gate(latency=0.1 + 0.2),
-        thresholds=rs.Thresholds(jump=np.nextafter(4.0, 5.0)),
+        thresholds=rs.Thresholds(max_jump_px=np.nextafter(4.0, 5.0)),
         rate=125.0,
     )
-    description = json.loads(json.dumps(describe(servo)))
-    assert rebuild(description) == servo
+    description = json.loads(json.dumps(describe_servo(servo)))
+    assert rebuild_servo(description) == servo
 
 
 @pytest.mark.parametrize(
     "box", ["mechanism", "tool", "estimator", "controller", "exploration", "gate", "thresholds"]
 )
 def test_a_invalidthat_lacks_a_setting_is_refused_by_name(box: str) -> None:
-    description = describe(make_servo())
+    description = describe_servo(make_servo())
     description[box].popitem()
     with pytest.raises(rs.BadInput, match=rf"servo\.{box}"):
-        rebuild(description)
+        rebuild_servo(description)
 
 
 @pytest.mark.parametrize("invalid", [None, 3, [], "servo", {}, {"rate": 100.0}])
 def test_an_invalid_invalidis_refused(invalid: Any) -> None:
     with pytest.raises(rs.BadInput):
-        rebuild(invalid)
+        rebuild_servo(invalid)
     with pytest.raises(rs.BadInput):
-        rebuild(describe(make_servo()) | {"tool": invalid})
+        rebuild_servo(describe_servo(make_servo()) | {"tool": invalid})
     with pytest.raises(rs.BadInput):
-        rebuild(describe(make_servo()) | {"rate": invalid})
+        rebuild_servo(describe_servo(make_servo()) | {"rate": invalid})

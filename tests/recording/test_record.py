@@ -74,7 +74,7 @@ def run_of_rule_21(tmp_path_factory: pytest.TempPathFactory) -> RecordedRun:
 
 def expected_values(tick: rs.Tick) -> dict[str, Any]:
     """Return the values that a record must hold of a tick, by column name."""
-    observation, state = tick.seen, tick.state
+    observation, state = tick.observation, tick.state
     return {
         "now": observation.now,
         "q": observation.q,
@@ -88,22 +88,22 @@ def expected_values(tick: rs.Tick) -> dict[str, Any]:
         "points": observation.points,
         "sizes": observation.sizes,
         "recorded": observation.recorded,
-        "accepted_frame": state.believed,
+        "accepted_frame": state.accepted_frame,
         "since": state.mode.since,
-        "accepted_frames": state.mode.good,
+        "accepted_frames": state.mode.accepted_frames,
         "explored": state.explored,
         "o_c": state.o_c,
         "p1": state.p1,
         "y": state.y,
-        "rcm_condition": state.learnt.estimate.rcm_condition,
+        "rcm_condition": state.estimation.estimate.rcm_condition,
         "delta": state.delta,
-        "predicted_delta": state.learnt.estimate.ahead,
+        "predicted_delta": state.estimation.estimate.predicted_delta,
         "J_hat": state.J_hat,
         "condition": state.condition,
         "v": state.v,
-        "a_hat": getattr(state.learnt.memory, "a_hat", np.full(9, np.nan)),
-        "latency": state.watch.latency,
-        "period": state.watch.period,
+        "a_hat": getattr(state.estimation.memory, "a_hat", np.full(9, np.nan)),
+        "latency": state.monitor.latency,
+        "period": state.monitor.frame_period,
         "command": state.command.rates,
         "command_number": state.command.number,
         "command_time": state.command.time,
@@ -111,14 +111,14 @@ def expected_values(tick: rs.Tick) -> dict[str, Any]:
         "command_enabled": state.command.enabled,
         "applied": tick.applied,
         "jog": tick.jog,
-        "quality": tick.seen.quality,
+        "quality": tick.observation.quality,
     }
 
 
 def expected_names(tick: rs.Tick) -> dict[str, str]:
     mode = tick.state.mode
-    names = {"phase": mode.phase, "cause": mode.cause, "action": mode.asks}
-    names |= {"request": tick.request, "dropped": tick.seen.dropped}
+    names = {"phase": mode.phase, "cause": mode.cause, "action": mode.action}
+    names |= {"request": tick.request, "dropped": tick.observation.drop_reason}
     return {name: value.name for name, value in names.items()}
 
 
@@ -135,7 +135,7 @@ def test_every_number_and_name_of_a_tick_is_read_back_bit_for_bit(
     assert {"IDLE", "ACQUIRE", "SERVO"} <= set(rows.phase)
     for i, tick in enumerate(run.ticks):
         expected = expected_values(tick)
-        memory = run.servo.estimator.remembered(tick.state.learnt.memory)
+        memory = run.servo.estimator.recorded_numbers(tick.state.estimation.memory)
         if memory is not None:
             expected["memory"] = memory
         assert set(expected) | {"model"} == set(rows.ticks)
@@ -151,7 +151,7 @@ def test_every_number_and_name_of_a_tick_is_read_back_bit_for_bit(
 
 def test_the_model_column_is_the_prediction_of_the_estimate(run: RecordedRun) -> None:
     state, rows = run.ticks[200].state, reader.read_record(run.path)
-    predicted = run.servo.estimator.predict(state.learnt.memory, run.servo.tool, state.p1)
+    predicted = run.servo.estimator.predict(state.estimation.memory, run.servo.tool, state.p1)
     np.testing.assert_array_equal(rows.ticks["model"][200], predicted)
 
 
@@ -159,7 +159,7 @@ def test_integers_beyond_float_precision_are_read_back(run: RecordedRun, tmp_pat
     tick, now = run.ticks[100], 2**62 + 1
     with Recorder(tmp_path / "record.mcap", {}) as recorder:
         recorder.begin(run.servo, run.target)
-        recorder.write(replace(tick, seen=replace(tick.seen, now=now, exposure=now - 3)))
+        recorder.write(replace(tick, seen=replace(tick.observation, now=now, exposure=now - 3)))
     rows = reader.read_record(tmp_path)
     assert (rows.ticks["now"][0, 0], rows.ticks["exposure"][0, 0]) == (now, now - 3)
 
@@ -190,7 +190,7 @@ def test_a_later_stage_holds_its_origin(run: RecordedRun, tmp_path: Path) -> Non
 
 def test_times_continue_when_a_stage_restarts_them(run: RecordedRun, tmp_path: Path) -> None:
     later = [
-        replace(tick, seen=replace(tick.seen, now=tick.seen.now + 10**10)) for tick in run.ticks[:3]
+        replace(tick, seen=replace(tick.observation, now=tick.observation.now + 10**10)) for tick in run.ticks[:3]
     ]
     with Recorder(tmp_path / "record.mcap", {}) as recorder:
         for stage in (run.ticks[:3], later):
@@ -219,7 +219,7 @@ def test_another_decoder_reads_the_same_ticks_and_joints(run: RecordedRun) -> No
                     assert getattr(decoded, name) == names[count]
                 assert message.log_time == run.ticks[count].time
                 stamp = decoded.header.stamp
-                assert stamp.sec * 10**9 + stamp.nanosec == run.ticks[count].seen.now
+                assert stamp.sec * 10**9 + stamp.nanosec == run.ticks[count].observation.now
                 count += 1
     assert count == 300
 
@@ -241,7 +241,7 @@ def test_a_run_is_a_ros_2_bag_with_joints_in_si_units(run: RecordedRun) -> None:
     tick = run.ticks[250]
     measured, commanded = joints["measured_js"][250], joints["servo_jv"][250]
     assert measured.name == commanded.name == ["theta", "phi", "rho"]
-    assert measured.position == pytest.approx(tick.seen.q * [1.0, 1.0, 1e-3])
+    assert measured.position == pytest.approx(tick.observation.q * [1.0, 1.0, 1e-3])
     assert commanded.velocity == pytest.approx(tick.state.command.rates * [1.0, 1.0, 1e-3])
     assert len(measured.velocity) == len(commanded.position) == len(measured.effort) == 0
     assert joints["rcmservo/tick"][250].phase == tick.state.phase.name
@@ -322,7 +322,7 @@ def test_a_full_disk_raises_nothing_and_keeps_the_written_part(
     assert not rows.complete
     assert len(rows.time) > 5
     np.testing.assert_array_equal(
-        rows.ticks["q"], [tick.seen.q for tick in run.ticks[: len(rows.time)]]
+        rows.ticks["q"], [tick.observation.q for tick in run.ticks[: len(rows.time)]]
     )
 
 
@@ -512,10 +512,10 @@ def test_a_pipe_is_refused_without_waiting(tmp_path: Path) -> None:
 def test_operating_states_hold_phase_cause_and_recovery_in_words(
     run: RecordedRun,
 ) -> None:
-    changes = [run.ticks[0].state.words]
+    changes = [run.ticks[0].state.text]
     for tick in run.ticks:
-        if tick.state.words != changes[-1]:
-            changes.append(tick.state.words)
+        if tick.state.text != changes[-1]:
+            changes.append(tick.state.text)
     with AnyReader([run.folder]) as bag:
         connections = [
             connection for connection in bag.connections if connection.topic == "operating_state"
@@ -528,7 +528,7 @@ def test_operating_states_hold_phase_cause_and_recovery_in_words(
     assert {message.state for message in messages} == {"ENABLED"}
     assert [message.is_busy for message in messages] == [False, True, True]
     paused = ros2.encode_operating_state(5, rs.Mode(rs.Phase.PAUSED, rs.Cause.STALE))
-    assert b"PAUSED\0" in paused and rs.Cause.STALE.words.encode() in paused
+    assert b"PAUSED\0" in paused and rs.Cause.STALE.text.encode() in paused
 
 
 @pytest.mark.parametrize("version", range(len(ros2.TICKS)))
@@ -552,7 +552,7 @@ def test_ticks_of_every_version_are_replayed_with_missing_columns_unknown(
 
 def test_the_sizes_of_the_markers_are_read_back(run: RecordedRun, tmp_path: Path) -> None:
     tick = run.ticks[5]
-    changed = replace(tick, seen=replace(tick.seen, sizes=np.array([9.5, np.nan])))
+    changed = replace(tick, seen=replace(tick.observation, sizes=np.array([9.5, np.nan])))
     with Recorder(tmp_path / "record.mcap", {}) as recorder:
         recorder.begin(run.servo, run.target)
         recorder.write(changed)

@@ -4,18 +4,18 @@ from itertools import pairwise
 
 import pytest
 
-from conftest import tick_facts
-from rcmservo.numerics.structs import as_row, changed
+from conftest import make_tick_facts
+from rcmservo.numerics.structs import to_row, replace_fields
 from rcmservo.safety.causes import (
     CAUSES,
     Action,
     Cause,
     Invalidates,
-    gravest,
-    invalidated_by,
+    select_most_severe,
+    find_invalidated,
     select_more_severe,
 )
-from rcmservo.safety.monitor_state import begin
+from rcmservo.safety.monitor_state import initial_monitor_state
 from rcmservo.safety.thresholds import Thresholds
 
 WITHOUT_DETECTOR = Cause.NONE, Cause.NOT_FINITE, Cause.ASKED
@@ -34,9 +34,9 @@ def test_every_cause_has_its_own_detector() -> None:
 
 @pytest.mark.parametrize("cause", CAUSES[1:])
 def test_the_most_severe_of_several_causes_is_reported(cause: Cause) -> None:
-    assert gravest(cause.bit | Cause.LATE_TICK.bit) == cause.place
-    assert select_more_severe(cause.place, 0) == select_more_severe(0, cause.place) == cause.place
-    assert select_more_severe(cause.place, Cause.NOT_FINITE.place) == Cause.NOT_FINITE.place
+    assert select_most_severe(cause.bit | Cause.LATE_TICK.bit) == cause.code
+    assert select_more_severe(cause.code, 0) == select_more_severe(0, cause.code) == cause.code
+    assert select_more_severe(cause.code, Cause.NOT_FINITE.code) == Cause.NOT_FINITE.code
 
 
 @pytest.mark.parametrize(
@@ -52,18 +52,18 @@ def test_the_most_severe_of_several_causes_is_reported(cause: Cause) -> None:
 def test_some_causes_leave_the_estimate_valid(
     cause: Cause, explored: Invalidates, unexplored: Invalidates
 ) -> None:
-    assert invalidated_by(cause.place, True) == explored
-    assert invalidated_by(cause.place, False) == unexplored
+    assert find_invalidated(cause.code, True) == explored
+    assert find_invalidated(cause.code, False) == unexplored
 
 
 def test_a_detector_needs_only_its_own_facts() -> None:
-    limits, late = as_row(Thresholds())[0], changed(begin(), late=Thresholds.late_ticks, gap=1)
-    facts = tick_facts(watch=late, period=1, thresholds=limits)
+    limits, late = to_row(Thresholds())[0], replace_fields(initial_monitor_state(), late=Thresholds.max_late_ticks, gap=1)
+    facts = make_tick_facts(watch=late, period=1, thresholds=limits)
     found = [
         cause
         for cause in (Cause.OVERRUN, Cause.LATE_TICK, Cause.CLOCK_STOOD)
         if cause.declared.detector and cause.declared.detector(facts)
     ]
     assert found == [Cause.OVERRUN, Cause.LATE_TICK]
-    assert gravest(Cause.OVERRUN.bit | Cause.LATE_TICK.bit) == Cause.OVERRUN.place
+    assert select_most_severe(Cause.OVERRUN.bit | Cause.LATE_TICK.bit) == Cause.OVERRUN.code
     assert Cause.OVERRUN.action is Action.PAUSE

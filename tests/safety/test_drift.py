@@ -5,28 +5,28 @@ import pytest
 
 from conftest import (
     SHAFT,
-    SPACING,
-    markers_seen,
-    random_from,
-    seen_by,
-    tick_facts,
-    tool_positions,
-    true_camera,
+    SPACING_MM,
+    project_markers,
+    make_random,
+    project_points,
+    make_tick_facts,
+    draw_tool_positions,
+    draw_calibration_matrix,
 )
-from rcmservo.control.exploration import Exploring
-from rcmservo.estimation.projection_fit import blank, see
-from rcmservo.estimation.projection_prediction import expected
+from rcmservo.control.exploration import ExplorationState
+from rcmservo.estimation.projection_fit import initial_fit, update_fit
+from rcmservo.estimation.projection_prediction import predict_markers
 from rcmservo.interfaces import Floats
-from rcmservo.numerics.structs import as_row
+from rcmservo.numerics.structs import to_row
 from rcmservo.safety.causes import Cause
-from rcmservo.safety.checks.drift import one_marker_deviates, watch_drift, watch_stuck
-from rcmservo.safety.innovation import misplaced, squared_mahalanobis_distance
-from rcmservo.safety.monitor_state import Watch, begin
+from rcmservo.safety.checks.drift import one_marker_deviates, update_drift, detect_stuck_markers
+from rcmservo.safety.innovation import find_deviating_markers, squared_mahalanobis_distance
+from rcmservo.safety.monitor_state import MonitorState, initial_monitor_state
 from rcmservo.safety.thresholds import Thresholds
 
 FRAME_RATE_HZ = 60.0
 
-LIMITS = as_row(Thresholds())[0]
+LIMITS = to_row(Thresholds())[0]
 ALL_NOISES_PX = pytest.mark.parametrize("noise", [0.1, 0.3, 1.0])
 BOTH = np.ones((2, 2))
 FIRST, SECOND = np.array([[1.0, 1.0], [0.0, 0.0]]), np.array([[0.0, 0.0], [1.0, 1.0]])
@@ -36,21 +36,21 @@ class MonitoredCamera:
     """Camera with a fit of two seconds and the state of the checks; marker 1 moves within ±8 mm."""
 
     def __init__(self, noise: float, seed: int = 0) -> None:
-        self.random, self.noise = random_from(seed), noise
-        self.positions = tool_positions(self.random, 120, 8.0)
+        self.random, self.noise = make_random(seed), noise
+        self.positions = draw_tool_positions(self.random, 120, 8.0)
         self.middle = self.positions.mean(axis=0)
-        self.C, self.fit, self.watch = true_camera(self.random, self.positions), blank(), begin()
+        self.C, self.fit, self.watch = draw_calibration_matrix(self.random, self.positions), initial_fit(), initial_monitor_state()
         for p1 in self.positions:
-            see(self.fit.rows[0], p1, self.detect(p1), SHAFT)
+            update_fit(self.fit.rows[0], p1, self.detect(p1), SHAFT)
         self.last = self.detect(self.middle)
 
     def detect(self, p1: Floats) -> Floats:
-        return markers_seen(self.C, p1) + self.noise * self.random.standard_normal((2, 2))
+        return project_markers(self.C, p1) + self.noise * self.random.standard_normal((2, 2))
 
     def find_cause(self, p1: Floats, points: Floats) -> Cause | None:
         """Update the checks with an accepted frame and return the cause that is detected."""
-        watch_drift(self.watch.rows[0], self.fit.rows[0], p1, points, points, SHAFT, LIMITS)
-        facts = tick_facts(watch=self.watch, tour=Exploring.of(done=True), thresholds=LIMITS)
+        update_drift(self.watch.rows[0], self.fit.rows[0], p1, points, points, SHAFT, LIMITS)
+        facts = make_tick_facts(watch=self.watch, tour=ExplorationState.of(done=True), thresholds=LIMITS)
         candidates = Cause.DRIFTS, Cause.FROZEN
         causes = [cause for cause in candidates if cause.declared.detector(facts)]
         causes += [Cause.SURPRISED] if one_marker_deviates(facts) else []
@@ -58,7 +58,7 @@ class MonitoredCamera:
         return causes[0] if causes else None
 
     def misplaced(self, p1: Floats, points: Floats) -> tuple[bool, bool, bool]:
-        return misplaced(self.fit.rows[0], p1, points, self.last, SHAFT, LIMITS)
+        return find_deviating_markers(self.fit.rows[0], p1, points, self.last, SHAFT, LIMITS)
 
     def path(self, seconds: float) -> Floats:
         """Return p₁ (n, 3) mm of a tool that moves back and forth, further than during the fit."""
@@ -110,11 +110,11 @@ def test_an_outlier_has_a_bounded_effect_on_the_mean() -> None:
     camera = MonitoredCamera(0.1)
     for p1 in camera.path(1.0):
         camera.find_cause(p1, camera.detect(p1))
-    before = camera.watch.left.copy()
-    for _ in range(Thresholds.rejected):
+    before = camera.watch.mean_residual.copy()
+    for _ in range(Thresholds.max_rejected_frames):
         assert camera.find_cause(camera.middle, camera.detect(camera.middle) + 300.0) is None
-    moved = np.linalg.norm(camera.watch.left - before, axis=1)
-    assert (moved > 0.1).all() and (moved < Thresholds.drift_px).all()
+    moved = np.linalg.norm(camera.watch.mean_residual - before, axis=1)
+    assert (moved > 0.1).all() and (moved < Thresholds.max_drift_px).all()
 
 
 def test_no_drift_is_detected_before_the_mean_has_enough_frames() -> None:
@@ -127,8 +127,8 @@ def test_no_drift_is_detected_before_the_mean_has_enough_frames() -> None:
 def position_moved_by(camera: MonitoredCamera, pixels: float) -> Floats:
     """Return p₁ (3,) mm at which the predicted markers moved by `pixels` px from the middle."""
     direction, row = np.array([1.0, 0.0, 0.0]), camera.fit.rows[0]
-    at = expected(row, camera.middle, SHAFT)
-    px_per_mm = np.abs(expected(row, camera.middle + direction, SHAFT) - at).max()
+    at = predict_markers(row, camera.middle, SHAFT)
+    px_per_mm = np.abs(predict_markers(row, camera.middle + direction, SHAFT) - at).max()
     return camera.middle + direction * pixels / px_per_mm
 
 
@@ -148,7 +148,7 @@ def test_an_identical_image_is_frozen_only_while_the_tool_moves(
 def least_visible_position(camera: MonitoredCamera, distance: float) -> Floats:
     """Return p₁ (3,) mm at a distance (mm) from the middle, where the markers move least."""
     row, at, steps = camera.fit.rows[0], camera.middle, 0.5 * np.eye(3)
-    changes = [expected(row, at + s, SHAFT) - expected(row, at - s, SHAFT) for s in steps]
+    changes = [predict_markers(row, at + s, SHAFT) - predict_markers(row, at - s, SHAFT) for s in steps]
     return at + distance * np.linalg.svd(np.stack([c.ravel() for c in changes], axis=1))[2][-1]
 
 
@@ -159,11 +159,11 @@ def test_an_identical_image_is_frozen_although_the_motion_is_hardly_visible(
     camera = MonitoredCamera(0.1)
     points, there = (
         camera.detect(camera.middle),
-        least_visible_position(camera, fraction * Thresholds.stuck),
+        least_visible_position(camera, fraction * Thresholds.frozen_image_motion),
     )
     row = camera.fit.rows[0]
-    less = np.abs(expected(row, there, SHAFT) - expected(row, camera.middle, SHAFT)).max()
-    assert less < 0.5 * Thresholds.drift_px
+    less = np.abs(predict_markers(row, there, SHAFT) - predict_markers(row, camera.middle, SHAFT)).max()
+    assert less < 0.5 * Thresholds.max_drift_px
     assert camera.find_cause(camera.middle, points) is None
     assert camera.find_cause(there, points.copy()) is cause
 
@@ -173,7 +173,7 @@ def test_a_deviating_marker_is_detected(noise: float) -> None:
     camera = MonitoredCamera(noise)
     p1, least = camera.middle, Thresholds.model_error + 9.0 * noise
     for error, result in ((FIRST, (True, False)), (SECOND, (False, True)), (BOTH, (True, True))):
-        points = markers_seen(camera.C, p1)
+        points = project_markers(camera.C, p1)
         camera.last = points
         assert camera.misplaced(p1, points + least * error)[:2] == result
         assert camera.misplaced(p1, points)[:2] == (False, False)
@@ -190,7 +190,7 @@ def test_swapped_markers_are_distinguished_from_far_ones() -> None:
 def test_a_marker_may_deviate_by_a_fraction_of_its_motion() -> None:
     """The joints at the exposure may have a timing error of a fraction of the frame period."""
     camera = MonitoredCamera(0.1)
-    p1, points = camera.middle, markers_seen(camera.C, camera.middle)
+    p1, points = camera.middle, project_markers(camera.C, camera.middle)
     shifted = points + np.array([4.0, 0.0])
     for motion, deviates in ((0.0, True), (40.0, False)):
         camera.last = points + np.array([motion, 0.0])
@@ -220,7 +220,7 @@ def test_a_fit_that_is_not_finite_agrees_with_no_frame(part: str) -> None:
 
 
 def test_the_squared_mahalanobis_distance_equals_its_definition() -> None:
-    random = random_from(0)
+    random = make_random(0)
     for _ in range(20):
         root, x = random.standard_normal((2, 2)), random.standard_normal(2)
         cov = root @ root.T
@@ -232,10 +232,10 @@ def test_the_squared_mahalanobis_distance_equals_its_definition() -> None:
 def test_the_monitored_camera_projects_the_tool_like_the_other_tests() -> None:
     camera = MonitoredCamera(0.0)
     p1 = camera.middle
-    tip = p1 * (1.0 + SPACING / np.linalg.norm(p1))
-    np.testing.assert_allclose(camera.detect(p1), seen_by(camera.C, np.stack([p1, tip])))
-    np.testing.assert_allclose(expected(camera.fit.rows[0], p1, SHAFT), camera.detect(p1), atol=0.5)
-    assert isinstance(camera.watch, Watch)
+    tip = p1 * (1.0 + SPACING_MM / np.linalg.norm(p1))
+    np.testing.assert_allclose(camera.detect(p1), project_points(camera.C, np.stack([p1, tip])))
+    np.testing.assert_allclose(predict_markers(camera.fit.rows[0], p1, SHAFT), camera.detect(p1), atol=0.5)
+    assert isinstance(camera.watch, MonitorState)
 
 
 def detect_stuck(points: Floats, positions: Floats) -> tuple[bool, bool, bool]:
@@ -243,10 +243,10 @@ def detect_stuck(points: Floats, positions: Floats) -> tuple[bool, bool, bool]:
 
     `points` (n, 2, 2) px are the markers with marker 1 at `positions` (n, 3) mm.
     """
-    watch, detected = begin().rows, np.zeros(3, bool)
+    watch, detected = initial_monitor_state().rows, np.zeros(3, bool)
     for p1, seen in zip(positions, points, strict=True):
-        first, second = watch_stuck(watch[0], p1, seen, LIMITS)
-        detected |= [first, second, Watch(watch).frozen]
+        first, second = detect_stuck_markers(watch[0], p1, seen, LIMITS)
+        detected |= [first, second, MonitorState(watch).image_frozen]
     return bool(detected[0]), bool(detected[1]), bool(detected[2])
 
 

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from conftest import random_from
+from conftest import make_random
 from rcmservo.errors import BadInput
 from rcmservo.geometry.kinematics import JointLimits, PitchYawRcm
 from rcmservo.interfaces import Command
@@ -13,7 +13,7 @@ from rcmservo.safety.gate import Gate
 
 GATE = Gate()
 LIMITS = JointLimits((-1.0, -0.5, 40.0), (1.0, 0.8, 240.0))
-RCM = PitchYawRcm(LIMITS).rcm()
+RCM = PitchYawRcm(LIMITS).to_struct()
 LOWER, UPPER, SPEED, SLEW = (
     np.array(x) for x in (LIMITS.lower, LIMITS.upper, GATE.speed, GATE.slew)
 )
@@ -98,7 +98,7 @@ def follow_requests(seed, delay, ticks=300):
 
     It starts at rest in a random pose. The requested rates are extreme for 0.6 s, then random.
     """
-    random = random_from(seed)
+    random = make_random(seed)
     q, command, pipe = (
         random.uniform(LOWER, UPPER),
         command_of(0, 0, np.zeros(3)),

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rcmservo.numerics.structs import as_row
+from rcmservo.numerics.structs import to_row
 from rcmservo.safety import state_machine
 from rcmservo.safety.causes import Action, Cause
 from rcmservo.safety.state_machine import (
@@ -16,20 +16,20 @@ from rcmservo.safety.state_machine import (
     ModeStruct,
     Phase,
     Request,
-    Signs,
+    TransitionInputs,
 )
 from rcmservo.safety.thresholds import Thresholds
 
 DEFAULT = Thresholds()
 HOLD_TIME = round(1e9 * DEFAULT.hold_time)
-GOOD_TO_RECOVER, GOOD_TO_SERVO = DEFAULT.good_to_recover, DEFAULT.good_to_servo
+GOOD_TO_RECOVER, GOOD_TO_SERVO = DEFAULT.frames_to_recover, DEFAULT.frames_to_servo
 
 
 def transition(mode, present, sign, request, now):
     """Call the kernel with a `Mode`, a list of causes and a `Request`."""
     causes = functools.reduce(operator.or_, (cause.bit for cause in present), 0)
     row, code = ModeStruct.from_source(mode), REQUESTS.index(request)
-    state_machine.transition(row.rows[0], causes, sign, code, now, as_row(DEFAULT)[0])
+    state_machine.advance_mode(row.rows[0], causes, sign, code, now, to_row(DEFAULT)[0])
     return Mode(**row.values())
 
 
@@ -37,7 +37,7 @@ def most_severe(present):
     return max(present, key=lambda cause: (cause.action, -cause.place), default=Cause.NONE)
 
 
-NORMAL = Signs(enabled=True, seen=True, good=True, ready=True)
+NORMAL = TransitionInputs(drive_enabled=True, has_accepted_frame=True, frame_accepted=True, has_estimate=True)
 WEAKEST_TO_STRONGEST = (
     Phase.SERVO,
     Phase.ACQUIRE,
@@ -53,7 +53,7 @@ WEAKEST_TO_STRONGEST = (
 causes = st.sampled_from([cause for cause in Cause if cause is not Cause.NONE])
 some_causes = st.lists(causes, max_size=4)
 requests = st.sampled_from(list(Request))
-signs = st.builds(Signs, st.booleans(), st.booleans(), st.booleans(), st.booleans())
+signs = st.builds(TransitionInputs, st.booleans(), st.booleans(), st.booleans(), st.booleans())
 times = st.integers(0, 10**13)
 
 
@@ -120,11 +120,11 @@ def test_every_reaction_is_at_least_the_action_of_the_most_severe_cause(
     elif after.phase is Phase.JOG:
         assert request_ is Request.JOG and Cause.OVERRUN not in present
     elif action >= Action.HOLD:
-        assert after.share == 0.0
+        assert after.speed_scale == 0.0
     elif action is Action.SLOW:
-        assert after.share <= 0.2
-    assert after.share == 0.0 or after.phase in (Phase.ACQUIRE, Phase.SERVO, Phase.JOG)
-    assert after.phase is not Phase.JOG or after.share == 0.2
+        assert after.speed_scale <= 0.2
+    assert after.speed_scale == 0.0 or after.phase in (Phase.ACQUIRE, Phase.SERVO, Phase.JOG)
+    assert after.phase is not Phase.JOG or after.speed_scale == 0.2
 
 
 @given(modes(), some_causes, signs, requests, times)
@@ -195,7 +195,7 @@ def test_ticks_without_an_accepted_frame_or_an_estimate_do_not_count():
 
 def test_a_hold_recovers_through_acquire_and_a_long_hold_becomes_a_pause():
     held = transition(Mode(Phase.SERVO), [Cause.MARKER_1_LOST], NORMAL, Request.NONE, 0)
-    assert (held.phase, held.share) == (Phase.HOLD, 0.0)
+    assert (held.phase, held.speed_scale) == (Phase.HOLD, 0.0)
     mode = held
     for now in range(GOOD_TO_RECOVER):
         assert mode.phase is Phase.HOLD
@@ -215,14 +215,14 @@ def test_a_cause_of_a_hold_restarts_the_count_of_frames():
     for now in range(1, GOOD_TO_RECOVER):
         mode = transition(mode, [], NORMAL, Request.NONE, now)
     mode = transition(mode, [Cause.STALE], NORMAL, Request.NONE, 9)
-    assert mode.good == 0 and mode.since == 0
+    assert mode.accepted_frames == 0 and mode.since == 0
 
 
 def test_slow_and_warn_do_not_change_the_phase():
     slow = transition(Mode(Phase.SERVO), [Cause.AGEING], NORMAL, Request.NONE, 0)
     warned = transition(Mode(Phase.SERVO), [Cause.LATE_TICK], NORMAL, Request.NONE, 0)
-    assert (slow.phase, slow.cause, slow.share) == (Phase.SERVO, Cause.AGEING, 0.2)
-    assert (warned.phase, warned.cause, warned.share) == (Phase.SERVO, Cause.LATE_TICK, 1.0)
+    assert (slow.phase, slow.cause, slow.speed_scale) == (Phase.SERVO, Cause.AGEING, 0.2)
+    assert (warned.phase, warned.cause, warned.speed_scale) == (Phase.SERVO, Cause.LATE_TICK, 1.0)
 
 
 def test_the_operator_may_pause_at_any_time():
@@ -246,7 +246,7 @@ def test_a_more_severe_cause_during_a_pause_replaces_the_cause():
 @pytest.mark.parametrize("cause", list(Cause))
 def test_every_cause_has_a_sentence_and_every_stop_a_remedy(cause):
     if cause is Cause.NONE:
-        assert not cause.words
+        assert not cause.text
     else:
         assert cause.value[0].islower() and not cause.value.endswith(".")
         assert bool(cause.way_out) == (cause.action >= Action.HOLD)
@@ -254,7 +254,7 @@ def test_every_cause_has_a_sentence_and_every_stop_a_remedy(cause):
 
 
 def test_a_hold_that_recovers_too_late_becomes_a_pause():
-    held = Mode(Phase.HOLD, Cause.STALE, since=0, good=GOOD_TO_RECOVER - 1, asks=Action.HOLD)
+    held = Mode(Phase.HOLD, Cause.STALE, since=0, accepted_frames=GOOD_TO_RECOVER - 1, action=Action.HOLD)
     assert transition(held, [], NORMAL, Request.NONE, HOLD_TIME).phase is Phase.ACQUIRE
     late = transition(held, [], NORMAL, Request.NONE, HOLD_TIME + 1)
     assert late.phase is Phase.PAUSED and late.cause is Cause.STALE
@@ -263,7 +263,7 @@ def test_a_hold_that_recovers_too_late_becomes_a_pause():
 @pytest.mark.parametrize("cause", Cause)
 def test_only_a_cause_that_stops_the_tool_is_stopping(cause):
     after = transition(Mode(Phase.SERVO), [cause], NORMAL, Request.NONE, 1)
-    assert bool(cause.stopping) == (after.share == 0.0)
+    assert bool(cause.stopping) == (after.speed_scale == 0.0)
     assert cause.stopping in ("", cause.value)
 
 
@@ -275,4 +275,4 @@ def test_only_a_fault_or_a_late_loop_ends_a_jog(cause):
     elif cause is Cause.OVERRUN:
         assert (after.phase, after.cause) == (Phase.PAUSED, cause)
     else:
-        assert after == Mode(Phase.JOG, asks=Action.SLOW)
+        assert after == Mode(Phase.JOG, action=Action.SLOW)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from conftest import TOOLS, laboratory
+from conftest import TOOLS, make_laboratory
 from rcmservo.estimation.flow_rule import FlowEstimator
 from rcmservo.geometry.kinematics import PitchYawRcm
 from rcmservo.safety.causes import Cause
@@ -36,7 +36,7 @@ JOINT_ERROR = np.array([0.0, 0.0, 500.0])
     ],
 )
 def test_a_fault_of_a_joint_names_joint_value_and_limits(change, cause, words):
-    lab = laboratory()
+    lab = make_laboratory()
     servo, before = lab.servo(), None
     if cause is Cause.NOT_FOLLOWING:
         *_, (_, before) = lab.run(servo, 0.3)
@@ -45,15 +45,15 @@ def test_a_fault_of_a_joint_names_joint_value_and_limits(change, cause, words):
             break
     assert state.cause is cause
     for word in words:
-        assert word in state.words
-    assert "mm" in state.words or "rad" in state.words
+        assert word in state.text
+    assert "mm" in state.text or "rad" in state.text
 
 
 def test_an_unfinished_exploration_with_flow_names_gamma():
-    lab = laboratory()
+    lab = make_laboratory()
     exploration = replace(Servo(PitchYawRcm(), TOOLS["rigid"]).exploration, max_time=3.0)
     servo = lab.servo(exploration=exploration, estimator=FlowEstimator(gamma=1e-9))
     for _, state in lab.run(servo, 4.0):
         if state.phase is Phase.PAUSED:
             break
-    assert state.cause is Cause.NOT_EXPLORED and "gamma" in state.words
+    assert state.cause is Cause.NOT_EXPLORED and "gamma" in state.text

@@ -10,14 +10,14 @@ import pytest
 
 def signatures():
     """Return the present signatures of every compiled function that Python calls, by name."""
-    from conftest import ESTIMATORS, compiled_functions
-    from rcmservo.servo.tick import tick_of
+    from conftest import ESTIMATORS, find_compiled_functions
+    from rcmservo.servo.tick import make_compiled_tick
 
     kernels = [getattr(one, "kernel", None) for one in ESTIMATORS.values()]
     kinds = {type(kernel) for kernel in kernels if kernel is not None}
-    ticks = {f"tick of {kind.__name__}": tick_of(kind) for kind in kinds}
+    ticks = {f"tick of {kind.__name__}": make_compiled_tick(kind) for kind in kinds}
     assert len(ticks) > 1
-    both = compiled_functions() | ticks
+    both = find_compiled_functions() | ticks
     return {name: list(one.signatures) for name, one in both.items()}
 
 
@@ -58,13 +58,13 @@ def short_run(lab, servo):
 
 def run_with_losses(lab, servo):
     """Return a run in which one marker is lost for a while and both at the end, until a pause."""
-    from conftest import without
+    from conftest import lose_markers
     from rcmservo.safety.state_machine import Phase
 
     stream, state = [], None
     for seconds, lost in ((5.0, ()), (0.3, (0,)), (0.5, ()), (1.2, (0, 1))):
         for observation, after in lab.run(
-            servo, seconds, state, lambda observation, lost=lost: without(observation, *lost)
+            servo, seconds, state, lambda observation, lost=lost: lose_markers(observation, *lost)
         ):
             stream.append(observation)
             state = after
@@ -93,12 +93,12 @@ BOTH = "method", "short run"
 def test_after_the_warm_up_nothing_compiles_in_other_scenes_with_losses_and_pauses(
     tmp_path, estimator, tool, warm_ups
 ):
-    from conftest import ESTIMATORS, TOOLS, laboratory, with_tests
+    from conftest import ESTIMATORS, TOOLS, make_laboratory, make_environment
     from rcmservo.geometry.kinematics import PitchYawRcm
     from rcmservo.sim import RigSettings
 
     choice = {"estimator": ESTIMATORS[estimator], "tool": TOOLS[tool]}
-    labs = [laboratory(1), laboratory(2), laboratory(3, RigSettings(mechanism=PitchYawRcm()))]
+    labs = [make_laboratory(1), make_laboratory(2), make_laboratory(3, RigSettings(mechanism=PitchYawRcm()))]
     first, *others = [(lab, lab.servo(**choice)) for lab in labs]
     runs = [short_run(*first), *(run_with_losses(*other) for other in others)]
     code = "import sys; import test_compile as t; t.check(sys.argv[1])"
@@ -107,6 +107,6 @@ def test_after_the_warm_up_nothing_compiles_in_other_scenes_with_losses_and_paus
             pickle.dump((warm_up, runs), file)
         command = [sys.executable, "-c", code, str(tmp_path / warm_up)]
         done = subprocess.run(
-            command, capture_output=True, text=True, check=False, env=with_tests()
+            command, capture_output=True, text=True, check=False, env=make_environment()
         )
         assert done.returncode == 0, f"{warm_up}: {done.stderr[-2000:]}"

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from conftest import compiled_functions, with_tests
+from conftest import find_compiled_functions, make_environment
 
 TOLERANCE = 1e-9
 
@@ -70,15 +70,15 @@ def make_scene():
     from rcmservo.geometry import features, projection, tool
 
     random, C = np.random.default_rng(0), camera()
-    a, o_c = projection.parameters(C)
+    a, o_c = projection.extract_parameters(C)
     o_c = o_c + np.array([320.0, 240.0])
     places = P + random.uniform(-15, 15, (N, 3))
     rows = np.stack([np.concatenate([place, pixels(C, place).ravel()]) for place in places])
     rows[:, 3:] += 0.3 * random.standard_normal((N, 4))
     points, target = rows[0, 3:].reshape(2, 2), rows[1, 3:].reshape(2, 2)
-    y, delta = features.measured(points, target, o_c)
-    m = features.about(points, o_c)
-    J = fit.feature_jacobian(a, places[0], m, tool.Shaft(0, SPACING))
+    y, delta = features.compute_features_and_error(points, target, o_c)
+    m = features.shift_to_rcm(points, o_c)
+    J = fit.feature_jacobian(a, places[0], m, tool.ToolStruct(0, SPACING))
     return Scene(a, o_c, places, rows, y, delta, J)
 
 
@@ -86,27 +86,27 @@ def moving():
     """Return results of mechanism, tool and exploration."""
     from rcmservo.bringup import identification
     from rcmservo.geometry import kinematics, tool
-    from rcmservo.numerics.small_linalg import cross, distance
+    from rcmservo.numerics.small_linalg import cross, compute_distance
 
     out, limits = {}, ((-1.0, -1.0, 40.0), (1.0, 1.0, 93.0))
     for kind in (0, 1):
         q, v = np.array([0.4, -0.3, 90.0]), np.array([10.0, -20.0, 5.0])
-        rcm, shaft = kinematics.Rcm(kind, 2.0, *limits), tool.Shaft(kind, 1.3)
-        p = kinematics.position(rcm, q)
-        joint, rates = kinematics.blocked(rcm, q, 99.0 * p, np.ones(3), 0.1, 0.3)
+        rcm, shaft = kinematics.RcmStruct(kind, 2.0, *limits), tool.ToolStruct(kind, 1.3)
+        p = kinematics.compute_position(rcm, q)
+        joint, rates = kinematics.find_blocking_joint(rcm, q, 99.0 * p, np.ones(3), 0.1, 0.3)
         out |= {
-            f"axis {kind}": kinematics.axis(rcm, q),
+            f"axis {kind}": kinematics.compute_axis(rcm, q),
             f"axis_jacobian {kind}": kinematics.compute_axis_jacobian(rcm, q),
             f"position {kind}": p,
-            f"distance {kind}": distance(p, v),
+            f"distance {kind}": compute_distance(p, v),
             f"cross {kind}": cross(p, v),
-            f"position_jacobian {kind}": kinematics.position_jacobian(rcm, q),
-            f"joints {kind}": kinematics.joints(rcm, p),
-            f"joint_rates {kind}": kinematics.joint_rates(rcm, q, v),
+            f"position_jacobian {kind}": kinematics.compute_position_jacobian(rcm, q),
+            f"joints {kind}": kinematics.compute_joints(rcm, p),
+            f"joint_rates {kind}": kinematics.compute_joint_rates(rcm, q, v),
             f"blocked {kind}": np.array([joint, *rates]),
-            f"stretch {kind}": tool.stretch(tool.Shaft(kind, SPACING), p),
-            f"second_marker {kind}": tool.second_marker(shaft, p),
-            f"second_marker_jacobian {kind}": tool.second_marker_jacobian(shaft, p),
+            f"stretch {kind}": tool.compute_marker_ratio(tool.ToolStruct(kind, SPACING), p),
+            f"second_marker {kind}": tool.compute_second_marker(shaft, p),
+            f"second_marker_jacobian {kind}": tool.compute_second_marker_jacobian(shaft, p),
             f"_markers {kind}": identification._markers(rcm, np.array([q, q + 0.1]), shaft),
         }
         out |= exploring(kind, rcm, q)
@@ -116,20 +116,20 @@ def moving():
 def exploring(kind, rcm, q):
     """Return results of two rounds of the exploration."""
     from rcmservo.control import exploration
-    from rcmservo.numerics.structs import as_row
+    from rcmservo.numerics.structs import to_row
 
-    out, x, fastest = {}, as_row(exploration.Exploration())[0], np.array([1.0, 1.0, 80.0])
-    tour = exploration.Exploring.of()
+    out, x, fastest = {}, to_row(exploration.Exploration())[0], np.array([1.0, 1.0, 80.0])
+    tour = exploration.ExplorationState.of()
     row = tour.rows[0]
-    exploration.begin(row, rcm, fastest, q, 5, 0.01, x)
+    exploration.start_exploration(row, rcm, fastest, q, 5, 0.01, x)
     for visits in (0, 4):
         tour.rows["visits"] = visits
-        out[f"room {kind} {visits}"] = exploration.box(row, rcm, fastest, 0.01, x)
+        out[f"room {kind} {visits}"] = exploration.set_round(row, rcm, fastest, 0.01, x)
         out[f"sides {kind} {visits}"] = tour.sides.copy()
-        out[f"towards {kind} {visits}"] = exploration.towards(row, fastest, q + 0.01, 0.0, x)
-        out[f"arrived {kind} {visits}"] = exploration.arrived(row, q + 0.9 * tour.sides)
-    out[f"span {kind}"] = exploration.span(rcm, q, tour.sides)
-    out[f"overdue {kind}"] = exploration.overdue(row, 10**12, x)
+        out[f"towards {kind} {visits}"] = exploration.rates_to_corner(row, fastest, q + 0.01, 0.0, x)
+        out[f"arrived {kind} {visits}"] = exploration.is_at_next_corner(row, q + 0.9 * tour.sides)
+    out[f"span {kind}"] = exploration.max_leg_length(rcm, q, tour.sides)
+    out[f"overdue {kind}"] = exploration.is_overdue(row, 10**12, x)
     return out
 
 
@@ -139,34 +139,34 @@ def imaging(scene):
     from rcmservo.geometry import features, imaged_rcm, projection
     from rcmservo.numerics import small_svd
 
-    m, J_straight = features.about(scene.points, scene.o_c), np.empty((3, 4))
-    features.straight_jacobian(m, J_straight)
+    m, J_straight = features.shift_to_rcm(scene.points, scene.o_c), np.empty((3, 4))
+    features.write_line_features_jacobian(m, J_straight)
     out = {
-        "depth": projection.depth(scene.a, P),
+        "depth": projection.compute_depth(scene.a, P),
         "project": projection.project(scene.a, P),
-        "project_jacobian": projection.project_jacobian(scene.a, P),
-        "regressor": projection.regressor(np.array([10.0, 20.0]), P),
+        "project_jacobian": projection.compute_projection_jacobian(scene.a, P),
+        "regressor": projection.build_regressor(np.array([10.0, 20.0]), P),
         "about": m,
         "y": scene.y,
         "delta": scene.delta,
-        "features": features.features(m),
-        "features_jacobian": features.features_jacobian(m),
+        "features": features.compute_features(m),
+        "features_jacobian": features.compute_features_jacobian(m),
         "J": scene.J,
-        "condition": small_svd.condition(scene.J),
-        "disagreement": exploration.disagreement(scene.J, scene.J + 0.01),
+        "condition": small_svd.compute_condition(scene.J),
+        "disagreement": exploration.relative_difference(scene.J, scene.J + 0.01),
         "straight": features.compute_line_features(m),
         "straight_jacobian": J_straight,
-        "near_origin": features.near_origin(scene.o_c, scene.points, 100.0),
+        "near_origin": features.limit_origin_distance(scene.o_c, scene.points, 100.0),
     }
     for printed in (True, False):
         lines, count = np.zeros((6, 4)), 0
         for row in scene.rows:
             points = row[3:].reshape(2, 2)
-            lines, count, o_c, condition = imaged_rcm.follow(lines, count, points, 3, printed)
+            lines, count, o_c, condition = imaged_rcm.update_imaged_rcm(lines, count, points, 3, printed)
         out |= {f"lines {printed}": lines[:count], f"imaged rcm {printed}": o_c}
         out[f"rcm condition {printed}"] = np.log(condition)
     out["least_telling line"] = imaged_rcm.find_least_informative_line(lines, count)
-    out["nearest_to_lines"] = imaged_rcm.nearest_to_lines(lines, count, False)[0]
+    out["nearest_to_lines"] = imaged_rcm.intersect_lines(lines, count, False)[0]
     return out
 
 
@@ -178,20 +178,20 @@ def fitting(scene):
     from rcmservo.servo.state import EstimatorMemory
     from rcmservo.servo.update_estimate import empty_with_lines
 
-    a, o_c, rows, shaft, out = scene.a, scene.o_c, scene.rows, tool.Shaft(0, SPACING), {}
+    a, o_c, rows, shaft, out = scene.a, scene.o_c, scene.rows, tool.ToolStruct(0, SPACING), {}
     for both in (False, True):
-        fitted = fit.sights(rows, N, o_c, both, shaft)
+        fitted = fit.fitted_points(rows, N, o_c, both, shaft)
         A, b = fit.normal_equations(fitted)
         out[f"A {both}"], out[f"b {both}"] = A, b
     root, C = fit.inverse_root(A, 1e-3), np.diag(np.sqrt(fit.GAMMA_0))
     far = np.array([1.0] * 6 + [0.1] * 3)
     out |= {
         "inverse_root": root,
-        "least_telling": fit.least_telling(fitted, N, root),
-        "decay": gradient_flow.decay(A, b, 0.5 * a, C, 1.0),
-        "by_series": C @ gradient_flow.by_series(C @ A @ C, C @ b, 1e-3),
-        "by_modes": C @ gradient_flow.by_modes(C @ A @ C, C @ b, 1.0),
-        "keep_in_front": fit.keep_in_front(0 * a, far, rows, N, shaft),
+        "least_telling": fit.least_informative(fitted, N, root),
+        "decay": gradient_flow.integrate_gradient_flow(A, b, 0.5 * a, C, 1.0),
+        "by_series": C @ gradient_flow.integrate_by_series(C @ A @ C, C @ b, 1e-3),
+        "by_modes": C @ gradient_flow.integrate_by_eigenvectors(C @ A @ C, C @ b, 1.0),
+        "keep_in_front": fit.limit_step_by_depth(0 * a, far, rows, N, shaft),
         "markers_jacobian": fit.markers_jacobian(a, P, shaft),
         "jacobian_at": fit.jacobian_at(a, P, scene.points, o_c, shaft),
         "predict": fit.predict(a, P, shaft),
@@ -200,11 +200,11 @@ def fitting(scene):
         memory, rule = fit.ProjectionMemory(np.zeros((7, 7)), 0, np.zeros(9)), (rate, 1e-7, True)
         for row in rows:
             points = row[3:].reshape(2, 2)
-            memory = fit.update(memory, row[:3], points, o_c, 0.1, fit.Rule(*rule), shaft)
-        out[f"observations {rate}"] = memory.observations[: memory.filled]
+            memory = fit.update_from_frame(memory, row[:3], points, o_c, 0.1, fit.ProjectionKernel(*rule), shaft)
+        out[f"observations {rate}"] = memory.observations[: memory.observation_count]
         out[f"a_hat {rate}"] = memory.a_hat
     full = EstimatorMemory(np.ones((4, 4)), memory)
-    out["none"] = empty_with_lines(fit.Rule(*rule), full).memory.a_hat
+    out["none"] = empty_with_lines(fit.ProjectionKernel(*rule), full).memory.a_hat
     return out
 
 
@@ -213,19 +213,19 @@ def sizing(scene):
     from rcmservo.estimation import affine, ball_size_fit
     from rcmservo.geometry import tool
 
-    shaft, memory = tool.Shaft(0, SPACING), ball_size_fit.no_balls()
+    shaft, memory = tool.ToolStruct(0, SPACING), ball_size_fit.initial_ball_fits()
     for row in scene.rows:
         points, sizes = row[3:].reshape(2, 2), 1e3 / np.array([200.0 - row[0], 190.0 - row[0]])
-        memory = affine.see_both(memory, row[:3], points, sizes, 2.0, shaft)
-    p1, rcm = scene.places[0], affine.sized_rcm(memory)
+        memory = affine.update_both_fits(memory, row[:3], points, sizes, 2.0, shaft)
+    p1, rcm = scene.places[0], affine.estimate_imaged_rcm(memory)
     return {
         "sized C": np.stack([memory[k]["C"] for k in range(2)]),
-        "sized J": affine.sized_jacobian(memory, p1, scene.points, scene.o_c, shaft),
-        "sizes motion": affine.sizes_motion(memory, p1, shaft),
-        "sized markers": affine.sized_markers(memory, p1, shaft),
+        "sized J": affine.fitted_features_jacobian(memory, p1, scene.points, scene.o_c, shaft),
+        "sizes motion": affine.sizes_jacobian(memory, p1, shaft),
+        "sized markers": affine.predict_markers(memory, p1, shaft),
         "sized rcm": rcm[0],
         "sized rcm covariance": rcm[1],
-        "sized place": ball_size_fit.place_told(memory[0], scene.points[0], 6.0)[0],
+        "sized place": ball_size_fit.locate_ball(memory[0], scene.points[0], 6.0)[0],
     }
 
 
@@ -235,33 +235,33 @@ def predicting(scene):
     from rcmservo.geometry import tool
     from rcmservo.servo.update_estimate import empty_memory
 
-    shaft, memory, p1 = tool.Shaft(0, SPACING), projection_fit.blank().rows, scene.places[0]
+    shaft, memory, p1 = tool.ToolStruct(0, SPACING), projection_fit.initial_fit().rows, scene.places[0]
     for row in scene.rows:
-        projection_fit.see(memory[0], row[:3], row[3:].reshape(2, 2), shaft)
-    v, known = memory[0], projection_fit.Prospect(memory)
-    place, covariance = projection_prediction.imaged(v, P)
+        projection_fit.update_fit(memory[0], row[:3], row[3:].reshape(2, 2), shaft)
+    v, known = memory[0], projection_fit.ProjectionFit(memory)
+    place, covariance = projection_prediction.predict_image(v, P)
     out = {
         "A of the fit": known.A,
         "g of the fit": known.g,
-        "noise of the fit": known.noise,
+        "noise of the fit": known.noise_variance,
         "offset of the fit": known.offset,
         "place": place,
         "covariance": covariance,
-        "expected": projection_prediction.expected(v, p1, shaft),
-        "markers": projection_prediction.located(v, p1, shaft),
-        "motion": projection_prediction.both_motions(v, p1, shaft),
-        "J of the fit": projection_prediction.features_motion(
+        "expected": projection_prediction.predict_markers(v, p1, shaft),
+        "markers": projection_prediction.filter_markers(v, p1, shaft),
+        "motion": projection_prediction.markers_jacobian(v, p1, shaft),
+        "J of the fit": projection_prediction.fitted_features_jacobian(
             v, p1, scene.points, scene.o_c, shaft
         ),
-        "weakness": projection_prediction.weakness(v, p1, shaft),
+        "weakness": projection_prediction.squared_dilution(v, p1, shaft),
         "pose deviation": projection_prediction.pose_deviation(v, p1, shaft),
-        "without marker 2": projection_prediction.deviation_without(v, p1, 1, shaft),
-        "order": projection_prediction.order(v),
+        "without marker 2": projection_prediction.deviation_without_marker(v, p1, 1, shaft),
+        "order": projection_prediction.marker_order_score(v),
         "nothing stored": empty_memory(dlt.DltKernel(), ()),
     }
     out |= planned(v, scene, shaft)
-    projection_fit.empty(v)
-    empty = projection_fit.Prospect(memory)
+    projection_fit.reset_fit(v)
+    empty = projection_fit.ProjectionFit(memory)
     numbers = {field.name for field in empty.fields} - {"work"}
     return out | {f"emptied {name}": getattr(empty, name) for name in numbers}
 
@@ -270,66 +270,66 @@ def planned(v, scene, shaft):
     """Return the uncertainty of the direction to the target, and the next corner."""
     from rcmservo.control import exploration, exploration_planning
     from rcmservo.geometry import kinematics
-    from rcmservo.numerics.structs import as_row
+    from rcmservo.numerics.structs import to_row
 
     x, p1, limits = (
-        as_row(exploration.Exploration())[0],
+        to_row(exploration.Exploration())[0],
         scene.places[0],
         ((-4.0,) * 3, (200.0,) * 3),
     )
-    rcm = kinematics.Rcm(0, 2.0, *limits)
-    q = kinematics.joints(rcm, p1)
-    tour = exploration.Exploring.of(home=q, goal=q, sides=[0.03, 0.03, 2.5], visits=3)
-    exploration_planning.plan(tour.rows[0], v, rcm, shaft, q, scene.target, 9.0)
-    assert not np.array_equal(tour.goal, q)
+    rcm = kinematics.RcmStruct(0, 2.0, *limits)
+    q = kinematics.compute_joints(rcm, p1)
+    tour = exploration.ExplorationState.of(home=q, goal=q, sides=[0.03, 0.03, 2.5], visits=3)
+    exploration_planning.plan_corner(tour.rows[0], v, rcm, shaft, q, scene.target, 9.0)
+    assert not np.array_equal(tour.next_corner, q)
     return {
-        "off target": exploration_planning.off_target(v, p1, scene.target, shaft),
-        "directed": exploration_planning.directed(v, p1, scene.target, shaft, x),
-        "planned": tour.goal,
+        "off target": exploration_planning.path_error(v, p1, scene.target, shaft),
+        "directed": exploration_planning.direction_is_known(v, p1, scene.target, shaft, x),
+        "planned": tour.next_corner,
     }
 
 
 def drifting(scene):
     """Return results of the checks on images with offset markers, and on a frozen image."""
-    from conftest import tick_facts
+    from conftest import make_tick_facts
     from rcmservo.control import exploration
     from rcmservo.estimation import projection_fit
     from rcmservo.geometry import tool
-    from rcmservo.numerics.structs import as_row
+    from rcmservo.numerics.structs import to_row
     from rcmservo.safety import innovation, monitor_state
     from rcmservo.safety.checks import devices, drift
     from rcmservo.safety.thresholds import Thresholds
 
-    shaft, known, t = tool.Shaft(0, SPACING), projection_fit.blank(), as_row(Thresholds())[0]
+    shaft, known, t = tool.ToolStruct(0, SPACING), projection_fit.initial_fit(), to_row(Thresholds())[0]
     v, out = known.rows[0], {}
     for row in scene.rows:
-        projection_fit.see(v, row[:3], row[3:].reshape(2, 2), shaft)
+        projection_fit.update_fit(v, row[:3], row[3:].reshape(2, 2), shaft)
     for name, off in {
         "none": np.zeros((2, 2)),
         "both": np.full((2, 2), 9.0),
         "one": np.array([[0.0, 0.0], [20.0, -9.0]]),
         "crossed": scene.points[::-1] - scene.points,
     }.items():
-        w = monitor_state.begin()
+        w = monitor_state.initial_monitor_state()
         for step in range(2 * Thresholds.drift_frames):
             moves = 1e-6 * step if name != "both" else 0.0
             p1 = scene.places[step % 2]
             points = scene.points + off + moves
-            drift.watch_drift(w.rows[0], v, p1, points, points, shaft, t)
-        tour = exploration.Exploring.of(done=True)
-        facts = tick_facts(watch=w, tour=tour, thresholds=t)
-        detectors = drift.picture_is_frozen, drift.one_marker_deviates, drift.markers_drift
+            drift.update_drift(w.rows[0], v, p1, points, points, shaft, t)
+        tour = exploration.ExplorationState.of(done=True)
+        facts = make_tick_facts(watch=w, tour=tour, thresholds=t)
+        detectors = drift.image_is_frozen, drift.one_marker_deviates, drift.markers_drift
         found = [detects(facts) for detects in detectors]
-        out[f"drift of {name}"] = [*w.left.ravel(), *w.off, *found]
+        out[f"drift of {name}"] = [*w.mean_residual.ravel(), *w.drift_px, *found]
         places = np.stack([scene.points, scene.points + off])
         out[f"stuck by {name}"] = [
-            drift.watch_stuck(w.rows[0], scene.places[0], points, t) for points in places
+            drift.detect_stuck_markers(w.rows[0], scene.places[0], points, t) for points in places
         ]
-        out[f"misplaced by {name}"] = innovation.misplaced(
+        out[f"misplaced by {name}"] = innovation.find_deviating_markers(
             v, scene.places[0], scene.points + off, scene.target, shaft, t
         )
     old = monitor_state.ObservationRow.of(now=10**9)
-    facts = tick_facts(seen=old, watch=monitor_state.begin(), thresholds=t)
+    facts = make_tick_facts(seen=old, watch=monitor_state.initial_monitor_state(), thresholds=t)
     out["old frame"] = devices.frames_stopped(facts), devices.frame_times_are_invalid(facts)
     return out
 
@@ -341,20 +341,20 @@ def updating(scene):
     J, delta_p, delta_y = 0.5 * scene.J, np.array([1.0, 2.0, -1.0]), np.array([0.1, 5.0, -3.0])
     p1, p2, both = scene.places[0], scene.places[1], (scene.points, scene.target)
     out = {
-        "learn": flow_rule.learn(J, delta_p, delta_y, 0.02, 0.01),
-        "flow": flow_rule.update(J, scene.step, *both, scene.o_c, 0.02, 0.01),
-        "learn broyden": broyden.learn(J, delta_p, delta_y),
+        "learn": flow_rule.integrate_flow_rule(J, delta_p, delta_y, 0.02, 0.01),
+        "flow": flow_rule.update_from_frame(J, scene.step, *both, scene.o_c, 0.02, 0.01),
+        "learn broyden": broyden.broyden_update(J, delta_p, delta_y),
     }
     for least in (1.0, 1e3):
-        found, _ = broyden.update(J, p1, both[0], p2, both[1], scene.o_c, least)
+        found, _ = broyden.update_from_frame(J, p1, both[0], p2, both[1], scene.o_c, least)
         out[f"broyden {least}"] = found
     P, rule = np.diag([1.0, 2.0, 3.0]), (delta_p, delta_y)
-    moved, change, is_far = displacement.displaced(p1, both[0], p2, both[1], scene.o_c, 1.0)
+    moved, change, is_far = displacement.measure_displacement(p1, both[0], p2, both[1], scene.o_c, 1.0)
     found = {
         "displaced": ([*moved, *change, is_far],),
-        "rls": rls.learn(J, P, *rule, 0.9),
-        "kalman": kalman.learn(J, P, *rule, 0.01, 0.05),
-        "correntropy": correntropy.learn(J, np.stack([P, P, P]), *rule, 0.01, 0.05, 3.0),
+        "rls": rls.rls_update(J, P, *rule, 0.9),
+        "kalman": kalman.kalman_update(J, P, *rule, 0.01, 0.05),
+        "correntropy": correntropy.correntropy_update(J, np.stack([P, P, P]), *rule, 0.01, 0.05, 3.0),
     }
     return out | {f"{name} {k}": part for name, of in found.items() for k, part in enumerate(of)}
 
@@ -363,75 +363,75 @@ def limiting(scene):
     """Return results of the innovation checks, the law and the gate."""
     from rcmservo.control import saturated_controller
     from rcmservo.geometry import kinematics
-    from rcmservo.numerics.structs import as_row
+    from rcmservo.numerics.structs import to_row
     from rcmservo.safety import gate, innovation, monitor_state
 
     J, delta, o_c, both = scene.J, scene.delta, scene.o_c, (scene.target, scene.points)
     still, one, half, q = np.zeros(3), np.ones(3), np.full(3, 0.5), np.full(3, 0.1)
     out = {
-        "leapt": innovation.leapt(*both, 0.5, 1.0, 20.0),
-        "judged": innovation.judged(*both, o_c, J, scene.step, 0.2, 0.75),
+        "leapt": innovation.find_jumps(*both, 0.5, 1.0, 20.0),
+        "judged": innovation.compare_with_estimate(*both, o_c, J, scene.step, 0.2, 0.75),
     }
-    monitor_state.followed(still, one, half, q, 0.01, 0.025, 1.0)
+    monitor_state.predict_joints(still, one, half, q, 0.01, 0.025, 1.0)
     out["followed"] = [*still, *one]
     b = np.full(3, 0.1)
     for printed in (False, True):
-        heading, error = saturated_controller.control(J, delta, b, printed, 2.0, 150.0, 40.0)
-        out[f"heading {printed}"] = [*heading.v, heading.condition, heading.open, error]
+        heading, error = saturated_controller.apply_law(J, delta, b, printed, 2.0, 150.0, 40.0)
+        out[f"heading {printed}"] = [*heading.v, heading.condition, heading.reducible_fraction, error]
         out[f"gradient {printed}"] = saturated_controller.potential_gradient(delta, b, printed)
         out[f"potential {printed}"] = saturated_controller.potential(delta, b, printed)
     damped = np.diag([1.0, 0.2, 0.01])
-    out["damped"] = saturated_controller.law(damped, np.ones(3), 2.0, 150.0, 1e6).v
+    out["damped"] = saturated_controller.solve_law(damped, np.ones(3), 2.0, 150.0, 1e6).v
     requested, last = np.array([0.9, -0.4, 70.0]), np.array([0.85, -0.4, 40.0])
-    rcm = kinematics.Rcm(0, 0.0, (-1.0, -1.0, 40.0), (1.0, 1.0, 91.0))
-    bounds = as_row(gate.Gate((1.0, 1.0, 80.0), (8.0, 8.0, 500.0), 0.05))[0]
+    rcm = kinematics.RcmStruct(0, 0.0, (-1.0, -1.0, 40.0), (1.0, 1.0, 91.0))
+    bounds = to_row(gate.Gate((1.0, 1.0, 80.0), (8.0, 8.0, 500.0), 0.05))[0]
     for share in (0.0, 0.9):
         near = np.array([0.4, -0.3, 90.0])
         sent = last.copy()
-        out[f"finite {share}"] = gate.within(requested, sent, near, rcm, bounds, 0.01, share)
+        out[f"finite {share}"] = gate.limit_rates(requested, sent, near, rcm, bounds, 0.01, share)
         out[f"within {share}"] = sent
     return out
 
 
 def resetting():
     """Return modes and the resets that they cause."""
-    from rcmservo.control.exploration import Exploring
-    from rcmservo.numerics.structs import as_row
+    from rcmservo.control.exploration import ExplorationState
+    from rcmservo.numerics.structs import to_row
     from rcmservo.safety import gate, state_machine
     from rcmservo.safety.causes import Cause
-    from rcmservo.safety.monitor_state import Watch
-    from rcmservo.safety.state_machine import PHASES, REQUESTS, ModeStruct, Signs
+    from rcmservo.safety.monitor_state import MonitorState
+    from rcmservo.safety.state_machine import PHASES, REQUESTS, ModeStruct, TransitionInputs
     from rcmservo.safety.thresholds import Thresholds
     from rcmservo.servo import apply_mode, reset
-    from rcmservo.servo.state import Decision, Estimate, Stored
+    from rcmservo.servo.state import Decision, Estimate, StoredState
 
-    out, t = {}, as_row(Thresholds())[0]
+    out, t = {}, to_row(Thresholds())[0]
     causes = Cause.AGEING, Cause.STALE, Cause.CAMERA_MOVED, Cause.ARM_SILENT
     for phase in range(len(PHASES)):
         for request in range(len(REQUESTS)):
-            d = ModeStruct.of(phase=phase, cause=Cause.LATE.place, good=20, since=1)
+            d = ModeStruct.of(phase=phase, cause=Cause.LATE.code, good=20, since=1)
             for found in (0, *(cause.bit for cause in causes)):
-                signs = Signs(True, True, True, phase > 1)
-                state_machine.transition(d.rows[0], found, signs, request, 5, t)
+                signs = TransitionInputs(True, True, True, phase > 1)
+                state_machine.advance_mode(d.rows[0], found, signs, request, 5, t)
             out[f"mode {phase} {request}"] = [d.phase, d.cause, d.since, d.good, d.asks]
     places = {"p1": P, "points": np.array([[300.0, 200.0], [250.0, 150.0]]), "o_c": 90.0}
     for name, change in {
         "reset": lambda stored: reset.reset_estimation_except_markers(stored.rows[0]),
         "invalidated": lambda stored: apply_mode.invalidate(
-            stored.rows[0], Cause.CAMERA_MOVED.place, 5
+            stored.rows[0], Cause.CAMERA_MOVED.code, 5
         ),
         "failed": lambda stored: apply_mode.enter_not_finite_fault(stored.rows[0], 7),
-        "stopped": lambda stored: gate.stop(stored.decision.command.rows[0], 9, gate.Gate().row[0]),
+        "stopped": lambda stored: gate.make_stop_command(stored.decision.command.rows[0], 9, gate.Gate().struct_row[0]),
     }.items():
-        stored = Stored.of(
-            watch=Watch.of(believed=3, rejected=2),
+        stored = StoredState.of(
+            watch=MonitorState.of(believed=3, rejected=2),
             estimate=Estimate.of(J_hat=1.0, exposure=4, **places),
-            tour=Exploring.of(done=True, visits=4),
+            tour=ExplorationState.of(done=True, visits=4),
             decision=Decision.of(command=gate.CommandStruct.of(number=5, rates=1.0, enabled=True)),
         )
         answer = change(stored)
         d = stored.decision
-        rows = stored.watch, stored.estimate, stored.tour, d, d.mode, d.command
+        rows = stored.monitor, stored.estimate, stored.exploration_state, d, d.mode, d.command
         out[name] = np.concatenate(
             [
                 np.ravel(getattr(row, field.name))
@@ -447,16 +447,16 @@ def resetting():
 def lagging():
     """Return the lag of the drives from a few measurements."""
     from rcmservo.control import drive_lag
-    from rcmservo.control.exploration import Exploring
+    from rcmservo.control.exploration import ExplorationState
 
-    tour, fastest = Exploring.of(), np.array([1.0, 1.0, 80.0])
-    drive_lag.begin_lag(tour.rows[0])
+    tour, fastest = ExplorationState.of(), np.array([1.0, 1.0, 80.0])
+    drive_lag.start_lag_measurement(tour.rows[0])
     for k in range(12):
         q, applied = 0.01 * np.sin(0.3 * k) * fastest, 0.3 * np.cos(0.3 * k + 0.5) * fastest
-        drive_lag.follow_drives(tour.rows[0], q, 10_000_000 * k, applied, fastest)
-    drive_lag.measure_lag(tour.rows[0])
+        drive_lag.add_lag_reading(tour.rows[0], q, 10_000_000 * k, applied, fastest)
+    drive_lag.finish_lag_measurement(tour.rows[0])
     assert tour.lag > 0.0
-    return {"lag": tour.lag, "its use": drive_lag.lag_of(tour.rows[0], 0.0)}
+    return {"lag": tour.lag, "its use": drive_lag.known_or_measured_lag(tour.rows[0], 0.0)}
 
 
 def functions():
@@ -508,7 +508,7 @@ def steps():
         "size": (AffineEstimator(), RigidTool(30.0), "size"),
     }
     for name, (estimator, tool, features) in choices.items():
-        exploration = Exploration(leg=0.1, tolerance=0.9)
+        exploration = Exploration(leg_time=0.1, tolerance=0.9)
         law = SaturatedController(features=features)
         servo = Servo(rcm, tool, estimator, law, exploration=exploration, rate=50.0)
         q = rcm.joints(np.array([20.0, -10.0, -100.0]))
@@ -546,7 +546,7 @@ def steps():
 def plain(tmp_path_factory):
     """Return the results of a process without the compiler."""
     path = tmp_path_factory.mktemp("oracle") / "plain.npz"
-    environment = with_tests(NUMBA_DISABLE_JIT="1")
+    environment = make_environment(NUMBA_DISABLE_JIT="1")
     subprocess.run([sys.executable, __file__, path], env=environment, check=True)
     with np.load(path) as results:
         return dict(results)
@@ -578,7 +578,7 @@ def test_a_servo_takes_the_same_steps_compiled_and_as_plain_python(plain):
 @pytest.mark.slow
 def test_the_oracle_calls_every_compiled_function_of_the_core():
     """A function that is not called directly is called by another one."""
-    called, core = _called_when_plain(), compiled_functions()
+    called, core = _called_when_plain(), find_compiled_functions()
     assert len(core) > 60
     assert [name for name in core if name not in called] == []
 
@@ -592,7 +592,7 @@ def _called_when_plain():
         "sys.setprofile(watch); t.functions(); t.steps(); sys.setprofile(None)\n"
         "print(*sorted(seen))"
     )
-    environment = with_tests(NUMBA_DISABLE_JIT="1")
+    environment = make_environment(NUMBA_DISABLE_JIT="1")
     command = [sys.executable, "-c", code]
     return set(
         subprocess.run(

@@ -19,12 +19,12 @@ def test_the_predicted_error_is_closer_to_the_present_one_than_the_last_measured
     target = rs.teach(plant, 30)
     rig.move_to_start()
     ticks = [t for t in rs.run(plant, servo, target, 3.0) if t.state.phase is rs.Phase.SERVO]
-    measured = {t.seen.exposure: t.state.learnt.estimate.delta for t in ticks}
+    measured = {t.observation.exposure: t.state.estimation.estimate.delta for t in ticks}
     predicted, last = 0.0, 0.0
     for tick in ticks:
-        nearest = min(measured, key=lambda exposure: abs(exposure - tick.seen.now))
-        if abs(nearest - tick.seen.now) < 2_000_000:
-            present, estimate = measured[nearest], tick.state.learnt.estimate
-            predicted += float(np.linalg.norm((estimate.ahead - present) / SCALE))
+        nearest = min(measured, key=lambda exposure: abs(exposure - tick.observation.now))
+        if abs(nearest - tick.observation.now) < 2_000_000:
+            present, estimate = measured[nearest], tick.state.estimation.estimate
+            predicted += float(np.linalg.norm((estimate.predicted_delta - present) / SCALE))
             last += float(np.linalg.norm((estimate.delta - present) / SCALE))
     assert predicted < 0.3 * last

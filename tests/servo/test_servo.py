@@ -15,30 +15,30 @@ from conftest import (
     CONTROLLERS,
     ESTIMATORS,
     TOOLS,
-    first_quick,
-    frozen,
-    laboratory,
-    leaves,
-    markers_seen,
-    without,
+    mark_others_slow,
+    snapshot,
+    make_laboratory,
+    list_leaves,
+    project_markers,
+    lose_markers,
 )
-from conftest import observation as make_observation
+from conftest import make_observation as make_observation
 from rcmservo.control.saturated_controller import SaturatedController
 from rcmservo.errors import BadInput
 from rcmservo.estimation.flow_rule import FlowEstimator
-from rcmservo.estimation.projection_fit import empty
+from rcmservo.estimation.projection_fit import reset_fit
 from rcmservo.estimation.projection_rule import ProjectionEstimator
-from rcmservo.geometry.imaged_rcm import ImagedRcm, solve
+from rcmservo.geometry.imaged_rcm import ImagedRcm, solve_imaged_rcm
 from rcmservo.geometry.kinematics import JointLimits, PitchYawRcm
-from rcmservo.interfaces import Dropped, Target
+from rcmservo.interfaces import DropReason, Target
 from rcmservo.loop.plant import Plant
 from rcmservo.loop.run import run
-from rcmservo.loop.teach import NotShown, teach
-from rcmservo.numerics.structs import as_row, copied
+from rcmservo.loop.teach import TeachingFailed, teach
+from rcmservo.numerics.structs import to_row, copy_row
 from rcmservo.safety.causes import Cause
 from rcmservo.safety.gate import Gate
-from rcmservo.safety.monitor_state import Watch, stays
-from rcmservo.safety.state_machine import SLOW_SHARE, Phase, Request
+from rcmservo.safety.monitor_state import MonitorState, markers_stay
+from rcmservo.safety.state_machine import SLOW_SPEED_SCALE, Phase, Request
 from rcmservo.safety.thresholds import Thresholds
 from rcmservo.servo.reset import reset_estimation
 from rcmservo.servo.servo import Servo
@@ -71,12 +71,12 @@ def test_every_servo_gives_finite_commands_and_equal_seeds_give_equal_runs(
 ):
     runs = []
     for _ in range(2):
-        lab = laboratory()
+        lab = make_laboratory()
         runs.append(list(lab.run(lab.servo(**choices(estimator, tool, controller)), 1.5)))
     assert len(runs[0]) == 150
     for (observation, state), (repeated_observation, repeated_state) in zip(*runs, strict=True):
-        assert frozen(observation) == frozen(repeated_observation)
-        assert frozen(state) == frozen(repeated_state)
+        assert snapshot(observation) == snapshot(repeated_observation)
+        assert snapshot(state) == snapshot(repeated_state)
         shapes = {"p1": (3,), "J_hat": (3, 3), "y": (3,), "delta": (3,), "v": (3,), "o_c": (2,)}
         for name, shape in shapes.items():
             array = getattr(state, name)
@@ -91,40 +91,40 @@ def test_every_servo_gives_finite_commands_and_equal_seeds_give_equal_runs(
 @every
 def test_a_step_is_pure_and_a_state_never_changes(estimator, tool, controller):
     """Two steps from one state give equal results and change neither inputs nor earlier states."""
-    lab = laboratory()
+    lab = make_laboratory()
     servo = lab.servo(**choices(estimator, tool, controller))
     state, held = servo.init(), []
     for tick, (observation, after) in enumerate(lab.run(servo, 1.5)):
         if tick % 5 == 0:
-            before = frozen(state), frozen(observation), frozen(lab.target)
+            before = snapshot(state), snapshot(observation), snapshot(lab.target)
             repeated = servo.step(state, observation, lab.target)
-            assert frozen(repeated) == frozen(after)
-            assert (frozen(state), frozen(observation), frozen(lab.target)) == before
-        held.append((after, frozen(after)))
+            assert snapshot(repeated) == snapshot(after)
+            assert (snapshot(state), snapshot(observation), snapshot(lab.target)) == before
+        held.append((after, snapshot(after)))
         state = after
-    assert all(frozen(state) == then for state, then in held)
+    assert all(snapshot(state) == then for state, then in held)
 
 
 @every
 def test_repeated_frames_and_frames_before_exploration_do_not_update_the_estimate(
     estimator, tool, controller
 ):
-    lab = laboratory()
+    lab = make_laboratory()
     before, repeats = None, 0
     for observation, state in lab.run(lab.servo(**choices(estimator, tool, controller)), 1.5):
-        if before is not None and observation.frame == before.frame:
+        if before is not None and observation.frame == before.newest_frame:
             repeats += 1
             assert (
-                frozen(state.learnt.memory) == frozen(before.learnt.memory)
+                snapshot(state.estimation.memory) == snapshot(before.estimation.memory)
                 and np.array_equal(state.J_hat, before.J_hat)
-                and np.array_equal(state.learnt.lines, before.learnt.lines)
+                and np.array_equal(state.estimation.lines, before.estimation.lines)
             )
         elif before is not None:
-            tour = before.learnt.tour  # an operator may have moved the tool before it began
-            updates = tour.done or not tour.begun or observation.exposure >= tour.start
-            if state.learnt.estimate.rcm_condition > lab.servo().imaged_rcm.max_condition:
+            tour = before.estimation.exploration_state  # an operator may have moved the tool before it began
+            updates = tour.is_done or not tour.has_begun or observation.exposure >= tour.start_time
+            if state.estimation.estimate.rcm_condition > lab.servo().imaged_rcm.max_condition:
                 updates = False
-            assert (frozen(state.learnt.memory) != frozen(before.learnt.memory)) == updates
+            assert (snapshot(state.estimation.memory) != snapshot(before.estimation.memory)) == updates
         before = state
     assert 50 <= repeats <= 70
 
@@ -142,23 +142,23 @@ def servoing(lab, servo, tick_limit=600):
 LOST = [
     ((0,), Cause.MARKER_1_LOST, {"estimator": ProjectionEstimator()}),
     ((1,), Cause.MARKER_2_LOST, {"estimator": ProjectionEstimator()}),
-    ((0,), Cause.MARKER_1_LOST, {"thresholds": Thresholds(without_marker=0.0)}),
+    ((0,), Cause.MARKER_1_LOST, {"thresholds": Thresholds(max_single_marker_deviation=0.0)}),
     ((0, 1), Cause.MARKERS_LOST, {}),
 ]
 """Lost markers, their cause, and settings of a servo that cannot continue without them."""
 
 
-@pytest.mark.parametrize("seed", first_quick([1, 2, 3]))
+@pytest.mark.parametrize("seed", mark_others_slow([1, 2, 3]))
 @pytest.mark.parametrize("markers,cause,servo", LOST)
 def test_a_lost_marker_leads_to_hold_at_the_next_tick_and_to_rest_within_100_ms(
     seed, markers, cause, servo
 ):
-    lab = laboratory(seed)
+    lab = make_laboratory(seed)
     servo = lab.servo(**servo)
     state = servoing(lab, servo)
     rates = [state.command.rates]
     assert rates[0].any()
-    for _, after in lab.run(servo, 0.5, state, lambda observation: without(observation, *markers)):
+    for _, after in lab.run(servo, 0.5, state, lambda observation: lose_markers(observation, *markers)):
         assert after.phase is Phase.HOLD and after.cause is cause and not after.v.any()
         rates.append(after.command.rates)
     assert not np.array(rates[10:]).any()
@@ -167,11 +167,11 @@ def test_a_lost_marker_leads_to_hold_at_the_next_tick_and_to_rest_within_100_ms(
 
 
 def test_a_lost_marker_interrupts_exploration_until_it_is_detected():
-    lab = laboratory()
+    lab = make_laboratory()
     servo = lab.servo()
     *_, (_, state) = lab.run(servo, 0.3)
     assert state.phase is Phase.ACQUIRE and state.command.rates.any()
-    *_, (_, state) = lab.run(servo, 0.2, state, lambda observation: without(observation, 0))
+    *_, (_, state) = lab.run(servo, 0.2, state, lambda observation: lose_markers(observation, 0))
     assert state.phase is Phase.HOLD and not state.command.rates.any()
     *_, (_, state) = lab.run(servo, 0.3, state)
     assert state.phase is Phase.ACQUIRE and state.command.rates.any()
@@ -183,20 +183,20 @@ def test_a_law_on_points_requires_an_estimator_of_their_motion():
         Servo(PitchYawRcm(), TOOLS["rigid"], FlowEstimator(), law)
 
 
-OTHER = Thresholds(hold_time=0.4, good_to_recover=3, good_to_servo=9)
+OTHER = Thresholds(hold_time=0.4, frames_to_recover=3, frames_to_servo=9)
 
 
 @pytest.mark.parametrize("t", [Thresholds(), OTHER])
 def test_accepted_frames_lead_from_hold_through_acquire_to_servo(t):
-    lab = laboratory()
+    lab = make_laboratory()
     servo = lab.servo(thresholds=t)
     state = servoing(lab, servo)
-    *_, (_, state) = lab.run(servo, 0.3, state, lambda observation: without(observation, 0, 1))
-    hidden, entered = state.frame, {}
+    *_, (_, state) = lab.run(servo, 0.3, state, lambda observation: lose_markers(observation, 0, 1))
+    hidden, entered = state.newest_frame, {}
     for _, after in lab.run(servo, 0.6, state):
         if after.phase is Phase.HOLD:
             assert not after.command.rates.any()
-        entered.setdefault(after.phase, after.frame)
+        entered.setdefault(after.phase, after.newest_frame)
     assert entered == {
         Phase.HOLD: entered[Phase.HOLD],
         Phase.ACQUIRE: hidden + t.good_to_recover,
@@ -206,23 +206,23 @@ def test_accepted_frames_lead_from_hold_through_acquire_to_servo(t):
 
 
 def test_a_rejected_frame_restarts_the_count_of_accepted_frames():
-    lab = laboratory()
+    lab = make_laboratory()
     servo = lab.servo()
     state = servoing(lab, servo)
     *_, (observation, state) = lab.run(
-        servo, 0.2, state, lambda observation: without(observation, 0, 1)
+        servo, 0.2, state, lambda observation: lose_markers(observation, 0, 1)
     )
     rejected = observation.frame + 4
 
     def change(observation):
-        return without(observation, 0, 1) if observation.frame == rejected else observation
+        return lose_markers(observation, 0, 1) if observation.frame == rejected else observation
 
     left = next(
-        after.frame
+        after.newest_frame
         for _, after in lab.run(servo, 0.5, state, change)
         if after.phase is not Phase.HOLD
     )
-    assert left == rejected + Thresholds.good_to_recover
+    assert left == rejected + Thresholds.frames_to_recover
 
 
 DAMPED = SaturatedController(max_condition=4.0)
@@ -231,19 +231,19 @@ DAMPED = SaturatedController(max_condition=4.0)
 
 @pytest.mark.parametrize("share,slow", [(1e-6, False), (1.0, True)])
 def test_a_threshold_sets_the_damped_fraction_of_the_error_that_slows_the_motion(share, slow):
-    lab = laboratory()
+    lab = make_laboratory()
     servo = lab.servo(
-        controller=DAMPED, thresholds=Thresholds(closed=1e-9, nearly_closed=share, small_error=1e-9)
+        controller=DAMPED, thresholds=Thresholds(singular_fraction=1e-9, nearly_singular_fraction=share, min_checked_error=1e-9)
     )
     state = servoing(lab, servo)
-    assert 0.0 < state.decision.open < 1.0
+    assert 0.0 < state.decision.reducible_fraction < 1.0
     assert (state.cause is Cause.NEARLY_SINGULAR) == slow
-    assert state.mode.share == (SLOW_SHARE if slow else 1.0)
+    assert state.mode.speed_scale == (SLOW_SPEED_SCALE if slow else 1.0)
 
 
 @pytest.mark.parametrize("small,pauses", [(1e-9, True), (1e9, False)])
 def test_a_singular_direction_pauses_unless_the_error_is_as_small_as_noise(small, pauses):
-    lab, t = laboratory(), Thresholds(closed=1.0, small_error=small, elsewhere=np.inf)
+    lab, t = make_laboratory(), Thresholds(singular_fraction=1.0, min_checked_error=small, max_target_mismatch=np.inf)
     servo = lab.servo(controller=DAMPED, thresholds=t)
     causes = {state.cause for _, state in lab.run(servo, 5.0) if state.phase is Phase.PAUSED}
     assert causes == ({Cause.SINGULAR} if pauses else set())
@@ -251,18 +251,18 @@ def test_a_singular_direction_pauses_unless_the_error_is_as_small_as_noise(small
 
 @pytest.mark.parametrize("law", [DAMPED, SaturatedController(max_speed=3.0)])
 def test_a_damped_or_capped_law_does_not_count_as_arrived(law):
-    lab = laboratory()
-    servo = lab.servo(controller=law, thresholds=Thresholds(closed=1e-9, nearly_closed=1e-8))
+    lab = make_laboratory()
+    servo = lab.servo(controller=law, thresholds=Thresholds(singular_fraction=1e-9, nearly_singular_fraction=1e-8))
     causes = {state.cause for _, state in lab.run(servo, 4.0)}
     assert Cause.ELSEWHERE not in causes
 
 
 @pytest.mark.parametrize("t", [Thresholds(), OTHER])
 def test_losing_the_markers_for_too_long_pauses_permanently_at_rest(t):
-    lab = laboratory()
+    lab = make_laboratory()
     servo = lab.servo(thresholds=t)
     state = servoing(lab, servo)
-    held = list(lab.run(servo, 1.5, state, lambda observation: without(observation, 0, 1)))
+    held = list(lab.run(servo, 1.5, state, lambda observation: lose_markers(observation, 0, 1)))
     start = held[0][0].now
     assert all(
         (after.phase is Phase.PAUSED) == (observation.now - start > t.hold_time * 1e9)
@@ -274,28 +274,28 @@ def test_losing_the_markers_for_too_long_pauses_permanently_at_rest(t):
     assert np.allclose(lab.rig.arm.q_true, q, atol=1e-6)
     assert after.cause is Cause.MARKERS_LOST
     assert (
-        after.frame > paused.frame and np.isfinite(after.y).all()
+        after.newest_frame > paused.newest_frame and np.isfinite(after.y).all()
     )  # it still measures: only the operator's request is missing
 
 
 def test_short_losses_in_a_row_do_not_add_up_to_a_pause():
-    lab = laboratory()
+    lab = make_laboratory()
     servo = lab.servo()
     state = servoing(lab, servo)
     for _ in range(4):
-        *_, (_, state) = lab.run(servo, 0.6, state, lambda observation: without(observation, 0, 1))
+        *_, (_, state) = lab.run(servo, 0.6, state, lambda observation: lose_markers(observation, 0, 1))
         assert state.phase is Phase.HOLD
         *_, (_, state) = lab.run(servo, 0.4, state)
         assert state.phase is Phase.SERVO
 
 
 def test_before_the_markers_are_first_detected_the_servo_waits_and_names_the_cause():
-    lab = laboratory()
+    lab = make_laboratory()
     servo = lab.servo()
     q = lab.rig.arm.q_true
-    for _, state in lab.run(servo, 1.3, change=lambda observation: without(observation, 0, 1)):
+    for _, state in lab.run(servo, 1.3, change=lambda observation: lose_markers(observation, 0, 1)):
         assert state.phase is Phase.IDLE and not state.command.rates.any()
-    assert state.cause is Cause.MARKERS_LOST and state.frame > 0
+    assert state.cause is Cause.MARKERS_LOST and state.newest_frame > 0
     assert np.allclose(lab.rig.arm.q_true, q, atol=1e-6)
 
 
@@ -315,11 +315,11 @@ def test_before_the_first_frame_nothing_moves():
 @pytest.mark.parametrize("explored", [False, True])
 def test_before_the_first_frame_resume_is_refused_and_nothing_moves(explored):
     """After a pause resume needs a frame, even with the estimate of an earlier run."""
-    lab = laboratory()
+    lab = make_laboratory()
     servo = lab.servo()
     *_, (_, state) = lab.run(servo, 4.0)
     assert state.explored
-    state, q = servo.again(state) if explored else servo.init(), lab.target.q
+    state, q = servo.restart(state) if explored else servo.init(), lab.target.q
     nan = np.full((2, 2), np.nan)
     requests = [Request.NONE, Request.NONE, Request.PAUSE, *[Request.RESUME] * 30]
     for k, request in enumerate(requests, start=1):
@@ -342,7 +342,7 @@ def test_without_room_to_explore_it_pauses_with_the_cause_no_room():
 
 
 def test_markers_unrelated_to_the_motion_end_in_not_explored():
-    lab = laboratory()
+    lab = make_laboratory()
     servo = lab.servo(
         exploration=replace(Servo(PitchYawRcm(), TOOLS["rigid"]).exploration, max_time=3.0)
     )
@@ -361,10 +361,10 @@ def test_markers_unrelated_to_the_motion_end_in_not_explored():
 
 
 def test_only_a_request_ends_a_pause_and_it_leads_to_acquire():
-    lab = laboratory()
+    lab = make_laboratory()
     servo = lab.servo()
     state = servoing(lab, servo)
-    *_, (_, state) = lab.run(servo, 1.5, state, lambda observation: without(observation, 0, 1))
+    *_, (_, state) = lab.run(servo, 1.5, state, lambda observation: lose_markers(observation, 0, 1))
     *_, (observation, state) = lab.run(servo, 0.5, state)
     assert state.phase is Phase.PAUSED and state.cause is Cause.MARKERS_LOST and state.explored
     state = servo.step(
@@ -377,14 +377,14 @@ def test_only_a_request_ends_a_pause_and_it_leads_to_acquire():
 
 
 def test_resume_is_refused_while_the_cause_is_present_and_the_cause_is_reported():
-    lab = laboratory()
+    lab = make_laboratory()
     servo = lab.servo()
     *_, (_, state) = lab.run(
-        servo, 1.5, servoing(lab, servo), lambda observation: without(observation, 0, 1)
+        servo, 1.5, servoing(lab, servo), lambda observation: lose_markers(observation, 0, 1)
     )
     for change, cause in (
-        (without(lab.plant.read(), 0), Cause.MARKER_1_LOST),
-        (without(lab.plant.read(), 1), Cause.MARKER_2_LOST),
+        (lose_markers(lab.plant.read(), 0), Cause.MARKER_1_LOST),
+        (lose_markers(lab.plant.read(), 1), Cause.MARKER_2_LOST),
     ):
         observation = replace(change, now=state.command.time + 10_000_000)
         state = servo.step(state, observation, lab.target, Request.RESUME)
@@ -392,7 +392,7 @@ def test_resume_is_refused_while_the_cause_is_present_and_the_cause_is_reported(
         assert (
             state.phase is Phase.PAUSED
             and state.cause is cause
-            and state.cause.value in state.words
+            and state.cause.value in state.text
         )
 
 
@@ -444,7 +444,7 @@ def test_any_measured_joints_leave_the_command_finite_and_non_finite_joints_are_
 
 
 def test_non_finite_joints_at_the_exposure_pause_the_servo_instead_of_raising():
-    lab = laboratory()
+    lab = make_laboratory()
     servo = lab.servo()
     state = servoing(lab, servo)
     for _, after in lab.run(
@@ -468,21 +468,21 @@ def random_markers(size):
 
 @pytest.mark.parametrize("size", [1e3, 1e5, 1e8])
 def test_markers_that_jump_at_random_stop_the_tool(size):
-    lab = laboratory()
+    lab = make_laboratory()
     servo = lab.servo()
     *_, (_, state) = lab.run(servo, 0.5, servoing(lab, servo), random_markers(size))
     assert state.phase in (Phase.HOLD, Phase.PAUSED) and not state.command.rates.any()
 
 
 def test_pixels_far_outside_any_image_stop_the_tool_instead_of_raising():
-    lab = laboratory()
+    lab = make_laboratory()
     servo = lab.servo()
     *_, (_, state) = lab.run(servo, 0.5, servoing(lab, servo), random_markers(1e14))
     assert state.phase in (Phase.HOLD, Phase.PAUSED)
 
 
 def test_a_camera_that_stops_delivering_frames_stops_the_tool():
-    lab = laboratory()
+    lab = make_laboratory()
     servo = lab.servo()
     state = servoing(lab, servo)
     assert state.command.rates.any()
@@ -504,27 +504,27 @@ def test_a_camera_that_stops_delivering_frames_stops_the_tool():
 
 
 def test_without_the_imaged_rcm_the_servo_holds_instead_of_using_the_last_error():
-    lab = laboratory()
+    lab = make_laboratory()
     servo = lab.servo(estimator=ESTIMATORS["fast"])
     state = servoing(lab, servo)
-    estimation = state.learnt._replace(estimate=Estimate(state.learnt.estimate.rows.copy()))
+    estimation = state.estimation._replace(estimate=Estimate(state.estimation.estimate.rows.copy()))
     estimation.estimate.rows["line_count"] = 0
     without_lines = state.with_changes(estimation=estimation)
     *_, (_, state) = lab.run(servo, 0.04, without_lines)
-    assert state.learnt.estimate.rcm_condition > servo.imaged_rcm.max_condition
+    assert state.estimation.estimate.rcm_condition > servo.imaged_rcm.max_condition
     assert (state.phase, state.cause) == (Phase.HOLD, Cause.RCM_UNKNOWN)
     assert not state.v.any()
 
 
-@pytest.mark.parametrize("seed", first_quick([3, 4, 7, 8]))
+@pytest.mark.parametrize("seed", mark_others_slow([3, 4, 7, 8]))
 @pytest.mark.parametrize("marker", [0, 1])
 def test_one_false_marker_in_one_frame_does_not_change_the_outcome(seed, marker):
     """Without the false marker the tool ends within 1 mm of the taught pose in all four scenes."""
-    lab = laboratory(seed)
+    lab = make_laboratory(seed)
     servo = lab.servo()
     state = servoing(lab, servo)
     false = np.random.default_rng(seed).uniform([20, 20], [620, 460])
-    number = state.frame + 5
+    number = state.newest_frame + 5
 
     def change(observation):
         points = observation.points.copy()
@@ -546,14 +546,14 @@ def test_after_frames_without_markers_the_flow_covers_the_time_since_the_last_ac
     )
     C[2, :3] = [1e-3, 5e-4, -2e-3]
     servo = Servo(
-        mechanism, TOOLS["rigid"], estimator=ESTIMATORS["flow"], thresholds=Thresholds(jump=1e4)
+        mechanism, TOOLS["rigid"], estimator=ESTIMATORS["flow"], thresholds=Thresholds(max_jump_px=1e4)
     )
     for blind in (False, True):
         state = servo.init()
         for k in range(40):
             q = np.array([0.1 + 0.005 * (k % 7), 0.1 + 0.004 * (k % 5), 100.0 + k])
             time = 1_000_000_000 * (k + 1)
-            points = markers_seen(C, mechanism.position(q))
+            points = project_markers(C, mechanism.position(q))
             state = servo.step(
                 state, make_observation(time, q, 10 * k, time, q, points), target_at(200.0)
             )
@@ -575,7 +575,7 @@ def arrival(delay):
 
     The scatter is the standard deviation (mm) of the error over the last 2 s.
     """
-    lab = laboratory(4, RigSettings(timing=Timing(delay=delay), point_noise=0.1))
+    lab = make_laboratory(4, RigSettings(timing=Timing(delay=delay), point_noise=0.1))
     p_d = lab.rig.body.points(lab.rig.scene.target)[0]
     errors, since = [], None
     for observation, state in lab.run(lab.servo(controller=SaturatedController(gain=6.0)), 9.0):
@@ -595,7 +595,7 @@ def test_latency_up_to_its_limit_is_compensated():
 
 
 def test_latency_beyond_its_limit_leads_to_hold():
-    lab = laboratory(4, RigSettings(timing=Timing(delay=0.12)))
+    lab = make_laboratory(4, RigSettings(timing=Timing(delay=0.12)))
     causes = {state.cause for _, state in lab.run(lab.servo(), 1.0)}
     assert Cause.LATE in causes
     assert not any(state.command.rates.any() for _, state in lab.run(lab.servo(), 1.0))
@@ -618,7 +618,7 @@ def test_only_the_gate_makes_commands():
 
 
 def test_teaching_sends_no_command_and_moves_nothing():
-    lab = laboratory()
+    lab = make_laboratory()
     q = lab.rig.arm.q_true
     mechanism = lab.rig.arm
 
@@ -640,18 +640,18 @@ def test_teaching_sends_no_command_and_moves_nothing():
 
 
 def test_a_target_without_detected_markers_cannot_be_taught():
-    lab = laboratory()
+    lab = make_laboratory()
 
     class Blind(PointMarkers):
         def find(self, frame):
             return super().find(replace(frame, points=np.full((2, 2), np.nan)))
 
-    with pytest.raises(NotShown):
+    with pytest.raises(TeachingFailed):
         teach(Plant(lab.rig.arm, lab.rig.camera, Blind(), lab.rig.clock))
 
 
 def test_a_stopped_run_ramps_its_command_to_zero():
-    lab = laboratory()
+    lab = make_laboratory()
     sent, mechanism = [], lab.rig.arm
 
     class Watched:
@@ -681,7 +681,7 @@ def test_a_stopped_run_ramps_its_command_to_zero():
 
 @pytest.mark.parametrize("broken", ["stopped early", "error in the loop", "paused"])
 def test_the_arm_is_at_rest_after_any_end_of_a_run(broken):
-    lab = laboratory()
+    lab = make_laboratory()
     ticks = run(lab.plant, lab.servo(), lab.target, duration=5.0)
     for k, tick in enumerate(ticks):
         if k == 60:
@@ -707,17 +707,17 @@ def settle(lab):
 
 
 def test_two_runs_of_one_servo_share_no_array():
-    servo = laboratory().servo()
+    servo = make_laboratory().servo()
     first, second = servo.init(), servo.init()
-    for a in (leaf for leaf in leaves(first) if isinstance(leaf, np.ndarray)):
-        for b in (leaf for leaf in leaves(second) if isinstance(leaf, np.ndarray)):
+    for a in (leaf for leaf in list_leaves(first) if isinstance(leaf, np.ndarray)):
+        for b in (leaf for leaf in list_leaves(second) if isinstance(leaf, np.ndarray)):
             assert not np.shares_memory(a, b)
 
 
-@pytest.mark.parametrize("seed", first_quick([1, 2, 3]))
+@pytest.mark.parametrize("seed", mark_others_slow([1, 2, 3]))
 def test_commands_stay_within_the_gate_and_joints_within_their_limits(seed):
     gate = Gate(speed=(0.4, 0.4, 25.0), slew=(4.0, 4.0, 250.0))
-    lab = laboratory(seed, RigSettings(mechanism=PitchYawRcm()))
+    lab = make_laboratory(seed, RigSettings(mechanism=PitchYawRcm()))
     limits = lab.rig.settings.mechanism.limits
     last = np.zeros(3)
     for observation, state in lab.run(lab.servo(gate=gate), 4.0):
@@ -771,7 +771,7 @@ class RestartedCamera:
 @pytest.mark.parametrize("same_plant", [True, False])
 @pytest.mark.parametrize("shift", [0.0, 40.0])
 def test_the_next_run_accepts_a_camera_that_restarted_its_count(shift, same_plant):
-    lab = laboratory()
+    lab = make_laboratory()
     servo = lab.servo()
     *_, last = run(lab.plant, servo, lab.target, duration=5.0)
     assert last.state.phase is Phase.SERVO
@@ -779,15 +779,15 @@ def test_the_next_run_accepts_a_camera_that_restarted_its_count(shift, same_plan
     plant = lab.plant if same_plant else Plant(lab.rig.arm, camera, PointMarkers(), lab.rig.clock)
     plant.camera = camera
     *_, after = run(plant, servo, lab.target, duration=1.5, state=last.state)
-    assert 0 <= after.state.frame < last.state.frame
+    assert 0 <= after.state.newest_frame < last.state.newest_frame
     if shift:
-        assert after.state.cause is Cause.CAMERA_MOVED and after.state.moved > lab.target.shown
+        assert after.state.cause is Cause.CAMERA_MOVED and after.state.camera_moved_at > lab.target.taught_at
     else:
         assert after.state.phase is Phase.SERVO
 
 
 def test_a_continued_run_waits_until_the_markers_are_detected():
-    lab = laboratory()
+    lab = make_laboratory()
     servo = lab.servo()
     *_, last = run(lab.plant, servo, lab.target, duration=5.0)
     blind = Plant(
@@ -803,7 +803,7 @@ def test_a_continued_run_waits_until_the_markers_are_detected():
 
 
 def test_a_camera_that_restarts_its_count_during_a_run_stops_the_tool():
-    lab = laboratory()
+    lab = make_laboratory()
     servo = lab.servo()
     state = servoing(lab, servo)
     restarted = RestartedCamera(lab.rig.camera)
@@ -818,7 +818,7 @@ def test_a_camera_that_restarts_its_count_during_a_run_stops_the_tool():
 
 @pytest.mark.parametrize("ahead", [1, 3600])
 def test_an_arm_with_a_constant_future_time_counts_as_silent(ahead):
-    lab = laboratory()
+    lab = make_laboratory()
     servo = lab.servo()
     state = servoing(lab, servo)
     frozen_at = lab.rig.arm.measure()
@@ -837,10 +837,10 @@ def test_an_arm_with_a_constant_future_time_counts_as_silent(ahead):
 
 def test_one_gap_between_frames_does_not_delay_the_next_stop():
     """A camera without gaps in its count pauses for 0.8 s, resumes, and fails 3 frames later."""
-    lab = laboratory()
+    lab = make_laboratory()
     servo = lab.servo()
     state = servoing(lab, servo)
-    period = state.watch.period
+    period = state.monitor.frame_period
     held = {"frame": None}
 
     def hold(observation):
@@ -855,14 +855,14 @@ def test_one_gap_between_frames_does_not_delay_the_next_stop():
         )
 
     *_, (_, state) = lab.run(servo, 0.8, state, hold)
-    skipped = lab.plant.frame.number - state.frame
+    skipped = lab.plant.frame.number - state.newest_frame
     *_, (observation, state) = lab.run(
         servo,
         0.1,
         state,
         lambda observation: replace(observation, frame=observation.frame - skipped + 1),
     )
-    assert state.watch.period < 1.2 * period
+    assert state.monitor.frame_period < 1.2 * period
     held["frame"] = observation
     stale = next(
         after for _, after in lab.run(servo, 0.3, state, hold) if after.cause is Cause.STALE
@@ -872,7 +872,7 @@ def test_one_gap_between_frames_does_not_delay_the_next_stop():
 
 @pytest.mark.parametrize("broken", ["camera", "arm"])
 def test_a_device_that_can_no_longer_be_read_leaves_the_drive_off(broken):
-    lab = laboratory()
+    lab = make_laboratory()
     failing = []
 
     def change(answer):
@@ -891,7 +891,7 @@ def test_a_device_that_can_no_longer_be_read_leaves_the_drive_off(broken):
 
 
 def test_a_run_continued_from_a_fault_does_not_enable_the_drive():
-    lab = laboratory()
+    lab = make_laboratory()
     servo = lab.servo()
     *_, (_, state) = lab.run(
         servo, 0.5, change=lambda observation: replace(observation, q=np.full(3, np.nan))
@@ -905,9 +905,9 @@ def test_a_run_continued_from_a_fault_does_not_enable_the_drive():
     assert "enable" not in arm.sent and not any(command.enabled for command in arm.sent)
 
 
-@pytest.mark.parametrize("seed", first_quick([1, 2, 3]))
+@pytest.mark.parametrize("seed", mark_others_slow([1, 2, 3]))
 def test_a_camera_moved_during_a_pause_does_not_disturb_the_new_exploration(seed):
-    lab = laboratory(seed)
+    lab = make_laboratory(seed)
     servo = lab.servo()
     state = servoing(lab, servo)
     shift = np.array([60.0, 0.0])
@@ -921,7 +921,7 @@ def test_a_camera_moved_during_a_pause_does_not_disturb_the_new_exploration(seed
         )
     ]
     paused = next(after for after in states if after.phase is Phase.PAUSED)
-    ahead = paused.learnt.estimate.ahead
+    ahead = paused.estimation.estimate.predicted_delta
     assert np.isnan([paused.y, paused.delta, ahead]).all(), "these belong to the earlier view"
     state = states[-1]
     assert state.phase is Phase.PAUSED and state.cause is Cause.CAMERA_MOVED and not state.explored
@@ -949,7 +949,7 @@ def test_a_camera_moved_during_a_pause_does_not_disturb_the_new_exploration(seed
 
 
 def test_targets_taught_before_the_camera_moved_are_refused_and_newer_ones_accepted():
-    lab = laboratory()
+    lab = make_laboratory()
     servo = lab.servo()
     other = teach(lab.plant, frames=5)
     state = servoing(lab, servo)
@@ -980,9 +980,9 @@ def test_targets_taught_before_the_camera_moved_are_refused_and_newer_ones_accep
         assert after.phase is phase and (phase is Phase.ACQUIRE or after.cause is Cause.TARGET_OLD)
 
 
-@pytest.mark.parametrize("seed", first_quick([1, 2, 3]))
+@pytest.mark.parametrize("seed", mark_others_slow([1, 2, 3]))
 def test_markers_swapped_from_the_first_frame_on_are_detected(seed):
-    lab = laboratory(seed)
+    lab = make_laboratory(seed)
     servo = lab.servo()
     for _, state in lab.run(
         servo,
@@ -996,7 +996,7 @@ def test_markers_swapped_from_the_first_frame_on_are_detected(seed):
 
 
 def test_markers_swapped_at_first_are_accepted_once_they_are_in_order():
-    lab = laboratory()
+    lab = make_laboratory()
     servo = lab.servo()
     *_, (_, state) = lab.run(
         servo,
@@ -1014,7 +1014,7 @@ def test_markers_swapped_at_first_are_accepted_once_they_are_in_order():
 
 
 def test_a_reset_of_the_plant_allows_another_frame_size():
-    rig = laboratory().rig
+    rig = make_laboratory().rig
     size = [24, 32, 3]
     camera = Changed(rig.camera, lambda frame: replace(frame, image=np.zeros(size, dtype=np.uint8)))
     plant = Plant(rig.arm, camera, PointMarkers(), rig.clock)
@@ -1027,12 +1027,12 @@ def test_a_reset_of_the_plant_allows_another_frame_size():
     first = later()
     assert first.frame >= 0
     size[:2] = 48, 64
-    assert later().dropped is Dropped.DAMAGED
+    assert later().drop_reason is DropReason.DAMAGED
     plant.reset()
     assert plant.read().frame == -1
     observation = later()
     assert (
-        observation.dropped is Dropped.NONE
+        observation.drop_reason is DropReason.NONE
         and observation.frame > first.frame
         and np.isfinite(observation.q_exposure).all()
     )
@@ -1040,7 +1040,7 @@ def test_a_reset_of_the_plant_allows_another_frame_size():
 
 @pytest.mark.parametrize("later", [0, -1_000_000])
 def test_a_stopped_or_reversed_clock_is_an_immediate_fault(later):
-    lab = laboratory()
+    lab = make_laboratory()
     servo = lab.servo()
     state = servoing(lab, servo)
     observation = replace(lab.plant.read(), now=state.command.time + later)
@@ -1050,7 +1050,7 @@ def test_a_stopped_or_reversed_clock_is_an_immediate_fault(later):
 
 
 def test_eq_16_as_printed_uses_the_last_lines():
-    lab = laboratory()
+    lab = make_laboratory()
     servo = lab.servo(
         estimator=ESTIMATORS["fast"],
         imaged_rcm=ImagedRcm(lines=5, fit="printed", max_condition=1e12),
@@ -1061,25 +1061,25 @@ def test_eq_16_as_printed_uses_the_last_lines():
         for observation, _ in ran
         if observation.frame >= 0
     }
-    estimation = ran[-1][1].learnt
+    estimation = ran[-1][1].estimation
     lines = estimation.lines[: estimation.estimate.line_count]
     np.testing.assert_array_equal(lines, list(frames.values())[-5:])
-    np.testing.assert_array_equal(estimation.estimate.o_c, solve(lines, 5, 0, True)[0])
+    np.testing.assert_array_equal(estimation.estimate.o_c, solve_imaged_rcm(lines, 5, 0, True)[0])
 
 
 @pytest.mark.parametrize("agreement,steady", [(2.0, True), (1.0, False)])
 def test_a_threshold_sets_the_distance_of_rejected_positions_that_agree(agreement, steady):
     """The positions differ by 5 px, and a marker may jump by 3 px."""
-    t = as_row(Thresholds(agreement=agreement))[0]
-    watch, points = Watch.of(rejected=1, elsewhere=0.0), np.array([[3.0, 4.0], [3.0, 4.0]])
-    assert stays(watch.rows[0], points, t) == steady
+    t = to_row(Thresholds(jump_agreement=agreement))[0]
+    watch, points = MonitorState.of(rejected=1, elsewhere=0.0), np.array([[3.0, 4.0], [3.0, 4.0]])
+    assert markers_stay(watch.rows[0], points, t) == steady
 
 
 @pytest.mark.parametrize("estimator", ESTIMATORS)
-@pytest.mark.parametrize("far", first_quick([1e6, 1e100, 1e300]))
+@pytest.mark.parametrize("far", mark_others_slow([1e6, 1e100, 1e300]))
 def test_joints_outside_the_limits_do_not_update_the_estimate(estimator, far):
     """Such joints once led to a singular matrix, and an exception ended the loop."""
-    lab = laboratory()
+    lab = make_laboratory()
     servo = lab.servo(estimator=ESTIMATORS[estimator])
     q = np.array([0.5, 0.2, far])
     *_, (_, held) = lab.run(
@@ -1094,17 +1094,17 @@ def test_joints_outside_the_limits_do_not_update_the_estimate(estimator, far):
 
 def test_a_reset_restores_the_initial_estimation():
     """The initial values stand twice in the source: as initial rows and in compiled functions."""
-    state = servoing(laboratory(), laboratory().servo())
-    estimation, first = state.learnt, laboratory().servo().init().learnt
-    stored = copied(state.stored)
+    state = servoing(make_laboratory(), make_laboratory().servo())
+    estimation, first = state.estimation, make_laboratory().servo().init().estimation
+    stored = copy_row(state.stored)
     reset_estimation(stored.rows[0])
-    assert frozen(stored.estimate) == frozen(first.estimate) != frozen(estimation.estimate)
-    assert frozen(stored.tour) == frozen(first.tour) != frozen(estimation.tour)
-    empty(stored.projection_fit.rows[0])
+    assert snapshot(stored.estimate) == snapshot(first.estimate) != snapshot(estimation.estimate)
+    assert snapshot(stored.exploration_state) == snapshot(first.exploration_state) != snapshot(estimation.exploration_state)
+    reset_fit(stored.projection_fit.rows[0])
     assert (
-        frozen(stored.projection_fit)
-        == frozen(first.projection_fit)
-        != frozen(estimation.projection_fit)
+        snapshot(stored.projection_fit)
+        == snapshot(first.projection_fit)
+        != snapshot(estimation.projection_fit)
     )
 
 
@@ -1113,7 +1113,7 @@ def run_with_joint_error(seed, joint_error, **choices):
 
     The arrival time (s) is that within 1 mm of the target by the image; inf if it never arrived.
     """
-    lab = laboratory(seed)
+    lab = make_laboratory(seed)
     lab.target = replace(lab.target, q=lab.target.q + np.array(joint_error))
     servo, ran = lab.servo(**choices), []
     p_d = lab.rig.body.points(lab.rig.scene.target)[1]
@@ -1124,7 +1124,7 @@ def run_with_joint_error(seed, joint_error, **choices):
     return arrived / 100.0, [state for _, state in ran]
 
 
-@pytest.mark.parametrize("seed", first_quick([1, 2, 3]))
+@pytest.mark.parametrize("seed", mark_others_slow([1, 2, 3]))
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_a_target_with_other_joints_pauses_within_a_second_of_arriving(seed, sign):
     arrived, states = run_with_joint_error(seed, (0.0, 0.0, 5.0 * sign))
@@ -1134,14 +1134,14 @@ def test_a_target_with_other_joints_pauses_within_a_second_of_arriving(seed, sig
 
 @pytest.mark.parametrize("joint_error,limit", [((0.0, 0.0, 5.0), np.inf), ((0.0, 0.0, 0.5), 2.0)])
 def test_a_small_or_permitted_joint_error_does_not_prevent_settling(joint_error, limit):
-    arrived, states = run_with_joint_error(1, joint_error, thresholds=Thresholds(elsewhere=limit))
+    arrived, states = run_with_joint_error(1, joint_error, thresholds=Thresholds(max_target_mismatch=limit))
     assert arrived < 5.0 and states[-1].phase is Phase.SERVO
     assert not any(state.cause is Cause.ELSEWHERE for state in states)
 
 
 def test_a_camera_zoomed_since_teaching_is_detected_at_the_target():
     """The image is 10 % larger than during teaching, from the first frame on."""
-    lab = laboratory()
+    lab = make_laboratory()
     middle = np.array([320.0, 240.0])
     servo = lab.servo()
     *_, (_, state) = lab.run(

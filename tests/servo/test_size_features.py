@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 import rcmservo as rs
-from conftest import random_from
+from conftest import make_random
 from rcmservo.cli.cli import main
-from rcmservo.cli.simulated_run.target import setup_of
+from rcmservo.cli.simulated_run.target import simulated_setup
 from rcmservo.config import target_file
-from rcmservo.config.rig_file import Lab
+from rcmservo.config.rig_file import RigDescription
 from rcmservo.estimation.affine import AffineEstimator
 from rcmservo.geometry.tool import Tool
 from rcmservo.interfaces import Floats, Observation
@@ -20,7 +20,7 @@ from rcmservo.loop.plant import Plant
 from rcmservo.recording import reader
 from rcmservo.recording.replay import replay_record
 from rcmservo.recording.writer import Recorder
-from rcmservo.servo.user_estimator import Guard
+from rcmservo.servo.user_estimator import EstimatorGuard
 from rcmservo.sim import Disturbance, Rig, RigSettings
 from rcmservo.tracking import PointMarkers
 
@@ -35,7 +35,7 @@ class SizedPlant(Plant):
 
     def __init__(self, rig: Rig) -> None:
         super().__init__(rig.arm, rig.camera, PointMarkers(), rig.clock)
-        self.rig, self.random, self.last = rig, random_from(rig.seed), (-1, np.full(2, np.nan))
+        self.rig, self.random, self.last = rig, make_random(rig.seed), (-1, np.full(2, np.nan))
 
     def read(self) -> Observation:
         observation = super().read()
@@ -84,11 +84,11 @@ def test_it_reaches_the_target_also_if_a_marker_is_lost_in_motion(lost: int) -> 
     lab = SizedLab((f"occlusion:at=2,marker={lost}",) if lost else ())
     began = lab.error()
     ticks = list(rs.run(lab.plant, lab.servo(), lab.target, 7.0))
-    without = [lost and np.isnan(tick.seen.points[lost - 1]).all() for tick in ticks]
+    without = [lost and np.isnan(tick.observation.points[lost - 1]).all() for tick in ticks]
     assert began > 5.0 and lab.error() < 1.0
     assert bool(lost) == any(without) == all(without[300:])
     assert ticks[-1].state.phase is rs.Phase.SERVO
-    rows = ticks[-1].state.learnt.estimate.law_jacobian[:6].any(axis=1)
+    rows = ticks[-1].state.estimation.estimate.law_jacobian[:6].any(axis=1)
     expected = np.tile(np.arange(1, 3) != lost, (3, 1)).T  # u, v and R of each marker
     np.testing.assert_array_equal(rows, [*expected[:, :2].ravel(), *expected[:, 2]])
 
@@ -117,18 +117,18 @@ class UserEstimator(rs.Estimator):
     def jacobian(self, memory: Any, tool: Tool, sample: rs.Sample) -> Floats:
         return AFFINE.jacobian(memory, tool, sample)
 
-    def motion(self, memory: Any, tool: Tool, sample: rs.Sample) -> Floats:
-        return AFFINE.motion(memory, tool, sample)
+    def markers_jacobian(self, memory: Any, tool: Tool, sample: rs.Sample) -> Floats:
+        return AFFINE.markers_jacobian(memory, tool, sample)
 
-    def size_motion(self, memory: Any, tool: Tool, sample: rs.Sample) -> Floats:
-        return AFFINE.size_motion(memory, tool, sample)
+    def sizes_jacobian(self, memory: Any, tool: Tool, sample: rs.Sample) -> Floats:
+        return AFFINE.sizes_jacobian(memory, tool, sample)
 
 
 def test_a_user_defined_estimator_of_the_motion_of_sizes_reaches_the_target() -> None:
     lab = SizedLab()
     servo = lab.servo(estimator=UserEstimator())
     ticks = list(rs.run(lab.plant, servo, lab.target, 5.0))
-    assert isinstance(servo.learner, Guard)
+    assert isinstance(servo.guarded_estimator, EstimatorGuard)
     assert lab.error() < 1.0 and ticks[-1].state.phase is rs.Phase.SERVO
 
 
@@ -197,7 +197,7 @@ def test_the_command_line_refuses_both_with_one_sentence(
 ) -> None:
     path, rig = tmp_path / "target.json", Rig(3, pictures=False)
     target = rs.Target(np.array([[300.0, 200.0], [320.0, 260.0]]), rig.scene.target)
-    target_file.save(path, target, setup_of(rig, Lab()))
+    target_file.save_target(path, target, simulated_setup(rig, RigDescription()))
     law = ["--estimator", estimator, "--controller.features", "size"]
     run = ["run", "--seed", "3", *law, "--target", str(path), "--out", str(tmp_path / "out")]
     assert main(run) == 2

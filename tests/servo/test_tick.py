@@ -6,14 +6,14 @@ from typing import Any, Literal
 import numpy as np
 import pytest
 
-from conftest import first_quick, frozen, laboratory
+from conftest import mark_others_slow, snapshot, make_laboratory
 from rcmservo.control.saturated_controller import SaturatedController
 from rcmservo.estimation.base import Estimator, Sample
 from rcmservo.estimation.dlt import DltEstimator
-from rcmservo.estimation.projection_rule import PRINTED, ProjectionEstimator
+from rcmservo.estimation.projection_rule import PAPER_PROJECTION_ESTIMATOR, ProjectionEstimator
 from rcmservo.geometry.tool import Tool
 from rcmservo.interfaces import Floats
-from rcmservo.numerics.structs import changed
+from rcmservo.numerics.structs import replace_fields
 from rcmservo.safety.state_machine import Phase
 from rcmservo.servo.servo import Servo
 from rcmservo.servo.state import EstimatorMemory, State
@@ -30,12 +30,12 @@ class InterpretedEstimator(Estimator):
     built_in: Estimator = field(default_factory=ProjectionEstimator)
 
     @property
-    def places_rcm(self) -> bool:
-        return self.built_in.places_rcm
+    def estimates_rcm(self) -> bool:
+        return self.built_in.estimates_rcm
 
     @property
-    def spares_marker(self) -> bool:
-        return self.built_in.spares_marker
+    def tolerates_lost_marker(self) -> bool:
+        return self.built_in.tolerates_lost_marker
 
     def init(self) -> Any:
         return self.built_in.init()
@@ -46,18 +46,18 @@ class InterpretedEstimator(Estimator):
     def jacobian(self, memory: Any, tool: Tool, sample: Sample) -> Floats:
         return self.built_in.jacobian(memory, tool, sample)
 
-    def located(self, memory: Any, tool: Tool, sample: Sample) -> Floats:
-        return self.built_in.located(memory, tool, sample)
+    def filtered_markers(self, memory: Any, tool: Tool, sample: Sample) -> Floats:
+        return self.built_in.filtered_markers(memory, tool, sample)
 
-    def motion(self, memory: Any, tool: Tool, sample: Sample) -> Floats:
-        return self.built_in.motion(memory, tool, sample)
+    def markers_jacobian(self, memory: Any, tool: Tool, sample: Sample) -> Floats:
+        return self.built_in.markers_jacobian(memory, tool, sample)
 
     def imaged_rcm(self, memory: Any) -> tuple[Floats, Floats] | None:
         return self.built_in.imaged_rcm(memory)
 
 
 def states(disturbance: str, estimator: Estimator, features: Features = "srd") -> list[State]:
-    lab = laboratory(
+    lab = make_laboratory(
         4, disturbances=[Disturbance.parse(disturbance)] if disturbance != "none" else []
     )
     law = SaturatedController(features=features)
@@ -71,9 +71,9 @@ def without_memory(state: State, placed: bool) -> State:
 
     The compiled tick needs no lines of eq. (16) for an estimator that computes the imaged RCM.
     """
-    estimation = state.learnt._replace(memory=None)
+    estimation = state.estimation._replace(memory=None)
     if placed:
-        estimate = changed(estimation.estimate, line_count=0)
+        estimate = replace_fields(estimation.estimate, line_count=0)
         estimation = estimation._replace(estimate=estimate)
     memory = () if placed else EstimatorMemory(estimation.lines, None)
     return state.with_changes(estimation=estimation)._replace(memory=memory)
@@ -89,11 +89,11 @@ DISTURBANCES = [
 
 def tolerated(estimator: Estimator) -> list[str]:
     """Return the disturbances that do not stop a servo with this estimator."""
-    return ["none", DISTURBANCES[0]] if estimator.spares_marker else ["none"]
+    return ["none", DISTURBANCES[0]] if estimator.tolerates_lost_marker else ["none"]
 
 
-@pytest.mark.parametrize("disturbance", first_quick(DISTURBANCES))
-@pytest.mark.parametrize("estimator", [ProjectionEstimator(), PRINTED, DltEstimator()])
+@pytest.mark.parametrize("disturbance", mark_others_slow(DISTURBANCES))
+@pytest.mark.parametrize("estimator", [ProjectionEstimator(), PAPER_PROJECTION_ESTIMATOR, DltEstimator()])
 def test_both_kinds_of_tick_give_equal_states_to_the_last_bit(
     disturbance: str, estimator: Estimator
 ) -> None:
@@ -101,10 +101,10 @@ def test_both_kinds_of_tick_give_equal_states_to_the_last_bit(
     parts = states(disturbance, InterpretedEstimator(estimator))
     assert len(whole) == 700 and any(state.phase is Phase.SERVO for state in whole)
     causes = {state.cause for state in whole}
-    assert any(cause.stopping for cause in causes) == (disturbance not in tolerated(estimator))
+    assert any(cause.stop_sentence for cause in causes) == (disturbance not in tolerated(estimator))
     for one, other in zip(whole, parts, strict=True):
-        placed = estimator.places_rcm
-        assert frozen(without_memory(one, placed)) == frozen(without_memory(other, placed))
+        placed = estimator.estimates_rcm
+        assert snapshot(without_memory(one, placed)) == snapshot(without_memory(other, placed))
 
 
 @pytest.mark.parametrize("estimator", [ProjectionEstimator(), DltEstimator()])
@@ -114,9 +114,9 @@ def test_both_kinds_of_tick_are_equal_on_marker_coordinates_and_differ_from_srd(
     whole = states("none", estimator, "points")
     parts = states("none", InterpretedEstimator(estimator), "points")
     for one, other in zip(whole, parts, strict=True):
-        placed = estimator.places_rcm
-        assert frozen(without_memory(one, placed)) == frozen(without_memory(other, placed))
-    assert whole[-1].phase is Phase.SERVO and whole[-1].decision.left < 0.2
+        placed = estimator.estimates_rcm
+        assert snapshot(without_memory(one, placed)) == snapshot(without_memory(other, placed))
+    assert whole[-1].phase is Phase.SERVO and whole[-1].decision.remaining_mm < 0.2
     by_features = states("none", estimator)
     differences = [np.linalg.norm(a.v - b.v) for a, b in zip(whole, by_features, strict=True)]
     assert max(differences) > 1.0

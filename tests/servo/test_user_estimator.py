@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 
 import rcmservo as rs
-from conftest import Laboratory, laboratory
+from conftest import Laboratory, make_laboratory
 from rcmservo.interfaces import Floats
-from rcmservo.recording.outcome import Judge
+from rcmservo.recording.outcome import OutcomeCollector
 from rcmservo.servo import user_estimator
 from rcmservo.servo.servo import Servo
-from rcmservo.servo.user_estimator import Guard, UnusableEstimator, examine
+from rcmservo.servo.user_estimator import EstimatorGuard, UnusableEstimator, check_estimator
 
 TOOL = rs.RigidTool(spacing=30.0)
 FAILURES = {
@@ -83,10 +83,10 @@ class Faulty(rs.Estimator):
     after: int = 0
 
     name = "faulty"
-    models = True
+    predicts_markers = True
 
     @property
-    def places_rcm(self) -> bool:
+    def estimates_rcm(self) -> bool:
         return self.failure in FAILURES and FAILURES[self.failure][0] in ("imaged_rcm", "motion")
 
     def _fails(self, method: str, count: int) -> bool:
@@ -103,7 +103,7 @@ class Faulty(rs.Estimator):
         count = memory[0] + 1
         if self._fails("update", count):
             return FAILURES[self.failure][1]()
-        if self.places_rcm:  # then eq. (16) is not used
+        if self.estimates_rcm:  # then eq. (16) is not used
             sample = sample._replace(o_c=IMAGED_RCM)
         return count, rs.ProjectionEstimator().update(memory[1], tool, sample)
 
@@ -117,12 +117,12 @@ class Faulty(rs.Estimator):
             return FAILURES[self.failure][1]()
         return IMAGED_RCM, np.eye(2)
 
-    def motion(self, memory: Any, tool: Any, sample: Any) -> Any:
+    def markers_jacobian(self, memory: Any, tool: Any, sample: Any) -> Any:
         if self._fails("motion", memory[0]):
             return FAILURES[self.failure][1]()
         return np.arange(1.0, 13.0).reshape(4, 3)
 
-    def size_motion(self, memory: Any, tool: Any, sample: Any) -> Any:
+    def sizes_jacobian(self, memory: Any, tool: Any, sample: Any) -> Any:
         if self._fails("size_motion", memory[0]):
             return FAILURES[self.failure][1]()
         return np.ones((2, 3))
@@ -132,7 +132,7 @@ class Faulty(rs.Estimator):
             return FAILURES[self.failure][1]()
         return rs.ProjectionEstimator().predict(memory[1], tool, p1)
 
-    def remembered(self, memory: Any) -> Any:
+    def recorded_numbers(self, memory: Any) -> Any:
         if self._fails("remembered", memory[0]):
             return FAILURES[self.failure][1]()
         return memory[1].a_hat
@@ -152,7 +152,7 @@ class Impure(Faulty):
     def jacobian(self, memory: Any, tool: Any, sample: Any) -> Any:
         return memory[0]
 
-    def remembered(self, memory: Any) -> Any:
+    def recorded_numbers(self, memory: Any) -> Any:
         return memory[0].ravel()
 
     def predict(self, memory: Any, tool: Any, p1: Floats) -> Any:
@@ -174,39 +174,39 @@ def test_an_estimator_that_fails_from_the_start_is_refused_before_the_drive_is_e
 
 def test_an_object_that_is_no_estimator_or_not_pure_or_not_finite_is_refused() -> None:
     with pytest.raises(UnusableEstimator, match=r"builtins:int: it must derive from rcmservo\.Est"):
-        examine(3, TOOL)
+        check_estimator(3, TOOL)
     with pytest.raises(UnusableEstimator, match=r"Impure: its update must be pure"):
-        examine(Impure(), TOOL)
+        check_estimator(Impure(), TOOL)
     with pytest.MonkeyPatch.context() as other:
         other.setitem(FAILURES, "nan", ("jacobian", lambda: np.full((3, 3), np.nan), ""))
         with pytest.raises(
             UnusableEstimator, match=r"Faulty: its jacobian returned a number that is not finite"
         ):
-            examine(Faulty("nan"), TOOL)
+            check_estimator(Faulty("nan"), TOOL)
 
 
 def test_working_estimators_are_accepted() -> None:
-    examine(Faulty(), TOOL)
-    examine(rs.FlowEstimator(), TOOL)
+    check_estimator(Faulty(), TOOL)
+    check_estimator(rs.FlowEstimator(), TOOL)
 
 
 @pytest.mark.parametrize("failure", IN_MOTION)
 def test_a_failure_in_motion_is_a_fault_in_the_same_tick(failure: str, lab: Laboratory) -> None:
     method, _, sentence = FAILURES[failure]
     servo = lab.servo(estimator=Faulty(failure, after=40))
-    judge, counts = Judge(servo, lab.target), []
+    judge, counts = OutcomeCollector(servo, lab.target), []
     for tick in rs.run(lab.plant, servo, lab.target, 6.0):
         judge.add(tick)
-        counts.append(tick.state.learnt.memory.memory[0])
+        counts.append(tick.state.estimation.memory.memory[0])
     last = tick.state
     assert (last.phase, last.cause) == (rs.Phase.FAULT, rs.Cause.ESTIMATOR_FAILED)
     assert counts[-2] == 40 and not last.command.enabled and not last.command.rates.any()
-    for message in (last.words, judge.result().cause):
+    for message in (last.text, judge.result().cause):
         assert f"estimator {__name__}:Faulty: its {method} " in message and sentence in message
 
 
 def test_the_guard_does_not_change_the_commands(lab: Laboratory) -> None:
-    other = laboratory()
+    other = make_laboratory()
     guarded = lab.run(lab.servo(estimator=Faulty()), 2.5)
     built_in = other.run(other.servo(estimator=rs.ProjectionEstimator()), 2.5)
     assert [command_of(one) for one in guarded] == [command_of(one) for one in built_in]
@@ -218,8 +218,8 @@ def command_of(one: tuple[Any, rs.State]) -> bytes:
 
 def test_built_in_estimators_are_called_without_a_guard(lab: Laboratory) -> None:
     estimator = rs.ProjectionEstimator()
-    assert lab.servo(estimator=estimator).learner is estimator
-    assert isinstance(lab.servo(estimator=Faulty()).learner, Guard)
+    assert lab.servo(estimator=estimator).guarded_estimator is estimator
+    assert isinstance(lab.servo(estimator=Faulty()).guarded_estimator, EstimatorGuard)
 
 
 @pytest.mark.parametrize(
@@ -241,7 +241,7 @@ def test_a_slow_estimator_is_stopped_by_the_overrun_rule_or_the_watchdog_and_nam
     monkeypatch.setattr(Servo, "warm_up", lambda self: None)
     monkeypatch.setattr(Faulty, "update", slow)
     monkeypatch.setattr(user_estimator, "perf_counter_ns", lambda: spent[0])
-    judge = Judge(servo, lab.target)
+    judge = OutcomeCollector(servo, lab.target)
     for tick in rs.run(lab.plant, servo, lab.target, 6.0):
         judge.add(tick)
     assert tick.state.cause is cause

@@ -12,14 +12,14 @@ import numpy as np
 import pytest
 
 import rcmservo as rs
-from conftest import laboratory
+from conftest import make_laboratory
 from rcmservo.cli.cli import main
 from rcmservo.control.feature_vectors import FEATURE_VECTORS
-from rcmservo.page.web.setting_fields import forms
+from rcmservo.page.web.setting_fields import build_forms
 from rcmservo.servo.user_features import check_feature_vector
 from rcmservo.study.execution import workers as crews
-from rcmservo.study.execution.chunk import done
-from rcmservo.study.execution.store import runs_in
+from rcmservo.study.execution.chunk import run_chunk
+from rcmservo.study.execution.store import read_runs
 
 MODULE = "user_module"
 ESTIMATOR = f"{MODULE}:Pixels"
@@ -99,7 +99,7 @@ def user_module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Generator[An
 
 
 def ran(estimator: rs.Estimator, features: str) -> list[rs.State]:
-    lab = laboratory(4)
+    lab = make_laboratory(4)
     law = rs.SaturatedController(features=features)
     servo = rs.Servo(lab.rig.settings.mechanism, lab.rig.settings.tool, estimator, law)
     servo.warm_up()
@@ -110,7 +110,7 @@ def ran(estimator: rs.Estimator, features: str) -> list[rs.State]:
 def test_the_law_on_a_user_defined_feature_vector_reaches_the_target(user_module: Any) -> None:
     for estimator, limit in ((rs.DltEstimator(), 0.2), (user_module.Pixels(), 2.0)):
         end = ran(estimator, "pose")[-1]
-        assert end.phase is rs.Phase.SERVO and end.decision.left < limit
+        assert end.phase is rs.Phase.SERVO and end.decision.remaining_mm < limit
         used = end.stored.estimate.law_jacobian.any(axis=1)
         assert used.tolist() == [True] * 5 + [False] * (len(used) - 5)
 
@@ -130,7 +130,7 @@ def test_both_are_options_of_a_run_whose_record_replays_bit_for_bit(
 
 def test_a_user_defined_feature_vector_is_a_choice_on_the_page(user_module: Any) -> None:
     del user_module
-    form = next(form for form in forms(laboratory().servo(), None) if form["part"] == "controller")
+    form = next(form for form in build_forms(make_laboratory().servo(), None) if form["part"] == "controller")
     fields = {field["name"]: field for field in form["kinds"]["saturated"]["fields"]}
     assert fields["features"]["choices"] == ["srd", "points", "size", "pose"]
 
@@ -142,7 +142,7 @@ class SingleWorker:
 
     def done(self, orders: Any) -> Generator[Any]:
         for key, order in orders:
-            yield key, done(order)
+            yield key, run_chunk(order)
 
 
 def test_both_take_part_in_a_study(user_module: Any, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -154,7 +154,7 @@ def test_both_take_part_in_a_study(user_module: Any, monkeypatch: pytest.MonkeyP
 
     monkeypatch.setattr(crews, "crew", crew)
     assert main(["study", "study.toml", "--own", ESTIMATOR, "--out", "study"]) == 0
-    (row,) = runs_in(Path("study")).to_pylist()
+    (row,) = read_runs(Path("study")).to_pylist()
     assert (row["method"], row["engine"]) == ("mine", "mujoco")
 
 

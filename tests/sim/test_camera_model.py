@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from conftest import random_from, seeds
+from conftest import make_random, seeds
 from rcmservo.errors import BadInput
 from rcmservo.sim.camera_kernels import project
 from rcmservo.sim.camera_model import CameraModel, compute_look_at_rotation
@@ -74,7 +74,7 @@ def test_the_jacobian_is_the_derivative_of_the_distorted_projection(x, y, z):
 
 @given(seeds)
 def test_compiled_functions_project_as_the_camera_does(seed):
-    random, optics = random_from(seed), camera(k1=-0.3)
+    random, optics = make_random(seed), camera(k1=-0.3)
     points = optics.position + random.uniform(-300.0, 300.0, (20, 3))
     images = [project(optics.lens[0], p) for p in points]
     np.testing.assert_allclose(images, optics.project(points), rtol=1e-9)

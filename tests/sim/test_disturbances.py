@@ -13,14 +13,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from test_quiet_disturbances import PERMANENT, TRANSIENT
 
-from conftest import first_quick, frozen, laboratory, random_from, seeds, taught
+from conftest import mark_others_slow, snapshot, make_laboratory, make_random, seeds, teach_target
 from rcmservo.errors import BadInput
-from rcmservo.interfaces import Command, Dropped, Floats, Frame, Observation
+from rcmservo.interfaces import Command, DropReason, Floats, Frame, Observation
 from rcmservo.loop.plant import Plant
 from rcmservo.loop.run import Tick, run
 from rcmservo.loop.teach import teach
 from rcmservo.safety.causes import Cause
-from rcmservo.safety.state_machine import SLOW_SHARE, Phase, Request
+from rcmservo.safety.state_machine import SLOW_SPEED_SCALE, Phase, Request
 from rcmservo.safety.thresholds import Thresholds
 from rcmservo.servo.servo import Servo
 from rcmservo.servo.state import State
@@ -86,7 +86,7 @@ class Run:
 def running(text: str, seed: int = 1, seconds: float = ONSET + 1.5) -> Run:
     rig = rig_with(text, seed)
     plant = Plant(rig.arm, rig.camera, PointMarkers(), rig.clock, lambda: not rig.disk_full())
-    target = taught(rig, plant)
+    target = teach_target(rig, plant)
     servo = Servo(rig.settings.mechanism, rig.settings.tool)
     servo.warm_up()
     rig.begin()
@@ -168,9 +168,9 @@ def test_one_lost_marker_slows_the_tool_and_the_other_gives_the_pose(
     slow = [tick for tick in done.ticks if tick.state.cause is ONE_LOST[text]]
     assert not done.stops() and done.causes() == {ONE_LOST[text]}
     assert slow[0].time * 1e-9 <= ONSET + VISION_LATENCY + 1e-6
-    assert all(tick.state.mode.share == SLOW_SHARE for tick in slow)
+    assert all(tick.state.mode.speed_scale == SLOW_SPEED_SCALE for tick in slow)
     end = done.ticks[-1].state
-    assert end.decision.left < 0.1
+    assert end.decision.remaining_mm < 0.1
     assert np.linalg.norm(end.p1 - marker_1(done.rig, end.target.q)) < 1.0
 
 
@@ -209,7 +209,7 @@ def test_an_axis_that_does_not_follow_is_a_fault_within_2_deg_or_3_mm(
     stop = done.stop()
     assert (stop.state.phase, stop.state.cause) == (Phase.FAULT, Cause.NOT_FOLLOWING)
     assert np.all(
-        np.abs(stop.seen.q - stop.state.watch.reached)
+        np.abs(stop.observation.q - stop.state.monitor.predicted_joints)
         <= [math.radians(2.0), math.radians(2.0), 3.0]
     )
 
@@ -232,10 +232,10 @@ def test_a_drive_that_creeps_without_command_is_a_fault_at_any_speed(
     ticks = run_unattended(f"{PAUSING} {text}", 11.0)
     observation, state = next(tick for tick in ticks if tick[1].phase is Phase.FAULT)
     assert state.cause is Cause.CREEPS
-    assert "at rest it should stay within" in state.words
-    assert f"joint {text.partition('axis=')[2][0]} " in state.words
+    assert "at rest it should stay within" in state.text
+    assert f"joint {text.partition('axis=')[2][0]} " in state.text
     assert np.all(
-        np.abs(observation.q - state.watch.rest) <= 1.1 * np.array(Thresholds().following)
+        np.abs(observation.q - state.monitor.rest_joints) <= 1.1 * np.array(Thresholds().max_following_error)
     )
 
 
@@ -246,7 +246,7 @@ def test_a_drive_may_rest_for_any_time() -> None:
 
 def run_unattended(text: str, seconds: float) -> Iterator[tuple[Observation, State]]:
     """Return observation and state of every tick of a run without an operator."""
-    lab = laboratory(disturbances=parsed(text))
+    lab = make_laboratory(disturbances=parsed(text))
     lab.rig.begin()
     return lab.run(lab.servo(), seconds)
 
@@ -280,9 +280,9 @@ def test_random_latency_is_a_hold_with_its_cause() -> None:
 
 def test_the_older_of_swapped_frames_is_dropped_and_the_tool_continues() -> None:
     done = running("frame_order:at=1.3,for=0.5,what=swapped")
-    numbers = [tick.seen.frame for tick in done.ticks]
+    numbers = [tick.observation.frame for tick in done.ticks]
     assert numbers == sorted(numbers)
-    assert any(tick.seen.dropped is Dropped.NOT_NEW for tick in done.ticks)
+    assert any(tick.observation.drop_reason is DropReason.NOT_NEW for tick in done.ticks)
     assert done.causes() == {Cause.AGEING}
     assert not done.stops()
 
@@ -309,12 +309,12 @@ def test_after_the_process_is_killed_the_arm_stops_50_ms_after_its_last_command(
     last, arm = done.ticks[-1], done.rig.truth.arm
     assert last.time == pytest.approx(ONSET * 1e9)
     assert last.state.command.rates.any()
-    done.rig.advance_until(last.seen.now + 49_000_000)
+    done.rig.advance_until(last.observation.now + 49_000_000)
     assert arm.watchdog.enabled
-    done.rig.advance_until(last.seen.now + 52_000_000)
+    done.rig.advance_until(last.observation.now + 52_000_000)
     assert not arm.watchdog.enabled
     q = arm.q_true
-    done.rig.advance_until(last.seen.now + 300_000_000)
+    done.rig.advance_until(last.observation.now + 300_000_000)
     assert np.all(np.abs(arm.q_true - q) < [1e-3, 1e-3, 0.1])
 
 
@@ -365,8 +365,8 @@ def test_a_disturbance_that_never_starts_changes_no_bit(
         for rig in (plain, late):
             rig.clock.wait_until(rig.clock.now() + 10_000_000)
             frames.append(rig.camera.latest())
-        assert frozen(frames[0]) == frozen(frames[1]), k
-        assert frozen(plain.arm.measure()) == frozen(late.arm.measure())
+        assert snapshot(frames[0]) == snapshot(frames[1]), k
+        assert snapshot(plain.arm.measure()) == snapshot(late.arm.measure())
 
 
 def test_no_disturbance_acts_before_the_run_starts() -> None:
@@ -384,16 +384,16 @@ def test_no_disturbance_acts_before_the_run_starts() -> None:
 @settings(max_examples=8)
 @given(seeds)
 def test_the_same_seed_and_disturbances_give_the_same_run(seed: int) -> None:
-    text = " ".join(map(str, sample_disturbances(random_from(seed), 1.0)))
+    text = " ".join(map(str, sample_disturbances(make_random(seed), 1.0)))
     first, again = (running(text, seconds=1.2) for _ in range(2))
-    assert [frozen((tick.seen, tick.state.command)) for tick in first.ticks] == [
-        frozen((tick.seen, tick.state.command)) for tick in again.ticks
+    assert [snapshot((tick.observation, tick.state.command)) for tick in first.ticks] == [
+        snapshot((tick.observation, tick.state.command)) for tick in again.ticks
     ]
 
 
 @given(seeds, st.booleans())
 def test_a_disturbance_survives_its_text_and_a_pickle(seed: int, pictures: bool) -> None:
-    chosen = sample_disturbances(random_from(seed), 20.0, pictures)
+    chosen = sample_disturbances(make_random(seed), 20.0, pictures)
     assert 1 <= len(chosen) <= 3
     for disturbance in chosen:
         assert (
@@ -551,7 +551,7 @@ def test_a_decoy_is_found_at_the_requested_distance(marker: int) -> None:
 
 
 @pytest.mark.parametrize("text", ["occlusion:for=4,by=smoke", "occlusion:for=4,by=blood"])
-@pytest.mark.parametrize("seed", first_quick(range(4)))
+@pytest.mark.parametrize("seed", mark_others_slow(range(4)))
 def test_no_marker_is_found_behind_dense_smoke_or_blood(text: str, seed: int) -> None:
     tracker = ColourMarkers()
     for seconds in (1.0, 2.5):
@@ -569,7 +569,7 @@ def test_markers_are_found_after_smoke_and_blood() -> None:
 
 
 def test_smoke_rises_and_falls_gradually() -> None:
-    smoke = Smoke((640, 480), 4.0, np.array([320.0, 240.0]), random_from(0))
+    smoke = Smoke((640, 480), 4.0, np.array([320.0, 240.0]), make_random(0))
     middle = [
         float(smoke.layer_at(time).opacity[60, 80])
         for time in (0.0, 0.1, 0.2, 0.3, 2.0, 3.6, 3.8, 4.0)

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from conftest import first_quick
-from rcmservo.config.rig_file import load_lab
+from conftest import mark_others_slow
+from rcmservo.config.rig_file import load_rig_file
 from rcmservo.errors import BadInput
 from rcmservo.geometry.kinematics import PitchYawRcm
 from rcmservo.interfaces import Floats
@@ -58,7 +58,7 @@ def test_travel_and_camera_distance_are_within_their_ranges() -> None:
         assert 60.0 <= np.linalg.norm(scene.optics.position - markers.mean(axis=(0, 1))) <= 120.0
 
 
-@pytest.mark.parametrize("seed", first_quick(range(8)))
+@pytest.mark.parametrize("seed", mark_others_slow(range(8)))
 def test_a_tracker_finds_both_markers_in_the_images(seed: int) -> None:
     rig = Rig(seed, SETTINGS)
     for q in (rig.scene.target, rig.scene.start):
@@ -87,7 +87,7 @@ def test_a_camera_outside_its_port_is_no_endoscope() -> None:
 def test_a_rig_file_may_have_ports(tmp_path) -> None:
     path = tmp_path / "lab.toml"
     path.write_text("[scene]\nports = [70.0, 130.0]\n")
-    assert read_rig_settings(load_lab(path)).scene.ports == PORTS
+    assert read_rig_settings(load_rig_file(path)).scene.ports == PORTS
 
 
 @pytest.mark.parametrize(

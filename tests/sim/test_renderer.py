@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from conftest import with_tests
+from conftest import make_environment
 from rcmservo.errors import BadInput
 from rcmservo.sim.camera_model import CameraModel, compute_look_at_rotation
-from rcmservo.sim.rendering import Look, Renderer, Tissue
+from rcmservo.sim.rendering import Appearance, Renderer, Tissue
 
 POSITION = np.array([-70.0, -60.0, 20.0])
 TARGET = np.array([0.0, 0.0, -110.0])
@@ -24,7 +24,7 @@ OPTICS = CameraModel(
     compute_look_at_rotation(POSITION, TARGET, 0.2),
     POSITION,
 )
-QUIET = Look(full_well=np.inf, read_noise=0.0)
+QUIET = Appearance(full_well=np.inf, read_noise=0.0)
 FLAT = replace(
     QUIET, ambient=1.0, specular=0.0, contrast=0.0
 )  # one colour each for tissue and bodies
@@ -35,7 +35,7 @@ BALLS = replace(
     tissue_colour=(0.0, 0.0, 0.0),
     marker_colours=((0.0, 250.0, 0.0), (250.0, 0.0, 0.0)),
 )
-RENDERERS: dict[Look, Renderer] = {}
+RENDERERS: dict[Appearance, Renderer] = {}
 
 
 def tool(m1, along=(0.1, 0.1, -1.0), spacing=25.0):
@@ -99,17 +99,17 @@ def test_exposure_blur_moves_the_centroid_to_the_mean_of_the_exposure(moments, b
 
 def test_the_same_seed_and_number_give_the_same_image_bit_for_bit():
     pose = tool(TARGET)
-    again = Renderer(OPTICS, Look(), TISSUE, 0)
+    again = Renderer(OPTICS, Appearance(), TISSUE, 0)
     again.render(tool(TARGET + 5)[None], 2)
-    assert np.array_equal(rendered(Look(), pose, number=7), again.render(pose[None], 7))
+    assert np.array_equal(rendered(Appearance(), pose, number=7), again.render(pose[None], 7))
 
 
 def test_another_number_or_seed_gives_other_noise():
     pose = tool(TARGET)
-    first = rendered(Look(), pose, number=7).astype(float)
+    first = rendered(Appearance(), pose, number=7).astype(float)
     for other in (
-        rendered(Look(), pose, number=8),
-        Renderer(OPTICS, Look(), TISSUE, 1).render(pose[None], 7),
+        rendered(Appearance(), pose, number=8),
+        Renderer(OPTICS, Appearance(), TISSUE, 1).render(pose[None], 7),
     ):
         assert (other != first).mean() > 0.5
 
@@ -230,7 +230,7 @@ def small_image():
     optics = replace(OPTICS, width=44, height=30, focal=60.0, centre=np.array([21.0, 15.0]))
     poses = np.stack([tool(TARGET + 0.2 * step) for step in range(4)])
     return Renderer(
-        optics, replace(Look(), marker_radii=(12.0, 12.0), shaft_radius=8.0), TISSUE, 0
+        optics, replace(Appearance(), marker_radii=(12.0, 12.0), shaft_radius=8.0), TISSUE, 0
     ).render(poses, 0)
 
 
@@ -239,7 +239,7 @@ def test_compiled_and_plain_python_render_the_same_image(tmp_path):
         f"import numpy, test_renderer as t; numpy.save({str(tmp_path / 'plain.npy')!r}, "
         f"t.small_image())"
     )
-    plainly = with_tests(NUMBA_DISABLE_JIT="1")
+    plainly = make_environment(NUMBA_DISABLE_JIT="1")
     subprocess.run([sys.executable, "-c", program], env=plainly, check=True, timeout=120)
     difference = small_image().astype(int) - np.load(tmp_path / "plain.npy")
     assert np.abs(difference).max() <= 1
@@ -268,4 +268,4 @@ def test_impossible_poses_are_refused(poses):
 )
 def test_an_impossible_look_is_refused(change):
     with pytest.raises(BadInput, match=next(iter(change))):
-        Look(**change)
+        Appearance(**change)

@@ -7,7 +7,7 @@ import pytest
 
 from conftest import ROOT
 from rcmservo.errors import BadInput
-from rcmservo.geometry.features import SCALE
+from rcmservo.geometry.features import FEATURE_SCALE
 from rcmservo.sim import RigSettings, SceneSettings
 from rcmservo.sim.ground_truth import compute_feature_jacobian
 from rcmservo.sim.rig import sample_scene_of_seed
@@ -18,7 +18,7 @@ from rcmservo.sim.tool_body import ToolBody
 
 SETTINGS = RigSettings()
 BODY = ToolBody(SETTINGS.mechanism, SETTINGS.tool)
-FEASIBILITY = SceneFeasibility(SETTINGS.scene, BODY, max(SETTINGS.look.marker_radii))
+FEASIBILITY = SceneFeasibility(SETTINGS.scene, BODY, max(SETTINGS.appearance.marker_radii))
 HARD = SceneSettings(min_condition=40.0, max_condition=1e9)
 
 
@@ -26,7 +26,7 @@ def worst_condition(scene: Scene) -> float:
     """Return the largest condition number of the scaled true Jacobian on the path."""
     o_c = compute_imaged_rcm(scene.optics)
     jacobians = [compute_feature_jacobian(BODY, scene.optics, q, o_c) for q in scene.path]
-    return max(float(np.linalg.cond(J / SCALE[:, None])) for J in jacobians)
+    return max(float(np.linalg.cond(J / FEATURE_SCALE[:, None])) for J in jacobians)
 
 
 def test_the_scenes_of_forty_seeds_are_those_of_version_0_2_0() -> None:

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from conftest import first_quick, taught
+from conftest import mark_others_slow, teach_target
 from rcmservo.interfaces import Command
 from rcmservo.loop.plant import Plant
 from rcmservo.loop.run import run
@@ -42,7 +42,7 @@ def when_visible(text: str, seconds: float = 2.0, moving: bool = True, seed: int
     return np.nan if oracle.visible_since is None else (oracle.visible_since - began) * 1e-9
 
 
-@pytest.mark.parametrize("seed", first_quick(range(1, 4)))
+@pytest.mark.parametrize("seed", mark_others_slow(range(1, 4)))
 def test_a_pan_is_visible_after_it_exceeds_the_noise_for_long_enough(seed: int) -> None:
     delay = INNOVATION_THRESHOLD * NOISE / 10.0  # s at 10 px/s, along u or v
     visible = when_visible("camera_pan:at=0.5,for=4.5,px=45", seed=seed)
@@ -83,13 +83,13 @@ def test_nothing_is_visible_in_20_runs_without_disturbances() -> None:
     for seed in range(20):
         rig = Rig(seed, RigSettings(point_noise=NOISE), pictures=False)
         plant = Plant(rig.arm, rig.camera, PointMarkers(), rig.clock)
-        target = taught(rig, plant)
+        target = teach_target(rig, plant)
         servo = Servo(rig.settings.mechanism, rig.settings.tool)
         oracle = Oracle(rig.truth, NOISE)
         for tick in run(plant, servo, target, 3.0):
-            oracle.update(tick.seen)
-            if tick.seen.frame >= 0:
-                innovations.append(oracle.innovation(tick.seen))
+            oracle.update(tick.observation)
+            if tick.observation.frame >= 0:
+                innovations.append(oracle.innovation(tick.observation))
         assert oracle.visible_since is None
     assert np.std(innovations) == pytest.approx(1.0, rel=0.05)
 

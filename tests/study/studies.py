@@ -3,9 +3,9 @@
 from collections.abc import Generator, Iterable
 from pathlib import Path
 
-from rcmservo.study.execution.chunk import ChunkOrder, RowValues, done
-from rcmservo.study.execution.run_study import Work
-from rcmservo.study.plan.file import StudyFile, plan_of
+from rcmservo.study.execution.chunk import ChunkRequest, RowValues, run_chunk
+from rcmservo.study.execution.run_study import StudyExecution
+from rcmservo.study.plan.file import StudyFile, make_plan
 from rcmservo.study.plan.plan import StudyPlan
 
 
@@ -13,20 +13,20 @@ class InProcessPool:
     """Pool that runs every request in this process; test_study_workers.py has real workers."""
 
     def done(
-        self, requests: Iterable[tuple[str, ChunkOrder]]
+        self, requests: Iterable[tuple[str, ChunkRequest]]
     ) -> Generator[tuple[str, list[RowValues]]]:
         for key, request in requests:
-            yield key, done(request)
+            yield key, run_chunk(request)
 
 
 def make_plan(**settings: object) -> StudyPlan:
     """Return a plan of two methods over 250 scenes, which are three chunks each."""
     defaults = {"methods": ("dlt", "projection"), "count": 250, "duration": 2.0}
-    return plan_of(StudyFile(**{**defaults, **settings}), {})  # pyright: ignore[reportArgumentType]
+    return make_plan(StudyFile(**{**defaults, **settings}), {})  # pyright: ignore[reportArgumentType]
 
 
-def run_plan(plan: StudyPlan, folder: Path) -> Work:
+def run_plan(plan: StudyPlan, folder: Path) -> StudyExecution:
     """Run all chunks of a plan."""
-    work = Work(plan, folder)
-    work.go(InProcessPool(), lambda _: None)  # pyright: ignore[reportArgumentType]
+    work = StudyExecution(plan, folder)
+    work.run(InProcessPool(), lambda _: None)  # pyright: ignore[reportArgumentType]
     return work

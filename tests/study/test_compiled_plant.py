@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from conftest import first_quick
+from conftest import mark_others_slow
 from rcmservo.errors import BadInput
 from rcmservo.estimation.base import Estimator
 from rcmservo.estimation.dlt import DltEstimator
@@ -27,11 +27,11 @@ from rcmservo.sim.scene import Scene
 from rcmservo.sim.tool_body import ToolBody
 from rcmservo.study import Study, StudyRun
 from rcmservo.study.batch import FIRST_TICK_NS
-from rcmservo.study.execution.chunk import one_run
-from rcmservo.study.kernel_engine import Goal
-from rcmservo.study.plan.file import StudyFile, plan_of
+from rcmservo.study.execution.chunk import run_seed
+from rcmservo.study.kernel_engine import StudyGoal
+from rcmservo.study.plan.file import StudyFile, make_plan
 from rcmservo.study.plant_kernel import advance_plant, queue_command, read_encoders, reset_plant
-from rcmservo.study.simulation_engine import Laboratory
+from rcmservo.study.simulation_engine import SimulationEngine
 
 QUIET = RigSettings(point_noise=0.0)
 WRIST = RigSettings(mechanism=PitchYawRcm(), tool=ScaledTool(1.3), point_noise=0.0)
@@ -48,14 +48,14 @@ def make_study(settings: RigSettings, **options: float) -> Study:
 
 def run_mujoco(study: Study, seed: int) -> StudyRun:
     """Run the same closed loop with MuJoCo's arm and the live code."""
-    return Laboratory(study.servo, study.settings, study.duration, study.shown).run(seed)
+    return SimulationEngine(study.servo, study.settings, study.duration, study.teaching_frames).run(seed)
 
 
-def make_goal(seed: int, settings: RigSettings) -> Goal:
+def make_goal(seed: int, settings: RigSettings) -> StudyGoal:
     """Return the target of a seed without noise."""
     scene, _ = sample_scene_of_seed(seed, settings)
     markers = scene.body.points(scene.target)[:2]
-    return Goal(scene.optics.project(markers), scene.target, markers[1])
+    return StudyGoal(scene.optics.project(markers), scene.target, markers[1])
 
 
 def run_both(study: Study, seed: int) -> StudyRun:
@@ -71,7 +71,7 @@ def run_both(study: Study, seed: int) -> StudyRun:
 
 @pytest.mark.parametrize(
     "scene",
-    first_quick([(WRIST, 1), *((settings, n) for settings in (QUIET, WRIST) for n in range(5))]),
+    mark_others_slow([(WRIST, 1), *((settings, n) for settings in (QUIET, WRIST) for n in range(5))]),
 )
 def test_the_compiled_plant_agrees_with_the_simulated_arm(scene: tuple[RigSettings, int]) -> None:
     settings, seed = scene
@@ -106,7 +106,7 @@ def test_with_the_same_noise_the_compiled_plant_agrees_with_the_simulated_arm(
 
 
 @pytest.mark.parametrize(
-    "scene", first_quick([(noisy, n) for n in range(4) for noisy in (NOISY, NOISY_WRIST)])
+    "scene", mark_others_slow([(noisy, n) for n in range(4) for noisy in (NOISY, NOISY_WRIST)])
 )
 def test_the_compiled_plant_has_the_drive_errors_of_the_simulated_arm(
     scene: tuple[RigSettings, int],
@@ -167,7 +167,7 @@ def test_an_estimator_that_averages_markers_reaches_a_smaller_error_in_the_same_
         for estimator in (ProjectionEstimator(), DltEstimator())
     ]
     measured, averaged = (
-        [Study(servo, shown=300).run(seed) for seed in range(12)] for servo in servos
+        [Study(servo, teaching_frames=300).run(seed) for seed in range(12)] for servo in servos
     )
     errors = [np.median([run.error[-300:].mean() for run in runs]) for runs in (measured, averaged)]
     times = [np.median([run.first_within(1.0) for run in runs]) for runs in (measured, averaged)]
@@ -200,7 +200,7 @@ def test_with_the_rcm_behind_the_camera_only_the_full_projection_converges(
     scene = make_endoscopic_scene(sample_scene_of_seed(0, QUIET)[0].optics, body)
     study = Study(Servo(settings.mechanism, settings.tool, estimator), settings)
     markers = body.points(scene.target)[:2]
-    goal = Goal(scene.optics.project(markers), scene.target, markers[1])
+    goal = StudyGoal(scene.optics.project(markers), scene.target, markers[1])
     run = study.of(0, scene, goal, np.zeros((1000, 2, 2)))
     assert run.error[0] > 10.0 and (run.error[-1] < 0.5) == arrives
 
@@ -208,7 +208,7 @@ def test_with_the_rcm_behind_the_camera_only_the_full_projection_converges(
 def test_times_of_a_run_count_from_its_first_tick() -> None:
     phases = [Phase.SERVO, Phase.HOLD, Phase.HOLD, Phase.ACQUIRE, Phase.FAULT]
     phase_codes = np.array([PHASES.index(phase) for phase in phases], np.int8)
-    causes = np.array([0, Cause.STALE.place, Cause.STALE.place, 0, Cause.DRIVE_OFF.place], np.int8)
+    causes = np.array([0, Cause.STALE.code, Cause.STALE.code, 0, Cause.DRIVE_OFF.code], np.int8)
     run = StudyRun(
         0,
         100.0,
@@ -299,12 +299,12 @@ def test_the_compiled_plant_stops_at_the_hard_stop_of_the_true_joints() -> None:
 @pytest.mark.parametrize("method", ["dlt", "projection"])
 def test_both_engines_agree_scene_by_scene(method: str) -> None:
     """All of 20 scenes must agree."""
-    plan = plan_of(StudyFile(methods=(method,), count=1), {})
+    plan = make_plan(StudyFile(methods=(method,), count=1), {})
     compiled = plan.cells[0]
     mujoco = replace(compiled, engine="mujoco")
-    servo = compiled.rebuilt({})
+    servo = compiled.rebuild_servo({})
     for seed in range(20):
-        rows = [one_run(cell, servo, seed) for cell in (compiled, mujoco)]
+        rows = [run_seed(cell, servo, seed) for cell in (compiled, mujoco)]
         first, second = rows
         assert first.success == second.success and first.stop == second.stop, seed
         times = [np.inf if row.time_to_1mm_s is None else row.time_to_1mm_s for row in rows]

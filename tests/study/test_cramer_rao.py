@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import rcmservo as rs
-from conftest import derivative
+from conftest import differentiate
 from rcmservo.errors import BadInput
 from rcmservo.geometry.tool import RigidTool, ScaledTool, Tool
 from rcmservo.interfaces import Floats
@@ -15,7 +15,7 @@ from rcmservo.sim import RigSettings
 from rcmservo.sim.rig import sample_scene_of_seed
 from rcmservo.sim.scene import Scene
 from rcmservo.sim.scenes.joint_paths import compute_imaged_rcm
-from rcmservo.study.cramer_rao import pixels_jacobian
+from rcmservo.study.cramer_rao import compute_pixels_jacobian
 
 NOISE_PX, FRAMES, TAUGHT_FRAMES = 0.3, 60, 30
 DRAWS = 4000
@@ -81,8 +81,8 @@ def rms(errors: Floats) -> float:
 def test_the_jacobian_is_that_of_both_markers_by_the_position_of_marker_2(tool: Tool) -> None:
     for seed in range(5):
         scene = sample_scene(seed, tool)
-        H = derivative(lambda p, scene=scene: pixels(scene, p[None])[0], target(scene), 1e-2)
-        np.testing.assert_allclose(pixels_jacobian(scene), H, atol=1e-7)
+        H = differentiate(lambda p, scene=scene: pixels(scene, p[None])[0], target(scene), 1e-2)
+        np.testing.assert_allclose(compute_pixels_jacobian(scene), H, atol=1e-7)
         covariance = rs.bound(scene, NOISE_PX, FRAMES, TAUGHT_FRAMES).covariance
         expected = NOISE_PX**2 * (1 / FRAMES + 1 / TAUGHT_FRAMES) * np.linalg.inv(H.T @ H)
         np.testing.assert_allclose(covariance, expected, rtol=1e-5, atol=1e-9)

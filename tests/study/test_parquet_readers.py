@@ -11,9 +11,9 @@ import pytest
 from studies import make_plan, run_plan
 
 from conftest import ROOT
-from peers import peer
-from rcmservo.study.execution.store import RUNS
-from rcmservo.study.row import MEANINGS, StudyRow
+from peers import mark_peer
+from rcmservo.study.execution.store import RUNS_FILE
+from rcmservo.study.row import COLUMN_MEANINGS, StudyRow
 
 PEERS = ROOT / ".peers"
 NAMES = [f.name for f in fields(StudyRow)]
@@ -23,7 +23,7 @@ KINDS = [str(HINTS[name]).removeprefix("<class '").split("'")[0].split(" |")[0] 
 
 
 def requires(name: str) -> Callable[..., Any]:
-    return peer(name, (PEERS / name).is_dir(), "make peers")
+    return mark_peer(name, (PEERS / name).is_dir(), "make peers")
 
 
 def import_reader(name: str) -> Any:
@@ -39,7 +39,7 @@ def study(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[dict[str
     folder = tmp_path_factory.mktemp("study")
     rows = run_plan(make_plan(count=4, duration=2.1), folder).gather().to_pylist()
     assert {row["time_to_1mm_s"] is None for row in rows} == {True, False}
-    return folder / RUNS, rows
+    return folder / RUNS_FILE, rows
 
 
 @requires("pandas")
@@ -67,7 +67,7 @@ def test_polars_reads_rows(study: tuple[Path, list[dict[str, Any]]]) -> None:
     found = {name: str(kind) for name, kind in table.schema.items()}
     assert found == {name: names[kind] for name, kind in zip(NAMES, KINDS, strict=True)}
     assert table.to_dicts() == rows
-    assert MEANINGS.items() <= polars.read_parquet_metadata(path).items()
+    assert COLUMN_MEANINGS.items() <= polars.read_parquet_metadata(path).items()
 
 
 @requires("duckdb")
@@ -82,4 +82,4 @@ def test_duckdb_reads_rows(study: tuple[Path, list[dict[str, Any]]]) -> None:
         assert [dict(zip(NAMES, row, strict=True)) for row in values] == rows
         metadata = data.execute(f"SELECT key, value FROM parquet_kv_metadata('{path}')").fetchall()
     known = {key.decode(): value.decode("utf-8", "replace") for key, value in metadata}
-    assert MEANINGS.items() <= known.items()
+    assert COLUMN_MEANINGS.items() <= known.items()

@@ -22,11 +22,11 @@ import pyarrow as pa
 import pytest
 from studies import make_plan, run_plan
 
-from rcmservo.cli.studies.study_report import beside, results
+from rcmservo.cli.studies.study_report import comparison_sentence, result_table
 from rcmservo.cli.terminal import console
 from rcmservo.interfaces import Floats
 from rcmservo.study.execution import manifest
-from rcmservo.study.execution.store import RUNS, runs_in
+from rcmservo.study.execution.store import RUNS_FILE, read_runs
 from rcmservo.study.plan.plan import StudyPlan
 from rcmservo.study.report import report
 from rcmservo.study.report.maps import MAP_AXES, ConvergenceMap, make_map
@@ -47,11 +47,11 @@ class ReportedStudy:
         self.folder, self.plan = folder, plan
         rows = run_plan(plan, folder).gather() if table is None else table
         about = {"command": "rcmservo study", "replay": "rcmservo study --out X --replay"}
-        self.summary = report.write(folder, plan, rows, about, page=True)
+        self.summary = report.write_report(folder, plan, rows, about, page=True)
         self.rows = rows.to_pylist()
-        self.page = (folder / report.REPORT).read_text("utf-8")
+        self.page = (folder / report.REPORT_FILE).read_text("utf-8")
         self.parsed = ParsedPage(self.page)
-        text = (folder / report.SUMMARY).read_text("utf-8")
+        text = (folder / report.SUMMARY_FILE).read_text("utf-8")
         self.numbers = json.loads(text, parse_constant=lambda word: pytest.fail(f"{word} in JSON"))
 
     def of(self, method: str, noise: float) -> list[dict[str, Any]]:
@@ -202,7 +202,7 @@ def test_the_page_lists_the_worst_runs_with_the_row_that_repeats_them(study: Rep
     cases = [
         int(case) for case in re.findall(r"rcmservo study --out X --replay (\d+)<", study.page)
     ]
-    recorded, expected = manifest.read(study.folder), []
+    recorded, expected = manifest.read_manifest(study.folder), []
     for noise in (0.3, 2.0):
         for method in ("dlt", "projection", HTML_NAME):
             indices = [
@@ -215,7 +215,7 @@ def test_the_page_lists_the_worst_runs_with_the_row_that_repeats_them(study: Rep
     assert cases == expected and recorded is not None
     assert {study.rows[case]["repetition"] for case in cases} == {0, 1}
     for case in cases:
-        (cell, seed), row = recorded.run_of(case), study.rows[case]
+        (cell, seed), row = recorded.find_run(case), study.rows[case]
         noise = cell.tables["camera"]["point_noise"]
         assert (cell.method, seed, cell.repetition, noise) == tuple(
             row[name] for name in ("method", "seed", "repetition", "noise_px")
@@ -226,7 +226,7 @@ def test_the_terminal_wraps_long_names_without_cropping(
     study: ReportedStudy, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("COLUMNS", "80")
-    console().print(results(study.summary.summaries))
+    console().print(result_table(study.summary.summaries))
     output = capsys.readouterr().out
     assert "…" not in output and max(map(len, output.splitlines())) <= 80
     cells = [line.split("│")[1].strip() for line in output.splitlines() if line.startswith("│")]
@@ -237,14 +237,14 @@ def test_an_infinite_difference_of_times_is_described_in_words() -> None:
     never, unknown = Interval(np.inf, np.inf, np.inf), Interval(np.nan, np.nan, np.nan)
     success = Interval(-1.0, -1.0, -0.6)
     later = report.PairedComparison("a", "b", "random", 9, success, never, unknown)
-    assert beside(later) == (
+    assert comparison_sentence(later) == (
         "a compared with b, random, 9 pairs: success -100.0 (-100.0 to -60.0) % points, "
         "mostly only b reaches 1 mm, error –"
     )
     equal = replace(later, time_s=Interval(0.0, 0.0, 0.0), pose_mm=Interval(0.0, 0.0, 0.0))
-    assert beside(equal).endswith("to 1 mm +0.00 s, error +0.000 mm")
+    assert comparison_sentence(equal).endswith("to 1 mm +0.00 s, error +0.000 mm")
     sooner = replace(later, time_s=Interval(-np.inf, -np.inf, -0.5))
-    assert "mostly only a reaches 1 mm" in beside(sooner)
+    assert "mostly only a reaches 1 mm" in comparison_sentence(sooner)
 
 
 def make_group(success: list[bool], **columns: Any) -> Group:
@@ -353,9 +353,9 @@ def test_without_noise_the_ratio_to_the_bound_is_unknown(tmp_path: Path) -> None
 
 
 def test_the_meanings_of_the_columns_are_in_the_file_and_on_the_page(study: ReportedStudy) -> None:
-    table = runs_in(study.folder)
+    table = read_runs(study.folder)
     meanings = {field.name: field.metadata[b"meaning"].decode() for field in table.schema}
-    assert len(meanings) == len(table.column_names) and (study.folder / RUNS).stat().st_size < 1e6
+    assert len(meanings) == len(table.column_names) and (study.folder / RUNS_FILE).stat().st_size < 1e6
     for name, meaning in meanings.items():
         assert name in study.parsed.text and meaning in study.parsed.text
 

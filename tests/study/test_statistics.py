@@ -11,11 +11,11 @@ from hypothesis.extra.numpy import arrays
 from rcmservo.interfaces import Floats
 from rcmservo.study.report.statistics import (
     Interval,
-    median_difference,
-    quantile,
-    root_mean_square,
-    share,
-    share_difference,
+    estimate_median_difference,
+    estimate_quantile,
+    estimate_root_mean_square,
+    estimate_fraction,
+    estimate_fraction_difference,
 )
 
 TIMES = st.one_of(st.floats(0.0, 15.0), st.just(np.inf))
@@ -38,14 +38,14 @@ def test_the_interval_of_a_fraction_has_nominal_coverage(p: float) -> None:
 
     def sample(random: np.random.Generator) -> Interval:
         n = int(random.integers(100, 400))
-        return share(int(random.binomial(n, p)), n)
+        return estimate_fraction(int(random.binomial(n, p)), n)
 
     assert 0.93 < coverage(p, sample, SAMPLES) < 0.98
 
 
 def test_a_fraction_of_0_or_1_has_an_interval() -> None:
-    assert share(200, 200) == pytest.approx((1.0, 0.981, 1.0), abs=1e-3)
-    assert share(0, 200) == pytest.approx((0.0, 0.0, 0.019), abs=1e-3)
+    assert estimate_fraction(200, 200) == pytest.approx((1.0, 0.981, 1.0), abs=1e-3)
+    assert estimate_fraction(0, 200) == pytest.approx((0.0, 0.0, 0.019), abs=1e-3)
 
 
 @pytest.mark.parametrize("p", [0.5, 0.95])
@@ -55,16 +55,16 @@ def test_the_interval_of_a_quantile_has_nominal_coverage_for_long_tails(p: float
     )  # quantile of the Cauchy distribution, which has no mean
 
     def sample(random: np.random.Generator) -> Interval:
-        return quantile(random.standard_cauchy(200), p)
+        return estimate_quantile(random.standard_cauchy(200), p)
 
     assert 0.94 < coverage(truth, sample, SAMPLES) < 0.985
 
 
 def test_an_event_that_never_happens_is_later_than_every_time() -> None:
     times = np.array([1.0, 2.0, 3.0, np.inf, np.inf, np.inf, np.inf])
-    assert quantile(times, 0.5).value == np.inf and quantile(times, 0.1).value == 1.0
-    assert quantile(times, 0.5).low == 1.0 and quantile(times, 0.5).high == np.inf
-    assert np.isnan(quantile(np.array([]), 0.5).value)
+    assert estimate_quantile(times, 0.5).value == np.inf and estimate_quantile(times, 0.1).value == 1.0
+    assert estimate_quantile(times, 0.5).low == 1.0 and estimate_quantile(times, 0.5).high == np.inf
+    assert np.isnan(estimate_quantile(np.array([]), 0.5).value)
 
 
 @pytest.mark.parametrize(("count", "p"), [(1, 0.5), (3, 0.5), (12, 0.5), (24, 0.95), (60, 0.99)])
@@ -77,17 +77,17 @@ def test_the_interval_of_a_quantile_has_nominal_coverage_for_small_samples(
     """
 
     def sample(random: np.random.Generator) -> Interval:
-        return quantile(random.uniform(size=count), p, 0.0)
+        return estimate_quantile(random.uniform(size=count), p, 0.0)
 
     assert coverage(p, sample, SAMPLES) > 0.94
 
 
 def test_fewer_than_six_pairs_show_no_difference() -> None:
     for count in range(1, 6):
-        difference = median_difference(np.full(count, 2.0), np.ones(count))
+        difference = estimate_median_difference(np.full(count, 2.0), np.ones(count))
         assert difference == (1.0, -np.inf, np.inf)
-    assert median_difference(np.full(6, 2.0), np.ones(6)).low == 1.0
-    assert root_mean_square(np.ones(1)) == (1.0, 0.0, np.inf)
+    assert estimate_median_difference(np.full(6, 2.0), np.ones(6)).low == 1.0
+    assert estimate_root_mean_square(np.ones(1)) == (1.0, 0.0, np.inf)
 
 
 @pytest.mark.parametrize("count", [6, 20, 200])
@@ -98,7 +98,7 @@ def test_the_interval_of_a_root_mean_square_covers_it_and_is_rarely_below(count:
     """
 
     def sample(random: np.random.Generator) -> Interval:
-        return root_mean_square(np.linalg.norm(random.standard_normal((count, 3)), axis=1))
+        return estimate_root_mean_square(np.linalg.norm(random.standard_normal((count, 3)), axis=1))
 
     def below(random: np.random.Generator) -> Interval:
         return sample(random)._replace(low=0.0)
@@ -109,10 +109,10 @@ def test_the_interval_of_a_root_mean_square_covers_it_and_is_rarely_below(count:
 
 def test_a_quantile_is_a_sample_value_and_a_median_is_the_mean_of_two() -> None:
     inf, values = np.inf, np.array([1.0, 2.0, 4.0, 8.0])
-    assert quantile(values, 0.5).value == 3.0 and quantile(values[:3], 0.5).value == 2.0
-    assert quantile(np.r_[np.arange(190.0), np.full(10, inf)], 0.95).value == 189.0
-    assert quantile(np.r_[np.arange(189.0), np.full(11, inf)], 0.95).value == inf
-    assert quantile(np.array([-inf, inf]), 0.5).value != 0.0
+    assert estimate_quantile(values, 0.5).value == 3.0 and estimate_quantile(values[:3], 0.5).value == 2.0
+    assert estimate_quantile(np.r_[np.arange(190.0), np.full(10, inf)], 0.95).value == 189.0
+    assert estimate_quantile(np.r_[np.arange(189.0), np.full(11, inf)], 0.95).value == inf
+    assert estimate_quantile(np.array([-inf, inf]), 0.5).value != 0.0
 
 
 @given(
@@ -124,7 +124,7 @@ def test_exchanging_the_methods_changes_only_the_sign_of_the_difference(
     one: Floats, other: Floats, count: int
 ) -> None:
     forward, reverse = (
-        median_difference(a[:count], b[:count]) for a, b in ((one, other), (other, one))
+        estimate_median_difference(a[:count], b[:count]) for a, b in ((one, other), (other, one))
     )
     np.testing.assert_array_equal(forward, (-reverse.value, -reverse.high, -reverse.low))
 
@@ -137,17 +137,17 @@ def test_the_interval_of_a_difference_of_paired_fractions_has_nominal_coverage(
         chance = random.random(200)
         one, other = chance < gained, (gained <= chance) & (chance < gained + lost)
         both = random.random(200) < 0.8
-        return share_difference(one | (both & ~other), other | (both & ~one))
+        return estimate_fraction_difference(one | (both & ~other), other | (both & ~one))
 
     assert 0.93 < coverage(gained - lost, sample, SAMPLES) < 0.985
 
 
 def test_equal_pairs_still_have_an_interval_around_zero() -> None:
     same = np.ones(200, bool)
-    value, low, high = share_difference(same, same)
+    value, low, high = estimate_fraction_difference(same, same)
     assert value == 0.0 and low < -0.005 and high > 0.005
-    assert share_difference(same[:9], ~same[:9]).high == 1.0
-    assert share_difference(~same[:9], same[:9]).low == -1.0
+    assert estimate_fraction_difference(same[:9], ~same[:9]).high == 1.0
+    assert estimate_fraction_difference(~same[:9], same[:9]).low == -1.0
 
 
 def test_pairs_resolve_smaller_differences_than_two_samples() -> None:
@@ -155,7 +155,7 @@ def test_pairs_resolve_smaller_differences_than_two_samples() -> None:
     random = np.random.default_rng(0)
     scenes = random.exponential(1.0, 200)
     one, other = scenes + 0.1 + 0.01 * random.standard_normal(200), scenes
-    paired, unpaired = median_difference(one, other), quantile(one, 0.5)
+    paired, unpaired = estimate_median_difference(one, other), estimate_quantile(one, 0.5)
     assert paired.low > 0.09 and paired.high < 0.11
     assert unpaired.low < np.median(other) < unpaired.high
 
@@ -164,7 +164,7 @@ def test_a_pair_counts_if_at_least_one_time_is_finite() -> None:
     inf = np.inf
     one, other = np.array([1.0, inf, inf, 2.0]), np.array([2.0, 1.0, inf, 4.0])
     assert sort_known_differences(one, other).tolist() == [-2.0, -1.0, inf]
-    assert median_difference(one, other).value == -1.0
+    assert estimate_median_difference(one, other).value == -1.0
 
 
 def sort_known_differences(one: Floats, other: Floats) -> Floats:

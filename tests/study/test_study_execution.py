@@ -14,16 +14,16 @@ from studies import make_plan as make_default_plan
 
 from rcmservo.errors import RcmServoError, UnusableFile
 from rcmservo.study.execution import manifest, store
-from rcmservo.study.execution.chunk import PackageMismatch, done
-from rcmservo.study.execution.run_study import Work
+from rcmservo.study.execution.chunk import PackageMismatch, run_chunk
+from rcmservo.study.execution.run_study import StudyExecution
 from rcmservo.study.execution.store import (
-    REPORT,
-    RUNS,
+    REPORT_FILE,
+    RUNS_FILE,
     SCHEMA,
-    SUMMARY,
-    TUNED,
+    SUMMARY_FILE,
+    TUNED_FILE,
     compute_chunk_key,
-    runs_in,
+    read_runs,
 )
 from rcmservo.study.plan import plan
 from rcmservo.study.plan.cell import COMPILED
@@ -39,20 +39,20 @@ def small_chunks(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_an_interrupted_study_ends_with_the_same_bytes(tmp_path: Path) -> None:
-    whole, stopped = run_plan(make_plan(), tmp_path / "a"), Work(make_plan(), tmp_path / "b")
-    stopped.left = dict(list(stopped.left.items())[:2])
-    stopped.go(InProcessPool(), lambda _: None)  # pyright: ignore[reportArgumentType]
-    after = Work(make_plan(), tmp_path / "b")
-    assert not after.changed and after.runs_left == 50 - 20
-    after.go(InProcessPool(), lambda _: None)  # pyright: ignore[reportArgumentType]
+    whole, stopped = run_plan(make_plan(), tmp_path / "a"), StudyExecution(make_plan(), tmp_path / "b")
+    stopped.missing = dict(list(stopped.missing.items())[:2])
+    stopped.run(InProcessPool(), lambda _: None)  # pyright: ignore[reportArgumentType]
+    after = StudyExecution(make_plan(), tmp_path / "b")
+    assert not after.changed_settings and after.missing_runs == 50 - 20
+    after.run(InProcessPool(), lambda _: None)  # pyright: ignore[reportArgumentType]
     for work in (whole, after):
         work.gather()
-    assert (tmp_path / "a" / RUNS).read_bytes() == (tmp_path / "b" / RUNS).read_bytes()
+    assert (tmp_path / "a" / RUNS_FILE).read_bytes() == (tmp_path / "b" / RUNS_FILE).read_bytes()
 
 
 def test_progress_counts_every_run_once(tmp_path: Path) -> None:
     finished: list[int] = []
-    Work(make_plan(), tmp_path).go(InProcessPool(), finished.append)  # pyright: ignore[reportArgumentType]
+    StudyExecution(make_plan(), tmp_path).run(InProcessPool(), finished.append)  # pyright: ignore[reportArgumentType]
     assert sum(finished) == 50
 
 
@@ -60,14 +60,14 @@ def test_a_changed_setting_is_listed_and_invalidates_the_runs_that_depend_on_it(
     tmp_path: Path,
 ) -> None:
     run_plan(make_plan(), tmp_path)
-    more = Work(make_plan(count=30), tmp_path)
-    assert more.changed == ["count"] and more.runs_left == 2 * 10
-    other = Work(make_plan(methods=("dlt", "projection-printed")), tmp_path)
-    assert other.changed == ["method"] and other.runs_left == 25
+    more = StudyExecution(make_plan(count=30), tmp_path)
+    assert more.changed_settings == ["count"] and more.missing_runs == 2 * 10
+    other = StudyExecution(make_plan(methods=("dlt", "projection-printed")), tmp_path)
+    assert other.changed_settings == ["method"] and other.missing_runs == 25
     longer = run_plan(make_plan(duration=3.0), tmp_path)
-    assert "duration" in longer.changed and longer.runs_left == 50
-    restored = Work(make_plan(), tmp_path)
-    assert restored.changed == ["duration"] and restored.runs_left == 0
+    assert "duration" in longer.changed_settings and longer.missing_runs == 50
+    restored = StudyExecution(make_plan(), tmp_path)
+    assert restored.changed_settings == ["duration"] and restored.missing_runs == 0
 
 
 @pytest.mark.parametrize(
@@ -93,10 +93,10 @@ def test_changed_settings_have_the_names_of_options_and_files(
     settings: dict[str, object], changed: list[str]
 ) -> None:
     before, now = (
-        manifest.note_of(make_plan(count=4)),
-        manifest.note_of(make_plan(**{"count": 4, **settings})),
+        manifest.make_manifest(make_plan(count=4)),
+        manifest.make_manifest(make_plan(**{"count": 4, **settings})),
     )
-    assert manifest.changed(before, now) == changed
+    assert manifest.list_changed_settings(before, now) == changed
 
 
 def test_rows_of_another_rcmservo_are_not_reused(
@@ -105,12 +105,12 @@ def test_rows_of_another_rcmservo_are_not_reused(
     run_plan(make_plan(), tmp_path)
     monkeypatch.setattr(store, "package", lambda: "0.0.1 abc")
     monkeypatch.setattr(manifest, "package", lambda: "0.0.1 abc")
-    work = Work(make_plan(), tmp_path)
-    assert work.changed == ["rcmservo"] and work.runs_left == 50
+    work = StudyExecution(make_plan(), tmp_path)
+    assert work.changed_settings == ["rcmservo"] and work.missing_runs == 50
 
 
 def test_a_worker_with_another_rcmservo_rejects_a_request(tmp_path: Path) -> None:
-    work = Work(make_plan(), tmp_path)
+    work = StudyExecution(make_plan(), tmp_path)
     requests: list[tuple[str, object]] = []
 
     class RecordingPool:
@@ -118,19 +118,19 @@ def test_a_worker_with_another_rcmservo_rejects_a_request(tmp_path: Path) -> Non
             requests.extend(given)  # pyright: ignore
             return []
 
-    work.go(RecordingPool(), lambda _: None)  # pyright: ignore[reportArgumentType]
+    work.run(RecordingPool(), lambda _: None)  # pyright: ignore[reportArgumentType]
     request = requests[0][1]
     with pytest.raises(
         PackageMismatch, match=r"has another rcmservo .* than this machine \(0\.0\.1"
     ):
-        done(request._replace(package="0.0.1 abc"))  # pyright: ignore
+        run_chunk(request._replace(package="0.0.1 abc"))  # pyright: ignore
 
 
 @pytest.mark.parametrize("when", ["part", "gather"])
 def test_a_full_disk_raises_one_error_and_loses_no_chunk(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, when: str
 ) -> None:
-    work, written = Work(make_plan(), tmp_path), [0]
+    work, written = StudyExecution(make_plan(), tmp_path), [0]
     write = store.PQ.write_table
 
     class FullDisk:
@@ -147,10 +147,10 @@ def test_a_full_disk_raises_one_error_and_loses_no_chunk(
     message = "cannot be written: No space left on device"
     with monkeypatch.context() as patch, pytest.raises(UnusableFile, match=message):
         patch.setattr(store, "PQ", FullDisk)
-        work.go(InProcessPool(), lambda _: None)  # pyright: ignore[reportArgumentType]
+        work.run(InProcessPool(), lambda _: None)  # pyright: ignore[reportArgumentType]
         work.gather()
-    left = Work(make_plan(), tmp_path)
-    assert left.runs_left == (50 - 20 if when == "part" else 0)
+    left = StudyExecution(make_plan(), tmp_path)
+    assert left.missing_runs == (50 - 20 if when == "part" else 0)
     assert not list(tmp_path.rglob("*.part"))
 
 
@@ -166,13 +166,13 @@ def test_a_damaged_part_raises_an_error_and_is_replaced(tmp_path: Path) -> None:
 def test_a_folder_with_other_content_is_rejected(tmp_path: Path) -> None:
     (tmp_path / "mine.txt").write_text("mine")
     with pytest.raises(UnusableFile, match="holds no study: name a new folder"):
-        Work(make_plan(), tmp_path)
+        StudyExecution(make_plan(), tmp_path)
     assert [path.name for path in tmp_path.iterdir()] == ["mine.txt"]
     (tmp_path / "mine.txt").unlink()
     run_plan(make_plan(count=4), tmp_path)
-    (tmp_path / manifest.NAME).write_text("{}")
+    (tmp_path / manifest.MANIFEST_NAME).write_text("{}")
     with pytest.raises(UnusableFile, match="is not a manifest of `rcmservo study`"):
-        Work(make_plan(count=4), tmp_path)
+        StudyExecution(make_plan(count=4), tmp_path)
 
 
 def test_every_row_has_every_column_with_its_meaning(tmp_path: Path) -> None:
@@ -180,24 +180,24 @@ def test_every_row_has_every_column_with_its_meaning(tmp_path: Path) -> None:
     assert table.column_names == [f.name for f in fields(StudyRow)]
     for column in table.schema:
         assert len(column.metadata[b"meaning"]) > 5
-    assert table.schema.equals(SCHEMA) and runs_in(tmp_path).equals(table)
+    assert table.schema.equals(SCHEMA) and read_runs(tmp_path).equals(table)
     assert table["method"].to_pylist() == ["dlt"] * 3 + ["projection"] * 3
     assert table["seed"].to_pylist() == [0, 1, 2] * 2
     with pytest.raises(RcmServoError, match="does not exist: the study is not complete"):
-        runs_in(tmp_path / "elsewhere")
-    (tmp_path / RUNS).write_bytes(b"PAR1")
+        read_runs(tmp_path / "elsewhere")
+    (tmp_path / RUNS_FILE).write_bytes(b"PAR1")
     with pytest.raises(RcmServoError, match="is not a table of the runs of a study"):
-        runs_in(tmp_path)
+        read_runs(tmp_path)
 
 
 def test_nothing_is_written_before_the_first_rows(tmp_path: Path) -> None:
     """Otherwise a plan that is rejected later, or stopped at once, would leave empty folders."""
-    work = Work(make_plan(count=4), tmp_path / "a" / "b")
+    work = StudyExecution(make_plan(count=4), tmp_path / "a" / "b")
     assert not list(tmp_path.iterdir())
-    work.go(InProcessPool(), lambda _: None)  # pyright: ignore[reportArgumentType]
+    work.run(InProcessPool(), lambda _: None)  # pyright: ignore[reportArgumentType]
     assert sorted(path.name for path in (tmp_path / "a" / "b").iterdir()) == [
         "parts",
-        manifest.NAME,
+        manifest.MANIFEST_NAME,
     ]
 
 
@@ -205,29 +205,29 @@ def test_a_folder_without_write_access_is_rejected_before_the_first_run(tmp_path
     (tmp_path / "file").write_text("mine")
     for folder in (tmp_path / "file", tmp_path / "file" / "below"):
         with pytest.raises(UnusableFile, match="cannot be written to"):
-            Work(make_plan(count=4), folder)
+            StudyExecution(make_plan(count=4), folder)
 
 
 def test_gathered_rows_always_belong_to_the_study_of_the_manifest(tmp_path: Path) -> None:
     """Otherwise a stopped study would be replayed with the rows of the previous one."""
     run_plan(make_plan(count=4), tmp_path).gather()
-    stopped = Work(make_plan(count=4, duration=3.0), tmp_path)
-    stopped.left = dict(list(stopped.left.items())[:1])
-    stopped.go(InProcessPool(), lambda _: None)  # pyright: ignore[reportArgumentType]
+    stopped = StudyExecution(make_plan(count=4, duration=3.0), tmp_path)
+    stopped.missing = dict(list(stopped.missing.items())[:1])
+    stopped.run(InProcessPool(), lambda _: None)  # pyright: ignore[reportArgumentType]
     with pytest.raises(RcmServoError, match="does not exist: the study is not complete"):
-        runs_in(tmp_path)
+        read_runs(tmp_path)
 
 
 def test_files_made_from_old_rows_are_removed_with_them(tmp_path: Path) -> None:
     """They are a report, numbers, and the settings found by a search."""
-    work, derived = run_plan(make_plan(count=4), tmp_path), {REPORT, SUMMARY, TUNED}
+    work, derived = run_plan(make_plan(count=4), tmp_path), {REPORT_FILE, SUMMARY_FILE, TUNED_FILE}
     work.gather()
     for name in derived:
         (tmp_path / name).write_text("of these rows")
-    Work(make_plan(count=4), tmp_path).gather()
+    StudyExecution(make_plan(count=4), tmp_path).gather()
     assert derived <= {path.name for path in tmp_path.iterdir()}
     run_plan(make_plan(count=4, duration=3.0), tmp_path).gather()
-    assert {path.name for path in tmp_path.iterdir()} == {"parts", manifest.NAME, RUNS}
+    assert {path.name for path in tmp_path.iterdir()} == {"parts", manifest.MANIFEST_NAME, RUNS_FILE}
 
 
 @pytest.mark.parametrize(
@@ -248,21 +248,21 @@ def test_files_made_from_old_rows_are_removed_with_them(tmp_path: Path) -> None:
 def test_a_damaged_manifest_raises_an_error_that_names_the_field(
     tmp_path: Path, damage: dict[str, object], message: str
 ) -> None:
-    manifest.write(tmp_path, manifest.note_of(make_plan(count=4)))
-    content = json.loads((tmp_path / manifest.NAME).read_text())
+    manifest.write_manifest(tmp_path, manifest.make_manifest(make_plan(count=4)))
+    content = json.loads((tmp_path / manifest.MANIFEST_NAME).read_text())
     (content if set(damage) <= set(content) else content["cells"][0]).update(damage)
-    (tmp_path / manifest.NAME).write_text(json.dumps(content))
+    (tmp_path / manifest.MANIFEST_NAME).write_text(json.dumps(content))
     with pytest.raises(UnusableFile) as error:
-        manifest.read(tmp_path)
+        manifest.read_manifest(tmp_path)
     assert message in str(error.value) and "\n" not in str(error.value)
 
 
 def test_the_manifest_describes_the_run_of_every_row(tmp_path: Path) -> None:
     table = run_plan(make_plan(count=30, repetitions=2, noise=(0.3, 1.0)), tmp_path).gather()
-    recorded = manifest.read(tmp_path)
+    recorded = manifest.read_manifest(tmp_path)
     assert recorded is not None and recorded.runs == table.num_rows == 2 * 2 * 2 * 30
     for case in (0, 29, 30, 95, 239):
-        cell, seed = recorded.run_of(case)
+        cell, seed = recorded.find_run(case)
         row = table.slice(case, 1).to_pylist()[0]
         described = (cell.method, seed, cell.repetition, cell.tables["camera"]["point_noise"])
         assert described == (row["method"], row["seed"], row["repetition"], row["noise_px"])

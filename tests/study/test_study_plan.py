@@ -8,19 +8,19 @@ import pytest
 from rcmservo.config import texts
 from rcmservo.errors import RcmServoError
 from rcmservo.estimation.dlt import DltEstimator
-from rcmservo.estimation.projection_rule import PRINTED
+from rcmservo.estimation.projection_rule import PAPER_PROJECTION_ESTIMATOR
 from rcmservo.sim.scene import NoScene
-from rcmservo.study.execution.chunk import one_run
+from rcmservo.study.execution.chunk import run_seed
 from rcmservo.study.plan.cell import parse_cell
 from rcmservo.study.plan.conditions import COMPILED, MUJOCO, PICTURES
 from rcmservo.study.plan.distribution import (
-    BUILT_IN,
+    BUILT_IN_DISTRIBUTIONS,
     Distribution,
-    described,
+    describe_built_in,
     load_built_in,
     parse_distribution,
 )
-from rcmservo.study.plan.file import StudyFile, load, plan_of
+from rcmservo.study.plan.file import StudyFile, read_study_file, make_plan
 from rcmservo.study.plan.plan import StudyPlan
 
 FILE = """
@@ -47,7 +47,7 @@ def write_file(folder: Path, text: str) -> Path:
 
 
 def make_plan(folder: Path, text: str) -> StudyPlan:
-    return plan_of(load(write_file(folder, text)), {})
+    return make_plan(read_study_file(write_file(folder, text)), {})
 
 
 def test_a_plan_is_methods_times_scenes_times_conditions(tmp_path: Path) -> None:
@@ -77,7 +77,7 @@ def test_a_cell_survives_its_text_form(tmp_path: Path) -> None:
     for cell in make_plan(tmp_path, FILE).cells:
         parsed = parse_cell(cell.text)
         assert parsed == cell and parsed.text == cell.text
-        assert parsed.rebuilt({}) == cell.rebuilt({})
+        assert parsed.rebuild_servo({}) == cell.rebuild_servo({})
 
 
 def test_varying_numbers_depend_on_the_seed_and_stay_in_their_range(tmp_path: Path) -> None:
@@ -107,22 +107,22 @@ def test_a_distribution_inherits_sections_and_ranges_with_like() -> None:
     assert fixed.vary == {} and fixed.draw(3)[1].drive.lag == 0.05
 
 
-@pytest.mark.parametrize("name", BUILT_IN)
+@pytest.mark.parametrize("name", BUILT_IN_DISTRIBUTIONS)
 def test_every_built_in_distribution_has_scenes_and_a_description(name: str) -> None:
-    description = dict(described())[name]
+    description = dict(describe_built_in())[name]
     assert len(description) > 40 and description.endswith(".") and "#" not in description
     plan = StudyPlan(
-        methods=plan_of(StudyFile(), {}).methods, scenes=(load_built_in(name),), duration=2.0
+        methods=make_plan(StudyFile(), {}).methods, scenes=(load_built_in(name),), duration=2.0
     )
     cell = plan.cells[0]
-    rows = [one_run(cell, cell.rebuilt({}), seed) for seed in range(3)]
+    rows = [run_seed(cell, cell.rebuild_servo({}), seed) for seed in range(3)]
     assert len({row.focal_px for row in rows}) == 3
     if name == "hard":
         assert min(row.condition for row in rows) > 40.0
     if name == "random":
         assert max(row.condition for row in rows) <= 40.0
     if name == "laparoscopic":
-        depths = [one_run(cell, cell.rebuilt({}), seed).rcm_depth for seed in range(30)]
+        depths = [run_seed(cell, cell.rebuild_servo({}), seed).rcm_depth for seed in range(30)]
         assert 0.2 < np.mean(np.array(depths) < 0.0) < 0.9
 
 
@@ -134,7 +134,7 @@ def test_the_compiled_engine_is_the_default_where_it_is_supported(tmp_path: Path
     assert choose_engines('disturb = [[], ["occlusion:at=1,for=0.2"]]') == [COMPILED, MUJOCO]
     assert choose_engines('engine = "pictures"') == [PICTURES]
     printed = make_plan(tmp_path, 'methods = ["projection-printed"]').methods[0]
-    assert printed.estimator == PRINTED
+    assert printed.estimator == PAPER_PROJECTION_ESTIMATOR
 
 
 @pytest.mark.parametrize(
@@ -196,7 +196,7 @@ def test_scenes_that_cannot_be_drawn_raise_an_error_with_name_and_seed(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr("rcmservo.sim.scenes.sampling.MAX_DRAWS", 10)
-    impossible = Distribution("impossible", texts.toml(b"[scene]\ntravel = [900.0, 901.0]"))
-    cell = StudyPlan(methods=plan_of(StudyFile(), {}).methods, scenes=(impossible,)).cells[0]
+    impossible = Distribution("impossible", texts.parse_toml(b"[scene]\ntravel = [900.0, 901.0]"))
+    cell = StudyPlan(methods=make_plan(StudyFile(), {}).methods, scenes=(impossible,)).cells[0]
     with pytest.raises(NoScene, match="scenes impossible, seed 3: no scene in"):
-        one_run(cell, cell.rebuilt({}), 3)
+        run_seed(cell, cell.rebuild_servo({}), 3)

@@ -6,18 +6,18 @@ import numpy as np
 import pytest
 from studies import make_plan
 
-from rcmservo.geometry.features import SCALE
+from rcmservo.geometry.features import FEATURE_SCALE
 from rcmservo.safety.causes import Cause
 from rcmservo.safety.state_machine import PHASES, Phase
 from rcmservo.sim.ground_truth import compute_feature_jacobian
 from rcmservo.sim.scene import Scene
 from rcmservo.sim.scenes.joint_paths import compute_imaged_rcm
 from rcmservo.study.batch import Study
-from rcmservo.study.execution.chunk import one_run
+from rcmservo.study.execution.chunk import run_seed
 from rcmservo.study.plan.cell import Cell
 from rcmservo.study.row import NEVER_BEGAN, StudyRow, make_row
 from rcmservo.study.run_outcome import StudyRun
-from rcmservo.study.simulation_engine import Laboratory
+from rcmservo.study.simulation_engine import SimulationEngine
 from rcmservo.tracking import MarkerAppearance
 
 S, A, H = Phase.SERVO, Phase.ACQUIRE, Phase.HOLD
@@ -29,21 +29,21 @@ def make_run(
 ) -> StudyRun:
     """Return a run of these ticks, at 10 ticks per second, in an arbitrary scene."""
     phase_codes = np.array([PHASES.index(phase) for phase in phases], np.int8)
-    cause_codes = [cause.place for cause in causes or [NO_CAUSE] * len(errors)]
+    cause_codes = [cause.code for cause in causes or [NO_CAUSE] * len(errors)]
     scene = sample_scene(make_plan().cells[0], 0)
     error = np.array(errors)
     return StudyRun(0, 10.0, error, phase_codes, np.array(cause_codes, np.int8), 0.1, scene)
 
 
 def sample_scene(cell: Cell, seed: int) -> Scene:
-    engine = cell.engine_for(seed, cell.rebuilt({}))
+    engine = cell.make_engine(seed, cell.rebuild_servo({}))
     assert isinstance(engine, Study)
     return engine.run(seed).scene
 
 
 def run_row(seed: int, **settings: object) -> tuple[StudyRow, Scene]:
     cell = make_plan(count=1, methods=("dlt",), **settings).cells[0]
-    return one_run(cell, cell.rebuilt({}), seed), sample_scene(cell, seed)
+    return run_seed(cell, cell.rebuild_servo({}), seed), sample_scene(cell, seed)
 
 
 @pytest.mark.parametrize(
@@ -113,8 +113,8 @@ def test_a_run_that_never_began_is_marked() -> None:
 def test_a_target_that_cannot_be_taught_ends_its_run_but_not_the_study() -> None:
     """The tracker searches for markers of other colours."""
     cell = make_plan(duration=1.1, shown=1, engine="pictures", methods=("dlt",)).cells[0]
-    engine = cell.engine_for(0, cell.rebuilt({}))
-    assert isinstance(engine, Laboratory)
+    engine = cell.make_engine(0, cell.rebuild_servo({}))
+    assert isinstance(engine, SimulationEngine)
     run = replace(engine, appearance=MarkerAppearance("magenta", "cyan")).run(0)
     assert not run.began and not run.stops
     assert run.error == pytest.approx(np.full(110, run.pose_error))
@@ -125,7 +125,7 @@ def test_markers_are_visible_in_rendered_laparoscopic_scenes() -> None:
     """A shaft thicker than the markers would hide them."""
     settings = {"duration": 1.1, "shown": 1, "engine": "pictures", "scenes": ("laparoscopic",)}
     cell = make_plan(methods=("dlt",), **settings).cells[0]
-    assert cell.engine_for(0, cell.rebuilt({})).run(0).began
+    assert cell.make_engine(0, cell.rebuild_servo({})).run(0).began
 
 
 @pytest.mark.parametrize("scenes", ["random", "hard", "laparoscopic"])
@@ -134,7 +134,7 @@ def test_the_condition_is_the_largest_of_the_true_scaled_jacobian_on_the_path(sc
     assert np.allclose([scene.path[0], scene.path[-1]], [scene.start, scene.target], atol=1e-9)
     o_c = compute_imaged_rcm(scene.optics)
     J = [compute_feature_jacobian(scene.body, scene.optics, q, o_c) for q in scene.path]
-    scaled = [matrix / np.array(SCALE)[:, None] for matrix in J]
+    scaled = [matrix / np.array(FEATURE_SCALE)[:, None] for matrix in J]
     largest = max(np.linalg.cond(A) if np.isfinite(A).all() else np.inf for A in scaled)
     assert row.condition == pytest.approx(largest, rel=1e-6)
 
@@ -163,7 +163,7 @@ def test_the_latency_includes_half_of_the_exposure() -> None:
     assert default.latency_s == pytest.approx(0.5 * timing.exposure + timing.delay)
     assert requested.latency_s == pytest.approx(0.05)
     cell = make_plan(latency=(0.05,)).cells[0]
-    study = cell.engine_for(0, cell.rebuilt({}))
+    study = cell.make_engine(0, cell.rebuild_servo({}))
     assert isinstance(study, Study)
     plant = study._make_plant(sample_scene(cell, 0))  # pyright: ignore[reportPrivateUsage]
     assert plant.frame_timing.latency == 50_000_000

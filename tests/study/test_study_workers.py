@@ -26,9 +26,9 @@ from rcmservo.cli.cli import main
 from rcmservo.errors import BadInput, RcmServoError
 from rcmservo.study.execution import workers as worker_pool
 from rcmservo.study.execution.chunk import PackageMismatch
-from rcmservo.study.execution.run_study import Work
-from rcmservo.study.execution.store import RUNS
-from rcmservo.study.execution.workers import Crew, WorkLost, crew
+from rcmservo.study.execution.run_study import StudyExecution
+from rcmservo.study.execution.store import RUNS_FILE
+from rcmservo.study.execution.workers import WorkerPool, WorkLost, open_worker_pool
 
 USER_MODULE = """
 from dataclasses import dataclass
@@ -60,23 +60,23 @@ def lab() -> Generator[Cluster]:
 
 
 def run_on(
-    pool: Crew, folder: Path, progress: Callable[[int], None] = lambda _: None, **settings: object
+    pool: WorkerPool, folder: Path, progress: Callable[[int], None] = lambda _: None, **settings: object
 ) -> bytes:
     """Return the bytes of runs.parquet of a study on a pool of workers."""
-    work = Work(make_plan(**settings), folder)
-    work.go(pool, progress)
+    work = StudyExecution(make_plan(**settings), folder)
+    work.run(pool, progress)
     work.gather()
-    return (folder / RUNS).read_bytes()
+    return (folder / RUNS_FILE).read_bytes()
 
 
 def run_here(folder: Path, **settings: object) -> bytes:
     """Return the bytes of runs.parquet of the same study in this process."""
     run_plan(make_plan(**settings), folder).gather()
-    return (folder / RUNS).read_bytes()
+    return (folder / RUNS_FILE).read_bytes()
 
 
 def test_a_cluster_returns_the_rows_of_this_process(lab: Cluster, tmp_path: Path) -> None:
-    with crew(lab.address, None) as pool:
+    with open_worker_pool(lab.address, None) as pool:
         assert pool.count == 2
         rows = run_on(pool, tmp_path / "cluster")
     assert rows == run_here(tmp_path / "here")
@@ -91,8 +91,8 @@ def test_a_worker_without_the_package_raises_an_error(
         raise ModuleNotFoundError("No module named 'rcmservo'")
 
     monkeypatch.setattr(worker_pool, "done", sent_by_value(fail))
-    with crew(lab.address, None) as pool:
-        results = pool.done([("key", None)])  # pyright: ignore[reportArgumentType]
+    with open_worker_pool(lab.address, None) as pool:
+        results = pool.run([("key", None)])  # pyright: ignore[reportArgumentType]
         with pytest.raises(WorkLost, match="a worker has no rcmservo: No module named 'rcmservo'"):
             list(results)
 
@@ -107,7 +107,7 @@ def sent_by_value(function: Callable[[object], Any]) -> Callable[[object], Any]:
 @pytest.mark.parametrize("workers", [1, 4])
 def test_the_rows_do_not_depend_on_the_number_of_workers(workers: int, tmp_path: Path) -> None:
     settings = {"count": 40, "methods": ("dlt", "projection", "flow"), "duration": 1.5}
-    with crew(None, workers) as pool:
+    with open_worker_pool(None, workers) as pool:
         assert pool.count == workers
         rows = run_on(pool, tmp_path / "many", **settings)
     assert rows == run_here(tmp_path / "here", **settings)
@@ -118,7 +118,7 @@ def test_no_rows_are_lost_with_workers_that_die(tmp_path: Path) -> None:
     """A worker dies after every four requests, so that the study ends on a slow machine too."""
     settings = {"count": 1700, "duration": 15.0, "methods": ("dlt",)}
     killed: list[int] = []
-    with cluster(3) as lab, crew(lab.address, None) as pool:
+    with cluster(3) as lab, open_worker_pool(lab.address, None) as pool:
         lab.wait_for(3)
         done = [0]
 
@@ -150,8 +150,8 @@ def test_a_request_that_dask_abandons_is_sent_again(
         return [count]
 
     monkeypatch.setattr(worker_pool, "done", sent_by_value(kill_five))
-    with cluster(1) as lab, crew(lab.address, None) as pool:
-        results = list(pool.done([("key", None)]))  # pyright: ignore[reportArgumentType]
+    with cluster(1) as lab, open_worker_pool(lab.address, None) as pool:
+        results = list(pool.run([("key", None)]))  # pyright: ignore[reportArgumentType]
     assert results == [("key", [5])]
 
 
@@ -181,7 +181,7 @@ def test_a_local_worker_that_is_lost_at_its_start_is_replaced(
         worker_pool.DASK, "LocalCluster", lambda **_: contextlib.nullcontext(LocalCluster())
     )
     monkeypatch.setattr(worker_pool.DASK, "Client", Client)
-    with crew(None, 2) as pool:
+    with open_worker_pool(None, 2) as pool:
         assert pool.count == 2 and replaced == [2]
 
 
@@ -199,7 +199,7 @@ def test_missing_local_workers_raise_an_error(monkeypatch: pytest.MonkeyPatch) -
     empty = contextlib.nullcontext(ClusterWithoutWorkers())
     monkeypatch.setattr(worker_pool.DASK, "LocalCluster", lambda **_: empty)
     monkeypatch.setattr(worker_pool.DASK, "Client", lambda _: empty)
-    with pytest.raises(WorkLost, match="no worker of this machine has joined"), crew(None, 2):
+    with pytest.raises(WorkLost, match="no worker of this machine has joined"), open_worker_pool(None, 2):
         pass
 
 
@@ -233,7 +233,7 @@ def test_local_workers_accept_connections_with_their_certificate_on_loopback_onl
         return {c.laddr for p in family for c in p.net_connections() if c.status == "LISTEN"}
 
     before = find_listening()
-    with crew(None, 1) as pool:
+    with open_worker_pool(None, 1) as pool:
         addresses = find_listening() - before
         address = pool._client.scheduler_info()["address"]  # pyright: ignore[reportPrivateUsage]
         assert len(addresses) >= 2 and {listening.ip for listening in addresses} == {"127.0.0.1"}
@@ -253,7 +253,7 @@ def test_local_workers_accept_connections_with_their_certificate_on_loopback_onl
 def test_a_request_that_kills_every_worker_raises_an_error(
     lab: Cluster, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    with crew(lab.address, None) as pool:
+    with open_worker_pool(lab.address, None) as pool:
         monkeypatch.setattr(worker_pool, "MAX_LOST_WORKERS", 3)
         task = worker_pool.PendingTask("key", None, 3)  # pyright: ignore[reportArgumentType]
         with pytest.raises(WorkLost, match="3 workers died on the same request: died"):
@@ -293,9 +293,9 @@ def test_a_user_module_is_sent_to_workers_with_its_source(
 
 
 def read_rows(folder: Path) -> list[dict[str, object]]:
-    from rcmservo.study.execution.store import runs_in
+    from rcmservo.study.execution.store import read_runs
 
-    return runs_in(folder).to_pylist()
+    return read_runs(folder).to_pylist()
 
 
 @pytest.mark.slow
@@ -308,7 +308,7 @@ def test_workers_with_another_rcmservo_are_rejected(tmp_path: Path) -> None:
         lab.start(1, env={**os.environ, "PYTHONPATH": str(other)})
         lab.wait_for(2)
         words = "1 of 2 workers have another rcmservo than this machine"
-        with pytest.raises(PackageMismatch, match=words), crew(lab.address, None):
+        with pytest.raises(PackageMismatch, match=words), open_worker_pool(lab.address, None):
             pass
 
 
@@ -318,7 +318,7 @@ def test_workers_without_rcmservo_are_rejected(
     def fail() -> str:
         raise ModuleNotFoundError("No module named 'rcmservo'")
 
-    installed = worker_pool.package
+    installed = worker_pool.identify_package
     monkeypatch.setattr(worker_pool, "package", fail)
     with worker_pool._connect(lab.address) as client:  # pyright: ignore[reportPrivateUsage]
         packages = client.run(fail, on_error="return")
@@ -354,7 +354,7 @@ def test_an_unusable_cluster_raises_one_error(
     address: str, message: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(worker_pool, "WORKER_TIMEOUT_S", 0.5)
-    with pytest.raises(BadInput, match="--cluster") as raised, crew(address, None):
+    with pytest.raises(BadInput, match="--cluster") as raised, open_worker_pool(address, None):
         pass
     assert message in str(raised.value) and "\n" not in str(raised.value)
 
@@ -363,7 +363,7 @@ def test_an_unusable_cluster_raises_one_error(
 def test_a_scheduler_without_workers_raises_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
     with cluster(0) as lab:
         monkeypatch.setattr(worker_pool, "WORKER_TIMEOUT_S", 1.0)
-        with pytest.raises(RcmServoError, match="no worker has joined"), crew(lab.address, None):
+        with pytest.raises(RcmServoError, match="no worker has joined"), open_worker_pool(lab.address, None):
             pass
 
 
@@ -373,8 +373,8 @@ def test_a_scheduler_that_disconnects_raises_an_error_and_finished_chunks_remain
 ) -> None:
     finished: list[int] = []
     monkeypatch.setattr(worker_pool, "WORKER_TIMEOUT_S", 5.0)
-    with cluster(1) as lab, crew(lab.address, None) as pool:
-        work = Work(make_plan(count=5000, duration=15.0), tmp_path)
+    with cluster(1) as lab, open_worker_pool(lab.address, None) as pool:
+        work = StudyExecution(make_plan(count=5000, duration=15.0), tmp_path)
 
         def progress(runs: int) -> None:
             finished.append(runs)
@@ -382,9 +382,9 @@ def test_a_scheduler_that_disconnects_raises_an_error_and_finished_chunks_remain
                 lab.stop()
 
         with pytest.raises(WorkLost, match=r"scheduler at .* has disconnected"):
-            work.go(pool, progress)
-    left = Work(make_plan(count=5000, duration=15.0), tmp_path)
-    assert left.runs_left <= left.plan.runs - sum(finished)
+            work.run(pool, progress)
+    left = StudyExecution(make_plan(count=5000, duration=15.0), tmp_path)
+    assert left.missing_runs <= left.plan.runs - sum(finished)
 
 
 @pytest.mark.slow
@@ -409,9 +409,9 @@ def test_a_cluster_over_tls_uses_the_certificates_of_dasks_configuration(tmp_pat
     }
     with cluster(1, tls) as lab:
         assert lab.address.startswith("tls://")
-        with pytest.raises(BadInput, match="--cluster"), crew(lab.address, None):
+        with pytest.raises(BadInput, match="--cluster"), open_worker_pool(lab.address, None):
             pass
-        with config.set(keys), crew(lab.address, None) as pool:
+        with config.set(keys), open_worker_pool(lab.address, None) as pool:
             rows = run_on(pool, tmp_path / "cluster", count=20)
     assert rows == run_here(tmp_path / "here", count=20)
 

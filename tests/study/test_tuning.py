@@ -12,31 +12,31 @@ import numpy as np
 import pytest
 from studies import InProcessPool, run_plan
 
-from rcmservo.cli.cli import asked_of
+from rcmservo.cli.cli import parse_options
 from rcmservo.cli.studies.tune import run_command, settings_text
-from rcmservo.config.rig_file import Lab
+from rcmservo.config.rig_file import RigDescription
 from rcmservo.control.exploration import Exploration
 from rcmservo.control.saturated_controller import SaturatedController
 from rcmservo.errors import BadInput, RcmServoError
 from rcmservo.estimation.flow_rule import FlowEstimator
-from rcmservo.estimation.projection_rule import PRINTED, ProjectionEstimator
-from rcmservo.servo.user_estimator import called
-from rcmservo.study.execution.chunk import ChunkOrder, RowValues, one_run
+from rcmservo.estimation.projection_rule import PAPER_PROJECTION_ESTIMATOR, ProjectionEstimator
+from rcmservo.servo.user_estimator import class_path_of
+from rcmservo.study.execution.chunk import ChunkRequest, RowValues, run_seed
 from rcmservo.study.plan.cell import parse_cell
-from rcmservo.study.plan.file import StudyFile, load, plan_of
+from rcmservo.study.plan.file import StudyFile, read_study_file, make_plan
 from rcmservo.study.plan.method import make_servo as servo_of
-from rcmservo.study.plan.method import method_of
-from rcmservo.study.report.summary import comparisons, group_runs
+from rcmservo.study.plan.method import make_method
+from rcmservo.study.report.summary import compare_with_first, group_runs
 from rcmservo.study.tuning.search import (
-    TUNED,
-    TUNED_AGAIN,
-    Tried,
+    TUNED_METHOD,
+    RETUNED_METHOD,
+    SearchTrial,
     Tuning,
-    best,
+    find_best_trial,
     compute_cost,
-    searched,
+    run_search,
 )
-from rcmservo.study.tuning.space import SearchAxis, axis_from, value_of, with_values
+from rcmservo.study.tuning.space import SearchAxis, parse_axis, get_setting, replace_settings
 
 BAD_START: dict[str, Any] = {
     "estimator": "dlt",
@@ -48,7 +48,7 @@ AXES = {
     "controller.gain": {"from": 0.3, "to": 20.0, "log": True},
     "exploration.share": [0.02, 0.5],
 }
-DEFAULT_METHOD = method_of("default", estimator=ProjectionEstimator())
+DEFAULT_METHOD = make_method("default", estimator=ProjectionEstimator())
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,7 @@ class CountingPool(InProcessPool):
         self.runs, self.seeds = 0, set[int]()
 
     def done(
-        self, requests: Iterable[tuple[str, ChunkOrder]]
+        self, requests: Iterable[tuple[str, ChunkRequest]]
     ) -> Generator[tuple[str, list[RowValues]]]:
         for key, request in requests:
             self.runs += request.end - request.begin
@@ -85,13 +85,13 @@ class LocalClassPool(InProcessPool):
     """Pool in this process that knows the estimator class of this module."""
 
     def done(
-        self, requests: Iterable[tuple[str, ChunkOrder]]
+        self, requests: Iterable[tuple[str, ChunkRequest]]
     ) -> Generator[tuple[str, list[RowValues]]]:
         for key, request in requests:
             cell = parse_cell(request.cell)
-            servo = cell.rebuilt({called(Picky()): Picky})
+            servo = cell.rebuild_servo({class_path_of(Picky()): Picky})
             seeds = range(request.begin, request.end)
-            yield key, [astuple(one_run(cell, servo, seed)) for seed in seeds]
+            yield key, [astuple(run_seed(cell, servo, seed)) for seed in seeds]
 
 
 def make_tuning(
@@ -103,15 +103,15 @@ def make_tuning(
         duration=settings.pop("duration", 2.0),
         method={"start": method or BAD_START},
     )
-    plan = plan_of(file, {})
+    plan = make_plan(file, {})
     entries = (axes or AXES).items()
-    parsed = tuple(axis_from(name, entry, plan.methods[0]) for name, entry in entries)
+    parsed = tuple(parse_axis(name, entry, plan.methods[0]) for name, entry in entries)
     return Tuning(plan=plan, axes=parsed, **{"trials": 8, "validation": 40, **settings})
 
 
-def run_search(tuning: Tuning, folder: Path, pool: InProcessPool | None = None) -> list[Tried]:
-    reported: list[Tried] = []
-    trials = searched(tuning, folder, pool or InProcessPool(), reported.append)  # pyright: ignore
+def run_search(tuning: Tuning, folder: Path, pool: InProcessPool | None = None) -> list[SearchTrial]:
+    reported: list[SearchTrial] = []
+    trials = run_search(tuning, folder, pool or InProcessPool(), reported.append)  # pyright: ignore
     assert reported == trials
     return trials
 
@@ -137,7 +137,7 @@ def run_search(tuning: Tuning, folder: Path, pool: InProcessPool | None = None) 
 def test_a_range_or_a_set_of_choices_becomes_an_axis(
     name: str, entry: object, axis: SearchAxis
 ) -> None:
-    parsed = axis_from(name, entry, DEFAULT_METHOD)
+    parsed = parse_axis(name, entry, DEFAULT_METHOD)
     assert parsed == axis and type(parsed.low) is type(axis.low)
 
 
@@ -171,7 +171,7 @@ def test_an_invalid_axis_raises_one_error_that_names_it(
     name: str, entry: object, message: str
 ) -> None:
     with pytest.raises(BadInput) as error:
-        axis_from(name, entry, DEFAULT_METHOD)
+        parse_axis(name, entry, DEFAULT_METHOD)
     assert message in str(error.value) and "\n" not in str(error.value)
 
 
@@ -194,14 +194,14 @@ def test_an_invalid_search_raises_an_error_that_names_the_field(
 
 def test_values_replace_only_the_settings_that_they_name() -> None:
     values = {"controller.gain": 3.0, "controller.features": "points", "estimator.rate": 2.0}
-    method = with_values(DEFAULT_METHOD, "new", values)
-    assert {name: value_of(method, name) for name in values} == values
+    method = replace_settings(DEFAULT_METHOD, "new", values)
+    assert {name: get_setting(method, name) for name in values} == values
     assert (
         method.parts["exploration"] == DEFAULT_METHOD.parts["exploration"] and method.name == "new"
     )
     before = replace(method.parts["controller"], gain=8.0, features="srd")
     assert before == DEFAULT_METHOD.parts["controller"]
-    assert value_of(DEFAULT_METHOD, "controller.gain") == 8.0
+    assert get_setting(DEFAULT_METHOD, "controller.gain") == 8.0
 
 
 def test_failed_runs_have_a_fixed_cost() -> None:
@@ -249,7 +249,7 @@ def test_the_first_trial_has_the_initial_settings_even_outside_the_ranges(tmp_pa
 def test_the_validation_uses_scenes_outside_the_search(tmp_path: Path) -> None:
     tuning, pool = make_tuning(trials=2, count=7), CountingPool()
     run_search(tuning, tmp_path, pool)
-    plan = tuning.unseen
+    plan = tuning.validation_plan
     validation = set(range(plan.first_seed, plan.first_seed + plan.count))
     assert pool.seeds == set(range(7)) and len(validation) == 40 and not pool.seeds & validation
 
@@ -260,13 +260,13 @@ def test_invalid_settings_have_infinite_cost_and_do_not_end_the_search(tmp_path:
     trials = run_search(tuning, tmp_path)
     rejected = [trial for trial in trials if trial.values["controller.gain"] <= 0.0]
     assert len(trials) == 8 and rejected and all(trial.cost == np.inf for trial in rejected)
-    assert best(trials).cost < np.inf
+    assert find_best_trial(trials).cost < np.inf
 
 
 def test_a_user_estimator_may_reject_settings_with_any_exception(tmp_path: Path) -> None:
     tuning = make_tuning(count=1, trials=6)
-    plan = replace(tuning.plan, methods=(method_of("own", estimator=Picky()),), duration=1.1)
-    axes = (axis_from("estimator.forgetting", [0.9, 1.0], plan.methods[0]),)
+    plan = replace(tuning.plan, methods=(make_method("own", estimator=Picky()),), duration=1.1)
+    axes = (parse_axis("estimator.forgetting", [0.9, 1.0], plan.methods[0]),)
     trials = run_search(replace(tuning, plan=plan, axes=axes), tmp_path, LocalClassPool())
     rejected = [trial.cost == np.inf for trial in trials]
     assert rejected == [trial.values["estimator.forgetting"] > 0.95 for trial in trials]
@@ -274,46 +274,46 @@ def test_a_user_estimator_may_reject_settings_with_any_exception(tmp_path: Path)
 
 
 def test_the_first_of_equal_trials_is_the_best() -> None:
-    trials = [Tried(0, {}, 3.0, 1.0), Tried(1, {}, 2.0, 1.0), Tried(2, {}, 2.0, 1.0)]
-    assert best(trials).number == 1
+    trials = [SearchTrial(0, {}, 3.0, 1.0), SearchTrial(1, {}, 2.0, 1.0), SearchTrial(2, {}, 2.0, 1.0)]
+    assert find_best_trial(trials).number == 1
 
 
 def test_a_search_improves_poor_settings_on_scenes_outside_the_search(tmp_path: Path) -> None:
     tuning = make_tuning(trials=12, count=20, duration=6.0, validation=60)
-    trial = best(run_search(tuning, tmp_path / "search"))
+    trial = find_best_trial(run_search(tuning, tmp_path / "search"))
     start = tuning.plan.methods[0]
-    method = with_values(start, TUNED, trial.values)
-    plan = replace(tuning.unseen, methods=(start, method))
-    (comparison,) = comparisons(group_runs(plan, run_plan(plan, tmp_path / "unseen").gather()))
+    method = replace_settings(start, TUNED_METHOD, trial.values)
+    plan = replace(tuning.validation_plan, methods=(start, method))
+    (comparison,) = compare_with_first(group_runs(plan, run_plan(plan, tmp_path / "unseen").gather()))
     assert comparison.success.low > 0.3 and comparison.time_s.high < -1.0
 
 
 METHODS = {
-    "gain": method_of(
+    "gain": make_method(
         "tuned",
         estimator=ProjectionEstimator(),
         controller=SaturatedController(gain=17.16936316628802),
     ),
-    "strings, lists and integers": method_of(
+    "strings, lists and integers": make_method(
         "tuned",
         estimator=ProjectionEstimator(observations=33, both_markers=False, gamma="printed"),
         controller=SaturatedController(features="points", bounds=(0.7, 1e-3, 123456.789)),
-        exploration=Exploration(leg=1 / 3, legs=4),
+        exploration=Exploration(leg_time=1 / 3, min_corners=4),
     ),
-    "a preset": method_of("tuned", estimator=PRINTED),
+    "a preset": make_method("tuned", estimator=PAPER_PROJECTION_ESTIMATOR),
 }
 
 
 def parse_options(command: str) -> Any:
     words = shlex.split(command)
     assert words[0] == "rcmservo"
-    return asked_of(words[1], words[2:])
+    return parse_options(words[1], words[2:])
 
 
 @pytest.mark.parametrize("case", METHODS)
 def test_the_printed_command_runs_exactly_these_settings(case: str) -> None:
     options = parse_options(run_command(METHODS[case]))
-    assert options.servo == servo_of(METHODS[case], Lab())
+    assert options.servo == servo_of(METHODS[case], RigDescription())
 
 
 def test_the_printed_command_has_the_option_names_of_a_user_estimator(
@@ -321,7 +321,7 @@ def test_the_printed_command_has_the_option_names_of_a_user_estimator(
 ) -> None:
     monkeypatch.setitem(sys.modules, "user_lab", sys.modules[__name__])
     monkeypatch.setattr(Picky, "__module__", "user_lab")
-    method = method_of("tuned", estimator=Picky(forgetting=0.91))
+    method = make_method("tuned", estimator=Picky(forgetting=0.91))
     options = parse_options(run_command(method))
     assert options.estimator == "user_lab:Picky"
     assert options.servo.estimator == method.estimator
@@ -332,20 +332,20 @@ def test_the_written_settings_are_a_study_file_with_the_same_method(
     case: str, tmp_path: Path
 ) -> None:
     (tmp_path / "tuned.toml").write_text(settings_text(METHODS[case], {}, make_tuning()))
-    assert plan_of(load(tmp_path / "tuned.toml"), {}).methods == (METHODS[case],)
+    assert make_plan(read_study_file(tmp_path / "tuned.toml"), {}).methods == (METHODS[case],)
 
 
 def test_the_written_settings_of_a_user_estimator_name_its_class(tmp_path: Path) -> None:
-    method, own = method_of("tuned", estimator=Picky(forgetting=0.91)), {"user_lab:Picky": Picky}
+    method, own = make_method("tuned", estimator=Picky(forgetting=0.91)), {"user_lab:Picky": Picky}
     (tmp_path / "tuned.toml").write_text(settings_text(method, own, make_tuning()))
-    assert plan_of(load(tmp_path / "tuned.toml"), own).methods == (method,)
+    assert make_plan(read_study_file(tmp_path / "tuned.toml"), own).methods == (method,)
     with pytest.raises(RcmServoError, match="user_lab:Picky"):
-        plan_of(load(tmp_path / "tuned.toml"), {})
+        make_plan(read_study_file(tmp_path / "tuned.toml"), {})
 
 
 def test_a_search_from_the_result_of_a_search_has_another_name() -> None:
     """Two methods with one name cannot be compared, which would raise an error after the search."""
     first = make_tuning()
-    start = replace(first.plan.methods[0], name=TUNED)
+    start = replace(first.plan.methods[0], name=TUNED_METHOD)
     second = replace(first, plan=replace(first.plan, methods=(start,)))
-    assert (first.name, second.name) == (TUNED, TUNED_AGAIN)
+    assert (first.method_name, second.method_name) == (TUNED_METHOD, RETUNED_METHOD)

@@ -8,12 +8,12 @@ from pathlib import Path
 import pytest
 from studies import InProcessPool
 
-from rcmservo.config.user_code import named
+from rcmservo.config.user_code import import_estimator
 from rcmservo.errors import BadInput, RcmServoError
-from rcmservo.study.execution.run_study import Work
-from rcmservo.study.plan.file import StudyFile, plan_of
+from rcmservo.study.execution.run_study import StudyExecution
+from rcmservo.study.plan.file import StudyFile, make_plan
 from rcmservo.study.plan.plan import StudyPlan
-from rcmservo.study.plan.user_module_archive import ModuleArchive, load_classes, parcel_of
+from rcmservo.study.plan.user_module_archive import ModuleArchive, load_classes, archive_module
 
 MODULE = "archived_module"
 HELPER = "FACTOR = {factor}\n"
@@ -61,17 +61,17 @@ def forget_imports() -> None:
 def archive(name: str) -> ModuleArchive:
     """Return the archive that a new process makes."""
     forget_imports()
-    return parcel_of(named(f"{MODULE}:{name}"))
+    return archive_module(import_estimator(f"{MODULE}:{name}"))
 
 
 def make_plan(*names: str) -> StudyPlan:
-    own = {f"{MODULE}:{name}": named(f"{MODULE}:{name}") for name in names}
-    return plan_of(StudyFile(methods=tuple(own), count=1, duration=1.5), own)
+    own = {f"{MODULE}:{name}": import_estimator(f"{MODULE}:{name}") for name in names}
+    return make_plan(StudyFile(methods=tuple(own), count=1, duration=1.5), own)
 
 
 def test_two_classes_of_one_module_run_in_one_study(lab: Path) -> None:
-    work = Work(make_plan("One", "Other"), lab / "out")
-    work.go(InProcessPool(), lambda _: None)  # pyright: ignore[reportArgumentType]
+    work = StudyExecution(make_plan("One", "Other"), lab / "out")
+    work.run(InProcessPool(), lambda _: None)  # pyright: ignore[reportArgumentType]
     methods = work.gather()["method"].to_pylist()
     assert methods == [f"{MODULE}:One", f"{MODULE}:Other"]
 
@@ -105,4 +105,4 @@ def test_a_module_that_a_worker_cannot_import_raises_one_error(lab: Path) -> Non
 
 def test_a_class_with_a_setting_without_default_is_rejected_by_name(lab: Path) -> None:
     with pytest.raises(BadInput, match=r"--method must be a class whose settings all have a de"):
-        named(f"{MODULE}:Lacks", "--method")
+        import_estimator(f"{MODULE}:Lacks", "--method")

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from conftest import with_tests
+from conftest import make_environment
 from rcmservo.interfaces import Floats, Image
 from rcmservo.tracking.ball_fit import (
     Ball,
@@ -59,6 +59,6 @@ def test_compiled_and_plain_python_fits_agree(tmp_path: Path) -> None:
         "import numpy, test_compiled_kernels as t; "
         f"numpy.save({str(tmp_path / 'plain.npy')!r}, t.fit_all())"
     )
-    environment = with_tests(NUMBA_DISABLE_JIT="1")
+    environment = make_environment(NUMBA_DISABLE_JIT="1")
     subprocess.run([sys.executable, "-c", program], env=environment, check=True, timeout=120)
     np.testing.assert_allclose(fit_all(), np.load(tmp_path / "plain.npy"), rtol=1e-6, atol=1e-9)

@@ -52,7 +52,7 @@ def test_the_covariance_is_unknown_where_a_marker_is_lost_or_only_a_point() -> N
 def test_a_third_ball_of_a_markers_colour_is_reported_and_not_chosen(seed: int) -> None:
     frame = third_ball(seed)
     assert np.isnan(ColourMarkers().find(frame).points).any()
-    assert "two pairs of balls can be the markers" in ColourMarkers().why(frame)
+    assert "two pairs of balls can be the markers" in ColourMarkers().explain_failure(frame)
 
 
 def test_a_third_ball_changes_nothing_for_markers_that_are_followed() -> None:

@@ -8,11 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import least_squares
 
-from conftest import DATA
+from conftest import ARM_RECORDING
 from rcmservo.errors import BadInput
 from rcmservo.interfaces import Floats, Frame, Image
 from rcmservo.sim.camera_model import CameraModel, compute_look_at_rotation
-from rcmservo.sim.rendering import Look, Renderer, Tissue
+from rcmservo.sim.rendering import Appearance, Renderer, Tissue
 from rcmservo.tracking import ColourMarkers, MarkerAppearance, PointMarkers, read_image
 
 SIZE = 320, 240
@@ -136,7 +136,7 @@ def _rendered_error(seed: int, shaft_radius: float) -> Floats:
     along = np.array([np.cos(pitch) * np.cos(yaw), np.cos(pitch) * np.sin(yaw), np.sin(pitch)])
     m1, m2 = -15 * along, 15 * along
     tissue = Tissue(np.array([0.0, 0.0, -50.0]), np.array([0.0, 0.0, 1.0]))
-    renderer = Renderer(optics, Look(shaft_radius=shaft_radius, jaw_radius=0.0), tissue, seed)
+    renderer = Renderer(optics, Appearance(shaft_radius=shaft_radius, jaw_radius=0.0), tissue, seed)
     image = renderer.render(np.array([[m1, m2, m1 - 80 * along, m2 + 15 * along]]), 0)
     truth = [optics.silhouette_centre(m, 3.5) for m in (m1, m2)]
     markers = ColourMarkers(MarkerAppearance("green", "blue")).find(frame(image))
@@ -308,14 +308,14 @@ def test_point_markers_return_the_finite_points() -> None:
 
 
 def test_both_real_balls_are_found_in_every_frame_within_two_pixels_of_one_projection() -> None:
-    if not DATA.is_dir():
+    if not ARM_RECORDING.is_dir():
         pytest.skip("the recorded da Vinci frames are not here")
     tracker = ColourMarkers(MarkerAppearance("red", "red", radius_1=12.0, radius_2=10.0))
-    images = [read_image(path) for path in sorted((DATA / "frames").glob("*.jpg"))]
+    images = [read_image(path) for path in sorted((ARM_RECORDING / "frames").glob("*.jpg"))]
     pixels = np.array([tracker.find(frame(image, i)).points for i, image in enumerate(images)])
     assert pixels.shape == (30, 2, 2)
     assert np.isfinite(pixels).all()
-    tip = 1000 * np.genfromtxt(DATA / "poses.csv", delimiter=",", skip_header=1)[:, 4:7]
+    tip = 1000 * np.genfromtxt(ARM_RECORDING / "poses.csv", delimiter=",", skip_header=1)[:, 4:7]
     n = tip / np.linalg.norm(tip, axis=1, keepdims=True)
     balls = np.stack([tip - 67 * n, tip - 17 * n], axis=1)
     residuals = _projection_residuals(balls.reshape(-1, 3), pixels.reshape(-1, 2))

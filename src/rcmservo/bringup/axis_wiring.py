@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rcmservo.geometry.kinematics import Kinematics, position_jacobian
+from rcmservo.geometry.kinematics import Kinematics, compute_position_jacobian
 from rcmservo.geometry.tool import Tool
 from rcmservo.interfaces import Floats
 
@@ -88,7 +88,7 @@ class Robot:
         Each joint moves alone, from the joint positions `q` (3,).
         """
         reach = float(np.linalg.norm(self.tool.second_marker(self.first_marker(q)))) - q[2]
-        jacobian = position_jacobian(self.mechanism.rcm()._replace(zero=reach), q)
+        jacobian = compute_position_jacobian(self.mechanism.to_struct()._replace(zero=reach), q)
         return 1.0 / np.maximum(np.linalg.norm(jacobian, axis=0), MIN_LEVER_MM)
 
     def first_marker(self, q: Floats) -> Floats:

@@ -120,7 +120,7 @@ def check(
 
 def warm_up(robot: Robot, gate: Gate) -> None:
     """Compile all kernels before the arm is connected, because compilation would delay commands."""
-    command = gate.admit(np.zeros(3), gate.rest(), np.zeros(3), robot.mechanism.rcm(), 1).command
+    command = gate.admit(np.zeros(3), gate.rest(), np.zeros(3), robot.mechanism.to_struct(), 1).command
     gate.stop(command, 2)
     identify_drive_lag(
         MotionTrace(answers=[(k, np.zeros(3), np.zeros(3)) for k in range(3)]), np.ones(3)
@@ -157,7 +157,7 @@ class _Check:
         return self.report
 
     def _run(self) -> None:
-        if not self.mover.arm.homed():
+        if not self.mover.arm.is_homed():
             raise CheckAborted(
                 "the arm does not know its joint positions",
                 "arm",
@@ -168,7 +168,7 @@ class _Check:
         self._describe(rest)
         self._require_room(rest.q)
         self._require_picture(rest)
-        self.operator.tell(
+        self.operator.notify(
             "The check asks before each motion. Motions are slow and at most a few mm long; the "
             "drive is on only during a motion. Keep a hand on the emergency stop."
         )
@@ -218,7 +218,7 @@ class _Check:
 
     def _require_stop(self, escalation: MotionEscalation, joint: int) -> None:
         """Abort if a rate-controlled arm keeps moving after its commands cease."""
-        if not (isinstance(self.mover.arm, SuspendsCommunication) and self.mover.arm.by_speeds):
+        if not (isinstance(self.mover.arm, SuspendsCommunication) and self.mover.arm.is_rate_controlled):
             return
         motion = float(escalation.motions[joint])
         question = escalation.question(joint, motion, ", interrupt the commands midway")
@@ -272,7 +272,7 @@ class _Check:
         unclear = [one for fit in plain for one in escalation.unclear(fit)]
         report.unclear = sorted({describe_undetectable_error(one, robot) for one in unclear})
         for words in report.unclear:
-            operator.tell(f"{words}. Measure it by hand.")
+            operator.notify(f"{words}. Measure it by hand.")
         named = {other for fit in fits for other in equivalents(fit)}
         report.undecided = sorted({describe(one, robot) for one in named})
         motion = escalation.next_motion

@@ -27,7 +27,7 @@ def corrections(hypothesis: Hypothesis, robot: Robot) -> list[Finding]:
         found.append(Finding(what, "mechanism.insertion_zero", f"{zero:g} mm", value, line))
     if hypothesis.number == SPACING:
         tool = robot.tool
-        corrected = scale_spacing(tool.shaft, hypothesis.size).value
+        corrected = scale_spacing(tool.struct, hypothesis.size).value
         key, unit = ("spacing", " mm") if tool.kind == RIGID else ("scale", "")
         value = f"{corrected:.4g}{unit} ± {100 * hypothesis.deviation:.1g} %"
         what, line = "the distance between the markers differs", f"{key} = {corrected:.4g}"

@@ -18,8 +18,8 @@ from typing import Any, cast
 
 import numpy as np
 
-from rcmservo.geometry.kinematics import Kinematics, Rcm, position
-from rcmservo.geometry.tool import RIGID, Shaft, Tool, second_marker
+from rcmservo.geometry.kinematics import Kinematics, RcmStruct, compute_position
+from rcmservo.geometry.tool import RIGID, ToolStruct, Tool, compute_second_marker
 from rcmservo.interfaces import Floats
 from rcmservo.numerics.jit import compiled
 
@@ -259,24 +259,24 @@ def corrected_markers(mechanism: Kinematics, tool: Tool, q: Floats, correction: 
 
     Corrections of a motion are relative to the first joints, `q[0]`.
     """
-    rcm = mechanism.rcm(tool.offset)
+    rcm = mechanism.to_struct(tool.offset)
     rcm = rcm._replace(zero=rcm.zero + correction[ZERO])
     motion = (q - q[0]) * np.exp(correction[:ZERO])
-    return _markers(rcm, q[0] + motion, scale_spacing(tool.shaft, correction[SPACING]))
+    return _markers(rcm, q[0] + motion, scale_spacing(tool.struct, correction[SPACING]))
 
 
 @compiled
-def _markers(rcm: Rcm, q: Floats, shaft: Shaft) -> Floats:
+def _markers(rcm: RcmStruct, q: Floats, shaft: ToolStruct) -> Floats:
     """Return p₁ and p₂ (n, 2, 3) in mm at the joints `q` (n, 3), eq. (2)."""
     markers = np.empty((len(q), 2, 3))
     for i in range(len(q)):
-        markers[i, 0] = position(rcm, q[i])
-        markers[i, 1] = second_marker(shaft, markers[i, 0])
+        markers[i, 0] = compute_position(rcm, q[i])
+        markers[i, 1] = compute_second_marker(shaft, markers[i, 0])
     return markers
 
 
-def scale_spacing(shaft: Shaft, log_factor: float) -> Shaft:
+def scale_spacing(shaft: ToolStruct, log_factor: float) -> ToolStruct:
     """Return the tool with the distance between its markers scaled by exp(`log_factor`)."""
     factor = float(np.exp(log_factor))
     value = shaft.value * factor if shaft.kind == RIGID else 1.0 + (shaft.value - 1.0) * factor
-    return Shaft(shaft.kind, value)
+    return ToolStruct(shaft.kind, value)

@@ -55,7 +55,7 @@ INTERRUPT_TIME, REST_TIME = 0.4, 0.15
 """Duration (s) of that interruption, and time (s) after which the arm must be at rest."""
 DRIVEN_FRAME_TIMEOUT = 0.5
 """Time (s) without a frame after which a motion ends, with the drive on."""
-PATIENCE = 3.0
+IDLE_TIMEOUT = 3.0
 """Time (s) without a frame or an answer of the arm after which the check aborts, drive off."""
 DEFAULT_SIZE = 640, 480
 """Assumed image size (px) of a camera that delivers markers without images."""
@@ -127,7 +127,7 @@ class Mover:
         self.size = DEFAULT_SIZE
         """Width and height of the image in px."""
         self.plant = Plant(arm, camera, tracker, clock)
-        self._rcm = robot.mechanism.rcm()
+        self._rcm = robot.mechanism.to_struct()
         self._steps = robot.wiring.steps
         self._last = gate.rest()
         self._leg = Leg(0, 0.0, 0.0, np.zeros(3))
@@ -188,7 +188,7 @@ class Mover:
             for _ in ticks(self.clock, TICK_RATE, MOTION_TIMEOUT):
                 if abs(self._tick(leg.goal)[joint] - home[joint]) >= INTERRUPT_FRACTION * offset:
                     break
-            self.arm.fall_silent()
+            self.arm.suspend_communication()
             for _ in ticks(self.clock, TICK_RATE, INTERRUPT_TIME):
                 path.append(float(self._read().q[joint]))
                 if not abs(path[-1] - home[joint]) <= offset:
@@ -218,7 +218,7 @@ class Mover:
             observation = self._read()
             if self._is_new:
                 return observation.q.copy()
-            self._require_frames(began, PATIENCE)
+            self._require_frames(began, IDLE_TIMEOUT)
         raise AssertionError("ticks without a duration never end")
 
     def _go(self, leg: Leg, bound: PixelBound | None = None) -> bool:
@@ -246,7 +246,7 @@ class Mover:
         newest, on = began, self._last.enabled
         for _ in ticks(self.clock, TICK_RATE if on else POLL_RATE):
             q = self._tick(None) if on else self._read().q
-            self._require_frames(newest, DRIVEN_FRAME_TIMEOUT if on else PATIENCE)
+            self._require_frames(newest, DRIVEN_FRAME_TIMEOUT if on else IDLE_TIMEOUT)
             if not self._is_new:
                 continue
             newest = self.clock.now()
@@ -280,7 +280,7 @@ class Mover:
         """Send one command towards `goal` (3,), or zero rates; return the joints read before."""
         observation = self._read()
         if not observation.enabled:
-            found = self.arm.why_off or "the arm reports no reason"
+            found = self.arm.off_reason or "the arm reports no reason"
             expected = "drive on until the check switches it off"
             raise CheckAborted("the drive switched off by itself", "arm", found, expected)
         q = observation.q
@@ -295,9 +295,9 @@ class Mover:
     def _read(self) -> Observation:
         """Read arm and camera, and record new answers and frames."""
         observation = self.plant.read()
-        timeout = self._silence if self._last.enabled else PATIENCE
+        timeout = self._silence if self._last.enabled else IDLE_TIMEOUT
         if not observation.now - observation.q_time <= timeout * 1e9:
-            found = self.arm.why_off or f"no answer for {timeout:g} s"
+            found = self.arm.off_reason or f"no answer for {timeout:g} s"
             raise CheckAborted("the arm does not answer", "arm", found, "an answer in every tick")
         answers, time = self.trace.answers, observation.q_time
         if not answers or time > answers[-1][0]:

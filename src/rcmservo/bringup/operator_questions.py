@@ -121,7 +121,7 @@ def ask_operator(
         tolerance, name = np.full(len(left), TRAVEL_TOLERANCE), robot.name(joint)
 
         def show_travel() -> None:
-            operator.tell(f"Watch marker 2 next to a ruler: {MOTION_NOTICE.format(name)}")
+            operator.notify(f"Watch marker 2 next to a ruler: {MOTION_NOTICE.format(name)}")
             show(joint)
 
         question = f"For {name}, by the ruler: about how many mm did marker 2 move (0: hardly any)?"
@@ -139,14 +139,14 @@ def _by_direction(
     question = f"{VIEWPOINTS[kind]}: in which direction did the tool move first, {hint}?"
     predicted = [direction(one, robot, joint) for one in left]
     for _ in range(MAX_ATTEMPTS):
-        operator.tell(f"Watch the tool: {MOTION_NOTICE.format(name)}")
+        operator.notify(f"Watch the tool: {MOTION_NOTICE.format(name)}")
         show(joint)
         answer = ask_choice(operator, f"For {name}, {question}", (*choice, REPEAT))
         if answer in predicted:
             return [one for one, word in zip(left, predicted, strict=True) if word == answer]
         if answer != REPEAT:
             words = " or ".join(sorted(set(predicted)))
-            operator.tell(f"The image allows only {words}. The motion is repeated.")
+            operator.notify(f"The image allows only {words}. The motion is repeated.")
     raise Stopped(f"no answer agreed with the image for {name}")
 
 
@@ -193,5 +193,5 @@ def _by_length(
         agrees = np.abs(np.log(predicted / max(mm, MIN_TRAVEL_MM))) <= tolerance
         if agrees.any():
             return list(compress(left, agrees))
-        operator.tell(f"The image allows only about {could} mm. Repeat the measurement.")
+        operator.notify(f"The image allows only about {could} mm. Repeat the measurement.")
     raise Stopped(f"no answer agreed with the {could} mm of the image to: {question}")

@@ -67,5 +67,5 @@ def _ask(
         answer = parse(operator.ask(question))
         if answer is not None:
             return answer
-        operator.tell(f"Please answer with {expected}.")
+        operator.notify(f"Please answer with {expected}.")
     raise Stopped(f"no valid answer to: {question}")

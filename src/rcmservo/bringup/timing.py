@@ -13,7 +13,7 @@ import numpy as np
 from rcmservo.bringup.findings import Finding
 from rcmservo.bringup.identification import fit_residuals
 from rcmservo.bringup.observations import MotionTrace
-from rcmservo.control.drive_lag import DriveLag, begin_lag, follow_drives, measure_lag
+from rcmservo.control.drive_lag import DriveLag, start_lag_measurement, add_lag_reading, finish_lag_measurement
 from rcmservo.interfaces import Floats
 
 MAX_TIME_ERROR = 0.3
@@ -126,10 +126,10 @@ def compare_latency(identified: CameraLatency | None, latency: float | None) -> 
 def identify_drive_lag(trace: MotionTrace, fastest: Floats) -> float:
     """Return the lag (s) of the joints behind their commands; 0 if the motion is too small."""
     row: Any = DriveLag.of().rows[0]
-    begin_lag(row)
+    start_lag_measurement(row)
     for time, q, applied in trace.answers:
-        follow_drives(row, q, time, applied, fastest)
-    measure_lag(row)
+        add_lag_reading(row, q, time, applied, fastest)
+    finish_lag_measurement(row)
     return float(row["lag"])
 
 

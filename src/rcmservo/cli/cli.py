@@ -104,33 +104,33 @@ def _run_command(name: str, arguments: list[str]) -> int:
     from rcmservo.cli.command_line.help_text import HELP_ALL_OPTION, HELP_OPTIONS, help_text
 
     if {*HELP_OPTIONS, HELP_ALL_OPTION} & set(arguments):
-        print(help_text(name, options_kind(name, arguments), HELP_ALL_OPTION in arguments))
+        print(help_text(name, options_class(name, arguments), HELP_ALL_OPTION in arguments))
         return 0
-    options = asked_of(name, arguments)
+    options = parse_options(name, arguments)
     if name == "replay":
         return _run_replay(options, arguments)
     if name == "study" and options.file_defaults is not None:
-        options = asked_of(name, arguments, options.file_defaults)
+        options = parse_options(name, arguments, options.file_defaults)
     _, action = COMMANDS[name].load()
     return action(options)
 
 
-def options_kind(name: str, arguments: list[str]) -> type[Any]:
+def options_class(name: str, arguments: list[str]) -> type[Any]:
     """Return the dataclass of a command's options.
 
     It includes the settings of a user-defined estimator that the arguments name.
     """
-    from rcmservo.cli.servo_options import with_own_estimator
+    from rcmservo.cli.servo_options import with_user_estimator
 
     kind, _ = COMMANDS[name].load()
-    return with_own_estimator(kind, arguments)
+    return with_user_estimator(kind, arguments)
 
 
-def asked_of(name: str, arguments: list[str], defaults: Any = None) -> Any:
+def parse_options(name: str, arguments: list[str], defaults: Any = None) -> Any:
     """Return a command's options from its arguments, and from `defaults` where they are absent."""
     from rcmservo.cli.parse import parse
 
-    return parse(name, options_kind(name, arguments), arguments, defaults)
+    return parse(name, options_class(name, arguments), arguments, defaults)
 
 
 def _run_replay(options: Any, arguments: list[str]) -> int:
@@ -142,7 +142,7 @@ def _run_replay(options: Any, arguments: list[str]) -> int:
         return replay(options)
     then = reader.read_record(options.path)
     usual = recorded_options(options, then)
-    return recompute_run(asked_of("replay", arguments, usual), usual, then)
+    return recompute_run(parse_options("replay", arguments, usual), usual, then)
 
 
 def command_overview() -> str:

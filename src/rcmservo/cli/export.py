@@ -18,7 +18,7 @@ import tyro
 
 from rcmservo.cli.folders import new_folder
 from rcmservo.cli.terminal import console
-from rcmservo.config.atomic_files import whole
+from rcmservo.config.atomic_files import atomic_path
 from rcmservo.config.servo_json import rebuild_part
 from rcmservo.errors import BadInput, UnusableFile
 from rcmservo.interfaces import Floats
@@ -63,7 +63,7 @@ def export(options: ExportOptions) -> int:
     """Export a record and return the exit code 0."""
     out = console()
     with new_folder(options.out, "export") as folder:
-        written = write(options.record, folder)
+        written = export_record(options.record, folder)
     counts = f"{written.ticks} ticks" + (f" and {written.frames} frames" if written.frames else "")
     left = (
         f"; left out, because no tick records their joints: {written.frames_without_joints} frames"
@@ -97,17 +97,17 @@ class ExportSummary:
     missing: str
 
 
-def write(path: Path, folder: Path) -> ExportSummary:
+def export_record(path: Path, folder: Path) -> ExportSummary:
     """Write the record of a run to an empty folder."""
     record = reader.read_record(path)
     _write_csv(record, folder / "ticks.csv")
-    with whole(folder / "record.npz") as part, part.open("wb") as file:
-        np.savez_compressed(file, **arrays(record))
+    with atomic_path(folder / "record.npz") as part, part.open("wb") as file:
+        np.savez_compressed(file, **record_arrays(record))
     frames, left_out = _write_frames(record, folder / "recording")
     return ExportSummary(len(record.time), frames, left_out, record.missing)
 
 
-def arrays(rows: Record) -> dict[str, Any]:
+def record_arrays(rows: Record) -> dict[str, Any]:
     """Return a record as arrays by name.
 
     Times (s), ticks, truth and words have N rows, stages S rows. No array holds Python objects,
@@ -133,7 +133,7 @@ def arrays(rows: Record) -> dict[str, Any]:
 
 def _write_csv(rows: Record, path: Path) -> None:
     titles, columns = _csv_columns(rows)
-    with whole(path) as part, part.open("w", encoding="utf-8", newline="") as file:
+    with atomic_path(path) as part, part.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(titles)
         for i in range(0, len(rows.time), TICKS_PER_BLOCK):

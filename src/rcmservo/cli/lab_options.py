@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from rcmservo.cli.servo_options import EstimatorName, ServoOptions
-from rcmservo.config.rig_file import Lab, bytes_of, lab_of, told_with
-from rcmservo.config.verified_rigs import digest_of
+from rcmservo.config.rig_file import RigDescription, read_rig_file, decode_rig_file, name_origin_in_errors
+from rcmservo.config.verified_rigs import compute_digest
 from rcmservo.constraints import Limit, between, not_negative
 from rcmservo.errors import require
-from rcmservo.loop.target_frames import FRAMES, TEACHING_FRAMES
+from rcmservo.loop.target_frames import FRAME_COUNT, TEACHING_FRAMES
 from rcmservo.servo.servo import Servo
 
 if TYPE_CHECKING:
@@ -45,29 +45,29 @@ class LabOptions(ServoOptions):
     seed: Annotated[int, SEED] = 0
     estimator: EstimatorName = "dlt"
     rig: Path | None = None
-    teaching_frames: Annotated[int, FRAMES] = TEACHING_FRAMES
+    teaching_frames: Annotated[int, FRAME_COUNT] = TEACHING_FRAMES
     out: Path | None = None
 
     @cached_property
     def _rig_bytes(self) -> bytes:
-        return b"" if self.rig is None else bytes_of(self.rig)
+        return b"" if self.rig is None else read_rig_file(self.rig)
 
     @cached_property
-    def lab(self) -> Lab:
+    def lab(self) -> RigDescription:
         """Lab of the rig file."""
-        return Lab() if self.rig is None else lab_of(self.rig, self._rig_bytes)
+        return RigDescription() if self.rig is None else decode_rig_file(self.rig, self._rig_bytes)
 
     @property
     def digest(self) -> str:
         """Digest that identifies the bytes of the rig file."""
-        return digest_of(self._rig_bytes)
+        return compute_digest(self._rig_bytes)
 
     @cached_property
     def rig_settings(self) -> "RigSettings":
         """Simulated lab of the rig file."""
         from rcmservo.sim.rig_file import read_rig_settings
 
-        with told_with(self.rig) if self.rig else nullcontext():
+        with name_origin_in_errors(self.rig) if self.rig else nullcontext():
             return read_rig_settings(self.lab)
 
     @cached_property

@@ -12,9 +12,9 @@ from rcmservo.cli.lab_options import RunToTargetOptions
 from rcmservo.cli.progress.preparing import compiling
 from rcmservo.cli.result_output import print_result, read_record_if_any, save_result
 from rcmservo.cli.terminal import console, status_line
-from rcmservo.errors import needing, require
+from rcmservo.errors import require_extra, require
 from rcmservo.live.supervisor import run_live
-from rcmservo.loop.run_result import RunResult, known
+from rcmservo.loop.run_result import RunResult, finite_or_none
 from rcmservo.recording.reader import RECORD
 
 
@@ -41,7 +41,7 @@ def live(options: LiveOptions) -> int:
     for name, path in (("--target", options.target), ("--save-target", options.save_target)):
         expected = "left out without [arm] in the rig file: a simulated run teaches its own target"
         require(path is None, name, path, expected)
-    with needing("live", "sim"), new_folder(options.out, f"live-seed{options.seed}") as folder:
+    with require_extra("live", "sim"), new_folder(options.out, f"live-seed{options.seed}") as folder:
         words = f"simulated arm and camera, seed {options.seed}; preparing …"
         out.print(words, style="dim", soft_wrap=True)
         result = _run_simulated(options, folder, out)
@@ -50,17 +50,17 @@ def live(options: LiveOptions) -> int:
 
 def _run_simulated(options: LiveOptions, folder: Path, out: Console) -> RunResult:
     """Run on the simulated lab and save the result."""
-    from rcmservo.cli.simulated_run.about import about
+    from rcmservo.cli.simulated_run.about import describe_simulated_run
     from rcmservo.sim.processes.lab_processes import SimulatedLab
 
     settings, servo, duration = options.rig_settings, options.servo, options.duration
     with status_line(out) as line, SimulatedLab(options.seed, settings) as lab:
         with compiling(line):  # here, so that the servo process finds the compiled kernels
             servo.warm_up()
-        record, description = folder / RECORD, about(options, duration)
+        record, description = folder / RECORD, describe_simulated_run(options, duration)
         markers, frames = options.lab.markers, options.teaching_frames
         session = lab.session(servo, markers, duration, record, description, frames)
         result = run_live(session, lab.switch_off, LiveProgress(line, duration))
-        error = known(lab.true_error())
+        error = finite_or_none(lab.true_error())
     result = replace(result, seed=options.seed, estimator=options.estimator, pose_error_mm=error)
     return save_result(result, read_record_if_any(folder), folder)

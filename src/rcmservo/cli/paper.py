@@ -10,14 +10,14 @@ from rcmservo.cli.folders import dated_folder
 from rcmservo.cli.progress.progress import progress, resume_hint
 from rcmservo.cli.servo_options import EstimatorOptions, OptionalEstimator
 from rcmservo.cli.terminal import console
-from rcmservo.config.rig_file import Lab
-from rcmservo.config.user_code import source
-from rcmservo.errors import needing, require
-from rcmservo.servo.user_estimator import examine
+from rcmservo.config.rig_file import RigDescription
+from rcmservo.config.user_code import hash_source
+from rcmservo.errors import require_extra, require
+from rcmservo.servo.user_estimator import check_estimator
 
 if TYPE_CHECKING:
     from rcmservo.paper.claims import ClaimRow
-    from rcmservo.paper.lab.methods import Own
+    from rcmservo.paper.lab.methods import UserEstimatorMethod
 
 EXIT_INCOMPLETE = 1
 """Exit code if the report leaves out an experiment that could not be measured."""
@@ -55,10 +55,10 @@ class PaperOptions(EstimatorOptions):
 
 def paper(options: PaperOptions) -> int:
     """Run the remaining experiments and write the report; return 0 if the report is complete."""
-    with needing("paper", "sim"):
+    with require_extra("paper", "sim"):
         from rcmservo.paper import run, store
 
-        experiments = run.chosen(options.only, _user_method(options))
+        experiments = run.select_experiments(options.only, _user_method(options))
     out = console()
     folder = options.out or dated_folder("paper")
     tasks = [task for experiment in experiments.values() for task in experiment.plan(options.quick)]
@@ -78,9 +78,9 @@ def paper(options: PaperOptions) -> int:
     return EXIT_INCOMPLETE if written.left_out else 0
 
 
-def _user_method(options: PaperOptions) -> "Own | None":
+def _user_method(options: PaperOptions) -> "UserEstimatorMethod | None":
     """Return the user-defined estimator that the options name as a method, after a trial."""
-    from rcmservo.paper.lab.methods import Own
+    from rcmservo.paper.lab.methods import UserEstimatorMethod
 
     name = options.estimator
     if name is None:
@@ -89,8 +89,8 @@ def _user_method(options: PaperOptions) -> "Own | None":
         name in options.user_estimators, "--estimator", name, "your own estimator, as module:class"
     )
     estimator = options.user_estimators[name]
-    examine(estimator, Lab().tool)
-    return Own(name, name.rpartition(":")[2], estimator, source=source(estimator))
+    check_estimator(estimator, RigDescription().tool)
+    return UserEstimatorMethod(name, name.rpartition(":")[2], estimator, source=hash_source(estimator))
 
 
 def _claim_table(rows: "list[ClaimRow]") -> Table:

@@ -10,7 +10,7 @@ from tyro import _errors as tyro_errors
 from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec, PrimitiveTypeInfo
 
 from rcmservo.cli.command_line.help_text import HELP_ALL_OPTION, HELP_OPTIONS
-from rcmservo.cli.command_line.options import METAVARS, options_of, without_none
+from rcmservo.cli.command_line.options import METAVARS, list_options, without_none
 from rcmservo.cli.command_line.suggestions import suggest_options
 from rcmservo.errors import BadInput, RcmServoError, quoted, suggestion
 
@@ -105,7 +105,7 @@ def _describe_error(
             word = event.tokens[0]
             if not word.startswith("-"):
                 return f"{quoted(word)} is one argument too many for {command}"
-            names = [option.name for option in options_of(kind) if not option.is_positional]
+            names = [option.name for option in list_options(kind) if not option.is_positional]
             return f"{command} has no option {word}{suggest_options(word, names)}"
         case tyro_errors.MissingArgs():
             missing = event.missing_arguments[0].arg
@@ -151,7 +151,7 @@ def _describe_setting_error(failure: BaseException | None, kind: type[Any]) -> s
         return ""
     group = str(getattr(failure, "arg", "")).replace("_", "-")
     key = group, cause.field.rpartition(".")[2]
-    name = next((one.name for one in options_of(kind) if (one.group, one.field) == key), "")
+    name = next((one.name for one in list_options(kind) if (one.group, one.field) == key), "")
     return str(BadInput(name, cause.value, cause.right)) if name else ""
 
 

@@ -16,18 +16,18 @@ from rcmservo.cli.folders import new_folder
 from rcmservo.cli.score_report import centres_csv, print_score, score_as_json
 from rcmservo.cli.servo_options import OPTION_GROUPS, OptionalEstimator, ServoOptions
 from rcmservo.cli.terminal import console
-from rcmservo.config.atomic_files import write_whole
-from rcmservo.config.registry import ESTIMATORS, name_of
-from rcmservo.config.rig_file import METHOD_PARTS, load_lab
+from rcmservo.config.atomic_files import write_atomically
+from rcmservo.config.registry import ESTIMATORS, find_class_name
+from rcmservo.config.rig_file import METHOD_PARTS, load_rig_file
 from rcmservo.errors import UnusableFile, require
 from rcmservo.estimation.base import Estimator
-from rcmservo.estimation.projection_rule import PRINTED
+from rcmservo.estimation.projection_rule import PAPER_PROJECTION_ESTIMATOR
 from rcmservo.geometry.tool import Tool
 from rcmservo.recording.foreign import scoring
 from rcmservo.recording.reader import Record
 from rcmservo.recording.replay import ReplayResult, rebuild_servo, replay_record
 from rcmservo.servo.servo import Servo
-from rcmservo.servo.user_estimator import examine, strict
+from rcmservo.servo.user_estimator import check_estimator, guard_strictly
 from rcmservo.tracking import ColourMarkers
 
 EXIT_DECISIONS_DIFFER = 1
@@ -73,11 +73,11 @@ def recorded_options(options: ReplayOptions, record: Record) -> ReplayOptions:
     if not record.stages:
         raise UnusableFile(options.path, "does not record the servo of its ticks")
     servo = rebuild_servo(record, record.stages[0], user_estimator_classes(options))
-    name = name_of(servo.estimator, ESTIMATORS)
+    name = find_class_name(servo.estimator, ESTIMATORS)
     groups: dict[str, Any] = {
         part: getattr(servo, part) for part in METHOD_PARTS if part in OPTION_GROUPS
     }
-    is_printed_variant = options.estimator == "projection" and servo.estimator == PRINTED
+    is_printed_variant = options.estimator == "projection" and servo.estimator == PAPER_PROJECTION_ESTIMATOR
     if not is_printed_variant:
         groups[options.USER_GROUPS.get(name, name)] = servo.estimator
     user_defined = (
@@ -111,7 +111,7 @@ def recompute_run(options: ReplayOptions, recorded: ReplayOptions, record: Recor
 def _changed_servo(options: ReplayOptions, record: Record) -> Servo:
     """Return the recorded servo with the settings of the command line."""
     servo = rebuild_servo(record, record.stages[0], user_estimator_classes(options))
-    parts = options.parts(options.estimator or name_of(servo.estimator, ESTIMATORS))
+    parts = options.parts(options.estimator or find_class_name(servo.estimator, ESTIMATORS))
     return replace(servo, **parts)
 
 
@@ -143,14 +143,14 @@ def replay(options: ReplayOptions) -> int:
         else:
             print_score(out, scored)
         if folder is not None:
-            write_whole(folder / "replay.json", json.dumps(score_as_json(scored), indent=2) + "\n")
-            write_whole(folder / "centres.csv", centres_csv(scored))
+            write_atomically(folder / "replay.json", json.dumps(score_as_json(scored), indent=2) + "\n")
+            write_atomically(folder / "centres.csv", centres_csv(scored))
     return 0
 
 
 def _score(options: ReplayOptions, out: Console) -> scoring.RecordingScore:
     """Return the score of a recording; show a progress bar while its frames are tracked."""
-    lab = load_lab(options.rig)
+    lab = load_rig_file(options.rig)
     estimators = _estimators(options, lab.tool)
     bar = Progress(
         TextColumn("tracking", markup=False),
@@ -186,5 +186,5 @@ def _estimators(options: ReplayOptions, tool: Tool) -> dict[str, Estimator]:
     }
     if user_defined is None:
         return built_in
-    examine(options.user_estimators[user_defined], tool)
-    return {**built_in, user_defined: strict(options.user_estimators[user_defined])}
+    check_estimator(options.user_estimators[user_defined], tool)
+    return {**built_in, user_defined: guard_strictly(options.user_estimators[user_defined])}

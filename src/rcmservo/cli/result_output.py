@@ -10,13 +10,13 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from rcmservo.config.atomic_files import write_whole
+from rcmservo.config.atomic_files import write_atomically
 from rcmservo.errors import UnusableFile
 from rcmservo.figures import charts, plots
 from rcmservo.loop.run_result import RunResult
 from rcmservo.recording import reader
 from rcmservo.recording.reader import Record
-from rcmservo.recording.summary_text import result_rows, title_of
+from rcmservo.recording.summary_text import list_result_rows, format_title
 
 METRICS_FILE = "metrics.json"
 """File of the result in the folder of a run."""
@@ -52,7 +52,7 @@ def save_result(result: RunResult, record: Record | None, folder: Path) -> RunRe
     if record is not None:
         result = _note_failed_write(result, lambda: draw_figures(record, folder))
     text = json.dumps(asdict(result), indent=2) + "\n"
-    return _note_failed_write(result, lambda: write_whole(folder / METRICS_FILE, text))
+    return _note_failed_write(result, lambda: write_atomically(folder / METRICS_FILE, text))
 
 
 def _note_failed_write(result: RunResult, write: Callable[[], None]) -> RunResult:
@@ -71,7 +71,7 @@ def print_result(out: Console, result: RunResult, as_json: bool) -> int:
     if as_json:
         print(json.dumps(asdict(result)))
     else:
-        out.print(two_column_table(title_of(result), result_rows(result)))
+        out.print(two_column_table(format_title(result), list_result_rows(result)))
         out.print(f"files in {result.folder}", soft_wrap=True)
     return 0 if result.settled else EXIT_NOT_SETTLED
 

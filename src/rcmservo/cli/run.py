@@ -6,12 +6,12 @@ from rcmservo.cli.progress.preparing import compiling
 from rcmservo.cli.result_output import print_result
 from rcmservo.cli.simulated_run.progress import RunProgress
 from rcmservo.cli.terminal import console, status_line
-from rcmservo.errors import needing
+from rcmservo.errors import require_extra
 
 
 def run(options: RunOptions) -> int:
     """Run, write the folder and print the result; return 0 if the run settled."""
-    with needing("run", "sim"):
+    with require_extra("run", "sim"):
         from rcmservo.sim.disturbances import describe_kinds
     if "help" in options.disturb:
         print(describe_kinds())

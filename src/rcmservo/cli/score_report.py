@@ -8,7 +8,7 @@ from rich.table import Table
 
 from rcmservo.cli.terminal import format_quantity
 from rcmservo.interfaces import Floats
-from rcmservo.loop.run_result import known
+from rcmservo.loop.run_result import finite_or_none
 from rcmservo.recording.foreign import scoring
 
 Pair = tuple[float, float]
@@ -22,12 +22,12 @@ def score_as_json(result: scoring.RecordingScore) -> dict[str, Any]:
             for pose, found in zip(result.poses, result.markers, strict=True)
         ],
         "imaged_rcm_px": _pair(result.o_c),
-        "imaged_rcm_condition": known(result.condition),
+        "imaged_rcm_condition": finite_or_none(result.condition),
         "reprojection_rms_px": dict(
-            zip(("m1", "m2"), map(known, result.reprojection), strict=True)
+            zip(("m1", "m2"), map(finite_or_none, result.reprojection), strict=True)
         ),
         "one_step_rms": {
-            name: {"s_deg": known(np.degrees(s)), "r_px": known(r), "d_px": known(d)}
+            name: {"s_deg": finite_or_none(np.degrees(s)), "r_px": finite_or_none(r), "d_px": finite_or_none(d)}
             for name, (s, r, d) in result.one_step.items()
         },
     }
@@ -50,7 +50,7 @@ def print_score(console: Console, result: scoring.RecordingScore) -> None:
     """Print a score in words, and the one-step errors as a table."""
     found = [[np.isfinite(m).all() for m in markers.points] for markers in result.markers]
     m1, m2 = (sum(column) for column in zip(*found, strict=True)) if found else (0, 0)
-    rms_1, rms_2 = (format_quantity(known(rms), "px", 2) for rms in result.reprojection)
+    rms_1, rms_2 = (format_quantity(finite_or_none(rms), "px", 2) for rms in result.reprojection)
     lines = [
         f"{len(found)} frames, marker 1 found in {m1}, marker 2 in {m2}",
         f"imaged RCM{_describe_imaged_rcm(result)}",
@@ -61,7 +61,7 @@ def print_score(console: Console, result: scoring.RecordingScore) -> None:
     table = Table("one-step prediction, rms", "s [°]", "r [px]", "d [px]")
     for name, (s, r, d) in result.one_step.items():
         table.add_row(
-            name, *(format_quantity(known(value), "", 2) for value in (np.degrees(s), r, d))
+            name, *(format_quantity(finite_or_none(value), "", 2) for value in (np.degrees(s), r, d))
         )
     console.print(table)
 

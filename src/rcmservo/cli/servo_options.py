@@ -12,14 +12,14 @@ from typing import Annotated, Any, ClassVar, TypeVar
 
 import tyro
 
-from rcmservo.config.registry import ESTIMATORS, PARTS, PRESETS, Classes
-from rcmservo.config.rig_file import METHOD_PARTS, Lab
-from rcmservo.config.user_code import OPTION, named
+from rcmservo.config.registry import ESTIMATORS, PART_CLASSES, PRESETS, Classes
+from rcmservo.config.rig_file import METHOD_PARTS, RigDescription
+from rcmservo.config.user_code import ESTIMATOR_OPTION, import_estimator
 from rcmservo.constraints import Checked
 from rcmservo.errors import BadInput, suggestion
 from rcmservo.estimation.base import Estimator
 from rcmservo.servo.servo import Servo
-from rcmservo.servo.user_estimator import examine, name_of_class
+from rcmservo.servo.user_estimator import check_estimator, class_path
 
 Options = TypeVar("Options")
 
@@ -31,9 +31,9 @@ OptionalEstimator = Annotated[str | None, ESTIMATOR_ARGUMENT]
 
 
 OPTION_GROUPS: Classes = {
-    part if len(PARTS[part]) == 1 else name: kind
-    for part in sorted(METHOD_PARTS, key=lambda part: len(PARTS[part]))
-    for name, kind in PARTS[part].items()
+    part if len(PART_CLASSES[part]) == 1 else name: kind
+    for part in sorted(METHOD_PARTS, key=lambda part: len(PART_CLASSES[part]))
+    for name, kind in PART_CLASSES[part].items()
 }
 """Classes whose settings are options, by the prefix of these options.
 
@@ -112,7 +112,7 @@ class ServoOptions(EstimatorOptions):
         expected = (
             f"one of {', '.join(ESTIMATOR_NAMES)}, or module:class such as mylab.rls:RLS{hint}"
         )
-        raise BadInput(OPTION, name, expected)
+        raise BadInput(ESTIMATOR_OPTION, name, expected)
 
     @property
     def settings(self) -> dict[str, Any]:
@@ -123,7 +123,7 @@ class ServoOptions(EstimatorOptions):
         """Return the parts of the method, with the estimator of a name."""
         return {"estimator": self.estimator_of(estimator), **self.settings}
 
-    def servo_of(self, estimator: str, lab: Lab) -> Servo:
+    def servo_of(self, estimator: str, lab: RigDescription) -> Servo:
         """Return a servo for a lab, with the estimator of a name.
 
         A user-defined estimator is tried on made samples first.
@@ -134,7 +134,7 @@ class ServoOptions(EstimatorOptions):
             If a setting is refused; the error names the option as typed.
         """
         parts = self.parts(estimator)
-        examine(parts["estimator"], lab.tool)
+        check_estimator(parts["estimator"], lab.tool)
         try:
             return lab.servo(**parts)
         except BadInput as error:
@@ -145,16 +145,16 @@ class ServoOptions(EstimatorOptions):
             raise BadInput(typed, error.value, error.right) from error
 
 
-def with_own_estimator(command: type[Options], arguments: Sequence[str]) -> type[Options]:
+def with_user_estimator(command: type[Options], arguments: Sequence[str]) -> type[Options]:
     """Return a command's options with those of the user-defined estimator that the arguments name.
 
     This imports the user's code for the first time.
     """
-    words = " ".join(arguments).replace(f"{OPTION}=", f"{OPTION} ").split(" ")
-    name = dict(pairwise(words)).get(OPTION, "")
+    words = " ".join(arguments).replace(f"{ESTIMATOR_OPTION}=", f"{ESTIMATOR_OPTION} ").split(" ")
+    name = dict(pairwise(words)).get(ESTIMATOR_OPTION, "")
     if ":" not in name or not issubclass(command, EstimatorOptions):
         return command
-    return _with_user_group(command, name, named(name))
+    return _with_user_group(command, name, import_estimator(name))
 
 
 @cache
@@ -165,5 +165,5 @@ def _with_user_group(command: type[Any], name: str, kind: type[Estimator]) -> ty
     """
     group = option_group(kind, command)
     return _with_groups(
-        command, {group: kind}, USER_GROUPS=dict.fromkeys((name, name_of_class(kind)), group)
+        command, {group: kind}, USER_GROUPS=dict.fromkeys((name, class_path(kind)), group)
     )

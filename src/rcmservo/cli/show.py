@@ -15,13 +15,13 @@ from rich.text import Text
 from rcmservo.cli.folders import new_folder
 from rcmservo.cli.result_output import two_column_table
 from rcmservo.cli.terminal import console
-from rcmservo.config.atomic_files import write_whole
+from rcmservo.config.atomic_files import write_atomically
 from rcmservo.figures import charts, plots
 from rcmservo.loop.run_result import RunResult
 from rcmservo.recording import reader
 from rcmservo.recording.reader import Record
-from rcmservo.recording.summary_text import rows_of, verdict_of, way_out, why
-from rcmservo.recording.timeline import Span, spans, summary
+from rcmservo.recording.summary_text import list_record_rows, format_verdict, describe_way_out, describe_cause
+from rcmservo.recording.timeline import Span, list_spans, summarise
 from rcmservo.safety.causes import Action
 
 FIRST_SPANS = 40
@@ -75,15 +75,15 @@ def show(options: ShowOptions) -> int:
 
 def print_record(out: Console, record: Record) -> None:
     """Print the summary and the timeline of a record."""
-    found = spans(record)
-    out.print(_summary_table(record, summary(record)))
+    found = list_spans(record)
+    out.print(_summary_table(record, summarise(record)))
     if found:
         out.print(_timeline_table(found))
 
 
 def write_figures(record: Record, folder: Path) -> None:
     """Write the figures of a record, and its complete timeline as a table."""
-    write_whole(folder / "timeline.csv", _timeline_csv(spans(record)))
+    write_atomically(folder / "timeline.csv", _timeline_csv(list_spans(record)))
     if np.isfinite(record.ticks["delta"]).any():
         charts.save_figure(plots.plot_timeline(record), folder / "timeline.png")
         charts.save_figure(plots.plot_path(record), folder / "path.png")
@@ -92,10 +92,10 @@ def write_figures(record: Record, folder: Path) -> None:
 
 
 def _summary_table(record: Record, result: RunResult) -> Table:
-    rows = [("record", str(record.path)), *rows_of(record, result)]
+    rows = [("record", str(record.path)), *list_record_rows(record, result)]
     if record.missing:
         rows.insert(0, ("missing", record.missing))
-    return two_column_table(verdict_of(record, result), rows)
+    return two_column_table(format_verdict(record, result), rows)
 
 
 def _timeline_table(found: list[Span]) -> Table:
@@ -103,7 +103,7 @@ def _timeline_table(found: list[Span]) -> Table:
     table = Table(title="timeline", title_justify="left")
     for title in ("start", "length"):
         table.add_column(title, justify="right", no_wrap=True)
-    for title in ("phase", "why", "way out")[: 3 if any(map(why, found)) else 1]:
+    for title in ("phase", "why", "way out")[: 3 if any(map(describe_cause, found)) else 1]:
         table.add_column(title)
     several = found[-1].stage > 0
     left_out = len(found) - FIRST_SPANS - LAST_SPANS
@@ -117,9 +117,9 @@ def _timeline_table(found: list[Span]) -> Table:
             table.add_section()
         phase = f"stage {span.stage + 1}: {span.phase.value}" if begins_stage else span.phase.value
         words = [
-            Text(phase, ACTION_STYLES[span.asks]),
-            Text(why(span), ACTION_STYLES[span.asks]),
-            Text(way_out(span)),
+            Text(phase, ACTION_STYLES[span.action]),
+            Text(describe_cause(span), ACTION_STYLES[span.action]),
+            Text(describe_way_out(span)),
         ]
         table.add_row(
             f"{span.start:.2f} s", f"{span.duration:.2f} s", *words[: len(table.columns) - 2]
@@ -151,10 +151,10 @@ def _timeline_csv(found: list[Span]) -> str:
                 span.stage + 1,
                 span.phase.name,
                 span.cause.name,
-                span.asks.name,
+                span.action.name,
                 span.request.name,
                 span.why,
-                span.cause.way_out,
+                span.cause.remedy,
             )
         )
     return text.getvalue()

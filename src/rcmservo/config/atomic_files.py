@@ -9,7 +9,7 @@ from rcmservo.errors import UnusableFile
 
 
 @contextmanager
-def whole(path: Path) -> Generator[Path]:
+def atomic_path(path: Path) -> Generator[Path]:
     """Yield a temporary path to write to, which replaces the file on success.
 
     On an error the temporary file is removed and an earlier file stays unchanged.
@@ -30,13 +30,13 @@ def whole(path: Path) -> Generator[Path]:
             part.unlink(missing_ok=True)
 
 
-def write_whole(path: Path, text: str) -> None:
+def write_atomically(path: Path, text: str) -> None:
     """Write a text atomically: an error or a crash leaves no incomplete file."""
-    with whole(path) as part:
+    with atomic_path(path) as part:
         part.write_text(text, "utf-8")
 
 
-def read_small(path: Path, largest: int, what: str) -> bytes:
+def read_limited(path: Path, largest: int, what: str) -> bytes:
     """Return the bytes of a regular file.
 
     Parameters

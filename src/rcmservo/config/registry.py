@@ -13,7 +13,7 @@ from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from typing import Any, get_type_hints
 
-from rcmservo.config.strict_decoding import decode, instead, key_of
+from rcmservo.config.strict_decoding import decode_settings, expect_one_of, quote_key
 from rcmservo.config.texts import is_table
 from rcmservo.errors import BadInput
 from rcmservo.estimation.affine import AffineEstimator
@@ -24,12 +24,12 @@ from rcmservo.estimation.dlt import DltEstimator
 from rcmservo.estimation.flow_rule import FlowEstimator
 from rcmservo.estimation.kalman import KalmanEstimator
 from rcmservo.estimation.normalised_flow import NormalisedFlowEstimator
-from rcmservo.estimation.projection_rule import PRINTED, ProjectionEstimator
+from rcmservo.estimation.projection_rule import PAPER_PROJECTION_ESTIMATOR, ProjectionEstimator
 from rcmservo.estimation.rls import RlsEstimator
 from rcmservo.geometry.kinematics import PitchYawRcm, SphericalRcm
 from rcmservo.geometry.tool import RigidTool, ScaledTool
 from rcmservo.servo.servo import Servo
-from rcmservo.servo.user_estimator import called
+from rcmservo.servo.user_estimator import class_path_of
 
 Classes = Mapping[str, type[Any]]
 """Classes by their names."""
@@ -59,22 +59,22 @@ def _classes(base: type[Any]) -> Classes:
 
 
 _TYPES = get_type_hints(Servo)
-PARTS: Mapping[str, Classes] = {
+PART_CLASSES: Mapping[str, Classes] = {
     f.name: _classes(_TYPES[f.name]) for f in fields(Servo) if _TYPES[f.name] is not float
 }
 """Parts of a servo and their classes. (`Servo.rate` is a number, not a part.)"""
-MECHANISMS, TOOLS, ESTIMATORS = (PARTS[part] for part in ("mechanism", "tool", "estimator"))
-PRESETS: Mapping[str, Estimator] = {"projection-printed": PRINTED}
+MECHANISMS, TOOLS, ESTIMATORS = (PART_CLASSES[part] for part in ("mechanism", "tool", "estimator"))
+PRESETS: Mapping[str, Estimator] = {"projection-printed": PAPER_PROJECTION_ESTIMATOR}
 """Estimators with changed settings that have a name on the command line."""
 
-KIND = "kind"
+KIND_KEY = "kind"
 """Key of a table that contains the name of its class."""
 
 
-def name_of(value: object, classes: Classes) -> str:
+def find_class_name(value: object, classes: Classes) -> str:
     """Return the name of a value's class in `classes`, or module:class for another class."""
     names = (name for name, kind in classes.items() if kind is type(value))
-    return next(names, called(value))
+    return next(names, class_path_of(value))
 
 
 def decode_kind(classes: Classes, table: object, where: str, default: object = None) -> Any:
@@ -100,22 +100,22 @@ def decode_kind(classes: Classes, table: object, where: str, default: object = N
     if not is_table(table):
         raise BadInput(where, table, "a table of settings")
     rest = dict(table)
-    if default is None and KIND not in rest:
+    if default is None and KIND_KEY not in rest:
         _require_known(classes, rest, where)
     only = next(iter(classes)) if len(classes) == 1 else None
-    usual = only if default is None else name_of(default, classes)
-    kind = find_class(classes, rest.pop(KIND, usual), where)
+    usual = only if default is None else find_class_name(default, classes)
+    kind = find_class(classes, rest.pop(KIND_KEY, usual), where)
     if is_dataclass(default) and type(default) is kind:
         rest = {**vars(default), **rest}
-    return decode(kind, rest, where, others=(KIND,) if len(classes) > 1 else ())
+    return decode_settings(kind, rest, where, others=(KIND_KEY,) if len(classes) > 1 else ())
 
 
 def _require_known(classes: Classes, table: Mapping[str, object], where: str) -> None:
     """Raise `BadInput` for a key that no class has, such as a misspelt `kind`."""
-    names = [KIND, *dict.fromkeys(f.name for kind in classes.values() for f in fields(kind))]
+    names = [KIND_KEY, *dict.fromkeys(f.name for kind in classes.values() for f in fields(kind))]
     for key, value in table.items():
         if key not in names:
-            raise BadInput(f"{where}.{key_of(key)}", value, instead(key, names))
+            raise BadInput(f"{where}.{quote_key(key)}", value, expect_one_of(key, names))
 
 
 def find_class(classes: Classes, name: object, where: str) -> type[Any]:

@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import Any, TypeVar, cast
 
 from rcmservo.config import texts
-from rcmservo.config.atomic_files import read_small
-from rcmservo.config.registry import KIND, MECHANISMS, PARTS, decode_kind, find_class
-from rcmservo.config.strict_decoding import decode, instead, key_of
+from rcmservo.config.atomic_files import read_limited
+from rcmservo.config.registry import KIND_KEY, MECHANISMS, PART_CLASSES, decode_kind, find_class
+from rcmservo.config.strict_decoding import decode_settings, expect_one_of, quote_key
 from rcmservo.errors import BadInput
 from rcmservo.geometry.kinematics import JointLimits, Kinematics, SphericalRcm
 from rcmservo.geometry.tool import RigidTool, Tool
@@ -39,7 +39,7 @@ def default_markers() -> MarkerAppearance:
 
 
 @dataclass(frozen=True)
-class Lab:
+class RigDescription:
     """Description of a rig: robot, markers, bounds, devices and simulation.
 
     Parameters
@@ -70,7 +70,7 @@ class Lab:
 
     def servo(self, **parts: Any) -> Servo:
         """Return a servo for this rig with some `METHOD_PARTS`; the others have their defaults."""
-        robot = {part: getattr(self, part) for part in PARTS if part not in METHOD_PARTS}
+        robot = {part: getattr(self, part) for part in PART_CLASSES if part not in METHOD_PARTS}
         return Servo(**robot, **parts)
 
     def device(self, name: str, kinds: Mapping[str, type[Any]]) -> Any:
@@ -115,34 +115,34 @@ class Lab:
             if key in table:
                 expected = "left out: the robot's sections determine it"
                 raise BadInput(f"{name}.{key}", table[key], expected)
-        others = (KIND,) if name in DEVICE_SECTIONS else ()
-        return decode(kind, {**table, **known}, name, others)
+        others = (KIND_KEY,) if name in DEVICE_SECTIONS else ()
+        return decode_settings(kind, {**table, **known}, name, others)
 
 
-ROBOT_SECTIONS = tuple(f.name for f in fields(Lab) if f.name not in ("devices", "simulation"))
-METHOD_PARTS = tuple(part for part in PARTS if part not in {f.name for f in fields(Lab)})
+ROBOT_SECTIONS = tuple(f.name for f in fields(RigDescription) if f.name not in ("devices", "simulation"))
+METHOD_PARTS = tuple(part for part in PART_CLASSES if part not in {f.name for f in fields(RigDescription)})
 """Parts of a servo that no rig file describes: those of the method. The command line, studies and
 the page set them."""
 
 
-def load_lab(path: Path | None) -> Lab:
+def load_rig_file(path: Path | None) -> RigDescription:
     """Return the rig in a TOML file, with built-in values where it omits them or is None."""
-    return Lab() if path is None else lab_of(path, bytes_of(path))
+    return RigDescription() if path is None else decode_rig_file(path, read_rig_file(path))
 
 
-def bytes_of(path: Path) -> bytes:
+def read_rig_file(path: Path) -> bytes:
     """Return the bytes of a rig file."""
-    return read_small(path, MAX_RIG_FILE_BYTES, "a rig file")
+    return read_limited(path, MAX_RIG_FILE_BYTES, "a rig file")
 
 
-def lab_of(path: Path, data: bytes) -> Lab:
+def decode_rig_file(path: Path, data: bytes) -> RigDescription:
     """Return the rig that the bytes of a rig file describe; ``path`` serves error messages."""
-    with texts.reading(path, "TOML"):
-        return lab_from(texts.toml(data))
+    with texts.name_file_in_errors(path, "TOML"):
+        return decode_rig_tables(texts.parse_toml(data))
 
 
 @contextmanager
-def told_with(origin: object) -> Generator[None]:
+def name_origin_in_errors(origin: object) -> Generator[None]:
     """Prefix the field of a `BadInput` that is raised in the context with its file or origin."""
     try:
         yield
@@ -150,13 +150,13 @@ def told_with(origin: object) -> Generator[None]:
         raise BadInput(f"{origin}: {error.field}", error.value, error.right) from error
 
 
-def lab_from(tables: texts.Table) -> Lab:
+def decode_rig_tables(tables: texts.Table) -> RigDescription:
     """Return the rig that the sections of a rig file describe."""
     known = tuple(dict.fromkeys((*ROBOT_SECTIONS, *DEVICE_SECTIONS, *SIMULATION_SECTIONS)))
     for name, table in tables.items():
         if name not in known or not texts.is_table(table):
-            raise BadInput(f"section {key_of(name)}", table, instead(name, known))
-    default = Lab()
+            raise BadInput(f"section {quote_key(name)}", table, expect_one_of(name, known))
+    default = RigDescription()
     devices = {name: tables[name] for name in DEVICE_SECTIONS if _is_device(name, tables)}
     simulated = {
         name: tables[name] for name in SIMULATION_SECTIONS if name in tables and name not in devices
@@ -165,11 +165,11 @@ def lab_from(tables: texts.Table) -> Lab:
         name: _section(name, tables.get(name, {}), getattr(default, name))
         for name in ROBOT_SECTIONS
     }
-    return Lab(**robot, devices=devices, simulation=simulated)
+    return RigDescription(**robot, devices=devices, simulation=simulated)
 
 
 def _is_device(name: str, tables: texts.Table) -> bool:
-    return name in tables and (name == "arm" or KIND in tables[name])
+    return name in tables and (name == "arm" or KIND_KEY in tables[name])
 
 
 def _section(name: str, table: texts.Table, default: Any) -> Any:
@@ -177,19 +177,19 @@ def _section(name: str, table: texts.Table, default: Any) -> Any:
     if name == "mechanism":
         return _mechanism(table, default.name)
     only = {name: cast(type[Any], type(default))}
-    return decode_kind(PARTS.get(name, only), table, name, default)
+    return decode_kind(PART_CLASSES.get(name, only), table, name, default)
 
 
 def _mechanism(table: texts.Table, default_kind: str) -> Kinematics:
     """Return the mechanism in a table, of the default kind if the table has no key `kind`."""
-    kind = find_class(MECHANISMS, table.get(KIND, default_kind), "mechanism")
-    given = {name: value for name, value in table.items() if name != KIND}
+    kind = find_class(MECHANISMS, table.get(KIND_KEY, default_kind), "mechanism")
+    given = {name: value for name, value in table.items() if name != KIND_KEY}
     given = {**asdict(kind().limits), **given}
-    flat: Any = decode(_flat(kind), given, "mechanism", others=(KIND,))
+    flat: Any = decode_settings(_flat(kind), given, "mechanism", others=(KIND_KEY,))
     rest = {name: getattr(flat, name) for name in given}
     limits = {end.name: rest.pop(end.name) for end in fields(JointLimits)}
-    decode(JointLimits, limits, "mechanism")
-    return decode(kind, {**rest, "limits": limits}, "mechanism")
+    decode_settings(JointLimits, limits, "mechanism")
+    return decode_settings(kind, {**rest, "limits": limits}, "mechanism")
 
 
 @cache

@@ -4,25 +4,25 @@ import re
 from pathlib import Path
 
 from rcmservo.config import texts
-from rcmservo.config.atomic_files import read_small, write_whole
-from rcmservo.config.rig_file import MAX_RIG_FILE_BYTES, load_lab
+from rcmservo.config.atomic_files import read_limited, write_atomically
+from rcmservo.config.rig_file import MAX_RIG_FILE_BYTES, load_rig_file
 from rcmservo.errors import UnusableFile
 
 MARKERS_HEADING = re.compile(r"\s*\[\s*markers\s*\]")
 ANY_HEADING = re.compile(r"\s*\[")
 KEY_VALUE_LINE = re.compile(r"""(\s*)(\w+)(\s*=\s*)("[^"]*"|'[^']*'|[^\s#]+)(.*)""", re.DOTALL)
 
-Values = dict[str, str | float]
+MarkerValues = dict[str, str | float]
 """New values of [markers] by key."""
 
 
-def told_in(path: Path) -> set[str]:
+def find_marker_keys(path: Path) -> set[str]:
     """Return the keys in the section [markers] of a rig file."""
-    load_lab(path)
+    load_rig_file(path)
     return set(_tables(path).get("markers", {}))
 
 
-def write_markers(path: Path, values: Values) -> None:
+def write_markers(path: Path, values: MarkerValues) -> None:
     """Write values into the section [markers] of a rig file and leave everything else unchanged.
 
     Raises
@@ -32,26 +32,26 @@ def write_markers(path: Path, values: Values) -> None:
     UnusableFile
         If the file cannot be written, or its markers have a syntax that this module cannot edit.
     """
-    load_lab(path)
+    load_rig_file(path)
     before = _tables(path)
-    text = _changed(read_small(path, MAX_RIG_FILE_BYTES, "a rig file").decode(), values)
+    text = _changed(read_limited(path, MAX_RIG_FILE_BYTES, "a rig file").decode(), values)
     expected = {**before, "markers": {**before.get("markers", {}), **values}}
     try:
-        is_correct = texts.toml(text.encode()) == expected
+        is_correct = texts.parse_toml(text.encode()) == expected
     except ValueError:
         is_correct = False
     if not is_correct:
         lines = ", ".join(f"{key} = {_toml(value)}" for key, value in values.items())
         why = "has its markers in a syntax that must be edited by hand"
         raise UnusableFile(path, f"{why}: write {lines} into its section [markers]")
-    write_whole(path.resolve(), text)
+    write_atomically(path.resolve(), text)
 
 
 def _tables(path: Path) -> texts.Table:
-    return texts.toml(read_small(path, MAX_RIG_FILE_BYTES, "a rig file"))
+    return texts.parse_toml(read_limited(path, MAX_RIG_FILE_BYTES, "a rig file"))
 
 
-def _changed(text: str, values: Values) -> str:
+def _changed(text: str, values: MarkerValues) -> str:
     """Return the text with new values in its section [markers], which is appended if missing."""
     end = "\r\n" if "\r\n" in text else "\n"
     lines = text.splitlines(keepends=True)
@@ -73,7 +73,7 @@ def _changed(text: str, values: Values) -> str:
     return "".join([*lines[:last], *_lines(remaining, end), *lines[last:]])
 
 
-def _lines(values: Values, end: str) -> list[str]:
+def _lines(values: MarkerValues, end: str) -> list[str]:
     return [f"{key} = {_toml(value)}{end}" for key, value in values.items()]
 
 

@@ -15,37 +15,37 @@ from typing import Any
 from rcmservo.config.former_names import with_present_names
 from rcmservo.config.registry import (
     ESTIMATORS,
-    KIND,
-    PARTS,
+    KIND_KEY,
+    PART_CLASSES,
     Classes,
     decode_kind,
     find_class,
-    name_of,
+    find_class_name,
 )
-from rcmservo.config.strict_decoding import decode
+from rcmservo.config.strict_decoding import decode_settings
 from rcmservo.config.texts import Table, is_table
 from rcmservo.errors import BadInput
 from rcmservo.estimation.base import Estimator
 from rcmservo.servo.servo import Servo
 
 Description: type[object] = make_dataclass(
-    "Description", [*((part, object) for part in PARTS), ("rate", float)]
+    "Description", [*((part, object) for part in PART_CLASSES), ("rate", float)]
 )
 """Parts of a servo, and its tick rate in Hz."""
 
-NOBODY: Mapping[str, type[Estimator]] = {}
+NO_USER_ESTIMATORS: Mapping[str, type[Estimator]] = {}
 """No user-defined estimators."""
 
 
-def describe(servo: Servo) -> Table:
+def describe_servo(servo: Servo) -> Table:
     """Return a servo as a table of JSON values."""
-    parts = {part: _described(getattr(servo, part), classes) for part, classes in PARTS.items()}
+    parts = {part: _described(getattr(servo, part), classes) for part, classes in PART_CLASSES.items()}
     return json.loads(json.dumps({**parts, "rate": servo.rate}, default=_plain))
 
 
 def _described(value: Any, classes: Classes) -> object:
     names = [f.name for f in fields(value)] if is_dataclass(value) else []
-    return {KIND: name_of(value, classes), **{name: getattr(value, name) for name in names}}
+    return {KIND_KEY: find_class_name(value, classes), **{name: getattr(value, name) for name in names}}
 
 
 def _plain(value: Any) -> object:
@@ -53,7 +53,7 @@ def _plain(value: Any) -> object:
     return asdict(value) if is_dataclass(value) and not isinstance(value, type) else repr(value)
 
 
-def rebuild(description: object, own: Mapping[str, type[Estimator]] = NOBODY) -> Servo:
+def rebuild_servo(description: object, own: Mapping[str, type[Estimator]] = NO_USER_ESTIMATORS) -> Servo:
     """Return the servo that a description contains.
 
     Parameters
@@ -68,8 +68,8 @@ def rebuild(description: object, own: Mapping[str, type[Estimator]] = NOBODY) ->
     BadInput
         If a field is missing, unknown or invalid; the error names it.
     """
-    decoded: Any = decode(Description, description, "servo")
-    parts = {**PARTS, "estimator": {**ESTIMATORS, **own}}
+    decoded: Any = decode_settings(Description, description, "servo")
+    parts = {**PART_CLASSES, "estimator": {**ESTIMATORS, **own}}
     made = {part: _rebuilt(getattr(decoded, part), parts[part], f"servo.{part}") for part in parts}
     return Servo(**made, rate=decoded.rate)
 
@@ -83,15 +83,15 @@ def rebuild_part(description: object, part: str) -> Any:
         If the part is missing or invalid.
     """
     table: object = description.get(part) if is_table(description) else None
-    return _rebuilt(table, PARTS[part], f"servo.{part}")
+    return _rebuilt(table, PART_CLASSES[part], f"servo.{part}")
 
 
 def _rebuilt(table: object, classes: Classes, where: str) -> Any:
     """Return a part whose settings are all given, since defaults may change between versions."""
     if not is_table(table):
         raise BadInput(where, table, "a table of settings")
-    names = [f.name for f in fields(find_class(classes, table.get(KIND), where))]
-    table = with_present_names(table, [KIND, *names])
+    names = [f.name for f in fields(find_class(classes, table.get(KIND_KEY), where))]
+    table = with_present_names(table, [KIND_KEY, *names])
     for name in names:
         if name not in table:
             raise BadInput(f"{where}.{name}", None, "given")

@@ -41,7 +41,7 @@ BARE_KEY = re.compile(r"[A-Za-z0-9_-]{1,60}")
 """Key that needs no quotes in TOML."""
 
 
-def decode(kind: type[Settings], table: object, where: str, others: Sequence[str] = ()) -> Settings:
+def decode_settings(kind: type[Settings], table: object, where: str, others: Sequence[str] = ()) -> Settings:
     """Return the settings in a table.
 
     Parameters
@@ -85,14 +85,14 @@ def _reader(kind: type[Any]) -> "TypeAdapter[tuple[Any]]":
 def _refuse(error: "ErrorDetails", kind: type[Any], where: str, others: Sequence[str]) -> NoReturn:
     """Raise `BadInput` for an error of pydantic, with the path of its key."""
     steps, error_type, value = error["loc"][1:], error["type"], error["input"]
-    path = where + "".join(f"[{x}]" if isinstance(x, int) else f".{key_of(x)}" for x in steps)
+    path = where + "".join(f"[{x}]" if isinstance(x, int) else f".{quote_key(x)}" for x in steps)
     context = error.get("ctx", {})
     cause = context.get("error")
     if isinstance(cause, BadInput):
         name = cause.field.removeprefix(path.rpartition(".")[2] + ".")
         raise BadInput(f"{path}.{name}", cause.value, cause.right) from cause
     if error_type == "unexpected_keyword_argument":
-        raise BadInput(path, value, instead(str(steps[-1]), _keys(kind, steps, others)))
+        raise BadInput(path, value, expect_one_of(str(steps[-1]), _keys(kind, steps, others)))
     expected = EXPECTED_VALUES.get(error_type, f"a value of its type ({error_type})")
     if error_type == "missing" and isinstance(value, dict):
         value = None
@@ -107,13 +107,13 @@ def _keys(kind: type[Any], steps: Sequence[int | str], others: Sequence[str]) ->
     return names if steps[:-1] else [*others, *names]
 
 
-def instead(key: str, names: Sequence[str]) -> str:
+def expect_one_of(key: str, names: Sequence[str]) -> str:
     """Return the expected names for an unknown key, with the most similar one as a suggestion."""
     present = present_name(key, names)
     hint = f" (its name is {present} now)" if present else suggestion(key, names)
     return f"left out or one of {', '.join(names)}{hint}"
 
 
-def key_of(name: str) -> str:
+def quote_key(name: str) -> str:
     """Return a key as a message quotes it: in quotes unless it is a bare key, and shortened."""
     return name if BARE_KEY.fullmatch(name) else quoted(name[:60])

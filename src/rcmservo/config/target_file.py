@@ -19,8 +19,8 @@ from typing import Any
 import numpy as np
 
 from rcmservo.config import texts
-from rcmservo.config.atomic_files import read_small, write_whole
-from rcmservo.config.strict_decoding import decode
+from rcmservo.config.atomic_files import read_limited, write_atomically
+from rcmservo.config.strict_decoding import decode_settings
 from rcmservo.errors import BadInput, UnusableFile, one_line, quoted, require
 from rcmservo.geometry.kinematics import Kinematics
 from rcmservo.geometry.tool import Tool
@@ -34,7 +34,7 @@ TIME_FORMAT = "%Y-%m-%dT%H:%M:%SZ"
 
 
 @dataclass(frozen=True)
-class Setup:
+class TargetSetup:
     """Setup for which a target is valid.
 
     Parameters
@@ -62,11 +62,11 @@ class Setup:
     mechanism: Kinematics
     tool: Tool
     markers: MarkerAppearance
-    slack: float = Thresholds.slack
+    slack: float = Thresholds.limit_tolerance
 
 
 @dataclass(frozen=True)
-class Content:
+class TargetContent:
     """Content of a target file in addition to its format and checksum.
 
     Parameters
@@ -87,7 +87,7 @@ class Content:
     markers_px: tuple[tuple[float, float], tuple[float, float]]
     joints: tuple[float, float, float]
     setup: texts.Table
-    sizes_px: texts.Sizes = texts.NO_SIZES
+    sizes_px: texts.MarkerRadii = texts.UNKNOWN_RADII
 
     def __post_init__(self) -> None:
         try:
@@ -96,7 +96,7 @@ class Content:
             raise BadInput("taught", self.taught, "a time like 2026-11-21T11:30:00Z") from error
 
 
-def save(path: Path, target: Target, setup: Setup) -> None:
+def save_target(path: Path, target: Target, setup: TargetSetup) -> None:
     """Write a target that was taught now.
 
     Raises
@@ -107,20 +107,20 @@ def save(path: Path, target: Target, setup: Setup) -> None:
     content = {
         "taught": datetime.now(UTC).strftime(TIME_FORMAT),
         "markers_px": target.points.tolist(),
-        "sizes_px": texts.sizes(target.sizes),
+        "sizes_px": texts.radii_to_json(target.sizes),
         "joints": target.q.tolist(),
         "setup": _describe_setup(setup),
     }
     try:
-        _target(decode(Content, content, "target"), setup)
+        _target(decode_settings(TargetContent, content, "target"), setup)
     except BadInput as error:
         raise UnusableFile(path, f"is not written: {error}") from error
     content = {"format": TARGET_FORMAT, **content}
-    first = {"format": TARGET_FORMAT, "sha256": checksum(content)}
-    write_whole(path, json.dumps({**first, **content}, indent=1) + "\n")
+    first = {"format": TARGET_FORMAT, "sha256": compute_checksum(content)}
+    write_atomically(path, json.dumps({**first, **content}, indent=1) + "\n")
 
 
-def load(path: Path, setup: Setup) -> Target:
+def load_target(path: Path, setup: TargetSetup) -> Target:
     """Return the target in a file.
 
     Raises
@@ -128,33 +128,33 @@ def load(path: Path, setup: Setup) -> Target:
     UnusableFile
         If the file is damaged, or the target was taught with another setup.
     """
-    data = read_small(path, MAX_TARGET_FILE_BYTES, "a target")
-    with texts.reading(path, "JSON"):
+    data = read_limited(path, MAX_TARGET_FILE_BYTES, "a target")
+    with texts.name_file_in_errors(path, "JSON"):
         try:
-            return _target(_content(texts.from_json(data.decode())), setup)
+            return _target(_content(texts.parse_json(data.decode())), setup)
         except BadInput as error:
             raise UnusableFile(path, str(error)) from error
 
 
-def checksum(content: object) -> str:
+def compute_checksum(content: object) -> str:
     """Return the SHA-256 of a target file's content in hexadecimal, whatever its layout."""
     text = json.dumps(content, sort_keys=True, separators=(",", ":"), allow_nan=False)
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def _content(table: object) -> Content:
+def _content(table: object) -> TargetContent:
     """Return the content of a target file from its JSON; check format and checksum."""
     if not texts.is_table(table) or table.get("format") != TARGET_FORMAT:
-        raise texts.Refused(
+        raise texts.InvalidText(
             f"is not a target of this version: its format must be {TARGET_FORMAT!r}"
         )
     rest = {key: value for key, value in table.items() if key != "sha256"}
-    if table.get("sha256") != checksum(rest):
-        raise texts.Refused("is damaged or was changed: its checksum differs")
-    return decode(Content, {key: rest[key] for key in rest if key != "format"}, "target")
+    if table.get("sha256") != compute_checksum(rest):
+        raise texts.InvalidText("is damaged or was changed: its checksum differs")
+    return decode_settings(TargetContent, {key: rest[key] for key in rest if key != "format"}, "target")
 
 
-def _target(content: Content, setup: Setup) -> Target:
+def _target(content: TargetContent, setup: TargetSetup) -> Target:
     """Return the target of a content after checking every value."""
     _require_same(content.setup, _describe_setup(setup), "")
     max_u, max_v = setup.width - 0.5, setup.height - 0.5
@@ -170,7 +170,7 @@ def _target(content: Content, setup: Setup) -> Target:
     return Target(np.array(content.markers_px), np.array(content.joints), sizes=sizes)
 
 
-def _require_joints_within_limits(q: tuple[float, float, float], setup: Setup) -> None:
+def _require_joints_within_limits(q: tuple[float, float, float], setup: TargetSetup) -> None:
     """Raise `BadInput` for a joint beyond its limit by more than `slack`."""
     lower, upper = setup.mechanism.limits.arrays
     slack = setup.slack * (upper - lower)
@@ -180,7 +180,7 @@ def _require_joints_within_limits(q: tuple[float, float, float], setup: Setup) -
         require(bool(is_within), f"target.joints[{i}]", q[i], expected)
 
 
-def _describe_setup(setup: Setup) -> object:
+def _describe_setup(setup: TargetSetup) -> object:
     """Return a setup as JSON values."""
     bound = {name: value for name, value in vars(setup).items() if name != "slack"}
     return json.loads(json.dumps(bound, default=_table))
@@ -200,7 +200,7 @@ def _require_same(then: object, now: object, where: str) -> None:
         ):  # a different kind is the most informative difference
             _require_same(then.get(key), now.get(key), f"{where}.{key}" if where else key)
     elif isinstance(then, bool) is not isinstance(now, bool) or then != now:
-        raise texts.Refused(
+        raise texts.InvalidText(
             f"was taught with {one_line(where) or 'setup'} {quoted(then)}, "
             f"this rig has {quoted(now)}: teach the target again"
         )

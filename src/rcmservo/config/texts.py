@@ -24,18 +24,18 @@ Table = dict[str, Any]
 """Table of TOML, object of JSON."""
 
 
-Sizes = tuple[float | None, float | None]
+MarkerRadii = tuple[float | None, float | None]
 """Apparent radii of both markers, px; None where unknown."""
 
-NO_SIZES: Sizes = (None, None)
+UNKNOWN_RADII: MarkerRadii = (None, None)
 
 
-class Refused(ValueError):
+class InvalidText(ValueError):
     """Invalid content of a text; the message completes a sentence that begins with its file."""
 
 
 @contextmanager
-def reading(path: Path, language: str) -> Generator[None]:
+def name_file_in_errors(path: Path, language: str) -> Generator[None]:
     """Turn an error in the context into one that names the file.
 
     Raises
@@ -49,7 +49,7 @@ def reading(path: Path, language: str) -> Generator[None]:
         yield
     except BadInput as error:
         raise BadInput(f"{path}: {error.field}", error.value, error.right) from error
-    except Refused as error:
+    except InvalidText as error:
         raise UnusableFile(path, str(error)) from error
     except RecursionError as error:
         raise UnusableFile(path, "is nested too deeply") from error
@@ -57,15 +57,15 @@ def reading(path: Path, language: str) -> Generator[None]:
         raise UnusableFile(path, f"is not valid {language}: {one_line(error)}") from error
 
 
-def toml(data: bytes) -> Table:
+def parse_toml(data: bytes) -> Table:
     """Return the tables of a TOML file. The parser itself refuses repeated keys."""
     text = data.decode()
     if max(map(len, text.split("\n"))) > MAX_LINE_LENGTH:
-        raise Refused(f"has a line of more than {MAX_LINE_LENGTH} characters")
+        raise InvalidText(f"has a line of more than {MAX_LINE_LENGTH} characters")
     return tomllib.loads(text)
 
 
-def from_json(text: str) -> Any:
+def parse_json(text: str) -> Any:
     """Return the value of a JSON text."""
     return json.loads(
         text, object_pairs_hook=_unique_keys, parse_constant=_finite, parse_float=_finite
@@ -76,18 +76,18 @@ def _unique_keys(pairs: list[tuple[str, Any]]) -> Table:
     table = dict(pairs)
     if len(table) < len(pairs):
         key = next(key for key, count in Counter(key for key, _ in pairs).items() if count > 1)
-        raise Refused(f"has two of the key {quoted(key)}")
+        raise InvalidText(f"has two of the key {quoted(key)}")
     return table
 
 
 def _finite(text: str) -> float:
     value = float(text)
     if not math.isfinite(value):
-        raise Refused(f"holds the number {text[:30]}, which is not finite")
+        raise InvalidText(f"holds the number {text[:30]}, which is not finite")
     return value
 
 
-def sizes(radii: Floats) -> list[float | None]:
+def radii_to_json(radii: Floats) -> list[float | None]:
     """Return apparent radii (2,) px as JSON values: None in place of NaN, which means unknown."""
     return [float(radius) if math.isfinite(radius) else None for radius in radii]
 

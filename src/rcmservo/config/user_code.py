@@ -15,11 +15,11 @@ from rcmservo.config.registry import ESTIMATORS, PRESETS
 from rcmservo.errors import BadInput, RcmServoError, one_line
 from rcmservo.estimation.base import Estimator
 
-OPTION = "--estimator"
+ESTIMATOR_OPTION = "--estimator"
 CLASS_NAME = re.compile(r"\w+(\.\w+)*:\w+")
 
 
-def named(name: str, option: str = OPTION) -> type[Estimator]:
+def import_estimator(name: str, option: str = ESTIMATOR_OPTION) -> type[Estimator]:
     """Import and return the estimator class that the user named by an option.
 
     The module is found on the Python path or in the current directory.
@@ -74,7 +74,7 @@ def _imported(module: str, name: str, option: str) -> object:
         raise BadInput(option, name, f"a class of an importable module; {raised}") from error
 
 
-def source(estimator: Estimator) -> str:
+def hash_source(estimator: Estimator) -> str:
     """Return the SHA-256 of a user-defined estimator's source file in hexadecimal.
 
     The result is empty for a built-in estimator, or if there is no such file.

@@ -12,7 +12,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from rcmservo.config import texts
-from rcmservo.config.atomic_files import read_small, write_whole
+from rcmservo.config.atomic_files import read_limited, write_atomically
 from rcmservo.errors import RcmServoError, UnusableFile
 
 NOTE_FORMAT = "rcmservo checked 1"
@@ -20,7 +20,7 @@ MAX_NOTE_BYTES = 4096
 HEXADECIMAL_DIGITS = frozenset("0123456789abcdef")
 
 
-def digest_of(data: bytes) -> str:
+def compute_digest(data: bytes) -> str:
     """Return the SHA-256 of a rig file's bytes in hexadecimal.
 
     Use the same bytes for the settings: the file may change between two readings.
@@ -28,18 +28,18 @@ def digest_of(data: bytes) -> str:
     return hashlib.sha256(data).hexdigest()
 
 
-def is_checked(digest: str) -> bool:
+def is_verified(digest: str) -> bool:
     """Return True if the rig file with this digest passed its last check."""
     try:
-        note = texts.from_json(read_small(_note(digest), MAX_NOTE_BYTES, "a note").decode())
-    except (RcmServoError, texts.Refused, ValueError, RecursionError):
+        note = texts.parse_json(read_limited(_note(digest), MAX_NOTE_BYTES, "a note").decode())
+    except (RcmServoError, texts.InvalidText, ValueError, RecursionError):
         return False
     if not texts.is_table(note):
         return False
     return note.get("format") == NOTE_FORMAT and note.get("sha256") == digest
 
 
-def note_checked(digest: str) -> None:
+def store_verified(digest: str) -> None:
     """Store that the rig file with this digest has passed the check now.
 
     Raises
@@ -53,10 +53,10 @@ def note_checked(digest: str) -> None:
     except OSError as error:
         raise UnusableFile(note.parent, f"cannot be made: {error.strerror}") from error
     content = {"format": NOTE_FORMAT, "sha256": digest, "checked": when}
-    write_whole(note, json.dumps(content, indent=1) + "\n")
+    write_atomically(note, json.dumps(content, indent=1) + "\n")
 
 
-def forget_checked(digest: str) -> None:
+def remove_verified(digest: str) -> None:
     """Remove the note of the rig file with this digest after a failed check.
 
     Raises

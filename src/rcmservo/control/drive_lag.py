@@ -10,7 +10,7 @@ import numpy as np
 from rcmservo.geometry.kinematics import Point
 from rcmservo.interfaces import Floats
 from rcmservo.numerics.jit import compiled
-from rcmservo.numerics.small_linalg import all_finite, fill, put
+from rcmservo.numerics.small_linalg import all_finite, fill, copy_into
 from rcmservo.numerics.structs import Row, real, reals, whole
 
 DEFAULT_LAG_S = 0.025
@@ -28,34 +28,34 @@ MIN_MEASURED_LAG_S = -0.02
 class DriveLag(Row):
     """Running measurement of the drives' lag."""
 
-    behind: Floats = reals(3, "rad, rad, mm", "following error of the joints")
-    joints: Floats = reals(
+    following_error: Floats = reals(3, "rad, rad, mm", "following error of the joints")
+    newest_joints: Floats = reals(
         3, "rad, rad, mm", "joints at the previous reading, NaN at the start of a motion"
     )
-    told: int = whole("ns", "time of the previous reading")
-    slope: Floats = reals(2, "s, 1", "Σ error × speed and Σ speed², in units of the maximal speeds")
+    read_at: int = whole("ns", "time of the previous reading")
+    regression_sums: Floats = reals(2, "s, 1", "Σ error × speed and Σ speed², in units of the maximal speeds")
     lag: float = real("s", "T by the last complete motion, 0 before")
 
 
 @compiled
-def forget_lag(drives: DriveLag) -> None:
+def reset_lag(drives: DriveLag) -> None:
     """Reset the measurement and its result."""
-    fill(drives.behind, 0.0)
-    fill(drives.joints, 0.0)
-    fill(drives.slope, 0.0)
-    drives.told, drives.lag = 0, 0.0
+    fill(drives.following_error, 0.0)
+    fill(drives.newest_joints, 0.0)
+    fill(drives.regression_sums, 0.0)
+    drives.read_at, drives.lag = 0, 0.0
 
 
 @compiled
-def begin_lag(drives: DriveLag) -> None:
+def start_lag_measurement(drives: DriveLag) -> None:
     """Start a measurement with the arm at rest."""
-    fill(drives.behind, 0.0)
-    fill(drives.joints, np.nan)
-    fill(drives.slope, 0.0)
+    fill(drives.following_error, 0.0)
+    fill(drives.newest_joints, np.nan)
+    fill(drives.regression_sums, 0.0)
 
 
 @compiled
-def follow_drives(
+def add_lag_reading(
     drives: DriveLag, q: Floats, time: int, applied: Floats, max_rates: Floats | Point
 ) -> None:
     """Add one reading of the joints and the rates applied since the previous one.
@@ -63,37 +63,37 @@ def follow_drives(
     The joints q (3,) are read at `time` ns. `applied` (3,) and `max_rates` (3,) are the maximal
     joint rates.
     """
-    dt = (time - drives.told) * 1e-9
-    if all_finite(drives.joints) and dt > 0.0:
+    dt = (time - drives.read_at) * 1e-9
+    if all_finite(drives.newest_joints) and dt > 0.0:
         for i in range(3):
-            moved = q[i] - drives.joints[i]
+            moved = q[i] - drives.newest_joints[i]
             error_step, speed = applied[i] * dt - moved, moved / dt / max_rates[i]
-            drives.slope[0] += (drives.behind[i] + 0.5 * error_step) / max_rates[i] * speed
-            drives.slope[1] += speed * speed
-            drives.behind[i] += error_step
-    put(drives.joints, q)
-    drives.told = time
+            drives.regression_sums[0] += (drives.following_error[i] + 0.5 * error_step) / max_rates[i] * speed
+            drives.regression_sums[1] += speed * speed
+            drives.following_error[i] += error_step
+    copy_into(drives.newest_joints, q)
+    drives.read_at = time
 
 
 @compiled
-def measure_lag(drives: DriveLag) -> None:
+def finish_lag_measurement(drives: DriveLag) -> None:
     """Finish the measurement at the end of a motion, and store T if it is valid."""
-    lag = drives.slope[0] / drives.slope[1] if drives.slope[1] > 0.0 else np.nan
+    lag = drives.regression_sums[0] / drives.regression_sums[1] if drives.regression_sums[1] > 0.0 else np.nan
     if MIN_MEASURED_LAG_S <= lag <= MAX_LAG_S:
         drives.lag = max(lag, MIN_LAG_S)
 
 
 @compiled
-def lag_so_far(drives: DriveLag, known_lag: float) -> float:
+def current_lag(drives: DriveLag, known_lag: float) -> float:
     """Return T in s: `known_lag`, or if that is 0 the value by the motion so far, 0 at first."""
     if known_lag > 0.0:
         return known_lag
-    slope = drives.slope
+    slope = drives.regression_sums
     return min(max(slope[0] / slope[1], 0.0), MAX_LAG_S) if slope[1] > 0.0 else 0.0
 
 
 @compiled
-def lag_of(drives: DriveLag, known_lag: float) -> float:
+def known_or_measured_lag(drives: DriveLag, known_lag: float) -> float:
     """Return T in s: `known_lag`, or if that is 0 the measured or the default value."""
     if known_lag > 0.0:
         return known_lag

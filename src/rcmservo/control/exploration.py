@@ -18,11 +18,11 @@ from typing import Annotated
 import numpy as np
 
 from rcmservo.constraints import FRACTION, Checked, between, positive
-from rcmservo.control.drive_lag import DriveLag, begin_lag
-from rcmservo.geometry.kinematics import Point, Rcm, position_jacobian
+from rcmservo.control.drive_lag import DriveLag, start_lag_measurement
+from rcmservo.geometry.kinematics import Point, RcmStruct, compute_position_jacobian
 from rcmservo.interfaces import Floats
 from rcmservo.numerics.jit import compiled
-from rcmservo.numerics.small_linalg import length, minus, put
+from rcmservo.numerics.small_linalg import compute_norm, subtract, copy_into
 from rcmservo.numerics.structs import flag, reals, whole
 
 CORNERS = np.array([[1.0, 1.0, 0.0], [1.0, 0.0, 1.0], [0.0, 1.0, 1.0], [0.0, 0.0, 0.0]])
@@ -86,33 +86,33 @@ class Exploration(Checked, section="exploration"):
 
     name = "tour"
 
-    leg: Annotated[float, positive("time in s")] = 0.15
-    share: Annotated[float, FRACTION] = 0.2
-    reach: Annotated[float, positive("length in mm")] = 8.0
+    leg_time: Annotated[float, positive("time in s")] = 0.15
+    speed_scale: Annotated[float, FRACTION] = 0.2
+    max_leg_length: Annotated[float, positive("length in mm")] = 8.0
     growth: Annotated[float, between(1.0, 10.0, "a factor")] = 1.5
     uncertainty: Annotated[float, positive("fraction")] = 1.0
     tolerance: Annotated[float, positive("fraction")] = 0.3
-    legs: Annotated[int, between(1, 1000, "a whole number")] = 3
+    min_corners: Annotated[int, between(1, 1000, "a whole number")] = 3
     max_time: Annotated[float, positive("time in s")] = 10.0
 
 
-class Exploring(DriveLag):
+class ExplorationState(DriveLag):
     """State of an exploration."""
 
-    home: Floats = reals(3, "rad, rad, mm", "joints at the start")
+    start_joints: Floats = reals(3, "rad, rad, mm", "joints at the start")
     sides: Floats = reals(3, "rad, rad, mm", "signed sides of this round's box")
-    goal: Floats = reals(3, "rad, rad, mm", "joints at the next corner")
-    visits: int = whole("", "number of visited corners in all rounds")
-    start: int = whole("ns", "start time")
-    begun: bool = flag("whether corners are planned")
-    no_room: bool = flag("whether the joint limits leave no room for corners")
-    done: bool = flag("whether the estimate is usable for servoing")
+    next_corner: Floats = reals(3, "rad, rad, mm", "joints at the next corner")
+    visited_corners: int = whole("", "number of visited corners in all rounds")
+    start_time: int = whole("ns", "start time")
+    has_begun: bool = flag("whether corners are planned")
+    has_no_room: bool = flag("whether the joint limits leave no room for corners")
+    is_done: bool = flag("whether the estimate is usable for servoing")
 
 
 @compiled
-def begin(
-    state: Exploring,
-    rcm: Rcm,
+def start_exploration(
+    state: ExplorationState,
+    rcm: RcmStruct,
     max_rates: Floats | Point,
     q: Floats,
     now: int,
@@ -124,35 +124,35 @@ def begin(
     There is no room if the limits leave a joint less than the fraction `min_room` of its side.
     `max_rates` (3,) are the maximal joint rates.
     """
-    put(state.home, q)
-    state.visits, state.start = 0, now
-    begin_lag(state)
-    state.begun = box(state, rcm, max_rates, min_room, settings)
-    state.no_room = not state.begun
-    face(state)
+    copy_into(state.start_joints, q)
+    state.visited_corners, state.start_time = 0, now
+    start_lag_measurement(state)
+    state.has_begun = set_round(state, rcm, max_rates, min_room, settings)
+    state.has_no_room = not state.has_begun
+    set_next_corner(state)
 
 
 @compiled
-def face(state: Exploring) -> None:
+def set_next_corner(state: ExplorationState) -> None:
     """Set the next corner to that of the round's own order."""
-    corner = CORNERS[state.visits % len(CORNERS)]
+    corner = CORNERS[state.visited_corners % len(CORNERS)]
     for i in range(3):
-        state.goal[i] = state.home[i] + corner[i] * state.sides[i]
+        state.next_corner[i] = state.start_joints[i] + corner[i] * state.sides[i]
 
 
 @compiled
-def box(
-    state: Exploring, rcm: Rcm, max_rates: Floats | Point, min_room: float, settings: Exploration
+def set_round(
+    state: ExplorationState, rcm: RcmStruct, max_rates: Floats | Point, min_room: float, settings: Exploration
 ) -> bool:
     """Set the sides of the next round; return whether there is room for them."""
-    round_index, full_sides, has_room = state.visits // len(CORNERS), np.empty(3), True
+    round_index, full_sides, has_room = state.visited_corners // len(CORNERS), np.empty(3), True
     for i in range(3):
-        full_sides[i] = settings.share * settings.leg * max_rates[i] * settings.growth**round_index
-    factor = min(settings.reach / max(span(rcm, state.home, full_sides), 1e-9), 1.0)
+        full_sides[i] = settings.speed_scale * settings.leg_time * max_rates[i] * settings.growth**round_index
+    factor = min(settings.max_leg_length / max(max_leg_length(rcm, state.start_joints, full_sides), 1e-9), 1.0)
     for i in range(3):
         side, margin = factor * full_sides[i], LIMIT_MARGIN * (rcm.upper[i] - rcm.lower[i])
-        up = max(rcm.upper[i] - margin - state.home[i], 0.0)
-        down = max(state.home[i] - rcm.lower[i] - margin, 0.0)
+        up = max(rcm.upper[i] - margin - state.start_joints[i], 0.0)
+        down = max(state.start_joints[i] - rcm.lower[i] - margin, 0.0)
         preferred, opposite = (up, down) if round_index % 2 == 0 else (down, up)
         is_reversed = preferred < side and opposite > preferred
         sign = 1.0 if is_reversed == (round_index % 2 == 1) else -1.0
@@ -163,9 +163,9 @@ def box(
 
 
 @compiled
-def span(rcm: Rcm, q: Floats, sides: Floats) -> float:
+def max_leg_length(rcm: RcmStruct, q: Floats, sides: Floats) -> float:
     """Return the longest path (mm) of marker 1 from corner to corner of a box in joint space."""
-    jacobian, longest = position_jacobian(rcm, q), 0.0
+    jacobian, longest = compute_position_jacobian(rcm, q), 0.0
     for i in range(3):
         for j in range(i):
             squared = 0.0
@@ -177,22 +177,22 @@ def span(rcm: Rcm, q: Floats, sides: Floats) -> float:
 
 
 @compiled
-def towards(
-    state: Exploring, max_rates: Floats | Point, q: Floats, lag: float, settings: Exploration
+def rates_to_corner(
+    state: ExplorationState, max_rates: Floats | Point, q: Floats, lag: float, settings: Exploration
 ) -> Floats:
     """Return the joint rates (3,) to the next corner, for drives with the given lag in s."""
     rates, braking_time = np.empty(3), max(lag, MIN_BRAKING_TIME_S)
     for i in range(3):
-        speed = settings.share * max_rates[i]
-        distance = state.goal[i] - q[i]
+        speed = settings.speed_scale * max_rates[i]
+        distance = state.next_corner[i] - q[i]
         rates[i] = min(max(distance / braking_time, -speed), speed)
     return rates
 
 
 @compiled
-def arrived(state: Exploring, q: Floats) -> bool:
+def is_at_next_corner(state: ExplorationState, q: Floats) -> bool:
     """Return whether the joints q (3,) are at the next corner."""
-    return is_at_corner(state.goal, state.sides, q)
+    return is_at_corner(state.next_corner, state.sides, q)
 
 
 @compiled
@@ -205,13 +205,13 @@ def is_at_corner(corner: Floats, sides: Floats, q: Floats) -> bool:
 
 
 @compiled
-def disagreement(J_hat: Floats, J: Floats) -> float:
+def relative_difference(J_hat: Floats, J: Floats) -> float:
     """Return the norm of Ĵ − J as a fraction of the norm of J (3, 3), both scaled."""
-    size = length(J)
-    return length(minus(J_hat.ravel(), J.ravel())) / size if size > 0.0 else np.inf
+    size = compute_norm(J)
+    return compute_norm(subtract(J_hat.ravel(), J.ravel())) / size if size > 0.0 else np.inf
 
 
 @compiled
-def overdue(state: Exploring, now: int, settings: Exploration) -> bool:
+def is_overdue(state: ExplorationState, now: int, settings: Exploration) -> bool:
     """Return whether the exploration has used up its maximal time."""
-    return state.begun and now - state.start > settings.max_time * 1e9
+    return state.has_begun and now - state.start_time > settings.max_time * 1e9

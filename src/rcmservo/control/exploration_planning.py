@@ -17,20 +17,20 @@ the points between them, inside the joint limits and not too far away.
 
 import numpy as np
 
-from rcmservo.control.exploration import LIMIT_MARGIN, Exploration, Exploring, is_at_corner
+from rcmservo.control.exploration import LIMIT_MARGIN, Exploration, ExplorationState, is_at_corner
 from rcmservo.estimation.projection_fit import (
     MIN_WEIGHT_DEPTH,
     PRIOR_PRECISION,
-    Foretold,
-    Prospect,
-    both,
+    ProjectedPoint,
+    ProjectionFit,
+    project_markers,
 )
 from rcmservo.estimation.projection_prediction import invert_normal, write_markers_jacobian
-from rcmservo.geometry.kinematics import Point, Rcm, apart, point_at
-from rcmservo.geometry.tool import Shaft
+from rcmservo.geometry.kinematics import Point, RcmStruct, compute_point_distance, compute_position_tuple
+from rcmservo.geometry.tool import ToolStruct
 from rcmservo.interfaces import Floats
 from rcmservo.numerics.jit import compiled
-from rcmservo.numerics.small_linalg import fill, length, put
+from rcmservo.numerics.small_linalg import fill, compute_norm, copy_into
 from rcmservo.numerics.small_solvers import invert
 
 LOOK_AHEAD_MM = 10.0
@@ -44,7 +44,7 @@ CANDIDATE_CORNERS = 27
 
 
 @compiled
-def write_theta_jacobian(prediction: Foretold, D: Floats) -> None:
+def write_theta_jacobian(prediction: ProjectedPoint, D: Floats) -> None:
     """Write ∂m/∂θ (2, 11) of a point with the given prediction."""
     fill(D, 0.0)
     for k in range(2):
@@ -55,19 +55,19 @@ def write_theta_jacobian(prediction: Foretold, D: Floats) -> None:
 
 
 @compiled
-def write_theta_jacobians(fit: Prospect, p1: Point, shaft: Shaft, D: Floats) -> bool:
+def write_theta_jacobians(fit: ProjectionFit, p1: Point, shaft: ToolStruct, D: Floats) -> bool:
     """Write ∂m/∂θ (4, 11) of both markers with marker 1 at p1 (3,) mm.
 
     Return whether the fit has both markers in front of the camera.
     """
-    one, other = both(fit, p1, shaft)
+    one, other = project_markers(fit, p1, shaft)
     write_theta_jacobian(one, D[:2])
     write_theta_jacobian(other, D[2:])
     return one.z > MIN_WEIGHT_DEPTH and other.z > MIN_WEIGHT_DEPTH
 
 
 @compiled
-def write_information(fit: Prospect, N: Floats) -> None:
+def write_information(fit: ProjectionFit, N: Floats) -> None:
     """Write N (11, 11) of the frames so far and the prior."""
     fill(N, 0.0)
     for k in range(2):
@@ -77,16 +77,16 @@ def write_information(fit: Prospect, N: Floats) -> None:
             for j in range(3):
                 N[4 * k + i, 8 + j] = -fit.sums[1 + k, i, j]
                 N[8 + j, 4 * k + i] = -fit.sums[1 + k, i, j]
-            N[4 * k + i, 4 * k + i] += PRIOR_PRECISION[0] * fit.noise
+            N[4 * k + i, 4 * k + i] += PRIOR_PRECISION[0] * fit.noise_variance
     for i in range(3):
         for j in range(3):
             N[8 + i, 8 + j] = fit.sums[3, i, j]
-        N[8 + i, 8 + i] += PRIOR_PRECISION[1] * fit.noise
+        N[8 + i, 8 + i] += PRIOR_PRECISION[1] * fit.noise_variance
 
 
 @compiled
 def add_leg_information(
-    fit: Prospect, p: Point, to: Point, frames: float, shaft: Shaft, N: Floats
+    fit: ProjectionFit, p: Point, to: Point, frames: float, shaft: ToolStruct, N: Floats
 ) -> None:
     """Add to N (11, 11) the information of `frames` frames on a straight leg of marker 1.
 
@@ -107,7 +107,7 @@ def add_leg_information(
 
 @compiled
 def write_path_sensitivity(
-    fit: Prospect, p1: Point, target: Floats, shaft: Shaft, T: Floats
+    fit: ProjectionFit, p1: Point, target: Floats, shaft: ToolStruct, T: Floats
 ) -> float:
     """Write T (3, 11) of the path to the target; return the length of the path in mm.
 
@@ -119,7 +119,7 @@ def write_path_sensitivity(
     write_markers_jacobian(fit, p1, shaft, H)
     if not invert_normal(H, inverse):
         return np.inf
-    first, second = both(fit, p1, shaft)
+    first, second = project_markers(fit, p1, shaft)
     fill(path, 0.0)
     for i in range(3):
         for n in range(4):
@@ -131,7 +131,7 @@ def write_path_sensitivity(
             marker_2 = fit.origin[3 + j] + second.m[j] + fit.offset[1, j]
             path[i] += H_pinv[i, j] * (target[0, j] - marker_1)
             path[i] += H_pinv[i, 2 + j] * (target[1, j] - marker_2)
-    distance = length(path)
+    distance = compute_norm(path)
     fraction = LOOK_AHEAD_MM / distance if distance > LOOK_AHEAD_MM else 1.0
     ahead = p1[0] + fraction * path[0], p1[1] + fraction * path[1], p1[2] + fraction * path[2]
     if not (
@@ -151,7 +151,7 @@ def write_path_sensitivity(
 def expected_error(T: Floats, N: Floats, noise: float) -> float:
     """Return σ √tr(T N⁻¹Tᵀ) mm of T (3, 11), N (11, 11), σ² px²; infinite if N is singular."""
     inverse, total = np.empty((11, 11)), 0.0
-    put(inverse, N)
+    copy_into(inverse, N)
     if not invert(inverse):
         return np.inf
     for k in range(3):
@@ -162,7 +162,7 @@ def expected_error(T: Floats, N: Floats, noise: float) -> float:
 
 
 @compiled
-def off_target(fit: Prospect, p1: Floats, target: Floats, shaft: Shaft) -> tuple[float, float]:
+def path_error(fit: ProjectionFit, p1: Floats, target: Floats, shaft: ToolStruct) -> tuple[float, float]:
     """Return the standard deviation of the error and the length of the path to the target, in mm.
 
     The path runs from marker 1 at p1 (3,) mm to the `target` (2, 2) raw px. Both are infinite if
@@ -173,40 +173,40 @@ def off_target(fit: Prospect, p1: Floats, target: Floats, shaft: Shaft) -> tuple
     if not distance < np.inf:
         return np.inf, np.inf
     write_information(fit, N)
-    return expected_error(T, N, fit.noise), distance
+    return expected_error(T, N, fit.noise_variance), distance
 
 
 @compiled
-def directed(
-    fit: Prospect, p1: Floats, target: Floats, shaft: Shaft, settings: Exploration
+def direction_is_known(
+    fit: ProjectionFit, p1: Floats, target: Floats, shaft: ToolStruct, settings: Exploration
 ) -> bool:
     """Return whether the direction to the target is known.
 
     It runs from marker 1 at p1 (3,) mm to the `target` (2, 2) raw px. It is known if the error of
     the path is at most the fraction `uncertainty` of its length, or negligible.
     """
-    error, distance = off_target(fit, p1, target, shaft)
+    error, distance = path_error(fit, p1, target, shaft)
     return error < np.inf and error <= max(settings.uncertainty * distance, NEGLIGIBLE_ERROR_MM)
 
 
 @compiled
-def write_candidate(state: Exploring, index: int, rcm: Rcm, q: Floats) -> bool:
+def write_candidate(state: ExplorationState, index: int, rcm: RcmStruct, q: Floats) -> bool:
     """Write the joints (3,) of a candidate corner; return whether the joint limits allow it."""
     for i in range(3):
         step, margin = index % 3 - 1, LIMIT_MARGIN * (rcm.upper[i] - rcm.lower[i])
         index //= 3
-        q[i] = state.home[i] + step * state.sides[i]
+        q[i] = state.start_joints[i] + step * state.sides[i]
         if step != 0 and not rcm.lower[i] + margin <= q[i] <= rcm.upper[i] - margin:
             return False
     return True
 
 
 @compiled
-def plan(
-    state: Exploring,
-    fit: Prospect,
-    rcm: Rcm,
-    shaft: Shaft,
+def plan_corner(
+    state: ExplorationState,
+    fit: ProjectionFit,
+    rcm: RcmStruct,
+    shaft: ToolStruct,
     q: Floats,
     target: Floats,
     max_distance: float,
@@ -217,19 +217,19 @@ def plan(
     most `max_distance` mm away. Without a usable candidate the corner stays.
     """
     T, N, M = np.empty((3, 11)), np.empty((11, 11)), np.empty((11, 11))
-    p, corner, least_error = point_at(rcm, q), np.empty(3), np.inf
+    p, corner, least_error = compute_position_tuple(rcm, q), np.empty(3), np.inf
     if not write_path_sensitivity(fit, p, target, shaft, T) < np.inf:
         return
     write_information(fit, N)
-    frames = fit.frames / state.visits
+    frames = fit.frame_count / state.visited_corners
     for index in range(CANDIDATE_CORNERS):
         if not write_candidate(state, index, rcm, corner) or is_at_corner(corner, state.sides, q):
             continue
-        to = point_at(rcm, corner)
-        if apart(p, to) <= max_distance:
-            put(M, N)
+        to = compute_position_tuple(rcm, corner)
+        if compute_point_distance(p, to) <= max_distance:
+            copy_into(M, N)
             add_leg_information(fit, p, to, frames, shaft, M)
-            error = expected_error(T, M, fit.noise)
+            error = expected_error(T, M, fit.noise_variance)
             if error < least_error:
                 least_error = error
-                put(state.goal, corner)
+                copy_into(state.next_corner, corner)

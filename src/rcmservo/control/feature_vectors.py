@@ -12,15 +12,15 @@ import numpy as np
 
 from rcmservo.errors import BadInput
 from rcmservo.geometry.features import (
-    INTERPRETED,
+    INTERPRETED_CODE,
     MAX_FEATURES,
-    POINTS,
-    SCALE,
-    SRD,
-    about,
-    features,
-    features_jacobian,
-    wrapped,
+    POINTS_CODE,
+    FEATURE_SCALE,
+    SRD_CODE,
+    shift_to_rcm,
+    compute_features,
+    compute_features_jacobian,
+    wrap_angle,
 )
 from rcmservo.interfaces import Floats
 from rcmservo.numerics.structs import Row, reals, whole
@@ -84,16 +84,16 @@ class FeatureVector(ABC):
     """
     units: ClassVar[tuple[str, ...]]
     """Unit of each component, rad or px. A component in rad wraps to (−π, π]."""
-    needs_motion: ClassVar[bool] = True
+    needs_markers_jacobian: ClassVar[bool] = True
     """True if the estimator must estimate ∂m/∂p₁ of the markers' coordinates."""
     needs_sizes: ClassVar[bool] = False
     """True if the estimator must also estimate ∂R/∂p₁, and the target must have radii."""
-    leaves_out_lost: ClassVar[bool] = False
+    ignores_lost_markers: ClassVar[bool] = False
     """True if a component that is not finite is ignored.
 
     Otherwise the prediction of the fit replaces the lost marker.
     """
-    code: ClassVar[int] = INTERPRETED
+    code: ClassVar[int] = INTERPRETED_CODE
     """Code of the vector in compiled functions, if these implement it."""
 
     @abstractmethod
@@ -148,8 +148,8 @@ class FeatureVector(ABC):
         """
         error, derivative = self.measure(markers) - self.measure(target), self.jacobian(markers)
         J = derivative @ motion[: derivative.shape[1]]
-        error = np.array([wrapped(e) if a else e for e, a in zip(error, self.angles, strict=True)])
-        if self.leaves_out_lost:
+        error = np.array([wrap_angle(e) if a else e for e, a in zip(error, self.angles, strict=True)])
+        if self.ignores_lost_markers:
             is_lost = ~np.isfinite(error)
             error[is_lost], J[is_lost] = 0.0, 0.0
         return error, J
@@ -187,7 +187,7 @@ class FeatureVector(ABC):
         FeatureParameters
             Code, dimension, scale and scaled bounds.
         """
-        scale = [float(SCALE[UNIT_INDICES[unit]]) for unit in self.units]
+        scale = [float(FEATURE_SCALE[UNIT_INDICES[unit]]) for unit in self.units]
         scaled = [bound / one for bound, one in zip(self.bounds(b), scale, strict=True)]
         padding = [0.0] * (MAX_FEATURES - len(scale))
         return FeatureParameters.of(
@@ -209,14 +209,14 @@ class ToolFeatures(FeatureVector):
     name = "srd"
     components = ("s", "r", "d")
     units = ("rad", "px", "px")
-    needs_motion = False
-    code = SRD
+    needs_markers_jacobian = False
+    code = SRD_CODE
 
     def measure(self, markers: MarkerPair) -> Floats:
-        return features(about(markers.points, markers.o_c))
+        return compute_features(shift_to_rcm(markers.points, markers.o_c))
 
     def jacobian(self, markers: MarkerPair) -> Floats:
-        return features_jacobian(about(markers.points, markers.o_c))
+        return compute_features_jacobian(shift_to_rcm(markers.points, markers.o_c))
 
     def bounds(self, b: tuple[float, float, float]) -> list[float]:
         return list(b)
@@ -229,7 +229,7 @@ class PointFeatures(FeatureVector):
     name = "points"
     components = ("u1", "v1", "u2", "v2")
     units = ("px",) * 4
-    code = POINTS
+    code = POINTS_CODE
 
     def measure(self, markers: MarkerPair) -> Floats:
         return markers.points.ravel()
@@ -252,7 +252,7 @@ class SizeFeatures(FeatureVector):
     components = ("u1", "v1", "u2", "v2", "R1", "R2")
     units = ("px",) * 6
     needs_sizes = True
-    leaves_out_lost = True
+    ignores_lost_markers = True
 
     def measure(self, markers: MarkerPair) -> Floats:
         return np.concatenate([markers.points.ravel(), markers.sizes])

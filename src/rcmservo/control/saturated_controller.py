@@ -22,13 +22,13 @@ from rcmservo.constraints import (
     three_positive,
 )
 from rcmservo.control.feature_vectors import FEATURE_VECTORS, FeatureVector
-from rcmservo.geometry.features import SCALE
+from rcmservo.geometry.features import FEATURE_SCALE
 from rcmservo.geometry.kinematics import Point
 from rcmservo.interfaces import Floats
 from rcmservo.numerics.jit import compiled
-from rcmservo.numerics.small_linalg import all_finite, length
+from rcmservo.numerics.small_linalg import all_finite, compute_norm
 from rcmservo.numerics.small_solvers import solve_3x3
-from rcmservo.numerics.small_svd import extremes, put_right
+from rcmservo.numerics.small_svd import find_column_length_range, orthogonalise_in_place
 
 MAX_UNDAMPED_CONDITION = 1e3
 """Condition of the scaled Ĵ up to which its plain inverse is accurate enough without damping."""
@@ -73,7 +73,7 @@ def potential(delta: Floats, bounds: Floats, printed: bool) -> float:
 
 
 @compiled
-def scaled(J: Floats) -> Floats:
+def scale_rows(J: Floats) -> Floats:
     """Return diag(1/SCALE) J, the matrix for every norm and condition."""
     out = np.empty(J.shape)
     write_scaled(J, out)
@@ -85,23 +85,23 @@ def write_scaled(J: Floats, out: Floats) -> None:
     """Write diag(1/SCALE) J."""
     for i in range(J.shape[0]):
         for j in range(J.shape[1]):
-            out[i, j] = J[i, j] / SCALE[i]
+            out[i, j] = J[i, j] / FEATURE_SCALE[i]
 
 
 @compiled
-def largest_scaled(J: Floats) -> float:
+def max_scaled_entry(J: Floats) -> float:
     """Return the largest absolute value of diag(1/SCALE) J; NaN if a number is NaN."""
     largest = 0.0
     for i in range(J.shape[0]):
         for j in range(J.shape[1]):
-            size = abs(J[i, j]) / SCALE[i]
+            size = abs(J[i, j]) / FEATURE_SCALE[i]
             if np.isnan(size):
                 return np.nan
             largest = max(largest, size)
     return largest
 
 
-class Heading(NamedTuple):
+class LawResult(NamedTuple):
     """Velocity of the control law and its quality.
 
     Parameters
@@ -119,21 +119,21 @@ class Heading(NamedTuple):
 
     v: Point
     condition: float
-    open: float
-    left: float
+    reducible_fraction: float
+    distance_to_target: float
 
 
 @compiled
-def law(
+def solve_law(
     J: Floats, gradient: Floats, gain: float, max_condition: float, max_speed: float
-) -> Heading:
+) -> LawResult:
     """Return the velocity of eq. (31) and its quality.
 
     More than three features are solved by least squares. J (n, 3) per mm and the gradient ∂V/∂y
     (n,) are scaled. The whole velocity is reduced to max_speed, so that its direction stays.
     """
-    if not (all_finite(J) and length(J) > 0.0):
-        return Heading((0.0, 0.0, 0.0), np.inf, 0.0, np.inf)
+    if not (all_finite(J) and compute_norm(J) > 0.0):
+        return LawResult((0.0, 0.0, 0.0), np.inf, 0.0, np.inf)
     v, condition, reducible = (0.0, 0.0, 0.0), np.inf, 1.0
     if len(J) == 3:
         (x, y, z), condition = solve_3x3(J, gradient)
@@ -143,7 +143,7 @@ def law(
     speed = np.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
     slowdown = max(1.0, speed / max_speed)
     v = v[0] / slowdown, v[1] / slowdown, v[2] / slowdown
-    return Heading(v, condition, reducible, speed / gain)
+    return LawResult(v, condition, reducible, speed / gain)
 
 
 @compiled
@@ -157,13 +157,13 @@ def damped_velocity(
     2σ₁/max_condition are damped, so that |v| stays bounded.
     """
     V, v, total, reduced = np.empty((3, 3)), np.zeros(3), 0.0, 0.0
-    put_right(B, V)
-    low, high = extremes(B)
+    orthogonalise_in_place(B, V)
+    low, high = find_column_length_range(B)
     floor = 2.0 * high / max_condition
     for k in range(len(B)):
         total += g[k] ** 2
     for i in range(3):
-        sigma, projection = length(B[:, i]), 0.0
+        sigma, projection = compute_norm(B[:, i]), 0.0
         for k in range(len(B)):
             projection += B[k, i] * g[k]
         shortfall = max(1.0 - sigma / floor, 0.0)
@@ -176,7 +176,7 @@ def damped_velocity(
 
 
 @compiled
-def control(
+def apply_law(
     J: Floats,
     delta: Floats,
     bounds: Floats,
@@ -184,7 +184,7 @@ def control(
     gain: float,
     max_condition: float,
     max_speed: float,
-) -> tuple[Heading, float]:
+) -> tuple[LawResult, float]:
     """Return the velocity by (32) and (31) with its quality, and √(2V).
 
     The error Δy (n,), the bounds b (n,) and the Jacobian (n, 3) are scaled. √(2V) is |Δy| without
@@ -192,7 +192,7 @@ def control(
     """
     gradient = np.empty(len(delta))
     write_gradient(delta, bounds, printed, gradient)
-    heading = law(J, gradient, gain, max_condition, max_speed)
+    heading = solve_law(J, gradient, gain, max_condition, max_speed)
     return heading, np.sqrt(2.0 * potential(delta, bounds, printed))
 
 
@@ -264,6 +264,6 @@ class SaturatedController(Checked, section="controller"):
         return FEATURE_VECTORS[self.features]
 
     @cached_property
-    def b(self) -> Floats:
+    def bounds_array(self) -> Floats:
         """Bounds b (3,) in (rad, px, px)."""
         return np.array(self.bounds)

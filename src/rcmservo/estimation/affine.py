@@ -16,8 +16,8 @@ from rcmservo.estimation.ball_size_fit import (
     MIN_FRAMES,
     BallFit,
     ball_jacobian,
-    no_balls,
-    place_told,
+    initial_ball_fits,
+    locate_ball,
     predict_ball_image,
     project_ball,
     radius_jacobian,
@@ -25,22 +25,22 @@ from rcmservo.estimation.ball_size_fit import (
 )
 from rcmservo.estimation.base import Estimator, Sample
 from rcmservo.estimation.projection_fit import RCM_POSITION_MM
-from rcmservo.geometry.features import about, features_jacobian
-from rcmservo.geometry.tool import Shaft, Tool, second_marker, second_marker_jacobian
+from rcmservo.geometry.features import shift_to_rcm, compute_features_jacobian
+from rcmservo.geometry.tool import ToolStruct, Tool, compute_second_marker, compute_second_marker_jacobian
 from rcmservo.interfaces import Floats
 from rcmservo.numerics.jit import compiled
-from rcmservo.numerics.small_linalg import all_finite, products, put
+from rcmservo.numerics.small_linalg import all_finite, multiply_matrices, copy_into
 from rcmservo.numerics.structs import Rows
 
 
 @compiled
-def see_both(
+def update_both_fits(
     memory: Rows[BallFit],
     p1: Floats,
     points: Floats,
     sizes: Floats,
     kappa: float,
-    shaft: Shaft,
+    shaft: ToolStruct,
 ) -> Rows[BallFit]:
     """Return the fits of both balls after one more frame.
 
@@ -49,7 +49,7 @@ def see_both(
     """
     memory = memory.copy()
     update_ball_fit(memory[0], p1, points[0], sizes[0], kappa)
-    update_ball_fit(memory[1], second_marker(shaft, p1), points[1], sizes[1], kappa)
+    update_ball_fit(memory[1], compute_second_marker(shaft, p1), points[1], sizes[1], kappa)
     return memory
 
 
@@ -60,27 +60,27 @@ def both_are_fitted(memory: Rows[BallFit]) -> bool:
 
 
 @compiled
-def markers_jacobian(memory: Rows[BallFit], p1: Floats, shaft: Shaft) -> Floats:
+def markers_jacobian(memory: Rows[BallFit], p1: Floats, shaft: ToolStruct) -> Floats:
     """Return ∂m/∂p₁ (4, 3) px/mm of both markers with marker 1 at p1 (3,) mm."""
-    jacobian, p2 = np.empty((4, 3)), second_marker(shaft, p1)
-    put(jacobian[:2], ball_jacobian(memory[0], p1))
-    put(jacobian[2:], products(ball_jacobian(memory[1], p2), second_marker_jacobian(shaft, p1)))
+    jacobian, p2 = np.empty((4, 3)), compute_second_marker(shaft, p1)
+    copy_into(jacobian[:2], ball_jacobian(memory[0], p1))
+    copy_into(jacobian[2:], multiply_matrices(ball_jacobian(memory[1], p2), compute_second_marker_jacobian(shaft, p1)))
     return jacobian
 
 
 @compiled
-def sizes_motion(memory: Rows[BallFit], p1: Floats, shaft: Shaft) -> Floats:
+def sizes_jacobian(memory: Rows[BallFit], p1: Floats, shaft: ToolStruct) -> Floats:
     """Return ∂R/∂p₁ (2, 3) px/mm of both markers' apparent radii with marker 1 at p1 (3,) mm."""
     jacobian, jacobian_2 = np.empty((2, 3)), np.empty((1, 3))
-    put(jacobian[0], radius_jacobian(memory[0], p1))
-    put(jacobian_2[0], radius_jacobian(memory[1], second_marker(shaft, p1)))
-    put(jacobian[1:], products(jacobian_2, second_marker_jacobian(shaft, p1)))
+    copy_into(jacobian[0], radius_jacobian(memory[0], p1))
+    copy_into(jacobian_2[0], radius_jacobian(memory[1], compute_second_marker(shaft, p1)))
+    copy_into(jacobian[1:], multiply_matrices(jacobian_2, compute_second_marker_jacobian(shaft, p1)))
     return jacobian
 
 
 @compiled
-def sized_jacobian(
-    memory: Rows[BallFit], p1: Floats, points: Floats, o_c: Floats, shaft: Shaft
+def fitted_features_jacobian(
+    memory: Rows[BallFit], p1: Floats, points: Floats, o_c: Floats, shaft: ToolStruct
 ) -> Floats:
     """Return Ĵ (3, 3) of eq. (15), or zeros before both fits have enough frames.
 
@@ -88,24 +88,24 @@ def sized_jacobian(
     """
     if not (both_are_fitted(memory) and all_finite(points) and all_finite(o_c)):
         return np.zeros((3, 3))
-    J_hat = products(features_jacobian(about(points, o_c)), markers_jacobian(memory, p1, shaft))
+    J_hat = multiply_matrices(compute_features_jacobian(shift_to_rcm(points, o_c)), markers_jacobian(memory, p1, shaft))
     return J_hat if all_finite(J_hat) else np.zeros((3, 3))
 
 
 @compiled
-def sized_markers(memory: Rows[BallFit], p1: Floats, shaft: Shaft) -> Floats:
+def predict_markers(memory: Rows[BallFit], p1: Floats, shaft: ToolStruct) -> Floats:
     """Return the markers (2, 2) raw px that the fits predict for p1 (3,) mm."""
     points, p = np.empty((2, 2)), p1
     for k in range(2):
         image = project_ball(memory[k], p)
         for i in range(2):
             points[k, i] = memory[k].origin[3 + i] + image.m[i]
-        p = second_marker(shaft, p1)
+        p = compute_second_marker(shaft, p1)
     return points
 
 
 @compiled
-def sized_rcm(memory: Rows[BallFit]) -> tuple[Floats, Floats]:
+def estimate_imaged_rcm(memory: Rows[BallFit]) -> tuple[Floats, Floats]:
     """Return the imaged RCM (2,) raw px and its covariance (2, 2) px².
 
     It is that of the fit with the smaller variance.
@@ -152,39 +152,39 @@ class AffineEstimator(Estimator):
     size_noise: Annotated[float, between(0.01, 100.0, "a number of px for a px")] = 0.3
 
     name = "affine"
-    models = True
-    places_rcm = True
-    spares_marker = True
+    predicts_markers = True
+    estimates_rcm = True
+    tolerates_lost_marker = True
     advice = "affine needs a tracker that measures the markers' apparent sizes"
 
     def init(self) -> Rows[BallFit]:
-        return no_balls()
+        return initial_ball_fits()
 
     def update(self, memory: Rows[BallFit], tool: Tool, sample: Sample) -> Rows[BallFit]:
         kappa = 1.0 / self.size_noise**2
-        return see_both(memory, sample.p1, sample.points, sample.sizes, kappa, tool.shaft)
+        return update_both_fits(memory, sample.p1, sample.points, sample.sizes, kappa, tool.struct)
 
     def jacobian(self, memory: Rows[BallFit], tool: Tool, sample: Sample) -> Floats:
-        return sized_jacobian(memory, sample.p1, sample.points, sample.o_c, tool.shaft)
+        return fitted_features_jacobian(memory, sample.p1, sample.points, sample.o_c, tool.struct)
 
-    def located(self, memory: Rows[BallFit], tool: Tool, sample: Sample) -> Floats:
+    def filtered_markers(self, memory: Rows[BallFit], tool: Tool, sample: Sample) -> Floats:
         is_lost = ~np.isfinite(sample.points)
-        return np.where(is_lost, sized_markers(memory, sample.p1, tool.shaft), sample.points)
+        return np.where(is_lost, predict_markers(memory, sample.p1, tool.struct), sample.points)
 
-    def motion(self, memory: Rows[BallFit], tool: Tool, sample: Sample) -> Floats:
-        return markers_jacobian(memory, sample.p1, tool.shaft)
+    def markers_jacobian(self, memory: Rows[BallFit], tool: Tool, sample: Sample) -> Floats:
+        return markers_jacobian(memory, sample.p1, tool.struct)
 
-    def size_motion(self, memory: Rows[BallFit], tool: Tool, sample: Sample) -> Floats:
-        return sizes_motion(memory, sample.p1, tool.shaft)
+    def sizes_jacobian(self, memory: Rows[BallFit], tool: Tool, sample: Sample) -> Floats:
+        return sizes_jacobian(memory, sample.p1, tool.struct)
 
     def imaged_rcm(self, memory: Rows[BallFit]) -> tuple[Floats, Floats] | None:
-        return sized_rcm(memory) if both_are_fitted(memory) else None
+        return estimate_imaged_rcm(memory) if both_are_fitted(memory) else None
 
     def predict(self, memory: Rows[BallFit], tool: Tool, p1: Floats) -> Floats | None:
         if not both_are_fitted(memory):
             return None
-        o_c = sized_rcm(memory)[0]
-        return (sized_markers(memory, p1, tool.shaft) - o_c).ravel()
+        o_c = estimate_imaged_rcm(memory)[0]
+        return (predict_markers(memory, p1, tool.struct) - o_c).ravel()
 
     def position(self, memory: Rows[BallFit], k: int, point: Floats, size: float) -> Floats | None:
         """Return the position of one marker by its pixels and its apparent radius.
@@ -207,5 +207,5 @@ class AffineEstimator(Estimator):
         Floats or None
             p (3,) mm; None if the fit does not determine it.
         """
-        p, is_known = place_told(memory[k], np.asarray(point, dtype=np.float64), float(size))
+        p, is_known = locate_ball(memory[k], np.asarray(point, dtype=np.float64), float(size))
         return p if is_known else None

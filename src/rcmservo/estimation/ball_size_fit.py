@@ -27,11 +27,11 @@ from rcmservo.estimation.projection_fit import (
     MIN_FRAME_SPACING_MM,
     PRIOR_NOISE_FRAMES,
     PRIOR_NOISE_PX,
-    UNIT,
+    UNIT_LENGTH_MM,
 )
 from rcmservo.interfaces import Floats
 from rcmservo.numerics.jit import compiled
-from rcmservo.numerics.small_linalg import all_finite, distance, dot, form, product, put
+from rcmservo.numerics.small_linalg import all_finite, compute_distance, dot, bilinear_form, multiply_vector, copy_into
 from rcmservo.numerics.small_solvers import invert, solve_3x3
 from rcmservo.numerics.structs import Row, Rows, real, reals
 
@@ -74,7 +74,7 @@ class BallImage(NamedTuple):
     inverse_radius: float
 
 
-def no_balls() -> Rows[BallFit]:
+def initial_ball_fits() -> Rows[BallFit]:
     """Return the fits of two balls before the first frame."""
     empty = BallFit.of(noise_variance=PRIOR_NOISE_PX**2).rows
     return cast(Any, np.repeat(cast(Any, empty), 2))
@@ -85,8 +85,8 @@ def project_ball(fit: BallFit, p: Floats) -> BallImage:
     """Return the predicted image of a ball at p (3,) mm."""
     x = np.ones(4)
     for i in range(3):
-        x[i] = (p[i] - fit.origin[i]) / UNIT
-    w = product(fit.C, x)
+        x[i] = (p[i] - fit.origin[i]) / UNIT_LENGTH_MM
+    w = multiply_vector(fit.C, x)
     return BallImage(x, np.array([w[0] / w[2], w[1] / w[2]]), w[2])
 
 
@@ -100,18 +100,18 @@ def update_ball_fit(fit: BallFit, p: Floats, point: Floats, size: float, kappa: 
     if not (all_finite(p) and all_finite(point) and np.isfinite(size) and size > 0.0):
         return
     if not fit.frame_count > 0.0:
-        put(fit.origin[:3], p)
-        put(fit.origin[3:], point)
-    elif distance(p, fit.newest_p) < MIN_FRAME_SPACING_MM:
+        copy_into(fit.origin[:3], p)
+        copy_into(fit.origin[3:], point)
+    elif compute_distance(p, fit.newest_p) < MIN_FRAME_SPACING_MM:
         return
     x, m = np.ones(4), np.empty(2)
     for i in range(3):
-        x[i] = (p[i] - fit.origin[i]) / UNIT
+        x[i] = (p[i] - fit.origin[i]) / UNIT_LENGTH_MM
     for k in range(2):
         m[k] = point[k] - fit.origin[3 + k]
     add_to_sums(fit, x, m, size, kappa)
     fit.frame_count += 1.0
-    put(fit.newest_p, p)
+    copy_into(fit.newest_p, p)
     solve_ball_fit(fit, size, kappa)
 
 
@@ -131,23 +131,23 @@ def add_to_sums(fit: BallFit, x: Floats, m: Floats, size: float, kappa: float) -
 @compiled
 def solve_ball_fit(fit: BallFit, size: float, kappa: float) -> None:
     """Solve for C and σ² from the sums, with priors for a ball of the radius `size` px."""
-    put(fit.S_inverse, fit.sums[0])
+    copy_into(fit.S_inverse, fit.sums[0])
     for i in range(4):
         fit.S_inverse[i, i] += PRIOR_PRECISION[0] * fit.noise_variance * size**2
     invert(fit.S_inverse)
     Q = centre_residual_form(fit)
     c, inverse, _ = solve_third_row(fit, Q, 0.0, size)
-    residual = max(form(Q, c, c), 0.0)
-    correction = residual / form(fit.sums[0], c, c) * max(1.0 - 4.0 / fit.frame_count, 0.0)
+    residual = max(bilinear_form(Q, c, c), 0.0)
+    correction = residual / bilinear_form(fit.sums[0], c, c) * max(1.0 - 4.0 / fit.frame_count, 0.0)
     corrected, corrected_inverse, is_invertible = solve_third_row(fit, Q, correction, size)
     if is_invertible:
-        c, inverse, residual = corrected, corrected_inverse, max(form(Q, corrected, corrected), 0.0)
-    put(fit.C[2], c)
-    put(fit.c_inverse, inverse)
+        c, inverse, residual = corrected, corrected_inverse, max(bilinear_form(Q, corrected, corrected), 0.0)
+    copy_into(fit.C[2], c)
+    copy_into(fit.c_inverse, inverse)
     for k in range(2):
-        put(fit.C[k], product(fit.S_inverse, product(fit.sums[k + 1], c)))
+        copy_into(fit.C[k], multiply_vector(fit.S_inverse, multiply_vector(fit.sums[k + 1], c)))
     residual += max(
-        form(fit.sums[4], c, c) + kappa * fit.frame_count - 2.0 * dot(fit.size_sums, c), 0.0
+        bilinear_form(fit.sums[4], c, c) + kappa * fit.frame_count - 2.0 * dot(fit.size_sums, c), 0.0
     )
     prior_rows, rows = 3.0 * PRIOR_NOISE_FRAMES, max(3.0 * fit.frame_count - 12.0, 0.0)
     fit.noise_variance = (residual + prior_rows * PRIOR_NOISE_PX**2) / (rows + prior_rows)
@@ -159,7 +159,7 @@ def centre_residual_form(fit: BallFit) -> Floats:
     Q = fit.sums[3].copy()
     for k in range(1, 3):
         for j in range(4):
-            S_inverse_column = product(fit.S_inverse, fit.sums[k, j])
+            S_inverse_column = multiply_vector(fit.S_inverse, fit.sums[k, j])
             for i in range(4):
                 Q[i, j] -= dot(fit.sums[k, i], S_inverse_column)
     return Q
@@ -179,11 +179,11 @@ def solve_third_row(
             M[i, j] = Q[i, j] - correction * fit.sums[0, i, j] + fit.sums[4, i, j]
         M[i, i] += PRIOR_PRECISION[1] * fit.noise_variance * size**2 if i < 3 else 0.0
     is_invertible = invert(M)
-    return product(M, fit.size_sums), M, is_invertible
+    return multiply_vector(M, fit.size_sums), M, is_invertible
 
 
 @compiled
-def place_told(fit: BallFit, point: Floats, size: float) -> tuple[Floats, bool]:
+def locate_ball(fit: BallFit, point: Floats, size: float) -> tuple[Floats, bool]:
     """Return the position (3,) mm of the ball, and whether the fit determines it.
 
     The ball has the raw `point` (2,) px and the radius `size` px: C₁₋₃ x = (u, v, 1)/R − C₄.
@@ -194,7 +194,7 @@ def place_told(fit: BallFit, point: Floats, size: float) -> tuple[Floats, bool]:
     w[2] = 1.0 / size - fit.C[2, 3]
     x, _ = solve_3x3(fit.C, w)
     for i in range(3):
-        p[i] += UNIT * x[i]
+        p[i] += UNIT_LENGTH_MM * x[i]
     return p, fit.frame_count >= MIN_FRAMES and all_finite(p)
 
 
@@ -205,7 +205,7 @@ def ball_jacobian(fit: BallFit, p: Floats) -> Floats:
     for k in range(2):
         for i in range(3):
             jacobian[k, i] = (fit.C[k, i] - image.m[k] * fit.C[2, i]) / (
-                image.inverse_radius * UNIT
+                image.inverse_radius * UNIT_LENGTH_MM
             )
     return jacobian
 
@@ -215,7 +215,7 @@ def radius_jacobian(fit: BallFit, p: Floats) -> Floats:
     """Return ∂R/∂p = −R² c₃ / 100 mm, (3,) px/mm, of the fit at p (3,) mm, by 1/R = c₃ᵀx̄."""
     image, jacobian = project_ball(fit, p), np.empty(3)
     for i in range(3):
-        jacobian[i] = -fit.C[2, i] / (image.inverse_radius**2 * UNIT)
+        jacobian[i] = -fit.C[2, i] / (image.inverse_radius**2 * UNIT_LENGTH_MM)
     return jacobian
 
 
@@ -223,15 +223,15 @@ def radius_jacobian(fit: BallFit, p: Floats) -> Floats:
 def predict_ball_image(fit: BallFit, p: Floats) -> tuple[Floats, Floats]:
     """Return the predicted raw pixels (2,) of a point p (3,) mm and their covariance (2, 2) px²."""
     image, point = project_ball(fit, p), np.empty(2)
-    sensitivity, S_x = np.empty((2, 4)), product(fit.S_inverse, image.x)
+    sensitivity, S_x = np.empty((2, 4)), multiply_vector(fit.S_inverse, image.x)
     for k in range(2):
         point[k] = fit.origin[3 + k] + image.m[k]
-        put(sensitivity[k], product(fit.sums[1 + k], S_x))
+        copy_into(sensitivity[k], multiply_vector(fit.sums[1 + k], S_x))
         for i in range(4):
             sensitivity[k, i] -= image.m[k] * image.x[i]
     cov, scale = np.empty((2, 2)), fit.noise_variance / image.inverse_radius**2
     for k in range(2):
-        inverse_column = product(fit.c_inverse, sensitivity[k])
+        inverse_column = multiply_vector(fit.c_inverse, sensitivity[k])
         for n in range(2):
             leverage = dot(image.x, S_x) if k == n else 0.0
             cov[k, n] = scale * (leverage + dot(sensitivity[n], inverse_column))

@@ -11,8 +11,8 @@ from typing import Any, ClassVar, NamedTuple, Protocol, runtime_checkable
 import numpy as np
 
 from rcmservo.constraints import Checked
-from rcmservo.geometry.features import FEATURES, MAX_FEATURES
-from rcmservo.geometry.tool import Shaft, Tool
+from rcmservo.geometry.features import FEATURE_COUNT, MAX_FEATURES
+from rcmservo.geometry.tool import ToolStruct, Tool
 from rcmservo.interfaces import Floats
 from rcmservo.numerics.structs import Row, flag, real, reals, whole
 
@@ -42,14 +42,14 @@ class Sample(NamedTuple):
     sizes: Floats = np.full(2, np.nan)
 
 
-class Estimated(Row):
+class EstimatorResult(Row):
     """Result of an estimator for one frame, from which the servo computes features and error."""
 
     points: Floats = reals((2, 2), "px", "markers, raw; filtered if the estimator averages noise")
     J_hat: Floats = reals((3, 3), "rad/mm, px/mm, px/mm", "Ĵ of eq. (14), unless placed")
-    motion: Floats = reals((4, 3), "px/mm", "∂m/∂p₁ of both markers, if needed or placed")
-    placed: bool = flag("whether the estimator gives the imaged RCM, and Ĵ follows from motion")
-    failed: bool = flag("whether a user-defined estimator or feature vector failed at this tick")
+    markers_jacobian: Floats = reals((4, 3), "px/mm", "∂m/∂p₁ of both markers, if needed or placed")
+    has_imaged_rcm: bool = flag("whether the estimator gives the imaged RCM, and Ĵ follows from motion")
+    has_failed: bool = flag("whether a user-defined estimator or feature vector failed at this tick")
     o_c: Floats = reals(2, "px", "imaged RCM, raw, if placed")
     o_c_covariance: Floats = reals((2, 2), "px²", "of o_c")
 
@@ -79,22 +79,22 @@ class KernelSample(NamedTuple):
     points: Floats
     o_c: Floats
     dt: float
-    shaft: Shaft
-    needs_motion: bool
+    shaft: ToolStruct
+    needs_markers_jacobian: bool
     fit_changed: bool
 
 
 class EstimatorKernel(Protocol):
     """Compiled form of an estimator: a named tuple of settings with compiled class functions."""
 
-    places_rcm: ClassVar[bool]
+    estimates_rcm: ClassVar[bool]
     """True if it estimates the imaged RCM itself, without the lines of eq. (16)."""
     update: ClassVar[Callable[..., Any]]
     """Function of (kernel, memory, `KernelSample`, projection fit, result of the frame).
 
     It writes the result and returns the memory after the frame.
     """
-    empty: ClassVar[Callable[..., Any]]
+    reset: ClassVar[Callable[..., Any]]
     """Function of (kernel, memory) that returns the memory before the first frame."""
 
 
@@ -134,11 +134,11 @@ class Estimator(Checked, ABC, section="estimator"):
 
     name: ClassVar[str]
     """Value of the setting ``estimator`` that selects the class."""
-    models: ClassVar[bool] = False
+    predicts_markers: ClassVar[bool] = False
     """True if `predict` returns predicted markers."""
-    places_rcm: ClassVar[bool] = False
+    estimates_rcm: ClassVar[bool] = False
     """True if `imaged_rcm` replaces eq. (16), which also requires `motion`."""
-    spares_marker: ClassVar[bool] = False
+    tolerates_lost_marker: ClassVar[bool] = False
     """True if `update` accepts NaN for one marker, and the estimator supplies that marker itself.
 
     It is used only with an estimator that determines the imaged RCM.
@@ -194,7 +194,7 @@ class Estimator(Checked, ABC, section="estimator"):
             Ĵ (3, 3) in (rad/mm, px/mm, px/mm) by rows; zeros before the estimator has data.
         """
 
-    def located(self, memory: Any, tool: Tool, sample: Sample) -> Floats:
+    def filtered_markers(self, memory: Any, tool: Tool, sample: Sample) -> Floats:
         """Return the markers at a sample: measured, or filtered if the estimator does so.
 
         Parameters
@@ -230,7 +230,7 @@ class Estimator(Checked, ABC, section="estimator"):
         del memory
         return None
 
-    def motion(self, memory: Any, tool: Tool, sample: Sample) -> Floats:
+    def markers_jacobian(self, memory: Any, tool: Tool, sample: Sample) -> Floats:
         """Return ∂m/∂p₁ of both markers at a sample, the second factor of eq. (15).
 
         The servo calls it if the estimator determines the imaged RCM, or if the control law acts on
@@ -258,11 +258,11 @@ class Estimator(Checked, ABC, section="estimator"):
         raise NotImplementedError(type(self).__name__)
 
     @property
-    def tells_motion(self) -> bool:
+    def has_markers_jacobian(self) -> bool:
         """True if the class implements `motion`."""
-        return type(self).motion is not Estimator.motion
+        return type(self).markers_jacobian is not Estimator.markers_jacobian
 
-    def size_motion(self, memory: Any, tool: Tool, sample: Sample) -> Floats:
+    def sizes_jacobian(self, memory: Any, tool: Tool, sample: Sample) -> Floats:
         """Return ∂R/∂p₁ of both markers' apparent radii at a sample.
 
         The servo calls it if the control law acts on the apparent radii.
@@ -289,9 +289,9 @@ class Estimator(Checked, ABC, section="estimator"):
         raise NotImplementedError(type(self).__name__)
 
     @property
-    def tells_size_motion(self) -> bool:
+    def has_sizes_jacobian(self) -> bool:
         """True if the class implements `size_motion`."""
-        return type(self).size_motion is not Estimator.size_motion
+        return type(self).sizes_jacobian is not Estimator.sizes_jacobian
 
     def predict(self, memory: Any, tool: Tool, p1: Floats) -> Floats | None:
         """Return the markers predicted for a tool position.
@@ -313,7 +313,7 @@ class Estimator(Checked, ABC, section="estimator"):
         del memory, tool, p1
         return None
 
-    def remembered(self, memory: Any) -> Floats | None:
+    def recorded_numbers(self, memory: Any) -> Floats | None:
         """Return the part of the memory that is recorded with every tick.
 
         Parameters
@@ -340,10 +340,10 @@ class Estimate(Row):
     o_c: Floats = reals(2, "px", "imaged RCM, raw")
     o_c_covariance: Floats = reals((2, 2), "px²", "of o_c, if the projection fit gives it")
     rcm_condition: float = real("", "condition of eq. (16), 0 if the projection fit gives o_c")
-    J_hat: Floats = reals((FEATURES, 3), "rad/mm, px/mm, px/mm", "Ĵ of eq. (14)")
+    J_hat: Floats = reals((FEATURE_COUNT, 3), "rad/mm, px/mm, px/mm", "Ĵ of eq. (14)")
     condition: float = real("", "condition of the scaled Ĵ")
     law_jacobian: Floats = reals((MAX_FEATURES, 3), "", "∂/∂p₁ of the law's features, per mm")
     law_error: Floats = reals(MAX_FEATURES, "", "error of these features at the exposure")
-    y: Floats = reals(FEATURES, "rad, px, px", "features [s r d], eq. (7)")
-    delta: Floats = reals(FEATURES, "rad, px, px", "Δy at the exposure")
-    ahead: Floats = reals(FEATURES, "rad, px, px", "Δy predicted for the present joints")
+    y: Floats = reals(FEATURE_COUNT, "rad, px, px", "features [s r d], eq. (7)")
+    delta: Floats = reals(FEATURE_COUNT, "rad, px, px", "Δy at the exposure")
+    predicted_delta: Floats = reals(FEATURE_COUNT, "rad, px, px", "Δy predicted for the present joints")

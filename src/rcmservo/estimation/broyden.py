@@ -20,21 +20,21 @@ import numpy as np
 from rcmservo.constraints import positive
 from rcmservo.estimation.base import Estimator, Sample
 from rcmservo.estimation.displacement import rank_one_update
-from rcmservo.geometry.features import about, difference, features
+from rcmservo.geometry.features import shift_to_rcm, compute_feature_error, compute_features
 from rcmservo.geometry.tool import Tool
 from rcmservo.interfaces import Floats
 from rcmservo.numerics.jit import compiled
-from rcmservo.numerics.small_linalg import length, minus
+from rcmservo.numerics.small_linalg import compute_norm, subtract
 
 
 @compiled
-def learn(J: Floats, delta_p: Floats, delta_y: Floats) -> Floats:
+def broyden_update(J: Floats, delta_p: Floats, delta_y: Floats) -> Floats:
     """Return the Ĵ (3, 3) closest to J that maps Δp (3,) mm, not zero, to Δy (3,)."""
     return rank_one_update(J, delta_p, delta_y, 1.0)
 
 
 @compiled
-def update(
+def update_from_frame(
     J: Floats,
     p1_before: Floats,
     points_before: Floats,
@@ -47,11 +47,11 @@ def update(
 
     The features of both frames are taken about the present o_c.
     """
-    delta_p = minus(p1, p1_before)
-    if not length(delta_p) >= min_step:
+    delta_p = subtract(p1, p1_before)
+    if not compute_norm(delta_p) >= min_step:
         return J.copy(), False
-    delta_y = difference(features(about(points, o_c)), features(about(points_before, o_c)))
-    return learn(J, delta_p, delta_y), True
+    delta_y = compute_feature_error(compute_features(shift_to_rcm(points, o_c)), compute_features(shift_to_rcm(points_before, o_c)))
+    return broyden_update(J, delta_p, delta_y), True
 
 
 class BroydenMemory(NamedTuple):
@@ -103,7 +103,7 @@ class BroydenEstimator(Estimator):
     min_step: Annotated[float, positive("length in mm")] = 3.0
 
     name = "broyden"
-    models = False
+    predicts_markers = False
 
     def init(self) -> BroydenMemory:
         return BroydenMemory(np.zeros((3, 3)), None, None)
@@ -111,7 +111,7 @@ class BroydenEstimator(Estimator):
     def update(self, memory: BroydenMemory, tool: Tool, sample: Sample) -> BroydenMemory:
         if memory.p1 is None or memory.points is None:
             return BroydenMemory(memory.J_hat, sample.p1, sample.points)
-        J_hat, is_updated = update(
+        J_hat, is_updated = update_from_frame(
             memory.J_hat,
             memory.p1,
             memory.points,

@@ -36,10 +36,10 @@ import numpy as np
 from rcmservo.constraints import between
 from rcmservo.estimation.displacement import kalman_gain, update_covariance
 from rcmservo.estimation.kalman import RandomWalkEstimator, predict_covariance
-from rcmservo.geometry.features import SCALE
+from rcmservo.geometry.features import FEATURE_SCALE
 from rcmservo.interfaces import Floats
 from rcmservo.numerics.jit import compiled
-from rcmservo.numerics.small_linalg import product, put
+from rcmservo.numerics.small_linalg import multiply_vector, copy_into
 
 MIN_WEIGHT = 1e-20
 """Smallest weight of a displacement."""
@@ -50,14 +50,14 @@ def correntropy_weight(
     P: Floats, delta_p: Floats, innovation: float, R: float, bandwidth: float
 ) -> float:
     """Return the weight λ of an innovation of one feature in b."""
-    P_delta, S = product(P, delta_p), R
+    P_delta, S = multiply_vector(P, delta_p), R
     for i in range(3):
         S += delta_p[i] * P_delta[i]
     return max(np.exp(-0.5 * innovation**2 / (bandwidth**2 * S)), MIN_WEIGHT)
 
 
 @compiled
-def learn(
+def correntropy_update(
     J: Floats,
     P: Floats,
     delta_p: Floats,
@@ -70,15 +70,15 @@ def learn(
 
     The displacement is Δp (3,) mm with the flow Δy (3,).
     """
-    predicted, R = product(J, delta_p), noise**2
+    predicted, R = multiply_vector(J, delta_p), noise**2
     J_after, P_after = J.copy(), np.empty((3, 3, 3))
     for i in range(3):
         P_prior, innovation = predict_covariance(P[i], delta_p, drift), delta_y[i] - predicted[i]
-        weight = correntropy_weight(P_prior, delta_p, innovation / SCALE[i], R, bandwidth)
+        weight = correntropy_weight(P_prior, delta_p, innovation / FEATURE_SCALE[i], R, bandwidth)
         K = kalman_gain(P_prior, delta_p, R / weight)
         for j in range(3):
             J_after[i, j] += innovation * K[j]
-        put(P_after[i], update_covariance(P_prior, delta_p, R, K))
+        copy_into(P_after[i], update_covariance(P_prior, delta_p, R, K))
     return J_after, P_after
 
 
@@ -118,7 +118,7 @@ class CorrentropyEstimator(RandomWalkEstimator):
     bandwidth: Annotated[float, between(0.1, 1e6, "a number of σ")] = 3.0
 
     name = "correntropy"
-    models = False
+    predicts_markers = False
 
     def initial_covariance(self) -> Floats:
         return np.array([self.spread**2 * np.eye(3)] * 3)
@@ -126,4 +126,4 @@ class CorrentropyEstimator(RandomWalkEstimator):
     def update_jacobian(
         self, J_hat: Floats, P: Floats, delta_p: Floats, delta_y: Floats
     ) -> tuple[Floats, Floats]:
-        return learn(J_hat, P, delta_p, delta_y, self.drift, self.noise, self.bandwidth)
+        return correntropy_update(J_hat, P, delta_p, delta_y, self.drift, self.noise, self.bandwidth)

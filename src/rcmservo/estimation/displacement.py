@@ -16,11 +16,11 @@ import numpy as np
 
 from rcmservo.constraints import positive
 from rcmservo.estimation.base import Estimator, Sample
-from rcmservo.geometry.features import about, difference, features
+from rcmservo.geometry.features import shift_to_rcm, compute_feature_error, compute_features
 from rcmservo.geometry.tool import Tool
 from rcmservo.interfaces import Floats
 from rcmservo.numerics.jit import compiled
-from rcmservo.numerics.small_linalg import length, minus, product
+from rcmservo.numerics.small_linalg import compute_norm, subtract, multiply_vector
 
 EXPLORATION_ADVICE = (
     "a longer exploration motion (exploration.reach, exploration.leg) raises each displacement "
@@ -30,7 +30,7 @@ EXPLORATION_ADVICE = (
 
 
 @compiled
-def displaced(
+def measure_displacement(
     p1_before: Floats,
     points_before: Floats,
     p1: Floats,
@@ -42,15 +42,15 @@ def displaced(
 
     Δy is the change of the features from `points_before` (2, 2) to `points` (2, 2), both in raw px.
     """
-    delta_p = minus(p1, p1_before)
-    delta_y = difference(features(about(points, o_c)), features(about(points_before, o_c)))
-    return delta_p, delta_y, length(delta_p) >= min_step
+    delta_p = subtract(p1, p1_before)
+    delta_y = compute_feature_error(compute_features(shift_to_rcm(points, o_c)), compute_features(shift_to_rcm(points_before, o_c)))
+    return delta_p, delta_y, compute_norm(delta_p) >= min_step
 
 
 @compiled
 def kalman_gain(P: Floats, delta_p: Floats, R: float) -> Floats:
     """Return the gain K = P Δp / (Δpᵀ P Δp + R) (3,) of a flow with the variance R."""
-    K, variance = product(P, delta_p), R
+    K, variance = multiply_vector(P, delta_p), R
     for i in range(3):
         variance += delta_p[i] * K[i]
     for i in range(3):
@@ -84,7 +84,7 @@ def update_covariance(P: Floats, delta_p: Floats, R: float, K: Floats) -> Floats
 @compiled
 def correct_jacobian(J: Floats, delta_p: Floats, delta_y: Floats, K: Floats) -> Floats:
     """Return Ĵ + (Δy − Ĵ Δp) Kᵀ (3, 3)."""
-    predicted, out = product(J, delta_p), np.empty((3, 3))
+    predicted, out = multiply_vector(J, delta_p), np.empty((3, 3))
     for i in range(3):
         for j in range(3):
             out[i, j] = J[i, j] + (delta_y[i] - predicted[i]) * K[j]
@@ -141,7 +141,7 @@ class DisplacementEstimator(Estimator):
     def update(self, memory: DisplacementMemory, tool: Tool, sample: Sample) -> DisplacementMemory:
         if memory.p1 is None or memory.points is None:
             return memory._replace(p1=sample.p1, points=sample.points)
-        delta_p, delta_y, is_long = displaced(
+        delta_p, delta_y, is_long = measure_displacement(
             memory.p1, memory.points, sample.p1, sample.points, sample.o_c, self.min_step
         )
         if not is_long:
@@ -157,7 +157,7 @@ class DisplacementEstimator(Estimator):
 def rank_one_update(J: Floats, delta_p: Floats, delta_y: Floats, fraction: float) -> Floats:
     """Return J + fraction (Δy − J Δp) Δpᵀ/|Δp|² (3, 3); Δp (3,) mm must not be zero."""
     squared = delta_p[0] ** 2 + delta_p[1] ** 2 + delta_p[2] ** 2
-    predicted, out = product(J, delta_p), np.empty(J.shape)
+    predicted, out = multiply_vector(J, delta_p), np.empty(J.shape)
     for i in range(J.shape[0]):
         for j in range(J.shape[1]):
             out[i, j] = J[i, j] + fraction / squared * (delta_y[i] - predicted[i]) * delta_p[j]

@@ -9,14 +9,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rcmservo.estimation.base import Estimated, Estimator, KernelSample, Sample
-from rcmservo.estimation.projection_fit import RCM_POSITION_MM, Prospect, blank, see
+from rcmservo.estimation.base import EstimatorResult, Estimator, KernelSample, Sample
+from rcmservo.estimation.projection_fit import RCM_POSITION_MM, ProjectionFit, initial_fit, update_fit
 from rcmservo.estimation.projection_prediction import (
     add_offset,
-    both_motions,
-    features_motion,
-    imaged,
-    located,
+    markers_jacobian,
+    fitted_features_jacobian,
+    predict_image,
+    filter_markers,
     write_markers_jacobian,
     write_predicted_image,
     write_predicted_markers,
@@ -32,16 +32,16 @@ def update_kernel(
     kernel: "DltKernel",
     memory: tuple[()],
     sample: KernelSample,
-    fit: Prospect,
-    result: Estimated,
+    fit: ProjectionFit,
+    result: EstimatorResult,
 ) -> tuple[()]:
     """Write the estimate of the servo's projection fit, the estimator's whole state."""
     if sample.fit_changed:
         write_predicted_image(fit, RCM_POSITION_MM, result.o_c, result.o_c_covariance)
     write_predicted_markers(fit, sample.p1, sample.shaft, result.points)
     add_offset(fit, result.points)
-    write_markers_jacobian(fit, sample.p1, sample.shaft, result.motion)
-    result.placed = True
+    write_markers_jacobian(fit, sample.p1, sample.shaft, result.markers_jacobian)
+    result.has_imaged_rcm = True
     return memory
 
 
@@ -54,9 +54,9 @@ def empty_kernel(kernel: "DltKernel", memory: tuple[()]) -> tuple[()]:
 class DltKernel(NamedTuple):
     """Compiled form of the direct linear transformation."""
 
-    places_rcm = True
+    estimates_rcm = True
     update = update_kernel
-    empty = empty_kernel
+    reset = empty_kernel
 
 
 @dataclass(frozen=True)
@@ -84,37 +84,37 @@ class DltEstimator(Estimator):
     """
 
     name = "dlt"
-    models = True
-    places_rcm = True
-    spares_marker = True
+    predicts_markers = True
+    estimates_rcm = True
+    tolerates_lost_marker = True
     kernel = DltKernel()
 
-    def init(self) -> Rows[Prospect]:
-        return blank().rows
+    def init(self) -> Rows[ProjectionFit]:
+        return initial_fit().rows
 
-    def update(self, memory: Rows[Prospect], tool: Tool, sample: Sample) -> Rows[Prospect]:
+    def update(self, memory: Rows[ProjectionFit], tool: Tool, sample: Sample) -> Rows[ProjectionFit]:
         memory = memory.copy()
-        see(memory[0], sample.p1, sample.points, tool.shaft)
+        update_fit(memory[0], sample.p1, sample.points, tool.struct)
         return memory
 
-    def jacobian(self, memory: Rows[Prospect], tool: Tool, sample: Sample) -> Floats:
+    def jacobian(self, memory: Rows[ProjectionFit], tool: Tool, sample: Sample) -> Floats:
         p1, points, o_c, *_ = sample
-        return features_motion(memory[0], p1, points, o_c, tool.shaft)
+        return fitted_features_jacobian(memory[0], p1, points, o_c, tool.struct)
 
-    def located(self, memory: Rows[Prospect], tool: Tool, sample: Sample) -> Floats:
-        return located(memory[0], sample.p1, tool.shaft)
+    def filtered_markers(self, memory: Rows[ProjectionFit], tool: Tool, sample: Sample) -> Floats:
+        return filter_markers(memory[0], sample.p1, tool.struct)
 
-    def motion(self, memory: Rows[Prospect], tool: Tool, sample: Sample) -> Floats:
-        return both_motions(memory[0], sample.p1, tool.shaft)
+    def markers_jacobian(self, memory: Rows[ProjectionFit], tool: Tool, sample: Sample) -> Floats:
+        return markers_jacobian(memory[0], sample.p1, tool.struct)
 
-    def imaged_rcm(self, memory: Rows[Prospect]) -> tuple[Floats, Floats]:
-        return imaged(memory[0], RCM_POSITION_MM)
+    def imaged_rcm(self, memory: Rows[ProjectionFit]) -> tuple[Floats, Floats]:
+        return predict_image(memory[0], RCM_POSITION_MM)
 
-    def predict(self, memory: Rows[Prospect], tool: Tool, p1: Floats) -> Floats:
-        o_c, both = imaged(memory[0], RCM_POSITION_MM)[0], (p1.copy(), tool.second_marker(p1))
-        return np.concatenate([imaged(memory[0], p)[0] - o_c for p in both])
+    def predict(self, memory: Rows[ProjectionFit], tool: Tool, p1: Floats) -> Floats:
+        o_c, both = predict_image(memory[0], RCM_POSITION_MM)[0], (p1.copy(), tool.second_marker(p1))
+        return np.concatenate([predict_image(memory[0], p)[0] - o_c for p in both])
 
-    def remembered(self, memory: Any) -> Floats:
-        known = Prospect(memory)
-        numbers = known.A.ravel(), known.g, known.origin, known.offset.ravel(), [known.noise]
+    def recorded_numbers(self, memory: Any) -> Floats:
+        known = ProjectionFit(memory)
+        numbers = known.A.ravel(), known.g, known.origin, known.offset.ravel(), [known.noise_variance]
         return np.concatenate(numbers)

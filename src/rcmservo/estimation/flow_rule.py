@@ -13,14 +13,14 @@ import numpy as np
 from rcmservo.constraints import positive
 from rcmservo.estimation.base import Estimator, Sample
 from rcmservo.estimation.displacement import rank_one_update
-from rcmservo.geometry.features import about, difference, features
+from rcmservo.geometry.features import shift_to_rcm, compute_feature_error, compute_features
 from rcmservo.geometry.tool import Tool
 from rcmservo.interfaces import Floats
 from rcmservo.numerics.jit import compiled
 
 
 @compiled
-def learn(J: Floats, delta_p: Floats, delta_y: Floats, dt: float, gamma: float) -> Floats:
+def integrate_flow_rule(J: Floats, delta_p: Floats, delta_y: Floats, dt: float, gamma: float) -> Floats:
     """Return Ĵ (3, 3) after dt s of rule (28) at the constant velocity Δp/dt and flow Δy/dt."""
     squared = delta_p[0] ** 2 + delta_p[1] ** 2 + delta_p[2] ** 2
     if not (squared > 0.0 and dt > 0.0):
@@ -29,7 +29,7 @@ def learn(J: Floats, delta_p: Floats, delta_y: Floats, dt: float, gamma: float) 
 
 
 @compiled
-def update(
+def update_from_frame(
     J: Floats,
     delta_p: Floats,
     points_before: Floats,
@@ -43,8 +43,8 @@ def update(
     The features of both frames are taken about the present o_c, so that a change of o_c is not
     flow.
     """
-    delta_y = difference(features(about(points, o_c)), features(about(points_before, o_c)))
-    return learn(J, delta_p, delta_y, dt, gamma)
+    delta_y = compute_feature_error(compute_features(shift_to_rcm(points, o_c)), compute_features(shift_to_rcm(points_before, o_c)))
+    return integrate_flow_rule(J, delta_p, delta_y, dt, gamma)
 
 
 class FlowMemory(NamedTuple):
@@ -96,7 +96,7 @@ class FlowEstimator(Estimator):
     gamma: Annotated[float, positive("gain in s/mm²")] = 0.001
 
     name = "flow"
-    models = False
+    predicts_markers = False
     advice = "a larger γ (gamma) lets the flow rule adapt faster to the same motion"
 
     def init(self) -> FlowMemory:
@@ -105,7 +105,7 @@ class FlowEstimator(Estimator):
     def update(self, memory: FlowMemory, tool: Tool, sample: Sample) -> FlowMemory:
         J_hat = memory.J_hat
         if memory.p1 is not None and memory.points is not None:
-            J_hat = update(
+            J_hat = update_from_frame(
                 J_hat,
                 sample.p1 - memory.p1,
                 memory.points,

@@ -33,20 +33,20 @@ from rcmservo.estimation.displacement import (
 )
 from rcmservo.interfaces import Floats
 from rcmservo.numerics.jit import compiled
-from rcmservo.numerics.small_linalg import length
+from rcmservo.numerics.small_linalg import compute_norm
 
 
 @compiled
 def predict_covariance(P: Floats, delta_p: Floats, drift: float) -> Floats:
     """Return P⁻ = P + q² |Δp| I (3, 3)."""
-    out, growth = P.copy(), drift**2 * length(delta_p)
+    out, growth = P.copy(), drift**2 * compute_norm(delta_p)
     for i in range(3):
         out[i, i] += growth
     return out
 
 
 @compiled
-def learn(
+def kalman_update(
     J: Floats, P: Floats, delta_p: Floats, delta_y: Floats, drift: float, noise: float
 ) -> tuple[Floats, Floats]:
     """Return Ĵ (3, 3) and P (3, 3) b²/mm² after a displacement Δp (3,) mm with the flow Δy (3,)."""
@@ -106,7 +106,7 @@ class KalmanEstimator(RandomWalkEstimator):
     """
 
     name = "kalman"
-    models = False
+    predicts_markers = False
 
     def initial_covariance(self) -> Floats:
         return self.spread**2 * np.eye(3)
@@ -114,4 +114,4 @@ class KalmanEstimator(RandomWalkEstimator):
     def update_jacobian(
         self, J_hat: Floats, P: Floats, delta_p: Floats, delta_y: Floats
     ) -> tuple[Floats, Floats]:
-        return learn(J_hat, P, delta_p, delta_y, self.drift, self.noise)
+        return kalman_update(J_hat, P, delta_p, delta_y, self.drift, self.noise)

@@ -55,7 +55,7 @@ class NormalisedFlowEstimator(DisplacementEstimator):
     mu: Annotated[float, inside(0.0, 2.0)] = 0.5
 
     name = "nflow"
-    models = False
+    predicts_markers = False
     advice = (
         "a fraction μ (mu) nearer to 1 adapts faster to each displacement, and a smaller min_step "
         "gives more displacements"

@@ -24,14 +24,14 @@ from typing import NamedTuple
 import numpy as np
 
 from rcmservo.geometry.kinematics import Point
-from rcmservo.geometry.tool import Shaft, second_marker, second_point
+from rcmservo.geometry.tool import ToolStruct, compute_second_marker, compute_second_marker_tuple
 from rcmservo.interfaces import Floats
 from rcmservo.numerics.jit import compiled
-from rcmservo.numerics.small_linalg import all_finite, distance, fill, put
+from rcmservo.numerics.small_linalg import all_finite, compute_distance, fill, copy_into
 from rcmservo.numerics.small_solvers import invert
 from rcmservo.numerics.structs import Row, part, real, reals
 
-UNIT = 100.0
+UNIT_LENGTH_MM = 100.0
 """Length of one unit of x in mm."""
 
 MIN_WEIGHT_DEPTH = 0.2
@@ -43,7 +43,7 @@ MIN_FRAME_SPACING_MM = 0.3
 One position that is observed for long must not outweigh the others.
 """
 
-NEAR = 40.0
+OFFSET_DECAY_MM = 40.0
 """Path (mm) over which the weight of the offset decays to 1/e."""
 
 MAX_OFFSET_FRAMES = 300.0
@@ -75,26 +75,26 @@ class FitWorkspace(Row):
     C: Floats = reals((3, 3), "", "(Q − 2σ²S)⁻¹ of g alone, with the noise correction")
 
 
-class Prospect(Row):
+class ProjectionFit(Row):
     """Fit of the camera's projection: the sums over the frames and the solution."""
 
     sums: Floats = reals((4, 4, 4), "", "S, U, V, W")
-    frames: float = real("", "number of frames in the sums; one with one marker counts half")
-    apart: Floats = reals((2, 6), "", "Σ w [x u v 1] of each marker alone")
+    frame_count: float = real("", "number of frames in the sums; one with one marker counts half")
+    marker_sums: Floats = reals((2, 6), "", "Σ w [x u v 1] of each marker alone")
     origin: Floats = reals(5, "mm, px", "p₀ and m₀, NaN before the first frame")
     A: Floats = reals((2, 4), "px", "numerators")
     g: Floats = reals(3, "", "denominator")
-    noise: float = real("px²", "σ² by the residuals of the fit")
+    noise_variance: float = real("px²", "σ² by the residuals of the fit")
     S_inverse: Floats = reals((4, 4), "", "S⁻¹")
     g_inverse: Floats = reals((3, 3), "", "(Q − 2σ²S)⁻¹ of g alone")
-    summed: Floats = reals(3, "mm", "p₁ of the newest frame in the sums")
+    newest_summed_p1: Floats = reals(3, "mm", "p₁ of the newest frame in the sums")
     offset: Floats = reals((2, 2), "px", "mean residual of each marker")
-    weight: Floats = reals(2, "", "number of frames in the offset of each marker")
-    last: Floats = reals(3, "mm", "p₁ of the newest frame")
+    offset_weight: Floats = reals(2, "", "number of frames in the offset of each marker")
+    newest_p1: Floats = reals(3, "mm", "p₁ of the newest frame")
     work: FitWorkspace = part(FitWorkspace, "intermediate results of the newest fit")
 
 
-class Foretold(NamedTuple):
+class ProjectedPoint(NamedTuple):
     """Predicted image of a point.
 
     Parameters
@@ -112,57 +112,57 @@ class Foretold(NamedTuple):
     z: float
 
 
-def blank() -> Prospect:
+def initial_fit() -> ProjectionFit:
     """Return the fit before the first frame."""
-    return Prospect.of(origin=np.nan, noise=PRIOR_NOISE_PX**2)
+    return ProjectionFit.of(origin=np.nan, noise=PRIOR_NOISE_PX**2)
 
 
 @compiled
-def empty(fit: Prospect) -> None:
+def reset_fit(fit: ProjectionFit) -> None:
     """Reset the fit to its state before the first frame."""
     fill(fit.sums, 0.0)
-    fill(fit.apart, 0.0)
+    fill(fit.marker_sums, 0.0)
     fill(fit.origin, np.nan)
     fill(fit.A, 0.0)
     fill(fit.g, 0.0)
     fill(fit.S_inverse, 0.0)
     fill(fit.g_inverse, 0.0)
-    fill(fit.summed, 0.0)
+    fill(fit.newest_summed_p1, 0.0)
     fill(fit.offset, 0.0)
-    fill(fit.weight, 0.0)
-    fill(fit.last, 0.0)
+    fill(fit.offset_weight, 0.0)
+    fill(fit.newest_p1, 0.0)
     fill(fit.work.x, 0.0)
     fill(fit.work.m, 0.0)
     fill(fit.work.Q, 0.0)
     fill(fit.work.column, 0.0)
     fill(fit.work.h, 0.0)
     fill(fit.work.C, 0.0)
-    fit.frames, fit.noise = 0.0, PRIOR_NOISE_PX**2
+    fit.frame_count, fit.noise_variance = 0.0, PRIOR_NOISE_PX**2
 
 
 @compiled
-def project_point(fit: Prospect, p: Floats | Point) -> Foretold:
+def project_point(fit: ProjectionFit, p: Floats | Point) -> ProjectedPoint:
     """Return the predicted image of a point p (3,) mm."""
-    A, g, a = fit.A, fit.g, (p[0] - fit.origin[0]) / UNIT
-    b, c = (p[1] - fit.origin[1]) / UNIT, (p[2] - fit.origin[2]) / UNIT
+    A, g, a = fit.A, fit.g, (p[0] - fit.origin[0]) / UNIT_LENGTH_MM
+    b, c = (p[1] - fit.origin[1]) / UNIT_LENGTH_MM, (p[2] - fit.origin[2]) / UNIT_LENGTH_MM
     z = 1.0 + g[0] * a + g[1] * b + g[2] * c
     first = A[0, 0] * a + A[0, 1] * b + A[0, 2] * c + A[0, 3]
     second = A[1, 0] * a + A[1, 1] * b + A[1, 2] * c + A[1, 3]
-    return Foretold((a, b, c, 1.0), (first / z, second / z), z)
+    return ProjectedPoint((a, b, c, 1.0), (first / z, second / z), z)
 
 
 @compiled
-def both(fit: Prospect, p1: Floats | Point, shaft: Shaft) -> tuple[Foretold, Foretold]:
+def project_markers(fit: ProjectionFit, p1: Floats | Point, shaft: ToolStruct) -> tuple[ProjectedPoint, ProjectedPoint]:
     """Return the predicted images of both markers with marker 1 at p1 (3,) mm."""
-    return project_point(fit, p1), project_point(fit, second_point(shaft, p1))
+    return project_point(fit, p1), project_point(fit, compute_second_marker_tuple(shaft, p1))
 
 
 @compiled
-def add_marker(fit: Prospect, k: int, prediction: Foretold, points: Floats) -> None:
+def add_marker(fit: ProjectionFit, k: int, prediction: ProjectedPoint, points: Floats) -> None:
     """Add marker k with the raw `points` (2, 2) px to the sums, unless it is lost."""
     if not all_finite(points[k]):
         return
-    fit.frames += 0.5
+    fit.frame_count += 0.5
     x, m, weight = fit.work.x, fit.work.m, 1.0 / max(prediction.z, MIN_WEIGHT_DEPTH) ** 2
     x[0], x[1], x[2], x[3] = prediction.x
     for i in range(2):
@@ -172,7 +172,7 @@ def add_marker(fit: Prospect, k: int, prediction: Foretold, points: Floats) -> N
 
 
 @compiled
-def add_point(fit: Prospect, x: Floats, m: Floats, weight: float) -> None:
+def add_point(fit: ProjectionFit, x: Floats, m: Floats, weight: float) -> None:
     """Add one point with x̄ (4,) and m (2,) px from m₀ to the sums."""
     square = m[0] * m[0] + m[1] * m[1]
     for i in range(4):
@@ -185,19 +185,19 @@ def add_point(fit: Prospect, x: Floats, m: Floats, weight: float) -> None:
 
 
 @compiled
-def add_marker_sums(fit: Prospect, k: int, x: Floats, m: Floats, weight: float) -> None:
+def add_marker_sums(fit: ProjectionFit, k: int, x: Floats, m: Floats, weight: float) -> None:
     """Add one point with x̄ (4,) and m (2,) px from m₀ to the sums of marker k alone."""
     for i in range(3):
-        fit.apart[k, i] += weight * x[i]
+        fit.marker_sums[k, i] += weight * x[i]
     for i in range(2):
-        fit.apart[k, 3 + i] += weight * m[i]
-    fit.apart[k, 5] += weight
+        fit.marker_sums[k, 3 + i] += weight * m[i]
+    fit.marker_sums[k, 5] += weight
 
 
 @compiled
-def write_residual_form(fit: Prospect, Q: Floats) -> None:
+def write_residual_form(fit: ProjectionFit, Q: Floats) -> None:
     """Write Q (4, 4), the quadratic form of the sum of squared residuals."""
-    put(Q, fit.sums[3])
+    copy_into(Q, fit.sums[3])
     S_inverse_column = fit.work.column
     for k in range(1, 3):
         for j in range(4):
@@ -214,7 +214,7 @@ def write_residual_form(fit: Prospect, Q: Floats) -> None:
 
 
 @compiled
-def solve_denominator(fit: Prospect, Q: Floats, correction: float, h: Floats, C: Floats) -> bool:
+def solve_denominator(fit: ProjectionFit, Q: Floats, correction: float, h: Floats, C: Floats) -> bool:
     """Write h = [g 1] (4,) and the inverse C (3, 3) that g is solved with; return whether C exists.
 
     Q is reduced by `correction` times S.
@@ -222,7 +222,7 @@ def solve_denominator(fit: Prospect, Q: Floats, correction: float, h: Floats, C:
     for i in range(3):
         for j in range(3):
             C[i, j] = Q[i, j] - correction * fit.sums[0, i, j]
-        C[i, i] += PRIOR_PRECISION[1] * fit.noise
+        C[i, i] += PRIOR_PRECISION[1] * fit.noise_variance
     is_invertible = invert(C)
     h[3] = 1.0
     for i in range(3):
@@ -244,38 +244,38 @@ def quadratic_form(M: Floats, h: Floats) -> float:
 
 
 @compiled
-def solve_fit(fit: Prospect) -> None:
+def solve_fit(fit: ProjectionFit) -> None:
     """Solve for A, g and σ² from the sums.
 
     The noise correction is computed from the residuals without it. It is applied only if it hardly
     increases these residuals: a motion too short to determine g must not make g large.
     """
-    put(fit.S_inverse, fit.sums[0])
+    copy_into(fit.S_inverse, fit.sums[0])
     for i in range(4):
-        fit.S_inverse[i, i] += PRIOR_PRECISION[0] * fit.noise
+        fit.S_inverse[i, i] += PRIOR_PRECISION[0] * fit.noise_variance
     invert(fit.S_inverse)
-    points, Q, h, C = 2.0 * fit.frames, fit.work.Q, fit.work.h, fit.work.C
+    points, Q, h, C = 2.0 * fit.frame_count, fit.work.Q, fit.work.h, fit.work.C
     write_residual_form(fit, Q)
     solve_denominator(fit, Q, 0.0, h, fit.g_inverse)
     residual = max(quadratic_form(Q, h), 0.0)
-    put(fit.g, h[:3])
+    copy_into(fit.g, h[:3])
     correction = residual / quadratic_form(fit.sums[0], h) * max(1.0 - 4.0 / points, 0.0)
     if (
         solve_denominator(fit, Q, correction, h, C)
         and quadratic_form(Q, h) <= MAX_RESIDUAL_GROWTH * residual
     ):
         residual = quadratic_form(Q, h)
-        put(fit.g, h[:3])
-        put(fit.g_inverse, C)
-    put(h[:3], fit.g)
+        copy_into(fit.g, h[:3])
+        copy_into(fit.g_inverse, C)
+    copy_into(h[:3], fit.g)
     for k in range(2):
         solve_numerator(fit, k, h)
     prior_rows, rows = 4.0 * PRIOR_NOISE_FRAMES, max(2.0 * points - 11.0, 0.0)
-    fit.noise = (max(residual, 0.0) + prior_rows * PRIOR_NOISE_PX**2) / (rows + prior_rows)
+    fit.noise_variance = (max(residual, 0.0) + prior_rows * PRIOR_NOISE_PX**2) / (rows + prior_rows)
 
 
 @compiled
-def solve_numerator(fit: Prospect, k: int, h: Floats) -> None:
+def solve_numerator(fit: ProjectionFit, k: int, h: Floats) -> None:
     """Solve for row k of A from h (4,): S⁻¹U h for k = 0, S⁻¹V h for k = 1."""
     moments = fit.work.column
     for i in range(4):
@@ -291,7 +291,7 @@ def solve_numerator(fit: Prospect, k: int, h: Floats) -> None:
 
 
 @compiled
-def set_origin(fit: Prospect, p1: Floats, p2: Floats, points: Floats) -> None:
+def set_origin(fit: ProjectionFit, p1: Floats, p2: Floats, points: Floats) -> None:
     """Set p₀ and m₀ from the first frame."""
     for i in range(3):
         fit.origin[i] = 0.5 * (p1[i] + p2[i])
@@ -300,38 +300,38 @@ def set_origin(fit: Prospect, p1: Floats, p2: Floats, points: Floats) -> None:
 
 
 @compiled
-def see(fit: Prospect, p1: Floats, points: Floats, shaft: Shaft) -> None:
+def update_fit(fit: ProjectionFit, p1: Floats, points: Floats, shaft: ToolStruct) -> None:
     """Update the fit by one frame with the raw `points` (2, 2) px and marker 1 at p1 (3,) mm.
 
     After the first frame either marker may be NaN.
     """
-    is_first = not fit.frames > 0.0
+    is_first = not fit.frame_count > 0.0
     if is_first:
-        set_origin(fit, p1, second_marker(shaft, p1), points)
-    if is_first or distance(p1, fit.summed) >= MIN_FRAME_SPACING_MM:
-        predictions = both(fit, p1, shaft)
+        set_origin(fit, p1, compute_second_marker(shaft, p1), points)
+    if is_first or compute_distance(p1, fit.newest_summed_p1) >= MIN_FRAME_SPACING_MM:
+        predictions = project_markers(fit, p1, shaft)
         for k in range(2):
             add_marker(fit, k, predictions[k], points)
         solve_fit(fit)
-        put(fit.summed, p1)
-    decay = 0.0 if is_first else np.exp(-distance(p1, fit.last) / NEAR)
-    predictions = both(fit, p1, shaft)
+        copy_into(fit.newest_summed_p1, p1)
+    decay = 0.0 if is_first else np.exp(-compute_distance(p1, fit.newest_p1) / OFFSET_DECAY_MM)
+    predictions = project_markers(fit, p1, shaft)
     for k in range(2):
         update_offset(fit, k, predictions[k], points[k], decay)
-    put(fit.last, p1)
+    copy_into(fit.newest_p1, p1)
 
 
 @compiled
-def update_offset(fit: Prospect, k: int, prediction: Foretold, point: Floats, decay: float) -> None:
+def update_offset(fit: ProjectionFit, k: int, prediction: ProjectedPoint, point: Floats, decay: float) -> None:
     """Decay the offset of marker k by the factor `decay`, and add its newest residual.
 
     Its centre is the raw `point` (2,) px; a lost marker adds nothing.
     """
-    fit.weight[k] *= decay
+    fit.offset_weight[k] *= decay
     if not all_finite(point):
         fit.offset[k, 0], fit.offset[k, 1] = decay * fit.offset[k, 0], decay * fit.offset[k, 1]
         return
-    fit.weight[k] = min(fit.weight[k] + 1.0, MAX_OFFSET_FRAMES)
+    fit.offset_weight[k] = min(fit.offset_weight[k] + 1.0, MAX_OFFSET_FRAMES)
     for i in range(2):
         residual = point[i] - fit.origin[3 + i] - prediction.m[i]
-        fit.offset[k, i] += (residual - fit.offset[k, i]) / fit.weight[k]
+        fit.offset[k, i] += (residual - fit.offset[k, i]) / fit.offset_weight[k]

@@ -2,18 +2,18 @@
 
 import numpy as np
 
-from rcmservo.estimation.projection_fit import UNIT, Foretold, Prospect, both, project_point
-from rcmservo.geometry.features import about, features_jacobian
+from rcmservo.estimation.projection_fit import UNIT_LENGTH_MM, ProjectedPoint, ProjectionFit, project_markers, project_point
+from rcmservo.geometry.features import shift_to_rcm, compute_features_jacobian
 from rcmservo.geometry.kinematics import Point
-from rcmservo.geometry.tool import Shaft, by_first_marker
+from rcmservo.geometry.tool import ToolStruct, convert_to_first_marker
 from rcmservo.interfaces import Floats
 from rcmservo.numerics.jit import compiled
-from rcmservo.numerics.small_linalg import products
+from rcmservo.numerics.small_linalg import multiply_matrices
 from rcmservo.numerics.small_solvers import invert
 
 
 @compiled
-def spread(fit: Prospect, prediction: Foretold) -> tuple[float, float, float]:
+def image_covariance(fit: ProjectionFit, prediction: ProjectedPoint) -> tuple[float, float, float]:
     """Return the covariance (uu, uv, vv) in px² of a predicted image."""
     x, (m_u, m_v), S, U, V = prediction.x, prediction.m, fit.S_inverse, fit.sums[1], fit.sums[2]
     S_x = dot_4(S[0], x), dot_4(S[1], x), dot_4(S[2], x), dot_4(S[3], x)
@@ -22,7 +22,7 @@ def spread(fit: Prospect, prediction: Foretold) -> tuple[float, float, float]:
     v_0, v_1, v_2 = dot_4(V[0], S_x), dot_4(V[1], S_x), dot_4(V[2], S_x)
     d_u = u_0 - m_u * x[0], u_1 - m_u * x[1], u_2 - m_u * x[2]
     d_v = v_0 - m_v * x[0], v_1 - m_v * x[1], v_2 - m_v * x[2]
-    scale, G = fit.noise / prediction.z**2, fit.g_inverse
+    scale, G = fit.noise_variance / prediction.z**2, fit.g_inverse
     uu, uv, vv = bilinear(G, d_u, d_u), bilinear(G, d_u, d_v), bilinear(G, d_v, d_v)
     return scale * (leverage + uu), scale * uv, scale * (leverage + vv)
 
@@ -43,16 +43,16 @@ def bilinear(G: Floats, a: Point, b: Point) -> float:
 
 
 @compiled
-def write_predicted_image(fit: Prospect, p: Floats, point: Floats, covariance: Floats) -> None:
+def write_predicted_image(fit: ProjectionFit, p: Floats, point: Floats, covariance: Floats) -> None:
     """Write the predicted raw pixels (2,) of a point p (3,) mm and their covariance (2, 2) px²."""
     prediction = project_point(fit, p)
-    uu, uv, vv = spread(fit, prediction)
+    uu, uv, vv = image_covariance(fit, prediction)
     point[0], point[1] = fit.origin[3] + prediction.m[0], fit.origin[4] + prediction.m[1]
     covariance[0, 0], covariance[0, 1], covariance[1, 0], covariance[1, 1] = uu, uv, uv, vv
 
 
 @compiled
-def imaged(fit: Prospect, p: Floats) -> tuple[Floats, Floats]:
+def predict_image(fit: ProjectionFit, p: Floats) -> tuple[Floats, Floats]:
     """Return the predicted raw pixels (2,) of a point p (3,) mm and their covariance (2, 2) px²."""
     point, covariance = np.empty(2), np.empty((2, 2))
     write_predicted_image(fit, p, point, covariance)
@@ -60,16 +60,16 @@ def imaged(fit: Prospect, p: Floats) -> tuple[Floats, Floats]:
 
 
 @compiled
-def write_predicted_markers(fit: Prospect, p1: Floats, shaft: Shaft, points: Floats) -> None:
+def write_predicted_markers(fit: ProjectionFit, p1: Floats, shaft: ToolStruct, points: Floats) -> None:
     """Write the markers (2, 2) raw px that the fit alone predicts for p1 (3,) mm."""
-    first, second = both(fit, p1, shaft)
+    first, second = project_markers(fit, p1, shaft)
     for i in range(2):
         points[0, i] = fit.origin[3 + i] + first.m[i]
         points[1, i] = fit.origin[3 + i] + second.m[i]
 
 
 @compiled
-def expected(fit: Prospect, p1: Floats, shaft: Shaft) -> Floats:
+def predict_markers(fit: ProjectionFit, p1: Floats, shaft: ToolStruct) -> Floats:
     """Return the markers (2, 2) raw px that the fit alone predicts for p1 (3,) mm."""
     points = np.empty((2, 2))
     write_predicted_markers(fit, p1, shaft, points)
@@ -77,7 +77,7 @@ def expected(fit: Prospect, p1: Floats, shaft: Shaft) -> Floats:
 
 
 @compiled
-def add_offset(fit: Prospect, points: Floats) -> None:
+def add_offset(fit: ProjectionFit, points: Floats) -> None:
     """Add the offset of the fit to the markers (2, 2) px."""
     for k in range(2):
         for i in range(2):
@@ -85,17 +85,17 @@ def add_offset(fit: Prospect, points: Floats) -> None:
 
 
 @compiled
-def located(fit: Prospect, p1: Floats, shaft: Shaft) -> Floats:
+def filter_markers(fit: ProjectionFit, p1: Floats, shaft: ToolStruct) -> Floats:
     """Return the markers (2, 2) raw px at p1 (3,) mm by fit plus offset."""
-    points = expected(fit, p1, shaft)
+    points = predict_markers(fit, p1, shaft)
     add_offset(fit, points)
     return points
 
 
 @compiled
-def write_point_jacobian(fit: Prospect, prediction: Foretold, jacobian: Floats) -> None:
+def write_point_jacobian(fit: ProjectionFit, prediction: ProjectedPoint, jacobian: Floats) -> None:
     """Write ∂m/∂p (2, 3) px/mm of the fit at a point with the given prediction."""
-    depth = prediction.z * UNIT
+    depth = prediction.z * UNIT_LENGTH_MM
     for i in range(3):
         jacobian[0, i] = (fit.A[0, i] - prediction.m[0] * fit.g[i]) / depth
         jacobian[1, i] = (fit.A[1, i] - prediction.m[1] * fit.g[i]) / depth
@@ -103,17 +103,17 @@ def write_point_jacobian(fit: Prospect, prediction: Foretold, jacobian: Floats) 
 
 @compiled
 def write_markers_jacobian(
-    fit: Prospect, p1: Floats | Point, shaft: Shaft, jacobian: Floats
+    fit: ProjectionFit, p1: Floats | Point, shaft: ToolStruct, jacobian: Floats
 ) -> None:
     """Write ∂m/∂p₁ (4, 3) px/mm of both markers with marker 1 at p1 (3,) mm."""
-    first, second = both(fit, p1, shaft)
+    first, second = project_markers(fit, p1, shaft)
     write_point_jacobian(fit, first, jacobian[:2])
     write_point_jacobian(fit, second, jacobian[2:])
-    by_first_marker(shaft, p1, jacobian[2:])
+    convert_to_first_marker(shaft, p1, jacobian[2:])
 
 
 @compiled
-def both_motions(fit: Prospect, p1: Floats, shaft: Shaft) -> Floats:
+def markers_jacobian(fit: ProjectionFit, p1: Floats, shaft: ToolStruct) -> Floats:
     """Return ∂m/∂p₁ (4, 3) px/mm of both markers with marker 1 at p1 (3,) mm."""
     jacobian = np.empty((4, 3))
     write_markers_jacobian(fit, p1, shaft, jacobian)
@@ -121,12 +121,12 @@ def both_motions(fit: Prospect, p1: Floats, shaft: Shaft) -> Floats:
 
 
 @compiled
-def features_motion(fit: Prospect, p1: Floats, points: Floats, o_c: Floats, shaft: Shaft) -> Floats:
+def fitted_features_jacobian(fit: ProjectionFit, p1: Floats, points: Floats, o_c: Floats, shaft: ToolStruct) -> Floats:
     """Return Ĵ (3, 3) of eq. (15) at the raw `points` (2, 2) px about o_c.
 
     ∂m/∂p₁ is that of the fit.
     """
-    return products(features_jacobian(about(points, o_c)), both_motions(fit, p1, shaft))
+    return multiply_matrices(compute_features_jacobian(shift_to_rcm(points, o_c)), markers_jacobian(fit, p1, shaft))
 
 
 @compiled
@@ -141,7 +141,7 @@ def invert_normal(H: Floats, inverse: Floats) -> bool:
 
 
 @compiled
-def weakness(fit: Prospect, p1: Floats, shaft: Shaft) -> float:
+def squared_dilution(fit: ProjectionFit, p1: Floats, shaft: ToolStruct) -> float:
     """Return the squared dilution of precision tr(HᵀH)⁻¹ in (mm/px)².
 
     H (4, 3) is ∂m/∂p₁ of both markers. The result is large where the pixels hardly determine the
@@ -153,13 +153,13 @@ def weakness(fit: Prospect, p1: Floats, shaft: Shaft) -> float:
 
 
 @compiled
-def pose_deviation(fit: Prospect, p1: Floats, shaft: Shaft) -> float:
+def pose_deviation(fit: ProjectionFit, p1: Floats, shaft: ToolStruct) -> float:
     """Return the standard deviation (mm) of marker 1 by the pixels of one frame: σ √tr(HᵀH)⁻¹."""
-    return np.sqrt(fit.noise * weakness(fit, p1, shaft))
+    return np.sqrt(fit.noise_variance * squared_dilution(fit, p1, shaft))
 
 
 @compiled
-def deviation_without(fit: Prospect, p1: Floats, k: int, shaft: Shaft) -> float:
+def deviation_without_marker(fit: ProjectionFit, p1: Floats, k: int, shaft: ToolStruct) -> float:
     """Return the standard deviation (mm) of marker 1 if a prediction replaces marker k (0 or 1).
 
     It is √tr(H⁺ cov H⁺ᵀ), with the columns of H⁺ that belong to marker k.
@@ -168,8 +168,8 @@ def deviation_without(fit: Prospect, p1: Floats, k: int, shaft: Shaft) -> float:
     write_markers_jacobian(fit, p1, shaft, H)
     if not invert_normal(H, inverse):
         return np.inf
-    first, second = both(fit, p1, shaft)
-    uu, uv, vv = spread(fit, first if k == 0 else second)
+    first, second = project_markers(fit, p1, shaft)
+    uu, uv, vv = image_covariance(fit, first if k == 0 else second)
     for i in range(3):
         a, b = 0.0, 0.0
         for j in range(3):
@@ -180,7 +180,7 @@ def deviation_without(fit: Prospect, p1: Floats, k: int, shaft: Shaft) -> float:
 
 
 @compiled
-def order(fit: Prospect) -> float:
+def marker_order_score(fit: ProjectionFit) -> float:
     """Return the score of the marker order: about 1, or −1 if the markers are exchanged.
 
     A marker that moves from the position of marker 1 to that of marker 2 should move in the image
@@ -195,14 +195,14 @@ def order(fit: Prospect) -> float:
         for n in range(2):
             cov_xm[i, n] = fit.sums[1 + n, i, 3]
         for k in range(2):
-            mean = fit.apart[k, i] / fit.apart[k, 5]
+            mean = fit.marker_sums[k, i] / fit.marker_sums[k, 5]
             for j in range(3):
-                cov_xx[i, j] -= mean * fit.apart[k, j]
+                cov_xx[i, j] -= mean * fit.marker_sums[k, j]
             for n in range(2):
-                cov_xm[i, n] -= mean * fit.apart[k, 3 + n]
+                cov_xm[i, n] -= mean * fit.marker_sums[k, 3 + n]
     is_invertible = invert(cov_xx)
     for i in range(5):
-        difference[i] = fit.apart[1, i] / fit.apart[1, 5] - fit.apart[0, i] / fit.apart[0, 5]
+        difference[i] = fit.marker_sums[1, i] / fit.marker_sums[1, 5] - fit.marker_sums[0, i] / fit.marker_sums[0, 5]
     progress, squared = 0.0, difference[3] ** 2 + difference[4] ** 2
     for n in range(2):
         for i in range(3):

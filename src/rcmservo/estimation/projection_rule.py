@@ -18,15 +18,15 @@ from typing import Annotated, Literal, NamedTuple
 import numpy as np
 
 from rcmservo.constraints import at_least, between, not_negative, positive
-from rcmservo.estimation.base import Estimated, Estimator, KernelSample, Sample
-from rcmservo.estimation.projection_fit import Prospect
-from rcmservo.geometry.features import about, features_jacobian
-from rcmservo.geometry.projection import PARAMETERS, depth, project, project_jacobian
-from rcmservo.geometry.tool import Shaft, Tool, second_marker, second_marker_jacobian, stretch
+from rcmservo.estimation.base import EstimatorResult, Estimator, KernelSample, Sample
+from rcmservo.estimation.projection_fit import ProjectionFit
+from rcmservo.geometry.features import shift_to_rcm, compute_features_jacobian
+from rcmservo.geometry.projection import PARAMETER_COUNT, compute_depth, project, compute_projection_jacobian
+from rcmservo.geometry.tool import ToolStruct, Tool, compute_second_marker, compute_second_marker_jacobian, compute_marker_ratio
 from rcmservo.interfaces import Floats
-from rcmservo.numerics.gradient_flow import decay
+from rcmservo.numerics.gradient_flow import integrate_gradient_flow
 from rcmservo.numerics.jit import compiled
-from rcmservo.numerics.small_linalg import products, put
+from rcmservo.numerics.small_linalg import multiply_matrices, copy_into
 
 GAMMA_0 = np.array([1e-5] * 6 + [1e-8] * 3)
 """Diagonal of the printed Γ, for p in mm and m in px."""
@@ -34,7 +34,7 @@ GAMMA_0 = np.array([1e-5] * 6 + [1e-8] * 3)
 MAX_DECAY = 1e5
 """Largest η t of the fast Γ. Far beyond it, rounding lets unobserved modes grow."""
 
-MOST = 1000
+MAX_OBSERVATIONS = 1000
 """Largest number of observations; each costs time at every new frame."""
 
 MIN_EPSILON = 1e-10
@@ -48,7 +48,7 @@ Behind the camera the projection changes its sign.
 
 
 @compiled
-def sights(observations: Floats, count: int, o_c: Floats, both: bool, shaft: Shaft) -> Floats:
+def fitted_points(observations: Floats, count: int, o_c: Floats, both: bool, shaft: ToolStruct) -> Floats:
     """Return the fitted points as rows [p (3) mm, its pixels (2) from o_c].
 
     Marker 1 of all observations comes first, then marker 2 if ``both`` are fitted.
@@ -56,7 +56,7 @@ def sights(observations: Floats, count: int, o_c: Floats, both: bool, shaft: Sha
     rows = np.empty((2 * count if both else count, 5))
     for i in range(count):
         observation = observations[i]
-        factor = stretch(shaft, observation[:3])
+        factor = compute_marker_ratio(shaft, observation[:3])
         for k in range(3):
             rows[i, k] = observation[k]
             if both:
@@ -69,24 +69,24 @@ def sights(observations: Floats, count: int, o_c: Floats, both: bool, shaft: Sha
 
 
 @compiled
-def normal_equations(sights: Floats) -> tuple[Floats, Floats]:
+def normal_equations(points: Floats) -> tuple[Floats, Floats]:
     """Return MᵀM (9, 9) and Mᵀm (9,) of eq. (23)-(24).
 
     They are sums over the points of p pᵀ and p, each with the weights 1, u, v and u² + v², at the
     positions of eq. (19).
     """
     squares, firsts = np.zeros((4, 3, 3)), np.zeros((4, 3))
-    for row in range(len(sights)):
-        u, v = sights[row, 3], sights[row, 4]
+    for row in range(len(points)):
+        u, v = points[row, 3], points[row, 4]
         weights = (1.0, u, v, u * u + v * v)
         for i in range(3):
             for k in range(4):
-                firsts[k, i] += weights[k] * sights[row, i]
+                firsts[k, i] += weights[k] * points[row, i]
             for j in range(3):
-                square = sights[row, i] * sights[row, j]
+                square = points[row, i] * points[row, j]
                 for k in range(4):
                     squares[k, i, j] += weights[k] * square
-    A, b = np.zeros((PARAMETERS, PARAMETERS)), np.empty(PARAMETERS)
+    A, b = np.zeros((PARAMETER_COUNT, PARAMETER_COUNT)), np.empty(PARAMETER_COUNT)
     for i in range(3):
         b[i], b[3 + i], b[6 + i] = firsts[1, i], firsts[2, i], -firsts[3, i]
         for j in range(3):
@@ -114,19 +114,19 @@ def leverage(inverse: Floats, diagonal_sum: Floats, point: Floats) -> float:
 
 
 @compiled
-def least_telling(sights: Floats, count: int, root: Floats) -> int:
+def least_informative(points: Floats, count: int, root: Floats) -> int:
     """Return the index of the observation with the least leverage tr(W root rootᵀ Wᵀ) on â.
 
     root rootᵀ is (MᵀM + εΓ₀⁻¹)⁻¹.
     """
-    inverse = products(root, root.T)
+    inverse = multiply_matrices(root, root.T)
     diagonal_sum = np.empty((3, 3))
     for i in range(3):
         for j in range(3):
             diagonal_sum[i, j] = inverse[i, j] + inverse[3 + i, 3 + j]
     leverages = np.zeros(count)
-    for row in range(len(sights)):
-        leverages[row % count] += leverage(inverse, diagonal_sum, sights[row])
+    for row in range(len(points)):
+        leverages[row % count] += leverage(inverse, diagonal_sum, points[row])
     row = 0
     for i in range(count):
         if leverages[i] < leverages[row]:
@@ -142,13 +142,13 @@ def inverse_root(A: Floats, epsilon: float) -> Floats:
     `numerics.small_solvers.invert` does not give.
     """
     regularised = A.copy()
-    for i in range(PARAMETERS):
+    for i in range(PARAMETER_COUNT):
         regularised[i, i] += epsilon / GAMMA_0[i]
     L = np.linalg.cholesky(regularised)
-    root = np.zeros((PARAMETERS, PARAMETERS))
-    for column in range(PARAMETERS):
+    root = np.zeros((PARAMETER_COUNT, PARAMETER_COUNT))
+    for column in range(PARAMETER_COUNT):
         root[column, column] = 1.0 / L[column, column]
-        for i in range(column + 1, PARAMETERS):
+        for i in range(column + 1, PARAMETER_COUNT):
             total = 0.0
             for j in range(column, i):
                 total -= L[i, j] * root[column, j]
@@ -157,8 +157,8 @@ def inverse_root(A: Floats, epsilon: float) -> Floats:
 
 
 @compiled
-def keep_in_front(
-    a: Floats, a_next: Floats, observations: Floats, count: int, shaft: Shaft
+def limit_step_by_depth(
+    a: Floats, a_next: Floats, observations: Floats, count: int, shaft: ToolStruct
 ) -> Floats:
     """Return a_next, or the last point on the line from a to it with every ẑ at least MIN_DEPTH.
 
@@ -167,8 +167,8 @@ def keep_in_front(
     step = 1.0
     for i in range(count):
         p1 = observations[i, :3]
-        z, z_next = depth(a, p1), depth(a_next, p1)
-        for factor in (1.0, stretch(shaft, p1)):
+        z, z_next = compute_depth(a, p1), compute_depth(a_next, p1)
+        for factor in (1.0, compute_marker_ratio(shaft, p1)):
             z_now, z_then = 1.0 + factor * (z - 1.0), 1.0 + factor * (z_next - 1.0)
             if z_then < MIN_DEPTH:
                 step = min(step, max((z_now - MIN_DEPTH) / (z_now - z_then), 0.0))
@@ -184,10 +184,10 @@ def gamma_root(root: Floats, rate: float) -> Floats:
 
     `root` is the root of the inverse by `inverse_root`.
     """
-    C = np.zeros((PARAMETERS, PARAMETERS))
-    for i in range(PARAMETERS):
+    C = np.zeros((PARAMETER_COUNT, PARAMETER_COUNT))
+    for i in range(PARAMETER_COUNT):
         C[i, i] = np.sqrt(GAMMA_0[i])
-        for j in range(PARAMETERS):
+        for j in range(PARAMETER_COUNT):
             if rate > 0.0:
                 C[i, j] = np.sqrt(rate) * root[i, j]
     return C
@@ -207,87 +207,87 @@ class ProjectionMemory(NamedTuple):
     """
 
     observations: Floats
-    filled: int
+    observation_count: int
     a_hat: Floats
 
 
 @compiled
-def update(
+def update_from_frame(
     memory: ProjectionMemory,
     p1: Floats,
     points: Floats,
     o_c: Floats,
     dt: float,
-    kernel: "Rule",
-    shaft: Shaft,
+    kernel: "ProjectionKernel",
+    shaft: ToolStruct,
 ) -> ProjectionMemory:
     """Return the memory after a step of rule (21) with one observation, dt s after the previous."""
     t = kernel.estimator_time if kernel.estimator_time > 0.0 else dt
     if kernel.rate > 0.0:
         t = min(t, MAX_DECAY / kernel.rate)
-    observations, a, count = memory.observations.copy(), memory.a_hat, memory.filled + 1
+    observations, a, count = memory.observations.copy(), memory.a_hat, memory.observation_count + 1
     newest = observations[count - 1]
-    put(newest[:3], p1)
-    put(newest[3:], points.copy().reshape(4))
-    fitted = sights(observations, count, o_c, kernel.both_markers, shaft)
+    copy_into(newest[:3], p1)
+    copy_into(newest[3:], points.copy().reshape(4))
+    fitted = fitted_points(observations, count, o_c, kernel.both_markers, shaft)
     A, b = normal_equations(fitted)
     root = inverse_root(A, kernel.epsilon)
     C = gamma_root(root, kernel.rate)
-    a_next = keep_in_front(a, decay(A, b, a, C, t), observations, count, shaft)
+    a_next = limit_step_by_depth(a, integrate_gradient_flow(A, b, a, C, t), observations, count, shaft)
     if count == len(observations):
-        row = least_telling(fitted, count, root)
+        row = least_informative(fitted, count, root)
         count -= 1
-        put(observations[row], observations[count])
+        copy_into(observations[row], observations[count])
     return ProjectionMemory(observations, count, a_next)
 
 
 @compiled
-def markers_jacobian(a: Floats, p1: Floats, shaft: Shaft) -> Floats:
+def markers_jacobian(a: Floats, p1: Floats, shaft: ToolStruct) -> Floats:
     """Return ∂m/∂p₁ (4, 3) px/mm of both markers, the second factor of eq. (15)."""
-    p2, jacobian = second_marker(shaft, p1), np.empty((4, 3))
-    put(jacobian[:2], project_jacobian(a, p1))
-    put(jacobian[2:], products(project_jacobian(a, p2), second_marker_jacobian(shaft, p1)))
+    p2, jacobian = compute_second_marker(shaft, p1), np.empty((4, 3))
+    copy_into(jacobian[:2], compute_projection_jacobian(a, p1))
+    copy_into(jacobian[2:], multiply_matrices(compute_projection_jacobian(a, p2), compute_second_marker_jacobian(shaft, p1)))
     return jacobian
 
 
 @compiled
-def feature_jacobian(a: Floats, p1: Floats, m: Floats, shaft: Shaft) -> Floats:
+def feature_jacobian(a: Floats, p1: Floats, m: Floats, shaft: ToolStruct) -> Floats:
     """Return Ĵ (3, 3) of eq. (15): ∂y/∂m at the measured m, times ∂m/∂p₁ by the parameters a."""
-    return products(features_jacobian(m), markers_jacobian(a, p1, shaft))
+    return multiply_matrices(compute_features_jacobian(m), markers_jacobian(a, p1, shaft))
 
 
 @compiled
-def jacobian_at(a: Floats, p1: Floats, points: Floats, o_c: Floats, shaft: Shaft) -> Floats:
+def jacobian_at(a: Floats, p1: Floats, points: Floats, o_c: Floats, shaft: ToolStruct) -> Floats:
     """Return Ĵ (3, 3) of eq. (15) at the raw `points` (2, 2) px by the parameters a."""
-    return feature_jacobian(a, p1, about(points, o_c), shaft)
+    return feature_jacobian(a, p1, shift_to_rcm(points, o_c), shaft)
 
 
 @compiled
 def update_kernel(
-    kernel: "Rule",
+    kernel: "ProjectionKernel",
     memory: ProjectionMemory,
     sample: KernelSample,
-    fit: Prospect,
-    result: Estimated,
+    fit: ProjectionFit,
+    result: EstimatorResult,
 ) -> ProjectionMemory:
     """Update the memory by one frame with rule (21), and write Ĵ of the new â."""
     p1, points, o_c, shaft = sample.p1, sample.points, sample.o_c, sample.shaft
-    memory = update(memory, p1, points, o_c, sample.dt, kernel, shaft)
-    put(result.points, points)
-    put(result.J_hat, jacobian_at(memory.a_hat, p1, points, o_c, shaft))
-    if sample.needs_motion:
-        put(result.motion, markers_jacobian(memory.a_hat, p1, shaft))
-    result.placed = False
+    memory = update_from_frame(memory, p1, points, o_c, sample.dt, kernel, shaft)
+    copy_into(result.points, points)
+    copy_into(result.J_hat, jacobian_at(memory.a_hat, p1, points, o_c, shaft))
+    if sample.needs_markers_jacobian:
+        copy_into(result.markers_jacobian, markers_jacobian(memory.a_hat, p1, shaft))
+    result.has_imaged_rcm = False
     return memory
 
 
 @compiled
-def empty_kernel(kernel: "Rule", memory: ProjectionMemory) -> ProjectionMemory:
+def empty_kernel(kernel: "ProjectionKernel", memory: ProjectionMemory) -> ProjectionMemory:
     """Return the memory before the first frame."""
     return ProjectionMemory(np.zeros_like(memory.observations), 0, np.zeros_like(memory.a_hat))
 
 
-class Rule(NamedTuple):
+class ProjectionKernel(NamedTuple):
     """Settings of rule (21), the compiled form of the estimator.
 
     Parameters
@@ -307,17 +307,17 @@ class Rule(NamedTuple):
     both_markers: bool
     estimator_time: float = 0.0
 
-    places_rcm = False
+    estimates_rcm = False
     update = update_kernel
-    empty = empty_kernel
+    reset = empty_kernel
 
 
 @compiled
-def predict(a: Floats, p1: Floats, shaft: Shaft) -> Floats:
+def predict(a: Floats, p1: Floats, shaft: ToolStruct) -> Floats:
     """Return π of eq. (34) for both markers: m (4,) px from the imaged RCM."""
     m = np.empty(4)
-    put(m[:2], project(a, p1))
-    put(m[2:], project(a, second_marker(shaft, p1)))
+    copy_into(m[:2], project(a, p1))
+    copy_into(m[2:], project(a, compute_second_marker(shaft, p1)))
     return m
 
 
@@ -367,12 +367,12 @@ class ProjectionEstimator(Estimator):
     gamma: Literal["fast", "printed"] = "fast"
     rate: Annotated[float, positive("rate in 1/s")] = 20.0
     epsilon: Annotated[float, at_least(MIN_EPSILON, "(a smaller value is lost in rounding)")] = 1e-7
-    observations: Annotated[int, between(6, MOST, "a whole number (Proposition 1 needs 6)")] = 20
+    observations: Annotated[int, between(6, MAX_OBSERVATIONS, "a whole number (Proposition 1 needs 6)")] = 20
     both_markers: bool = True
     estimator_time: Annotated[float, not_negative("time in s")] = 0.0
 
     name = "projection"
-    models = True
+    predicts_markers = True
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -381,29 +381,29 @@ class ProjectionEstimator(Estimator):
         self.require(is_stable, "estimator_time", expected)
 
     def init(self) -> ProjectionMemory:
-        return ProjectionMemory(np.zeros((self.observations + 1, 7)), 0, np.zeros(PARAMETERS))
+        return ProjectionMemory(np.zeros((self.observations + 1, 7)), 0, np.zeros(PARAMETER_COUNT))
 
     @cached_property
-    def kernel(self) -> Rule:
+    def kernel(self) -> ProjectionKernel:
         """Compiled form of the estimator."""
         rate = float(self.rate) if self.gamma == "fast" else 0.0
-        return Rule(rate, float(self.epsilon), bool(self.both_markers), float(self.estimator_time))
+        return ProjectionKernel(rate, float(self.epsilon), bool(self.both_markers), float(self.estimator_time))
 
     def update(self, memory: ProjectionMemory, tool: Tool, sample: Sample) -> ProjectionMemory:
         p1, points, o_c, dt, _ = sample
-        return update(memory, p1, points, o_c, dt, self.kernel, tool.shaft)
+        return update_from_frame(memory, p1, points, o_c, dt, self.kernel, tool.struct)
 
     def jacobian(self, memory: ProjectionMemory, tool: Tool, sample: Sample) -> Floats:
-        return jacobian_at(memory.a_hat, sample.p1, sample.points, sample.o_c, tool.shaft)
+        return jacobian_at(memory.a_hat, sample.p1, sample.points, sample.o_c, tool.struct)
 
-    def motion(self, memory: ProjectionMemory, tool: Tool, sample: Sample) -> Floats:
-        return markers_jacobian(memory.a_hat, sample.p1, tool.shaft)
+    def markers_jacobian(self, memory: ProjectionMemory, tool: Tool, sample: Sample) -> Floats:
+        return markers_jacobian(memory.a_hat, sample.p1, tool.struct)
 
     def predict(self, memory: ProjectionMemory, tool: Tool, p1: Floats) -> Floats:
-        return predict(memory.a_hat, p1, tool.shaft)
+        return predict(memory.a_hat, p1, tool.struct)
 
 
-PRINTED = ProjectionEstimator(
+PAPER_PROJECTION_ESTIMATOR = ProjectionEstimator(
     gamma="printed", observations=10, both_markers=False, estimator_time=1e4
 )
 """The paper's estimator: printed Γ, and P = 10 observations of m₁.

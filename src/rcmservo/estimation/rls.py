@@ -52,7 +52,7 @@ def inflate_covariance(P: Floats, forgetting: float) -> Floats:
 
 
 @compiled
-def learn(
+def rls_update(
     J: Floats, P: Floats, delta_p: Floats, delta_y: Floats, forgetting: float
 ) -> tuple[Floats, Floats]:
     """Return Ĵ (3, 3) and P (3, 3) 1/mm² after a displacement Δp (3,) mm with the flow Δy (3,)."""
@@ -99,7 +99,7 @@ class RlsEstimator(DisplacementEstimator):
     covariance: Annotated[float, between(1e-9, MAX_VARIANCE_PER_MM2, "a number", "1/mm²")] = 100.0
 
     name = "rls"
-    models = False
+    predicts_markers = False
     advice = EXPLORATION_ADVICE
 
     def initial_covariance(self) -> Floats:
@@ -108,4 +108,4 @@ class RlsEstimator(DisplacementEstimator):
     def update_jacobian(
         self, J_hat: Floats, P: Floats, delta_p: Floats, delta_y: Floats
     ) -> tuple[Floats, Floats]:
-        return learn(J_hat, P, delta_p, delta_y, self.forgetting)
+        return rls_update(J_hat, P, delta_p, delta_y, self.forgetting)

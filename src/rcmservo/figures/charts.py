@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from rcmservo.config.atomic_files import whole
+from rcmservo.config.atomic_files import atomic_path
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Canvas
@@ -238,7 +238,7 @@ def make_curve(label: str, x: Any, y: Any, style: int = 0, marks: bool = False) 
 
 def save_figure(figure: Figure, path: Path) -> None:
     """Draw a figure into a PNG file."""
-    with whole(path) as partial_file:
+    with atomic_path(path) as partial_file:
         _canvas(figure).savefig(partial_file, format="png", dpi=130)
 
 

@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 
 from rcmservo.figures.charts import Bar, Figure, Lane, Panel, make_curve
 from rcmservo.interfaces import Floats
-from rcmservo.recording.outcome import TOLERANCE
+from rcmservo.recording.outcome import SETTLED_TOLERANCE
 from rcmservo.recording.reader import Record
-from rcmservo.recording.timeline import Span, shown_place, spans
+from rcmservo.recording.timeline import Span, find_taught_position, list_spans
 from rcmservo.safety.causes import Action, Cause
 from rcmservo.safety.state_machine import Phase, Request
 
@@ -54,7 +54,7 @@ def plot_errors(record: Record) -> Figure:
             TIME_LABEL,
             name,
             [make_curve("", record.time, deltas[:, i])],
-            levels=[("tolerance", float(TOLERANCE[i] * DISPLAY_UNITS[i]))],
+            levels=[("tolerance", float(SETTLED_TOLERANCE[i] * DISPLAY_UNITS[i]))],
             shaded=exploration_spans(record),
             log_y=True,
         )
@@ -68,8 +68,8 @@ def plot_timeline(record: Record) -> Figure:
 
     The errors are divided by their tolerances.
     """
-    found = spans(record)
-    ratios = np.maximum(np.abs(record.ticks["delta"]) / TOLERANCE, MIN_PLOTTED_ERROR)
+    found = list_spans(record)
+    ratios = np.maximum(np.abs(record.ticks["delta"]) / SETTLED_TOLERANCE, MIN_PLOTTED_ERROR)
     errors = Panel(
         "time [s]",
         f"error / tolerance, ≥ {MIN_PLOTTED_ERROR}",
@@ -103,7 +103,7 @@ def _cause_lanes(found: list[Span]) -> list[Lane]:
     return [
         Lane(
             fill(cause.value, CAUSE_LABEL_WIDTH),
-            [Bar(s.start, s.end, ACTION_TONES[s.asks]) for s in found if s.cause is cause],
+            [Bar(s.start, s.end, ACTION_TONES[s.action]) for s in found if s.cause is cause],
         )
         for cause in Cause
         if cause is not Cause.NONE and any(span.cause is cause for span in found)
@@ -128,7 +128,7 @@ def plot_path(record: Record) -> Figure:
 def _space_panel(record: Record, axes: tuple[int, int]) -> Panel:
     """Return p₁ along two of the axes x, y, z."""
     i, j = axes
-    p1, target = record.ticks["p1"], shown_place(record)
+    p1, target = record.ticks["p1"], find_taught_position(record)
     exploring = (record.ticks["explored"][:, 0] == 0)[:, None]
     curves = [
         make_curve("exploration", *_columns(np.where(exploring, p1, np.nan), i, j), style=1),

@@ -10,31 +10,31 @@ import numpy as np
 from rcmservo.geometry.imaged_rcm import compute_principal_direction
 from rcmservo.interfaces import Floats
 from rcmservo.numerics.jit import compiled
-from rcmservo.numerics.small_linalg import minus
+from rcmservo.numerics.small_linalg import subtract
 
-FEATURES = 3
+FEATURE_COUNT = 3
 """Dimension of y = [s r d]."""
 
 MAX_FEATURES = 8
 """Largest dimension of a feature vector that compiled functions reserve memory for."""
 
-INTERPRETED, SRD, POINTS = range(3)
+INTERPRETED_CODE, SRD_CODE, POINTS_CODE = range(3)
 """Codes of the feature vectors in compiled functions; INTERPRETED is one that Python computes."""
 
-SCALE = np.array([np.radians(10.0), 10.0, 10.0])
+FEATURE_SCALE = np.array([np.radians(10.0), 10.0, 10.0])
 """Unit of each feature, the paper's b: 10°, 10 px, 10 px. Norms and conditions are those of
 diag(1/SCALE) Ĵ."""
 
 
 @compiled
-def features(m: Floats) -> Floats:
+def compute_features(m: Floats) -> Floats:
     """Return y = [s r d] (rad, px, px), eq. (7)-(9), of m = [u₁ v₁ u₂ v₂] (4,) px."""
     du, dv = m[2] - m[0], m[3] - m[1]
     return np.array([np.arctan2(dv, du), np.sqrt(m[0] ** 2 + m[1] ** 2), np.sqrt(du**2 + dv**2)])
 
 
 @compiled
-def features_jacobian(m: Floats) -> Floats:
+def compute_features_jacobian(m: Floats) -> Floats:
     """Return ∂y/∂m (3, 4), the first factor of eq. (15).
 
     It is not finite where the markers coincide or marker 1 is the imaged RCM.
@@ -52,15 +52,15 @@ def features_jacobian(m: Floats) -> Floats:
 
 
 @compiled
-def difference(y: Floats, y_d: Floats) -> Floats:
+def compute_feature_error(y: Floats, y_d: Floats) -> Floats:
     """Return the error Δy = y − y_d (3,) with its angle in (−π, π]."""
-    delta = minus(y, y_d)
-    delta[0] = wrapped(delta[0])
+    delta = subtract(y, y_d)
+    delta[0] = wrap_angle(delta[0])
     return delta
 
 
 @compiled
-def wrapped(angle: float) -> float:
+def wrap_angle(angle: float) -> float:
     """Return the angle (rad) in (−π, π] that differs by whole turns from `angle`."""
     short = np.pi - angle
     if not 0.0 <= short < 2.0 * np.pi:
@@ -69,15 +69,15 @@ def wrapped(angle: float) -> float:
 
 
 @compiled
-def about(points: Floats, o_c: Floats) -> Floats:
+def shift_to_rcm(points: Floats, o_c: Floats) -> Floats:
     """Return m (4,) px: raw marker pixels, (2, 2) or (4,), measured from o_c (2,) px."""
     m = np.empty(4)
-    shift(points, o_c, m)
+    write_shifted_to_rcm(points, o_c, m)
     return m
 
 
 @compiled
-def shift(points: Floats, o_c: Floats | tuple[float, float], m: Floats) -> None:
+def write_shifted_to_rcm(points: Floats, o_c: Floats | tuple[float, float], m: Floats) -> None:
     """Write raw marker pixels, measured from o_c, into m (4,) px."""
     for k in range(4):
         m[k] = points.flat[k] - o_c[k % 2]
@@ -90,12 +90,12 @@ def compute_line_features(m: Floats) -> Floats:
     Its angle comes from the long distance between RCM and markers, not from the short one between
     the markers, so pixel noise disturbs it less.
     """
-    angle, r, d = along_line(m)
+    angle, r, d = compute_line_features_tuple(m)
     return np.array([angle, r, d])
 
 
 @compiled
-def along_line(m: Floats) -> tuple[float, float, float]:
+def compute_line_features_tuple(m: Floats) -> tuple[float, float, float]:
     """Return s, r, d (rad, px, px) of the line through the origin nearest to both markers.
 
     A tuple needs no array.
@@ -118,7 +118,7 @@ def compute_line_direction(m: Floats) -> tuple[float, float]:
 
 
 @compiled
-def straight_jacobian(m: Floats, J: Floats) -> None:
+def write_line_features_jacobian(m: Floats, J: Floats) -> None:
     """Write ∂y/∂m of `compute_line_features` at m (4,) px into J (3, 4)."""
     c, s = compute_line_direction(m)
     along = m[0] ** 2 - m[1] ** 2 + m[2] ** 2 - m[3] ** 2
@@ -134,7 +134,7 @@ def straight_jacobian(m: Floats, J: Floats) -> None:
 
 
 @compiled
-def near_origin(o_c: Floats, points: Floats, reach: float) -> tuple[float, float]:
+def limit_origin_distance(o_c: Floats, points: Floats, reach: float) -> tuple[float, float]:
     """Return o_c (2,) px, moved to at most `reach` px from the midpoint of both markers.
 
     A point that is further away moves along the line to that midpoint; `points` (2, 2) are raw
@@ -147,10 +147,10 @@ def near_origin(o_c: Floats, points: Floats, reach: float) -> tuple[float, float
 
 
 @compiled
-def measured(points: Floats, target: Floats, o_c: Floats) -> tuple[Floats, Floats]:
+def compute_features_and_error(points: Floats, target: Floats, o_c: Floats) -> tuple[Floats, Floats]:
     """Return y and Δy = y − y_d (3,), both measured from o_c (2,) px.
 
     `points` and `target` are raw marker pixels (2, 2), observed and desired.
     """
-    y = features(about(points, o_c))
-    return y, difference(y, features(about(target, o_c)))
+    y = compute_features(shift_to_rcm(points, o_c))
+    return y, compute_feature_error(y, compute_features(shift_to_rcm(target, o_c)))

@@ -22,7 +22,7 @@ import numpy as np
 from rcmservo.constraints import Checked, above, between
 from rcmservo.interfaces import Floats
 from rcmservo.numerics.jit import compiled
-from rcmservo.numerics.small_linalg import put
+from rcmservo.numerics.small_linalg import copy_into
 from rcmservo.numerics.small_solvers import solve_2x2
 
 MAX_LINES = 1000
@@ -69,7 +69,7 @@ def compute_condition(N: Floats) -> float:
 
 
 @compiled
-def nearest_to_lines(lines: Floats, count: int, printed: bool) -> tuple[Floats, float]:
+def intersect_lines(lines: Floats, count: int, printed: bool) -> tuple[Floats, float]:
     """Return o_c (2,) px of eq. (16), the point nearest to all lines, and the condition of (16).
 
     The condition is about 1 / var(line angle). For a singular matrix o_c is NaN and the condition
@@ -135,12 +135,12 @@ def step_to_nearest_bundle(lines: Floats, count: int, o_c: Floats) -> Floats:
 
 
 @compiled
-def solve(lines: Floats, count: int, refinements: int, printed: bool) -> tuple[Floats, float]:
+def solve_imaged_rcm(lines: Floats, count: int, refinements: int, printed: bool) -> tuple[Floats, float]:
     """Return o_c (2,) px and the condition number of eq. (16).
 
     The solution of (16) is followed by `refinements` steps to the nearest bundle, unless `printed`.
     """
-    o_c, condition = nearest_to_lines(lines, count, printed)
+    o_c, condition = intersect_lines(lines, count, printed)
     if condition < 1e6 and not printed:
         for _ in range(refinements):
             o_c = step_to_nearest_bundle(lines, count, o_c)
@@ -164,7 +164,7 @@ def find_least_informative_line(lines: Floats, count: int) -> int:
 
 
 @compiled
-def remember(lines: Floats, count: int, points: Floats, printed: bool) -> tuple[Floats, int]:
+def store_line(lines: Floats, count: int, points: Floats, printed: bool) -> tuple[Floats, int]:
     """Return the lines (H + 1, 4) and their number, with the line through `points` added.
 
     `points` (2, 2) are raw marker pixels. The last row is spare. Where H lines are stored already,
@@ -177,23 +177,23 @@ def remember(lines: Floats, count: int, points: Floats, printed: bool) -> tuple[
         return lines, count + 1
     if printed:
         for i in range(count):
-            put(lines[i], lines[i + 1])
+            copy_into(lines[i], lines[i + 1])
     else:
         row = find_least_informative_line(lines, count + 1)
-        put(lines[row], lines[count])
+        copy_into(lines[row], lines[count])
     return lines, count
 
 
 @compiled
-def follow(
+def update_imaged_rcm(
     lines: Floats, count: int, points: Floats, refinements: int, printed: bool
 ) -> tuple[Floats, int, Floats, float]:
     """Add the line through raw marker pixels `points` (2, 2) and solve eq. (16).
 
     Return the lines (H + 1, 4), their number, o_c (2,) px and the condition number.
     """
-    lines, count = remember(lines, count, points, printed)
-    o_c, condition = solve(lines, count, refinements, printed)
+    lines, count = store_line(lines, count, points, printed)
+    o_c, condition = solve_imaged_rcm(lines, count, refinements, printed)
     return lines, count, o_c, condition
 
 

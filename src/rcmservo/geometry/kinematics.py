@@ -17,7 +17,7 @@ from rcmservo.constraints import Checked, Limit, Triple, each, finite
 from rcmservo.errors import require
 from rcmservo.interfaces import Floats
 from rcmservo.numerics.jit import compiled
-from rcmservo.numerics.small_linalg import length, product
+from rcmservo.numerics.small_linalg import compute_norm, multiply_vector
 
 SPHERICAL, PITCH_YAW = 0, 1
 """Codes of the coordinate systems in compiled functions."""
@@ -25,14 +25,14 @@ MIN_LEVER = 1e-3
 """Smallest |∂n/∂q_i| that joint rates are divided by; below it eq. (2) is singular and the axis
 direction undefined."""
 
-FULL_TURN, LONGEST_TRAVEL, MIN_TRAVEL_MM = 2.0 * np.pi, 2000.0, 1.0
+FULL_TURN_RAD, MAX_TRAVEL_MM, MIN_TRAVEL_MM = 2.0 * np.pi, 2000.0, 1.0
 """Bounds of plausible joint limits, rad and mm; other values were given in another unit."""
 
 Point = tuple[float, float, float]
 """Point in mm, as compiled functions pass it on where no array is needed."""
 
 
-class Rcm(NamedTuple):
+class RcmStruct(NamedTuple):
     """Mechanism and one point on its tool, for compiled functions.
 
     Parameters
@@ -60,13 +60,13 @@ def to_float_triple(numbers: Sequence[float]) -> tuple[float, float, float]:
 
 
 @compiled
-def apart(one: Point, other: Point) -> float:
+def compute_point_distance(one: Point, other: Point) -> float:
     """Return the distance between two points in mm."""
     return np.sqrt((one[0] - other[0]) ** 2 + (one[1] - other[1]) ** 2 + (one[2] - other[2]) ** 2)
 
 
 @compiled
-def compute_axis_tuple(rcm: Rcm, q: Floats | Point) -> tuple[float, float, float]:
+def compute_axis_tuple(rcm: RcmStruct, q: Floats | Point) -> tuple[float, float, float]:
     """Return the tool's unit direction n, from the RCM outwards: eq. (2) divided by ρ."""
     if rcm.kind == SPHERICAL:
         theta, phi = q[0], q[1]
@@ -76,14 +76,14 @@ def compute_axis_tuple(rcm: Rcm, q: Floats | Point) -> tuple[float, float, float
 
 
 @compiled
-def axis(rcm: Rcm, q: Floats) -> Floats:
+def compute_axis(rcm: RcmStruct, q: Floats) -> Floats:
     """Return the tool's unit direction n (3,), from the RCM outwards."""
     x, y, z = compute_axis_tuple(rcm, q)
     return np.array([x, y, z])
 
 
 @compiled
-def compute_axis_jacobian(rcm: Rcm, q: Floats | Point) -> tuple[Point, Point]:
+def compute_axis_jacobian(rcm: RcmStruct, q: Floats | Point) -> tuple[Point, Point]:
     """Return the two columns of ∂n/∂(angle, angle); they are orthogonal to each other and to n."""
     s1, c1, s2, c2 = np.sin(q[0]), np.cos(q[0]), np.sin(q[1]), np.cos(q[1])
     if rcm.kind == SPHERICAL:
@@ -92,14 +92,14 @@ def compute_axis_jacobian(rcm: Rcm, q: Floats | Point) -> tuple[Point, Point]:
 
 
 @compiled
-def position(rcm: Rcm, q: Floats) -> Floats:
+def compute_position(rcm: RcmStruct, q: Floats) -> Floats:
     """Return p = ρ n(q) (3,) in mm, eq. (2)."""
-    x, y, z = point_at(rcm, q)
+    x, y, z = compute_position_tuple(rcm, q)
     return np.array([x, y, z])
 
 
 @compiled
-def point_at(rcm: Rcm, q: Floats | Point) -> Point:
+def compute_position_tuple(rcm: RcmStruct, q: Floats | Point) -> Point:
     """Return p = ρ n(q) in mm, eq. (2), as a tuple."""
     x, y, z = compute_axis_tuple(rcm, q)
     rho = q[2] + rcm.zero
@@ -107,7 +107,7 @@ def point_at(rcm: Rcm, q: Floats | Point) -> Point:
 
 
 @compiled
-def position_jacobian(rcm: Rcm, q: Floats | Point) -> Floats:
+def compute_position_jacobian(rcm: RcmStruct, q: Floats | Point) -> Floats:
     """Return ∂p/∂q (3, 3); its columns are in mm/rad, mm/rad and mm/mm."""
     jacobian, n, rho = np.empty((3, 3)), compute_axis_tuple(rcm, q), q[2] + rcm.zero
     one, two = compute_axis_jacobian(rcm, q)
@@ -117,7 +117,7 @@ def position_jacobian(rcm: Rcm, q: Floats | Point) -> Floats:
 
 
 @compiled
-def joints(rcm: Rcm, p: Floats) -> Floats:
+def compute_joints(rcm: RcmStruct, p: Floats) -> Floats:
     """Return the configuration q (3,) that brings the point to p (3,) mm, the inverse of eq. (2).
 
     The distance ρ of the result is positive.
@@ -131,7 +131,7 @@ def joints(rcm: Rcm, p: Floats) -> Floats:
 
 
 @compiled
-def joint_rates(rcm: Rcm, q: Floats, v: Floats) -> Floats:
+def compute_joint_rates(rcm: RcmStruct, q: Floats, v: Floats) -> Floats:
     """Return q̇ (rad/s, rad/s, mm/s) that moves the point with the velocity v (3,) mm/s.
 
     The rates are finite even where eq. (2) is singular.
@@ -141,7 +141,7 @@ def joint_rates(rcm: Rcm, q: Floats, v: Floats) -> Floats:
 
 
 @compiled
-def compute_joint_rates_tuple(rcm: Rcm, q: Floats | Point, v: Floats) -> Point:
+def compute_joint_rates_tuple(rcm: RcmStruct, q: Floats | Point, v: Floats) -> Point:
     """Return q̇ (rad/s, rad/s, mm/s) for the velocity v (3,) mm/s as a tuple."""
     rho = q[2] + rcm.zero
     min_square = (MIN_LEVER * rho) ** 2
@@ -164,7 +164,7 @@ def project_on_column(column: Point, v: Floats, min_square: float) -> float:
 
 
 @compiled
-def reachable(rcm: Rcm, q: Floats, slack: float) -> bool:
+def is_within_limits(rcm: RcmStruct, q: Floats, slack: float) -> bool:
     """Return True if the joints q (3,) are within their limits.
 
     Each limit may be exceeded by the fraction `slack` of the joint's range. NaN gives False.
@@ -177,8 +177,8 @@ def reachable(rcm: Rcm, q: Floats, slack: float) -> bool:
 
 
 @compiled
-def blocked(
-    rcm: Rcm,
+def find_blocking_joint(
+    rcm: RcmStruct,
     q: Floats | Point,
     v: Floats,
     max_rates: Floats | Point,
@@ -204,12 +204,12 @@ def blocked(
     for i in range(3):
         if not is_beyond_limit(rcm, i, q[i] + requested[i] / slowdown * horizon):
             rates[i] = requested[i] / slowdown
-    remaining = length(product(position_jacobian(rcm, q), rates))
-    return joint if remaining < min_fraction * length(v) / slowdown else -1, requested
+    remaining = compute_norm(multiply_vector(compute_position_jacobian(rcm, q), rates))
+    return joint if remaining < min_fraction * compute_norm(v) / slowdown else -1, requested
 
 
 @compiled
-def is_beyond_limit(rcm: Rcm, i: int, position: float) -> bool:
+def is_beyond_limit(rcm: RcmStruct, i: int, position: float) -> bool:
     """Return True if a position of joint i is outside its limits."""
     return position > rcm.upper[i] or position < rcm.lower[i]
 
@@ -217,12 +217,12 @@ def is_beyond_limit(rcm: Rcm, i: int, position: float) -> bool:
 JOINT_RANGE_LIMITS = (
     each(finite(), "three finite numbers (rad, rad, mm)"),
     Limit(
-        lambda q: max(abs(q[0]), abs(q[1])) <= FULL_TURN,
+        lambda q: max(abs(q[0]), abs(q[1])) <= FULL_TURN_RAD,
         "within ±2π rad in joints 1 and 2 (this looks like degrees)",
     ),
     Limit(
-        lambda q: abs(q[2]) <= LONGEST_TRAVEL,
-        f"within ±{LONGEST_TRAVEL:g} mm in joint 3 (this looks like µm)",
+        lambda q: abs(q[2]) <= MAX_TRAVEL_MM,
+        f"within ±{MAX_TRAVEL_MM:g} mm in joint 3 (this looks like µm)",
     ),
 )
 """Plausible values of joint limits; the messages name the likely unit of other values."""
@@ -301,9 +301,9 @@ class Kinematics(Checked, ABC):
         above = f"above {-self.insertion_zero:g} mm, so that ρ > 0"
         require(shortest > 0.0, "lower[2]", self.limits.lower[2], above)
 
-    def rcm(self, offset: float = 0.0) -> Rcm:
+    def to_struct(self, offset: float = 0.0) -> RcmStruct:
         """Return the struct of the point `offset` mm beyond the tool's reference point."""
-        return Rcm(
+        return RcmStruct(
             self.kind,
             float(self.insertion_zero + offset),
             to_float_triple(self.limits.lower),
@@ -323,7 +323,7 @@ class Kinematics(Checked, ABC):
         Floats
             Position (3,) mm from the RCM.
         """
-        return position(self.rcm(), np.ascontiguousarray(q, dtype=float))
+        return compute_position(self.to_struct(), np.ascontiguousarray(q, dtype=float))
 
     def jacobian(self, q: Floats) -> Floats:
         """Return ∂p/∂q (3, 3) of the tool's reference point, the derivative of eq. (2).
@@ -338,7 +338,7 @@ class Kinematics(Checked, ABC):
         Floats
             Matrix (3, 3); its columns are in mm/rad, mm/rad and mm/mm.
         """
-        return position_jacobian(self.rcm(), np.ascontiguousarray(q, dtype=float))
+        return compute_position_jacobian(self.to_struct(), np.ascontiguousarray(q, dtype=float))
 
     def joints(self, p: Floats) -> Floats:
         """Return the configuration of a position, the inverse of eq. (2).
@@ -353,7 +353,7 @@ class Kinematics(Checked, ABC):
         Floats
             Configuration (3,), rad, rad, mm, with ρ positive.
         """
-        return joints(self.rcm(), np.ascontiguousarray(p, dtype=float))
+        return compute_joints(self.to_struct(), np.ascontiguousarray(p, dtype=float))
 
 
 @dataclass(frozen=True)

@@ -10,12 +10,12 @@ import numpy as np
 from rcmservo.interfaces import Floats
 from rcmservo.numerics.jit import compiled
 
-PARAMETERS = 9
+PARAMETER_COUNT = 9
 """Number of projection parameters a, eq. (12)."""
 
 
 @compiled
-def depth(a: Floats, p: Floats) -> float:
+def compute_depth(a: Floats, p: Floats) -> float:
     """Return z = gᵀp + 1, eq. (5) with c₃₄ = 1: depth of p over depth of the RCM, dimensionless."""
     return a[6] * p[0] + a[7] * p[1] + a[8] * p[2] + 1.0
 
@@ -23,7 +23,7 @@ def depth(a: Floats, p: Floats) -> float:
 @compiled
 def project(a: Floats, p: Floats) -> Floats:
     """Return m (2,) px of p (3,) mm, eq. (4); with an estimate of a, eq. (34)."""
-    z = depth(a, p)
+    z = compute_depth(a, p)
     return np.array(
         [
             (a[0] * p[0] + a[1] * p[1] + a[2] * p[2]) / z,
@@ -33,10 +33,10 @@ def project(a: Floats, p: Floats) -> Floats:
 
 
 @compiled
-def project_jacobian(a: Floats, p: Floats) -> Floats:
+def compute_projection_jacobian(a: Floats, p: Floats) -> Floats:
     """Return ∂m/∂p = (G − m gᵀ)/z (2, 3), px/mm."""
     m = project(a, p)
-    z = depth(a, p)
+    z = compute_depth(a, p)
     jacobian = np.empty((2, 3))
     for j in range(3):
         jacobian[0, j] = (a[j] - m[0] * a[6 + j]) / z
@@ -45,7 +45,7 @@ def project_jacobian(a: Floats, p: Floats) -> Floats:
 
 
 @compiled
-def regressor(m: Floats, p: Floats) -> Floats:
+def build_regressor(m: Floats, p: Floats) -> Floats:
     """Return W (2, 9) of eq. (19), with W a = m.
 
     For an estimate â, the projection error e of eq. (17) is W â − m.
@@ -59,7 +59,7 @@ def regressor(m: Floats, p: Floats) -> Floats:
     return w
 
 
-def parameters(C: Floats) -> tuple[Floats, Floats]:
+def extract_parameters(C: Floats) -> tuple[Floats, Floats]:
     """Return a (9,) and o_c (2,) px of a calibration matrix C (3, 4) of any scale, by Lemma 1.
 
     The shift of the pixel origin to o_c removes two degrees of freedom, and the scaling of c₃₄ to 1

@@ -21,7 +21,7 @@ RIGID, SCALED = 0, 1
 """Codes of the tool models in compiled functions."""
 
 
-class Shaft(NamedTuple):
+class ToolStruct(NamedTuple):
     """Tool model for compiled functions.
 
     Parameters
@@ -37,7 +37,7 @@ class Shaft(NamedTuple):
 
 
 @compiled
-def stretch(shaft: Shaft, p1: Floats | Point) -> float:
+def compute_marker_ratio(shaft: ToolStruct, p1: Floats | Point) -> float:
     """Return |p₂|/|p₁|: λ of a scaled tool, 1 + l/ρ of a rigid one."""
     if shaft.kind == SCALED:
         return shaft.value
@@ -45,21 +45,21 @@ def stretch(shaft: Shaft, p1: Floats | Point) -> float:
 
 
 @compiled
-def second_marker(shaft: Shaft, p1: Floats) -> Floats:
+def compute_second_marker(shaft: ToolStruct, p1: Floats) -> Floats:
     """Return the position p₂ (3,) mm of marker 2 from that of marker 1, p₁ (3,) mm."""
-    x, y, z = second_point(shaft, p1)
+    x, y, z = compute_second_marker_tuple(shaft, p1)
     return np.array([x, y, z])
 
 
 @compiled
-def second_point(shaft: Shaft, p1: Floats | Point) -> Point:
+def compute_second_marker_tuple(shaft: ToolStruct, p1: Floats | Point) -> Point:
     """Return the position p₂ (mm) of marker 2 from that of marker 1, p₁, as a tuple."""
-    ratio = stretch(shaft, p1)
+    ratio = compute_marker_ratio(shaft, p1)
     return ratio * p1[0], ratio * p1[1], ratio * p1[2]
 
 
 @compiled
-def fastest_point(shaft: Shaft, p1: Floats | Point, v: Floats | Point, tip: float) -> float:
+def compute_max_tool_speed(shaft: ToolStruct, p1: Floats | Point, v: Floats | Point, tip: float) -> float:
     """Return the largest speed (mm/s) of marker 1, marker 2 and the tip.
 
     Marker 1 is at p1 (3,) mm and moves with v (3,) mm/s; the tip is `tip` mm beyond marker 2. The
@@ -69,15 +69,15 @@ def fastest_point(shaft: Shaft, p1: Floats | Point, v: Floats | Point, tip: floa
     along = v[0] * p1[0] + v[1] * p1[1] + v[2] * p1[2]
     total = v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
     radial = along * along / squared
-    lever = max(stretch(shaft, p1) + tip / np.sqrt(squared), 1.0)
+    lever = max(compute_marker_ratio(shaft, p1) + tip / np.sqrt(squared), 1.0)
     return np.sqrt(radial + max(total - radial, 0.0) * lever**2)
 
 
 @compiled
-def second_marker_jacobian(shaft: Shaft, p1: Floats) -> Floats:
+def compute_second_marker_jacobian(shaft: ToolStruct, p1: Floats) -> Floats:
     """Return ∂p₂/∂p₁ (3, 3): λ I, or I + (l/ρ)(I − n nᵀ) with n = p₁/ρ."""
     jacobian = np.zeros((3, 3))
-    ratio, squared = stretch(shaft, p1), p1[0] ** 2 + p1[1] ** 2 + p1[2] ** 2
+    ratio, squared = compute_marker_ratio(shaft, p1), p1[0] ** 2 + p1[1] ** 2 + p1[2] ** 2
     along = 0.0 if shaft.kind == SCALED else (ratio - 1.0) / squared
     for i in range(3):
         jacobian[i, i] = ratio
@@ -87,12 +87,12 @@ def second_marker_jacobian(shaft: Shaft, p1: Floats) -> Floats:
 
 
 @compiled
-def by_first_marker(shaft: Shaft, p1: Floats | Point, motion: Floats) -> None:
+def convert_to_first_marker(shaft: ToolStruct, p1: Floats | Point, motion: Floats) -> None:
     """Convert ∂m₂/∂p₂ (n, 3) to ∂m₂/∂p₁ in place, by the chain rule.
 
     The factor ∂p₂/∂p₁ is a multiple of I plus a term along p₁, so its matrix is not needed.
     """
-    ratio, squared = stretch(shaft, p1), p1[0] ** 2 + p1[1] ** 2 + p1[2] ** 2
+    ratio, squared = compute_marker_ratio(shaft, p1), p1[0] ** 2 + p1[1] ** 2 + p1[2] ** 2
     fraction = 0.0 if shaft.kind == SCALED else (ratio - 1.0) / squared
     for k in range(len(motion)):
         along = fraction * (motion[k, 0] * p1[0] + motion[k, 1] * p1[1] + motion[k, 2] * p1[2])
@@ -123,9 +123,9 @@ class Tool(Checked, ABC, section="tool"):
         """Spacing l in mm, or factor λ."""
 
     @cached_property
-    def shaft(self) -> Shaft:
+    def struct(self) -> ToolStruct:
         """Struct for compiled functions."""
-        return Shaft(self.kind, float(self.value))
+        return ToolStruct(self.kind, float(self.value))
 
     def second_marker(self, p1: Floats) -> Floats:
         """Return the position of marker 2, the one nearer the tip.
@@ -140,7 +140,7 @@ class Tool(Checked, ABC, section="tool"):
         Floats
             Position p₂ (3,) mm.
         """
-        return second_marker(self.shaft, np.ascontiguousarray(p1, dtype=float))
+        return compute_second_marker(self.struct, np.ascontiguousarray(p1, dtype=float))
 
 
 @dataclass(frozen=True)

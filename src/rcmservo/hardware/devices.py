@@ -8,7 +8,7 @@ from importlib import import_module
 from typing import Any
 
 from rcmservo.bringup.axis_wiring import Wiring
-from rcmservo.config.rig_file import Lab
+from rcmservo.config.rig_file import RigDescription
 from rcmservo.hardware.cameras.settings import (
     AravisSettings,
     OpencvSettings,
@@ -42,7 +42,7 @@ def _import_driver(settings: object) -> Callable[..., Any]:
     return getattr(import_module(f"rcmservo.hardware.{module}"), name)
 
 
-def open_arm(lab: Lab) -> LabArm:
+def open_arm(lab: RigDescription) -> LabArm:
     """Connect to the arm of a rig file, with its drive off.
 
     Raises
@@ -56,12 +56,12 @@ def open_arm(lab: Lab) -> LabArm:
     return _import_driver(settings)(settings, lab.mechanism.limits)
 
 
-def read_wiring(lab: Lab) -> Wiring:
+def read_wiring(lab: RigDescription) -> Wiring:
     """Return the assignment of joints to motors in a rig file."""
     return lab.device("arm", ARM_KINDS).wiring
 
 
-def open_camera(lab: Lab, unmeasured: bool = False) -> LabCamera:
+def open_camera(lab: RigDescription, unmeasured: bool = False) -> LabCamera:
     """Open the camera of a rig file.
 
     Parameters

@@ -26,7 +26,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rcmservo.errors import RcmServoError, UnusableFile
-from rcmservo.interfaces import Command, Floats, Measured, Target
+from rcmservo.interfaces import Command, Floats, ArmMeasurement, Target
 from rcmservo.loop.plant import Plant
 from rcmservo.loop.target_frames import TEACHING_FRAMES
 from rcmservo.loop.teach import teach
@@ -282,11 +282,11 @@ class RemoteArm:
             select.select([self._socket], [], [], left)
             done |= self._receive(number)
 
-    def measure(self) -> Measured:
+    def measure(self) -> ArmMeasurement:
         """Return the newest state. The drive counts as enabled only in this servo's session."""
         self._receive()
         state = self._newest
-        return Measured(state.time, state.q, state.enabled and state.session == self._session)
+        return ArmMeasurement(state.time, state.q, state.enabled and state.session == self._session)
 
     def apply(self, command: Command) -> Floats:
         self._send(SessionCommand(self._session, command))

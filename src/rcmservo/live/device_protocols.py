@@ -8,7 +8,7 @@ from typing import Protocol, runtime_checkable
 
 from rcmservo.errors import RcmServoError
 from rcmservo.interfaces import Arm, Camera, Floats
-from rcmservo.loop.run_result import CameraAccount
+from rcmservo.loop.run_result import CameraStatistics
 
 
 class NotReady(RcmServoError):
@@ -19,11 +19,11 @@ class LabArm(Arm, Protocol):
     """Arm that is connected."""
 
     @property
-    def why_off(self) -> str:
+    def off_reason(self) -> str:
         """Sentence that says why the drive went off by itself; empty if it did not."""
         ...
 
-    def homed(self) -> bool:
+    def is_homed(self) -> bool:
         """Return True if the joint values are known since the arm was reset.
 
         Raises
@@ -33,7 +33,7 @@ class LabArm(Arm, Protocol):
         """
         ...
 
-    def define(self, q: Floats) -> None:
+    def set_position(self, q: Floats) -> None:
         """Set the present joint values (3,) in rad, rad, mm, at rest and with the drive off.
 
         Raises
@@ -53,11 +53,11 @@ class SuspendsCommunication(Protocol):
     """Arm to which communication can be suspended, so that its watchdog can be tested."""
 
     @property
-    def by_speeds(self) -> bool:
+    def is_rate_controlled(self) -> bool:
         """True if the arm receives joint rates, so that it moves on unless it stops by itself."""
         ...
 
-    def fall_silent(self) -> None:
+    def suspend_communication(self) -> None:
         """Send nothing more, as if this program were dead, until the drive is next switched."""
         ...
 
@@ -65,7 +65,7 @@ class SuspendsCommunication(Protocol):
 class LabCamera(Camera, Protocol):
     """Camera that is open."""
 
-    def counts(self) -> CameraAccount:
+    def counts(self) -> CameraStatistics:
         """Return the counts of frames so far."""
         ...
 
@@ -77,7 +77,7 @@ class LabCamera(Camera, Protocol):
 class OperatorTerminal(Protocol):
     """Operator at the arm, who answers questions."""
 
-    def tell(self, words: str) -> None:
+    def notify(self, words: str) -> None:
         """Report something that needs no answer."""
         ...
 

@@ -10,7 +10,7 @@ from rcmservo.errors import require
 from rcmservo.interfaces import Frame
 from rcmservo.live.device_protocols import LabCamera
 from rcmservo.live.shared_ring import SharedRing
-from rcmservo.loop.run_result import CameraAccount
+from rcmservo.loop.run_result import CameraStatistics
 
 SLOTS = 8
 """Number of frames that a ring holds."""
@@ -107,7 +107,7 @@ class RecordingCamera:
                 self._ring.publish(frame)
         return frame
 
-    def counts(self) -> CameraAccount:
+    def counts(self) -> CameraStatistics:
         """Return the counts of frames so far."""
         return self._camera.counts()
 

@@ -11,9 +11,9 @@ import numpy as np
 
 from rcmservo.interfaces import Floats, Target
 from rcmservo.live.realtime import Realtime
-from rcmservo.loop.run_result import LoopTiming, known, spread
+from rcmservo.loop.run_result import LoopTiming, finite_or_none, time_spread
 from rcmservo.loop.tick import Tick
-from rcmservo.recording.outcome import Judge
+from rcmservo.recording.outcome import OutcomeCollector
 from rcmservo.servo.servo import Servo
 
 TICKS_PER_REPORT = 10
@@ -56,7 +56,7 @@ class ReportThread:
     """
 
     def __init__(self, servo: Servo, target: Target, listener: Connection) -> None:
-        self.judge = Judge(servo, target)
+        self.judge = OutcomeCollector(servo, target)
         self._rate, self._listener = servo.rate, listener
         self._moments: list[int] = []
         self._times: list[int] = []
@@ -87,16 +87,16 @@ class ReportThread:
 
     def _collect(self, tick: Tick) -> None:
         self.judge.add(tick)
-        self._moments.append(tick.seen.now)
+        self._moments.append(tick.observation.now)
         self._times.append(tick.time)
-        if tick.seen.frame > self._frame:
-            self._frame = tick.seen.frame
-            self._latencies.append(tick.state.watch.latency)
+        if tick.observation.frame > self._frame:
+            self._frame = tick.observation.frame
+            self._latencies.append(tick.state.monitor.latency)
 
     def _report(self, tick: Tick) -> None:
         state = tick.state
         with contextlib.suppress(OSError):
-            self._listener.send(Report(tick.time, state.words, state.delta, state.condition))
+            self._listener.send(Report(tick.time, state.text, state.delta, state.condition))
 
     def timing(self, lateness: Floats, system: Realtime) -> LoopTiming:
         """Return the timing of the loop.
@@ -113,9 +113,9 @@ class ReportThread:
         return LoopTiming(
             ticks=count,
             missed=round(self._times[-1] * self._rate * 1e-9) + 1 - count if count else 0,
-            rate_hz=known((count - 1) / span * 1e9),
-            lateness_ms=spread(lateness[:count]),
-            latency_ms=spread(np.array(self._latencies, dtype=float)),
+            rate_hz=finite_or_none((count - 1) / span * 1e9),
+            lateness_ms=time_spread(lateness[:count]),
+            latency_ms=time_spread(np.array(self._latencies, dtype=float)),
             collections=system.collections,
             refused=system.refused,
         )

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from rcmservo.errors import Stopped
-from rcmservo.interfaces import Command, Floats, Measured
+from rcmservo.interfaces import Command, Floats, ArmMeasurement
 from rcmservo.live.device_protocols import LabArm
 from rcmservo.live.supervisor import rely_on_watchdog
 
@@ -98,13 +98,13 @@ class RemotelyStoppableArm:
 
     @property
     def why_off(self) -> str:
-        return self._arm.why_off
+        return self._arm.off_reason
 
     def homed(self) -> bool:
-        return self._arm.homed()
+        return self._arm.is_homed()
 
     def define(self, q: Floats) -> None:
-        self._arm.define(q)
+        self._arm.set_position(q)
 
     def enable(self) -> None:
         """Enable the drive, unless a stop is requested. From here on it may be on."""
@@ -114,8 +114,8 @@ class RemotelyStoppableArm:
             raise Stopped("stopped before the drive was on")
         self._arm.enable()
 
-    def measure(self) -> Measured:
-        measured, why = self._arm.measure(), self._arm.why_off
+    def measure(self) -> ArmMeasurement:
+        measured, why = self._arm.measure(), self._arm.off_reason
         self._enabling = self._enabling and not measured.enabled
         self._remote_stop.set_drive_on(measured.enabled or self._enabling)
         if why != self._why:
@@ -132,5 +132,5 @@ class RemotelyStoppableArm:
     def close(self) -> None:
         """Stop the arm, disable its drive and disconnect."""
         self._arm.close()
-        if not self._arm.why_off:
+        if not self._arm.off_reason:
             self._remote_stop.set_drive_on(False)

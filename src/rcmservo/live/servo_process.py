@@ -25,10 +25,10 @@ from rcmservo.loop.detection_failure import reason_not_detected
 from rcmservo.loop.operator import Operator
 from rcmservo.loop.plant import Plant
 from rcmservo.loop.run import run
-from rcmservo.loop.run_result import CameraAccount, RunResult
+from rcmservo.loop.run_result import CameraStatistics, RunResult
 from rcmservo.loop.teach import teach
 from rcmservo.loop.tick import Tick
-from rcmservo.recording.outcome import held
+from rcmservo.recording.outcome import find_stop_cause
 from rcmservo.recording.writer import Recorder, ThreadedRecorder
 from rcmservo.servo.servo import Servo
 
@@ -87,7 +87,7 @@ class Session:
     recorder: Callable[[], Recorder]
     target: Callable[[Plant], Target] = teach
     operator: Callable[[], Operator] | None = None
-    pictures: float = 0.0
+    images_per_s: float = 0.0
     consent: Callable[[Plant], None] | None = None
 
 
@@ -115,30 +115,30 @@ class HeartbeatPlant(Plant):
         arm: Arm,
         eye: TrackingThread,
         clock: RecordingClock,
-        beats: Any,
-        told_to_end: EndRequest,
+        heartbeat: Any,
+        stop_requested: EndRequest,
         consent: Callable[[Plant], None] | None = None,
     ) -> None:
         super().__init__(arm, eye, eye, clock)
-        self.lateness, self.beats, self.told_to_end = clock.lateness, beats, told_to_end
+        self.lateness, self.heartbeat, self.stop_requested = clock.lateness, heartbeat, stop_requested
         self._consent = consent
 
     def enable(self) -> None:
         if self._consent is not None:
             self._consent(self)
-        self.beats.value = ENABLING
-        go_on(self.told_to_end)
+        self.heartbeat.value = ENABLING
+        raise_if_stopped(self.stop_requested)
         super().enable()
-        self.beats.value = 0
+        self.heartbeat.value = 0
         del self.lateness[:]  # no tick was due while the drive was being enabled
 
     def send(self, command: Command) -> Floats:
-        if self.beats.value >= 0:
-            self.beats.value += 1
+        if self.heartbeat.value >= 0:
+            self.heartbeat.value += 1
         return super().send(command)
 
 
-class Film:
+class FrameSampler:
     """Selection of the frames that are recorded as images.
 
     Parameters
@@ -152,7 +152,7 @@ class Film:
         self._due = 0.0 if rate > 0.0 else np.inf
         self._shown: Frame | None = None
 
-    def picture(self, tick: Tick, frame: Frame | None) -> Frame | None:
+    def sample(self, tick: Tick, frame: Frame | None) -> Frame | None:
         """Return the frame of a tick if it is due, else None."""
         if tick.time < self._due or frame is None or frame is self._shown:
             return None
@@ -160,7 +160,7 @@ class Film:
         return frame
 
 
-def run_session(session: Session, beats: Any, supervisor: Connection) -> None:
+def run_session(session: Session, heartbeat: Any, supervisor: Connection) -> None:
     """Run a session until it ends or the supervisor requests its end or is gone.
 
     The supervisor receives reports during the run. At the end it receives a RunResult, an
@@ -175,11 +175,11 @@ def run_session(session: Session, beats: Any, supervisor: Connection) -> None:
     supervisor : Connection
         Pipe to the supervisor.
     """
-    told_to_end = EndRequest(supervisor)
-    told_to_end.handle_signals()
-    beats.value = IDLE
+    stop_requested = EndRequest(supervisor)
+    stop_requested.handle_signals()
+    heartbeat.value = IDLE
     try:
-        message: Any = _live(session, beats, supervisor, told_to_end)
+        message: Any = _live(session, heartbeat, supervisor, stop_requested)
     except Stopped as stopped:
         message = stopped
     except RcmServoError as error:
@@ -191,7 +191,7 @@ def run_session(session: Session, beats: Any, supervisor: Connection) -> None:
 
 
 def _live(
-    session: Session, beats: Any, supervisor: Connection, told_to_end: EndRequest
+    session: Session, heartbeat: Any, supervisor: Connection, stop_requested: EndRequest
 ) -> RunResult:
     """Open the devices, run, and return the result.
 
@@ -203,7 +203,7 @@ def _live(
         tracker = _open(session.tracker, stack)
         operator = None if session.operator is None else _open(session.operator, stack)
         eye = stack.enter_context(TrackingThread(camera, tracker, clock.clock))
-        plant = HeartbeatPlant(arm, eye, clock, beats, told_to_end, session.consent)
+        plant = HeartbeatPlant(arm, eye, clock, heartbeat, stop_requested, session.consent)
         target = _prepare_target(session, plant)
         result = _run_loop(session, plant, target, operator, supervisor)
         result = replace(result, camera=_camera_counts(camera))
@@ -211,7 +211,7 @@ def _live(
     return replace(result.unsettled(result.cause or off), drive_off=off) if off else result
 
 
-def _camera_counts(camera: object) -> CameraAccount | None:
+def _camera_counts(camera: object) -> CameraStatistics | None:
     """Return the counts of a camera's frames, or None if it has none."""
     counts = getattr(camera, "counts", None)
     return None if counts is None else counts()
@@ -239,9 +239,9 @@ def _prepare_target(session: Session, plant: HeartbeatPlant) -> Target:
     return target
 
 
-def go_on(told_to_end: Callable[[], bool]) -> None:
+def raise_if_stopped(stop_requested: Callable[[], bool]) -> None:
     """Raise `Stopped` if the end of this process is requested."""
-    if told_to_end():
+    if stop_requested():
         raise Stopped("stopped before the drive was on")
 
 
@@ -250,10 +250,10 @@ def _await_frame(plant: HeartbeatPlant) -> None:
     now, why = plant.clock.now(), ""
     for _ in ticks(plant.clock, duration=FRAME_TIMEOUT_S):
         observation = plant.read()
-        go_on(plant.told_to_end)
+        raise_if_stopped(plant.stop_requested)
         if observation.exposure >= now:
             return
-        why = observation.dropped.words
+        why = observation.drop_reason.words
     raise NoFrames(f"no usable frame has arrived for {FRAME_TIMEOUT_S:g} s{why and ': ' + why}")
 
 
@@ -276,26 +276,26 @@ def _run_loop(
         with realtime() as system:
 
             def stop_requested(tick: Tick) -> bool:
-                return plant.told_to_end()
+                return plant.stop_requested()
 
-            go_on(plant.told_to_end)
-            start, film = plant.clock.now(), Film(session.pictures)
+            raise_if_stopped(plant.stop_requested)
+            start, film = plant.clock.now(), FrameSampler(session.images_per_s)
             try:
                 for tick in run(plant, servo, target, duration, stop_requested, operator=operator):
                     recorder.write(tick)
                     reports.put(tick)
-                    picture = film.picture(tick, plant.frame)
+                    picture = film.sample(tick, plant.frame)
                     if picture is not None:
                         recorder.write_frame(picture)
             finally:
-                plant.beats.value = IDLE
+                plant.heartbeat.value = IDLE
     timing = reports.timing(np.array(plant.lateness, dtype=float), system)
     result, undetected_tick = reports.judge.result(), reports.judge.blind
-    if plant.told_to_end.signal:
-        result = result.unsettled(f"the run was stopped by {plant.told_to_end.signal}")
+    if plant.stop_requested.signal:
+        result = result.unsettled(f"the run was stopped by {plant.stop_requested.signal}")
     elif undetected_tick is not None:
-        cause = held(
-            undetected_tick.state.mode, reason_not_detected(plant, undetected_tick.seen, start)
+        cause = find_stop_cause(
+            undetected_tick.state.mode, reason_not_detected(plant, undetected_tick.observation, start)
         )
         result = replace(result, cause=cause or result.cause)
     return replace(result, not_recorded=recorder.failed, loop=timing)

@@ -40,13 +40,13 @@ servo process.
 KILL_TIMEOUT_S = 0.5
 """Time in s within which a killed process ends; one that has not ended was only suspended."""
 
-Beside = Mapping[Any, Callable[[], None]]
+EventHandlers = Mapping[Any, Callable[[], None]]
 """Handlers of other events, by an object to wait for (`fileno`).
 
 An error in a handler ends the run in order.
 """
 
-NOTHING: Beside = MappingProxyType({})
+NO_HANDLERS: EventHandlers = MappingProxyType({})
 
 SwitchOff = Callable[[bool], str]
 """Function that disables the drive from outside the servo process.
@@ -75,8 +75,8 @@ class ServoProcess(ChildProcess):
 
     def __init__(self, session: Session, context: Context | None = None) -> None:
         context = get_context("spawn") if context is None else context
-        self.beats: Any = context.RawValue("q", IDLE)
-        super().__init__(context, run_session, session, self.beats)
+        self.heartbeat: Any = context.RawValue("q", IDLE)
+        super().__init__(context, run_session, session, self.heartbeat)
 
 
 class HeartbeatMonitor:
@@ -98,7 +98,7 @@ class HeartbeatMonitor:
         if now < self._due:
             return False
         self._due = now + POLL_NS
-        beat = self._servo.beats.value
+        beat = self._servo.heartbeat.value
         self._still = self._still + 1 if beat == self._last and beat >= 0 else 0
         self._last = beat
         return self._still >= MAX_SILENT_POLLS or self._servo.process.exitcode is not None
@@ -112,7 +112,7 @@ def run_live(
     session: Session,
     off: SwitchOff = rely_on_watchdog,
     progress: Callable[[Report], None] = ignore_report,
-    beside: Beside = NOTHING,
+    handlers: EventHandlers = NO_HANDLERS,
 ) -> RunResult:
     """Run a session in a separate process in wall time, and supervise it.
 
@@ -145,15 +145,15 @@ def run_live(
         If the servo process has an internal error.
     """
     with stopped_by_signals(), without_huge_pages():
-        return _run_live(session, off, progress, beside)
+        return _run_live(session, off, progress, handlers)
 
 
 def _run_live(
-    session: Session, off: SwitchOff, progress: Callable[[Report], None], beside: Beside
+    session: Session, off: SwitchOff, progress: Callable[[Report], None], handlers: EventHandlers
 ) -> RunResult:
     servo = ServoProcess(session)
     try:
-        return supervise(servo, off, progress, beside)
+        return supervise(servo, off, progress, handlers)
     except (KeyboardInterrupt, Stopped, OSError):  # OSError: the terminal is closed
         servo.send("end")
         with contextlib.suppress(RcmServoError):
@@ -167,15 +167,15 @@ def supervise(
     servo: ServoProcess,
     off: SwitchOff,
     progress: Callable[[Report], None] = ignore_report,
-    beside: Beside = NOTHING,
+    handlers: EventHandlers = NO_HANDLERS,
 ) -> RunResult:
     """Supervise a servo process until it reports its result or fails; return the result."""
     monitor, began = HeartbeatMonitor(servo), 0
     pipes = [servo.pipe]
     while True:
-        ready = wait([*pipes, *beside], POLL_NS * 1e-9) if pipes or beside else []
-        for source in beside.keys() & ready:
-            beside[source]()
+        ready = wait([*pipes, *handlers], POLL_NS * 1e-9) if pipes or handlers else []
+        for source in handlers.keys() & ready:
+            handlers[source]()
         for pipe in cast(list[Connection], [one for one in ready if one in pipes]):
             message = _receive(pipe)
             if isinstance(message, Report):
@@ -185,7 +185,7 @@ def supervise(
             else:
                 pipes.clear()
                 servo.process.join(EXIT_TIMEOUT_S)
-        if not began and servo.beats.value != IDLE:
+        if not began and servo.heartbeat.value != IDLE:
             began = time.monotonic_ns()
         if monitor.has_failed() and not any(pipe.poll() for pipe in pipes):
             return _handle_failure(servo, off, began)

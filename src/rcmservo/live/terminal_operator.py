@@ -39,10 +39,10 @@ class Terminal:
         If the program has no terminal.
     """
 
-    def __init__(self, told_to_end: Callable[[], bool] = lambda: False) -> None:
+    def __init__(self, stop_requested: Callable[[], bool] = lambda: False) -> None:
         self.typed = 0
         """Earliest time (ns of the wall clock) at which the last answer can have been typed."""
-        self._told_to_end = told_to_end
+        self._stop_requested = stop_requested
         try:
             self._file = os.open(TERMINAL, os.O_RDWR | os.O_NOCTTY | os.O_CLOEXEC)
         except OSError as error:
@@ -53,7 +53,7 @@ class Terminal:
     def close(self) -> None:
         os.close(self._file)
 
-    def tell(self, words: str) -> None:
+    def notify(self, words: str) -> None:
         """Print something that needs no answer."""
         self._write(f"{words}\n")
 
@@ -76,7 +76,7 @@ class Terminal:
         if os.tcgetpgrp(self._file) != os.getpgrp():
             raise NotReady("this program runs in the background: bring it to the foreground (fg)")
         termios.tcflush(self._file, termios.TCIFLUSH)
-        if self._told_to_end():
+        if self._stop_requested():
             raise Stopped("stopped before the drive was on")
         select.select([], [], [], STOP_POLL_S)
         self.typed = time.monotonic_ns()
@@ -90,7 +90,7 @@ class Terminal:
         """
         began = self.typed
         while not select.select([self._file], [], [], STOP_POLL_S)[0]:
-            if self._told_to_end():
+            if self._stop_requested():
                 raise Stopped("stopped before the drive was on")
             self.typed, began = began, time.monotonic_ns()
         line = self._read()

@@ -9,7 +9,7 @@ from dataclasses import replace
 from types import TracebackType
 
 from rcmservo.errors import BadInput
-from rcmservo.interfaces import Camera, Clock, Explains, Frame, Markers, Tracker
+from rcmservo.interfaces import Camera, Clock, FailureExplainer, Frame, Markers, Tracker
 from rcmservo.loop.clock import ticks
 from rcmservo.loop.device_checks import check_first_value
 
@@ -85,15 +85,15 @@ class TrackingThread:
             raise found
         return found
 
-    def why(self, frame: Frame) -> str:
+    def explain_failure(self, frame: Frame) -> str:
         """Return the tracker's reason for not detecting the markers, or an empty string."""
-        return self._tracker.why(frame) if isinstance(self._tracker, Explains) else ""
+        return self._tracker.explain_failure(frame) if isinstance(self._tracker, FailureExplainer) else ""
 
     def reset(self) -> None:
         """Reset the tracker before the next frame."""
         self._reset_requested.set()
 
-    def wait_for(self, frames: int, patience: float) -> None:
+    def wait_for(self, frames: int, timeout_s: float) -> None:
         """Wait until a number of frames are tracked, or until the camera is silent.
 
         The camera counts as silent if it delivers no frame for ``patience`` s. The first frames
@@ -103,7 +103,7 @@ class TrackingThread:
         for _ in ticks(self._clock, 1.0 / POLL_S):
             if self._is_tracking or self._tracked_count > tracked:
                 tracked, since = self._tracked_count, self._clock.now()
-            silent = not self._clock.now() - since <= patience * 1e9
+            silent = not self._clock.now() - since <= timeout_s * 1e9
             if tracked >= frames or silent or not self._thread.is_alive():
                 return
 

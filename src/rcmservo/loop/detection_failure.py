@@ -1,7 +1,7 @@
 """Message for the operator that gives the reason for undetected markers."""
 
 from rcmservo.errors import BadInput
-from rcmservo.interfaces import Dropped, Explains, Observation
+from rcmservo.interfaces import DropReason, FailureExplainer, Observation
 from rcmservo.loop.plant import Plant
 
 FRAME_TIMEOUT_S = 0.5
@@ -14,18 +14,18 @@ def reason_not_detected(plant: Plant, observation: Observation, began: int) -> s
     The reason is missing frames, unusable frames, or that of the tracker for the newest frame.
     """
     silence_s = (observation.now - max(observation.arrival, began)) * 1e-9
-    if observation.dropped is not Dropped.NONE:
-        return _drop_reason(plant, observation.dropped)
+    if observation.drop_reason is not DropReason.NONE:
+        return _drop_reason(plant, observation.drop_reason)
     if plant.frame is None or silence_s > FRAME_TIMEOUT_S:
         return f"the camera has delivered no frame for {silence_s:.1f} s"
-    reason = plant.tracker.why(plant.frame) if isinstance(plant.tracker, Explains) else ""
+    reason = plant.tracker.explain_failure(plant.frame) if isinstance(plant.tracker, FailureExplainer) else ""
     return reason or "both markers must be in the image"
 
 
-def _drop_reason(plant: Plant, dropped: Dropped) -> str:
+def _drop_reason(plant: Plant, dropped: DropReason) -> str:
     """Return the reason for not using the frames that arrived."""
     frame = plant.camera.latest()
-    if dropped is Dropped.CLOCK and frame is not None:
+    if dropped is DropReason.CLOCK and frame is not None:
         age = (plant.clock.now() - frame.exposure) * 1e-9
         return f"{dropped.words}: the newest is {age:.3f} s old, expected 0 to 2 s"
     try:

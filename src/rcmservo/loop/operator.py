@@ -13,7 +13,7 @@ import numpy as np
 from rcmservo.constraints import Checked, array
 from rcmservo.errors import require
 from rcmservo.interfaces import Command, Floats, Observation, Target
-from rcmservo.loop.target_frames import FRAMES, TEACHING_FRAMES, TargetFrames
+from rcmservo.loop.target_frames import FRAME_COUNT, TEACHING_FRAMES, TargetFrames
 from rcmservo.loop.tick import Tick
 from rcmservo.safety.state_machine import Request
 from rcmservo.servo.servo import ZERO_RATES, Servo
@@ -43,7 +43,7 @@ class Teach(Checked):
         If the number of frames is out of range.
     """
 
-    frames: Annotated[int, FRAMES] = TEACHING_FRAMES
+    frames: Annotated[int, FRAME_COUNT] = TEACHING_FRAMES
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,37 +160,37 @@ class NextTick:
             case Target():
                 self._set_target(request)
             case Servo():
-                request.demand(self.target)
-                self.servo = changed_servo(self.servo, request)
+                request.require_target(self.target)
+                self.servo = check_changed_servo(self.servo, request)
             case Teach():
                 self.request, self._teaching = Request.PAUSE, TeachingInRun(request.frames)
             case _:
                 require(False, "operator()", request, "a Request, Target, Servo, Teach or Jog")
 
     def _teach(self, teaching: TeachingInRun, tick: Tick) -> None:
-        target = teaching.add(tick.seen, tick.state.command)
+        target = teaching.add(tick.observation, tick.state.command)
         if target is not None:
             self._teaching = None
             self._set_target(target)
 
     def _set_target(self, target: Target) -> None:
         """Replace the target, unless its numbers are the same."""
-        if not same(target, self.target):
-            self.servo.demand(target)
+        if not targets_are_equal(target, self.target):
+            self.servo.require_target(target)
             self.target = target
 
 
-def same(one: Target, other: Target) -> bool:
+def targets_are_equal(one: Target, other: Target) -> bool:
     """Return True if two targets are equal to the last bit."""
     return (
         one.points.tobytes() == other.points.tobytes()
         and one.q.tobytes() == other.q.tobytes()
-        and one.shown == other.shown
+        and one.taught_at == other.taught_at
         and np.array_equal(one.sizes, other.sizes, equal_nan=True)
     )
 
 
-def changed_servo(before: Servo, after: Servo) -> Servo:
+def check_changed_servo(before: Servo, after: Servo) -> Servo:
     """Return a servo with changed settings if the present estimate remains valid for it.
 
     Raises

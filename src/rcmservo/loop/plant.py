@@ -11,17 +11,17 @@ from rcmservo.interfaces import (
     Camera,
     Clock,
     Command,
-    Dropped,
+    DropReason,
     Floats,
     Frame,
     Markers,
-    Measured,
+    ArmMeasurement,
     Observation,
     Tracker,
 )
 from rcmservo.loop.device_checks import check_first_value
 from rcmservo.loop.joint_history import JointHistory
-from rcmservo.safety.innovation import NO_PIXEL
+from rcmservo.safety.innovation import MAX_PIXEL_COORDINATE
 
 JOINT_HISTORY = 256
 """Number of joint measurements that the plant stores."""
@@ -81,7 +81,7 @@ class Plant:
         self.frame: Frame | None = None
         self._unchecked = {"measure", "apply", "latest", "find"}
         self._newest: Frame | None = None
-        self._dropped = Dropped.NONE
+        self._dropped = DropReason.NONE
         self._joints = JointHistory(JOINT_HISTORY)
         self._valid_from = np.inf
         self._sizes, self._quality = np.full(2, np.nan), np.full(2, np.nan)
@@ -119,7 +119,7 @@ class Plant:
             arrival=0 if frame is None else frame.arrival,
             q_exposure=self._q_exposure,
             points=np.full((2, 2), np.nan) if self.markers is None else self.markers.points,
-            dropped=self._dropped,
+            drop_reason=self._dropped,
             recorded=self.recorded(),
             sizes=self._sizes,
             quality=self._quality,
@@ -135,7 +135,7 @@ class Plant:
         self._joints.clear()
         self._valid_from = np.inf
         self.markers = self.frame = None
-        self._dropped = Dropped.NONE
+        self._dropped = DropReason.NONE
         self._sizes, self._quality = np.full(2, np.nan), np.full(2, np.nan)
         self._q_exposure = np.full(3, np.nan)
 
@@ -147,7 +147,7 @@ class Plant:
         self._applied = self._applied.copy()
         return self._applied
 
-    def _measure(self) -> Measured:
+    def _measure(self) -> ArmMeasurement:
         measured = self.arm.measure()
         if "measure" in self._unchecked:
             self._check_first(self.arm, "measure", measured)
@@ -184,12 +184,12 @@ class Plant:
             return
         self._newest = frame
         self._dropped = self._defect(frame)
-        if self._dropped is not Dropped.NONE or frame.exposure < self._valid_from:
+        if self._dropped is not DropReason.NONE or frame.exposure < self._valid_from:
             return
         try:
             markers = self.tracker.find(frame)
         except BadInput:
-            self._dropped = Dropped.DAMAGED
+            self._dropped = DropReason.DAMAGED
             return
         if "find" in self._unchecked:
             self._check_first(self.tracker, "find", markers)
@@ -198,19 +198,19 @@ class Plant:
         known = frame.exposure >= self._joints.oldest
         self._q_exposure = self._joints.at(frame.exposure) if known else np.full(3, np.nan)
 
-    def _defect(self, frame: Frame) -> Dropped:
+    def _defect(self, frame: Frame) -> DropReason:
         """Return the reason for not using a frame; NONE if it is usable."""
         if (
             not 0 <= frame.arrival - frame.exposure <= MAX_FRAME_AGE_NS
             or not 0 <= self.clock.now() - frame.arrival <= MAX_FRAME_AGE_NS
         ):
-            return Dropped.CLOCK
+            return DropReason.CLOCK
         last = self.frame
         if last is not None and not frame.number > last.number:
-            return Dropped.NOT_NEW
+            return DropReason.NOT_NEW
         if last is not None and not frame.exposure > last.exposure:
-            return Dropped.CLOCK
-        return Dropped.NONE if last is None or _shape(frame) == _shape(last) else Dropped.DAMAGED
+            return DropReason.CLOCK
+        return DropReason.NONE if last is None or _shape(frame) == _shape(last) else DropReason.DAMAGED
 
 
 def _points(markers: Markers) -> Floats:
@@ -218,7 +218,7 @@ def _points(markers: Markers) -> Floats:
 
     Estimators would use every finite number.
     """
-    possible = (np.abs(markers.points) < NO_PIXEL).all(axis=1, keepdims=True)
+    possible = (np.abs(markers.points) < MAX_PIXEL_COORDINATE).all(axis=1, keepdims=True)
     return np.where(possible, markers.points, np.nan)
 
 

@@ -65,10 +65,10 @@ def run(
     NotEnabled
         If the drive does not come on.
     """
-    servo.demand(target)
+    servo.require_target(target)
     servo.warm_up()
     plant.reset()
-    state = servo.init() if state is None else servo.again(state)
+    state = servo.init() if state is None else servo.restart(state)
     inputs = NextTick(servo, target, operator)
     try:
         if state.phase is not Phase.FAULT:

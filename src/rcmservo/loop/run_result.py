@@ -11,7 +11,7 @@ import numpy as np
 from rcmservo.interfaces import Floats
 
 
-def known(value: float) -> float | None:
+def finite_or_none(value: float) -> float | None:
     """Return a finite number, or None: JSON has no NaN."""
     return float(value) if np.isfinite(value) else None
 
@@ -71,7 +71,7 @@ class ExplorationCost:
 
 
 @dataclass(frozen=True)
-class Spread:
+class TimeSpread:
     """Median, 99th percentile and maximum of a set of times in ms; None if the set is empty.
 
     Parameters
@@ -89,11 +89,11 @@ class Spread:
     max: float | None = None
 
 
-def spread(times: Floats) -> Spread:
+def time_spread(times: Floats) -> TimeSpread:
     """Return median, 99th percentile and maximum in ms of times in ns."""
     if not len(times):
-        return Spread()
-    return Spread(*(float(time) * 1e-6 for time in np.percentile(times, (50, 99, 100))))
+        return TimeSpread()
+    return TimeSpread(*(float(time) * 1e-6 for time in np.percentile(times, (50, 99, 100))))
 
 
 @dataclass(frozen=True)
@@ -127,8 +127,8 @@ class LoopTiming:
     longest_ms: float | None = None
     missed: int | None = None
     rate_hz: float | None = None
-    lateness_ms: Spread = Spread()
-    latency_ms: Spread = Spread()
+    lateness_ms: TimeSpread = TimeSpread()
+    latency_ms: TimeSpread = TimeSpread()
     collections: int | None = None
     refused: list[str] = field(default_factory=list[str])
 
@@ -156,7 +156,7 @@ class FrameCounts:
 
 
 @dataclass(frozen=True)
-class CameraAccount:
+class CameraStatistics:
     """Frame counts and state of a camera, as its driver reports them.
 
     Parameters
@@ -272,7 +272,7 @@ class RunResult:
     target_q: list[float] | None = None
     loop: LoopTiming | None = None
     frames: FrameCounts | None = None
-    camera: CameraAccount | None = None
+    camera: CameraStatistics | None = None
     drive_off: str = ""
     simulated: bool = True
     seed: int | None = None
@@ -282,11 +282,11 @@ class RunResult:
     real_time_factor: float | None = None
     resumed: int = 0
     refused: int = 0
-    shown_again: int = 0
+    taught_again: int = 0
     rig: str = ""
     rig_sha256: str = ""
     rig_checked: bool | None = None
-    speed_share: float | None = None
+    speed_scale: float | None = None
     folder: str = ""
     not_recorded: str = ""
     not_filmed: str = ""

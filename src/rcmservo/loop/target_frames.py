@@ -30,13 +30,13 @@ MAX_OUTLIER_FRACTION = 0.05
 """Largest fraction of outliers among the frames."""
 
 
-FRAMES = between(1, MAX_FRAMES, "a whole number", "frames")
+FRAME_COUNT = between(1, MAX_FRAMES, "a whole number", "frames")
 """Limits of the number of frames that are averaged into a target."""
 
 
 def require_frames(frames: int, name: str = "frames") -> None:
     """Raise `BadInput` if the number of frames to average is out of range."""
-    FRAMES.require(name, frames)
+    FRAME_COUNT.require(name, frames)
 
 
 def mean_of_finite(rows: Floats) -> Floats:

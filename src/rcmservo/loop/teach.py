@@ -13,7 +13,7 @@ TEACH_TIMEOUT_S = 2.0
 """Time in s without a frame that shows both markers after which teaching fails."""
 
 
-class NotShown(RcmServoError):
+class TeachingFailed(RcmServoError):
     """Failure to teach a target, with its reason."""
 
 
@@ -59,9 +59,9 @@ def teach(plant: Plant, frames: int = TEACHING_FRAMES) -> Target:
         if len(frames_so_far.points) == frames:
             reason = frames_so_far.disagreement()
             if reason:
-                raise NotShown(f"the target cannot be taught: {reason}")
+                raise TeachingFailed(f"the target cannot be taught: {reason}")
             return frames_so_far.target(began)
         if not observation.now - last_detection <= TEACH_TIMEOUT_S * 1e9:
             break
     reason = reason_not_detected(plant, observation, began)
-    raise NotShown(f"the target cannot be taught: {reason}")
+    raise TeachingFailed(f"the target cannot be taught: {reason}")

@@ -33,7 +33,7 @@ class Tick:
 
     time: int
     servo: Servo
-    seen: Observation
+    observation: Observation
     request: Request
     jog: Floats
     state: State

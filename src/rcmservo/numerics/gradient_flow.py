@@ -12,7 +12,7 @@ eigenvectors.
 import numpy as np
 
 from rcmservo.numerics.jit import compiled
-from rcmservo.numerics.small_linalg import largest, length, minus, product, products
+from rcmservo.numerics.small_linalg import find_max_abs, compute_norm, subtract, multiply_vector, multiply_matrices
 from rcmservo.numerics.structs import Floats
 
 MAX_SERIES_NORM = 4.0
@@ -25,22 +25,22 @@ ends."""
 
 
 @compiled
-def decay(A: Floats, b: Floats, a: Floats, C: Floats, t: float) -> Floats:
+def integrate_gradient_flow(A: Floats, b: Floats, a: Floats, C: Floats, t: float) -> Floats:
     """Return â (n,) after the time t, from a (n,), with A (n, n), b (n,) and C (n, n)."""
-    H, residual = products(C.T, products(A, C)), product(C.T, minus(product(A, a), b))
-    is_short = t * length(H) < MAX_SERIES_NORM
-    change = by_series(H, residual, t) if is_short else by_modes(H, residual, t)
-    return minus(a, product(C, change))
+    H, residual = multiply_matrices(C.T, multiply_matrices(A, C)), multiply_vector(C.T, subtract(multiply_vector(A, a), b))
+    is_short = t * compute_norm(H) < MAX_SERIES_NORM
+    change = integrate_by_series(H, residual, t) if is_short else integrate_by_eigenvectors(H, residual, t)
+    return subtract(a, multiply_vector(C, change))
 
 
 @compiled
-def by_series(H: Floats, residual: Floats, t: float) -> Floats:
+def integrate_by_series(H: Floats, residual: Floats, t: float) -> Floats:
     """Return ∫₀ᵗ e^{−Hs} ds `residual` (n,), by its Taylor series."""
     term, total, k = np.empty(len(residual)), np.empty(len(residual)), 1
     for i in range(len(residual)):
         term[i] = total[i] = t * residual[i]
-    while largest(term) > 1e-17 * largest(total):
-        term, k = product(H, term), k + 1
+    while find_max_abs(term) > 1e-17 * find_max_abs(total):
+        term, k = multiply_vector(H, term), k + 1
         for i in range(len(residual)):
             term[i] *= -t / k
             total[i] += term[i]
@@ -48,14 +48,14 @@ def by_series(H: Floats, residual: Floats, t: float) -> Floats:
 
 
 @compiled
-def by_modes(H: Floats, residual: Floats, t: float) -> Floats:
+def integrate_by_eigenvectors(H: Floats, residual: Floats, t: float) -> Floats:
     """Return ∫₀ᵗ e^{−Hs} ds `residual` (n,), by the eigenvectors of H."""
     eigenvalues, Q = np.linalg.eigh(H)
-    modes, size = product(Q.T, residual), length(H)
+    modes, size = multiply_vector(Q.T, residual), compute_norm(H)
     for i in range(len(residual)):
         rate = max(eigenvalues[i], 0.0)
         if rate < MIN_EIGENVALUE_RATIO * size:
             modes[i] *= min(t, MAX_SERIES_NORM / size)
         else:
             modes[i] *= -np.expm1(-rate * t) / rate if rate * t > 1e-12 else t
-    return product(Q, modes)
+    return multiply_vector(Q, modes)

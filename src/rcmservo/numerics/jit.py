@@ -32,7 +32,7 @@ def find_kernel_files() -> list[Path]:
     return [path for path, text in texts if any(mark in text for mark in KERNEL_FILE_MARKS)]
 
 
-def parts() -> int:
+def count_kernels() -> int:
     """Return the number of compiled functions of this package."""
     return sum(path.read_text("utf-8").count(DECORATOR_LINE) for path in find_kernel_files())
 

@@ -12,7 +12,7 @@ from rcmservo.numerics.structs import Floats
 
 
 @compiled
-def put(into: Floats, numbers: Floats) -> None:
+def copy_into(into: Floats, numbers: Floats) -> None:
     """Copy `numbers` into an array of the same shape."""
     for i in np.ndindex(into.shape):
         into[i] = numbers[i]
@@ -35,7 +35,7 @@ def all_finite(numbers: Floats) -> bool:
 
 
 @compiled
-def largest(numbers: Floats) -> float:
+def find_max_abs(numbers: Floats) -> float:
     """Return the largest absolute value; NaN if a number is NaN."""
     maximum = 0.0
     for number in numbers.flat:
@@ -46,7 +46,7 @@ def largest(numbers: Floats) -> float:
 
 
 @compiled
-def length(numbers: Floats) -> float:
+def compute_norm(numbers: Floats) -> float:
     """Return the square root of the sum of squares: the Euclidean or Frobenius norm."""
     total = 0.0
     for number in numbers.flat:
@@ -55,7 +55,7 @@ def length(numbers: Floats) -> float:
 
 
 @compiled
-def minus(one: Floats, other: Floats) -> Floats:
+def subtract(one: Floats, other: Floats) -> Floats:
     """Return one − other, both (n,)."""
     out = np.empty(len(one))
     for i in range(len(one)):
@@ -64,7 +64,7 @@ def minus(one: Floats, other: Floats) -> Floats:
 
 
 @compiled
-def distance(one: Floats, other: Floats) -> float:
+def compute_distance(one: Floats, other: Floats) -> float:
     """Return the Euclidean norm of one − other, both (n,)."""
     total = 0.0
     for i in range(len(one)):
@@ -73,7 +73,7 @@ def distance(one: Floats, other: Floats) -> float:
 
 
 @compiled
-def over(one: Floats, other: Floats) -> Floats:
+def divide(one: Floats, other: Floats) -> Floats:
     """Return one / other entry by entry, both (n,)."""
     out = np.empty(len(one))
     for i in range(len(one)):
@@ -91,7 +91,7 @@ def dot(one: Floats, other: Floats) -> float:
 
 
 @compiled
-def form(M: Floats, a: Floats, b: Floats) -> float:
+def bilinear_form(M: Floats, a: Floats, b: Floats) -> float:
     """Return the bilinear form aᵀMb of M (n, m), a (n,) and b (m,)."""
     total = 0.0
     for i in range(len(a)):
@@ -103,7 +103,7 @@ def form(M: Floats, a: Floats, b: Floats) -> float:
 
 
 @compiled
-def product(A: Floats, x: Floats) -> Floats:
+def multiply_vector(A: Floats, x: Floats) -> Floats:
     """Return A x (n,) of A (n, m) and x (m,)."""
     out = np.empty(A.shape[0])
     for i in range(A.shape[0]):
@@ -115,15 +115,15 @@ def product(A: Floats, x: Floats) -> Floats:
 
 
 @compiled
-def products(A: Floats, B: Floats) -> Floats:
+def multiply_matrices(A: Floats, B: Floats) -> Floats:
     """Return A B (n, k) of A (n, m) and B (m, k)."""
     out = np.empty((A.shape[0], B.shape[1]))
-    multiply(A, B, out)
+    multiply_into(A, B, out)
     return out
 
 
 @compiled
-def multiply(A: Floats, B: Floats, out: Floats) -> None:
+def multiply_into(A: Floats, B: Floats, out: Floats) -> None:
     """Write A B of A (n, m) and B (m, k) into `out` (n, k)."""
     for i in range(A.shape[0]):
         for k in range(B.shape[1]):

@@ -8,7 +8,7 @@ related results", J. SIAM 6(1), 1958.
 import numpy as np
 
 from rcmservo.numerics.jit import compiled
-from rcmservo.numerics.small_linalg import all_finite, length
+from rcmservo.numerics.small_linalg import all_finite, compute_norm
 from rcmservo.numerics.structs import Floats
 
 MAX_SWEEPS = 30
@@ -23,12 +23,12 @@ def orthogonalise_columns(A: Floats) -> tuple[Floats, Floats]:
     The lengths of the columns of B are the singular values of A, in any order.
     """
     B, V = A.copy(), np.empty((A.shape[1], A.shape[1]))
-    put_right(B, V)
+    orthogonalise_in_place(B, V)
     return B, V
 
 
 @compiled
-def put_right(B: Floats, V: Floats) -> None:
+def orthogonalise_in_place(B: Floats, V: Floats) -> None:
     """Rotate the columns of B (n, m) in place until they are orthogonal.
 
     The rotation is written into V (m, m).
@@ -77,7 +77,7 @@ def rotate_columns(B: Floats, i: int, j: int, c: float, s: float) -> None:
 
 
 @compiled
-def condition(A: Floats) -> float:
+def compute_condition(A: Floats) -> float:
     """Return the condition number of A (n, m), largest over smallest singular value.
 
     It is inf where A is singular or not finite.
@@ -85,15 +85,15 @@ def condition(A: Floats) -> float:
     if not all_finite(A):
         return np.inf
     B, _ = orthogonalise_columns(A)
-    low, high = extremes(B)
+    low, high = find_column_length_range(B)
     return high / low if low > 0.0 else np.inf
 
 
 @compiled
-def extremes(B: Floats) -> tuple[float, float]:
+def find_column_length_range(B: Floats) -> tuple[float, float]:
     """Return the smallest and the largest length of the columns of B (n, m)."""
     low, high = np.inf, 0.0
     for i in range(B.shape[1]):
-        sigma = length(B[:, i])
+        sigma = compute_norm(B[:, i])
         low, high = min(low, sigma), max(high, sigma)
     return low, high

@@ -90,7 +90,7 @@ class EnumField(Field):
         self.members = tuple(kind)
 
 
-class Part(Field):
+class RowField(Field):
     """Field that holds another row; in Python code it is a view of that row."""
 
     def __init__(self, kind: "type[Row]", meaning: str) -> None:
@@ -103,7 +103,7 @@ class Part(Field):
 
 def part(kind: "type[RowType]", meaning: str) -> RowType:
     """Declare a field that is a row of another kind."""
-    return cast(Any, Part(kind, meaning))
+    return cast(Any, RowField(kind, meaning))
 
 
 def real(unit: str, meaning: str) -> Any:
@@ -160,15 +160,15 @@ def _to_array(value: Any) -> Any:
     return value.rows if isinstance(value, Row) else value
 
 
-def copied(row: RowType) -> RowType:
+def copy_row(row: RowType) -> RowType:
     """Return a copy of a row, made by its bytes: NumPy takes five times as long, field by field."""
     rows: Any = row.rows
     return type(row)(cast(Any, np.ndarray(1, row.dtype, bytearray(rows.tobytes()))))
 
 
-def changed(row: RowType, **numbers: Any) -> RowType:
+def replace_fields(row: RowType, **numbers: Any) -> RowType:
     """Return a copy of a row with new values of some fields."""
-    copy = copied(row)
+    copy = copy_row(row)
     for name, value in numbers.items():
         cast(Any, copy.rows)[name] = _to_array(value)
     return copy
@@ -226,7 +226,7 @@ def _make_field(hint: Any, meaning: str) -> Field | None:
     return Field(NUMPY_CODES[hint], (), "", meaning) if hint in NUMPY_CODES else None
 
 
-def tuple_struct(source: type[Any], without: tuple[str, ...] = ()) -> Any:
+def make_tuple_struct(source: type[Any], without: tuple[str, ...] = ()) -> Any:
     """Return a named tuple type with a dataclass's fields, for compiled functions."""
     names = [name for name in _field_names(source) if name not in without]
     tuple_type = cast(Any, collections).namedtuple(f"{source.__name__}Struct", names)
@@ -234,7 +234,7 @@ def tuple_struct(source: type[Any], without: tuple[str, ...] = ()) -> Any:
     return tuple_type
 
 
-def struct_reader(source: type[Any], struct: Any) -> Callable[[Any], tuple[Any, ...]]:
+def make_struct_reader(source: type[Any], struct: Any) -> Callable[[Any], tuple[Any, ...]]:
     """Return the function that reads the fields of a named tuple from an instance of its dataclass.
 
     It returns a plain tuple, which passes to compiled functions in a third of the time.
@@ -252,7 +252,7 @@ def _field_names(source: type[Any]) -> tuple[str, ...]:
     return cast(Any, source)._fields
 
 
-def as_row(settings: Settings) -> Rows[Settings]:
+def to_row(settings: Settings) -> Rows[Settings]:
     """Return a dataclass or named tuple of numbers as an array of one row.
 
     The fields keep their names. Fields that are rows, dataclasses or named tuples become parts.
@@ -275,7 +275,7 @@ def as_row(settings: Settings) -> Rows[Settings]:
 
 def _to_numpy(value: Any) -> Any:
     """Return one setting as a value that NumPy stores."""
-    return as_row(value) if is_dataclass(value) or hasattr(value, "_fields") else _to_array(value)
+    return to_row(value) if is_dataclass(value) or hasattr(value, "_fields") else _to_array(value)
 
 
 def _field_layout(hint: Any, value: Any) -> tuple[Any, tuple[int, ...]]:

@@ -51,7 +51,7 @@ class MessageChannel:
         self._sender.setblocking(False)
         self._receiver.setblocking(False)
 
-    def put(self, message: object) -> bool:
+    def send(self, message: object) -> bool:
         """Send a message. Return False if the channel is full."""
         data = pickle.dumps(message)
         try:
@@ -59,7 +59,7 @@ class MessageChannel:
         except (BlockingIOError, OSError):
             return False
 
-    def heard(self) -> Iterator[Any]:
+    def receive_all(self) -> Iterator[Any]:
         """Yield the messages that have arrived since the last call."""
         while True:
             try:
@@ -73,21 +73,21 @@ class MessageChannel:
         return self._receiver.fileno()
 
 
-class Desk:
+class PageChannels:
     """All channels between the page's processes."""
 
     def __init__(self, context: BaseContext) -> None:
         self.ticks = TickRing(context)
         """Ticks of the loop."""
-        self.wants = MessageChannel()
+        self.requests = MessageChannel()
         """Requests of the operator to the servo."""
-        self.hand = JogState(context)
+        self.jog_state = JogState(context)
         """Heartbeats and held jog button of the browser in control."""
-        self.said = MessageChannel()
+        self.status = MessageChannel()
         """Status messages of the servo process and the supervisor to the page."""
-        self.trouble = MessageChannel()
+        self.disturbances = MessageChannel()
         """Disturbances of a simulated laboratory."""
-        self.bell = MessageChannel()
+        self.stop_requests = MessageChannel()
         """Requests to the supervisor to stop and to clear a stop."""
-        self.changes = MessageChannel()
+        self.settings_changes = MessageChannel()
         """Settings to the supervisor, in their own channel, so that they never block a stop."""

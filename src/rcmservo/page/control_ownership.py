@@ -10,7 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated
 
-from rcmservo.config.strict_decoding import decode
+from rcmservo.config.strict_decoding import decode_settings
 from rcmservo.config.texts import Table, is_table
 from rcmservo.constraints import Checked, Limit
 from rcmservo.errors import BadInput
@@ -199,7 +199,7 @@ def _parse_message(text: str) -> Table:
 
 
 def _pose_name(message: Table) -> str:
-    return decode(PoseArgument, message, "pose").name
+    return decode_settings(PoseArgument, message, "pose").name
 
 
 def _find_target(name: str, find: FindPose) -> Target:
@@ -211,12 +211,12 @@ def _find_target(name: str, find: FindPose) -> Target:
 
 def _decode_sequence(message: Table, find: FindPose) -> RunSequence:
     """Decode a pose sequence; all its poses must exist before it starts."""
-    plan = decode(SequencePlan, message, "sequence")
+    plan = decode_settings(SequencePlan, message, "sequence")
     return RunSequence(plan, tuple(_find_target(one.pose, find) for one in plan.waypoints))
 
 
 DECODERS: dict[str, Callable[[Table, FindPose], BrowserMessage]] = {
-    "jog": lambda message, _: decode(
+    "jog": lambda message, _: decode_settings(
         JogMarker if "velocity" in message else JogJoints, message, "jog"
     ),
     "teach": lambda message, _: TeachPose(_pose_name(message)),
@@ -224,7 +224,7 @@ DECODERS: dict[str, Callable[[Table, FindPose], BrowserMessage]] = {
     "go": lambda message, find: Go(_find_target(_pose_name(message), find)),
     "sequence": _decode_sequence,
     "set": lambda message, _: decode_change(message.get("part"), message.get("table")),
-    "disturb": lambda message, _: decode(DisturbanceRequest, message, "disturbance"),
-    "answer": lambda message, _: decode(Reply, message, "answer"),
+    "disturb": lambda message, _: decode_settings(DisturbanceRequest, message, "disturbance"),
+    "answer": lambda message, _: decode_settings(Reply, message, "answer"),
 }
 """Decoders of the messages with arguments, by their action."""

@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 
 from rcmservo.interfaces import Target
-from rcmservo.live.servo_process import HeartbeatPlant, go_on
+from rcmservo.live.servo_process import HeartbeatPlant, raise_if_stopped
 from rcmservo.loop.clock import ticks
 from rcmservo.loop.plant import Plant
-from rcmservo.loop.teach import NotShown, teach
+from rcmservo.loop.teach import TeachingFailed, teach
 from rcmservo.loop.tick import Tick
-from rcmservo.page.channels import Desk
+from rcmservo.page.channels import PageChannels
 from rcmservo.page.messages import Enable, Note, SettingsApplied, Standby
 from rcmservo.safety.state_machine import Request
 from rcmservo.servo.servo import Servo
@@ -24,7 +24,7 @@ taught or selected later.
 """
 
 
-def await_enable(channels: Desk, servo: Servo, intent: str, plant: Plant) -> Target:
+def await_enable(channels: PageChannels, servo: Servo, intent: str, plant: Plant) -> Target:
     """Display observations until the drive is enabled; return the present pose as the target.
 
     This is not `loop.run`: the drive is off and no command is sent.
@@ -51,14 +51,14 @@ def await_enable(channels: Desk, servo: Servo, intent: str, plant: Plant) -> Tar
         If a stop is requested.
     """
     assert isinstance(plant, HeartbeatPlant)
-    channels.said.put(SettingsApplied(replace(servo)))
+    channels.status.send(SettingsApplied(replace(servo)))
     servo.warm_up()  # so that no compilation delays the drive after Enable
     state, schedule = servo.init(), ticks(plant.clock, servo.rate)
-    list(channels.wants.heard())  # requests to an earlier session
-    channels.said.put(Standby("the drive is off", can_enable=True, intent=intent))
+    list(channels.requests.receive_all())  # requests to an earlier session
+    channels.status.send(Standby("the drive is off", can_enable=True, intent=intent))
     while True:
         now = next(schedule)
-        go_on(plant.told_to_end)
+        raise_if_stopped(plant.stop_requested)
         channels.ticks.add(
             Tick(now, servo, plant.read(), Request.NONE, NO_MOTION, state, NO_MOTION)
         )
@@ -67,17 +67,17 @@ def await_enable(channels: Desk, servo: Servo, intent: str, plant: Plant) -> Tar
             return target
 
 
-def _enable_requested(channels: Desk) -> bool:
+def _enable_requested(channels: PageChannels) -> bool:
     """Return whether the operator requests the drive; report every other request as refused."""
-    messages = list(channels.wants.heard())
+    messages = list(channels.requests.receive_all())
     if any(not isinstance(one, Enable) for one in messages):
-        channels.said.put(Note("the drive is off: enable first"))
+        channels.status.send(Note("the drive is off: enable first"))
     return any(isinstance(one, Enable) for one in messages)
 
 
-def _teach_first_target(channels: Desk, plant: Plant) -> Target | None:
+def _teach_first_target(channels: PageChannels, plant: Plant) -> Target | None:
     try:
         return teach(plant, FIRST_TARGET_FRAMES)
-    except NotShown as error:
-        channels.said.put(Note(f"not enabled: {error}"))
+    except TeachingFailed as error:
+        channels.status.send(Note(f"not enabled: {error}"))
         return None

@@ -118,7 +118,7 @@ class ReleaseJog:
 
 
 @dataclass(frozen=True, eq=False)
-class Change:
+class SettingsChange:
     """Request to change the settings of one part of the servo.
 
     Parameters
@@ -143,7 +143,7 @@ class DisturbanceRequest(Checked, section="disturbance"):
         Disturbance as `--disturb` takes it, without `at`; empty to end all disturbances.
     """
 
-    what: Annotated[str, single_line_text(200, "a disturbance")]
+    disturbance: Annotated[str, single_line_text(200, "a disturbance")]
 
 
 @dataclass(frozen=True)
@@ -172,7 +172,7 @@ BrowserMessage = (
     | JogMarker
     | Heartbeat
     | ReleaseJog
-    | Change
+    | SettingsChange
     | Request
     | DisturbanceRequest
     | Reply

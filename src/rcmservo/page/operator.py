@@ -13,15 +13,15 @@ from typing import TypeVar
 import numpy as np
 
 from rcmservo.errors import BadInput
-from rcmservo.geometry.kinematics import joint_rates
+from rcmservo.geometry.kinematics import compute_joint_rates
 from rcmservo.interfaces import Floats, Target
-from rcmservo.loop.operator import Jog, OperatorRequest, Teach, changed_servo
+from rcmservo.loop.operator import Jog, OperatorRequest, Teach, check_changed_servo
 from rcmservo.loop.target_frames import TEACHING_FRAMES
 from rcmservo.loop.tick import Tick
-from rcmservo.page.channels import Desk
+from rcmservo.page.channels import PageChannels
 from rcmservo.page.jog_state import NO_PRESS, JogCommand
 from rcmservo.page.messages import (
-    Change,
+    SettingsChange,
     Go,
     Note,
     PoseTaught,
@@ -37,8 +37,8 @@ from rcmservo.page.pose_sequence import (
     SequenceProgress,
     SequenceRunner,
 )
-from rcmservo.page.settings import IMMEDIATE_PARTS, Chosen
-from rcmservo.safety.state_machine import SLOW_SHARE, Phase, Request
+from rcmservo.page.settings import IMMEDIATE_PARTS, SelectedSettings
+from rcmservo.safety.state_machine import SLOW_SPEED_SCALE, Phase, Request
 from rcmservo.servo.servo import Servo
 
 HEARTBEAT_TIMEOUT_NS = 500_000_000
@@ -66,11 +66,11 @@ class PageOperator:
         Number of frames whose mean is a target.
     """
 
-    def __init__(self, channels: Desk, selection: Chosen, frames: int = TEACHING_FRAMES) -> None:
+    def __init__(self, channels: PageChannels, selection: SelectedSettings, frames: int = TEACHING_FRAMES) -> None:
         self._channels, self._selection, self._frames = channels, selection, frames
         self._servo: Servo | None = None
         self._requests: deque[tuple[OperatorRequest, str | None]] = deque([(Request.PAUSE, None)])
-        command = channels.hand.read() or JogCommand()
+        command = channels.jog_state.read() or JogCommand()
         self._jog, self._ended_press = command, command.press
         self._heartbeat_at: int | None = None
         self._active_press = NO_PRESS
@@ -79,7 +79,7 @@ class PageOperator:
         self._target: Target | None = None
         self._sequence: SequenceRunner | None = None
         self._progress: SequenceProgress | None = None
-        joint_rates(selection.servo.rcm, np.zeros(3), np.zeros(3))  # compiles it before the loop
+        compute_joint_rates(selection.servo.rcm, np.zeros(3), np.zeros(3))  # compiles it before the loop
 
     def __call__(self, tick: Tick) -> OperatorRequest:
         self._channels.ticks.add(tick)
@@ -87,7 +87,7 @@ class PageOperator:
         self._report_teaching(tick)
         self._read_jog_state(tick)
         self._advance_sequence(tick)
-        for message in self._channels.wants.heard():
+        for message in self._channels.requests.receive_all():
             self._handle(message, tick)
         if self._is_unattended(tick):
             self._requests.clear()
@@ -102,28 +102,28 @@ class PageOperator:
     def _cancel_teaching(self) -> None:
         """Report that a pose was not taught."""
         if self._teaching is not None:
-            self._channels.said.put(Note(f"{self._teaching or 'the target'} was not taught"))
+            self._channels.status.send(Note(f"{self._teaching or 'the target'} was not taught"))
             self._end_teaching()
 
     def _end_teaching(self) -> None:
         self._teaching = None
         self._observed_frames = 0
-        self._channels.said.put(TeachingStatus(""))
+        self._channels.status.send(TeachingStatus(""))
 
     def _report_teaching(self, tick: Tick) -> None:
         """Report the number of frames since teaching began in which both markers are observed."""
-        is_observed = tick.seen.frame != self._frame and bool(np.isfinite(tick.seen.points).all())
-        self._frame = tick.seen.frame
+        is_observed = tick.observation.frame != self._frame and bool(np.isfinite(tick.observation.points).all())
+        self._frame = tick.observation.frame
         if self._teaching is None or not is_observed:
             return
         self._observed_frames += 1
         if self._observed_frames % FRAMES_PER_REPORT == 1:
             count = f"{self._observed_frames} of {self._frames} frames"
-            self._channels.said.put(TeachingStatus(f"teaching, keep the tool still: {count}"))
+            self._channels.status.send(TeachingStatus(f"teaching, keep the tool still: {count}"))
 
     def _read_jog_state(self, tick: Tick) -> None:
         """Read the jog command. End a press that the browser has not repeated in time."""
-        now, command = tick.seen.now, self._channels.hand.read() or self._jog
+        now, command = tick.observation.now, self._channels.jog_state.read() or self._jog
         if self._heartbeat_at is None or command.heartbeats != self._jog.heartbeats:
             self._heartbeat_at = now
         elif now - self._heartbeat_at > JOG_TIMEOUT_NS:
@@ -139,12 +139,12 @@ class PageOperator:
                     self._sequence = SequenceRunner(message)
             case TeachPose():
                 self._requests.append((Teach(self._frames), message.name))
-            case Change():
+            case SettingsChange():
                 self._change_settings(message, tick)
             case Request():
                 self._requests.append((message, None))
             case _:
-                self._channels.said.put(
+                self._channels.status.send(
                     Note(f"{type(message).__name__}: not while the drive is on")
                 )
 
@@ -152,9 +152,9 @@ class PageOperator:
         """Request a target. Return False if the settings do not support all `targets`."""
         try:
             for one in targets:
-                self._pending(Servo, tick.servo).demand(one)
+                self._pending(Servo, tick.servo).require_target(one)
         except BadInput as error:
-            self._channels.said.put(Note(str(error)))
+            self._channels.status.send(Note(str(error)))
             return False
         self._requests.append((target, None))
         if tick.state.phase not in AUTONOMOUS_PHASES:
@@ -171,23 +171,23 @@ class PageOperator:
                 self._sequence = None
                 if tick.state.phase in AUTONOMOUS_PHASES:
                     self._requests.append((Request.PAUSE, None))
-                self._channels.said.put(Note(sequence.outcome))
+                self._channels.status.send(Note(sequence.outcome))
         progress = None if self._sequence is None else self._sequence.progress
         if progress != self._progress:
             self._progress = progress
-            self._channels.said.put(SequenceStatus(progress))
+            self._channels.status.send(SequenceStatus(progress))
 
-    def _change_settings(self, change: Change, tick: Tick) -> None:
+    def _change_settings(self, change: SettingsChange, tick: Tick) -> None:
         """Change a part that may change now; other parts change with the next session."""
         if change.part not in IMMEDIATE_PARTS:
             return
         try:
             selection = self._selection.with_change(change)
-            servo = changed_servo(tick.servo, selection.limited)
+            servo = check_changed_servo(tick.servo, selection.limited)
             assert tick.state.target is not None
-            servo.demand(self._pending(Target, tick.state.target))
+            servo.require_target(self._pending(Target, tick.state.target))
         except BadInput as error:
-            self._channels.said.put(Note(f"not before the next session: {error}"))
+            self._channels.status.send(Note(f"not before the next session: {error}"))
             return
         self._selection = selection
         self._requests.append((servo, None))
@@ -201,7 +201,7 @@ class PageOperator:
         assert self._heartbeat_at is not None
         return (
             tick.state.phase in AUTONOMOUS_PHASES
-            and tick.seen.now - self._heartbeat_at > HEARTBEAT_TIMEOUT_NS
+            and tick.observation.now - self._heartbeat_at > HEARTBEAT_TIMEOUT_NS
         )
 
     def _jog_request(self, tick: Tick) -> OperatorRequest:
@@ -223,15 +223,15 @@ class PageOperator:
         """Report new settings, a new target, and a taught pose to the page."""
         if tick.servo is not self._servo:
             self._servo = tick.servo
-            self._channels.said.put(SettingsApplied(replace(tick.servo)))
+            self._channels.status.send(SettingsApplied(replace(tick.servo)))
         target = tick.state.target
         if target is None or target is self._target:
             return
         self._target = target
-        self._channels.said.put(TargetChanged(target))
+        self._channels.status.send(TargetChanged(target))
         if self._teaching is not None:
             note = Note("the target was taught again")
-            self._channels.said.put(PoseTaught(self._teaching, target) if self._teaching else note)
+            self._channels.status.send(PoseTaught(self._teaching, target) if self._teaching else note)
             self._end_teaching()
 
 
@@ -243,6 +243,6 @@ def _jog_rates(command: JogCommand, tick: Tick) -> Floats:
     """
     rates = np.array([command.first, command.second, command.third])
     if command.moves_marker:
-        rates = joint_rates(tick.servo.rcm, np.array(tick.seen.q), rates)
-    limits = SLOW_SHARE * command.speed_scale * np.array(tick.servo.gate.speed)
+        rates = compute_joint_rates(tick.servo.rcm, np.array(tick.observation.q), rates)
+    limits = SLOW_SPEED_SCALE * command.speed_scale * np.array(tick.servo.gate.speed)
     return rates / max(1.0, float(np.abs(rates / limits).max()))

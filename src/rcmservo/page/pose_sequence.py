@@ -14,9 +14,9 @@ import numpy as np
 
 from rcmservo.constraints import Checked, Limit, between
 from rcmservo.interfaces import Target
-from rcmservo.loop.operator import same
+from rcmservo.loop.operator import targets_are_equal
 from rcmservo.loop.tick import Tick
-from rcmservo.recording.outcome import TOLERANCE
+from rcmservo.recording.outcome import SETTLED_TOLERANCE
 from rcmservo.safety.state_machine import Phase
 
 MAX_WAYPOINTS, MAX_ROUNDS, MAX_DWELL_S = 20, 1000, 600.0
@@ -131,14 +131,14 @@ class SequenceRunner:
         bool
             True if the tool must go to the next waypoint from now on.
         """
-        now, state = tick.seen.now, tick.state
+        now, state = tick.observation.now, tick.state
         reason = interruption(tick, self.target)
         if reason:
             self.progress, self.outcome = None, f"the pose sequence has ended: {reason}"
             return False
         self._requested_at = now if self._requested_at is None else self._requested_at
-        is_at_pose = bool((np.abs(state.delta) < TOLERANCE).all())
-        is_current = tick.seen.exposure >= self._requested_at
+        is_at_pose = bool((np.abs(state.delta) < SETTLED_TOLERANCE).all())
+        is_current = tick.observation.exposure >= self._requested_at
         if state.phase is not Phase.SERVO or not is_current or not is_at_pose:
             self._arrived_at = None
         elif self._arrived_at is None:
@@ -177,6 +177,6 @@ def interruption(tick: Tick, target: Target) -> str:
     if state.phase not in AUTONOMOUS_PHASES:
         cause = state.mode.cause.value
         return f"{state.phase.value}: {cause}" if cause else state.phase.value
-    if state.target is None or not same(state.target, target):
+    if state.target is None or not targets_are_equal(state.target, target):
         return "the tool has another target"
     return ""

@@ -10,8 +10,8 @@ from pathlib import Path
 from urllib.parse import quote, unquote
 
 from rcmservo.config import target_file
-from rcmservo.config.atomic_files import whole
-from rcmservo.config.target_file import Setup
+from rcmservo.config.atomic_files import atomic_path
+from rcmservo.config.target_file import TargetSetup
 from rcmservo.errors import RcmServoError, UnusableFile
 from rcmservo.interfaces import Target
 
@@ -35,7 +35,7 @@ class PoseFolder:
     """
 
     folder: Path
-    setup: Setup
+    setup: TargetSetup
 
 
 @dataclass
@@ -61,7 +61,7 @@ class PoseStore:
         for path in sorted(self.location.folder.glob("*.json"))[:MAX_FILES]:
             name = unquote(path.stem)
             try:
-                self.targets[name] = target_file.load(path, self.location.setup)
+                self.targets[name] = target_file.load_target(path, self.location.setup)
             except RcmServoError as error:
                 self.refused[name] = str(error).removeprefix(f"{path}: ")
 
@@ -80,8 +80,8 @@ class PoseStore:
         try:
             path = self._file(name)
             self.location.folder.mkdir(parents=True, exist_ok=True)
-            target_file.save(path, target, self.location.setup)
-            with whole(path.with_suffix(".jpg")) as part:
+            target_file.save_target(path, target, self.location.setup)
+            with atomic_path(path.with_suffix(".jpg")) as part:
                 part.write_bytes(jpeg)
         except OSError as error:
             return f"{name} is not stored: {self.location.folder}: {error.strerror}"

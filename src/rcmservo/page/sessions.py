@@ -12,9 +12,9 @@ from typing import Any
 from rcmservo.errors import RcmServoError, Stopped
 from rcmservo.live.loop_statistics import Report
 from rcmservo.live.servo_process import Session
-from rcmservo.live.supervisor import NOTHING, Beside, SwitchOff, run_live
-from rcmservo.page.channels import Desk
-from rcmservo.page.messages import CLEAR, STOP, Change, Note, Standby
+from rcmservo.live.supervisor import NO_HANDLERS, EventHandlers, SwitchOff, run_live
+from rcmservo.page.channels import PageChannels
+from rcmservo.page.messages import CLEAR, STOP, SettingsChange, Note, Standby
 
 
 class SessionRestart(Stopped):
@@ -25,7 +25,7 @@ class StopPressed(Stopped):
     """End of a session by a stop request."""
 
 
-class Sessions:
+class SessionLoop:
     """Loop over sessions.
 
     Parameters
@@ -46,25 +46,25 @@ class Sessions:
 
     def __init__(
         self,
-        channels: Desk,
+        channels: PageChannels,
         session: Callable[[], Session],
         switch_off: SwitchOff,
         needed: Mapping[int, str],
-        change: Callable[[Change], None],
-        handlers: Beside = NOTHING,
+        change: Callable[[SettingsChange], None],
+        handlers: EventHandlers = NO_HANDLERS,
     ) -> None:
         self._channels, self._session, self._switch_off = channels, session, switch_off
         self._change = change
         self._has_begun, self._is_waiting = False, False
         self._handlers: dict[Any, Callable[[], None]] = {
             **handlers,
-            channels.bell: self._handle_stop_request,
-            channels.changes: self._apply_changes,
+            channels.stop_requests: self._handle_stop_request,
+            channels.settings_changes: self._apply_changes,
         }
         for sentinel, name in needed.items():
             self._handlers[sentinel] = lambda name=name: self._report_lost_process(name)
 
-    def keep(self) -> None:
+    def run(self) -> None:
         """Run sessions until an exception ends them."""
         while True:
             reason = self._run()
@@ -75,7 +75,7 @@ class Sessions:
         """Run one session. Return the reason if the operator must clear first, or ""."""
         self._apply_changes()
         self._has_begun, self._is_waiting = False, True
-        self._channels.said.put(Standby("preparing"))
+        self._channels.status.send(Standby("preparing"))
         try:
             result = run_live(self._session(), self._switch_off, self._report, self._handlers)
         except StopPressed as stop:
@@ -90,7 +90,7 @@ class Sessions:
             return result.cause
         if result.drive_off:
             return f"the session is over: {result.drive_off}"
-        self._channels.said.put(Note("the session is over and the drive is off"))
+        self._channels.status.send(Note("the session is over and the drive is off"))
         return ""
 
     def _report(self, report: Report) -> None:
@@ -98,14 +98,14 @@ class Sessions:
 
     def _handle_stop_request(self) -> None:
         """End the running session if STOP was pressed."""
-        if STOP in list(self._channels.bell.heard()):
+        if STOP in list(self._channels.stop_requests.receive_all()):
             reason = f"STOP was pressed: {self._switch_off(self._has_begun)}"
-            self._channels.said.put(Standby(reason, is_latched=True))
+            self._channels.status.send(Standby(reason, is_latched=True))
             raise StopPressed(reason)
 
     def _apply_changes(self) -> None:
         """Apply changed settings to the next session, and restart one that is not enabled yet."""
-        changes = list(self._channels.changes.heard())
+        changes = list(self._channels.settings_changes.receive_all())
         for change in changes:
             self._change(change)
         if changes and self._is_waiting:
@@ -118,12 +118,12 @@ class Sessions:
     def _latch(self, reason: str) -> None:
         """Display the reason of a stop and wait until the operator clears it."""
         self._is_waiting = False
-        list(self._channels.bell.heard())  # requests from before the stop could be cleared
-        self._channels.said.put(Standby(reason, is_latched=True, can_clear=True))
+        list(self._channels.stop_requests.receive_all())  # requests from before the stop could be cleared
+        self._channels.status.send(Standby(reason, is_latched=True, can_clear=True))
         while True:
             for ready in wait(list(self._handlers)):
-                if ready is not self._channels.bell:
+                if ready is not self._channels.stop_requests:
                     self._handlers[ready]()
-            requests = list(self._channels.bell.heard())
+            requests = list(self._channels.stop_requests.receive_all())
             if requests and requests[-1] == CLEAR:
                 return

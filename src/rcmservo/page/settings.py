@@ -11,29 +11,29 @@ from dataclasses import replace
 
 import numpy as np
 
-from rcmservo.config.registry import ESTIMATORS, name_of
+from rcmservo.config.registry import ESTIMATORS, find_class_name
 from rcmservo.config.rig_file import METHOD_PARTS
 from rcmservo.config.servo_json import rebuild_part
 from rcmservo.errors import require
-from rcmservo.page.messages import Change
+from rcmservo.page.messages import SettingsChange
 from rcmservo.safety.state_machine import Phase
 from rcmservo.servo.servo import Servo
 
 IMMEDIATE_PARTS = ("controller",)
 """Parts that may change while the drive is on."""
-BOXES = (*IMMEDIATE_PARTS, *(part for part in METHOD_PARTS if part not in IMMEDIATE_PARTS))
+EDITABLE_PARTS = (*IMMEDIATE_PARTS, *(part for part in METHOD_PARTS if part not in IMMEDIATE_PARTS))
 """Parts that may change at all: the parts of the method."""
 
 ServoLimit = Callable[[Servo], Servo]
 """Function that bounds a servo, whatever its settings are."""
 
 
-def as_set(servo: Servo) -> Servo:
+def without_limit(servo: Servo) -> Servo:
     """Return the servo unchanged: no limit."""
     return servo
 
 
-def decode_change(part: object, table: object) -> Change:
+def decode_change(part: object, table: object) -> SettingsChange:
     """Return the change in a browser's message.
 
     Parameters
@@ -48,11 +48,11 @@ def decode_change(part: object, table: object) -> Change:
     BadInput
         If the part or a field is invalid; the message names the field.
     """
-    require(part in BOXES, "part", part, f"one of {', '.join(BOXES)}")
-    return Change(str(part), rebuild_part({part: table}, str(part)))
+    require(part in EDITABLE_PARTS, "part", part, f"one of {', '.join(EDITABLE_PARTS)}")
+    return SettingsChange(str(part), rebuild_part({part: table}, str(part)))
 
 
-class Chosen:
+class SelectedSettings:
     """Servo with the settings selected on the page.
 
     Parameters
@@ -63,7 +63,7 @@ class Chosen:
         Bounds the servo that runs, whatever is selected.
     """
 
-    def __init__(self, servo: Servo, limit: ServoLimit = as_set) -> None:
+    def __init__(self, servo: Servo, limit: ServoLimit = without_limit) -> None:
         self.servo, self._limit = servo, limit
 
     @property
@@ -71,7 +71,7 @@ class Chosen:
         """Servo that may run: the selection within the limit."""
         return self._limit(self.servo)
 
-    def with_change(self, change: Change) -> "Chosen":
+    def with_change(self, change: SettingsChange) -> "SelectedSettings":
         """Return the selection with one part changed.
 
         Raises
@@ -79,9 +79,9 @@ class Chosen:
         BadInput
             If the parts do not fit together.
         """
-        return Chosen(replace(self.servo, **{change.part: change.value}), self._limit)
+        return SelectedSettings(replace(self.servo, **{change.part: change.value}), self._limit)
 
-    def take(self, change: Change) -> None:
+    def apply(self, change: SettingsChange) -> None:
         """Change one part of this selection.
 
         Raises
@@ -94,7 +94,7 @@ class Chosen:
 
 def describe_estimator(servo: Servo, has_explored: bool, condition: float, phase: Phase) -> str:
     """Return the state of the estimator in words."""
-    name = name_of(servo.estimator, ESTIMATORS)
+    name = find_class_name(servo.estimator, ESTIMATORS)
     if phase is Phase.ACQUIRE:
         return f"Estimator {name}: exploring"
     if not has_explored or not np.isfinite(condition):

@@ -10,7 +10,7 @@ import numpy as np
 
 from rcmservo.config.texts import Table
 from rcmservo.interfaces import Floats, Target
-from rcmservo.page.channels import DUE_TIME, Desk
+from rcmservo.page.channels import DUE_TIME, PageChannels
 from rcmservo.page.messages import (
     Note,
     PoseTaught,
@@ -22,7 +22,7 @@ from rcmservo.page.messages import (
     TeachingStatus,
 )
 from rcmservo.page.plots.curves import Curves
-from rcmservo.page.plots.mechanism_shape import Shape
+from rcmservo.page.plots.mechanism_shape import MechanismShape
 from rcmservo.page.pose_sequence import AUTONOMOUS_PHASES, SequenceProgress
 from rcmservo.page.poses import PoseStore
 from rcmservo.page.recovery_actions import list_allowed_actions, list_recovery_actions
@@ -37,7 +37,7 @@ from rcmservo.servo.servo import Servo
 MAX_NOTES = 20
 """Number of notes that are stored."""
 
-Truth = Callable[[Floats], float]
+TruePoseError = Callable[[Floats], float]
 """True pose error in mm of a target, as a function of the joints (3,) at which it was taught."""
 
 
@@ -123,7 +123,7 @@ class Dashboard:
         Time (ns) of the last update. No message to a browser carries a later time.
     """
 
-    channels: Desk
+    channels: PageChannels
     poses: PoseStore
     standby: Standby | None = None
     target: Target | None = None
@@ -135,8 +135,8 @@ class Dashboard:
     sequence: SequenceProgress | None = None
     teaching: str = ""
     curves: Curves = field(default_factory=Curves)
-    shape: Shape | None = None
-    truth: Truth | None = None
+    shape: MechanismShape | None = None
+    truth: TruePoseError | None = None
     count: int = -1
     picture: bytes = b""
     updated_at: int = 0
@@ -148,7 +148,7 @@ class Dashboard:
 
     def update(self) -> None:
         """Read new status messages and ticks."""
-        for message in self.channels.said.heard():
+        for message in self.channels.status.receive_all():
             self._apply(message)
         self.count, ticks = self.channels.ticks.after(self.count)
         for one in ticks:
@@ -248,7 +248,7 @@ class Dashboard:
             words=phase.value,
             action=self.tick["action"],
             why="; ".join(filter(None, (self.teaching, cause.value))),
-            way_out=cause.way_out,
+            way_out=cause.remedy,
             recovery=list_recovery_actions(phase, cause),
             can=list_allowed_actions(phase),
             moves=phase in AUTONOMOUS_PHASES,

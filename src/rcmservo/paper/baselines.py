@@ -23,7 +23,7 @@ from rcmservo.paper.lab.methods import (
     COMPARED_METHODS,
     RCMSERVO_METHODS,
     Method,
-    Own,
+    UserEstimatorMethod,
 )
 from rcmservo.paper.lab.tally import MethodStatistics, run_results
 from rcmservo.paper.plan import Measurement, ReportFigure, Results, Settings, Task, TaskResult
@@ -32,7 +32,7 @@ from rcmservo.sim import RigSettings, SceneSettings
 from rcmservo.sim.rig import sample_scene_of_seed
 from rcmservo.study.report import statistics
 from rcmservo.study.report.statistics import Interval
-from rcmservo.study.row import worst_condition
+from rcmservo.study.row import compute_worst_condition
 
 SCENE_KINDS = ("accepted", "rejected")
 """Kinds of scenes, by the built-in condition on scenes."""
@@ -66,7 +66,7 @@ MEDIAN_OFFSET = 0.36
 
 def methods_of(settings: Settings) -> dict[str, Method]:
     """Return all methods by key, a user-defined one included."""
-    own: Own | None = getattr(settings, "own", None)
+    own: UserEstimatorMethod | None = getattr(settings, "own", None)
     return {**COMPARED_METHODS, **({USER_ESTIMATOR: own} if own is not None else {})}
 
 
@@ -108,7 +108,7 @@ def compare(kind: str, method: Method, scenes: int, duration: float) -> TaskResu
 def draw_scenes(draws: int) -> TaskResult:
     """Return the worst scaled condition number of J on the path, for scenes without the limit."""
     scenes = (sample_scene_of_seed(seed, laboratory(UNLIMITED))[0] for seed in range(draws))
-    return {"conditions": np.array([worst_condition(scene) for scene in scenes])}
+    return {"conditions": np.array([compute_worst_condition(scene) for scene in scenes])}
 
 
 Tallies = dict[str, dict[str, MethodStatistics]]
@@ -227,7 +227,7 @@ def measure(settings: Settings, results: Results) -> Iterator[Measurement]:
                 case = (tally.name, f"scenes {kind}")
                 yield Measurement(claim, value.value, seeds, interval=value, case=case, one=tally)
     left_out = int((results["draws"]["conditions"] > SCENE.max_condition).sum())
-    rejected, limit = percent(statistics.share(left_out, settings.draws)), SCENE.max_condition
+    rejected, limit = percent(statistics.estimate_fraction(left_out, settings.draws)), SCENE.max_condition
     draws = range(settings.draws)
     yield Measurement("rejected", rejected.value, draws, interval=rejected, limit=limit)
 
@@ -317,7 +317,7 @@ def _by_method(found: dict[str, MethodStatistics], number: str, legend: bool = T
             before: list[list[float]] = [[]] * index
             label = labels[style] if index == 0 else ""
             curves.append(marks([*before, values.tolist()], label, style))
-    middles = [statistics.quantile(finite(tally.runs[number]), 0.5) for tally in found.values()]
+    middles = [statistics.estimate_quantile(finite(tally.runs[number]), 0.5) for tally in found.values()]
     x, values = np.arange(len(middles)) + MEDIAN_OFFSET, [one.value for one in middles]
     medians = make_curve(labels[2], x, values, 3, marks=True)
     return [*curves, medians, bars(middles, -1, MEDIAN_OFFSET)]

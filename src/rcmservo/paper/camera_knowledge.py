@@ -16,7 +16,7 @@ from rcmservo.paper.lab.streams import ESTIMATOR_NAMES, ESTIMATORS, SHORT_NAMES,
 from rcmservo.paper.plan import Measurement, ReportFigure, Results, Settings, Task, TaskResult
 from rcmservo.paper.statistics import column, finite, median, seed_marks
 
-WITH_MODEL = [name for name, estimator in ESTIMATORS.items() if estimator.models]
+WITH_MODEL = [name for name, estimator in ESTIMATORS.items() if estimator.predicts_markers]
 
 
 def fixed_settings() -> dict[str, object]:

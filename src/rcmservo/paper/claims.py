@@ -11,8 +11,8 @@ from functools import cache
 from importlib import resources
 from typing import Any, Literal
 
-from rcmservo.config.strict_decoding import decode
-from rcmservo.config.texts import toml
+from rcmservo.config.strict_decoding import decode_settings
+from rcmservo.config.texts import parse_toml
 from rcmservo.paper.plan import Measurement, NotMeasured, Settings
 
 HOLDS, REMARK, FAILS = "holds", "holds with a remark", "does not hold"
@@ -151,7 +151,7 @@ class ClaimTable:
 def claim_table() -> ClaimTable:
     """Return the content of claims.toml, read once."""
     data = resources.files("rcmservo.paper").joinpath("claims.toml").read_bytes()
-    return decode(ClaimTable, toml(data), "claims")
+    return decode_settings(ClaimTable, parse_toml(data), "claims")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -21,7 +21,7 @@ from rcmservo.paper.plan import Measurement, ReportFigure, Results, Settings, Ta
 from rcmservo.paper.statistics import column, finite, mark_panels, median
 from rcmservo.safety.gate import Gate
 from rcmservo.sim import RigSettings
-from rcmservo.study.report.statistics import dashed
+from rcmservo.study.report.statistics import format_finite
 
 HANGING_ARM = SphericalRcm(
     JointLimits((0.5 * np.pi, -2.0 * np.pi, 40.0), (1.5 * np.pi, 2.0 * np.pi, 240.0))
@@ -77,7 +77,7 @@ def past_pole(arm: Kinematics, settings: Settings, seed: int) -> TaskResult:
     angles = np.array([from_pole(arm, tick) for tick in ticks])
     pairs = zip(ticks, angles, strict=True)
     near = [tick for tick, angle in pairs if tick.state.explored and angle < POLE_ANGLE]
-    sent = sum(float(arm.jacobian(t.seen.q) @ t.state.command.rates @ t.state.v) for t in near)
+    sent = sum(float(arm.jacobian(t.observation.q) @ t.state.command.rates @ t.state.v) for t in near)
     demanded = sum(float(tick.state.v @ tick.state.v) for tick in near)
     fraction = sent / demanded if demanded > 0.0 else None
     return {**trial, "nearest": angles.min(), "kept": fraction}
@@ -85,7 +85,7 @@ def past_pole(arm: Kinematics, settings: Settings, seed: int) -> TaskResult:
 
 def from_pole(arm: Kinematics, tick: Tick) -> float:
     """Return the angle (rad) between the tool and the pole below the RCM."""
-    p1 = arm.position(tick.seen.q)
+    p1 = arm.position(tick.observation.q)
     return float(np.arctan2(np.hypot(p1[0], p1[1]), -p1[2]))
 
 
@@ -152,7 +152,7 @@ def measure(settings: Settings, results: Results) -> Iterator[Measurement]:
         seeds,
         confirmed=fractions["spherical"] < 0.9 <= fractions["pitch_yaw"],
         near=np.degrees(POLE_ANGLE),
-        kept=dashed(fractions["pitch_yaw"]),
+        kept=format_finite(fractions["pitch_yaw"]),
         nearest=np.degrees(median(column(loops, "spherical", "nearest"))),
     )
     trials = {name: [one[name] for one in loops] for name in ARMS}

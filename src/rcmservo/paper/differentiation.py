@@ -9,10 +9,10 @@ from functools import partial
 
 import numpy as np
 
-from rcmservo.control.saturated_controller import scaled
-from rcmservo.estimation.flow_rule import learn
+from rcmservo.control.saturated_controller import scale_rows
+from rcmservo.estimation.flow_rule import integrate_flow_rule
 from rcmservo.figures.charts import Figure
-from rcmservo.geometry.features import about, difference, features
+from rcmservo.geometry.features import shift_to_rcm, compute_feature_error, compute_features
 from rcmservo.interfaces import Floats, Target
 from rcmservo.loop.run import Tick, run
 from rcmservo.paper.lab.cameras import PINHOLE, true_parameters
@@ -82,7 +82,7 @@ def tour(settings: Settings, seed: int) -> TaskResult:
     last: Tick | None = None
     true = np.zeros(3)
     for tick in run(plant, servo, here, settings.touring):
-        if np.isfinite(tick.seen.points).all():
+        if np.isfinite(tick.observation.points).all():
             if last is not None:
                 true = _take(methods, rig, servo, (last, tick), o_c, true)
             last = tick
@@ -103,10 +103,10 @@ def _take(
 ) -> Floats:
     """Differentiate y over two successive ticks by each method; return the true ẏ of the frame."""
     last, tick = ticks
-    marker, seen, before = servo.marker_1, tick.seen, last.seen
+    marker, seen, before = servo.position_of_marker_1, tick.observation, last.observation
     tau = (tick.time - last.time) * 1e-9
-    y, y_before = (features(about(one.points, o_c)) for one in (seen, before))
-    delta_y = difference(y, y_before)
+    y, y_before = (compute_features(shift_to_rcm(one.points, o_c)) for one in (seen, before))
+    delta_y = compute_feature_error(y, y_before)
     if seen.frame > before.frame:
         J = rig.truth.jacobian(rig.truth.joints_at(seen.exposure), o_c)
         true = J @ velocity(rig, seen.exposure, HALF_WINDOW_NS)
@@ -130,15 +130,15 @@ class Differentiated:
 
     def add(self, delta_p: Floats, delta_y: Floats, dt: float, true: Floats) -> None:
         """Update Ĵ with Δp₁ (mm) and Δy over `dt` (s); `true` (3,) is the true ẏ."""
-        self.J_hat = learn(self.J_hat, delta_p, delta_y, dt, self.gamma)
-        measured, expected = scaled((delta_y / dt)[:, None]), scaled(true[:, None])
+        self.J_hat = integrate_flow_rule(self.J_hat, delta_p, delta_y, dt, self.gamma)
+        measured, expected = scale_rows((delta_y / dt)[:, None]), scale_rows(true[:, None])
         self.product += dt * float(np.sum(measured * expected))
         self.square += dt * float(np.sum(expected**2))
         self.missed += dt * float(np.sum((measured - expected) ** 2))
 
     def judge(self, J: Floats) -> None:
         """Record the scale and the error of the present Ĵ relative to the true J (3, 3)."""
-        J_hat, J = scaled(self.J_hat), scaled(J)
+        J_hat, J = scale_rows(self.J_hat), scale_rows(J)
         self.sizes.append(float(np.sum(J_hat * J) / np.sum(J**2)))
         self.errors.append(float(np.linalg.norm(J_hat - J) / np.linalg.norm(J)))
 

@@ -9,20 +9,20 @@ from functools import partial
 
 import numpy as np
 
-from rcmservo.control.saturated_controller import scaled
+from rcmservo.control.saturated_controller import scale_rows
 from rcmservo.estimation.projection_rule import (
     GAMMA_0,
     ProjectionEstimator,
     feature_jacobian,
     inverse_root,
     normal_equations,
-    sights,
+    fitted_points,
 )
 from rcmservo.figures.charts import Figure, Panel, make_curve
-from rcmservo.geometry.features import about
+from rcmservo.geometry.features import shift_to_rcm
 from rcmservo.geometry.projection import project
 from rcmservo.interfaces import Floats
-from rcmservo.numerics.gradient_flow import decay
+from rcmservo.numerics.gradient_flow import integrate_gradient_flow
 from rcmservo.paper.lab.cameras import PINHOLE, true_parameters
 from rcmservo.paper.plan import Measurement, ReportFigure, Results, Settings, Task, TaskResult
 from rcmservo.paper.statistics import median
@@ -74,14 +74,14 @@ def one_scene(rig: Rig, settings: Settings, noise: float, name: str) -> list[lis
     q, tool = rig.scene.start, rig.settings.tool
     p1 = rig.body.points(q)[0]
     rows = observed(a, p1, settings, noise, np.random.default_rng(rig.seed))
-    A, b = normal_equations(sights(rows, len(rows), np.zeros(2), False, tool.shaft))
+    A, b = normal_equations(fitted_points(rows, len(rows), np.zeros(2), False, tool.struct))
     fast = np.sqrt(FIT.rate) * inverse_root(A, FIT.epsilon)
     root = np.diag(np.sqrt(GAMMA_0)) if name == "printed" else fast
-    J, m = rig.truth.jacobian(q, o_c), about(rig.truth.pixels(q), o_c)
+    J, m = rig.truth.jacobian(q, o_c), shift_to_rcm(rig.truth.pixels(q), o_c)
 
     def judged(t: float) -> list[float]:
-        a_hat = decay(A, b, np.zeros(len(b)), root, t)
-        return leads(feature_jacobian(a_hat, p1, m, tool.shaft), J)
+        a_hat = integrate_gradient_flow(A, b, np.zeros(len(b)), root, t)
+        return leads(feature_jacobian(a_hat, p1, m, tool.struct), J)
 
     return [judged(t) for t in times(settings)]
 
@@ -105,7 +105,7 @@ def leads(J_hat: Floats, J: Floats) -> list[float]:
     The conditions on the scaled matrix are a positive definite symmetric part, and eigenvalues with
     positive real parts. A singular Ĵ meets neither.
     """
-    J_hat, J = scaled(J_hat), scaled(J)
+    J_hat, J = scale_rows(J_hat), scale_rows(J)
     error = float(np.linalg.norm(J_hat - J) / np.linalg.norm(J))
     if not (np.isfinite(J_hat).all() and np.linalg.cond(J_hat) < 1e12):
         return [error, 0.0, 0.0]

@@ -12,7 +12,7 @@ from functools import partial
 import numpy as np
 
 from rcmservo.figures.charts import Curve, Figure, Panel, make_curve
-from rcmservo.geometry.imaged_rcm import nearest_to_lines, solve
+from rcmservo.geometry.imaged_rcm import intersect_lines, solve_imaged_rcm
 from rcmservo.interfaces import Floats
 from rcmservo.paper.lab.lines import REFINEMENTS, markers
 from rcmservo.paper.plan import Measurement, ReportFigure, Results, Settings, Task, TaskResult
@@ -64,8 +64,8 @@ def sample(lines: Settings) -> Floats:
         observed = markers(angles, lines.r, lines.d, lines.noise, random)
         c, s = np.cos(middle), np.sin(middle)
         aligned = np.array([[c, s], [-s, c]])
-        error[0] = aligned @ nearest_to_lines(observed, lines.H, True)[0]
-        error[1] = aligned @ solve(observed, lines.H, REFINEMENTS, False)[0]
+        error[0] = aligned @ intersect_lines(observed, lines.H, True)[0]
+        error[1] = aligned @ solve_imaged_rcm(observed, lines.H, REFINEMENTS, False)[0]
     return errors
 
 

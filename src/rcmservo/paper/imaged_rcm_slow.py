@@ -10,12 +10,12 @@ from functools import partial
 import numpy as np
 
 from rcmservo.figures.charts import Figure, Panel, make_curve
-from rcmservo.geometry.imaged_rcm import ImagedRcm, follow, nearest_to_lines, solve
+from rcmservo.geometry.imaged_rcm import ImagedRcm, update_imaged_rcm, intersect_lines, solve_imaged_rcm
 from rcmservo.interfaces import Floats
 from rcmservo.paper.lab.lines import REFINEMENTS, markers
 from rcmservo.paper.plan import Measurement, ReportFigure, Results, Settings, Task, TaskResult
 from rcmservo.paper.statistics import column, finite, rms
-from rcmservo.study.report.statistics import dashed
+from rcmservo.study.report.statistics import format_finite
 
 MAX_CONDITION = ImagedRcm().max_condition
 FITS = {
@@ -52,12 +52,12 @@ def slow_turn(settings: Settings, seed: int) -> TaskResult:
     gate: float | None = None
     for line in observed:
         points = line.reshape(2, 2)
-        window, window_count, printed, _ = follow(window, window_count, points, 0, True)
-        selected, count, refined, condition = follow(selected, count, points, REFINEMENTS, False)
+        window, window_count, printed, _ = update_imaged_rcm(window, window_count, points, 0, True)
+        selected, count, refined, condition = update_imaged_rcm(selected, count, points, REFINEMENTS, False)
         found = {
             "window": printed,
-            "window_refined": solve(window, window_count, REFINEMENTS, False)[0],
-            "chosen": nearest_to_lines(selected, count, False)[0],
+            "window_refined": solve_imaged_rcm(window, window_count, REFINEMENTS, False)[0],
+            "chosen": intersect_lines(selected, count, False)[0],
             "chosen_refined": refined,
         }
         for fit, o_c in found.items():
@@ -85,7 +85,7 @@ def measure(settings: Settings, results: Results) -> Iterator[Measurement]:
     yield Measurement("chosen-lines", late["chosen"], seeds, bound=bound)
     turned = round(settings.span / settings.speed * settings.frame_rate)
     gates = finite(column(turns, "gate"))
-    low, high = (dashed(f(gates), ".0f") if len(gates) else "–" for f in (np.min, np.max))
+    low, high = (format_finite(f(gates), ".0f") if len(gates) else "–" for f in (np.min, np.max))
     yield Measurement(
         "chosen-refined",
         late["chosen_refined"],

@@ -10,7 +10,7 @@ from functools import partial
 import numpy as np
 
 from rcmservo.figures.charts import Figure, Panel, make_curve
-from rcmservo.geometry.projection import PARAMETERS, parameters, project, regressor
+from rcmservo.geometry.projection import PARAMETER_COUNT, extract_parameters, project, build_regressor
 from rcmservo.interfaces import Floats
 from rcmservo.paper.lab.cameras import project_point, random_camera
 from rcmservo.paper.plan import Measurement, ReportFigure, Results, Settings, Task, TaskResult
@@ -37,7 +37,7 @@ def all_cameras(settings: Settings) -> TaskResult:
 def one_camera(settings: Settings, seed: int) -> TaskResult:
     """Return the reprojection error (px) of a and o_c, and singular values of M (24)."""
     C, p0 = random_camera(seed)
-    a, o_c = parameters(C)
+    a, o_c = extract_parameters(C)
     sets = point_sets(settings, seed, p0)
     errors = [np.linalg.norm(project(a, p) + o_c - project_point(C, p)) for p in sets["generic"]]
     return {
@@ -65,7 +65,7 @@ def point_sets(settings: Settings, seed: int, p0: Floats) -> dict[str, Floats]:
 
 def singular_values(C: Floats, o_c: Floats, points: Floats) -> Floats:
     """Return the singular values of M (24) over the largest one, for columns scaled to length 1."""
-    M = np.concatenate([regressor(project_point(C, p) - o_c, p) for p in points])
+    M = np.concatenate([build_regressor(project_point(C, p) - o_c, p) for p in points])
     sigma = np.linalg.svd(M / np.linalg.norm(M, axis=0), compute_uv=False)
     return sigma / sigma[0]
 
@@ -83,13 +83,13 @@ def measure(settings: Settings, results: Results) -> Iterator[Measurement]:
     )
     yield Measurement("nine-independent", min(six["generic"]), seeds)
     yield Measurement(
-        "six-needed", max(five), seeds, confirmed=min(five) == PARAMETERS, five=min(five)
+        "six-needed", max(five), seeds, confirmed=min(five) == PARAMETER_COUNT, five=min(five)
     )
     yield Measurement(
         "six-enough",
         min(six["coplanar"]),
         seeds,
-        confirmed=max(six["coplanar"]) < PARAMETERS,
+        confirmed=max(six["coplanar"]) < PARAMETER_COUNT,
         six={name: max(ranks) for name, ranks in six.items()},
         every={name: max(ranks) for name, ranks in every.items()},
     )
@@ -97,7 +97,7 @@ def measure(settings: Settings, results: Results) -> Iterator[Measurement]:
 
 def draw(settings: Settings, results: Results) -> Iterator[ReportFigure]:
     first = results["cameras"]["cameras"][0]
-    number = np.arange(1, PARAMETERS + 1)
+    number = np.arange(1, PARAMETER_COUNT + 1)
     rows = {"five generic points": first["five"]}
     rows |= {f"six {label}": first["six"][name] for name, label in SETS.items()}
     curves = [

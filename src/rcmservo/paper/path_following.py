@@ -13,7 +13,7 @@ import numpy as np
 
 from rcmservo.control.saturated_controller import SaturatedController
 from rcmservo.figures.charts import Curve, Figure, Panel, make_curve
-from rcmservo.geometry.features import SCALE
+from rcmservo.geometry.features import FEATURE_SCALE
 from rcmservo.interfaces import Floats, Target
 from rcmservo.loop.operator import OperatorRequest
 from rcmservo.loop.run import run
@@ -93,7 +93,7 @@ class Guide:
 
     def __call__(self, tick: Tick) -> OperatorRequest:
         """Return the target of the next tick."""
-        due = tick.seen.now + self.period
+        due = tick.observation.now + self.period
         if self.began is None and at_start(tick.state):
             self.began = due
         return Request.NONE if self.began is None else self.path.target(self.elapsed(due))
@@ -115,7 +115,7 @@ def follow(settings: Settings, method: EstimatingMethod, seed: int) -> TaskResul
     longest = servo.exploration.max_time + settings.approach + settings.period
     ticks, cause = run(plant, servo, path.target(0.0), longest, operator=guide), ""
     for k, tick in enumerate(ticks):
-        time, cause = guide.elapsed(tick.seen.now), tick.state.cause.stopping
+        time, cause = guide.elapsed(tick.observation.now), tick.state.cause.stop_sentence
         if time > settings.period:
             break
         if guide.began is not None and k % STRIDE_TICKS == 0:
@@ -131,7 +131,7 @@ def follow(settings: Settings, method: EstimatingMethod, seed: int) -> TaskResul
 
 def at_start(state: State) -> bool:
     """Return True if the servo measures the tool at the first point of the path."""
-    return state.phase is Phase.SERVO and bool(np.max(np.abs(state.delta) / SCALE) < AT_START)
+    return state.phase is Phase.SERVO and bool(np.max(np.abs(state.delta) / FEATURE_SCALE) < AT_START)
 
 
 def errors_on(path: Circle, samples: list[tuple[float, Floats, Floats]]) -> TaskResult:

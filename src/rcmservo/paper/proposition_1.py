@@ -8,7 +8,7 @@ from functools import partial
 
 import numpy as np
 
-from rcmservo.control.saturated_controller import scaled
+from rcmservo.control.saturated_controller import scale_rows
 from rcmservo.estimation.projection_rule import (
     GAMMA_0,
     MAX_DECAY,
@@ -17,12 +17,12 @@ from rcmservo.estimation.projection_rule import (
     inverse_root,
     normal_equations,
     predict,
-    sights,
+    fitted_points,
 )
 from rcmservo.figures.charts import Figure, Panel, make_curve
-from rcmservo.geometry.projection import PARAMETERS, parameters, project
+from rcmservo.geometry.projection import PARAMETER_COUNT, extract_parameters, project
 from rcmservo.interfaces import Floats
-from rcmservo.numerics.gradient_flow import decay
+from rcmservo.numerics.gradient_flow import integrate_gradient_flow
 from rcmservo.paper.lab.cameras import project_point, random_camera
 from rcmservo.paper.plan import Measurement, ReportFigure, Results, Settings, Task, TaskResult
 from rcmservo.paper.statistics import column, median
@@ -49,11 +49,11 @@ def all_cameras(settings: Settings) -> TaskResult:
 def one_camera(settings: Settings, seed: int) -> dict[str, TaskResult]:
     """Return U over time with the printed and the fast Γ, on the same observations."""
     C, p0 = random_camera(seed)
-    a, o_c = parameters(C)
+    a, o_c = extract_parameters(C)
     random = np.random.default_rng([seed, 2])
     points = p0 + settings.spread * random.uniform(-1.0, 1.0, (settings.observations, 3))
     rows = np.array([[*p, *project_point(C, p), np.nan, np.nan] for p in points])
-    A, b = normal_equations(sights(rows, len(rows), o_c, False, TOOL.shaft))
+    A, b = normal_equations(fitted_points(rows, len(rows), o_c, False, TOOL.struct))
     printed, fast = np.diag(np.sqrt(GAMMA_0)), np.sqrt(FIT.rate) * inverse_root(A, FIT.epsilon)
 
     def fall(root: Floats, longest: float, judged_at: float) -> TaskResult:
@@ -61,7 +61,7 @@ def one_camera(settings: Settings, seed: int) -> dict[str, TaskResult]:
         slowest = float(np.linalg.eigvalsh(root.T @ A @ root)[0])
         time = np.concatenate([[0.0], np.geomspace(1e-4, longest, 200)])
         moments = [*time, judged_at, settings.end / slowest]
-        *a_hats, late, end = [decay(A, b, np.zeros(PARAMETERS), root, t) for t in moments]
+        *a_hats, late, end = [integrate_gradient_flow(A, b, np.zeros(PARAMETER_COUNT), root, t) for t in moments]
         U = np.array([0.5 * np.sum(np.linalg.solve(root, a_hat - a) ** 2) for a_hat in a_hats])
         errors = [np.linalg.norm(project(late, p) - project(a, p)) for p in points]
         return {
@@ -82,8 +82,8 @@ def one_camera(settings: Settings, seed: int) -> dict[str, TaskResult]:
 
 def jacobian_error(a_hat: Floats, a: Floats, p1: Floats) -> float:
     """Return ‖Ĵ − J‖/‖J‖ (Frobenius) of the scaled Jacobians at `p1`, from â and the true a."""
-    m = predict(a, p1, TOOL.shaft)
-    J_hat, J = (scaled(feature_jacobian(some, p1, m, TOOL.shaft)) for some in (a_hat, a))
+    m = predict(a, p1, TOOL.struct)
+    J_hat, J = (scale_rows(feature_jacobian(some, p1, m, TOOL.struct)) for some in (a_hat, a))
     return float(np.linalg.norm(J_hat - J) / np.linalg.norm(J))
 
 

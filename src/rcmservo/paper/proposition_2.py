@@ -10,11 +10,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rcmservo.control.saturated_controller import scaled
-from rcmservo.estimation.flow_rule import learn
+from rcmservo.control.saturated_controller import scale_rows
+from rcmservo.estimation.flow_rule import integrate_flow_rule
 from rcmservo.figures.charts import Figure, Panel, make_curve
-from rcmservo.geometry.features import SCALE, difference, features
-from rcmservo.geometry.kinematics import axis
+from rcmservo.geometry.features import FEATURE_SCALE, compute_feature_error, compute_features
+from rcmservo.geometry.kinematics import compute_axis
 from rcmservo.interfaces import Floats
 from rcmservo.paper.plan import Measurement, ReportFigure, Results, Settings, Task, TaskResult
 from rcmservo.paper.statistics import column, median
@@ -59,7 +59,7 @@ def loops(settings: Settings, seed: int) -> TaskResult:
 
 def loop_round(rig: Rig, radius: float, step: float) -> Round:
     """Return a closed path in three dimensions about the start, with true flow and Jacobians."""
-    p0, n = rig.body.points(rig.scene.start)[0], axis(rig.settings.mechanism.rcm(), rig.scene.start)
+    p0, n = rig.body.points(rig.scene.start)[0], compute_axis(rig.settings.mechanism.to_struct(), rig.scene.start)
     t1 = np.linalg.svd(n[None])[2][1]
     t2 = np.cross(n, t1)
     turn = np.linspace(0.0, 2.0 * np.pi, round(11.0 * radius / step) + 1)
@@ -69,9 +69,9 @@ def loop_round(rig: Rig, radius: float, step: float) -> Round:
     p = p0 + radius * directions
     joints = [rig.body.mechanism.joints(one) for one in p]
     o_c = rig.truth.imaged_rcm()
-    y = [features((rig.truth.pixels(q) - o_c).ravel()) for q in joints]
+    y = [compute_features((rig.truth.pixels(q) - o_c).ravel()) for q in joints]
     J = np.array([rig.truth.jacobian(q, o_c) for q in joints])
-    dy = np.array([difference(after, before) for before, after in pairwise(y)])
+    dy = np.array([compute_feature_error(after, before) for before, after in pairwise(y)])
     return Round(np.diff(p, axis=0), dy, J[1:], J[0])
 
 
@@ -80,11 +80,11 @@ def on_loop(one: Round, settings: Settings) -> TaskResult:
 
     ``change`` is the largest difference of J from J at the start, as a fraction of ‖J‖.
     """
-    change = np.linalg.norm((one.J - one.J_start) / SCALE[:, None], axis=(1, 2))
+    change = np.linalg.norm((one.J - one.J_start) / FEATURE_SCALE[:, None], axis=(1, 2))
     same = np.broadcast_to(one.J_start, one.J.shape)
     constant = Round(one.dp, one.dp @ one.J_start.T, same, one.J_start)
     return {
-        "change": np.max(change) / np.linalg.norm(scaled(one.J_start)),
+        "change": np.max(change) / np.linalg.norm(scale_rows(one.J_start)),
         "speeds": [fall_of_R(one, settings, speed) for speed in settings.speeds],
         "constant": max(fall_of_R(constant, settings, v)["rise"] for v in settings.speeds),
     }
@@ -102,7 +102,7 @@ def fall_of_R(one: Round, settings: Settings, speed: float) -> TaskResult:
     R: list[Floats] = [np.sum(one.J_start**2, axis=1)]
     for k in range(round(settings.path / float(np.mean(lengths)))):
         i = k % len(lengths)
-        J_hat = learn(J_hat, one.dp[i], one.dy[i], lengths[i] / speed, settings.gamma)
+        J_hat = integrate_flow_rule(J_hat, one.dp[i], one.dy[i], lengths[i] / speed, settings.gamma)
         R.append(np.sum((J_hat - one.J[i]) ** 2, axis=1))
         along.append(along[-1] + float(lengths[i]))
     ratio = np.array(R) / R[0]

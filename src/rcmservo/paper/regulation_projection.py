@@ -16,7 +16,7 @@ from rcmservo.estimation.dlt import DltEstimator
 from rcmservo.figures import plots
 from rcmservo.figures.charts import Curve, Figure, Panel, make_curve
 from rcmservo.paper.lab.closed_loop import (
-    PRINTED,
+    PAPER_PROJECTION_ESTIMATOR,
     PROJECTION_EXPLORATION,
     closed_loop,
     read_task_record,
@@ -55,7 +55,7 @@ def default_plan(settings: Settings) -> Regulation:
 
 def fixed_settings() -> dict[str, object]:
     return {
-        "estimators": (PRINTED, RANDOM_ESTIMATOR),
+        "estimators": (PAPER_PROJECTION_ESTIMATOR, RANDOM_ESTIMATOR),
         "exploration": PROJECTION_EXPLORATION,
         "laboratory": REGULATION_LABORATORY,
     }
@@ -65,7 +65,7 @@ def tasks(settings: Settings) -> list[Task]:
     seeds, duration = range(settings.seeds), settings.duration
     slow = partial(in_real_time, settings=settings)
     return [
-        *Regulation(PRINTED, PROJECTION_EXPLORATION, settings.pictures, duration).tasks(
+        *Regulation(PAPER_PROJECTION_ESTIMATOR, PROJECTION_EXPLORATION, settings.pictures, duration).tasks(
             "seed", seeds
         ),
         *Regulation(RANDOM_ESTIMATOR, PROJECTION_EXPLORATION, False, duration).tasks(

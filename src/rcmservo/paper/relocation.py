@@ -13,7 +13,7 @@ import numpy as np
 from rcmservo.control.exploration import Exploration
 from rcmservo.estimation.base import Estimator
 from rcmservo.figures.charts import Figure, Panel, make_curve
-from rcmservo.geometry.features import SCALE
+from rcmservo.geometry.features import FEATURE_SCALE
 from rcmservo.interfaces import Target
 from rcmservo.loop.run import Tick
 from rcmservo.paper.lab.closed_loop import (
@@ -79,7 +79,7 @@ def relocated(folder: Path, seed: int, method: str, settings: Settings) -> TaskR
         words = "after: the target was taught in the new view"
         loop.snapshot("after.png", target, tick.state, words)
         error = np.linalg.norm(loop.true_p2() - p_d)
-    return {**stop, "again": restart, "cause": tick.state.cause.stopping, "pose_error": error}
+    return {**stop, "again": restart, "cause": tick.state.cause.stop_sentence, "pose_error": error}
 
 
 def until_stopped(loop: ClosedLoop, target: Target, settings: Settings) -> TaskResult:
@@ -94,7 +94,7 @@ def until_stopped(loop: ClosedLoop, target: Target, settings: Settings) -> TaskR
     tick: Tick | None = None
     for tick in loop.stage(target, settings.duration):
         if moved is None and tick.state.phase is Phase.SERVO:
-            size = float(np.linalg.norm(tick.state.delta / SCALE))
+            size = float(np.linalg.norm(tick.state.delta / FEATURE_SCALE))
             first = size if np.isnan(first) else first
             if size < settings.share * first:
                 loop.snapshot("before.png", target, tick.state, "before")
@@ -148,7 +148,7 @@ def draw(settings: Settings, results: Results) -> Iterator[ReportFigure]:
 def _over_time(method: str, task: str, results: Results) -> Panel:
     rows, run = read_task_record(results.folders[task]), results[task]
     new = rows.new_frames()
-    size = np.linalg.norm(rows.ticks["delta"][new] / SCALE, axis=1)
+    size = np.linalg.norm(rows.ticks["delta"][new] / FEATURE_SCALE, axis=1)
     label = f"scaled $|\\Delta y|$\n{method}"
     spans = [] if run["moved"] is None else [(run["moved"], run["again"])]
     return Panel(

@@ -11,12 +11,12 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import NamedTuple
 
-from rcmservo.config.atomic_files import write_whole
+from rcmservo.config.atomic_files import write_atomically
 from rcmservo.figures import charts
 from rcmservo.paper.claims import FAILS, HOLDS, REMARK, SOFTWARE, VERDICTS, ClaimRow, claim_table
 from rcmservo.paper.experiment import Experiment
 from rcmservo.paper.plan import ReportFigure
-from rcmservo.study.report.html import embedded, rendered
+from rcmservo.study.report.html import make_data_uri, render_template
 
 CLAIMS, FIGURES, REPORT = "claims.json", "figures.json", "report.html"
 
@@ -56,8 +56,8 @@ def write(out: Path, chapters: list[Chapter], quick: bool, left_out: Mapping[str
         (FIGURES, figures, None),
     ):
         text = json.dumps(data, indent=indent, ensure_ascii=False, allow_nan=False)
-        write_whole(out / name, text + "\n")
-    write_whole(out / REPORT, _page(rows, chapters, quick, left_out))
+        write_atomically(out / name, text + "\n")
+    write_atomically(out / REPORT, _page(rows, chapters, quick, left_out))
     return out / REPORT
 
 
@@ -65,7 +65,7 @@ def _page(
     rows: list[ClaimRow], chapters: list[Chapter], quick: bool, left_out: Mapping[str, str]
 ) -> str:
     papers, software = first_page(rows)
-    return rendered(
+    return render_template(
         "rcmservo.paper",
         papers=papers,
         software=software,
@@ -97,9 +97,9 @@ def _figure(
     one: Experiment, drawn: ReportFigure, settings: Mapping[str, object]
 ) -> dict[str, object]:
     """Return the variables of a figure for the template, with its images as embedded data."""
-    images = [embedded("image/png", path.read_bytes()) for path in drawn.pictures]
+    images = [make_data_uri("image/png", path.read_bytes()) for path in drawn.pictures]
     if drawn.chart is not None:
-        images.append(embedded("image/svg+xml", charts.render_svg(drawn.chart).encode()))
+        images.append(make_data_uri("image/svg+xml", charts.render_svg(drawn.chart).encode()))
     text = one.texts.figure[drawn.key or drawn.name]
     return {
         "name": drawn.name,

@@ -24,14 +24,14 @@ from rcmservo.paper.report import Chapter
 from rcmservo.paper.store import Assignment, fingerprint
 
 if TYPE_CHECKING:
-    from rcmservo.paper.lab.methods import Own
+    from rcmservo.paper.lab.methods import UserEstimatorMethod
 
 Progress = Callable[[Task], None]
 COMPARISON = "baselines"
 """Name of the experiment that compares methods."""
 
 
-def chosen(only: str | None, own: "Own | None" = None) -> dict[str, Experiment]:
+def select_experiments(only: str | None, own: "UserEstimatorMethod | None" = None) -> dict[str, Experiment]:
     """Return the experiments to run: all of them, or the one named `only`.
 
     The comparison of methods includes the user-defined estimator `own`, if there is one.

@@ -13,7 +13,7 @@ import numpy as np
 
 from rcmservo.figures import plots
 from rcmservo.figures.charts import Curve, Figure, Panel, make_curve
-from rcmservo.geometry.features import about, features_jacobian
+from rcmservo.geometry.features import shift_to_rcm, compute_features_jacobian
 from rcmservo.interfaces import Floats, Target
 from rcmservo.loop.run import Tick
 from rcmservo.paper.lab.closed_loop import (
@@ -73,7 +73,7 @@ def visit_all(
         visits = list[TaskResult]()
         for count in range(settings.rounds * settings.poses):
             pose: int = count % settings.poses
-            if not tick.state.explored or tick.state.cause.stopping:
+            if not tick.state.explored or tick.state.cause.stop_sentence:
                 break
             target, p_d = taught[pose]
             one, tick = visit(loop, tick, target, p_d, settings.longest)
@@ -85,7 +85,7 @@ def visit_all(
     unexplored = "" if tick.state.explored else Cause.NOT_EXPLORED.value
     return {
         "visits": visits,
-        "cause": tick.state.cause.stopping or unexplored,
+        "cause": tick.state.cause.stop_sentence or unexplored,
         "poses": np.array([p_d for _, p_d in taught]),
         "per_pixel": np.array(per_pixel),
     }
@@ -125,7 +125,7 @@ def drawn_poses(rig: Rig, count: int, spread: float) -> list[Floats]:
 def pose_per_pixel(rig: Rig, q: Floats) -> float:
     """Return the rms displacement (mm) of marker 1 at `q` for 1 px of noise in each coordinate."""
     o_c = rig.truth.imaged_rcm()
-    noise = features_jacobian(about(rig.truth.pixels(q), o_c))
+    noise = compute_features_jacobian(shift_to_rcm(rig.truth.pixels(q), o_c))
     return float(np.linalg.norm(np.linalg.solve(rig.truth.jacobian(q, o_c), noise)))
 
 

@@ -9,9 +9,9 @@ from functools import partial
 
 import numpy as np
 
-from rcmservo.control.saturated_controller import potential_gradient, scaled
+from rcmservo.control.saturated_controller import potential_gradient, scale_rows
 from rcmservo.figures.charts import Figure, Panel, make_curve
-from rcmservo.geometry.features import SCALE
+from rcmservo.geometry.features import FEATURE_SCALE
 from rcmservo.interfaces import Floats
 from rcmservo.loop.run import Tick, run
 from rcmservo.loop.teach import teach
@@ -64,7 +64,7 @@ def regulate(settings: Settings, estimator: str, seed: int) -> TaskResult:
     target = teach(plant, TEACHING_FRAMES)
     state = None
     if estimator == "flow":
-        rig.place(rig.scene.half_way)
+        rig.place(rig.scene.midpoint)
         for tick in run(plant, servo, home, 2.0 * settings.duration, done=arrived):
             state = tick.state
     else:
@@ -72,10 +72,10 @@ def regulate(settings: Settings, estimator: str, seed: int) -> TaskResult:
     rows = list[tuple[float, ...]]()
     frame, cause = -1, ""
     for tick in run(plant, servo, target, settings.duration, done=arrived, state=state):
-        cause = tick.state.cause.stopping
-        if tick.state.phase is Phase.SERVO and tick.state.frame > frame:
-            frame = tick.state.frame
-            rows.append((tick.time / 1e9, *judge(rig, tick.state, tick.seen.q_exposure)))
+        cause = tick.state.cause.stop_sentence
+        if tick.state.phase is Phase.SERVO and tick.state.newest_frame > frame:
+            frame = tick.state.newest_frame
+            rows.append((tick.time / 1e9, *judge(rig, tick.state, tick.observation.q_exposure)))
     names = ("time", "least", "V_dot", "in_noise", "unity")
     columns = dict(zip(names, np.array(rows, dtype=float).reshape(-1, 5).T, strict=True))
     there = bool(rows) and columns["in_noise"][-1] < 1.0
@@ -103,10 +103,10 @@ def judge(rig: Rig, state: State, q: Floats) -> tuple[float, float, float, float
     Matrices are scaled, and V is in units of (10°, 10 px, 10 px)². J is the true Jacobian at the
     joints `q` (3,) of the exposure.
     """
-    J, J_hat = scaled(rig.truth.jacobian(q, state.o_c)), scaled(state.J_hat)
+    J, J_hat = scale_rows(rig.truth.jacobian(q, state.o_c)), scale_rows(state.J_hat)
     closed = J @ np.linalg.inv(J_hat)
     least = np.linalg.eigvalsh(0.5 * (closed + closed.T))[0]
-    gradient = potential_gradient(state.delta / SCALE, PRINTED_LAW.b / SCALE, False)
+    gradient = potential_gradient(state.delta / FEATURE_SCALE, PRINTED_LAW.bounds_array / FEATURE_SCALE, False)
     unity = np.linalg.norm(closed - np.eye(3), 2)
     return float(least), float(gradient @ J @ state.v), in_noise(state), float(unity)
 

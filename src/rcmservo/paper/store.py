@@ -15,11 +15,11 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 
 import rcmservo
-from rcmservo.config.atomic_files import write_whole
+from rcmservo.config.atomic_files import write_atomically
 from rcmservo.config.texts import is_table
 from rcmservo.errors import UnusableFile
 from rcmservo.paper.plan import NotMeasured, Task, TaskResult
-from rcmservo.study.execution.package_version import package
+from rcmservo.study.execution.package_version import identify_package
 
 RESULT_FILE = "result.json"
 PART_SUFFIX = ".part"
@@ -50,7 +50,7 @@ def prepare(out: Path, quick: bool) -> None:
                 out, "is not empty and holds no earlier run of the paper: name a new folder"
             )
         else:
-            write_whole(out / MODE_FILE, json.dumps({"mode": mode}) + "\n")
+            write_atomically(out / MODE_FILE, json.dumps({"mode": mode}) + "\n")
     except OSError as error:
         raise UnusableFile(out, f"cannot be used: {error.strerror}") from error
     except (ValueError, KeyError, TypeError) as error:
@@ -109,7 +109,7 @@ def fingerprint(task: Task) -> str:
     """Return a hash of everything that a result depends on: arguments, package and source files."""
     work, root = task.work, Path(rcmservo.__file__).parent
     text = hashlib.sha256(repr((work.func.__qualname__, sorted(work.keywords.items()))).encode())
-    text.update(package().encode())
+    text.update(identify_package().encode())
     records = [path for folder in RECORD_FOLDERS for path in (root / folder).rglob("*.py")]
     module = root / (work.func.__module__.partition(".")[2].replace(".", "/") + ".py")
     for path in sorted([*records, *imported_paper_files(root, module)]):

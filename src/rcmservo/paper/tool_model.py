@@ -11,7 +11,7 @@ import numpy as np
 
 from rcmservo.estimation.projection_rule import feature_jacobian
 from rcmservo.figures.charts import Figure, Panel, make_curve
-from rcmservo.geometry.features import about
+from rcmservo.geometry.features import shift_to_rcm
 from rcmservo.geometry.tool import RigidTool, ScaledTool, Tool
 from rcmservo.interfaces import Floats
 from rcmservo.paper.lab.cameras import PINHOLE, true_parameters
@@ -20,7 +20,7 @@ from rcmservo.paper.lab.witness import count_settled, failure_reasons, settle
 from rcmservo.paper.plan import Measurement, ReportFigure, Results, Settings, Task, TaskResult
 from rcmservo.paper.statistics import column, finite, mark_panels, marks, median
 from rcmservo.sim import Rig, RigSettings
-from rcmservo.study.report.statistics import dashed
+from rcmservo.study.report.statistics import format_finite
 
 SPACING_MM = 30.0
 """Distance (mm) between the markers on the simulated tool."""
@@ -57,12 +57,12 @@ def scene(seed: int) -> TaskResult:
     a, o_c = true_parameters(rig)
     q = rig.scene.start
     p1: Floats = rig.body.points(q)[0]
-    J, m = rig.truth.jacobian(q, o_c), about(rig.truth.pixels(q), o_c)
+    J, m = rig.truth.jacobian(q, o_c), shift_to_rcm(rig.truth.pixels(q), o_c)
     depth: Floats = J[2]
     n = p1 / np.linalg.norm(p1)
     found: dict[str, object] = {"true": depth @ n}
     for model, tool in zip(MODELS, tools(p1), strict=True):
-        J_hat = feature_jacobian(a, p1, m, tool.shaft)
+        J_hat = feature_jacobian(a, p1, m, tool.struct)
         found[model] = {
             "along": J_hat[2] @ n,
             "whole": rig.truth.jacobian_error(J_hat, q, o_c),
@@ -102,7 +102,7 @@ def measure(settings: Settings, results: Results) -> Iterator[Measurement]:
         counts["constant"] / settings.loops,
         range(settings.loops),
         confirmed=errors["constant"] > 2.0 * errors["rigid"],
-        errors={model: dashed(error) for model, error in errors.items()},
+        errors={model: format_finite(error) for model, error in errors.items()},
         counts=counts,
         words={model: _settled_words(some) for model, some in trials.items()},
         reasons=failure_reasons(trials["constant"]),
@@ -117,7 +117,7 @@ def _trials(settings: Settings, results: Results) -> dict[str, list[TaskResult]]
 def _settled_words(trials: list[TaskResult]) -> str:
     successful = [trial for trial in trials if not trial["why_not"]]
     time, pose = (median(column(successful, name)) for name in ("settle_time", "pose"))
-    return f"median after {dashed(time, '.1f')} s, pose error {dashed(pose, '.2g')} mm"
+    return f"median after {format_finite(time, '.1f')} s, pose error {format_finite(pose, '.2g')} mm"
 
 
 def draw(settings: Settings, results: Results) -> Iterator[ReportFigure]:

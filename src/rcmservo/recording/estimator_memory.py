@@ -15,7 +15,7 @@ TOPIC = "rcmservo/memory"
 
 def recorded_memory(tick: Tick) -> Floats | None:
     """Return the estimator state of a tick (n,), or None if the estimator records none."""
-    return tick.servo.learner.remembered(tick.state.learnt.memory)
+    return tick.servo.guarded_estimator.recorded_numbers(tick.state.estimation.memory)
 
 
 def memory_column(memories: Mapping[int, Floats], count: int) -> dict[str, Floats]:

@@ -15,12 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rcmservo import __version__
-from rcmservo.config.servo_json import NOBODY, describe, rebuild
-from rcmservo.config.user_code import source
+from rcmservo.config.servo_json import NO_USER_ESTIMATORS, describe_servo, rebuild_servo
+from rcmservo.config.user_code import hash_source
 from rcmservo.errors import BadInput, UnusableFile
 from rcmservo.estimation.base import Estimator
-from rcmservo.interfaces import Dropped, Floats, Observation, Target
-from rcmservo.loop.operator import same
+from rcmservo.interfaces import DropReason, Floats, Observation, Target
+from rcmservo.loop.operator import targets_are_equal
 from rcmservo.loop.tick import Tick
 from rcmservo.recording import estimator_memory, reader, ros2_messages
 from rcmservo.recording.reader import Column, Record
@@ -29,7 +29,7 @@ from rcmservo.recording.stage import NO_ORIGIN, UNRECORDED_ORIGIN, Stage
 from rcmservo.recording.tick_schema import NAME_COLUMNS
 from rcmservo.safety.state_machine import Request
 from rcmservo.servo.servo import Servo, State
-from rcmservo.servo.user_estimator import called
+from rcmservo.servo.user_estimator import class_path_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,7 +96,7 @@ class ReplayResult:
 def replay_record(
     run: Path | Record,
     servo: Servo | None = None,
-    own: Mapping[str, type[Estimator]] = NOBODY,
+    own: Mapping[str, type[Estimator]] = NO_USER_ESTIMATORS,
 ) -> ReplayResult:
     """Replay a recorded run and compare the decisions.
 
@@ -139,7 +139,7 @@ def replay_record(
     ticks = ros2_messages.columns(TICK, rows) | estimator_memory.memory_column(memories, len(rows))
     recomputed = replace(recorded, ticks=ticks, words=words, operating=[])
     stages = recorded.stages
-    open_loop = servo is not None and any(describe(servo) != stage.servo for stage in stages)
+    open_loop = servo is not None and any(describe_servo(servo) != stage.servo for stage in stages)
     comparison = _compare(recorded, recomputed, open_loop)
     return replace(comparison, changed=_changed_sources(stages, servos))
 
@@ -147,10 +147,10 @@ def replay_record(
 def _changed_sources(stages: Sequence[Stage], servos: Sequence[Servo]) -> str:
     """Return a sentence about user-defined estimators with another source than recorded."""
     names = {
-        called(servo.estimator)
+        class_path_of(servo.estimator)
         for stage, servo in zip(stages, servos, strict=True)
-        if stage.servo["estimator"].get("kind") == called(servo.estimator)
-        and stage.source != source(servo.estimator)
+        if stage.servo["estimator"].get("kind") == class_path_of(servo.estimator)
+        and stage.source != hash_source(servo.estimator)
     }
     return ", ".join(f"the source of {name} has changed since" for name in sorted(names))
 
@@ -165,7 +165,7 @@ def _ticks(recorded: Record, servos: Sequence[Servo]) -> Iterator[Tick]:
     for number, (stage, servo) in enumerate(zip(recorded.stages, servos, strict=True)):
         state = _initial_state(recorded, stage, servo, ends)
         target = _stage_target(stage, state)
-        servo.demand(target)
+        servo.require_target(target)
         for i in range(stage.first, firsts[number + 1]):
             observation, jog = _observation(recorded, i), recorded.ticks["jog"][i]
             request = recorded.enum_at(Request, "request", i)
@@ -175,7 +175,7 @@ def _ticks(recorded: Record, servos: Sequence[Servo]) -> Iterator[Tick]:
 
 
 def rebuild_servo(
-    recorded: Record, stage: Stage, own: Mapping[str, type[Estimator]] = NOBODY
+    recorded: Record, stage: Stage, own: Mapping[str, type[Estimator]] = NO_USER_ESTIMATORS
 ) -> Servo:
     """Return the servo of a stage.
 
@@ -185,7 +185,7 @@ def rebuild_servo(
         If this version cannot rebuild it; the message names the version that can.
     """
     try:
-        return rebuild(stage.servo, own)
+        return rebuild_servo(stage.servo, own)
     except BadInput as error:
         version = stage.version or recorded.version
         reason = f"its servo cannot be rebuilt: {error}"
@@ -203,7 +203,7 @@ def _initial_state(recorded: Record, stage: Stage, servo: Servo, ends: list[Stat
             recorded.path, "a stage continues from a state that is not in this record"
         )
     end = ends[stage.origin]
-    return end if stage.mid_run else servo.again(end)
+    return end if stage.mid_run else servo.restart(end)
 
 
 def _stage_target(stage: Stage, state: State) -> Target:
@@ -212,7 +212,7 @@ def _stage_target(stage: Stage, state: State) -> Target:
     Another object would start a new approach.
     """
     own = state.target
-    return own if own is not None and same(own, stage.target) else stage.target
+    return own if own is not None and targets_are_equal(own, stage.target) else stage.target
 
 
 def _observation(recorded: Record, i: int) -> Observation:
@@ -229,7 +229,7 @@ def _observation(recorded: Record, i: int) -> Observation:
         arrival=int(ticks["arrival"][i, 0]),
         q_exposure=ticks["q_exposure"][i],
         points=ticks["points"][i].reshape(2, 2),
-        dropped=recorded.enum_at(Dropped, "dropped", i),
+        drop_reason=recorded.enum_at(DropReason, "dropped", i),
         recorded=bool(ticks["recorded"][i, 0]),
         sizes=ticks["sizes"][i],
         quality=ticks["quality"][i],

@@ -10,7 +10,7 @@ import json
 from collections.abc import Mapping
 from pathlib import Path
 
-from rcmservo.config.atomic_files import write_whole
+from rcmservo.config.atomic_files import write_atomically
 from rcmservo.recording.ros2_messages import TOPICS
 
 METADATA_VERSION = 5
@@ -63,4 +63,4 @@ def write_metadata(record: Path, counts: Mapping[str, int], duration: int) -> No
         "files": [{"path": record.name, **times}],
     }
     text = json.dumps({"rosbag2_bagfile_information": information}, indent=1)
-    write_whole(record.with_name(METADATA), text + "\n")
+    write_atomically(record.with_name(METADATA), text + "\n")

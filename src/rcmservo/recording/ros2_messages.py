@@ -164,7 +164,7 @@ def encode_tick(tick: Tick) -> bytes:
         (column.value_of(tick) for column in FLAG_COLUMNS),
         (column.value_of(tick) for column in NAME_COLUMNS),
     )
-    header = codec().header(tick.seen.now)
+    header = codec().header(tick.observation.now)
     return codec().encode("rcmservo_msgs/msg/Tick", header, *integers, *reals, *flags, *names)
 
 
@@ -189,7 +189,7 @@ def encode_operating_state(now: int, mode: Mode) -> bytes:
     """Encode CRTK's operating state; its substate states phase, cause and recovery in words."""
     state, busy = CRTK_STATES.get(mode.phase, "ENABLED"), mode.phase in BUSY_PHASES
     header = codec().header(now)
-    return codec().encode("crtk_msgs/msg/OperatingState", header, state, mode.words, True, busy)
+    return codec().encode("crtk_msgs/msg/OperatingState", header, state, mode.text, True, busy)
 
 
 def decode_operating_words(data: bytes) -> str:

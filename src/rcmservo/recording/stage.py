@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 
 from rcmservo import __version__
-from rcmservo.config.servo_json import describe
-from rcmservo.config.strict_decoding import decode
-from rcmservo.config.texts import NO_SIZES, Sizes, Table, sizes
-from rcmservo.config.user_code import source
+from rcmservo.config.servo_json import describe_servo
+from rcmservo.config.strict_decoding import decode_settings
+from rcmservo.config.texts import UNKNOWN_RADII, MarkerRadii, Table, radii_to_json
+from rcmservo.config.user_code import hash_source
 from rcmservo.errors import require
 from rcmservo.interfaces import Target
 from rcmservo.servo.servo import Servo
@@ -60,10 +60,10 @@ class Stage:
 
 def stage_text(servo: Servo, target: Target, origin: int, mid_run: bool) -> str:
     """Return a stage as JSON."""
-    aim = {"points": target.points.tolist(), "q": target.q.tolist(), "shown": target.shown}
-    aim["sizes"] = sizes(target.sizes)
-    stage = {"origin": origin, "mid_run": mid_run, "target": aim, "servo": describe(servo)}
-    written_by = {"version": __version__, "source": source(servo.estimator)}
+    aim = {"points": target.points.tolist(), "q": target.q.tolist(), "shown": target.taught_at}
+    aim["sizes"] = radii_to_json(target.sizes)
+    stage = {"origin": origin, "mid_run": mid_run, "target": aim, "servo": describe_servo(servo)}
+    written_by = {"version": __version__, "source": hash_source(servo.estimator)}
     return json.dumps({**stage, **written_by})
 
 
@@ -86,7 +86,7 @@ class TargetTable:
     points: tuple[tuple[float, float], tuple[float, float]]
     q: tuple[float, float, float]
     shown: int = 0
-    sizes: Sizes = NO_SIZES
+    sizes: MarkerRadii = UNKNOWN_RADII
 
 
 @dataclass(frozen=True)
@@ -125,7 +125,7 @@ def stage_of(table: object, first: int, number: int) -> Stage:
     BadInput
         If the object is no stage.
     """
-    decoded = decode(StageTable, table, "stage")
+    decoded = decode_settings(StageTable, table, "stage")
     last, origin = number - 1, decoded.origin
     require(UNRECORDED_ORIGIN <= origin <= last, "stage.origin", origin, "an earlier stage")
     is_consistent = not decoded.mid_run or origin == last >= 0

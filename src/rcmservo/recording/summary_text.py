@@ -5,14 +5,14 @@ from collections.abc import Iterator
 from typing import Any
 
 from rcmservo.loop.run_result import (
-    CameraAccount,
+    CameraStatistics,
     ExplorationCost,
     FeatureError,
     FrameCounts,
     JacobianError,
     LoopTiming,
     RunResult,
-    Spread,
+    TimeSpread,
 )
 from rcmservo.recording.reader import Record
 from rcmservo.recording.timeline import Span
@@ -20,26 +20,26 @@ from rcmservo.safety.causes import Action, Cause
 from rcmservo.safety.state_machine import Request
 
 
-def verdict_of(record: Record, result: RunResult) -> str:
+def format_verdict(record: Record, result: RunResult) -> str:
     """Return whether the run settled, and if the record is incomplete."""
     so_far = ", as far as the record can be read" if record.missing else ""
-    return title_of(result) + so_far
+    return format_title(result) + so_far
 
 
-def rows_of(record: Record, result: RunResult) -> list[tuple[str, str]]:
+def list_record_rows(record: Record, result: RunResult) -> list[tuple[str, str]]:
     """Return a recorded run as pairs of title and text."""
-    rows = [("what", what(record.about, record.stages[-1].servo if record.stages else {}))]
+    rows = [("what", describe_run(record.about, record.stages[-1].servo if record.stages else {}))]
     if len(record.stages) > 1:
         rows.append(("stages", _stages(record)))
-    return rows + result_rows(result)
+    return rows + list_result_rows(result)
 
 
-def title_of(result: RunResult) -> str:
+def format_title(result: RunResult) -> str:
     """Return "settled" or "not settled", the title of a result."""
     return "settled" if result.settled else "not settled"
 
 
-def result_rows(result: RunResult) -> list[tuple[str, str]]:
+def list_result_rows(result: RunResult) -> list[tuple[str, str]]:
     """Return the known parts of a result as pairs of title and text."""
     given = result.estimator_time_per_frame_s
     loop = LoopTiming() if result.loop is None else result.loop
@@ -102,10 +102,10 @@ def _jacobian_error(error: JacobianError) -> str:
 
 
 def _operator(result: RunResult) -> str:
-    if not (result.resumed or result.refused or result.shown_again):
+    if not (result.resumed or result.refused or result.taught_again):
         return ""
     refused = f" (refused {result.refused} x)" if result.refused else ""
-    return f"resumed {result.resumed} x{refused}, taught the target again {result.shown_again} x"
+    return f"resumed {result.resumed} x{refused}, taught the target again {result.taught_again} x"
 
 
 def _duration(result: RunResult) -> str:
@@ -130,7 +130,7 @@ def _loop_rows(loop: LoopTiming) -> Iterator[tuple[str, str]]:
         yield "refused", sentence
 
 
-def _spread(times: Spread, digits: int) -> str:
+def _spread(times: TimeSpread, digits: int) -> str:
     return _joined(
         _number(times.median, "ms", digits, "median "),
         _number(times.p99, "ms", digits, "p99 "),
@@ -138,7 +138,7 @@ def _spread(times: Spread, digits: int) -> str:
     )
 
 
-def _camera(camera: CameraAccount) -> str:
+def _camera(camera: CameraStatistics) -> str:
     counts = f"{camera.frames} frames, {camera.lost} lost, {camera.incomplete} incomplete"
     times = _number(camera.uncertainty_ms, "ms", 2, "exposure times to ")
     parts = f"{counts}, reopened {camera.reconnects} x", times or "exposure times unchecked"
@@ -146,13 +146,13 @@ def _camera(camera: CameraAccount) -> str:
 
 
 def _speed(result: RunResult) -> str:
-    if result.speed_share is not None:
+    if result.speed_scale is not None:
         passed = "has passed" if result.rig_checked else "has not passed"
-        return f"at most {100.0 * result.speed_share:g} %: rig check {passed}"
+        return f"at most {100.0 * result.speed_scale:g} %: rig check {passed}"
     return _number(result.real_time_factor, "x real time", 1)
 
 
-def what(about: dict[str, Any], servo: Any) -> str:
+def describe_run(about: dict[str, Any], servo: Any) -> str:
     """Return kind of run, seed, mechanism, tool, estimator and version, separated by commas."""
     parts = ["simulation" if about.get("simulation") else "run"]
     if "seed" in about:
@@ -168,7 +168,7 @@ def what(about: dict[str, Any], servo: Any) -> str:
     return ", ".join(parts)
 
 
-def why(span: Span) -> str:
+def describe_cause(span: Span) -> str:
     """Return the cause of a span, preceded by the operator's request."""
     if span.request is Request.NONE or span.cause is Cause.ASKED:
         return span.why
@@ -176,9 +176,9 @@ def why(span: Span) -> str:
     return f"{request}: {span.why}" if span.cause is not Cause.NONE else request
 
 
-def way_out(span: Span) -> str:
+def describe_way_out(span: Span) -> str:
     """Return the operator's next step, if the tool stands still until then; otherwise nothing."""
-    return span.cause.way_out if span.asks >= Action.HOLD else ""
+    return span.cause.remedy if span.action >= Action.HOLD else ""
 
 
 def _stages(record: Record) -> str:

@@ -48,14 +48,14 @@ class Column(NamedTuple):
 
 
 def _a_hat(tick: Tick) -> Floats:
-    memory = tick.state.learnt.memory
+    memory = tick.state.estimation.memory
     return memory.a_hat if isinstance(memory, ProjectionMemory) else np.full(9, np.nan)
 
 
 def _model(tick: Tick) -> Floats:
     """Return π (34) of both markers from o_c; NaN if the estimator has no projection model."""
     state, servo = tick.state, tick.servo
-    model = servo.learner.predict(state.learnt.memory, servo.tool, state.p1)
+    model = servo.guarded_estimator.predict(state.estimation.memory, servo.tool, state.p1)
     return np.full(4, np.nan) if model is None else model
 
 

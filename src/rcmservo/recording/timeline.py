@@ -13,18 +13,18 @@ from numpy.typing import NDArray
 
 from rcmservo.config.servo_json import rebuild_part
 from rcmservo.errors import BadInput
-from rcmservo.geometry.kinematics import position
-from rcmservo.interfaces import Dropped, Floats
+from rcmservo.geometry.kinematics import compute_position
+from rcmservo.interfaces import DropReason, Floats
 from rcmservo.loop.run_result import (
     ExplorationCost,
     FrameCounts,
     JacobianError,
     LoopTiming,
     RunResult,
-    known,
-    spread,
+    finite_or_none,
+    time_spread,
 )
-from rcmservo.recording.outcome import judged
+from rcmservo.recording.outcome import judge_run
 from rcmservo.recording.reader import Record
 from rcmservo.safety.causes import Action, Cause
 from rcmservo.safety.state_machine import Mode, Phase, Request
@@ -67,7 +67,7 @@ class Span:
     phase: Phase
     cause: Cause
     detail: str
-    asks: Action
+    action: Action
     request: Request
     stage: int
 
@@ -82,21 +82,21 @@ class Span:
         return self.end - self.start
 
 
-def spans(record: Record) -> list[Span]:
+def list_spans(record: Record) -> list[Span]:
     """Return the spans of the whole record; a stage always begins a span of its own."""
     count = len(record.time)
-    rows = list(zip(record.phase, record.cause, stages(record).tolist(), strict=True))
+    rows = list(zip(record.phase, record.cause, number_stages(record).tolist(), strict=True))
     starts = [
         i for i in range(count) if i == 0 or rows[i] != rows[i - 1] or _has_new_request(record, i)
     ]
     return [
         Span(
             start=float(record.time[i]),
-            end=float(record.time[j]) if j < count else end(record),
+            end=float(record.time[j]) if j < count else find_end_time(record),
             phase=record.enum_at(Phase, "phase", i),
             cause=record.enum_at(Cause, "cause", i),
             detail=_detail(record, i),
-            asks=record.enum_at(Action, "action", i),
+            action=record.enum_at(Action, "action", i),
             request=record.enum_at(Request, "request", i),
             stage=int(rows[i][2]),
         )
@@ -119,21 +119,21 @@ def _detail(record: Record, i: int) -> str:
     index = bisect_right(record.operating, i, key=itemgetter(0))
     text = record.operating[index - 1][1] if index else ""
     _, separator, rest = text.partition(f": {cause.value}: ")
-    return rest.removesuffix(f" ({cause.way_out})") if separator else ""
+    return rest.removesuffix(f" ({cause.remedy})") if separator else ""
 
 
-def stages(record: Record) -> NDArray[np.intp]:
+def number_stages(record: Record) -> NDArray[np.intp]:
     """Return the number (N,) of every tick's stage."""
     firsts = [stage.first for stage in record.stages]
     return np.maximum(np.searchsorted(firsts, np.arange(len(record.time)), side="right") - 1, 0)
 
 
-def end(record: Record) -> float:
+def find_end_time(record: Record) -> float:
     """Return the time (s) at which the last tick ends."""
-    return float(record.time[-1]) + 1.0 / rate(record) if len(record.time) else 0.0
+    return float(record.time[-1]) + 1.0 / read_rate(record) if len(record.time) else 0.0
 
 
-def rate(record: Record) -> float:
+def read_rate(record: Record) -> float:
     """Return the servo's setting of the ticks per second."""
     value = _setting(record, "rate")
     return value if value > 0.0 else DEFAULT_RATE_HZ
@@ -142,7 +142,7 @@ def rate(record: Record) -> float:
 def _late_fraction(record: Record) -> float:
     """Return the fraction of the period by which a tick may be late and still count as punctual."""
     value = _setting(record, "thresholds", "late_share")
-    return value if value > 0.0 else Thresholds.late_share
+    return value if value > 0.0 else Thresholds.late_tick_fraction
 
 
 def _setting(record: Record, *names: str) -> float:
@@ -153,12 +153,12 @@ def _setting(record: Record, *names: str) -> float:
     return float(value) if isinstance(value, float) else math.nan
 
 
-def summary(record: Record) -> RunResult:
+def summarise(record: Record) -> RunResult:
     """Return the outcome of a recorded run with all numbers of its record."""
     cost, jacobian = _exploration(record)
     return replace(
         outcome(record),
-        duration_s=end(record),
+        duration_s=find_end_time(record),
         loop=_loop_timing(record),
         frames=_frame_counts(record),
         explore=cost,
@@ -168,26 +168,26 @@ def summary(record: Record) -> RunResult:
 
 def _loop_timing(record: Record) -> LoopTiming:
     """Return the punctuality of the loop, without the times between its stages."""
-    ticks, stage = record.ticks, stages(record)
+    ticks, stage = record.ticks, number_stages(record)
     gaps = (np.diff(ticks["now"][:, 0]) * 1e-9)[np.diff(stage) == 0]
     return LoopTiming(
         ticks=len(record.time),
-        late=int((gaps > (1.0 + _late_fraction(record)) / rate(record)).sum()),
+        late=int((gaps > (1.0 + _late_fraction(record)) / read_rate(record)).sum()),
         longest_ms=1e3 * float(gaps.max()) if len(gaps) else None,
-        latency_ms=spread(ticks["latency"][record.new_frames(), 0]),
+        latency_ms=time_spread(ticks["latency"][record.new_frames(), 0]),
     )
 
 
 def _frame_counts(record: Record) -> FrameCounts:
     """Return the numbers of used, skipped, rejected and dropped frames."""
-    number, new, stage = record.ticks["frame"][:, 0], record.new_frames(), stages(record)
+    number, new, stage = record.ticks["frame"][:, 0], record.new_frames(), number_stages(record)
     steps = np.diff(number[new])[np.diff(stage[new]) == 0]
-    dropped = Counter(record.enum_at(Dropped, "dropped", i) for i in range(len(record.time)))
+    dropped = Counter(record.enum_at(DropReason, "dropped", i) for i in range(len(record.time)))
     return FrameCounts(
         used=len(new),
         skipped=int((steps[steps > 0] - 1).sum()),
         rejected=int((record.ticks["accepted_frame"][new, 0] != number[new]).sum()),
-        dropped={why.words: n for why, n in dropped.items() if why is not Dropped.NONE},
+        dropped={why.words: n for why, n in dropped.items() if why is not DropReason.NONE},
     )
 
 
@@ -199,11 +199,11 @@ def _exploration(record: Record) -> tuple[ExplorationCost, JacobianError]:
     positions, errors = record.truth["p1"], record.truth["jacobian_error"][:, 0]
     if not len(positions):
         return ExplorationCost(time), JacobianError()
-    after = None if explored is None else known(errors[explored])
+    after = None if explored is None else finite_or_none(errors[explored])
     path: Floats = positions if explored is None else positions[: explored + 1]
     length = float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
     excursion = float(np.linalg.norm(path - path[0], axis=1).max())
-    return ExplorationCost(time, length, excursion), JacobianError(after, known(errors[-1]))
+    return ExplorationCost(time, length, excursion), JacobianError(after, finite_or_none(errors[-1]))
 
 
 def outcome(record: Record) -> RunResult:
@@ -220,7 +220,7 @@ def outcome(record: Record) -> RunResult:
     mode = Mode(phase, cause, detail=_detail(record, last))
     explored = np.flatnonzero(record.ticks["explored"][first:, 0])
     explored_at = float(time[explored[0]]) if len(explored) else None
-    result = judged(
+    result = judge_run(
         time, record.ticks["delta"][first:], explored_at, mode, _distance_from_target(record)
     )
     return _unless_short(record, result, mode)
@@ -231,9 +231,9 @@ def _unless_short(record: Record, result: RunResult, mode: Mode) -> RunResult:
 
     The result stays if the mode at the end of the record explains the end.
     """
-    planned, last = record.planned, end(record)
+    planned, last = record.planned, find_end_time(record)
     is_complete = record.complete if planned is None else last > planned - END_TOLERANCE_S
-    is_explained = bool(mode.cause.stopping) or (mode.phase is Phase.DISABLED and record.complete)
+    is_explained = bool(mode.cause.stop_sentence) or (mode.phase is Phase.DISABLED and record.complete)
     if is_complete or is_explained:
         return result
     until = f"{last:.2f} s" if planned is None else f"{last:.2f} s of {planned:.2f} s"
@@ -242,11 +242,11 @@ def _unless_short(record: Record, result: RunResult, mode: Mode) -> RunResult:
 
 def _distance_from_target(record: Record) -> float:
     """Return the distance (mm) of marker 1 at the end from its taught position; 0 if unknown."""
-    final, taught = _marker_1_position(record, record.ticks["q"][-1]), shown_place(record)
+    final, taught = _marker_1_position(record, record.ticks["q"][-1]), find_taught_position(record)
     return 0.0 if final is None or taught is None else float(np.linalg.norm(final - taught))
 
 
-def shown_place(record: Record) -> Floats | None:
+def find_taught_position(record: Record) -> Floats | None:
     """Return marker 1's last taught position (3,) mm by the joints; None if it is not recorded."""
     return _marker_1_position(record, record.stages[-1].target.q) if record.stages else None
 
@@ -260,4 +260,4 @@ def _marker_1_position(record: Record, q: Floats) -> Floats | None:
         mechanism, tool = parts
     except BadInput:
         return None
-    return position(mechanism.rcm(tool.offset), q)
+    return compute_position(mechanism.rcm(tool.offset), q)

@@ -179,14 +179,14 @@ class Recorder:
     def _write(self, tick: Tick) -> None:
         if self._servo is None:
             raise RcmServoError("the record has no stage: call begin before write")
-        observation, state = tick.seen, tick.state
+        observation, state = tick.observation, tick.state
         if tick.time + self._shift < self._time:
             self._shift = self._time + max(observation.now - self._now, 0) - tick.time
         previous, target = self._last, state.target
         self._time, self._now, self._last = tick.time + self._shift, observation.now, tick
         if previous is not None and target is not None and _has_changed(previous, tick):
             self._begin_changed_stage(previous, target, tick)
-        if previous is None or previous.state.mode.words != state.mode.words:
+        if previous is None or previous.state.mode.text != state.mode.text:
             self._send("operating_state", ros2.encode_operating_state(observation.now, state.mode))
         numbers = estimator_memory.recorded_memory(tick)
         if numbers is not None:
@@ -283,7 +283,7 @@ def _has_changed(previous: Tick, tick: Tick) -> bool:
 def warm_up(servo: Servo) -> None:
     """Compile the functions that write a tick."""
     ros2.codec().warm_up()
-    servo.learner.predict(servo.learner.init(), servo.tool, np.zeros(3))
+    servo.guarded_estimator.predict(servo.guarded_estimator.init(), servo.tool, np.zeros(3))
 
 
 class ThreadedRecorder:

@@ -117,16 +117,16 @@ class Cause(Enum):
 
     declared: Declaration
     action: Action
-    way_out: str
-    place: int
+    remedy: str
+    code: int
     bit: int
 
     def __new__(cls, *declared: Any) -> "Cause":
         cause = object.__new__(cls)
         cause.declared = Declaration(*declared)
-        cause.action, cause._value_, cause.way_out, *_ = cause.declared
-        cause.place = len(cls.__members__)
-        cause.bit = (1 << cause.place) >> 1
+        cause.action, cause._value_, cause.remedy, *_ = cause.declared
+        cause.code = len(cls.__members__)
+        cause.bit = (1 << cause.code) >> 1
         return cause
 
     NONE = Declaration(Action.NONE, "")
@@ -211,7 +211,7 @@ class Cause(Enum):
     FROZEN = pause(
         "the image does not change while the tool moves",
         "restart the camera's image stream, then resume",
-        drift.picture_is_frozen,
+        drift.image_is_frozen,
     )
     DRIFTS = pause(
         "the markers drift away from the positions that the joints predict: the camera moves, "
@@ -374,20 +374,20 @@ class Cause(Enum):
     @property
     def needs_teaching(self) -> bool:
         """True if the remedy includes teaching the target again."""
-        return TEACH_AGAIN in self.way_out
+        return TEACH_AGAIN in self.remedy
 
     @property
-    def words(self) -> str:
+    def text(self) -> str:
         """Sentence and remedy as one text."""
         return self.describe("")
 
     def describe(self, detail: str) -> str:
         """Return sentence, detail and remedy as one text."""
         sentence = f"{self.value}: {detail}" if detail else self.value
-        return f"{sentence} ({self.way_out})" if self.way_out else sentence
+        return f"{sentence} ({self.remedy})" if self.remedy else sentence
 
     @property
-    def stopping(self) -> str:
+    def stop_sentence(self) -> str:
         """Sentence of a cause that stops the tool; empty for other causes."""
         return self.value if self.action >= Action.HOLD else ""
 
@@ -423,7 +423,7 @@ def find_causes(facts: TickFacts) -> int:
 
 
 @compiled
-def invalidated_by(cause: int, explored: bool) -> int:
+def find_invalidated(cause: int, explored: bool) -> int:
     """Return the value of `Invalidates` of a cause, given by its code."""
     return INVALIDATED_EXPLORED[cause] if explored else INVALIDATED_UNEXPLORED[cause]
 
@@ -435,7 +435,7 @@ def select_more_severe(one: int, other: int) -> int:
 
 
 @compiled
-def gravest(found: int) -> int:
+def select_most_severe(found: int) -> int:
     """Return the code of the most severe cause of a set, given by its bits; 0 for the empty set."""
     if found != 0:
         for code in range(1, len(ACTIONS)):

@@ -24,11 +24,11 @@ from rcmservo.constraints import (
     positive,
     three_positive,
 )
-from rcmservo.geometry.kinematics import Rcm
+from rcmservo.geometry.kinematics import RcmStruct
 from rcmservo.interfaces import Command, Floats
 from rcmservo.numerics.jit import compiled
 from rcmservo.numerics.small_linalg import all_finite, fill
-from rcmservo.numerics.structs import Rows, Struct, as_row
+from rcmservo.numerics.structs import Rows, Struct, to_row
 
 ROUNDING = 1.0 + 1e-12
 """Factor on the slew limit: without it, rounding would leave a rate of nearly zero."""
@@ -39,8 +39,8 @@ value was given in degrees."""
 
 
 @compiled
-def within(
-    rates: Floats, last: Floats, q: Floats, rcm: Rcm, gate: "Gate", dt: float, speed_scale: float
+def limit_rates(
+    rates: Floats, last: Floats, q: Floats, rcm: RcmStruct, gate: "Gate", dt: float, speed_scale: float
 ) -> bool:
     """Bound joint rates by the limits of speed, slew and joint range.
 
@@ -89,24 +89,24 @@ class CommandStruct(Struct, source=Command):
     """Last command in compiled functions."""
 
 
-def command_of(last: CommandStruct) -> Command:
+def to_command(last: CommandStruct) -> Command:
     """Return the last command as a `Command`, as devices receive it."""
     return Command(**last.values())
 
 
 @compiled
-def issue(last: CommandStruct, enabled: bool, now: int, gate: "Gate") -> None:
+def stamp_command(last: CommandStruct, enabled: bool, now: int, gate: "Gate") -> None:
     """Set number, time and deadline of the next command."""
     last.number, last.time, last.enabled = last.number + 1, now, enabled
     last.deadline = now + int(np.round(gate.deadline * 1e9))
 
 
 @compiled
-def admit(
+def make_command(
     last: CommandStruct,
     rates: Floats,
     q: Floats,
-    rcm: Rcm,
+    rcm: RcmStruct,
     now: int,
     speed_scale: float,
     gate: "Gate",
@@ -137,16 +137,16 @@ def admit(
         False if an input was not finite or no time had passed; the rates are zero then.
     """
     dt = min((now - last.time) * 1e-9, gate.max_period)
-    finite = within(rates, last.rates, q, rcm, gate, dt, speed_scale)
-    issue(last, True, now, gate)
+    finite = limit_rates(rates, last.rates, q, rcm, gate, dt, speed_scale)
+    stamp_command(last, True, now, gate)
     return finite
 
 
 @compiled
-def stop(last: CommandStruct, now: int, gate: "Gate") -> None:
+def make_stop_command(last: CommandStruct, now: int, gate: "Gate") -> None:
     """Make the next command one with zero rates and the drive off."""
     fill(last.rates, 0.0)
-    issue(last, False, now, gate)
+    stamp_command(last, False, now, gate)
 
 
 class GateResult(NamedTuple):
@@ -204,9 +204,9 @@ class Gate(Checked, section="gate"):
     deadline: Annotated[float, between(0.01, 0.05, "a time", "s")] = 0.05
 
     @cached_property
-    def row(self) -> "Rows[Gate]":
+    def struct_row(self) -> "Rows[Gate]":
         """Bounds as a row for compiled functions."""
-        return as_row(self)
+        return to_row(self)
 
     def rest(self) -> Command:
         """Return the command before the first: zero rates, drive off."""
@@ -219,9 +219,9 @@ class Gate(Checked, section="gate"):
         rates: Floats,
         last: Command,
         q: Floats,
-        rcm: Rcm,
+        rcm: RcmStruct,
         now: int,
-        share: float = 1.0,
+        speed_scale: float = 1.0,
     ) -> GateResult:
         """Turn requested joint rates into the next command.
 
@@ -246,11 +246,11 @@ class Gate(Checked, section="gate"):
             The command, and whether all inputs were finite.
         """
         row = CommandStruct.from_source(last)
-        finite = admit(cast(Any, row.rows)[0], rates, q, rcm, now, float(share), self.row[0])
-        return GateResult(command_of(row), finite)
+        finite = make_command(cast(Any, row.rows)[0], rates, q, rcm, now, float(speed_scale), self.struct_row[0])
+        return GateResult(to_command(row), finite)
 
     def stop(self, last: Command, now: int) -> Command:
         """Return the next command with zero rates and the drive off; ``now`` in ns."""
         row = CommandStruct.from_source(last)
-        stop(cast(Any, row.rows)[0], now, self.row[0])
-        return command_of(row)
+        make_stop_command(cast(Any, row.rows)[0], now, self.struct_row[0])
+        return to_command(row)

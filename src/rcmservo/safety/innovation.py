@@ -7,45 +7,45 @@ that NaN fails it.
 
 import numpy as np
 
-from rcmservo.estimation.projection_fit import UNIT, Foretold, Prospect, both
-from rcmservo.estimation.projection_prediction import spread
-from rcmservo.geometry.features import SCALE, about, difference, features
-from rcmservo.geometry.tool import Shaft
+from rcmservo.estimation.projection_fit import UNIT_LENGTH_MM, ProjectedPoint, ProjectionFit, project_markers
+from rcmservo.estimation.projection_prediction import image_covariance
+from rcmservo.geometry.features import FEATURE_SCALE, shift_to_rcm, compute_feature_error, compute_features
+from rcmservo.geometry.tool import ToolStruct
 from rcmservo.interfaces import Floats
 from rcmservo.numerics.jit import compiled
-from rcmservo.numerics.small_linalg import largest, length, minus, over, product
+from rcmservo.numerics.small_linalg import find_max_abs, compute_norm, subtract, divide, multiply_vector
 from rcmservo.safety.thresholds import Thresholds
 
-NO_PIXEL = 1e6
+MAX_PIXEL_COORDINATE = 1e6
 """Absolute pixel coordinate (px) from which on a point is no detection of a marker."""
 
 
 @compiled
-def lost(points: Floats) -> tuple[bool, bool]:
+def find_lost_markers(points: Floats) -> tuple[bool, bool]:
     """Return whether marker 1 and marker 2 are lost.
 
     A marker is lost if its raw pixels in `points` (2, 2) are not finite or larger than those of any
     camera.
     """
-    first = abs(points[0, 0]) < NO_PIXEL and abs(points[0, 1]) < NO_PIXEL
-    second = abs(points[1, 0]) < NO_PIXEL and abs(points[1, 1]) < NO_PIXEL
+    first = abs(points[0, 0]) < MAX_PIXEL_COORDINATE and abs(points[0, 1]) < MAX_PIXEL_COORDINATE
+    second = abs(points[1, 0]) < MAX_PIXEL_COORDINATE and abs(points[1, 1]) < MAX_PIXEL_COORDINATE
     return not first, not second
 
 
 @compiled
-def sound(fit: Prospect, thresholds: Thresholds) -> bool:
+def is_plausible_fit(fit: ProjectionFit, thresholds: Thresholds) -> bool:
     """Return True if the fit is plausible for a camera.
 
     Its rms residual must be at most `left_over` px, and its depth must not change faster with
     position than in front of a camera at `nearest_camera` mm.
     """
-    steepest = UNIT / thresholds.nearest_camera
-    return fit.noise <= thresholds.left_over**2 and length(fit.g) <= steepest
+    steepest = UNIT_LENGTH_MM / thresholds.min_camera_distance
+    return fit.noise_variance <= thresholds.max_residual_px**2 and compute_norm(fit.g) <= steepest
 
 
 @compiled
-def misplaced(
-    fit: Prospect, p1: Floats, points: Floats, before: Floats, shaft: Shaft, thresholds: Thresholds
+def find_deviating_markers(
+    fit: ProjectionFit, p1: Floats, points: Floats, before: Floats, shaft: ToolStruct, thresholds: Thresholds
 ) -> tuple[bool, bool, bool]:
     """Compare both markers with their predictions.
 
@@ -70,7 +70,7 @@ def misplaced(
         True if marker 1 deviates from its prediction; the same for marker 2; and True if both
         deviate and each agrees with the prediction of the other.
     """
-    predicted, one, two = both(fit, p1, shaft), False, False
+    predicted, one, two = project_markers(fit, p1, shaft), False, False
     for k in range(2):
         deviates = deviates_from_prediction(fit, predicted[k], k, points[k], before[k], thresholds)
         one, two = (deviates, two) if k == 0 else (one, deviates)
@@ -84,8 +84,8 @@ def misplaced(
 
 @compiled
 def deviates_from_prediction(
-    fit: Prospect,
-    predicted: Foretold,
+    fit: ProjectionFit,
+    predicted: ProjectedPoint,
     k: int,
     point: Floats,
     before: Floats,
@@ -103,12 +103,12 @@ def deviates_from_prediction(
     error_u, error_v = point[0] - u, point[1] - v
     distance = np.sqrt(error_u * error_u + error_v * error_v)
     motion = np.sqrt((u - before[0]) ** 2 + (v - before[1]) ** 2)
-    excess = distance - thresholds.model_error - thresholds.mistimed * motion
+    excess = distance - thresholds.model_error - thresholds.timing_error_fraction * motion
     if excess <= 0.0:
         return False
-    fraction, noise = excess / distance, fit.noise * (1.0 + 1.0 / max(fit.weight[k], 1.0))
-    squared = squared_mahalanobis_distance(error_u, error_v, spread(fit, predicted), noise)
-    return not fraction * fraction * squared <= thresholds.innovation**2
+    fraction, noise = excess / distance, fit.noise_variance * (1.0 + 1.0 / max(fit.offset_weight[k], 1.0))
+    squared = squared_mahalanobis_distance(error_u, error_v, image_covariance(fit, predicted), noise)
+    return not fraction * fraction * squared <= thresholds.max_innovation**2
 
 
 @compiled
@@ -121,7 +121,7 @@ def squared_mahalanobis_distance(
 
 
 @compiled
-def leapt(
+def find_jumps(
     points: Floats, before: Floats, tool_motion: float, max_jump: float, max_px_per_mm: float
 ) -> tuple[bool, bool, bool]:
     """Detect jumps of the markers before an estimate exists.
@@ -159,7 +159,7 @@ def pixel_distance(one: Floats, other: Floats) -> float:
 
 
 @compiled
-def judged(
+def compare_with_estimate(
     points: Floats,
     before: Floats,
     o_c: Floats,
@@ -190,10 +190,10 @@ def judged(
     int
         0 if both agree, 1 if they disagree, and -1 if the motion is too small for a comparison.
     """
-    change_hat = over(product(J_hat, delta_p), SCALE)
-    size = largest(change_hat)
+    change_hat = divide(multiply_vector(J_hat, delta_p), FEATURE_SCALE)
+    size = find_max_abs(change_hat)
     if size < min_change:
         return -1
-    change = difference(features(about(points, o_c)), features(about(before, o_c)))
-    error = largest(minus(over(change, SCALE), change_hat))
+    change = compute_feature_error(compute_features(shift_to_rcm(points, o_c)), compute_features(shift_to_rcm(before, o_c)))
+    error = find_max_abs(subtract(divide(change, FEATURE_SCALE), change_hat))
     return 0 if error <= min_change + max_error * size else 1

@@ -8,9 +8,9 @@ import numpy as np
 
 from rcmservo.interfaces import Floats, Observation, ObservationStruct
 from rcmservo.numerics.jit import compiled
-from rcmservo.numerics.small_linalg import all_finite, length, minus, put
+from rcmservo.numerics.small_linalg import all_finite, compute_norm, subtract, copy_into
 from rcmservo.numerics.structs import Row, Struct, flag, part, real, reals, whole
-from rcmservo.safety.innovation import judged, leapt
+from rcmservo.safety.innovation import compare_with_estimate, find_jumps
 from rcmservo.safety.thresholds import Thresholds
 
 ZERO_VECTOR = np.zeros(3)
@@ -24,64 +24,64 @@ class ObservationRow(Struct, source=Observation, without=("sizes", "quality")):
     """
 
 
-class Watch(Row):
+class MonitorState(Row):
     """State of the checks."""
 
     observation: ObservationRow = part(ObservationRow, "observation of this tick")
-    reached: Floats = reals(3, "rad, rad, mm", "joint positions predicted from the commands")
-    rates: Floats = reals(3, "rad/s, rad/s, mm/s", "joint rates predicted with the drive's lag")
-    told: int = whole("ns", "time of the newest joint positions")
-    idle: int = whole("ns", "start of the time without a commanded motion, -1 during a motion")
-    rest: Floats = reals(3, "rad, rad, mm", "joint positions at rest in this time, NaN before")
-    late: int = whole("", "number of successive late ticks")
-    gap: int = whole("ns", "time between the last two ticks")
-    frame: int = whole("", "number of the newest frame, -1 before the first")
-    believed: int = whole("", "number of the newest accepted frame, -1 before the first")
+    predicted_joints: Floats = reals(3, "rad, rad, mm", "joint positions predicted from the commands")
+    predicted_rates: Floats = reals(3, "rad/s, rad/s, mm/s", "joint rates predicted with the drive's lag")
+    joints_time: int = whole("ns", "time of the newest joint positions")
+    idle_since: int = whole("ns", "start of the time without a commanded motion, -1 during a motion")
+    rest_joints: Floats = reals(3, "rad, rad, mm", "joint positions at rest in this time, NaN before")
+    late_ticks: int = whole("", "number of successive late ticks")
+    tick_interval: int = whole("ns", "time between the last two ticks")
+    newest_frame: int = whole("", "number of the newest frame, -1 before the first")
+    accepted_frame: int = whole("", "number of the newest accepted frame, -1 before the first")
     exposure: int = whole("ns", "exposure time of the newest frame")
-    taken: int = whole("ns", "time of the first tick with the newest frame")
-    period: float = real("ns", "filtered time between frames, 0 while unknown")
+    frame_time: int = whole("ns", "time of the first tick with the newest frame")
+    frame_period: float = real("ns", "filtered time between frames, 0 while unknown")
     latency: int = whole("ns", "time from the newest frame's exposure to its first tick")
-    spared: bool = flag("True if one marker is lost and the other determines the pose")
-    rejected: int = whole("", "number of successive rejected frames")
-    jumped: int = whole("", "number of these in which both markers jumped to a steady position")
-    swapped: int = whole("", "number of these with each marker at the other's position")
-    elsewhere: Floats = reals((2, 2), "px", "markers of the newest rejected frame")
-    left: Floats = reals((2, 2), "px", "mean residual of the fit at each marker")
-    averaged: int = whole("", "number of frames in this mean")
-    off: Floats = reals(2, "px", "norm of this mean, 0 where noise explains it")
-    seen: Floats = reals((2, 2), "px", "newest markers that differed from those before")
-    foretold: Floats = reals((2, 2), "px", "prediction of the fit for these markers")
-    expected: Floats = reals((2, 2), "px", "prediction of the fit for the newest markers")
-    frozen: bool = flag("True if the markers did not change although the tool moved")
-    stood: Floats = reals(3, "mm", "p₁ of the first frame with these markers")
-    anchors: Floats = reals((2, 4), "px", "where each marker stopped, and where the other was then")
-    p1: Floats = reals(3, "mm", "position of marker 1 at the last comparison with the estimate")
-    points: Floats = reals((2, 2), "px", "markers at this comparison")
-    wrong: int = whole("", "number of successive comparisons that contradict the estimate")
+    one_marker_suffices: bool = flag("True if one marker is lost and the other determines the pose")
+    rejected_frames: int = whole("", "number of successive rejected frames")
+    jumped_frames: int = whole("", "number of these in which both markers jumped to a steady position")
+    swapped_frames: int = whole("", "number of these with each marker at the other's position")
+    rejected_markers: Floats = reals((2, 2), "px", "markers of the newest rejected frame")
+    mean_residual: Floats = reals((2, 2), "px", "mean residual of the fit at each marker")
+    averaged_frames: int = whole("", "number of frames in this mean")
+    drift_px: Floats = reals(2, "px", "norm of this mean, 0 where noise explains it")
+    changed_markers: Floats = reals((2, 2), "px", "newest markers that differed from those before")
+    changed_markers_prediction: Floats = reals((2, 2), "px", "prediction of the fit for these markers")
+    markers_prediction: Floats = reals((2, 2), "px", "prediction of the fit for the newest markers")
+    image_frozen: bool = flag("True if the markers did not change although the tool moved")
+    changed_markers_p1: Floats = reals(3, "mm", "p₁ of the first frame with these markers")
+    stuck_anchors: Floats = reals((2, 4), "px", "where each marker stopped, and where the other was then")
+    compared_p1: Floats = reals(3, "mm", "position of marker 1 at the last comparison with the estimate")
+    compared_markers: Floats = reals((2, 2), "px", "markers at this comparison")
+    contradictions: int = whole("", "number of successive comparisons that contradict the estimate")
 
 
-def begin() -> Watch:
+def initial_monitor_state() -> MonitorState:
     """Return the state before the first observation."""
     unknown = dict.fromkeys(("reached", "rest", "elsewhere", "p1", "points", "seen"), np.nan)
-    return Watch.of(idle=-1, frame=-1, believed=-1, **unknown)
+    return MonitorState.of(idle=-1, frame=-1, believed=-1, **unknown)
 
 
 @compiled
-def unwatch(watch: Watch, markers: bool) -> None:
+def reset_monitor(watch: MonitorState, markers: bool) -> None:
     """Reset the counts of the same arm and camera.
 
     With ``markers``, reset the counts of the markers too; then no frame counts as accepted.
     """
-    watch.late, watch.wrong, watch.averaged, watch.frozen = 0, 0, 0, False
-    put(watch.off, ZERO_VECTOR[:2])
-    put(watch.p1, NAN_VECTOR)
+    watch.late_ticks, watch.contradictions, watch.averaged_frames, watch.image_frozen = 0, 0, 0, False
+    copy_into(watch.drift_px, ZERO_VECTOR[:2])
+    copy_into(watch.compared_p1, NAN_VECTOR)
     if markers:
-        watch.rejected, watch.jumped, watch.swapped = 0, 0, 0
-        watch.believed, watch.spared = -1, False
+        watch.rejected_frames, watch.jumped_frames, watch.swapped_frames = 0, 0, 0
+        watch.accepted_frame, watch.one_marker_suffices = -1, False
 
 
 @compiled
-def followed(
+def predict_joints(
     reached: Floats, rates: Floats, applied: Floats, q: Floats, dt: float, lag: float, forget: float
 ) -> None:
     """Predict the joints and their rates ``dt`` s later, in place.
@@ -109,7 +109,7 @@ def followed(
 
 
 @compiled
-def watch_loop(watch: Watch, gap: int, period: int, lag: float, thresholds: Thresholds) -> None:
+def monitor_loop(watch: MonitorState, gap: int, period: int, lag: float, thresholds: Thresholds) -> None:
     """Update the state of loop and arm at a tick.
 
     Count late ticks, predict the joints from the commands, and store their rest position.
@@ -125,16 +125,16 @@ def watch_loop(watch: Watch, gap: int, period: int, lag: float, thresholds: Thre
     thresholds : Thresholds
         Thresholds of the checks.
     """
-    observation, reached, watch.gap = watch.observation, watch.reached, gap
-    watch.late = watch.late + 1 if gap > (1.0 + thresholds.late_share) * period else 0
+    observation, reached, watch.tick_interval = watch.observation, watch.predicted_joints, gap
+    watch.late_ticks = watch.late_ticks + 1 if gap > (1.0 + thresholds.late_tick_fraction) * period else 0
     if observation.enabled and all_finite(reached):
-        applied, dt = observation.applied, max(observation.q_time - watch.told, 0) * 1e-9
-        followed(reached, watch.rates, applied, observation.q, dt, lag, thresholds.forget)
+        applied, dt = observation.applied, max(observation.q_time - watch.joints_time, 0) * 1e-9
+        predict_joints(reached, watch.predicted_rates, applied, observation.q, dt, lag, thresholds.following_error_decay)
     else:
-        put(reached, observation.q)
-        put(watch.rates, ZERO_VECTOR)
-    watch_rest(watch, observation, thresholds)
-    watch.told = observation.q_time
+        copy_into(reached, observation.q)
+        copy_into(watch.predicted_rates, ZERO_VECTOR)
+    monitor_rest(watch, observation, thresholds)
+    watch.joints_time = observation.q_time
 
 
 @compiled
@@ -142,54 +142,54 @@ def store_observation(row: ObservationRow, observation: ObservationStruct) -> No
     """Copy the observation into a row."""
     row.now, row.q_time, row.enabled = observation.now, observation.q_time, observation.enabled
     row.frame, row.exposure = observation.frame, observation.exposure
-    row.arrival, row.dropped = observation.arrival, observation.dropped
+    row.arrival, row.dropped = observation.arrival, observation.drop_reason
     row.recorded = observation.recorded
-    put(row.q, observation.q)
-    put(row.applied, observation.applied)
-    put(row.q_exposure, observation.q_exposure)
-    put(row.points, observation.points)
+    copy_into(row.q, observation.q)
+    copy_into(row.applied, observation.applied)
+    copy_into(row.q_exposure, observation.q_exposure)
+    copy_into(row.points, observation.points)
 
 
 @compiled
-def watch_rest(watch: Watch, observation: ObservationRow, thresholds: Thresholds) -> None:
+def monitor_rest(watch: MonitorState, observation: ObservationRow, thresholds: Thresholds) -> None:
     """Store the rest position of the joints `come_to_rest` s after the last commanded motion."""
-    now, delay = observation.now, thresholds.come_to_rest * 1e9
-    if not (observation.enabled and length(observation.applied) == 0.0):
-        watch.idle = -1
-        put(watch.rest, NAN_VECTOR)
-    elif watch.idle < 0:
-        watch.idle = now
-    elif not all_finite(watch.rest) and now - watch.idle >= delay:
-        put(watch.rest, observation.q)
+    now, delay = observation.now, thresholds.settling_time * 1e9
+    if not (observation.enabled and compute_norm(observation.applied) == 0.0):
+        watch.idle_since = -1
+        copy_into(watch.rest_joints, NAN_VECTOR)
+    elif watch.idle_since < 0:
+        watch.idle_since = now
+    elif not all_finite(watch.rest_joints) and now - watch.idle_since >= delay:
+        copy_into(watch.rest_joints, observation.q)
 
 
 @compiled
-def watch_frame(watch: Watch, observation: ObservationRow, thresholds: Thresholds) -> None:
+def monitor_frame(watch: MonitorState, observation: ObservationRow, thresholds: Thresholds) -> None:
     """Update the latency and the low-pass filtered frame period with a new frame.
 
     A gap between frames enters the period only up to `stale_slow` periods.
     """
     frame, exposure = observation.frame, observation.exposure
-    if watch.frame >= 0:
-        one, period = (exposure - watch.exposure) / (frame - watch.frame), watch.period
-        slow, first = thresholds.stale_slow, thresholds.first_period
+    if watch.newest_frame >= 0:
+        one, period = (exposure - watch.exposure) / (frame - watch.newest_frame), watch.frame_period
+        slow, first = thresholds.max_frame_age_slow, thresholds.initial_frame_period
         one = min(one, slow * period if period != 0.0 else 1e9 * first)
-        watch.period = period + 0.2 * (one - period) if period != 0.0 else one
-    watch.frame, watch.exposure, watch.taken = frame, exposure, observation.now
+        watch.frame_period = period + 0.2 * (one - period) if period != 0.0 else one
+    watch.newest_frame, watch.exposure, watch.frame_time = frame, exposure, observation.now
     watch.latency = observation.now - exposure
 
 
 @compiled
-def stays(watch: Watch, points: Floats, thresholds: Thresholds) -> bool:
+def markers_stay(watch: MonitorState, points: Floats, thresholds: Thresholds) -> bool:
     """Return True if the markers (2, 2) px are still where the last, rejected frame had them."""
-    limit = thresholds.agreement * thresholds.jump
-    first, second, _ = leapt(points, watch.elsewhere, 0.0, limit, thresholds.nearest)
-    return watch.rejected > 0 and not (first or second)
+    limit = thresholds.jump_agreement * thresholds.max_jump_px
+    first, second, _ = find_jumps(points, watch.rejected_markers, 0.0, limit, thresholds.max_px_per_mm)
+    return watch.rejected_frames > 0 and not (first or second)
 
 
 @compiled
-def watch_markers(
-    watch: Watch, first: bool, second: bool, crossed: bool, points: Floats, thresholds: Thresholds
+def monitor_markers(
+    watch: MonitorState, first: bool, second: bool, crossed: bool, points: Floats, thresholds: Thresholds
 ) -> None:
     """Count rejected frames, jumps and swaps of the markers with a new frame.
 
@@ -210,19 +210,19 @@ def watch_markers(
         Thresholds of the checks.
     """
     if not (first or second):
-        watch.rejected, watch.jumped, watch.swapped = 0, 0, 0
+        watch.rejected_frames, watch.jumped_frames, watch.swapped_frames = 0, 0, 0
         return
     both = first and second
-    steady = watch.rejected == 0 or stays(watch, points, thresholds)
-    watch.rejected += 1
-    watch.jumped = watch.jumped + 1 if both and steady else (1 if both else 0)
-    watch.swapped = watch.swapped + 1 if both and crossed else 0
-    put(watch.elsewhere, points)
+    steady = watch.rejected_frames == 0 or markers_stay(watch, points, thresholds)
+    watch.rejected_frames += 1
+    watch.jumped_frames = watch.jumped_frames + 1 if both and steady else (1 if both else 0)
+    watch.swapped_frames = watch.swapped_frames + 1 if both and crossed else 0
+    copy_into(watch.rejected_markers, points)
 
 
 @compiled
-def watch_estimate(
-    watch: Watch, p1: Floats, points: Floats, o_c: Floats, J_hat: Floats, thresholds: Thresholds
+def monitor_estimate(
+    watch: MonitorState, p1: Floats, points: Floats, o_c: Floats, J_hat: Floats, thresholds: Thresholds
 ) -> None:
     """Compare the estimate with the change of the features since the last comparison.
 
@@ -241,11 +241,11 @@ def watch_estimate(
     thresholds : Thresholds
         Thresholds of the checks.
     """
-    if all_finite(watch.p1):
-        motion, least, most = minus(p1, watch.p1), thresholds.telling, thresholds.wrong
-        verdict = judged(points, watch.points, o_c, J_hat, motion, least, most)
+    if all_finite(watch.compared_p1):
+        motion, least, most = subtract(p1, watch.compared_p1), thresholds.min_predicted_change, thresholds.max_change_error
+        verdict = compare_with_estimate(points, watch.compared_markers, o_c, J_hat, motion, least, most)
         if verdict < 0:
             return
-        watch.wrong = watch.wrong + 1 if verdict == 1 else 0
-    put(watch.p1, p1)
-    put(watch.points, points)
+        watch.contradictions = watch.contradictions + 1 if verdict == 1 else 0
+    copy_into(watch.compared_p1, p1)
+    copy_into(watch.compared_markers, points)

@@ -20,10 +20,10 @@ from typing import NamedTuple
 
 from rcmservo.numerics.jit import compiled
 from rcmservo.numerics.structs import Struct
-from rcmservo.safety.causes import ACTIONS, Action, Cause, gravest, select_more_severe
+from rcmservo.safety.causes import ACTIONS, Action, Cause, select_most_severe, select_more_severe
 from rcmservo.safety.thresholds import Thresholds
 
-SLOW_SHARE = 0.2
+SLOW_SPEED_SCALE = 0.2
 """Fraction of the full speed in ACQUIRE and JOG, and while a cause requests SLOW."""
 
 
@@ -87,8 +87,8 @@ class Request(Enum):
 PHASES, REQUESTS = tuple(Phase), tuple(Request)
 DISABLED, IDLE, ACQUIRE, SERVO, HOLD, PAUSED, JOG, FAULT = range(len(PHASES))
 _, REQUEST_PAUSE, REQUEST_RESUME, REQUEST_CLEAR, REQUEST_JOG = range(len(REQUESTS))
-ACTION_SLOW, ACTION_HOLD, PAUSE, ACTION_FAULT = range(int(Action.SLOW), int(Action.FAULT) + 1)
-OPERATOR_PAUSE, OVERRUN_BIT = Cause.ASKED.place, Cause.OVERRUN.bit
+ACTION_SLOW, ACTION_HOLD, ACTION_PAUSE, ACTION_FAULT = range(int(Action.SLOW), int(Action.FAULT) + 1)
+OPERATOR_PAUSE, OVERRUN_BIT = Cause.ASKED.code, Cause.OVERRUN.bit
 
 
 @dataclass(frozen=True)
@@ -115,31 +115,31 @@ class Mode:
     phase: Phase = Phase.DISABLED
     cause: Cause = Cause.NONE
     since: int = 0
-    good: int = 0
-    asks: Action = Action.NONE
+    accepted_frames: int = 0
+    action: Action = Action.NONE
     detail: str = ""
 
     @property
-    def words(self) -> str:
+    def text(self) -> str:
         """Phase, cause and remedy as one text."""
-        return self.phase.value if self.cause is Cause.NONE else f"{self.phase.value}: {self.why}"
+        return self.phase.value if self.cause is Cause.NONE else f"{self.phase.value}: {self.reason}"
 
     @property
-    def why(self) -> str:
+    def reason(self) -> str:
         """Cause, detail and remedy as one text; empty in normal operation."""
         return self.cause.describe(self.detail)
 
     @property
-    def share(self) -> float:
+    def speed_scale(self) -> float:
         """Fraction of the full speed at which the tool may move."""
-        return speed_share(PHASES.index(self.phase), int(self.asks))
+        return speed_scale(PHASES.index(self.phase), int(self.action))
 
 
 class ModeStruct(Struct, source=Mode):
     """Mode in compiled functions."""
 
 
-class Signs(NamedTuple):
+class TransitionInputs(NamedTuple):
     """Inputs of a transition in addition to the causes.
 
     Parameters
@@ -154,23 +154,23 @@ class Signs(NamedTuple):
         True if the exploration has produced an estimate.
     """
 
-    enabled: bool
-    seen: bool
-    good: bool
-    ready: bool
+    drive_enabled: bool
+    has_accepted_frame: bool
+    frame_accepted: bool
+    has_estimate: bool
 
 
 @compiled
-def speed_share(phase: int, asks: int) -> float:
+def speed_scale(phase: int, asks: int) -> float:
     """Return the fraction of the full speed at which the tool may move in a phase."""
     if phase == SERVO and asks < ACTION_SLOW:
         return 1.0
-    return SLOW_SHARE if phase in (SERVO, ACQUIRE, JOG) else 0.0
+    return SLOW_SPEED_SCALE if phase in (SERVO, ACQUIRE, JOG) else 0.0
 
 
 @compiled
-def transition(
-    mode: ModeStruct, causes: int, signs: Signs, request: int, now: int, thresholds: Thresholds
+def advance_mode(
+    mode: ModeStruct, causes: int, signs: TransitionInputs, request: int, now: int, thresholds: Thresholds
 ) -> None:
     """Advance the mode by one tick.
 
@@ -191,16 +191,16 @@ def transition(
     thresholds : Thresholds
         Thresholds of the checks.
     """
-    cause = gravest(causes)
+    cause = select_most_severe(causes)
     action = ACTIONS[cause]
     if mode.phase == FAULT or action == ACTION_FAULT:
         handle_fault(mode, cause, request, now)
     elif mode.phase == DISABLED:
-        if signs.enabled:
+        if signs.drive_enabled:
             set_mode(mode, IDLE, 0, now, 0, 0)
     elif request == REQUEST_JOG and mode.phase in (IDLE, PAUSED, JOG) and not causes & OVERRUN_BIT:
         jog(mode, now)
-    elif action == PAUSE or mode.phase in (JOG, PAUSED) or request == REQUEST_PAUSE:
+    elif action == ACTION_PAUSE or mode.phase in (JOG, PAUSED) or request == REQUEST_PAUSE:
         pause(mode, cause, request, now)
     elif mode.phase == IDLE:
         wait(mode, cause, signs, now)
@@ -242,10 +242,10 @@ def jog(mode: ModeStruct, now: int) -> None:
 
 
 @compiled
-def wait(mode: ModeStruct, cause: int, signs: Signs, now: int) -> None:
+def wait(mode: ModeStruct, cause: int, signs: TransitionInputs, now: int) -> None:
     """Stay in IDLE, or enter ACQUIRE once both markers are known."""
     action = ACTIONS[cause]
-    if signs.seen and action < ACTION_HOLD:
+    if signs.has_accepted_frame and action < ACTION_HOLD:
         set_mode(mode, ACQUIRE, cause, now, 0, action)
     else:
         set_mode(mode, IDLE, cause, mode.since, 0, action)
@@ -257,15 +257,15 @@ def pause(mode: ModeStruct, cause: int, request: int, now: int) -> None:
 
     While a cause prevents the resumption, the mode reports it.
     """
-    present = cause if ACTIONS[cause] == PAUSE else 0
+    present = cause if ACTIONS[cause] == ACTION_PAUSE else 0
     if mode.phase != PAUSED:
-        set_mode(mode, PAUSED, select_more_severe(present, OPERATOR_PAUSE), now, 0, PAUSE)
+        set_mode(mode, PAUSED, select_more_severe(present, OPERATOR_PAUSE), now, 0, ACTION_PAUSE)
     elif request != REQUEST_RESUME:
-        set_mode(mode, PAUSED, select_more_severe(present, mode.cause), mode.since, 0, PAUSE)
+        set_mode(mode, PAUSED, select_more_severe(present, mode.cause), mode.since, 0, ACTION_PAUSE)
     elif ACTIONS[cause] < ACTION_HOLD:
         set_mode(mode, ACQUIRE, 0, now, 0, 0)
     else:
-        set_mode(mode, PAUSED, cause, mode.since, 0, PAUSE)
+        set_mode(mode, PAUSED, cause, mode.since, 0, ACTION_PAUSE)
 
 
 @compiled
@@ -273,26 +273,26 @@ def hold(mode: ModeStruct, cause: int, now: int, thresholds: Thresholds) -> None
     """Enter HOLD or stay there; enter PAUSED after `hold_time`."""
     since = mode.since if mode.phase == HOLD else now
     if now - since > thresholds.hold_time * 1e9:
-        set_mode(mode, PAUSED, cause, now, 0, PAUSE)
+        set_mode(mode, PAUSED, cause, now, 0, ACTION_PAUSE)
     else:
         set_mode(mode, HOLD, cause, since, 0, ACTION_HOLD)
 
 
 @compiled
-def advance(mode: ModeStruct, cause: int, signs: Signs, now: int, thresholds: Thresholds) -> None:
+def advance(mode: ModeStruct, cause: int, signs: TransitionInputs, now: int, thresholds: Thresholds) -> None:
     """Advance from HOLD through ACQUIRE to SERVO by counting accepted frames."""
-    good, action = mode.good + int(signs.good), ACTIONS[cause]
+    good, action = mode.good + int(signs.frame_accepted), ACTIONS[cause]
     if mode.phase == HOLD:
         if now - mode.since > thresholds.hold_time * 1e9:
-            set_mode(mode, PAUSED, mode.cause, now, 0, PAUSE)
-        elif good < thresholds.good_to_recover:
+            set_mode(mode, PAUSED, mode.cause, now, 0, ACTION_PAUSE)
+        elif good < thresholds.frames_to_recover:
             set_mode(mode, HOLD, mode.cause, mode.since, good, ACTION_HOLD)
         else:
             set_mode(mode, ACQUIRE, cause, now, 0, action)
     elif mode.phase == ACQUIRE:
-        if signs.ready and good >= thresholds.good_to_servo:
+        if signs.has_estimate and good >= thresholds.frames_to_servo:
             set_mode(mode, SERVO, cause, now, 0, action)
         else:
-            set_mode(mode, ACQUIRE, cause, mode.since, good if signs.ready else 0, action)
+            set_mode(mode, ACQUIRE, cause, mode.since, good if signs.has_estimate else 0, action)
     elif mode.cause != cause or mode.asks != action:
         set_mode(mode, SERVO, cause, mode.since, 0, action)

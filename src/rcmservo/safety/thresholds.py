@@ -178,73 +178,73 @@ class Thresholds(Checked, section="thresholds"):
 
     name = "thresholds"
 
-    stale_slow: Annotated[float, at_least(1.0, "frame period")] = 1.5
-    stale_hold: Annotated[float, positive("number of frame periods")] = 3.0
-    first_period: Annotated[float, UP_TO_1_S] = 0.1
-    latency: Annotated[float, UP_TO_1_S] = 0.1
+    max_frame_age_slow: Annotated[float, at_least(1.0, "frame period")] = 1.5
+    max_frame_age_hold: Annotated[float, positive("number of frame periods")] = 3.0
+    initial_frame_period: Annotated[float, UP_TO_1_S] = 0.1
+    max_latency: Annotated[float, UP_TO_1_S] = 0.1
 
-    silence: Annotated[float, UP_TO_1_S] = 0.05
-    following: Annotated[Triple, three_positive("rad, rad, mm"), angles(math.pi, first=2)] = (
+    arm_timeout: Annotated[float, UP_TO_1_S] = 0.05
+    max_following_error: Annotated[Triple, three_positive("rad, rad, mm"), angles(math.pi, first=2)] = (
         0.008,
         0.008,
         0.6,
     )
     drive_lag: Annotated[float, between(0.0, 1.0, "a time", "s")] = 0.0
-    forget: Annotated[float, POSITIVE_S] = 1.0
-    come_to_rest: Annotated[float, UP_TO_1_S] = 0.5
-    slack: Annotated[float, FRACTION] = 0.005
+    following_error_decay: Annotated[float, POSITIVE_S] = 1.0
+    settling_time: Annotated[float, UP_TO_1_S] = 0.5
+    limit_tolerance: Annotated[float, FRACTION] = 0.005
 
-    overrun: Annotated[float, UP_TO_1_S] = 0.05
-    late_share: Annotated[float, FRACTION] = 0.5
-    late_ticks: Annotated[int, COUNT_TO_1000] = 3
+    max_tick_delay: Annotated[float, UP_TO_1_S] = 0.05
+    late_tick_fraction: Annotated[float, FRACTION] = 0.5
+    max_late_ticks: Annotated[int, COUNT_TO_1000] = 3
 
-    innovation: Annotated[float, POSITIVE] = 6.0
+    max_innovation: Annotated[float, POSITIVE] = 6.0
     model_error: Annotated[float, POSITIVE_PX] = 1.0
-    mistimed: Annotated[float, POSITIVE] = 0.25
+    timing_error_fraction: Annotated[float, POSITIVE] = 0.25
 
-    left_over: Annotated[float, POSITIVE_PX] = 2.5
-    nearest_camera: Annotated[float, POSITIVE_MM] = 30.0
+    max_residual_px: Annotated[float, POSITIVE_PX] = 2.5
+    min_camera_distance: Annotated[float, POSITIVE_MM] = 30.0
 
-    drift: Annotated[float, POSITIVE] = 6.0
-    drift_px: Annotated[float, POSITIVE_PX] = 1.25
+    max_drift_sigma: Annotated[float, POSITIVE] = 6.0
+    max_drift_px: Annotated[float, POSITIVE_PX] = 1.25
     drift_frames: Annotated[int, COUNT_TO_1000] = 20
-    stuck: Annotated[float, POSITIVE_MM] = 1.0
-    stuck_px: Annotated[float, POSITIVE_PX] = 2.0
-    elsewhere: Annotated[float, POSITIVE_MM_OR_INF] = 2.0
-    elsewhere_time: Annotated[float, POSITIVE_S] = 0.2
+    frozen_image_motion: Annotated[float, POSITIVE_MM] = 1.0
+    stuck_marker_px: Annotated[float, POSITIVE_PX] = 2.0
+    max_target_mismatch: Annotated[float, POSITIVE_MM_OR_INF] = 2.0
+    target_mismatch_time: Annotated[float, POSITIVE_S] = 0.2
 
-    without_marker: Annotated[float, not_negative("number of mm")] = 1.5
+    max_single_marker_deviation: Annotated[float, not_negative("number of mm")] = 1.5
 
-    jump: Annotated[float, POSITIVE_PX] = 3.0
-    nearest: Annotated[float, POSITIVE_PX] = 20.0
-    comparable: Annotated[float, POSITIVE_MM] = 10.0
-    agreement: Annotated[float, POSITIVE] = 2.0
-    rejected: Annotated[int, COUNT_TO_1000] = 3
-    rejected_for_good: Annotated[int, COUNT_TO_1000] = 30
+    max_jump_px: Annotated[float, POSITIVE_PX] = 3.0
+    max_px_per_mm: Annotated[float, POSITIVE_PX] = 20.0
+    max_compared_motion: Annotated[float, POSITIVE_MM] = 10.0
+    jump_agreement: Annotated[float, POSITIVE] = 2.0
+    max_rejected_frames: Annotated[int, COUNT_TO_1000] = 3
+    moved_camera_frames: Annotated[int, COUNT_TO_1000] = 30
 
-    telling: Annotated[float, POSITIVE] = 0.2
-    wrong: Annotated[float, FRACTION] = 0.75
-    disagreements: Annotated[int, COUNT_TO_1000] = 5
-    closed: Annotated[float, FRACTION] = 0.02
-    nearly_closed: Annotated[float, FRACTION] = 0.2
-    small_error: Annotated[float, POSITIVE] = 0.2
-    least_room: Annotated[float, FRACTION] = 0.2
-    largest: Annotated[float, POSITIVE] = 30.0
+    min_predicted_change: Annotated[float, POSITIVE] = 0.2
+    max_change_error: Annotated[float, FRACTION] = 0.75
+    max_contradictions: Annotated[int, COUNT_TO_1000] = 5
+    singular_fraction: Annotated[float, FRACTION] = 0.02
+    nearly_singular_fraction: Annotated[float, FRACTION] = 0.2
+    min_checked_error: Annotated[float, POSITIVE] = 0.2
+    min_exploration_room: Annotated[float, FRACTION] = 0.2
+    max_jacobian_entry: Annotated[float, POSITIVE] = 30.0
 
     hold_time: Annotated[float, POSITIVE_S] = 1.0
-    good_to_recover: Annotated[int, COUNT_TO_1000] = 5
-    good_to_servo: Annotated[int, COUNT_TO_1000] = 6
+    frames_to_recover: Annotated[int, COUNT_TO_1000] = 5
+    frames_to_servo: Annotated[int, COUNT_TO_1000] = 6
 
     limit_horizon: Annotated[float, POSITIVE_S] = 0.1
-    limit_share: Annotated[float, FRACTION] = 0.3
+    limit_speed_fraction: Annotated[float, FRACTION] = 0.3
 
     stall_error: Annotated[float, POSITIVE] = 0.5
-    stall_fall: Annotated[float, POSITIVE] = 0.2
-    stall_share: Annotated[float, FRACTION] = 0.02
+    stall_decrease: Annotated[float, POSITIVE] = 0.2
+    stall_decrease_fraction: Annotated[float, FRACTION] = 0.02
     stall_time: Annotated[float, POSITIVE_S] = 6.0
-    stall_gains: Annotated[float, POSITIVE] = 3.0
+    stall_time_constants: Annotated[float, POSITIVE] = 3.0
 
     def __post_init__(self) -> None:
         super().__post_init__()
         expected = "a number of frame periods not below stale_slow"
-        self.require(self.stale_hold >= self.stale_slow, "stale_hold", expected)
+        self.require(self.max_frame_age_hold >= self.max_frame_age_slow, "stale_hold", expected)

@@ -14,7 +14,7 @@ import numpy as np
 from rcmservo.constraints import positive
 from rcmservo.interfaces import Command, Floats
 
-PATIENCE = 50_000_000
+WATCHDOG_TIMEOUT_NS = 50_000_000
 """Default timeout (ns) after which a device stops by itself."""
 
 
@@ -46,9 +46,9 @@ class Watchdog:
     clock.
     """
 
-    def __init__(self, patience: int = PATIENCE) -> None:
-        positive("time in ns").require("patience", patience)
-        self.patience = patience
+    def __init__(self, timeout: int = WATCHDOG_TIMEOUT_NS) -> None:
+        positive("time in ns").require("patience", timeout)
+        self.timeout = timeout
         self.enabled = False
         self.rates: Floats = np.zeros(3)
         self.number = -1
@@ -57,7 +57,7 @@ class Watchdog:
     def enable(self, now: int) -> None:
         """Switch the drive on, at rest. The first command must arrive within the timeout."""
         self.enabled, self.rates = True, np.zeros(3)
-        self.number, self._deadline, self._newest = -1, now + self.patience, now
+        self.number, self._deadline, self._newest = -1, now + self.timeout, now
 
     def disable(self) -> None:
         """Set the rates to zero and switch the drive off."""
@@ -72,7 +72,7 @@ class Watchdog:
             self.disable()
             return True
         self.check(now)
-        in_time = now <= command.deadline <= now + self.patience
+        in_time = now <= command.deadline <= now + self.timeout
         finite = command.rates.shape == (3,) and all(map(math.isfinite, command.rates.tolist()))
         if not (self.enabled and command.number > self.number and in_time and finite):
             return False

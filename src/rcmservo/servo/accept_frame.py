@@ -2,26 +2,26 @@
 
 import numpy as np
 
-from rcmservo.control.drive_lag import lag_of
+from rcmservo.control.drive_lag import known_or_measured_lag
 from rcmservo.estimation.base import Estimate
-from rcmservo.estimation.projection_prediction import deviation_without, located
-from rcmservo.geometry.kinematics import point_at, reachable
+from rcmservo.estimation.projection_prediction import deviation_without_marker, filter_markers
+from rcmservo.geometry.kinematics import compute_position_tuple, is_within_limits
 from rcmservo.interfaces import Floats
 from rcmservo.numerics.jit import compiled
-from rcmservo.numerics.small_linalg import distance, put
-from rcmservo.safety.checks.drift import watch_drift, watch_stuck
-from rcmservo.safety.innovation import leapt, lost, misplaced
+from rcmservo.numerics.small_linalg import compute_distance, copy_into
+from rcmservo.safety.checks.drift import update_drift, detect_stuck_markers
+from rcmservo.safety.innovation import find_jumps, find_lost_markers, find_deviating_markers
 from rcmservo.safety.monitor_state import (
     ObservationRow,
-    Watch,
-    stays,
-    watch_frame,
-    watch_loop,
-    watch_markers,
+    MonitorState,
+    markers_stay,
+    monitor_frame,
+    monitor_loop,
+    monitor_markers,
 )
 from rcmservo.safety.thresholds import Thresholds
-from rcmservo.servo.kernel_parameters import KernelParameters, TickContext, rcm_of, shaft_of
-from rcmservo.servo.state import Stored
+from rcmservo.servo.kernel_parameters import KernelParameters, TickContext, rcm_struct_of, tool_struct_of
+from rcmservo.servo.state import StoredState
 from rcmservo.servo.update_estimate import FRAME_ACCEPTED, FRAME_UPDATES, NO_FRAME
 
 
@@ -36,38 +36,38 @@ def accept_frame(tick: TickContext) -> tuple[int, float]:
         time since the exposure of the frame of the last update, s (0 for the first).
     """
     stored, observation, parameters = tick.stored, tick.observation, tick.parameters
-    watch, estimate, fit = stored.watch, stored.estimate, stored.projection_fit
-    tour, last = stored.tour, stored.decision.command
+    watch, estimate, fit = stored.monitor, stored.estimate, stored.projection_fit
+    tour, last = stored.exploration_state, stored.decision.command
     thresholds, period = parameters.thresholds, parameters.period
-    rcm, shaft = rcm_of(parameters), shaft_of(parameters)
+    rcm, shaft = rcm_struct_of(parameters), tool_struct_of(parameters)
     gap = observation.now - last.time if last.number > 0 else period
-    watch_loop(watch, gap, period, lag_of(tour, thresholds.drive_lag), thresholds)
-    if not observation.frame > watch.frame:
+    monitor_loop(watch, gap, period, known_or_measured_lag(tour, thresholds.drive_lag), thresholds)
+    if not observation.frame > watch.newest_frame:
         return NO_FRAME, 0.0
-    watch_frame(watch, observation, thresholds)
-    if not reachable(rcm, observation.q_exposure, thresholds.slack):
+    monitor_frame(watch, observation, thresholds)
+    if not is_within_limits(rcm, observation.q_exposure, thresholds.limit_tolerance):
         return NO_FRAME, 0.0
     p1, points = stored.workspace.p1, stored.workspace.points
-    p1[0], p1[1], p1[2] = point_at(rcm, observation.q_exposure)
-    put(points, observation.points)
-    watch.spared = fill_lost_marker(stored, p1, points, parameters)
-    first, second = lost(points)
+    p1[0], p1[1], p1[2] = compute_position_tuple(rcm, observation.q_exposure)
+    copy_into(points, observation.points)
+    watch.one_marker_suffices = fill_lost_marker(stored, p1, points, parameters)
+    first, second = find_lost_markers(points)
     if first or second:
         return NO_FRAME, 0.0
-    if tour.done:
-        first, second, crossed = misplaced(fit, p1, points, estimate.points, shaft, thresholds)
-        watch_markers(watch, first, second, crossed, points, thresholds)
-        watch_drift(watch, fit, p1, points, observation.points, shaft, thresholds)
+    if tour.is_done:
+        first, second, crossed = find_deviating_markers(fit, p1, points, estimate.points, shaft, thresholds)
+        monitor_markers(watch, first, second, crossed, points, thresholds)
+        update_drift(watch, fit, p1, points, observation.points, shaft, thresholds)
     else:
-        jump = thresholds.jump + thresholds.innovation * np.sqrt(2.0 * fit.noise)
+        jump = thresholds.max_jump_px + thresholds.max_innovation * np.sqrt(2.0 * fit.noise_variance)
         check_against_last_frame(watch, estimate, observation, p1, jump, thresholds)
-    if watch.rejected > 0:
+    if watch.rejected_frames > 0:
         return NO_FRAME, 0.0
-    watch.believed = observation.frame
-    put(estimate.points, points)
-    put(estimate.p1, p1)
+    watch.accepted_frame = observation.frame
+    copy_into(estimate.points, points)
+    copy_into(estimate.p1, p1)
     # an operator may have moved the tool by hand until the exploration began
-    updates = tour.done or not tour.begun or observation.exposure >= tour.start
+    updates = tour.is_done or not tour.has_begun or observation.exposure >= tour.start_time
     frame_result = FRAME_UPDATES if updates else FRAME_ACCEPTED
     dt = (observation.exposure - estimate.exposure) * 1e-9 if estimate.exposure >= 0 else 0.0
     return frame_result, dt
@@ -75,26 +75,26 @@ def accept_frame(tick: TickContext) -> tuple[int, float]:
 
 @compiled
 def fill_lost_marker(
-    stored: Stored, p1: Floats, points: Floats, parameters: KernelParameters
+    stored: StoredState, p1: Floats, points: Floats, parameters: KernelParameters
 ) -> bool:
     """Replace one lost marker in the raw `points` (2, 2) px by its prediction from the fit.
 
     Return True if one marker was lost and replaced: the other marker and the joints then determine
     the pose well enough.
     """
-    first, second = lost(points)
-    if first == second or not (stored.tour.done and parameters.spares_marker):
+    first, second = find_lost_markers(points)
+    if first == second or not (stored.exploration_state.is_done and parameters.tolerates_lost_marker):
         return False
-    fit, k, shaft = stored.projection_fit, 0 if first else 1, shaft_of(parameters)
-    if not deviation_without(fit, p1, k, shaft) <= parameters.thresholds.without_marker:
+    fit, k, shaft = stored.projection_fit, 0 if first else 1, tool_struct_of(parameters)
+    if not deviation_without_marker(fit, p1, k, shaft) <= parameters.thresholds.max_single_marker_deviation:
         return False
-    put(points[k], located(fit, p1, shaft)[k])
+    copy_into(points[k], filter_markers(fit, p1, shaft)[k])
     return True
 
 
 @compiled
 def check_against_last_frame(
-    watch: Watch,
+    watch: MonitorState,
     estimate: Estimate,
     observation: ObservationRow,
     p1: Floats,
@@ -106,11 +106,11 @@ def check_against_last_frame(
     Count the frame as rejected if a marker moved by more than `jump` px plus the px that the motion
     of marker 1 to p1 (3,) mm allows, or if a marker is stuck.
     """
-    path, crossed = distance(p1, estimate.p1), False
-    first, second = watch_stuck(watch, p1, observation.points, thresholds)
-    if path < thresholds.comparable and not (first or second):
-        nearest = thresholds.nearest
-        first, second, crossed = leapt(observation.points, estimate.points, path, jump, nearest)
-        if watch.jumped > 0 and stays(watch, observation.points, thresholds):
+    path, crossed = compute_distance(p1, estimate.p1), False
+    first, second = detect_stuck_markers(watch, p1, observation.points, thresholds)
+    if path < thresholds.max_compared_motion and not (first or second):
+        nearest = thresholds.max_px_per_mm
+        first, second, crossed = find_jumps(observation.points, estimate.points, path, jump, nearest)
+        if watch.jumped_frames > 0 and markers_stay(watch, observation.points, thresholds):
             first, second = True, True
-    watch_markers(watch, first, second, crossed, observation.points, thresholds)
+    monitor_markers(watch, first, second, crossed, observation.points, thresholds)

@@ -3,34 +3,34 @@
 import numpy as np
 
 from rcmservo.numerics.jit import compiled
-from rcmservo.numerics.small_linalg import put
-from rcmservo.safety.causes import ACTIONS, Cause, Invalidates, gravest, invalidated_by
-from rcmservo.safety.gate import admit, stop
-from rcmservo.safety.monitor_state import unwatch
+from rcmservo.numerics.small_linalg import copy_into
+from rcmservo.safety.causes import ACTIONS, Cause, Invalidates, select_most_severe, find_invalidated
+from rcmservo.safety.gate import make_command, make_stop_command
+from rcmservo.safety.monitor_state import reset_monitor
 from rcmservo.safety.state_machine import (
     ACQUIRE,
     DISABLED,
     FAULT,
     JOG,
-    PAUSE,
+    ACTION_PAUSE,
     PAUSED,
-    Signs,
+    TransitionInputs,
     enter_fault,
-    speed_share,
-    transition,
+    speed_scale,
+    advance_mode,
 )
 from rcmservo.safety.thresholds import Thresholds
-from rcmservo.servo.kernel_parameters import TickContext, rcm_of
+from rcmservo.servo.kernel_parameters import TickContext, rcm_struct_of
 from rcmservo.servo.reset import (
     request_rest,
     reset_estimation,
     reset_estimation_except_markers,
     restart_stall_rule,
 )
-from rcmservo.servo.state import Stored
+from rcmservo.servo.state import StoredState
 from rcmservo.servo.update_estimate import FRAME_ACCEPTED
 
-NOT_FINITE = Cause.NOT_FINITE.place
+NOT_FINITE = Cause.NOT_FINITE.code
 ESTIMATE, TARGETS = int(Invalidates.ESTIMATE), int(Invalidates.ESTIMATE_AND_TARGETS)
 
 
@@ -41,32 +41,32 @@ def choose_mode(tick: TickContext, causes: int, frame_result: int) -> bool:
     In JOG the joint rates of the operator replace those of the law.
     """
     stored, observation, setpoint = tick.stored, tick.observation, tick.setpoint
-    markers_seen, is_accepted = stored.watch.believed >= 0, frame_result >= FRAME_ACCEPTED
-    signs = Signs(observation.enabled, markers_seen, is_accepted, stored.tour.done)
+    markers_seen, is_accepted = stored.monitor.accepted_frame >= 0, frame_result >= FRAME_ACCEPTED
+    signs = TransitionInputs(observation.enabled, markers_seen, is_accepted, stored.exploration_state.is_done)
     request, now, thresholds = setpoint.request, observation.now, tick.parameters.thresholds
     was_reset = enter_mode(stored, causes, signs, request, now, thresholds)
     if stored.decision.mode.phase == JOG:
         request_rest(stored.decision)
-        put(stored.decision.rates, setpoint.jog)
+        copy_into(stored.decision.rates, setpoint.jog)
     return was_reset
 
 
 @compiled
 def enter_mode(
-    stored: Stored, causes: int, signs: Signs, request: int, now: int, thresholds: Thresholds
+    stored: StoredState, causes: int, signs: TransitionInputs, request: int, now: int, thresholds: Thresholds
 ) -> bool:
     """Enter the next mode of the state machine; return True if the estimate was reset.
 
     A pause or fault resets the parts of the state that its cause invalidates.
     """
-    decision, cause, was_reset = stored.decision, gravest(causes), False
+    decision, cause, was_reset = stored.decision, select_most_severe(causes), False
     before = decision.mode.phase
-    transition(decision.mode, causes, signs, request, now, thresholds)
+    advance_mode(decision.mode, causes, signs, request, now, thresholds)
     entered = decision.mode.phase != before
-    if decision.mode.phase in (PAUSED, FAULT) and (entered or ACTIONS[cause] == PAUSE):
-        acting = cause if ACTIONS[cause] >= PAUSE else decision.mode.cause
+    if decision.mode.phase in (PAUSED, FAULT) and (entered or ACTIONS[cause] == ACTION_PAUSE):
+        acting = cause if ACTIONS[cause] >= ACTION_PAUSE else decision.mode.cause
         was_reset = invalidate(stored, acting, now)
-    if decision.mode.phase == ACQUIRE and before == PAUSED and not stored.tour.done:
+    if decision.mode.phase == ACQUIRE and before == PAUSED and not stored.exploration_state.is_done:
         reset_estimation_except_markers(stored)
         was_reset = True
     if entered:
@@ -75,21 +75,21 @@ def enter_mode(
 
 
 @compiled
-def invalidate(stored: Stored, cause: int, now: int) -> bool:
+def invalidate(stored: StoredState, cause: int, now: int) -> bool:
     """Restart all counts and reset what a cause invalidates; return True if that is the estimate.
 
     Before there is an estimate, one false marker cannot be distinguished from a moved camera, and
     counts as one. Nor can markers that exchanged positions: they may be false now or before.
     """
-    decision, invalid = stored.decision, invalidated_by(cause, stored.tour.done)
+    decision, invalid = stored.decision, find_invalidated(cause, stored.exploration_state.is_done)
     resets_estimate = invalid >= ESTIMATE
-    unwatch(stored.watch, resets_estimate)
-    decision.peak = np.inf
+    reset_monitor(stored.monitor, resets_estimate)
+    decision.reference_error = np.inf
     if invalid == TARGETS:
-        decision.moved = now
+        decision.camera_moved_at = now
     if resets_estimate:
         reset_estimation(stored)
-    stored.tour.begun, stored.tour.no_room = False, False
+    stored.exploration_state.has_begun, stored.exploration_state.has_no_room = False, False
     return resets_estimate
 
 
@@ -100,21 +100,21 @@ def bound_rates(tick: TickContext) -> bool:
     Return True if the estimate was reset because a number was not finite.
     """
     stored, now, gate = tick.stored, tick.observation.now, tick.parameters.gate
-    decision, rcm = stored.decision, rcm_of(tick.parameters)
-    scale = speed_share(decision.mode.phase, decision.mode.asks)
+    decision, rcm = stored.decision, rcm_struct_of(tick.parameters)
+    scale = speed_scale(decision.mode.phase, decision.mode.asks)
     if not scale > 0.0:
         request_rest(decision)
     if decision.mode.phase in (FAULT, DISABLED):
-        stop(decision.command, now, gate)
+        make_stop_command(decision.command, now, gate)
         return False
     q = tick.observation.q
-    if admit(decision.command, decision.rates, q, rcm, now, scale, gate):
+    if make_command(decision.command, decision.rates, q, rcm, now, scale, gate):
         return False
     return enter_not_finite_fault(stored, now)
 
 
 @compiled
-def enter_not_finite_fault(stored: Stored, now: int) -> bool:
+def enter_not_finite_fault(stored: StoredState, now: int) -> bool:
     """Enter FAULT after the gate replaced a non-finite command by zero.
 
     Return True if the estimate was reset.

@@ -1,19 +1,19 @@
 """Requested velocity and joint rates: by exploration, then by the control law."""
 
-from rcmservo.control.drive_lag import follow_drives, lag_so_far, measure_lag
-from rcmservo.control.exploration import CORNERS, arrived, begin, box, disagreement, face, towards
-from rcmservo.control.exploration_planning import directed, plan
-from rcmservo.control.saturated_controller import Heading, control, scaled
+from rcmservo.control.drive_lag import add_lag_reading, current_lag, finish_lag_measurement
+from rcmservo.control.exploration import CORNERS, is_at_next_corner, start_exploration, set_round, relative_difference, set_next_corner, rates_to_corner
+from rcmservo.control.exploration_planning import direction_is_known, plan_corner
+from rcmservo.control.saturated_controller import LawResult, apply_law, scale_rows
 from rcmservo.estimation.base import Estimate
-from rcmservo.estimation.projection_prediction import features_motion, order
-from rcmservo.geometry.features import wrapped
-from rcmservo.geometry.kinematics import Point, blocked, point_at
-from rcmservo.geometry.tool import fastest_point
+from rcmservo.estimation.projection_prediction import fitted_features_jacobian, marker_order_score
+from rcmservo.geometry.features import wrap_angle
+from rcmservo.geometry.kinematics import Point, find_blocking_joint, compute_position_tuple
+from rcmservo.geometry.tool import compute_max_tool_speed
 from rcmservo.numerics.jit import compiled
-from rcmservo.numerics.small_linalg import put
-from rcmservo.safety.innovation import sound
+from rcmservo.numerics.small_linalg import copy_into
+from rcmservo.safety.innovation import is_plausible_fit
 from rcmservo.safety.state_machine import ACQUIRE, SERVO
-from rcmservo.servo.kernel_parameters import KernelParameters, TickContext, rcm_of, shaft_of
+from rcmservo.servo.kernel_parameters import KernelParameters, TickContext, rcm_struct_of, tool_struct_of
 from rcmservo.servo.reset import request_rest, restart_stall_rule
 from rcmservo.servo.state import Workspace
 from rcmservo.servo.update_estimate import FRAME_UPDATES
@@ -26,12 +26,12 @@ must remain known afterwards."""
 @compiled
 def compute_command(tick: TickContext, frame_result: int) -> None:
     """Compute the requested velocity of marker 1 and joint rates of this tick, before the gate."""
-    decision, tour = tick.stored.decision, tick.stored.tour
+    decision, tour = tick.stored.decision, tick.stored.exploration_state
     if tick.setpoint.is_new:
         restart_stall_rule(decision, tick.observation.now)
-    if not tour.done:
+    if not tour.is_done:
         explore(tick, frame_result)
-    if tour.done:
+    if tour.is_done:
         compute_law_rates(tick, decision.mode.phase == SERVO)
 
 
@@ -42,43 +42,43 @@ def compute_law_rates(tick: TickContext, is_servoing: bool) -> None:
     The law acts on the predicted error Δy + Ĵ (p₁(now) − p₁).
     """
     observation, parameters = tick.observation, tick.parameters
-    estimate, decision, rcm = tick.stored.estimate, tick.stored.decision, rcm_of(parameters)
+    estimate, decision, rcm = tick.stored.estimate, tick.stored.decision, rcm_struct_of(parameters)
     law, thresholds = parameters.controller, parameters.thresholds
     q = (observation.q[0], observation.q[1], observation.q[2])
-    p1 = point_at(rcm, q)
+    p1 = compute_position_tuple(rcm, q)
     predict_error(estimate, p1)
     law_result, error = evaluate_law(estimate, p1, parameters, tick.stored.workspace)
-    speed = fastest_point(shaft_of(parameters), p1, law_result.v, law.tip)
+    speed = compute_max_tool_speed(tool_struct_of(parameters), p1, law_result.v, law.tip)
     slower = max(1.0, speed / law.max_speed)
     for k in range(3):
         decision.v[k] = law_result.v[k] / slower
-    horizon, share = thresholds.limit_horizon, thresholds.limit_share
-    joint, rates = blocked(rcm, q, decision.v, parameters.gate.speed, horizon, share)
+    horizon, share = thresholds.limit_horizon, thresholds.limit_speed_fraction
+    joint, rates = find_blocking_joint(rcm, q, decision.v, parameters.gate.speed, horizon, share)
     decision.rates[0], decision.rates[1], decision.rates[2] = rates
-    estimate.condition, decision.blocked = law_result.condition, joint
-    decision.open = law_result.open if error > thresholds.small_error else 1.0
-    decision.left = law_result.left / decision.open  # a damped law underestimates it
-    peak = max(decision.peak, error)
-    fall = min(thresholds.stall_fall, thresholds.stall_share * peak)
+    estimate.condition, decision.blocked_joint = law_result.condition, joint
+    decision.reducible_fraction = law_result.reducible_fraction if error > thresholds.min_checked_error else 1.0
+    decision.remaining_mm = law_result.distance_to_target / decision.reducible_fraction  # a damped law underestimates it
+    peak = max(decision.reference_error, error)
+    fall = min(thresholds.stall_decrease, thresholds.stall_decrease_fraction * peak)
     if error < peak - fall or not is_servoing:
-        peak, decision.peak_time = error, observation.now
-    decision.peak = peak
+        peak, decision.reference_time = error, observation.now
+    decision.reference_error = peak
 
 
 @compiled
 def predict_error(estimate: Estimate, p1: Point) -> None:
     """Predict the error Δy of [s r d] for marker 1 at p1 mm."""
-    J, ahead = estimate.J_hat, estimate.ahead
+    J, ahead = estimate.J_hat, estimate.predicted_delta
     x, y, z = estimate.p1[0] - p1[0], estimate.p1[1] - p1[1], estimate.p1[2] - p1[2]
     for i in range(3):
         ahead[i] = estimate.delta[i] - (J[i, 0] * x + J[i, 1] * y + J[i, 2] * z)
-    ahead[0] = wrapped(ahead[0])
+    ahead[0] = wrap_angle(ahead[0])
 
 
 @compiled
 def evaluate_law(
     estimate: Estimate, p1: Point, parameters: KernelParameters, workspace: Workspace
-) -> tuple[Heading, float]:
+) -> tuple[LawResult, float]:
     """Return the result of the control law with marker 1 at p1 mm, and √(2V), on its features."""
     law, features, n = parameters.controller, parameters.features, parameters.features.dimension
     J, error, bounds = workspace.J[:n], workspace.error[:n], features.bounds[:n]
@@ -86,35 +86,35 @@ def evaluate_law(
     for k in range(n):
         slope, unit = estimate.law_jacobian[k], features.scale[k]
         ahead = estimate.law_error[k] - (slope[0] * x + slope[1] * y + slope[2] * z)
-        error[k] = (wrapped(ahead) if features.angle[k] > 0.0 else ahead) / unit
+        error[k] = (wrap_angle(ahead) if features.angle[k] > 0.0 else ahead) / unit
         for i in range(3):
             J[k, i] = slope[i] / unit
     printed = parameters.printed_potential
-    return control(J, error, bounds, printed, law.gain, law.max_condition, law.max_speed)
+    return apply_law(J, error, bounds, printed, law.gain, law.max_condition, law.max_speed)
 
 
 @compiled
 def explore(tick: TickContext, frame_result: int) -> None:
     """Move from corner to corner until the estimate suffices for servoing."""
-    tour, decision = tick.stored.tour, tick.stored.decision
+    tour, decision = tick.stored.exploration_state, tick.stored.decision
     observation, parameters = tick.observation, tick.parameters
     settings, fastest = parameters.exploration, parameters.gate.speed
     thresholds, q, now = parameters.thresholds, observation.q, observation.now
-    if decision.mode.phase != ACQUIRE or tour.no_room:
+    if decision.mode.phase != ACQUIRE or tour.has_no_room:
         request_rest(decision)
         return
-    if not tour.begun:
-        begin(tour, rcm_of(parameters), fastest, q, now, thresholds.least_room, settings)
+    if not tour.has_begun:
+        start_exploration(tour, rcm_struct_of(parameters), fastest, q, now, thresholds.min_exploration_room, settings)
         return
-    follow_drives(tour, q, observation.q_time, observation.applied, fastest)
+    add_lag_reading(tour, q, observation.q_time, observation.applied, fastest)
     if frame_result == FRAME_UPDATES and can_servo(tick):
-        tour.done = True
-        measure_lag(tour)
+        tour.is_done = True
+        finish_lag_measurement(tour)
         return
-    if arrived(tour, q):
+    if is_at_next_corner(tour, q):
         choose_next_corner(tick)
-    lag = lag_so_far(tour, thresholds.drive_lag)
-    put(decision.rates, towards(tour, fastest, q, lag, settings))
+    lag = current_lag(tour, thresholds.drive_lag)
+    copy_into(decision.rates, rates_to_corner(tour, fastest, q, lag, settings))
 
 
 @compiled
@@ -125,16 +125,16 @@ def choose_next_corner(tick: TickContext) -> None:
     that is most informative on the direction to the target.
     """
     stored, parameters, target = tick.stored, tick.parameters, tick.setpoint.points
-    tour, fit, settings = stored.tour, stored.projection_fit, parameters.exploration
-    rcm, shaft = rcm_of(parameters), shaft_of(parameters)
-    tour.visits += 1
-    if tour.visits % len(CORNERS) == 0:
-        box(tour, rcm, parameters.gate.speed, 0.0, settings)
-    face(tour)
-    if tour.visits < settings.legs:
+    tour, fit, settings = stored.exploration_state, stored.projection_fit, parameters.exploration
+    rcm, shaft = rcm_struct_of(parameters), tool_struct_of(parameters)
+    tour.visited_corners += 1
+    if tour.visited_corners % len(CORNERS) == 0:
+        set_round(tour, rcm, parameters.gate.speed, 0.0, settings)
+    set_next_corner(tour)
+    if tour.visited_corners < settings.min_corners:
         return
-    if not directed(fit, stored.estimate.p1, target, shaft, settings):
-        plan(tour, fit, rcm, shaft, tick.observation.q, target, settings.reach)
+    if not direction_is_known(fit, stored.estimate.p1, target, shaft, settings):
+        plan_corner(tour, fit, rcm, shaft, tick.observation.q, target, settings.max_leg_length)
 
 
 @compiled
@@ -145,17 +145,17 @@ def can_servo(tick: TickContext) -> bool:
     it, and the fit gives the markers in their order along the tool.
     """
     estimate, fit, parameters = tick.stored.estimate, tick.stored.projection_fit, tick.parameters
-    settings, shaft = parameters.exploration, shaft_of(parameters)
-    if tick.stored.tour.visits < settings.legs:
+    settings, shaft = parameters.exploration, tool_struct_of(parameters)
+    if tick.stored.exploration_state.visited_corners < settings.min_corners:
         return False
-    if not directed(fit, estimate.p1, tick.setpoint.points, shaft, settings):
+    if not direction_is_known(fit, estimate.p1, tick.setpoint.points, shaft, settings):
         return False
-    if not sound(fit, parameters.thresholds):
+    if not is_plausible_fit(fit, parameters.thresholds):
         return False
     if not estimate.rcm_condition <= MAX_CONDITION_RATIO * parameters.imaged_rcm.max_condition:
         return False
     if estimate.rcm_condition > 0.0:
-        J = scaled(features_motion(fit, estimate.p1, estimate.points, estimate.o_c, shaft))
-        if not disagreement(scaled(estimate.J_hat), J) <= settings.tolerance:
+        J = scale_rows(fitted_features_jacobian(fit, estimate.p1, estimate.points, estimate.o_c, shaft))
+        if not relative_difference(scale_rows(estimate.J_hat), J) <= settings.tolerance:
             return False
-    return order(fit) > 0.0
+    return marker_order_score(fit) > 0.0

@@ -7,14 +7,14 @@ from rcmservo.control.exploration import Exploration
 from rcmservo.control.feature_vectors import FeatureParameters
 from rcmservo.control.saturated_controller import SaturatedController
 from rcmservo.geometry.imaged_rcm import ImagedRcm
-from rcmservo.geometry.kinematics import Rcm
-from rcmservo.geometry.tool import Shaft
+from rcmservo.geometry.kinematics import RcmStruct
+from rcmservo.geometry.tool import ToolStruct
 from rcmservo.numerics.jit import compiled
 from rcmservo.safety.gate import Gate
 from rcmservo.safety.monitor_state import ObservationRow
 from rcmservo.safety.thresholds import Thresholds
 from rcmservo.servo.setpoint import SetpointRow
-from rcmservo.servo.state import Stored
+from rcmservo.servo.state import StoredState
 
 
 @dataclass(frozen=True)
@@ -53,16 +53,16 @@ class KernelParameters:
         Time from tick to tick, ns.
     """
 
-    rcm: Rcm
-    tool: Shaft
+    rcm: RcmStruct
+    tool: ToolStruct
     controller: SaturatedController
     features: FeatureParameters
-    needs_motion: bool
+    needs_markers_jacobian: bool
     printed_potential: bool
     imaged_rcm: ImagedRcm
     printed_rcm: bool
-    places_rcm: bool
-    spares_marker: bool
+    estimates_rcm: bool
+    tolerates_lost_marker: bool
     gate: Gate
     thresholds: Thresholds
     exploration: Exploration
@@ -86,22 +86,22 @@ class TickContext(NamedTuple):
         Settings.
     """
 
-    stored: Stored
+    stored: StoredState
     observation: ObservationRow
     setpoint: SetpointRow
     parameters: KernelParameters
 
 
 @compiled
-def rcm_of(parameters: KernelParameters) -> Rcm:
+def rcm_struct_of(parameters: KernelParameters) -> RcmStruct:
     """Return the mechanism with marker 1 as a tuple."""
     rcm = parameters.rcm
     lower, upper = rcm.lower, rcm.upper
     low, high = (lower[0], lower[1], lower[2]), (upper[0], upper[1], upper[2])
-    return Rcm(rcm.kind, rcm.zero, low, high)
+    return RcmStruct(rcm.kind, rcm.zero, low, high)
 
 
 @compiled
-def shaft_of(parameters: KernelParameters) -> Shaft:
+def tool_struct_of(parameters: KernelParameters) -> ToolStruct:
     """Return the position of marker 2 on the tool as a tuple."""
-    return Shaft(parameters.tool.kind, parameters.tool.value)
+    return ToolStruct(parameters.tool.kind, parameters.tool.value)

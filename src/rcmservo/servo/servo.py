@@ -15,26 +15,26 @@ from rcmservo.control.exploration import Exploration
 from rcmservo.control.feature_vectors import FeatureVector, MarkerPair
 from rcmservo.control.saturated_controller import SaturatedController
 from rcmservo.errors import require
-from rcmservo.estimation.base import Estimated, Estimator, EstimatorKernel, Sample
+from rcmservo.estimation.base import EstimatorResult, Estimator, EstimatorKernel, Sample
 from rcmservo.estimation.dlt import DltEstimator
-from rcmservo.estimation.projection_prediction import located
-from rcmservo.geometry.features import INTERPRETED
+from rcmservo.estimation.projection_prediction import filter_markers
+from rcmservo.geometry.features import INTERPRETED_CODE
 from rcmservo.geometry.imaged_rcm import ImagedRcm
-from rcmservo.geometry.kinematics import Kinematics, Rcm, position
+from rcmservo.geometry.kinematics import Kinematics, RcmStruct, compute_position
 from rcmservo.geometry.tool import Tool
-from rcmservo.interfaces import Floats, Observation, Target, observed_numbers
-from rcmservo.numerics.structs import Rows, as_row, changed, copied
+from rcmservo.interfaces import Floats, Observation, Target, observation_numbers
+from rcmservo.numerics.structs import Rows, to_row, replace_fields, copy_row
 from rcmservo.safety.checks.facts import DetailFacts
 from rcmservo.safety.gate import CommandStruct, Gate
-from rcmservo.safety.monitor_state import begin
+from rcmservo.safety.monitor_state import initial_monitor_state
 from rcmservo.safety.state_machine import REQUESTS, Mode, ModeStruct, Phase, Request
 from rcmservo.safety.thresholds import Thresholds
 from rcmservo.servo.kernel_parameters import KernelParameters
-from rcmservo.servo.state import Decision, EstimatorMemory, State, Stored, initial_estimation_rows
-from rcmservo.servo.tick import begin_tick, finish_tick, tick_of
+from rcmservo.servo.state import Decision, EstimatorMemory, State, StoredState, initial_estimation_rows
+from rcmservo.servo.tick import begin_tick, finish_tick, make_compiled_tick
 from rcmservo.servo.update_estimate import FRAME_UPDATES
 from rcmservo.servo.user_estimator import (
-    examine,
+    check_estimator,
     failure_of,
     guard_estimator,
     kernel_of,
@@ -102,15 +102,15 @@ class Servo(Checked):
         require(in_range, "rate", self.rate, expected)
         features, estimator = self.controller.features, self.estimator
         vector = self.controller.feature_vector
-        suffices = not vector.needs_motion or estimator.tells_motion
+        suffices = not vector.needs_markers_jacobian or estimator.has_markers_jacobian
         expected = "'srd', or an estimator of the markers' motion, such as dlt or projection"
         require(suffices, "controller.features", features, expected)
-        suffices = not vector.needs_sizes or estimator.tells_size_motion
+        suffices = not vector.needs_sizes or estimator.has_sizes_jacobian
         expected = "'srd' or 'points', or an estimator of how sizes change, such as affine"
         require(suffices, "controller.features", features, expected)
 
     @cached_property
-    def learner(self) -> Estimator:
+    def guarded_estimator(self) -> Estimator:
         """Estimator that a step calls: a user-defined one in a guard."""
         return guard_estimator(self.estimator)
 
@@ -120,9 +120,9 @@ class Servo(Checked):
         return round(1e9 / self.rate)
 
     @cached_property
-    def rcm(self) -> Rcm:
+    def rcm(self) -> RcmStruct:
         """Mechanism with marker 1, as compiled functions take it."""
-        return self.mechanism.rcm(self.tool.offset)
+        return self.mechanism.to_struct(self.tool.offset)
 
     @cached_property
     def features(self) -> FeatureVector:
@@ -132,23 +132,23 @@ class Servo(Checked):
     @cached_property
     def kernel(self) -> EstimatorKernel | None:
         """Compiled form of the estimator; None if it or the feature vector does not compile."""
-        return None if self.features.code == INTERPRETED else kernel_of(self.estimator)
+        return None if self.features.code == INTERPRETED_CODE else kernel_of(self.estimator)
 
     @cached_property
     def parameters(self) -> Rows[KernelParameters]:
         """Settings as compiled functions take them."""
-        return as_row(
+        return to_row(
             KernelParameters(
                 rcm=self.rcm,
-                tool=self.tool.shaft,
+                tool=self.tool.struct,
                 controller=self.controller,
                 features=self.features.parameters(self.controller.bounds),
-                needs_motion=self.features.needs_motion,
+                needs_markers_jacobian=self.features.needs_markers_jacobian,
                 printed_potential=self.controller.potential == "printed",
                 imaged_rcm=self.imaged_rcm,
                 printed_rcm=self.imaged_rcm.printed,
-                places_rcm=self.estimator.places_rcm,
-                spares_marker=self.estimator.spares_marker and self.estimator.places_rcm,
+                estimates_rcm=self.estimator.estimates_rcm,
+                tolerates_lost_marker=self.estimator.tolerates_lost_marker and self.estimator.estimates_rcm,
                 gate=self.gate,
                 thresholds=self.thresholds,
                 exploration=self.exploration,
@@ -156,11 +156,11 @@ class Servo(Checked):
             )
         )
 
-    def marker_1(self, q: Floats) -> Floats:
+    def position_of_marker_1(self, q: Floats) -> Floats:
         """Return the position p₁ (3,) of marker 1 in mm at the joints q (3,), eq. (2)."""
-        return position(self.rcm, q)
+        return compute_position(self.rcm, q)
 
-    def demand(self, target: Target) -> None:
+    def require_target(self, target: Target) -> None:
         """Raise `BadInput` if a target lacks the marker sizes that the law needs."""
         suffices = not self.features.needs_sizes or bool(np.isfinite(target.sizes).all())
         name = self.controller.features
@@ -171,16 +171,16 @@ class Servo(Checked):
         """Return the state before the first observation: Ĵ = 0, drive off."""
         rest = CommandStruct.from_source(self.gate.rest())
         decision = Decision.of(command=rest, blocked=-1, astray=-1, peak=np.inf, moved=-1)
-        stored = Stored.of(decision=decision, watch=begin(), **initial_estimation_rows())
+        stored = StoredState.of(decision=decision, watch=initial_monitor_state(), **initial_estimation_rows())
         return State(stored, self._initial_memory())
 
     def _initial_memory(self) -> EstimatorMemory | tuple[()]:
         """Return the memory of the estimator before the first frame."""
-        if self.kernel is not None and self.kernel.places_rcm:
+        if self.kernel is not None and self.kernel.estimates_rcm:
             return ()
-        return EstimatorMemory(self.imaged_rcm.init()[0], self.learner.init())
+        return EstimatorMemory(self.imaged_rcm.init()[0], self.guarded_estimator.init())
 
-    def again(self, state: State) -> State:
+    def restart(self, state: State) -> State:
         """Return the state with which another run begins: drive off, at rest, estimate preserved.
 
         FAULT remains. The tool may have been moved by hand since. A camera that was moved is
@@ -198,16 +198,16 @@ class Servo(Checked):
         """
         mode = state.mode if state.phase is Phase.FAULT else Mode()
         rest = CommandStruct.from_source(self.gate.rest())
-        decision = changed(state.decision, mode=ModeStruct.from_source(mode), command=rest)
+        decision = replace_fields(state.decision, mode=ModeStruct.from_source(mode), command=rest)
         parts, memory, estimate = initial_estimation_rows(), state.memory, state.stored.estimate
         if state.explored:
-            tour = changed(state.stored.tour, begun=False, no_room=False)
-            parts = {"estimate": changed(estimate, exposure=-1), "tour": tour}
+            tour = replace_fields(state.stored.exploration_state, begun=False, no_room=False)
+            parts = {"estimate": replace_fields(estimate, exposure=-1), "tour": tour}
         else:
             markers = {"points": estimate.points, "p1": estimate.p1}
-            parts["estimate"] = changed(parts["estimate"], **markers)
+            parts["estimate"] = replace_fields(parts["estimate"], **markers)
             memory = self._initial_memory()
-        stored = changed(state.stored, decision=decision, watch=begin(), **parts)
+        stored = replace_fields(state.stored, decision=decision, watch=initial_monitor_state(), **parts)
         return State(stored, memory, state.target, mode.detail)
 
     def warm_up(self) -> None:
@@ -223,7 +223,7 @@ class Servo(Checked):
         BadInput
             If the feature vector fails, or if its Jacobian is not its derivative.
         """
-        examine(self.estimator, self.tool)
+        check_estimator(self.estimator, self.tool)
         check_feature_vector(self.features)
         state, q = self.init(), np.mean(self.mechanism.limits.arrays, axis=0)
         points = np.array([[100.0, 50.0], [200.0, 100.0]])
@@ -231,7 +231,7 @@ class Servo(Checked):
             state = self.step(state, self._warm_up_observation(k, q, points), Target(points, q))
         passed = self.gate.admit(ZERO_RATES, state.command, q, self.rcm, state.command.time + 1)
         self.gate.stop(passed.command, passed.command.time + 1)
-        reset_slowest(self.learner)
+        reset_slowest(self.guarded_estimator)
 
     def _warm_up_observation(self, k: int, q: Floats, points: Floats) -> Observation:
         """Return the k-th observation of a tool that turns a little."""
@@ -274,12 +274,12 @@ class Servo(Checked):
         State
             State after this tick, with the command.
         """
-        stored, is_new = copied(state.stored), target is not state.target
-        numbers, code = observed_numbers(observation), REQUESTS.index(request)
-        setpoint = target.points, target.q, target.shown, is_new, code, jog
+        stored, is_new = copy_row(state.stored), target is not state.target
+        numbers, code = observation_numbers(observation), REQUESTS.index(request)
+        setpoint = target.points, target.q, target.taught_at, is_new, code, jog
         kernel: Any = self.kernel
         if kernel is not None:
-            tick = tick_of(cast(Any, type(kernel)))
+            tick = make_compiled_tick(cast(Any, type(kernel)))
             settings, failure = tuple(kernel), ""
             memory, cause_changed = tick(
                 stored.rows, state.memory, numbers, setpoint, settings, self.parameters
@@ -293,7 +293,7 @@ class Servo(Checked):
                     stored, own_memory, observation, target, dt
                 )
             failure = failure or failure_of(own_memory)
-            cast(Any, stored.estimated.rows)["failed"] = failure != ""
+            cast(Any, stored.estimator_result.rows)["failed"] = failure != ""
             was_reset = finish_tick(rows, frame_result, parameters)
             memory = self._initial_memory() if was_reset else EstimatorMemory(lines, own_memory)
             cause_changed = stored.decision.mode.cause != state.decision.mode.cause
@@ -303,42 +303,42 @@ class Servo(Checked):
         return after._replace(detail=failure or self._detail(after, observation))
 
     def _update_estimate(
-        self, stored: Stored, memory: Any, observation: Observation, target: Target, dt: float
+        self, stored: StoredState, memory: Any, observation: Observation, target: Target, dt: float
     ) -> tuple[Any, str]:
         """Update an estimator that does not compile by an accepted frame, dt s after the last one.
 
         A lost marker is replaced by the prediction of the projection fit. Return the memory of the
         estimator, and the failure message of the feature vector.
         """
-        estimator, tool, estimate, failure = self.learner, self.tool, stored.estimate, ""
+        estimator, tool, estimate, failure = self.guarded_estimator, self.tool, stored.estimate, ""
         sample = Sample(estimate.p1, observation.points, estimate.o_c, dt, observation.sizes)
         memory = estimator.update(memory, tool, sample)
-        points, detected = estimator.located(memory, tool, sample), np.isfinite(observation.points)
+        points, detected = estimator.filtered_markers(memory, tool, sample), np.isfinite(observation.points)
         if not detected.all():
-            predicted = located(stored.projection_fit.rows[0], estimate.p1, tool.shaft)
+            predicted = filter_markers(stored.projection_fit.rows[0], estimate.p1, tool.struct)
             points = np.where(detected, points, predicted)
         imaged_rcm, numbers = estimator.imaged_rcm(memory), dict[str, Any]()
         if imaged_rcm is None:
             numbers["J_hat"] = estimator.jacobian(memory, tool, sample)
         else:
             numbers["o_c"], numbers["o_c_covariance"] = imaged_rcm
-        if imaged_rcm is not None or self.features.needs_motion:
-            numbers["motion"] = estimator.motion(memory, tool, sample)
-        result = Estimated.of(points=points, placed=imaged_rcm is not None, **numbers)
+        if imaged_rcm is not None or self.features.needs_markers_jacobian:
+            numbers["motion"] = estimator.markers_jacobian(memory, tool, sample)
+        result = EstimatorResult.of(points=points, placed=imaged_rcm is not None, **numbers)
         cast(Any, stored.rows)["estimated"] = result.rows
-        if self.features.code == INTERPRETED:
+        if self.features.code == INTERPRETED_CODE:
             failure = self._measure_features(stored, memory, sample, target)
         return memory, failure
 
-    def _measure_features(self, stored: Stored, memory: Any, sample: Sample, target: Target) -> str:
+    def _measure_features(self, stored: StoredState, memory: Any, sample: Sample, target: Target) -> str:
         """Measure a feature vector that does not compile and return its failure message."""
-        estimate, result, sizes = stored.estimate, stored.estimated, sample.sizes.copy()
-        points, motion = result.points.copy(), result.motion
-        o_c = (result.o_c if result.placed else estimate.o_c).copy()
-        if self.features.leaves_out_lost:
+        estimate, result, sizes = stored.estimate, stored.estimator_result, sample.sizes.copy()
+        points, motion = result.points.copy(), result.markers_jacobian
+        o_c = (result.o_c if result.has_imaged_rcm else estimate.o_c).copy()
+        if self.features.ignores_lost_markers:
             points[~np.isfinite(sample.points)] = np.nan
         if self.features.needs_sizes:
-            motion = np.vstack([motion, self.learner.size_motion(memory, self.tool, sample)])
+            motion = np.vstack([motion, self.guarded_estimator.sizes_jacobian(memory, self.tool, sample)])
         desired = MarkerPair(target.points, target.sizes, o_c)
         markers = MarkerPair(points, sizes, o_c)
         error, jacobian, failure = linearise(self.features, markers, desired, motion)
@@ -349,5 +349,5 @@ class Servo(Checked):
     def _detail(self, state: State, observation: Observation) -> str:
         """Return the addition to the sentence of a new cause."""
         advice = self.estimator.advice
-        facts = DetailFacts(observation, state.watch, self.mechanism, self.thresholds, advice)
+        facts = DetailFacts(observation, state.monitor, self.mechanism, self.thresholds, advice)
         return state.cause.declared.detail(facts)

@@ -4,7 +4,7 @@ from typing import Annotated, NamedTuple
 
 from rcmservo.interfaces import Floats
 from rcmservo.numerics.jit import compiled
-from rcmservo.numerics.small_linalg import put
+from rcmservo.numerics.small_linalg import copy_into
 from rcmservo.numerics.structs import Struct
 
 
@@ -29,7 +29,7 @@ class Setpoint(NamedTuple):
 
     points: Annotated[Floats, (2, 2)]
     q: Annotated[Floats, (3,)]
-    shown: int
+    taught_at: int
     is_new: bool
     request: int
     jog: Annotated[Floats, (3,)]
@@ -42,7 +42,7 @@ class SetpointRow(Struct, source=Setpoint):
 @compiled
 def store_setpoint(row: SetpointRow, setpoint: Setpoint) -> None:
     """Copy a setpoint into a row."""
-    row.shown, row.is_new, row.request = setpoint.shown, setpoint.is_new, setpoint.request
-    put(row.points, setpoint.points)
-    put(row.q, setpoint.q)
-    put(row.jog, setpoint.jog)
+    row.shown, row.is_new, row.request = setpoint.taught_at, setpoint.is_new, setpoint.request
+    copy_into(row.points, setpoint.points)
+    copy_into(row.q, setpoint.q)
+    copy_into(row.jog, setpoint.jog)

@@ -4,15 +4,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rcmservo.control.exploration import Exploring
-from rcmservo.estimation.base import Estimate, Estimated
-from rcmservo.estimation.projection_fit import Prospect, blank
+from rcmservo.control.exploration import ExplorationState
+from rcmservo.estimation.base import Estimate, EstimatorResult
+from rcmservo.estimation.projection_fit import ProjectionFit, initial_fit
 from rcmservo.geometry.features import MAX_FEATURES
 from rcmservo.interfaces import Command, Floats, Target
-from rcmservo.numerics.structs import Row, changed, part, reals
+from rcmservo.numerics.structs import Row, replace_fields, part, reals
 from rcmservo.safety.causes import CAUSES, Cause
-from rcmservo.safety.gate import CommandStruct, command_of
-from rcmservo.safety.monitor_state import Watch
+from rcmservo.safety.gate import CommandStruct, to_command
+from rcmservo.safety.monitor_state import MonitorState
 from rcmservo.safety.state_machine import PHASES, Mode, ModeStruct, Phase
 from rcmservo.safety.target_progress import TargetProgress
 from rcmservo.servo.setpoint import SetpointRow
@@ -43,21 +43,21 @@ class Workspace(Row):
     error: Floats = reals(MAX_FEATURES, "", "scaled error of the law's features")
 
 
-class Stored(Row):
+class StoredState(Row):
     """State that a tick changes, except for the estimator's memory, in one row.
 
     One row is passed instead of many arrays, because every array that is passed to a compiled
     function costs as much time as the work on it.
     """
 
-    watch: Watch = part(Watch, "state of the checks")
+    monitor: MonitorState = part(MonitorState, "state of the checks")
     estimate: Estimate = part(Estimate, "estimate from the accepted frames")
-    tour: Exploring = part(Exploring, "state of the exploration")
+    exploration_state: ExplorationState = part(ExplorationState, "state of the exploration")
     decision: Decision = part(Decision, "mode, requested velocity and command")
-    projection_fit: Prospect = part(Prospect, "fit that predicts the markers")
+    projection_fit: ProjectionFit = part(ProjectionFit, "fit that predicts the markers")
     setpoint: SetpointRow = part(SetpointRow, "target and request of this tick")
     workspace: Workspace = part(Workspace, "intermediate results")
-    estimated: Estimated = part(Estimated, "result of the estimator for the newest frame")
+    estimator_result: EstimatorResult = part(EstimatorResult, "result of the estimator for the newest frame")
 
 
 class EstimatorMemory(NamedTuple):
@@ -94,9 +94,9 @@ class EstimationState(NamedTuple):
 
     estimate: Estimate
     lines: Floats
-    projection_fit: Prospect
+    projection_fit: ProjectionFit
     memory: Any
-    tour: Exploring
+    exploration_state: ExplorationState
 
 
 def initial_estimation_rows() -> dict[str, Row]:
@@ -105,7 +105,7 @@ def initial_estimation_rows() -> dict[str, Row]:
         ("points", "o_c", "o_c_covariance", "p1", "y", "delta", "ahead"), np.nan
     )
     estimate = Estimate.of(exposure=-1, rcm_condition=np.inf, condition=np.inf, **unknown)
-    return {"estimate": estimate, "projection_fit": blank(), "tour": Exploring.of()}
+    return {"estimate": estimate, "projection_fit": initial_fit(), "tour": ExplorationState.of()}
 
 
 class State(NamedTuple):
@@ -125,7 +125,7 @@ class State(NamedTuple):
         Addition to the sentence of the cause, such as the joint concerned.
     """
 
-    stored: Stored
+    stored: StoredState
     memory: EstimatorMemory | tuple[()]
     target: Target | None = None
     detail: str = ""
@@ -134,22 +134,22 @@ class State(NamedTuple):
         self,
         *,
         mode: Mode | None = None,
-        watch: Watch | None = None,
+        monitor: MonitorState | None = None,
         estimation: EstimationState | None = None,
     ) -> "State":
         """Return a copy of the state in which the given parts are replaced."""
-        parts: dict[str, Row] = {} if watch is None else {"watch": watch}
+        parts: dict[str, Row] = {} if monitor is None else {"watch": monitor}
         detail, memory = self.detail, self.memory
         if mode is not None:
             parts["decision"], detail = (
-                changed(self.decision, mode=ModeStruct.from_source(mode)),
+                replace_fields(self.decision, mode=ModeStruct.from_source(mode)),
                 mode.detail,
             )
         if estimation is not None:
             names = ("estimate", "projection_fit", "tour")
             parts |= {name: getattr(estimation, name) for name in names}
             memory = self.memory and EstimatorMemory(estimation.lines, estimation.memory)
-        return State(changed(self.stored, **parts), memory, self.target, detail)
+        return State(replace_fields(self.stored, **parts), memory, self.target, detail)
 
     @property
     def decision(self) -> Decision:
@@ -157,16 +157,16 @@ class State(NamedTuple):
         return self.stored.decision
 
     @property
-    def watch(self) -> Watch:
+    def monitor(self) -> MonitorState:
         """State of the checks."""
-        return self.stored.watch
+        return self.stored.monitor
 
     @property
-    def learnt(self) -> EstimationState:
+    def estimation(self) -> EstimationState:
         """Estimate, exploration and estimator memory."""
         stored = self.stored
         lines, memory = self.memory or (NO_LINES, stored.projection_fit.rows)
-        return EstimationState(stored.estimate, lines, stored.projection_fit, memory, stored.tour)
+        return EstimationState(stored.estimate, lines, stored.projection_fit, memory, stored.exploration_state)
 
     @property
     def mode(self) -> Mode:
@@ -176,7 +176,7 @@ class State(NamedTuple):
     @property
     def command(self) -> Command:
         """Command that the gate made at the last tick."""
-        return command_of(self.decision.command)
+        return to_command(self.decision.command)
 
     @property
     def phase(self) -> Phase:
@@ -189,24 +189,24 @@ class State(NamedTuple):
         return CAUSES[int(self.decision.mode.cause)]
 
     @property
-    def words(self) -> str:
+    def text(self) -> str:
         """Sentence for the operator with phase, cause and remedy."""
-        return self.mode.words
+        return self.mode.text
 
     @property
-    def frame(self) -> int:
+    def newest_frame(self) -> int:
         """Number of the newest frame; -1 before the first."""
-        return self.watch.frame
+        return self.monitor.newest_frame
 
     @property
-    def believed(self) -> int:
+    def accepted_frame(self) -> int:
         """Number of the newest frame that the checks accepted; -1 before the first."""
-        return self.watch.believed
+        return self.monitor.accepted_frame
 
     @property
     def explored(self) -> bool:
         """True once exploration has ended with an estimate to servo with."""
-        return self.stored.tour.done
+        return self.stored.exploration_state.is_done
 
     @property
     def o_c(self) -> Floats:
@@ -244,6 +244,6 @@ class State(NamedTuple):
         return self.decision.v
 
     @property
-    def moved(self) -> int:
+    def camera_moved_at(self) -> int:
         """Time in ns at which the checks last detected a moved camera; -1 if never."""
-        return self.decision.moved
+        return self.decision.camera_moved_at

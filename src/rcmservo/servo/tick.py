@@ -12,7 +12,7 @@ from functools import cache
 from typing import Any
 
 from rcmservo.estimation.base import EstimatorKernel
-from rcmservo.estimation.projection_fit import empty
+from rcmservo.estimation.projection_fit import reset_fit
 from rcmservo.interfaces import Floats, ObservationStruct
 from rcmservo.numerics.jit import compiled
 from rcmservo.numerics.structs import Rows
@@ -23,7 +23,7 @@ from rcmservo.servo.collect_causes import collect_causes
 from rcmservo.servo.compute_command import compute_command
 from rcmservo.servo.kernel_parameters import KernelParameters, TickContext
 from rcmservo.servo.setpoint import Setpoint, store_setpoint
-from rcmservo.servo.state import Stored
+from rcmservo.servo.state import StoredState
 from rcmservo.servo.update_estimate import (
     FRAME_UPDATES,
     empty_memory,
@@ -34,7 +34,7 @@ from rcmservo.servo.update_estimate import (
 
 
 @cache
-def tick_of(kind: type[EstimatorKernel]) -> Callable[..., tuple[Any, bool]]:
+def make_compiled_tick(kind: type[EstimatorKernel]) -> Callable[..., tuple[Any, bool]]:
     """Return the compiled tick for a class of estimator kernels.
 
     The settings of the kernel pass as a plain tuple: a named one costs a twentieth of the tick.
@@ -43,7 +43,7 @@ def tick_of(kind: type[EstimatorKernel]) -> Callable[..., tuple[Any, bool]]:
 
     @compiled
     def tick(
-        rows: Rows[Stored],
+        rows: Rows[StoredState],
         memory: Any,
         observation: tuple[Any, ...],
         setpoint: tuple[Any, ...],
@@ -75,7 +75,7 @@ def tick_of(kind: type[EstimatorKernel]) -> Callable[..., tuple[Any, bool]]:
         stored = rows[0]
         cause = stored.decision.mode.cause
         store_inputs(stored, observation, setpoint)
-        context = TickContext(stored, stored.watch.observation, stored.setpoint, parameters[0])
+        context = TickContext(stored, stored.monitor.observation, stored.setpoint, parameters[0])
         memory = step(kernel_class(*settings), memory, context)
         return memory, stored.decision.mode.cause != cause
 
@@ -83,9 +83,9 @@ def tick_of(kind: type[EstimatorKernel]) -> Callable[..., tuple[Any, bool]]:
 
 
 @compiled
-def store_inputs(stored: Stored, observation: tuple[Any, ...], setpoint: tuple[Any, ...]) -> None:
+def store_inputs(stored: StoredState, observation: tuple[Any, ...], setpoint: tuple[Any, ...]) -> None:
     """Copy the inputs of a tick into the state; plain tuples pass from Python in the least time."""
-    store_observation(stored.watch.observation, ObservationStruct(*observation))
+    store_observation(stored.monitor.observation, ObservationStruct(*observation))
     store_setpoint(stored.setpoint, Setpoint(*setpoint))
 
 
@@ -117,13 +117,13 @@ def conclude(tick: TickContext, frame_result: int) -> bool:
     was_reset = choose_mode(tick, causes, frame_result)
     was_reset = bound_rates(tick) or was_reset
     if was_reset:
-        empty(tick.stored.projection_fit)
+        reset_fit(tick.stored.projection_fit)
     return was_reset
 
 
 @compiled
 def begin_tick(
-    rows: Rows[Stored],
+    rows: Rows[StoredState],
     lines: Floats,
     observation: tuple[Any, ...],
     setpoint: tuple[Any, ...],
@@ -139,7 +139,7 @@ def begin_tick(
     """
     stored = rows[0]
     store_inputs(stored, observation, setpoint)
-    context = TickContext(stored, stored.watch.observation, stored.setpoint, parameters[0])
+    context = TickContext(stored, stored.monitor.observation, stored.setpoint, parameters[0])
     frame_result, dt = accept_frame(context)
     if frame_result == FRAME_UPDATES:
         lines, frame_result = fit_frame(context, lines)
@@ -147,11 +147,11 @@ def begin_tick(
 
 
 @compiled
-def finish_tick(rows: Rows[Stored], frame_result: int, parameters: Rows[KernelParameters]) -> bool:
+def finish_tick(rows: Rows[StoredState], frame_result: int, parameters: Rows[KernelParameters]) -> bool:
     """Make the part of a tick after the update of an estimator that does not compile.
 
     The estimator has stored its result. Return True if the estimate was reset.
     """
     stored = rows[0]
-    context = TickContext(stored, stored.watch.observation, stored.setpoint, parameters[0])
+    context = TickContext(stored, stored.monitor.observation, stored.setpoint, parameters[0])
     return conclude(context, frame_result)

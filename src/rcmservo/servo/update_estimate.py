@@ -10,23 +10,23 @@ from typing import Any, cast
 import numpy as np
 
 from rcmservo.estimation.base import Estimate, KernelSample
-from rcmservo.estimation.projection_fit import see
+from rcmservo.estimation.projection_fit import update_fit
 from rcmservo.geometry.features import (
-    POINTS,
-    SRD,
-    along_line,
-    measured,
-    near_origin,
-    shift,
-    straight_jacobian,
-    wrapped,
+    POINTS_CODE,
+    SRD_CODE,
+    compute_line_features_tuple,
+    compute_features_and_error,
+    limit_origin_distance,
+    write_shifted_to_rcm,
+    write_line_features_jacobian,
+    wrap_angle,
 )
-from rcmservo.geometry.imaged_rcm import follow
+from rcmservo.geometry.imaged_rcm import update_imaged_rcm
 from rcmservo.interfaces import Floats
 from rcmservo.numerics.jit import compiled, declare_in
-from rcmservo.numerics.small_linalg import all_finite, multiply, put
-from rcmservo.safety.monitor_state import watch_estimate
-from rcmservo.servo.kernel_parameters import TickContext, shaft_of
+from rcmservo.numerics.small_linalg import all_finite, multiply_into, copy_into
+from rcmservo.safety.monitor_state import monitor_estimate
+from rcmservo.servo.kernel_parameters import TickContext, tool_struct_of
 from rcmservo.servo.state import EstimatorMemory, Workspace
 
 NO_FRAME, FRAME_ACCEPTED, FRAME_UPDATES = 0, 1, 2
@@ -47,15 +47,15 @@ def fit_frame(tick: TickContext, lines: Floats) -> tuple[Floats, int]:
         estimator computes it, else FRAME_ACCEPTED.
     """
     estimate, points, parameters = tick.stored.estimate, tick.observation.points, tick.parameters
-    see(tick.stored.projection_fit, estimate.p1, points, shaft_of(parameters))
-    otherwise = FRAME_UPDATES if parameters.places_rcm else FRAME_ACCEPTED
+    update_fit(tick.stored.projection_fit, estimate.p1, points, tool_struct_of(parameters))
+    otherwise = FRAME_UPDATES if parameters.estimates_rcm else FRAME_ACCEPTED
     if not all_finite(points):
         return lines, otherwise
     settings, printed = parameters.imaged_rcm, parameters.printed_rcm
-    lines, count, o_c, estimate.rcm_condition = follow(
+    lines, count, o_c, estimate.rcm_condition = update_imaged_rcm(
         lines, estimate.line_count, points, settings.refinements, printed
     )
-    put(estimate.o_c, o_c)
+    copy_into(estimate.o_c, o_c)
     estimate.line_count = count
     is_known = estimate.rcm_condition <= settings.max_condition
     return lines, FRAME_UPDATES if is_known else otherwise
@@ -65,8 +65,8 @@ def fit_frame(tick: TickContext, lines: Floats) -> tuple[Floats, int]:
 def make_sample(tick: TickContext, dt: float, fit_changed: bool) -> KernelSample:
     """Return the accepted frame as a sample for the estimator's kernel."""
     estimate, parameters = tick.stored.estimate, tick.parameters
-    points, shaft = tick.observation.points, shaft_of(parameters)
-    needs_motion = parameters.needs_motion
+    points, shaft = tick.observation.points, tool_struct_of(parameters)
+    needs_motion = parameters.needs_markers_jacobian
     return KernelSample(estimate.p1, points, estimate.o_c, dt, shaft, needs_motion, fit_changed)
 
 
@@ -79,7 +79,7 @@ def update_with_lines(
     own_memory, stored = memory.memory, tick.stored
     if frame_result == FRAME_UPDATES:
         sample = make_sample(tick, dt, True)
-        own_memory = run_kernel(kernel, own_memory, sample, stored.projection_fit, stored.estimated)
+        own_memory = run_kernel(kernel, own_memory, sample, stored.projection_fit, stored.estimator_result)
     return EstimatorMemory(lines, own_memory), frame_result
 
 
@@ -87,12 +87,12 @@ def update_with_lines(
 def update_with_fit(kernel: Any, memory: Any, tick: TickContext, dt: float) -> tuple[Any, int]:
     """Implement `update_estimator` for an estimator that computes the imaged RCM itself."""
     stored, estimate = tick.stored, tick.stored.estimate
-    fit, result = stored.projection_fit, stored.estimated
-    frames = fit.frames
-    see(fit, estimate.p1, tick.observation.points, shaft_of(tick.parameters))
-    put(result.o_c, estimate.o_c)
-    put(result.o_c_covariance, estimate.o_c_covariance)
-    sample = make_sample(tick, dt, fit.frames > frames or estimate.rcm_condition > 0.0)
+    fit, result = stored.projection_fit, stored.estimator_result
+    frames = fit.frame_count
+    update_fit(fit, estimate.p1, tick.observation.points, tool_struct_of(tick.parameters))
+    copy_into(result.o_c, estimate.o_c)
+    copy_into(result.o_c_covariance, estimate.o_c_covariance)
+    sample = make_sample(tick, dt, fit.frame_count > frames or estimate.rcm_condition > 0.0)
     return run_kernel(kernel, memory, sample, fit, result), FRAME_UPDATES
 
 
@@ -141,28 +141,28 @@ declare_in("rcmservo.servo.estimator_kernels")
 def store_estimate(tick: TickContext) -> None:
     """Compute features and error from the estimator's result, and check the estimate by them."""
     stored, code = tick.stored, tick.parameters.features.code
-    estimate, result, target = stored.estimate, stored.estimated, tick.setpoint.points
+    estimate, result, target = stored.estimate, stored.estimator_result, tick.setpoint.points
     estimate.exposure = tick.observation.exposure
-    if result.placed:
-        put(estimate.o_c, result.o_c)
-        put(estimate.o_c_covariance, result.o_c_covariance)
+    if result.has_imaged_rcm:
+        copy_into(estimate.o_c, result.o_c)
+        copy_into(estimate.o_c_covariance, result.o_c_covariance)
         estimate.rcm_condition = 0.0
-        measure_line_features(estimate, result.motion, result.points, target, stored.workspace)
+        measure_line_features(estimate, result.markers_jacobian, result.points, target, stored.workspace)
     else:
-        put(estimate.J_hat, result.J_hat)
-        y, delta = measured(result.points, target, estimate.o_c)
-        put(estimate.y, y)
-        put(estimate.delta, delta)
-    if code == SRD:
-        put(estimate.law_jacobian[:3], estimate.J_hat)
-        put(estimate.law_error[:3], estimate.delta)
-    elif code == POINTS:
-        put(estimate.law_jacobian[:4], result.motion)
+        copy_into(estimate.J_hat, result.J_hat)
+        y, delta = compute_features_and_error(result.points, target, estimate.o_c)
+        copy_into(estimate.y, y)
+        copy_into(estimate.delta, delta)
+    if code == SRD_CODE:
+        copy_into(estimate.law_jacobian[:3], estimate.J_hat)
+        copy_into(estimate.law_error[:3], estimate.delta)
+    elif code == POINTS_CODE:
+        copy_into(estimate.law_jacobian[:4], result.markers_jacobian)
         for k in range(4):
             estimate.law_error[k] = result.points[k // 2, k % 2] - target[k // 2, k % 2]
-    if stored.tour.done and estimate.rcm_condition > 0.0:
+    if stored.exploration_state.is_done and estimate.rcm_condition > 0.0:
         points, thresholds = estimate.points, tick.parameters.thresholds
-        watch_estimate(stored.watch, estimate.p1, points, estimate.o_c, estimate.J_hat, thresholds)
+        monitor_estimate(stored.monitor, estimate.p1, points, estimate.o_c, estimate.J_hat, thresholds)
 
 
 @compiled
@@ -175,12 +175,12 @@ def measure_line_features(
     image plane of the camera, a point in its direction replaces it: at the target every origin
     gives the same pose.
     """
-    origin, J = near_origin(estimate.o_c, points, MAX_ORIGIN_DISTANCE_PX), workspace.J_m
+    origin, J = limit_origin_distance(estimate.o_c, points, MAX_ORIGIN_DISTANCE_PX), workspace.J_m
     m, m_d = workspace.m, workspace.m_d
-    shift(points, origin, m)
-    shift(target, origin, m_d)
-    straight_jacobian(m, J)
-    multiply(J, motion, estimate.J_hat)
-    y, y_d, delta = along_line(m), along_line(m_d), estimate.delta
+    write_shifted_to_rcm(points, origin, m)
+    write_shifted_to_rcm(target, origin, m_d)
+    write_line_features_jacobian(m, J)
+    multiply_into(J, motion, estimate.J_hat)
+    y, y_d, delta = compute_line_features_tuple(m), compute_line_features_tuple(m_d), estimate.delta
     estimate.y[0], estimate.y[1], estimate.y[2] = y
-    delta[0], delta[1], delta[2] = wrapped(y[0] - y_d[0]), y[1] - y_d[1], y[2] - y_d[2]
+    delta[0], delta[1], delta[2] = wrap_angle(y[0] - y_d[0]), y[1] - y_d[1], y[2] - y_d[2]

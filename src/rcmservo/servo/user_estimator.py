@@ -52,29 +52,29 @@ class GuardedMemory(NamedTuple):
     memory: Any
     J_hat: Floats
     points: Floats
-    motion: Floats
-    size_motion: Floats
+    markers_jacobian: Floats
+    sizes_jacobian: Floats
     imaged_rcm: tuple[Floats, Floats] | None
     numbers: Floats
     failure: str
 
 
-def name_of_class(kind: type[Any]) -> str:
+def class_path(kind: type[Any]) -> str:
     """Return the name of a class as module:class."""
     return f"{kind.__module__}:{kind.__qualname__}"
 
 
-def called(estimator: object) -> str:
+def class_path_of(estimator: object) -> str:
     """Return the name of an estimator's class as module:class."""
-    return name_of_class(type(estimator))
+    return class_path(type(estimator))
 
 
 def guard_estimator(estimator: Estimator) -> Estimator:
     """Return the estimator that the servo calls: a user-defined one in a `Guard`."""
-    return estimator if _is_built_in(type(estimator)) else Guard(estimator)
+    return estimator if _is_built_in(type(estimator)) else EstimatorGuard(estimator)
 
 
-def compiles(kind: type[Any]) -> bool:
+def is_compiled(kind: type[Any]) -> bool:
     """Return True if estimators of a class are part of the compiled tick.
 
     These are the estimators of this package that declare a kernel themselves. Others do not
@@ -85,7 +85,7 @@ def compiles(kind: type[Any]) -> bool:
 
 def kernel_of(estimator: Estimator) -> Any:
     """Return the compiled form of an estimator; None if it does not compile."""
-    if compiles(type(estimator)) and isinstance(estimator, CompiledEstimator):
+    if is_compiled(type(estimator)) and isinstance(estimator, CompiledEstimator):
         return estimator.kernel
     return None
 
@@ -105,7 +105,7 @@ def _initial_memory(memory: Any, J_entry: float, numbers: Floats, failure: str) 
     return GuardedMemory(memory, J, NO_POINTS, NO_MOTION, NO_MOTION[:2], None, numbers, failure)
 
 
-class Guard(Estimator):
+class EstimatorGuard(Estimator):
     """Estimator that calls a user-defined one and checks its results.
 
     ``slowest`` is the longest time in ns that the estimator has taken for a frame.
@@ -114,7 +114,7 @@ class Guard(Estimator):
     name = "own"
 
     def __init__(self, own: Estimator) -> None:
-        self.own, self.slowest = own, 0
+        self.estimator, self.slowest_ns = own, 0
 
     def init(self) -> GuardedMemory:
         try:
@@ -131,7 +131,7 @@ class Guard(Estimator):
             unknown = {"J_hat": NO_MOTION[:3], "motion": NO_MOTION, "size_motion": NO_MOTION[:2]}
             return memory._replace(**unknown, failure=str(error))
         finally:
-            self.slowest = max(self.slowest, perf_counter_ns() - started)
+            self.slowest_ns = max(self.slowest_ns, perf_counter_ns() - started)
 
     def _update_checked(self, before: GuardedMemory, tool: Tool, sample: Sample) -> GuardedMemory:
         """Update the estimator and return its results; raise `UnusableEstimator` if it fails."""
@@ -146,9 +146,9 @@ class Guard(Estimator):
         J_hat = self._call_for_array("jacobian", (3, 3), memory, tool, sample)
         self._require_finite("jacobian", J_hat)
         motion, size_motion = NO_MOTION, NO_MOTION[:2]
-        if imaged_rcm is not None or self.own.tells_motion:
+        if imaged_rcm is not None or self.estimator.has_markers_jacobian:
             motion = self._call_for_motion("motion", 4, memory, tool, sample)
-        if self.own.tells_size_motion:
+        if self.estimator.has_sizes_jacobian:
             size_motion = self._call_for_motion("size_motion", 2, memory, tool, sample)
         self._call_for_prediction(memory, tool, sample.p1)
         numbers = self._call_for_numbers(memory)
@@ -164,10 +164,10 @@ class Guard(Estimator):
         return sample.points if memory.failure else memory.points
 
     def motion(self, memory: GuardedMemory, tool: Tool, sample: Sample) -> Floats:
-        return memory.motion
+        return memory.markers_jacobian
 
     def size_motion(self, memory: GuardedMemory, tool: Tool, sample: Sample) -> Floats:
-        return memory.size_motion
+        return memory.sizes_jacobian
 
     def imaged_rcm(self, memory: GuardedMemory) -> tuple[Floats, Floats] | None:
         return memory.imaged_rcm
@@ -189,7 +189,7 @@ class Guard(Estimator):
         return motion
 
     def _call_for_imaged_rcm(self, memory: Any) -> tuple[Floats, Floats] | None:
-        if not self.own.places_rcm:
+        if not self.estimator.estimates_rcm:
             return None
         value = self._call("imaged_rcm", memory)
         try:
@@ -204,12 +204,12 @@ class Guard(Estimator):
         return o_c, covariance
 
     def _call_for_prediction(self, memory: Any, tool: Tool, p1: Floats) -> Floats | None:
-        if type(self.own).predict is Estimator.predict:
+        if type(self.estimator).predict is Estimator.predict:
             return None
         return self._call_for_array("predict", (4,), memory, tool, p1)
 
     def _call_for_numbers(self, memory: Any) -> Floats:
-        if type(self.own).remembered is Estimator.remembered:
+        if type(self.estimator).recorded_numbers is Estimator.recorded_numbers:
             return NO_NUMBERS
         return self._call_for_array("remembered", (-1,), memory)
 
@@ -228,7 +228,7 @@ class Guard(Estimator):
 
     def _call(self, method: str, *arguments: Any) -> Any:
         try:
-            return getattr(self.own, method)(*arguments)
+            return getattr(self.estimator, method)(*arguments)
         except Exception as error:  # of any kind: the loop must reach its fault
             raise self._error(method, f"raised {one_line(repr(error))}") from error
 
@@ -237,29 +237,29 @@ class Guard(Estimator):
             raise self._error(method, "returned a number that is not finite")
 
     def _error(self, method: str, found: str) -> UnusableEstimator:
-        return UnusableEstimator(f"estimator {called(self.own)}: its {method} {found}")
+        return UnusableEstimator(f"estimator {class_path_of(self.estimator)}: its {method} {found}")
 
 
 @final
-class StrictGuard(Guard):
+class StrictGuard(EstimatorGuard):
     """Guard for use without motion: it raises the failures of the estimator."""
 
     def update(self, memory: GuardedMemory, tool: Tool, sample: Sample) -> GuardedMemory:
         return self._update_checked(memory, tool, sample)
 
 
-def strict(estimator: Estimator) -> Estimator:
+def guard_strictly(estimator: Estimator) -> Estimator:
     """Return a user-defined estimator in a `StrictGuard`, a built-in one unchanged."""
-    return StrictGuard(estimator) if isinstance(guard_estimator(estimator), Guard) else estimator
+    return StrictGuard(estimator) if isinstance(guard_estimator(estimator), EstimatorGuard) else estimator
 
 
 def reset_slowest(estimator: Estimator) -> None:
     """Discard the measured times of a guarded estimator: those of a warm-up delay no motion."""
-    if isinstance(estimator, Guard):
-        estimator.slowest = 0
+    if isinstance(estimator, EstimatorGuard):
+        estimator.slowest_ns = 0
 
 
-def examine(estimator: object, tool: Tool) -> None:
+def check_estimator(estimator: object, tool: Tool) -> None:
     """Call a user-defined estimator with made-up samples before the drive is enabled.
 
     Raises
@@ -269,17 +269,17 @@ def examine(estimator: object, tool: Tool) -> None:
     """
     if not isinstance(estimator, Estimator):
         raise UnusableEstimator(
-            f"estimator {called(estimator)}: it must derive from rcmservo.Estimator"
+            f"estimator {class_path_of(estimator)}: it must derive from rcmservo.Estimator"
         )
     guard = guard_estimator(estimator)
-    if not isinstance(guard, Guard):
+    if not isinstance(guard, EstimatorGuard):
         return
     memory = guard.init()
     if memory.failure:
         raise UnusableEstimator(memory.failure)
     for sample in _trial_samples(tool):
         memory, repeated = (guard.update(memory, tool, sample) for _ in range(2))
-        _require_pure(memory, repeated, called(estimator))
+        _require_pure(memory, repeated, class_path_of(estimator))
 
 
 def _require_pure(memory: GuardedMemory, repeated: GuardedMemory, name: str) -> None:

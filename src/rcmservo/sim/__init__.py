@@ -6,7 +6,7 @@ The true state stays inside this package; no servo can read it.
 from rcmservo.sim.arm import Drive
 from rcmservo.sim.cameras import Timing
 from rcmservo.sim.disturbances import Disturbance, Killed
-from rcmservo.sim.rendering import Look
+from rcmservo.sim.rendering import Appearance
 from rcmservo.sim.rig import Rig, RigSettings
 from rcmservo.sim.scene import SceneSettings
 
@@ -14,7 +14,7 @@ __all__ = [
     "Disturbance",
     "Drive",
     "Killed",
-    "Look",
+    "Appearance",
     "Rig",
     "RigSettings",
     "SceneSettings",

@@ -16,8 +16,8 @@ import mujoco
 import numpy as np
 
 from rcmservo.constraints import Checked, Triple, above, angles, between, each, finite, not_negative
-from rcmservo.geometry.kinematics import FULL_TURN, PITCH_YAW, Kinematics
-from rcmservo.interfaces import Command, Floats, Measured
+from rcmservo.geometry.kinematics import FULL_TURN_RAD, PITCH_YAW, Kinematics
+from rcmservo.interfaces import Command, Floats, ArmMeasurement
 from rcmservo.loop.joint_history import JointHistory
 from rcmservo.safety.watchdog import Watchdog
 
@@ -81,7 +81,7 @@ class Drive(Checked, section="drive"):
     encoder: Annotated[Triple, NOT_NEGATIVE_JOINTS] = (2e-5, 2e-5, 2e-3)
 
     encoder_offset: Annotated[
-        Triple, each(finite(), "three finite numbers (rad, rad, mm)"), angles(FULL_TURN, first=2)
+        Triple, each(finite(), "three finite numbers (rad, rad, mm)"), angles(FULL_TURN_RAD, first=2)
     ] = (0.0, 0.0, 0.0)
 
     rate_error: Annotated[Triple, each(above(-1.0, 1.0), "three ratios above -1 and at most 1")] = (
@@ -289,10 +289,10 @@ class SimulatedArm:
         """Switch the drives on, at rest."""
         self.watchdog.enable(self._device_time)
 
-    def measure(self) -> Measured:
+    def measure(self) -> ArmMeasurement:
         """Return time, joints (3,) as the quantised encoders report them, and drive state."""
         counted = np.round(self.drive.measured(self.q_true) / self._encoder) * self._encoder
-        return Measured(self._device_time, counted, self.watchdog.enabled)
+        return ArmMeasurement(self._device_time, counted, self.watchdog.enabled)
 
     def apply(self, command: Command) -> Floats:
         """Queue a command if the watchdog accepts it, and return the accepted rates (3,).

@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from rcmservo.geometry.features import about, features_jacobian
+from rcmservo.geometry.features import shift_to_rcm, compute_features_jacobian
 from rcmservo.geometry.kinematics import Point
-from rcmservo.geometry.tool import Shaft, second_marker, second_marker_jacobian, second_point
+from rcmservo.geometry.tool import ToolStruct, compute_second_marker, compute_second_marker_jacobian, compute_second_marker_tuple
 from rcmservo.interfaces import Floats
 from rcmservo.numerics.jit import compiled
-from rcmservo.numerics.small_linalg import products, put
+from rcmservo.numerics.small_linalg import multiply_matrices, copy_into
 from rcmservo.numerics.structs import Row, real, reals, whole
 
 
@@ -68,7 +68,7 @@ def project_jacobian(lens: CameraStruct, p: Floats) -> Floats:
 
 
 @compiled
-def project_markers(lens: CameraStruct, shaft: Shaft, p1: Floats) -> Floats:
+def project_markers(lens: CameraStruct, shaft: ToolStruct, p1: Floats) -> Floats:
     """Return the images (2, 2) px of both markers, with marker 1 at p1 (3,) mm."""
     out = np.empty((2, 2))
     project_markers_into(lens, shaft, (p1[0], p1[1], p1[2]), out)
@@ -76,24 +76,24 @@ def project_markers(lens: CameraStruct, shaft: Shaft, p1: Floats) -> Floats:
 
 
 @compiled
-def project_markers_into(lens: CameraStruct, shaft: Shaft, p1: Point, out: Floats) -> None:
+def project_markers_into(lens: CameraStruct, shaft: ToolStruct, p1: Point, out: Floats) -> None:
     """Write the images of both markers into `out` (2, 2) px, with marker 1 at p1 (3,) mm."""
     out[0, 0], out[0, 1] = project(lens, p1)
-    out[1, 0], out[1, 1] = project(lens, second_point(shaft, p1))
+    out[1, 0], out[1, 1] = project(lens, compute_second_marker_tuple(shaft, p1))
 
 
 @compiled
-def compute_markers_jacobian(lens: CameraStruct, shaft: Shaft, p1: Floats) -> Floats:
+def compute_markers_jacobian(lens: CameraStruct, shaft: ToolStruct, p1: Floats) -> Floats:
     """Return ∂(m₁, m₂)/∂p₁ (4, 3) px/mm, the second factor of eq. (15), through the true camera."""
     out = np.empty((4, 3))
-    second = project_jacobian(lens, second_marker(shaft, p1))
-    put(out[:2], project_jacobian(lens, p1))
-    put(out[2:], products(second, second_marker_jacobian(shaft, p1)))
+    second = project_jacobian(lens, compute_second_marker(shaft, p1))
+    copy_into(out[:2], project_jacobian(lens, p1))
+    copy_into(out[2:], multiply_matrices(second, compute_second_marker_jacobian(shaft, p1)))
     return out
 
 
 @compiled
-def compute_true_jacobian(lens: CameraStruct, shaft: Shaft, p1: Floats, o_c: Floats) -> Floats:
+def compute_true_jacobian(lens: CameraStruct, shaft: ToolStruct, p1: Floats, o_c: Floats) -> Floats:
     """Return J (3, 3) of eq. (15) with marker 1 at p1 (3,) mm, about the origin o_c (2,) px."""
-    m = about(project_markers(lens, shaft, p1), o_c)
-    return products(features_jacobian(m), compute_markers_jacobian(lens, shaft, p1))
+    m = shift_to_rcm(project_markers(lens, shaft, p1), o_c)
+    return multiply_matrices(compute_features_jacobian(m), compute_markers_jacobian(lens, shaft, p1))

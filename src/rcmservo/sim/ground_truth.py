@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from rcmservo.control.saturated_controller import scaled
+from rcmservo.control.saturated_controller import scale_rows
 from rcmservo.interfaces import Floats
 from rcmservo.loop.tick import Tick
 from rcmservo.recording.writer import Recorder
@@ -40,13 +40,13 @@ class GroundTruth:
 
     def jacobian_error(self, J_hat: Floats, q_measured: Floats, o_c: Floats) -> float:
         """Return ‖Ĵ − J‖/‖J‖ (Frobenius) of the scaled Jacobians at the measured joints (3,)."""
-        J = scaled(self.jacobian(self._drive.true(q_measured), o_c))
-        return float(np.linalg.norm(scaled(J_hat) - J) / np.linalg.norm(J))
+        J = scale_rows(self.jacobian(self._drive.true(q_measured), o_c))
+        return float(np.linalg.norm(scale_rows(J_hat) - J) / np.linalg.norm(J))
 
     def tick_error(self, tick: Tick) -> float:
         """Return the `jacobian_error` of the estimate at a tick."""
         state = tick.state
-        return self.jacobian_error(state.J_hat, tick.seen.q_exposure, state.o_c)
+        return self.jacobian_error(state.J_hat, tick.observation.q_exposure, state.o_c)
 
     def write(self, recorder: Recorder, tick: Tick) -> None:
         """Record a tick together with the present ground truth."""
@@ -57,4 +57,4 @@ class GroundTruth:
 
 def compute_feature_jacobian(body: ToolBody, optics: CameraModel, q: Floats, o_c: Floats) -> Floats:
     """Return J (3, 3) of eq. (15) at the joints q (3,), through the true, distorted camera."""
-    return compute_true_jacobian(optics.lens[0], body.tool.shaft, body.points(q)[0], o_c)
+    return compute_true_jacobian(optics.lens[0], body.tool.struct, body.points(q)[0], o_c)

@@ -28,7 +28,7 @@ from rcmservo.sim.disturbances.frame_delivery import FrameDelivery
 from rcmservo.sim.disturbances.kinds import DISTURBANCE_KINDS
 from rcmservo.sim.disturbances.schedule import Event, Schedule
 from rcmservo.sim.ground_truth import GroundTruth
-from rcmservo.sim.rendering import Look, Renderer
+from rcmservo.sim.rendering import Appearance, Renderer
 from rcmservo.sim.scene import Scene, SceneSettings
 from rcmservo.sim.scenes.sampling import SceneSampler, sample_relocated_scene, sample_scene
 from rcmservo.sim.tool_body import ToolBody
@@ -94,7 +94,7 @@ class RigSettings(Picture, section="rig"):
 
     timing: Timing = field(default_factory=Timing)
 
-    look: Look = field(default_factory=Look)
+    appearance: Appearance = field(default_factory=Appearance)
 
     scene: SceneSettings = field(default_factory=SceneSettings)
 
@@ -115,7 +115,7 @@ def _spawn_seeds(seed: int) -> list[np.random.SeedSequence]:
 def _sampler_of(
     settings: RigSettings, body: ToolBody, seed: np.random.SeedSequence
 ) -> SceneSampler:
-    size, radius = (settings.width, settings.height), max(settings.look.marker_radii)
+    size, radius = (settings.width, settings.height), max(settings.appearance.marker_radii)
     return SceneSampler(settings.scene, body, size, radius, np.random.default_rng(seed))
 
 
@@ -196,7 +196,7 @@ class Rig:
         return PointCamera(self._arm, self.body, parts.timing, self.scene.optics, noise)
 
     def _make_renderer(self) -> Renderer:
-        return Renderer(self.scene.optics, self.settings.look, self.scene.tissue, self.seed)
+        return Renderer(self.scene.optics, self.settings.appearance, self.scene.tissue, self.seed)
 
     def _insert_disturbances(self) -> None:
         """Insert the disturbances between the software and the devices."""
@@ -205,7 +205,7 @@ class Rig:
             possible = isinstance(self._camera, PointCamera) or DISTURBANCE_KINDS[kind].pictures
             require(possible, "disturbance", kind, "one that a camera with images can have")
         self.arm = DisturbedArm(self._arm, self.schedule)
-        view = DisturbedView(self._camera, self.settings.look, self.schedule, self._move_camera)
+        view = DisturbedView(self._camera, self.settings.appearance, self.schedule, self._move_camera)
         self.camera = FrameDelivery(view, self.clock.now, self.schedule)
         self.clock.stalls = ProcessDelays(self.schedule)
 

@@ -3,9 +3,9 @@
 from dataclasses import dataclass, fields
 from typing import Any, cast
 
-from rcmservo.config.rig_file import Lab
+from rcmservo.config.rig_file import RigDescription
 from rcmservo.constraints import Checked
-from rcmservo.sim import Look
+from rcmservo.sim import Appearance
 from rcmservo.sim.arm import Drive
 from rcmservo.sim.cameras import Timing
 from rcmservo.sim.rendering import Colour
@@ -29,7 +29,7 @@ class CameraSection(Picture, Timing, section="camera"):
     """Section [camera] of a rig file."""
 
 
-def read_rig_settings(lab: Lab) -> RigSettings:
+def read_rig_settings(lab: RigDescription) -> RigSettings:
     """Return the settings of the simulated laboratory that a rig file describes."""
     camera = lab.section("camera", CameraSection)
     return RigSettings(
@@ -37,7 +37,7 @@ def read_rig_settings(lab: Lab) -> RigSettings:
         tool=lab.tool,
         drive=lab.section("drive", Drive),
         timing=Timing(**_values(camera, Timing)),
-        look=lab.section("look", Look, **_marker_appearance(lab)),
+        appearance=lab.section("look", Appearance, **_marker_appearance(lab)),
         scene=lab.section("scene", SceneSettings),
         **_values(camera, Picture),
     )
@@ -48,7 +48,7 @@ def _values(camera: CameraSection, kind: type[Checked]) -> dict[str, Any]:
     return {f.name: getattr(camera, f.name) for f in fields(cast(Any, kind))}
 
 
-def _marker_appearance(lab: Lab) -> dict[str, tuple[float, float] | tuple[Colour, Colour]]:
+def _marker_appearance(lab: RigDescription) -> dict[str, tuple[float, float] | tuple[Colour, Colour]]:
     """Return the fields of `Look` that follow from the section [markers]."""
     markers = lab.markers
     return {

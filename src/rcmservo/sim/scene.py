@@ -7,7 +7,7 @@ import numpy as np
 
 from rcmservo.constraints import Checked, Limit, Triple, angles, each, finite, not_negative
 from rcmservo.errors import RcmServoError
-from rcmservo.geometry.kinematics import FULL_TURN
+from rcmservo.geometry.kinematics import FULL_TURN_RAD
 from rcmservo.interfaces import Floats
 from rcmservo.sim.camera_model import CameraModel
 from rcmservo.sim.rendering import Tissue
@@ -100,9 +100,9 @@ class SceneSettings(Checked, section="scene"):
 
     errors: Annotated[Triple | None, INITIAL_ERROR_LIMIT, angles(np.pi, first=1)] = None
 
-    start: Annotated[Triple | None, JOINT_VALUES_LIMIT, angles(FULL_TURN, first=2)] = None
+    start: Annotated[Triple | None, JOINT_VALUES_LIMIT, angles(FULL_TURN_RAD, first=2)] = None
 
-    target: Annotated[Triple | None, JOINT_VALUES_LIMIT, angles(FULL_TURN, first=2)] = None
+    target: Annotated[Triple | None, JOINT_VALUES_LIMIT, angles(FULL_TURN_RAD, first=2)] = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -149,7 +149,7 @@ class Scene:
 
     path: Floats
 
-    half_way: Floats
+    midpoint: Floats
 
     tissue: Tissue
 

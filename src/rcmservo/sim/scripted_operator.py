@@ -8,7 +8,7 @@ from rcmservo.interfaces import Target
 from rcmservo.loop.plant import Plant
 from rcmservo.loop.run import Tick, run
 from rcmservo.loop.target_frames import TEACHING_FRAMES
-from rcmservo.loop.teach import NotShown, teach
+from rcmservo.loop.teach import TeachingFailed, teach
 from rcmservo.safety.state_machine import Phase, Request
 from rcmservo.servo.servo import Servo, State
 from rcmservo.sim.rig import Rig
@@ -70,7 +70,7 @@ class ScriptedOperator:
         if tick.request is Request.RESUME:
             accepted = tick.state.phase is Phase.ACQUIRE
             self.resumed, self.refused = self.resumed + accepted, self.refused + (not accepted)
-        self._since = None if not paused else tick.seen.now if self._since is None else self._since
+        self._since = None if not paused else tick.observation.now if self._since is None else self._since
         gives_up = paused and self._pauses_left <= 0 and not tick.state.command.rates.any()
         return (
             tick.state.phase is Phase.FAULT
@@ -96,7 +96,7 @@ class ScriptedOperator:
         self._rig.move_to_target()
         try:
             target = teach(self._plant, self._frames)
-        except NotShown:
+        except TeachingFailed:
             return None
         finally:
             self._rig.place(joints)
@@ -109,7 +109,7 @@ class ScriptedOperator:
         return (
             self._pauses_left > 0
             and self._since is not None
-            and tick.seen.now - self._since >= delay
+            and tick.observation.now - self._since >= delay
         )
 
 

@@ -2,22 +2,22 @@
 
 import numpy as np
 
-from rcmservo.geometry.kinematics import Kinematics, Rcm, axis, position
-from rcmservo.geometry.tool import Shaft, Tool, second_marker
+from rcmservo.geometry.kinematics import Kinematics, RcmStruct, compute_axis, compute_position
+from rcmservo.geometry.tool import ToolStruct, Tool, compute_second_marker
 from rcmservo.interfaces import Floats
 from rcmservo.numerics.jit import compiled
-from rcmservo.numerics.small_linalg import put
+from rcmservo.numerics.small_linalg import copy_into
 
 TIP_BEYOND_MARKER_2_MM = 14.0
 """Distance (mm) from marker 2 to the instrument's tip."""
 
 
 @compiled
-def compute_body_points(rcm: Rcm, shaft: Shaft, q: Floats) -> Floats:
+def compute_body_points(rcm: RcmStruct, shaft: ToolStruct, q: Floats) -> Floats:
     """Compute `ToolBody.points`; `rcm`'s reference point is marker 1."""
-    out, n = np.zeros((4, 3)), axis(rcm, q)
-    put(out[0], position(rcm, q))
-    put(out[1], second_marker(shaft, out[0]))
+    out, n = np.zeros((4, 3)), compute_axis(rcm, q)
+    copy_into(out[0], compute_position(rcm, q))
+    copy_into(out[1], compute_second_marker(shaft, out[0]))
     for k in range(3):
         out[3, k] = out[1, k] + TIP_BEYOND_MARKER_2_MM * n[k]
     return out
@@ -36,7 +36,7 @@ class ToolBody:
 
     def __init__(self, mechanism: Kinematics, tool: Tool) -> None:
         self.mechanism, self.tool = mechanism, tool
-        self.rcm = mechanism.rcm(tool.offset)
+        self.rcm = mechanism.to_struct(tool.offset)
 
     def points(self, q: Floats) -> Floats:
         """Return marker 1, marker 2, the shaft's start at the RCM and the tip at the joints q (3,).
@@ -46,4 +46,4 @@ class ToolBody:
         Floats, shape (4, 3)
             Positions in the world, mm.
         """
-        return compute_body_points(self.rcm, self.tool.shaft, np.ascontiguousarray(q, dtype=float))
+        return compute_body_points(self.rcm, self.tool.struct, np.ascontiguousarray(q, dtype=float))

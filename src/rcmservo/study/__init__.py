@@ -7,7 +7,7 @@ that an unbiased servo can reach in a scene.
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from rcmservo.errors import needing
+from rcmservo.errors import require_extra
 
 if TYPE_CHECKING:
     from rcmservo.study.batch import Study
@@ -23,6 +23,6 @@ def __getattr__(name: str) -> Any:
     """Import a public name on first use: the conditions of a study need no simulator."""
     if name not in __all__:
         raise AttributeError(f"module 'rcmservo.study' has no attribute {name!r}")
-    with needing("rcmservo.study", "sim"):
+    with require_extra("rcmservo.study", "sim"):
         modules = (import_module(f"rcmservo.study.{module}") for module in PUBLIC_MODULES)
         return next(getattr(module, name) for module in modules if hasattr(module, name))

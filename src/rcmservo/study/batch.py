@@ -14,16 +14,16 @@ from rcmservo.config.registry import ESTIMATORS
 from rcmservo.constraints import Checked, positive
 from rcmservo.errors import require
 from rcmservo.interfaces import Floats
-from rcmservo.loop.target_frames import FRAMES, TEACHING_FRAMES
-from rcmservo.numerics.structs import changed, copied
+from rcmservo.loop.target_frames import FRAME_COUNT, TEACHING_FRAMES
+from rcmservo.numerics.structs import replace_fields, copy_row
 from rcmservo.servo.servo import Servo, State
-from rcmservo.servo.user_estimator import compiles
+from rcmservo.servo.user_estimator import is_compiled
 from rcmservo.sim import RigSettings
 from rcmservo.sim.arm import HARD_STOP_RATIO
 from rcmservo.sim.scene import Scene
 from rcmservo.study.cramer_rao import bound
 from rcmservo.study.inertia import compute_inertia
-from rcmservo.study.kernel_engine import Goal, InitialConditions, LoopTrace, run_closed_loop
+from rcmservo.study.kernel_engine import StudyGoal, InitialConditions, LoopTrace, run_closed_loop
 from rcmservo.study.plant_kernel import (
     ARM_STEP_NS,
     QUEUE_LENGTH,
@@ -32,7 +32,7 @@ from rcmservo.study.plant_kernel import (
     PlantStruct,
 )
 from rcmservo.study.run_outcome import StudyRun
-from rcmservo.study.trial import count_frames, trial
+from rcmservo.study.trial import count_frames, draw_trial
 
 FIRST_TICK_NS = 1_000_000_000
 """Time of the first tick on the clock of the plant, ns."""
@@ -72,11 +72,11 @@ class Study(Checked):
     servo: Servo
     settings: RigSettings = field(default_factory=RigSettings)
     duration: Annotated[float, positive("time in s")] = 15.0
-    shown: Annotated[int, FRAMES] = TEACHING_FRAMES
+    teaching_frames: Annotated[int, FRAME_COUNT] = TEACHING_FRAMES
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        kinds = " or ".join(k.__name__ for k in ESTIMATORS.values() if compiles(k))
+        kinds = " or ".join(k.__name__ for k in ESTIMATORS.values() if is_compiled(k))
         name = type(self.servo.estimator).__name__
         is_compiled = self.servo.kernel is not None
         require(is_compiled, "servo.estimator", name, f"{kinds}, whose steps are compiled")
@@ -103,10 +103,10 @@ class Study(Checked):
         StudyRun
             Error, phase and cause at every tick.
         """
-        given = trial(seed, repetition, self.settings, self.duration, self.shown)
+        given = draw_trial(seed, repetition, self.settings, self.duration, self.teaching_frames)
         return self.of(seed, *given)
 
-    def of(self, seed: int, scene: Scene, shown: Goal, noise: Floats) -> StudyRun:
+    def of(self, seed: int, scene: Scene, shown: StudyGoal, noise: Floats) -> StudyRun:
         """Run one closed loop in a given scene.
 
         Parameters
@@ -137,7 +137,7 @@ class Study(Checked):
         trace = LoopTrace(np.empty(ticks), np.empty(ticks, np.int8), np.empty(ticks, np.int8))
         plant = self._make_plant(scene)
         run_closed_loop(self._initial_conditions, plant.rows, shown, noise, trace)
-        least = bound(scene, self.settings.point_noise, self._frame_count, self.shown).rms
+        least = bound(scene, self.settings.point_noise, self._frame_count, self.teaching_frames).rms
         return StudyRun(seed, self.servo.rate, trace.error, trace.phase, trace.cause, least, scene)
 
     def runs(self, seeds: Iterable[int]) -> Iterator[StudyRun]:
@@ -154,7 +154,7 @@ class Study(Checked):
     def _initial_conditions(self) -> InitialConditions:
         """The servo before the first tick, in memory that the loop may overwrite."""
         servo, state = self.servo, self._initial_state
-        stored, memory = copied(state.stored).rows, deepcopy(state.memory)
+        stored, memory = copy_row(state.stored).rows, deepcopy(state.memory)
         return InitialConditions(stored, memory, servo.parameters, servo.kernel, FIRST_TICK_NS)
 
     @cached_property
@@ -166,7 +166,7 @@ class Study(Checked):
         timing = self.settings.timing
         latency = round((0.5 * timing.exposure + timing.delay) * 1e9)
         frame_timing = FrameTimingStruct.of(period=1e9 / timing.frame_rate, latency=latency)
-        drives = changed(self._drives, q=scene.start)
+        drives = replace_fields(self._drives, q=scene.start)
         return PlantStruct.of(drives=drives, camera=scene.optics.lens, frame_timing=frame_timing)
 
     @cached_property

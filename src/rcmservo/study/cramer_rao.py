@@ -26,7 +26,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rcmservo.constraints import Limit, not_negative
-from rcmservo.geometry.tool import second_marker_jacobian
+from rcmservo.geometry.tool import compute_second_marker_jacobian
 from rcmservo.interfaces import Floats
 from rcmservo.sim.camera_kernels import compute_markers_jacobian
 from rcmservo.sim.scene import Scene
@@ -91,12 +91,12 @@ def bound(scene: Scene, noise: float, frames: float, shown: float | None = None)
     Limit(lambda count: count >= 1, "at least 1 frame").require("frames", frames)
     Limit(lambda count: count >= 1, "at least 1 frame").require("shown", shown)
     variance = noise**2 * (1.0 / frames + 1.0 / shown)
-    H = pixels_jacobian(scene)
+    H = compute_pixels_jacobian(scene)
     return Bound(np.array(variance * np.linalg.inv(H.T @ H), np.float64))
 
 
-def pixels_jacobian(scene: Scene) -> Floats:
+def compute_pixels_jacobian(scene: Scene) -> Floats:
     """Return H (4, 3) px/mm: derivative of both markers' pixels by the position of marker 2."""
-    shaft, p1 = scene.body.tool.shaft, scene.body.points(scene.target)[0]
+    shaft, p1 = scene.body.tool.struct, scene.body.points(scene.target)[0]
     by_p1 = compute_markers_jacobian(scene.optics.lens[0], shaft, p1)
-    return by_p1 @ np.linalg.inv(second_marker_jacobian(shaft, p1))
+    return by_p1 @ np.linalg.inv(compute_second_marker_jacobian(shaft, p1))

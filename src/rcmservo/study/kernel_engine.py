@@ -8,16 +8,16 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from rcmservo.geometry.kinematics import Point, apart, point_at
-from rcmservo.geometry.tool import Shaft, second_point
-from rcmservo.interfaces import Dropped, Floats
+from rcmservo.geometry.kinematics import Point, compute_point_distance, compute_position_tuple
+from rcmservo.geometry.tool import ToolStruct, compute_second_marker_tuple
+from rcmservo.interfaces import DropReason, Floats
 from rcmservo.numerics.jit import compiled
-from rcmservo.numerics.small_linalg import fill, put
+from rcmservo.numerics.small_linalg import fill, copy_into
 from rcmservo.numerics.structs import Rows
 from rcmservo.safety.monitor_state import ObservationRow
-from rcmservo.servo.kernel_parameters import KernelParameters, TickContext, rcm_of, shaft_of
+from rcmservo.servo.kernel_parameters import KernelParameters, TickContext, rcm_struct_of, tool_struct_of
 from rcmservo.servo.setpoint import Setpoint, store_setpoint
-from rcmservo.servo.state import Stored
+from rcmservo.servo.state import StoredState
 from rcmservo.servo.tick import step
 from rcmservo.sim.camera_kernels import CameraStruct, project_markers_into
 from rcmservo.study.plant_kernel import (
@@ -32,7 +32,7 @@ from rcmservo.study.plant_kernel import (
     reset_plant,
 )
 
-NOT_DROPPED = cast(Dropped, Dropped.NONE.value)
+NOT_DROPPED = cast(DropReason, DropReason.NONE.value)
 """`Dropped.NONE` for compiled functions."""
 
 NO_JOG = np.zeros(3)
@@ -55,14 +55,14 @@ class InitialConditions(NamedTuple):
         Time of the first tick, ns.
     """
 
-    stored: Rows[Stored]
+    stored: Rows[StoredState]
     memory: Any
     parameters: Rows[KernelParameters]
     kernel: Any
     now: int
 
 
-class Goal(NamedTuple):
+class StudyGoal(NamedTuple):
     """Target of a closed loop, and the true position that belongs to it.
 
     Parameters
@@ -100,14 +100,14 @@ class LoopTrace(NamedTuple):
 
 @compiled
 def run_closed_loop(
-    start: InitialConditions, plants: Rows[PlantStruct], goal: Goal, noise: Floats, trace: LoopTrace
+    start: InitialConditions, plants: Rows[PlantStruct], goal: StudyGoal, noise: Floats, trace: LoopTrace
 ) -> None:
     """Run one tick for each entry of the trace; overwrite the initial conditions and the plant.
 
     `noise` (frames, 2, 2) px is added to the markers of each frame from the first tick on.
     """
     stored, parameters, plant = start.stored[0], start.parameters[0], plants[0]
-    now = TickContext(stored, stored.watch.observation, stored.setpoint, parameters)
+    now = TickContext(stored, stored.monitor.observation, stored.setpoint, parameters)
     memory, decision, (errors, phases, causes) = start.memory, stored.decision, trace
     store_setpoint(stored.setpoint, Setpoint(goal.points, goal.q, start.now, True, 0, NO_JOG))
     reset_plant_and_observation(plant, now.observation, start.now)
@@ -123,8 +123,8 @@ def run_closed_loop(
         now.setpoint.is_new = k == 0
         memory = step(start.kernel, memory, now)
         queue_command(plant, decision.command.rates, decision.command.enabled)
-        p2 = second_point(shaft_of(parameters), point_at(rcm_of(parameters), plant.drives.q))
-        errors[k] = apart(p2, (goal.p2[0], goal.p2[1], goal.p2[2]))
+        p2 = compute_second_marker_tuple(tool_struct_of(parameters), compute_position_tuple(rcm_struct_of(parameters), plant.drives.q))
+        errors[k] = compute_point_distance(p2, (goal.p2[0], goal.p2[1], goal.p2[2]))
         phases[k], causes[k] = decision.mode.phase, decision.mode.cause
 
 
@@ -143,8 +143,8 @@ def observe_joints(plant: PlantStruct, observation: ObservationRow, now: int, k:
     """Write the joints and rates that the arm reports at the k-th tick into the observation."""
     drives = plant.drives
     observation.now, observation.q_time, observation.enabled = now, now, drives.enabled
-    put(observation.q, plant.readings[k % HISTORY_LENGTH])
-    put(observation.applied, drives.applied)
+    copy_into(observation.q, plant.readings[k % HISTORY_LENGTH])
+    copy_into(observation.applied, drives.applied)
 
 
 @compiled
@@ -160,8 +160,8 @@ def observe_frame(
     if exposure < start:
         return
     interpolate_history(plant, exposure, observation.q_exposure)
-    p1 = point_at(rcm_of(parameters), observation.q_exposure)
-    measure_markers(plant.camera, shaft_of(parameters), p1, noise, observation.points)
+    p1 = compute_position_tuple(rcm_struct_of(parameters), observation.q_exposure)
+    measure_markers(plant.camera, tool_struct_of(parameters), p1, noise, observation.points)
     j = (exposure - start) // parameters.period
     fraction = (exposure - start - j * parameters.period) / parameters.period
     before, after = j % HISTORY_LENGTH, min(j + 1, k) % HISTORY_LENGTH
@@ -173,7 +173,7 @@ def observe_frame(
 
 @compiled
 def measure_markers(
-    camera: CameraStruct, shaft: Shaft, p1: Point, noise: Floats, points: Floats
+    camera: CameraStruct, shaft: ToolStruct, p1: Point, noise: Floats, points: Floats
 ) -> None:
     """Write both markers (2, 2) px with their noise; NaN for a marker outside the image."""
     project_markers_into(camera, shaft, p1, points)

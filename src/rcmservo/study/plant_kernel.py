@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from rcmservo.geometry.kinematics import Point
 from rcmservo.interfaces import Floats
 from rcmservo.numerics.jit import compiled
-from rcmservo.numerics.small_linalg import fill, put
+from rcmservo.numerics.small_linalg import fill, copy_into
 from rcmservo.numerics.structs import Row, flag, part, real, reals, whole, wholes
 from rcmservo.sim.camera_kernels import CameraStruct
 from rcmservo.study.inertia import InertiaStruct, LinearisedDynamics, linearise_dynamics
@@ -182,7 +182,7 @@ def reset_plant(plant: PlantStruct, now: int) -> None:
     drives = plant.drives
     drives.time, drives.enabled = now, True
     for i in range(HISTORY_LENGTH):
-        put(plant.joint_history[i], drives.q)
+        copy_into(plant.joint_history[i], drives.q)
 
 
 @compiled
@@ -192,7 +192,7 @@ def queue_command(plant: PlantStruct, rates: Floats, enabled: bool) -> None:
     drives.enabled = drives.enabled and enabled
     for i in range(3):
         drives.applied[i] = rates[i] if drives.enabled else 0.0
-    put(plant.queued_rates[drives.queue_end % QUEUE_LENGTH], drives.applied)
+    copy_into(plant.queued_rates[drives.queue_end % QUEUE_LENGTH], drives.applied)
     plant.due_times[drives.queue_end % QUEUE_LENGTH] = drives.time + drives.delay
     drives.queue_end += 1
 

@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from rcmservo.control.saturated_controller import scaled
+from rcmservo.control.saturated_controller import scale_rows
 from rcmservo.interfaces import Floats
 from rcmservo.loop.run_result import RunResult
-from rcmservo.numerics.small_svd import condition
+from rcmservo.numerics.small_svd import compute_condition
 from rcmservo.safety.causes import Cause
 from rcmservo.sim import RigSettings
 from rcmservo.sim.ground_truth import compute_feature_jacobian
@@ -22,7 +22,7 @@ from rcmservo.study.plan.cell import Cell
 from rcmservo.study.plan.conditions import PICTURES
 from rcmservo.study.run_outcome import StudyRun
 
-NEAR = 1.0
+SUCCESS_MM = 1.0
 """Largest pose error of a successful run, mm."""
 
 NEVER_BEGAN = "NEVER_BEGAN"
@@ -76,7 +76,7 @@ class StudyRow:
         """Result of the run by the true error, in the form of any other run."""
         why = self.stop if self.stop in ("", NEVER_BEGAN) else Cause[self.stop].value
         sentences = {
-            "": f"marker 2 is more than {NEAR:g} mm from the target",
+            "": f"marker 2 is more than {SUCCESS_MM:g} mm from the target",
             NEVER_BEGAN: "it never began",
         }
         return RunResult(
@@ -90,12 +90,12 @@ class StudyRow:
         )
 
 
-MEANINGS = {f.name: str(f.metadata["meaning"]) for f in fields(StudyRow)}
+COLUMN_MEANINGS = {f.name: str(f.metadata["meaning"]) for f in fields(StudyRow)}
 
 
 def make_row(cell: Cell, settings: RigSettings, run: StudyRun) -> StudyRow:
     """Return the row of a run of a cell."""
-    first, stops, timing, scene = run.first_within(NEAR), run.stops, settings.timing, run.scene
+    first, stops, timing, scene = run.first_within(SUCCESS_MM), run.stops, settings.timing, run.scene
     depths = scene.optics.depth(np.stack([np.zeros(3), scene.body.points(scene.start)[0]]))
     sight_line: Floats = scene.body.points(scene.start)[0] - scene.optics.position
     return StudyRow(
@@ -107,7 +107,7 @@ def make_row(cell: Cell, settings: RigSettings, run: StudyRun) -> StudyRow:
         latency_s=float(0.5 * timing.exposure + timing.delay),
         disturb=" ".join(cell.disturb),
         engine=cell.engine,
-        success=bool(run.pose_error <= NEAR),
+        success=bool(run.pose_error <= SUCCESS_MM),
         time_to_1mm_s=first if np.isfinite(first) else None,
         pose_error_mm=run.pose_error,
         bound_mm=run.bound if np.isfinite(run.bound) else None,
@@ -116,29 +116,29 @@ def make_row(cell: Cell, settings: RigSettings, run: StudyRun) -> StudyRow:
         stops=len(stops),
         unnoticed_mm=run.unnoticed,
         start_error_mm=float(run.error[0]),
-        condition=worst_condition(scene),
+        condition=compute_worst_condition(scene),
         focal_px=float(scene.optics.focal),
         distance_mm=float(np.linalg.norm(sight_line)),
         rcm_depth=float(depths[0] / depths[1]),
         rejected=scene.rejected,
         source=cell.source,
-        cpu=cpu(),
+        cpu=read_cpu_name(),
         versions=versions(),
     )
 
 
-def worst_condition(scene: Scene) -> float:
+def compute_worst_condition(scene: Scene) -> float:
     """Return the largest condition number of the scaled J on the path; inf where J is undefined."""
     o_c = compute_imaged_rcm(scene.optics)
     return max(_compute_condition(scene, q, o_c) for q in scene.path)
 
 
 def _compute_condition(scene: Scene, q: Floats, o_c: Floats) -> float:
-    return float(condition(scaled(compute_feature_jacobian(scene.body, scene.optics, q, o_c))))
+    return float(compute_condition(scale_rows(compute_feature_jacobian(scene.body, scene.optics, q, o_c))))
 
 
 @cache
-def cpu() -> str:
+def read_cpu_name() -> str:
     """Return the model name of the processor."""
     try:
         lines = Path("/proc/cpuinfo").read_text("utf-8", "replace").splitlines()

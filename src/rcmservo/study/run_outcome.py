@@ -11,7 +11,7 @@ from rcmservo.safety.causes import CAUSES, Cause
 from rcmservo.safety.state_machine import PHASES, Phase
 from rcmservo.sim.scene import Scene
 
-LAST = 1.0
+FINAL_WINDOW_S = 1.0
 """Length of the window at the end of a run over which the pose error is averaged, s."""
 
 STOPPED_PHASES = [PHASES.index(phase) for phase in (Phase.HOLD, Phase.PAUSED, Phase.FAULT)]
@@ -63,7 +63,7 @@ class StudyRun:
     @property
     def pose_error(self) -> float:
         """Root mean square of the error over the last second, mm."""
-        return float(np.sqrt(np.mean(self.error[-round(LAST * self.rate) :] ** 2)))
+        return float(np.sqrt(np.mean(self.error[-round(FINAL_WINDOW_S * self.rate) :] ** 2)))
 
     @property
     def explored(self) -> float:
@@ -107,6 +107,6 @@ class StudyRun:
         for begin, end in edges.reshape(-1, 2):
             error = self.error[begin:end]
             growth = error - np.minimum.accumulate(error)
-            has_no_cause = self.causes[begin:end] == Cause.NONE.place
+            has_no_cause = self.causes[begin:end] == Cause.NONE.code
             largest = max(largest, float(growth[has_no_cause].max(initial=0.0)))
         return largest

@@ -15,8 +15,8 @@ from rcmservo.errors import require
 from rcmservo.interfaces import Floats, Target
 from rcmservo.loop.plant import Plant
 from rcmservo.loop.run import run
-from rcmservo.loop.target_frames import FRAMES, TEACHING_FRAMES
-from rcmservo.loop.teach import NotShown, teach
+from rcmservo.loop.target_frames import FRAME_COUNT, TEACHING_FRAMES
+from rcmservo.loop.teach import TeachingFailed, teach
 from rcmservo.loop.tick import Tick
 from rcmservo.safety.causes import Cause
 from rcmservo.safety.state_machine import PHASES, Phase, Request
@@ -26,7 +26,7 @@ from rcmservo.sim.scene import Scene
 from rcmservo.study.batch import FIRST_TICK_NS
 from rcmservo.study.cramer_rao import bound
 from rcmservo.study.run_outcome import StudyRun
-from rcmservo.study.trial import StudyTrial, count_frames, trial
+from rcmservo.study.trial import StudyTrial, count_frames, draw_trial
 from rcmservo.tracking import ColourMarkers, MarkerAppearance, PointMarkers
 
 EXCLUDED_DISTURBANCES = "kill", "disk_full"
@@ -38,7 +38,7 @@ def request_nothing(tick: Tick) -> Request:
     return Request.NONE
 
 
-class LaboratoryLoop:
+class SimulationLoop:
     """Closed loop of a simulated laboratory, ready for its first tick.
 
     Iterating over `ticks` moves the arm; the caller may stop at any tick.
@@ -58,9 +58,9 @@ class LaboratoryLoop:
         If the target cannot be taught from rendered frames.
     """
 
-    def __init__(self, laboratory: "Laboratory", seed: int, repetition: int) -> None:
+    def __init__(self, laboratory: "SimulationEngine", seed: int, repetition: int) -> None:
         engine = self._engine = laboratory
-        self.trial = trial(seed, repetition, engine.settings, engine.duration, engine.shown)
+        self.trial = draw_trial(seed, repetition, engine.settings, engine.duration, engine.shown)
         scene = self.trial.scene
         self.rig = Rig(seed, engine.settings, engine.pictures, engine.disturbances, scene)
         tracker = ColourMarkers(engine.appearance) if engine.pictures else PointMarkers()
@@ -95,19 +95,19 @@ class LaboratoryLoop:
         servo, duration = self._engine.servo, self._engine.duration
         self.rig.begin()
         for tick in run(self.plant, servo, self.target, duration, operator=request_nothing):
-            self.note(tick.state.phase, tick.state.cause)
+            self.record_tick(tick.state.phase, tick.state.cause)
             yield tick
 
-    def note(self, phase: Phase, cause: Cause) -> None:
+    def record_tick(self, phase: Phase, cause: Cause) -> None:
         """Record the true error, phase and cause of a tick, also of a law outside the servo."""
         p2 = self.rig.truth.markers(self.rig.clock.now())[1]
         deviation: Floats = p2 - self.p_d
         self._errors.append(float(np.linalg.norm(deviation)))
         self._phases.append(PHASES.index(phase))
-        self._causes.append(cause.place)
+        self._causes.append(cause.code)
 
     @property
-    def run(self) -> StudyRun:
+    def outcome(self) -> StudyRun:
         """Outcome of the ticks up to now."""
         engine, scene = self._engine, self.trial.scene
         phases, causes = np.array(self._phases, np.int8), np.array(self._causes, np.int8)
@@ -116,7 +116,7 @@ class LaboratoryLoop:
 
 
 @dataclass(frozen=True)
-class Laboratory(Checked):
+class SimulationEngine(Checked):
     """Simulated closed loops of a servo in the full simulator.
 
     Parameters
@@ -140,7 +140,7 @@ class Laboratory(Checked):
     servo: Servo
     settings: RigSettings = field(default_factory=RigSettings)
     duration: Annotated[float, positive("time in s")] = 15.0
-    shown: Annotated[int, FRAMES] = TEACHING_FRAMES
+    shown: Annotated[int, FRAME_COUNT] = TEACHING_FRAMES
     disturbances: Sequence[Disturbance] = ()
     pictures: bool = False
     appearance: MarkerAppearance = field(default_factory=MarkerAppearance)
@@ -155,22 +155,22 @@ class Laboratory(Checked):
     def run(self, seed: int, repetition: int = 0) -> StudyRun:
         """Run one closed loop in the scene of `Rig(seed)`; the arm rests if teaching fails."""
         try:
-            loop = LaboratoryLoop(self, seed, repetition)
-        except NotShown:
+            loop = SimulationLoop(self, seed, repetition)
+        except TeachingFailed:
             return self._make_idle_run(seed, repetition)
         for _ in loop.ticks():
             pass
-        return loop.run
+        return loop.outcome
 
     def _make_idle_run(self, seed: int, repetition: int) -> StudyRun:
         """Return the outcome of a run in which the arm never leaves the start."""
-        given = trial(seed, repetition, self.settings, self.duration, self.shown)
+        given = draw_trial(seed, repetition, self.settings, self.duration, self.shown)
         scene, rate = given.scene, self.servo.rate
         deviation: Floats = scene.body.points(scene.start)[1] - given.goal.p2
         error = float(np.linalg.norm(deviation))
         n = round(self.duration * rate)
         phases = np.full(n, PHASES.index(Phase.IDLE), np.int8)
-        causes = np.full(n, Cause.NONE.place, np.int8)
+        causes = np.full(n, Cause.NONE.code, np.int8)
         return StudyRun(seed, rate, np.full(n, error), phases, causes, self.bound(scene), scene)
 
     def bound(self, scene: Scene) -> float:

@@ -13,7 +13,7 @@ from rcmservo.interfaces import Floats
 from rcmservo.sim import RigSettings
 from rcmservo.sim.rig import sample_scene_of_seed
 from rcmservo.sim.scene import Scene
-from rcmservo.study.kernel_engine import Goal
+from rcmservo.study.kernel_engine import StudyGoal
 
 NOISE_SEED_CHILD = 1
 """Index of the seed's child that the noise is drawn from; its own children are repetitions."""
@@ -33,7 +33,7 @@ class StudyTrial(NamedTuple):
     """
 
     scene: Scene
-    goal: Goal
+    goal: StudyGoal
     noise: Floats
 
 
@@ -42,7 +42,7 @@ def count_frames(settings: RigSettings, duration: float) -> int:
     return int(duration * settings.timing.frame_rate) + 2
 
 
-def trial(
+def draw_trial(
     seed: int, repetition: int, settings: RigSettings, duration: float, shown: int
 ) -> StudyTrial:
     """Draw the scene of `Rig(seed)`, and the noise of a repetition.
@@ -70,4 +70,4 @@ def trial(
     points = scene.optics.project(markers) + sigma * mean_noise
     noise = sigma * random.standard_normal((count_frames(settings, duration), 2, 2))
     q = settings.drive.measured(scene.target)
-    return StudyTrial(scene, Goal(points, q, markers[1]), noise)
+    return StudyTrial(scene, StudyGoal(points, q, markers[1]), noise)

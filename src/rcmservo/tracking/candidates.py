@@ -75,7 +75,7 @@ def detect_candidates(image: Image) -> list[Candidate]:
 def track_pair(image: Image, appearance: MarkerAppearance) -> TrackedPair:
     """Return the markers that the tracker finds for a given appearance."""
     tracker, frame = ColourMarkers(appearance), Frame(0, 0, 0, image)
-    markers, reason = tracker.find(frame), tracker.why(frame)
+    markers, reason = tracker.find(frame), tracker.explain_failure(frame)
     if not reason and not np.isfinite(markers.points).all():
         reason = "the tracker does not find both markers"
     return TrackedPair(appearance, markers.points, markers.radius, reason)

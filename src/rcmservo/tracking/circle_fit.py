@@ -16,7 +16,7 @@ import numpy as np
 
 from rcmservo.interfaces import Floats
 from rcmservo.numerics.jit import compiled
-from rcmservo.numerics.small_linalg import fill, product
+from rcmservo.numerics.small_linalg import fill, multiply_vector
 from rcmservo.numerics.small_solvers import invert
 
 RAY_COUNT = 64
@@ -311,7 +311,7 @@ def solve_weighted_step(residual: Floats, fit: Floats, gate: float, prior: float
                 b[k] += weight * RADIUS_JACOBIAN[i, k] * residual[i]
     if not invert(N):
         fill(N, np.nan)
-    return product(N, b)
+    return multiply_vector(N, b)
 
 
 @compiled

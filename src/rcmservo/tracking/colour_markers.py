@@ -91,7 +91,7 @@ class ColourMarkers:
         self._times = self._times[1], frame.exposure
         return _to_markers(pair)
 
-    def why(self, frame: Frame) -> str:
+    def explain_failure(self, frame: Frame) -> str:
         """Return the reason why the markers are not found in a frame; empty if they are.
 
         This searches the whole image and takes longer than `find`.
@@ -237,7 +237,7 @@ class PointMarkers:
         points[~visible] = np.nan
         return Markers(points, np.full(2, np.nan), np.where(visible, 1.0, 0.0))
 
-    def why(self, frame: Frame) -> str:
+    def explain_failure(self, frame: Frame) -> str:
         """Return a sentence with the markers that the camera does not deliver, or nothing."""
         lost = [f"marker {i}" for i, q in enumerate(self.find(frame).quality, 1) if not q]
         return f"the camera does not see {' and '.join(lost)}" if lost else ""

@@ -16,7 +16,7 @@ import numpy as np
 
 from rcmservo.interfaces import Floats, Image
 from rcmservo.numerics.jit import compiled
-from rcmservo.numerics.small_linalg import fill, product
+from rcmservo.numerics.small_linalg import fill, multiply_vector
 from rcmservo.numerics.small_solvers import invert
 from rcmservo.tracking.circle_fit import ELONGATION_STD, RAY_COS, RAY_COUNT, RAY_SIN
 from rcmservo.tracking.shading import UNKNOWN_COUNT, evaluate_pixel
@@ -95,7 +95,7 @@ def fit_edge(image: Image, mix: Floats, ellipse: Floats, trust: Floats) -> tuple
         solved = edge_weight >= MIN_EDGE_PIXELS and invert(N)
         if not solved:
             break
-        step = product(N, b)
+        step = multiply_vector(N, b)
         x += step
         if k > 2 and np.abs(step[:3]).max() < STEP_TOLERANCE_PX:
             break

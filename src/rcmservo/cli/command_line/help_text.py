@@ -7,10 +7,10 @@ from dataclasses import fields
 from itertools import groupby
 from typing import Any
 
-from rcmservo.cli.command_line.options import Option, groups_of, options_of
+from rcmservo.cli.command_line.options import Option, option_groups, list_options
 from rcmservo.config.field_docs import describe_class, first_sentence
-from rcmservo.config.registry import ESTIMATORS, PRESETS, name_of
-from rcmservo.config.user_code import OPTION as ESTIMATOR_OPTION
+from rcmservo.config.registry import ESTIMATORS, PRESETS, find_class_name
+from rcmservo.config.user_code import ESTIMATOR_OPTION as ESTIMATOR_OPTION
 
 HELP_OPTIONS, HELP_ALL_OPTION = ("-h", "--help"), "--help-all"
 """Options that print the basic options, and the one that prints all options."""
@@ -27,8 +27,8 @@ def help_text(command: str, kind: type[Any], with_settings: bool) -> str:
 
 
 def _lines(command: str, kind: type[Any], with_settings: bool, width: int) -> Iterator[str]:
-    options = sorted(options_of(kind), key=lambda option: not option.is_positional)
-    classes = groups_of(kind)
+    options = sorted(list_options(kind), key=lambda option: not option.is_positional)
+    classes = option_groups(kind)
     groups = list(dict.fromkeys(option.group for option in options if option.group))
     positionals = [option for option in options if option.is_positional]
     usage = ["usage: rcmservo", command, *(option.name for option in positionals), "[options]"]
@@ -105,5 +105,5 @@ def estimator_descriptions() -> dict[str, str]:
         changed = (
             f"{name}={value}" for name, (value, default) in values.items() if value != default
         )
-        words[name] = f"{name_of(preset, ESTIMATORS)} with {', '.join(changed)}"
+        words[name] = f"{find_class_name(preset, ESTIMATORS)} with {', '.join(changed)}"
     return words

@@ -58,15 +58,15 @@ class Option:
         return not self.metavar
 
 
-def groups_of(kind: type[Any]) -> dict[str, type[Any]]:
+def option_groups(kind: type[Any]) -> dict[str, type[Any]]:
     """Return the classes whose settings are option groups of a command, by group."""
     hints = get_type_hints(kind).items()
     return {_option_name(name): cast(type[Any], hint) for name, hint in hints if is_dataclass(hint)}
 
 
-def options_of(kind: type[Any], group: str = "") -> Iterator[Option]:
+def list_options(kind: type[Any], group: str = "") -> Iterator[Option]:
     """Yield the options of a command, groups last, or the options of field group's class."""
-    groups = groups_of(kind)
+    groups = option_groups(kind)
     hints = get_type_hints(kind, include_extras=True)
     for field in fields(kind):
         if _option_name(field.name) in groups:
@@ -81,7 +81,7 @@ def options_of(kind: type[Any], group: str = "") -> Iterator[Option]:
         name = metavar if tyro.conf.Positional in markers else typed
         yield Option(kind, field.name, group, name, metavar, _format_default(field.default))
     for name, inner in groups.items():
-        yield from options_of(inner, name)
+        yield from list_options(inner, name)
 
 
 def _option_name(name: str) -> str:

@@ -12,9 +12,9 @@ import tyro
 from rcmservo.cli.lab.emulate_crtk import RosOptions, emulate_crtk
 from rcmservo.cli.lab.emulated_arm import EmulatedArm, send_gige, send_mjpeg
 from rcmservo.cli.terminal import console
-from rcmservo.config.rig_file import load_lab
+from rcmservo.config.rig_file import load_rig_file
 from rcmservo.constraints import Checked, between, not_negative
-from rcmservo.errors import needing, require
+from rcmservo.errors import require_extra, require
 from rcmservo.hardware.galil.emulator.controller import SAMPLE_TIME_S, Controller
 from rcmservo.hardware.galil.emulator.faults import FAULT_KINDS, Fault
 from rcmservo.hardware.galil.emulator.serial_port import SerialPort
@@ -22,7 +22,7 @@ from rcmservo.hardware.galil.emulator.server import Server
 from rcmservo.live.realtime import realtime
 
 AXES = 4
-COUNTS = 50000.0, 50000.0, 500.0
+COUNTS_PER_UNIT = 50000.0, 50000.0, 500.0
 """Encoder counts of the emulated arm per rad, rad and mm."""
 PORT_LIMIT = between(0, 65535, "a whole number")
 
@@ -83,11 +83,11 @@ def emulate(options: EmulateOptions) -> int:
             print(f"{name:9} {words}")
         return 0
     _require_device_options(options)
-    lab = load_lab(options.rig)
+    lab = load_rig_file(options.rig)
     if options.device == "crtk":
         return emulate_crtk(options, options.seed, lab)
     faults = [Fault.parse(text) for text in options.fault]
-    with needing("emulate", "sim"):
+    with require_extra("emulate", "sim"):
         arm = EmulatedArm(options.seed, lab)
     with arm:
         cameras: list[str] = []
@@ -95,7 +95,7 @@ def emulate(options: EmulateOptions) -> int:
             cameras.append(arm.start_camera(send_mjpeg, options.mjpeg))
         if options.gige:
             cameras.append("GigE Vision " + arm.start_camera(send_gige))
-        controller = Controller(arm.motors(COUNTS, AXES), AXES)
+        controller = Controller(arm.motors(COUNTS_PER_UNIT, AXES), AXES)
         serial = SerialPort() if options.serial else None
         with closing(Server(controller, options.port, faults, serial)) as server:
             at = f"127.0.0.1:{server.port}" + (f" and {serial.path}" if serial else "")

@@ -8,8 +8,8 @@ from typing import Annotated
 
 from rcmservo.cli.lab.emulated_arm import EmulatedArm
 from rcmservo.cli.terminal import console
-from rcmservo.config.rig_file import Lab
-from rcmservo.errors import RcmServoError, needing
+from rcmservo.config.rig_file import RigDescription
+from rcmservo.errors import RcmServoError, require_extra
 from rcmservo.hardware.crtk.device import STEP_NS, CrtkDevice
 from rcmservo.hardware.crtk.messages import IMAGE_TOPIC, PlainImage
 from rcmservo.hardware.crtk.settings import NAMESPACE, RosConnection
@@ -34,9 +34,9 @@ class RosOptions(RosConnection):
     namespace: Annotated[str, NAMESPACE] = "PSM1"
 
 
-def emulate_crtk(connection: RosOptions, seed: int, lab: Lab) -> int:
+def emulate_crtk(connection: RosOptions, seed: int, lab: RigDescription) -> int:
     """Emulate the arm until Ctrl-C and return the exit code 0."""
-    with needing("emulate", "sim"):
+    with require_extra("emulate", "sim"):
         arm = EmulatedArm(seed, lab)
     with arm, closing(open_transport(connection)) as transport:
         arm.start_camera(send_images, connection)

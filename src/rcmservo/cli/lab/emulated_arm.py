@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from rcmservo.config.rig_file import Lab
+from rcmservo.config.rig_file import RigDescription
 from rcmservo.errors import RcmServoError
 from rcmservo.hardware.crtk.device import RateJoints
 from rcmservo.hardware.galil.emulator.motors import Motors
@@ -32,7 +32,7 @@ class EmulatedArm:
         Lab with mechanism, drives and scene.
     """
 
-    def __init__(self, seed: int, lab: Lab) -> None:
+    def __init__(self, seed: int, lab: RigDescription) -> None:
         from rcmservo.sim.rig import Rig
         from rcmservo.sim.rig_file import read_rig_settings
 

@@ -15,8 +15,8 @@ from typing import Any, cast
 import numpy as np
 
 from rcmservo.config import target_file
-from rcmservo.config.rig_file import Lab
-from rcmservo.config.target_file import Setup
+from rcmservo.config.rig_file import RigDescription
+from rcmservo.config.target_file import TargetSetup
 from rcmservo.errors import BadInput, Stopped, require
 from rcmservo.interfaces import Floats, Target
 from rcmservo.live.device_protocols import LabArm, NotReady, OperatorTerminal
@@ -24,7 +24,7 @@ from rcmservo.live.servo_process import HeartbeatPlant
 from rcmservo.live.terminal_operator import Terminal
 from rcmservo.loop.plant import Plant
 from rcmservo.loop.target_frames import TEACHING_FRAMES
-from rcmservo.loop.teach import NotShown, teach
+from rcmservo.loop.teach import TeachingFailed, teach
 
 ENABLE_WORD = "enable"
 """Word that the operator types to enable the drive."""
@@ -52,7 +52,7 @@ class HardwarePreparation:
         Number of frames over which a taught target is averaged.
     """
 
-    lab: Lab
+    lab: RigDescription
     intent: str
     target: Path | None = None
     save_target: Path | None = None
@@ -71,9 +71,9 @@ class AttendedTerminal:
     def __init__(self, terminal: Terminal) -> None:
         self._terminal = terminal
 
-    def tell(self, words: str) -> None:
+    def notify(self, words: str) -> None:
         """Print a message that needs no answer."""
-        self._terminal.tell(words)
+        self._terminal.notify(words)
 
     def ask(self, question: str) -> str:
         """Return the operator's answer to a question; ask again if the answer is too old."""
@@ -81,25 +81,25 @@ class AttendedTerminal:
             answer = self._terminal.ask(question)
             if time.monotonic_ns() - self._terminal.typed <= MAX_ANSWER_AGE_NS:
                 return answer
-            self.tell("This answer is too old; please repeat it.")
+            self.notify("This answer is too old; please repeat it.")
 
 
 def obtain_target(preparation: HardwarePreparation, plant: Plant) -> Target:
     """Define the joint values if needed, and return the target; the tool is then at its start."""
     setup, file = target_setup(preparation.lab, plant), preparation.target
-    target = None if file is None else target_file.load(file, setup)
+    target = None if file is None else target_file.load_target(file, setup)
     with _operator(plant) as operator:
         require_drive_off(plant)
-        if not lab_arm(plant).homed():
-            define(operator, plant, preparation.lab)
+        if not lab_arm(plant).is_homed():
+            define_joints(operator, plant, preparation.lab)
         if target is None:
             target = teach_by_hand(operator, plant, preparation.frames)
             if preparation.save_target is not None:
-                target_file.save(preparation.save_target, target, setup)
-                operator.tell(f"The target is saved in {preparation.save_target}.")
+                target_file.save_target(preparation.save_target, target, setup)
+                operator.notify(f"The target is saved in {preparation.save_target}.")
         else:
             condition = "It holds only if the camera has not moved since it was taught."
-            operator.tell(f"The target is read from {file}. {condition}")
+            operator.notify(f"The target is read from {file}. {condition}")
         await_enter(operator, plant, "Move the tool to its start by hand, then press Enter:")
     return target
 
@@ -108,7 +108,7 @@ def confirm_enable(preparation: HardwarePreparation, plant: Plant) -> None:
     """Request the word that enables the drive; it is valid for a short time only."""
     with _operator(plant) as operator:
         q = format_joints(plant.arm.measure().q, preparation.lab)
-        operator.tell(f"The arm is at {q}. {preparation.intent}")
+        operator.notify(f"The arm is at {q}. {preparation.intent}")
         answer = operator.ask(
             f"Type {ENABLE_WORD} to switch the drive on; any other answer ends the program:"
         )
@@ -116,7 +116,7 @@ def confirm_enable(preparation: HardwarePreparation, plant: Plant) -> None:
             raise Stopped(f"the drive was not switched on: the answer was not {ENABLE_WORD}")
 
 
-def target_setup(lab: Lab, plant: Plant) -> Setup:
+def target_setup(lab: RigDescription, plant: Plant) -> TargetSetup:
     """Return the set-up for which a target holds.
 
     The camera is identified by all its entries in the rig file except its latency, which no image
@@ -129,12 +129,12 @@ def target_setup(lab: Lab, plant: Plant) -> Setup:
     return target_setup_for_size(lab, width, height)
 
 
-def target_setup_for_size(lab: Lab, width: int, height: int) -> Setup:
+def target_setup_for_size(lab: RigDescription, width: int, height: int) -> TargetSetup:
     """Return the set-up for which a target holds, given the size of the images in px."""
     camera = {key: value for key, value in lab.devices["camera"].items() if key != "latency"}
     name = json.dumps(camera, sort_keys=True)
-    slack = lab.thresholds.slack
-    return Setup(name, width, height, lab.mechanism, lab.tool, lab.markers, slack=slack)
+    slack = lab.thresholds.limit_tolerance
+    return TargetSetup(name, width, height, lab.mechanism, lab.tool, lab.markers, slack=slack)
 
 
 def require_drive_off(plant: Plant) -> None:
@@ -143,10 +143,10 @@ def require_drive_off(plant: Plant) -> None:
         raise NotReady("another program has switched the arm's drive on: switch it off there first")
 
 
-def define(operator: OperatorTerminal, plant: Plant, lab: Lab) -> None:
+def define_joints(operator: OperatorTerminal, plant: Plant, lab: RigDescription) -> None:
     """Let the operator type and confirm the joint values, and define them in the arm."""
     arm = lab_arm(plant)
-    operator.tell(
+    operator.notify(
         "The joint values of the arm are unknown since its controller was reset. The drive is off. "
         "Move the arm by hand to a mark whose joint values are known."
     )
@@ -155,20 +155,20 @@ def define(operator: OperatorTerminal, plant: Plant, lab: Lab) -> None:
         try:
             q = parse_joints(answer, lab)
         except BadInput as error:
-            operator.tell(f"{error}.")
+            operator.notify(f"{error}.")
             continue
         if not operator.ask(f"The arm is at {format_joints(q, lab)}. Press Enter to confirm:"):
             break
-    arm.define(q)
+    arm.set_position(q)
     reported = arm.measure().q
-    if not (np.abs(reported - q) <= lab.thresholds.following).all():
+    if not (np.abs(reported - q) <= lab.thresholds.max_following_error).all():
         raise NotReady(
             "the arm did not take the defined joint values; it reports "
             f"{format_joints(reported, lab)}"
         )
 
 
-def parse_joints(answer: str, lab: Lab) -> Floats:
+def parse_joints(answer: str, lab: RigDescription) -> Floats:
     """Return the typed joint values (3,) in rad, rad, mm, within their limits."""
     try:
         typed = np.array([float(part) for part in answer.replace(",", " ").split()])
@@ -188,15 +188,15 @@ def teach_by_hand(
     """Return the target that the camera sees once the operator has moved the tool there."""
     while True:
         await_enter(operator, plant, "Move the tool to the target by hand, then press Enter:")
-        operator.tell(
+        operator.notify(
             f"Averaging {frames} frames (most cameras take 60 in 1 s): hold the tool still."
         )
         try:
             target = teach(plant, frames)
-        except NotShown as error:
-            operator.tell(f"{error}.")
+        except TeachingFailed as error:
+            operator.notify(f"{error}.")
         else:
-            operator.tell("The target is taught.")
+            operator.notify("The target is taught.")
             return target
 
 
@@ -204,10 +204,10 @@ def await_enter(operator: OperatorTerminal, plant: Plant, instruction: str) -> N
     """Wait with the drive off until the operator confirms an instruction with Enter."""
     require_drive_off(plant)
     while operator.ask(f"The drive is off. {instruction}"):
-        operator.tell("Press Enter to continue, or Ctrl-C to end the program.")
+        operator.notify("Press Enter to continue, or Ctrl-C to end the program.")
 
 
-def format_joints(q: Floats, lab: Lab) -> str:
+def format_joints(q: Floats, lab: RigDescription) -> str:
     """Return joint values (3,) with their names and units."""
     parts = zip(lab.mechanism.joint_names, q.tolist(), JOINT_UNITS, strict=True)
     return ", ".join(f"{name} {value:.4g} {unit}" for name, value, unit in parts)
@@ -221,5 +221,5 @@ def lab_arm(plant: Plant) -> LabArm:
 @contextmanager
 def _operator(plant: Plant) -> Generator[OperatorTerminal]:
     assert isinstance(plant, HeartbeatPlant)
-    with closing(Terminal(plant.told_to_end)) as terminal:
+    with closing(Terminal(plant.stop_requested)) as terminal:
         yield AttendedTerminal(terminal)

@@ -23,10 +23,10 @@ from rcmservo.cli.lab.live_progress import LiveProgress
 from rcmservo.cli.lab_options import LabOptions, RunToTargetOptions
 from rcmservo.cli.progress.preparing import compiling
 from rcmservo.cli.result_output import read_record_if_any, save_result
-from rcmservo.cli.simulated_run.about import about_any
+from rcmservo.cli.simulated_run.about import describe_run
 from rcmservo.cli.terminal import status_line
-from rcmservo.config.rig_file import Lab, told_with
-from rcmservo.config.verified_rigs import is_checked
+from rcmservo.config.rig_file import RigDescription, name_origin_in_errors
+from rcmservo.config.verified_rigs import is_verified
 from rcmservo.errors import UnusableFile, require
 from rcmservo.hardware.cameras.settings import require_latency
 from rcmservo.hardware.crtk.settings import CrtkSettings
@@ -49,8 +49,8 @@ def live_on_hardware(
     options: RunToTargetOptions,
     folder: Path,
     out: Console,
-    arm: Callable[[Lab], LabArm] = open_arm,
-    camera: Callable[[Lab], LabCamera] = open_camera,
+    arm: Callable[[RigDescription], LabArm] = open_arm,
+    camera: Callable[[RigDescription], LabCamera] = open_camera,
 ) -> RunResult:
     """Run on the devices of a lab after the operator's confirmation, and save the result.
 
@@ -110,18 +110,18 @@ def live_on_hardware(
 
 def allowed_speed_scale(options: LabOptions) -> float:
     """Return the fraction of the full speed that is allowed with the rig file."""
-    return 1.0 if is_checked(options.digest) else UNCHECKED_SPEED_SCALE
+    return 1.0 if is_verified(options.digest) else UNCHECKED_SPEED_SCALE
 
 
-def require_devices(lab: Lab, rig: Path | None, digest: str) -> None:
+def require_devices(lab: RigDescription, rig: Path | None, digest: str) -> None:
     """Refuse, before anything is connected, a rig file without complete devices.
 
     An arm that receives speeds (arm.jv) is refused as well until `rig check` has verified that it
     stops by itself.
     """
-    with told_with(rig):
+    with name_origin_in_errors(rig):
         arm = lab.device("arm", ARM_KINDS)
-        stops = not (isinstance(arm, CrtkSettings) and arm.jv) or is_checked(digest)
+        stops = not (isinstance(arm, CrtkSettings) and arm.jv) or is_verified(digest)
         expected = "false until `rig check` of this file has verified that the arm stops by itself"
         require(stops, "arm.jv", True, expected)
         require_latency(lab.device("camera", CAMERA_KINDS))
@@ -132,7 +132,7 @@ def motion_announcement(options: RunToTargetOptions, servo: Servo, speed_scale: 
     limits = describe_speed_limits(options, servo, speed_scale)
     return (
         f"Once the drive is on, the servo moves the arm for at most {options.duration:g} s: first "
-        f"a short distance around its start, at most {servo.exploration.reach:g} mm between two "
+        f"a short distance around its start, at most {servo.exploration.max_leg_length:g} mm between two "
         f"corners of the path of marker 1, and then to the target. {limits} Ctrl-C stops the arm; "
         "keep the emergency stop within reach."
     )
@@ -165,7 +165,7 @@ def hardware_description(
         "rig_checked": speed_scale == 1.0,
         "speed_share": speed_scale,
         "devices": dict(options.lab.devices),
-        **about_any(options, duration),
+        **describe_run(options, duration),
     }
 
 

@@ -9,8 +9,8 @@ import tyro
 
 from rcmservo.cli.lab.marker_report import draw_candidates, markers_report, print_markers
 from rcmservo.cli.terminal import console
-from rcmservo.config.rig_file import Lab, load_lab, told_with
-from rcmservo.config.rig_file_edit import told_in, write_markers
+from rcmservo.config.rig_file import RigDescription, load_rig_file, name_origin_in_errors
+from rcmservo.config.rig_file_edit import find_marker_keys, write_markers
 from rcmservo.errors import UnusableFile, require
 from rcmservo.interfaces import Image
 from rcmservo.tracking import COLOURS, MarkerAppearance, read_image
@@ -65,7 +65,7 @@ def markers(options: MarkersOptions) -> int:
     require(out is None or out.suffix.lower() in IMAGE_SUFFIXES, "--picture", out, expected)
     expected = "a new file, because nothing is overwritten"
     require(out is None or not out.exists(), "--picture", out, expected)
-    lab = load_lab(options.rig)
+    lab = load_rig_file(options.rig)
     image = read_image(options.frame)
     found = detect_candidates(image)
     pair = _track(image, found, lab, colours, options)
@@ -97,7 +97,7 @@ def _parse_colours(text: str) -> tuple[str, str]:
 def _track(
     image: Image,
     found: list[Candidate],
-    lab: Lab,
+    lab: RigDescription,
     colours: tuple[str, str] | None,
     options: MarkersOptions,
 ) -> TrackedPair | None:
@@ -120,7 +120,7 @@ def _track(
 
 
 def _chosen_appearance(
-    image: Image, lab: Lab, colours: tuple[str, str], options: MarkersOptions
+    image: Image, lab: RigDescription, colours: tuple[str, str], options: MarkersOptions
 ) -> MarkerAppearance:
     """Return the chosen colours with radii from the rig file, or else measured in the image.
 
@@ -128,8 +128,8 @@ def _chosen_appearance(
     given.
     """
     radii = lab.markers.radius_1, lab.markers.radius_2
-    if options.rig and told_in(options.rig) & RADIUS_KEYS:
-        with told_with(options.rig):
+    if options.rig and find_marker_keys(options.rig) & RADIUS_KEYS:
+        with name_origin_in_errors(options.rig):
             return MarkerAppearance(*colours, *radii)
     expected = (
         "two different colours; for two balls of one colour first write radius_1 (of the ball "
@@ -141,7 +141,7 @@ def _chosen_appearance(
 
 def _write_appearance(path: Path, appearance: MarkerAppearance) -> None:
     """Write the markers to a rig file; existing radii stay as they are."""
-    existing = RADIUS_KEYS if told_in(path) & RADIUS_KEYS else set[str]()
+    existing = RADIUS_KEYS if find_marker_keys(path) & RADIUS_KEYS else set[str]()
     write_markers(
         path, {key: value for key, value in asdict(appearance).items() if key not in existing}
     )

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rcmservo.config.target_file import Setup
+from rcmservo.config.target_file import TargetSetup
 from rcmservo.interfaces import Camera
 from rcmservo.live.servo_process import Session
 from rcmservo.live.supervisor import SwitchOff
@@ -13,9 +13,9 @@ from rcmservo.recording.writer import Recorder
 from rcmservo.servo.servo import Servo
 
 if TYPE_CHECKING:
-    from rcmservo.page.channels import Desk
-    from rcmservo.page.settings import Chosen
-    from rcmservo.page.view_model import Truth
+    from rcmservo.page.channels import PageChannels
+    from rcmservo.page.settings import SelectedSettings
+    from rcmservo.page.view_model import TruePoseError
 
 SESSION_DURATION_S = 3600.0
 """Longest duration of a session in s."""
@@ -25,7 +25,7 @@ RECORDED_IMAGES_PER_S = 5.0
 
 
 @dataclass(frozen=True)
-class Behind:
+class PageBackend:
     """Arm and camera that the page controls.
 
     Parameters
@@ -52,13 +52,13 @@ class Behind:
 
     title: str
     camera: Callable[[], Camera]
-    session: Callable[["Desk", Path], Session]
-    off: SwitchOff
-    setup: Setup
-    chosen: "Chosen"
-    befall: Callable[[str], str]
-    troubles: tuple[dict[str, Any], ...] = ()
-    truth: "Truth | None" = None
+    session: Callable[["PageChannels", Path], Session]
+    switch_off: SwitchOff
+    setup: TargetSetup
+    servo_settings: "SelectedSettings"
+    start_disturbance: Callable[[str], str]
+    disturbances: tuple[dict[str, Any], ...] = ()
+    truth: "TruePoseError | None" = None
 
 
 def open_recorder(path: Path, description: dict[str, Any]) -> Recorder:
@@ -72,6 +72,6 @@ def enable_announcement(servo: Servo) -> str:
     return (
         "Enable switches the drive on, and the servo is paused. Nothing moves until you hold a jog "
         "button or go to a pose. Before the first motion to a pose the tool moves a short distance "
-        f"around its start, at most {servo.exploration.reach:g} mm between two corners of the path "
+        f"around its start, at most {servo.exploration.max_leg_length:g} mm between two corners of the path "
         "of marker 1."
     )

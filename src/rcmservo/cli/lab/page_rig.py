@@ -14,7 +14,7 @@ from multiprocessing import get_context
 from pathlib import Path
 
 from rcmservo.cli.lab.hardware_prompts import (
-    define,
+    define_joints,
     lab_arm,
     require_drive_off,
     target_setup_for_size,
@@ -27,12 +27,12 @@ from rcmservo.cli.lab.live_on_hardware import (
 from rcmservo.cli.lab.page_backend import (
     RECORDED_IMAGES_PER_S,
     SESSION_DURATION_S,
-    Behind,
+    PageBackend,
     enable_announcement,
     open_recorder,
 )
 from rcmservo.cli.lab_options import LabOptions
-from rcmservo.config.rig_file import Lab
+from rcmservo.config.rig_file import RigDescription
 from rcmservo.errors import RcmServoError
 from rcmservo.hardware.devices import open_arm, open_camera
 from rcmservo.interfaces import Target
@@ -43,28 +43,28 @@ from rcmservo.live.remote_stop import RemotelyStoppableArm, RemoteStop
 from rcmservo.live.servo_process import FRAME_TIMEOUT_S, HeartbeatPlant, NoFrames, Session
 from rcmservo.loop.clock import WallClock, ticks
 from rcmservo.loop.plant import Plant
-from rcmservo.page.channels import Desk
+from rcmservo.page.channels import PageChannels
 from rcmservo.page.enabling import await_enable
 from rcmservo.page.messages import Note
 from rcmservo.page.operator import PageOperator
-from rcmservo.page.prompts import PagePerson
-from rcmservo.page.settings import Chosen, as_set
+from rcmservo.page.prompts import PagePrompts
+from rcmservo.page.settings import SelectedSettings, without_limit
 from rcmservo.recording.reader import RECORD
 from rcmservo.servo.servo import Servo
 from rcmservo.tracking import ColourMarkers
 
 
 @contextmanager
-def open_hardware(options: LabOptions) -> Generator[Behind]:
+def open_hardware(options: LabOptions) -> Generator[PageBackend]:
     """Yield the devices of a rig file, and the servo of the options."""
     lab, speed_scale = options.lab, allowed_speed_scale(options)
-    chosen = Chosen(options.servo, as_set if speed_scale == 1.0 else reduce_speed)
+    chosen = SelectedSettings(options.servo, without_limit if speed_scale == 1.0 else reduce_speed)
     with closing(open_camera(lab)) as camera:
         width, height = image_size(camera)
     context = get_context("spawn")
     ring, remote_stop = FrameRing(context, width, height), RemoteStop(context)
 
-    def session(desk: Desk, folder: Path) -> Session:
+    def session(desk: PageChannels, folder: Path) -> Session:
         remote_stop.reset()
         limited, record = chosen.limited, folder / RECORD
         stop = "STOP switches the drive off; keep the emergency stop of the arm within reach."
@@ -83,7 +83,7 @@ def open_hardware(options: LabOptions) -> Generator[Behind]:
             ),
             target=partial(await_enable_at_page, PagePreparation(desk, limited, lab, intent)),
             operator=partial(PageOperator, desk, chosen, options.teaching_frames),
-            pictures=RECORDED_IMAGES_PER_S,
+            images_per_s=RECORDED_IMAGES_PER_S,
             consent=require_drive_off,
         )
 
@@ -96,7 +96,7 @@ def open_hardware(options: LabOptions) -> Generator[Behind]:
         f"arm and camera of {options.rig}{slow}",
         target_setup_for_size(lab, width, height),
     )
-    yield Behind(
+    yield PageBackend(
         title,
         partial(RingCamera, ring),
         session,
@@ -123,9 +123,9 @@ class PagePreparation:
         Announcement of the motion that follows once the drive is on.
     """
 
-    desk: Desk
+    desk: PageChannels
     servo: Servo
-    lab: Lab
+    lab: RigDescription
     intent: str
 
 
@@ -133,22 +133,22 @@ def await_enable_at_page(preparation: PagePreparation, plant: Plant) -> Target:
     """Define the joint values if needed, and wait until the operator enables the drive."""
     assert isinstance(plant, HeartbeatPlant)
     require_drive_off(plant)
-    if not lab_arm(plant).homed():
-        define(PagePerson(preparation.desk, plant), plant, preparation.lab)
+    if not lab_arm(plant).is_homed():
+        define_joints(PagePrompts(preparation.desk, plant), plant, preparation.lab)
     return await_enable(preparation.desk, preparation.servo, preparation.intent, plant)
 
 
-def connect_stoppable_arm(lab: Lab, remote_stop: RemoteStop, desk: Desk) -> RemotelyStoppableArm:
+def connect_stoppable_arm(lab: RigDescription, remote_stop: RemoteStop, desk: PageChannels) -> RemotelyStoppableArm:
     """Connect to the arm, so that STOP disables it."""
     return RemotelyStoppableArm(open_arm(lab), remote_stop, partial(report_drive_off, desk))
 
 
-def report_drive_off(desk: Desk, why: str) -> None:
+def report_drive_off(desk: PageChannels, why: str) -> None:
     """Report to the page why the drive went off by itself."""
-    desk.said.put(Note(f"the arm: {why}"))
+    desk.status.send(Note(f"the arm: {why}"))
 
 
-def open_recording_camera(lab: Lab, ring: FrameRing) -> RecordingCamera:
+def open_recording_camera(lab: RigDescription, ring: FrameRing) -> RecordingCamera:
     """Open the camera, whose frames the page displays as well."""
     return RecordingCamera(open_camera(lab), ring)
 

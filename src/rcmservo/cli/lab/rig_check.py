@@ -16,11 +16,11 @@ from rich.table import Table
 from rcmservo.bringup.axis_wiring import Robot
 from rcmservo.bringup.check import CheckReport, check, warm_up
 from rcmservo.bringup.findings import Finding
-from rcmservo.bringup.motion import PATIENCE, Mover
-from rcmservo.cli.lab.hardware_prompts import AttendedTerminal, define, require_drive_off
+from rcmservo.bringup.motion import IDLE_TIMEOUT, Mover
+from rcmservo.cli.lab.hardware_prompts import AttendedTerminal, define_joints, require_drive_off
 from rcmservo.cli.terminal import console
-from rcmservo.config.rig_file import Lab, bytes_of, lab_of, told_with
-from rcmservo.config.verified_rigs import digest_of, forget_checked, note_checked
+from rcmservo.config.rig_file import RigDescription, read_rig_file, decode_rig_file, name_origin_in_errors
+from rcmservo.config.verified_rigs import compute_digest, remove_verified, store_verified
 from rcmservo.hardware.cameras.settings import known_latency
 from rcmservo.hardware.devices import ARM_KINDS, CAMERA_KINDS, open_arm, open_camera, read_wiring
 from rcmservo.live.device_protocols import LabArm, LabCamera
@@ -55,8 +55,8 @@ class RigOptions:
 
 def rig_check(
     options: RigOptions,
-    arm: Callable[[Lab], LabArm] = open_arm,
-    camera: Callable[[Lab], LabCamera] = lambda lab: open_camera(lab, unmeasured=True),
+    arm: Callable[[RigDescription], LabArm] = open_arm,
+    camera: Callable[[RigDescription], LabCamera] = lambda lab: open_camera(lab, unmeasured=True),
 ) -> int:
     """Check a rig file, report the findings, and store its digest if it passes.
 
@@ -74,47 +74,47 @@ def rig_check(
     int
         Exit code.
     """
-    data = bytes_of(options.file)
-    lab, digest = lab_of(options.file, data), digest_of(data)
-    with told_with(options.file):
+    data = read_rig_file(options.file)
+    lab, digest = decode_rig_file(options.file, data), compute_digest(data)
+    with name_origin_in_errors(options.file):
         lab.device("arm", ARM_KINDS)
         latency = known_latency(lab.device("camera", CAMERA_KINDS))
         robot = Robot(lab.mechanism, lab.tool, read_wiring(lab))
     with stopped_by_signals(), closing(Terminal()) as terminal:
         operator = AttendedTerminal(terminal)
-        operator.tell(
+        operator.notify(
             f"rig check of {options.file}: connecting, with the drive off; on first use, the "
             "marker detection is compiled, which takes up to a minute"
         )
         warm_up(robot, lab.gate)
-        clock, tracker, silence = WallClock(), ColourMarkers(lab.markers), lab.thresholds.silence
+        clock, tracker, silence = WallClock(), ColourMarkers(lab.markers), lab.thresholds.arm_timeout
         with (
             closing(camera(lab)) as device,
             TrackingThread(device, tracker, clock) as tracking,
             closing(_connect_arm(tracking, arm, lab)) as joints,
         ):
-            camera_fault = partial(trouble, device)
+            camera_fault = partial(camera_fault, device)
             mover = Mover(joints, tracking, tracking, clock, robot, lab.gate, silence, camera_fault)
             require_drive_off(mover.plant)
-            if not joints.homed():
-                define(operator, mover.plant, lab)
-            forget_checked(digest)
+            if not joints.is_homed():
+                define_joints(operator, mover.plant, lab)
+            remove_verified(digest)
             with realtime():
                 report = check(mover, operator, robot, lab.thresholds, latency)
-    if joints.why_off:
+    if joints.off_reason:
         expected = "drive disabled by the check at its end"
-        finding = Finding("the drive went off by itself", "arm", joints.why_off, expected)
+        finding = Finding("the drive went off by itself", "arm", joints.off_reason, expected)
         report.findings.append(finding)
     return conclude(options, report, robot, digest)
 
 
-def _connect_arm(tracking: TrackingThread, arm: Callable[[Lab], LabArm], lab: Lab) -> LabArm:
+def _connect_arm(tracking: TrackingThread, arm: Callable[[RigDescription], LabArm], lab: RigDescription) -> LabArm:
     """Connect to the arm once two frames are tracked.
 
     The tracker searches the first frame and follows the markers in the second, so both parts are
     then compiled.
     """
-    tracking.wait_for(frames=2, patience=PATIENCE)
+    tracking.wait_for(frames=2, timeout_s=IDLE_TIMEOUT)
     return arm(lab)
 
 
@@ -125,11 +125,11 @@ def conclude(options: RigOptions, report: CheckReport, robot: Robot, digest: str
     else:
         print_report(report, robot, console(False))
     if report.ok:
-        note_checked(digest)
+        store_verified(digest)
     return 0 if report.ok else 1
 
 
-def trouble(camera: LabCamera) -> str:
+def camera_fault(camera: LabCamera) -> str:
     """Return the present fault of a camera in a sentence; empty if it has none."""
     return camera.counts().trouble
 

@@ -26,7 +26,7 @@ from rcmservo.cli.lab.live_on_hardware import require_devices
 from rcmservo.cli.lab.page_backend import (
     RECORDED_IMAGES_PER_S,
     SESSION_DURATION_S,
-    Behind,
+    PageBackend,
     enable_announcement,
     open_recorder,
 )
@@ -34,7 +34,7 @@ from rcmservo.cli.lab_options import LabOptions
 from rcmservo.cli.progress.preparing import compiling
 from rcmservo.cli.terminal import console, status_line
 from rcmservo.constraints import between
-from rcmservo.errors import RcmServoError, needing
+from rcmservo.errors import RcmServoError, require_extra
 from rcmservo.live.child_process import ChildProcess
 from rcmservo.live.frame_ring import RingCamera
 from rcmservo.live.servo_process import Session
@@ -42,7 +42,7 @@ from rcmservo.live.stop_signals import stopped_by_signals
 from rcmservo.recording.reader import RECORD
 
 if TYPE_CHECKING:
-    from rcmservo.page.channels import Desk
+    from rcmservo.page.channels import PageChannels
 
 PORT_ARGUMENT = between(0, 65534, "a whole number"), tyro.conf.arg(metavar="PORT")
 
@@ -82,18 +82,18 @@ class ServeOptions(LabOptions):
 
 def serve(options: ServeOptions) -> int:
     """Serve the page until Ctrl-C and return the exit code 0."""
-    with needing("serve", "page"):
+    with require_extra("serve", "page"):
         # imports NiceGUI before the kernels are compiled
         import_module("rcmservo.page.web.page_process")
-        from rcmservo.page.web.token_file import token_for
-    token = token_for(options.host, options.token_file)
+        from rcmservo.page.web.token_file import load_required_token
+    token = load_required_token(options.host, options.token_file)
     if options.has_devices():
         require_devices(options.lab, options.rig, options.digest)
         from rcmservo.cli.lab.page_rig import open_hardware
 
         name, devices = "serve-hardware", open_hardware(options)
     else:
-        with needing("serve", "sim"):
+        with require_extra("serve", "sim"):
             import_module("rcmservo.sim.processes.lab_processes")
         name, devices = f"serve-seed{options.seed}", _simulated_lab(options)
     servo = options.servo
@@ -106,11 +106,11 @@ def serve(options: ServeOptions) -> int:
 
 
 @contextlib.contextmanager
-def _simulated_lab(options: ServeOptions) -> Generator[Behind]:
+def _simulated_lab(options: ServeOptions) -> Generator[PageBackend]:
     """Yield the simulated arm and its camera."""
-    from rcmservo.cli.simulated_run.about import about
-    from rcmservo.cli.simulated_run.target import setup_of
-    from rcmservo.page.settings import Chosen
+    from rcmservo.cli.simulated_run.about import describe_simulated_run
+    from rcmservo.cli.simulated_run.target import simulated_setup
+    from rcmservo.page.settings import SelectedSettings
     from rcmservo.sim.processes.lab_processes import SimulatedLab
     from rcmservo.sim.processes.live_disturbances import (
         DisturbanceChange,
@@ -120,15 +120,15 @@ def _simulated_lab(options: ServeOptions) -> Generator[Behind]:
     from rcmservo.sim.processes.motion_log import TruePositionError
     from rcmservo.sim.rig import Rig
 
-    chosen, lab = Chosen(options.servo), options.lab
+    chosen, lab = SelectedSettings(options.servo), options.lab
     with SimulatedLab(options.seed, options.rig_settings) as processes:
 
-        def session(desk: "Desk", folder: Path) -> Session:
+        def session(desk: "PageChannels", folder: Path) -> Session:
             from rcmservo.page.enabling import await_enable
             from rcmservo.page.operator import PageOperator
 
             record, limited = folder / RECORD, chosen.limited
-            description = about(options, SESSION_DURATION_S)
+            description = describe_simulated_run(options, SESSION_DURATION_S)
             return replace(
                 processes.session(limited, lab.markers, SESSION_DURATION_S, record, description),
                 recorder=partial(open_recorder, record, description),
@@ -145,27 +145,27 @@ def _simulated_lab(options: ServeOptions) -> Generator[Behind]:
             return f"disturbance: {change.starts} begins" if what else "disturbance: all end"
 
         title = f"simulated arm, seed {options.seed}"
-        setup = setup_of(Rig(options.seed, processes.settings, pictures=False), lab)
+        setup = simulated_setup(Rig(options.seed, processes.settings, pictures=False), lab)
         camera, disturbances = partial(RingCamera, processes.ring), tuple(list_live_disturbances())
         truth = TruePositionError(processes.settings, processes.log)
-        yield Behind(
+        yield PageBackend(
             title, camera, session, processes.switch_off, setup, chosen, befall, disturbances, truth
         )
 
 
-def _run_sessions(options: ServeOptions, behind: Behind, folder: Path, token: str) -> None:
+def _run_sessions(options: ServeOptions, behind: PageBackend, folder: Path, token: str) -> None:
     """Serve the page, and run one session after another."""
-    from rcmservo.page.channels import Desk
-    from rcmservo.page.sessions import Sessions
+    from rcmservo.page.channels import PageChannels
+    from rcmservo.page.sessions import SessionLoop
 
-    desk, numbers = Desk(get_context("spawn")), itertools.count(1)
+    desk, numbers = PageChannels(get_context("spawn")), itertools.count(1)
 
     def session() -> Session:
         return behind.session(desk, folder / f"session-{next(numbers)}")
 
     def apply_disturbances() -> None:
-        for request in desk.trouble.heard():
-            apply_disturbance(request.what, desk, behind.befall, folder / DISTURBANCE_LOG)
+        for request in desk.disturbances.receive_all():
+            apply_disturbance(request.what, desk, behind.start_disturbance, folder / DISTURBANCE_LOG)
 
     serving = _page_processes(options, desk, behind, folder.parent, token)
     with serving as (address, names), stopped_by_signals():
@@ -174,13 +174,13 @@ def _run_sessions(options: ServeOptions, behind: Behind, folder: Path, token: st
         console(False).print(words, soft_wrap=True)
         if options.browser:
             webbrowser.open(address)
-        handlers = {desk.trouble: apply_disturbances}
-        Sessions(desk, session, behind.off, names, behind.chosen.take, handlers).keep()
+        handlers = {desk.disturbances: apply_disturbances}
+        SessionLoop(desk, session, behind.switch_off, names, behind.servo_settings.apply, handlers).run()
 
 
 @contextlib.contextmanager
 def _page_processes(
-    options: ServeOptions, desk: "Desk", behind: Behind, runs: Path, token: str
+    options: ServeOptions, desk: "PageChannels", behind: PageBackend, runs: Path, token: str
 ) -> Generator[tuple[str, dict[int, str]]]:
     """Start the page's processes.
 
@@ -202,35 +202,35 @@ def _page_processes(
     tuple
         Address of the page, and the names of the processes by their sentinels.
     """
-    from rcmservo.page.plots.mechanism_shape import Shape
+    from rcmservo.page.plots.mechanism_shape import MechanismShape
     from rcmservo.page.poses import PoseFolder
-    from rcmservo.page.web.access import Doors, bound_pair, drawn_secret, reached_at
+    from rcmservo.page.web.access import PageCredentials, bind_pair, draw_secret, find_reachable_address
     from rcmservo.page.web.page_process import serve_page
     from rcmservo.page.web.site import Site
     from rcmservo.page.web.stop_process import serve_stop
 
     context = get_context("spawn")
     with contextlib.ExitStack() as stack:
-        page_socket, stop_socket = bound_pair(options.host, options.port)
+        page_socket, stop_socket = bind_pair(options.host, options.port)
         port, stop_port = page_socket.getsockname()[1], stop_socket.getsockname()[1]
-        doors = Doors(port, drawn_secret(), token)
+        doors = PageCredentials(port, draw_secret(), token)
         title, poses = f"rcmservo: {behind.title}", PoseFolder(options.poses, behind.setup)
-        shape = Shape.of(behind.chosen.servo)
-        given = behind.chosen, poses, shape, runs, behind.troubles, behind.truth
+        shape = MechanismShape.of(behind.servo_settings.servo)
+        given = behind.servo_settings, poses, shape, runs, behind.disturbances, behind.truth
         site = Site(title, behind.camera, doors, stop_port, *given)
         names: dict[int, str] = {}
         for name, work, given in (
-            ("the stop process", serve_stop, (desk.bell, doors, stop_socket)),
+            ("the stop process", serve_stop, (desk.stop_requests, doors, stop_socket)),
             ("the page process", serve_page, (desk, site, page_socket)),
         ):
             child = ChildProcess(context, work, *given)
             stack.callback(child.end)
             child.receive()
             names[child.process.sentinel] = name
-        yield f"http://{reached_at(options.host)}:{port}", names
+        yield f"http://{find_reachable_address(options.host)}:{port}", names
 
 
-def apply_disturbance(what: str, desk: "Desk", befall: Callable[[str], str], log: Path) -> None:
+def apply_disturbance(what: str, desk: "PageChannels", befall: Callable[[str], str], log: Path) -> None:
     """Start a disturbance, report it to the page and log it.
 
     The log has the time in ns on the clock of the records.
@@ -240,11 +240,11 @@ def apply_disturbance(what: str, desk: "Desk", befall: Callable[[str], str], log
     try:
         words = befall(what)
     except RcmServoError as error:
-        desk.said.put(Note(str(error)))
+        desk.status.send(Note(str(error)))
         return
-    desk.said.put(Note(words))
+    desk.status.send(Note(words))
     try:
         with log.open("a") as file:
             file.write(json.dumps({"time": time.monotonic_ns(), "what": words}) + "\n")
     except OSError as error:
-        desk.said.put(Note(f"{log.name} cannot be written: {error.strerror}"))
+        desk.status.send(Note(f"{log.name} cannot be written: {error.strerror}"))

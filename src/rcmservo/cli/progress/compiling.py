@@ -10,7 +10,7 @@ from rich.live import Live
 from rich.text import Text
 
 from rcmservo.cli.terminal import can_rewrite_lines
-from rcmservo.numerics.jit import parts
+from rcmservo.numerics.jit import count_kernels
 
 PARTS_PER_LINE = 20
 """Compiled parts per printed line, if the terminal cannot rewrite lines."""
@@ -20,7 +20,7 @@ class CompilationListener(event.Listener):
     """Listener that reports each part that is compiled, but no part that is read from the cache."""
 
     def __init__(self, line: Live) -> None:
-        self._line, self._count, self._all = line, 0, parts()
+        self._line, self._count, self._all = line, 0, count_kernels()
 
     def on_start(self, event: event.Event) -> None:
         """Ignore the start of a part; the parts that it calls are counted separately."""

@@ -11,7 +11,7 @@ PACKAGES = "numpy", "numba", "opencv-python-headless"
 """Packages whose versions each record holds."""
 
 
-def about_any(options: LabOptions, duration: float, *packages: str) -> dict[str, Any]:
+def describe_run(options: LabOptions, duration: float, *packages: str) -> dict[str, Any]:
     """Return the description of a run, simulated or on hardware: settings and versions."""
     return {
         "duration_s": duration,
@@ -27,7 +27,7 @@ def about_any(options: LabOptions, duration: float, *packages: str) -> dict[str,
     }
 
 
-def about(options: LabOptions, duration: float) -> dict[str, Any]:
+def describe_simulated_run(options: LabOptions, duration: float) -> dict[str, Any]:
     """Return the description of a simulated run."""
     return {
         "simulation": True,
@@ -35,5 +35,5 @@ def about(options: LabOptions, duration: float) -> dict[str, Any]:
         "disturbances": [],
         "resumes": 0,
         "rig": asdict(options.rig_settings),
-        **about_any(options, duration, "mujoco-core"),
+        **describe_run(options, duration, "mujoco-core"),
     }

@@ -59,4 +59,4 @@ def overlay(image: Image, tick: Tick) -> Image:
         s, r, d = np.degrees(state.delta[0]), state.delta[1], state.delta[2]
         words += f"  ds {s:+.2f} deg  dr {r:+.2f} px  dd {d:+.2f} px"
     target = np.full((2, 2), np.nan) if state.target is None else state.target.points
-    return draw_overlay(image, tick.seen.points, state.o_c, target, words)
+    return draw_overlay(image, tick.observation.points, state.o_c, target, words)

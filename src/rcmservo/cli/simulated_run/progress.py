@@ -22,7 +22,7 @@ class RunProgress:
             stops = state.cause.action >= Action.HOLD
             if stops or (self._mode is not None and self._mode[1].action >= Action.HOLD):
                 self._live.console.print(
-                    f"{tick.time * 1e-9:6.2f} s  {state.words}", soft_wrap=True, highlight=False
+                    f"{tick.time * 1e-9:6.2f} s  {state.text}", soft_wrap=True, highlight=False
                 )
             self._mode = state.phase, state.cause
         self._live.update(_status(tick, self._duration), refresh=False)

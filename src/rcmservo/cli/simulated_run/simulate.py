@@ -17,17 +17,17 @@ import numpy as np
 
 from rcmservo.cli.lab_options import RunOptions
 from rcmservo.cli.result_output import read_record_if_any, save_result
-from rcmservo.cli.simulated_run.about import about
+from rcmservo.cli.simulated_run.about import describe_simulated_run
 from rcmservo.cli.simulated_run.pictures import frame_writer, open_video
 from rcmservo.cli.simulated_run.target import obtain_target
 from rcmservo.interfaces import Floats
 from rcmservo.loop.detection_failure import reason_not_detected
 from rcmservo.loop.plant import Plant
-from rcmservo.loop.run_result import RunResult, known
+from rcmservo.loop.run_result import RunResult, finite_or_none
 from rcmservo.loop.tick import Tick
-from rcmservo.recording.outcome import LAST, held
+from rcmservo.recording.outcome import SETTLED_DURATION_S, find_stop_cause
 from rcmservo.recording.reader import RECORD, Record
-from rcmservo.recording.timeline import rate, summary
+from rcmservo.recording.timeline import read_rate, summarise
 from rcmservo.recording.writer import Recorder
 from rcmservo.sim import Killed, Rig
 from rcmservo.sim.disturbances.computer_faults import open_on_filling_disk
@@ -61,7 +61,7 @@ def simulate(
     servo.warm_up()
     operator = ScriptedOperator(rig, plant, options.resumes, options.teaching_frames)
     disturbances = [str(disturbance) for disturbance in options.disturbances]
-    description = about(options, options.duration) | {
+    description = describe_simulated_run(options, options.duration) | {
         "disturbances": disturbances,
         "resumes": options.resumes,
     }
@@ -97,10 +97,10 @@ def simulate(
 
 def _result_of(rig: Rig, record: Record) -> RunResult:
     """Return the result of a record, with the true pose error over the last second."""
-    result, p2 = summary(record), record.truth["p2"]
+    result, p2 = summarise(record), record.truth["p2"]
     p_d = rig.body.points(rig.scene.target)[1]
-    pose: Floats = np.linalg.norm(p2[-round(LAST * rate(record)) :] - p_d, axis=1)
-    error = known(float(np.sqrt(np.mean(pose**2)))) if len(pose) else None
+    pose: Floats = np.linalg.norm(p2[-round(SETTLED_DURATION_S * read_rate(record)) :] - p_d, axis=1)
+    error = finite_or_none(float(np.sqrt(np.mean(pose**2)))) if len(pose) else None
     return replace(result, pose_error_mm=error)
 
 
@@ -117,7 +117,7 @@ def _record_ticks(
     with _deferred_interrupt() as raise_if_interrupted, closing(ticks):
         try:
             for tick in ticks:
-                ever_accepted = ever_accepted or tick.state.believed >= 0
+                ever_accepted = ever_accepted or tick.state.accepted_frame >= 0
                 rig.truth.write(recorder, tick)
                 for observe in observers:
                     observe(tick)
@@ -126,8 +126,8 @@ def _record_ticks(
             return f"{end}; the arm's watchdog stops it"
     if tick is None:
         return ""
-    return held(
-        tick.state.mode, "" if ever_accepted else reason_not_detected(plant, tick.seen, start)
+    return find_stop_cause(
+        tick.state.mode, "" if ever_accepted else reason_not_detected(plant, tick.observation, start)
     )
 
 

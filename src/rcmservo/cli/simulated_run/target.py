@@ -6,15 +6,15 @@ import numpy as np
 
 from rcmservo.cli.lab_options import RunOptions
 from rcmservo.config import target_file
-from rcmservo.config.rig_file import Lab
-from rcmservo.config.target_file import Setup
+from rcmservo.config.rig_file import RigDescription
+from rcmservo.config.target_file import TargetSetup
 from rcmservo.interfaces import Target
 from rcmservo.loop.plant import Plant
 from rcmservo.loop.teach import teach
 from rcmservo.sim import Rig
 
 
-def setup_of(rig: Rig, lab: Lab) -> Setup:
+def simulated_setup(rig: Rig, lab: RigDescription) -> TargetSetup:
     """Return the set-up for which a target that is taught in simulation holds.
 
     The name of its camera follows from the camera's optics and pose.
@@ -25,27 +25,27 @@ def setup_of(rig: Rig, lab: Lab) -> Setup:
     )
     view = hashlib.sha256(np.round(parameters, 6).tobytes()).hexdigest()[:8]
     name = f"simulation with seed {rig.seed}, view {view}"
-    return Setup(
+    return TargetSetup(
         name,
         optics.width,
         optics.height,
         lab.mechanism,
         lab.tool,
         lab.markers,
-        slack=lab.thresholds.slack,
+        slack=lab.thresholds.limit_tolerance,
     )
 
 
 def obtain_target(options: RunOptions, rig: Rig, plant: Plant) -> Target:
     """Return the target of a file, or teach one and return the tool to the start."""
-    setup = setup_of(rig, options.lab)
+    setup = simulated_setup(rig, options.lab)
     if options.target is not None:
-        target = target_file.load(options.target, setup)
-        options.servo.demand(target)
+        target = target_file.load_target(options.target, setup)
+        options.servo.require_target(target)
         return target
     rig.move_to_target()
     target = teach(plant, options.teaching_frames)
     rig.move_to_start()
     if options.save_target is not None:
-        target_file.save(options.save_target, target, setup)
+        target_file.save_target(options.save_target, target, setup)
     return target

@@ -16,18 +16,18 @@ from rcmservo.figures.video import VideoWriter
 from rcmservo.loop.tick import Tick
 from rcmservo.recording import reader
 from rcmservo.recording.reader import RECORD
-from rcmservo.recording.summary_text import result_rows, title_of
+from rcmservo.recording.summary_text import list_result_rows, format_title
 from rcmservo.recording.writer import Recorder
 from rcmservo.servo.servo import Servo
 from rcmservo.study.execution import manifest
-from rcmservo.study.execution.chunk import one_run
-from rcmservo.study.execution.package_version import package
-from rcmservo.study.execution.store import RUNS, runs_in
+from rcmservo.study.execution.chunk import run_seed
+from rcmservo.study.execution.package_version import identify_package
+from rcmservo.study.execution.store import RUNS_FILE, read_runs
 from rcmservo.study.plan.cell import Cell
 from rcmservo.study.plan.conditions import COMPILED, MUJOCO
-from rcmservo.study.plan.user_module_archive import parcel_of
+from rcmservo.study.plan.user_module_archive import archive_module
 from rcmservo.study.row import StudyRow
-from rcmservo.study.simulation_engine import Laboratory, LaboratoryLoop
+from rcmservo.study.simulation_engine import SimulationEngine, SimulationLoop
 
 RERUNS_FOLDER = "replays"
 """Folder of these records in that of the study."""
@@ -51,20 +51,20 @@ def rerun_row(folder: Path | None, case: int, film: bool, own: dict[str, type[Es
     """
     if folder is None:
         raise BadInput("--out", None, "the folder of the study, with --replay")
-    note = manifest.read(folder)
+    note = manifest.read_manifest(folder)
     if note is None:
         raise UnusableFile(folder, "holds no study")
     require(0 <= case < note.runs, "--replay", case, f"a row from 0 to {note.runs - 1}")
-    (cell, seed), before = note.run_of(case), _recorded_row(folder, note, case)
+    (cell, seed), before = note.find_run(case), _recorded_row(folder, note, case)
     _require_same_code(note.package, cell, own)
-    servo, out = cell.rebuilt(own), console()
-    made_again = one_run(cell, servo, seed)
+    servo, out = cell.rebuild_servo(own), console()
+    made_again = run_seed(cell, servo, seed)
     row = asdict(made_again)
     changed = [name for name in row if row[name] != before[name] and name not in ORIGIN_COLUMNS]
     with new_folder(_unused_path(folder / RERUNS_FOLDER / str(case)), "replay") as output:
         failed = _record_run(cell, servo, seed, output, film)
     out.print(f"row {case}: {cell.method}, {cell.condition}, seed {seed}, {cell.engine}")
-    out.print(two_column_table(title_of(made_again.result), _result_rows(made_again)))
+    out.print(two_column_table(format_title(made_again.result), _result_rows(made_again)))
     outcome = (
         "the same row, bit for bit" if not changed else f"the row differs in {', '.join(changed)}"
     )
@@ -79,14 +79,14 @@ def rerun_row(folder: Path | None, case: int, film: bool, own: dict[str, type[Es
     return 1 if changed else 0
 
 
-def _recorded_row(folder: Path, note: manifest.StudyNote, case: int) -> dict[str, Any]:
+def _recorded_row(folder: Path, note: manifest.StudyManifest, case: int) -> dict[str, Any]:
     """Return a row of the study."""
-    rows = runs_in(folder)
+    rows = read_runs(folder)
     if rows.num_rows != note.runs:
         problem = (
-            f"has {rows.num_rows} rows, but {manifest.NAME} lists {note.runs}: name a new folder"
+            f"has {rows.num_rows} rows, but {manifest.MANIFEST_NAME} lists {note.runs}: name a new folder"
         )
-        raise UnusableFile(folder / RUNS, problem)
+        raise UnusableFile(folder / RUNS_FILE, problem)
     return rows.slice(case, 1).to_pylist()[0]
 
 
@@ -94,18 +94,18 @@ def _result_rows(row: StudyRow) -> list[tuple[str, str]]:
     """Return the row's result as names and values, with those that only a study measures."""
     stop = "none" if row.stop_s is None else f"{row.stop} at {row.stop_s:.2f} s, of {row.stops}"
     grown = f"{row.unnoticed_mm:.3f} mm without a cause"
-    return [*result_rows(row.result), ("first stop", stop), ("growth of the error", grown)]
+    return [*list_result_rows(row.result), ("first stop", stop), ("growth of the error", grown)]
 
 
 def _require_same_code(made_by: str, cell: Cell, own: dict[str, type[Estimator]]) -> None:
     """Refuse to rerun a run with code other than that of the study."""
-    if made_by != package():
+    if made_by != identify_package():
         raise RcmServoError(
-            f"this study was made by rcmservo {made_by}, not by the present {package()}: "
+            f"this study was made by rcmservo {made_by}, not by the present {identify_package()}: "
             "rerun the study first"
         )
     kind = str(cell.servo["estimator"]["kind"])
-    if cell.source and (kind not in own or parcel_of(own[kind]).digest != cell.source):
+    if cell.source and (kind not in own or archive_module(own[kind]).digest != cell.source):
         reason = "has changed since" if kind in own else "is code of another user"
         raise RcmServoError(
             f"the estimator {kind} {reason}: "
@@ -122,9 +122,9 @@ def _unused_path(path: Path) -> Path:
 def _record_run(cell: Cell, servo: Servo, seed: int, folder: Path, film: bool) -> str:
     """Run in the lab with record, figures and video; return the reason if the video failed."""
     engine = MUJOCO if cell.engine == COMPILED else cell.engine
-    laboratory = replace(cell, engine=engine).engine_for(seed, servo)
-    assert isinstance(laboratory, Laboratory)
-    loop = LaboratoryLoop(laboratory, seed, cell.repetition)
+    laboratory = replace(cell, engine=engine).make_engine(seed, servo)
+    assert isinstance(laboratory, SimulationEngine)
+    loop = SimulationLoop(laboratory, seed, cell.repetition)
     about = {"simulation": True, "seed": seed, "study": asdict(cell)}
     with ExitStack() as stack:
         recorder = stack.enter_context(Recorder(folder / RECORD, about))
@@ -141,12 +141,12 @@ def _record_run(cell: Cell, servo: Servo, seed: int, folder: Path, film: bool) -
     return video.failed if video is not None else ""
 
 
-def _open_video(folder: Path, loop: LaboratoryLoop) -> VideoWriter:
+def _open_video(folder: Path, loop: SimulationLoop) -> VideoWriter:
     size, rate = loop.rig.settings, loop.rig.settings.timing.frame_rate
     return VideoWriter(folder / "overlay.webm", (size.width, size.height), rate)
 
 
-def _frame_writer(loop: LaboratoryLoop, video: VideoWriter) -> Callable[[Tick], None]:
+def _frame_writer(loop: SimulationLoop, video: VideoWriter) -> Callable[[Tick], None]:
     """Return a function that adds each new frame to the video.
 
     If the camera delivered points only, the scene is rendered as a camera with images would see it.
@@ -155,13 +155,13 @@ def _frame_writer(loop: LaboratoryLoop, video: VideoWriter) -> Callable[[Tick], 
 
     def write_frame(tick: Tick) -> None:
         nonlocal newest
-        if tick.seen.frame <= newest:
+        if tick.observation.frame <= newest:
             return
-        newest = tick.seen.frame
+        newest = tick.observation.frame
         frame = loop.plant.frame
         image_of_frame = None if frame is None else frame.image
         image = (
-            loop.rig.picture(tick.seen.exposure, newest)
+            loop.rig.picture(tick.observation.exposure, newest)
             if image_of_frame is None
             else image_of_frame
         )

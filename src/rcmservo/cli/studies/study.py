@@ -18,18 +18,18 @@ from rich.text import Text
 from rcmservo.cli.folders import dated_folder
 from rcmservo.cli.progress.preparing import compiling
 from rcmservo.cli.progress.progress import progress, resume_hint
-from rcmservo.cli.studies.study_report import beside, distribution_table, print_work, results
+from rcmservo.cli.studies.study_report import comparison_sentence, distribution_table, print_work, result_table
 from rcmservo.cli.terminal import console, status_line
 from rcmservo.config.registry import ESTIMATORS, PRESETS
-from rcmservo.config.user_code import named
+from rcmservo.config.user_code import import_estimator
 from rcmservo.constraints import Checked, between
-from rcmservo.errors import needing, require
+from rcmservo.errors import require_extra, require
 from rcmservo.estimation.base import Estimator
 from rcmservo.study.plan.conditions import RunConditions
 
 if TYPE_CHECKING:
-    from rcmservo.study.execution.run_study import Work
-    from rcmservo.study.execution.workers import Crew
+    from rcmservo.study.execution.run_study import StudyExecution
+    from rcmservo.study.execution.workers import WorkerPool
     from rcmservo.study.plan.file import StudyFile
     from rcmservo.study.plan.plan import StudyPlan
 
@@ -102,15 +102,15 @@ class StudyOptions(RunConditions, WorkOptions):
     @cached_property
     def study_file(self) -> "StudyFile":
         """Study that FILE describes, or the default study."""
-        with needing("a study", "study"):
-            from rcmservo.study.plan.distribution import BUILT_IN
-            from rcmservo.study.plan.file import StudyFile, load
+        with require_extra("a study", "study"):
+            from rcmservo.study.plan.distribution import BUILT_IN_DISTRIBUTIONS
+            from rcmservo.study.plan.file import StudyFile, read_study_file
         if self.file is None:
             return StudyFile()
-        if str(self.file) in (*ESTIMATORS, *PRESETS, *BUILT_IN):
+        if str(self.file) in (*ESTIMATORS, *PRESETS, *BUILT_IN_DISTRIBUTIONS):
             expected = "a TOML file; repeat --method or --scenes to give several names"
             require(self.file.exists(), "FILE", self.file, expected)
-        return load(self.file)
+        return read_study_file(self.file)
 
     @property
     def file_defaults(self) -> "StudyOptions | None":
@@ -120,14 +120,14 @@ class StudyOptions(RunConditions, WorkOptions):
 
 def study(options: StudyOptions) -> int:
     """Run the remaining runs and write rows and report; return the exit code 0."""
-    with needing("a study", "study"):
+    with require_extra("a study", "study"):
         from rcmservo.cli.studies.rerun import rerun_row
-        from rcmservo.study.execution.run_study import Work
+        from rcmservo.study.execution.run_study import StudyExecution
         from rcmservo.study.plan import distribution
         from rcmservo.study.report import report
     out = console()
     if "help" in options.scenes:
-        out.print(distribution_table(distribution.described()))
+        out.print(distribution_table(distribution.describe_built_in()))
         return 0
     if options.replay is not None:
         return rerun_row(options.out, options.replay, options.film, user_estimators(options))
@@ -135,16 +135,16 @@ def study(options: StudyOptions) -> int:
     plan = make_plan(options)
     folder = options.out or dated_folder("study")
     require_other_folder(options.file, folder)
-    work = Work(plan, folder)
+    work = StudyExecution(plan, folder)
     print_work(out, work)
     with resume_hint(folder, out):
-        execution = _run_remaining(work, options, out) if work.left else {}
-        written = report.write(
+        execution = _run_remaining(work, options, out) if work.missing else {}
+        written = report.write_report(
             folder, plan, work.gather(), {**report_header(work), **execution}, options.report
         )
-    out.print(results(written.summaries))
+    out.print(result_table(written.summaries))
     for comparison in written.comparisons:
-        out.print(beside(comparison), soft_wrap=True)
+        out.print(comparison_sentence(comparison), soft_wrap=True)
     files = "rows, summary and report" if options.report else "rows and summary"
     out.print(f"{files} in {folder}", soft_wrap=True)
     return 0
@@ -158,7 +158,7 @@ def _conditions(given: RunConditions) -> dict[str, Any]:
 def make_plan(options: StudyOptions) -> "StudyPlan":
     """Return the plan of the file, in which the given options take precedence."""
     from rcmservo.sim.disturbances import Disturbance
-    from rcmservo.study.plan.file import plan_of
+    from rcmservo.study.plan.file import make_plan
 
     for text in options.disturb:
         Disturbance.parse(text)
@@ -170,65 +170,65 @@ def make_plan(options: StudyOptions) -> "StudyPlan":
     }
     given = {name: value for name, value in values.items() if value not in ((), None)}
     study_file = replace(options.study_file, **_conditions(options), **given)
-    return plan_of(study_file, user_estimators(options))
+    return make_plan(study_file, user_estimators(options))
 
 
 def require_other_folder(file: Path | None, folder: Path) -> None:
     """Refuse a FILE that a search wrote in the output folder, where it would be removed."""
-    from rcmservo.study.execution.store import TUNED
+    from rcmservo.study.execution.store import TUNED_FILE
 
-    is_other = file is None or file.resolve() != (folder / TUNED).resolve()
+    is_other = file is None or file.resolve() != (folder / TUNED_FILE).resolve()
     require(
         is_other,
         "--out",
         folder,
-        f"a folder other than that of FILE, where {TUNED} would be removed",
+        f"a folder other than that of FILE, where {TUNED_FILE} would be removed",
     )
 
 
 def user_estimators(options: StudyOptions) -> dict[str, type[Estimator]]:
     """Return the user-defined estimators that the command line names, and import their code."""
-    own = {name: named(name, "--method") for name in options.method if ":" in name}
-    return own | {name: named(name, "--own") for name in options.own}
+    own = {name: import_estimator(name, "--method") for name in options.method if ":" in name}
+    return own | {name: import_estimator(name, "--own") for name in options.own}
 
 
-def _run_remaining(work: "Work", options: StudyOptions, out: Console) -> dict[str, object]:
+def _run_remaining(work: "StudyExecution", options: StudyOptions, out: Console) -> dict[str, object]:
     """Run the remaining runs; return the workers and the speed in words."""
-    runs, left = work.plan.runs, work.runs_left
+    runs, left = work.plan.runs, work.missing_runs
     with workers_for(work, options, out) as workers:
         start, count = time.monotonic(), workers.count
         with progress(out, "running", runs, runs - left, "runs") as advance:
-            work.go(workers, advance)
+            work.run(workers, advance)
         duration = time.monotonic() - start
     return {"workers": f"{count} on {workers.where}", "pace": f"{left} runs in {duration:.1f} s"}
 
 
 @contextmanager
-def workers_for(work: "Work", options: WorkOptions, out: Console) -> Generator["Crew"]:
+def workers_for(work: "StudyExecution", options: WorkOptions, out: Console) -> Generator["WorkerPool"]:
     """Yield workers, after everything that the study needs is compiled."""
-    from rcmservo.study.execution.workers import crew, require_guarded
+    from rcmservo.study.execution.workers import open_worker_pool, require_protected
 
     if options.cluster is not None:
-        require_guarded(options.cluster)
+        require_protected(options.cluster)
     with ExitStack() as stack:
         with status_line(out) as line:
             with compiling(line):
                 work.compile()
             line.update(Text("waiting for workers …", style="dim"))
-            workers = stack.enter_context(crew(options.cluster, options.workers))
+            workers = stack.enter_context(open_worker_pool(options.cluster, options.workers))
         yield workers
 
 
-def report_header(work: "Work") -> dict[str, object]:
+def report_header(work: "StudyExecution") -> dict[str, object]:
     """Return the entries of a report on its origin."""
-    from rcmservo.study.execution.package_version import package
+    from rcmservo.study.execution.package_version import identify_package
 
-    own = "".join(f" --own {name}" for name in work.own)
+    own = "".join(f" --own {name}" for name in work.user_estimators)
     folder = work.store.folder
     return {
         "command": " ".join(["rcmservo", *map(shlex.quote, sys.argv[1:])]),
         "replay": f"rcmservo study --out {shlex.quote(str(folder))}{own} --replay",
-        "package": package(),
+        "package": identify_package(),
         "made": f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC",
         "runs": work.plan.runs,
     }

@@ -8,7 +8,7 @@ from rich.console import Console
 from rich.table import Table
 
 if TYPE_CHECKING:
-    from rcmservo.study.execution.run_study import Work
+    from rcmservo.study.execution.run_study import StudyExecution
     from rcmservo.study.report.statistics import Interval
     from rcmservo.study.report.summary import PairedComparison, Summary
 
@@ -24,13 +24,13 @@ def distribution_table(distributions: Iterable[tuple[str, str]]) -> Table:
     return table
 
 
-def print_work(out: Console, work: "Work") -> None:
+def print_work(out: Console, work: "StudyExecution") -> None:
     """Print the number of runs, and how many of them exist already."""
-    runs, left = work.plan.runs, work.runs_left
+    runs, left = work.plan.runs, work.missing_runs
     words = f"{runs} simulated run{'s' if runs > 1 else ''}, into {work.store.folder}"
     out.print(words, style="dim", soft_wrap=True)
-    if work.changed:
-        words = f"{', '.join(work.changed)} changed since the last use of this folder"
+    if work.changed_settings:
+        words = f"{', '.join(work.changed_settings)} changed since the last use of this folder"
         out.print(f"{words}: {left} of {runs} runs are repeated", soft_wrap=True)
     elif not left:
         out.print("all runs exist already", soft_wrap=True)
@@ -38,7 +38,7 @@ def print_work(out: Console, work: "Work") -> None:
         out.print(f"{runs - left} runs exist already; the others follow", soft_wrap=True)
 
 
-def results(rows: list["Summary"]) -> Table:
+def result_table(rows: list["Summary"]) -> Table:
     """Return the results as a table, each number with its interval below."""
     table = Table(show_lines=True)
     for words in ("method\nengine", "scenes"):
@@ -60,7 +60,7 @@ def results(rows: list["Summary"]) -> Table:
     return table
 
 
-def beside(one: "PairedComparison") -> str:
+def comparison_sentence(one: "PairedComparison") -> str:
     """Return a sentence that compares a method with the first one."""
     return (
         f"{one.method} compared with {one.beside}, {one.condition}, {one.pairs} pairs: success "

@@ -14,18 +14,18 @@ from rcmservo.cli.lab_options import RunOptions
 from rcmservo.cli.progress.progress import progress, resume_hint
 from rcmservo.cli.servo_options import option_group
 from rcmservo.cli.studies.study import WorkOptions, report_header, require_other_folder, workers_for
-from rcmservo.cli.studies.study_report import beside, print_work, results
+from rcmservo.cli.studies.study_report import comparison_sentence, print_work, result_table
 from rcmservo.cli.terminal import console
-from rcmservo.config.atomic_files import write_whole
-from rcmservo.config.registry import ESTIMATORS, PARTS, name_of
-from rcmservo.config.rig_file import told_with
-from rcmservo.config.strict_decoding import decode
-from rcmservo.config.user_code import named
-from rcmservo.errors import needing
+from rcmservo.config.atomic_files import write_atomically
+from rcmservo.config.registry import ESTIMATORS, PART_CLASSES, find_class_name
+from rcmservo.config.rig_file import name_origin_in_errors
+from rcmservo.config.strict_decoding import decode_settings
+from rcmservo.config.user_code import import_estimator
+from rcmservo.errors import require_extra
 
 if TYPE_CHECKING:
-    from rcmservo.study.plan.method import Own, StudyMethod
-    from rcmservo.study.tuning.search import Tried, Tuning
+    from rcmservo.study.plan.method import UserEstimators, StudyMethod
+    from rcmservo.study.tuning.search import SearchTrial, Tuning
 
 
 @dataclass(frozen=True)
@@ -43,60 +43,60 @@ class TuneOptions(WorkOptions):
 
 def tune(options: TuneOptions) -> int:
     """Search, test, and write settings and report; return the exit code 0."""
-    with needing("a study", "study"):
-        from rcmservo.study.execution.run_study import Work
-        from rcmservo.study.execution.store import SEARCH, TUNED
+    with require_extra("a study", "study"):
+        from rcmservo.study.execution.run_study import StudyExecution
+        from rcmservo.study.execution.store import SEARCH_FOLDER, TUNED_FILE
         from rcmservo.study.report import report
-        from rcmservo.study.tuning.search import best, searched
-        from rcmservo.study.tuning.space import with_values
-    tuning, out = _tuning(options), console()
+        from rcmservo.study.tuning.search import find_best_trial, run_search
+        from rcmservo.study.tuning.space import replace_settings
+    tuning, out = read_tuning(options), console()
     folder = options.out or dated_folder("tune")
     require_other_folder(options.file, folder)
     start = tuning.plan.methods[0]
-    unseen = Work(tuning.unseen, folder)
-    _print_search(out, tuning, folder, folder / SEARCH)
+    unseen = StudyExecution(tuning.validation_plan, folder)
+    _print_search(out, tuning, folder, folder / SEARCH_FOLDER)
     with resume_hint(folder, out):
         with workers_for(unseen, options, out) as crew:
             with progress(out, "searching", tuning.trials) as advance:
-                tried = searched(tuning, folder / SEARCH, crew, lambda _: advance(1))
-            found = best(tried)
-            method = with_values(start, tuning.name, found.values)
-            plan = replace(tuning.unseen, methods=(start, method))
-            work = Work(plan, folder)
+                tried = run_search(tuning, folder / SEARCH_FOLDER, crew, lambda _: advance(1))
+            found = find_best_trial(tried)
+            method = replace_settings(start, tuning.method_name, found.values)
+            plan = replace(tuning.validation_plan, methods=(start, method))
+            work = StudyExecution(plan, folder)
             print_work(out, work)
-            done = plan.runs - work.runs_left
+            done = plan.runs - work.missing_runs
             with progress(out, "testing on unseen scenes", plan.runs, done, "runs") as advance:
-                work.go(crew, advance)
+                work.run(crew, advance)
         rows = work.gather()
-        write_whole(folder / TUNED, settings_text(method, work.own, tuning))
-        header = report_header(work) | _search_summary(tuning, method, tried, folder / TUNED)
-        written = report.write(folder, work.plan, rows, header, page=True)
+        write_atomically(folder / TUNED_FILE, settings_text(method, work.user_estimators, tuning))
+        header = report_header(work) | _search_summary(tuning, method, tried, folder / TUNED_FILE)
+        written = report.write_report(folder, work.plan, rows, header, page=True)
     is_better = found.number > 0
     out.print(
         header["found"] if is_better else "no settings better than the initial ones were found"
     )
     out.print("on scenes outside the search:")
-    out.print(results(written.summaries))
+    out.print(result_table(written.summaries))
     for comparison in written.comparisons:
-        out.print(beside(comparison), soft_wrap=True)
-    out.print(f"settings in {folder / TUNED}, report in {folder}", soft_wrap=True)
+        out.print(comparison_sentence(comparison), soft_wrap=True)
+    out.print(f"settings in {folder / TUNED_FILE}, report in {folder}", soft_wrap=True)
     out.print(f"to use them: {run_command(method)}", soft_wrap=True)
     return 0
 
 
-def _tuning(options: TuneOptions) -> "Tuning":
+def read_tuning(options: TuneOptions) -> "Tuning":
     """Return the search that a file describes."""
-    from rcmservo.study.plan.file import load, plan_of
+    from rcmservo.study.plan.file import read_study_file, make_plan
     from rcmservo.study.tuning.search import TuneSection, Tuning
-    from rcmservo.study.tuning.space import axis_from
+    from rcmservo.study.tuning.space import parse_axis
 
-    study_file = load(options.file)
-    with told_with(options.file):
-        section = decode(TuneSection, study_file.tune, "tune")
-        plan = plan_of(study_file, {name: named(name, "--own") for name in options.own})
+    study_file = read_study_file(options.file)
+    with name_origin_in_errors(options.file):
+        section = decode_settings(TuneSection, study_file.tune, "tune")
+        plan = make_plan(study_file, {name: import_estimator(name, "--own") for name in options.own})
         method = plan.methods[0]
         axes = tuple(
-            axis_from(name, description, method) for name, description in study_file.search.items()
+            parse_axis(name, description, method) for name, description in study_file.search.items()
         )
         return Tuning(plan=plan, axes=axes, **asdict(section))
 
@@ -110,11 +110,11 @@ def _print_search(out: Console, tuning: "Tuning", folder: Path, search: Path) ->
 
     words = f"{tuning.trials} trials of {tuning.plan.runs} simulated runs, into {folder}"
     out.print(words, style="dim", soft_wrap=True)
-    previous = manifest.read(search)
+    previous = manifest.read_manifest(search)
     if previous is None:
         return
-    changed = manifest.changed(previous, manifest.note_of(tuning.plan))
-    differences = ", ".join(word for word in changed if word != manifest.METHOD)
+    changed = manifest.list_changed_settings(previous, manifest.make_manifest(tuning.plan))
+    differences = ", ".join(word for word in changed if word != manifest.METHOD_SETTING_NAME)
     out.print(
         f"{differences} changed since the last use of this folder: trials are repeated"
         if differences
@@ -124,17 +124,17 @@ def _print_search(out: Console, tuning: "Tuning", folder: Path, search: Path) ->
 
 
 def _search_summary(
-    tuning: "Tuning", method: "StudyMethod", tried: "list[Tried]", settings: Path
+    tuning: "Tuning", method: "StudyMethod", tried: "list[SearchTrial]", settings: Path
 ) -> dict[str, object]:
     """Return the entries of a report on the search."""
-    from rcmservo.study.tuning.space import value_of
+    from rcmservo.study.tuning.space import get_setting
 
     plan, start = tuning.plan, tuning.plan.methods[0]
     costs = tried[0].cost, min(one.cost for one in tried)
     seeds = f"seeds {plan.first_seed} to {plan.first_seed + plan.count - 1}"
     changes: list[str] = []
     for axis in tuning.axes:
-        old, new = (_format_value(value_of(one, axis.name)) for one in (start, method))
+        old, new = (_format_value(get_setting(one, axis.name)) for one in (start, method))
         changes.append(f"{axis.name} {old} -> {new}")
     return {
         "search": f"{len(tried)} trials of {plan.runs} runs, {seeds}; goal {tuning.goal}, "
@@ -150,7 +150,7 @@ def _format_value(value: object) -> str:
 
 def run_command(method: "StudyMethod") -> str:
     """Return the `rcmservo run` command with these settings."""
-    arguments = ["rcmservo", "run", "--estimator", name_of(method.estimator, ESTIMATORS)]
+    arguments = ["rcmservo", "run", "--estimator", find_class_name(method.estimator, ESTIMATORS)]
     for settings in method.parts.values():
         kind = cast(type[Any], type(settings))
         group, defaults = option_group(kind, RunOptions), kind()
@@ -172,13 +172,13 @@ def _option_words(name: str, value: Any) -> list[str]:
     ]
 
 
-def settings_text(method: "StudyMethod", own: "Own", tuning: "Tuning") -> str:
+def settings_text(method: "StudyMethod", own: "UserEstimators", tuning: "Tuning") -> str:
     """Return the method with all its settings as a file that `rcmservo study` reads."""
     names = {kind: name for name, kind in own.items()}
     lines = [f"# Found by rcmservo tune: {tuning.trials} trials, goal {tuning.goal}."]
     for part, settings in method.parts.items():
         kind = cast(type[Any], type(settings))
-        name = names.get(kind) or name_of(settings, PARTS[part])
+        name = names.get(kind) or find_class_name(settings, PART_CLASSES[part])
         values = {"kind": name, **{f.name: getattr(settings, f.name) for f in fields(kind)}}
         # numbers, strings, lists, true and false have the same form in JSON and TOML
         lines.append(f"[method.{method.name}.{part}]")

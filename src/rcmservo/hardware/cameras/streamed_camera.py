@@ -12,7 +12,7 @@ from typing import Protocol
 
 from rcmservo.errors import RcmServoError
 from rcmservo.interfaces import Frame, Image
-from rcmservo.loop.run_result import CameraAccount, known
+from rcmservo.loop.run_result import CameraStatistics, finite_or_none
 
 REOPEN_PERIOD_S = 1.0
 """Period of the attempts to reopen a lost camera."""
@@ -101,7 +101,7 @@ class StreamedCamera:
         self._frame: Frame | None = None
         self._number, self._last_frame_time = -1, time.monotonic()
         self._incomplete_run = 0
-        self._account = CameraAccount()
+        self._account = CameraStatistics()
         self._error: Exception | None = None
         self._closing = threading.Event()
         self._stream: CameraStream | None = open_stream()
@@ -114,7 +114,7 @@ class StreamedCamera:
             raise self._error
         return self._frame
 
-    def counts(self) -> CameraAccount:
+    def counts(self) -> CameraStatistics:
         """Return counts of the frames so far, and the camera's present problem."""
         silence = time.monotonic() - self._last_frame_time
         if self._account.trouble or silence <= MAX_SILENCE_S:
@@ -179,7 +179,7 @@ class StreamedCamera:
             incomplete=account.incomplete + snapshot.incomplete + (image is None),
             uncertainty_ms=account.uncertainty_ms
             if image is None
-            else known(1e3 * snapshot.uncertainty),
+            else finite_or_none(1e3 * snapshot.uncertainty),
             trouble=problem,
         )
 

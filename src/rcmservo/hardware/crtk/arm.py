@@ -44,7 +44,7 @@ from rcmservo.hardware.crtk.received_state import (
 )
 from rcmservo.hardware.crtk.settings import CrtkSettings
 from rcmservo.hardware.crtk.transport import open_transport
-from rcmservo.interfaces import Command, Floats, Measured
+from rcmservo.interfaces import Command, Floats, ArmMeasurement
 from rcmservo.live.device_protocols import NotReady
 
 FIRST_COMMAND_NS = 1_000_000_000
@@ -126,7 +126,7 @@ class CrtkArm:
         self._changed = threading.Condition()
         """Lock of all state, notified after each report."""
         self._received = ReceivedState(settings.namespace)
-        self._setpoint = BoundedLead(np.array(settings.lead), limits)
+        self._setpoint = BoundedLead(np.array(settings.max_lead), limits)
         self._wrist: tuple[float, ...] = ()
         self._counts: CommandCounts = CommandCounts()
         self._off_reason = ""
@@ -193,12 +193,12 @@ class CrtkArm:
             self._in_control, self._number = True, -1
             self._deadline = now + FIRST_COMMAND_NS
 
-    def measure(self) -> Measured:
+    def measure(self) -> ArmMeasurement:
         """Return the last reported joint position and drive state."""
         joints = self._received.joints
         assert joints is not None
         q = to_rad_mm(joints.position, self._signs)
-        return Measured(joints.time, q, self._received.is_ready)
+        return ArmMeasurement(joints.time, q, self._received.is_ready)
 
     def apply(self, command: Command) -> Floats:
         """Send a command; return the joint rates (3,) that the setpoint really has."""

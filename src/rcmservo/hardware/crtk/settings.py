@@ -64,7 +64,7 @@ class CrtkSettings(RosConnection, section="arm"):
 
     namespace: Annotated[str, NAMESPACE]
     signs: Annotated[Triple, SIGNS] = (1.0, 1.0, 1.0)
-    lead: Annotated[Triple, LEAD] = (0.1, 0.1, 10.0)
+    max_lead: Annotated[Triple, LEAD] = (0.1, 0.1, 10.0)
     jv: bool = False
     answer_within: Annotated[float, between(0.1, 30.0, "a time", "s")] = 2.0
 

@@ -22,7 +22,7 @@ from rcmservo.hardware.galil.connection import (
 )
 from rcmservo.hardware.galil.session import ArmReading, GalilSession
 from rcmservo.hardware.galil.settings import GalilSettings
-from rcmservo.interfaces import Command, Floats, Measured
+from rcmservo.interfaces import Command, Floats, ArmMeasurement
 from rcmservo.live.device_protocols import NotReady
 from rcmservo.live.realtime import urgent
 
@@ -59,7 +59,7 @@ class GalilArm:
         """Lock of `_next`, held only while a command passes from the loop to the thread."""
         self._next: Command | None = None
         self._connection_error = ""
-        self._measured = Measured(0, np.zeros(3), False)
+        self._measured = ArmMeasurement(0, np.zeros(3), False)
         try:
             connection = self._connect()
             message_connection = None if settings.is_serial else self._connect()
@@ -100,7 +100,7 @@ class GalilArm:
         with self._exclusive_session():
             return self._session.homed()
 
-    def measure(self) -> Measured:
+    def measure(self) -> ArmMeasurement:
         """Return the last measurement of the joints."""
         return self._measured
 
@@ -129,11 +129,11 @@ class GalilArm:
     def _connect(self) -> GalilConnection:
         settings = self.settings
         stream: ByteStream = (
-            SerialStream(settings.address, settings.baud, settings.answer_within)
+            SerialStream(settings.address, settings.baud, settings.reply_timeout)
             if settings.is_serial
-            else TcpStream(settings.address, settings.port, settings.answer_within)
+            else TcpStream(settings.address, settings.port, settings.reply_timeout)
         )
-        self._connections.append(GalilConnection(stream, settings.answer_within))
+        self._connections.append(GalilConnection(stream, settings.reply_timeout))
         return self._connections[-1]
 
     def _run(self) -> None:
@@ -166,10 +166,10 @@ class GalilArm:
             command, self._next = self._next, None
         return command
 
-    def _as_measured(self, reading: ArmReading) -> Measured:
+    def _as_measured(self, reading: ArmReading) -> ArmMeasurement:
         """Convert a reading. Its time never decreases."""
         time_ns = max(round(1e9 * reading.time), self._measured.time)
-        return Measured(time_ns, reading.q, reading.all_on)
+        return ArmMeasurement(time_ns, reading.q, reading.all_on)
 
     @contextlib.contextmanager
     def _exclusive_session(self) -> Generator[None]:

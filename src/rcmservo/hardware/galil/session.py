@@ -160,7 +160,7 @@ class GalilSession:
         axes = self.settings.axes
         try:
             self._connection.download_program(
-                program_lines(axes, round(1e3 * self.settings.patience))
+                program_lines(axes, round(1e3 * self.settings.command_timeout))
             )
         except CommandRejected:
             self._connection.execute("AB 1")  # it may have executed lines as commands

@@ -67,8 +67,8 @@ class GalilSettings(Checked, section="arm"):
     acceleration: Annotated[Triple, POSITIVE_PER_JOINT] = (10.0, 10.0, 1000.0)
     deceleration: Annotated[Triple, POSITIVE_PER_JOINT] = (10.0, 10.0, 1000.0)
     following_error: Annotated[Triple, POSITIVE_PER_JOINT] = (0.02, 0.02, 2.0)
-    patience: Annotated[float, between(0.01, 0.05, "a time", "s")] = 0.04
-    answer_within: Annotated[float, between(0.02, 2.0, "a time", "s")] = 0.25
+    command_timeout: Annotated[float, between(0.01, 0.05, "a time", "s")] = 0.04
+    reply_timeout: Annotated[float, between(0.02, 2.0, "a time", "s")] = 0.25
 
     @property
     def wiring(self) -> Wiring:

@@ -15,7 +15,7 @@ from threading import Lock
 from rcmservo.errors import RcmServoError
 from rcmservo.recording.reader import RECORD
 from rcmservo.recording.record_header import RecordHeader, read_header
-from rcmservo.recording.summary_text import what
+from rcmservo.recording.summary_text import describe_run
 
 MAX_RUNS = 1000
 """Number of runs in the list, the newest."""
@@ -99,7 +99,7 @@ class RunList:
         if isinstance(header, str):
             return PastRun(*common, when, header, None, "cannot be read", False)
         is_recording = not header.is_closed and time.time() - changed < RECORDING_TIMEOUT_S
-        description = what(header.settings, header.servo)
+        description = describe_run(header.settings, header.servo)
         ending = describe_ending(header, is_recording)
         return PastRun(*common, when, description, header.seconds, ending, is_recording)
 

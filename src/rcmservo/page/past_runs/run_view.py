@@ -16,8 +16,8 @@ from rcmservo.page.view_model import as_points
 from rcmservo.recording import ros2_messages
 from rcmservo.recording.mcap_recovery import MessageReader, read_chunk
 from rcmservo.recording.reader import Record, read_record
-from rcmservo.recording.summary_text import rows_of, verdict_of, way_out, why
-from rcmservo.recording.timeline import Span, spans, stages, summary
+from rcmservo.recording.summary_text import list_record_rows, format_verdict, describe_way_out, describe_cause
+from rcmservo.recording.timeline import Span, list_spans, number_stages, summarise
 
 PICTURE_TOPIC = "image_raw/compressed"
 
@@ -57,12 +57,12 @@ def open_run(path: Path) -> OpenedRun:
     """Read a record up to its end or its damage."""
     record = read_record(path)
     locations, exposures = _locate_pictures(path)
-    lines = spans(record)
+    lines = list_spans(record)
     titles = {name: title for name, (title, _) in RUN_FIGURES.items()}
     content = {
-        "verdict": verdict_of(record, summary(record)),
+        "verdict": format_verdict(record, summarise(record)),
         "missing": record.missing,
-        "summary": rows_of(record, summary(record)),
+        "summary": list_record_rows(record, summarise(record)),
         "spans": [_span(span) for span in lines[:MAX_MOMENTS]],
         "moments": _moments(record, lines, exposures),
         "targets": [stage.target.points for stage in record.stages],
@@ -115,7 +115,7 @@ def _locate_pictures(path: Path) -> tuple[list[PictureLocation], list[int]]:
 
 
 def _span(span: Span) -> list[object]:
-    return [span.start, span.duration, span.phase.value, why(span), way_out(span), span.asks.name]
+    return [span.start, span.duration, span.phase.value, describe_cause(span), describe_way_out(span), span.action.name]
 
 
 def _moments(record: Record, lines: list[Span], exposures: list[int]) -> list[dict[str, Any]]:
@@ -134,7 +134,7 @@ def _moments(record: Record, lines: list[Span], exposures: list[int]) -> list[di
         samples = [(int(i), -1) for i in np.minimum(np.searchsorted(record.time, whole), count - 1)]
     samples = samples[:: -(-len(samples) // MAX_MOMENTS) or 1]
     starts = [span.start for span in lines]
-    stage_numbers: list[int] = stages(record).tolist()
+    stage_numbers: list[int] = number_stages(record).tolist()
     points, o_c = record.ticks["points"], record.ticks["o_c"]
     return [
         {

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from rcmservo.geometry.features import measured
+from rcmservo.geometry.features import compute_features_and_error
 from rcmservo.interfaces import Floats
 
 SAMPLE_PERIOD_NS = 100_000_000
@@ -107,7 +107,7 @@ class Curves:
             return unknown, unknown
         predicted: Floats = np.reshape(previous["J_hat"], (3, 3)) @ (tick["p1"] - previous["p1"])
         points, earlier = np.reshape(tick["points"], (2, 2)), np.reshape(previous["points"], (2, 2))
-        measured_change: Floats = measured(points, earlier, tick["o_c"])[1]
+        measured_change: Floats = compute_features_and_error(points, earlier, tick["o_c"])[1]
         return predicted / (elapsed * 1e-9), measured_change / (elapsed * 1e-9)
 
     def after(self, count: int) -> list[list[float]]:

@@ -14,7 +14,7 @@ SURFACE_POINTS = 16
 
 
 @dataclass(frozen=True)
-class Shape:
+class MechanismShape:
     """Kinematics of the tool for drawing.
 
     Parameters
@@ -32,7 +32,7 @@ class Shape:
     tip: float
 
     @classmethod
-    def of(cls, servo: Servo) -> "Shape":
+    def of(cls, servo: Servo) -> "MechanismShape":
         """Return the shape of a servo."""
         return cls(servo.mechanism, servo.tool, servo.controller.tip)
 

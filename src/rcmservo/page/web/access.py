@@ -35,7 +35,7 @@ class PortTaken(NoPagePort):
 
 
 @dataclass(frozen=True)
-class Doors:
+class PageCredentials:
     """Credentials of the page.
 
     Parameters
@@ -75,7 +75,7 @@ def secrets_equal(first: str, second: str) -> bool:
     return secrets.compare_digest(first.encode(), second.encode())
 
 
-def drawn_secret() -> str:
+def draw_secret() -> str:
     """Return a random secret."""
     return secrets.token_urlsafe(32)
 
@@ -110,7 +110,7 @@ def bind_socket(host: str, port: int) -> socket.socket:
     return listener
 
 
-def bound_pair(host: str, port: int | None) -> tuple[socket.socket, socket.socket]:
+def bind_pair(host: str, port: int | None) -> tuple[socket.socket, socket.socket]:
     """Return listening sockets on a port, for the page, and on the next port, for STOP.
 
     Port 0 selects two free ports; None selects `DEFAULT_PORT` or the next free pair.
@@ -132,7 +132,7 @@ def _bound_pair(host: str, port: int) -> tuple[socket.socket, socket.socket]:
         raise
 
 
-def reached_at(host: str) -> str:
+def find_reachable_address(host: str) -> str:
     """Return an address at which a server that listens on `host` can be reached."""
     if host != "0.0.0.0":
         return host

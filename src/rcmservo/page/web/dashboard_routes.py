@@ -11,13 +11,13 @@ from fastapi import APIRouter, Depends, HTTPException, Response
 
 from rcmservo.page.json_text import encode_json
 from rcmservo.page.plots.curves import SAMPLE_FIELDS
-from rcmservo.page.settings import Chosen
+from rcmservo.page.settings import SelectedSettings
 from rcmservo.page.view_model import Dashboard
-from rcmservo.page.web.access import Doors
-from rcmservo.page.web.setting_fields import forms
+from rcmservo.page.web.access import PageCredentials
+from rcmservo.page.web.setting_fields import build_forms
 
 
-def dashboard_routes(access: Doors, board: Dashboard, selection: Chosen) -> APIRouter:
+def dashboard_routes(access: PageCredentials, board: Dashboard, selection: SelectedSettings) -> APIRouter:
     """Return the routes that read the dashboard and the selected servo."""
     router = APIRouter(dependencies=[Depends(access.require_secret)])
 
@@ -35,7 +35,7 @@ def dashboard_routes(access: Doors, board: Dashboard, selection: Chosen) -> APIR
         return Response(jpeg, media_type="image/jpeg", headers={"Cache-Control": "no-store"})
 
     async def get_settings() -> list[dict[str, Any]]:
-        return forms(selection.servo, board.active_servo)
+        return build_forms(selection.servo, board.active_servo)
 
     for path, answer in (
         ("/curves", get_curves),

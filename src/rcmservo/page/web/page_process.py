@@ -18,12 +18,12 @@ from nicegui import ui
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from rcmservo.errors import BadInput
-from rcmservo.page.channels import Desk
+from rcmservo.page.channels import PageChannels
 from rcmservo.page.control_ownership import ControlOwnership, MessageRefused, interpret_message
 from rcmservo.page.messages import (
     CLEAR,
     BrowserMessage,
-    Change,
+    SettingsChange,
     DeletePose,
     DisturbanceRequest,
     Heartbeat,
@@ -32,7 +32,7 @@ from rcmservo.page.messages import (
     ReleaseJog,
 )
 from rcmservo.page.poses import PoseStore
-from rcmservo.page.settings import IMMEDIATE_PARTS, Chosen
+from rcmservo.page.settings import IMMEDIATE_PARTS, SelectedSettings
 from rcmservo.page.view_model import Dashboard
 from rcmservo.page.web.access import receive_text
 from rcmservo.page.web.dashboard_routes import dashboard_routes
@@ -48,7 +48,7 @@ from rcmservo.safety.state_machine import Request
 SERVO_BUSY = "the servo does not accept requests now: press again"
 
 
-def serve_page(channels: Desk, site: Site, listening: socket.socket, control: Connection) -> None:
+def serve_page(channels: PageChannels, site: Site, listening: socket.socket, control: Connection) -> None:
     """Serve the page until the other end of `control` sends a message or is closed."""
     poses = PoseStore(site.poses)
     poses.load()
@@ -109,22 +109,22 @@ async def _send_pictures(
 
 
 @contextmanager
-def pause_on_handover(ownership: ControlOwnership, channels: Desk) -> Generator[None]:
+def pause_on_handover(ownership: ControlOwnership, channels: PageChannels) -> Generator[None]:
     """Pause the motion if control changes hands inside the block."""
     before = ownership.holder
     yield
     if ownership.holder != before:
-        channels.hand.release()
-        channels.wants.put(Request.PAUSE)
+        channels.jog_state.release()
+        channels.requests.send(Request.PAUSE)
 
 
 async def _receive_messages(
     websocket: WebSocket,
     name: str,
     ownership: ControlOwnership,
-    channels: Desk,
+    channels: PageChannels,
     board: Dashboard,
-    selection: Chosen,
+    selection: SelectedSettings,
 ) -> None:
     """Receive the requests of one browser; send its name and the reasons of refusals."""
     await websocket.send_json({"name": name})
@@ -139,7 +139,7 @@ async def _receive_messages(
         except MessageRefused as error:
             refused = str(error)
         else:
-            if isinstance(message, Change):
+            if isinstance(message, SettingsChange):
                 refused = change_settings(message, selection, channels, board)
             elif isinstance(message, DeletePose):
                 refused = board.poses.delete(message.name)
@@ -149,39 +149,39 @@ async def _receive_messages(
             await websocket.send_json({"refused": refused})
 
 
-def dispatch(message: BrowserMessage | None, channels: Desk) -> bool:
+def dispatch(message: BrowserMessage | None, channels: PageChannels) -> bool:
     """Pass a request on. Return False if its channel is full."""
     match message:
         case None:
             return True
         case JogJoints():
-            channels.hand.hold(message.press, message.rates, message.speed_scale)
+            channels.jog_state.hold(message.press, message.rates, message.speed_scale)
         case JogMarker():
-            channels.hand.hold(
+            channels.jog_state.hold(
                 message.press, message.velocity, message.speed_scale, moves_marker=True
             )
         case ReleaseJog():
-            channels.hand.release()
+            channels.jog_state.release()
         case DisturbanceRequest():
-            return channels.trouble.put(message)
+            return channels.disturbances.send(message)
         case Heartbeat():
-            channels.hand.send_heartbeat()
+            channels.jog_state.send_heartbeat()
         case _:
             if message is Request.CLEAR:
-                channels.bell.put(CLEAR)
-            return channels.wants.put(message)
+                channels.stop_requests.send(CLEAR)
+            return channels.requests.send(message)
     return True
 
 
-def change_settings(change: Change, selection: Chosen, channels: Desk, board: Dashboard) -> str:
+def change_settings(change: SettingsChange, selection: SelectedSettings, channels: PageChannels, board: Dashboard) -> str:
     """Pass a change of settings on. Return the reason of a refusal, or ""."""
     try:
         selection.with_change(change)
     except BadInput as error:
         return str(error)
-    if not channels.changes.put(change):
+    if not channels.settings_changes.send(change):
         return "the server does not accept settings now: press again"
-    selection.take(change)
+    selection.apply(change)
     board.settings_version += 1
     acts_now = change.part in IMMEDIATE_PARTS and board.standby is None
-    return SERVO_BUSY if acts_now and not channels.wants.put(change) else ""
+    return SERVO_BUSY if acts_now and not channels.requests.send(change) else ""

@@ -20,7 +20,7 @@ from rcmservo.errors import RcmServoError
 from rcmservo.page.past_runs.background_worker import BackgroundWorker
 from rcmservo.page.past_runs.run_list import PastRun, RunList
 from rcmservo.page.past_runs.run_view import OpenedRun, draw_figures, open_run, read_picture
-from rcmservo.page.web.access import Doors
+from rcmservo.page.web.access import PageCredentials
 
 MAX_CACHED_RUNS = 4
 """Number of opened runs, and of runs with figures, that are cached."""
@@ -105,7 +105,7 @@ def download_name(path: Path) -> str:
     return "".join(c if c.isascii() and (c.isalnum() or c in "-_.") else "_" for c in folders)
 
 
-def runs_routes(access: Doors, folder: Path) -> APIRouter:
+def runs_routes(access: PageCredentials, folder: Path) -> APIRouter:
     """Return the routes that read the past runs below a folder."""
     runs = PastRuns(folder)
     router = APIRouter(prefix="/runs", dependencies=[Depends(access.require_secret)])

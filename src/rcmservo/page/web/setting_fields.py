@@ -5,10 +5,10 @@ from dataclasses import dataclass, fields, is_dataclass
 from typing import Any, get_type_hints
 
 from rcmservo.config.field_docs import describe_class, describe_field
-from rcmservo.config.registry import PARTS
-from rcmservo.config.servo_json import describe
+from rcmservo.config.registry import PART_CLASSES
+from rcmservo.config.servo_json import describe_servo
 from rcmservo.constraints import choices_of
-from rcmservo.page.settings import BOXES, IMMEDIATE_PARTS
+from rcmservo.page.settings import EDITABLE_PARTS, IMMEDIATE_PARTS
 from rcmservo.servo.servo import Servo
 
 UNIT_PATTERN = r"(?:1/s|rad|px|mm/s|mm|s/mm²|1/rad²|s)"
@@ -66,13 +66,13 @@ def find_unit(text: str) -> str:
     return found[1] if found else ""
 
 
-def forms(selected_servo: Servo, active_servo: Servo | None) -> list[dict[str, Any]]:
+def build_forms(selected_servo: Servo, active_servo: Servo | None) -> list[dict[str, Any]]:
     """Return a form for each part that may change, for JSON.
 
     Each form has the kinds of the part with their fields, and the selected and active settings.
     """
-    active = None if active_servo is None else describe(active_servo)
-    selected = describe(selected_servo)
+    active = None if active_servo is None else describe_servo(active_servo)
+    selected = describe_servo(selected_servo)
     return [
         {
             "part": part,
@@ -83,12 +83,12 @@ def forms(selected_servo: Servo, active_servo: Servo | None) -> list[dict[str, A
                     "description": _one_line(kind),
                     "fields": [vars(field) for field in list_fields(kind)],
                 }
-                for name, kind in PARTS[part].items()
+                for name, kind in PART_CLASSES[part].items()
             },
             "selected": selected[part],
             "active": None if active is None else active[part],
         }
-        for part in BOXES
+        for part in EDITABLE_PARTS
     ]
 
 

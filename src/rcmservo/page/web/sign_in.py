@@ -8,7 +8,7 @@ from urllib.parse import parse_qs
 from starlette.requests import ClientDisconnect, HTTPConnection, Request
 from starlette.responses import HTMLResponse, RedirectResponse, Response
 
-from rcmservo.page.web.access import drawn_secret, secrets_equal
+from rcmservo.page.web.access import draw_secret, secrets_equal
 
 MAX_FAILED_ATTEMPTS, ATTEMPT_WINDOW_S, MAX_TRACKED_ADDRESSES = 5, 60.0, 1000
 """Failed attempts of an address within a time (s), and the number of addresses that are stored."""
@@ -46,7 +46,7 @@ class SignIn:
     def __init__(self, token: str, port: int, now: Callable[[], float] = time.monotonic) -> None:
         self._token, self._now = token, now
         self._cookie = f"rcmservo-{port}"  # a browser sends one cookie to all ports of an address
-        self._cookie_value = drawn_secret()
+        self._cookie_value = draw_secret()
         self._failed = FailedAttempts()
 
     def is_signed_in(self, browser: HTTPConnection) -> bool:

@@ -6,11 +6,11 @@ from pathlib import Path
 from typing import Any
 
 from rcmservo.interfaces import Camera
-from rcmservo.page.plots.mechanism_shape import Shape
+from rcmservo.page.plots.mechanism_shape import MechanismShape
 from rcmservo.page.poses import PoseFolder
-from rcmservo.page.settings import Chosen
-from rcmservo.page.view_model import Truth
-from rcmservo.page.web.access import Doors
+from rcmservo.page.settings import SelectedSettings
+from rcmservo.page.view_model import TruePoseError
+from rcmservo.page.web.access import PageCredentials
 
 
 @dataclass(frozen=True)
@@ -43,11 +43,11 @@ class Site:
 
     title: str
     camera: Callable[[], Camera]
-    access: Doors
+    access: PageCredentials
     stop_port: int
-    selection: Chosen
+    selection: SelectedSettings
     poses: PoseFolder
-    shape: Shape
+    shape: MechanismShape
     runs: Path
     disturbances: tuple[dict[str, Any], ...] = ()
-    truth: Truth | None = None
+    truth: TruePoseError | None = None

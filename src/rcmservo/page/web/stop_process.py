@@ -11,13 +11,13 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from rcmservo.page.channels import MessageChannel
 from rcmservo.page.messages import STOP
-from rcmservo.page.web.access import Doors, receive_text
+from rcmservo.page.web.access import PageCredentials, receive_text
 from rcmservo.page.web.origin_check import OriginCheck
 from rcmservo.page.web.server_process import SHUTDOWN_GRACE_S, serve_until_stopped
 
 
 def serve_stop(
-    stop_requests: MessageChannel, access: Doors, listening: socket.socket, control: Connection
+    stop_requests: MessageChannel, access: PageCredentials, listening: socket.socket, control: Connection
 ) -> None:
     """Forward stop requests until the other end of `control` sends a message or is closed."""
 
@@ -27,7 +27,7 @@ def serve_stop(
         try:
             while True:
                 await receive_text(websocket)
-                await websocket.send_text("heard" if stop_requests.put(STOP) else "not heard")
+                await websocket.send_text("heard" if stop_requests.send(STOP) else "not heard")
         except WebSocketDisconnect:
             return
 

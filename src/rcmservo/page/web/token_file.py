@@ -9,13 +9,13 @@ from ipaddress import AddressValueError, IPv4Address
 from pathlib import Path
 
 from rcmservo.errors import BadInput, UnusableFile, require
-from rcmservo.page.web.access import drawn_secret
+from rcmservo.page.web.access import draw_secret
 
 MIN_TOKEN_CHARACTERS, MAX_TOKEN_CHARACTERS = 16, 256
 """Limits of a token's length in characters."""
 
 
-def token_for(host: str, file: Path | None) -> str:
+def load_required_token(host: str, file: Path | None) -> str:
     """Return the token of a server that listens on `host`, or "" if none is required.
 
     No token is required at an address that only this computer can reach.
@@ -53,7 +53,7 @@ def load_token(file: Path) -> str:
 def _make(file: Path) -> None:
     opened = os.open(file, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
     with os.fdopen(opened, "w") as new:
-        new.write(drawn_secret() + "\n")
+        new.write(draw_secret() + "\n")
 
 
 def _read(file: Path) -> str:

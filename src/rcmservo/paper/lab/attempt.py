@@ -21,8 +21,8 @@ from rcmservo.sim import RigSettings
 from rcmservo.sim.rig import sample_scene_of_seed
 from rcmservo.study.batch import Study
 from rcmservo.study.plan.conditions import COMPILED, MUJOCO
-from rcmservo.study.run_outcome import LAST, StudyRun
-from rcmservo.study.simulation_engine import Laboratory, LaboratoryLoop
+from rcmservo.study.run_outcome import FINAL_WINDOW_S, StudyRun
+from rcmservo.study.simulation_engine import SimulationEngine, SimulationLoop
 
 STOPPED_FOR_GOOD = Phase.PAUSED, Phase.FAULT
 """Phases that only an operator can end."""
@@ -76,8 +76,8 @@ class Attempt:
 
     def live(self, servo: Servo) -> StudyRun:
         """Run with MuJoCo's arm and the code of live runs."""
-        laboratory = Laboratory(servo, self.settings, self._longest(servo), TEACHING_FRAMES)
-        loop = LaboratoryLoop(laboratory, self.seed, 0)
+        laboratory = SimulationEngine(servo, self.settings, self._longest(servo), TEACHING_FRAMES)
+        loop = SimulationLoop(laboratory, self.seed, 0)
         end, moving, errors = np.inf, 0.0, list[float]()
         for k, tick in enumerate(loop.ticks()):
             time, phase = tick.time / 1e9, tick.state.phase
@@ -86,19 +86,19 @@ class Attempt:
                 end = min(end, time + self.duration)
                 if k % STRIDE_TICKS == 0:
                     errors.append(loop.rig.truth.tick_error(tick))
-            if time >= min(end, moving + AT_REST_S + LAST):
+            if time >= min(end, moving + AT_REST_S + FINAL_WINDOW_S):
                 break
-        run = loop.run
+        run = loop.outcome
         return replace(run.until(self._end(run)), engine=MUJOCO, jacobian_error=median(errors))
 
     def by_poses(self, calibration: Calibration) -> StudyRun:
         """Run pose-based control, which does not explore."""
         robot = self.servo(FAST_FIT, Exploration())
-        laboratory = Laboratory(robot, self.settings, self.duration, TEACHING_FRAMES)
-        loop = LaboratoryLoop(laboratory, self.seed, 0)
+        laboratory = SimulationEngine(robot, self.settings, self.duration, TEACHING_FRAMES)
+        loop = SimulationLoop(laboratory, self.seed, 0)
         law = PoseLaw(calibration, robot, loop.target, FAST_LAW.gain)
         drive(loop, robot, law, self.duration)
-        return replace(loop.run, engine=MUJOCO)
+        return replace(loop.outcome, engine=MUJOCO)
 
     def _longest(self, servo: Servo) -> float:
         """Return the longest duration (s) of a run, with the time limit of the exploration."""

@@ -13,8 +13,8 @@ from scipy.spatial.transform import Rotation
 
 from rcmservo.estimation.base import Estimator, Sample
 from rcmservo.estimation.projection_rule import jacobian_at, markers_jacobian, predict
-from rcmservo.geometry.features import about
-from rcmservo.geometry.projection import parameters
+from rcmservo.geometry.features import shift_to_rcm
+from rcmservo.geometry.projection import extract_parameters
 from rcmservo.geometry.tool import Tool
 from rcmservo.interfaces import Floats
 from rcmservo.sim.camera_model import CameraModel
@@ -56,10 +56,10 @@ class Calibration:
 
     def locate(self, points: Floats, guess: Floats, tool: Tool) -> Floats:
         """Return p̂₁ (3,) in mm from raw pixels (2, 2), by least squares from `guess` (3,)."""
-        m = about(points, self.o_c)
+        m = shift_to_rcm(points, self.o_c)
 
         def residual(p1: Floats) -> Floats:
-            return predict(self.a, p1, tool.shaft) - m
+            return predict(self.a, p1, tool.struct) - m
 
         def jacobian(p1: Floats) -> Floats:
             return self.points_jacobian(p1, tool)
@@ -69,12 +69,12 @@ class Calibration:
 
     def points_jacobian(self, p1: Floats, tool: Tool) -> Floats:
         """Return ∂m/∂p₁ (4, 3) in px/mm of both markers, with marker 1 at `p1` (3,) in mm."""
-        return markers_jacobian(self.a, p1, tool.shaft)
+        return markers_jacobian(self.a, p1, tool.struct)
 
 
 def exact_calibration(optics: CameraModel) -> Calibration:
     """Return the true camera as a pinhole, without its distortion."""
-    return Calibration(*parameters(optics.pinhole()))
+    return Calibration(*extract_parameters(optics.pinhole()))
 
 
 def make_calibration(
@@ -124,7 +124,7 @@ class CalibratedEstimator(Estimator):
         return None
 
     def jacobian(self, memory: None, tool: Tool, sample: Sample) -> Floats:
-        return jacobian_at(self.calibration.a, sample.p1, sample.points, sample.o_c, tool.shaft)
+        return jacobian_at(self.calibration.a, sample.p1, sample.points, sample.o_c, tool.struct)
 
     def motion(self, memory: None, tool: Tool, sample: Sample) -> Floats:
         return self.calibration.points_jacobian(sample.p1, tool)

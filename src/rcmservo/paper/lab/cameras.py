@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from rcmservo.geometry.projection import parameters
+from rcmservo.geometry.projection import extract_parameters
 from rcmservo.interfaces import Floats
 from rcmservo.sim import Rig, RigSettings, SceneSettings
 
@@ -12,7 +12,7 @@ PINHOLE = SceneSettings(distortion=(0.0, 0.0))
 
 def true_parameters(rig: Rig) -> tuple[Floats, Floats]:
     """Return a (9,) and o_c (2,) in px of the rig's camera, by Lemma 1."""
-    return parameters(rig.scene.optics.pinhole())
+    return extract_parameters(rig.scene.optics.pinhole())
 
 
 def random_camera(seed: int) -> tuple[Floats, Floats]:

@@ -18,7 +18,7 @@ from rcmservo.control.exploration import Exploration
 from rcmservo.control.saturated_controller import SaturatedController
 from rcmservo.estimation.base import Estimator
 from rcmservo.estimation.flow_rule import FlowEstimator
-from rcmservo.estimation.projection_rule import PRINTED, ProjectionEstimator
+from rcmservo.estimation.projection_rule import PAPER_PROJECTION_ESTIMATOR, ProjectionEstimator
 from rcmservo.figures.overlay import draw_overlay, write_image
 from rcmservo.geometry.imaged_rcm import ImagedRcm
 from rcmservo.interfaces import Floats, Target
@@ -45,7 +45,7 @@ FAST_LAW = SaturatedController(gain=2.0)
 FAST_FIT = ProjectionEstimator()
 """The paper's projection-based estimator with the fast Γ, on both markers."""
 
-EQUAL_ROUNDS = Exploration(leg=1.0, share=0.12, growth=1.0, max_time=60.0)
+EQUAL_ROUNDS = Exploration(leg_time=1.0, speed_scale=0.12, growth=1.0, max_time=60.0)
 """Exploration in equal rounds at about 30 mm/s with `FAST_ARM`; `reach` alone sets their size."""
 
 PROJECTION_EXPLORATION = replace(EQUAL_ROUNDS, reach=17.0, legs=8)
@@ -71,7 +71,7 @@ FLOW_EXPLORATION = replace(EQUAL_ROUNDS, reach=12.0, legs=60, tolerance=0.2)
 """Exploration for the flow rule, which converges as 1 − exp(−γ v L): about 20 s of motion."""
 
 PAPER_METHODS: dict[str, tuple[Estimator, Exploration]] = {
-    "projection": (PRINTED, PROJECTION_EXPLORATION),
+    "projection": (PAPER_PROJECTION_ESTIMATOR, PROJECTION_EXPLORATION),
     "flow": (FLOW_ESTIMATOR, FLOW_EXPLORATION),
 }
 """The paper's estimators, each with its exploration."""
@@ -220,8 +220,8 @@ class Arrived:
         self._frame = -1
 
     def __call__(self, tick: Tick) -> bool:
-        if tick.state.frame > self._frame:
+        if tick.state.newest_frame > self._frame:
             self._errors.append(tick.state.delta)
-            self._frame = tick.state.frame
+            self._frame = tick.state.newest_frame
         full = len(self._errors) == AVERAGED_FRAMES
         return full and bool((np.abs(np.mean(self._errors, axis=0)) < ARRIVED).all())

@@ -6,10 +6,10 @@ from typing import NamedTuple
 import numpy as np
 
 from rcmservo.estimation.base import Estimator, Sample
-from rcmservo.geometry.features import about, features_jacobian
+from rcmservo.geometry.features import shift_to_rcm, compute_features_jacobian
 from rcmservo.geometry.tool import Tool
 from rcmservo.interfaces import Floats
-from rcmservo.numerics.small_linalg import products
+from rcmservo.numerics.small_linalg import multiply_matrices
 
 
 class FirstFrames(NamedTuple):
@@ -51,10 +51,10 @@ class ConstantJacobian(Estimator):
             np.vstack([memory.p1, sample.p1]), np.vstack([memory.m, sample.points.ravel()])
         )
 
-    def motion(self, memory: FirstFrames, tool: Tool, sample: Sample) -> Floats:
+    def markers_jacobian(self, memory: FirstFrames, tool: Tool, sample: Sample) -> Floats:
         p, m = (one - one.mean(axis=0) for one in memory)
         return np.asarray(np.linalg.lstsq(p, m, rcond=None)[0].T, dtype=np.float64)
 
     def jacobian(self, memory: FirstFrames, tool: Tool, sample: Sample) -> Floats:
-        motion = self.motion(memory, tool, sample)
-        return products(features_jacobian(about(sample.points, sample.o_c)), motion)
+        motion = self.markers_jacobian(memory, tool, sample)
+        return multiply_matrices(compute_features_jacobian(shift_to_rcm(sample.points, sample.o_c)), motion)

@@ -5,12 +5,12 @@ from typing import Any
 
 import numpy as np
 
-from rcmservo.control.saturated_controller import scaled
+from rcmservo.control.saturated_controller import scale_rows
 from rcmservo.estimation.base import Estimator, Sample
-from rcmservo.estimation.projection_fit import UNIT, Prospect
+from rcmservo.estimation.projection_fit import UNIT_LENGTH_MM, ProjectionFit
 from rcmservo.estimation.projection_rule import GAMMA_0
-from rcmservo.geometry.features import about, features
-from rcmservo.geometry.projection import parameters
+from rcmservo.geometry.features import shift_to_rcm, compute_features
+from rcmservo.geometry.projection import extract_parameters
 from rcmservo.interfaces import Floats
 from rcmservo.paper.lab.cameras import true_parameters
 from rcmservo.paper.lab.streams import (
@@ -71,7 +71,7 @@ def servo_run(
             "near": prediction_error(rig, near, *known),
             "workspace": prediction_error(rig, far, *known),
             "parameters": parameter_error(rig, parameters_of(estimator, memory))
-            if estimator.models
+            if estimator.predicts_markers
             else None,
         }
     return {"time": median_series(recorded.time), "errors": errors, "knowledge": knowledge}
@@ -132,23 +132,23 @@ def predicted(
 
 def extrapolated(J_hat: Floats, last: Sample, p1: Floats) -> Floats:
     """Return m (4,) in px from o_c at `p1`, by linear extrapolation of y with the scaled Ĵ."""
-    unscale = 1.0 / scaled(np.ones((3, 1)))[:, 0]
-    s, r, d = features(about(last.points, last.o_c)) + unscale * (J_hat @ (p1 - last.p1))
+    unscale = 1.0 / scale_rows(np.ones((3, 1)))[:, 0]
+    s, r, d = compute_features(shift_to_rcm(last.points, last.o_c)) + unscale * (J_hat @ (p1 - last.p1))
     along = np.array([np.cos(s), np.sin(s)])
     return np.concatenate([r * along, (r + d) * along])
 
 
 def parameters_of(estimator: Estimator, memory: Any) -> Floats:
     """Return â (9,) of an estimator with a model; for a fit of the projection, by Lemma 1."""
-    if not estimator.places_rcm:
+    if not estimator.estimates_rcm:
         return memory.a_hat
-    fit = Prospect(memory)
+    fit = ProjectionFit(memory)
     moved = np.eye(4)
     moved[:3, 3] = -fit.origin[:3]
-    moved[3, 3] = UNIT
+    moved[3, 3] = UNIT_LENGTH_MM
     below = np.append(fit.g, 1.0)
     C = np.vstack([fit.A + np.outer(fit.origin[3:], below), below]) @ moved
-    return parameters(C)[0]
+    return extract_parameters(C)[0]
 
 
 def parameter_error(rig: Rig, a_hat: Floats) -> float:

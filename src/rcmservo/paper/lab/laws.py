@@ -7,14 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rcmservo.geometry.kinematics import joint_rates
+from rcmservo.geometry.kinematics import compute_joint_rates
 from rcmservo.interfaces import Floats, Observation, Target
 from rcmservo.loop.clock import ticks
 from rcmservo.paper.lab.calibration import Calibration
 from rcmservo.safety.causes import Cause
 from rcmservo.safety.state_machine import Phase
 from rcmservo.servo.servo import Servo
-from rcmservo.study.simulation_engine import LaboratoryLoop
+from rcmservo.study.simulation_engine import SimulationLoop
 
 
 def saturated(error: Floats, bound: float) -> Floats:
@@ -55,7 +55,7 @@ class PoseLaw:
         return -self.gain * saturated(here - there, self.bound)
 
 
-def drive(loop: LaboratoryLoop, robot: Servo, law: PoseLaw, duration: float) -> None:
+def drive(loop: SimulationLoop, robot: Servo, law: PoseLaw, duration: float) -> None:
     """Enable the drive, and control the arm with the law for `duration` s.
 
     Kinematics, gate and speed limit are those of `robot`. `loop.run` does not apply, because it
@@ -69,15 +69,15 @@ def drive(loop: LaboratoryLoop, robot: Servo, law: PoseLaw, duration: float) -> 
         seen = plant.read()
         if seen.frame > frame:
             frame, v = seen.frame, _velocity(law, robot, seen)
-        rates = joint_rates(robot.rcm, seen.q, v)
+        rates = compute_joint_rates(robot.rcm, seen.q, v)
         command = robot.gate.admit(rates, command, seen.q, robot.rcm, seen.now).command
         plant.send(command)
-        loop.note(Phase.SERVO, Cause.NONE)
+        loop.record_tick(Phase.SERVO, Cause.NONE)
 
 
 def _velocity(law: PoseLaw, robot: Servo, seen: Observation) -> Floats:
     """Return the velocity (3,) of the law in mm/s; zero if a marker is missing."""
     if not np.isfinite(seen.points).all():
         return np.zeros(3)
-    v = law.velocity(seen.points, robot.marker_1(seen.q))
+    v = law.velocity(seen.points, robot.position_of_marker_1(seen.q))
     return saturated(v, robot.controller.max_speed)

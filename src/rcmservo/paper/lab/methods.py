@@ -17,7 +17,7 @@ from rcmservo.estimation.correntropy import CorrentropyEstimator
 from rcmservo.estimation.dlt import DltEstimator
 from rcmservo.estimation.kalman import KalmanEstimator
 from rcmservo.estimation.normalised_flow import NormalisedFlowEstimator
-from rcmservo.estimation.projection_rule import PRINTED
+from rcmservo.estimation.projection_rule import PAPER_PROJECTION_ESTIMATOR
 from rcmservo.estimation.rls import RlsEstimator
 from rcmservo.paper.lab.attempt import Attempt
 from rcmservo.paper.lab.calibration import CalibratedEstimator, Quality
@@ -34,7 +34,7 @@ from rcmservo.study.run_outcome import StudyRun
 
 LINES_ONLY = Exploration(tolerance=1e3)
 """The default exploration without its accuracy requirement: a calibrated law needs only o_c."""
-CONSTANT_JACOBIAN_THRESHOLDS = Thresholds(disagreements=1000)
+CONSTANT_JACOBIAN_THRESHOLDS = Thresholds(max_contradictions=1000)
 """Thresholds that tolerate the prediction errors of a Jacobian that stays constant."""
 POINTS_LAW = replace(FAST_LAW, features="points")
 """The common law, on the four marker coordinates."""
@@ -83,7 +83,7 @@ class EstimatingMethod(Method):
 
 
 @dataclass(frozen=True)
-class Own(EstimatingMethod):
+class UserEstimatorMethod(EstimatingMethod):
     """A user-defined estimator, with the default exploration.
 
     Parameters
@@ -149,7 +149,7 @@ ROLLED = "the image-based law with a calibration outdated by a roll of the camer
 
 COMPARED_METHODS: Mapping[str, Method] = {
     **RCMSERVO_METHODS,
-    "printed": EstimatingMethod(PRINTED_RULE, "printed Γ", PRINTED, PROJECTION_EXPLORATION),
+    "printed": EstimatingMethod(PRINTED_RULE, "printed Γ", PAPER_PROJECTION_ESTIMATOR, PROJECTION_EXPLORATION),
     "flow": FLOW_RULE,
     "broyden": EstimatingMethod(BROYDEN, "Broyden", BroydenEstimator()),
     "broyden-1mm": EstimatingMethod(BROYDEN_1_MM, "Broyden, 1 mm", BroydenEstimator(min_step=1.0)),

@@ -9,17 +9,17 @@ from rcmservo.errors import require
 from rcmservo.estimation.base import Estimator, Sample
 from rcmservo.estimation.projection_rule import (
     GAMMA_0,
-    MOST,
+    MAX_OBSERVATIONS,
     jacobian_at,
-    keep_in_front,
+    limit_step_by_depth,
     normal_equations,
     predict,
-    sights,
+    fitted_points,
 )
-from rcmservo.geometry.projection import PARAMETERS
+from rcmservo.geometry.projection import PARAMETER_COUNT
 from rcmservo.geometry.tool import Tool
 from rcmservo.interfaces import Floats
-from rcmservo.numerics.gradient_flow import decay
+from rcmservo.numerics.gradient_flow import integrate_gradient_flow
 
 
 class RandomMemory(NamedTuple):
@@ -58,24 +58,24 @@ class RandomObservations(Estimator):
     estimator_time: float = 1e4
 
     name = "random"
-    models = True
+    predicts_markers = True
 
     def __post_init__(self) -> None:
-        is_valid = 1 <= self.observations <= MOST
-        require(is_valid, "random.observations", self.observations, f"from 1 to {MOST}")
+        is_valid = 1 <= self.observations <= MAX_OBSERVATIONS
+        require(is_valid, "random.observations", self.observations, f"from 1 to {MAX_OBSERVATIONS}")
         is_valid = 0.0 <= self.estimator_time < np.inf
         require(is_valid, "random.estimator_time", self.estimator_time, "a time in s, at least 0")
 
     def init(self) -> RandomMemory:
-        return RandomMemory(np.zeros((self.observations, 7)), 0, np.zeros(PARAMETERS))
+        return RandomMemory(np.zeros((self.observations, 7)), 0, np.zeros(PARAMETER_COUNT))
 
     def update(self, memory: RandomMemory, tool: Tool, sample: Sample) -> RandomMemory:
         rows = self._drawn(memory, sample)
         count = min(memory.seen + 1, len(rows))
-        A, b = normal_equations(sights(rows, count, sample.o_c, False, tool.shaft))
+        A, b = normal_equations(fitted_points(rows, count, sample.o_c, False, tool.struct))
         root = np.diag(np.sqrt(GAMMA_0))
-        a_next = decay(A, b, memory.a_hat, root, self.estimator_time or sample.dt)
-        a_hat = keep_in_front(memory.a_hat, a_next, rows, count, tool.shaft)
+        a_next = integrate_gradient_flow(A, b, memory.a_hat, root, self.estimator_time or sample.dt)
+        a_hat = limit_step_by_depth(memory.a_hat, a_next, rows, count, tool.struct)
         return RandomMemory(rows, memory.seen + 1, a_hat)
 
     def _drawn(self, memory: RandomMemory, sample: Sample) -> Floats:
@@ -88,7 +88,7 @@ class RandomObservations(Estimator):
         return rows
 
     def jacobian(self, memory: RandomMemory, tool: Tool, sample: Sample) -> Floats:
-        return jacobian_at(memory.a_hat, sample.p1, sample.points, sample.o_c, tool.shaft)
+        return jacobian_at(memory.a_hat, sample.p1, sample.points, sample.o_c, tool.struct)
 
     def predict(self, memory: RandomMemory, tool: Tool, p1: Floats) -> Floats:
-        return predict(memory.a_hat, p1, tool.shaft)
+        return predict(memory.a_hat, p1, tool.struct)

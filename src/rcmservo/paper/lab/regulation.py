@@ -43,7 +43,7 @@ from rcmservo.recording.reader import Record
 from rcmservo.safety.causes import Cause
 from rcmservo.servo.servo import Servo
 from rcmservo.sim import RigSettings
-from rcmservo.study.report.statistics import dashed
+from rcmservo.study.report.statistics import format_finite
 
 REGULATION_LABORATORY = RigSettings(scene=PAPER_SCENES, point_noise=POINT_NOISE_PX)
 INITIAL_ERRORS = np.abs(np.array(PAPER_SCENES.errors, dtype=float))
@@ -108,10 +108,10 @@ def regulate(folder: Path, seed: int, plan: Regulation) -> TaskResult:
         scene = loop.rig.scene
         home, _ = loop.teach(scene.start)
         target, p_d = loop.teach(scene.target)
-        loop.rig.place(scene.half_way if plan.half_way else scene.start)
+        loop.rig.place(scene.midpoint if plan.half_way else scene.start)
         tick = loop.explore(home)
         if not tick.state.explored:
-            return {"cause": tick.state.cause.stopping or Cause.NOT_EXPLORED.value, "began": None}
+            return {"cause": tick.state.cause.stop_sentence or Cause.NOT_EXPLORED.value, "began": None}
         tick = loop.last(home, RETURN_TIMEOUT_S, tick.state, done=Arrived())
         began = loop.elapsed()
         for count, newest in enumerate(loop.stage(target, plan.duration, tick.state)):
@@ -120,7 +120,7 @@ def regulate(folder: Path, seed: int, plan: Regulation) -> TaskResult:
                 loop.snapshot("initial.png", target, tick.state, _words("initial", tick))
         loop.snapshot("final.png", target, tick.state, _words("final", tick))
     found = from_record(read_task_record(folder), began, p_d, plan.controller)
-    return {"cause": tick.state.cause.stopping, **found}
+    return {"cause": tick.state.cause.stop_sentence, **found}
 
 
 def _words(when: str, tick: Tick) -> str:
@@ -224,8 +224,8 @@ def succeeds(runs: Sequence[TaskResult], seeds: Sequence[int], case: str) -> Mea
     poses = column(successful, "pose")
     left = max(100.0 * column(successful, "left"), default=np.nan)
     words = [
-        f"largest remaining error {dashed(left, '.1f')} %, pose error median "
-        f"{dashed(median(poses))} mm, worst {dashed(max(poses, default=np.nan))} mm"
+        f"largest remaining error {format_finite(left, '.1f')} %, pose error median "
+        f"{format_finite(median(poses))} mm, worst {format_finite(max(poses, default=np.nan))} mm"
     ]
     if started_runs(runs):
         errors = np.array([run["initial"] for run in started_runs(runs)]) - INITIAL_ERRORS

@@ -9,7 +9,7 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from rcmservo.control.saturated_controller import scaled
+from rcmservo.control.saturated_controller import scale_rows
 from rcmservo.estimation.base import Estimator, Sample
 from rcmservo.estimation.dlt import DltEstimator
 from rcmservo.geometry.tool import Tool
@@ -21,7 +21,7 @@ from rcmservo.paper.lab.closed_loop import (
     FLOW_ESTIMATOR,
     FLOW_EXPLORATION,
     PAPER_SCENES,
-    PRINTED,
+    PAPER_PROJECTION_ESTIMATOR,
     PRINTED_LAW,
     TEACHING_FRAMES,
     make_servo,
@@ -38,7 +38,7 @@ Kind = Literal["servo", "tour"]
 ESTIMATORS: Mapping[str, Estimator] = {
     "flow": FLOW_ESTIMATOR,
     "random": RandomObservations(),
-    "given time": PRINTED,
+    "given time": PAPER_PROJECTION_ESTIMATOR,
     "real time": RandomObservations(estimator_time=0.0),
     "fast": FAST_FIT,
     "whole": DltEstimator(),
@@ -101,13 +101,13 @@ def stream(seed: int, noise: float, settings: Settings, kind: Kind) -> tuple[Rig
     duration = settings.duration if kind == "servo" else settings.touring
     samples, rows, last = list[Sample](), list[tuple[float, int, Floats, Floats]](), -1
     for tick in run(plant, servo, target, duration):
-        state, time = tick.state, tick.state.learnt.estimate.exposure
+        state, time = tick.state, tick.state.estimation.estimate.exposure
         if time == last:
             continue
         dt = (time - last) * 1e-9 if last >= 0 else 0.0
         last = time
-        samples.append(Sample(state.p1, tick.seen.points, state.o_c, dt, tick.seen.sizes))
-        J = scaled(rig.truth.jacobian(rig.truth.joints_at(time), state.o_c))
+        samples.append(Sample(state.p1, tick.observation.points, state.o_c, dt, tick.observation.sizes))
+        J = scale_rows(rig.truth.jacobian(rig.truth.joints_at(time), state.o_c))
         rows.append((tick.time / 1e9, _phase(tick, settings, kind), J, velocity(rig, time)))
     columns = (np.array(column) for column in zip(*rows, strict=True))
     return rig, Stream(samples, *columns)
@@ -118,7 +118,7 @@ def _phase(tick: Tick, settings: Settings, kind: Kind) -> int:
         return int(tick.time > settings.learning * 1e9)
     if not tick.state.explored:
         return 0
-    return 1 if bool(np.any(np.abs(tick.state.delta) > PRINTED_LAW.b)) else 2
+    return 1 if bool(np.any(np.abs(tick.state.delta) > PRINTED_LAW.bounds_array)) else 2
 
 
 def velocity(rig: Rig, time: int, window: int = WINDOW_NS) -> Floats:
@@ -137,7 +137,7 @@ def run_estimator(
     J_hat = np.empty((len(samples), 3, 3))
     for i, sample in enumerate(samples):
         memory = estimator.update(memory, tool, sample)
-        J_hat[i] = scaled(estimator.jacobian(memory, tool, sample))
+        J_hat[i] = scale_rows(estimator.jacobian(memory, tool, sample))
     return J_hat, memory
 
 

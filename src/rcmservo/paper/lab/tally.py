@@ -13,15 +13,15 @@ from rcmservo.interfaces import Floats
 from rcmservo.paper.plan import TaskResult
 from rcmservo.paper.statistics import finite, median, percent
 from rcmservo.study.report.statistics import (
-    Flags,
+    Booleans,
     Interval,
-    dashed,
-    median_difference,
-    quantile,
-    share,
-    share_difference,
+    format_finite,
+    estimate_median_difference,
+    estimate_quantile,
+    estimate_fraction,
+    estimate_fraction_difference,
 )
-from rcmservo.study.row import NEAR
+from rcmservo.study.row import SUCCESS_MM
 from rcmservo.study.run_outcome import StudyRun
 
 STORED_STRIDE = 10
@@ -43,10 +43,10 @@ def run_results(runs: Sequence[StudyRun]) -> TaskResult:
         "seeds": [run.seed for run in runs],
         "engine": runs[0].engine,
         "pose": np.array([run.pose_error for run in runs]),
-        "within": np.array([run.first_within(NEAR) for run in runs]),
+        "within": np.array([run.first_within(SUCCESS_MM) for run in runs]),
         "explored": np.array([run.explored for run in runs]),
         "jacobian": np.array([run.jacobian_error for run in runs]),
-        "held": [run.held.stopping for run in runs],
+        "held": [run.held.stop_sentence for run in runs],
         "length": longest / runs[0].rate,
         "step": STORED_STRIDE / runs[0].rate,
         "middle": np.median(errors, axis=0)[::STORED_STRIDE],
@@ -80,9 +80,9 @@ class MethodStatistics:
         return self.runs["pose"]
 
     @property
-    def arrived(self) -> Flags:
+    def arrived(self) -> Booleans:
         """Flags (n,) of the runs that end within 1 mm."""
-        return self.pose_errors <= NEAR
+        return self.pose_errors <= SUCCESS_MM
 
     @property
     def times(self) -> Floats:
@@ -92,19 +92,19 @@ class MethodStatistics:
     @property
     def success(self) -> Interval:
         """Percentage of the scenes that end within 1 mm."""
-        return percent(share(int(self.arrived.sum()), len(self.arrived)))
+        return percent(estimate_fraction(int(self.arrived.sum()), len(self.arrived)))
 
     @property
     def time(self) -> Interval:
         """Median time (s) until first within 1 mm, including the exploration; inf if never."""
-        return quantile(
+        return estimate_quantile(
             np.nan_to_num(self.runs["within"], nan=np.inf, posinf=np.inf), 0.5, least=0.0
         )
 
     @property
     def pose(self) -> Interval:
         """Median final pose error (mm) of all runs."""
-        return quantile(self.pose_errors, 0.5, least=0.0)
+        return estimate_quantile(self.pose_errors, 0.5, least=0.0)
 
     @property
     def explored(self) -> float:
@@ -133,7 +133,7 @@ class MethodStatistics:
         jacobian = "" if np.isnan(self.jacobian) else f"; error of Ĵ {self.jacobian:.0f} %"
         return (
             f"within 1 mm after {self.time:.1f} s, servo started after "
-            f"{dashed(self.explored, '.1f')} s; pose error {self.pose:.2f} mm{jacobian} "
+            f"{format_finite(self.explored, '.1f')} s; pose error {self.pose:.2f} mm{jacobian} "
             f"(medians); worst scene {self.worst:.2f} mm"
         )
 
@@ -152,13 +152,13 @@ class MethodStatistics:
 
     def later(self, other: "MethodStatistics") -> Interval:
         """Return the median over scenes of the difference (s) of both `times`."""
-        return median_difference(self.times, other.times)
+        return estimate_median_difference(self.times, other.times)
 
     def more_often(self, other: "MethodStatistics") -> Interval:
         """Return the difference of both success rates in percentage points, paired by scene."""
-        return percent(share_difference(self.arrived, other.arrived))
+        return percent(estimate_fraction_difference(self.arrived, other.arrived))
 
 
 def _ratio(one: Floats, other: Floats) -> Interval:
     """Return the median over pairs of the ratio `one` / `other`."""
-    return Interval(*np.exp(median_difference(np.log(one), np.log(other))).tolist())
+    return Interval(*np.exp(estimate_median_difference(np.log(one), np.log(other))).tolist())

@@ -6,7 +6,7 @@ frames leave the tolerance.
 
 import numpy as np
 
-from rcmservo.geometry.features import about, difference, features
+from rcmservo.geometry.features import shift_to_rcm, compute_feature_error, compute_features
 from rcmservo.geometry.tool import Tool
 from rcmservo.interfaces import Floats
 from rcmservo.loop.plant import Plant
@@ -15,7 +15,7 @@ from rcmservo.loop.teach import teach
 from rcmservo.paper.lab.closed_loop import FAST_FIT, FAST_LAW, TEACHING_FRAMES
 from rcmservo.paper.plan import TaskResult
 from rcmservo.paper.statistics import median, rms
-from rcmservo.recording.outcome import SAME_POSE, settle_time
+from rcmservo.recording.outcome import MAX_SAME_POSE_DISTANCE_MM, find_settle_time
 from rcmservo.safety.causes import Cause
 from rcmservo.servo.servo import Servo
 from rcmservo.sim import Rig, RigSettings, SceneSettings
@@ -76,12 +76,12 @@ def settle(
         if (len(ticks) - 1) % STRIDE_TICKS == 0:
             q = rig.arm.q_true
             distance = float(np.linalg.norm(body.points(q)[1] - p_d))
-            rows.append((tick.time / 1e9, difference(_true_features(rig, q), y_d), distance))
+            rows.append((tick.time / 1e9, compute_feature_error(_true_features(rig, q), y_d), distance))
             if tick.state.explored:
                 jacobians.append(truth.tick_error(tick))
     times, deltas, poses = (np.array(values) for values in zip(*rows, strict=True))
-    cause, settled_at = ticks[-1].state.cause, settle_time(times, deltas)
-    pose = float(poses[-1]) if cause.stopping else rms(poses[times > times[-1] - END_S])
+    cause, settled_at = ticks[-1].state.cause, find_settle_time(times, deltas)
+    pose = float(poses[-1]) if cause.stop_sentence else rms(poses[times > times[-1] - END_S])
     reason = _failure(cause, settled_at, pose)
     return {
         "why_not": reason,
@@ -92,15 +92,15 @@ def settle(
 
 
 def _true_features(rig: Rig, q: Floats) -> Floats:
-    return features(about(rig.truth.pixels(q), rig.truth.imaged_rcm()))
+    return compute_features(shift_to_rcm(rig.truth.pixels(q), rig.truth.imaged_rcm()))
 
 
 def _failure(cause: Cause, settled_at: float | None, pose: float) -> str:
-    if cause.stopping:
-        return cause.stopping
+    if cause.stop_sentence:
+        return cause.stop_sentence
     if settled_at is None:
         return "the true features did not settle in time"
-    return "the features agree in a different pose" if pose > SAME_POSE else ""
+    return "the features agree in a different pose" if pose > MAX_SAME_POSE_DISTANCE_MM else ""
 
 
 def count_settled(trials: list[TaskResult]) -> int:

@@ -13,13 +13,13 @@ from typing import Any
 
 import numpy as np
 
-from rcmservo.config.rig_file import Lab
+from rcmservo.config.rig_file import RigDescription
 from rcmservo.errors import UnusableFile
 from rcmservo.estimation.base import Estimator, Sample
-from rcmservo.geometry.features import about, difference, features
-from rcmservo.geometry.imaged_rcm import ImagedRcm, remember, solve
+from rcmservo.geometry.features import shift_to_rcm, compute_feature_error, compute_features
+from rcmservo.geometry.imaged_rcm import ImagedRcm, store_line, solve_imaged_rcm
 from rcmservo.geometry.tool import Tool
-from rcmservo.interfaces import Explains, Floats, Markers, Tracker
+from rcmservo.interfaces import FailureExplainer, Floats, Markers, Tracker
 from rcmservo.recording.foreign.frame_folder import RecordedPose, iterate_frames, load_recording
 from rcmservo.tracking import PointMarkers
 
@@ -73,7 +73,7 @@ class _Observation:
 
 def score_recording(
     folder: Path,
-    lab: Lab,
+    lab: RigDescription,
     tracker: Tracker,
     estimators: dict[str, Estimator],
     imaged_rcm: ImagedRcm,
@@ -151,7 +151,7 @@ def _shortage_sentence(
 
     for frame, pose, detected in zip(iterate_frames(poses), poses, markers, strict=True):
         if not np.isfinite(detected.points).all():
-            reason = tracker.why(frame) if isinstance(tracker, Explains) else ""
+            reason = tracker.explain_failure(frame) if isinstance(tracker, FailureExplainer) else ""
             return f"{sentence} (frame {pose.name}: {reason})" if reason else sentence
     return sentence
 
@@ -172,8 +172,8 @@ def _imaged_rcms(
     (lines, count), printed = imaged_rcm.init(), imaged_rcm.printed
     origins: list[tuple[Floats, float]] = []
     for current in observations:
-        lines, count = remember(lines, count, current.points, printed)
-        o_c, condition = solve(lines, count, imaged_rcm.refinements, printed)
+        lines, count = store_line(lines, count, current.points, printed)
+        o_c, condition = solve_imaged_rcm(lines, count, imaged_rcm.refinements, printed)
         is_observable = condition <= imaged_rcm.max_condition
         origins.append((o_c, condition) if is_observable else (np.full(2, np.nan), condition))
     return origins
@@ -215,19 +215,19 @@ def _score_estimator(
         following = observations[t + 1]
         change = _feature_change(current, following, o_c)
         J_hat = estimator.jacobian(memory, tool, sample)
-        linear.append(difference(change, J_hat @ (following.p1 - current.p1)))
+        linear.append(compute_feature_error(change, J_hat @ (following.p1 - current.p1)))
         predicted_now, predicted_next = (
             estimator.predict(memory, tool, p1) for p1 in (current.p1, following.p1)
         )
         if predicted_now is not None and predicted_next is not None:
-            predicted_change = difference(features(predicted_next), features(predicted_now))
-            finite.append(difference(change, predicted_change))
-    return (_rms(finite) if estimator.models else None), _rms(linear), memory
+            predicted_change = compute_feature_error(compute_features(predicted_next), compute_features(predicted_now))
+            finite.append(compute_feature_error(change, predicted_change))
+    return (_rms(finite) if estimator.predicts_markers else None), _rms(linear), memory
 
 
 def _feature_change(current: _Observation, following: _Observation, o_c: Floats) -> Floats:
     """Return Δy (3,) from one frame to the next, about the same origin."""
-    return difference(features(about(following.points, o_c)), features(about(current.points, o_c)))
+    return compute_feature_error(compute_features(shift_to_rcm(following.points, o_c)), compute_features(shift_to_rcm(current.points, o_c)))
 
 
 def _rms(errors: list[Floats]) -> Floats:
@@ -242,5 +242,5 @@ def _reprojection_error(
     for current in observations:
         model = estimator.predict(memory, tool, current.p1)
         assert model is not None
-        squares.append(np.sum((model - about(current.points, o_c)).reshape(2, 2) ** 2, axis=1))
+        squares.append(np.sum((model - shift_to_rcm(current.points, o_c)).reshape(2, 2) ** 2, axis=1))
     return np.sqrt(np.mean(squares, axis=0))

@@ -6,7 +6,7 @@ A value far outside the limits of any arm was recorded in another unit.
 import numpy as np
 
 from rcmservo.errors import BadInput
-from rcmservo.geometry.kinematics import FULL_TURN, LONGEST_TRAVEL, JointLimits
+from rcmservo.geometry.kinematics import FULL_TURN_RAD, MAX_TRAVEL_MM, JointLimits
 from rcmservo.interfaces import Floats
 from rcmservo.recording.foreign.pose_table import Table
 
@@ -18,7 +18,7 @@ RECORDED_UNITS = ("rad", "rad", "m")
 CONFUSED_UNITS = ("degrees", "degrees", "mm")
 """Units that are often recorded by mistake."""
 
-MAX_JOINT_VALUES = (FULL_TURN, FULL_TURN, LONGEST_TRAVEL)
+MAX_JOINT_VALUES = (FULL_TURN_RAD, FULL_TURN_RAD, MAX_TRAVEL_MM)
 """Largest joint values of any arm, in rad, rad, mm."""
 
 LIMIT_TOLERANCES = (0.01, 0.01, 1.0)

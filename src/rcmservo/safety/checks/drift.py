@@ -8,15 +8,15 @@ the same to the last bit, which no camera delivers while the tool moves.
 
 import numpy as np
 
-from rcmservo.estimation.projection_fit import Foretold, Prospect, both
-from rcmservo.estimation.projection_prediction import spread
-from rcmservo.geometry.tool import Shaft
+from rcmservo.estimation.projection_fit import ProjectedPoint, ProjectionFit, project_markers
+from rcmservo.estimation.projection_prediction import image_covariance
+from rcmservo.geometry.tool import ToolStruct
 from rcmservo.interfaces import Floats
 from rcmservo.numerics.jit import compiled
-from rcmservo.numerics.small_linalg import distance, length, put
+from rcmservo.numerics.small_linalg import compute_distance, compute_norm, copy_into
 from rcmservo.safety.checks.facts import TickFacts
 from rcmservo.safety.innovation import squared_mahalanobis_distance
-from rcmservo.safety.monitor_state import Watch
+from rcmservo.safety.monitor_state import MonitorState
 from rcmservo.safety.thresholds import Thresholds
 
 STUCK_MOTION_RATIO = 5.0
@@ -27,13 +27,13 @@ SINGLE_DRIFT_RATIO = 3.0
 
 
 @compiled
-def watch_drift(
-    watch: Watch,
-    fit: Prospect,
+def update_drift(
+    watch: MonitorState,
+    fit: ProjectionFit,
     p1: Floats,
     points: Floats,
     detected: Floats,
-    shaft: Shaft,
+    shaft: ToolStruct,
     thresholds: Thresholds,
 ) -> None:
     """Update the mean residuals, and detect a frozen image, with a new frame.
@@ -55,23 +55,23 @@ def watch_drift(
     thresholds : Thresholds
         Thresholds of the checks.
     """
-    predicted = both(fit, p1, shaft)
-    watch.averaged = min(watch.averaged + 1, thresholds.drift_frames)
+    predicted = project_markers(fit, p1, shaft)
+    watch.averaged_frames = min(watch.averaged_frames + 1, thresholds.drift_frames)
     for k in range(2):
         update_mean_residual(watch, fit, k, predicted[k], points[k], thresholds)
-    same = same_markers(detected, watch.seen)
-    largest = max_difference(watch.expected, watch.foretold)
-    moved = distance(p1, watch.stood) > thresholds.stuck or largest > thresholds.drift_px
-    watch.frozen = same and moved
+    same = same_markers(detected, watch.changed_markers)
+    largest = max_difference(watch.markers_prediction, watch.changed_markers_prediction)
+    moved = compute_distance(p1, watch.changed_markers_p1) > thresholds.frozen_image_motion or largest > thresholds.max_drift_px
+    watch.image_frozen = same and moved
     if not same:
-        put(watch.seen, detected)
-        put(watch.stood, p1)
-        put(watch.foretold, watch.expected)
+        copy_into(watch.changed_markers, detected)
+        copy_into(watch.changed_markers_p1, p1)
+        copy_into(watch.changed_markers_prediction, watch.markers_prediction)
 
 
 @compiled
-def watch_stuck(
-    watch: Watch, p1: Floats, points: Floats, thresholds: Thresholds
+def detect_stuck_markers(
+    watch: MonitorState, p1: Floats, points: Floats, thresholds: Thresholds
 ) -> tuple[bool, bool]:
     """Detect a stuck marker or a frozen image before an estimate exists.
 
@@ -94,42 +94,42 @@ def watch_stuck(
     tuple[bool, bool]
         True if marker 1, marker 2 is stuck.
     """
-    same, motion, limit = same_markers(points, watch.seen), np.empty(2), thresholds.stuck_px
-    watch.frozen = same and distance(p1, watch.stood) > thresholds.stuck
+    same, motion, limit = same_markers(points, watch.changed_markers), np.empty(2), thresholds.stuck_marker_px
+    watch.image_frozen = same and compute_distance(p1, watch.changed_markers_p1) > thresholds.frozen_image_motion
     if not same:
-        put(watch.seen, points)
-        put(watch.stood, p1)
+        copy_into(watch.changed_markers, points)
+        copy_into(watch.changed_markers_p1, p1)
     for k in range(2):
-        if not distance(points[k], watch.anchors[k, :2]) <= limit:
-            put(watch.anchors[k, :2], points[k])
-            put(watch.anchors[k, 2:], points[1 - k])
-        motion[k] = distance(points[1 - k], watch.anchors[k, 2:])
+        if not compute_distance(points[k], watch.stuck_anchors[k, :2]) <= limit:
+            copy_into(watch.stuck_anchors[k, :2], points[k])
+            copy_into(watch.stuck_anchors[k, 2:], points[1 - k])
+        motion[k] = compute_distance(points[1 - k], watch.stuck_anchors[k, 2:])
     return motion[0] > STUCK_MOTION_RATIO * limit, motion[1] > STUCK_MOTION_RATIO * limit
 
 
 @compiled
 def update_mean_residual(
-    watch: Watch, fit: Prospect, k: int, predicted: Foretold, point: Floats, thresholds: Thresholds
+    watch: MonitorState, fit: ProjectionFit, k: int, predicted: ProjectedPoint, point: Floats, thresholds: Thresholds
 ) -> None:
     """Average the residual of marker k at `point` (2,) raw px, and test the mean against noise.
 
     The residual is clipped: as many frames as may be rejected in succession cannot move the mean by
     `drift_px`.
     """
-    place = watch.expected[k]
+    place = watch.markers_prediction[k]
     place[0], place[1] = fit.origin[3] + predicted.m[0], fit.origin[4] + predicted.m[1]
-    most_outliers = np.sqrt(2.0) * (thresholds.rejected + 1)
-    bound = thresholds.drift_px * thresholds.drift_frames / most_outliers
+    most_outliers = np.sqrt(2.0) * (thresholds.max_rejected_frames + 1)
+    bound = thresholds.max_drift_px * thresholds.drift_frames / most_outliers
     for i in range(2):
         clipped = min(max(point[i] - place[i], -bound), bound)
-        watch.left[k, i] += (clipped - watch.left[k, i]) / watch.averaged
-    noise, mean, error = fit.noise / watch.averaged, watch.left[k], length(watch.left[k])
-    sigmas = thresholds.drift**2
+        watch.mean_residual[k, i] += (clipped - watch.mean_residual[k, i]) / watch.averaged_frames
+    noise, mean, error = fit.noise_variance / watch.averaged_frames, watch.mean_residual[k], compute_norm(watch.mean_residual[k])
+    sigmas = thresholds.max_drift_sigma**2
     explained = error * error <= sigmas * noise  # the fit's own covariance only adds to the noise
     if not explained:
-        cov = spread(fit, predicted)
+        cov = image_covariance(fit, predicted)
         explained = not squared_mahalanobis_distance(mean[0], mean[1], cov, noise) > sigmas
-    watch.off[k] = 0.0 if explained else error
+    watch.drift_px[k] = 0.0 if explained else error
 
 
 @compiled
@@ -157,23 +157,23 @@ def max_difference(one: Floats, other: Floats) -> float:
 
 
 @compiled
-def picture_is_frozen(facts: TickFacts) -> bool:
+def image_is_frozen(facts: TickFacts) -> bool:
     """Detect an image that does not change while the tool moves."""
-    return facts.watch.frozen and not facts.tour.no_room
+    return facts.monitor.image_frozen and not facts.exploration_state.has_no_room
 
 
 @compiled
 def markers_deviate(facts: TickFacts) -> bool:
     """Return True if the mean residual of a marker is too large."""
-    watch, thresholds = facts.watch, facts.thresholds
-    known = facts.tour.done and not watch.frozen and watch.averaged >= thresholds.drift_frames
-    return known and max(watch.off[0], watch.off[1]) > thresholds.drift_px
+    watch, thresholds = facts.monitor, facts.thresholds
+    known = facts.exploration_state.is_done and not watch.image_frozen and watch.averaged_frames >= thresholds.drift_frames
+    return known and max(watch.drift_px[0], watch.drift_px[1]) > thresholds.max_drift_px
 
 
 @compiled
 def one_marker_deviates(facts: TickFacts) -> bool:
     """Return True if the mean residual of one marker alone is too large."""
-    off = facts.watch.off
+    off = facts.monitor.drift_px
     return markers_deviate(facts) and max(off[0], off[1]) > SINGLE_DRIFT_RATIO * min(off[0], off[1])
 
 

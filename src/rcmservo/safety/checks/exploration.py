@@ -1,7 +1,7 @@
 """Detectors of an exploration that cannot start or does not succeed."""
 
-from rcmservo.control.exploration import overdue
-from rcmservo.estimation.projection_prediction import order
+from rcmservo.control.exploration import is_overdue
+from rcmservo.estimation.projection_prediction import marker_order_score
 from rcmservo.numerics.jit import compiled
 from rcmservo.safety.checks.facts import DetailFacts, TickFacts
 
@@ -12,20 +12,20 @@ MAX_SWAPPED_ORDER = -0.3
 @compiled
 def no_room_to_explore(facts: TickFacts) -> bool:
     """Detect joint limits that leave no room for the exploration."""
-    return not facts.tour.done and facts.tour.no_room
+    return not facts.exploration_state.is_done and facts.exploration_state.has_no_room
 
 
 @compiled
 def exploration_failed(facts: TickFacts) -> bool:
     """Detect an exploration that takes too long although joint limits and images permit it."""
-    hindered = facts.tour.done or facts.tour.no_room or facts.watch.frozen
-    return not hindered and overdue(facts.tour, facts.seen.now, facts.exploration)
+    hindered = facts.exploration_state.is_done or facts.exploration_state.has_no_room or facts.monitor.image_frozen
+    return not hindered and is_overdue(facts.exploration_state, facts.observation.now, facts.exploration)
 
 
 @compiled
 def markers_are_in_reverse_order(facts: TickFacts) -> bool:
     """Return True if an exploration failed because the markers are swapped."""
-    return exploration_failed(facts) and order(facts.prospect) < MAX_SWAPPED_ORDER
+    return exploration_failed(facts) and marker_order_score(facts.fit) < MAX_SWAPPED_ORDER
 
 
 def advise(facts: DetailFacts) -> str:

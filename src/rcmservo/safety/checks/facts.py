@@ -2,13 +2,13 @@
 
 from typing import NamedTuple
 
-from rcmservo.control.exploration import Exploration, Exploring
+from rcmservo.control.exploration import Exploration, ExplorationState
 from rcmservo.estimation.base import Estimate
-from rcmservo.estimation.projection_fit import Prospect
-from rcmservo.geometry.kinematics import Kinematics, Rcm
+from rcmservo.estimation.projection_fit import ProjectionFit
+from rcmservo.geometry.kinematics import Kinematics, RcmStruct
 from rcmservo.interfaces import Observation
 from rcmservo.numerics.jit import compiled
-from rcmservo.safety.monitor_state import ObservationRow, Watch
+from rcmservo.safety.monitor_state import ObservationRow, MonitorState
 from rcmservo.safety.target_progress import TargetProgress
 from rcmservo.safety.thresholds import Thresholds
 
@@ -52,17 +52,17 @@ class TickFacts(NamedTuple):
         Thresholds of the checks.
     """
 
-    seen: ObservationRow
-    watch: Watch
+    observation: ObservationRow
+    monitor: MonitorState
     estimate: Estimate
-    tour: Exploring
+    exploration_state: ExplorationState
     progress: TargetProgress
-    prospect: Prospect
+    fit: ProjectionFit
     drive_requested: bool
     paused: bool
-    taught: int
+    target_time: int
     estimator_failed: bool
-    rcm: Rcm
+    rcm: RcmStruct
     period: int
     gain: float
     max_rcm_condition: float
@@ -73,7 +73,7 @@ class TickFacts(NamedTuple):
 @compiled
 def has_frame(facts: TickFacts) -> bool:
     """Return True if at least one frame has arrived."""
-    return facts.seen.frame >= 0
+    return facts.observation.frame >= 0
 
 
 class DetailFacts(NamedTuple):
@@ -93,8 +93,8 @@ class DetailFacts(NamedTuple):
         Advice of the estimator after a failed exploration.
     """
 
-    seen: Observation
-    watch: Watch
+    observation: Observation
+    monitor: MonitorState
     mechanism: Kinematics
     thresholds: Thresholds
     advice: str

@@ -4,44 +4,44 @@ from rcmservo.numerics.jit import compiled
 from rcmservo.safety.checks.drift import one_marker_deviates
 from rcmservo.safety.checks.exploration import markers_are_in_reverse_order
 from rcmservo.safety.checks.facts import TickFacts, has_frame
-from rcmservo.safety.innovation import lost
+from rcmservo.safety.innovation import find_lost_markers
 
 
 @compiled
 def both_markers_are_lost(facts: TickFacts) -> bool:
     """Detect a frame in which neither marker is detected."""
-    first, second = lost(facts.seen.points)
+    first, second = find_lost_markers(facts.observation.points)
     return has_frame(facts) and first and second
 
 
 @compiled
 def marker_1_is_lost(facts: TickFacts) -> bool:
     """Detect the loss of marker 1 where marker 2 does not determine the pose."""
-    return lost_marker(facts) == 1 and not facts.watch.spared
+    return lost_marker(facts) == 1 and not facts.monitor.one_marker_suffices
 
 
 @compiled
 def marker_2_is_lost(facts: TickFacts) -> bool:
     """Detect the loss of marker 2 where marker 1 does not determine the pose."""
-    return lost_marker(facts) == 2 and not facts.watch.spared
+    return lost_marker(facts) == 2 and not facts.monitor.one_marker_suffices
 
 
 @compiled
 def marker_1_is_completed(facts: TickFacts) -> bool:
     """Detect the loss of marker 1 where marker 2 and the joints determine the pose."""
-    return lost_marker(facts) == 1 and facts.watch.spared
+    return lost_marker(facts) == 1 and facts.monitor.one_marker_suffices
 
 
 @compiled
 def marker_2_is_completed(facts: TickFacts) -> bool:
     """Detect the loss of marker 2 where marker 1 and the joints determine the pose."""
-    return lost_marker(facts) == 2 and facts.watch.spared
+    return lost_marker(facts) == 2 and facts.monitor.one_marker_suffices
 
 
 @compiled
 def lost_marker(facts: TickFacts) -> int:
     """Return the number (1 or 2) of the only marker that is lost; 0 if none or both are lost."""
-    first, second = lost(facts.seen.points)
+    first, second = find_lost_markers(facts.observation.points)
     if first == second or not has_frame(facts):
         return 0
     return 1 if first else 2
@@ -50,19 +50,19 @@ def lost_marker(facts: TickFacts) -> int:
 @compiled
 def frame_was_rejected(facts: TickFacts) -> bool:
     """Detect that the innovation gate rejected the newest frame."""
-    return has_frame(facts) and facts.watch.rejected > 0
+    return has_frame(facts) and facts.monitor.rejected_frames > 0
 
 
 @compiled
 def frames_are_rejected(facts: TickFacts) -> bool:
     """Return True if enough successive frames were rejected to stop the tool."""
-    return has_frame(facts) and facts.watch.rejected >= facts.thresholds.rejected
+    return has_frame(facts) and facts.monitor.rejected_frames >= facts.thresholds.max_rejected_frames
 
 
 @compiled
 def markers_exchanged_positions(facts: TickFacts) -> bool:
     """Return True if each marker repeatedly appears at the other marker's position."""
-    return frames_are_rejected(facts) and facts.watch.swapped >= facts.thresholds.rejected
+    return frames_are_rejected(facts) and facts.monitor.swapped_frames >= facts.thresholds.max_rejected_frames
 
 
 @compiled
@@ -74,8 +74,8 @@ def markers_are_swapped(facts: TickFacts) -> bool:
 @compiled
 def camera_moved(facts: TickFacts) -> bool:
     """Detect that both markers jumped, or that no frame is accepted for a long time."""
-    watch, thresholds = facts.watch, facts.thresholds
-    jumped = watch.jumped >= thresholds.rejected or watch.rejected >= thresholds.rejected_for_good
+    watch, thresholds = facts.monitor, facts.thresholds
+    jumped = watch.jumped_frames >= thresholds.max_rejected_frames or watch.rejected_frames >= thresholds.moved_camera_frames
     return frames_are_rejected(facts) and jumped and not markers_exchanged_positions(facts)
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from rcmservo.interfaces import Command, Floats, Measured
+from rcmservo.interfaces import Command, Floats, ArmMeasurement
 from rcmservo.sim.arm import SimulatedArm
 from rcmservo.sim.disturbances.schedule import Event, Schedule
 
@@ -36,11 +36,11 @@ class DisturbedArm:
         if not self.is_silent and not self._is_active("drive_off"):
             self.arm.enable()
 
-    def measure(self) -> Measured:
+    def measure(self) -> ArmMeasurement:
         """Return the arm's measurement; while the arm is silent, its last one."""
         if not self.is_silent:
             time, q, enabled = self.arm.measure()
-            self._answer = Measured(time, self._encoder_readings(q), enabled)
+            self._answer = ArmMeasurement(time, self._encoder_readings(q), enabled)
         return self._answer
 
     def apply(self, command: Command) -> Floats:

@@ -16,7 +16,7 @@ from rcmservo.sim.disturbances.camera_moves import CAMERA_MOTION_KINDS
 from rcmservo.sim.disturbances.decoy_markers import DecoyMarkers
 from rcmservo.sim.disturbances.schedule import Event, Schedule
 from rcmservo.sim.disturbances.smoke_and_blood import Smoke, Stain, Veil
-from rcmservo.sim.rendering import Colour, Light, LightFilter, Look
+from rcmservo.sim.rendering import Colour, Light, LightFilter, Appearance
 
 BLOOD_DROP_SIZE = 1.6, 45.0
 """Ratio of a blood drop's radius to the marker's, and a margin (px) that is added to it."""
@@ -43,7 +43,7 @@ class DisturbedView:
     def __init__(
         self,
         camera: SimulatedCamera,
-        look: Look,
+        look: Appearance,
         schedule: Schedule,
         move_camera: Callable[[Event, float], None],
     ) -> None:
@@ -95,7 +95,7 @@ class DisturbedView:
 
     # ------------------------------------------------------------ images
 
-    def _marker_look(self, time: int) -> Look:
+    def _marker_look(self, time: int) -> Appearance:
         """Return the appearance of the markers: none if hidden, each other's if swapped."""
         radii, colours = list(self.look.marker_radii), list(self.look.marker_colours)
         if any(self.schedule.active(time, "swap")):

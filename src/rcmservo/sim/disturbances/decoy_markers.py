@@ -11,7 +11,7 @@ import numpy as np
 from rcmservo.interfaces import Floats
 from rcmservo.sim.cameras import SimulatedCamera
 from rcmservo.sim.disturbances.schedule import Event, Schedule
-from rcmservo.sim.rendering import Look
+from rcmservo.sim.rendering import Appearance
 
 DECOY_KINDS = "decoy", "freeze"
 """Kinds that draw a decoy. One that freezes the whole image draws none."""
@@ -26,7 +26,7 @@ SLIDE_HORIZON_S = 10.0
 class DecoyMarkers:
     """Decoys in a camera's view and their positions. Times are those of exposures, ns."""
 
-    def __init__(self, camera: SimulatedCamera, look: Look, schedule: Schedule) -> None:
+    def __init__(self, camera: SimulatedCamera, look: Appearance, schedule: Schedule) -> None:
         self.camera, self.look, self.schedule = camera, look, schedule
         self._directions: dict[Event, Floats] = {}
         self._frozen_positions: dict[Event, Floats] = {}

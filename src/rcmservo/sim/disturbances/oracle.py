@@ -98,7 +98,7 @@ class UnnoticedGrowth:
         if state.phase in STOPPED_PHASES:
             self.oracle.reset()
         else:
-            self.oracle.update(tick.seen)
+            self.oracle.update(tick.observation)
         if self.oracle.visible_since is None:
             self._first_error = None
             return

@@ -11,7 +11,7 @@ import numpy as np
 from rcmservo.interfaces import Floats
 from rcmservo.numerics.jit import compiled
 from rcmservo.sim.camera_model import CameraModel
-from rcmservo.sim.rendering.look import Look
+from rcmservo.sim.rendering.look import Appearance
 
 NEAR_PLANE_MM = 1.0
 """Depth (mm) of the near plane, at which capsules are cut off."""
@@ -65,7 +65,7 @@ class Capsule(NamedTuple):
     highlight: float
 
 
-def build_capsules(poses: Floats, optics: CameraModel, look: Look) -> Capsules:
+def build_capsules(poses: Floats, optics: CameraModel, look: Appearance) -> Capsules:
     """Return the capsules (1 + T, 4, 15) of the tool in `poses` (T, 4, 3), see `Renderer.render`.
 
     The shaft extends half-way from m2 to the tip, the thinner jaw from there on.

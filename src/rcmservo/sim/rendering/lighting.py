@@ -22,7 +22,7 @@ from rcmservo.sim.rendering.capsules import (
     subtract,
 )
 from rcmservo.sim.rendering.coverage import TILE_PX
-from rcmservo.sim.rendering.look import Light, Look
+from rcmservo.sim.rendering.look import Light, Appearance
 from rcmservo.sim.rendering.tissue import Tissue
 
 SHADOW_STEP_PX = 4
@@ -60,7 +60,7 @@ class Lamp(NamedTuple):
     exponent: float
 
 
-def build_lamp(look: Look) -> Lamp:
+def build_lamp(look: Appearance) -> Lamp:
     """Return the lamp of a look."""
     x, y, z = (float(value) for value in look.light)
     rest = look.lamp_radius, look.reach, look.ambient, look.exponent

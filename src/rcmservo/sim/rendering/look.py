@@ -27,7 +27,7 @@ FINITE_COLOUR = each(finite(), "three finite numbers (blue, green, red)")
 
 
 @dataclass(frozen=True)
-class Look(Checked):
+class Appearance(Checked):
     """Appearance of a rendered scene. A part of the tool with a radius of 0 mm is absent.
 
     Parameters

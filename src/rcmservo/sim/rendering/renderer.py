@@ -13,7 +13,7 @@ from rcmservo.sim.camera_model import CameraModel
 from rcmservo.sim.rendering.capsules import build_capsules
 from rcmservo.sim.rendering.coverage import build_tile_cones, find_touched_tiles, identify_capsules
 from rcmservo.sim.rendering.lighting import build_lamp, build_shadow_nodes, cast_shadow
-from rcmservo.sim.rendering.look import Light, Look
+from rcmservo.sim.rendering.look import Light, Appearance
 from rcmservo.sim.rendering.painting import PaintInputs, build_pattern, paint_capsules
 from rcmservo.sim.rendering.tissue import Tissue, render_tissue
 
@@ -49,11 +49,11 @@ class Renderer:
         If the seed is negative.
     """
 
-    look: Look
+    look: Appearance
     """Appearance of the tool and noise of the sensor. It may change between images; the tissue and
     the lamp keep their first appearance."""
 
-    def __init__(self, optics: CameraModel, look: Look, tissue: Tissue, seed: int) -> None:
+    def __init__(self, optics: CameraModel, look: Appearance, tissue: Tissue, seed: int) -> None:
         not_negative("whole number").require("seed", seed)
         self.optics, self.look = optics, look
         noise = np.random.default_rng(seed)
@@ -124,7 +124,7 @@ class Sensor:
         self._seed = seed
         self._normals = noise.standard_normal(NOISE_TABLE_SIZE, dtype=np.float32)
 
-    def read(self, light: Light, number: int, look: Look) -> Image:
+    def read(self, light: Light, number: int, look: Appearance) -> Image:
         """Return the image (H, W, 3) of the light (H, W, 3) in frame `number`."""
         rows = light.reshape(len(light), -1)
         random = np.random.default_rng([self._seed, number])

@@ -8,7 +8,7 @@ import numpy as np
 from rcmservo.constraints import Checked, Limit, array
 from rcmservo.interfaces import Floats
 from rcmservo.sim.camera_model import CameraModel
-from rcmservo.sim.rendering.look import Light, Look
+from rcmservo.sim.rendering.look import Light, Appearance
 from rcmservo.sim.rendering.random_fields import make_random_field, sample_field
 
 FIELD_NODES = 512
@@ -91,7 +91,7 @@ class Texture:
 
 
 def render_tissue(
-    slopes: Floats, optics: CameraModel, look: Look, tissue: Tissue, noise: np.random.Generator
+    slopes: Floats, optics: CameraModel, look: Appearance, tissue: Tissue, noise: np.random.Generator
 ) -> tuple[Light, Light]:
     """Return the tissue without the tool (H, W, 3), and the fraction (H, W) of it due to the lamp.
 
@@ -113,7 +113,7 @@ def _zero_where_missed(light: Floats) -> Light:
     return np.nan_to_num(light).astype(np.float32)
 
 
-def _reflect(position: Floats, normal: Floats, look: Look) -> tuple[Floats, Floats]:
+def _reflect(position: Floats, normal: Floats, look: Appearance) -> tuple[Floats, Floats]:
     """Return the lamp's diffuse and specular light (H, W) from each `position`."""
     to_lamp, distance = _normalise(np.array(look.light) - position)
     half, _ = _normalise(to_lamp + _normalise(-position)[0])
@@ -123,14 +123,14 @@ def _reflect(position: Floats, normal: Floats, look: Look) -> tuple[Floats, Floa
     return lamp, SPECULAR_RATIO * look.specular * mirrored * strength
 
 
-def _tint(texture: Texture, look: Look) -> Floats:
+def _tint(texture: Texture, look: Appearance) -> Floats:
     """Return the factor (H, W, 3) of the tissue's colour: veins absorb blue and green."""
     pale = 1 + look.contrast * texture.mottle
     return np.stack([pale - look.contrast * texture.veins] * 2 + [pale], axis=-1)
 
 
 def _make_texture(
-    position: Floats, normal: Floats, look: Look, noise: np.random.Generator
+    position: Floats, normal: Floats, look: Appearance, noise: np.random.Generator
 ) -> Texture:
     """Return the texture at each `position` of the plane with this unit `normal` (3,).
 
@@ -157,7 +157,7 @@ def _make_texture(
     )
 
 
-def _resolved_fraction(position: Floats, look: Look) -> Floats:
+def _resolved_fraction(position: Floats, look: Appearance) -> Floats:
     """Return the fraction (H, W) of the texture's detail that a pixel can resolve."""
     steps = [np.linalg.norm(change, axis=-1) for change in np.gradient(position, axis=(0, 1))]
     return 1 / (1 + (np.max(steps, axis=0) / (BUMP_SIZE_FRACTION * look.texture / 4)) ** 2)

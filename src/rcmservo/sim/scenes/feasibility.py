@@ -4,13 +4,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rcmservo.control.saturated_controller import scaled
-from rcmservo.geometry.kinematics import Rcm, position
-from rcmservo.geometry.tool import Shaft, second_marker
+from rcmservo.control.saturated_controller import scale_rows
+from rcmservo.geometry.kinematics import RcmStruct, compute_position
+from rcmservo.geometry.tool import ToolStruct, compute_second_marker
 from rcmservo.interfaces import Floats
 from rcmservo.numerics.jit import compiled
 from rcmservo.numerics.small_linalg import all_finite
-from rcmservo.numerics.small_svd import condition
+from rcmservo.numerics.small_svd import compute_condition
 from rcmservo.numerics.structs import Rows
 from rcmservo.sim.camera_kernels import (
     CameraStruct,
@@ -63,7 +63,7 @@ class SceneFeasibility:
 
         If the user gives both ends, only visibility counts.
         """
-        optics, path, half_way = scene.optics, scene.path, scene.half_way[None]
+        optics, path, half_way = scene.optics, scene.path, scene.midpoint[None]
         if self.settings.is_sampled and not path_is_within_limits(self.body.rcm, path):
             return False
         if not (self.markers_visible(optics, path) and self.markers_visible(optics, half_way)):
@@ -76,7 +76,7 @@ class SceneFeasibility:
     def markers_visible(self, optics: CameraModel, path: Floats) -> bool:
         """Return True if both balls are whole and apart in the image along the path (n, 3)."""
         body = self.body
-        return path_is_visible(optics.lens, body.rcm, body.tool.shaft, path, self.radius)
+        return path_is_visible(optics.lens, body.rcm, body.tool.struct, path, self.radius)
 
     def is_well_conditioned(self, optics: CameraModel, path: Floats) -> bool:
         """Return True if the scaled Jacobian is conditioned as required along the path (n, 3).
@@ -87,16 +87,16 @@ class SceneFeasibility:
             return True
         body, settings = self.body, self.settings
         upper, lower = float(settings.max_condition), float(settings.min_condition)
-        return path_is_well_conditioned(optics.lens, body.rcm, body.tool.shaft, path, upper, lower)
+        return path_is_well_conditioned(optics.lens, body.rcm, body.tool.struct, path, upper, lower)
 
     def _has_room(self, optics: CameraModel, path: Floats) -> bool:
         """Return True if both markers stay in the image around all the joints (n, 3)."""
         body, room = self.body, self.settings.room
-        return room_is_visible(optics.lens, body.rcm, body.tool.shaft, path, float(room))
+        return room_is_visible(optics.lens, body.rcm, body.tool.struct, path, float(room))
 
 
 @compiled
-def path_is_within_limits(rcm: Rcm, path: Floats) -> bool:
+def path_is_within_limits(rcm: RcmStruct, path: Floats) -> bool:
     """Return True if the path (n, 3) stays within the joint limits, minus a margin."""
     for q in path:
         for i in range(3):
@@ -117,20 +117,20 @@ def points_are_inside(lens: CameraStruct, points: Floats, border: float) -> bool
 
 @compiled
 def path_is_visible(
-    lens: Rows[CameraStruct], rcm: Rcm, shaft: Shaft, path: Floats, radius: float
+    lens: Rows[CameraStruct], rcm: RcmStruct, shaft: ToolStruct, path: Floats, radius: float
 ) -> bool:
     """Return `SceneFeasibility.markers_visible`."""
     for q in path:  # noqa: SIM110 Numba does not compile generators in `all`
-        if not balls_are_whole(lens[0], shaft, position(rcm, q), radius):
+        if not balls_are_whole(lens[0], shaft, compute_position(rcm, q), radius):
             return False
     return True
 
 
 @compiled
-def balls_are_whole(lens: CameraStruct, shaft: Shaft, p1: Floats, radius: float) -> bool:
+def balls_are_whole(lens: CameraStruct, shaft: ToolStruct, p1: Floats, radius: float) -> bool:
     """Return True if both balls are whole in the image and apart, with marker 1 at p1 (3,) mm."""
     depth = min(
-        transform_to_camera(lens, p1)[2], transform_to_camera(lens, second_marker(shaft, p1))[2]
+        transform_to_camera(lens, p1)[2], transform_to_camera(lens, compute_second_marker(shaft, p1))[2]
     )
     if not depth > 5.0 * radius:
         return False
@@ -143,7 +143,7 @@ def balls_are_whole(lens: CameraStruct, shaft: Shaft, p1: Floats, radius: float)
 
 @compiled
 def room_is_visible(
-    lens: Rows[CameraStruct], rcm: Rcm, shaft: Shaft, path: Floats, room: float
+    lens: Rows[CameraStruct], rcm: RcmStruct, shaft: ToolStruct, path: Floats, room: float
 ) -> bool:
     """Return True if both markers stay in the image `room` mm from each joint position.
 
@@ -151,7 +151,7 @@ def room_is_visible(
     """
     p = np.empty(3)
     for q in path:
-        p1 = position(rcm, q)
+        p1 = compute_position(rcm, q)
         for i in range(2 * len(CUBE_CORNERS)):
             reach = room if i < len(CUBE_CORNERS) else -room
             for k in range(3):
@@ -164,8 +164,8 @@ def room_is_visible(
 @compiled
 def path_is_well_conditioned(
     lens: Rows[CameraStruct],
-    rcm: Rcm,
-    shaft: Shaft,
+    rcm: RcmStruct,
+    shaft: ToolStruct,
     path: Floats,
     max_condition: float,
     min_condition: float,
@@ -179,8 +179,8 @@ def path_is_well_conditioned(
     if not all_finite(o_c):
         return False
     for q in path:
-        J = compute_true_jacobian(lens[0], shaft, position(rcm, q), o_c)
-        worst = max(worst, condition(scaled(J)))
+        J = compute_true_jacobian(lens[0], shaft, compute_position(rcm, q), o_c)
+        worst = max(worst, compute_condition(scale_rows(J)))
         if not worst <= max_condition:
             return False
     return worst > min_condition

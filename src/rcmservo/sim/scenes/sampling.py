@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rcmservo.geometry.features import features, wrapped
+from rcmservo.geometry.features import compute_features, wrap_angle
 from rcmservo.interfaces import Floats
 from rcmservo.sim.camera_model import CameraModel, compute_look_at_rotation
 from rcmservo.sim.rendering import Tissue
@@ -112,7 +112,7 @@ def _is_valid_relocation(sampler: SceneSampler, scene: Scene, optics: CameraMode
     s_before, s_after = (
         _imaged_tool_angle(sampler.body, camera, scene.start) for camera in (scene.optics, optics)
     )
-    turned = abs(wrapped(s_after - s_before)) > MIN_RELOCATION_ROLL_RAD
+    turned = abs(wrap_angle(s_after - s_before)) > MIN_RELOCATION_ROLL_RAD
     feasibility = sampler.feasibility
     markers_visible = feasibility.markers_visible(optics, scene.path)
     return bool(turned) and markers_visible and feasibility.is_well_conditioned(optics, scene.path)
@@ -121,7 +121,7 @@ def _is_valid_relocation(sampler: SceneSampler, scene: Scene, optics: CameraMode
 def _imaged_tool_angle(body: ToolBody, optics: CameraModel, q: Floats) -> float:
     """Return the angle s (rad) of the imaged tool, eq. (7), which needs no imaged RCM."""
     m = optics.project(body.points(q)[:2])
-    return float(features(m.ravel())[0])
+    return float(compute_features(m.ravel())[0])
 
 
 def _sample_candidate(sampler: SceneSampler, rejected: int) -> Scene | None:

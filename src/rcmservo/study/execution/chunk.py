@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 from rcmservo.errors import RcmServoError
 from rcmservo.servo.servo import Servo
 from rcmservo.sim.scene import NoScene
-from rcmservo.study.execution.package_version import package
+from rcmservo.study.execution.package_version import identify_package
 from rcmservo.study.plan.cell import Cell, parse_cell
 from rcmservo.study.plan.user_module_archive import ModuleArchive, load_classes
 from rcmservo.study.row import StudyRow, make_row
@@ -17,7 +17,7 @@ class PackageMismatch(RcmServoError):
     """Worker with another version of rcmservo than this machine."""
 
 
-class ChunkOrder(NamedTuple):
+class ChunkRequest(NamedTuple):
     """Request for the runs of a chunk, as plain text that needs no imports to be decoded.
 
     Parameters
@@ -38,14 +38,14 @@ class ChunkOrder(NamedTuple):
     begin: int
     end: int
     package: str
-    parcel: ModuleArchive
+    archive: ModuleArchive
 
 
 RowValues = tuple[Any, ...]
 """Values of a row in the order of its columns: they are faster to send than a `StudyRow`."""
 
 
-def done(order: ChunkOrder) -> list[RowValues]:
+def run_chunk(request: ChunkRequest) -> list[RowValues]:
     """Run a chunk and return its rows.
 
     Raises
@@ -53,24 +53,24 @@ def done(order: ChunkOrder) -> list[RowValues]:
     PackageMismatch
         If this worker has another version of rcmservo than requested.
     """
-    if order.package != package():
+    if request.package != identify_package():
         raise PackageMismatch(
-            f"a worker has another rcmservo ({package()}) than this machine ({order.package}): "
+            f"a worker has another rcmservo ({identify_package()}) than this machine ({request.package}): "
             "install the same version there"
         )
-    cell, servo = _prepare(order.cell, order.parcel)
-    return [astuple(one_run(cell, servo, seed)) for seed in range(order.begin, order.end)]
+    cell, servo = _prepare(request.cell, request.archive)
+    return [astuple(run_seed(cell, servo, seed)) for seed in range(request.begin, request.end)]
 
 
 @lru_cache(maxsize=16)
 def _prepare(text: str, archive: ModuleArchive) -> tuple[Cell, Servo]:
     cell = parse_cell(text)
-    return cell, cell.rebuilt(load_classes(archive))
+    return cell, cell.rebuild_servo(load_classes(archive))
 
 
-def one_run(cell: Cell, servo: Servo, seed: int) -> StudyRow:
+def run_seed(cell: Cell, servo: Servo, seed: int) -> StudyRow:
     """Run one seed of a cell and return its row."""
-    engine = cell.engine_for(seed, servo)
+    engine = cell.make_engine(seed, servo)
     try:
         run = engine.run(seed, cell.repetition)
     except NoScene as error:

@@ -11,23 +11,23 @@ from pathlib import Path
 from typing import Annotated
 
 from rcmservo.config import texts
-from rcmservo.config.atomic_files import read_small, write_whole
-from rcmservo.config.registry import KIND
+from rcmservo.config.atomic_files import read_limited, write_atomically
+from rcmservo.config.registry import KIND_KEY
 from rcmservo.config.rig_file import METHOD_PARTS
-from rcmservo.config.strict_decoding import decode
+from rcmservo.config.strict_decoding import decode_settings
 from rcmservo.config.texts import Table, is_table
 from rcmservo.constraints import Checked, Limit, not_empty
 from rcmservo.errors import UnusableFile, one_line, require
-from rcmservo.study.execution.package_version import package
+from rcmservo.study.execution.package_version import identify_package
 from rcmservo.study.plan.cell import Cell
 from rcmservo.study.plan.plan import StudyPlan
 
-NAME, FORMAT = "study.json", "rcmservo study 1"
+MANIFEST_NAME, FORMAT = "study.json", "rcmservo study 1"
 MAX_MANIFEST_BYTES = 100_000_000
 """Largest size of study.json, bytes."""
 COMMON_SETTING_NAMES = {"package": "rcmservo", "count": "count", "first_seed": "seed"}
 """Names, for the user, of the settings that all cells share."""
-METHOD = "method"
+METHOD_SETTING_NAME = "method"
 """Name, for the user, of the setting that lists the methods."""
 NOISE_KEY, DELAY_KEY = "camera.point_noise", "camera.delay"
 """Numbers of a distribution that options of `rcmservo study` set."""
@@ -37,7 +37,7 @@ POSITIVE_INTEGER = Limit(lambda number: number >= 1, "a whole number from 1 on")
 
 
 @dataclass(frozen=True)
-class StudyNote(Checked):
+class StudyManifest(Checked):
     """Content of study.json.
 
     Parameters
@@ -57,7 +57,7 @@ class StudyNote(Checked):
     first_seed: Annotated[int, NOT_NEGATIVE_INTEGER]
     cells: Annotated[tuple[Cell, ...], not_empty("a list with at least one cell")]
 
-    def run_of(self, row: int) -> tuple[Cell, int]:
+    def find_run(self, row: int) -> tuple[Cell, int]:
         """Return the cell and the seed of the row with this index."""
         return self.cells[row // self.count], self.first_seed + row % self.count
 
@@ -73,24 +73,24 @@ def _require_usable(cell: Cell, where: str) -> None:
     Their values are validated where they are used.
     """
     estimator = cell.servo.get("estimator")
-    has_kind = is_table(estimator) and KIND in estimator
+    has_kind = is_table(estimator) and KIND_KEY in estimator
     require(has_kind, f"{where}.servo.estimator", estimator, "a table with its kind")
     for name, section in cell.tables.items():
         require(is_table(section), f"{where}.tables.{name}", section, "a table")
 
 
-def note_of(plan: StudyPlan) -> StudyNote:
+def make_manifest(plan: StudyPlan) -> StudyManifest:
     """Return the manifest of a plan."""
-    return StudyNote(package(), plan.count, plan.first_seed, plan.cells)
+    return StudyManifest(identify_package(), plan.count, plan.first_seed, plan.cells)
 
 
-def write(folder: Path, note: StudyNote) -> None:
+def write_manifest(folder: Path, note: StudyManifest) -> None:
     """Write study.json."""
     text = json.dumps({"format": FORMAT, **asdict(note)}, indent=1) + "\n"
-    write_whole(folder / NAME, text)
+    write_atomically(folder / MANIFEST_NAME, text)
 
 
-def read(folder: Path) -> StudyNote | None:
+def read_manifest(folder: Path) -> StudyManifest | None:
     """Read study.json; return None if the folder holds no study yet.
 
     Raises
@@ -98,16 +98,16 @@ def read(folder: Path) -> StudyNote | None:
     UnusableFile
         If study.json is damaged.
     """
-    path = folder / NAME
+    path = folder / MANIFEST_NAME
     if not path.exists():
         return None
-    data = read_small(path, MAX_MANIFEST_BYTES, "the manifest of a study")
+    data = read_limited(path, MAX_MANIFEST_BYTES, "the manifest of a study")
     try:
-        table = texts.from_json(data.decode())
+        table = texts.parse_json(data.decode())
         if is_table(table):
             form = table.pop("format", None)
             require(form == FORMAT, "study.format", form, FORMAT)
-        note = decode(StudyNote, table, "study")
+        note = decode_settings(StudyManifest, table, "study")
         for i, cell in enumerate(note.cells):
             _require_usable(cell, f"study.cells[{i}]")
         return note
@@ -116,7 +116,7 @@ def read(folder: Path) -> StudyNote | None:
         raise UnusableFile(path, reason) from error
 
 
-def changed(before: StudyNote, now: StudyNote) -> list[str]:
+def list_changed_settings(before: StudyManifest, now: StudyManifest) -> list[str]:
     """Return the names of the settings that differ between two studies.
 
     Settings of a method or of scenes are compared only if both studies have them.
@@ -128,7 +128,7 @@ def changed(before: StudyNote, now: StudyNote) -> list[str]:
     return list(dict.fromkeys(names + other))
 
 
-def _collect_settings(note: StudyNote) -> dict[tuple[str, str], set[str]]:
+def _collect_settings(note: StudyManifest) -> dict[tuple[str, str], set[str]]:
     """Return the values of every setting of the cells, by name and scenes."""
     settings: dict[tuple[str, str], set[str]] = {}
     for cell in note.cells:
@@ -141,7 +141,7 @@ def _list_settings(cell: Cell) -> Iterator[tuple[str, str, object]]:
     """Yield name, scenes (empty if it does not depend on them) and value of every setting."""
     drawn = {**_flatten_tables(cell), **cell.vary}
     rest = {name: value for name, value in drawn.items() if name not in (NOISE_KEY, DELAY_KEY)}
-    yield METHOD, "", cell.method
+    yield METHOD_SETTING_NAME, "", cell.method
     yield f"settings of {cell.method}", "", [cell.servo.get(part) for part in METHOD_PARTS]
     yield f"code of {cell.method}", "", cell.source
     yield "scenes", "", cell.scenes
@@ -152,7 +152,7 @@ def _list_settings(cell: Cell) -> Iterator[tuple[str, str, object]]:
     yield "repetitions", "", cell.repetition
     yield f"engine of {cell.method}", "", cell.engine
     yield "duration", "", cell.duration
-    yield "shown", "", cell.shown
+    yield "shown", "", cell.teaching_frames
 
 
 def _flatten_tables(cell: Cell) -> Table:

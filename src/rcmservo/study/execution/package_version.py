@@ -26,7 +26,7 @@ IGNORED_STUDY_PARTS = "study/report", "study/execution/workers.py"
 
 
 @cache
-def package() -> str:
+def identify_package() -> str:
     """Return the version of rcmservo, and 12 digits of the SHA-256 of all files that rows need."""
     root, text = Path(rcmservo.__file__).parent, hashlib.sha256()
     for path in sorted((*root.rglob("*.py"), *root.rglob("*.toml"))):

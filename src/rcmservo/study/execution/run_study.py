@@ -5,20 +5,20 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from rcmservo.servo.user_estimator import name_of_class
+from rcmservo.servo.user_estimator import class_path
 from rcmservo.study.execution import manifest
-from rcmservo.study.execution.chunk import ChunkOrder, one_run
-from rcmservo.study.execution.package_version import package
+from rcmservo.study.execution.chunk import ChunkRequest, run_seed
+from rcmservo.study.execution.package_version import identify_package
 from rcmservo.study.execution.store import ChunkStore, compute_chunk_key
-from rcmservo.study.execution.workers import Crew
-from rcmservo.study.plan.method import Own
+from rcmservo.study.execution.workers import WorkerPool
+from rcmservo.study.plan.method import UserEstimators
 from rcmservo.study.plan.plan import Chunk, StudyPlan
 
 Progress = Callable[[int], None]
 """Callback that gets the number of runs that have just finished."""
 
 
-class Work:
+class StudyExecution:
     """Study in progress: its plan, its folder, and the chunks that are missing.
 
     The folder is created with the first rows.
@@ -36,20 +36,20 @@ class Work:
         If the folder holds something else, or cannot be written to.
     """
 
-    changed: list[str]
+    changed_settings: list[str]
     """Settings that differ from those of the previous study in the folder."""
 
     def __init__(self, plan: StudyPlan, folder: Path) -> None:
         self.plan, self.store, self._has_manifest = plan, ChunkStore(folder), False
         self.chunks = {compute_chunk_key(chunk): chunk for chunk in plan.chunks()}
-        self.left = {k: chunk for k, chunk in self.chunks.items() if not self.store.has(k)}
-        self._before, self._now = manifest.read(folder), manifest.note_of(plan)
-        self.changed = [] if self._before is None else manifest.changed(self._before, self._now)
+        self.missing = {k: chunk for k, chunk in self.chunks.items() if not self.store.has(k)}
+        self._before, self._now = manifest.read_manifest(folder), manifest.make_manifest(plan)
+        self.changed_settings = [] if self._before is None else manifest.list_changed_settings(self._before, self._now)
 
     @property
-    def runs_left(self) -> int:
+    def missing_runs(self) -> int:
         """Number of missing runs."""
-        return sum(len(chunk.seeds) for chunk in self.left.values())
+        return sum(len(chunk.seeds) for chunk in self.missing.values())
 
     def compile(self) -> None:
         """Make the first missing run of every cell.
@@ -57,23 +57,23 @@ class Work:
         That compiles all functions once here instead of once in every worker, and raises the error
         of a cell that cannot run before any worker starts.
         """
-        first = {chunk.cell.text: chunk for chunk in reversed(self.left.values())}
+        first = {chunk.cell.text: chunk for chunk in reversed(self.missing.values())}
         for chunk in first.values():
-            one_run(chunk.cell, chunk.cell.rebuilt(self.own), chunk.seeds.start)
+            run_seed(chunk.cell, chunk.cell.rebuild_servo(self.user_estimators), chunk.seeds.start)
 
-    def go(self, crew: Crew, progress: Progress) -> None:
+    def run(self, pool: WorkerPool, progress: Progress) -> None:
         """Run all missing chunks on the workers and store their rows."""
-        archives = {method.name: method.parcel for method in self.plan.methods}
+        archives = {method.name: method.archive for method in self.plan.methods}
         requests = (
             (
                 key,
-                ChunkOrder(chunk.cell.text, *_ends(chunk), package(), archives[chunk.cell.method]),
+                ChunkRequest(chunk.cell.text, *_ends(chunk), identify_package(), archives[chunk.cell.method]),
             )
-            for key, chunk in self.left.items()
+            for key, chunk in self.missing.items()
         )
-        for key, rows in crew.done(requests):
+        for key, rows in pool.run(requests):
             self._write_manifest()
-            self.store.keep(key, rows)
+            self.store.store(key, rows)
             progress(len(rows))
 
     def gather(self) -> Any:
@@ -84,17 +84,17 @@ class Work:
     def _write_manifest(self) -> None:
         """Write the manifest once; remove gathered rows of a different study before."""
         if not self._has_manifest:
-            self.store.make()
+            self.store.create()
             if self._before != self._now:
-                self.store.forget()
-            manifest.write(self.store.folder, self._now)
+                self.store.remove_derived_files()
+            manifest.write_manifest(self.store.folder, self._now)
             self._has_manifest = True
 
     @cached_property
-    def own(self) -> Own:
+    def user_estimators(self) -> UserEstimators:
         """User-defined estimators of the plan, by module:class."""
-        kinds = [type(m.estimator) for m in self.plan.methods if m.parcel.name]
-        return {name_of_class(kind): kind for kind in kinds}
+        kinds = [type(m.estimator) for m in self.plan.methods if m.archive.name]
+        return {class_path(kind): kind for kind in kinds}
 
 
 def _ends(chunk: Chunk) -> tuple[int, int]:

@@ -14,14 +14,14 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, get_args, get_type_hints
 
-from rcmservo.config.atomic_files import whole
-from rcmservo.errors import UnusableFile, needing
+from rcmservo.config.atomic_files import atomic_path
+from rcmservo.errors import UnusableFile, require_extra
 from rcmservo.study.execution.chunk import RowValues
-from rcmservo.study.execution.package_version import package
+from rcmservo.study.execution.package_version import identify_package
 from rcmservo.study.plan.plan import Chunk
-from rcmservo.study.row import MEANINGS, StudyRow
+from rcmservo.study.row import COLUMN_MEANINGS, StudyRow
 
-with needing("a study", "study"):
+with require_extra("a study", "study"):
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -29,11 +29,11 @@ PA: Any = pa
 PQ: Any = pq
 """Arrow as `Any`, because it has no type annotations."""
 
-RUNS, REPORT, SUMMARY = "runs.parquet", "report.html", "summary.json"
-TUNED = "tuned.toml"
+RUNS_FILE, REPORT_FILE, SUMMARY_FILE = "runs.parquet", "report.html", "summary.json"
+TUNED_FILE = "tuned.toml"
 """Study file that defines the settings found by a search as its method."""
-PARTS = "parts"
-SEARCH = "search"
+PARTS_FOLDER = "parts"
+SEARCH_FOLDER = "search"
 """Folder of the trials of a search, inside the folder of its results."""
 
 ARROW_TYPES: dict[type, Any] = {
@@ -47,19 +47,19 @@ ARROW_TYPES: dict[type, Any] = {
 def _field(name: str, hint: Any) -> Any:
     kinds = [kind for kind in get_args(hint) or (hint,) if kind is not type(None)]
     optional = type(None) in get_args(hint)
-    metadata = {"meaning": MEANINGS[name]}
+    metadata = {"meaning": COLUMN_MEANINGS[name]}
     return PA.field(name, ARROW_TYPES[kinds[0]], nullable=optional, metadata=metadata)
 
 
 HINTS = get_type_hints(StudyRow)
-SCHEMA = PA.schema([_field(f.name, HINTS[f.name]) for f in fields(StudyRow)], MEANINGS)
+SCHEMA = PA.schema([_field(f.name, HINTS[f.name]) for f in fields(StudyRow)], COLUMN_MEANINGS)
 """Columns of runs.parquet. Their meanings are in the metadata of each column, and in that of the
 file for programs that do not use Arrow."""
 
 
 def compute_chunk_key(chunk: Chunk) -> str:
     """Return the key of a chunk: a hash of everything that its rows depend on."""
-    text = json.dumps([package(), chunk.cell.text, chunk.seeds.start, chunk.seeds.stop])
+    text = json.dumps([identify_package(), chunk.cell.text, chunk.seeds.start, chunk.seeds.stop])
     return hashlib.sha256(text.encode()).hexdigest()[:32]
 
 
@@ -68,10 +68,10 @@ class ChunkStore:
 
     def __init__(self, folder: Path) -> None:
         """Raise `UnusableFile` for other content or without write access; create nothing."""
-        self.folder, self.parts = folder, folder / PARTS
+        self.folder, self.parts = folder, folder / PARTS_FOLDER
         missing = [path for path in (self.parts, folder, *folder.parents) if not path.exists()]
         try:
-            is_study = self.parts.is_dir() or (folder / SEARCH / PARTS).is_dir()
+            is_study = self.parts.is_dir() or (folder / SEARCH_FOLDER / PARTS_FOLDER).is_dir()
             if folder.is_dir() and not is_study and any(folder.iterdir()):
                 raise UnusableFile(folder, "is not empty, and holds no study: name a new folder")
             self.parts.mkdir(parents=True, exist_ok=True)
@@ -83,16 +83,16 @@ class ChunkStore:
         if not missing and not os.access(self.parts, os.W_OK):
             raise UnusableFile(folder, "cannot be written to")
 
-    def make(self) -> None:
+    def create(self) -> None:
         """Create the folder if it does not exist."""
         try:
             self.parts.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise UnusableFile(self.folder, f"cannot be written to: {error.strerror}") from error
 
-    def forget(self) -> None:
+    def remove_derived_files(self) -> None:
         """Remove the gathered rows and all files made from them; keep the parts."""
-        for path in (self.folder / name for name in (RUNS, REPORT, SUMMARY, TUNED)):
+        for path in (self.folder / name for name in (RUNS_FILE, REPORT_FILE, SUMMARY_FILE, TUNED_FILE)):
             try:
                 path.unlink(missing_ok=True)
             except OSError as error:
@@ -107,7 +107,7 @@ class ChunkStore:
         """Return True if a chunk is stored."""
         return key in self._stored
 
-    def keep(self, key: str, rows: Iterable[RowValues]) -> None:
+    def store(self, key: str, rows: Iterable[RowValues]) -> None:
         """Store the rows of a chunk atomically."""
         columns = list(zip(*rows, strict=True))
         table = PA.table(
@@ -120,7 +120,7 @@ class ChunkStore:
         """Write the rows of some chunks in order into one file and return them as a table."""
         tables = [self._part(key) for key in keys]
         table = PA.concat_tables(tables) if tables else SCHEMA.empty_table()
-        self._write(table, self.folder / RUNS)
+        self._write(table, self.folder / RUNS_FILE)
         return table
 
     def _part(self, key: str) -> Any:
@@ -133,11 +133,11 @@ class ChunkStore:
             raise UnusableFile(path, reason) from error
 
     def _write(self, table: Any, path: Path) -> None:
-        with whole(path) as part:
+        with atomic_path(path) as part:
             PQ.write_table(table, part, compression="zstd")
 
 
-def runs_in(folder: Path) -> Any:
+def read_runs(folder: Path) -> Any:
     """Read the rows of a study's folder as a table.
 
     Raises
@@ -146,9 +146,9 @@ def runs_in(folder: Path) -> Any:
         If the study is not complete, or the file is no table of runs.
     """
     try:
-        return PQ.read_table(folder / RUNS, schema=SCHEMA)
+        return PQ.read_table(folder / RUNS_FILE, schema=SCHEMA)
     except FileNotFoundError as error:
         reason = "does not exist: the study is not complete; run its command again to resume it"
-        raise UnusableFile(folder / RUNS, reason) from error
+        raise UnusableFile(folder / RUNS_FILE, reason) from error
     except (OSError, PA.ArrowException) as error:
-        raise UnusableFile(folder / RUNS, "is not a table of the runs of a study") from error
+        raise UnusableFile(folder / RUNS_FILE, "is not a table of the runs of a study") from error

@@ -17,11 +17,11 @@ from contextlib import contextmanager, suppress
 from multiprocessing import resource_tracker
 from typing import Any, NamedTuple
 
-from rcmservo.errors import BadInput, RcmServoError, needing, one_line, require
-from rcmservo.study.execution.chunk import ChunkOrder, PackageMismatch, RowValues, done
-from rcmservo.study.execution.package_version import package
+from rcmservo.errors import BadInput, RcmServoError, require_extra, one_line, require
+from rcmservo.study.execution.chunk import ChunkRequest, PackageMismatch, RowValues, run_chunk
+from rcmservo.study.execution.package_version import identify_package
 
-with needing("a study", "study"):
+with require_extra("a study", "study"):
     import distributed
     from dask import config, system
 
@@ -60,11 +60,11 @@ class PendingTask(NamedTuple):
     """
 
     key: str
-    request: ChunkOrder
+    request: ChunkRequest
     losses: int
 
 
-class Crew:
+class WorkerPool:
     """Pool of workers that run requests.
 
     Parameters
@@ -84,8 +84,8 @@ class Crew:
         """Number of requests that run at the same time."""
         return sum(self._client.nthreads().values())
 
-    def done(
-        self, requests: Iterable[tuple[str, ChunkOrder]]
+    def run(
+        self, requests: Iterable[tuple[str, ChunkRequest]]
     ) -> Generator[tuple[str, list[RowValues]]]:
         """Yield key and rows of every request as they arrive.
 
@@ -122,14 +122,14 @@ class Crew:
             self._client.cancel(list(self._pending))
             self._pending.clear()
 
-    def _fill(self, futures: Any, waiting: Iterator[tuple[str, ChunkOrder]]) -> None:
+    def _fill(self, futures: Any, waiting: Iterator[tuple[str, ChunkRequest]]) -> None:
         """Submit requests until every worker has enough of them."""
         room = TASKS_PER_WORKER * max(self.count, 1) - len(self._pending)
         for _, (key, request) in zip(range(room), waiting, strict=False):
             futures.add(self._submit(PendingTask(key, request, 0)))
 
     def _submit(self, task: PendingTask) -> Any:
-        future = self._client.submit(done, task.request, key=f"{task.key}-{task.losses}")
+        future = self._client.submit(run_chunk, task.request, key=f"{task.key}-{task.losses}")
         self._pending[future] = task
         return future
 
@@ -142,7 +142,7 @@ class Crew:
 
 
 @contextmanager
-def crew(address: str | None, workers: int | None) -> Generator[Crew]:
+def open_worker_pool(address: str | None, workers: int | None) -> Generator[WorkerPool]:
     """Open a pool of workers, all with the version of rcmservo of this machine.
 
     Parameters
@@ -162,13 +162,13 @@ def crew(address: str | None, workers: int | None) -> Generator[Crew]:
     with _silence_dask():
         if address is None:
             with _start_processes(workers) as client:
-                yield Crew(client, "this machine")
+                yield WorkerPool(client, "this machine")
         else:
-            require_guarded(address)
+            require_protected(address)
             _require_certificates(address)
             with _connect(address) as client:
                 _require_same_package(client)
-                yield Crew(client, address)
+                yield WorkerPool(client, address)
 
 
 @contextmanager
@@ -248,7 +248,7 @@ def _block_interrupts() -> Generator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, previous)
 
 
-def require_guarded(address: str) -> None:
+def require_protected(address: str) -> None:
     """Raise `BadInput` for a scheduler that others in the network can use too."""
     scheme, _, rest = address.rpartition("://")
     host, _, port = rest.rpartition(":")
@@ -314,11 +314,11 @@ def _try_to_connect(address: str) -> tuple[Any, str]:
 
 def _require_same_package(client: Any) -> None:
     """Raise `PackageMismatch` if a worker has another version of this package, or none."""
-    packages: dict[str, object] = client.run(package, on_error="return")
-    others = {worker: found for worker, found in packages.items() if found != package()}
+    packages: dict[str, object] = client.run(identify_package, on_error="return")
+    others = {worker: found for worker, found in packages.items() if found != identify_package()}
     for worker, found in others.items():
         has = f"rcmservo {found}" if isinstance(found, str) else f"none ({one_line(found)})"
         raise PackageMismatch(
             f"{len(others)} of {len(packages)} workers have another rcmservo than this machine, "
-            f"{package()}: {worker} has {has}; install the same version there"
+            f"{identify_package()}: {worker} has {has}; install the same version there"
         )

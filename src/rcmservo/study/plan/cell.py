@@ -11,15 +11,15 @@ from functools import cached_property
 from typing import Any
 
 from rcmservo.config import texts
-from rcmservo.config.servo_json import rebuild
+from rcmservo.config.servo_json import rebuild_servo
 from rcmservo.errors import require
 from rcmservo.servo.servo import Servo
 from rcmservo.sim import Disturbance
 from rcmservo.study.batch import Study
 from rcmservo.study.plan.conditions import AUTO, COMPILED, MUJOCO, PICTURES
 from rcmservo.study.plan.distribution import Distribution
-from rcmservo.study.plan.method import Own
-from rcmservo.study.simulation_engine import Laboratory
+from rcmservo.study.plan.method import UserEstimators
+from rcmservo.study.simulation_engine import SimulationEngine
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ class Cell:
     repetition: int
     engine: str
     duration: float
-    shown: int
+    teaching_frames: int
 
     @cached_property
     def text(self) -> str:
@@ -76,26 +76,26 @@ class Cell:
     def distribution(self) -> Distribution:
         return Distribution(self.scenes, dict(self.tables), dict(self.vary))
 
-    def rebuilt(self, own: Own) -> Servo:
+    def rebuild_servo(self, own: UserEstimators) -> Servo:
         """Return the servo, with the user-defined estimators `own` by name."""
-        return rebuild(dict(self.servo), own)
+        return rebuild_servo(dict(self.servo), own)
 
-    def engine_for(self, seed: int, servo: Servo) -> Study | Laboratory:
+    def make_engine(self, seed: int, servo: Servo) -> Study | SimulationEngine:
         """Return the engine that runs the servo of this cell in the laboratory of a seed."""
         lab, settings = self.distribution.draw(seed)
         known = (servo.mechanism, servo.tool) == (lab.mechanism, lab.tool)
         servo = servo if known else replace(servo, mechanism=lab.mechanism, tool=lab.tool)
         if self.engine == COMPILED:
-            return Study(servo, settings, self.duration, self.shown)
+            return Study(servo, settings, self.duration, self.teaching_frames)
         disturbances = tuple(map(Disturbance.read, self.disturb))
         rendered = self.engine == PICTURES
-        lengths = self.duration, self.shown
-        return Laboratory(servo, settings, *lengths, disturbances, rendered, lab.markers)
+        lengths = self.duration, self.teaching_frames
+        return SimulationEngine(servo, settings, *lengths, disturbances, rendered, lab.markers)
 
 
 def parse_cell(text: str) -> Cell:
     """Return the cell of a line that `Cell.text` returned."""
-    table: dict[str, Any] = texts.from_json(text)
+    table: dict[str, Any] = texts.parse_json(text)
     table["disturb"] = tuple(table["disturb"])
     return Cell(**table)
 

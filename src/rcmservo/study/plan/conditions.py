@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Annotated
 
 from rcmservo.constraints import Checked, Limit, between, each, one_of
-from rcmservo.loop.target_frames import FRAMES, TEACHING_FRAMES
+from rcmservo.loop.target_frames import FRAME_COUNT, TEACHING_FRAMES
 
 COMPILED, MUJOCO, PICTURES = "compiled", "mujoco", "pictures"
 ENGINES = COMPILED, MUJOCO, PICTURES
@@ -56,7 +56,7 @@ class RunConditions(Checked):
     latency: Annotated[tuple[float, ...], LATENCY_LIMIT] = ()
     repetitions: Annotated[int, between(1, 1000, "a whole number")] = 1
     duration: Annotated[float, DURATION_LIMIT] = 15.0
-    shown: Annotated[int, FRAMES] = TEACHING_FRAMES
+    shown: Annotated[int, FRAME_COUNT] = TEACHING_FRAMES
     engine: Annotated[str, one_of((AUTO, *ENGINES))] = AUTO
 
 

@@ -16,7 +16,7 @@ from typing import Any, cast
 import numpy as np
 
 from rcmservo.config import texts
-from rcmservo.config.rig_file import SIMULATION_SECTIONS, Lab, lab_from, told_with
+from rcmservo.config.rig_file import SIMULATION_SECTIONS, RigDescription, decode_rig_tables, name_origin_in_errors
 from rcmservo.config.texts import Table, is_table
 from rcmservo.errors import BadInput, require
 from rcmservo.sim import RigSettings
@@ -28,7 +28,7 @@ VARIABLE_SECTIONS = ("tool", *SIMULATION_SECTIONS)
 VARIATION_SEED_CHILD = 4
 """Index of the seed's child that varying numbers are drawn from; the rig uses 0 to 3."""
 
-BUILT_IN = "paper", "random", "laparoscopic", "hard"
+BUILT_IN_DISTRIBUTIONS = "paper", "random", "laparoscopic", "hard"
 """Names of the built-in distributions: files in `scenes/` that begin with their description."""
 
 Picker = Callable[[float, float], float]
@@ -69,11 +69,11 @@ class Distribution:
             self._at(lambda low, high, pick=pick: next(pick)(low, high))
 
     @cached_property
-    def nominal(self) -> tuple[Lab, RigSettings]:
+    def nominal(self) -> tuple[RigDescription, RigSettings]:
         """Laboratory with the middle of all ranges."""
         return self._at(_middle)
 
-    def draw(self, seed: int) -> tuple[Lab, RigSettings]:
+    def draw(self, seed: int) -> tuple[RigDescription, RigSettings]:
         """Draw the laboratory of a seed: the part that the robot knows, and the simulated rig."""
         if not self.vary:
             return self.nominal
@@ -90,14 +90,14 @@ class Distribution:
         vary = {k: v for k, v in self.vary.items() if k.removeprefix("camera.") not in fixed}
         return Distribution(self.name, {**self.tables, "camera": camera}, vary)
 
-    def _at(self, pick: Picker, where: str = "") -> tuple[Lab, RigSettings]:
+    def _at(self, pick: Picker, where: str = "") -> tuple[RigDescription, RigSettings]:
         """Return the laboratory with the number that `pick` takes from every range."""
         tables = {name: dict(table) for name, table in self.tables.items()}
         for name, (low, high) in self.vary.items():
             section, _, key = name.partition(".")
             tables.setdefault(section, {})[key] = _pick(low, high, pick)
-        with told_with(f"scenes {self.name}{where}"):
-            lab = lab_from(tables)
+        with name_origin_in_errors(f"scenes {self.name}{where}"):
+            lab = decode_rig_tables(tables)
             require(not lab.devices, "sections", ", ".join(lab.devices), "of a simulation")
             return lab, read_rig_settings(lab)
 
@@ -125,12 +125,12 @@ def _require_range(where: str, ends: object) -> None:
 
 def load_built_in(name: str) -> Distribution:
     """Return the built-in distribution with this name."""
-    return parse_distribution(name, texts.toml(_text(name).encode()), {})
+    return parse_distribution(name, texts.parse_toml(_text(name).encode()), {})
 
 
-def described() -> Iterator[tuple[str, str]]:
+def describe_built_in() -> Iterator[tuple[str, str]]:
     """Yield name and description of every built-in distribution."""
-    for name in BUILT_IN:
+    for name in BUILT_IN_DISTRIBUTIONS:
         lines = _text(name).splitlines()
         yield name, " ".join(line.lstrip("# ") for line in takewhile(_is_comment, lines))
 
@@ -194,6 +194,6 @@ def find_distribution(
     """
     if name in known:
         return known[name]
-    names = ", ".join(dict.fromkeys((*known, *BUILT_IN)))
-    require(name in BUILT_IN, where, name, f"one of {names}{alternatives}")
+    names = ", ".join(dict.fromkeys((*known, *BUILT_IN_DISTRIBUTIONS)))
+    require(name in BUILT_IN_DISTRIBUTIONS, where, name, f"one of {names}{alternatives}")
     return load_built_in(name)

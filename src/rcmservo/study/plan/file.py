@@ -22,13 +22,13 @@ from pathlib import Path
 from typing import Any
 
 from rcmservo.config import texts
-from rcmservo.config.atomic_files import read_small
-from rcmservo.config.strict_decoding import decode
+from rcmservo.config.atomic_files import read_limited
+from rcmservo.config.strict_decoding import decode_settings
 from rcmservo.config.texts import is_table
 from rcmservo.errors import BadInput, require
 from rcmservo.study.plan.conditions import StudyConditions
 from rcmservo.study.plan.distribution import Distribution, find_distribution, parse_distribution
-from rcmservo.study.plan.method import Own, StudyMethod, make_default_method, parse_method
+from rcmservo.study.plan.method import UserEstimators, StudyMethod, make_default_method, parse_method
 from rcmservo.study.plan.plan import StudyPlan
 
 MAX_STUDY_FILE_BYTES = 1_000_000
@@ -63,14 +63,14 @@ class StudyFile(StudyConditions):
     tune: dict[str, Any] = field(default_factory=dict[str, Any])
 
 
-def load(path: Path) -> StudyFile:
+def read_study_file(path: Path) -> StudyFile:
     """Read a study file."""
-    data = read_small(path, MAX_STUDY_FILE_BYTES, "a study")
-    with texts.reading(path, "TOML"):
-        return decode(StudyFile, texts.toml(data), "study")
+    data = read_limited(path, MAX_STUDY_FILE_BYTES, "a study")
+    with texts.name_file_in_errors(path, "TOML"):
+        return decode_settings(StudyFile, texts.parse_toml(data), "study")
 
 
-def plan_of(request: StudyFile, own: Own) -> StudyPlan:
+def make_plan(request: StudyFile, own: UserEstimators) -> StudyPlan:
     """Return the plan of a study file, with the user-defined estimators `own` by name."""
     methods = {name: _method(name, table, own) for name, table in request.method.items()}
     scenes: dict[str, Distribution] = {}
@@ -86,7 +86,7 @@ def plan_of(request: StudyFile, own: Own) -> StudyPlan:
     )
 
 
-def _method(name: str, table: object, own: Own) -> StudyMethod:
+def _method(name: str, table: object, own: UserEstimators) -> StudyMethod:
     if not is_table(table):
         raise BadInput(f"method.{name}", table, "a table")
     return parse_method(name, table, own)
@@ -97,6 +97,6 @@ def _find_scenes(name: str, known: dict[str, Distribution]) -> Distribution:
     if name in known or not name.endswith(".toml"):
         return find_distribution(name, known, "scenes", ", or a rig file")
     path = Path(name)
-    data = read_small(path, MAX_STUDY_FILE_BYTES, "a rig file")
-    with texts.reading(path, "TOML"):
-        return parse_distribution(path.stem, texts.toml(data), known)
+    data = read_limited(path, MAX_STUDY_FILE_BYTES, "a rig file")
+    with texts.name_file_in_errors(path, "TOML"):
+        return parse_distribution(path.stem, texts.parse_toml(data), known)

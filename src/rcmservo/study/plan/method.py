@@ -5,16 +5,16 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-from rcmservo.config.registry import ESTIMATORS, PARTS, PRESETS, decode_kind
-from rcmservo.config.rig_file import METHOD_PARTS, Lab
+from rcmservo.config.registry import ESTIMATORS, PART_CLASSES, PRESETS, decode_kind
+from rcmservo.config.rig_file import METHOD_PARTS, RigDescription
 from rcmservo.config.texts import Table, is_table
 from rcmservo.errors import BadInput, require
 from rcmservo.estimation.base import Estimator
 from rcmservo.servo.servo import Servo
-from rcmservo.servo.user_estimator import examine
-from rcmservo.study.plan.user_module_archive import NO_ARCHIVE, ModuleArchive, parcel_of
+from rcmservo.servo.user_estimator import check_estimator
+from rcmservo.study.plan.user_module_archive import NO_ARCHIVE, ModuleArchive, archive_module
 
-Own = Mapping[str, type[Estimator]]
+UserEstimators = Mapping[str, type[Estimator]]
 """User-defined estimators of the command line, by module:class."""
 
 
@@ -39,24 +39,24 @@ class StudyMethod:
         return self.parts["estimator"]
 
     @cached_property
-    def parcel(self) -> ModuleArchive:
+    def archive(self) -> ModuleArchive:
         """Module of a user-defined estimator; empty for a built-in one."""
         kind = type(self.estimator)
-        return NO_ARCHIVE if kind.__module__.startswith("rcmservo.") else parcel_of(kind)
+        return NO_ARCHIVE if kind.__module__.startswith("rcmservo.") else archive_module(kind)
 
 
-def method_of(name: str, **parts: Any) -> StudyMethod:
+def make_method(name: str, **parts: Any) -> StudyMethod:
     """Return the method with these parts, and the servo's defaults for the others."""
-    servo = Lab().servo(**parts)
+    servo = RigDescription().servo(**parts)
     return StudyMethod(name, {part: getattr(servo, part) for part in METHOD_PARTS})
 
 
-def make_default_method(name: str, own: Own) -> StudyMethod:
+def make_default_method(name: str, own: UserEstimators) -> StudyMethod:
     """Return the method with the default settings of the estimator `name` and all other parts."""
-    return method_of(name, estimator=_estimator(name, own, "method"))
+    return make_method(name, estimator=_estimator(name, own, "method"))
 
 
-def parse_method(name: str, table: Table, own: Own) -> StudyMethod:
+def parse_method(name: str, table: Table, own: UserEstimators) -> StudyMethod:
     """Return the method that a table describes.
 
     The entry `estimator` is a name, or a table with its `kind`. The other entries are tables with
@@ -67,11 +67,11 @@ def parse_method(name: str, table: Table, own: Own) -> StudyMethod:
     for part, settings in rest.items():
         expected = f"one of {', '.join(METHOD_PARTS)}"
         require(part in METHOD_PARTS, f"{where}.{part}", settings, expected)
-        parts[part] = decode_kind(PARTS[part], settings, f"{where}.{part}")
-    return method_of(name, **parts)
+        parts[part] = decode_kind(PART_CLASSES[part], settings, f"{where}.{part}")
+    return make_method(name, **parts)
 
 
-def _estimator(given: object, own: Own, where: str) -> Estimator:
+def _estimator(given: object, own: UserEstimators, where: str) -> Estimator:
     """Return the estimator that a name or a table describes."""
     known = {**ESTIMATORS, **own}
     if is_table(given):
@@ -85,7 +85,7 @@ def _estimator(given: object, own: Own, where: str) -> Estimator:
     return known[given]()
 
 
-def make_servo(method: StudyMethod, lab: Lab) -> Servo:
+def make_servo(method: StudyMethod, lab: RigDescription) -> Servo:
     """Return the servo of a method in a laboratory; examine a user-defined estimator first."""
-    examine(method.estimator, lab.tool)
+    check_estimator(method.estimator, lab.tool)
     return lab.servo(**method.parts)

@@ -9,7 +9,7 @@ from functools import cached_property
 from itertools import product
 from typing import NamedTuple
 
-from rcmservo.config.servo_json import describe
+from rcmservo.config.servo_json import describe_servo
 from rcmservo.errors import BadInput, require
 from rcmservo.sim import Disturbance
 from rcmservo.study.plan.cell import Cell, choose_engine
@@ -123,8 +123,8 @@ class StudyPlan(StudyConditions):
         disturbances = tuple(str(Disturbance.read(text)) for text in disturb)
         cell = Cell(
             method=method.name,
-            servo=describe(servo),
-            source=method.parcel.digest,
+            servo=describe_servo(servo),
+            source=method.archive.digest,
             condition=condition,
             scenes=scenes.name,
             tables=scenes.tables,
@@ -133,9 +133,9 @@ class StudyPlan(StudyConditions):
             repetition=repetition,
             engine=choose_engine(servo, disturbances, self.engine),
             duration=self.duration,
-            shown=self.shown,
+            teaching_frames=self.shown,
         )
-        cell.engine_for(self.first_seed, servo)
+        cell.make_engine(self.first_seed, servo)
         return cell
 
 

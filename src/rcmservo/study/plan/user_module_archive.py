@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 
 from rcmservo.errors import RcmServoError, one_line
 from rcmservo.estimation.base import Estimator
-from rcmservo.servo.user_estimator import name_of_class
+from rcmservo.servo.user_estimator import class_path
 
 MAX_ARCHIVE_BYTES = 10_000_000
 """Largest size of an archive, bytes."""
@@ -50,7 +50,7 @@ class ModuleArchive(NamedTuple):
 NO_ARCHIVE = ModuleArchive()
 
 
-def parcel_of(kind: type[Estimator]) -> ModuleArchive:
+def archive_module(kind: type[Estimator]) -> ModuleArchive:
     """Return the archive with the module of an imported class."""
     data, files = io.BytesIO(), dict(_files(kind.__module__))
     with zipfile.ZipFile(data, "w", zipfile.ZIP_DEFLATED) as archive:
@@ -62,7 +62,7 @@ def parcel_of(kind: type[Estimator]) -> ModuleArchive:
             f"the source of {kind.__module__} has {len(packed)} bytes as an archive; expected "
             f"at most {MAX_ARCHIVE_BYTES}: move the estimator to a smaller module"
         )
-    return ModuleArchive(name_of_class(kind), packed, hashlib.sha256(packed).hexdigest())
+    return ModuleArchive(class_path(kind), packed, hashlib.sha256(packed).hexdigest())
 
 
 def _files(module: str) -> Iterable[tuple[str, bytes]]:

@@ -5,7 +5,7 @@ import base64
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 
-def rendered(package: str, **values: object) -> str:
+def render_template(package: str, **values: object) -> str:
     """Render the template ``report.html.j2`` of a package with some values."""
     environment = Environment(
         loader=PackageLoader(package, "."),
@@ -17,6 +17,6 @@ def rendered(package: str, **values: object) -> str:
     return environment.get_template("report.html.j2").render(**values)
 
 
-def embedded(kind: str, data: bytes) -> str:
+def make_data_uri(kind: str, data: bytes) -> str:
     """Return the data URI of an image with the MIME type `kind`."""
     return f"data:{kind};base64,{base64.b64encode(data).decode()}"

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rcmservo.interfaces import Floats
-from rcmservo.study.report.statistics import Flags, Interval, share
+from rcmservo.study.report.statistics import Booleans, Interval, estimate_fraction
 from rcmservo.study.report.summary import Group
 
 MAX_BINS = 5
@@ -110,6 +110,6 @@ def _make_labels(edges: Floats) -> list[str]:
     return [a if a == b else b if b == "∞" else f"{a} to {b}" for a, b in pairwise(ends)]
 
 
-def _make_cell(success: Flags) -> tuple[int, Interval] | None:
+def _make_cell(success: Booleans) -> tuple[int, Interval] | None:
     count = len(success)
-    return (count, share(int(success.sum()), count)) if count else None
+    return (count, estimate_fraction(int(success.sum()), count)) if count else None

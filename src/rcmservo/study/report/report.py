@@ -9,25 +9,25 @@ from typing import Any, NamedTuple, cast
 
 import numpy as np
 
-from rcmservo.config.atomic_files import write_whole
+from rcmservo.config.atomic_files import write_atomically
 from rcmservo.config.texts import is_table
 from rcmservo.figures import charts
 from rcmservo.figures.charts import Curve, Figure, Panel, make_curve
 from rcmservo.interfaces import Floats
-from rcmservo.study.execution.store import REPORT, SUMMARY
+from rcmservo.study.execution.store import REPORT_FILE, SUMMARY_FILE
 from rcmservo.study.plan.plan import StudyPlan
-from rcmservo.study.report.html import embedded, rendered
+from rcmservo.study.report.html import make_data_uri, render_template
 from rcmservo.study.report.maps import MAP_AXES, ConvergenceMap, make_map
 from rcmservo.study.report.statistics import Interval
 from rcmservo.study.report.summary import (
     Group,
     PairedComparison,
     Summary,
-    comparisons,
+    compare_with_first,
     group_runs,
     summarise,
 )
-from rcmservo.study.row import MEANINGS
+from rcmservo.study.row import COLUMN_MEANINGS
 
 WORST_RUN_COUNT = 5
 """Number of worst runs of each method that the page lists."""
@@ -106,7 +106,7 @@ class StudyNumbers:
     comparisons: list[PairedComparison]
 
 
-def write(
+def write_report(
     folder: Path, plan: StudyPlan, table: Any, about: Mapping[str, Any], page: bool
 ) -> StudyNumbers:
     """Write summary.json and, if `page` is set, the HTML page.
@@ -125,19 +125,19 @@ def write(
         Write the page in addition to the numbers.
     """
     groups = group_runs(plan, table)
-    summaries, compared = [summarise(group) for group in groups], list(comparisons(groups))
+    summaries, compared = [summarise(group) for group in groups], list(compare_with_first(groups))
     numbers = {
         **about,
         "methods": [asdict(one) for one in summaries],
         "comparisons": [asdict(one) for one in compared],
     }
-    write_whole(
-        folder / SUMMARY, json.dumps(_to_json(numbers), indent=1, ensure_ascii=False) + "\n"
+    write_atomically(
+        folder / SUMMARY_FILE, json.dumps(_to_json(numbers), indent=1, ensure_ascii=False) + "\n"
     )
     if page:
         names = list(dict.fromkeys(group.condition for group in groups))
         conditions = [_report_condition(name, groups, summaries, compared, plan) for name in names]
-        write_whole(folder / REPORT, _render_page(plan, table, about, conditions))
+        write_atomically(folder / REPORT_FILE, _render_page(plan, table, about, conditions))
     return StudyNumbers(summaries, compared)
 
 
@@ -165,7 +165,7 @@ def _report_condition(
         name=name,
         summaries=[one for one in summaries if one.condition == name],
         comparisons=[one for one in compared if one.condition == name],
-        figure=embedded("image/svg+xml", drawing),
+        figure=make_data_uri("image/svg+xml", drawing),
         maps=[(group.method, maps) for group in here if (maps := _make_maps(group))],
         worst=[(group.method, _find_worst_runs(group)) for group in here],
     )
@@ -225,12 +225,12 @@ def _find_worst_runs(group: Group) -> list[WorstRun]:
 def _render_page(
     plan: StudyPlan, table: Any, about: Mapping[str, Any], conditions: list[ConditionReport]
 ) -> str:
-    return rendered(
+    return render_template(
         "rcmservo.study.report",
         about=about,
         plan=plan,
         conditions=conditions,
-        meanings=MEANINGS,
+        meanings=COLUMN_MEANINGS,
         cpus=table["cpu"].unique().to_pylist(),
         versions=table["versions"].unique().to_pylist(),
         colour=_choose_colour,

@@ -16,7 +16,7 @@ from rcmservo.interfaces import Floats
 STATS: Any = stats
 """SciPy's statistics as `Any`, because they have no type annotations."""
 
-Flags = NDArray[np.bool_]
+Booleans = NDArray[np.bool_]
 
 CONFIDENCE = 0.95
 """Confidence level of every interval."""
@@ -41,12 +41,12 @@ class Interval(NamedTuple):
 
     def __format__(self, form: str) -> str:
         """Return estimate and interval as text; an infinite estimate is "never"."""
-        value = "never" if math.isinf(self.value) else dashed(self.value, form)
-        high = "∞" if math.isinf(self.high) else dashed(self.high, form)
-        return f"{value} ({dashed(self.low, form)} to {high})"
+        value = "never" if math.isinf(self.value) else format_finite(self.value, form)
+        high = "∞" if math.isinf(self.high) else format_finite(self.high, form)
+        return f"{value} ({format_finite(self.low, form)} to {high})"
 
 
-def dashed(value: float, form: str = ".2f") -> str:
+def format_finite(value: float, form: str = ".2f") -> str:
     """Return a number as text; a dash for NaN and infinity."""
     return format(value, form) if math.isfinite(value) else "–"
 
@@ -54,13 +54,13 @@ def dashed(value: float, form: str = ".2f") -> str:
 UNKNOWN_INTERVAL = Interval(np.nan, np.nan, np.nan)
 
 
-def share(count: int, of: int) -> Interval:
+def estimate_fraction(count: int, of: int) -> Interval:
     """Return a fraction with Wilson's score interval (J. Am. Stat. Assoc. 22, 1927)."""
     low, high = STATS.binomtest(count, of).proportion_ci(CONFIDENCE, method="wilson")
     return Interval(count / of, float(low), float(high))
 
 
-def quantile(values: Floats, p: float, least: float = -np.inf) -> Interval:
+def estimate_quantile(values: Floats, p: float, least: float = -np.inf) -> Interval:
     """Return a quantile with its distribution-free interval between order statistics.
 
     Parameters
@@ -100,7 +100,7 @@ def _find_quantile(ordered: Floats, count: float) -> float:
     return float(both[0]) if both[0] == both[-1] else np.nan
 
 
-def root_mean_square(values: Floats) -> Interval:
+def estimate_root_mean_square(values: Floats) -> Interval:
     """Return the root mean square of values (n,) with its interval.
 
     The interval is that of Student's t for the logarithm of the mean square; 0 to inf for n = 1.
@@ -116,7 +116,7 @@ def root_mean_square(values: Floats) -> Interval:
     return Interval(np.sqrt(mean), np.sqrt(mean) / ratio, np.sqrt(mean) * ratio)
 
 
-def share_difference(one: Flags, other: Flags) -> Interval:
+def estimate_fraction_difference(one: Booleans, other: Booleans) -> Interval:
     """Return the difference of two fractions over paired booleans (n,), `one` minus `other`.
 
     The interval is that of A. Agresti and Y. Min, Biostatistics 6, 2005: it adds half a pair to
@@ -129,10 +129,10 @@ def share_difference(one: Flags, other: Flags) -> Interval:
     return Interval((gained - lost) / n, max(middle - spread, -1.0), min(middle + spread, 1.0))
 
 
-def median_difference(one: Floats, other: Floats) -> Interval:
+def estimate_median_difference(one: Floats, other: Floats) -> Interval:
     """Return the median of `one` − `other` over pairs (n,) with its interval.
 
     Pairs in which both values are infinite are ignored.
     """
     known = np.isfinite(one) | np.isfinite(other)
-    return quantile(one[known] - other[known], 0.5)
+    return estimate_quantile(one[known] - other[known], 0.5)

@@ -14,13 +14,13 @@ import numpy as np
 from rcmservo.interfaces import Floats
 from rcmservo.study.plan.plan import StudyPlan
 from rcmservo.study.report.statistics import (
-    Flags,
+    Booleans,
     Interval,
-    median_difference,
-    quantile,
-    root_mean_square,
-    share,
-    share_difference,
+    estimate_median_difference,
+    estimate_quantile,
+    estimate_root_mean_square,
+    estimate_fraction,
+    estimate_fraction_difference,
 )
 
 
@@ -59,7 +59,7 @@ class Group:
         return self.rows["engine"][0].as_py()
 
     @cached_property
-    def success(self) -> Flags:
+    def success(self) -> Booleans:
         """Success of each run (n,)."""
         return self.rows["success"].to_numpy()
 
@@ -193,20 +193,20 @@ def summarise(group: Group) -> Summary:
         condition=group.condition,
         engine=group.engine,
         runs=runs,
-        success=share(int(group.success.sum()), runs),
-        time_median_s=quantile(time, 0.5, 0.0),
-        time_95_s=quantile(time, 0.95, 0.0),
-        pose_median_mm=quantile(pose, 0.5, 0.0),
-        pose_95_mm=quantile(pose, 0.95, 0.0),
-        ratio_median=quantile(group.ratios, 0.5, 0.0),
-        ratio_rms=root_mean_square(group.ratios),
-        unnoticed_99_mm=quantile(unnoticed, 0.99, 0.0),
+        success=estimate_fraction(int(group.success.sum()), runs),
+        time_median_s=estimate_quantile(time, 0.5, 0.0),
+        time_95_s=estimate_quantile(time, 0.95, 0.0),
+        pose_median_mm=estimate_quantile(pose, 0.5, 0.0),
+        pose_95_mm=estimate_quantile(pose, 0.95, 0.0),
+        ratio_median=estimate_quantile(group.ratios, 0.5, 0.0),
+        ratio_rms=estimate_root_mean_square(group.ratios),
+        unnoticed_99_mm=estimate_quantile(unnoticed, 0.99, 0.0),
         unnoticed_worst_mm=float(unnoticed.max()),
         stops=dict(group.stops),
     )
 
 
-def comparisons(groups: list[Group]) -> Iterator[PairedComparison]:
+def compare_with_first(groups: list[Group]) -> Iterator[PairedComparison]:
     """Compare every method with the first one of its condition."""
     baselines: dict[str, Group] = {}
     for group in groups:
@@ -224,7 +224,7 @@ def compare(one: Group, other: Group) -> PairedComparison:
         beside=other.method,
         condition=one.condition,
         pairs=len(one.success),
-        success=share_difference(one.success, other.success),
-        time_s=median_difference(one.first_within, other.first_within),
-        pose_mm=median_difference(*poses),
+        success=estimate_fraction_difference(one.success, other.success),
+        time_s=estimate_median_difference(one.first_within, other.first_within),
+        pose_mm=estimate_median_difference(*poses),
     )

@@ -15,15 +15,15 @@ from typing import Annotated, Any, NamedTuple
 import numpy as np
 
 from rcmservo.constraints import Checked, between, one_of
-from rcmservo.errors import needing, require
+from rcmservo.errors import require_extra, require
 from rcmservo.interfaces import Floats
 from rcmservo.servo.user_estimator import UnusableEstimator
-from rcmservo.study.execution.run_study import Work
-from rcmservo.study.execution.workers import Crew
+from rcmservo.study.execution.run_study import StudyExecution
+from rcmservo.study.execution.workers import WorkerPool
 from rcmservo.study.plan.plan import StudyPlan
-from rcmservo.study.tuning.space import SearchAxis, Values, value_of, with_values
+from rcmservo.study.tuning.space import SearchAxis, Values, get_setting, replace_settings
 
-with needing("a study", "study"):
+with require_extra("a study", "study"):
     import optuna
 
 OPTUNA: Any = optuna
@@ -31,7 +31,7 @@ TUNE_GOALS = "time", "error"
 """Quantities that a search minimises."""
 FAILED_RUN_COST_MM = 10.0
 """Cost of a failed run if the goal is the error, mm."""
-TUNED, TUNED_AGAIN = "tuned", "tuned-again"
+TUNED_METHOD, RETUNED_METHOD = "tuned", "tuned-again"
 """Names of the resulting method; the second one if the search starts from the first."""
 
 
@@ -80,18 +80,18 @@ class Tuning(TuneSection):
         require(len(self.plan.methods) == 1, "method", len(self.plan.methods), "exactly one")
 
     @property
-    def name(self) -> str:
+    def method_name(self) -> str:
         """Name of the resulting method."""
-        return TUNED_AGAIN if self.plan.methods[0].name == TUNED else TUNED
+        return RETUNED_METHOD if self.plan.methods[0].name == TUNED_METHOD else TUNED_METHOD
 
     @property
-    def unseen(self) -> StudyPlan:
+    def validation_plan(self) -> StudyPlan:
         """Plan of the validation, with the initial method."""
         first = self.plan.first_seed + self.plan.count
         return replace(self.plan, first_seed=first, count=self.validation)
 
 
-class Tried(NamedTuple):
+class SearchTrial(NamedTuple):
     """Trial of a search.
 
     Parameters
@@ -112,9 +112,9 @@ class Tried(NamedTuple):
     success: float
 
 
-def searched(
-    tuning: Tuning, folder: Path, crew: Crew, report_trial: Callable[[Tried], None]
-) -> list[Tried]:
+def run_search(
+    tuning: Tuning, folder: Path, crew: WorkerPool, report_trial: Callable[[SearchTrial], None]
+) -> list[SearchTrial]:
     """Run all trials of a search, with their chunks stored in the folder."""
     OPTUNA.logging.set_verbosity(OPTUNA.logging.ERROR)
     sampler = OPTUNA.samplers.TPESampler(seed=tuning.seed)
@@ -123,10 +123,10 @@ def searched(
 
 
 def _run_trials(
-    tuning: Tuning, folder: Path, crew: Crew, study: Any, report_trial: Callable[[Tried], None]
-) -> Iterator[Tried]:
+    tuning: Tuning, folder: Path, crew: WorkerPool, study: Any, report_trial: Callable[[SearchTrial], None]
+) -> Iterator[SearchTrial]:
     method = tuning.plan.methods[0]
-    start = {axis.name: value_of(method, axis.name) for axis in tuning.axes}
+    start = {axis.name: get_setting(method, axis.name) for axis in tuning.axes}
     within = all(axis.contains(start[axis.name]) for axis in tuning.axes)
     if within:
         study.enqueue_trial(start)
@@ -141,17 +141,17 @@ def _run_trials(
         yield result
 
 
-def _run_trial(tuning: Tuning, number: int, values: Values, folder: Path, crew: Crew) -> Tried:
+def _run_trial(tuning: Tuning, number: int, values: Values, folder: Path, crew: WorkerPool) -> SearchTrial:
     """Run the study of one trial; an invalid combination of settings costs inf."""
     try:
-        method = with_values(tuning.plan.methods[0], tuning.name, values)
-        work = Work(replace(tuning.plan, methods=(method,)), folder)
+        method = replace_settings(tuning.plan.methods[0], tuning.method_name, values)
+        work = StudyExecution(replace(tuning.plan, methods=(method,)), folder)
     except (ValueError, UnusableEstimator):  # invalid combination of settings
-        return Tried(number, values, np.inf, 0.0)
-    work.go(crew, lambda _: None)
+        return SearchTrial(number, values, np.inf, 0.0)
+    work.run(crew, lambda _: None)
     rows = work.gather()
     success: Any = rows["success"].to_numpy()
-    return Tried(number, values, compute_cost(tuning, rows), float(success.mean()))
+    return SearchTrial(number, values, compute_cost(tuning, rows), float(success.mean()))
 
 
 def compute_cost(tuning: Tuning, rows: Any) -> float:
@@ -163,6 +163,6 @@ def compute_cost(tuning: Tuning, rows: Any) -> float:
     return float(np.mean(np.where(success, np.minimum(values, failed), failed)))
 
 
-def best(trials: list[Tried]) -> Tried:
+def find_best_trial(trials: list[SearchTrial]) -> SearchTrial:
     """Return the trial with the smallest cost, the first of equal ones."""
     return min(trials, key=lambda trial: (trial.cost, trial.number))

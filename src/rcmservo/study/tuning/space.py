@@ -57,7 +57,7 @@ class SearchAxis:
         return trial.suggest_float(self.name, self.low, self.high, log=self.log)
 
 
-def axis_from(name: str, entry: object, method: StudyMethod) -> SearchAxis:
+def parse_axis(name: str, entry: object, method: StudyMethod) -> SearchAxis:
     """Return the axis that an entry of [search] describes for a setting of a method.
 
     Raises
@@ -66,7 +66,7 @@ def axis_from(name: str, entry: object, method: StudyMethod) -> SearchAxis:
         If the method has no such setting, or the entry does not fit its type.
     """
     where = f'search."{name}"'
-    present = value_of(method, name)
+    present = get_setting(method, name)
     if is_table(entry):
         known = {"from", "to", "log"}
         for key in entry:
@@ -98,7 +98,7 @@ def _parse_range(where: str, name: str, ends: list[Any], log: bool, present: Any
     return SearchAxis(name, kind(numbers[0]), kind(numbers[1]), log)
 
 
-def value_of(method: StudyMethod, name: str) -> Any:
+def get_setting(method: StudyMethod, name: str) -> Any:
     """Return the value of a setting, part.name, of a method."""
     part, _, key = name.partition(".")
     parts = ", ".join(method.parts)
@@ -110,7 +110,7 @@ def value_of(method: StudyMethod, name: str) -> Any:
     return getattr(method.parts[part], key)
 
 
-def with_values(method: StudyMethod, name: str, values: Values) -> StudyMethod:
+def replace_settings(method: StudyMethod, name: str, values: Values) -> StudyMethod:
     """Return the method with other values, under another name."""
     parts = dict(method.parts)
     for path, value in values.items():
