@@ -148,7 +148,10 @@ def disturbed(seed: int, disturbances: list[Disturbance]) -> Run:
     p_d = rig.truth.markers(rig.clock.now())[1]
     rig.move_to_start()
     rig.begin()
-    person, judge = ScriptedOperator(rig, plant, PATIENCE, frames=30), OutcomeCollector(servo, target)
+    person, judge = (
+        ScriptedOperator(rig, plant, PATIENCE, frames=30),
+        OutcomeCollector(servo, target),
+    )
     start, unnoticed = rig.clock.now(), UnnoticedGrowth(Oracle(rig.truth, NOISE))
     ticks = run_attended(
         rig, plant, servo, target, DURATION, person, lambda *begins: unnoticed.oracle.restart()
@@ -156,7 +159,9 @@ def disturbed(seed: int, disturbances: list[Disturbance]) -> Run:
     try:
         for tick in watched(run, ticks, disturbances, start):
             judge.add(tick)
-            unnoticed.update(tick, float(np.linalg.norm(rig.truth.markers(tick.observation.now)[1] - p_d)))
+            unnoticed.update(
+                tick, float(np.linalg.norm(rig.truth.markers(tick.observation.now)[1] - p_d))
+            )
     except Killed:
         run.end = "killed"
     except NotEnabled as why:

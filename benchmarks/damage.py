@@ -72,7 +72,9 @@ def original(folder: Path, duration: float, pictures: bool, stages: int = 1) -> 
                 recorder.write_truth(tick.observation.q, tick.state.command.rates, 0.1)
                 if pictures and count % 2:
                     noise = random.integers(0, 30, (120, 160, 3)).astype(np.uint8)
-                    recorder.write_frame(rs.Frame(count, tick.observation.now, tick.observation.now, image=noise))
+                    recorder.write_frame(
+                        rs.Frame(count, tick.observation.now, tick.observation.now, image=noise)
+                    )
             state = tick.state
     return Original(path.read_bytes(), reader.read_record(path), list(reader.iterate_frames(path)))
 

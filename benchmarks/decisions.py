@@ -167,7 +167,8 @@ def arrays(ticks: list[rs.Tick], stages: list[tuple[int, bool, rs.Target]]) -> T
     """Return a run as plain arrays."""
     seen = [tick.observation for tick in ticks]
     words = [
-        (t.observation.drop_reason.name, t.request.name, t.state.phase.name, t.state.cause.name) for t in ticks
+        (t.observation.drop_reason.name, t.request.name, t.state.phase.name, t.state.cause.name)
+        for t in ticks
     ]
     return {
         "integers": np.array([(o.now, o.q_time, o.frame, o.exposure, o.arrival) for o in seen]),

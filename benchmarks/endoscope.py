@@ -142,7 +142,9 @@ def by_twin(options: Options, seed: int) -> Ended:
     """Run one closed loop on the compiled simulation."""
     settings = settings_of(options)
     estimator = ServoOptions().estimator_of(options.estimator)
-    study = Study(rs.Servo(settings.mechanism, settings.tool, estimator), settings, teaching_frames=30)
+    study = Study(
+        rs.Servo(settings.mechanism, settings.tool, estimator), settings, teaching_frames=30
+    )
     scene = draw(seed, ToolBody(settings.mechanism, settings.tool))
     random, markers = np.random.default_rng(seed), scene.body.points(scene.target)[:2]
     blur = random.standard_normal((2, 2)) / np.sqrt(TEACHING_FRAMES)

@@ -31,7 +31,7 @@ from rcmservo.config import target_file
 from rcmservo.config.registry import MECHANISMS
 from rcmservo.config.rig_file import RigDescription, load_rig_file
 from rcmservo.config.target_file import TargetSetup
-from rcmservo.sim import Drive, Appearance, SceneSettings
+from rcmservo.sim import Appearance, Drive, SceneSettings
 from rcmservo.sim.rig_file import CameraSection, read_rig_settings
 from rcmservo.tracking import COLOURS
 
@@ -273,7 +273,9 @@ def rig_tables() -> list[dict[str, Any]]:
         "drive": asdict(Drive()),
         "scene": asdict(SceneSettings()),
     }
-    look = {key: value for key, value in asdict(Appearance()).items() if not key.startswith("marker_")}
+    look = {
+        key: value for key, value in asdict(Appearance()).items() if not key.startswith("marker_")
+    }
     both = {**simulated, "look": look}
     tools = (
         {"kind": "rigid", "spacing": 30.0, "offset": 0.0},
@@ -369,7 +371,9 @@ DEFAULTS: dict[str, Any] = {
     "thresholds": asdict(RigDescription().thresholds),
     "camera": asdict(CameraSection()),
     "drive": asdict(Drive()),
-    "look": {key: value for key, value in asdict(Appearance()).items() if not key.startswith("marker_")},
+    "look": {
+        key: value for key, value in asdict(Appearance()).items() if not key.startswith("marker_")
+    },
     "scene": asdict(SceneSettings()),
 }
 
@@ -386,7 +390,9 @@ def plain(value: Any) -> Any:
     return float(value)
 
 
-SETUP = TargetSetup("one camera", 640, 480, rs.SphericalRcm(), rs.RigidTool(spacing=30.0), RigDescription().markers)
+SETUP = TargetSetup(
+    "one camera", 640, 480, rs.SphericalRcm(), rs.RigidTool(spacing=30.0), RigDescription().markers
+)
 
 
 def target_content(folder: Path) -> dict[str, Any]:

@@ -70,7 +70,8 @@ def faults(random: np.random.Generator, clock: Clock, names: tuple[str, ...] = M
             "points": {"points": points},
             "swap": {"points": seen.points[::-1].copy()},
             "jump": {"points": seen.points + 30.0},
-            "stop": {n: getattr(held, n) for n in FRAME} | {"dropped": list(DropReason)[held.now % 4]},
+            "stop": {n: getattr(held, n) for n in FRAME}
+            | {"dropped": list(DropReason)[held.now % 4]},
             "silent": {"q": held.q, "q_time": held.q_time},
             "joints": {"q": np.array([np.nan, 1.0, 60.0])},
             "drive": {"enabled": False},

@@ -14,7 +14,7 @@ from rcmservo.bringup.motion import Mover
 from rcmservo.errors import Stopped
 from rcmservo.geometry.kinematics import Kinematics, PitchYawRcm, SphericalRcm
 from rcmservo.geometry.tool import RigidTool
-from rcmservo.interfaces import Command, Floats, Frame, ArmMeasurement
+from rcmservo.interfaces import ArmMeasurement, Command, Floats, Frame
 from rcmservo.loop.run_result import CameraStatistics
 from rcmservo.safety.gate import Gate
 from rcmservo.safety.thresholds import Thresholds

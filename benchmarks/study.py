@@ -72,7 +72,10 @@ def orders(scenes: int) -> list[ChunkRequest]:
     chunks = make_plan(StudyFile(count=scenes), {}).chunks()
     ends = ((chunk, chunk.seeds.start, chunk.seeds.stop) for chunk in chunks)
     empty = make_plan(StudyFile(), {}).methods[0].archive
-    return [ChunkRequest(chunk.cell.text, begin, end, identify_package(), empty) for chunk, begin, end in ends]
+    return [
+        ChunkRequest(chunk.cell.text, begin, end, identify_package(), empty)
+        for chunk, begin, end in ends
+    ]
 
 
 def alone(work: list[ChunkRequest], ready: object, go: object) -> None:

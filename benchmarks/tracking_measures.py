@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Iterator
 import numpy as np
 
 from rcmservo.interfaces import Floats, Frame, Image, Markers
-from rcmservo.sim.rendering import Light, Appearance, Renderer
+from rcmservo.sim.rendering import Appearance, Light, Renderer
 from rcmservo.sim.rig import Rig, RigSettings
 from rcmservo.tracking import ColourMarkers
 

@@ -43,7 +43,11 @@ import rcmservo as rs
 from rcmservo.cli.servo_options import ServoOptions
 from rcmservo.interfaces import Floats, Target
 from rcmservo.loop.teach import TeachingFailed
-from rcmservo.recording.outcome import MAX_SAME_POSE_DISTANCE_MM, SETTLED_TOLERANCE, OutcomeCollector
+from rcmservo.recording.outcome import (
+    MAX_SAME_POSE_DISTANCE_MM,
+    SETTLED_TOLERANCE,
+    OutcomeCollector,
+)
 from rcmservo.servo.state import State
 from rcmservo.sim import Disturbance, RigSettings
 from rcmservo.sim.disturbances import expected_causes
@@ -139,7 +143,9 @@ class Trial:
         marker_1 = self.servo.position_of_marker_1
         distance = np.linalg.norm(marker_1(last.observation.q) - marker_1(target.q))
         error = np.array(astuple(judge.result().feature_error), float)
-        is_settled = bool((error < SETTLED_TOLERANCE).all() and distance <= MAX_SAME_POSE_DISTANCE_MM)
+        is_settled = bool(
+            (error < SETTLED_TOLERANCE).all() and distance <= MAX_SAME_POSE_DISTANCE_MM
+        )
         return is_settled and last.state.phase is rs.Phase.SERVO
 
     def watched(self, ticks: Iterator[rs.Tick]) -> Generator[rs.Tick]:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 import rcmservo as rs
-from rcmservo.geometry.features import shift_to_rcm, compute_features_jacobian
+from rcmservo.geometry.features import compute_features_jacobian, shift_to_rcm
 
 
 @dataclass(frozen=True)

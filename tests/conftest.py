@@ -25,7 +25,7 @@ from rcmservo.estimation.dlt import DltEstimator
 from rcmservo.estimation.flow_rule import FlowEstimator
 from rcmservo.estimation.kalman import KalmanEstimator
 from rcmservo.estimation.normalised_flow import NormalisedFlowEstimator
-from rcmservo.estimation.projection_rule import ProjectionEstimator, normal_equations, fitted_points
+from rcmservo.estimation.projection_rule import ProjectionEstimator, fitted_points, normal_equations
 from rcmservo.estimation.rls import RlsEstimator
 from rcmservo.figures import charts
 from rcmservo.geometry.kinematics import PITCH_YAW, SPHERICAL, RcmStruct

@@ -170,7 +170,9 @@ def test_a_checked_class_stays_a_plain_frozen_dataclass():
 
 
 def test_files_are_checked_by_the_same_annotations():
-    assert decode_settings(Larger, {"gain": 3.0, "bounds": [0.5, 1.0, 1.0]}, "servo.box").gain == 3.0
+    assert (
+        decode_settings(Larger, {"gain": 3.0, "bounds": [0.5, 1.0, 1.0]}, "servo.box").gain == 3.0
+    )
     with pytest.raises(BadInput, match=r"^servo\.box\.gain must be a positive gain in 1/s, got -1"):
         decode_settings(Larger, {"gain": -1.0}, "servo.box")
 

@@ -296,7 +296,7 @@ def test_the_columns_of_the_studies_page_are_those_of_the_rows() -> None:
     "block", re.findall(r"```toml\n(.*?)```", STUDIES, re.S), ids=("study", "search")
 )
 def test_the_files_of_the_studies_page_are_files_of_studies(block: str, tmp_path: Path) -> None:
-    from rcmservo.study.plan.file import read_study_file, make_plan
+    from rcmservo.study.plan.file import make_plan, read_study_file
 
     (tmp_path / "study.toml").write_text(block)
     plan = make_plan(read_study_file(tmp_path / "study.toml"), {})

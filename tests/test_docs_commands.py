@@ -19,9 +19,9 @@ from rcmservo.config.rig_file import RigDescription, load_rig_file
 from rcmservo.hardware.devices import ARM_KINDS, CAMERA_KINDS
 from rcmservo.safety.gate import Gate
 from rcmservo.safety.thresholds import Thresholds
-from rcmservo.sim import Drive, Appearance, SceneSettings
+from rcmservo.sim import Appearance, Drive, SceneSettings
 from rcmservo.sim.rig_file import CameraSection, read_rig_settings
-from rcmservo.study.plan.file import StudyFile, read_study_file, make_plan
+from rcmservo.study.plan.file import StudyFile, make_plan, read_study_file
 from rcmservo.tracking import MarkerAppearance
 
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -198,7 +198,7 @@ def read_sections(lab: RigDescription) -> None:
     """Read all sections of a rig file."""
     for name, kinds in (("arm", ARM_KINDS), ("camera", CAMERA_KINDS)):
         if name in lab.devices:
-            lab.device(name, kinds)
+            lab.device_settings(name, kinds)
     read_rig_settings(lab)
 
 

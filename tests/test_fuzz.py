@@ -57,7 +57,10 @@ def test_thresholds_are_read_and_omitted_ones_have_their_defaults(tmp_path: Path
     path.write_text("[thresholds]\njump = 6.0\n[markers]\ncolour_1 = 'red'\n")
     lab = load_rig_file(path)
     assert lab.thresholds == rs.Thresholds(max_jump_px=6.0)
-    assert (lab.markers.colour_1, lab.markers.radius_1) == ("red", RigDescription().markers.radius_1)
+    assert (lab.markers.colour_1, lab.markers.radius_1) == (
+        "red",
+        RigDescription().markers.radius_1,
+    )
 
 
 def test_a_device_file_is_not_a_rig_file() -> None:

@@ -25,7 +25,7 @@ def choosing(monkeypatch: pytest.MonkeyPatch) -> Any:
 
 @pytest.mark.parametrize("name", STUDIES)
 def test_every_study_of_the_page_can_be_planned(name: str) -> None:
-    from rcmservo.study.plan.file import read_study_file, make_plan
+    from rcmservo.study.plan.file import make_plan, read_study_file
 
     plan = make_plan(read_study_file(CHOOSING / f"{name}.toml"), {})
     assert 0 < plan.runs <= 10_000

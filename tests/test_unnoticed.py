@@ -19,7 +19,9 @@ def test_every_row_draws_disturbances_within_the_time_of_its_run(name: str) -> N
             assert disturbance.at < DURATION - 5.0
 
 
-@pytest.mark.parametrize("name", mark_others_slow(["freeze", "lag", "taught", "between_15", "none"]))
+@pytest.mark.parametrize(
+    "name", mark_others_slow(["freeze", "lag", "taught", "between_15", "none"])
+)
 def test_a_run_of_a_row_is_judged(name: str) -> None:
     run = one(name, 3)
     assert run.end != UNREADY

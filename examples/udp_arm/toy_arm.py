@@ -62,7 +62,8 @@ class ToyArm:
         elif order.kind == JOG and self._may_move(order):
             self.number, self.heard = order.number, now
             self.rates = [
-                min(max(rate, -most), most) for rate, most in zip(order.rates, MAX_RATES, strict=True)
+                min(max(rate, -most), most)
+                for rate, most in zip(order.rates, MAX_RATES, strict=True)
             ]
             self._keep_within()
         return sent(self._answer(order.stamp))

@@ -80,12 +80,12 @@ class DropReason(IntEnum):
     """
 
     _value_: int
-    words: str
+    text: str
 
     def __new__(cls, words: str) -> Self:
         code = len(cls.__members__)
         member = int.__new__(cls, code)
-        member._value_, member.words = code, words
+        member._value_, member.text = code, words
         return member
 
     NONE = ""

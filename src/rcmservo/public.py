@@ -11,12 +11,12 @@ from rcmservo.geometry.imaged_rcm import ImagedRcm
 from rcmservo.geometry.kinematics import JointLimits
 from rcmservo.interfaces import (
     Arm,
+    ArmMeasurement,
     Camera,
     Clock,
     Command,
     Frame,
     Markers,
-    ArmMeasurement,
     Observation,
     Target,
     Tracker,
@@ -36,6 +36,7 @@ from rcmservo.servo.servo import Servo, State
 __all__ = [
     "Action",
     "Arm",
+    "ArmMeasurement",
     "BadInput",
     "Camera",
     "Cause",
@@ -51,7 +52,6 @@ __all__ = [
     "JointLimits",
     "MarkerPair",
     "Markers",
-    "ArmMeasurement",
     "Mode",
     "Observation",
     "Operator",

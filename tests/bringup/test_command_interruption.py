@@ -7,7 +7,7 @@ import pytest
 from rig_check_lab import FaultyLab, Mistake, MiswiredArm
 
 from rcmservo.bringup.check import CheckReport
-from rcmservo.interfaces import Command, Floats, ArmMeasurement
+from rcmservo.interfaces import ArmMeasurement, Command, Floats
 
 FIRST_QUESTIONS = 8
 """Questions within which the check interrupts the commands of a rate-controlled arm."""

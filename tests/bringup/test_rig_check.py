@@ -14,7 +14,7 @@ from rcmservo.bringup.check import CheckReport
 from rcmservo.bringup.findings import CheckAborted
 from rcmservo.bringup.motion import SPEED_SCALE
 from rcmservo.bringup.observations import PixelBound
-from rcmservo.interfaces import Command, Floats, Frame, ArmMeasurement
+from rcmservo.interfaces import ArmMeasurement, Command, Floats, Frame
 
 QUICK = "axes 1 and 2 swapped", 1
 CASES = [QUICK, *(case for case in zip(MISTAKES, cycle([0, 1]), strict=False) if case != QUICK)]
@@ -45,7 +45,9 @@ def assert_slow_and_off(lab: FaultyLab) -> None:
     assert (rates <= SPEED_SCALE * np.array(lab.gate.speed) * (1.0 + 1e-9)).all()
 
 
-@pytest.mark.parametrize("case", mark_others_slow(CASES), ids=lambda case: "{}, seed {}".format(*case))
+@pytest.mark.parametrize(
+    "case", mark_others_slow(CASES), ids=lambda case: "{}, seed {}".format(*case)
+)
 def test_a_mistake_is_found_with_its_line_before_the_tool_travels_2_mm(
     case: tuple[str, int],
 ) -> None:

@@ -11,7 +11,7 @@ from rig_check_lab import FaultyLab, Mistake
 from rcmservo.bringup.observations import MotionTrace
 from rcmservo.bringup.timing import identify_latency
 from rcmservo.geometry.kinematics import PitchYawRcm
-from rcmservo.interfaces import Frame, ArmMeasurement
+from rcmservo.interfaces import ArmMeasurement, Frame
 from rcmservo.sim import RigSettings
 from rcmservo.sim.cameras import Timing
 

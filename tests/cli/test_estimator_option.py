@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from conftest import ROOT
-from rcmservo.cli.cli import parse_options, main
+from rcmservo.cli.cli import main, parse_options
 from rcmservo.recording.reader import read_record
 
 NAME = "lab_of_mine.rls:RLS"

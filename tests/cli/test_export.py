@@ -38,7 +38,9 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
                 newest = plant.frame.number
                 recorder.write_frame(plant.frame)
         assert plant.frame is not None
-        recorder.write_frame(rs.Frame(newest + 1, tick.observation.now, tick.observation.now, plant.frame.image))
+        recorder.write_frame(
+            rs.Frame(newest + 1, tick.observation.now, tick.observation.now, plant.frame.image)
+        )
     return folder
 
 

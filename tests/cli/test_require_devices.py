@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from rcmservo.cli.lab.live_on_hardware import require_devices
-from rcmservo.config.rig_file import read_rig_file, decode_rig_file
+from rcmservo.config.rig_file import decode_rig_file, read_rig_file
 from rcmservo.config.verified_rigs import compute_digest, store_verified
 from rcmservo.errors import BadInput
 

@@ -142,16 +142,20 @@ def test_the_summary_agrees_with_the_ticks(recorded_run: RecordedRun) -> None:
     loop, used = got.loop, got.frames
     assert loop is not None and used is not None
     frames = {
-        tick.observation.frame: tick for tick in reversed(recorded_run.ticks) if tick.observation.frame >= 0
+        tick.observation.frame: tick
+        for tick in reversed(recorded_run.ticks)
+        if tick.observation.frame >= 0
     }
-    latency = [(tick.observation.now - tick.observation.exposure) * 1e-9 for tick in frames.values()]
+    latency = [
+        (tick.observation.now - tick.observation.exposure) * 1e-9 for tick in frames.values()
+    ]
     assert loop.ticks == len(recorded_run.ticks) == 1000
     assert used.used == len(frames)
     spread = [1e3 * one for one in (*np.percentile(latency, [50, 99]), max(latency))]
     assert astuple(loop.latency_ms) == pytest.approx(spread)
     assert (loop.late, loop.longest_ms) == (0, pytest.approx(10.0))
     assert used.dropped == {
-        DropReason.DAMAGED.words: sum(
+        DropReason.DAMAGED.text: sum(
             tick.observation.drop_reason is DropReason.DAMAGED for tick in recorded_run.ticks
         )
     }

@@ -17,7 +17,10 @@ from rcmservo.study.plan.method import make_method
 
 CLASSES = {kind for classes in PART_CLASSES.values() for kind in classes.values()}
 METHOD_SETTINGS = {
-    (kind, f.name) for part in METHOD_PARTS for kind in PART_CLASSES[part].values() for f in fields(kind)
+    (kind, f.name)
+    for part in METHOD_PARTS
+    for kind in PART_CLASSES[part].values()
+    for f in fields(kind)
 }
 
 
@@ -30,7 +33,11 @@ def test_every_field_of_a_servo_except_its_rate_is_a_part_with_distinct_class_na
 def test_every_part_belongs_to_the_rig_file_or_to_the_method() -> None:
     robot = {f.name for f in fields(RigDescription)} & set(PART_CLASSES)
     assert robot | set(METHOD_PARTS) == set(PART_CLASSES) and not robot & set(METHOD_PARTS)
-    assert set(EDITABLE_PARTS) == set(METHOD_PARTS) == set(make_method("a", estimator=rs.DltEstimator()).parts)
+    assert (
+        set(EDITABLE_PARTS)
+        == set(METHOD_PARTS)
+        == set(make_method("a", estimator=rs.DltEstimator()).parts)
+    )
 
 
 def test_every_setting_of_the_method_is_an_option_and_a_field_of_the_page() -> None:

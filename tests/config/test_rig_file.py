@@ -15,7 +15,7 @@ from rcmservo.config.registry import MECHANISMS
 from rcmservo.config.rig_file import RigDescription, decode_rig_tables, load_rig_file
 from rcmservo.config.strict_decoding import decode_settings
 from rcmservo.hardware.devices import ARM_KINDS, CAMERA_KINDS
-from rcmservo.sim import Drive, Appearance, SceneSettings
+from rcmservo.sim import Appearance, Drive, SceneSettings
 from rcmservo.sim.rig_file import CameraSection, read_rig_settings
 from rcmservo.tracking import MarkerAppearance
 
@@ -113,14 +113,16 @@ def decode_all(tables: dict[str, Any]) -> RigDescription:
     lab = decode_rig_tables(tables)
     for name, kinds in DEVICES.items():
         if name in lab.devices:
-            lab.device(name, kinds)
+            lab.device_settings(name, kinds)
     read_rig_settings(lab)
     return lab
 
 
 @pytest.mark.parametrize("name", OPTIONAL_TABLES)
 def test_keys_that_a_table_omits_have_the_built_in_values(name: str) -> None:
-    assert decode_all({name: {}}) == replace(RigDescription(), simulation=decode_rig_tables({name: {}}).simulation)
+    assert decode_all({name: {}}) == replace(
+        RigDescription(), simulation=decode_rig_tables({name: {}}).simulation
+    )
     made = getattr(decode_all({name: OPTIONAL_TABLES[name]}), name, None)
     assert made is None or made == replace(getattr(RigDescription(), name), **OPTIONAL_TABLES[name])
 
@@ -174,4 +176,4 @@ def test_an_unknown_key_of_any_table_is_reported_with_the_intended_key(
 def test_a_device_has_no_kind_by_default(name: str) -> None:
     table = {key: value for key, value in REQUIRED_KEYS[name].items() if key != "kind"}
     with pytest.raises(rs.BadInput, match=rf"{name}\.kind must be one of "):
-        decode_rig_tables({name: table}).device(name, DEVICES[name])
+        decode_rig_tables({name: table}).device_settings(name, DEVICES[name])

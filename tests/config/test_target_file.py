@@ -87,7 +87,9 @@ def test_known_and_unknown_sizes_survive_bit_for_bit(
 
 
 def test_a_file_without_sizes_gives_nan(path: Path) -> None:
-    assert np.isnan(target_file.load_target(rewritten(path, sizes_px="left out"), SETUP).sizes).all()
+    assert np.isnan(
+        target_file.load_target(rewritten(path, sizes_px="left out"), SETUP).sizes
+    ).all()
 
 
 @pytest.mark.parametrize("reason", OTHER_SETUPS)
@@ -202,12 +204,16 @@ def test_a_simulated_camera_refuses_targets_of_other_cameras_and_positions(
     rig = rs.sim.Rig(3, pictures=False)
     target = rs.Target(np.array([[300.0, 200.0], [320.0, 260.0]]), rig.scene.target)
     target_file.save_target(path, target, simulated_setup(rig, RigDescription()))
-    again = target_file.load_target(path, simulated_setup(rs.sim.Rig(3, pictures=False), RigDescription()))
+    again = target_file.load_target(
+        path, simulated_setup(rs.sim.Rig(3, pictures=False), RigDescription())
+    )
     assert again.q.tobytes() == rig.scene.target.tobytes()
     with pytest.raises(
         rs.UnusableFile, match=r"was taught with camera 'simulation with seed 3, .* with seed 4, "
     ):
-        target_file.load_target(path, simulated_setup(rs.sim.Rig(4, pictures=False), RigDescription()))
+        target_file.load_target(
+            path, simulated_setup(rs.sim.Rig(4, pictures=False), RigDescription())
+        )
     rig.relocate_camera()
     with pytest.raises(rs.UnusableFile, match="was taught with camera"):
         target_file.load_target(path, simulated_setup(rig, RigDescription()))

@@ -5,8 +5,13 @@ from pathlib import Path
 
 import pytest
 
-from rcmservo.config.rig_file import read_rig_file, decode_rig_file
-from rcmservo.config.verified_rigs import compute_digest, remove_verified, is_verified, store_verified
+from rcmservo.config.rig_file import decode_rig_file, read_rig_file
+from rcmservo.config.verified_rigs import (
+    compute_digest,
+    is_verified,
+    remove_verified,
+    store_verified,
+)
 from rcmservo.errors import UnusableFile
 
 ONE, OTHER = compute_digest(b"[arm]\n"), compute_digest(b"[arm] \n")

@@ -32,7 +32,10 @@ def test_its_rig_file_gives_the_same_rig() -> None:
     assert lab.tool == rs.RigidTool(spacing=28.0, offset=-2.0)
     assert lab.markers == MarkerAppearance("yellow", "cyan", 3.0, 4.0)
     assert (lab.gate.speed, lab.gate.latency) == ((0.8, 0.8, 70.0), 0.04)
-    assert (lab.thresholds.max_jump_px, lab.thresholds.max_following_error) == (3.5, (0.008, 0.008, 0.6))
+    assert (lab.thresholds.max_jump_px, lab.thresholds.max_following_error) == (
+        3.5,
+        (0.008, 0.008, 0.6),
+    )
     settings = read_rig_settings(lab)
     assert (settings.timing.frame_rate, settings.point_noise) == (50.0, 0.2)
     assert settings.drive.lag == 0.025 and settings.scene.insertion == (60.0, 150.0)

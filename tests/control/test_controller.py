@@ -105,8 +105,12 @@ def test_the_reducible_fraction_vanishes_for_an_error_in_the_weak_direction(seed
         1e4 * MAX_CONDITION,
     ):
         J, U = blocked(seed, condition)
-        fractions.append(law(J, U[:, 2].copy(), 2.0, MAX_CONDITION, NO_SPEED_LIMIT).reducible_fraction)
-        assert law(J, U[:, 0].copy(), 2.0, MAX_CONDITION, NO_SPEED_LIMIT).reducible_fraction == pytest.approx(1.0)
+        fractions.append(
+            law(J, U[:, 2].copy(), 2.0, MAX_CONDITION, NO_SPEED_LIMIT).reducible_fraction
+        )
+        assert law(
+            J, U[:, 0].copy(), 2.0, MAX_CONDITION, NO_SPEED_LIMIT
+        ).reducible_fraction == pytest.approx(1.0)
     assert fractions[0] == pytest.approx(1.0)
     assert np.all(np.diff(fractions) < 0.0) and fractions[2] < 0.01 and fractions[3] < 1e-6
 

@@ -9,10 +9,10 @@ from rcmservo.control.drive_lag import (
     DEFAULT_LAG_S,
     MAX_LAG_S,
     MIN_LAG_S,
-    start_lag_measurement,
     add_lag_reading,
-    known_or_measured_lag,
     finish_lag_measurement,
+    known_or_measured_lag,
+    start_lag_measurement,
 )
 from rcmservo.control.exploration import ExplorationState
 from rcmservo.interfaces import Floats
@@ -72,7 +72,10 @@ def test_a_joint_without_motion_does_not_affect_the_measurement() -> None:
 def test_an_impossible_lag_is_rejected(obeys: Floats) -> None:
     tour = measurement(0.04, 0.0, obeys)
     assert tour.lag == 0.0
-    assert known_or_measured_lag(tour.rows[0], 0.0) == DEFAULT_LAG_S and known_or_measured_lag(tour.rows[0], 0.3) == 0.3
+    assert (
+        known_or_measured_lag(tour.rows[0], 0.0) == DEFAULT_LAG_S
+        and known_or_measured_lag(tour.rows[0], 0.3) == 0.3
+    )
 
 
 @pytest.mark.parametrize("early", [0.0, 0.01])
@@ -101,7 +104,9 @@ def run_with_drives(
     rig.move_to_start()
     servo = Servo(settings.mechanism, settings.tool, thresholds=thresholds)
     states = [tick.state for tick in run(plant, servo, target, 4.0)]
-    return {s.cause for s in states if s.cause.stop_sentence}, states[-1].estimation.exploration_state.lag
+    return {s.cause for s in states if s.cause.stop_sentence}, states[
+        -1
+    ].estimation.exploration_state.lag
 
 
 @pytest.mark.parametrize("lag", [0.005, 0.02, 0.06])

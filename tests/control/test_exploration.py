@@ -12,13 +12,13 @@ from rcmservo.control.exploration import (
     Exploration,
     ExplorationState,
     is_at_next_corner,
-    start_exploration,
-    set_round,
-    relative_difference,
-    set_next_corner,
     is_overdue,
     max_leg_length,
     rates_to_corner,
+    relative_difference,
+    set_next_corner,
+    set_round,
+    start_exploration,
 )
 from rcmservo.errors import BadInput
 from rcmservo.geometry.kinematics import (
@@ -175,7 +175,9 @@ def test_an_exploration_can_be_driven_from_a_spherical_start_near_half_a_turn():
     for theta in (0.5, 1.0):
         for side in (-1, 1):
             assert (
-                drive_exploration(rcm, np.array([theta, side * 3.0, 100.0]), visits=8)[0].visited_corners
+                drive_exploration(rcm, np.array([theta, side * 3.0, 100.0]), visits=8)[
+                    0
+                ].visited_corners
                 == 8
             )
 
@@ -183,7 +185,9 @@ def test_an_exploration_can_be_driven_from_a_spherical_start_near_half_a_turn():
 def test_the_first_round_is_driven_in_less_than_a_second():
     state, reached = drive_exploration(PitchYawRcm(), np.array([0.1, 0.2, 100.0]), visits=4)
     assert len(reached) == 4
-    durations = np.abs(np.diff([state.start_joints, *reached], axis=0)) / (Exploration.speed_scale * MAX_RATES)
+    durations = np.abs(np.diff([state.start_joints, *reached], axis=0)) / (
+        Exploration.speed_scale * MAX_RATES
+    )
     assert durations.max(axis=1).sum() < 1.0
 
 

@@ -7,17 +7,27 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from conftest import SHAFT, SPACING_MM, project_markers, make_random, seeds, draw_calibration_matrix
+from conftest import SHAFT, SPACING_MM, draw_calibration_matrix, make_random, project_markers, seeds
 from rcmservo.control.exploration import (
     CORNER_TOLERANCE,
     CORNERS,
     Exploration,
     ExplorationState,
-    start_exploration,
     set_round,
+    start_exploration,
 )
-from rcmservo.control.exploration_planning import NEGLIGIBLE_ERROR_MM, direction_is_known, path_error, plan_corner
-from rcmservo.estimation.projection_fit import MIN_FRAME_SPACING_MM, ProjectionFit, initial_fit, update_fit
+from rcmservo.control.exploration_planning import (
+    NEGLIGIBLE_ERROR_MM,
+    direction_is_known,
+    path_error,
+    plan_corner,
+)
+from rcmservo.estimation.projection_fit import (
+    MIN_FRAME_SPACING_MM,
+    ProjectionFit,
+    initial_fit,
+    update_fit,
+)
 from rcmservo.geometry.kinematics import SphericalRcm, compute_position
 from rcmservo.interfaces import Floats
 from rcmservo.numerics.structs import to_row
@@ -54,7 +64,9 @@ class ExploredScene:
         self.home = lower + inside * (upper - lower)
         self.home[0] = np.clip(self.home[0], 0.5, 1.2)
         self.tour = ExplorationState.of()
-        start_exploration(self.tour.rows[0], RCM.to_struct(), MAX_RATES, self.home, 0, 0.0, SETTINGS)
+        start_exploration(
+            self.tour.rows[0], RCM.to_struct(), MAX_RATES, self.home, 0, 0.0, SETTINGS
+        )
         sides = self.tour.sides.copy()
         self.corners = self.home + np.vstack([np.zeros(3), CORNERS[:3]]) * sides
         self.tour.rows["visits"] = 4 * number
@@ -100,7 +112,10 @@ class ExploredScene:
         for steps in product((-1, 0, 1), repeat=3):
             q = self.home + np.array(steps) * self.tour.sides
             free = (q >= lower + margin) & (q <= upper - margin) | (np.array(steps) == 0)
-            is_near = np.linalg.norm(compute_position(RCM.to_struct(), q) - self.p1) <= Exploration.max_leg_length
+            is_near = (
+                np.linalg.norm(compute_position(RCM.to_struct(), q) - self.p1)
+                <= Exploration.max_leg_length
+            )
             same = (np.abs(q - self.q) <= CORNER_TOLERANCE * np.abs(self.tour.sides)).all()
             result += [q] if free.all() and is_near and not same else []
         return result
@@ -175,7 +190,9 @@ class Textbook:
         """Return the expected error after more frames with these weights."""
         E = [np.sqrt(w) * theta_jacobian(self.fit, p) for p, w in zip(more, weights, strict=True)]
         N = sum((e.T @ e for e in E), self.N)
-        return float(np.sqrt(self.fit.noise_variance * np.trace(self.T @ np.linalg.solve(N, self.T.T))))
+        return float(
+            np.sqrt(self.fit.noise_variance * np.trace(self.T @ np.linalg.solve(N, self.T.T)))
+        )
 
 
 @given(seeds)
@@ -194,7 +211,12 @@ def test_the_next_corner_minimises_the_expected_error(
 ) -> None:
     """It holds near the joint limits and in rounds of different size."""
     scene = ExploredScene(seed, near_limits=near_limits, number=number)
-    frames, errors, corners, textbook = scene.fit.frame_count / 3, [], scene.allowed(), Textbook(scene)
+    frames, errors, corners, textbook = (
+        scene.fit.frame_count / 3,
+        [],
+        scene.allowed(),
+        Textbook(scene),
+    )
     for q in corners:
         to = compute_position(RCM.to_struct(), q)
         points = np.stack([scene.p1, 0.5 * (scene.p1 + to), to])
@@ -250,9 +272,9 @@ def test_the_direction_is_known_below_the_relative_error_that_is_set(seed: int) 
     error, distance = path_error(scene.fit.rows[0], scene.p1, scene.target, SHAFT)
     for limit in (0.9, 1.1):
         settings_row = to_row(Exploration(uncertainty=limit * error / distance))[0]
-        assert direction_is_known(scene.fit.rows[0], scene.p1, scene.target, SHAFT, settings_row) == (
-            limit > 1.0 or error <= NEGLIGIBLE_ERROR_MM
-        )
+        assert direction_is_known(
+            scene.fit.rows[0], scene.p1, scene.target, SHAFT, settings_row
+        ) == (limit > 1.0 or error <= NEGLIGIBLE_ERROR_MM)
 
 
 @given(seeds)
@@ -268,9 +290,9 @@ def test_a_negligible_error_is_accepted_for_any_path_length(
     for fraction in (0.2, 0.8, 1.25, 3.0):
         error, distance = error_of_target(scene, fraction * NEGLIGIBLE_ERROR_MM / a_mm)
         if error > 2.0 * SETTINGS["uncertainty"] * distance:
-            assert direction_is_known(scene.fit.rows[0], scene.p1, scene.target, SHAFT, SETTINGS) == (
-                error <= NEGLIGIBLE_ERROR_MM
-            )
+            assert direction_is_known(
+                scene.fit.rows[0], scene.p1, scene.target, SHAFT, SETTINGS
+            ) == (error <= NEGLIGIBLE_ERROR_MM)
 
 
 def error_of_target(scene: ExploredScene, mm: float) -> tuple[float, float]:

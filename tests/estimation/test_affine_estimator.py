@@ -16,7 +16,7 @@ from rcmservo.cli.cli import main
 from rcmservo.estimation.affine import AffineEstimator
 from rcmservo.estimation.ball_size_fit import project_ball
 from rcmservo.estimation.base import Sample
-from rcmservo.geometry.features import FEATURE_SCALE, shift_to_rcm, compute_features
+from rcmservo.geometry.features import FEATURE_SCALE, compute_features, shift_to_rcm
 from rcmservo.geometry.tool import RigidTool, compute_second_marker
 from rcmservo.interfaces import Floats
 
@@ -106,9 +106,13 @@ def test_exact_images_determine_the_twelve_numbers_of_each_ball_at_any_rcm_depth
 def test_exact_images_determine_the_jacobian_at_any_rcm_depth(seed: int, depth: float) -> None:
     C, positions, memory = exact_fit(seed, depth)
     points, o_c = project_balls(C, positions[-1])[0], make_random(seed).uniform(-200.0, 800.0, 2)
-    J = differentiate(lambda p: compute_features(shift_to_rcm(project_balls(C, p)[0], o_c)), positions[-1], 1e-2)
+    J = differentiate(
+        lambda p: compute_features(shift_to_rcm(project_balls(C, p)[0], o_c)), positions[-1], 1e-2
+    )
     J_hat = AFFINE.jacobian(memory, TOOL, Sample(positions[-1], points, o_c, 0.0))
-    assert np.linalg.norm((J_hat - J) / FEATURE_SCALE[:, None]) < 5e-3 * np.linalg.norm(J / FEATURE_SCALE[:, None])
+    assert np.linalg.norm((J_hat - J) / FEATURE_SCALE[:, None]) < 5e-3 * np.linalg.norm(
+        J / FEATURE_SCALE[:, None]
+    )
 
 
 @given(seeds, depths)

@@ -5,12 +5,24 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from conftest import TOOLS, project_markers, make_random, seeds, draw_tool_positions, draw_calibration_matrix
+from conftest import (
+    TOOLS,
+    draw_calibration_matrix,
+    draw_tool_positions,
+    make_random,
+    project_markers,
+    seeds,
+)
 from rcmservo.errors import BadInput
 from rcmservo.estimation.base import Sample
 from rcmservo.estimation.broyden import BroydenEstimator, broyden_update, update_from_frame
 from rcmservo.estimation.flow_rule import integrate_flow_rule as flow_learn
-from rcmservo.geometry.features import FEATURE_SCALE, shift_to_rcm, compute_feature_error, compute_features
+from rcmservo.geometry.features import (
+    FEATURE_SCALE,
+    compute_feature_error,
+    compute_features,
+    shift_to_rcm,
+)
 from rcmservo.geometry.projection import extract_parameters
 
 lengths = st.one_of(st.floats(1e-3, 1), st.floats(1, 10), st.floats(10, 1e3))
@@ -125,13 +137,20 @@ def test_small_steps_add_up_to_a_displacement(seed):
             updated.append(i)
     assert updated == [4, 8]
     last, o_c = samples[-1], samples[-1].o_c
-    change = compute_feature_error(compute_features(shift_to_rcm(last.points, o_c)), compute_features(shift_to_rcm(samples[4].points, o_c)))
-    assert np.allclose(memory.J_hat @ (last.p1 - samples[4].p1) / FEATURE_SCALE, change / FEATURE_SCALE, atol=1e-9)
+    change = compute_feature_error(
+        compute_features(shift_to_rcm(last.points, o_c)),
+        compute_features(shift_to_rcm(samples[4].points, o_c)),
+    )
+    assert np.allclose(
+        memory.J_hat @ (last.p1 - samples[4].p1) / FEATURE_SCALE, change / FEATURE_SCALE, atol=1e-9
+    )
 
 
 def test_features_of_both_ends_are_taken_about_the_present_origin():
     p, points = np.array([0.0, 0.0, 100.0]), np.array([[10.0, 20.0], [30.0, 50.0]])
-    J, updated = update_from_frame(np.zeros((3, 3)), p, points, p + 2.0, points, np.array([40.0, -25.0]), 1.0)
+    J, updated = update_from_frame(
+        np.zeros((3, 3)), p, points, p + 2.0, points, np.array([40.0, -25.0]), 1.0
+    )
     assert updated
     assert not J.any()
 

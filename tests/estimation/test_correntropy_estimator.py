@@ -13,7 +13,9 @@ from rcmservo.geometry.features import FEATURE_SCALE
 
 
 def error(J_hat, J):
-    return np.linalg.norm((J_hat - J) / FEATURE_SCALE[:, None]) / np.linalg.norm(J / FEATURE_SCALE[:, None])
+    return np.linalg.norm((J_hat - J) / FEATURE_SCALE[:, None]) / np.linalg.norm(
+        J / FEATURE_SCALE[:, None]
+    )
 
 
 def error_history(estimator, seed, outliers, count=60):
@@ -66,7 +68,9 @@ def test_one_outlier_changes_it_by_less_than_a_hundredth_of_the_kalman_filter():
         for displacement in 4.0 * random.standard_normal((15, 3)):
             J_hat, P = estimator.update_jacobian(J_hat, P, displacement, J @ displacement)
         displacement = 4.0 * random.standard_normal(3)
-        after, _ = estimator.update_jacobian(J_hat, P, displacement, J @ displacement + 5.0 * FEATURE_SCALE)
+        after, _ = estimator.update_jacobian(
+            J_hat, P, displacement, J @ displacement + 5.0 * FEATURE_SCALE
+        )
         changes.append(error(after, J_hat))
     assert changes[0] < 0.01 * changes[1]
     assert changes[1] > 0.1
@@ -83,7 +87,10 @@ def test_with_a_wide_kernel_it_is_the_kalman_filter(seed, count):
         np.eye(3),
     )
     for _ in range(count):
-        displacement, flow = 4.0 * random.standard_normal(3), FEATURE_SCALE * random.standard_normal(3)
+        displacement, flow = (
+            4.0 * random.standard_normal(3),
+            FEATURE_SCALE * random.standard_normal(3),
+        )
         J_hat, P = wide.update_jacobian(J_hat, P, displacement, flow)
         J_plain, P_plain = kalman.update_jacobian(J_plain, P_plain, displacement, flow)
     assert np.allclose(J_hat / FEATURE_SCALE[:, None], J_plain / FEATURE_SCALE[:, None], atol=1e-6)

@@ -5,15 +5,23 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from conftest import TOOLS, snapshot, project_markers, make_random, seeds, draw_tool_positions, draw_calibration_matrix
+from conftest import (
+    TOOLS,
+    draw_calibration_matrix,
+    draw_tool_positions,
+    make_random,
+    project_markers,
+    seeds,
+    snapshot,
+)
 from rcmservo.errors import BadInput
 from rcmservo.estimation.base import Sample
 from rcmservo.estimation.broyden import BroydenEstimator
 from rcmservo.estimation.correntropy import CorrentropyEstimator
 from rcmservo.estimation.displacement import (
     correct_jacobian,
-    measure_displacement,
     kalman_gain,
+    measure_displacement,
     update_covariance,
 )
 from rcmservo.estimation.kalman import KalmanEstimator
@@ -182,7 +190,9 @@ def test_a_correction_changes_each_row_by_its_own_innovation():
 def test_a_displacement_is_at_least_as_long_as_min_step():
     points, o_c = np.array([[10.0, 20.0], [30.0, 50.0]]), np.zeros(2)
     for distance, is_long in ((2.0, True), (1.999, False)):
-        found = measure_displacement(np.zeros(3), points, np.array([0.0, distance, 0.0]), points, o_c, 2.0)
+        found = measure_displacement(
+            np.zeros(3), points, np.array([0.0, distance, 0.0]), points, o_c, 2.0
+        )
         assert found[2] is is_long
 
 

@@ -7,12 +7,12 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from conftest import SHAFT, SPACING_MM, differentiate, snapshot, make_random, seeds
+from conftest import SHAFT, SPACING_MM, differentiate, make_random, seeds, snapshot
 from rcmservo.estimation.base import Estimator, Sample
 from rcmservo.estimation.dlt import DltEstimator
 from rcmservo.estimation.projection_fit import ProjectionFit
 from rcmservo.estimation.projection_rule import ProjectionEstimator
-from rcmservo.geometry.features import FEATURE_SCALE, shift_to_rcm, compute_features
+from rcmservo.geometry.features import FEATURE_SCALE, compute_features, shift_to_rcm
 from rcmservo.geometry.tool import RigidTool, compute_second_marker
 from rcmservo.interfaces import Floats
 
@@ -66,7 +66,10 @@ def fitted_jacobian(
 
 def true_jacobian(C: Floats, p1: Floats, o_c: Floats) -> Floats:
     return (
-        differentiate(lambda p: compute_features(shift_to_rcm(project_markers(C, p), o_c)), p1, 1e-2) / FEATURE_SCALE[:, None]
+        differentiate(
+            lambda p: compute_features(shift_to_rcm(project_markers(C, p), o_c)), p1, 1e-2
+        )
+        / FEATURE_SCALE[:, None]
     )
 
 

@@ -6,11 +6,23 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from conftest import TOOLS, project_markers, make_observation, make_random, seeds, draw_calibration_matrix
+from conftest import (
+    TOOLS,
+    draw_calibration_matrix,
+    make_observation,
+    make_random,
+    project_markers,
+    seeds,
+)
 from rcmservo.errors import BadInput
 from rcmservo.estimation.base import Sample
 from rcmservo.estimation.flow_rule import FlowEstimator, integrate_flow_rule, update_from_frame
-from rcmservo.geometry.features import FEATURE_SCALE, shift_to_rcm, compute_feature_error, compute_features
+from rcmservo.geometry.features import (
+    FEATURE_SCALE,
+    compute_feature_error,
+    compute_features,
+    shift_to_rcm,
+)
 from rcmservo.geometry.imaged_rcm import ImagedRcm
 from rcmservo.geometry.kinematics import PitchYawRcm
 from rcmservo.geometry.projection import extract_parameters
@@ -68,7 +80,9 @@ def test_a_step_is_the_solution_of_rule_28_for_the_mean_velocity(seed, gamma):
     expected = (
         solve_ivp(rule, (0, dt), J_hat.ravel(), rtol=1e-11, atol=1e-12).y[:, -1].reshape(3, 3)
     )
-    assert np.allclose(integrate_flow_rule(J_hat, delta_p, J @ delta_p, dt, gamma), expected, atol=1e-8)
+    assert np.allclose(
+        integrate_flow_rule(J_hat, delta_p, J @ delta_p, dt, gamma), expected, atol=1e-8
+    )
 
 
 @given(seeds, lengths, intervals, gammas)
@@ -143,28 +157,36 @@ def straight_motion(gamma):
         q = mechanism.joints(p)
         before = state
         state = servo.step(
-            state, make_observation(tick * 10_000_000, q, frame, exposure, q, project_markers(C, p)), target
+            state,
+            make_observation(tick * 10_000_000, q, frame, exposure, q, project_markers(C, p)),
+            target,
         )
         if frame == before.newest_frame:
             repeats += 1
             assert state.estimation.memory is before.estimation.memory
     assert 0.35 < repeats / 149 < 0.45
     step = 1e-3 * direction
-    y = [compute_features(shift_to_rcm(project_markers(C, p + side * step), o_c)) for side in (-1, 1)]
+    y = [
+        compute_features(shift_to_rcm(project_markers(C, p + side * step), o_c)) for side in (-1, 1)
+    ]
     return state.J_hat @ direction, compute_feature_error(y[1], y[0]) / 2e-3
 
 
 def test_at_60_frames_in_a_100_hertz_loop_the_update_per_frame_is_unbiased():
     """Updates with repeated frames as zero flow would give 0.6 of the flow."""
     estimated, true = straight_motion(gamma=0.1)
-    fraction = (estimated / FEATURE_SCALE) @ (true / FEATURE_SCALE) / np.sum((true / FEATURE_SCALE) ** 2)
+    fraction = (
+        (estimated / FEATURE_SCALE) @ (true / FEATURE_SCALE) / np.sum((true / FEATURE_SCALE) ** 2)
+    )
     assert fraction == pytest.approx(1.0, abs=0.05)
 
 
 def test_at_the_papers_gain_one_and_a_half_seconds_at_20_mm_per_second_give_half_of_the_flow():
     """1 - exp(-γ v L): with γ = 0.001, v = 20 mm/s and L = 29.5 mm that is 45 %."""
     estimated, true = straight_motion(gamma=0.001)
-    fraction = (estimated / FEATURE_SCALE) @ (true / FEATURE_SCALE) / np.sum((true / FEATURE_SCALE) ** 2)
+    fraction = (
+        (estimated / FEATURE_SCALE) @ (true / FEATURE_SCALE) / np.sum((true / FEATURE_SCALE) ** 2)
+    )
     assert fraction == pytest.approx(1 - np.exp(-0.001 * 20 * 29.5), abs=0.12)
 
 

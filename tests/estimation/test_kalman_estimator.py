@@ -25,7 +25,9 @@ def estimate_after(estimator, displacements, flows):
 def noisy_displacements(random, J, count, size=4.0, noise=0.05):
     """Return displacements and flows with noise in b."""
     displacements = size * random.standard_normal((count, 3))
-    return displacements, displacements @ J.T + noise * FEATURE_SCALE * random.standard_normal((count, 3))
+    return displacements, displacements @ J.T + noise * FEATURE_SCALE * random.standard_normal(
+        (count, 3)
+    )
 
 
 @given(seeds, st.integers(1, 40), drifts, noises, st.floats(1e-3, 50.0))
@@ -44,7 +46,7 @@ def test_without_drift_it_is_recursive_least_squares_that_forgets_nothing(
     seed, count, noise, spread
 ):
     displacements, flows = noisy_displacements(make_random(seed), np.ones((3, 3)), count)
-    kalman = KalmanEstimator(drift=0.0, noise=noise, spread=spread)
+    kalman = KalmanEstimator(drift=0.0, noise=noise, initial_std=spread)
     rls = RlsEstimator(forgetting=1.0, covariance=(spread / noise) ** 2)
     (J_hat, P), (J_rls, P_rls) = (
         estimate_after(estimator, displacements, flows) for estimator in (kalman, rls)
@@ -68,7 +70,7 @@ def test_its_covariance_is_consistent_for_a_jacobian_with_this_drift():
     estimator, scores = KalmanEstimator(), []
     for seed in range(150):
         random = make_random(seed)
-        x = estimator.spread * random.standard_normal((3, 3))
+        x = estimator.initial_std * random.standard_normal((3, 3))
         J_hat, P = np.zeros((3, 3)), estimator.initial_covariance()
         for displacement in 4.0 * random.standard_normal((25, 3)):
             x += (

@@ -5,7 +5,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from conftest import TOOLS, snapshot, project_markers, make_random, seeds, draw_tool_positions, draw_calibration_matrix
+from conftest import (
+    TOOLS,
+    draw_calibration_matrix,
+    draw_tool_positions,
+    make_random,
+    project_markers,
+    seeds,
+    snapshot,
+)
 from rcmservo.errors import BadInput
 from rcmservo.estimation.base import Sample
 from rcmservo.estimation.broyden import BroydenEstimator

@@ -9,14 +9,14 @@ from scipy.linalg import expm
 from conftest import (
     SHAFT,
     TOOLS,
-    differentiate,
     build_equations,
-    project_markers,
+    differentiate,
+    draw_calibration_matrix,
+    draw_tool_positions,
     make_observation_rows,
     make_random,
+    project_markers,
     seeds,
-    draw_tool_positions,
-    draw_calibration_matrix,
 )
 from rcmservo.errors import BadInput
 from rcmservo.estimation.base import Sample
@@ -24,19 +24,28 @@ from rcmservo.estimation.projection_rule import (
     GAMMA_0,
     MIN_DEPTH,
     ProjectionEstimator,
-    ProjectionMemory,
     ProjectionKernel,
+    ProjectionMemory,
     feature_jacobian,
-    inverse_root,
-    limit_step_by_depth,
-    least_informative,
     fitted_points,
+    inverse_root,
+    least_informative,
+    limit_step_by_depth,
     update_from_frame,
 )
-from rcmservo.geometry.features import FEATURE_SCALE, shift_to_rcm, compute_feature_error, compute_features
-from rcmservo.geometry.projection import compute_depth, extract_parameters, build_regressor
+from rcmservo.geometry.features import (
+    FEATURE_SCALE,
+    compute_feature_error,
+    compute_features,
+    shift_to_rcm,
+)
+from rcmservo.geometry.projection import build_regressor, compute_depth, extract_parameters
 from rcmservo.geometry.tool import compute_second_marker
-from rcmservo.numerics.gradient_flow import integrate_by_eigenvectors, integrate_by_series, integrate_gradient_flow
+from rcmservo.numerics.gradient_flow import (
+    integrate_by_eigenvectors,
+    integrate_by_series,
+    integrate_gradient_flow,
+)
 
 times = st.one_of(st.floats(1e-4, 1e-1), st.floats(1e-1, 1e3), st.sampled_from([1e-9, 1e4]))
 modes = st.booleans()
@@ -125,7 +134,9 @@ def test_u_with_gamma_itself_never_rises_in_a_step_even_if_gamma_has_more_observ
     def U(a_hat):
         return np.sum((inverse @ (a_hat - a)) ** 2)
 
-    assert U(integrate_gradient_flow(A, b, a_hat, np.sqrt(20.0) * root, t)) <= U(a_hat) * (1 + 1e-6) + 1e-9 * U(0 * a)
+    assert U(integrate_gradient_flow(A, b, a_hat, np.sqrt(20.0) * root, t)) <= U(a_hat) * (
+        1 + 1e-6
+    ) + 1e-9 * U(0 * a)
 
 
 @pytest.mark.parametrize("t", [1e6, 1e9])
@@ -150,7 +161,9 @@ def test_the_equations_are_the_sums_over_the_papers_regressors_of_19(seed, both)
     for row in rows:
         p1, m = row[:3].copy(), shift_to_rcm(row[3:].copy(), o_c)
         p2 = compute_second_marker(SHAFT, p1)
-        for W, pixels in ((build_regressor(m[:2], p1), m[:2]), (build_regressor(m[2:], p2), m[2:]))[: 1 + both]:
+        for W, pixels in ((build_regressor(m[:2], p1), m[:2]), (build_regressor(m[2:], p2), m[2:]))[
+            : 1 + both
+        ]:
             A, b = A + W.T @ W, b + W.T @ pixels
     A_found, b_found = build_equations(rows, o_c, both)
     unit = 1 / np.sqrt(np.diag(A))
@@ -217,7 +230,12 @@ def test_the_series_and_the_modes_give_one_integral(seed, size):
     H, deviation = root @ root.T, random.standard_normal(9)
     t = size / np.linalg.norm(H)
     same = 1e-12 * t * np.linalg.norm(deviation)
-    assert np.allclose(integrate_by_series(H, deviation, t), integrate_by_eigenvectors(H, deviation, t), rtol=0, atol=same)
+    assert np.allclose(
+        integrate_by_series(H, deviation, t),
+        integrate_by_eigenvectors(H, deviation, t),
+        rtol=0,
+        atol=same,
+    )
 
 
 @given(seeds, st.floats(1e-3, 10.0), st.floats(1e-3, 10.0), modes)
@@ -260,8 +278,12 @@ def test_the_printed_gamma_is_slow_and_the_fast_one_is_not():
         rows, a, o_c, _ = scene(seed)
         A, b = build_equations(rows, o_c)
         start = energy(0 * a, a)
-        printed_energies.append(energy(integrate_gradient_flow(A, b, 0 * a, root_of(A, False), 1.0), a) / start)
-        fast_energies.append(energy(integrate_gradient_flow(A, b, 0 * a, root_of(A, True), 1.0), a) / start)
+        printed_energies.append(
+            energy(integrate_gradient_flow(A, b, 0 * a, root_of(A, False), 1.0), a) / start
+        )
+        fast_energies.append(
+            energy(integrate_gradient_flow(A, b, 0 * a, root_of(A, True), 1.0), a) / start
+        )
     assert np.median(fast_energies) < 1e-6
     assert np.median(printed_energies) > 1e-3
 
@@ -275,7 +297,11 @@ def test_no_step_puts_an_observation_below_the_minimal_depth(seed, size):
 
     def minimal_depth(a):
         return min(
-            min(compute_depth(a, row[:3]), compute_depth(a, compute_second_marker(SHAFT, row[:3].copy()))) for row in rows
+            min(
+                compute_depth(a, row[:3]),
+                compute_depth(a, compute_second_marker(SHAFT, row[:3].copy())),
+            )
+            for row in rows
         )
 
     assume(minimal_depth(a_hat) >= MIN_DEPTH)
@@ -298,13 +324,19 @@ def test_an_estimate_that_starts_in_front_of_all_stays_there_whatever_the_camera
     )
     memory, count, a_hat = np.zeros((9, 7)), 0, np.zeros(9)
     for row in rows:
-        ahead = min(compute_depth(a_hat, row[:3]), compute_depth(a_hat, compute_second_marker(SHAFT, row[:3].copy())))
+        ahead = min(
+            compute_depth(a_hat, row[:3]),
+            compute_depth(a_hat, compute_second_marker(SHAFT, row[:3].copy())),
+        )
         if ahead < MIN_DEPTH:
             continue  # the estimate was behind the camera there before this step
         memory, count, a_hat = step(memory, count, a_hat, row, o_c, t)
         for limited in memory[:count]:
             assert compute_depth(a_hat, limited[:3].copy()) >= MIN_DEPTH - 1e-9
-            assert compute_depth(a_hat, compute_second_marker(SHAFT, limited[:3].copy())) >= MIN_DEPTH - 1e-9
+            assert (
+                compute_depth(a_hat, compute_second_marker(SHAFT, limited[:3].copy()))
+                >= MIN_DEPTH - 1e-9
+            )
 
 
 @pytest.mark.parametrize("seed", range(10))
@@ -322,11 +354,14 @@ def test_with_exact_images_the_estimate_converges_to_the_true_jacobian(seed):
 
     def y(p):
         return compute_feature_error(
-            compute_features(shift_to_rcm(project_markers(C, p), o_c)), compute_features(shift_to_rcm(sample.points, o_c))
+            compute_features(shift_to_rcm(project_markers(C, p), o_c)),
+            compute_features(shift_to_rcm(sample.points, o_c)),
         )
 
     J = differentiate(y, sample.p1, 1e-2)
-    assert np.linalg.norm((J_hat - J) / FEATURE_SCALE[:, None]) < 1e-3 * np.linalg.norm(J / FEATURE_SCALE[:, None])
+    assert np.linalg.norm((J_hat - J) / FEATURE_SCALE[:, None]) < 1e-3 * np.linalg.norm(
+        J / FEATURE_SCALE[:, None]
+    )
     assert np.allclose(
         estimator.predict(memory, tool, sample.p1), shift_to_rcm(sample.points, o_c), atol=1e-2
     )
@@ -336,7 +371,9 @@ def test_with_exact_images_the_estimate_converges_to_the_true_jacobian(seed):
 def test_an_empty_estimate_gives_a_jacobian_without_rank(seed):
     """With â = 0 the predicted markers do not move."""
     rows, _, o_c, _ = scene(seed, count=2)
-    J_hat = feature_jacobian(np.zeros(9), rows[0, :3].copy(), shift_to_rcm(rows[0, 3:].copy(), o_c), SHAFT)
+    J_hat = feature_jacobian(
+        np.zeros(9), rows[0, :3].copy(), shift_to_rcm(rows[0, 3:].copy(), o_c), SHAFT
+    )
     assert not J_hat.any()
 
 
@@ -375,7 +412,9 @@ def test_fitting_marker_1_alone_ignores_marker_2():
     hidden = rows.copy()
     hidden[:, 5:] = 1e3
     for expected, found in zip(
-        build_equations(rows, o_c, both=False), build_equations(hidden, o_c, both=False), strict=True
+        build_equations(rows, o_c, both=False),
+        build_equations(hidden, o_c, both=False),
+        strict=True,
     ):
         assert np.array_equal(expected, found)
     memory = np.zeros((13, 7))

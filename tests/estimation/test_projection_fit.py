@@ -8,13 +8,13 @@ from conftest import (
     SHAFT,
     SPACING_MM,
     differentiate,
-    snapshot,
-    project_markers,
-    make_random,
-    seeds,
-    project_points,
-    draw_tool_positions,
     draw_calibration_matrix,
+    draw_tool_positions,
+    make_random,
+    project_markers,
+    project_points,
+    seeds,
+    snapshot,
 )
 from rcmservo.estimation.projection_fit import (
     MIN_FRAME_SPACING_MM,
@@ -22,20 +22,20 @@ from rcmservo.estimation.projection_fit import (
     RCM_POSITION_MM,
     ProjectionFit,
     initial_fit,
-    reset_fit,
     project_point,
+    reset_fit,
     update_fit,
 )
 from rcmservo.estimation.projection_prediction import (
-    markers_jacobian,
-    predict_markers,
-    fitted_features_jacobian,
-    predict_image,
     filter_markers,
+    fitted_features_jacobian,
+    markers_jacobian,
     pose_deviation,
+    predict_image,
+    predict_markers,
     write_point_jacobian,
 )
-from rcmservo.geometry.features import shift_to_rcm, compute_features
+from rcmservo.geometry.features import compute_features, shift_to_rcm
 from rcmservo.geometry.tool import compute_second_marker
 from rcmservo.interfaces import Floats
 
@@ -176,7 +176,10 @@ def relative_error(scene: Scene, error: Floats) -> float:
 
     The radial direction is that from the tool to the imaged RCM.
     """
-    direction = project_points(scene.C, RCM_POSITION_MM[None])[0] - project_points(scene.C, scene.middle[None])[0]
+    direction = (
+        project_points(scene.C, RCM_POSITION_MM[None])[0]
+        - project_points(scene.C, scene.middle[None])[0]
+    )
     return float(error @ direction / (direction @ direction))
 
 
@@ -212,7 +215,10 @@ def test_without_the_correction_for_noise_the_imaged_rcm_is_biased_towards_the_t
     uncorrected, corrected = [], []
     for seed in range(30):
         scene = Scene(seed, 500, 3.0)
-        points, true_rcm = scene.noisy_images(1.0), project_points(scene.C, RCM_POSITION_MM[None])[0]
+        points, true_rcm = (
+            scene.noisy_images(1.0),
+            project_points(scene.C, RCM_POSITION_MM[None])[0],
+        )
         uncorrected.append(
             relative_error(scene, least_squares_rcm(scene.positions, points) - true_rcm)
         )

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from conftest import ARM_RECORDING, ROOT, project_markers, make_random, draw_calibration_matrix
+from conftest import ARM_RECORDING, ROOT, draw_calibration_matrix, make_random, project_markers
 from rcmservo.cli.cli import main
 from rcmservo.config.rig_file import RigDescription
 from rcmservo.errors import UnusableFile

@@ -9,23 +9,23 @@ from conftest import (
     SHAFT,
     SPACING_MM,
     differentiate,
+    draw_calibration_matrix,
+    draw_tool_positions,
     kinds,
-    project_markers,
     make_random,
     make_rcm,
+    project_markers,
     seeds,
-    draw_tool_positions,
-    draw_calibration_matrix,
 )
 from rcmservo.control.saturated_controller import potential, potential_gradient
 from rcmservo.estimation.projection_rule import feature_jacobian, markers_jacobian, predict
 from rcmservo.geometry.features import (
     FEATURE_SCALE,
-    shift_to_rcm,
-    compute_line_features,
     compute_feature_error,
     compute_features,
     compute_features_jacobian,
+    compute_line_features,
+    shift_to_rcm,
     write_line_features_jacobian,
 )
 from rcmservo.geometry.kinematics import (
@@ -36,7 +36,12 @@ from rcmservo.geometry.kinematics import (
     compute_position,
     compute_position_jacobian,
 )
-from rcmservo.geometry.projection import compute_depth, extract_parameters, project, compute_projection_jacobian
+from rcmservo.geometry.projection import (
+    compute_depth,
+    compute_projection_jacobian,
+    extract_parameters,
+    project,
+)
 from rcmservo.geometry.tool import (
     RIGID,
     SCALED,
@@ -79,7 +84,10 @@ def test_derivative_of_marker_2_is_analytic(tool, p1):
     assume(rho > 0.1)  # a rigid shaft has no direction at the RCM
     numeric = differentiate(lambda p: compute_second_marker(tool, p), p1, 1e-3 * rho)
     assert np.allclose(
-        compute_second_marker_jacobian(tool, p1), numeric, rtol=0, atol=1e-9 * (1 + tool.value / rho)
+        compute_second_marker_jacobian(tool, p1),
+        numeric,
+        rtol=0,
+        atol=1e-9 * (1 + tool.value / rho),
     )
 
 
@@ -92,7 +100,10 @@ def test_derivative_of_the_projection_is_analytic(seed, p):
     step = 1e-3 * abs(z) / 0.01
     numeric = differentiate(lambda p: project(a, p), p, step)
     assert np.allclose(
-        compute_projection_jacobian(a, p), numeric, rtol=1e-7, atol=1e-9 * (1 + np.abs(numeric).max())
+        compute_projection_jacobian(a, p),
+        numeric,
+        rtol=1e-7,
+        atol=1e-9 * (1 + np.abs(numeric).max()),
     )
 
 
@@ -127,8 +138,15 @@ def test_derivative_of_the_features_holds_for_given_projection_parameters(seed, 
         atol=1e-7,
     )
     J = feature_jacobian(a, p1, m, tool)
-    numeric = differentiate(lambda p: compute_feature_error(compute_features(predict(a, p, tool)), compute_features(m)), p1, 1e-2)
-    assert np.abs((J - numeric) / FEATURE_SCALE[:, None]).max() < 1e-6 * np.abs(J / FEATURE_SCALE[:, None]).max()
+    numeric = differentiate(
+        lambda p: compute_feature_error(compute_features(predict(a, p, tool)), compute_features(m)),
+        p1,
+        1e-2,
+    )
+    assert (
+        np.abs((J - numeric) / FEATURE_SCALE[:, None]).max()
+        < 1e-6 * np.abs(J / FEATURE_SCALE[:, None]).max()
+    )
 
 
 @given(seeds)
@@ -141,9 +159,16 @@ def test_derivative_of_the_features_holds_for_a_full_calibration_matrix(seed):
     m = shift_to_rcm(project_markers(C, p1), o_c)
     J = feature_jacobian(a, p1, m, SHAFT)
     numeric = differentiate(
-        lambda p: compute_feature_error(compute_features(shift_to_rcm(project_markers(C, p), o_c)), compute_features(m)), p1, 1e-2
+        lambda p: compute_feature_error(
+            compute_features(shift_to_rcm(project_markers(C, p), o_c)), compute_features(m)
+        ),
+        p1,
+        1e-2,
     )
-    assert np.abs((J - numeric) / FEATURE_SCALE[:, None]).max() < 1e-6 * np.abs(J / FEATURE_SCALE[:, None]).max()
+    assert (
+        np.abs((J - numeric) / FEATURE_SCALE[:, None]).max()
+        < 1e-6 * np.abs(J / FEATURE_SCALE[:, None]).max()
+    )
 
 
 BOUNDS = np.array([np.radians(10.0), 10.0, 40.0])
@@ -212,11 +237,18 @@ def test_derivative_of_the_features_holds_for_a_lens_with_distortion(seed, mecha
     m = project_with_lens(q)
     assume(np.isfinite(m).all() and np.linalg.norm(m[:2] - m[2:]) > 2 and np.linalg.norm(m[:2]) > 2)
     numeric = differentiate(
-        lambda q: compute_feature_error(compute_features(project_with_lens(q)), compute_features(m)), q, [1e-5, 1e-5, 1e-3]
+        lambda q: compute_feature_error(
+            compute_features(project_with_lens(q)), compute_features(m)
+        ),
+        q,
+        [1e-5, 1e-5, 1e-3],
     )
     marker = compute_position_jacobian(mechanism.rcm(tool.offset), q)
     J = true_feature_jacobian(body, optics, q, o_c) @ marker
-    assert np.abs((J - numeric) / FEATURE_SCALE[:, None]).max() < 1e-6 * np.abs(J / FEATURE_SCALE[:, None]).max()
+    assert (
+        np.abs((J - numeric) / FEATURE_SCALE[:, None]).max()
+        < 1e-6 * np.abs(J / FEATURE_SCALE[:, None]).max()
+    )
 
 
 @given(markers, st.floats(1.1, 4.0), st.floats(-0.3, 0.3))

@@ -6,7 +6,12 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from conftest import make_random, seeds
-from rcmservo.geometry.features import shift_to_rcm, compute_feature_error, compute_features, compute_features_jacobian
+from rcmservo.geometry.features import (
+    compute_feature_error,
+    compute_features,
+    compute_features_jacobian,
+    shift_to_rcm,
+)
 
 angles = st.one_of(
     st.floats(-10, 10),
@@ -30,7 +35,11 @@ def test_rotation_about_the_imaged_rcm_changes_s_only(seed, turn):
     c, s = np.cos(turn), np.sin(turn)
     turned = (m.reshape(2, 2) @ np.array([[c, s], [-s, c]])).ravel()
     assert np.allclose(
-        compute_feature_error(compute_features(turned), compute_features(m) + np.array([turn, 0, 0])), 0, atol=1e-9
+        compute_feature_error(
+            compute_features(turned), compute_features(m) + np.array([turn, 0, 0])
+        ),
+        0,
+        atol=1e-9,
     )
 
 

@@ -5,10 +5,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from conftest import SHAFT, build_equations, make_observation_rows, make_random, seeds, draw_tool_positions, draw_calibration_matrix
+from conftest import (
+    SHAFT,
+    build_equations,
+    draw_calibration_matrix,
+    draw_tool_positions,
+    make_observation_rows,
+    make_random,
+    seeds,
+)
 from rcmservo.errors import BadInput
 from rcmservo.estimation.flow_rule import update_from_frame as flow_update
-from rcmservo.estimation.projection_rule import ProjectionMemory, ProjectionKernel
+from rcmservo.estimation.projection_rule import ProjectionKernel, ProjectionMemory
 from rcmservo.estimation.projection_rule import update_from_frame as projection_update
 from rcmservo.geometry.features import shift_to_rcm
 from rcmservo.geometry.imaged_rcm import (
@@ -16,8 +24,8 @@ from rcmservo.geometry.imaged_rcm import (
     build_normal_equations,
     compute_condition,
     intersect_lines,
-    store_line,
     solve_imaged_rcm,
+    store_line,
 )
 from rcmservo.geometry.projection import extract_parameters
 
@@ -55,7 +63,9 @@ def test_exact_images_of_a_tool_give_the_point_of_lemma_1(seed):
     random = make_random(seed)
     positions = draw_tool_positions(random, 20)
     C = draw_calibration_matrix(random, positions)
-    found, condition = solve_imaged_rcm(make_observation_rows(C, positions)[:, 3:].copy(), 20, 5, False)
+    found, condition = solve_imaged_rcm(
+        make_observation_rows(C, positions)[:, 3:].copy(), 20, 5, False
+    )
     assert np.linalg.norm(found - extract_parameters(C)[1]) < 1e-7 * condition
 
 
@@ -186,7 +196,9 @@ def test_stored_observations_follow_a_new_imaged_rcm(seed):
     moved = rows.copy()
     moved[:, 3:] += np.tile(shift, 2)
     o_c = random.uniform(-100, 700, 2)
-    for actual, expected in zip(build_equations(moved, o_c + shift), build_equations(rows, o_c), strict=True):
+    for actual, expected in zip(
+        build_equations(moved, o_c + shift), build_equations(rows, o_c), strict=True
+    ):
         assert np.allclose(actual, expected, rtol=1e-9, atol=1e-6)
 
 

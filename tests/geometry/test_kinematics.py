@@ -58,14 +58,20 @@ def test_inverse_kinematics_inverts_the_position(kind, inner, outer, rho, zero):
     q = np.array(
         [inner, outer, rho - zero] if kind == SPHERICAL else [outer, inner - 0.75, rho - zero]
     )
-    assert np.allclose(compute_joints(make_rcm(kind, zero), compute_position(make_rcm(kind, zero), q)), q, atol=1e-9)
+    assert np.allclose(
+        compute_joints(make_rcm(kind, zero), compute_position(make_rcm(kind, zero), q)),
+        q,
+        atol=1e-9,
+    )
 
 
 @given(kinds, angles, angles)
 def test_axis_and_its_derivatives_are_orthogonal(kind, first, second):
     """The joint rates are a projection, not an inversion, because the columns are orthogonal."""
     q = np.array([first, second, 100.0])
-    along = np.column_stack([*compute_axis_jacobian(make_rcm(kind), q), compute_axis(make_rcm(kind), q)])
+    along = np.column_stack(
+        [*compute_axis_jacobian(make_rcm(kind), q), compute_axis(make_rcm(kind), q)]
+    )
     products = along.T @ along
     assert np.allclose(products - np.diag(np.diag(products)), 0, atol=1e-12)
 
@@ -79,7 +85,8 @@ def test_joint_rates_give_the_requested_velocity_outside_singularities(
     assume(lever > 2 * MIN_LEVER)
     v = make_random(seed).uniform(-50, 50, 3)
     assert np.allclose(
-        compute_position_jacobian(make_rcm(kind, zero), q) @ compute_joint_rates(make_rcm(kind, zero), q, v),
+        compute_position_jacobian(make_rcm(kind, zero), q)
+        @ compute_joint_rates(make_rcm(kind, zero), q, v),
         v,
         atol=1e-8,
     )
@@ -94,12 +101,16 @@ def test_joint_rates_are_bounded_at_the_singularity_and_never_exceed_the_request
     rcm = make_rcm(kind)
     rates = compute_joint_rates(rcm, q, v)
     assert np.all(np.abs(rates[:2]) <= np.linalg.norm(v) / (MIN_LEVER * rho) * 1.001)
-    assert np.linalg.norm(compute_position_jacobian(rcm, q) @ rates) <= np.linalg.norm(v) * (1 + 1e-9)
+    assert np.linalg.norm(compute_position_jacobian(rcm, q) @ rates) <= np.linalg.norm(v) * (
+        1 + 1e-9
+    )
 
 
 def test_joint_rates_at_theta_zero_and_at_the_rcm_raise_no_error():
     v = np.array([1.0, 2.0, 3.0])
-    assert np.isfinite(compute_joint_rates(make_rcm(SPHERICAL), np.array([0.0, 0.0, 100.0]), v)).all()
+    assert np.isfinite(
+        compute_joint_rates(make_rcm(SPHERICAL), np.array([0.0, 0.0, 100.0]), v)
+    ).all()
     assert compute_joint_rates(make_rcm(SPHERICAL), np.zeros(3), v)[2] == 3.0
 
 

@@ -3,13 +3,20 @@
 import numpy as np
 import pytest
 
-from conftest import SHAFT, differentiate, project_markers, make_random, draw_tool_positions, draw_calibration_matrix
+from conftest import (
+    SHAFT,
+    differentiate,
+    draw_calibration_matrix,
+    draw_tool_positions,
+    make_random,
+    project_markers,
+)
 from rcmservo.estimation.projection_fit import OFFSET_DECAY_MM, initial_fit, update_fit
 from rcmservo.estimation.projection_prediction import (
-    markers_jacobian,
     deviation_without_marker,
-    predict_markers,
+    markers_jacobian,
     predict_image,
+    predict_markers,
 )
 from rcmservo.geometry.tool import compute_second_marker
 from rcmservo.interfaces import Floats

@@ -5,8 +5,22 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from conftest import build_equations, make_observation_rows, make_random, seeds, project_points, draw_tool_positions, draw_calibration_matrix
-from rcmservo.geometry.projection import PARAMETER_COUNT, compute_depth, extract_parameters, project, build_regressor
+from conftest import (
+    build_equations,
+    draw_calibration_matrix,
+    draw_tool_positions,
+    make_observation_rows,
+    make_random,
+    project_points,
+    seeds,
+)
+from rcmservo.geometry.projection import (
+    PARAMETER_COUNT,
+    build_regressor,
+    compute_depth,
+    extract_parameters,
+    project,
+)
 
 
 @given(seeds)
@@ -54,7 +68,9 @@ def test_depth_is_relative_to_the_depth_of_the_rcm(seed):
     random = make_random(seed)
     p = draw_tool_positions(random, 1)[0]
     C = draw_calibration_matrix(random, p[None])
-    assert compute_depth(extract_parameters(C)[0], p) == pytest.approx((C[2, :3] @ p + C[2, 3]) / C[2, 3])
+    assert compute_depth(extract_parameters(C)[0], p) == pytest.approx(
+        (C[2, :3] @ p + C[2, 3]) / C[2, 3]
+    )
 
 
 @given(seeds)
@@ -68,7 +84,9 @@ def test_the_regressor_is_linear_in_the_parameters_and_gives_the_depth_weighted_
     assert np.allclose(build_regressor(m, p) @ a, m)
     a_hat = a * random.uniform(0.8, 1.2, 9)
     error = build_regressor(m, p) @ a_hat - m
-    assert np.allclose(error, compute_depth(a_hat, p) * (project(a_hat, p) - m), rtol=1e-9, atol=1e-9)
+    assert np.allclose(
+        error, compute_depth(a_hat, p) * (project(a_hat, p) - m), rtol=1e-9, atol=1e-9
+    )
 
 
 def compute_rank(random, positions, both=False):

@@ -5,9 +5,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from conftest import make_random, seeds, draw_tool_positions
+from conftest import draw_tool_positions, make_random, seeds
 from rcmservo.errors import BadInput
-from rcmservo.geometry.tool import RIGID, SCALED, RigidTool, ScaledTool, ToolStruct, compute_second_marker
+from rcmservo.geometry.tool import (
+    RIGID,
+    SCALED,
+    RigidTool,
+    ScaledTool,
+    ToolStruct,
+    compute_second_marker,
+)
 
 spacings = st.floats(1.0, 100.0)
 

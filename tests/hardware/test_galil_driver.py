@@ -22,7 +22,7 @@ from rcmservo.hardware.galil.emulator.faults import Fault
 from rcmservo.hardware.galil.emulator.serial_port import SerialPort
 from rcmservo.hardware.galil.emulator.server import Server
 from rcmservo.hardware.galil.settings import GalilSettings
-from rcmservo.interfaces import Command, Floats, ArmMeasurement
+from rcmservo.interfaces import ArmMeasurement, Command, Floats
 from rcmservo.live.device_protocols import NotReady
 from rcmservo.live.realtime import urgent
 from rcmservo.loop.clock import WallClock

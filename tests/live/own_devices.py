@@ -153,7 +153,11 @@ def make_operator(servo: rs.Servo, done: Any) -> Operator:
 
 def own_servo(gain: float = 2.0) -> rs.Servo:
     tolerant = rs.Thresholds(
-        max_tick_delay=1.0, max_latency=1.0, max_frame_age_slow=50.0, max_frame_age_hold=50.0, arm_timeout=1.0
+        max_tick_delay=1.0,
+        max_latency=1.0,
+        max_frame_age_slow=50.0,
+        max_frame_age_hold=50.0,
+        arm_timeout=1.0,
     )
     law = rs.SaturatedController(gain=gain)
     return rs.Servo(rs.SphericalRcm(), rs.RigidTool(30.0), controller=law, thresholds=tolerant)

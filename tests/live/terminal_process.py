@@ -219,7 +219,16 @@ SHORT = "--teaching-frames", "30"
 
 def live(lab: Path, *options: str) -> list[str]:
     """Return the command under test."""
-    return [sys.executable, "-c", INTERRUPTIBLE_COMMAND, "live", "--rig", str(lab), *SHORT, *options]
+    return [
+        sys.executable,
+        "-c",
+        INTERRUPTIBLE_COMMAND,
+        "live",
+        "--rig",
+        str(lab),
+        *SHORT,
+        *options,
+    ]
 
 
 def wait_for(reached: Any) -> None:

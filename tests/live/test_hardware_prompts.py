@@ -26,7 +26,7 @@ from rcmservo.config.rig_file import RigDescription
 from rcmservo.config.target_file import save_target
 from rcmservo.errors import Stopped, UnusableFile
 from rcmservo.geometry.tool import RigidTool
-from rcmservo.interfaces import Floats, ArmMeasurement, Target
+from rcmservo.interfaces import ArmMeasurement, Floats, Target
 from rcmservo.live.device_protocols import NotReady
 from rcmservo.live.servo_process import HeartbeatPlant
 from rcmservo.loop.clock import RecordingClock, WallClock
@@ -213,7 +213,9 @@ def test_a_target_of_another_rig_is_refused_before_any_question(
     taught: Target, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     file, terminal = tmp_path / "target.json", ScriptedTerminal()
-    save_target(file, taught, replace(target_setup_for_size(LAB, 320, 240), tool=RigidTool(spacing=31.0)))
+    save_target(
+        file, taught, replace(target_setup_for_size(LAB, 320, 240), tool=RigidTool(spacing=31.0))
+    )
     with pytest.raises(UnusableFile, match=r"was taught with tool\.spacing 31"):
         prepare(monkeypatch, terminal, Arm(), target=file)
     assert not terminal.printed

@@ -179,7 +179,8 @@ class ManualArm:
 
     def command(self, number, rates=(0.1, 0.0, 0.0), session=7, enabled=True):
         return SessionCommand(
-            session, Command(number, self.now, self.now + WATCHDOG_TIMEOUT_NS, np.array(rates), enabled)
+            session,
+            Command(number, self.now, self.now + WATCHDOG_TIMEOUT_NS, np.array(rates), enabled),
         )
 
     @property
@@ -311,7 +312,10 @@ def test_the_motion_log_holds_the_past_joints(manual_arm):
     assert find_stop(rows) is None
     manual_arm.step(WATCHDOG_TIMEOUT_NS + 5 * MS)
     taken, off = find_stop(manual_arm.log.since(0))
-    assert manual_arm.log.rows["time"][off] - manual_arm.log.rows["time"][taken] <= WATCHDOG_TIMEOUT_NS + MS
+    assert (
+        manual_arm.log.rows["time"][off] - manual_arm.log.rows["time"][taken]
+        <= WATCHDOG_TIMEOUT_NS + MS
+    )
 
 
 def test_silent_hosts_receive_no_answers(manual_arm):
@@ -370,7 +374,13 @@ LAB = RigDescription(
 
 
 def session_of(bench, path, seconds, **choices):
-    tolerant = Thresholds(max_tick_delay=1.0, max_latency=1.0, max_frame_age_slow=50.0, max_frame_age_hold=50.0, arm_timeout=1.0)
+    tolerant = Thresholds(
+        max_tick_delay=1.0,
+        max_latency=1.0,
+        max_frame_age_slow=50.0,
+        max_frame_age_hold=50.0,
+        arm_timeout=1.0,
+    )
     servo = Servo(LAB.mechanism, LAB.tool, **{"gate": LAB.gate, "thresholds": tolerant} | choices)
     return bench.session(servo, LAB.markers, seconds, path, frames=30)
 

@@ -16,7 +16,7 @@ import pytest
 from terminal_process import WAIT_TIMEOUT_S, AtTerminal, Laboratory, live, typed_joints, wait_for
 
 from conftest import ROOT, SMALL_RIG_TOML
-from rcmservo.cli.cli import parse_options, main
+from rcmservo.cli.cli import main, parse_options
 from rcmservo.cli.lab.live_on_hardware import require_devices
 from rcmservo.config.rig_file import load_rig_file
 from rcmservo.config.verified_rigs import compute_digest, store_verified

@@ -31,7 +31,16 @@ pytestmark = [pytest.mark.alone, pytest.mark.slow]
 def serving(lab: Laboratory, folder: Path) -> Iterator[tuple[Any, str]]:
     """Yield the running command and the address of its page."""
     out = "--out", str(folder / "out"), "--poses", str(folder / "poses")
-    command = [sys.executable, "-c", INTERRUPTIBLE_COMMAND, "serve", "--port", "0", "--no-browser", *out]
+    command = [
+        sys.executable,
+        "-c",
+        INTERRUPTIBLE_COMMAND,
+        "serve",
+        "--port",
+        "0",
+        "--no-browser",
+        *out,
+    ]
     command += ["--teaching-frames", "30"]
     process = subprocess.Popen(
         [*command, "--rig", str(lab.lab())],

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from rcmservo.errors import BadInput
-from rcmservo.interfaces import DropReason, Frame, Markers, ArmMeasurement
+from rcmservo.interfaces import ArmMeasurement, DropReason, Frame, Markers
 from rcmservo.live import realtime as module
 from rcmservo.live.realtime import realtime, urgent
 from rcmservo.live.tracking_thread import TrackingThread

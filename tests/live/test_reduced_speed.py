@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from conftest import mark_others_slow, make_laboratory
+from conftest import make_laboratory, mark_others_slow
 from rcmservo.control.exploration import Exploration
 from rcmservo.control.saturated_controller import SaturatedController
 from rcmservo.live.reduced_speed import UNCHECKED_SPEED_SCALE, reduce_speed

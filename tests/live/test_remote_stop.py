@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from rcmservo.errors import Stopped
-from rcmservo.interfaces import Command, Floats, ArmMeasurement
+from rcmservo.interfaces import ArmMeasurement, Command, Floats
 from rcmservo.live.remote_stop import RemotelyStoppableArm, RemoteStop
 
 

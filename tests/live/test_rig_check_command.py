@@ -23,7 +23,7 @@ from rcmservo.cli.lab.rig_check import RigOptions, conclude
 from rcmservo.config.rig_file import RigDescription
 from rcmservo.config.verified_rigs import compute_digest, is_verified, store_verified
 from rcmservo.errors import Stopped
-from rcmservo.interfaces import Frame, ArmMeasurement
+from rcmservo.interfaces import ArmMeasurement, Frame
 from rcmservo.loop.run_result import CameraStatistics
 
 

@@ -74,7 +74,11 @@ def run_session(tmp_path: Path) -> Iterator[Any]:
     """Run a session of 1.2 s with this arm and return the last message."""
     here, there = Pipe()
     tolerant = rs.Thresholds(
-        max_tick_delay=1.0, max_latency=1.0, max_frame_age_slow=50.0, max_frame_age_hold=50.0, arm_timeout=1.0
+        max_tick_delay=1.0,
+        max_latency=1.0,
+        max_frame_age_slow=50.0,
+        max_frame_age_hold=50.0,
+        arm_timeout=1.0,
     )
     servo = rs.Servo(rs.SphericalRcm(), rs.RigidTool(30.0), thresholds=tolerant)
 

@@ -18,7 +18,13 @@ from rcmservo.live.tracking_thread import TrackingThread
 from rcmservo.tracking import PointMarkers
 
 GOAL = 0.75, 0.4, 135.0
-TOLERANT = rs.Thresholds(max_tick_delay=1.0, max_latency=1.0, max_frame_age_slow=50.0, max_frame_age_hold=50.0, arm_timeout=1.0)
+TOLERANT = rs.Thresholds(
+    max_tick_delay=1.0,
+    max_latency=1.0,
+    max_frame_age_slow=50.0,
+    max_frame_age_hold=50.0,
+    arm_timeout=1.0,
+)
 """Tolerant thresholds for a busy computer; the toy's own watchdog is not tolerant.
 """
 

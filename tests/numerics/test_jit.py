@@ -142,7 +142,9 @@ def test_without_jit_a_kernel_is_the_plain_function() -> None:
 
 def test_a_kernel_is_pickled_and_copied_by_name_like_a_function() -> None:
     for _ in range(2):  # before and after its first call
-        assert pickle.loads(pickle.dumps(compute_norm)) is copy.deepcopy(compute_norm) is compute_norm
+        assert (
+            pickle.loads(pickle.dumps(compute_norm)) is copy.deepcopy(compute_norm) is compute_norm
+        )
         assert compute_norm(np.array([3.0, 4.0])) == 5.0
     assert inspect.signature(compute_norm) == inspect.signature(compute_norm.py_func)  # type: ignore[attr-defined]
     assert not hasattr(compute_norm, "_a_name_of_nothing")

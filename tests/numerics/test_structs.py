@@ -7,7 +7,17 @@ import numpy as np
 import pytest
 
 from rcmservo.interfaces import Floats
-from rcmservo.numerics.structs import Row, to_row, replace_fields, copy_row, flag, part, real, reals, whole
+from rcmservo.numerics.structs import (
+    Row,
+    copy_row,
+    flag,
+    part,
+    real,
+    reals,
+    replace_fields,
+    to_row,
+    whole,
+)
 from rcmservo.safety.gate import CommandStruct
 from rcmservo.safety.monitor_state import MonitorState, initial_monitor_state
 from rcmservo.safety.state_machine import ModeStruct
@@ -60,7 +70,9 @@ def test_a_batch_is_an_array_of_the_same_rows() -> None:
     assert Pair(batch[3:4]).size == 3.0
 
 
-@pytest.mark.parametrize("row", [MonitorState, Estimate, Decision, ModeStruct, CommandStruct, StoredState])
+@pytest.mark.parametrize(
+    "row", [MonitorState, Estimate, Decision, ModeStruct, CommandStruct, StoredState]
+)
 def test_every_field_of_the_servo_structs_has_a_shape_and_a_meaning(row: type[Row]) -> None:
     assert row.dtype.names == tuple(field.name for field in row.fields)
     assert all(field.meaning for field in row.fields)
@@ -82,7 +94,9 @@ def test_settings_become_a_row_of_their_declared_types() -> None:
     kinds = {name: rows.dtype[name].base.str for name in rows.dtype.names}
     assert kinds == {"fraction": "<f8", "ends": "<f8", "times": "<i8", "on": "|b1"}
     assert rows["ends"][0].tolist() == [1.0, 2.0, 3.0]
-    assert to_row(Thresholds()).dtype == to_row(Thresholds(max_frame_age_slow=2, max_jump_px=4)).dtype
+    assert (
+        to_row(Thresholds()).dtype == to_row(Thresholds(max_frame_age_slow=2, max_jump_px=4)).dtype
+    )
 
 
 @dataclass(frozen=True)

@@ -25,7 +25,12 @@ class Page:
     """
 
     def __init__(self, *says: tuple[int, Any]) -> None:
-        self.desk, self.says, self.looks, self.now = PageChannels(get_context("spawn")), list(says), 0, 0
+        self.desk, self.says, self.looks, self.now = (
+            PageChannels(get_context("spawn")),
+            list(says),
+            0,
+            0,
+        )
         self.asked: list[Between] = []
         self.notes: list[str] = []
         self.defined: Any = None

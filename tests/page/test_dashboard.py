@@ -52,7 +52,9 @@ def test_the_dashboard_holds_the_tick_and_the_predicted_markers(
         for name, number in (("y", state.y), ("delta", state.delta), ("q", tick.observation.q)):
             displayed = np.array(table[name], dtype=float)
             assert np.array_equal(displayed, number, equal_nan=True), name
-        known = tick.servo.guarded_estimator.predict(state.estimation.memory, tick.servo.tool, state.p1)
+        known = tick.servo.guarded_estimator.predict(
+            state.estimation.memory, tick.servo.tool, state.p1
+        )
         assert known is not None
         for predicted, m in zip(table["predicted"], np.reshape(known, (2, 2)), strict=True):
             assert np.array_equal(predicted, m + state.o_c, equal_nan=True)
@@ -146,7 +148,9 @@ def test_the_curves_hold_the_values_of_the_ticks_and_the_largest_lateness() -> N
     late = curves["late"]
     assert sorted(late)[-1] == pytest.approx(7.0, abs=1e-6) and (late > 0.1).sum() <= 2
     servoed = np.array([by_time[round(t * 1e9)].state.phase is rs.Phase.SERVO for t in curves["t"]])
-    first = replace(ticks[0], seen=replace(ticks[0].observation, now=ticks[-1].observation.now + 1_555_000_000))
+    first = replace(
+        ticks[0], seen=replace(ticks[0].observation, now=ticks[-1].observation.now + 1_555_000_000)
+    )
     channels.ticks.add(first)
     board.update()
     assert board.curves.after(len(samples))[0][-1] == 0.0  # another loop has another schedule

@@ -38,7 +38,9 @@ class Browser:
 
     def __init__(self, channels: PageChannels, script: Script, last_tick: int = 10**9) -> None:
         self.channels, self.script, self.last_tick, self.tick = channels, script, last_tick, -1
-        self.operator = PageOperator(channels, SelectedSettings(make_laboratory().servo()), frames=30)
+        self.operator = PageOperator(
+            channels, SelectedSettings(make_laboratory().servo()), frames=30
+        )
         self.messages: list[object] = []
 
     def __call__(self, tick: rs.Tick) -> OperatorRequest:
@@ -128,7 +130,9 @@ def test_marker_1_is_jogged_along_a_straight_line_in_the_arms_base_frame(
     ticks, browser = run_loop({k: [press] for k in range(100, 160, 4)}, 3.0)
     begun, ended = jog_ticks(ticks)[0], jog_ticks(ticks)[-1]
     servo = browser.operator._selection.servo
-    moved = servo.position_of_marker_1(ticks[ended].observation.q) - servo.position_of_marker_1(ticks[begun].observation.q)
+    moved = servo.position_of_marker_1(ticks[ended].observation.q) - servo.position_of_marker_1(
+        ticks[begun].observation.q
+    )
     along = moved[axis] * np.sign(speed)
     assert 3.0 < along < 7.0 and np.linalg.norm(np.delete(moved, axis)) < 0.05 * along
     assert phases(ticks)[-1] is rs.Phase.PAUSED

@@ -75,7 +75,8 @@ def test_every_pose_is_visited_for_its_whole_dwell_in_every_round_and_then_the_t
         leave = next(
             k
             for k in range(go, len(ticks))
-            if ticks[k].state.phase is rs.Phase.PAUSED or not targets_are_equal(ticks[k].state.target, target)
+            if ticks[k].state.phase is rs.Phase.PAUSED
+            or not targets_are_equal(ticks[k].state.target, target)
         )
         assert all(at[leave - dwell : leave])
     assert ticks[leave].state.phase is rs.Phase.PAUSED is ticks[-1].state.phase
@@ -88,7 +89,11 @@ def test_every_pose_is_visited_for_its_whole_dwell_in_every_round_and_then_the_t
 def test_the_tool_reaches_a_pose_without_dwell() -> None:
     ticks, messages, a, b = run_sequence(dwells=(0.0, 0.0))
     for target in (a, b):
-        towards = [t for t in ticks if t.state.target is not None and targets_are_equal(t.state.target, target)]
+        towards = [
+            t
+            for t in ticks
+            if t.state.target is not None and targets_are_equal(t.state.target, target)
+        ]
         in_servo = [t for t in towards if t.state.phase is rs.Phase.SERVO]
         assert len(in_servo) > 20 and (np.abs(in_servo[-1].state.delta) < SETTLED_TOLERANCE).all()
     assert notes(messages)[-1].startswith("the pose sequence is complete")

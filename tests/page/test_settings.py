@@ -22,10 +22,15 @@ from rcmservo.live.reduced_speed import reduce_speed
 from rcmservo.loop.operator import OperatorRequest
 from rcmservo.page.channels import PageChannels
 from rcmservo.page.control_ownership import ControlOwnership, MessageRefused, interpret_message
-from rcmservo.page.messages import SettingsChange, Go, Heartbeat, Note, SettingsApplied, Standby
+from rcmservo.page.messages import Go, Heartbeat, Note, SettingsApplied, SettingsChange, Standby
 from rcmservo.page.operator import PageOperator
-from rcmservo.page.sessions import SessionRestart, SessionLoop
-from rcmservo.page.settings import EDITABLE_PARTS, SelectedSettings, decode_change, describe_estimator
+from rcmservo.page.sessions import SessionLoop, SessionRestart
+from rcmservo.page.settings import (
+    EDITABLE_PARTS,
+    SelectedSettings,
+    decode_change,
+    describe_estimator,
+)
 from rcmservo.page.web.page_process import change_settings, dispatch
 from rcmservo.page.web.setting_fields import build_forms
 from rcmservo.recording import reader
@@ -46,7 +51,10 @@ def make_change(part: str, **others: Any) -> SettingsChange:
 
 
 def run_session(
-    script: dict[int, list[object]], seconds: float, chosen: SelectedSettings, path: Path | None = None
+    script: dict[int, list[object]],
+    seconds: float,
+    chosen: SelectedSettings,
+    path: Path | None = None,
 ) -> tuple[list[rs.Tick], list[object]]:
     """Run a session with the page's operator, recorded at the path; return ticks and messages."""
     lab, channels, ticks = make_laboratory(), PageChannels(get_context("spawn")), list[rs.Tick]()
@@ -98,7 +106,9 @@ def test_a_changed_controller_acts_from_the_next_tick_and_its_record_replays_bit
 
 def test_a_change_in_motion_goes_through_the_gate_without_a_jump() -> None:
     servo = make_laboratory().servo()
-    slow = SelectedSettings(replace(servo, controller=replace(servo.controller, gain=0.5, max_speed=2.0)))
+    slow = SelectedSettings(
+        replace(servo, controller=replace(servo.controller, gain=0.5, max_speed=2.0))
+    )
     fast = make_change("controller", gain=80.0, max_speed=500.0, bounds=[3.0, 500.0, 500.0])
     ticks, _ = run_session({20: [go()], 260: [fast]}, 4.0, slow)
     rates = np.array([tick.state.command.rates for tick in ticks])
@@ -139,7 +149,9 @@ def test_waiting_settings_and_targets_are_checked_against_each_other() -> None:
     servo = lab.servo(estimator=rs.AffineEstimator())
     with_sizes = replace(lab.target, sizes=np.array([9.0, 9.0]))
     sizes = make_change("controller", features="size")
-    ticks, messages = run_session({20: [Go(with_sizes), sizes, Go(lab.target)]}, 1.0, SelectedSettings(servo))
+    ticks, messages = run_session(
+        {20: [Go(with_sizes), sizes, Go(lab.target)]}, 1.0, SelectedSettings(servo)
+    )
     assert len(ticks) == 100 and ticks[-1].servo.controller.features == "size"
     assert any("markers' sizes" in one.words for one in messages if isinstance(one, Note))
 

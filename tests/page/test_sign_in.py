@@ -22,7 +22,7 @@ from rcmservo.page.web.sign_in import (
     FailedAttempts,
     SignIn,
 )
-from rcmservo.page.web.token_file import load_token, load_required_token
+from rcmservo.page.web.token_file import load_required_token, load_token
 
 TOKEN = "of-sixteen-chars"
 LAB = "192.168.1.5"

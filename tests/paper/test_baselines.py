@@ -60,7 +60,9 @@ def test_every_estimator_from_displacements_works(name: str, reach: float) -> No
     """The comparison is fair only if the other methods work with its noise."""
     method = COMPARED_METHODS[name]
     assert isinstance(method, EstimatingMethod) and method.exploration == Exploration()
-    adapted = replace(method, exploration=Exploration(leg_time=0.15 * reach / 8.0, max_leg_length=reach))
+    adapted = replace(
+        method, exploration=Exploration(leg_time=0.15 * reach / 8.0, max_leg_length=reach)
+    )
     runs = [adapted.run(attempt(seed, 10.0)) for seed in range(10)]
     assert sum(run.pose_error <= 1.0 for run in runs) >= 9
     assert np.median([run.pose_error for run in runs]) < 0.4
@@ -142,7 +144,9 @@ def test_the_run_of_an_unfinished_loop_is_the_beginning_of_the_whole_run() -> No
 def test_the_rejected_scenes_exceed_the_built_in_condition() -> None:
     for scenes in SCENE_KINDS:
         laboratory = baselines.laboratory(SCENES[scenes])
-        found = [compute_worst_condition(draw_trial(s, 0, laboratory, 1.0, 30).scene) for s in range(10)]
+        found = [
+            compute_worst_condition(draw_trial(s, 0, laboratory, 1.0, 30).scene) for s in range(10)
+        ]
         hard = [condition > SCENE.max_condition for condition in found]
         assert all(hard) if scenes == "rejected" else not any(hard)
 

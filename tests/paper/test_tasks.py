@@ -16,7 +16,7 @@ from rcmservo.paper import potential
 from rcmservo.paper import run as running
 from rcmservo.paper.experiment import Experiment
 from rcmservo.paper.plan import Measurement, NotMeasured, Results, Settings, Task
-from rcmservo.paper.run import select_experiments, run, run_all
+from rcmservo.paper.run import run, run_all, select_experiments
 from rcmservo.paper.store import (
     PART_SUFFIX,
     RESULT_FILE,

@@ -12,9 +12,9 @@ from rosbags.highlevel import AnyReader
 
 import rcmservo as rs
 from conftest import ROOT, Laboratory
-from rcmservo.cli.export import record_arrays
 from rcmservo.cli.export import export_record as export
-from rcmservo.config.user_code import import_estimator, hash_source
+from rcmservo.cli.export import record_arrays
+from rcmservo.config.user_code import hash_source, import_estimator
 from rcmservo.recording import estimator_memory, reader
 from rcmservo.recording.replay import replay_record
 from rcmservo.recording.ros2_messages import decode_memory, encode_memory

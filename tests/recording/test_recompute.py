@@ -12,7 +12,7 @@ from replays import NAMES, Disturbed, faults, operator
 from replays import recorded as record_of_a_seed
 
 import rcmservo as rs
-from conftest import CONTROLLERS, ESTIMATORS, TOOLS, mark_others_slow, make_random
+from conftest import CONTROLLERS, ESTIMATORS, TOOLS, make_random, mark_others_slow
 from rcmservo.config.servo_json import describe_servo, rebuild_servo
 from rcmservo.estimation.base import Estimator, Sample
 from rcmservo.interfaces import Floats

@@ -190,7 +190,8 @@ def test_a_later_stage_holds_its_origin(run: RecordedRun, tmp_path: Path) -> Non
 
 def test_times_continue_when_a_stage_restarts_them(run: RecordedRun, tmp_path: Path) -> None:
     later = [
-        replace(tick, seen=replace(tick.observation, now=tick.observation.now + 10**10)) for tick in run.ticks[:3]
+        replace(tick, seen=replace(tick.observation, now=tick.observation.now + 10**10))
+        for tick in run.ticks[:3]
     ]
     with Recorder(tmp_path / "record.mcap", {}) as recorder:
         for stage in (run.ticks[:3], later):

@@ -5,15 +5,15 @@ from itertools import pairwise
 import pytest
 
 from conftest import make_tick_facts
-from rcmservo.numerics.structs import to_row, replace_fields
+from rcmservo.numerics.structs import replace_fields, to_row
 from rcmservo.safety.causes import (
     CAUSES,
     Action,
     Cause,
     Invalidates,
-    select_most_severe,
     find_invalidated,
     select_more_severe,
+    select_most_severe,
 )
 from rcmservo.safety.monitor_state import initial_monitor_state
 from rcmservo.safety.thresholds import Thresholds
@@ -57,7 +57,10 @@ def test_some_causes_leave_the_estimate_valid(
 
 
 def test_a_detector_needs_only_its_own_facts() -> None:
-    limits, late = to_row(Thresholds())[0], replace_fields(initial_monitor_state(), late=Thresholds.max_late_ticks, gap=1)
+    limits, late = (
+        to_row(Thresholds())[0],
+        replace_fields(initial_monitor_state(), late=Thresholds.max_late_ticks, gap=1),
+    )
     facts = make_tick_facts(watch=late, period=1, thresholds=limits)
     found = [
         cause

@@ -6,12 +6,12 @@ import pytest
 from conftest import (
     SHAFT,
     SPACING_MM,
-    project_markers,
-    make_random,
-    project_points,
-    make_tick_facts,
-    draw_tool_positions,
     draw_calibration_matrix,
+    draw_tool_positions,
+    make_random,
+    make_tick_facts,
+    project_markers,
+    project_points,
 )
 from rcmservo.control.exploration import ExplorationState
 from rcmservo.estimation.projection_fit import initial_fit, update_fit
@@ -19,7 +19,7 @@ from rcmservo.estimation.projection_prediction import predict_markers
 from rcmservo.interfaces import Floats
 from rcmservo.numerics.structs import to_row
 from rcmservo.safety.causes import Cause
-from rcmservo.safety.checks.drift import one_marker_deviates, update_drift, detect_stuck_markers
+from rcmservo.safety.checks.drift import detect_stuck_markers, one_marker_deviates, update_drift
 from rcmservo.safety.innovation import find_deviating_markers, squared_mahalanobis_distance
 from rcmservo.safety.monitor_state import MonitorState, initial_monitor_state
 from rcmservo.safety.thresholds import Thresholds
@@ -39,7 +39,11 @@ class MonitoredCamera:
         self.random, self.noise = make_random(seed), noise
         self.positions = draw_tool_positions(self.random, 120, 8.0)
         self.middle = self.positions.mean(axis=0)
-        self.C, self.fit, self.watch = draw_calibration_matrix(self.random, self.positions), initial_fit(), initial_monitor_state()
+        self.C, self.fit, self.watch = (
+            draw_calibration_matrix(self.random, self.positions),
+            initial_fit(),
+            initial_monitor_state(),
+        )
         for p1 in self.positions:
             update_fit(self.fit.rows[0], p1, self.detect(p1), SHAFT)
         self.last = self.detect(self.middle)
@@ -50,7 +54,9 @@ class MonitoredCamera:
     def find_cause(self, p1: Floats, points: Floats) -> Cause | None:
         """Update the checks with an accepted frame and return the cause that is detected."""
         update_drift(self.watch.rows[0], self.fit.rows[0], p1, points, points, SHAFT, LIMITS)
-        facts = make_tick_facts(watch=self.watch, tour=ExplorationState.of(done=True), thresholds=LIMITS)
+        facts = make_tick_facts(
+            watch=self.watch, tour=ExplorationState.of(done=True), thresholds=LIMITS
+        )
         candidates = Cause.DRIFTS, Cause.FROZEN
         causes = [cause for cause in candidates if cause.declared.detector(facts)]
         causes += [Cause.SURPRISED] if one_marker_deviates(facts) else []
@@ -148,7 +154,9 @@ def test_an_identical_image_is_frozen_only_while_the_tool_moves(
 def least_visible_position(camera: MonitoredCamera, distance: float) -> Floats:
     """Return p₁ (3,) mm at a distance (mm) from the middle, where the markers move least."""
     row, at, steps = camera.fit.rows[0], camera.middle, 0.5 * np.eye(3)
-    changes = [predict_markers(row, at + s, SHAFT) - predict_markers(row, at - s, SHAFT) for s in steps]
+    changes = [
+        predict_markers(row, at + s, SHAFT) - predict_markers(row, at - s, SHAFT) for s in steps
+    ]
     return at + distance * np.linalg.svd(np.stack([c.ravel() for c in changes], axis=1))[2][-1]
 
 
@@ -162,7 +170,9 @@ def test_an_identical_image_is_frozen_although_the_motion_is_hardly_visible(
         least_visible_position(camera, fraction * Thresholds.frozen_image_motion),
     )
     row = camera.fit.rows[0]
-    less = np.abs(predict_markers(row, there, SHAFT) - predict_markers(row, camera.middle, SHAFT)).max()
+    less = np.abs(
+        predict_markers(row, there, SHAFT) - predict_markers(row, camera.middle, SHAFT)
+    ).max()
     assert less < 0.5 * Thresholds.max_drift_px
     assert camera.find_cause(camera.middle, points) is None
     assert camera.find_cause(there, points.copy()) is cause
@@ -234,7 +244,9 @@ def test_the_monitored_camera_projects_the_tool_like_the_other_tests() -> None:
     p1 = camera.middle
     tip = p1 * (1.0 + SPACING_MM / np.linalg.norm(p1))
     np.testing.assert_allclose(camera.detect(p1), project_points(camera.C, np.stack([p1, tip])))
-    np.testing.assert_allclose(predict_markers(camera.fit.rows[0], p1, SHAFT), camera.detect(p1), atol=0.5)
+    np.testing.assert_allclose(
+        predict_markers(camera.fit.rows[0], p1, SHAFT), camera.detect(p1), atol=0.5
+    )
     assert isinstance(camera.watch, MonitorState)
 
 

@@ -37,7 +37,9 @@ def most_severe(present):
     return max(present, key=lambda cause: (cause.action, -cause.place), default=Cause.NONE)
 
 
-NORMAL = TransitionInputs(drive_enabled=True, has_accepted_frame=True, frame_accepted=True, has_estimate=True)
+NORMAL = TransitionInputs(
+    drive_enabled=True, has_accepted_frame=True, frame_accepted=True, has_estimate=True
+)
 WEAKEST_TO_STRONGEST = (
     Phase.SERVO,
     Phase.ACQUIRE,
@@ -254,7 +256,9 @@ def test_every_cause_has_a_sentence_and_every_stop_a_remedy(cause):
 
 
 def test_a_hold_that_recovers_too_late_becomes_a_pause():
-    held = Mode(Phase.HOLD, Cause.STALE, since=0, accepted_frames=GOOD_TO_RECOVER - 1, action=Action.HOLD)
+    held = Mode(
+        Phase.HOLD, Cause.STALE, since=0, accepted_frames=GOOD_TO_RECOVER - 1, action=Action.HOLD
+    )
     assert transition(held, [], NORMAL, Request.NONE, HOLD_TIME).phase is Phase.ACQUIRE
     late = transition(held, [], NORMAL, Request.NONE, HOLD_TIME + 1)
     assert late.phase is Phase.PAUSED and late.cause is Cause.STALE

@@ -104,7 +104,9 @@ def test_invalid_commands_neither_feed_nor_block_the_watchdog(stream):
             watchdog.feed(command(number, now + ahead, requested), now + 1)
         assert watchdog.check(now + 1) and watchdog.rates[2] == k
     last = 20 * 10 * MS + WATCHDOG_TIMEOUT_NS
-    later = sorted(((last - wait % WATCHDOG_TIMEOUT_NS, *rest) for wait, *rest in noise), key=itemgetter(0))
+    later = sorted(
+        ((last - wait % WATCHDOG_TIMEOUT_NS, *rest) for wait, *rest in noise), key=itemgetter(0)
+    )
     for now, number, ahead, requested, _ in later:
         watchdog.feed(command(number, last + ahead, requested), now)
     assert watchdog.check(last) and not watchdog.check(last + 1)

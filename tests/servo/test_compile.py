@@ -93,12 +93,16 @@ BOTH = "method", "short run"
 def test_after_the_warm_up_nothing_compiles_in_other_scenes_with_losses_and_pauses(
     tmp_path, estimator, tool, warm_ups
 ):
-    from conftest import ESTIMATORS, TOOLS, make_laboratory, make_environment
+    from conftest import ESTIMATORS, TOOLS, make_environment, make_laboratory
     from rcmservo.geometry.kinematics import PitchYawRcm
     from rcmservo.sim import RigSettings
 
     choice = {"estimator": ESTIMATORS[estimator], "tool": TOOLS[tool]}
-    labs = [make_laboratory(1), make_laboratory(2), make_laboratory(3, RigSettings(mechanism=PitchYawRcm()))]
+    labs = [
+        make_laboratory(1),
+        make_laboratory(2),
+        make_laboratory(3, RigSettings(mechanism=PitchYawRcm())),
+    ]
     first, *others = [(lab, lab.servo(**choice)) for lab in labs]
     runs = [short_run(*first), *(run_with_losses(*other) for other in others)]
     code = "import sys; import test_compile as t; t.check(sys.argv[1])"

@@ -86,7 +86,7 @@ def moving():
     """Return results of mechanism, tool and exploration."""
     from rcmservo.bringup import identification
     from rcmservo.geometry import kinematics, tool
-    from rcmservo.numerics.small_linalg import cross, compute_distance
+    from rcmservo.numerics.small_linalg import compute_distance, cross
 
     out, limits = {}, ((-1.0, -1.0, 40.0), (1.0, 1.0, 93.0))
     for kind in (0, 1):
@@ -126,7 +126,9 @@ def exploring(kind, rcm, q):
         tour.rows["visits"] = visits
         out[f"room {kind} {visits}"] = exploration.set_round(row, rcm, fastest, 0.01, x)
         out[f"sides {kind} {visits}"] = tour.sides.copy()
-        out[f"towards {kind} {visits}"] = exploration.rates_to_corner(row, fastest, q + 0.01, 0.0, x)
+        out[f"towards {kind} {visits}"] = exploration.rates_to_corner(
+            row, fastest, q + 0.01, 0.0, x
+        )
         out[f"arrived {kind} {visits}"] = exploration.is_at_next_corner(row, q + 0.9 * tour.sides)
     out[f"span {kind}"] = exploration.max_leg_length(rcm, q, tour.sides)
     out[f"overdue {kind}"] = exploration.is_overdue(row, 10**12, x)
@@ -162,7 +164,9 @@ def imaging(scene):
         lines, count = np.zeros((6, 4)), 0
         for row in scene.rows:
             points = row[3:].reshape(2, 2)
-            lines, count, o_c, condition = imaged_rcm.update_imaged_rcm(lines, count, points, 3, printed)
+            lines, count, o_c, condition = imaged_rcm.update_imaged_rcm(
+                lines, count, points, 3, printed
+            )
         out |= {f"lines {printed}": lines[:count], f"imaged rcm {printed}": o_c}
         out[f"rcm condition {printed}"] = np.log(condition)
     out["least_telling line"] = imaged_rcm.find_least_informative_line(lines, count)
@@ -200,7 +204,9 @@ def fitting(scene):
         memory, rule = fit.ProjectionMemory(np.zeros((7, 7)), 0, np.zeros(9)), (rate, 1e-7, True)
         for row in rows:
             points = row[3:].reshape(2, 2)
-            memory = fit.update_from_frame(memory, row[:3], points, o_c, 0.1, fit.ProjectionKernel(*rule), shaft)
+            memory = fit.update_from_frame(
+                memory, row[:3], points, o_c, 0.1, fit.ProjectionKernel(*rule), shaft
+            )
         out[f"observations {rate}"] = memory.observations[: memory.observation_count]
         out[f"a_hat {rate}"] = memory.a_hat
     full = EstimatorMemory(np.ones((4, 4)), memory)
@@ -235,7 +241,11 @@ def predicting(scene):
     from rcmservo.geometry import tool
     from rcmservo.servo.update_estimate import empty_memory
 
-    shaft, memory, p1 = tool.ToolStruct(0, SPACING), projection_fit.initial_fit().rows, scene.places[0]
+    shaft, memory, p1 = (
+        tool.ToolStruct(0, SPACING),
+        projection_fit.initial_fit().rows,
+        scene.places[0],
+    )
     for row in scene.rows:
         projection_fit.update_fit(memory[0], row[:3], row[3:].reshape(2, 2), shaft)
     v, known = memory[0], projection_fit.ProjectionFit(memory)
@@ -300,7 +310,11 @@ def drifting(scene):
     from rcmservo.safety.checks import devices, drift
     from rcmservo.safety.thresholds import Thresholds
 
-    shaft, known, t = tool.ToolStruct(0, SPACING), projection_fit.initial_fit(), to_row(Thresholds())[0]
+    shaft, known, t = (
+        tool.ToolStruct(0, SPACING),
+        projection_fit.initial_fit(),
+        to_row(Thresholds())[0],
+    )
     v, out = known.rows[0], {}
     for row in scene.rows:
         projection_fit.update_fit(v, row[:3], row[3:].reshape(2, 2), shaft)
@@ -349,12 +363,16 @@ def updating(scene):
         found, _ = broyden.update_from_frame(J, p1, both[0], p2, both[1], scene.o_c, least)
         out[f"broyden {least}"] = found
     P, rule = np.diag([1.0, 2.0, 3.0]), (delta_p, delta_y)
-    moved, change, is_far = displacement.measure_displacement(p1, both[0], p2, both[1], scene.o_c, 1.0)
+    moved, change, is_far = displacement.measure_displacement(
+        p1, both[0], p2, both[1], scene.o_c, 1.0
+    )
     found = {
         "displaced": ([*moved, *change, is_far],),
         "rls": rls.rls_update(J, P, *rule, 0.9),
         "kalman": kalman.kalman_update(J, P, *rule, 0.01, 0.05),
-        "correntropy": correntropy.correntropy_update(J, np.stack([P, P, P]), *rule, 0.01, 0.05, 3.0),
+        "correntropy": correntropy.correntropy_update(
+            J, np.stack([P, P, P]), *rule, 0.01, 0.05, 3.0
+        ),
     }
     return out | {f"{name} {k}": part for name, of in found.items() for k, part in enumerate(of)}
 
@@ -377,7 +395,12 @@ def limiting(scene):
     b = np.full(3, 0.1)
     for printed in (False, True):
         heading, error = saturated_controller.apply_law(J, delta, b, printed, 2.0, 150.0, 40.0)
-        out[f"heading {printed}"] = [*heading.v, heading.condition, heading.reducible_fraction, error]
+        out[f"heading {printed}"] = [
+            *heading.v,
+            heading.condition,
+            heading.reducible_fraction,
+            error,
+        ]
         out[f"gradient {printed}"] = saturated_controller.potential_gradient(delta, b, printed)
         out[f"potential {printed}"] = saturated_controller.potential(delta, b, printed)
     damped = np.diag([1.0, 0.2, 0.01])
@@ -421,7 +444,9 @@ def resetting():
             stored.rows[0], Cause.CAMERA_MOVED.code, 5
         ),
         "failed": lambda stored: apply_mode.enter_not_finite_fault(stored.rows[0], 7),
-        "stopped": lambda stored: gate.make_stop_command(stored.decision.command.rows[0], 9, gate.Gate().struct_row[0]),
+        "stopped": lambda stored: gate.make_stop_command(
+            stored.decision.command.rows[0], 9, gate.Gate().struct_row[0]
+        ),
     }.items():
         stored = StoredState.of(
             watch=MonitorState.of(believed=3, rejected=2),

@@ -15,12 +15,12 @@ from conftest import (
     CONTROLLERS,
     ESTIMATORS,
     TOOLS,
-    mark_others_slow,
-    snapshot,
-    make_laboratory,
     list_leaves,
-    project_markers,
     lose_markers,
+    make_laboratory,
+    mark_others_slow,
+    project_markers,
+    snapshot,
 )
 from conftest import make_observation as make_observation
 from rcmservo.control.saturated_controller import SaturatedController
@@ -34,7 +34,7 @@ from rcmservo.interfaces import DropReason, Target
 from rcmservo.loop.plant import Plant
 from rcmservo.loop.run import run
 from rcmservo.loop.teach import TeachingFailed, teach
-from rcmservo.numerics.structs import to_row, copy_row
+from rcmservo.numerics.structs import copy_row, to_row
 from rcmservo.safety.causes import Cause
 from rcmservo.safety.gate import Gate
 from rcmservo.safety.monitor_state import MonitorState, markers_stay
@@ -120,11 +120,15 @@ def test_repeated_frames_and_frames_before_exploration_do_not_update_the_estimat
                 and np.array_equal(state.estimation.lines, before.estimation.lines)
             )
         elif before is not None:
-            tour = before.estimation.exploration_state  # an operator may have moved the tool before it began
+            tour = (
+                before.estimation.exploration_state
+            )  # an operator may have moved the tool before it began
             updates = tour.is_done or not tour.has_begun or observation.exposure >= tour.start_time
             if state.estimation.estimate.rcm_condition > lab.servo().imaged_rcm.max_condition:
                 updates = False
-            assert (snapshot(state.estimation.memory) != snapshot(before.estimation.memory)) == updates
+            assert (
+                snapshot(state.estimation.memory) != snapshot(before.estimation.memory)
+            ) == updates
         before = state
     assert 50 <= repeats <= 70
 
@@ -158,7 +162,9 @@ def test_a_lost_marker_leads_to_hold_at_the_next_tick_and_to_rest_within_100_ms(
     state = servoing(lab, servo)
     rates = [state.command.rates]
     assert rates[0].any()
-    for _, after in lab.run(servo, 0.5, state, lambda observation: lose_markers(observation, *markers)):
+    for _, after in lab.run(
+        servo, 0.5, state, lambda observation: lose_markers(observation, *markers)
+    ):
         assert after.phase is Phase.HOLD and after.cause is cause and not after.v.any()
         rates.append(after.command.rates)
     assert not np.array(rates[10:]).any()
@@ -233,7 +239,10 @@ DAMPED = SaturatedController(max_condition=4.0)
 def test_a_threshold_sets_the_damped_fraction_of_the_error_that_slows_the_motion(share, slow):
     lab = make_laboratory()
     servo = lab.servo(
-        controller=DAMPED, thresholds=Thresholds(singular_fraction=1e-9, nearly_singular_fraction=share, min_checked_error=1e-9)
+        controller=DAMPED,
+        thresholds=Thresholds(
+            singular_fraction=1e-9, nearly_singular_fraction=share, min_checked_error=1e-9
+        ),
     )
     state = servoing(lab, servo)
     assert 0.0 < state.decision.reducible_fraction < 1.0
@@ -243,7 +252,10 @@ def test_a_threshold_sets_the_damped_fraction_of_the_error_that_slows_the_motion
 
 @pytest.mark.parametrize("small,pauses", [(1e-9, True), (1e9, False)])
 def test_a_singular_direction_pauses_unless_the_error_is_as_small_as_noise(small, pauses):
-    lab, t = make_laboratory(), Thresholds(singular_fraction=1.0, min_checked_error=small, max_target_mismatch=np.inf)
+    lab, t = (
+        make_laboratory(),
+        Thresholds(singular_fraction=1.0, min_checked_error=small, max_target_mismatch=np.inf),
+    )
     servo = lab.servo(controller=DAMPED, thresholds=t)
     causes = {state.cause for _, state in lab.run(servo, 5.0) if state.phase is Phase.PAUSED}
     assert causes == ({Cause.SINGULAR} if pauses else set())
@@ -252,7 +264,9 @@ def test_a_singular_direction_pauses_unless_the_error_is_as_small_as_noise(small
 @pytest.mark.parametrize("law", [DAMPED, SaturatedController(max_speed=3.0)])
 def test_a_damped_or_capped_law_does_not_count_as_arrived(law):
     lab = make_laboratory()
-    servo = lab.servo(controller=law, thresholds=Thresholds(singular_fraction=1e-9, nearly_singular_fraction=1e-8))
+    servo = lab.servo(
+        controller=law, thresholds=Thresholds(singular_fraction=1e-9, nearly_singular_fraction=1e-8)
+    )
     causes = {state.cause for _, state in lab.run(servo, 4.0)}
     assert Cause.ELSEWHERE not in causes
 
@@ -283,7 +297,9 @@ def test_short_losses_in_a_row_do_not_add_up_to_a_pause():
     servo = lab.servo()
     state = servoing(lab, servo)
     for _ in range(4):
-        *_, (_, state) = lab.run(servo, 0.6, state, lambda observation: lose_markers(observation, 0, 1))
+        *_, (_, state) = lab.run(
+            servo, 0.6, state, lambda observation: lose_markers(observation, 0, 1)
+        )
         assert state.phase is Phase.HOLD
         *_, (_, state) = lab.run(servo, 0.4, state)
         assert state.phase is Phase.SERVO
@@ -390,9 +406,7 @@ def test_resume_is_refused_while_the_cause_is_present_and_the_cause_is_reported(
         state = servo.step(state, observation, lab.target, Request.RESUME)
         lab.plant.send(state.command)
         assert (
-            state.phase is Phase.PAUSED
-            and state.cause is cause
-            and state.cause.value in state.text
+            state.phase is Phase.PAUSED and state.cause is cause and state.cause.value in state.text
         )
 
 
@@ -546,7 +560,10 @@ def test_after_frames_without_markers_the_flow_covers_the_time_since_the_last_ac
     )
     C[2, :3] = [1e-3, 5e-4, -2e-3]
     servo = Servo(
-        mechanism, TOOLS["rigid"], estimator=ESTIMATORS["flow"], thresholds=Thresholds(max_jump_px=1e4)
+        mechanism,
+        TOOLS["rigid"],
+        estimator=ESTIMATORS["flow"],
+        thresholds=Thresholds(max_jump_px=1e4),
     )
     for blind in (False, True):
         state = servo.init()
@@ -781,7 +798,10 @@ def test_the_next_run_accepts_a_camera_that_restarted_its_count(shift, same_plan
     *_, after = run(plant, servo, lab.target, duration=1.5, state=last.state)
     assert 0 <= after.state.newest_frame < last.state.newest_frame
     if shift:
-        assert after.state.cause is Cause.CAMERA_MOVED and after.state.camera_moved_at > lab.target.taught_at
+        assert (
+            after.state.cause is Cause.CAMERA_MOVED
+            and after.state.camera_moved_at > lab.target.taught_at
+        )
     else:
         assert after.state.phase is Phase.SERVO
 
@@ -1099,7 +1119,11 @@ def test_a_reset_restores_the_initial_estimation():
     stored = copy_row(state.stored)
     reset_estimation(stored.rows[0])
     assert snapshot(stored.estimate) == snapshot(first.estimate) != snapshot(estimation.estimate)
-    assert snapshot(stored.exploration_state) == snapshot(first.exploration_state) != snapshot(estimation.exploration_state)
+    assert (
+        snapshot(stored.exploration_state)
+        == snapshot(first.exploration_state)
+        != snapshot(estimation.exploration_state)
+    )
     reset_fit(stored.projection_fit.rows[0])
     assert (
         snapshot(stored.projection_fit)
@@ -1134,7 +1158,9 @@ def test_a_target_with_other_joints_pauses_within_a_second_of_arriving(seed, sig
 
 @pytest.mark.parametrize("joint_error,limit", [((0.0, 0.0, 5.0), np.inf), ((0.0, 0.0, 0.5), 2.0)])
 def test_a_small_or_permitted_joint_error_does_not_prevent_settling(joint_error, limit):
-    arrived, states = run_with_joint_error(1, joint_error, thresholds=Thresholds(max_target_mismatch=limit))
+    arrived, states = run_with_joint_error(
+        1, joint_error, thresholds=Thresholds(max_target_mismatch=limit)
+    )
     assert arrived < 5.0 and states[-1].phase is Phase.SERVO
     assert not any(state.cause is Cause.ELSEWHERE for state in states)
 

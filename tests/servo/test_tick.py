@@ -6,7 +6,7 @@ from typing import Any, Literal
 import numpy as np
 import pytest
 
-from conftest import mark_others_slow, snapshot, make_laboratory
+from conftest import make_laboratory, mark_others_slow, snapshot
 from rcmservo.control.saturated_controller import SaturatedController
 from rcmservo.estimation.base import Estimator, Sample
 from rcmservo.estimation.dlt import DltEstimator
@@ -93,7 +93,9 @@ def tolerated(estimator: Estimator) -> list[str]:
 
 
 @pytest.mark.parametrize("disturbance", mark_others_slow(DISTURBANCES))
-@pytest.mark.parametrize("estimator", [ProjectionEstimator(), PAPER_PROJECTION_ESTIMATOR, DltEstimator()])
+@pytest.mark.parametrize(
+    "estimator", [ProjectionEstimator(), PAPER_PROJECTION_ESTIMATOR, DltEstimator()]
+)
 def test_both_kinds_of_tick_give_equal_states_to_the_last_bit(
     disturbance: str, estimator: Estimator
 ) -> None:

@@ -130,7 +130,11 @@ def test_both_are_options_of_a_run_whose_record_replays_bit_for_bit(
 
 def test_a_user_defined_feature_vector_is_a_choice_on_the_page(user_module: Any) -> None:
     del user_module
-    form = next(form for form in build_forms(make_laboratory().servo(), None) if form["part"] == "controller")
+    form = next(
+        form
+        for form in build_forms(make_laboratory().servo(), None)
+        if form["part"] == "controller"
+    )
     fields = {field["name"]: field for field in form["kinds"]["saturated"]["fields"]}
     assert fields["features"]["choices"] == ["srd", "points", "size", "pose"]
 

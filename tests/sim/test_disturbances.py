@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from test_quiet_disturbances import PERMANENT, TRANSIENT
 
-from conftest import mark_others_slow, snapshot, make_laboratory, make_random, seeds, teach_target
+from conftest import make_laboratory, make_random, mark_others_slow, seeds, snapshot, teach_target
 from rcmservo.errors import BadInput
 from rcmservo.interfaces import Command, DropReason, Floats, Frame, Observation
 from rcmservo.loop.plant import Plant
@@ -235,7 +235,8 @@ def test_a_drive_that_creeps_without_command_is_a_fault_at_any_speed(
     assert "at rest it should stay within" in state.text
     assert f"joint {text.partition('axis=')[2][0]} " in state.text
     assert np.all(
-        np.abs(observation.q - state.monitor.rest_joints) <= 1.1 * np.array(Thresholds().max_following_error)
+        np.abs(observation.q - state.monitor.rest_joints)
+        <= 1.1 * np.array(Thresholds().max_following_error)
     )
 
 

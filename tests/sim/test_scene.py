@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from conftest import mark_others_slow, make_laboratory
+from conftest import make_laboratory, mark_others_slow
 from rcmservo.control.saturated_controller import SaturatedController
 from rcmservo.errors import BadInput
 from rcmservo.estimation.projection_rule import ProjectionEstimator
-from rcmservo.geometry.features import shift_to_rcm, compute_feature_error, compute_features
+from rcmservo.geometry.features import compute_feature_error, compute_features, shift_to_rcm
 from rcmservo.loop.plant import Plant
 from rcmservo.loop.run import run
 from rcmservo.loop.teach import teach
@@ -24,7 +24,10 @@ ERRORS = (float(np.radians(40.0)), -80.0, -60.0)
 
 def true_error(rig, q):
     o_c = rig.truth.imaged_rcm()
-    y, y_d = (compute_features(shift_to_rcm(rig.truth.pixels(joints), o_c)) for joints in (q, rig.scene.target))
+    y, y_d = (
+        compute_features(shift_to_rcm(rig.truth.pixels(joints), o_c))
+        for joints in (q, rig.scene.target)
+    )
     return compute_feature_error(y, y_d)
 
 
@@ -172,7 +175,9 @@ def test_after_the_tool_is_moved_by_hand_no_frame_has_earlier_joints():
     lab.rig.move_to_start()
     home = lab.rig.scene.start
     observations = [
-        tick.observation for tick in run(lab.plant, lab.servo(), lab.target, 0.1) if tick.observation.frame >= 0
+        tick.observation
+        for tick in run(lab.plant, lab.servo(), lab.target, 0.1)
+        if tick.observation.frame >= 0
     ]
     assert observations
     assert all(np.abs(one.q_exposure - home).max() < 0.1 for one in observations)

@@ -48,7 +48,9 @@ def make_study(settings: RigSettings, **options: float) -> Study:
 
 def run_mujoco(study: Study, seed: int) -> StudyRun:
     """Run the same closed loop with MuJoCo's arm and the live code."""
-    return SimulationEngine(study.servo, study.settings, study.duration, study.teaching_frames).run(seed)
+    return SimulationEngine(study.servo, study.settings, study.duration, study.teaching_frames).run(
+        seed
+    )
 
 
 def make_goal(seed: int, settings: RigSettings) -> StudyGoal:
@@ -71,7 +73,9 @@ def run_both(study: Study, seed: int) -> StudyRun:
 
 @pytest.mark.parametrize(
     "scene",
-    mark_others_slow([(WRIST, 1), *((settings, n) for settings in (QUIET, WRIST) for n in range(5))]),
+    mark_others_slow(
+        [(WRIST, 1), *((settings, n) for settings in (QUIET, WRIST) for n in range(5))]
+    ),
 )
 def test_the_compiled_plant_agrees_with_the_simulated_arm(scene: tuple[RigSettings, int]) -> None:
     settings, seed = scene

@@ -355,7 +355,9 @@ def test_without_noise_the_ratio_to_the_bound_is_unknown(tmp_path: Path) -> None
 def test_the_meanings_of_the_columns_are_in_the_file_and_on_the_page(study: ReportedStudy) -> None:
     table = read_runs(study.folder)
     meanings = {field.name: field.metadata[b"meaning"].decode() for field in table.schema}
-    assert len(meanings) == len(table.column_names) and (study.folder / RUNS_FILE).stat().st_size < 1e6
+    assert (
+        len(meanings) == len(table.column_names) and (study.folder / RUNS_FILE).stat().st_size < 1e6
+    )
     for name, meaning in meanings.items():
         assert name in study.parsed.text and meaning in study.parsed.text
 

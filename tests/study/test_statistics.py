@@ -11,11 +11,11 @@ from hypothesis.extra.numpy import arrays
 from rcmservo.interfaces import Floats
 from rcmservo.study.report.statistics import (
     Interval,
+    estimate_fraction,
+    estimate_fraction_difference,
     estimate_median_difference,
     estimate_quantile,
     estimate_root_mean_square,
-    estimate_fraction,
-    estimate_fraction_difference,
 )
 
 TIMES = st.one_of(st.floats(0.0, 15.0), st.just(np.inf))
@@ -62,7 +62,9 @@ def test_the_interval_of_a_quantile_has_nominal_coverage_for_long_tails(p: float
 
 def test_an_event_that_never_happens_is_later_than_every_time() -> None:
     times = np.array([1.0, 2.0, 3.0, np.inf, np.inf, np.inf, np.inf])
-    assert estimate_quantile(times, 0.5).value == np.inf and estimate_quantile(times, 0.1).value == 1.0
+    assert (
+        estimate_quantile(times, 0.5).value == np.inf and estimate_quantile(times, 0.1).value == 1.0
+    )
     assert estimate_quantile(times, 0.5).low == 1.0 and estimate_quantile(times, 0.5).high == np.inf
     assert np.isnan(estimate_quantile(np.array([]), 0.5).value)
 
@@ -109,7 +111,10 @@ def test_the_interval_of_a_root_mean_square_covers_it_and_is_rarely_below(count:
 
 def test_a_quantile_is_a_sample_value_and_a_median_is_the_mean_of_two() -> None:
     inf, values = np.inf, np.array([1.0, 2.0, 4.0, 8.0])
-    assert estimate_quantile(values, 0.5).value == 3.0 and estimate_quantile(values[:3], 0.5).value == 2.0
+    assert (
+        estimate_quantile(values, 0.5).value == 3.0
+        and estimate_quantile(values[:3], 0.5).value == 2.0
+    )
     assert estimate_quantile(np.r_[np.arange(190.0), np.full(10, inf)], 0.95).value == 189.0
     assert estimate_quantile(np.r_[np.arange(189.0), np.full(11, inf)], 0.95).value == inf
     assert estimate_quantile(np.array([-inf, inf]), 0.5).value != 0.0

@@ -39,7 +39,10 @@ def small_chunks(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_an_interrupted_study_ends_with_the_same_bytes(tmp_path: Path) -> None:
-    whole, stopped = run_plan(make_plan(), tmp_path / "a"), StudyExecution(make_plan(), tmp_path / "b")
+    whole, stopped = (
+        run_plan(make_plan(), tmp_path / "a"),
+        StudyExecution(make_plan(), tmp_path / "b"),
+    )
     stopped.missing = dict(list(stopped.missing.items())[:2])
     stopped.run(InProcessPool(), lambda _: None)  # pyright: ignore[reportArgumentType]
     after = StudyExecution(make_plan(), tmp_path / "b")
@@ -227,7 +230,11 @@ def test_files_made_from_old_rows_are_removed_with_them(tmp_path: Path) -> None:
     StudyExecution(make_plan(count=4), tmp_path).gather()
     assert derived <= {path.name for path in tmp_path.iterdir()}
     run_plan(make_plan(count=4, duration=3.0), tmp_path).gather()
-    assert {path.name for path in tmp_path.iterdir()} == {"parts", manifest.MANIFEST_NAME, RUNS_FILE}
+    assert {path.name for path in tmp_path.iterdir()} == {
+        "parts",
+        manifest.MANIFEST_NAME,
+        RUNS_FILE,
+    }
 
 
 @pytest.mark.parametrize(

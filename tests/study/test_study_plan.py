@@ -20,7 +20,7 @@ from rcmservo.study.plan.distribution import (
     load_built_in,
     parse_distribution,
 )
-from rcmservo.study.plan.file import StudyFile, read_study_file, make_plan
+from rcmservo.study.plan.file import StudyFile, make_plan, read_study_file
 from rcmservo.study.plan.plan import StudyPlan
 
 FILE = """

@@ -60,7 +60,10 @@ def lab() -> Generator[Cluster]:
 
 
 def run_on(
-    pool: WorkerPool, folder: Path, progress: Callable[[int], None] = lambda _: None, **settings: object
+    pool: WorkerPool,
+    folder: Path,
+    progress: Callable[[int], None] = lambda _: None,
+    **settings: object,
 ) -> bytes:
     """Return the bytes of runs.parquet of a study on a pool of workers."""
     work = StudyExecution(make_plan(**settings), folder)
@@ -199,7 +202,10 @@ def test_missing_local_workers_raise_an_error(monkeypatch: pytest.MonkeyPatch) -
     empty = contextlib.nullcontext(ClusterWithoutWorkers())
     monkeypatch.setattr(worker_pool.DASK, "LocalCluster", lambda **_: empty)
     monkeypatch.setattr(worker_pool.DASK, "Client", lambda _: empty)
-    with pytest.raises(WorkLost, match="no worker of this machine has joined"), open_worker_pool(None, 2):
+    with (
+        pytest.raises(WorkLost, match="no worker of this machine has joined"),
+        open_worker_pool(None, 2),
+    ):
         pass
 
 
@@ -363,7 +369,10 @@ def test_an_unusable_cluster_raises_one_error(
 def test_a_scheduler_without_workers_raises_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
     with cluster(0) as lab:
         monkeypatch.setattr(worker_pool, "WORKER_TIMEOUT_S", 1.0)
-        with pytest.raises(RcmServoError, match="no worker has joined"), open_worker_pool(lab.address, None):
+        with (
+            pytest.raises(RcmServoError, match="no worker has joined"),
+            open_worker_pool(lab.address, None),
+        ):
             pass
 
 

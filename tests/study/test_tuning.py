@@ -23,20 +23,20 @@ from rcmservo.estimation.projection_rule import PAPER_PROJECTION_ESTIMATOR, Proj
 from rcmservo.servo.user_estimator import class_path_of
 from rcmservo.study.execution.chunk import ChunkRequest, RowValues, run_seed
 from rcmservo.study.plan.cell import parse_cell
-from rcmservo.study.plan.file import StudyFile, read_study_file, make_plan
-from rcmservo.study.plan.method import make_servo as servo_of
+from rcmservo.study.plan.file import StudyFile, make_plan, read_study_file
 from rcmservo.study.plan.method import make_method
+from rcmservo.study.plan.method import make_servo as servo_of
 from rcmservo.study.report.summary import compare_with_first, group_runs
 from rcmservo.study.tuning.search import (
-    TUNED_METHOD,
     RETUNED_METHOD,
+    TUNED_METHOD,
     SearchTrial,
     Tuning,
-    find_best_trial,
     compute_cost,
+    find_best_trial,
     run_search,
 )
-from rcmservo.study.tuning.space import SearchAxis, parse_axis, get_setting, replace_settings
+from rcmservo.study.tuning.space import SearchAxis, get_setting, parse_axis, replace_settings
 
 BAD_START: dict[str, Any] = {
     "estimator": "dlt",
@@ -109,7 +109,9 @@ def make_tuning(
     return Tuning(plan=plan, axes=parsed, **{"trials": 8, "validation": 40, **settings})
 
 
-def run_search(tuning: Tuning, folder: Path, pool: InProcessPool | None = None) -> list[SearchTrial]:
+def run_search(
+    tuning: Tuning, folder: Path, pool: InProcessPool | None = None
+) -> list[SearchTrial]:
     reported: list[SearchTrial] = []
     trials = run_search(tuning, folder, pool or InProcessPool(), reported.append)  # pyright: ignore
     assert reported == trials
@@ -274,7 +276,11 @@ def test_a_user_estimator_may_reject_settings_with_any_exception(tmp_path: Path)
 
 
 def test_the_first_of_equal_trials_is_the_best() -> None:
-    trials = [SearchTrial(0, {}, 3.0, 1.0), SearchTrial(1, {}, 2.0, 1.0), SearchTrial(2, {}, 2.0, 1.0)]
+    trials = [
+        SearchTrial(0, {}, 3.0, 1.0),
+        SearchTrial(1, {}, 2.0, 1.0),
+        SearchTrial(2, {}, 2.0, 1.0),
+    ]
     assert find_best_trial(trials).number == 1
 
 
@@ -284,7 +290,9 @@ def test_a_search_improves_poor_settings_on_scenes_outside_the_search(tmp_path: 
     start = tuning.plan.methods[0]
     method = replace_settings(start, TUNED_METHOD, trial.values)
     plan = replace(tuning.validation_plan, methods=(start, method))
-    (comparison,) = compare_with_first(group_runs(plan, run_plan(plan, tmp_path / "unseen").gather()))
+    (comparison,) = compare_with_first(
+        group_runs(plan, run_plan(plan, tmp_path / "unseen").gather())
+    )
     assert comparison.success.low > 0.3 and comparison.time_s.high < -1.0
 
 

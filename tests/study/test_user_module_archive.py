@@ -13,7 +13,7 @@ from rcmservo.errors import BadInput, RcmServoError
 from rcmservo.study.execution.run_study import StudyExecution
 from rcmservo.study.plan.file import StudyFile, make_plan
 from rcmservo.study.plan.plan import StudyPlan
-from rcmservo.study.plan.user_module_archive import ModuleArchive, load_classes, archive_module
+from rcmservo.study.plan.user_module_archive import ModuleArchive, archive_module, load_classes
 
 MODULE = "archived_module"
 HELPER = "FACTOR = {factor}\n"

@@ -120,7 +120,9 @@ def check(
 
 def warm_up(robot: Robot, gate: Gate) -> None:
     """Compile all kernels before the arm is connected, because compilation would delay commands."""
-    command = gate.admit(np.zeros(3), gate.rest(), np.zeros(3), robot.mechanism.to_struct(), 1).command
+    command = gate.admit(
+        np.zeros(3), gate.rest(), np.zeros(3), robot.mechanism.to_struct(), 1
+    ).command
     gate.stop(command, 2)
     identify_drive_lag(
         MotionTrace(answers=[(k, np.zeros(3), np.zeros(3)) for k in range(3)]), np.ones(3)
@@ -218,7 +220,9 @@ class _Check:
 
     def _require_stop(self, escalation: MotionEscalation, joint: int) -> None:
         """Abort if a rate-controlled arm keeps moving after its commands cease."""
-        if not (isinstance(self.mover.arm, SuspendsCommunication) and self.mover.arm.is_rate_controlled):
+        if not (
+            isinstance(self.mover.arm, SuspendsCommunication) and self.mover.arm.is_rate_controlled
+        ):
             return
         motion = float(escalation.motions[joint])
         question = escalation.question(joint, motion, ", interrupt the commands midway")

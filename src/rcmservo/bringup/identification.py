@@ -19,7 +19,7 @@ from typing import Any, cast
 import numpy as np
 
 from rcmservo.geometry.kinematics import Kinematics, RcmStruct, compute_position
-from rcmservo.geometry.tool import RIGID, ToolStruct, Tool, compute_second_marker
+from rcmservo.geometry.tool import RIGID, Tool, ToolStruct, compute_second_marker
 from rcmservo.interfaces import Floats
 from rcmservo.numerics.jit import compiled
 

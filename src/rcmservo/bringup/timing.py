@@ -13,7 +13,12 @@ import numpy as np
 from rcmservo.bringup.findings import Finding
 from rcmservo.bringup.identification import fit_residuals
 from rcmservo.bringup.observations import MotionTrace
-from rcmservo.control.drive_lag import DriveLag, start_lag_measurement, add_lag_reading, finish_lag_measurement
+from rcmservo.control.drive_lag import (
+    DriveLag,
+    add_lag_reading,
+    finish_lag_measurement,
+    start_lag_measurement,
+)
 from rcmservo.interfaces import Floats
 
 MAX_TIME_ERROR = 0.3

@@ -9,7 +9,12 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from rcmservo.cli.servo_options import EstimatorName, ServoOptions
-from rcmservo.config.rig_file import RigDescription, read_rig_file, decode_rig_file, name_origin_in_errors
+from rcmservo.config.rig_file import (
+    RigDescription,
+    decode_rig_file,
+    name_origin_in_errors,
+    read_rig_file,
+)
 from rcmservo.config.verified_rigs import compute_digest
 from rcmservo.constraints import Limit, between, not_negative
 from rcmservo.errors import require

@@ -12,7 +12,7 @@ from rcmservo.cli.lab_options import RunToTargetOptions
 from rcmservo.cli.progress.preparing import compiling
 from rcmservo.cli.result_output import print_result, read_record_if_any, save_result
 from rcmservo.cli.terminal import console, status_line
-from rcmservo.errors import require_extra, require
+from rcmservo.errors import require, require_extra
 from rcmservo.live.supervisor import run_live
 from rcmservo.loop.run_result import RunResult, finite_or_none
 from rcmservo.recording.reader import RECORD
@@ -41,7 +41,10 @@ def live(options: LiveOptions) -> int:
     for name, path in (("--target", options.target), ("--save-target", options.save_target)):
         expected = "left out without [arm] in the rig file: a simulated run teaches its own target"
         require(path is None, name, path, expected)
-    with require_extra("live", "sim"), new_folder(options.out, f"live-seed{options.seed}") as folder:
+    with (
+        require_extra("live", "sim"),
+        new_folder(options.out, f"live-seed{options.seed}") as folder,
+    ):
         words = f"simulated arm and camera, seed {options.seed}; preparing …"
         out.print(words, style="dim", soft_wrap=True)
         result = _run_simulated(options, folder, out)

@@ -12,7 +12,7 @@ from rcmservo.cli.servo_options import EstimatorOptions, OptionalEstimator
 from rcmservo.cli.terminal import console
 from rcmservo.config.rig_file import RigDescription
 from rcmservo.config.user_code import hash_source
-from rcmservo.errors import require_extra, require
+from rcmservo.errors import require, require_extra
 from rcmservo.servo.user_estimator import check_estimator
 
 if TYPE_CHECKING:
@@ -90,7 +90,9 @@ def _user_method(options: PaperOptions) -> "UserEstimatorMethod | None":
     )
     estimator = options.user_estimators[name]
     check_estimator(estimator, RigDescription().tool)
-    return UserEstimatorMethod(name, name.rpartition(":")[2], estimator, source=hash_source(estimator))
+    return UserEstimatorMethod(
+        name, name.rpartition(":")[2], estimator, source=hash_source(estimator)
+    )
 
 
 def _claim_table(rows: "list[ClaimRow]") -> Table:

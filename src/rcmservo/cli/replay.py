@@ -77,7 +77,9 @@ def recorded_options(options: ReplayOptions, record: Record) -> ReplayOptions:
     groups: dict[str, Any] = {
         part: getattr(servo, part) for part in METHOD_PARTS if part in OPTION_GROUPS
     }
-    is_printed_variant = options.estimator == "projection" and servo.estimator == PAPER_PROJECTION_ESTIMATOR
+    is_printed_variant = (
+        options.estimator == "projection" and servo.estimator == PAPER_PROJECTION_ESTIMATOR
+    )
     if not is_printed_variant:
         groups[options.USER_GROUPS.get(name, name)] = servo.estimator
     user_defined = (
@@ -143,7 +145,9 @@ def replay(options: ReplayOptions) -> int:
         else:
             print_score(out, scored)
         if folder is not None:
-            write_atomically(folder / "replay.json", json.dumps(score_as_json(scored), indent=2) + "\n")
+            write_atomically(
+                folder / "replay.json", json.dumps(score_as_json(scored), indent=2) + "\n"
+            )
             write_atomically(folder / "centres.csv", centres_csv(scored))
     return 0
 

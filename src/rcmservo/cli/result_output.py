@@ -16,7 +16,7 @@ from rcmservo.figures import charts, plots
 from rcmservo.loop.run_result import RunResult
 from rcmservo.recording import reader
 from rcmservo.recording.reader import Record
-from rcmservo.recording.summary_text import list_result_rows, format_title
+from rcmservo.recording.summary_text import format_title, list_result_rows
 
 METRICS_FILE = "metrics.json"
 """File of the result in the folder of a run."""

@@ -27,7 +27,11 @@ def score_as_json(result: scoring.RecordingScore) -> dict[str, Any]:
             zip(("m1", "m2"), map(finite_or_none, result.reprojection), strict=True)
         ),
         "one_step_rms": {
-            name: {"s_deg": finite_or_none(np.degrees(s)), "r_px": finite_or_none(r), "d_px": finite_or_none(d)}
+            name: {
+                "s_deg": finite_or_none(np.degrees(s)),
+                "r_px": finite_or_none(r),
+                "d_px": finite_or_none(d),
+            }
             for name, (s, r, d) in result.one_step.items()
         },
     }
@@ -61,7 +65,8 @@ def print_score(console: Console, result: scoring.RecordingScore) -> None:
     table = Table("one-step prediction, rms", "s [°]", "r [px]", "d [px]")
     for name, (s, r, d) in result.one_step.items():
         table.add_row(
-            name, *(format_quantity(finite_or_none(value), "", 2) for value in (np.degrees(s), r, d))
+            name,
+            *(format_quantity(finite_or_none(value), "", 2) for value in (np.degrees(s), r, d)),
         )
     console.print(table)
 

@@ -136,7 +136,7 @@ class ServoOptions(EstimatorOptions):
         parts = self.parts(estimator)
         check_estimator(parts["estimator"], lab.tool)
         try:
-            return lab.servo(**parts)
+            return lab.make_servo(**parts)
         except BadInput as error:
             part, _, setting = error.field.partition(".")
             typed = (

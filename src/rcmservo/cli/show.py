@@ -20,7 +20,12 @@ from rcmservo.figures import charts, plots
 from rcmservo.loop.run_result import RunResult
 from rcmservo.recording import reader
 from rcmservo.recording.reader import Record
-from rcmservo.recording.summary_text import list_record_rows, format_verdict, describe_way_out, describe_cause
+from rcmservo.recording.summary_text import (
+    describe_cause,
+    describe_way_out,
+    format_verdict,
+    list_record_rows,
+)
 from rcmservo.recording.timeline import Span, list_spans, summarise
 from rcmservo.safety.causes import Action
 

@@ -36,7 +36,7 @@ def write_atomically(path: Path, text: str) -> None:
         part.write_text(text, "utf-8")
 
 
-def read_limited(path: Path, largest: int, what: str) -> bytes:
+def read_limited(path: Path, max_bytes: int, description: str) -> bytes:
     """Return the bytes of a regular file.
 
     Parameters
@@ -57,9 +57,9 @@ def read_limited(path: Path, largest: int, what: str) -> bytes:
         if not stat.S_ISREG(path.stat().st_mode):
             raise UnusableFile(path, "is not a file")
         with path.open("rb") as file:
-            data = file.read(largest + 1)
+            data = file.read(max_bytes + 1)
     except OSError as error:
         raise UnusableFile(path, f"cannot be read: {error.strerror}") from error
-    if len(data) > largest:
-        raise UnusableFile(path, f"is larger than {largest} bytes, too large for {what}")
+    if len(data) > max_bytes:
+        raise UnusableFile(path, f"is larger than {max_bytes} bytes, too large for {description}")
     return data

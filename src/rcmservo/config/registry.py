@@ -71,10 +71,10 @@ KIND_KEY = "kind"
 """Key of a table that contains the name of its class."""
 
 
-def find_class_name(value: object, classes: Classes) -> str:
+def find_class_name(settings: object, classes: Classes) -> str:
     """Return the name of a value's class in `classes`, or module:class for another class."""
-    names = (name for name, kind in classes.items() if kind is type(value))
-    return next(names, class_path_of(value))
+    names = (name for name, kind in classes.items() if kind is type(settings))
+    return next(names, class_path_of(settings))
 
 
 def decode_kind(classes: Classes, table: object, where: str, default: object = None) -> Any:

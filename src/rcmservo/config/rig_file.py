@@ -68,12 +68,12 @@ class RigDescription:
     devices: Tables = field(default_factory=dict[str, texts.Table])
     simulation: Tables = field(default_factory=dict[str, texts.Table])
 
-    def servo(self, **parts: Any) -> Servo:
+    def make_servo(self, **parts: Any) -> Servo:
         """Return a servo for this rig with some `METHOD_PARTS`; the others have their defaults."""
         robot = {part: getattr(self, part) for part in PART_CLASSES if part not in METHOD_PARTS}
         return Servo(**robot, **parts)
 
-    def device(self, name: str, kinds: Mapping[str, type[Any]]) -> Any:
+    def device_settings(self, name: str, kinds: Mapping[str, type[Any]]) -> Any:
         """Return the settings of a device, of the class that the key `kind` of its section names.
 
         Parameters
@@ -93,7 +93,7 @@ class RigDescription:
             raise BadInput(f"section {name}", None, f"given, with a kind: {' or '.join(kinds)}")
         return decode_kind(kinds, table, name)
 
-    def section(self, name: str, kind: type[Section], **known: object) -> Section:
+    def simulation_settings(self, name: str, kind: type[Section], **known: object) -> Section:
         """Return the settings in a section for the simulation.
 
         Parameters
@@ -119,8 +119,12 @@ class RigDescription:
         return decode_settings(kind, {**table, **known}, name, others)
 
 
-ROBOT_SECTIONS = tuple(f.name for f in fields(RigDescription) if f.name not in ("devices", "simulation"))
-METHOD_PARTS = tuple(part for part in PART_CLASSES if part not in {f.name for f in fields(RigDescription)})
+ROBOT_SECTIONS = tuple(
+    f.name for f in fields(RigDescription) if f.name not in ("devices", "simulation")
+)
+METHOD_PARTS = tuple(
+    part for part in PART_CLASSES if part not in {f.name for f in fields(RigDescription)}
+)
 """Parts of a servo that no rig file describes: those of the method. The command line, studies and
 the page set them."""
 

@@ -39,13 +39,18 @@ NO_USER_ESTIMATORS: Mapping[str, type[Estimator]] = {}
 
 def describe_servo(servo: Servo) -> Table:
     """Return a servo as a table of JSON values."""
-    parts = {part: _described(getattr(servo, part), classes) for part, classes in PART_CLASSES.items()}
+    parts = {
+        part: _described(getattr(servo, part), classes) for part, classes in PART_CLASSES.items()
+    }
     return json.loads(json.dumps({**parts, "rate": servo.rate}, default=_plain))
 
 
 def _described(value: Any, classes: Classes) -> object:
     names = [f.name for f in fields(value)] if is_dataclass(value) else []
-    return {KIND_KEY: find_class_name(value, classes), **{name: getattr(value, name) for name in names}}
+    return {
+        KIND_KEY: find_class_name(value, classes),
+        **{name: getattr(value, name) for name in names},
+    }
 
 
 def _plain(value: Any) -> object:
@@ -53,7 +58,9 @@ def _plain(value: Any) -> object:
     return asdict(value) if is_dataclass(value) and not isinstance(value, type) else repr(value)
 
 
-def rebuild_servo(description: object, own: Mapping[str, type[Estimator]] = NO_USER_ESTIMATORS) -> Servo:
+def rebuild_servo(
+    description: object, user_estimators: Mapping[str, type[Estimator]] = NO_USER_ESTIMATORS
+) -> Servo:
     """Return the servo that a description contains.
 
     Parameters
@@ -69,7 +76,7 @@ def rebuild_servo(description: object, own: Mapping[str, type[Estimator]] = NO_U
         If a field is missing, unknown or invalid; the error names it.
     """
     decoded: Any = decode_settings(Description, description, "servo")
-    parts = {**PART_CLASSES, "estimator": {**ESTIMATORS, **own}}
+    parts = {**PART_CLASSES, "estimator": {**ESTIMATORS, **user_estimators}}
     made = {part: _rebuilt(getattr(decoded, part), parts[part], f"servo.{part}") for part in parts}
     return Servo(**made, rate=decoded.rate)
 

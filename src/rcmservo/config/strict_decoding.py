@@ -41,7 +41,9 @@ BARE_KEY = re.compile(r"[A-Za-z0-9_-]{1,60}")
 """Key that needs no quotes in TOML."""
 
 
-def decode_settings(kind: type[Settings], table: object, where: str, others: Sequence[str] = ()) -> Settings:
+def decode_settings(
+    kind: type[Settings], table: object, where: str, others: Sequence[str] = ()
+) -> Settings:
     """Return the settings in a table.
 
     Parameters

@@ -151,7 +151,9 @@ def _content(table: object) -> TargetContent:
     rest = {key: value for key, value in table.items() if key != "sha256"}
     if table.get("sha256") != compute_checksum(rest):
         raise texts.InvalidText("is damaged or was changed: its checksum differs")
-    return decode_settings(TargetContent, {key: rest[key] for key in rest if key != "format"}, "target")
+    return decode_settings(
+        TargetContent, {key: rest[key] for key in rest if key != "format"}, "target"
+    )
 
 
 def _target(content: TargetContent, setup: TargetSetup) -> Target:

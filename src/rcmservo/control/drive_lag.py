@@ -10,7 +10,7 @@ import numpy as np
 from rcmservo.geometry.kinematics import Point
 from rcmservo.interfaces import Floats
 from rcmservo.numerics.jit import compiled
-from rcmservo.numerics.small_linalg import all_finite, fill, copy_into
+from rcmservo.numerics.small_linalg import all_finite, copy_into, fill
 from rcmservo.numerics.structs import Row, real, reals, whole
 
 DEFAULT_LAG_S = 0.025
@@ -33,7 +33,9 @@ class DriveLag(Row):
         3, "rad, rad, mm", "joints at the previous reading, NaN at the start of a motion"
     )
     read_at: int = whole("ns", "time of the previous reading")
-    regression_sums: Floats = reals(2, "s, 1", "Σ error × speed and Σ speed², in units of the maximal speeds")
+    regression_sums: Floats = reals(
+        2, "s, 1", "Σ error × speed and Σ speed², in units of the maximal speeds"
+    )
     lag: float = real("s", "T by the last complete motion, 0 before")
 
 
@@ -68,7 +70,9 @@ def add_lag_reading(
         for i in range(3):
             moved = q[i] - drives.newest_joints[i]
             error_step, speed = applied[i] * dt - moved, moved / dt / max_rates[i]
-            drives.regression_sums[0] += (drives.following_error[i] + 0.5 * error_step) / max_rates[i] * speed
+            drives.regression_sums[0] += (
+                (drives.following_error[i] + 0.5 * error_step) / max_rates[i] * speed
+            )
             drives.regression_sums[1] += speed * speed
             drives.following_error[i] += error_step
     copy_into(drives.newest_joints, q)
@@ -78,7 +82,11 @@ def add_lag_reading(
 @compiled
 def finish_lag_measurement(drives: DriveLag) -> None:
     """Finish the measurement at the end of a motion, and store T if it is valid."""
-    lag = drives.regression_sums[0] / drives.regression_sums[1] if drives.regression_sums[1] > 0.0 else np.nan
+    lag = (
+        drives.regression_sums[0] / drives.regression_sums[1]
+        if drives.regression_sums[1] > 0.0
+        else np.nan
+    )
     if MIN_MEASURED_LAG_S <= lag <= MAX_LAG_S:
         drives.lag = max(lag, MIN_LAG_S)
 

@@ -22,7 +22,7 @@ from rcmservo.control.drive_lag import DriveLag, start_lag_measurement
 from rcmservo.geometry.kinematics import Point, RcmStruct, compute_position_jacobian
 from rcmservo.interfaces import Floats
 from rcmservo.numerics.jit import compiled
-from rcmservo.numerics.small_linalg import compute_norm, subtract, copy_into
+from rcmservo.numerics.small_linalg import compute_norm, copy_into, subtract
 from rcmservo.numerics.structs import flag, reals, whole
 
 CORNERS = np.array([[1.0, 1.0, 0.0], [1.0, 0.0, 1.0], [0.0, 1.0, 1.0], [0.0, 0.0, 0.0]])
@@ -142,13 +142,22 @@ def set_next_corner(state: ExplorationState) -> None:
 
 @compiled
 def set_round(
-    state: ExplorationState, rcm: RcmStruct, max_rates: Floats | Point, min_room: float, settings: Exploration
+    state: ExplorationState,
+    rcm: RcmStruct,
+    max_rates: Floats | Point,
+    min_room: float,
+    settings: Exploration,
 ) -> bool:
     """Set the sides of the next round; return whether there is room for them."""
     round_index, full_sides, has_room = state.visited_corners // len(CORNERS), np.empty(3), True
     for i in range(3):
-        full_sides[i] = settings.speed_scale * settings.leg_time * max_rates[i] * settings.growth**round_index
-    factor = min(settings.max_leg_length / max(max_leg_length(rcm, state.start_joints, full_sides), 1e-9), 1.0)
+        full_sides[i] = (
+            settings.speed_scale * settings.leg_time * max_rates[i] * settings.growth**round_index
+        )
+    factor = min(
+        settings.max_leg_length / max(max_leg_length(rcm, state.start_joints, full_sides), 1e-9),
+        1.0,
+    )
     for i in range(3):
         side, margin = factor * full_sides[i], LIMIT_MARGIN * (rcm.upper[i] - rcm.lower[i])
         up = max(rcm.upper[i] - margin - state.start_joints[i], 0.0)

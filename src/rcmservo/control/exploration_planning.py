@@ -26,11 +26,16 @@ from rcmservo.estimation.projection_fit import (
     project_markers,
 )
 from rcmservo.estimation.projection_prediction import invert_normal, write_markers_jacobian
-from rcmservo.geometry.kinematics import Point, RcmStruct, compute_point_distance, compute_position_tuple
+from rcmservo.geometry.kinematics import (
+    Point,
+    RcmStruct,
+    compute_point_distance,
+    compute_position_tuple,
+)
 from rcmservo.geometry.tool import ToolStruct
 from rcmservo.interfaces import Floats
 from rcmservo.numerics.jit import compiled
-from rcmservo.numerics.small_linalg import fill, compute_norm, copy_into
+from rcmservo.numerics.small_linalg import compute_norm, copy_into, fill
 from rcmservo.numerics.small_solvers import invert
 
 LOOK_AHEAD_MM = 10.0
@@ -162,7 +167,9 @@ def expected_error(T: Floats, N: Floats, noise: float) -> float:
 
 
 @compiled
-def path_error(fit: ProjectionFit, p1: Floats, target: Floats, shaft: ToolStruct) -> tuple[float, float]:
+def path_error(
+    fit: ProjectionFit, p1: Floats, target: Floats, shaft: ToolStruct
+) -> tuple[float, float]:
     """Return the standard deviation of the error and the length of the path to the target, in mm.
 
     The path runs from marker 1 at p1 (3,) mm to the `target` (2, 2) raw px. Both are infinite if

@@ -12,14 +12,14 @@ import numpy as np
 
 from rcmservo.errors import BadInput
 from rcmservo.geometry.features import (
+    FEATURE_SCALE,
     INTERPRETED_CODE,
     MAX_FEATURES,
     POINTS_CODE,
-    FEATURE_SCALE,
     SRD_CODE,
-    shift_to_rcm,
     compute_features,
     compute_features_jacobian,
+    shift_to_rcm,
     wrap_angle,
 )
 from rcmservo.interfaces import Floats
@@ -148,7 +148,9 @@ class FeatureVector(ABC):
         """
         error, derivative = self.measure(markers) - self.measure(target), self.jacobian(markers)
         J = derivative @ motion[: derivative.shape[1]]
-        error = np.array([wrap_angle(e) if a else e for e, a in zip(error, self.angles, strict=True)])
+        error = np.array(
+            [wrap_angle(e) if a else e for e, a in zip(error, self.angles, strict=True)]
+        )
         if self.ignores_lost_markers:
             is_lost = ~np.isfinite(error)
             error[is_lost], J[is_lost] = 0.0, 0.0

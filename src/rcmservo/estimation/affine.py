@@ -25,11 +25,16 @@ from rcmservo.estimation.ball_size_fit import (
 )
 from rcmservo.estimation.base import Estimator, Sample
 from rcmservo.estimation.projection_fit import RCM_POSITION_MM
-from rcmservo.geometry.features import shift_to_rcm, compute_features_jacobian
-from rcmservo.geometry.tool import ToolStruct, Tool, compute_second_marker, compute_second_marker_jacobian
+from rcmservo.geometry.features import compute_features_jacobian, shift_to_rcm
+from rcmservo.geometry.tool import (
+    Tool,
+    ToolStruct,
+    compute_second_marker,
+    compute_second_marker_jacobian,
+)
 from rcmservo.interfaces import Floats
 from rcmservo.numerics.jit import compiled
-from rcmservo.numerics.small_linalg import all_finite, multiply_matrices, copy_into
+from rcmservo.numerics.small_linalg import all_finite, copy_into, multiply_matrices
 from rcmservo.numerics.structs import Rows
 
 
@@ -64,7 +69,10 @@ def markers_jacobian(memory: Rows[BallFit], p1: Floats, shaft: ToolStruct) -> Fl
     """Return ∂m/∂p₁ (4, 3) px/mm of both markers with marker 1 at p1 (3,) mm."""
     jacobian, p2 = np.empty((4, 3)), compute_second_marker(shaft, p1)
     copy_into(jacobian[:2], ball_jacobian(memory[0], p1))
-    copy_into(jacobian[2:], multiply_matrices(ball_jacobian(memory[1], p2), compute_second_marker_jacobian(shaft, p1)))
+    copy_into(
+        jacobian[2:],
+        multiply_matrices(ball_jacobian(memory[1], p2), compute_second_marker_jacobian(shaft, p1)),
+    )
     return jacobian
 
 
@@ -74,7 +82,9 @@ def sizes_jacobian(memory: Rows[BallFit], p1: Floats, shaft: ToolStruct) -> Floa
     jacobian, jacobian_2 = np.empty((2, 3)), np.empty((1, 3))
     copy_into(jacobian[0], radius_jacobian(memory[0], p1))
     copy_into(jacobian_2[0], radius_jacobian(memory[1], compute_second_marker(shaft, p1)))
-    copy_into(jacobian[1:], multiply_matrices(jacobian_2, compute_second_marker_jacobian(shaft, p1)))
+    copy_into(
+        jacobian[1:], multiply_matrices(jacobian_2, compute_second_marker_jacobian(shaft, p1))
+    )
     return jacobian
 
 
@@ -88,7 +98,9 @@ def fitted_features_jacobian(
     """
     if not (both_are_fitted(memory) and all_finite(points) and all_finite(o_c)):
         return np.zeros((3, 3))
-    J_hat = multiply_matrices(compute_features_jacobian(shift_to_rcm(points, o_c)), markers_jacobian(memory, p1, shaft))
+    J_hat = multiply_matrices(
+        compute_features_jacobian(shift_to_rcm(points, o_c)), markers_jacobian(memory, p1, shaft)
+    )
     return J_hat if all_finite(J_hat) else np.zeros((3, 3))
 
 

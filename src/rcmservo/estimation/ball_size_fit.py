@@ -31,7 +31,14 @@ from rcmservo.estimation.projection_fit import (
 )
 from rcmservo.interfaces import Floats
 from rcmservo.numerics.jit import compiled
-from rcmservo.numerics.small_linalg import all_finite, compute_distance, dot, bilinear_form, multiply_vector, copy_into
+from rcmservo.numerics.small_linalg import (
+    all_finite,
+    bilinear_form,
+    compute_distance,
+    copy_into,
+    dot,
+    multiply_vector,
+)
 from rcmservo.numerics.small_solvers import invert, solve_3x3
 from rcmservo.numerics.structs import Row, Rows, real, reals
 
@@ -141,13 +148,18 @@ def solve_ball_fit(fit: BallFit, size: float, kappa: float) -> None:
     correction = residual / bilinear_form(fit.sums[0], c, c) * max(1.0 - 4.0 / fit.frame_count, 0.0)
     corrected, corrected_inverse, is_invertible = solve_third_row(fit, Q, correction, size)
     if is_invertible:
-        c, inverse, residual = corrected, corrected_inverse, max(bilinear_form(Q, corrected, corrected), 0.0)
+        c, inverse, residual = (
+            corrected,
+            corrected_inverse,
+            max(bilinear_form(Q, corrected, corrected), 0.0),
+        )
     copy_into(fit.C[2], c)
     copy_into(fit.c_inverse, inverse)
     for k in range(2):
         copy_into(fit.C[k], multiply_vector(fit.S_inverse, multiply_vector(fit.sums[k + 1], c)))
     residual += max(
-        bilinear_form(fit.sums[4], c, c) + kappa * fit.frame_count - 2.0 * dot(fit.size_sums, c), 0.0
+        bilinear_form(fit.sums[4], c, c) + kappa * fit.frame_count - 2.0 * dot(fit.size_sums, c),
+        0.0,
     )
     prior_rows, rows = 3.0 * PRIOR_NOISE_FRAMES, max(3.0 * fit.frame_count - 12.0, 0.0)
     fit.noise_variance = (residual + prior_rows * PRIOR_NOISE_PX**2) / (rows + prior_rows)

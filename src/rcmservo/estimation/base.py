@@ -12,7 +12,7 @@ import numpy as np
 
 from rcmservo.constraints import Checked
 from rcmservo.geometry.features import FEATURE_COUNT, MAX_FEATURES
-from rcmservo.geometry.tool import ToolStruct, Tool
+from rcmservo.geometry.tool import Tool, ToolStruct
 from rcmservo.interfaces import Floats
 from rcmservo.numerics.structs import Row, flag, real, reals, whole
 
@@ -48,8 +48,12 @@ class EstimatorResult(Row):
     points: Floats = reals((2, 2), "px", "markers, raw; filtered if the estimator averages noise")
     J_hat: Floats = reals((3, 3), "rad/mm, px/mm, px/mm", "Ĵ of eq. (14), unless placed")
     markers_jacobian: Floats = reals((4, 3), "px/mm", "∂m/∂p₁ of both markers, if needed or placed")
-    has_imaged_rcm: bool = flag("whether the estimator gives the imaged RCM, and Ĵ follows from motion")
-    has_failed: bool = flag("whether a user-defined estimator or feature vector failed at this tick")
+    has_imaged_rcm: bool = flag(
+        "whether the estimator gives the imaged RCM, and Ĵ follows from motion"
+    )
+    has_failed: bool = flag(
+        "whether a user-defined estimator or feature vector failed at this tick"
+    )
     o_c: Floats = reals(2, "px", "imaged RCM, raw, if placed")
     o_c_covariance: Floats = reals((2, 2), "px²", "of o_c")
 
@@ -346,4 +350,6 @@ class Estimate(Row):
     law_error: Floats = reals(MAX_FEATURES, "", "error of these features at the exposure")
     y: Floats = reals(FEATURE_COUNT, "rad, px, px", "features [s r d], eq. (7)")
     delta: Floats = reals(FEATURE_COUNT, "rad, px, px", "Δy at the exposure")
-    predicted_delta: Floats = reals(FEATURE_COUNT, "rad, px, px", "Δy predicted for the present joints")
+    predicted_delta: Floats = reals(
+        FEATURE_COUNT, "rad, px, px", "Δy predicted for the present joints"
+    )

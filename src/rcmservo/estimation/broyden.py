@@ -20,7 +20,7 @@ import numpy as np
 from rcmservo.constraints import positive
 from rcmservo.estimation.base import Estimator, Sample
 from rcmservo.estimation.displacement import rank_one_update
-from rcmservo.geometry.features import shift_to_rcm, compute_feature_error, compute_features
+from rcmservo.geometry.features import compute_feature_error, compute_features, shift_to_rcm
 from rcmservo.geometry.tool import Tool
 from rcmservo.interfaces import Floats
 from rcmservo.numerics.jit import compiled
@@ -50,7 +50,10 @@ def update_from_frame(
     delta_p = subtract(p1, p1_before)
     if not compute_norm(delta_p) >= min_step:
         return J.copy(), False
-    delta_y = compute_feature_error(compute_features(shift_to_rcm(points, o_c)), compute_features(shift_to_rcm(points_before, o_c)))
+    delta_y = compute_feature_error(
+        compute_features(shift_to_rcm(points, o_c)),
+        compute_features(shift_to_rcm(points_before, o_c)),
+    )
     return broyden_update(J, delta_p, delta_y), True
 
 

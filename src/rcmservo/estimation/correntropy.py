@@ -39,7 +39,7 @@ from rcmservo.estimation.kalman import RandomWalkEstimator, predict_covariance
 from rcmservo.geometry.features import FEATURE_SCALE
 from rcmservo.interfaces import Floats
 from rcmservo.numerics.jit import compiled
-from rcmservo.numerics.small_linalg import multiply_vector, copy_into
+from rcmservo.numerics.small_linalg import copy_into, multiply_vector
 
 MIN_WEIGHT = 1e-20
 """Smallest weight of a displacement."""
@@ -121,9 +121,11 @@ class CorrentropyEstimator(RandomWalkEstimator):
     predicts_markers = False
 
     def initial_covariance(self) -> Floats:
-        return np.array([self.spread**2 * np.eye(3)] * 3)
+        return np.array([self.initial_std**2 * np.eye(3)] * 3)
 
     def update_jacobian(
         self, J_hat: Floats, P: Floats, delta_p: Floats, delta_y: Floats
     ) -> tuple[Floats, Floats]:
-        return correntropy_update(J_hat, P, delta_p, delta_y, self.drift, self.noise, self.bandwidth)
+        return correntropy_update(
+            J_hat, P, delta_p, delta_y, self.drift, self.noise, self.bandwidth
+        )

@@ -16,11 +16,11 @@ import numpy as np
 
 from rcmservo.constraints import positive
 from rcmservo.estimation.base import Estimator, Sample
-from rcmservo.geometry.features import shift_to_rcm, compute_feature_error, compute_features
+from rcmservo.geometry.features import compute_feature_error, compute_features, shift_to_rcm
 from rcmservo.geometry.tool import Tool
 from rcmservo.interfaces import Floats
 from rcmservo.numerics.jit import compiled
-from rcmservo.numerics.small_linalg import compute_norm, subtract, multiply_vector
+from rcmservo.numerics.small_linalg import compute_norm, multiply_vector, subtract
 
 EXPLORATION_ADVICE = (
     "a longer exploration motion (exploration.reach, exploration.leg) raises each displacement "
@@ -43,7 +43,10 @@ def measure_displacement(
     Δy is the change of the features from `points_before` (2, 2) to `points` (2, 2), both in raw px.
     """
     delta_p = subtract(p1, p1_before)
-    delta_y = compute_feature_error(compute_features(shift_to_rcm(points, o_c)), compute_features(shift_to_rcm(points_before, o_c)))
+    delta_y = compute_feature_error(
+        compute_features(shift_to_rcm(points, o_c)),
+        compute_features(shift_to_rcm(points_before, o_c)),
+    )
     return delta_p, delta_y, compute_norm(delta_p) >= min_step
 
 

@@ -9,14 +9,19 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rcmservo.estimation.base import EstimatorResult, Estimator, KernelSample, Sample
-from rcmservo.estimation.projection_fit import RCM_POSITION_MM, ProjectionFit, initial_fit, update_fit
+from rcmservo.estimation.base import Estimator, EstimatorResult, KernelSample, Sample
+from rcmservo.estimation.projection_fit import (
+    RCM_POSITION_MM,
+    ProjectionFit,
+    initial_fit,
+    update_fit,
+)
 from rcmservo.estimation.projection_prediction import (
     add_offset,
-    markers_jacobian,
-    fitted_features_jacobian,
-    predict_image,
     filter_markers,
+    fitted_features_jacobian,
+    markers_jacobian,
+    predict_image,
     write_markers_jacobian,
     write_predicted_image,
     write_predicted_markers,
@@ -92,7 +97,9 @@ class DltEstimator(Estimator):
     def init(self) -> Rows[ProjectionFit]:
         return initial_fit().rows
 
-    def update(self, memory: Rows[ProjectionFit], tool: Tool, sample: Sample) -> Rows[ProjectionFit]:
+    def update(
+        self, memory: Rows[ProjectionFit], tool: Tool, sample: Sample
+    ) -> Rows[ProjectionFit]:
         memory = memory.copy()
         update_fit(memory[0], sample.p1, sample.points, tool.struct)
         return memory
@@ -111,10 +118,19 @@ class DltEstimator(Estimator):
         return predict_image(memory[0], RCM_POSITION_MM)
 
     def predict(self, memory: Rows[ProjectionFit], tool: Tool, p1: Floats) -> Floats:
-        o_c, both = predict_image(memory[0], RCM_POSITION_MM)[0], (p1.copy(), tool.second_marker(p1))
+        o_c, both = (
+            predict_image(memory[0], RCM_POSITION_MM)[0],
+            (p1.copy(), tool.second_marker(p1)),
+        )
         return np.concatenate([predict_image(memory[0], p)[0] - o_c for p in both])
 
     def recorded_numbers(self, memory: Any) -> Floats:
         known = ProjectionFit(memory)
-        numbers = known.A.ravel(), known.g, known.origin, known.offset.ravel(), [known.noise_variance]
+        numbers = (
+            known.A.ravel(),
+            known.g,
+            known.origin,
+            known.offset.ravel(),
+            [known.noise_variance],
+        )
         return np.concatenate(numbers)

@@ -13,14 +13,16 @@ import numpy as np
 from rcmservo.constraints import positive
 from rcmservo.estimation.base import Estimator, Sample
 from rcmservo.estimation.displacement import rank_one_update
-from rcmservo.geometry.features import shift_to_rcm, compute_feature_error, compute_features
+from rcmservo.geometry.features import compute_feature_error, compute_features, shift_to_rcm
 from rcmservo.geometry.tool import Tool
 from rcmservo.interfaces import Floats
 from rcmservo.numerics.jit import compiled
 
 
 @compiled
-def integrate_flow_rule(J: Floats, delta_p: Floats, delta_y: Floats, dt: float, gamma: float) -> Floats:
+def integrate_flow_rule(
+    J: Floats, delta_p: Floats, delta_y: Floats, dt: float, gamma: float
+) -> Floats:
     """Return Ĵ (3, 3) after dt s of rule (28) at the constant velocity Δp/dt and flow Δy/dt."""
     squared = delta_p[0] ** 2 + delta_p[1] ** 2 + delta_p[2] ** 2
     if not (squared > 0.0 and dt > 0.0):
@@ -43,7 +45,10 @@ def update_from_frame(
     The features of both frames are taken about the present o_c, so that a change of o_c is not
     flow.
     """
-    delta_y = compute_feature_error(compute_features(shift_to_rcm(points, o_c)), compute_features(shift_to_rcm(points_before, o_c)))
+    delta_y = compute_feature_error(
+        compute_features(shift_to_rcm(points, o_c)),
+        compute_features(shift_to_rcm(points_before, o_c)),
+    )
     return integrate_flow_rule(J, delta_p, delta_y, dt, gamma)
 
 

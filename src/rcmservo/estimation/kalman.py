@@ -73,7 +73,7 @@ class RandomWalkEstimator(DisplacementEstimator, ABC):
 
     drift: Annotated[float, between(0.0, 1000.0)] = 0.007
     noise: Annotated[float, between(1e-6, 1000.0)] = 0.05
-    spread: Annotated[float, between(1e-6, 1000.0)] = 1.0
+    initial_std: Annotated[float, between(1e-6, 1000.0)] = 1.0
 
     advice = EXPLORATION_ADVICE
 
@@ -109,7 +109,7 @@ class KalmanEstimator(RandomWalkEstimator):
     predicts_markers = False
 
     def initial_covariance(self) -> Floats:
-        return self.spread**2 * np.eye(3)
+        return self.initial_std**2 * np.eye(3)
 
     def update_jacobian(
         self, J_hat: Floats, P: Floats, delta_p: Floats, delta_y: Floats

@@ -27,7 +27,7 @@ from rcmservo.geometry.kinematics import Point
 from rcmservo.geometry.tool import ToolStruct, compute_second_marker, compute_second_marker_tuple
 from rcmservo.interfaces import Floats
 from rcmservo.numerics.jit import compiled
-from rcmservo.numerics.small_linalg import all_finite, compute_distance, fill, copy_into
+from rcmservo.numerics.small_linalg import all_finite, compute_distance, copy_into, fill
 from rcmservo.numerics.small_solvers import invert
 from rcmservo.numerics.structs import Row, part, real, reals
 
@@ -152,7 +152,9 @@ def project_point(fit: ProjectionFit, p: Floats | Point) -> ProjectedPoint:
 
 
 @compiled
-def project_markers(fit: ProjectionFit, p1: Floats | Point, shaft: ToolStruct) -> tuple[ProjectedPoint, ProjectedPoint]:
+def project_markers(
+    fit: ProjectionFit, p1: Floats | Point, shaft: ToolStruct
+) -> tuple[ProjectedPoint, ProjectedPoint]:
     """Return the predicted images of both markers with marker 1 at p1 (3,) mm."""
     return project_point(fit, p1), project_point(fit, compute_second_marker_tuple(shaft, p1))
 
@@ -214,7 +216,9 @@ def write_residual_form(fit: ProjectionFit, Q: Floats) -> None:
 
 
 @compiled
-def solve_denominator(fit: ProjectionFit, Q: Floats, correction: float, h: Floats, C: Floats) -> bool:
+def solve_denominator(
+    fit: ProjectionFit, Q: Floats, correction: float, h: Floats, C: Floats
+) -> bool:
     """Write h = [g 1] (4,) and the inverse C (3, 3) that g is solved with; return whether C exists.
 
     Q is reduced by `correction` times S.
@@ -322,7 +326,9 @@ def update_fit(fit: ProjectionFit, p1: Floats, points: Floats, shaft: ToolStruct
 
 
 @compiled
-def update_offset(fit: ProjectionFit, k: int, prediction: ProjectedPoint, point: Floats, decay: float) -> None:
+def update_offset(
+    fit: ProjectionFit, k: int, prediction: ProjectedPoint, point: Floats, decay: float
+) -> None:
     """Decay the offset of marker k by the factor `decay`, and add its newest residual.
 
     Its centre is the raw `point` (2,) px; a lost marker adds nothing.

@@ -2,8 +2,14 @@
 
 import numpy as np
 
-from rcmservo.estimation.projection_fit import UNIT_LENGTH_MM, ProjectedPoint, ProjectionFit, project_markers, project_point
-from rcmservo.geometry.features import shift_to_rcm, compute_features_jacobian
+from rcmservo.estimation.projection_fit import (
+    UNIT_LENGTH_MM,
+    ProjectedPoint,
+    ProjectionFit,
+    project_markers,
+    project_point,
+)
+from rcmservo.geometry.features import compute_features_jacobian, shift_to_rcm
 from rcmservo.geometry.kinematics import Point
 from rcmservo.geometry.tool import ToolStruct, convert_to_first_marker
 from rcmservo.interfaces import Floats
@@ -60,7 +66,9 @@ def predict_image(fit: ProjectionFit, p: Floats) -> tuple[Floats, Floats]:
 
 
 @compiled
-def write_predicted_markers(fit: ProjectionFit, p1: Floats, shaft: ToolStruct, points: Floats) -> None:
+def write_predicted_markers(
+    fit: ProjectionFit, p1: Floats, shaft: ToolStruct, points: Floats
+) -> None:
     """Write the markers (2, 2) raw px that the fit alone predicts for p1 (3,) mm."""
     first, second = project_markers(fit, p1, shaft)
     for i in range(2):
@@ -121,12 +129,16 @@ def markers_jacobian(fit: ProjectionFit, p1: Floats, shaft: ToolStruct) -> Float
 
 
 @compiled
-def fitted_features_jacobian(fit: ProjectionFit, p1: Floats, points: Floats, o_c: Floats, shaft: ToolStruct) -> Floats:
+def fitted_features_jacobian(
+    fit: ProjectionFit, p1: Floats, points: Floats, o_c: Floats, shaft: ToolStruct
+) -> Floats:
     """Return Ĵ (3, 3) of eq. (15) at the raw `points` (2, 2) px about o_c.
 
     ∂m/∂p₁ is that of the fit.
     """
-    return multiply_matrices(compute_features_jacobian(shift_to_rcm(points, o_c)), markers_jacobian(fit, p1, shaft))
+    return multiply_matrices(
+        compute_features_jacobian(shift_to_rcm(points, o_c)), markers_jacobian(fit, p1, shaft)
+    )
 
 
 @compiled
@@ -202,7 +214,10 @@ def marker_order_score(fit: ProjectionFit) -> float:
                 cov_xm[i, n] -= mean * fit.marker_sums[k, 3 + n]
     is_invertible = invert(cov_xx)
     for i in range(5):
-        difference[i] = fit.marker_sums[1, i] / fit.marker_sums[1, 5] - fit.marker_sums[0, i] / fit.marker_sums[0, 5]
+        difference[i] = (
+            fit.marker_sums[1, i] / fit.marker_sums[1, 5]
+            - fit.marker_sums[0, i] / fit.marker_sums[0, 5]
+        )
     progress, squared = 0.0, difference[3] ** 2 + difference[4] ** 2
     for n in range(2):
         for i in range(3):

@@ -18,15 +18,26 @@ from typing import Annotated, Literal, NamedTuple
 import numpy as np
 
 from rcmservo.constraints import at_least, between, not_negative, positive
-from rcmservo.estimation.base import EstimatorResult, Estimator, KernelSample, Sample
+from rcmservo.estimation.base import Estimator, EstimatorResult, KernelSample, Sample
 from rcmservo.estimation.projection_fit import ProjectionFit
-from rcmservo.geometry.features import shift_to_rcm, compute_features_jacobian
-from rcmservo.geometry.projection import PARAMETER_COUNT, compute_depth, project, compute_projection_jacobian
-from rcmservo.geometry.tool import ToolStruct, Tool, compute_second_marker, compute_second_marker_jacobian, compute_marker_ratio
+from rcmservo.geometry.features import compute_features_jacobian, shift_to_rcm
+from rcmservo.geometry.projection import (
+    PARAMETER_COUNT,
+    compute_depth,
+    compute_projection_jacobian,
+    project,
+)
+from rcmservo.geometry.tool import (
+    Tool,
+    ToolStruct,
+    compute_marker_ratio,
+    compute_second_marker,
+    compute_second_marker_jacobian,
+)
 from rcmservo.interfaces import Floats
 from rcmservo.numerics.gradient_flow import integrate_gradient_flow
 from rcmservo.numerics.jit import compiled
-from rcmservo.numerics.small_linalg import multiply_matrices, copy_into
+from rcmservo.numerics.small_linalg import copy_into, multiply_matrices
 
 GAMMA_0 = np.array([1e-5] * 6 + [1e-8] * 3)
 """Diagonal of the printed Γ, for p in mm and m in px."""
@@ -48,7 +59,9 @@ Behind the camera the projection changes its sign.
 
 
 @compiled
-def fitted_points(observations: Floats, count: int, o_c: Floats, both: bool, shaft: ToolStruct) -> Floats:
+def fitted_points(
+    observations: Floats, count: int, o_c: Floats, both: bool, shaft: ToolStruct
+) -> Floats:
     """Return the fitted points as rows [p (3) mm, its pixels (2) from o_c].
 
     Marker 1 of all observations comes first, then marker 2 if ``both`` are fitted.
@@ -233,7 +246,9 @@ def update_from_frame(
     A, b = normal_equations(fitted)
     root = inverse_root(A, kernel.epsilon)
     C = gamma_root(root, kernel.rate)
-    a_next = limit_step_by_depth(a, integrate_gradient_flow(A, b, a, C, t), observations, count, shaft)
+    a_next = limit_step_by_depth(
+        a, integrate_gradient_flow(A, b, a, C, t), observations, count, shaft
+    )
     if count == len(observations):
         row = least_informative(fitted, count, root)
         count -= 1
@@ -246,7 +261,12 @@ def markers_jacobian(a: Floats, p1: Floats, shaft: ToolStruct) -> Floats:
     """Return ∂m/∂p₁ (4, 3) px/mm of both markers, the second factor of eq. (15)."""
     p2, jacobian = compute_second_marker(shaft, p1), np.empty((4, 3))
     copy_into(jacobian[:2], compute_projection_jacobian(a, p1))
-    copy_into(jacobian[2:], multiply_matrices(compute_projection_jacobian(a, p2), compute_second_marker_jacobian(shaft, p1)))
+    copy_into(
+        jacobian[2:],
+        multiply_matrices(
+            compute_projection_jacobian(a, p2), compute_second_marker_jacobian(shaft, p1)
+        ),
+    )
     return jacobian
 
 
@@ -367,7 +387,9 @@ class ProjectionEstimator(Estimator):
     gamma: Literal["fast", "printed"] = "fast"
     rate: Annotated[float, positive("rate in 1/s")] = 20.0
     epsilon: Annotated[float, at_least(MIN_EPSILON, "(a smaller value is lost in rounding)")] = 1e-7
-    observations: Annotated[int, between(6, MAX_OBSERVATIONS, "a whole number (Proposition 1 needs 6)")] = 20
+    observations: Annotated[
+        int, between(6, MAX_OBSERVATIONS, "a whole number (Proposition 1 needs 6)")
+    ] = 20
     both_markers: bool = True
     estimator_time: Annotated[float, not_negative("time in s")] = 0.0
 
@@ -387,7 +409,9 @@ class ProjectionEstimator(Estimator):
     def kernel(self) -> ProjectionKernel:
         """Compiled form of the estimator."""
         rate = float(self.rate) if self.gamma == "fast" else 0.0
-        return ProjectionKernel(rate, float(self.epsilon), bool(self.both_markers), float(self.estimator_time))
+        return ProjectionKernel(
+            rate, float(self.epsilon), bool(self.both_markers), float(self.estimator_time)
+        )
 
     def update(self, memory: ProjectionMemory, tool: Tool, sample: Sample) -> ProjectionMemory:
         p1, points, o_c, dt, _ = sample

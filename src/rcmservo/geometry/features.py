@@ -147,7 +147,9 @@ def limit_origin_distance(o_c: Floats, points: Floats, reach: float) -> tuple[fl
 
 
 @compiled
-def compute_features_and_error(points: Floats, target: Floats, o_c: Floats) -> tuple[Floats, Floats]:
+def compute_features_and_error(
+    points: Floats, target: Floats, o_c: Floats
+) -> tuple[Floats, Floats]:
     """Return y and Δy = y − y_d (3,), both measured from o_c (2,) px.
 
     `points` and `target` are raw marker pixels (2, 2), observed and desired.

@@ -135,7 +135,9 @@ def step_to_nearest_bundle(lines: Floats, count: int, o_c: Floats) -> Floats:
 
 
 @compiled
-def solve_imaged_rcm(lines: Floats, count: int, refinements: int, printed: bool) -> tuple[Floats, float]:
+def solve_imaged_rcm(
+    lines: Floats, count: int, refinements: int, printed: bool
+) -> tuple[Floats, float]:
     """Return o_c (2,) px and the condition number of eq. (16).
 
     The solution of (16) is followed by `refinements` steps to the nearest bundle, unless `printed`.

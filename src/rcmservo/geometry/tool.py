@@ -59,7 +59,9 @@ def compute_second_marker_tuple(shaft: ToolStruct, p1: Floats | Point) -> Point:
 
 
 @compiled
-def compute_max_tool_speed(shaft: ToolStruct, p1: Floats | Point, v: Floats | Point, tip: float) -> float:
+def compute_max_tool_speed(
+    shaft: ToolStruct, p1: Floats | Point, v: Floats | Point, tip: float
+) -> float:
     """Return the largest speed (mm/s) of marker 1, marker 2 and the tip.
 
     Marker 1 is at p1 (3,) mm and moves with v (3,) mm/s; the tip is `tip` mm beyond marker 2. The

@@ -52,13 +52,13 @@ def open_arm(lab: RigDescription) -> LabArm:
     RcmServoError
         If the arm cannot be reached or used.
     """
-    settings = lab.device("arm", ARM_KINDS)
+    settings = lab.device_settings("arm", ARM_KINDS)
     return _import_driver(settings)(settings, lab.mechanism.limits)
 
 
 def read_wiring(lab: RigDescription) -> Wiring:
     """Return the assignment of joints to motors in a rig file."""
-    return lab.device("arm", ARM_KINDS).wiring
+    return lab.device_settings("arm", ARM_KINDS).wiring
 
 
 def open_camera(lab: RigDescription, unmeasured: bool = False) -> LabCamera:
@@ -79,7 +79,7 @@ def open_camera(lab: RigDescription, unmeasured: bool = False) -> LabCamera:
     CameraLost
         If the camera cannot be opened.
     """
-    settings = lab.device("camera", CAMERA_KINDS)
+    settings = lab.device_settings("camera", CAMERA_KINDS)
     if not unmeasured:
         require_latency(settings)
     return _import_driver(settings)(settings)

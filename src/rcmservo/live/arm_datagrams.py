@@ -26,7 +26,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rcmservo.errors import RcmServoError, UnusableFile
-from rcmservo.interfaces import Command, Floats, ArmMeasurement, Target
+from rcmservo.interfaces import ArmMeasurement, Command, Floats, Target
 from rcmservo.loop.plant import Plant
 from rcmservo.loop.target_frames import TEACHING_FRAMES
 from rcmservo.loop.teach import teach

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from rcmservo.errors import Stopped
-from rcmservo.interfaces import Command, Floats, ArmMeasurement
+from rcmservo.interfaces import ArmMeasurement, Command, Floats
 from rcmservo.live.device_protocols import LabArm
 from rcmservo.live.supervisor import rely_on_watchdog
 

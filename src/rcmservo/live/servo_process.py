@@ -120,7 +120,11 @@ class HeartbeatPlant(Plant):
         consent: Callable[[Plant], None] | None = None,
     ) -> None:
         super().__init__(arm, eye, eye, clock)
-        self.lateness, self.heartbeat, self.stop_requested = clock.lateness, heartbeat, stop_requested
+        self.lateness, self.heartbeat, self.stop_requested = (
+            clock.lateness,
+            heartbeat,
+            stop_requested,
+        )
         self._consent = consent
 
     def enable(self) -> None:
@@ -253,7 +257,7 @@ def _await_frame(plant: HeartbeatPlant) -> None:
         raise_if_stopped(plant.stop_requested)
         if observation.exposure >= now:
             return
-        why = observation.drop_reason.words
+        why = observation.drop_reason.text
     raise NoFrames(f"no usable frame has arrived for {FRAME_TIMEOUT_S:g} s{why and ': ' + why}")
 
 
@@ -295,7 +299,8 @@ def _run_loop(
         result = result.unsettled(f"the run was stopped by {plant.stop_requested.signal}")
     elif undetected_tick is not None:
         cause = find_stop_cause(
-            undetected_tick.state.mode, reason_not_detected(plant, undetected_tick.observation, start)
+            undetected_tick.state.mode,
+            reason_not_detected(plant, undetected_tick.observation, start),
         )
         result = replace(result, cause=cause or result.cause)
     return replace(result, not_recorded=recorder.failed, loop=timing)

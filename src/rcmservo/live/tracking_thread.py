@@ -87,7 +87,11 @@ class TrackingThread:
 
     def explain_failure(self, frame: Frame) -> str:
         """Return the tracker's reason for not detecting the markers, or an empty string."""
-        return self._tracker.explain_failure(frame) if isinstance(self._tracker, FailureExplainer) else ""
+        return (
+            self._tracker.explain_failure(frame)
+            if isinstance(self._tracker, FailureExplainer)
+            else ""
+        )
 
     def reset(self) -> None:
         """Reset the tracker before the next frame."""

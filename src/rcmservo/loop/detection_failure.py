@@ -18,7 +18,11 @@ def reason_not_detected(plant: Plant, observation: Observation, began: int) -> s
         return _drop_reason(plant, observation.drop_reason)
     if plant.frame is None or silence_s > FRAME_TIMEOUT_S:
         return f"the camera has delivered no frame for {silence_s:.1f} s"
-    reason = plant.tracker.explain_failure(plant.frame) if isinstance(plant.tracker, FailureExplainer) else ""
+    reason = (
+        plant.tracker.explain_failure(plant.frame)
+        if isinstance(plant.tracker, FailureExplainer)
+        else ""
+    )
     return reason or "both markers must be in the image"
 
 
@@ -27,10 +31,10 @@ def _drop_reason(plant: Plant, dropped: DropReason) -> str:
     frame = plant.camera.latest()
     if dropped is DropReason.CLOCK and frame is not None:
         age = (plant.clock.now() - frame.exposure) * 1e-9
-        return f"{dropped.words}: the newest is {age:.3f} s old, expected 0 to 2 s"
+        return f"{dropped.text}: the newest is {age:.3f} s old, expected 0 to 2 s"
     try:
         if frame is not None:
             plant.tracker.find(frame)
     except BadInput as error:
         return str(error)
-    return dropped.words
+    return dropped.text

@@ -8,6 +8,7 @@ import numpy as np
 from rcmservo.errors import BadInput, RcmServoError
 from rcmservo.interfaces import (
     Arm,
+    ArmMeasurement,
     Camera,
     Clock,
     Command,
@@ -15,7 +16,6 @@ from rcmservo.interfaces import (
     Floats,
     Frame,
     Markers,
-    ArmMeasurement,
     Observation,
     Tracker,
 )
@@ -210,7 +210,9 @@ class Plant:
             return DropReason.NOT_NEW
         if last is not None and not frame.exposure > last.exposure:
             return DropReason.CLOCK
-        return DropReason.NONE if last is None or _shape(frame) == _shape(last) else DropReason.DAMAGED
+        return (
+            DropReason.NONE if last is None or _shape(frame) == _shape(last) else DropReason.DAMAGED
+        )
 
 
 def _points(markers: Markers) -> Floats:

@@ -12,7 +12,13 @@ eigenvectors.
 import numpy as np
 
 from rcmservo.numerics.jit import compiled
-from rcmservo.numerics.small_linalg import find_max_abs, compute_norm, subtract, multiply_vector, multiply_matrices
+from rcmservo.numerics.small_linalg import (
+    compute_norm,
+    find_max_abs,
+    multiply_matrices,
+    multiply_vector,
+    subtract,
+)
 from rcmservo.numerics.structs import Floats
 
 MAX_SERIES_NORM = 4.0
@@ -27,9 +33,16 @@ ends."""
 @compiled
 def integrate_gradient_flow(A: Floats, b: Floats, a: Floats, C: Floats, t: float) -> Floats:
     """Return â (n,) after the time t, from a (n,), with A (n, n), b (n,) and C (n, n)."""
-    H, residual = multiply_matrices(C.T, multiply_matrices(A, C)), multiply_vector(C.T, subtract(multiply_vector(A, a), b))
+    H, residual = (
+        multiply_matrices(C.T, multiply_matrices(A, C)),
+        multiply_vector(C.T, subtract(multiply_vector(A, a), b)),
+    )
     is_short = t * compute_norm(H) < MAX_SERIES_NORM
-    change = integrate_by_series(H, residual, t) if is_short else integrate_by_eigenvectors(H, residual, t)
+    change = (
+        integrate_by_series(H, residual, t)
+        if is_short
+        else integrate_by_eigenvectors(H, residual, t)
+    )
     return subtract(a, multiply_vector(C, change))
 
 

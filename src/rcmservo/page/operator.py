@@ -21,12 +21,12 @@ from rcmservo.loop.tick import Tick
 from rcmservo.page.channels import PageChannels
 from rcmservo.page.jog_state import NO_PRESS, JogCommand
 from rcmservo.page.messages import (
-    SettingsChange,
     Go,
     Note,
     PoseTaught,
     SequenceStatus,
     SettingsApplied,
+    SettingsChange,
     TargetChanged,
     TeachingStatus,
     TeachPose,
@@ -66,7 +66,9 @@ class PageOperator:
         Number of frames whose mean is a target.
     """
 
-    def __init__(self, channels: PageChannels, selection: SelectedSettings, frames: int = TEACHING_FRAMES) -> None:
+    def __init__(
+        self, channels: PageChannels, selection: SelectedSettings, frames: int = TEACHING_FRAMES
+    ) -> None:
         self._channels, self._selection, self._frames = channels, selection, frames
         self._servo: Servo | None = None
         self._requests: deque[tuple[OperatorRequest, str | None]] = deque([(Request.PAUSE, None)])
@@ -79,7 +81,9 @@ class PageOperator:
         self._target: Target | None = None
         self._sequence: SequenceRunner | None = None
         self._progress: SequenceProgress | None = None
-        compute_joint_rates(selection.servo.rcm, np.zeros(3), np.zeros(3))  # compiles it before the loop
+        compute_joint_rates(
+            selection.servo.rcm, np.zeros(3), np.zeros(3)
+        )  # compiles it before the loop
 
     def __call__(self, tick: Tick) -> OperatorRequest:
         self._channels.ticks.add(tick)
@@ -112,7 +116,9 @@ class PageOperator:
 
     def _report_teaching(self, tick: Tick) -> None:
         """Report the number of frames since teaching began in which both markers are observed."""
-        is_observed = tick.observation.frame != self._frame and bool(np.isfinite(tick.observation.points).all())
+        is_observed = tick.observation.frame != self._frame and bool(
+            np.isfinite(tick.observation.points).all()
+        )
         self._frame = tick.observation.frame
         if self._teaching is None or not is_observed:
             return
@@ -231,7 +237,9 @@ class PageOperator:
         self._channels.status.send(TargetChanged(target))
         if self._teaching is not None:
             note = Note("the target was taught again")
-            self._channels.status.send(PoseTaught(self._teaching, target) if self._teaching else note)
+            self._channels.status.send(
+                PoseTaught(self._teaching, target) if self._teaching else note
+            )
             self._end_teaching()
 
 

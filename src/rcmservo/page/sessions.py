@@ -14,7 +14,7 @@ from rcmservo.live.loop_statistics import Report
 from rcmservo.live.servo_process import Session
 from rcmservo.live.supervisor import NO_HANDLERS, EventHandlers, SwitchOff, run_live
 from rcmservo.page.channels import PageChannels
-from rcmservo.page.messages import CLEAR, STOP, SettingsChange, Note, Standby
+from rcmservo.page.messages import CLEAR, STOP, Note, SettingsChange, Standby
 
 
 class SessionRestart(Stopped):
@@ -118,7 +118,9 @@ class SessionLoop:
     def _latch(self, reason: str) -> None:
         """Display the reason of a stop and wait until the operator clears it."""
         self._is_waiting = False
-        list(self._channels.stop_requests.receive_all())  # requests from before the stop could be cleared
+        list(
+            self._channels.stop_requests.receive_all()
+        )  # requests from before the stop could be cleared
         self._channels.status.send(Standby(reason, is_latched=True, can_clear=True))
         while True:
             for ready in wait(list(self._handlers)):

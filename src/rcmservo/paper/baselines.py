@@ -227,7 +227,10 @@ def measure(settings: Settings, results: Results) -> Iterator[Measurement]:
                 case = (tally.name, f"scenes {kind}")
                 yield Measurement(claim, value.value, seeds, interval=value, case=case, one=tally)
     left_out = int((results["draws"]["conditions"] > SCENE.max_condition).sum())
-    rejected, limit = percent(statistics.estimate_fraction(left_out, settings.draws)), SCENE.max_condition
+    rejected, limit = (
+        percent(statistics.estimate_fraction(left_out, settings.draws)),
+        SCENE.max_condition,
+    )
     draws = range(settings.draws)
     yield Measurement("rejected", rejected.value, draws, interval=rejected, limit=limit)
 
@@ -317,7 +320,9 @@ def _by_method(found: dict[str, MethodStatistics], number: str, legend: bool = T
             before: list[list[float]] = [[]] * index
             label = labels[style] if index == 0 else ""
             curves.append(marks([*before, values.tolist()], label, style))
-    middles = [statistics.estimate_quantile(finite(tally.runs[number]), 0.5) for tally in found.values()]
+    middles = [
+        statistics.estimate_quantile(finite(tally.runs[number]), 0.5) for tally in found.values()
+    ]
     x, values = np.arange(len(middles)) + MEDIAN_OFFSET, [one.value for one in middles]
     medians = make_curve(labels[2], x, values, 3, marks=True)
     return [*curves, medians, bars(middles, -1, MEDIAN_OFFSET)]

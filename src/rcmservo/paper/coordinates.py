@@ -77,7 +77,9 @@ def past_pole(arm: Kinematics, settings: Settings, seed: int) -> TaskResult:
     angles = np.array([from_pole(arm, tick) for tick in ticks])
     pairs = zip(ticks, angles, strict=True)
     near = [tick for tick, angle in pairs if tick.state.explored and angle < POLE_ANGLE]
-    sent = sum(float(arm.jacobian(t.observation.q) @ t.state.command.rates @ t.state.v) for t in near)
+    sent = sum(
+        float(arm.jacobian(t.observation.q) @ t.state.command.rates @ t.state.v) for t in near
+    )
     demanded = sum(float(tick.state.v @ tick.state.v) for tick in near)
     fraction = sent / demanded if demanded > 0.0 else None
     return {**trial, "nearest": angles.min(), "kept": fraction}

@@ -12,7 +12,7 @@ import numpy as np
 from rcmservo.control.saturated_controller import scale_rows
 from rcmservo.estimation.flow_rule import integrate_flow_rule
 from rcmservo.figures.charts import Figure
-from rcmservo.geometry.features import shift_to_rcm, compute_feature_error, compute_features
+from rcmservo.geometry.features import compute_feature_error, compute_features, shift_to_rcm
 from rcmservo.interfaces import Floats, Target
 from rcmservo.loop.run import Tick, run
 from rcmservo.paper.lab.cameras import PINHOLE, true_parameters

@@ -14,9 +14,9 @@ from rcmservo.estimation.projection_rule import (
     GAMMA_0,
     ProjectionEstimator,
     feature_jacobian,
+    fitted_points,
     inverse_root,
     normal_equations,
-    fitted_points,
 )
 from rcmservo.figures.charts import Figure, Panel, make_curve
 from rcmservo.geometry.features import shift_to_rcm

@@ -10,7 +10,12 @@ from functools import partial
 import numpy as np
 
 from rcmservo.figures.charts import Figure, Panel, make_curve
-from rcmservo.geometry.imaged_rcm import ImagedRcm, update_imaged_rcm, intersect_lines, solve_imaged_rcm
+from rcmservo.geometry.imaged_rcm import (
+    ImagedRcm,
+    intersect_lines,
+    solve_imaged_rcm,
+    update_imaged_rcm,
+)
 from rcmservo.interfaces import Floats
 from rcmservo.paper.lab.lines import REFINEMENTS, markers
 from rcmservo.paper.plan import Measurement, ReportFigure, Results, Settings, Task, TaskResult
@@ -53,7 +58,9 @@ def slow_turn(settings: Settings, seed: int) -> TaskResult:
     for line in observed:
         points = line.reshape(2, 2)
         window, window_count, printed, _ = update_imaged_rcm(window, window_count, points, 0, True)
-        selected, count, refined, condition = update_imaged_rcm(selected, count, points, REFINEMENTS, False)
+        selected, count, refined, condition = update_imaged_rcm(
+            selected, count, points, REFINEMENTS, False
+        )
         found = {
             "window": printed,
             "window_refined": solve_imaged_rcm(window, window_count, REFINEMENTS, False)[0],

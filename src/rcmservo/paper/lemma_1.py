@@ -10,7 +10,12 @@ from functools import partial
 import numpy as np
 
 from rcmservo.figures.charts import Figure, Panel, make_curve
-from rcmservo.geometry.projection import PARAMETER_COUNT, extract_parameters, project, build_regressor
+from rcmservo.geometry.projection import (
+    PARAMETER_COUNT,
+    build_regressor,
+    extract_parameters,
+    project,
+)
 from rcmservo.interfaces import Floats
 from rcmservo.paper.lab.cameras import project_point, random_camera
 from rcmservo.paper.plan import Measurement, ReportFigure, Results, Settings, Task, TaskResult

@@ -131,7 +131,9 @@ def follow(settings: Settings, method: EstimatingMethod, seed: int) -> TaskResul
 
 def at_start(state: State) -> bool:
     """Return True if the servo measures the tool at the first point of the path."""
-    return state.phase is Phase.SERVO and bool(np.max(np.abs(state.delta) / FEATURE_SCALE) < AT_START)
+    return state.phase is Phase.SERVO and bool(
+        np.max(np.abs(state.delta) / FEATURE_SCALE) < AT_START
+    )
 
 
 def errors_on(path: Circle, samples: list[tuple[float, Floats, Floats]]) -> TaskResult:

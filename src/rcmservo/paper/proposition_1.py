@@ -14,10 +14,10 @@ from rcmservo.estimation.projection_rule import (
     MAX_DECAY,
     ProjectionEstimator,
     feature_jacobian,
+    fitted_points,
     inverse_root,
     normal_equations,
     predict,
-    fitted_points,
 )
 from rcmservo.figures.charts import Figure, Panel, make_curve
 from rcmservo.geometry.projection import PARAMETER_COUNT, extract_parameters, project
@@ -61,7 +61,9 @@ def one_camera(settings: Settings, seed: int) -> dict[str, TaskResult]:
         slowest = float(np.linalg.eigvalsh(root.T @ A @ root)[0])
         time = np.concatenate([[0.0], np.geomspace(1e-4, longest, 200)])
         moments = [*time, judged_at, settings.end / slowest]
-        *a_hats, late, end = [integrate_gradient_flow(A, b, np.zeros(PARAMETER_COUNT), root, t) for t in moments]
+        *a_hats, late, end = [
+            integrate_gradient_flow(A, b, np.zeros(PARAMETER_COUNT), root, t) for t in moments
+        ]
         U = np.array([0.5 * np.sum(np.linalg.solve(root, a_hat - a) ** 2) for a_hat in a_hats])
         errors = [np.linalg.norm(project(late, p) - project(a, p)) for p in points]
         return {

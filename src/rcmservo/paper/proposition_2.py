@@ -59,7 +59,10 @@ def loops(settings: Settings, seed: int) -> TaskResult:
 
 def loop_round(rig: Rig, radius: float, step: float) -> Round:
     """Return a closed path in three dimensions about the start, with true flow and Jacobians."""
-    p0, n = rig.body.points(rig.scene.start)[0], compute_axis(rig.settings.mechanism.to_struct(), rig.scene.start)
+    p0, n = (
+        rig.body.points(rig.scene.start)[0],
+        compute_axis(rig.settings.mechanism.to_struct(), rig.scene.start),
+    )
     t1 = np.linalg.svd(n[None])[2][1]
     t2 = np.cross(n, t1)
     turn = np.linspace(0.0, 2.0 * np.pi, round(11.0 * radius / step) + 1)

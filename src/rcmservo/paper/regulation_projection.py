@@ -65,9 +65,9 @@ def tasks(settings: Settings) -> list[Task]:
     seeds, duration = range(settings.seeds), settings.duration
     slow = partial(in_real_time, settings=settings)
     return [
-        *Regulation(PAPER_PROJECTION_ESTIMATOR, PROJECTION_EXPLORATION, settings.pictures, duration).tasks(
-            "seed", seeds
-        ),
+        *Regulation(
+            PAPER_PROJECTION_ESTIMATOR, PROJECTION_EXPLORATION, settings.pictures, duration
+        ).tasks("seed", seeds),
         *Regulation(RANDOM_ESTIMATOR, PROJECTION_EXPLORATION, False, duration).tasks(
             "random", seeds
         ),

@@ -31,7 +31,9 @@ COMPARISON = "baselines"
 """Name of the experiment that compares methods."""
 
 
-def select_experiments(only: str | None, own: "UserEstimatorMethod | None" = None) -> dict[str, Experiment]:
+def select_experiments(
+    only: str | None, user_method: "UserEstimatorMethod | None" = None
+) -> dict[str, Experiment]:
     """Return the experiments to run: all of them, or the one named `only`.
 
     The comparison of methods includes the user-defined estimator `own`, if there is one.
@@ -45,8 +47,8 @@ def select_experiments(only: str | None, own: "UserEstimatorMethod | None" = Non
     if only is not None and only not in names:
         raise BadInput("--only", only, "one of " + ", ".join(names))
     found = {name: experiment_named(name) for name in ([only] if only else names)}
-    if own is not None and COMPARISON in found:
-        found[COMPARISON] = replace(found[COMPARISON], added={"own": own})
+    if user_method is not None and COMPARISON in found:
+        found[COMPARISON] = replace(found[COMPARISON], added={"own": user_method})
     return found
 
 

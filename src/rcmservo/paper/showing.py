@@ -13,7 +13,7 @@ import numpy as np
 
 from rcmservo.figures import plots
 from rcmservo.figures.charts import Curve, Figure, Panel, make_curve
-from rcmservo.geometry.features import shift_to_rcm, compute_features_jacobian
+from rcmservo.geometry.features import compute_features_jacobian, shift_to_rcm
 from rcmservo.interfaces import Floats, Target
 from rcmservo.loop.run import Tick
 from rcmservo.paper.lab.closed_loop import (

@@ -106,7 +106,9 @@ def judge(rig: Rig, state: State, q: Floats) -> tuple[float, float, float, float
     J, J_hat = scale_rows(rig.truth.jacobian(q, state.o_c)), scale_rows(state.J_hat)
     closed = J @ np.linalg.inv(J_hat)
     least = np.linalg.eigvalsh(0.5 * (closed + closed.T))[0]
-    gradient = potential_gradient(state.delta / FEATURE_SCALE, PRINTED_LAW.bounds_array / FEATURE_SCALE, False)
+    gradient = potential_gradient(
+        state.delta / FEATURE_SCALE, PRINTED_LAW.bounds_array / FEATURE_SCALE, False
+    )
     unity = np.linalg.norm(closed - np.eye(3), 2)
     return float(least), float(gradient @ J @ state.v), in_noise(state), float(unity)
 

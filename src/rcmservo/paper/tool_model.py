@@ -117,7 +117,9 @@ def _trials(settings: Settings, results: Results) -> dict[str, list[TaskResult]]
 def _settled_words(trials: list[TaskResult]) -> str:
     successful = [trial for trial in trials if not trial["why_not"]]
     time, pose = (median(column(successful, name)) for name in ("settle_time", "pose"))
-    return f"median after {format_finite(time, '.1f')} s, pose error {format_finite(pose, '.2g')} mm"
+    return (
+        f"median after {format_finite(time, '.1f')} s, pose error {format_finite(pose, '.2g')} mm"
+    )
 
 
 def draw(settings: Settings, results: Results) -> Iterator[ReportFigure]:

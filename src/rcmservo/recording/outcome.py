@@ -107,7 +107,11 @@ def _slow_estimator(last: Tick) -> str:
     """
     cause, estimator = last.state.cause, last.servo.guarded_estimator
     is_late = cause in (Cause.OVERRUN, Cause.DRIVE_OFF)  # the arm's watchdog may act first
-    if is_late and isinstance(estimator, EstimatorGuard) and estimator.slowest_ns > last.servo.period:
+    if (
+        is_late
+        and isinstance(estimator, EstimatorGuard)
+        and estimator.slowest_ns > last.servo.period
+    ):
         longest = f"{estimator.slowest_ns * 1e-6:.1f} ms"
         return f": estimator {class_path_of(estimator.estimator)} took up to {longest} for a frame"
     return ""

@@ -187,7 +187,7 @@ def _frame_counts(record: Record) -> FrameCounts:
         used=len(new),
         skipped=int((steps[steps > 0] - 1).sum()),
         rejected=int((record.ticks["accepted_frame"][new, 0] != number[new]).sum()),
-        dropped={why.words: n for why, n in dropped.items() if why is not DropReason.NONE},
+        dropped={why.text: n for why, n in dropped.items() if why is not DropReason.NONE},
     )
 
 
@@ -203,7 +203,9 @@ def _exploration(record: Record) -> tuple[ExplorationCost, JacobianError]:
     path: Floats = positions if explored is None else positions[: explored + 1]
     length = float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
     excursion = float(np.linalg.norm(path - path[0], axis=1).max())
-    return ExplorationCost(time, length, excursion), JacobianError(after, finite_or_none(errors[-1]))
+    return ExplorationCost(time, length, excursion), JacobianError(
+        after, finite_or_none(errors[-1])
+    )
 
 
 def outcome(record: Record) -> RunResult:
@@ -233,7 +235,9 @@ def _unless_short(record: Record, result: RunResult, mode: Mode) -> RunResult:
     """
     planned, last = record.planned, find_end_time(record)
     is_complete = record.complete if planned is None else last > planned - END_TOLERANCE_S
-    is_explained = bool(mode.cause.stop_sentence) or (mode.phase is Phase.DISABLED and record.complete)
+    is_explained = bool(mode.cause.stop_sentence) or (
+        mode.phase is Phase.DISABLED and record.complete
+    )
     if is_complete or is_explained:
         return result
     until = f"{last:.2f} s" if planned is None else f"{last:.2f} s of {planned:.2f} s"

@@ -40,7 +40,13 @@ value was given in degrees."""
 
 @compiled
 def limit_rates(
-    rates: Floats, last: Floats, q: Floats, rcm: RcmStruct, gate: "Gate", dt: float, speed_scale: float
+    rates: Floats,
+    last: Floats,
+    q: Floats,
+    rcm: RcmStruct,
+    gate: "Gate",
+    dt: float,
+    speed_scale: float,
 ) -> bool:
     """Bound joint rates by the limits of speed, slew and joint range.
 
@@ -246,7 +252,9 @@ class Gate(Checked, section="gate"):
             The command, and whether all inputs were finite.
         """
         row = CommandStruct.from_source(last)
-        finite = make_command(cast(Any, row.rows)[0], rates, q, rcm, now, float(speed_scale), self.struct_row[0])
+        finite = make_command(
+            cast(Any, row.rows)[0], rates, q, rcm, now, float(speed_scale), self.struct_row[0]
+        )
         return GateResult(to_command(row), finite)
 
     def stop(self, last: Command, now: int) -> Command:

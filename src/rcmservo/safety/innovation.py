@@ -7,13 +7,29 @@ that NaN fails it.
 
 import numpy as np
 
-from rcmservo.estimation.projection_fit import UNIT_LENGTH_MM, ProjectedPoint, ProjectionFit, project_markers
+from rcmservo.estimation.projection_fit import (
+    UNIT_LENGTH_MM,
+    ProjectedPoint,
+    ProjectionFit,
+    project_markers,
+)
 from rcmservo.estimation.projection_prediction import image_covariance
-from rcmservo.geometry.features import FEATURE_SCALE, shift_to_rcm, compute_feature_error, compute_features
+from rcmservo.geometry.features import (
+    FEATURE_SCALE,
+    compute_feature_error,
+    compute_features,
+    shift_to_rcm,
+)
 from rcmservo.geometry.tool import ToolStruct
 from rcmservo.interfaces import Floats
 from rcmservo.numerics.jit import compiled
-from rcmservo.numerics.small_linalg import find_max_abs, compute_norm, subtract, divide, multiply_vector
+from rcmservo.numerics.small_linalg import (
+    compute_norm,
+    divide,
+    find_max_abs,
+    multiply_vector,
+    subtract,
+)
 from rcmservo.safety.thresholds import Thresholds
 
 MAX_PIXEL_COORDINATE = 1e6
@@ -45,7 +61,12 @@ def is_plausible_fit(fit: ProjectionFit, thresholds: Thresholds) -> bool:
 
 @compiled
 def find_deviating_markers(
-    fit: ProjectionFit, p1: Floats, points: Floats, before: Floats, shaft: ToolStruct, thresholds: Thresholds
+    fit: ProjectionFit,
+    p1: Floats,
+    points: Floats,
+    before: Floats,
+    shaft: ToolStruct,
+    thresholds: Thresholds,
 ) -> tuple[bool, bool, bool]:
     """Compare both markers with their predictions.
 
@@ -106,8 +127,13 @@ def deviates_from_prediction(
     excess = distance - thresholds.model_error - thresholds.timing_error_fraction * motion
     if excess <= 0.0:
         return False
-    fraction, noise = excess / distance, fit.noise_variance * (1.0 + 1.0 / max(fit.offset_weight[k], 1.0))
-    squared = squared_mahalanobis_distance(error_u, error_v, image_covariance(fit, predicted), noise)
+    fraction, noise = (
+        excess / distance,
+        fit.noise_variance * (1.0 + 1.0 / max(fit.offset_weight[k], 1.0)),
+    )
+    squared = squared_mahalanobis_distance(
+        error_u, error_v, image_covariance(fit, predicted), noise
+    )
     return not fraction * fraction * squared <= thresholds.max_innovation**2
 
 
@@ -194,6 +220,8 @@ def compare_with_estimate(
     size = find_max_abs(change_hat)
     if size < min_change:
         return -1
-    change = compute_feature_error(compute_features(shift_to_rcm(points, o_c)), compute_features(shift_to_rcm(before, o_c)))
+    change = compute_feature_error(
+        compute_features(shift_to_rcm(points, o_c)), compute_features(shift_to_rcm(before, o_c))
+    )
     error = find_max_abs(subtract(divide(change, FEATURE_SCALE), change_hat))
     return 0 if error <= min_change + max_error * size else 1

@@ -8,7 +8,7 @@ import numpy as np
 
 from rcmservo.interfaces import Floats, Observation, ObservationStruct
 from rcmservo.numerics.jit import compiled
-from rcmservo.numerics.small_linalg import all_finite, compute_norm, subtract, copy_into
+from rcmservo.numerics.small_linalg import all_finite, compute_norm, copy_into, subtract
 from rcmservo.numerics.structs import Row, Struct, flag, part, real, reals, whole
 from rcmservo.safety.innovation import compare_with_estimate, find_jumps
 from rcmservo.safety.thresholds import Thresholds
@@ -28,11 +28,19 @@ class MonitorState(Row):
     """State of the checks."""
 
     observation: ObservationRow = part(ObservationRow, "observation of this tick")
-    predicted_joints: Floats = reals(3, "rad, rad, mm", "joint positions predicted from the commands")
-    predicted_rates: Floats = reals(3, "rad/s, rad/s, mm/s", "joint rates predicted with the drive's lag")
+    predicted_joints: Floats = reals(
+        3, "rad, rad, mm", "joint positions predicted from the commands"
+    )
+    predicted_rates: Floats = reals(
+        3, "rad/s, rad/s, mm/s", "joint rates predicted with the drive's lag"
+    )
     joints_time: int = whole("ns", "time of the newest joint positions")
-    idle_since: int = whole("ns", "start of the time without a commanded motion, -1 during a motion")
-    rest_joints: Floats = reals(3, "rad, rad, mm", "joint positions at rest in this time, NaN before")
+    idle_since: int = whole(
+        "ns", "start of the time without a commanded motion, -1 during a motion"
+    )
+    rest_joints: Floats = reals(
+        3, "rad, rad, mm", "joint positions at rest in this time, NaN before"
+    )
     late_ticks: int = whole("", "number of successive late ticks")
     tick_interval: int = whole("ns", "time between the last two ticks")
     newest_frame: int = whole("", "number of the newest frame, -1 before the first")
@@ -43,19 +51,27 @@ class MonitorState(Row):
     latency: int = whole("ns", "time from the newest frame's exposure to its first tick")
     one_marker_suffices: bool = flag("True if one marker is lost and the other determines the pose")
     rejected_frames: int = whole("", "number of successive rejected frames")
-    jumped_frames: int = whole("", "number of these in which both markers jumped to a steady position")
+    jumped_frames: int = whole(
+        "", "number of these in which both markers jumped to a steady position"
+    )
     swapped_frames: int = whole("", "number of these with each marker at the other's position")
     rejected_markers: Floats = reals((2, 2), "px", "markers of the newest rejected frame")
     mean_residual: Floats = reals((2, 2), "px", "mean residual of the fit at each marker")
     averaged_frames: int = whole("", "number of frames in this mean")
     drift_px: Floats = reals(2, "px", "norm of this mean, 0 where noise explains it")
     changed_markers: Floats = reals((2, 2), "px", "newest markers that differed from those before")
-    changed_markers_prediction: Floats = reals((2, 2), "px", "prediction of the fit for these markers")
+    changed_markers_prediction: Floats = reals(
+        (2, 2), "px", "prediction of the fit for these markers"
+    )
     markers_prediction: Floats = reals((2, 2), "px", "prediction of the fit for the newest markers")
     image_frozen: bool = flag("True if the markers did not change although the tool moved")
     changed_markers_p1: Floats = reals(3, "mm", "p₁ of the first frame with these markers")
-    stuck_anchors: Floats = reals((2, 4), "px", "where each marker stopped, and where the other was then")
-    compared_p1: Floats = reals(3, "mm", "position of marker 1 at the last comparison with the estimate")
+    stuck_anchors: Floats = reals(
+        (2, 4), "px", "where each marker stopped, and where the other was then"
+    )
+    compared_p1: Floats = reals(
+        3, "mm", "position of marker 1 at the last comparison with the estimate"
+    )
     compared_markers: Floats = reals((2, 2), "px", "markers at this comparison")
     contradictions: int = whole("", "number of successive comparisons that contradict the estimate")
 
@@ -72,7 +88,12 @@ def reset_monitor(watch: MonitorState, markers: bool) -> None:
 
     With ``markers``, reset the counts of the markers too; then no frame counts as accepted.
     """
-    watch.late_ticks, watch.contradictions, watch.averaged_frames, watch.image_frozen = 0, 0, 0, False
+    watch.late_ticks, watch.contradictions, watch.averaged_frames, watch.image_frozen = (
+        0,
+        0,
+        0,
+        False,
+    )
     copy_into(watch.drift_px, ZERO_VECTOR[:2])
     copy_into(watch.compared_p1, NAN_VECTOR)
     if markers:
@@ -109,7 +130,9 @@ def predict_joints(
 
 
 @compiled
-def monitor_loop(watch: MonitorState, gap: int, period: int, lag: float, thresholds: Thresholds) -> None:
+def monitor_loop(
+    watch: MonitorState, gap: int, period: int, lag: float, thresholds: Thresholds
+) -> None:
     """Update the state of loop and arm at a tick.
 
     Count late ticks, predict the joints from the commands, and store their rest position.
@@ -126,10 +149,20 @@ def monitor_loop(watch: MonitorState, gap: int, period: int, lag: float, thresho
         Thresholds of the checks.
     """
     observation, reached, watch.tick_interval = watch.observation, watch.predicted_joints, gap
-    watch.late_ticks = watch.late_ticks + 1 if gap > (1.0 + thresholds.late_tick_fraction) * period else 0
+    watch.late_ticks = (
+        watch.late_ticks + 1 if gap > (1.0 + thresholds.late_tick_fraction) * period else 0
+    )
     if observation.enabled and all_finite(reached):
         applied, dt = observation.applied, max(observation.q_time - watch.joints_time, 0) * 1e-9
-        predict_joints(reached, watch.predicted_rates, applied, observation.q, dt, lag, thresholds.following_error_decay)
+        predict_joints(
+            reached,
+            watch.predicted_rates,
+            applied,
+            observation.q,
+            dt,
+            lag,
+            thresholds.following_error_decay,
+        )
     else:
         copy_into(reached, observation.q)
         copy_into(watch.predicted_rates, ZERO_VECTOR)
@@ -183,13 +216,20 @@ def monitor_frame(watch: MonitorState, observation: ObservationRow, thresholds: 
 def markers_stay(watch: MonitorState, points: Floats, thresholds: Thresholds) -> bool:
     """Return True if the markers (2, 2) px are still where the last, rejected frame had them."""
     limit = thresholds.jump_agreement * thresholds.max_jump_px
-    first, second, _ = find_jumps(points, watch.rejected_markers, 0.0, limit, thresholds.max_px_per_mm)
+    first, second, _ = find_jumps(
+        points, watch.rejected_markers, 0.0, limit, thresholds.max_px_per_mm
+    )
     return watch.rejected_frames > 0 and not (first or second)
 
 
 @compiled
 def monitor_markers(
-    watch: MonitorState, first: bool, second: bool, crossed: bool, points: Floats, thresholds: Thresholds
+    watch: MonitorState,
+    first: bool,
+    second: bool,
+    crossed: bool,
+    points: Floats,
+    thresholds: Thresholds,
 ) -> None:
     """Count rejected frames, jumps and swaps of the markers with a new frame.
 
@@ -222,7 +262,12 @@ def monitor_markers(
 
 @compiled
 def monitor_estimate(
-    watch: MonitorState, p1: Floats, points: Floats, o_c: Floats, J_hat: Floats, thresholds: Thresholds
+    watch: MonitorState,
+    p1: Floats,
+    points: Floats,
+    o_c: Floats,
+    J_hat: Floats,
+    thresholds: Thresholds,
 ) -> None:
     """Compare the estimate with the change of the features since the last comparison.
 
@@ -242,8 +287,14 @@ def monitor_estimate(
         Thresholds of the checks.
     """
     if all_finite(watch.compared_p1):
-        motion, least, most = subtract(p1, watch.compared_p1), thresholds.min_predicted_change, thresholds.max_change_error
-        verdict = compare_with_estimate(points, watch.compared_markers, o_c, J_hat, motion, least, most)
+        motion, least, most = (
+            subtract(p1, watch.compared_p1),
+            thresholds.min_predicted_change,
+            thresholds.max_change_error,
+        )
+        verdict = compare_with_estimate(
+            points, watch.compared_markers, o_c, J_hat, motion, least, most
+        )
         if verdict < 0:
             return
         watch.contradictions = watch.contradictions + 1 if verdict == 1 else 0

@@ -20,7 +20,7 @@ from typing import NamedTuple
 
 from rcmservo.numerics.jit import compiled
 from rcmservo.numerics.structs import Struct
-from rcmservo.safety.causes import ACTIONS, Action, Cause, select_most_severe, select_more_severe
+from rcmservo.safety.causes import ACTIONS, Action, Cause, select_more_severe, select_most_severe
 from rcmservo.safety.thresholds import Thresholds
 
 SLOW_SPEED_SCALE = 0.2
@@ -87,7 +87,9 @@ class Request(Enum):
 PHASES, REQUESTS = tuple(Phase), tuple(Request)
 DISABLED, IDLE, ACQUIRE, SERVO, HOLD, PAUSED, JOG, FAULT = range(len(PHASES))
 _, REQUEST_PAUSE, REQUEST_RESUME, REQUEST_CLEAR, REQUEST_JOG = range(len(REQUESTS))
-ACTION_SLOW, ACTION_HOLD, ACTION_PAUSE, ACTION_FAULT = range(int(Action.SLOW), int(Action.FAULT) + 1)
+ACTION_SLOW, ACTION_HOLD, ACTION_PAUSE, ACTION_FAULT = range(
+    int(Action.SLOW), int(Action.FAULT) + 1
+)
 OPERATOR_PAUSE, OVERRUN_BIT = Cause.ASKED.code, Cause.OVERRUN.bit
 
 
@@ -122,7 +124,9 @@ class Mode:
     @property
     def text(self) -> str:
         """Phase, cause and remedy as one text."""
-        return self.phase.value if self.cause is Cause.NONE else f"{self.phase.value}: {self.reason}"
+        return (
+            self.phase.value if self.cause is Cause.NONE else f"{self.phase.value}: {self.reason}"
+        )
 
     @property
     def reason(self) -> str:
@@ -170,7 +174,12 @@ def speed_scale(phase: int, asks: int) -> float:
 
 @compiled
 def advance_mode(
-    mode: ModeStruct, causes: int, signs: TransitionInputs, request: int, now: int, thresholds: Thresholds
+    mode: ModeStruct,
+    causes: int,
+    signs: TransitionInputs,
+    request: int,
+    now: int,
+    thresholds: Thresholds,
 ) -> None:
     """Advance the mode by one tick.
 
@@ -279,7 +288,9 @@ def hold(mode: ModeStruct, cause: int, now: int, thresholds: Thresholds) -> None
 
 
 @compiled
-def advance(mode: ModeStruct, cause: int, signs: TransitionInputs, now: int, thresholds: Thresholds) -> None:
+def advance(
+    mode: ModeStruct, cause: int, signs: TransitionInputs, now: int, thresholds: Thresholds
+) -> None:
     """Advance from HOLD through ACQUIRE to SERVO by counting accepted frames."""
     good, action = mode.good + int(signs.frame_accepted), ACTIONS[cause]
     if mode.phase == HOLD:

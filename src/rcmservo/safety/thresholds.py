@@ -184,7 +184,9 @@ class Thresholds(Checked, section="thresholds"):
     max_latency: Annotated[float, UP_TO_1_S] = 0.1
 
     arm_timeout: Annotated[float, UP_TO_1_S] = 0.05
-    max_following_error: Annotated[Triple, three_positive("rad, rad, mm"), angles(math.pi, first=2)] = (
+    max_following_error: Annotated[
+        Triple, three_positive("rad, rad, mm"), angles(math.pi, first=2)
+    ] = (
         0.008,
         0.008,
         0.6,

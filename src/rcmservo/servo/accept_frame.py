@@ -9,18 +9,23 @@ from rcmservo.geometry.kinematics import compute_position_tuple, is_within_limit
 from rcmservo.interfaces import Floats
 from rcmservo.numerics.jit import compiled
 from rcmservo.numerics.small_linalg import compute_distance, copy_into
-from rcmservo.safety.checks.drift import update_drift, detect_stuck_markers
-from rcmservo.safety.innovation import find_jumps, find_lost_markers, find_deviating_markers
+from rcmservo.safety.checks.drift import detect_stuck_markers, update_drift
+from rcmservo.safety.innovation import find_deviating_markers, find_jumps, find_lost_markers
 from rcmservo.safety.monitor_state import (
-    ObservationRow,
     MonitorState,
+    ObservationRow,
     markers_stay,
     monitor_frame,
     monitor_loop,
     monitor_markers,
 )
 from rcmservo.safety.thresholds import Thresholds
-from rcmservo.servo.kernel_parameters import KernelParameters, TickContext, rcm_struct_of, tool_struct_of
+from rcmservo.servo.kernel_parameters import (
+    KernelParameters,
+    TickContext,
+    rcm_struct_of,
+    tool_struct_of,
+)
 from rcmservo.servo.state import StoredState
 from rcmservo.servo.update_estimate import FRAME_ACCEPTED, FRAME_UPDATES, NO_FRAME
 
@@ -55,11 +60,15 @@ def accept_frame(tick: TickContext) -> tuple[int, float]:
     if first or second:
         return NO_FRAME, 0.0
     if tour.is_done:
-        first, second, crossed = find_deviating_markers(fit, p1, points, estimate.points, shaft, thresholds)
+        first, second, crossed = find_deviating_markers(
+            fit, p1, points, estimate.points, shaft, thresholds
+        )
         monitor_markers(watch, first, second, crossed, points, thresholds)
         update_drift(watch, fit, p1, points, observation.points, shaft, thresholds)
     else:
-        jump = thresholds.max_jump_px + thresholds.max_innovation * np.sqrt(2.0 * fit.noise_variance)
+        jump = thresholds.max_jump_px + thresholds.max_innovation * np.sqrt(
+            2.0 * fit.noise_variance
+        )
         check_against_last_frame(watch, estimate, observation, p1, jump, thresholds)
     if watch.rejected_frames > 0:
         return NO_FRAME, 0.0
@@ -83,10 +92,15 @@ def fill_lost_marker(
     the pose well enough.
     """
     first, second = find_lost_markers(points)
-    if first == second or not (stored.exploration_state.is_done and parameters.tolerates_lost_marker):
+    if first == second or not (
+        stored.exploration_state.is_done and parameters.tolerates_lost_marker
+    ):
         return False
     fit, k, shaft = stored.projection_fit, 0 if first else 1, tool_struct_of(parameters)
-    if not deviation_without_marker(fit, p1, k, shaft) <= parameters.thresholds.max_single_marker_deviation:
+    if (
+        not deviation_without_marker(fit, p1, k, shaft)
+        <= parameters.thresholds.max_single_marker_deviation
+    ):
         return False
     copy_into(points[k], filter_markers(fit, p1, shaft)[k])
     return True
@@ -110,7 +124,9 @@ def check_against_last_frame(
     first, second = detect_stuck_markers(watch, p1, observation.points, thresholds)
     if path < thresholds.max_compared_motion and not (first or second):
         nearest = thresholds.max_px_per_mm
-        first, second, crossed = find_jumps(observation.points, estimate.points, path, jump, nearest)
+        first, second, crossed = find_jumps(
+            observation.points, estimate.points, path, jump, nearest
+        )
         if watch.jumped_frames > 0 and markers_stay(watch, observation.points, thresholds):
             first, second = True, True
     monitor_markers(watch, first, second, crossed, observation.points, thresholds)

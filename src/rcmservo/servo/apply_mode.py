@@ -4,20 +4,20 @@ import numpy as np
 
 from rcmservo.numerics.jit import compiled
 from rcmservo.numerics.small_linalg import copy_into
-from rcmservo.safety.causes import ACTIONS, Cause, Invalidates, select_most_severe, find_invalidated
+from rcmservo.safety.causes import ACTIONS, Cause, Invalidates, find_invalidated, select_most_severe
 from rcmservo.safety.gate import make_command, make_stop_command
 from rcmservo.safety.monitor_state import reset_monitor
 from rcmservo.safety.state_machine import (
     ACQUIRE,
+    ACTION_PAUSE,
     DISABLED,
     FAULT,
     JOG,
-    ACTION_PAUSE,
     PAUSED,
     TransitionInputs,
+    advance_mode,
     enter_fault,
     speed_scale,
-    advance_mode,
 )
 from rcmservo.safety.thresholds import Thresholds
 from rcmservo.servo.kernel_parameters import TickContext, rcm_struct_of
@@ -42,7 +42,9 @@ def choose_mode(tick: TickContext, causes: int, frame_result: int) -> bool:
     """
     stored, observation, setpoint = tick.stored, tick.observation, tick.setpoint
     markers_seen, is_accepted = stored.monitor.accepted_frame >= 0, frame_result >= FRAME_ACCEPTED
-    signs = TransitionInputs(observation.enabled, markers_seen, is_accepted, stored.exploration_state.is_done)
+    signs = TransitionInputs(
+        observation.enabled, markers_seen, is_accepted, stored.exploration_state.is_done
+    )
     request, now, thresholds = setpoint.request, observation.now, tick.parameters.thresholds
     was_reset = enter_mode(stored, causes, signs, request, now, thresholds)
     if stored.decision.mode.phase == JOG:
@@ -53,7 +55,12 @@ def choose_mode(tick: TickContext, causes: int, frame_result: int) -> bool:
 
 @compiled
 def enter_mode(
-    stored: StoredState, causes: int, signs: TransitionInputs, request: int, now: int, thresholds: Thresholds
+    stored: StoredState,
+    causes: int,
+    signs: TransitionInputs,
+    request: int,
+    now: int,
+    thresholds: Thresholds,
 ) -> bool:
     """Enter the next mode of the state machine; return True if the estimate was reset.
 

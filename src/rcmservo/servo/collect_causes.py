@@ -4,13 +4,18 @@ import numpy as np
 
 from rcmservo.estimation.projection_prediction import pose_deviation
 from rcmservo.geometry.kinematics import compute_point_distance, compute_position_tuple
-from rcmservo.geometry.tool import compute_second_marker_tuple, compute_marker_ratio
+from rcmservo.geometry.tool import compute_marker_ratio, compute_second_marker_tuple
 from rcmservo.interfaces import Floats
 from rcmservo.numerics.jit import compiled
 from rcmservo.safety.causes import find_causes
 from rcmservo.safety.checks.facts import TickFacts
 from rcmservo.safety.state_machine import DISABLED, FAULT, PAUSED, SERVO
-from rcmservo.servo.kernel_parameters import KernelParameters, TickContext, rcm_struct_of, tool_struct_of
+from rcmservo.servo.kernel_parameters import (
+    KernelParameters,
+    TickContext,
+    rcm_struct_of,
+    tool_struct_of,
+)
 
 ARRIVAL_DISTANCE_MM = 1.0
 """Distance of marker 1 from the target by the image, in mm, below which the tool has arrived."""
@@ -57,10 +62,16 @@ def watch_target(tick: TickContext) -> None:
     but the joints differ from those at teaching by more than noise explains.
     """
     stored, setpoint, parameters = tick.stored, tick.setpoint, tick.parameters
-    decision, fit, allowed = stored.decision, stored.projection_fit, parameters.thresholds.max_target_mismatch
+    decision, fit, allowed = (
+        stored.decision,
+        stored.projection_fit,
+        parameters.thresholds.max_target_mismatch,
+    )
     q, q_d, shaft = tick.observation.q, setpoint.q, tool_struct_of(parameters)
     was_there = decision.has_arrived and not setpoint.is_new
-    if decision.mode.phase != SERVO or not (was_there or decision.remaining_mm < ARRIVAL_DISTANCE_MM):
+    if decision.mode.phase != SERVO or not (
+        was_there or decision.remaining_mm < ARRIVAL_DISTANCE_MM
+    ):
         decision.has_arrived, decision.mismatch_since = False, -1
         return
     if bound_marker_distance(q, q_d, parameters) < allowed:

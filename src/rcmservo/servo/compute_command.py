@@ -1,19 +1,32 @@
 """Requested velocity and joint rates: by exploration, then by the control law."""
 
 from rcmservo.control.drive_lag import add_lag_reading, current_lag, finish_lag_measurement
-from rcmservo.control.exploration import CORNERS, is_at_next_corner, start_exploration, set_round, relative_difference, set_next_corner, rates_to_corner
+from rcmservo.control.exploration import (
+    CORNERS,
+    is_at_next_corner,
+    rates_to_corner,
+    relative_difference,
+    set_next_corner,
+    set_round,
+    start_exploration,
+)
 from rcmservo.control.exploration_planning import direction_is_known, plan_corner
 from rcmservo.control.saturated_controller import LawResult, apply_law, scale_rows
 from rcmservo.estimation.base import Estimate
 from rcmservo.estimation.projection_prediction import fitted_features_jacobian, marker_order_score
 from rcmservo.geometry.features import wrap_angle
-from rcmservo.geometry.kinematics import Point, find_blocking_joint, compute_position_tuple
+from rcmservo.geometry.kinematics import Point, compute_position_tuple, find_blocking_joint
 from rcmservo.geometry.tool import compute_max_tool_speed
 from rcmservo.numerics.jit import compiled
 from rcmservo.numerics.small_linalg import copy_into
 from rcmservo.safety.innovation import is_plausible_fit
 from rcmservo.safety.state_machine import ACQUIRE, SERVO
-from rcmservo.servo.kernel_parameters import KernelParameters, TickContext, rcm_struct_of, tool_struct_of
+from rcmservo.servo.kernel_parameters import (
+    KernelParameters,
+    TickContext,
+    rcm_struct_of,
+    tool_struct_of,
+)
 from rcmservo.servo.reset import request_rest, restart_stall_rule
 from rcmservo.servo.state import Workspace
 from rcmservo.servo.update_estimate import FRAME_UPDATES
@@ -56,8 +69,12 @@ def compute_law_rates(tick: TickContext, is_servoing: bool) -> None:
     joint, rates = find_blocking_joint(rcm, q, decision.v, parameters.gate.speed, horizon, share)
     decision.rates[0], decision.rates[1], decision.rates[2] = rates
     estimate.condition, decision.blocked_joint = law_result.condition, joint
-    decision.reducible_fraction = law_result.reducible_fraction if error > thresholds.min_checked_error else 1.0
-    decision.remaining_mm = law_result.distance_to_target / decision.reducible_fraction  # a damped law underestimates it
+    decision.reducible_fraction = (
+        law_result.reducible_fraction if error > thresholds.min_checked_error else 1.0
+    )
+    decision.remaining_mm = (
+        law_result.distance_to_target / decision.reducible_fraction
+    )  # a damped law underestimates it
     peak = max(decision.reference_error, error)
     fall = min(thresholds.stall_decrease, thresholds.stall_decrease_fraction * peak)
     if error < peak - fall or not is_servoing:
@@ -104,7 +121,15 @@ def explore(tick: TickContext, frame_result: int) -> None:
         request_rest(decision)
         return
     if not tour.has_begun:
-        start_exploration(tour, rcm_struct_of(parameters), fastest, q, now, thresholds.min_exploration_room, settings)
+        start_exploration(
+            tour,
+            rcm_struct_of(parameters),
+            fastest,
+            q,
+            now,
+            thresholds.min_exploration_room,
+            settings,
+        )
         return
     add_lag_reading(tour, q, observation.q_time, observation.applied, fastest)
     if frame_result == FRAME_UPDATES and can_servo(tick):
@@ -155,7 +180,9 @@ def can_servo(tick: TickContext) -> bool:
     if not estimate.rcm_condition <= MAX_CONDITION_RATIO * parameters.imaged_rcm.max_condition:
         return False
     if estimate.rcm_condition > 0.0:
-        J = scale_rows(fitted_features_jacobian(fit, estimate.p1, estimate.points, estimate.o_c, shaft))
+        J = scale_rows(
+            fitted_features_jacobian(fit, estimate.p1, estimate.points, estimate.o_c, shaft)
+        )
         if not relative_difference(scale_rows(estimate.J_hat), J) <= settings.tolerance:
             return False
     return marker_order_score(fit) > 0.0

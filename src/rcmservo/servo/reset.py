@@ -4,7 +4,7 @@ import numpy as np
 
 from rcmservo.control.drive_lag import reset_lag
 from rcmservo.numerics.jit import compiled
-from rcmservo.numerics.small_linalg import fill, copy_into
+from rcmservo.numerics.small_linalg import copy_into, fill
 from rcmservo.servo.state import Decision, StoredState
 
 

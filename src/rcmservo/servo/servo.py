@@ -15,7 +15,7 @@ from rcmservo.control.exploration import Exploration
 from rcmservo.control.feature_vectors import FeatureVector, MarkerPair
 from rcmservo.control.saturated_controller import SaturatedController
 from rcmservo.errors import require
-from rcmservo.estimation.base import EstimatorResult, Estimator, EstimatorKernel, Sample
+from rcmservo.estimation.base import Estimator, EstimatorKernel, EstimatorResult, Sample
 from rcmservo.estimation.dlt import DltEstimator
 from rcmservo.estimation.projection_prediction import filter_markers
 from rcmservo.geometry.features import INTERPRETED_CODE
@@ -23,14 +23,20 @@ from rcmservo.geometry.imaged_rcm import ImagedRcm
 from rcmservo.geometry.kinematics import Kinematics, RcmStruct, compute_position
 from rcmservo.geometry.tool import Tool
 from rcmservo.interfaces import Floats, Observation, Target, observation_numbers
-from rcmservo.numerics.structs import Rows, to_row, replace_fields, copy_row
+from rcmservo.numerics.structs import Rows, copy_row, replace_fields, to_row
 from rcmservo.safety.checks.facts import DetailFacts
 from rcmservo.safety.gate import CommandStruct, Gate
 from rcmservo.safety.monitor_state import initial_monitor_state
 from rcmservo.safety.state_machine import REQUESTS, Mode, ModeStruct, Phase, Request
 from rcmservo.safety.thresholds import Thresholds
 from rcmservo.servo.kernel_parameters import KernelParameters
-from rcmservo.servo.state import Decision, EstimatorMemory, State, StoredState, initial_estimation_rows
+from rcmservo.servo.state import (
+    Decision,
+    EstimatorMemory,
+    State,
+    StoredState,
+    initial_estimation_rows,
+)
 from rcmservo.servo.tick import begin_tick, finish_tick, make_compiled_tick
 from rcmservo.servo.update_estimate import FRAME_UPDATES
 from rcmservo.servo.user_estimator import (
@@ -148,7 +154,8 @@ class Servo(Checked):
                 imaged_rcm=self.imaged_rcm,
                 printed_rcm=self.imaged_rcm.printed,
                 estimates_rcm=self.estimator.estimates_rcm,
-                tolerates_lost_marker=self.estimator.tolerates_lost_marker and self.estimator.estimates_rcm,
+                tolerates_lost_marker=self.estimator.tolerates_lost_marker
+                and self.estimator.estimates_rcm,
                 gate=self.gate,
                 thresholds=self.thresholds,
                 exploration=self.exploration,
@@ -171,7 +178,9 @@ class Servo(Checked):
         """Return the state before the first observation: Ĵ = 0, drive off."""
         rest = CommandStruct.from_source(self.gate.rest())
         decision = Decision.of(command=rest, blocked=-1, astray=-1, peak=np.inf, moved=-1)
-        stored = StoredState.of(decision=decision, watch=initial_monitor_state(), **initial_estimation_rows())
+        stored = StoredState.of(
+            decision=decision, watch=initial_monitor_state(), **initial_estimation_rows()
+        )
         return State(stored, self._initial_memory())
 
     def _initial_memory(self) -> EstimatorMemory | tuple[()]:
@@ -207,7 +216,9 @@ class Servo(Checked):
             markers = {"points": estimate.points, "p1": estimate.p1}
             parts["estimate"] = replace_fields(parts["estimate"], **markers)
             memory = self._initial_memory()
-        stored = replace_fields(state.stored, decision=decision, watch=initial_monitor_state(), **parts)
+        stored = replace_fields(
+            state.stored, decision=decision, watch=initial_monitor_state(), **parts
+        )
         return State(stored, memory, state.target, mode.detail)
 
     def warm_up(self) -> None:
@@ -313,7 +324,10 @@ class Servo(Checked):
         estimator, tool, estimate, failure = self.guarded_estimator, self.tool, stored.estimate, ""
         sample = Sample(estimate.p1, observation.points, estimate.o_c, dt, observation.sizes)
         memory = estimator.update(memory, tool, sample)
-        points, detected = estimator.filtered_markers(memory, tool, sample), np.isfinite(observation.points)
+        points, detected = (
+            estimator.filtered_markers(memory, tool, sample),
+            np.isfinite(observation.points),
+        )
         if not detected.all():
             predicted = filter_markers(stored.projection_fit.rows[0], estimate.p1, tool.struct)
             points = np.where(detected, points, predicted)
@@ -330,7 +344,9 @@ class Servo(Checked):
             failure = self._measure_features(stored, memory, sample, target)
         return memory, failure
 
-    def _measure_features(self, stored: StoredState, memory: Any, sample: Sample, target: Target) -> str:
+    def _measure_features(
+        self, stored: StoredState, memory: Any, sample: Sample, target: Target
+    ) -> str:
         """Measure a feature vector that does not compile and return its failure message."""
         estimate, result, sizes = stored.estimate, stored.estimator_result, sample.sizes.copy()
         points, motion = result.points.copy(), result.markers_jacobian
@@ -338,7 +354,9 @@ class Servo(Checked):
         if self.features.ignores_lost_markers:
             points[~np.isfinite(sample.points)] = np.nan
         if self.features.needs_sizes:
-            motion = np.vstack([motion, self.guarded_estimator.sizes_jacobian(memory, self.tool, sample)])
+            motion = np.vstack(
+                [motion, self.guarded_estimator.sizes_jacobian(memory, self.tool, sample)]
+            )
         desired = MarkerPair(target.points, target.sizes, o_c)
         markers = MarkerPair(points, sizes, o_c)
         error, jacobian, failure = linearise(self.features, markers, desired, motion)

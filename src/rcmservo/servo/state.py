@@ -9,7 +9,7 @@ from rcmservo.estimation.base import Estimate, EstimatorResult
 from rcmservo.estimation.projection_fit import ProjectionFit, initial_fit
 from rcmservo.geometry.features import MAX_FEATURES
 from rcmservo.interfaces import Command, Floats, Target
-from rcmservo.numerics.structs import Row, replace_fields, part, reals
+from rcmservo.numerics.structs import Row, part, reals, replace_fields
 from rcmservo.safety.causes import CAUSES, Cause
 from rcmservo.safety.gate import CommandStruct, to_command
 from rcmservo.safety.monitor_state import MonitorState
@@ -57,7 +57,9 @@ class StoredState(Row):
     projection_fit: ProjectionFit = part(ProjectionFit, "fit that predicts the markers")
     setpoint: SetpointRow = part(SetpointRow, "target and request of this tick")
     workspace: Workspace = part(Workspace, "intermediate results")
-    estimator_result: EstimatorResult = part(EstimatorResult, "result of the estimator for the newest frame")
+    estimator_result: EstimatorResult = part(
+        EstimatorResult, "result of the estimator for the newest frame"
+    )
 
 
 class EstimatorMemory(NamedTuple):
@@ -166,7 +168,9 @@ class State(NamedTuple):
         """Estimate, exploration and estimator memory."""
         stored = self.stored
         lines, memory = self.memory or (NO_LINES, stored.projection_fit.rows)
-        return EstimationState(stored.estimate, lines, stored.projection_fit, memory, stored.exploration_state)
+        return EstimationState(
+            stored.estimate, lines, stored.projection_fit, memory, stored.exploration_state
+        )
 
     @property
     def mode(self) -> Mode:

@@ -83,7 +83,9 @@ def make_compiled_tick(kind: type[EstimatorKernel]) -> Callable[..., tuple[Any, 
 
 
 @compiled
-def store_inputs(stored: StoredState, observation: tuple[Any, ...], setpoint: tuple[Any, ...]) -> None:
+def store_inputs(
+    stored: StoredState, observation: tuple[Any, ...], setpoint: tuple[Any, ...]
+) -> None:
     """Copy the inputs of a tick into the state; plain tuples pass from Python in the least time."""
     store_observation(stored.monitor.observation, ObservationStruct(*observation))
     store_setpoint(stored.setpoint, Setpoint(*setpoint))
@@ -147,7 +149,9 @@ def begin_tick(
 
 
 @compiled
-def finish_tick(rows: Rows[StoredState], frame_result: int, parameters: Rows[KernelParameters]) -> bool:
+def finish_tick(
+    rows: Rows[StoredState], frame_result: int, parameters: Rows[KernelParameters]
+) -> bool:
     """Make the part of a tick after the update of an estimator that does not compile.
 
     The estimator has stored its result. Return True if the estimate was reset.

@@ -14,17 +14,17 @@ from rcmservo.estimation.projection_fit import update_fit
 from rcmservo.geometry.features import (
     POINTS_CODE,
     SRD_CODE,
-    compute_line_features_tuple,
     compute_features_and_error,
+    compute_line_features_tuple,
     limit_origin_distance,
-    write_shifted_to_rcm,
-    write_line_features_jacobian,
     wrap_angle,
+    write_line_features_jacobian,
+    write_shifted_to_rcm,
 )
 from rcmservo.geometry.imaged_rcm import update_imaged_rcm
 from rcmservo.interfaces import Floats
 from rcmservo.numerics.jit import compiled, declare_in
-from rcmservo.numerics.small_linalg import all_finite, multiply_into, copy_into
+from rcmservo.numerics.small_linalg import all_finite, copy_into, multiply_into
 from rcmservo.safety.monitor_state import monitor_estimate
 from rcmservo.servo.kernel_parameters import TickContext, tool_struct_of
 from rcmservo.servo.state import EstimatorMemory, Workspace
@@ -79,7 +79,9 @@ def update_with_lines(
     own_memory, stored = memory.memory, tick.stored
     if frame_result == FRAME_UPDATES:
         sample = make_sample(tick, dt, True)
-        own_memory = run_kernel(kernel, own_memory, sample, stored.projection_fit, stored.estimator_result)
+        own_memory = run_kernel(
+            kernel, own_memory, sample, stored.projection_fit, stored.estimator_result
+        )
     return EstimatorMemory(lines, own_memory), frame_result
 
 
@@ -147,7 +149,9 @@ def store_estimate(tick: TickContext) -> None:
         copy_into(estimate.o_c, result.o_c)
         copy_into(estimate.o_c_covariance, result.o_c_covariance)
         estimate.rcm_condition = 0.0
-        measure_line_features(estimate, result.markers_jacobian, result.points, target, stored.workspace)
+        measure_line_features(
+            estimate, result.markers_jacobian, result.points, target, stored.workspace
+        )
     else:
         copy_into(estimate.J_hat, result.J_hat)
         y, delta = compute_features_and_error(result.points, target, estimate.o_c)
@@ -162,7 +166,9 @@ def store_estimate(tick: TickContext) -> None:
             estimate.law_error[k] = result.points[k // 2, k % 2] - target[k // 2, k % 2]
     if stored.exploration_state.is_done and estimate.rcm_condition > 0.0:
         points, thresholds = estimate.points, tick.parameters.thresholds
-        monitor_estimate(stored.monitor, estimate.p1, points, estimate.o_c, estimate.J_hat, thresholds)
+        monitor_estimate(
+            stored.monitor, estimate.p1, points, estimate.o_c, estimate.J_hat, thresholds
+        )
 
 
 @compiled

@@ -160,13 +160,13 @@ class EstimatorGuard(Estimator):
     def jacobian(self, memory: GuardedMemory, tool: Tool, sample: Sample) -> Floats:
         return memory.J_hat
 
-    def located(self, memory: GuardedMemory, tool: Tool, sample: Sample) -> Floats:
+    def filtered_markers(self, memory: GuardedMemory, tool: Tool, sample: Sample) -> Floats:
         return sample.points if memory.failure else memory.points
 
-    def motion(self, memory: GuardedMemory, tool: Tool, sample: Sample) -> Floats:
+    def markers_jacobian(self, memory: GuardedMemory, tool: Tool, sample: Sample) -> Floats:
         return memory.markers_jacobian
 
-    def size_motion(self, memory: GuardedMemory, tool: Tool, sample: Sample) -> Floats:
+    def sizes_jacobian(self, memory: GuardedMemory, tool: Tool, sample: Sample) -> Floats:
         return memory.sizes_jacobian
 
     def imaged_rcm(self, memory: GuardedMemory) -> tuple[Floats, Floats] | None:
@@ -178,7 +178,7 @@ class EstimatorGuard(Estimator):
         except UnusableEstimator:  # `update` has reported it
             return None
 
-    def remembered(self, memory: GuardedMemory) -> Floats | None:
+    def recorded_numbers(self, memory: GuardedMemory) -> Floats | None:
         return memory.numbers if memory.numbers.size else None
 
     def _call_for_motion(
@@ -250,7 +250,11 @@ class StrictGuard(EstimatorGuard):
 
 def guard_strictly(estimator: Estimator) -> Estimator:
     """Return a user-defined estimator in a `StrictGuard`, a built-in one unchanged."""
-    return StrictGuard(estimator) if isinstance(guard_estimator(estimator), EstimatorGuard) else estimator
+    return (
+        StrictGuard(estimator)
+        if isinstance(guard_estimator(estimator), EstimatorGuard)
+        else estimator
+    )
 
 
 def reset_slowest(estimator: Estimator) -> None:

@@ -11,10 +11,10 @@ from rcmservo.sim.rig import Rig, RigSettings
 from rcmservo.sim.scene import SceneSettings
 
 __all__ = [
+    "Appearance",
     "Disturbance",
     "Drive",
     "Killed",
-    "Appearance",
     "Rig",
     "RigSettings",
     "SceneSettings",

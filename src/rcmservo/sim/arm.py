@@ -17,7 +17,7 @@ import numpy as np
 
 from rcmservo.constraints import Checked, Triple, above, angles, between, each, finite, not_negative
 from rcmservo.geometry.kinematics import FULL_TURN_RAD, PITCH_YAW, Kinematics
-from rcmservo.interfaces import Command, Floats, ArmMeasurement
+from rcmservo.interfaces import ArmMeasurement, Command, Floats
 from rcmservo.loop.joint_history import JointHistory
 from rcmservo.safety.watchdog import Watchdog
 
@@ -81,7 +81,9 @@ class Drive(Checked, section="drive"):
     encoder: Annotated[Triple, NOT_NEGATIVE_JOINTS] = (2e-5, 2e-5, 2e-3)
 
     encoder_offset: Annotated[
-        Triple, each(finite(), "three finite numbers (rad, rad, mm)"), angles(FULL_TURN_RAD, first=2)
+        Triple,
+        each(finite(), "three finite numbers (rad, rad, mm)"),
+        angles(FULL_TURN_RAD, first=2),
     ] = (0.0, 0.0, 0.0)
 
     rate_error: Annotated[Triple, each(above(-1.0, 1.0), "three ratios above -1 and at most 1")] = (

@@ -2,12 +2,17 @@
 
 import numpy as np
 
-from rcmservo.geometry.features import shift_to_rcm, compute_features_jacobian
+from rcmservo.geometry.features import compute_features_jacobian, shift_to_rcm
 from rcmservo.geometry.kinematics import Point
-from rcmservo.geometry.tool import ToolStruct, compute_second_marker, compute_second_marker_jacobian, compute_second_marker_tuple
+from rcmservo.geometry.tool import (
+    ToolStruct,
+    compute_second_marker,
+    compute_second_marker_jacobian,
+    compute_second_marker_tuple,
+)
 from rcmservo.interfaces import Floats
 from rcmservo.numerics.jit import compiled
-from rcmservo.numerics.small_linalg import multiply_matrices, copy_into
+from rcmservo.numerics.small_linalg import copy_into, multiply_matrices
 from rcmservo.numerics.structs import Row, real, reals, whole
 
 
@@ -96,4 +101,6 @@ def compute_markers_jacobian(lens: CameraStruct, shaft: ToolStruct, p1: Floats) 
 def compute_true_jacobian(lens: CameraStruct, shaft: ToolStruct, p1: Floats, o_c: Floats) -> Floats:
     """Return J (3, 3) of eq. (15) with marker 1 at p1 (3,) mm, about the origin o_c (2,) px."""
     m = shift_to_rcm(project_markers(lens, shaft, p1), o_c)
-    return multiply_matrices(compute_features_jacobian(m), compute_markers_jacobian(lens, shaft, p1))
+    return multiply_matrices(
+        compute_features_jacobian(m), compute_markers_jacobian(lens, shaft, p1)
+    )

@@ -205,7 +205,9 @@ class Rig:
             possible = isinstance(self._camera, PointCamera) or DISTURBANCE_KINDS[kind].pictures
             require(possible, "disturbance", kind, "one that a camera with images can have")
         self.arm = DisturbedArm(self._arm, self.schedule)
-        view = DisturbedView(self._camera, self.settings.appearance, self.schedule, self._move_camera)
+        view = DisturbedView(
+            self._camera, self.settings.appearance, self.schedule, self._move_camera
+        )
         self.camera = FrameDelivery(view, self.clock.now, self.schedule)
         self.clock.stalls = ProcessDelays(self.schedule)
 

@@ -31,14 +31,14 @@ class CameraSection(Picture, Timing, section="camera"):
 
 def read_rig_settings(lab: RigDescription) -> RigSettings:
     """Return the settings of the simulated laboratory that a rig file describes."""
-    camera = lab.section("camera", CameraSection)
+    camera = lab.simulation_settings("camera", CameraSection)
     return RigSettings(
         mechanism=lab.mechanism,
         tool=lab.tool,
-        drive=lab.section("drive", Drive),
+        drive=lab.simulation_settings("drive", Drive),
         timing=Timing(**_values(camera, Timing)),
-        appearance=lab.section("look", Appearance, **_marker_appearance(lab)),
-        scene=lab.section("scene", SceneSettings),
+        appearance=lab.simulation_settings("look", Appearance, **_marker_appearance(lab)),
+        scene=lab.simulation_settings("scene", SceneSettings),
         **_values(camera, Picture),
     )
 
@@ -48,7 +48,9 @@ def _values(camera: CameraSection, kind: type[Checked]) -> dict[str, Any]:
     return {f.name: getattr(camera, f.name) for f in fields(cast(Any, kind))}
 
 
-def _marker_appearance(lab: RigDescription) -> dict[str, tuple[float, float] | tuple[Colour, Colour]]:
+def _marker_appearance(
+    lab: RigDescription,
+) -> dict[str, tuple[float, float] | tuple[Colour, Colour]]:
     """Return the fields of `Look` that follow from the section [markers]."""
     markers = lab.markers
     return {

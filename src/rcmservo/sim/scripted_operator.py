@@ -70,7 +70,9 @@ class ScriptedOperator:
         if tick.request is Request.RESUME:
             accepted = tick.state.phase is Phase.ACQUIRE
             self.resumed, self.refused = self.resumed + accepted, self.refused + (not accepted)
-        self._since = None if not paused else tick.observation.now if self._since is None else self._since
+        self._since = (
+            None if not paused else tick.observation.now if self._since is None else self._since
+        )
         gives_up = paused and self._pauses_left <= 0 and not tick.state.command.rates.any()
         return (
             tick.state.phase is Phase.FAULT

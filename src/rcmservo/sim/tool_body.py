@@ -3,7 +3,7 @@
 import numpy as np
 
 from rcmservo.geometry.kinematics import Kinematics, RcmStruct, compute_axis, compute_position
-from rcmservo.geometry.tool import ToolStruct, Tool, compute_second_marker
+from rcmservo.geometry.tool import Tool, ToolStruct, compute_second_marker
 from rcmservo.interfaces import Floats
 from rcmservo.numerics.jit import compiled
 from rcmservo.numerics.small_linalg import copy_into

@@ -15,7 +15,7 @@ from rcmservo.constraints import Checked, positive
 from rcmservo.errors import require
 from rcmservo.interfaces import Floats
 from rcmservo.loop.target_frames import FRAME_COUNT, TEACHING_FRAMES
-from rcmservo.numerics.structs import replace_fields, copy_row
+from rcmservo.numerics.structs import copy_row, replace_fields
 from rcmservo.servo.servo import Servo, State
 from rcmservo.servo.user_estimator import is_compiled
 from rcmservo.sim import RigSettings
@@ -23,7 +23,7 @@ from rcmservo.sim.arm import HARD_STOP_RATIO
 from rcmservo.sim.scene import Scene
 from rcmservo.study.cramer_rao import bound
 from rcmservo.study.inertia import compute_inertia
-from rcmservo.study.kernel_engine import StudyGoal, InitialConditions, LoopTrace, run_closed_loop
+from rcmservo.study.kernel_engine import InitialConditions, LoopTrace, StudyGoal, run_closed_loop
 from rcmservo.study.plant_kernel import (
     ARM_STEP_NS,
     QUEUE_LENGTH,

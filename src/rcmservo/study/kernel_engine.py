@@ -12,10 +12,15 @@ from rcmservo.geometry.kinematics import Point, compute_point_distance, compute_
 from rcmservo.geometry.tool import ToolStruct, compute_second_marker_tuple
 from rcmservo.interfaces import DropReason, Floats
 from rcmservo.numerics.jit import compiled
-from rcmservo.numerics.small_linalg import fill, copy_into
+from rcmservo.numerics.small_linalg import copy_into, fill
 from rcmservo.numerics.structs import Rows
 from rcmservo.safety.monitor_state import ObservationRow
-from rcmservo.servo.kernel_parameters import KernelParameters, TickContext, rcm_struct_of, tool_struct_of
+from rcmservo.servo.kernel_parameters import (
+    KernelParameters,
+    TickContext,
+    rcm_struct_of,
+    tool_struct_of,
+)
 from rcmservo.servo.setpoint import Setpoint, store_setpoint
 from rcmservo.servo.state import StoredState
 from rcmservo.servo.tick import step
@@ -100,7 +105,11 @@ class LoopTrace(NamedTuple):
 
 @compiled
 def run_closed_loop(
-    start: InitialConditions, plants: Rows[PlantStruct], goal: StudyGoal, noise: Floats, trace: LoopTrace
+    start: InitialConditions,
+    plants: Rows[PlantStruct],
+    goal: StudyGoal,
+    noise: Floats,
+    trace: LoopTrace,
 ) -> None:
     """Run one tick for each entry of the trace; overwrite the initial conditions and the plant.
 
@@ -123,7 +132,10 @@ def run_closed_loop(
         now.setpoint.is_new = k == 0
         memory = step(start.kernel, memory, now)
         queue_command(plant, decision.command.rates, decision.command.enabled)
-        p2 = compute_second_marker_tuple(tool_struct_of(parameters), compute_position_tuple(rcm_struct_of(parameters), plant.drives.q))
+        p2 = compute_second_marker_tuple(
+            tool_struct_of(parameters),
+            compute_position_tuple(rcm_struct_of(parameters), plant.drives.q),
+        )
         errors[k] = compute_point_distance(p2, (goal.p2[0], goal.p2[1], goal.p2[2]))
         phases[k], causes[k] = decision.mode.phase, decision.mode.cause
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from rcmservo.geometry.kinematics import Point
 from rcmservo.interfaces import Floats
 from rcmservo.numerics.jit import compiled
-from rcmservo.numerics.small_linalg import fill, copy_into
+from rcmservo.numerics.small_linalg import copy_into, fill
 from rcmservo.numerics.structs import Row, flag, part, real, reals, whole, wholes
 from rcmservo.sim.camera_kernels import CameraStruct
 from rcmservo.study.inertia import InertiaStruct, LinearisedDynamics, linearise_dynamics

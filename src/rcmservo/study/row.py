@@ -95,7 +95,12 @@ COLUMN_MEANINGS = {f.name: str(f.metadata["meaning"]) for f in fields(StudyRow)}
 
 def make_row(cell: Cell, settings: RigSettings, run: StudyRun) -> StudyRow:
     """Return the row of a run of a cell."""
-    first, stops, timing, scene = run.first_within(SUCCESS_MM), run.stops, settings.timing, run.scene
+    first, stops, timing, scene = (
+        run.first_within(SUCCESS_MM),
+        run.stops,
+        settings.timing,
+        run.scene,
+    )
     depths = scene.optics.depth(np.stack([np.zeros(3), scene.body.points(scene.start)[0]]))
     sight_line: Floats = scene.body.points(scene.start)[0] - scene.optics.position
     return StudyRow(
@@ -134,7 +139,9 @@ def compute_worst_condition(scene: Scene) -> float:
 
 
 def _compute_condition(scene: Scene, q: Floats, o_c: Floats) -> float:
-    return float(compute_condition(scale_rows(compute_feature_jacobian(scene.body, scene.optics, q, o_c))))
+    return float(
+        compute_condition(scale_rows(compute_feature_jacobian(scene.body, scene.optics, q, o_c)))
+    )
 
 
 @cache

@@ -14,7 +14,7 @@ from rcmservo.cli.lab.emulated_arm import EmulatedArm, send_gige, send_mjpeg
 from rcmservo.cli.terminal import console
 from rcmservo.config.rig_file import load_rig_file
 from rcmservo.constraints import Checked, between, not_negative
-from rcmservo.errors import require_extra, require
+from rcmservo.errors import require, require_extra
 from rcmservo.hardware.galil.emulator.controller import SAMPLE_TIME_S, Controller
 from rcmservo.hardware.galil.emulator.faults import FAULT_KINDS, Fault
 from rcmservo.hardware.galil.emulator.serial_port import SerialPort

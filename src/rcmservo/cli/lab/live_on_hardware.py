@@ -120,11 +120,11 @@ def require_devices(lab: RigDescription, rig: Path | None, digest: str) -> None:
     stops by itself.
     """
     with name_origin_in_errors(rig):
-        arm = lab.device("arm", ARM_KINDS)
+        arm = lab.device_settings("arm", ARM_KINDS)
         stops = not (isinstance(arm, CrtkSettings) and arm.jv) or is_verified(digest)
         expected = "false until `rig check` of this file has verified that the arm stops by itself"
         require(stops, "arm.jv", True, expected)
-        require_latency(lab.device("camera", CAMERA_KINDS))
+        require_latency(lab.device_settings("camera", CAMERA_KINDS))
 
 
 def motion_announcement(options: RunToTargetOptions, servo: Servo, speed_scale: float) -> str:

@@ -138,7 +138,9 @@ def await_enable_at_page(preparation: PagePreparation, plant: Plant) -> Target:
     return await_enable(preparation.desk, preparation.servo, preparation.intent, plant)
 
 
-def connect_stoppable_arm(lab: RigDescription, remote_stop: RemoteStop, desk: PageChannels) -> RemotelyStoppableArm:
+def connect_stoppable_arm(
+    lab: RigDescription, remote_stop: RemoteStop, desk: PageChannels
+) -> RemotelyStoppableArm:
     """Connect to the arm, so that STOP disables it."""
     return RemotelyStoppableArm(open_arm(lab), remote_stop, partial(report_drive_off, desk))
 

@@ -19,7 +19,12 @@ from rcmservo.bringup.findings import Finding
 from rcmservo.bringup.motion import IDLE_TIMEOUT, Mover
 from rcmservo.cli.lab.hardware_prompts import AttendedTerminal, define_joints, require_drive_off
 from rcmservo.cli.terminal import console
-from rcmservo.config.rig_file import RigDescription, read_rig_file, decode_rig_file, name_origin_in_errors
+from rcmservo.config.rig_file import (
+    RigDescription,
+    decode_rig_file,
+    name_origin_in_errors,
+    read_rig_file,
+)
 from rcmservo.config.verified_rigs import compute_digest, remove_verified, store_verified
 from rcmservo.hardware.cameras.settings import known_latency
 from rcmservo.hardware.devices import ARM_KINDS, CAMERA_KINDS, open_arm, open_camera, read_wiring
@@ -77,8 +82,8 @@ def rig_check(
     data = read_rig_file(options.file)
     lab, digest = decode_rig_file(options.file, data), compute_digest(data)
     with name_origin_in_errors(options.file):
-        lab.device("arm", ARM_KINDS)
-        latency = known_latency(lab.device("camera", CAMERA_KINDS))
+        lab.device_settings("arm", ARM_KINDS)
+        latency = known_latency(lab.device_settings("camera", CAMERA_KINDS))
         robot = Robot(lab.mechanism, lab.tool, read_wiring(lab))
     with stopped_by_signals(), closing(Terminal()) as terminal:
         operator = AttendedTerminal(terminal)
@@ -87,7 +92,11 @@ def rig_check(
             "marker detection is compiled, which takes up to a minute"
         )
         warm_up(robot, lab.gate)
-        clock, tracker, silence = WallClock(), ColourMarkers(lab.markers), lab.thresholds.arm_timeout
+        clock, tracker, silence = (
+            WallClock(),
+            ColourMarkers(lab.markers),
+            lab.thresholds.arm_timeout,
+        )
         with (
             closing(camera(lab)) as device,
             TrackingThread(device, tracker, clock) as tracking,
@@ -108,7 +117,9 @@ def rig_check(
     return conclude(options, report, robot, digest)
 
 
-def _connect_arm(tracking: TrackingThread, arm: Callable[[RigDescription], LabArm], lab: RigDescription) -> LabArm:
+def _connect_arm(
+    tracking: TrackingThread, arm: Callable[[RigDescription], LabArm], lab: RigDescription
+) -> LabArm:
     """Connect to the arm once two frames are tracked.
 
     The tracker searches the first frame and follows the markers in the second, so both parts are

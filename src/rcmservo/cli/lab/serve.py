@@ -165,7 +165,9 @@ def _run_sessions(options: ServeOptions, behind: PageBackend, folder: Path, toke
 
     def apply_disturbances() -> None:
         for request in desk.disturbances.receive_all():
-            apply_disturbance(request.what, desk, behind.start_disturbance, folder / DISTURBANCE_LOG)
+            apply_disturbance(
+                request.what, desk, behind.start_disturbance, folder / DISTURBANCE_LOG
+            )
 
     serving = _page_processes(options, desk, behind, folder.parent, token)
     with serving as (address, names), stopped_by_signals():
@@ -175,7 +177,9 @@ def _run_sessions(options: ServeOptions, behind: PageBackend, folder: Path, toke
         if options.browser:
             webbrowser.open(address)
         handlers = {desk.disturbances: apply_disturbances}
-        SessionLoop(desk, session, behind.switch_off, names, behind.servo_settings.apply, handlers).run()
+        SessionLoop(
+            desk, session, behind.switch_off, names, behind.servo_settings.apply, handlers
+        ).run()
 
 
 @contextlib.contextmanager
@@ -204,7 +208,12 @@ def _page_processes(
     """
     from rcmservo.page.plots.mechanism_shape import MechanismShape
     from rcmservo.page.poses import PoseFolder
-    from rcmservo.page.web.access import PageCredentials, bind_pair, draw_secret, find_reachable_address
+    from rcmservo.page.web.access import (
+        PageCredentials,
+        bind_pair,
+        draw_secret,
+        find_reachable_address,
+    )
     from rcmservo.page.web.page_process import serve_page
     from rcmservo.page.web.site import Site
     from rcmservo.page.web.stop_process import serve_stop
@@ -230,7 +239,9 @@ def _page_processes(
         yield f"http://{find_reachable_address(options.host)}:{port}", names
 
 
-def apply_disturbance(what: str, desk: "PageChannels", befall: Callable[[str], str], log: Path) -> None:
+def apply_disturbance(
+    what: str, desk: "PageChannels", befall: Callable[[str], str], log: Path
+) -> None:
     """Start a disturbance, report it to the page and log it.
 
     The log has the time in ns on the clock of the records.

@@ -99,7 +99,9 @@ def _result_of(rig: Rig, record: Record) -> RunResult:
     """Return the result of a record, with the true pose error over the last second."""
     result, p2 = summarise(record), record.truth["p2"]
     p_d = rig.body.points(rig.scene.target)[1]
-    pose: Floats = np.linalg.norm(p2[-round(SETTLED_DURATION_S * read_rate(record)) :] - p_d, axis=1)
+    pose: Floats = np.linalg.norm(
+        p2[-round(SETTLED_DURATION_S * read_rate(record)) :] - p_d, axis=1
+    )
     error = finite_or_none(float(np.sqrt(np.mean(pose**2)))) if len(pose) else None
     return replace(result, pose_error_mm=error)
 
@@ -127,7 +129,8 @@ def _record_ticks(
     if tick is None:
         return ""
     return find_stop_cause(
-        tick.state.mode, "" if ever_accepted else reason_not_detected(plant, tick.observation, start)
+        tick.state.mode,
+        "" if ever_accepted else reason_not_detected(plant, tick.observation, start),
     )
 
 

@@ -16,7 +16,7 @@ from rcmservo.figures.video import VideoWriter
 from rcmservo.loop.tick import Tick
 from rcmservo.recording import reader
 from rcmservo.recording.reader import RECORD
-from rcmservo.recording.summary_text import list_result_rows, format_title
+from rcmservo.recording.summary_text import format_title, list_result_rows
 from rcmservo.recording.writer import Recorder
 from rcmservo.servo.servo import Servo
 from rcmservo.study.execution import manifest
@@ -83,9 +83,7 @@ def _recorded_row(folder: Path, note: manifest.StudyManifest, case: int) -> dict
     """Return a row of the study."""
     rows = read_runs(folder)
     if rows.num_rows != note.runs:
-        problem = (
-            f"has {rows.num_rows} rows, but {manifest.MANIFEST_NAME} lists {note.runs}: name a new folder"
-        )
+        problem = f"has {rows.num_rows} rows, but {manifest.MANIFEST_NAME} lists {note.runs}: name a new folder"
         raise UnusableFile(folder / RUNS_FILE, problem)
     return rows.slice(case, 1).to_pylist()[0]
 

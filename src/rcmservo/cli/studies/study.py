@@ -18,12 +18,17 @@ from rich.text import Text
 from rcmservo.cli.folders import dated_folder
 from rcmservo.cli.progress.preparing import compiling
 from rcmservo.cli.progress.progress import progress, resume_hint
-from rcmservo.cli.studies.study_report import comparison_sentence, distribution_table, print_work, result_table
+from rcmservo.cli.studies.study_report import (
+    comparison_sentence,
+    distribution_table,
+    print_work,
+    result_table,
+)
 from rcmservo.cli.terminal import console, status_line
 from rcmservo.config.registry import ESTIMATORS, PRESETS
 from rcmservo.config.user_code import import_estimator
 from rcmservo.constraints import Checked, between
-from rcmservo.errors import require_extra, require
+from rcmservo.errors import require, require_extra
 from rcmservo.estimation.base import Estimator
 from rcmservo.study.plan.conditions import RunConditions
 
@@ -192,7 +197,9 @@ def user_estimators(options: StudyOptions) -> dict[str, type[Estimator]]:
     return own | {name: import_estimator(name, "--own") for name in options.own}
 
 
-def _run_remaining(work: "StudyExecution", options: StudyOptions, out: Console) -> dict[str, object]:
+def _run_remaining(
+    work: "StudyExecution", options: StudyOptions, out: Console
+) -> dict[str, object]:
     """Run the remaining runs; return the workers and the speed in words."""
     runs, left = work.plan.runs, work.missing_runs
     with workers_for(work, options, out) as workers:
@@ -204,7 +211,9 @@ def _run_remaining(work: "StudyExecution", options: StudyOptions, out: Console) 
 
 
 @contextmanager
-def workers_for(work: "StudyExecution", options: WorkOptions, out: Console) -> Generator["WorkerPool"]:
+def workers_for(
+    work: "StudyExecution", options: WorkOptions, out: Console
+) -> Generator["WorkerPool"]:
     """Yield workers, after everything that the study needs is compiled."""
     from rcmservo.study.execution.workers import open_worker_pool, require_protected
 

@@ -24,7 +24,7 @@ from rcmservo.config.user_code import import_estimator
 from rcmservo.errors import require_extra
 
 if TYPE_CHECKING:
-    from rcmservo.study.plan.method import UserEstimators, StudyMethod
+    from rcmservo.study.plan.method import StudyMethod, UserEstimators
     from rcmservo.study.tuning.search import SearchTrial, Tuning
 
 
@@ -86,14 +86,16 @@ def tune(options: TuneOptions) -> int:
 
 def read_tuning(options: TuneOptions) -> "Tuning":
     """Return the search that a file describes."""
-    from rcmservo.study.plan.file import read_study_file, make_plan
+    from rcmservo.study.plan.file import make_plan, read_study_file
     from rcmservo.study.tuning.search import TuneSection, Tuning
     from rcmservo.study.tuning.space import parse_axis
 
     study_file = read_study_file(options.file)
     with name_origin_in_errors(options.file):
         section = decode_settings(TuneSection, study_file.tune, "tune")
-        plan = make_plan(study_file, {name: import_estimator(name, "--own") for name in options.own})
+        plan = make_plan(
+            study_file, {name: import_estimator(name, "--own") for name in options.own}
+        )
         method = plan.methods[0]
         axes = tuple(
             parse_axis(name, description, method) for name, description in study_file.search.items()

@@ -44,7 +44,7 @@ from rcmservo.hardware.crtk.received_state import (
 )
 from rcmservo.hardware.crtk.settings import CrtkSettings
 from rcmservo.hardware.crtk.transport import open_transport
-from rcmservo.interfaces import Command, Floats, ArmMeasurement
+from rcmservo.interfaces import ArmMeasurement, Command, Floats
 from rcmservo.live.device_protocols import NotReady
 
 FIRST_COMMAND_NS = 1_000_000_000

@@ -22,7 +22,7 @@ from rcmservo.hardware.galil.connection import (
 )
 from rcmservo.hardware.galil.session import ArmReading, GalilSession
 from rcmservo.hardware.galil.settings import GalilSettings
-from rcmservo.interfaces import Command, Floats, ArmMeasurement
+from rcmservo.interfaces import ArmMeasurement, Command, Floats
 from rcmservo.live.device_protocols import NotReady
 from rcmservo.live.realtime import urgent
 

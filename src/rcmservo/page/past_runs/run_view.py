@@ -16,7 +16,12 @@ from rcmservo.page.view_model import as_points
 from rcmservo.recording import ros2_messages
 from rcmservo.recording.mcap_recovery import MessageReader, read_chunk
 from rcmservo.recording.reader import Record, read_record
-from rcmservo.recording.summary_text import list_record_rows, format_verdict, describe_way_out, describe_cause
+from rcmservo.recording.summary_text import (
+    describe_cause,
+    describe_way_out,
+    format_verdict,
+    list_record_rows,
+)
 from rcmservo.recording.timeline import Span, list_spans, number_stages, summarise
 
 PICTURE_TOPIC = "image_raw/compressed"
@@ -115,7 +120,14 @@ def _locate_pictures(path: Path) -> tuple[list[PictureLocation], list[int]]:
 
 
 def _span(span: Span) -> list[object]:
-    return [span.start, span.duration, span.phase.value, describe_cause(span), describe_way_out(span), span.action.name]
+    return [
+        span.start,
+        span.duration,
+        span.phase.value,
+        describe_cause(span),
+        describe_way_out(span),
+        span.action.name,
+    ]
 
 
 def _moments(record: Record, lines: list[Span], exposures: list[int]) -> list[dict[str, Any]]:

@@ -17,7 +17,9 @@ from rcmservo.page.web.access import PageCredentials
 from rcmservo.page.web.setting_fields import build_forms
 
 
-def dashboard_routes(access: PageCredentials, board: Dashboard, selection: SelectedSettings) -> APIRouter:
+def dashboard_routes(
+    access: PageCredentials, board: Dashboard, selection: SelectedSettings
+) -> APIRouter:
     """Return the routes that read the dashboard and the selected servo."""
     router = APIRouter(dependencies=[Depends(access.require_secret)])
 

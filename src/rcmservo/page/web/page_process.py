@@ -23,13 +23,13 @@ from rcmservo.page.control_ownership import ControlOwnership, MessageRefused, in
 from rcmservo.page.messages import (
     CLEAR,
     BrowserMessage,
-    SettingsChange,
     DeletePose,
     DisturbanceRequest,
     Heartbeat,
     JogJoints,
     JogMarker,
     ReleaseJog,
+    SettingsChange,
 )
 from rcmservo.page.poses import PoseStore
 from rcmservo.page.settings import IMMEDIATE_PARTS, SelectedSettings
@@ -48,7 +48,9 @@ from rcmservo.safety.state_machine import Request
 SERVO_BUSY = "the servo does not accept requests now: press again"
 
 
-def serve_page(channels: PageChannels, site: Site, listening: socket.socket, control: Connection) -> None:
+def serve_page(
+    channels: PageChannels, site: Site, listening: socket.socket, control: Connection
+) -> None:
     """Serve the page until the other end of `control` sends a message or is closed."""
     poses = PoseStore(site.poses)
     poses.load()
@@ -173,7 +175,9 @@ def dispatch(message: BrowserMessage | None, channels: PageChannels) -> bool:
     return True
 
 
-def change_settings(change: SettingsChange, selection: SelectedSettings, channels: PageChannels, board: Dashboard) -> str:
+def change_settings(
+    change: SettingsChange, selection: SelectedSettings, channels: PageChannels, board: Dashboard
+) -> str:
     """Pass a change of settings on. Return the reason of a refusal, or ""."""
     try:
         selection.with_change(change)

@@ -17,7 +17,10 @@ from rcmservo.page.web.server_process import SHUTDOWN_GRACE_S, serve_until_stopp
 
 
 def serve_stop(
-    stop_requests: MessageChannel, access: PageCredentials, listening: socket.socket, control: Connection
+    stop_requests: MessageChannel,
+    access: PageCredentials,
+    listening: socket.socket,
+    control: Connection,
 ) -> None:
     """Forward stop requests until the other end of `control` sends a message or is closed."""
 

@@ -115,7 +115,7 @@ class CalibratedEstimator(Estimator):
     calibration: Calibration
 
     name = "calibrated"
-    models = False
+    predicts_markers = False
 
     def init(self) -> None:
         return None
@@ -126,5 +126,5 @@ class CalibratedEstimator(Estimator):
     def jacobian(self, memory: None, tool: Tool, sample: Sample) -> Floats:
         return jacobian_at(self.calibration.a, sample.p1, sample.points, sample.o_c, tool.struct)
 
-    def motion(self, memory: None, tool: Tool, sample: Sample) -> Floats:
+    def markers_jacobian(self, memory: None, tool: Tool, sample: Sample) -> Floats:
         return self.calibration.points_jacobian(sample.p1, tool)

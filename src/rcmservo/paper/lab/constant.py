@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rcmservo.estimation.base import Estimator, Sample
-from rcmservo.geometry.features import shift_to_rcm, compute_features_jacobian
+from rcmservo.geometry.features import compute_features_jacobian, shift_to_rcm
 from rcmservo.geometry.tool import Tool
 from rcmservo.interfaces import Floats
 from rcmservo.numerics.small_linalg import multiply_matrices
@@ -57,4 +57,6 @@ class ConstantJacobian(Estimator):
 
     def jacobian(self, memory: FirstFrames, tool: Tool, sample: Sample) -> Floats:
         motion = self.markers_jacobian(memory, tool, sample)
-        return multiply_matrices(compute_features_jacobian(shift_to_rcm(sample.points, sample.o_c)), motion)
+        return multiply_matrices(
+            compute_features_jacobian(shift_to_rcm(sample.points, sample.o_c)), motion
+        )

@@ -9,7 +9,7 @@ from rcmservo.control.saturated_controller import scale_rows
 from rcmservo.estimation.base import Estimator, Sample
 from rcmservo.estimation.projection_fit import UNIT_LENGTH_MM, ProjectionFit
 from rcmservo.estimation.projection_rule import GAMMA_0
-from rcmservo.geometry.features import shift_to_rcm, compute_features
+from rcmservo.geometry.features import compute_features, shift_to_rcm
 from rcmservo.geometry.projection import extract_parameters
 from rcmservo.interfaces import Floats
 from rcmservo.paper.lab.cameras import true_parameters
@@ -133,7 +133,9 @@ def predicted(
 def extrapolated(J_hat: Floats, last: Sample, p1: Floats) -> Floats:
     """Return m (4,) in px from o_c at `p1`, by linear extrapolation of y with the scaled Ĵ."""
     unscale = 1.0 / scale_rows(np.ones((3, 1)))[:, 0]
-    s, r, d = compute_features(shift_to_rcm(last.points, last.o_c)) + unscale * (J_hat @ (p1 - last.p1))
+    s, r, d = compute_features(shift_to_rcm(last.points, last.o_c)) + unscale * (
+        J_hat @ (p1 - last.p1)
+    )
     along = np.array([np.cos(s), np.sin(s)])
     return np.concatenate([r * along, (r + d) * along])
 

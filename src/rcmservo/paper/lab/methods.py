@@ -149,7 +149,9 @@ ROLLED = "the image-based law with a calibration outdated by a roll of the camer
 
 COMPARED_METHODS: Mapping[str, Method] = {
     **RCMSERVO_METHODS,
-    "printed": EstimatingMethod(PRINTED_RULE, "printed Γ", PAPER_PROJECTION_ESTIMATOR, PROJECTION_EXPLORATION),
+    "printed": EstimatingMethod(
+        PRINTED_RULE, "printed Γ", PAPER_PROJECTION_ESTIMATOR, PROJECTION_EXPLORATION
+    ),
     "flow": FLOW_RULE,
     "broyden": EstimatingMethod(BROYDEN, "Broyden", BroydenEstimator()),
     "broyden-1mm": EstimatingMethod(BROYDEN_1_MM, "Broyden, 1 mm", BroydenEstimator(min_step=1.0)),

@@ -10,11 +10,11 @@ from rcmservo.estimation.base import Estimator, Sample
 from rcmservo.estimation.projection_rule import (
     GAMMA_0,
     MAX_OBSERVATIONS,
+    fitted_points,
     jacobian_at,
     limit_step_by_depth,
     normal_equations,
     predict,
-    fitted_points,
 )
 from rcmservo.geometry.projection import PARAMETER_COUNT
 from rcmservo.geometry.tool import Tool

@@ -111,7 +111,10 @@ def regulate(folder: Path, seed: int, plan: Regulation) -> TaskResult:
         loop.rig.place(scene.midpoint if plan.half_way else scene.start)
         tick = loop.explore(home)
         if not tick.state.explored:
-            return {"cause": tick.state.cause.stop_sentence or Cause.NOT_EXPLORED.value, "began": None}
+            return {
+                "cause": tick.state.cause.stop_sentence or Cause.NOT_EXPLORED.value,
+                "began": None,
+            }
         tick = loop.last(home, RETURN_TIMEOUT_S, tick.state, done=Arrived())
         began = loop.elapsed()
         for count, newest in enumerate(loop.stage(target, plan.duration, tick.state)):

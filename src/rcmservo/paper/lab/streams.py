@@ -20,8 +20,8 @@ from rcmservo.paper.lab.closed_loop import (
     FAST_FIT,
     FLOW_ESTIMATOR,
     FLOW_EXPLORATION,
-    PAPER_SCENES,
     PAPER_PROJECTION_ESTIMATOR,
+    PAPER_SCENES,
     PRINTED_LAW,
     TEACHING_FRAMES,
     make_servo,
@@ -106,7 +106,9 @@ def stream(seed: int, noise: float, settings: Settings, kind: Kind) -> tuple[Rig
             continue
         dt = (time - last) * 1e-9 if last >= 0 else 0.0
         last = time
-        samples.append(Sample(state.p1, tick.observation.points, state.o_c, dt, tick.observation.sizes))
+        samples.append(
+            Sample(state.p1, tick.observation.points, state.o_c, dt, tick.observation.sizes)
+        )
         J = scale_rows(rig.truth.jacobian(rig.truth.joints_at(time), state.o_c))
         rows.append((tick.time / 1e9, _phase(tick, settings, kind), J, velocity(rig, time)))
     columns = (np.array(column) for column in zip(*rows, strict=True))

@@ -15,11 +15,11 @@ from rcmservo.paper.statistics import finite, median, percent
 from rcmservo.study.report.statistics import (
     Booleans,
     Interval,
-    format_finite,
-    estimate_median_difference,
-    estimate_quantile,
     estimate_fraction,
     estimate_fraction_difference,
+    estimate_median_difference,
+    estimate_quantile,
+    format_finite,
 )
 from rcmservo.study.row import SUCCESS_MM
 from rcmservo.study.run_outcome import StudyRun

@@ -6,7 +6,7 @@ frames leave the tolerance.
 
 import numpy as np
 
-from rcmservo.geometry.features import shift_to_rcm, compute_feature_error, compute_features
+from rcmservo.geometry.features import compute_feature_error, compute_features, shift_to_rcm
 from rcmservo.geometry.tool import Tool
 from rcmservo.interfaces import Floats
 from rcmservo.loop.plant import Plant
@@ -76,7 +76,9 @@ def settle(
         if (len(ticks) - 1) % STRIDE_TICKS == 0:
             q = rig.arm.q_true
             distance = float(np.linalg.norm(body.points(q)[1] - p_d))
-            rows.append((tick.time / 1e9, compute_feature_error(_true_features(rig, q), y_d), distance))
+            rows.append(
+                (tick.time / 1e9, compute_feature_error(_true_features(rig, q), y_d), distance)
+            )
             if tick.state.explored:
                 jacobians.append(truth.tick_error(tick))
     times, deltas, poses = (np.array(values) for values in zip(*rows, strict=True))

@@ -16,8 +16,8 @@ import numpy as np
 from rcmservo.config.rig_file import RigDescription
 from rcmservo.errors import UnusableFile
 from rcmservo.estimation.base import Estimator, Sample
-from rcmservo.geometry.features import shift_to_rcm, compute_feature_error, compute_features
-from rcmservo.geometry.imaged_rcm import ImagedRcm, store_line, solve_imaged_rcm
+from rcmservo.geometry.features import compute_feature_error, compute_features, shift_to_rcm
+from rcmservo.geometry.imaged_rcm import ImagedRcm, solve_imaged_rcm, store_line
 from rcmservo.geometry.tool import Tool
 from rcmservo.interfaces import FailureExplainer, Floats, Markers, Tracker
 from rcmservo.recording.foreign.frame_folder import RecordedPose, iterate_frames, load_recording
@@ -220,14 +220,19 @@ def _score_estimator(
             estimator.predict(memory, tool, p1) for p1 in (current.p1, following.p1)
         )
         if predicted_now is not None and predicted_next is not None:
-            predicted_change = compute_feature_error(compute_features(predicted_next), compute_features(predicted_now))
+            predicted_change = compute_feature_error(
+                compute_features(predicted_next), compute_features(predicted_now)
+            )
             finite.append(compute_feature_error(change, predicted_change))
     return (_rms(finite) if estimator.predicts_markers else None), _rms(linear), memory
 
 
 def _feature_change(current: _Observation, following: _Observation, o_c: Floats) -> Floats:
     """Return Δy (3,) from one frame to the next, about the same origin."""
-    return compute_feature_error(compute_features(shift_to_rcm(following.points, o_c)), compute_features(shift_to_rcm(current.points, o_c)))
+    return compute_feature_error(
+        compute_features(shift_to_rcm(following.points, o_c)),
+        compute_features(shift_to_rcm(current.points, o_c)),
+    )
 
 
 def _rms(errors: list[Floats]) -> Floats:
@@ -242,5 +247,7 @@ def _reprojection_error(
     for current in observations:
         model = estimator.predict(memory, tool, current.p1)
         assert model is not None
-        squares.append(np.sum((model - shift_to_rcm(current.points, o_c)).reshape(2, 2) ** 2, axis=1))
+        squares.append(
+            np.sum((model - shift_to_rcm(current.points, o_c)).reshape(2, 2) ** 2, axis=1)
+        )
     return np.sqrt(np.mean(squares, axis=0))

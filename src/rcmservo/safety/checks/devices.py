@@ -38,7 +38,10 @@ def drive_went_off(facts: TickFacts) -> bool:
 @compiled
 def arm_is_silent(facts: TickFacts) -> bool:
     """Detect joint positions with a timestamp too far from the present."""
-    return not abs(facts.observation.now - facts.observation.q_time) <= facts.thresholds.arm_timeout * 1e9
+    return (
+        not abs(facts.observation.now - facts.observation.q_time)
+        <= facts.thresholds.arm_timeout * 1e9
+    )
 
 
 @compiled
@@ -50,7 +53,9 @@ def joint_is_beyond_limit(facts: TickFacts) -> bool:
 @compiled
 def joints_do_not_follow(facts: TickFacts) -> bool:
     """Detect a following error: joints that differ from the commanded motion."""
-    return exceeds_following_error(facts.observation.q, facts.monitor.predicted_joints, facts.thresholds)
+    return exceeds_following_error(
+        facts.observation.q, facts.monitor.predicted_joints, facts.thresholds
+    )
 
 
 @compiled
@@ -79,7 +84,10 @@ def clock_did_not_advance(facts: TickFacts) -> bool:
 def loop_overran(facts: TickFacts) -> bool:
     """Detect several late ticks in succession, or one tick that is much too late."""
     thresholds, delay = facts.thresholds, facts.monitor.tick_interval - facts.period
-    return facts.monitor.late_ticks >= thresholds.max_late_ticks or not delay <= thresholds.max_tick_delay * 1e9
+    return (
+        facts.monitor.late_ticks >= thresholds.max_late_ticks
+        or not delay <= thresholds.max_tick_delay * 1e9
+    )
 
 
 @compiled
@@ -180,7 +188,11 @@ def describe_not_finite(facts: DetailFacts) -> str:
 def describe_limits(facts: DetailFacts) -> str:
     """Describe the joints beyond their limits."""
     lower, upper = facts.mechanism.limits.arrays
-    slack, q, arm = facts.thresholds.limit_tolerance * (upper - lower), facts.observation.q, facts.mechanism
+    slack, q, arm = (
+        facts.thresholds.limit_tolerance * (upper - lower),
+        facts.observation.q,
+        facts.mechanism,
+    )
     parts = [
         f"{_describe_joint(arm, i, q)}, its limits are {lower[i]:.4g} and {upper[i]:.4g}"
         for i in range(3)

@@ -61,7 +61,10 @@ def update_drift(
         update_mean_residual(watch, fit, k, predicted[k], points[k], thresholds)
     same = same_markers(detected, watch.changed_markers)
     largest = max_difference(watch.markers_prediction, watch.changed_markers_prediction)
-    moved = compute_distance(p1, watch.changed_markers_p1) > thresholds.frozen_image_motion or largest > thresholds.max_drift_px
+    moved = (
+        compute_distance(p1, watch.changed_markers_p1) > thresholds.frozen_image_motion
+        or largest > thresholds.max_drift_px
+    )
     watch.image_frozen = same and moved
     if not same:
         copy_into(watch.changed_markers, detected)
@@ -94,8 +97,14 @@ def detect_stuck_markers(
     tuple[bool, bool]
         True if marker 1, marker 2 is stuck.
     """
-    same, motion, limit = same_markers(points, watch.changed_markers), np.empty(2), thresholds.stuck_marker_px
-    watch.image_frozen = same and compute_distance(p1, watch.changed_markers_p1) > thresholds.frozen_image_motion
+    same, motion, limit = (
+        same_markers(points, watch.changed_markers),
+        np.empty(2),
+        thresholds.stuck_marker_px,
+    )
+    watch.image_frozen = (
+        same and compute_distance(p1, watch.changed_markers_p1) > thresholds.frozen_image_motion
+    )
     if not same:
         copy_into(watch.changed_markers, points)
         copy_into(watch.changed_markers_p1, p1)
@@ -109,7 +118,12 @@ def detect_stuck_markers(
 
 @compiled
 def update_mean_residual(
-    watch: MonitorState, fit: ProjectionFit, k: int, predicted: ProjectedPoint, point: Floats, thresholds: Thresholds
+    watch: MonitorState,
+    fit: ProjectionFit,
+    k: int,
+    predicted: ProjectedPoint,
+    point: Floats,
+    thresholds: Thresholds,
 ) -> None:
     """Average the residual of marker k at `point` (2,) raw px, and test the mean against noise.
 
@@ -123,7 +137,11 @@ def update_mean_residual(
     for i in range(2):
         clipped = min(max(point[i] - place[i], -bound), bound)
         watch.mean_residual[k, i] += (clipped - watch.mean_residual[k, i]) / watch.averaged_frames
-    noise, mean, error = fit.noise_variance / watch.averaged_frames, watch.mean_residual[k], compute_norm(watch.mean_residual[k])
+    noise, mean, error = (
+        fit.noise_variance / watch.averaged_frames,
+        watch.mean_residual[k],
+        compute_norm(watch.mean_residual[k]),
+    )
     sigmas = thresholds.max_drift_sigma**2
     explained = error * error <= sigmas * noise  # the fit's own covariance only adds to the noise
     if not explained:
@@ -166,7 +184,11 @@ def image_is_frozen(facts: TickFacts) -> bool:
 def markers_deviate(facts: TickFacts) -> bool:
     """Return True if the mean residual of a marker is too large."""
     watch, thresholds = facts.monitor, facts.thresholds
-    known = facts.exploration_state.is_done and not watch.image_frozen and watch.averaged_frames >= thresholds.drift_frames
+    known = (
+        facts.exploration_state.is_done
+        and not watch.image_frozen
+        and watch.averaged_frames >= thresholds.drift_frames
+    )
     return known and max(watch.drift_px[0], watch.drift_px[1]) > thresholds.max_drift_px
 
 

@@ -22,17 +22,25 @@ def estimate_is_not_finite(facts: TickFacts) -> bool:
 @compiled
 def rcm_is_unknown(facts: TickFacts) -> bool:
     """Detect an imaged RCM that eq. (16) does not determine: it is ill-conditioned."""
-    return facts.exploration_state.is_done and not facts.estimate.rcm_condition <= facts.max_rcm_condition
+    return (
+        facts.exploration_state.is_done
+        and not facts.estimate.rcm_condition <= facts.max_rcm_condition
+    )
 
 
 @compiled
 def estimate_is_large(facts: TickFacts) -> bool:
     """Detect a scaled Ĵ with entries larger than those of any camera."""
-    return facts.exploration_state.is_done and not max_scaled_entry(facts.estimate.J_hat) <= facts.thresholds.max_jacobian_entry
+    return (
+        facts.exploration_state.is_done
+        and not max_scaled_entry(facts.estimate.J_hat) <= facts.thresholds.max_jacobian_entry
+    )
 
 
 @compiled
 def estimate_diverged(facts: TickFacts) -> bool:
     """Detect an estimate that frames contradict, or a fit that is no camera's projection."""
     contradicted = facts.monitor.contradictions >= facts.thresholds.max_contradictions
-    return facts.exploration_state.is_done and (contradicted or not is_plausible_fit(facts.fit, facts.thresholds))
+    return facts.exploration_state.is_done and (
+        contradicted or not is_plausible_fit(facts.fit, facts.thresholds)
+    )

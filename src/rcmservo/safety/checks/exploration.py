@@ -18,8 +18,14 @@ def no_room_to_explore(facts: TickFacts) -> bool:
 @compiled
 def exploration_failed(facts: TickFacts) -> bool:
     """Detect an exploration that takes too long although joint limits and images permit it."""
-    hindered = facts.exploration_state.is_done or facts.exploration_state.has_no_room or facts.monitor.image_frozen
-    return not hindered and is_overdue(facts.exploration_state, facts.observation.now, facts.exploration)
+    hindered = (
+        facts.exploration_state.is_done
+        or facts.exploration_state.has_no_room
+        or facts.monitor.image_frozen
+    )
+    return not hindered and is_overdue(
+        facts.exploration_state, facts.observation.now, facts.exploration
+    )
 
 
 @compiled

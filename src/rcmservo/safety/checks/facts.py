@@ -8,7 +8,7 @@ from rcmservo.estimation.projection_fit import ProjectionFit
 from rcmservo.geometry.kinematics import Kinematics, RcmStruct
 from rcmservo.interfaces import Observation
 from rcmservo.numerics.jit import compiled
-from rcmservo.safety.monitor_state import ObservationRow, MonitorState
+from rcmservo.safety.monitor_state import MonitorState, ObservationRow
 from rcmservo.safety.target_progress import TargetProgress
 from rcmservo.safety.thresholds import Thresholds
 

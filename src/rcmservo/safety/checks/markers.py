@@ -56,13 +56,18 @@ def frame_was_rejected(facts: TickFacts) -> bool:
 @compiled
 def frames_are_rejected(facts: TickFacts) -> bool:
     """Return True if enough successive frames were rejected to stop the tool."""
-    return has_frame(facts) and facts.monitor.rejected_frames >= facts.thresholds.max_rejected_frames
+    return (
+        has_frame(facts) and facts.monitor.rejected_frames >= facts.thresholds.max_rejected_frames
+    )
 
 
 @compiled
 def markers_exchanged_positions(facts: TickFacts) -> bool:
     """Return True if each marker repeatedly appears at the other marker's position."""
-    return frames_are_rejected(facts) and facts.monitor.swapped_frames >= facts.thresholds.max_rejected_frames
+    return (
+        frames_are_rejected(facts)
+        and facts.monitor.swapped_frames >= facts.thresholds.max_rejected_frames
+    )
 
 
 @compiled
@@ -75,7 +80,10 @@ def markers_are_swapped(facts: TickFacts) -> bool:
 def camera_moved(facts: TickFacts) -> bool:
     """Detect that both markers jumped, or that no frame is accepted for a long time."""
     watch, thresholds = facts.monitor, facts.thresholds
-    jumped = watch.jumped_frames >= thresholds.max_rejected_frames or watch.rejected_frames >= thresholds.moved_camera_frames
+    jumped = (
+        watch.jumped_frames >= thresholds.max_rejected_frames
+        or watch.rejected_frames >= thresholds.moved_camera_frames
+    )
     return frames_are_rejected(facts) and jumped and not markers_exchanged_positions(facts)
 
 

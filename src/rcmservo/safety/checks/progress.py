@@ -32,19 +32,29 @@ def joint_3_blocks_the_path(facts: TickFacts) -> bool:
 def joints_contradict_image(facts: TickFacts) -> bool:
     """Detect that the image shows the tool at the target for some time but the joints disagree."""
     since, limit = facts.progress.mismatch_since, facts.thresholds.target_mismatch_time
-    return facts.exploration_state.is_done and since >= 0 and facts.observation.now - since > limit * 1e9
+    return (
+        facts.exploration_state.is_done
+        and since >= 0
+        and facts.observation.now - since > limit * 1e9
+    )
 
 
 @compiled
 def path_is_singular(facts: TickFacts) -> bool:
     """Detect a singular surface across the path: the damped law reduces too little of the error."""
-    return facts.exploration_state.is_done and not facts.progress.reducible_fraction >= facts.thresholds.singular_fraction
+    return (
+        facts.exploration_state.is_done
+        and not facts.progress.reducible_fraction >= facts.thresholds.singular_fraction
+    )
 
 
 @compiled
 def path_is_nearly_singular(facts: TickFacts) -> bool:
     """Detect a path that is nearly singular."""
-    return facts.exploration_state.is_done and not facts.progress.reducible_fraction >= facts.thresholds.nearly_singular_fraction
+    return (
+        facts.exploration_state.is_done
+        and not facts.progress.reducible_fraction >= facts.thresholds.nearly_singular_fraction
+    )
 
 
 @compiled
@@ -53,4 +63,8 @@ def progress_stalled(facts: TickFacts) -> bool:
     thresholds, since = facts.thresholds, facts.progress.reference_time
     timeout = max(thresholds.stall_time, thresholds.stall_time_constants / facts.gain)
     is_late = facts.observation.now - since > timeout * 1e9
-    return facts.exploration_state.is_done and facts.progress.reference_error > thresholds.stall_error and is_late
+    return (
+        facts.exploration_state.is_done
+        and facts.progress.reference_error > thresholds.stall_error
+        and is_late
+    )

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from rcmservo.interfaces import Command, Floats, ArmMeasurement
+from rcmservo.interfaces import ArmMeasurement, Command, Floats
 from rcmservo.sim.arm import SimulatedArm
 from rcmservo.sim.disturbances.schedule import Event, Schedule
 

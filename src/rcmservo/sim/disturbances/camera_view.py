@@ -16,7 +16,7 @@ from rcmservo.sim.disturbances.camera_moves import CAMERA_MOTION_KINDS
 from rcmservo.sim.disturbances.decoy_markers import DecoyMarkers
 from rcmservo.sim.disturbances.schedule import Event, Schedule
 from rcmservo.sim.disturbances.smoke_and_blood import Smoke, Stain, Veil
-from rcmservo.sim.rendering import Colour, Light, LightFilter, Appearance
+from rcmservo.sim.rendering import Appearance, Colour, Light, LightFilter
 
 BLOOD_DROP_SIZE = 1.6, 45.0
 """Ratio of a blood drop's radius to the marker's, and a margin (px) that is added to it."""

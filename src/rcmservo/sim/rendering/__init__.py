@@ -9,16 +9,16 @@ All coordinates inside are in camera axes, in mm. A ray is (x, y, 1) t, so t is 
 linear, in grey levels (255 saturates). Colours are blue, green, red as in OpenCV.
 """
 
-from rcmservo.sim.rendering.look import Colour, Light, Appearance
+from rcmservo.sim.rendering.look import Appearance, Colour, Light
 from rcmservo.sim.rendering.random_fields import make_random_field, sample_field
 from rcmservo.sim.rendering.renderer import LightFilter, Renderer
 from rcmservo.sim.rendering.tissue import Tissue
 
 __all__ = [
+    "Appearance",
     "Colour",
     "Light",
     "LightFilter",
-    "Appearance",
     "Renderer",
     "Tissue",
     "make_random_field",

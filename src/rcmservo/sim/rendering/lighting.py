@@ -22,7 +22,7 @@ from rcmservo.sim.rendering.capsules import (
     subtract,
 )
 from rcmservo.sim.rendering.coverage import TILE_PX
-from rcmservo.sim.rendering.look import Light, Appearance
+from rcmservo.sim.rendering.look import Appearance, Light
 from rcmservo.sim.rendering.tissue import Tissue
 
 SHADOW_STEP_PX = 4

@@ -13,7 +13,7 @@ from rcmservo.sim.camera_model import CameraModel
 from rcmservo.sim.rendering.capsules import build_capsules
 from rcmservo.sim.rendering.coverage import build_tile_cones, find_touched_tiles, identify_capsules
 from rcmservo.sim.rendering.lighting import build_lamp, build_shadow_nodes, cast_shadow
-from rcmservo.sim.rendering.look import Light, Appearance
+from rcmservo.sim.rendering.look import Appearance, Light
 from rcmservo.sim.rendering.painting import PaintInputs, build_pattern, paint_capsules
 from rcmservo.sim.rendering.tissue import Tissue, render_tissue
 

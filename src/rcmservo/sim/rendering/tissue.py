@@ -8,7 +8,7 @@ import numpy as np
 from rcmservo.constraints import Checked, Limit, array
 from rcmservo.interfaces import Floats
 from rcmservo.sim.camera_model import CameraModel
-from rcmservo.sim.rendering.look import Light, Appearance
+from rcmservo.sim.rendering.look import Appearance, Light
 from rcmservo.sim.rendering.random_fields import make_random_field, sample_field
 
 FIELD_NODES = 512
@@ -91,7 +91,11 @@ class Texture:
 
 
 def render_tissue(
-    slopes: Floats, optics: CameraModel, look: Appearance, tissue: Tissue, noise: np.random.Generator
+    slopes: Floats,
+    optics: CameraModel,
+    look: Appearance,
+    tissue: Tissue,
+    noise: np.random.Generator,
 ) -> tuple[Light, Light]:
     """Return the tissue without the tool (H, W, 3), and the fraction (H, W) of it due to the lamp.
 

@@ -130,7 +130,8 @@ def path_is_visible(
 def balls_are_whole(lens: CameraStruct, shaft: ToolStruct, p1: Floats, radius: float) -> bool:
     """Return True if both balls are whole in the image and apart, with marker 1 at p1 (3,) mm."""
     depth = min(
-        transform_to_camera(lens, p1)[2], transform_to_camera(lens, compute_second_marker(shaft, p1))[2]
+        transform_to_camera(lens, p1)[2],
+        transform_to_camera(lens, compute_second_marker(shaft, p1))[2],
     )
     if not depth > 5.0 * radius:
         return False

@@ -3,7 +3,12 @@
 import numpy as np
 
 from rcmservo.control.saturated_controller import scale_rows
-from rcmservo.geometry.features import FEATURE_SCALE, shift_to_rcm, compute_feature_error, compute_features
+from rcmservo.geometry.features import (
+    FEATURE_SCALE,
+    compute_feature_error,
+    compute_features,
+    shift_to_rcm,
+)
 from rcmservo.geometry.kinematics import RcmStruct, compute_joints, compute_position
 from rcmservo.interfaces import Floats
 from rcmservo.numerics.jit import compiled
@@ -59,7 +64,9 @@ def plan_saturated_path(
     path = [target]
     largest = np.max(np.abs(errors) / FEATURE_SCALE)
     for fraction in np.linspace(1.0, 0.0, PATH_POINTS)[1:]:
-        remaining = np.sign(errors) * np.maximum(np.abs(errors) - fraction * largest * FEATURE_SCALE, 0.0)
+        remaining = np.sign(errors) * np.maximum(
+            np.abs(errors) - fraction * largest * FEATURE_SCALE, 0.0
+        )
         q = _solve_for_error(body, optics, path[-1], y_d, remaining)
         if q is None:
             return None
@@ -76,7 +83,9 @@ def _solve_for_error(
     None if the method does not converge.
     """
     for _ in range(10):
-        residual = compute_feature_error(error, compute_feature_error(compute_true_features(body, optics, q), y_d))
+        residual = compute_feature_error(
+            error, compute_feature_error(compute_true_features(body, optics, q), y_d)
+        )
         if np.max(np.abs(residual) / FEATURE_SCALE) < 1e-9:
             return q
         J = scale_rows(compute_feature_jacobian(body, optics, q, compute_imaged_rcm(optics)))
@@ -91,7 +100,9 @@ def _solve_for_error(
 
 def compute_true_features(body: ToolBody, optics: CameraModel, q: Floats) -> Floats:
     """Return y (3,) about the true imaged RCM at the joints q (3,)."""
-    return compute_features(shift_to_rcm(optics.project(body.points(q)[:2]), compute_imaged_rcm(optics)))
+    return compute_features(
+        shift_to_rcm(optics.project(body.points(q)[:2]), compute_imaged_rcm(optics))
+    )
 
 
 def compute_imaged_rcm(optics: CameraModel) -> Floats:

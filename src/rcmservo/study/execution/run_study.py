@@ -44,7 +44,9 @@ class StudyExecution:
         self.chunks = {compute_chunk_key(chunk): chunk for chunk in plan.chunks()}
         self.missing = {k: chunk for k, chunk in self.chunks.items() if not self.store.has(k)}
         self._before, self._now = manifest.read_manifest(folder), manifest.make_manifest(plan)
-        self.changed_settings = [] if self._before is None else manifest.list_changed_settings(self._before, self._now)
+        self.changed_settings = (
+            [] if self._before is None else manifest.list_changed_settings(self._before, self._now)
+        )
 
     @property
     def missing_runs(self) -> int:
@@ -67,7 +69,9 @@ class StudyExecution:
         requests = (
             (
                 key,
-                ChunkRequest(chunk.cell.text, *_ends(chunk), identify_package(), archives[chunk.cell.method]),
+                ChunkRequest(
+                    chunk.cell.text, *_ends(chunk), identify_package(), archives[chunk.cell.method]
+                ),
             )
             for key, chunk in self.missing.items()
         )

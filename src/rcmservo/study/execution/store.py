@@ -92,7 +92,9 @@ class ChunkStore:
 
     def remove_derived_files(self) -> None:
         """Remove the gathered rows and all files made from them; keep the parts."""
-        for path in (self.folder / name for name in (RUNS_FILE, REPORT_FILE, SUMMARY_FILE, TUNED_FILE)):
+        for path in (
+            self.folder / name for name in (RUNS_FILE, REPORT_FILE, SUMMARY_FILE, TUNED_FILE)
+        ):
             try:
                 path.unlink(missing_ok=True)
             except OSError as error:

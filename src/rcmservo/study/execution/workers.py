@@ -17,7 +17,7 @@ from contextlib import contextmanager, suppress
 from multiprocessing import resource_tracker
 from typing import Any, NamedTuple
 
-from rcmservo.errors import BadInput, RcmServoError, require_extra, one_line, require
+from rcmservo.errors import BadInput, RcmServoError, one_line, require, require_extra
 from rcmservo.study.execution.chunk import ChunkRequest, PackageMismatch, RowValues, run_chunk
 from rcmservo.study.execution.package_version import identify_package
 

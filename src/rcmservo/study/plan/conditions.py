@@ -56,7 +56,7 @@ class RunConditions(Checked):
     latency: Annotated[tuple[float, ...], LATENCY_LIMIT] = ()
     repetitions: Annotated[int, between(1, 1000, "a whole number")] = 1
     duration: Annotated[float, DURATION_LIMIT] = 15.0
-    shown: Annotated[int, FRAME_COUNT] = TEACHING_FRAMES
+    teaching_frames: Annotated[int, FRAME_COUNT] = TEACHING_FRAMES
     engine: Annotated[str, one_of((AUTO, *ENGINES))] = AUTO
 
 

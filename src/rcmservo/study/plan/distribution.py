@@ -16,7 +16,12 @@ from typing import Any, cast
 import numpy as np
 
 from rcmservo.config import texts
-from rcmservo.config.rig_file import SIMULATION_SECTIONS, RigDescription, decode_rig_tables, name_origin_in_errors
+from rcmservo.config.rig_file import (
+    SIMULATION_SECTIONS,
+    RigDescription,
+    decode_rig_tables,
+    name_origin_in_errors,
+)
 from rcmservo.config.texts import Table, is_table
 from rcmservo.errors import BadInput, require
 from rcmservo.sim import RigSettings

@@ -28,7 +28,12 @@ from rcmservo.config.texts import is_table
 from rcmservo.errors import BadInput, require
 from rcmservo.study.plan.conditions import StudyConditions
 from rcmservo.study.plan.distribution import Distribution, find_distribution, parse_distribution
-from rcmservo.study.plan.method import UserEstimators, StudyMethod, make_default_method, parse_method
+from rcmservo.study.plan.method import (
+    StudyMethod,
+    UserEstimators,
+    make_default_method,
+    parse_method,
+)
 from rcmservo.study.plan.plan import StudyPlan
 
 MAX_STUDY_FILE_BYTES = 1_000_000

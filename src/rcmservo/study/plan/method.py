@@ -47,7 +47,7 @@ class StudyMethod:
 
 def make_method(name: str, **parts: Any) -> StudyMethod:
     """Return the method with these parts, and the servo's defaults for the others."""
-    servo = RigDescription().servo(**parts)
+    servo = RigDescription().make_servo(**parts)
     return StudyMethod(name, {part: getattr(servo, part) for part in METHOD_PARTS})
 
 
@@ -88,4 +88,4 @@ def _estimator(given: object, own: UserEstimators, where: str) -> Estimator:
 def make_servo(method: StudyMethod, lab: RigDescription) -> Servo:
     """Return the servo of a method in a laboratory; examine a user-defined estimator first."""
     check_estimator(method.estimator, lab.tool)
-    return lab.servo(**method.parts)
+    return lab.make_servo(**method.parts)

@@ -133,7 +133,7 @@ class StudyPlan(StudyConditions):
             repetition=repetition,
             engine=choose_engine(servo, disturbances, self.engine),
             duration=self.duration,
-            teaching_frames=self.shown,
+            teaching_frames=self.teaching_frames,
         )
         cell.make_engine(self.first_seed, servo)
         return cell

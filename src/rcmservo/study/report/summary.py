@@ -16,11 +16,11 @@ from rcmservo.study.plan.plan import StudyPlan
 from rcmservo.study.report.statistics import (
     Booleans,
     Interval,
+    estimate_fraction,
+    estimate_fraction_difference,
     estimate_median_difference,
     estimate_quantile,
     estimate_root_mean_square,
-    estimate_fraction,
-    estimate_fraction_difference,
 )
 
 

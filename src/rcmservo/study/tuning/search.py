@@ -15,7 +15,7 @@ from typing import Annotated, Any, NamedTuple
 import numpy as np
 
 from rcmservo.constraints import Checked, between, one_of
-from rcmservo.errors import require_extra, require
+from rcmservo.errors import require, require_extra
 from rcmservo.interfaces import Floats
 from rcmservo.servo.user_estimator import UnusableEstimator
 from rcmservo.study.execution.run_study import StudyExecution
@@ -123,7 +123,11 @@ def run_search(
 
 
 def _run_trials(
-    tuning: Tuning, folder: Path, crew: WorkerPool, study: Any, report_trial: Callable[[SearchTrial], None]
+    tuning: Tuning,
+    folder: Path,
+    crew: WorkerPool,
+    study: Any,
+    report_trial: Callable[[SearchTrial], None],
 ) -> Iterator[SearchTrial]:
     method = tuning.plan.methods[0]
     start = {axis.name: get_setting(method, axis.name) for axis in tuning.axes}
@@ -141,7 +145,9 @@ def _run_trials(
         yield result
 
 
-def _run_trial(tuning: Tuning, number: int, values: Values, folder: Path, crew: WorkerPool) -> SearchTrial:
+def _run_trial(
+    tuning: Tuning, number: int, values: Values, folder: Path, crew: WorkerPool
+) -> SearchTrial:
     """Run the study of one trial; an invalid combination of settings costs inf."""
     try:
         method = replace_settings(tuning.plan.methods[0], tuning.method_name, values)
