@@ -34,7 +34,7 @@ class SearchAxis:
         Largest value.
     log : bool
         Sample on a logarithmic scale.
-    words : tuple[str, ...]
+    choices : tuple[str, ...]
         Values of a setting that is not a number.
     """
 
