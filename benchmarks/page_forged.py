@@ -203,7 +203,7 @@ FORGERIES: dict[str, Callable[[Holder, dict[str, Any]], None]] = {
 
 def forge(holder: Holder, count: int) -> list[str]:
     """Send `count` forged requests in the present state; return the failures."""
-    wrong: list[str] = []
+    failures: list[str] = []
     before = holder.stands()
     pairs = list(itertools.product(WANTS, FORGERIES))
     random.Random(0).shuffle(pairs)
@@ -212,11 +212,11 @@ def forge(holder: Holder, count: int) -> list[str]:
         try:
             FORGERIES[kind](holder, want)
         except (AssertionError, TimeoutError) as error:
-            wrong.append(f"{kind}: {error}")
+            failures.append(f"{kind}: {error}")
         if (after := holder.stands()) != before:
-            wrong.append(f"{kind}, {want['do']}: {before} became {after}")
+            failures.append(f"{kind}, {want['do']}: {before} became {after}")
             before = after
-    return wrong
+    return failures
 
 
 def forged(holder: Holder, count: int) -> dict[str, list[str]]:
@@ -359,7 +359,7 @@ def main() -> int:
     bad = 0
     with page_lab(recorded=True, token=secrets.token_urlsafe(32)) as lab:
 
-        def person() -> None:
+        def operator() -> None:
             nonlocal bad
             holder = Holder(lab)
             for state, wrong in forged(holder, chosen.forged).items():
@@ -375,7 +375,7 @@ def main() -> int:
             print(f"  the page answers, and STOP works: {heard}")
             bad += (ticks.longest > GAP) + (not ticks.still) + (not heard)
 
-        lab.play(person)
+        lab.play(operator)
     return 1 if bad else 0
 
 

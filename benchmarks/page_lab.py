@@ -73,26 +73,26 @@ class PageLab:
     def address(self) -> str:
         return f"http://127.0.0.1:{self.options.port}"
 
-    def play(self, person: Callable[[], None]) -> None:
+    def play(self, operator: Callable[[], None]) -> None:
         """Serve until the operator function ends; raise its exception."""
-        wrong: list[BaseException] = []
+        errors: list[BaseException] = []
 
         def played() -> None:
             try:
                 awaited(lambda: reached(self.options.port))
-                person()
+                operator()
             except BaseException as error:
-                wrong.append(error)
+                errors.append(error)
             signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)
 
-        thread = threading.Thread(target=played, name="person", daemon=True)
+        thread = threading.Thread(target=played, name="operator", daemon=True)
         signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored in a script's background
         thread.start()
         with contextlib.suppress(KeyboardInterrupt):
             serve._serve(self.options, self.behind, self.folder, self.token)
         thread.join(PATIENCE)
-        if wrong:
-            raise wrong[0]
+        if errors:
+            raise errors[0]
 
     @contextlib.contextmanager
     def served(self, desk: Desk) -> Iterator[None]:
@@ -264,10 +264,10 @@ def enabled(page: Page) -> None:
     press(page, "Enable", "rcm.board.phase === 'PAUSED'")
 
 
-def awaited(good: Callable[[], bool], within: float = PATIENCE) -> None:
+def awaited(condition: Callable[[], bool], within: float = PATIENCE) -> None:
     """Wait for a condition, up to `within` s."""
     end = time.monotonic() + within
-    while not good():
+    while not condition():
         if time.monotonic() > end:
             raise TimeoutError(f"the condition did not hold within {within:g} s")
         time.sleep(0.005)
