@@ -181,13 +181,17 @@ class Client:
         browser = urllib.request.build_opener(urllib.request.HTTPCookieProcessor(jar))
         form = urllib.parse.urlencode({"token": token}).encode() if token else None
         page = browser.open(address, form, timeout=PATIENCE).read().decode()
-        told = re.search(r"window\.RCMSERVO = (\{.*?\});", page)
-        assert told is not None
-        self.told = json.loads(told[1])
+        match = re.search(r"window\.RCMSERVO = (\{.*?\});", page)
+        assert match is not None
+        self.page_config = json.loads(match[1])
         self.cookies = {one.name: str(one.value) for one in jar}
 
     def port(self, path: str) -> int:
-        return self.told["stopPort"] if path == "/stop" else int(self.address.rpartition(":")[2])
+        return (
+            self.page_config["stopPort"]
+            if path == "/stop"
+            else int(self.address.rpartition(":")[2])
+        )
 
     def known(self, cookie: str | None = None) -> str:
         """Return the cookies as a header; each with the value `cookie` if one is given."""
@@ -204,7 +208,7 @@ class Client:
         **more: Any,
     ) -> ClientConnection:
         """Open a websocket; if `cookie` is given, each cookie has that value."""
-        secret = self.told["secret"] if secret is None else secret
+        secret = self.page_config["secret"] if secret is None else secret
         url = f"ws://127.0.0.1:{self.port(path)}{path}?secret={secret}"
         known = self.known(cookie)
         headers = {"Cookie": known} if known else {}
