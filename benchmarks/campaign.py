@@ -143,10 +143,10 @@ def disturbed(seed: int, disturbances: list[Disturbance]) -> Run:
         CheckedArm(rig.arm, servo, run.wrong_commands), rig.camera, PointMarkers(), rig.clock
     )
     plant.recorded = lambda: not rig.disk_full()
-    rig.show_target()
+    rig.move_to_target()
     target = rs.teach(plant, frames=30)
     p_d = rig.truth.markers(rig.clock.now())[1]
-    rig.go_home()
+    rig.move_to_start()
     rig.begin()
     operator, judge = ScriptedOperator(rig, plant, PATIENCE, frames=30), Judge(servo, target)
     start, unnoticed = rig.clock.now(), UnnoticedGrowth(Oracle(rig.truth, NOISE))

@@ -57,9 +57,9 @@ def original(folder: Path, duration: float, pictures: bool, stages: int = 1) -> 
     rig = rs.sim.Rig(1, settings, pictures=False)
     plant = rs.Plant(rig.arm, rig.camera, PointMarkers(), rig.clock)
     servo = rs.Servo(mechanism=rs.SphericalRcm(), tool=rs.RigidTool(spacing=30.0))
-    rig.show_target()
+    rig.move_to_target()
     target = rs.teach(plant, frames=5)
-    rig.go_home()
+    rig.move_to_start()
     random = np.random.default_rng(0)
     path, state = folder / reader.RECORD, None
     with Recorder(path, {"seed": 1, "settings": {"name": "damage"}}) as recorder:

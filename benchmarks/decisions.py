@@ -146,9 +146,9 @@ def recorded(
     from rcmservo.sim.scripted_operator import ScriptedOperator, run_attended
 
     plant.recorded = lambda: not rig.disk_full()
-    rig.show_target()
+    rig.move_to_target()
     target = rs.teach(plant, frames=30)
-    rig.go_home()
+    rig.move_to_start()
     rig.begin()
     stages: list[tuple[int, bool, rs.Target]] = []
     ticks: list[rs.Tick] = []

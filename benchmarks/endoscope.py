@@ -183,9 +183,9 @@ def ticks(
     """Teach the target, return the tool to the start, and yield the ticks of the run."""
     rig = rs.sim.Rig(seed, settings_of(options), disturbances=disturbances, scene=scene)
     plant = rs.Plant(rig.arm, rig.camera, rs.tracking.ColourMarkers(), rig.clock)
-    rig.show_target()
+    rig.move_to_target()
     target = rs.teach(plant, TEACHING_FRAMES)
-    rig.go_home()
+    rig.move_to_start()
     rig.begin()
     settings, estimator = rig.settings, ServoOptions().estimator_of(options.estimator)
     servo = rs.Servo(settings.mechanism, settings.tool, estimator)

@@ -25,9 +25,9 @@ def growth_mm(seed: int) -> float:
     rig = rs.sim.Rig(seed, pictures=False)
     plant = rs.Plant(rig.arm, rig.camera, PointMarkers(), rig.clock)
     servo = rs.Servo(rig.settings.mechanism, tool=rig.settings.tool)
-    rig.show_target()
+    rig.move_to_target()
     target, p2_d = rs.teach(plant), rig.truth.markers(rig.clock.now())[1]
-    rig.go_home()
+    rig.move_to_start()
     state, errors = servo.init(), []
     plant.reset()
     plant.enable()

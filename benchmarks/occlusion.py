@@ -50,10 +50,10 @@ def one(seed: int) -> Run:
     rig = rs.sim.Rig(seed, disturbances=disturbances)
     plant = rs.Plant(rig.arm, rig.camera, ColourMarkers(default_markers()), rig.clock)
     servo = rs.Servo(rig.settings.mechanism, rig.settings.tool)
-    rig.show_target()
+    rig.move_to_target()
     target = rs.teach(plant, frames=30)
     p_d = rig.truth.markers(rig.clock.now())[1]
-    rig.go_home()
+    rig.move_to_start()
     rig.begin()
     operator, gone, blind, moved = ScriptedOperator(rig, plant, 20, frames=30), -1, 0, 0.0
     stood: Floats | None = None

@@ -106,9 +106,9 @@ def recorded(folder: Path, seed: int, duration: float, names: tuple[str, ...] = 
     with Recorder(path, {"seed": seed}) as recorder:
         for _ in range(2):
             plant.change = Disturbed.change
-            rig.show_target()
+            rig.move_to_target()
             target = rs.teach(plant, frames=5)
-            rig.go_home()
+            rig.move_to_start()
             plant.change = faults(random, rig.clock, names)
             recorder.begin(servo, target, state)
             for tick in rs.run(plant, servo, target, duration, state=state, operator=operator):

@@ -60,9 +60,9 @@ def run(estimator: Estimator, seed: int) -> Run:
     servo = rs.Servo(
         mechanism=rs.SphericalRcm(), tool=rs.RigidTool(spacing=30.0), estimator=estimator
     )
-    rig.show_target()
+    rig.move_to_target()
     target = rs.teach(plant, frames=30)
-    rig.go_home()
+    rig.move_to_start()
     servo.warm_up()
     plant.enable()
     state, took, yardstick, steps = servo.init(), [], [], []

@@ -103,12 +103,12 @@ class Trial:
 
     def teach(self) -> Target:
         """Teach the target and return the tool to the start."""
-        self.rig.show_target()
+        self.rig.move_to_target()
         self.shown = self.marker_2()
         if self.row.when == SHOWING:
             self.rig.begin()
         target = rs.teach(self.plant, FRAMES)
-        self.rig.go_home()
+        self.rig.move_to_start()
         return target
 
     def earlier(self, target: Target) -> State | None:
@@ -118,8 +118,8 @@ class Trial:
         for tick in rs.run(self.plant, self.servo, target, FIRST):
             judge.add(tick)
             last = tick
-        self.rig.let_pass(began + round((MOVED + 0.5) * 1e9))
-        self.rig.go_home()
+        self.rig.advance_until(began + round((MOVED + 0.5) * 1e9))
+        self.rig.move_to_start()
         return last.state if self.settled(last, target, judge) else None
 
     def judged(self, target: Target, state: State | None = None) -> None:

@@ -10,9 +10,9 @@ servo = rs.Servo(
     estimator=rs.DltEstimator(),  # Ĵ of eq. (15) from a projection fitted to all frames
     controller=rs.SaturatedController(gain=6.0),  # eq. (31)-(32)
 )
-rig.show_target()
+rig.move_to_target()
 target = rs.teach(plant)  # teaching by showing
-rig.go_home()
+rig.move_to_start()
 plant.reset()  # discard observations, because the tool was moved by hand
 
 state = servo.init()  # Ĵ = 0: the servo explores first

@@ -53,9 +53,9 @@ def pose_error(seed: int, estimator: rs.Estimator) -> float:
     """Return the true pose error of marker 2 in mm after 15 s."""
     rig = rs.sim.Rig(seed, pictures=False)
     plant = rs.Plant(rig.arm, rig.camera, rs.tracking.PointMarkers(), rig.clock)
-    rig.show_target()
+    rig.move_to_target()
     target = rs.teach(plant)
-    rig.go_home()
+    rig.move_to_start()
     servo = rs.Servo(rs.SphericalRcm(), rs.RigidTool(spacing=30.0), estimator)
     for _ in rs.run(plant, servo, target, duration=15.0):
         pass
