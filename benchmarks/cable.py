@@ -138,7 +138,7 @@ class Cable:
 
 
 @dataclass(frozen=True)
-class Pulled:
+class CableTrial:
     """Result of one trial.
 
     Parameters
@@ -168,10 +168,10 @@ class Pulled:
     words: str
 
     @property
-    def good(self) -> bool:
-        told = any(cause in self.words for cause in CAUSES[self.kind])
+    def passed(self) -> bool:
+        is_reported = any(cause in self.words for cause in CAUSES[self.kind])
         stopped = max(self.still, self.off) <= STOP_TIME_MS and not self.moved
-        return stopped and told and self.phase == Phase.FAULT.name
+        return stopped and is_reported and self.phase == Phase.FAULT.name
 
 
 class Words:
@@ -195,7 +195,7 @@ class Words:
                 self.last = said.cause if isinstance(said, RunResult) else str(said)
 
 
-def happen(kind: str, cable: ChildProcess, child: ServoProcess, port: int) -> Callable[[], None]:
+def trigger(kind: str, cable: ChildProcess, child: ServoProcess, port: int) -> Callable[[], None]:
     """Trigger an event; return the function that ends it."""
     if kind == "stopped":
         assert child.process.pid is not None
@@ -211,13 +211,13 @@ def happen(kind: str, cable: ChildProcess, child: ServoProcess, port: int) -> Ca
 
 def trial(
     lab: EmulatedLab, session: Session, record: Path, cable: ChildProcess, kind: str, tick: int
-) -> Pulled:
+) -> CableTrial:
     child = ServoProcess(session)
     words, moving = Words(child), Host(lab.port)
     try:
         speed = until_moving(words, moving, tick)
         struck = time.monotonic()
-        end = happen(kind, cable, child, lab.port)
+        end = trigger(kind, cable, child, lab.port)
         rows: list[tuple[float, Floats, bool]] = []
         ended = False
         while (now := time.monotonic()) < struck + OBSERVATION_S:
@@ -251,17 +251,17 @@ def until_moving(words: Words, host: Host, tick: int) -> Floats:
 
 def judged(
     kind: str, speed: Floats, rows: list[tuple[float, Floats, bool]], phase: str, words: str
-) -> Pulled:
+) -> CableTrial:
     times = [row[0] * 1e3 for row in rows]
     moves = [(np.abs(b[1] - a[1]) > 2.0).any() for a, b in pairwise(rows)]
     still = times[max((k for k, moved in enumerate(moves) if moved), default=-1) + 1]
     off = next((t for t, row in zip(times, rows, strict=True) if row[2]), np.inf)
     later = [row for t, row in zip(times, rows, strict=True) if t > STOP_TIME_MS]
     moved = any(not row[2] or (np.abs(row[1] - later[0][1]) > 2.0).any() for row in later)
-    return Pulled(kind, still, off, speed, bool(moved), phase, words)
+    return CableTrial(kind, still, off, speed, bool(moved), phase, words)
 
 
-def report(trials: list[Pulled]) -> None:
+def report(trials: list[CableTrial]) -> None:
     for kind in CAUSES:
         some = [t for t in trials if t.kind == kind]
         if some:
@@ -284,7 +284,7 @@ def main() -> int:
     chance, lab = np.random.default_rng(chosen.seed), RigDescription()
     servo = rs.Servo(mechanism=lab.mechanism, tool=lab.tool, gate=lab.gate)
     servo.warm_up()
-    trials: list[Pulled] = []
+    trials: list[CableTrial] = []
     with (
         tempfile.TemporaryDirectory() as folder,
         EmulatedLab(chosen.seed, chosen.camera) as emulated,
@@ -304,12 +304,12 @@ def main() -> int:
             finally:
                 cable.end()
             trials.append(one)
-            if not one.good:
+            if not one.passed:
                 print(f"trial {len(trials)}: {one}", flush=True)
             if len(trials) % 10 == 0:
                 print(f"{len(trials)} trials", flush=True)
     report(trials)
-    bad = sum(not t.good for t in trials)
+    bad = sum(not t.passed for t in trials)
     print(f"{len(trials)} trials, {bad} exceed a limit")
     return 1 if bad or len(trials) < chosen.count else 0
 

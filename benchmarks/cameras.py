@@ -105,33 +105,33 @@ def main(seconds: float) -> int:
 
         child(publish, ring)
         web, gige = child(send_mjpeg, ring, 0), child(send_gige, ring)
-        ways: dict[str, Callable[[], Camera]] = {
+        transports: dict[str, Callable[[], Camera]] = {
             "shared memory": partial(RingCamera, ring),
             "Motion JPEG": partial(open_opencv_camera, OpencvSettings(web)),
             "GigE Vision": partial(open_aravis_camera, AravisSettings(gige, frame_rate=RATE)),
         }
-        told = {way: ([], 0, 0) for way in ways}
+        results = {way: ([], 0, 0) for way in transports}
         for _ in range(ROUNDS):
-            for way, opened in ways.items():
+            for way, opened in transports.items():
                 camera = opened()
                 seen = watch(camera, seconds)
-                told[way] = tuple(a + b for a, b in zip(told[way], seen, strict=True))
+                results[way] = tuple(a + b for a, b in zip(results[way], seen, strict=True))
                 getattr(camera, "close", lambda: None)()
-    return _report(told)
+    return _report(results)
 
 
-def _report(told: dict[str, tuple[list[float], int, int]]) -> int:
+def _report(results: dict[str, tuple[list[float], int, int]]) -> int:
     failed, least = False, 0.0
-    for way, (ages, lost, blind) in told.items():
+    for way, (ages, lost, blind) in results.items():
         p50, p99 = np.percentile(ages, [50, 99])
         least = least or p99
-        share = lost / (lost + len(ages))
-        good = p99 - least <= PERIOD * 1e-6 and share <= MAX_LOST_FRACTION and not blind
-        failed |= not good
+        lost_fraction = lost / (lost + len(ages))
+        passed = p99 - least <= PERIOD * 1e-6 and lost_fraction <= MAX_LOST_FRACTION and not blind
+        failed |= not passed
         print(
             f"{way:14} {p50:5.1f} ms (median) {p99:5.1f} (99 %) {max(ages):5.1f} (worst), "
             f"{lost} of {lost + len(ages)} lost, {blind} without markers",
-            "" if good else "FAILED",
+            "" if passed else "FAILED",
         )
     return int(failed)
 

@@ -78,7 +78,7 @@ class Run:
     words: str = ""
 
 
-class Guarded:
+class CheckedArm:
     """Arm that checks each command: finite, bounded, slew-limited, with an increasing number."""
 
     def __init__(self, arm: Any, servo: Servo, found: list[str]) -> None:
@@ -104,7 +104,7 @@ class Guarded:
             else not command.rates.any(),
             "number does not rise": command.number > self._last.number,
         }
-        self._found += [f"{command.time}: {name}" for name, good in checks.items() if not good]
+        self._found += [f"{command.time}: {name}" for name, passed in checks.items() if not passed]
         self._last = command
         return self._arm.apply(command)
 
@@ -140,7 +140,7 @@ def disturbed(seed: int, disturbances: list[Disturbance]) -> Run:
     )
     servo = rs.Servo(rig.settings.mechanism, rig.settings.tool)
     plant = rs.Plant(
-        Guarded(rig.arm, servo, run.wrong_commands), rig.camera, PointMarkers(), rig.clock
+        CheckedArm(rig.arm, servo, run.wrong_commands), rig.camera, PointMarkers(), rig.clock
     )
     plant.recorded = lambda: not rig.disk_full()
     rig.move_to_target()
@@ -148,13 +148,13 @@ def disturbed(seed: int, disturbances: list[Disturbance]) -> Run:
     p_d = rig.truth.markers(rig.clock.now())[1]
     rig.move_to_start()
     rig.begin()
-    person, judge = (
+    operator, judge = (
         ScriptedOperator(rig, plant, PATIENCE, frames=30),
         OutcomeCollector(servo, target),
     )
     start, unnoticed = rig.clock.now(), UnnoticedGrowth(Oracle(rig.truth, NOISE))
     ticks = run_attended(
-        rig, plant, servo, target, DURATION, person, lambda *begins: unnoticed.oracle.restart()
+        rig, plant, servo, target, DURATION, operator, lambda *begins: unnoticed.oracle.restart()
     )
     try:
         for tick in watched(run, ticks, disturbances, start):
@@ -166,7 +166,7 @@ def disturbed(seed: int, disturbances: list[Disturbance]) -> Run:
         run.end = "killed"
     except NotEnabled as why:
         run.end, run.words = "not enabled", str(why)
-    run.resumed, run.shown, run.unnoticed = person.resumed, person.taught, unnoticed.growth
+    run.resumed, run.shown, run.unnoticed = operator.resumed, operator.taught, unnoticed.growth
     run.pose_error = float(np.linalg.norm(rig.truth.markers(rig.clock.now())[1] - p_d))
     if not run.end:
         run.end, run.words = ended(tick, judge)

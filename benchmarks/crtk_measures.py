@@ -111,8 +111,8 @@ class RunningDevice:
     def moved_last(self) -> int:
         """Return the device time (ns) of the last motion by more than a count; 0 if none."""
         times, q = (np.array(column) for column in zip(*list(self._rows), strict=True))
-        away = (np.abs(q - q[-1]) > COUNT).any(axis=1)
-        return int(times[away][-1]) if away.any() else 0
+        is_distant = (np.abs(q - q[-1]) > COUNT).any(axis=1)
+        return int(times[is_distant][-1]) if is_distant.any() else 0
 
 
 def client_arm(ros: int, domain: int) -> CrtkArm:
@@ -146,9 +146,9 @@ def driven(ros: int, domain: int, seconds: float) -> dict[str, Any]:
             if number == 50:
                 print("moving", flush=True)
     time.sleep(0.02)
-    account, told = arm.command_counts(), arm.measure()
+    account, state = arm.command_counts(), arm.measure()
     arm.close()
-    return account.__dict__ | {"commands": number, "on": told.enabled}
+    return account.__dict__ | {"commands": number, "on": state.enabled}
 
 
 @contextmanager

@@ -162,19 +162,19 @@ def head_flips(before: Original) -> Iterator[bytes]:
 def judge(name: str, damaged: Iterator[bytes], before: Original, path: Path) -> int:
     """Read all damaged records, print the outcomes, and return the number of failures."""
     outcomes: Counter[str] = Counter()
-    longest, wrong = 0.0, 0
+    longest, failures = 0.0, 0
     for data in damaged:
         path.write_bytes(data)
         started = time.perf_counter()
         try:
             outcomes[read(path, before)] += 1
         except Exception as error:
-            wrong += 1
+            failures += 1
             print(f"  FAILED: {error!r}")
         longest = max(longest, time.perf_counter() - started)
     listed = ", ".join(f"{count} {outcome}" for outcome, count in sorted(outcomes.items()))
-    print(f"{name}: {listed}; {wrong} failed; longest {longest * 1e3:.0f} ms")
-    return wrong
+    print(f"{name}: {listed}; {failures} failed; longest {longest * 1e3:.0f} ms")
+    return failures
 
 
 def limit_memory() -> None:
@@ -187,8 +187,8 @@ def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("--flips", type=int, default=10_000)
     parser.add_argument("--step", type=int, default=1000)
-    asked = parser.parse_args()
-    wrong = 0
+    arguments = parser.parse_args()
+    failures = 0
     with tempfile.TemporaryDirectory() as folder:
         originals = {}
         for name, duration, pictures, stages in (
@@ -207,12 +207,12 @@ def main() -> None:
                 f"{name}: {len(one.rows.time)} ticks, {len(one.frames)} frames, {len(one.data)} "
                 f"bytes"
             )
-            wrong += judge("  cut", cuts(one, asked.step), one, path)
-            wrong += judge("  one bit of a kind or length flipped", head_flips(one), one, path)
-            wrong += judge("  one bit flipped", flips(one, asked.flips), one, path)
+            failures += judge("  cut", cuts(one, arguments.step), one, path)
+            failures += judge("  one bit of a kind or length flipped", head_flips(one), one, path)
+            failures += judge("  one bit flipped", flips(one, arguments.flips), one, path)
         grown = (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) / 1024
-    print(f"resident memory grew by {grown:.0f} MiB; {wrong} failed")
-    sys.exit(wrong > 0)
+    print(f"resident memory grew by {grown:.0f} MiB; {failures} failed")
+    sys.exit(failures > 0)
 
 
 if __name__ == "__main__":

@@ -122,7 +122,7 @@ def compared(path: Path) -> Compared:
     return Compared(path.stem, len(table["rates"]), differs, worst)
 
 
-def kept(folder: Path, seed: int) -> None:
+def record_run(folder: Path, seed: int) -> None:
     """Record the run of the campaign with this seed."""
     import campaign
 
@@ -156,9 +156,9 @@ def recorded(
     def begun(target: rs.Target, state: rs.State | None) -> None:
         stages.append((len(ticks), state is not None, target))
 
-    person = ScriptedOperator(rig, plant, patience, frames=30)
+    operator = ScriptedOperator(rig, plant, patience, frames=30)
     with suppress(Killed, NotEnabled):
-        for tick in run_attended(rig, plant, servo, target, duration, person, begun):
+        for tick in run_attended(rig, plant, servo, target, duration, operator, begun):
             ticks.append(tick)
     return arrays(ticks, stages)
 
@@ -190,7 +190,7 @@ def arrays(ticks: list[rs.Tick], stages: list[tuple[int, bool, rs.Target]]) -> T
     }
 
 
-def asked(folder: Path) -> list[int]:
+def requested_seeds(folder: Path) -> list[int]:
     """Return the seeds of the runs to record first."""
     if "--keep" in sys.argv:
         return list(range(int(sys.argv[sys.argv.index("--keep") + 1])))
@@ -200,9 +200,9 @@ def asked(folder: Path) -> list[int]:
 def main() -> None:
     folders = [Path(sys.argv[1])] if len(sys.argv) > 1 else FOLDERS
     with ProcessPoolExecutor() as pool:
-        seeds = asked(folders[0])
+        seeds = requested_seeds(folders[0])
         folders[0].mkdir(parents=True, exist_ok=True)
-        list(pool.map(kept, folders[:1] * len(seeds), seeds))
+        list(pool.map(record_run, folders[:1] * len(seeds), seeds))
         paths = [path for folder in folders for path in sorted(folder.glob("*.npz*"))]
         runs = list(pool.map(compared, paths))
     other = [run for run in runs if run.differs is not None]

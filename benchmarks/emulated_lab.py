@@ -133,7 +133,7 @@ class EmulatedLab:
     def session(self, servo: Servo, duration: float, record: Path, port: int = 0) -> Session:
         """Return a live session of `duration` s, recorded in a new file."""
         lab = self.lab(port)
-        shown = partial(shown_by_jog, self.port, self.target * COUNTS, self.start * COUNTS)
+        shown = partial(teach_by_jog, self.port, self.target * COUNTS, self.start * COUNTS)
         return Session(
             servo,
             duration,
@@ -152,7 +152,7 @@ class EmulatedLab:
         return float(np.linalg.norm(ends[0] - ends[1]))
 
 
-def shown_by_jog(port: int, target: Floats, start: Floats, plant: Plant) -> Target:
+def teach_by_jog(port: int, target: Floats, start: Floats, plant: Plant) -> Target:
     """Teach the target at encoder positions `target` (3,), then move the tool to the start."""
     with contextlib.closing(Host(port)) as host:
         host.go(target)

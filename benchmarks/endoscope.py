@@ -164,12 +164,12 @@ def by_laboratory(options: Options, seed: int) -> Ended:
     """Run one closed loop with rendered images."""
     scene = draw(seed, ToolBody(rs.SphericalRcm(), settings_of(options).tool))
     try:
-        return shown(options, seed, scene)
+        return run_laboratory(options, seed, scene)
     except TeachingFailed:
         return Ended(depth(scene), np.inf, np.inf, ("NOT_SHOWN",))
 
 
-def shown(options: Options, seed: int, scene: Scene) -> Ended:
+def run_laboratory(options: Options, seed: int, scene: Scene) -> Ended:
     """Run one closed loop with rendered images, perhaps with a hidden marker."""
     if not options.hidden:
         return ended(scene, course(seed, scene, ticks(options, seed, scene, [])))
@@ -197,10 +197,10 @@ def ticks(
 def course(seed: int, scene: Scene, ticks: Iterator[Tick]) -> StudyRun:
     """Return a run in the form of a study, with errors from the reported joints."""
     run, there = list(ticks), scene.body.points(scene.target)[1]
-    away = [np.linalg.norm(scene.body.points(tick.observation.q)[1] - there) for tick in run]
+    distances = [np.linalg.norm(scene.body.points(tick.observation.q)[1] - there) for tick in run]
     phases = np.array([PHASES.index(tick.state.phase) for tick in run], np.int8)
     causes = np.array([tick.state.cause.code for tick in run], np.int8)
-    errors, rate = np.array(away, np.float64), run[0].servo.rate
+    errors, rate = np.array(distances, np.float64), run[0].servo.rate
     return StudyRun(seed, rate, errors, phases, causes, np.nan, scene)
 
 

@@ -55,7 +55,7 @@ def steps(text: str) -> list[tuple[str, str]]:
     return [(verb.lower(), name) for verb, name in re.findall(STEP, text)]
 
 
-def follow(page: Page, todo: list[tuple[str, str]], told: Callable[[str], None] = print) -> None:
+def follow(page: Page, todo: list[tuple[str, str]], report: Callable[[str], None] = print) -> None:
     """Perform the steps on the page."""
     for verb, name in todo:
         if verb == "type":
@@ -68,7 +68,7 @@ def follow(page: Page, todo: list[tuple[str, str]], told: Callable[[str], None] 
             page.wait_for_timeout(1e3 * HELD)
             page.mouse.up()
             page.wait_for_function("rcm.board.phase === 'PAUSED'")
-        told(f"{verb} {name}")
+        report(f"{verb} {name}")
 
 
 def reached(page: Page) -> None:

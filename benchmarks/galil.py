@@ -32,22 +32,22 @@ def fuzz(count: int) -> int:
     A session fails if it takes too long, ends without a sentence, or leaves an axis moving or a
     motor on.
     """
-    chance, wrong, begun = random.Random(0), 0, 0
+    chance, failures, begun = random.Random(0), 0, 0
     for number in range(count):
         try:
             if number % 10:
                 noise = [chance.randbytes(chance.randrange(60)) for _ in range(20)]
-                good = run_with_packets(noise, chance.choice(list(SESSION_STEPS))).time < 6.0
+                passed = run_with_packets(noise, chance.choice(list(SESSION_STEPS))).time < 6.0
             else:
                 longest, began, off = run_with_garbling(chance)
-                good, begun = longest < 2.0 and off, begun + began
+                passed, begun = longest < 2.0 and off, begun + began
         except Exception as error:  # any other error is a failure
             print(f"session {number}: {error!r}")
-            good = False
-        wrong += not good
+            passed = False
+        failures += not passed
         print(f"\r{number + 1} of {count}", end="", file=sys.stderr, flush=True)
-    print(f"{count} sessions, {begun} of them moved the axes: {wrong} failed")
-    return wrong
+    print(f"{count} sessions, {begun} of them moved the axes: {failures} failed")
+    return failures
 
 
 def exchanges(seconds: float) -> int:

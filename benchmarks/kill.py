@@ -82,7 +82,7 @@ class Trial:
     words: str
 
     @property
-    def good(self) -> bool:
+    def passed(self) -> bool:
         is_reported = self.kind == "SIGCONT" or (
             "servo process was" in self.words and "drive went off" in self.words
         )
@@ -116,10 +116,10 @@ def trial(bench: SimulatedLab, session: Session, record: Path, kind: str, tick: 
     return judged(kind, tick, struck, words, bench.log.since(first), record)
 
 
-def until(good: Any, child: ServoProcess) -> None:
+def until(condition: Any, child: ServoProcess) -> None:
     """Wait for a condition, and read the messages of the servo process meanwhile."""
     end = time.monotonic() + DEADLINE_S
-    while not good():
+    while not condition():
         if time.monotonic() > end or child.process.exitcode is not None:
             raise NotBegun("no tick in time")
         wait([child.pipe], 0.001)
@@ -148,14 +148,14 @@ def judged(kind: str, tick: int, struck: int, words: str, rows: Any, path: Path)
     still = int(rows["wall"][min(moving[-1] + 1, len(rows) - 1)]) if len(moving) else off
     awake = rows["enabled"][stop[1] :].any() or rows["applied"][stop[1] :].any()
     moved = bool(awake or (np.abs(speed[stop[1] + 50 :]) > REST_RATES).any())
-    kept = len(reader.read_record(path).time)
+    recorded_ticks = len(reader.read_record(path).time)
     return Trial(
         kind,
         tick,
         off=(off - struck) * 1e-6,
         after=(off - taken) * 1e-6,
         still=(still - struck) * 1e-6,
-        lost=max(int(rows["number"][-1]) - kept, 0) * 10.0,
+        lost=max(int(rows["number"][-1]) - recorded_ticks, 0) * 10.0,
         speed=np.abs(speed[np.searchsorted(rows["wall"], struck) - 1]),
         moved=moved,
         words=words,
@@ -202,12 +202,12 @@ def main() -> int:
                 continue
             finally:
                 record.unlink(missing_ok=True)
-            if not trials[-1].good:
+            if not trials[-1].passed:
                 print(f"trial {len(trials)}: {trials[-1]}", flush=True)
             if len(trials) % 20 == 0:
                 print(f"{len(trials)} trials, load {os.getloadavg()[0]:.1f}", flush=True)
     report(trials)
-    bad = sum(not t.good for t in trials)
+    bad = sum(not t.passed for t in trials)
     print(f"{len(trials)} trials, {bad} exceed a limit")
     return 1 if bad else 0
 

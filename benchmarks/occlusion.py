@@ -55,9 +55,9 @@ def one(seed: int) -> Run:
     p_d = rig.truth.markers(rig.clock.now())[1]
     rig.move_to_start()
     rig.begin()
-    person, gone, blind, moved = ScriptedOperator(rig, plant, 20, frames=30), -1, 0, 0.0
+    operator, gone, blind, moved = ScriptedOperator(rig, plant, 20, frames=30), -1, 0, 0.0
     stood: Floats | None = None
-    for tick in run_attended(rig, plant, servo, target, DURATION, person):
+    for tick in run_attended(rig, plant, servo, target, DURATION, operator):
         now, p2 = tick.observation.now, rig.truth.markers(rig.clock.now())[1]
         if any(find_lost_markers(tick.observation.points)):
             gone = now if gone < 0 else gone
@@ -68,7 +68,7 @@ def one(seed: int) -> Run:
         else:
             gone, stood = -1, None
     error = float(np.linalg.norm(rig.truth.markers(rig.clock.now())[1] - p_d))
-    return Run(seed, error, moved, blind / 100.0, person.resumed, person.taught, tick.state.text)
+    return Run(seed, error, moved, blind / 100.0, operator.resumed, operator.taught, tick.state.text)
 
 
 def main() -> None:

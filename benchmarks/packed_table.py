@@ -29,14 +29,14 @@ LOST = np.iinfo(np.int32).min
 def write(path: Path, table: Table) -> None:
     """Write a table with quantised joints and markers."""
     file = io.BytesIO()
-    kept = {name: table[name] for name in table.keys() - {"integers", "reals", "words"}}
+    other_columns = {name: table[name] for name in table.keys() - {"integers", "reals", "words"}}
     names, words = np.unique(table["words"], return_inverse=True)
     steps = np.delete(table["reals"], APPLIED, axis=1) * STEPS
     whole = np.where(np.isnan(steps), LOST, steps).astype(np.int32)
     sent = before(table["rates"]).view(np.int64)
     np.savez(
         file,
-        **kept,
+        **other_columns,
         integers=np.diff(table["integers"], axis=0, prepend=0),
         steps=np.diff(whole, axis=0, prepend=np.int32(0)),
         taken=table["reals"][:, APPLIED].copy().view(np.int64) ^ sent,

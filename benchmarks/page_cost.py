@@ -57,10 +57,10 @@ def clients(address: str, pictures: Any, control: Connection) -> None:
     def look(turn: int) -> None:
         with Client(address).open("/pictures") as eye:
             while True:
-                told = board(eye)
+                state = board(eye)
                 pictures[turn] += 1
                 if turn == 0:
-                    newest.update(told)
+                    newest.update(state)
 
     with Client(address).open("/operate") as hand:
         for turn in range(3):

@@ -68,7 +68,7 @@ def main() -> int:
     found: dict[str, Any] = {}
     with page_lab(recorded=True) as lab:
 
-        def person() -> None:
+        def operator() -> None:
             with chromium(lab.address) as page:
                 enabled(page)
                 before = offset(page)
@@ -76,7 +76,7 @@ def main() -> int:
                 found["phase"] = page.evaluate("rcm.board.phase")
                 found["offsets"] = before, offset(page)
 
-        lab.play(person)
+        lab.play(operator)
         arrivals = np.array(lab.arrivals) * 1e-6
     noted, ((ahead, sure), (after, _)) = np.array(found["noted"]), found["offsets"]
     times = noted[:, 1]

@@ -114,18 +114,18 @@ class Holder:
     def stands(self) -> dict[str, Any]:
         """Return the state that no forged request may change."""
         awaited(lambda: self.now["phase"] != "OFF" or "enable" in self.now["can"])
-        told, row = self.now, self.lab.bench.log.last()
-        phase = "on its way" if told["phase"] in MOVING else told["phase"]
-        kept = {name: told[name] for name in ("holder", "requester", "target", "poses")}
+        state, row = self.now, self.lab.bench.log.last()
+        phase = "on its way" if state["phase"] in MOVING else state["phase"]
+        unchanged = {name: state[name] for name in ("holder", "requester", "target", "poses")}
         still = row["q"].round(3).tolist() if phase in ("OFF", "PAUSED", "FAULT") else None
-        return {"phase": phase, **kept, "enabled": int(row["enabled"]), "q": still}
+        return {"phase": phase, **unchanged, "enabled": int(row["enabled"]), "q": still}
 
 
 def handshake(client: Client, path: str, host: str, text: str) -> None:
     """Open a websocket under another host name, and send a message."""
     with socket.create_connection(("127.0.0.1", client.port(path)), timeout=20.0) as wire:
         lines = [
-            f"GET {path}?secret={client.told['secret']} HTTP/1.1",
+            f"GET {path}?secret={client.page_config['secret']} HTTP/1.1",
             f"Host: {host}",
             f"Origin: http://{host}",
             f"Cookie: {client.known()}",
@@ -203,7 +203,7 @@ FORGERIES: dict[str, Callable[[Holder, dict[str, Any]], None]] = {
 
 def forge(holder: Holder, count: int) -> list[str]:
     """Send `count` forged requests in the present state; return the failures."""
-    wrong: list[str] = []
+    failures: list[str] = []
     before = holder.stands()
     pairs = list(itertools.product(WANTS, FORGERIES))
     random.Random(0).shuffle(pairs)
@@ -212,11 +212,11 @@ def forge(holder: Holder, count: int) -> list[str]:
         try:
             FORGERIES[kind](holder, want)
         except (AssertionError, TimeoutError) as error:
-            wrong.append(f"{kind}: {error}")
+            failures.append(f"{kind}: {error}")
         if (after := holder.stands()) != before:
-            wrong.append(f"{kind}, {want['do']}: {before} became {after}")
+            failures.append(f"{kind}, {want['do']}: {before} became {after}")
             before = after
-    return wrong
+    return failures
 
 
 def forged(holder: Holder, count: int) -> dict[str, list[str]]:
@@ -260,7 +260,7 @@ class Ticks:
         self._count = self._log.count - 1
 
 
-def rubbish(draw: random.Random) -> str | bytes:
+def invalid_message(draw: random.Random) -> str | bytes:
     """Return a random invalid message."""
     kinds: list[Callable[[], str | bytes]] = [
         lambda: draw.randbytes(draw.randrange(300)),
@@ -283,7 +283,7 @@ def value(draw: random.Random, deep: int) -> Any:
     return draw.choice(plain)
 
 
-def spoilt(draw: random.Random) -> dict[str, Any]:
+def nearly_valid_request(draw: random.Random) -> dict[str, Any]:
     """Return a request of the controlling browser with one invalid value."""
     bad = draw.choice([None, [], [0.0], [1, 2, "3"], [float("nan")] * 3, {}, "x", [[1], 2, 3]])
     names = "", " x", "x" * 41, "\n", 3, None, ["x"], "no such pose"
@@ -320,10 +320,10 @@ def fuzzed(holder: Holder, count: int, seed: int = 0) -> tuple[int, Ticks]:
             ):
                 for _ in range(EACH // 2):
                     wire = draw.choice([hand, eye])
-                    wire.send(rubbish(draw))
+                    wire.send(invalid_message(draw))
                     if draw.random() < 0.3:
                         wire.recv(0.001)
-                    holder.say(spoilt(draw))
+                    holder.say(nearly_valid_request(draw))
                     said += 2
         except (ConnectionClosed, TimeoutError):
             pass  # the page closed the connection, or there is no answer yet
@@ -359,7 +359,7 @@ def main() -> int:
     bad = 0
     with page_lab(recorded=True, token=secrets.token_urlsafe(32)) as lab:
 
-        def person() -> None:
+        def operator() -> None:
             nonlocal bad
             holder = Holder(lab)
             for state, wrong in forged(holder, chosen.forged).items():
@@ -375,7 +375,7 @@ def main() -> int:
             print(f"  the page answers, and STOP works: {heard}")
             bad += (ticks.longest > GAP) + (not ticks.still) + (not heard)
 
-        lab.play(person)
+        lab.play(operator)
     return 1 if bad else 0
 
 

@@ -73,26 +73,26 @@ class PageLab:
     def address(self) -> str:
         return f"http://127.0.0.1:{self.options.port}"
 
-    def play(self, person: Callable[[], None]) -> None:
+    def play(self, operator: Callable[[], None]) -> None:
         """Serve until the operator function ends; raise its exception."""
-        wrong: list[BaseException] = []
+        errors: list[BaseException] = []
 
         def played() -> None:
             try:
                 awaited(lambda: reached(self.options.port))
-                person()
+                operator()
             except BaseException as error:
-                wrong.append(error)
+                errors.append(error)
             signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)
 
-        thread = threading.Thread(target=played, name="person", daemon=True)
+        thread = threading.Thread(target=played, name="operator", daemon=True)
         signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored in a script's background
         thread.start()
         with contextlib.suppress(KeyboardInterrupt):
             serve._run_sessions(self.options, self.behind, self.folder, self.token)
         thread.join(PATIENCE)
-        if wrong:
-            raise wrong[0]
+        if errors:
+            raise errors[0]
 
     @contextlib.contextmanager
     def served(self, desk: PageChannels) -> Iterator[None]:
@@ -181,13 +181,17 @@ class Client:
         browser = urllib.request.build_opener(urllib.request.HTTPCookieProcessor(jar))
         form = urllib.parse.urlencode({"token": token}).encode() if token else None
         page = browser.open(address, form, timeout=PATIENCE).read().decode()
-        told = re.search(r"window\.RCMSERVO = (\{.*?\});", page)
-        assert told is not None
-        self.told = json.loads(told[1])
+        match = re.search(r"window\.RCMSERVO = (\{.*?\});", page)
+        assert match is not None
+        self.page_config = json.loads(match[1])
         self.cookies = {one.name: str(one.value) for one in jar}
 
     def port(self, path: str) -> int:
-        return self.told["stopPort"] if path == "/stop" else int(self.address.rpartition(":")[2])
+        return (
+            self.page_config["stopPort"]
+            if path == "/stop"
+            else int(self.address.rpartition(":")[2])
+        )
 
     def known(self, cookie: str | None = None) -> str:
         """Return the cookies as a header; each with the value `cookie` if one is given."""
@@ -204,7 +208,7 @@ class Client:
         **more: Any,
     ) -> ClientConnection:
         """Open a websocket; if `cookie` is given, each cookie has that value."""
-        secret = self.told["secret"] if secret is None else secret
+        secret = self.page_config["secret"] if secret is None else secret
         url = f"ws://127.0.0.1:{self.port(path)}{path}?secret={secret}"
         known = self.known(cookie)
         headers = {"Cookie": known} if known else {}
@@ -264,10 +268,10 @@ def enabled(page: Page) -> None:
     press(page, "Enable", "rcm.board.phase === 'PAUSED'")
 
 
-def awaited(good: Callable[[], bool], within: float = PATIENCE) -> None:
+def awaited(condition: Callable[[], bool], within: float = PATIENCE) -> None:
     """Wait for a condition, up to `within` s."""
     end = time.monotonic() + within
-    while not good():
+    while not condition():
         if time.monotonic() > end:
             raise TimeoutError(f"the condition did not hold within {within:g} s")
         time.sleep(0.005)

@@ -97,7 +97,7 @@ def main() -> int:
     found: list[Stopped] = []
     with page_lab(recorded=True) as lab:
 
-        def person() -> None:
+        def operator() -> None:
             with chromium(lab.address) as page:
                 for turn, kind in itertools.product(range(chosen.count), KINDS):
                     found.append(one := stopped(page, lab, kind, turn))
@@ -106,7 +106,7 @@ def main() -> int:
                         print(one, flush=True)
 
         try:
-            lab.play(person)
+            lab.play(operator)
         finally:
             bad = report(found)
     return 1 if bad or len(found) < len(KINDS) * chosen.count else 0

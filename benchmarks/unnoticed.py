@@ -159,14 +159,14 @@ class Trial:
                 self.run.visible = tick.time * 1e-9
             state = tick.state
             if state.phase in STOPPED_PHASES and phase not in STOPPED_PHASES:
-                right = tick.observation.now >= began and state.cause in self.right
+                right = tick.observation.now >= began and state.cause in self.expected_causes_of_row
                 name = state.cause.name
                 self.run.stops.append((tick.time * 1e-9, state.phase.name, name, right))
             phase = state.phase
             yield tick
 
     @property
-    def right(self) -> set[rs.Cause]:
+    def expected_causes_of_row(self) -> set[rs.Cause]:
         """Causes that identify the disturbance."""
         return set(self.row.causes).union(*(expected_causes(one.kind) for one in self.disturbances))
 
@@ -250,13 +250,13 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--estimator", default="dlt")
     parser.add_argument("--processes", type=int, help="number of processes; all cores by default")
-    asked = parser.parse_args()
-    for name in asked.row:
+    arguments = parser.parse_args()
+    for name in arguments.row:
         if name not in ROWS:
             parser.error(f"no row {name!r}: {', '.join(ROWS)}")
-    seeds = range(asked.first, asked.first + asked.runs)
-    jobs = [(name, seed, asked.estimator) for name in asked.row or ROWS for seed in seeds]
-    report(measured(jobs, asked.processes))
+    seeds = range(arguments.first, arguments.first + arguments.runs)
+    jobs = [(name, seed, arguments.estimator) for name in arguments.row or ROWS for seed in seeds]
+    report(measured(jobs, arguments.processes))
 
 
 def measured(jobs: list[tuple[str, int, str]], processes: int | None) -> list[Run]:
