@@ -81,7 +81,7 @@ GAIN_SEARCH = '[search]\n"controller.gain" = [2.0, 15.0]\n'
 INVALID_STUDIES = {
     "unknown method": (["study", "--method", "magic"], "method must be one of projection", "magic"),
     "code that is not there": (["study", "--method", "nolab:RLS"], "--method", "nolab"),
-    "two names for one option": (["study", "--method", "dlt", "flow"], "FILE", "several times"),
+    "two names for one option": (["study", "--method", "dlt", "flow"], "FILE", "several names"),
     "a method twice": (["study", "--method", "dlt", "--method", "dlt"], "given once"),
     "unknown scenes": (["study", "--scenes", "magic"], "scenes must be one of paper", "magic"),
     "no such scenes": (["study", "--scenes", "none.toml"], "none.toml: cannot be read"),

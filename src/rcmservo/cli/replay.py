@@ -82,10 +82,9 @@ def recorded_options(options: ReplayOptions, record: Record) -> ReplayOptions:
     )
     if not is_printed_variant:
         groups[options.USER_GROUPS.get(name, name)] = servo.estimator
-    user_defined = (
-        options.estimator if options.estimator == name and not is_printed_variant else None
-    )
-    return type(options)(options.path, estimator=user_defined, **groups)
+    is_named = options.estimator == name and not is_printed_variant
+    estimator = options.estimator if is_named else None
+    return type(options)(options.path, estimator=estimator, **groups)
 
 
 def user_estimator_classes(options: ReplayOptions) -> dict[str, type[Estimator]]:
@@ -177,18 +176,13 @@ def _score(options: ReplayOptions, out: Console) -> scoring.RecordingScore:
 
 def _estimators(options: ReplayOptions, tool: Tool) -> dict[str, Estimator]:
     """Return the estimators to score: the built-in ones and the one that the options name."""
-    user_defined = options.estimator
+    name = options.estimator
     expected = "left out for a recording, where all built-in ones are scored, or module:class"
-    require(
-        user_defined is None or user_defined in options.user_estimators,
-        "--estimator",
-        user_defined,
-        expected,
-    )
+    require(name is None or name in options.user_estimators, "--estimator", name, expected)
     built_in = {
-        name: one for name, one in options.estimators.items() if name not in options.user_estimators
+        key: one for key, one in options.estimators.items() if key not in options.user_estimators
     }
-    if user_defined is None:
+    if name is None:
         return built_in
-    check_estimator(options.user_estimators[user_defined], tool)
-    return {**built_in, user_defined: guard_strictly(options.user_estimators[user_defined])}
+    check_estimator(options.user_estimators[name], tool)
+    return {**built_in, name: guard_strictly(options.user_estimators[name])}

@@ -70,41 +70,25 @@ def open_hardware(options: LabOptions) -> Generator[PageBackend]:
         stop = "STOP switches the drive off; keep the emergency stop of the arm within reach."
         limits = describe_speed_limits(options, limited, speed_scale)
         intent = f"{enable_announcement(limited)} {limits} {stop}"
+        description = hardware_description(options, SESSION_DURATION_S, speed_scale)
         return Session(
             limited,
             SESSION_DURATION_S,
             arm=partial(connect_stoppable_arm, lab, remote_stop, desk),
             camera=partial(open_recording_camera, lab, ring),
             tracker=partial(ColourMarkers, lab.markers),
-            recorder=partial(
-                open_recorder,
-                record,
-                hardware_description(options, SESSION_DURATION_S, speed_scale),
-            ),
+            recorder=partial(open_recorder, record, description),
             target=partial(await_enable_at_page, PagePreparation(desk, limited, lab, intent)),
             operator=partial(PageOperator, desk, chosen, options.teaching_frames),
             images_per_s=RECORDED_IMAGES_PER_S,
             consent=require_drive_off,
         )
 
-    slow = (
-        ""
-        if speed_scale == 1.0
-        else f", at {100.0 * speed_scale:g} % of the speed until `rig check` passes"
-    )
-    title, setup = (
-        f"arm and camera of {options.rig}{slow}",
-        target_setup_for_size(lab, width, height),
-    )
-    yield PageBackend(
-        title,
-        partial(RingCamera, ring),
-        session,
-        remote_stop.switch_off,
-        setup,
-        chosen,
-        refuse_disturbance,
-    )
+    title, setup = f"arm and camera of {options.rig}", target_setup_for_size(lab, width, height)
+    if speed_scale < 1.0:
+        title += f", at {100.0 * speed_scale:g} % of the speed until `rig check` passes"
+    off, camera_of_ring = remote_stop.switch_off, partial(RingCamera, ring)
+    yield PageBackend(title, camera_of_ring, session, off, setup, chosen, refuse_disturbance)
 
 
 @dataclass(frozen=True)

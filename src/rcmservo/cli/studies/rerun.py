@@ -83,8 +83,8 @@ def _recorded_row(folder: Path, note: manifest.StudyManifest, case: int) -> dict
     """Return a row of the study."""
     rows = read_runs(folder)
     if rows.num_rows != note.runs:
-        problem = f"has {rows.num_rows} rows, but {manifest.MANIFEST_NAME} lists {note.runs}: name a new folder"
-        raise UnusableFile(folder / RUNS_FILE, problem)
+        counts = f"has {rows.num_rows} rows, but {manifest.MANIFEST_NAME} lists {note.runs}"
+        raise UnusableFile(folder / RUNS_FILE, f"{counts}: name a new folder")
     return rows.slice(case, 1).to_pylist()[0]
 
 
@@ -157,12 +157,9 @@ def _frame_writer(loop: SimulationLoop, video: VideoWriter) -> Callable[[Tick], 
             return
         newest = tick.observation.frame
         frame = loop.plant.frame
-        image_of_frame = None if frame is None else frame.image
-        image = (
-            loop.rig.picture(tick.observation.exposure, newest)
-            if image_of_frame is None
-            else image_of_frame
-        )
+        image = None if frame is None else frame.image
+        if image is None:
+            image = loop.rig.picture(tick.observation.exposure, newest)
         video.write(overlay(image, tick))
 
     return write_frame
