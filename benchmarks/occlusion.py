@@ -68,7 +68,9 @@ def one(seed: int) -> Run:
         else:
             gone, stood = -1, None
     error = float(np.linalg.norm(rig.truth.markers(rig.clock.now())[1] - p_d))
-    return Run(seed, error, moved, blind / 100.0, operator.resumed, operator.taught, tick.state.text)
+    return Run(
+        seed, error, moved, blind / 100.0, operator.resumed, operator.taught, tick.state.text
+    )
 
 
 def main() -> None:

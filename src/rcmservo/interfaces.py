@@ -121,7 +121,7 @@ class Observation:
         Joint values (3,) at the exposure; NaN if unknown.
     points : Pixels
         Raw markers (2, 2) in px in that frame; NaN if lost.
-    dropped : Dropped
+    drop_reason : DropReason
         Reason for not using the newest frame; NONE if it was used.
     recorded : bool
         False once a requested record is no longer written.
@@ -197,7 +197,7 @@ class Target:
         Joint values (3,) in rad, rad, mm during teaching; NaN if unknown. No motion is computed
         from them. The servo compares them to detect a pose that only looks like the target, and
         stops.
-    shown : int
+    taught_at : int
         Time at which teaching began, ns on the plant's clock (0: before all known times). The servo
         refuses a target that was taught before the camera was moved.
     sizes : Floats

@@ -51,7 +51,7 @@ def tips(positions: Floats) -> Floats:
     return positions * (1.0 + SPACING_MM / np.linalg.norm(positions, axis=1))[:, None]
 
 
-def project_markers(C: Floats, positions: Floats) -> Floats:
+def project_path(C: Floats, positions: Floats) -> Floats:
     """Return the raw pixels (n, 2, 2) of both markers."""
     return np.stack([project_points(C, positions), project_points(C, tips(positions))], axis=1)
 
@@ -74,7 +74,7 @@ class Scene:
         self.C = draw_calibration_matrix(self.random, self.positions[:20])
 
     def noisy_images(self, noise: float) -> Floats:
-        exact = project_markers(self.C, self.positions)
+        exact = project_path(self.C, self.positions)
         return exact + noise * self.random.standard_normal(exact.shape)
 
     def fit_frames(self, noise: float) -> ProjectionFit:
@@ -267,7 +267,7 @@ def test_positions_closer_than_the_spacing_count_once() -> None:
 
 def test_one_frame_determines_the_markers_and_nothing_more() -> None:
     scene = Scene(1, 1)
-    p1, points = scene.positions[0], project_markers(scene.C, scene.positions)[0]
+    p1, points = scene.positions[0], project_path(scene.C, scene.positions)[0]
     row = fit_frames(scene.positions, points[None]).rows[0]
     np.testing.assert_allclose(filter_markers(row, p1, SHAFT), points, atol=1e-9)
     covariance = predict_image(row, p1 + FAR_POSITION_MM)[1]

@@ -48,24 +48,24 @@ FAILURES = {
         lambda: (np.full(2, np.nan), np.eye(2)),
         "is not finite",
     ),
-    "non-finite motion": ("motion", lambda: np.full((4, 3), np.nan), "is not finite"),
+    "non-finite motion": ("markers_jacobian", lambda: np.full((4, 3), np.nan), "is not finite"),
     "shape of the motion": (
-        "motion",
+        "markers_jacobian",
         lambda: np.zeros((2, 3)),
         "returned an array of shape (2, 3), expected (4, 3)",
     ),
     "shape of the motion of sizes": (
-        "size_motion",
+        "sizes_jacobian",
         lambda: np.zeros(3),
         "returned an array of shape (3,), expected (2, 3)",
     ),
     "non-finite motion of sizes": (
-        "size_motion",
+        "sizes_jacobian",
         lambda: np.full((2, 3), np.nan),
         "is not finite",
     ),
     "shape of the recorded memory": (
-        "remembered",
+        "recorded_numbers",
         lambda: np.zeros((2, 2)),
         "returned an array of shape (2, 2)",
     ),
@@ -87,7 +87,10 @@ class Faulty(rs.Estimator):
 
     @property
     def estimates_rcm(self) -> bool:
-        return self.failure in FAILURES and FAILURES[self.failure][0] in ("imaged_rcm", "motion")
+        return self.failure in FAILURES and FAILURES[self.failure][0] in (
+            "imaged_rcm",
+            "markers_jacobian",
+        )
 
     def _fails(self, method: str, count: int) -> bool:
         return (
@@ -118,12 +121,12 @@ class Faulty(rs.Estimator):
         return IMAGED_RCM, np.eye(2)
 
     def markers_jacobian(self, memory: Any, tool: Any, sample: Any) -> Any:
-        if self._fails("motion", memory[0]):
+        if self._fails("markers_jacobian", memory[0]):
             return FAILURES[self.failure][1]()
         return np.arange(1.0, 13.0).reshape(4, 3)
 
     def sizes_jacobian(self, memory: Any, tool: Any, sample: Any) -> Any:
-        if self._fails("size_motion", memory[0]):
+        if self._fails("sizes_jacobian", memory[0]):
             return FAILURES[self.failure][1]()
         return np.ones((2, 3))
 
@@ -133,7 +136,7 @@ class Faulty(rs.Estimator):
         return rs.ProjectionEstimator().predict(memory[1], tool, p1)
 
     def recorded_numbers(self, memory: Any) -> Any:
-        if self._fails("remembered", memory[0]):
+        if self._fails("recorded_numbers", memory[0]):
             return FAILURES[self.failure][1]()
         return memory[1].a_hat
 

@@ -19,7 +19,7 @@ class InProcessPool:
             yield key, run_chunk(request)
 
 
-def make_plan(**settings: object) -> StudyPlan:
+def make_small_plan(**settings: object) -> StudyPlan:
     """Return a plan of two methods over 250 scenes, which are three chunks each."""
     defaults = {"methods": ("dlt", "projection"), "count": 250, "duration": 2.0}
     return make_plan(StudyFile(**{**defaults, **settings}), {})  # pyright: ignore[reportArgumentType]

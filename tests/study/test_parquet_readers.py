@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, get_type_hints
 
 import pytest
-from studies import make_plan, run_plan
+from studies import make_small_plan, run_plan
 
 from conftest import ROOT
 from peers import mark_peer
@@ -37,7 +37,7 @@ def import_reader(name: str) -> Any:
 def study(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[dict[str, Any]]]:
     """Path and rows of a study in which some runs arrived and some did not."""
     folder = tmp_path_factory.mktemp("study")
-    rows = run_plan(make_plan(count=4, duration=2.1), folder).gather().to_pylist()
+    rows = run_plan(make_small_plan(count=4, duration=2.1), folder).gather().to_pylist()
     assert {row["time_to_1mm_s"] is None for row in rows} == {True, False}
     return folder / RUNS_FILE, rows
 

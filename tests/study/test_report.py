@@ -20,7 +20,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pyarrow as pa
 import pytest
-from studies import make_plan, run_plan
+from studies import make_small_plan, run_plan
 
 from rcmservo.cli.studies.study_report import comparison_sentence, result_table
 from rcmservo.cli.terminal import console
@@ -85,7 +85,7 @@ class ParsedPage(HTMLParser):
 @pytest.fixture(scope="module")
 def study(tmp_path_factory: pytest.TempPathFactory) -> ReportedStudy:
     """Study of three methods, one with HTML in its name, two conditions and two repetitions."""
-    plan = make_plan(
+    plan = make_small_plan(
         methods=("dlt", "projection", HTML_NAME),
         method={HTML_NAME: {"estimator": "dlt", "controller": {"gain": 2.0}}},
         noise=(0.3, 2.0),
@@ -310,7 +310,7 @@ def test_a_map_of_few_equal_or_infinite_values_holds_all_runs(
 
 
 def test_a_study_of_one_scene_has_a_report_without_differences(tmp_path: Path) -> None:
-    study = ReportedStudy(tmp_path, make_plan(count=1, duration=6.0))
+    study = ReportedStudy(tmp_path, make_small_plan(count=1, duration=6.0))
     first = study.numbers["methods"][0]
     assert first["success"]["value"] == 1.0 and first["pose_median_mm"]["high"] is None
     assert study.numbers["comparisons"][0]["pose_mm"]["low"] is None
@@ -321,7 +321,7 @@ def test_a_study_of_one_scene_has_a_report_without_differences(tmp_path: Path) -
 
 
 def test_a_study_without_success_has_a_report(tmp_path: Path) -> None:
-    study = ReportedStudy(tmp_path, make_plan(count=30, duration=1.2))
+    study = ReportedStudy(tmp_path, make_small_plan(count=30, duration=1.2))
     for summary in study.numbers["methods"]:
         assert summary["success"]["value"] == 0.0 and summary["time_median_s"]["value"] is None
         assert summary["ratio_rms"] == {"value": None, "low": None, "high": None}
@@ -331,7 +331,7 @@ def test_a_study_without_success_has_a_report(tmp_path: Path) -> None:
 
 def test_an_unknown_bound_is_a_dash_in_the_page(tmp_path: Path) -> None:
     """The bound is unknown for rendered frames."""
-    plan = make_plan(count=20, methods=("dlt",), duration=4.0)
+    plan = make_small_plan(count=20, methods=("dlt",), duration=4.0)
     rows = run_plan(plan, tmp_path / "a").gather()
     for name in ("bound_mm", "noise_px"):
         index = rows.schema.get_field_index(name)
@@ -345,7 +345,7 @@ def test_an_unknown_bound_is_a_dash_in_the_page(tmp_path: Path) -> None:
 
 def test_without_noise_the_ratio_to_the_bound_is_unknown(tmp_path: Path) -> None:
     study = ReportedStudy(
-        tmp_path, make_plan(count=20, methods=("dlt",), duration=4.0, noise=(0.0,))
+        tmp_path, make_small_plan(count=20, methods=("dlt",), duration=4.0, noise=(0.0,))
     )
     summary = study.numbers["methods"][0]
     assert {row["bound_mm"] for row in study.rows} == {0.0} and summary["success"]["value"] > 0.5

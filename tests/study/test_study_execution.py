@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from studies import InProcessPool, run_plan
-from studies import make_plan as make_default_plan
+from studies import make_small_plan as make_default_plan
 
 from rcmservo.errors import RcmServoError, UnusableFile
 from rcmservo.study.execution import manifest, store

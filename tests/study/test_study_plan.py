@@ -46,12 +46,12 @@ def write_file(folder: Path, text: str) -> Path:
     return path
 
 
-def make_plan(folder: Path, text: str) -> StudyPlan:
+def make_plan_of(folder: Path, text: str) -> StudyPlan:
     return make_plan(read_study_file(write_file(folder, text)), {})
 
 
 def test_a_plan_is_methods_times_scenes_times_conditions(tmp_path: Path) -> None:
-    plan = make_plan(tmp_path, FILE)
+    plan = make_plan_of(tmp_path, FILE)
     assert plan.runs == 2 * 2 * 2 * 20 == sum(len(chunk.seeds) for chunk in plan.chunks())
     names = [(cell.condition, cell.method) for cell in plan.cells]
     assert names[:3] == [
@@ -65,23 +65,23 @@ def test_a_plan_is_methods_times_scenes_times_conditions(tmp_path: Path) -> None
 
 def test_without_lists_a_study_uses_everything_that_the_file_defines(tmp_path: Path) -> None:
     text = FILE.replace('methods = ["dlt", "careful"]\nscenes = ["random", "far"]\n', "")
-    plan = make_plan(tmp_path, text)
+    plan = make_plan_of(tmp_path, text)
     assert [m.name for m in plan.methods] == ["careful"]
     assert [s.name for s in plan.scenes] == ["far"]
-    default = make_plan(tmp_path, "count = 3")
+    default = make_plan_of(tmp_path, "count = 3")
     assert [type(m.estimator) for m in default.methods] == [DltEstimator]
     assert [s.name for s in default.scenes] == ["random"]
 
 
 def test_a_cell_survives_its_text_form(tmp_path: Path) -> None:
-    for cell in make_plan(tmp_path, FILE).cells:
+    for cell in make_plan_of(tmp_path, FILE).cells:
         parsed = parse_cell(cell.text)
         assert parsed == cell and parsed.text == cell.text
         assert parsed.rebuild_servo({}) == cell.rebuild_servo({})
 
 
 def test_varying_numbers_depend_on_the_seed_and_stay_in_their_range(tmp_path: Path) -> None:
-    far = make_plan(tmp_path, FILE).scenes[1]
+    far = make_plan_of(tmp_path, FILE).scenes[1]
     drawn = [far.draw(seed)[1] for seed in range(50)]
     delays = [settings.timing.delay for settings in drawn]
     assert 0.01 <= min(delays) < 0.015 and 0.045 < max(delays) <= 0.05
@@ -91,7 +91,7 @@ def test_varying_numbers_depend_on_the_seed_and_stay_in_their_range(tmp_path: Pa
 
 
 def test_a_requested_condition_replaces_a_varying_number(tmp_path: Path) -> None:
-    plan = make_plan(tmp_path, "latency = [0.012]\n" + FILE)
+    plan = make_plan_of(tmp_path, "latency = [0.012]\n" + FILE)
     far = next(cell for cell in plan.cells if cell.scenes == "far").distribution
     assert {far.draw(seed)[1].timing.delay for seed in range(9)} == {0.01}
     assert "drive.encoder" in far.vary
@@ -128,12 +128,12 @@ def test_every_built_in_distribution_has_scenes_and_a_description(name: str) -> 
 
 def test_the_compiled_engine_is_the_default_where_it_is_supported(tmp_path: Path) -> None:
     def choose_engines(text: str) -> list[str]:
-        return [cell.engine for cell in make_plan(tmp_path, text).cells]
+        return [cell.engine for cell in make_plan_of(tmp_path, text).cells]
 
     assert choose_engines('methods = ["dlt", "projection", "flow"]') == [COMPILED, COMPILED, MUJOCO]
     assert choose_engines('disturb = [[], ["occlusion:at=1,for=0.2"]]') == [COMPILED, MUJOCO]
     assert choose_engines('engine = "pictures"') == [PICTURES]
-    printed = make_plan(tmp_path, 'methods = ["projection-printed"]').methods[0]
+    printed = make_plan_of(tmp_path, 'methods = ["projection-printed"]').methods[0]
     assert printed.estimator == PAPER_PROJECTION_ESTIMATOR
 
 
@@ -188,7 +188,7 @@ def test_an_invalid_file_raises_one_error_that_names_the_field(
     tmp_path: Path, text: str, message: str
 ) -> None:
     with pytest.raises(RcmServoError, match=r".") as raised:
-        _ = make_plan(tmp_path, text).cells
+        _ = make_plan_of(tmp_path, text).cells
     assert message in str(raised.value) and "\n" not in str(raised.value)
 
 

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from studies import make_plan
+from studies import make_small_plan
 
 from rcmservo.geometry.features import FEATURE_SCALE
 from rcmservo.safety.causes import Cause
@@ -30,7 +30,7 @@ def make_run(
     """Return a run of these ticks, at 10 ticks per second, in an arbitrary scene."""
     phase_codes = np.array([PHASES.index(phase) for phase in phases], np.int8)
     cause_codes = [cause.code for cause in causes or [NO_CAUSE] * len(errors)]
-    scene = sample_scene(make_plan().cells[0], 0)
+    scene = sample_scene(make_small_plan().cells[0], 0)
     error = np.array(errors)
     return StudyRun(0, 10.0, error, phase_codes, np.array(cause_codes, np.int8), 0.1, scene)
 
@@ -42,7 +42,7 @@ def sample_scene(cell: Cell, seed: int) -> Scene:
 
 
 def run_row(seed: int, **settings: object) -> tuple[StudyRow, Scene]:
-    cell = make_plan(count=1, methods=("dlt",), **settings).cells[0]
+    cell = make_small_plan(count=1, methods=("dlt",), **settings).cells[0]
     return run_seed(cell, cell.rebuild_servo({}), seed), sample_scene(cell, seed)
 
 
@@ -86,7 +86,7 @@ def test_first_within_ignores_later_errors() -> None:
 
 
 def test_a_run_without_arrival_has_neither_time_nor_success() -> None:
-    cell, settings = make_plan().cells[0], make_plan().scenes[0].nominal[1]
+    cell, settings = make_small_plan().cells[0], make_small_plan().scenes[0].nominal[1]
     far = make_row(cell, settings, make_run([30.0] * 20, [S] * 20))
     assert (far.success, far.time_to_1mm_s, far.stop, far.stop_s, far.stops) == (
         *(False, None, "", None, 0),
@@ -112,7 +112,7 @@ def test_a_run_that_never_began_is_marked() -> None:
 
 def test_a_target_that_cannot_be_taught_ends_its_run_but_not_the_study() -> None:
     """The tracker searches for markers of other colours."""
-    cell = make_plan(duration=1.1, shown=1, engine="pictures", methods=("dlt",)).cells[0]
+    cell = make_small_plan(duration=1.1, shown=1, engine="pictures", methods=("dlt",)).cells[0]
     engine = cell.make_engine(0, cell.rebuild_servo({}))
     assert isinstance(engine, SimulationEngine)
     run = replace(engine, appearance=MarkerAppearance("magenta", "cyan")).run(0)
@@ -124,7 +124,7 @@ def test_a_target_that_cannot_be_taught_ends_its_run_but_not_the_study() -> None
 def test_markers_are_visible_in_rendered_laparoscopic_scenes() -> None:
     """A shaft thicker than the markers would hide them."""
     settings = {"duration": 1.1, "shown": 1, "engine": "pictures", "scenes": ("laparoscopic",)}
-    cell = make_plan(methods=("dlt",), **settings).cells[0]
+    cell = make_small_plan(methods=("dlt",), **settings).cells[0]
     assert cell.make_engine(0, cell.rebuild_servo({})).run(0).began
 
 
@@ -159,10 +159,10 @@ def test_the_initial_error_is_the_distance_of_marker_2_to_the_target() -> None:
 
 def test_the_latency_includes_half_of_the_exposure() -> None:
     default, requested = (run_row(0, **settings)[0] for settings in ({}, {"latency": (0.05,)}))
-    timing = make_plan().scenes[0].nominal[1].timing
+    timing = make_small_plan().scenes[0].nominal[1].timing
     assert default.latency_s == pytest.approx(0.5 * timing.exposure + timing.delay)
     assert requested.latency_s == pytest.approx(0.05)
-    cell = make_plan(latency=(0.05,)).cells[0]
+    cell = make_small_plan(latency=(0.05,)).cells[0]
     study = cell.make_engine(0, cell.rebuild_servo({}))
     assert isinstance(study, Study)
     plant = study._make_plant(sample_scene(cell, 0))  # pyright: ignore[reportPrivateUsage]
@@ -170,9 +170,9 @@ def test_the_latency_includes_half_of_the_exposure() -> None:
 
 
 def test_the_noise_of_rendered_frames_is_unknown() -> None:
-    settings, run = make_plan().scenes[0].nominal[1], make_run([0.5] * 20, [S] * 20)
+    settings, run = make_small_plan().scenes[0].nominal[1], make_run([0.5] * 20, [S] * 20)
     rows = [
-        make_row(replace(make_plan().cells[0], engine=engine), settings, run)
+        make_row(replace(make_small_plan().cells[0], engine=engine), settings, run)
         for engine in ("mujoco", "pictures")
     ]
     assert [row.noise_px for row in rows] == [0.3, None]

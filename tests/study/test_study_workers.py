@@ -19,7 +19,7 @@ from typing import Any
 import psutil
 import pytest
 from dask_cluster import Cluster, cluster
-from studies import make_plan, run_plan
+from studies import make_small_plan, run_plan
 
 import rcmservo
 from rcmservo.cli.cli import main
@@ -66,7 +66,7 @@ def run_on(
     **settings: object,
 ) -> bytes:
     """Return the bytes of runs.parquet of a study on a pool of workers."""
-    work = StudyExecution(make_plan(**settings), folder)
+    work = StudyExecution(make_small_plan(**settings), folder)
     work.run(pool, progress)
     work.gather()
     return (folder / RUNS_FILE).read_bytes()
@@ -74,7 +74,7 @@ def run_on(
 
 def run_here(folder: Path, **settings: object) -> bytes:
     """Return the bytes of runs.parquet of the same study in this process."""
-    run_plan(make_plan(**settings), folder).gather()
+    run_plan(make_small_plan(**settings), folder).gather()
     return (folder / RUNS_FILE).read_bytes()
 
 
@@ -383,7 +383,7 @@ def test_a_scheduler_that_disconnects_raises_an_error_and_finished_chunks_remain
     finished: list[int] = []
     monkeypatch.setattr(worker_pool, "WORKER_TIMEOUT_S", 5.0)
     with cluster(1) as lab, open_worker_pool(lab.address, None) as pool:
-        work = StudyExecution(make_plan(count=5000, duration=15.0), tmp_path)
+        work = StudyExecution(make_small_plan(count=5000, duration=15.0), tmp_path)
 
         def progress(runs: int) -> None:
             finished.append(runs)
@@ -392,7 +392,7 @@ def test_a_scheduler_that_disconnects_raises_an_error_and_finished_chunks_remain
 
         with pytest.raises(WorkLost, match=r"scheduler at .* has disconnected"):
             work.run(pool, progress)
-    left = StudyExecution(make_plan(count=5000, duration=15.0), tmp_path)
+    left = StudyExecution(make_small_plan(count=5000, duration=15.0), tmp_path)
     assert left.missing_runs <= left.plan.runs - sum(finished)
 
 

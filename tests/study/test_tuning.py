@@ -109,7 +109,7 @@ def make_tuning(
     return Tuning(plan=plan, axes=parsed, **{"trials": 8, "validation": 40, **settings})
 
 
-def run_search(
+def run_small_search(
     tuning: Tuning, folder: Path, pool: InProcessPool | None = None
 ) -> list[SearchTrial]:
     reported: list[SearchTrial] = []
@@ -227,14 +227,14 @@ def test_failed_runs_have_a_fixed_cost() -> None:
 
 def test_the_same_seed_repeats_the_search_without_repeating_runs(tmp_path: Path) -> None:
     tuning, first, second, third = make_tuning(), CountingPool(), CountingPool(), CountingPool()
-    trials = run_search(tuning, tmp_path / "a", first)
+    trials = run_small_search(tuning, tmp_path / "a", first)
     assert first.runs == len(trials) * tuning.plan.runs == 8 * 20
     assert len({tuple(trial.values.values()) for trial in trials}) == 8
-    stopped = run_search(replace(tuning, trials=3), tmp_path / "b")
+    stopped = run_small_search(replace(tuning, trials=3), tmp_path / "b")
     assert stopped == trials[:3]
-    assert run_search(tuning, tmp_path / "b", second) == trials and second.runs == 5 * 20
-    assert run_search(tuning, tmp_path / "a", third) == trials and third.runs == 0
-    assert run_search(replace(tuning, seed=1), tmp_path / "a")[1:] != trials[1:]
+    assert run_small_search(tuning, tmp_path / "b", second) == trials and second.runs == 5 * 20
+    assert run_small_search(tuning, tmp_path / "a", third) == trials and third.runs == 0
+    assert run_small_search(replace(tuning, seed=1), tmp_path / "a")[1:] != trials[1:]
 
 
 def test_the_first_trial_has_the_initial_settings_even_outside_the_ranges(tmp_path: Path) -> None:
@@ -242,7 +242,7 @@ def test_the_first_trial_has_the_initial_settings_even_outside_the_ranges(tmp_pa
     axes = {"controller.gain": [2.0, 15.0], "controller.features": ["points", "size"]}
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        trials = run_search(make_tuning(axes, trials=3, count=5), tmp_path)
+        trials = run_small_search(make_tuning(axes, trials=3, count=5), tmp_path)
     assert dict(trials[0].values) == {"controller.gain": 0.5, "controller.features": "srd"}
     assert all(2.0 <= trial.values["controller.gain"] <= 15.0 for trial in trials[1:])
     assert np.isfinite(trials[0].cost)
@@ -250,7 +250,7 @@ def test_the_first_trial_has_the_initial_settings_even_outside_the_ranges(tmp_pa
 
 def test_the_validation_uses_scenes_outside_the_search(tmp_path: Path) -> None:
     tuning, pool = make_tuning(trials=2, count=7), CountingPool()
-    run_search(tuning, tmp_path, pool)
+    run_small_search(tuning, tmp_path, pool)
     plan = tuning.validation_plan
     validation = set(range(plan.first_seed, plan.first_seed + plan.count))
     assert pool.seeds == set(range(7)) and len(validation) == 40 and not pool.seeds & validation
@@ -259,7 +259,7 @@ def test_the_validation_uses_scenes_outside_the_search(tmp_path: Path) -> None:
 def test_invalid_settings_have_infinite_cost_and_do_not_end_the_search(tmp_path: Path) -> None:
     """The controller rejects half of this range."""
     tuning = make_tuning({"controller.gain": [-20.0, 20.0]}, trials=8, count=5)
-    trials = run_search(tuning, tmp_path)
+    trials = run_small_search(tuning, tmp_path)
     rejected = [trial for trial in trials if trial.values["controller.gain"] <= 0.0]
     assert len(trials) == 8 and rejected and all(trial.cost == np.inf for trial in rejected)
     assert find_best_trial(trials).cost < np.inf
@@ -269,7 +269,7 @@ def test_a_user_estimator_may_reject_settings_with_any_exception(tmp_path: Path)
     tuning = make_tuning(count=1, trials=6)
     plan = replace(tuning.plan, methods=(make_method("own", estimator=Picky()),), duration=1.1)
     axes = (parse_axis("estimator.forgetting", [0.9, 1.0], plan.methods[0]),)
-    trials = run_search(replace(tuning, plan=plan, axes=axes), tmp_path, LocalClassPool())
+    trials = run_small_search(replace(tuning, plan=plan, axes=axes), tmp_path, LocalClassPool())
     rejected = [trial.cost == np.inf for trial in trials]
     assert rejected == [trial.values["estimator.forgetting"] > 0.95 for trial in trials]
     assert any(rejected) and not all(rejected)
@@ -286,7 +286,7 @@ def test_the_first_of_equal_trials_is_the_best() -> None:
 
 def test_a_search_improves_poor_settings_on_scenes_outside_the_search(tmp_path: Path) -> None:
     tuning = make_tuning(trials=12, count=20, duration=6.0, validation=60)
-    trial = find_best_trial(run_search(tuning, tmp_path / "search"))
+    trial = find_best_trial(run_small_search(tuning, tmp_path / "search"))
     start = tuning.plan.methods[0]
     method = replace_settings(start, TUNED_METHOD, trial.values)
     plan = replace(tuning.validation_plan, methods=(start, method))
@@ -312,7 +312,7 @@ METHODS = {
 }
 
 
-def parse_options(command: str) -> Any:
+def parse_command(command: str) -> Any:
     words = shlex.split(command)
     assert words[0] == "rcmservo"
     return parse_options(words[1], words[2:])
@@ -320,7 +320,7 @@ def parse_options(command: str) -> Any:
 
 @pytest.mark.parametrize("case", METHODS)
 def test_the_printed_command_runs_exactly_these_settings(case: str) -> None:
-    options = parse_options(run_command(METHODS[case]))
+    options = parse_command(run_command(METHODS[case]))
     assert options.servo == servo_of(METHODS[case], RigDescription())
 
 
@@ -330,7 +330,7 @@ def test_the_printed_command_has_the_option_names_of_a_user_estimator(
     monkeypatch.setitem(sys.modules, "user_lab", sys.modules[__name__])
     monkeypatch.setattr(Picky, "__module__", "user_lab")
     method = make_method("tuned", estimator=Picky(forgetting=0.91))
-    options = parse_options(run_command(method))
+    options = parse_command(run_command(method))
     assert options.estimator == "user_lab:Picky"
     assert options.servo.estimator == method.estimator
 

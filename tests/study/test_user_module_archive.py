@@ -64,13 +64,13 @@ def archive(name: str) -> ModuleArchive:
     return archive_module(import_estimator(f"{MODULE}:{name}"))
 
 
-def make_plan(*names: str) -> StudyPlan:
+def make_plan_of(*names: str) -> StudyPlan:
     own = {f"{MODULE}:{name}": import_estimator(f"{MODULE}:{name}") for name in names}
     return make_plan(StudyFile(methods=tuple(own), count=1, duration=1.5), own)
 
 
 def test_two_classes_of_one_module_run_in_one_study(lab: Path) -> None:
-    work = StudyExecution(make_plan("One", "Other"), lab / "out")
+    work = StudyExecution(make_plan_of("One", "Other"), lab / "out")
     work.run(InProcessPool(), lambda _: None)  # pyright: ignore[reportArgumentType]
     methods = work.gather()["method"].to_pylist()
     assert methods == [f"{MODULE}:One", f"{MODULE}:Other"]

@@ -25,7 +25,7 @@ from rcmservo.estimation.projection_rule import PAPER_PROJECTION_ESTIMATOR
 from rcmservo.geometry.tool import Tool
 from rcmservo.recording.foreign import scoring
 from rcmservo.recording.reader import Record
-from rcmservo.recording.replay import ReplayResult, rebuild_servo, replay_record
+from rcmservo.recording.replay import ReplayResult, rebuild_stage_servo, replay_record
 from rcmservo.servo.servo import Servo
 from rcmservo.servo.user_estimator import check_estimator, guard_strictly
 from rcmservo.tracking import ColourMarkers
@@ -72,7 +72,7 @@ def recorded_options(options: ReplayOptions, record: Record) -> ReplayOptions:
     """
     if not record.stages:
         raise UnusableFile(options.path, "does not record the servo of its ticks")
-    servo = rebuild_servo(record, record.stages[0], user_estimator_classes(options))
+    servo = rebuild_stage_servo(record, record.stages[0], user_estimator_classes(options))
     name = find_class_name(servo.estimator, ESTIMATORS)
     groups: dict[str, Any] = {
         part: getattr(servo, part) for part in METHOD_PARTS if part in OPTION_GROUPS
@@ -111,7 +111,7 @@ def recompute_run(options: ReplayOptions, recorded: ReplayOptions, record: Recor
 
 def _changed_servo(options: ReplayOptions, record: Record) -> Servo:
     """Return the recorded servo with the settings of the command line."""
-    servo = rebuild_servo(record, record.stages[0], user_estimator_classes(options))
+    servo = rebuild_stage_servo(record, record.stages[0], user_estimator_classes(options))
     parts = options.parts(options.estimator or find_class_name(servo.estimator, ESTIMATORS))
     return replace(servo, **parts)
 

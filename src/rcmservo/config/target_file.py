@@ -78,8 +78,8 @@ class TargetContent:
     joints : tuple[float, float, float]
         Joints while the target was taught, rad, rad, mm.
     setup : texts.Table
-        `Setup` with which the target was taught, as JSON values.
-    sizes_px : texts.Sizes
+        `TargetSetup` with which the target was taught, as JSON values.
+    sizes_px : texts.MarkerRadii
         Apparent radii of marker 1 and of marker 2, px; null where unknown.
     """
 
@@ -195,7 +195,7 @@ def _table(part: Any) -> texts.Table:
 
 
 def _require_same(then: object, now: object, where: str) -> None:
-    """Raise `Refused` with the first value that differs between two setups."""
+    """Raise `InvalidText` with the first value that differs between two setups."""
     if texts.is_table(then) and texts.is_table(now):
         for key in sorted(
             {**now, **then}, key="kind".__ne__

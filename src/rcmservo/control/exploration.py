@@ -50,11 +50,11 @@ class Exploration(Checked, section="exploration"):
 
     Parameters
     ----------
-    leg : float
+    leg_time : float
         Time from corner to corner in the first round, s.
-    share : float
+    speed_scale : float
         Fraction of every joint's maximal speed at which it moves.
-    reach : float
+    max_leg_length : float
         Maximal distance of marker 1 from corner to corner, mm.
     growth : float
         Ratio of the size of a round to that of the previous round.
@@ -63,7 +63,7 @@ class Exploration(Checked, section="exploration"):
         its length, one standard deviation.
     tolerance : float
         Largest difference between Ĵ and the projection fit, as a fraction.
-    legs : int
+    min_corners : int
         Minimal number of corners to visit.
     max_time : float
         Time after which exploration fails, s.

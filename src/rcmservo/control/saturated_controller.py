@@ -110,10 +110,10 @@ class LawResult(NamedTuple):
         Velocity (3,) of marker 1 in mm/s.
     condition : float
         Condition of the scaled Ĵ.
-    open : float
+    reducible_fraction : float
         Fraction of the scaled error that v reduces: 1 without damping, 0 if no motion that Ĵ models
         reduces it.
-    left : float
+    distance_to_target : float
         Distance (mm) of marker 1 to the target along v, independent of the speed.
     """
 

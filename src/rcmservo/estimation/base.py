@@ -71,9 +71,9 @@ class KernelSample(NamedTuple):
         Imaged RCM (2,) in raw px.
     dt : float
         Time in s since the exposure of the previous sample; 0 for the first.
-    shaft : Shaft
+    shaft : ToolStruct
         Tool.
-    needs_motion : bool
+    needs_markers_jacobian : bool
         Whether the caller needs ∂m/∂p₁ of both markers.
     fit_changed : bool
         Whether the projection fit has changed since the previous frame.

@@ -67,7 +67,7 @@ class RandomWalkEstimator(DisplacementEstimator, ABC):
     noise : float
         r, noise of the measured flow of a displacement, one standard deviation in b. 0.05 is half a
         degree of s, and half a pixel of r and d.
-    spread : float
+    initial_std : float
         Root of the initial P in b/mm: expected size of a derivative before the first measurement.
     """
 

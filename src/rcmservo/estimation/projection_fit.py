@@ -114,7 +114,7 @@ class ProjectedPoint(NamedTuple):
 
 def initial_fit() -> ProjectionFit:
     """Return the fit before the first frame."""
-    return ProjectionFit.of(origin=np.nan, noise=PRIOR_NOISE_PX**2)
+    return ProjectionFit.of(origin=np.nan, noise_variance=PRIOR_NOISE_PX**2)
 
 
 @compiled

@@ -213,7 +213,7 @@ class ProjectionMemory(NamedTuple):
     ----------
     observations : Floats
         Rows (P + 1, 7) of [p₁ mm, raw m₁ m₂ px]; the last row is spare.
-    filled : int
+    observation_count : int
         Number of rows in use, from the first on.
     a_hat : Floats
         â (9,); zeros at first.

@@ -66,7 +66,7 @@ def open_camera(lab: RigDescription, unmeasured: bool = False) -> LabCamera:
 
     Parameters
     ----------
-    lab : Lab
+    lab : RigDescription
         Rig file.
     unmeasured : bool
         True to accept a camera without a measured latency. Its exposure times then equal the

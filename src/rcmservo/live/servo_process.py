@@ -72,7 +72,7 @@ class Session:
         present image.
     operator : Callable[[], Operator] or None
         Function that makes the operator of the loop; without one a pause ends the run.
-    pictures : float
+    images_per_s : float
         Images per second in the record, 1/s; 0 for none.
     consent : Callable[[Plant], None] or None
         Function that is called just before the drive is enabled, and raises an error to prevent

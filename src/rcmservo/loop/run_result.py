@@ -112,9 +112,9 @@ class LoopTiming:
         Number of ticks that were skipped because the loop was late.
     rate_hz : float or None
         Mean number of ticks per second; None for fewer than two ticks.
-    lateness_ms : Spread
+    lateness_ms : TimeSpread
         Time from the scheduled to the actual begin of a tick.
-    latency_ms : Spread
+    latency_ms : TimeSpread
         Time from the exposure of a frame to the tick that uses it.
     collections : int or None
         Number of garbage collections that stopped the process.
@@ -218,7 +218,7 @@ class RunResult:
         Punctuality of the loop; None if its process did not finish.
     frames : FrameCounts or None
         Use of the frames.
-    camera : CameraAccount or None
+    camera : CameraCounts or None
         Frame counts of the camera's driver, if it reports them.
     drive_off : str
         Reason for a drive that went off by itself or may still be on; empty if it was disabled at
@@ -239,7 +239,7 @@ class RunResult:
         Number of requests of the scripted operator to resume that the servo followed.
     refused : int
         Number of requests of the scripted operator to resume that the servo refused.
-    shown_again : int
+    taught_again : int
         Number of times that the scripted operator repeated teaching.
     rig : str
         Rig file of the hardware.
@@ -247,7 +247,7 @@ class RunResult:
         SHA-256 of the bytes of the rig file.
     rig_checked : bool or None
         True if `rig check` had passed for the rig file.
-    speed_share : float or None
+    speed_scale : float or None
         Fraction of the full speed that was allowed.
     folder : str
         Folder of the record, its figures and metrics.json.

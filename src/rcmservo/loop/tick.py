@@ -19,7 +19,7 @@ class Tick:
         Time since the start of the loop, ns.
     servo : Servo
         Settings at this tick.
-    seen : Observation
+    observation : Observation
         Observation, the input of the servo.
     request : Request
         Request of the operator.

@@ -31,7 +31,7 @@ def await_enable(channels: PageChannels, servo: Servo, intent: str, plant: Plant
 
     Parameters
     ----------
-    channels : Desk
+    channels : PageChannels
         Channels to the page.
     servo : Servo
         Servo of the session.

@@ -139,7 +139,7 @@ class DisturbanceRequest(Checked, section="disturbance"):
 
     Parameters
     ----------
-    what : str
+    disturbance : str
         Disturbance as `--disturb` takes it, without `at`; empty to end all disturbances.
     """
 

@@ -58,9 +58,9 @@ class PageOperator:
 
     Parameters
     ----------
-    channels : Desk
+    channels : PageChannels
         Channels to the page.
-    selection : Chosen
+    selection : SelectedSettings
         Settings at the start of the session.
     frames : int
         Number of frames whose mean is a target.

@@ -30,7 +30,7 @@ class PoseFolder:
     ----------
     folder : Path
         Folder; it is created with the first pose.
-    setup : Setup
+    setup : TargetSetup
         Camera, arm, tool and markers with which the poses are taught.
     """
 

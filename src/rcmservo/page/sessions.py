@@ -30,7 +30,7 @@ class SessionLoop:
 
     Parameters
     ----------
-    channels : Desk
+    channels : PageChannels
         Channels to the page.
     session : callable
         Returns the next session.

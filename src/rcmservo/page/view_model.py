@@ -87,7 +87,7 @@ class Dashboard:
 
     Parameters
     ----------
-    channels : Desk
+    channels : PageChannels
         Channels that it reads.
     poses : PoseStore
         Stored poses.
@@ -111,9 +111,9 @@ class Dashboard:
         Progress of teaching in words; empty if no pose is being taught.
     curves : Curves
         Newest samples of the curves.
-    shape : Shape or None
+    shape : MechanismShape or None
         Mechanism and tool to draw; None if they are not drawn.
-    truth : Truth or None
+    truth : GroundTruth or None
         True pose error; None outside simulation.
     count : int
         Index of the newest tick that was read.

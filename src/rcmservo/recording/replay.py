@@ -127,7 +127,8 @@ def replay_record(
     names: list[tuple[str, ...]] = []
     memories: dict[int, Floats] = {}
     servos = [
-        rebuild_servo(recorded, stage, own) if servo is None else servo for stage in recorded.stages
+        rebuild_stage_servo(recorded, stage, own) if servo is None else servo
+        for stage in recorded.stages
     ]
     for tick in _ticks(recorded, servos):
         rows.append(ros2_messages.encode_tick(tick))
@@ -174,7 +175,7 @@ def _ticks(recorded: Record, servos: Sequence[Servo]) -> Iterator[Tick]:
         ends.append(state)
 
 
-def rebuild_servo(
+def rebuild_stage_servo(
     recorded: Record, stage: Stage, own: Mapping[str, type[Estimator]] = NO_USER_ESTIMATORS
 ) -> Servo:
     """Return the servo of a stage.

@@ -79,7 +79,7 @@ class TargetTable:
         Joints in rad, rad, mm.
     shown : int
         Time at which the target was taught, in ns on the plant's clock; 0 if unknown.
-    sizes : Sizes
+    sizes : MarkerRadii
         Apparent radii of both markers in px; null if unknown.
     """
 

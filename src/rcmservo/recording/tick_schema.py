@@ -60,43 +60,43 @@ def _model(tick: Tick) -> Floats:
 
 
 INTEGER_COLUMNS = (
-    Column("now", TIME, at("seen.now")),
-    Column("q_time", TIME, at("seen.q_time")),
-    Column("frame", COUNT, at("seen.frame")),
-    Column("exposure", TIME, at("seen.exposure")),
-    Column("arrival", TIME, at("seen.arrival")),
-    Column("accepted_frame", COUNT, at("state.believed")),
+    Column("now", TIME, at("observation.now")),
+    Column("q_time", TIME, at("observation.q_time")),
+    Column("frame", COUNT, at("observation.frame")),
+    Column("exposure", TIME, at("observation.exposure")),
+    Column("arrival", TIME, at("observation.arrival")),
+    Column("accepted_frame", COUNT, at("state.accepted_frame")),
     Column("since", TIME, at("state.mode.since")),
-    Column("accepted_frames", COUNT, at("state.mode.good")),
+    Column("accepted_frames", COUNT, at("state.mode.accepted_frames")),
     Column("command_number", COUNT, at("state.command.number")),
     Column("command_time", TIME, at("state.command.time")),
     Column("command_deadline", TIME, at("state.command.deadline")),
-    Column("latency", TIME, at("state.watch.latency")),
+    Column("latency", TIME, at("state.monitor.latency")),
 )
 """Integers of a tick."""
 
 REAL_COLUMNS = (
-    Column("rcm_condition", COUNT, at("state.learnt.estimate.rcm_condition")),
+    Column("rcm_condition", COUNT, at("state.estimation.estimate.rcm_condition")),
     Column("condition", COUNT, at("state.condition")),
-    Column("period", TIME, at("state.watch.period")),
-    Column("q", JOINTS, at("seen.q")),
-    Column("q_exposure", JOINTS, at("seen.q_exposure")),
-    Column("points", MARKERS, at("seen.points")),
-    Column("applied_at_observation", RATES, at("seen.applied")),
+    Column("period", TIME, at("state.monitor.period")),
+    Column("q", JOINTS, at("observation.q")),
+    Column("q_exposure", JOINTS, at("observation.q_exposure")),
+    Column("points", MARKERS, at("observation.points")),
+    Column("applied_at_observation", RATES, at("observation.applied")),
     Column("o_c", IMAGE_POINT, at("state.o_c")),
     Column("p1", POSITION, at("state.p1")),
     Column("y", FEATURES, at("state.y")),
     Column("delta", FEATURES, at("state.delta")),
-    Column("predicted_delta", FEATURES, at("state.learnt.estimate.ahead")),
+    Column("predicted_delta", FEATURES, at("state.estimation.estimate.predicted_delta")),
     Column("J_hat", JACOBIAN, at("state.J_hat")),
     Column("a_hat", PARAMETERS, _a_hat),
     Column("model", MARKERS, _model),
     Column("v", VELOCITY, at("state.v")),
     Column("command", RATES, at("state.command.rates")),
     Column("applied", RATES, at("applied")),
-    Column("sizes", MARKER_SIZES, at("seen.sizes")),
+    Column("sizes", MARKER_SIZES, at("observation.sizes")),
     Column("jog", RATES, at("jog")),
-    Column("quality", MARKER_QUALITIES, at("seen.quality")),
+    Column("quality", MARKER_QUALITIES, at("observation.quality")),
 )
 """Real numbers of a tick.
 
@@ -108,8 +108,8 @@ LATER = ("sizes",), ("jog",), ("quality",)
 """Real numbers that later versions added, one group per version. They are NaN in older records."""
 
 FLAG_COLUMNS = (
-    Column("enabled", FLAG, at("seen.enabled")),
-    Column("recorded", FLAG, at("seen.recorded")),
+    Column("enabled", FLAG, at("observation.enabled")),
+    Column("recorded", FLAG, at("observation.recorded")),
     Column("command_enabled", FLAG, at("state.command.enabled")),
     Column("explored", FLAG, at("state.explored")),
 )
@@ -118,9 +118,9 @@ FLAG_COLUMNS = (
 NAME_COLUMNS = (
     Column("phase", ("",), at("state.mode.phase.name")),
     Column("cause", ("",), at("state.mode.cause.name")),
-    Column("action", ("",), at("state.mode.asks.name")),
+    Column("action", ("",), at("state.mode.action.name")),
     Column("request", ("",), at("request.name")),
-    Column("dropped", ("",), at("seen.dropped.name")),
+    Column("dropped", ("",), at("observation.drop_reason.name")),
 )
 """Enum members of a tick, by name."""
 

@@ -54,7 +54,7 @@ class Span:
         Cause of a stop or slowdown; NONE if there is none.
     detail : str
         Detail of the cause for the operator, such as the joint.
-    asks : Action
+    action : Action
         Action that was taken.
     request : Request
         Request of the operator at its first tick.

@@ -58,7 +58,7 @@ def limit_rates(
         Joint rates of the last command, (3,); overwritten by the bounded rates.
     q : Floats
         Measured joints, (3,) rad, rad, mm.
-    rcm : Rcm
+    rcm : RcmStruct
         Mechanism with its joint limits.
     gate : Gate
         Bounds.
@@ -127,7 +127,7 @@ def make_command(
         Requested joint rates, (3,) rad/s, rad/s, mm/s.
     q : Floats
         Measured joints, (3,) rad, rad, mm.
-    rcm : Rcm
+    rcm : RcmStruct
         Mechanism with its joint limits.
     now : int
         Time of the tick, ns.
@@ -239,7 +239,7 @@ class Gate(Checked, section="gate"):
             Last command.
         q : Floats
             Measured joints, (3,) rad, rad, mm.
-        rcm : Rcm
+        rcm : RcmStruct
             Mechanism with its joint limits.
         now : int
             Time of the tick, ns.

@@ -72,7 +72,7 @@ def find_deviating_markers(
 
     Parameters
     ----------
-    fit : Prospect
+    fit : ProjectionFit
         Fit of the camera's projection.
     p1 : Floats
         Position of marker 1, (3,) mm, by the joints at the exposure.
@@ -80,7 +80,7 @@ def find_deviating_markers(
         Detected markers, (2, 2) raw px.
     before : Floats
         Markers of the newest accepted frame, (2, 2) raw px.
-    shaft : Shaft
+    shaft : ToolStruct
         Tool, which gives the position of marker 2.
     thresholds : Thresholds
         Bounds of the comparison.
@@ -207,7 +207,7 @@ def compare_with_estimate(
     delta_p : Floats
         Motion of marker 1, (3,) mm.
     min_change : float
-        Smallest predicted change, in units of `SCALE`, that permits a comparison.
+        Smallest predicted change, in units of `FEATURE_SCALE`, that permits a comparison.
     max_error : float
         Largest difference as a fraction of the predicted change, in addition to ``min_change``.
 

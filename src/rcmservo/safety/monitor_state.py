@@ -78,8 +78,10 @@ class MonitorState(Row):
 
 def initial_monitor_state() -> MonitorState:
     """Return the state before the first observation."""
-    unknown = dict.fromkeys(("reached", "rest", "elsewhere", "p1", "points", "seen"), np.nan)
-    return MonitorState.of(idle=-1, frame=-1, believed=-1, **unknown)
+    positions = "predicted_joints", "rest_joints", "compared_p1"
+    markers = "rejected_markers", "compared_markers", "changed_markers"
+    unknown = dict.fromkeys((*positions, *markers), np.nan)
+    return MonitorState.of(idle_since=-1, newest_frame=-1, accepted_frame=-1, **unknown)
 
 
 @compiled
@@ -139,7 +141,7 @@ def monitor_loop(
 
     Parameters
     ----------
-    watch : Watch
+    watch : MonitorState
         State of the checks; updated.
     gap, period : int
         Time since the last tick, and its nominal value, ns.
@@ -175,7 +177,7 @@ def store_observation(row: ObservationRow, observation: ObservationStruct) -> No
     """Copy the observation into a row."""
     row.now, row.q_time, row.enabled = observation.now, observation.q_time, observation.enabled
     row.frame, row.exposure = observation.frame, observation.exposure
-    row.arrival, row.dropped = observation.arrival, observation.drop_reason
+    row.arrival, row.drop_reason = observation.arrival, observation.drop_reason
     row.recorded = observation.recorded
     copy_into(row.q, observation.q)
     copy_into(row.applied, observation.applied)
@@ -238,7 +240,7 @@ def monitor_markers(
 
     Parameters
     ----------
-    watch : Watch
+    watch : MonitorState
         State of the checks; updated.
     first, second : bool
         True if marker 1, marker 2 is far from its prediction.
@@ -273,7 +275,7 @@ def monitor_estimate(
 
     Parameters
     ----------
-    watch : Watch
+    watch : MonitorState
         State of the checks; updated.
     p1 : Floats
         Position of marker 1, (3,) mm.

@@ -105,9 +105,9 @@ class Mode:
         Cause of the phase; NONE in normal operation.
     since : int
         Time at which the phase began, ns.
-    good : int
+    accepted_frames : int
         Number of frames accepted in the phase so far.
-    asks : Action
+    action : Action
         Action that is taken: at most SLOW in SERVO and ACQUIRE, always SLOW in JOG.
     detail : str
         Details for the operator in addition to the cause's sentence, such as the joint and its
@@ -148,13 +148,13 @@ class TransitionInputs(NamedTuple):
 
     Parameters
     ----------
-    enabled : bool
+    drive_enabled : bool
         True if the arm's drive is on.
-    seen : bool
+    has_accepted_frame : bool
         True if a frame with both markers has been accepted.
-    good : bool
+    frame_accepted : bool
         True if a new frame arrived and was accepted at this tick.
-    ready : bool
+    has_estimate : bool
         True if the exploration has produced an estimate.
     """
 
@@ -191,7 +191,7 @@ def advance_mode(
         Mode of the last tick; overwritten.
     causes : int
         Set of the causes that are present, by their bits.
-    signs : Signs
+    signs : TransitionInputs
         Other inputs.
     request : int
         Request of the operator, as an index of `REQUESTS`.

@@ -33,140 +33,140 @@ class Thresholds(Checked, section="thresholds"):
 
     Parameters
     ----------
-    stale_slow : float
+    max_frame_age_slow : float
         Age of the newest frame since its arrival, in frame periods, from which on the tool moves
         slowly (`AGEING`).
-    stale_hold : float
+    max_frame_age_hold : float
         Age of the newest frame since its arrival, in frame periods, from which on the tool holds
         still (`STALE`); not below ``stale_slow``.
-    first_period : float
+    initial_frame_period : float
         Frame period that is assumed until a second frame arrives, s.
-    latency : float
+    max_latency : float
         Longest time from the exposure of a frame to the command that uses it, s (`LATE`). Latency
         up to this value is compensated.
-    silence : float
+    arm_timeout : float
         Longest time without a reading of the joints, s (`ARM_SILENT`).
-    following : Triple
+    max_following_error : Triple
         Largest following error: deviation of each joint from the position that the commands
         predict (rad, rad, mm) (`NOT_FOLLOWING`).
     drive_lag : float
         Time constant of the drives, with which the joints follow the commanded rates, s. If 0, the
         exploration measures it.
-    forget : float
+    following_error_decay : float
         Time constant with which the following error decays, s: a slow drift of the joints is no
         fault of the drive while a motion is commanded.
-    come_to_rest : float
+    settling_time : float
         Time without a commanded motion after which the joints are at rest, s. From then on a joint
         that moves by more than ``following``, however slowly, is a fault (`CREEPS`).
-    slack : float
+    limit_tolerance : float
         Distance by which a joint may be beyond its limit, as a fraction of its range
         (`BEYOND_LIMIT`).
-    overrun : float
+    max_tick_delay : float
         Longest delay of a single tick, s (`OVERRUN`).
-    late_share : float
+    late_tick_fraction : float
         Delay of a tick, as a fraction of the tick's period, from which on the tick is late
         (`LATE_TICK`).
-    late_ticks : int
+    max_late_ticks : int
         Number of successive late ticks that count as an overrun (`OVERRUN`).
-    innovation : float
+    max_innovation : float
         Largest deviation of a marker from its prediction, in standard deviations (`REJECTED`).
         ``model_error`` and ``mistimed`` are subtracted from the deviation first.
     model_error : float
         Deviation (px) of a marker that is attributed to the projection model.
-    mistimed : float
+    timing_error_fraction : float
         Deviation of a marker that is attributed to timing errors, as a fraction of its motion in
         the image since the last accepted frame.
-    left_over : float
+    max_residual_px : float
         Largest rms residual of the projection fit, px; a larger one is no camera's projection
         (`DIVERGED`).
-    nearest_camera : float
+    min_camera_distance : float
         Smallest distance between a camera and the tool, mm. If the fit implies a smaller one, it is
         no camera's projection (`DIVERGED`): a marker that does not move in the image appears to be
         far behind the other.
-    drift : float
+    max_drift_sigma : float
         Largest mean residual of a marker, in standard deviations. A drift (`DRIFTS`, `SURPRISED`)
         exceeds this value and ``drift_px``.
-    drift_px : float
+    max_drift_px : float
         Largest mean residual of a marker, px.
     drift_frames : int
         Number of frames in the mean residual.
-    stuck : float
+    frozen_image_motion : float
         Distance (mm) that the tool moves until an image that is identical to the last bit counts as
         frozen (`FROZEN`).
-    stuck_px : float
+    stuck_marker_px : float
         Largest motion (px) of a marker that counts as stuck during the exploration if the other
         marker moves five times as far (`SURPRISED`).
-    elsewhere : float
+    max_target_mismatch : float
         Largest distance (mm) of the tool from the taught joints while the image shows it at the
         target (`ELSEWHERE`), in addition to the effect of noise; inf switches the check off.
-    elsewhere_time : float
+    target_mismatch_time : float
         Time for which image and joints must disagree at the target, s (`ELSEWHERE`).
-    without_marker : float
+    max_single_marker_deviation : float
         Largest standard deviation of the pose (mm) that permits slow motion with one marker lost,
         by the other marker and the joints; 0 never permits it.
-    jump : float
+    max_jump_px : float
         Largest motion (px) of a marker between frames while the tool is at rest and no prediction
         exists, in addition to ``innovation`` standard deviations.
-    nearest : float
+    max_px_per_mm : float
         Largest motion of a marker in the image per motion of the tool, px/mm, while no prediction
         exists.
-    comparable : float
+    max_compared_motion : float
         Largest motion of the tool between two frames (mm) at which the markers are compared before
         an exploration is done. An operator moves the tool further by hand.
-    agreement : float
+    jump_agreement : float
         Largest distance between the positions of a marker in successive rejected frames at which
         they count as the same, as a multiple of ``jump``.
-    rejected : int
+    max_rejected_frames : int
         Number of successive rejected frames at which the tool stops (`CAMERA_MOVED`, `SWAPPED`,
         `SURPRISED`).
-    rejected_for_good : int
+    moved_camera_frames : int
         Number of successive rejected frames after which the view itself must have changed
         (`CAMERA_MOVED`).
-    telling : float
+    min_predicted_change : float
         Smallest predicted change of the scaled features at which the measured change is compared
         with it.
-    wrong : float
+    max_change_error : float
         Largest difference between measured and predicted change, as a fraction of the predicted
         one, in addition to ``telling``.
-    disagreements : int
+    max_contradictions : int
         Number of successive comparisons that must contradict the estimate to invalidate it
         (`DIVERGED`).
-    closed : float
+    singular_fraction : float
         Fraction of the error that the damped law must reduce; below it the target is singular
         (`SINGULAR`).
-    nearly_closed : float
+    nearly_singular_fraction : float
         Fraction of the error that the damped law must reduce for full speed; below it the tool
         moves slowly (`NEARLY_SINGULAR`).
-    small_error : float
+    min_checked_error : float
         Scaled error √(2V) up to which ``closed`` and ``nearly_closed`` are not applied: noise has
         an arbitrary direction.
-    least_room : float
+    min_exploration_room : float
         Fraction of the exploration's full volume that the joint limits must leave (`NO_ROOM`).
-    largest : float
+    max_jacobian_entry : float
         Largest entry of the scaled Ĵ, 1/mm: 30 is 300 px/mm, more than any camera's image shows
         (`ESTIMATE_LARGE`).
     hold_time : float
         Time in HOLD after which only the operator resumes, s.
-    good_to_recover : int
+    frames_to_recover : int
         Number of accepted frames that end a HOLD.
-    good_to_servo : int
+    frames_to_servo : int
         Number of accepted frames in ACQUIRE, with an estimate, before SERVO.
     limit_horizon : float
         Time ahead within which a joint must not pass its limit, s (`JOINT_1_LIMIT`).
-    limit_share : float
+    limit_speed_fraction : float
         Fraction of the speed that must remain without the joint that would pass its limit; if less
         remains, the joint blocks the path (`JOINT_1_LIMIT`).
     stall_error : float
         Scaled error √(2V) above which an error that does not decrease counts as stalled
         (`STALLED`).
-    stall_fall : float
+    stall_decrease : float
         Decrease of the scaled error √(2V) that counts as progress.
-    stall_share : float
+    stall_decrease_fraction : float
         Decrease of the scaled error that counts as progress, as a fraction of this error; the
         smaller one of ``stall_fall`` and this counts.
     stall_time : float
         Longest time without progress, s (`STALLED`).
-    stall_gains : float
+    stall_time_constants : float
         Longest time without progress, in time constants 1/k of the law; the longer one of
         ``stall_time`` and this counts.
 

@@ -41,42 +41,52 @@ def accept_frame(tick: TickContext) -> tuple[int, float]:
         time since the exposure of the frame of the last update, s (0 for the first).
     """
     stored, observation, parameters = tick.stored, tick.observation, tick.parameters
-    watch, estimate, fit = stored.monitor, stored.estimate, stored.projection_fit
-    tour, last = stored.exploration_state, stored.decision.command
+    monitor, estimate, fit = stored.monitor, stored.estimate, stored.projection_fit
+    exploration_state, last = stored.exploration_state, stored.decision.command
     thresholds, period = parameters.thresholds, parameters.period
     rcm, shaft = rcm_struct_of(parameters), tool_struct_of(parameters)
     gap = observation.now - last.time if last.number > 0 else period
-    monitor_loop(watch, gap, period, known_or_measured_lag(tour, thresholds.drive_lag), thresholds)
-    if not observation.frame > watch.newest_frame:
+    monitor_loop(
+        monitor,
+        gap,
+        period,
+        known_or_measured_lag(exploration_state, thresholds.drive_lag),
+        thresholds,
+    )
+    if not observation.frame > monitor.newest_frame:
         return NO_FRAME, 0.0
-    monitor_frame(watch, observation, thresholds)
+    monitor_frame(monitor, observation, thresholds)
     if not is_within_limits(rcm, observation.q_exposure, thresholds.limit_tolerance):
         return NO_FRAME, 0.0
     p1, points = stored.workspace.p1, stored.workspace.points
     p1[0], p1[1], p1[2] = compute_position_tuple(rcm, observation.q_exposure)
     copy_into(points, observation.points)
-    watch.one_marker_suffices = fill_lost_marker(stored, p1, points, parameters)
+    monitor.one_marker_suffices = fill_lost_marker(stored, p1, points, parameters)
     first, second = find_lost_markers(points)
     if first or second:
         return NO_FRAME, 0.0
-    if tour.is_done:
+    if exploration_state.is_done:
         first, second, crossed = find_deviating_markers(
             fit, p1, points, estimate.points, shaft, thresholds
         )
-        monitor_markers(watch, first, second, crossed, points, thresholds)
-        update_drift(watch, fit, p1, points, observation.points, shaft, thresholds)
+        monitor_markers(monitor, first, second, crossed, points, thresholds)
+        update_drift(monitor, fit, p1, points, observation.points, shaft, thresholds)
     else:
         jump = thresholds.max_jump_px + thresholds.max_innovation * np.sqrt(
             2.0 * fit.noise_variance
         )
-        check_against_last_frame(watch, estimate, observation, p1, jump, thresholds)
-    if watch.rejected_frames > 0:
+        check_against_last_frame(monitor, estimate, observation, p1, jump, thresholds)
+    if monitor.rejected_frames > 0:
         return NO_FRAME, 0.0
-    watch.accepted_frame = observation.frame
+    monitor.accepted_frame = observation.frame
     copy_into(estimate.points, points)
     copy_into(estimate.p1, p1)
     # an operator may have moved the tool by hand until the exploration began
-    updates = tour.is_done or not tour.has_begun or observation.exposure >= tour.start_time
+    updates = (
+        exploration_state.is_done
+        or not exploration_state.has_begun
+        or observation.exposure >= exploration_state.start_time
+    )
     frame_result = FRAME_UPDATES if updates else FRAME_ACCEPTED
     dt = (observation.exposure - estimate.exposure) * 1e-9 if estimate.exposure >= 0 else 0.0
     return frame_result, dt
@@ -108,7 +118,7 @@ def fill_lost_marker(
 
 @compiled
 def check_against_last_frame(
-    watch: MonitorState,
+    monitor: MonitorState,
     estimate: Estimate,
     observation: ObservationRow,
     p1: Floats,
@@ -121,12 +131,12 @@ def check_against_last_frame(
     of marker 1 to p1 (3,) mm allows, or if a marker is stuck.
     """
     path, crossed = compute_distance(p1, estimate.p1), False
-    first, second = detect_stuck_markers(watch, p1, observation.points, thresholds)
+    first, second = detect_stuck_markers(monitor, p1, observation.points, thresholds)
     if path < thresholds.max_compared_motion and not (first or second):
         nearest = thresholds.max_px_per_mm
         first, second, crossed = find_jumps(
             observation.points, estimate.points, path, jump, nearest
         )
-        if watch.jumped_frames > 0 and markers_stay(watch, observation.points, thresholds):
+        if monitor.jumped_frames > 0 and markers_stay(monitor, observation.points, thresholds):
             first, second = True, True
-    monitor_markers(watch, first, second, crossed, observation.points, thresholds)
+    monitor_markers(monitor, first, second, crossed, observation.points, thresholds)

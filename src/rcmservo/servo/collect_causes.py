@@ -42,7 +42,7 @@ def collect_causes(tick: TickContext) -> int:
         fit=stored.projection_fit,
         drive_requested=stored.decision.mode.phase not in (DISABLED, FAULT),
         paused=stored.decision.mode.phase == PAUSED,
-        target_time=tick.setpoint.shown,
+        target_time=tick.setpoint.taught_at,
         estimator_failed=stored.estimator_result.has_failed,
         rcm=rcm_struct_of(parameters),
         period=parameters.period,

@@ -39,12 +39,12 @@ must remain known afterwards."""
 @compiled
 def compute_command(tick: TickContext, frame_result: int) -> None:
     """Compute the requested velocity of marker 1 and joint rates of this tick, before the gate."""
-    decision, tour = tick.stored.decision, tick.stored.exploration_state
+    decision, exploration_state = tick.stored.decision, tick.stored.exploration_state
     if tick.setpoint.is_new:
         restart_stall_rule(decision, tick.observation.now)
-    if not tour.is_done:
+    if not exploration_state.is_done:
         explore(tick, frame_result)
-    if tour.is_done:
+    if exploration_state.is_done:
         compute_law_rates(tick, decision.mode.phase == SERVO)
 
 
@@ -85,11 +85,11 @@ def compute_law_rates(tick: TickContext, is_servoing: bool) -> None:
 @compiled
 def predict_error(estimate: Estimate, p1: Point) -> None:
     """Predict the error Δy of [s r d] for marker 1 at p1 mm."""
-    J, ahead = estimate.J_hat, estimate.predicted_delta
+    J, predicted = estimate.J_hat, estimate.predicted_delta
     x, y, z = estimate.p1[0] - p1[0], estimate.p1[1] - p1[1], estimate.p1[2] - p1[2]
     for i in range(3):
-        ahead[i] = estimate.delta[i] - (J[i, 0] * x + J[i, 1] * y + J[i, 2] * z)
-    ahead[0] = wrap_angle(ahead[0])
+        predicted[i] = estimate.delta[i] - (J[i, 0] * x + J[i, 1] * y + J[i, 2] * z)
+    predicted[0] = wrap_angle(predicted[0])
 
 
 @compiled
@@ -102,8 +102,8 @@ def evaluate_law(
     x, y, z = estimate.p1[0] - p1[0], estimate.p1[1] - p1[1], estimate.p1[2] - p1[2]
     for k in range(n):
         slope, unit = estimate.law_jacobian[k], features.scale[k]
-        ahead = estimate.law_error[k] - (slope[0] * x + slope[1] * y + slope[2] * z)
-        error[k] = (wrap_angle(ahead) if features.angle[k] > 0.0 else ahead) / unit
+        predicted = estimate.law_error[k] - (slope[0] * x + slope[1] * y + slope[2] * z)
+        error[k] = (wrap_angle(predicted) if features.angle[k] > 0.0 else predicted) / unit
         for i in range(3):
             J[k, i] = slope[i] / unit
     printed = parameters.printed_potential
@@ -113,16 +113,16 @@ def evaluate_law(
 @compiled
 def explore(tick: TickContext, frame_result: int) -> None:
     """Move from corner to corner until the estimate suffices for servoing."""
-    tour, decision = tick.stored.exploration_state, tick.stored.decision
+    exploration_state, decision = tick.stored.exploration_state, tick.stored.decision
     observation, parameters = tick.observation, tick.parameters
     settings, fastest = parameters.exploration, parameters.gate.speed
     thresholds, q, now = parameters.thresholds, observation.q, observation.now
-    if decision.mode.phase != ACQUIRE or tour.has_no_room:
+    if decision.mode.phase != ACQUIRE or exploration_state.has_no_room:
         request_rest(decision)
         return
-    if not tour.has_begun:
+    if not exploration_state.has_begun:
         start_exploration(
-            tour,
+            exploration_state,
             rcm_struct_of(parameters),
             fastest,
             q,
@@ -131,15 +131,15 @@ def explore(tick: TickContext, frame_result: int) -> None:
             settings,
         )
         return
-    add_lag_reading(tour, q, observation.q_time, observation.applied, fastest)
+    add_lag_reading(exploration_state, q, observation.q_time, observation.applied, fastest)
     if frame_result == FRAME_UPDATES and can_servo(tick):
-        tour.is_done = True
-        finish_lag_measurement(tour)
+        exploration_state.is_done = True
+        finish_lag_measurement(exploration_state)
         return
-    if is_at_next_corner(tour, q):
+    if is_at_next_corner(exploration_state, q):
         choose_next_corner(tick)
-    lag = current_lag(tour, thresholds.drive_lag)
-    copy_into(decision.rates, rates_to_corner(tour, fastest, q, lag, settings))
+    lag = current_lag(exploration_state, thresholds.drive_lag)
+    copy_into(decision.rates, rates_to_corner(exploration_state, fastest, q, lag, settings))
 
 
 @compiled
@@ -150,16 +150,22 @@ def choose_next_corner(tick: TickContext) -> None:
     that is most informative on the direction to the target.
     """
     stored, parameters, target = tick.stored, tick.parameters, tick.setpoint.points
-    tour, fit, settings = stored.exploration_state, stored.projection_fit, parameters.exploration
+    exploration_state, fit, settings = (
+        stored.exploration_state,
+        stored.projection_fit,
+        parameters.exploration,
+    )
     rcm, shaft = rcm_struct_of(parameters), tool_struct_of(parameters)
-    tour.visited_corners += 1
-    if tour.visited_corners % len(CORNERS) == 0:
-        set_round(tour, rcm, parameters.gate.speed, 0.0, settings)
-    set_next_corner(tour)
-    if tour.visited_corners < settings.min_corners:
+    exploration_state.visited_corners += 1
+    if exploration_state.visited_corners % len(CORNERS) == 0:
+        set_round(exploration_state, rcm, parameters.gate.speed, 0.0, settings)
+    set_next_corner(exploration_state)
+    if exploration_state.visited_corners < settings.min_corners:
         return
     if not direction_is_known(fit, stored.estimate.p1, target, shaft, settings):
-        plan_corner(tour, fit, rcm, shaft, tick.observation.q, target, settings.max_leg_length)
+        plan_corner(
+            exploration_state, fit, rcm, shaft, tick.observation.q, target, settings.max_leg_length
+        )
 
 
 @compiled

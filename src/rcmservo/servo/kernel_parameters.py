@@ -23,15 +23,15 @@ class KernelParameters:
 
     Parameters
     ----------
-    rcm : Rcm
+    rcm : RcmStruct
         Mechanism, with marker 1 as the point on its tool.
-    tool : Shaft
+    tool : ToolStruct
         Position of marker 2 on the tool.
     controller : SaturatedController
         Control law.
     features : FeatureParameters
         Feature vector that the law acts on.
-    needs_motion : bool
+    needs_markers_jacobian : bool
         True if the features need ∂m/∂p₁ from the estimator.
     printed_potential : bool
         True for the potential (32) as printed.
@@ -39,9 +39,9 @@ class KernelParameters:
         Settings of eq. (16).
     printed_rcm : bool
         True for eq. (16) as printed.
-    places_rcm : bool
+    estimates_rcm : bool
         True if the estimator computes the imaged RCM.
-    spares_marker : bool
+    tolerates_lost_marker : bool
         True if the estimator continues while one marker is lost.
     gate : Gate
         Bounds on every command.
@@ -76,7 +76,7 @@ class TickContext(NamedTuple):
 
     Parameters
     ----------
-    stored : Stored
+    stored : StoredState
         State, which the tick overwrites.
     observation : ObservationRow
         Observation of this tick; a part of the state.

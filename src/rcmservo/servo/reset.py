@@ -11,7 +11,7 @@ from rcmservo.servo.state import Decision, StoredState
 @compiled
 def reset_estimation(stored: StoredState) -> None:
     """Reset estimate and exploration to the state before the first frame, with Ĵ = 0."""
-    estimate, tour = stored.estimate, stored.exploration_state
+    estimate, exploration_state = stored.estimate, stored.exploration_state
     fill(estimate.points, np.nan)
     fill(estimate.p1, np.nan)
     fill(estimate.o_c, np.nan)
@@ -24,12 +24,16 @@ def reset_estimation(stored: StoredState) -> None:
     fill(estimate.law_error, 0.0)
     estimate.exposure, estimate.line_count = -1, 0
     estimate.rcm_condition, estimate.condition = np.inf, np.inf
-    fill(tour.start_joints, 0.0)
-    fill(tour.sides, 0.0)
-    fill(tour.next_corner, 0.0)
-    reset_lag(tour)
-    tour.visited_corners, tour.start_time = 0, 0
-    tour.has_begun, tour.has_no_room, tour.is_done = False, False, False
+    fill(exploration_state.start_joints, 0.0)
+    fill(exploration_state.sides, 0.0)
+    fill(exploration_state.next_corner, 0.0)
+    reset_lag(exploration_state)
+    exploration_state.visited_corners, exploration_state.start_time = 0, 0
+    exploration_state.has_begun, exploration_state.has_no_room, exploration_state.is_done = (
+        False,
+        False,
+        False,
+    )
 
 
 @compiled

@@ -177,9 +177,15 @@ class Servo(Checked):
     def init(self) -> State:
         """Return the state before the first observation: Ĵ = 0, drive off."""
         rest = CommandStruct.from_source(self.gate.rest())
-        decision = Decision.of(command=rest, blocked=-1, astray=-1, peak=np.inf, moved=-1)
+        decision = Decision.of(
+            command=rest,
+            blocked_joint=-1,
+            mismatch_since=-1,
+            reference_error=np.inf,
+            camera_moved_at=-1,
+        )
         stored = StoredState.of(
-            decision=decision, watch=initial_monitor_state(), **initial_estimation_rows()
+            decision=decision, monitor=initial_monitor_state(), **initial_estimation_rows()
         )
         return State(stored, self._initial_memory())
 
@@ -210,14 +216,19 @@ class Servo(Checked):
         decision = replace_fields(state.decision, mode=ModeStruct.from_source(mode), command=rest)
         parts, memory, estimate = initial_estimation_rows(), state.memory, state.stored.estimate
         if state.explored:
-            tour = replace_fields(state.stored.exploration_state, begun=False, no_room=False)
-            parts = {"estimate": replace_fields(estimate, exposure=-1), "tour": tour}
+            exploration_state = replace_fields(
+                state.stored.exploration_state, has_begun=False, has_no_room=False
+            )
+            parts = {
+                "estimate": replace_fields(estimate, exposure=-1),
+                "exploration_state": exploration_state,
+            }
         else:
             markers = {"points": estimate.points, "p1": estimate.p1}
             parts["estimate"] = replace_fields(parts["estimate"], **markers)
             memory = self._initial_memory()
         stored = replace_fields(
-            state.stored, decision=decision, watch=initial_monitor_state(), **parts
+            state.stored, decision=decision, monitor=initial_monitor_state(), **parts
         )
         return State(stored, memory, state.target, mode.detail)
 
@@ -304,7 +315,7 @@ class Servo(Checked):
                     stored, own_memory, observation, target, dt
                 )
             failure = failure or failure_of(own_memory)
-            cast(Any, stored.estimator_result.rows)["failed"] = failure != ""
+            cast(Any, stored.estimator_result.rows)["has_failed"] = failure != ""
             was_reset = finish_tick(rows, frame_result, parameters)
             memory = self._initial_memory() if was_reset else EstimatorMemory(lines, own_memory)
             cause_changed = stored.decision.mode.cause != state.decision.mode.cause
@@ -324,10 +335,8 @@ class Servo(Checked):
         estimator, tool, estimate, failure = self.guarded_estimator, self.tool, stored.estimate, ""
         sample = Sample(estimate.p1, observation.points, estimate.o_c, dt, observation.sizes)
         memory = estimator.update(memory, tool, sample)
-        points, detected = (
-            estimator.filtered_markers(memory, tool, sample),
-            np.isfinite(observation.points),
-        )
+        points = estimator.filtered_markers(memory, tool, sample)
+        detected = np.isfinite(observation.points)
         if not detected.all():
             predicted = filter_markers(stored.projection_fit.rows[0], estimate.p1, tool.struct)
             points = np.where(detected, points, predicted)
@@ -337,9 +346,9 @@ class Servo(Checked):
         else:
             numbers["o_c"], numbers["o_c_covariance"] = imaged_rcm
         if imaged_rcm is not None or self.features.needs_markers_jacobian:
-            numbers["motion"] = estimator.markers_jacobian(memory, tool, sample)
-        result = EstimatorResult.of(points=points, placed=imaged_rcm is not None, **numbers)
-        cast(Any, stored.rows)["estimated"] = result.rows
+            numbers["markers_jacobian"] = estimator.markers_jacobian(memory, tool, sample)
+        result = EstimatorResult.of(points=points, has_imaged_rcm=imaged_rcm is not None, **numbers)
+        cast(Any, stored.rows)["estimator_result"] = result.rows
         if self.features.code == INTERPRETED_CODE:
             failure = self._measure_features(stored, memory, sample, target)
         return memory, failure

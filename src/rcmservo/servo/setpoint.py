@@ -17,7 +17,7 @@ class Setpoint(NamedTuple):
         Raw markers (2, 2) of the target in px.
     q : Floats
         Joint values (3,) in rad, rad, mm during teaching.
-    shown : int
+    taught_at : int
         Time of teaching, ns.
     is_new : bool
         True if the target differs from that of the last tick.
@@ -42,7 +42,7 @@ class SetpointRow(Struct, source=Setpoint):
 @compiled
 def store_setpoint(row: SetpointRow, setpoint: Setpoint) -> None:
     """Copy a setpoint into a row."""
-    row.shown, row.is_new, row.request = setpoint.taught_at, setpoint.is_new, setpoint.request
+    row.taught_at, row.is_new, row.request = setpoint.taught_at, setpoint.is_new, setpoint.request
     copy_into(row.points, setpoint.points)
     copy_into(row.q, setpoint.q)
     copy_into(row.jog, setpoint.jog)

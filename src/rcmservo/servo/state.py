@@ -86,11 +86,11 @@ class EstimationState(NamedTuple):
         Estimate from the accepted frames.
     lines : Floats
         Lines of the imaged tool (n, 4) from which eq. (16) computes the imaged RCM.
-    projection_fit : Prospect
+    projection_fit : ProjectionFit
         Fit that predicts the markers.
     memory : Any
         Memory of the estimator.
-    tour : Exploring
+    exploration_state : ExplorationState
         State of the exploration.
     """
 
@@ -102,12 +102,16 @@ class EstimationState(NamedTuple):
 
 
 def initial_estimation_rows() -> dict[str, Row]:
-    """Return the estimation parts of `Stored` before the first frame, with Ĵ = 0."""
+    """Return the estimation parts of `StoredState` before the first frame, with Ĵ = 0."""
     unknown = dict.fromkeys(
-        ("points", "o_c", "o_c_covariance", "p1", "y", "delta", "ahead"), np.nan
+        ("points", "o_c", "o_c_covariance", "p1", "y", "delta", "predicted_delta"), np.nan
     )
     estimate = Estimate.of(exposure=-1, rcm_condition=np.inf, condition=np.inf, **unknown)
-    return {"estimate": estimate, "projection_fit": initial_fit(), "tour": ExplorationState.of()}
+    return {
+        "estimate": estimate,
+        "projection_fit": initial_fit(),
+        "exploration_state": ExplorationState.of(),
+    }
 
 
 class State(NamedTuple):
@@ -117,7 +121,7 @@ class State(NamedTuple):
 
     Parameters
     ----------
-    stored : Stored
+    stored : StoredState
         Numbers of the state.
     memory : EstimatorMemory or tuple[()]
         Memory of the estimator; empty for an estimator that uses only the fit of the projection.
@@ -140,7 +144,7 @@ class State(NamedTuple):
         estimation: EstimationState | None = None,
     ) -> "State":
         """Return a copy of the state in which the given parts are replaced."""
-        parts: dict[str, Row] = {} if monitor is None else {"watch": monitor}
+        parts: dict[str, Row] = {} if monitor is None else {"monitor": monitor}
         detail, memory = self.detail, self.memory
         if mode is not None:
             parts["decision"], detail = (
@@ -148,7 +152,7 @@ class State(NamedTuple):
                 mode.detail,
             )
         if estimation is not None:
-            names = ("estimate", "projection_fit", "tour")
+            names = ("estimate", "projection_fit", "exploration_state")
             parts |= {name: getattr(estimation, name) for name in names}
             memory = self.memory and EstimatorMemory(estimation.lines, estimation.memory)
         return State(replace_fields(self.stored, **parts), memory, self.target, detail)

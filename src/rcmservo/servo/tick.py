@@ -54,7 +54,7 @@ def make_compiled_tick(kind: type[EstimatorKernel]) -> Callable[..., tuple[Any, 
 
         Parameters
         ----------
-        rows : Rows[Stored]
+        rows : Rows[StoredState]
             State after the last tick.
         memory : Any
             Memory of the estimator.

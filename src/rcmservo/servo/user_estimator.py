@@ -37,9 +37,9 @@ class GuardedMemory(NamedTuple):
         Ĵ (3, 3) in rad/mm, px/mm, px/mm; NaN after a failure.
     points : Floats
         Markers (2, 2) in raw px as the estimator locates them.
-    motion : Floats
+    markers_jacobian : Floats
         ∂m/∂p₁ (4, 3) in px/mm; NaN after a failure or if the estimator does not estimate it.
-    size_motion : Floats
+    sizes_jacobian : Floats
         ∂R/∂p₁ (2, 3) in px/mm; NaN after a failure or if the estimator does not estimate it.
     imaged_rcm : tuple[Floats, Floats] or None
         Imaged RCM (2,) in px and its covariance (2, 2) in px²; None if eq. (16) computes it.
@@ -70,7 +70,7 @@ def class_path_of(estimator: object) -> str:
 
 
 def guard_estimator(estimator: Estimator) -> Estimator:
-    """Return the estimator that the servo calls: a user-defined one in a `Guard`."""
+    """Return the estimator that the servo calls: a user-defined one in an `EstimatorGuard`."""
     return estimator if _is_built_in(type(estimator)) else EstimatorGuard(estimator)
 
 
@@ -128,7 +128,11 @@ class EstimatorGuard(Estimator):
         try:
             return self._update_checked(memory, tool, sample)
         except UnusableEstimator as error:
-            unknown = {"J_hat": NO_MOTION[:3], "motion": NO_MOTION, "size_motion": NO_MOTION[:2]}
+            unknown = {
+                "J_hat": NO_MOTION[:3],
+                "markers_jacobian": NO_MOTION,
+                "sizes_jacobian": NO_MOTION[:2],
+            }
             return memory._replace(**unknown, failure=str(error))
         finally:
             self.slowest_ns = max(self.slowest_ns, perf_counter_ns() - started)
@@ -138,8 +142,8 @@ class EstimatorGuard(Estimator):
         p1, points, o_c, dt, sizes = sample
         sample = Sample(p1.copy(), points.copy(), o_c.copy(), dt, sizes.copy())
         memory = self._call("update", before.memory, tool, sample)
-        points = self._call_for_array("located", (2, 2), memory, tool, sample)
-        self._require_finite("located", points)
+        points = self._call_for_array("filtered_markers", (2, 2), memory, tool, sample)
+        self._require_finite("filtered_markers", points)
         imaged_rcm = self._call_for_imaged_rcm(memory)
         if imaged_rcm is not None:
             sample = sample._replace(points=points.copy(), o_c=imaged_rcm[0].copy())
@@ -147,14 +151,14 @@ class EstimatorGuard(Estimator):
         self._require_finite("jacobian", J_hat)
         motion, size_motion = NO_MOTION, NO_MOTION[:2]
         if imaged_rcm is not None or self.estimator.has_markers_jacobian:
-            motion = self._call_for_motion("motion", 4, memory, tool, sample)
+            motion = self._call_for_motion("markers_jacobian", 4, memory, tool, sample)
         if self.estimator.has_sizes_jacobian:
-            size_motion = self._call_for_motion("size_motion", 2, memory, tool, sample)
+            size_motion = self._call_for_motion("sizes_jacobian", 2, memory, tool, sample)
         self._call_for_prediction(memory, tool, sample.p1)
         numbers = self._call_for_numbers(memory)
         if numbers.shape != before.numbers.shape:
             found = f"returned {len(numbers)} numbers, expected {before.numbers.size} as before"
-            raise self._error("remembered", found)
+            raise self._error("recorded_numbers", found)
         return GuardedMemory(memory, J_hat, points, motion, size_motion, imaged_rcm, numbers, "")
 
     def jacobian(self, memory: GuardedMemory, tool: Tool, sample: Sample) -> Floats:
@@ -211,7 +215,7 @@ class EstimatorGuard(Estimator):
     def _call_for_numbers(self, memory: Any) -> Floats:
         if type(self.estimator).recorded_numbers is Estimator.recorded_numbers:
             return NO_NUMBERS
-        return self._call_for_array("remembered", (-1,), memory)
+        return self._call_for_array("recorded_numbers", (-1,), memory)
 
     def _call_for_array(self, method: str, shape: tuple[int, ...], *arguments: Any) -> Floats:
         """Return the result of a method as an array of this shape; -1 stands for any length."""

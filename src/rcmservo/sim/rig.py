@@ -75,7 +75,7 @@ class RigSettings(Picture, section="rig"):
         Delay, lag, deadband and errors of the drives and encoders.
     timing : Timing
         Frame rate, exposure and delay of the camera.
-    look : Look
+    appearance : Appearance
         Geometry, colours, light and sensor noise of rendered images.
     scene : SceneSettings
         Distributions from which camera, start and target are sampled.

@@ -51,7 +51,7 @@ def _values(camera: CameraSection, kind: type[Checked]) -> dict[str, Any]:
 def _marker_appearance(
     lab: RigDescription,
 ) -> dict[str, tuple[float, float] | tuple[Colour, Colour]]:
-    """Return the fields of `Look` that follow from the section [markers]."""
+    """Return the fields of `Appearance` that follow from the section [markers]."""
     markers = lab.markers
     return {
         "marker_radii": (markers.radius_1, markers.radius_2),

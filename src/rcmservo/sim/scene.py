@@ -135,7 +135,7 @@ class Scene:
         Tool.
     path : Floats
         Joints (n, 3) on the path from the start to the target.
-    half_way : Floats
+    midpoint : Floats
         Joints (3,) at the path's midpoint.
     tissue : Tissue
         Tissue behind the tool.

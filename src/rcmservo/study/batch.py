@@ -54,7 +54,7 @@ class Study(Checked):
         The simulated laboratory, with a camera that measures points.
     duration : float
         Length of each closed loop, s.
-    shown : int
+    teaching_frames : int
         Number of frames whose mean is the target.
 
     Raises
@@ -78,8 +78,12 @@ class Study(Checked):
         super().__post_init__()
         kinds = " or ".join(k.__name__ for k in ESTIMATORS.values() if is_compiled(k))
         name = type(self.servo.estimator).__name__
-        is_compiled = self.servo.kernel is not None
-        require(is_compiled, "servo.estimator", name, f"{kinds}, whose steps are compiled")
+        require(
+            self.servo.kernel is not None,
+            "servo.estimator",
+            name,
+            f"{kinds}, whose steps are compiled",
+        )
         for part in ("mechanism", "tool"):
             known, simulated = getattr(self.servo, part), getattr(self.settings, part)
             expected = f"equal to that of the laboratory, {simulated}"
@@ -115,7 +119,7 @@ class Study(Checked):
             Number that the run is labelled with.
         scene : Scene
             Camera, tool, start and target.
-        shown : Goal
+        shown : StudyGoal
             Target as it was taught.
         noise : Floats
             Noise (frames, 2, 2) px of every frame from the first tick on.

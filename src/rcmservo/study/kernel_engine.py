@@ -38,7 +38,7 @@ from rcmservo.study.plant_kernel import (
 )
 
 NOT_DROPPED = cast(DropReason, DropReason.NONE.value)
-"""`Dropped.NONE` for compiled functions."""
+"""`DropReason.NONE` for compiled functions."""
 
 NO_JOG = np.zeros(3)
 
@@ -48,7 +48,7 @@ class InitialConditions(NamedTuple):
 
     Parameters
     ----------
-    stored : Rows[Stored]
+    stored : Rows[StoredState]
         State of the servo.
     memory : Any
         Memory of its estimator.

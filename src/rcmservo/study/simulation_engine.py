@@ -45,7 +45,7 @@ class SimulationLoop:
 
     Parameters
     ----------
-    laboratory : Laboratory
+    laboratory : SimulationEngine
         Servo and simulated laboratory.
     seed : int
         Seed of the scene and the noise.

@@ -26,7 +26,7 @@ class StudyTrial(NamedTuple):
     ----------
     scene : Scene
         Scene, which depends on the seed alone.
-    goal : Goal
+    goal : StudyGoal
         Target, whose markers are the mean of the frames that it was taught with.
     noise : Floats
         Noise (frames, 2, 2) px of every frame from the first tick on.

@@ -28,7 +28,7 @@ class EmulatedArm:
     ----------
     seed : int
         Seed that draws the poses of arm and camera.
-    lab : Lab
+    lab : RigDescription
         Lab with mechanism, drives and scene.
     """
 

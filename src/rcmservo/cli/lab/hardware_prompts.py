@@ -40,7 +40,7 @@ class HardwarePreparation:
 
     Parameters
     ----------
-    lab : Lab
+    lab : RigDescription
         Lab with its devices.
     intent : str
         Announcement of the motion that follows once the drive is on.

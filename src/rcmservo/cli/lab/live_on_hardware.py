@@ -132,8 +132,8 @@ def motion_announcement(options: RunToTargetOptions, servo: Servo, speed_scale: 
     limits = describe_speed_limits(options, servo, speed_scale)
     return (
         f"Once the drive is on, the servo moves the arm for at most {options.duration:g} s: first "
-        f"a short distance around its start, at most {servo.exploration.max_leg_length:g} mm between two "
-        f"corners of the path of marker 1, and then to the target. {limits} Ctrl-C stops the arm; "
+        f"a short distance around its start, at most {servo.exploration.max_leg_length:g} mm "
+        f"between two corners of the path of marker 1, and then to the target. {limits} Ctrl-C stops the arm; "
         "keep the emergency stop within reach."
     )
 

@@ -34,19 +34,19 @@ class PageBackend:
         Title of the page.
     camera : Callable[[], Camera]
         Function that opens the displayed camera in the page's process.
-    session : Callable[['Desk', Path], Session]
+    session : Callable[['PageChannels', Path], Session]
         Function that makes a session, recorded in a new folder.
-    off : SwitchOff
+    switch_off : SwitchOff
         Function that disables the drive from outside the session's process.
-    setup : Setup
+    setup : TargetSetup
         Set-up for which a pose holds.
-    chosen : Chosen
+    servo_settings : SelectedSettings
         Servo, whose settings the page may change for later sessions.
-    befall : Callable[[str], str]
+    start_disturbance : Callable[[str], str]
         Function that starts a disturbance and returns a sentence on it.
-    troubles : tuple[dict[str, Any], ...]
+    disturbances : tuple[dict[str, Any], ...]
         Available disturbances.
-    truth : Truth | None
+    truth : GroundTruth | None
         Source of the true pose error, if it is known.
     """
 
@@ -72,6 +72,6 @@ def enable_announcement(servo: Servo) -> str:
     return (
         "Enable switches the drive on, and the servo is paused. Nothing moves until you hold a jog "
         "button or go to a pose. Before the first motion to a pose the tool moves a short distance "
-        f"around its start, at most {servo.exploration.max_leg_length:g} mm between two corners of the path "
-        "of marker 1."
+        f"around its start, at most {servo.exploration.max_leg_length:g} mm between two corners of "
+        "the path of marker 1."
     )

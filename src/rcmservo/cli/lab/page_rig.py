@@ -97,11 +97,11 @@ class PagePreparation:
 
     Parameters
     ----------
-    desk : Desk
+    desk : PageChannels
         Channels to the page.
     servo : Servo
         Servo that moves the arm.
-    lab : Lab
+    lab : RigDescription
         Lab with its devices.
     intent : str
         Announcement of the motion that follows once the drive is on.

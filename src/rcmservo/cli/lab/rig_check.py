@@ -102,8 +102,8 @@ def rig_check(
             TrackingThread(device, tracker, clock) as tracking,
             closing(_connect_arm(tracking, arm, lab)) as joints,
         ):
-            camera_fault = partial(camera_fault, device)
-            mover = Mover(joints, tracking, tracking, clock, robot, lab.gate, silence, camera_fault)
+            fault = partial(camera_fault, device)
+            mover = Mover(joints, tracking, tracking, clock, robot, lab.gate, silence, fault)
             require_drive_off(mover.plant)
             if not joints.is_homed():
                 define_joints(operator, mover.plant, lab)

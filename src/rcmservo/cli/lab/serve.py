@@ -192,9 +192,9 @@ def _page_processes(
     ----------
     options : ServeOptions
         Options of the command.
-    desk : Desk
+    desk : PageChannels
         Channels between the processes.
-    behind : Behind
+    behind : PageBackend
         Arm and camera.
     runs : Path
         Folder of the past runs that the page lists.

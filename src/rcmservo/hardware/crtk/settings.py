@@ -49,7 +49,7 @@ class CrtkSettings(RosConnection, section="arm"):
         Namespace of the arm's topics, such as PSM1.
     signs : Triple
         Direction of each joint relative to the mechanism's, 1 or -1.
-    lead : Triple
+    max_lead : Triple
         Largest distance of the setpoint from the measured position, rad, rad, mm. When this program
         dies, the arm moves by this distance at most.
     jv : bool

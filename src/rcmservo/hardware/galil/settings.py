@@ -50,9 +50,9 @@ class GalilSettings(Checked, section="arm"):
         mm/s².
     following_error : Triple
         Following error of a joint above which its motor goes off, rad, rad, mm.
-    patience : float
+    command_timeout : float
         Time in s without a valid command after which the controller stops the arm by itself.
-    answer_within : float
+    reply_timeout : float
         Time limit for a reply of the controller, s.
     """
 

@@ -23,21 +23,21 @@ class Site:
         Title of the page.
     camera : Callable[[], Camera]
         Opens the camera whose pictures are displayed.
-    access : Doors
+    access : PageCredentials
         Credentials of the page.
     stop_port : int
         Port of the process that receives STOP.
-    selection : Chosen
+    selection : SelectedSettings
         Servo with the selected settings.
     poses : PoseFolder
         Folder of stored poses.
-    shape : Shape
+    shape : MechanismShape
         Mechanism and tool to draw.
     runs : Path
         Folder of all runs.
     disturbances : tuple[dict[str, Any], ...]
         Disturbances that can be requested; empty outside simulation.
-    truth : Truth or None
+    truth : GroundTruth or None
         True pose error; None outside simulation.
     """
 

@@ -85,7 +85,7 @@ def score_recording(
     ----------
     folder : Path
         Recording.
-    lab : Lab
+    lab : RigDescription
         Mechanism and tool.
     tracker : Tracker
         Tracker of the images; a recording of points does not use it.

@@ -15,7 +15,7 @@ from rcmservo.safety.checks.facts import DetailFacts, TickFacts, has_frame
 from rcmservo.safety.thresholds import Thresholds
 
 NOT_DROPPED, NOT_NEW, INVALID_TIME, DAMAGED = cast(list[DropReason], list(map(int, DropReason)))
-"""Members of `Dropped` in compiled functions."""
+"""Members of `DropReason` in compiled functions."""
 
 NOT_MISSING = cast(DropReason, -1)
 """Result of `missing_reason` while frames arrive."""
@@ -155,7 +155,7 @@ def frame_times_are_invalid(facts: TickFacts) -> bool:
 def missing_reason(facts: TickFacts) -> DropReason:
     """Return the reason why the last frame was dropped; NOT_MISSING while frames arrive."""
     missing = frames_are_missing(facts) and not frames_still_arrive(facts)
-    return facts.observation.dropped if missing else NOT_MISSING
+    return facts.observation.drop_reason if missing else NOT_MISSING
 
 
 @compiled

@@ -40,9 +40,9 @@ def update_drift(
 
     Parameters
     ----------
-    watch : Watch
+    watch : MonitorState
         State of the checks; updated.
-    fit : Prospect
+    fit : ProjectionFit
         Fit of the camera's projection.
     p1 : Floats
         Position of marker 1, (3,) mm.
@@ -50,7 +50,7 @@ def update_drift(
         Markers, (2, 2) raw px; a lost one is replaced by its prediction.
     detected : Floats
         Markers as they were detected, (2, 2) raw px, NaN where lost.
-    shaft : Shaft
+    shaft : ToolStruct
         Tool, which gives the position of marker 2.
     thresholds : Thresholds
         Thresholds of the checks.
@@ -83,7 +83,7 @@ def detect_stuck_markers(
 
     Parameters
     ----------
-    watch : Watch
+    watch : MonitorState
         State of the checks; updated.
     p1 : Floats
         Position of marker 1, (3,) mm.

@@ -18,27 +18,27 @@ class TickFacts(NamedTuple):
 
     Parameters
     ----------
-    seen : ObservationRow
+    observation : ObservationRow
         Observation of this tick.
-    watch : Watch
+    monitor : MonitorState
         State of the checks.
     estimate : Estimate
         Estimate of Ĵ, of the imaged RCM and of the features.
-    tour : Exploring
+    exploration_state : ExplorationState
         State of the exploration.
     progress : TargetProgress
         Progress towards the target.
-    prospect : Prospect
+    fit : ProjectionFit
         Fit of the camera's projection.
     drive_requested : bool
         True if the arm's drive is expected to be on.
     paused : bool
         True if the phase is PAUSED.
-    taught : int
+    target_time : int
         Time at which the target was taught, ns.
     estimator_failed : bool
         True if a user's estimator failed at this tick.
-    rcm : Rcm
+    rcm : RcmStruct
         Mechanism, with marker 1 as the point on its tool.
     period : int
         Time from tick to tick, ns.
@@ -81,9 +81,9 @@ class DetailFacts(NamedTuple):
 
     Parameters
     ----------
-    seen : Observation
+    observation : Observation
         Observation of this tick.
-    watch : Watch
+    monitor : MonitorState
         State of the checks.
     mechanism : Kinematics
         Kinematics of the arm.

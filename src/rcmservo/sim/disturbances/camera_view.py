@@ -32,7 +32,7 @@ class DisturbedView:
     ----------
     camera : SimulatedCamera
         True camera.
-    look : Look
+    look : Appearance
         Undisturbed appearance of the tool.
     schedule : Schedule
         Disturbances with their times.

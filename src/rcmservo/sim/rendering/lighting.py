@@ -33,7 +33,7 @@ CELLS_PER_TILE = TILE_PX // SHADOW_STEP_PX
 
 
 class Lamp(NamedTuple):
-    """Light of a `Look`, as kernels read it.
+    """Light of an `Appearance`, as kernels read it.
 
     Parameters
     ----------

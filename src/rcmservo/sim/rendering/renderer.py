@@ -36,7 +36,7 @@ class Renderer:
     ----------
     optics : CameraModel
         True camera.
-    look : Look
+    look : Appearance
         Appearance of the scene.
     tissue : Tissue
         Plane behind the tool.

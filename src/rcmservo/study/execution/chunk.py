@@ -30,7 +30,7 @@ class ChunkRequest(NamedTuple):
         Seed after the last one.
     package : str
         Version and hash of rcmservo that the worker must have.
-    parcel : ModuleArchive
+    archive : ModuleArchive
         Module of the user-defined estimator; empty for a built-in one.
     """
 
@@ -55,8 +55,8 @@ def run_chunk(request: ChunkRequest) -> list[RowValues]:
     """
     if request.package != identify_package():
         raise PackageMismatch(
-            f"a worker has another rcmservo ({identify_package()}) than this machine ({request.package}): "
-            "install the same version there"
+            f"a worker has another rcmservo ({identify_package()}) than this machine "
+            f"({request.package}): install the same version there"
         )
     cell, servo = _prepare(request.cell, request.archive)
     return [astuple(run_seed(cell, servo, seed)) for seed in range(request.begin, request.end)]

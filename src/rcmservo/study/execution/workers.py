@@ -53,7 +53,7 @@ class PendingTask(NamedTuple):
     ----------
     key : str
         Key that the result is stored by.
-    request : ChunkOrder
+    request : ChunkRequest
         The request.
     losses : int
         Number of workers that died on it.

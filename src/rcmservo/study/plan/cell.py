@@ -50,7 +50,7 @@ class Cell:
         One of ENGINES.
     duration : float
         Length of each closed loop, s.
-    shown : int
+    teaching_frames : int
         Number of frames whose mean is the target.
     """
 

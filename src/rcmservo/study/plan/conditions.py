@@ -44,7 +44,7 @@ class RunConditions(Checked):
         Number of runs in each scene, with different noise.
     duration : float
         Length of each run, s.
-    shown : int
+    teaching_frames : int
         Number of frames whose mean is the target: 300 frames last 5 s.
     engine : str
         auto: the compiled plant if it supports the runs, otherwise MuJoCo. Or compiled, mujoco, or

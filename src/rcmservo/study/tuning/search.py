@@ -98,7 +98,7 @@ class SearchTrial(NamedTuple):
     ----------
     number : int
         Number of the trial, from 0.
-    values : Values
+    values : MarkerValues
         Values of the varied settings.
     cost : float
         Value of the goal; inf for an invalid combination of settings.

@@ -32,7 +32,7 @@ class Fault:
     Parameters
     ----------
     kind : str
-        Kind of the fault, a key of ``KINDS``.
+        Kind of the fault, a key of ``FAULT_KINDS``.
     at : float
         Start in s after the start of the emulator.
     duration : float
