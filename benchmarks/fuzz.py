@@ -276,7 +276,7 @@ def rig_tables() -> list[dict[str, Any]]:
     look = {
         key: value for key, value in asdict(Appearance()).items() if not key.startswith("marker_")
     }
-    both = {**simulated, "look": look}
+    both = {**simulated, "appearance": look}
     tools = (
         {"kind": "rigid", "spacing": 30.0, "offset": 0.0},
         {"kind": "scaled", "scale": 1.3, "offset": 1.0},
@@ -347,7 +347,7 @@ def try_rig(path: Path) -> None:
         "thresholds": asdict(lab.thresholds),
         "camera": camera,
         "drive": asdict(settings.drive),
-        "look": asdict(settings.appearance),
+        "appearance": asdict(settings.appearance),
         "scene": asdict(settings.scene),
     }
     usual = {"mechanism": asdict(MECHANISMS[lab.mechanism.name]().limits), **DEFAULTS}  # pyright: ignore[reportCallIssue]

@@ -69,22 +69,22 @@ FAULTS = (
     Fault(
         "watchdog accepts expired commands",
         "safety/watchdog.py",
-        "in_time = now <= command.deadline <= now + self.patience",
-        "in_time = command.deadline <= now + self.patience",
+        "in_time = now <= command.deadline <= now + self.timeout",
+        "in_time = command.deadline <= now + self.timeout",
         "safety/test_watchdog.py",
     ),
     Fault(
         "sign of the prediction for the present joints",
         "servo/compute_command.py",
-        "e.ahead[i] = e.delta[i] - (J[i, 0] * x",
-        "e.ahead[i] = e.delta[i] + (J[i, 0] * x",
+        "predicted[i] = estimate.delta[i] - (J[i, 0] * x",
+        "predicted[i] = estimate.delta[i] + (J[i, 0] * x",
         "servo",
     ),
     Fault(
         "derivative of the features of the line through the imaged RCM",
         "geometry/features.py",
-        "J[2, k] = (1.0 - near) * forward + beside_2 * J[0, k] - J[1, k]",
-        "J[2, k] = (1.0 - near) * forward + beside_2 * J[0, k] + J[1, k]",
+        "J[2, k] = (1.0 - is_marker_1) * direction + normal_2 * J[0, k] - J[1, k]",
+        "J[2, k] = (1.0 - is_marker_1) * direction + normal_2 * J[0, k] + J[1, k]",
         "geometry/test_derivatives.py servo/test_decisions.py",
     ),
     Fault(
@@ -97,8 +97,8 @@ FAULTS = (
     Fault(
         "confidence intervals of 80 instead of 95 %",
         "study/report/statistics.py",
-        "SURE = 0.95",
-        "SURE = 0.80",
+        "CONFIDENCE = 0.95",
+        "CONFIDENCE = 0.80",
         "study/test_statistics.py",
     ),
     Fault(

@@ -21,7 +21,7 @@ def compile_servo() -> None:
     lab = make_laboratory()
     servo = lab.servo(estimator=ESTIMATORS["dlt"])
     servo.warm_up()
-    rs.study.Study(servo, duration=0.1, shown=1).run(0)
+    rs.study.Study(servo, duration=0.1, teaching_frames=1).run(0)
     for estimator in [*ESTIMATORS.values(), rs.AffineEstimator()]:
         if not isinstance(estimator, rs.ProjectionEstimator):
             lab.servo(estimator=estimator).warm_up()
@@ -40,7 +40,7 @@ def compile_images() -> None:
     lab = make_laboratory()
     servo = lab.servo(estimator=ESTIMATORS["fast"])
     servo.warm_up()
-    rs.study.Study(servo, duration=0.1, shown=1).run(0)
+    rs.study.Study(servo, duration=0.1, teaching_frames=1).run(0)
     lab.servo(estimator=ESTIMATORS["fast"], tool=TOOLS["scaled"]).warm_up()
 
 

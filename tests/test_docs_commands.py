@@ -40,7 +40,7 @@ SECTIONS: dict[str, list[type[Any]]] = {
     "arm": list(ARM_KINDS.values()),
     "camera": [CameraSection, *CAMERA_KINDS.values()],
     "drive": [Drive],
-    "look": [Appearance],
+    "appearance": [Appearance],
     "scene": [SceneSettings],
 }
 """Classes of every section of a rig file."""

@@ -64,7 +64,7 @@ def test_a_live_result_has_its_cause_its_folder_and_the_loop_timing() -> None:
 
 def test_a_hardware_result_has_its_drive_its_camera_and_its_speed() -> None:
     camera = CameraStatistics(100, 2, 1, 3, trouble="no whole frame has come for 2 s")
-    text = printed(drive_off="axis B", camera=camera, speed_share=0.1, rig_checked=False)
+    text = printed(drive_off="axis B", camera=camera, speed_scale=0.1, rig_checked=False)
     for words in (
         "arm axis B",
         "100 frames, 2 lost, 1 incomplete, reopened 3 x; exposure times unchecked; no whole",

@@ -24,7 +24,7 @@ SECTIONS: dict[str, type[Any]] = {
     "markers": MarkerAppearance,
     "camera": CameraSection,
     "drive": Drive,
-    "look": Appearance,
+    "appearance": Appearance,
     "scene": SceneSettings,
 }
 ARBITRARY_VALUES = st.one_of(
@@ -148,7 +148,7 @@ def test_a_tool_of_another_kind_does_not_inherit_the_built_in_values() -> None:
         ("thresholds", {"silences": 0.1}, "silence"),
         ("camera", {"widths": 640}, "width"),
         ("drive", {"delays": 0.1}, "delay"),
-        ("look", {"lights": 1.0}, "light"),
+        ("appearance", {"lights": 1.0}, "light"),
         ("scene", {"travels": 1.0}, "travel"),
         ("arm", {"kind": "galil", "adress": "127.0.0.1"}, "address"),
         ("arm", {"adress": "127.0.0.1"}, "address"),

@@ -57,7 +57,7 @@ def begun(rcm, q, now=0, least_room=MIN_ROOM, **choices):
 def sides_of_round(state, rcm, number, **choices):
     """Return the sides of round `number`, counted from 0."""
     rows = state.rows.copy()
-    rows["visits"] = number * len(CORNERS)
+    rows["visited_corners"] = number * len(CORNERS)
     set_round(rows[0], rcm.rcm(), MAX_RATES, 0.0, to_row(Exploration(**choices))[0])
     return ExplorationState(rows).sides
 
@@ -148,7 +148,7 @@ def drive_exploration(rcm, q, visits, dt=0.01):
             break
         if is_at_next_corner(state.rows[0], q):
             reached.append(q)
-            state.rows["visits"] += 1
+            state.rows["visited_corners"] += 1
             if state.visited_corners % len(CORNERS) == 0:
                 set_round(state.rows[0], rcm.rcm(), MAX_RATES, 0.0, parameters)
             set_next_corner(state.rows[0])

@@ -98,7 +98,7 @@ class CrtkLab:
         self.device = CrtkDevice(
             self.joints, LIMITS, self.network.endpoint("device"), "PSM1", self.now, self.real
         )
-        self.settings = CrtkSettings("PSM1", **({"answer_within": 0.1} | settings))
+        self.settings = CrtkSettings("PSM1", **({"reply_timeout": 0.1} | settings))
 
     def real(self) -> int:
         return EPOCH + self.now

@@ -327,7 +327,7 @@ def test_an_arm_without_recent_reports_gets_zero_speed(monkeypatch: pytest.Monke
         ({"signs": (1.0, float("nan"), 1.0)}, "arm.signs"),
         ({"lead": (0.1, 0.1, 0.0)}, "arm.lead"),
         ({"lead": (0.1, 0.1, float("nan"))}, "arm.lead"),
-        ({"answer_within": float("inf")}, "arm.answer_within"),
+        ({"reply_timeout": float("inf")}, "arm.reply_timeout"),
     ],
 )
 def test_invalid_settings_are_reported_with_their_field(change: dict[str, Any], field: str) -> None:

@@ -82,7 +82,7 @@ def test_a_start_replaces_the_settings_and_program_of_others() -> None:
         acceleration=(1.0, 1.0, 100.0),
         deceleration=(1.0, 1.0, 100.0),
         following_error=(0.5, 0.5, 50.0),
-        patience=0.05,
+        command_timeout=0.05,
     )
     limits = JointLimits((-2.0, -2.0, -10.0), (2.0, 2.0, 300.0))
     rig.new_session(edited, limits).define(HOME)

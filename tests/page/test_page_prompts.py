@@ -34,7 +34,7 @@ class Page:
         self.notes: list[str] = []
         self.defined: Any = None
         clock: Any = SimpleNamespace(now=lambda: self.now, wait_until=self._wait)
-        self.plant: Any = SimpleNamespace(clock=clock, told_to_end=self._poll, arm=self)
+        self.plant: Any = SimpleNamespace(clock=clock, stop_requested=self._poll, arm=self)
 
     def _wait(self, time: int) -> None:
         self.now = max(self.now, time)

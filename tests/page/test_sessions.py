@@ -38,8 +38,8 @@ def sessions(
     *requests: str, needed: dict[int, str] | None = None
 ) -> tuple[SessionLoop, PageChannels, StatusChannel]:
     channels: Any = PageChannels(get_context("spawn"))
-    channels.said = StatusChannel(lambda: [channels.bell.put(one) for one in requests] and None)
-    return SessionLoop(channels, fail, switch_off, needed or {}, fail), channels, channels.said
+    channels.status = StatusChannel(lambda: [channels.stop_requests.send(one) for one in requests] and None)
+    return SessionLoop(channels, fail, switch_off, needed or {}, fail), channels, channels.status
 
 
 def test_a_stop_is_reported_at_once_and_can_be_cleared_later() -> None:

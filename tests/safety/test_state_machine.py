@@ -78,7 +78,7 @@ def modes(draw):
 
 
 def strength(mode):
-    return WEAKEST_TO_STRONGEST.index(mode.phase), -mode.share
+    return WEAKEST_TO_STRONGEST.index(mode.phase), -mode.speed_scale
 
 
 one_more_cause = given(modes(), some_causes, causes, signs, requests, times)
@@ -189,7 +189,7 @@ def test_the_first_frames_after_enabling_lead_to_servo():
 
 def test_ticks_without_an_accepted_frame_or_an_estimate_do_not_count():
     mode = Mode(Phase.ACQUIRE)
-    for sign in (NORMAL._replace(good=False), NORMAL._replace(ready=False)):
+    for sign in (NORMAL._replace(frame_accepted=False), NORMAL._replace(has_estimate=False)):
         for now in range(3 * GOOD_TO_SERVO):
             mode = transition(mode, [], sign, Request.NONE, now)
         assert mode == Mode(Phase.ACQUIRE)

@@ -289,7 +289,7 @@ def planned(v, scene, shaft):
     )
     rcm = kinematics.RcmStruct(0, 2.0, *limits)
     q = kinematics.compute_joints(rcm, p1)
-    tour = exploration.ExplorationState.of(home=q, goal=q, sides=[0.03, 0.03, 2.5], visits=3)
+    tour = exploration.ExplorationState.of(start_joints=q, next_corner=q, sides=[0.03, 0.03, 2.5], visited_corners=3)
     exploration_planning.plan_corner(tour.rows[0], v, rcm, shaft, q, scene.target, 9.0)
     assert not np.array_equal(tour.next_corner, q)
     return {
@@ -432,11 +432,11 @@ def resetting():
     causes = Cause.AGEING, Cause.STALE, Cause.CAMERA_MOVED, Cause.ARM_SILENT
     for phase in range(len(PHASES)):
         for request in range(len(REQUESTS)):
-            d = ModeStruct.of(phase=phase, cause=Cause.LATE.code, good=20, since=1)
+            d = ModeStruct.of(phase=phase, cause=Cause.LATE.code, accepted_frames=20, since=1)
             for found in (0, *(cause.bit for cause in causes)):
                 signs = TransitionInputs(True, True, True, phase > 1)
                 state_machine.advance_mode(d.rows[0], found, signs, request, 5, t)
-            out[f"mode {phase} {request}"] = [d.phase, d.cause, d.since, d.good, d.asks]
+            out[f"mode {phase} {request}"] = [d.phase, d.cause, d.since, d.accepted_frames, d.action]
     places = {"p1": P, "points": np.array([[300.0, 200.0], [250.0, 150.0]]), "o_c": 90.0}
     for name, change in {
         "reset": lambda stored: reset.reset_estimation_except_markers(stored.rows[0]),
@@ -449,9 +449,9 @@ def resetting():
         ),
     }.items():
         stored = StoredState.of(
-            watch=MonitorState.of(believed=3, rejected=2),
+            monitor=MonitorState.of(accepted_frame=3, rejected_frames=2),
             estimate=Estimate.of(J_hat=1.0, exposure=4, **places),
-            tour=ExplorationState.of(done=True, visits=4),
+            exploration_state=ExplorationState.of(is_done=True, visited_corners=4),
             decision=Decision.of(command=gate.CommandStruct.of(number=5, rates=1.0, enabled=True)),
         )
         answer = change(stored)

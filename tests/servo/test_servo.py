@@ -205,8 +205,8 @@ def test_accepted_frames_lead_from_hold_through_acquire_to_servo(t):
         entered.setdefault(after.phase, after.newest_frame)
     assert entered == {
         Phase.HOLD: entered[Phase.HOLD],
-        Phase.ACQUIRE: hidden + t.good_to_recover,
-        Phase.SERVO: hidden + t.good_to_recover + t.good_to_servo,
+        Phase.ACQUIRE: hidden + t.frames_to_recover,
+        Phase.SERVO: hidden + t.frames_to_recover + t.frames_to_servo,
     }
     assert after.cause is Cause.NONE and after.command.rates.any()
 
@@ -954,7 +954,7 @@ def test_a_camera_moved_during_a_pause_does_not_disturb_the_new_exploration(seed
 
     *_, (observation, state) = lab.run(servo, 3.0, state, panned)
     moved = observation.points - lab.plant.read().points
-    lab.target = replace(lab.target, points=lab.target.points + moved, shown=observation.now)
+    lab.target = replace(lab.target, points=lab.target.points + moved, taught_at=observation.now)
     state = servo.step(
         state, replace(observation, now=observation.now + 10_000_000), lab.target, Request.RESUME
     )
@@ -1091,7 +1091,7 @@ def test_eq_16_as_printed_uses_the_last_lines():
 def test_a_threshold_sets_the_distance_of_rejected_positions_that_agree(agreement, steady):
     """The positions differ by 5 px, and a marker may jump by 3 px."""
     t = to_row(Thresholds(jump_agreement=agreement))[0]
-    watch, points = MonitorState.of(rejected=1, elsewhere=0.0), np.array([[3.0, 4.0], [3.0, 4.0]])
+    watch, points = MonitorState.of(rejected_frames=1, rejected_markers=0.0), np.array([[3.0, 4.0], [3.0, 4.0]])
     assert markers_stay(watch.rows[0], points, t) == steady
 
 

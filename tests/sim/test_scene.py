@@ -113,7 +113,7 @@ def test_a_target_taught_during_the_pause_is_accepted():
     lab.rig.relocate_camera()
     *_, held = run(lab.plant, servo, lab.target, 1.0, state=there.state)
     assert held.state.cause is Cause.CAMERA_MOVED
-    fresh = replace(lab.target, points=lab.target.points + 1.0, shown=held.observation.now)
+    fresh = replace(lab.target, points=lab.target.points + 1.0, taught_at=held.observation.now)
     state, observation = held.state, held.observation
     for recorded, request in ((False, Request.NONE), (True, Request.RESUME)):
         observation = replace(

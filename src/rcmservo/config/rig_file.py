@@ -25,7 +25,7 @@ from rcmservo.tracking import MarkerAppearance
 
 MAX_RIG_FILE_BYTES = 64 * 1024
 DEVICE_SECTIONS = ("arm", "camera")
-SIMULATION_SECTIONS = ("camera", "drive", "look", "scene")
+SIMULATION_SECTIONS = ("camera", "drive", "appearance", "scene")
 """A [camera] with the key `kind` is a device; without it, it describes a simulated camera."""
 
 Section = TypeVar("Section")

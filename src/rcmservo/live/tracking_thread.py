@@ -100,7 +100,7 @@ class TrackingThread:
     def wait_for(self, frames: int, timeout_s: float) -> None:
         """Wait until a number of frames are tracked, or until the camera is silent.
 
-        The camera counts as silent if it delivers no frame for ``patience`` s. The first frames
+        The camera counts as silent if it delivers no frame for ``timeout_s`` s. The first frames
         take long, because the tracker is compiled for them.
         """
         tracked, since = 0, self._clock.now()

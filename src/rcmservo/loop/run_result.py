@@ -105,7 +105,7 @@ class LoopTiming:
     ticks : int
         Number of ticks.
     late : int or None
-        Number of ticks that began later than `Thresholds.late_share` of a period.
+        Number of ticks that began later than `Thresholds.late_tick_fraction` of a period.
     longest_ms : float or None
         Longest time between two ticks; None for fewer than two ticks.
     missed : int or None

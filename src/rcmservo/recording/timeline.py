@@ -11,7 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rcmservo.config.former_names import with_present_names
 from rcmservo.config.servo_json import rebuild_part
+from rcmservo.config.texts import is_table
 from rcmservo.errors import BadInput
 from rcmservo.geometry.kinematics import compute_position
 from rcmservo.interfaces import DropReason, Floats
@@ -141,7 +143,7 @@ def read_rate(record: Record) -> float:
 
 def _late_fraction(record: Record) -> float:
     """Return the fraction of the period by which a tick may be late and still count as punctual."""
-    value = _setting(record, "thresholds", "late_share")
+    value = _setting(record, "thresholds", "late_tick_fraction")
     return value if value > 0.0 else Thresholds.late_tick_fraction
 
 
@@ -149,7 +151,7 @@ def _setting(record: Record, *names: str) -> float:
     """Return a setting of the last stage's servo; NaN if it is not recorded as a number."""
     value: Any = record.stages[-1].servo if record.stages else None
     for name in names:
-        value = value.get(name) if isinstance(value, dict) else None  # pyright: ignore[reportUnknownVariableType, reportUnknownMemberType]
+        value = with_present_names(value, names).get(name) if is_table(value) else None
     return float(value) if isinstance(value, float) else math.nan
 
 

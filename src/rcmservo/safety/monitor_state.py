@@ -202,7 +202,7 @@ def monitor_rest(watch: MonitorState, observation: ObservationRow, thresholds: T
 def monitor_frame(watch: MonitorState, observation: ObservationRow, thresholds: Thresholds) -> None:
     """Update the latency and the low-pass filtered frame period with a new frame.
 
-    A gap between frames enters the period only up to `stale_slow` periods.
+    A gap between frames enters the period only up to `max_frame_age_slow` periods.
     """
     frame, exposure = observation.frame, observation.exposure
     if watch.newest_frame >= 0:

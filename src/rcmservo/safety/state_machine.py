@@ -222,7 +222,7 @@ def advance_mode(
 @compiled
 def set_mode(mode: ModeStruct, phase: int, cause: int, since: int, good: int, action: int) -> None:
     """Set all fields of the mode."""
-    mode.phase, mode.cause, mode.since, mode.good, mode.asks = phase, cause, since, good, action
+    mode.phase, mode.cause, mode.since, mode.accepted_frames, mode.action = phase, cause, since, good, action
 
 
 @compiled
@@ -247,7 +247,7 @@ def enter_fault(mode: ModeStruct, cause: int, now: int) -> None:
 def jog(mode: ModeStruct, now: int) -> None:
     """Enter JOG or stay there."""
     mode.since = mode.since if mode.phase == JOG else now
-    mode.phase, mode.cause, mode.good, mode.asks = JOG, 0, 0, ACTION_SLOW
+    mode.phase, mode.cause, mode.accepted_frames, mode.action = JOG, 0, 0, ACTION_SLOW
 
 
 @compiled
@@ -292,7 +292,7 @@ def advance(
     mode: ModeStruct, cause: int, signs: TransitionInputs, now: int, thresholds: Thresholds
 ) -> None:
     """Advance from HOLD through ACQUIRE to SERVO by counting accepted frames."""
-    good, action = mode.good + int(signs.frame_accepted), ACTIONS[cause]
+    good, action = mode.accepted_frames + int(signs.frame_accepted), ACTIONS[cause]
     if mode.phase == HOLD:
         if now - mode.since > thresholds.hold_time * 1e9:
             set_mode(mode, PAUSED, mode.cause, now, 0, ACTION_PAUSE)
@@ -305,5 +305,5 @@ def advance(
             set_mode(mode, SERVO, cause, now, 0, action)
         else:
             set_mode(mode, ACQUIRE, cause, mode.since, good if signs.has_estimate else 0, action)
-    elif mode.cause != cause or mode.asks != action:
+    elif mode.cause != cause or mode.action != action:
         set_mode(mode, SERVO, cause, mode.since, 0, action)

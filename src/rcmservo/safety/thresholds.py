@@ -38,7 +38,7 @@ class Thresholds(Checked, section="thresholds"):
         slowly (`AGEING`).
     max_frame_age_hold : float
         Age of the newest frame since its arrival, in frame periods, from which on the tool holds
-        still (`STALE`); not below ``stale_slow``.
+        still (`STALE`); not below ``max_frame_age_slow``.
     initial_frame_period : float
         Frame period that is assumed until a second frame arrives, s.
     max_latency : float
@@ -173,7 +173,7 @@ class Thresholds(Checked, section="thresholds"):
     Raises
     ------
     BadInput
-        If a threshold is outside its range, or ``stale_hold`` is below ``stale_slow``.
+        If a threshold is outside its range, or ``max_frame_age_hold`` is below ``max_frame_age_slow``.
     """
 
     name = "thresholds"
@@ -248,5 +248,5 @@ class Thresholds(Checked, section="thresholds"):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        expected = "a number of frame periods not below stale_slow"
-        self.require(self.max_frame_age_hold >= self.max_frame_age_slow, "stale_hold", expected)
+        expected = "a number of frame periods not below max_frame_age_slow"
+        self.require(self.max_frame_age_hold >= self.max_frame_age_slow, "max_frame_age_hold", expected)

@@ -23,7 +23,7 @@ class Watchdog:
 
     Parameters
     ----------
-    patience : int
+    timeout : int
         Timeout in ns, positive.
 
     Attributes
@@ -47,7 +47,7 @@ class Watchdog:
     """
 
     def __init__(self, timeout: int = WATCHDOG_TIMEOUT_NS) -> None:
-        positive("time in ns").require("patience", timeout)
+        positive("time in ns").require("timeout", timeout)
         self.timeout = timeout
         self.enabled = False
         self.rates: Floats = np.zeros(3)

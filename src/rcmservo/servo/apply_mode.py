@@ -108,7 +108,7 @@ def bound_rates(tick: TickContext) -> bool:
     """
     stored, now, gate = tick.stored, tick.observation.now, tick.parameters.gate
     decision, rcm = stored.decision, rcm_struct_of(tick.parameters)
-    scale = speed_scale(decision.mode.phase, decision.mode.asks)
+    scale = speed_scale(decision.mode.phase, decision.mode.action)
     if not scale > 0.0:
         request_rest(decision)
     if decision.mode.phase in (FAULT, DISABLED):

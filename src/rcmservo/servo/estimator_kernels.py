@@ -22,14 +22,14 @@ declared: Any = partial(overload, strict=False)
 
 @declared(update_estimator)
 def _update_estimator(kernel: Any, memory: Any, tick: Any, dt: Any) -> Any:
-    update: Any = UPDATES[kernel.instance_class.places_rcm]
+    update: Any = UPDATES[kernel.instance_class.estimates_rcm]
     return update.py_func
 
 
 @declared(empty_memory)
 def _empty_memory(kernel: Any, memory: Any) -> Any:
-    if kernel.instance_class.places_rcm:
-        return kernel.instance_class.empty.py_func
+    if kernel.instance_class.estimates_rcm:
+        return kernel.instance_class.reset.py_func
     with_lines: Any = empty_with_lines
     return with_lines.py_func
 
@@ -41,4 +41,4 @@ def _run_kernel(kernel: Any, memory: Any, sample: Any, fit: Any, result: Any) ->
 
 @declared(empty_own_memory)
 def _empty_own(kernel: Any, memory: Any) -> Any:
-    return kernel.instance_class.empty.py_func
+    return kernel.instance_class.reset.py_func

@@ -116,12 +116,12 @@ def update_estimator(kernel: Any, memory: Any, tick: TickContext, dt: float) -> 
     tuple
         Memory of the estimator; FRAME_UPDATES if it computed a result, else FRAME_ACCEPTED.
     """
-    return UPDATES[kernel.places_rcm](kernel, memory, tick, dt)
+    return UPDATES[kernel.estimates_rcm](kernel, memory, tick, dt)
 
 
 def empty_memory(kernel: Any, memory: Any) -> Any:
     """Return the memory of the estimator before the first frame."""
-    return (empty_own_memory if kernel.places_rcm else empty_with_lines)(kernel, memory)
+    return (empty_own_memory if kernel.estimates_rcm else empty_with_lines)(kernel, memory)
 
 
 def run_kernel(kernel: Any, memory: Any, sample: KernelSample, fit: Any, result: Any) -> Any:
@@ -131,9 +131,9 @@ def run_kernel(kernel: Any, memory: Any, sample: KernelSample, fit: Any, result:
 
 
 def empty_own_memory(kernel: Any, memory: Any) -> Any:
-    """Call `empty` of the kernel's class and return the estimator's memory."""
-    empty = cast(Any, type(kernel)).empty
-    return empty(kernel, memory)
+    """Call `reset` of the kernel's class and return the estimator's memory."""
+    reset = cast(Any, type(kernel)).reset
+    return reset(kernel, memory)
 
 
 declare_in("rcmservo.servo.estimator_kernels")

@@ -1,4 +1,4 @@
-"""Sections of a rig file that only the simulation reads: [camera], [drive], [look] and [scene]."""
+"""Sections of a rig file that only the simulation reads: [camera], [drive], [appearance] and [scene]."""
 
 from dataclasses import dataclass, fields
 from typing import Any, cast
@@ -37,7 +37,7 @@ def read_rig_settings(lab: RigDescription) -> RigSettings:
         tool=lab.tool,
         drive=lab.simulation_settings("drive", Drive),
         timing=Timing(**_values(camera, Timing)),
-        appearance=lab.simulation_settings("look", Appearance, **_marker_appearance(lab)),
+        appearance=lab.simulation_settings("appearance", Appearance, **_marker_appearance(lab)),
         scene=lab.simulation_settings("scene", SceneSettings),
         **_values(camera, Picture),
     )

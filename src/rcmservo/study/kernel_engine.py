@@ -145,7 +145,7 @@ def reset_plant_and_observation(plant: PlantStruct, observation: ObservationRow,
     """Reset the plant at the time `now` (ns), and the observation to the one before any frame."""
     reset_plant(plant, now)
     observation.frame, observation.exposure, observation.arrival = -1, 0, 0
-    observation.dropped, observation.recorded = NOT_DROPPED, True
+    observation.drop_reason, observation.recorded = NOT_DROPPED, True
     fill(observation.q_exposure, np.nan)
     fill(observation.points, np.nan)
 

@@ -60,7 +60,7 @@ class SimulationLoop:
 
     def __init__(self, laboratory: "SimulationEngine", seed: int, repetition: int) -> None:
         engine = self._engine = laboratory
-        self.trial = draw_trial(seed, repetition, engine.settings, engine.duration, engine.shown)
+        self.trial = draw_trial(seed, repetition, engine.settings, engine.duration, engine.teaching_frames)
         scene = self.trial.scene
         self.rig = Rig(seed, engine.settings, engine.pictures, engine.disturbances, scene)
         tracker = ColourMarkers(engine.appearance) if engine.pictures else PointMarkers()
@@ -75,7 +75,7 @@ class SimulationLoop:
         rig = self.rig
         if self._engine.pictures:
             rig.move_to_target()
-            target = teach(self.plant, self._engine.shown)
+            target = teach(self.plant, self._engine.teaching_frames)
             rig.move_to_start()
             return target
         rig.clock.wait_until(FIRST_TICK_NS)
@@ -127,7 +127,7 @@ class SimulationEngine(Checked):
         The simulated laboratory.
     duration : float
         Length of each closed loop, s.
-    shown : int
+    teaching_frames : int
         Number of frames whose mean is the target.
     disturbances : Sequence[Disturbance]
         Disturbances of every run.
@@ -140,7 +140,7 @@ class SimulationEngine(Checked):
     servo: Servo
     settings: RigSettings = field(default_factory=RigSettings)
     duration: Annotated[float, positive("time in s")] = 15.0
-    shown: Annotated[int, FRAME_COUNT] = TEACHING_FRAMES
+    teaching_frames: Annotated[int, FRAME_COUNT] = TEACHING_FRAMES
     disturbances: Sequence[Disturbance] = ()
     pictures: bool = False
     appearance: MarkerAppearance = field(default_factory=MarkerAppearance)
@@ -164,7 +164,7 @@ class SimulationEngine(Checked):
 
     def _make_idle_run(self, seed: int, repetition: int) -> StudyRun:
         """Return the outcome of a run in which the arm never leaves the start."""
-        given = draw_trial(seed, repetition, self.settings, self.duration, self.shown)
+        given = draw_trial(seed, repetition, self.settings, self.duration, self.teaching_frames)
         scene, rate = given.scene, self.servo.rate
         deviation: Floats = scene.body.points(scene.start)[1] - given.goal.p2
         error = float(np.linalg.norm(deviation))
@@ -181,4 +181,4 @@ class SimulationEngine(Checked):
         if self.pictures:
             return float("nan")
         frames = count_frames(self.settings, self.duration)
-        return bound(scene, self.settings.point_noise, frames, self.shown).rms
+        return bound(scene, self.settings.point_noise, frames, self.teaching_frames).rms

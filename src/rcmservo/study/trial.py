@@ -43,7 +43,7 @@ def count_frames(settings: RigSettings, duration: float) -> int:
 
 
 def draw_trial(
-    seed: int, repetition: int, settings: RigSettings, duration: float, shown: int
+    seed: int, repetition: int, settings: RigSettings, duration: float, teaching_frames: int
 ) -> StudyTrial:
     """Draw the scene of `Rig(seed)`, and the noise of a repetition.
 
@@ -57,7 +57,7 @@ def draw_trial(
         The simulated laboratory.
     duration : float
         Length of the closed loop, s.
-    shown : int
+    teaching_frames : int
         Number of frames whose mean is the target.
     """
     not_negative("whole number").require("repetition", repetition)
@@ -66,7 +66,7 @@ def draw_trial(
         source = np.random.SeedSequence(seed, spawn_key=(NOISE_SEED_CHILD, repetition - 1))
         random = np.random.default_rng(source)
     sigma, markers = settings.point_noise, scene.body.points(scene.target)[:2]
-    mean_noise = random.standard_normal((2, 2)) / np.sqrt(shown)
+    mean_noise = random.standard_normal((2, 2)) / np.sqrt(teaching_frames)
     points = scene.optics.project(markers) + sigma * mean_noise
     noise = sigma * random.standard_normal((count_frames(settings, duration), 2, 2))
     q = settings.drive.measured(scene.target)

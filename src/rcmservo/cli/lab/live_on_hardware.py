@@ -103,7 +103,7 @@ def live_on_hardware(
         rig=str(options.rig),
         rig_sha256=options.digest,
         rig_checked=speed_scale == 1.0,
-        speed_share=speed_scale,
+        speed_scale=speed_scale,
     )
     return save_result(result, read_record_if_any(folder), folder)
 
@@ -133,8 +133,8 @@ def motion_announcement(options: RunToTargetOptions, servo: Servo, speed_scale: 
     return (
         f"Once the drive is on, the servo moves the arm for at most {options.duration:g} s: first "
         f"a short distance around its start, at most {servo.exploration.max_leg_length:g} mm "
-        f"between two corners of the path of marker 1, and then to the target. {limits} Ctrl-C stops the arm; "
-        "keep the emergency stop within reach."
+        f"between two corners of the path of marker 1, and then to the target. {limits} "
+        "Ctrl-C stops the arm; keep the emergency stop within reach."
     )
 
 

@@ -88,7 +88,7 @@ def simulate(
         real_time_factor=None if result.duration_s is None else result.duration_s / took,
         resumed=operator.resumed,
         refused=operator.refused,
-        shown_again=operator.taught,
+        taught_again=operator.taught,
         not_recorded=recorder.failed,
         not_filmed=video.failed if video is not None else "",
     )

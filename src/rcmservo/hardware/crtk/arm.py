@@ -235,7 +235,7 @@ class CrtkArm:
             if self._in_control:
                 self._give_up_control("")
             if self._switching_off:
-                timeout = self.settings.answer_within
+                timeout = self.settings.reply_timeout
                 off = self._changed.wait_for(lambda: not self._received.is_powered, timeout)
                 self._overdue = not off
         self._closing.set()
@@ -348,7 +348,7 @@ class CrtkArm:
 
     def _wait_for(self, condition: Callable[[], bool], problem: str) -> None:
         """Wait for a condition, or raise `NotReady` with the problem."""
-        if not self._changed.wait_for(condition, self.settings.answer_within):
+        if not self._changed.wait_for(condition, self.settings.reply_timeout):
             raise NotReady(f"{self._name} {problem}{self._last_warning}")
 
     def _is_valid(self, command: Command) -> bool:

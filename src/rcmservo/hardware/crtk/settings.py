@@ -55,7 +55,7 @@ class CrtkSettings(RosConnection, section="arm"):
     jv : bool
         True to send speeds (servo_jv) instead of positions. Only for an arm that `rig check` has
         observed to stop by itself without commands.
-    answer_within : float
+    reply_timeout : float
         Time limit for the arm to execute a state command, s.
     """
 
@@ -66,7 +66,7 @@ class CrtkSettings(RosConnection, section="arm"):
     signs: Annotated[Triple, SIGNS] = (1.0, 1.0, 1.0)
     max_lead: Annotated[Triple, LEAD] = (0.1, 0.1, 10.0)
     jv: bool = False
-    answer_within: Annotated[float, between(0.1, 30.0, "a time", "s")] = 2.0
+    reply_timeout: Annotated[float, between(0.1, 30.0, "a time", "s")] = 2.0
 
     @property
     def wiring(self) -> Wiring:

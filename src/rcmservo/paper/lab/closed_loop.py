@@ -48,7 +48,7 @@ FAST_FIT = ProjectionEstimator()
 EQUAL_ROUNDS = Exploration(leg_time=1.0, speed_scale=0.12, growth=1.0, max_time=60.0)
 """Exploration in equal rounds at about 30 mm/s with `FAST_ARM`; `reach` alone sets their size."""
 
-PROJECTION_EXPLORATION = replace(EQUAL_ROUNDS, reach=17.0, legs=8)
+PROJECTION_EXPLORATION = replace(EQUAL_ROUNDS, max_leg_length=17.0, min_corners=8)
 """Exploration for the printed fit: ten noisy observations of one marker need two rounds of 17
 mm."""
 
@@ -67,7 +67,7 @@ imaged tool can rotate by 40° within the image.
 FLOW_ESTIMATOR = FlowEstimator(gamma=0.001)
 """The paper's flow-based estimator."""
 
-FLOW_EXPLORATION = replace(EQUAL_ROUNDS, reach=12.0, legs=60, tolerance=0.2)
+FLOW_EXPLORATION = replace(EQUAL_ROUNDS, max_leg_length=12.0, min_corners=60, tolerance=0.2)
 """Exploration for the flow rule, which converges as 1 − exp(−γ v L): about 20 s of motion."""
 
 PAPER_METHODS: dict[str, tuple[Estimator, Exploration]] = {
@@ -92,7 +92,7 @@ AVERAGED_FRAMES = 30
 
 def remove_limits(exploration: Exploration) -> Exploration:
     """Return the same exploration without a limit on legs and time."""
-    return replace(exploration, legs=1000, max_time=1e6)
+    return replace(exploration, min_corners=1000, max_time=1e6)
 
 
 def read_task_record(folder: Path) -> reader.Record:

@@ -6,14 +6,15 @@ that have changed.
 
 import json
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Annotated
 
 from rcmservo.config import texts
 from rcmservo.config.atomic_files import read_limited, write_atomically
+from rcmservo.config.former_names import with_present_names
 from rcmservo.config.registry import KIND_KEY
-from rcmservo.config.rig_file import METHOD_PARTS
+from rcmservo.config.rig_file import METHOD_PARTS, SIMULATION_SECTIONS
 from rcmservo.config.strict_decoding import decode_settings
 from rcmservo.config.texts import Table, is_table
 from rcmservo.constraints import Checked, Limit, not_empty
@@ -107,6 +108,8 @@ def read_manifest(folder: Path) -> StudyManifest | None:
         if is_table(table):
             form = table.pop("format", None)
             require(form == FORMAT, "study.format", form, FORMAT)
+            if isinstance(table.get("cells"), list):
+                table["cells"] = [_with_present_names(cell) for cell in table["cells"]]
         note = decode_settings(StudyManifest, table, "study")
         for i, cell in enumerate(note.cells):
             _require_usable(cell, f"study.cells[{i}]")
@@ -114,6 +117,16 @@ def read_manifest(folder: Path) -> StudyManifest | None:
     except (ValueError, RecursionError) as error:
         reason = f"is not a manifest of `rcmservo study` ({one_line(error)}): name a new folder"
         raise UnusableFile(path, reason) from error
+
+
+def _with_present_names(cell: object) -> object:
+    """Return a cell of an earlier version with the present names of its settings and sections."""
+    if not is_table(cell):
+        return cell
+    present = with_present_names(cell, [f.name for f in fields(Cell)])
+    if is_table(sections := present.get("tables")):
+        present["tables"] = with_present_names(sections, SIMULATION_SECTIONS)
+    return present
 
 
 def list_changed_settings(before: StudyManifest, now: StudyManifest) -> list[str]:
@@ -152,7 +165,7 @@ def _list_settings(cell: Cell) -> Iterator[tuple[str, str, object]]:
     yield "repetitions", "", cell.repetition
     yield f"engine of {cell.method}", "", cell.engine
     yield "duration", "", cell.duration
-    yield "shown", "", cell.teaching_frames
+    yield "teaching frames", "", cell.teaching_frames
 
 
 def _flatten_tables(cell: Cell) -> Table:
