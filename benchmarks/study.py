@@ -44,7 +44,9 @@ class Options:
 
 def steps_per_second() -> float:
     """Return the steps per second of CPU time on one core, over LOOPS loops in ten scenes."""
-    study = rs.study.Study(rs.Servo(rs.SphericalRcm(), rs.RigidTool(spacing=30.0)), teaching_frames=SHOWN)
+    study = rs.study.Study(
+        rs.Servo(rs.SphericalRcm(), rs.RigidTool(spacing=30.0)), teaching_frames=SHOWN
+    )
     given = [draw_trial(seed, 0, study.settings, study.duration, SHOWN) for seed in range(10)]
     first = [study.of(seed, *one) for seed, one in enumerate(given)]
     assert max(run.error[-1] for run in first) < 1.0, "a run failed, and its steps are faster"

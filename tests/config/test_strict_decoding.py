@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import rcmservo as rs
-from rcmservo.config import texts
+from rcmservo.config import toml_json_parsing
 from rcmservo.config.strict_decoding import decode_settings
 
 
@@ -105,5 +105,5 @@ def test_an_error_of_the_dataclass_is_reported_once_with_the_path_in_the_file() 
 def test_json_with_a_repeated_key_or_no_finite_number_is_refused() -> None:
     for text in ('{"a": 1, "a": 1}', '{"a": NaN}', '{"a": -Infinity}', '{"a": 1e999}'):
         assert json.loads(text)
-        with pytest.raises(texts.InvalidText):
-            texts.parse_json(text)
+        with pytest.raises(toml_json_parsing.InvalidText):
+            toml_json_parsing.parse_json(text)

@@ -10,7 +10,7 @@ import pytest
 
 import rcmservo as rs
 from rcmservo.cli.cli import main
-from rcmservo.config.user_code import hash_source, import_estimator
+from rcmservo.config.user_estimators import hash_source, import_estimator
 from rcmservo.recording.writer import Recorder
 
 IMPORT_MODULE = importlib.import_module

@@ -38,7 +38,9 @@ def sessions(
     *requests: str, needed: dict[int, str] | None = None
 ) -> tuple[SessionLoop, PageChannels, StatusChannel]:
     channels: Any = PageChannels(get_context("spawn"))
-    channels.status = StatusChannel(lambda: [channels.stop_requests.send(one) for one in requests] and None)
+    channels.status = StatusChannel(
+        lambda: [channels.stop_requests.send(one) for one in requests] and None
+    )
     return SessionLoop(channels, fail, switch_off, needed or {}, fail), channels, channels.status
 
 

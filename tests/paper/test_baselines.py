@@ -14,9 +14,9 @@ from rcmservo.figures import charts
 from rcmservo.paper import baselines
 from rcmservo.paper.baselines import SCENE, SCENE_KINDS, SCENES
 from rcmservo.paper.claims import ClaimRow, judge
-from rcmservo.paper.lab.attempt import Attempt
+from rcmservo.paper.lab.method_statistics import MethodStatistics, run_results
 from rcmservo.paper.lab.methods import COMPARED_METHODS, FAST, EstimatingMethod, UserEstimatorMethod
-from rcmservo.paper.lab.tally import MethodStatistics, run_results
+from rcmservo.paper.lab.scene_run import Attempt
 from rcmservo.paper.plan import Measurement, ReportFigure, Results, Settings, TaskResult
 from rcmservo.paper.store import from_json, to_json
 from rcmservo.safety.causes import Cause

@@ -23,10 +23,10 @@ from rcmservo.paper.lab.closed_loop import (
     make_servo,
     remove_limits,
 )
+from rcmservo.paper.lab.evaluation import laboratory
 from rcmservo.paper.lab.knowledge import parameter_error, parameters_of
 from rcmservo.paper.lab.methods import DEFAULT
 from rcmservo.paper.lab.random_observations import RandomObservations
-from rcmservo.paper.lab.witness import laboratory
 from rcmservo.paper.plan import Settings
 from rcmservo.recording.reader import read_record
 from rcmservo.servo.servo import Servo

@@ -14,7 +14,7 @@ import rcmservo as rs
 from conftest import ROOT, Laboratory
 from rcmservo.cli.export import export_record as export
 from rcmservo.cli.export import record_arrays
-from rcmservo.config.user_code import hash_source, import_estimator
+from rcmservo.config.user_estimators import hash_source, import_estimator
 from rcmservo.recording import estimator_memory, reader
 from rcmservo.recording.replay import replay_record
 from rcmservo.recording.ros2_messages import decode_memory, encode_memory

@@ -59,7 +59,9 @@ def test_some_causes_leave_the_estimate_valid(
 def test_a_detector_needs_only_its_own_facts() -> None:
     limits, late = (
         to_row(Thresholds())[0],
-        replace_fields(initial_monitor_state(), late_ticks=Thresholds.max_late_ticks, tick_interval=1),
+        replace_fields(
+            initial_monitor_state(), late_ticks=Thresholds.max_late_ticks, tick_interval=1
+        ),
     )
     facts = make_tick_facts(watch=late, period=1, thresholds=limits)
     found = [

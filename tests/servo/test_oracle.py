@@ -289,7 +289,9 @@ def planned(v, scene, shaft):
     )
     rcm = kinematics.RcmStruct(0, 2.0, *limits)
     q = kinematics.compute_joints(rcm, p1)
-    tour = exploration.ExplorationState.of(start_joints=q, next_corner=q, sides=[0.03, 0.03, 2.5], visited_corners=3)
+    tour = exploration.ExplorationState.of(
+        start_joints=q, next_corner=q, sides=[0.03, 0.03, 2.5], visited_corners=3
+    )
     exploration_planning.plan_corner(tour.rows[0], v, rcm, shaft, q, scene.target, 9.0)
     assert not np.array_equal(tour.next_corner, q)
     return {
@@ -436,7 +438,13 @@ def resetting():
             for found in (0, *(cause.bit for cause in causes)):
                 signs = TransitionInputs(True, True, True, phase > 1)
                 state_machine.advance_mode(d.rows[0], found, signs, request, 5, t)
-            out[f"mode {phase} {request}"] = [d.phase, d.cause, d.since, d.accepted_frames, d.action]
+            out[f"mode {phase} {request}"] = [
+                d.phase,
+                d.cause,
+                d.since,
+                d.accepted_frames,
+                d.action,
+            ]
     places = {"p1": P, "points": np.array([[300.0, 200.0], [250.0, 150.0]]), "o_c": 90.0}
     for name, change in {
         "reset": lambda stored: reset.reset_estimation_except_markers(stored.rows[0]),

@@ -1091,7 +1091,10 @@ def test_eq_16_as_printed_uses_the_last_lines():
 def test_a_threshold_sets_the_distance_of_rejected_positions_that_agree(agreement, steady):
     """The positions differ by 5 px, and a marker may jump by 3 px."""
     t = to_row(Thresholds(jump_agreement=agreement))[0]
-    watch, points = MonitorState.of(rejected_frames=1, rejected_markers=0.0), np.array([[3.0, 4.0], [3.0, 4.0]])
+    watch, points = (
+        MonitorState.of(rejected_frames=1, rejected_markers=0.0),
+        np.array([[3.0, 4.0], [3.0, 4.0]]),
+    )
     assert markers_stay(watch.rows[0], points, t) == steady
 
 

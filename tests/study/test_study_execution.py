@@ -287,7 +287,11 @@ def test_repetitions_have_the_same_scene_and_other_noise(tmp_path: Path) -> None
 def test_the_key_of_a_chunk_depends_on_all_its_inputs() -> None:
     keys = [compute_chunk_key(chunk) for chunk in make_plan().chunks()]
     assert len(set(keys)) == len(keys) == 6
-    for other in (make_plan(teaching_frames=10), make_plan(noise=(0.4,)), make_plan(scenes=("paper",))):
+    for other in (
+        make_plan(teaching_frames=10),
+        make_plan(noise=(0.4,)),
+        make_plan(scenes=("paper",)),
+    ):
         assert not set(keys) & {compute_chunk_key(chunk) for chunk in other.chunks()}
     text = json.dumps([chunk.cell.text for chunk in make_plan().chunks()])
     assert "/" not in text.replace("://", "")  # no path of this machine

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rcmservo.config import texts
+from rcmservo.config import toml_json_parsing
 from rcmservo.errors import RcmServoError
 from rcmservo.estimation.dlt import DltEstimator
 from rcmservo.estimation.projection_rule import PAPER_PROJECTION_ESTIMATOR
@@ -196,7 +196,9 @@ def test_scenes_that_cannot_be_drawn_raise_an_error_with_name_and_seed(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr("rcmservo.sim.scenes.sampling.MAX_DRAWS", 10)
-    impossible = Distribution("impossible", texts.parse_toml(b"[scene]\ntravel = [900.0, 901.0]"))
+    impossible = Distribution(
+        "impossible", toml_json_parsing.parse_toml(b"[scene]\ntravel = [900.0, 901.0]")
+    )
     cell = StudyPlan(methods=make_plan(StudyFile(), {}).methods, scenes=(impossible,)).cells[0]
     with pytest.raises(NoScene, match="scenes impossible, seed 3: no scene in"):
         run_seed(cell, cell.rebuild_servo({}), 3)

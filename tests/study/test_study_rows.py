@@ -112,7 +112,9 @@ def test_a_run_that_never_began_is_marked() -> None:
 
 def test_a_target_that_cannot_be_taught_ends_its_run_but_not_the_study() -> None:
     """The tracker searches for markers of other colours."""
-    cell = make_small_plan(duration=1.1, teaching_frames=1, engine="pictures", methods=("dlt",)).cells[0]
+    cell = make_small_plan(
+        duration=1.1, teaching_frames=1, engine="pictures", methods=("dlt",)
+    ).cells[0]
     engine = cell.make_engine(0, cell.rebuild_servo({}))
     assert isinstance(engine, SimulationEngine)
     run = replace(engine, appearance=MarkerAppearance("magenta", "cyan")).run(0)

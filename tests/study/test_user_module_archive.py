@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from studies import InProcessPool
 
-from rcmservo.config.user_code import import_estimator
+from rcmservo.config.user_estimators import import_estimator
 from rcmservo.errors import BadInput, RcmServoError
 from rcmservo.study.execution.run_study import StudyExecution
 from rcmservo.study.plan.file import StudyFile, make_plan

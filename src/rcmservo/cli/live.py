@@ -53,7 +53,7 @@ def live(options: LiveOptions) -> int:
 
 def _run_simulated(options: LiveOptions, folder: Path, out: Console) -> RunResult:
     """Run on the simulated lab and save the result."""
-    from rcmservo.cli.simulated_run.about import describe_simulated_run
+    from rcmservo.cli.simulated_run.run_description import describe_simulated_run
     from rcmservo.sim.processes.lab_processes import SimulatedLab
 
     settings, servo, duration = options.rig_settings, options.servo, options.duration

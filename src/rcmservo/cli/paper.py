@@ -11,7 +11,7 @@ from rcmservo.cli.progress.progress import progress, resume_hint
 from rcmservo.cli.servo_options import EstimatorOptions, OptionalEstimator
 from rcmservo.cli.terminal import console
 from rcmservo.config.rig_file import RigDescription
-from rcmservo.config.user_code import hash_source
+from rcmservo.config.user_estimators import hash_source
 from rcmservo.errors import require, require_extra
 from rcmservo.servo.user_estimator import check_estimator
 

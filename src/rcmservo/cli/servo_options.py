@@ -14,7 +14,7 @@ import tyro
 
 from rcmservo.config.registry import ESTIMATORS, PART_CLASSES, PRESETS, Classes
 from rcmservo.config.rig_file import METHOD_PARTS, RigDescription
-from rcmservo.config.user_code import ESTIMATOR_OPTION, import_estimator
+from rcmservo.config.user_estimators import ESTIMATOR_OPTION, import_estimator
 from rcmservo.constraints import Checked
 from rcmservo.errors import BadInput, suggestion
 from rcmservo.estimation.base import Estimator

@@ -14,7 +14,7 @@ from dataclasses import fields, is_dataclass
 from typing import Any, get_type_hints
 
 from rcmservo.config.strict_decoding import decode_settings, expect_one_of, quote_key
-from rcmservo.config.texts import is_table
+from rcmservo.config.toml_json_parsing import is_table
 from rcmservo.errors import BadInput
 from rcmservo.estimation.affine import AffineEstimator
 from rcmservo.estimation.base import Estimator

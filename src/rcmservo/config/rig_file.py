@@ -11,7 +11,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
-from rcmservo.config import texts
+from rcmservo.config import toml_json_parsing
 from rcmservo.config.atomic_files import read_limited
 from rcmservo.config.registry import KIND_KEY, MECHANISMS, PART_CLASSES, decode_kind, find_class
 from rcmservo.config.strict_decoding import decode_settings, expect_one_of, quote_key
@@ -29,7 +29,7 @@ SIMULATION_SECTIONS = ("camera", "drive", "appearance", "scene")
 """A [camera] with the key `kind` is a device; without it, it describes a simulated camera."""
 
 Section = TypeVar("Section")
-Tables = Mapping[str, texts.Table]
+Tables = Mapping[str, toml_json_parsing.Table]
 """Sections of a rig file by name, as undecoded tables."""
 
 
@@ -65,8 +65,8 @@ class RigDescription:
     markers: MarkerAppearance = field(default_factory=default_markers)
     gate: Gate = field(default_factory=Gate)
     thresholds: Thresholds = field(default_factory=Thresholds)
-    devices: Tables = field(default_factory=dict[str, texts.Table])
-    simulation: Tables = field(default_factory=dict[str, texts.Table])
+    devices: Tables = field(default_factory=dict[str, toml_json_parsing.Table])
+    simulation: Tables = field(default_factory=dict[str, toml_json_parsing.Table])
 
     def make_servo(self, **parts: Any) -> Servo:
         """Return a servo for this rig with some `METHOD_PARTS`; the others have their defaults."""
@@ -141,8 +141,8 @@ def read_rig_file(path: Path) -> bytes:
 
 def decode_rig_file(path: Path, data: bytes) -> RigDescription:
     """Return the rig that the bytes of a rig file describe; ``path`` serves error messages."""
-    with texts.name_file_in_errors(path, "TOML"):
-        return decode_rig_tables(texts.parse_toml(data))
+    with toml_json_parsing.name_file_in_errors(path, "TOML"):
+        return decode_rig_tables(toml_json_parsing.parse_toml(data))
 
 
 @contextmanager
@@ -154,11 +154,11 @@ def name_origin_in_errors(origin: object) -> Generator[None]:
         raise BadInput(f"{origin}: {error.field}", error.value, error.right) from error
 
 
-def decode_rig_tables(tables: texts.Table) -> RigDescription:
+def decode_rig_tables(tables: toml_json_parsing.Table) -> RigDescription:
     """Return the rig that the sections of a rig file describe."""
     known = tuple(dict.fromkeys((*ROBOT_SECTIONS, *DEVICE_SECTIONS, *SIMULATION_SECTIONS)))
     for name, table in tables.items():
-        if name not in known or not texts.is_table(table):
+        if name not in known or not toml_json_parsing.is_table(table):
             raise BadInput(f"section {quote_key(name)}", table, expect_one_of(name, known))
     default = RigDescription()
     devices = {name: tables[name] for name in DEVICE_SECTIONS if _is_device(name, tables)}
@@ -172,11 +172,11 @@ def decode_rig_tables(tables: texts.Table) -> RigDescription:
     return RigDescription(**robot, devices=devices, simulation=simulated)
 
 
-def _is_device(name: str, tables: texts.Table) -> bool:
+def _is_device(name: str, tables: toml_json_parsing.Table) -> bool:
     return name in tables and (name == "arm" or KIND_KEY in tables[name])
 
 
-def _section(name: str, table: texts.Table, default: Any) -> Any:
+def _section(name: str, table: toml_json_parsing.Table, default: Any) -> Any:
     """Return the settings in a section of the robot; omitted values are the default ones."""
     if name == "mechanism":
         return _mechanism(table, default.name)
@@ -184,7 +184,7 @@ def _section(name: str, table: texts.Table, default: Any) -> Any:
     return decode_kind(PART_CLASSES.get(name, only), table, name, default)
 
 
-def _mechanism(table: texts.Table, default_kind: str) -> Kinematics:
+def _mechanism(table: toml_json_parsing.Table, default_kind: str) -> Kinematics:
     """Return the mechanism in a table, of the default kind if the table has no key `kind`."""
     kind = find_class(MECHANISMS, table.get(KIND_KEY, default_kind), "mechanism")
     given = {name: value for name, value in table.items() if name != KIND_KEY}

@@ -3,7 +3,7 @@
 import re
 from pathlib import Path
 
-from rcmservo.config import texts
+from rcmservo.config import toml_json_parsing
 from rcmservo.config.atomic_files import read_limited, write_atomically
 from rcmservo.config.rig_file import MAX_RIG_FILE_BYTES, load_rig_file
 from rcmservo.errors import UnusableFile
@@ -37,7 +37,7 @@ def write_markers(path: Path, values: MarkerValues) -> None:
     text = _changed(read_limited(path, MAX_RIG_FILE_BYTES, "a rig file").decode(), values)
     expected = {**before, "markers": {**before.get("markers", {}), **values}}
     try:
-        is_correct = texts.parse_toml(text.encode()) == expected
+        is_correct = toml_json_parsing.parse_toml(text.encode()) == expected
     except ValueError:
         is_correct = False
     if not is_correct:
@@ -47,8 +47,8 @@ def write_markers(path: Path, values: MarkerValues) -> None:
     write_atomically(path.resolve(), text)
 
 
-def _tables(path: Path) -> texts.Table:
-    return texts.parse_toml(read_limited(path, MAX_RIG_FILE_BYTES, "a rig file"))
+def _tables(path: Path) -> toml_json_parsing.Table:
+    return toml_json_parsing.parse_toml(read_limited(path, MAX_RIG_FILE_BYTES, "a rig file"))
 
 
 def _changed(text: str, values: MarkerValues) -> str:

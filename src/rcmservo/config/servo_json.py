@@ -23,7 +23,7 @@ from rcmservo.config.registry import (
     find_class_name,
 )
 from rcmservo.config.strict_decoding import decode_settings
-from rcmservo.config.texts import Table, is_table
+from rcmservo.config.toml_json_parsing import Table, is_table
 from rcmservo.errors import BadInput
 from rcmservo.estimation.base import Estimator
 from rcmservo.servo.servo import Servo

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from rcmservo.config import texts
+from rcmservo.config import toml_json_parsing
 from rcmservo.config.atomic_files import read_limited, write_atomically
 from rcmservo.config.strict_decoding import decode_settings
 from rcmservo.errors import BadInput, UnusableFile, one_line, quoted, require
@@ -86,8 +86,8 @@ class TargetContent:
     taught: str
     markers_px: tuple[tuple[float, float], tuple[float, float]]
     joints: tuple[float, float, float]
-    setup: texts.Table
-    sizes_px: texts.MarkerRadii = texts.UNKNOWN_RADII
+    setup: toml_json_parsing.Table
+    sizes_px: toml_json_parsing.MarkerRadii = toml_json_parsing.UNKNOWN_RADII
 
     def __post_init__(self) -> None:
         try:
@@ -107,7 +107,7 @@ def save_target(path: Path, target: Target, setup: TargetSetup) -> None:
     content = {
         "taught": datetime.now(UTC).strftime(TIME_FORMAT),
         "markers_px": target.points.tolist(),
-        "sizes_px": texts.radii_to_json(target.sizes),
+        "sizes_px": toml_json_parsing.radii_to_json(target.sizes),
         "joints": target.q.tolist(),
         "setup": _describe_setup(setup),
     }
@@ -129,9 +129,9 @@ def load_target(path: Path, setup: TargetSetup) -> Target:
         If the file is damaged, or the target was taught with another setup.
     """
     data = read_limited(path, MAX_TARGET_FILE_BYTES, "a target")
-    with texts.name_file_in_errors(path, "JSON"):
+    with toml_json_parsing.name_file_in_errors(path, "JSON"):
         try:
-            return _target(_content(texts.parse_json(data.decode())), setup)
+            return _target(_content(toml_json_parsing.parse_json(data.decode())), setup)
         except BadInput as error:
             raise UnusableFile(path, str(error)) from error
 
@@ -144,13 +144,13 @@ def compute_checksum(content: object) -> str:
 
 def _content(table: object) -> TargetContent:
     """Return the content of a target file from its JSON; check format and checksum."""
-    if not texts.is_table(table) or table.get("format") != TARGET_FORMAT:
-        raise texts.InvalidText(
+    if not toml_json_parsing.is_table(table) or table.get("format") != TARGET_FORMAT:
+        raise toml_json_parsing.InvalidText(
             f"is not a target of this version: its format must be {TARGET_FORMAT!r}"
         )
     rest = {key: value for key, value in table.items() if key != "sha256"}
     if table.get("sha256") != compute_checksum(rest):
-        raise texts.InvalidText("is damaged or was changed: its checksum differs")
+        raise toml_json_parsing.InvalidText("is damaged or was changed: its checksum differs")
     return decode_settings(
         TargetContent, {key: rest[key] for key in rest if key != "format"}, "target"
     )
@@ -188,7 +188,7 @@ def _describe_setup(setup: TargetSetup) -> object:
     return json.loads(json.dumps(bound, default=_table))
 
 
-def _table(part: Any) -> texts.Table:
+def _table(part: Any) -> toml_json_parsing.Table:
     """Return the settings of a part of a setup as a table, with its kind where it has one."""
     kind = {"kind": part.name} if hasattr(part, "name") else {}
     return {**kind, **asdict(part)}
@@ -196,13 +196,13 @@ def _table(part: Any) -> texts.Table:
 
 def _require_same(then: object, now: object, where: str) -> None:
     """Raise `InvalidText` with the first value that differs between two setups."""
-    if texts.is_table(then) and texts.is_table(now):
+    if toml_json_parsing.is_table(then) and toml_json_parsing.is_table(now):
         for key in sorted(
             {**now, **then}, key="kind".__ne__
         ):  # a different kind is the most informative difference
             _require_same(then.get(key), now.get(key), f"{where}.{key}" if where else key)
     elif isinstance(then, bool) is not isinstance(now, bool) or then != now:
-        raise texts.InvalidText(
+        raise toml_json_parsing.InvalidText(
             f"was taught with {one_line(where) or 'setup'} {quoted(then)}, "
             f"this rig has {quoted(now)}: teach the target again"
         )

@@ -11,7 +11,7 @@ import os
 from datetime import UTC, datetime
 from pathlib import Path
 
-from rcmservo.config import texts
+from rcmservo.config import toml_json_parsing
 from rcmservo.config.atomic_files import read_limited, write_atomically
 from rcmservo.errors import RcmServoError, UnusableFile
 
@@ -31,10 +31,12 @@ def compute_digest(data: bytes) -> str:
 def is_verified(digest: str) -> bool:
     """Return True if the rig file with this digest passed its last check."""
     try:
-        note = texts.parse_json(read_limited(_note(digest), MAX_NOTE_BYTES, "a note").decode())
-    except (RcmServoError, texts.InvalidText, ValueError, RecursionError):
+        note = toml_json_parsing.parse_json(
+            read_limited(_note(digest), MAX_NOTE_BYTES, "a note").decode()
+        )
+    except (RcmServoError, toml_json_parsing.InvalidText, ValueError, RecursionError):
         return False
-    if not texts.is_table(note):
+    if not toml_json_parsing.is_table(note):
         return False
     return note.get("format") == NOTE_FORMAT and note.get("sha256") == digest
 

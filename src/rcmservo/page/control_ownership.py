@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Annotated
 
 from rcmservo.config.strict_decoding import decode_settings
-from rcmservo.config.texts import Table, is_table
+from rcmservo.config.toml_json_parsing import Table, is_table
 from rcmservo.constraints import Checked, Limit
 from rcmservo.errors import BadInput
 from rcmservo.interfaces import Target

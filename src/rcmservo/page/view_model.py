@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from rcmservo.config.texts import Table
+from rcmservo.config.toml_json_parsing import Table
 from rcmservo.interfaces import Floats, Target
 from rcmservo.page.channels import DUE_TIME, PageChannels
 from rcmservo.page.messages import (

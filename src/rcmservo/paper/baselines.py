@@ -15,9 +15,9 @@ from typing import NamedTuple
 import numpy as np
 
 from rcmservo.figures.charts import Curve, Figure, Panel, make_curve
-from rcmservo.paper.lab.attempt import Attempt
 from rcmservo.paper.lab.calibration import ROLL_DEG, WRONG_CALIBRATION
 from rcmservo.paper.lab.closed_loop import FAST_LAW
+from rcmservo.paper.lab.method_statistics import MethodStatistics, run_results
 from rcmservo.paper.lab.methods import (
     BROYDEN_STEP_MM,
     COMPARED_METHODS,
@@ -25,7 +25,7 @@ from rcmservo.paper.lab.methods import (
     Method,
     UserEstimatorMethod,
 )
-from rcmservo.paper.lab.tally import MethodStatistics, run_results
+from rcmservo.paper.lab.scene_run import Attempt
 from rcmservo.paper.plan import Measurement, ReportFigure, Results, Settings, Task, TaskResult
 from rcmservo.paper.statistics import bars, finite, marks, percent
 from rcmservo.sim import RigSettings, SceneSettings

@@ -12,7 +12,7 @@ from importlib import resources
 from typing import Any, Literal
 
 from rcmservo.config.strict_decoding import decode_settings
-from rcmservo.config.texts import parse_toml
+from rcmservo.config.toml_json_parsing import parse_toml
 from rcmservo.paper.plan import Measurement, NotMeasured, Settings
 
 HOLDS, REMARK, FAILS = "holds", "holds with a remark", "does not hold"

@@ -23,8 +23,8 @@ from rcmservo.paper.lab.closed_loop import (
     POINT_NOISE_PX,
     remove_limits,
 )
+from rcmservo.paper.lab.evaluation import laboratory
 from rcmservo.paper.lab.streams import velocity
-from rcmservo.paper.lab.witness import laboratory
 from rcmservo.paper.plan import Measurement, ReportFigure, Results, Settings, Task, TaskResult
 from rcmservo.paper.statistics import column, mark_panels, median
 from rcmservo.servo.servo import Servo

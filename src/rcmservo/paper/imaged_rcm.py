@@ -14,7 +14,7 @@ import numpy as np
 from rcmservo.figures.charts import Curve, Figure, Panel, make_curve
 from rcmservo.geometry.imaged_rcm import intersect_lines, solve_imaged_rcm
 from rcmservo.interfaces import Floats
-from rcmservo.paper.lab.lines import REFINEMENTS, markers
+from rcmservo.paper.lab.imaged_lines import REFINEMENTS, markers
 from rcmservo.paper.plan import Measurement, ReportFigure, Results, Settings, Task, TaskResult
 from rcmservo.paper.statistics import rms
 

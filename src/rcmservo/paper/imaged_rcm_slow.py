@@ -17,7 +17,7 @@ from rcmservo.geometry.imaged_rcm import (
     update_imaged_rcm,
 )
 from rcmservo.interfaces import Floats
-from rcmservo.paper.lab.lines import REFINEMENTS, markers
+from rcmservo.paper.lab.imaged_lines import REFINEMENTS, markers
 from rcmservo.paper.plan import Measurement, ReportFigure, Results, Settings, Task, TaskResult
 from rcmservo.paper.statistics import column, finite, rms
 from rcmservo.study.report.statistics import format_finite

@@ -19,8 +19,8 @@ from rcmservo.loop.operator import OperatorRequest
 from rcmservo.loop.run import run
 from rcmservo.loop.tick import Tick
 from rcmservo.paper.lab.closed_loop import FAST_LAW, make_servo
+from rcmservo.paper.lab.evaluation import STRIDE_TICKS, laboratory
 from rcmservo.paper.lab.methods import FLOW_RULE, RCMSERVO_METHODS, EstimatingMethod
-from rcmservo.paper.lab.witness import STRIDE_TICKS, laboratory
 from rcmservo.paper.plan import Measurement, ReportFigure, Results, Settings, Task, TaskResult
 from rcmservo.paper.statistics import column, median, rms
 from rcmservo.safety.state_machine import Phase, Request

@@ -23,7 +23,7 @@ from rcmservo.paper.lab.closed_loop import (
     TEACHING_FRAMES,
     make_servo,
 )
-from rcmservo.paper.lab.witness import laboratory
+from rcmservo.paper.lab.evaluation import laboratory
 from rcmservo.paper.plan import Measurement, ReportFigure, Results, Settings, Task, TaskResult
 from rcmservo.paper.statistics import median
 from rcmservo.safety.state_machine import Phase

@@ -16,7 +16,7 @@ import numpy as np
 
 import rcmservo
 from rcmservo.config.atomic_files import write_atomically
-from rcmservo.config.texts import is_table
+from rcmservo.config.toml_json_parsing import is_table
 from rcmservo.errors import UnusableFile
 from rcmservo.paper.plan import NotMeasured, Task, TaskResult
 from rcmservo.study.execution.package_version import identify_package

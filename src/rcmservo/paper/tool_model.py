@@ -16,7 +16,7 @@ from rcmservo.geometry.tool import RigidTool, ScaledTool, Tool
 from rcmservo.interfaces import Floats
 from rcmservo.paper.lab.cameras import PINHOLE, true_parameters
 from rcmservo.paper.lab.closed_loop import POINT_NOISE_PX
-from rcmservo.paper.lab.witness import count_settled, failure_reasons, settle
+from rcmservo.paper.lab.evaluation import count_settled, failure_reasons, settle
 from rcmservo.paper.plan import Measurement, ReportFigure, Results, Settings, Task, TaskResult
 from rcmservo.paper.statistics import column, finite, mark_panels, marks, median
 from rcmservo.sim import Rig, RigSettings

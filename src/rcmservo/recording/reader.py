@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from rcmservo.config.texts import is_table
+from rcmservo.config.toml_json_parsing import is_table
 from rcmservo.errors import UnusableFile
 from rcmservo.interfaces import Floats, Image
 from rcmservo.recording import estimator_memory

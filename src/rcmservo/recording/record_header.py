@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from rcmservo.config.texts import is_table
+from rcmservo.config.toml_json_parsing import is_table
 from rcmservo.errors import UnusableFile
 from rcmservo.recording.mcap_recovery import MAGIC, MessageReader, find_chunks, read_chunk
 from rcmservo.recording.reader import TICK_TOPIC

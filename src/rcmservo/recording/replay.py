@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from rcmservo import __version__
 from rcmservo.config.servo_json import NO_USER_ESTIMATORS, describe_servo, rebuild_servo
-from rcmservo.config.user_code import hash_source
+from rcmservo.config.user_estimators import hash_source
 from rcmservo.errors import BadInput, UnusableFile
 from rcmservo.estimation.base import Estimator
 from rcmservo.interfaces import DropReason, Floats, Observation, Target

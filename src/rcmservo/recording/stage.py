@@ -16,8 +16,8 @@ import numpy as np
 from rcmservo import __version__
 from rcmservo.config.servo_json import describe_servo
 from rcmservo.config.strict_decoding import decode_settings
-from rcmservo.config.texts import UNKNOWN_RADII, MarkerRadii, Table, radii_to_json
-from rcmservo.config.user_code import hash_source
+from rcmservo.config.toml_json_parsing import UNKNOWN_RADII, MarkerRadii, Table, radii_to_json
+from rcmservo.config.user_estimators import hash_source
 from rcmservo.errors import require
 from rcmservo.interfaces import Target
 from rcmservo.servo.servo import Servo

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from rcmservo.config.former_names import with_present_names
 from rcmservo.config.servo_json import rebuild_part
-from rcmservo.config.texts import is_table
+from rcmservo.config.toml_json_parsing import is_table
 from rcmservo.errors import BadInput
 from rcmservo.geometry.kinematics import compute_position
 from rcmservo.interfaces import DropReason, Floats

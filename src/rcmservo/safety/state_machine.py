@@ -222,7 +222,13 @@ def advance_mode(
 @compiled
 def set_mode(mode: ModeStruct, phase: int, cause: int, since: int, good: int, action: int) -> None:
     """Set all fields of the mode."""
-    mode.phase, mode.cause, mode.since, mode.accepted_frames, mode.action = phase, cause, since, good, action
+    mode.phase, mode.cause, mode.since, mode.accepted_frames, mode.action = (
+        phase,
+        cause,
+        since,
+        good,
+        action,
+    )
 
 
 @compiled

@@ -249,4 +249,6 @@ class Thresholds(Checked, section="thresholds"):
     def __post_init__(self) -> None:
         super().__post_init__()
         expected = "a number of frame periods not below max_frame_age_slow"
-        self.require(self.max_frame_age_hold >= self.max_frame_age_slow, "max_frame_age_hold", expected)
+        self.require(
+            self.max_frame_age_hold >= self.max_frame_age_slow, "max_frame_age_hold", expected
+        )

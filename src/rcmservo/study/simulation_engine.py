@@ -60,7 +60,9 @@ class SimulationLoop:
 
     def __init__(self, laboratory: "SimulationEngine", seed: int, repetition: int) -> None:
         engine = self._engine = laboratory
-        self.trial = draw_trial(seed, repetition, engine.settings, engine.duration, engine.teaching_frames)
+        self.trial = draw_trial(
+            seed, repetition, engine.settings, engine.duration, engine.teaching_frames
+        )
         scene = self.trial.scene
         self.rig = Rig(seed, engine.settings, engine.pictures, engine.disturbances, scene)
         tracker = ColourMarkers(engine.appearance) if engine.pictures else PointMarkers()

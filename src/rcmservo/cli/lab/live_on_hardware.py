@@ -23,7 +23,7 @@ from rcmservo.cli.lab.live_progress import LiveProgress
 from rcmservo.cli.lab_options import LabOptions, RunToTargetOptions
 from rcmservo.cli.progress.preparing import compiling
 from rcmservo.cli.result_output import read_record_if_any, save_result
-from rcmservo.cli.simulated_run.about import describe_run
+from rcmservo.cli.simulated_run.run_description import describe_run
 from rcmservo.cli.terminal import status_line
 from rcmservo.config.rig_file import RigDescription, name_origin_in_errors
 from rcmservo.config.verified_rigs import is_verified

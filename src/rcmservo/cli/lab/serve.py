@@ -108,7 +108,7 @@ def serve(options: ServeOptions) -> int:
 @contextlib.contextmanager
 def _simulated_lab(options: ServeOptions) -> Generator[PageBackend]:
     """Yield the simulated arm and its camera."""
-    from rcmservo.cli.simulated_run.about import describe_simulated_run
+    from rcmservo.cli.simulated_run.run_description import describe_simulated_run
     from rcmservo.cli.simulated_run.target import simulated_setup
     from rcmservo.page.settings import SelectedSettings
     from rcmservo.sim.processes.lab_processes import SimulatedLab

@@ -17,9 +17,9 @@ import numpy as np
 
 from rcmservo.cli.lab_options import RunOptions
 from rcmservo.cli.result_output import read_record_if_any, save_result
-from rcmservo.cli.simulated_run.about import describe_simulated_run
-from rcmservo.cli.simulated_run.pictures import frame_writer, open_video
+from rcmservo.cli.simulated_run.run_description import describe_simulated_run
 from rcmservo.cli.simulated_run.target import obtain_target
+from rcmservo.cli.simulated_run.video import frame_writer, open_video
 from rcmservo.interfaces import Floats
 from rcmservo.loop.detection_failure import reason_not_detected
 from rcmservo.loop.plant import Plant

@@ -8,7 +8,7 @@ from typing import Any
 
 from rcmservo.cli.folders import new_folder
 from rcmservo.cli.result_output import draw_figures, two_column_table
-from rcmservo.cli.simulated_run.pictures import overlay
+from rcmservo.cli.simulated_run.video import overlay
 from rcmservo.cli.terminal import console
 from rcmservo.errors import BadInput, RcmServoError, UnusableFile, require
 from rcmservo.estimation.base import Estimator

@@ -26,7 +26,7 @@ from rcmservo.cli.studies.study_report import (
 )
 from rcmservo.cli.terminal import console, status_line
 from rcmservo.config.registry import ESTIMATORS, PRESETS
-from rcmservo.config.user_code import import_estimator
+from rcmservo.config.user_estimators import import_estimator
 from rcmservo.constraints import Checked, between
 from rcmservo.errors import require, require_extra
 from rcmservo.estimation.base import Estimator

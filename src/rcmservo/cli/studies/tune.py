@@ -20,7 +20,7 @@ from rcmservo.config.atomic_files import write_atomically
 from rcmservo.config.registry import ESTIMATORS, PART_CLASSES, find_class_name
 from rcmservo.config.rig_file import name_origin_in_errors
 from rcmservo.config.strict_decoding import decode_settings
-from rcmservo.config.user_code import import_estimator
+from rcmservo.config.user_estimators import import_estimator
 from rcmservo.errors import require_extra
 
 if TYPE_CHECKING:

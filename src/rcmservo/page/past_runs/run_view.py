@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from rcmservo.config.texts import is_table
+from rcmservo.config.toml_json_parsing import is_table
 from rcmservo.errors import UnusableFile
 from rcmservo.figures import charts, plots
 from rcmservo.page.json_text import encode_json

@@ -9,7 +9,7 @@ import struct
 from collections import OrderedDict
 from dataclasses import dataclass, field
 
-from rcmservo.config.texts import Table
+from rcmservo.config.toml_json_parsing import Table
 from rcmservo.interfaces import Camera, Frame
 from rcmservo.page.json_text import encode_json
 from rcmservo.page.view_model import Dashboard

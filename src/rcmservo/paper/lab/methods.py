@@ -19,7 +19,6 @@ from rcmservo.estimation.kalman import KalmanEstimator
 from rcmservo.estimation.normalised_flow import NormalisedFlowEstimator
 from rcmservo.estimation.projection_rule import PAPER_PROJECTION_ESTIMATOR
 from rcmservo.estimation.rls import RlsEstimator
-from rcmservo.paper.lab.attempt import Attempt
 from rcmservo.paper.lab.calibration import CalibratedEstimator, Quality
 from rcmservo.paper.lab.closed_loop import (
     FAST_FIT,
@@ -28,7 +27,8 @@ from rcmservo.paper.lab.closed_loop import (
     FLOW_EXPLORATION,
     PROJECTION_EXPLORATION,
 )
-from rcmservo.paper.lab.constant import ConstantJacobian
+from rcmservo.paper.lab.constant_jacobian import ConstantJacobian
+from rcmservo.paper.lab.scene_run import Attempt
 from rcmservo.safety.thresholds import Thresholds
 from rcmservo.study.run_outcome import StudyRun
 

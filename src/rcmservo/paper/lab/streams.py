@@ -27,8 +27,8 @@ from rcmservo.paper.lab.closed_loop import (
     make_servo,
     remove_limits,
 )
+from rcmservo.paper.lab.evaluation import laboratory
 from rcmservo.paper.lab.random_observations import RandomObservations
-from rcmservo.paper.lab.witness import laboratory
 from rcmservo.paper.plan import Settings, TaskResult
 from rcmservo.paper.statistics import finite, median
 from rcmservo.sim import Rig

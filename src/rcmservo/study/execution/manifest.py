@@ -10,13 +10,13 @@ from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Annotated
 
-from rcmservo.config import texts
+from rcmservo.config import toml_json_parsing
 from rcmservo.config.atomic_files import read_limited, write_atomically
 from rcmservo.config.former_names import with_present_names
 from rcmservo.config.registry import KIND_KEY
 from rcmservo.config.rig_file import METHOD_PARTS, SIMULATION_SECTIONS
 from rcmservo.config.strict_decoding import decode_settings
-from rcmservo.config.texts import Table, is_table
+from rcmservo.config.toml_json_parsing import Table, is_table
 from rcmservo.constraints import Checked, Limit, not_empty
 from rcmservo.errors import UnusableFile, one_line, require
 from rcmservo.study.execution.package_version import identify_package
@@ -104,7 +104,7 @@ def read_manifest(folder: Path) -> StudyManifest | None:
         return None
     data = read_limited(path, MAX_MANIFEST_BYTES, "the manifest of a study")
     try:
-        table = texts.parse_json(data.decode())
+        table = toml_json_parsing.parse_json(data.decode())
         if is_table(table):
             form = table.pop("format", None)
             require(form == FORMAT, "study.format", form, FORMAT)

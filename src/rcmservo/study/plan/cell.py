@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from typing import Any
 
-from rcmservo.config import texts
+from rcmservo.config import toml_json_parsing
 from rcmservo.config.servo_json import rebuild_servo
 from rcmservo.errors import require
 from rcmservo.servo.servo import Servo
@@ -95,7 +95,7 @@ class Cell:
 
 def parse_cell(text: str) -> Cell:
     """Return the cell of a line that `Cell.text` returned."""
-    table: dict[str, Any] = texts.parse_json(text)
+    table: dict[str, Any] = toml_json_parsing.parse_json(text)
     table["disturb"] = tuple(table["disturb"])
     return Cell(**table)
 

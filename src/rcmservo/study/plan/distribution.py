@@ -15,14 +15,14 @@ from typing import Any, cast
 
 import numpy as np
 
-from rcmservo.config import texts
+from rcmservo.config import toml_json_parsing
 from rcmservo.config.rig_file import (
     SIMULATION_SECTIONS,
     RigDescription,
     decode_rig_tables,
     name_origin_in_errors,
 )
-from rcmservo.config.texts import Table, is_table
+from rcmservo.config.toml_json_parsing import Table, is_table
 from rcmservo.errors import BadInput, require
 from rcmservo.sim import RigSettings
 from rcmservo.sim.rig_file import read_rig_settings
@@ -130,7 +130,7 @@ def _require_range(where: str, ends: object) -> None:
 
 def load_built_in(name: str) -> Distribution:
     """Return the built-in distribution with this name."""
-    return parse_distribution(name, texts.parse_toml(_text(name).encode()), {})
+    return parse_distribution(name, toml_json_parsing.parse_toml(_text(name).encode()), {})
 
 
 def describe_built_in() -> Iterator[tuple[str, str]]:

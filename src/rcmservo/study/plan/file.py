@@ -21,10 +21,10 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
-from rcmservo.config import texts
+from rcmservo.config import toml_json_parsing
 from rcmservo.config.atomic_files import read_limited
 from rcmservo.config.strict_decoding import decode_settings
-from rcmservo.config.texts import is_table
+from rcmservo.config.toml_json_parsing import is_table
 from rcmservo.errors import BadInput, require
 from rcmservo.study.plan.conditions import StudyConditions
 from rcmservo.study.plan.distribution import Distribution, find_distribution, parse_distribution
@@ -71,8 +71,8 @@ class StudyFile(StudyConditions):
 def read_study_file(path: Path) -> StudyFile:
     """Read a study file."""
     data = read_limited(path, MAX_STUDY_FILE_BYTES, "a study")
-    with texts.name_file_in_errors(path, "TOML"):
-        return decode_settings(StudyFile, texts.parse_toml(data), "study")
+    with toml_json_parsing.name_file_in_errors(path, "TOML"):
+        return decode_settings(StudyFile, toml_json_parsing.parse_toml(data), "study")
 
 
 def make_plan(request: StudyFile, own: UserEstimators) -> StudyPlan:
@@ -103,5 +103,5 @@ def _find_scenes(name: str, known: dict[str, Distribution]) -> Distribution:
         return find_distribution(name, known, "scenes", ", or a rig file")
     path = Path(name)
     data = read_limited(path, MAX_STUDY_FILE_BYTES, "a rig file")
-    with texts.name_file_in_errors(path, "TOML"):
-        return parse_distribution(path.stem, texts.parse_toml(data), known)
+    with toml_json_parsing.name_file_in_errors(path, "TOML"):
+        return parse_distribution(path.stem, toml_json_parsing.parse_toml(data), known)

@@ -7,7 +7,7 @@ from typing import Any
 
 from rcmservo.config.registry import ESTIMATORS, PART_CLASSES, PRESETS, decode_kind
 from rcmservo.config.rig_file import METHOD_PARTS, RigDescription
-from rcmservo.config.texts import Table, is_table
+from rcmservo.config.toml_json_parsing import Table, is_table
 from rcmservo.errors import BadInput, require
 from rcmservo.estimation.base import Estimator
 from rcmservo.servo.servo import Servo

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 
 from rcmservo.config.atomic_files import write_atomically
-from rcmservo.config.texts import is_table
+from rcmservo.config.toml_json_parsing import is_table
 from rcmservo.figures import charts
 from rcmservo.figures.charts import Curve, Figure, Panel, make_curve
 from rcmservo.interfaces import Floats

@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from typing import Any, cast
 
-from rcmservo.config.texts import is_table
+from rcmservo.config.toml_json_parsing import is_table
 from rcmservo.errors import BadInput, require, suggestion
 from rcmservo.study.plan.method import StudyMethod
 

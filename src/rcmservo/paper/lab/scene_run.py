@@ -12,8 +12,8 @@ from rcmservo.control.saturated_controller import SaturatedController
 from rcmservo.estimation.base import Estimator
 from rcmservo.paper.lab.calibration import Calibration, Quality, make_calibration
 from rcmservo.paper.lab.closed_loop import FAST_FIT, FAST_LAW, TEACHING_FRAMES, make_servo
-from rcmservo.paper.lab.laws import PoseLaw, drive
-from rcmservo.paper.lab.witness import STRIDE_TICKS
+from rcmservo.paper.lab.evaluation import STRIDE_TICKS
+from rcmservo.paper.lab.pose_law import PoseLaw, drive
 from rcmservo.paper.statistics import median
 from rcmservo.safety.state_machine import Phase
 from rcmservo.servo.servo import Servo
