@@ -142,7 +142,8 @@ class Laboratory:
             f'[arm]\nkind = "galil"\naddress = "127.0.0.1"\nport = {self.port}\n'
             f"counts = {list(COUNTS_PER_UNIT)}\ncommand_timeout = 0.05\nreply_timeout = 2.0\n"
             f'[camera]\nkind = "opencv"\nsource = "{self.camera}"\nlatency = 0.02\n'
-            "[thresholds]\nmax_tick_delay = 1.0\nmax_latency = 1.0\nmax_frame_age_slow = 50.0\nmax_frame_age_hold = 50.0\n"
+            "[thresholds]\nmax_tick_delay = 1.0\nmax_latency = 1.0\n"
+            "max_frame_age_slow = 50.0\nmax_frame_age_hold = 50.0\n"
             f"arm_timeout = 1.0\n{more}"
         )
         return path

@@ -173,7 +173,8 @@ class Thresholds(Checked, section="thresholds"):
     Raises
     ------
     BadInput
-        If a threshold is outside its range, or ``max_frame_age_hold`` is below ``max_frame_age_slow``.
+        If a threshold is outside its range, or ``max_frame_age_hold`` is below
+        ``max_frame_age_slow``.
     """
 
     name = "thresholds"

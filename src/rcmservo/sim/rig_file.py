@@ -1,4 +1,4 @@
-"""Sections of a rig file that only the simulation reads: [camera], [drive], [appearance] and [scene]."""
+"""Sections of a rig file for the simulation: [camera], [drive], [appearance] and [scene]."""
 
 from dataclasses import dataclass, fields
 from typing import Any, cast
