@@ -100,7 +100,9 @@ def servoed(ros: int, seed: int) -> tuple[float, str]:
         )
         phase = ""
         for tick in run(plant, box, target, DURATION):
-            phase = f"{tick.state.phase.value} {tick.state.mode.cause.text} {arm.why_off}".strip()
+            phase = (
+                f"{tick.state.phase.value} {tick.state.mode.cause.text} {arm.off_reason}".strip()
+            )
         body = ToolBody(rig.settings.mechanism, rig.settings.tool)
         tips = [body.points(q)[1] for q in (arm.measure().q, q_taught)]
         return float(np.linalg.norm(tips[0] - tips[1])), phase

@@ -58,7 +58,7 @@ def exchanges(seconds: float) -> int:
         limits = SphericalRcm().limits
         session = GalilSession(*(GalilConnection(one, 0.25) for one in streams), settings, limits)
         session.set_up()
-        session.define(np.mean(limits.arrays, axis=0))
+        session.set_position(np.mean(limits.arrays, axis=0))
         session.start()
         took, late, start = [], 0, time.perf_counter()
         try:
@@ -68,7 +68,7 @@ def exchanges(seconds: float) -> int:
                 begin = time.perf_counter()
                 rates = 0.05 * np.sin(number / RATE) * np.array([1.0, -1.0, 100.0])
                 if not session.exchange(rates).all_on:
-                    print(f"after {number} exchanges: {session.why_off}; restarted")
+                    print(f"after {number} exchanges: {session.off_reason}; restarted")
                     session.start()
                 took.append(time.perf_counter() - begin)
                 late += begin - due > 1.0 / RATE

@@ -125,7 +125,7 @@ class ScriptedStream:
 
 SESSION_STEPS: dict[str, Callable[[GalilSession], Any]] = {
     "set_up": lambda session: session.set_up(),
-    "define": lambda session: session.define(HOME),
+    "set_position": lambda session: session.set_position(HOME),
     "start": lambda session: session.start(),
     "exchange": lambda session: session.exchange(RATES),
     "read": lambda session: session.read(),
@@ -163,7 +163,7 @@ def run_with_garbling(chance: random.Random) -> tuple[float, bool, bool]:
     session = GalilSession(*connections, SETTINGS, LIMITS)
     longest, began, ready = 0.0, False, False
     try:
-        for step in ("set_up", "define", "start", *["exchange"] * 50, "switch_off"):
+        for step in ("set_up", "set_position", "start", *["exchange"] * 50, "switch_off"):
             begin = now()
             SESSION_STEPS[step](session)
             assert ready or b"SH" not in streams[0].sent

@@ -70,7 +70,7 @@ class MiswiredArm:
     """Simulated arm behind encoders and motors that a rig file describes, perhaps wrongly."""
 
     def __init__(self, rig: Rig, mistake: Mistake) -> None:
-        self.rig, self.why_off = rig, ""
+        self.rig, self.off_reason = rig, ""
         self.true = np.array(mistake.counts)
         self.counts = self.true * mistake.factors
         self.axes = [AXES.index(letter) for letter in mistake.axes]
@@ -88,10 +88,10 @@ class MiswiredArm:
     def _second(self) -> Floats:
         return self.rig.body.points(self.q_true)[1]
 
-    def homed(self) -> bool:
+    def is_homed(self) -> bool:
         return self.known
 
-    def define(self, q: Floats) -> None:
+    def set_position(self, q: Floats) -> None:
         self.mark, self.known = q, True
 
     def close(self) -> None:
@@ -165,7 +165,7 @@ class SimulatedOperator:
     questions: list[str] = field(default_factory=list)
     messages: list[str] = field(default_factory=list)
 
-    def tell(self, words: str) -> None:
+    def notify(self, words: str) -> None:
         self.messages.append(words)
         if words.startswith("Watch"):
             self.arm.history.clear()

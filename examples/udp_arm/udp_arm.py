@@ -75,7 +75,7 @@ class UdpArm:
         return np.array(self._last[1].rates if self.measure().enabled else REST)
 
     @property
-    def why_off(self) -> str:
+    def off_reason(self) -> str:
         """Reason why the drive switched off, as text; empty if it is on or never was."""
         return WHYS[self._last[1].why]
 

@@ -16,11 +16,11 @@ FIRST_QUESTIONS = 8
 class RateControlledArm(MiswiredArm):
     """Arm that stops when its commands cease, or continues with its last command."""
 
-    by_speeds, continues, silent, freezes = True, False, False, False
+    is_rate_controlled, continues, silent, freezes = True, False, False, False
     last: Command
     last_measured: ArmMeasurement
 
-    def fall_silent(self) -> None:
+    def suspend_communication(self) -> None:
         self.silent = True
 
     def enable(self) -> None:
@@ -89,7 +89,7 @@ def test_an_arm_that_keeps_moving_is_reported_and_stopped_at_once() -> None:
 def test_a_position_controlled_arm_is_not_tested() -> None:
     lab = FaultyLab(Mistake(), seed=1)
     lab.arm.__class__ = RateControlledArm
-    lab.arm.by_speeds = False
+    lab.arm.is_rate_controlled = False
     lab.operator.override = lambda _: (
         "no" if len(lab.operator.questions) > FIRST_QUESTIONS else None
     )

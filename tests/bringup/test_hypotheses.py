@@ -30,7 +30,7 @@ class PreparedOperator:
     def __init__(self, *answers: str) -> None:
         self.answers, self.messages = list(answers), []
 
-    def tell(self, words: str) -> None:
+    def notify(self, words: str) -> None:
         self.messages.append(words)
 
     def ask(self, question: str) -> str:

@@ -215,7 +215,7 @@ def failing(kind: str, lab: FaultyLab, after: int) -> None:
             return now
         match kind:
             case "off":
-                lab.arm.why_off = "axis B: following error"
+                lab.arm.off_reason = "axis B: following error"
                 return now._replace(enabled=False)
             case "silent":
                 return last[0]

@@ -106,7 +106,7 @@ def test_an_implausible_position_moves_nothing_and_switches_the_arm_off(offset: 
     )
     assert not lab.tick(arm, RATES).any()
     assert len(setpoints(lab)) == count and lab.device.state == "DISABLED"
-    assert "reported a position far from its setpoint" in arm.why_off
+    assert "reported a position far from its setpoint" in arm.off_reason
     assert arm.command_counts().withheld == 1
 
 
@@ -264,9 +264,9 @@ def test_an_operator_cannot_set_the_position() -> None:
     """The arm homes itself, so the driver refuses before it prompts the operator."""
     lab = CrtkLab()
     arm = lab.client()
-    assert arm.homed()
+    assert arm.is_homed()
     lab.device.receive_command(messages.StringStamped(lab.real(), "unhome"), "console")
-    for call in (arm.homed, lambda: arm.define(START)):
+    for call in (arm.is_homed, lambda: arm.set_position(START)):
         with pytest.raises(NotReady, match=r"PSM1 takes its position from its own homing: home it"):
             call()
 
@@ -274,7 +274,9 @@ def test_an_operator_cannot_set_the_position() -> None:
 def test_the_reason_of_a_switch_off_contains_the_last_warning() -> None:
     lab, arm = moving_arm()
     lab.device.receive_command(messages.StringStamped(lab.real(), "fault"), "console")
-    assert arm.why_off == "PSM1 changed to FAULT by itself; its last warning: a fault was requested"
+    assert (
+        arm.off_reason == "PSM1 changed to FAULT by itself; its last warning: a fault was requested"
+    )
     assert not arm.measure().enabled
 
 
@@ -341,9 +343,9 @@ def test_a_silent_client_sends_nothing_until_the_arm_is_switched_off(
 ) -> None:
     monkeypatch.setattr("simulated_transport.Endpoint.listeners", lambda endpoint, topic: 1)
     lab, arm = moving_arm(jv=True)
-    assert arm.by_speeds
+    assert arm.is_rate_controlled
     before = len(lab.network.sent)
-    arm.fall_silent()
+    arm.suspend_communication()
     for _ in range(20):
         assert not lab.tick(arm, RATES).any()
     own_messages = [

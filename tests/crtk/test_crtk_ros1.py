@@ -78,7 +78,7 @@ arm.enable()
 arm.apply(Command(0, time.monotonic_ns(), time.monotonic_ns() + 60 * 10**9, np.zeros(3), True))
 print("there", flush=True)
 sys.stdin.readline()
-print(json.dumps(arm.why_off), flush=True)
+print(json.dumps(arm.off_reason), flush=True)
 arm.close()
 """
 

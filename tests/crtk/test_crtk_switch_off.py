@@ -16,7 +16,7 @@ def test_after_the_deadline_nothing_is_sent_and_the_arm_is_switched_off() -> Non
     count = len(setpoints(lab))
     lab.advance(PATIENCE + 10 * MS)
     assert not arm.measure().enabled and lab.device.state == "DISABLED"
-    assert "no command came in time" in arm.why_off
+    assert "no command came in time" in arm.off_reason
     assert lab.tick(arm, RATES).tolist() == [0.0, 0.0, 0.0] and len(setpoints(lab)) == count
 
 
@@ -33,7 +33,7 @@ def test_disable_is_repeated_until_the_arm_reports_that_it_is_off() -> None:
     arm.apply(Command(lab.number + 1, lab.now, lab.now + PATIENCE, RATES, False))
     assert arm.measure().enabled
     lab.advance(500 * MS)
-    assert not arm.measure().enabled and arm.why_off == ""
+    assert not arm.measure().enabled and arm.off_reason == ""
 
 
 def test_an_arm_that_stays_on_is_reported_and_disable_is_repeated() -> None:
@@ -42,10 +42,10 @@ def test_an_arm_that_stays_on_is_reported_and_disable_is_repeated() -> None:
     arm.apply(Command(lab.number + 1, lab.now, lab.now + PATIENCE, RATES, False))
     lab.advance(3000 * MS)
     assert arm.measure().enabled
-    assert arm.why_off == "PSM1 does not report that it is off: use its emergency stop"
+    assert arm.off_reason == "PSM1 does not report that it is off: use its emergency stop"
     lab.network.lose = lambda topic, message: False
     lab.advance(500 * MS)
-    assert not arm.measure().enabled and arm.why_off == ""
+    assert not arm.measure().enabled and arm.off_reason == ""
 
 
 def test_disable_is_not_repeated_after_the_arm_reported_that_it_is_off() -> None:
@@ -61,7 +61,7 @@ def test_closing_an_arm_that_stays_on_is_reported() -> None:
     lab, arm = moving_arm()
     lab.network.lose = lambda topic, message: topic.endswith("state_command")
     arm.close()
-    assert arm.why_off == "PSM1 does not report that it is off: use its emergency stop"
+    assert arm.off_reason == "PSM1 does not report that it is off: use its emergency stop"
 
 
 def test_an_arm_that_is_no_longer_homed_is_switched_off() -> None:
@@ -69,7 +69,7 @@ def test_an_arm_that_is_no_longer_homed_is_switched_off() -> None:
     lab.network.lose = lambda topic, message: topic.endswith("state_command")
     lab.device.receive_command(messages.StringStamped(lab.real(), "unhome"), "console")
     assert lab.device.state == "ENABLED" and not arm.measure().enabled
-    assert arm.why_off == "PSM1 is no longer homed, and it was switched off"
+    assert arm.off_reason == "PSM1 is no longer homed, and it was switched off"
     lab.network.lose = lambda topic, message: False
     lab.advance(200 * MS)
     assert lab.device.state == "DISABLED"
@@ -92,7 +92,7 @@ def test_a_second_arm_of_the_same_name_ends_the_control(age: int | None) -> None
     stamp = 0 if age is None else lab.real() - age
     other.publish(messages.MEASURED_JS.under("PSM1"), messages.JointState(stamp, (), (0.0,) * 6))
     lab.advance(10 * MS)
-    assert "two arms publish as PSM1" in arm.why_off and lab.device.state == "DISABLED"
+    assert "two arms publish as PSM1" in arm.off_reason and lab.device.state == "DISABLED"
     with pytest.raises(NotReady, match="two arms"):
         arm.enable()
 
@@ -105,7 +105,7 @@ def test_an_operating_state_of_a_second_arm_ends_the_control(stamp: int) -> None
         messages.OPERATING_STATE.under("PSM1"), messages.OperatingState(stamp, "DISABLED")
     )
     lab.advance(10 * MS)
-    assert "two arms publish as PSM1" in arm.why_off and lab.device.state == "DISABLED"
+    assert "two arms publish as PSM1" in arm.off_reason and lab.device.state == "DISABLED"
 
 
 @pytest.mark.parametrize("topic", ["servo_jp", "servo_jv", "move_jp", "servo_cp", "move_cp"])
@@ -115,7 +115,7 @@ def test_a_second_client_is_detected_and_the_arm_is_switched_off(topic: str) -> 
     kind = messages.PoseStamped if topic.endswith("cp") else messages.JointState
     other.publish(messages.Topic(f"PSM1/{topic}", kind), kind(lab.real()))
     lab.advance(10 * MS)
-    assert "another client sends motion commands to PSM1" in arm.why_off
+    assert "another client sends motion commands to PSM1" in arm.off_reason
     assert lab.device.state == "DISABLED"
     with pytest.raises(NotReady, match="another client moves PSM1"):
         arm.enable()
@@ -135,6 +135,6 @@ def test_of_two_reports_with_one_stamp_the_off_state_counts() -> None:
     state = [message for topic, message in lab.network.sent if topic == "PSM1/operating_state"][-1]
     assert state.state == "ENABLED"
     endpoint.publish(messages.OPERATING_STATE.under("PSM1"), replace(state, state="FAULT"))
-    assert not arm.measure().enabled and "changed to FAULT by itself" in arm.why_off
+    assert not arm.measure().enabled and "changed to FAULT by itself" in arm.off_reason
     endpoint.publish(messages.OPERATING_STATE.under("PSM1"), state)
     assert not arm.measure().enabled

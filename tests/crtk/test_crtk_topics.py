@@ -49,8 +49,8 @@ def test_motion_commands_of_another_client_are_detected(
         assert reached(lambda: other.listeners(reliable) == subscribers)
         arm.enable()
         other.publish(reliable, topic.kind(time.time_ns()))
-        assert reached(lambda: arm.why_off != "")
-        assert "another client sends motion commands to PSM1" in arm.why_off
+        assert reached(lambda: arm.off_reason != "")
+        assert "another client sends motion commands to PSM1" in arm.off_reason
 
 
 def test_every_command_is_counted_and_arrives(device: RunningDevice) -> None:
@@ -69,9 +69,9 @@ def test_the_arm_stops_within_100_ms_after_its_client_was_killed(device: Running
 
 def test_the_next_client_can_enable_an_arm_that_is_on(device: RunningDevice) -> None:
     with contextlib.closing(client_arm(2, DOMAIN)) as arm:
-        assert arm.homed()
+        assert arm.is_homed()
         arm.enable()
-        assert arm.measure().enabled and not arm.why_off
+        assert arm.measure().enabled and not arm.off_reason
     assert device.device.state == "DISABLED"
 
 

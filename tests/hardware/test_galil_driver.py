@@ -105,10 +105,10 @@ def test_the_driver_moves_an_arm_whose_position_is_set_and_leaves_it_off(
 ) -> None:
     with contextlib.closing(emulator.arm(serial)) as arm:
         assert not arm.measure().enabled
-        assert not arm.homed()
+        assert not arm.is_homed()
         with pytest.raises(NotReady, match="the arm's position is not set"):
             arm.enable()
-        arm.define(HOME)
+        arm.set_position(HOME)
         assert arm.measure().q == pytest.approx(HOME, abs=2e-3)
 
         def move() -> tuple[ArmMeasurement, ArmMeasurement]:
@@ -116,17 +116,17 @@ def test_the_driver_moves_an_arm_whose_position_is_set_and_leaves_it_off(
             return drive(arm, RATES, 10), drive(arm, RATES, 30)
 
         first, last = retry_after_stalls(move, lambda run: run[1].enabled)
-        assert last.enabled, arm.why_off
+        assert last.enabled, arm.off_reason
         rates = (last.q - first.q) / ((last.time - first.time) * 1e-9)
         assert rates == pytest.approx(RATES, rel=0.1)
         assert WallClock().now() - last.time < 50_000_000
     with contextlib.closing(emulator.arm(serial)) as arm:
-        assert arm.homed() and not arm.measure().enabled
+        assert arm.is_homed() and not arm.measure().enabled
 
 
 def test_a_disabled_command_switches_the_motors_off(emulator: WallTimeEmulator) -> None:
     with contextlib.closing(emulator.arm(serial=False)) as arm:
-        arm.define(HOME)
+        arm.set_position(HOME)
         arm.enable()
         drive(arm, RATES, 10)
         clock = WallClock()
@@ -134,7 +134,7 @@ def test_a_disabled_command_switches_the_motors_off(emulator: WallTimeEmulator) 
         end = clock.now() + 2_000_000_000
         while arm.measure().enabled and clock.now() < end:
             clock.wait_until(clock.now() + TICK)
-        assert not arm.measure().enabled and not arm.why_off
+        assert not arm.measure().enabled and not arm.off_reason
         assert arm.apply(Command(11, 0, 0, RATES, True)).tolist() == [0.0, 0.0, 0.0]
 
 
@@ -143,7 +143,7 @@ def test_the_age_of_the_measurement_shows_a_frozen_controller(
 ) -> None:
     """A controller that continues switches the motors off by itself."""
     with contextlib.closing(emulator.arm(serial)) as arm:
-        arm.define(HOME)
+        arm.set_position(HOME)
         arm.enable()
         drive(arm, RATES, 10)
         with emulator.frozen():
@@ -183,7 +183,7 @@ def test_an_arm_on_a_slow_serial_port_can_be_set_up_but_not_enabled(
     emulator: WallTimeEmulator,
 ) -> None:
     with contextlib.closing(emulator.arm(serial=True, baud=19200)) as arm:
-        arm.define(HOME)
-        assert arm.homed()
+        arm.set_position(HOME)
+        assert arm.is_homed()
         with pytest.raises(NotReady, match="at 19200 bits/s a command takes longer"):
             arm.enable()

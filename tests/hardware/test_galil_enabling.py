@@ -43,7 +43,7 @@ def cut_off_after(lines: int) -> Rig:
     If the start succeeded, the rig is returned at once, otherwise 0.2 s later and at rest.
     """
     rig = Rig(stream_type=CutStream)
-    rig.session.define(HOME)
+    rig.session.set_position(HOME)
     cut_stream(rig).cut(lines)
     with contextlib.suppress(ConnectionLost):
         rig.session.start()
@@ -74,7 +74,7 @@ def run_before_program_start(rig: Rig, action: Callable[[], Any]) -> None:
 def test_a_start_replaces_the_settings_and_program_of_others() -> None:
     """Another host has connected meanwhile, with changed settings."""
     rig = Rig()
-    rig.session.define(HOME)
+    rig.session.set_position(HOME)
     query = "MG _ACA,_DCB,_SDC,_ERA,_OEB,_FLC,_BLC"
     before, lines = rig.connect().read_numbers(query), rig.controller.state.program.lines
     edited = replace(
@@ -85,7 +85,7 @@ def test_a_start_replaces_the_settings_and_program_of_others() -> None:
         command_timeout=0.05,
     )
     limits = JointLimits((-2.0, -2.0, -10.0), (2.0, 2.0, 300.0))
-    rig.new_session(edited, limits).define(HOME)
+    rig.new_session(edited, limits).set_position(HOME)
     rig.connect().execute("OEB=0")
     assert rig.controller.state.program.lines != lines
     rig.session.start()
@@ -103,7 +103,7 @@ def test_a_program_that_replaces_the_watchdog_at_the_start_moves_nothing(
     lines: list[str], message: str
 ) -> None:
     rig = Rig()
-    rig.session.define(HOME)
+    rig.session.set_position(HOME)
     run_before_program_start(rig, lambda: rig.connect().download_program(lines))
     with pytest.raises((CommandRejected, NotReady), match=message):
         rig.session.start()
@@ -113,7 +113,7 @@ def test_a_program_that_replaces_the_watchdog_at_the_start_moves_nothing(
 def test_a_failed_start_reports_its_own_reason_and_not_an_earlier_stop() -> None:
     rig = Rig().start()
     rig.jog(np.array([0.0, 0.0, -40.0]), 2.7)
-    assert "axis C was stopped by its reverse limit" in rig.session.why_off
+    assert "axis C was stopped by its reverse limit" in rig.session.off_reason
     other = rig.connect()
     other.execute("DPC=0")
     run_before_program_start(rig, lambda: other.execute("JG 500", "FLA=-2000000"))
@@ -183,7 +183,7 @@ def start_other_program(rig: Rig, thread: int = 3) -> None:
 @pytest.mark.parametrize("thread", [0, 3, 7])
 def test_a_controller_that_runs_another_program_is_refused(thread: int) -> None:
     rig = Rig()
-    rig.session.define(HOME)
+    rig.session.set_position(HOME)
     start_other_program(rig, thread)
     message = f"a program runs on the controller, in thread {thread}"
     with pytest.raises(NotReady, match=message):
@@ -198,7 +198,7 @@ def test_a_controller_with_another_sample_time_is_refused(
     microseconds: int,
 ) -> None:
     rig = Rig()
-    rig.session.define(HOME)
+    rig.session.set_position(HOME)
     other = rig.connect()
     other.execute(f"TM {microseconds}")
     assert other.read_numbers("TM ?") == [microseconds] and other.read_number("_TM") == microseconds
@@ -261,7 +261,7 @@ def test_no_line_is_sent_after_a_refused_DL(delay: float) -> None:
 def test_lines_that_the_controller_executes_as_commands_move_nothing(delay: float) -> None:
     """The controller refuses the download too late, because another program has just started."""
     rig = Rig(stream_type=LateStream)
-    rig.session.define(HOME)
+    rig.session.set_position(HOME)
     rig.connect().execute("JG 500,500,500")
     other, stream = rig.connect(), rig.streams[0]
     assert isinstance(stream, LateStream)

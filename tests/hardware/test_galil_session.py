@@ -50,7 +50,7 @@ class Rig:
             self.controller.sample()
 
     def start(self) -> "Rig":
-        self.session.define(HOME)
+        self.session.set_position(HOME)
         self.session.start()
         return self
 
@@ -83,7 +83,7 @@ def test_joints_move_at_their_rates_with_the_signs_and_units_of_the_settings() -
 
 def test_the_position_that_an_operator_sets_is_reported() -> None:
     rig = Rig()
-    rig.session.define(HOME)
+    rig.session.set_position(HOME)
     assert rig.session.read().q == pytest.approx(HOME, abs=1e-3)
 
 
@@ -96,7 +96,7 @@ def test_the_arm_cannot_start_before_its_position_is_set_and_a_reset_clears_it()
     with pytest.raises(ConnectionLost):
         rig.session.read()
     other = rig.new_session()
-    assert not other.homed()
+    assert not other.is_homed()
     with pytest.raises(NotReady, match="position is not set"):
         other.start()
 
@@ -126,7 +126,7 @@ def test_commands_after_a_stop_by_the_controller_move_nothing_until_the_next_sta
     stopping_times(rig, 0.2)
     reading = rig.session.exchange(RATES)
     assert not reading.all_on and not rig.session.is_active
-    assert "received no command from the servo" in rig.session.why_off
+    assert "received no command from the servo" in rig.session.off_reason
     rig.connect().execute("JG 5000,5000,5000")
     rig.jog(RATES, 0.1)
     assert rig.motors_off and rig.at_rest
@@ -146,7 +146,7 @@ def test_a_single_jog_of_another_host_stops_the_arm_at_any_time(phase: int) -> N
         reading = rig.session.exchange(RATES)
         rig.wait(TICK)
     assert not reading.all_on and rig.at_rest and rig.motors_off
-    assert "another host sent speeds" in rig.session.why_off
+    assert "another host sent speeds" in rig.session.off_reason
 
 
 def test_a_command_of_an_earlier_session_stops_the_arm() -> None:
@@ -160,7 +160,7 @@ def test_a_command_of_an_earlier_session_stops_the_arm() -> None:
     rig.wait(0.1)
     rig.session.read()
     assert rig.motors_off and rig.at_rest
-    assert "earlier session" in rig.session.why_off or "another host" in rig.session.why_off
+    assert "earlier session" in rig.session.off_reason or "another host" in rig.session.off_reason
 
 
 def test_a_second_host_is_refused_and_the_first_continues() -> None:
@@ -183,7 +183,7 @@ def test_a_session_cannot_start_while_another_one_uses_the_arm() -> None:
 
 def test_a_start_does_not_stop_axes_that_another_host_moves() -> None:
     rig = Rig()
-    rig.session.define(HOME)
+    rig.session.set_position(HOME)
     rig.connect().execute("SH B", "JG ,500", "BG B")
     with pytest.raises(NotReady, match="the axes ABC move"):
         rig.session.start()
@@ -210,14 +210,14 @@ def test_changed_counts_or_axes_require_a_new_position(
     counts: tuple[float, float, float], axes: str
 ) -> None:
     rig = Rig()
-    rig.session.define(HOME)
-    assert rig.session.homed() and rig.new_session().homed()
+    rig.session.set_position(HOME)
+    assert rig.session.is_homed() and rig.new_session().is_homed()
     edited = rig.new_session(replace(SETTINGS, counts=counts, axes=axes))
-    assert not edited.homed()
+    assert not edited.is_homed()
     with pytest.raises(NotReady, match="counts and axes were changed"):
         edited.start()
-    edited.define(HOME)
-    assert edited.homed() and not rig.session.homed()
+    edited.set_position(HOME)
+    assert edited.is_homed() and not rig.session.is_homed()
 
 
 def test_set_up_does_not_stop_axes_that_another_host_moves() -> None:
@@ -236,7 +236,7 @@ def test_an_ended_watchdog_program_stops_the_arm() -> None:
         rig.jog(RATES, 0.1)
         rig.jog(RATES, 0.2)
         assert rig.motors_off and rig.at_rest
-        assert rig.session.why_off
+        assert rig.session.off_reason
 
 
 def test_a_following_error_is_reported_with_its_axis() -> None:
@@ -244,7 +244,7 @@ def test_a_following_error_is_reported_with_its_axis() -> None:
     rig.controller.stuck = 1
     rig.jog(RATES, 0.4)
     assert rig.motors_off and rig.at_rest
-    assert "axis B was switched off by a following error" in rig.session.why_off
+    assert "axis B was switched off by a following error" in rig.session.off_reason
 
 
 def rig_with_one_motor_off() -> Rig:
@@ -265,7 +265,7 @@ def test_the_driver_switches_all_motors_off_after_one_tripped_without_a_program(
     reading = rig.session.read()
     assert not reading.all_on
     assert rig.motors_off and rig.at_rest
-    assert "axis B was switched off by a following error" in rig.session.why_off
+    assert "axis B was switched off by a following error" in rig.session.off_reason
     assert not rig.session.is_active and rig.session.read().all_off
 
 
@@ -277,13 +277,13 @@ def test_an_arm_can_be_switched_off_until_all_its_motors_are_off() -> None:
     rig.wait(0.02)
     reading = rig.session.read()
     assert not reading.all_on and not reading.all_off
-    why = rig.session.why_off
+    why = rig.session.off_reason
     assert "axis B was switched off by a following error" in why
     rig.connect().execute("HX")
     assert rig.session.is_active
     rig.session.switch_off()
     assert rig.motors_off and rig.at_rest
-    assert not rig.session.is_active and rig.session.why_off == why
+    assert not rig.session.is_active and rig.session.off_reason == why
 
 
 def test_no_speeds_are_sent_while_one_motor_is_off() -> None:
@@ -300,7 +300,7 @@ def test_the_joint_limits_are_soft_limits_of_the_controller() -> None:
     rig = Rig().start()
     rig.jog(np.array([0.0, 0.0, -40.0]), 2.7)
     assert rig.motors_off and rig.at_rest
-    assert "axis C was stopped by its reverse limit" in rig.session.why_off
+    assert "axis C was stopped by its reverse limit" in rig.session.off_reason
     assert rig.session.read().q[2] > -2.0
 
 
@@ -357,7 +357,7 @@ def test_an_amplifier_error_is_described_and_prevents_a_start() -> None:
     rig.controller.unpowered = True
     rig.jog(RATES, 0.1)
     assert rig.motors_off and rig.at_rest
-    why = rig.session.why_off
+    why = rig.session.off_reason
     assert "axis A was switched off by a fault of its amplifier" in why
     assert "under-voltage on axes A-D" in why
     with pytest.raises(NotReady, match="amplifiers are not ready: under-voltage on axes A-D"):
@@ -370,7 +370,7 @@ def test_an_amplifier_error_is_described_and_prevents_a_start() -> None:
 
 def test_amplifiers_and_sensors_of_other_axes_are_ignored() -> None:
     rig = Rig()
-    rig.session.define(HOME)
+    rig.session.set_position(HOME)
     rig.controller.state.amplifier = [0b01110000, 0b11111000, 0xFF, 0b10]
     rig.session.start()
     assert rig.jog(RATES, 0.1).all_on
@@ -409,11 +409,11 @@ def test_unsolicited_messages_are_read_and_added_to_the_reason() -> None:
         rig.controller.state.send_message(f"hello {number}")
         rig.controller.state.send_message("oven is hot" if number == 99 else "")
         rig.jog(RATES, 0.01)
-    assert rig.controller.take_output(messages) == b"" and not rig.session.why_off
+    assert rig.controller.take_output(messages) == b"" and not rig.session.off_reason
     rig.controller.stuck = 1
     rig.jog(RATES, 0.4)
-    assert "following error" in rig.session.why_off
-    assert "its last message was 'oven is hot'" in rig.session.why_off
+    assert "following error" in rig.session.off_reason
+    assert "its last message was 'oven is hot'" in rig.session.off_reason
     rig.controller.stuck = None
     rig.session.start()
     assert not rig.session.last_message

@@ -52,7 +52,7 @@ class ScriptedTerminal:
         self.typed, self.closed = 0, False
         self.printed: list[str] = []
 
-    def tell(self, words: str) -> None:
+    def notify(self, words: str) -> None:
         self.printed.append(words)
 
     def ask(self, question: str) -> str:
@@ -80,10 +80,10 @@ class Arm:
     def measure(self) -> ArmMeasurement:
         return ArmMeasurement(time.monotonic_ns(), self.q, self.enabled)
 
-    def homed(self) -> bool:
+    def is_homed(self) -> bool:
         return self.defined
 
-    def define(self, q: Floats) -> None:
+    def set_position(self, q: Floats) -> None:
         self.q, self.defined = self.q if self.ignores_define else q, True
 
 

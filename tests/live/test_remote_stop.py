@@ -16,13 +16,13 @@ class ToyArm:
     """Arm that responds at once."""
 
     def __init__(self) -> None:
-        self.on, self.why_off = False, ""
+        self.on, self.off_reason = False, ""
         self.taken: list[Command] = []
 
-    def homed(self) -> bool:
+    def is_homed(self) -> bool:
         return True
 
-    def define(self, q: Floats) -> None:
+    def set_position(self, q: Floats) -> None:
         raise AssertionError("the joint values are known")
 
     def enable(self) -> None:
@@ -78,7 +78,7 @@ def test_a_drive_being_enabled_counts_as_on_and_a_stopped_one_stays_off() -> Non
 def test_the_reason_for_a_drive_going_off_is_reported_once() -> None:
     _, arm, stoppable, reasons = make_arm()
     stoppable.measure()
-    arm.why_off = "its limit switch"
+    arm.off_reason = "its limit switch"
     stoppable.measure()
     stoppable.measure()
     assert reasons == ["its limit switch"]
@@ -105,6 +105,7 @@ def test_only_a_servo_that_does_not_disable_the_drive_is_killed(responds: bool) 
     here, there = context.Pipe()
     process = context.Process(target=serve, args=(stop, responds, there), daemon=True)
     process.start()
+    there.close()
     try:
         assert here.recv() == "on"
         words = stop.switch_off(True)

@@ -105,13 +105,13 @@ class GreyCamera:
 class DisabledArm:
     """Arm whose drive is off."""
 
-    def __init__(self, why_off: str = "") -> None:
-        self.why_off, self.closed = why_off, False
+    def __init__(self, off_reason: str = "") -> None:
+        self.off_reason, self.closed = off_reason, False
 
     def measure(self) -> ArmMeasurement:
         return ArmMeasurement(time.monotonic_ns(), np.array([0.6, 0.2, 120.0]), False)
 
-    def homed(self) -> bool:
+    def is_homed(self) -> bool:
         return True
 
     def close(self) -> None:
@@ -123,7 +123,7 @@ class SilentTerminal:
 
     typed = 0
 
-    def tell(self, words: str) -> None:
+    def notify(self, words: str) -> None:
         assert words
 
     def close(self) -> None:
@@ -139,11 +139,11 @@ def passes(*_: Any) -> CheckReport:
 
 
 @pytest.mark.parametrize(
-    ("check", "why_off", "passed"),
+    ("check", "off_reason", "passed"),
     [(passes, "", True), (passes, "its watchdog", False), (is_stopped, "", False)],
 )
 def test_an_earlier_pass_is_revoked_unless_the_check_passes_completely_again(
-    check: Any, why_off: str, passed: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    check: Any, off_reason: str, passed: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The check is replaced; the devices are closed in every case."""
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
@@ -153,7 +153,7 @@ def test_an_earlier_pass_is_revoked_unless_the_check_passes_completely_again(
         '[arm]\nkind = "galil"\naddress = "127.0.0.1"\ncounts = [1e5, 1e5, 1e3]\n'
         '[camera]\nkind = "opencv"\nsource = "0"\nlatency = 0.02\n'
     )
-    digest, arm, camera = compute_digest(file.read_bytes()), DisabledArm(why_off), GreyCamera()
+    digest, arm, camera = compute_digest(file.read_bytes()), DisabledArm(off_reason), GreyCamera()
     store_verified(digest)
     try:
         code = rig_check.rig_check(RigOptions("check", file), lambda lab: arm, lambda lab: camera)

@@ -22,7 +22,7 @@ try:
     for question in sys.argv[1:]:
         answer = terminal.ask(question)
         late = time.monotonic_ns() - terminal.typed > 10**9
-        terminal.tell(f"<{{answer}}> {{'late' if late else 'fresh'}}")
+        terminal.notify(f"<{{answer}}> {{'late' if late else 'fresh'}}")
 except RcmServoError as error:
     print(f"[{{error}}]", flush=True)
 """

@@ -202,7 +202,7 @@ def test_the_driver_enables_the_drive_for_its_own_session_only() -> None:
     with toy() as port, closing(UdpArm("127.0.0.1", port)) as arm:
         assert not arm.measure().enabled and arm.measure().q.tolist() == list(START)
         arm.enable()
-        assert arm.measure().time > 0 and not arm.why_off
+        assert arm.measure().time > 0 and not arm.off_reason
 
 
 @pytest.mark.alone
@@ -291,9 +291,9 @@ def test_the_watchdog_stops_the_arm_when_commands_stop(tmp_path: Path) -> None:
             now = time.monotonic_ns()
             arm.apply(rs.Command(number, now, now + 10**9, np.array(TURN), True))
             arm._new.wait(0.01)
-        while not arm.why_off:
+        while not arm.off_reason:
             arm._new.wait(0.01)
-        assert arm.why_off == "its watchdog ran out"
+        assert arm.off_reason == "its watchdog ran out"
     log_rows = rows(log)
     last = np.flatnonzero(log_rows[:, 2])[-1]
     assert (log_rows[: last + 1, 0] <= log_rows[: last + 1, 4] + PATIENCE).all()

@@ -54,7 +54,7 @@ class Page:
             assert self.channels.requests.send(answer)
         return self.polls > 500
 
-    def define(self, q: Any) -> None:
+    def set_position(self, q: Any) -> None:
         self.defined = q
 
     def measure(self) -> ArmMeasurement:

@@ -97,13 +97,13 @@ class RemotelyStoppableArm:
         remote_stop.set_process()
 
     @property
-    def why_off(self) -> str:
+    def off_reason(self) -> str:
         return self._arm.off_reason
 
-    def homed(self) -> bool:
+    def is_homed(self) -> bool:
         return self._arm.is_homed()
 
-    def define(self, q: Floats) -> None:
+    def set_position(self, q: Floats) -> None:
         self._arm.set_position(q)
 
     def enable(self) -> None:

@@ -211,7 +211,7 @@ def _live(
         target = _prepare_target(session, plant)
         result = _run_loop(session, plant, target, operator, supervisor)
         result = replace(result, camera=_camera_counts(camera))
-    off = getattr(arm, "why_off", "")
+    off = getattr(arm, "off_reason", "")
     return replace(result.unsettled(result.cause or off), drive_off=off) if off else result
 
 

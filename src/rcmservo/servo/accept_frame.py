@@ -42,17 +42,12 @@ def accept_frame(tick: TickContext) -> tuple[int, float]:
     """
     stored, observation, parameters = tick.stored, tick.observation, tick.parameters
     monitor, estimate, fit = stored.monitor, stored.estimate, stored.projection_fit
-    exploration_state, last = stored.exploration_state, stored.decision.command
+    exploration, last = stored.exploration_state, stored.decision.command
     thresholds, period = parameters.thresholds, parameters.period
     rcm, shaft = rcm_struct_of(parameters), tool_struct_of(parameters)
     gap = observation.now - last.time if last.number > 0 else period
-    monitor_loop(
-        monitor,
-        gap,
-        period,
-        known_or_measured_lag(exploration_state, thresholds.drive_lag),
-        thresholds,
-    )
+    lag = known_or_measured_lag(exploration, thresholds.drive_lag)
+    monitor_loop(monitor, gap, period, lag, thresholds)
     if not observation.frame > monitor.newest_frame:
         return NO_FRAME, 0.0
     monitor_frame(monitor, observation, thresholds)
@@ -65,7 +60,7 @@ def accept_frame(tick: TickContext) -> tuple[int, float]:
     first, second = find_lost_markers(points)
     if first or second:
         return NO_FRAME, 0.0
-    if exploration_state.is_done:
+    if exploration.is_done:
         first, second, crossed = find_deviating_markers(
             fit, p1, points, estimate.points, shaft, thresholds
         )
@@ -83,9 +78,9 @@ def accept_frame(tick: TickContext) -> tuple[int, float]:
     copy_into(estimate.p1, p1)
     # an operator may have moved the tool by hand until the exploration began
     updates = (
-        exploration_state.is_done
-        or not exploration_state.has_begun
-        or observation.exposure >= exploration_state.start_time
+        exploration.is_done
+        or not exploration.has_begun
+        or observation.exposure >= exploration.start_time
     )
     frame_result = FRAME_UPDATES if updates else FRAME_ACCEPTED
     dt = (observation.exposure - estimate.exposure) * 1e-9 if estimate.exposure >= 0 else 0.0

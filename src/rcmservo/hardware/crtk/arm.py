@@ -144,7 +144,7 @@ class CrtkArm:
         self._thread.start()
 
     @property
-    def why_off(self) -> str:
+    def off_reason(self) -> str:
         """Reason why the drive went off by itself, in a sentence; empty if it did not."""
         reason = self._received.problem or self._off_reason
         on = f"{self._name} does not report that it is off: use its emergency stop"
@@ -156,7 +156,7 @@ class CrtkArm:
         with self._changed:
             return replace(self._counts, warned=received.warnings, stale=received.rejected)
 
-    def homed(self) -> bool:
+    def is_homed(self) -> bool:
         """Return True if the arm reports that it is homed, False if it reports no state.
 
         Raise `NotReady` if it is not homed, because an operator cannot set its position.
@@ -166,7 +166,7 @@ class CrtkArm:
             raise NotReady(f"{self._name} {HOMES_ITSELF}")
         return state is not None
 
-    def define(self, q: Floats) -> None:
+    def set_position(self, q: Floats) -> None:
         """Raise `NotReady`: the arm homes itself."""
         raise NotReady(f"{self._name} {HOMES_ITSELF}")
 
@@ -220,11 +220,11 @@ class CrtkArm:
             return rates
 
     @property
-    def by_speeds(self) -> bool:
+    def is_rate_controlled(self) -> bool:
         """True if the arm gets speeds instead of positions."""
         return self.settings.jv
 
-    def fall_silent(self) -> None:
+    def suspend_communication(self) -> None:
         """Send nothing, as if this program had died, until the arm is switched off or on."""
         with self._changed:
             self._silent = True

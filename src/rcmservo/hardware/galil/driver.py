@@ -73,9 +73,9 @@ class GalilArm:
         self._thread.start()
 
     @property
-    def why_off(self) -> str:
+    def off_reason(self) -> str:
         """Reason why the drive went off by itself, in a sentence; empty if it did not."""
-        return self._connection_error or self._session.why_off
+        return self._connection_error or self._session.off_reason
 
     def enable(self) -> None:
         """Switch the motors on, at rest and under the controller's watchdog."""
@@ -89,16 +89,16 @@ class GalilArm:
             self._session.start()
             self._measured = self._as_measured(self._session.read())
 
-    def define(self, q: Floats) -> None:
+    def set_position(self, q: Floats) -> None:
         """Set the joint position (3,) in rad, rad, mm, at rest and with the drive off."""
         with self._exclusive_session():
-            self._session.define(q)
+            self._session.set_position(q)
             self._measured = self._as_measured(self._session.read())
 
-    def homed(self) -> bool:
+    def is_homed(self) -> bool:
         """Return True if an operator has set the joint position since the controller's reset."""
         with self._exclusive_session():
-            return self._session.homed()
+            return self._session.is_homed()
 
     def measure(self) -> ArmMeasurement:
         """Return the last measurement of the joints."""

@@ -1,12 +1,12 @@
 """Use of a Galil controller by an arm's driver, from set-up to switch-off.
 
-    set up      require that no other host or program uses the arm; switch the motors off; send
-                settings and watchdog program
-    define      set the joint position; an operator does it after each reset of the controller
-    start       send settings and program again; start the program and switch the motors on; the
-                program begins a jog at zero speed
-    exchange    send speeds and the watchdog's count, and read the data record
-    switch off  decelerate the axes, then switch the motors off
+    set up        require that no other host or program uses the arm; switch the motors off; send
+                  settings and watchdog program
+    set_position  set the joint position; an operator does it after each reset of the controller
+    start         send settings and program again; start the program and switch the motors on; the
+                  program begins a jog at zero speed
+    exchange      send speeds and the watchdog's count, and read the data record
+    switch off    decelerate the axes, then switch the motors off
 
 Each step waits for all replies. Sources: command reference; docs/galil.md lists what was tested.
 """
@@ -114,7 +114,7 @@ class GalilSession:
         limits: JointLimits,
     ) -> None:
         self.settings, self.limits = settings, limits
-        self.why_off = ""
+        self.off_reason = ""
         """Reason why the controller switched the motors off, in a sentence; empty if it did not."""
         self.last_message = ""
         """Last unsolicited message since the motors were enabled; empty if there was none."""
@@ -185,7 +185,7 @@ class GalilSession:
         if any(self._connection.read_number(f"_BG{axis}") for axis in axes):
             raise NotReady(f"the axes {axes} move: the host that moves them must stop them first")
 
-    def homed(self) -> bool:
+    def is_homed(self) -> bool:
         """Return True if an operator has set the position since the controller's reset.
 
         The position must have been set with the present counts and axes: with other scales the same
@@ -193,7 +193,7 @@ class GalilSession:
         """
         return self._connection.read_variable(HOMED_VARIABLE) == self.settings.scale_checksum
 
-    def define(self, q: Floats) -> None:
+    def set_position(self, q: Floats) -> None:
         """Set the joint position (3,) in rad, rad, mm, at rest and with the drive off."""
         require(bool(np.isfinite(q).all()), "q", q.tolist(), "three numbers")
         counts = np.round(q * np.array(self.settings.counts)).astype(int).tolist()
@@ -209,7 +209,7 @@ class GalilSession:
             If the position is not set, another host uses the arm, an amplifier has an error, or the
             axes do not begin. The motors are off then.
         """
-        if not self.homed():
+        if not self.is_homed():
             raise NotReady(
                 "the arm's position is not set since the controller was reset or its counts and "
                 "axes were changed: bring the arm to a mark and define its position"
@@ -227,7 +227,7 @@ class GalilSession:
         self._prepare()
         session = int(connection.read_variable(SESSION_VARIABLE)) % SESSION_MODULUS + 1
         self._watchdog_count = session * COUNTS_PER_SESSION
-        self.why_off, self.last_message = "", ""
+        self.off_reason, self.last_message = "", ""
         self._top_speeds = np.zeros(3)
         connection.execute(f"{SESSION_VARIABLE}={session}", f"hb={self._watchdog_count}", "TC")
         self.is_active, self._program_checked = True, connection.now()
@@ -280,11 +280,11 @@ class GalilSession:
         another host stay undetected, for 10 ms. If the controller has switched a motor off, the
         method sends no speeds.
         """
-        if self.why_off:
+        if self.off_reason:
             return self.read()
         if self.is_active and self._has_foreign_speeds():
             self.switch_off()
-            self.why_off = STOP_CAUSES[FOREIGN_SPEED]
+            self.off_reason = STOP_CAUSES[FOREIGN_SPEED]
             return self.read()
         self._watchdog_count += 1
         speeds = self._speed_commands(self.in_counts_per_s(rates))
@@ -366,7 +366,7 @@ class GalilSession:
         if not self.is_active:
             return
         if not reading.all_on:
-            self.why_off = self.why_off or self._explain(self._stop_cause(reading))
+            self.off_reason = self.off_reason or self._explain(self._stop_cause(reading))
         due = self._connection.now() - self._program_checked > PROGRAM_CHECK_PERIOD_S
         if reading.all_off:
             self.is_active = False
@@ -374,7 +374,9 @@ class GalilSession:
             self._program_checked = self._connection.now()
             if self._connection.read_number(f"_XQ{WATCHDOG_THREAD}") < 0.0:
                 self.switch_off()
-                self.why_off = self.why_off or "the watchdog program on the controller has ended"
+                self.off_reason = (
+                    self.off_reason or "the watchdog program on the controller has ended"
+                )
 
     def _stop_cause(self, reading: ArmReading) -> str:
         """Return the reason why the axes are at rest."""

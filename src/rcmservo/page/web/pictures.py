@@ -15,7 +15,7 @@ from rcmservo.page.json_text import encode_json
 from rcmservo.page.view_model import Dashboard
 from rcmservo.tracking import encode_image
 
-POLL_PERIOD_S = 0.006
+DRAWING_POLL_PERIOD_S = 0.006
 """Time (s) between polls of the camera."""
 MIN_PICTURE_PERIOD_S = 0.025
 """Shortest time (s) between pictures: the servo needs 60 a second, a viewer half of them."""
@@ -67,7 +67,7 @@ class Pictures:
                 due, table = loop.time() + MIN_PICTURE_PERIOD_S, self._board.to_table()
                 jpeg = await asyncio.to_thread(encode_image, frame.image)
                 self._publish(frame.number, jpeg, table)
-            await asyncio.sleep(POLL_PERIOD_S)
+            await asyncio.sleep(DRAWING_POLL_PERIOD_S)
 
     def _poll_camera(self) -> None:
         frame = self._camera.latest()
