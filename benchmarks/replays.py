@@ -71,7 +71,7 @@ def faults(random: np.random.Generator, clock: Clock, names: tuple[str, ...] = M
             "swap": {"points": seen.points[::-1].copy()},
             "jump": {"points": seen.points + 30.0},
             "stop": {n: getattr(held, n) for n in FRAME}
-            | {"dropped": list(DropReason)[held.now % 4]},
+            | {"drop_reason": list(DropReason)[held.now % 4]},
             "silent": {"q": held.q, "q_time": held.q_time},
             "joints": {"q": np.array([np.nan, 1.0, 60.0])},
             "drive": {"enabled": False},

@@ -1,5 +1,6 @@
-"""The README's picture of the operator's page, and a short film of it: headless Chromium before
-`rcmservo serve`, with a simulated arm.
+"""Make the README's picture of the operator's page, and a short film of it.
+
+Headless Chromium uses `rcmservo serve` with a simulated arm.
 
 python docs/make_film.py        writes page.jpg and page.mp4 beside this file
 
@@ -47,7 +48,7 @@ class Camera:
         self._wire.send("Page.startScreencast", {"format": "jpeg", "quality": 85})
 
     def end(self) -> list[tuple[float, str]]:
-        """What was seen."""
+        """Stop, and return the frames with their times."""
         self._wire.remove_listener("Page.screencastFrame", self._keep)
         self._wire.send("Page.stopScreencast")
         return self.seen

@@ -25,8 +25,8 @@ README = (ROOT / "README.md").read_text()
 PAGES = sorted([ROOT / "README.md", *(ROOT / "docs").glob("*.md")])
 NAMES = re.findall(r"`(rcmservo[\w.]*):([\w.]+)`", (ROOT / "docs/notation.md").read_text())
 WORDS = re.findall(
-    r"^\| (\w+) \| `rcmservo[\w.]*:[\w.]+` \| (\S.*\S) \|$",
-    (ROOT / "docs/notation.md").read_text().partition("## The words of the house")[2],
+    r"^\| ([\w ]+) \| `rcmservo[\w.]*:[\w.]+` \| (\S.*\S) \|$",
+    (ROOT / "docs/notation.md").read_text().partition("## Glossary")[2],
     re.M,
 )
 
@@ -63,7 +63,7 @@ def test_the_notation_has_names() -> None:
 
 
 def test_every_term_has_one_meaning() -> None:
-    table = (ROOT / "docs/notation.md").read_text().partition("## The words of the house")[2]
+    table = (ROOT / "docs/notation.md").read_text().partition("## Glossary")[2]
     words, meanings = zip(*WORDS, strict=True)
     assert (
         len(WORDS) == table.count("\n| ") - 1

@@ -42,7 +42,7 @@ def required_arguments(name: str) -> dict[str, Any]:
         "Jog": {"rates": q},
         "JointLimits": {"lower": (0.0, 0.0, 50.0), "upper": (1.0, 1.0, 90.0)},
         "Markers": {"points": points, "radius": np.ones(2), "quality": np.ones(2)},
-        "Measured": {"time": 0, "q": q, "enabled": True},
+        "ArmMeasurement": {"time": 0, "q": q, "enabled": True},
         "RigidTool": {"spacing": 30.0},
         "ScaledTool": {"scale": 1.5},
         "Servo": {"mechanism": rs.SphericalRcm(), "tool": rs.RigidTool(spacing=30.0)},
@@ -83,7 +83,7 @@ def test_an_invalid_argument_is_refused_with_field_value_and_expected_value(
         try:
             made(**required_arguments(made.__name__) | {argument: value})
         except rs.BadInput as refused:
-            assert refused.right, kind
+            assert refused.expected, kind
             spelling = MESSAGE_SPELLINGS.get(argument, argument)
             assert spelling in refused.field or refused.field == made.__name__.lower(), kind
         except Exception as error:

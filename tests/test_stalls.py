@@ -26,7 +26,7 @@ class FixedStall(StallMonitor):
 def test_a_failed_run_is_repeated_if_the_machine_stalled(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(stalls, "Witness", FixedStall)
+    monkeypatch.setattr(stalls, "StallMonitor", FixedStall)
     runs = iter(range(2 * MAX_ATTEMPTS))
     assert retry_after_stalls(lambda: next(runs), lambda run: run == 2) == 2
     with pytest.raises(Skipped, match="stalled"):
@@ -35,7 +35,7 @@ def test_a_failed_run_is_repeated_if_the_machine_stalled(
 
 
 def test_a_failed_run_is_not_repeated_without_a_stall(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(stalls, "Witness", FixedStall)
+    monkeypatch.setattr(stalls, "StallMonitor", FixedStall)
     monkeypatch.setattr(FixedStall, "duration_ns", MIN_STALL_NS - 1)
     runs = iter(range(MAX_ATTEMPTS))
     assert retry_after_stalls(lambda: next(runs), lambda run: False) == 0

@@ -21,7 +21,7 @@ UNREACHABLE_TARGETS = {
         focal = [850.0, 900.0]
         distance = [120.0, 140.0]
         [thresholds]
-        without_marker = 0.0
+        max_single_marker_deviation = 0.0
         """,
         3,
         "is not detected",
@@ -132,7 +132,7 @@ def test_a_run_that_ends_by_its_duration_names_that_cause(
                 "run",
                 "--duration",
                 "1.1",
-                "--exploration.legs",
+                "--exploration.min-corners",
                 "40",
                 "--no-video",
                 "--json",

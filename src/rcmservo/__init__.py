@@ -20,6 +20,12 @@ STUDY_NAMES = ("bound",)
 """Public names of `rcmservo.study`, which are also loaded on first use."""
 
 
+def __dir__() -> list[str]:
+    """Return the public names."""
+    public = importlib.import_module("rcmservo.public")
+    return sorted([*public.__all__, *PUBLIC_PACKAGES, *STUDY_NAMES, "__version__"])
+
+
 def __getattr__(name: str) -> Any:
     """Load a public name on first use, so that the command line starts quickly."""
     if name in PUBLIC_PACKAGES:

@@ -42,7 +42,7 @@ class BadInput(RcmServoError, ValueError):
 
     def __init__(self, field: str, value: object, expected: str) -> None:
         super().__init__(f"{field} must be {expected}, got {quoted(value)}")
-        self.field, self.value, self.right = field, value, expected
+        self.field, self.value, self.expected = field, value, expected
 
 
 class UnusableFile(RcmServoError):

@@ -49,7 +49,7 @@ def disturb_observation(observation: rs.Observation) -> rs.Observation:
         **{
             **observation.__dict__,
             "points": points,
-            "dropped": DropReason.DAMAGED if 5.0 < second < 5.03 else DropReason.NONE,
+            "drop_reason": DropReason.DAMAGED if 5.0 < second < 5.03 else DropReason.NONE,
         }
     )
 
@@ -107,7 +107,9 @@ def test_a_tick_is_late_by_the_threshold_of_the_recorded_servo(
         recorder.begin(servo, recorded_run.target)
         for i, tick in enumerate(recorded_run.ticks[:20]):
             now = tick.observation.now + 3_000_000 * (i >= 10)
-            recorder.write(replace(tick, servo=servo, seen=replace(tick.observation, now=now)))
+            recorder.write(
+                replace(tick, servo=servo, observation=replace(tick.observation, now=now))
+            )
     loop = summarise(reader.read_record(tmp_path)).loop
     assert loop is not None and loop.late == late
 
@@ -199,7 +201,7 @@ def test_show_prints_causes_and_remedies_and_draws_figures(
         "neither marker is detected: both left the image or are hidden",
         "clear the camera's view, then resume",
         "the operator requested a pause",
-        "after a person's resume",
+        "after the operator's request to resume",
         "frames arrive damaged at",
         "late ticks",
     ):

@@ -27,7 +27,7 @@ SOURCE = """
 from dataclasses import dataclass
 import numpy as np
 import rcmservo as rs
-from rcmservo.geometry.features import about, features_jacobian
+from rcmservo.geometry.features import compute_features_jacobian, shift_to_rcm
 
 @dataclass(frozen=True)
 class Least(rs.Estimator):
@@ -42,7 +42,7 @@ class Least(rs.Estimator):
         A = A + np.outer(sample.points.ravel() - A @ x, gain)
         return A, (P - np.outer(gain, P @ x)) / self.forgetting
     def jacobian(self, memory, tool, sample):
-        return features_jacobian(about(sample.points, sample.o_c)) @ memory[0][:, :3]
+        return compute_features_jacobian(shift_to_rcm(sample.points, sample.o_c)) @ memory[0][:, :3]
 """
 FILE = f"""
 methods = ["dlt", "mine"]
@@ -97,7 +97,7 @@ class LocalCrew:
 
     count, where = 1, "this test"
 
-    def done(self, orders: Any) -> Generator[Any]:
+    def run(self, orders: Any) -> Generator[Any]:
         for key, order in orders:
             yield key, run_chunk(order)
 
@@ -110,7 +110,7 @@ def in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
     def crew(address: str | None, workers: int | None) -> Generator[LocalCrew]:
         yield LocalCrew()
 
-    monkeypatch.setattr(crews, "crew", crew)
+    monkeypatch.setattr(crews, "open_worker_pool", crew)
 
 
 def rows(folder: str) -> list[dict[str, Any]]:
@@ -140,7 +140,7 @@ def test_an_option_overrides_the_file_and_the_file_overrides_the_default(
     def work(plan: StudyPlan, folder: Path) -> None:
         raise RcmServoError(f"{plan.count} {plan.noise} {plan.duration} {plan.first_seed}")
 
-    monkeypatch.setattr("rcmservo.study.execution.run_study.Work", work)
+    monkeypatch.setattr("rcmservo.study.execution.run_study.StudyExecution", work)
     file = tmp_path / "study.toml"
     file.write_text("count = 50\nnoise = [0.3]\nfirst_seed = 7")
     assert main(["study", str(file), "--count", "3", "--seed", "8"]) == 2
@@ -276,7 +276,7 @@ def test_an_equal_row_of_another_processor_is_reported_as_such(
 ) -> None:
     from rcmservo.study import row
 
-    monkeypatch.setattr(row, "cpu", lambda: "another one")
+    monkeypatch.setattr(row, "read_cpu_name", lambda: "another one")
     assert rerun(0) == 0
     assert "the same row, bit for bit (cpu was " in capsys.readouterr().out
 
@@ -306,7 +306,7 @@ def test_a_row_that_differs_is_reported_with_exit_code_1(
 ) -> None:
     from rcmservo.study import row
 
-    monkeypatch.setattr(row, "NEAR", 1e9)
+    monkeypatch.setattr(row, "SUCCESS_MM", 1e9)
     assert rerun(0) == 1
     assert "the row differs in success, time_to_1mm_s, recorded" in capsys.readouterr().out
 

@@ -31,9 +31,9 @@ from rcmservo.tracking import PointMarkers
 FRAME_PARAMETERS: dict[Callable[..., object], str] = {
     rs.teach: "frames",
     Teach: "frames",
-    Study: "shown",
-    SimulationEngine: "shown",
-    StudyPlan: "shown",
+    Study: "teaching_frames",
+    SimulationEngine: "teaching_frames",
+    StudyPlan: "teaching_frames",
     ScriptedOperator: "frames",
     teach_and_return: "frames",
     SimulatedLab.session: "frames",
@@ -82,6 +82,6 @@ def test_a_target_taught_at_the_arm_averages_the_requested_frames(
     numbers, printed = list[int](), list[str]()
     monkeypatch.setattr(hardware_prompts, "await_enter", lambda *_: None)
     monkeypatch.setattr(hardware_prompts, "teach", lambda plant, frames: numbers.append(frames))
-    operator: Any = type("Operator", (), {"tell": lambda self, words: printed.append(words)})()
+    operator: Any = type("Operator", (), {"notify": lambda self, words: printed.append(words)})()
     hardware_prompts.teach_by_hand(operator, cast(Any, None), 7)
     assert numbers == [7] and printed[0].startswith("Averaging 7 frames")

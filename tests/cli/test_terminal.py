@@ -159,7 +159,7 @@ def test_compiled_parts_are_reported_and_other_packages_are_not_counted(
 
     The stated total is at least the number of compiled parts.
     """
-    monkeypatch.setattr(reports, "parts", lambda: expected)
+    monkeypatch.setattr(reports, "count_kernels", lambda: expected)
     written = io.StringIO()
     with Live(console=Console(file=written, width=40)) as line, compiling(line):
         for module in ["other.package"] * others + ["rcmservo.made_up"] * 21:

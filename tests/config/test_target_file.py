@@ -225,7 +225,7 @@ def test_the_tolerance_beyond_joint_limits_is_the_threshold_of_the_rig(tmp_path:
     q[2] = upper[2] + 0.008 * (upper[2] - lower[2])
     target, path = rs.Target(np.array([[100.0, 100.0], [120.0, 150.0]]), q), tmp_path / "t.json"
     rig = tmp_path / "rig.toml"
-    rig.write_text("[thresholds]\nslack = 0.01\n")
+    rig.write_text("[thresholds]\nlimit_tolerance = 0.01\n")
     generous = replace(SETUP, slack=load_rig_file(rig).thresholds.limit_tolerance)
     with pytest.raises(rs.UnusableFile, match=r"target\.joints"):
         target_file.save_target(path, target, SETUP)

@@ -37,7 +37,7 @@ def write_record_with_estimator(name: str, folder: Path, monkeypatch: pytest.Mon
     """Write a record whose estimator has a given name."""
     servo = rs.Servo(rs.SphericalRcm(), rs.RigidTool(spacing=30.0))
     with monkeypatch.context() as other:
-        other.setattr("rcmservo.config.servo_json.name_of", lambda value, kinds: name)
+        other.setattr("rcmservo.config.servo_json.find_class_name", lambda value, kinds: name)
         with Recorder(folder / "record.mcap", {}) as recorder:
             recorder.begin(servo, rs.Target(np.zeros((2, 2)), np.zeros(3)))
 

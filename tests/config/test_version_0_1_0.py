@@ -1,9 +1,10 @@
-"""Files of version 0.1.0 can be read: rig file, target and record.
+"""Target and record of version 0.1.0 can be read, and its rig file after the messages' advice.
 
 A replay that this version cannot do names the version that can.
 """
 
 import json
+import re
 import shutil
 from pathlib import Path
 
@@ -14,19 +15,39 @@ import rcmservo as rs
 from conftest import ROOT
 from rcmservo.cli.cli import main
 from rcmservo.config import target_file
-from rcmservo.config.rig_file import load_rig_file
+from rcmservo.config.rig_file import RigDescription, load_rig_file
 from rcmservo.config.servo_json import describe_servo
 from rcmservo.config.target_file import TargetSetup
+from rcmservo.errors import BadInput
 from rcmservo.recording import reader
 from rcmservo.recording.writer import Recorder
 from rcmservo.sim.rig_file import read_rig_settings
 from rcmservo.tracking import MarkerAppearance
 
 OLD = ROOT / "tests/data/v0.1.0"
+NEW_NAME = re.compile(r"its name is (\w+) now")
 
 
-def test_its_rig_file_gives_the_same_rig() -> None:
-    lab = load_rig_file(OLD / "rig.toml")
+def renamed_rig(folder: Path) -> RigDescription:
+    """Return the rig of version 0.1.0 after its names were changed as the messages advise."""
+    text, file = (OLD / "rig.toml").read_text(), folder / "rig.toml"
+    for _ in range(20):
+        file.write_text(text)
+        try:
+            return load_rig_file(file)
+        except BadInput as error:
+            where, present = error.field.split(": ")[-1], NEW_NAME.search(error.expected)
+            assert present, error
+            section, _, key = where.removeprefix("section ").partition(".")
+            old = rf"(^\[{section}\]$.*?^){key}\b" if key else rf"(^\[){section}\b"
+            text = re.sub(f"(?ms){old}", rf"\g<1>{present[1]}", text)
+    raise AssertionError(text)
+
+
+def test_its_rig_file_gives_the_same_rig_with_the_names_that_the_messages_give(
+    tmp_path: Path,
+) -> None:
+    lab = renamed_rig(tmp_path)
     limits = rs.JointLimits((-1.5, -0.9, 45.0), (1.5, 0.9, 235.0))
     assert lab.mechanism == rs.PitchYawRcm(limits, 5.0)
     assert lab.tool == rs.RigidTool(spacing=28.0, offset=-2.0)
@@ -41,8 +62,8 @@ def test_its_rig_file_gives_the_same_rig() -> None:
     assert settings.drive.lag == 0.025 and settings.scene.insertion == (60.0, 150.0)
 
 
-def test_its_target_loads_for_the_same_setup() -> None:
-    lab = load_rig_file(OLD / "rig.toml")
+def test_its_target_loads_for_the_same_setup(tmp_path: Path) -> None:
+    lab = renamed_rig(tmp_path)
     name = "simulation with seed 3, view ae914c9f"
     setup = TargetSetup(name, 640, 480, lab.mechanism, lab.tool, lab.markers)
     target = target_file.load_target(OLD / "target.json", setup)
@@ -75,17 +96,17 @@ def test_a_record_with_unknown_settings_names_the_version_that_wrote_it(
 ) -> None:
     def before(servo: rs.Servo) -> dict[str, object]:
         table = describe_servo(servo)
-        del table["thresholds"]["jump"]
+        del table["thresholds"]["max_jump_px"]
         return table
 
-    monkeypatch.setattr("rcmservo.recording.stage.describe", before)
+    monkeypatch.setattr("rcmservo.recording.stage.describe_servo", before)
     monkeypatch.setattr("rcmservo.recording.stage.__version__", "0.1.7")
     servo = rs.Servo(rs.SphericalRcm(), rs.RigidTool(spacing=30.0))
     with Recorder(tmp_path / "record.mcap", {}) as recorder:
         recorder.begin(servo, rs.Target(np.zeros((2, 2)), np.zeros(3)))
     assert main(["replay", str(tmp_path)]) == 2
     error = capsys.readouterr().err
-    assert "servo.thresholds.jump must be given" in error
+    assert "servo.thresholds.max_jump_px must be given" in error
     assert "replay it with rcmservo 0.1.7, which has written it" in error
     assert len(error.splitlines()) == 1
 

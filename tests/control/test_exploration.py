@@ -49,7 +49,7 @@ def begun(rcm, q, now=0, least_room=MIN_ROOM, **choices):
     """Return an exploration, or None if there is no room for it."""
     state = ExplorationState.of()
     parameters = to_row(Exploration(**choices))[0]
-    start_exploration(state.rows[0], rcm.rcm(), MAX_RATES, q, now, least_room, parameters)
+    start_exploration(state.rows[0], rcm.to_struct(), MAX_RATES, q, now, least_room, parameters)
     assert state.has_begun != state.has_no_room
     return state if state.has_begun else None
 
@@ -58,7 +58,7 @@ def sides_of_round(state, rcm, number, **choices):
     """Return the sides of round `number`, counted from 0."""
     rows = state.rows.copy()
     rows["visited_corners"] = number * len(CORNERS)
-    set_round(rows[0], rcm.rcm(), MAX_RATES, 0.0, to_row(Exploration(**choices))[0])
+    set_round(rows[0], rcm.to_struct(), MAX_RATES, 0.0, to_row(Exploration(**choices))[0])
     return ExplorationState(rows).sides
 
 
@@ -68,7 +68,7 @@ def corners(home, sides):
 
 def longest_distance(rcm, joints):
     """Return the longest distance in mm of marker 1 between any two of these joints."""
-    p = np.stack([compute_position(rcm.rcm(), q) for q in joints])
+    p = np.stack([compute_position(rcm.to_struct(), q) for q in joints])
     return np.linalg.norm(p[:, None] - p[None], axis=2).max()
 
 
@@ -103,7 +103,7 @@ def test_the_corners_of_an_exploration_span_space(rcm, seed):
 def expected_sides(rcm, q, number=0, parameters=Exploration()):  # noqa: B008 frozen
     """Return the sides of a round with enough room."""
     sides = parameters.speed_scale * parameters.leg_time * MAX_RATES * parameters.growth**number
-    return sides * min(parameters.max_leg_length / max_leg_length(rcm.rcm(), q, sides), 1.0)
+    return sides * min(parameters.max_leg_length / max_leg_length(rcm.to_struct(), q, sides), 1.0)
 
 
 @given(rcms, seeds)
@@ -118,9 +118,9 @@ def test_far_from_limits_a_side_is_the_motion_of_one_leg_up_to_the_reach(rcm, se
 @given(rcms, seeds)
 def test_every_round_is_larger_until_the_reach_and_mirrored(rcm, seed):
     q = random_joints(rcm, seed, margin=0.35)
-    state = begun(rcm, q, reach=20.0)
+    state = begun(rcm, q, max_leg_length=20.0)
     for number in range(1, 7):
-        sides = sides_of_round(state, rcm, number, reach=20.0)
+        sides = sides_of_round(state, rcm, number, max_leg_length=20.0)
         size = expected_sides(rcm, q, number, Exploration(max_leg_length=20.0))
         np.testing.assert_allclose(sides, size * (-1.0) ** number)
 
@@ -129,11 +129,11 @@ def test_every_round_is_larger_until_the_reach_and_mirrored(rcm, seed):
 def test_the_span_is_the_longest_corner_distance_by_the_derivative(rcm, seed):
     random, q = make_random(seed), random_joints(rcm, seed)
     sides = random.uniform(-1.0, 1.0, 3) * (0.1, 0.1, 10.0)
-    steps = compute_position_jacobian(rcm.rcm(), q) * np.abs(sides)
+    steps = compute_position_jacobian(rcm.to_struct(), q) * np.abs(sides)
     pairs = (0, 1), (1, 2), (2, 0)
     longest = max(np.linalg.norm(np.abs(steps[:, pair]).sum(axis=1)) for pair in pairs)
-    assert max_leg_length(rcm.rcm(), q, sides) == pytest.approx(longest)
-    p = corners(np.zeros(3), sides) @ compute_position_jacobian(rcm.rcm(), q).T
+    assert max_leg_length(rcm.to_struct(), q, sides) == pytest.approx(longest)
+    p = corners(np.zeros(3), sides) @ compute_position_jacobian(rcm.to_struct(), q).T
     assert np.linalg.norm(p[:, None] - p[None], axis=2).max() <= longest * (1 + 1e-12)
 
 
@@ -150,7 +150,7 @@ def drive_exploration(rcm, q, visits, dt=0.01):
             reached.append(q)
             state.rows["visited_corners"] += 1
             if state.visited_corners % len(CORNERS) == 0:
-                set_round(state.rows[0], rcm.rcm(), MAX_RATES, 0.0, parameters)
+                set_round(state.rows[0], rcm.to_struct(), MAX_RATES, 0.0, parameters)
             set_next_corner(state.rows[0])
         q = q + rates_to_corner(state.rows[0], MAX_RATES, q, 0.0, parameters) * dt
         assert np.all(q >= rcm.limits.lower) and np.all(q <= rcm.limits.upper)
@@ -264,11 +264,21 @@ def test_an_exploration_is_overdue_just_after_its_time():
 
 
 @pytest.mark.parametrize(
-    "name", ["leg", "share", "reach", "growth", "uncertainty", "tolerance", "legs", "max_time"]
+    "name",
+    [
+        "leg_time",
+        "speed_scale",
+        "max_leg_length",
+        "growth",
+        "uncertainty",
+        "tolerance",
+        "min_corners",
+        "max_time",
+    ],
 )
 @pytest.mark.parametrize("value", [0, -1, 1e300])
 def test_settings_that_cannot_work_are_refused_by_name(name, value):
-    if value == 1e300 and name not in ("share", "growth", "legs"):
+    if value == 1e300 and name not in ("speed_scale", "growth", "min_corners"):
         value = np.inf
     with pytest.raises(BadInput, match=name):
         Exploration(**{name: value})

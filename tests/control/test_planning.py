@@ -69,9 +69,9 @@ class ExploredScene:
         )
         sides = self.tour.sides.copy()
         self.corners = self.home + np.vstack([np.zeros(3), CORNERS[:3]]) * sides
-        self.tour.rows["visits"] = 4 * number
+        self.tour.rows["visited_corners"] = 4 * number
         set_round(self.tour.rows[0], RCM.to_struct(), MAX_RATES, 0.0, SETTINGS)
-        self.tour.rows["visits"] = 3
+        self.tour.rows["visited_corners"] = 3
         self.q, self.positions = self.corners[-1], positions_on_legs(self.corners)
         self.p1 = self.positions[-1]
         self.C = self.camera()
@@ -100,7 +100,7 @@ class ExploredScene:
 
     def plan(self) -> Floats:
         """Return the next corner."""
-        self.tour.rows["goal"] = np.nan
+        self.tour.rows["next_corner"] = np.nan
         rcm, reach = RCM.to_struct(), Exploration.max_leg_length
         plan_corner(self.tour.rows[0], self.fit.rows[0], rcm, SHAFT, self.q, self.target, reach)
         return self.tour.next_corner
@@ -233,7 +233,7 @@ def test_the_expected_error_matches_the_observed_error() -> None:
         scene = ExploredScene(seed)
         leg = positions_on_legs(np.stack([scene.q, scene.plan()]))[1:]
         full = scene.fit_frames(0.0, leg)
-        full.rows["noise"] = 0.3**2
+        full.rows["noise_variance"] = 0.3**2
         expected.append(path_error(full.rows[0], scene.p1, scene.target, SHAFT)[0] ** 2)
         H_pinv, exact = pinv_jacobian(full, scene.p1), predicted_motion(full, scene)
         for _ in range(20):

@@ -327,8 +327,8 @@ def test_an_arm_without_recent_reports_gets_zero_speed(monkeypatch: pytest.Monke
         ({"interface": "<lo/>"}, "arm.interface"),
         ({"signs": (1.0, 2.0, 1.0)}, "arm.signs"),
         ({"signs": (1.0, float("nan"), 1.0)}, "arm.signs"),
-        ({"lead": (0.1, 0.1, 0.0)}, "arm.lead"),
-        ({"lead": (0.1, 0.1, float("nan"))}, "arm.lead"),
+        ({"max_lead": (0.1, 0.1, 0.0)}, "arm.max_lead"),
+        ({"max_lead": (0.1, 0.1, float("nan"))}, "arm.max_lead"),
         ({"reply_timeout": float("inf")}, "arm.reply_timeout"),
     ],
 )

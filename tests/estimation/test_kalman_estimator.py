@@ -114,8 +114,8 @@ def test_it_adapts_to_a_rolled_camera():
         ({"drift": np.nan}, "estimator.drift must be a number"),
         ({"noise": 0.0}, "estimator.noise must be a number from 1e-6 to 1000, got 0"),
         ({"noise": np.inf}, "estimator.noise must be a number"),
-        ({"spread": 0.0}, "estimator.spread must be a number"),
-        ({"spread": np.nan}, "estimator.spread must be a number"),
+        ({"initial_std": 0.0}, "estimator.initial_std must be a number"),
+        ({"initial_std": np.nan}, "estimator.initial_std must be a number"),
     ],
 )
 def test_settings_outside_their_range_are_refused_in_one_sentence(settings, sentence):

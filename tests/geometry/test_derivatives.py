@@ -243,7 +243,7 @@ def test_derivative_of_the_features_holds_for_a_lens_with_distortion(seed, mecha
         q,
         [1e-5, 1e-5, 1e-3],
     )
-    marker = compute_position_jacobian(mechanism.rcm(tool.offset), q)
+    marker = compute_position_jacobian(mechanism.to_struct(tool.offset), q)
     J = true_feature_jacobian(body, optics, q, o_c) @ marker
     assert (
         np.abs((J - numeric) / FEATURE_SCALE[:, None]).max()

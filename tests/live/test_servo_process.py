@@ -124,7 +124,7 @@ def test_an_error_of_the_servo_process_is_raised_in_the_supervisor(
     there.send(run_session(beats, heartbeats))
     assert not heartbeats and beats.value == IDLE
     with pytest.raises(RcmServoError, match=r"run\.mcap"):
-        supervise(SimpleNamespace(pipe=here, beats=beats), rely_on_watchdog)  # type: ignore
+        supervise(SimpleNamespace(pipe=here, heartbeat=beats), rely_on_watchdog)  # type: ignore
 
 
 @pytest.mark.parametrize(("beat", "hangs"), [(IDLE, False), (ENABLING, False), (0, True)])
@@ -137,7 +137,7 @@ def test_only_a_heartbeat_that_has_started_can_stop(
         exitcode = None
 
     class Servo:
-        process, beats = Process(), RawValue("q", beat)
+        process, heartbeat = Process(), RawValue("q", beat)
 
     clock = iter(range(0, 10**12, 10**9))
     monkeypatch.setattr(time, "monotonic_ns", lambda: next(clock))

@@ -15,9 +15,18 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from toy_arm import FASTEST, LOWER, PATIENCE, RAN_OUT, START, TOLD, UPPER, ToyArm
+from toy_arm import (
+    LOWER,
+    MAX_RATES,
+    OFF_BY_COMMAND,
+    OFF_BY_WATCHDOG,
+    START,
+    UPPER,
+    WATCHDOG_TIMEOUT_NS,
+    ToyArm,
+)
 from toy_wire import ASK, ENABLE, JOG, OFF, ToyAnswer, ToyOrder, answer_in, order_in, sent
-from udp_arm import SLOW, NoToy, UdpArm
+from udp_arm import MAX_ROUND_TRIP_NS, NoToy, UdpArm
 
 import rcmservo as rs
 from conftest import ROOT, make_environment
@@ -59,11 +68,11 @@ def test_the_arm_follows_the_commanded_rates_with_a_small_lag() -> None:
 def test_the_arm_stops_and_disables_its_drive_when_commands_are_lost() -> None:
     toy = enabled_toy()
     jog(toy, [1, 2, 3], 0)
-    toy.advance(20 * MS + PATIENCE)
+    toy.advance(20 * MS + WATCHDOG_TIMEOUT_NS)
     assert toy.on
     there = list(toy.q)
-    toy.advance(20 * MS + PATIENCE + 1)
-    assert not toy.on and toy.why == RAN_OUT
+    toy.advance(20 * MS + WATCHDOG_TIMEOUT_NS + 1)
+    assert not toy.on and toy.why == OFF_BY_WATCHDOG
     jog(toy, [4, 5, 6], 100 * MS)
     toy.hear(encode_command(ENABLE, 8), 130 * MS)
     toy.advance(140 * MS)
@@ -84,7 +93,7 @@ def test_the_stop_position_does_not_depend_on_the_arm_process() -> None:
 def test_copies_of_a_command_do_not_prolong_the_motion() -> None:
     toy = enabled_toy()
     jog(toy, [1, *10 * [2]], 0)
-    assert not toy.on and toy.why == RAN_OUT
+    assert not toy.on and toy.why == OFF_BY_WATCHDOG
 
 
 def test_an_older_command_that_arrives_late_is_ignored() -> None:
@@ -97,7 +106,7 @@ def test_an_older_command_that_arrives_late_is_ignored() -> None:
 def test_a_late_copy_of_an_enable_does_not_enable_the_drive() -> None:
     toy = enabled_toy()
     toy.hear(encode_command(OFF, 7), MS)
-    assert not toy.on and toy.why == TOLD
+    assert not toy.on and toy.why == OFF_BY_COMMAND
     toy.hear(encode_command(ENABLE, 7), 2 * MS)
     toy.hear(encode_command(ENABLE, 0), 2 * MS)
     assert not toy.on
@@ -114,7 +123,7 @@ def test_a_second_sender_can_disable_the_drive_but_not_move_the_arm() -> None:
     answer = answer_in(toy.hear(encode_command(ASK, 9), 33 * MS) or b"")
     assert answer is not None and (answer.session, answer.number, answer.on) == (7, 4, True)
     assert answer.rates == TURN
-    toy.advance(30 * MS + PATIENCE + 1)
+    toy.advance(30 * MS + WATCHDOG_TIMEOUT_NS + 1)
     assert not toy.on
     toy = enabled_toy()
     toy.hear(encode_command(OFF, 9), MS)
@@ -125,7 +134,7 @@ def test_speeds_and_positions_are_limited() -> None:
     toy = enabled_toy()
     for k in range(1, 400):
         toy.hear(encode_command(JOG, 7, k, (50.0, -50.0, 1e300)), 10 * MS * k)
-        assert (np.abs(toy.rates) <= FASTEST).all()
+        assert (np.abs(toy.rates) <= MAX_RATES).all()
     assert toy.q == [UPPER[0], LOWER[1], UPPER[2]] and toy.rates == list(REST)
     toy.hear(encode_command(JOG, 7, 400, (-0.5, -0.5, 1.0)), 4000 * MS)
     assert toy.rates == [-0.5, 0.0, 0.0]
@@ -167,8 +176,10 @@ def test_the_arm_respects_watchdog_speed_and_limits_for_any_datagrams(commands: 
         now += ms * MS
         toy.hear(encode_command(kind, session, number, rates), now)
         moved = np.abs(np.array(toy.q) - before)
-        seconds = max(min(now, fed + PATIENCE) - (now - ms * MS), 0) * 1e-9 if was_on else 0.0
-        assert (moved <= np.array(FASTEST) * seconds + 1e-12).all()
+        seconds = (
+            max(min(now, fed + WATCHDOG_TIMEOUT_NS) - (now - ms * MS), 0) * 1e-9 if was_on else 0.0
+        )
+        assert (moved <= np.array(MAX_RATES) * seconds + 1e-12).all()
         assert all(a <= q <= b for a, q, b in zip(LOWER, toy.q, UPPER, strict=True))
         before = np.array(toy.q)
 
@@ -216,7 +227,11 @@ def test_the_driver_sends_no_invalid_command_and_accepts_no_late_answer() -> Non
             arm._new.wait(0.01)
         assert arm._last is not None and arm._last[1].number == 0 and before <= now
         other_joints = (0.0, 0.0, 100.0)
-        for stamp in (time.monotonic_ns() - SLOW - MS, time.monotonic_ns() + 10_000 * MS, 0):
+        for stamp in (
+            time.monotonic_ns() - MAX_ROUND_TRIP_NS - MS,
+            time.monotonic_ns() + 10_000 * MS,
+            0,
+        ):
             arm._take(sent(ToyAnswer(1, 0, stamp, True, 0, other_joints, REST)))
         assert arm.measure().q.tolist() == list(START)
 
@@ -296,7 +311,7 @@ def test_the_watchdog_stops_the_arm_when_commands_stop(tmp_path: Path) -> None:
         assert arm.off_reason == "its watchdog ran out"
     log_rows = rows(log)
     last = np.flatnonzero(log_rows[:, 2])[-1]
-    assert (log_rows[: last + 1, 0] <= log_rows[: last + 1, 4] + PATIENCE).all()
+    assert (log_rows[: last + 1, 0] <= log_rows[: last + 1, 4] + WATCHDOG_TIMEOUT_NS).all()
     assert np.abs(log_rows[last, 5:] - START).max() > 1e-4
-    assert log_rows[-1, 3] == RAN_OUT and log_rows[-1, 4] == log_rows[last, 4]
+    assert log_rows[-1, 3] == OFF_BY_WATCHDOG and log_rows[-1, 4] == log_rows[last, 4]
     assert (log_rows[last + 1 :, 5:] == log_rows[-1, 5:]).all()

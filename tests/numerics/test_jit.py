@@ -22,8 +22,8 @@ from rcmservo.numerics.small_linalg import compute_norm
 
 PROGRAM = (
     "import numpy as np; from rcmservo.numerics import jit; "
-    "from rcmservo.geometry.features import features; "
-    "print(jit.find_cache_folder()); print(features(np.array([1.0, 2.0, 3.0, 5.0]))[1])"
+    "from rcmservo.geometry.features import compute_features; "
+    "print(jit.find_cache_folder()); print(compute_features(np.array([1.0, 2.0, 3.0, 5.0]))[1])"
 )
 
 
@@ -122,10 +122,10 @@ def test_the_first_call_of_a_kernel_imports_numba_and_caches_it_for_other_proces
     program = """
 import sys
 import numpy as np
-from rcmservo.numerics.small_linalg import products
+from rcmservo.numerics.small_linalg import multiply_matrices
 print("numba" in sys.modules)
-assert products(np.eye(2), np.eye(2))[1, 1] == 1.0
-print(sum(products.stats.cache_hits.values()), len(products.signatures))
+assert multiply_matrices(np.eye(2), np.eye(2))[1, 1] == 1.0
+print(sum(multiply_matrices.stats.cache_hits.values()), len(multiply_matrices.signatures))
 """
     cache = {"NUMBA_CACHE_DIR": str(tmp_path)}
     assert run_program(program, **cache) == ["False", "0", "1"]
@@ -134,8 +134,10 @@ print(sum(products.stats.cache_hits.values()), len(products.signatures))
 
 
 def test_without_jit_a_kernel_is_the_plain_function() -> None:
-    program = "import sys; from rcmservo.numerics.small_linalg import length; "
-    program += "print(type(length).__name__, length(__import__('numpy').array([3.0, 4.0])), "
+    program = "import sys; from rcmservo.numerics.small_linalg import compute_norm; "
+    program += (
+        "print(type(compute_norm).__name__, compute_norm(__import__('numpy').array([3.0, 4.0])), "
+    )
     program += "'numba' in sys.modules)"
     assert run_program(program, NUMBA_DISABLE_JIT="1") == ["function", "5.0", "False"]
 

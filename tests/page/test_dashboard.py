@@ -149,7 +149,8 @@ def test_the_curves_hold_the_values_of_the_ticks_and_the_largest_lateness() -> N
     assert sorted(late)[-1] == pytest.approx(7.0, abs=1e-6) and (late > 0.1).sum() <= 2
     servoed = np.array([by_time[round(t * 1e9)].state.phase is rs.Phase.SERVO for t in curves["t"]])
     first = replace(
-        ticks[0], seen=replace(ticks[0].observation, now=ticks[-1].observation.now + 1_555_000_000)
+        ticks[0],
+        observation=replace(ticks[0].observation, now=ticks[-1].observation.now + 1_555_000_000),
     )
     channels.ticks.add(first)
     board.update()

@@ -79,12 +79,12 @@ def test_typed_joints_are_within_limits_and_confirmed_before_the_arm_gets_them()
     define_joints(PagePrompts(page.channels, page.plant), page.plant, RigDescription())
     assert np.allclose(page.defined, start, atol=1e-4)
     words = [one.words for one in page.prompts]
-    assert "Bring the arm by hand to a mark" in words[0]
+    assert "Move the arm by hand to a mark" in words[0]
     assert "three numbers (rad, rad, mm)" in words[1] and "within theta" in words[2]
-    assert [one.question[:10] for one in page.prompts] == ["The joints"] * 3 + [
-        "The arm st",
-        "The joints",
-        "The arm st",
+    assert [one.question[:10] for one in page.prompts] == ["Joint valu"] * 3 + [
+        "The arm is",
+        "Joint valu",
+        "The arm is",
     ]
 
 

@@ -27,7 +27,7 @@ class StatusChannel(list[object]):
     def __init__(self, send_requests: Callable[[], None]) -> None:
         self._request = send_requests
 
-    def put(self, messages: object) -> bool:
+    def send(self, messages: object) -> bool:
         self.append(messages)
         if isinstance(messages, Standby) and messages.can_clear:
             self._request()

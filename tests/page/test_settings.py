@@ -179,7 +179,7 @@ def test_a_table_from_a_browser_is_decoded_to_a_change() -> None:
         ("controller", {"bounds": [1.0, 2.0]}, "controller.bounds"),
         ("controller", {"speed": 1.0}, "controller.speed must be left out"),
         ("controller", {"kind": "os:system"}, "controller.kind must be one of saturated"),
-        ("exploration", {"legs": 2.5}, "exploration.legs must be a whole number"),
+        ("exploration", {"min_corners": 2.5}, "exploration.min_corners must be a whole number"),
         ("imaged_rcm", {"lines": 10**6}, "imaged_rcm.lines must be"),
         ("estimator", {"kind": "os:system"}, "user-defined code runs only if"),
     ],

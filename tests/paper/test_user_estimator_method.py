@@ -66,7 +66,7 @@ def test_the_command_accepts_only_user_defined_estimators(
 
 def test_the_settings_of_the_estimator_are_options(monkeypatch: pytest.MonkeyPatch) -> None:
     kind = type(recursive_least_squares())
-    monkeypatch.setattr("rcmservo.cli.servo_options.named", lambda name: kind)
+    monkeypatch.setattr("rcmservo.cli.servo_options.import_estimator", lambda name: kind)
     options = with_user_estimator(PaperOptions, ["--estimator", "mylab.rls:RLS"])
     made = options(estimator="mylab.rls:RLS", pixels=kind(forgetting=0.9))
     assert getattr(made, made.USER_GROUPS["mylab.rls:RLS"]).forgetting == 0.9

@@ -44,7 +44,7 @@ def test_most_decisions_of_the_servo_are_compared_here() -> None:
         "v",
         "condition",
         "latency",
-        "period",
+        "accepted_frame",
     }
 
 

@@ -159,10 +159,10 @@ def test_one_changed_bit_of_an_observation_is_found(recorded: RecordedLab, tmp_p
     target, servo, ticks = recorded.teach(), make_servo(), []
     for tick in rs.run(recorded.plant, servo, target, 3.0):
         ticks.append(tick)
-    observation = ticks[150].seen
+    observation = ticks[150].observation
     q = observation.q.copy()
     q[0] = np.nextafter(q[0], np.inf)
-    ticks[150] = replace(ticks[150], seen=replace(observation, q=q))
+    ticks[150] = replace(ticks[150], observation=replace(observation, q=q))
     with Recorder(tmp_path / "changed.mcap", {}) as recorder:
         recorder.begin(servo, target)
         for tick in ticks:

@@ -159,7 +159,9 @@ def test_integers_beyond_float_precision_are_read_back(run: RecordedRun, tmp_pat
     tick, now = run.ticks[100], 2**62 + 1
     with Recorder(tmp_path / "record.mcap", {}) as recorder:
         recorder.begin(run.servo, run.target)
-        recorder.write(replace(tick, seen=replace(tick.observation, now=now, exposure=now - 3)))
+        recorder.write(
+            replace(tick, observation=replace(tick.observation, now=now, exposure=now - 3))
+        )
     rows = reader.read_record(tmp_path)
     assert (rows.ticks["now"][0, 0], rows.ticks["exposure"][0, 0]) == (now, now - 3)
 
@@ -190,7 +192,7 @@ def test_a_later_stage_holds_its_origin(run: RecordedRun, tmp_path: Path) -> Non
 
 def test_times_continue_when_a_stage_restarts_them(run: RecordedRun, tmp_path: Path) -> None:
     later = [
-        replace(tick, seen=replace(tick.observation, now=tick.observation.now + 10**10))
+        replace(tick, observation=replace(tick.observation, now=tick.observation.now + 10**10))
         for tick in run.ticks[:3]
     ]
     with Recorder(tmp_path / "record.mcap", {}) as recorder:
@@ -553,7 +555,7 @@ def test_ticks_of_every_version_are_replayed_with_missing_columns_unknown(
 
 def test_the_sizes_of_the_markers_are_read_back(run: RecordedRun, tmp_path: Path) -> None:
     tick = run.ticks[5]
-    changed = replace(tick, seen=replace(tick.observation, sizes=np.array([9.5, np.nan])))
+    changed = replace(tick, observation=replace(tick.observation, sizes=np.array([9.5, np.nan])))
     with Recorder(tmp_path / "record.mcap", {}) as recorder:
         recorder.begin(run.servo, run.target)
         recorder.write(changed)

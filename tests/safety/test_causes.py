@@ -63,7 +63,7 @@ def test_a_detector_needs_only_its_own_facts() -> None:
             initial_monitor_state(), late_ticks=Thresholds.max_late_ticks, tick_interval=1
         ),
     )
-    facts = make_tick_facts(watch=late, period=1, thresholds=limits)
+    facts = make_tick_facts(monitor=late, period=1, thresholds=limits)
     found = [
         cause
         for cause in (Cause.OVERRUN, Cause.LATE_TICK, Cause.CLOCK_STOOD)

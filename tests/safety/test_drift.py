@@ -55,7 +55,9 @@ class MonitoredCamera:
         """Update the checks with an accepted frame and return the cause that is detected."""
         update_drift(self.watch.rows[0], self.fit.rows[0], p1, points, points, SHAFT, LIMITS)
         facts = make_tick_facts(
-            watch=self.watch, tour=ExplorationState.of(done=True), thresholds=LIMITS
+            monitor=self.watch,
+            exploration_state=ExplorationState.of(is_done=True),
+            thresholds=LIMITS,
         )
         candidates = Cause.DRIFTS, Cause.FROZEN
         causes = [cause for cause in candidates if cause.declared.detector(facts)]
@@ -219,7 +221,7 @@ def test_nan_in_any_input_deviates(k: int) -> None:
     assert camera.misplaced(p1, points)[:2] == (True, True)
 
 
-@pytest.mark.parametrize("part", ["A", "S_inverse", "noise"])
+@pytest.mark.parametrize("part", ["A", "S_inverse", "noise_variance"])
 def test_a_fit_that_is_not_finite_agrees_with_no_frame(part: str) -> None:
     """`misplaced` rejects the frames before a residual enters the mean."""
     camera = MonitoredCamera(0.3)

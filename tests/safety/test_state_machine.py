@@ -34,7 +34,7 @@ def transition(mode, present, sign, request, now):
 
 
 def most_severe(present):
-    return max(present, key=lambda cause: (cause.action, -cause.place), default=Cause.NONE)
+    return max(present, key=lambda cause: (cause.action, -cause.code), default=Cause.NONE)
 
 
 NORMAL = TransitionInputs(
@@ -181,9 +181,9 @@ def test_the_first_frames_after_enabling_lead_to_servo():
         mode = transition(mode, [], NORMAL, Request.NONE, now)
         phases.append(mode.phase)
     assert phases == [Phase.IDLE, *[Phase.ACQUIRE] * GOOD_TO_SERVO, Phase.SERVO, Phase.SERVO]
-    off = NORMAL._replace(enabled=False)
+    off = NORMAL._replace(drive_enabled=False)
     assert transition(Mode(), [], off, Request.NONE, 0).phase is Phase.DISABLED
-    unseen = NORMAL._replace(seen=False)
+    unseen = NORMAL._replace(has_accepted_frame=False)
     assert transition(Mode(Phase.IDLE), [], unseen, Request.NONE, 0).phase is Phase.IDLE
 
 
@@ -251,7 +251,7 @@ def test_every_cause_has_a_sentence_and_every_stop_a_remedy(cause):
         assert not cause.text
     else:
         assert cause.value[0].islower() and not cause.value.endswith(".")
-        assert bool(cause.way_out) == (cause.action >= Action.HOLD)
+        assert bool(cause.remedy) == (cause.action >= Action.HOLD)
     assert Cause(cause.value) is cause
 
 
@@ -267,8 +267,8 @@ def test_a_hold_that_recovers_too_late_becomes_a_pause():
 @pytest.mark.parametrize("cause", Cause)
 def test_only_a_cause_that_stops_the_tool_is_stopping(cause):
     after = transition(Mode(Phase.SERVO), [cause], NORMAL, Request.NONE, 1)
-    assert bool(cause.stopping) == (after.speed_scale == 0.0)
-    assert cause.stopping in ("", cause.value)
+    assert bool(cause.stop_sentence) == (after.speed_scale == 0.0)
+    assert cause.stop_sentence in ("", cause.value)
 
 
 @pytest.mark.parametrize("cause", Cause)

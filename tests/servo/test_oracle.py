@@ -123,7 +123,7 @@ def exploring(kind, rcm, q):
     row = tour.rows[0]
     exploration.start_exploration(row, rcm, fastest, q, 5, 0.01, x)
     for visits in (0, 4):
-        tour.rows["visits"] = visits
+        tour.rows["visited_corners"] = visits
         out[f"room {kind} {visits}"] = exploration.set_round(row, rcm, fastest, 0.01, x)
         out[f"sides {kind} {visits}"] = tour.sides.copy()
         out[f"towards {kind} {visits}"] = exploration.rates_to_corner(
@@ -332,8 +332,8 @@ def drifting(scene):
             p1 = scene.places[step % 2]
             points = scene.points + off + moves
             drift.update_drift(w.rows[0], v, p1, points, points, shaft, t)
-        tour = exploration.ExplorationState.of(done=True)
-        facts = make_tick_facts(watch=w, tour=tour, thresholds=t)
+        tour = exploration.ExplorationState.of(is_done=True)
+        facts = make_tick_facts(monitor=w, exploration_state=tour, thresholds=t)
         detectors = drift.image_is_frozen, drift.one_marker_deviates, drift.markers_drift
         found = [detects(facts) for detects in detectors]
         out[f"drift of {name}"] = [*w.mean_residual.ravel(), *w.drift_px, *found]
@@ -345,7 +345,9 @@ def drifting(scene):
             v, scene.places[0], scene.points + off, scene.target, shaft, t
         )
     old = monitor_state.ObservationRow.of(now=10**9)
-    facts = make_tick_facts(seen=old, watch=monitor_state.initial_monitor_state(), thresholds=t)
+    facts = make_tick_facts(
+        observation=old, monitor=monitor_state.initial_monitor_state(), thresholds=t
+    )
     out["old frame"] = devices.frames_stopped(facts), devices.frame_times_are_invalid(facts)
     return out
 

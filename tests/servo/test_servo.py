@@ -22,7 +22,7 @@ from conftest import (
     project_markers,
     snapshot,
 )
-from conftest import make_observation as make_observation
+from conftest import make_observation
 from rcmservo.control.saturated_controller import SaturatedController
 from rcmservo.errors import BadInput
 from rcmservo.estimation.flow_rule import FlowEstimator

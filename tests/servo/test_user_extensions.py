@@ -27,7 +27,7 @@ SOURCE = """
 from dataclasses import dataclass
 import numpy as np
 import rcmservo as rs
-from rcmservo.geometry.features import about, features_jacobian
+from rcmservo.geometry.features import compute_features_jacobian, shift_to_rcm
 
 
 @dataclass(frozen=True)
@@ -49,11 +49,11 @@ class Pixels(rs.Estimator):
         A = A + np.outer(sample.points.ravel() - A @ x, gain)
         return A, (P - np.outer(gain, P @ x)) / self.forgetting, sample.p1
 
-    def motion(self, memory, tool, sample):
+    def markers_jacobian(self, memory, tool, sample):
         return memory[0][:, :3]
 
     def jacobian(self, memory, tool, sample):
-        return features_jacobian(about(sample.points, sample.o_c)) @ memory[0][:, :3]
+        return compute_features_jacobian(shift_to_rcm(sample.points, sample.o_c)) @ memory[0][:, :3]
 
 
 class Pose(rs.FeatureVector):
@@ -144,7 +144,7 @@ class SingleWorker:
 
     count, where = 1, "this test"
 
-    def done(self, orders: Any) -> Generator[Any]:
+    def run(self, orders: Any) -> Generator[Any]:
         for key, order in orders:
             yield key, run_chunk(order)
 
@@ -156,7 +156,7 @@ def test_both_take_part_in_a_study(user_module: Any, monkeypatch: pytest.MonkeyP
     def crew(address: str | None, workers: int | None) -> Generator[SingleWorker]:
         yield SingleWorker()
 
-    monkeypatch.setattr(crews, "crew", crew)
+    monkeypatch.setattr(crews, "open_worker_pool", crew)
     assert main(["study", "study.toml", "--own", ESTIMATOR, "--out", "study"]) == 0
     (row,) = read_runs(Path("study")).to_pylist()
     assert (row["method"], row["engine"]) == ("mine", "mujoco")

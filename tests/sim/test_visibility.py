@@ -110,7 +110,7 @@ class StubOracle:
 
 def ticks(*phases: Phase, cause: Cause = Cause.NONE) -> list[SimpleNamespace]:
     return [
-        SimpleNamespace(seen=None, state=SimpleNamespace(phase=phase, cause=cause))
+        SimpleNamespace(observation=None, state=SimpleNamespace(phase=phase, cause=cause))
         for phase in phases
     ]
 

@@ -12,7 +12,7 @@ from rcmservo.study.plan.plan import StudyPlan
 class InProcessPool:
     """Pool that runs every request in this process; test_study_workers.py has real workers."""
 
-    def done(
+    def run(
         self, requests: Iterable[tuple[str, ChunkRequest]]
     ) -> Generator[tuple[str, list[RowValues]]]:
         for key, request in requests:

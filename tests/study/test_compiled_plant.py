@@ -233,7 +233,7 @@ def test_times_of_a_run_count_from_its_first_tick() -> None:
     [
         ({"servo": Servo(SphericalRcm(), RigidTool(30.0), FlowEstimator())}, "servo.estimator"),
         ({"duration": np.nan}, "duration must be a positive time"),
-        ({"shown": 0}, "shown"),
+        ({"teaching_frames": 0}, "teaching_frames"),
         ({"servo": Servo(PitchYawRcm(), RigidTool(30.0))}, "servo.mechanism"),
         ({"servo": Servo(SphericalRcm(), RigidTool(29.0))}, "servo.tool"),
         ({"settings": RigSettings(drive=Drive(delay=1.0)), "servo": None}, "drive.delay"),

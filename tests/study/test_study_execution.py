@@ -78,7 +78,7 @@ def test_a_changed_setting_is_listed_and_invalidates_the_runs_that_depend_on_it(
     [
         ({"noise": (0.5,)}, ["noise"]),
         ({"latency": (0.05,)}, ["latency"]),
-        ({"first_seed": 3, "shown": 7}, ["seed", "shown"]),
+        ({"first_seed": 3, "teaching_frames": 7}, ["seed", "teaching frames"]),
         ({"scenes": ("random", "laparoscopic")}, ["scenes"]),
         ({"scenes": ("paper",)}, ["scenes"]),
         ({"methods": ("dlt", "projection", "flow")}, ["method"]),
@@ -106,8 +106,8 @@ def test_rows_of_another_rcmservo_are_not_reused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     run_plan(make_plan(), tmp_path)
-    monkeypatch.setattr(store, "package", lambda: "0.0.1 abc")
-    monkeypatch.setattr(manifest, "package", lambda: "0.0.1 abc")
+    monkeypatch.setattr(store, "identify_package", lambda: "0.0.1 abc")
+    monkeypatch.setattr(manifest, "identify_package", lambda: "0.0.1 abc")
     work = StudyExecution(make_plan(), tmp_path)
     assert work.changed_settings == ["rcmservo"] and work.missing_runs == 50
 
@@ -117,7 +117,7 @@ def test_a_worker_with_another_rcmservo_rejects_a_request(tmp_path: Path) -> Non
     requests: list[tuple[str, object]] = []
 
     class RecordingPool:
-        def done(self, given: object) -> list[object]:
+        def run(self, given: object) -> list[object]:
             requests.extend(given)  # pyright: ignore
             return []
 

@@ -125,7 +125,12 @@ def test_a_target_that_cannot_be_taught_ends_its_run_but_not_the_study() -> None
 
 def test_markers_are_visible_in_rendered_laparoscopic_scenes() -> None:
     """A shaft thicker than the markers would hide them."""
-    settings = {"duration": 1.1, "shown": 1, "engine": "pictures", "scenes": ("laparoscopic",)}
+    settings = {
+        "duration": 1.1,
+        "teaching_frames": 1,
+        "engine": "pictures",
+        "scenes": ("laparoscopic",),
+    }
     cell = make_small_plan(methods=("dlt",), **settings).cells[0]
     assert cell.make_engine(0, cell.rebuild_servo({})).run(0).began
 

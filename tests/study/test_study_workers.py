@@ -34,7 +34,7 @@ USER_MODULE = """
 from dataclasses import dataclass
 import numpy as np
 import rcmservo as rs
-from rcmservo.geometry.features import about, features_jacobian
+from rcmservo.geometry.features import compute_features_jacobian, shift_to_rcm
 
 @dataclass(frozen=True)
 class LeastSquares(rs.Estimator):
@@ -48,7 +48,7 @@ class LeastSquares(rs.Estimator):
         A = A + np.outer(sample.points.ravel() - A @ x, gain)
         return A, (P - np.outer(gain, P @ x)) / FORGET
     def jacobian(self, memory, tool, sample):
-        return features_jacobian(about(sample.points, sample.o_c)) @ memory[0][:, :3]
+        return compute_features_jacobian(shift_to_rcm(sample.points, sample.o_c)) @ memory[0][:, :3]
 """
 
 
@@ -93,7 +93,7 @@ def test_a_worker_without_the_package_raises_an_error(
     def fail(request: object) -> None:
         raise ModuleNotFoundError("No module named 'rcmservo'")
 
-    monkeypatch.setattr(worker_pool, "done", sent_by_value(fail))
+    monkeypatch.setattr(worker_pool, "run_chunk", sent_by_value(fail))
     with open_worker_pool(lab.address, None) as pool:
         results = pool.run([("key", None)])  # pyright: ignore[reportArgumentType]
         with pytest.raises(WorkLost, match="a worker has no rcmservo: No module named 'rcmservo'"):
@@ -152,7 +152,7 @@ def test_a_request_that_dask_abandons_is_sent_again(
             os._exit(1)
         return [count]
 
-    monkeypatch.setattr(worker_pool, "done", sent_by_value(kill_five))
+    monkeypatch.setattr(worker_pool, "run_chunk", sent_by_value(kill_five))
     with cluster(1) as lab, open_worker_pool(lab.address, None) as pool:
         results = list(pool.run([("key", None)]))  # pyright: ignore[reportArgumentType]
     assert results == [("key", [5])]
@@ -211,14 +211,14 @@ def test_missing_local_workers_raise_an_error(monkeypatch: pytest.MonkeyPatch) -
 
 PRINT_BLOCKED = """
 import signal
-from rcmservo.study.execution.workers import crew
+from rcmservo.study.execution.workers import open_worker_pool
 
 def blocked():
     import signal
     return signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, [])
 
 if __name__ == "__main__":
-    with crew(None, 2) as pool:
+    with open_worker_pool(None, 2) as pool:
         print(blocked(), *pool._client.run(blocked).values())
 """
 """Print if SIGINT is blocked here and in the workers, from a process that had no child before.
@@ -325,7 +325,7 @@ def test_workers_without_rcmservo_are_rejected(
         raise ModuleNotFoundError("No module named 'rcmservo'")
 
     installed = worker_pool.identify_package
-    monkeypatch.setattr(worker_pool, "package", fail)
+    monkeypatch.setattr(worker_pool, "identify_package", fail)
     with worker_pool._connect(lab.address) as client:  # pyright: ignore[reportPrivateUsage]
         packages = client.run(fail, on_error="return")
     assert all(isinstance(found, ModuleNotFoundError) for found in packages.values())
@@ -334,7 +334,7 @@ def test_workers_without_rcmservo_are_rejected(
         def run(self, *arguments: object, **options: object) -> dict[str, object]:
             return packages
 
-    monkeypatch.setattr(worker_pool, "package", installed)
+    monkeypatch.setattr(worker_pool, "identify_package", installed)
     with pytest.raises(PackageMismatch, match="has none"):
         worker_pool._require_same_package(ClientWithoutPackage())  # pyright: ignore[reportPrivateUsage]
 

@@ -41,12 +41,12 @@ from rcmservo.study.tuning.space import SearchAxis, get_setting, parse_axis, rep
 BAD_START: dict[str, Any] = {
     "estimator": "dlt",
     "controller": {"gain": 0.5},
-    "exploration": {"share": 0.03},
+    "exploration": {"speed_scale": 0.03},
 }
 """Initial method with poor settings."""
 AXES = {
     "controller.gain": {"from": 0.3, "to": 20.0, "log": True},
-    "exploration.share": [0.02, 0.5],
+    "exploration.speed_scale": [0.02, 0.5],
 }
 DEFAULT_METHOD = make_method("default", estimator=ProjectionEstimator())
 
@@ -72,19 +72,19 @@ class CountingPool(InProcessPool):
     def __init__(self) -> None:
         self.runs, self.seeds = 0, set[int]()
 
-    def done(
+    def run(
         self, requests: Iterable[tuple[str, ChunkRequest]]
     ) -> Generator[tuple[str, list[RowValues]]]:
         for key, request in requests:
             self.runs += request.end - request.begin
             self.seeds |= set(range(request.begin, request.end))
-            yield from super().done([(key, request)])
+            yield from super().run([(key, request)])
 
 
 class LocalClassPool(InProcessPool):
     """Pool in this process that knows the estimator class of this module."""
 
-    def done(
+    def run(
         self, requests: Iterable[tuple[str, ChunkRequest]]
     ) -> Generator[tuple[str, list[RowValues]]]:
         for key, request in requests:
@@ -124,11 +124,15 @@ def run_small_search(
         ("controller.gain", [2, 15.0], SearchAxis("controller.gain", 2.0, 15.0)),
         ("estimator.observations", [6, 40], SearchAxis("estimator.observations", 6, 40)),
         (
-            "exploration.leg",
+            "exploration.leg_time",
             {"from": 0.05, "to": 0.5, "log": True},
-            SearchAxis("exploration.leg", 0.05, 0.5, True),
+            SearchAxis("exploration.leg_time", 0.05, 0.5, True),
         ),
-        ("exploration.leg", {"from": -1, "to": 1}, SearchAxis("exploration.leg", -1.0, 1.0)),
+        (
+            "exploration.leg_time",
+            {"from": -1, "to": 1},
+            SearchAxis("exploration.leg_time", -1.0, 1.0),
+        ),
         (
             "controller.features",
             ["srd", "points"],

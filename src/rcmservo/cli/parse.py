@@ -152,7 +152,7 @@ def _describe_setting_error(failure: BaseException | None, kind: type[Any]) -> s
     group = str(getattr(failure, "arg", "")).replace("_", "-")
     key = group, cause.field.rpartition(".")[2]
     name = next((one.name for one in list_options(kind) if (one.group, one.field) == key), "")
-    return str(BadInput(name, cause.value, cause.right)) if name else ""
+    return str(BadInput(name, cause.value, cause.expected)) if name else ""
 
 
 def _argument_name(argument: Any) -> str:

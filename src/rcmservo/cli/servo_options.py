@@ -142,7 +142,7 @@ class ServoOptions(EstimatorOptions):
             typed = (
                 f"--{part}.{setting}".replace("_", "-") if part in OPTION_GROUPS else error.field
             )
-            raise BadInput(typed, error.value, error.right) from error
+            raise BadInput(typed, error.value, error.expected) from error
 
 
 def with_user_estimator(command: type[Options], arguments: Sequence[str]) -> type[Options]:

@@ -151,7 +151,7 @@ def name_origin_in_errors(origin: object) -> Generator[None]:
     try:
         yield
     except BadInput as error:
-        raise BadInput(f"{origin}: {error.field}", error.value, error.right) from error
+        raise BadInput(f"{origin}: {error.field}", error.value, error.expected) from error
 
 
 def decode_rig_tables(tables: toml_json_parsing.Table) -> RigDescription:

@@ -37,6 +37,9 @@ EXPECTED_VALUES = {
 }
 """Expected value by pydantic's type of error."""
 
+MAX_LISTED_NAMES = 20
+"""Largest number of names that an error message lists."""
+
 BARE_KEY = re.compile(r"[A-Za-z0-9_-]{1,60}")
 """Key that needs no quotes in TOML."""
 
@@ -92,7 +95,7 @@ def _refuse(error: "ErrorDetails", kind: type[Any], where: str, others: Sequence
     cause = context.get("error")
     if isinstance(cause, BadInput):
         name = cause.field.removeprefix(path.rpartition(".")[2] + ".")
-        raise BadInput(f"{path}.{name}", cause.value, cause.right) from cause
+        raise BadInput(f"{path}.{name}", cause.value, cause.expected) from cause
     if error_type == "unexpected_keyword_argument":
         raise BadInput(path, value, expect_one_of(str(steps[-1]), _keys(kind, steps, others)))
     expected = EXPECTED_VALUES.get(error_type, f"a value of its type ({error_type})")
@@ -113,7 +116,9 @@ def expect_one_of(key: str, names: Sequence[str]) -> str:
     """Return the expected names for an unknown key, with the most similar one as a suggestion."""
     present = present_name(key, names)
     hint = f" (its name is {present} now)" if present else suggestion(key, names)
-    return f"left out or one of {', '.join(names)}{hint}"
+    listed = names[:MAX_LISTED_NAMES]
+    more = len(names) - len(listed)
+    return f"left out or one of {', '.join(listed)}{f' and {more} more' if more else ''}{hint}"
 
 
 def quote_key(name: str) -> str:

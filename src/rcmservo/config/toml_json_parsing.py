@@ -48,7 +48,7 @@ def name_file_in_errors(path: Path, language: str) -> Generator[None]:
     try:
         yield
     except BadInput as error:
-        raise BadInput(f"{path}: {error.field}", error.value, error.right) from error
+        raise BadInput(f"{path}: {error.field}", error.value, error.expected) from error
     except InvalidText as error:
         raise UnusableFile(path, str(error)) from error
     except RecursionError as error:

@@ -23,8 +23,8 @@ from rcmservo.numerics.jit import compiled
 from rcmservo.numerics.small_linalg import compute_norm, multiply_vector, subtract
 
 EXPLORATION_ADVICE = (
-    "a longer exploration motion (exploration.reach, exploration.leg) raises each displacement "
-    "above the noise"
+    "a longer exploration motion (exploration.max_leg_length, exploration.leg_time) raises each "
+    "displacement above the noise"
 )
 """Advice for estimators that weigh a displacement by its length."""
 

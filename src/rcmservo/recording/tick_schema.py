@@ -78,7 +78,7 @@ INTEGER_COLUMNS = (
 REAL_COLUMNS = (
     Column("rcm_condition", COUNT, at("state.estimation.estimate.rcm_condition")),
     Column("condition", COUNT, at("state.condition")),
-    Column("period", TIME, at("state.monitor.period")),
+    Column("period", TIME, at("state.monitor.frame_period")),
     Column("q", JOINTS, at("observation.q")),
     Column("q_exposure", JOINTS, at("observation.q_exposure")),
     Column("points", MARKERS, at("observation.points")),

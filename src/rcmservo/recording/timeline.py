@@ -266,4 +266,4 @@ def _marker_1_position(record: Record, q: Floats) -> Floats | None:
         mechanism, tool = parts
     except BadInput:
         return None
-    return compute_position(mechanism.rcm(tool.offset), q)
+    return compute_position(mechanism.to_struct(tool.offset), q)

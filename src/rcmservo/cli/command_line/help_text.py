@@ -10,7 +10,7 @@ from typing import Any
 from rcmservo.cli.command_line.options import Option, list_options, option_groups
 from rcmservo.config.field_docs import describe_class, first_sentence
 from rcmservo.config.registry import ESTIMATORS, PRESETS, find_class_name
-from rcmservo.config.user_estimators import ESTIMATOR_OPTION as ESTIMATOR_OPTION
+from rcmservo.config.user_estimators import ESTIMATOR_OPTION
 
 HELP_OPTIONS, HELP_ALL_OPTION = ("-h", "--help"), "--help-all"
 """Options that print the basic options, and the one that prints all options."""

@@ -2,7 +2,7 @@
 
     [search]
     "controller.gain" = [2.0, 15.0]
-    "exploration.leg" = { from = 0.05, to = 0.5, log = true }
+    "exploration.leg_time" = { from = 0.05, to = 0.5, log = true }
     "controller.features" = ["srd", "points"]
 
 Two numbers are a range, of integers if the setting is an integer. Strings are a set of choices.
