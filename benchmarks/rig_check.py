@@ -31,7 +31,7 @@ def main() -> int:
     seeds = chosen.seeds
     named = dict.fromkeys(MISTAKES, 0)
     farthest = dict.fromkeys(MISTAKES, 0.0)
-    asked = dict.fromkeys(MISTAKES, 0)
+    question_counts = dict.fromkeys(MISTAKES, 0)
     began, out = time.monotonic(), Console()
     cases = [(n, s) for s in range(chosen.first, chosen.first + seeds) for n in MISTAKES]
     for name, seed in track(cases, "checking", console=out):
@@ -45,13 +45,13 @@ def main() -> int:
         success = mistake.is_found(report) and lab.arm.max_travel < MAX_TRAVEL_MM
         named[name] += success
         farthest[name] = max(farthest[name], lab.arm.max_travel)
-        asked[name] = max(asked[name], len(lab.operator.questions))
+        question_counts[name] = max(question_counts[name], len(lab.operator.questions))
         if not success:
             out.print(f"{name}, seed {seed}: {report.findings}, {lab.arm.max_travel:.2f} mm")
     table = Table("mistake", "found", "largest travel of marker 2", "most questions")
     for name in MISTAKES:
         travel = f"{farthest[name]:.2f} mm"
-        table.add_row(name, f"{named[name]} of {seeds}", travel, str(asked[name]))
+        table.add_row(name, f"{named[name]} of {seeds}", travel, str(question_counts[name]))
     out.print(table)
     total = f"{sum(named.values())} of {len(cases)} found in {time.monotonic() - began:.0f} s"
     out.print(f"{total}, largest travel {max(farthest.values()):.2f} mm")

@@ -153,9 +153,9 @@ class SimulatedOperator:
         Distance (mm) between the markers, by the ruler.
     instead : Callable[[str], str | None]
         Function that returns a different answer to a question, or None for the true one.
-    asked : list[str]
+    questions : list[str]
         All questions.
-    told : list[str]
+    notices : list[str]
         All messages.
     """
 

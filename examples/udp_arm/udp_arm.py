@@ -95,10 +95,10 @@ class UdpArm:
 
     def _talk(self) -> None:
         """Send requests and process answers until `close`."""
-        asked = 0.0
+        request_time = 0.0
         while not self._over:
-            if time.monotonic() > asked + POLL_PERIOD_S:
-                asked = time.monotonic()
+            if time.monotonic() > request_time + POLL_PERIOD_S:
+                request_time = time.monotonic()
                 self._send(ASK)
             try:
                 self._take(self._wire.recv(512))

@@ -98,10 +98,10 @@ def test_the_check_passes_with_the_answers_of_the_page() -> None:
     with EmulatedArm(SEED, RigDescription()) as arm:
         printed = arm.measurements
     lab = FaultyLab(Mistake(), SEED, RigDescription().mechanism)
-    lab.operator.override = lambda asked: answer_to(asked, printed)
+    lab.operator.override = lambda question: answer_to(question, printed)
     report = lab.check()
     assert report.ok, report.findings
-    assert any("in which direction" in asked for asked in lab.operator.questions)
+    assert any("in which direction" in question for question in lab.operator.questions)
 
 
 @pytest.mark.slow
@@ -111,7 +111,7 @@ def test_the_page_answers_every_question_of_the_check(seed: int) -> None:
     with EmulatedArm(seed, RigDescription()) as arm:
         printed = arm.measurements
     lab = FaultyLab(Mistake(spacing=1.25), seed, RigDescription().mechanism)
-    lab.operator.override = lambda asked: answer_to(asked, printed)
+    lab.operator.override = lambda question: answer_to(question, printed)
     report = lab.check()
-    assert any("how far apart" in asked for asked in lab.operator.questions)
+    assert any("how far apart" in question for question in lab.operator.questions)
     assert [one.where for one in report.findings] == ["tool.spacing"]

@@ -59,11 +59,15 @@ def test_an_arm_that_stops_passes_and_is_tested_in_one_of_its_first_small_motion
     lab, report = checked(continues=False)
     assert report.ok
     (test,) = [
-        k for k, asked in enumerate(lab.operator.questions) if "interrupt the commands" in asked
+        k
+        for k, question in enumerate(lab.operator.questions)
+        if "interrupt the commands" in question
     ]
     assert test < FIRST_QUESTIONS
     motions = [
-        asked.split(",")[0] for asked in lab.operator.questions if asked.startswith("Move joint")
+        question.split(",")[0]
+        for question in lab.operator.questions
+        if question.startswith("Move joint")
     ]
     assert motions[test - 1].removesuffix(" in either direction") in " ".join(motions[: test - 1])
 

@@ -78,7 +78,7 @@ def test_a_first_motion_much_larger_than_predicted_returns_at_once(seed: int) ->
 def test_an_arm_with_usual_encoders_needs_at_most_20_motions() -> None:
     lab, report = sound(1)
     assert report.ok
-    assert len([asked for asked in lab.operator.questions if asked.startswith("Move")]) <= 20
+    assert len([line for line in lab.operator.questions if line.startswith("Move")]) <= 20
 
 
 @pytest.mark.slow
@@ -93,7 +93,7 @@ def test_an_error_of_the_zero_above_the_documented_limit_is_found(by: float) -> 
 @pytest.mark.slow
 def test_an_unknown_length_leaves_two_possibilities_with_all_their_findings() -> None:
     lab = FaultyLab(Mistake(factors=(-1.0, 1.0, 1.0), spacing=1.25), seed=1)
-    lab.operator.override = lambda asked: "unknown" if "how far apart" in asked else None
+    lab.operator.override = lambda line: "unknown" if "how far apart" in line else None
     report = lab.check()
     found = {(one.what.split(":")[0], one.where) for one in report.findings}
     one, other = "possibility 1 of 2", "possibility 2 of 2"
@@ -129,8 +129,8 @@ def test_each_motion_needs_agreement_and_is_at_most_twice_the_last_one() -> None
 
     lab.arm.enable = noted  # type: ignore[method-assign]
     lab.check()
-    assert any("in which direction" in asked for asked in lab.operator.questions)
-    assert agreed == [asked for asked in lab.operator.questions if asked.startswith("Move joint")]
+    assert any("in which direction" in line for line in lab.operator.questions)
+    assert agreed == [line for line in lab.operator.questions if line.startswith("Move joint")]
     for joint in (1, 2, 3):
         motions = [int(words.split(" counts")[0].split()[-1]) for words in agreed]
         pairs = zip(motions, agreed, strict=True)
@@ -142,14 +142,14 @@ def test_each_motion_needs_agreement_and_is_at_most_twice_the_last_one() -> None
 def test_the_operator_may_refuse_a_motion_to_watch() -> None:
     lab = FaultyLab(Mistake(), seed=1)
 
-    def no(asked: str) -> str | None:
+    def no(line: str) -> str | None:
         watching = lab.operator.messages[-1].startswith("Watch the tool")
-        return "no" if watching and asked.startswith("Move") else None
+        return "no" if watching and line.startswith("Move") else None
 
     lab.operator.override = no
     report = lab.check()
     assert settings_of(report) == ["operator"]
-    assert not any("in which direction" in asked for asked in lab.operator.questions)
+    assert not any("in which direction" in line for line in lab.operator.questions)
 
 
 ENDS = [
@@ -169,8 +169,8 @@ def test_nothing_moves_after_the_operator_refuses(question: str, answer: str) ->
     lab = FaultyLab(Mistake(), seed=1)
     commands: list[int] = []
 
-    def instead(asked: str) -> str | None:
-        if question not in asked:
+    def instead(line: str) -> str | None:
+        if question not in line:
             return None
         commands.append(len(lab.arm.commands))
         return answer

@@ -27,7 +27,7 @@ def test_the_reported_rates_are_those_of_the_devices() -> None:
         return last[0]
 
     lab.arm.measure = each_4_ms  # type: ignore[method-assign]
-    lab.operator.override = lambda asked: "no"
+    lab.operator.override = lambda question: "no"
     report = lab.check()
     assert report.arm is not None and report.camera is not None
     assert abs(report.arm.rate - 250.0) < 1.0 and report.arm.jitter < 1e-4

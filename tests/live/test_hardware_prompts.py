@@ -64,7 +64,7 @@ class ScriptedTerminal:
         return words.strip()
 
     def close(self) -> None:
-        assert not self._answers, "not all questions were asked"
+        assert not self._answers, "some questions did not occur"
         self.closed = True
 
 

@@ -278,7 +278,7 @@ def file_with_hidden_stage(data: bytes) -> bytes:
 
 def message_without_checksum(data: bytes) -> bytes:
     """Return a file with a message between its chunks, where no checksum covers it."""
-    record = b"\x05" + struct.pack("<QHIQQ", 22 + 4, 1, 0, 0, 0) + b"told"
+    record = b"\x05" + struct.pack("<QHIQQ", 22 + 4, 1, 0, 0, 0) + b"text"
     position = next(position for position in heads(data) if data[position] == 0x0F)
     return data[:position] + record + data[position:]
 

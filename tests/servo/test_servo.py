@@ -18,11 +18,11 @@ from conftest import (
     list_leaves,
     lose_markers,
     make_laboratory,
+    make_observation,
     mark_others_slow,
     project_markers,
     snapshot,
 )
-from conftest import make_observation
 from rcmservo.control.saturated_controller import SaturatedController
 from rcmservo.errors import BadInput
 from rcmservo.estimation.flow_rule import FlowEstimator

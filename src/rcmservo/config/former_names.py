@@ -49,7 +49,7 @@ FORMER_SETTINGS = {
     "agreement": "jump_agreement",
     "rejected": "max_rejected_frames",
     "rejected_for_good": "moved_camera_frames",
-    "telling": "min_predicted_change",
+    "telling": "min_predicted_change",  # codespell:ignore telling
     "wrong": "max_change_error",
     "disagreements": "max_contradictions",
     "closed": "singular_fraction",

@@ -14,7 +14,7 @@ Context = SpawnContext | ForkServerContext
 """Start methods of processes. A plain fork is excluded: it copies threads that hold locks."""
 
 EXIT_TIMEOUT_S = 3.0
-"""Time in s within which a process must exit after it is asked to end."""
+"""Time in s within which a process must exit after a request to end."""
 
 
 class ChildProcess:

@@ -127,7 +127,7 @@ def run_live(
         Function that disables the drive from outside the servo process.
     progress : Callable
         Function that receives each report.
-    beside : EventHandlers
+    handlers : EventHandlers
         Handlers of other events during the run.
 
     Returns

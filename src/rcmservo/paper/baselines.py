@@ -167,22 +167,22 @@ def comparisons() -> Iterator[Comparison]:
     # Remark 2: the traditional image-based law [12] needs exact knowledge of C
     yield Comparison("wrong-calibration", success, "image-wrong", "image-exact")
     yield Comparison("stale-calibration", success, "image-rolled", "image-exact")
-    ours = {name: method.name for name, method in RCMSERVO_METHODS.items()}
-    for name, words in ours.items():
+    rcmservo_names = {name: method.name for name, method in RCMSERVO_METHODS.items()}
+    for name, words in rcmservo_names.items():
         yield Comparison(
             "image-based", MethodStatistics.times_as_far, name, "image-exact", (words,)
         )
     # IV-C: accuracy without a pose estimation algorithm [20], and its cost in time
     yield Comparison("flow-pose-based", MethodStatistics.times_as_far, "flow", "pose-exact")
     yield Comparison("flow-4-mm", worst, "flow", "default")
-    for name, words in ours.items():
+    for name, words in rcmservo_names.items():
         for other, case in POSES.items():
             yield Comparison(
                 "pose-based", MethodStatistics.times_as_far, name, other, (words, case)
             )
         yield Comparison("later", MethodStatistics.later, name, "pose-exact", (words,))
     # cost of the three features [s r d] compared with four coordinates
-    for name, words in ours.items():
+    for name, words in rcmservo_names.items():
         for other, case in POINTS.items():
             yield Comparison("points", MethodStatistics.times_as_far, name, other, (words, case))
     # III-C: the flow rule resembles Broyden's update [15]-[17]

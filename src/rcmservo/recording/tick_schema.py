@@ -125,7 +125,7 @@ NAME_COLUMNS = (
 """Enum members of a tick, by name."""
 
 FORMER_NAMES = {
-    "accepted_frame": "believed",
+    "accepted_frame": "believed",  # codespell:ignore believed
     "accepted_frames": "good",
     "applied_at_observation": "applied_before",
     "predicted_delta": "ahead",

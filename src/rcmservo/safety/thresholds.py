@@ -127,7 +127,7 @@ class Thresholds(Checked, section="thresholds"):
         with it.
     max_change_error : float
         Largest difference between measured and predicted change, as a fraction of the predicted
-        one, in addition to ``telling``.
+        one, in addition to ``min_predicted_change``.
     max_contradictions : int
         Number of successive comparisons that must contradict the estimate to invalidate it
         (`DIVERGED`).
