@@ -145,7 +145,7 @@ def test_a_tool_of_another_kind_does_not_inherit_the_built_in_values() -> None:
         ("tool", {"kind": "scaled", "scales": 1.2}, "scale"),
         ("markers", {"colour_11": "red"}, "colour_1"),
         ("gate", {"speeds": [1.0, 1.0, 1.0]}, "speed"),
-        ("thresholds", {"silences": 0.1}, "arm_timeout"),
+        ("thresholds", {"arm_timeouts": 0.1}, "arm_timeout"),
         ("camera", {"widths": 640}, "width"),
         ("drive", {"delays": 0.1}, "delay"),
         ("appearance", {"lights": 1.0}, "light"),
