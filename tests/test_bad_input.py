@@ -113,7 +113,7 @@ INVALID_STUDIES = {
     "unknown key": (["study", "unknown.toml"], "unknown.toml: study.cont", "did you mean count?"),
     "a row of nothing": (["study", "--replay", "1"], "--out must be the folder of the study"),
     "a row of no study": (["study", "--out", "mine", "--replay", "1"], "mine: holds no study"),
-    "a film of nothing": (["study", "--film"], "--film must be given with --replay"),
+    "a film of nothing": (["study", "--video"], "--video must be given with --replay"),
     "in use": (["study", "--out", "mine"], "mine: is not empty, and holds no study"),
     "a file to write into": (["study", "--out", "one.toml"], "one.toml: cannot be written to"),
     "below a file": (["study", "--out", "one.toml/x"], "cannot be written to"),

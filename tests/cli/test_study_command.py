@@ -85,7 +85,17 @@ def here(tmp_path_factory: pytest.TempPathFactory) -> Generator[Path]:
 @pytest.fixture(scope="module")
 def study(here: Path) -> str:
     """Return the output of a study with two workers: five scenes, both engines."""
-    words = ["study.toml", "--own", OWN, "--count", "3", "--workers", "2", "--out", "study"]
+    words = [
+        "study.toml",
+        "--user-estimator",
+        OWN,
+        "--count",
+        "3",
+        "--workers",
+        "2",
+        "--out",
+        "study",
+    ]
     command = [sys.executable, "-m", "rcmservo", "study", *words]
     made = subprocess.run(command, capture_output=True, text=True, check=False)
     assert (made.returncode, made.stderr) == (0, "")
@@ -130,8 +140,8 @@ def test_a_study_writes_rows_summary_and_report_and_shows_progress(study: str) -
     assert lines[-1] == "rows, summary and report in study"
     assert "running: 100 % is done" in lines and "mine compared with dlt, random, 3 pairs" in study
     summary = json.loads(Path("study/summary.json").read_text())
-    assert summary["workers"] == "2 on this machine" and "--own" in summary["command"]
-    assert f"--own {OWN} --replay 5</code>" in Path("study/report.html").read_text()
+    assert summary["workers"] == "2 on this machine" and "--user-estimator" in summary["command"]
+    assert f"--user-estimator {OWN} --replay 5</code>" in Path("study/report.html").read_text()
 
 
 def test_an_option_overrides_the_file_and_the_file_overrides_the_default(
@@ -150,7 +160,10 @@ def test_an_option_overrides_the_file_and_the_file_overrides_the_default(
 @pytest.mark.usefixtures("in_this_process")
 def test_a_repeated_command_repeats_no_run(study: str, capsys: pytest.CaptureFixture[str]) -> None:
     before = Path("study/runs.parquet").read_bytes()
-    assert main(["study", "study.toml", "--own", OWN, "--count", "3", "--out", "study"]) == 0
+    assert (
+        main(["study", "study.toml", "--user-estimator", OWN, "--count", "3", "--out", "study"])
+        == 0
+    )
     output = capsys.readouterr().out
     assert "all runs exist already" in output and "running" not in output
     assert Path("study/runs.parquet").read_bytes() == before
@@ -162,7 +175,17 @@ def test_an_option_overrides_the_file_at_any_position(
     here: Path, before: bool, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = f"above-{before}"
-    words = ["--own", OWN, "--method", "dlt", "--count", "2", "--no-report", "--out", out]
+    words = [
+        "--user-estimator",
+        OWN,
+        "--method",
+        "dlt",
+        "--count",
+        "2",
+        "--no-report",
+        "--out",
+        out,
+    ]
     assert main(["study", *words, "study.toml"] if before else ["study", "study.toml", *words]) == 0
     made = rows(out)
     assert [(row["method"], row["seed"]) for row in made] == [("dlt", 0), ("dlt", 1)]
@@ -173,7 +196,7 @@ def test_an_option_overrides_the_file_at_any_position(
 @pytest.mark.usefixtures("in_this_process")
 def test_several_noises_follow_the_file(here: Path) -> None:
     words = ["--method", "dlt", "--count", "1", "--noise", "0.3", "1", "--out", "noises"]
-    assert main(["study", "study.toml", "--own", OWN, *words]) == 0
+    assert main(["study", "study.toml", "--user-estimator", OWN, *words]) == 0
     assert [row["noise_px"] for row in rows("noises")] == [0.3, 1.0]
 
 
@@ -190,7 +213,7 @@ def test_scenes_help_describes_each_distribution_and_runs_nothing(
 
 
 def rerun(case: int, *words: str) -> int:
-    return main(["study", "--out", "study", "--own", OWN, "--replay", str(case), *words])
+    return main(["study", "--out", "study", "--user-estimator", OWN, "--replay", str(case), *words])
 
 
 @pytest.mark.filterwarnings("error:::tyro")
@@ -217,7 +240,7 @@ def test_a_rerun_row_of_each_engine_is_equal_and_its_record_is_readable(
 
 @pytest.mark.slow
 def test_a_rerun_writes_a_playable_video(study: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert rerun(2, "--film") == 0 and rerun(2) == 0
+    assert rerun(2, "--video") == 0 and rerun(2) == 0
     assert re.search(r"in study/replays/2-2;", capsys.readouterr().out)
     film, frames = cv2.VideoCapture("study/replays/2/overlay.webm"), list[Image]()
     assert film.get(cv2.CAP_PROP_FPS) == 60
@@ -235,7 +258,7 @@ def test_a_rerun_row_of_rendered_frames_is_equal(
     assert main(["study", *words, "--workers", "1", "--out", "pictures"]) == 0
     (row,) = rows("pictures")
     assert row["bound_mm"] is None and row["noise_px"] is None
-    assert main(["study", "--out", "pictures", "--replay", "0", "--film"]) == 0
+    assert main(["study", "--out", "pictures", "--replay", "0", "--video"]) == 0
     assert "the same row, bit for bit, recorded in" in capsys.readouterr().out
 
 
@@ -252,18 +275,24 @@ def test_a_run_is_not_repeated_with_other_code(
     note, module = Path("study/study.json"), Path(f"{MODULE}.py")
     whole, source = note.read_text(), module.read_text()
     replay = ["study", "--out", "study", "--replay", "4"]
-    beyond = ["study", "--out", "study", "--own", OWN, "--replay"]
+    beyond = ["study", "--out", "study", "--user-estimator", OWN, "--replay"]
     for case in ("6", "-1"):
         refused([*beyond, case], f"--replay must be a row from 0 to 5, got {case}", capsys)
     try:
         refused(
-            replay, f"the estimator {OWN} is code of another user: name it with --own {OWN}", capsys
+            replay,
+            f"the estimator {OWN} is code of another user: name it with --user-estimator {OWN}",
+            capsys,
         )
         module.write_text(source + "# changed\n")
-        refused([*replay, "--own", OWN], f"the estimator {OWN} has changed since", capsys)
+        refused(
+            [*replay, "--user-estimator", OWN], f"the estimator {OWN} has changed since", capsys
+        )
         module.write_text(source)
         note.write_text(re.sub(r'"package": "[^"]*"', '"package": "0.0.1 abc"', whole))
-        refused([*replay, "--own", OWN], "was made by rcmservo 0.0.1 abc, not by", capsys)
+        refused(
+            [*replay, "--user-estimator", OWN], "was made by rcmservo 0.0.1 abc, not by", capsys
+        )
     finally:
         note.write_text(whole)
         module.write_text(source)
@@ -316,7 +345,9 @@ def test_user_code_that_only_the_file_names_is_not_run(
     here: Path, command: list[str], capsys: pytest.CaptureFixture[str]
 ) -> None:
     sys.modules.pop(MODULE, None)
-    refused(command, f"or module:class that --method or --own names, got '{OWN}'", capsys)
+    refused(
+        command, f"or module:class that --method or --user-estimator names, got '{OWN}'", capsys
+    )
     assert MODULE not in sys.modules
 
 

@@ -157,7 +157,7 @@ def test_both_take_part_in_a_study(user_module: Any, monkeypatch: pytest.MonkeyP
         yield SingleWorker()
 
     monkeypatch.setattr(crews, "open_worker_pool", crew)
-    assert main(["study", "study.toml", "--own", ESTIMATOR, "--out", "study"]) == 0
+    assert main(["study", "study.toml", "--user-estimator", ESTIMATOR, "--out", "study"]) == 0
     (row,) = read_runs(Path("study")).to_pylist()
     assert (row["method"], row["engine"]) == ("mine", "mujoco")
 

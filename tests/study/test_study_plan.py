@@ -143,7 +143,7 @@ def test_the_compiled_engine_is_the_default_where_it_is_supported(tmp_path: Path
         ('methods = ["dtl"]', "method must be one of projection, dlt"),
         ('methods = ["dlt", "dlt"]', "method must be given once"),
         ("methods = []", "method must be at least one"),
-        ('methods = ["mylab:RLS"]', "that --method or --own names"),
+        ('methods = ["mylab:RLS"]', "that --method or --user-estimator names"),
         ('scenes = ["randm"]', "scenes must be one of paper, random"),
         ("count = 0", "count must be a whole number from 1"),
         ("count = 1.5", "study.count must be a whole number"),

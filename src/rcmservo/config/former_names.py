@@ -18,7 +18,7 @@ FORMER_SETTINGS = {
     "lead": "max_lead",
     "look": "appearance",
     "shown": "teaching_frames",
-    "own": "user_estimators",
+    "own": "user_estimator",
     "film": "video",
     "stale_slow": "max_frame_age_slow",
     "stale_hold": "max_frame_age_hold",

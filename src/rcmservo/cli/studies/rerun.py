@@ -35,7 +35,7 @@ ORIGIN_COLUMNS = "cpu", "versions"
 """Columns that describe the computer of a row and not the result of the run."""
 
 
-def rerun_row(folder: Path | None, case: int, film: bool, own: dict[str, type[Estimator]]) -> int:
+def rerun_row(folder: Path | None, case: int, video: bool, own: dict[str, type[Estimator]]) -> int:
     """Rerun and record the run of a row; return 0 if the row is the same.
 
     Parameters
@@ -44,7 +44,7 @@ def rerun_row(folder: Path | None, case: int, film: bool, own: dict[str, type[Es
         Folder of the study.
     case : int
         Index of the row.
-    film : bool
+    video : bool
         Write a video as well.
     own : dict
         User-defined estimators by name.
@@ -62,7 +62,7 @@ def rerun_row(folder: Path | None, case: int, film: bool, own: dict[str, type[Es
     row = asdict(made_again)
     changed = [name for name in row if row[name] != before[name] and name not in ORIGIN_COLUMNS]
     with new_folder(_unused_path(folder / RERUNS_FOLDER / str(case)), "replay") as output:
-        failed = _record_run(cell, servo, seed, output, film)
+        failed = _record_run(cell, servo, seed, output, video)
     out.print(f"row {case}: {cell.method}, {cell.condition}, seed {seed}, {cell.engine}")
     out.print(two_column_table(format_title(made_again.result), _result_rows(made_again)))
     outcome = (
@@ -107,7 +107,7 @@ def _require_same_code(made_by: str, cell: Cell, own: dict[str, type[Estimator]]
         reason = "has changed since" if kind in own else "is code of another user"
         raise RcmServoError(
             f"the estimator {kind} {reason}: "
-            + ("rerun the study first" if kind in own else f"name it with --own {kind}")
+            + ("rerun the study first" if kind in own else f"name it with --user-estimator {kind}")
         )
 
 
@@ -117,7 +117,7 @@ def _unused_path(path: Path) -> Path:
     return next(one for one in tries if not one.exists())
 
 
-def _record_run(cell: Cell, servo: Servo, seed: int, folder: Path, film: bool) -> str:
+def _record_run(cell: Cell, servo: Servo, seed: int, folder: Path, with_video: bool) -> str:
     """Run in the lab with record, figures and video; return the reason if the video failed."""
     engine = MUJOCO if cell.engine == COMPILED else cell.engine
     laboratory = replace(cell, engine=engine).make_engine(seed, servo)
@@ -126,7 +126,7 @@ def _record_run(cell: Cell, servo: Servo, seed: int, folder: Path, film: bool) -
     about = {"simulation": True, "seed": seed, "study": asdict(cell)}
     with ExitStack() as stack:
         recorder = stack.enter_context(Recorder(folder / RECORD, about))
-        video = _open_video(folder, loop) if film else None
+        video = _open_video(folder, loop) if with_video else None
         recorder.begin(laboratory.servo, loop.target, None)
         filmed = _frame_writer(loop, video) if video is not None else None
         for tick in loop.ticks():

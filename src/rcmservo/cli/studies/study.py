@@ -48,7 +48,7 @@ class WorkOptions(Checked):
 
     Parameters
     ----------
-    own : Names
+    user_estimator : Names
         Your own estimator that FILE names, as module:class. User code runs only if the command
         line names it as well.
     out : Path or None
@@ -60,7 +60,7 @@ class WorkOptions(Checked):
         Address of a dask scheduler whose workers run the study, such as tls://host:8786.
     """
 
-    own: Names = ()
+    user_estimator: Names = ()
     out: Path | None = None
     workers: Annotated[int | None, between(1, 4096, "a whole number")] = None
     cluster: str | None = None
@@ -91,7 +91,7 @@ class StudyOptions(RunConditions, WorkOptions):
         Write report.html as well.
     replay : int or None
         Only rerun and record one run of the study in --out, given by its row.
-    film : bool
+    video : bool
         Write a video of that run as well.
     """
 
@@ -102,7 +102,7 @@ class StudyOptions(RunConditions, WorkOptions):
     disturb: Names = ()
     report: bool = True
     replay: int | None = None
-    film: bool = False
+    video: bool = False
 
     @cached_property
     def study_file(self) -> "StudyFile":
@@ -135,8 +135,8 @@ def study(options: StudyOptions) -> int:
         out.print(distribution_table(distribution.describe_built_in()))
         return 0
     if options.replay is not None:
-        return rerun_row(options.out, options.replay, options.film, user_estimators(options))
-    require(not options.film, "--film", True, "given with --replay")
+        return rerun_row(options.out, options.replay, options.video, user_estimators(options))
+    require(not options.video, "--video", True, "given with --replay")
     plan = make_plan(options)
     folder = options.out or dated_folder("study")
     require_other_folder(options.file, folder)
@@ -194,7 +194,9 @@ def require_other_folder(file: Path | None, folder: Path) -> None:
 def user_estimators(options: StudyOptions) -> dict[str, type[Estimator]]:
     """Return the user-defined estimators that the command line names, and import their code."""
     own = {name: import_estimator(name, "--method") for name in options.method if ":" in name}
-    return own | {name: import_estimator(name, "--own") for name in options.own}
+    return own | {
+        name: import_estimator(name, "--user-estimator") for name in options.user_estimator
+    }
 
 
 def _run_remaining(
@@ -232,7 +234,7 @@ def report_header(work: "StudyExecution") -> dict[str, object]:
     """Return the entries of a report on its origin."""
     from rcmservo.study.execution.package_version import identify_package
 
-    own = "".join(f" --own {name}" for name in work.user_estimators)
+    own = "".join(f" --user-estimator {name}" for name in work.user_estimators)
     folder = work.store.folder
     return {
         "command": " ".join(["rcmservo", *map(shlex.quote, sys.argv[1:])]),

@@ -94,7 +94,8 @@ def read_tuning(options: TuneOptions) -> "Tuning":
     with name_origin_in_errors(options.file):
         section = decode_settings(TuneSection, study_file.tune, "tune")
         plan = make_plan(
-            study_file, {name: import_estimator(name, "--own") for name in options.own}
+            study_file,
+            {name: import_estimator(name, "--user-estimator") for name in options.user_estimator},
         )
         method = plan.methods[0]
         axes = tuple(

@@ -80,7 +80,7 @@ def _estimator(given: object, own: UserEstimators, where: str) -> Estimator:
         return PRESETS[given]
     if not isinstance(given, str) or given not in known:
         names = ", ".join((*ESTIMATORS, *PRESETS))
-        expected = f"one of {names}, or module:class that --method or --own names"
+        expected = f"one of {names}, or module:class that --method or --user-estimator names"
         raise BadInput(where, given, expected)
     return known[given]()
 
