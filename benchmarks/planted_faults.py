@@ -75,7 +75,7 @@ FAULTS = (
     ),
     Fault(
         "sign of the prediction for the present joints",
-        "servo/compute_command.py",
+        "control/latency_compensation.py",
         "predicted[i] = estimate.delta[i] - (J[i, 0] * x",
         "predicted[i] = estimate.delta[i] + (J[i, 0] * x",
         "servo",

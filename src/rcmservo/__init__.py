@@ -1,5 +1,12 @@
 """Position control of a tool in a remote-centre-of-motion mechanism from one uncalibrated camera.
 
+Equation and section numbers in docstrings are those of the paper "Adaptive Image-based Positioning
+of RCM Mechanisms Using Angle and Distance Features". Lengths are in mm, image coordinates in px,
+angles in rad; pixel (0, 0) is the centre of the top left pixel, u points right and v down. Row 0 of
+two markers is marker 1, the one nearer the RCM. "Raw" pixels are image coordinates; m is relative
+to the imaged RCM o_c. y = [s r d] in rad, px, px are the angle of the imaged tool, the distance of
+marker 1 from o_c and the distance between the markers.
+
 The public names are those of `rcmservo.public`, loaded on first use.
 """
 

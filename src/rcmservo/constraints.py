@@ -57,6 +57,10 @@ class Limit:
     expected: str
     hint: Callable[[Any], str] = field(default=lambda value: "")
 
+    def __repr__(self) -> str:
+        """Return the expected values, as `help` shows them in signatures."""
+        return f"<{self.expected}>"
+
     def require(self, name: str, value: Any) -> None:
         """Raise ``BadInput`` for the field or argument `name` unless its value is valid."""
         try:

@@ -9,8 +9,8 @@ import pytest
 import rcmservo as rs
 from conftest import SMALL_RIG_TOML
 from rcmservo.cli.cli import main
-from rcmservo.cli.lab_options import RunOptions
 from rcmservo.cli.result_output import METRICS_FILE
+from rcmservo.cli.run_options import RunOptions
 from rcmservo.cli.simulated_run.simulate import simulate
 from rcmservo.loop.run_result import RunResult
 from rcmservo.recording import reader

@@ -12,8 +12,8 @@ import pytest
 
 from rcmservo.cli.cli import main
 from rcmservo.cli.command_line.options import list_options
-from rcmservo.cli.lab_options import RunOptions
 from rcmservo.cli.parse import parse
+from rcmservo.cli.run_options import RunOptions
 from rcmservo.control.saturated_controller import SaturatedController
 from rcmservo.errors import BadInput
 from rcmservo.estimation.flow_rule import FlowEstimator

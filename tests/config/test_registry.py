@@ -7,7 +7,7 @@ import pytest
 import rcmservo as rs
 from conftest import make_laboratory
 from rcmservo.cli.command_line.options import list_options
-from rcmservo.cli.lab_options import RunOptions
+from rcmservo.cli.run_options import RunOptions
 from rcmservo.config.registry import PART_CLASSES, REGISTERED
 from rcmservo.config.rig_file import METHOD_PARTS, RigDescription
 from rcmservo.config.servo_json import describe_servo

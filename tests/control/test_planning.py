@@ -22,7 +22,7 @@ from rcmservo.control.exploration_planning import (
     path_error,
     plan_corner,
 )
-from rcmservo.estimation.projection_fit import (
+from rcmservo.estimation.camera_fit import (
     MIN_FRAME_SPACING_MM,
     ProjectionFit,
     initial_fit,

@@ -1,6 +1,6 @@
 """The direct linear transformation: exact at any RCM depth, and averages the markers' noise.
 
-The tests of its projection fit are in test_projection_fit.py.
+The tests of its projection fit are in test_camera_fit.py.
 """
 
 import numpy as np
@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from conftest import SHAFT, SPACING_MM, differentiate, make_random, seeds, snapshot
 from rcmservo.estimation.base import Estimator, Sample
+from rcmservo.estimation.camera_fit import ProjectionFit
 from rcmservo.estimation.dlt import DltEstimator
-from rcmservo.estimation.projection_fit import ProjectionFit
 from rcmservo.estimation.projection_rule import ProjectionEstimator
 from rcmservo.geometry.features import FEATURE_SCALE, compute_features, shift_to_rcm
 from rcmservo.geometry.tool import RigidTool, compute_second_marker

@@ -11,8 +11,8 @@ from conftest import (
     make_random,
     project_markers,
 )
-from rcmservo.estimation.projection_fit import OFFSET_DECAY_MM, initial_fit, update_fit
-from rcmservo.estimation.projection_prediction import (
+from rcmservo.estimation.camera_fit import OFFSET_DECAY_MM, initial_fit, update_fit
+from rcmservo.estimation.camera_fit_prediction import (
     deviation_without_marker,
     markers_jacobian,
     predict_image,

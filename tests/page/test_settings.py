@@ -18,7 +18,7 @@ from conftest import make_laboratory
 from rcmservo.config.field_docs import describe_field
 from rcmservo.config.servo_json import describe_servo
 from rcmservo.errors import BadInput
-from rcmservo.live.reduced_speed import reduce_speed
+from rcmservo.live.unchecked_rig_speed import reduce_speed
 from rcmservo.loop.operator import OperatorRequest
 from rcmservo.page.channels import PageChannels
 from rcmservo.page.control_ownership import ControlOwnership, MessageRefused, interpret_message

@@ -14,8 +14,8 @@ from conftest import (
     project_points,
 )
 from rcmservo.control.exploration import ExplorationState
-from rcmservo.estimation.projection_fit import initial_fit, update_fit
-from rcmservo.estimation.projection_prediction import predict_markers
+from rcmservo.estimation.camera_fit import initial_fit, update_fit
+from rcmservo.estimation.camera_fit_prediction import predict_markers
 from rcmservo.interfaces import Floats
 from rcmservo.numerics.structs import to_row
 from rcmservo.safety.causes import Cause

@@ -237,19 +237,19 @@ def sizing(scene):
 
 def predicting(scene):
     """Return results of the projection fit to eight frames, and of the estimator made of it."""
-    from rcmservo.estimation import dlt, projection_fit, projection_prediction
+    from rcmservo.estimation import camera_fit, camera_fit_prediction, dlt
     from rcmservo.geometry import tool
     from rcmservo.servo.update_estimate import empty_memory
 
     shaft, memory, p1 = (
         tool.ToolStruct(0, SPACING),
-        projection_fit.initial_fit().rows,
+        camera_fit.initial_fit().rows,
         scene.places[0],
     )
     for row in scene.rows:
-        projection_fit.update_fit(memory[0], row[:3], row[3:].reshape(2, 2), shaft)
-    v, known = memory[0], projection_fit.ProjectionFit(memory)
-    place, covariance = projection_prediction.predict_image(v, P)
+        camera_fit.update_fit(memory[0], row[:3], row[3:].reshape(2, 2), shaft)
+    v, known = memory[0], camera_fit.ProjectionFit(memory)
+    place, covariance = camera_fit_prediction.predict_image(v, P)
     out = {
         "A of the fit": known.A,
         "g of the fit": known.g,
@@ -257,21 +257,21 @@ def predicting(scene):
         "offset of the fit": known.offset,
         "place": place,
         "covariance": covariance,
-        "expected": projection_prediction.predict_markers(v, p1, shaft),
-        "markers": projection_prediction.filter_markers(v, p1, shaft),
-        "motion": projection_prediction.markers_jacobian(v, p1, shaft),
-        "J of the fit": projection_prediction.fitted_features_jacobian(
+        "expected": camera_fit_prediction.predict_markers(v, p1, shaft),
+        "markers": camera_fit_prediction.filter_markers(v, p1, shaft),
+        "motion": camera_fit_prediction.markers_jacobian(v, p1, shaft),
+        "J of the fit": camera_fit_prediction.fitted_features_jacobian(
             v, p1, scene.points, scene.o_c, shaft
         ),
-        "weakness": projection_prediction.squared_dilution(v, p1, shaft),
-        "pose deviation": projection_prediction.pose_deviation(v, p1, shaft),
-        "without marker 2": projection_prediction.deviation_without_marker(v, p1, 1, shaft),
-        "order": projection_prediction.marker_order_score(v),
+        "weakness": camera_fit_prediction.squared_dilution(v, p1, shaft),
+        "pose deviation": camera_fit_prediction.pose_deviation(v, p1, shaft),
+        "without marker 2": camera_fit_prediction.deviation_without_marker(v, p1, 1, shaft),
+        "order": camera_fit_prediction.marker_order_score(v),
         "nothing stored": empty_memory(dlt.DltKernel(), ()),
     }
     out |= planned(v, scene, shaft)
-    projection_fit.reset_fit(v)
-    empty = projection_fit.ProjectionFit(memory)
+    camera_fit.reset_fit(v)
+    empty = camera_fit.ProjectionFit(memory)
     numbers = {field.name for field in empty.fields} - {"work"}
     return out | {f"emptied {name}": getattr(empty, name) for name in numbers}
 
@@ -305,7 +305,7 @@ def drifting(scene):
     """Return results of the checks on images with offset markers, and on a frozen image."""
     from conftest import make_tick_facts
     from rcmservo.control import exploration
-    from rcmservo.estimation import projection_fit
+    from rcmservo.estimation import camera_fit
     from rcmservo.geometry import tool
     from rcmservo.numerics.structs import to_row
     from rcmservo.safety import innovation, monitor_state
@@ -314,12 +314,12 @@ def drifting(scene):
 
     shaft, known, t = (
         tool.ToolStruct(0, SPACING),
-        projection_fit.initial_fit(),
+        camera_fit.initial_fit(),
         to_row(Thresholds())[0],
     )
     v, out = known.rows[0], {}
     for row in scene.rows:
-        projection_fit.update_fit(v, row[:3], row[3:].reshape(2, 2), shaft)
+        camera_fit.update_fit(v, row[:3], row[3:].reshape(2, 2), shaft)
     for name, off in {
         "none": np.zeros((2, 2)),
         "both": np.full((2, 2), 9.0),

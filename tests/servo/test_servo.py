@@ -25,8 +25,8 @@ from conftest import (
 )
 from rcmservo.control.saturated_controller import SaturatedController
 from rcmservo.errors import BadInput
+from rcmservo.estimation.camera_fit import reset_fit
 from rcmservo.estimation.flow_rule import FlowEstimator
-from rcmservo.estimation.projection_fit import reset_fit
 from rcmservo.estimation.projection_rule import ProjectionEstimator
 from rcmservo.geometry.imaged_rcm import ImagedRcm, solve_imaged_rcm
 from rcmservo.geometry.kinematics import JointLimits, PitchYawRcm

@@ -8,9 +8,9 @@ from rich.console import Console
 from rcmservo.cli.folders import new_folder, require_new_target_file
 from rcmservo.cli.lab.live_on_hardware import live_on_hardware, require_devices
 from rcmservo.cli.lab.live_progress import LiveProgress
-from rcmservo.cli.lab_options import RunToTargetOptions
 from rcmservo.cli.progress.preparing import compiling
 from rcmservo.cli.result_output import print_result, read_record_if_any, save_result
+from rcmservo.cli.run_options import RunToTargetOptions
 from rcmservo.cli.terminal import console, status_line
 from rcmservo.errors import require, require_extra
 from rcmservo.live.supervisor import run_live

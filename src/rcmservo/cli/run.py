@@ -1,9 +1,9 @@
 """`rcmservo run`: a simulated run and its output folder."""
 
 from rcmservo.cli.folders import new_folder, require_new_target_file
-from rcmservo.cli.lab_options import RunOptions
 from rcmservo.cli.progress.preparing import compiling
 from rcmservo.cli.result_output import print_result
+from rcmservo.cli.run_options import RunOptions
 from rcmservo.cli.simulated_run.progress import RunProgress
 from rcmservo.cli.terminal import console, status_line
 from rcmservo.errors import require_extra

@@ -66,8 +66,8 @@ def rebuild_servo(
     Parameters
     ----------
     description : object
-        Result of `describe`, or JSON values of a record.
-    own : Mapping[str, type[Estimator]]
+        Result of `describe_servo`, or JSON values of a record.
+    user_estimators : Mapping[str, type[Estimator]]
         Permitted user-defined estimators by name.
 
     Raises

@@ -1,15 +1,16 @@
 """Exploration: the first motion, which visits the corners of small tetrahedra in joint space.
 
-Neither â = 0 nor Ĵ = 0 can be inverted, and coplanar positions leave the projection undetermined
-(rank 8). Exploration therefore moves yaw, pitch and insertion together. The corners are alternate
-corners of a box in joint space, with the start at one corner, on the side that the joint limits
-leave free. No joint has to move far from any start, and a round ends at the start. The next round
-is mirrored and larger.
+The initial estimates are zero: neither the projection parameters â nor Ĵ can be inverted. Coplanar
+marker positions leave the projection fit undetermined (rank 8 of 9), so exploration moves yaw,
+pitch and insertion together. Four alternate corners of a box in joint space form a tetrahedron. The
+start is one of them, and the box extends to the side where the joints have room. Each joint moves
+little, and a round ends at the start. The next round is mirrored and larger.
 
-After the minimal number of corners, the next corner is chosen for its information on the path to
-the target (exploration_planning.py). Exploration ends when the direction to the target is known to
-`uncertainty`, and Ĵ agrees to `tolerance` with the projection fit (projection_fit.py). After its
-maximal time it reports that it has failed. The estimate is updated further during servoing.
+After the minimal number of corners, the next corner minimises the expected error of the path to the
+target (exploration_planning.py). Exploration ends when this error is below the fraction
+`uncertainty` of the path, and Ĵ agrees to `tolerance` with the fitted projection (camera_fit.py).
+After its maximal time it reports that it has failed. The estimate is updated further during
+servoing.
 """
 
 from dataclasses import dataclass

@@ -18,14 +18,14 @@ the points between them, inside the joint limits and not too far away.
 import numpy as np
 
 from rcmservo.control.exploration import LIMIT_MARGIN, Exploration, ExplorationState, is_at_corner
-from rcmservo.estimation.projection_fit import (
+from rcmservo.estimation.camera_fit import (
     MIN_WEIGHT_DEPTH,
     PRIOR_PRECISION,
     ProjectedPoint,
     ProjectionFit,
     project_markers,
 )
-from rcmservo.estimation.projection_prediction import invert_normal, write_markers_jacobian
+from rcmservo.estimation.camera_fit_prediction import invert_normal, write_markers_jacobian
 from rcmservo.geometry.kinematics import (
     Point,
     RcmStruct,

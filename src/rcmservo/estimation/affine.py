@@ -24,7 +24,7 @@ from rcmservo.estimation.ball_size_fit import (
     update_ball_fit,
 )
 from rcmservo.estimation.base import Estimator, Sample
-from rcmservo.estimation.projection_fit import RCM_POSITION_MM
+from rcmservo.estimation.camera_fit import RCM_POSITION_MM
 from rcmservo.geometry.features import compute_features_jacobian, shift_to_rcm
 from rcmservo.geometry.tool import (
     Tool,

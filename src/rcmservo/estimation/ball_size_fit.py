@@ -16,14 +16,14 @@ with κ the variance of a centre divided by that of a size. Six sums suffice,
     T = κ Σ R⁴ x̄x̄ᵀ,   t = κ Σ R³ x̄
 
 since c₁ = S⁻¹U c₃ and c₂ = S⁻¹V c₃, and (Q + T) c₃ = t with Q = W − U S⁻¹U − V S⁻¹V. Noise σ of the
-centres adds 2σ²S to W; the fit subtracts it. Without sizes this is the fit of projection_fit.py.
+centres adds 2σ²S to W; the fit subtracts it. Without sizes this is the fit of camera_fit.py.
 """
 
 from typing import Any, NamedTuple, cast
 
 import numpy as np
 
-from rcmservo.estimation.projection_fit import (
+from rcmservo.estimation.camera_fit import (
     MIN_FRAME_SPACING_MM,
     PRIOR_NOISE_FRAMES,
     PRIOR_NOISE_PX,

@@ -117,7 +117,8 @@ class Estimator(Checked, ABC, section="estimator"):
 
     A user-defined estimator derives from this class, implements `init`, `update` and `jacobian`,
     and overrides the optional methods that its model supports. Every method is pure: it changes
-    neither its arguments nor the estimator. Only the estimator interprets its memory.
+    neither its arguments nor the estimator. Only the estimator interprets its memory. A built-in
+    estimator is listed in config/registry.py; a user-defined one needs no list.
 
     Raises
     ------
@@ -141,7 +142,7 @@ class Estimator(Checked, ABC, section="estimator"):
     predicts_markers: ClassVar[bool] = False
     """True if `predict` returns predicted markers."""
     estimates_rcm: ClassVar[bool] = False
-    """True if `imaged_rcm` replaces eq. (16), which also requires `motion`."""
+    """True if `imaged_rcm` replaces eq. (16), which also requires `markers_jacobian`."""
     tolerates_lost_marker: ClassVar[bool] = False
     """True if `update` accepts NaN for one marker, and the estimator supplies that marker itself.
 
@@ -263,7 +264,7 @@ class Estimator(Checked, ABC, section="estimator"):
 
     @property
     def has_markers_jacobian(self) -> bool:
-        """True if the class implements `motion`."""
+        """True if the class implements `markers_jacobian`."""
         return type(self).markers_jacobian is not Estimator.markers_jacobian
 
     def sizes_jacobian(self, memory: Any, tool: Tool, sample: Sample) -> Floats:
@@ -294,7 +295,7 @@ class Estimator(Checked, ABC, section="estimator"):
 
     @property
     def has_sizes_jacobian(self) -> bool:
-        """True if the class implements `size_motion`."""
+        """True if the class implements `sizes_jacobian`."""
         return type(self).sizes_jacobian is not Estimator.sizes_jacobian
 
     def predict(self, memory: Any, tool: Tool, p1: Floats) -> Floats | None:

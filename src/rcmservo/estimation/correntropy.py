@@ -105,8 +105,8 @@ class CorrentropyEstimator(RandomWalkEstimator):
     -----
     The default exploration is long enough for it. It suppresses outliers of single frames, not an
     error that persists. It has no model of the markers. Further parameters: `drift` q (b/mm per
-    root of mm), `noise` r (b) and `spread`, root of the initial P (b/mm), of `RandomWalkEstimator`;
-    `min_step` (mm), smallest displacement, of `DisplacementEstimator`.
+    root of mm), `noise` r (b) and `initial_std`, root of the initial P (b/mm), of
+    `RandomWalkEstimator`; `min_step` (mm), smallest displacement, of `DisplacementEstimator`.
 
     References
     ----------

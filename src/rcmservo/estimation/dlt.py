@@ -1,6 +1,6 @@
 """Estimator by the recursive direct linear transformation of both markers over all frames.
 
-Its state is the fit of the camera's projection (projection_fit.py): eleven numbers, their
+Its state is the fit of the camera's projection (camera_fit.py): eleven numbers, their
 covariance, and the offset of the markers from the fit. The imaged RCM is one of its results.
 """
 
@@ -10,13 +10,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rcmservo.estimation.base import Estimator, EstimatorResult, KernelSample, Sample
-from rcmservo.estimation.projection_fit import (
+from rcmservo.estimation.camera_fit import (
     RCM_POSITION_MM,
     ProjectionFit,
     initial_fit,
     update_fit,
 )
-from rcmservo.estimation.projection_prediction import (
+from rcmservo.estimation.camera_fit_prediction import (
     add_offset,
     filter_markers,
     fitted_features_jacobian,

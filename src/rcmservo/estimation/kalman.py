@@ -96,7 +96,7 @@ class KalmanEstimator(RandomWalkEstimator):
     -----
     The default exploration is long enough for it. Outliers of the markers are not rejected. It has
     no model of the markers. Further parameters: `drift` q (b/mm per root of mm), `noise` r (b) and
-    `spread`, root of the initial P (b/mm), of `RandomWalkEstimator`; `min_step` (mm) of
+    `initial_std`, root of the initial P (b/mm), of `RandomWalkEstimator`; `min_step` (mm) of
     `DisplacementEstimator`.
 
     References

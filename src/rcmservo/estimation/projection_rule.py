@@ -19,7 +19,7 @@ import numpy as np
 
 from rcmservo.constraints import at_least, between, not_negative, positive
 from rcmservo.estimation.base import Estimator, EstimatorResult, KernelSample, Sample
-from rcmservo.estimation.projection_fit import ProjectionFit
+from rcmservo.estimation.camera_fit import ProjectionFit
 from rcmservo.geometry.features import compute_features_jacobian, shift_to_rcm
 from rcmservo.geometry.projection import (
     PARAMETER_COUNT,

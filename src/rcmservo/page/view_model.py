@@ -113,7 +113,7 @@ class Dashboard:
         Newest samples of the curves.
     shape : MechanismShape or None
         Mechanism and tool to draw; None if they are not drawn.
-    truth : GroundTruth or None
+    truth : TruePoseError or None
         True pose error; None outside simulation.
     count : int
         Index of the newest tick that was read.

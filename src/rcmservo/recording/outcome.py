@@ -45,9 +45,10 @@ def find_stop_cause(mode: Mode, why: str) -> str:
 
 
 def find_settle_time(times: Floats, errors: Floats) -> float | None:
-    """Return the time (s) from which on the errors Δy (N, 3) stay within TOLERANCE.
+    """Return the time (s) from which on the errors Δy (N, 3) stay within `SETTLED_TOLERANCE`.
 
-    It is None if they do not, or do so for less than LAST s before the last of ``times`` (N,) s.
+    None unless they stay within for at least `SETTLED_DURATION_S` up to the last of ``times``
+    (N,) s.
     """
     outside = np.flatnonzero(~(np.abs(errors) < SETTLED_TOLERANCE).all(axis=1))
     since = int(outside[-1]) + 1 if len(outside) else 0

@@ -10,7 +10,7 @@ from functools import partial
 from typing import Any, NamedTuple
 
 from rcmservo.numerics.jit import compiled, declare_in
-from rcmservo.safety.checks import devices, drift, estimate, exploration, markers, progress
+from rcmservo.safety.checks import devices, drift, estimate, exploration, markers, path, singularity
 from rcmservo.safety.checks.facts import DetailFacts, TickFacts
 
 TEACH_AGAIN = "teach the target again"
@@ -107,9 +107,9 @@ class Cause(Enum):
         Declaration of the cause, with its detector and what it invalidates.
     action : Action
         Action that the cause requests.
-    way_out : str
+    remedy : str
         Remedy for the operator; empty if the tool does not stop.
-    place : int
+    code : int
         Position among the members, the code of the cause in compiled functions; 0 for NONE.
     bit : int
         Bit of the cause in a set of causes that is stored as one integer; 0 for NONE.
@@ -226,7 +226,7 @@ class Cause(Enum):
         "singular surface looks the same, or the camera was moved or zoomed after the target was "
         "taught, or the zero positions of the arm have changed",
         f"{TEACH_AGAIN}, then resume",
-        progress.joints_contradict_image,
+        path.joints_contradict_image,
     )
     DIVERGED = pause(
         "the markers repeatedly move differently from the estimate's prediction",
@@ -260,12 +260,12 @@ class Cause(Enum):
     STALLED = pause(
         "the feature error does not decrease any more: the target cannot be reached from this pose",
         "move the tool to another start, or teach a target within reach, then resume",
-        progress.progress_stalled,
+        path.progress_stalled,
     )
     TARGET_OLD = pause(
         "the target was taught before the camera was moved",
         f"{TEACH_AGAIN}, then resume",
-        progress.target_is_old,
+        path.target_is_old,
     )
     ASKED = pause("the operator requested a pause", "resume when ready")
     MARKERS_LOST = hold(
@@ -335,22 +335,22 @@ class Cause(Enum):
         "the target lies at or beyond a singular surface: by the estimate, no motion of the tool "
         "reduces the feature error",
         "move the tool nearer to the target or away from the singular pose, then resume",
-        progress.path_is_singular,
+        singularity.path_is_singular,
     )
     JOINT_1_LIMIT = hold(
         "the path to the target passes the limit of joint 1",
         "move the tool to another start, then resume",
-        progress.joint_1_blocks_the_path,
+        path.joint_1_blocks_the_path,
     )
     JOINT_2_LIMIT = hold(
         "the path to the target passes the limit of joint 2",
         "move the tool to another start, then resume",
-        progress.joint_2_blocks_the_path,
+        path.joint_2_blocks_the_path,
     )
     JOINT_3_LIMIT = hold(
         "the path to the target passes the limit of joint 3",
         "move the tool to another start, then resume",
-        progress.joint_3_blocks_the_path,
+        path.joint_3_blocks_the_path,
     )
     REJECTED = slow(
         "a frame was rejected: the markers are not at the predicted positions",
@@ -367,7 +367,7 @@ class Cause(Enum):
     AGEING = slow("no new frame has arrived for longer than usual", detector=devices.frame_is_old)
     NEARLY_SINGULAR = slow(
         "the path to the target is nearly singular",
-        detector=progress.path_is_nearly_singular,
+        detector=singularity.path_is_nearly_singular,
     )
     LATE_TICK = warn("the loop ran late by a tick", detector=devices.tick_came_late)
 

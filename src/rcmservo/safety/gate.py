@@ -243,7 +243,7 @@ class Gate(Checked, section="gate"):
             Mechanism with its joint limits.
         now : int
             Time of the tick, ns.
-        share : float
+        speed_scale : float
             Fraction of the full speed that is permitted, 0 to 1.
 
         Returns

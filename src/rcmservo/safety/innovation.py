@@ -7,13 +7,13 @@ that NaN fails it.
 
 import numpy as np
 
-from rcmservo.estimation.projection_fit import (
+from rcmservo.estimation.camera_fit import (
     UNIT_LENGTH_MM,
     ProjectedPoint,
     ProjectionFit,
     project_markers,
 )
-from rcmservo.estimation.projection_prediction import image_covariance
+from rcmservo.estimation.camera_fit_prediction import image_covariance
 from rcmservo.geometry.features import (
     FEATURE_SCALE,
     compute_feature_error,
@@ -52,8 +52,8 @@ def find_lost_markers(points: Floats) -> tuple[bool, bool]:
 def is_plausible_fit(fit: ProjectionFit, thresholds: Thresholds) -> bool:
     """Return True if the fit is plausible for a camera.
 
-    Its rms residual must be at most `left_over` px, and its depth must not change faster with
-    position than in front of a camera at `nearest_camera` mm.
+    Its rms residual must be at most `max_residual_px` px, and its depth must not change faster with
+    position than in front of a camera at `min_camera_distance` mm.
     """
     steepest = UNIT_LENGTH_MM / thresholds.min_camera_distance
     return fit.noise_variance <= thresholds.max_residual_px**2 and compute_norm(fit.g) <= steepest
@@ -115,9 +115,9 @@ def deviates_from_prediction(
     """Return True if a detection is an outlier for marker k.
 
     The innovation is the difference (px) between `point` (2,) and its prediction. It is first
-    reduced by `model_error` px and by the fraction `mistimed` of the marker's motion since `before`
-    (2,) px. The rest is an outlier if its Mahalanobis distance exceeds `innovation`, with the
-    covariance of the fit and the noise of the detection.
+    reduced by `model_error` px and by the fraction `timing_error_fraction` of the marker's motion
+    since `before` (2,) px. The rest is an outlier if its Mahalanobis distance exceeds
+    `max_innovation`, with the covariance of the fit and the noise of the detection.
     """
     u = fit.origin[3] + predicted.m[0] + fit.offset[k, 0]
     v = fit.origin[4] + predicted.m[1] + fit.offset[k, 1]

@@ -110,7 +110,7 @@ def predict_joints(
     """Predict the joints and their rates ``dt`` s later, in place.
 
     The drives follow the applied rates as first-order systems with the time constant ``lag`` s. The
-    prediction converges to the measured joints with the time constant ``forget`` s.
+    prediction converges to the measured joints with the time constant ``following_error_decay`` s.
 
     Parameters
     ----------
@@ -187,7 +187,7 @@ def store_observation(row: ObservationRow, observation: ObservationStruct) -> No
 
 @compiled
 def monitor_rest(watch: MonitorState, observation: ObservationRow, thresholds: Thresholds) -> None:
-    """Store the rest position of the joints `come_to_rest` s after the last commanded motion."""
+    """Store the rest position of the joints `settling_time` s after the last commanded motion."""
     now, delay = observation.now, thresholds.settling_time * 1e9
     if not (observation.enabled and compute_norm(observation.applied) == 0.0):
         watch.idle_since = -1

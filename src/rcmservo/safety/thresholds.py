@@ -57,7 +57,7 @@ class Thresholds(Checked, section="thresholds"):
         fault of the drive while a motion is commanded.
     settling_time : float
         Time without a commanded motion after which the joints are at rest, s. From then on a joint
-        that moves by more than ``following``, however slowly, is a fault (`CREEPS`).
+        that moves by more than ``max_following_error``, however slowly, is a fault (`CREEPS`).
     limit_tolerance : float
         Distance by which a joint may be beyond its limit, as a fraction of its range
         (`BEYOND_LIMIT`).
@@ -70,7 +70,7 @@ class Thresholds(Checked, section="thresholds"):
         Number of successive late ticks that count as an overrun (`OVERRUN`).
     max_innovation : float
         Largest deviation of a marker from its prediction, in standard deviations (`REJECTED`).
-        ``model_error`` and ``mistimed`` are subtracted from the deviation first.
+        ``model_error`` and ``timing_error_fraction`` are subtracted from the deviation first.
     model_error : float
         Deviation (px) of a marker that is attributed to the projection model.
     timing_error_fraction : float
@@ -85,7 +85,7 @@ class Thresholds(Checked, section="thresholds"):
         far behind the other.
     max_drift_sigma : float
         Largest mean residual of a marker, in standard deviations. A drift (`DRIFTS`, `SURPRISED`)
-        exceeds this value and ``drift_px``.
+        exceeds this value and ``max_drift_px``.
     max_drift_px : float
         Largest mean residual of a marker, px.
     drift_frames : int
@@ -106,7 +106,7 @@ class Thresholds(Checked, section="thresholds"):
         by the other marker and the joints; 0 never permits it.
     max_jump_px : float
         Largest motion (px) of a marker between frames while the tool is at rest and no prediction
-        exists, in addition to ``innovation`` standard deviations.
+        exists, in addition to ``max_innovation`` standard deviations.
     max_px_per_mm : float
         Largest motion of a marker in the image per motion of the tool, px/mm, while no prediction
         exists.
@@ -115,7 +115,7 @@ class Thresholds(Checked, section="thresholds"):
         an exploration is done. An operator moves the tool further by hand.
     jump_agreement : float
         Largest distance between the positions of a marker in successive rejected frames at which
-        they count as the same, as a multiple of ``jump``.
+        they count as the same, as a multiple of ``max_jump_px``.
     max_rejected_frames : int
         Number of successive rejected frames at which the tool stops (`CAMERA_MOVED`, `SWAPPED`,
         `SURPRISED`).
@@ -138,8 +138,8 @@ class Thresholds(Checked, section="thresholds"):
         Fraction of the error that the damped law must reduce for full speed; below it the tool
         moves slowly (`NEARLY_SINGULAR`).
     min_checked_error : float
-        Scaled error √(2V) up to which ``closed`` and ``nearly_closed`` are not applied: noise has
-        an arbitrary direction.
+        Scaled error √(2V) up to which ``singular_fraction`` and ``nearly_singular_fraction`` are
+        not applied: noise has an arbitrary direction.
     min_exploration_room : float
         Fraction of the exploration's full volume that the joint limits must leave (`NO_ROOM`).
     max_jacobian_entry : float
@@ -163,7 +163,7 @@ class Thresholds(Checked, section="thresholds"):
         Decrease of the scaled error √(2V) that counts as progress.
     stall_decrease_fraction : float
         Decrease of the scaled error that counts as progress, as a fraction of this error; the
-        smaller one of ``stall_fall`` and this counts.
+        smaller one of ``stall_decrease`` and this counts.
     stall_time : float
         Longest time without progress, s (`STALLED`).
     stall_time_constants : float

@@ -4,7 +4,7 @@ import numpy as np
 
 from rcmservo.control.drive_lag import known_or_measured_lag
 from rcmservo.estimation.base import Estimate
-from rcmservo.estimation.projection_prediction import deviation_without_marker, filter_markers
+from rcmservo.estimation.camera_fit_prediction import deviation_without_marker, filter_markers
 from rcmservo.geometry.kinematics import compute_position_tuple, is_within_limits
 from rcmservo.interfaces import Floats
 from rcmservo.numerics.jit import compiled
@@ -122,8 +122,8 @@ def check_against_last_frame(
 ) -> None:
     """Compare the markers with those of the last accepted frame, before a fit predicts them.
 
-    Count the frame as rejected if a marker moved by more than `jump` px plus the px that the motion
-    of marker 1 to p1 (3,) mm allows, or if a marker is stuck.
+    Count the frame as rejected if a marker moved by more than `max_jump_px` px plus the px that the
+    motion of marker 1 to p1 (3,) mm allows, or if a marker is stuck.
     """
     path, crossed = compute_distance(p1, estimate.p1), False
     first, second = detect_stuck_markers(monitor, p1, observation.points, thresholds)

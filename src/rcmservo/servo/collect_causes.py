@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from rcmservo.estimation.projection_prediction import pose_deviation
+from rcmservo.estimation.camera_fit_prediction import pose_deviation
 from rcmservo.geometry.kinematics import compute_point_distance, compute_position_tuple
 from rcmservo.geometry.tool import compute_marker_ratio, compute_second_marker_tuple
 from rcmservo.interfaces import Floats

@@ -11,12 +11,13 @@ from rcmservo.control.exploration import (
     start_exploration,
 )
 from rcmservo.control.exploration_planning import direction_is_known, plan_corner
+from rcmservo.control.latency_compensation import predict_error
 from rcmservo.control.saturated_controller import LawResult, apply_law, scale_rows
+from rcmservo.control.tool_speed_cap import cap_tool_speed
 from rcmservo.estimation.base import Estimate
-from rcmservo.estimation.projection_prediction import fitted_features_jacobian, marker_order_score
+from rcmservo.estimation.camera_fit_prediction import fitted_features_jacobian, marker_order_score
 from rcmservo.geometry.features import wrap_angle
 from rcmservo.geometry.kinematics import Point, compute_position_tuple, find_blocking_joint
-from rcmservo.geometry.tool import compute_max_tool_speed
 from rcmservo.numerics.jit import compiled
 from rcmservo.numerics.small_linalg import copy_into
 from rcmservo.safety.innovation import is_plausible_fit
@@ -61,10 +62,7 @@ def compute_law_rates(tick: TickContext, is_servoing: bool) -> None:
     p1 = compute_position_tuple(rcm, q)
     predict_error(estimate, p1)
     law_result, error = evaluate_law(estimate, p1, parameters, tick.stored.workspace)
-    speed = compute_max_tool_speed(tool_struct_of(parameters), p1, law_result.v, law.tip)
-    slower = max(1.0, speed / law.max_speed)
-    for k in range(3):
-        decision.v[k] = law_result.v[k] / slower
+    cap_tool_speed(decision.v, law_result.v, tool_struct_of(parameters), p1, law)
     horizon, share = thresholds.limit_horizon, thresholds.limit_speed_fraction
     joint, rates = find_blocking_joint(rcm, q, decision.v, parameters.gate.speed, horizon, share)
     decision.rates[0], decision.rates[1], decision.rates[2] = rates
@@ -80,16 +78,6 @@ def compute_law_rates(tick: TickContext, is_servoing: bool) -> None:
     if error < peak - fall or not is_servoing:
         peak, decision.reference_time = error, observation.now
     decision.reference_error = peak
-
-
-@compiled
-def predict_error(estimate: Estimate, p1: Point) -> None:
-    """Predict the error Δy of [s r d] for marker 1 at p1 mm."""
-    J, predicted = estimate.J_hat, estimate.predicted_delta
-    x, y, z = estimate.p1[0] - p1[0], estimate.p1[1] - p1[1], estimate.p1[2] - p1[2]
-    for i in range(3):
-        predicted[i] = estimate.delta[i] - (J[i, 0] * x + J[i, 1] * y + J[i, 2] * z)
-    predicted[0] = wrap_angle(predicted[0])
 
 
 @compiled

@@ -16,8 +16,8 @@ from rcmservo.control.feature_vectors import FeatureVector, MarkerPair
 from rcmservo.control.saturated_controller import SaturatedController
 from rcmservo.errors import require
 from rcmservo.estimation.base import Estimator, EstimatorKernel, EstimatorResult, Sample
+from rcmservo.estimation.camera_fit_prediction import filter_markers
 from rcmservo.estimation.dlt import DltEstimator
-from rcmservo.estimation.projection_prediction import filter_markers
 from rcmservo.geometry.features import INTERPRETED_CODE
 from rcmservo.geometry.imaged_rcm import ImagedRcm
 from rcmservo.geometry.kinematics import Kinematics, RcmStruct, compute_position

@@ -6,7 +6,7 @@ import numpy as np
 
 from rcmservo.control.exploration import ExplorationState
 from rcmservo.estimation.base import Estimate, EstimatorResult
-from rcmservo.estimation.projection_fit import ProjectionFit, initial_fit
+from rcmservo.estimation.camera_fit import ProjectionFit, initial_fit
 from rcmservo.geometry.features import MAX_FEATURES
 from rcmservo.interfaces import Command, Floats, Target
 from rcmservo.numerics.structs import Row, part, reals, replace_fields

@@ -12,7 +12,7 @@ from functools import cache
 from typing import Any
 
 from rcmservo.estimation.base import EstimatorKernel
-from rcmservo.estimation.projection_fit import reset_fit
+from rcmservo.estimation.camera_fit import reset_fit
 from rcmservo.interfaces import Floats, ObservationStruct
 from rcmservo.numerics.jit import compiled
 from rcmservo.numerics.structs import Rows

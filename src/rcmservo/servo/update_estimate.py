@@ -10,7 +10,7 @@ from typing import Any, cast
 import numpy as np
 
 from rcmservo.estimation.base import Estimate, KernelSample
-from rcmservo.estimation.projection_fit import update_fit
+from rcmservo.estimation.camera_fit import update_fit
 from rcmservo.geometry.features import (
     POINTS_CODE,
     SRD_CODE,
@@ -177,9 +177,10 @@ def measure_line_features(
 ) -> None:
     """Compute the features along the line through o_c that passes nearest to both markers, and Ĵ.
 
-    Ĵ follows from the `motion` ∂m/∂p₁ (4, 3) of the markers. If o_c is very far away, as near the
-    image plane of the camera, a point in its direction replaces it: at the target every origin
-    gives the same pose.
+    Ĵ follows from the Jacobian ∂m/∂p₁ (4, 3) of the markers. o_c is very far away if the RCM lies
+    near the plane through the camera's centre, parallel to the image. A point in its direction then
+    replaces it. This does not move the equilibrium: at the target the error is zero for every
+    origin.
     """
     origin, J = limit_origin_distance(estimate.o_c, points, MAX_ORIGIN_DISTANCE_PX), workspace.J_m
     m, m_d = workspace.m, workspace.m_d

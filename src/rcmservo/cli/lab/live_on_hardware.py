@@ -20,9 +20,9 @@ from rcmservo.cli.lab.hardware_prompts import (
     obtain_target,
 )
 from rcmservo.cli.lab.live_progress import LiveProgress
-from rcmservo.cli.lab_options import LabOptions, RunToTargetOptions
 from rcmservo.cli.progress.preparing import compiling
 from rcmservo.cli.result_output import read_record_if_any, save_result
+from rcmservo.cli.run_options import LabOptions, RunToTargetOptions
 from rcmservo.cli.simulated_run.run_description import describe_run
 from rcmservo.cli.terminal import status_line
 from rcmservo.config.rig_file import RigDescription, name_origin_in_errors
@@ -32,10 +32,10 @@ from rcmservo.hardware.cameras.settings import require_latency
 from rcmservo.hardware.crtk.settings import CrtkSettings
 from rcmservo.hardware.devices import ARM_KINDS, CAMERA_KINDS, open_arm, open_camera
 from rcmservo.live.device_protocols import LabArm, LabCamera
-from rcmservo.live.reduced_speed import UNCHECKED_SPEED_SCALE, reduce_speed
 from rcmservo.live.servo_process import Session
 from rcmservo.live.supervisor import run_live
 from rcmservo.live.terminal_operator import Terminal
+from rcmservo.live.unchecked_rig_speed import UNCHECKED_SPEED_SCALE, reduce_speed
 from rcmservo.loop.run_result import RunResult
 from rcmservo.recording import reader
 from rcmservo.recording.reader import RECORD

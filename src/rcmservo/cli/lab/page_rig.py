@@ -31,16 +31,16 @@ from rcmservo.cli.lab.page_backend import (
     enable_announcement,
     open_recorder,
 )
-from rcmservo.cli.lab_options import LabOptions
+from rcmservo.cli.run_options import LabOptions
 from rcmservo.config.rig_file import RigDescription
 from rcmservo.errors import RcmServoError
 from rcmservo.hardware.devices import open_arm, open_camera
 from rcmservo.interfaces import Target
 from rcmservo.live.device_protocols import LabCamera
 from rcmservo.live.frame_ring import FrameRing, RecordingCamera, RingCamera
-from rcmservo.live.reduced_speed import reduce_speed
 from rcmservo.live.remote_stop import RemotelyStoppableArm, RemoteStop
 from rcmservo.live.servo_process import FRAME_TIMEOUT_S, HeartbeatPlant, NoFrames, Session
+from rcmservo.live.unchecked_rig_speed import reduce_speed
 from rcmservo.loop.clock import WallClock, ticks
 from rcmservo.loop.plant import Plant
 from rcmservo.page.channels import PageChannels

@@ -30,8 +30,8 @@ from rcmservo.cli.lab.page_backend import (
     enable_announcement,
     open_recorder,
 )
-from rcmservo.cli.lab_options import LabOptions
 from rcmservo.cli.progress.preparing import compiling
+from rcmservo.cli.run_options import LabOptions
 from rcmservo.cli.terminal import console, status_line
 from rcmservo.constraints import between
 from rcmservo.errors import RcmServoError, require_extra

@@ -5,7 +5,7 @@ from dataclasses import asdict
 from importlib.metadata import version
 from typing import Any
 
-from rcmservo.cli.lab_options import LabOptions
+from rcmservo.cli.run_options import LabOptions
 
 PACKAGES = "numpy", "numba", "opencv-python-headless"
 """Packages whose versions each record holds."""

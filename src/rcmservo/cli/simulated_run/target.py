@@ -4,7 +4,7 @@ import hashlib
 
 import numpy as np
 
-from rcmservo.cli.lab_options import RunOptions
+from rcmservo.cli.run_options import RunOptions
 from rcmservo.config import target_file
 from rcmservo.config.rig_file import RigDescription
 from rcmservo.config.target_file import TargetSetup

@@ -10,8 +10,8 @@ import tyro
 from rich.console import Console
 
 from rcmservo.cli.folders import dated_folder
-from rcmservo.cli.lab_options import RunOptions
 from rcmservo.cli.progress.progress import progress, resume_hint
+from rcmservo.cli.run_options import RunOptions
 from rcmservo.cli.servo_options import option_group
 from rcmservo.cli.studies.study import WorkOptions, report_header, require_other_folder, workers_for
 from rcmservo.cli.studies.study_report import comparison_sentence, print_work, result_table

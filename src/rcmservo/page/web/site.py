@@ -37,7 +37,7 @@ class Site:
         Folder of all runs.
     disturbances : tuple[dict[str, Any], ...]
         Disturbances that can be requested; empty outside simulation.
-    truth : GroundTruth or None
+    truth : TruePoseError or None
         True pose error; None outside simulation.
     """
 

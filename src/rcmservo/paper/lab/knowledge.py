@@ -7,7 +7,7 @@ import numpy as np
 
 from rcmservo.control.saturated_controller import scale_rows
 from rcmservo.estimation.base import Estimator, Sample
-from rcmservo.estimation.projection_fit import UNIT_LENGTH_MM, ProjectionFit
+from rcmservo.estimation.camera_fit import UNIT_LENGTH_MM, ProjectionFit
 from rcmservo.estimation.projection_rule import GAMMA_0
 from rcmservo.geometry.features import compute_features, shift_to_rcm
 from rcmservo.geometry.projection import extract_parameters

@@ -46,7 +46,7 @@ def arm_is_silent(facts: TickFacts) -> bool:
 
 @compiled
 def joint_is_beyond_limit(facts: TickFacts) -> bool:
-    """Detect a joint beyond its limit by more than `slack`."""
+    """Detect a joint beyond its limit by more than `limit_tolerance`."""
     return not is_within_limits(facts.rcm, facts.observation.q, facts.thresholds.limit_tolerance)
 
 
@@ -67,7 +67,7 @@ def joints_creep(facts: TickFacts) -> bool:
 
 @compiled
 def exceeds_following_error(q: Floats, expected: Floats, thresholds: Thresholds) -> bool:
-    """Return True if a joint of q (3,) differs from `expected` (3,) by more than `following`."""
+    """Return True if a joint of q (3,) deviates from `expected` (3,) by too much."""
     within = True
     for i in range(3):
         within = within and abs(q[i] - expected[i]) <= thresholds.max_following_error[i]
@@ -212,7 +212,7 @@ def describe_creeping(facts: DetailFacts) -> str:
 
 
 def _describe_deviations(facts: DetailFacts, expected: Floats, verb: str) -> str:
-    """Describe the joints that differ from `expected` (3,) by more than `following`."""
+    """Describe the joints that differ from `expected` (3,) by more than `max_following_error`."""
     q, limit, arm = facts.observation.q, facts.thresholds.max_following_error, facts.mechanism
     parts = [
         f"{_describe_joint(arm, i, q)}, and {verb} within {limit[i]:g} of {expected[i]:.4g}"

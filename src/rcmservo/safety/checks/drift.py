@@ -8,8 +8,8 @@ the same to the last bit, which no camera delivers while the tool moves.
 
 import numpy as np
 
-from rcmservo.estimation.projection_fit import ProjectedPoint, ProjectionFit, project_markers
-from rcmservo.estimation.projection_prediction import image_covariance
+from rcmservo.estimation.camera_fit import ProjectedPoint, ProjectionFit, project_markers
+from rcmservo.estimation.camera_fit_prediction import image_covariance
 from rcmservo.geometry.tool import ToolStruct
 from rcmservo.interfaces import Floats
 from rcmservo.numerics.jit import compiled
@@ -128,7 +128,7 @@ def update_mean_residual(
     """Average the residual of marker k at `point` (2,) raw px, and test the mean against noise.
 
     The residual is clipped: as many frames as may be rejected in succession cannot move the mean by
-    `drift_px`.
+    `max_drift_px`.
     """
     place = watch.markers_prediction[k]
     place[0], place[1] = fit.origin[3] + predicted.m[0], fit.origin[4] + predicted.m[1]

@@ -1,7 +1,7 @@
 """Detectors of an exploration that cannot start or does not succeed."""
 
 from rcmservo.control.exploration import is_overdue
-from rcmservo.estimation.projection_prediction import marker_order_score
+from rcmservo.estimation.camera_fit_prediction import marker_order_score
 from rcmservo.numerics.jit import compiled
 from rcmservo.safety.checks.facts import DetailFacts, TickFacts
 

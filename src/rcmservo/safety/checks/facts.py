@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 from rcmservo.control.exploration import Exploration, ExplorationState
 from rcmservo.estimation.base import Estimate
-from rcmservo.estimation.projection_fit import ProjectionFit
+from rcmservo.estimation.camera_fit import ProjectionFit
 from rcmservo.geometry.kinematics import Kinematics, RcmStruct
 from rcmservo.interfaces import Observation
 from rcmservo.numerics.jit import compiled

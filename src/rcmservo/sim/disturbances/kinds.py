@@ -1,6 +1,7 @@
-"""Kinds of disturbance: their effects, their parameters, and the causes that name them correctly.
+"""Table of the kinds of disturbance: their parameters, and the causes that name them correctly.
 
-No other module lists the kinds.
+The effect of a kind is coded where it arises: arm_faults.py, camera_moves.py, camera_view.py,
+computer_faults.py, decoy_markers.py, frame_damage.py, frame_delivery.py or smoke_and_blood.py.
 """
 
 import math

@@ -87,9 +87,10 @@ def sample_scene(sampler: SceneSampler) -> Scene:
 
 
 def sample_relocated_scene(sampler: SceneSampler, scene: Scene) -> Scene:
-    """Return the scene with its camera elsewhere, rolled by at least `MIN_RELOCATION_ROLL_RAD`.
+    """Return the scene with its camera and tissue elsewhere.
 
-    The camera's new pose has the distribution of any scene's camera.
+    The camera's new pose is drawn as for a new scene, until it shows the tool rotated by at least
+    `MIN_RELOCATION_ROLL_RAD`.
 
     Raises
     ------
@@ -185,8 +186,8 @@ def _sample_camera(
 ) -> tuple[CameraModel, Tissue] | None:
     """Sample a camera that looks at the tool, and tissue behind the tool.
 
-    The tissue half faces the camera. None if the camera is impossible: it would be outside its
-    port, or the RCM is not in front of it.
+    The normal of the tissue bisects the vertical and the viewing direction. Return None if the
+    camera is impossible: an endoscope outside its port, or a free camera with the RCM behind it.
     """
     points = np.concatenate([sampler.body.points(q) for q in (start, target)])
     down = np.array([0.0, 0.0, 1.0 if points[:, 2].sum() > 0.0 else -1.0])

@@ -8,7 +8,7 @@ import pytest
 from conftest import make_laboratory, mark_others_slow
 from rcmservo.control.exploration import Exploration
 from rcmservo.control.saturated_controller import SaturatedController
-from rcmservo.live.reduced_speed import UNCHECKED_SPEED_SCALE, reduce_speed
+from rcmservo.live.unchecked_rig_speed import UNCHECKED_SPEED_SCALE, reduce_speed
 from rcmservo.loop.run import run
 from rcmservo.recording.outcome import OutcomeCollector
 from rcmservo.safety.gate import Gate

@@ -1,4 +1,4 @@
-"""Detectors of obstacles on the path to the target."""
+"""Detectors of what keeps the tool from the target: joint limits, an old target, a stall."""
 
 from rcmservo.numerics.jit import compiled
 from rcmservo.safety.checks.facts import TickFacts
@@ -36,24 +36,6 @@ def joints_contradict_image(facts: TickFacts) -> bool:
         facts.exploration_state.is_done
         and since >= 0
         and facts.observation.now - since > limit * 1e9
-    )
-
-
-@compiled
-def path_is_singular(facts: TickFacts) -> bool:
-    """Detect a singular surface across the path: the damped law reduces too little of the error."""
-    return (
-        facts.exploration_state.is_done
-        and not facts.progress.reducible_fraction >= facts.thresholds.singular_fraction
-    )
-
-
-@compiled
-def path_is_nearly_singular(facts: TickFacts) -> bool:
-    """Detect a path that is nearly singular."""
-    return (
-        facts.exploration_state.is_done
-        and not facts.progress.reducible_fraction >= facts.thresholds.nearly_singular_fraction
     )
 
 

@@ -16,7 +16,7 @@ from conftest import (
     seeds,
     snapshot,
 )
-from rcmservo.estimation.projection_fit import (
+from rcmservo.estimation.camera_fit import (
     MIN_FRAME_SPACING_MM,
     PRIOR_NOISE_FRAMES,
     RCM_POSITION_MM,
@@ -26,7 +26,7 @@ from rcmservo.estimation.projection_fit import (
     reset_fit,
     update_fit,
 )
-from rcmservo.estimation.projection_prediction import (
+from rcmservo.estimation.camera_fit_prediction import (
     filter_markers,
     fitted_features_jacobian,
     markers_jacobian,

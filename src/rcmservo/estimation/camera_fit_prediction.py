@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from rcmservo.estimation.projection_fit import (
+from rcmservo.estimation.camera_fit import (
     UNIT_LENGTH_MM,
     ProjectedPoint,
     ProjectionFit,
