@@ -77,13 +77,13 @@ STOPPED = """
 import own_devices
 from multiprocessing import Pipe, Value
 from pathlib import Path
-from rcmservo.live.servo_process import serve
+from rcmservo.live.servo_process import run_session
 
 enabled = []
 own_devices.OwnArm.enable = lambda arm: enabled.append(arm)
 supervisor, servo = Pipe()
 supervisor.send("end")
-serve(own_devices.session(Path({path!r}), 8.0, Value("b", 0)), Value("q", 0), servo)
+run_session(own_devices.session(Path({path!r}), 8.0, Value("b", 0)), Value("q", 0), servo)
 print(len(enabled), supervisor.recv())
 """
 

@@ -254,7 +254,7 @@ def test_the_driver_does_not_take_over_an_arm_of_another_host() -> None:
         peer = threading.Thread(target=answer_as_other_host, args=(wire,), daemon=True)
         peer.start()
         with closing(UdpArm(*wire.getsockname())) as arm:
-            with pytest.raises(NoToy, match="another host has it"):
+            with pytest.raises(NoToy, match="another host uses it"):
                 arm.enable()
             assert not arm.measure().enabled
 
@@ -308,7 +308,7 @@ def test_the_watchdog_stops_the_arm_when_commands_stop(tmp_path: Path) -> None:
             arm._new.wait(0.01)
         while not arm.off_reason:
             arm._new.wait(0.01)
-        assert arm.off_reason == "its watchdog ran out"
+        assert arm.off_reason == "its watchdog expired"
     log_rows = rows(log)
     last = np.flatnonzero(log_rows[:, 2])[-1]
     assert (log_rows[: last + 1, 0] <= log_rows[: last + 1, 4] + WATCHDOG_TIMEOUT_NS).all()

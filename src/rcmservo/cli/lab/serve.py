@@ -134,7 +134,7 @@ def _simulated_lab(options: ServeOptions) -> Generator[PageBackend]:
                 recorder=partial(open_recorder, record, description),
                 target=partial(await_enable, desk, limited, enable_announcement(limited)),
                 operator=partial(PageOperator, desk, chosen, options.teaching_frames),
-                pictures=RECORDED_IMAGES_PER_S,
+                images_per_s=RECORDED_IMAGES_PER_S,
             )
 
         def befall(what: str) -> str:
