@@ -47,11 +47,7 @@ def test_the_import_contracts_hold():
             for row in [
                 ("estimation/flow_rule.py", "from rcmservo.sim import Rig", "Uncalibrated"),
                 ("safety/gate.py", "import rcmservo.paper.stability", "Uncalibrated"),
-                (
-                    "recording/foreign/scoring.py",
-                    "from rcmservo.recording import reader",
-                    "siblings",
-                ),
+                ("recording/writer.py", "import rcmservo.live.servo_process", "siblings"),
                 ("geometry/kinematics.py", "from rcmservo.servo.servo import Servo", "siblings"),
                 (
                     "tracking/full_search.py",

@@ -191,7 +191,7 @@ def test_run_accepts_disturbances_an_operator_and_a_target_file(
     assert main([*small, "--seed", "1", *saving, "--out", str(tmp_path / "a")]) == 0
     captured = capsys.readouterr()
     metrics = strict(captured.out)
-    assert metrics["shown_again"] == 1 and metrics["pose_error_mm"] < 1.0
+    assert metrics["taught_again"] == 1 and metrics["pose_error_mm"] < 1.0
     for cause in (rs.Cause.MARKERS_LOST, rs.Cause.CAMERA_MOVED):
         assert cause.value in captured.err and cause.remedy in captured.err
     again = ["--duration", "6", "--target", target]

@@ -254,7 +254,7 @@ def test_a_rerun_writes_a_playable_video(study: str, capsys: pytest.CaptureFixtu
 def test_a_rerun_row_of_rendered_frames_is_equal(
     here: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    words = ["--engine", "pictures", "--count", "1", "--duration", "1.5", "--shown", "5"]
+    words = ["--engine", "pictures", "--count", "1", "--duration", "1.5", "--teaching-frames", "5"]
     assert main(["study", *words, "--workers", "1", "--out", "pictures"]) == 0
     (row,) = rows("pictures")
     assert row["bound_mm"] is None and row["noise_px"] is None
