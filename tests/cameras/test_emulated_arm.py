@@ -49,7 +49,7 @@ def test_both_cameras_show_the_arm_that_the_controller_moves() -> None:
             assert it.stdout is not None
             message = re.fullmatch(WORDS, it.stdout.readline())
             assert message is not None
-            assert it.stdout.readline().startswith("the arm stands at ")
+            assert it.stdout.readline().startswith("the arm is at ")
             with ExitStack() as stack:
                 cameras = [
                     open_opencv_camera(OpencvSettings(message[2], latency=0.03)),

@@ -241,5 +241,5 @@ def test_a_checked_rig_file_allows_the_full_speed_to_the_target(
     assert metrics["settled"], json.dumps(metrics)
     assert metrics["simulated"] is False and metrics["pose_error_mm"] is None
     assert metrics["camera"]["frames"] > 100 and (folder / "target.json").is_file()
-    assert metrics["speed_share"] == 1.0 and read_record(folder / "out").complete
+    assert metrics["speed_scale"] == 1.0 and read_record(folder / "out").complete
     assert (np.abs(lab.q - lab.target) < np.array([0.03, 0.03, 2.0])).all()

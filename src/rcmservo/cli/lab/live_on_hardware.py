@@ -163,7 +163,7 @@ def hardware_description(
         "rig_file": str(options.rig),
         "rig_sha256": options.digest,
         "rig_checked": speed_scale == 1.0,
-        "speed_share": speed_scale,
+        "speed_scale": speed_scale,
         "devices": dict(options.lab.devices),
         **describe_run(options, duration),
     }
