@@ -46,7 +46,7 @@ WANTS: list[dict[str, Any]] = [
     {"do": "delete", "name": "here"},
     {"do": "teach_again"},
     {"do": "set", "part": "gains", "values": {}},
-    {"do": "disturb", "what": "occlusion"},
+    {"do": "disturb", "disturbance": "occlusion"},
     {"do": "resume"},
     {"do": "pause"},
     {"do": "clear"},
@@ -294,7 +294,7 @@ def nearly_valid_request(draw: random.Random) -> dict[str, Any]:
             {"do": "go", "name": draw.choice(names)},
             {"do": "delete", "name": draw.choice(names)},
             {"do": "set", "part": draw.choice(names), "values": bad},
-            {"do": "disturb", "what": bad},
+            {"do": "disturb", "disturbance": bad},
             {"do": f"enable{draw.randrange(9)}"},
         ]
     )

@@ -166,7 +166,7 @@ def _run_sessions(options: ServeOptions, behind: PageBackend, folder: Path, toke
     def apply_disturbances() -> None:
         for request in desk.disturbances.receive_all():
             apply_disturbance(
-                request.what, desk, behind.start_disturbance, folder / DISTURBANCE_LOG
+                request.disturbance, desk, behind.start_disturbance, folder / DISTURBANCE_LOG
             )
 
     serving = _page_processes(options, desk, behind, folder.parent, token)

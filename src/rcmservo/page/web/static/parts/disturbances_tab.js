@@ -24,7 +24,7 @@ export default {
     begin() {
       const given = Object.entries(this.values).map(([name, text]) => [name, String(text).trim()])
         .filter(([, text]) => text !== "").map(([name, text]) => `${name}=${text}`);
-      rcm.request("disturb", { what: `${this.selected.kind}:${given.join(",")}` });
+      rcm.request("disturb", { disturbance: `${this.selected.kind}:${given.join(",")}` });
     },
   },
   template: `
@@ -43,7 +43,7 @@ export default {
       <button type="button" class="rcm-button" :disabled="!view.may" @click="begin"
         aria-label="Begin disturbance">Begin</button>
       <button type="button" class="rcm-button" :disabled="!view.may"
-        @click="rcm.request('disturb', { what: '' })" aria-label="End all disturbances"
+        @click="rcm.request('disturb', { disturbance: '' })" aria-label="End all disturbances"
         >End all</button>
       <p>{{ selected.does }}{{ selected.lasts ? "" : "; it is permanent" }}</p>
     </div>`,
