@@ -73,16 +73,18 @@ def clients(address: str, pictures: Any, control: Connection) -> None:
 
 
 def without(lab: PageLab, turn: int, seconds: float) -> LoopTiming:
-    session = lab.behind.session(PageChannels(get_context("spawn")), lab.folder / f"without-{turn}")
+    session = lab.backend.session(
+        PageChannels(get_context("spawn")), lab.folder / f"without-{turn}"
+    )
     session = replace(session, duration=seconds, target=teach, operator=at_rest)
-    return timing(run_live(session, lab.behind.switch_off), seconds)
+    return timing(run_live(session, lab.backend.switch_off), seconds)
 
 
 def with_page(lab: PageLab, turn: int, seconds: float) -> tuple[LoopTiming, Any]:
     context = get_context("spawn")
-    desk, pictures = PageChannels(context), context.RawArray("q", 3)
-    session = replace(lab.behind.session(desk, lab.folder / f"with-{turn}"), duration=seconds)
-    with lab.served(desk):
+    channels, pictures = PageChannels(context), context.RawArray("q", 3)
+    session = replace(lab.backend.session(channels, lab.folder / f"with-{turn}"), duration=seconds)
+    with lab.served(channels):
         awaited(partial(reached, lab.options.port))
         child = ChildProcess(context, clients, lab.address, pictures)
         try:
@@ -92,7 +94,7 @@ def with_page(lab: PageLab, turn: int, seconds: float) -> tuple[LoopTiming, Any]
             def note(report: object) -> None:
                 counted.append((time.monotonic(), np.array(pictures)))
 
-            found = timing(run_live(session, lab.behind.switch_off, note), seconds)
+            found = timing(run_live(session, lab.backend.switch_off, note), seconds)
         finally:
             child.end()
     (begin, few), (end, many) = counted[0], counted[-1]

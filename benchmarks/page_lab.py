@@ -61,7 +61,7 @@ class PageLab:
     """Laboratory behind the page, with the settings of the page."""
 
     options: ServeOptions
-    behind: PageBackend
+    backend: PageBackend
     bench: SimulatedLab
     folder: Path
     servo: Any
@@ -89,15 +89,15 @@ class PageLab:
         signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored in a script's background
         thread.start()
         with contextlib.suppress(KeyboardInterrupt):
-            serve._run_sessions(self.options, self.behind, self.folder, self.token)
+            serve._run_sessions(self.options, self.backend, self.folder, self.token)
         thread.join(PATIENCE)
         if errors:
             raise errors[0]
 
     @contextlib.contextmanager
-    def served(self, desk: PageChannels) -> Iterator[None]:
+    def served(self, channels: PageChannels) -> Iterator[None]:
         """Run the processes of the page without the laboratory, in the context."""
-        with serve._page_processes(self.options, desk, self.behind, self.folder, self.token):
+        with serve._page_processes(self.options, channels, self.backend, self.folder, self.token):
             yield
 
 
@@ -126,14 +126,14 @@ def page_lab(seed: int = 0, recorded: bool = False, token: str = "") -> Generato
                 stack.callback(player.end)
             make = known.session
 
-            def session(desk: PageChannels, where: Path) -> Session:
-                made = make(desk, where)
+            def session(channels: PageChannels, where: Path) -> Session:
+                made = make(channels, where)
                 assert made.operator is not None
                 return replace(made, operator=partial(noted_operator, pids[0], made.operator))
 
             camera = partial(noted_camera, pids[1], known.camera)
-            behind = replace(known, session=session, camera=camera)
-            yield PageLab(options, behind, bench, folder, *pids, arrivals, token)
+            backend = replace(known, session=session, camera=camera)
+            yield PageLab(options, backend, bench, folder, *pids, arrivals, token)
 
 
 def noted_operator(pid: Any, make: Callable[[], Operator]) -> Operator:

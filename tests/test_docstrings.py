@@ -13,7 +13,7 @@ from numpydoc.validate import validate
 
 import rcmservo as rs
 from conftest import ROOT
-from rcmservo.config.field_docs import parameter_descriptions
+from rcmservo.config.field_docs import PARAMETERS_SECTION, parameter_descriptions
 
 QUESTION_WORD = re.compile(r"(What|How|Where|Whether|Why|Who|When)\b")
 CHECKED_FOLDERS = "src", "tests", "benchmarks", "docs", "examples"
@@ -39,6 +39,23 @@ def question_summaries() -> Iterator[str]:
 
 def test_no_summary_line_begins_with_a_question_word() -> None:
     assert list(question_summaries()) == []
+
+
+def stale_parameters() -> Iterator[str]:
+    """Yield entries of Parameters sections that are no parameters of their function."""
+    for path in sorted((ROOT / "src").rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.FunctionDef):
+                section = PARAMETERS_SECTION.search(ast.get_docstring(node) or "")
+                entries = re.findall(r"^\*{0,2}(\w+) :", section[1] if section else "", re.M)
+                named = {one.arg for one in ast.walk(node.args) if isinstance(one, ast.arg)}
+                yield from (
+                    f"{path.name}: {node.name}.{name}" for name in entries if name not in named
+                )
+
+
+def test_every_documented_parameter_of_a_function_exists() -> None:
+    assert list(stale_parameters()) == []
 
 
 def public_objects() -> dict[str, Any]:

@@ -56,12 +56,12 @@ def test_a_session_uses_the_speed_that_its_rig_file_allows(
     if checked:
         store_verified(compute_digest(rig.read_bytes()))
     given = ServeOptions(rig=rig)
-    with page_rig.open_hardware(given) as behind:
-        assert (behind.setup.width, behind.setup.height) == (32, 24)
-        assert ("10 %" in behind.title) is not checked
+    with page_rig.open_hardware(given) as backend:
+        assert (backend.setup.width, backend.setup.height) == (32, 24)
+        assert ("10 %" in backend.title) is not checked
         fast = SaturatedController(max_speed=55.0)
-        behind.servo_settings.apply(SettingsChange("controller", fast))
-        made = behind.session(PageChannels(get_context("spawn")), tmp_path / "session-1")
+        backend.servo_settings.apply(SettingsChange("controller", fast))
+        made = backend.session(PageChannels(get_context("spawn")), tmp_path / "session-1")
     assert np.allclose(made.servo.gate.speed, share * np.array(given.servo.gate.speed))
     assert made.servo.controller.max_speed == pytest.approx(share * 55.0)
     obtain_target: Any = made.target

@@ -43,15 +43,15 @@ def read_limited(path: Path, max_bytes: int, description: str) -> bytes:
     ----------
     path : Path
         File to read.
-    largest : int
+    max_bytes : int
         Maximum size, bytes.
-    what : str
+    description : str
         Description of the file for the error message.
 
     Raises
     ------
     UnusableFile
-        If the file cannot be read or is larger than ``largest``.
+        If the file cannot be read or is larger than ``max_bytes``.
     """
     try:
         if not stat.S_ISREG(path.stat().st_mode):

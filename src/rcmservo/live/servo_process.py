@@ -102,9 +102,9 @@ class HeartbeatPlant(Plant):
         Camera and tracker.
     clock : RecordingClock
         Clock that records the lateness of each tick.
-    beats : RawValue
+    heartbeat : RawValue
         Heartbeat in shared memory.
-    told_to_end : EndRequest
+    stop_requested : EndRequest
         Stop request. Code that waits for the operator must poll it.
     consent : Callable or None
         Function that is called just before the drive is enabled.
@@ -174,7 +174,7 @@ def run_session(session: Session, heartbeat: Any, supervisor: Connection) -> Non
     ----------
     session : Session
         Parts of the run.
-    beats : RawValue
+    heartbeat : RawValue
         Heartbeat in shared memory, which counts the commands while the loop runs.
     supervisor : Connection
         Pipe to the supervisor.

@@ -30,7 +30,7 @@ class Terminal:
 
     Parameters
     ----------
-    told_to_end : Callable
+    stop_requested : Callable
         Function that returns True once the program must end.
 
     Raises

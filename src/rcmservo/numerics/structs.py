@@ -11,8 +11,8 @@ in a NumPy structured array. A compiled function takes the array and reads `rows
 a longer array. In Python code, `Estimate(rows).o_c` is the same number or a view of it.
 
 Dataclasses are not declared a second time for compiled functions: `Struct` generates a row from a
-dataclass, `as_row` makes a row of settings, and `tuple_struct` makes a named tuple of a dataclass
-whose arrays are passed without a copy.
+dataclass, `to_row` makes a row of settings, and `make_tuple_struct` makes a named tuple of a
+dataclass whose arrays are passed without a copy.
 """
 
 import collections

@@ -1,8 +1,8 @@
 """Guard between the servo and a user-defined estimator.
 
-Before the drive is enabled, `examine` calls the estimator with made-up samples and refuses it if it
-fails. In motion a failure becomes a Ĵ that is not finite and a message: the servo enters FAULT in
-the same tick, and the loop never ends by an exception.
+Before the drive is enabled, `check_estimator` calls the estimator with made-up samples and refuses
+it if it fails. In motion a failure becomes a Ĵ that is not finite and a message: the servo enters
+FAULT in the same tick, and the loop never ends by an exception.
 """
 
 from collections.abc import Iterator

@@ -64,7 +64,7 @@ def open_hardware(options: LabOptions) -> Generator[PageBackend]:
     context = get_context("spawn")
     ring, remote_stop = FrameRing(context, width, height), RemoteStop(context)
 
-    def session(desk: PageChannels, folder: Path) -> Session:
+    def session(channels: PageChannels, folder: Path) -> Session:
         remote_stop.reset()
         limited, record = chosen.limited, folder / RECORD
         stop = "STOP switches the drive off; keep the emergency stop of the arm within reach."
@@ -74,12 +74,12 @@ def open_hardware(options: LabOptions) -> Generator[PageBackend]:
         return Session(
             limited,
             SESSION_DURATION_S,
-            arm=partial(connect_stoppable_arm, lab, remote_stop, desk),
+            arm=partial(connect_stoppable_arm, lab, remote_stop, channels),
             camera=partial(open_recording_camera, lab, ring),
             tracker=partial(ColourMarkers, lab.markers),
             recorder=partial(open_recorder, record, description),
-            target=partial(await_enable_at_page, PagePreparation(desk, limited, lab, intent)),
-            operator=partial(PageOperator, desk, chosen, options.teaching_frames),
+            target=partial(await_enable_at_page, PagePreparation(channels, limited, lab, intent)),
+            operator=partial(PageOperator, channels, chosen, options.teaching_frames),
             images_per_s=RECORDED_IMAGES_PER_S,
             consent=require_drive_off,
         )
@@ -97,7 +97,7 @@ class PagePreparation:
 
     Parameters
     ----------
-    desk : PageChannels
+    channels : PageChannels
         Channels to the page.
     servo : Servo
         Servo that moves the arm.
@@ -107,7 +107,7 @@ class PagePreparation:
         Announcement of the motion that follows once the drive is on.
     """
 
-    desk: PageChannels
+    channels: PageChannels
     servo: Servo
     lab: RigDescription
     intent: str
@@ -118,20 +118,20 @@ def await_enable_at_page(preparation: PagePreparation, plant: Plant) -> Target:
     assert isinstance(plant, HeartbeatPlant)
     require_drive_off(plant)
     if not lab_arm(plant).is_homed():
-        define_joints(PagePrompts(preparation.desk, plant), plant, preparation.lab)
-    return await_enable(preparation.desk, preparation.servo, preparation.intent, plant)
+        define_joints(PagePrompts(preparation.channels, plant), plant, preparation.lab)
+    return await_enable(preparation.channels, preparation.servo, preparation.intent, plant)
 
 
 def connect_stoppable_arm(
-    lab: RigDescription, remote_stop: RemoteStop, desk: PageChannels
+    lab: RigDescription, remote_stop: RemoteStop, channels: PageChannels
 ) -> RemotelyStoppableArm:
     """Connect to the arm, so that STOP disables it."""
-    return RemotelyStoppableArm(open_arm(lab), remote_stop, partial(report_drive_off, desk))
+    return RemotelyStoppableArm(open_arm(lab), remote_stop, partial(report_drive_off, channels))
 
 
-def report_drive_off(desk: PageChannels, why: str) -> None:
+def report_drive_off(channels: PageChannels, why: str) -> None:
     """Report to the page why the drive went off by itself."""
-    desk.status.send(Note(f"the arm: {why}"))
+    channels.status.send(Note(f"the arm: {why}"))
 
 
 def open_recording_camera(lab: RigDescription, ring: FrameRing) -> RecordingCamera:

@@ -100,8 +100,8 @@ def serve(options: ServeOptions) -> int:
     with new_folder(options.out, name) as folder:
         with status_line(console(False)) as line, compiling(line):
             servo.warm_up()
-        with contextlib.suppress(KeyboardInterrupt), devices as behind:
-            _run_sessions(options, behind, folder, token)
+        with contextlib.suppress(KeyboardInterrupt), devices as backend:
+            _run_sessions(options, backend, folder, token)
     return 0
 
 
@@ -123,7 +123,7 @@ def _simulated_lab(options: ServeOptions) -> Generator[PageBackend]:
     chosen, lab = SelectedSettings(options.servo), options.lab
     with SimulatedLab(options.seed, options.rig_settings) as processes:
 
-        def session(desk: "PageChannels", folder: Path) -> Session:
+        def session(channels: "PageChannels", folder: Path) -> Session:
             from rcmservo.page.enabling import await_enable
             from rcmservo.page.operator import PageOperator
 
@@ -132,12 +132,12 @@ def _simulated_lab(options: ServeOptions) -> Generator[PageBackend]:
             return replace(
                 processes.session(limited, lab.markers, SESSION_DURATION_S, record, description),
                 recorder=partial(open_recorder, record, description),
-                target=partial(await_enable, desk, limited, enable_announcement(limited)),
-                operator=partial(PageOperator, desk, chosen, options.teaching_frames),
+                target=partial(await_enable, channels, limited, enable_announcement(limited)),
+                operator=partial(PageOperator, channels, chosen, options.teaching_frames),
                 images_per_s=RECORDED_IMAGES_PER_S,
             )
 
-        def befall(what: str) -> str:
+        def start_disturbance(what: str) -> str:
             change = DisturbanceChange(
                 time.monotonic_ns(), parse_live_disturbance(what) if what else None
             )
@@ -149,42 +149,50 @@ def _simulated_lab(options: ServeOptions) -> Generator[PageBackend]:
         camera, disturbances = partial(RingCamera, processes.ring), tuple(list_live_disturbances())
         truth = TruePositionError(processes.settings, processes.log)
         yield PageBackend(
-            title, camera, session, processes.switch_off, setup, chosen, befall, disturbances, truth
+            title,
+            camera,
+            session,
+            processes.switch_off,
+            setup,
+            chosen,
+            start_disturbance,
+            disturbances,
+            truth,
         )
 
 
-def _run_sessions(options: ServeOptions, behind: PageBackend, folder: Path, token: str) -> None:
+def _run_sessions(options: ServeOptions, backend: PageBackend, folder: Path, token: str) -> None:
     """Serve the page, and run one session after another."""
     from rcmservo.page.channels import PageChannels
     from rcmservo.page.sessions import SessionLoop
 
-    desk, numbers = PageChannels(get_context("spawn")), itertools.count(1)
+    channels, numbers = PageChannels(get_context("spawn")), itertools.count(1)
 
     def session() -> Session:
-        return behind.session(desk, folder / f"session-{next(numbers)}")
+        return backend.session(channels, folder / f"session-{next(numbers)}")
 
     def apply_disturbances() -> None:
-        for request in desk.disturbances.receive_all():
+        for request in channels.disturbances.receive_all():
             apply_disturbance(
-                request.disturbance, desk, behind.start_disturbance, folder / DISTURBANCE_LOG
+                request.disturbance, channels, backend.start_disturbance, folder / DISTURBANCE_LOG
             )
 
-    serving = _page_processes(options, desk, behind, folder.parent, token)
+    serving = _page_processes(options, channels, backend, folder.parent, token)
     with serving as (address, names), stopped_by_signals():
         access = f", which requires the token in {options.token_file}" if token else ""
-        words = f"rcmservo page at {address}, {behind.title}{access}; Ctrl-C ends it"
+        words = f"rcmservo page at {address}, {backend.title}{access}; Ctrl-C ends it"
         console(False).print(words, soft_wrap=True)
         if options.browser:
             webbrowser.open(address)
-        handlers = {desk.disturbances: apply_disturbances}
+        handlers = {channels.disturbances: apply_disturbances}
         SessionLoop(
-            desk, session, behind.switch_off, names, behind.servo_settings.apply, handlers
+            channels, session, backend.switch_off, names, backend.servo_settings.apply, handlers
         ).run()
 
 
 @contextlib.contextmanager
 def _page_processes(
-    options: ServeOptions, desk: "PageChannels", behind: PageBackend, runs: Path, token: str
+    options: ServeOptions, channels: "PageChannels", backend: PageBackend, runs: Path, token: str
 ) -> Generator[tuple[str, dict[int, str]]]:
     """Start the page's processes.
 
@@ -192,9 +200,9 @@ def _page_processes(
     ----------
     options : ServeOptions
         Options of the command.
-    desk : PageChannels
+    channels : PageChannels
         Channels between the processes.
-    behind : PageBackend
+    backend : PageBackend
         Arm and camera.
     runs : Path
         Folder of the past runs that the page lists.
@@ -223,14 +231,14 @@ def _page_processes(
         page_socket, stop_socket = bind_pair(options.host, options.port)
         port, stop_port = page_socket.getsockname()[1], stop_socket.getsockname()[1]
         doors = PageCredentials(port, draw_secret(), token)
-        title, poses = f"rcmservo: {behind.title}", PoseFolder(options.poses, behind.setup)
-        shape = MechanismShape.of(behind.servo_settings.servo)
-        given = behind.servo_settings, poses, shape, runs, behind.disturbances, behind.truth
-        site = Site(title, behind.camera, doors, stop_port, *given)
+        title, poses = f"rcmservo: {backend.title}", PoseFolder(options.poses, backend.setup)
+        shape = MechanismShape.of(backend.servo_settings.servo)
+        given = backend.servo_settings, poses, shape, runs, backend.disturbances, backend.truth
+        site = Site(title, backend.camera, doors, stop_port, *given)
         names: dict[int, str] = {}
         for name, work, given in (
-            ("the stop process", serve_stop, (desk.stop_requests, doors, stop_socket)),
-            ("the page process", serve_page, (desk, site, page_socket)),
+            ("the stop process", serve_stop, (channels.stop_requests, doors, stop_socket)),
+            ("the page process", serve_page, (channels, site, page_socket)),
         ):
             child = ChildProcess(context, work, *given)
             stack.callback(child.end)
@@ -240,7 +248,7 @@ def _page_processes(
 
 
 def apply_disturbance(
-    what: str, desk: "PageChannels", befall: Callable[[str], str], log: Path
+    what: str, channels: "PageChannels", start_disturbance: Callable[[str], str], log: Path
 ) -> None:
     """Start a disturbance, report it to the page and log it.
 
@@ -249,13 +257,13 @@ def apply_disturbance(
     from rcmservo.page.messages import Note
 
     try:
-        words = befall(what)
+        words = start_disturbance(what)
     except RcmServoError as error:
-        desk.status.send(Note(str(error)))
+        channels.status.send(Note(str(error)))
         return
-    desk.status.send(Note(words))
+    channels.status.send(Note(words))
     try:
         with log.open("a") as file:
             file.write(json.dumps({"time": time.monotonic_ns(), "what": words}) + "\n")
     except OSError as error:
-        desk.status.send(Note(f"{log.name} cannot be written: {error.strerror}"))
+        channels.status.send(Note(f"{log.name} cannot be written: {error.strerror}"))
