@@ -275,6 +275,28 @@ def test_the_manifest_describes_the_run_of_every_row(tmp_path: Path) -> None:
         assert described == (row["method"], row["seed"], row["repetition"], row["noise_px"])
 
 
+def test_a_manifest_with_former_names_is_read(tmp_path: Path) -> None:
+    plan = make_plan(teaching_frames=7, count=4)
+    manifest.write_manifest(tmp_path, manifest.make_manifest(plan))
+    file = tmp_path / manifest.MANIFEST_NAME
+    table = json.loads(file.read_text())
+    for cell in table["cells"]:
+        cell["shown"] = cell.pop("teaching_frames")
+        cell["tables"] |= {"look": {"read_noise": 3.0}, "thresholds": {"jump": 41.0}}
+        cell["vary"] = {"look.read_noise": [1.0, 2.0]}
+        thresholds, exploration = cell["servo"]["thresholds"], cell["servo"]["exploration"]
+        thresholds["jump"] = thresholds.pop("max_jump_px")
+        exploration["share"] = exploration.pop("speed_scale")
+    file.write_text(json.dumps(table))
+    read = manifest.read_manifest(tmp_path)
+    assert read is not None
+    for cell, expected in zip(read.cells, plan.cells, strict=True):
+        assert cell.teaching_frames == 7
+        assert cell.rebuild_servo({}) == expected.rebuild_servo({})
+        rig, settings = cell.distribution.draw(0)
+        assert rig.thresholds.max_jump_px == 41.0 and 1.0 <= settings.appearance.read_noise <= 2.0
+
+
 def test_repetitions_have_the_same_scene_and_other_noise(tmp_path: Path) -> None:
     rows = (
         run_plan(make_plan(methods=("dlt",), count=5, repetitions=3), tmp_path).gather().to_pydict()

@@ -8,17 +8,18 @@ import json
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from rcmservo.config import toml_json_parsing
 from rcmservo.config.atomic_files import read_limited, write_atomically
-from rcmservo.config.former_names import with_present_names
+from rcmservo.config.former_names import present_name, with_present_names
 from rcmservo.config.registry import KIND_KEY
 from rcmservo.config.rig_file import METHOD_PARTS, SIMULATION_SECTIONS
 from rcmservo.config.strict_decoding import decode_settings
 from rcmservo.config.toml_json_parsing import Table, is_table
 from rcmservo.constraints import Checked, Limit, not_empty
 from rcmservo.errors import UnusableFile, one_line, require
+from rcmservo.safety.thresholds import Thresholds
 from rcmservo.study.execution.package_version import identify_package
 from rcmservo.study.plan.cell import Cell
 from rcmservo.study.plan.plan import StudyPlan
@@ -123,10 +124,24 @@ def _with_present_names(cell: object) -> object:
     """Return a cell of an earlier version with the present names of its settings and sections."""
     if not is_table(cell):
         return cell
-    present = with_present_names(cell, [f.name for f in fields(Cell)])
+    present = with_present_names(cell, _field_names(Cell))
     if is_table(sections := present.get("tables")):
-        present["tables"] = with_present_names(sections, SIMULATION_SECTIONS)
+        sections = present["tables"] = with_present_names(sections, SIMULATION_SECTIONS)
+        if is_table(thresholds := sections.get("thresholds")):
+            sections["thresholds"] = with_present_names(thresholds, _field_names(Thresholds))
+    if is_table(ranges := present.get("vary")):
+        present["vary"] = {_with_present_section(key): value for key, value in ranges.items()}
     return present
+
+
+def _with_present_section(key: str) -> str:
+    """Return a key section.key with the present name of its section."""
+    section, dot, name = key.partition(".")
+    return f"{present_name(section, SIMULATION_SECTIONS) or section}{dot}{name}"
+
+
+def _field_names(kind: type[Any]) -> list[str]:
+    return [f.name for f in fields(kind)]
 
 
 def list_changed_settings(before: StudyManifest, now: StudyManifest) -> list[str]:
