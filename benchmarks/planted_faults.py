@@ -76,8 +76,8 @@ FAULTS = (
     Fault(
         "sign of the prediction for the present joints",
         "control/latency_compensation.py",
-        "predicted[i] = estimate.delta[i] - (J[i, 0] * x",
-        "predicted[i] = estimate.delta[i] + (J[i, 0] * x",
+        "return error - (slope[0] * x + slope[1] * y + slope[2] * z)",
+        "return error + (slope[0] * x + slope[1] * y + slope[2] * z)",
         "servo",
     ),
     Fault(

@@ -383,7 +383,7 @@ def test_an_operator_recovers_from_a_lost_marker_a_moved_camera_and_an_emergency
         operator.until("rcm.board.phase === 'SERVO' && !rcm.board.why")
         operator.disturb("relocate")
         operator.until("rcm.board.phase === 'PAUSED' && rcm.board.recovery.includes('teach_again')")
-        operator.press("Show again")
+        operator.press("Teach again")
         operator.until("rcm.board.notes.at(-1) === 'the target was taught again'")
         operator.press_until("Resume", MOVING)
         assert operator.wait_for_arrival()

@@ -70,17 +70,18 @@ class DltEstimator(Estimator):
 
     The projection has eleven numbers, A (2, 4) and g (3,), with x̄ = [x 1]:
 
-        m = A x̄ / (1 + gᵀx),    x = (p − p₀) / 100 mm
+        m = A x̄ / (1 + gᵀx),    x = (p − p₀) / 100 mm.
 
-    They are fitted to both markers in all frames, each row of eq. (18) weighted by w = 1/ẑ². This
-    is rule (21) with Γ = (Σ w WᵀW + Γ₀⁻¹)⁻¹ run to its end, about any origin. Ĵ is eq. (15) with
+    They are fitted to both markers in all frames by least squares. Each row W of eq. (18) has the
+    weight w = 1/ẑ², with ẑ the estimated depth. The fit is the steady state of rule (21) for
+    Γ = (Σ w WᵀW + Γ₀⁻¹)⁻¹, with Γ₀ the prior covariance, about any origin p₀. Ĵ is eq. (15) with
     ∂m/∂p₁ of the fit.
 
     Notes
     -----
-    It has no settings. It estimates the imaged RCM, which may lie in front of, behind or in the
-    camera's image plane, averages the noise of the markers, and accepts frames with one lost
-    marker.
+    It has no settings. It estimates the imaged RCM, averages the noise of the markers, and accepts
+    frames with one lost marker. The RCM may lie in front of the camera, behind it or in its focal
+    plane.
 
     References
     ----------

@@ -11,7 +11,7 @@ from rcmservo.control.exploration import (
     start_exploration,
 )
 from rcmservo.control.exploration_planning import direction_is_known, plan_corner
-from rcmservo.control.latency_compensation import predict_error
+from rcmservo.control.latency_compensation import predict_component, predict_error
 from rcmservo.control.saturated_controller import LawResult, apply_law, scale_rows
 from rcmservo.control.tool_speed_cap import cap_tool_speed
 from rcmservo.estimation.base import Estimate
@@ -63,8 +63,8 @@ def compute_law_rates(tick: TickContext, is_servoing: bool) -> None:
     predict_error(estimate, p1)
     law_result, error = evaluate_law(estimate, p1, parameters, tick.stored.workspace)
     cap_tool_speed(decision.v, law_result.v, tool_struct_of(parameters), p1, law)
-    horizon, share = thresholds.limit_horizon, thresholds.limit_speed_fraction
-    joint, rates = find_blocking_joint(rcm, q, decision.v, parameters.gate.speed, horizon, share)
+    horizon, fraction = thresholds.limit_horizon, thresholds.limit_speed_fraction
+    joint, rates = find_blocking_joint(rcm, q, decision.v, parameters.gate.speed, horizon, fraction)
     decision.rates[0], decision.rates[1], decision.rates[2] = rates
     estimate.condition, decision.blocked_joint = law_result.condition, joint
     decision.reducible_fraction = (
@@ -87,10 +87,9 @@ def evaluate_law(
     """Return the result of the control law with marker 1 at p1 mm, and √(2V), on its features."""
     law, features, n = parameters.controller, parameters.features, parameters.features.dimension
     J, error, bounds = workspace.J[:n], workspace.error[:n], features.bounds[:n]
-    x, y, z = estimate.p1[0] - p1[0], estimate.p1[1] - p1[1], estimate.p1[2] - p1[2]
     for k in range(n):
         slope, unit = estimate.law_jacobian[k], features.scale[k]
-        predicted = estimate.law_error[k] - (slope[0] * x + slope[1] * y + slope[2] * z)
+        predicted = predict_component(estimate.law_error[k], slope, estimate.p1, p1)
         error[k] = (wrap_angle(predicted) if features.angle[k] > 0.0 else predicted) / unit
         for i in range(3):
             J[k, i] = slope[i] / unit

@@ -18,7 +18,7 @@ ACTION_BUTTONS = {
     "Enable": ("enable", "power_settings_new", "switch the drive on, paused at the present pose"),
     "Pause": ("pause", "pause", "stand still, with the drive on"),
     "Resume": ("resume", "play_arrow", "continue to the target"),
-    "Show again": ("teach_again", "my_location", "teach the present observation as the target"),
+    "Teach again": ("teach_again", "my_location", "teach the present observation as the target"),
     "Clear": ("clear", "restart_alt", "leave a stop or a fault, with the drive off"),
 }
 """Action, icon and tooltip of each button."""
