@@ -97,7 +97,6 @@ def test_the_camera_accepts_its_settings_and_gives_frames_on_the_computers_clock
 
 @tool
 @library
-@pytest.mark.alone
 @pytest.mark.slow
 def test_a_lost_camera_is_reopened() -> None:
     with fake_camera() as first, closing(open_camera(frame_rate=60.0)) as camera:

@@ -29,7 +29,6 @@ EARLIEST_STOP_MS, LATEST_STOP_MS = -20.0, 100.0
 
 pytestmark = [
     pytest.mark.slow,
-    pytest.mark.alone,
     mark_peer(
         "ROS 1",
         all(map(shutil.which, ("roscore", "rostopic"))),
@@ -162,6 +161,7 @@ def run_tool(ros: dict[str, str], *command: str) -> str:
     return ran.stdout
 
 
+@pytest.mark.alone
 def test_every_command_arrives_and_a_killed_client_stops_it(ros: dict[str, str]) -> None:
     ran = subprocess.run(
         [sys.executable, "-c", STREAM_AND_KILL],

@@ -19,7 +19,6 @@ PEERS = ROOT / ".peers"
 
 pytestmark = [
     pytest.mark.slow,
-    pytest.mark.alone,
     mark_peer("socs (Galil client)", (PEERS / "socs").is_dir(), "make peers"),
 ]
 

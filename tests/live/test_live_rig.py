@@ -107,7 +107,6 @@ def test_without_a_terminal_nothing_is_connected(
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.alone
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("last_question", "typed", "code", "words"),
@@ -179,7 +178,6 @@ def test_ctrl_c_during_motion_leaves_the_drive_off_and_the_record_complete(
     assert record.complete and 0.0 < speeds.max() <= 0.1 * (1.0 + 1e-9)
 
 
-@pytest.mark.alone
 @pytest.mark.slow
 def test_a_terminal_closed_during_motion_leaves_the_drive_off_and_the_record_complete(
     lab: Laboratory, tmp_path: Path
@@ -193,7 +191,6 @@ def test_a_terminal_closed_during_motion_leaves_the_drive_off_and_the_record_com
     assert read_record(tmp_path / "out").complete
 
 
-@pytest.mark.alone
 @pytest.mark.slow
 def test_a_silent_controller_is_reported_in_words(lab: Laboratory, tmp_path: Path) -> None:
     with at_terminal(lab, tmp_path) as at:

@@ -119,7 +119,7 @@ def test_the_rows_do_not_depend_on_the_number_of_workers(workers: int, tmp_path:
 @pytest.mark.slow
 def test_no_rows_are_lost_with_workers_that_die(tmp_path: Path) -> None:
     """A worker dies after every four requests, so that the study ends on a slow machine too."""
-    settings = {"count": 1700, "duration": 15.0, "methods": ("dlt",)}
+    settings = {"count": 1700, "duration": 4.0, "methods": ("dlt",)}
     killed: list[int] = []
     with cluster(3) as lab, open_worker_pool(lab.address, None) as pool:
         lab.wait_for(3)
@@ -430,11 +430,11 @@ def test_ctrl_c_keeps_finished_chunks_and_the_same_command_resumes(tmp_path: Pat
     folder = tmp_path / "study"
     code = "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler); "
     code += "from rcmservo.__main__ import main; sys.exit(main())"
-    words = [sys.executable, "-c", code, "study", "--count", "1500", "--out", str(folder)]
+    words = [sys.executable, "-c", code, "study", "--count", "600", "--out", str(folder)]
     with subprocess.Popen(
         words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True
     ) as study:
-        while study.poll() is None and len(list(folder.glob("parts/*.parquet"))) < 3:
+        while study.poll() is None and len(list(folder.glob("parts/*.parquet"))) < 1:
             threading.Event().wait(0.02)
         os.killpg(study.pid, signal.SIGINT)
         out, err = (stream.decode() for stream in study.communicate(timeout=60))
@@ -442,7 +442,7 @@ def test_ctrl_c_keeps_finished_chunks_and_the_same_command_resumes(tmp_path: Pat
     assert f"the same command with --out {folder} resumes there" in out
     assert err.strip() == "rcmservo: stopped by Ctrl-C"
     done = len(list(folder.glob("parts/*.parquet")))
-    assert 3 <= done < 15
+    assert 1 <= done < 6
     resumed = subprocess.run(words, capture_output=True, text=True, check=True)
     assert f"{100 * done} runs exist already" in resumed.stdout
-    assert len(read_rows(folder)) == 1500
+    assert len(read_rows(folder)) == 600
