@@ -1,4 +1,7 @@
-"""Entry point of `rcmservo` and `python -m rcmservo`. Ctrl-C always ends it in order."""
+"""Entry point of the command `rcmservo` and of `python -m rcmservo`.
+
+Ctrl-C ends every command with one line, the results so far and a fixed exit code.
+"""
 
 import os
 import sys

@@ -1,13 +1,15 @@
 """Limits of settings, declared as annotations of dataclass fields and checked at construction.
 
+This class refuses ``gain=-1`` and ``gain="fast"`` with the error `BadInput` and the message
+"controller.gain must be a positive gain in 1/s, got -1":
+
     @dataclass(frozen=True)
     class SaturatedController(Checked, section="controller"):
         gain: Annotated[float, positive("gain in 1/s")] = 8.0
 
-refuses ``gain=-1`` and ``gain="fast"`` with ``BadInput``: "controller.gain must be a positive gain
-in 1/s, got -1". The classes are plain dataclasses, and pydantic reads them from files. They are not
-pydantic's own dataclasses, because importing pydantic and building a schema of each class would add
-0.2 s to the 0.3 s of ``import rcmservo``.
+The classes are plain dataclasses, and pydantic reads them from files. They are not pydantic's own
+dataclasses, because importing pydantic and building a schema of each class would add 0.2 s to the
+0.3 s of ``import rcmservo``.
 """
 
 import math
@@ -17,16 +19,7 @@ from dataclasses import dataclass, field, fields
 from functools import cache
 from numbers import Real
 from types import NoneType, UnionType
-from typing import (
-    Annotated,
-    Any,
-    ClassVar,
-    Literal,
-    Union,
-    get_args,
-    get_origin,
-    get_type_hints,
-)
+from typing import Annotated, Any, ClassVar, Literal, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 
@@ -35,7 +28,7 @@ from rcmservo.errors import BadInput, suggestion
 Triple = tuple[float, float, float]
 """Three numbers, for example one for each joint."""
 
-COUNTS = {2: "two", 3: "three"}
+COUNT_WORDS = {2: "two", 3: "three"}
 """Counts that messages spell as words."""
 
 
@@ -79,7 +72,7 @@ def _format_number(number: float) -> str:
 
 
 def positive(what: str = "number") -> Limit:
-    """Return the limit to finite numbers above 0; `what` is a noun with its unit."""
+    """Return the limit to finite numbers above 0; `what` is a noun, such as "gain in 1/s"."""
     return Limit(lambda x: 0.0 < x < math.inf, f"a positive {what}")
 
 
@@ -108,10 +101,8 @@ def above(low: float, high: float = math.inf, what: str = "a number", unit: str 
 
 def inside(low: float, high: float, what: str = "a number") -> Limit:
     """Return the limit to numbers between `low` and `high`, both excluded."""
-    return Limit(
-        lambda x: low < x < high,
-        f"{what} above {_format_number(low)} and below {_format_number(high)}",
-    )
+    expected = f"{what} above {_format_number(low)} and below {_format_number(high)}"
+    return Limit(lambda x: low < x < high, expected)
 
 
 def at_least(low: float, what: str) -> Limit:
@@ -136,15 +127,15 @@ def each(limit: Limit, expected: str) -> Limit:
 def array(*shape: int) -> Limit:
     """Return the limit to arrays, or nested lists, of finite numbers in a shape."""
 
-    def holds(values: object) -> bool:
+    def has_shape_and_is_finite(values: object) -> bool:
         try:
             numbers = np.asarray(values, np.float64)
         except (TypeError, ValueError, OverflowError):
             return False
         return numbers.shape == shape and bool(np.isfinite(numbers).all())
 
-    size = COUNTS.get(shape[0], shape) if len(shape) == 1 else shape
-    return Limit(holds, f"{size} finite numbers")
+    count = COUNT_WORDS.get(shape[0], shape) if len(shape) == 1 else shape
+    return Limit(has_shape_and_is_finite, f"{count} finite numbers")
 
 
 def three_positive(units: str) -> Limit:
@@ -158,20 +149,22 @@ def angles(maximum: float, first: int, unit: str = "rad") -> Limit:
     A larger angle was probably given in degrees, so the message names both units.
     """
 
-    def largest(values: Collection[float]) -> float:
+    def find_largest_angle(values: Collection[float]) -> float:
         return max(map(abs, tuple(values)[:first]))
 
-    def suggest_unit(values: Collection[float]) -> str:
-        degrees, size = unit.replace("rad", "deg"), largest(values)
-        return f" (did you mean {math.radians(size):.4g} {unit}, which is {size:g} {degrees}?)"
+    def suggest_degrees(values: Collection[float]) -> str:
+        degree_unit, angle = unit.replace("rad", "deg"), find_largest_angle(values)
+        return (
+            f" (did you mean {math.radians(angle):.4g} {unit}, which is {angle:g} {degree_unit}?)"
+        )
 
     expected = f"at most {maximum:.4g} {unit} where it is an angle"
-    return Limit(lambda values: largest(values) <= maximum, expected, suggest_unit)
+    return Limit(lambda values: find_largest_angle(values) <= maximum, expected, suggest_degrees)
 
 
 @dataclass(frozen=True)
 class OneOf(Limit):
-    """Limit to some words, such as the names of a registry, which may grow.
+    """Limit to some words, such as the names of a registry, to which users may add.
 
     Parameters
     ----------
@@ -193,7 +186,7 @@ def one_of(choices: Collection[str]) -> OneOf:
 
 def choices_of(hint: Any) -> tuple[str, ...]:
     """Return the words that the type of a setting allows; empty for another type."""
-    inner, *metadata = get_args(hint) if get_origin(hint) is Annotated else (hint,)
+    inner, metadata = _split_annotation(hint)
     for limit in metadata:
         if isinstance(limit, OneOf):
             return tuple(limit.choices)
@@ -234,14 +227,12 @@ class Checked:
 
     def __post_init__(self) -> None:
         """Raise ``BadInput`` for the first field that violates its annotation."""
-        for name, kind, limits in _rules(type(self)):
+        for name, type_limit, limits in _collect_rules(type(self)):
             value = getattr(self, name)
-            if not kind.holds(value):
-                self.require(False, name, kind.expected + kind.hint(value))
-            if value is not None:
-                for limit in limits:
-                    if not limit.holds(value):
-                        self.require(False, name, limit.expected + limit.hint(value))
+            applicable_limits = () if value is None else limits
+            for limit in (type_limit, *applicable_limits):
+                if not limit.holds(value):
+                    self.require(False, name, limit.expected + limit.hint(value))
 
     def require(self, condition: object, name: str, expected: str) -> None:
         """Raise ``BadInput`` for the field `name` unless the condition holds; NaN must fail it."""
@@ -251,22 +242,34 @@ class Checked:
 
 
 @cache
-def _rules(cls: type[Any]) -> tuple[tuple[str, Limit, tuple[Limit, ...]], ...]:
-    """Return name, type and limits of each field."""
+def _collect_rules(cls: type[Any]) -> tuple[tuple[str, Limit, tuple[Limit, ...]], ...]:
+    """Return name, limit to the type, and further limits of each field."""
     try:
         hints = get_type_hints(cls, include_extras=True)
     except NameError:  # a user's class, whose annotations name types that only a function defines
         return ()
-    return tuple((one.name, *_rule(hints[one.name])) for one in fields(cls))
+    return tuple((setting.name, *_make_rule(hints[setting.name])) for setting in fields(cls))
 
 
-def _rule(hint: Any) -> tuple[Limit, tuple[Limit, ...]]:
-    """Return type and limits of a field; the limit's words refuse a value of another type."""
-    inner, *metadata = get_args(hint) if get_origin(hint) is Annotated else (hint,)
-    kind, limits = _kind_of(inner), tuple(one for one in metadata if isinstance(one, Limit))
-    first = (limits or (kind,))[0]
-    hint = first.hint if isinstance(first, OneOf) else kind.hint
-    return Limit(kind.holds, first.expected, hint), limits
+def _make_rule(annotation: Any) -> tuple[Limit, tuple[Limit, ...]]:
+    """Return the limit to the type of a field, and its further limits.
+
+    A value of another type is refused with the text of the first further limit.
+    """
+    hint, metadata = _split_annotation(annotation)
+    type_limit = _make_type_limit(hint)
+    limits = tuple(entry for entry in metadata if isinstance(entry, Limit))
+    shown = limits[0] if limits else type_limit
+    suggest = shown.hint if isinstance(shown, OneOf) else type_limit.hint
+    return Limit(type_limit.holds, shown.expected, suggest), limits
+
+
+def _split_annotation(annotation: Any) -> tuple[Any, tuple[Any, ...]]:
+    """Return the type and the metadata of an annotation, which may be ``Annotated``."""
+    if get_origin(annotation) is not Annotated:
+        return annotation, ()
+    hint, *metadata = get_args(annotation)
+    return hint, tuple(metadata)
 
 
 def _is_number(value: object) -> bool:
@@ -299,69 +302,66 @@ TYPE_LIMITS: dict[Any, Limit] = {
 """Limits of the basic types; the limit `array` checks arrays, which a class may convert."""
 
 
-def _kind_of(hint: Any) -> Limit:
+def _make_type_limit(hint: Any) -> Limit:
     """Return the limit to values of a type."""
-    origin, inner = get_origin(hint), get_args(hint)
+    origin, arguments = get_origin(hint), get_args(hint)
     if origin is Annotated:
-        return _kind_of(inner[0])
+        return _make_type_limit(arguments[0])
     if origin is Literal:
-        return Limit(
-            lambda value: any(_equals_choice(value, one) for one in inner), _list_choices(inner)
-        )
+        return _make_literal_limit(arguments)
     if origin in (Union, UnionType):
-        return _any_kind([_kind_of(one) for one in inner])
+        return _make_union_limit([_make_type_limit(member) for member in arguments])
     if origin is tuple:
-        return _tuple_kind(inner)
-    return _class_kind(origin or hint)
+        return _make_tuple_limit(arguments)
+    return _make_class_limit(origin or hint)
 
 
-def _class_kind(plain: Any) -> Limit:
+def _make_literal_limit(choices: tuple[Any, ...]) -> Limit:
+    """Return the limit to some values of their own types: 'a', 'b' or 'c'."""
+    *others, final = map(repr, choices)
+    return Limit(
+        lambda value: any(isinstance(value, type(x)) and value == x for x in choices),
+        f"{', '.join(others)} or {final}" if others else final,
+    )
+
+
+def _make_class_limit(cls: Any) -> Limit:
     """Return the limit to instances of a class; every value passes if they cannot be recognised."""
-    if plain in TYPE_LIMITS:
-        return TYPE_LIMITS[plain]
+    if cls in TYPE_LIMITS:
+        return TYPE_LIMITS[cls]
     try:
-        isinstance(None, plain)
+        isinstance(None, cls)
     except TypeError:  # Any, a protocol, a type variable
         return ANY_VALUE
-    noun = plain.__name__
-    article = "an" if noun[0] in "AEIOU" else "a"
-    return Limit(lambda value: isinstance(value, plain), f"{article} {noun}")
+    article = "an" if cls.__name__[0] in "AEIOU" else "a"
+    return Limit(lambda value: isinstance(value, cls), f"{article} {cls.__name__}")
 
 
-def _any_kind(kinds: list[Limit]) -> Limit:
+def _make_union_limit(members: list[Limit]) -> Limit:
     """Return the limit to values of a union."""
-    expected = dict.fromkeys(kind.expected for kind in kinds)
-    return Limit(lambda value: any(kind.holds(value) for kind in kinds), " or ".join(expected))
+    expected = dict.fromkeys(limit.expected for limit in members)
+    return Limit(lambda value: any(limit.holds(value) for limit in members), " or ".join(expected))
 
 
-def _tuple_kind(inner: tuple[Any, ...]) -> Limit:
+def _make_tuple_limit(entries: tuple[Any, ...]) -> Limit:
     """Return the limit to tuples; a list or an array of the same entries passes too."""
-    kinds = [_kind_of(one) for one in inner if one is not Ellipsis]
-    if Ellipsis in inner:
-        each_fits = kinds[0].holds
-        expected = f"a list, each {kinds[0].expected}"
-        return Limit(lambda values: _is_list(values) and all(map(each_fits, values)), expected)
-    tests = [kind.holds for kind in kinds]
-    entries = "numbers" if {kind.expected for kind in kinds} == {"a number"} else "values"
-    return Limit(
-        lambda values: (
-            _is_list(values)
-            and len(values) == len(tests)
-            and all(test(value) for test, value in zip(tests, values, strict=True))
-        ),
-        f"{COUNTS.get(len(kinds), len(kinds))} {entries}",
-    )
+    limits = [_make_type_limit(entry) for entry in entries if entry is not Ellipsis]
+    if Ellipsis in entries:
+        entry_limit = limits[0]
+        return Limit(
+            lambda values: _is_list(values) and all(map(entry_limit.holds, values)),
+            f"a list, each {entry_limit.expected}",
+        )
+    count = len(limits)
+    noun = "numbers" if {limit.expected for limit in limits} == {"a number"} else "values"
+
+    def all_hold(values: Any) -> bool:
+        if not _is_list(values) or len(values) != count:
+            return False
+        return all(limit.holds(value) for limit, value in zip(limits, values, strict=True))
+
+    return Limit(all_hold, f"{COUNT_WORDS.get(count, count)} {noun}")
 
 
 def _is_list(values: Any) -> bool:
     return isinstance(values, tuple | list) or (isinstance(values, np.ndarray) and values.ndim > 0)
-
-
-def _equals_choice(value: object, choice: object) -> bool:
-    return isinstance(value, type(choice)) and value == choice
-
-
-def _list_choices(choices: tuple[Any, ...]) -> str:
-    """Return choices as a phrase: 'a', 'b' or 'c'."""
-    *others, last = map(repr, choices)
-    return f"{', '.join(others)} or {last}" if others else last

@@ -1,4 +1,4 @@
-"""Errors that rcmservo raises deliberately; subclasses carry the data of their message."""
+"""Errors that rcmservo raises deliberately, with the data of their messages as attributes."""
 
 from collections.abc import Generator, Iterable
 from contextlib import contextmanager
@@ -70,8 +70,8 @@ class NotInstalled(RcmServoError, ModuleNotFoundError):
 
     def __init__(self, user: str, package: str | None, extra: str) -> None:
         command = f"pip install -e '.[{extra}]'"
-        why = f"{user} needs {package}, which is not installed"
-        super().__init__(f"{why}: run {command} in the clone of rcmservo")
+        reason = f"{user} needs {package}, which is not installed"
+        super().__init__(f"{reason}: run {command} in the clone of rcmservo")
 
 
 @contextmanager

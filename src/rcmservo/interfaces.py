@@ -14,8 +14,11 @@ from numpy.typing import NDArray
 from rcmservo.numerics.structs import Floats, make_struct_reader, make_tuple_struct
 
 Image = NDArray[np.uint8]
+"""Image (height, width, 3) in blue, green, red, as in OpenCV."""
+
 JointArray = Annotated[Floats, (3,)]
 """Array (3,) with one number for each joint."""
+
 MarkerArray = Annotated[Floats, (2, 2)]
 """Array (2, 2) with the pixels (u, v) of both markers."""
 
@@ -74,18 +77,27 @@ class Markers:
 
 
 class DropReason(IntEnum):
-    """Reason for not using the newest frame of a camera.
+    """Reason for not using the newest frame of a camera; its ``text`` describes it to the operator.
 
-    ``words`` is its sentence for the operator.
+    Attributes
+    ----------
+    NONE
+        The frame is used.
+    NOT_NEW
+        Its number or exposure is not above that of the previous frame.
+    CLOCK
+        Its exposure or arrival is at an impossible time.
+    DAMAGED
+        Its image arrived damaged.
     """
 
     _value_: int
     text: str
 
-    def __new__(cls, words: str) -> Self:
+    def __new__(cls, text: str) -> Self:
         code = len(cls.__members__)
         member = int.__new__(cls, code)
-        member._value_, member.text = code, words
+        member._value_, member.text = code, text
         return member
 
     NONE = ""
@@ -102,13 +114,13 @@ class Observation:
     ----------
     now : int
         Time of the observation.
-    q : Three
+    q : JointArray
         Joint values (3,) in rad, rad, mm that the arm reported last.
     q_time : int
         Time at which the arm read them.
     enabled : bool
         True while the arm's drive is on.
-    applied : Three
+    applied : JointArray
         Joint rates (3,) in rad/s, rad/s, mm/s that the arm applied of the last command; zeros
         before the first.
     frame : int
@@ -117,9 +129,9 @@ class Observation:
         Middle of that frame's exposure; 0 before the first.
     arrival : int
         Time at which the computer received that frame; 0 before the first.
-    q_exposure : Three
+    q_exposure : JointArray
         Joint values (3,) at the exposure; NaN if unknown.
-    points : Pixels
+    points : MarkerArray
         Raw markers (2, 2) in px in that frame; NaN if lost.
     drop_reason : DropReason
         Reason for not using the newest frame; NONE if it was used.
@@ -170,7 +182,7 @@ class Command:
     deadline : int
         Time (ns) after which the command is void. An arm without a newer command then stops and
         disables its drive.
-    rates : Three
+    rates : JointArray
         Joint rates (3,) in rad/s, rad/s, mm/s.
     enabled : bool
         False disables the arm's drive at once.
@@ -187,7 +199,10 @@ class Command:
 class Target:
     """Taught pose, which `teach` returns.
 
-    The servo computes the features y_d, eq. (7)-(9), from it about its present imaged RCM.
+    The servo computes the desired features y_d = [s r d] (3,) in rad, px, px from it, eq. (7)-(9).
+    With the markers (u₁, v₁) and (u₂, v₂) px measured from the present imaged RCM these are
+
+        s = atan2(v₂ − v₁, u₂ − u₁),    r = |(u₁, v₁)|,    d = |(u₂ − u₁, v₂ − v₁)|
 
     Parameters
     ----------
@@ -202,6 +217,10 @@ class Target:
         refuses a target that was taught before the camera was moved.
     sizes : Floats
         Apparent radii (2,) of the markers in px during teaching; NaN if unknown.
+
+    References
+    ----------
+    Section II-D of the paper.
     """
 
     points: Floats
@@ -227,7 +246,7 @@ class Clock(Protocol):
 
 
 class ArmMeasurement(NamedTuple):
-    """State of an arm that it reported last.
+    """State that an arm reported last.
 
     Parameters
     ----------

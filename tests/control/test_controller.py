@@ -8,9 +8,9 @@ from hypothesis import strategies as st
 from conftest import make_random, seeds
 from rcmservo.control import saturated_controller
 from rcmservo.control.saturated_controller import (
-    LawResult,
+    ControllerOutput,
     SaturatedController,
-    apply_law,
+    compute_controller_output,
     potential,
     potential_gradient,
 )
@@ -36,10 +36,10 @@ def gradient_of(seed, n=3):
     return make_random(seed + 1).uniform(-1, 1, n) * BOUNDS[:n]
 
 
-def law(*given):
+def law(*arguments):
     """Return the result of the control law with v as an array (3,)."""
-    v, *others = saturated_controller.solve_law(*given)
-    return LawResult(np.array(v), *others)
+    v, *quality = saturated_controller.solve_velocity(*arguments)
+    return ControllerOutput(np.array(v), *quality)
 
 
 def speed(v):
@@ -54,10 +54,10 @@ def test_a_well_conditioned_estimate_gives_exactly_the_papers_law(seed, conditio
     """More than three features are solved by least squares, with a remaining error."""
     sigma = size * np.array([1.0, 1 / np.sqrt(condition), 1 / condition])
     J, g = jacobian(seed, sigma, n), gradient_of(seed, n)
-    v, found, reducible, _ = law(J, g, gain, MAX_CONDITION, NO_SPEED_LIMIT)
+    v, estimated_condition, reducible, _ = law(J, g, gain, MAX_CONDITION, NO_SPEED_LIMIT)
     best = np.linalg.pinv(J) @ g
     assert np.allclose(v, -gain * best, rtol=1e-8, atol=1e-8 * speed(v))
-    assert found == pytest.approx(condition, rel=1e-6)
+    assert estimated_condition == pytest.approx(condition, rel=1e-6)
     assert reducible == pytest.approx(g @ J @ best / (g @ g), abs=1e-9)
 
 
@@ -87,9 +87,14 @@ def blocked(seed, condition):
 def test_beyond_any_condition_only_the_observable_error_is_reduced(seed, condition):
     J, U = blocked(seed, condition)
     observable = U[:, :2] @ make_random(seed).uniform(0.1, 1.0, 2)
-    v, found, reducible, _ = law(J, observable + U[:, 2], 2.0, MAX_CONDITION, NO_SPEED_LIMIT)
+    v, estimated_condition, reducible, _ = law(
+        J, observable + U[:, 2], 2.0, MAX_CONDITION, NO_SPEED_LIMIT
+    )
     assert np.allclose(J @ v, -2.0 * observable, atol=0.01 * speed(observable))
-    assert found == pytest.approx(condition, rel=1e-3) or min(found, condition) > 1e12
+    assert (
+        estimated_condition == pytest.approx(condition, rel=1e-3)
+        or min(estimated_condition, condition) > 1e12
+    )
     assert reducible == pytest.approx(
         observable @ observable / (observable @ observable + 1.0), abs=0.01
     )
@@ -116,19 +121,23 @@ def test_the_reducible_fraction_vanishes_for_an_error_in_the_weak_direction(seed
 
 
 def test_without_an_error_nothing_moves_and_the_reducible_fraction_is_one():
-    heading = law(jacobian(1, np.ones(3)), np.zeros(3), 2.0, MAX_CONDITION, NO_SPEED_LIMIT)
-    assert not heading.v.any() and heading.reducible_fraction == 1.0
+    output = law(jacobian(1, np.ones(3)), np.zeros(3), 2.0, MAX_CONDITION, NO_SPEED_LIMIT)
+    assert not output.v.any() and output.reducible_fraction == 1.0
 
 
 @given(seeds, st.booleans())
 def test_the_law_is_applied_to_the_saturated_error_and_its_size_is_that_of_the_potential(
-    seed, printed
+    seed, follows_paper
 ):
     J, delta = jacobian(seed, np.array([1.0, 0.5, 0.1])), 3.0 * gradient_of(seed)
-    heading, error = apply_law(J, delta, BOUNDS[:3], printed, 2.0, MAX_CONDITION, 40.0)
-    expected = law(J, potential_gradient(delta, BOUNDS[:3], printed), 2.0, MAX_CONDITION, 40.0)
-    assert np.array_equal(heading.v, expected.v) and heading[1:] == expected[1:]
-    V = potential(delta, BOUNDS[:3], printed)
+    output, error = compute_controller_output(
+        J, delta, BOUNDS[:3], follows_paper, 2.0, MAX_CONDITION, 40.0
+    )
+    expected = law(
+        J, potential_gradient(delta, BOUNDS[:3], follows_paper), 2.0, MAX_CONDITION, 40.0
+    )
+    assert np.array_equal(output.v, expected.v) and output[1:] == expected[1:]
+    V = potential(delta, BOUNDS[:3], follows_paper)
     assert error == pytest.approx(np.sqrt(2.0 * V))
 
 
@@ -168,36 +177,36 @@ def test_the_condition_does_not_depend_on_the_unit_of_length(seed, condition, in
     J = jacobian(seed, np.array([1.0, 0.5, 1 / max(condition, 2.0)])) * (
         1000.0 if in_metres else 1.0
     )
-    found = law(J, np.ones(3), 1.0, MAX_CONDITION, NO_SPEED_LIMIT).condition
-    assert found == pytest.approx(max(condition, 2.0), rel=1e-6)
+    estimated_condition = law(J, np.ones(3), 1.0, MAX_CONDITION, NO_SPEED_LIMIT).condition
+    assert estimated_condition == pytest.approx(max(condition, 2.0), rel=1e-6)
 
 
 @given(seeds, conditions, st.sampled_from([False, True]))
 def test_equation_33_the_potential_falls_all_the_way_to_zero_and_the_error_with_it(
-    seed, condition, printed
+    seed, condition, follows_paper
 ):
     """With Ĵ = J, ẏ = J v is ẏ = -k ∂V/∂y."""
     J, gain, dt = jacobian(seed, np.array([1.0, 0.4, 1 / condition])), 2.0, 0.05
     bounds = BOUNDS[:3]
     delta = make_random(seed + 2).uniform(-3, 3, 3) * bounds
-    V = potential(delta, bounds, printed)
+    V = potential(delta, bounds, follows_paper)
     for _ in range(250):
-        gradient = potential_gradient(delta, bounds, printed)
+        gradient = potential_gradient(delta, bounds, follows_paper)
         v = law(J, gradient, gain, MAX_CONDITION, NO_SPEED_LIMIT).v
         assert np.allclose(J @ v, -gain * gradient, atol=1e-8 * bounds.max())
         delta = delta + dt * (J @ v)
-        V, before = potential(delta, bounds, printed), V
+        V, before = potential(delta, bounds, follows_paper), V
         assert before > V or before < 1e-12
     assert np.all(np.abs(delta) < 1e-2 * bounds)
 
 
 @given(st.tuples(*[st.floats(-1e6, 1e6)] * 6), st.booleans())
-def test_the_potential_is_positive_and_symmetric_and_its_gradient_saturates(delta, printed):
+def test_the_potential_is_positive_and_symmetric_and_its_gradient_saturates(delta, follows_paper):
     delta = np.array(delta)
-    V, g = potential(delta, BOUNDS, printed), potential_gradient(delta, BOUNDS, printed)
+    V, g = potential(delta, BOUNDS, follows_paper), potential_gradient(delta, BOUNDS, follows_paper)
     assert V >= 0 and (V > 0 or np.allclose(delta, 0, atol=1e-150))
-    assert potential(-delta, BOUNDS, printed) == V
-    assert np.array_equal(g, -potential_gradient(-delta, BOUNDS, printed))
+    assert potential(-delta, BOUNDS, follows_paper) == V
+    assert np.array_equal(g, -potential_gradient(-delta, BOUNDS, follows_paper))
     assert np.all(np.abs(g) <= BOUNDS) and np.all(g * delta >= 0)
 
 

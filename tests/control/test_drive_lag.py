@@ -11,7 +11,7 @@ from rcmservo.control.drive_lag import (
     MIN_LAG_S,
     add_lag_reading,
     finish_lag_measurement,
-    known_or_measured_lag,
+    select_lag,
     start_lag_measurement,
 )
 from rcmservo.control.exploration import ExplorationState
@@ -34,20 +34,20 @@ def measurement(lag: float, delay: float, obeys: Floats) -> ExplorationState:
 
     Only the drives with 1 in `obeys` (3,) follow their rates.
     """
-    tour, q, rate, steps = ExplorationState.of(), np.zeros(3), np.zeros(3), 10
-    start_lag_measurement(tour.rows[0])
+    state, q, rate, steps = ExplorationState.of(), np.zeros(3), np.zeros(3), 10
+    start_lag_measurement(state.rows[0])
     commanded = [0.2 * MAX_RATES * np.sign(np.sin(2.0 * np.pi * k / 30 + 0.1)) for k in range(100)]
     delay_ms = round(delay * 1000)
     for k in range(100):
         applied = commanded[k - 1] if k else np.zeros(3)
-        add_lag_reading(tour.rows[0], q.copy(), (k + 1) * TICK_NS, applied, MAX_RATES)
+        add_lag_reading(state.rows[0], q.copy(), (k + 1) * TICK_NS, applied, MAX_RATES)
         for j in range(steps):
             at = (k * steps + j - delay_ms) // steps
             command = commanded[at] if at >= 0 else np.zeros(3)
             rate += (1.0 - np.exp(-1e-3 / lag)) * (command * obeys - rate)
             q = q + 1e-3 * rate
-    finish_lag_measurement(tour.rows[0])
-    return tour
+    finish_lag_measurement(state.rows[0])
+    return state
 
 
 @given(st.floats(0.005, 0.08), st.integers(0, 30))
@@ -70,26 +70,23 @@ def test_a_joint_without_motion_does_not_affect_the_measurement() -> None:
 
 @pytest.mark.parametrize("obeys", [np.zeros(3), -np.ones(3)])
 def test_an_impossible_lag_is_rejected(obeys: Floats) -> None:
-    tour = measurement(0.04, 0.0, obeys)
-    assert tour.lag == 0.0
-    assert (
-        known_or_measured_lag(tour.rows[0], 0.0) == DEFAULT_LAG_S
-        and known_or_measured_lag(tour.rows[0], 0.3) == 0.3
-    )
+    state = measurement(0.04, 0.0, obeys)
+    assert state.lag == 0.0
+    assert select_lag(state.rows[0], 0.0) == DEFAULT_LAG_S and select_lag(state.rows[0], 0.3) == 0.3
 
 
 @pytest.mark.parametrize("early", [0.0, 0.01])
 def test_a_drive_that_follows_at_once_or_is_read_late_has_the_minimal_lag(early: float) -> None:
     """With the default lag such a drive would stop as NOT_FOLLOWING."""
-    tour, q = ExplorationState.of(), np.zeros(3)
-    start_lag_measurement(tour.rows[0])
+    state, q = ExplorationState.of(), np.zeros(3)
+    start_lag_measurement(state.rows[0])
     for k in range(100):
         applied = 0.2 * MAX_RATES * np.sign(np.sin(2.0 * np.pi * k / 30 + 0.1))
         q = q + TICK_NS * 1e-9 * applied
         ahead = q + early * applied
-        add_lag_reading(tour.rows[0], ahead, (k + 1) * TICK_NS, applied, MAX_RATES)
-    finish_lag_measurement(tour.rows[0])
-    assert tour.lag == MIN_LAG_S == known_or_measured_lag(tour.rows[0], 0.0)
+        add_lag_reading(state.rows[0], ahead, (k + 1) * TICK_NS, applied, MAX_RATES)
+    finish_lag_measurement(state.rows[0])
+    assert state.lag == MIN_LAG_S == select_lag(state.rows[0], 0.0)
 
 
 def run_with_drives(

@@ -11,11 +11,11 @@ from rcmservo.control.exploration import (
     CORNERS,
     Exploration,
     ExplorationState,
-    is_at_next_corner,
+    compute_max_leg_length,
+    compute_rates_to_corner,
+    compute_relative_difference,
+    is_at_corner,
     is_overdue,
-    max_leg_length,
-    rates_to_corner,
-    relative_difference,
     set_next_corner,
     set_round,
     start_exploration,
@@ -103,7 +103,9 @@ def test_the_corners_of_an_exploration_span_space(rcm, seed):
 def expected_sides(rcm, q, number=0, parameters=Exploration()):  # noqa: B008 frozen
     """Return the sides of a round with enough room."""
     sides = parameters.speed_scale * parameters.leg_time * MAX_RATES * parameters.growth**number
-    return sides * min(parameters.max_leg_length / max_leg_length(rcm.to_struct(), q, sides), 1.0)
+    return sides * min(
+        parameters.max_leg_length / compute_max_leg_length(rcm.to_struct(), q, sides), 1.0
+    )
 
 
 @given(rcms, seeds)
@@ -132,7 +134,7 @@ def test_the_span_is_the_longest_corner_distance_by_the_derivative(rcm, seed):
     steps = compute_position_jacobian(rcm.to_struct(), q) * np.abs(sides)
     pairs = (0, 1), (1, 2), (2, 0)
     longest = max(np.linalg.norm(np.abs(steps[:, pair]).sum(axis=1)) for pair in pairs)
-    assert max_leg_length(rcm.to_struct(), q, sides) == pytest.approx(longest)
+    assert compute_max_leg_length(rcm.to_struct(), q, sides) == pytest.approx(longest)
     p = corners(np.zeros(3), sides) @ compute_position_jacobian(rcm.to_struct(), q).T
     assert np.linalg.norm(p[:, None] - p[None], axis=2).max() <= longest * (1 + 1e-12)
 
@@ -146,13 +148,13 @@ def drive_exploration(rcm, q, visits, dt=0.01):
     for _ in range(round(3.0 / dt) * visits // len(CORNERS)):
         if state is None or state.visited_corners == visits:
             break
-        if is_at_next_corner(state.rows[0], q):
+        if is_at_corner(state.rows[0], state.next_corner, q):
             reached.append(q)
             state.rows["visited_corners"] += 1
             if state.visited_corners % len(CORNERS) == 0:
                 set_round(state.rows[0], rcm.to_struct(), MAX_RATES, 0.0, parameters)
             set_next_corner(state.rows[0])
-        q = q + rates_to_corner(state.rows[0], MAX_RATES, q, 0.0, parameters) * dt
+        q = q + compute_rates_to_corner(state.rows[0], MAX_RATES, q, 0.0, parameters) * dt
         assert np.all(q >= rcm.limits.lower) and np.all(q <= rcm.limits.upper)
     return state, reached
 
@@ -225,8 +227,10 @@ def test_there_is_room_at_every_position_within_the_margins():
 def test_at_the_corner_itself_nothing_moves_and_far_from_it_the_slowest_joint_at_its_speed():
     state = begun(PitchYawRcm(), np.array([0.1, 0.2, 100.0]))
     parameters, corner = to_row(Exploration())[0], corners(state.start_joints, state.sides)[0]
-    assert not rates_to_corner(state.rows[0], MAX_RATES, corner, 0.0, parameters).any()
-    rates = rates_to_corner(state.rows[0], MAX_RATES, corner - [1.0, -1.0, 50.0], 0.0, parameters)
+    assert not compute_rates_to_corner(state.rows[0], MAX_RATES, corner, 0.0, parameters).any()
+    rates = compute_rates_to_corner(
+        state.rows[0], MAX_RATES, corner - [1.0, -1.0, 50.0], 0.0, parameters
+    )
     np.testing.assert_allclose(rates, Exploration.speed_scale * MAX_RATES * [1.0, -1.0, 1.0])
 
 
@@ -237,8 +241,8 @@ def test_a_corner_counts_as_visited_by_all_three_joints():
         for fraction, reached in ((0.9, True), (1.1, False)):
             q = corner.copy()
             q[joint] += fraction * CORNER_TOLERANCE * state.sides[joint]
-            assert is_at_next_corner(state.rows[0], q) == reached
-    assert not is_at_next_corner(state.rows[0], np.full(3, np.nan))
+            assert is_at_corner(state.rows[0], state.next_corner, q) == reached
+    assert not is_at_corner(state.rows[0], state.next_corner, np.full(3, np.nan))
 
 
 @given(seeds, st.floats(0.0, 2.0))
@@ -246,13 +250,13 @@ def test_the_disagreement_is_the_relative_error_of_the_estimate(seed, fraction):
     random = make_random(seed)
     J, error = random.standard_normal((2, 3, 3))
     J_hat = J + fraction * error * np.linalg.norm(J) / np.linalg.norm(error)
-    assert relative_difference(J_hat, J) == pytest.approx(fraction, abs=1e-9)
+    assert compute_relative_difference(J_hat, J) == pytest.approx(fraction, abs=1e-9)
 
 
 def test_an_empty_or_invalid_estimate_never_agrees():
-    assert relative_difference(np.ones((3, 3)), np.zeros((3, 3))) == np.inf
-    assert relative_difference(np.zeros((3, 3)), np.ones((3, 3))) == 1.0
-    assert not relative_difference(np.full((3, 3), np.nan), np.ones((3, 3))) <= 1e9
+    assert compute_relative_difference(np.ones((3, 3)), np.zeros((3, 3))) == np.inf
+    assert compute_relative_difference(np.zeros((3, 3)), np.ones((3, 3))) == 1.0
+    assert not compute_relative_difference(np.full((3, 3), np.nan), np.ones((3, 3))) <= 1e9
 
 
 def test_an_exploration_is_overdue_just_after_its_time():

@@ -18,14 +18,14 @@ from rcmservo.control.exploration import (
 )
 from rcmservo.control.exploration_planning import (
     NEGLIGIBLE_ERROR_MM,
+    compute_path_error,
     direction_is_known,
-    path_error,
     plan_corner,
 )
 from rcmservo.estimation.camera_fit import (
     MIN_FRAME_SPACING_MM,
     ProjectionFit,
-    initial_fit,
+    make_initial_fit,
     update_fit,
 )
 from rcmservo.geometry.kinematics import SphericalRcm, compute_position
@@ -43,8 +43,8 @@ def positions_on_legs(corners: Floats) -> Floats:
     """Return marker 1 (n, 3) mm in the frames of straight legs between these joints."""
     legs = pairwise(corners)
     q = [
-        one + (other - one) * (k + 1) / FRAMES_PER_LEG
-        for one, other in legs
+        start + (end - start) * (k + 1) / FRAMES_PER_LEG
+        for start, end in legs
         for k in range(FRAMES_PER_LEG)
     ]
     return np.stack([compute_position(RCM.to_struct(), joints) for joints in [corners[0], *q]])
@@ -58,20 +58,20 @@ class ExploredScene:
     ) -> None:
         self.random = make_random(seed)
         lower, upper = RCM.limits.arrays
-        inside = self.random.uniform(0.2, 0.8, 3)
+        limit_fractions = self.random.uniform(0.2, 0.8, 3)
         if near_limits:
-            inside[1:] = self.random.choice([0.021, 0.979], 2)
-        self.home = lower + inside * (upper - lower)
+            limit_fractions[1:] = self.random.choice([0.021, 0.979], 2)
+        self.home = lower + limit_fractions * (upper - lower)
         self.home[0] = np.clip(self.home[0], 0.5, 1.2)
-        self.tour = ExplorationState.of()
+        self.state = ExplorationState.of()
         start_exploration(
-            self.tour.rows[0], RCM.to_struct(), MAX_RATES, self.home, 0, 0.0, SETTINGS
+            self.state.rows[0], RCM.to_struct(), MAX_RATES, self.home, 0, 0.0, SETTINGS
         )
-        sides = self.tour.sides.copy()
+        sides = self.state.sides.copy()
         self.corners = self.home + np.vstack([np.zeros(3), CORNERS[:3]]) * sides
-        self.tour.rows["visited_corners"] = 4 * number
-        set_round(self.tour.rows[0], RCM.to_struct(), MAX_RATES, 0.0, SETTINGS)
-        self.tour.rows["visited_corners"] = 3
+        self.state.rows["visited_corners"] = 4 * number
+        set_round(self.state.rows[0], RCM.to_struct(), MAX_RATES, 0.0, SETTINGS)
+        self.state.rows["visited_corners"] = 3
         self.q, self.positions = self.corners[-1], positions_on_legs(self.corners)
         self.p1 = self.positions[-1]
         self.C = self.camera()
@@ -91,7 +91,7 @@ class ExploredScene:
                 return C
 
     def fit_frames(self, noise: float, more: Floats | None = None) -> ProjectionFit:
-        fit = initial_fit()
+        fit = make_initial_fit()
         for p in self.positions if more is None else np.vstack([self.positions, more]):
             points = project_markers(self.C, p)
             points = points + noise * self.random.standard_normal((2, 2))
@@ -100,23 +100,25 @@ class ExploredScene:
 
     def plan(self) -> Floats:
         """Return the next corner."""
-        self.tour.rows["next_corner"] = np.nan
-        rcm, reach = RCM.to_struct(), Exploration.max_leg_length
-        plan_corner(self.tour.rows[0], self.fit.rows[0], rcm, SHAFT, self.q, self.target, reach)
-        return self.tour.next_corner
+        self.state.rows["next_corner"] = np.nan
+        rcm, max_leg_mm = RCM.to_struct(), Exploration.max_leg_length
+        plan_corner(
+            self.state.rows[0], self.fit.rows[0], rcm, SHAFT, self.q, self.target, max_leg_mm
+        )
+        return self.state.next_corner
 
     def allowed(self) -> list[Floats]:
         """Return the corners that may be planned."""
         result, (lower, upper) = [], RCM.limits.arrays
         margin = 0.02 * (upper - lower)
         for steps in product((-1, 0, 1), repeat=3):
-            q = self.home + np.array(steps) * self.tour.sides
+            q = self.home + np.array(steps) * self.state.sides
             free = (q >= lower + margin) & (q <= upper - margin) | (np.array(steps) == 0)
             is_near = (
                 np.linalg.norm(compute_position(RCM.to_struct(), q) - self.p1)
                 <= Exploration.max_leg_length
             )
-            same = (np.abs(q - self.q) <= CORNER_TOLERANCE * np.abs(self.tour.sides)).all()
+            same = (np.abs(q - self.q) <= CORNER_TOLERANCE * np.abs(self.state.sides)).all()
             result += [q] if free.all() and is_near and not same else []
         return result
 
@@ -180,11 +182,11 @@ class Textbook:
         )
         self.N = D.T @ D + scene.fit.noise_variance * np.diag([1e-6] * 8 + [1.0] * 3)
         path = path_to_target(scene)
-        part = min(10.0 / np.linalg.norm(path), 1.0)
-        turned = theta_jacobian(scene.fit, scene.p1 + part * path) - theta_jacobian(
+        fraction = min(10.0 / np.linalg.norm(path), 1.0)
+        jacobian_change = theta_jacobian(scene.fit, scene.p1 + fraction * path) - theta_jacobian(
             scene.fit, scene.p1
         )
-        self.T = pinv_jacobian(scene.fit, scene.p1) @ turned / part
+        self.T = pinv_jacobian(scene.fit, scene.p1) @ jacobian_change / fraction
 
     def error(self, more: Floats | tuple[()] = (), weights: Floats | tuple[()] = ()) -> float:
         """Return the expected error after more frames with these weights."""
@@ -199,7 +201,7 @@ class Textbook:
 @settings(max_examples=20)
 def test_the_error_of_the_path_follows_the_textbook_formula(seed: int) -> None:
     scene = ExploredScene(seed)
-    error, distance = path_error(scene.fit.rows[0], scene.p1, scene.target, SHAFT)
+    error, distance = compute_path_error(scene.fit.rows[0], scene.p1, scene.target, SHAFT)
     assert error == pytest.approx(Textbook(scene).error(), rel=0.05)
     assert distance == pytest.approx(np.linalg.norm(path_to_target(scene)))
 
@@ -234,7 +236,7 @@ def test_the_expected_error_matches_the_observed_error() -> None:
         leg = positions_on_legs(np.stack([scene.q, scene.plan()]))[1:]
         full = scene.fit_frames(0.0, leg)
         full.rows["noise_variance"] = 0.3**2
-        expected.append(path_error(full.rows[0], scene.p1, scene.target, SHAFT)[0] ** 2)
+        expected.append(compute_path_error(full.rows[0], scene.p1, scene.target, SHAFT)[0] ** 2)
         H_pinv, exact = pinv_jacobian(full, scene.p1), predicted_motion(full, scene)
         for _ in range(20):
             error_px = predicted_motion(scene.fit_frames(0.3, leg), scene) - exact
@@ -258,7 +260,7 @@ def test_servoing_begins_sooner_towards_a_target_whose_direction_is_known_better
         row, relative_errors = scene.fit_frames(0.1).rows[0], []
         for direction in directions:
             target = project_markers(scene.C, scene.p1 + 3.0 * direction)
-            error, distance = path_error(row, scene.p1, target, SHAFT)
+            error, distance = compute_path_error(row, scene.p1, target, SHAFT)
             relative_errors.append(error / distance)
         ratios.append(relative_errors[0] / np.mean(relative_errors[1:]))
     assert np.median(ratios) < 0.6
@@ -269,7 +271,7 @@ def test_servoing_begins_sooner_towards_a_target_whose_direction_is_known_better
 def test_the_direction_is_known_below_the_relative_error_that_is_set(seed: int) -> None:
     """It is also known if the error is negligible."""
     scene = ExploredScene(seed, noise=1.0)
-    error, distance = path_error(scene.fit.rows[0], scene.p1, scene.target, SHAFT)
+    error, distance = compute_path_error(scene.fit.rows[0], scene.p1, scene.target, SHAFT)
     for limit in (0.9, 1.1):
         settings_row = to_row(Exploration(uncertainty=limit * error / distance))[0]
         assert direction_is_known(
@@ -305,7 +307,7 @@ def error_of_target(scene: ExploredScene, mm: float) -> tuple[float, float]:
         + scene.fit.origin[3:]
         + scene.fit.offset
     )
-    return path_error(scene.fit.rows[0], scene.p1, scene.target, SHAFT)
+    return compute_path_error(scene.fit.rows[0], scene.p1, scene.target, SHAFT)
 
 
 @given(seeds)
@@ -321,6 +323,6 @@ def test_at_the_target_the_direction_is_known_and_a_corner_is_still_planned(
 
 def test_without_frames_no_direction_is_known_and_the_corner_stays() -> None:
     scene = ExploredScene(0)
-    scene.fit = initial_fit()
+    scene.fit = make_initial_fit()
     assert not direction_is_known(scene.fit.rows[0], scene.p1, scene.target, SHAFT, SETTINGS)
     assert np.isnan(scene.plan()).all()

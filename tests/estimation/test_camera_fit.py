@@ -21,16 +21,16 @@ from rcmservo.estimation.camera_fit import (
     PRIOR_NOISE_FRAMES,
     RCM_POSITION_MM,
     ProjectionFit,
-    initial_fit,
+    make_initial_fit,
     project_point,
     reset_fit,
     update_fit,
 )
 from rcmservo.estimation.camera_fit_prediction import (
+    compute_fitted_features_jacobian,
+    compute_markers_jacobian,
+    compute_pose_deviation,
     filter_markers,
-    fitted_features_jacobian,
-    markers_jacobian,
-    pose_deviation,
     predict_image,
     predict_markers,
     write_point_jacobian,
@@ -57,7 +57,7 @@ def project_path(C: Floats, positions: Floats) -> Floats:
 
 
 def fit_frames(positions: Floats, points: Floats) -> ProjectionFit:
-    fit = initial_fit()
+    fit = make_initial_fit()
     row = fit.rows[0]
     for p1, markers in zip(positions, points, strict=True):
         update_fit(row, p1, markers, SHAFT)
@@ -106,12 +106,12 @@ def test_the_jacobian_is_the_derivative_of_the_prediction(seed: int) -> None:
     fit, p1 = random_fit(seed)
     row = fit.rows[0]
     expected_jacobian = differentiate(lambda p: predict_image(row, p)[0], p1, 1e-2)
-    found = np.empty((2, 3))
-    write_point_jacobian(row, project_point(row, p1), found)
-    np.testing.assert_allclose(found, expected_jacobian, rtol=1e-6, atol=1e-8)
+    jacobian = np.empty((2, 3))
+    write_point_jacobian(row, project_point(row, p1), jacobian)
+    np.testing.assert_allclose(jacobian, expected_jacobian, rtol=1e-6, atol=1e-8)
     expected_jacobian = differentiate(lambda p: predict_markers(row, p, SHAFT).ravel(), p1, 1e-2)
     np.testing.assert_allclose(
-        markers_jacobian(row, p1, SHAFT), expected_jacobian, rtol=1e-6, atol=1e-8
+        compute_markers_jacobian(row, p1, SHAFT), expected_jacobian, rtol=1e-6, atol=1e-8
     )
 
 
@@ -123,7 +123,7 @@ def test_the_features_jacobian_is_the_derivative_of_the_features(seed: int) -> N
     expected_jacobian = differentiate(
         lambda p: compute_features(shift_to_rcm(predict_markers(row, p, SHAFT), o_c)), p1, 1e-3
     )
-    J = fitted_features_jacobian(row, p1, points, o_c, SHAFT)
+    J = compute_fitted_features_jacobian(row, p1, points, o_c, SHAFT)
     np.testing.assert_allclose(
         J, expected_jacobian, rtol=1e-4, atol=1e-6 * np.abs(expected_jacobian).max()
     )
@@ -238,9 +238,9 @@ def test_a_motion_too_short_to_determine_the_denominator_does_not_make_it_large(
 def test_the_standard_deviation_of_the_pose_follows_the_textbook_formula(seed: int) -> None:
     scene = Scene(seed, 40)
     fit, p1 = scene.fit_frames(0.3), scene.positions[0]
-    H = markers_jacobian(fit.rows[0], p1, SHAFT)
+    H = compute_markers_jacobian(fit.rows[0], p1, SHAFT)
     pose = fit.noise_variance * np.trace(np.linalg.inv(H.T @ H))
-    assert pose_deviation(fit.rows[0], p1, SHAFT) == pytest.approx(np.sqrt(pose))
+    assert compute_pose_deviation(fit.rows[0], p1, SHAFT) == pytest.approx(np.sqrt(pose))
 
 
 def test_at_rest_the_offset_averages_the_noise_and_the_sums_stay() -> None:
@@ -254,7 +254,7 @@ def test_at_rest_the_offset_averages_the_noise_and_the_sums_stay() -> None:
 
 
 def test_positions_closer_than_the_spacing_count_once() -> None:
-    p1, fit = np.array([10.0, 20.0, -120.0]), initial_fit()
+    p1, fit = np.array([10.0, 20.0, -120.0]), make_initial_fit()
     for distance, frames in (
         (0.0, 1),
         (0.9 * MIN_FRAME_SPACING_MM, 1),
@@ -275,11 +275,11 @@ def test_one_frame_determines_the_markers_and_nothing_more() -> None:
 
 
 def test_before_the_first_frame_nothing_is_predicted() -> None:
-    row = initial_fit().rows[0]
+    row = make_initial_fit().rows[0]
     assert np.isnan(predict_markers(row, FAR_POSITION_MM, SHAFT)).all()
 
 
 def test_a_reset_fit_is_as_before_the_first_frame() -> None:
     fit = Scene(0, 10).fit_frames(0.3)
     reset_fit(fit.rows[0])
-    assert snapshot(fit) == snapshot(initial_fit())
+    assert snapshot(fit) == snapshot(make_initial_fit())

@@ -7,7 +7,11 @@ from hypothesis import strategies as st
 
 from conftest import make_random, seeds
 from rcmservo.errors import BadInput
-from rcmservo.estimation.correntropy import MIN_WEIGHT, CorrentropyEstimator, correntropy_weight
+from rcmservo.estimation.correntropy import (
+    MIN_WEIGHT,
+    CorrentropyEstimator,
+    compute_correntropy_weight,
+)
 from rcmservo.estimation.kalman import KalmanEstimator
 from rcmservo.geometry.features import FEATURE_SCALE
 
@@ -107,7 +111,7 @@ def test_a_weight_is_the_kernel_of_the_normalised_innovation(seed, outlier, band
     P = half @ half.T
     innovation = outlier * np.sqrt(displacement @ P @ displacement + R)
     expected = max(np.exp(-0.5 * (outlier / bandwidth) ** 2), MIN_WEIGHT)
-    assert correntropy_weight(P, displacement, innovation, R, bandwidth) == pytest.approx(
+    assert compute_correntropy_weight(P, displacement, innovation, R, bandwidth) == pytest.approx(
         expected, rel=1e-9
     )
 

@@ -181,8 +181,8 @@ def test_predictions_are_the_markers_from_the_imaged_rcm(seed: int) -> None:
 
 
 def test_an_update_leaves_the_previous_memory_unchanged() -> None:
-    one, other = random_positions(make_random(0), 2)
-    memory = DLT.update(DLT.init(), TOOL, Sample(one, np.ones((2, 2)), np.zeros(2), 0.0))
+    p1_first, p1_second = random_positions(make_random(0), 2)
+    memory = DLT.update(DLT.init(), TOOL, Sample(p1_first, np.ones((2, 2)), np.zeros(2), 0.0))
     before = snapshot(ProjectionFit(memory))
-    after = DLT.update(memory, TOOL, Sample(other, np.ones((2, 2)), np.zeros(2), 0.0))
+    after = DLT.update(memory, TOOL, Sample(p1_second, np.ones((2, 2)), np.zeros(2), 0.0))
     assert snapshot(ProjectionFit(memory)) == before != snapshot(ProjectionFit(after))

@@ -16,7 +16,7 @@ from conftest import (
 )
 from rcmservo.errors import BadInput
 from rcmservo.estimation.base import Sample
-from rcmservo.estimation.flow_rule import FlowEstimator, integrate_flow_rule, update_from_frame
+from rcmservo.estimation.flow_rule import FlowEstimator, integrate_flow_rule
 from rcmservo.geometry.features import (
     FEATURE_SCALE,
     compute_feature_error,
@@ -105,23 +105,6 @@ def test_no_motion_or_no_time_changes_nothing_and_returns_a_copy(delta_p, dt):
     after = integrate_flow_rule(J, delta_p, np.ones(3), dt, 0.05)
     assert np.array_equal(after, J)
     assert not np.shares_memory(after, J)
-
-
-def test_an_angle_that_wraps_counts_as_a_small_rotation():
-    before, after = (
-        np.array([[-50.0, 1.0], [-150.0, 2.0]]),
-        np.array([[-50.0, -1.0], [-150.0, -2.0]]),
-    )
-    J = update_from_frame(
-        np.zeros((3, 3)),
-        np.array([1.0, 0, 0]),
-        before,
-        after,
-        np.zeros(2),
-        0.01,
-        100.0,
-    )
-    assert abs(J[0, 0]) < 0.1
 
 
 def test_the_first_frame_changes_nothing_and_the_second_one_does():

@@ -27,9 +27,9 @@ from rcmservo.estimation.projection_rule import (
     ProjectionKernel,
     ProjectionMemory,
     feature_jacobian,
+    find_least_informative_observation,
     fitted_points,
     inverse_root,
-    least_informative,
     limit_step_by_depth,
     update_from_frame,
 )
@@ -187,7 +187,9 @@ def test_the_removed_observation_has_the_least_leverage(seed, both):
     A, _ = build_equations(rows, o_c, both)
     root = inverse_root(A, EPSILON)
     leverages = [np.trace(root.T @ build_equations(row[None], o_c, both)[0] @ root) for row in rows]
-    removed = least_informative(fitted_points(rows, len(rows), o_c, both, SHAFT), len(rows), root)
+    removed = find_least_informative_observation(
+        fitted_points(rows, len(rows), o_c, both, SHAFT), len(rows), root
+    )
     assert leverages[removed] <= min(leverages) * (1 + 1e-6)
 
 
@@ -219,8 +221,9 @@ def test_integration_is_exact(seed, t, fast):
     system[:9, 9] = (C @ C.T @ b) / unit
     assume(np.linalg.norm(system[:9, :9]) * t < 1e4)
     expected = unit * (expm(system * t) @ np.append(a_hat / unit, 1.0))[:9]
-    found = integrate_gradient_flow(A, b, a_hat, C, t)
-    assert np.allclose(found / unit, expected / unit, rtol=0, atol=1e-6 * np.abs(a / unit).max())
+    integrated = integrate_gradient_flow(A, b, a_hat, C, t)
+    tolerance = 1e-6 * np.abs(a / unit).max()
+    assert np.allclose(integrated / unit, expected / unit, rtol=0, atol=tolerance)
 
 
 @given(seeds, st.floats(1e-3, 3.9))
@@ -411,12 +414,12 @@ def test_fitting_marker_1_alone_ignores_marker_2():
     rows, _, o_c, a_hat = scene(1)
     hidden = rows.copy()
     hidden[:, 5:] = 1e3
-    for expected, found in zip(
+    for expected, actual in zip(
         build_equations(rows, o_c, both=False),
         build_equations(hidden, o_c, both=False),
         strict=True,
     ):
-        assert np.array_equal(expected, found)
+        assert np.array_equal(expected, actual)
     memory = np.zeros((13, 7))
     assert np.array_equal(
         step(memory, 0, a_hat, rows[0], o_c, 1.0, both=False)[2],

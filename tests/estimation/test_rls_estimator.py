@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from conftest import make_random, seeds
 from rcmservo.errors import BadInput
-from rcmservo.estimation.broyden import broyden_update as broyden_learn
+from rcmservo.estimation.displacement import apply_rank_one_update
 from rcmservo.estimation.rls import MAX_VARIANCE_PER_MM2, RlsEstimator, inflate_covariance
 
 forgettings = st.floats(0.5, 1.0)
@@ -81,7 +81,7 @@ def test_it_averages_noise_that_broydens_update_takes_in():
         J, displacements_p, flows = displacements(seed, 60, noise=1.0, size=2.0)
         J_broyden = np.zeros((3, 3))
         for displacement, flow in zip(displacements_p, flows, strict=True):
-            J_broyden = broyden_learn(J_broyden, displacement, flow)
+            J_broyden = apply_rank_one_update(J_broyden, displacement, flow, 1.0)
         J_hat = estimate_after(RlsEstimator(), displacements_p, flows)[0]
         errors.append([np.linalg.norm(J_hat - J), np.linalg.norm(J_broyden - J)])
     rls_error, broyden_error = np.median(errors, axis=0)

@@ -11,10 +11,10 @@ from conftest import (
     make_random,
     project_markers,
 )
-from rcmservo.estimation.camera_fit import OFFSET_DECAY_MM, initial_fit, update_fit
+from rcmservo.estimation.camera_fit import OFFSET_DECAY_MM, make_initial_fit, update_fit
 from rcmservo.estimation.camera_fit_prediction import (
-    deviation_without_marker,
-    markers_jacobian,
+    compute_deviation_without_marker,
+    compute_markers_jacobian,
     predict_image,
     predict_markers,
 )
@@ -37,7 +37,7 @@ class FitWithLostMarker:
         positions = draw_tool_positions(self.random, 60, 6.0)
         self.end = positions[-1] + self.random.uniform(-12.0, 12.0, 3)
         self.C = draw_calibration_matrix(self.random, np.stack([*positions, self.end]))
-        self.fit = initial_fit()
+        self.fit = make_initial_fit()
         for p1 in positions:
             update_fit(self.fit.rows[0], p1, self.markers(p1), SHAFT)
         for p1 in np.linspace(positions[-1], self.end, 60):
@@ -62,9 +62,9 @@ def test_the_deviation_of_the_pose_is_the_propagated_covariance(k: int) -> None:
     hidden = FitWithLostMarker(0, k)
     row, p1 = hidden.fit.rows[0], hidden.end
     position = p1 if k == 0 else compute_second_marker(SHAFT, p1)
-    back = np.linalg.pinv(markers_jacobian(row, p1, SHAFT))[:, 2 * k : 2 * k + 2]
+    back = np.linalg.pinv(compute_markers_jacobian(row, p1, SHAFT))[:, 2 * k : 2 * k + 2]
     total = np.trace(back @ predict_image(row, position)[1] @ back.T)
-    assert deviation_without_marker(row, p1, k, SHAFT) == pytest.approx(np.sqrt(total))
+    assert compute_deviation_without_marker(row, p1, k, SHAFT) == pytest.approx(np.sqrt(total))
 
 
 @EITHER
@@ -73,7 +73,9 @@ def test_the_error_of_the_pose_matches_its_deviation(k: int) -> None:
     for seed in range(150):
         hidden = FitWithLostMarker(seed, k)
         row = hidden.fit.rows[0]
-        ratios.append(hidden.pose_error() / deviation_without_marker(row, hidden.end, k, SHAFT))
+        ratios.append(
+            hidden.pose_error() / compute_deviation_without_marker(row, hidden.end, k, SHAFT)
+        )
     assert 0.8 < np.sqrt(np.mean(np.minimum(ratios, 4.0) ** 2)) < 1.25
     assert np.quantile(ratios, 0.95) < 2.5
 

@@ -14,7 +14,7 @@ from conftest import (
     project_points,
 )
 from rcmservo.control.exploration import ExplorationState
-from rcmservo.estimation.camera_fit import initial_fit, update_fit
+from rcmservo.estimation.camera_fit import make_initial_fit, update_fit
 from rcmservo.estimation.camera_fit_prediction import predict_markers
 from rcmservo.interfaces import Floats
 from rcmservo.numerics.structs import to_row
@@ -41,7 +41,7 @@ class MonitoredCamera:
         self.middle = self.positions.mean(axis=0)
         self.C, self.fit, self.watch = (
             draw_calibration_matrix(self.random, self.positions),
-            initial_fit(),
+            make_initial_fit(),
             initial_monitor_state(),
         )
         for p1 in self.positions:

@@ -13,12 +13,12 @@ def signatures():
     from conftest import ESTIMATORS, find_compiled_functions
     from rcmservo.servo.tick import make_compiled_tick
 
-    kernels = [getattr(one, "kernel", None) for one in ESTIMATORS.values()]
+    kernels = [getattr(estimator, "kernel", None) for estimator in ESTIMATORS.values()]
     kinds = {type(kernel) for kernel in kernels if kernel is not None}
     ticks = {f"tick of {kind.__name__}": make_compiled_tick(kind) for kind in kinds}
     assert len(ticks) > 1
     both = find_compiled_functions() | ticks
-    return {name: list(one.signatures) for name, one in both.items()}
+    return {name: list(function.signatures) for name, function in both.items()}
 
 
 def check(path):
@@ -110,7 +110,7 @@ def test_after_the_warm_up_nothing_compiles_in_other_scenes_with_losses_and_paus
         with (tmp_path / warm_up).open("wb") as file:
             pickle.dump((warm_up, runs), file)
         command = [sys.executable, "-c", code, str(tmp_path / warm_up)]
-        done = subprocess.run(
+        process = subprocess.run(
             command, capture_output=True, text=True, check=False, env=make_environment()
         )
-        assert done.returncode == 0, f"{warm_up}: {done.stderr[-2000:]}"
+        assert process.returncode == 0, f"{warm_up}: {process.stderr[-2000:]}"

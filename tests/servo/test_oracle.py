@@ -43,7 +43,7 @@ class Scene(NamedTuple):
 
     a: np.ndarray
     o_c: np.ndarray
-    places: np.ndarray
+    positions: np.ndarray
     rows: np.ndarray
     y: np.ndarray
     delta: np.ndarray
@@ -59,7 +59,7 @@ class Scene(NamedTuple):
 
     @property
     def step(self):
-        return self.places[1] - self.places[0]
+        return self.positions[1] - self.positions[0]
 
 
 P, N, SPACING = np.array([20.0, -10.0, -100.0]), 8, 30.0
@@ -72,29 +72,31 @@ def make_scene():
     random, C = np.random.default_rng(0), camera()
     a, o_c = projection.extract_parameters(C)
     o_c = o_c + np.array([320.0, 240.0])
-    places = P + random.uniform(-15, 15, (N, 3))
-    rows = np.stack([np.concatenate([place, pixels(C, place).ravel()]) for place in places])
+    positions = P + random.uniform(-15, 15, (N, 3))
+    rows = np.stack(
+        [np.concatenate([position, pixels(C, position).ravel()]) for position in positions]
+    )
     rows[:, 3:] += 0.3 * random.standard_normal((N, 4))
     points, target = rows[0, 3:].reshape(2, 2), rows[1, 3:].reshape(2, 2)
     y, delta = features.compute_features_and_error(points, target, o_c)
     m = features.shift_to_rcm(points, o_c)
-    J = fit.feature_jacobian(a, places[0], m, tool.ToolStruct(0, SPACING))
-    return Scene(a, o_c, places, rows, y, delta, J)
+    J = fit.feature_jacobian(a, positions[0], m, tool.ToolStruct(0, SPACING))
+    return Scene(a, o_c, positions, rows, y, delta, J)
 
 
-def moving():
+def run_geometry():
     """Return results of mechanism, tool and exploration."""
     from rcmservo.bringup import identification
     from rcmservo.geometry import kinematics, tool
     from rcmservo.numerics.small_linalg import compute_distance, cross
 
-    out, limits = {}, ((-1.0, -1.0, 40.0), (1.0, 1.0, 93.0))
+    results, limits = {}, ((-1.0, -1.0, 40.0), (1.0, 1.0, 93.0))
     for kind in (0, 1):
         q, v = np.array([0.4, -0.3, 90.0]), np.array([10.0, -20.0, 5.0])
         rcm, shaft = kinematics.RcmStruct(kind, 2.0, *limits), tool.ToolStruct(kind, 1.3)
         p = kinematics.compute_position(rcm, q)
         joint, rates = kinematics.find_blocking_joint(rcm, q, 99.0 * p, np.ones(3), 0.1, 0.3)
-        out |= {
+        results |= {
             f"axis {kind}": kinematics.compute_axis(rcm, q),
             f"axis_jacobian {kind}": kinematics.compute_axis_jacobian(rcm, q),
             f"position {kind}": p,
@@ -103,47 +105,49 @@ def moving():
             f"position_jacobian {kind}": kinematics.compute_position_jacobian(rcm, q),
             f"joints {kind}": kinematics.compute_joints(rcm, p),
             f"joint_rates {kind}": kinematics.compute_joint_rates(rcm, q, v),
-            f"blocked {kind}": np.array([joint, *rates]),
-            f"stretch {kind}": tool.compute_marker_ratio(tool.ToolStruct(kind, SPACING), p),
+            f"blocking joint {kind}": np.array([joint, *rates]),
+            f"marker ratio {kind}": tool.compute_marker_ratio(tool.ToolStruct(kind, SPACING), p),
             f"second_marker {kind}": tool.compute_second_marker(shaft, p),
             f"second_marker_jacobian {kind}": tool.compute_second_marker_jacobian(shaft, p),
             f"_markers {kind}": identification._markers(rcm, np.array([q, q + 0.1]), shaft),
         }
-        out |= exploring(kind, rcm, q)
-    return out
+        results |= run_exploration(kind, rcm, q)
+    return results
 
 
-def exploring(kind, rcm, q):
+def run_exploration(kind, rcm, q):
     """Return results of two rounds of the exploration."""
     from rcmservo.control import exploration
     from rcmservo.numerics.structs import to_row
 
-    out, x, fastest = {}, to_row(exploration.Exploration())[0], np.array([1.0, 1.0, 80.0])
-    tour = exploration.ExplorationState.of()
-    row = tour.rows[0]
-    exploration.start_exploration(row, rcm, fastest, q, 5, 0.01, x)
+    results, x, max_rates = {}, to_row(exploration.Exploration())[0], np.array([1.0, 1.0, 80.0])
+    state = exploration.ExplorationState.of()
+    row = state.rows[0]
+    exploration.start_exploration(row, rcm, max_rates, q, 5, 0.01, x)
     for visits in (0, 4):
-        tour.rows["visited_corners"] = visits
-        out[f"room {kind} {visits}"] = exploration.set_round(row, rcm, fastest, 0.01, x)
-        out[f"sides {kind} {visits}"] = tour.sides.copy()
-        out[f"towards {kind} {visits}"] = exploration.rates_to_corner(
-            row, fastest, q + 0.01, 0.0, x
+        state.rows["visited_corners"] = visits
+        results[f"has room {kind} {visits}"] = exploration.set_round(row, rcm, max_rates, 0.01, x)
+        results[f"sides {kind} {visits}"] = state.sides.copy()
+        results[f"rates to corner {kind} {visits}"] = exploration.compute_rates_to_corner(
+            row, max_rates, q + 0.01, 0.0, x
         )
-        out[f"arrived {kind} {visits}"] = exploration.is_at_next_corner(row, q + 0.9 * tour.sides)
-    out[f"span {kind}"] = exploration.max_leg_length(rcm, q, tour.sides)
-    out[f"overdue {kind}"] = exploration.is_overdue(row, 10**12, x)
-    return out
+        results[f"is at corner {kind} {visits}"] = exploration.is_at_corner(
+            row, state.next_corner, q + 0.9 * state.sides
+        )
+    results[f"max leg length {kind}"] = exploration.compute_max_leg_length(rcm, q, state.sides)
+    results[f"overdue {kind}"] = exploration.is_overdue(row, 10**12, x)
+    return results
 
 
-def imaging(scene):
+def run_imaging(scene):
     """Return results of projection, features and imaged RCM."""
     from rcmservo.control import exploration
     from rcmservo.geometry import features, imaged_rcm, projection
     from rcmservo.numerics import small_svd
 
-    m, J_straight = features.shift_to_rcm(scene.points, scene.o_c), np.empty((3, 4))
-    features.write_line_features_jacobian(m, J_straight)
-    out = {
+    m, line_jacobian = features.shift_to_rcm(scene.points, scene.o_c), np.empty((3, 4))
+    features.write_line_features_jacobian(m, line_jacobian)
+    results = {
         "depth": projection.compute_depth(scene.a, P),
         "project": projection.project(scene.a, P),
         "project_jacobian": projection.compute_projection_jacobian(scene.a, P),
@@ -155,26 +159,26 @@ def imaging(scene):
         "features_jacobian": features.compute_features_jacobian(m),
         "J": scene.J,
         "condition": small_svd.compute_condition(scene.J),
-        "disagreement": exploration.relative_difference(scene.J, scene.J + 0.01),
-        "straight": features.compute_line_features(m),
-        "straight_jacobian": J_straight,
-        "near_origin": features.limit_origin_distance(scene.o_c, scene.points, 100.0),
+        "relative difference": exploration.compute_relative_difference(scene.J, scene.J + 0.01),
+        "line features": features.compute_line_features(m),
+        "line features jacobian": line_jacobian,
+        "limited origin": features.limit_origin_distance(scene.o_c, scene.points, 100.0),
     }
-    for printed in (True, False):
+    for follows_paper in (True, False):
         lines, count = np.zeros((6, 4)), 0
         for row in scene.rows:
             points = row[3:].reshape(2, 2)
             lines, count, o_c, condition = imaged_rcm.update_imaged_rcm(
-                lines, count, points, 3, printed
+                lines, count, points, 3, follows_paper
             )
-        out |= {f"lines {printed}": lines[:count], f"imaged rcm {printed}": o_c}
-        out[f"rcm condition {printed}"] = np.log(condition)
-    out["least_telling line"] = imaged_rcm.find_least_informative_line(lines, count)
-    out["nearest_to_lines"] = imaged_rcm.intersect_lines(lines, count, False)[0]
-    return out
+        results |= {f"lines {follows_paper}": lines[:count], f"imaged rcm {follows_paper}": o_c}
+        results[f"rcm condition {follows_paper}"] = np.log(condition)
+    results["least informative line"] = imaged_rcm.find_least_informative_line(lines, count)
+    results["intersection of lines"] = imaged_rcm.intersect_lines(lines, count, False)[0]
+    return results
 
 
-def fitting(scene):
+def run_projection_rule(scene):
     """Return results of the projection estimator, with both Γ."""
     from rcmservo.estimation import projection_rule as fit
     from rcmservo.geometry import tool
@@ -182,20 +186,20 @@ def fitting(scene):
     from rcmservo.servo.state import EstimatorMemory
     from rcmservo.servo.update_estimate import empty_with_lines
 
-    a, o_c, rows, shaft, out = scene.a, scene.o_c, scene.rows, tool.ToolStruct(0, SPACING), {}
+    a, o_c, rows, shaft, results = scene.a, scene.o_c, scene.rows, tool.ToolStruct(0, SPACING), {}
     for both in (False, True):
         fitted = fit.fitted_points(rows, N, o_c, both, shaft)
         A, b = fit.normal_equations(fitted)
-        out[f"A {both}"], out[f"b {both}"] = A, b
+        results[f"A {both}"], results[f"b {both}"] = A, b
     root, C = fit.inverse_root(A, 1e-3), np.diag(np.sqrt(fit.GAMMA_0))
     far = np.array([1.0] * 6 + [0.1] * 3)
-    out |= {
+    results |= {
         "inverse_root": root,
-        "least_telling": fit.least_informative(fitted, N, root),
+        "least informative observation": fit.find_least_informative_observation(fitted, N, root),
         "decay": gradient_flow.integrate_gradient_flow(A, b, 0.5 * a, C, 1.0),
         "by_series": C @ gradient_flow.integrate_by_series(C @ A @ C, C @ b, 1e-3),
         "by_modes": C @ gradient_flow.integrate_by_eigenvectors(C @ A @ C, C @ b, 1.0),
-        "keep_in_front": fit.limit_step_by_depth(0 * a, far, rows, N, shaft),
+        "limited step": fit.limit_step_by_depth(0 * a, far, rows, N, shaft),
         "markers_jacobian": fit.markers_jacobian(a, P, shaft),
         "jacobian_at": fit.jacobian_at(a, P, scene.points, o_c, shaft),
         "predict": fit.predict(a, P, shaft),
@@ -207,35 +211,37 @@ def fitting(scene):
             memory = fit.update_from_frame(
                 memory, row[:3], points, o_c, 0.1, fit.ProjectionKernel(*rule), shaft
             )
-        out[f"observations {rate}"] = memory.observations[: memory.observation_count]
-        out[f"a_hat {rate}"] = memory.a_hat
+        results[f"observations {rate}"] = memory.observations[: memory.observation_count]
+        results[f"a_hat {rate}"] = memory.a_hat
     full = EstimatorMemory(np.ones((4, 4)), memory)
-    out["none"] = empty_with_lines(fit.ProjectionKernel(*rule), full).memory.a_hat
-    return out
+    results["no memory"] = empty_with_lines(fit.ProjectionKernel(*rule), full).memory.a_hat
+    return results
 
 
-def sizing(scene):
+def run_ball_fits(scene):
     """Return results of the estimator from positions and sizes."""
     from rcmservo.estimation import affine, ball_size_fit
     from rcmservo.geometry import tool
 
-    shaft, memory = tool.ToolStruct(0, SPACING), ball_size_fit.initial_ball_fits()
+    shaft, memory = tool.ToolStruct(0, SPACING), ball_size_fit.make_initial_ball_fits()
     for row in scene.rows:
         points, sizes = row[3:].reshape(2, 2), 1e3 / np.array([200.0 - row[0], 190.0 - row[0]])
         memory = affine.update_both_fits(memory, row[:3], points, sizes, 2.0, shaft)
-    p1, rcm = scene.places[0], affine.estimate_imaged_rcm(memory)
+    p1, rcm = scene.positions[0], affine.estimate_imaged_rcm(memory)
     return {
         "sized C": np.stack([memory[k]["C"] for k in range(2)]),
-        "sized J": affine.fitted_features_jacobian(memory, p1, scene.points, scene.o_c, shaft),
-        "sizes motion": affine.sizes_jacobian(memory, p1, shaft),
+        "sized J": affine.compute_fitted_features_jacobian(
+            memory, p1, scene.points, scene.o_c, shaft
+        ),
+        "sizes motion": affine.compute_sizes_jacobian(memory, p1, shaft),
         "sized markers": affine.predict_markers(memory, p1, shaft),
         "sized rcm": rcm[0],
         "sized rcm covariance": rcm[1],
-        "sized place": ball_size_fit.locate_ball(memory[0], scene.points[0], 6.0)[0],
+        "sized position": ball_size_fit.locate_ball(memory[0], scene.points[0], 6.0)[0],
     }
 
 
-def predicting(scene):
+def run_projection_fit(scene):
     """Return results of the projection fit to eight frames, and of the estimator made of it."""
     from rcmservo.estimation import camera_fit, camera_fit_prediction, dlt
     from rcmservo.geometry import tool
@@ -243,40 +249,40 @@ def predicting(scene):
 
     shaft, memory, p1 = (
         tool.ToolStruct(0, SPACING),
-        camera_fit.initial_fit().rows,
-        scene.places[0],
+        camera_fit.make_initial_fit().rows,
+        scene.positions[0],
     )
     for row in scene.rows:
         camera_fit.update_fit(memory[0], row[:3], row[3:].reshape(2, 2), shaft)
-    v, known = memory[0], camera_fit.ProjectionFit(memory)
-    place, covariance = camera_fit_prediction.predict_image(v, P)
-    out = {
-        "A of the fit": known.A,
-        "g of the fit": known.g,
-        "noise of the fit": known.noise_variance,
-        "offset of the fit": known.offset,
-        "place": place,
+    v, fit_rows = memory[0], camera_fit.ProjectionFit(memory)
+    position, covariance = camera_fit_prediction.predict_image(v, P)
+    results = {
+        "A of the fit": fit_rows.A,
+        "g of the fit": fit_rows.g,
+        "noise of the fit": fit_rows.noise_variance,
+        "offset of the fit": fit_rows.offset,
+        "image": position,
         "covariance": covariance,
-        "expected": camera_fit_prediction.predict_markers(v, p1, shaft),
+        "predicted markers": camera_fit_prediction.predict_markers(v, p1, shaft),
         "markers": camera_fit_prediction.filter_markers(v, p1, shaft),
-        "motion": camera_fit_prediction.markers_jacobian(v, p1, shaft),
-        "J of the fit": camera_fit_prediction.fitted_features_jacobian(
+        "motion": camera_fit_prediction.compute_markers_jacobian(v, p1, shaft),
+        "J of the fit": camera_fit_prediction.compute_fitted_features_jacobian(
             v, p1, scene.points, scene.o_c, shaft
         ),
-        "weakness": camera_fit_prediction.squared_dilution(v, p1, shaft),
-        "pose deviation": camera_fit_prediction.pose_deviation(v, p1, shaft),
-        "without marker 2": camera_fit_prediction.deviation_without_marker(v, p1, 1, shaft),
-        "order": camera_fit_prediction.marker_order_score(v),
+        "squared dilution": camera_fit_prediction.compute_squared_dilution(v, p1, shaft),
+        "pose deviation": camera_fit_prediction.compute_pose_deviation(v, p1, shaft),
+        "without marker 2": camera_fit_prediction.compute_deviation_without_marker(v, p1, 1, shaft),
+        "marker order": camera_fit_prediction.marker_order_score(v),
         "nothing stored": empty_memory(dlt.DltKernel(), ()),
     }
-    out |= planned(v, scene, shaft)
+    results |= run_planning(v, scene, shaft)
     camera_fit.reset_fit(v)
     empty = camera_fit.ProjectionFit(memory)
     numbers = {field.name for field in empty.fields} - {"work"}
-    return out | {f"emptied {name}": getattr(empty, name) for name in numbers}
+    return results | {f"reset {name}": getattr(empty, name) for name in numbers}
 
 
-def planned(v, scene, shaft):
+def run_planning(v, scene, shaft):
     """Return the uncertainty of the direction to the target, and the next corner."""
     from rcmservo.control import exploration, exploration_planning
     from rcmservo.geometry import kinematics
@@ -284,24 +290,26 @@ def planned(v, scene, shaft):
 
     x, p1, limits = (
         to_row(exploration.Exploration())[0],
-        scene.places[0],
+        scene.positions[0],
         ((-4.0,) * 3, (200.0,) * 3),
     )
     rcm = kinematics.RcmStruct(0, 2.0, *limits)
     q = kinematics.compute_joints(rcm, p1)
-    tour = exploration.ExplorationState.of(
+    state = exploration.ExplorationState.of(
         start_joints=q, next_corner=q, sides=[0.03, 0.03, 2.5], visited_corners=3
     )
-    exploration_planning.plan_corner(tour.rows[0], v, rcm, shaft, q, scene.target, 9.0)
-    assert not np.array_equal(tour.next_corner, q)
+    exploration_planning.plan_corner(state.rows[0], v, rcm, shaft, q, scene.target, 9.0)
+    assert not np.array_equal(state.next_corner, q)
     return {
-        "off target": exploration_planning.path_error(v, p1, scene.target, shaft),
-        "directed": exploration_planning.direction_is_known(v, p1, scene.target, shaft, x),
-        "planned": tour.next_corner,
+        "path error": exploration_planning.compute_path_error(v, p1, scene.target, shaft),
+        "direction is known": exploration_planning.direction_is_known(
+            v, p1, scene.target, shaft, x
+        ),
+        "planned corner": state.next_corner,
     }
 
 
-def drifting(scene):
+def run_drift_checks(scene):
     """Return results of the checks on images with offset markers, and on a frozen image."""
     from conftest import make_tick_facts
     from rcmservo.control import exploration
@@ -312,12 +320,12 @@ def drifting(scene):
     from rcmservo.safety.checks import devices, drift
     from rcmservo.safety.thresholds import Thresholds
 
-    shaft, known, t = (
+    shaft, fit_rows, t = (
         tool.ToolStruct(0, SPACING),
-        camera_fit.initial_fit(),
+        camera_fit.make_initial_fit(),
         to_row(Thresholds())[0],
     )
-    v, out = known.rows[0], {}
+    v, results = fit_rows.rows[0], {}
     for row in scene.rows:
         camera_fit.update_fit(v, row[:3], row[3:].reshape(2, 2), shaft)
     for name, off in {
@@ -329,59 +337,55 @@ def drifting(scene):
         w = monitor_state.initial_monitor_state()
         for step in range(2 * Thresholds.drift_frames):
             moves = 1e-6 * step if name != "both" else 0.0
-            p1 = scene.places[step % 2]
+            p1 = scene.positions[step % 2]
             points = scene.points + off + moves
             drift.update_drift(w.rows[0], v, p1, points, points, shaft, t)
-        tour = exploration.ExplorationState.of(is_done=True)
-        facts = make_tick_facts(monitor=w, exploration_state=tour, thresholds=t)
+        state = exploration.ExplorationState.of(is_done=True)
+        facts = make_tick_facts(monitor=w, exploration_state=state, thresholds=t)
         detectors = drift.image_is_frozen, drift.one_marker_deviates, drift.markers_drift
-        found = [detects(facts) for detects in detectors]
-        out[f"drift of {name}"] = [*w.mean_residual.ravel(), *w.drift_px, *found]
-        places = np.stack([scene.points, scene.points + off])
-        out[f"stuck by {name}"] = [
-            drift.detect_stuck_markers(w.rows[0], scene.places[0], points, t) for points in places
+        detections = [detects(facts) for detects in detectors]
+        results[f"drift of {name}"] = [*w.mean_residual.ravel(), *w.drift_px, *detections]
+        positions = np.stack([scene.points, scene.points + off])
+        results[f"stuck by {name}"] = [
+            drift.detect_stuck_markers(w.rows[0], scene.positions[0], points, t)
+            for points in positions
         ]
-        out[f"misplaced by {name}"] = innovation.find_deviating_markers(
-            v, scene.places[0], scene.points + off, scene.target, shaft, t
+        results[f"deviating by {name}"] = innovation.find_deviating_markers(
+            v, scene.positions[0], scene.points + off, scene.target, shaft, t
         )
     old = monitor_state.ObservationRow.of(now=10**9)
     facts = make_tick_facts(
         observation=old, monitor=monitor_state.initial_monitor_state(), thresholds=t
     )
-    out["old frame"] = devices.frames_stopped(facts), devices.frame_times_are_invalid(facts)
-    return out
+    results["old frame"] = devices.frames_stopped(facts), devices.frame_times_are_invalid(facts)
+    return results
 
 
-def updating(scene):
+def run_jacobian_updates(scene):
     """Return results of the flow rule, Broyden's update and the other displacement estimators."""
-    from rcmservo.estimation import broyden, correntropy, displacement, flow_rule, kalman, rls
+    from rcmservo.estimation import correntropy, displacement, flow_rule, kalman, rls
 
     J, delta_p, delta_y = 0.5 * scene.J, np.array([1.0, 2.0, -1.0]), np.array([0.1, 5.0, -3.0])
-    p1, p2, both = scene.places[0], scene.places[1], (scene.points, scene.target)
-    out = {
-        "learn": flow_rule.integrate_flow_rule(J, delta_p, delta_y, 0.02, 0.01),
-        "flow": flow_rule.update_from_frame(J, scene.step, *both, scene.o_c, 0.02, 0.01),
-        "learn broyden": broyden.broyden_update(J, delta_p, delta_y),
+    p1, p2, both = scene.positions[0], scene.positions[1], (scene.points, scene.target)
+    results = {
+        "flow rule": flow_rule.integrate_flow_rule(J, delta_p, delta_y, 0.02, 0.01),
+        "broyden": displacement.apply_rank_one_update(J, delta_p, delta_y, 1.0),
     }
-    for least in (1.0, 1e3):
-        found, _ = broyden.update_from_frame(J, p1, both[0], p2, both[1], scene.o_c, least)
-        out[f"broyden {least}"] = found
     P, rule = np.diag([1.0, 2.0, 3.0]), (delta_p, delta_y)
-    moved, change, is_far = displacement.measure_displacement(
-        p1, both[0], p2, both[1], scene.o_c, 1.0
-    )
-    found = {
-        "displaced": ([*moved, *change, is_far],),
-        "rls": rls.rls_update(J, P, *rule, 0.9),
-        "kalman": kalman.kalman_update(J, P, *rule, 0.01, 0.05),
-        "correntropy": correntropy.correntropy_update(
+    update_results = {
+        "displacement": displacement.measure_displacement(p1, both[0], p2, both[1], scene.o_c),
+        "rls": rls.apply_rls_update(J, P, *rule, 0.9),
+        "kalman": kalman.apply_kalman_update(J, P, *rule, 0.01, 0.05),
+        "correntropy": correntropy.apply_correntropy_update(
             J, np.stack([P, P, P]), *rule, 0.01, 0.05, 3.0
         ),
     }
-    return out | {f"{name} {k}": part for name, of in found.items() for k, part in enumerate(of)}
+    return results | {
+        f"{name} {k}": part for name, of in update_results.items() for k, part in enumerate(of)
+    }
 
 
-def limiting(scene):
+def run_controller_and_gate(scene):
     """Return results of the innovation checks, the law and the gate."""
     from rcmservo.control import saturated_controller
     from rcmservo.geometry import kinematics
@@ -390,37 +394,47 @@ def limiting(scene):
 
     J, delta, o_c, both = scene.J, scene.delta, scene.o_c, (scene.target, scene.points)
     still, one, half, q = np.zeros(3), np.ones(3), np.full(3, 0.5), np.full(3, 0.1)
-    out = {
-        "leapt": innovation.find_jumps(*both, 0.5, 1.0, 20.0),
-        "judged": innovation.compare_with_estimate(*both, o_c, J, scene.step, 0.2, 0.75),
+    results = {
+        "jumps": innovation.find_jumps(*both, 0.5, 1.0, 20.0),
+        "deviation from estimate": innovation.compare_with_estimate(
+            *both, o_c, J, scene.step, 0.2, 0.75
+        ),
     }
     monitor_state.predict_joints(still, one, half, q, 0.01, 0.025, 1.0)
-    out["followed"] = [*still, *one]
+    results["predicted joints"] = [*still, *one]
     b = np.full(3, 0.1)
-    for printed in (False, True):
-        heading, error = saturated_controller.apply_law(J, delta, b, printed, 2.0, 150.0, 40.0)
-        out[f"heading {printed}"] = [
-            *heading.v,
-            heading.condition,
-            heading.reducible_fraction,
+    for follows_paper in (False, True):
+        output, error = saturated_controller.compute_controller_output(
+            J, delta, b, follows_paper, 2.0, 150.0, 40.0
+        )
+        results[f"controller output {follows_paper}"] = [
+            *output.v,
+            output.condition,
+            output.reducible_fraction,
             error,
         ]
-        out[f"gradient {printed}"] = saturated_controller.potential_gradient(delta, b, printed)
-        out[f"potential {printed}"] = saturated_controller.potential(delta, b, printed)
+        results[f"gradient {follows_paper}"] = saturated_controller.potential_gradient(
+            delta, b, follows_paper
+        )
+        results[f"potential {follows_paper}"] = saturated_controller.potential(
+            delta, b, follows_paper
+        )
     damped = np.diag([1.0, 0.2, 0.01])
-    out["damped"] = saturated_controller.solve_law(damped, np.ones(3), 2.0, 150.0, 1e6).v
+    results["damped"] = saturated_controller.solve_velocity(damped, np.ones(3), 2.0, 150.0, 1e6).v
     requested, last = np.array([0.9, -0.4, 70.0]), np.array([0.85, -0.4, 40.0])
     rcm = kinematics.RcmStruct(0, 0.0, (-1.0, -1.0, 40.0), (1.0, 1.0, 91.0))
     bounds = to_row(gate.Gate((1.0, 1.0, 80.0), (8.0, 8.0, 500.0), 0.05))[0]
-    for share in (0.0, 0.9):
+    for joint_margin in (0.0, 0.9):
         near = np.array([0.4, -0.3, 90.0])
-        sent = last.copy()
-        out[f"finite {share}"] = gate.limit_rates(requested, sent, near, rcm, bounds, 0.01, share)
-        out[f"within {share}"] = sent
-    return out
+        rates = last.copy()
+        results[f"finite {joint_margin}"] = gate.limit_rates(
+            requested, rates, near, rcm, bounds, 0.01, joint_margin
+        )
+        results[f"within {joint_margin}"] = rates
+    return results
 
 
-def resetting():
+def run_resets():
     """Return modes and the resets that they cause."""
     from rcmservo.control.exploration import ExplorationState
     from rcmservo.numerics.structs import to_row
@@ -432,22 +446,22 @@ def resetting():
     from rcmservo.servo import apply_mode, reset
     from rcmservo.servo.state import Decision, Estimate, StoredState
 
-    out, t = {}, to_row(Thresholds())[0]
+    results, t = {}, to_row(Thresholds())[0]
     causes = Cause.AGEING, Cause.STALE, Cause.CAMERA_MOVED, Cause.ARM_SILENT
     for phase in range(len(PHASES)):
         for request in range(len(REQUESTS)):
             d = ModeStruct.of(phase=phase, cause=Cause.LATE.code, accepted_frames=20, since=1)
-            for found in (0, *(cause.bit for cause in causes)):
+            for cause_bits in (0, *(cause.bit for cause in causes)):
                 signs = TransitionInputs(True, True, True, phase > 1)
-                state_machine.advance_mode(d.rows[0], found, signs, request, 5, t)
-            out[f"mode {phase} {request}"] = [
+                state_machine.advance_mode(d.rows[0], cause_bits, signs, request, 5, t)
+            results[f"mode {phase} {request}"] = [
                 d.phase,
                 d.cause,
                 d.since,
                 d.accepted_frames,
                 d.action,
             ]
-    places = {"p1": P, "points": np.array([[300.0, 200.0], [250.0, 150.0]]), "o_c": 90.0}
+    positions = {"p1": P, "points": np.array([[300.0, 200.0], [250.0, 150.0]]), "o_c": 90.0}
     for name, change in {
         "reset": lambda stored: reset.reset_estimation_except_markers(stored.rows[0]),
         "invalidated": lambda stored: apply_mode.invalidate(
@@ -460,14 +474,14 @@ def resetting():
     }.items():
         stored = StoredState.of(
             monitor=MonitorState.of(accepted_frame=3, rejected_frames=2),
-            estimate=Estimate.of(J_hat=1.0, exposure=4, **places),
+            estimate=Estimate.of(J_hat=1.0, exposure=4, **positions),
             exploration_state=ExplorationState.of(is_done=True, visited_corners=4),
             decision=Decision.of(command=gate.CommandStruct.of(number=5, rates=1.0, enabled=True)),
         )
         answer = change(stored)
         d = stored.decision
         rows = stored.monitor, stored.estimate, stored.exploration_state, d, d.mode, d.command
-        out[name] = np.concatenate(
+        results[name] = np.concatenate(
             [
                 np.ravel(getattr(row, field.name))
                 for row in rows
@@ -475,34 +489,46 @@ def resetting():
                 if field.name not in ("mode", "command", "observation")
             ]
         )
-        out[f"answer of {name}"] = float(answer or 0.0)
-    return out
+        results[f"result of {name}"] = float(answer or 0.0)
+    return results
 
 
-def lagging():
+def run_lag_measurement():
     """Return the lag of the drives from a few measurements."""
     from rcmservo.control import drive_lag
     from rcmservo.control.exploration import ExplorationState
 
-    tour, fastest = ExplorationState.of(), np.array([1.0, 1.0, 80.0])
-    drive_lag.start_lag_measurement(tour.rows[0])
+    state, max_rates = ExplorationState.of(), np.array([1.0, 1.0, 80.0])
+    drive_lag.start_lag_measurement(state.rows[0])
     for k in range(12):
-        q, applied = 0.01 * np.sin(0.3 * k) * fastest, 0.3 * np.cos(0.3 * k + 0.5) * fastest
-        drive_lag.add_lag_reading(tour.rows[0], q, 10_000_000 * k, applied, fastest)
-    drive_lag.finish_lag_measurement(tour.rows[0])
-    assert tour.lag > 0.0
-    return {"lag": tour.lag, "its use": drive_lag.known_or_measured_lag(tour.rows[0], 0.0)}
+        q, applied = 0.01 * np.sin(0.3 * k) * max_rates, 0.3 * np.cos(0.3 * k + 0.5) * max_rates
+        drive_lag.add_lag_reading(state.rows[0], q, 10_000_000 * k, applied, max_rates)
+    drive_lag.finish_lag_measurement(state.rows[0])
+    assert state.lag > 0.0
+    return {"lag": state.lag, "selected lag": drive_lag.select_lag(state.rows[0], 0.0)}
 
 
-def functions():
+def run_functions():
     """Return the results of every compiled function of the core on a few inputs, by name."""
     scene = make_scene()
-    out = moving() | imaging(scene) | fitting(scene) | predicting(scene) | drifting(scene)
-    out |= sizing(scene) | updating(scene) | limiting(scene) | resetting() | lagging()
-    return {name: np.asarray(value, dtype=float) for name, value in out.items()}
+    results = (
+        run_geometry()
+        | run_imaging(scene)
+        | run_projection_rule(scene)
+        | run_projection_fit(scene)
+        | run_drift_checks(scene)
+    )
+    results |= (
+        run_ball_fits(scene)
+        | run_jacobian_updates(scene)
+        | run_controller_and_gate(scene)
+        | run_resets()
+        | run_lag_measurement()
+    )
+    return {name: np.asarray(value, dtype=float) for name, value in results.items()}
 
 
-def steps():
+def run_steps():
     """Return results of servo steps on exact images of a tool that follows its commands.
 
     The steps explore first and then servo.
@@ -524,8 +550,8 @@ def steps():
     from rcmservo.safety.state_machine import Phase
     from rcmservo.servo.servo import Servo
 
-    C, out, rcm = camera(), {}, PitchYawRcm()
-    choices = {
+    C, results, rcm = camera(), {}, PitchYawRcm()
+    configurations = {
         "fast": (ProjectionEstimator(observations=6), RigidTool(30.0), "srd"),
         "printed": (
             ProjectionEstimator("printed", observations=6, estimator_time=1e3),
@@ -542,7 +568,7 @@ def steps():
         "points": (DltEstimator(), RigidTool(30.0), "points"),
         "size": (AffineEstimator(), RigidTool(30.0), "size"),
     }
-    for name, (estimator, tool, features) in choices.items():
+    for name, (estimator, tool, features) in configurations.items():
         exploration = Exploration(leg_time=0.1, tolerance=0.9)
         law = SaturatedController(features=features)
         servo = Servo(rcm, tool, estimator, law, exploration=exploration, rate=50.0)
@@ -568,13 +594,13 @@ def steps():
             if k > 24:  # before, weakly observed directions amplify rounding
                 J.append(state.J_hat / np.array([0.17, 10.0, 10.0])[:, None])
             delta.append(state.delta)
-        out |= {
+        results |= {
             f"{name} rates": rates,
             f"{name} J": J,
             f"{name} delta": delta,
             f"{name} phase": phases,
         }
-    return {name: np.asarray(value, dtype=float) for name, value in out.items()}
+    return {name: np.asarray(value, dtype=float) for name, value in results.items()}
 
 
 @pytest.fixture(scope="module")
@@ -599,12 +625,12 @@ def agree(compiled, plain, names):
 
 
 def test_every_function_gives_the_same_numbers_compiled_and_as_plain_python(plain):
-    results = functions()
+    results = run_functions()
     agree(results, plain, list(results))
 
 
 def test_a_servo_takes_the_same_steps_compiled_and_as_plain_python(plain):
-    results = steps()
+    results = run_steps()
     agree(results, plain, list(results))
     assert {2.0, 3.0} <= set(results["fast phase"]), "it explores and servoes"
     assert np.abs(results["fast rates"]).max() > 0.1
@@ -624,7 +650,7 @@ def _called_when_plain():
         "def watch(frame, event, _):\n"
         "    name = frame.f_globals.get('__name__', '')\n"
         "    if event == 'call': seen.add(name + '.' + frame.f_code.co_name)\n"
-        "sys.setprofile(watch); t.functions(); t.steps(); sys.setprofile(None)\n"
+        "sys.setprofile(watch); t.run_functions(); t.run_steps(); sys.setprofile(None)\n"
         "print(*sorted(seen))"
     )
     environment = make_environment(NUMBA_DISABLE_JIT="1")
@@ -637,4 +663,4 @@ def _called_when_plain():
 
 
 if __name__ == "__main__":
-    np.savez(sys.argv[1], **functions(), **steps())
+    np.savez(sys.argv[1], **run_functions(), **run_steps())

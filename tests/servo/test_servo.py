@@ -34,7 +34,7 @@ from rcmservo.interfaces import DropReason, Target
 from rcmservo.loop.plant import Plant
 from rcmservo.loop.run import run
 from rcmservo.loop.teach import TeachingFailed, teach
-from rcmservo.numerics.structs import copy_row, to_row
+from rcmservo.numerics.structs import copy_row, replace_fields, to_row
 from rcmservo.safety.causes import Cause
 from rcmservo.safety.gate import Gate
 from rcmservo.safety.monitor_state import MonitorState, markers_stay
@@ -42,7 +42,6 @@ from rcmservo.safety.state_machine import SLOW_SPEED_SCALE, Phase, Request
 from rcmservo.safety.thresholds import Thresholds
 from rcmservo.servo.reset import reset_estimation
 from rcmservo.servo.servo import Servo
-from rcmservo.servo.state import Estimate
 from rcmservo.sim import RigSettings, Timing
 from rcmservo.tracking import PointMarkers
 
@@ -120,10 +119,14 @@ def test_repeated_frames_and_frames_before_exploration_do_not_update_the_estimat
                 and np.array_equal(state.estimation.lines, before.estimation.lines)
             )
         elif before is not None:
-            tour = (
+            exploration = (
                 before.estimation.exploration_state
             )  # an operator may have moved the tool before it began
-            updates = tour.is_done or not tour.has_begun or observation.exposure >= tour.start_time
+            updates = (
+                exploration.is_done
+                or not exploration.has_begun
+                or observation.exposure >= exploration.start_time
+            )
             if state.estimation.estimate.rcm_condition > lab.servo().imaged_rcm.max_condition:
                 updates = False
             assert (
@@ -235,13 +238,13 @@ DAMPED = SaturatedController(max_condition=4.0)
 """Law that never reduces the whole error: it damps all but the largest singular value."""
 
 
-@pytest.mark.parametrize("share,slow", [(1e-6, False), (1.0, True)])
-def test_a_threshold_sets_the_damped_fraction_of_the_error_that_slows_the_motion(share, slow):
+@pytest.mark.parametrize("fraction,slow", [(1e-6, False), (1.0, True)])
+def test_a_threshold_sets_the_damped_fraction_of_the_error_that_slows_the_motion(fraction, slow):
     lab = make_laboratory()
     servo = lab.servo(
         controller=DAMPED,
         thresholds=Thresholds(
-            singular_fraction=1e-9, nearly_singular_fraction=share, min_checked_error=1e-9
+            singular_fraction=1e-9, nearly_singular_fraction=fraction, min_checked_error=1e-9
         ),
     )
     state = servoing(lab, servo)
@@ -521,9 +524,8 @@ def test_without_the_imaged_rcm_the_servo_holds_instead_of_using_the_last_error(
     lab = make_laboratory()
     servo = lab.servo(estimator=ESTIMATORS["fast"])
     state = servoing(lab, servo)
-    estimation = state.estimation._replace(estimate=Estimate(state.estimation.estimate.rows.copy()))
-    estimation.estimate.rows["line_count"] = 0
-    without_lines = state.with_changes(estimation=estimation)
+    estimate = replace_fields(state.stored.estimate, line_count=0)
+    without_lines = state._replace(stored=replace_fields(state.stored, estimate=estimate))
     *_, (_, state) = lab.run(servo, 0.04, without_lines)
     assert state.estimation.estimate.rcm_condition > servo.imaged_rcm.max_condition
     assert (state.phase, state.cause) == (Phase.HOLD, Cause.RCM_UNKNOWN)
@@ -736,13 +738,15 @@ def test_commands_stay_within_the_gate_and_joints_within_their_limits(seed):
     gate = Gate(speed=(0.4, 0.4, 25.0), slew=(4.0, 4.0, 250.0))
     lab = make_laboratory(seed, RigSettings(mechanism=PitchYawRcm()))
     limits = lab.rig.settings.mechanism.limits
-    last = np.zeros(3)
+    previous_rates = np.zeros(3)
     for observation, state in lab.run(lab.servo(gate=gate), 4.0):
         rates = state.command.rates
         assert np.all(np.abs(rates) <= np.array(gate.speed) + 1e-12)
-        assert np.all(np.abs(rates - last) <= np.array(gate.slew) * gate.max_period + 1e-9)
+        assert np.all(
+            np.abs(rates - previous_rates) <= np.array(gate.slew) * gate.max_period + 1e-9
+        )
         assert np.all(observation.q >= limits.lower) and np.all(observation.q <= limits.upper)
-        last = rates
+        previous_rates = rates
 
 
 class Changed:
@@ -953,8 +957,9 @@ def test_a_camera_moved_during_a_pause_does_not_disturb_the_new_exploration(seed
         )
 
     *_, (observation, state) = lab.run(servo, 3.0, state, panned)
-    moved = observation.points - lab.plant.read().points
-    lab.target = replace(lab.target, points=lab.target.points + moved, taught_at=observation.now)
+    shift_px = observation.points - lab.plant.read().points
+    points = lab.target.points + shift_px
+    lab.target = replace(lab.target, points=points, taught_at=observation.now)
     state = servo.step(
         state, replace(observation, now=observation.now + 10_000_000), lab.target, Request.RESUME
     )
@@ -963,7 +968,7 @@ def test_a_camera_moved_during_a_pause_does_not_disturb_the_new_exploration(seed
         servo,
         6.0,
         state,
-        lambda observation: replace(observation, points=observation.points + moved),
+        lambda observation: replace(observation, points=observation.points + shift_px),
     )
     assert state.phase is Phase.SERVO and np.abs(state.delta / (0.01, 1.0, 1.0)).max() < 1.0
 
@@ -971,7 +976,7 @@ def test_a_camera_moved_during_a_pause_does_not_disturb_the_new_exploration(seed
 def test_targets_taught_before_the_camera_moved_are_refused_and_newer_ones_accepted():
     lab = make_laboratory()
     servo = lab.servo()
-    other = teach(lab.plant, frames=5)
+    early_target = teach(lab.plant, frames=5)
     state = servoing(lab, servo)
     *_, (observation, state) = lab.run(
         servo,
@@ -982,7 +987,7 @@ def test_targets_taught_before_the_camera_moved_are_refused_and_newer_ones_accep
     assert state.cause is Cause.CAMERA_MOVED
     for target, phase in (
         (lab.target, Phase.PAUSED),
-        (other, Phase.PAUSED),
+        (early_target, Phase.PAUSED),
         (teach(lab.plant, 5), Phase.ACQUIRE),
     ):
         observation = replace(

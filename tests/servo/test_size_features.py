@@ -56,7 +56,7 @@ class SizedLab:
     ticks: list[rs.Tick] = field(default_factory=list[rs.Tick])
 
     def __post_init__(self) -> None:
-        disturbances = [Disturbance.parse(one) for one in self.disturbances]
+        disturbances = [Disturbance.parse(disturbance) for disturbance in self.disturbances]
         settings = RigSettings(point_noise=NOISE_PX)
         self.rig = Rig(1, settings, pictures=False, disturbances=disturbances)
         self.plant = SizedPlant(self.rig)
@@ -88,7 +88,7 @@ def test_it_reaches_the_target_also_if_a_marker_is_lost_in_motion(lost: int) -> 
     assert began > 5.0 and lab.error() < 1.0
     assert bool(lost) == any(without) == all(without[300:])
     assert ticks[-1].state.phase is rs.Phase.SERVO
-    rows = ticks[-1].state.estimation.estimate.law_jacobian[:6].any(axis=1)
+    rows = ticks[-1].state.estimation.estimate.controlled_jacobian[:6].any(axis=1)
     expected = np.tile(np.arange(1, 3) != lost, (3, 1)).T  # u, v and R of each marker
     np.testing.assert_array_equal(rows, [*expected[:, :2].ravel(), *expected[:, 2]])
 

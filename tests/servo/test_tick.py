@@ -66,17 +66,15 @@ def states(disturbance: str, estimator: Estimator, features: Features = "srd") -
     return [state for _, state in lab.run(servo, 7.0)]
 
 
-def without_memory(state: State, placed: bool) -> State:
+def without_memory(state: State, estimates_rcm: bool) -> State:
     """Return the state without estimator memory, as only one of the two ticks stores the lines.
 
     The compiled tick needs no lines of eq. (16) for an estimator that computes the imaged RCM.
     """
-    estimation = state.estimation._replace(memory=None)
-    if placed:
-        estimate = replace_fields(estimation.estimate, line_count=0)
-        estimation = estimation._replace(estimate=estimate)
-    memory = () if placed else EstimatorMemory(estimation.lines, None)
-    return state.with_changes(estimation=estimation)._replace(memory=memory)
+    if not estimates_rcm:
+        return state._replace(memory=EstimatorMemory(state.estimation.lines, None))
+    estimate = replace_fields(state.stored.estimate, line_count=0)
+    return state._replace(stored=replace_fields(state.stored, estimate=estimate), memory=())
 
 
 DISTURBANCES = [
@@ -99,28 +97,36 @@ def tolerated(estimator: Estimator) -> list[str]:
 def test_both_kinds_of_tick_give_equal_states_to_the_last_bit(
     disturbance: str, estimator: Estimator
 ) -> None:
-    whole = states(disturbance, estimator)
-    parts = states(disturbance, InterpretedEstimator(estimator))
-    assert len(whole) == 700 and any(state.phase is Phase.SERVO for state in whole)
-    causes = {state.cause for state in whole}
+    compiled_states = states(disturbance, estimator)
+    python_states = states(disturbance, InterpretedEstimator(estimator))
+    assert len(compiled_states) == 700 and any(
+        state.phase is Phase.SERVO for state in compiled_states
+    )
+    causes = {state.cause for state in compiled_states}
     assert any(cause.stop_sentence for cause in causes) == (disturbance not in tolerated(estimator))
-    for one, other in zip(whole, parts, strict=True):
-        placed = estimator.estimates_rcm
-        assert snapshot(without_memory(one, placed)) == snapshot(without_memory(other, placed))
+    for compiled, interpreted in zip(compiled_states, python_states, strict=True):
+        assert snapshot(without_memory(compiled, estimator.estimates_rcm)) == snapshot(
+            without_memory(interpreted, estimator.estimates_rcm)
+        )
 
 
 @pytest.mark.parametrize("estimator", [ProjectionEstimator(), DltEstimator()])
 def test_both_kinds_of_tick_are_equal_on_marker_coordinates_and_differ_from_srd(
     estimator: Estimator,
 ) -> None:
-    whole = states("none", estimator, "points")
-    parts = states("none", InterpretedEstimator(estimator), "points")
-    for one, other in zip(whole, parts, strict=True):
-        placed = estimator.estimates_rcm
-        assert snapshot(without_memory(one, placed)) == snapshot(without_memory(other, placed))
-    assert whole[-1].phase is Phase.SERVO and whole[-1].decision.remaining_mm < 0.2
+    compiled_states = states("none", estimator, "points")
+    python_states = states("none", InterpretedEstimator(estimator), "points")
+    for compiled, interpreted in zip(compiled_states, python_states, strict=True):
+        assert snapshot(without_memory(compiled, estimator.estimates_rcm)) == snapshot(
+            without_memory(interpreted, estimator.estimates_rcm)
+        )
+    assert (
+        compiled_states[-1].phase is Phase.SERVO and compiled_states[-1].decision.remaining_mm < 0.2
+    )
     by_features = states("none", estimator)
-    differences = [np.linalg.norm(a.v - b.v) for a, b in zip(whole, by_features, strict=True)]
+    differences = [
+        np.linalg.norm(a.v - b.v) for a, b in zip(compiled_states, by_features, strict=True)
+    ]
     assert max(differences) > 1.0
 
 

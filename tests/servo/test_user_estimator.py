@@ -201,22 +201,23 @@ def test_a_failure_in_motion_is_a_fault_in_the_same_tick(failure: str, lab: Labo
     for tick in rs.run(lab.plant, servo, lab.target, 6.0):
         judge.add(tick)
         counts.append(tick.state.estimation.memory.memory[0])
-    last = tick.state
-    assert (last.phase, last.cause) == (rs.Phase.FAULT, rs.Cause.ESTIMATOR_FAILED)
-    assert counts[-2] == 40 and not last.command.enabled and not last.command.rates.any()
-    for message in (last.text, judge.result().cause):
+    final_state = tick.state
+    assert (final_state.phase, final_state.cause) == (rs.Phase.FAULT, rs.Cause.ESTIMATOR_FAILED)
+    command = final_state.command
+    assert counts[-2] == 40 and not command.enabled and not command.rates.any()
+    for message in (final_state.text, judge.result().cause):
         assert f"estimator {__name__}:Faulty: its {method} " in message and sentence in message
 
 
 def test_the_guard_does_not_change_the_commands(lab: Laboratory) -> None:
-    other = make_laboratory()
+    second_lab = make_laboratory()
     guarded = lab.run(lab.servo(estimator=Faulty()), 2.5)
-    built_in = other.run(other.servo(estimator=rs.ProjectionEstimator()), 2.5)
-    assert [command_of(one) for one in guarded] == [command_of(one) for one in built_in]
+    built_in = second_lab.run(second_lab.servo(estimator=rs.ProjectionEstimator()), 2.5)
+    assert list(map(read_rates, guarded)) == list(map(read_rates, built_in))
 
 
-def command_of(one: tuple[Any, rs.State]) -> bytes:
-    return one[1].command.rates.tobytes()
+def read_rates(tick: tuple[Any, rs.State]) -> bytes:
+    return tick[1].command.rates.tobytes()
 
 
 def test_built_in_estimators_are_called_without_a_guard(lab: Laboratory) -> None:

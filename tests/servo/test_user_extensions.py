@@ -111,7 +111,7 @@ def test_the_law_on_a_user_defined_feature_vector_reaches_the_target(user_module
     for estimator, limit in ((rs.DltEstimator(), 0.2), (user_module.Pixels(), 2.0)):
         end = ran(estimator, "pose")[-1]
         assert end.phase is rs.Phase.SERVO and end.decision.remaining_mm < limit
-        used = end.stored.estimate.law_jacobian.any(axis=1)
+        used = end.stored.estimate.controlled_jacobian.any(axis=1)
         assert used.tolist() == [True] * 5 + [False] * (len(used) - 5)
 
 

@@ -1,1 +1,1 @@
-"""Control law, eq. (31)-(33), its feature vectors, exploration, and drive lag."""
+"""Controller, eq. (31)-(33), its feature vectors, exploration, latency and drive lag."""

@@ -1,8 +1,9 @@
 """Measurement of the drives' lag behind the commanded joint rates during a motion.
 
-A joint that follows its rate with a time constant T is behind by T times its speed. A delay has the
-same effect while the rate changes slowly. T is therefore the slope of the following error over the
-speed, by least squares over all joints, each in units of its maximal speed.
+A joint that follows its commanded rate with a time constant T is behind by T times its speed: this
+distance is its following error. A delay has the same effect while the rate changes slowly. T is the
+slope of the following error over the speed, by least squares over all joints, each in units of its
+maximal speed.
 """
 
 import numpy as np
@@ -21,8 +22,9 @@ MAX_LAG_S = 0.2
 
 MIN_LAG_S = 0.001
 """Lag (s) that is reported for drives without any measurable lag."""
+
 MIN_MEASURED_LAG_S = -0.02
-"""Smallest valid measurement (s), negative as joints that are read late lead the rates."""
+"""Smallest valid measurement (s). It is negative, as joints that are read late seem to lead."""
 
 
 class DriveLag(Row):
@@ -68,11 +70,10 @@ def add_lag_reading(
     dt = (time - drives.read_at) * 1e-9
     if all_finite(drives.newest_joints) and dt > 0.0:
         for i in range(3):
-            moved = q[i] - drives.newest_joints[i]
-            error_step, speed = applied[i] * dt - moved, moved / dt / max_rates[i]
-            drives.regression_sums[0] += (
-                (drives.following_error[i] + 0.5 * error_step) / max_rates[i] * speed
-            )
+            motion = q[i] - drives.newest_joints[i]
+            error_step, speed = applied[i] * dt - motion, motion / dt / max_rates[i]
+            mean_error = (drives.following_error[i] + 0.5 * error_step) / max_rates[i]
+            drives.regression_sums[0] += mean_error * speed
             drives.regression_sums[1] += speed * speed
             drives.following_error[i] += error_step
     copy_into(drives.newest_joints, q)
@@ -82,26 +83,23 @@ def add_lag_reading(
 @compiled
 def finish_lag_measurement(drives: DriveLag) -> None:
     """Finish the measurement at the end of a motion, and store T if it is valid."""
-    lag = (
-        drives.regression_sums[0] / drives.regression_sums[1]
-        if drives.regression_sums[1] > 0.0
-        else np.nan
-    )
+    error_times_speed, squared_speed = drives.regression_sums[0], drives.regression_sums[1]
+    lag = error_times_speed / squared_speed if squared_speed > 0.0 else np.nan
     if MIN_MEASURED_LAG_S <= lag <= MAX_LAG_S:
         drives.lag = max(lag, MIN_LAG_S)
 
 
 @compiled
-def current_lag(drives: DriveLag, known_lag: float) -> float:
+def estimate_lag_so_far(drives: DriveLag, known_lag: float) -> float:
     """Return T in s: `known_lag`, or if that is 0 the value by the motion so far, 0 at first."""
     if known_lag > 0.0:
         return known_lag
-    slope = drives.regression_sums
-    return min(max(slope[0] / slope[1], 0.0), MAX_LAG_S) if slope[1] > 0.0 else 0.0
+    error_times_speed, squared_speed = drives.regression_sums[0], drives.regression_sums[1]
+    return min(max(error_times_speed / squared_speed, 0.0), MAX_LAG_S) if squared_speed > 0 else 0.0
 
 
 @compiled
-def known_or_measured_lag(drives: DriveLag, known_lag: float) -> float:
+def select_lag(drives: DriveLag, known_lag: float) -> float:
     """Return T in s: `known_lag`, or if that is 0 the measured or the default value."""
     if known_lag > 0.0:
         return known_lag

@@ -35,6 +35,9 @@ LIMIT_MARGIN = 0.02
 CORNER_TOLERANCE = 0.15
 """Largest deviation of a joint from a visited corner, as a fraction of the box's side."""
 
+MIN_LEG_LENGTH_MM = 1e-9
+"""Smallest length (mm) of a leg that the maximal length is divided by."""
+
 MIN_BRAKING_TIME_S = 0.03
 """Time (s) before a corner at which the joints slow down.
 
@@ -52,22 +55,23 @@ class Exploration(Checked, section="exploration"):
     Parameters
     ----------
     leg_time : float
-        Time from corner to corner in the first round, s.
+        Time from corner to corner in the first round, s, positive.
     speed_scale : float
-        Fraction of every joint's maximal speed at which it moves.
+        Fraction of every joint's maximal speed at which it moves, above 0 and at most 1.
     max_leg_length : float
-        Maximal distance of marker 1 from corner to corner, mm.
+        Maximal distance of marker 1 from corner to corner, mm, positive.
     growth : float
-        Ratio of the size of a round to that of the previous round.
+        Ratio of the size of a round to that of the previous round, from 1 to 10.
     uncertainty : float
-        Largest error of the estimated path to the target at the start of servoing, as a fraction of
-        its length, one standard deviation.
+        Largest error of the estimated path to the target at the start of servoing, one standard
+        deviation as a fraction of the path's length, positive.
     tolerance : float
-        Largest difference between Ĵ and the projection fit, as a fraction.
+        Largest norm of the difference between Ĵ and the Jacobian of the projection fit, as a
+        fraction of the norm of the latter, positive.
     min_corners : int
-        Minimal number of corners to visit.
+        Minimal number of corners to visit, from 1 to 1000.
     max_time : float
-        Time after which exploration fails, s.
+        Time after which exploration fails, s, positive.
 
     Raises
     ------
@@ -98,7 +102,7 @@ class Exploration(Checked, section="exploration"):
 
 
 class ExplorationState(DriveLag):
-    """State of an exploration."""
+    """State of an exploration, with the measurement of the drives' lag during its motion."""
 
     start_joints: Floats = reals(3, "rad, rad, mm", "joints at the start")
     sides: Floats = reals(3, "rad, rad, mm", "signed sides of this round's box")
@@ -135,7 +139,7 @@ def start_exploration(
 
 @compiled
 def set_next_corner(state: ExplorationState) -> None:
-    """Set the next corner to that of the round's own order."""
+    """Set the next corner to the next one of `CORNERS`."""
     corner = CORNERS[state.visited_corners % len(CORNERS)]
     for i in range(3):
         state.next_corner[i] = state.start_joints[i] + corner[i] * state.sides[i]
@@ -152,13 +156,10 @@ def set_round(
     """Set the sides of the next round; return whether there is room for them."""
     round_index, full_sides, has_room = state.visited_corners // len(CORNERS), np.empty(3), True
     for i in range(3):
-        full_sides[i] = (
-            settings.speed_scale * settings.leg_time * max_rates[i] * settings.growth**round_index
-        )
-    factor = min(
-        settings.max_leg_length / max(max_leg_length(rcm, state.start_joints, full_sides), 1e-9),
-        1.0,
-    )
+        reach = settings.speed_scale * settings.leg_time * max_rates[i]
+        full_sides[i] = reach * settings.growth**round_index
+    leg_length = max(compute_max_leg_length(rcm, state.start_joints, full_sides), MIN_LEG_LENGTH_MM)
+    factor = min(settings.max_leg_length / leg_length, 1.0)
     for i in range(3):
         side, margin = factor * full_sides[i], LIMIT_MARGIN * (rcm.upper[i] - rcm.lower[i])
         up = max(rcm.upper[i] - margin - state.start_joints[i], 0.0)
@@ -173,21 +174,21 @@ def set_round(
 
 
 @compiled
-def max_leg_length(rcm: RcmStruct, q: Floats, sides: Floats) -> float:
+def compute_max_leg_length(rcm: RcmStruct, q: Floats, sides: Floats) -> float:
     """Return the longest path (mm) of marker 1 from corner to corner of a box in joint space."""
-    jacobian, longest = compute_position_jacobian(rcm, q), 0.0
+    jacobian, longest_mm = compute_position_jacobian(rcm, q), 0.0
     for i in range(3):
         for j in range(i):
             squared = 0.0
             for k in range(3):
                 step_i, step_j = jacobian[k, i] * sides[i], jacobian[k, j] * sides[j]
                 squared += (abs(step_i) + abs(step_j)) ** 2
-            longest = max(longest, np.sqrt(squared))
-    return longest
+            longest_mm = max(longest_mm, np.sqrt(squared))
+    return longest_mm
 
 
 @compiled
-def rates_to_corner(
+def compute_rates_to_corner(
     state: ExplorationState, max_rates: Floats | Point, q: Floats, lag: float, settings: Exploration
 ) -> Floats:
     """Return the joint rates (3,) to the next corner, for drives with the given lag in s."""
@@ -200,25 +201,19 @@ def rates_to_corner(
 
 
 @compiled
-def is_at_next_corner(state: ExplorationState, q: Floats) -> bool:
-    """Return whether the joints q (3,) are at the next corner."""
-    return is_at_corner(state.next_corner, state.sides, q)
-
-
-@compiled
-def is_at_corner(corner: Floats, sides: Floats, q: Floats) -> bool:
-    """Return whether the joints q (3,) are at a corner (3,) of a box with these `sides` (3,)."""
-    is_at = True
+def is_at_corner(state: ExplorationState, corner: Floats, q: Floats) -> bool:
+    """Return whether the joints q (3,) are at a `corner` (3,) of this round's box."""
+    is_reached = True
     for i in range(3):
-        is_at = is_at and abs(corner[i] - q[i]) <= CORNER_TOLERANCE * abs(sides[i])
-    return is_at
+        is_reached = is_reached and abs(corner[i] - q[i]) <= CORNER_TOLERANCE * abs(state.sides[i])
+    return is_reached
 
 
 @compiled
-def relative_difference(J_hat: Floats, J: Floats) -> float:
-    """Return the norm of Ĵ − J as a fraction of the norm of J (3, 3), both scaled."""
-    size = compute_norm(J)
-    return compute_norm(subtract(J_hat.ravel(), J.ravel())) / size if size > 0.0 else np.inf
+def compute_relative_difference(J_hat: Floats, J: Floats) -> float:
+    """Return the norm of Ĵ − J as a fraction of the norm of J (3, 3), both with scaled rows."""
+    norm = compute_norm(J)
+    return compute_norm(subtract(J_hat.ravel(), J.ravel())) / norm if norm > 0.0 else np.inf
 
 
 @compiled

@@ -1,13 +1,13 @@
 """Choice of the next exploration corner, and the test that the direction to the target is known.
 
-The projection fit has eleven parameters θ, the rows of A and g. With D = ∂m/∂θ (4, 11) of both
-markers at a position, frames at many positions determine θ with the covariance
+The projection fit (camera_fit.py) has eleven parameters θ, the rows of A and g. With D = ∂m/∂θ (4,
+11) of both markers at a position, frames at many positions determine θ with the covariance
 
     σ² N⁻¹,    N = Σ DᵀD + N₀
 
-The sums of the fit hold all of N but the prior N₀. The path to the target is H⁺(m_d − m), with H =
-∂m/∂p₁. An error δθ of the fit changes it by T δθ, T = H⁺(D(p₁ + path) − D(p₁)), so that its
-expected error is σ √tr(T N⁻¹Tᵀ). On a long path the error of its first LOOK_AHEAD_MM is
+N is the information of the frames, and N₀ that of the prior. The path to the target is H⁺(m_d − m)
+with H = ∂m/∂p₁. An error δθ of the fit changes it by T δθ, T = H⁺(D(p₁ + path) − D(p₁)), so that
+its expected error is σ √tr(T N⁻¹Tᵀ). On a long path the error of its first LOOK_AHEAD_MM is
 extrapolated in proportion, as the estimate improves during the motion.
 
 A leg from p to p' adds to N the information of its frames, by Simpson's rule. The next corner
@@ -25,7 +25,7 @@ from rcmservo.estimation.camera_fit import (
     ProjectionFit,
     project_markers,
 )
-from rcmservo.estimation.camera_fit_prediction import invert_normal, write_markers_jacobian
+from rcmservo.estimation.camera_fit_prediction import invert_normal_matrix, write_markers_jacobian
 from rcmservo.geometry.kinematics import (
     Point,
     RcmStruct,
@@ -65,10 +65,10 @@ def write_theta_jacobians(fit: ProjectionFit, p1: Point, shaft: ToolStruct, D: F
 
     Return whether the fit has both markers in front of the camera.
     """
-    one, other = project_markers(fit, p1, shaft)
-    write_theta_jacobian(one, D[:2])
-    write_theta_jacobian(other, D[2:])
-    return one.z > MIN_WEIGHT_DEPTH and other.z > MIN_WEIGHT_DEPTH
+    image_1, image_2 = project_markers(fit, p1, shaft)
+    write_theta_jacobian(image_1, D[:2])
+    write_theta_jacobian(image_2, D[2:])
+    return image_1.z > MIN_WEIGHT_DEPTH and image_2.z > MIN_WEIGHT_DEPTH
 
 
 @compiled
@@ -91,17 +91,17 @@ def write_information(fit: ProjectionFit, N: Floats) -> None:
 
 @compiled
 def add_leg_information(
-    fit: ProjectionFit, p: Point, to: Point, frames: float, shaft: ToolStruct, N: Floats
+    fit: ProjectionFit, start: Point, end: Point, frames: float, shaft: ToolStruct, N: Floats
 ) -> None:
     """Add to N (11, 11) the information of `frames` frames on a straight leg of marker 1.
 
-    The leg runs from p to `to`, both (3,) mm.
+    The leg runs from `start` to `end`, both in mm.
     """
     D = np.empty((4, 11))
     for k in range(3):
         fraction = 0.5 * k
-        x, y, z = to[0] - p[0], to[1] - p[1], to[2] - p[2]
-        point = p[0] + fraction * x, p[1] + fraction * y, p[2] + fraction * z
+        x, y, z = end[0] - start[0], end[1] - start[1], end[2] - start[2]
+        point = start[0] + fraction * x, start[1] + fraction * y, start[2] + fraction * z
         write_theta_jacobians(fit, point, shaft, D)
         weight = frames * (4.0 if k == 1 else 1.0) / 6.0
         for n in range(4):
@@ -122,27 +122,24 @@ def write_path_sensitivity(
     H, inverse, D = np.empty((4, 3)), np.empty((3, 3)), np.empty((4, 11))
     D_ahead, path, H_pinv = np.empty((4, 11)), np.empty(3), np.empty((3, 4))
     write_markers_jacobian(fit, p1, shaft, H)
-    if not invert_normal(H, inverse):
+    if not invert_normal_matrix(H, inverse):
         return np.inf
-    first, second = project_markers(fit, p1, shaft)
+    image_1, image_2 = project_markers(fit, p1, shaft)
     fill(path, 0.0)
     for i in range(3):
+        row = inverse[i]
         for n in range(4):
-            H_pinv[i, n] = (
-                inverse[i, 0] * H[n, 0] + inverse[i, 1] * H[n, 1] + inverse[i, 2] * H[n, 2]
-            )
+            H_pinv[i, n] = row[0] * H[n, 0] + row[1] * H[n, 1] + row[2] * H[n, 2]
         for j in range(2):
-            marker_1 = fit.origin[3 + j] + first.m[j] + fit.offset[0, j]
-            marker_2 = fit.origin[3 + j] + second.m[j] + fit.offset[1, j]
+            marker_1 = fit.origin[3 + j] + image_1.m[j] + fit.offset[0, j]
+            marker_2 = fit.origin[3 + j] + image_2.m[j] + fit.offset[1, j]
             path[i] += H_pinv[i, j] * (target[0, j] - marker_1)
             path[i] += H_pinv[i, 2 + j] * (target[1, j] - marker_2)
     distance = compute_norm(path)
     fraction = LOOK_AHEAD_MM / distance if distance > LOOK_AHEAD_MM else 1.0
     ahead = p1[0] + fraction * path[0], p1[1] + fraction * path[1], p1[2] + fraction * path[2]
-    if not (
-        write_theta_jacobians(fit, p1, shaft, D)
-        and write_theta_jacobians(fit, ahead, shaft, D_ahead)
-    ):
+    is_visible = write_theta_jacobians(fit, p1, shaft, D)
+    if not (is_visible and write_theta_jacobians(fit, ahead, shaft, D_ahead)):
         return np.inf
     for i in range(3):
         for j in range(11):
@@ -153,7 +150,7 @@ def write_path_sensitivity(
 
 
 @compiled
-def expected_error(T: Floats, N: Floats, noise: float) -> float:
+def compute_expected_error(T: Floats, N: Floats, noise_variance: float) -> float:
     """Return σ √tr(T N⁻¹Tᵀ) mm of T (3, 11), N (11, 11), σ² px²; infinite if N is singular."""
     inverse, total = np.empty((11, 11)), 0.0
     copy_into(inverse, N)
@@ -163,11 +160,11 @@ def expected_error(T: Floats, N: Floats, noise: float) -> float:
         for i in range(11):
             for j in range(11):
                 total += T[k, i] * inverse[i, j] * T[k, j]
-    return np.sqrt(noise * total)
+    return np.sqrt(noise_variance * total)
 
 
 @compiled
-def path_error(
+def compute_path_error(
     fit: ProjectionFit, p1: Floats, target: Floats, shaft: ToolStruct
 ) -> tuple[float, float]:
     """Return the standard deviation of the error and the length of the path to the target, in mm.
@@ -180,25 +177,25 @@ def path_error(
     if not distance < np.inf:
         return np.inf, np.inf
     write_information(fit, N)
-    return expected_error(T, N, fit.noise_variance), distance
+    return compute_expected_error(T, N, fit.noise_variance), distance
 
 
 @compiled
 def direction_is_known(
     fit: ProjectionFit, p1: Floats, target: Floats, shaft: ToolStruct, settings: Exploration
 ) -> bool:
-    """Return whether the direction to the target is known.
+    """Return whether the direction from marker 1 at p1 (3,) mm to the target is known.
 
-    It runs from marker 1 at p1 (3,) mm to the `target` (2, 2) raw px. It is known if the error of
-    the path is at most the fraction `uncertainty` of its length, or negligible.
+    It is known if the expected error of the path to the `target` (2, 2) raw px is at most the
+    fraction `settings.uncertainty` of its length, or negligible.
     """
-    error, distance = path_error(fit, p1, target, shaft)
+    error, distance = compute_path_error(fit, p1, target, shaft)
     return error < np.inf and error <= max(settings.uncertainty * distance, NEGLIGIBLE_ERROR_MM)
 
 
 @compiled
 def write_candidate(state: ExplorationState, index: int, rcm: RcmStruct, q: Floats) -> bool:
-    """Write the joints (3,) of a candidate corner; return whether the joint limits allow it."""
+    """Write the joints q (3,) of a candidate corner; return whether the joint limits allow it."""
     for i in range(3):
         step, margin = index % 3 - 1, LIMIT_MARGIN * (rcm.upper[i] - rcm.lower[i])
         index //= 3
@@ -223,20 +220,20 @@ def plan_corner(
     The path starts at the joints q (3,) and ends at the `target` (2, 2) raw px. Candidates are at
     most `max_distance` mm away. Without a usable candidate the corner stays.
     """
-    T, N, M = np.empty((3, 11)), np.empty((11, 11)), np.empty((11, 11))
-    p, corner, least_error = compute_position_tuple(rcm, q), np.empty(3), np.inf
-    if not write_path_sensitivity(fit, p, target, shaft, T) < np.inf:
+    T, N, N_after = np.empty((3, 11)), np.empty((11, 11)), np.empty((11, 11))
+    p1, corner, least_error = compute_position_tuple(rcm, q), np.empty(3), np.inf
+    if not write_path_sensitivity(fit, p1, target, shaft, T) < np.inf:
         return
     write_information(fit, N)
-    frames = fit.frame_count / state.visited_corners
+    frames_per_leg = fit.frame_count / state.visited_corners
     for index in range(CANDIDATE_CORNERS):
-        if not write_candidate(state, index, rcm, corner) or is_at_corner(corner, state.sides, q):
+        if not write_candidate(state, index, rcm, corner) or is_at_corner(state, corner, q):
             continue
-        to = compute_position_tuple(rcm, corner)
-        if compute_point_distance(p, to) <= max_distance:
-            copy_into(M, N)
-            add_leg_information(fit, p, to, frames, shaft, M)
-            error = expected_error(T, M, fit.noise_variance)
+        end = compute_position_tuple(rcm, corner)
+        if compute_point_distance(p1, end) <= max_distance:
+            copy_into(N_after, N)
+            add_leg_information(fit, p1, end, frames_per_leg, shaft, N_after)
+            error = compute_expected_error(T, N_after, fit.noise_variance)
             if error < least_error:
                 least_error = error
                 copy_into(state.next_corner, corner)

@@ -1,8 +1,8 @@
-"""Feature vectors that the control law (31) can act on, and their registry.
+"""Feature vectors that the controller, eq. (31), can act on, and their registry.
 
 A `FeatureVector` measures both markers, gives its derivative, and declares the derivatives that it
 needs from an estimator. The paper's vector and the points are part of the compiled tick, by their
-`code`. Another vector is measured in Python once per frame; the control law on it is compiled too.
+`code`. Other vectors are measured in Python once per frame; the controller itself stays compiled.
 """
 
 from abc import ABC, abstractmethod
@@ -10,7 +10,7 @@ from typing import Any, ClassVar, NamedTuple, final
 
 import numpy as np
 
-from rcmservo.errors import BadInput
+from rcmservo.errors import BadInput, require
 from rcmservo.geometry.features import (
     FEATURE_SCALE,
     INTERPRETED_CODE,
@@ -26,7 +26,7 @@ from rcmservo.interfaces import Floats
 from rcmservo.numerics.structs import Row, reals, whole
 
 UNIT_INDICES = {"rad": 0, "px": 1}
-"""Units of a component, with the index of their scale and of their saturation bound."""
+"""Units of a component, with the index of their entry in FEATURE_SCALE and in the bounds b."""
 
 
 class MarkerPair(NamedTuple):
@@ -53,12 +53,16 @@ class FeatureParameters(Row):
     code: int = whole("", "code of the feature vector")
     dimension: int = whole("", "number of its components")
     scale: Floats = reals(MAX_FEATURES, "", "one unit of each component")
-    bounds: Floats = reals(MAX_FEATURES, "", "saturation of each component, in these units")
+    bounds: Floats = reals(MAX_FEATURES, "", "saturation bound of each, in these units")
     angle: Floats = reals(MAX_FEATURES, "", "1 for a component that wraps to (−π, π], else 0")
 
 
 class FeatureVector(ABC):
-    """Base class of the feature vectors y (n,) that the law (31) drives to those of the target.
+    """Base class of the feature vectors y (n,) that the controller drives to those of the target.
+
+    With the error Δy = y − y_d (n,) and the Jacobian J = ∂y/∂p₁ (n, 3) per mm, the controller, eq.
+    (31), moves marker 1 with v = −k J⁺ ∂V/∂y (3,) mm/s. J is the vector's own derivative by the
+    markers' coordinates, times that of the coordinates by p₁, which the estimator supplies.
 
     A subclass declares its name, components and units, and implements `measure` and `jacobian`.
     Both are pure functions. `add_feature_vector` registers an instance under its ``name``; then
@@ -67,8 +71,8 @@ class FeatureVector(ABC):
     Notes
     -----
     A vector has 1 to 8 components; a tool that turns and moves along its axis needs 3 or more. With
-    more than three components the control law solves a least-squares problem. A vector outside the
-    compiled tick costs one Python call per frame.
+    more than three components J⁺ is the least-squares inverse. A vector outside the compiled tick
+    costs one Python call per frame.
 
     References
     ----------
@@ -78,10 +82,7 @@ class FeatureVector(ABC):
     name: ClassVar[str]
     """Value of ``controller.features`` that selects the vector."""
     components: ClassVar[tuple[str, ...]]
-    """Name of each component; at most `MAX_FEATURES`.
-
-    A tool that turns and moves along its axis needs 3 or more.
-    """
+    """Name of each component."""
     units: ClassVar[tuple[str, ...]]
     """Unit of each component, rad or px. A component in rad wraps to (−π, π]."""
     needs_markers_jacobian: ClassVar[bool] = True
@@ -89,9 +90,9 @@ class FeatureVector(ABC):
     needs_sizes: ClassVar[bool] = False
     """True if the estimator must also estimate ∂R/∂p₁, and the target must have radii."""
     ignores_lost_markers: ClassVar[bool] = False
-    """True if a component that is not finite is ignored.
+    """True if components that a lost marker leaves unknown are ignored.
 
-    Otherwise the prediction of the fit replaces the lost marker.
+    Otherwise the prediction of the projection fit replaces the lost marker.
     """
     code: ClassVar[int] = INTERPRETED_CODE
     """Code of the vector in compiled functions, if these implement it."""
@@ -189,21 +190,19 @@ class FeatureVector(ABC):
         FeatureParameters
             Code, dimension, scale and scaled bounds.
         """
-        scale = [float(FEATURE_SCALE[UNIT_INDICES[unit]]) for unit in self.units]
-        scaled = [bound / one for bound, one in zip(self.bounds(b), scale, strict=True)]
-        padding = [0.0] * (MAX_FEATURES - len(scale))
+        n = len(self.units)
+        scale, bounds, angle = np.zeros((3, MAX_FEATURES))
+        scale[:n] = FEATURE_SCALE[[UNIT_INDICES[unit] for unit in self.units]]
+        bounds[:n] = self.bounds(b) / scale[:n]
+        angle[:n] = self.angles
         return FeatureParameters.of(
-            code=self.code,
-            dimension=len(scale),
-            scale=scale + padding,
-            bounds=scaled + padding,
-            angle=[*map(float, self.angles), *padding],
+            code=self.code, dimension=n, scale=scale, bounds=bounds, angle=angle
         )
 
 
 @final
 class ToolFeatures(FeatureVector):
-    """The paper's y = [s r d] of (7)-(9): angle of the imaged tool and two distances.
+    """The paper's y = [s r d] of eq. (7)-(9): angle of the imaged tool and two distances.
 
     Its Jacobian is Ĵ, which every estimator gives.
     """
@@ -247,7 +246,7 @@ class SizeFeatures(FeatureVector):
     A pixel of a radius weighs as much as one of a coordinate: in rendered images both scatter by
     0.013 px, and three times the weight doubles the error at the target. A lost marker is ignored,
     since the other marker and its size determine the position. A predicted marker in its place
-    would draw the tool to the error of the fit: 0.5 to 4 mm in rendered scenes, instead of 0.1 mm.
+    would move the tool by the error of the fit: 0.5 to 4 mm in rendered scenes, instead of 0.1 mm.
     """
 
     name = "size"
@@ -280,18 +279,17 @@ def add_feature_vector(vector: Any) -> None:
     Raises
     ------
     BadInput
-        If it is not a `FeatureVector`, if another class has its name, or if its components and
-        units do not match.
+        If it is not a `FeatureVector`, if another class has its name, if it has no or more than 8
+        components, or if it does not have one unit, rad or px, for each component.
     """
     if not isinstance(vector, FeatureVector):
         raise BadInput("feature vector", vector, "an object of a class derived from FeatureVector")
-    label, count = f"feature vector {vector.name}", len(vector.units)
-    if not 1 <= count <= MAX_FEATURES or len(vector.components) != count:
-        expected = f"one for each of 1 to {MAX_FEATURES} components"
-        raise BadInput(f"{label}: units", vector.units, expected)
-    if not set(vector.units) <= set(UNIT_INDICES):
-        raise BadInput(f"{label}: units", vector.units, "rad or px for each component")
+    units, field, count = vector.units, f"feature vector {vector.name}: units", len(vector.units)
+    has_valid_count = 1 <= count <= MAX_FEATURES and len(vector.components) == count
+    require(has_valid_count, field, units, f"one for each of 1 to {MAX_FEATURES} components")
+    require(set(units) <= set(UNIT_INDICES), field, units, "rad or px for each component")
     registered = FEATURE_VECTORS.get(vector.name, vector)
-    if type(registered).__qualname__ != type(vector).__qualname__:
-        raise BadInput("feature vector", vector.name, "a name that no other feature vector has")
+    is_free = type(registered).__qualname__ == type(vector).__qualname__
+    expected = "a name that no other feature vector has"
+    require(is_free, "feature vector", vector.name, expected)
     FEATURE_VECTORS[vector.name] = vector

@@ -1,7 +1,9 @@
 """Latency compensation: the error at the present joints, predicted from the newest frame.
 
-A frame shows the tool as it was at its exposure, and the joints are newer. To first order the error
-has changed since by Ĵ times the motion of marker 1 that the joints report.
+A frame shows the tool at its exposure, while the joints are newer. Since then the joints have moved
+marker 1 from p₁(frame) to p₁, which to first order changes the error to
+
+    Δy + Ĵ (p₁ − p₁(frame))
 """
 
 from rcmservo.estimation.base import Estimate
@@ -13,7 +15,7 @@ from rcmservo.numerics.jit import compiled
 
 @compiled
 def predict_component(error: float, slope: Floats, p1_frame: Floats, p1: Point) -> float:
-    """Return one component of the error for marker 1 at p1 mm.
+    """Return one component of the error for the present marker 1 at p1 mm.
 
     Parameters
     ----------
@@ -32,7 +34,7 @@ def predict_component(error: float, slope: Floats, p1_frame: Floats, p1: Point) 
 
 @compiled
 def predict_error(estimate: Estimate, p1: Point) -> None:
-    """Predict the error Δy of [s r d] for marker 1 at p1 mm."""
+    """Predict the error Δy of [s r d] for the present marker 1 at p1 mm, into `predicted_delta`."""
     predicted = estimate.predicted_delta
     for i in range(3):
         predicted[i] = predict_component(estimate.delta[i], estimate.J_hat[i], estimate.p1, p1)

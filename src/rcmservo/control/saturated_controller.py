@@ -1,8 +1,8 @@
-"""Control law v = −k Ĵ⁻¹ ∂V/∂y of (31) with the saturated potential V of (32).
+"""Controller v = −k Ĵ⁻¹ ∂V/∂y, eq. (31), with the saturated potential V of eq. (32).
 
-Features and Jacobian are scaled to diag(1/SCALE) Ĵ, so that a condition number means the same in
-every scene. The inverse is damped in directions that Ĵ hardly determines. The fraction of the error
-that the damped motion reduces shows whether the target can be reached.
+The rows of Ĵ and the features are divided by their units FEATURE_SCALE, so that a condition number
+means the same in every scene. The inverse is damped in directions that Ĵ hardly determines. The
+fraction of the error that the damped motion reduces shows if the target can be reached.
 """
 
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ from rcmservo.constraints import (
     positive,
     three_positive,
 )
-from rcmservo.control.feature_vectors import FEATURE_VECTORS, FeatureVector
+from rcmservo.control.feature_vectors import FEATURE_VECTORS
 from rcmservo.geometry.features import FEATURE_SCALE
 from rcmservo.geometry.kinematics import Point
 from rcmservo.interfaces import Floats
@@ -30,178 +30,28 @@ from rcmservo.numerics.small_linalg import all_finite, compute_norm
 from rcmservo.numerics.small_solvers import solve_3x3
 from rcmservo.numerics.small_svd import find_column_length_range, orthogonalise_in_place
 
+DEFAULT_BOUNDS = float(np.radians(50.0)), 50.0, 50.0
+"""Saturation bounds b by default, in rad, px, px."""
+
 MAX_UNDAMPED_CONDITION = 1e3
-"""Condition of the scaled Ĵ up to which its plain inverse is accurate enough without damping."""
-
-
-@compiled
-def potential_gradient(delta: Floats, bounds: Floats, printed: bool) -> Floats:
-    """Return ∂V/∂y (n,) of (32): Δy inside ±b and, beyond, ±b (continuous) or ±b/2 (printed).
-
-    Fig. 5 of the paper shows the continuous form, while (32) as printed drops to half at b.
-    """
-    gradient = np.empty(len(delta))
-    write_gradient(delta, bounds, printed, gradient)
-    return gradient
-
-
-@compiled
-def write_gradient(delta: Floats, bounds: Floats, printed: bool, gradient: Floats) -> None:
-    """Write ∂V/∂y (n,) of (32)."""
-    beyond = 0.5 if printed else 1.0
-    for i in range(len(delta)):
-        inside = abs(delta[i]) < bounds[i]
-        gradient[i] = delta[i] if inside else np.sign(delta[i]) * beyond * bounds[i]
-
-
-@compiled
-def potential(delta: Floats, bounds: Floats, printed: bool) -> float:
-    """Return V = Σ Vᵢ of (32).
-
-    Vᵢ is ½Δy² inside ±b and, beyond, b|Δy| − ½b² (continuous) or ½b|Δy| (printed).
-    """
-    total = 0.0
-    for i in range(len(delta)):
-        size = abs(delta[i])
-        if size < bounds[i]:
-            total += 0.5 * size**2
-        elif printed:
-            total += 0.5 * bounds[i] * size
-        else:
-            total += bounds[i] * size - 0.5 * bounds[i] ** 2
-    return total
-
-
-@compiled
-def scale_rows(J: Floats) -> Floats:
-    """Return diag(1/SCALE) J, the matrix for every norm and condition."""
-    out = np.empty(J.shape)
-    write_scaled(J, out)
-    return out
-
-
-@compiled
-def write_scaled(J: Floats, out: Floats) -> None:
-    """Write diag(1/SCALE) J."""
-    for i in range(J.shape[0]):
-        for j in range(J.shape[1]):
-            out[i, j] = J[i, j] / FEATURE_SCALE[i]
-
-
-@compiled
-def max_scaled_entry(J: Floats) -> float:
-    """Return the largest absolute value of diag(1/SCALE) J; NaN if a number is NaN."""
-    largest = 0.0
-    for i in range(J.shape[0]):
-        for j in range(J.shape[1]):
-            size = abs(J[i, j]) / FEATURE_SCALE[i]
-            if np.isnan(size):
-                return np.nan
-            largest = max(largest, size)
-    return largest
-
-
-class LawResult(NamedTuple):
-    """Velocity of the control law and its quality.
-
-    Parameters
-    ----------
-    v : Point
-        Velocity (3,) of marker 1 in mm/s.
-    condition : float
-        Condition of the scaled Ĵ.
-    reducible_fraction : float
-        Fraction of the scaled error that v reduces: 1 without damping, 0 if no motion that Ĵ models
-        reduces it.
-    distance_to_target : float
-        Distance (mm) of marker 1 to the target along v, independent of the speed.
-    """
-
-    v: Point
-    condition: float
-    reducible_fraction: float
-    distance_to_target: float
-
-
-@compiled
-def solve_law(
-    J: Floats, gradient: Floats, gain: float, max_condition: float, max_speed: float
-) -> LawResult:
-    """Return the velocity of eq. (31) and its quality.
-
-    More than three features are solved by least squares. J (n, 3) per mm and the gradient ∂V/∂y
-    (n,) are scaled. The whole velocity is reduced to max_speed, so that its direction stays.
-    """
-    if not (all_finite(J) and compute_norm(J) > 0.0):
-        return LawResult((0.0, 0.0, 0.0), np.inf, 0.0, np.inf)
-    v, condition, reducible = (0.0, 0.0, 0.0), np.inf, 1.0
-    if len(J) == 3:
-        (x, y, z), condition = solve_3x3(J, gradient)
-        v = -gain * x, -gain * y, -gain * z
-    if not condition < min(0.5 * max_condition, MAX_UNDAMPED_CONDITION):
-        v, condition, reducible = damped_velocity(J.copy(), gradient, gain, max_condition)
-    speed = np.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
-    slowdown = max(1.0, speed / max_speed)
-    v = v[0] / slowdown, v[1] / slowdown, v[2] / slowdown
-    return LawResult(v, condition, reducible, speed / gain)
-
-
-@compiled
-def damped_velocity(
-    B: Floats, g: Floats, gain: float, max_condition: float
-) -> tuple[Point, float, float]:
-    """Return the damped v mm/s, the condition of Ĵ, and the fraction of the error that v reduces.
-
-    B (n, 3) is the scaled Ĵ, which is rotated in place, and g (n,) the scaled gradient. v is a sum
-    over the orthogonal columns of B = Ĵ V, whose lengths σ are the singular values. Those below
-    2σ₁/max_condition are damped, so that |v| stays bounded.
-    """
-    V, v, total, reduced = np.empty((3, 3)), np.zeros(3), 0.0, 0.0
-    orthogonalise_in_place(B, V)
-    low, high = find_column_length_range(B)
-    floor = 2.0 * high / max_condition
-    for k in range(len(B)):
-        total += g[k] ** 2
-    for i in range(3):
-        sigma, projection = compute_norm(B[:, i]), 0.0
-        for k in range(len(B)):
-            projection += B[k, i] * g[k]
-        shortfall = max(1.0 - sigma / floor, 0.0)
-        amplitude = projection / (sigma**2 + (shortfall * floor) ** 2)
-        reduced += projection * amplitude
-        for k in range(3):
-            v[k] -= gain * V[k, i] * amplitude
-    condition = high / low if low > 0.0 and high < np.inf else np.inf
-    return (v[0], v[1], v[2]), condition, reduced / total if total > 0.0 else 1.0
-
-
-@compiled
-def apply_law(
-    J: Floats,
-    delta: Floats,
-    bounds: Floats,
-    printed: bool,
-    gain: float,
-    max_condition: float,
-    max_speed: float,
-) -> tuple[LawResult, float]:
-    """Return the velocity by (32) and (31) with its quality, and √(2V).
-
-    The error Δy (n,), the bounds b (n,) and the Jacobian (n, 3) are scaled. √(2V) is |Δy| without
-    saturation. By (33) V decreases, while a single component may grow on the path.
-    """
-    gradient = np.empty(len(delta))
-    write_gradient(delta, bounds, printed, gradient)
-    heading = solve_law(J, gradient, gain, max_condition, max_speed)
-    return heading, np.sqrt(2.0 * potential(delta, bounds, printed))
+"""Condition of the scaled Ĵ up to which its inverse is accurate enough without damping."""
 
 
 @dataclass(frozen=True)
 class SaturatedController(Checked, section="controller"):
-    """Saturated kinematic controller: control law (31) with the potential (32).
+    """Saturated kinematic controller, eq. (31) with the potential of eq. (32).
 
-    The velocity of marker 1 is v = −k Ĵ⁻¹ ∂V/∂y. V is quadratic for small errors and linear beyond
-    `bounds`. The inverse is damped where Ĵ is nearly singular.
+    The velocity v (3,) mm/s of marker 1 follows from the estimated Jacobian Ĵ (3, 3) and the error
+    Δy = y − y_d (3,) of the features in rad, px, px, eq. (31):
+
+        v = −k Ĵ⁻¹ ∂V/∂y
+
+    The potential V = Σ Vᵢ, eq. (32), is quadratic for small errors and linear beyond the bounds bᵢ:
+
+        Vᵢ = ½ Δyᵢ²             if |Δyᵢ| < bᵢ
+        Vᵢ = bᵢ |Δyᵢ| − ½ bᵢ²   otherwise
+
+    The inverse is damped where Ĵ is nearly singular, and v is slowed to the speed limit.
 
     Parameters
     ----------
@@ -209,23 +59,24 @@ class SaturatedController(Checked, section="controller"):
         Feature vector that the controller acts on; by least squares if it has more than three
         components.
     gain : float
-        Gain k, 1/s. Above 1/(e T) the tool overshoots, where T is the time in s from reading the
-        joints to the motion of the drives: 46 ms by default, of delay, lag and tick. The camera's
-        latency does not count, as the error is predicted for the present joints. Noise does not
-        count if the estimator averages it; with the other estimators (all but dlt and affine) a
-        smaller gain reduces the noise of the motion.
+        Gain k, 1/s, positive. Above 1/(e T) the tool overshoots, where T is the time in s from
+        reading the joints to the motion of the drives: 46 ms by default, of delay, lag and tick.
+        The camera's latency does not count, as the error is predicted for the present joints. Noise
+        does not count if the estimator averages it; with the other estimators (all but dlt and
+        affine) a smaller gain reduces the noise of the motion.
     bounds : Triple
-        Saturation bounds b of the feature errors (rad, px, px); the angle is at most π.
+        Saturation bounds b of the feature errors (rad, px, px), positive; that of the angle is at
+        most π.
     potential : Literal['continuous', 'printed']
-        Potential V: continuous as in Fig. 5 of the paper, or printed as in (32), where the action
-        drops to half at b.
+        Potential V beyond the bounds: 'continuous' as above and in Fig. 5 of the paper, or
+        'printed', ½ bᵢ |Δyᵢ| as in the paper's eq. (32), with which ∂V/∂y drops to half at b.
     max_speed : float
-        Speed limit of both markers and of the tip, mm/s.
+        Speed limit of both markers and of the tip, mm/s, positive.
     tip : float
-        Distance from marker 2 to the tip, mm.
+        Distance from marker 2 to the tip, mm, from 0 to 1000.
     max_condition : float
-        Condition of the scaled Jacobian above which its inverse is strongly damped. Damping begins
-        at half of it.
+        Condition number of the scaled Jacobian, above 1, beyond which its inverse is strongly
+        damped. Damping begins at half of it.
 
     Raises
     ------
@@ -249,21 +100,166 @@ class SaturatedController(Checked, section="controller"):
     features: Annotated[str, one_of(FEATURE_VECTORS)] = "srd"
     gain: Annotated[float, positive("gain in 1/s")] = 8.0
     bounds: Annotated[Triple, three_positive("rad, px, px"), angles(np.pi, first=1)] = (
-        float(np.radians(50.0)),
-        50.0,
-        50.0,
+        DEFAULT_BOUNDS
     )
     potential: Literal["continuous", "printed"] = "continuous"
     max_speed: Annotated[float, positive("speed in mm/s")] = 40.0
     tip: Annotated[float, between(0.0, 1000.0, "a length", "mm")] = 0.0
     max_condition: Annotated[float, above(1.0)] = 150.0
 
-    @property
-    def feature_vector(self) -> FeatureVector:
-        """Feature vector that the controller acts on."""
-        return FEATURE_VECTORS[self.features]
-
     @cached_property
     def bounds_array(self) -> Floats:
         """Bounds b (3,) in (rad, px, px)."""
         return np.array(self.bounds)
+
+
+@compiled
+def potential_gradient(delta: Floats, bounds: Floats, follows_paper: bool) -> Floats:
+    """Return ∂V/∂y (n,) of (32): Δy inside ±b and, beyond, ±b or, if `follows_paper`, ±b/2.
+
+    Fig. 5 of the paper shows the continuous form, while its eq. (32) drops to half at b.
+    """
+    gradient, saturated_fraction = np.empty(len(delta)), 0.5 if follows_paper else 1.0
+    for i in range(len(delta)):
+        is_inside = abs(delta[i]) < bounds[i]
+        saturated = np.sign(delta[i]) * saturated_fraction * bounds[i]
+        gradient[i] = delta[i] if is_inside else saturated
+    return gradient
+
+
+@compiled
+def potential(delta: Floats, bounds: Floats, follows_paper: bool) -> float:
+    """Return V = Σ Vᵢ of (32).
+
+    Vᵢ is ½Δy² inside ±b and, beyond, b|Δy| − ½b² or, if `follows_paper`, ½b|Δy|.
+    """
+    total = 0.0
+    for i in range(len(delta)):
+        size = abs(delta[i])
+        if size < bounds[i]:
+            total += 0.5 * size**2
+        elif follows_paper:
+            total += 0.5 * bounds[i] * size
+        else:
+            total += bounds[i] * size - 0.5 * bounds[i] ** 2
+    return total
+
+
+@compiled
+def scale_rows(J: Floats) -> Floats:
+    """Return J (3, 3) with each row divided by FEATURE_SCALE, for norms and condition numbers."""
+    scaled = np.empty(J.shape)
+    for i in range(J.shape[0]):
+        for j in range(J.shape[1]):
+            scaled[i, j] = J[i, j] / FEATURE_SCALE[i]
+    return scaled
+
+
+@compiled
+def max_scaled_entry(J: Floats) -> float:
+    """Return the largest absolute entry of J with scaled rows; NaN if an entry is NaN."""
+    largest = 0.0
+    for i in range(J.shape[0]):
+        for j in range(J.shape[1]):
+            size = abs(J[i, j]) / FEATURE_SCALE[i]
+            if np.isnan(size):
+                return np.nan
+            largest = max(largest, size)
+    return largest
+
+
+class ControllerOutput(NamedTuple):
+    """Velocity that the controller requests, and its quality.
+
+    Parameters
+    ----------
+    v : Point
+        Velocity of marker 1 in mm/s.
+    condition : float
+        Condition number of the scaled Ĵ.
+    reducible_fraction : float
+        Fraction of the scaled error that v reduces: 1 without damping, 0 if no motion that Ĵ models
+        reduces it.
+    distance_to_target : float
+        Distance (mm) of marker 1 to the target along v, independent of the speed.
+    """
+
+    v: Point
+    condition: float
+    reducible_fraction: float
+    distance_to_target: float
+
+
+@compiled
+def solve_velocity(
+    J: Floats, gradient: Floats, gain: float, max_condition: float, max_speed: float
+) -> ControllerOutput:
+    """Return the velocity v = −gain J⁻¹ gradient of eq. (31) and its quality.
+
+    J (n, 3) per mm and the gradient ∂V/∂y (n,) are scaled. For more than three features v is the
+    least-squares solution. A faster v is slowed to `max_speed` mm/s without changing its direction.
+    """
+    if not (all_finite(J) and compute_norm(J) > 0.0):
+        return ControllerOutput((0.0, 0.0, 0.0), np.inf, 0.0, np.inf)
+    v, condition, reducible_fraction = (0.0, 0.0, 0.0), np.inf, 1.0
+    if len(J) == 3:
+        (x, y, z), condition = solve_3x3(J, gradient)
+        v = -gain * x, -gain * y, -gain * z
+    if not condition < min(0.5 * max_condition, MAX_UNDAMPED_CONDITION):
+        v, condition, reducible_fraction = compute_damped_velocity(
+            J.copy(), gradient, gain, max_condition
+        )
+    speed = np.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
+    slowdown = max(1.0, speed / max_speed)
+    v = v[0] / slowdown, v[1] / slowdown, v[2] / slowdown
+    return ControllerOutput(v, condition, reducible_fraction, speed / gain)
+
+
+@compiled
+def compute_damped_velocity(
+    B: Floats, gradient: Floats, gain: float, max_condition: float
+) -> tuple[Point, float, float]:
+    """Return the damped v mm/s, the condition of Ĵ, and the fraction of the error that v reduces.
+
+    B (n, 3) is the scaled Ĵ and `gradient` (n,) the scaled ∂V/∂y. A rotation V, in place, makes the
+    columns of B = Ĵ V orthogonal; their lengths σ are the singular values of Ĵ. v is a sum over
+    these columns. Those with σ below 2σ₁/max_condition are damped, so that |v| stays bounded.
+    """
+    V, v, squared_gradient, reduced = np.empty((3, 3)), np.zeros(3), 0.0, 0.0
+    orthogonalise_in_place(B, V)
+    sigma_min, sigma_max = find_column_length_range(B)
+    damped_below = 2.0 * sigma_max / max_condition
+    for k in range(len(B)):
+        squared_gradient += gradient[k] ** 2
+    for i in range(3):
+        sigma, projection = compute_norm(B[:, i]), 0.0
+        for k in range(len(B)):
+            projection += B[k, i] * gradient[k]
+        shortfall = max(1.0 - sigma / damped_below, 0.0)
+        amplitude = projection / (sigma**2 + (shortfall * damped_below) ** 2)
+        reduced += projection * amplitude
+        for k in range(3):
+            v[k] -= gain * V[k, i] * amplitude
+    condition = sigma_max / sigma_min if sigma_min > 0.0 and sigma_max < np.inf else np.inf
+    reducible_fraction = reduced / squared_gradient if squared_gradient > 0.0 else 1.0
+    return (v[0], v[1], v[2]), condition, reducible_fraction
+
+
+@compiled
+def compute_controller_output(
+    J: Floats,
+    delta: Floats,
+    bounds: Floats,
+    follows_paper: bool,
+    gain: float,
+    max_condition: float,
+    max_speed: float,
+) -> tuple[ControllerOutput, float]:
+    """Return the velocity by (32) and (31) with its quality, and √(2V).
+
+    The error Δy (n,), the bounds b (n,) and the Jacobian (n, 3) are scaled. √(2V) is |Δy| without
+    saturation. By (33) V decreases, while a single component may grow on the path.
+    """
+    gradient = potential_gradient(delta, bounds, follows_paper)
+    output = solve_velocity(J, gradient, gain, max_condition, max_speed)
+    return output, np.sqrt(2.0 * potential(delta, bounds, follows_paper))

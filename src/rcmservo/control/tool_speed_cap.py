@@ -9,7 +9,7 @@ from rcmservo.numerics.jit import compiled
 
 @compiled
 def cap_tool_speed(
-    capped: Floats, v: Point, tool: ToolStruct, p1: Point, law: SaturatedController
+    capped: Floats, v: Point, tool: ToolStruct, p1: Point, controller: SaturatedController
 ) -> None:
     """Write v mm/s of marker 1 at p1 mm, slowed until the fastest point of the tool keeps the cap.
 
@@ -18,15 +18,15 @@ def cap_tool_speed(
     capped : Floats
         Velocity (3,) mm/s that receives the result.
     v : Point
-        Velocity of marker 1 by the control law, mm/s.
+        Velocity of marker 1 that the controller requests, mm/s.
     tool : ToolStruct
-        Tool.
+        Tool with both markers.
     p1 : Point
         Position of marker 1, mm.
-    law : SaturatedController
+    controller : SaturatedController
         Controller, of which `tip` (mm) and `max_speed` (mm/s) are used.
     """
-    speed = compute_max_tool_speed(tool, p1, v, law.tip)
-    slower = max(1.0, speed / law.max_speed)
+    speed = compute_max_tool_speed(tool, p1, v, controller.tip)
+    slowdown = max(1.0, speed / controller.max_speed)
     for k in range(3):
-        capped[k] = v[k] / slower
+        capped[k] = v[k] / slowdown

@@ -1,9 +1,9 @@
-"""Estimator by the markers' pixels and apparent sizes, an affine model of both balls.
+"""Estimator of Ĵ by the markers' pixels and apparent sizes, with an affine model of each marker.
 
-A ball's pixels divided by its apparent radius are affine in its position (ball_size_fit.py): linear
-least squares over all frames gives twelve numbers for each marker. The model needs no RCM in front
-of the camera and no sign of a depth, it has no singular pose, and one marker determines the
-position. It needs a tracker that measures sizes; without sizes it estimates nothing.
+The markers are balls. A ball's pixels divided by its apparent radius are affine in its position
+(ball_size_fit.py): linear least squares over all frames gives twelve numbers for each marker. The
+RCM may lie anywhere relative to the camera, no pose is singular, and one marker determines the
+position of the tool. The tracker must measure sizes; without sizes nothing is estimated.
 """
 
 from dataclasses import dataclass
@@ -15,12 +15,12 @@ from rcmservo.constraints import between
 from rcmservo.estimation.ball_size_fit import (
     MIN_FRAMES,
     BallFit,
-    ball_jacobian,
-    initial_ball_fits,
+    compute_ball_jacobian,
+    compute_radius_jacobian,
     locate_ball,
+    make_initial_ball_fits,
     predict_ball_image,
     project_ball,
-    radius_jacobian,
     update_ball_fit,
 )
 from rcmservo.estimation.base import Estimator, Sample
@@ -38,112 +38,23 @@ from rcmservo.numerics.small_linalg import all_finite, copy_into, multiply_matri
 from rcmservo.numerics.structs import Rows
 
 
-@compiled
-def update_both_fits(
-    memory: Rows[BallFit],
-    p1: Floats,
-    points: Floats,
-    sizes: Floats,
-    kappa: float,
-    shaft: ToolStruct,
-) -> Rows[BallFit]:
-    """Return the fits of both balls after one more frame.
-
-    The frame has the markers' raw `points` (2, 2) px and `sizes` (2,) px, with marker 1 at p1 (3,)
-    mm.
-    """
-    memory = memory.copy()
-    update_ball_fit(memory[0], p1, points[0], sizes[0], kappa)
-    update_ball_fit(memory[1], compute_second_marker(shaft, p1), points[1], sizes[1], kappa)
-    return memory
-
-
-@compiled
-def both_are_fitted(memory: Rows[BallFit]) -> bool:
-    """Return whether the fits of both markers have enough frames."""
-    return memory[0].frame_count >= MIN_FRAMES and memory[1].frame_count >= MIN_FRAMES
-
-
-@compiled
-def markers_jacobian(memory: Rows[BallFit], p1: Floats, shaft: ToolStruct) -> Floats:
-    """Return ∂m/∂p₁ (4, 3) px/mm of both markers with marker 1 at p1 (3,) mm."""
-    jacobian, p2 = np.empty((4, 3)), compute_second_marker(shaft, p1)
-    copy_into(jacobian[:2], ball_jacobian(memory[0], p1))
-    copy_into(
-        jacobian[2:],
-        multiply_matrices(ball_jacobian(memory[1], p2), compute_second_marker_jacobian(shaft, p1)),
-    )
-    return jacobian
-
-
-@compiled
-def sizes_jacobian(memory: Rows[BallFit], p1: Floats, shaft: ToolStruct) -> Floats:
-    """Return ∂R/∂p₁ (2, 3) px/mm of both markers' apparent radii with marker 1 at p1 (3,) mm."""
-    jacobian, jacobian_2 = np.empty((2, 3)), np.empty((1, 3))
-    copy_into(jacobian[0], radius_jacobian(memory[0], p1))
-    copy_into(jacobian_2[0], radius_jacobian(memory[1], compute_second_marker(shaft, p1)))
-    copy_into(
-        jacobian[1:], multiply_matrices(jacobian_2, compute_second_marker_jacobian(shaft, p1))
-    )
-    return jacobian
-
-
-@compiled
-def fitted_features_jacobian(
-    memory: Rows[BallFit], p1: Floats, points: Floats, o_c: Floats, shaft: ToolStruct
-) -> Floats:
-    """Return Ĵ (3, 3) of eq. (15), or zeros before both fits have enough frames.
-
-    It is ∂y/∂m at the raw `points` (2, 2) px about o_c, times ∂m/∂p₁ of both fits.
-    """
-    if not (both_are_fitted(memory) and all_finite(points) and all_finite(o_c)):
-        return np.zeros((3, 3))
-    J_hat = multiply_matrices(
-        compute_features_jacobian(shift_to_rcm(points, o_c)), markers_jacobian(memory, p1, shaft)
-    )
-    return J_hat if all_finite(J_hat) else np.zeros((3, 3))
-
-
-@compiled
-def predict_markers(memory: Rows[BallFit], p1: Floats, shaft: ToolStruct) -> Floats:
-    """Return the markers (2, 2) raw px that the fits predict for p1 (3,) mm."""
-    points, p = np.empty((2, 2)), p1
-    for k in range(2):
-        image = project_ball(memory[k], p)
-        for i in range(2):
-            points[k, i] = memory[k].origin[3 + i] + image.m[i]
-        p = compute_second_marker(shaft, p1)
-    return points
-
-
-@compiled
-def estimate_imaged_rcm(memory: Rows[BallFit]) -> tuple[Floats, Floats]:
-    """Return the imaged RCM (2,) raw px and its covariance (2, 2) px².
-
-    It is that of the fit with the smaller variance.
-    """
-    o_c_1, covariance_1 = predict_ball_image(memory[0], RCM_POSITION_MM)
-    o_c_2, covariance_2 = predict_ball_image(memory[1], RCM_POSITION_MM)
-    if covariance_1[0, 0] + covariance_1[1, 1] < covariance_2[0, 0] + covariance_2[1, 1]:
-        return o_c_1, covariance_1
-    return o_c_2, covariance_2
-
-
 @dataclass(frozen=True)
 class AffineEstimator(Estimator):
     """Estimator of Ĵ by the markers' pixels and apparent sizes.
 
-    The pixels of a ball divided by its apparent radius R are affine in its position p:
+    The markers are balls. The pixels (u, v) of a ball divided by its apparent radius R px are
+    affine in its position p (3,) mm:
 
         (u, v, 1)/R = C [p 1]
 
-    The matrix C (3, 4) of each marker is fitted to all frames. Ĵ follows from eq. (15).
+    The matrix C (3, 4) of each marker is fitted to all frames. Ĵ (3, 3) in rad/mm, px/mm, px/mm is
+    ∂y/∂m ∂m/∂p₁, eq. (15), with ∂m/∂p₁ (4, 3) px/mm of both fits.
 
     Parameters
     ----------
     size_noise : float
-        Noise of an apparent radius in px for each px of noise of a centre. It is below 1, as errors
-        of the joints move the centres and hardly change the sizes.
+        Noise of an apparent radius in px for each px of noise of a centre, from 0.01 to 100. The
+        default is below 1, as errors of the joints move the centres and hardly change the sizes.
 
     Raises
     ------
@@ -153,7 +64,7 @@ class AffineEstimator(Estimator):
     Notes
     -----
     It needs a tracker that measures apparent radii, and four frames at different positions. It
-    estimates the imaged RCM and accepts frames with one lost marker. There is no singular pose.
+    estimates the imaged RCM and accepts frames with one lost marker. No pose is singular.
 
     References
     ----------
@@ -170,24 +81,25 @@ class AffineEstimator(Estimator):
     advice = "affine needs a tracker that measures the markers' apparent sizes"
 
     def init(self) -> Rows[BallFit]:
-        return initial_ball_fits()
+        return make_initial_ball_fits()
 
     def update(self, memory: Rows[BallFit], tool: Tool, sample: Sample) -> Rows[BallFit]:
         kappa = 1.0 / self.size_noise**2
         return update_both_fits(memory, sample.p1, sample.points, sample.sizes, kappa, tool.struct)
 
     def jacobian(self, memory: Rows[BallFit], tool: Tool, sample: Sample) -> Floats:
-        return fitted_features_jacobian(memory, sample.p1, sample.points, sample.o_c, tool.struct)
+        p1, points, o_c, *_ = sample
+        return compute_fitted_features_jacobian(memory, p1, points, o_c, tool.struct)
 
     def filtered_markers(self, memory: Rows[BallFit], tool: Tool, sample: Sample) -> Floats:
         is_lost = ~np.isfinite(sample.points)
         return np.where(is_lost, predict_markers(memory, sample.p1, tool.struct), sample.points)
 
     def markers_jacobian(self, memory: Rows[BallFit], tool: Tool, sample: Sample) -> Floats:
-        return markers_jacobian(memory, sample.p1, tool.struct)
+        return compute_markers_jacobian(memory, sample.p1, tool.struct)
 
     def sizes_jacobian(self, memory: Rows[BallFit], tool: Tool, sample: Sample) -> Floats:
-        return sizes_jacobian(memory, sample.p1, tool.struct)
+        return compute_sizes_jacobian(memory, sample.p1, tool.struct)
 
     def imaged_rcm(self, memory: Rows[BallFit]) -> tuple[Floats, Floats] | None:
         return estimate_imaged_rcm(memory) if both_are_fitted(memory) else None
@@ -221,3 +133,86 @@ class AffineEstimator(Estimator):
         """
         p, is_known = locate_ball(memory[k], np.asarray(point, dtype=np.float64), float(size))
         return p if is_known else None
+
+
+@compiled
+def update_both_fits(
+    memory: Rows[BallFit],
+    p1: Floats,
+    points: Floats,
+    sizes: Floats,
+    kappa: float,
+    shaft: ToolStruct,
+) -> Rows[BallFit]:
+    """Return the fits of both balls after one more frame.
+
+    The frame has the markers' raw `points` (2, 2) px and `sizes` (2,) px, with marker 1 at p1 (3,)
+    mm.
+    """
+    memory = memory.copy()
+    update_ball_fit(memory[0], p1, points[0], sizes[0], kappa)
+    update_ball_fit(memory[1], compute_second_marker(shaft, p1), points[1], sizes[1], kappa)
+    return memory
+
+
+@compiled
+def both_are_fitted(memory: Rows[BallFit]) -> bool:
+    """Return whether the fits of both markers have enough frames."""
+    return memory[0].frame_count >= MIN_FRAMES and memory[1].frame_count >= MIN_FRAMES
+
+
+@compiled
+def compute_markers_jacobian(memory: Rows[BallFit], p1: Floats, shaft: ToolStruct) -> Floats:
+    """Return ∂m/∂p₁ (4, 3) px/mm of both markers with marker 1 at p1 (3,) mm."""
+    jacobian, p2 = np.empty((4, 3)), compute_second_marker(shaft, p1)
+    copy_into(jacobian[:2], compute_ball_jacobian(memory[0], p1))
+    dm2_dp2 = compute_ball_jacobian(memory[1], p2)
+    copy_into(jacobian[2:], multiply_matrices(dm2_dp2, compute_second_marker_jacobian(shaft, p1)))
+    return jacobian
+
+
+@compiled
+def compute_sizes_jacobian(memory: Rows[BallFit], p1: Floats, shaft: ToolStruct) -> Floats:
+    """Return ∂R/∂p₁ (2, 3) px/mm of both markers' apparent radii with marker 1 at p1 (3,) mm."""
+    jacobian, dR2_dp2 = np.empty((2, 3)), np.empty((1, 3))
+    copy_into(jacobian[0], compute_radius_jacobian(memory[0], p1))
+    copy_into(dR2_dp2[0], compute_radius_jacobian(memory[1], compute_second_marker(shaft, p1)))
+    copy_into(jacobian[1:], multiply_matrices(dR2_dp2, compute_second_marker_jacobian(shaft, p1)))
+    return jacobian
+
+
+@compiled
+def compute_fitted_features_jacobian(
+    memory: Rows[BallFit], p1: Floats, points: Floats, o_c: Floats, shaft: ToolStruct
+) -> Floats:
+    """Return Ĵ = ∂y/∂m ∂m/∂p₁ (3, 3), eq. (15), or zeros before both fits have enough frames.
+
+    ∂y/∂m is taken at the raw `points` (2, 2) px about o_c, and ∂m/∂p₁ is that of both fits.
+    """
+    if not (both_are_fitted(memory) and all_finite(points) and all_finite(o_c)):
+        return np.zeros((3, 3))
+    dy_dm = compute_features_jacobian(shift_to_rcm(points, o_c))
+    J_hat = multiply_matrices(dy_dm, compute_markers_jacobian(memory, p1, shaft))
+    return J_hat if all_finite(J_hat) else np.zeros((3, 3))
+
+
+@compiled
+def predict_markers(memory: Rows[BallFit], p1: Floats, shaft: ToolStruct) -> Floats:
+    """Return the markers (2, 2) raw px that the fits predict for p1 (3,) mm."""
+    points, p = np.empty((2, 2)), p1
+    for k in range(2):
+        image = project_ball(memory[k], p)
+        for i in range(2):
+            points[k, i] = memory[k].origin[3 + i] + image.m[i]
+        p = compute_second_marker(shaft, p1)
+    return points
+
+
+@compiled
+def estimate_imaged_rcm(memory: Rows[BallFit]) -> tuple[Floats, Floats]:
+    """Return the imaged RCM (2,) raw px and its covariance (2, 2) px² by the more accurate fit."""
+    o_c_1, covariance_1 = predict_ball_image(memory[0], RCM_POSITION_MM)
+    o_c_2, covariance_2 = predict_ball_image(memory[1], RCM_POSITION_MM)
+    if covariance_1[0, 0] + covariance_1[1, 1] < covariance_2[0, 0] + covariance_2[1, 1]:
+        return o_c_1, covariance_1
+    return o_c_2, covariance_2

@@ -1,6 +1,7 @@
-"""Fit of an affine model to the pixels and the apparent size of one ball.
+"""Fit of an affine model to the pixels and the apparent size of one marker, which is a ball.
 
-The product of size and depth is constant for a ball. With its apparent radius R px at (u, v) px,
+The product of apparent size and depth is constant for a ball. With its apparent radius R px at
+(u, v) px,
 
     (u, v, 1)/R = C x̄,    x = (p − p₀) / 100 mm,    x̄ = [x 1],    u and v from m₀
 
@@ -42,8 +43,11 @@ from rcmservo.numerics.small_linalg import (
 from rcmservo.numerics.small_solvers import invert, solve_3x3
 from rcmservo.numerics.structs import Row, Rows, real, reals
 
+PARAMETER_COUNT = 12.0
+"""Number of parameters of the model, C."""
+
 MIN_FRAMES = 4.0
-"""Smallest number of frames at different positions that determines the twelve numbers."""
+"""Smallest number of frames at different positions that determines C."""
 
 PRIOR_PRECISION = 1e-6, 1.0
 """Prior precision 1/variance of c₁ and c₂ (px/R), and of c₃ (1/R)."""
@@ -81,7 +85,7 @@ class BallImage(NamedTuple):
     inverse_radius: float
 
 
-def initial_ball_fits() -> Rows[BallFit]:
+def make_initial_ball_fits() -> Rows[BallFit]:
     """Return the fits of two balls before the first frame."""
     empty = BallFit.of(noise_variance=PRIOR_NOISE_PX**2).rows
     return cast(Any, np.repeat(cast(Any, empty), 2))
@@ -90,11 +94,18 @@ def initial_ball_fits() -> Rows[BallFit]:
 @compiled
 def project_ball(fit: BallFit, p: Floats) -> BallImage:
     """Return the predicted image of a ball at p (3,) mm."""
+    x = normalise_position(fit, p)
+    w = multiply_vector(fit.C, x)
+    return BallImage(x, np.array([w[0] / w[2], w[1] / w[2]]), w[2])
+
+
+@compiled
+def normalise_position(fit: BallFit, p: Floats) -> Floats:
+    """Return x̄ (4,) of a position p (3,) mm."""
     x = np.ones(4)
     for i in range(3):
         x[i] = (p[i] - fit.origin[i]) / UNIT_LENGTH_MM
-    w = multiply_vector(fit.C, x)
-    return BallImage(x, np.array([w[0] / w[2], w[1] / w[2]]), w[2])
+    return x
 
 
 @compiled
@@ -111,9 +122,7 @@ def update_ball_fit(fit: BallFit, p: Floats, point: Floats, size: float, kappa: 
         copy_into(fit.origin[3:], point)
     elif compute_distance(p, fit.newest_p) < MIN_FRAME_SPACING_MM:
         return
-    x, m = np.ones(4), np.empty(2)
-    for i in range(3):
-        x[i] = (p[i] - fit.origin[i]) / UNIT_LENGTH_MM
+    x, m = normalise_position(fit, p), np.empty(2)
     for k in range(2):
         m[k] = point[k] - fit.origin[3 + k]
     add_to_sums(fit, x, m, size, kappa)
@@ -129,10 +138,10 @@ def add_to_sums(fit: BallFit, x: Floats, m: Floats, size: float, kappa: float) -
     for i in range(4):
         fit.size_sums[i] += kappa * size**3 * x[i]
         for j in range(4):
-            outer = x[i] * x[j]
+            product = x[i] * x[j]
             for k in range(4):
-                fit.sums[k, i, j] += weights[k] * outer
-            fit.sums[4, i, j] += kappa * size**4 * outer
+                fit.sums[k, i, j] += weights[k] * product
+            fit.sums[4, i, j] += kappa * size**4 * product
 
 
 @compiled
@@ -142,32 +151,31 @@ def solve_ball_fit(fit: BallFit, size: float, kappa: float) -> None:
     for i in range(4):
         fit.S_inverse[i, i] += PRIOR_PRECISION[0] * fit.noise_variance * size**2
     invert(fit.S_inverse)
-    Q = centre_residual_form(fit)
+    Q = compute_residual_form(fit)
     c, inverse, _ = solve_third_row(fit, Q, 0.0, size)
     residual = max(bilinear_form(Q, c, c), 0.0)
-    correction = residual / bilinear_form(fit.sums[0], c, c) * max(1.0 - 4.0 / fit.frame_count, 0.0)
+    # each row of C has four parameters, which reduce the residuals
+    unexplained_fraction = max(1.0 - 4.0 / fit.frame_count, 0.0)
+    correction = residual / bilinear_form(fit.sums[0], c, c) * unexplained_fraction
     corrected, corrected_inverse, is_invertible = solve_third_row(fit, Q, correction, size)
     if is_invertible:
-        c, inverse, residual = (
-            corrected,
-            corrected_inverse,
-            max(bilinear_form(Q, corrected, corrected), 0.0),
-        )
+        c, inverse = corrected, corrected_inverse
+        residual = max(bilinear_form(Q, c, c), 0.0)
     copy_into(fit.C[2], c)
     copy_into(fit.c_inverse, inverse)
     for k in range(2):
         copy_into(fit.C[k], multiply_vector(fit.S_inverse, multiply_vector(fit.sums[k + 1], c)))
-    residual += max(
-        bilinear_form(fit.sums[4], c, c) + kappa * fit.frame_count - 2.0 * dot(fit.size_sums, c),
-        0.0,
-    )
-    prior_rows, rows = 3.0 * PRIOR_NOISE_FRAMES, max(3.0 * fit.frame_count - 12.0, 0.0)
-    fit.noise_variance = (residual + prior_rows * PRIOR_NOISE_PX**2) / (rows + prior_rows)
+    size_residual = bilinear_form(fit.sums[4], c, c) + kappa * fit.frame_count
+    residual += max(size_residual - 2.0 * dot(fit.size_sums, c), 0.0)
+    prior_rows = 3.0 * PRIOR_NOISE_FRAMES
+    free_rows = max(3.0 * fit.frame_count - PARAMETER_COUNT, 0.0)
+    prior_residual = prior_rows * PRIOR_NOISE_PX**2
+    fit.noise_variance = (residual + prior_residual) / (free_rows + prior_rows)
 
 
 @compiled
-def centre_residual_form(fit: BallFit) -> Floats:
-    """Return Q (4, 4): c₃ᵀQc₃ is the sum of squared residuals of the centres."""
+def compute_residual_form(fit: BallFit) -> Floats:
+    """Return Q = W − U S⁻¹U − V S⁻¹V (4, 4); c₃ᵀQc₃ is the centres' sum of squared residuals."""
     Q = fit.sums[3].copy()
     for k in range(1, 3):
         for j in range(4):
@@ -211,19 +219,18 @@ def locate_ball(fit: BallFit, point: Floats, size: float) -> tuple[Floats, bool]
 
 
 @compiled
-def ball_jacobian(fit: BallFit, p: Floats) -> Floats:
+def compute_ball_jacobian(fit: BallFit, p: Floats) -> Floats:
     """Return ∂m/∂p (2, 3) px/mm of the fit at p (3,) mm."""
     image, jacobian = project_ball(fit, p), np.empty((2, 3))
+    unit = image.inverse_radius * UNIT_LENGTH_MM
     for k in range(2):
         for i in range(3):
-            jacobian[k, i] = (fit.C[k, i] - image.m[k] * fit.C[2, i]) / (
-                image.inverse_radius * UNIT_LENGTH_MM
-            )
+            jacobian[k, i] = (fit.C[k, i] - image.m[k] * fit.C[2, i]) / unit
     return jacobian
 
 
 @compiled
-def radius_jacobian(fit: BallFit, p: Floats) -> Floats:
+def compute_radius_jacobian(fit: BallFit, p: Floats) -> Floats:
     """Return ∂R/∂p = −R² c₃ / 100 mm, (3,) px/mm, of the fit at p (3,) mm, by 1/R = c₃ᵀx̄."""
     image, jacobian = project_ball(fit, p), np.empty(3)
     for i in range(3):

@@ -6,7 +6,7 @@ pure function of both.
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from typing import Any, ClassVar, NamedTuple, Protocol, runtime_checkable
+from typing import Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from rcmservo.numerics.structs import Row, flag, real, reals, whole
 
 
 class Sample(NamedTuple):
-    """Measurements of one new frame for an estimator. No number in it is a command.
+    """Measurements of one new frame for an estimator. None of these numbers is a command.
 
     Parameters
     ----------
@@ -27,10 +27,11 @@ class Sample(NamedTuple):
     points : Floats
         Centres (2, 2) of the markers in raw px; NaN for a lost marker.
     o_c : Floats
-        Imaged RCM (2,) in raw px by eq. (16); NaN if the estimator determines it.
+        Imaged RCM (2,) in raw px by eq. (16), the point nearest to the lines of the imaged tool;
+        NaN if the estimator determines it.
     dt : float
-        Time in s since the exposure of the previous sample. It is 0 for the first sample of a run
-        and for the first one after a reset.
+        Time in s since the exposure of the previous sample, not negative. It is 0 for the first
+        sample of a run and for the first one after a reset.
     sizes : Floats
         Apparent radii (2,) of the markers in px; NaN where unknown.
     """
@@ -46,16 +47,12 @@ class EstimatorResult(Row):
     """Result of an estimator for one frame, from which the servo computes features and error."""
 
     points: Floats = reals((2, 2), "px", "markers, raw; filtered if the estimator averages noise")
-    J_hat: Floats = reals((3, 3), "rad/mm, px/mm, px/mm", "Ĵ of eq. (14), unless placed")
-    markers_jacobian: Floats = reals((4, 3), "px/mm", "∂m/∂p₁ of both markers, if needed or placed")
-    has_imaged_rcm: bool = flag(
-        "whether the estimator gives the imaged RCM, and Ĵ follows from motion"
-    )
-    has_failed: bool = flag(
-        "whether a user-defined estimator or feature vector failed at this tick"
-    )
-    o_c: Floats = reals(2, "px", "imaged RCM, raw, if placed")
+    has_imaged_rcm: bool = flag("whether the estimator gives o_c, and Ĵ follows from ∂m/∂p₁")
+    J_hat: Floats = reals((3, 3), "rad/mm, px/mm, px/mm", "Ĵ of eq. (14), if it gives no o_c")
+    markers_jacobian: Floats = reals((4, 3), "px/mm", "∂m/∂p₁ of both markers, if needed")
+    o_c: Floats = reals(2, "px", "imaged RCM, raw, if it gives o_c")
     o_c_covariance: Floats = reals((2, 2), "px²", "of o_c")
+    has_failed: bool = flag("whether a user's estimator or feature vector failed at this tick")
 
 
 class KernelSample(NamedTuple):
@@ -72,11 +69,11 @@ class KernelSample(NamedTuple):
     dt : float
         Time in s since the exposure of the previous sample; 0 for the first.
     shaft : ToolStruct
-        Tool.
+        Tool with both markers.
     needs_markers_jacobian : bool
-        Whether the caller needs ∂m/∂p₁ of both markers.
+        True if the caller needs ∂m/∂p₁ of both markers.
     fit_changed : bool
-        Whether the projection fit has changed since the previous frame.
+        True if the projection fit has changed since the previous frame.
     """
 
     p1: Floats
@@ -102,18 +99,11 @@ class EstimatorKernel(Protocol):
     """Function of (kernel, memory) that returns the memory before the first frame."""
 
 
-@runtime_checkable
-class CompiledEstimator(Protocol):
-    """Estimator with a kernel in the compiled tick."""
-
-    @property
-    def kernel(self) -> Any:
-        """`EstimatorKernel` of the estimator."""
-        ...
-
-
 class Estimator(Checked, ABC, section="estimator"):
-    """Base class of the estimators of the Jacobian Ĵ of eq. (14), ẏ = Ĵ v with v = ṗ₁.
+    """Base class of the estimators of the Jacobian Ĵ (3, 3) of eq. (14), ẏ = Ĵ v with v = ṗ₁.
+
+    Ĵ maps the velocity v (3,) mm/s of marker 1 to the rate ẏ (3,) rad/s, px/s, px/s of the
+    features [s r d].
 
     A user-defined estimator derives from this class, implements `init`, `update` and `jacobian`,
     and overrides the optional methods that its model supports. Every method is pure: it changes
@@ -123,7 +113,7 @@ class Estimator(Checked, ABC, section="estimator"):
     Raises
     ------
     BadInput
-        On construction, if a setting is outside its limits. The limits are annotations of the
+        At construction, if a setting is outside its limits. The limits are annotations of the
         fields.
 
     Notes
@@ -238,7 +228,7 @@ class Estimator(Checked, ABC, section="estimator"):
     def markers_jacobian(self, memory: Any, tool: Tool, sample: Sample) -> Floats:
         """Return ∂m/∂p₁ of both markers at a sample, the second factor of eq. (15).
 
-        The servo calls it if the estimator determines the imaged RCM, or if the control law acts on
+        The servo calls it if the estimator determines the imaged RCM, or if the controller acts on
         the markers' coordinates.
 
         Parameters
@@ -270,7 +260,7 @@ class Estimator(Checked, ABC, section="estimator"):
     def sizes_jacobian(self, memory: Any, tool: Tool, sample: Sample) -> Floats:
         """Return ∂R/∂p₁ of both markers' apparent radii at a sample.
 
-        The servo calls it if the control law acts on the apparent radii.
+        The servo calls it if the controller acts on the apparent radii.
 
         Parameters
         ----------
@@ -338,7 +328,7 @@ class Estimator(Checked, ABC, section="estimator"):
 class Estimate(Row):
     """Estimate after the newest frame, in numbers; NaN where not known yet."""
 
-    exposure: int = whole("ns", "of the newest frame in the estimate, -1 before the first")
+    exposure: int = whole("ns", "exposure of the newest frame in the estimate, -1 before the first")
     points: Floats = reals((2, 2), "px", "markers in the newest accepted frame, raw")
     p1: Floats = reals(3, "mm", "position of marker 1 at that exposure")
     line_count: int = whole("", "number of stored lines of the tool for eq. (16)")
@@ -347,8 +337,10 @@ class Estimate(Row):
     rcm_condition: float = real("", "condition of eq. (16), 0 if the projection fit gives o_c")
     J_hat: Floats = reals((FEATURE_COUNT, 3), "rad/mm, px/mm, px/mm", "Ĵ of eq. (14)")
     condition: float = real("", "condition of the scaled Ĵ")
-    law_jacobian: Floats = reals((MAX_FEATURES, 3), "", "∂/∂p₁ of the law's features, per mm")
-    law_error: Floats = reals(MAX_FEATURES, "", "error of these features at the exposure")
+    controlled_jacobian: Floats = reals(
+        (MAX_FEATURES, 3), "", "∂/∂p₁ of the law's features, per mm"
+    )
+    controlled_error: Floats = reals(MAX_FEATURES, "", "error of these features at the exposure")
     y: Floats = reals(FEATURE_COUNT, "rad, px, px", "features [s r d], eq. (7)")
     delta: Floats = reals(FEATURE_COUNT, "rad, px, px", "Δy at the exposure")
     predicted_delta: Floats = reals(

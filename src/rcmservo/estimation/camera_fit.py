@@ -1,22 +1,25 @@
 """Recursive fit of the camera's projection to all frames, eq. (17)-(21) about any origin.
 
+The model projects a point p mm to the pixels
+
     m = (A x̄) / (1 + gᵀx),    x = (p − p₀) / 100 mm,    x̄ = [x 1],    m in px from m₀
 
 p₀ is the middle of both markers in the first frame, and m₀ the middle of their pixels. With this
-origin the RCM may lie in front of, in or behind the image plane; (10) needs it in front of the
-camera. Both markers of all frames count. Each row of (18) has the weight w = 1/ẑ², so that its
-error is in pixels. Four sums suffice,
+origin the RCM may lie in front of the camera, in its focal plane or behind it, while eq. (10) needs
+it in front. A and g are fitted to both markers in all frames. Each row of eq. (18) has the weight
+w = 1/ẑ² with the estimated depth ẑ = 1 + gᵀx, which turns its error into pixels. With m = (u, v),
+four sums suffice,
 
     S = Σ w x̄x̄ᵀ,   U = Σ w u x̄x̄ᵀ,   V = Σ w v x̄x̄ᵀ,   W = Σ w (u² + v²) x̄x̄ᵀ
 
 since for h = [g 1] the rows of A are S⁻¹U h and S⁻¹V h, and their sum of squared residuals is hᵀQh
-with Q = W − U S⁻¹U − V S⁻¹V. Noise σ adds 2σ²S to W, which biases g towards zero; g therefore
-minimises hᵀ(Q − 2σ²S)h. This is rule (21) with Γ = (Σ w WᵀW + Γ₀⁻¹)⁻¹ run to its end, without a
-choice of observations. It is the direct linear transformation of Abdel-Aziz and Karara (1971), with
-the correction for errors in variables.
+with Q = W − U S⁻¹U − V S⁻¹V. Noise σ of the pixels adds 2σ²S to W, which biases g towards zero; g
+therefore minimises hᵀ(Q − 2σ²S)h. This is the steady state of rule (21), with all frames as
+observations. It is the direct linear transformation of Abdel-Aziz and Karara (1971), with the
+correction for errors in variables.
 
-The offset is the mean residual of each marker over the newest frames nearby. Fit plus offset gives
-the markers without their noise.
+The offset of a marker is its mean residual over the newest frames nearby. Fit plus offset gives the
+markers without their noise.
 """
 
 from typing import NamedTuple
@@ -34,11 +37,14 @@ from rcmservo.numerics.structs import Row, part, real, reals
 UNIT_LENGTH_MM = 100.0
 """Length of one unit of x in mm."""
 
+PARAMETER_COUNT = 11.0
+"""Number of parameters of the projection, A and g."""
+
 MIN_WEIGHT_DEPTH = 0.2
 """Smallest relative depth ẑ that enters a weight."""
 
 MIN_FRAME_SPACING_MM = 0.3
-"""Smallest path of marker 1 (mm) between two frames in the sums.
+"""Smallest distance of marker 1 (mm) between two frames in the sums.
 
 One position that is observed for long must not outweigh the others.
 """
@@ -51,6 +57,7 @@ MAX_OFFSET_FRAMES = 300.0
 
 PRIOR_NOISE_PX = 0.5
 """Expected noise (px) before the frames determine it."""
+
 PRIOR_NOISE_FRAMES = 5.0
 """Weight of the expected noise, as a number of frames."""
 
@@ -112,7 +119,7 @@ class ProjectedPoint(NamedTuple):
     z: float
 
 
-def initial_fit() -> ProjectionFit:
+def make_initial_fit() -> ProjectionFit:
     """Return the fit before the first frame."""
     return ProjectionFit.of(origin=np.nan, noise_variance=PRIOR_NOISE_PX**2)
 
@@ -141,14 +148,47 @@ def reset_fit(fit: ProjectionFit) -> None:
 
 
 @compiled
+def update_fit(fit: ProjectionFit, p1: Floats, points: Floats, shaft: ToolStruct) -> None:
+    """Update the fit by one frame with the raw `points` (2, 2) px and marker 1 at p1 (3,) mm.
+
+    After the first frame either marker may be NaN.
+    """
+    is_first = not fit.frame_count > 0.0
+    if is_first:
+        set_origin(fit, p1, compute_second_marker(shaft, p1), points)
+    if is_first or compute_distance(p1, fit.newest_summed_p1) >= MIN_FRAME_SPACING_MM:
+        predictions = project_markers(fit, p1, shaft)
+        for k in range(2):
+            add_marker(fit, k, predictions[k], points)
+        solve_fit(fit)
+        copy_into(fit.newest_summed_p1, p1)
+    decay = 0.0 if is_first else np.exp(-compute_distance(p1, fit.newest_p1) / OFFSET_DECAY_MM)
+    predictions = project_markers(fit, p1, shaft)
+    for k in range(2):
+        update_offset(fit, k, predictions[k], points[k], decay)
+    copy_into(fit.newest_p1, p1)
+
+
+@compiled
+def set_origin(fit: ProjectionFit, p1: Floats, p2: Floats, points: Floats) -> None:
+    """Set p₀ and m₀ to the middle of both markers in the first frame."""
+    for i in range(3):
+        fit.origin[i] = 0.5 * (p1[i] + p2[i])
+    for i in range(2):
+        fit.origin[3 + i] = 0.5 * (points[0, i] + points[1, i])
+
+
+@compiled
 def project_point(fit: ProjectionFit, p: Floats | Point) -> ProjectedPoint:
-    """Return the predicted image of a point p (3,) mm."""
-    A, g, a = fit.A, fit.g, (p[0] - fit.origin[0]) / UNIT_LENGTH_MM
-    b, c = (p[1] - fit.origin[1]) / UNIT_LENGTH_MM, (p[2] - fit.origin[2]) / UNIT_LENGTH_MM
-    z = 1.0 + g[0] * a + g[1] * b + g[2] * c
-    first = A[0, 0] * a + A[0, 1] * b + A[0, 2] * c + A[0, 3]
-    second = A[1, 0] * a + A[1, 1] * b + A[1, 2] * c + A[1, 3]
-    return ProjectedPoint((a, b, c, 1.0), (first / z, second / z), z)
+    """Return the predicted image m = A x̄ / (1 + gᵀx) of a point p (3,) mm."""
+    A, g, origin = fit.A, fit.g, fit.origin
+    x_0 = (p[0] - origin[0]) / UNIT_LENGTH_MM
+    x_1 = (p[1] - origin[1]) / UNIT_LENGTH_MM
+    x_2 = (p[2] - origin[2]) / UNIT_LENGTH_MM
+    z = 1.0 + g[0] * x_0 + g[1] * x_1 + g[2] * x_2
+    u_z = A[0, 0] * x_0 + A[0, 1] * x_1 + A[0, 2] * x_2 + A[0, 3]
+    v_z = A[1, 0] * x_0 + A[1, 1] * x_1 + A[1, 2] * x_2 + A[1, 3]
+    return ProjectedPoint((x_0, x_1, x_2, 1.0), (u_z / z, v_z / z), z)
 
 
 @compiled
@@ -169,26 +209,7 @@ def add_marker(fit: ProjectionFit, k: int, prediction: ProjectedPoint, points: F
     x[0], x[1], x[2], x[3] = prediction.x
     for i in range(2):
         m[i] = points[k, i] - fit.origin[3 + i]
-    add_point(fit, x, m, weight)
-    add_marker_sums(fit, k, x, m, weight)
-
-
-@compiled
-def add_point(fit: ProjectionFit, x: Floats, m: Floats, weight: float) -> None:
-    """Add one point with x̄ (4,) and m (2,) px from m₀ to the sums."""
-    square = m[0] * m[0] + m[1] * m[1]
-    for i in range(4):
-        for j in range(4):
-            w = weight * x[i] * x[j]
-            fit.sums[0, i, j] += w
-            fit.sums[1, i, j] += w * m[0]
-            fit.sums[2, i, j] += w * m[1]
-            fit.sums[3, i, j] += w * square
-
-
-@compiled
-def add_marker_sums(fit: ProjectionFit, k: int, x: Floats, m: Floats, weight: float) -> None:
-    """Add one point with x̄ (4,) and m (2,) px from m₀ to the sums of marker k alone."""
+    add_to_sums(fit, x, m, weight)
     for i in range(3):
         fit.marker_sums[k, i] += weight * x[i]
     for i in range(2):
@@ -197,22 +218,41 @@ def add_marker_sums(fit: ProjectionFit, k: int, x: Floats, m: Floats, weight: fl
 
 
 @compiled
+def add_to_sums(fit: ProjectionFit, x: Floats, m: Floats, weight: float) -> None:
+    """Add one point with x̄ (4,) and m (2,) px from m₀ to S, U, V and W."""
+    squared_radius = m[0] * m[0] + m[1] * m[1]
+    for i in range(4):
+        for j in range(4):
+            product = weight * x[i] * x[j]
+            fit.sums[0, i, j] += product
+            fit.sums[1, i, j] += product * m[0]
+            fit.sums[2, i, j] += product * m[1]
+            fit.sums[3, i, j] += product * squared_radius
+
+
+@compiled
 def write_residual_form(fit: ProjectionFit, Q: Floats) -> None:
-    """Write Q (4, 4), the quadratic form of the sum of squared residuals."""
+    """Write Q = W − U S⁻¹U − V S⁻¹V (4, 4); hᵀQh is the sum of squared residuals."""
     copy_into(Q, fit.sums[3])
-    S_inverse_column = fit.work.column
+    column = fit.work.column
     for k in range(1, 3):
         for j in range(4):
-            for i in range(4):
-                total = 0.0
-                for n in range(4):
-                    total += fit.S_inverse[i, n] * fit.sums[k, n, j]
-                S_inverse_column[i] = total
+            write_product(fit.S_inverse, fit.sums[k, :, j], column)
             for i in range(4):
                 entry = Q[i, j]
                 for n in range(4):
-                    entry -= fit.sums[k, i, n] * S_inverse_column[n]
+                    entry -= fit.sums[k, i, n] * column[n]
                 Q[i, j] = entry
+
+
+@compiled
+def write_product(M: Floats, x: Floats, product: Floats) -> None:
+    """Write M x (4,) of M (4, 4) and x (4,) into `product`, without allocating memory."""
+    for i in range(4):
+        total = 0.0
+        for j in range(4):
+            total += M[i, j] * x[j]
+        product[i] = total
 
 
 @compiled
@@ -238,7 +278,7 @@ def solve_denominator(
 
 
 @compiled
-def quadratic_form(M: Floats, h: Floats) -> float:
+def evaluate_quadratic_form(M: Floats, h: Floats) -> float:
     """Return hᵀMh of M (4, 4) and h (4,)."""
     total = 0.0
     for i in range(4):
@@ -251,78 +291,36 @@ def quadratic_form(M: Floats, h: Floats) -> float:
 def solve_fit(fit: ProjectionFit) -> None:
     """Solve for A, g and σ² from the sums.
 
-    The noise correction is computed from the residuals without it. It is applied only if it hardly
-    increases these residuals: a motion too short to determine g must not make g large.
+    The correction 2σ² of Q is estimated from the residuals of an uncorrected solution. It is
+    applied only if it hardly increases these residuals: a motion too short to determine g must not
+    make g large.
     """
     copy_into(fit.S_inverse, fit.sums[0])
     for i in range(4):
         fit.S_inverse[i, i] += PRIOR_PRECISION[0] * fit.noise_variance
     invert(fit.S_inverse)
-    points, Q, h, C = 2.0 * fit.frame_count, fit.work.Q, fit.work.h, fit.work.C
+    point_count, Q, h, C = 2.0 * fit.frame_count, fit.work.Q, fit.work.h, fit.work.C
     write_residual_form(fit, Q)
     solve_denominator(fit, Q, 0.0, h, fit.g_inverse)
-    residual = max(quadratic_form(Q, h), 0.0)
+    residual = max(evaluate_quadratic_form(Q, h), 0.0)
     copy_into(fit.g, h[:3])
-    correction = residual / quadratic_form(fit.sums[0], h) * max(1.0 - 4.0 / points, 0.0)
-    if (
-        solve_denominator(fit, Q, correction, h, C)
-        and quadratic_form(Q, h) <= MAX_RESIDUAL_GROWTH * residual
-    ):
-        residual = quadratic_form(Q, h)
+    # each row of A has four parameters, which reduce the residuals
+    unexplained_fraction = max(1.0 - 4.0 / point_count, 0.0)
+    correction = residual / evaluate_quadratic_form(fit.sums[0], h) * unexplained_fraction
+    is_solved = solve_denominator(fit, Q, correction, h, C)
+    corrected_residual = evaluate_quadratic_form(Q, h)
+    if is_solved and corrected_residual <= MAX_RESIDUAL_GROWTH * residual:
+        residual = corrected_residual
         copy_into(fit.g, h[:3])
         copy_into(fit.g_inverse, C)
     copy_into(h[:3], fit.g)
     for k in range(2):
-        solve_numerator(fit, k, h)
-    prior_rows, rows = 4.0 * PRIOR_NOISE_FRAMES, max(2.0 * points - 11.0, 0.0)
-    fit.noise_variance = (max(residual, 0.0) + prior_rows * PRIOR_NOISE_PX**2) / (rows + prior_rows)
-
-
-@compiled
-def solve_numerator(fit: ProjectionFit, k: int, h: Floats) -> None:
-    """Solve for row k of A from h (4,): S⁻¹U h for k = 0, S⁻¹V h for k = 1."""
-    moments = fit.work.column
-    for i in range(4):
-        total = 0.0
-        for j in range(4):
-            total += fit.sums[k + 1, i, j] * h[j]
-        moments[i] = total
-    for i in range(4):
-        total = 0.0
-        for j in range(4):
-            total += fit.S_inverse[i, j] * moments[j]
-        fit.A[k, i] = total
-
-
-@compiled
-def set_origin(fit: ProjectionFit, p1: Floats, p2: Floats, points: Floats) -> None:
-    """Set p₀ and m₀ from the first frame."""
-    for i in range(3):
-        fit.origin[i] = 0.5 * (p1[i] + p2[i])
-    for i in range(2):
-        fit.origin[3 + i] = 0.5 * (points[0, i] + points[1, i])
-
-
-@compiled
-def update_fit(fit: ProjectionFit, p1: Floats, points: Floats, shaft: ToolStruct) -> None:
-    """Update the fit by one frame with the raw `points` (2, 2) px and marker 1 at p1 (3,) mm.
-
-    After the first frame either marker may be NaN.
-    """
-    is_first = not fit.frame_count > 0.0
-    if is_first:
-        set_origin(fit, p1, compute_second_marker(shaft, p1), points)
-    if is_first or compute_distance(p1, fit.newest_summed_p1) >= MIN_FRAME_SPACING_MM:
-        predictions = project_markers(fit, p1, shaft)
-        for k in range(2):
-            add_marker(fit, k, predictions[k], points)
-        solve_fit(fit)
-        copy_into(fit.newest_summed_p1, p1)
-    decay = 0.0 if is_first else np.exp(-compute_distance(p1, fit.newest_p1) / OFFSET_DECAY_MM)
-    predictions = project_markers(fit, p1, shaft)
-    for k in range(2):
-        update_offset(fit, k, predictions[k], points[k], decay)
-    copy_into(fit.newest_p1, p1)
+        write_product(fit.sums[k + 1], h, fit.work.column)
+        write_product(fit.S_inverse, fit.work.column, fit.A[k])
+    prior_rows = 4.0 * PRIOR_NOISE_FRAMES
+    free_rows = max(2.0 * point_count - PARAMETER_COUNT, 0.0)
+    prior_residual = prior_rows * PRIOR_NOISE_PX**2
+    fit.noise_variance = (max(residual, 0.0) + prior_residual) / (free_rows + prior_rows)
 
 
 @compiled

@@ -1,4 +1,8 @@
-"""Predictions of the projection fit: markers, derivatives, covariances and pose accuracy."""
+"""Predictions of the projection fit of camera_fit.py, whose notation is used here.
+
+The fit predicts the markers' pixels, their derivatives ∂m/∂p₁ and covariances, the accuracy of the
+pose that the pixels determine, and the order of the markers along the tool.
+"""
 
 import numpy as np
 
@@ -20,27 +24,28 @@ from rcmservo.numerics.small_solvers import invert
 
 @compiled
 def image_covariance(fit: ProjectionFit, prediction: ProjectedPoint) -> tuple[float, float, float]:
-    """Return the covariance (uu, uv, vv) in px² of a predicted image."""
+    """Return the covariance (uu, uv, vv) in px² of a predicted image, by the errors of A and g."""
     x, (m_u, m_v), S, U, V = prediction.x, prediction.m, fit.S_inverse, fit.sums[1], fit.sums[2]
-    S_x = dot_4(S[0], x), dot_4(S[1], x), dot_4(S[2], x), dot_4(S[3], x)
+    S_x = multiply_row(S[0], x), multiply_row(S[1], x), multiply_row(S[2], x), multiply_row(S[3], x)
     leverage = x[0] * S_x[0] + x[1] * S_x[1] + x[2] * S_x[2] + x[3] * S_x[3]
-    u_0, u_1, u_2 = dot_4(U[0], S_x), dot_4(U[1], S_x), dot_4(U[2], S_x)
-    v_0, v_1, v_2 = dot_4(V[0], S_x), dot_4(V[1], S_x), dot_4(V[2], S_x)
+    u_0, u_1, u_2 = multiply_row(U[0], S_x), multiply_row(U[1], S_x), multiply_row(U[2], S_x)
+    v_0, v_1, v_2 = multiply_row(V[0], S_x), multiply_row(V[1], S_x), multiply_row(V[2], S_x)
     d_u = u_0 - m_u * x[0], u_1 - m_u * x[1], u_2 - m_u * x[2]
     d_v = v_0 - m_v * x[0], v_1 - m_v * x[1], v_2 - m_v * x[2]
     scale, G = fit.noise_variance / prediction.z**2, fit.g_inverse
-    uu, uv, vv = bilinear(G, d_u, d_u), bilinear(G, d_u, d_v), bilinear(G, d_v, d_v)
+    uu, uv = compute_bilinear_form(G, d_u, d_u), compute_bilinear_form(G, d_u, d_v)
+    vv = compute_bilinear_form(G, d_v, d_v)
     return scale * (leverage + uu), scale * uv, scale * (leverage + vv)
 
 
 @compiled
-def dot_4(row: Floats, x: tuple[float, float, float, float]) -> float:
+def multiply_row(row: Floats, x: tuple[float, float, float, float]) -> float:
     """Return the scalar product of a row (4,) and x."""
     return row[0] * x[0] + row[1] * x[1] + row[2] * x[2] + row[3] * x[3]
 
 
 @compiled
-def bilinear(G: Floats, a: Point, b: Point) -> float:
+def compute_bilinear_form(G: Floats, a: Point, b: Point) -> float:
     """Return aᵀGb of G (3, 3)."""
     total = 0.0
     for i in range(3):
@@ -70,10 +75,10 @@ def write_predicted_markers(
     fit: ProjectionFit, p1: Floats, shaft: ToolStruct, points: Floats
 ) -> None:
     """Write the markers (2, 2) raw px that the fit alone predicts for p1 (3,) mm."""
-    first, second = project_markers(fit, p1, shaft)
+    image_1, image_2 = project_markers(fit, p1, shaft)
     for i in range(2):
-        points[0, i] = fit.origin[3 + i] + first.m[i]
-        points[1, i] = fit.origin[3 + i] + second.m[i]
+        points[0, i] = fit.origin[3 + i] + image_1.m[i]
+        points[1, i] = fit.origin[3 + i] + image_2.m[i]
 
 
 @compiled
@@ -114,14 +119,14 @@ def write_markers_jacobian(
     fit: ProjectionFit, p1: Floats | Point, shaft: ToolStruct, jacobian: Floats
 ) -> None:
     """Write ∂m/∂p₁ (4, 3) px/mm of both markers with marker 1 at p1 (3,) mm."""
-    first, second = project_markers(fit, p1, shaft)
-    write_point_jacobian(fit, first, jacobian[:2])
-    write_point_jacobian(fit, second, jacobian[2:])
+    image_1, image_2 = project_markers(fit, p1, shaft)
+    write_point_jacobian(fit, image_1, jacobian[:2])
+    write_point_jacobian(fit, image_2, jacobian[2:])
     convert_to_first_marker(shaft, p1, jacobian[2:])
 
 
 @compiled
-def markers_jacobian(fit: ProjectionFit, p1: Floats, shaft: ToolStruct) -> Floats:
+def compute_markers_jacobian(fit: ProjectionFit, p1: Floats, shaft: ToolStruct) -> Floats:
     """Return ∂m/∂p₁ (4, 3) px/mm of both markers with marker 1 at p1 (3,) mm."""
     jacobian = np.empty((4, 3))
     write_markers_jacobian(fit, p1, shaft, jacobian)
@@ -129,20 +134,19 @@ def markers_jacobian(fit: ProjectionFit, p1: Floats, shaft: ToolStruct) -> Float
 
 
 @compiled
-def fitted_features_jacobian(
+def compute_fitted_features_jacobian(
     fit: ProjectionFit, p1: Floats, points: Floats, o_c: Floats, shaft: ToolStruct
 ) -> Floats:
-    """Return Ĵ (3, 3) of eq. (15) at the raw `points` (2, 2) px about o_c.
+    """Return Ĵ = ∂y/∂m ∂m/∂p₁ (3, 3), eq. (15), at the raw `points` (2, 2) px about o_c.
 
     ∂m/∂p₁ is that of the fit.
     """
-    return multiply_matrices(
-        compute_features_jacobian(shift_to_rcm(points, o_c)), markers_jacobian(fit, p1, shaft)
-    )
+    dy_dm = compute_features_jacobian(shift_to_rcm(points, o_c))
+    return multiply_matrices(dy_dm, compute_markers_jacobian(fit, p1, shaft))
 
 
 @compiled
-def invert_normal(H: Floats, inverse: Floats) -> bool:
+def invert_normal_matrix(H: Floats, inverse: Floats) -> bool:
     """Write (HᵀH)⁻¹ (3, 3) mm²/px² of H = ∂m/∂p₁ (4, 3) px/mm; return whether it exists."""
     for i in range(3):
         for j in range(3):
@@ -153,7 +157,7 @@ def invert_normal(H: Floats, inverse: Floats) -> bool:
 
 
 @compiled
-def squared_dilution(fit: ProjectionFit, p1: Floats, shaft: ToolStruct) -> float:
+def compute_squared_dilution(fit: ProjectionFit, p1: Floats, shaft: ToolStruct) -> float:
     """Return the squared dilution of precision tr(HᵀH)⁻¹ in (mm/px)².
 
     H (4, 3) is ∂m/∂p₁ of both markers. The result is large where the pixels hardly determine the
@@ -161,33 +165,37 @@ def squared_dilution(fit: ProjectionFit, p1: Floats, shaft: ToolStruct) -> float
     """
     H, inverse = np.empty((4, 3)), np.empty((3, 3))
     write_markers_jacobian(fit, p1, shaft, H)
-    return inverse[0, 0] + inverse[1, 1] + inverse[2, 2] if invert_normal(H, inverse) else np.inf
+    is_determined = invert_normal_matrix(H, inverse)
+    return inverse[0, 0] + inverse[1, 1] + inverse[2, 2] if is_determined else np.inf
 
 
 @compiled
-def pose_deviation(fit: ProjectionFit, p1: Floats, shaft: ToolStruct) -> float:
+def compute_pose_deviation(fit: ProjectionFit, p1: Floats, shaft: ToolStruct) -> float:
     """Return the standard deviation (mm) of marker 1 by the pixels of one frame: σ √tr(HᵀH)⁻¹."""
-    return np.sqrt(fit.noise_variance * squared_dilution(fit, p1, shaft))
+    return np.sqrt(fit.noise_variance * compute_squared_dilution(fit, p1, shaft))
 
 
 @compiled
-def deviation_without_marker(fit: ProjectionFit, p1: Floats, k: int, shaft: ToolStruct) -> float:
+def compute_deviation_without_marker(
+    fit: ProjectionFit, p1: Floats, k: int, shaft: ToolStruct
+) -> float:
     """Return the standard deviation (mm) of marker 1 if a prediction replaces marker k (0 or 1).
 
-    It is √tr(H⁺ cov H⁺ᵀ), with the columns of H⁺ that belong to marker k.
+    It is √tr(H⁺ cov H⁺ᵀ) with the covariance of the predicted marker k, and the columns of the
+    pseudoinverse H⁺ (3, 4) that belong to it.
     """
     H, inverse, total = np.empty((4, 3)), np.empty((3, 3)), 0.0
     write_markers_jacobian(fit, p1, shaft, H)
-    if not invert_normal(H, inverse):
+    if not invert_normal_matrix(H, inverse):
         return np.inf
-    first, second = project_markers(fit, p1, shaft)
-    uu, uv, vv = image_covariance(fit, first if k == 0 else second)
+    image_1, image_2 = project_markers(fit, p1, shaft)
+    uu, uv, vv = image_covariance(fit, image_1 if k == 0 else image_2)
     for i in range(3):
-        a, b = 0.0, 0.0
+        per_u, per_v = 0.0, 0.0
         for j in range(3):
-            a += inverse[i, j] * H[2 * k, j]
-            b += inverse[i, j] * H[2 * k + 1, j]
-        total += uu * a * a + 2.0 * uv * a * b + vv * b * b
+            per_u += inverse[i, j] * H[2 * k, j]
+            per_v += inverse[i, j] * H[2 * k + 1, j]
+        total += uu * per_u * per_u + 2.0 * uv * per_u * per_v + vv * per_v * per_v
     return np.sqrt(total)
 
 
@@ -214,13 +222,11 @@ def marker_order_score(fit: ProjectionFit) -> float:
                 cov_xm[i, n] -= mean * fit.marker_sums[k, 3 + n]
     is_invertible = invert(cov_xx)
     for i in range(5):
-        difference[i] = (
-            fit.marker_sums[1, i] / fit.marker_sums[1, 5]
-            - fit.marker_sums[0, i] / fit.marker_sums[0, 5]
-        )
-    progress, squared = 0.0, difference[3] ** 2 + difference[4] ** 2
+        mean_1 = fit.marker_sums[0, i] / fit.marker_sums[0, 5]
+        difference[i] = fit.marker_sums[1, i] / fit.marker_sums[1, 5] - mean_1
+    progress, squared_length = 0.0, difference[3] ** 2 + difference[4] ** 2
     for n in range(2):
         for i in range(3):
             for j in range(3):
                 progress += difference[3 + n] * cov_xm[i, n] * cov_xx[i, j] * difference[j]
-    return progress / squared if is_invertible and squared > 0.0 else 0.0
+    return progress / squared_length if is_invertible and squared_length > 0.0 else 0.0

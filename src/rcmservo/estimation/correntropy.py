@@ -1,11 +1,11 @@
 """Kalman filter by the maximum correntropy criterion, which suppresses outliers.
 
-Least squares weighs an error of 100 σ a hundred times as much as one of 1 σ. Here the square of the
-innovation of each row of Ĵ/b (notation of kalman.py),
+Correntropy is a measure of similarity that hardly depends on large errors. The filter is that of
+kalman.py with the state x = Ĵᵢ/bᵢ, except that the innovation ν with the variance S,
 
     ν = Δyᵢ/bᵢ − Δpᵀ x,    S = Δpᵀ P⁻ Δp + R
 
-is replaced by the correntropy kernel, which stops growing beyond some βσ:
+has a weight λ, which falls to zero as |ν| exceeds β standard deviations:
 
     λ = exp(−ν²/(2 β² S)),    K = λ P⁻ Δp / (λ Δpᵀ P⁻ Δp + R),    P by Joseph's form with K and R
 
@@ -14,11 +14,11 @@ has none. The more certain Ĵ is in a direction, the smaller an innovation alrea
 outlier. While displacements are suppressed, P still grows with the path, so that the filter adapts
 to a Jacobian that has changed permanently. For β → ∞ it is the Kalman filter.
 
-It is the filter of Izanloo and others with a kernel width proportional to √S. With a fixed width,
-the first flow of an empty Ĵ, which is tens of σ from zero if σ² = R, counts as an outlier and Ĵ
-stays zero. The fixed-point iteration of Chen and others fails in the same manner if it starts at
-the prior. If it starts at the Kalman filter's result, it accepts any outlier where Ĵ is less
-certain than the measurement.
+It is the filter of Izanloo and others with a kernel width proportional to √S. With the fixed width
+of these authors, Ĵ = 0 would stay: the first displacement differs from it by tens of σ and would
+count as an outlier. The fixed-point iteration of Chen and others fails in the same manner if it
+starts at the prior. If it starts at the Kalman filter's result, it accepts any outlier in a
+direction in which Ĵ is less certain than the measurement.
 
 R. Izanloo, S. A. Fakoorian, H. Sadoghi Yazdi and D. Simon, Kalman filtering based on the maximum
 correntropy criterion in the presence of non-Gaussian noise, CISS 2016. B. Chen, X. Liu, H. Zhao and
@@ -34,7 +34,7 @@ from typing import Annotated
 import numpy as np
 
 from rcmservo.constraints import between
-from rcmservo.estimation.displacement import kalman_gain, update_covariance
+from rcmservo.estimation.displacement import compute_kalman_gain, update_covariance
 from rcmservo.estimation.kalman import RandomWalkEstimator, predict_covariance
 from rcmservo.geometry.features import FEATURE_SCALE
 from rcmservo.interfaces import Floats
@@ -42,59 +42,37 @@ from rcmservo.numerics.jit import compiled
 from rcmservo.numerics.small_linalg import copy_into, multiply_vector
 
 MIN_WEIGHT = 1e-20
-"""Smallest weight of a displacement."""
-
-
-@compiled
-def correntropy_weight(
-    P: Floats, delta_p: Floats, innovation: float, R: float, bandwidth: float
-) -> float:
-    """Return the weight λ of an innovation of one feature in b."""
-    P_delta, S = multiply_vector(P, delta_p), R
-    for i in range(3):
-        S += delta_p[i] * P_delta[i]
-    return max(np.exp(-0.5 * innovation**2 / (bandwidth**2 * S)), MIN_WEIGHT)
-
-
-@compiled
-def correntropy_update(
-    J: Floats,
-    P: Floats,
-    delta_p: Floats,
-    delta_y: Floats,
-    drift: float,
-    noise: float,
-    bandwidth: float,
-) -> tuple[Floats, Floats]:
-    """Return Ĵ (3, 3) and P (3, 3, 3) b²/mm² of its rows after a displacement.
-
-    The displacement is Δp (3,) mm with the flow Δy (3,).
-    """
-    predicted, R = multiply_vector(J, delta_p), noise**2
-    J_after, P_after = J.copy(), np.empty((3, 3, 3))
-    for i in range(3):
-        P_prior, innovation = predict_covariance(P[i], delta_p, drift), delta_y[i] - predicted[i]
-        weight = correntropy_weight(P_prior, delta_p, innovation / FEATURE_SCALE[i], R, bandwidth)
-        K = kalman_gain(P_prior, delta_p, R / weight)
-        for j in range(3):
-            J_after[i, j] += innovation * K[j]
-        copy_into(P_after[i], update_covariance(P_prior, delta_p, R, K))
-    return J_after, P_after
+"""Smallest weight λ of a displacement, so that R/λ stays finite."""
 
 
 @dataclass(frozen=True)
 class CorrentropyEstimator(RandomWalkEstimator):
     """Estimator of Ĵ by a maximum correntropy Kalman filter.
 
-    It is the Kalman filter on the rows of Ĵ with the measurement noise r²/λ. The weight of an
-    innovation ν with the variance S is
+    It is a Kalman filter with the state x = Ĵᵢ/bᵢ (3,) per mm, row i of Ĵ in units of b = (10°,
+    10 px, 10 px). A displacement Δp (3,) mm that changes feature i by Δyᵢ gives
 
-        λ = exp(−ν²/(2 β² S))
+        P⁻ = P + q² |Δp| I,    ν = Δyᵢ/bᵢ − Δpᵀ x,    S = Δpᵀ P⁻ Δp + r²
+        λ = exp(−ν²/(2 β² S)),    x += P⁻ Δp ν / (Δpᵀ P⁻ Δp + r²/λ)
+
+    The weight λ of an innovation ν falls from 1 to 0 as |ν| exceeds β √S.
 
     Parameters
     ----------
+    min_step : float
+        Smallest displacement of marker 1, mm, positive.
+    drift : float
+        Drift q of a derivative over a path of 1 mm, one standard deviation in b/mm, from 0 to 1000.
+        It grows with the square root of the path.
+    noise : float
+        Noise r of the features' change over a displacement, one standard deviation in b, from 1e-6
+        to 1000. 0.05 is half a degree of s, and half a pixel of r and d.
+    initial_std : float
+        Square root of the initial P in b/mm, from 1e-6 to 1000: expected size of a derivative
+        before the first measurement.
     bandwidth : float
-        Width β of the kernel in σ. An innovation far beyond it hardly counts.
+        Width β of the weight in standard deviations √S, from 0.1 to 1e6. An innovation far beyond
+        it hardly counts.
 
     Raises
     ------
@@ -104,9 +82,7 @@ class CorrentropyEstimator(RandomWalkEstimator):
     Notes
     -----
     The default exploration is long enough for it. It suppresses outliers of single frames, not an
-    error that persists. It has no model of the markers. Further parameters: `drift` q (b/mm per
-    root of mm), `noise` r (b) and `initial_std`, root of the initial P (b/mm), of
-    `RandomWalkEstimator`; `min_step` (mm), smallest displacement, of `DisplacementEstimator`.
+    error that persists. It does not predict markers.
 
     References
     ----------
@@ -118,7 +94,6 @@ class CorrentropyEstimator(RandomWalkEstimator):
     bandwidth: Annotated[float, between(0.1, 1e6, "a number of σ")] = 3.0
 
     name = "correntropy"
-    predicts_markers = False
 
     def initial_covariance(self) -> Floats:
         return np.array([self.initial_std**2 * np.eye(3)] * 3)
@@ -126,6 +101,45 @@ class CorrentropyEstimator(RandomWalkEstimator):
     def update_jacobian(
         self, J_hat: Floats, P: Floats, delta_p: Floats, delta_y: Floats
     ) -> tuple[Floats, Floats]:
-        return correntropy_update(
+        return apply_correntropy_update(
             J_hat, P, delta_p, delta_y, self.drift, self.noise, self.bandwidth
         )
+
+
+@compiled
+def compute_correntropy_weight(
+    P: Floats, delta_p: Floats, innovation: float, R: float, bandwidth: float
+) -> float:
+    """Return the weight λ of an innovation of one feature, in units of b."""
+    P_delta, S = multiply_vector(P, delta_p), R
+    for i in range(3):
+        S += delta_p[i] * P_delta[i]
+    return max(np.exp(-0.5 * innovation**2 / (bandwidth**2 * S)), MIN_WEIGHT)
+
+
+@compiled
+def apply_correntropy_update(
+    J: Floats,
+    P: Floats,
+    delta_p: Floats,
+    delta_y: Floats,
+    drift: float,
+    noise: float,
+    bandwidth: float,
+) -> tuple[Floats, Floats]:
+    """Return Ĵ (3, 3) and P (3, 3, 3) b²/mm² of its rows after a displacement.
+
+    The displacement of marker 1 is Δp (3,) mm; it changed the features by Δy (3,).
+    """
+    predicted, R = multiply_vector(J, delta_p), noise**2
+    J_after, P_after = J.copy(), np.empty((3, 3, 3))
+    for i in range(3):
+        P_prior, innovation = predict_covariance(P[i], delta_p, drift), delta_y[i] - predicted[i]
+        weight = compute_correntropy_weight(
+            P_prior, delta_p, innovation / FEATURE_SCALE[i], R, bandwidth
+        )
+        K = compute_kalman_gain(P_prior, delta_p, R / weight)
+        for j in range(3):
+            J_after[i, j] += innovation * K[j]
+        copy_into(P_after[i], update_covariance(P_prior, delta_p, R, K))
+    return J_after, P_after

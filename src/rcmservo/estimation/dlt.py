@@ -1,7 +1,7 @@
-"""Estimator by the recursive direct linear transformation of both markers over all frames.
+"""Estimator of Ĵ by the direct linear transformation: a projection fitted to all frames.
 
-Its state is the fit of the camera's projection (camera_fit.py): eleven numbers, their
-covariance, and the offset of the markers from the fit. The imaged RCM is one of its results.
+Its memory is the fit of camera_fit.py: the eleven numbers of the projection, their covariance, and
+the offset of the markers from the fit. The imaged RCM is the projection of the RCM.
 """
 
 from dataclasses import dataclass
@@ -13,14 +13,14 @@ from rcmservo.estimation.base import Estimator, EstimatorResult, KernelSample, S
 from rcmservo.estimation.camera_fit import (
     RCM_POSITION_MM,
     ProjectionFit,
-    initial_fit,
+    make_initial_fit,
     update_fit,
 )
 from rcmservo.estimation.camera_fit_prediction import (
     add_offset,
+    compute_fitted_features_jacobian,
+    compute_markers_jacobian,
     filter_markers,
-    fitted_features_jacobian,
-    markers_jacobian,
     predict_image,
     write_markers_jacobian,
     write_predicted_image,
@@ -40,7 +40,10 @@ def update_kernel(
     fit: ProjectionFit,
     result: EstimatorResult,
 ) -> tuple[()]:
-    """Write the estimate of the servo's projection fit, the estimator's whole state."""
+    """Write the results that follow from the servo's projection fit.
+
+    The servo has updated the fit before, so the kernel has no memory of its own.
+    """
     if sample.fit_changed:
         write_predicted_image(fit, RCM_POSITION_MM, result.o_c, result.o_c_covariance)
     write_predicted_markers(fit, sample.p1, sample.shaft, result.points)
@@ -51,31 +54,35 @@ def update_kernel(
 
 
 @compiled
-def empty_kernel(kernel: "DltKernel", memory: tuple[()]) -> tuple[()]:
+def return_empty_memory(kernel: "DltKernel", memory: tuple[()]) -> tuple[()]:
     """Return the memory before the first frame, which is empty."""
     return memory
 
 
 class DltKernel(NamedTuple):
-    """Compiled form of the direct linear transformation."""
+    """Compiled form of the estimator, as `EstimatorKernel` describes it; it has no settings."""
 
     estimates_rcm = True
     update = update_kernel
-    reset = empty_kernel
+    reset = return_empty_memory
 
 
 @dataclass(frozen=True)
 class DltEstimator(Estimator):
     """Estimator of Ĵ by a projection fitted to all frames.
 
-    The projection has eleven numbers, A (2, 4) and g (3,), with x̄ = [x 1]:
+    The projection of a point p (3,) mm to m (2,) px has eleven numbers, A (2, 4) and g (3,):
 
-        m = A x̄ / (1 + gᵀx),    x = (p − p₀) / 100 mm.
+        m = m₀ + A x̄ / (1 + gᵀx),    x = (p − p₀) / 100 mm,    x̄ = [x 1]
 
-    They are fitted to both markers in all frames by least squares. Each row W of eq. (18) has the
-    weight w = 1/ẑ², with ẑ the estimated depth. The fit is the steady state of rule (21) for
-    Γ = (Σ w WᵀW + Γ₀⁻¹)⁻¹, with Γ₀ the prior covariance, about any origin p₀. Ĵ is eq. (15) with
-    ∂m/∂p₁ of the fit.
+    p₀ and m₀ are the mean position and the mean pixels of both markers in the first frame. A and g
+    minimise the errors of eq. (18) over both markers in all frames,
+
+        Q = ½ Σ w |A x̄ − (1 + gᵀx)(m − m₀)|²,    w = 1/ẑ²
+
+    with the estimated depth ẑ = 1 + gᵀx, which turns the errors into pixels. The minimum is the
+    steady state of the paper's rule (21), dθ/dt = −Γ ∂Q/∂θ, for the eleven numbers θ. Ĵ (3, 3) in
+    rad/mm, px/mm, px/mm is ∂y/∂m ∂m/∂p₁, eq. (15), with ∂m/∂p₁ (4, 3) px/mm of the fit.
 
     Notes
     -----
@@ -96,7 +103,7 @@ class DltEstimator(Estimator):
     kernel = DltKernel()
 
     def init(self) -> Rows[ProjectionFit]:
-        return initial_fit().rows
+        return make_initial_fit().rows
 
     def update(
         self, memory: Rows[ProjectionFit], tool: Tool, sample: Sample
@@ -107,31 +114,23 @@ class DltEstimator(Estimator):
 
     def jacobian(self, memory: Rows[ProjectionFit], tool: Tool, sample: Sample) -> Floats:
         p1, points, o_c, *_ = sample
-        return fitted_features_jacobian(memory[0], p1, points, o_c, tool.struct)
+        return compute_fitted_features_jacobian(memory[0], p1, points, o_c, tool.struct)
 
     def filtered_markers(self, memory: Rows[ProjectionFit], tool: Tool, sample: Sample) -> Floats:
         return filter_markers(memory[0], sample.p1, tool.struct)
 
     def markers_jacobian(self, memory: Rows[ProjectionFit], tool: Tool, sample: Sample) -> Floats:
-        return markers_jacobian(memory[0], sample.p1, tool.struct)
+        return compute_markers_jacobian(memory[0], sample.p1, tool.struct)
 
     def imaged_rcm(self, memory: Rows[ProjectionFit]) -> tuple[Floats, Floats]:
         return predict_image(memory[0], RCM_POSITION_MM)
 
     def predict(self, memory: Rows[ProjectionFit], tool: Tool, p1: Floats) -> Floats:
-        o_c, both = (
-            predict_image(memory[0], RCM_POSITION_MM)[0],
-            (p1.copy(), tool.second_marker(p1)),
-        )
-        return np.concatenate([predict_image(memory[0], p)[0] - o_c for p in both])
+        o_c = predict_image(memory[0], RCM_POSITION_MM)[0]
+        positions = p1.copy(), tool.second_marker(p1)
+        return np.concatenate([predict_image(memory[0], p)[0] - o_c for p in positions])
 
     def recorded_numbers(self, memory: Any) -> Floats:
-        known = ProjectionFit(memory)
-        numbers = (
-            known.A.ravel(),
-            known.g,
-            known.origin,
-            known.offset.ravel(),
-            [known.noise_variance],
-        )
-        return np.concatenate(numbers)
+        fit = ProjectionFit(memory)
+        arrays = fit.A.ravel(), fit.g, fit.origin, fit.offset.ravel(), [fit.noise_variance]
+        return np.concatenate(arrays)

@@ -16,10 +16,8 @@ method for system identification, IEEE Trans. Automatic Control 12 (1967) 282-28
 from dataclasses import dataclass
 from typing import Annotated
 
-import numpy as np
-
 from rcmservo.constraints import inside
-from rcmservo.estimation.displacement import DisplacementEstimator, rank_one_update
+from rcmservo.estimation.displacement import DisplacementEstimator, apply_rank_one_update
 from rcmservo.interfaces import Floats
 
 
@@ -27,14 +25,19 @@ from rcmservo.interfaces import Floats
 class NormalisedFlowEstimator(DisplacementEstimator):
     """Estimator of Ĵ by the speed-normalised flow rule (28).
 
-    Each displacement of marker 1 by at least `min_step` makes the update
+    Each displacement Δp₁ (3,) mm of marker 1 by at least `min_step` changes the features by Δy (3,)
+    rad, px, px. It makes the update
 
         Ĵ += μ (Δy − Ĵ Δp₁) Δp₁ᵀ / |Δp₁|²
 
+    of Ĵ (3, 3) in rad/mm, px/mm, px/mm.
+
     Parameters
     ----------
+    min_step : float
+        Smallest displacement of marker 1, mm, positive.
     mu : float
-        Fraction μ of the innovation Δy − Ĵ Δp₁ that an update applies, between 0 and 2.
+        Fraction μ of the innovation Δy − Ĵ Δp₁ that an update applies, above 0 and below 2.
 
     Raises
     ------
@@ -43,8 +46,7 @@ class NormalisedFlowEstimator(DisplacementEstimator):
 
     Notes
     -----
-    It extends the default exploration by one round. It has no model of the markers. Further
-    parameter: `min_step` (mm) of `DisplacementEstimator`.
+    It extends the default exploration by one round. It does not predict markers.
 
     References
     ----------
@@ -55,16 +57,12 @@ class NormalisedFlowEstimator(DisplacementEstimator):
     mu: Annotated[float, inside(0.0, 2.0)] = 0.5
 
     name = "nflow"
-    predicts_markers = False
     advice = (
         "a fraction μ (mu) nearer to 1 adapts faster to each displacement, and a smaller min_step "
         "gives more displacements"
     )
 
-    def initial_covariance(self) -> Floats:
-        return np.empty(0)
-
     def update_jacobian(
         self, J_hat: Floats, P: Floats, delta_p: Floats, delta_y: Floats
     ) -> tuple[Floats, Floats]:
-        return rank_one_update(J_hat, delta_p, delta_y, self.mu), P
+        return apply_rank_one_update(J_hat, delta_p, delta_y, self.mu), P

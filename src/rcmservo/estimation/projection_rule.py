@@ -1,9 +1,15 @@
 """Projection-based estimation, eq. (17)-(25): fit nine parameters â to P observations, Ĵ from â.
 
-(21) is the linear ODE dâ/dt = −Γ (MᵀM â − Mᵀm), stable for any constant symmetric positive definite
-Γ (Proposition 1). It is integrated exactly over any time (gradient_flow.py). Γ has two choices.
-``printed`` is the paper's Γ₀ = diag(1e-5 I₆, 1e-8 I₃), whose slowest mode needs hours. ``fast`` is
-Γ = η (MᵀM + ε Γ₀⁻¹)⁻¹, for which every well-observed mode decays at the rate η.
+An observation is the position p₁ and the raw pixels of both markers in one frame. The matrix M and
+the vector m stack the rows W and the pixels of eq. (18) for all observations. Rule (21) is then the
+linear differential equation
+
+    dâ/dt = −Γ (MᵀM â − Mᵀm)
+
+which is stable for any constant symmetric positive definite Γ (Proposition 1) and is integrated
+exactly over any time (gradient_flow.py). Γ has two choices: the paper's Γ₀ = diag(1e-5 I₆, 1e-8
+I₃), whose slowest mode needs hours, and Γ = η (MᵀM + ε Γ₀⁻¹)⁻¹, for which every well-observed mode
+decays at the rate η.
 
 The observations are chosen for excitation: of P + 1 the one with the least leverage on â is
 removed, so that the extremes of the path stay. It is removed after the step, so that Γ, M and the
@@ -40,7 +46,7 @@ from rcmservo.numerics.jit import compiled
 from rcmservo.numerics.small_linalg import copy_into, multiply_matrices
 
 GAMMA_0 = np.array([1e-5] * 6 + [1e-8] * 3)
-"""Diagonal of the printed Γ, for p in mm and m in px."""
+"""Diagonal of the paper's Γ, for p in mm and m in px."""
 
 MAX_DECAY = 1e5
 """Largest η t of the fast Γ. Far beyond it, rounding lets unobserved modes grow."""
@@ -58,11 +64,128 @@ Behind the camera the projection changes its sign.
 """
 
 
+@dataclass(frozen=True)
+class ProjectionEstimator(Estimator):
+    """Estimator of Ĵ by the projection parameters of rule (21).
+
+    The nine parameters â of the projection m = G p / (gᵀp + 1), the rows of G (2, 3) px/mm and g
+    (3,) 1/mm, are fitted to P observations of p (3,) mm and m (2,) px from the imaged RCM. With the
+    rows Wᵢ (2, 9) of eq. (19), for which Wᵢ a = mᵢ, the error of an observation is eᵢ = Wᵢ â − mᵢ,
+    eq. (17). Rule (21) descends the gradient of Q = ½ Σ eᵢᵀeᵢ, eq. (20):
+
+        dâ/dt = −Γ ∂Q/∂â = −Γ Σ Wᵢᵀ (Wᵢ â − mᵢ)
+
+    It is integrated exactly. Ĵ (3, 3) in rad/mm, px/mm, px/mm is ∂y/∂m ∂m/∂p₁, eq. (15), with
+    ∂m/∂p₁ (4, 3) px/mm of the projection.
+
+    Parameters
+    ----------
+    gamma : Literal['fast', 'printed']
+        Γ of rule (21): 'fast' is η (MᵀM + ε Γ₀⁻¹)⁻¹ with MᵀM = Σ WᵢᵀWᵢ, 'printed' is the paper's
+        Γ₀ = diag(1e-5 I₆, 1e-8 I₃).
+    rate : float
+        Decay rate η of the fast Γ, 1/s, positive.
+    epsilon : float
+        Regularisation ε of the fast Γ, at least 1e-10: modes of MᵀM weaker than ε Γ₀⁻¹ converge
+        more slowly.
+    observations : int
+        P, the number of stored observations, from 6 (Proposition 1) to 1000.
+    both_markers : bool
+        Fit marker 2 in addition to the paper's marker 1.
+    estimator_time : float
+        Time over which every new frame integrates the rule, s, not negative. 0 stands for the real
+        time between frames.
+
+    Raises
+    ------
+    BadInput
+        If a parameter is outside its range, or `estimator_time` is above 1e5 / `rate` with the fast
+        Γ.
+
+    Notes
+    -----
+    The model needs the RCM in front of the camera, eq. (10), and the imaged RCM of eq. (16). With
+    the paper's Γ it converges in hours.
+
+    References
+    ----------
+    Section III-B of the paper, Proposition 1.
+    """
+
+    gamma: Literal["fast", "printed"] = "fast"
+    rate: Annotated[float, positive("rate in 1/s")] = 20.0
+    epsilon: Annotated[float, at_least(MIN_EPSILON, "(a smaller value is lost in rounding)")] = 1e-7
+    observations: Annotated[
+        int, between(6, MAX_OBSERVATIONS, "a whole number (Proposition 1 needs 6)")
+    ] = 20
+    both_markers: bool = True
+    estimator_time: Annotated[float, not_negative("time in s")] = 0.0
+
+    name = "projection"
+    predicts_markers = True
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        is_stable = self.gamma == "printed" or self.rate * self.estimator_time <= MAX_DECAY
+        expected = f"at most {MAX_DECAY:g} / rate with the fast Γ, whose modes have then decayed"
+        self.require(is_stable, "estimator_time", expected)
+
+    def init(self) -> "ProjectionMemory":
+        return ProjectionMemory(np.zeros((self.observations + 1, 7)), 0, np.zeros(PARAMETER_COUNT))
+
+    @cached_property
+    def kernel(self) -> "ProjectionKernel":
+        """Compiled form of the estimator."""
+        rate = float(self.rate) if self.gamma == "fast" else 0.0
+        epsilon, estimator_time = float(self.epsilon), float(self.estimator_time)
+        return ProjectionKernel(rate, epsilon, bool(self.both_markers), estimator_time)
+
+    def update(self, memory: "ProjectionMemory", tool: Tool, sample: Sample) -> "ProjectionMemory":
+        p1, points, o_c, dt, _ = sample
+        return update_from_frame(memory, p1, points, o_c, dt, self.kernel, tool.struct)
+
+    def jacobian(self, memory: "ProjectionMemory", tool: Tool, sample: Sample) -> Floats:
+        return jacobian_at(memory.a_hat, sample.p1, sample.points, sample.o_c, tool.struct)
+
+    def markers_jacobian(self, memory: "ProjectionMemory", tool: Tool, sample: Sample) -> Floats:
+        return markers_jacobian(memory.a_hat, sample.p1, tool.struct)
+
+    def predict(self, memory: "ProjectionMemory", tool: Tool, p1: Floats) -> Floats:
+        return predict(memory.a_hat, p1, tool.struct)
+
+
+PAPER_PROJECTION_ESTIMATOR = ProjectionEstimator(
+    gamma="printed", observations=10, both_markers=False, estimator_time=1e4
+)
+"""The paper's estimator: its Γ, and P = 10 observations of marker 1.
+
+Each new frame integrates the rule over 10⁴ s, as it would need hours in real time.
+"""
+
+
+class ProjectionMemory(NamedTuple):
+    """Observations and the parameters that are fitted to them.
+
+    Parameters
+    ----------
+    observations : Floats
+        Rows (P + 1, 7) of p₁ (3) mm and the raw pixels of both markers (4); the last row is spare.
+    observation_count : int
+        Number of rows in use, from the first on.
+    a_hat : Floats
+        â (9,); zeros at first.
+    """
+
+    observations: Floats
+    observation_count: int
+    a_hat: Floats
+
+
 @compiled
 def fitted_points(
     observations: Floats, count: int, o_c: Floats, both: bool, shaft: ToolStruct
 ) -> Floats:
-    """Return the fitted points as rows [p (3) mm, its pixels (2) from o_c].
+    """Return the fitted points (n, 5) as rows of p mm (3) and its pixels from o_c (2).
 
     Marker 1 of all observations comes first, then marker 2 if ``both`` are fitted.
     """
@@ -85,52 +208,53 @@ def fitted_points(
 def normal_equations(points: Floats) -> tuple[Floats, Floats]:
     """Return MᵀM (9, 9) and Mᵀm (9,) of eq. (23)-(24).
 
-    They are sums over the points of p pᵀ and p, each with the weights 1, u, v and u² + v², at the
-    positions of eq. (19).
+    The blocks of MᵀM are sums of p pᵀ over the points, those of Mᵀm sums of p, each with the weight
+    1, u, v or u² + v². They stand where eq. (19) has the entries of W.
     """
-    squares, firsts = np.zeros((4, 3, 3)), np.zeros((4, 3))
+    second_moments, first_moments = np.zeros((4, 3, 3)), np.zeros((4, 3))
     for row in range(len(points)):
         u, v = points[row, 3], points[row, 4]
         weights = (1.0, u, v, u * u + v * v)
         for i in range(3):
             for k in range(4):
-                firsts[k, i] += weights[k] * points[row, i]
+                first_moments[k, i] += weights[k] * points[row, i]
             for j in range(3):
-                square = points[row, i] * points[row, j]
+                product = points[row, i] * points[row, j]
                 for k in range(4):
-                    squares[k, i, j] += weights[k] * square
+                    second_moments[k, i, j] += weights[k] * product
     A, b = np.zeros((PARAMETER_COUNT, PARAMETER_COUNT)), np.empty(PARAMETER_COUNT)
     for i in range(3):
-        b[i], b[3 + i], b[6 + i] = firsts[1, i], firsts[2, i], -firsts[3, i]
+        b[i], b[3 + i] = first_moments[1, i], first_moments[2, i]
+        b[6 + i] = -first_moments[3, i]
         for j in range(3):
-            A[i, j], A[3 + i, 3 + j] = squares[0, i, j], squares[0, i, j]
-            A[i, 6 + j], A[6 + i, j] = -squares[1, i, j], -squares[1, i, j]
-            A[3 + i, 6 + j], A[6 + i, 3 + j] = -squares[2, i, j], -squares[2, i, j]
-            A[6 + i, 6 + j] = squares[3, i, j]
+            A[i, j] = A[3 + i, 3 + j] = second_moments[0, i, j]
+            A[i, 6 + j] = A[6 + i, j] = -second_moments[1, i, j]
+            A[3 + i, 6 + j] = A[6 + i, 3 + j] = -second_moments[2, i, j]
+            A[6 + i, 6 + j] = second_moments[3, i, j]
     return A, b
 
 
 @compiled
 def leverage(inverse: Floats, diagonal_sum: Floats, point: Floats) -> float:
-    """Return tr(W A⁻¹ Wᵀ) of one point by the blocks of A⁻¹ (9, 9).
+    """Return tr(W A⁻¹ Wᵀ) of one point [p m] (5,), with the `inverse` A⁻¹ (9, 9) in blocks.
 
     `diagonal_sum` (3, 3) is the sum of the first two diagonal blocks.
     """
     u, v = point[3], point[4]
-    squared, total = u * u + v * v, 0.0
+    squared_radius, total = u * u + v * v, 0.0
     for i in range(3):
         for j in range(3):
-            block = diagonal_sum[i, j] + squared * inverse[6 + i, 6 + j]
-            cross = u * inverse[i, 6 + j] + v * inverse[3 + i, 6 + j]
-            total += point[i] * point[j] * (block - 2.0 * cross)
+            diagonal = diagonal_sum[i, j] + squared_radius * inverse[6 + i, 6 + j]
+            off_diagonal = u * inverse[i, 6 + j] + v * inverse[3 + i, 6 + j]
+            total += point[i] * point[j] * (diagonal - 2.0 * off_diagonal)
     return total
 
 
 @compiled
-def least_informative(points: Floats, count: int, root: Floats) -> int:
+def find_least_informative_observation(points: Floats, count: int, root: Floats) -> int:
     """Return the index of the observation with the least leverage tr(W root rootᵀ Wᵀ) on â.
 
-    root rootᵀ is (MᵀM + εΓ₀⁻¹)⁻¹.
+    `points` are the rows of the `count` observations, and root rootᵀ is (MᵀM + εΓ₀⁻¹)⁻¹.
     """
     inverse = multiply_matrices(root, root.T)
     diagonal_sum = np.empty((3, 3))
@@ -140,19 +264,19 @@ def least_informative(points: Floats, count: int, root: Floats) -> int:
     leverages = np.zeros(count)
     for row in range(len(points)):
         leverages[row % count] += leverage(inverse, diagonal_sum, points[row])
-    row = 0
+    index = 0
     for i in range(count):
-        if leverages[i] < leverages[row]:
-            row = i
-    return row
+        if leverages[i] < leverages[index]:
+            index = i
+    return index
 
 
 @compiled
 def inverse_root(A: Floats, epsilon: float) -> Floats:
-    """Return L⁻ᵀ (9, 9) with L Lᵀ = MᵀM + ε Γ₀⁻¹, by forward substitution.
+    """Return L⁻ᵀ (9, 9) with L Lᵀ = A + ε Γ₀⁻¹, by forward substitution.
 
-    Its product with its transpose is the inverse. Γ needs this root, which
-    `numerics.small_solvers.invert` does not give.
+    Its product with its transpose is (A + ε Γ₀⁻¹)⁻¹. The integration of rule (21) needs such a root
+    of Γ and not only Γ.
     """
     regularised = A.copy()
     for i in range(PARAMETER_COUNT):
@@ -173,29 +297,30 @@ def inverse_root(A: Floats, epsilon: float) -> Floats:
 def limit_step_by_depth(
     a: Floats, a_next: Floats, observations: Floats, count: int, shaft: ToolStruct
 ) -> Floats:
-    """Return a_next, or the last point on the line from a to it with every ẑ at least MIN_DEPTH.
+    """Return a_next (9,), or the last point on the line from a with every depth ẑ ≥ MIN_DEPTH.
 
-    ẑ is linear in â and U is convex, so that U (22) decreases on the shortened step too.
+    ẑ is linear in â, and the function U of eq. (22) is convex, so that U also decreases on the
+    shortened step.
     """
-    step = 1.0
+    fraction = 1.0
     for i in range(count):
         p1 = observations[i, :3]
         z, z_next = compute_depth(a, p1), compute_depth(a_next, p1)
         for factor in (1.0, compute_marker_ratio(shaft, p1)):
-            z_now, z_then = 1.0 + factor * (z - 1.0), 1.0 + factor * (z_next - 1.0)
-            if z_then < MIN_DEPTH:
-                step = min(step, max((z_now - MIN_DEPTH) / (z_now - z_then), 0.0))
+            before, after = 1.0 + factor * (z - 1.0), 1.0 + factor * (z_next - 1.0)
+            if after < MIN_DEPTH:
+                fraction = min(fraction, max((before - MIN_DEPTH) / (before - after), 0.0))
     limited = np.empty(len(a))
     for k in range(len(a)):
-        limited[k] = a[k] + step * (a_next[k] - a[k])
+        limited[k] = a[k] + fraction * (a_next[k] - a[k])
     return limited
 
 
 @compiled
-def gamma_root(root: Floats, rate: float) -> Floats:
-    """Return C (9, 9) with Γ = C Cᵀ: the fast Γ with η = `rate`, or the printed Γ if `rate` is 0.
+def compute_gamma_root(root: Floats, rate: float) -> Floats:
+    """Return C (9, 9) with Γ = C Cᵀ: the fast Γ with η = `rate`, or the paper's Γ₀ if `rate` is 0.
 
-    `root` is the root of the inverse by `inverse_root`.
+    `root` (9, 9) is a root of (MᵀM + ε Γ₀⁻¹)⁻¹.
     """
     C = np.zeros((PARAMETER_COUNT, PARAMETER_COUNT))
     for i in range(PARAMETER_COUNT):
@@ -204,24 +329,6 @@ def gamma_root(root: Floats, rate: float) -> Floats:
             if rate > 0.0:
                 C[i, j] = np.sqrt(rate) * root[i, j]
     return C
-
-
-class ProjectionMemory(NamedTuple):
-    """Observations and the parameters that are fitted to them.
-
-    Parameters
-    ----------
-    observations : Floats
-        Rows (P + 1, 7) of [p₁ mm, raw m₁ m₂ px]; the last row is spare.
-    observation_count : int
-        Number of rows in use, from the first on.
-    a_hat : Floats
-        â (9,); zeros at first.
-    """
-
-    observations: Floats
-    observation_count: int
-    a_hat: Floats
 
 
 @compiled
@@ -235,9 +342,9 @@ def update_from_frame(
     shaft: ToolStruct,
 ) -> ProjectionMemory:
     """Return the memory after a step of rule (21) with one observation, dt s after the previous."""
-    t = kernel.estimator_time if kernel.estimator_time > 0.0 else dt
+    duration = kernel.estimator_time if kernel.estimator_time > 0.0 else dt
     if kernel.rate > 0.0:
-        t = min(t, MAX_DECAY / kernel.rate)
+        duration = min(duration, MAX_DECAY / kernel.rate)
     observations, a, count = memory.observations.copy(), memory.a_hat, memory.observation_count + 1
     newest = observations[count - 1]
     copy_into(newest[:3], p1)
@@ -245,12 +352,11 @@ def update_from_frame(
     fitted = fitted_points(observations, count, o_c, kernel.both_markers, shaft)
     A, b = normal_equations(fitted)
     root = inverse_root(A, kernel.epsilon)
-    C = gamma_root(root, kernel.rate)
-    a_next = limit_step_by_depth(
-        a, integrate_gradient_flow(A, b, a, C, t), observations, count, shaft
-    )
+    C = compute_gamma_root(root, kernel.rate)
+    a_next = integrate_gradient_flow(A, b, a, C, duration)
+    a_next = limit_step_by_depth(a, a_next, observations, count, shaft)
     if count == len(observations):
-        row = least_informative(fitted, count, root)
+        row = find_least_informative_observation(fitted, count, root)
         count -= 1
         copy_into(observations[row], observations[count])
     return ProjectionMemory(observations, count, a_next)
@@ -261,12 +367,8 @@ def markers_jacobian(a: Floats, p1: Floats, shaft: ToolStruct) -> Floats:
     """Return ∂m/∂p₁ (4, 3) px/mm of both markers, the second factor of eq. (15)."""
     p2, jacobian = compute_second_marker(shaft, p1), np.empty((4, 3))
     copy_into(jacobian[:2], compute_projection_jacobian(a, p1))
-    copy_into(
-        jacobian[2:],
-        multiply_matrices(
-            compute_projection_jacobian(a, p2), compute_second_marker_jacobian(shaft, p1)
-        ),
-    )
+    dm2_dp2 = compute_projection_jacobian(a, p2)
+    copy_into(jacobian[2:], multiply_matrices(dm2_dp2, compute_second_marker_jacobian(shaft, p1)))
     return jacobian
 
 
@@ -313,11 +415,11 @@ class ProjectionKernel(NamedTuple):
     Parameters
     ----------
     rate : float
-        η of the fast Γ in 1/s; 0 for the printed Γ.
+        η of the fast Γ in 1/s; 0 for the paper's Γ.
     epsilon : float
         ε of the fast Γ, which the choice of observations needs with either Γ.
     both_markers : bool
-        Whether m₂ is fitted in addition to m₁.
+        True to fit marker 2 in addition to marker 1.
     estimator_time : float
         Integration time of every new frame in s; 0 for the real time between frames.
     """
@@ -339,98 +441,3 @@ def predict(a: Floats, p1: Floats, shaft: ToolStruct) -> Floats:
     copy_into(m[:2], project(a, p1))
     copy_into(m[2:], project(a, compute_second_marker(shaft, p1)))
     return m
-
-
-@dataclass(frozen=True)
-class ProjectionEstimator(Estimator):
-    """Estimator of Ĵ by the projection parameters of rule (21).
-
-    The nine parameters â minimise Q = ½ Σ eᵢᵀeᵢ of eq. (20) over P observations, by the gradient
-    descent
-
-        dâ/dt = −Γ ∂Q/∂â
-
-    which is integrated exactly. Ĵ follows from eq. (15).
-
-    Parameters
-    ----------
-    gamma : Literal['fast', 'printed']
-        Γ of rule (21): fast is η (MᵀM + ε Γ₀⁻¹)⁻¹, printed is the paper's diag(1e-5 I₆, 1e-8 I₃).
-    rate : float
-        Decay rate η of the fast Γ, 1/s.
-    epsilon : float
-        Regularisation ε of the fast Γ: modes of MᵀM weaker than ε Γ₀⁻¹ converge more slowly.
-    observations : int
-        P, the number of stored observations.
-    both_markers : bool
-        Fit m₂ in addition to the paper's m₁.
-    estimator_time : float
-        Time that every new frame integrates the rule over, s. 0 stands for the real time between
-        frames.
-
-    Raises
-    ------
-    BadInput
-        If a parameter is outside its range, or `estimator_time` is above 1e5 / `rate` with the fast
-        Γ.
-
-    Notes
-    -----
-    The parameters (9,) have the unit px/mm (six) and 1/mm (three). The model needs the RCM in front
-    of the camera, eq. (10), and the imaged RCM of eq. (16). The printed Γ converges in hours.
-
-    References
-    ----------
-    Section III-B of the paper, Proposition 1.
-    """
-
-    gamma: Literal["fast", "printed"] = "fast"
-    rate: Annotated[float, positive("rate in 1/s")] = 20.0
-    epsilon: Annotated[float, at_least(MIN_EPSILON, "(a smaller value is lost in rounding)")] = 1e-7
-    observations: Annotated[
-        int, between(6, MAX_OBSERVATIONS, "a whole number (Proposition 1 needs 6)")
-    ] = 20
-    both_markers: bool = True
-    estimator_time: Annotated[float, not_negative("time in s")] = 0.0
-
-    name = "projection"
-    predicts_markers = True
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        is_stable = self.gamma == "printed" or self.rate * self.estimator_time <= MAX_DECAY
-        expected = f"at most {MAX_DECAY:g} / rate with the fast Γ, whose modes have then decayed"
-        self.require(is_stable, "estimator_time", expected)
-
-    def init(self) -> ProjectionMemory:
-        return ProjectionMemory(np.zeros((self.observations + 1, 7)), 0, np.zeros(PARAMETER_COUNT))
-
-    @cached_property
-    def kernel(self) -> ProjectionKernel:
-        """Compiled form of the estimator."""
-        rate = float(self.rate) if self.gamma == "fast" else 0.0
-        return ProjectionKernel(
-            rate, float(self.epsilon), bool(self.both_markers), float(self.estimator_time)
-        )
-
-    def update(self, memory: ProjectionMemory, tool: Tool, sample: Sample) -> ProjectionMemory:
-        p1, points, o_c, dt, _ = sample
-        return update_from_frame(memory, p1, points, o_c, dt, self.kernel, tool.struct)
-
-    def jacobian(self, memory: ProjectionMemory, tool: Tool, sample: Sample) -> Floats:
-        return jacobian_at(memory.a_hat, sample.p1, sample.points, sample.o_c, tool.struct)
-
-    def markers_jacobian(self, memory: ProjectionMemory, tool: Tool, sample: Sample) -> Floats:
-        return markers_jacobian(memory.a_hat, sample.p1, tool.struct)
-
-    def predict(self, memory: ProjectionMemory, tool: Tool, p1: Floats) -> Floats:
-        return predict(memory.a_hat, p1, tool.struct)
-
-
-PAPER_PROJECTION_ESTIMATOR = ProjectionEstimator(
-    gamma="printed", observations=10, both_markers=False, estimator_time=1e4
-)
-"""The paper's estimator: printed Γ, and P = 10 observations of m₁.
-
-Each new frame integrates the rule over 10⁴ s, as it would need hours in real time.
-"""

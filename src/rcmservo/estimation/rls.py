@@ -27,8 +27,8 @@ from rcmservo.constraints import FRACTION, between
 from rcmservo.estimation.displacement import (
     EXPLORATION_ADVICE,
     DisplacementEstimator,
+    compute_kalman_gain,
     correct_jacobian,
-    kalman_gain,
     update_covariance,
 )
 from rcmservo.interfaces import Floats
@@ -38,45 +38,25 @@ MAX_VARIANCE_PER_MM2 = 1e9
 """Largest variance in P (1/mm²), which stands for a direction without any information."""
 
 
-@compiled
-def inflate_covariance(P: Floats, forgetting: float) -> Floats:
-    """Return P/λ (3, 3), with a smaller factor if a variance would exceed MAX_VARIANCE_PER_MM2."""
-    largest, out = 0.0, np.empty((3, 3))
-    for i in range(3):
-        largest = max(largest, P[i, i])
-    growth = min(1.0 / forgetting, MAX_VARIANCE_PER_MM2 / largest)
-    for i in range(3):
-        for j in range(3):
-            out[i, j] = growth * P[i, j]
-    return out
-
-
-@compiled
-def rls_update(
-    J: Floats, P: Floats, delta_p: Floats, delta_y: Floats, forgetting: float
-) -> tuple[Floats, Floats]:
-    """Return Ĵ (3, 3) and P (3, 3) 1/mm² after a displacement Δp (3,) mm with the flow Δy (3,)."""
-    P_inflated = inflate_covariance(P, forgetting)
-    K = kalman_gain(P_inflated, delta_p, 1.0)
-    return correct_jacobian(J, delta_p, delta_y, K), update_covariance(P_inflated, delta_p, 1.0, K)
-
-
 @dataclass(frozen=True)
 class RlsEstimator(DisplacementEstimator):
     """Estimator of Ĵ by recursive least squares with forgetting.
 
-    For the displacements of marker 1 by at least `min_step` it minimises
+    Displacement i of marker 1 by at least `min_step` is Δpᵢ (3,) mm; it changes the features by Δyᵢ
+    (3,) rad, px, px. After n displacements Ĵ (3, 3) in rad/mm, px/mm, px/mm minimises
 
         Σᵢ λⁿ⁻ⁱ |Δyᵢ − J Δpᵢ|² + λⁿ |J|²/P₀
 
     Parameters
     ----------
+    min_step : float
+        Smallest displacement of marker 1, mm, positive.
     forgetting : float
-        Forgetting factor λ, above 0 and at most 1: weight of a displacement after the next one. 1
-        forgets nothing.
+        Forgetting factor λ, above 0 and at most 1: factor of a displacement's weight at each later
+        displacement. 1 forgets nothing.
     covariance : float
-        Initial covariance P₀ in 1/mm². The prior Ĵ = 0 weighs as much as one displacement of 1/√P₀
-        mm in each direction without any flow.
+        Initial covariance P₀ in 1/mm², from 1e-9 to 1e9. The prior Ĵ = 0 weighs as much as one
+        displacement of 1/√P₀ mm in each direction that does not change the features.
 
     Raises
     ------
@@ -85,8 +65,7 @@ class RlsEstimator(DisplacementEstimator):
 
     Notes
     -----
-    The default exploration is long enough for it. It has no model of the markers. Further
-    parameter: `min_step` (mm) of `DisplacementEstimator`.
+    The default exploration is long enough for it. It does not predict markers.
 
     References
     ----------
@@ -99,7 +78,6 @@ class RlsEstimator(DisplacementEstimator):
     covariance: Annotated[float, between(1e-9, MAX_VARIANCE_PER_MM2, "a number", "1/mm²")] = 100.0
 
     name = "rls"
-    predicts_markers = False
     advice = EXPLORATION_ADVICE
 
     def initial_covariance(self) -> Floats:
@@ -108,4 +86,27 @@ class RlsEstimator(DisplacementEstimator):
     def update_jacobian(
         self, J_hat: Floats, P: Floats, delta_p: Floats, delta_y: Floats
     ) -> tuple[Floats, Floats]:
-        return rls_update(J_hat, P, delta_p, delta_y, self.forgetting)
+        return apply_rls_update(J_hat, P, delta_p, delta_y, self.forgetting)
+
+
+@compiled
+def inflate_covariance(P: Floats, forgetting: float) -> Floats:
+    """Return P/λ (3, 3), with a smaller factor if a variance would exceed MAX_VARIANCE_PER_MM2."""
+    largest_variance, inflated = 0.0, np.empty((3, 3))
+    for i in range(3):
+        largest_variance = max(largest_variance, P[i, i])
+    growth = min(1.0 / forgetting, MAX_VARIANCE_PER_MM2 / largest_variance)
+    for i in range(3):
+        for j in range(3):
+            inflated[i, j] = growth * P[i, j]
+    return inflated
+
+
+@compiled
+def apply_rls_update(
+    J: Floats, P: Floats, delta_p: Floats, delta_y: Floats, forgetting: float
+) -> tuple[Floats, Floats]:
+    """Return Ĵ (3, 3) and P (3, 3) 1/mm² after a displacement Δp (3,) mm that changed y by Δy."""
+    P_inflated = inflate_covariance(P, forgetting)
+    K = compute_kalman_gain(P_inflated, delta_p, 1.0)
+    return correct_jacobian(J, delta_p, delta_y, K), update_covariance(P_inflated, delta_p, 1.0, K)

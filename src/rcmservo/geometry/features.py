@@ -1,8 +1,8 @@
 """Feature vector of the imaged tool and its derivatives, eq. (6)-(9) and (15).
 
 The vector is y = [s r d] in rad, px, px: the angle s of the imaged tool, the distance r of marker 1
-from the imaged RCM, and the distance d between the markers. All image points here are measured from
-the imaged RCM o_c.
+from the imaged RCM, and the distance d between the markers. Image points named m are measured from
+the imaged RCM o_c, those named `points` are raw pixels.
 """
 
 import numpy as np
@@ -19,16 +19,20 @@ MAX_FEATURES = 8
 """Largest dimension of a feature vector that compiled functions reserve memory for."""
 
 INTERPRETED_CODE, SRD_CODE, POINTS_CODE = range(3)
-"""Codes of the feature vectors in compiled functions; INTERPRETED is one that Python computes."""
+"""Codes of the feature vectors in compiled functions; INTERPRETED_CODE is one that Python
+computes."""
 
 FEATURE_SCALE = np.array([np.radians(10.0), 10.0, 10.0])
-"""Unit of each feature, the paper's b: 10°, 10 px, 10 px. Norms and conditions are those of
-diag(1/SCALE) Ĵ."""
+"""Unit of each feature: 10°, 10 px, 10 px. Ĵ is divided by it, row by row, before its norm or its
+condition number is computed; otherwise both would depend on the units of y."""
 
 
 @compiled
 def compute_features(m: Floats) -> Floats:
-    """Return y = [s r d] (rad, px, px), eq. (7)-(9), of m = [u₁ v₁ u₂ v₂] (4,) px."""
+    """Return y = [s r d] (rad, px, px), eq. (7)-(9), of m = [u₁ v₁ u₂ v₂] (4,) px.
+
+    s = atan2(v₂ − v₁, u₂ − u₁), r = |(u₁, v₁)|, d = |(u₂ − u₁, v₂ − v₁)|.
+    """
     du, dv = m[2] - m[0], m[3] - m[1]
     return np.array([np.arctan2(dv, du), np.sqrt(m[0] ** 2 + m[1] ** 2), np.sqrt(du**2 + dv**2)])
 
@@ -62,10 +66,10 @@ def compute_feature_error(y: Floats, y_d: Floats) -> Floats:
 @compiled
 def wrap_angle(angle: float) -> float:
     """Return the angle (rad) in (−π, π] that differs by whole turns from `angle`."""
-    short = np.pi - angle
-    if not 0.0 <= short < 2.0 * np.pi:
-        short %= 2.0 * np.pi
-    return -short + np.pi
+    below_pi = np.pi - angle
+    if not 0.0 <= below_pi < 2.0 * np.pi:
+        below_pi %= 2.0 * np.pi
+    return -below_pi + np.pi
 
 
 @compiled
@@ -84,21 +88,11 @@ def write_shifted_to_rcm(points: Floats, o_c: Floats | tuple[float, float], m: F
 
 
 @compiled
-def compute_line_features(m: Floats) -> Floats:
-    """Return [s r d] of the line through the origin nearest to both markers m (4,) px.
+def compute_line_features(m: Floats) -> tuple[float, float, float]:
+    """Return s, r, d (rad, px, px) of the line through the imaged RCM nearest to m (4,) px.
 
-    Its angle comes from the long distance between RCM and markers, not from the short one between
-    the markers, so pixel noise disturbs it less.
-    """
-    angle, r, d = compute_line_features_tuple(m)
-    return np.array([angle, r, d])
-
-
-@compiled
-def compute_line_features_tuple(m: Floats) -> tuple[float, float, float]:
-    """Return s, r, d (rad, px, px) of the line through the origin nearest to both markers.
-
-    A tuple needs no array.
+    The angle of this line comes from the long distance between RCM and markers, and not from the
+    short distance between the markers. Pixel noise therefore disturbs it less than eq. (7).
     """
     c, s = compute_line_direction(m)
     r = c * m[0] + s * m[1]
@@ -107,12 +101,12 @@ def compute_line_features_tuple(m: Floats) -> tuple[float, float, float]:
 
 @compiled
 def compute_line_direction(m: Floats) -> tuple[float, float]:
-    """Return (cos s, sin s) of the line through the origin nearest to both markers m (4,) px.
+    """Return (cos s, sin s) of the line through the imaged RCM nearest to both markers m (4,) px.
 
-    The direction is that from the origin to the markers.
+    The direction points from the imaged RCM to the markers.
     """
-    along = m[0] ** 2 - m[1] ** 2 + m[2] ** 2 - m[3] ** 2
-    c, s = compute_principal_direction(along, 2.0 * (m[0] * m[1] + m[2] * m[3]))
+    diagonal_difference = m[0] ** 2 - m[1] ** 2 + m[2] ** 2 - m[3] ** 2
+    c, s = compute_principal_direction(diagonal_difference, 2.0 * (m[0] * m[1] + m[2] * m[3]))
     sign = 1.0 if c * (m[0] + m[2]) + s * (m[1] + m[3]) >= 0.0 else -1.0
     return sign * c, sign * s
 
@@ -120,12 +114,14 @@ def compute_line_direction(m: Floats) -> tuple[float, float]:
 @compiled
 def write_line_features_jacobian(m: Floats, J: Floats) -> None:
     """Write ∂y/∂m of `compute_line_features` at m (4,) px into J (3, 4)."""
-    c, s = compute_line_direction(m)
-    along = m[0] ** 2 - m[1] ** 2 + m[2] ** 2 - m[3] ** 2
-    across = 2.0 * (m[0] * m[1] + m[2] * m[3])
+    # s = ½ atan2(cross_term, diagonal_difference), with the entries of the scatter matrix Σ m mᵀ
+    diagonal_difference = m[0] ** 2 - m[1] ** 2 + m[2] ** 2 - m[3] ** 2
+    cross_term = 2.0 * (m[0] * m[1] + m[2] * m[3])
+    squared = diagonal_difference**2 + cross_term**2
     for k in range(4):
-        sign, other = (1.0, m[k + 1]) if k % 2 == 0 else (-1.0, m[k - 1])
-        J[0, k] = (along * other - across * sign * m[k]) / (along**2 + across**2)
+        sign, partner = (1.0, m[k + 1]) if k % 2 == 0 else (-1.0, m[k - 1])
+        J[0, k] = (diagonal_difference * partner - cross_term * sign * m[k]) / squared
+    c, s = compute_line_direction(m)
     normal_1, normal_2 = c * m[1] - s * m[0], c * m[3] - s * m[2]
     for k in range(4):
         direction, is_marker_1 = (c if k % 2 == 0 else s), (1.0 if k < 2 else 0.0)
@@ -134,15 +130,14 @@ def write_line_features_jacobian(m: Floats, J: Floats) -> None:
 
 
 @compiled
-def limit_origin_distance(o_c: Floats, points: Floats, reach: float) -> tuple[float, float]:
-    """Return o_c (2,) px, moved to at most `reach` px from the midpoint of both markers.
+def limit_origin_distance(o_c: Floats, points: Floats, max_distance: float) -> tuple[float, float]:
+    """Return o_c (2,) px, moved to at most `max_distance` px from the midpoint of both markers.
 
-    A point that is further away moves along the line to that midpoint; `points` (2, 2) are raw
-    pixels.
+    It moves on the straight line to that midpoint. `points` (2, 2) are raw pixels.
     """
     u, v = 0.5 * (points[0, 0] + points[1, 0]), 0.5 * (points[0, 1] + points[1, 1])
     du, dv = o_c[0] - u, o_c[1] - v
-    fraction = min(reach / np.sqrt(du**2 + dv**2), 1.0)
+    fraction = min(max_distance / np.sqrt(du**2 + dv**2), 1.0)
     return u + fraction * du, v + fraction * dv
 
 

@@ -7,7 +7,6 @@ module the three columns of ∂p/∂q are orthogonal, so a projection onto them 
 """
 
 from abc import ABC
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Annotated, ClassVar, NamedTuple
 
@@ -21,6 +20,7 @@ from rcmservo.numerics.small_linalg import compute_norm, multiply_vector
 
 SPHERICAL, PITCH_YAW = 0, 1
 """Codes of the coordinate systems in compiled functions."""
+
 MIN_LEVER = 1e-3
 """Smallest |∂n/∂q_i| that joint rates are divided by; below it eq. (2) is singular and the axis
 direction undefined."""
@@ -41,32 +41,26 @@ class RcmStruct(NamedTuple):
         Code of the coordinate system, SPHERICAL or PITCH_YAW.
     zero : float
         Distance ρ of the point from the RCM where the insertion reads zero, mm: ρ = q₃ + zero.
-    lower : tuple[float, float, float]
+    lower : Triple
         Lower joint limits, rad, rad, mm.
-    upper : tuple[float, float, float]
+    upper : Triple
         Upper joint limits, rad, rad, mm.
     """
 
     kind: int
     zero: float
-    lower: tuple[float, float, float]
-    upper: tuple[float, float, float]
-
-
-def to_float_triple(numbers: Sequence[float]) -> tuple[float, float, float]:
-    """Return three numbers as floats; compiled functions are compiled once more for integers."""
-    one, two, three = map(float, numbers)
-    return one, two, three
+    lower: Triple
+    upper: Triple
 
 
 @compiled
-def compute_point_distance(one: Point, other: Point) -> float:
+def compute_point_distance(a: Point, b: Point) -> float:
     """Return the distance between two points in mm."""
-    return np.sqrt((one[0] - other[0]) ** 2 + (one[1] - other[1]) ** 2 + (one[2] - other[2]) ** 2)
+    return np.sqrt((a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2)
 
 
 @compiled
-def compute_axis_tuple(rcm: RcmStruct, q: Floats | Point) -> tuple[float, float, float]:
+def compute_axis_tuple(rcm: RcmStruct, q: Floats | Point) -> Point:
     """Return the tool's unit direction n, from the RCM outwards: eq. (2) divided by ρ."""
     if rcm.kind == SPHERICAL:
         theta, phi = q[0], q[1]
@@ -110,9 +104,9 @@ def compute_position_tuple(rcm: RcmStruct, q: Floats | Point) -> Point:
 def compute_position_jacobian(rcm: RcmStruct, q: Floats | Point) -> Floats:
     """Return ∂p/∂q (3, 3); its columns are in mm/rad, mm/rad and mm/mm."""
     jacobian, n, rho = np.empty((3, 3)), compute_axis_tuple(rcm, q), q[2] + rcm.zero
-    one, two = compute_axis_jacobian(rcm, q)
+    column_1, column_2 = compute_axis_jacobian(rcm, q)
     for i in range(3):
-        jacobian[i, 0], jacobian[i, 1], jacobian[i, 2] = rho * one[i], rho * two[i], n[i]
+        jacobian[i, 0], jacobian[i, 1], jacobian[i, 2] = rho * column_1[i], rho * column_2[i], n[i]
     return jacobian
 
 
@@ -124,20 +118,20 @@ def compute_joints(rcm: RcmStruct, p: Floats) -> Floats:
     """
     rho = np.sqrt(p[0] ** 2 + p[1] ** 2 + p[2] ** 2)
     if rcm.kind == SPHERICAL:
-        across = np.sqrt(p[0] ** 2 + p[1] ** 2)
-        return np.array([np.arctan2(across, p[2]), np.arctan2(p[1], p[0]), rho - rcm.zero])
-    along = np.sqrt(p[0] ** 2 + p[2] ** 2)
-    return np.array([np.arctan2(p[0], -p[2]), np.arctan2(-p[1], along), rho - rcm.zero])
+        from_polar_axis = np.sqrt(p[0] ** 2 + p[1] ** 2)
+        return np.array([np.arctan2(from_polar_axis, p[2]), np.arctan2(p[1], p[0]), rho - rcm.zero])
+    from_pitch_axis = np.sqrt(p[0] ** 2 + p[2] ** 2)
+    return np.array([np.arctan2(p[0], -p[2]), np.arctan2(-p[1], from_pitch_axis), rho - rcm.zero])
 
 
 @compiled
 def compute_joint_rates(rcm: RcmStruct, q: Floats, v: Floats) -> Floats:
-    """Return q̇ (rad/s, rad/s, mm/s) that moves the point with the velocity v (3,) mm/s.
+    """Return q̇ (3,) in rad/s, rad/s, mm/s that moves the point with the velocity v (3,) mm/s.
 
     The rates are finite even where eq. (2) is singular.
     """
-    one, two, three = compute_joint_rates_tuple(rcm, q, v)
-    return np.array([one, two, three])
+    rate_1, rate_2, rate_3 = compute_joint_rates_tuple(rcm, q, v)
+    return np.array([rate_1, rate_2, rate_3])
 
 
 @compiled
@@ -146,11 +140,9 @@ def compute_joint_rates_tuple(rcm: RcmStruct, q: Floats | Point, v: Floats) -> P
     rho = q[2] + rcm.zero
     min_square = (MIN_LEVER * rho) ** 2
     (x1, y1, z1), (x2, y2, z2) = compute_axis_jacobian(rcm, q)
-    return (
-        project_on_column((rho * x1, rho * y1, rho * z1), v, min_square),
-        project_on_column((rho * x2, rho * y2, rho * z2), v, min_square),
-        project_on_column(compute_axis_tuple(rcm, q), v, min_square),
-    )
+    rate_1 = project_on_column((rho * x1, rho * y1, rho * z1), v, min_square)
+    rate_2 = project_on_column((rho * x2, rho * y2, rho * z2), v, min_square)
+    return rate_1, rate_2, project_on_column(compute_axis_tuple(rcm, q), v, min_square)
 
 
 @compiled
@@ -164,13 +156,13 @@ def project_on_column(column: Point, v: Floats, min_square: float) -> float:
 
 
 @compiled
-def is_within_limits(rcm: RcmStruct, q: Floats, slack: float) -> bool:
+def is_within_limits(rcm: RcmStruct, q: Floats, tolerance: float) -> bool:
     """Return True if the joints q (3,) are within their limits.
 
-    Each limit may be exceeded by the fraction `slack` of the joint's range. NaN gives False.
+    Each limit may be exceeded by the fraction `tolerance` of the joint's range. NaN gives False.
     """
     for i in range(3):
-        margin = slack * (rcm.upper[i] - rcm.lower[i])
+        margin = tolerance * (rcm.upper[i] - rcm.lower[i])
         if not rcm.lower[i] - margin <= q[i] <= rcm.upper[i] + margin:
             return False
     return True
@@ -185,10 +177,11 @@ def find_blocking_joint(
     horizon: float,
     min_fraction: float,
 ) -> tuple[int, Point]:
-    """Return the joint whose limit blocks the velocity v (3,) mm/s, or -1; and v's joint rates.
+    """Return the index of the joint whose limit blocks the velocity v (3,) mm/s, and v's rates.
 
-    The joints move at `max_rates` (3,) at most. A joint blocks if it would pass its limit within
-    `horizon` s and the joints that stay within theirs keep less than `min_fraction` of the speed.
+    The index is -1 if no joint blocks. The joints move at `max_rates` (3,) at most. A joint blocks
+    if it would pass its limit within `horizon` s, and if the other joints alone move the point at
+    less than the fraction `min_fraction` of the speed.
     """
     requested = compute_joint_rates_tuple(rcm, q, v)
     slowdown = 1.0
@@ -200,12 +193,12 @@ def find_blocking_joint(
             joint = i
     if joint < 0:
         return -1, requested
-    rates = np.zeros(3)
+    free_rates = np.zeros(3)
     for i in range(3):
         if not is_beyond_limit(rcm, i, q[i] + requested[i] / slowdown * horizon):
-            rates[i] = requested[i] / slowdown
-    remaining = compute_norm(multiply_vector(compute_position_jacobian(rcm, q), rates))
-    return joint if remaining < min_fraction * compute_norm(v) / slowdown else -1, requested
+            free_rates[i] = requested[i] / slowdown
+    free_speed = compute_norm(multiply_vector(compute_position_jacobian(rcm, q), free_rates))
+    return joint if free_speed < min_fraction * compute_norm(v) / slowdown else -1, requested
 
 
 @compiled
@@ -251,16 +244,16 @@ class JointLimits(Checked):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        above = all(low < high for low, high in zip(self.lower, self.upper, strict=True))
-        self.require(above, "upper", f"above lower {self.lower} in every joint")
-        farthest = max(abs(self.lower[2]), abs(self.upper[2]))
+        are_ordered = all(low < high for low, high in zip(self.lower, self.upper, strict=True))
+        self.require(are_ordered, "upper", f"above lower {self.lower} in every joint")
+        longest_mm = max(abs(self.lower[2]), abs(self.upper[2]))
         expected = f"beyond ±{MIN_TRAVEL_MM:g} mm in joint 3 (this looks like m)"
-        self.require(farthest >= MIN_TRAVEL_MM, "upper", expected)
+        self.require(longest_mm >= MIN_TRAVEL_MM, "upper", expected)
 
     @property
     def arrays(self) -> tuple[Floats, Floats]:
         """Lower and upper limits as arrays (3,), rad, rad, mm."""
-        return np.array(self.lower), np.array(self.upper)
+        return np.array(self.lower, float), np.array(self.upper, float)
 
 
 @dataclass(frozen=True)
@@ -297,18 +290,16 @@ class Kinematics(Checked, ABC):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        shortest = self.limits.lower[2] + self.insertion_zero
-        above = f"above {-self.insertion_zero:g} mm, so that ρ > 0"
-        require(shortest > 0.0, "lower[2]", self.limits.lower[2], above)
+        min_rho = self.limits.lower[2] + self.insertion_zero
+        expected = f"above {-self.insertion_zero:g} mm, so that ρ > 0"
+        require(min_rho > 0.0, "lower[2]", self.limits.lower[2], expected)
 
     def to_struct(self, offset: float = 0.0) -> RcmStruct:
         """Return the struct of the point `offset` mm beyond the tool's reference point."""
-        return RcmStruct(
-            self.kind,
-            float(self.insertion_zero + offset),
-            to_float_triple(self.limits.lower),
-            to_float_triple(self.limits.upper),
-        )
+        # floats, because compiled functions are compiled once more for integers
+        (l1, l2, l3), (u1, u2, u3) = (array.tolist() for array in self.limits.arrays)
+        zero = float(self.insertion_zero + offset)
+        return RcmStruct(self.kind, zero, (l1, l2, l3), (u1, u2, u3))
 
     def position(self, q: Floats) -> Floats:
         """Return the position p (3,) mm of the tool's reference point, eq. (2).
@@ -366,7 +357,7 @@ class SphericalRcm(Kinematics):
     Parameters
     ----------
     limits : JointLimits
-        Joint limits, rad, rad, mm; by default 8° to 85°, a full turn, and 40 to 220 mm.
+        Joint limits, rad, rad, mm; by default 8° to 85° for θ, a full turn for φ, and 40 to 220 mm.
     insertion_zero : float
         Distance ρ (mm) of the tool's reference point from the RCM where the insertion joint reads
         zero; it must leave ρ positive at the lower limit.

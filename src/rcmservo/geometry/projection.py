@@ -1,8 +1,12 @@
 """Perspective projection with parameters a, eq. (3)-(5) and (10)-(13), and its linear form (18).
 
-In pixels measured from the imaged RCM o_c, the projection has nine degrees of freedom (Lemma 1).
-With c₁₄ = c₂₄ = 0 and c₃₄ = 1, a point p projects to m = G p / z with z = gᵀp + 1 and a = [G₁ G₂
-g]. The depth z is relative to the depth of the RCM.
+A camera's calibration matrix C (3, 4) has eleven degrees of freedom. In pixels measured from the
+imaged RCM o_c only nine remain (Lemma 1), since then c₁₄ = c₂₄ = 0, and c₃₄ = 1 by the scale of C.
+A point p mm from the RCM projects to
+
+    m = G p / z,    z = gᵀp + 1,    a = [G₁ G₂ g]
+
+with the rows G₁, G₂ of G (2, 3) and g (3,). The depth z is relative to the depth of the RCM.
 """
 
 import numpy as np
@@ -22,14 +26,11 @@ def compute_depth(a: Floats, p: Floats) -> float:
 
 @compiled
 def project(a: Floats, p: Floats) -> Floats:
-    """Return m (2,) px of p (3,) mm, eq. (4); with an estimate of a, eq. (34)."""
+    """Return m = G p / z (2,) px of p (3,) mm, eq. (4); with an estimate of a, eq. (34)."""
     z = compute_depth(a, p)
-    return np.array(
-        [
-            (a[0] * p[0] + a[1] * p[1] + a[2] * p[2]) / z,
-            (a[3] * p[0] + a[4] * p[1] + a[5] * p[2]) / z,
-        ]
-    )
+    u = (a[0] * p[0] + a[1] * p[1] + a[2] * p[2]) / z
+    v = (a[3] * p[0] + a[4] * p[1] + a[5] * p[2]) / z
+    return np.array([u, v])
 
 
 @compiled
@@ -50,20 +51,20 @@ def build_regressor(m: Floats, p: Floats) -> Floats:
 
     For an estimate â, the projection error e of eq. (17) is W â − m.
     """
-    w = np.zeros((2, 9))
+    W = np.zeros((2, PARAMETER_COUNT))
     for j in range(3):
-        w[0, j] = p[j]
-        w[1, 3 + j] = p[j]
-        w[0, 6 + j] = -m[0] * p[j]
-        w[1, 6 + j] = -m[1] * p[j]
-    return w
+        W[0, j] = p[j]
+        W[1, 3 + j] = p[j]
+        W[0, 6 + j] = -m[0] * p[j]
+        W[1, 6 + j] = -m[1] * p[j]
+    return W
 
 
 def extract_parameters(C: Floats) -> tuple[Floats, Floats]:
     """Return a (9,) and o_c (2,) px of a calibration matrix C (3, 4) of any scale, by Lemma 1.
 
-    The shift of the pixel origin to o_c removes two degrees of freedom, and the scaling of c₃₄ to 1
-    a third one, eq. (10)-(12).
+    The shift of the pixel origin to o_c and the scale c₃₄ = 1 remove the other parameters of C,
+    eq. (10)-(12).
     """
     C = C / C[2, 3]
     o_c = C[:2, 3].copy()

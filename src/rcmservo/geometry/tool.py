@@ -1,8 +1,9 @@
 """Models of the tool: position of marker 2 relative to marker 1, on a rigid shaft or by a factor λ.
 
-Both markers are on the tool's axis, m₁ nearer the RCM and m₂ nearer the tip. The paper writes p₂ =
-λ p₁. On a real shaft the spacing l is constant, so p₂ = p₁ (1 + l/ρ), and λ changes with the
-insertion. A constant λ gives ∂d/∂ρ the opposite sign.
+Both markers are on the tool's axis, marker 1 nearer the RCM and marker 2 nearer the tip, at p₁ and
+p₂ from the RCM. The paper writes p₂ = λ p₁. On a real shaft the spacing l is constant, so that
+p₂ = p₁ (1 + l/ρ) with ρ = |p₁|, and λ changes with the insertion. With a constant λ the imaged
+distance d of the markers would change with ρ in the wrong direction.
 """
 
 from abc import ABC, abstractmethod
@@ -65,59 +66,58 @@ def compute_max_tool_speed(
     """Return the largest speed (mm/s) of marker 1, marker 2 and the tip.
 
     Marker 1 is at p1 (3,) mm and moves with v (3,) mm/s; the tip is `tip` mm beyond marker 2. The
-    tool turns about the RCM, so speed across the axis grows with the distance from it.
+    tool turns about the RCM, so the speed across the axis grows with the distance from the RCM.
     """
-    squared = p1[0] ** 2 + p1[1] ** 2 + p1[2] ** 2
-    along = v[0] * p1[0] + v[1] * p1[1] + v[2] * p1[2]
-    total = v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
-    radial = along * along / squared
-    lever = max(compute_marker_ratio(shaft, p1) + tip / np.sqrt(squared), 1.0)
-    return np.sqrt(radial + max(total - radial, 0.0) * lever**2)
+    squared_rho = p1[0] ** 2 + p1[1] ** 2 + p1[2] ** 2
+    dot_product = v[0] * p1[0] + v[1] * p1[1] + v[2] * p1[2]
+    squared_speed = v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
+    squared_radial = dot_product * dot_product / squared_rho
+    lever_ratio = max(compute_marker_ratio(shaft, p1) + tip / np.sqrt(squared_rho), 1.0)
+    return np.sqrt(squared_radial + max(squared_speed - squared_radial, 0.0) * lever_ratio**2)
 
 
 @compiled
 def compute_second_marker_jacobian(shaft: ToolStruct, p1: Floats) -> Floats:
     """Return ∂p₂/∂p₁ (3, 3): λ I, or I + (l/ρ)(I − n nᵀ) with n = p₁/ρ."""
     jacobian = np.zeros((3, 3))
-    ratio, squared = compute_marker_ratio(shaft, p1), p1[0] ** 2 + p1[1] ** 2 + p1[2] ** 2
-    along = 0.0 if shaft.kind == SCALED else (ratio - 1.0) / squared
+    ratio, squared_rho = compute_marker_ratio(shaft, p1), p1[0] ** 2 + p1[1] ** 2 + p1[2] ** 2
+    axial = 0.0 if shaft.kind == SCALED else (ratio - 1.0) / squared_rho
     for i in range(3):
         jacobian[i, i] = ratio
         for j in range(3):
-            jacobian[i, j] -= along * p1[i] * p1[j]
+            jacobian[i, j] -= axial * p1[i] * p1[j]
     return jacobian
 
 
 @compiled
 def convert_to_first_marker(shaft: ToolStruct, p1: Floats | Point, motion: Floats) -> None:
-    """Convert ∂m₂/∂p₂ (n, 3) to ∂m₂/∂p₁ in place, by the chain rule.
+    """Convert `motion` from ∂m₂/∂p₂ (n, 3) to ∂m₂/∂p₁ in place, by the chain rule.
 
     The factor ∂p₂/∂p₁ is a multiple of I plus a term along p₁, so its matrix is not needed.
     """
-    ratio, squared = compute_marker_ratio(shaft, p1), p1[0] ** 2 + p1[1] ** 2 + p1[2] ** 2
-    fraction = 0.0 if shaft.kind == SCALED else (ratio - 1.0) / squared
+    ratio, squared_rho = compute_marker_ratio(shaft, p1), p1[0] ** 2 + p1[1] ** 2 + p1[2] ** 2
+    axial = 0.0 if shaft.kind == SCALED else (ratio - 1.0) / squared_rho
     for k in range(len(motion)):
-        along = fraction * (motion[k, 0] * p1[0] + motion[k, 1] * p1[1] + motion[k, 2] * p1[2])
+        along_p1 = axial * (motion[k, 0] * p1[0] + motion[k, 1] * p1[1] + motion[k, 2] * p1[2])
         for i in range(3):
-            motion[k, i] = ratio * motion[k, i] - along * p1[i]
+            motion[k, i] = ratio * motion[k, i] - along_p1 * p1[i]
 
 
 MIN_LENGTH_MM, MAX_LENGTH_MM = 1.0, 1000.0
-"""Bounds of plausible tool lengths; other values were given in another unit."""
+"""Bounds of plausible lengths on a tool; a value outside them was given in another unit."""
 
 OFFSET_LIMIT = at_most(MAX_LENGTH_MM, "mm in either direction")
 
 
 class Tool(Checked, ABC, section="tool"):
-    """Base of the tool models: positions of both markers on the tool's axis.
-
-    ``offset`` (mm) is the distance from the reference point, whose ρ the arm reports, to m₁.
-    ``value`` is the parameter of the compiled functions: l or λ.
-    """
+    """Base of the tool models: positions of both markers on the tool's axis."""
 
     kind: ClassVar[int]
+    """Code of the model in compiled functions: RIGID or SCALED."""
     name: ClassVar[str]
+    """Name of the model in files, records and messages."""
     offset: float
+    """Distance (mm) from the tool's reference point, whose ρ the arm reports, to marker 1."""
 
     @property
     @abstractmethod
@@ -148,6 +148,8 @@ class Tool(Checked, ABC, section="tool"):
 @dataclass(frozen=True)
 class RigidTool(Tool):
     """Tool with two markers at a fixed spacing l on a rigid shaft: p₂ = p₁ (1 + l/ρ).
+
+    p₁ and p₂ (3,) mm are the positions of the markers from the RCM, and ρ = |p₁| mm.
 
     Parameters
     ----------
@@ -187,7 +189,8 @@ class RigidTool(Tool):
 class ScaledTool(Tool):
     """Tool with the paper's model p₂ = λ p₁ of constant λ.
 
-    A rigid shaft has this λ at one insertion only. The model is here to reproduce the paper.
+    p₁ and p₂ (3,) mm are the positions of the markers from the RCM. A rigid shaft has this λ at one
+    insertion only. The model is here to reproduce the paper.
 
     Parameters
     ----------

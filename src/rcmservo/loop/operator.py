@@ -4,9 +4,8 @@ No request restarts the drive. A changed target or setting applies from the next
 a new stage in the record.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Annotated
+from typing import Annotated, Protocol
 
 import numpy as np
 
@@ -29,18 +28,23 @@ FIXED_PARTS = ("mechanism", "tool", "estimator", "imaged_rcm", "rate")
 class Teach(Checked):
     """Request to pause and teach the present pose as the target.
 
-    The tool stands still until enough frames show both markers, or until the next request. It then
-    stays paused until the operator resumes.
+    The `Operator` that is passed to `run` submits it: it returns ``Teach()`` after one tick. The
+    tool then stands still until enough frames show both markers, or until the next request. It
+    stays paused, with the new target, until the operator returns ``Request.RESUME``.
 
     Parameters
     ----------
     frames : int
-        Number of frames whose mean becomes the target, 1 to 100 000.
+        Number of frames whose mean becomes the target, from 1 to 100 000.
 
     Raises
     ------
     BadInput
         If the number of frames is out of range.
+
+    Notes
+    -----
+    Before a run, `teach` does the same without an operator.
     """
 
     frames: Annotated[int, FRAME_COUNT] = TEACHING_FRAMES
@@ -48,15 +52,17 @@ class Teach(Checked):
 
 @dataclass(frozen=True, eq=False)
 class Jog(Checked, section="jog"):
-    """Request to move the joints at given rates until the next tick, in IDLE or PAUSED.
+    """Request to move the joints at given rates until the next tick.
 
-    The gate limits each joint to a fifth of its speed limit. The request must be repeated after
-    every tick. Otherwise the arm comes to rest and the servo pauses.
+    The `Operator` that is passed to `run` submits it: it returns ``Jog(rates)`` after every tick
+    for as long as the joints shall move. Without the next request the arm comes to rest and the
+    servo pauses. The phase must be IDLE, PAUSED or JOG; in another phase the request is ignored.
 
     Parameters
     ----------
     rates : Floats
-        Joint rates (3,) in rad/s, rad/s, mm/s.
+        Joint rates (3,) in rad/s, rad/s, mm/s. The gate limits each to a fifth of the joint's speed
+        limit.
 
     Raises
     ------
@@ -74,8 +80,42 @@ class Jog(Checked, section="jog"):
 OperatorRequest = Request | Target | Servo | Teach | Jog
 """Requests: pause, resume or clear; another target; other settings; teaching; jogging."""
 
-Operator = Callable[[Tick], OperatorRequest]
-"""Function that the loop calls after every tick for the operator's request. It must not wait."""
+
+class Operator(Protocol):
+    """Function that the loop calls after every tick for the request of the operator.
+
+    Pass it to `run` as ``operator``. Any function of a `Tick` that returns a request satisfies this
+    protocol; a class implements ``__call__``.
+
+    Notes
+    -----
+    The call is part of the tick and must return within a millisecond. An exception ends the run.
+    """
+
+    def __call__(self, tick: Tick, /) -> OperatorRequest:
+        """Return the request of the operator after a tick, without waiting.
+
+        A `Request` pauses, resumes or clears, and ``Request.NONE`` requests nothing. A `Target`
+        replaces the target. A `Servo` replaces the settings that may change during a run. `Teach`
+        teaches the present pose. `Jog` moves the joints until the next tick.
+
+        Parameters
+        ----------
+        tick : Tick
+            Tick that has just ended, with its observation, its request and the state after it.
+
+        Returns
+        -------
+        Request, Target, Servo, Teach or Jog
+            Request for the next tick.
+
+        Raises
+        ------
+        BadInput
+            The loop raises it for any other value, for ``Request.JOG`` without rates, and for a
+            servo or target that does not suit the run.
+        """
+        ...
 
 
 @dataclass

@@ -1,1 +1,1 @@
-"""Composition of features, estimation, control law and safety into one pure step."""
+"""Composition of features, estimation, controller and safety into one pure step."""

@@ -1,10 +1,16 @@
-"""Acceptance of a new frame by comparison with the prediction of the projection fit."""
+"""Acceptance of a new frame by comparison with the prediction of the projection fit.
+
+A frame is one exposure of the camera with both markers. A rejected frame changes no estimate.
+"""
 
 import numpy as np
 
-from rcmservo.control.drive_lag import known_or_measured_lag
+from rcmservo.control.drive_lag import select_lag
 from rcmservo.estimation.base import Estimate
-from rcmservo.estimation.camera_fit_prediction import deviation_without_marker, filter_markers
+from rcmservo.estimation.camera_fit_prediction import (
+    compute_deviation_without_marker,
+    filter_markers,
+)
 from rcmservo.geometry.kinematics import compute_position_tuple, is_within_limits
 from rcmservo.interfaces import Floats
 from rcmservo.numerics.jit import compiled
@@ -32,7 +38,10 @@ from rcmservo.servo.update_estimate import FRAME_ACCEPTED, FRAME_UPDATES, NO_FRA
 
 @compiled
 def accept_frame(tick: TickContext) -> tuple[int, float]:
-    """Store the observation of this tick and decide if its frame is accepted.
+    """Decide if the frame of this tick is accepted, and count rejected frames.
+
+    The frame is compared with the prediction of the projection fit, or before exploration has ended
+    with the last accepted frame.
 
     Returns
     -------
@@ -42,12 +51,12 @@ def accept_frame(tick: TickContext) -> tuple[int, float]:
     """
     stored, observation, parameters = tick.stored, tick.observation, tick.parameters
     monitor, estimate, fit = stored.monitor, stored.estimate, stored.projection_fit
-    exploration, last = stored.exploration_state, stored.decision.command
+    exploration, command = stored.exploration_state, stored.decision.command
     thresholds, period = parameters.thresholds, parameters.period
     rcm, shaft = rcm_struct_of(parameters), tool_struct_of(parameters)
-    gap = observation.now - last.time if last.number > 0 else period
-    lag = known_or_measured_lag(exploration, thresholds.drive_lag)
-    monitor_loop(monitor, gap, period, lag, thresholds)
+    gap_ns = observation.now - command.time if command.number > 0 else period
+    lag_s = select_lag(exploration, thresholds.drive_lag)
+    monitor_loop(monitor, gap_ns, period, lag_s, thresholds)
     if not observation.frame > monitor.newest_frame:
         return NO_FRAME, 0.0
     monitor_frame(monitor, observation, thresholds)
@@ -57,34 +66,30 @@ def accept_frame(tick: TickContext) -> tuple[int, float]:
     p1[0], p1[1], p1[2] = compute_position_tuple(rcm, observation.q_exposure)
     copy_into(points, observation.points)
     monitor.one_marker_suffices = fill_lost_marker(stored, p1, points, parameters)
-    first, second = find_lost_markers(points)
-    if first or second:
+    lost_1, lost_2 = find_lost_markers(points)
+    if lost_1 or lost_2:
         return NO_FRAME, 0.0
     if exploration.is_done:
-        first, second, crossed = find_deviating_markers(
+        deviates_1, deviates_2, crossed = find_deviating_markers(
             fit, p1, points, estimate.points, shaft, thresholds
         )
-        monitor_markers(monitor, first, second, crossed, points, thresholds)
+        monitor_markers(monitor, deviates_1, deviates_2, crossed, points, thresholds)
         update_drift(monitor, fit, p1, points, observation.points, shaft, thresholds)
     else:
-        jump = thresholds.max_jump_px + thresholds.max_innovation * np.sqrt(
-            2.0 * fit.noise_variance
-        )
-        check_against_last_frame(monitor, estimate, observation, p1, jump, thresholds)
+        noise_px = np.sqrt(2.0 * fit.noise_variance)
+        max_jump_px = thresholds.max_jump_px + thresholds.max_innovation * noise_px
+        check_against_last_frame(monitor, estimate, observation, p1, max_jump_px, thresholds)
     if monitor.rejected_frames > 0:
         return NO_FRAME, 0.0
     monitor.accepted_frame = observation.frame
     copy_into(estimate.points, points)
     copy_into(estimate.p1, p1)
-    # an operator may have moved the tool by hand until the exploration began
-    updates = (
-        exploration.is_done
-        or not exploration.has_begun
-        or observation.exposure >= exploration.start_time
-    )
-    frame_result = FRAME_UPDATES if updates else FRAME_ACCEPTED
     dt = (observation.exposure - estimate.exposure) * 1e-9 if estimate.exposure >= 0 else 0.0
-    return frame_result, dt
+    # a frame from before the exploration: an operator may have moved the tool by hand since
+    is_exploring = exploration.has_begun and not exploration.is_done
+    if is_exploring and observation.exposure < exploration.start_time:
+        return FRAME_ACCEPTED, dt
+    return FRAME_UPDATES, dt
 
 
 @compiled
@@ -96,16 +101,13 @@ def fill_lost_marker(
     Return True if one marker was lost and replaced: the other marker and the joints then determine
     the pose well enough.
     """
-    first, second = find_lost_markers(points)
-    if first == second or not (
-        stored.exploration_state.is_done and parameters.tolerates_lost_marker
-    ):
+    lost_1, lost_2 = find_lost_markers(points)
+    can_predict = stored.exploration_state.is_done and parameters.tolerates_lost_marker
+    if lost_1 == lost_2 or not can_predict:
         return False
-    fit, k, shaft = stored.projection_fit, 0 if first else 1, tool_struct_of(parameters)
-    if (
-        not deviation_without_marker(fit, p1, k, shaft)
-        <= parameters.thresholds.max_single_marker_deviation
-    ):
+    fit, k, shaft = stored.projection_fit, 0 if lost_1 else 1, tool_struct_of(parameters)
+    deviation_mm = compute_deviation_without_marker(fit, p1, k, shaft)
+    if not deviation_mm <= parameters.thresholds.max_single_marker_deviation:
         return False
     copy_into(points[k], filter_markers(fit, p1, shaft)[k])
     return True
@@ -117,21 +119,20 @@ def check_against_last_frame(
     estimate: Estimate,
     observation: ObservationRow,
     p1: Floats,
-    jump: float,
+    max_jump_px: float,
     thresholds: Thresholds,
 ) -> None:
     """Compare the markers with those of the last accepted frame, before a fit predicts them.
 
-    Count the frame as rejected if a marker moved by more than `max_jump_px` px plus the px that the
-    motion of marker 1 to p1 (3,) mm allows, or if a marker is stuck.
+    Count the frame as rejected if a marker moved by more than `max_jump_px` plus the pixels that
+    the motion of marker 1 to p1 (3,) mm allows, or if a marker is stuck.
     """
-    path, crossed = compute_distance(p1, estimate.p1), False
-    first, second = detect_stuck_markers(monitor, p1, observation.points, thresholds)
-    if path < thresholds.max_compared_motion and not (first or second):
-        nearest = thresholds.max_px_per_mm
-        first, second, crossed = find_jumps(
-            observation.points, estimate.points, path, jump, nearest
+    points, distance_mm, crossed = observation.points, compute_distance(p1, estimate.p1), False
+    rejects_1, rejects_2 = detect_stuck_markers(monitor, p1, points, thresholds)
+    if distance_mm < thresholds.max_compared_motion and not (rejects_1 or rejects_2):
+        rejects_1, rejects_2, crossed = find_jumps(
+            points, estimate.points, distance_mm, max_jump_px, thresholds.max_px_per_mm
         )
-        if monitor.jumped_frames > 0 and markers_stay(monitor, observation.points, thresholds):
-            first, second = True, True
-    monitor_markers(monitor, first, second, crossed, observation.points, thresholds)
+        if monitor.jumped_frames > 0 and markers_stay(monitor, points, thresholds):
+            rejects_1, rejects_2 = True, True
+    monitor_markers(monitor, rejects_1, rejects_2, crossed, points, thresholds)

@@ -31,22 +31,24 @@ from rcmservo.servo.state import StoredState
 from rcmservo.servo.update_estimate import FRAME_ACCEPTED
 
 NOT_FINITE = Cause.NOT_FINITE.code
-ESTIMATE, TARGETS = int(Invalidates.ESTIMATE), int(Invalidates.ESTIMATE_AND_TARGETS)
+"""Code of the cause of a command that is not finite."""
+
+ESTIMATE, ESTIMATE_AND_TARGETS = int(Invalidates.ESTIMATE), int(Invalidates.ESTIMATE_AND_TARGETS)
+"""Codes of the parts that a cause invalidates, in the order of their extent."""
 
 
 @compiled
 def choose_mode(tick: TickContext, causes: int, frame_result: int) -> bool:
     """Enter the mode that follows from the set of `causes`; return True if the estimate was reset.
 
-    In JOG the joint rates of the operator replace those of the law.
+    In JOG the joint rates of the operator replace those of the controller.
     """
     stored, observation, setpoint = tick.stored, tick.observation, tick.setpoint
-    markers_seen, is_accepted = stored.monitor.accepted_frame >= 0, frame_result >= FRAME_ACCEPTED
-    signs = TransitionInputs(
-        observation.enabled, markers_seen, is_accepted, stored.exploration_state.is_done
-    )
+    has_frame, is_accepted = stored.monitor.accepted_frame >= 0, frame_result >= FRAME_ACCEPTED
+    has_estimate = stored.exploration_state.is_done
+    inputs = TransitionInputs(observation.enabled, has_frame, is_accepted, has_estimate)
     request, now, thresholds = setpoint.request, observation.now, tick.parameters.thresholds
-    was_reset = enter_mode(stored, causes, signs, request, now, thresholds)
+    was_reset = enter_mode(stored, causes, inputs, request, now, thresholds)
     if stored.decision.mode.phase == JOG:
         request_rest(stored.decision)
         copy_into(stored.decision.rates, setpoint.jog)
@@ -57,7 +59,7 @@ def choose_mode(tick: TickContext, causes: int, frame_result: int) -> bool:
 def enter_mode(
     stored: StoredState,
     causes: int,
-    signs: TransitionInputs,
+    inputs: TransitionInputs,
     request: int,
     now: int,
     thresholds: Thresholds,
@@ -67,16 +69,17 @@ def enter_mode(
     A pause or fault resets the parts of the state that its cause invalidates.
     """
     decision, cause, was_reset = stored.decision, select_most_severe(causes), False
-    before = decision.mode.phase
-    advance_mode(decision.mode, causes, signs, request, now, thresholds)
-    entered = decision.mode.phase != before
-    if decision.mode.phase in (PAUSED, FAULT) and (entered or ACTIONS[cause] == ACTION_PAUSE):
-        acting = cause if ACTIONS[cause] >= ACTION_PAUSE else decision.mode.cause
-        was_reset = invalidate(stored, acting, now)
-    if decision.mode.phase == ACQUIRE and before == PAUSED and not stored.exploration_state.is_done:
+    phase_before = decision.mode.phase
+    advance_mode(decision.mode, causes, inputs, request, now, thresholds)
+    phase = decision.mode.phase
+    has_changed = phase != phase_before
+    if phase in (PAUSED, FAULT) and (has_changed or ACTIONS[cause] == ACTION_PAUSE):
+        acting_cause = cause if ACTIONS[cause] >= ACTION_PAUSE else decision.mode.cause
+        was_reset = invalidate(stored, acting_cause, now)
+    if phase == ACQUIRE and phase_before == PAUSED and not stored.exploration_state.is_done:
         reset_estimation_except_markers(stored)
         was_reset = True
-    if entered:
+    if has_changed:
         restart_stall_rule(decision, now)
     return was_reset
 
@@ -85,14 +88,16 @@ def enter_mode(
 def invalidate(stored: StoredState, cause: int, now: int) -> bool:
     """Restart all counts and reset what a cause invalidates; return True if that is the estimate.
 
-    Before there is an estimate, one false marker cannot be distinguished from a moved camera, and
-    counts as one. Nor can markers that exchanged positions: they may be false now or before.
+    Before exploration has ended, a false marker cannot be distinguished from a moved camera, and it
+    invalidates as much. The same holds for markers that exchanged positions, which may be false now
+    or may have been false before.
     """
-    decision, invalid = stored.decision, find_invalidated(cause, stored.exploration_state.is_done)
-    resets_estimate = invalid >= ESTIMATE
+    decision = stored.decision
+    invalidated = find_invalidated(cause, stored.exploration_state.is_done)
+    resets_estimate = invalidated >= ESTIMATE
     reset_monitor(stored.monitor, resets_estimate)
     decision.reference_error = np.inf
-    if invalid == TARGETS:
+    if invalidated == ESTIMATE_AND_TARGETS:
         decision.camera_moved_at = now
     if resets_estimate:
         reset_estimation(stored)
@@ -102,7 +107,7 @@ def invalidate(stored: StoredState, cause: int, now: int) -> bool:
 
 @compiled
 def bound_rates(tick: TickContext) -> bool:
-    """Make the command from the joint rates by the gate, at the speed that the mode allows.
+    """Let the gate make the command from the joint rates, at the speed that the mode allows.
 
     Return True if the estimate was reset because a number was not finite.
     """

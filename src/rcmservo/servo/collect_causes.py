@@ -1,8 +1,12 @@
-"""Detection of the causes that are present at a tick."""
+"""Detection of the causes that are present at a tick.
+
+A cause is a reason why the servo does not simply move to the target, such as a lost marker. Its
+detector reads the facts of the tick that are collected here.
+"""
 
 import numpy as np
 
-from rcmservo.estimation.camera_fit_prediction import pose_deviation
+from rcmservo.estimation.camera_fit_prediction import compute_pose_deviation
 from rcmservo.geometry.kinematics import compute_point_distance, compute_position_tuple
 from rcmservo.geometry.tool import compute_marker_ratio, compute_second_marker_tuple
 from rcmservo.interfaces import Floats
@@ -21,7 +25,7 @@ ARRIVAL_DISTANCE_MM = 1.0
 """Distance of marker 1 from the target by the image, in mm, below which the tool has arrived."""
 
 ASSUMED_TEACHING_FRAMES = 30.0
-"""Number of frames assumed to be averaged in a target."""
+"""Number of frames that are assumed to be averaged in a target."""
 
 NOISE_SIGMAS = 3.0
 """Standard deviations of pose noise that a distance may contain."""
@@ -29,7 +33,7 @@ NOISE_SIGMAS = 3.0
 
 @compiled
 def collect_causes(tick: TickContext) -> int:
-    """Return the set of causes that are present, as bits."""
+    """Return the set of causes that are present, as the bits of an integer."""
     stored, parameters = tick.stored, tick.parameters
     if stored.exploration_state.is_done:
         watch_target(tick)
@@ -62,36 +66,31 @@ def watch_target(tick: TickContext) -> None:
     but the joints differ from those at teaching by more than noise explains.
     """
     stored, setpoint, parameters = tick.stored, tick.setpoint, tick.parameters
-    decision, fit, allowed = (
-        stored.decision,
-        stored.projection_fit,
-        parameters.thresholds.max_target_mismatch,
-    )
-    q, q_d, shaft = tick.observation.q, setpoint.q, tool_struct_of(parameters)
-    was_there = decision.has_arrived and not setpoint.is_new
-    if decision.mode.phase != SERVO or not (
-        was_there or decision.remaining_mm < ARRIVAL_DISTANCE_MM
-    ):
+    decision, fit, q, q_d = stored.decision, stored.projection_fit, tick.observation.q, setpoint.q
+    had_arrived = decision.has_arrived and not setpoint.is_new
+    is_near = had_arrived or decision.remaining_mm < ARRIVAL_DISTANCE_MM
+    if decision.mode.phase != SERVO or not is_near:
         decision.has_arrived, decision.mismatch_since = False, -1
         return
-    if bound_marker_distance(q, q_d, parameters) < allowed:
+    allowed_mm = parameters.thresholds.max_target_mismatch
+    if bound_marker_distance(q, q_d, parameters) < allowed_mm:
         decision.has_arrived, decision.mismatch_since = not setpoint.is_new, -1
         return
-    distance = larger_marker_distance(q, q_d, parameters)
-    if not distance < allowed:
+    distance_mm = compute_larger_marker_distance(q, q_d, parameters)
+    if not distance_mm < allowed_mm:
         frames = max(min(fit.offset_weight[0], fit.offset_weight[1]), 1.0)
-        noise = pose_deviation(fit, stored.estimate.p1, shaft)
-        noise *= np.sqrt(1.0 / frames + 1.0 / ASSUMED_TEACHING_FRAMES)
-        allowed += NOISE_SIGMAS * noise
-    decision.has_arrived = not setpoint.is_new and (was_there or distance < allowed)
-    if not distance - min(decision.remaining_mm, ARRIVAL_DISTANCE_MM) > allowed:
+        noise_mm = compute_pose_deviation(fit, stored.estimate.p1, tool_struct_of(parameters))
+        noise_mm *= np.sqrt(1.0 / frames + 1.0 / ASSUMED_TEACHING_FRAMES)
+        allowed_mm += NOISE_SIGMAS * noise_mm
+    decision.has_arrived = not setpoint.is_new and (had_arrived or distance_mm < allowed_mm)
+    if not distance_mm - min(decision.remaining_mm, ARRIVAL_DISTANCE_MM) > allowed_mm:
         decision.mismatch_since = -1
     elif decision.mismatch_since < 0:
         decision.mismatch_since = tick.observation.now
 
 
 @compiled
-def larger_marker_distance(q: Floats, q_d: Floats, parameters: KernelParameters) -> float:
+def compute_larger_marker_distance(q: Floats, q_d: Floats, parameters: KernelParameters) -> float:
     """Return the larger of the distances (mm) of both markers between the joints q and q_d (3,)."""
     rcm, shaft = rcm_struct_of(parameters), tool_struct_of(parameters)
     p1, p1_d = compute_position_tuple(rcm, q), compute_position_tuple(rcm, q_d)
@@ -101,12 +100,12 @@ def larger_marker_distance(q: Floats, q_d: Floats, parameters: KernelParameters)
 
 @compiled
 def bound_marker_distance(q: Floats, q_d: Floats, parameters: KernelParameters) -> float:
-    """Return an upper bound (mm) of `larger_marker_distance`, in a fraction of its time.
+    """Return an upper bound (mm) of `compute_larger_marker_distance`, in a fraction of its time.
 
     The direction of the tool turns by no more than the sum of the changes of the angles.
     """
     zero = parameters.rcm.zero
     rho, rho_d = q[2] + zero, q_d[2] + zero
-    turned = abs(q[0] - q_d[0]) + abs(q[1] - q_d[1])
-    longest = max(compute_marker_ratio(tool_struct_of(parameters), (0.0, 0.0, rho)), 1.0)
-    return longest * (abs(rho - rho_d) + max(abs(rho), abs(rho_d)) * turned)
+    turn_rad = abs(q[0] - q_d[0]) + abs(q[1] - q_d[1])
+    lever_ratio = max(compute_marker_ratio(tool_struct_of(parameters), (0.0, 0.0, rho)), 1.0)
+    return lever_ratio * (abs(rho - rho_d) + max(abs(rho), abs(rho_d)) * turn_rad)

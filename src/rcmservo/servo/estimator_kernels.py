@@ -1,6 +1,8 @@
 """Selection of an estimator's compiled functions by the class of its kernel.
 
-The module imports Numba. It is imported only when a kernel is compiled.
+Numba's `overload` registers a function that receives the types of the arguments and returns the
+implementation to compile. The module imports Numba, so it is imported only when a kernel is
+compiled.
 """
 
 from functools import partial
@@ -18,16 +20,17 @@ from rcmservo.servo.update_estimate import (
 )
 
 declared: Any = partial(overload, strict=False)
+"""Decorator that declares a function to select the implementation of another one."""
 
 
 @declared(update_estimator)
-def _update_estimator(kernel: Any, memory: Any, tick: Any, dt: Any) -> Any:
+def _select_update(kernel: Any, memory: Any, tick: Any, dt: Any) -> Any:
     update: Any = UPDATES[kernel.instance_class.estimates_rcm]
     return update.py_func
 
 
 @declared(empty_memory)
-def _empty_memory(kernel: Any, memory: Any) -> Any:
+def _select_reset(kernel: Any, memory: Any) -> Any:
     if kernel.instance_class.estimates_rcm:
         return kernel.instance_class.reset.py_func
     with_lines: Any = empty_with_lines
@@ -35,10 +38,10 @@ def _empty_memory(kernel: Any, memory: Any) -> Any:
 
 
 @declared(run_kernel)
-def _run_kernel(kernel: Any, memory: Any, sample: Any, fit: Any, result: Any) -> Any:
+def _select_kernel_update(kernel: Any, memory: Any, sample: Any, fit: Any, result: Any) -> Any:
     return kernel.instance_class.update.py_func
 
 
 @declared(empty_own_memory)
-def _empty_own(kernel: Any, memory: Any) -> Any:
+def _select_kernel_reset(kernel: Any, memory: Any) -> Any:
     return kernel.instance_class.reset.py_func

@@ -19,7 +19,7 @@ from rcmservo.servo.state import StoredState
 
 @dataclass(frozen=True)
 class KernelParameters:
-    """Settings of the parts of a servo, which no tick changes, as one row for compiled functions.
+    """Settings of the parts of a servo as one row for compiled functions; no tick changes them.
 
     Parameters
     ----------
@@ -28,17 +28,17 @@ class KernelParameters:
     tool : ToolStruct
         Position of marker 2 on the tool.
     controller : SaturatedController
-        Control law.
+        Controller.
     features : FeatureParameters
-        Feature vector that the law acts on.
+        Feature vector that the controller acts on.
     needs_markers_jacobian : bool
         True if the features need ∂m/∂p₁ from the estimator.
-    printed_potential : bool
-        True for the potential (32) as printed.
+    uses_paper_potential : bool
+        True for the potential exactly as in the paper's eq. (32).
     imaged_rcm : ImagedRcm
         Settings of eq. (16).
-    printed_rcm : bool
-        True for eq. (16) as printed.
+    uses_paper_rcm : bool
+        True for the paper's eq. (16) without changes.
     estimates_rcm : bool
         True if the estimator computes the imaged RCM.
     tolerates_lost_marker : bool
@@ -58,9 +58,9 @@ class KernelParameters:
     controller: SaturatedController
     features: FeatureParameters
     needs_markers_jacobian: bool
-    printed_potential: bool
+    uses_paper_potential: bool
     imaged_rcm: ImagedRcm
-    printed_rcm: bool
+    uses_paper_rcm: bool
     estimates_rcm: bool
     tolerates_lost_marker: bool
     gate: Gate
@@ -95,10 +95,9 @@ class TickContext(NamedTuple):
 @compiled
 def rcm_struct_of(parameters: KernelParameters) -> RcmStruct:
     """Return the mechanism with marker 1 as a tuple."""
-    rcm = parameters.rcm
-    lower, upper = rcm.lower, rcm.upper
-    low, high = (lower[0], lower[1], lower[2]), (upper[0], upper[1], upper[2])
-    return RcmStruct(rcm.kind, rcm.zero, low, high)
+    rcm, lower, upper = parameters.rcm, parameters.rcm.lower, parameters.rcm.upper
+    lower_tuple, upper_tuple = (lower[0], lower[1], lower[2]), (upper[0], upper[1], upper[2])
+    return RcmStruct(rcm.kind, rcm.zero, lower_tuple, upper_tuple)
 
 
 @compiled

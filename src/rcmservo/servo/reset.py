@@ -1,4 +1,7 @@
-"""Resets of parts of the state: estimation, stall rule and requested motion."""
+"""Resets of parts of the state: estimation, stall rule and requested motion.
+
+The stall rule detects that the feature error no longer decreases.
+"""
 
 import numpy as np
 
@@ -11,7 +14,7 @@ from rcmservo.servo.state import Decision, StoredState
 @compiled
 def reset_estimation(stored: StoredState) -> None:
     """Reset estimate and exploration to the state before the first frame, with Ĵ = 0."""
-    estimate, exploration_state = stored.estimate, stored.exploration_state
+    estimate, exploration = stored.estimate, stored.exploration_state
     fill(estimate.points, np.nan)
     fill(estimate.p1, np.nan)
     fill(estimate.o_c, np.nan)
@@ -20,20 +23,16 @@ def reset_estimation(stored: StoredState) -> None:
     fill(estimate.delta, np.nan)
     fill(estimate.predicted_delta, np.nan)
     fill(estimate.J_hat, 0.0)
-    fill(estimate.law_jacobian, 0.0)
-    fill(estimate.law_error, 0.0)
+    fill(estimate.controlled_jacobian, 0.0)
+    fill(estimate.controlled_error, 0.0)
     estimate.exposure, estimate.line_count = -1, 0
     estimate.rcm_condition, estimate.condition = np.inf, np.inf
-    fill(exploration_state.start_joints, 0.0)
-    fill(exploration_state.sides, 0.0)
-    fill(exploration_state.next_corner, 0.0)
-    reset_lag(exploration_state)
-    exploration_state.visited_corners, exploration_state.start_time = 0, 0
-    exploration_state.has_begun, exploration_state.has_no_room, exploration_state.is_done = (
-        False,
-        False,
-        False,
-    )
+    fill(exploration.start_joints, 0.0)
+    fill(exploration.sides, 0.0)
+    fill(exploration.next_corner, 0.0)
+    reset_lag(exploration)
+    exploration.visited_corners, exploration.start_time = 0, 0
+    exploration.has_begun = exploration.has_no_room = exploration.is_done = False
 
 
 @compiled
@@ -47,7 +46,7 @@ def reset_estimation_except_markers(stored: StoredState) -> None:
 
 @compiled
 def restart_stall_rule(decision: Decision, now: int) -> None:
-    """Restart the rule that detects a stall, counted from `now` ns."""
+    """Restart the rule that an error must decrease within some time, counted from `now` ns."""
     decision.reference_error, decision.reference_time = np.inf, now
 
 

@@ -1,7 +1,8 @@
-"""Servo: features, imaged RCM, estimation, control law and gate composed into one pure step.
+"""Servo: features, imaged RCM, estimation, controller and gate composed into one pure step.
 
 It has no clock, input or output: the same state and observation always give the same result. The
-compiled part of a step is one function in tick.py.
+compiled part of a step is one function in tick.py. Estimators and feature vectors that do not
+compile are called from here.
 """
 
 from dataclasses import dataclass, field
@@ -12,7 +13,7 @@ import numpy as np
 
 from rcmservo.constraints import Checked
 from rcmservo.control.exploration import Exploration
-from rcmservo.control.feature_vectors import FeatureVector, MarkerPair
+from rcmservo.control.feature_vectors import FEATURE_VECTORS, FeatureVector, MarkerPair
 from rcmservo.control.saturated_controller import SaturatedController
 from rcmservo.errors import require
 from rcmservo.estimation.base import Estimator, EstimatorKernel, EstimatorResult, Sample
@@ -23,7 +24,7 @@ from rcmservo.geometry.imaged_rcm import ImagedRcm
 from rcmservo.geometry.kinematics import Kinematics, RcmStruct, compute_position
 from rcmservo.geometry.tool import Tool
 from rcmservo.interfaces import Floats, Observation, Target, observation_numbers
-from rcmservo.numerics.structs import Rows, copy_row, replace_fields, to_row
+from rcmservo.numerics.structs import Row, Rows, copy_row, replace_fields, to_row
 from rcmservo.safety.checks.facts import DetailFacts
 from rcmservo.safety.gate import CommandStruct, Gate
 from rcmservo.safety.monitor_state import initial_monitor_state
@@ -35,50 +36,60 @@ from rcmservo.servo.state import (
     EstimatorMemory,
     State,
     StoredState,
-    initial_estimation_rows,
+    make_initial_estimation_rows,
 )
 from rcmservo.servo.tick import begin_tick, finish_tick, make_compiled_tick
 from rcmservo.servo.update_estimate import FRAME_UPDATES
 from rcmservo.servo.user_estimator import (
     check_estimator,
-    failure_of,
+    find_kernel,
     guard_estimator,
-    kernel_of,
+    read_failure,
     reset_slowest,
 )
 from rcmservo.servo.user_features import check_feature_vector, linearise
 
 ZERO_RATES = np.zeros(3)
+"""Joint rates (3,) of an arm at rest."""
+
 WARM_UP_TICKS = 8
 """Number of made-up ticks that compile all functions of a step."""
 
 
 @dataclass(frozen=True)
 class Servo(Checked):
-    """Servo of the paper's block diagram: what the robot knows of itself, and one part per block.
+    """Settings and step of the servo: kinematics and tool, and one part per block of the paper.
 
-    ``init`` makes the first state and ``step`` the next one. Both are pure.
+    `init` makes the first state and `step` the next one. Both are pure functions. One step measures
+    the features y (3,), estimates the imaged RCM o_c (2,) by eq. (16) and the Jacobian Ĵ (3, 3) of
+    ẏ = Ĵ v, eq. (14), and computes the velocity of marker 1, eq. (31),
+
+        v = −k Ĵ⁻¹ ∂V/∂y
+
+    with the saturated potential V of the error y − y_d, eq. (32). The gate bounds the joint rates
+    that move marker 1 with v.
 
     Parameters
     ----------
     mechanism : Kinematics
-        Kinematics of the arm, eq. (1)-(2).
+        Kinematics of the arm, eq. (1)-(2), with its joint limits.
     tool : Tool
         Positions of the markers on the tool.
     estimator : Estimator
         Estimator of Ĵ, eq. (17)-(30).
     controller : SaturatedController
-        Control law, eq. (31)-(32).
+        Controller, eq. (31)-(32).
     exploration : Exploration
         First motion, while no estimate is known.
     imaged_rcm : ImagedRcm
-        Computation of the imaged RCM, eq. (16).
+        Estimation of the imaged RCM, eq. (16).
     gate : Gate
         Bounds on every command.
     thresholds : Thresholds
         Thresholds of the checks.
     rate : float
-        Ticks per second, Hz: at least two within the gate's deadline, at most 1000.
+        Ticks per second, Hz: at least two within the gate's deadline (40 Hz for 0.05 s), at most
+        1000.
 
     Raises
     ------
@@ -106,14 +117,13 @@ class Servo(Checked):
         in_range = self.rate * self.gate.deadline >= 2.0 and self.rate <= 1000.0
         expected = "at least two ticks in gate.deadline, and at most 1000 Hz"
         require(in_range, "rate", self.rate, expected)
-        features, estimator = self.controller.features, self.estimator
-        vector = self.controller.feature_vector
-        suffices = not vector.needs_markers_jacobian or estimator.has_markers_jacobian
+        name, estimator = self.controller.features, self.estimator
+        is_estimated = not self.features.needs_markers_jacobian or estimator.has_markers_jacobian
         expected = "'srd', or an estimator of the markers' motion, such as dlt or projection"
-        require(suffices, "controller.features", features, expected)
-        suffices = not vector.needs_sizes or estimator.has_sizes_jacobian
+        require(is_estimated, "controller.features", name, expected)
+        is_estimated = not self.features.needs_sizes or estimator.has_sizes_jacobian
         expected = "'srd' or 'points', or an estimator of how sizes change, such as affine"
-        require(suffices, "controller.features", features, expected)
+        require(is_estimated, "controller.features", name, expected)
 
     @cached_property
     def guarded_estimator(self) -> Estimator:
@@ -127,22 +137,23 @@ class Servo(Checked):
 
     @cached_property
     def rcm(self) -> RcmStruct:
-        """Mechanism with marker 1, as compiled functions take it."""
+        """Mechanism with marker 1 as its point, for compiled functions."""
         return self.mechanism.to_struct(self.tool.offset)
 
     @cached_property
     def features(self) -> FeatureVector:
-        """Feature vector that the law acts on."""
-        return self.controller.feature_vector
+        """Feature vector that the controller acts on."""
+        return FEATURE_VECTORS[self.controller.features]
 
     @cached_property
     def kernel(self) -> EstimatorKernel | None:
         """Compiled form of the estimator; None if it or the feature vector does not compile."""
-        return None if self.features.code == INTERPRETED_CODE else kernel_of(self.estimator)
+        return None if self.features.code == INTERPRETED_CODE else find_kernel(self.estimator)
 
     @cached_property
     def parameters(self) -> Rows[KernelParameters]:
-        """Settings as compiled functions take them."""
+        """Settings of all parts in one row, for compiled functions."""
+        estimator = self.estimator
         return to_row(
             KernelParameters(
                 rcm=self.rcm,
@@ -150,12 +161,11 @@ class Servo(Checked):
                 controller=self.controller,
                 features=self.features.parameters(self.controller.bounds),
                 needs_markers_jacobian=self.features.needs_markers_jacobian,
-                printed_potential=self.controller.potential == "printed",
+                uses_paper_potential=self.controller.potential == "printed",
                 imaged_rcm=self.imaged_rcm,
-                printed_rcm=self.imaged_rcm.printed,
-                estimates_rcm=self.estimator.estimates_rcm,
-                tolerates_lost_marker=self.estimator.tolerates_lost_marker
-                and self.estimator.estimates_rcm,
+                uses_paper_rcm=self.imaged_rcm.printed,
+                estimates_rcm=estimator.estimates_rcm,
+                tolerates_lost_marker=estimator.tolerates_lost_marker and estimator.estimates_rcm,
                 gate=self.gate,
                 thresholds=self.thresholds,
                 exploration=self.exploration,
@@ -168,25 +178,19 @@ class Servo(Checked):
         return compute_position(self.rcm, q)
 
     def require_target(self, target: Target) -> None:
-        """Raise `BadInput` if a target lacks the marker sizes that the law needs."""
-        suffices = not self.features.needs_sizes or bool(np.isfinite(target.sizes).all())
+        """Raise `BadInput` if a target lacks the marker sizes that the controller needs."""
+        is_complete = not self.features.needs_sizes or bool(np.isfinite(target.sizes).all())
         name = self.controller.features
         expected = f"taught with the markers' sizes, on which controller.features = {name!r} acts"
-        require(suffices, "target", "one without", expected)
+        require(is_complete, "target", "one without", expected)
 
     def init(self) -> State:
         """Return the state before the first observation: Ĵ = 0, drive off."""
-        rest = CommandStruct.from_source(self.gate.rest())
-        decision = Decision.of(
-            command=rest,
-            blocked_joint=-1,
-            mismatch_since=-1,
-            reference_error=np.inf,
-            camera_moved_at=-1,
-        )
-        stored = StoredState.of(
-            decision=decision, monitor=initial_monitor_state(), **initial_estimation_rows()
-        )
+        rest_command = CommandStruct.from_source(self.gate.rest())
+        none = dict.fromkeys(("blocked_joint", "mismatch_since", "camera_moved_at"), -1)
+        decision = Decision.of(command=rest_command, reference_error=np.inf, **none)
+        monitor, estimation = initial_monitor_state(), make_initial_estimation_rows()
+        stored = StoredState.of(decision=decision, monitor=monitor, **estimation)
         return State(stored, self._initial_memory())
 
     def _initial_memory(self) -> EstimatorMemory | tuple[()]:
@@ -198,8 +202,8 @@ class Servo(Checked):
     def restart(self, state: State) -> State:
         """Return the state with which another run begins: drive off, at rest, estimate preserved.
 
-        FAULT remains. The tool may have been moved by hand since. A camera that was moved is
-        detected only by the first frames of the run.
+        FAULT remains. The tool may have been moved by hand between the runs. If the camera was
+        moved, the first frames of the new run show it.
 
         Parameters
         ----------
@@ -212,25 +216,22 @@ class Servo(Checked):
             Initial state, with the estimate if exploration had ended.
         """
         mode = state.mode if state.phase is Phase.FAULT else Mode()
-        rest = CommandStruct.from_source(self.gate.rest())
-        decision = replace_fields(state.decision, mode=ModeStruct.from_source(mode), command=rest)
-        parts, memory, estimate = initial_estimation_rows(), state.memory, state.stored.estimate
+        mode_struct = ModeStruct.from_source(mode)
+        rest_command = CommandStruct.from_source(self.gate.rest())
+        decision = replace_fields(state.decision, mode=mode_struct, command=rest_command)
+        estimate, memory = state.stored.estimate, state.memory
+        parts: dict[str, Row] = {"decision": decision, "monitor": initial_monitor_state()}
         if state.explored:
-            exploration_state = replace_fields(
-                state.stored.exploration_state, has_begun=False, has_no_room=False
-            )
-            parts = {
-                "estimate": replace_fields(estimate, exposure=-1),
-                "exploration_state": exploration_state,
-            }
+            exploration = state.stored.exploration_state
+            exploration = replace_fields(exploration, has_begun=False, has_no_room=False)
+            parts["exploration_state"] = exploration
+            parts["estimate"] = replace_fields(estimate, exposure=-1)
         else:
+            parts |= make_initial_estimation_rows()
             markers = {"points": estimate.points, "p1": estimate.p1}
             parts["estimate"] = replace_fields(parts["estimate"], **markers)
             memory = self._initial_memory()
-        stored = replace_fields(
-            state.stored, decision=decision, monitor=initial_monitor_state(), **parts
-        )
-        return State(stored, memory, state.target, mode.detail)
+        return State(replace_fields(state.stored, **parts), memory, state.target, mode.detail)
 
     def warm_up(self) -> None:
         """Compile every function that `step` calls, so that nothing compiles while an arm moves.
@@ -250,16 +251,17 @@ class Servo(Checked):
         state, q = self.init(), np.mean(self.mechanism.limits.arrays, axis=0)
         points = np.array([[100.0, 50.0], [200.0, 100.0]])
         for k in range(WARM_UP_TICKS):
-            state = self.step(state, self._warm_up_observation(k, q, points), Target(points, q))
+            observation = self._make_up_observation(k, q, points)
+            state = self.step(state, observation, Target(points, q))
         passed = self.gate.admit(ZERO_RATES, state.command, q, self.rcm, state.command.time + 1)
         self.gate.stop(passed.command, passed.command.time + 1)
         reset_slowest(self.guarded_estimator)
 
-    def _warm_up_observation(self, k: int, q: Floats, points: Floats) -> Observation:
-        """Return the k-th observation of a tool that turns a little."""
+    def _make_up_observation(self, k: int, q: Floats, points: Floats) -> Observation:
+        """Return the k-th observation of a tool that turns a little from q (3,)."""
         now, q_k = (k + 1) * self.period, q + 1e-3 * k
-        moved = points + k * np.array([[0.5, -1.0], [1.0, -3.0]])
-        return Observation(now, q_k, now, True, np.zeros(3), k, now - 1, now, q_k, moved)
+        points_k = points + k * np.array([[0.5, -1.0], [1.0, -3.0]])
+        return Observation(now, q_k, now, True, ZERO_RATES, k, now - 1, now, q_k, points_k)
 
     def step(
         self,
@@ -288,7 +290,7 @@ class Servo(Checked):
             Target of the motion.
         request : Request
             Request of the operator at this tick.
-        jog : array
+        jog : Floats
             Requested joint rates (3,) in rad/s, rad/s, mm/s if the request is JOG.
 
         Returns
@@ -300,29 +302,28 @@ class Servo(Checked):
         numbers, code = observation_numbers(observation), REQUESTS.index(request)
         setpoint = target.points, target.q, target.taught_at, is_new, code, jog
         kernel: Any = self.kernel
+        rows, parameters, failure = stored.rows, self.parameters, ""
         if kernel is not None:
             tick = make_compiled_tick(cast(Any, type(kernel)))
-            settings, failure = tuple(kernel), ""
             memory, cause_changed = tick(
-                stored.rows, state.memory, numbers, setpoint, settings, self.parameters
+                rows, state.memory, numbers, setpoint, tuple(kernel), parameters
             )
         else:
             lines, own_memory = cast(EstimatorMemory, state.memory)
-            rows, parameters, failure = stored.rows, self.parameters, ""
             lines, frame_result, dt = begin_tick(rows, lines, numbers, setpoint, parameters)
             if frame_result == FRAME_UPDATES:
                 own_memory, failure = self._update_estimate(
                     stored, own_memory, observation, target, dt
                 )
-            failure = failure or failure_of(own_memory)
+            failure = failure or read_failure(own_memory)
             cast(Any, stored.estimator_result.rows)["has_failed"] = failure != ""
             was_reset = finish_tick(rows, frame_result, parameters)
             memory = self._initial_memory() if was_reset else EstimatorMemory(lines, own_memory)
             cause_changed = stored.decision.mode.cause != state.decision.mode.cause
-        after = State(stored, memory, target, state.detail)
+        next_state = State(stored, memory, target, state.detail)
         if not cause_changed:
-            return after
-        return after._replace(detail=failure or self._detail(after, observation))
+            return next_state
+        return next_state._replace(detail=failure or self._describe_cause(next_state, observation))
 
     def _update_estimate(
         self, stored: StoredState, memory: Any, observation: Observation, target: Target, dt: float
@@ -336,10 +337,10 @@ class Servo(Checked):
         sample = Sample(estimate.p1, observation.points, estimate.o_c, dt, observation.sizes)
         memory = estimator.update(memory, tool, sample)
         points = estimator.filtered_markers(memory, tool, sample)
-        detected = np.isfinite(observation.points)
-        if not detected.all():
+        is_detected = np.isfinite(observation.points)
+        if not is_detected.all():
             predicted = filter_markers(stored.projection_fit.rows[0], estimate.p1, tool.struct)
-            points = np.where(detected, points, predicted)
+            points = np.where(is_detected, points, predicted)
         imaged_rcm, numbers = estimator.imaged_rcm(memory), dict[str, Any]()
         if imaged_rcm is None:
             numbers["J_hat"] = estimator.jacobian(memory, tool, sample)
@@ -357,24 +358,23 @@ class Servo(Checked):
         self, stored: StoredState, memory: Any, sample: Sample, target: Target
     ) -> str:
         """Measure a feature vector that does not compile and return its failure message."""
-        estimate, result, sizes = stored.estimate, stored.estimator_result, sample.sizes.copy()
+        estimate, result = stored.estimate, stored.estimator_result
         points, motion = result.points.copy(), result.markers_jacobian
         o_c = (result.o_c if result.has_imaged_rcm else estimate.o_c).copy()
         if self.features.ignores_lost_markers:
             points[~np.isfinite(sample.points)] = np.nan
         if self.features.needs_sizes:
-            motion = np.vstack(
-                [motion, self.guarded_estimator.sizes_jacobian(memory, self.tool, sample)]
-            )
+            sizes_jacobian = self.guarded_estimator.sizes_jacobian(memory, self.tool, sample)
+            motion = np.vstack([motion, sizes_jacobian])
+        markers = MarkerPair(points, sample.sizes.copy(), o_c)
         desired = MarkerPair(target.points, target.sizes, o_c)
-        markers = MarkerPair(points, sizes, o_c)
         error, jacobian, failure = linearise(self.features, markers, desired, motion)
         n = len(error)
-        estimate.law_error[:n], estimate.law_jacobian[:n] = error, jacobian
+        estimate.controlled_error[:n], estimate.controlled_jacobian[:n] = error, jacobian
         return failure
 
-    def _detail(self, state: State, observation: Observation) -> str:
-        """Return the addition to the sentence of a new cause."""
+    def _describe_cause(self, state: State, observation: Observation) -> str:
+        """Return the details of a new cause, such as the joint concerned."""
         advice = self.estimator.advice
         facts = DetailFacts(observation, state.monitor, self.mechanism, self.thresholds, advice)
         return state.cause.declared.detail(facts)

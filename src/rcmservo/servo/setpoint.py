@@ -41,7 +41,7 @@ class SetpointRow(Struct, source=Setpoint):
 
 @compiled
 def store_setpoint(row: SetpointRow, setpoint: Setpoint) -> None:
-    """Copy a setpoint into a row."""
+    """Copy a setpoint into the row of the state."""
     row.taught_at, row.is_new, row.request = setpoint.taught_at, setpoint.is_new, setpoint.request
     copy_into(row.points, setpoint.points)
     copy_into(row.q, setpoint.q)

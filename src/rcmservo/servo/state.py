@@ -6,10 +6,10 @@ import numpy as np
 
 from rcmservo.control.exploration import ExplorationState
 from rcmservo.estimation.base import Estimate, EstimatorResult
-from rcmservo.estimation.camera_fit import ProjectionFit, initial_fit
+from rcmservo.estimation.camera_fit import ProjectionFit, make_initial_fit
 from rcmservo.geometry.features import MAX_FEATURES
 from rcmservo.interfaces import Command, Floats, Target
-from rcmservo.numerics.structs import Row, part, reals, replace_fields
+from rcmservo.numerics.structs import Row, part, reals
 from rcmservo.safety.causes import CAUSES, Cause
 from rcmservo.safety.gate import CommandStruct, to_command
 from rcmservo.safety.monitor_state import MonitorState
@@ -18,6 +18,7 @@ from rcmservo.safety.target_progress import TargetProgress
 from rcmservo.servo.setpoint import SetpointRow
 
 NO_LINES = np.zeros((0, 4))
+"""Lines of an estimator that does not use eq. (16)."""
 
 
 class Decision(TargetProgress):
@@ -39,8 +40,8 @@ class Workspace(Row):
     m: Floats = reals(4, "px", "markers relative to the imaged RCM")
     m_d: Floats = reals(4, "px", "markers of the target relative to the imaged RCM")
     J_m: Floats = reals((3, 4), "rad/px, 1, 1", "∂y/∂m")
-    J: Floats = reals((MAX_FEATURES, 3), "", "scaled Jacobian of the law's features")
-    error: Floats = reals(MAX_FEATURES, "", "scaled error of the law's features")
+    J: Floats = reals((MAX_FEATURES, 3), "", "scaled Jacobian of the controlled features")
+    error: Floats = reals(MAX_FEATURES, "", "scaled error of the controlled features")
 
 
 class StoredState(Row):
@@ -57,9 +58,7 @@ class StoredState(Row):
     projection_fit: ProjectionFit = part(ProjectionFit, "fit that predicts the markers")
     setpoint: SetpointRow = part(SetpointRow, "target and request of this tick")
     workspace: Workspace = part(Workspace, "intermediate results")
-    estimator_result: EstimatorResult = part(
-        EstimatorResult, "result of the estimator for the newest frame"
-    )
+    estimator_result: EstimatorResult = part(EstimatorResult, "result for the newest frame")
 
 
 class EstimatorMemory(NamedTuple):
@@ -78,7 +77,7 @@ class EstimatorMemory(NamedTuple):
 
 
 class EstimationState(NamedTuple):
-    """Part of the state that a restart of the estimation resets.
+    """Part of the state that a reset of the estimation changes.
 
     Parameters
     ----------
@@ -101,23 +100,20 @@ class EstimationState(NamedTuple):
     exploration_state: ExplorationState
 
 
-def initial_estimation_rows() -> dict[str, Row]:
+def make_initial_estimation_rows() -> dict[str, Row]:
     """Return the estimation parts of `StoredState` before the first frame, with Ĵ = 0."""
-    unknown = dict.fromkeys(
-        ("points", "o_c", "o_c_covariance", "p1", "y", "delta", "predicted_delta"), np.nan
-    )
+    names = "points", "o_c", "o_c_covariance", "p1", "y", "delta", "predicted_delta"
+    unknown = dict.fromkeys(names, np.nan)
     estimate = Estimate.of(exposure=-1, rcm_condition=np.inf, condition=np.inf, **unknown)
-    return {
-        "estimate": estimate,
-        "projection_fit": initial_fit(),
-        "exploration_state": ExplorationState.of(),
-    }
+    fit, exploration = make_initial_fit(), ExplorationState.of()
+    return {"estimate": estimate, "projection_fit": fit, "exploration_state": exploration}
 
 
 class State(NamedTuple):
     """State of the servo after a tick, with the command of that tick.
 
-    `Servo.init` makes the first state and `Servo.step` the next one. A state never changes.
+    `Servo.init` makes the first state and `Servo.step` the next one. A state never changes. Its
+    properties give the numbers of the tick by name.
 
     Parameters
     ----------
@@ -136,27 +132,6 @@ class State(NamedTuple):
     target: Target | None = None
     detail: str = ""
 
-    def with_changes(
-        self,
-        *,
-        mode: Mode | None = None,
-        monitor: MonitorState | None = None,
-        estimation: EstimationState | None = None,
-    ) -> "State":
-        """Return a copy of the state in which the given parts are replaced."""
-        parts: dict[str, Row] = {} if monitor is None else {"monitor": monitor}
-        detail, memory = self.detail, self.memory
-        if mode is not None:
-            parts["decision"], detail = (
-                replace_fields(self.decision, mode=ModeStruct.from_source(mode)),
-                mode.detail,
-            )
-        if estimation is not None:
-            names = ("estimate", "projection_fit", "exploration_state")
-            parts |= {name: getattr(estimation, name) for name in names}
-            memory = self.memory and EstimatorMemory(estimation.lines, estimation.memory)
-        return State(replace_fields(self.stored, **parts), memory, self.target, detail)
-
     @property
     def decision(self) -> Decision:
         """Mode, requested velocity, command and progress."""
@@ -170,11 +145,9 @@ class State(NamedTuple):
     @property
     def estimation(self) -> EstimationState:
         """Estimate, exploration and estimator memory."""
-        stored = self.stored
-        lines, memory = self.memory or (NO_LINES, stored.projection_fit.rows)
-        return EstimationState(
-            stored.estimate, lines, stored.projection_fit, memory, stored.exploration_state
-        )
+        stored, fit = self.stored, self.stored.projection_fit
+        lines, memory = self.memory or (NO_LINES, fit.rows)
+        return EstimationState(stored.estimate, lines, fit, memory, stored.exploration_state)
 
     @property
     def mode(self) -> Mode:
@@ -218,17 +191,17 @@ class State(NamedTuple):
 
     @property
     def o_c(self) -> Floats:
-        """Imaged RCM (2,) of eq. (16) in raw px; NaN while unknown."""
+        """Imaged RCM (2,) in raw px, by eq. (16) or by the estimator; NaN while unknown."""
         return self.stored.estimate.o_c
 
     @property
     def J_hat(self) -> Floats:
-        """Estimated Jacobian Ĵ (3, 3) of eq. (14) in rad/mm, px/mm, px/mm."""
+        """Estimated Jacobian Ĵ (3, 3) of ẏ = Ĵ ṗ₁, eq. (14), in rad/mm, px/mm, px/mm."""
         return self.stored.estimate.J_hat
 
     @property
     def condition(self) -> float:
-        """Condition number of the scaled Ĵ."""
+        """Condition number of Ĵ with its rows in units of 10°, 10 px, 10 px."""
         return self.stored.estimate.condition
 
     @property
@@ -238,17 +211,17 @@ class State(NamedTuple):
 
     @property
     def y(self) -> Floats:
-        """Features (3,) of eq. (7) in rad, px, px at the exposure."""
+        """Features y = [s r d] (3,), eq. (7)-(9), in rad, px, px at the exposure."""
         return self.stored.estimate.y
 
     @property
     def delta(self) -> Floats:
-        """Feature error Δy (3,) in rad, px, px at the exposure."""
+        """Feature error Δy = y − y_d (3,) in rad, px, px at the exposure."""
         return self.stored.estimate.delta
 
     @property
     def v(self) -> Floats:
-        """Requested velocity (3,) of marker 1 in mm/s, eq. (31)."""
+        """Requested velocity v = −k Ĵ⁻¹ ∂V/∂y (3,) of marker 1 in mm/s, eq. (31)."""
         return self.decision.v
 
     @property

@@ -1,10 +1,10 @@
 """One tick from observation to command: as one compiled function, or around an estimator in Python.
 
-In a live loop a tick finds nothing in the processor's caches, and each array or named tuple that
-passes between Python and a compiled function costs a considerable part of the tick. Few are passed,
-and the rows of the state are overwritten. An estimator that does not compile runs in Python between
+A tick is one cycle of the loop. An estimator that does not compile runs in Python between
 `begin_tick` and `finish_tick`. Both consist of the same functions as the compiled tick, so the
-results are equal to the last bit.
+results are equal to the last bit. Each array or named tuple that passes between Python and a
+compiled function costs a considerable part of the tick, as a live loop finds nothing in the
+processor's caches. Few are passed, and the rows of the state are overwritten.
 """
 
 from collections.abc import Callable

@@ -1,8 +1,8 @@
 """Update of the estimate by an accepted frame: projection fit, imaged RCM, Ĵ and features.
 
-An estimator that compiles takes part with its kernel, whose class selects the functions
-(estimator_kernels.py). An estimator that does not compile runs in Python, between `fit_frame` and
-`store_estimate`.
+An estimator that compiles has a kernel, and the class of the kernel selects the functions that are
+called here (estimator_kernels.py). An estimator that does not compile runs in Python, between
+`fit_frame` and `store_estimate`.
 """
 
 from typing import Any, cast
@@ -15,7 +15,7 @@ from rcmservo.geometry.features import (
     POINTS_CODE,
     SRD_CODE,
     compute_features_and_error,
-    compute_line_features_tuple,
+    compute_line_features,
     limit_origin_distance,
     wrap_angle,
     write_line_features_jacobian,
@@ -33,7 +33,7 @@ NO_FRAME, FRAME_ACCEPTED, FRAME_UPDATES = 0, 1, 2
 """Results of a frame: not accepted or not new, accepted, or accepted and used to update Ĵ."""
 
 MAX_ORIGIN_DISTANCE_PX = 800.0
-"""Largest distance in px from the markers to the origin of their features."""
+"""Largest distance (px) from the markers to the origin about which their features are computed."""
 
 
 @compiled
@@ -48,17 +48,16 @@ def fit_frame(tick: TickContext, lines: Floats) -> tuple[Floats, int]:
     """
     estimate, points, parameters = tick.stored.estimate, tick.observation.points, tick.parameters
     update_fit(tick.stored.projection_fit, estimate.p1, points, tool_struct_of(parameters))
-    otherwise = FRAME_UPDATES if parameters.estimates_rcm else FRAME_ACCEPTED
+    unknown_result = FRAME_UPDATES if parameters.estimates_rcm else FRAME_ACCEPTED
     if not all_finite(points):
-        return lines, otherwise
-    settings, printed = parameters.imaged_rcm, parameters.printed_rcm
-    lines, count, o_c, estimate.rcm_condition = update_imaged_rcm(
-        lines, estimate.line_count, points, settings.refinements, printed
+        return lines, unknown_result
+    count, refinements = estimate.line_count, parameters.imaged_rcm.refinements
+    lines, estimate.line_count, o_c, estimate.rcm_condition = update_imaged_rcm(
+        lines, count, points, refinements, parameters.uses_paper_rcm
     )
     copy_into(estimate.o_c, o_c)
-    estimate.line_count = count
-    is_known = estimate.rcm_condition <= settings.max_condition
-    return lines, FRAME_UPDATES if is_known else otherwise
+    is_known = estimate.rcm_condition <= parameters.imaged_rcm.max_condition
+    return lines, FRAME_UPDATES if is_known else unknown_result
 
 
 @compiled
@@ -66,8 +65,8 @@ def make_sample(tick: TickContext, dt: float, fit_changed: bool) -> KernelSample
     """Return the accepted frame as a sample for the estimator's kernel."""
     estimate, parameters = tick.stored.estimate, tick.parameters
     points, shaft = tick.observation.points, tool_struct_of(parameters)
-    needs_motion = parameters.needs_markers_jacobian
-    return KernelSample(estimate.p1, points, estimate.o_c, dt, shaft, needs_motion, fit_changed)
+    needs_jacobian = parameters.needs_markers_jacobian
+    return KernelSample(estimate.p1, points, estimate.o_c, dt, shaft, needs_jacobian, fit_changed)
 
 
 @compiled
@@ -76,12 +75,10 @@ def update_with_lines(
 ) -> tuple[EstimatorMemory, int]:
     """Implement `update_estimator` for an estimator that uses the imaged RCM of eq. (16)."""
     lines, frame_result = fit_frame(tick, memory.lines)
-    own_memory, stored = memory.memory, tick.stored
+    own_memory, fit = memory.memory, tick.stored.projection_fit
     if frame_result == FRAME_UPDATES:
-        sample = make_sample(tick, dt, True)
-        own_memory = run_kernel(
-            kernel, own_memory, sample, stored.projection_fit, stored.estimator_result
-        )
+        sample, result = make_sample(tick, dt, True), tick.stored.estimator_result
+        own_memory = run_kernel(kernel, own_memory, sample, fit, result)
     return EstimatorMemory(lines, own_memory), frame_result
 
 
@@ -90,11 +87,12 @@ def update_with_fit(kernel: Any, memory: Any, tick: TickContext, dt: float) -> t
     """Implement `update_estimator` for an estimator that computes the imaged RCM itself."""
     stored, estimate = tick.stored, tick.stored.estimate
     fit, result = stored.projection_fit, stored.estimator_result
-    frames = fit.frame_count
+    frames_before = fit.frame_count
     update_fit(fit, estimate.p1, tick.observation.points, tool_struct_of(tick.parameters))
     copy_into(result.o_c, estimate.o_c)
     copy_into(result.o_c_covariance, estimate.o_c_covariance)
-    sample = make_sample(tick, dt, fit.frame_count > frames or estimate.rcm_condition > 0.0)
+    fit_changed = fit.frame_count > frames_before or estimate.rcm_condition > 0.0
+    sample = make_sample(tick, dt, fit_changed)
     return run_kernel(kernel, memory, sample, fit, result), FRAME_UPDATES
 
 
@@ -142,52 +140,53 @@ declare_in("rcmservo.servo.estimator_kernels")
 @compiled
 def store_estimate(tick: TickContext) -> None:
     """Compute features and error from the estimator's result, and check the estimate by them."""
-    stored, code = tick.stored, tick.parameters.features.code
+    stored, feature_code = tick.stored, tick.parameters.features.code
     estimate, result, target = stored.estimate, stored.estimator_result, tick.setpoint.points
     estimate.exposure = tick.observation.exposure
     if result.has_imaged_rcm:
         copy_into(estimate.o_c, result.o_c)
         copy_into(estimate.o_c_covariance, result.o_c_covariance)
         estimate.rcm_condition = 0.0
-        measure_line_features(
-            estimate, result.markers_jacobian, result.points, target, stored.workspace
-        )
+        workspace, markers_jacobian = stored.workspace, result.markers_jacobian
+        measure_line_features(estimate, markers_jacobian, result.points, target, workspace)
     else:
         copy_into(estimate.J_hat, result.J_hat)
         y, delta = compute_features_and_error(result.points, target, estimate.o_c)
         copy_into(estimate.y, y)
         copy_into(estimate.delta, delta)
-    if code == SRD_CODE:
-        copy_into(estimate.law_jacobian[:3], estimate.J_hat)
-        copy_into(estimate.law_error[:3], estimate.delta)
-    elif code == POINTS_CODE:
-        copy_into(estimate.law_jacobian[:4], result.markers_jacobian)
+    if feature_code == SRD_CODE:
+        copy_into(estimate.controlled_jacobian[:3], estimate.J_hat)
+        copy_into(estimate.controlled_error[:3], estimate.delta)
+    elif feature_code == POINTS_CODE:
+        copy_into(estimate.controlled_jacobian[:4], result.markers_jacobian)
         for k in range(4):
-            estimate.law_error[k] = result.points[k // 2, k % 2] - target[k // 2, k % 2]
+            estimate.controlled_error[k] = result.points[k // 2, k % 2] - target[k // 2, k % 2]
     if stored.exploration_state.is_done and estimate.rcm_condition > 0.0:
-        points, thresholds = estimate.points, tick.parameters.thresholds
-        monitor_estimate(
-            stored.monitor, estimate.p1, points, estimate.o_c, estimate.J_hat, thresholds
-        )
+        monitor, points, thresholds = stored.monitor, estimate.points, tick.parameters.thresholds
+        monitor_estimate(monitor, estimate.p1, points, estimate.o_c, estimate.J_hat, thresholds)
 
 
 @compiled
 def measure_line_features(
-    estimate: Estimate, motion: Floats, points: Floats, target: Floats, workspace: Workspace
+    estimate: Estimate,
+    markers_jacobian: Floats,
+    points: Floats,
+    target: Floats,
+    workspace: Workspace,
 ) -> None:
     """Compute the features along the line through o_c that passes nearest to both markers, and Ĵ.
 
-    Ĵ follows from the Jacobian ∂m/∂p₁ (4, 3) of the markers. o_c is very far away if the RCM lies
-    near the plane through the camera's centre, parallel to the image. A point in its direction then
-    replaces it. This does not move the equilibrium: at the target the error is zero for every
-    origin.
+    Ĵ follows from `markers_jacobian`, ∂m/∂p₁ (4, 3). If the RCM lies near the plane through the
+    camera's centre that is parallel to the image, o_c is very far away. A nearer point in the same
+    direction then replaces it. At the target the error is zero about every origin, so that this
+    does not move the equilibrium.
     """
     origin, J = limit_origin_distance(estimate.o_c, points, MAX_ORIGIN_DISTANCE_PX), workspace.J_m
     m, m_d = workspace.m, workspace.m_d
     write_shifted_to_rcm(points, origin, m)
     write_shifted_to_rcm(target, origin, m_d)
     write_line_features_jacobian(m, J)
-    multiply_into(J, motion, estimate.J_hat)
-    y, y_d, delta = compute_line_features_tuple(m), compute_line_features_tuple(m_d), estimate.delta
+    multiply_into(J, markers_jacobian, estimate.J_hat)
+    y, y_d, delta = compute_line_features(m), compute_line_features(m_d), estimate.delta
     estimate.y[0], estimate.y[1], estimate.y[2] = y
     delta[0], delta[1], delta[2] = wrap_angle(y[0] - y_d[0]), y[1] - y_d[1], y[2] - y_d[2]

@@ -12,12 +12,13 @@ from typing import Any, NamedTuple, final
 import numpy as np
 
 from rcmservo.errors import RcmServoError, one_line
-from rcmservo.estimation.base import CompiledEstimator, Estimator, Sample
+from rcmservo.estimation.base import Estimator, Sample
 from rcmservo.geometry.tool import Tool
 from rcmservo.interfaces import Floats
 
-NO_NUMBERS, NO_POINTS = np.empty(0), np.full((2, 2), np.nan)
-NO_MOTION = np.full((4, 3), np.nan)
+UNKNOWN_JACOBIAN = np.full((4, 3), np.nan)
+"""∂m/∂p₁ (4, 3) that is not estimated."""
+
 TRIAL_SAMPLES = 30
 """Number of made-up samples with which an estimator is checked."""
 
@@ -28,6 +29,8 @@ class UnusableEstimator(RcmServoError):
 
 class GuardedMemory(NamedTuple):
     """Memory of a user-defined estimator and its checked results for the newest frame.
+
+    By default the results are unknown.
 
     Parameters
     ----------
@@ -49,14 +52,14 @@ class GuardedMemory(NamedTuple):
         Message of the failure; empty without one.
     """
 
-    memory: Any
-    J_hat: Floats
-    points: Floats
-    markers_jacobian: Floats
-    sizes_jacobian: Floats
-    imaged_rcm: tuple[Floats, Floats] | None
-    numbers: Floats
-    failure: str
+    memory: Any = None
+    J_hat: Floats = np.full((3, 3), np.nan)
+    points: Floats = np.full((2, 2), np.nan)
+    markers_jacobian: Floats = UNKNOWN_JACOBIAN
+    sizes_jacobian: Floats = UNKNOWN_JACOBIAN[:2]
+    imaged_rcm: tuple[Floats, Floats] | None = None
+    numbers: Floats = np.empty(0)
+    failure: str = ""
 
 
 def class_path(kind: type[Any]) -> str:
@@ -83,32 +86,25 @@ def is_compiled(kind: type[Any]) -> bool:
     return _is_built_in(kind) and "kernel" in vars(kind)
 
 
-def kernel_of(estimator: Estimator) -> Any:
+def find_kernel(estimator: Estimator) -> Any:
     """Return the compiled form of an estimator; None if it does not compile."""
-    if is_compiled(type(estimator)) and isinstance(estimator, CompiledEstimator):
-        return estimator.kernel
-    return None
+    compiled_estimator: Any = estimator
+    return compiled_estimator.kernel if is_compiled(type(estimator)) else None
 
 
 def _is_built_in(kind: type[Any]) -> bool:
     return kind.__module__.startswith("rcmservo.")
 
 
-def failure_of(memory: object) -> str:
+def read_failure(memory: object) -> str:
     """Return the failure message of an estimator with this memory; empty without a failure."""
     return memory.failure if isinstance(memory, GuardedMemory) else ""
-
-
-def _initial_memory(memory: Any, J_entry: float, numbers: Floats, failure: str) -> GuardedMemory:
-    """Return the memory before the first frame, with every entry of Ĵ equal to `J_entry`."""
-    J = np.full((3, 3), J_entry)
-    return GuardedMemory(memory, J, NO_POINTS, NO_MOTION, NO_MOTION[:2], None, numbers, failure)
 
 
 class EstimatorGuard(Estimator):
     """Estimator that calls a user-defined one and checks its results.
 
-    ``slowest`` is the longest time in ns that the estimator has taken for a frame.
+    ``slowest_ns`` is the longest time in ns that the estimator has taken for a frame.
     """
 
     name = "own"
@@ -117,23 +113,22 @@ class EstimatorGuard(Estimator):
         self.estimator, self.slowest_ns = own, 0
 
     def init(self) -> GuardedMemory:
+        unknown = GuardedMemory()
         try:
             memory = self._call("init")
-            return _initial_memory(memory, 0.0, self._call_for_numbers(memory), "")
+            numbers = self._call_for_numbers(memory)
+            return unknown._replace(memory=memory, J_hat=np.zeros((3, 3)), numbers=numbers)
         except UnusableEstimator as error:
-            return _initial_memory(None, np.nan, NO_NUMBERS, str(error))
+            return unknown._replace(failure=str(error))
 
     def update(self, memory: GuardedMemory, tool: Tool, sample: Sample) -> GuardedMemory:
         started = perf_counter_ns()
         try:
             return self._update_checked(memory, tool, sample)
         except UnusableEstimator as error:
-            unknown = {
-                "J_hat": NO_MOTION[:3],
-                "markers_jacobian": NO_MOTION,
-                "sizes_jacobian": NO_MOTION[:2],
-            }
-            return memory._replace(**unknown, failure=str(error))
+            points, rcm, numbers = memory.points, memory.imaged_rcm, memory.numbers
+            failed = GuardedMemory(memory.memory, points=points, imaged_rcm=rcm, numbers=numbers)
+            return failed._replace(failure=str(error))
         finally:
             self.slowest_ns = max(self.slowest_ns, perf_counter_ns() - started)
 
@@ -142,24 +137,24 @@ class EstimatorGuard(Estimator):
         p1, points, o_c, dt, sizes = sample
         sample = Sample(p1.copy(), points.copy(), o_c.copy(), dt, sizes.copy())
         memory = self._call("update", before.memory, tool, sample)
-        points = self._call_for_array("filtered_markers", (2, 2), memory, tool, sample)
-        self._require_finite("filtered_markers", points)
-        imaged_rcm = self._call_for_imaged_rcm(memory)
-        if imaged_rcm is not None:
-            sample = sample._replace(points=points.copy(), o_c=imaged_rcm[0].copy())
-        J_hat = self._call_for_array("jacobian", (3, 3), memory, tool, sample)
-        self._require_finite("jacobian", J_hat)
-        motion, size_motion = NO_MOTION, NO_MOTION[:2]
-        if imaged_rcm is not None or self.estimator.has_markers_jacobian:
-            motion = self._call_for_motion("markers_jacobian", 4, memory, tool, sample)
+        points = self._call_for_finite("filtered_markers", (2, 2), memory, tool, sample)
+        rcm = self._call_for_imaged_rcm(memory)
+        if rcm is not None:
+            sample = sample._replace(points=points.copy(), o_c=rcm[0].copy())
+        J_hat = self._call_for_finite("jacobian", (3, 3), memory, tool, sample)
+        results = GuardedMemory(memory, J_hat, points, imaged_rcm=rcm)
+        if rcm is not None or self.estimator.has_markers_jacobian:
+            jacobian = self._call_for_finite("markers_jacobian", (4, 3), memory, tool, sample)
+            results = results._replace(markers_jacobian=jacobian)
         if self.estimator.has_sizes_jacobian:
-            size_motion = self._call_for_motion("sizes_jacobian", 2, memory, tool, sample)
+            jacobian = self._call_for_finite("sizes_jacobian", (2, 3), memory, tool, sample)
+            results = results._replace(sizes_jacobian=jacobian)
         self._call_for_prediction(memory, tool, sample.p1)
         numbers = self._call_for_numbers(memory)
         if numbers.shape != before.numbers.shape:
-            found = f"returned {len(numbers)} numbers, expected {before.numbers.size} as before"
-            raise self._error("recorded_numbers", found)
-        return GuardedMemory(memory, J_hat, points, motion, size_motion, imaged_rcm, numbers, "")
+            failure = f"returned {len(numbers)} numbers, expected {before.numbers.size} as before"
+            raise self._make_error("recorded_numbers", failure)
+        return results._replace(numbers=numbers)
 
     def jacobian(self, memory: GuardedMemory, tool: Tool, sample: Sample) -> Floats:
         return memory.J_hat
@@ -185,25 +180,18 @@ class EstimatorGuard(Estimator):
     def recorded_numbers(self, memory: GuardedMemory) -> Floats | None:
         return memory.numbers if memory.numbers.size else None
 
-    def _call_for_motion(
-        self, method: str, rows: int, memory: Any, tool: Tool, sample: Sample
-    ) -> Floats:
-        motion = self._call_for_array(method, (rows, 3), memory, tool, sample)
-        self._require_finite(method, motion)
-        return motion
-
     def _call_for_imaged_rcm(self, memory: Any) -> tuple[Floats, Floats] | None:
         if not self.estimator.estimates_rcm:
             return None
         value = self._call("imaged_rcm", memory)
         try:
-            o_c, covariance = (np.array(part, dtype=np.float64) for part in value)
+            o_c, covariance = (np.array(array, dtype=np.float64) for array in value)
         except (TypeError, ValueError) as error:
-            found = f"returned {one_line(repr(value))}, expected a point and its covariance"
-            raise self._error("imaged_rcm", found) from error
+            failure = f"returned {one_line(repr(value))}, expected a point and its covariance"
+            raise self._make_error("imaged_rcm", failure) from error
         if o_c.shape != (2,) or covariance.shape != (2, 2):
-            found = f"returned arrays of shape {o_c.shape} and {covariance.shape}"
-            raise self._error("imaged_rcm", f"{found}, expected (2,) and (2, 2)")
+            failure = f"returned arrays of shape {o_c.shape} and {covariance.shape}"
+            raise self._make_error("imaged_rcm", f"{failure}, expected (2,) and (2, 2)")
         self._require_finite("imaged_rcm", o_c)
         return o_c, covariance
 
@@ -214,8 +202,13 @@ class EstimatorGuard(Estimator):
 
     def _call_for_numbers(self, memory: Any) -> Floats:
         if type(self.estimator).recorded_numbers is Estimator.recorded_numbers:
-            return NO_NUMBERS
+            return np.empty(0)
         return self._call_for_array("recorded_numbers", (-1,), memory)
+
+    def _call_for_finite(self, method: str, shape: tuple[int, ...], *arguments: Any) -> Floats:
+        array = self._call_for_array(method, shape, *arguments)
+        self._require_finite(method, array)
+        return array
 
     def _call_for_array(self, method: str, shape: tuple[int, ...], *arguments: Any) -> Floats:
         """Return the result of a method as an array of this shape; -1 stands for any length."""
@@ -223,25 +216,27 @@ class EstimatorGuard(Estimator):
         try:
             array = np.array(value, dtype=np.float64)
         except (TypeError, ValueError) as error:
-            found = f"returned {one_line(repr(value))}, expected numbers"
-            raise self._error(method, found) from error
+            failure = f"returned {one_line(repr(value))}, expected numbers"
+            raise self._make_error(method, failure) from error
         if array.shape != tuple(array.size if n < 0 else n for n in shape):
-            found = f"returned an array of shape {array.shape}, expected {shape}"
-            raise self._error(method, found)
+            failure = f"returned an array of shape {array.shape}, expected {shape}"
+            raise self._make_error(method, failure)
         return array
 
     def _call(self, method: str, *arguments: Any) -> Any:
         try:
             return getattr(self.estimator, method)(*arguments)
         except Exception as error:  # of any kind: the loop must reach its fault
-            raise self._error(method, f"raised {one_line(repr(error))}") from error
+            raise self._make_error(method, f"raised {one_line(repr(error))}") from error
 
     def _require_finite(self, method: str, array: Floats) -> None:
         if not np.isfinite(array).all():
-            raise self._error(method, "returned a number that is not finite")
+            raise self._make_error(method, "returned a number that is not finite")
 
-    def _error(self, method: str, found: str) -> UnusableEstimator:
-        return UnusableEstimator(f"estimator {class_path_of(self.estimator)}: its {method} {found}")
+    def _make_error(self, method: str, failure: str) -> UnusableEstimator:
+        return UnusableEstimator(
+            f"estimator {class_path_of(self.estimator)}: its {method} {failure}"
+        )
 
 
 @final
@@ -254,15 +249,11 @@ class StrictGuard(EstimatorGuard):
 
 def guard_strictly(estimator: Estimator) -> Estimator:
     """Return a user-defined estimator in a `StrictGuard`, a built-in one unchanged."""
-    return (
-        StrictGuard(estimator)
-        if isinstance(guard_estimator(estimator), EstimatorGuard)
-        else estimator
-    )
+    return estimator if _is_built_in(type(estimator)) else StrictGuard(estimator)
 
 
 def reset_slowest(estimator: Estimator) -> None:
-    """Discard the measured times of a guarded estimator: those of a warm-up delay no motion."""
+    """Discard the longest time of a guarded estimator after a warm-up, which delays no motion."""
     if isinstance(estimator, EstimatorGuard):
         estimator.slowest_ns = 0
 

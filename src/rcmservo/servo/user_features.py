@@ -53,18 +53,21 @@ def check_feature_vector(vector: FeatureVector) -> None:
     _, _, failure = linearise(vector, TRIAL_MARKERS, TRIAL_MARKERS, np.ones((6, 3)))
     if failure:
         raise BadInput("controller.features", vector.name, f"one that works; {failure}")
-    J, count = vector.jacobian(TRIAL_MARKERS), 6 if vector.needs_sizes else 4
-    expected = f"one with a jacobian of shape ({len(vector.units)}, {count})"
-    require(J.shape == (len(vector.units), count), "controller.features", vector.name, expected)
-    for k in range(count):
-        slope = _measured(vector, k, DIFFERENCE_STEP_PX) - _measured(vector, k, -DIFFERENCE_STEP_PX)
-        slope = slope / (2.0 * DIFFERENCE_STEP_PX)
-        agrees = np.abs(slope - J[:, k]).max() <= MAX_JACOBIAN_ERROR * max(np.abs(J).max(), 1.0)
+    J, n = vector.jacobian(TRIAL_MARKERS), len(vector.units)
+    coordinates = 6 if vector.needs_sizes else 4
+    expected = f"one with a jacobian of shape ({n}, {coordinates})"
+    require(J.shape == (n, coordinates), "controller.features", vector.name, expected)
+    max_error = MAX_JACOBIAN_ERROR * max(np.abs(J).max(), 1.0)
+    for k in range(coordinates):
+        after = _measure_moved(vector, k, DIFFERENCE_STEP_PX)
+        before = _measure_moved(vector, k, -DIFFERENCE_STEP_PX)
+        slope = (after - before) / (2.0 * DIFFERENCE_STEP_PX)
+        is_derivative = bool(np.abs(slope - J[:, k]).max() <= max_error)
         expected = "one whose jacobian is the derivative of its measure"
-        require(bool(agrees), "controller.features", vector.name, expected)
+        require(is_derivative, "controller.features", vector.name, expected)
 
 
-def _measured(vector: FeatureVector, k: int, step: float) -> Floats:
+def _measure_moved(vector: FeatureVector, k: int, step: float) -> Floats:
     """Return the features with coordinate k moved, as an error, so that angles wrap."""
     numbers = np.concatenate([TRIAL_MARKERS.points.ravel(), TRIAL_MARKERS.sizes])
     numbers[k] += step

@@ -1,7 +1,7 @@
 """Detectors of a singular estimated Jacobian between the tool and the target.
 
 The control law inverts Ĵ with damping, eq. (31). The error that it can still reduce, as a fraction
-(`reducible_fraction` of `LawResult`), falls where Ĵ is nearly singular.
+(`reducible_fraction` of `ControllerOutput`), falls where Ĵ is nearly singular.
 """
 
 from rcmservo.numerics.jit import compiled
