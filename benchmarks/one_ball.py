@@ -25,7 +25,7 @@ from rcmservo.interfaces import Floats, Frame, Markers
 from rcmservo.recording.foreign.frame_folder import iterate_frames, load_recording
 from rcmservo.tracking import ColourMarkers
 from rcmservo.tracking.circle_fit import find_colour_centroid, fit_outline
-from rcmservo.tracking.colours import COLOURS, colour_response
+from rcmservo.tracking.colours import COLOURS, compute_colour_response
 
 SPLITS, FITTED = 100, 20
 AFFINE = AffineEstimator()
@@ -57,7 +57,7 @@ def outlines(frame: Frame, markers: Markers, lab: RigDescription) -> Floats:
     image, sizes = np.array(frame.image), np.empty(2)
     for k, colour in enumerate((lab.markers.colour_1, lab.markers.colour_2)):
         (u, v), radius = markers.points[k], markers.radius[k]
-        amounts = colour_response(image, COLOURS.index(colour))
+        amounts = compute_colour_response(image, COLOURS.index(colour))
         start = find_colour_centroid(amounts, u, v, 1.2 * radius)
         sizes[k] = fit_outline(amounts, start, radius, 1.45 * radius)[0][2]
     return sizes

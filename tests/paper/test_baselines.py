@@ -11,13 +11,13 @@ from conftest import mark_others_slow
 from rcmservo.control.exploration import Exploration
 from rcmservo.estimation.projection_rule import ProjectionEstimator
 from rcmservo.figures import charts
-from rcmservo.paper import baselines
-from rcmservo.paper.baselines import SCENE, SCENE_KINDS, SCENES
+from rcmservo.paper import baselines_claims
+from rcmservo.paper.baselines_claims import SCENE, SCENE_KINDS, SCENES
 from rcmservo.paper.claims import ClaimRow, judge
-from rcmservo.paper.lab.method_statistics import MethodStatistics, run_results
+from rcmservo.paper.lab.method_statistics import MethodStatistics, summarise_runs
 from rcmservo.paper.lab.methods import COMPARED_METHODS, FAST, EstimatingMethod, UserEstimatorMethod
 from rcmservo.paper.lab.scene_run import Attempt
-from rcmservo.paper.plan import Measurement, ReportFigure, Results, Settings, TaskResult
+from rcmservo.paper.plan import Measurement, PaperFigure, Results, Settings, TaskResult
 from rcmservo.paper.store import from_json, to_json
 from rcmservo.safety.causes import Cause
 from rcmservo.study.plan.conditions import COMPILED, MUJOCO
@@ -28,7 +28,7 @@ from rcmservo.study.simulation_engine import SimulationEngine, SimulationLoop
 from rcmservo.study.trial import draw_trial
 
 DURATION = 4.0
-LABORATORY = baselines.laboratory(SCENE)
+LABORATORY = baselines_claims.laboratory(SCENE)
 SEED = 3
 FAILING_METHOD = "image-rolled"
 """Method with an outdated calibration, which must fail."""
@@ -103,7 +103,7 @@ def test_the_compiled_and_the_live_path_agree_on_a_method(name: str) -> None:
     method, one_attempt = COMPARED_METHODS[name], attempt()
     assert isinstance(method, EstimatingMethod)
     servo = one_attempt.servo(method.estimator, method.exploration, method.controller)
-    one, other = one_attempt.run(servo), one_attempt.live(servo)
+    one, other = one_attempt.run(servo), one_attempt.run_live(servo)
     assert (one.engine, other.engine) == (COMPILED, MUJOCO)
     assert len(one.error) == len(other.error)
     assert one.explored == other.explored
@@ -143,7 +143,7 @@ def test_the_run_of_an_unfinished_loop_is_the_beginning_of_the_whole_run() -> No
 
 def test_the_rejected_scenes_exceed_the_built_in_condition() -> None:
     for scenes in SCENE_KINDS:
-        laboratory = baselines.laboratory(SCENES[scenes])
+        laboratory = baselines_claims.laboratory(SCENES[scenes])
         found = [
             compute_worst_condition(draw_trial(s, 0, laboratory, 1.0, 30).scene) for s in range(10)
         ]
@@ -193,7 +193,7 @@ def test_intervals_are_those_of_the_statistics_of_studies() -> None:
 
 def test_the_results_of_a_run_are_those_of_the_study() -> None:
     study_runs = [FAST.run(attempt(seed)) for seed in range(3)]
-    runs = run_results(study_runs)
+    runs = summarise_runs(study_runs)
     assert runs["pose"].tolist() == [one.pose_error for one in study_runs]
     assert runs["within"].tolist() == [one.first_within(1.0) for one in study_runs]
     assert runs["explored"].tolist() == [one.explored for one in study_runs]
@@ -208,23 +208,23 @@ def test_the_cause_of_a_run_that_did_not_arrive_is_reported() -> None:
     phases = np.full(n, 4, np.int8)
     causes = np.full(n, stopped.code, np.int8)
     held = StudyRun(0, 100.0, np.full(n, 5.0), phases, causes, 0.1, run.scene)
-    tally = MethodStatistics("a", "a", run_results([run, held]), 9.0)
+    tally = MethodStatistics("a", "a", summarise_runs([run, held]), 9.0)
     assert tally.failures == f"1 of 2 did not arrive: {stopped.stop_sentence}"
-    assert "never" in f"{MethodStatistics('a', 'a', made([5.0] * 9, [np.nan] * 9), 9.0).words}"
+    assert "never" in f"{MethodStatistics('a', 'a', made([5.0] * 9, [np.nan] * 9), 9.0).summary}"
 
 
 @cache
-def chapter() -> tuple[list[Measurement], list[ClaimRow], list[ReportFigure]]:
+def chapter() -> tuple[list[Measurement], list[ClaimRow], list[PaperFigure]]:
     """Return measurements, claims and figures of two scenes, with a user-defined estimator."""
     own = UserEstimatorMethod("mylab:Own", "own", Renamed(), source="a hash")
     settings = Settings(accepted=2, rejected=2, draws=5, duration=1.0, own=own)
-    names = [task.name for task in baselines.tasks(settings)]
+    names = [task.name for task in baselines_claims.tasks(settings)]
     found = {name: made([0.25, 1.5], [1.0, np.nan], ["", "held"]) for name in names}
     found["draws"] = {"conditions": np.array([1.0, 2.0, 50.0, 3.0, 4.0])}
     results = Results(found, {})
-    measured = list(baselines.measure(settings, results))
+    measured = list(baselines_claims.measure(settings, results))
     rows = [judge("baselines", i, one, settings) for i, one in enumerate(measured)]
-    return measured, rows, list(baselines.draw(settings, results))
+    return measured, rows, list(baselines_claims.draw(settings, results))
 
 
 def test_every_number_over_scenes_lies_in_its_interval() -> None:

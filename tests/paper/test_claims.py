@@ -21,7 +21,7 @@ from rcmservo.paper.claims import (
     judge,
 )
 from rcmservo.paper.plan import Measurement, NotMeasured, Settings
-from rcmservo.paper.report import first_page, traps_met
+from rcmservo.paper.report import first_page, list_traps
 
 CLAIM = Claim("it is so", "<=", 2.0, "lemma-1", "mm", remark="{remark}")
 
@@ -130,8 +130,8 @@ def test_the_first_page_has_one_row_per_sentence_with_a_table_of_its_cases() -> 
     other = row(0.5, replace(CLAIM, claim="it follows", follows=True))
     papers, software = first_page([*cases, other, row(1.0, replace(CLAIM, about=SOFTWARE))])
     (judged,) = papers
-    words = claim_table().sentence["lemma-1"].words
-    assert (judged.words, judged.head.measured) == (words, 1.0)
+    wording = claim_table().sentence["lemma-1"].wording
+    assert (judged.wording, judged.head.measured) == (wording, 1.0)
     assert [one.claim for one in judged.others] == ["it follows"]
     (table,) = judged.cases
     assert (table.rows, table.columns) == (["a", "b"], ["x", "y"])
@@ -144,9 +144,9 @@ def test_only_verdicts_confirm_or_refute_a_pitfall() -> None:
     trapped = replace(CLAIM, trap="T4")
 
     def verdict(trials: int, confirmed: bool) -> str:
-        return traps_met([row(1.0, trapped, trials, confirmed=confirmed)])[0].verdict
+        return list_traps([row(1.0, trapped, trials, confirmed=confirmed)])[0].verdict
 
     assert verdict(3, True) == "confirmed"
     assert verdict(3, False) == "refuted"
     assert verdict(1, True) == "too few trials"
-    assert not traps_met([row(1.0, trapped, trapped=False)])
+    assert not list_traps([row(1.0, trapped, trapped=False)])

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from rcmservo.paper.lab.random_observations import RandomObservations
-from rcmservo.paper.lab.regulation import falls_by_k_b
+from rcmservo.paper.lab.regulation import measure_fall
 from rcmservo.paper.plan import NotMeasured, TaskResult
-from rcmservo.paper.potential import first_below
+from rcmservo.paper.potential_claims import first_below
 from rcmservo.paper.statistics import column
 
 SEEDS = (4, 5, 6)
@@ -19,20 +19,20 @@ def falling(slope: float) -> TaskResult:
 
 
 def test_a_claim_excludes_runs_without_a_result_and_reports_their_number() -> None:
-    one = falls_by_k_b([falling(1.1), NEVER, falling(np.nan)], SEEDS, "flow")
-    assert one.seeds == [4]
-    assert one.value == pytest.approx(0.1)
-    assert "not measured in 2 of 3 runs" in str(one.words["missing"])
+    measurement = measure_fall([falling(1.1), NEVER, falling(np.nan)], SEEDS, "flow")
+    assert measurement.seeds == [4]
+    assert measurement.value == pytest.approx(0.1)
+    assert "not measured in 2 of 3 runs" in str(measurement.texts["missing"])
 
 
 def test_a_claim_without_any_measured_run_is_an_error() -> None:
     with pytest.raises(NotMeasured, match=r"the slope of r, in any run: measured nan"):
-        falls_by_k_b([NEVER, NEVER, falling(np.nan)], SEEDS, "flow")
+        measure_fall([NEVER, NEVER, falling(np.nan)], SEEDS, "flow")
 
 
 def test_a_missing_result_is_nan_in_a_column() -> None:
-    found = column([{"a": {"b": 1.0}}, {"a": {"b": None}}], "a", "b")
-    np.testing.assert_array_equal(found, [1.0, np.nan])
+    values = column([{"a": {"b": 1.0}}, {"a": {"b": None}}], "a", "b")
+    np.testing.assert_array_equal(values, [1.0, np.nan])
 
 
 def test_an_error_that_stays_above_the_bound_takes_infinite_time() -> None:

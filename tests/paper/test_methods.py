@@ -14,18 +14,18 @@ from rcmservo.geometry.kinematics import SphericalRcm
 from rcmservo.geometry.tool import RigidTool
 from rcmservo.interfaces import Target
 from rcmservo.loop.run import run
-from rcmservo.paper import differentiation, regulation_projection
+from rcmservo.paper import differentiation_claims, regulation_projection_claims
+from rcmservo.paper.camera_knowledge_claims import parameter_error, parameters_of
 from rcmservo.paper.lab.cameras import PINHOLE
-from rcmservo.paper.lab.closed_loop import (
-    FAST_FIT,
+from rcmservo.paper.lab.closed_loop import make_servo
+from rcmservo.paper.lab.evaluation import laboratory
+from rcmservo.paper.lab.methods import DEFAULT
+from rcmservo.paper.lab.paper_settings import (
+    FAST_ESTIMATOR,
     FLOW_EXPLORATION,
     PROJECTION_EXPLORATION,
-    make_servo,
     remove_limits,
 )
-from rcmservo.paper.lab.evaluation import laboratory
-from rcmservo.paper.lab.knowledge import parameter_error, parameters_of
-from rcmservo.paper.lab.methods import DEFAULT
 from rcmservo.paper.lab.random_observations import RandomObservations
 from rcmservo.paper.plan import Settings
 from rcmservo.recording.reader import read_record
@@ -37,12 +37,12 @@ SEED = 3
 
 
 def test_every_differentiation_method_gives_finite_results() -> None:
-    settings = Settings(touring=differentiation.JUDGED_S + 1.0, gamma=0.001)
-    found = differentiation.tour(settings, seed=0)
-    for method in differentiation.DIFFERENTIATION_METHODS:
-        assert np.isfinite(list(found[method].values())).all()
-    assert found["frame"]["ratio"] == pytest.approx(1.0, abs=0.05)
-    assert found["stale"]["ratio"] == pytest.approx(0.6, abs=0.05)
+    settings = Settings(touring=differentiation_claims.JUDGED_S + 1.0, gamma=0.001)
+    results = differentiation_claims.explore(settings, seed=0)
+    for method in differentiation_claims.DIFFERENTIATION_METHODS:
+        assert np.isfinite(list(results[method].values())).all()
+    assert results["frame"]["ratio"] == pytest.approx(1.0, abs=0.05)
+    assert results["stale"]["ratio"] == pytest.approx(0.6, abs=0.05)
 
 
 def test_a_run_can_use_the_random_observations_of_the_paper(tmp_path: Path) -> None:
@@ -50,27 +50,11 @@ def test_a_run_can_use_the_random_observations_of_the_paper(tmp_path: Path) -> N
     name = f"{RandomObservations.__module__}:{RandomObservations.__name__}"
     assert f"--estimator {name}" in (ROOT / "docs/paper.md").read_text()
     out = ["--duration", "1.1", "--no-video", "--json", "--out", str(tmp_path / "run")]
-    assert (
-        main(
-            [
-                "run",
-                "--estimator",
-                name,
-                "--random.observations",
-                "12",
-                "--teaching-frames",
-                "30",
-                *out,
-            ]
-        )
-        == 1
-    )
+    options = ["--random.observations", "12", "--teaching-frames", "30", *out]
+    assert main(["run", "--estimator", name, *options]) == 1
     (stage,) = read_record(tmp_path / "run").stages
-    assert stage.servo["estimator"] == {
-        "kind": name,
-        "observations": 12,
-        "estimator_time": 1e4,
-    }
+    expected = {"kind": name, "observations": 12, "estimator_time": 1e4}
+    assert stage.servo["estimator"] == expected
 
 
 def test_random_observations_are_uniform_over_time() -> None:
@@ -90,7 +74,7 @@ def test_the_default_method_is_the_default_servo_and_its_name_states_the_gain() 
     assert DEFAULT.estimator == plain.estimator
     assert DEFAULT.exploration == plain.exploration
     assert DEFAULT.controller == plain.controller
-    defaults = regulation_projection.default_plan(Settings(default_duration=25.0))
+    defaults = regulation_projection_claims.make_default_plan(Settings(default_duration=25.0))
     assert defaults.servo.controller == plain.controller
     assert defaults.estimator == plain.estimator
     assert defaults.exploration == plain.exploration
@@ -112,7 +96,7 @@ def test_the_fit_of_the_projection_gives_the_parameters_of_the_paper() -> None:
 def test_an_endless_exploration_continues_in_equal_rounds(exploration: Exploration) -> None:
     """The distance from the start is about the reach of the exploration in each round."""
     rig, plant = laboratory(SEED, SCENE, 0.1)
-    servo = make_servo(rig.settings, FAST_FIT, remove_limits(exploration))
+    servo = make_servo(rig.settings, FAST_ESTIMATOR, remove_limits(exploration))
     here = Target(rig.truth.pixels(rig.scene.start), rig.scene.start)
     distances = list[float]()
     start = rig.body.points(rig.arm.q_true)[0]

@@ -17,7 +17,7 @@ from conftest import INTERRUPTIBLE_COMMAND, wait_until
 from rcmservo.cli.cli import main
 from rcmservo.paper.claims import claim_table
 from rcmservo.paper.experiment import experiment_named
-from rcmservo.paper.plan import Results
+from rcmservo.paper.run import collect_results
 from rcmservo.paper.store import Assignment, fingerprint
 from rcmservo.recording import reader
 from rcmservo.recording.outcome import SETTLED_DURATION_S
@@ -109,7 +109,7 @@ def test_the_reduced_run_gives_and_reports_no_verdict_on_one_or_two_trials(
 def test_every_sentence_of_the_paper_has_one_row_on_the_first_page(quick: Path) -> None:
     page = (quick / "report.html").read_text().split('id="software"')[0]
     sentences = re.findall(r"<q>(.*?)</q>", page, re.S)
-    assert sentences == [sentence.words for sentence in claim_table().sentence.values()]
+    assert sentences == [sentence.wording for sentence in claim_table().sentence.values()]
 
 
 def test_no_claim_occurs_twice_for_the_same_case(claims: list[dict[str, Any]]) -> None:
@@ -253,14 +253,11 @@ def test_the_same_seed_gives_the_same_figures_bit_for_bit(
     name: str, quick: Path, tmp_path: Path
 ) -> None:
     """The second run is in this process, after other work."""
-    jobs, one = assignments(name, tmp_path), experiment_named(name)
+    jobs, experiment = assignments(name, tmp_path), experiment_named(name)
     for job in jobs:
         job.perform()
-    results = Results(
-        {job.task.name: job.found for job in jobs}, {job.task.name: job.folder for job in jobs}
-    )
-    drawn = one.draw(one.settings(quick=True), results)
-    charts = {f"{name}/{d.name}": asdict(d.chart) for d in drawn if d.chart is not None}
+    figures = experiment.draw(experiment.settings(quick=True), collect_results(jobs))
+    charts = {f"{name}/{one.name}": asdict(one.chart) for one in figures if one.chart is not None}
     second = json.loads(json.dumps(charts))
     first = json.loads((quick / "figures.json").read_text())
     assert second

@@ -12,7 +12,7 @@ import pytest
 from small_tasks import count, counted, fail, not_measured, settled
 
 import rcmservo
-from rcmservo.paper import potential
+from rcmservo.paper import potential_claims
 from rcmservo.paper import run as running
 from rcmservo.paper.experiment import Experiment
 from rcmservo.paper.plan import Measurement, NotMeasured, Results, Settings, Task
@@ -81,7 +81,7 @@ def test_a_stopped_run_continues_with_unfinished_tasks(
     before = runs(log)
     request.getfixturevalue("in_this_process")
     results, _ = run_all(counted(log, *names), out, nothing)
-    assert set(results["some"].found) == set(names)
+    assert set(results["some"].by_task) == set(names)
     assert all(runs(log).count(name) == before.count(name) for name in finished)
 
 
@@ -127,10 +127,10 @@ def test_a_fingerprint_depends_on_every_setting() -> None:
 
 def test_a_fingerprint_depends_only_on_the_module_of_the_experiment_and_its_imports() -> None:
     root = Path(rcmservo.__file__).parent
-    module = root / "paper/regulation_flow.py"
+    module = root / "paper/regulation_flow_claims.py"
     names = {path.stem for path in imported_paper_files(root, module)}
-    assert names >= {"regulation_flow", "regulation", "closed_loop"}
-    assert not names & {"showing", "potential", "report", "paper"}
+    assert names >= {"regulation_flow_claims", "regulation", "closed_loop", "paper_settings"}
+    assert not names & {"showing_claims", "potential_claims", "report", "paper"}
 
 
 def test_a_result_survives_a_round_trip_through_json() -> None:
@@ -192,7 +192,7 @@ def test_a_task_without_a_measurement_fails_only_its_experiment(tmp_path: Path) 
     results, failed = run_all({"bad": tasks, **counted(log, "a", "b")}, tmp_path, nothing)
     assert failed == {"bad": "bad.number: measured nan, which is not a finite number"}
     assert not (tmp_path / "bad" / "bad").exists() and (tmp_path / "bad" / "c").exists()
-    assert set(results) == {"some"} and set(results["some"].found) == {"a", "b"}
+    assert set(results) == {"some"} and set(results["some"].by_task) == {"a", "b"}
 
 
 def unmeasured(settings: Settings, results: Results) -> Iterator[Measurement]:
@@ -207,10 +207,10 @@ def test_the_report_names_experiments_that_it_leaves_out(tmp_path: Path) -> None
     def failing_tasks(settings: Settings) -> list[Task]:
         return [Task("bad", partial(not_measured))]
 
-    draw: Any = potential.draw
+    draw: Any = potential_claims.draw
     failing = {
-        "tasks": Experiment("potential", failing_tasks, potential.measure, draw),
-        "judging": Experiment("potential", potential.tasks, unmeasured, draw),
+        "tasks": Experiment("potential", failing_tasks, potential_claims.measure, draw),
+        "judging": Experiment("potential", potential_claims.tasks, unmeasured, draw),
     }
     written = run(tmp_path, True, {**select_experiments("potential"), **failing}, nothing)
     assert set(written.left_out) == {"tasks", "judging"}

@@ -10,7 +10,7 @@ from conftest import ROOT
 from rcmservo.cli.cli import main
 from rcmservo.cli.paper import PaperOptions
 from rcmservo.cli.servo_options import with_user_estimator
-from rcmservo.paper import baselines
+from rcmservo.paper import baselines_claims
 from rcmservo.paper.lab.methods import UserEstimatorMethod
 from rcmservo.paper.run import select_experiments
 from rcmservo.paper.store import fingerprint
@@ -42,7 +42,7 @@ def test_the_estimator_is_a_method_in_both_kinds_of_scenes(own: UserEstimatorMet
 
 
 def test_the_estimator_moves_the_tool_to_the_target(own: UserEstimatorMethod) -> None:
-    runs = baselines.compare("accepted", own, scenes=1, duration=6.0)
+    runs = baselines_claims.run_in_scenes("accepted", own, scenes=1, duration=6.0)
     assert runs["middle"][0] > 5.0 and runs["pose"][0] < 1.0 and runs["explored"][0] < 2.0
 
 

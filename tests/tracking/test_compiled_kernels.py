@@ -15,7 +15,7 @@ from rcmservo.tracking.ball_fit import (
     fit_blurred_ball,
     fit_coarse_ball,
 )
-from rcmservo.tracking.colours import COLOURS, colour_response, halve_resolution
+from rcmservo.tracking.colours import COLOURS, compute_colour_response, halve_resolution
 
 CENTRE, RADIUS = (30.3, 28.6), 11.0  # px
 
@@ -38,7 +38,7 @@ def shaded_ball(motion: float) -> Image:
 def fit_all() -> Floats:
     """Return the results of the sharp, the coarse and the blurred fit."""
     red, start = COLOURS.index("red"), Ball(31.0, 28.0, 10.5, 1.0)
-    response = colour_response(shaded_ball(0.0), red)
+    response = compute_colour_response(shaded_ball(0.0), red)
     sharp = fit_ball(shaded_ball(0.0), red, start.u, start.v, start.radius)
     coarse = fit_coarse_ball(response, start.u, start.v, start.radius, estimate_noise(response))
     blurred = fit_blurred_ball(shaded_ball(9.0), red, start, (9.0, 0.0))

@@ -1,1 +1,5 @@
-"""Reproduction of the paper: one module per experiment, the table of claims, and the report."""
+"""Reproduction of the paper: experiments that check its claims, the table of claims, the report.
+
+A file NAME_claims.py is one experiment: it measures claims, and implements no part of the method.
+The equations are implemented in geometry (1)-(16), estimation (17)-(30) and control (31)-(33).
+"""

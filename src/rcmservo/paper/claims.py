@@ -16,7 +16,6 @@ from rcmservo.config.toml_json_parsing import parse_toml
 from rcmservo.paper.plan import Measurement, NotMeasured, Settings
 
 HOLDS, REMARK, FAILS = "holds", "holds with a remark", "does not hold"
-VERDICTS = (HOLDS, REMARK, FAILS)
 SOFTWARE = "rcmservo"
 """Subject and author of a claim about this software, not about the paper."""
 MIN_TRIALS = 3
@@ -32,17 +31,17 @@ class Sentence:
     ----------
     where : str
         Section, equation or figure of the paper.
-    words : str
+    wording : str
         Wording of the paper, shortened.
     """
 
     where: str
-    words: str
+    wording: str
 
 
 @dataclass(frozen=True)
 class Claim:
-    """A row of the table; braces in its texts refer to settings and to words of the measurement.
+    """A row of the table; braces in its texts refer to settings and to texts of the measurement.
 
     Parameters
     ----------
@@ -123,10 +122,6 @@ class ExperimentTexts:
     figure: dict[str, Caption]
     quick: dict[str, Any] = field(default_factory=dict[str, Any])
 
-    def settings(self, quick: bool) -> Settings:
-        """Return the settings of a full or a reduced run."""
-        return Settings(**{**self.whole, **(self.quick if quick else {})})
-
 
 @dataclass(frozen=True)
 class ClaimTable:
@@ -175,7 +170,7 @@ class ClaimRow(Claim):
     interval : tuple[float, float] or None
         95 % confidence interval; None if there is none or the trials are too few for it.
     verdict : str or None
-        One of `VERDICTS`; None for one or two trials.
+        `HOLDS`, `REMARK` or `FAILS`; None for one or two trials.
     trials : int
         Number of trials; 0 for a deterministic computation.
     seed : list[int]
@@ -211,8 +206,8 @@ def judge(experiment: str, number: int, measurement: Measurement, settings: Sett
         Name of the experiment.
     number
         Index of the measurement in the experiment.
-    one
-        Measurement.
+    measurement
+        Measured number of a claim in one case.
     settings
         Settings of the experiment.
 
@@ -230,54 +225,45 @@ def judge(experiment: str, number: int, measurement: Measurement, settings: Sett
     """
     table = claim_table()
     row = table.experiment[experiment].claim[measurement.claim]
-    texts = {**vars(settings), **measurement.words}
-    claim, detail = row.claim.format(**texts), row.detail.format(**texts)
+    texts = {**vars(settings), **measurement.texts}
+    statement, detail = row.claim.format(**texts), row.detail.format(**texts)
+    value, ends = measurement.value, measurement.ends
     bound = measurement.bound if row.bound is None else row.bound
     if bound is None:
         raise ValueError(
             f"{experiment}, {measurement.claim}: neither table nor measurement has a bound"
         )
-    if not math.isfinite(measurement.value):
-        raise NotMeasured(claim, measurement.value)
-    for end in measurement.ends:
-        if math.isnan(end):
-            raise NotMeasured(f"{claim}, its interval", end)
+    if not math.isfinite(value):
+        raise NotMeasured(statement, value)
+    if any(math.isnan(end) for end in ends):
+        raise NotMeasured(f"{statement}, its interval", math.nan)
 
-    def holds(value: float) -> bool:
-        return value <= bound if row.relation == "<=" else value >= bound
+    def holds(number: float) -> bool:
+        return number <= bound if row.relation == "<=" else number >= bound
 
-    few = 0 < measurement.trials < MIN_TRIALS
-    undecided = not few and len({holds(end) for end in measurement.ends}) == 2
-    remarks = [
-        row.remark.format(**texts) if measurement.remarked else "",
-        UNDECIDED if undecided else "",
-    ]
-    remark = "; ".join(filter(None, remarks))
-    verdict = (
-        None if few else FAILS if not holds(measurement.value) else REMARK if remark else HOLDS
-    )
+    has_few_trials = 0 < measurement.trials < MIN_TRIALS
+    is_undecided = not has_few_trials and len({holds(end) for end in ends}) == 2
+    condition = row.remark.format(**texts) if measurement.remarked else ""
+    remark = "; ".join(filter(None, (condition, UNDECIDED if is_undecided else "")))
+    verdict = None if has_few_trials else FAILS if not holds(value) else REMARK if remark else HOLDS
     trap = row.trap if measurement.trapped else ""
-    low, high = measurement.ends or (math.inf, math.inf)
-    filled: dict[str, Any] = {"claim": claim, "detail": detail, "remark": remark, "trap": trap}
-    filled = vars(row) | filled | {"bound": float(bound)}
+    low, high = ends or (math.inf, math.inf)
+    filled = dict[str, Any](
+        claim=statement, detail=detail, remark=remark, trap=trap, bound=float(bound)
+    )
+    concerns_software = row.about == SOFTWARE
+    papers_author = "follows from the paper" if row.follows else "the paper's"
     return ClaimRow(
-        **filled,
+        **{**vars(row), **filled},
         experiment=experiment,
         number=number,
-        whose=_author(row),
+        whose=SOFTWARE if concerns_software else papers_author,
         case=measurement.case,
-        where=SOFTWARE if row.about == SOFTWARE else table.sentence[row.about].where,
-        measured=measurement.value,
-        interval=(low, high) if not few and math.isfinite(high - low) else None,
+        where=SOFTWARE if concerns_software else table.sentence[row.about].where,
+        measured=value,
+        interval=(low, high) if not has_few_trials and math.isfinite(high - low) else None,
         verdict=verdict,
         trials=measurement.trials,
         seed=measurement.seeds,
         trap_confirmed=measurement.confirmed if trap and verdict is not None else None,
     )
-
-
-def _author(row: Claim) -> str:
-    """Return the author of a claim."""
-    if row.about == SOFTWARE:
-        return SOFTWARE
-    return "follows from the paper" if row.follows else "the paper's"

@@ -1,11 +1,12 @@
 """Experiment of the paper: the functions of its module, and its texts in the table of claims."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import import_module
+from typing import Any, cast
 
 from rcmservo.paper.claims import ClaimRow, ExperimentTexts, claim_table, judge
-from rcmservo.paper.plan import Measurement, ReportFigure, Results, Settings, Task
+from rcmservo.paper.plan import Measurement, PaperFigure, Results, Settings, Task
 
 
 @dataclass(frozen=True)
@@ -20,20 +21,20 @@ class Experiment:
         Function that returns the tasks for some settings.
     measure : Callable[[Settings, Results], Iterable[Measurement]]
         Function that returns the measurements of the claims, in the order of the report.
-    draw : Callable[[Settings, Results], Iterable[ReportFigure]]
+    draw : Callable[[Settings, Results], Iterable[PaperFigure]]
         Function that returns the figures, in the order of the report.
-    fixed : Mapping[str, object]
-        Settings that are the same in each run and not plain numbers, for the report.
-    added : Mapping[str, object]
+    constants : Mapping[str, object]
+        Constants of the module that are not texts, by name; the report lists them.
+    added_settings : Mapping[str, object]
         Settings that the caller adds to those of the table.
     """
 
     name: str
     tasks: Callable[[Settings], Iterable[Task]]
     measure: Callable[[Settings, Results], Iterable[Measurement]]
-    draw: Callable[[Settings, Results], Iterable[ReportFigure]]
-    fixed: Mapping[str, object] = field(default_factory=dict[str, object])
-    added: Mapping[str, object] = field(default_factory=dict[str, object])
+    draw: Callable[[Settings, Results], Iterable[PaperFigure]]
+    constants: Mapping[str, object] = field(default_factory=dict[str, object])
+    added_settings: Mapping[str, object] = field(default_factory=dict[str, object])
 
     @property
     def texts(self) -> ExperimentTexts:
@@ -42,7 +43,8 @@ class Experiment:
 
     def settings(self, quick: bool) -> Settings:
         """Return the settings of a full or a reduced run."""
-        return Settings(**vars(self.texts.settings(quick)), **self.added)
+        reduced = self.texts.quick if quick else {}
+        return Settings(**{**self.texts.whole, **reduced, **self.added_settings})
 
     def plan(self, quick: bool) -> list[Task]:
         """Return the tasks of a full or a reduced run."""
@@ -51,12 +53,22 @@ class Experiment:
     def rows(self, quick: bool, results: Results) -> list[ClaimRow]:
         """Return the claims with their verdicts."""
         settings = self.settings(quick)
-        found = self.measure(settings, results)
-        return [judge(self.name, i, one, settings) for i, one in enumerate(found)]
+        measurements = enumerate(self.measure(settings, results))
+        return [judge(self.name, number, one, settings) for number, one in measurements]
 
 
 def experiment_named(name: str) -> Experiment:
-    """Return an experiment of the table, from the module of the same name."""
-    module = import_module(f"rcmservo.paper.{name.replace('-', '_')}")
-    fixed: Mapping[str, object] = getattr(module, "fixed_settings", dict[str, object])()
-    return Experiment(name, module.tasks, module.measure, module.draw, fixed)
+    """Return an experiment of the table: `imaged-rcm` is in the module `imaged_rcm_claims`."""
+    module = import_module(f"rcmservo.paper.{name.replace('-', '_')}_claims")
+    named = vars(module).items()
+    constants = {key: value for key, value in named if key.isupper() and not _is_text(value)}
+    return Experiment(name, module.tasks, module.measure, module.draw, constants)
+
+
+def _is_text(value: Any) -> bool:
+    """Report whether a constant is a text, or a collection of texts, such as labels."""
+    if isinstance(value, Mapping):
+        return all(_is_text(item) for item in cast(Mapping[Any, Any], value).values())
+    if isinstance(value, tuple | list):
+        return all(_is_text(item) for item in cast(Sequence[Any], value))
+    return isinstance(value, str)

@@ -1,4 +1,4 @@
-"""Parts of an experiment: settings, tasks, results, measurements of claims, and figures."""
+"""Parts of an experiment: tasks, their results, measurements of claims, and figures."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -19,15 +19,19 @@ TaskResult = Mapping[str, Any]
 """Results of a task by name: numbers, texts, arrays, lists and tables."""
 
 
+Texts = dict[str, Any]
+"""Values for the braces in the texts of a claim or a figure, by name."""
+
+
 class NotMeasured(RcmServoError):
     """Raised for a measurement that is missing or not finite, so that there is no verdict."""
 
-    def __init__(self, what: str, value: object) -> None:
-        super().__init__(what, value)
-        self.what, self.value = what, value
+    def __init__(self, quantity: str, value: object) -> None:
+        super().__init__(quantity, value)
+        self.quantity, self.value = quantity, value
 
     def __str__(self) -> str:
-        return f"{self.what}: measured {self.value}, which is not a finite number"
+        return f"{self.quantity}: measured {self.value}, which is not a finite number"
 
 
 @dataclass(frozen=True)
@@ -70,21 +74,21 @@ class Results:
 
     Parameters
     ----------
-    found : Mapping[str, TaskResult]
+    by_task : Mapping[str, TaskResult]
         Results by name of the task.
     folders : Mapping[str, Path]
         Folders with records and images, by name of the task.
     """
 
-    found: Mapping[str, TaskResult]
+    by_task: Mapping[str, TaskResult]
     folders: Mapping[str, Path]
 
     def __getitem__(self, task: str) -> TaskResult:
-        return self.found[task]
+        return self.by_task[task]
 
     def per_seed(self, prefix: str, seeds: Iterable[int]) -> list[TaskResult]:
         """Return the results of the tasks `prefix`-seed."""
-        return [self.found[f"{prefix}-{seed}"] for seed in seeds]
+        return [self.by_task[f"{prefix}-{seed}"] for seed in seeds]
 
 
 class Measurement:
@@ -113,7 +117,7 @@ class Measurement:
         False if this case does not concern the pitfall of the claim.
     confirmed : bool
         True if the number confirms the pitfall.
-    words : object
+    texts : object
         Values for the braces in the texts of the claim.
     """
 
@@ -130,20 +134,18 @@ class Measurement:
         remarked: bool = True,
         trapped: bool = True,
         confirmed: bool | np.bool = True,
-        **words: object,
+        **texts: object,
     ) -> None:
-        self.claim, self.value = claim, float(value)
-        self.seeds = [int(seed) for seed in seeds]
+        self.claim, self.value, self.seeds = claim, float(value), [int(seed) for seed in seeds]
         self.ends = [float(end) for end in interval[-2:]]
         row, column = (*case, "", "")[:2]
-        self.case = row, column
+        self.case, self.bound, self.texts = (row, column), bound, texts
         self.trials = len(self.seeds) if trials is None else trials
-        self.bound, self.words = bound, words
         self.remarked, self.trapped, self.confirmed = remarked, trapped, bool(confirmed)
 
 
 @dataclass(frozen=True)
-class ReportFigure:
+class PaperFigure:
     """A figure of the report.
 
     Parameters
@@ -156,7 +158,7 @@ class ReportFigure:
         Chart; None if the figure consists of images only.
     pictures : Sequence[Path]
         PNG files, placed before the chart.
-    words : Mapping[str, object]
+    texts : Mapping[str, object]
         Values for the braces in the caption.
     key : str
         Key in the table of claims if it differs from `name`.
@@ -166,5 +168,5 @@ class ReportFigure:
     seeds: Sequence[int]
     chart: Figure | None = None
     pictures: Sequence[Path] = ()
-    words: Mapping[str, object] = field(default_factory=dict[str, object])
+    texts: Mapping[str, object] = field(default_factory=dict[str, object])
     key: str = ""

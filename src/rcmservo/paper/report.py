@@ -5,7 +5,8 @@ table holds the claims about rcmservo.
 """
 
 import json
-from collections.abc import Iterable, Mapping
+from collections import Counter
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -13,12 +14,10 @@ from typing import NamedTuple
 
 from rcmservo.config.atomic_files import write_atomically
 from rcmservo.figures import charts
-from rcmservo.paper.claims import FAILS, HOLDS, REMARK, SOFTWARE, VERDICTS, ClaimRow, claim_table
+from rcmservo.paper.claims import FAILS, HOLDS, REMARK, SOFTWARE, ClaimRow, claim_table
 from rcmservo.paper.experiment import Experiment
-from rcmservo.paper.plan import ReportFigure
+from rcmservo.paper.plan import PaperFigure
 from rcmservo.study.report.html import make_data_uri, render_template
-
-CLAIMS, FIGURES, REPORT = "claims.json", "figures.json", "report.html"
 
 
 class Chapter(NamedTuple):
@@ -30,13 +29,13 @@ class Chapter(NamedTuple):
         Experiment, with its texts and settings.
     rows : list[ClaimRow]
         Claims, in the order of the report.
-    figures : list[ReportFigure]
+    figures : list[PaperFigure]
         Figures, in the order of the report.
     """
 
     experiment: Experiment
     rows: list[ClaimRow]
-    figures: list[ReportFigure]
+    figures: list[PaperFigure]
 
 
 def write(out: Path, chapters: list[Chapter], quick: bool, left_out: Mapping[str, str]) -> Path:
@@ -46,22 +45,21 @@ def write(out: Path, chapters: list[Chapter], quick: bool, left_out: Mapping[str
     """
     rows = [row for chapter in chapters for row in chapter.rows]
     figures = {
-        f"{chapter.experiment.name}/{drawn.name}": asdict(drawn.chart)
+        f"{chapter.experiment.name}/{figure.name}": asdict(figure.chart)
         for chapter in chapters
-        for drawn in chapter.figures
-        if drawn.chart is not None
+        for figure in chapter.figures
+        if figure.chart is not None
     }
-    for name, data, indent in (
-        (CLAIMS, [asdict(row) for row in rows], 1),
-        (FIGURES, figures, None),
-    ):
+    claims = [asdict(row) for row in rows]
+    for name, data, indent in (("claims.json", claims, 1), ("figures.json", figures, None)):
         text = json.dumps(data, indent=indent, ensure_ascii=False, allow_nan=False)
         write_atomically(out / name, text + "\n")
-    write_atomically(out / REPORT, _page(rows, chapters, quick, left_out))
-    return out / REPORT
+    page = out / "report.html"
+    write_atomically(page, _render_page(rows, chapters, quick, left_out))
+    return page
 
 
-def _page(
+def _render_page(
     rows: list[ClaimRow], chapters: list[Chapter], quick: bool, left_out: Mapping[str, str]
 ) -> str:
     papers, software = first_page(rows)
@@ -69,51 +67,42 @@ def _page(
         "rcmservo.paper",
         papers=papers,
         software=software,
-        counts=counts(judged.head for judged in papers),
+        counts=Counter(judged.head.verdict for judged in papers),
         marks={HOLDS: "●", REMARK: "◐", FAILS: "○", None: "–"},
-        traps=traps_met(rows),
-        sections=[_section(chapter, quick) for chapter in chapters],
+        traps=list_traps(rows),
+        sections=[_describe_chapter(chapter, quick) for chapter in chapters],
         version=version("rcmservo"),
         quick=quick,
         left_out=left_out,
     )
 
 
-def _section(chapter: Chapter, quick: bool) -> dict[str, object]:
+def _describe_chapter(chapter: Chapter, quick: bool) -> dict[str, object]:
     """Return the variables of a chapter for the template."""
-    one, settings = chapter.experiment, chapter.experiment.settings(quick)
+    experiment, settings = chapter.experiment, vars(chapter.experiment.settings(quick))
+    reported = {name: repr(value) for name, value in {**settings, **experiment.constants}.items()}
     mode = " --quick" if quick else ""
     return {
-        "name": one.name,
-        "texts": one.texts,
-        "command": f"rcmservo paper{mode} --only {one.name} --out DIR",
-        "settings": {name: repr(value) for name, value in {**vars(settings), **one.fixed}.items()},
+        "name": experiment.name,
+        "texts": experiment.texts,
+        "command": f"rcmservo paper{mode} --only {experiment.name} --out DIR",
+        "settings": reported,
         "rows": chapter.rows,
-        "figures": [_figure(one, drawn, vars(settings)) for drawn in chapter.figures],
+        "figures": [_describe_figure(experiment, figure, settings) for figure in chapter.figures],
     }
 
 
-def _figure(
-    one: Experiment, drawn: ReportFigure, settings: Mapping[str, object]
+def _describe_figure(
+    experiment: Experiment, figure: PaperFigure, settings: Mapping[str, object]
 ) -> dict[str, object]:
     """Return the variables of a figure for the template, with its images as embedded data."""
-    images = [make_data_uri("image/png", path.read_bytes()) for path in drawn.pictures]
-    if drawn.chart is not None:
-        images.append(make_data_uri("image/svg+xml", charts.render_svg(drawn.chart).encode()))
-    text = one.texts.figure[drawn.key or drawn.name]
-    return {
-        "name": drawn.name,
-        "where": text.where,
-        "caption": text.caption.format(**{**settings, **drawn.words}),
-        "seeds": list(drawn.seeds),
-        "images": images,
-    }
-
-
-def counts(rows: Iterable[ClaimRow]) -> dict[str | None, int]:
-    """Return the number of rows with each verdict, and without one."""
-    verdicts = [row.verdict for row in rows]
-    return {verdict: verdicts.count(verdict) for verdict in (*VERDICTS, None)}
+    images = [make_data_uri("image/png", path.read_bytes()) for path in figure.pictures]
+    if figure.chart is not None:
+        images.append(make_data_uri("image/svg+xml", charts.render_svg(figure.chart).encode()))
+    text = experiment.texts.figure[figure.key or figure.name]
+    caption = text.caption.format(**{**settings, **figure.texts})
+    seeds = list(figure.seeds)
+    return dict(name=figure.name, where=text.where, caption=caption, seeds=seeds, images=images)
 
 
 @dataclass(frozen=True)
@@ -124,30 +113,30 @@ class Trap:
     ----------
     name : str
         Key: T0, T1, ...
-    words : str
-        Description.
+    description : str
+        Sentence that describes the pitfall.
     rows : list[ClaimRow]
         Claims that concern the pitfall, in the order of the report.
     """
 
     name: str
-    words: str
+    description: str
     rows: list[ClaimRow]
 
     @property
     def verdict(self) -> str:
         """Verdict: confirmed, refuted, or too few trials."""
         known = [row.trap_confirmed for row in self.rows if row.trap_confirmed is not None]
-        if not known:
-            return "too few trials"
-        return "confirmed" if all(known) else "refuted"
+        return "too few trials" if not known else "confirmed" if all(known) else "refuted"
 
 
-def traps_met(rows: list[ClaimRow]) -> list[Trap]:
+def list_traps(rows: list[ClaimRow]) -> list[Trap]:
     """Return the pitfalls that claims concern, in their order."""
-    traps = claim_table().trap.items()
-    every = [Trap(name, words, [r for r in rows if r.trap == name]) for name, words in traps]
-    return [trap for trap in every if trap.rows]
+    traps = [
+        Trap(name, description, [row for row in rows if row.trap == name])
+        for name, description in claim_table().trap.items()
+    ]
+    return [trap for trap in traps if trap.rows]
 
 
 class Cases(NamedTuple):
@@ -178,7 +167,7 @@ class Judged(NamedTuple):
     ----------
     where : str
         Location in the paper; empty for a claim about rcmservo.
-    words : str
+    wording : str
         Wording of the paper, or statement of the claim.
     head : ClaimRow
         First claim, which is the nearest to the wording.
@@ -189,7 +178,7 @@ class Judged(NamedTuple):
     """
 
     where: str
-    words: str
+    wording: str
     head: ClaimRow
     others: list[ClaimRow]
     cases: list[Cases]
@@ -198,29 +187,30 @@ class Judged(NamedTuple):
 def first_page(rows: list[ClaimRow]) -> tuple[list[Judged], list[Judged]]:
     """Return the rows of the paper's sentences, in its order, and of the claims about rcmservo."""
     papers = [
-        _judged(sentence.where, sentence.words, some)
+        _judge_sentence(sentence.where, sentence.wording, rows_of_sentence)
         for about, sentence in claim_table().sentence.items()
-        if (some := [row for row in rows if row.about == about])
+        if (rows_of_sentence := [row for row in rows if row.about == about])
     ]
-    own = [row for row in rows if row.about == SOFTWARE]
-    return papers, [_judged("", words, same) for words, same in _by_wording(own).items()]
+    software = _group_by_statement([row for row in rows if row.about == SOFTWARE])
+    return papers, [_judge_sentence("", group[0].claim, group) for group in software]
 
 
-def _by_wording(rows: list[ClaimRow]) -> dict[str, list[ClaimRow]]:
-    found: dict[str, list[ClaimRow]] = {}
+def _group_by_statement(rows: list[ClaimRow]) -> list[list[ClaimRow]]:
+    groups: dict[str, list[ClaimRow]] = {}
     for row in rows:
-        found.setdefault(row.claim, []).append(row)
-    return found
+        groups.setdefault(row.claim, []).append(row)
+    return list(groups.values())
 
 
-def _judged(where: str, words: str, rows: list[ClaimRow]) -> Judged:
+def _judge_sentence(where: str, wording: str, rows: list[ClaimRow]) -> Judged:
     """Return the row of one sentence from all of its claims."""
-    head, wordings = rows[0], _by_wording(rows).values()
-    singles = [same[0] for same in wordings if len(same) == 1 and same[0] is not head]
-    return Judged(where, words, head, singles, [_cases(same) for same in wordings if len(same) > 1])
+    head, groups = rows[0], _group_by_statement(rows)
+    others = [group[0] for group in groups if len(group) == 1 and group[0] is not head]
+    tables = [_tabulate_cases(group) for group in groups if len(group) > 1]
+    return Judged(where, wording, head, others, tables)
 
 
-def _cases(rows: list[ClaimRow]) -> Cases:
+def _tabulate_cases(rows: list[ClaimRow]) -> Cases:
     names, columns = (list(dict.fromkeys(row.case[i] for row in rows)) for i in (0, 1))
     by_case = {row.case: row for row in rows}
     cells = [[by_case.get((name, column)) for column in columns] for name in names]

@@ -12,6 +12,7 @@ import threading
 from collections.abc import Callable, Mapping
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import replace
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -36,7 +37,7 @@ def select_experiments(
 ) -> dict[str, Experiment]:
     """Return the experiments to run: all of them, or the one named `only`.
 
-    The comparison of methods includes the user-defined estimator `own`, if there is one.
+    The comparison of methods includes `user_method`, a user-defined estimator, if there is one.
 
     Raises
     ------
@@ -46,10 +47,11 @@ def select_experiments(
     names = list(claim_table().experiment)
     if only is not None and only not in names:
         raise BadInput("--only", only, "one of " + ", ".join(names))
-    found = {name: experiment_named(name) for name in ([only] if only else names)}
-    if user_method is not None and COMPARISON in found:
-        found[COMPARISON] = replace(found[COMPARISON], added={"own": user_method})
-    return found
+    experiments = {name: experiment_named(name) for name in ([only] if only else names)}
+    if user_method is not None and COMPARISON in experiments:
+        comparison = replace(experiments[COMPARISON], added_settings={"own": user_method})
+        experiments[COMPARISON] = comparison
+    return experiments
 
 
 class Written(NamedTuple):
@@ -74,17 +76,18 @@ def run(
     out: Path, quick: bool, experiments: Mapping[str, Experiment], progress: Progress
 ) -> Written:
     """Run the unfinished tasks, and write the report into the prepared folder `out`."""
-    plans = {name: one.plan(quick) for name, one in experiments.items()}
+    plans = {name: experiment.plan(quick) for name, experiment in experiments.items()}
     results, left_out = run_all(plans, out, progress)
     chapters = list[Chapter]()
-    for name, found in results.items():
-        one = experiments[name]
+    for name, task_results in results.items():
+        experiment = experiments[name]
         try:
-            rows, figures = one.rows(quick, found), list(one.draw(one.settings(quick), found))
+            rows = experiment.rows(quick, task_results)
+            figures = list(experiment.draw(experiment.settings(quick), task_results))
         except NotMeasured as error:
             left_out[name] = str(error)
         else:
-            chapters.append(Chapter(one, rows, figures))
+            chapters.append(Chapter(experiment, rows, figures))
     page = report.write(out, chapters, quick, left_out)
     return Written(page, [row for chapter in chapters for row in chapter.rows], left_out)
 
@@ -111,49 +114,48 @@ def run_all(
     tuple[dict[str, Results], dict[str, str]]
         Results by experiment, and the reasons of failed experiments.
     """
-    jobs = [
-        Assignment(task, out / experiment / task.name, fingerprint(task))
+    jobs = {
+        experiment: [
+            Assignment(task, out / experiment / task.name, fingerprint(task)) for task in tasks
+        ]
         for experiment, tasks in plans.items()
-        for task in tasks
-    ]
-    todo: dict[str, list[Assignment]] = {}
-    for job in jobs:
+    }
+    unfinished: dict[str, list[Assignment]] = {}
+    for job in chain(*jobs.values()):
         if job.is_finished:
             progress(job.task)
         else:
-            todo.setdefault(job.mark, []).append(job)
-    failed = _run(sorted(todo.values(), key=lambda same: -same[0].task.cost), progress)
-    results = {
-        name: Results(
-            {job.task.name: job.found for job in jobs if job.folder.parent.name == name},
-            {job.task.name: job.folder for job in jobs if job.folder.parent.name == name},
-        )
-        for name in plans
-        if name not in failed
-    }
-    return results, failed
+            unfinished.setdefault(job.fingerprint, []).append(job)
+    by_cost = sorted(unfinished.values(), key=lambda equal_jobs: -equal_jobs[0].task.cost)
+    failed = _run_in_processes(by_cost, progress)
+    return {name: collect_results(jobs[name]) for name in plans if name not in failed}, failed
 
 
-def _run(todo: list[list[Assignment]], progress: Progress) -> dict[str, str]:
-    """Run lists of tasks with the same work; return the reasons of failed experiments."""
+def collect_results(jobs: list[Assignment]) -> Results:
+    """Return the results of finished tasks of one experiment."""
+    folders = {job.task.name: job.folder for job in jobs}
+    return Results({job.task.name: job.result for job in jobs}, folders)
+
+
+def _run_in_processes(groups: list[list[Assignment]], progress: Progress) -> dict[str, str]:
+    """Run groups of tasks with the same work; return the reasons of failed experiments."""
     failed: dict[str, str] = {}
     context = multiprocessing.get_context("spawn")
     cores = getattr(os, "process_cpu_count", os.cpu_count)() or 1
-    with ProcessPoolExecutor(
-        min(cores, len(todo) or 1), context, initializer=_become_worker
-    ) as pool:
+    workers = min(cores, len(groups) or 1)
+    with ProcessPoolExecutor(workers, context, initializer=_become_worker) as pool:
         try:
-            futures = {pool.submit(same[0].perform): same for same in todo}
+            futures = {pool.submit(group[0].perform): group for group in groups}
             for future in as_completed(futures):
-                first, *others = futures[future]
+                performed, *others = group = futures[future]
                 try:
                     future.result()
                     for job in others:
-                        job.copy(first)
+                        job.copy(performed)
                 except NotMeasured as error:
-                    for job in (first, *others):
+                    for job in group:
                         failed.setdefault(job.folder.parent.name, str(error))
-                for job in (first, *others):
+                for job in group:
                     progress(job.task)
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)

@@ -11,9 +11,9 @@ from rcmservo.interfaces import Floats
 from rcmservo.study.report.statistics import Interval
 
 
-def column(found: Iterable[Mapping[str, Any]], *keys: str) -> Floats:
+def column(results: Iterable[Mapping[str, Any]], *keys: str) -> Floats:
     """Return one number of each result, addressed by nested keys; NaN if it is missing."""
-    values: list[Any] = list(found)
+    values: list[Any] = list(results)
     for key in keys:
         values = [value.get(key) for value in values]
     return np.array(values, dtype=float)
@@ -34,7 +34,7 @@ def finite(values: Floats) -> Floats:
     return values[np.isfinite(values)]
 
 
-def ends_of(values: Floats) -> str:
+def format_range(values: Floats) -> str:
     """Return the minimum and the maximum as text."""
     return f"{values.min():.2f} to {values.max():.2f}"
 
@@ -44,19 +44,31 @@ def fraction(flags: Iterable[bool]) -> float:
     return float(np.mean(list(flags)))
 
 
-def percent(one: Interval) -> Interval:
-    """Convert a fraction to percent."""
-    return Interval(*(100.0 * number for number in one))
+def to_percent(interval: Interval) -> Interval:
+    """Convert a fraction and its interval to percent."""
+    return Interval(*(100.0 * number for number in interval))
 
 
-def bars(intervals: Sequence[Interval], style: int = 0, shift: float = 0.0) -> Curve:
+def curve_per_label(
+    labels: Mapping[str, str], points_of: Callable[[str], tuple[Any, Any]], marks: bool = False
+) -> list[Curve]:
+    """Return a curve for each label, in successive styles; `points_of(key)` returns its x and y."""
+    return [
+        make_curve(label, *points_of(key), style, marks)
+        for style, (key, label) in enumerate(labels.items())
+    ]
+
+
+def interval_bars(intervals: Sequence[Interval], style: int = 0, shift: float = 0.0) -> Curve:
     """Return a vertical line along each interval, at the index of its group plus `shift`."""
     x = [index + shift for index in range(len(intervals)) for _ in range(3)]
-    y = [end for one in intervals for end in (one.low, one.high, math.nan)]
+    y = [end for interval in intervals for end in (interval.low, interval.high, math.nan)]
     return make_curve("", x, y, style)
 
 
-def marks(groups: Sequence[Sequence[float] | Floats], label: str = "", style: int = 0) -> Curve:
+def group_marks(
+    groups: Sequence[Sequence[float] | Floats], label: str = "", style: int = 0
+) -> Curve:
     """Return one mark per number, spread about the index of its group."""
     x = [
         index + 0.4 * ((i + 0.5) / len(group) - 0.5)
@@ -78,13 +90,13 @@ def seed_marks(groups: Sequence[Floats], label: str, style: int) -> Curve:
 
 def mark_panels(
     labels: Mapping[str, str],
-    groups: Callable[[str], Sequence[Floats]],
+    groups_of: Callable[[str], Sequence[Floats]],
     categories: Iterable[str],
     log: Sequence[str] = (),
 ) -> list[Panel]:
-    """Return one panel per label, with one mark per number of `groups(key)`."""
+    """Return one panel per label, with one mark per number of `groups_of(key)`."""
     names = list(categories)
     return [
-        Panel("", label, [marks(groups(key))], log_y=key in log, categories=names)
+        Panel("", label, [group_marks(groups_of(key))], log_y=key in log, categories=names)
         for key, label in labels.items()
     ]

@@ -24,7 +24,9 @@ from rcmservo.study.execution.package_version import identify_package
 RESULT_FILE = "result.json"
 PART_SUFFIX = ".part"
 MODE_FILE = "paper.json"
-RECORD_FOLDERS = ("record", "figures")
+IMPORT_LINE = re.compile(r"^from rcmservo\.(paper[\w.]*) import ([\w, ]*)", re.MULTILINE)
+"""Import of a module of `rcmservo.paper`, or of names from it."""
+SHARED_FOLDERS = ("recording", "figures")
 """Folders of the package that results here depend on, but rows of a study do not."""
 
 
@@ -40,15 +42,13 @@ def prepare(out: Path, quick: bool) -> None:
     try:
         out.mkdir(parents=True, exist_ok=True)
         if (out / MODE_FILE).exists():
-            before = json.loads((out / MODE_FILE).read_text())["mode"]
-            if before != mode:
-                raise UnusableFile(
-                    out, f"holds a {before} run and this is a {mode} one: name another folder"
-                )
+            earlier = json.loads((out / MODE_FILE).read_text())["mode"]
+            if earlier != mode:
+                problem = f"holds a {earlier} run and this is a {mode} one: name another folder"
+                raise UnusableFile(out, problem)
         elif any(out.iterdir()):
-            raise UnusableFile(
-                out, "is not empty and holds no earlier run of the paper: name a new folder"
-            )
+            problem = "is not empty and holds no earlier run of the paper: name a new folder"
+            raise UnusableFile(out, problem)
         else:
             write_atomically(out / MODE_FILE, json.dumps({"mode": mode}) + "\n")
     except OSError as error:
@@ -66,31 +66,32 @@ class Assignment(NamedTuple):
         Task.
     folder : Path
         Folder of the result.
-    mark : str
-        Fingerprint of everything that the result depends on.
+    fingerprint : str
+        Hash of everything that the result depends on, by the function `fingerprint`.
     """
 
     task: Task
     folder: Path
-    mark: str
+    fingerprint: str
 
     @property
     def is_finished(self) -> bool:
         """True if the folder holds the result of this task with the same fingerprint."""
         try:
-            return json.loads((self.folder / RESULT_FILE).read_text())["fingerprint"] == self.mark
+            stored = json.loads((self.folder / RESULT_FILE).read_text())["fingerprint"]
+            return stored == self.fingerprint
         except (OSError, ValueError, KeyError, TypeError):
             return False
 
     def perform(self) -> None:
         """Run the task, and move its results into the folder when they are complete."""
         part = self.folder.with_name(self.folder.name + PART_SUFFIX)
-        for old in (part, self.folder):
-            shutil.rmtree(old, ignore_errors=True)
+        for earlier in (part, self.folder):
+            shutil.rmtree(earlier, ignore_errors=True)
         part.mkdir(parents=True)
-        found = self.task.work(part) if self.task.in_folder else self.task.work()
-        values = to_json(found, self.task.name)
-        text = json.dumps({"fingerprint": self.mark, "values": values}, allow_nan=False)
+        result = self.task.work(part) if self.task.in_folder else self.task.work()
+        stored = {"fingerprint": self.fingerprint, "values": to_json(result, self.task.name)}
+        text = json.dumps(stored, allow_nan=False)
         (part / RESULT_FILE).write_text(text)
         part.rename(self.folder)
 
@@ -100,7 +101,7 @@ class Assignment(NamedTuple):
         shutil.copytree(other.folder, self.folder)
 
     @property
-    def found(self) -> TaskResult:
+    def result(self) -> TaskResult:
         """Result of the finished task."""
         return from_json(json.loads((self.folder / RESULT_FILE).read_text())["values"])
 
@@ -108,55 +109,61 @@ class Assignment(NamedTuple):
 def fingerprint(task: Task) -> str:
     """Return a hash of everything that a result depends on: arguments, package and source files."""
     work, root = task.work, Path(rcmservo.__file__).parent
-    text = hashlib.sha256(repr((work.func.__qualname__, sorted(work.keywords.items()))).encode())
-    text.update(identify_package().encode())
-    records = [path for folder in RECORD_FOLDERS for path in (root / folder).rglob("*.py")]
+    digest = hashlib.sha256(repr((work.func.__qualname__, sorted(work.keywords.items()))).encode())
+    digest.update(identify_package().encode())
+    shared = [path for folder in SHARED_FOLDERS for path in (root / folder).rglob("*.py")]
     module = root / (work.func.__module__.partition(".")[2].replace(".", "/") + ".py")
-    for path in sorted([*records, *imported_paper_files(root, module)]):
-        text.update(path.read_bytes())
-    return text.hexdigest()
+    for path in sorted([*shared, *imported_paper_files(root, module)]):
+        digest.update(path.read_bytes())
+    return digest.hexdigest()
 
 
 def imported_paper_files(root: Path, module: Path) -> set[Path]:
     """Return the files of `rcmservo.paper` that a module imports, directly or not, and its own."""
-    found: set[Path] = set()
-    todo = {module}
-    while todo:
-        path = todo.pop()
+    files: set[Path] = set()
+    unread = {module}
+    while unread:
+        path = unread.pop()
         if path.exists():
-            found.add(path)
-            names = re.findall(r"^from rcmservo\.(paper[\w.]*) import", path.read_text(), re.M)
-            todo |= {root / (name.replace(".", "/") + ".py") for name in names} - found
-    return found
+            files.add(path)
+            for module_name, names in IMPORT_LINE.findall(path.read_text()):
+                parent = root / module_name.replace(".", "/")
+                modules = {parent / f"{name.strip()}.py" for name in names.split(",")}
+                unread |= {parent.with_suffix(".py"), *modules} - files
+    return files
 
 
-def to_json(value: Any, where: str = "result") -> Any:
-    """Convert a result to JSON types; raise `NotMeasured` for a number that is not finite."""
+def to_json(value: Any, path: str = "result") -> Any:
+    """Convert a result to JSON types; raise `NotMeasured` for a number that is not finite.
+
+    `path` names the value in the message of the error.
+    """
     if is_table(value):
-        return {name: to_json(one, f"{where}.{name}") for name, one in value.items()}
+        return {name: to_json(item, f"{path}.{name}") for name, item in value.items()}
     if isinstance(value, np.ndarray):
-        return _with_gaps(cast(Any, value).tolist())
+        return _replace_gaps(cast(Any, value).tolist())
     if isinstance(value, list | tuple):
-        return [to_json(one, f"{where}[{i}]") for i, one in enumerate(cast(list[Any], value))]
+        return [to_json(item, f"{path}[{i}]") for i, item in enumerate(cast(list[Any], value))]
     number = cast(Any, value).item() if isinstance(value, np.generic) else value
     if isinstance(number, float) and not math.isfinite(number):
-        raise NotMeasured(where, number)
+        raise NotMeasured(path, number)
     return number
 
 
-def _with_gaps(values: Any) -> Any:
+def _replace_gaps(values: Any) -> Any:
+    """Return nested lists of numbers with null in place of numbers that are not finite."""
     if isinstance(values, list):
-        return [_with_gaps(one) for one in cast(list[Any], values)]
+        return [_replace_gaps(item) for item in cast(list[Any], values)]
     return None if isinstance(values, float) and not math.isfinite(values) else values
 
 
 def from_json(value: Any) -> Any:
     """Convert a result back from JSON types; a list of numbers becomes an array."""
     if is_table(value):
-        return {name: from_json(one) for name, one in value.items()}
+        return {name: from_json(item) for name, item in value.items()}
     if not isinstance(value, list):
         return value
     items = cast(list[Any], value)
-    if any(isinstance(one, str | dict) for one in items):
-        return [from_json(one) for one in items]
+    if any(isinstance(item, str | dict) for item in items):
+        return [from_json(item) for item in items]
     return np.array(items, dtype=float)

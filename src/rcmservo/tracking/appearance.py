@@ -1,10 +1,9 @@
-"""Appearance of the two markers, and the test that two balls can be the markers."""
+"""Appearance of the two markers: their colours and sizes."""
 
 from dataclasses import dataclass
 from typing import Annotated
 
 from rcmservo.constraints import Checked, between, one_of
-from rcmservo.tracking.ball_fit import Ball
 from rcmservo.tracking.colours import COLOURS
 
 MIN_RADIUS_RATIO = 1.1
@@ -63,16 +62,3 @@ class MarkerAppearance(Checked):
     def ratio(self) -> float:
         """Radius of marker 1 divided by the radius of marker 2."""
         return self.radius_1 / self.radius_2
-
-    def matches_sizes(self, a: Ball, b: Ball) -> bool:
-        """Report whether two balls can be markers 1 and 2 by their sizes in the image.
-
-        The test assumes that neither marker is twice as near to the camera as the other.
-        """
-        ratio = a.radius / b.radius
-        if not 0.5 < ratio / self.ratio < 2.0:
-            return False
-        if not self.same_colour:
-            return True
-        are_separate = a.distance(b) > 0.5 * (a.radius + b.radius)
-        return are_separate and (ratio > 1.04 if self.ratio > 1.0 else ratio < 1.0 / 1.04)

@@ -13,10 +13,10 @@ from rcmservo.tracking.circle_fit import (
     RAY_SIN,
     find_colour_centroid,
     fit_outline,
+    measure_ray_agreement,
     measure_support,
-    ray_agreement,
 )
-from rcmservo.tracking.colours import CHANNEL_MIXES, colour_response
+from rcmservo.tracking.colours import CHANNEL_MIXES, compute_colour_response
 from rcmservo.tracking.edge_fit import fit_edge
 from rcmservo.tracking.motion_blur import (
     fit_blurred_outline,
@@ -65,6 +65,9 @@ by up to 0.2."""
 MAX_OUTLINE_SHIFT_PX = 5.0
 """Largest distance (px) of a blurred ball's outline from its template match."""
 
+SAME_BALL_RADII = 0.7
+"""Distance, as a fraction of the larger radius, below which two detections are the same ball."""
+
 TEMPLATE_STD_PX = 2.0
 """Standard deviation (px) of a centre from the template match."""
 OUTLINE_STD_RATIO = 0.08
@@ -109,15 +112,19 @@ class Ball:
         """True if the observed part of the outline determines the centre."""
         return self.support >= MIN_SUPPORT
 
-    def shifted(self, du: float, dv: float) -> "Ball":
+    def shift(self, du: float, dv: float) -> "Ball":
         """Return the ball displaced by (`du`, `dv`) px."""
         return replace(self, u=self.u + du, v=self.v + dv)
 
-    def distance(self, other: "Ball") -> float:
+    def distance_to(self, other: "Ball") -> float:
         """Return the distance between the centres (px)."""
         return float(np.hypot(self.u - other.u, self.v - other.v))
 
-    def within(self, width: int, height: int) -> bool:
+    def is_same(self, other: "Ball") -> bool:
+        """Report whether another detection is about the same ball."""
+        return self.distance_to(other) < SAME_BALL_RADII * max(self.radius, other.radius)
+
+    def is_within(self, width: int, height: int) -> bool:
         """Report whether the image contains the whole silhouette and a margin of one pixel."""
         margin = self.radius + 1.0
         return margin <= self.u <= width - 1 - margin and margin <= self.v <= height - 1 - margin
@@ -142,10 +149,8 @@ def is_filled(response: Floats, ellipse: Floats, level: float) -> bool:
         count = 0
         for n in range(SAMPLES_PER_RADIUS):
             distance = ellipse[2] * (n + 0.5) / SAMPLES_PER_RADIUS
-            i, j = (
-                round(ellipse[1] + distance * RAY_SIN[k]),
-                round(ellipse[0] + distance * RAY_COS[k]),
-            )
+            i = round(ellipse[1] + distance * RAY_SIN[k])
+            j = round(ellipse[0] + distance * RAY_COS[k])
             if 0 <= i < response.shape[0] and 0 <= j < response.shape[1]:
                 count += response[i, j] > level
         filled_rays += count >= MIN_FILLED_FRACTION * SAMPLES_PER_RADIUS
@@ -161,23 +166,23 @@ def fit_ball(image: Image, colour: int, u: float, v: float, radius: float) -> Ba
     first starts from the colour's centroid. Where the shaft hides one side, that centroid may lie
     too far from the centre; then the fit starts from the expected centre.
     """
-    response = colour_response(image, colour)
+    response = compute_colour_response(image, colour)
     noise = estimate_noise(response)
     for start in (find_colour_centroid(response, u, v, 1.2 * radius), (u, v)):
-        ellipse, rays, spread = fit_outline(response, start, radius, 1.45 * radius)
-        measures = (*measure_support(rays, ellipse, ellipse), spread)
-        if _accepted_ball(response, ellipse, measures, noise):
+        outline = fit_outline(response, start, radius, 1.45 * radius)
+        coarse_ball = _accept_ball(response, outline, outline[0], noise)
+        if coarse_ball:
             break
     else:
         return None
-    trust = ray_agreement(rays, ellipse)
+    ellipse, rays, spread = outline
+    trust = measure_ray_agreement(rays, ellipse)
     edge_ellipse, covariance = fit_edge(image, CHANNEL_MIXES[colour], ellipse, trust)
     is_precise = max(covariance[0, 0], covariance[1, 1]) <= MAX_CENTRE_STD_PX**2
     edge_support = measure_support(rays, ellipse, edge_ellipse)[0]
-    if not (is_precise or edge_support >= MIN_SUPPORT_RATIO * measures[0]):
+    if not (is_precise or edge_support >= MIN_SUPPORT_RATIO * coarse_ball.support):
         edge_ellipse, covariance = ellipse, spread**2 * np.eye(3)
-    measures = (*measure_support(rays, ellipse, edge_ellipse), spread)
-    ball = _accepted_ball(response, edge_ellipse, measures, noise)
+    ball = _accept_ball(response, outline, edge_ellipse, noise)
     return replace(ball, covariance=covariance) if ball and ball.has_enough_outline else None
 
 
@@ -189,22 +194,20 @@ def fit_blurred_ball(
     The ball comes from its outline. Where the outline is lost, it comes from the template match,
     which is less precise.
     """
-    response = colour_response(image, colour)
+    response = compute_colour_response(image, colour)
     match, noise = match_blurred_disc(response, last.radius, motion), estimate_noise(response)
     if match is None or match.correlation < MIN_CORRELATION:
         return None
-    ellipse, rays, spread = fit_blurred_outline(response, (match.u, match.v), last.radius, motion)
-    measures = (*measure_support(rays, ellipse, ellipse), spread)
-    ball = _accepted_ball(response, ellipse, measures, noise)
+    outline = fit_blurred_outline(response, (match.u, match.v), last.radius, motion)
+    ball = _accept_ball(response, outline, outline[0], noise)
     shift = np.hypot(ball.u - match.u, ball.v - match.v) if ball else np.inf
     if ball and ball.has_enough_outline and shift < MAX_OUTLINE_SHIFT_PX:
-        variance = spread**2 + OUTLINE_STD_RATIO**2 * (motion[0] ** 2 + motion[1] ** 2)
+        variance = outline[2] ** 2 + OUTLINE_STD_RATIO**2 * (motion[0] ** 2 + motion[1] ** 2)
         return replace(ball, covariance=variance * np.eye(3))
-    if match.contrast(response) < max(MIN_CONTRAST, 4.0 * noise):
+    if match.measure_contrast(response) < max(MIN_CONTRAST, 4.0 * noise):
         return None
-    return Ball(
-        match.u, match.v, last.radius, 0.5 * match.correlation, TEMPLATE_STD_PX**2 * np.eye(3)
-    )
+    quality, covariance = 0.5 * match.correlation, TEMPLATE_STD_PX**2 * np.eye(3)
+    return Ball(match.u, match.v, last.radius, quality, covariance)
 
 
 @cache
@@ -225,27 +228,25 @@ def fit_coarse_ball(
 
     The radius is known to a factor of about 1.5. `noise` is the noise of the response.
     """
-    first = fit_outline(response, (u, v), radius, 1.8 * radius)[0]
-    start = (float(first[0]), float(first[1]))
-    ellipse, rays, spread = fit_outline(response, start, float(first[2]), 1.45 * float(first[2]))
-    measures = (*measure_support(rays, ellipse, ellipse), spread)
-    return _accepted_ball(response, ellipse, measures, noise)
+    u, v, radius = fit_outline(response, (u, v), radius, 1.8 * radius)[0][:3].tolist()
+    outline = fit_outline(response, (u, v), radius, 1.45 * radius)
+    return _accept_ball(response, outline, outline[0], noise)
 
 
-def _accepted_ball(
-    response: Floats, ellipse: Floats, measures: tuple[float, float, float], noise: float
+def _accept_ball(
+    response: Floats, outline: tuple[Floats, Floats, float], ellipse: Floats, noise: float
 ) -> Ball | None:
     """Return an ellipse as a ball with its quality, or None if it fails a test.
 
-    The `measures` are its support, contrast and spread.
+    The `outline` is the result of `fit_outline` or `fit_blurred_outline`; its rays measure the
+    support and the contrast of the ellipse.
     """
+    outline_ellipse, rays, spread = outline
+    support, contrast = measure_support(rays, outline_ellipse, ellipse)
     u, v, radius = (float(x) for x in ellipse[:3])
-    support, contrast, spread = measures
-    max_spread = 0.5 + 0.04 * radius
-    is_plausible = (
-        radius >= MIN_RADIUS_PX and support >= MIN_COARSE_SUPPORT and spread <= max_spread
-    )
-    if not (is_plausible and contrast >= max(MIN_CONTRAST, 4.0 * noise)):
+    max_spread, min_contrast = 0.5 + 0.04 * radius, max(MIN_CONTRAST, 4.0 * noise)
+    is_round = radius >= MIN_RADIUS_PX and support >= MIN_COARSE_SUPPORT and spread <= max_spread
+    if not (is_round and contrast >= min_contrast):
         return None
     if not is_filled(response, ellipse, 0.3 * contrast):
         return None

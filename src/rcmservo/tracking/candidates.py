@@ -13,9 +13,6 @@ from rcmservo.tracking.colour_markers import ColourMarkers
 from rcmservo.tracking.colours import COLOURS
 from rcmservo.tracking.local_search import detect_balls
 
-SAME_BALL_RADII = 0.7
-"""Distance, as a fraction of the larger radius, below which two detections are the same ball."""
-
 NO_BALL_MESSAGE = "the picture shows no ball of a colour that the tracker knows"
 
 
@@ -65,7 +62,7 @@ def detect_candidates(image: Image) -> list[Candidate]:
     found: list[Candidate] = []
     for colour in COLOURS:
         for ball in detect_balls(image, COLOURS.index(colour)):
-            same = [other for other in found if _is_same(other.ball, ball)]
+            same = [other for other in found if other.ball.is_same(ball)]
             if any(other.ball.quality >= ball.quality or colour == "bright" for other in same):
                 continue
             found = [other for other in found if other not in same] + [Candidate(colour, ball)]
@@ -102,14 +99,14 @@ def propose_pair(image: Image, found: list[Candidate], radius_1: float) -> Track
     Pairs of two colours precede pairs of one colour. No image shows which ball is nearer the RCM,
     so the order of the two is a guess.
     """
-    for appearance in _possible_appearances(image, found, radius_1):
+    for appearance in _list_appearances(image, found, radius_1):
         pair = track_pair(image, appearance)
         if not pair.reason:
             return pair
     return None
 
 
-def _possible_appearances(
+def _list_appearances(
     image: Image, found: list[Candidate], radius_1: float
 ) -> Iterator[MarkerAppearance]:
     pairs = list(combinations(found, 2))
@@ -121,7 +118,3 @@ def _possible_appearances(
         ratio = b.ball.radius / a.ball.radius
         if a.colour == b.colour and max(ratio, 1.0 / ratio) > MIN_RADIUS_RATIO:
             yield MarkerAppearance(a.colour, b.colour, radius_1, radius_1 * ratio)
-
-
-def _is_same(a: Ball, b: Ball) -> bool:
-    return a.distance(b) < SAME_BALL_RADII * max(a.radius, b.radius)

@@ -182,13 +182,13 @@ def locate_half_level(profile: Floats, edge: int, half: int) -> float:
     inside = mean(profile, edge - half // 2, edge - half // 4)
     outside = mean(profile, edge + half // 2 + 1, edge + half + 1)
     level = 0.5 * (inside + outside)
-    best, least = np.nan, np.inf
+    nearest, smallest_distance = np.nan, np.inf
     for k in range(edge - half, edge + half):
         if profile[k] >= level > profile[k + 1]:
             position = k + (profile[k] - level) / (profile[k] - profile[k + 1])
-            if abs(position - edge) < least:
-                best, least = position, abs(position - edge)
-    return best
+            if abs(position - edge) < smallest_distance:
+                nearest, smallest_distance = position, abs(position - edge)
+    return nearest
 
 
 @compiled
@@ -209,24 +209,26 @@ def find_consensus_circle(distances: Floats, largest: float) -> tuple[float, flo
     Its centre is relative to the start of the rays.
     """
     x, y = distances * RAY_COS, distances * RAY_SIN
-    best, chosen = 0.0, (np.nan, np.nan, np.nan)
+    best_score, best_circle = 0.0, (np.nan, np.nan, np.nan)
     for gap in (7, 11, 16, 21):
         for i in range(0, RAY_COUNT, 2):
-            circle = circle_through(x, y, (i, (i + gap) % RAY_COUNT, (i + 2 * gap) % RAY_COUNT))
+            circle = construct_circle(x, y, (i, (i + gap) % RAY_COUNT, (i + 2 * gap) % RAY_COUNT))
             if circle[2] <= largest:
                 score = score_circle(x, y, circle)
-                if score > best:
-                    best, chosen = score, circle
-    return chosen
+                if score > best_score:
+                    best_score, best_circle = score, circle
+    return best_circle
 
 
 @compiled
-def circle_through(x: Floats, y: Floats, three: tuple[int, int, int]) -> tuple[float, float, float]:
+def construct_circle(
+    x: Floats, y: Floats, indices: tuple[int, int, int]
+) -> tuple[float, float, float]:
     """Return the circle (u, v, radius) through three of the points.
 
     It is NaN or infinite if they lie on a line.
     """
-    i, j, k = three
+    i, j, k = indices
     xj, yj, xk, yk = x[j] - x[i], y[j] - y[i], x[k] - x[i], y[k] - y[i]
     det = 2.0 * (xj * yk - yj * xk)
     sj, sk = xj * xj + yj * yj, xk * xk + yk * yk
@@ -258,7 +260,7 @@ def fit_robust_ellipse(distances: Floats, radius: float) -> tuple[Floats, float]
     fit = np.array([radius, 0.0, 0.0, 0.0, 0.0])
     gate, spread = max(0.08 * radius, 1.5), MIN_SPREAD_PX
     for _ in range(8):
-        residual = radial_residuals(distances, fit)
+        residual = compute_radial_residuals(distances, fit)
         near = np.sort(np.abs(residual))
         count = np.searchsorted(near, gate)
         if count < 8:
@@ -271,7 +273,7 @@ def fit_robust_ellipse(distances: Floats, radius: float) -> tuple[Floats, float]
 
 
 @compiled
-def radial_residuals(distances: Floats, fit: Floats) -> Floats:
+def compute_radial_residuals(distances: Floats, fit: Floats) -> Floats:
     """Return the distance of each point outside the ellipse (px); NaN where there is no point."""
     residual = np.empty(RAY_COUNT)
     for i in range(RAY_COUNT):
@@ -282,10 +284,12 @@ def radial_residuals(distances: Floats, fit: Floats) -> Floats:
 
 
 @compiled
-def ray_agreement(rays: Floats, ellipse: Floats) -> Floats:
+def measure_ray_agreement(rays: Floats, ellipse: Floats) -> Floats:
     """Return the agreement of each outline point with the ellipse, 0 to 1, (RAY_COUNT,)."""
     gate = max(1.5, 0.06 * ellipse[2])
-    residual = radial_residuals(rays[0], np.array([ellipse[2], 0.0, 0.0, ellipse[3], ellipse[4]]))
+    residual = compute_radial_residuals(
+        rays[0], np.array([ellipse[2], 0.0, 0.0, ellipse[3], ellipse[4]])
+    )
     agrees = np.zeros(RAY_COUNT)
     for i in range(RAY_COUNT):
         if abs(residual[i]) < gate:
@@ -322,7 +326,7 @@ def measure_support(rays: Floats, ellipse: Floats, other: Floats) -> tuple[float
     much smaller than the median drop. The contrast is that median.
     """
     fit = np.array([other[2], other[0] - ellipse[0], other[1] - ellipse[1], other[3], other[4]])
-    on = np.abs(radial_residuals(rays[0], fit)) < 0.4 + 0.02 * fit[0]
+    on = np.abs(compute_radial_residuals(rays[0], fit)) < 0.4 + 0.02 * fit[0]
     if not on.any():
         return 0.0, 0.0
     contrast = float(np.median(rays[1][on]))

@@ -11,18 +11,12 @@ from rcmservo.tracking.appearance import MarkerAppearance
 from rcmservo.tracking.ball_fit import Ball, compile_blur_kernels
 from rcmservo.tracking.colours import COLOURS
 from rcmservo.tracking.local_search import detect_balls, follow_ball
+from rcmservo.tracking.marker_identity import OptionalPair, assign_numbers, have_kept_numbers
 from rcmservo.tracking.not_found import explain_not_found
-from rcmservo.tracking.pair_selection import (
-    BallPair,
-    choose_nearest,
-    choose_unrivalled,
-    find_candidate_pairs,
-)
 
 MAX_EXTRAPOLATION_FRAMES = 3.0
 """Largest time, in frame periods, over which a motion is extrapolated."""
 
-OptionalPair = tuple[Ball | None, Ball | None]
 NO_BALLS: OptionalPair = (None, None)
 
 
@@ -44,6 +38,12 @@ class ColourMarkers:
     ------
     BadInput
         If `look` is no `MarkerAppearance`.
+
+    Notes
+    -----
+    `find` returns the centre of the whole ball in px, also where the shaft hides up to 40 % of it.
+    A ball with a radius below 4 px, one that the border of the image cuts, and one of which less
+    than 45 % of the outline is visible count as lost.
     """
 
     def __init__(self, look: MarkerAppearance | None = None) -> None:
@@ -73,7 +73,8 @@ class ColourMarkers:
         Returns
         -------
         Markers
-            Centres, radii, quality and noise covariance; NaN for a marker that is not found.
+            Centres (2, 2) in px, radii (2,) in px, quality (2,) from 0 to 1, and noise covariance
+            (2, 3, 3) of u, v and radius in px²; NaN and quality 0 for a marker that is not found.
 
         Raises
         ------
@@ -81,11 +82,11 @@ class ColourMarkers:
             If the frame has no such image.
         """
         compile_blur_kernels()
-        image = _colour_image(frame)
-        expected = self._expected(frame.exposure)
+        image = _require_colour_image(frame)
+        expected = self._extrapolate(frame.exposure)
         pair = self._follow(image, expected)
         if pair[0] is None or pair[1] is None:
-            pair = self._with_trusted_radii(self._search(image, pair))
+            pair = self._restore_radii(self._search(image, pair))
         self._second_last, self._last = self._last, pair
         self._last_found = pair[0] or self._last_found[0], pair[1] or self._last_found[1]
         self._times = self._times[1], frame.exposure
@@ -96,9 +97,9 @@ class ColourMarkers:
 
         This searches the whole image and takes longer than `find`.
         """
-        return explain_not_found(_colour_image(frame), self.look)
+        return explain_not_found(_require_colour_image(frame), self.look)
 
-    def _expected(self, exposure: int) -> OptionalPair:
+    def _extrapolate(self, exposure: int) -> OptionalPair:
         """Return the expected positions, extrapolated from the last two frames.
 
         A marker that is missing in the earlier frame moves like the other one.
@@ -107,12 +108,14 @@ class ColourMarkers:
         fraction = (exposure - last) / (last - previous) if last > previous else 0.0
         fraction = min(max(fraction, 0.0), MAX_EXTRAPOLATION_FRAMES)
         motions = [
-            (fraction * (b.u - a.u), fraction * (b.v - a.v)) if a and b else None
-            for a, b in zip(self._second_last, self._last, strict=True)
+            (fraction * (now.u - before.u), fraction * (now.v - before.v))
+            if before and now
+            else None
+            for before, now in zip(self._second_last, self._last, strict=True)
         ]
         motions = [motions[0] or motions[1], motions[1] or motions[0]]
         first, second = (
-            ball.shifted(*motion) if ball and motion else ball
+            ball.shift(*motion) if ball and motion else ball
             for ball, motion in zip(self._last, motions, strict=True)
         )
         return first, second
@@ -124,56 +127,36 @@ class ColourMarkers:
         other.
         """
         first, second = (
-            _follow_one(image, c, position, last)
-            for c, position, last in zip(self._colours, expected, self._last, strict=True)
+            _follow_marker(image, *marker)
+            for marker in zip(self._colours, expected, self._last, strict=True)
         )
-        if self.look.same_colour and not _kept_apart(expected, (first, second)):
+        if self.look.same_colour and not have_kept_numbers(expected, (first, second)):
             return None, None
         return first, second
 
     def _search(self, image: Image, followed: OptionalPair) -> OptionalPair:
         """Return the followed markers, and the missing ones from a search of the whole image."""
-        missing = {c for c, ball in zip(self._colours, followed, strict=True) if ball is None}
-        detected = {c: detect_balls(image, c) for c in missing}
-        first, second = (
-            [ball] if ball else detected[c] for c, ball in zip(self._colours, followed, strict=True)
-        )
-        pairs = find_candidate_pairs(self.look, first, second)
-        if len(pairs) == 1:
-            return pairs[0]
-        if pairs:
-            return self._recover_lost(pairs, followed)
-        if self.look.same_colour or (first and second):
-            return followed
-        return choose_unrivalled(first), choose_unrivalled(second)
+        pairs = list(zip(self._colours, followed, strict=True))
+        missing = {colour for colour, ball in pairs if ball is None}
+        detected = {colour: detect_balls(image, colour) for colour in missing}
+        first, second = ([ball] if ball else detected[colour] for colour, ball in pairs)
+        return assign_numbers(self.look, first, second, followed, self._last_found)
 
-    def _with_trusted_radii(self, pair: OptionalPair) -> OptionalPair:
+    def _restore_radii(self, pair: OptionalPair) -> OptionalPair:
         """Return the markers with trusted radii.
 
         A marker that only the full search finds may be blurred; it keeps its previous radius.
         """
         first, second = (
-            replace(ball, radius=remembered.radius)
-            if ball and remembered and np.isnan(ball.covariance).any()
+            replace(ball, radius=earlier.radius)
+            if ball and earlier and np.isnan(ball.covariance).any()
             else ball
-            for ball, remembered in zip(pair, self._last_found, strict=True)
+            for ball, earlier in zip(pair, self._last_found, strict=True)
         )
         return first, second
 
-    def _recover_lost(self, pairs: list[BallPair], followed: OptionalPair) -> OptionalPair:
-        """Return the followed marker, with the lost one nearest to its last position.
 
-        The lost marker stays lost if no candidate is clearly the nearest. If both are lost, both
-        stay lost.
-        """
-        for k, (lost, remembered) in enumerate(zip(followed, self._last_found, strict=True)):
-            if lost is None and remembered and followed[1 - k]:
-                one = choose_nearest([pair[k] for pair in pairs], remembered)
-                return (one, followed[1]) if k == 0 else (followed[0], one)
-        return followed
-
-
-def _colour_image(frame: Frame) -> Image:
+def _require_colour_image(frame: Frame) -> Image:
     """Return the frame's image, or raise ``BadInput`` if it is no colour image."""
     image = frame.image
     expected = "a (height, width, 3) uint8 picture with coloured markers"
@@ -184,28 +167,22 @@ def _colour_image(frame: Frame) -> Image:
     return image
 
 
-def _follow_one(image: Image, colour: int, expected: Ball | None, last: Ball | None) -> Ball | None:
+def _follow_marker(
+    image: Image, colour: int, expected: Ball | None, last: Ball | None
+) -> Ball | None:
     """Return a marker near its expected position, its last one, or the one of a reversed motion."""
     if expected is None or last is None:
         return None
     motion = expected.u - last.u, expected.v - last.v
     positions = [expected]
     if expected is not last:
-        positions += [last, last.shifted(-motion[0], -motion[1])]
+        positions += [last, last.shift(-motion[0], -motion[1])]
     attempts = (follow_ball(image, colour, position, motion) for position in positions)
     return next((ball for ball in attempts if ball), None)
 
 
-def _kept_apart(previous: OptionalPair, current: OptionalPair) -> bool:
-    """Report whether each of two markers stayed far from the other's previous position."""
-    (a0, b0), (a, b) = previous, current
-    if a0 is None or b0 is None or a is None or b is None:
-        return False
-    farthest = max(a.distance(a0), b.distance(b0))
-    return a.distance(b) > 0.5 * (a.radius + b.radius) and farthest < 0.35 * a0.distance(b0)
-
-
 def _to_markers(pair: OptionalPair) -> Markers:
+    """Return a pair of balls as arrays; NaN and quality 0 for a lost marker."""
     points, radius, quality = np.full((2, 2), np.nan), np.full(2, np.nan), np.zeros(2)
     covariance = np.full((2, 3, 3), np.nan)
     for i, ball in enumerate(pair):
@@ -217,13 +194,27 @@ def _to_markers(pair: OptionalPair) -> Markers:
 
 @final
 class PointMarkers:
-    """Tracker for a camera that delivers the centres of the markers instead of images."""
+    """Tracker for a camera that delivers the centres of the markers instead of images.
+
+    The first point of a frame is marker 1, the one nearer the RCM. The tracker has no parameters
+    and no state.
+    """
 
     def reset(self) -> None:
         """Do nothing: this tracker has no state."""
 
     def find(self, frame: Frame) -> Markers:
-        """Return the markers of a frame with points (2, 2) px; NaN marks a lost marker.
+        """Return the markers of a frame with points.
+
+        Parameters
+        ----------
+        frame : Frame
+            Frame with points (2, 2) in px; NaN marks a lost marker.
+
+        Returns
+        -------
+        Markers
+            The same points, with quality 1; NaN and quality 0 for a lost marker. The radii are NaN.
 
         Raises
         ------

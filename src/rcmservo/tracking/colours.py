@@ -33,7 +33,7 @@ CHANNEL_MIXES: Floats = np.array(
 
 
 @compiled
-def pixel_response(blue: float, green: float, red: float, colour: int) -> float:
+def compute_pixel_response(blue: float, green: float, red: float, colour: int) -> float:
     """Return the response of one pixel to colour number `colour` of `COLOURS`, -255 to 255."""
     result = (blue + green + red) / 3.0
     if colour == 0:
@@ -52,14 +52,16 @@ def pixel_response(blue: float, green: float, red: float, colour: int) -> float:
 
 
 @compiled
-def colour_response(image: Image, colour: int) -> Floats:
+def compute_colour_response(image: Image, colour: int) -> Floats:
     """Return the colour response (height, width) of an image (height, width, 3)."""
     height, width = image.shape[0], image.shape[1]
     result = np.empty((height, width))
     for i in range(height):
         for j in range(width):
             pixel = image[i, j]
-            result[i, j] = pixel_response(float(pixel[0]), float(pixel[1]), float(pixel[2]), colour)
+            result[i, j] = compute_pixel_response(
+                float(pixel[0]), float(pixel[1]), float(pixel[2]), colour
+            )
     return result
 
 

@@ -32,17 +32,17 @@ def find_balls(response: Floats) -> list[Ball]:
         if any(np.hypot(u - b.u, v - b.v) < 0.7 * b.radius and b.quality > 0.5 for b in found):
             continue
         ball = fit_coarse_ball(response, u, v, radius, noise)
-        if ball and ball.within(width, height):
+        if ball and ball.is_within(width, height):
             found = merge_ball(found, ball)
     return sorted(found, key=lambda ball: -ball.quality)
 
 
 def merge_ball(found: list[Ball], ball: Ball) -> list[Ball]:
     """Return the list with one more ball; of two fits of the same ball the better one stays."""
-    same = [b for b in found if b.distance(ball) < 0.7 * max(b.radius, ball.radius)]
-    if any(b.quality >= ball.quality for b in same):
+    same = [other for other in found if other.is_same(ball)]
+    if any(other.quality >= ball.quality for other in same):
         return found
-    return [b for b in found if b not in same] + [ball]
+    return [other for other in found if other not in same] + [ball]
 
 
 def _propose_circles(coarse: Image) -> Iterator[tuple[float, float, float]]:
@@ -57,7 +57,7 @@ def _propose_circles(coarse: Image) -> Iterator[tuple[float, float, float]]:
         level = background + fraction * (strongest - background)
         if level > background + 2.0 * spread + 4.0:
             mask = (coarse > level).astype(np.uint8)
-            for u, v, radius in _blobs(mask):
+            for u, v, radius in _list_blobs(mask):
                 yield 2.0 * u + 0.5, 2.0 * v + 0.5, 2.0 * radius
 
 
@@ -71,7 +71,7 @@ def _measure_background(coarse: Image) -> tuple[float, float]:
     return float(median), float(int(np.searchsorted(cumulative, 0.84)) - median)
 
 
-def _blobs(mask: Image) -> Iterator[tuple[float, float, float]]:
+def _list_blobs(mask: Image) -> Iterator[tuple[float, float, float]]:
     """Yield a circle (u, v, radius) for each of the largest blobs and for the discs inside it.
 
     Two balls that touch make one blob.
@@ -86,11 +86,11 @@ def _blobs(mask: Image) -> Iterator[tuple[float, float, float]]:
             return
         yield float(centres[k, 0]), float(centres[k, 1]), float(np.sqrt(area / np.pi))
         blob = labels[top : top + height, left : left + width] == k
-        for u, v, radius in _largest_discs(np.pad(blob, 1).astype(np.uint8)):
+        for u, v, radius in _find_largest_discs(np.pad(blob, 1).astype(np.uint8)):
             yield left + u - 1.0, top + v - 1.0, radius
 
 
-def _largest_discs(blob: Image) -> Iterator[tuple[float, float, float]]:
+def _find_largest_discs(blob: Image) -> Iterator[tuple[float, float, float]]:
     """Yield the two largest discs (u, v, radius) inside a blob that overlap little."""
     import cv2
 

@@ -55,8 +55,19 @@ def read_image(path: str | Path) -> Image:
 
 
 def encode_image(image: Image) -> bytes:
-    """Return an image (height, width, 3) as the bytes of a JPEG file at full colour resolution."""
-    import cv2  # imported inside functions: commands without images start faster
+    """Encode an image as a JPEG file at full colour resolution.
+
+    Parameters
+    ----------
+    image : array (height, width, 3)
+        Image, uint8, blue-green-red.
+
+    Returns
+    -------
+    bytes
+        Content of the file, with the JPEG quality 95.
+    """
+    import cv2
 
     sampling = [cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444]
     flags = [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY, *sampling]
@@ -83,10 +94,19 @@ def decode_image(data: bytes, name: str | Path) -> Image:
     UnusableFile
         If the bytes are truncated, damaged or no image, or if the image is too large.
     """
+    import cv2  # imported inside functions: commands without images start faster
+
     damage = _find_damage(data)
     if damage:
         raise UnusableFile(name, damage)
-    return _decode(name, data)
+    flags = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
+    try:
+        image = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
+    except cv2.error as error:
+        raise UnusableFile(name, f"cannot be decoded ({error})") from error
+    if image is None or image.dtype != np.uint8:
+        raise UnusableFile(name, "is damaged, no picture can be decoded from it")
+    return np.asarray(image, dtype=np.uint8)
 
 
 def _find_damage(data: bytes) -> str:
@@ -100,12 +120,12 @@ def _find_damage(data: bytes) -> str:
         is_whole = _has_whole_chunks(data)
     else:
         return "is neither a JPEG nor a PNG picture"
-    if len(data) > MAX_FILE_BYTES or _announced_pixels(data) > MAX_PIXELS:
+    if len(data) > MAX_FILE_BYTES or _read_announced_pixels(data) > MAX_PIXELS:
         return f"is larger than {MAX_PIXELS // 1_000_000} million pixels, too large for a frame"
     return "" if is_whole else "is cut off or damaged, a part of the picture is missing"
 
 
-def _announced_pixels(data: bytes) -> int:
+def _read_announced_pixels(data: bytes) -> int:
     """Return the number of pixels that the header of a JPEG or PNG file announces; 0 if unknown."""
     if data.startswith(PNG_START):
         width, height = struct.unpack_from(">II", data, 16) if len(data) >= 24 else (0, 0)
@@ -131,16 +151,3 @@ def _has_whole_chunks(data: bytes) -> bool:
             return True
         position = end + 4
     return False
-
-
-def _decode(path: str | Path, data: bytes) -> Image:
-    import cv2
-
-    flags = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
-    try:
-        image = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
-    except cv2.error as error:
-        raise UnusableFile(path, f"cannot be decoded ({error})") from error
-    if image is None or image.dtype != np.uint8:
-        raise UnusableFile(path, "is damaged, no picture can be decoded from it")
-    return np.asarray(image, dtype=np.uint8)

@@ -9,7 +9,7 @@ import numpy as np
 
 from rcmservo.interfaces import Image
 from rcmservo.tracking.ball_fit import Ball, fit_ball, fit_blurred_ball
-from rcmservo.tracking.colours import colour_response
+from rcmservo.tracking.colours import compute_colour_response
 from rcmservo.tracking.full_search import find_balls, merge_ball
 
 MAX_OFFSET_RADII = 0.75
@@ -52,15 +52,15 @@ def follow_ball(image: Image, colour: int, last: Ball, motion: Motion) -> Ball |
     keeps its previous radius, because a fitted radius would drift from frame to frame.
     """
     sharp = _accept_near(_fit_in_window(image, colour, last, None), last)
-    speed = float(np.hypot(*motion))
-    slowest = (BLUR_CHECK_RADII if sharp else BLUR_FALLBACK_RADII) * last.radius
-    if not slowest < speed <= MAX_BLUR_RADII * last.radius:
+    motion_px = float(np.hypot(*motion))
+    min_blur_px = (BLUR_CHECK_RADII if sharp else BLUR_FALLBACK_RADII) * last.radius
+    if not min_blur_px < motion_px <= MAX_BLUR_RADII * last.radius:
         return sharp
     blurred = _fit_in_window(image, colour, last, motion)
-    blurred = _accept_near(blurred, last, MOTION_CHANGE_RATIO * speed)
+    blurred = _accept_near(blurred, last, MOTION_CHANGE_RATIO * motion_px)
     if sharp and not (blurred and sharp.quality < MIN_QUALITY_RATIO * blurred.quality):
-        shift = (BLUR_SHIFT_RATIO * speed) ** 2 * np.diag([1.0, 1.0, 0.0])
-        return replace(sharp, covariance=sharp.covariance + shift)
+        shift_covariance = (BLUR_SHIFT_RATIO * motion_px) ** 2 * np.diag([1.0, 1.0, 0.0])
+        return replace(sharp, covariance=sharp.covariance + shift_covariance)
     return replace(blurred, radius=last.radius) if blurred else None
 
 
@@ -70,14 +70,14 @@ def detect_balls(image: Image, colour: int) -> list[Ball]:
     If no fit confirms a ball, the balls may be blurred by motion; then the proposals of the full
     search are returned.
     """
-    found: list[Ball] = []
-    proposals = find_balls(colour_response(np.array(image), colour))
+    confirmed: list[Ball] = []
+    proposals = find_balls(compute_colour_response(np.array(image), colour))
     for proposed in proposals:
         ball = _fit_in_window(image, colour, proposed, None)
         if ball:
-            found = merge_ball(found, ball)
-    found = sorted(found, key=lambda ball: -ball.quality)
-    return found or [ball for ball in proposals if _is_usable(image, ball)]
+            confirmed = merge_ball(confirmed, ball)
+    confirmed.sort(key=lambda ball: -ball.quality)
+    return confirmed or [ball for ball in proposals if _is_usable(image, ball)]
 
 
 def _is_usable(image: Image, ball: Ball) -> bool:
@@ -87,7 +87,7 @@ def _is_usable(image: Image, ball: Ball) -> bool:
     therefore enlarges the radius.
     """
     height, width = image.shape[:2]
-    whole = replace(ball, radius=BORDER_RADIUS_FACTOR * ball.radius).within(width, height)
+    whole = replace(ball, radius=BORDER_RADIUS_FACTOR * ball.radius).is_within(width, height)
     return whole and ball.has_enough_outline
 
 
@@ -99,13 +99,13 @@ def _fit_in_window(image: Image, colour: int, last: Ball, motion: Motion | None)
     window = np.array(image[top : int(last.v + reach) + 1, left : int(last.u + reach) + 1])
     if min(window.shape) == 0:
         return None
-    expected = last.shifted(-left, -top)
+    expected = last.shift(-left, -top)
     if motion:
         fitted = fit_blurred_ball(window, colour, expected, motion)
     else:
         fitted = fit_ball(window, colour, expected.u, expected.v, expected.radius)
-    ball = fitted.shifted(left, top) if fitted else None
-    return ball if ball and ball.within(width, height) else None
+    ball = fitted.shift(left, top) if fitted else None
+    return ball if ball and ball.is_within(width, height) else None
 
 
 def _accept_near(ball: Ball | None, last: Ball, tolerance: float = 0.0) -> Ball | None:
@@ -113,6 +113,6 @@ def _accept_near(ball: Ball | None, last: Ball, tolerance: float = 0.0) -> Ball 
 
     `tolerance` (px) adds to the usual distance.
     """
-    if ball is None or ball.distance(last) > MAX_OFFSET_RADII * last.radius + tolerance:
+    if ball is None or ball.distance_to(last) > MAX_OFFSET_RADII * last.radius + tolerance:
         return None
     return ball if 1.0 / MAX_RADIUS_RATIO < ball.radius / last.radius < MAX_RADIUS_RATIO else None

@@ -56,7 +56,7 @@ class TemplateMatch(NamedTuple):
     correlation: float
     template: Floats
 
-    def contrast(self, response: Floats) -> float:
+    def measure_contrast(self, response: Floats) -> float:
         """Return the contrast between the disc and its surroundings in the image."""
         rows, columns = self.template.shape
         i, j = self.v - rows // 2, self.u - columns // 2

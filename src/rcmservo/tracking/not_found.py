@@ -7,7 +7,7 @@ from rcmservo.tracking.appearance import MarkerAppearance
 from rcmservo.tracking.ball_fit import Ball
 from rcmservo.tracking.colours import COLOURS
 from rcmservo.tracking.local_search import detect_balls
-from rcmservo.tracking.pair_selection import BallPair, find_candidate_pairs
+from rcmservo.tracking.marker_identity import BallPair, find_candidate_pairs
 
 MAX_DARK_LEVEL = 20
 """Grey level: an image is dark if 99 % of its values lie below."""

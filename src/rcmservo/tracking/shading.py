@@ -37,7 +37,7 @@ def evaluate_pixel(pixel: Floats, x: Floats, terms: Floats) -> None:
     terms[0] = pixel[2] - pixel[5]
     if depth <= -0.71:
         return
-    coverage, slope = covered_area(depth, abs(c), abs(s))
+    coverage, slope = compute_covered_area(depth, abs(c), abs(s))
     inner, z_inner = integrate_normal_z(depth + 0.5, radius)
     outer, z_outer = integrate_normal_z(depth - 0.5, radius)
     terms[2], terms[3], terms[4] = c, s, coverage
@@ -53,7 +53,7 @@ def evaluate_pixel(pixel: Floats, x: Floats, terms: Floats) -> None:
 
 
 @compiled
-def covered_area(depth: float, c: float, s: float) -> tuple[float, float]:
+def compute_covered_area(depth: float, c: float, s: float) -> tuple[float, float]:
     """Return the fraction of a square pixel inside a straight edge, and its derivative by `depth`.
 
     The pixel's centre is `depth` px inside. The edge's normal has the direction cosines c and s,

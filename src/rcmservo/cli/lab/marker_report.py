@@ -9,7 +9,8 @@ from rich.table import Table
 
 from rcmservo.interfaces import Image
 from rcmservo.tracking.appearance import MarkerAppearance
-from rcmservo.tracking.candidates import NO_BALL_MESSAGE, SAME_BALL_RADII, Candidate, TrackedPair
+from rcmservo.tracking.ball_fit import SAME_BALL_RADII
+from rcmservo.tracking.candidates import NO_BALL_MESSAGE, Candidate, TrackedPair
 
 if TYPE_CHECKING:
     from rcmservo.figures.overlay import BallRing

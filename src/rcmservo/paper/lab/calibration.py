@@ -56,20 +56,16 @@ class Calibration:
 
     def locate(self, points: Floats, guess: Floats, tool: Tool) -> Floats:
         """Return p̂₁ (3,) in mm from raw pixels (2, 2), by least squares from `guess` (3,)."""
-        m = shift_to_rcm(points, self.o_c)
+        m, tool_struct = shift_to_rcm(points, self.o_c), tool.struct
 
         def residual(p1: Floats) -> Floats:
-            return predict(self.a, p1, tool.struct) - m
+            return predict(self.a, p1, tool_struct) - m
 
         def jacobian(p1: Floats) -> Floats:
-            return self.points_jacobian(p1, tool)
+            return markers_jacobian(self.a, p1, tool_struct)
 
-        found, _ = SCIPY.leastsq(residual, guess, Dfun=jacobian, ftol=1e-8, xtol=1e-8)
-        return found
-
-    def points_jacobian(self, p1: Floats, tool: Tool) -> Floats:
-        """Return ∂m/∂p₁ (4, 3) in px/mm of both markers, with marker 1 at `p1` (3,) in mm."""
-        return markers_jacobian(self.a, p1, tool.struct)
+        p1_hat, _ = SCIPY.leastsq(residual, guess, Dfun=jacobian, ftol=1e-8, xtol=1e-8)
+        return p1_hat
 
 
 def exact_calibration(optics: CameraModel) -> Calibration:
@@ -90,14 +86,16 @@ def make_calibration(
     if quality == "rolled":
         back = Rotation.from_rotvec([0.0, 0.0, float(np.radians(ROLL_DEG))]).as_matrix()
         return exact_calibration(replace(optics, rotation=back @ optics.rotation))
-    longer = random.choice([-1.0, 1.0]) * FOCAL_ERROR
-    turn, shift = (size * _direction(random) for size in (float(np.radians(TURN_DEG)), SHIFT_MM))
+    sign = random.choice([-1.0, 1.0])
+    turn, shift = (
+        size * _draw_direction(random) for size in (float(np.radians(TURN_DEG)), SHIFT_MM)
+    )
     rotation = Rotation.from_rotvec(turn).as_matrix() @ optics.rotation
-    focal, position = (1.0 + longer) * optics.focal, optics.position + shift
+    focal, position = (1.0 + sign * FOCAL_ERROR) * optics.focal, optics.position + shift
     return exact_calibration(replace(optics, focal=focal, rotation=rotation, position=position))
 
 
-def _direction(random: np.random.Generator) -> Floats:
+def _draw_direction(random: np.random.Generator) -> Floats:
     direction = random.standard_normal(3)
     return direction / np.linalg.norm(direction)
 
@@ -127,4 +125,4 @@ class CalibratedEstimator(Estimator):
         return jacobian_at(self.calibration.a, sample.p1, sample.points, sample.o_c, tool.struct)
 
     def markers_jacobian(self, memory: None, tool: Tool, sample: Sample) -> Floats:
-        return self.calibration.points_jacobian(sample.p1, tool)
+        return markers_jacobian(self.calibration.a, sample.p1, tool.struct)

@@ -52,7 +52,7 @@ class ConstantJacobian(Estimator):
         )
 
     def markers_jacobian(self, memory: FirstFrames, tool: Tool, sample: Sample) -> Floats:
-        p, m = (one - one.mean(axis=0) for one in memory)
+        p, m = (values - values.mean(axis=0) for values in memory)
         return np.asarray(np.linalg.lstsq(p, m, rcond=None)[0].T, dtype=np.float64)
 
     def jacobian(self, memory: FirstFrames, tool: Tool, sample: Sample) -> Floats:

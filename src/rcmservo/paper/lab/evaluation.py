@@ -12,7 +12,7 @@ from rcmservo.interfaces import Floats
 from rcmservo.loop.plant import Plant
 from rcmservo.loop.run import Tick, run
 from rcmservo.loop.teach import teach
-from rcmservo.paper.lab.closed_loop import FAST_FIT, FAST_LAW, TEACHING_FRAMES
+from rcmservo.paper.lab.paper_settings import FAST_CONTROLLER, FAST_ESTIMATOR, TEACHING_FRAMES
 from rcmservo.paper.plan import TaskResult
 from rcmservo.paper.statistics import median, rms
 from rcmservo.recording.outcome import MAX_SAME_POSE_DISTANCE_MM, find_settle_time
@@ -31,19 +31,19 @@ time scale of one second."""
 
 def laboratory(seed: int, scene: SceneSettings, noise: float) -> tuple[Rig, Plant]:
     """Return a rig in `scene`, and its plant with a camera of points with `noise` (px)."""
-    return with_points(seed, RigSettings(point_noise=noise, scene=scene))
+    return rig_with_points(seed, RigSettings(point_noise=noise, scene=scene))
 
 
-def with_points(seed: int, settings: RigSettings) -> tuple[Rig, Plant]:
+def rig_with_points(seed: int, settings: RigSettings) -> tuple[Rig, Plant]:
     """Return a rig, and its plant with a camera that delivers points."""
     rig = Rig(seed, settings, pictures=False)
     return rig, Plant(rig.arm, rig.camera, PointMarkers(), rig.clock)
 
 
 def settle(
-    seed: int, settings: RigSettings, duration: float, known: Tool | None = None
+    seed: int, settings: RigSettings, duration: float, tool: Tool | None = None
 ) -> tuple[TaskResult, list[Tick]]:
-    """Servo from the start to the target with `FAST_FIT` and `FAST_LAW`.
+    """Servo from the start to the target with `FAST_ESTIMATOR` and `FAST_CONTROLLER`.
 
     Parameters
     ----------
@@ -53,43 +53,44 @@ def settle(
         Settings of the laboratory.
     duration
         Duration (s) of the run.
-    known
+    tool
         Model of the tool in the servo; by default the true tool.
 
     Returns
     -------
     tuple[TaskResult, list[Tick]]
-        The trial and its ticks. The trial has ``why_not``, the reason why it did not settle;
+        The trial and its ticks. The trial has ``failure``, the reason why it did not settle;
         ``settle_time`` in s, or None; ``pose``, ‖p₂ − p_d‖ in mm as rms over `END_S`, or at the end
         if a cause stopped the run; ``jacobian``, the median scaled error of Ĵ after exploration.
     """
-    rig, plant = with_points(seed, settings)
+    rig, plant = rig_with_points(seed, settings)
     rig.move_to_target()
     target = teach(plant, TEACHING_FRAMES)
     rig.move_to_start()
-    servo = Servo(settings.mechanism, known or settings.tool, FAST_FIT, FAST_LAW)
-    truth, body, p_d = rig.truth, rig.body, rig.body.points(rig.scene.target)[1]
-    y_d = _true_features(rig, rig.scene.target)
-    ticks, rows, jacobians = list[Tick](), list[tuple[float, Floats, float]](), list[float]()
+    servo = Servo(settings.mechanism, tool or settings.tool, FAST_ESTIMATOR, FAST_CONTROLLER)
+    p_d, y_d = rig.body.points(rig.scene.target)[1], _true_features(rig, rig.scene.target)
+    ticks = list[Tick]()
+    samples = list[tuple[float, Floats, float]]()
+    jacobian_errors = list[float]()
     for tick in run(plant, servo, target, duration):
         ticks.append(tick)
         if (len(ticks) - 1) % STRIDE_TICKS == 0:
             q = rig.arm.q_true
-            distance = float(np.linalg.norm(body.points(q)[1] - p_d))
-            rows.append(
-                (tick.time / 1e9, compute_feature_error(_true_features(rig, q), y_d), distance)
-            )
+            distance = float(np.linalg.norm(rig.body.points(q)[1] - p_d))
+            delta = compute_feature_error(_true_features(rig, q), y_d)
+            samples.append((tick.time / 1e9, delta, distance))
             if tick.state.explored:
-                jacobians.append(truth.tick_error(tick))
-    times, deltas, poses = (np.array(values) for values in zip(*rows, strict=True))
-    cause, settled_at = ticks[-1].state.cause, find_settle_time(times, deltas)
-    pose = float(poses[-1]) if cause.stop_sentence else rms(poses[times > times[-1] - END_S])
-    reason = _failure(cause, settled_at, pose)
+                jacobian_errors.append(rig.truth.tick_error(tick))
+    times, deltas, distances = (np.array(values) for values in zip(*samples, strict=True))
+    cause, settle_time = ticks[-1].state.cause, find_settle_time(times, deltas)
+    is_at_end = times > times[-1] - END_S
+    pose = float(distances[-1]) if cause.stop_sentence else rms(distances[is_at_end])
+    failure = _explain_failure(cause, settle_time, pose)
     return {
-        "why_not": reason,
-        "settle_time": None if reason else settled_at,
+        "failure": failure,
+        "settle_time": None if failure else settle_time,
         "pose": pose,
-        "jacobian": median(jacobians) if jacobians else None,
+        "jacobian": median(jacobian_errors) if jacobian_errors else None,
     }, ticks
 
 
@@ -97,20 +98,20 @@ def _true_features(rig: Rig, q: Floats) -> Floats:
     return compute_features(shift_to_rcm(rig.truth.pixels(q), rig.truth.imaged_rcm()))
 
 
-def _failure(cause: Cause, settled_at: float | None, pose: float) -> str:
+def _explain_failure(cause: Cause, settle_time: float | None, pose: float) -> str:
     if cause.stop_sentence:
         return cause.stop_sentence
-    if settled_at is None:
+    if settle_time is None:
         return "the true features did not settle in time"
     return "the features agree in a different pose" if pose > MAX_SAME_POSE_DISTANCE_MM else ""
 
 
 def count_settled(trials: list[TaskResult]) -> int:
     """Return the number of trials that settled."""
-    return sum(not trial["why_not"] for trial in trials)
+    return sum(not trial["failure"] for trial in trials)
 
 
-def failure_reasons(trials: list[TaskResult]) -> str:
+def list_failures(trials: list[TaskResult]) -> str:
     """Return the reasons of trials that did not settle, as the end of a sentence."""
-    causes = sorted({trial["why_not"] for trial in trials if trial["why_not"]})
-    return "; not settled: " + ", ".join(causes) if causes else ""
+    failures = sorted({trial["failure"] for trial in trials if trial["failure"]})
+    return "; not settled: " + ", ".join(failures) if failures else ""

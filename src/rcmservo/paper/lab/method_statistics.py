@@ -11,7 +11,7 @@ import numpy as np
 
 from rcmservo.interfaces import Floats
 from rcmservo.paper.plan import TaskResult
-from rcmservo.paper.statistics import finite, median, percent
+from rcmservo.paper.statistics import finite, median, to_percent
 from rcmservo.study.report.statistics import (
     Booleans,
     Interval,
@@ -28,7 +28,7 @@ STORED_STRIDE = 10
 """Ticks between two stored errors over time."""
 
 
-def run_results(runs: Sequence[StudyRun]) -> TaskResult:
+def summarise_runs(runs: Sequence[StudyRun]) -> TaskResult:
     """Return the results of the runs of one method, one entry per scene.
 
     ``pose`` is the error (mm) of marker 2, rms over the last second; ``within`` the time (s) until
@@ -37,7 +37,7 @@ def run_results(runs: Sequence[StudyRun]) -> TaskResult:
     runs at times ``step`` (s) apart; a run that ended keeps its last error. ``length`` is the
     duration (s) of the longest run.
     """
-    longest = max(len(run.error) for run in runs)
+    rate, longest = runs[0].rate, max(len(run.error) for run in runs)
     errors = [np.pad(run.error, (0, longest - len(run.error)), mode="edge") for run in runs]
     return {
         "seeds": [run.seed for run in runs],
@@ -47,8 +47,8 @@ def run_results(runs: Sequence[StudyRun]) -> TaskResult:
         "explored": np.array([run.explored for run in runs]),
         "jacobian": np.array([run.jacobian_error for run in runs]),
         "held": [run.held.stop_sentence for run in runs],
-        "length": longest / runs[0].rate,
-        "step": STORED_STRIDE / runs[0].rate,
+        "length": longest / rate,
+        "step": STORED_STRIDE / rate,
         "middle": np.median(errors, axis=0)[::STORED_STRIDE],
     }
 
@@ -64,7 +64,7 @@ class MethodStatistics:
     short : str
         Short name in figures and tables.
     runs : TaskResult
-        Results of the runs, from `run_results`.
+        Results of the runs, from `summarise_runs`.
     never : float
         Time (s) that counts for a run that never comes within 1 mm, the same for all methods.
     """
@@ -92,14 +92,13 @@ class MethodStatistics:
     @property
     def success(self) -> Interval:
         """Percentage of the scenes that end within 1 mm."""
-        return percent(estimate_fraction(int(self.arrived.sum()), len(self.arrived)))
+        return to_percent(estimate_fraction(int(self.arrived.sum()), len(self.arrived)))
 
     @property
     def time(self) -> Interval:
         """Median time (s) until first within 1 mm, including the exploration; inf if never."""
-        return estimate_quantile(
-            np.nan_to_num(self.runs["within"], nan=np.inf, posinf=np.inf), 0.5, least=0.0
-        )
+        times = np.nan_to_num(self.runs["within"], nan=np.inf, posinf=np.inf)
+        return estimate_quantile(times, 0.5, least=0.0)
 
     @property
     def pose(self) -> Interval:
@@ -119,16 +118,15 @@ class MethodStatistics:
     @property
     def failures(self) -> str:
         """Numbers of runs that did not arrive, by cause, as text."""
-        distant = "error above 1 mm without a stop"
-        pairs = zip(self.runs["held"], self.arrived, strict=True)
-        causes, total = (
-            Counter(held or distant for held, here in pairs if not here),
-            len(self.arrived),
-        )
-        return "; ".join(f"{n} of {total} did not arrive: {why}" for why, n in causes.most_common())
+        pairs, count = zip(self.runs["held"], self.arrived, strict=True), len(self.arrived)
+        causes = [
+            held or "error above 1 mm without a stop" for held, arrived in pairs if not arrived
+        ]
+        frequent = Counter(causes).most_common()
+        return "; ".join(f"{n} of {count} did not arrive: {cause}" for cause, n in frequent)
 
     @property
-    def words(self) -> str:
+    def summary(self) -> str:
         """Summary as text."""
         jacobian = "" if np.isnan(self.jacobian) else f"; error of Ĵ {self.jacobian:.0f} %"
         return (
@@ -144,11 +142,11 @@ class MethodStatistics:
 
     def times_as_far(self, other: "MethodStatistics") -> Interval:
         """Return the median over scenes of the ratio of both final pose errors."""
-        return _ratio(self.pose_errors, other.pose_errors)
+        return _estimate_ratio(self.pose_errors, other.pose_errors)
 
     def times_as_long(self, other: "MethodStatistics") -> Interval:
         """Return the median over scenes of the ratio of both `times`."""
-        return _ratio(self.times, other.times)
+        return _estimate_ratio(self.times, other.times)
 
     def later(self, other: "MethodStatistics") -> Interval:
         """Return the median over scenes of the difference (s) of both `times`."""
@@ -156,9 +154,10 @@ class MethodStatistics:
 
     def more_often(self, other: "MethodStatistics") -> Interval:
         """Return the difference of both success rates in percentage points, paired by scene."""
-        return percent(estimate_fraction_difference(self.arrived, other.arrived))
+        return to_percent(estimate_fraction_difference(self.arrived, other.arrived))
 
 
-def _ratio(one: Floats, other: Floats) -> Interval:
-    """Return the median over pairs of the ratio `one` / `other`."""
-    return Interval(*np.exp(estimate_median_difference(np.log(one), np.log(other))).tolist())
+def _estimate_ratio(values: Floats, others: Floats) -> Interval:
+    """Return the median over pairs of the ratio `values` / `others`."""
+    difference = estimate_median_difference(np.log(values), np.log(others))
+    return Interval(*np.exp(difference).tolist())

@@ -29,14 +29,14 @@ class RandomMemory(NamedTuple):
     ----------
     observations : Floats
         Observations (P, 7): p₁ in mm, raw m₁ and m₂ in px.
-    seen : int
-        Number of samples from which they were drawn.
+    sample_count : int
+        Number of samples so far, from which they were drawn.
     a_hat : Floats
         Estimated parameters (9,).
     """
 
     observations: Floats
-    seen: int
+    sample_count: int
     a_hat: Floats
 
 
@@ -70,17 +70,17 @@ class RandomObservations(Estimator):
         return RandomMemory(np.zeros((self.observations, 7)), 0, np.zeros(PARAMETER_COUNT))
 
     def update(self, memory: RandomMemory, tool: Tool, sample: Sample) -> RandomMemory:
-        rows = self._drawn(memory, sample)
-        count = min(memory.seen + 1, len(rows))
+        rows = self._add_sample(memory, sample)
+        count = min(memory.sample_count + 1, len(rows))
         A, b = normal_equations(fitted_points(rows, count, sample.o_c, False, tool.struct))
         root = np.diag(np.sqrt(GAMMA_0))
         a_next = integrate_gradient_flow(A, b, memory.a_hat, root, self.estimator_time or sample.dt)
         a_hat = limit_step_by_depth(memory.a_hat, a_next, rows, count, tool.struct)
-        return RandomMemory(rows, memory.seen + 1, a_hat)
+        return RandomMemory(rows, memory.sample_count + 1, a_hat)
 
-    def _drawn(self, memory: RandomMemory, sample: Sample) -> Floats:
+    def _add_sample(self, memory: RandomMemory, sample: Sample) -> Floats:
         """Return the observations after one more sample, which may replace one of them."""
-        rows, count = memory.observations.copy(), memory.seen
+        rows, count = memory.observations.copy(), memory.sample_count
         drawn = int(np.random.default_rng(count).integers(count + 1))
         index = count if count < len(rows) else drawn
         if index < len(rows):

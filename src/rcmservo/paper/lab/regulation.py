@@ -9,6 +9,7 @@ with it does not reproduce the paper.
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
+from itertools import compress
 from pathlib import Path
 
 import numpy as np
@@ -18,27 +19,27 @@ from rcmservo.control.saturated_controller import SaturatedController
 from rcmservo.estimation.base import Estimator
 from rcmservo.figures import plots
 from rcmservo.figures.charts import Figure, Panel, make_curve
-from rcmservo.interfaces import Floats
+from rcmservo.interfaces import Floats, Target
 from rcmservo.loop.run import Tick
 from rcmservo.paper.lab.closed_loop import (
-    PAPER_SCENES,
-    POINT_NOISE_PX,
-    PRINTED_LAW,
     Arrived,
+    ClosedLoop,
     closed_loop,
     make_servo,
     read_task_record,
 )
+from rcmservo.paper.lab.paper_settings import PAPER_CONTROLLER, PAPER_SCENES, POINT_NOISE_PX
 from rcmservo.paper.plan import (
     Measurement,
     NotMeasured,
-    ReportFigure,
+    PaperFigure,
     Results,
     Settings,
     Task,
     TaskResult,
+    Texts,
 )
-from rcmservo.paper.statistics import column, ends_of, fraction, median, rms
+from rcmservo.paper.statistics import column, format_range, fraction, median, rms
 from rcmservo.recording.reader import Record
 from rcmservo.safety.causes import Cause
 from rcmservo.servo.servo import Servo
@@ -60,6 +61,14 @@ END_S = 2.0
 """Time (s) at the end over which the remaining error is averaged."""
 NOTICED_S = 0.1
 """Time (s) after which Δy refers to the new target, while the tool has hardly moved."""
+TICKS_PER_S = 100
+"""Rate of the servo."""
+INITIAL_FRAMES = 6
+"""Frames over which the initial error is averaged."""
+SATURATED_RATIO = 1.2
+"""Ratio of an error to its bound b above which the controller surely saturates."""
+MIN_SLOPE_FRAMES = 10
+"""Smallest number of frames with saturation that give a slope."""
 SMOOTH_FRAMES = 60
 """Frames, one second, over which a flow is averaged to separate signal from noise."""
 
@@ -81,7 +90,7 @@ class Regulation:
     half_way : bool
         True to explore at the middle of the path instead of its start.
     controller : SaturatedController
-        Law of the return to the start and of the motion to the target.
+        Controller of the return to the start and of the motion to the target.
     """
 
     estimator: Estimator
@@ -89,7 +98,7 @@ class Regulation:
     pictures: bool
     duration: float
     half_way: bool = False
-    controller: SaturatedController = PRINTED_LAW
+    controller: SaturatedController = PAPER_CONTROLLER
 
     @property
     def servo(self) -> Servo:
@@ -103,7 +112,7 @@ class Regulation:
 
 
 def regulate(folder: Path, seed: int, plan: Regulation) -> TaskResult:
-    """Explore, return to the start, regulate; return the cause at the end and `from_record`."""
+    """Explore, return to the start, regulate; return the cause at the end and `evaluate_record`."""
     with closed_loop(folder, seed, REGULATION_LABORATORY, plan.pictures, plan.servo) as loop:
         scene = loop.rig.scene
         home, _ = loop.teach(scene.start)
@@ -111,27 +120,28 @@ def regulate(folder: Path, seed: int, plan: Regulation) -> TaskResult:
         loop.rig.place(scene.midpoint if plan.half_way else scene.start)
         tick = loop.explore(home)
         if not tick.state.explored:
-            return {
-                "cause": tick.state.cause.stop_sentence or Cause.NOT_EXPLORED.value,
-                "began": None,
-            }
-        tick = loop.last(home, RETURN_TIMEOUT_S, tick.state, done=Arrived())
+            cause = tick.state.cause.stop_sentence or Cause.NOT_EXPLORED.value
+            return {"cause": cause, "began": None}
+        tick = loop.finish_stage(home, RETURN_TIMEOUT_S, tick.state, done=Arrived())
         began = loop.elapsed()
-        for count, newest in enumerate(loop.stage(target, plan.duration, tick.state)):
+        for count, newest in enumerate(loop.run_stage(target, plan.duration, tick.state)):
             tick = newest
-            if count == round(100 * NOTICED_S):
-                loop.snapshot("initial.png", target, tick.state, _words("initial", tick))
-        loop.snapshot("final.png", target, tick.state, _words("final", tick))
-    found = from_record(read_task_record(folder), began, p_d, plan.controller)
-    return {"cause": tick.state.cause.stop_sentence, **found}
+            if count == round(TICKS_PER_S * NOTICED_S):
+                _write_snapshot(loop, "initial", target, tick)
+        _write_snapshot(loop, "final", target, tick)
+    results = evaluate_record(read_task_record(folder), began, p_d, plan.controller)
+    return {"cause": tick.state.cause.stop_sentence, **results}
 
 
-def _words(when: str, tick: Tick) -> str:
+def _write_snapshot(loop: ClosedLoop, moment: str, target: Target, tick: Tick) -> None:
     s, r, d = np.abs(tick.state.delta) * plots.DISPLAY_UNITS
-    return f"{when}: |ds| {s:.2f} deg  |dr| {r:.2f} px  |dd| {d:.2f} px"
+    caption = f"{moment}: |ds| {s:.2f} deg  |dr| {r:.2f} px  |dd| {d:.2f} px"
+    loop.write_snapshot(f"{moment}.png", target, tick.state, caption)
 
 
-def from_record(rows: Record, began: float, p_d: Floats, law: SaturatedController) -> TaskResult:
+def evaluate_record(
+    record: Record, began: float, p_d: Floats, controller: SaturatedController
+) -> TaskResult:
     """Return the results of a run whose motion to the target started at the time `began` (s).
 
     ``explored``, ``at_start`` and ``at_end`` are scaled errors of Ĵ. ``initial`` is |Δy| (3,) and
@@ -139,59 +149,55 @@ def from_record(rows: Record, began: float, p_d: Floats, law: SaturatedControlle
     of r falls while saturated. ``pose`` is the rms of ‖p₂ − p_d‖ (mm) over the last second, and
     ``model`` the rms (px) of π (34) − m₁.
     """
-    error = rows.truth["jacobian_error"][:, 0]
-    judged = np.flatnonzero(np.isfinite(error))
-    explored = int(np.argmax([phase not in ("IDLE", "ACQUIRE") for phase in rows.phase]))
-    new = rows.new_frames(began + NOTICED_S)
-    sizes, time = np.abs(rows.ticks["delta"][new]), rows.time[new] - began
-    small = (sizes < SMALL_FRACTION * INITIAL_ERRORS).all(axis=1)
-    pose = np.linalg.norm(rows.truth["p2"] - p_d, axis=1)
-    flow_error, flow_noise = _flow_errors(rows, began + NOTICED_S)
+    jacobian_error, recorded = record.truth["jacobian_error"][:, 0], record.time
+    known = np.flatnonzero(np.isfinite(jacobian_error))
+    explored = int(np.argmax([phase not in ("IDLE", "ACQUIRE") for phase in record.phase]))
+    new = record.new_frames(began + NOTICED_S)
+    errors, time = np.abs(record.ticks["delta"][new]), recorded[new] - began
+    small = (errors < SMALL_FRACTION * INITIAL_ERRORS).all(axis=1)
+    at_end = errors[time > time[-1] - END_S]
+    pose_error = np.linalg.norm(record.truth["p2"] - p_d, axis=1)
+    flow_error, flow_noise = _compare_flows(record, began + NOTICED_S)
     return {
         "began": began,
-        "explored": error[explored],
-        "at_start": error[judged[rows.time[judged] >= began][0]],
-        "at_end": error[judged[-1]],
-        "initial": np.mean(sizes[:6], axis=0),
-        "slope": slope(time, sizes[:, 1], law.bounds[1]),
-        "left": np.max(
-            np.sqrt(np.mean(sizes[time > time[-1] - END_S] ** 2, axis=0)) / INITIAL_ERRORS
-        ),
+        "explored": jacobian_error[explored],
+        "at_start": jacobian_error[known[recorded[known] >= began][0]],
+        "at_end": jacobian_error[known[-1]],
+        "initial": np.mean(errors[:INITIAL_FRAMES], axis=0),
+        "slope": fit_slope(time, errors[:, 1], controller.bounds[1]),
+        "left": np.max(np.sqrt(np.mean(at_end**2, axis=0)) / INITIAL_ERRORS),
         "time_to_small": time[np.argmax(small)] if small.any() else None,
-        "pose": rms(pose[rows.time > rows.time[-1] - 1.0]),
-        "model": _model_error(rows, began),
+        "pose": rms(pose_error[recorded > recorded[-1] - 1.0]),
+        "model": _measure_model_error(record, began),
         "flow_error": flow_error,
         "flow_noise": flow_noise,
     }
 
 
-def slope(time: Floats, size: Floats, bound: float) -> float | None:
-    """Return the rate (units/s) at which an error falls above 1.2 b; None if it never was there."""
-    saturated = size > 1.2 * bound
-    if saturated.sum() < 10:
+def fit_slope(time: Floats, error: Floats, bound: float) -> float | None:
+    """Return the rate (units/s) at which a saturated error falls; None if it never saturates."""
+    saturated = error > SATURATED_RATIO * bound
+    if saturated.sum() < MIN_SLOPE_FRAMES:
         return None
-    return float(-np.polyfit(time[saturated], size[saturated], 1)[0])
+    return float(-np.polyfit(time[saturated], error[saturated], 1)[0])
 
 
-def _model_error(rows: Record, began: float) -> float | None:
+def _measure_model_error(record: Record, began: float) -> float | None:
     """Return the rms distance (px) between π and m₁ from the start on; None without a model."""
-    new = rows.new_frames(began)
-    error = rows.ticks["model"][new, :2] - (rows.ticks["points"][new, :2] - rows.ticks["o_c"][new])
+    new, ticks = record.new_frames(began), record.ticks
+    error = ticks["model"][new, :2] - (ticks["points"][new, :2] - ticks["o_c"][new])
     return rms(np.linalg.norm(error, axis=1)) if np.isfinite(error).all() else None
 
 
-def _flow_errors(rows: Record, since: float) -> tuple[float, float]:
+def _compare_flows(record: Record, since: float) -> tuple[float, float]:
     """Return the rms of ω (35) − ẏ, averaged over 1 s, and the noise of ω, relative to ẏ."""
-    y_dot, omega = (
-        flow * plots.DISPLAY_UNITS for flow in plots.compute_flows(rows, rows.new_frames(since))
-    )
+    flows = plots.compute_flows(record, record.new_frames(since))
+    y_dot, omega = (flow * plots.DISPLAY_UNITS for flow in flows)
     known = np.isfinite(y_dot).all(axis=1) & np.isfinite(omega).all(axis=1)
     y_dot, omega = y_dot[known], omega[known]  # a pause at the end invalidates the estimate
     mean = moving_means(y_dot)
-    return (
-        rms(moving_means(omega) - mean) / rms(mean),
-        rms(np.diff(omega, axis=0)) / rms(np.diff(y_dot, axis=0)),
-    )
+    noise = rms(np.diff(omega, axis=0)) / rms(np.diff(y_dot, axis=0))
+    return rms(moving_means(omega) - mean) / rms(mean), noise
 
 
 def moving_means(flow: Floats) -> Floats:
@@ -210,7 +216,7 @@ def is_small(run: TaskResult) -> bool:
     return bool(started_runs([run])) and not run["cause"] and run["left"] < SMALL_FRACTION
 
 
-def failure(run: TaskResult) -> str:
+def explain_failure(run: TaskResult) -> str:
     """Return why a run failed or is not faithful, as text; empty if it succeeded."""
     if run["began"] is None or run["cause"]:
         return run["cause"]
@@ -221,80 +227,76 @@ def failure(run: TaskResult) -> str:
     return "" if is_small(run) else f"{run['left']:.1%} of an error remains"
 
 
-def succeeds(runs: Sequence[TaskResult], seeds: Sequence[int], case: str) -> Measurement:
+def measure_success(runs: Sequence[TaskResult], seeds: Sequence[int], case: str) -> Measurement:
     """Return the measurement that the errors fall as in the paper."""
-    successful = [run for run in runs if not failure(run)]
+    failures = [explain_failure(run) for run in runs]
+    successful = [run for run, failure in zip(runs, failures, strict=True) if not failure]
     poses = column(successful, "pose")
-    left = max(100.0 * column(successful, "left"), default=np.nan)
-    words = [
-        f"largest remaining error {format_finite(left, '.1f')} %, pose error median "
-        f"{format_finite(median(poses))} mm, worst {format_finite(max(poses, default=np.nan))} mm"
-    ]
+    remaining = format_finite(max(100.0 * column(successful, "left"), default=np.nan), ".1f")
+    middle, worst = format_finite(median(poses)), format_finite(max(poses, default=np.nan))
+    initial = list[str]()
     if started_runs(runs):
-        errors = np.array([run["initial"] for run in started_runs(runs)]) - INITIAL_ERRORS
-        s, r, d = np.max(np.abs(errors), axis=0) * plots.DISPLAY_UNITS
+        deviations = np.array([run["initial"] for run in started_runs(runs)]) - INITIAL_ERRORS
+        s, r, d = np.max(np.abs(deviations), axis=0) * plots.DISPLAY_UNITS
         s_0, r_0, d_0 = INITIAL_ERRORS * plots.DISPLAY_UNITS
-        words = [
+        initial = [
             f"initial errors [{s_0:.0f}°, {r_0:.0f} px, {d_0:.0f} px], which the servo measures "
-            f"about its o_c to within {s:.2f}°, {r:.1f} px, {d:.1f} px",
-            *words,
+            f"about its o_c to within {s:.2f}°, {r:.1f} px, {d:.1f} px"
         ]
-    pairs = zip(seeds, runs, strict=True)
-    words += [f"seed {seed}: {why}" for seed, run in pairs if (why := failure(run))]
-    value = 100.0 * fraction(not failure(run) for run in runs)
-    return Measurement("succeeds", value, seeds, case=(case,), words="; ".join(words))
+    summary = [
+        *initial,
+        f"largest remaining error {remaining} %, pose error median {middle} mm, worst {worst} mm",
+        *[f"seed {i}: {why}" for i, why in zip(seeds, failures, strict=True) if why],
+    ]
+    value = 100.0 * fraction(not failure for failure in failures)
+    return Measurement("succeeds", value, seeds, case=(case,), summary="; ".join(summary))
 
 
-def measured_runs(
-    runs: Sequence[TaskResult], seeds: Sequence[int], what: str, key: str
+def select_measured(
+    runs: Sequence[TaskResult], seeds: Sequence[int], quantity: str, key: str
 ) -> tuple[list[int], Floats, str]:
     """Return seeds and values of the runs that have a result, and a remark on those without.
 
     Raises
     ------
     NotMeasured
-        If no run has the result.
+        If no run has the result; `quantity` names it in the message.
     """
     values = column(runs, key)
     known = np.isfinite(values)
     if not known.any():
-        raise NotMeasured(f"{what}, in any run", float("nan"))
-    without = int((~known).sum())
-    missing = f"; not measured in {without} of {len(runs)} runs" if without else ""
-    return [seed for seed, one in zip(seeds, known, strict=True) if one], values[known], missing
+        raise NotMeasured(f"{quantity}, in any run", float("nan"))
+    count = int((~known).sum())
+    missing = f"; not measured in {count} of {len(runs)} runs" if count else ""
+    return list(compress(seeds, known)), values[known], missing
 
 
-def approximates(runs: Sequence[TaskResult], seeds: Sequence[int], case: str) -> Measurement:
+def measure_approximation(
+    runs: Sequence[TaskResult], seeds: Sequence[int], case: str
+) -> Measurement:
     """Return the measurement that Ĵ approximates J after the exploration."""
-    known, errors, missing = measured_runs(runs, seeds, "the error of Ĵ", "explored")
-    return Measurement(
-        "approximates",
-        median(errors),
-        known,
-        case=(case,),
-        worst=errors.max(),
-        start=median(column(started_runs(runs), "at_start")),
-        end=median(column(started_runs(runs), "at_end")),
-        missing=missing,
-    )
+    known, errors, missing = select_measured(runs, seeds, "the error of Ĵ", "explored")
+    start, end = (median(column(started_runs(runs), key)) for key in ("at_start", "at_end"))
+    texts = Texts(worst=errors.max(), start=start, end=end, missing=missing)
+    return Measurement("approximates", median(errors), known, case=(case,), **texts)
 
 
-def falls_by_k_b(runs: Sequence[TaskResult], seeds: Sequence[int], case: str) -> Measurement:
+def measure_fall(runs: Sequence[TaskResult], seeds: Sequence[int], case: str) -> Measurement:
     """Return the measurement that a saturated error falls by k b."""
-    known, slopes, missing = measured_runs(runs, seeds, "the slope of r", "slope")
-    value, ends = median(np.abs(slopes - 1.0)), ends_of(slopes)
-    return Measurement("falls-by-k-b", value, known, case=(case,), ends=ends, missing=missing)
+    known, slopes, missing = select_measured(runs, seeds, "the slope of r", "slope")
+    value, texts = median(np.abs(slopes - 1.0)), Texts(ends=format_range(slopes), missing=missing)
+    return Measurement("falls-by-k-b", value, known, case=(case,), **texts)
 
 
-def figures(settings: Settings, results: Results, case: str) -> Iterator[ReportFigure]:
+def draw_regulation(settings: Settings, results: Results, case: str) -> Iterator[PaperFigure]:
     """Yield Fig. 7 or 8 (images) and 9 or 10 (errors) of seed 0, and a figure of all seeds."""
     seeds, folder = range(settings.seeds), results.folders["seed-0"]
     pictures = [folder / name for name in ("initial.png", "final.png")]
     if all(path.exists() for path in pictures):
-        yield ReportFigure("pictures", [0], pictures=pictures)
-    yield ReportFigure("errors", [0], errors_figure(read_task_record(folder), results["seed-0"]))
-    chart = _seeds_figure(results.per_seed("seed", seeds), [str(seed) for seed in seeds])
-    yield ReportFigure("seeds", seeds, chart, words={"case": case})
+        yield PaperFigure("pictures", [0], pictures=pictures)
+    yield PaperFigure("errors", [0], draw_errors(read_task_record(folder), results["seed-0"]))
+    chart = _draw_seeds(results.per_seed("seed", seeds))
+    yield PaperFigure("seeds", seeds, chart, texts={"case": case})
 
 
 def start_time(run: TaskResult) -> float:
@@ -302,43 +304,30 @@ def start_time(run: TaskResult) -> float:
     return run["began"] or 0.0
 
 
-def errors_figure(rows: Record, run: TaskResult, until: float = float("inf")) -> Figure:
+def draw_errors(record: Record, run: TaskResult, until: float = float("inf")) -> Figure:
     """Return a figure of the error magnitudes over `until` s from the start: Fig. 9 and 10."""
     began = start_time(run)
-    selected = (rows.time >= began + NOTICED_S) & (rows.time <= began + until)
-    sizes = np.abs(rows.ticks["delta"][selected]) * plots.DISPLAY_UNITS
-    ends = INITIAL_ERRORS * SMALL_FRACTION * plots.DISPLAY_UNITS
+    selected = (record.time >= began + NOTICED_S) & (record.time <= began + until)
+    time, errors = record.time[selected] - began, np.abs(record.ticks["delta"][selected])
+    errors, small = (x * plots.DISPLAY_UNITS for x in (errors, INITIAL_ERRORS * SMALL_FRACTION))
     panels = [
-        Panel(
-            "time [s]",
-            name,
-            [make_curve("", rows.time[selected] - began, sizes[:, i])],
-            levels=[("2 %", float(ends[i]))],
-        )
-        for i, name in enumerate(plots.ERROR_LABELS)
+        Panel("time [s]", label, [make_curve("", time, errors[:, i])], [("2 %", float(small[i]))])
+        for i, label in enumerate(plots.ERROR_LABELS)
     ]
     return Figure("Error coordinates", panels)
 
 
-def _seeds_figure(runs: Sequence[TaskResult], names: list[str]) -> Figure:
+def _draw_seeds(runs: Sequence[TaskResult]) -> Figure:
     """Return a figure with three results of each run; a gap for a run that never started."""
-    numbers = {
-        "$\\|\\hat J - J\\| / \\|J\\|$": (column(runs, "explored"), [("30 %", MAX_FAITHFUL_ERROR)]),
-        "slope of r [px/s]": (
-            column(runs, "slope"),
-            [("", 1.0 - SLOPE_TOLERANCE), ("", 1.0 + SLOPE_TOLERANCE)],
-        ),
-        "remaining [%]": (100.0 * column(runs, "left"), [("2 %", 100.0 * SMALL_FRACTION)]),
-    }
-    panels = [
-        Panel(
-            "seed",
-            label,
-            [make_curve("", np.arange(len(names)), values, i, marks=True)],
-            levels,
-            log_y=i == 2,
-            categories=names,
-        )
-        for i, (label, (values, levels)) in enumerate(numbers.items())
-    ]
+    slope_limits = [("", 1.0 - SLOPE_TOLERANCE), ("", 1.0 + SLOPE_TOLERANCE)]
+    rows = (
+        ("$\\|\\hat J - J\\| / \\|J\\|$", column(runs, "explored"), [("30 %", MAX_FAITHFUL_ERROR)]),
+        ("slope of r [px/s]", column(runs, "slope"), slope_limits),
+        ("remaining [%]", 100.0 * column(runs, "left"), [("2 %", 100.0 * SMALL_FRACTION)]),
+    )
+    names, panels = [str(seed) for seed in range(len(runs))], list[Panel]()
+    for style, (label, values, levels) in enumerate(rows):
+        curves = [make_curve("", np.arange(len(runs)), values, style, marks=True)]
+        is_log = style == 2
+        panels.append(Panel("seed", label, curves, levels, log_y=is_log, categories=names))
     return Figure("All seeds", panels)

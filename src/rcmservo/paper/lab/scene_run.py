@@ -11,9 +11,10 @@ from rcmservo.control.exploration import Exploration
 from rcmservo.control.saturated_controller import SaturatedController
 from rcmservo.estimation.base import Estimator
 from rcmservo.paper.lab.calibration import Calibration, Quality, make_calibration
-from rcmservo.paper.lab.closed_loop import FAST_FIT, FAST_LAW, TEACHING_FRAMES, make_servo
+from rcmservo.paper.lab.closed_loop import make_servo
 from rcmservo.paper.lab.evaluation import STRIDE_TICKS
-from rcmservo.paper.lab.pose_law import PoseLaw, drive
+from rcmservo.paper.lab.paper_settings import FAST_CONTROLLER, FAST_ESTIMATOR, TEACHING_FRAMES
+from rcmservo.paper.lab.pose_controller import PoseController
 from rcmservo.paper.statistics import median
 from rcmservo.safety.state_machine import Phase
 from rcmservo.servo.servo import Servo
@@ -24,7 +25,7 @@ from rcmservo.study.plan.conditions import COMPILED, MUJOCO
 from rcmservo.study.run_outcome import FINAL_WINDOW_S, StudyRun
 from rcmservo.study.simulation_engine import SimulationEngine, SimulationLoop
 
-STOPPED_FOR_GOOD = Phase.PAUSED, Phase.FAULT
+STOPPED_PHASES = Phase.PAUSED, Phase.FAULT
 """Phases that only an operator can end."""
 AT_REST_S = 0.5
 """Time (s) after which the tool is at rest in one of these phases."""
@@ -57,53 +58,52 @@ class Attempt:
         self,
         estimator: Estimator,
         exploration: Exploration,
-        controller: SaturatedController | None = None,
+        controller: SaturatedController = FAST_CONTROLLER,
     ) -> Servo:
         """Return a servo, by default with the common controller."""
-        return make_servo(self.settings, estimator, exploration, controller or FAST_LAW)
+        return make_servo(self.settings, estimator, exploration, controller)
 
     def run(self, servo: Servo) -> StudyRun:
         """Explore, then servo for the duration.
 
         A servo with a compiled step runs on the compiled simulation, others on MuJoCo's arm.
         """
-        return self.compiled(servo) if servo.kernel is not None else self.live(servo)
+        return self.run_compiled(servo) if servo.kernel is not None else self.run_live(servo)
 
-    def compiled(self, servo: Servo) -> StudyRun:
+    def run_compiled(self, servo: Servo) -> StudyRun:
         """Run on the compiled simulation."""
-        run = Study(servo, self.settings, self._longest(servo), TEACHING_FRAMES).run(self.seed)
-        return replace(run.until(self._end(run)), engine=COMPILED)
+        max_duration = servo.exploration.max_time + self.duration
+        run = Study(servo, self.settings, max_duration, TEACHING_FRAMES).run(self.seed)
+        return replace(self._cut(run), engine=COMPILED)
 
-    def live(self, servo: Servo) -> StudyRun:
+    def run_live(self, servo: Servo) -> StudyRun:
         """Run with MuJoCo's arm and the code of live runs."""
-        laboratory = SimulationEngine(servo, self.settings, self._longest(servo), TEACHING_FRAMES)
-        loop = SimulationLoop(laboratory, self.seed, 0)
-        end, moving, errors = np.inf, 0.0, list[float]()
+        loop = self._simulate(servo, servo.exploration.max_time + self.duration)
+        end, moving, jacobian_errors = np.inf, 0.0, list[float]()
         for k, tick in enumerate(loop.ticks()):
             time, phase = tick.time / 1e9, tick.state.phase
-            moving = moving if phase in STOPPED_FOR_GOOD else time
+            moving = moving if phase in STOPPED_PHASES else time
             if phase is Phase.SERVO:
                 end = min(end, time + self.duration)
                 if k % STRIDE_TICKS == 0:
-                    errors.append(loop.rig.truth.tick_error(tick))
+                    jacobian_errors.append(loop.rig.truth.tick_error(tick))
             if time >= min(end, moving + AT_REST_S + FINAL_WINDOW_S):
                 break
-        run = loop.outcome
-        return replace(run.until(self._end(run)), engine=MUJOCO, jacobian_error=median(errors))
+        jacobian_error = median(jacobian_errors)
+        return replace(self._cut(loop.outcome), engine=MUJOCO, jacobian_error=jacobian_error)
 
-    def by_poses(self, calibration: Calibration) -> StudyRun:
+    def run_by_poses(self, calibration: Calibration) -> StudyRun:
         """Run pose-based control, which does not explore."""
-        robot = self.servo(FAST_FIT, Exploration())
-        laboratory = SimulationEngine(robot, self.settings, self.duration, TEACHING_FRAMES)
-        loop = SimulationLoop(laboratory, self.seed, 0)
-        law = PoseLaw(calibration, robot, loop.target, FAST_LAW.gain)
-        drive(loop, robot, law, self.duration)
+        servo = self.servo(FAST_ESTIMATOR, Exploration())
+        loop = self._simulate(servo, self.duration)
+        controller = PoseController(calibration, servo, loop.target, FAST_CONTROLLER.gain)
+        controller.control(loop, self.duration)
         return replace(loop.outcome, engine=MUJOCO)
 
-    def _longest(self, servo: Servo) -> float:
-        """Return the longest duration (s) of a run, with the time limit of the exploration."""
-        return servo.exploration.max_time + self.duration
+    def _simulate(self, servo: Servo, duration: float) -> SimulationLoop:
+        engine = SimulationEngine(servo, self.settings, duration, TEACHING_FRAMES)
+        return SimulationLoop(engine, self.seed, 0)
 
-    def _end(self, run: StudyRun) -> float:
-        """Return the end (s) of a run; inf if it never servoed."""
-        return run.explored + self.duration
+    def _cut(self, run: StudyRun) -> StudyRun:
+        """Return the run up to the duration after its exploration; all of it without a servo."""
+        return run.until(run.explored + self.duration)

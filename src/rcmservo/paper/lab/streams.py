@@ -16,42 +16,58 @@ from rcmservo.geometry.tool import Tool
 from rcmservo.interfaces import Floats
 from rcmservo.loop.run import Tick, run
 from rcmservo.loop.teach import teach
-from rcmservo.paper.lab.closed_loop import (
-    FAST_FIT,
+from rcmservo.paper.lab.closed_loop import make_servo
+from rcmservo.paper.lab.evaluation import laboratory
+from rcmservo.paper.lab.paper_settings import (
+    FAST_ESTIMATOR,
     FLOW_ESTIMATOR,
     FLOW_EXPLORATION,
-    PAPER_PROJECTION_ESTIMATOR,
+    PAPER_CONTROLLER,
     PAPER_SCENES,
-    PRINTED_LAW,
+    SLOW_ESTIMATOR,
     TEACHING_FRAMES,
-    make_servo,
     remove_limits,
 )
-from rcmservo.paper.lab.evaluation import laboratory
 from rcmservo.paper.lab.random_observations import RandomObservations
 from rcmservo.paper.plan import Settings, TaskResult
 from rcmservo.paper.statistics import finite, median
 from rcmservo.sim import Rig
 
-Kind = Literal["servo", "tour"]
+StreamKind = Literal["servo", "tour"]
+"""A servo run, or an exploration without end."""
 
-ESTIMATORS: Mapping[str, Estimator] = {
-    "flow": FLOW_ESTIMATOR,
-    "random": RandomObservations(),
-    "given time": PAPER_PROJECTION_ESTIMATOR,
-    "real time": RandomObservations(estimator_time=0.0),
-    "fast": FAST_FIT,
-    "whole": DltEstimator(),
+
+class ComparedEstimator(NamedTuple):
+    """An estimator of the comparison, with its names.
+
+    Parameters
+    ----------
+    estimator : Estimator
+        Estimator of Ĵ.
+    name : str
+        Name in tables.
+    short : str
+        Short name in figures; `SHORT_NAMES_NOTE` explains it.
+    """
+
+    estimator: Estimator
+    name: str
+    short: str
+
+
+_SLOW = "printed Γ, 10⁴ s per fit"
+_REAL_TIME = RandomObservations(estimator_time=0.0)
+ESTIMATORS: Mapping[str, ComparedEstimator] = {
+    "flow": ComparedEstimator(FLOW_ESTIMATOR, "flow, γ = 0.001", "flow"),
+    "random": ComparedEstimator(RandomObservations(), f"{_SLOW}, random observations", "random"),
+    "given time": ComparedEstimator(SLOW_ESTIMATOR, f"{_SLOW}, chosen observations", "chosen"),
+    "real time": ComparedEstimator(
+        _REAL_TIME, "printed Γ, real time, random observations", "real time"
+    ),
+    "fast": ComparedEstimator(FAST_ESTIMATOR, "fast Γ, both markers", "fast Γ"),
+    "whole": ComparedEstimator(DltEstimator(), "whole projection (default)", "whole"),
 }
-ESTIMATOR_NAMES = {
-    "flow": "flow, γ = 0.001",
-    "random": "printed Γ, 10⁴ s per fit, random observations",
-    "given time": "printed Γ, 10⁴ s per fit, chosen observations",
-    "real time": "printed Γ, real time, random observations",
-    "fast": "fast Γ, both markers",
-    "whole": "whole projection (default)",
-}
-SHORT_NAMES = ["flow", "random", "chosen", "real time", "fast Γ", "whole"]
+SHORT_NAMES = [compared.short for compared in ESTIMATORS.values()]
 SHORT_NAMES_NOTE = (
     "Random and chosen: the printed Γ, 10⁴ s of estimator time per fit, on random observations and "
     "on observations chosen by leverage. Real time: the printed Γ on random observations in real "
@@ -90,40 +106,42 @@ class Stream(NamedTuple):
     v: Floats
 
 
-def stream(seed: int, noise: float, settings: Settings, kind: Kind) -> tuple[Rig, Stream]:
-    """Return the samples of a servo with the fast fit, with true Jacobians and velocities."""
+def record_stream(
+    seed: int, noise: float, settings: Settings, kind: StreamKind
+) -> tuple[Rig, Stream]:
+    """Return the samples of a servo with the fast Γ, with true Jacobians and velocities."""
     rig, plant = laboratory(seed, PAPER_SCENES, noise)
     exploration = FLOW_EXPLORATION if kind == "servo" else remove_limits(FLOW_EXPLORATION)
-    servo = make_servo(rig.settings, FAST_FIT, exploration, PRINTED_LAW)
+    servo = make_servo(rig.settings, FAST_ESTIMATOR, exploration)
     rig.move_to_target()
     target = teach(plant, TEACHING_FRAMES)
     rig.move_to_start()
     duration = settings.duration if kind == "servo" else settings.touring
-    samples, rows, last = list[Sample](), list[tuple[float, int, Floats, Floats]](), -1
+    samples, rows, previous = list[Sample](), list[tuple[float, int, Floats, Floats]](), -1
     for tick in run(plant, servo, target, duration):
-        state, time = tick.state, tick.state.estimation.estimate.exposure
-        if time == last:
+        state, exposure = tick.state, tick.state.estimation.estimate.exposure
+        if exposure == previous:
             continue
-        dt = (time - last) * 1e-9 if last >= 0 else 0.0
-        last = time
-        samples.append(
-            Sample(state.p1, tick.observation.points, state.o_c, dt, tick.observation.sizes)
-        )
-        J = scale_rows(rig.truth.jacobian(rig.truth.joints_at(time), state.o_c))
-        rows.append((tick.time / 1e9, _phase(tick, settings, kind), J, velocity(rig, time)))
-    columns = (np.array(column) for column in zip(*rows, strict=True))
+        dt = (exposure - previous) * 1e-9 if previous >= 0 else 0.0
+        points, sizes = tick.observation.points, tick.observation.sizes
+        samples.append(Sample(state.p1, points, state.o_c, dt, sizes))
+        J = scale_rows(rig.truth.jacobian(rig.truth.joints_at(exposure), state.o_c))
+        phase, v = _find_phase(tick, settings, kind), average_velocity(rig, exposure)
+        rows.append((tick.time / 1e9, phase, J, v))
+        previous = exposure
+    columns = (np.array(values) for values in zip(*rows, strict=True))
     return rig, Stream(samples, *columns)
 
 
-def _phase(tick: Tick, settings: Settings, kind: Kind) -> int:
+def _find_phase(tick: Tick, settings: Settings, kind: StreamKind) -> int:
     if kind == "tour":
         return int(tick.time > settings.learning * 1e9)
     if not tick.state.explored:
         return 0
-    return 1 if bool(np.any(np.abs(tick.state.delta) > PRINTED_LAW.bounds_array)) else 2
+    return 1 if bool(np.any(np.abs(tick.state.delta) > PAPER_CONTROLLER.bounds_array)) else 2
 
 
-def velocity(rig: Rig, time: int, window: int = WINDOW_NS) -> Floats:
+def average_velocity(rig: Rig, time: int, window: int = WINDOW_NS) -> Floats:
     """Return the true velocity (3,) of marker 1 in mm/s, averaged over `time` ± `window` (ns)."""
     before, after = (
         rig.body.points(rig.truth.joints_at(time + side * window))[0] for side in (-1, 1)
@@ -143,10 +161,13 @@ def run_estimator(
     return J_hat, memory
 
 
-def jacobian_errors(J_hat: Floats, truth: Stream, least_speed: float) -> dict[str, Floats]:
-    """Return two scaled errors (n,) of Ĵ (n, 3, 3): of the whole matrix, and along the motion.
+def summarise_jacobian_errors(
+    J_hat: Floats, truth: Stream, least_speed: float, phases: int
+) -> TaskResult:
+    """Return two scaled errors of Ĵ (n, 3, 3): ``full`` of the matrix, ``along`` the motion.
 
-    The latter is NaN where marker 1 moves by no more than `least_speed` (mm/s).
+    Each has the medians in the `phases` and a series of medians over time. The error along the
+    motion is missing where marker 1 moves by no more than `least_speed` (mm/s).
     """
     error = J_hat - truth.J
     full = np.linalg.norm(error, axis=(1, 2)) / np.linalg.norm(truth.J, axis=(1, 2))
@@ -155,13 +176,15 @@ def jacobian_errors(J_hat: Floats, truth: Stream, least_speed: float) -> dict[st
         for matrix in (truth.J, error)
     )
     moves = np.linalg.norm(truth.v, axis=1) > least_speed
-    return {"full": full, "along": np.where(moves, missing / np.maximum(flow, 1e-12), np.nan)}
-
-
-def summarise_error(error: Floats, phase: Floats, phases: int) -> TaskResult:
-    """Return the median of an error (n,) in each phase, and a series of medians over time."""
-    medians = np.array([median(finite(error[phase == i])) for i in range(phases)])
-    return {"phases": medians, "series": median_series(error)}
+    along = np.where(moves, missing / np.maximum(flow, 1e-12), np.nan)
+    in_phase = [truth.phase == phase for phase in range(phases)]
+    return {
+        measure: {
+            "phases": np.array([median(finite(errors[selected])) for selected in in_phase]),
+            "series": median_series(errors),
+        }
+        for measure, errors in {"full": full, "along": along}.items()
+    }
 
 
 def median_series(numbers: Floats) -> Floats:

@@ -1,6 +1,7 @@
-"""Experiment `proposition-1`: monotonic decrease of U along rule (21), and convergence of Ĵ to J.
+"""Check of Proposition 1: U decreases monotonically along rule (21), and Ĵ converges to J.
 
-Observations are without noise, from pinhole cameras, with the printed Γ and with the fast Γ.
+Experiment `proposition-1`; the rule itself is in estimation/projection_rule.py. Observations are
+without noise, from pinhole cameras, with the printed Γ and with the fast Γ.
 """
 
 from collections.abc import Iterator
@@ -9,54 +10,48 @@ from functools import partial
 import numpy as np
 
 from rcmservo.control.saturated_controller import scale_rows
-from rcmservo.estimation.projection_rule import (
-    GAMMA_0,
-    MAX_DECAY,
-    ProjectionEstimator,
-    feature_jacobian,
-    fitted_points,
-    inverse_root,
-    normal_equations,
-    predict,
-)
+from rcmservo.estimation import projection_rule
+from rcmservo.estimation.projection_rule import GAMMA_0, feature_jacobian, normal_equations
 from rcmservo.figures.charts import Figure, Panel, make_curve
 from rcmservo.geometry.projection import PARAMETER_COUNT, extract_parameters, project
 from rcmservo.interfaces import Floats
 from rcmservo.numerics.gradient_flow import integrate_gradient_flow
 from rcmservo.paper.lab.cameras import project_point, random_camera
-from rcmservo.paper.plan import Measurement, ReportFigure, Results, Settings, Task, TaskResult
+from rcmservo.paper.plan import Measurement, PaperFigure, Results, Settings, Task, TaskResult, Texts
 from rcmservo.paper.statistics import column, median
 from rcmservo.sim import RigSettings
 
 TOOL = RigSettings().tool
-FIT = ProjectionEstimator()
+FIT = projection_rule.ProjectionEstimator()
 """Estimator with the rate η and the regularisation ε of the fast Γ."""
 SHOWN_CAMERAS = 5
 """Number of cameras in the figure."""
+MIN_SLOW_TIME_H = 600.0 / 3600.0
+"""Time constant (h) of the slowest mode above which the printed Γ is a slow solver."""
 GAMMA_NAMES = {"printed": "printed Γ", "fast": "fast Γ"}
 
 
 def tasks(settings: Settings) -> list[Task]:
-    return [Task("cameras", partial(all_cameras, settings=settings), cost=3.0)]
+    return [Task("cameras", partial(observe_cameras, settings=settings), cost=3.0)]
 
 
-def all_cameras(settings: Settings) -> TaskResult:
-    """Return the results of `one_camera` for each camera, by Γ."""
-    found = [one_camera(settings, seed) for seed in range(settings.cameras)]
-    return {name: [one[name] for one in found] for name in GAMMA_NAMES}
+def observe_cameras(settings: Settings) -> TaskResult:
+    """Return the results of `observe_camera` for each camera, by Γ."""
+    cameras = [observe_camera(settings, seed) for seed in range(settings.cameras)]
+    return {name: [camera[name] for camera in cameras] for name in GAMMA_NAMES}
 
 
-def one_camera(settings: Settings, seed: int) -> dict[str, TaskResult]:
+def observe_camera(settings: Settings, seed: int) -> dict[str, TaskResult]:
     """Return U over time with the printed and the fast Γ, on the same observations."""
     C, p0 = random_camera(seed)
     a, o_c = extract_parameters(C)
     random = np.random.default_rng([seed, 2])
     points = p0 + settings.spread * random.uniform(-1.0, 1.0, (settings.observations, 3))
     rows = np.array([[*p, *project_point(C, p), np.nan, np.nan] for p in points])
-    A, b = normal_equations(fitted_points(rows, len(rows), o_c, False, TOOL.struct))
-    printed, fast = np.diag(np.sqrt(GAMMA_0)), np.sqrt(FIT.rate) * inverse_root(A, FIT.epsilon)
+    fitted = projection_rule.fitted_points(rows, len(rows), o_c, False, TOOL.struct)
+    A, b = normal_equations(fitted)
 
-    def fall(root: Floats, longest: float, judged_at: float) -> TaskResult:
+    def integrate_rule(root: Floats, longest: float, judged_at: float) -> TaskResult:
         """Return the solution of rule (21) with Γ = root rootᵀ from â = 0."""
         slowest = float(np.linalg.eigvalsh(root.T @ A @ root)[0])
         time = np.concatenate([[0.0], np.geomspace(1e-4, longest, 200)])
@@ -71,20 +66,22 @@ def one_camera(settings: Settings, seed: int) -> dict[str, TaskResult]:
             "U": U / U[0],
             "rise": max(np.max(np.diff(U)) / U[0], 0.0),
             "reprojection": np.max(errors),
-            "jacobian": jacobian_error(late, a, p0),
-            "end": jacobian_error(end, a, p0),
+            "jacobian": compute_jacobian_error(late, a, p0),
+            "end": compute_jacobian_error(end, a, p0),
             "slowest": slowest,
         }
 
+    printed, fast = np.diag(np.sqrt(GAMMA_0)), projection_rule.inverse_root(A, FIT.epsilon)
+    fast, fast_longest = np.sqrt(FIT.rate) * fast, projection_rule.MAX_DECAY / FIT.rate
     return {
-        "printed": fall(printed, settings.longest, settings.printed_time),
-        "fast": fall(fast, MAX_DECAY / FIT.rate, settings.fast_time),
+        "printed": integrate_rule(printed, settings.longest, settings.printed_time),
+        "fast": integrate_rule(fast, fast_longest, settings.fast_time),
     }
 
 
-def jacobian_error(a_hat: Floats, a: Floats, p1: Floats) -> float:
+def compute_jacobian_error(a_hat: Floats, a: Floats, p1: Floats) -> float:
     """Return ‖Ĵ − J‖/‖J‖ (Frobenius) of the scaled Jacobians at `p1`, from â and the true a."""
-    m = predict(a, p1, TOOL.struct)
+    m = projection_rule.predict(a, p1, TOOL.struct)
     J_hat, J = (scale_rows(feature_jacobian(some, p1, m, TOOL.struct)) for some in (a_hat, a))
     return float(np.linalg.norm(J_hat - J) / np.linalg.norm(J))
 
@@ -94,40 +91,33 @@ def measure(settings: Settings, results: Results) -> Iterator[Measurement]:
     seeds, hours = range(settings.cameras), 1.0 / column(printed, "slowest") / 3600.0
     late, fast_late = column(printed, "jacobian"), column(fast, "jacobian")
     yield Measurement("printed-falls", column(printed, "rise").max(), seeds)
-    yield Measurement(
-        "tends-to-a",
-        column(printed, "end").max(),
-        seeds,
-        confirmed=median(hours) > 600.0 / 3600.0,
-        hours=median(hours),
-        worst=hours.max(),
-    )
+    is_slow = median(hours) > MIN_SLOW_TIME_H
+    times = Texts(hours=median(hours), worst=hours.max())
+    yield Measurement("tends-to-a", column(printed, "end").max(), seeds, confirmed=is_slow, **times)
     yield Measurement("fast-falls", column(fast, "rise").max(), seeds)
-    inaccurate = np.sum(late > settings.near)
+    inaccurate, near, percent = np.sum(late > settings.near), settings.near, 100.0 * settings.near
     yield Measurement(
         "printed-in-time",
         late.max(),
         seeds,
-        bound=settings.near,
+        bound=near,
         remarked=bool(inaccurate),
         confirmed=late.max() > 10.0 * fast_late.max(),
         bad=inaccurate,
-        percent=100.0 * settings.near,
+        percent=percent,
         middle=median(late),
         pixels=median(column(printed, "reprojection")),
     )
-    percent = 100.0 * settings.near
-    yield Measurement("fast-in-time", fast_late.max(), seeds, bound=settings.near, percent=percent)
+    yield Measurement("fast-in-time", fast_late.max(), seeds, bound=near, percent=percent)
 
 
-def draw(settings: Settings, results: Results) -> Iterator[ReportFigure]:
+def draw(settings: Settings, results: Results) -> Iterator[PaperFigure]:
     curves = [
-        make_curve(label if i == 0 else "", one["time"][1:], np.maximum(one["U"][1:], 1e-12), style)
+        make_curve(label * (i == 0), camera["time"][1:], np.maximum(camera["U"][1:], 1e-12), style)
         for style, (name, label) in enumerate(GAMMA_NAMES.items())
-        for i, one in enumerate(results["cameras"][name][:SHOWN_CAMERAS])
+        for i, camera in enumerate(results["cameras"][name][:SHOWN_CAMERAS])
     ]
-    panel = Panel(
-        "estimator time [s]", "U(t) / U(0)", curves, log_x=True, log_y=True, y_limits=(1e-9, 3.0)
-    )
-    shown = range(min(settings.cameras, SHOWN_CAMERAS))
-    yield ReportFigure("U", shown, Figure("Proposition 1", [panel]), words={"shown": len(shown)})
+    limits, shown = (1e-9, 3.0), range(min(settings.cameras, SHOWN_CAMERAS))
+    x, y = "estimator time [s]", "U(t) / U(0)"
+    panel = Panel(x, y, curves, log_x=True, log_y=True, y_limits=limits)
+    yield PaperFigure("U", shown, Figure("Proposition 1", [panel]), texts={"shown": len(shown)})

@@ -1,7 +1,7 @@
-"""Experiment `lemma-1`: nine parameters of a camera, and the observations that determine them.
+"""Check of Lemma 1: nine parameters of a camera, and the observations that determine them.
 
-The cameras are pinholes without noise. The points are in general position, in a plane, and in a
-plane that contains the RCM.
+Experiment `lemma-1`. The cameras are pinholes without noise. The points are in general position, in
+a plane, and in a plane that contains the RCM.
 """
 
 from collections.abc import Iterator
@@ -9,7 +9,7 @@ from functools import partial
 
 import numpy as np
 
-from rcmservo.figures.charts import Figure, Panel, make_curve
+from rcmservo.figures.charts import Curve, Figure, Panel, make_curve
 from rcmservo.geometry.projection import (
     PARAMETER_COUNT,
     build_regressor,
@@ -18,12 +18,11 @@ from rcmservo.geometry.projection import (
 )
 from rcmservo.interfaces import Floats
 from rcmservo.paper.lab.cameras import project_point, random_camera
-from rcmservo.paper.plan import Measurement, ReportFigure, Results, Settings, Task, TaskResult
+from rcmservo.paper.plan import Measurement, PaperFigure, Results, Settings, Task, TaskResult, Texts
 
 RANK_TOLERANCE = 1e-9
 """Singular value, relative to the largest one, that counts as zero; M has columns of length 1."""
-
-SETS = {
+POINT_SETS = {
     "generic": "generic points",
     "coplanar": "points of a plane",
     "through": "points of a plane through the RCM",
@@ -31,19 +30,19 @@ SETS = {
 
 
 def tasks(settings: Settings) -> list[Task]:
-    return [Task("cameras", partial(all_cameras, settings=settings))]
+    return [Task("cameras", partial(observe_cameras, settings=settings))]
 
 
-def all_cameras(settings: Settings) -> TaskResult:
-    """Return the results of `one_camera` for each camera."""
-    return {"cameras": [one_camera(settings, seed) for seed in range(settings.cameras)]}
+def observe_cameras(settings: Settings) -> TaskResult:
+    """Return the results of `observe_camera` for each camera."""
+    return {"cameras": [observe_camera(settings, seed) for seed in range(settings.cameras)]}
 
 
-def one_camera(settings: Settings, seed: int) -> TaskResult:
+def observe_camera(settings: Settings, seed: int) -> TaskResult:
     """Return the reprojection error (px) of a and o_c, and singular values of M (24)."""
     C, p0 = random_camera(seed)
     a, o_c = extract_parameters(C)
-    sets = point_sets(settings, seed, p0)
+    sets = draw_point_sets(settings, seed, p0)
     errors = [np.linalg.norm(project(a, p) + o_c - project_point(C, p)) for p in sets["generic"]]
     return {
         "reprojection": np.max(errors),
@@ -53,7 +52,7 @@ def one_camera(settings: Settings, seed: int) -> TaskResult:
     }
 
 
-def point_sets(settings: Settings, seed: int, p0: Floats) -> dict[str, Floats]:
+def draw_point_sets(settings: Settings, seed: int, p0: Floats) -> dict[str, Floats]:
     """Return points (n, 3) in mm about `p0`: random, in a plane, and in a plane through the RCM."""
     random = np.random.default_rng([seed, 1])
     points = p0 + settings.spread * random.uniform(-1.0, 1.0, (settings.points, 3))
@@ -75,44 +74,39 @@ def singular_values(C: Floats, o_c: Floats, points: Floats) -> Floats:
     return sigma / sigma[0]
 
 
-def rank(sigma: Floats) -> int:
+def count_rank(sigma: Floats) -> int:
     return int(np.sum(sigma > RANK_TOLERANCE))
 
 
 def measure(settings: Settings, results: Results) -> Iterator[Measurement]:
-    found, seeds = results["cameras"]["cameras"], range(settings.cameras)
-    yield Measurement("nine-enough", max(one["reprojection"] for one in found), seeds)
-    five = [rank(one["five"]) for one in found]
+    cameras, seeds = results["cameras"]["cameras"], range(settings.cameras)
+    yield Measurement("nine-enough", max(camera["reprojection"] for camera in cameras), seeds)
+    five = [count_rank(camera["five"]) for camera in cameras]
     six, every = (
-        {name: [rank(one[size][name]) for one in found] for name in SETS} for size in ("six", "all")
+        {name: [count_rank(camera[size][name]) for camera in cameras] for name in POINT_SETS}
+        for size in ("six", "all")
     )
     yield Measurement("nine-independent", min(six["generic"]), seeds)
-    yield Measurement(
-        "six-needed", max(five), seeds, confirmed=min(five) == PARAMETER_COUNT, five=min(five)
-    )
-    yield Measurement(
-        "six-enough",
-        min(six["coplanar"]),
-        seeds,
-        confirmed=max(six["coplanar"]) < PARAMETER_COUNT,
+    is_enough = min(five) == PARAMETER_COUNT
+    yield Measurement("six-needed", max(five), seeds, confirmed=is_enough, five=min(five))
+    coplanar = six["coplanar"]
+    largest_ranks = Texts(
         six={name: max(ranks) for name, ranks in six.items()},
         every={name: max(ranks) for name, ranks in every.items()},
     )
+    is_deficient = max(coplanar) < PARAMETER_COUNT
+    yield Measurement("six-enough", min(coplanar), seeds, confirmed=is_deficient, **largest_ranks)
 
 
-def draw(settings: Settings, results: Results) -> Iterator[ReportFigure]:
-    first = results["cameras"]["cameras"][0]
-    number = np.arange(1, PARAMETER_COUNT + 1)
-    rows = {"five generic points": first["five"]}
-    rows |= {f"six {label}": first["six"][name] for name, label in SETS.items()}
-    curves = [
-        make_curve(
-            label, number + 0.12 * (style - 1.5), np.maximum(sigma, 1e-18), style, marks=True
-        )
-        for style, (label, sigma) in enumerate(rows.items())
-    ]
+def draw(settings: Settings, results: Results) -> Iterator[PaperFigure]:
+    camera, number = results["cameras"]["cameras"][0], np.arange(1, PARAMETER_COUNT + 1)
+    sigmas = {"five generic points": camera["five"]}
+    sigmas |= {f"six {label}": camera["six"][name] for name, label in POINT_SETS.items()}
+    curves = list[Curve]()
+    for style, (label, sigma) in enumerate(sigmas.items()):
+        x = number + 0.12 * (style - 1.5)
+        curves.append(make_curve(label, x, np.maximum(sigma, 1e-18), style, marks=True))
+    x_label, y_label = "number of the singular value", "$\\sigma_i / \\sigma_1$ of M"
     levels = [("unobservable below", RANK_TOLERANCE)]
-    panel = Panel(
-        "number of the singular value", "$\\sigma_i / \\sigma_1$ of M", curves, levels, log_y=True
-    )
-    yield ReportFigure("rank", [0], Figure("Observability of a", [panel]))
+    panel = Panel(x_label, y_label, curves, levels, log_y=True)
+    yield PaperFigure("rank", [0], Figure("Observability of a", [panel]))
