@@ -294,7 +294,7 @@ def _run_loop(
             finally:
                 plant.heartbeat.value = IDLE
     timing = reports.timing(np.array(plant.lateness, dtype=float), system)
-    result, undetected_tick = reports.judge.result(), reports.judge.blind
+    result, undetected_tick = reports.judge.result(), reports.judge.last_tick_without_markers
     if plant.stop_requested.signal:
         result = result.unsettled(f"the run was stopped by {plant.stop_requested.signal}")
     elif undetected_tick is not None:

@@ -1,13 +1,19 @@
 """Scores of the estimators on a recording, by one-step prediction.
 
-The recorded frames pass through tracking, features, imaged RCM and estimators. From all frames up
-to t each estimator predicts y at t + 1 for the recorded joints. The score is the root mean square
-of the errors, next to that of the prediction of no motion. An estimator with a projection model
-predicts ŷ(t+1) = y(t) + h(p(t+1)) − h(p(t)). Every estimator also predicts linearly, with Ĵ Δp.
+The recorded frames pass through tracking, features y = (s, r, d), imaged RCM and estimators. From
+all frames up to frame t each estimator predicts the features of frame t + 1, given its recorded
+joints, in up to two ways:
+
+    ŷ(t+1) = y(t) + Ĵ (p₁(t+1) − p₁(t))            linear, with its estimate Ĵ of the Jacobian
+    ŷ(t+1) = y(t) + h(p₁(t+1)) − h(p₁(t))          with its projection model h, if it has one
+
+The score is the root mean square of the errors, next to that of the prediction of no motion,
+ŷ(t+1) = y(t).
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +30,7 @@ from rcmservo.recording.foreign.frame_folder import RecordedPose, iterate_frames
 from rcmservo.tracking import PointMarkers
 
 FIRST_PREDICTED_INDEX = 9
-"""Index of the first frame from which a step is predicted: the tenth."""
+"""Index of the first frame from which a step is predicted: the tenth frame with both markers."""
 
 MIN_FRAMES = FIRST_PREDICTED_INDEX + 2
 """Smallest number of frames with both markers: one step can be predicted."""
@@ -46,11 +52,12 @@ class RecordingScore:
     o_c : Floats
         Imaged RCM (2,) px after the last frame; NaN if it is not observable.
     condition : float
-        Condition number of (16); infinite if (16) is singular.
+        Condition number of eq. (16), which is solved for o_c; infinite if it is singular.
     reprojection : Floats
-        Root mean square (2,) px of each marker's 2-D error under the final fit.
+        Root mean square (2,) px of each marker's distance from its prediction by the final fit.
     one_step : dict[str, Floats]
-        Root mean square error (3,) in rad, px, px of each predictor; NaN if it predicted no step.
+        Root mean square error (3,) in rad, px, px by prediction: "no_motion", the name of an
+        estimator with a projection model, or a name with "_linear"; NaN if no step was predicted.
     """
 
     poses: list[RecordedPose]
@@ -63,7 +70,19 @@ class RecordingScore:
 
 @dataclass(frozen=True, eq=False)
 class _Observation:
-    """Frame with both markers."""
+    """Frame with both markers.
+
+    Parameters
+    ----------
+    p1 : Floats
+        Position (3,) of marker 1, mm.
+    points : Floats
+        Markers (2, 2), px.
+    dt : float
+        Time since the previous frame with both markers, s.
+    sizes : Floats
+        Apparent radii (2,) of the markers, px.
+    """
 
     p1: Floats
     points: Floats
@@ -92,14 +111,14 @@ def score_recording(
     estimators : dict of str to Estimator
         Estimators by name. The first one with a projection model gives the reprojection.
     imaged_rcm : ImagedRcm
-        Settings of (16).
+        Settings for the solution of eq. (16).
     progress : callable, optional
-        Called with the number of tracked frames and their total.
+        Function that receives the number of tracked frames and their total.
 
     Returns
     -------
     RecordingScore
-        Scores by estimator name.
+        Scores and intermediate results.
 
     Raises
     ------
@@ -115,20 +134,21 @@ def score_recording(
         progress(len(markers), len(poses))
     observations = _select_observations(poses, markers)
     if len(observations) < MIN_FRAMES:
-        raise UnusableFile(folder, _shortage_sentence(len(observations), poses, markers, tracker))
-    origins = _imaged_rcms(observations, imaged_rcm)
+        raise UnusableFile(folder, _describe_shortage(len(observations), poses, markers, tracker))
+    origins, conditions = _solve_imaged_rcms(observations, imaged_rcm)
     one_step = {"no_motion": _score_no_motion(observations, origins)}
     reprojection = np.full(2, np.nan)
     for name, estimator in estimators.items():
-        finite, linear, memory = _score_estimator(estimator, lab.tool, observations, origins)
-        if finite is not None:
-            one_step[name] = finite
-        one_step[f"{name}_linear"] = linear
-        if finite is not None and np.isnan(reprojection).any():
-            o_c = origins[-1][0]
-            reprojection = _reprojection_error(estimator, memory, lab.tool, observations, o_c)
-    o_c, condition = origins[-1]
-    return RecordingScore(poses, markers, o_c, condition, reprojection, one_step)
+        model_score, linear_score, memory = _score_estimator(
+            estimator, lab.tool, observations, origins
+        )
+        if model_score is not None:
+            one_step[name] = model_score
+        one_step[f"{name}_linear"] = linear_score
+        if model_score is not None and np.isnan(reprojection).any():
+            predict = partial(estimator.predict, memory, lab.tool)
+            reprojection = _compute_reprojection_error(predict, observations, origins[-1])
+    return RecordingScore(poses, markers, origins[-1], conditions[-1], reprojection, one_step)
 
 
 def _select_observations(poses: list[RecordedPose], markers: list[Markers]) -> list[_Observation]:
@@ -136,19 +156,18 @@ def _select_observations(poses: list[RecordedPose], markers: list[Markers]) -> l
     previous: RecordedPose | None = None
     for pose, detected in zip(poses, markers, strict=True):
         if np.isfinite(detected.points).all():
-            dt = _interval(previous, pose)
+            dt = _compute_interval(previous, pose)
             observations.append(_Observation(pose.p1, detected.points, dt, detected.radius))
             previous = pose
     return observations
 
 
-def _shortage_sentence(
+def _describe_shortage(
     count: int, poses: list[RecordedPose], markers: list[Markers], tracker: Tracker
 ) -> str:
     """Return the number of frames with both markers, and why the first other frame lacks one."""
     shortage = f"only {count} show both markers" if count else "no frame shows both markers"
     sentence = f"{len(poses)} frames, {shortage}, and a score needs {MIN_FRAMES}"
-
     for frame, pose, detected in zip(iterate_frames(poses), poses, markers, strict=True):
         if not np.isfinite(detected.points).all():
             reason = tracker.explain_failure(frame) if isinstance(tracker, FailureExplainer) else ""
@@ -156,7 +175,7 @@ def _shortage_sentence(
     return sentence
 
 
-def _interval(previous: RecordedPose | None, pose: RecordedPose) -> float:
+def _compute_interval(previous: RecordedPose | None, pose: RecordedPose) -> float:
     """Return the seconds between two poses: recorded, or the distance at the assumed speed."""
     if previous is None:
         return 0.0
@@ -165,89 +184,89 @@ def _interval(previous: RecordedPose | None, pose: RecordedPose) -> float:
     return float(np.linalg.norm(pose.p1 - previous.p1)) / ASSUMED_SPEED_MM_S
 
 
-def _imaged_rcms(
+def _solve_imaged_rcms(
     observations: list[_Observation], imaged_rcm: ImagedRcm
-) -> list[tuple[Floats, float]]:
-    """Return o_c (2,) and its condition after each frame; NaN while it is not observable."""
+) -> tuple[list[Floats], list[float]]:
+    """Return o_c (2,) and its condition number after each frame; o_c is NaN if not observable."""
     (lines, count), printed = imaged_rcm.init(), imaged_rcm.printed
-    origins: list[tuple[Floats, float]] = []
-    for current in observations:
-        lines, count = store_line(lines, count, current.points, printed)
+    origins: list[Floats] = []
+    conditions: list[float] = []
+    for observation in observations:
+        lines, count = store_line(lines, count, observation.points, printed)
         o_c, condition = solve_imaged_rcm(lines, count, imaged_rcm.refinements, printed)
-        is_observable = condition <= imaged_rcm.max_condition
-        origins.append((o_c, condition) if is_observable else (np.full(2, np.nan), condition))
-    return origins
+        origins.append(o_c if condition <= imaged_rcm.max_condition else np.full(2, np.nan))
+        conditions.append(condition)
+    return origins, conditions
 
 
-def _score_no_motion(
-    observations: list[_Observation], origins: list[tuple[Floats, float]]
-) -> Floats:
-    errors = [
-        _feature_change(observations[t], observations[t + 1], origins[t][0])
+def _score_no_motion(observations: list[_Observation], origins: list[Floats]) -> Floats:
+    """Return the root mean square change (3,) of the features from frame to frame."""
+    changes = [
+        _compute_feature_change(observations[t], observations[t + 1], origins[t])
         for t in range(FIRST_PREDICTED_INDEX, len(observations) - 1)
-        if np.isfinite(origins[t][0]).all()
+        if np.isfinite(origins[t]).all()
     ]
-    return _rms(errors)
+    return _compute_rms(changes)
 
 
 def _score_estimator(
-    estimator: Estimator,
-    tool: Tool,
-    observations: list[_Observation],
-    origins: list[tuple[Floats, float]],
+    estimator: Estimator, tool: Tool, observations: list[_Observation], origins: list[Floats]
 ) -> tuple[Floats | None, Floats, Any]:
-    """Return the errors of the finite and of the linear step, and the last memory.
+    """Return the errors of the predictions by the model and by Ĵ, and the estimator's last memory.
 
-    The errors of the finite step are None without a projection model.
+    The errors (3,) of the model are None for an estimator without a projection model.
     """
     memory = estimator.init()
-    finite: list[Floats] = []
-    linear: list[Floats] = []
-    since_update: float | None = None
-    for t, (current, (o_c, _)) in enumerate(zip(observations, origins, strict=True)):
-        since_update = None if since_update is None else since_update + current.dt
+    model_errors: list[Floats] = []
+    linear_errors: list[Floats] = []
+    since_update_s: float | None = None
+    for t, (current, o_c) in enumerate(zip(observations, origins, strict=True)):
+        since_update_s = None if since_update_s is None else since_update_s + current.dt
         if not np.isfinite(o_c).all():
             continue
-        sample = Sample(current.p1, current.points, o_c, since_update or 0.0, current.sizes)
-        memory, since_update = estimator.update(memory, tool, sample), 0.0
+        sample = Sample(current.p1, current.points, o_c, since_update_s or 0.0, current.sizes)
+        memory, since_update_s = estimator.update(memory, tool, sample), 0.0
         if t < FIRST_PREDICTED_INDEX or t + 1 == len(observations):
             continue
         following = observations[t + 1]
-        change = _feature_change(current, following, o_c)
+        change = _compute_feature_change(current, following, o_c)
         J_hat = estimator.jacobian(memory, tool, sample)
-        linear.append(compute_feature_error(change, J_hat @ (following.p1 - current.p1)))
-        predicted_now, predicted_next = (
+        linear_errors.append(compute_feature_error(change, J_hat @ (following.p1 - current.p1)))
+        predicted, predicted_next = (
             estimator.predict(memory, tool, p1) for p1 in (current.p1, following.p1)
         )
-        if predicted_now is not None and predicted_next is not None:
+        if predicted is not None and predicted_next is not None:
             predicted_change = compute_feature_error(
-                compute_features(predicted_next), compute_features(predicted_now)
+                compute_features(predicted_next), compute_features(predicted)
             )
-            finite.append(compute_feature_error(change, predicted_change))
-    return (_rms(finite) if estimator.predicts_markers else None), _rms(linear), memory
+            model_errors.append(compute_feature_error(change, predicted_change))
+    model_score = _compute_rms(model_errors) if estimator.predicts_markers else None
+    return model_score, _compute_rms(linear_errors), memory
 
 
-def _feature_change(current: _Observation, following: _Observation, o_c: Floats) -> Floats:
-    """Return Δy (3,) from one frame to the next, about the same origin."""
+def _compute_feature_change(current: _Observation, following: _Observation, o_c: Floats) -> Floats:
+    """Return Δy (3,) from one frame to the next, about the same imaged RCM o_c."""
     return compute_feature_error(
         compute_features(shift_to_rcm(following.points, o_c)),
         compute_features(shift_to_rcm(current.points, o_c)),
     )
 
 
-def _rms(errors: list[Floats]) -> Floats:
+def _compute_rms(errors: list[Floats]) -> Floats:
     return np.sqrt(np.mean(np.array(errors) ** 2, axis=0)) if errors else np.full(3, np.nan)
 
 
-def _reprojection_error(
-    estimator: Estimator, memory: Any, tool: Tool, observations: list[_Observation], o_c: Floats
+def _compute_reprojection_error(
+    predict: Callable[[Floats], Floats | None], observations: list[_Observation], o_c: Floats
 ) -> Floats:
-    """Return the root mean square (2,) px of each marker's error under one fit, over all frames."""
-    squares: list[Floats] = []
-    for current in observations:
-        model = estimator.predict(memory, tool, current.p1)
-        assert model is not None
-        squares.append(
-            np.sum((model - shift_to_rcm(current.points, o_c)).reshape(2, 2) ** 2, axis=1)
-        )
-    return np.sqrt(np.mean(squares, axis=0))
+    """Return the root mean square (2,) px of each marker's distance from its predicted position.
+
+    `predict` returns the markers (4,) px from o_c that one fit predicts for p₁ (3,) mm.
+    """
+    squared_distances: list[Floats] = []
+    for observation in observations:
+        predicted = predict(observation.p1)
+        assert predicted is not None
+        errors = (predicted - shift_to_rcm(observation.points, o_c)).reshape(2, 2)
+        squared_distances.append(np.sum(errors**2, axis=1))
+    return np.sqrt(np.mean(squared_distances, axis=0))
