@@ -88,7 +88,7 @@ def test_refused_requests_are_reported_and_the_others_take_effect(monkeypatch):
         raise PermissionError(1, "Operation not permitted")
 
     monkeypatch.setattr(os, "sched_setscheduler", refuse)
-    monkeypatch.setattr(module, "_system", refuse)
+    monkeypatch.setattr(module, "_load_c_library", refuse)
     with realtime() as got:
         assert not gc.isenabled()
     assert len(got.refused) == 2

@@ -14,6 +14,7 @@ The score is the root mean square of the errors, next to that of the prediction 
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -68,28 +69,6 @@ class RecordingScore:
     one_step: dict[str, Floats]
 
 
-@dataclass(frozen=True, eq=False)
-class _Observation:
-    """Frame with both markers.
-
-    Parameters
-    ----------
-    p1 : Floats
-        Position (3,) of marker 1, mm.
-    points : Floats
-        Markers (2, 2), px.
-    dt : float
-        Time since the previous frame with both markers, s.
-    sizes : Floats
-        Apparent radii (2,) of the markers, px.
-    """
-
-    p1: Floats
-    points: Floats
-    dt: float
-    sizes: Floats
-
-
 def score_recording(
     folder: Path,
     lab: RigDescription,
@@ -132,34 +111,33 @@ def score_recording(
     for frame in iterate_frames(poses):
         markers.append(tracker.find(frame))
         progress(len(markers), len(poses))
-    observations = _select_observations(poses, markers)
-    if len(observations) < MIN_FRAMES:
-        raise UnusableFile(folder, _describe_shortage(len(observations), poses, markers, tracker))
-    origins, conditions = _solve_imaged_rcms(observations, imaged_rcm)
-    one_step = {"no_motion": _score_no_motion(observations, origins)}
+    samples = _select_samples(poses, markers)
+    if len(samples) < MIN_FRAMES:
+        raise UnusableFile(folder, _describe_shortage(len(samples), poses, markers, tracker))
+    samples, condition = _solve_imaged_rcms(samples, imaged_rcm)
+    o_c, one_step = samples[-1].o_c, {"no_motion": _score_no_motion(samples)}
     reprojection = np.full(2, np.nan)
     for name, estimator in estimators.items():
-        model_score, linear_score, memory = _score_estimator(
-            estimator, lab.tool, observations, origins
-        )
+        model_score, linear_score, memory = _score_estimator(estimator, lab.tool, samples)
         if model_score is not None:
             one_step[name] = model_score
         one_step[f"{name}_linear"] = linear_score
         if model_score is not None and np.isnan(reprojection).any():
             predict = partial(estimator.predict, memory, lab.tool)
-            reprojection = _compute_reprojection_error(predict, observations, origins[-1])
-    return RecordingScore(poses, markers, origins[-1], conditions[-1], reprojection, one_step)
+            reprojection = _compute_reprojection_error(predict, samples, o_c)
+    return RecordingScore(poses, markers, o_c, condition, reprojection, one_step)
 
 
-def _select_observations(poses: list[RecordedPose], markers: list[Markers]) -> list[_Observation]:
-    observations: list[_Observation] = []
+def _select_samples(poses: list[RecordedPose], markers: list[Markers]) -> list[Sample]:
+    """Return the frames with both markers as samples without o_c."""
+    samples: list[Sample] = []
     previous: RecordedPose | None = None
     for pose, detected in zip(poses, markers, strict=True):
         if np.isfinite(detected.points).all():
-            dt = _compute_interval(previous, pose)
-            observations.append(_Observation(pose.p1, detected.points, dt, detected.radius))
+            dt, unknown_o_c = _compute_interval(previous, pose), np.full(2, np.nan)
+            samples.append(Sample(pose.p1, detected.points, unknown_o_c, dt, detected.radius))
             previous = pose
-    return observations
+    return samples
 
 
 def _describe_shortage(
@@ -184,33 +162,34 @@ def _compute_interval(previous: RecordedPose | None, pose: RecordedPose) -> floa
     return float(np.linalg.norm(pose.p1 - previous.p1)) / ASSUMED_SPEED_MM_S
 
 
-def _solve_imaged_rcms(
-    observations: list[_Observation], imaged_rcm: ImagedRcm
-) -> tuple[list[Floats], list[float]]:
-    """Return o_c (2,) and its condition number after each frame; o_c is NaN if not observable."""
+def _solve_imaged_rcms(samples: list[Sample], imaged_rcm: ImagedRcm) -> tuple[list[Sample], float]:
+    """Return the samples with o_c, and the condition number of eq. (16) at the last one.
+
+    Eq. (16) is solved from the frames up to each sample; o_c is NaN while it is not observable.
+    """
     (lines, count), printed = imaged_rcm.init(), imaged_rcm.printed
-    origins: list[Floats] = []
-    conditions: list[float] = []
-    for observation in observations:
-        lines, count = store_line(lines, count, observation.points, printed)
+    solved: list[Sample] = []
+    condition = np.inf
+    for sample in samples:
+        lines, count = store_line(lines, count, sample.points, printed)
         o_c, condition = solve_imaged_rcm(lines, count, imaged_rcm.refinements, printed)
-        origins.append(o_c if condition <= imaged_rcm.max_condition else np.full(2, np.nan))
-        conditions.append(condition)
-    return origins, conditions
+        is_observable = condition <= imaged_rcm.max_condition
+        solved.append(sample._replace(o_c=o_c) if is_observable else sample)
+    return solved, condition
 
 
-def _score_no_motion(observations: list[_Observation], origins: list[Floats]) -> Floats:
+def _score_no_motion(samples: list[Sample]) -> Floats:
     """Return the root mean square change (3,) of the features from frame to frame."""
     changes = [
-        _compute_feature_change(observations[t], observations[t + 1], origins[t])
-        for t in range(FIRST_PREDICTED_INDEX, len(observations) - 1)
-        if np.isfinite(origins[t]).all()
+        _compute_feature_change(current, following)
+        for current, following in pairwise(samples[FIRST_PREDICTED_INDEX:])
+        if np.isfinite(current.o_c).all()
     ]
     return _compute_rms(changes)
 
 
 def _score_estimator(
-    estimator: Estimator, tool: Tool, observations: list[_Observation], origins: list[Floats]
+    estimator: Estimator, tool: Tool, samples: list[Sample]
 ) -> tuple[Floats | None, Floats, Any]:
     """Return the errors of the predictions by the model and by Ĵ, and the estimator's last memory.
 
@@ -220,17 +199,17 @@ def _score_estimator(
     model_errors: list[Floats] = []
     linear_errors: list[Floats] = []
     since_update_s: float | None = None
-    for t, (current, o_c) in enumerate(zip(observations, origins, strict=True)):
-        since_update_s = None if since_update_s is None else since_update_s + current.dt
-        if not np.isfinite(o_c).all():
+    for t, sample in enumerate(samples):
+        since_update_s = None if since_update_s is None else since_update_s + sample.dt
+        if not np.isfinite(sample.o_c).all():
             continue
-        sample = Sample(current.p1, current.points, o_c, since_update_s or 0.0, current.sizes)
-        memory, since_update_s = estimator.update(memory, tool, sample), 0.0
-        if t < FIRST_PREDICTED_INDEX or t + 1 == len(observations):
+        current = sample._replace(dt=since_update_s or 0.0)
+        memory, since_update_s = estimator.update(memory, tool, current), 0.0
+        if t < FIRST_PREDICTED_INDEX or t + 1 == len(samples):
             continue
-        following = observations[t + 1]
-        change = _compute_feature_change(current, following, o_c)
-        J_hat = estimator.jacobian(memory, tool, sample)
+        following = samples[t + 1]
+        change = _compute_feature_change(current, following)
+        J_hat = estimator.jacobian(memory, tool, current)
         linear_errors.append(compute_feature_error(change, J_hat @ (following.p1 - current.p1)))
         predicted, predicted_next = (
             estimator.predict(memory, tool, p1) for p1 in (current.p1, following.p1)
@@ -244,11 +223,11 @@ def _score_estimator(
     return model_score, _compute_rms(linear_errors), memory
 
 
-def _compute_feature_change(current: _Observation, following: _Observation, o_c: Floats) -> Floats:
-    """Return Δy (3,) from one frame to the next, about the same imaged RCM o_c."""
+def _compute_feature_change(current: Sample, following: Sample) -> Floats:
+    """Return Δy (3,) from one sample to the next, both about the imaged RCM of the first."""
     return compute_feature_error(
-        compute_features(shift_to_rcm(following.points, o_c)),
-        compute_features(shift_to_rcm(current.points, o_c)),
+        compute_features(shift_to_rcm(following.points, current.o_c)),
+        compute_features(shift_to_rcm(current.points, current.o_c)),
     )
 
 
@@ -257,16 +236,16 @@ def _compute_rms(errors: list[Floats]) -> Floats:
 
 
 def _compute_reprojection_error(
-    predict: Callable[[Floats], Floats | None], observations: list[_Observation], o_c: Floats
+    predict: Callable[[Floats], Floats | None], samples: list[Sample], o_c: Floats
 ) -> Floats:
     """Return the root mean square (2,) px of each marker's distance from its predicted position.
 
     `predict` returns the markers (4,) px from o_c that one fit predicts for p₁ (3,) mm.
     """
     squared_distances: list[Floats] = []
-    for observation in observations:
-        predicted = predict(observation.p1)
+    for sample in samples:
+        predicted = predict(sample.p1)
         assert predicted is not None
-        errors = (predicted - shift_to_rcm(observation.points, o_c)).reshape(2, 2)
+        errors = (predicted - shift_to_rcm(sample.points, o_c)).reshape(2, 2)
         squared_distances.append(np.sum(errors**2, axis=1))
     return np.sqrt(np.mean(squared_distances, axis=0))
