@@ -65,6 +65,7 @@ class ReportThread:
         self._ticks: queue.SimpleQueue[Tick | None] = queue.SimpleQueue()
         self._thread = threading.Thread(target=self._process_ticks, name="reports", daemon=True)
         self.put = self._ticks.put
+        """Function that adds a tick. It does not wait."""
 
     def __enter__(self) -> Self:
         self._thread.start()

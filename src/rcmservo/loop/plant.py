@@ -153,7 +153,10 @@ class Plant:
         self._forget_frames()
 
     def send(self, command: Command) -> Floats:
-        """Send a command to the arm and return the joint rates (3,) that it applies."""
+        """Send a command to the arm and return the joint rates that it applies.
+
+        They are an array (3,) in rad/s, rad/s, mm/s.
+        """
         applied = self.arm.apply(command)
         self._check_first(self.arm, "apply", applied)
         self._applied = applied.copy()

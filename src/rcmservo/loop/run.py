@@ -44,9 +44,9 @@ def run(
     target : Target
         Target at the start, from `teach` or a target file.
     duration : float
-        Longest duration in s, positive.
+        Longest duration in s, positive; 30 by default.
     done : Callable
-        Function of a `Tick` that returns True to end the run.
+        Function of a `Tick` that returns True to end the run; by default it never does.
     state : State or None
         Last state of an earlier run, whose estimate is used; None starts without an estimate.
     operator : Operator or None

@@ -29,6 +29,8 @@ BUSY_PHASES = Phase.ACQUIRE, Phase.SERVO, Phase.JOG
 """Phases in which the arm moves."""
 
 NO_VALUES = np.empty(0)
+"""Unknown positions, rates or efforts of a JointState."""
+
 NO_RENAMES: Mapping[str, str] = MappingProxyType({})
 
 SI_FACTORS = np.array([1.0, 1.0, 1e-3])
@@ -68,8 +70,12 @@ def _define_tick(reals: Sequence[Column], renames: Mapping[str, str] = NO_RENAME
 
 
 REALS_BY_VERSION = [
-    [column for column in schema.REAL_COLUMNS if column.name not in chain(*schema.LATER[version:])]
-    for version in range(len(schema.LATER) + 1)
+    [
+        column
+        for column in schema.REAL_COLUMNS
+        if column.name not in chain(*schema.ADDED_COLUMNS[version:])
+    ]
+    for version in range(len(schema.ADDED_COLUMNS) + 1)
 ]
 """Real numbers of a tick in each version of the format."""
 

@@ -14,6 +14,7 @@ from rcmservo.estimation.projection_rule import ProjectionMemory
 from rcmservo.interfaces import Floats
 from rcmservo.loop.tick import Tick
 
+# names and units of the numbers of a column
 JOINTS = ("1 [rad]", "2 [rad]", "3 [mm]")
 RATES = ("1 [rad/s]", "2 [rad/s]", "3 [mm/s]")
 POSITION = ("x [mm]", "y [mm]", "z [mm]")
@@ -109,8 +110,11 @@ REAL_COLUMNS = (
 that the arm executed of the command; `jog` are the rates that the operator requested.
 """
 
-LATER = ("sizes",), ("jog",), ("quality",)
-"""Real numbers that later versions added, one group per version. They are NaN in older records."""
+ADDED_COLUMNS = ("sizes",), ("jog",), ("quality",)
+"""Real numbers that later versions of the format added, one group per version.
+
+They are NaN in older records.
+"""
 
 FLAG_COLUMNS = (
     Column("enabled", FLAG, get("observation.enabled")),

@@ -100,7 +100,7 @@ class Recorder:
         self._servo: Servo | None = None
         self._end_states: list[State | None] = []
         self._last_tick: Tick | None = None
-        self._log_time_ns, self._log_offset_ns, self._last_observed_ns = 0, 0, 0
+        self._log_time_ns, self._log_offset_ns, self._observed_ns = 0, 0, 0
         self._is_closed = False
         self._attempt(self._start, about_text)
 
@@ -158,10 +158,10 @@ class Recorder:
             raise RcmServoError("the record has no stage: call begin before write")
         observation, state, previous = tick.observation, tick.state, self._last_tick
         if tick.time + self._log_offset_ns < self._log_time_ns:
-            since_last_ns = max(observation.now - self._last_observed_ns, 0)
+            since_last_ns = max(observation.now - self._observed_ns, 0)
             self._log_offset_ns = self._log_time_ns + since_last_ns - tick.time
         self._log_time_ns = tick.time + self._log_offset_ns
-        self._last_observed_ns, self._last_tick = observation.now, tick
+        self._observed_ns, self._last_tick = observation.now, tick
         if previous is not None and state.target is not None and _has_changed(previous, tick):
             self._end_states.append(previous.state)
             origin = len(self._end_states) - 1
@@ -190,9 +190,7 @@ class Recorder:
         self._attempt(self._write_truth, p1, p2, jacobian_error)
 
     def _write_truth(self, p1: Floats, p2: Floats, jacobian_error: float) -> None:
-        self._send(
-            "rcmservo/truth", ros2.encode_truth(self._last_observed_ns, p1, p2, jacobian_error)
-        )
+        self._send("rcmservo/truth", ros2.encode_truth(self._observed_ns, p1, p2, jacobian_error))
 
     def write_frame(self, frame: Frame) -> None:
         """Add the image of a frame as a JPEG file; its stamp is the exposure."""
