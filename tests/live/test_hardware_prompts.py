@@ -48,7 +48,7 @@ class ScriptedTerminal:
     """
 
     def __init__(self, *answers: str | tuple[str, int]) -> None:
-        self._answers = [(one, 0) if isinstance(one, str) else one for one in answers]
+        self._answers = [(answer, 0) if isinstance(answer, str) else answer for answer in answers]
         self.typed, self.closed = 0, False
         self.printed: list[str] = []
 
@@ -105,19 +105,21 @@ def confirm_enable_at(monkeypatch: pytest.MonkeyPatch, terminal: ScriptedTermina
         assert terminal.closed
 
 
-def test_a_fresh_word_confirms_the_motion(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_word_typed_after_the_question_confirms_the_motion(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     terminal = ScriptedTerminal("enable")
     confirm_enable_at(monkeypatch, terminal)
     announcement, question = terminal.printed
     assert announcement == f"The arm is at {INITIAL_JOINTS}. It moves." and question.endswith(WORD)
 
 
-def test_an_old_word_does_not_confirm_and_is_requested_again(
+def test_a_word_typed_before_the_question_does_not_confirm_and_is_requested_again(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     terminal = ScriptedTerminal(("enable", MAX_ANSWER_AGE_NS + 1), "enable")
     confirm_enable_at(monkeypatch, terminal)
-    assert [one.endswith(WORD) for one in terminal.printed] == [False, True, False, True]
+    assert [line.endswith(WORD) for line in terminal.printed] == [False, True, False, True]
     with pytest.raises(Stopped):
         confirm_enable_at(monkeypatch, ScriptedTerminal(("enable", MAX_ANSWER_AGE_NS + 1), "no"))
 
@@ -135,15 +137,15 @@ def test_joints_are_requested_until_they_are_valid_and_confirmed() -> None:
     terminal.close()
     assert arm.q.tolist() == [0.5, 0.1, 101.0]
     output = terminal.printed[1:]
-    for words in output[1 : 2 * len(refused) : 2]:
-        assert words.startswith("the joints must be ")
+    for message in output[1 : 2 * len(refused) : 2]:
+        assert message.startswith("the joints must be ")
     output = output[2 * len(refused) :]
-    assert [one.rpartition(". ")[0] for one in output[1::2]] == [
+    assert [line.rpartition(". ")[0] for line in output[1::2]] == [
         "The arm is at theta 0.5 rad, phi 0.1 rad, rho 100 mm",
         "The arm is at theta 0.5 rad, phi 0.1 rad, rho 101 mm",
     ]
-    assert all(one.endswith(JOINTS) for one in output[::2])
-    assert all(one.endswith(CONFIRM) for one in output[1::2])
+    assert all(line.endswith(JOINTS) for line in output[::2])
+    assert all(line.endswith(CONFIRM) for line in output[1::2])
 
 
 def test_an_arm_that_does_not_take_the_defined_joints_is_not_used() -> None:
@@ -206,7 +208,7 @@ def test_a_taught_target_is_saved_and_read_without_teaching(
     )
     second = ScriptedTerminal(ANSWERS[JOINTS], ANSWERS[CONFIRM], ANSWERS[START])
     assert prepare(monkeypatch, second, Arm(), target=file).q.tolist() == taught.q.tolist()
-    assert not any(TARGET in one for one in second.printed)
+    assert not any(TARGET in line for line in second.printed)
 
 
 def test_a_target_of_another_rig_is_refused_before_any_question(

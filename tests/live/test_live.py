@@ -239,9 +239,9 @@ def test_the_drive_is_off_one_time_out_after_the_last_valid_command_despite_nois
     command = encode(shared_arm.command(start))
     shared_arm.send(command)
     assert shared_arm.is_on
-    for some in noise:
-        for one in (*some, command, command[:-1]):
-            shared_arm.send(one)
+    for burst in noise:
+        for datagram in (*burst, command, command[:-1]):
+            shared_arm.send(datagram)
         shared_arm.step(WATCHDOG_TIMEOUT_NS // 5 + MS)
     assert not shared_arm.is_on
     assert not any(shared_arm.applied_rates)

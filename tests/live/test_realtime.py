@@ -72,13 +72,13 @@ def test_realtime_restores_the_process_even_after_an_error():
 
 @pytest.mark.usefixtures("frozen_heap")
 def test_garbage_collection_is_off_inside_and_a_forced_one_is_counted():
-    with realtime() as got:
+    with realtime() as results:
         heap = [[] for _ in range(100_000)]
-        for one in heap:
-            one.append(one)
-        assert got.collections == 0
+        for cycle in heap:
+            cycle.append(cycle)
+        assert results.collections == 0
         gc.collect()
-        assert got.collections == 1
+        assert results.collections == 1
 
 
 @pytest.mark.usefixtures("frozen_heap")
@@ -88,11 +88,11 @@ def test_refused_requests_are_reported_and_the_others_take_effect(monkeypatch):
         raise PermissionError(1, "Operation not permitted")
 
     monkeypatch.setattr(os, "sched_setscheduler", refuse)
-    monkeypatch.setattr(module, "_system", refuse)
-    with realtime() as got:
+    monkeypatch.setattr(module, "_load_c_library", refuse)
+    with realtime() as results:
         assert not gc.isenabled()
-    assert len(got.refused) == 2
-    assert all("Operation not permitted" in sentence for sentence in got.refused)
+    assert len(results.refused) == 2
+    assert all("Operation not permitted" in sentence for sentence in results.refused)
 
 
 @pytest.mark.usefixtures("frozen_heap")
@@ -103,19 +103,19 @@ def test_the_loop_has_the_first_priority_and_existing_threads_the_next():
             thread
         ).sched_priority
 
-    ended, found = threading.Event(), []
+    ended, policies = threading.Event(), []
     thread = threading.Thread(target=ended.wait, args=(WAIT_TIMEOUT_S,))
     thread.start()
     try:
-        with realtime() as got:
-            if got.refused:
-                pytest.skip(got.refused[0])
-            later = threading.Thread(target=lambda: found.append(policy()))
+        with realtime() as results:
+            if results.refused:
+                pytest.skip(results.refused[0])
+            later = threading.Thread(target=lambda: policies.append(policy()))
             later.start()
             later.join(WAIT_TIMEOUT_S)
             assert policy()[0] == policy(thread.native_id)[0] == os.SCHED_FIFO
             assert policy()[1] > policy(thread.native_id)[1]
-            assert found == [(os.SCHED_OTHER, 0)]
+            assert policies == [(os.SCHED_OTHER, 0)]
         assert policy(thread.native_id) == (os.SCHED_OTHER, 0)
     finally:
         ended.set()
@@ -129,18 +129,20 @@ def test_a_thread_that_sends_commands_has_a_priority_between_loop_and_other_thre
         return os.sched_getparam(thread.native_id).sched_priority
 
     def work():
-        found.append(urgent())
+        refusals.append(urgent())
         requested.set()
         ended.wait(WAIT_TIMEOUT_S)
 
-    requested, ended, found = threading.Event(), threading.Event(), []
-    threads = [threading.Thread(target=one) for one in (work, lambda: ended.wait(WAIT_TIMEOUT_S))]
+    requested, ended, refusals = threading.Event(), threading.Event(), []
+    threads = [
+        threading.Thread(target=target) for target in (work, lambda: ended.wait(WAIT_TIMEOUT_S))
+    ]
     for thread in threads:
         thread.start()
     try:
         assert requested.wait(WAIT_TIMEOUT_S)
-        if found != [""]:
-            pytest.skip(found[0])
+        if refusals != [""]:
+            pytest.skip(refusals[0])
         outside = priority(threads[0])
         with realtime():
             assert os.sched_getparam(0).sched_priority > priority(threads[0]) > priority(threads[1])

@@ -97,10 +97,11 @@ def run_session(tmp_path: Path) -> Iterator[Any]:
             message = here.recv()
         return message
 
-    usual = {one: signal.getsignal(one) for one in (signal.SIGINT, *END_SIGNALS)}
+    numbers = signal.SIGINT, *END_SIGNALS
+    former_handlers = {number: signal.getsignal(number) for number in numbers}
     yield run
-    for one, handler in usual.items():
-        signal.signal(one, handler)
+    for number, handler in former_handlers.items():
+        signal.signal(number, handler)
 
 
 @pytest.mark.alone

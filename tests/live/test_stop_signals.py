@@ -15,7 +15,8 @@ def test_the_first_signal_stops_in_order_and_the_next_is_ignored(
 ) -> None:
     received: list[int] = []
     previous = {
-        one: signal.signal(one, lambda n, _: received.append(n)) for one in {*END_SIGNALS, number}
+        received_number: signal.signal(received_number, lambda n, _: received.append(n))
+        for received_number in {*END_SIGNALS, number}
     }
     try:
         with pytest.raises(Stopped, match=number.name), stopped_by_signals():
@@ -28,5 +29,5 @@ def test_the_first_signal_stops_in_order_and_the_next_is_ignored(
         os.kill(os.getpid(), number)
         assert received == [number]
     finally:
-        for one, before in previous.items():
-            signal.signal(one, before)
+        for each, handler in previous.items():
+            signal.signal(each, handler)

@@ -270,8 +270,8 @@ def test_jogging_is_recorded_in_one_span_and_replays_bit_for_bit(
     during = np.array(replayed.recorded.words["request"]) == "JOG"
     assert during.sum() == round(100 * (END - BEGIN))
     assert (jog[during] == RATES).all() and not jog[~during].any()
-    found = [span for span in list_spans(replayed.recorded) if span.phase is rs.Phase.JOG]
-    assert len(found) == 1 and found[0].duration == pytest.approx(END - BEGIN)
+    jog_spans = [span for span in list_spans(replayed.recorded) if span.phase is rs.Phase.JOG]
+    assert len(jog_spans) == 1 and jog_spans[0].duration == pytest.approx(END - BEGIN)
     other = replace(replayed.recorded, ticks={**replayed.recorded.ticks, "jog": np.zeros_like(jog)})
     assert "command" in replay_record(other).difference_counts
 

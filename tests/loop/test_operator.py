@@ -137,9 +137,9 @@ def test_teaching_waits_for_frames_with_both_markers() -> None:
     find, hidden = lab.plant.tracker.find, [True]
 
     def find_partly(frame: rs.Frame) -> rs.Markers:
-        found = find(frame)
-        points = np.array([found.points[0], [np.nan, np.nan]])
-        return replace(found, points=points) if hidden[0] else found
+        markers = find(frame)
+        points = np.array([markers.points[0], [np.nan, np.nan]])
+        return replace(markers, points=points) if hidden[0] else markers
 
     targets = []
     for k, tick in enumerate(ticks_of(lab, lab.servo(), 5.0, {200: Teach(frames=5)})):

@@ -262,8 +262,8 @@ def test_an_observation_contains_the_detection_quality_with_0_for_a_lost_marker(
 
         def find(self, frame: rs.Frame) -> rs.Markers:
             lost = np.array([[1.0, 1.0], [np.nan, np.nan]])
-            found = super().find(frame)
-            return replace(found, points=found.points * lost, quality=self.reported)
+            markers = super().find(frame)
+            return replace(markers, points=markers.points * lost, quality=self.reported)
 
     plant = rs.Plant(lab.rig.arm, lab.rig.camera, QualityTracker(), lab.rig.clock)
     for _ in rs.ticks(plant.clock, duration=0.2):

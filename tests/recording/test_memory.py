@@ -15,7 +15,7 @@ from conftest import ROOT, Laboratory
 from rcmservo.cli.export import export_record as export
 from rcmservo.cli.export import record_arrays
 from rcmservo.config.user_estimators import hash_source, import_estimator
-from rcmservo.recording import estimator_memory, reader
+from rcmservo.recording import reader
 from rcmservo.recording.replay import replay_record
 from rcmservo.recording.ros2_messages import decode_memory, encode_memory
 from rcmservo.recording.writer import Recorder
@@ -107,12 +107,12 @@ def test_the_memory_is_exported_and_readable_by_other_software(
     rows = reader.read_record(folder)
     assert record_arrays(rows)["memory"].shape == (len(rows.time), 16)
     with AnyReader([folder]) as bag:
-        connections = [one for one in bag.connections if one.topic == estimator_memory.TOPIC]
+        connections = [c for c in bag.connections if c.topic == "rcmservo/memory"]
         messages = [
             bag.deserialize(data, connections[0].msgtype)
             for _, _, data in bag.messages(connections)
         ]
-    np.testing.assert_array_equal([one.numbers for one in messages], rows.ticks["memory"])
+    np.testing.assert_array_equal([message.numbers for message in messages], rows.ticks["memory"])
 
 
 @pytest.mark.parametrize("data", [b"", b"\0" * 27, b"\0" * 20 + b"\2\0\0\0" + b"\0" * 12])

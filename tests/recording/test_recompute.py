@@ -226,17 +226,17 @@ def test_a_servo_is_rebuilt_from_its_description(
 
 
 @pytest.mark.parametrize(
-    "box", ["mechanism", "tool", "estimator", "controller", "exploration", "gate", "thresholds"]
+    "part", ["mechanism", "tool", "estimator", "controller", "exploration", "gate", "thresholds"]
 )
-def test_a_invalidthat_lacks_a_setting_is_refused_by_name(box: str) -> None:
+def test_a_servo_part_that_lacks_a_setting_is_refused_by_name(part: str) -> None:
     description = describe_servo(make_servo())
-    description[box].popitem()
-    with pytest.raises(rs.BadInput, match=rf"servo\.{box}"):
+    description[part].popitem()
+    with pytest.raises(rs.BadInput, match=rf"servo\.{part}"):
         rebuild_servo(description)
 
 
 @pytest.mark.parametrize("invalid", [None, 3, [], "servo", {}, {"rate": 100.0}])
-def test_an_invalid_invalidis_refused(invalid: Any) -> None:
+def test_an_invalid_servo_description_is_refused(invalid: Any) -> None:
     with pytest.raises(rs.BadInput):
         rebuild_servo(invalid)
     with pytest.raises(rs.BadInput):

@@ -21,7 +21,7 @@ from rcmservo.estimation.projection_rule import ProjectionEstimator
 from rcmservo.recording import reader
 from rcmservo.recording import ros2_messages as ros2
 from rcmservo.recording.replay import replay_record
-from rcmservo.recording.tick_schema import LATER
+from rcmservo.recording.tick_schema import ADDED_COLUMNS
 from rcmservo.recording.writer import (
     MAX_QUEUED_FRAMES,
     MAX_QUEUED_MESSAGES,
@@ -549,7 +549,7 @@ def test_ticks_of_every_version_are_replayed_with_missing_columns_unknown(
     ticks = ros2.tick_columns(layout, rows)
     assert set(ticks) == set(record.ticks) & set(ros2.TICK.names or ())
     missing = {name for name, column in ticks.items() if np.isnan(column).all()}
-    assert missing >= {name for names in LATER[version:] for name in names}
+    assert missing >= {name for names in ADDED_COLUMNS[version:] for name in names}
     assert replay_record(replace(record, ticks={**record.ticks, **ticks})).same
 
 

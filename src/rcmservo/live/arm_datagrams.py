@@ -7,8 +7,8 @@
 
 Each datagram begins with a mark and ends with a checksum; any other datagram is dropped silently.
 The servo that enables the drive draws a random session number, and the arm accepts motion from that
-session only. A servo that was suspended and resumes while another one controls the arm therefore
-moves nothing. Times are ns of the wall clock, which all processes of a computer share.
+session only. A servo that was suspended therefore moves nothing when it resumes while another one
+controls the arm. Times are ns of the wall clock, which all processes of a computer share.
 """
 
 import contextlib
@@ -21,7 +21,7 @@ import time
 import zlib
 from enum import IntEnum
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -32,26 +32,35 @@ from rcmservo.loop.target_frames import TEACHING_FRAMES
 from rcmservo.loop.teach import teach
 
 MARK = b"RCM1"
-HEAD, SUM = struct.Struct("<4sB"), struct.Struct("<I")
-MAX_DATAGRAM_BYTES = 256
-"""Largest datagram in bytes."""
+HEAD = struct.Struct("<4sB")
+"""Mark and kind of a datagram."""
 
+CHECKSUM = struct.Struct("<I")
+MAX_DATAGRAM_BYTES = 256
 MAX_DATAGRAMS_PER_READ = 32
-"""Datagrams read in one call, so that a flood of them cannot block the reader."""
+"""Largest number of datagrams read in one call, so that a flood of them cannot block the reader."""
 
 REQUEST_TIMEOUT_S = 2.0
 """Time in s within which an arm must complete a request."""
 
 
 class NoAnswer(RcmServoError):
-    """Report an arm that does not answer."""
+    """Error of an arm that does not answer."""
 
 
 class ArmAction(IntEnum):
     """Action that a servo requests of the arm.
 
-    The arm reports its state, enables the drive, holds the tool at the target, or returns to the
-    start.
+    Attributes
+    ----------
+    REPORT
+        Report the state.
+    ENABLE
+        Enable the drive for the session of the request.
+    HOLD_AT_TARGET
+        Hold the tool at the target, so that it can be taught.
+    RETURN_TO_START
+        Return the tool to the start.
     """
 
     REPORT = 0
@@ -136,85 +145,82 @@ class Done(NamedTuple):
 
 Message = SessionCommand | ArmRequest | ArmState | Done
 
-COMMAND, REQUEST, STATE, DONE = (
-    struct.Struct(f"<{form}") for form in ("Qqqq3dB", "qQB", "Qq3dB3dq", "q")
-)
+LAYOUTS = [struct.Struct(f"<{fields}") for fields in ("Qqqq3dB", "qQB", "Qq3dB3dq", "q")]
+"""Layouts of the messages. The kind of a datagram is the position of its layout, from 1."""
+
+COMMAND, REQUEST, STATE, DONE = LAYOUTS
 
 
 def encode(message: Message) -> bytes:
     """Return a message as one datagram."""
     match message:
         case SessionCommand(session, c):
-            kind, body = (
-                1,
-                COMMAND.pack(session, c.number, c.time, c.deadline, *c.rates.tolist(), c.enabled),
-            )
+            return _pack(COMMAND, session, c.number, c.time, c.deadline, *c.rates, c.enabled)
         case ArmRequest():
-            kind, body = 2, REQUEST.pack(*message)
-        case ArmState(session, at, q, enabled, applied, number):
-            kind, body = (
-                3,
-                STATE.pack(session, at, *q.tolist(), enabled, *applied.tolist(), number),
-            )
+            return _pack(REQUEST, *message)
+        case ArmState(session, time_ns, q, enabled, applied, number):
+            return _pack(STATE, session, time_ns, *q, enabled, *applied, number)
         case Done():
-            kind, body = 4, DONE.pack(*message)
-    whole = HEAD.pack(MARK, kind) + body
-    return whole + SUM.pack(zlib.crc32(whole))
+            return _pack(DONE, *message)
+
+
+def _pack(layout: struct.Struct, *fields: float) -> bytes:
+    content = HEAD.pack(MARK, LAYOUTS.index(layout) + 1) + layout.pack(*fields)
+    return content + CHECKSUM.pack(zlib.crc32(content))
 
 
 def decode(datagram: bytes) -> Message | None:
     """Return the message in a datagram, or None if the datagram is not exactly one message."""
-    end = len(datagram) - SUM.size
-    if end < HEAD.size or SUM.unpack_from(datagram, end)[0] != zlib.crc32(datagram[:end]):
+    end = len(datagram) - CHECKSUM.size
+    if end < HEAD.size or CHECKSUM.unpack_from(datagram, end)[0] != zlib.crc32(datagram[:end]):
         return None
     mark, kind = HEAD.unpack_from(datagram)
+    if mark != MARK or not 1 <= kind <= len(LAYOUTS):
+        return None
+    layout: struct.Struct = LAYOUTS[int(kind) - 1]
     try:
-        return _message(kind, datagram[HEAD.size : end]) if mark == MARK else None
+        return _make_message(layout, layout.unpack(datagram[HEAD.size : end]))
     except (struct.error, ValueError):
         return None
 
 
-def _message(kind: int, body: bytes) -> Message | None:
-    match kind:
-        case 1:
-            session, number, at, deadline, *rates, enabled = COMMAND.unpack(body)
-            return SessionCommand(
-                session, Command(number, at, deadline, np.array(rates), bool(enabled))
-            )
-        case 2:
-            number, session, action = REQUEST.unpack(body)
-            return ArmRequest(number, session, ArmAction(action))
-        case 3:
-            v = STATE.unpack(body)
-            return ArmState(v[0], v[1], np.array(v[2:5]), bool(v[5]), np.array(v[6:9]), v[9])
-        case 4:
-            return Done(*DONE.unpack(body))
-        case _:
-            return None
+def _make_message(layout: struct.Struct, fields: tuple[Any, ...]) -> Message:
+    if layout is COMMAND:
+        session, number, time_ns, deadline, *rates, enabled = fields
+        command = Command(number, time_ns, deadline, np.array(rates), bool(enabled))
+        return SessionCommand(session, command)
+    if layout is REQUEST:
+        number, session, action = fields
+        return ArmRequest(number, session, ArmAction(action))
+    if layout is STATE:
+        session, time_ns, *q, enabled, applied_1, applied_2, applied_3, number = fields
+        applied = np.array((applied_1, applied_2, applied_3))
+        return ArmState(session, time_ns, np.array(q), bool(enabled), applied, number)
+    return Done(*fields)
 
 
 def open_socket(path: Path) -> socket.socket:
     """Open a non-blocking datagram socket at a path."""
-    opened = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+    new_socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
     try:
-        opened.bind(str(path))
+        new_socket.bind(str(path))
     except OSError as error:
-        opened.close()
+        new_socket.close()
         raise UnusableFile(path, f"cannot be a socket: {error.strerror or error}") from error
-    opened.setblocking(False)
-    return opened
+    new_socket.setblocking(False)
+    return new_socket
 
 
-def receive(sock: socket.socket) -> list[tuple[Message, str]]:
+def receive(source: socket.socket) -> list[tuple[Message, str]]:
     """Return the waiting messages with their senders; drop every other datagram."""
-    found: list[tuple[Message, str]] = []
+    messages: list[tuple[Message, str]] = []
     with contextlib.suppress(OSError):
         for _ in range(MAX_DATAGRAMS_PER_READ):
-            datagram, sender = sock.recvfrom(MAX_DATAGRAM_BYTES)
+            datagram, sender = source.recvfrom(MAX_DATAGRAM_BYTES)
             message = decode(datagram)
             if message is not None:
-                found.append((message, sender))
-    return found
+                messages.append((message, sender))
+    return messages
 
 
 def arm_socket_path(folder: Path) -> Path:
@@ -223,10 +229,10 @@ def arm_socket_path(folder: Path) -> Path:
 
 
 class RemoteArm:
-    """Arm in another process, reached by datagrams. Close it when done.
+    """Arm in another process, reached by datagrams. Close it at the end.
 
-    The arm reports the rates that it applies in its next state, so `apply` returns the rates of the
-    newest state.
+    The arm reports the rates that it applies only in its next state, so `apply` returns the rates
+    of the newest state.
 
     Parameters
     ----------
@@ -274,48 +280,44 @@ class RemoteArm:
         self._receive()
         number = time.monotonic_ns()
         self._send(ArmRequest(number, self._session, action))
-        done = False
-        while not done or self._state is None:
-            left = REQUEST_TIMEOUT_S - (time.monotonic_ns() - number) * 1e-9
-            if left <= 0.0:
+        is_done = False
+        while not is_done or self._state is None:
+            remaining_s = REQUEST_TIMEOUT_S - (time.monotonic_ns() - number) * 1e-9
+            if remaining_s <= 0.0:
                 raise NoAnswer(f"the arm does not answer within {REQUEST_TIMEOUT_S:g} s")
-            select.select([self._socket], [], [], left)
-            done |= self._receive(number)
+            select.select([self._socket], [], [], remaining_s)
+            is_done |= self._receive(number)
 
     def measure(self) -> ArmMeasurement:
         """Return the newest state. The drive counts as enabled only in this servo's session."""
         self._receive()
-        state = self._newest
+        state = self._newest_state
         return ArmMeasurement(state.time, state.q, state.enabled and state.session == self._session)
 
     def apply(self, command: Command) -> Floats:
         self._send(SessionCommand(self._session, command))
-        state = self._newest
+        state = self._newest_state
         return state.applied if state.session == self._session else np.zeros(3)
 
     @property
-    def _newest(self) -> ArmState:
+    def _newest_state(self) -> ArmState:
         assert self._state is not None
         return self._state
 
     def _send(self, message: Message) -> None:
-        """Send a message.
-
-        A datagram that cannot be sent now is lost, and an arm that is gone does not answer.
-        """
+        """Send a message; it is lost if it cannot be sent at once, such as when the arm is gone."""
         with contextlib.suppress(OSError):
             self._socket.send(encode(message))
 
     def _receive(self, number: int = -1) -> bool:
         """Receive all waiting messages; return True if one completes the request of this number."""
-        done = False
+        is_done = False
         for message, _ in receive(self._socket):
-            done |= message == Done(number)
-            if isinstance(message, ArmState) and (
-                self._state is None or message.time > self._state.time
-            ):
-                self._state = message
-        return done
+            is_done |= message == Done(number)
+            if isinstance(message, ArmState):
+                is_newest = self._state is None or message.time > self._state.time
+                self._state = message if is_newest else self._state
+        return is_done
 
 
 def teach_and_return(plant: Plant, frames: int = TEACHING_FRAMES) -> Target:

@@ -1,4 +1,4 @@
-"""Child process with a pipe to its parent, which ends it in order."""
+"""Child process with a pipe to its parent, which requests its orderly end."""
 
 import contextlib
 import signal
@@ -25,17 +25,17 @@ class ChildProcess:
     context : Context
         Start method.
     work : Callable
-        Function that the process runs. Its last argument is the pipe.
+        Function that the process runs. Its last argument is the child's end of the pipe.
     *arguments
-        Its other arguments.
+        Other arguments of the function.
     """
 
     def __init__(self, context: Context, work: Callable[..., None], *arguments: Any) -> None:
-        self.pipe, its = context.Pipe()
-        self.process = context.Process(target=work, args=(*arguments, its), daemon=True)
-        with _interrupt_ignored(), without_huge_pages():
+        self.pipe, child_end = context.Pipe()
+        self.process = context.Process(target=work, args=(*arguments, child_end), daemon=True)
+        with _ignore_interrupts(), without_huge_pages():
             self.process.start()
-        its.close()
+        child_end.close()
 
     def receive(self) -> Any:
         """Return the next message of the process.
@@ -70,21 +70,21 @@ class ChildProcess:
 
 
 @contextlib.contextmanager
-def _interrupt_ignored() -> Generator[None]:
+def _ignore_interrupts() -> Generator[None]:
     """Ignore Ctrl-C in processes that are started inside: their parent ends them in order."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    usual = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    former_handler = signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, usual)
+        signal.signal(signal.SIGINT, former_handler)
 
 
-def receive_from_parent(wire: Any) -> Any:
+def receive_from_parent(pipe: Any) -> Any:
     """Return the next message of the parent process, or "end" if the parent is gone."""
     try:
-        return wire.recv()
+        return pipe.recv()
     except (EOFError, OSError):
         return "end"

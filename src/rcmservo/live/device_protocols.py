@@ -1,7 +1,7 @@
-"""Protocols of a lab's devices and of its operator, beyond what the loop needs.
+"""Protocols of real devices and of the operator next to them, beyond what the loop needs.
 
-The arm of a lab is connected with its drive off. It reports whether its joint values are known, and
-why its drive went off by itself. The camera counts its frames.
+A real arm is connected with its drive off. It reports whether its joint values are known, and why
+its drive went off by itself. A real camera counts its frames.
 """
 
 from typing import Protocol, runtime_checkable
@@ -12,15 +12,15 @@ from rcmservo.loop.run_result import CameraStatistics
 
 
 class NotReady(RcmServoError):
-    """Report a device that cannot be used in its present state."""
+    """Error of a device that cannot be used in its present state."""
 
 
 class LabArm(Arm, Protocol):
-    """Arm that is connected."""
+    """Real arm that is connected."""
 
     @property
     def off_reason(self) -> str:
-        """Sentence that says why the drive went off by itself; empty if it did not."""
+        """Reason for which the drive went off by itself, in a sentence; empty if it did not."""
         ...
 
     def is_homed(self) -> bool:
@@ -54,7 +54,7 @@ class SuspendsCommunication(Protocol):
 
     @property
     def is_rate_controlled(self) -> bool:
-        """True if the arm receives joint rates, so that it moves on unless it stops by itself."""
+        """True if the arm receives joint rates, so that only its watchdog stops it without them."""
         ...
 
     def suspend_communication(self) -> None:
@@ -63,7 +63,7 @@ class SuspendsCommunication(Protocol):
 
 
 class LabCamera(Camera, Protocol):
-    """Camera that is open."""
+    """Real camera that is open."""
 
     def counts(self) -> CameraStatistics:
         """Return the counts of frames so far."""

@@ -1,11 +1,11 @@
-"""Reports of a live run while it runs, and the timing of its result, collected by a thread."""
+"""Reports of a live run while it runs, and statistics of its loop, both made by one thread."""
 
 import contextlib
 import queue
 import threading
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
-from types import TracebackType
+from typing import Self
 
 import numpy as np
 
@@ -29,7 +29,7 @@ class Report:
     time : int
         Time since the start of the run, ns.
     words : str
-        Phase, cause and remedy.
+        Phase, cause and remedy as one text.
     delta : Floats
         Feature error Δy (3,) in rad, px, px.
     condition : float
@@ -43,79 +43,74 @@ class Report:
 
 
 class ReportThread:
-    """Thread that collects data for the result from the ticks, and sends reports.
+    """Thread that collects the ticks of a run, sends reports, and computes the loop's timing.
 
     Parameters
     ----------
     servo : Servo
         Servo of the run.
     target : Target
-        Its target.
-    listener : Connection
+        Target of the run.
+    receiver : Connection
         Pipe to the receiver of the reports.
     """
 
-    def __init__(self, servo: Servo, target: Target, listener: Connection) -> None:
-        self.judge = OutcomeCollector(servo, target)
-        self._rate, self._listener = servo.rate, listener
-        self._moments: list[int] = []
-        self._times: list[int] = []
-        self._latencies: list[int] = []
+    def __init__(self, servo: Servo, target: Target, receiver: Connection) -> None:
+        self.outcome = OutcomeCollector(servo, target)
+        self._rate, self._receiver = servo.rate, receiver
+        self._observed_ns: list[int] = []
+        self._times_ns: list[int] = []
+        self._latencies_ns: list[int] = []
+        self._newest_frame = -1
         self._ticks: queue.SimpleQueue[Tick | None] = queue.SimpleQueue()
-        self._frame = -1
-        self._thread = threading.Thread(target=self._work, name="reports", daemon=True)
+        self._thread = threading.Thread(target=self._process_ticks, name="reports", daemon=True)
         self.put = self._ticks.put
+        """Function that adds a tick. It does not wait."""
 
-    def __enter__(self) -> "ReportThread":
+    def __enter__(self) -> Self:
         self._thread.start()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self._ticks.put(None)
         self._thread.join()
 
-    def _work(self) -> None:
+    def _process_ticks(self) -> None:
         for tick in iter(self._ticks.get, None):
             self._collect(tick)
-            if len(self._times) % TICKS_PER_REPORT == 1:
-                self._report(tick)
+            if len(self._times_ns) % TICKS_PER_REPORT == 1:
+                state = tick.state
+                report = Report(tick.time, state.text, state.delta, state.condition)
+                with contextlib.suppress(OSError):  # the receiver may be gone
+                    self._receiver.send(report)
 
     def _collect(self, tick: Tick) -> None:
-        self.judge.add(tick)
-        self._moments.append(tick.observation.now)
-        self._times.append(tick.time)
-        if tick.observation.frame > self._frame:
-            self._frame = tick.observation.frame
-            self._latencies.append(tick.state.monitor.latency)
+        self.outcome.add(tick)
+        self._observed_ns.append(tick.observation.now)
+        self._times_ns.append(tick.time)
+        if tick.observation.frame > self._newest_frame:
+            self._newest_frame = tick.observation.frame
+            self._latencies_ns.append(tick.state.monitor.latency)
 
-    def _report(self, tick: Tick) -> None:
-        state = tick.state
-        with contextlib.suppress(OSError):
-            self._listener.send(Report(tick.time, state.text, state.delta, state.condition))
-
-    def timing(self, lateness: Floats, system: Realtime) -> LoopTiming:
+    def compute_timing(self, lateness_ns: Floats, system: Realtime) -> LoopTiming:
         """Return the timing of the loop.
 
         Parameters
         ----------
-        lateness : Floats
+        lateness_ns : Floats
             Delay (N,) of each tick after its due time, ns.
         system : Realtime
             Results of the requests to the operating system.
         """
-        count = len(self._times)
-        span = self._moments[-1] - self._moments[0] if count > 1 else np.nan
+        count = len(self._times_ns)
+        span_ns = self._observed_ns[-1] - self._observed_ns[0] if count > 1 else np.nan
+        due_count = round(self._times_ns[-1] * self._rate * 1e-9) + 1 if count else 0
         return LoopTiming(
             ticks=count,
-            missed=round(self._times[-1] * self._rate * 1e-9) + 1 - count if count else 0,
-            rate_hz=finite_or_none((count - 1) / span * 1e9),
-            lateness_ms=time_spread(lateness[:count]),
-            latency_ms=time_spread(np.array(self._latencies, dtype=float)),
+            missed=due_count - count,
+            rate_hz=finite_or_none((count - 1) / span_ns * 1e9),
+            lateness_ms=time_spread(lateness_ns[:count]),
+            latency_ms=time_spread(np.array(self._latencies_ns, dtype=float)),
             collections=system.collections,
             refused=system.refused,
         )

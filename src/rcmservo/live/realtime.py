@@ -5,9 +5,9 @@ objects made before are excluded from collection. Another Python thread could ho
 lock for 5 ms, so the switch interval is shortened. The operating system gives this thread a
 real-time priority and keeps its memory in RAM.
 
-The other threads of the process come next, before all other work of the computer: a thread that
-holds the interpreter's lock while it waits for a processor delays the loop too. A thread that sends
-commands to a device requests a priority above theirs: `urgent`.
+The other threads of the process have the next lower priority, above all other work of the computer:
+a thread that holds the interpreter's lock while it waits for a processor delays the loop too. A
+thread that sends commands to a device requests a priority above theirs: `urgent`.
 
 NumPy requests huge pages for large arrays. Linux assembles them later, every 10 s, in a kernel
 thread. On a kernel without preemption that thread occupies a processor for 6 ms at a time, several
@@ -30,7 +30,8 @@ SWITCH_INTERVAL_S = 0.0005
 """Time in s after which another Python thread must release the interpreter's lock."""
 
 LOOP_PRIORITY = 20
-"""Real-time priority of the loop (1 to 99): above ordinary work, below the kernel's device work."""
+"""Real-time priority of the loop (1 to 99): above ordinary work, below the device threads of the
+kernel."""
 
 OTHER_PRIORITY = 10
 """Real-time priority of the other threads."""
@@ -40,16 +41,16 @@ URGENT_PRIORITY = 15
 
 REFUSED = "real-time scheduling was refused"
 
-CURRENT, ON_FAULT = 1, 4
-"""Flags of mlockall: lock the pages that are mapped and in memory, and others on first use."""
+LOCK_CURRENT_PAGES, LOCK_ON_FIRST_USE = 1, 4
+"""Flags MCL_CURRENT and MCL_ONFAULT of the system call mlockall."""
 
 SET_NO_HUGE_PAGES, GET_NO_HUGE_PAGES = 41, 42
-"""PR_SET_THP_DISABLE and PR_GET_THP_DISABLE of prctl."""
+"""Commands PR_SET_THP_DISABLE and PR_GET_THP_DISABLE of the system call prctl."""
 
 
 @dataclass
 class Realtime:
-    """Result of the requests to the operating system.
+    """Results of the requests to the operating system.
 
     Parameters
     ----------
@@ -62,8 +63,9 @@ class Realtime:
     refused: list[str] = field(default_factory=list[str])
     collections: int = 0
 
-    def _count(self, moment: str, about: object) -> None:
-        self.collections += moment == "start"
+    def _count_collection(self, stage: str, info: object) -> None:
+        """Count a collection; the garbage collector calls it at the start and end of each."""
+        self.collections += stage == "start"
 
 
 @contextmanager
@@ -73,28 +75,28 @@ def realtime() -> Generator[Realtime]:
     The priorities hold while the context is open. Threads that are started inside keep the ordinary
     priority.
     """
-    got = Realtime()
-    interval, collecting = sys.getswitchinterval(), gc.isenabled()
+    results = Realtime()
+    switch_interval, was_collecting = sys.getswitchinterval(), gc.isenabled()
     gc.collect()
     gc.freeze()
     gc.disable()
-    gc.callbacks.append(got._count)  # pyright: ignore[reportPrivateUsage]
+    gc.callbacks.append(results._count_collection)  # pyright: ignore[reportPrivateUsage]
     sys.setswitchinterval(SWITCH_INTERVAL_S)
-    before = _raise_priorities(got)
-    locked = _lock_memory(got)
+    former_scheduling = _raise_priorities(results)
+    is_locked = _lock_memory(results)
     try:
         with without_huge_pages():
-            yield got
+            yield results
     finally:
-        if locked:
-            _system().munlockall()
-        for thread, policy, priority in before:
-            with suppress(ProcessLookupError):  # it has ended
-                _schedule(thread, policy, priority)
-        sys.setswitchinterval(interval)
-        gc.callbacks.remove(got._count)  # pyright: ignore[reportPrivateUsage]
+        if is_locked:
+            _load_c_library().munlockall()
+        for thread_id, policy, priority in former_scheduling:
+            with suppress(ProcessLookupError):  # the thread has ended
+                _schedule(thread_id, policy, priority)
+        sys.setswitchinterval(switch_interval)
+        gc.callbacks.remove(results._count_collection)  # pyright: ignore[reportPrivateUsage]
         gc.unfreeze()
-        if collecting:
+        if was_collecting:
             gc.enable()
 
 
@@ -102,19 +104,18 @@ def realtime() -> Generator[Realtime]:
 def without_huge_pages() -> Generator[None]:
     """Disable huge pages for this process while the context is open.
 
-    Processes that are started inside have none permanently. Does nothing on systems other than
-    Linux.
+    Processes that are started inside never use them. On systems other than Linux nothing changes.
     """
-    system: Any = ctypes.CDLL(None)
-    if not hasattr(system, "prctl"):
+    c_library: Any = ctypes.CDLL(None)
+    if not hasattr(c_library, "prctl"):
         yield
         return
-    before = system.prctl(GET_NO_HUGE_PAGES, 0, 0, 0, 0)
-    system.prctl(SET_NO_HUGE_PAGES, 1, 0, 0, 0)
+    was_disabled = c_library.prctl(GET_NO_HUGE_PAGES, 0, 0, 0, 0)
+    c_library.prctl(SET_NO_HUGE_PAGES, 1, 0, 0, 0)
     try:
         yield
     finally:
-        system.prctl(SET_NO_HUGE_PAGES, max(before, 0), 0, 0, 0)
+        c_library.prctl(SET_NO_HUGE_PAGES, max(was_disabled, 0), 0, 0, 0)
 
 
 def urgent() -> str:
@@ -123,59 +124,60 @@ def urgent() -> str:
     Returns
     -------
     str
-        Empty, or a sentence that says why the system refused. The refusal is logged.
+        Reason for which the system refused, in a sentence, which is logged too; empty if it agreed.
     """
     try:
         _schedule(threading.get_native_id(), os.SCHED_FIFO, URGENT_PRIORITY)
     except (AttributeError, OSError) as error:
-        why = f"{REFUSED} ({_why(error)}): other work may delay what goes to the device"
-        logging.getLogger(__name__).info(why)
-        return why
+        refusal = f"{REFUSED} ({_describe(error)}): other work may delay what goes to the device"
+        logging.getLogger(__name__).info(refusal)
+        return refusal
     return ""
 
 
-def _raise_priorities(got: Realtime) -> list[tuple[int, int, int]]:
-    """Request real-time scheduling.
+def _raise_priorities(results: Realtime) -> list[tuple[int, int, int]]:
+    """Request real-time scheduling of all threads.
 
-    Return each changed thread with its former policy and priority.
+    Return id, former policy and former priority of each thread that was changed.
     """
-    this = threading.get_native_id()
-    others = [thread.native_id for thread in threading.enumerate()]
-    before: list[tuple[int, int, int]] = []
+    loop_thread = threading.get_native_id()
+    threads = [loop_thread, *(thread.native_id for thread in threading.enumerate())]
+    former_scheduling: list[tuple[int, int, int]] = []
     try:
-        for thread in (this, *(other for other in others if other is not None and other != this)):
-            was = os.sched_getscheduler(thread), os.sched_getparam(thread).sched_priority
-            if thread != this and was[1] > OTHER_PRIORITY:
+        for thread_id in filter(None, dict.fromkeys(threads)):
+            policy = os.sched_getscheduler(thread_id)
+            priority = os.sched_getparam(thread_id).sched_priority
+            is_loop = thread_id == loop_thread
+            if priority > OTHER_PRIORITY and not is_loop:
                 continue  # an urgent thread keeps its own priority
-            priority = LOOP_PRIORITY if thread == this else OTHER_PRIORITY
-            _schedule(thread, os.SCHED_FIFO, priority)
-            before.append((thread, *was))
+            new_priority = LOOP_PRIORITY if is_loop else OTHER_PRIORITY
+            _schedule(thread_id, os.SCHED_FIFO, new_priority)
+            former_scheduling.append((thread_id, policy, priority))
     except (AttributeError, OSError) as error:
-        got.refused.append(f"{REFUSED} ({_why(error)}): other work may delay the loop")
-    return before
+        results.refused.append(f"{REFUSED} ({_describe(error)}): other work may delay the loop")
+    return former_scheduling
 
 
-def _schedule(thread: int, policy: int, priority: int) -> None:
+def _schedule(thread_id: int, policy: int, priority: int) -> None:
     """Set a thread's scheduling, which threads that it starts do not inherit."""
-    os.sched_setscheduler(thread, policy | os.SCHED_RESET_ON_FORK, os.sched_param(priority))
+    os.sched_setscheduler(thread_id, policy | os.SCHED_RESET_ON_FORK, os.sched_param(priority))
 
 
-def _lock_memory(got: Realtime) -> bool:
+def _lock_memory(results: Realtime) -> bool:
     """Lock the memory of the process in RAM; return False if the system refuses."""
     try:
-        system = _system()
-        if system.mlockall(CURRENT | ON_FAULT) == 0:
+        if _load_c_library().mlockall(LOCK_CURRENT_PAGES | LOCK_ON_FIRST_USE) == 0:
             return True
-        why = os.strerror(ctypes.get_errno())
+        reason = os.strerror(ctypes.get_errno())
     except (AttributeError, OSError) as error:
-        why = _why(error)
-    got.refused.append(f"locking memory was refused ({why}): paging may delay the loop")
+        reason = _describe(error)
+    results.refused.append(f"locking memory was refused ({reason}): paging may delay the loop")
     return False
 
 
-def _system() -> Any:
+def _load_c_library() -> Any:
     return ctypes.CDLL(None, use_errno=True)
 
 
-def _why(error: Exception) -> str:
+def _describe(error: Exception) -> str:
     return error.strerror or str(error) if isinstance(error, OSError) else "this system has none"

@@ -2,7 +2,7 @@
 
 supervisor ── request ──► servo process   the next command disables the drive
            ◄── is on ────                 state of the drive as the arm reports it
-           ── kill ─────►                 after a time-out; the arm's own watchdog then acts
+           ── kill ─────►                 after a time-out; the arm's own watchdog then stops it
 """
 
 import os
@@ -21,15 +21,17 @@ from rcmservo.live.device_protocols import LabArm
 from rcmservo.live.supervisor import rely_on_watchdog
 
 STOP_TIMEOUT_NS = 80_000_000
-"""Time in ns within which the servo process must disable the drive: some ticks, and the arm's
-report."""
+"""Time in ns within which the servo process must disable the drive: a few ticks and the time until
+the arm reports that its drive is off."""
 
 POLL_S = 0.001
-"""Interval in s at which the state of the drive is read meanwhile."""
+"""Interval in s at which the state of the drive is read within this time."""
 
 
 class RemoteStop:
-    """Stop request and drive state in shared memory. A process receives it when it is started.
+    """Stop request and state of the drive in shared memory.
+
+    A process receives it when it is started, not later.
 
     Parameters
     ----------
@@ -39,8 +41,8 @@ class RemoteStop:
 
     def __init__(self, context: BaseContext) -> None:
         self._requested: Any = context.RawValue("b", 0)
-        self._on: Any = context.RawValue("b", 0)
-        self._process: Any = context.RawValue("q", 0)
+        self._drive_on: Any = context.RawValue("b", 0)
+        self._process_id: Any = context.RawValue("q", 0)
 
     @property
     def is_requested(self) -> bool:
@@ -49,31 +51,38 @@ class RemoteStop:
 
     def reset(self) -> None:
         """Reset the request for a new session, which begins with the drive off."""
-        self._requested.value = self._on.value = self._process.value = 0
+        self._requested.value = self._drive_on.value = self._process_id.value = 0
 
     def set_process(self) -> None:
-        """Record that this process controls the arm."""
-        self._process.value = os.getpid()
+        """Record that the calling process controls the arm."""
+        self._process_id.value = os.getpid()
 
-    def set_drive_on(self, on: bool) -> None:
-        """Record whether the drive is on, or may be."""
-        self._on.value = on
+    def set_drive_on(self, is_on: bool) -> None:
+        """Record if the drive is on, or may be."""
+        self._drive_on.value = is_on
 
-    def switch_off(self, began: bool) -> str:
-        """Have the drive disabled, and return a sentence on the state of the arm."""
+    def switch_off(self, was_enabled: bool) -> str:
+        """Have the drive disabled, and return a sentence on the state of the arm.
+
+        Parameters
+        ----------
+        was_enabled : bool
+            True if the arm had been enabled.
+        """
         self._requested.value = 1
-        since = time.monotonic_ns()
-        if not self._on.value:
+        if not self._drive_on.value:
             return "the arm's drive is off"
-        while time.monotonic_ns() - since < STOP_TIMEOUT_NS:
+        requested_ns = time.monotonic_ns()
+        while time.monotonic_ns() - requested_ns < STOP_TIMEOUT_NS:
             time.sleep(POLL_S)
-            if not self._on.value:
-                after = (time.monotonic_ns() - since) * 1e-6
-                return f"the servo switched the arm's drive off within {after:.0f} ms"
+            if not self._drive_on.value:
+                waited_ms = (time.monotonic_ns() - requested_ns) * 1e-6
+                return f"the servo switched the arm's drive off within {waited_ms:.0f} ms"
         for child in active_children():
-            if child.pid == self._process.value:
+            if child.pid == self._process_id.value:
                 child.kill()
-        return f"the servo did not switch the drive off and was killed; {rely_on_watchdog(began)}"
+        arm_state = rely_on_watchdog(was_enabled)
+        return f"the servo did not switch the drive off and was killed; {arm_state}"
 
 
 class RemotelyStoppableArm:
@@ -82,7 +91,7 @@ class RemotelyStoppableArm:
     Parameters
     ----------
     arm : LabArm
-        Arm of the lab.
+        Arm that is controlled.
     remote_stop : RemoteStop
         Stop request.
     report : Callable
@@ -93,7 +102,7 @@ class RemotelyStoppableArm:
         self, arm: LabArm, remote_stop: RemoteStop, report: Callable[[str], object]
     ) -> None:
         self._arm, self._remote_stop, self._report = arm, remote_stop, report
-        self._enabling, self._why = False, ""
+        self._is_enabling, self._reported_reason = False, ""
         remote_stop.set_process()
 
     @property
@@ -107,21 +116,20 @@ class RemotelyStoppableArm:
         self._arm.set_position(q)
 
     def enable(self) -> None:
-        """Enable the drive, unless a stop is requested. From here on it may be on."""
-        self._enabling = True
+        """Enable the drive, unless a stop is requested."""
+        self._is_enabling = True  # from here on the drive may be on
         self._remote_stop.set_drive_on(True)
         if self._remote_stop.is_requested:
             raise Stopped("stopped before the drive was on")
         self._arm.enable()
 
     def measure(self) -> ArmMeasurement:
-        measured, why = self._arm.measure(), self._arm.off_reason
-        self._enabling = self._enabling and not measured.enabled
-        self._remote_stop.set_drive_on(measured.enabled or self._enabling)
-        if why != self._why:
-            self._why = why
-            if why:
-                self._report(why)
+        measured, off_reason = self._arm.measure(), self._arm.off_reason
+        self._is_enabling = self._is_enabling and not measured.enabled
+        self._remote_stop.set_drive_on(measured.enabled or self._is_enabling)
+        if off_reason and off_reason != self._reported_reason:
+            self._report(off_reason)
+        self._reported_reason = off_reason
         return measured
 
     def apply(self, command: Command) -> Floats:

@@ -1,8 +1,8 @@
-"""Servo process: opens the devices, prepares them, and runs the loop.
+"""Servo process: it opens and prepares the devices, and runs the loop.
 
 All devices are connected, the target is taught, and the kernels are compiled before the arm is
-enabled. From then on the process runs the loop, which never waits, a thread that tracks the
-markers, and two threads that record and report the ticks.
+enabled. From then on the process has four threads: the loop, which never waits, one that tracks the
+markers, and two that record and report the ticks.
 """
 
 import contextlib
@@ -25,15 +25,18 @@ from rcmservo.loop.detection_failure import reason_not_detected
 from rcmservo.loop.operator import Operator
 from rcmservo.loop.plant import Plant
 from rcmservo.loop.run import run
-from rcmservo.loop.run_result import CameraStatistics, RunResult
+from rcmservo.loop.run_result import RunResult
 from rcmservo.loop.teach import teach
 from rcmservo.loop.tick import Tick
-from rcmservo.recording.outcome import find_stop_cause
+from rcmservo.recording.outcome import OutcomeCollector, find_stop_cause
 from rcmservo.recording.writer import Recorder, ThreadedRecorder
 from rcmservo.servo.servo import Servo
 
 IDLE, ENABLING = -1, -2
-"""Values of the heartbeat while no loop runs, and while the drive is being enabled."""
+"""Values of the heartbeat while no loop runs, and while the drive is being enabled.
+
+At other times the heartbeat is the number of commands so far.
+"""
 
 FRAME_TIMEOUT_S = 120.0
 """Time in s within which a camera must deliver a frame and the tracker must be compiled."""
@@ -42,7 +45,7 @@ Device = TypeVar("Device")
 
 
 class NoFrames(RcmServoError):
-    """Report a camera that delivers no usable frame."""
+    """Error of a camera that delivers no usable frame."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +59,7 @@ class Session:
     Parameters
     ----------
     servo : Servo
-        Initial settings of the servo.
+        Settings of the servo at the start.
     duration : float
         Length of the run, s.
     arm : Callable[[], Arm]
@@ -75,8 +78,8 @@ class Session:
     images_per_s : float
         Images per second in the record, 1/s; 0 for none.
     consent : Callable[[Plant], None] or None
-        Function that is called just before the drive is enabled, and raises an error to prevent
-        it; by default there is none.
+        Function that is called just before the drive is enabled. It raises an error to prevent
+        that. By default there is none.
     """
 
     servo: Servo
@@ -98,14 +101,15 @@ class HeartbeatPlant(Plant):
     ----------
     arm : Arm
         Arm of the plant.
-    eye : TrackingThread
+    camera : TrackingThread
         Camera and tracker.
     clock : RecordingClock
         Clock that records the lateness of each tick.
     heartbeat : RawValue
         Heartbeat in shared memory.
     stop_requested : EndRequest
-        Stop request. Code that waits for the operator must poll it.
+        Function that returns True once the end of the process is requested. Code that waits for the
+        operator must poll it.
     consent : Callable or None
         Function that is called just before the drive is enabled.
     """
@@ -113,19 +117,15 @@ class HeartbeatPlant(Plant):
     def __init__(
         self,
         arm: Arm,
-        eye: TrackingThread,
+        camera: TrackingThread,
         clock: RecordingClock,
         heartbeat: Any,
         stop_requested: EndRequest,
         consent: Callable[[Plant], None] | None = None,
     ) -> None:
-        super().__init__(arm, eye, eye, clock)
-        self.lateness, self.heartbeat, self.stop_requested = (
-            clock.lateness,
-            heartbeat,
-            stop_requested,
-        )
-        self._consent = consent
+        super().__init__(arm, camera, camera, clock)
+        self.lateness, self.heartbeat = clock.lateness, heartbeat
+        self.stop_requested, self._consent = stop_requested, consent
 
     def enable(self) -> None:
         if self._consent is not None:
@@ -143,7 +143,7 @@ class HeartbeatPlant(Plant):
 
 
 class FrameSampler:
-    """Selection of the frames that are recorded as images.
+    """Selector of the frames that are recorded as images.
 
     Parameters
     ----------
@@ -152,15 +152,15 @@ class FrameSampler:
     """
 
     def __init__(self, rate: float) -> None:
-        self._period = 1e9 / rate if rate > 0.0 else np.inf
-        self._due = 0.0 if rate > 0.0 else np.inf
-        self._shown: Frame | None = None
+        self._period_ns = 1e9 / rate if rate > 0.0 else np.inf
+        self._due_ns = 0.0 if rate > 0.0 else np.inf
+        self._last_frame: Frame | None = None
 
     def sample(self, tick: Tick, frame: Frame | None) -> Frame | None:
-        """Return the frame of a tick if it is due, else None."""
-        if tick.time < self._due or frame is None or frame is self._shown:
+        """Return the frame of a tick if an image is due, else None."""
+        if tick.time < self._due_ns or frame is None or frame is self._last_frame:
             return None
-        self._due, self._shown = tick.time + self._period, frame
+        self._due_ns, self._last_frame = tick.time + self._period_ns, frame
         return frame
 
 
@@ -183,7 +183,7 @@ def run_session(session: Session, heartbeat: Any, supervisor: Connection) -> Non
     stop_requested.handle_signals()
     heartbeat.value = IDLE
     try:
-        message: Any = _live(session, heartbeat, supervisor, stop_requested)
+        message: Any = _run_devices(session, heartbeat, supervisor, stop_requested)
     except Stopped as stopped:
         message = stopped
     except RcmServoError as error:
@@ -194,10 +194,10 @@ def run_session(session: Session, heartbeat: Any, supervisor: Connection) -> Non
         supervisor.send(message)
 
 
-def _live(
+def _run_devices(
     session: Session, heartbeat: Any, supervisor: Connection, stop_requested: EndRequest
 ) -> RunResult:
-    """Open the devices, run, and return the result.
+    """Open the devices, run, close the devices, and return the result.
 
     The reason for a drive that went off by itself is complete only after the arm is closed.
     """
@@ -206,23 +206,20 @@ def _live(
         arm, camera = _open(session.arm, stack), _open(session.camera, stack)
         tracker = _open(session.tracker, stack)
         operator = None if session.operator is None else _open(session.operator, stack)
-        eye = stack.enter_context(TrackingThread(camera, tracker, clock.clock))
-        plant = HeartbeatPlant(arm, eye, clock, heartbeat, stop_requested, session.consent)
+        tracking = stack.enter_context(TrackingThread(camera, tracker, clock.clock))
+        plant = HeartbeatPlant(arm, tracking, clock, heartbeat, stop_requested, session.consent)
         target = _prepare_target(session, plant)
         result = _run_loop(session, plant, target, operator, supervisor)
-        result = replace(result, camera=_camera_counts(camera))
-    off = getattr(arm, "off_reason", "")
-    return replace(result.unsettled(result.cause or off), drive_off=off) if off else result
-
-
-def _camera_counts(camera: object) -> CameraStatistics | None:
-    """Return the counts of a camera's frames, or None if it has none."""
-    counts = getattr(camera, "counts", None)
-    return None if counts is None else counts()
+        count_frames = getattr(camera, "counts", None)
+        result = replace(result, camera=None if count_frames is None else count_frames())
+    off_reason = getattr(arm, "off_reason", "")
+    if not off_reason:
+        return result
+    return replace(result.unsettled(result.cause or off_reason), drive_off=off_reason)
 
 
 def _open(make: Callable[[], Device], stack: contextlib.ExitStack) -> Device:
-    """Return the device of a factory, which the stack closes."""
+    """Return the device that `make` connects to; the stack closes it."""
     device = make()
     close = getattr(device, "close", None)
     if close is not None:
@@ -231,10 +228,10 @@ def _open(make: Callable[[], Device], stack: contextlib.ExitStack) -> Device:
 
 
 def _prepare_target(session: Session, plant: HeartbeatPlant) -> Target:
-    """Return the target, once everything is loaded.
+    """Return the target, once the kernels of the tracker are compiled.
 
-    The tracker searches the first frame and follows the markers in the second, so both parts are
-    then loaded. The frame at the end is exposed after the target was taught.
+    The tracker searches the whole first frame and only near the markers in the second, so both of
+    its parts are then compiled. The frame at the end is exposed after the target was taught.
     """
     for _ in range(2):
         _await_frame(plant)
@@ -251,14 +248,15 @@ def raise_if_stopped(stop_requested: Callable[[], bool]) -> None:
 
 def _await_frame(plant: HeartbeatPlant) -> None:
     """Wait for a frame that is exposed from now on."""
-    now, why = plant.clock.now(), ""
+    since_ns, drop_reason = plant.clock.now(), ""
     for _ in ticks(plant.clock, duration=FRAME_TIMEOUT_S):
         observation = plant.read()
         raise_if_stopped(plant.stop_requested)
-        if observation.exposure >= now:
+        if observation.exposure >= since_ns:
             return
-        why = observation.drop_reason.text
-    raise NoFrames(f"no usable frame has arrived for {FRAME_TIMEOUT_S:g} s{why and ': ' + why}")
+        drop_reason = observation.drop_reason.text
+    reason = f": {drop_reason}" if drop_reason else ""
+    raise NoFrames(f"no usable frame has arrived for {FRAME_TIMEOUT_S:g} s{reason}")
 
 
 def _run_loop(
@@ -270,6 +268,7 @@ def _run_loop(
 ) -> RunResult:
     """Run the loop, with record and reports in threads."""
     servo, duration = session.servo, session.duration
+    sampler = FrameSampler(session.images_per_s)
     with (
         ThreadedRecorder(session.recorder()) as recorder,
         ReportThread(servo, target, supervisor) as reports,
@@ -279,28 +278,32 @@ def _run_loop(
         plant.recorded = recorder.recorded
         with realtime() as system:
 
-            def stop_requested(tick: Tick) -> bool:
+            def is_done(tick: Tick) -> bool:
                 return plant.stop_requested()
 
             raise_if_stopped(plant.stop_requested)
-            start, film = plant.clock.now(), FrameSampler(session.images_per_s)
+            began_ns = plant.clock.now()
             try:
-                for tick in run(plant, servo, target, duration, stop_requested, operator=operator):
+                for tick in run(plant, servo, target, duration, is_done, operator=operator):
                     recorder.write(tick)
                     reports.put(tick)
-                    picture = film.sample(tick, plant.frame)
-                    if picture is not None:
-                        recorder.write_frame(picture)
+                    sampled_frame = sampler.sample(tick, plant.frame)
+                    if sampled_frame is not None:
+                        recorder.write_frame(sampled_frame)
             finally:
                 plant.heartbeat.value = IDLE
-    timing = reports.timing(np.array(plant.lateness, dtype=float), system)
-    result, undetected_tick = reports.judge.result(), reports.judge.blind
-    if plant.stop_requested.signal:
-        result = result.unsettled(f"the run was stopped by {plant.stop_requested.signal}")
-    elif undetected_tick is not None:
-        cause = find_stop_cause(
-            undetected_tick.state.mode,
-            reason_not_detected(plant, undetected_tick.observation, start),
-        )
-        result = replace(result, cause=cause or result.cause)
+    timing = reports.compute_timing(np.array(plant.lateness, dtype=float), system)
+    result = _find_cause(reports.outcome, plant, began_ns)
     return replace(result, not_recorded=recorder.failed, loop=timing)
+
+
+def _find_cause(outcome: OutcomeCollector, plant: HeartbeatPlant, began_ns: int) -> RunResult:
+    """Return the result with the cause of a signal or of markers that were never detected."""
+    result, last_tick = outcome.result(), outcome.last_tick_without_markers
+    if plant.stop_requested.signal:
+        return result.unsettled(f"the run was stopped by {plant.stop_requested.signal}")
+    if last_tick is None:
+        return result
+    detection_failure = reason_not_detected(plant, last_tick.observation, began_ns)
+    cause = find_stop_cause(last_tick.state.mode, detection_failure)
+    return replace(result, cause=cause or result.cause)

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 HEAD = struct.Struct("<qII")
 """Number of an entry in its ring, length of its bytes, and their checksum (CRC-32)."""
 EMPTY = -1
-"""Number of the newest entry before the first, and that in the head of a slot being filled."""
+"""Number of the newest entry while there is none, and in the head of a slot while it is filled."""
 
 
 class Entry(NamedTuple):
@@ -22,9 +22,9 @@ class Entry(NamedTuple):
     Parameters
     ----------
     data : bytes
-        Its bytes.
+        Bytes of the entry.
     is_sound : bool
-        False if they are not those that were written.
+        True if they are the bytes that were written, by their checksum.
     """
 
     data: bytes
@@ -41,14 +41,14 @@ class SharedRing:
     context : BaseContext
         Start method of the processes that share the ring.
     slots : int
-        Number of entries that it holds.
+        Number of entries that the ring holds.
     size : int
         Largest length of an entry in bytes.
     """
 
     def __init__(self, context: BaseContext, slots: int, size: int) -> None:
-        self._slots, self._size = slots, HEAD.size + size
-        self._memory: Any = context.RawArray("B", self._slots * self._size)
+        self._slot_count, self._slot_bytes = slots, HEAD.size + size
+        self._memory: Any = context.RawArray("B", self._slot_count * self._slot_bytes)
         self._newest: Any = context.RawValue("q", EMPTY)
 
     @property
@@ -58,8 +58,8 @@ class SharedRing:
 
     def slot(self, number: int) -> memoryview:
         """Return the memory of an entry."""
-        start = number % self._slots * self._size
-        return memoryview(self._memory).cast("B")[start : start + self._size]
+        start = number % self._slot_count * self._slot_bytes
+        return memoryview(self._memory).cast("B")[start : start + self._slot_bytes]
 
     def put(self, *parts: bytes | memoryview) -> None:
         """Add the joined parts as the newest entry."""
@@ -75,15 +75,15 @@ class SharedRing:
     def read(self, number: int) -> Entry | None:
         """Return a copy of an entry; None if it is overwritten, or being written."""
         slot = self.slot(number)
-        head = found, length, checksum = HEAD.unpack_from(slot)
+        head = stored_number, length, checksum = HEAD.unpack_from(slot)
         data = bytes(slot[HEAD.size : HEAD.size + length])
-        if found != number or HEAD.unpack_from(slot) != head:
+        if stored_number != number or HEAD.unpack_from(slot) != head:
             return None
         return Entry(data, zlib.crc32(data) == checksum)
 
     def after(self, number: int) -> tuple[int, list[bytes]]:
-        """Return the number of the newest entry, and the sound ones after a number."""
+        """Return the number of the newest entry, and the bytes of all sound ones after `number`."""
         newest = self.newest
-        first = max(number, newest - self._slots) + 1
-        entries = [self.read(one) for one in range(first, newest + 1)]
+        first = max(number, newest - self._slot_count) + 1
+        entries = map(self.read, range(first, newest + 1))
         return newest, [entry.data for entry in entries if entry is not None and entry.is_sound]

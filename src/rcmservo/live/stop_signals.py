@@ -1,7 +1,7 @@
-"""Requests to end a process in order.
+"""Requests to end a process in order, by a signal or by the supervisor of the process.
 
 A signal only sets a flag, so the process completes its present work first. The supervisor requests
-the end through its pipe, or by closing it. A closed terminal sends a signal.
+the end through its pipe, or by closing it.
 """
 
 import contextlib
@@ -13,13 +13,14 @@ from multiprocessing.connection import Connection
 from rcmservo.errors import Stopped
 
 END_SIGNALS = (signal.SIGTERM, signal.SIGHUP)
-"""Signals that request an orderly end. A terminal that is closed sends the second."""
+"""Signals that request an orderly end. A terminal sends SIGHUP when it is closed."""
 
 
 class EndRequest:
     """Request to end the servo process, from its supervisor or by a signal.
 
-    The supervisor handles Ctrl-C.
+    Called without arguments, it returns True once the end is requested. It ignores Ctrl-C, since
+    the supervisor handles that.
 
     Parameters
     ----------
@@ -36,36 +37,36 @@ class EndRequest:
         """Handle signals from now on. Call it in the main thread of a separate process."""
         signal.signal(signal.SIGINT, signal.SIG_IGN)
         for number in END_SIGNALS:
-            signal.signal(number, self._note)
+            signal.signal(number, self._store_signal)
 
     def __call__(self) -> bool:
         return bool(self.signal) or self._supervisor.poll()
 
-    def _note(self, number: int, frame: object) -> None:
+    def _store_signal(self, number: int, frame: object) -> None:
         self.signal = signal.Signals(number).name
 
 
 @contextlib.contextmanager
 def stopped_by_signals() -> Generator[None]:
-    """Raise :class:`Stopped` inside the context at the first stop signal, and ignore further ones.
+    """Raise :class:`Stopped` inside the context at the first stop signal.
 
-    Nothing then interrupts the orderly end.
+    Further signals are ignored, so that nothing interrupts the orderly end.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    usual = {number: signal.getsignal(number) for number in END_SIGNALS}
+    former_handlers = {number: signal.getsignal(number) for number in END_SIGNALS}
 
-    def stop(number: int, frame: object) -> None:
-        for other in END_SIGNALS:
-            signal.signal(other, signal.SIG_IGN)
-        raise Stopped(f"stopped by {signal.Signals(number).name}, in order")
+    def stop(received: int, frame: object) -> None:
+        for number in END_SIGNALS:
+            signal.signal(number, signal.SIG_IGN)
+        raise Stopped(f"stopped by {signal.Signals(received).name}, in order")
 
-    for number, before in usual.items():
-        if before is not signal.SIG_IGN:  # nohup: the program survives its terminal
+    for number, handler in former_handlers.items():
+        if handler is not signal.SIG_IGN:  # nohup: the program survives its terminal
             signal.signal(number, stop)
     try:
         yield
     finally:
-        for number, before in usual.items():
-            signal.signal(number, before)
+        for number, handler in former_handlers.items():
+            signal.signal(number, handler)

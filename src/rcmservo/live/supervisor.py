@@ -4,10 +4,10 @@
          │
          └───────► switch-off         disables the arm's drive from outside
 
-The arm stops by itself when commands stop. The supervisor detects the reason: a servo process that
-has ended or no longer ticks. It then has the drive disabled, kills the servo process, so that it
-cannot resume and move the arm, and reports the cause. If the supervisor itself ends, the servo
-process ends by itself.
+The servo process counts its ticks in shared memory: its heartbeat. The supervisor detects a process
+that has ended or no longer ticks. It then has the drive disabled, kills the process, so that it
+cannot resume and move the arm, and reports the cause. In the meantime the arm stops by its own
+watchdog, as commands no longer arrive. If the supervisor itself ends, the servo process ends too.
 """
 
 import contextlib
@@ -38,10 +38,10 @@ servo process.
 """
 
 KILL_TIMEOUT_S = 0.5
-"""Time in s within which a killed process ends; one that has not ended was only suspended."""
+"""Time in s within which a failed process ends; if it has not ended by then, it is suspended."""
 
 EventHandlers = Mapping[Any, Callable[[], None]]
-"""Handlers of other events, by an object to wait for (`fileno`).
+"""Functions to call when objects such as pipes or sockets become readable, by object.
 
 An error in a handler ends the run in order.
 """
@@ -55,15 +55,15 @@ Its argument is True if the arm had been enabled. It returns the state of the ar
 """
 
 
-def rely_on_watchdog(began: bool) -> str:
-    """Return the sentence on an arm whose drive cannot be disabled from outside."""
+def rely_on_watchdog(was_enabled: bool) -> str:
+    """Return the sentence on an arm whose drive cannot be disabled from outside: a `SwitchOff`."""
     return (
         "the arm must stop by its own watchdog: check that its drive is off and that it is at rest"
     )
 
 
 class ServoProcess(ChildProcess):
-    """Process that runs a session, and its heartbeat.
+    """Process that runs a session, with its heartbeat in shared memory.
 
     Parameters
     ----------
@@ -90,18 +90,20 @@ class HeartbeatMonitor:
 
     def __init__(self, servo: ServoProcess) -> None:
         self._servo = servo
-        self._last, self._still, self._due = IDLE, 0, 0
+        self._last_heartbeat, self._silent_polls, self._due_ns = IDLE, 0, 0
 
     def has_failed(self) -> bool:
-        """Return True if the process has failed; poll at most once per `POLL_NS`."""
-        now = time.monotonic_ns()
-        if now < self._due:
+        """Return True if the process has ended or is silent, at most once per `POLL_NS`."""
+        now_ns = time.monotonic_ns()
+        if now_ns < self._due_ns:
             return False
-        self._due = now + POLL_NS
-        beat = self._servo.heartbeat.value
-        self._still = self._still + 1 if beat == self._last and beat >= 0 else 0
-        self._last = beat
-        return self._still >= MAX_SILENT_POLLS or self._servo.process.exitcode is not None
+        self._due_ns = now_ns + POLL_NS
+        heartbeat = self._servo.heartbeat.value
+        is_silent = heartbeat == self._last_heartbeat and heartbeat >= 0
+        self._silent_polls = self._silent_polls + 1 if is_silent else 0
+        self._last_heartbeat = heartbeat
+        has_ended = self._servo.process.exitcode is not None
+        return has_ended or self._silent_polls >= MAX_SILENT_POLLS
 
 
 def ignore_report(report: Report) -> None:
@@ -110,7 +112,7 @@ def ignore_report(report: Report) -> None:
 
 def run_live(
     session: Session,
-    off: SwitchOff = rely_on_watchdog,
+    switch_off: SwitchOff = rely_on_watchdog,
     progress: Callable[[Report], None] = ignore_report,
     handlers: EventHandlers = NO_HANDLERS,
 ) -> RunResult:
@@ -123,7 +125,7 @@ def run_live(
     ----------
     session : Session
         Parts of the run.
-    off : SwitchOff
+    switch_off : SwitchOff
         Function that disables the drive from outside the servo process.
     progress : Callable
         Function that receives each report.
@@ -145,50 +147,47 @@ def run_live(
         If the servo process has an internal error.
     """
     with stopped_by_signals(), without_huge_pages():
-        return _run_live(session, off, progress, handlers)
-
-
-def _run_live(
-    session: Session, off: SwitchOff, progress: Callable[[Report], None], handlers: EventHandlers
-) -> RunResult:
-    servo = ServoProcess(session)
-    try:
-        return supervise(servo, off, progress, handlers)
-    except (KeyboardInterrupt, Stopped, OSError):  # OSError: the terminal is closed
-        servo.send("end")
-        with contextlib.suppress(RcmServoError):
-            supervise(servo, off)
-        raise
-    finally:
-        servo.end()
+        servo = ServoProcess(session)
+        try:
+            return supervise(servo, switch_off, progress, handlers)
+        except (KeyboardInterrupt, Stopped, OSError):  # OSError: the terminal is closed
+            servo.send("end")
+            with contextlib.suppress(RcmServoError):
+                supervise(servo, switch_off)
+            raise
+        finally:
+            servo.end()
 
 
 def supervise(
     servo: ServoProcess,
-    off: SwitchOff,
+    switch_off: SwitchOff,
     progress: Callable[[Report], None] = ignore_report,
     handlers: EventHandlers = NO_HANDLERS,
 ) -> RunResult:
-    """Supervise a servo process until it reports its result or fails; return the result."""
-    monitor, began = HeartbeatMonitor(servo), 0
+    """Supervise a servo process until it reports its result or fails; return the result.
+
+    The parameters and errors are those of `run_live`.
+    """
+    monitor, enabled_ns = HeartbeatMonitor(servo), 0
     pipes = [servo.pipe]
     while True:
         ready = wait([*pipes, *handlers], POLL_NS * 1e-9) if pipes or handlers else []
         for source in handlers.keys() & ready:
             handlers[source]()
-        for pipe in cast(list[Connection], [one for one in ready if one in pipes]):
-            message = _receive(pipe)
+        if servo.pipe in pipes and servo.pipe in ready:
+            message = _receive(servo.pipe)
             if isinstance(message, Report):
                 progress(message)
             elif message is not None:
-                return _result(message)
+                return _check_result(message)
             else:
                 pipes.clear()
                 servo.process.join(EXIT_TIMEOUT_S)
-        if not began and servo.heartbeat.value != IDLE:
-            began = time.monotonic_ns()
+        if not enabled_ns and servo.heartbeat.value != IDLE:
+            enabled_ns = time.monotonic_ns()
         if monitor.has_failed() and not any(pipe.poll() for pipe in pipes):
-            return _handle_failure(servo, off, began)
+            return _handle_failure(servo, switch_off, enabled_ns)
 
 
 def _receive(pipe: Connection) -> Any:
@@ -199,7 +198,8 @@ def _receive(pipe: Connection) -> Any:
         return None
 
 
-def _result(message: Any) -> RunResult:
+def _check_result(message: Any) -> RunResult:
+    """Return the result of the servo process, or raise the error that it sent instead."""
     if isinstance(message, RcmServoError):
         raise message
     if isinstance(message, str):
@@ -207,17 +207,20 @@ def _result(message: Any) -> RunResult:
     return cast(RunResult, message)
 
 
-def _handle_failure(servo: ServoProcess, off: SwitchOff, began: int) -> RunResult:
-    """Disable the drive, kill the process, and return the result with the cause."""
-    now = time.monotonic_ns()
-    arm_state = off(began > 0)
+def _handle_failure(servo: ServoProcess, switch_off: SwitchOff, enabled_ns: int) -> RunResult:
+    """Disable the drive, kill the process, and return the result with the cause.
+
+    `enabled_ns` is the time at which the arm was enabled, 0 if it was not.
+    """
+    failed_ns = time.monotonic_ns()
+    arm_state = switch_off(enabled_ns > 0)
     servo.process.join(KILL_TIMEOUT_S)
-    exit_description = _describe_exit(servo.process.exitcode)
+    ending = _describe_exit(servo.process.exitcode)
     servo.process.kill()
     servo.process.join()
-    when = f"{(now - began) * 1e-9:.1f} s into the run" if began else "before the arm was enabled"
-    cause = f"the servo process {exit_description}, {when}; {arm_state}"
-    return RunResult(cause=cause)
+    run_time = f"{(failed_ns - enabled_ns) * 1e-9:.1f} s into the run"
+    moment = run_time if enabled_ns else "before the arm was enabled"
+    return RunResult(cause=f"the servo process {ending}, {moment}; {arm_state}")
 
 
 def _describe_exit(code: int | None) -> str:

@@ -16,13 +16,13 @@ from rcmservo.errors import Stopped
 from rcmservo.live.device_protocols import NotReady
 
 TERMINAL = Path("/dev/tty")
-"""Terminal of the process that opens it."""
+"""Path at which every process finds its own terminal."""
 
 STOP_POLL_S = 0.1
-"""Interval in s at which a request to end is read."""
+"""Interval in s at which a request to end the program is polled."""
 
 MAX_LINE_BYTES = 4096
-"""Largest line in bytes that a terminal returns."""
+"""Longest line in bytes that a terminal returns."""
 
 
 class Terminal:
@@ -54,7 +54,7 @@ class Terminal:
         os.close(self._file)
 
     def notify(self, words: str) -> None:
-        """Print something that needs no answer."""
+        """Print a text that needs no answer."""
         self._write(f"{words}\n")
 
     def ask(self, question: str) -> str:
@@ -69,10 +69,10 @@ class Terminal:
         """
         self._discard_input()
         self._write(f"{question} ")
-        return self._line()
+        return self._read_line()
 
     def _discard_input(self) -> None:
-        """Discard what was typed before, and what a script types at once."""
+        """Discard input that was typed before, and input that a script types at once."""
         if os.tcgetpgrp(self._file) != os.getpgrp():
             raise NotReady("this program runs in the background: bring it to the foreground (fg)")
         termios.tcflush(self._file, termios.TCIFLUSH)
@@ -82,33 +82,29 @@ class Terminal:
         self.typed = time.monotonic_ns()
         termios.tcflush(self._file, termios.TCIFLUSH)
 
-    def _line(self) -> str:
+    def _read_line(self) -> str:
         """Return the next line.
 
-        A poll that finds nothing proves that nothing was typed before it began, so ``typed`` is
-        never too late, however long the process was suspended.
+        A poll that finds no input proves that nothing was typed before the poll began. ``typed`` is
+        therefore never too late, however long the process was suspended.
         """
-        began = self.typed
+        poll_began_ns = self.typed
         while not select.select([self._file], [], [], STOP_POLL_S)[0]:
             if self._stop_requested():
                 raise Stopped("stopped before the drive was on")
-            self.typed, began = began, time.monotonic_ns()
-        line = self._read()
-        if not line.endswith(b"\n"):
+            self.typed, poll_began_ns = poll_began_ns, time.monotonic_ns()
+        try:
+            line = os.read(self._file, MAX_LINE_BYTES)
+        except OSError:  # the terminal is closed
+            line = b""
+        if not line.endswith(b"\n"):  # Ctrl-D ends a line without it
             raise Stopped("stopped at the terminal before the drive was on")
         return line.decode(errors="replace").strip()
 
-    def _read(self) -> bytes:
-        """Return a line, or the part that Ctrl-D ends; nothing if the terminal is closed."""
+    def _write(self, text: str) -> None:
+        remaining = text.encode(errors="replace")
         try:
-            return os.read(self._file, MAX_LINE_BYTES)
-        except OSError:
-            return b""
-
-    def _write(self, words: str) -> None:
-        data = words.encode(errors="replace")
-        try:
-            while data:
-                data = data[os.write(self._file, data) :]
+            while remaining:
+                remaining = remaining[os.write(self._file, remaining) :]
         except OSError as error:
             raise Stopped("the terminal was closed") from error

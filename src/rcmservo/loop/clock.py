@@ -1,4 +1,4 @@
-"""Clocks, and ticks on an absolute schedule: tick k is due at start + k/rate."""
+"""Clocks, and the ticks of a loop on an absolute schedule: tick k is due at start + k/rate."""
 
 import time
 from array import array
@@ -9,19 +9,19 @@ from rcmservo.interfaces import Clock
 
 
 def ticks(clock: Clock, rate: float = 100.0, duration: float = float("inf")) -> Iterator[int]:
-    """Wait for each tick and yield its time.
+    """Wait until each tick is due and yield its time.
 
-    A tick that is due while the previous one still runs is skipped, so that ticks never come in a
-    burst.
+    Tick k is due at start + k/rate. Ticks that become due while the caller works on an earlier one
+    are skipped, so that ticks never come in a burst.
 
     Parameters
     ----------
     clock : Clock
         Clock of the plant.
     rate : float
-        Ticks per second, Hz.
+        Ticks per second, Hz; positive and finite.
     duration : float
-        Length of the schedule in s.
+        Length of the schedule in s, positive; infinite by default.
 
     Yields
     ------
@@ -31,7 +31,7 @@ def ticks(clock: Clock, rate: float = 100.0, duration: float = float("inf")) -> 
     Raises
     ------
     BadInput
-        If rate or duration is not positive.
+        If the rate is not positive and finite, or the duration is not positive.
     """
     positive("frequency in Hz").require("rate", rate)
     Limit(lambda s: s > 0.0, "a positive time in s").require("duration", duration)
@@ -45,27 +45,30 @@ def ticks(clock: Clock, rate: float = 100.0, duration: float = float("inf")) -> 
 
 
 class WallClock:
-    """Clock of the computer: time in ns since its start.
+    """Monotonic clock of the computer, in ns.
 
-    It is the same in all processes and cannot be set.
+    It is the same in all processes of the computer, and nobody can set it. Its zero is arbitrary.
+    It is the `Clock` of a `Plant` on hardware, where time passes by itself.
     """
 
     def now(self) -> int:
+        """Return the present time in ns."""
         return time.monotonic_ns()
 
     def wait_until(self, time: int) -> None:
+        """Sleep until `time` in ns; return at once if it is past."""
         sleep_until(time)
 
 
 def sleep_until(moment: int) -> None:
     """Sleep until a `moment` in ns of the wall clock; return at once if it is past."""
-    left = moment - time.monotonic_ns()
-    if left > 0:
-        time.sleep(left * 1e-9)
+    remaining_ns = moment - time.monotonic_ns()
+    if remaining_ns > 0:
+        time.sleep(remaining_ns * 1e-9)
 
 
 class RecordingClock:
-    """Clock that records how late (ns) each wait of another clock ended."""
+    """Clock that passes the time of another clock and records how late (ns) each wait ended."""
 
     def __init__(self, clock: Clock) -> None:
         self.clock = clock

@@ -1,4 +1,4 @@
-"""Message for the operator that gives the reason for undetected markers."""
+"""Reason for undetected markers, as a sentence for the operator."""
 
 from rcmservo.errors import BadInput
 from rcmservo.interfaces import DropReason, FailureExplainer, Observation
@@ -15,26 +15,24 @@ def reason_not_detected(plant: Plant, observation: Observation, began: int) -> s
     """
     silence_s = (observation.now - max(observation.arrival, began)) * 1e-9
     if observation.drop_reason is not DropReason.NONE:
-        return _drop_reason(plant, observation.drop_reason)
+        return _explain_dropped_frame(plant, observation.drop_reason)
     if plant.frame is None or silence_s > FRAME_TIMEOUT_S:
         return f"the camera has delivered no frame for {silence_s:.1f} s"
-    reason = (
-        plant.tracker.explain_failure(plant.frame)
-        if isinstance(plant.tracker, FailureExplainer)
-        else ""
-    )
+    tracker = plant.tracker
+    reason = tracker.explain_failure(plant.frame) if isinstance(tracker, FailureExplainer) else ""
     return reason or "both markers must be in the image"
 
 
-def _drop_reason(plant: Plant, dropped: DropReason) -> str:
-    """Return the reason for not using the frames that arrived."""
+def _explain_dropped_frame(plant: Plant, drop_reason: DropReason) -> str:
+    """Return the reason for not using the frames that arrived, with details of the newest one."""
     frame = plant.camera.latest()
-    if dropped is DropReason.CLOCK and frame is not None:
-        age = (plant.clock.now() - frame.exposure) * 1e-9
-        return f"{dropped.text}: the newest is {age:.3f} s old, expected 0 to 2 s"
+    if frame is None:
+        return drop_reason.text
+    if drop_reason is DropReason.CLOCK:
+        age_s = (plant.clock.now() - frame.exposure) * 1e-9
+        return f"{drop_reason.text}: the newest is {age_s:.3f} s old, expected 0 to 2 s"
     try:
-        if frame is not None:
-            plant.tracker.find(frame)
+        plant.tracker.find(frame)
     except BadInput as error:
         return str(error)
-    return dropped.text
+    return drop_reason.text

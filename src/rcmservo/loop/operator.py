@@ -1,7 +1,7 @@
 """Requests of an operator between two ticks, which change the inputs of the next tick.
 
-No request restarts the drive. A changed target or setting applies from the next tick on and begins
-a new stage in the record.
+No request enables the drive. A changed target or setting applies from the next tick on and begins a
+new stage (a section with one servo and one target) in the record.
 """
 
 from dataclasses import dataclass, field
@@ -10,7 +10,7 @@ from typing import Annotated, Protocol
 import numpy as np
 
 from rcmservo.constraints import Checked, array
-from rcmservo.errors import require
+from rcmservo.errors import BadInput
 from rcmservo.interfaces import Command, Floats, Observation, Target
 from rcmservo.loop.target_frames import FRAME_COUNT, TEACHING_FRAMES, TargetFrames
 from rcmservo.loop.tick import Tick
@@ -18,15 +18,15 @@ from rcmservo.safety.state_machine import Request
 from rcmservo.servo.servo import ZERO_RATES, Servo
 
 REST_TIME_NS = 200_000_000
-"""Time in ns from the first command of zero rates until the tool counts as at rest."""
+"""Time in ns after which the tool counts as at rest, from the first command of zero rates."""
 
 FIXED_PARTS = ("mechanism", "tool", "estimator", "imaged_rcm", "rate")
-"""Parts of a servo that cannot change during a run, as the estimate depends on them."""
+"""Settings of a servo that cannot change during a run, because the estimate depends on them."""
 
 
 @dataclass(frozen=True)
 class Teach(Checked):
-    """Request to pause and teach the present pose as the target.
+    """Request of an operator to pause the run and teach the present pose as the target.
 
     The `Operator` that is passed to `run` submits it: it returns ``Teach()`` after one tick. The
     tool then stands still until enough frames show both markers, or until the next request. It
@@ -35,7 +35,7 @@ class Teach(Checked):
     Parameters
     ----------
     frames : int
-        Number of frames whose mean becomes the target, from 1 to 100 000.
+        Number of frames whose mean becomes the target, 1 to 100 000; 300 by default.
 
     Raises
     ------
@@ -61,8 +61,8 @@ class Jog(Checked, section="jog"):
     Parameters
     ----------
     rates : Floats
-        Joint rates (3,) in rad/s, rad/s, mm/s. The gate limits each to a fifth of the joint's speed
-        limit.
+        Joint rates (3,) in rad/s, rad/s, mm/s; finite numbers. The gate limits each to a fifth of
+        the joint's speed limit.
 
     Raises
     ------
@@ -78,7 +78,7 @@ class Jog(Checked, section="jog"):
 
 
 OperatorRequest = Request | Target | Servo | Teach | Jog
-"""Requests: pause, resume or clear; another target; other settings; teaching; jogging."""
+"""Pause, resume or clear; another target; other settings; teaching; jogging."""
 
 
 class Operator(Protocol):
@@ -126,29 +126,29 @@ class TeachingInRun:
     ----------
     frames : int
         Number of frames requested.
-    since : int or None
+    stopped_ns : int or None
         Time of the first command of zero rates, ns; None while the tool moves.
     target_frames : TargetFrames
         Frames so far.
-    last : int
+    newest_frame : int
         Number of the newest frame examined.
     """
 
     frames: int
-    since: int | None = None
+    stopped_ns: int | None = None
     target_frames: TargetFrames = field(default_factory=TargetFrames)
-    last: int = -1
+    newest_frame: int = -1
 
     def add(self, observation: Observation, command: Command) -> Target | None:
         """Add the frame of a tick; return the target once enough frames agree."""
         if command.rates.any():
-            self.since = None
-        elif self.since is None:
-            self.since = observation.now
-        if self.since is None or observation.frame == self.last:
+            self.stopped_ns = None
+        elif self.stopped_ns is None:
+            self.stopped_ns = observation.now
+        if self.stopped_ns is None or observation.frame == self.newest_frame:
             return None
-        self.last = observation.frame
-        is_at_rest = observation.exposure >= self.since + REST_TIME_NS
+        self.newest_frame = observation.frame
+        is_at_rest = observation.exposure >= self.stopped_ns + REST_TIME_NS
         if is_at_rest and np.isfinite(observation.points).all():
             self.target_frames.add(observation)
         if len(self.target_frames.points) < self.frames:
@@ -156,7 +156,7 @@ class TeachingInRun:
         if self.target_frames.disagreement():
             self.target_frames = TargetFrames()
             return None
-        return self.target_frames.target(self.since)
+        return self.target_frames.target(self.stopped_ns)
 
 
 class NextTick:
@@ -187,13 +187,16 @@ class NextTick:
             self._teaching = None
             self._apply_request(request)
         if self._teaching is not None:
-            self._teach(self._teaching, tick)
+            target = self._teaching.add(tick.observation, tick.state.command)
+            if target is not None:
+                self._teaching = None
+                self._set_target(target)
 
     def _apply_request(self, request: OperatorRequest) -> None:
         match request:
+            case Request.JOG:
+                raise BadInput("operator()", request, "a Jog, with the joint rates")
             case Request():
-                is_complete = request is not Request.JOG
-                require(is_complete, "operator()", request, "a Jog, with the joint rates")
                 self.request = request
             case Jog():
                 self.request, self.jog = Request.JOG, request.rates
@@ -205,28 +208,22 @@ class NextTick:
             case Teach():
                 self.request, self._teaching = Request.PAUSE, TeachingInRun(request.frames)
             case _:
-                require(False, "operator()", request, "a Request, Target, Servo, Teach or Jog")
-
-    def _teach(self, teaching: TeachingInRun, tick: Tick) -> None:
-        target = teaching.add(tick.observation, tick.state.command)
-        if target is not None:
-            self._teaching = None
-            self._set_target(target)
+                raise BadInput("operator()", request, "a Request, Target, Servo, Teach or Jog")
 
     def _set_target(self, target: Target) -> None:
-        """Replace the target, unless its numbers are the same."""
+        """Replace the target, unless the numbers of both are the same."""
         if not targets_are_equal(target, self.target):
             self.servo.require_target(target)
             self.target = target
 
 
-def targets_are_equal(one: Target, other: Target) -> bool:
+def targets_are_equal(a: Target, b: Target) -> bool:
     """Return True if two targets are equal to the last bit."""
     return (
-        one.points.tobytes() == other.points.tobytes()
-        and one.q.tobytes() == other.q.tobytes()
-        and one.taught_at == other.taught_at
-        and np.array_equal(one.sizes, other.sizes, equal_nan=True)
+        a.points.tobytes() == b.points.tobytes()
+        and a.q.tobytes() == b.q.tobytes()
+        and a.taught_at == b.taught_at
+        and np.array_equal(a.sizes, b.sizes, equal_nan=True)
     )
 
 
@@ -239,12 +236,8 @@ def check_changed_servo(before: Servo, after: Servo) -> Servo:
         If a part differs that cannot change during a run.
     """
     for name in FIXED_PARTS:
-        value = getattr(after, name)
-        present = getattr(before, name)
-        require(
-            value is present or value == present,
-            f"servo.{name}",
-            value,
-            "the same during a run: start another run to change it",
-        )
+        present_part, new_part = getattr(before, name), getattr(after, name)
+        if new_part is not present_part and new_part != present_part:
+            expected = "the same during a run: start another run to change it"
+            raise BadInput(f"servo.{name}", new_part, expected)
     return after

@@ -1,7 +1,7 @@
 """Loop that moves the arm.
 
 At each tick of the plant's clock it reads an observation, makes one step of the servo and sends the
-command:
+command to the arm:
 
     plant.read() ─► servo.step() ─► plant.send()
 """
@@ -28,28 +28,30 @@ def run(
     state: State | None = None,
     operator: Operator | None = None,
 ) -> Generator[Tick]:
-    """Enable the drive, servo to a target and yield every tick. A user's action causes the call.
+    """Enable the drive, move the tool to a target and yield every tick.
 
-    The run ends after `duration`, when `done` returns True, or with a fault; without an `operator`,
-    who could resume, also with a pause. Whatever ends it, even an error or Ctrl-C, the loop at last
-    brings the arm to rest and disables the drive.
+    Call it only as a consequence of a user's action, because the arm moves. The run ends after
+    `duration`, when `done` returns True, or with a fault. Without an `operator`, who could resume,
+    a pause ends it too. At the end, even after an error or Ctrl-C, the loop brings the arm to rest
+    and disables the drive. Close the generator, or exhaust it, so that this happens at once.
 
     Parameters
     ----------
     plant : Plant
         Arm, camera, tracker and clock.
     servo : Servo
-        Settings at the start.
+        Settings at the start; ``servo.rate`` is the number of ticks per second.
     target : Target
-        Target at the start.
+        Target at the start, from `teach` or a target file.
     duration : float
-        Longest duration in s.
+        Longest duration in s, positive; 30 by default.
     done : Callable
-        Condition on a tick that ends the run.
+        Function of a `Tick` that returns True to end the run; by default it never does.
     state : State or None
         Last state of an earlier run, whose estimate is used; None starts without an estimate.
     operator : Operator or None
-        Function that the loop calls after every tick for a request, another target or settings.
+        Function of a `Tick` that the loop calls after every tick. It returns a `Request`, another
+        `Target` or `Servo`, a `Teach` or a `Jog`, and must not wait.
 
     Yields
     ------
@@ -59,42 +61,47 @@ def run(
     Raises
     ------
     BadInput
-        If target, feature vector or device does not fit, or if a request is invalid.
+        If the target does not fit the servo, a device returns an invalid value, or a request is
+        invalid.
     UnusableEstimator
         If a user-defined estimator fails before the drive is enabled.
     NotEnabled
-        If the drive does not come on.
+        If the arm does not report its drive as on within 2 s.
     """
     servo.require_target(target)
     servo.warm_up()
     plant.reset()
     state = servo.init() if state is None else servo.restart(state)
-    inputs = NextTick(servo, target, operator)
+    next_tick = NextTick(servo, target, operator)
     try:
         if state.phase is not Phase.FAULT:
             plant.enable()
         for time in ticks(plant.clock, servo.rate, duration):
             observation = plant.read()
-            request, jog = inputs.request, inputs.jog
-            state = inputs.servo.step(state, observation, inputs.target, request, jog)
+            request, jog = next_tick.request, next_tick.jog
+            state = next_tick.servo.step(state, observation, next_tick.target, request, jog)
             applied = plant.send(state.command)
-            tick = Tick(time, inputs.servo, observation, request, jog, state, applied)
+            tick = Tick(time, next_tick.servo, observation, request, jog, state, applied)
             yield tick
             if done(tick) or _is_over(state, operator):
                 break
-            inputs.ask_operator(tick)
+            next_tick.ask_operator(tick)
     finally:
-        _bring_to_rest(plant, inputs.servo, state.command)
+        _bring_to_rest(plant, next_tick.servo, state.command)
 
 
 def _is_over(state: State, operator: Operator | None) -> bool:
-    """Return True if nothing more can happen: drive off, or at rest with no one to resume."""
-    final = (Phase.FAULT, Phase.PAUSED) if operator is None else ()
-    return state.phase is Phase.DISABLED or (state.phase in final and not state.command.rates.any())
+    """Return True if the drive is off, or the arm is at rest and no operator can resume."""
+    final_phases = () if operator is not None else (Phase.FAULT, Phase.PAUSED)
+    is_at_rest = not state.command.rates.any()
+    return state.phase is Phase.DISABLED or (state.phase in final_phases and is_at_rest)
 
 
 def _bring_to_rest(plant: Plant, servo: Servo, last: Command) -> None:
-    """Ramp the joint rates to zero through the gate from the next tick on; disable the drive."""
+    """Ramp the joint rates from those of the `last` command to zero, then disable the drive.
+
+    The gate bounds the decelerations.
+    """
     try:
         plant.clock.wait_until(plant.clock.now() + servo.period)
         for _ in ticks(plant.clock, servo.rate):

@@ -1,7 +1,7 @@
-"""Result of a run, for simulated and live runs, runs on hardware and runs of a study.
+"""Result of a run, whether it is simulated, live, on hardware or part of a study.
 
 Unknown numbers are None and unknown texts are empty, so that
-``json.dumps(dataclasses.asdict(result))`` is the file metrics.json.
+``json.dumps(dataclasses.asdict(result))`` gives the content of the file metrics.json.
 """
 
 from dataclasses import dataclass, field, replace
@@ -18,16 +18,16 @@ def finite_or_none(value: float) -> float | None:
 
 @dataclass(frozen=True)
 class FeatureError:
-    """Root mean square of Δy over the last second of a run.
+    """Root mean square of the feature errors Δy = (Δs, Δr, Δd) over the last second of a run.
 
     Parameters
     ----------
     s_rad : float or None
-        Error of s, the imaged tool's angle.
+        Error of s, the angle of the tool in the image, rad.
     r_px : float or None
-        Error of r, marker 1's distance from the imaged RCM.
+        Error of r, the distance of marker 1 from the imaged RCM, px.
     d_px : float or None
-        Error of d, the imaged markers' distance from each other.
+        Error of d, the distance of the markers from each other in the image, px.
     """
 
     s_rad: float | None = None
@@ -72,16 +72,16 @@ class ExplorationCost:
 
 @dataclass(frozen=True)
 class TimeSpread:
-    """Median, 99th percentile and maximum of a set of times in ms; None if the set is empty.
+    """Median, 99th percentile and maximum of a set of times; None if the set is empty.
 
     Parameters
     ----------
     median : float or None
-        Median.
+        Median, ms.
     p99 : float or None
-        99th percentile.
+        99th percentile, ms.
     max : float or None
-        Maximum.
+        Maximum, ms.
     """
 
     median: float | None = None
@@ -186,26 +186,26 @@ class CameraStatistics:
 
 @dataclass(frozen=True)
 class RunResult:
-    """Result of a run. ``print`` shows it in one line.
+    """Result of a run; ``print`` shows it in one line.
 
     Parameters
     ----------
     settled : bool
-        True if the errors stayed small to the end, without a fault at the end, at the taught pose;
-        in a study, if the true error stayed small.
+        True if the run ended without a fault at the taught pose, and the feature errors had stayed
+        small for a second; in a study, if the true error stayed small.
     cause : str
         Reason for not settling; empty if the run settled.
     remark : str
         Fault at the end that did not stop the arm; empty without one.
     settle_time_s : float or None
-        Time after which the errors stayed small; in a study, time at which marker 2 was first
+        Time after which the errors stayed small, s; in a study, time at which marker 2 was first
         within 1 mm of the target.
     duration_s : float or None
-        Time to the end of the last tick.
+        Time to the end of the last tick, s.
     pose_error_mm : float or None
-        Pose error ‖p₂ − p_d‖ at the end, by the simulation's ground truth.
+        Error ‖p₂ − p_d‖ of marker 2's position at the end, by the simulation's ground truth, mm.
     bound_mm : float or None
-        Cramér-Rao bound of the pose error, root mean square.
+        Cramér-Rao bound, the smallest root mean square that the pose error can have, mm.
     feature_error : FeatureError
         Errors Δy at the end, as the servo measures them.
     jacobian_error : JacobianError

@@ -18,10 +18,11 @@ MAD_TO_STD = 1.4826
 """Ratio of the standard deviation of Gaussian noise to its median absolute deviation."""
 
 MAX_NOISE_PX = 2.0
-"""Standard deviation in px above which a marker counts as unsteady; a working tracker has less."""
+"""Standard deviation in px above which a marker counts as unsteady; trackers usually have less."""
 
 NOISE_FLOOR_PX = 0.7
-"""Smallest standard deviation in px for the outlier test, as few frames estimate it badly."""
+"""Smallest standard deviation in px that the outlier test assumes: few frames may underestimate
+it."""
 
 OUTLIER_SIGMAS = 6.0
 """Distance from the median, in standard deviations, beyond which a marker is an outlier."""
@@ -29,21 +30,8 @@ OUTLIER_SIGMAS = 6.0
 MAX_OUTLIER_FRACTION = 0.05
 """Largest fraction of outliers among the frames."""
 
-
 FRAME_COUNT = between(1, MAX_FRAMES, "a whole number", "frames")
 """Limits of the number of frames that are averaged into a target."""
-
-
-def require_frames(frames: int, name: str = "frames") -> None:
-    """Raise `BadInput` if the number of frames to average is out of range."""
-    FRAME_COUNT.require(name, frames)
-
-
-def mean_of_finite(rows: Floats) -> Floats:
-    """Return the mean of the finite entries of each column of (n, k); NaN if there are none."""
-    known = np.isfinite(rows)
-    total, count = np.where(known, rows, 0.0).sum(axis=0), known.sum(axis=0)
-    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
 
 
 @dataclass
@@ -73,22 +61,33 @@ class TargetFrames:
     def target(self, since: int) -> Target:
         """Return the mean of the frames as a target that was taught from `since` ns on.
 
-        A size is the mean over the frames in which it is known.
+        The mean of the radii covers only the frames in which they are known.
         """
         points, q = np.mean(self.points, axis=0), np.mean(self.joints, axis=0)
         return Target(points, q, since, mean_of_finite(np.array(self.sizes)))
 
     def disagreement(self) -> str:
-        """Return a sentence on the disagreement of the frames; empty if they agree."""
-        deviation = np.abs(self.points - np.median(self.points, axis=0))
-        noise = MAD_TO_STD * np.median(deviation, axis=0)
-        is_outlier = deviation > OUTLIER_SIGMAS * np.maximum(noise, NOISE_FLOOR_PX)
-        too_many = is_outlier.mean(axis=0) > MAX_OUTLIER_FRACTION
-        unsteady = ((noise > MAX_NOISE_PX) | too_many).any(axis=1)
-        if not unsteady.any():
+        """Return a sentence on the disagreement of the frames; empty if they agree.
+
+        The noise is estimated from the median of the absolute deviations, which outliers do not
+        change.
+        """
+        deviation_px = np.abs(self.points - np.median(self.points, axis=0))
+        noise_px = MAD_TO_STD * np.median(deviation_px, axis=0)
+        is_outlier = deviation_px > OUTLIER_SIGMAS * np.maximum(noise_px, NOISE_FLOOR_PX)
+        has_outliers = is_outlier.mean(axis=0) > MAX_OUTLIER_FRACTION
+        is_unsteady = ((noise_px > MAX_NOISE_PX) | has_outliers).any(axis=1)
+        if not is_unsteady.any():
             return ""
-        which = " and ".join(f"marker {i + 1}" for i in np.flatnonzero(unsteady))
+        markers = " and ".join(f"marker {i + 1}" for i in np.flatnonzero(is_unsteady))
         return (
-            f"{which} is detected at positions up to {float(deviation.max()):.1f} px apart: make "
-            "sure that nothing else looks like a marker and that the camera does not move"
+            f"{markers} is detected at positions up to {float(deviation_px.max()):.1f} px apart: "
+            "make sure that nothing else looks like a marker and that the camera does not move"
         )
+
+
+def mean_of_finite(rows: Floats) -> Floats:
+    """Return the mean of the finite entries of each column of (n, k); NaN if there are none."""
+    is_finite = np.isfinite(rows)
+    sums, counts = np.where(is_finite, rows, 0.0).sum(axis=0), is_finite.sum(axis=0)
+    return np.where(counts > 0, sums / np.maximum(counts, 1), np.nan)

@@ -1,4 +1,4 @@
-"""Record of one tick of the loop."""
+"""Inputs and outputs of the servo at one tick of the loop."""
 
 from dataclasses import dataclass
 
@@ -9,26 +9,26 @@ from rcmservo.servo.servo import Servo, State
 
 @dataclass(frozen=True, eq=False)
 class Tick:
-    """One tick of the loop: inputs, state and applied joint rates.
+    """One tick of the loop: the inputs of the servo, its state, and the applied joint rates.
 
-    `run` yields it. A recorder stores it, and a replay computes it once more.
+    `run` yields it. A recorder stores it, and a replay recomputes the state from the inputs.
 
     Parameters
     ----------
     time : int
-        Time since the start of the loop, ns.
+        Time at which the tick was due, in ns since the start of the loop.
     servo : Servo
         Settings at this tick.
     observation : Observation
-        Observation, the input of the servo.
+        Joints, and markers of the newest frame.
     request : Request
         Request of the operator.
     jog : Floats
         Requested joint rates (3,) in rad/s, rad/s, mm/s if the request is JOG, else zero.
     state : State
-        State after the tick, with command and target.
+        State of the servo after the tick, with command and target.
     applied : Floats
-        Joint rates (3,) in rad/s, rad/s, mm/s that the arm applies.
+        Joint rates (3,) in rad/s, rad/s, mm/s that the arm applies of the command.
     """
 
     time: int

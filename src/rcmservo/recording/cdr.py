@@ -5,9 +5,12 @@ from typing import Any
 
 from rcmservo.errors import RcmServoError
 
+NS_PER_S = 10**9
+MIN_INT32, MAX_INT32 = -(2**31), 2**31 - 1
+
 
 class MalformedMessage(RcmServoError, ValueError):
-    """Bytes that are no message of the expected type."""
+    """Error of bytes that are no message of the expected type."""
 
 
 class MessageCodec:
@@ -41,11 +44,14 @@ class MessageCodec:
         return self._store.types[message_type](*fields)
 
     def header(self, time: int, frame: str = "") -> Any:
-        """Return a std_msgs/Header with a stamp of `time` ns, clipped to its range."""
-        sec, nanosec = divmod(time, 10**9)
-        stamp = min(max(sec, -(2**31)), 2**31 - 1), nanosec
-        stamped_time = self.make("builtin_interfaces/msg/Time", *stamp)
-        return self.make("std_msgs/msg/Header", stamped_time, frame)
+        """Return a std_msgs/Header of a coordinate frame, with a stamp of `time` ns.
+
+        The seconds of the stamp are clipped to the range of its 32 bits.
+        """
+        seconds, nanoseconds = divmod(time, NS_PER_S)
+        clipped_seconds = min(max(seconds, MIN_INT32), MAX_INT32)
+        stamp = self.make("builtin_interfaces/msg/Time", clipped_seconds, nanoseconds)
+        return self.make("std_msgs/msg/Header", stamp, frame)
 
     def encode(self, message_type: str, *fields: Any) -> bytes:
         """Return a message with these fields as little endian bytes.
@@ -77,4 +83,4 @@ class MessageCodec:
 
 def time_of(header: Any) -> int:
     """Return the stamp of a header in ns."""
-    return header.stamp.sec * 10**9 + header.stamp.nanosec
+    return header.stamp.sec * NS_PER_S + header.stamp.nanosec

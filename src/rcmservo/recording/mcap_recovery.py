@@ -1,14 +1,16 @@
-"""Reader of damaged MCAP files: it returns the messages that are certainly intact.
+"""Reader of damaged MCAP files that returns only the messages that are certainly intact.
 
-Only messages inside chunks count, because only chunks carry a checksum. Message numbers rise by one
-within a topic, so no message can be missing unnoticed. Between chunks the recorder writes only
-known record kinds: a chunk with a damaged kind counts as damage and is not skipped. Each length is
-compared with the size of the file before it is used, so that any bytes are read in little memory.
+An MCAP file is a sequence of records, each with a kind (opcode) and a length; a chunk is a record
+that contains messages. Only messages inside chunks are returned, because only chunks carry a
+checksum. Message numbers rise by one within a topic, so no message can be missing unnoticed. The
+recorder writes only known kinds of records between chunks, so an unknown kind is damage. Each
+length is compared with the size of the file before it is used, so that any bytes are read in little
+memory.
 
-`mcap` parses the records, but its `StreamReader` is unsuitable, as tests/recording/test_damage.py
-shows: it skips a chunk with a damaged kind, returns messages without a checksum, unpacks more than
-a chunk declares, and does not report the byte at which it stopped. It also takes three times as
-long per message, so this module unpacks messages itself.
+The package `mcap` parses the records. Its `StreamReader` is unsuitable, as
+tests/recording/test_damage.py shows: it skips a chunk with a damaged kind, returns messages without
+a checksum, unpacks more than a chunk declares, and does not report the byte at which it stopped. It
+also takes three times as long per message, so this module unpacks messages itself.
 """
 
 import struct
@@ -30,27 +32,30 @@ from mcap.opcode import Opcode
 from rcmservo.errors import UnusableFile
 
 MAGIC = b"\x89MCAP0\r\n"
+"""First and last bytes of a file."""
 RECORD_HEAD = struct.Struct("<BQ")
-"""Kind (opcode) and length of a record."""
+"""Kind (opcode) of a record and length of its body in bytes."""
 MESSAGE_HEAD = struct.Struct("<HIQQ")
 """Channel of a message, its number in the channel, and its times of logging and publishing."""
 INDEX_HEAD = struct.Struct("<HI")
 """Channel of a message index and the length of its entries."""
 INDEX_ENTRY_BYTES = 16
+"""Size of a message's entry in a message index."""
 FOOTER_BYTES = RECORD_HEAD.size + 20
+"""Size of the record at the end of a file, which locates the file's summary."""
 CHECKSUM_BYTES = 4
 MAX_RECORD_BYTES = 32 * 2**20
 """Largest size of a record in bytes, compressed or not."""
 UNPACKED_ALLOWANCE_BYTES = 64 * 2**20
 MAX_COMPRESSION_RATIO = 32
-"""A file may unpack to `UNPACKED_ALLOWANCE_BYTES` plus `MAX_COMPRESSION_RATIO` times its size, far
-more than a run needs."""
+"""The chunks of a file may unpack to `UNPACKED_ALLOWANCE_BYTES` plus `MAX_COMPRESSION_RATIO` times
+its size, far more than a run needs."""
 
 Parsed = TypeVar("Parsed")
 
 
 class _DamageError(McapError):
-    """Damage from which on no byte can be trusted."""
+    """Error of damaged bytes; no byte that follows can be trusted."""
 
 
 DAMAGE_ERRORS = McapError, ValueError, struct.error, zstandard.ZstdError
@@ -69,7 +74,7 @@ class Message(NamedTuple):
     time : int
         Log time in ns since the start of the record.
     data : bytes
-        Bytes in CDR.
+        Bytes of the message in CDR, the byte format of ROS 2.
     """
 
     topic: str
@@ -80,7 +85,7 @@ class Message(NamedTuple):
 
 @dataclass
 class _Channel:
-    """Topic and its number of messages read."""
+    """Topic, with the definition of its messages and the number of messages read so far."""
 
     topic: str
     definition: str
@@ -110,7 +115,7 @@ class MessageReader:
         self.size, self.position = 0, 0
         self.complete = False
         self.summary: mcap_records.Statistics | None = None
-        self._schemas: dict[int, str] = {}
+        self._definitions: dict[int, str] = {}
         self._channels: dict[int, _Channel] = {}
         self._chunk_counts: Counter[int] = Counter()
         self._unpack_budget = 0
@@ -130,7 +135,8 @@ class MessageReader:
 
     def channel(self, topic: str) -> int:
         """Return the id of a topic's channel, or −1 if none has been read."""
-        return next((n for n, channel in self._channels.items() if channel.topic == topic), -1)
+        ids = (number for number, channel in self._channels.items() if channel.topic == topic)
+        return next(ids, -1)
 
     def __iter__(self) -> Iterator[Message]:
         if self.path.exists() and not self.path.is_file():
@@ -140,9 +146,8 @@ class MessageReader:
                 self.size = self.path.stat().st_size
                 self._unpack_budget = UNPACKED_ALLOWANCE_BYTES + MAX_COMPRESSION_RATIO * self.size
                 if file.read(len(MAGIC)) != MAGIC:
-                    raise UnusableFile(
-                        self.path, "is not a record: it is no MCAP file, or its start is damaged"
-                    )
+                    reason = "is not a record: it is no MCAP file, or its start is damaged"
+                    raise UnusableFile(self.path, reason)
                 with suppress(*DAMAGE_ERRORS):
                     self.summary = _read_summary(file, self.size)
                 self.position = len(MAGIC)
@@ -150,7 +155,7 @@ class MessageReader:
                     yield from self._read_data_section(file)
         except OSError as error:
             raise UnusableFile(self.path, f"cannot be read: {error.strerror}") from error
-        counts = {n: channel.count for n, channel in self._channels.items() if channel.count}
+        counts = {i: channel.count for i, channel in self._channels.items() if channel.count}
         self.complete = self.summary is not None and counts == self.summary.channel_message_counts
 
     def _read_data_section(self, file: BinaryIO) -> Iterator[Message]:
@@ -161,7 +166,7 @@ class MessageReader:
             elif self.position == len(MAGIC):
                 raise _DamageError
             elif opcode == Opcode.CHUNK:
-                yield from self._chunk_messages(self._unpack(body))
+                yield from self._read_chunk_messages(self._unpack(body))
             elif opcode == Opcode.MESSAGE_INDEX:
                 self._check_index(body)
             elif opcode != Opcode.DATA_END or len(body) != CHECKSUM_BYTES:
@@ -179,35 +184,39 @@ class MessageReader:
         return _unpack(chunk)
 
     def _check_index(self, body: bytes) -> None:
-        """Raise an error unless an index matches the messages of its channel in the last chunk."""
+        """Raise an error unless an index has an entry for each message of the last chunk.
+
+        An index belongs to one channel.
+        """
         channel, length = INDEX_HEAD.unpack_from(body)
         expected = self._chunk_counts.pop(channel, 0) * INDEX_ENTRY_BYTES
         if not 0 < length == expected == len(body) - INDEX_HEAD.size:
             raise _DamageError
 
-    def _chunk_messages(self, content: bytes) -> Iterator[Message]:
+    def _read_chunk_messages(self, content: bytes) -> Iterator[Message]:
         """Yield the messages of a chunk, and store its schemas and channels."""
         self._chunk_counts.clear()
         for opcode, body in _split_chunk(content):
             if opcode == Opcode.MESSAGE:
-                yield self._next_message(body)
+                yield self._decode_message(body)
             elif opcode == Opcode.SCHEMA:
                 schema = _parse(mcap_records.Schema.read, body)
-                self._schemas[schema.id] = schema.data.decode()
+                self._definitions[schema.id] = schema.data.decode()
             elif opcode == Opcode.CHANNEL:
                 channel = _parse(mcap_records.Channel.read, body)
-                definition = self._schemas.get(channel.schema_id, "")
+                definition = self._definitions.get(channel.schema_id, "")
                 self._channels.setdefault(channel.id, _Channel(channel.topic, definition))
             else:
                 raise _DamageError
 
-    def _next_message(self, body: bytes) -> Message:
-        number, sequence, time, _ = MESSAGE_HEAD.unpack_from(body)
-        channel = self._channels.get(number)
-        if channel is None or sequence != channel.count:
+    def _decode_message(self, body: bytes) -> Message:
+        """Return a message if it is the next one of its channel."""
+        channel_id, number, time, _ = MESSAGE_HEAD.unpack_from(body)
+        channel = self._channels.get(channel_id)
+        if channel is None or number != channel.count:
             raise _DamageError
         channel.count += 1
-        self._chunk_counts[number] += 1
+        self._chunk_counts[channel_id] += 1
         return Message(channel.topic, channel.definition, time, body[MESSAGE_HEAD.size :])
 
 
@@ -288,7 +297,7 @@ def _split_chunk(content: bytes) -> Iterator[tuple[int, bytes]]:
 
 
 def _parse(read: Callable[[ReadDataStream], Parsed], body: bytes) -> Parsed:
-    """Return the record in a body that holds nothing else."""
+    """Return the record that `read` finds in a body; raise an error if more bytes follow."""
     stream = ReadDataStream(BytesIO(body))
     record = read(stream)
     if stream.count != len(body):
@@ -299,7 +308,8 @@ def _parse(read: Callable[[ReadDataStream], Parsed], body: bytes) -> Parsed:
 def _unpack(chunk: mcap_records.Chunk) -> bytes:
     """Return the content of a chunk, verified by its checksum.
 
-    Only the declared size is allocated: zstd would allocate any size that its data declare.
+    Only the size that the chunk declares is allocated: the decompressor alone would allocate any
+    size that the compressed data declare.
     """
     size, data = chunk.uncompressed_size, chunk.data
     if size > MAX_RECORD_BYTES or chunk.compression not in ("", "zstd"):
@@ -314,19 +324,19 @@ def _unpack(chunk: mcap_records.Chunk) -> bytes:
 
 
 def _read_summary(file: BinaryIO, size: int) -> mcap_records.Statistics | None:
-    """Return the statistics at the end of a file if that end is intact."""
-    end = size - FOOTER_BYTES - len(MAGIC)
-    file.seek(max(end, 0))
-    data = file.read()
-    footer = _parse(mcap_records.Footer.read, data[RECORD_HEAD.size : -len(MAGIC)])
+    """Return the statistics in the summary of a file; None unless its checksum is right."""
+    footer_start = size - FOOTER_BYTES - len(MAGIC)
+    file.seek(max(footer_start, 0))
+    ending = file.read()
+    footer = _parse(mcap_records.Footer.read, ending[RECORD_HEAD.size : -len(MAGIC)])
     head = RECORD_HEAD.pack(Opcode.FOOTER, FOOTER_BYTES - RECORD_HEAD.size)
-    is_intact = data.endswith(MAGIC) and data.startswith(head)
-    if not is_intact or not len(MAGIC) <= footer.summary_start <= end:
+    is_intact = ending.endswith(MAGIC) and ending.startswith(head)
+    if not is_intact or not len(MAGIC) <= footer.summary_start <= footer_start:
         return None
     statistics, checksum = None, 0
-    for opcode, body in _read_records(file, footer.summary_start, end):
+    for opcode, body in _read_records(file, footer.summary_start, footer_start):
         checksum = zlib.crc32(body, zlib.crc32(RECORD_HEAD.pack(opcode, len(body)), checksum))
         if opcode == Opcode.STATISTICS:
             statistics = _parse(mcap_records.Statistics.read, body)
-    checksum = zlib.crc32(data[: FOOTER_BYTES - CHECKSUM_BYTES], checksum)
+    checksum = zlib.crc32(ending[: FOOTER_BYTES - CHECKSUM_BYTES], checksum)
     return statistics if checksum == footer.summary_crc else None

@@ -1,4 +1,8 @@
-"""Outcome of a run from its ticks: settled or not, with time and cause."""
+"""Outcome of a run from its ticks: whether it settled at the target, when, and if not, why.
+
+A run has settled if the feature errors Δy = (Δs, Δr, Δd) stay within a tolerance up to its end and
+the joints are near those of the taught target.
+"""
 
 from dataclasses import replace
 
@@ -13,156 +17,181 @@ from rcmservo.servo.servo import Servo
 from rcmservo.servo.user_estimator import EstimatorGuard, class_path_of
 
 SETTLED_TOLERANCE = np.array([np.radians(0.5), 1.0, 1.0])
-"""Largest |Δs|, |Δr|, |Δd| (rad, px, px) at which a run counts as settled."""
+"""Upper limits of |Δs|, |Δr|, |Δd| in rad, px, px for a settled run."""
 
 SETTLED_DURATION_S = 1.0
-"""Time (s) at the end of a run in which the errors must stay within the tolerance."""
+"""Time in s at the end of a run during which the errors must stay within the tolerance."""
+
+SETTLED_DURATION_ROUNDING_S = 1e-6
+"""Rounding error in s that the difference of two tick times may have."""
 
 MAX_SAME_POSE_DISTANCE_MM = 5.0
-"""Largest distance (mm) of marker 1 from its taught position, by the joints, at which the pose
-counts as the taught one."""
+"""Largest distance in mm from marker 1, as the joints give it, to its taught position, at which the
+pose counts as the taught one."""
 
 UNFINISHED_CAUSES = {
     Phase.DISABLED: "the arm's drive is off",
     Phase.IDLE: "time ran out before both markers were seen",
     Phase.ACQUIRE: "time ran out during exploration",
 }
-"""Causes of runs that end in a phase before servoing without a fault."""
-
-
-def find_stop_cause(mode: Mode, why: str) -> str:
-    """Return the cause that stops the arm at the last tick; empty if nothing stops it.
-
-    `why` is the reason why no marker was ever observed, or empty.
-    """
-    if mode.cause.stop_sentence:
-        return mode.cause.describe(
-            mode.detail or (why if mode.cause.declared.hides_markers else "")
-        )
-    return (
-        f"{UNFINISHED_CAUSES[mode.phase]}: {why}" if why and mode.phase in UNFINISHED_CAUSES else ""
-    )
-
-
-def find_settle_time(times: Floats, errors: Floats) -> float | None:
-    """Return the time (s) from which on the errors Δy (N, 3) stay within `SETTLED_TOLERANCE`.
-
-    None unless they stay within for at least `SETTLED_DURATION_S` up to the last of ``times``
-    (N,) s.
-    """
-    outside = np.flatnonzero(~(np.abs(errors) < SETTLED_TOLERANCE).all(axis=1))
-    since = int(outside[-1]) + 1 if len(outside) else 0
-    has_settled = since < len(times) and times[-1] - times[since] >= SETTLED_DURATION_S - 1e-6
-    return float(times[since]) if has_settled else None
+"""Causes of runs that end without a fault in a phase before SERVO."""
 
 
 class OutcomeCollector:
-    """Collector of a run's ticks that computes their outcome."""
+    """Collector of a run's ticks, from which it computes the result of the run.
+
+    Parameters
+    ----------
+    servo : Servo
+        Settings at the start of the run.
+    target : Target
+        Target at the start of the run.
+    """
 
     def __init__(self, servo: Servo, target: Target) -> None:
         self._servo, self._target = servo, target
-        self._times: list[float] = []
-        self._errors: list[Floats] = []
-        self._explored_at: float | None = None
-        self._last: Tick | None = None
-        self._seen = False
+        self._times_s: list[float] = []
+        self._feature_errors: list[Floats] = []
+        self._exploration_end_s: float | None = None
+        self._last_tick: Tick | None = None
+        self._has_accepted_frame = False
 
     def add(self, tick: Tick) -> None:
-        self._times.append(tick.time / 1e9)
-        self._errors.append(tick.state.delta)
-        if self._explored_at is None and tick.state.explored:
-            self._explored_at = self._times[-1]
-        self._seen = self._seen or tick.state.accepted_frame >= 0
-        self._last, self._target = tick, tick.state.target or self._target
+        """Add the next tick of the run."""
+        self._times_s.append(tick.time / 1e9)
+        self._feature_errors.append(tick.state.delta)
+        if self._exploration_end_s is None and tick.state.explored:
+            self._exploration_end_s = self._times_s[-1]
+        self._has_accepted_frame = self._has_accepted_frame or tick.state.accepted_frame >= 0
+        self._last_tick, self._target = tick, tick.state.target or self._target
 
     @property
-    def blind(self) -> Tick | None:
-        """Last tick, if no tick has accepted an observation of both markers; otherwise None."""
-        return None if self._seen else self._last
-
-    @property
-    def duration(self) -> float:
-        """Time (s) of the last tick."""
-        return self._times[-1] if self._times else 0.0
+    def last_tick_without_markers(self) -> Tick | None:
+        """Last tick if no tick has accepted an observation of both markers, otherwise None."""
+        return None if self._has_accepted_frame else self._last_tick
 
     def result(self) -> RunResult:
-        """Return the outcome of the ticks so far."""
-        if self._last is None:
-            return RunResult(target_q=self._target.q.tolist())
-        marker_1 = self._servo.position_of_marker_1
-        distance = np.linalg.norm(marker_1(self._last.observation.q) - marker_1(self._target.q))
-        times, errors = np.array(self._times), np.array(self._errors)
-        result = judge_run(times, errors, self._explored_at, self._last.state.mode, float(distance))
+        """Return the result of the ticks so far."""
+        taught_q = self._target.q
+        if self._last_tick is None:
+            return RunResult(target_q=taught_q.tolist())
+        position = self._servo.position_of_marker_1
+        distance_mm = np.linalg.norm(position(self._last_tick.observation.q) - position(taught_q))
+        times, errors = np.array(self._times_s), np.array(self._feature_errors)
+        mode = self._last_tick.state.mode
+        result = judge_run(times, errors, self._exploration_end_s, mode, float(distance_mm))
         return replace(
             result,
-            cause=result.cause + _slow_estimator(self._last),
-            duration_s=self.duration + 1.0 / self._servo.rate,
-            target_q=self._target.q.tolist(),
+            cause=result.cause + _describe_slow_estimator(self._last_tick),
+            duration_s=self._times_s[-1] + 1.0 / self._servo.rate,
+            target_q=taught_q.tolist(),
         )
 
 
-def _slow_estimator(last: Tick) -> str:
-    """Return the end of a sentence about a user-defined estimator that delayed the loop.
-
-    It is empty if no such estimator did.
-    """
-    cause, estimator = last.state.cause, last.servo.guarded_estimator
-    is_late = cause in (Cause.OVERRUN, Cause.DRIVE_OFF)  # the arm's watchdog may act first
-    if (
-        is_late
-        and isinstance(estimator, EstimatorGuard)
-        and estimator.slowest_ns > last.servo.period
-    ):
-        longest = f"{estimator.slowest_ns * 1e-6:.1f} ms"
-        return f": estimator {class_path_of(estimator.estimator)} took up to {longest} for a frame"
-    return ""
-
-
 def judge_run(
-    times: Floats, errors: Floats, explored_at: float | None, mode: Mode, apart: float
+    times: Floats, errors: Floats, exploration_end_s: float | None, mode: Mode, distance_mm: float
 ) -> RunResult:
-    """Return the outcome of a run.
+    """Return the result of a run of N ≥ 1 ticks.
 
     Parameters
     ----------
     times : Floats
-        Times (N,) of its ticks, s.
+        Times (N,) of the ticks, s.
     errors : Floats
-        Errors Δy (N, 3) at these times, rad, px, px.
-    explored_at : float | None
-        Time at which exploration ended, s.
+        Feature errors Δy (N, 3) at these times, rad, px, px.
+    exploration_end_s : float | None
+        Time at which exploration ended, s; None if it did not end.
     mode : Mode
-        Mode of the servo at the end.
-    apart : float
-        Distance (mm) of marker 1 at the end from its taught position, by the joints.
+        Mode of the servo at the last tick.
+    distance_mm : float
+        Distance from marker 1 at the last tick to its taught position, as the joints give them, mm.
     """
-    if not len(times):
-        return RunResult()
-    error = np.sqrt(np.mean(errors[times > times[-1] - SETTLED_DURATION_S] ** 2, axis=0))
-    settled_at = find_settle_time(times, errors)
-    cause = _cause(mode, explored_at, settled_at, apart)
+    is_final = times > times[-1] - SETTLED_DURATION_S
+    rms_error = np.sqrt(np.mean(errors[is_final] ** 2, axis=0))
+    settle_time_s = find_settle_time(times, errors)
+    cause = _find_unsettled_cause(mode, exploration_end_s, settle_time_s, distance_mm)
     return RunResult(
         settled=cause == "",
         cause=cause,
         remark="" if mode.cause.stop_sentence else mode.cause.value,
-        settle_time_s=None if cause else settled_at,
-        feature_error=FeatureError(*map(finite_or_none, error)),
-        explore=ExplorationCost(explored_at),
+        settle_time_s=None if cause else settle_time_s,
+        feature_error=FeatureError(*map(finite_or_none, rms_error)),
+        explore=ExplorationCost(exploration_end_s),
     )
 
 
-def _cause(mode: Mode, explored_at: float | None, settled_at: float | None, apart: float) -> str:
+def find_settle_time(times: Floats, errors: Floats) -> float | None:
+    """Return the time in s after which the feature errors stay within `SETTLED_TOLERANCE`.
+
+    It is None if the errors stay within the tolerance for less than `SETTLED_DURATION_S` up to the
+    last tick.
+
+    Parameters
+    ----------
+    times : Floats
+        Times (N,) of the ticks, s.
+    errors : Floats
+        Feature errors Δy (N, 3) at these times, rad, px, px.
+    """
+    is_within = (np.abs(errors) < SETTLED_TOLERANCE).all(axis=1)
+    outside_indices = np.flatnonzero(~is_within)
+    first_settled = int(outside_indices[-1]) + 1 if len(outside_indices) else 0
+    if first_settled == len(times):
+        return None
+    settled_s = times[-1] - times[first_settled]
+    has_settled = settled_s >= SETTLED_DURATION_S - SETTLED_DURATION_ROUNDING_S
+    return float(times[first_settled]) if has_settled else None
+
+
+def find_stop_cause(mode: Mode, detection_failure: str) -> str:
+    """Return the cause that stops the arm at the last tick; empty if nothing stops it.
+
+    Parameters
+    ----------
+    mode : Mode
+        Mode of the servo at the last tick.
+    detection_failure : str
+        Reason for which no frame has shown both markers; empty if a frame has.
+    """
+    cause = mode.cause
+    if cause.stop_sentence:
+        hidden_reason = detection_failure if cause.declared.hides_markers else ""
+        return cause.describe(mode.detail or hidden_reason)
+    if detection_failure and mode.phase in UNFINISHED_CAUSES:
+        return f"{UNFINISHED_CAUSES[mode.phase]}: {detection_failure}"
+    return ""
+
+
+def _find_unsettled_cause(
+    mode: Mode, exploration_end_s: float | None, settle_time_s: float | None, distance_mm: float
+) -> str:
+    """Return the reason for which a run has not settled; empty if it has settled."""
     if mode.cause.stop_sentence:
         return mode.reason
-    if mode.phase is Phase.ACQUIRE and explored_at is not None:
+    if mode.phase is Phase.ACQUIRE and exploration_end_s is not None:
         return "time ran out on the way back from a hold"
     if mode.phase in UNFINISHED_CAUSES:
         return UNFINISHED_CAUSES[mode.phase]
-    if settled_at is None:
+    if settle_time_s is None:
         return "time ran out before the feature errors had settled"
-    if apart > MAX_SAME_POSE_DISTANCE_MM:
+    if distance_mm > MAX_SAME_POSE_DISTANCE_MM:
         return (
-            f"the features agree, but marker 1 is {apart:.0f} mm from its taught position: a pose "
-            f"beyond the singular surface looks the same"
+            f"the features agree, but marker 1 is {distance_mm:.0f} mm from its taught position: a "
+            "pose beyond the singular surface looks the same"
         )
     return ""
+
+
+def _describe_slow_estimator(last_tick: Tick) -> str:
+    """Return the end of a sentence on a user-defined estimator that delayed the loop; else empty.
+
+    The last tick then shows that the loop was late, or that the arm's watchdog acted first.
+    """
+    estimator = last_tick.servo.guarded_estimator
+    is_late = last_tick.state.cause in (Cause.OVERRUN, Cause.DRIVE_OFF)
+    if not is_late or not isinstance(estimator, EstimatorGuard):
+        return ""
+    if estimator.slowest_ns <= last_tick.servo.period:
+        return ""
+    class_path, slowest_ms = class_path_of(estimator.estimator), estimator.slowest_ns * 1e-6
+    return f": estimator {class_path} took up to {slowest_ms:.1f} ms for a frame"

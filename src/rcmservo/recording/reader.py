@@ -5,7 +5,7 @@ values are read as they were written, bit for bit; see mcap_recovery.py.
 """
 
 import json
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
@@ -14,26 +14,12 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from rcmservo.config.toml_json_parsing import is_table
+from rcmservo.config.toml_json_parsing import Table, is_table
 from rcmservo.errors import UnusableFile
 from rcmservo.interfaces import Floats, Image
-from rcmservo.recording import estimator_memory
+from rcmservo.recording import ros2_messages as ros2
 from rcmservo.recording.mcap_recovery import Message, MessageReader
-from rcmservo.recording.ros2_messages import (
-    DEFINITIONS,
-    TICK,
-    TICKS,
-    TOPICS,
-    TRUTH_LAYOUT,
-    columns,
-    decode_memory,
-    decode_names,
-    decode_operating_words,
-    decode_picture,
-    decode_text,
-    tick_columns,
-)
-from rcmservo.recording.stage import Stage, stage_of
+from rcmservo.recording.stage import Stage, parse_stage
 from rcmservo.recording.tick_schema import NAME_COLUMNS, TRUTH_COLUMNS
 from rcmservo.tracking import decode_image
 
@@ -44,10 +30,10 @@ TICK_TOPIC = "rcmservo/tick"
 """Topic of the ticks."""
 
 MAX_PLANNED_DURATION_S = 1e9
-"""Planned duration (s) from which on a recorded value is ignored."""
+"""Planned duration in s from which on a recorded value is ignored."""
 
 Column = NDArray[Any]
-Name = TypeVar("Name", bound=Enum)
+Member = TypeVar("Member", bound=Enum)
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,16 +84,16 @@ class Record:
     @property
     def planned(self) -> float | None:
         """Planned duration of the run in s, or None if unknown."""
-        return _planned(self.about)
+        return _read_planned_duration(self.about)
 
     @property
     def phase(self) -> list[str]:
-        """Phase at each tick."""
+        """Name of the phase at each tick."""
         return self.words["phase"]
 
     @property
     def cause(self) -> list[str]:
-        """Cause at each tick."""
+        """Name of the cause at each tick."""
         return self.words["cause"]
 
     @property
@@ -115,8 +101,8 @@ class Record:
         """True if nothing is missing."""
         return not self.missing
 
-    def enum_at(self, kind: type[Name], column: str, i: int) -> Name:
-        """Return the enum member in a column of words at tick `i`.
+    def enum_at(self, kind: type[Member], column: str, i: int) -> Member:
+        """Return the enum member that a column of `words` names at tick `i`.
 
         Raises
         ------
@@ -132,18 +118,8 @@ class Record:
 
     def new_frames(self, since: float = 0.0) -> NDArray[np.intp]:
         """Return the indices of ticks with a new frame, from `since` s on."""
-        new = np.diff(self.ticks["frame"][:, 0], prepend=-1) > 0
-        return np.flatnonzero(new & (self.time >= since))
-
-
-def record_file(path: Path) -> Path:
-    """Return the record's file, given the file or the folder of its run."""
-    return path / RECORD if path.is_dir() else path
-
-
-def has_ticks(path: Path) -> bool:
-    """Report whether a record holds a tick; reading stops at the first one."""
-    return any(message.topic == TICK_TOPIC for message in MessageReader(record_file(path)))
+        is_new = np.diff(self.ticks["frame"][:, 0], prepend=-1) > 0
+        return np.flatnonzero(is_new & (self.time >= since))
 
 
 def read_record(path: Path) -> Record:
@@ -162,22 +138,32 @@ def read_record(path: Path) -> Record:
     """
     path = record_file(path)
     messages = MessageReader(path)
-    rows = _RecordBuilder(path)
+    builder = _RecordBuilder(path)
     for message in messages:
-        rows.add(message)
-    if rows.about is None:
+        builder.add(message)
+    if builder.about is None:
         raise UnusableFile(path, "is not a record of a run, or its start is damaged")
     try:
-        return rows.build(messages)
+        return builder.build(builder.about, messages)
     except ValueError as error:
         raise UnusableFile(path, f"is a record that cannot be read: {error}") from error
+
+
+def record_file(path: Path) -> Path:
+    """Return the record's file, given the file or the folder of its run."""
+    return path / RECORD if path.is_dir() else path
+
+
+def has_ticks(path: Path) -> bool:
+    """Return True if a record holds a tick; reading stops at the first one."""
+    return any(message.topic == TICK_TOPIC for message in MessageReader(record_file(path)))
 
 
 def iterate_frames(path: Path) -> Iterator[tuple[int, Image]]:
     """Yield the exposure (ns on the plant's clock) and the image of each recorded frame."""
     path = record_file(path)
-    for exposure, data in iterate_jpegs(path):
-        yield exposure, decode_image(data, path)
+    for exposure, jpeg in iterate_jpegs(path):
+        yield exposure, decode_image(jpeg, path)
 
 
 def iterate_jpegs(path: Path) -> Iterator[tuple[int, bytes]]:
@@ -186,96 +172,118 @@ def iterate_jpegs(path: Path) -> Iterator[tuple[int, bytes]]:
     for message in MessageReader(path):
         if message.topic == "image_raw/compressed":
             try:
-                yield decode_picture(message.data)
+                yield ros2.decode_picture(message.data)
             except ValueError as error:
                 raise UnusableFile(path, f"holds a frame that cannot be read: {error}") from error
 
 
+def build_memory_column(memories: Mapping[int, Floats], tick_count: int) -> dict[str, Column]:
+    """Return the states of a user-defined estimator as the column `memory` (N, n) of N ticks.
+
+    The result is empty if no state is recorded. A tick without a state, or with a smaller one than
+    the largest, has NaN.
+
+    Parameters
+    ----------
+    memories : Mapping of int to Floats
+        Recorded states by the index of their tick; a state after the last tick is ignored.
+    tick_count : int
+        Number N of ticks.
+    """
+    states = {i: numbers for i, numbers in memories.items() if i < tick_count}
+    if not states:
+        return {}
+    column = np.full((tick_count, max(map(len, states.values()))), np.nan)
+    for i, numbers in states.items():
+        column[i, : len(numbers)] = numbers
+    return {"memory": column}
+
+
 class _RecordBuilder:
-    """Collector of a record's messages."""
+    """Collector of the messages from which a record is built."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self.about: object = None
-        self.times: list[int] = []
-        self.ticks: list[bytes] = []
-        self.truth: list[bytes] = []
-        self.stages: list[Stage] = []
-        self.memory: dict[int, Floats] = {}
-        self.operating: list[tuple[int, str]] = []
-        self._layout = TICK
-        self._tails: dict[bytes, tuple[str, ...]] = {}
-        self._words: list[tuple[str, ...]] = []
+        self.about: Table | None = None
+        self._times_ns: list[int] = []
+        self._ticks: list[bytes] = []
+        self._names: list[tuple[str, ...]] = []
+        self._truth: list[bytes] = []
+        self._stages: list[Stage] = []
+        self._memories: dict[int, Floats] = {}
+        self._operating: list[tuple[int, str]] = []
+        self._layout = ros2.TICK
+        self._names_by_encoding: dict[bytes, tuple[str, ...]] = {}
 
     def add(self, message: Message) -> None:
         """Store one message."""
         topic = message.topic
-        if topic in TOPICS and message.definition not in _definitions(topic):
-            raise UnusableFile(
-                self.path,
-                f"its {topic} has an unknown format: another version of rcmservo wrote it",
-            )
+        if topic in ros2.TOPICS and message.definition not in _list_readable_definitions(topic):
+            reason = f"its {topic} has an unknown format: another version of rcmservo wrote it"
+            raise UnusableFile(self.path, reason)
         try:
-            self._store(topic, message)
+            self._store(message)
         except (ValueError, RecursionError) as error:
-            raise UnusableFile(
-                self.path, f"holds a {topic} that cannot be read: {error}"
-            ) from error
+            reason = f"holds a {topic} that cannot be read: {error}"
+            raise UnusableFile(self.path, reason) from error
 
-    def _store(self, topic: str, message: Message) -> None:
-        if topic == TICK_TOPIC:
-            self._check_layout(TICKS[message.definition])
-            self.times.append(message.time)
-            self.ticks.append(message.data)
-            self._words.append(self._decode_names(message.data))
-        elif topic == estimator_memory.TOPIC:
-            self.memory[len(self.ticks)] = decode_memory(message.data)
-        elif topic == "operating_state":
-            self.operating.append((len(self.ticks), decode_operating_words(message.data)))
-        elif topic == "rcmservo/truth":
-            self.truth.append(message.data)
-        elif topic == "rcmservo/stage":
-            self.stages.append(stage_of(_json(message.data), len(self.ticks), len(self.stages)))
-        elif topic == "rcmservo/about":
-            self.about = _json(message.data)
+    def _store(self, message: Message) -> None:
+        data, tick_count = message.data, len(self._ticks)
+        match message.topic:
+            case "rcmservo/tick":
+                self._set_layout(ros2.TICKS[message.definition])
+                self._times_ns.append(message.time)
+                self._ticks.append(data)
+                self._names.append(self._decode_names(data))
+            case "rcmservo/memory":
+                self._memories[tick_count] = ros2.decode_memory(data)
+            case "operating_state":
+                self._operating.append((tick_count, ros2.decode_operating_words(data)))
+            case "rcmservo/truth":
+                self._truth.append(data)
+            case "rcmservo/stage":
+                stage = parse_stage(_decode_json_object(data), tick_count, len(self._stages))
+                self._stages.append(stage)
+            case "rcmservo/about":
+                self.about = _decode_json_object(data)
+            case _:
+                pass
 
-    def _check_layout(self, layout: np.dtype[Any]) -> None:
+    def _set_layout(self, layout: np.dtype[Any]) -> None:
         """Set the layout of the ticks, which must be the same for the whole record."""
-        if self.ticks and layout != self._layout:
+        if self._ticks and layout != self._layout:
             raise ValueError("it is of another version than the ticks before it")
         self._layout = layout
 
-    def _decode_names(self, data: bytes) -> tuple[str, ...]:
-        tail = data[self._layout.itemsize :]
-        words = self._tails.get(tail)
-        if words is None:
-            words = self._tails[tail] = decode_names(data, self._layout)
-        return words
+    def _decode_names(self, tick: bytes) -> tuple[str, ...]:
+        """Return the enum names at the end of a tick; few combinations of them exist."""
+        encoding = tick[self._layout.itemsize :]
+        if encoding not in self._names_by_encoding:
+            self._names_by_encoding[encoding] = ros2.decode_names(tick, self._layout)
+        return self._names_by_encoding[encoding]
 
-    def build(self, messages: MessageReader) -> Record:
+    def build(self, about: Table, messages: MessageReader) -> Record:
         """Return all messages as columns."""
-        time = np.array(self.times, dtype=np.float64) * 1e-9
+        time = np.array(self._times_ns, dtype=np.float64) * 1e-9
+        last_time_s = float(time[-1]) if len(time) else 0.0
+        ticks = ros2.tick_columns(self._layout, self._ticks)
         return Record(
             path=self.path,
-            about=self.about if is_table(self.about) else {},
+            about=about,
             time=time,
-            ticks=tick_columns(self._layout, self.ticks)
-            | estimator_memory.memory_column(self.memory, len(self.ticks)),
-            words={
-                column.name: [row[i] for row in self._words]
-                for i, column in enumerate(NAME_COLUMNS)
-            },
-            operating=self.operating,
-            truth=self._truth(),
-            stages=self.stages,
-            missing=_missing(messages, float(time[-1]) if len(time) else 0.0, _planned(self.about)),
+            ticks=ticks | build_memory_column(self._memories, len(time)),
+            words=name_columns(self._names),
+            operating=self._operating,
+            truth=self._build_truth(),
+            stages=self._stages,
+            missing=_describe_missing(messages, last_time_s, _read_planned_duration(about)),
             unread=messages.unread,
         )
 
-    def _truth(self) -> dict[str, Floats]:
+    def _build_truth(self) -> dict[str, Floats]:
         """Return the truth of each tick; NaN if the record ends between a tick and its truth."""
-        truth = columns(TRUTH_LAYOUT, self.truth)
-        missing_rows = len(self.ticks) - len(self.truth) if self.truth else 0
+        truth = ros2.columns(ros2.TRUTH_LAYOUT, self._truth)
+        missing_rows = len(self._ticks) - len(self._truth) if self._truth else 0
         if missing_rows < 0:
             raise ValueError("it holds the truth of more ticks than it has")
         return {
@@ -284,37 +292,43 @@ class _RecordBuilder:
         }
 
 
-def _definitions(topic: str) -> Collection[str]:
-    """Return the definitions of a topic's messages that can be read."""
-    return TICKS if topic == TICK_TOPIC else (DEFINITIONS[TOPICS[topic]],)
+def name_columns(names: list[tuple[str, ...]]) -> dict[str, list[str]]:
+    """Return the enum names of each tick as columns: `Record.words`."""
+    return {column.name: [row[i] for row in names] for i, column in enumerate(NAME_COLUMNS)}
 
 
-def _planned(about: object) -> float | None:
-    seconds: Any = about.get("duration_s") if is_table(about) else None
-    is_valid = type(seconds) in (int, float) and 0.0 < seconds < MAX_PLANNED_DURATION_S
-    return float(seconds) if is_valid else None
+def _list_readable_definitions(topic: str) -> Collection[str]:
+    """Return the definitions of a topic's messages that this version can read."""
+    return ros2.TICKS if topic == TICK_TOPIC else (ros2.DEFINITIONS[ros2.TOPICS[topic]],)
 
 
-def _missing(messages: MessageReader, last: float, planned: float | None) -> str:
+def _read_planned_duration(about: Table) -> float | None:
+    """Return the planned duration of the run in s; None if it is unknown or implausible."""
+    duration_s: Any = about.get("duration_s")
+    is_valid = type(duration_s) in (int, float) and 0.0 < duration_s < MAX_PLANNED_DURATION_S
+    return float(duration_s) if is_valid else None
+
+
+def _describe_missing(messages: MessageReader, last_time_s: float, planned_s: float | None) -> str:
     """Return a sentence about the missing part of a file; empty if it is complete."""
     if messages.complete:
         return ""
     if messages.summary is not None:
-        until = f"{last:.2f} s of {messages.summary.message_end_time * 1e-9:.2f} s"
+        until = f"{last_time_s:.2f} s of {messages.summary.message_end_time * 1e-9:.2f} s"
         skipped = f"{messages.unread} of its {messages.size} bytes"
         return f"the record is damaged: it is read up to {until}, {skipped} are left out"
-    until = f"{last:.2f} s" if planned is None else f"{last:.2f} s of the planned {planned:.2f} s"
+    planned = "" if planned_s is None else f" of the planned {planned_s:.2f} s"
     reason = "is damaged or cut off" if messages.unread else "was not ended"
     skipped = f"{messages.unread} bytes that follow are left out, " if messages.unread else ""
     return (
-        f"the record {reason}: it is read up to {until}, {skipped}and how much more there was "
-        f"is not known"
+        f"the record {reason}: it is read up to {last_time_s:.2f} s{planned}, {skipped}and how "
+        "much more there was is not known"
     )
 
 
-def _json(data: bytes) -> object:
+def _decode_json_object(data: bytes) -> Table:
     """Return the JSON object in a std_msgs/String."""
-    value: object = json.loads(decode_text(data))
+    value: object = json.loads(ros2.decode_text(data))
     if not is_table(value):
         raise ValueError("it is no JSON object")
     return value

@@ -1,13 +1,15 @@
 """Replay of a recorded run: the servo of each stage steps through the recorded observations.
 
-A step depends on nothing else, so the recorded settings give the recorded decisions bit for bit.
-Other settings give the decisions that the servo would have made on the recorded observations. That
-is open loop: the arm would have moved differently, and the camera would have observed something
-else.
+A step of the servo depends only on its settings, its state and its inputs, all of which are
+recorded. The recorded settings therefore give the recorded decisions bit for bit. Other settings
+give the decisions that the servo would have made on the recorded observations. Such a replay is
+open loop: with these decisions the arm would have moved differently, and the camera would have
+observed something else.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -22,11 +24,10 @@ from rcmservo.estimation.base import Estimator
 from rcmservo.interfaces import DropReason, Floats, Observation, Target
 from rcmservo.loop.operator import targets_are_equal
 from rcmservo.loop.tick import Tick
-from rcmservo.recording import estimator_memory, reader, ros2_messages
+from rcmservo.recording import reader
+from rcmservo.recording import ros2_messages as ros2
 from rcmservo.recording.reader import Column, Record
-from rcmservo.recording.ros2_messages import TICK
 from rcmservo.recording.stage import NO_ORIGIN, UNRECORDED_ORIGIN, Stage
-from rcmservo.recording.tick_schema import NAME_COLUMNS
 from rcmservo.safety.state_machine import Request
 from rcmservo.servo.servo import Servo, State
 from rcmservo.servo.user_estimator import class_path_of
@@ -66,7 +67,7 @@ class ReplayResult:
 
     @property
     def numbers(self) -> dict[str, Any]:
-        """Outcome as JSON has it."""
+        """Result of the comparison as JSON values."""
         return {
             "same": self.same,
             "open_loop": self.open_loop,
@@ -79,18 +80,16 @@ class ReplayResult:
 
     @property
     def sentence(self) -> str:
-        """Result in one sentence."""
-        count = len(self.recorded.time)
-        loop = "open loop, with other settings: " if self.open_loop else ""
+        """Result of the comparison in one sentence."""
+        count, first = len(self.recorded.time), self.first_difference
+        settings = "open loop, with other settings: " if self.open_loop else ""
         changed = f"; {self.changed}" if self.changed else ""
-        if self.first_difference is None:
-            return f"{loop}all {count} ticks came out the same, bit for bit{changed}"
-        first_tick = (
-            f"tick {self.first_difference} ({self.recorded.time[self.first_difference]:.2f} s)"
-        )
+        if first is None:
+            return f"{settings}all {count} ticks came out the same, bit for bit{changed}"
+        first_tick = f"tick {first} ({self.recorded.time[first]:.2f} s)"
         differing = f"{max(self.difference_counts.values())} of {count} ticks"
         columns = ", ".join(self.difference_counts)
-        return f"{loop}from {first_tick} on, {differing} differ in {columns}{changed}"
+        return f"{settings}from {first_tick} on, {differing} differ in {columns}{changed}"
 
 
 def replay_record(
@@ -121,58 +120,63 @@ def replay_record(
         If the record cannot be read, or if a recorded servo cannot be rebuilt.
     """
     recorded = run if isinstance(run, Record) else reader.read_record(run)
-    if not recorded.stages and len(recorded.time):
+    stages = recorded.stages
+    if not stages and len(recorded.time):
         raise UnusableFile(recorded.path, "holds no stage: the servo of its ticks is unknown")
-    rows: list[bytes] = []
+    servos = [
+        rebuild_stage_servo(recorded, stage, own) if servo is None else servo for stage in stages
+    ]
+    messages: list[bytes] = []
     names: list[tuple[str, ...]] = []
     memories: dict[int, Floats] = {}
-    servos = [
-        rebuild_stage_servo(recorded, stage, own) if servo is None else servo
-        for stage in recorded.stages
-    ]
-    for tick in _ticks(recorded, servos):
-        rows.append(ros2_messages.encode_tick(tick))
-        names.append(ros2_messages.decode_names(rows[-1], TICK))
-        numbers = estimator_memory.recorded_memory(tick)
-        if numbers is not None:
-            memories[len(rows) - 1] = numbers
-    words = {column.name: [row[i] for row in names] for i, column in enumerate(NAME_COLUMNS)}
-    ticks = ros2_messages.columns(TICK, rows) | estimator_memory.memory_column(memories, len(rows))
-    recomputed = replace(recorded, ticks=ticks, words=words, operating=[])
-    stages = recorded.stages
-    open_loop = servo is not None and any(describe_servo(servo) != stage.servo for stage in stages)
-    comparison = _compare(recorded, recomputed, open_loop)
-    return replace(comparison, changed=_changed_sources(stages, servos))
+    for i, tick in enumerate(_step_through(recorded, servos)):
+        messages.append(ros2.encode_tick(tick))
+        names.append(ros2.decode_names(messages[-1], ros2.TICK))
+        memory_numbers = tick.servo.guarded_estimator.recorded_numbers(tick.state.estimation.memory)
+        if memory_numbers is not None:
+            memories[i] = memory_numbers
+    ticks = ros2.columns(ros2.TICK, messages) | reader.build_memory_column(memories, len(messages))
+    recomputed = replace(recorded, ticks=ticks, words=reader.name_columns(names), operating=[])
+    difference_counts, first_difference = _compare(recorded, recomputed)
+    return ReplayResult(
+        recorded,
+        recomputed,
+        first_difference,
+        difference_counts,
+        open_loop=servo is not None
+        and any(describe_servo(servo) != stage.servo for stage in stages),
+        changed=_describe_changed_sources(stages, servos),
+    )
 
 
-def _changed_sources(stages: Sequence[Stage], servos: Sequence[Servo]) -> str:
+def _describe_changed_sources(stages: Sequence[Stage], servos: Sequence[Servo]) -> str:
     """Return a sentence about user-defined estimators with another source than recorded."""
-    names = {
+    class_paths = {
         class_path_of(servo.estimator)
         for stage, servo in zip(stages, servos, strict=True)
         if stage.servo["estimator"].get("kind") == class_path_of(servo.estimator)
         and stage.source != hash_source(servo.estimator)
     }
-    return ", ".join(f"the source of {name} has changed since" for name in sorted(names))
+    return ", ".join(f"the source of {name} has changed since" for name in sorted(class_paths))
 
 
-def _ticks(recorded: Record, servos: Sequence[Servo]) -> Iterator[Tick]:
+def _step_through(recorded: Record, servos: Sequence[Servo]) -> Iterator[Tick]:
     """Yield each recorded tick with its replayed state.
 
     This does not use `loop.run`: the record holds observations and requests, and nothing is sent.
     """
-    ends: list[State] = []
-    firsts = [*(stage.first for stage in recorded.stages), len(recorded.time)]
-    for number, (stage, servo) in enumerate(zip(recorded.stages, servos, strict=True)):
-        state = _initial_state(recorded, stage, servo, ends)
-        target = _stage_target(stage, state)
+    end_states: list[State] = []
+    stage_bounds = pairwise([*(stage.first for stage in recorded.stages), len(recorded.time)])
+    for stage, servo, bounds in zip(recorded.stages, servos, stage_bounds, strict=True):
+        state = _find_initial_state(recorded, stage, servo, end_states)
+        target = _select_target(stage, state)
         servo.require_target(target)
-        for i in range(stage.first, firsts[number + 1]):
-            observation, jog = _observation(recorded, i), recorded.ticks["jog"][i]
+        for i in range(*bounds):
+            observation, jog = _read_observation(recorded, i), recorded.ticks["jog"][i]
             request = recorded.enum_at(Request, "request", i)
             state = servo.step(state, observation, target, request, jog)
             yield Tick(0, servo, observation, request, jog, state, recorded.ticks["applied"][i])
-        ends.append(state)
+        end_states.append(state)
 
 
 def rebuild_stage_servo(
@@ -195,29 +199,31 @@ def rebuild_stage_servo(
         raise UnusableFile(recorded.path, reason) from error
 
 
-def _initial_state(recorded: Record, stage: Stage, servo: Servo, ends: list[State]) -> State:
-    """Return the state at the start of a stage."""
+def _find_initial_state(
+    recorded: Record, stage: Stage, servo: Servo, end_states: Sequence[State]
+) -> State:
+    """Return the state at the start of a stage; `end_states` are those after earlier stages."""
     if stage.origin == NO_ORIGIN:
         return servo.init()
     if stage.origin == UNRECORDED_ORIGIN:
-        raise UnusableFile(
-            recorded.path, "a stage continues from a state that is not in this record"
-        )
-    end = ends[stage.origin]
-    return end if stage.mid_run else servo.restart(end)
+        reason = "a stage continues from a state that is not in this record"
+        raise UnusableFile(recorded.path, reason)
+    end_state = end_states[stage.origin]
+    return end_state if stage.mid_run else servo.restart(end_state)
 
 
-def _stage_target(stage: Stage, state: State) -> Target:
+def _select_target(stage: Stage, state: State) -> Target:
     """Return the stage's target, as the state's own object if both are equal.
 
-    Another object would start a new approach.
+    The servo compares targets by identity: for another object it would start a new approach.
     """
-    own = state.target
-    return own if own is not None and targets_are_equal(own, stage.target) else stage.target
+    if state.target is not None and targets_are_equal(state.target, stage.target):
+        return state.target
+    return stage.target
 
 
-def _observation(recorded: Record, i: int) -> Observation:
-    """Return the observation of a tick."""
+def _read_observation(recorded: Record, i: int) -> Observation:
+    """Return the recorded observation of tick `i`."""
     ticks = recorded.ticks
     return Observation(
         now=int(ticks["now"][i, 0]),
@@ -237,27 +243,31 @@ def _observation(recorded: Record, i: int) -> Observation:
     )
 
 
-def _compare(recorded: Record, recomputed: Record, open_loop: bool) -> ReplayResult:
-    """Compare two records column by column, bit by bit."""
-    nothing = np.empty((len(recorded.time), 0))
+def _compare(recorded: Record, recomputed: Record) -> tuple[dict[str, int], int | None]:
+    """Compare two records bit by bit.
+
+    Return the number of differing ticks of each column that has any, and the index of the first
+    tick that differs.
+    """
+    no_values = np.empty((len(recorded.time), 0))
     a, b = recorded.ticks, recomputed.ticks
-    rows = {
-        name: _differing_rows(a.get(name, nothing), b.get(name, nothing)) for name in {**a, **b}
+    is_different = {
+        name: _find_differing_rows(a.get(name, no_values), b.get(name, no_values))
+        for name in {**a, **b}
     }
-    for name in recorded.words:
-        pairs = zip(recorded.words[name], recomputed.words[name], strict=True)
-        rows[name] = np.array([then != now for then, now in pairs], dtype=bool)
-    differs = {name: int(differing.sum()) for name, differing in rows.items() if differing.any()}
-    first = min((int(np.argmax(rows[name])) for name in differs), default=None)
-    return ReplayResult(recorded, recomputed, first, differs, open_loop)
+    for name, recorded_names in recorded.words.items():
+        is_different[name] = np.array(recorded_names) != np.array(recomputed.words[name])
+    counts = {name: int(rows.sum()) for name, rows in is_different.items() if rows.any()}
+    first = min((int(np.argmax(is_different[name])) for name in counts), default=None)
+    return counts, first
 
 
-def _differing_rows(a: Column, b: Column) -> NDArray[np.bool_]:
-    """Return the rows at which two columns (N, size) differ in any bit."""
+def _find_differing_rows(a: Column, b: Column) -> NDArray[np.bool_]:
+    """Return True (N,) for the rows in which two columns (N, size) differ in any bit."""
     if a.shape != b.shape:
         return np.ones(len(a), dtype=bool)
-    width = a.shape[1] * a.itemsize
-    bits_a, bits_b = (
-        np.ascontiguousarray(column).view(np.uint8).reshape(-1, width) for column in (a, b)
+    row_bytes = a.shape[1] * a.itemsize
+    bytes_a, bytes_b = (
+        np.ascontiguousarray(column).view(np.uint8).reshape(-1, row_bytes) for column in (a, b)
     )
-    return (bits_a != bits_b).any(axis=1)
+    return (bytes_a != bytes_b).any(axis=1)

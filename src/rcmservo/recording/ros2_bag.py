@@ -1,4 +1,4 @@
-"""Metadata that make the folder of a record a ROS 2 bag for `ros2 bag info` and rosbags.
+"""Metadata that make the folder of a record a ROS 2 bag, for `ros2 bag info` and rosbags.
 
     with rosbags.highlevel.AnyReader([folder]) as bag:
         for connection, time, raw in bag.messages(): ...
@@ -15,7 +15,6 @@ from rcmservo.recording.ros2_messages import TOPICS
 
 METADATA_VERSION = 5
 """Oldest metadata version that supports MCAP; ROS 2 reads it since Humble."""
-
 
 METADATA = "metadata.yaml"
 """File name of the metadata, in the folder of the record."""
@@ -35,17 +34,16 @@ def write_metadata(record: Path, counts: Mapping[str, int], duration: int) -> No
     duration : int
         Duration in ns.
     """
-    total = sum(counts.values())
-    times = {
+    times_and_count = {
         "starting_time": {"nanoseconds_since_epoch": 0},
         "duration": {"nanoseconds": duration},
-        "message_count": total,
+        "message_count": sum(counts.values()),
     }
     information = {
         "version": METADATA_VERSION,
         "storage_identifier": "mcap",
         "relative_file_paths": [record.name],
-        **times,
+        **times_and_count,
         "topics_with_message_count": [
             {
                 "topic_metadata": {
@@ -60,7 +58,7 @@ def write_metadata(record: Path, counts: Mapping[str, int], duration: int) -> No
         ],
         "compression_format": "",
         "compression_mode": "",
-        "files": [{"path": record.name, **times}],
+        "files": [{"path": record.name, **times_and_count}],
     }
     text = json.dumps({"rosbag2_bagfile_information": information}, indent=1)
     write_atomically(record.with_name(METADATA), text + "\n")

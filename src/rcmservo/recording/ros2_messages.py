@@ -1,13 +1,14 @@
-"""Messages of a record: topics, ROS 2 definitions, and encoding in CDR.
+"""Messages of a record: topics, ROS 2 definitions, and encoding in CDR, the byte format of ROS 2.
 
-A tick holds numbers of fixed size first and names last, so each number has a fixed offset. `numpy`
-reads all ticks as columns with one layout: decoding each tick separately takes sixty times as long
-(40 us instead of 0.6 us). A header's stamp is a time on the plant's clock.
+A tick holds numbers of fixed size first and enum names last, so each number has a fixed offset.
+NumPy therefore reads all ticks as columns with one layout. Decoding each tick separately would take
+sixty times as long (40 us instead of 0.6 us). A header's stamp is a time on the plant's clock.
 """
 
 from collections.abc import Mapping, Sequence
 from functools import cache
 from itertools import chain
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -15,25 +16,22 @@ from numpy.typing import NDArray
 
 from rcmservo.interfaces import Floats
 from rcmservo.loop.tick import Tick
+from rcmservo.recording import tick_schema as schema
 from rcmservo.recording.cdr import MessageCodec, time_of
-from rcmservo.recording.tick_schema import (
-    FLAG_COLUMNS,
-    FORMER_NAMES,
-    INTEGER_COLUMNS,
-    LATER,
-    NAME_COLUMNS,
-    REAL_COLUMNS,
-    TRUTH_COLUMNS,
-    Column,
-)
+from rcmservo.recording.tick_schema import Column
 from rcmservo.safety.state_machine import Mode, Phase
 
-CRTK_STATES = {phase: phase.name for phase in (Phase.DISABLED, Phase.PAUSED, Phase.FAULT)}
-"""CRTK's name of a phase; all other phases are ENABLED."""
+CRTK_STATE_PHASES = Phase.DISABLED, Phase.PAUSED, Phase.FAULT
+"""Phases that have a state of the same name in CRTK, the common interface of surgical robots. All
+other phases are its state ENABLED."""
+
 BUSY_PHASES = Phase.ACQUIRE, Phase.SERVO, Phase.JOG
 """Phases in which the arm moves."""
+
 NO_VALUES = np.empty(0)
-EMPTY: Mapping[str, str] = {}
+"""Unknown positions, rates or efforts of a JointState."""
+
+NO_RENAMES: Mapping[str, str] = MappingProxyType({})
 
 SI_FACTORS = np.array([1.0, 1.0, 1e-3])
 """Factors from rad, rad, mm to SI units."""
@@ -46,47 +44,55 @@ HEADER_DEFINITIONS = (
 )
 
 
-def _definition(*fields: str) -> str:
+def _define_message(*fields: str) -> str:
+    """Return the ROS 2 definition of a message with a header and these fields."""
     return "\n".join(["std_msgs/Header header", *fields]) + "\n" + HEADER_DEFINITIONS
 
 
-def _arrays(numbers: Mapping[str, tuple[str, ...]]) -> list[str]:
-    return [f"float64[{len(parts)}] {name.lower()}" for name, parts in numbers.items()]
+def _define_tick(reals: Sequence[Column], renames: Mapping[str, str] = NO_RENAMES) -> str:
+    """Return the definition of a tick with the real numbers `reals`.
 
-
-def _tick_definition(reals: Sequence[Column], names: Mapping[str, str] = EMPTY) -> str:
-    """Return the definition of a tick; `names` replace the present names of columns."""
-
-    def named(columns: Sequence[Column]) -> dict[str, tuple[str, ...]]:
-        return {names.get(column.name, column.name): column.parts for column in columns}
-
-    return _definition(
-        *(f"int64 {name}" for name in named(INTEGER_COLUMNS)),
-        *_arrays(named(reals)),
-        *(f"bool {name}" for name in named(FLAG_COLUMNS)),
-        *(f"string {name}" for name in named(NAME_COLUMNS)),
+    `renames` maps present names of columns to their former names.
+    """
+    groups = (
+        ("int64", schema.INTEGER_COLUMNS),
+        ("float64[{size}]", reals),
+        ("bool", schema.FLAG_COLUMNS),
+        ("string", schema.NAME_COLUMNS),
+    )
+    return _define_message(
+        *(
+            f"{ros2_type.format(size=len(parts))} {renames.get(name, name).lower()}"
+            for ros2_type, columns in groups
+            for name, parts, _ in columns
+        )
     )
 
 
-def _without(names: Sequence[str]) -> list[Column]:
-    return [column for column in REAL_COLUMNS if column.name not in names]
-
-
-REALS_BY_VERSION = [_without([*chain(*LATER[version:])]) for version in range(len(LATER) + 1)]
+REALS_BY_VERSION = [
+    [
+        column
+        for column in schema.REAL_COLUMNS
+        if column.name not in chain(*schema.ADDED_COLUMNS[version:])
+    ]
+    for version in range(len(schema.ADDED_COLUMNS) + 1)
+]
 """Real numbers of a tick in each version of the format."""
 
 DEFINITIONS = {
     "std_msgs/msg/String": "string data\n",
-    "sensor_msgs/msg/JointState": _definition(
+    "sensor_msgs/msg/JointState": _define_message(
         "string[] name", "float64[] position", "float64[] velocity", "float64[] effort"
     ),
-    "crtk_msgs/msg/OperatingState": _definition(
+    "crtk_msgs/msg/OperatingState": _define_message(
         "string state", "string substate", "bool is_homed", "bool is_busy"
     ),
-    "sensor_msgs/msg/CompressedImage": _definition("string format", "uint8[] data"),
-    "rcmservo_msgs/msg/Truth": _definition(*_arrays(TRUTH_COLUMNS)),
-    "rcmservo_msgs/msg/Memory": _definition("float64[] numbers"),
-    "rcmservo_msgs/msg/Tick": _tick_definition(REAL_COLUMNS),
+    "sensor_msgs/msg/CompressedImage": _define_message("string format", "uint8[] data"),
+    "rcmservo_msgs/msg/Truth": _define_message(
+        *(f"float64[{len(parts)}] {name}" for name, parts in schema.TRUTH_COLUMNS.items())
+    ),
+    "rcmservo_msgs/msg/Memory": _define_message("float64[] numbers"),
+    "rcmservo_msgs/msg/Tick": _define_tick(schema.REAL_COLUMNS),
 }
 """Definition of each message type in the ROS 2 format."""
 
@@ -104,21 +110,17 @@ TOPICS = {
 """Message type of each topic."""
 
 ENCAPSULATION = b"\x00\x01\x00\x00"
-"""Start of a message with little endian numbers."""
+"""First bytes of a message with little endian numbers."""
 
 TICK_NAMES = "rcmservo_msgs/msg/Names"
-"""Message type of the names at the end of a tick."""
+"""Message type of the enum names at the end of a tick."""
 
 
 @cache
 def codec() -> MessageCodec:
     """Return the codec of all message types of a record."""
-    names = "".join(f"string {column.name}\n" for column in NAME_COLUMNS)
-    return MessageCodec(DEFINITIONS | {TICK_NAMES: names})
-
-
-def _numbers(columns: Sequence[Column], code: str) -> list[tuple[str, str, tuple[int]]]:
-    return [(column.name, code, (len(column.parts),)) for column in columns]
+    names_definition = "".join(f"string {column.name}\n" for column in schema.NAME_COLUMNS)
+    return MessageCodec(DEFINITIONS | {TICK_NAMES: names_definition})
 
 
 HEADER_FIELDS = [
@@ -128,56 +130,63 @@ HEADER_FIELDS = [
     ("frame_id", "<u4"),
     ("end", "<u4"),
 ]
+"""NumPy fields of the bytes before the first number of a tick."""
 
 
-def _tick_layout(reals: Sequence[Column]) -> np.dtype[Any]:
-    return np.dtype(
-        [
-            *HEADER_FIELDS,
-            *_numbers(INTEGER_COLUMNS, "<i8"),
-            *_numbers(reals, "<f8"),
-            *_numbers(FLAG_COLUMNS, "?"),
-        ]
-    )
+def _build_tick_layout(reals: Sequence[Column]) -> np.dtype[Any]:
+    """Return the layout of a tick without its names; each column is an array (size,)."""
+    groups = (schema.INTEGER_COLUMNS, "<i8"), (reals, "<f8"), (schema.FLAG_COLUMNS, "?")
+    fields = [
+        (column.name, code, (len(column.parts),)) for columns, code in groups for column in columns
+    ]
+    return np.dtype([*HEADER_FIELDS, *fields])
 
 
-TICK = _tick_layout(REAL_COLUMNS)
+TICK = _build_tick_layout(schema.REAL_COLUMNS)
 """Layout of a tick without its names."""
 
 TICKS = {
-    _tick_definition(reals, names): _tick_layout(reals)
-    for names in (FORMER_NAMES, EMPTY)
+    _define_tick(reals, renames): _build_tick_layout(reals)
+    for renames in (schema.FORMER_NAMES, NO_RENAMES)
     for reals in REALS_BY_VERSION
 }
-"""Layout of a tick in each version of the format, by definition."""
+"""Layout of a tick in each version of the format, by the definition of its message."""
 
 TRUTH_LAYOUT = np.dtype(
-    [("start", "S20"), *((name, "<f8", (len(parts),)) for name, parts in TRUTH_COLUMNS.items())]
+    [
+        ("start", "S20"),
+        *((name, "<f8", (len(parts),)) for name, parts in schema.TRUTH_COLUMNS.items()),
+    ]
 )
+"""Layout of the values that only a simulation knows; `start` are the bytes before the first."""
 
 
 def encode_tick(tick: Tick) -> bytes:
     """Encode a tick. Its stamp is the time of the observation."""
-    integers = (column.value_of(tick) for column in INTEGER_COLUMNS)
-    reals = (np.asarray(column.value_of(tick), np.float64).ravel() for column in REAL_COLUMNS)
-    flags, names = (
-        (column.value_of(tick) for column in FLAG_COLUMNS),
-        (column.value_of(tick) for column in NAME_COLUMNS),
+    integers, flags, names = (
+        [column.value_of(tick) for column in columns]
+        for columns in (schema.INTEGER_COLUMNS, schema.FLAG_COLUMNS, schema.NAME_COLUMNS)
+    )
+    reals = (
+        np.asarray(column.value_of(tick), np.float64).ravel() for column in schema.REAL_COLUMNS
     )
     header = codec().header(tick.observation.now)
     return codec().encode("rcmservo_msgs/msg/Tick", header, *integers, *reals, *flags, *names)
 
 
 def decode_names(data: bytes, layout: np.dtype[Any]) -> tuple[str, ...]:
-    """Return the names at the end of a tick whose numbers have a layout of `TICKS`."""
+    """Return the enum names at the end of a tick whose numbers have a layout of `TICKS`.
+
+    CDR aligns the first name to four bytes.
+    """
     offset = layout.itemsize + -layout.itemsize % 4
     names = codec().decode(TICK_NAMES, ENCAPSULATION + data[offset:])
-    return tuple(getattr(names, column.name) for column in NAME_COLUMNS)
+    return tuple(getattr(names, column.name) for column in schema.NAME_COLUMNS)
 
 
-def encode_text(words: str) -> bytes:
+def encode_text(text: str) -> bytes:
     """Encode a std_msgs/String."""
-    return codec().encode("std_msgs/msg/String", words)
+    return codec().encode("std_msgs/msg/String", text)
 
 
 def decode_text(data: bytes) -> str:
@@ -186,10 +195,11 @@ def decode_text(data: bytes) -> str:
 
 
 def encode_operating_state(now: int, mode: Mode) -> bytes:
-    """Encode CRTK's operating state; its substate states phase, cause and recovery in words."""
-    state, busy = CRTK_STATES.get(mode.phase, "ENABLED"), mode.phase in BUSY_PHASES
-    header = codec().header(now)
-    return codec().encode("crtk_msgs/msg/OperatingState", header, state, mode.text, True, busy)
+    """Encode CRTK's operating state; its substate gives phase, cause and remedy in words."""
+    state = mode.phase.name if mode.phase in CRTK_STATE_PHASES else "ENABLED"
+    is_homed, is_busy = True, mode.phase in BUSY_PHASES
+    fields = codec().header(now), state, mode.text, is_homed, is_busy
+    return codec().encode("crtk_msgs/msg/OperatingState", *fields)
 
 
 def decode_operating_words(data: bytes) -> str:
@@ -199,12 +209,13 @@ def decode_operating_words(data: bytes) -> str:
 
 def encode_truth(now: int, p1: Floats, p2: Floats, jacobian_error: float) -> bytes:
     """Encode the values that only a simulation knows at a tick."""
-    numbers = p1, p2, np.array([jacobian_error])
-    return codec().encode("rcmservo_msgs/msg/Truth", codec().header(now), *numbers)
+    fields = codec().header(now), p1, p2, np.array([jacobian_error])
+    return codec().encode("rcmservo_msgs/msg/Truth", *fields)
 
 
+COUNT_BYTES = 4
 EMPTY_MEMORY_BYTES = 24
-"""Size of a memory without numbers: encapsulation, header and count."""
+"""Size of a memory without numbers in bytes: encapsulation, header, and the count of numbers."""
 
 
 def encode_memory(now: int, numbers: Floats) -> bytes:
@@ -213,42 +224,42 @@ def encode_memory(now: int, numbers: Floats) -> bytes:
 
 
 def decode_memory(data: bytes) -> Floats:
-    """Return the numbers (n,) of a memory.
+    """Return the state (n,) of a user-defined estimator.
 
-    Earlier versions align them to eight bytes even if there are none.
+    Earlier versions align an empty state to eight bytes, so four further bytes follow its count.
     """
-    if data[EMPTY_MEMORY_BYTES - 4 :] == bytes(8):
+    if data[EMPTY_MEMORY_BYTES - COUNT_BYTES :] == bytes(8):
         data = data[:EMPTY_MEMORY_BYTES]
     return codec().decode("rcmservo_msgs/msg/Memory", data).numbers
 
 
 def encode_positions(names: Sequence[str], time: int, q: Floats) -> bytes:
     """Encode joints q (3,) measured at `time` ns as sensor_msgs/JointState."""
-    return _joint_state(names, time, _to_si(q), NO_VALUES)
+    return _encode_joint_state(names, time, _convert_to_si(q), NO_VALUES)
 
 
 def encode_rates(names: Sequence[str], time: int, rates: Floats) -> bytes:
     """Encode joint rates (3,) commanded at `time` ns as sensor_msgs/JointState."""
-    return _joint_state(names, time, NO_VALUES, _to_si(rates))
+    return _encode_joint_state(names, time, NO_VALUES, _convert_to_si(rates))
 
 
-def _joint_state(names: Sequence[str], time: int, positions: Floats, rates: Floats) -> bytes:
-    parts = codec().header(time), names, positions, rates, NO_VALUES
-    return codec().encode("sensor_msgs/msg/JointState", *parts)
+def _encode_joint_state(names: Sequence[str], time: int, positions: Floats, rates: Floats) -> bytes:
+    fields = codec().header(time), names, positions, rates, NO_VALUES
+    return codec().encode("sensor_msgs/msg/JointState", *fields)
 
 
-def _to_si(values: Floats) -> Floats:
-    """Return joints or rates in SI units; empty if not all are finite.
+def _convert_to_si(values: Floats) -> Floats:
+    """Return joints or joint rates (3,) in SI units; empty if not all are finite.
 
-    JointState cannot otherwise mark unknown values.
+    JointState has no other way to mark unknown values.
     """
     return values * SI_FACTORS if np.isfinite(values).all() else NO_VALUES
 
 
-def encode_picture(exposure: int, data: bytes) -> bytes:
+def encode_picture(exposure: int, jpeg: bytes) -> bytes:
     """Encode a JPEG file exposed at `exposure` ns as sensor_msgs/CompressedImage."""
-    header, pixels = codec().header(exposure, "camera"), np.frombuffer(data, np.uint8)
-    return codec().encode("sensor_msgs/msg/CompressedImage", header, "jpeg", pixels)
+    fields = codec().header(exposure, "camera"), "jpeg", np.frombuffer(jpeg, np.uint8)
+    return codec().encode("sensor_msgs/msg/CompressedImage", *fields)
 
 
 def decode_picture(data: bytes) -> tuple[int, bytes]:
@@ -257,8 +268,8 @@ def decode_picture(data: bytes) -> tuple[int, bytes]:
     return time_of(message.header), message.data.tobytes()
 
 
-def columns(layout: np.dtype[Any], rows: Sequence[bytes]) -> dict[str, NDArray[Any]]:
-    """Return messages of one layout as columns (N, size) by name.
+def columns(layout: np.dtype[Any], messages: Sequence[bytes]) -> dict[str, NDArray[Any]]:
+    """Return N messages of one layout as columns (N, size) by name.
 
     Raises
     ------
@@ -266,20 +277,22 @@ def columns(layout: np.dtype[Any], rows: Sequence[bytes]) -> dict[str, NDArray[A
         If a message is too short.
     """
     size = layout.itemsize
-    joined = b"".join([row[:size] for row in rows])
-    if len(joined) != size * len(rows):
+    joined = b"".join([message[:size] for message in messages])
+    if len(joined) != size * len(messages):
         raise ValueError("a message is too short")
     table = np.frombuffer(joined, layout)
-    return {
-        name: np.ascontiguousarray(table[name]) for name in layout.names or () if layout[name].shape
-    }
+    return {name: np.ascontiguousarray(table[name]) for name in _list_columns(layout)}
 
 
-def tick_columns(layout: np.dtype[Any], rows: Sequence[bytes]) -> dict[str, NDArray[Any]]:
+def tick_columns(layout: np.dtype[Any], messages: Sequence[bytes]) -> dict[str, NDArray[Any]]:
     """Return ticks of a layout of `TICKS` as columns; columns that it lacks are NaN."""
-    known = columns(layout, rows)
+    known = columns(layout, messages)
     return {
-        name: known.get(name, np.full((len(rows), *TICK[name].shape), np.nan))
-        for name in TICK.names or ()
-        if TICK[name].shape
+        name: known.get(name, np.full((len(messages), *TICK[name].shape), np.nan))
+        for name in _list_columns(TICK)
     }
+
+
+def _list_columns(layout: np.dtype[Any]) -> list[str]:
+    """Return the fields of a layout that are arrays; the others are the start of the message."""
+    return [name for name in layout.names or () if layout[name].shape]

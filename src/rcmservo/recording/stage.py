@@ -1,10 +1,11 @@
-"""Stages of a record: sections with one servo and one target.
+"""Stages of a record: sections of ticks with one servo and one target, stored as JSON.
 
     {"origin": 0, "mid_run": false, "target": {"points": [[…], […]], "q": […], "sizes": […]},
      "servo": {…}, "version": "0.2.0", "source": ""}
 
-A stage may continue from the last tick of an earlier stage, whose number is its ``origin``. A new
-run begins a stage, and so does a change of target or settings during a run.
+A new run begins a stage, and so does a change of target or settings during a run. A stage may
+continue from the state at the last tick of an earlier stage. The number of that stage, counted from
+0 in the record, is then its ``origin``.
 """
 
 import json
@@ -23,7 +24,7 @@ from rcmservo.interfaces import Target
 from rcmservo.servo.servo import Servo
 
 NO_ORIGIN, UNRECORDED_ORIGIN = -1, -2
-"""Origin of a stage that starts from the initial state, and of one that continues from a state
+"""Origins of a stage that starts from the initial state, and of a stage that continues from a state
 outside the record."""
 
 
@@ -58,13 +59,42 @@ class Stage:
     source: str = ""
 
 
-def stage_text(servo: Servo, target: Target, origin: int, mid_run: bool) -> str:
+def format_stage(servo: Servo, target: Target, origin: int, mid_run: bool) -> str:
     """Return a stage as JSON."""
-    aim = {"points": target.points.tolist(), "q": target.q.tolist(), "shown": target.taught_at}
-    aim["sizes"] = radii_to_json(target.sizes)
-    stage = {"origin": origin, "mid_run": mid_run, "target": aim, "servo": describe_servo(servo)}
+    taught = {"points": target.points.tolist(), "q": target.q.tolist(), "shown": target.taught_at}
+    taught["sizes"] = radii_to_json(target.sizes)
+    stage = {"origin": origin, "mid_run": mid_run, "target": taught, "servo": describe_servo(servo)}
     written_by = {"version": __version__, "source": hash_source(servo.estimator)}
-    return json.dumps({**stage, **written_by})
+    return json.dumps(stage | written_by)
+
+
+def parse_stage(table: object, first: int, number: int) -> Stage:
+    """Return the stage in a JSON object.
+
+    Parameters
+    ----------
+    table : object
+        Parsed JSON object.
+    first : int
+        Index of the stage's first tick.
+    number : int
+        Number of the stage within its record, from 0.
+
+    Raises
+    ------
+    BadInput
+        If the object is no stage.
+    """
+    decoded = decode_settings(StageTable, table, "stage")
+    previous, origin = number - 1, decoded.origin
+    require(UNRECORDED_ORIGIN <= origin <= previous, "stage.origin", origin, "an earlier stage")
+    is_consistent = not decoded.mid_run or origin == previous >= 0
+    require(is_consistent, "stage.origin", origin, "the previous stage, whose run it continues")
+    points, q = np.array(decoded.target.points), np.array(decoded.target.q)
+    radii = np.array(decoded.target.sizes, dtype=np.float64)
+    target = Target(points, q, decoded.target.shown, radii)
+    recorded: dict[str, Any] = vars(decoded) | {"target": target}
+    return Stage(first, **recorded)
 
 
 @dataclass(frozen=True)
@@ -115,25 +145,3 @@ class StageTable:
     mid_run: bool = False
     version: str = ""
     source: str = ""
-
-
-def stage_of(table: object, first: int, number: int) -> Stage:
-    """Return the stage in a JSON object, number `number` of its record.
-
-    Raises
-    ------
-    BadInput
-        If the object is no stage.
-    """
-    decoded = decode_settings(StageTable, table, "stage")
-    last, origin = number - 1, decoded.origin
-    require(UNRECORDED_ORIGIN <= origin <= last, "stage.origin", origin, "an earlier stage")
-    is_consistent = not decoded.mid_run or origin == last >= 0
-    require(is_consistent, "stage.origin", origin, "the previous stage, whose run it continues")
-    target, written_by = _target(decoded.target), (decoded.version, decoded.source)
-    return Stage(first, decoded.servo, target, origin, decoded.mid_run, *written_by)
-
-
-def _target(decoded: TargetTable) -> Target:
-    radii = np.array(decoded.sizes, dtype=np.float64)
-    return Target(np.array(decoded.points), np.array(decoded.q), decoded.shown, radii)

@@ -1,37 +1,19 @@
-"""Text of a run's result, row by row, for every command that prints one."""
+"""Text of a run's result as rows of title and text, for the commands and pages that show one.
+
+A number or part that is unknown gives an empty text, and its row is left out.
+"""
 
 import math
 from collections.abc import Iterator
+from contextlib import suppress
 from typing import Any
 
-from rcmservo.loop.run_result import (
-    CameraStatistics,
-    ExplorationCost,
-    FeatureError,
-    FrameCounts,
-    JacobianError,
-    LoopTiming,
-    RunResult,
-    TimeSpread,
-)
+from rcmservo.loop import run_result
+from rcmservo.loop.run_result import RunResult
 from rcmservo.recording.reader import Record
 from rcmservo.recording.timeline import Span
 from rcmservo.safety.causes import Action, Cause
 from rcmservo.safety.state_machine import Request
-
-
-def format_verdict(record: Record, result: RunResult) -> str:
-    """Return whether the run settled, and if the record is incomplete."""
-    so_far = ", as far as the record can be read" if record.missing else ""
-    return format_title(result) + so_far
-
-
-def list_record_rows(record: Record, result: RunResult) -> list[tuple[str, str]]:
-    """Return a recorded run as pairs of title and text."""
-    rows = [("what", describe_run(record.about, record.stages[-1].servo if record.stages else {}))]
-    if len(record.stages) > 1:
-        rows.append(("stages", _stages(record)))
-    return rows + list_result_rows(result)
 
 
 def format_title(result: RunResult) -> str:
@@ -39,129 +21,64 @@ def format_title(result: RunResult) -> str:
     return "settled" if result.settled else "not settled"
 
 
+def format_verdict(record: Record, result: RunResult) -> str:
+    """Return the title of a recorded result, and if the record is incomplete."""
+    return format_title(result) + (", as far as the record can be read" if record.missing else "")
+
+
+def list_record_rows(record: Record, result: RunResult) -> list[tuple[str, str]]:
+    """Return a recorded run as pairs of title and text."""
+    rows = [("what", describe_run(record.about, record.stages[-1].servo if record.stages else {}))]
+    if len(record.stages) > 1:
+        rows.append(("stages", _describe_stages(record)))
+    return rows + list_result_rows(result)
+
+
 def list_result_rows(result: RunResult) -> list[tuple[str, str]]:
     """Return the known parts of a result as pairs of title and text."""
-    given = result.estimator_time_per_frame_s
-    loop = LoopTiming() if result.loop is None else result.loop
+    own_time_s = result.estimator_time_per_frame_s
     rows = (
         ("cause", result.cause),
         ("arm", result.drive_off),
         ("at the end", result.remark),
-        ("settle time", _number(result.settle_time_s, "s", 2)),
-        ("feature error (rms, last second)", _feature_error(result.feature_error)),
-        ("pose error ‖p₂ − p_d‖ (simulation's truth)", _pose_error(result)),
-        ("exploration", _exploration(result.explore)),
-        ("‖Ĵ − J‖/‖J‖ (scaled)", _jacobian_error(result.jacobian_error)),
-        ("estimator's own time", f"{given:g} s for every frame, not real time" if given else ""),
-        ("the operator", _operator(result)),
-        ("duration", _duration(result)),
-        *_loop_rows(loop),
-        ("frames", "" if result.frames is None else _frames(result.frames)),
-        ("camera", "" if result.camera is None else _camera(result.camera)),
-        ("speed", _speed(result)),
+        ("settle time", _format_number(result.settle_time_s, "s", 2)),
+        ("feature error (rms, last second)", _format_feature_error(result.feature_error)),
+        ("pose error ‖p₂ − p_d‖ (simulation's truth)", _format_pose_error(result)),
+        ("exploration", _format_exploration(result.explore)),
+        ("‖Ĵ − J‖/‖J‖ (scaled)", _format_jacobian_error(result.jacobian_error)),
+        (
+            "estimator's own time",
+            f"{own_time_s:g} s for every frame, not real time" if own_time_s else "",
+        ),
+        ("the operator", _describe_scripted_operator(result)),
+        ("duration", _format_duration(result)),
+        *_list_loop_rows(result.loop or run_result.LoopTiming()),
+        ("frames", "" if result.frames is None else _describe_frames(result.frames)),
+        ("camera", "" if result.camera is None else _describe_camera(result.camera)),
+        ("speed", _describe_speed(result)),
         ("not recorded", result.not_recorded),
         ("not filmed", result.not_filmed),
         ("not written", result.not_written),
     )
-    return [(title, words) for title, words in rows if words]
-
-
-def _number(value: float | None, unit: str, digits: int, before: str = "") -> str:
-    """Return a number with its unit; empty if it is unknown."""
-    return "" if value is None else f"{before}{value:.{digits}f} {unit}"
-
-
-def _joined(*parts: str) -> str:
-    return ", ".join(filter(None, parts))
-
-
-def _feature_error(error: FeatureError) -> str:
-    s = None if error.s_rad is None else math.degrees(error.s_rad)
-    return _joined(
-        _number(s, "°", 3, "s "),
-        _number(error.r_px, "px", 2, "r "),
-        _number(error.d_px, "px", 2, "d "),
-    )
-
-
-def _pose_error(result: RunResult) -> str:
-    bound = _number(result.bound_mm, "mm", 3)
-    words = _number(result.pose_error_mm, "mm", 3)
-    return f"{words} (Cramér-Rao bound {bound})" if bound and words else words
-
-
-def _exploration(cost: ExplorationCost) -> str:
-    far = _number(cost.max_excursion_mm, "mm from the start", 1, "at most ")
-    return _joined(_number(cost.time_s, "s", 2), _number(cost.path_mm, "mm", 1, "path "), far)
-
-
-def _jacobian_error(error: JacobianError) -> str:
-    return _joined(
-        _number(error.explored, "after exploration", 3), _number(error.final, "at the end", 3)
-    )
-
-
-def _operator(result: RunResult) -> str:
-    if not (result.resumed or result.refused or result.taught_again):
-        return ""
-    refused = f" (refused {result.refused} x)" if result.refused else ""
-    return f"resumed {result.resumed} x{refused}, taught the target again {result.taught_again} x"
-
-
-def _duration(result: RunResult) -> str:
-    ticks = "" if result.loop is None else _count(result.loop.ticks, "tick")
-    seconds = _number(result.duration_s, "s", 2)
-    return _joined(seconds, ticks) if seconds else ""
-
-
-def _loop_rows(loop: LoopTiming) -> Iterator[tuple[str, str]]:
-    """Yield the punctuality of a loop as pairs of title and text."""
-    if loop.missed is not None:
-        missed = f"{loop.missed} of {loop.ticks} ticks missed"
-        yield "loop", _joined(_number(loop.rate_hz, "Hz", 3), missed)
-    if loop.late is not None:
-        longest = _number(loop.longest_ms, "ms between two", 1, "at most ")
-        yield "late ticks", _joined(str(loop.late), longest)
-    if loop.collections is not None:
-        collections = _count(loop.collections, "garbage collection")
-        yield "lateness of ticks", _joined(_spread(loop.lateness_ms, 2), collections)
-    yield "latency, exposure to command", _spread(loop.latency_ms, 1)
-    for sentence in loop.refused:
-        yield "refused", sentence
-
-
-def _spread(times: TimeSpread, digits: int) -> str:
-    return _joined(
-        _number(times.median, "ms", digits, "median "),
-        _number(times.p99, "ms", digits, "p99 "),
-        _number(times.max, "ms", digits, "max "),
-    )
-
-
-def _camera(camera: CameraStatistics) -> str:
-    counts = f"{camera.frames} frames, {camera.lost} lost, {camera.incomplete} incomplete"
-    times = _number(camera.uncertainty_ms, "ms", 2, "exposure times to ")
-    parts = f"{counts}, reopened {camera.reconnects} x", times or "exposure times unchecked"
-    return "; ".join(filter(None, (*parts, camera.trouble)))
-
-
-def _speed(result: RunResult) -> str:
-    if result.speed_scale is not None:
-        passed = "has passed" if result.rig_checked else "has not passed"
-        return f"at most {100.0 * result.speed_scale:g} %: rig check {passed}"
-    return _number(result.real_time_factor, "x real time", 1)
+    return [(title, text) for title, text in rows if text]
 
 
 def describe_run(about: dict[str, Any], servo: Any) -> str:
-    """Return kind of run, seed, mechanism, tool, estimator and version, separated by commas."""
+    """Return kind of run, seed, mechanism, tool, estimator and version, separated by commas.
+
+    Parameters
+    ----------
+    about : dict[str, Any]
+        Settings, seed and versions of the run.
+    servo : Any
+        JSON description of its servo.
+    """
     parts = ["simulation" if about.get("simulation") else "run"]
     if "seed" in about:
         parts[0] += f" with seed {about['seed']}"
     for section in ("mechanism", "tool", "estimator"):
-        try:
+        with suppress(KeyError, TypeError):
             parts.append(f"{section} {servo[section]['kind']}")
-        except (KeyError, TypeError):
-            continue
     versions: Any = about.get("versions")
     if isinstance(versions, dict) and "rcmservo" in versions:
         parts.append(f"rcmservo {versions['rcmservo']}")
@@ -181,22 +98,114 @@ def describe_way_out(span: Span) -> str:
     return span.cause.remedy if span.action >= Action.HOLD else ""
 
 
-def _stages(record: Record) -> str:
+def _format_number(value: float | None, unit: str, digits: int, prefix: str = "") -> str:
+    """Return a number with its unit; empty if it is unknown."""
+    return "" if value is None else f"{prefix}{value:.{digits}f} {unit}"
+
+
+def _format_count(count: int, noun: str) -> str:
+    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
+
+
+def _join(*parts: str) -> str:
+    """Return the parts that are not empty, separated by commas."""
+    return ", ".join(filter(None, parts))
+
+
+def _format_feature_error(error: run_result.FeatureError) -> str:
+    s_degrees = None if error.s_rad is None else math.degrees(error.s_rad)
+    return _join(
+        _format_number(s_degrees, "°", 3, "s "),
+        _format_number(error.r_px, "px", 2, "r "),
+        _format_number(error.d_px, "px", 2, "d "),
+    )
+
+
+def _format_pose_error(result: RunResult) -> str:
+    bound = _format_number(result.bound_mm, "mm", 3)
+    error = _format_number(result.pose_error_mm, "mm", 3)
+    return f"{error} (Cramér-Rao bound {bound})" if bound and error else error
+
+
+def _format_exploration(cost: run_result.ExplorationCost) -> str:
+    return _join(
+        _format_number(cost.time_s, "s", 2),
+        _format_number(cost.path_mm, "mm", 1, "path "),
+        _format_number(cost.max_excursion_mm, "mm from the start", 1, "at most "),
+    )
+
+
+def _format_jacobian_error(error: run_result.JacobianError) -> str:
+    return _join(
+        _format_number(error.explored, "after exploration", 3),
+        _format_number(error.final, "at the end", 3),
+    )
+
+
+def _describe_scripted_operator(result: RunResult) -> str:
+    """Return the actions of the scripted operator of a simulation; empty if there were none."""
+    if not (result.resumed or result.refused or result.taught_again):
+        return ""
+    refused = f" (refused {result.refused} x)" if result.refused else ""
+    return f"resumed {result.resumed} x{refused}, taught the target again {result.taught_again} x"
+
+
+def _format_duration(result: RunResult) -> str:
+    if result.duration_s is None:
+        return ""
+    ticks = "" if result.loop is None else _format_count(result.loop.ticks, "tick")
+    return _join(_format_number(result.duration_s, "s", 2), ticks)
+
+
+def _list_loop_rows(loop: run_result.LoopTiming) -> Iterator[tuple[str, str]]:
+    """Yield the punctuality of a loop as pairs of title and text."""
+    if loop.missed is not None:
+        missed = f"{loop.missed} of {loop.ticks} ticks missed"
+        yield "loop", _join(_format_number(loop.rate_hz, "Hz", 3), missed)
+    if loop.late is not None:
+        longest = _format_number(loop.longest_ms, "ms between two", 1, "at most ")
+        yield "late ticks", _join(str(loop.late), longest)
+    if loop.collections is not None:
+        collections = _format_count(loop.collections, "garbage collection")
+        yield "lateness of ticks", _join(_format_spread(loop.lateness_ms, 2), collections)
+    yield "latency, exposure to command", _format_spread(loop.latency_ms, 1)
+    for sentence in loop.refused:
+        yield "refused", sentence
+
+
+def _format_spread(times: run_result.TimeSpread, digits: int) -> str:
+    return _join(
+        _format_number(times.median, "ms", digits, "median "),
+        _format_number(times.p99, "ms", digits, "p99 "),
+        _format_number(times.max, "ms", digits, "max "),
+    )
+
+
+def _describe_frames(frames: run_result.FrameCounts) -> str:
+    return _join(
+        f"{frames.used} used",
+        f"{frames.skipped} skipped" if frames.skipped else "",
+        f"{frames.rejected} rejected" if frames.rejected else "",
+        *(f"{reason} at {_format_count(n, 'tick')}" for reason, n in frames.dropped.items()),
+    )
+
+
+def _describe_camera(camera: run_result.CameraStatistics) -> str:
+    counts = f"{camera.frames} frames, {camera.lost} lost, {camera.incomplete} incomplete"
+    uncertainty = _format_number(camera.uncertainty_ms, "ms", 2, "exposure times to ")
+    parts = f"{counts}, reopened {camera.reconnects} x", uncertainty or "exposure times unchecked"
+    return "; ".join(filter(None, (*parts, camera.trouble)))
+
+
+def _describe_speed(result: RunResult) -> str:
+    if result.speed_scale is not None:
+        passed = "has passed" if result.rig_checked else "has not passed"
+        return f"at most {100.0 * result.speed_scale:g} %: rig check {passed}"
+    return _format_number(result.real_time_factor, "x real time", 1)
+
+
+def _describe_stages(record: Record) -> str:
     """Return the number of stages in the record and the time at which each begins."""
-    count = len(record.time)
-    begun = [f"{record.time[stage.first]:.2f} s" for stage in record.stages if stage.first < count]
-    return f"{len(record.stages)}, begun at {', '.join(begun)}"
-
-
-def _frames(frames: FrameCounts) -> str:
-    parts = [f"{frames.used} used"]
-    if frames.skipped:
-        parts.append(f"{frames.skipped} skipped")
-    if frames.rejected:
-        parts.append(f"{frames.rejected} rejected")
-    parts += [f"{why} at {_count(count, 'tick')}" for why, count in frames.dropped.items()]
-    return ", ".join(parts)
-
-
-def _count(count: int, word: str) -> str:
-    return f"{count} {word}" if count == 1 else f"{count} {word}s"
+    times, firsts = record.time, (stage.first for stage in record.stages)
+    starts = [f"{times[first]:.2f} s" for first in firsts if first < len(times)]
+    return f"{len(record.stages)}, begun at {', '.join(starts)}"

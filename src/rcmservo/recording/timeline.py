@@ -1,4 +1,4 @@
-"""Timeline of a recorded run: consecutive phases and causes, and its result."""
+"""Timeline of a recorded run: its spans of one phase and cause, and its result."""
 
 import math
 from bisect import bisect_right
@@ -33,16 +33,18 @@ from rcmservo.safety.state_machine import Mode, Phase, Request
 from rcmservo.safety.thresholds import Thresholds
 
 DEFAULT_RATE_HZ = 100.0
+"""Ticks per second of a record that does not state them."""
 
 END_TOLERANCE_S = 0.1
-"""Largest time from a run's last tick to its planned end; a loop in wall time may miss ticks."""
+"""Largest time in s from the end of a complete run to its planned end: a loop in wall time may skip
+its last ticks."""
 
 
 @dataclass(frozen=True)
 class Span:
     """Consecutive ticks with one phase and one cause.
 
-    A tick with a new request of the operator always begins a span.
+    A tick with a new request of the operator always begins a span, and so does a new stage.
 
     Parameters
     ----------
@@ -61,7 +63,7 @@ class Span:
     request : Request
         Request of the operator at its first tick.
     stage : int
-        Number of the stage within the record.
+        Number of the stage within the record, from 0.
     """
 
     start: float
@@ -75,7 +77,7 @@ class Span:
 
     @property
     def why(self) -> str:
-        """Cause and detail in words."""
+        """Cause and its detail as one text."""
         return f"{self.cause.value}: {self.detail}" if self.detail else self.cause.value
 
     @property
@@ -86,48 +88,52 @@ class Span:
 
 def list_spans(record: Record) -> list[Span]:
     """Return the spans of the whole record; a stage always begins a span of its own."""
-    count = len(record.time)
-    rows = list(zip(record.phase, record.cause, number_stages(record).tolist(), strict=True))
+    count, stage_numbers = len(record.time), number_stages(record).tolist()
+    states = list(zip(record.phase, record.cause, stage_numbers, strict=True))
     starts = [
-        i for i in range(count) if i == 0 or rows[i] != rows[i - 1] or _has_new_request(record, i)
+        i
+        for i in range(count)
+        if i == 0 or states[i] != states[i - 1] or _has_new_request(record, i)
     ]
     return [
         Span(
-            start=float(record.time[i]),
-            end=float(record.time[j]) if j < count else find_end_time(record),
-            phase=record.enum_at(Phase, "phase", i),
-            cause=record.enum_at(Cause, "cause", i),
-            detail=_detail(record, i),
-            action=record.enum_at(Action, "action", i),
-            request=record.enum_at(Request, "request", i),
-            stage=int(rows[i][2]),
+            start=float(record.time[start]),
+            end=float(record.time[end]) if end < count else find_end_time(record),
+            phase=record.enum_at(Phase, "phase", start),
+            cause=record.enum_at(Cause, "cause", start),
+            detail=_find_cause_detail(record, start),
+            action=record.enum_at(Action, "action", start),
+            request=record.enum_at(Request, "request", start),
+            stage=stage_numbers[start],
         )
-        for i, j in pairwise([*starts, count])
+        for start, end in pairwise([*starts, count])
     ]
 
 
 def _has_new_request(record: Record, i: int) -> bool:
-    """Return True if the operator's request at tick i is not that of the previous tick."""
+    """Return True if the operator's request at tick `i` is not that of the previous tick."""
     request, previous = record.words["request"][i], record.words["request"][i - 1]
     return request not in (Request.NONE.name, previous)
 
 
-def _detail(record: Record, i: int) -> str:
-    """Return the detail of the cause at tick i, from the text of the operating state.
+def _find_cause_detail(record: Record, i: int) -> str:
+    """Return the detail of the cause at tick `i`, such as the joint; empty if there is none.
 
-    It is the part of that text between the cause and the way out.
+    The record holds it in the sentences of the operating states only: between the cause and the
+    remedy in parentheses.
     """
     cause = record.enum_at(Cause, "cause", i)
-    index = bisect_right(record.operating, i, key=itemgetter(0))
-    text = record.operating[index - 1][1] if index else ""
-    _, separator, rest = text.partition(f": {cause.value}: ")
-    return rest.removesuffix(f" ({cause.remedy})") if separator else ""
+    index = bisect_right(record.operating, i, key=itemgetter(0)) - 1
+    sentence = record.operating[index][1] if index >= 0 else ""
+    _, _, detail_and_remedy = sentence.partition(f": {cause.value}: ")
+    return detail_and_remedy.removesuffix(f" ({cause.remedy})")
 
 
 def number_stages(record: Record) -> NDArray[np.intp]:
-    """Return the number (N,) of every tick's stage."""
-    firsts = [stage.first for stage in record.stages]
-    return np.maximum(np.searchsorted(firsts, np.arange(len(record.time)), side="right") - 1, 0)
+    """Return the number of the stage, from 0, of each tick (N,)."""
+    first_ticks = [stage.first for stage in record.stages]
+    numbers = np.searchsorted(first_ticks, np.arange(len(record.time)), side="right") - 1
+    return np.maximum(numbers, 0)
 
 
 def find_end_time(record: Record) -> float:
@@ -136,134 +142,151 @@ def find_end_time(record: Record) -> float:
 
 
 def read_rate(record: Record) -> float:
-    """Return the servo's setting of the ticks per second."""
-    value = _setting(record, "rate")
-    return value if value > 0.0 else DEFAULT_RATE_HZ
+    """Return the ticks per second of the servo, in Hz."""
+    rate_hz = _read_setting(record, "rate")
+    return rate_hz if rate_hz > 0.0 else DEFAULT_RATE_HZ
 
 
-def _late_fraction(record: Record) -> float:
+def _read_late_fraction(record: Record) -> float:
     """Return the fraction of the period by which a tick may be late and still count as punctual."""
-    value = _setting(record, "thresholds", "late_tick_fraction")
-    return value if value > 0.0 else Thresholds.late_tick_fraction
+    fraction = _read_setting(record, "thresholds", "late_tick_fraction")
+    return fraction if fraction > 0.0 else Thresholds.late_tick_fraction
 
 
-def _setting(record: Record, *names: str) -> float:
-    """Return a setting of the last stage's servo; NaN if it is not recorded as a number."""
+def _read_setting(record: Record, *keys: str) -> float:
+    """Return a setting of the last stage's servo; NaN if it is not recorded as a number.
+
+    `keys` leads to the setting through the tables of the servo's description.
+    """
     value: Any = record.stages[-1].servo if record.stages else None
-    for name in names:
-        value = with_present_names(value, names).get(name) if is_table(value) else None
+    for key in keys:
+        value = with_present_names(value, keys).get(key) if is_table(value) else None
     return float(value) if isinstance(value, float) else math.nan
 
 
 def summarise(record: Record) -> RunResult:
-    """Return the outcome of a recorded run with all numbers of its record."""
-    cost, jacobian = _exploration(record)
-    return replace(
-        outcome(record),
+    """Return the result of a recorded run with all numbers of its record."""
+    result = replace(
+        _judge_last_run(record),
         duration_s=find_end_time(record),
-        loop=_loop_timing(record),
-        frames=_frame_counts(record),
-        explore=cost,
-        jacobian_error=jacobian,
+        loop=_measure_loop_timing(record),
+        frames=_count_frames(record),
     )
+    return _add_exploration(record, result)
 
 
-def _loop_timing(record: Record) -> LoopTiming:
+def _judge_last_run(record: Record) -> RunResult:
+    """Return the result of the record's last run, by the rules that hold during a run.
+
+    A run whose record ends early has not settled.
+    """
+    first = max((stage.first for stage in record.stages if not stage.mid_run), default=0)
+    times = record.time[first:]
+    if not len(times):
+        return _mark_unfinished(record, RunResult(), Mode())
+    last = len(record.time) - 1
+    mode = Mode(
+        record.enum_at(Phase, "phase", last),
+        record.enum_at(Cause, "cause", last),
+        detail=_find_cause_detail(record, last),
+    )
+    explored = _find_exploration_end(record, first)
+    exploration_end_s = None if explored is None else float(record.time[explored])
+    errors, distance_mm = record.ticks["delta"][first:], _measure_distance_from_target(record)
+    result = judge_run(times, errors, exploration_end_s, mode, distance_mm)
+    return _mark_unfinished(record, result, mode)
+
+
+def _mark_unfinished(record: Record, result: RunResult, final_mode: Mode) -> RunResult:
+    """Return an unsettled result if the record ends before its run, otherwise the result itself.
+
+    A cause that stops the arm, or a drive that is off, explains why the run ended before its
+    planned time.
+    """
+    planned_s, end_s = record.planned, find_end_time(record)
+    is_complete = record.complete if planned_s is None else end_s > planned_s - END_TOLERANCE_S
+    is_switched_off = final_mode.phase is Phase.DISABLED and record.complete
+    if is_complete or is_switched_off or final_mode.cause.stop_sentence:
+        return result
+    planned = "" if planned_s is None else f" of {planned_s:.2f} s"
+    cause = f"the record ends at {end_s:.2f} s{planned}: what came after is not in it"
+    return result.unsettled(cause)
+
+
+def _measure_loop_timing(record: Record) -> LoopTiming:
     """Return the punctuality of the loop, without the times between its stages."""
-    ticks, stage = record.ticks, number_stages(record)
-    gaps = (np.diff(ticks["now"][:, 0]) * 1e-9)[np.diff(stage) == 0]
+    ticks, stage_numbers = record.ticks, number_stages(record)
+    is_same_stage = np.diff(stage_numbers) == 0
+    intervals_s = (np.diff(ticks["now"][:, 0]) * 1e-9)[is_same_stage]
+    late_interval_s = (1.0 + _read_late_fraction(record)) / read_rate(record)
     return LoopTiming(
         ticks=len(record.time),
-        late=int((gaps > (1.0 + _late_fraction(record)) / read_rate(record)).sum()),
-        longest_ms=1e3 * float(gaps.max()) if len(gaps) else None,
+        late=int((intervals_s > late_interval_s).sum()),
+        longest_ms=1e3 * float(intervals_s.max()) if len(intervals_s) else None,
         latency_ms=time_spread(ticks["latency"][record.new_frames(), 0]),
     )
 
 
-def _frame_counts(record: Record) -> FrameCounts:
+def _count_frames(record: Record) -> FrameCounts:
     """Return the numbers of used, skipped, rejected and dropped frames."""
-    number, new, stage = record.ticks["frame"][:, 0], record.new_frames(), number_stages(record)
-    steps = np.diff(number[new])[np.diff(stage[new]) == 0]
-    dropped = Counter(record.enum_at(DropReason, "dropped", i) for i in range(len(record.time)))
+    new_frames, stage_numbers = record.new_frames(), number_stages(record)
+    frame_numbers = record.ticks["frame"][new_frames, 0]
+    steps = np.diff(frame_numbers)[np.diff(stage_numbers[new_frames]) == 0]
+    drop_reasons = (record.enum_at(DropReason, "dropped", i) for i in range(len(record.time)))
     return FrameCounts(
-        used=len(new),
+        used=len(new_frames),
         skipped=int((steps[steps > 0] - 1).sum()),
-        rejected=int((record.ticks["accepted_frame"][new, 0] != number[new]).sum()),
-        dropped={why.text: n for why, n in dropped.items() if why is not DropReason.NONE},
+        rejected=int((record.ticks["accepted_frame"][new_frames, 0] != frame_numbers).sum()),
+        dropped=dict(Counter(r.text for r in drop_reasons if r is not DropReason.NONE)),
     )
 
 
-def _exploration(record: Record) -> tuple[ExplorationCost, JacobianError]:
-    """Return the cost of the first exploration, and the errors of Ĵ after it and at the end."""
-    explored_ticks = np.flatnonzero(record.ticks["explored"][:, 0])
-    explored = int(explored_ticks[0]) if len(explored_ticks) else None
-    time = None if explored is None else float(record.time[explored])
+def _add_exploration(record: Record, result: RunResult) -> RunResult:
+    """Return the result with the cost of the first exploration and the errors of Ĵ."""
+    end = _find_exploration_end(record)
+    end_s = None if end is None else float(record.time[end])
     positions, errors = record.truth["p1"], record.truth["jacobian_error"][:, 0]
     if not len(positions):
-        return ExplorationCost(time), JacobianError()
-    after = None if explored is None else finite_or_none(errors[explored])
-    path: Floats = positions if explored is None else positions[: explored + 1]
-    length = float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
-    excursion = float(np.linalg.norm(path - path[0], axis=1).max())
-    return ExplorationCost(time, length, excursion), JacobianError(
-        after, finite_or_none(errors[-1])
+        return replace(result, explore=ExplorationCost(end_s))
+    path: Floats = positions if end is None else positions[: end + 1]
+    length_mm = float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
+    excursion_mm = float(np.linalg.norm(path - path[0], axis=1).max())
+    explored_error = None if end is None else finite_or_none(errors[end])
+    return replace(
+        result,
+        explore=ExplorationCost(end_s, length_mm, excursion_mm),
+        jacobian_error=JacobianError(explored_error, finite_or_none(errors[-1])),
     )
 
 
-def outcome(record: Record) -> RunResult:
-    """Return the outcome of the record's last run, judged as during the run.
-
-    A record that ends early gives an unsettled result.
-    """
-    first = max((stage.first for stage in record.stages if not stage.mid_run), default=0)
-    time = record.time[first:]
-    if not len(time):
-        return _unless_short(record, RunResult(), Mode())
-    last = len(record.time) - 1
-    phase, cause = record.enum_at(Phase, "phase", last), record.enum_at(Cause, "cause", last)
-    mode = Mode(phase, cause, detail=_detail(record, last))
-    explored = np.flatnonzero(record.ticks["explored"][first:, 0])
-    explored_at = float(time[explored[0]]) if len(explored) else None
-    result = judge_run(
-        time, record.ticks["delta"][first:], explored_at, mode, _distance_from_target(record)
-    )
-    return _unless_short(record, result, mode)
+def _find_exploration_end(record: Record, first: int = 0) -> int | None:
+    """Return the index of the earliest tick from `first` on that has explored, if there is one."""
+    is_explored = record.ticks["explored"][first:, 0]
+    return first + int(np.argmax(is_explored)) if is_explored.any() else None
 
 
-def _unless_short(record: Record, result: RunResult, mode: Mode) -> RunResult:
-    """Return the result, or an unsettled one if the record ends before its run.
-
-    The result stays if the mode at the end of the record explains the end.
-    """
-    planned, last = record.planned, find_end_time(record)
-    is_complete = record.complete if planned is None else last > planned - END_TOLERANCE_S
-    is_explained = bool(mode.cause.stop_sentence) or (
-        mode.phase is Phase.DISABLED and record.complete
-    )
-    if is_complete or is_explained:
-        return result
-    until = f"{last:.2f} s" if planned is None else f"{last:.2f} s of {planned:.2f} s"
-    return result.unsettled(f"the record ends at {until}: what came after is not in it")
-
-
-def _distance_from_target(record: Record) -> float:
+def _measure_distance_from_target(record: Record) -> float:
     """Return the distance (mm) of marker 1 at the end from its taught position; 0 if unknown."""
-    final, taught = _marker_1_position(record, record.ticks["q"][-1]), find_taught_position(record)
+    final = _compute_marker_1_position(record, record.ticks["q"][-1])
+    taught = find_taught_position(record)
     return 0.0 if final is None or taught is None else float(np.linalg.norm(final - taught))
 
 
 def find_taught_position(record: Record) -> Floats | None:
-    """Return marker 1's last taught position (3,) mm by the joints; None if it is not recorded."""
-    return _marker_1_position(record, record.stages[-1].target.q) if record.stages else None
+    """Return the last taught position (3,) of marker 1 in mm, as the joints give it.
+
+    It is None if it is not recorded.
+    """
+    return _compute_marker_1_position(record, record.stages[-1].target.q) if record.stages else None
 
 
-def _marker_1_position(record: Record, q: Floats) -> Floats | None:
-    """Return p₁ (3,) mm at the joints q; None if the record does not describe the arm."""
+def _compute_marker_1_position(record: Record, q: Floats) -> Floats | None:
+    """Return p₁ (3,) in mm at the joints q; None if the record does not describe the arm."""
     if not record.stages:
         return None
+    servo = record.stages[-1].servo
     try:
-        parts = (rebuild_part(record.stages[-1].servo, part) for part in ("mechanism", "tool"))
-        mechanism, tool = parts
+        mechanism, tool = (rebuild_part(servo, part) for part in ("mechanism", "tool"))
     except BadInput:
         return None
     return compute_position(mechanism.to_struct(tool.offset), q)

@@ -1,11 +1,11 @@
-"""Reader and writer of recordings: folders with images and the joints at each image.
+"""Reader and writer of recordings of any robot: folders with images and the joints at each image.
 
     poses.csv      frame, three joint columns (rad, rad, m); if known x_m, y_m, z_m, time_s
     frames/NN.jpg  or .png, one for each row
 
-x_m, y_m, z_m is the tool's reference point by the arm's own kinematics. It overrides the position
-computed from the joints, which agrees with it except for the last digits. time_s is the time of the
-exposure; without it the poses count as stills.
+x_m, y_m, z_m is the tool's reference point as the arm's own kinematics give it. It replaces the
+position computed from the joints, which must agree with it within 1 mm. time_s is the time of the
+exposure; without it the frames count as single images of a tool at rest.
 
 A recording of points has no images. Its poses.csv holds the markers in m1_u_px, m1_v_px, m2_u_px,
 m2_v_px; both cells of an undetected marker are empty.
@@ -31,11 +31,13 @@ JOINT_COLUMNS = {
 }
 """Titles of the joint columns of each mechanism."""
 POSITION_COLUMNS = ("x_m", "y_m", "z_m")
+"""Titles of the columns with the tool's reference point."""
 POINT_COLUMNS = ("m1_u_px", "m1_v_px", "m2_u_px", "m2_v_px")
+"""Titles of the columns with the markers in a recording of points."""
 IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png")
 MAX_POSITION_MISMATCH_MM = 1.0
-"""Largest distance (mm) between x_m, y_m, z_m and the position by the joints. A larger one means
-that the description of the arm does not match the recording."""
+"""Largest distance in mm between x_m, y_m, z_m and the position computed from the joints. A larger
+one means that the description of the arm does not match the recording."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,11 +91,12 @@ def load_recording(folder: Path, mechanism: Kinematics, tool: Tool) -> list[Reco
     names = [row.cells["frame"] for row in table.rows]
     if len(set(names)) < len(names):
         raise UnusableFile(table.path, "has two rows for one frame")
-    files = {} if POINT_COLUMNS[0] in table.titles else _find_images(folder, table.path, names)
-    q = read_joints(table, JOINT_COLUMNS[mechanism.name], mechanism.limits)
+    has_points = POINT_COLUMNS[0] in table.titles
+    images = {} if has_points else _find_images(folder, table.path, names)
+    joints = read_joints(table, JOINT_COLUMNS[mechanism.name], mechanism.limits)
     return [
-        _read_pose(row, files.get(row.cells["frame"]), q[i], mechanism, tool)
-        for i, row in enumerate(table.rows)
+        _read_pose(row, images.get(name), q, mechanism, tool)
+        for row, name, q in zip(table.rows, names, joints, strict=True)
     ]
 
 
@@ -114,12 +117,12 @@ def _read_poses(folder: Path, mechanism: Kinematics) -> Table:
         raise UnusableFile(path, "is missing; expected the joints at every frame")
     table = read_table(path, "frame")
     table.require(("frame", *JOINT_COLUMNS[mechanism.name]), f"a {mechanism.name} mechanism")
-    for group, purpose in (
+    for columns, purpose in (
         (POINT_COLUMNS, "a recording of points"),
         (POSITION_COLUMNS, "a position"),
     ):
-        if group[0] in table.titles:
-            table.require(group, purpose)
+        if columns[0] in table.titles:
+            table.require(columns, purpose)
     return table
 
 
@@ -136,39 +139,39 @@ def _find_images(folder: Path, table: Path, names: list[str]) -> dict[str, Path]
         raise UnusableFile(folder / "frames", reason)
     for name in sorted(files.keys() - set(names)):
         raise UnusableFile(table, f"has no row for frame {name}")
-    for name in names:
-        if name not in files:
-            reason = f"has a row for frame {name!r}, but frames/ has no such image"
-            raise UnusableFile(table, reason)
+    for name in (name for name in names if name not in files):
+        reason = f"has a row for frame {name!r}, but frames/ has no such image"
+        raise UnusableFile(table, reason)
     return files
 
 
 def _read_pose(
-    row: TableRow, picture: Path | None, q: Floats, mechanism: Kinematics, tool: Tool
+    row: TableRow, image_path: Path | None, q: Floats, mechanism: Kinematics, tool: Tool
 ) -> RecordedPose:
-    p = _reference_point(row, mechanism.position(q))
+    p = _read_reference_point(row, mechanism.position(q))
     p1 = p + tool.offset * p / np.linalg.norm(p)
-    points = None if picture else _read_points(row)
+    points = None
+    if image_path is None:
+        points = np.array([row.numbers_or_none(POINT_COLUMNS[i : i + 2]) for i in (0, 2)])
     time = float(row.numbers(("time_s",))[0]) if "time_s" in row.cells else None
-    return RecordedPose(row.cells["frame"], picture, points, q, p1, time)
+    return RecordedPose(row.cells["frame"], image_path, points, q, p1, time)
 
 
-def _read_points(row: TableRow) -> Floats:
-    return np.array([row.numbers_or_none(POINT_COLUMNS[i : i + 2]) for i in (0, 2)])
+def _read_reference_point(row: TableRow, p: Floats) -> Floats:
+    """Return the recorded reference point (3,) in mm, or else `p`, which the joints give.
 
-
-def _reference_point(row: TableRow, p: Floats) -> Floats:
-    """Return the recorded reference point (3,) in mm, or else `p`, which the joints give."""
+    Raise `BadInput` if both are known and disagree.
+    """
     if POSITION_COLUMNS[0] not in row.cells:
         return p
-    recorded = row.numbers(POSITION_COLUMNS) * 1e3
-    distance = float(np.linalg.norm(recorded - p))
-    if not distance <= MAX_POSITION_MISMATCH_MM:
-        is_in_mm = np.linalg.norm(recorded * 1e-3 - p) <= MAX_POSITION_MISMATCH_MM
+    recorded_p = row.numbers(POSITION_COLUMNS) * 1e3
+    mismatch_mm = float(np.linalg.norm(recorded_p - p))
+    if not mismatch_mm <= MAX_POSITION_MISMATCH_MM:
+        is_in_mm = np.linalg.norm(recorded_p * 1e-3 - p) <= MAX_POSITION_MISMATCH_MM
         hint = " (this looks like mm)" if is_in_mm else ""
         expected = f"within {MAX_POSITION_MISMATCH_MM:g} mm of the position by the joints{hint}"
-        raise BadInput(f"{row.location}: x_m, y_m, z_m", f"{distance:.1f} mm from it", expected)
-    return recorded
+        raise BadInput(f"{row.location}: x_m, y_m, z_m", f"{mismatch_mm:.1f} mm from it", expected)
+    return recorded_p
 
 
 class RecordingWriter:
@@ -195,8 +198,8 @@ class RecordingWriter:
         ----------
         jpeg : bytes
             Image as a JPEG file.
-        q : array (3,)
-            Joints at the exposure, in rad, rad, mm.
+        q : Floats
+            Joints (3,) at the exposure, in rad, rad, mm.
         exposure : int
             Time of the exposure in ns.
         """

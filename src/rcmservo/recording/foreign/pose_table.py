@@ -1,6 +1,6 @@
 """Reader of text tables with commas, semicolons or tabs between the columns.
 
-Numbers may have decimal commas if the comma does not separate columns.
+Numbers may have decimal commas if commas do not separate the columns.
 """
 
 import csv
@@ -13,6 +13,7 @@ from rcmservo.errors import BadInput, UnusableFile
 from rcmservo.interfaces import Floats
 
 SEPARATORS = ",;\t"
+"""Characters that may separate columns; the most frequent one in the first line does."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +36,7 @@ class TableRow:
 
     def numbers(self, columns: tuple[str, ...]) -> Floats:
         """Return the finite numbers of these columns, or raise ``BadInput``."""
-        return np.array([self._number(column) for column in columns])
+        return np.array([self._parse_number(column) for column in columns])
 
     def numbers_or_none(self, columns: tuple[str, ...]) -> Floats:
         """Return the finite numbers of these columns, or NaN if all cells are empty."""
@@ -43,7 +44,7 @@ class TableRow:
             return np.full(len(columns), np.nan)
         return self.numbers(columns)
 
-    def _number(self, column: str) -> float:
+    def _parse_number(self, column: str) -> float:
         text = self.cells[column]
         try:
             value = float(text.replace(self.decimal, "."))
@@ -80,20 +81,27 @@ class Table:
 
 
 def read_table(path: Path, key: str) -> Table:
-    """Read a table. Messages identify its rows by the column `key`."""
+    """Read a table. Messages identify its rows by the column `key`.
+
+    Raises
+    ------
+    UnusableFile
+        If the file cannot be read, repeats a title, or has a row with more cells than titles.
+    """
     lines, separator = _read_lines(path)
     titles = lines[0] if lines else []
     for title in titles:
         if titles.count(title) > 1:
             raise UnusableFile(path, f"has two columns {title}")
     decimal = "." if separator == "," else ","
-    return Table(path, titles, [_make_row(path, key, titles, line, decimal) for line in lines[1:]])
+    return Table(path, titles, [_parse_row(path, key, titles, line, decimal) for line in lines[1:]])
 
 
-def _make_row(path: Path, key: str, titles: list[str], line: list[str], decimal: str) -> TableRow:
-    cells = dict(zip(titles, line + [""] * len(titles), strict=False))
+def _parse_row(path: Path, key: str, titles: list[str], texts: list[str], decimal: str) -> TableRow:
+    """Return the row with these texts; missing cells at its end are empty."""
+    cells = dict(zip(titles, texts + [""] * len(titles), strict=False))
     location = f"{path}: {key} {cells.get(key, '')}"
-    if len(line) > len(titles):
+    if len(texts) > len(titles):
         hint = "decimal commas need semicolons between columns"
         raise UnusableFile(location, f"has more cells than there are titles; {hint}")
     return TableRow(location, cells, decimal)

@@ -1,13 +1,20 @@
 """Scores of the estimators on a recording, by one-step prediction.
 
-The recorded frames pass through tracking, features, imaged RCM and estimators. From all frames up
-to t each estimator predicts y at t + 1 for the recorded joints. The score is the root mean square
-of the errors, next to that of the prediction of no motion. An estimator with a projection model
-predicts ŷ(t+1) = y(t) + h(p(t+1)) − h(p(t)). Every estimator also predicts linearly, with Ĵ Δp.
+The recorded frames pass through tracking, features y = (s, r, d), imaged RCM and estimators. From
+all frames up to frame t each estimator predicts the features of frame t + 1, given its recorded
+joints, in up to two ways:
+
+    ŷ(t+1) = y(t) + Ĵ (p₁(t+1) − p₁(t))            linear, with its estimate Ĵ of the Jacobian
+    ŷ(t+1) = y(t) + h(p₁(t+1)) − h(p₁(t))          with its projection model h, if it has one
+
+The score is the root mean square of the errors, next to that of the prediction of no motion,
+ŷ(t+1) = y(t).
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +31,7 @@ from rcmservo.recording.foreign.frame_folder import RecordedPose, iterate_frames
 from rcmservo.tracking import PointMarkers
 
 FIRST_PREDICTED_INDEX = 9
-"""Index of the first frame from which a step is predicted: the tenth."""
+"""Index of the first frame from which a step is predicted: the tenth frame with both markers."""
 
 MIN_FRAMES = FIRST_PREDICTED_INDEX + 2
 """Smallest number of frames with both markers: one step can be predicted."""
@@ -46,11 +53,12 @@ class RecordingScore:
     o_c : Floats
         Imaged RCM (2,) px after the last frame; NaN if it is not observable.
     condition : float
-        Condition number of (16); infinite if (16) is singular.
+        Condition number of eq. (16), which is solved for o_c; infinite if it is singular.
     reprojection : Floats
-        Root mean square (2,) px of each marker's 2-D error under the final fit.
+        Root mean square (2,) px of each marker's distance from its prediction by the final fit.
     one_step : dict[str, Floats]
-        Root mean square error (3,) in rad, px, px of each predictor; NaN if it predicted no step.
+        Root mean square error (3,) in rad, px, px by prediction: "no_motion", the name of an
+        estimator with a projection model, or a name with "_linear"; NaN if no step was predicted.
     """
 
     poses: list[RecordedPose]
@@ -59,16 +67,6 @@ class RecordingScore:
     condition: float
     reprojection: Floats
     one_step: dict[str, Floats]
-
-
-@dataclass(frozen=True, eq=False)
-class _Observation:
-    """Frame with both markers."""
-
-    p1: Floats
-    points: Floats
-    dt: float
-    sizes: Floats
 
 
 def score_recording(
@@ -92,14 +90,14 @@ def score_recording(
     estimators : dict of str to Estimator
         Estimators by name. The first one with a projection model gives the reprojection.
     imaged_rcm : ImagedRcm
-        Settings of (16).
+        Settings for the solution of eq. (16).
     progress : callable, optional
-        Called with the number of tracked frames and their total.
+        Function that receives the number of tracked frames and their total.
 
     Returns
     -------
     RecordingScore
-        Scores by estimator name.
+        Scores and intermediate results.
 
     Raises
     ------
@@ -113,42 +111,41 @@ def score_recording(
     for frame in iterate_frames(poses):
         markers.append(tracker.find(frame))
         progress(len(markers), len(poses))
-    observations = _select_observations(poses, markers)
-    if len(observations) < MIN_FRAMES:
-        raise UnusableFile(folder, _shortage_sentence(len(observations), poses, markers, tracker))
-    origins = _imaged_rcms(observations, imaged_rcm)
-    one_step = {"no_motion": _score_no_motion(observations, origins)}
+    samples = _select_samples(poses, markers)
+    if len(samples) < MIN_FRAMES:
+        raise UnusableFile(folder, _describe_shortage(len(samples), poses, markers, tracker))
+    samples, condition = _solve_imaged_rcms(samples, imaged_rcm)
+    o_c, one_step = samples[-1].o_c, {"no_motion": _score_no_motion(samples)}
     reprojection = np.full(2, np.nan)
     for name, estimator in estimators.items():
-        finite, linear, memory = _score_estimator(estimator, lab.tool, observations, origins)
-        if finite is not None:
-            one_step[name] = finite
-        one_step[f"{name}_linear"] = linear
-        if finite is not None and np.isnan(reprojection).any():
-            o_c = origins[-1][0]
-            reprojection = _reprojection_error(estimator, memory, lab.tool, observations, o_c)
-    o_c, condition = origins[-1]
+        model_score, linear_score, memory = _score_estimator(estimator, lab.tool, samples)
+        if model_score is not None:
+            one_step[name] = model_score
+        one_step[f"{name}_linear"] = linear_score
+        if model_score is not None and np.isnan(reprojection).any():
+            predict = partial(estimator.predict, memory, lab.tool)
+            reprojection = _compute_reprojection_error(predict, samples, o_c)
     return RecordingScore(poses, markers, o_c, condition, reprojection, one_step)
 
 
-def _select_observations(poses: list[RecordedPose], markers: list[Markers]) -> list[_Observation]:
-    observations: list[_Observation] = []
+def _select_samples(poses: list[RecordedPose], markers: list[Markers]) -> list[Sample]:
+    """Return the frames with both markers as samples without o_c."""
+    samples: list[Sample] = []
     previous: RecordedPose | None = None
     for pose, detected in zip(poses, markers, strict=True):
         if np.isfinite(detected.points).all():
-            dt = _interval(previous, pose)
-            observations.append(_Observation(pose.p1, detected.points, dt, detected.radius))
+            dt, unknown_o_c = _compute_interval(previous, pose), np.full(2, np.nan)
+            samples.append(Sample(pose.p1, detected.points, unknown_o_c, dt, detected.radius))
             previous = pose
-    return observations
+    return samples
 
 
-def _shortage_sentence(
+def _describe_shortage(
     count: int, poses: list[RecordedPose], markers: list[Markers], tracker: Tracker
 ) -> str:
     """Return the number of frames with both markers, and why the first other frame lacks one."""
     shortage = f"only {count} show both markers" if count else "no frame shows both markers"
     sentence = f"{len(poses)} frames, {shortage}, and a score needs {MIN_FRAMES}"
-
     for frame, pose, detected in zip(iterate_frames(poses), poses, markers, strict=True):
         if not np.isfinite(detected.points).all():
             reason = tracker.explain_failure(frame) if isinstance(tracker, FailureExplainer) else ""
@@ -156,7 +153,7 @@ def _shortage_sentence(
     return sentence
 
 
-def _interval(previous: RecordedPose | None, pose: RecordedPose) -> float:
+def _compute_interval(previous: RecordedPose | None, pose: RecordedPose) -> float:
     """Return the seconds between two poses: recorded, or the distance at the assumed speed."""
     if previous is None:
         return 0.0
@@ -165,89 +162,90 @@ def _interval(previous: RecordedPose | None, pose: RecordedPose) -> float:
     return float(np.linalg.norm(pose.p1 - previous.p1)) / ASSUMED_SPEED_MM_S
 
 
-def _imaged_rcms(
-    observations: list[_Observation], imaged_rcm: ImagedRcm
-) -> list[tuple[Floats, float]]:
-    """Return o_c (2,) and its condition after each frame; NaN while it is not observable."""
+def _solve_imaged_rcms(samples: list[Sample], imaged_rcm: ImagedRcm) -> tuple[list[Sample], float]:
+    """Return the samples with o_c, and the condition number of eq. (16) at the last one.
+
+    Eq. (16) is solved from the frames up to each sample; o_c is NaN while it is not observable.
+    """
     (lines, count), printed = imaged_rcm.init(), imaged_rcm.printed
-    origins: list[tuple[Floats, float]] = []
-    for current in observations:
-        lines, count = store_line(lines, count, current.points, printed)
+    solved: list[Sample] = []
+    condition = np.inf
+    for sample in samples:
+        lines, count = store_line(lines, count, sample.points, printed)
         o_c, condition = solve_imaged_rcm(lines, count, imaged_rcm.refinements, printed)
         is_observable = condition <= imaged_rcm.max_condition
-        origins.append((o_c, condition) if is_observable else (np.full(2, np.nan), condition))
-    return origins
+        solved.append(sample._replace(o_c=o_c) if is_observable else sample)
+    return solved, condition
 
 
-def _score_no_motion(
-    observations: list[_Observation], origins: list[tuple[Floats, float]]
-) -> Floats:
-    errors = [
-        _feature_change(observations[t], observations[t + 1], origins[t][0])
-        for t in range(FIRST_PREDICTED_INDEX, len(observations) - 1)
-        if np.isfinite(origins[t][0]).all()
+def _score_no_motion(samples: list[Sample]) -> Floats:
+    """Return the root mean square change (3,) of the features from frame to frame."""
+    changes = [
+        _compute_feature_change(current, following)
+        for current, following in pairwise(samples[FIRST_PREDICTED_INDEX:])
+        if np.isfinite(current.o_c).all()
     ]
-    return _rms(errors)
+    return _compute_rms(changes)
 
 
 def _score_estimator(
-    estimator: Estimator,
-    tool: Tool,
-    observations: list[_Observation],
-    origins: list[tuple[Floats, float]],
+    estimator: Estimator, tool: Tool, samples: list[Sample]
 ) -> tuple[Floats | None, Floats, Any]:
-    """Return the errors of the finite and of the linear step, and the last memory.
+    """Return the errors of the predictions by the model and by Ĵ, and the estimator's last memory.
 
-    The errors of the finite step are None without a projection model.
+    The errors (3,) of the model are None for an estimator without a projection model.
     """
     memory = estimator.init()
-    finite: list[Floats] = []
-    linear: list[Floats] = []
-    since_update: float | None = None
-    for t, (current, (o_c, _)) in enumerate(zip(observations, origins, strict=True)):
-        since_update = None if since_update is None else since_update + current.dt
-        if not np.isfinite(o_c).all():
+    model_errors: list[Floats] = []
+    linear_errors: list[Floats] = []
+    since_update_s: float | None = None
+    for t, sample in enumerate(samples):
+        since_update_s = None if since_update_s is None else since_update_s + sample.dt
+        if not np.isfinite(sample.o_c).all():
             continue
-        sample = Sample(current.p1, current.points, o_c, since_update or 0.0, current.sizes)
-        memory, since_update = estimator.update(memory, tool, sample), 0.0
-        if t < FIRST_PREDICTED_INDEX or t + 1 == len(observations):
+        current = sample._replace(dt=since_update_s or 0.0)
+        memory, since_update_s = estimator.update(memory, tool, current), 0.0
+        if t < FIRST_PREDICTED_INDEX or t + 1 == len(samples):
             continue
-        following = observations[t + 1]
-        change = _feature_change(current, following, o_c)
-        J_hat = estimator.jacobian(memory, tool, sample)
-        linear.append(compute_feature_error(change, J_hat @ (following.p1 - current.p1)))
-        predicted_now, predicted_next = (
+        following = samples[t + 1]
+        change = _compute_feature_change(current, following)
+        J_hat = estimator.jacobian(memory, tool, current)
+        linear_errors.append(compute_feature_error(change, J_hat @ (following.p1 - current.p1)))
+        predicted, predicted_next = (
             estimator.predict(memory, tool, p1) for p1 in (current.p1, following.p1)
         )
-        if predicted_now is not None and predicted_next is not None:
+        if predicted is not None and predicted_next is not None:
             predicted_change = compute_feature_error(
-                compute_features(predicted_next), compute_features(predicted_now)
+                compute_features(predicted_next), compute_features(predicted)
             )
-            finite.append(compute_feature_error(change, predicted_change))
-    return (_rms(finite) if estimator.predicts_markers else None), _rms(linear), memory
+            model_errors.append(compute_feature_error(change, predicted_change))
+    model_score = _compute_rms(model_errors) if estimator.predicts_markers else None
+    return model_score, _compute_rms(linear_errors), memory
 
 
-def _feature_change(current: _Observation, following: _Observation, o_c: Floats) -> Floats:
-    """Return Δy (3,) from one frame to the next, about the same origin."""
+def _compute_feature_change(current: Sample, following: Sample) -> Floats:
+    """Return Δy (3,) from one sample to the next, both about the imaged RCM of the first."""
     return compute_feature_error(
-        compute_features(shift_to_rcm(following.points, o_c)),
-        compute_features(shift_to_rcm(current.points, o_c)),
+        compute_features(shift_to_rcm(following.points, current.o_c)),
+        compute_features(shift_to_rcm(current.points, current.o_c)),
     )
 
 
-def _rms(errors: list[Floats]) -> Floats:
+def _compute_rms(errors: list[Floats]) -> Floats:
     return np.sqrt(np.mean(np.array(errors) ** 2, axis=0)) if errors else np.full(3, np.nan)
 
 
-def _reprojection_error(
-    estimator: Estimator, memory: Any, tool: Tool, observations: list[_Observation], o_c: Floats
+def _compute_reprojection_error(
+    predict: Callable[[Floats], Floats | None], samples: list[Sample], o_c: Floats
 ) -> Floats:
-    """Return the root mean square (2,) px of each marker's error under one fit, over all frames."""
-    squares: list[Floats] = []
-    for current in observations:
-        model = estimator.predict(memory, tool, current.p1)
-        assert model is not None
-        squares.append(
-            np.sum((model - shift_to_rcm(current.points, o_c)).reshape(2, 2) ** 2, axis=1)
-        )
-    return np.sqrt(np.mean(squares, axis=0))
+    """Return the root mean square (2,) px of each marker's distance from its predicted position.
+
+    `predict` returns the markers (4,) px from o_c that one fit predicts for p₁ (3,) mm.
+    """
+    squared_distances: list[Floats] = []
+    for sample in samples:
+        predicted = predict(sample.p1)
+        assert predicted is not None
+        errors = (predicted - shift_to_rcm(sample.points, o_c)).reshape(2, 2)
+        squared_distances.append(np.sum(errors**2, axis=1))
+    return np.sqrt(np.mean(squared_distances, axis=0))

@@ -1,6 +1,6 @@
-"""Check of recorded joints against the rig's limits and for confused units.
+"""Check of recorded joints against the rig's limits, with a hint if they are in another unit.
 
-A value far outside the limits of any arm was recorded in another unit.
+A value that no arm can reach was probably recorded in degrees or mm.
 """
 
 import numpy as np
@@ -14,15 +14,16 @@ TO_RECORDED_UNITS = np.array([1.0, 1.0, 1e-3])
 """Factors from rad, rad, mm to the units of a recording: rad, rad, m."""
 
 RECORDED_UNITS = ("rad", "rad", "m")
-"""Units of a recording."""
+"""Units of the joints in a recording."""
+
 CONFUSED_UNITS = ("degrees", "degrees", "mm")
-"""Units that are often recorded by mistake."""
+"""Units in which joints are often recorded by mistake."""
 
 MAX_JOINT_VALUES = (FULL_TURN_RAD, FULL_TURN_RAD, MAX_TRAVEL_MM)
 """Largest joint values of any arm, in rad, rad, mm."""
 
 LIMIT_TOLERANCES = (0.01, 0.01, 1.0)
-"""Largest excess over the limits of a real arm, in rad, rad, mm."""
+"""Largest distance of a joint beyond its limit, which a real arm may have, in rad, rad, mm."""
 
 
 def read_joints(table: Table, columns: tuple[str, ...], limits: JointLimits) -> Floats:
@@ -39,14 +40,14 @@ def read_joints(table: Table, columns: tuple[str, ...], limits: JointLimits) -> 
         low, high = lower[i] - LIMIT_TOLERANCES[i], upper[i] + LIMIT_TOLERANCES[i]
         is_outside = (q[:, i] < low) | (q[:, i] > high)
         if is_outside.any():
-            first = int(np.argmax(is_outside))
-            value = float(f"{q[first, i] * TO_RECORDED_UNITS[i]:.9g}")
-            name = f"{table.rows[first].location}: {column}"
-            raise BadInput(name, value, _expected_range(q, limits, i))
+            first_row = int(np.argmax(is_outside))
+            recorded_value = float(f"{q[first_row, i] * TO_RECORDED_UNITS[i]:.9g}")
+            name = f"{table.rows[first_row].location}: {column}"
+            raise BadInput(name, recorded_value, _describe_range(q, limits, i))
     return q
 
 
-def _expected_range(q: Floats, limits: JointLimits, i: int) -> str:
+def _describe_range(q: Floats, limits: JointLimits, i: int) -> str:
     """Return the range of joint i, and the unit that its column seems to have."""
     low, high = limits.lower[i] * TO_RECORDED_UNITS[i], limits.upper[i] * TO_RECORDED_UNITS[i]
     is_implausible = np.abs(q[:, i]).max() > MAX_JOINT_VALUES[i]
