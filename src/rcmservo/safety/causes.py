@@ -386,8 +386,7 @@ class Cause(Enum):
     )
     AGEING = slow("no new frame has arrived for longer than usual", detector=devices.frame_is_old)
     NEARLY_SINGULAR = slow(
-        "the path to the target is nearly singular",
-        detector=singularity.path_is_nearly_singular,
+        "the path to the target is nearly singular", detector=singularity.path_is_nearly_singular
     )
     LATE_TICK = warn("the loop ran late by a tick", detector=devices.tick_came_late)
 
@@ -415,10 +414,10 @@ class Cause(Enum):
 def _describe_member(cause: Cause) -> str:
     """Return the entry of a cause in the section Attributes of `Cause`."""
     description = f"{cause.action.name}: {cause.text or 'normal operation'}."
-    return f"{cause.name}\n" + textwrap.indent(textwrap.fill(description, 92), "    ")
+    return f"\n{cause.name}\n" + textwrap.indent(textwrap.fill(description, 92), "    ")
 
 
-Cause.__doc__ = "\n".join([inspect.cleandoc(Cause.__doc__ or ""), *map(_describe_member, Cause)])
+Cause.__doc__ = inspect.cleandoc(Cause.__doc__ or "") + "".join(map(_describe_member, Cause)) + "\n"
 
 CAUSES = tuple(Cause)
 """All causes, indexed by their codes."""

@@ -189,11 +189,9 @@ def find_jumps(
     limit_px = max_jump + max_px_per_mm * tool_motion
     first_stays = compute_distance(points[0], earlier_points[0]) <= limit_px
     second_stays = compute_distance(points[1], earlier_points[1]) <= limit_px
-    is_swapped = (
-        compute_distance(points[0], earlier_points[1]) <= limit_px
-        and compute_distance(points[1], earlier_points[0]) <= limit_px
-    )
-    return not first_stays, not second_stays, is_swapped
+    first_is_at_second = compute_distance(points[0], earlier_points[1]) <= limit_px
+    second_is_at_first = compute_distance(points[1], earlier_points[0]) <= limit_px
+    return not first_stays, not second_stays, first_is_at_second and second_is_at_first
 
 
 @compiled
@@ -232,10 +230,9 @@ def compare_with_estimate(
     largest_change = find_max_abs(predicted_change)
     if largest_change < min_change:
         return MOTION_TOO_SMALL
-    change = compute_feature_error(
-        compute_features(shift_to_rcm(points, o_c)),
-        compute_features(shift_to_rcm(earlier_points, o_c)),
-    )
+    features = compute_features(shift_to_rcm(points, o_c))
+    earlier_features = compute_features(shift_to_rcm(earlier_points, o_c))
+    change = compute_feature_error(features, earlier_features)
     error = find_max_abs(subtract(divide(change, FEATURE_SCALE), predicted_change))
     agrees = error <= min_change + max_error * largest_change
     return ESTIMATE_CONFIRMED if agrees else ESTIMATE_CONTRADICTED

@@ -5,6 +5,8 @@ frame with their predictions, and the change of the features with the estimate. 
 `rcmservo.safety.checks` read this state.
 """
 
+from functools import partial
+
 import numpy as np
 
 from rcmservo.interfaces import Floats, Observation, ObservationStruct
@@ -27,67 +29,55 @@ class ObservationRow(Struct, source=Observation, without=("sizes", "quality")):
     """Observation of a tick, as a row of the state for compiled functions."""
 
 
+count, markers = partial(whole, ""), partial(reals, (2, 2), "px")
+"""Declarations of fields: a number of events, and the pixels of both markers."""
+
+
 class MonitorState(Row):
-    """State of the checks from tick to tick, for compiled functions."""
+    """State of the checks from tick to tick, for compiled functions.
+
+    The projection fit predicts the markers. A residual is the difference between a detected marker
+    and its prediction.
+    """
 
     observation: ObservationRow = part(ObservationRow, "observation of this tick")
-    predicted_joints: Floats = reals(
-        3, "rad, rad, mm", "joint positions predicted from the commands"
-    )
-    predicted_rates: Floats = reals(
-        3, "rad/s, rad/s, mm/s", "joint rates predicted with the drive's lag"
-    )
+    predicted_joints: Floats = reals(3, "rad, rad, mm", "joints predicted from the commands")
+    predicted_rates: Floats = reals(3, "rad/s, rad/s, mm/s", "rates predicted with the drive's lag")
     joints_time: int = whole("ns", "time of the newest joint positions")
     idle_since: int = whole("ns", "time since which no motion is commanded, -1 during a motion")
-    rest_joints: Floats = reals(
-        3, "rad, rad, mm", "joint positions at rest since then, NaN until they have settled"
-    )
-    late_ticks: int = whole("", "number of successive late ticks")
+    rest_joints: Floats = reals(3, "rad, rad, mm", "joints at rest since then, NaN until settled")
+    late_ticks: int = count("number of successive late ticks")
     tick_interval: int = whole("ns", "time between the last two ticks")
-    newest_frame: int = whole("", "number of the newest frame, -1 before the first")
-    accepted_frame: int = whole("", "number of the newest accepted frame, -1 before the first")
+    newest_frame: int = count("number of the newest frame, -1 before the first")
+    accepted_frame: int = count("number of the newest accepted frame, -1 before the first")
     exposure: int = whole("ns", "exposure time of the newest frame")
     frame_time: int = whole("ns", "time of the first tick with the newest frame")
     frame_period: float = real("ns", "filtered time between frames, 0 while unknown")
     latency: int = whole("ns", "time from the newest frame's exposure to its first tick")
     one_marker_suffices: bool = flag("True if one marker is lost and the other determines the pose")
-    rejected_frames: int = whole("", "number of successive rejected frames")
-    jumped_frames: int = whole(
-        "", "number of rejected frames in which both markers jumped to a steady position"
-    )
-    swapped_frames: int = whole(
-        "", "number of rejected frames with each marker at the other's position"
-    )
-    rejected_markers: Floats = reals((2, 2), "px", "markers of the newest rejected frame")
-    mean_residual: Floats = reals((2, 2), "px", "mean residual of the fit at each marker")
-    averaged_frames: int = whole("", "number of frames in the mean residual")
+    rejected_frames: int = count("number of successive rejected frames")
+    jumped_frames: int = count("rejected frames in which both markers jumped to a steady position")
+    swapped_frames: int = count("rejected frames with each marker at the other's position")
+    rejected_markers: Floats = markers("markers of the newest rejected frame")
+    mean_residual: Floats = markers("mean residual of each marker")
+    averaged_frames: int = count("number of frames in the mean residual")
     drift_px: Floats = reals(2, "px", "norm of the mean residual, 0 where noise explains it")
-    changed_markers: Floats = reals((2, 2), "px", "newest markers that differed from those before")
-    changed_markers_prediction: Floats = reals(
-        (2, 2), "px", "prediction of the fit for `changed_markers`"
-    )
-    markers_prediction: Floats = reals((2, 2), "px", "prediction of the fit for the newest markers")
+    changed_markers: Floats = markers("newest markers that differed from those before")
+    changed_markers_prediction: Floats = markers("prediction for `changed_markers`")
+    markers_prediction: Floats = markers("prediction for the newest markers")
     image_frozen: bool = flag("True if the markers did not change although the tool moved")
-    changed_markers_p1: Floats = reals(
-        3, "mm", "position of marker 1 in the first frame with `changed_markers`"
-    )
-    stuck_anchors: Floats = reals(
-        (2, 4), "px", "position at which each marker stopped, and that of the other marker then"
-    )
-    compared_p1: Floats = reals(
-        3, "mm", "position of marker 1 at the last comparison with the estimate"
-    )
-    compared_markers: Floats = reals(
-        (2, 2), "px", "markers at the last comparison with the estimate"
-    )
-    contradictions: int = whole("", "number of successive comparisons that contradict the estimate")
+    changed_markers_p1: Floats = reals(3, "mm", "marker 1 when `changed_markers` first appeared")
+    stuck_anchors: Floats = reals((2, 4), "px", "stop of each marker, and the other marker then")
+    compared_p1: Floats = reals(3, "mm", "marker 1 at the last comparison with the estimate")
+    compared_markers: Floats = markers("markers at the last comparison with the estimate")
+    contradictions: int = count("number of successive comparisons that contradict the estimate")
 
 
 def initial_monitor_state() -> MonitorState:
     """Return the state before the first observation."""
-    positions = "predicted_joints", "rest_joints", "compared_p1"
-    markers = "rejected_markers", "compared_markers", "changed_markers"
-    unknown = dict.fromkeys((*positions, *markers), np.nan)
+    unknown_positions = "predicted_joints", "rest_joints", "compared_p1"
+    unknown_markers = "rejected_markers", "compared_markers", "changed_markers"
+    unknown = dict.fromkeys((*unknown_positions, *unknown_markers), np.nan)
     return MonitorState.of(idle_since=-1, newest_frame=-1, accepted_frame=-1, **unknown)
 
 

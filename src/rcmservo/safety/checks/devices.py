@@ -53,9 +53,8 @@ def joint_is_beyond_limit(facts: TickFacts) -> bool:
 @compiled
 def joints_do_not_follow(facts: TickFacts) -> bool:
     """Detect a following error: joints that differ from the commanded motion."""
-    return exceeds_following_error(
-        facts.observation.q, facts.monitor.predicted_joints, facts.thresholds
-    )
+    q, predicted_joints = facts.observation.q, facts.monitor.predicted_joints
+    return exceeds_following_error(q, predicted_joints, facts.thresholds)
 
 
 @compiled

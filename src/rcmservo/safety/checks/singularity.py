@@ -11,16 +11,12 @@ from rcmservo.safety.checks.facts import TickFacts
 @compiled
 def path_is_singular(facts: TickFacts) -> bool:
     """Detect a target at or beyond a singular surface: too little of the error is reducible."""
-    return (
-        facts.exploration_state.is_done
-        and not facts.progress.reducible_fraction >= facts.thresholds.singular_fraction
-    )
+    is_reducible = facts.progress.reducible_fraction >= facts.thresholds.singular_fraction
+    return facts.exploration_state.is_done and not is_reducible
 
 
 @compiled
 def path_is_nearly_singular(facts: TickFacts) -> bool:
     """Detect a nearly singular path, on which the tool must move slowly."""
-    return (
-        facts.exploration_state.is_done
-        and not facts.progress.reducible_fraction >= facts.thresholds.nearly_singular_fraction
-    )
+    is_reducible = facts.progress.reducible_fraction >= facts.thresholds.nearly_singular_fraction
+    return facts.exploration_state.is_done and not is_reducible
