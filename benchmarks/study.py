@@ -72,11 +72,9 @@ def command(scenes: int, *words: str) -> float:
 def orders(scenes: int) -> list[ChunkRequest]:
     """Return the chunks of a study."""
     chunks = make_plan(StudyFile(count=scenes), {}).chunks()
-    ends = ((chunk, chunk.seeds.start, chunk.seeds.stop) for chunk in chunks)
     empty = make_plan(StudyFile(), {}).methods[0].archive
     return [
-        ChunkRequest(chunk.cell.text, begin, end, identify_package(), empty)
-        for chunk, begin, end in ends
+        ChunkRequest(chunk.cell.text, chunk.seeds, identify_package(), empty) for chunk in chunks
     ]
 
 

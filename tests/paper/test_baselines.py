@@ -90,9 +90,8 @@ def test_the_noise_and_the_target_of_a_seed_reach_every_engine_and_law(
     assert given.scene.start == pytest.approx(other.scene.start)
     for name in ("default", "flow", "constant", "points-exact", "pose-exact"):
         before = COMPARED_METHODS[name].run(attempt()).error
-        for module in ("batch", "simulation_engine"):
-            path = f"rcmservo.study.{module}.draw_trial"
-            monkeypatch.setattr(path, lambda seed, _, *rest: draw_trial(seed, 1, *rest))
+        path = "rcmservo.study.trial.draw_trial"
+        monkeypatch.setattr(path, lambda seed, _, *rest: draw_trial(seed, 1, *rest))
         assert not np.array_equal(before, COMPARED_METHODS[name].run(attempt()).error), name
         monkeypatch.undo()
         np.testing.assert_array_equal(before, COMPARED_METHODS[name].run(attempt()).error)

@@ -32,6 +32,11 @@ def test_every_cause_has_its_own_detector() -> None:
     assert [cause for cause in WITHOUT_DETECTOR if cause.declared.detector] == []
 
 
+def test_the_help_of_the_enumeration_explains_every_cause() -> None:
+    text = " ".join((Cause.__doc__ or "").split())
+    assert all(f"{cause.name} {cause.action.name}: {cause.text}." in text for cause in CAUSES[1:])
+
+
 @pytest.mark.parametrize("cause", CAUSES[1:])
 def test_the_most_severe_of_several_causes_is_reported(cause: Cause) -> None:
     assert select_most_severe(cause.bit | Cause.LATE_TICK.bit) == cause.code
@@ -57,18 +62,14 @@ def test_some_causes_leave_the_estimate_valid(
 
 
 def test_a_detector_needs_only_its_own_facts() -> None:
-    limits, late = (
-        to_row(Thresholds())[0],
-        replace_fields(
-            initial_monitor_state(), late_ticks=Thresholds.max_late_ticks, tick_interval=1
-        ),
-    )
-    facts = make_tick_facts(monitor=late, period=1, thresholds=limits)
-    found = [
+    late_ticks = Thresholds.max_late_ticks
+    monitor = replace_fields(initial_monitor_state(), late_ticks=late_ticks, tick_interval=1)
+    facts = make_tick_facts(monitor=monitor, period=1, thresholds=to_row(Thresholds())[0])
+    detected_causes = [
         cause
         for cause in (Cause.OVERRUN, Cause.LATE_TICK, Cause.CLOCK_STOOD)
         if cause.declared.detector and cause.declared.detector(facts)
     ]
-    assert found == [Cause.OVERRUN, Cause.LATE_TICK]
+    assert detected_causes == [Cause.OVERRUN, Cause.LATE_TICK]
     assert select_most_severe(Cause.OVERRUN.bit | Cause.LATE_TICK.bit) == Cause.OVERRUN.code
     assert Cause.OVERRUN.action is Action.PAUSE

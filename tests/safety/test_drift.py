@@ -39,11 +39,8 @@ class MonitoredCamera:
         self.random, self.noise = make_random(seed), noise
         self.positions = draw_tool_positions(self.random, 120, 8.0)
         self.middle = self.positions.mean(axis=0)
-        self.C, self.fit, self.watch = (
-            draw_calibration_matrix(self.random, self.positions),
-            make_initial_fit(),
-            initial_monitor_state(),
-        )
+        self.C = draw_calibration_matrix(self.random, self.positions)
+        self.fit, self.monitor = make_initial_fit(), initial_monitor_state()
         for p1 in self.positions:
             update_fit(self.fit.rows[0], p1, self.detect(p1), SHAFT)
         self.last = self.detect(self.middle)
@@ -53,9 +50,9 @@ class MonitoredCamera:
 
     def find_cause(self, p1: Floats, points: Floats) -> Cause | None:
         """Update the checks with an accepted frame and return the cause that is detected."""
-        update_drift(self.watch.rows[0], self.fit.rows[0], p1, points, points, SHAFT, LIMITS)
+        update_drift(self.monitor.rows[0], self.fit.rows[0], p1, points, points, SHAFT, LIMITS)
         facts = make_tick_facts(
-            monitor=self.watch,
+            monitor=self.monitor,
             exploration_state=ExplorationState.of(is_done=True),
             thresholds=LIMITS,
         )
@@ -65,7 +62,7 @@ class MonitoredCamera:
         assert len(causes) <= 1
         return causes[0] if causes else None
 
-    def misplaced(self, p1: Floats, points: Floats) -> tuple[bool, bool, bool]:
+    def find_deviations(self, p1: Floats, points: Floats) -> tuple[bool, bool, bool]:
         return find_deviating_markers(self.fit.rows[0], p1, points, self.last, SHAFT, LIMITS)
 
     def path(self, seconds: float) -> Floats:
@@ -81,7 +78,7 @@ def test_noise_alone_is_no_drift_and_its_frames_are_accepted(noise: float) -> No
         camera = MonitoredCamera(noise, seed)
         for p1 in camera.path(20.0):
             points = camera.detect(p1)
-            assert camera.misplaced(p1, points) == (False, False, False)
+            assert camera.find_deviations(p1, points) == (False, False, False)
             assert camera.find_cause(p1, points) is None
             camera.last = points
 
@@ -118,11 +115,11 @@ def test_an_outlier_has_a_bounded_effect_on_the_mean() -> None:
     camera = MonitoredCamera(0.1)
     for p1 in camera.path(1.0):
         camera.find_cause(p1, camera.detect(p1))
-    before = camera.watch.mean_residual.copy()
+    before = camera.monitor.mean_residual.copy()
     for _ in range(Thresholds.max_rejected_frames):
         assert camera.find_cause(camera.middle, camera.detect(camera.middle) + 300.0) is None
-    moved = np.linalg.norm(camera.watch.mean_residual - before, axis=1)
-    assert (moved > 0.1).all() and (moved < Thresholds.max_drift_px).all()
+    change_px = np.linalg.norm(camera.monitor.mean_residual - before, axis=1)
+    assert (change_px > 0.1).all() and (change_px < Thresholds.max_drift_px).all()
 
 
 def test_no_drift_is_detected_before_the_mean_has_enough_frames() -> None:
@@ -135,8 +132,9 @@ def test_no_drift_is_detected_before_the_mean_has_enough_frames() -> None:
 def position_moved_by(camera: MonitoredCamera, pixels: float) -> Floats:
     """Return p₁ (3,) mm at which the predicted markers moved by `pixels` px from the middle."""
     direction, row = np.array([1.0, 0.0, 0.0]), camera.fit.rows[0]
-    at = predict_markers(row, camera.middle, SHAFT)
-    px_per_mm = np.abs(predict_markers(row, camera.middle + direction, SHAFT) - at).max()
+    markers_at_middle = predict_markers(row, camera.middle, SHAFT)
+    moved_markers = predict_markers(row, camera.middle + direction, SHAFT)
+    px_per_mm = np.abs(moved_markers - markers_at_middle).max()
     return camera.middle + direction * pixels / px_per_mm
 
 
@@ -145,21 +143,25 @@ def test_an_identical_image_is_frozen_only_while_the_tool_moves(
     pixels: float, cause: Cause | None
 ) -> None:
     camera = MonitoredCamera(0.1)
-    points, there = camera.detect(camera.middle), position_moved_by(camera, pixels)
+    points, moved_p1 = camera.detect(camera.middle), position_moved_by(camera, pixels)
     assert camera.find_cause(camera.middle, points) is None
     for _ in range(3):
-        assert camera.find_cause(there, points.copy()) is cause
-    other = points + np.array([[0.0, 0.0], [0.0, 1e-9]])
-    assert camera.find_cause(there, other) is None, "no camera delivers the same image twice"
+        assert camera.find_cause(moved_p1, points.copy()) is cause
+    changed_points = points + np.array([[0.0, 0.0], [0.0, 1e-9]])
+    assert camera.find_cause(moved_p1, changed_points) is None, (
+        "no camera delivers the same image twice"
+    )
 
 
 def least_visible_position(camera: MonitoredCamera, distance: float) -> Floats:
     """Return p₁ (3,) mm at a distance (mm) from the middle, where the markers move least."""
-    row, at, steps = camera.fit.rows[0], camera.middle, 0.5 * np.eye(3)
+    row, middle, steps = camera.fit.rows[0], camera.middle, 0.5 * np.eye(3)
     changes = [
-        predict_markers(row, at + s, SHAFT) - predict_markers(row, at - s, SHAFT) for s in steps
+        predict_markers(row, middle + step, SHAFT) - predict_markers(row, middle - step, SHAFT)
+        for step in steps
     ]
-    return at + distance * np.linalg.svd(np.stack([c.ravel() for c in changes], axis=1))[2][-1]
+    jacobian = np.stack([change.ravel() for change in changes], axis=1)
+    return middle + distance * np.linalg.svd(jacobian)[2][-1]
 
 
 @pytest.mark.parametrize("fraction,cause", [(0.9, None), (1.1, Cause.FROZEN)])
@@ -167,36 +169,38 @@ def test_an_identical_image_is_frozen_although_the_motion_is_hardly_visible(
     fraction: float, cause: Cause | None
 ) -> None:
     camera = MonitoredCamera(0.1)
-    points, there = (
-        camera.detect(camera.middle),
-        least_visible_position(camera, fraction * Thresholds.frozen_image_motion),
-    )
+    points = camera.detect(camera.middle)
+    moved_p1 = least_visible_position(camera, fraction * Thresholds.frozen_image_motion)
     row = camera.fit.rows[0]
-    less = np.abs(
-        predict_markers(row, there, SHAFT) - predict_markers(row, camera.middle, SHAFT)
+    motion_px = np.abs(
+        predict_markers(row, moved_p1, SHAFT) - predict_markers(row, camera.middle, SHAFT)
     ).max()
-    assert less < 0.5 * Thresholds.max_drift_px
+    assert motion_px < 0.5 * Thresholds.max_drift_px
     assert camera.find_cause(camera.middle, points) is None
-    assert camera.find_cause(there, points.copy()) is cause
+    assert camera.find_cause(moved_p1, points.copy()) is cause
 
 
 @ALL_NOISES_PX
 def test_a_deviating_marker_is_detected(noise: float) -> None:
     camera = MonitoredCamera(noise)
-    p1, least = camera.middle, Thresholds.model_error + 9.0 * noise
-    for error, result in ((FIRST, (True, False)), (SECOND, (False, True)), (BOTH, (True, True))):
+    p1, error_px = camera.middle, Thresholds.model_error + 9.0 * noise
+    for moved, deviating in (
+        (FIRST, (True, False)),
+        (SECOND, (False, True)),
+        (BOTH, (True, True)),
+    ):
         points = project_markers(camera.C, p1)
         camera.last = points
-        assert camera.misplaced(p1, points + least * error)[:2] == result
-        assert camera.misplaced(p1, points)[:2] == (False, False)
+        assert camera.find_deviations(p1, points + error_px * moved)[:2] == deviating
+        assert camera.find_deviations(p1, points)[:2] == (False, False)
 
 
 def test_swapped_markers_are_distinguished_from_far_ones() -> None:
     camera = MonitoredCamera(0.3)
     points = camera.detect(camera.middle)
     camera.last = points
-    assert camera.misplaced(camera.middle, points[::-1].copy()) == (True, True, True)
-    assert camera.misplaced(camera.middle, points + 99.0) == (True, True, False)
+    assert camera.find_deviations(camera.middle, points[::-1].copy()) == (True, True, True)
+    assert camera.find_deviations(camera.middle, points + 99.0) == (True, True, False)
 
 
 def test_a_marker_may_deviate_by_a_fraction_of_its_motion() -> None:
@@ -206,29 +210,29 @@ def test_a_marker_may_deviate_by_a_fraction_of_its_motion() -> None:
     shifted = points + np.array([4.0, 0.0])
     for motion, deviates in ((0.0, True), (40.0, False)):
         camera.last = points + np.array([motion, 0.0])
-        assert camera.misplaced(p1, shifted)[:2] == (deviates, deviates)
+        assert camera.find_deviations(p1, shifted)[:2] == (deviates, deviates)
 
 
 @pytest.mark.parametrize("k", [0, 1])
 def test_nan_in_any_input_deviates(k: int) -> None:
     camera = MonitoredCamera(0.3)
     p1, points = camera.middle, camera.detect(camera.middle)
-    camera.last, hole = points, points.copy()
-    hole[k] = np.nan
-    assert camera.misplaced(p1, hole)[k]
-    assert camera.misplaced(np.full(3, np.nan), points)[:2] == (True, True)
+    camera.last, points_with_nan = points, points.copy()
+    points_with_nan[k] = np.nan
+    assert camera.find_deviations(p1, points_with_nan)[k]
+    assert camera.find_deviations(np.full(3, np.nan), points)[:2] == (True, True)
     camera.fit.rows["A"] = np.nan
-    assert camera.misplaced(p1, points)[:2] == (True, True)
+    assert camera.find_deviations(p1, points)[:2] == (True, True)
 
 
 @pytest.mark.parametrize("part", ["A", "S_inverse", "noise_variance"])
 def test_a_fit_that_is_not_finite_agrees_with_no_frame(part: str) -> None:
-    """`misplaced` rejects the frames before a residual enters the mean."""
+    """`find_deviations` rejects the frames before a residual enters the mean."""
     camera = MonitoredCamera(0.3)
     points = camera.detect(camera.middle) + 9.0
     camera.last = points
     camera.fit.rows[part] = np.nan
-    assert camera.misplaced(camera.middle, points)[:2] == (True, True)
+    assert camera.find_deviations(camera.middle, points)[:2] == (True, True)
 
 
 def test_the_squared_mahalanobis_distance_equals_its_definition() -> None:
@@ -237,8 +241,10 @@ def test_the_squared_mahalanobis_distance_equals_its_definition() -> None:
         root, x = random.standard_normal((2, 2)), random.standard_normal(2)
         cov = root @ root.T
         expected_value = x @ np.linalg.solve(cov + 0.1 * np.eye(2), x)
-        found = squared_mahalanobis_distance(x[0], x[1], (cov[0, 0], cov[0, 1], cov[1, 1]), 0.1)
-        assert found == pytest.approx(expected_value)
+        squared_distance = squared_mahalanobis_distance(
+            x[0], x[1], (cov[0, 0], cov[0, 1], cov[1, 1]), 0.1
+        )
+        assert squared_distance == pytest.approx(expected_value)
 
 
 def test_the_monitored_camera_projects_the_tool_like_the_other_tests() -> None:
@@ -249,7 +255,7 @@ def test_the_monitored_camera_projects_the_tool_like_the_other_tests() -> None:
     np.testing.assert_allclose(
         predict_markers(camera.fit.rows[0], p1, SHAFT), camera.detect(p1), atol=0.5
     )
-    assert isinstance(camera.watch, MonitorState)
+    assert isinstance(camera.monitor, MonitorState)
 
 
 def detect_stuck(points: Floats, positions: Floats) -> tuple[bool, bool, bool]:
@@ -257,10 +263,10 @@ def detect_stuck(points: Floats, positions: Floats) -> tuple[bool, bool, bool]:
 
     `points` (n, 2, 2) px are the markers with marker 1 at `positions` (n, 3) mm.
     """
-    watch, detected = initial_monitor_state().rows, np.zeros(3, bool)
-    for p1, seen in zip(positions, points, strict=True):
-        first, second = detect_stuck_markers(watch[0], p1, seen, LIMITS)
-        detected |= [first, second, MonitorState(watch).image_frozen]
+    monitor, detected = initial_monitor_state().rows, np.zeros(3, bool)
+    for p1, points_of_frame in zip(positions, points, strict=True):
+        first, second = detect_stuck_markers(monitor[0], p1, points_of_frame, LIMITS)
+        detected |= [first, second, MonitorState(monitor).image_frozen]
     return bool(detected[0]), bool(detected[1]), bool(detected[2])
 
 
@@ -272,9 +278,7 @@ def explore(seed: int) -> tuple[Floats, Floats]:
 
 
 @pytest.mark.parametrize("k", [0, 1])
-def test_a_stuck_marker_is_detected_before_a_fit_exists(
-    k: int,
-) -> None:
+def test_a_stuck_marker_is_detected_before_a_fit_exists(k: int) -> None:
     for seed in range(20):
         positions, points = explore(seed)
         assert detect_stuck(points, positions) == (False, False, False)
@@ -287,5 +291,5 @@ def test_a_frozen_image_is_detected_before_a_fit_exists() -> None:
     positions, points = explore(0)
     points[20:] = points[20]
     assert detect_stuck(points, positions) == (False, False, True)
-    still = np.repeat(positions[:1], len(positions), axis=0)
-    assert detect_stuck(points, still) == (False, False, False)
+    rest_positions = np.repeat(positions[:1], len(positions), axis=0)
+    assert detect_stuck(points, rest_positions) == (False, False, False)

@@ -17,7 +17,7 @@ RCM = PitchYawRcm(LIMITS).to_struct()
 LOWER, UPPER, SPEED, SLEW = (
     np.array(x) for x in (LIMITS.lower, LIMITS.upper, GATE.speed, GATE.slew)
 )
-TICK = 10_000_000
+TICK_NS = 10_000_000
 
 anything = st.floats(allow_nan=True, allow_infinity=True)
 any_three = st.tuples(anything, anything, anything).map(np.array)
@@ -27,12 +27,12 @@ within_range = st.tuples(*[st.one_of(st.floats(0, 1), st.sampled_from([0.0, 1.0]
 )
 
 
-def command_of(number, time, rates):
+def make_command(number, time, rates):
     return Command(number, time, time + 50_000_000, rates, True)
 
 
-def after(last_rates, milliseconds=10):
-    return command_of(7, 1_000_000_000 - milliseconds * 1_000_000, last_rates)
+def make_last_command(last_rates, milliseconds=10):
+    return make_command(7, 1_000_000_000 - milliseconds * 1_000_000, last_rates)
 
 
 def admit(rates, last, q, gate=GATE, now=1_000_000_000):
@@ -45,29 +45,31 @@ def admit(rates, last, q, gate=GATE, now=1_000_000_000):
 @example(np.array([np.nan, 0.0, 0.0]), np.ones(3), np.array([0.0, 0.0, 100.0]), 10)
 def test_any_input_gives_a_finite_command_within_speed_and_slew(rates, fraction, q, milliseconds):
     last = fraction * SPEED
-    passed = admit(rates, after(last, milliseconds), q)
-    allowed = passed.command.rates
+    result = admit(rates, make_last_command(last, milliseconds), q)
+    allowed = result.command.rates
     assert np.isfinite(allowed).all()
     assert np.all(np.abs(allowed) <= SPEED * (1 + 1e-12))
-    assert passed.command.number == 8 and passed.command.time == 1_000_000_000
-    if passed.finite:
+    assert result.command.number == 8 and result.command.time == 1_000_000_000
+    if result.finite:
         dt = min(milliseconds * 1e-3, GATE.max_period)
         assert np.all(np.abs(allowed - last) <= SLEW * dt * (1 + 1e-9))
 
 
 @given(any_three, any_three, fractions)
 def test_input_that_is_not_finite_stops_at_once_and_is_reported(rates, q, fraction):
-    passed = admit(rates, after(fraction * SPEED), q)
+    result = admit(rates, make_last_command(fraction * SPEED), q)
     finite = np.isfinite(rates).all() and np.isfinite(q).all()
-    assert passed.finite == finite
+    assert result.finite == finite
     if not finite:
-        assert not passed.command.rates.any()
+        assert not result.command.rates.any()
 
 
 @pytest.mark.parametrize("milliseconds", [0, -10])
 def test_a_tick_without_elapsed_time_gives_zero_rates(milliseconds):
-    passed = admit(np.ones(3), after(np.zeros(3), milliseconds), np.array([0.0, 0.0, 100.0]))
-    assert not passed.command.rates.any() and not passed.finite
+    result = admit(
+        np.ones(3), make_last_command(np.zeros(3), milliseconds), np.array([0.0, 0.0, 100.0])
+    )
+    assert not result.command.rates.any() and not result.finite
 
 
 @given(any_three.filter(lambda x: np.isfinite(x).all()), within_range, st.floats(0, 1e6))
@@ -79,7 +81,7 @@ def test_at_or_beyond_a_limit_a_joint_at_rest_never_starts_outwards(rates, posit
         + np.where(position == 1.0, beyond, 0.0)
         - np.where(position == 0.0, beyond, 0.0)
     )
-    allowed = admit(rates, after(np.zeros(3)), q).command.rates
+    allowed = admit(rates, make_last_command(np.zeros(3)), q).command.rates
     assert np.all(allowed[q >= UPPER] <= 0.0) and np.all(allowed[q <= LOWER] >= 0.0)
 
 
@@ -89,7 +91,7 @@ def test_a_joint_still_moving_outwards_at_its_limit_brakes_as_hard_as_the_slew_a
 ):
     q = UPPER.copy() if side > 0 else LOWER.copy()
     last = side * np.abs(fraction) * SPEED
-    allowed = admit(requested * SPEED, after(last), q).command.rates
+    allowed = admit(requested * SPEED, make_last_command(last), q).command.rates
     assert np.all(side * allowed <= np.maximum(np.abs(last) - SLEW * 0.01, 0.0) + 1e-12)
 
 
@@ -99,21 +101,18 @@ def follow_requests(seed, delay, ticks=300):
     It starts at rest in a random pose. The requested rates are extreme for 0.6 s, then random.
     """
     random = make_random(seed)
-    q, command, pipe = (
-        random.uniform(LOWER, UPPER),
-        command_of(0, 0, np.zeros(3)),
-        [np.zeros(3)] * delay,
-    )
-    requested, path, sent = random.choice([-1e9, 1e9], 3), [], []
+    q, command = random.uniform(LOWER, UPPER), make_command(0, 0, np.zeros(3))
+    delayed_rates, requested = [np.zeros(3)] * delay, random.choice([-1e9, 1e9], 3)
+    path, commanded_rates = [], []
     for k in range(1, ticks + 1):
         if k % 60 == 0:
             requested = random.uniform(-2, 2, 3) * SPEED
-        command = GATE.admit(requested, command, q, RCM, k * TICK).command
-        pipe.append(command.rates)
-        q = q + pipe.pop(0) * 0.01
+        command = GATE.admit(requested, command, q, RCM, k * TICK_NS).command
+        delayed_rates.append(command.rates)
+        q = q + delayed_rates.pop(0) * 0.01
         path.append(q)
-        sent.append(command.rates)
-    return np.array(path), np.array(sent)
+        commanded_rates.append(command.rates)
+    return np.array(path), np.array(commanded_rates)
 
 
 def beyond_limits(path):
@@ -135,20 +134,20 @@ def test_no_request_moves_a_joint_beyond_its_limit_within_the_latency(delay):
 
 
 def test_a_joint_driven_to_its_limit_comes_to_rest_without_chattering():
-    q, command, sent = np.array([0.0, 0.0, 200.0]), command_of(0, 0, np.zeros(3)), []
+    q, command, commanded_rates = np.array([0.0, 0.0, 200.0]), make_command(0, 0, np.zeros(3)), []
     for k in range(1, 301):
-        command = GATE.admit(SPEED, command, q, RCM, k * TICK).command
+        command = GATE.admit(SPEED, command, q, RCM, k * TICK_NS).command
         q = q + command.rates * 0.01
-        sent.append(command.rates)
-    change = np.diff(np.array(sent)[30:], axis=0)  # after the acceleration
+        commanded_rates.append(command.rates)
+    change = np.diff(np.array(commanded_rates)[30:], axis=0)  # without the acceleration
     assert np.all(change <= 1e-9)
 
 
 def test_a_joint_can_come_close_to_its_limit():
     """After 3 s towards its limit, a joint is within 1 % of its range from the limit."""
-    q, command = np.array([0.0, 0.0, 200.0]), command_of(0, 0, np.zeros(3))
+    q, command = np.array([0.0, 0.0, 200.0]), make_command(0, 0, np.zeros(3))
     for k in range(1, 301):
-        command = GATE.admit(SPEED, command, q, RCM, k * TICK).command
+        command = GATE.admit(SPEED, command, q, RCM, k * TICK_NS).command
         q = q + command.rates * 0.01
     assert np.all(UPPER - q < 0.01 * (UPPER - LOWER))
 
@@ -157,7 +156,7 @@ def test_a_joint_can_come_close_to_its_limit():
 def test_a_request_that_is_too_fast_keeps_its_direction(fraction, factor):
     requested, q = fraction * SPEED, np.array([0.0, 0.0, 140.0])
     requested = requested / np.max(np.abs(requested) / SPEED)
-    allowed = admit(factor * requested, after(requested), q).command.rates
+    allowed = admit(factor * requested, make_last_command(requested), q).command.rates
     assert np.allclose(allowed, requested)
 
 
@@ -165,38 +164,44 @@ def test_a_request_that_is_too_fast_keeps_its_direction(fraction, factor):
 def test_a_request_within_all_bounds_is_unchanged(fraction):
     last = 0.3 * fraction * SPEED
     requested = last + 0.5 * fraction * SLEW * 0.01
-    passed = admit(requested, after(last), np.array([0.0, 0.0, 140.0]))
-    assert passed.finite and np.allclose(passed.command.rates, requested, rtol=1e-12)
+    result = admit(requested, make_last_command(last), np.array([0.0, 0.0, 140.0]))
+    assert result.finite and np.allclose(result.command.rates, requested, rtol=1e-12)
 
 
 def test_a_late_tick_causes_no_jump():
-    last = after(np.zeros(3), milliseconds=5000)
+    last = make_last_command(np.zeros(3), milliseconds=5000)
     allowed = admit(SPEED, last, np.array([0.0, 0.0, 140.0])).command.rates
     assert np.allclose(allowed, np.minimum(SLEW * GATE.max_period, SPEED))
 
 
 @given(fractions)
 def test_the_gate_does_not_change_its_inputs(fraction):
-    rates, q, last = 2 * fraction * SPEED, np.array([0.9, 0.0, 50.0]), after(0.5 * fraction * SPEED)
+    rates, q, last = (
+        2 * fraction * SPEED,
+        np.array([0.9, 0.0, 50.0]),
+        make_last_command(0.5 * fraction * SPEED),
+    )
     before = rates.copy(), q.copy(), last.rates.copy()
     admit(rates, last, q)
-    for now, then in zip((rates, q, last.rates), before, strict=True):
-        assert np.array_equal(now, then)
+    for now, original in zip((rates, q, last.rates), before, strict=True):
+        assert np.array_equal(now, original)
 
 
 def test_rest_and_stop_give_zero_rates_and_the_drive_off():
-    for command in (GATE.rest(), GATE.stop(after(SPEED), 1_000_000_000)):
+    for command in (GATE.rest(), GATE.stop(make_last_command(SPEED), 1_000_000_000)):
         assert not command.rates.any() and not command.enabled
-    assert GATE.rest().number == 0 and GATE.stop(after(SPEED), 1_000_000_000).number == 8
+    assert (
+        GATE.rest().number == 0 and GATE.stop(make_last_command(SPEED), 1_000_000_000).number == 8
+    )
 
 
 @given(any_three, fractions, st.floats(0, 1))
 def test_a_fraction_of_the_speed_bounds_every_request_and_zero_ramps_to_rest(rates, last, fraction):
-    passed = admit_at(rates, after(0.9 * last * fraction * SPEED), fraction)
-    assert np.all(np.abs(passed.command.rates) <= fraction * SPEED * (1 + 1e-12))
-    stopping = [after(last * SPEED)]
+    result = admit_at(rates, make_last_command(0.9 * last * fraction * SPEED), fraction)
+    assert np.all(np.abs(result.command.rates) <= fraction * SPEED * (1 + 1e-12))
+    stopping = [make_last_command(last * SPEED)]
     for k in range(1, 11):
-        q, now = np.array([0.0, 0.0, 140.0]), 1_000_000_000 + (k - 1) * TICK
+        q, now = np.array([0.0, 0.0, 140.0]), 1_000_000_000 + (k - 1) * TICK_NS
         stopping.append(GATE.admit(np.ones(3), stopping[-1], q, RCM, now, 0.0).command)
     assert not stopping[10].rates.any(), "from full speed it stands still within 100 ms"
     assert stopping[10].deadline == stopping[10].time + 50_000_000

@@ -21,15 +21,15 @@ from rcmservo.safety.state_machine import (
 from rcmservo.safety.thresholds import Thresholds
 
 DEFAULT = Thresholds()
-HOLD_TIME = round(1e9 * DEFAULT.hold_time)
-GOOD_TO_RECOVER, GOOD_TO_SERVO = DEFAULT.frames_to_recover, DEFAULT.frames_to_servo
+HOLD_TIME_NS = round(1e9 * DEFAULT.hold_time)
+FRAMES_TO_RECOVER, FRAMES_TO_SERVO = DEFAULT.frames_to_recover, DEFAULT.frames_to_servo
 
 
-def transition(mode, present, sign, request, now):
+def transition(mode, present, inputs, request, now):
     """Call the kernel with a `Mode`, a list of causes and a `Request`."""
     causes = functools.reduce(operator.or_, (cause.bit for cause in present), 0)
     row, code = ModeStruct.from_source(mode), REQUESTS.index(request)
-    state_machine.advance_mode(row.rows[0], causes, sign, code, now, to_row(DEFAULT)[0])
+    state_machine.advance_mode(row.rows[0], causes, inputs, code, now, to_row(DEFAULT)[0])
     return Mode(**row.values())
 
 
@@ -55,7 +55,9 @@ WEAKEST_TO_STRONGEST = (
 causes = st.sampled_from([cause for cause in Cause if cause is not Cause.NONE])
 some_causes = st.lists(causes, max_size=4)
 requests = st.sampled_from(list(Request))
-signs = st.builds(TransitionInputs, st.booleans(), st.booleans(), st.booleans(), st.booleans())
+transition_inputs = st.builds(
+    TransitionInputs, st.booleans(), st.booleans(), st.booleans(), st.booleans()
+)
 times = st.integers(0, 10**13)
 
 
@@ -81,46 +83,52 @@ def strength(mode):
     return WEAKEST_TO_STRONGEST.index(mode.phase), -mode.speed_scale
 
 
-one_more_cause = given(modes(), some_causes, causes, signs, requests, times)
+one_more_cause = given(modes(), some_causes, causes, transition_inputs, requests, times)
 
 
-def assert_not_weaker(mode, present, added, sign, request_, now):
-    reaction = transition(mode, present, sign, request_, now)
-    assert strength(transition(mode, [*present, added], sign, request_, now)) >= strength(reaction)
+def assert_not_weaker(mode, present, added, inputs, operator_request, now):
+    reaction = transition(mode, present, inputs, operator_request, now)
+    assert strength(transition(mode, [*present, added], inputs, operator_request, now)) >= strength(
+        reaction
+    )
 
 
 @settings(max_examples=300)
 @one_more_cause
-def test_an_additional_fault_never_weakens_the_reaction(mode, present, added, sign, request_, now):
-    assert_not_weaker(mode, present, added, sign, request_, now)
+def test_an_additional_fault_never_weakens_the_reaction(
+    mode, present, added, inputs, operator_request, now
+):
+    assert_not_weaker(mode, present, added, inputs, operator_request, now)
 
 
 @pytest.mark.slow
 @settings(max_examples=3_000)
 @one_more_cause
-def test_any_additional_fault_never_weakens_the_reaction(mode, present, added, sign, request_, now):
-    assert_not_weaker(mode, present, added, sign, request_, now)
+def test_any_additional_fault_never_weakens_the_reaction(
+    mode, present, added, inputs, operator_request, now
+):
+    assert_not_weaker(mode, present, added, inputs, operator_request, now)
 
 
-@given(modes(), some_causes, signs, requests, times, st.randoms())
-def test_the_order_of_causes_has_no_effect(mode, present, sign, request_, now, random):
+@given(modes(), some_causes, transition_inputs, requests, times, st.randoms())
+def test_the_order_of_causes_has_no_effect(mode, present, inputs, operator_request, now, random):
     shuffled = list(present)
     random.shuffle(shuffled)
-    assert transition(mode, present, sign, request_, now) == transition(
-        mode, shuffled, sign, request_, now
+    assert transition(mode, present, inputs, operator_request, now) == transition(
+        mode, shuffled, inputs, operator_request, now
     )
 
 
-@given(modes(), some_causes, signs, requests, times)
+@given(modes(), some_causes, transition_inputs, requests, times)
 def test_every_reaction_is_at_least_the_action_of_the_most_severe_cause(
-    mode, present, sign, request_, now
+    mode, present, inputs, operator_request, now
 ):
     action = most_severe(present).action
-    after = transition(mode, present, sign, request_, now)
+    after = transition(mode, present, inputs, operator_request, now)
     if action is Action.FAULT:
         assert after.phase is Phase.FAULT
     elif after.phase is Phase.JOG:
-        assert request_ is Request.JOG and Cause.OVERRUN not in present
+        assert operator_request is Request.JOG and Cause.OVERRUN not in present
     elif action >= Action.HOLD:
         assert after.speed_scale == 0.0
     elif action is Action.SLOW:
@@ -129,47 +137,47 @@ def test_every_reaction_is_at_least_the_action_of_the_most_severe_cause(
     assert after.phase is not Phase.JOG or after.speed_scale == 0.2
 
 
-@given(modes(), some_causes, signs, requests, times)
-def test_servo_is_entered_only_from_acquire(mode, present, sign, request_, now):
-    if transition(mode, present, sign, request_, now).phase is Phase.SERVO:
+@given(modes(), some_causes, transition_inputs, requests, times)
+def test_servo_is_entered_only_from_acquire(mode, present, inputs, operator_request, now):
+    if transition(mode, present, inputs, operator_request, now).phase is Phase.SERVO:
         assert mode.phase in (Phase.ACQUIRE, Phase.SERVO)
 
 
-@given(modes(), some_causes, signs, requests, times)
+@given(modes(), some_causes, transition_inputs, requests, times)
 def test_jogging_starts_from_idle_or_pause_and_lasts_while_it_is_requested(
-    mode, present, sign, request_, now
+    mode, present, inputs, operator_request, now
 ):
-    after = transition(mode, present, sign, request_, now)
+    after = transition(mode, present, inputs, operator_request, now)
     if after.phase is Phase.JOG:
-        assert request_ is Request.JOG
+        assert operator_request is Request.JOG
         assert mode.phase in (Phase.IDLE, Phase.PAUSED, Phase.JOG)
     elif mode.phase is Phase.JOG:
         assert after.phase in (Phase.PAUSED, Phase.FAULT)
 
 
-@given(some_causes, some_causes, signs, requests, times)
+@given(some_causes, some_causes, transition_inputs, requests, times)
 def test_only_clear_without_remaining_faults_leaves_a_fault_into_disabled(
-    first, present, sign, request_, now
+    first, present, inputs, operator_request, now
 ):
-    mode = transition(Mode(Phase.SERVO), [Cause.ARM_SILENT, *first], sign, Request.NONE, 0)
+    mode = transition(Mode(Phase.SERVO), [Cause.ARM_SILENT, *first], inputs, Request.NONE, 0)
     assert mode.phase is Phase.FAULT
-    after = transition(mode, present, sign, request_, now)
-    if request_ is Request.CLEAR and most_severe(present).action < Action.FAULT:
+    after = transition(mode, present, inputs, operator_request, now)
+    if operator_request is Request.CLEAR and most_severe(present).action < Action.FAULT:
         assert after.phase is Phase.DISABLED
     else:
         assert after == mode
 
 
-@given(some_causes, signs, requests, times)
-def test_a_pause_ends_by_a_fault_or_by_the_operator(present, sign, request_, now):
+@given(some_causes, transition_inputs, requests, times)
+def test_a_pause_ends_by_a_fault_or_by_the_operator(present, inputs, operator_request, now):
     mode = Mode(Phase.PAUSED, Cause.CAMERA_MOVED, 0, 0, Action.PAUSE)
-    after = transition(mode, present, sign, request_, now)
+    after = transition(mode, present, inputs, operator_request, now)
     action = most_severe(present).action
     if action is Action.FAULT:
         assert after.phase is Phase.FAULT
-    elif request_ is Request.RESUME and action < Action.HOLD:
+    elif operator_request is Request.RESUME and action < Action.HOLD:
         assert after.phase is Phase.ACQUIRE
-    elif request_ is Request.JOG and Cause.OVERRUN not in present:
+    elif operator_request is Request.JOG and Cause.OVERRUN not in present:
         assert after.phase is Phase.JOG
     else:
         assert after.phase is Phase.PAUSED
@@ -177,21 +185,21 @@ def test_a_pause_ends_by_a_fault_or_by_the_operator(present, sign, request_, now
 
 def test_the_first_frames_after_enabling_lead_to_servo():
     mode, phases = Mode(), []
-    for now in range(GOOD_TO_SERVO + 3):
+    for now in range(FRAMES_TO_SERVO + 3):
         mode = transition(mode, [], NORMAL, Request.NONE, now)
         phases.append(mode.phase)
-    assert phases == [Phase.IDLE, *[Phase.ACQUIRE] * GOOD_TO_SERVO, Phase.SERVO, Phase.SERVO]
-    off = NORMAL._replace(drive_enabled=False)
-    assert transition(Mode(), [], off, Request.NONE, 0).phase is Phase.DISABLED
-    unseen = NORMAL._replace(has_accepted_frame=False)
-    assert transition(Mode(Phase.IDLE), [], unseen, Request.NONE, 0).phase is Phase.IDLE
+    assert phases == [Phase.IDLE, *[Phase.ACQUIRE] * FRAMES_TO_SERVO, Phase.SERVO, Phase.SERVO]
+    drive_off = NORMAL._replace(drive_enabled=False)
+    assert transition(Mode(), [], drive_off, Request.NONE, 0).phase is Phase.DISABLED
+    without_frame = NORMAL._replace(has_accepted_frame=False)
+    assert transition(Mode(Phase.IDLE), [], without_frame, Request.NONE, 0).phase is Phase.IDLE
 
 
 def test_ticks_without_an_accepted_frame_or_an_estimate_do_not_count():
     mode = Mode(Phase.ACQUIRE)
-    for sign in (NORMAL._replace(frame_accepted=False), NORMAL._replace(has_estimate=False)):
-        for now in range(3 * GOOD_TO_SERVO):
-            mode = transition(mode, [], sign, Request.NONE, now)
+    for inputs in (NORMAL._replace(frame_accepted=False), NORMAL._replace(has_estimate=False)):
+        for now in range(3 * FRAMES_TO_SERVO):
+            mode = transition(mode, [], inputs, Request.NONE, now)
         assert mode == Mode(Phase.ACQUIRE)
 
 
@@ -199,22 +207,23 @@ def test_a_hold_recovers_through_acquire_and_a_long_hold_becomes_a_pause():
     held = transition(Mode(Phase.SERVO), [Cause.MARKER_1_LOST], NORMAL, Request.NONE, 0)
     assert (held.phase, held.speed_scale) == (Phase.HOLD, 0.0)
     mode = held
-    for now in range(GOOD_TO_RECOVER):
+    for now in range(FRAMES_TO_RECOVER):
         assert mode.phase is Phase.HOLD
         mode = transition(mode, [], NORMAL, Request.NONE, now)
     assert mode.phase is Phase.ACQUIRE
     assert (
-        transition(held, [Cause.MARKER_1_LOST], NORMAL, Request.NONE, HOLD_TIME).phase is Phase.HOLD
+        transition(held, [Cause.MARKER_1_LOST], NORMAL, Request.NONE, HOLD_TIME_NS).phase
+        is Phase.HOLD
     )
     assert (
-        transition(held, [Cause.MARKER_2_LOST], NORMAL, Request.NONE, HOLD_TIME + 1).phase
+        transition(held, [Cause.MARKER_2_LOST], NORMAL, Request.NONE, HOLD_TIME_NS + 1).phase
         is Phase.PAUSED
     )
 
 
 def test_a_cause_of_a_hold_restarts_the_count_of_frames():
     mode = transition(Mode(Phase.SERVO), [Cause.STALE], NORMAL, Request.NONE, 0)
-    for now in range(1, GOOD_TO_RECOVER):
+    for now in range(1, FRAMES_TO_RECOVER):
         mode = transition(mode, [], NORMAL, Request.NONE, now)
     mode = transition(mode, [Cause.STALE], NORMAL, Request.NONE, 9)
     assert mode.accepted_frames == 0 and mode.since == 0
@@ -257,10 +266,10 @@ def test_every_cause_has_a_sentence_and_every_stop_a_remedy(cause):
 
 def test_a_hold_that_recovers_too_late_becomes_a_pause():
     held = Mode(
-        Phase.HOLD, Cause.STALE, since=0, accepted_frames=GOOD_TO_RECOVER - 1, action=Action.HOLD
+        Phase.HOLD, Cause.STALE, since=0, accepted_frames=FRAMES_TO_RECOVER - 1, action=Action.HOLD
     )
-    assert transition(held, [], NORMAL, Request.NONE, HOLD_TIME).phase is Phase.ACQUIRE
-    late = transition(held, [], NORMAL, Request.NONE, HOLD_TIME + 1)
+    assert transition(held, [], NORMAL, Request.NONE, HOLD_TIME_NS).phase is Phase.ACQUIRE
+    late = transition(held, [], NORMAL, Request.NONE, HOLD_TIME_NS + 1)
     assert late.phase is Phase.PAUSED and late.cause is Cause.STALE
 
 

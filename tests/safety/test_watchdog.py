@@ -33,50 +33,52 @@ arrivals = st.lists(
 )
 
 
-def command(number, deadline, rates, enabled=True):
+def make_command(number, deadline, rates, enabled=True):
     return Command(number, deadline - 20 * MS, deadline, np.array(rates, dtype=float), enabled)
 
 
-def arriving(stream, start=0):
+def generate_arrivals(stream, start=0):
     now = start
-    for wait, number, ahead, requested, enabled in stream:
-        now += wait
-        yield now, command(number, now + ahead, requested, enabled)
+    for wait_ns, number, remaining_ns, requested, enabled in stream:
+        now += wait_ns
+        yield now, make_command(number, now + remaining_ns, requested, enabled)
 
 
 @given(arrivals)
 def test_the_drive_is_on_exactly_while_valid_commands_arrive_in_time(stream):
     watchdog = Watchdog()
     watchdog.enable(0)
-    on, until, number, requested = True, WATCHDOG_TIMEOUT_NS, -1, np.zeros(3)
-    for now, sent in arriving(stream):
-        on = on and now <= until
-        valid = sent.number > number and 0 <= sent.deadline - now <= WATCHDOG_TIMEOUT_NS
-        valid = valid and sent.rates.shape == (3,) and bool(np.isfinite(sent.rates).all())
-        assert watchdog.feed(sent, now) == (not sent.enabled or (on and valid))
-        on = on and sent.enabled
-        if on and valid:
-            until, number, requested = sent.deadline, sent.number, sent.rates
-        assert watchdog.check(now) == on
-        assert np.array_equal(watchdog.rates, requested if on else np.zeros(3))
-    assert not watchdog.check(max(until, now if stream else 0) + 1)
+    is_on, last_deadline, number, requested = True, WATCHDOG_TIMEOUT_NS, -1, np.zeros(3)
+    for now, received in generate_arrivals(stream):
+        is_on = is_on and now <= last_deadline
+        valid = received.number > number and 0 <= received.deadline - now <= WATCHDOG_TIMEOUT_NS
+        valid = valid and received.rates.shape == (3,) and bool(np.isfinite(received.rates).all())
+        assert watchdog.feed(received, now) == (not received.enabled or (is_on and valid))
+        is_on = is_on and received.enabled
+        if is_on and valid:
+            last_deadline, number, requested = received.deadline, received.number, received.rates
+        assert watchdog.check(now) == is_on
+        assert np.array_equal(watchdog.rates, requested if is_on else np.zeros(3))
+    assert not watchdog.check(max(last_deadline, now if stream else 0) + 1)
 
 
-@given(back=st.integers(1, 10_000 * MS), ahead=st.integers(0, WATCHDOG_TIMEOUT_NS))
-def test_a_clock_that_goes_back_switches_the_drive_off(back, ahead):
+@given(back=st.integers(1, 10_000 * MS), remaining_ns=st.integers(0, WATCHDOG_TIMEOUT_NS))
+def test_a_clock_that_goes_back_switches_the_drive_off(back, remaining_ns):
     watchdog, now = Watchdog(), 20_000 * MS
     watchdog.enable(now)
-    assert watchdog.feed(command(1, now + ahead, [0.1, 0.0, 1.0]), now)
+    assert watchdog.feed(make_command(1, now + remaining_ns, [0.1, 0.0, 1.0]), now)
     assert watchdog.check(now) and watchdog.rates.any()
     assert not watchdog.check(now - back) and not watchdog.rates.any()
-    assert not watchdog.feed(command(2, now - back + ahead, [0.1, 0.0, 1.0]), now - back)
+    assert not watchdog.feed(
+        make_command(2, now - back + remaining_ns, [0.1, 0.0, 1.0]), now - back
+    )
 
 
 @given(arrivals)
 def test_no_command_switches_the_drive_on(stream):
     watchdog = Watchdog()
-    for now, sent in arriving(stream):
-        watchdog.feed(sent, now)
+    for now, received in generate_arrivals(stream):
+        watchdog.feed(received, now)
         assert not watchdog.enabled and not watchdog.rates.any()
 
 
@@ -85,8 +87,8 @@ def test_the_drive_stays_off_until_the_operator_enables_it(stream):
     watchdog = Watchdog()
     watchdog.enable(0)
     assert not watchdog.check(WATCHDOG_TIMEOUT_NS + 1)
-    for now, sent in arriving(stream, WATCHDOG_TIMEOUT_NS + 1):
-        watchdog.feed(sent, now)
+    for now, received in generate_arrivals(stream, WATCHDOG_TIMEOUT_NS + 1):
+        watchdog.feed(received, now)
         assert not watchdog.check(now) and not watchdog.rates.any()
     watchdog.enable(now := WATCHDOG_TIMEOUT_NS * 100)
     assert watchdog.check(now) and not watchdog.rates.any()
@@ -99,46 +101,47 @@ def test_invalid_commands_neither_feed_nor_block_the_watchdog(stream):
     watchdog.enable(0)
     for k in range(20):
         now = (k + 1) * 10 * MS
-        assert watchdog.feed(command(1000 + k, now + WATCHDOG_TIMEOUT_NS, [0.1, 0.2, k]), now)
-        for _, number, ahead, requested, _ in noise:
-            watchdog.feed(command(number, now + ahead, requested), now + 1)
+        assert watchdog.feed(make_command(1000 + k, now + WATCHDOG_TIMEOUT_NS, [0.1, 0.2, k]), now)
+        for _, number, remaining_ns, requested, _ in noise:
+            watchdog.feed(make_command(number, now + remaining_ns, requested), now + 1)
         assert watchdog.check(now + 1) and watchdog.rates[2] == k
     last = 20 * 10 * MS + WATCHDOG_TIMEOUT_NS
-    later = sorted(
-        ((last - wait % WATCHDOG_TIMEOUT_NS, *rest) for wait, *rest in noise), key=itemgetter(0)
+    late_arrivals = sorted(
+        ((last - wait_ns % WATCHDOG_TIMEOUT_NS, *rest) for wait_ns, *rest in noise),
+        key=itemgetter(0),
     )
-    for now, number, ahead, requested, _ in later:
-        watchdog.feed(command(number, last + ahead, requested), now)
+    for now, number, remaining_ns, requested, _ in late_arrivals:
+        watchdog.feed(make_command(number, last + remaining_ns, requested), now)
     assert watchdog.check(last) and not watchdog.check(last + 1)
 
 
 @given(st.lists(rate, min_size=3, max_size=3), st.integers(0, WATCHDOG_TIMEOUT_NS))
-def test_a_repeated_command_is_rejected(requested, wait):
+def test_a_repeated_command_is_rejected(requested, wait_ns):
     watchdog = Watchdog()
     watchdog.enable(0)
-    sent = command(5, WATCHDOG_TIMEOUT_NS, requested)
-    assert watchdog.feed(sent, 1)
-    assert not watchdog.feed(sent, wait)
-    assert not watchdog.feed(command(4, WATCHDOG_TIMEOUT_NS, requested), wait)
+    received = make_command(5, WATCHDOG_TIMEOUT_NS, requested)
+    assert watchdog.feed(received, 1)
+    assert not watchdog.feed(received, wait_ns)
+    assert not watchdog.feed(make_command(4, WATCHDOG_TIMEOUT_NS, requested), wait_ns)
 
 
 def test_a_deadline_beyond_the_timeout_is_rejected():
     watchdog = Watchdog()
     watchdog.enable(0)
-    assert not watchdog.feed(command(1, 2 * WATCHDOG_TIMEOUT_NS, [0.0, 0.0, 0.0]), 1)
+    assert not watchdog.feed(make_command(1, 2 * WATCHDOG_TIMEOUT_NS, [0.0, 0.0, 0.0]), 1)
     assert not watchdog.check(WATCHDOG_TIMEOUT_NS + 1)
 
 
 def test_a_change_of_an_accepted_command_has_no_effect():
     watchdog = Watchdog()
     watchdog.enable(0)
-    sent = command(1, WATCHDOG_TIMEOUT_NS, [0.1, 0.2, 0.3])
-    watchdog.feed(sent, 1)
-    sent.rates[:] = math.nan
+    received = make_command(1, WATCHDOG_TIMEOUT_NS, [0.1, 0.2, 0.3])
+    watchdog.feed(received, 1)
+    received.rates[:] = math.nan
     assert watchdog.rates.tolist() == [0.1, 0.2, 0.3]
 
 
-@pytest.mark.parametrize("patience", [0, -1])
-def test_a_timeout_that_is_not_positive_is_refused(patience):
+@pytest.mark.parametrize("timeout", [0, -1])
+def test_a_timeout_that_is_not_positive_is_refused(timeout):
     with pytest.raises(BadInput):
-        Watchdog(patience)
+        Watchdog(timeout)

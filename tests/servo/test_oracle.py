@@ -393,15 +393,18 @@ def run_controller_and_gate(scene):
     from rcmservo.safety import gate, innovation, monitor_state
 
     J, delta, o_c, both = scene.J, scene.delta, scene.o_c, (scene.target, scene.points)
-    still, one, half, q = np.zeros(3), np.ones(3), np.full(3, 0.5), np.full(3, 0.1)
+    sample = monitor_state.ObservationRow.of(
+        q=np.full(3, 0.1), applied=np.full(3, 0.5), q_time=10_000_000
+    )
+    monitor = monitor_state.MonitorState.of(observation=sample, predicted_rates=np.ones(3))
     results = {
         "jumps": innovation.find_jumps(*both, 0.5, 1.0, 20.0),
         "deviation from estimate": innovation.compare_with_estimate(
             *both, o_c, J, scene.step, 0.2, 0.75
         ),
     }
-    monitor_state.predict_joints(still, one, half, q, 0.01, 0.025, 1.0)
-    results["predicted joints"] = [*still, *one]
+    monitor_state.predict_joints(monitor.rows[0], 0.025, 1.0)
+    results["predicted joints"] = [*monitor.predicted_joints, *monitor.predicted_rates]
     b = np.full(3, 0.1)
     for follows_paper in (False, True):
         output, error = saturated_controller.compute_controller_output(

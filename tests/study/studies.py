@@ -27,6 +27,6 @@ def make_small_plan(**settings: object) -> StudyPlan:
 
 def run_plan(plan: StudyPlan, folder: Path) -> StudyExecution:
     """Run all chunks of a plan."""
-    work = StudyExecution(plan, folder)
-    work.run(InProcessPool(), lambda _: None)  # pyright: ignore[reportArgumentType]
-    return work
+    execution = StudyExecution(plan, folder)
+    execution.run(InProcessPool(), lambda _: None)  # pyright: ignore[reportArgumentType]
+    return execution

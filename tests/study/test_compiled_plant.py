@@ -132,7 +132,7 @@ def test_the_target_of_a_study_has_the_joints_that_the_arm_reports() -> None:
 
 def test_other_drives_change_the_run() -> None:
     slow = replace(QUIET, drive=Drive(lag=0.021))
-    default, slower = (make_study(one, duration=4.0).run(0) for one in (QUIET, slow))
+    default, slower = (make_study(settings, duration=4.0).run(0) for settings in (QUIET, slow))
     assert np.abs(default.error - slower.error).max() > TOLERANCE_MM
 
 
@@ -149,10 +149,11 @@ def sigterm_ignored() -> Iterator[None]:
 @pytest.mark.usefixtures("sigterm_ignored")
 def test_the_same_seed_gives_the_same_run_in_every_process() -> None:
     study = make_study(RigSettings(), duration=2.0)
-    alone, together = [study.run(seed) for seed in (3, 4)], list(study.runs([3, 4]))
-    for one, other in zip(alone, together, strict=True):
-        assert one.seed == other.seed and one.error.tobytes() == other.error.tobytes()
-    assert alone[0].error.tobytes() != alone[1].error.tobytes()
+    sequential, parallel = [study.run(seed) for seed in (3, 4)], list(study.runs([3, 4]))
+    for run, parallel_run in zip(sequential, parallel, strict=True):
+        assert run.seed == parallel_run.seed
+        assert run.error.tobytes() == parallel_run.error.tobytes()
+    assert sequential[0].error.tobytes() != sequential[1].error.tobytes()
 
 
 def test_excessive_noise_stops_the_run_with_a_cause() -> None:

@@ -64,8 +64,8 @@ def test_polars_reads_rows(study: tuple[Path, list[dict[str, Any]]]) -> None:
     polars = import_reader("polars")
     table = polars.read_parquet(path)
     names = {"str": "String", "int": "Int64", "float": "Float64", "bool": "Boolean"}
-    found = {name: str(kind) for name, kind in table.schema.items()}
-    assert found == {name: names[kind] for name, kind in zip(NAMES, KINDS, strict=True)}
+    column_types = {name: str(kind) for name, kind in table.schema.items()}
+    assert column_types == {name: names[kind] for name, kind in zip(NAMES, KINDS, strict=True)}
     assert table.to_dicts() == rows
     assert COLUMN_MEANINGS.items() <= polars.read_parquet_metadata(path).items()
 

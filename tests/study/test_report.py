@@ -254,8 +254,8 @@ def make_group(success: list[bool], **columns: Any) -> Group:
     return Group("m", "random", [0], table)
 
 
-def list_cells(found: ConvergenceMap) -> list[tuple[int, Interval]]:
-    return [cell for row in found.cells for cell in row if cell is not None]
+def list_cells(convergence_map: ConvergenceMap) -> list[tuple[int, Interval]]:
+    return [cell for row in convergence_map.cells for cell in row if cell is not None]
 
 
 def assign_to_bins(values: Floats, labels: list[str]) -> list[Floats]:
@@ -268,21 +268,26 @@ def assign_to_bins(values: Floats, labels: list[str]) -> list[Floats]:
 
 def test_the_cells_of_a_map_hold_all_runs_with_their_success_rates() -> None:
     random = np.random.default_rng(0)
-    down, across = (
-        random.permutation(400.0 + np.arange(400)),
-        random.permutation(1.0 * np.arange(400)),
-    )
+    down = random.permutation(400.0 + np.arange(400))
+    across = random.permutation(1.0 * np.arange(400))
     success = random.random(400) < across / 400.0
-    found = make_map(
+    convergence_map = make_map(
         make_group(success.tolist(), condition=down, start_error_mm=across), *MAP_AXES[0]
     )
-    assert len(found.rows) == len(found.columns) == 5 and found.rows[0] == "400 to 480"
-    for row, below in zip(found.cells, assign_to_bins(down, found.rows), strict=True):
-        for cell, left in zip(row, assign_to_bins(across, found.columns), strict=True):
-            inside = success[below & left]
-            assert cell is not None and cell[0] == len(inside)
-            assert cell[1].value == inside.mean() and cell[1].low < cell[1].high
-    assert sum(count for count, _ in list_cells(found)) == 400
+    assert (
+        len(convergence_map.rows) == len(convergence_map.columns) == 5
+        and convergence_map.rows[0] == "400 to 480"
+    )
+    for row, in_row in zip(
+        convergence_map.cells, assign_to_bins(down, convergence_map.rows), strict=True
+    ):
+        for cell, in_column in zip(
+            row, assign_to_bins(across, convergence_map.columns), strict=True
+        ):
+            cell_success = success[in_row & in_column]
+            assert cell is not None and cell[0] == len(cell_success)
+            assert cell[1].value == cell_success.mean() and cell[1].low < cell[1].high
+    assert sum(count for count, _ in list_cells(convergence_map)) == 400
 
 
 @pytest.mark.parametrize(
@@ -299,14 +304,17 @@ def test_a_map_of_few_equal_or_infinite_values_holds_all_runs(
     conditions: list[float], rows: list[str] | None
 ) -> None:
     values = np.array(conditions, np.float64)
-    found = make_map(make_group([True] * len(values), condition=values), *MAP_AXES[0])
-    assert sum(count for count, _ in list_cells(found)) == len(values)
-    assert all("inf" not in text and "nan" not in text for text in (*found.rows, *found.columns))
+    convergence_map = make_map(make_group([True] * len(values), condition=values), *MAP_AXES[0])
+    assert sum(count for count, _ in list_cells(convergence_map)) == len(values)
+    assert all(
+        "inf" not in text and "nan" not in text
+        for text in (*convergence_map.rows, *convergence_map.columns)
+    )
     if rows is not None:
-        assert found.rows == rows
+        assert convergence_map.rows == rows
     else:
-        assert found.rows[-2:] == ["239 to 299", "∞"] and len(found.rows) == 6
-        assert sum(cell[0] for cell in found.cells[-1] if cell) == 1
+        assert convergence_map.rows[-2:] == ["239 to 299", "∞"] and len(convergence_map.rows) == 6
+        assert sum(cell[0] for cell in convergence_map.cells[-1] if cell) == 1
 
 
 def test_a_study_of_one_scene_has_a_report_without_differences(tmp_path: Path) -> None:

@@ -39,17 +39,15 @@ def small_chunks(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_an_interrupted_study_ends_with_the_same_bytes(tmp_path: Path) -> None:
-    whole, stopped = (
-        run_plan(make_plan(), tmp_path / "a"),
-        StudyExecution(make_plan(), tmp_path / "b"),
-    )
-    stopped.missing = dict(list(stopped.missing.items())[:2])
-    stopped.run(InProcessPool(), lambda _: None)  # pyright: ignore[reportArgumentType]
-    after = StudyExecution(make_plan(), tmp_path / "b")
-    assert not after.changed_settings and after.missing_runs == 50 - 20
-    after.run(InProcessPool(), lambda _: None)  # pyright: ignore[reportArgumentType]
-    for work in (whole, after):
-        work.gather()
+    complete = run_plan(make_plan(), tmp_path / "a")
+    interrupted = StudyExecution(make_plan(), tmp_path / "b")
+    interrupted.missing = dict(list(interrupted.missing.items())[:2])
+    interrupted.run(InProcessPool(), lambda _: None)  # pyright: ignore[reportArgumentType]
+    resumed = StudyExecution(make_plan(), tmp_path / "b")
+    assert not resumed.changed_settings and resumed.missing_runs == 50 - 20
+    resumed.run(InProcessPool(), lambda _: None)  # pyright: ignore[reportArgumentType]
+    for execution in (complete, resumed):
+        execution.gather()
     assert (tmp_path / "a" / RUNS_FILE).read_bytes() == (tmp_path / "b" / RUNS_FILE).read_bytes()
 
 
@@ -63,10 +61,10 @@ def test_a_changed_setting_is_listed_and_invalidates_the_runs_that_depend_on_it(
     tmp_path: Path,
 ) -> None:
     run_plan(make_plan(), tmp_path)
-    more = StudyExecution(make_plan(count=30), tmp_path)
-    assert more.changed_settings == ["count"] and more.missing_runs == 2 * 10
-    other = StudyExecution(make_plan(methods=("dlt", "projection-printed")), tmp_path)
-    assert other.changed_settings == ["method"] and other.missing_runs == 25
+    extended = StudyExecution(make_plan(count=30), tmp_path)
+    assert extended.changed_settings == ["count"] and extended.missing_runs == 2 * 10
+    new_method = StudyExecution(make_plan(methods=("dlt", "projection-printed")), tmp_path)
+    assert new_method.changed_settings == ["method"] and new_method.missing_runs == 25
     longer = run_plan(make_plan(duration=3.0), tmp_path)
     assert "duration" in longer.changed_settings and longer.missing_runs == 50
     restored = StudyExecution(make_plan(), tmp_path)
@@ -95,11 +93,9 @@ def test_a_changed_setting_is_listed_and_invalidates_the_runs_that_depend_on_it(
 def test_changed_settings_have_the_names_of_options_and_files(
     settings: dict[str, object], changed: list[str]
 ) -> None:
-    before, now = (
-        manifest.make_manifest(make_plan(count=4)),
-        manifest.make_manifest(make_plan(**{"count": 4, **settings})),
-    )
-    assert manifest.list_changed_settings(before, now) == changed
+    earlier = manifest.make_manifest(make_plan(count=4))
+    present = manifest.make_manifest(make_plan(**{"count": 4, **settings}))
+    assert manifest.list_changed_settings(earlier, present) == changed
 
 
 def test_rows_of_another_rcmservo_are_not_reused(
@@ -108,20 +104,20 @@ def test_rows_of_another_rcmservo_are_not_reused(
     run_plan(make_plan(), tmp_path)
     monkeypatch.setattr(store, "identify_package", lambda: "0.0.1 abc")
     monkeypatch.setattr(manifest, "identify_package", lambda: "0.0.1 abc")
-    work = StudyExecution(make_plan(), tmp_path)
-    assert work.changed_settings == ["rcmservo"] and work.missing_runs == 50
+    execution = StudyExecution(make_plan(), tmp_path)
+    assert execution.changed_settings == ["rcmservo"] and execution.missing_runs == 50
 
 
 def test_a_worker_with_another_rcmservo_rejects_a_request(tmp_path: Path) -> None:
-    work = StudyExecution(make_plan(), tmp_path)
+    execution = StudyExecution(make_plan(), tmp_path)
     requests: list[tuple[str, object]] = []
 
     class RecordingPool:
-        def run(self, given: object) -> list[object]:
-            requests.extend(given)  # pyright: ignore
+        def run(self, new_requests: object) -> list[object]:
+            requests.extend(new_requests)  # pyright: ignore
             return []
 
-    work.run(RecordingPool(), lambda _: None)  # pyright: ignore[reportArgumentType]
+    execution.run(RecordingPool(), lambda _: None)  # pyright: ignore[reportArgumentType]
     request = requests[0][1]
     with pytest.raises(
         PackageMismatch, match=r"has another rcmservo .* than this machine \(0\.0\.1"
@@ -133,7 +129,7 @@ def test_a_worker_with_another_rcmservo_rejects_a_request(tmp_path: Path) -> Non
 def test_a_full_disk_raises_one_error_and_loses_no_chunk(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, when: str
 ) -> None:
-    work, written = StudyExecution(make_plan(), tmp_path), [0]
+    execution, written = StudyExecution(make_plan(), tmp_path), [0]
     write = store.PQ.write_table
 
     class FullDisk:
@@ -150,19 +146,19 @@ def test_a_full_disk_raises_one_error_and_loses_no_chunk(
     message = "cannot be written: No space left on device"
     with monkeypatch.context() as patch, pytest.raises(UnusableFile, match=message):
         patch.setattr(store, "PQ", FullDisk)
-        work.run(InProcessPool(), lambda _: None)  # pyright: ignore[reportArgumentType]
-        work.gather()
-    left = StudyExecution(make_plan(), tmp_path)
-    assert left.missing_runs == (50 - 20 if when == "part" else 0)
+        execution.run(InProcessPool(), lambda _: None)  # pyright: ignore[reportArgumentType]
+        execution.gather()
+    resumed = StudyExecution(make_plan(), tmp_path)
+    assert resumed.missing_runs == (50 - 20 if when == "part" else 0)
     assert not list(tmp_path.rglob("*.part"))
 
 
 def test_a_damaged_part_raises_an_error_and_is_replaced(tmp_path: Path) -> None:
-    work = run_plan(make_plan(), tmp_path)
+    execution = run_plan(make_plan(), tmp_path)
     part = next((tmp_path / "parts").glob("*.parquet"))
     part.write_bytes(part.read_bytes()[:-20])
     with pytest.raises(UnusableFile, match="run the same command again to replace it"):
-        work.gather()
+        execution.gather()
     assert run_plan(make_plan(), tmp_path).gather().num_rows == 50
 
 
@@ -195,9 +191,9 @@ def test_every_row_has_every_column_with_its_meaning(tmp_path: Path) -> None:
 
 def test_nothing_is_written_before_the_first_rows(tmp_path: Path) -> None:
     """Otherwise a plan that is rejected later, or stopped at once, would leave empty folders."""
-    work = StudyExecution(make_plan(count=4), tmp_path / "a" / "b")
+    execution = StudyExecution(make_plan(count=4), tmp_path / "a" / "b")
     assert not list(tmp_path.iterdir())
-    work.run(InProcessPool(), lambda _: None)  # pyright: ignore[reportArgumentType]
+    execution.run(InProcessPool(), lambda _: None)  # pyright: ignore[reportArgumentType]
     assert sorted(path.name for path in (tmp_path / "a" / "b").iterdir()) == [
         "parts",
         manifest.MANIFEST_NAME,
@@ -223,8 +219,11 @@ def test_gathered_rows_always_belong_to_the_study_of_the_manifest(tmp_path: Path
 
 def test_files_made_from_old_rows_are_removed_with_them(tmp_path: Path) -> None:
     """They are a report, numbers, and the settings found by a search."""
-    work, derived = run_plan(make_plan(count=4), tmp_path), {REPORT_FILE, SUMMARY_FILE, TUNED_FILE}
-    work.gather()
+    execution, derived = (
+        run_plan(make_plan(count=4), tmp_path),
+        {REPORT_FILE, SUMMARY_FILE, TUNED_FILE},
+    )
+    execution.gather()
     for name in derived:
         (tmp_path / name).write_text("of these rows")
     StudyExecution(make_plan(count=4), tmp_path).gather()

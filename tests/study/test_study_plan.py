@@ -150,7 +150,7 @@ def test_the_compiled_engine_is_the_default_where_it_is_supported(tmp_path: Path
         ("noise = [-1.0]", "noise must be a number of px that is not negative"),
         ("noise = [0.3, 0.3]", "noise must be given once"),
         ("latency = [0.001]", "latency must be at least half of the exposure"),
-        ("duration = 0.5", "duration must be more than 1"),
+        ("duration = 0.5", "duration must be a time above 1"),
         ('disturb = [["occlusio"]]', "did you mean occlusion"),
         ("disturb = []", "disturb must be at least one set; [[]] for none"),
         ('disturb = [["kill:at=3"]]', "disturbance must be none of kill"),

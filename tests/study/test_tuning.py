@@ -76,8 +76,8 @@ class CountingPool(InProcessPool):
         self, requests: Iterable[tuple[str, ChunkRequest]]
     ) -> Generator[tuple[str, list[RowValues]]]:
         for key, request in requests:
-            self.runs += request.end - request.begin
-            self.seeds |= set(range(request.begin, request.end))
+            self.runs += len(request.seeds)
+            self.seeds |= set(request.seeds)
             yield from super().run([(key, request)])
 
 
@@ -90,8 +90,7 @@ class LocalClassPool(InProcessPool):
         for key, request in requests:
             cell = parse_cell(request.cell)
             servo = cell.rebuild_servo({class_path_of(Picky()): Picky})
-            seeds = range(request.begin, request.end)
-            yield key, [astuple(run_seed(cell, servo, seed)) for seed in seeds]
+            yield key, [astuple(run_seed(cell, servo, seed)) for seed in request.seeds]
 
 
 def make_tuning(

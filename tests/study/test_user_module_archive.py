@@ -65,29 +65,27 @@ def archive(name: str) -> ModuleArchive:
 
 
 def make_plan_of(*names: str) -> StudyPlan:
-    own = {f"{MODULE}:{name}": import_estimator(f"{MODULE}:{name}") for name in names}
-    return make_plan(StudyFile(methods=tuple(own), count=1, duration=1.5), own)
+    estimators = {f"{MODULE}:{name}": import_estimator(f"{MODULE}:{name}") for name in names}
+    return make_plan(StudyFile(methods=tuple(estimators), count=1, duration=1.5), estimators)
 
 
 def test_two_classes_of_one_module_run_in_one_study(lab: Path) -> None:
-    work = StudyExecution(make_plan_of("One", "Other"), lab / "out")
-    work.run(InProcessPool(), lambda _: None)  # pyright: ignore[reportArgumentType]
-    methods = work.gather()["method"].to_pylist()
+    execution = StudyExecution(make_plan_of("One", "Other"), lab / "out")
+    execution.run(InProcessPool(), lambda _: None)  # pyright: ignore[reportArgumentType]
+    methods = execution.gather()["method"].to_pylist()
     assert methods == [f"{MODULE}:One", f"{MODULE}:Other"]
 
 
-def test_an_archive_contains_local_imports_and_its_hash_covers_them(
-    lab: Path,
-) -> None:
+def test_an_archive_contains_local_imports_and_its_hash_covers_them(lab: Path) -> None:
     (lab / "unrelated.py").write_text("raise SystemExit\n")
-    before = archive("One")
+    original = archive("One")
     (lab / f"{MODULE}_helper.py").write_text(HELPER.format(factor=0.5))
-    after = archive("One")
-    assert before.digest != after.digest
-    factors = [load_classes(sent)[sent.name]().factor() for sent in (before, after)]  # pyright: ignore
+    changed = archive("One")
+    assert original.digest != changed.digest
+    factors = [load_classes(a)[a.name]().factor() for a in (original, changed)]  # pyright: ignore
     assert factors == [1.0, 0.5]
     (lab / "unrelated.py").write_text("\n")
-    assert archive("One").digest == after.digest
+    assert archive("One").digest == changed.digest
 
 
 def test_a_module_that_a_worker_cannot_import_raises_one_error(lab: Path) -> None:
@@ -96,8 +94,8 @@ def test_a_module_that_a_worker_cannot_import_raises_one_error(lab: Path) -> Non
     sys.modules["not_installed_here"] = sys  # installed on the machine that sends it
     incomplete = archive("One")
     del sys.modules["not_installed_here"]
-    words = f"{MODULE} cannot be imported by a worker.*No module named 'not_installed_here'"
-    with pytest.raises(RcmServoError, match=words):
+    message = f"{MODULE} cannot be imported by a worker.*No module named 'not_installed_here'"
+    with pytest.raises(RcmServoError, match=message):
         load_classes(incomplete)
     with pytest.raises(RcmServoError, match="the SHA-256 of its archive is not 000"):
         load_classes(sent._replace(digest="0" * 64))

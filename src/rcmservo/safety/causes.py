@@ -1,12 +1,16 @@
 """Causes of stops, slow motion and warnings.
 
-A cause is one object: its sentence, action, remedy for the operator, detector and what it
-invalidates. Compiled functions read the same table as tuples that are indexed by a cause's code.
+`Cause` declares each cause once: the action that it requests, its sentence and remedy for the
+operator, the function that detects it, and the state that it invalidates. Compiled functions know a
+cause by its code, and a set of causes as an integer with one bit for each.
 """
 
+import inspect
+import textwrap
 from collections.abc import Callable
 from enum import Enum, IntEnum
 from functools import partial
+from operator import attrgetter
 from typing import Any, NamedTuple
 
 from rcmservo.numerics.jit import compiled, declare_in
@@ -14,11 +18,13 @@ from rcmservo.safety.checks import devices, drift, estimate, exploration, marker
 from rcmservo.safety.checks.facts import DetailFacts, TickFacts
 
 TEACH_AGAIN = "teach the target again"
-"""Words of a remedy that includes teaching the target in the present view."""
+"""Part of a remedy: the operator moves the tool to the target, whose image is stored once more."""
 
 
 class Action(IntEnum):
-    """Action that a cause requests. If several are requested, the greatest one is taken.
+    """Action that a cause requests, from the weakest to the strongest.
+
+    If several causes are present, the strongest action is taken.
 
     Attributes
     ----------
@@ -47,14 +53,22 @@ class Action(IntEnum):
 class Invalidates(IntEnum):
     """State that a pause or fault invalidates.
 
-    The rest of the state stays valid. It includes the newest accepted frame, with which the first
-    frame after the pause is compared: this detects a camera that was moved during the pause.
+    The newest accepted frame always stays valid. The first frame after the pause is compared with
+    it, which detects a camera that was moved during the pause.
+
+    Attributes
+    ----------
+    NOTHING
+        All state stays valid.
+    ESTIMATE
+        The estimated Jacobian and imaged RCM: the exploration is repeated.
+    ESTIMATE_AND_TARGETS
+        In addition all taught targets, because the camera was moved.
     """
 
     NOTHING = 0
     ESTIMATE = 1
     ESTIMATE_AND_TARGETS = 2
-    """After the camera was moved."""
 
 
 class Declaration(NamedTuple):
@@ -66,11 +80,11 @@ class Declaration(NamedTuple):
         Action that the cause requests.
     sentence : str
         Description for the operator.
-    way_out : str
-        Remedy for the operator.
+    remedy : str
+        Remedy for the operator; empty if the cause stops nothing.
     detector : Callable[[TickFacts], bool] or None
-        Compiled function that detects the cause at a tick; None where the gate or the state machine
-        raises it.
+        Compiled function that detects the cause at a tick; None if the gate or the state machine
+        reports it.
     invalidates : Invalidates
         State that the cause invalidates.
     invalidates_unexplored : Invalidates
@@ -78,12 +92,13 @@ class Declaration(NamedTuple):
     hides_markers : bool
         True if the cause explains why no marker is detected.
     detail : Callable[[DetailFacts], str]
-        Function that describes the details, such as the joint, its value and its limit.
+        Function that describes the details for the operator, such as the joint, its value and its
+        limit; by default there are none.
     """
 
     action: Action
     sentence: str
-    way_out: str = ""
+    remedy: str = ""
     detector: Callable[[TickFacts], bool] | None = None
     invalidates: Invalidates = Invalidates.NOTHING
     invalidates_unexplored: Invalidates = Invalidates.NOTHING
@@ -92,14 +107,16 @@ class Declaration(NamedTuple):
 
 
 warn, slow, hold, pause, fault = (partial(Declaration, action) for action in list(Action)[1:])
+"""Functions that declare a cause of each action."""
 
 
 class Cause(Enum):
     """Cause of a stop, of slow motion or of a warning.
 
-    The value of a member is the sentence for the operator. The members are ordered by the severity
-    of their actions, the most severe first. If several causes are present, the first one is
-    reported.
+    The value of a member is the sentence for the operator. The members are ordered by severity, the
+    most severe first. If several causes are present, the first one is reported. `Thresholds` holds
+    the values from which on a cause is present. The entry of a member below states its action, its
+    sentence and, in parentheses, its remedy.
 
     Attributes
     ----------
@@ -115,15 +132,18 @@ class Cause(Enum):
         Bit of the cause in a set of causes that is stored as one integer; 0 for NONE.
     """
 
+    # the section Attributes is completed with all members below the class
+
     declared: Declaration
     action: Action
     remedy: str
     code: int
     bit: int
 
-    def __new__(cls, *declared: Any) -> "Cause":
+    def __new__(cls, *declaration: Any) -> "Cause":
+        """Return a member; the enumeration passes its declaration, a tuple, as arguments."""
         cause = object.__new__(cls)
-        cause.declared = Declaration(*declared)
+        cause.declared = Declaration(*declaration)
         cause.action, cause._value_, cause.remedy, *_ = cause.declared
         cause.code = len(cls.__members__)
         cause.bit = (1 << cause.code) >> 1
@@ -255,7 +275,7 @@ class Cause(Enum):
         "check mechanism and tool in the rig file, or allow a larger exploration, then resume",
         exploration.exploration_failed,
         invalidates=Invalidates.ESTIMATE,
-        detail=exploration.advise,
+        detail=attrgetter("advice"),
     )
     STALLED = pause(
         "the feature error does not decrease any more: the target cannot be reached from this pose",
@@ -366,8 +386,7 @@ class Cause(Enum):
     )
     AGEING = slow("no new frame has arrived for longer than usual", detector=devices.frame_is_old)
     NEARLY_SINGULAR = slow(
-        "the path to the target is nearly singular",
-        detector=singularity.path_is_nearly_singular,
+        "the path to the target is nearly singular", detector=singularity.path_is_nearly_singular
     )
     LATE_TICK = warn("the loop ran late by a tick", detector=devices.tick_came_late)
 
@@ -382,7 +401,7 @@ class Cause(Enum):
         return self.describe("")
 
     def describe(self, detail: str) -> str:
-        """Return sentence, detail and remedy as one text."""
+        """Return "sentence: detail (remedy)", without the parts that are empty."""
         sentence = f"{self.value}: {detail}" if detail else self.value
         return f"{sentence} ({self.remedy})" if self.remedy else sentence
 
@@ -392,12 +411,22 @@ class Cause(Enum):
         return self.value if self.action >= Action.HOLD else ""
 
 
+def _describe_member(cause: Cause) -> str:
+    """Return the entry of a cause in the section Attributes of `Cause`."""
+    description = f"{cause.action.name}: {cause.text or 'normal operation'}."
+    return f"\n{cause.name}\n" + textwrap.indent(textwrap.fill(description, 92), "    ")
+
+
+Cause.__doc__ = inspect.cleandoc(Cause.__doc__ or "") + "".join(map(_describe_member, Cause)) + "\n"
+
 CAUSES = tuple(Cause)
+"""All causes, indexed by their codes."""
+
 ACTIONS = tuple(int(cause.action) for cause in CAUSES)
 """Action of each cause, indexed by its code."""
 
 INVALIDATED_EXPLORED = tuple(int(cause.declared.invalidates) for cause in CAUSES)
-"""Value of `Invalidates` of each cause after an exploration, indexed by its code."""
+"""Value of `Invalidates` of each cause once an exploration is done, indexed by its code."""
 
 INVALIDATED_UNEXPLORED = tuple(
     max(int(cause.declared.invalidates), int(cause.declared.invalidates_unexplored))
@@ -415,30 +444,36 @@ declare_in("rcmservo.safety.compiled_detectors")
 
 def find_causes(facts: TickFacts) -> int:
     """Return the set of causes that are detected at a tick, as the sum of their bits."""
-    found = 0
-    for bit, detects in DETECTORS:
-        if detects(facts):
-            found |= bit
-    return found
+    return sum(bit for bit, detects in DETECTORS if detects(facts))
 
 
 @compiled
 def find_invalidated(cause: int, explored: bool) -> int:
-    """Return the value of `Invalidates` of a cause, given by its code."""
+    """Return the state that a cause invalidates, as a value of `Invalidates`.
+
+    Parameters
+    ----------
+    cause : int
+        Code of the cause.
+    explored : bool
+        True if an exploration is done.
+    """
     return INVALIDATED_EXPLORED[cause] if explored else INVALIDATED_UNEXPLORED[cause]
 
 
 @compiled
-def select_more_severe(one: int, other: int) -> int:
+def select_more_severe(first_cause: int, second_cause: int) -> int:
     """Return the code of the more severe one of two causes, given by their codes."""
-    return max(one, other) if one == 0 or other == 0 else min(one, other)
+    if first_cause == 0 or second_cause == 0:
+        return max(first_cause, second_cause)
+    return min(first_cause, second_cause)
 
 
 @compiled
-def select_most_severe(found: int) -> int:
+def select_most_severe(causes: int) -> int:
     """Return the code of the most severe cause of a set, given by its bits; 0 for the empty set."""
-    if found != 0:
+    if causes != 0:
         for code in range(1, len(ACTIONS)):
-            if found >> (code - 1) & 1:
+            if causes >> (code - 1) & 1:
                 return code
     return 0

@@ -1,8 +1,9 @@
-"""Innovation gate: compare the markers of a frame with their prediction by the projection fit.
+"""Innovation gate: comparison of the markers of a frame with their predictions.
 
-Before a fit exists, the module bounds the motion of the markers from frame to frame. It also
-compares a measured change of the features with the prediction by Ĵ. Every comparison is written so
-that NaN fails it.
+The innovation is the difference between a detected marker and its prediction by the projection fit,
+the fit of the camera's projection to all earlier frames. Before a fit exists, the module bounds the
+motion of the markers from frame to frame. It also compares a measured change of the features with
+its prediction by the estimated Jacobian Ĵ. Every comparison is written so that NaN fails it.
 """
 
 import numpy as np
@@ -24,6 +25,7 @@ from rcmservo.geometry.tool import ToolStruct
 from rcmservo.interfaces import Floats
 from rcmservo.numerics.jit import compiled
 from rcmservo.numerics.small_linalg import (
+    compute_distance,
     compute_norm,
     divide,
     find_max_abs,
@@ -35,6 +37,9 @@ from rcmservo.safety.thresholds import Thresholds
 MAX_PIXEL_COORDINATE = 1e6
 """Absolute pixel coordinate (px) from which on a point is no detection of a marker."""
 
+ESTIMATE_CONFIRMED, ESTIMATE_CONTRADICTED, MOTION_TOO_SMALL = 0, 1, -1
+"""Results of the comparison of a measured change of the features with the estimate."""
+
 
 @compiled
 def find_lost_markers(points: Floats) -> tuple[bool, bool]:
@@ -43,9 +48,10 @@ def find_lost_markers(points: Floats) -> tuple[bool, bool]:
     A marker is lost if its raw pixels in `points` (2, 2) are not finite or larger than those of any
     camera.
     """
-    first = abs(points[0, 0]) < MAX_PIXEL_COORDINATE and abs(points[0, 1]) < MAX_PIXEL_COORDINATE
-    second = abs(points[1, 0]) < MAX_PIXEL_COORDINATE and abs(points[1, 1]) < MAX_PIXEL_COORDINATE
-    return not first, not second
+    limit = MAX_PIXEL_COORDINATE
+    first_is_detected = abs(points[0, 0]) < limit and abs(points[0, 1]) < limit
+    second_is_detected = abs(points[1, 0]) < limit and abs(points[1, 1]) < limit
+    return not first_is_detected, not second_is_detected
 
 
 @compiled
@@ -55,8 +61,9 @@ def is_plausible_fit(fit: ProjectionFit, thresholds: Thresholds) -> bool:
     Its rms residual must be at most `max_residual_px` px, and its depth must not change faster with
     position than in front of a camera at `min_camera_distance` mm.
     """
-    steepest = UNIT_LENGTH_MM / thresholds.min_camera_distance
-    return fit.noise_variance <= thresholds.max_residual_px**2 and compute_norm(fit.g) <= steepest
+    max_depth_change = UNIT_LENGTH_MM / thresholds.min_camera_distance
+    has_small_residual = fit.noise_variance <= thresholds.max_residual_px**2
+    return has_small_residual and compute_norm(fit.g) <= max_depth_change
 
 
 @compiled
@@ -64,8 +71,8 @@ def find_deviating_markers(
     fit: ProjectionFit,
     p1: Floats,
     points: Floats,
-    before: Floats,
-    shaft: ToolStruct,
+    accepted_points: Floats,
+    tool: ToolStruct,
     thresholds: Thresholds,
 ) -> tuple[bool, bool, bool]:
     """Compare both markers with their predictions.
@@ -78,9 +85,9 @@ def find_deviating_markers(
         Position of marker 1, (3,) mm, by the joints at the exposure.
     points : Floats
         Detected markers, (2, 2) raw px.
-    before : Floats
+    accepted_points : Floats
         Markers of the newest accepted frame, (2, 2) raw px.
-    shaft : ToolStruct
+    tool : ToolStruct
         Tool, which gives the position of marker 2.
     thresholds : Thresholds
         Bounds of the comparison.
@@ -91,16 +98,21 @@ def find_deviating_markers(
         True if marker 1 deviates from its prediction; the same for marker 2; and True if both
         deviate and each agrees with the prediction of the other.
     """
-    predicted, one, two = project_markers(fit, p1, shaft), False, False
-    for k in range(2):
-        deviates = deviates_from_prediction(fit, predicted[k], k, points[k], before[k], thresholds)
-        one, two = (deviates, two) if k == 0 else (one, deviates)
-    crossed = one and two
-    for k in range(2):
-        crossed = crossed and not deviates_from_prediction(
-            fit, predicted[k], k, points[1 - k], before[k], thresholds
+    predicted, first_deviates, second_deviates = project_markers(fit, p1, tool), False, False
+    for k in range(2):  # a loop, because each call in the source is compiled in its place
+        deviates = deviates_from_prediction(
+            fit, predicted[k], k, points[k], accepted_points[k], thresholds
         )
-    return one, two, crossed
+        if k == 0:
+            first_deviates = deviates
+        else:
+            second_deviates = deviates
+    is_swapped = first_deviates and second_deviates
+    for k in range(2):
+        is_swapped = is_swapped and not deviates_from_prediction(
+            fit, predicted[k], k, points[1 - k], accepted_points[k], thresholds
+        )
+    return first_deviates, second_deviates, is_swapped
 
 
 @compiled
@@ -109,52 +121,57 @@ def deviates_from_prediction(
     predicted: ProjectedPoint,
     k: int,
     point: Floats,
-    before: Floats,
+    accepted_point: Floats,
     thresholds: Thresholds,
 ) -> bool:
     """Return True if a detection is an outlier for marker k.
 
     The innovation is the difference (px) between `point` (2,) and its prediction. It is first
     reduced by `model_error` px and by the fraction `timing_error_fraction` of the marker's motion
-    since `before` (2,) px. The rest is an outlier if its Mahalanobis distance exceeds
-    `max_innovation`, with the covariance of the fit and the noise of the detection.
+    since `accepted_point` (2,) px. The detection is an outlier if the Mahalanobis distance of the
+    reduced innovation exceeds `max_innovation`. The covariance is that of the fit and of the noise
+    of a detection.
     """
     u = fit.origin[3] + predicted.m[0] + fit.offset[k, 0]
     v = fit.origin[4] + predicted.m[1] + fit.offset[k, 1]
     error_u, error_v = point[0] - u, point[1] - v
-    distance = np.sqrt(error_u * error_u + error_v * error_v)
-    motion = np.sqrt((u - before[0]) ** 2 + (v - before[1]) ** 2)
-    excess = distance - thresholds.model_error - thresholds.timing_error_fraction * motion
-    if excess <= 0.0:
+    error_px = np.sqrt(error_u * error_u + error_v * error_v)
+    motion_px = np.sqrt((u - accepted_point[0]) ** 2 + (v - accepted_point[1]) ** 2)
+    excess_px = error_px - thresholds.model_error - thresholds.timing_error_fraction * motion_px
+    if excess_px <= 0.0:
         return False
-    fraction, noise = (
-        excess / distance,
-        fit.noise_variance * (1.0 + 1.0 / max(fit.offset_weight[k], 1.0)),
-    )
-    squared = squared_mahalanobis_distance(
-        error_u, error_v, image_covariance(fit, predicted), noise
-    )
+    fraction = excess_px / error_px
+    noise_variance = fit.noise_variance * (1.0 + 1.0 / max(fit.offset_weight[k], 1.0))
+    covariance = image_covariance(fit, predicted)
+    squared = squared_mahalanobis_distance(error_u, error_v, covariance, noise_variance)
     return not fraction * fraction * squared <= thresholds.max_innovation**2
 
 
 @compiled
 def squared_mahalanobis_distance(
-    u: float, v: float, cov: tuple[float, float, float], noise: float
+    u: float, v: float, covariance: tuple[float, float, float], noise_variance: float
 ) -> float:
-    """Return xᵀ (C + noise I)⁻¹ x of x = (u, v), with the entries C_uu, C_uv and C_vv in `cov`."""
-    uu, uv, vv = cov[0] + noise, cov[1], cov[2] + noise
+    """Return xᵀ (C + σ² I)⁻¹ x of x = (u, v) px, with the noise variance σ² in px².
+
+    `covariance` has the entries C_uu, C_uv and C_vv in px².
+    """
+    uu, uv, vv = covariance[0] + noise_variance, covariance[1], covariance[2] + noise_variance
     return (vv * u**2 - 2.0 * uv * u * v + uu * v**2) / (uu * vv - uv * uv)
 
 
 @compiled
 def find_jumps(
-    points: Floats, before: Floats, tool_motion: float, max_jump: float, max_px_per_mm: float
+    points: Floats,
+    earlier_points: Floats,
+    tool_motion: float,
+    max_jump: float,
+    max_px_per_mm: float,
 ) -> tuple[bool, bool, bool]:
     """Detect jumps of the markers before an estimate exists.
 
     Parameters
     ----------
-    points, before : Floats
+    points, earlier_points : Floats
         Markers of two frames, (2, 2) raw px.
     tool_motion : float
         Distance by which the tool moved between the frames, mm.
@@ -169,25 +186,18 @@ def find_jumps(
         True if marker 1 moved further than ``max_jump + max_px_per_mm * tool_motion``; the same for
         marker 2; and True if each marker is within this distance of the other's earlier position.
     """
-    allowed = max_jump + max_px_per_mm * tool_motion
-    first, second = pixel_distance(points[0], before[0]), pixel_distance(points[1], before[1])
-    crossed = (
-        pixel_distance(points[0], before[1]) <= allowed
-        and pixel_distance(points[1], before[0]) <= allowed
-    )
-    return not first <= allowed, not second <= allowed, crossed
-
-
-@compiled
-def pixel_distance(one: Floats, other: Floats) -> float:
-    """Return the distance (px) between two points (2,)."""
-    return np.sqrt((one[0] - other[0]) ** 2 + (one[1] - other[1]) ** 2)
+    limit_px = max_jump + max_px_per_mm * tool_motion
+    first_stays = compute_distance(points[0], earlier_points[0]) <= limit_px
+    second_stays = compute_distance(points[1], earlier_points[1]) <= limit_px
+    first_is_at_second = compute_distance(points[0], earlier_points[1]) <= limit_px
+    second_is_at_first = compute_distance(points[1], earlier_points[0]) <= limit_px
+    return not first_stays, not second_stays, first_is_at_second and second_is_at_first
 
 
 @compiled
 def compare_with_estimate(
     points: Floats,
-    before: Floats,
+    earlier_points: Floats,
     o_c: Floats,
     J_hat: Floats,
     delta_p: Floats,
@@ -198,7 +208,7 @@ def compare_with_estimate(
 
     Parameters
     ----------
-    points, before : Floats
+    points, earlier_points : Floats
         Markers at the end and at the start of a motion, (2, 2) raw px.
     o_c : Floats
         Imaged RCM, (2,) raw px.
@@ -214,14 +224,15 @@ def compare_with_estimate(
     Returns
     -------
     int
-        0 if both agree, 1 if they disagree, and -1 if the motion is too small for a comparison.
+        ESTIMATE_CONFIRMED, ESTIMATE_CONTRADICTED, or MOTION_TOO_SMALL for a comparison.
     """
-    change_hat = divide(multiply_vector(J_hat, delta_p), FEATURE_SCALE)
-    size = find_max_abs(change_hat)
-    if size < min_change:
-        return -1
-    change = compute_feature_error(
-        compute_features(shift_to_rcm(points, o_c)), compute_features(shift_to_rcm(before, o_c))
-    )
-    error = find_max_abs(subtract(divide(change, FEATURE_SCALE), change_hat))
-    return 0 if error <= min_change + max_error * size else 1
+    predicted_change = divide(multiply_vector(J_hat, delta_p), FEATURE_SCALE)
+    largest_change = find_max_abs(predicted_change)
+    if largest_change < min_change:
+        return MOTION_TOO_SMALL
+    features = compute_features(shift_to_rcm(points, o_c))
+    earlier_features = compute_features(shift_to_rcm(earlier_points, o_c))
+    change = compute_feature_error(features, earlier_features)
+    error = find_max_abs(subtract(divide(change, FEATURE_SCALE), predicted_change))
+    agrees = error <= min_change + max_error * largest_change
+    return ESTIMATE_CONFIRMED if agrees else ESTIMATE_CONTRADICTED

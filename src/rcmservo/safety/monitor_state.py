@@ -1,139 +1,110 @@
-"""State of the checks from tick to tick: arm, loop, camera, markers and estimate.
+"""State of the checks from tick to tick, and its updates: arm, loop, camera, markers and estimate.
 
-The checks compare the joints with the earlier commands, and a new frame with the motion since the
-last one.
+The checks compare the measured joints with the commands of earlier ticks, the markers of a new
+frame with their predictions, and the change of the features with the estimate. The detectors in
+`rcmservo.safety.checks` read this state.
 """
+
+from functools import partial
 
 import numpy as np
 
 from rcmservo.interfaces import Floats, Observation, ObservationStruct
 from rcmservo.numerics.jit import compiled
-from rcmservo.numerics.small_linalg import all_finite, compute_norm, copy_into, subtract
+from rcmservo.numerics.small_linalg import all_finite, compute_norm, copy_into, fill, subtract
 from rcmservo.numerics.structs import Row, Struct, flag, part, real, reals, whole
-from rcmservo.safety.innovation import compare_with_estimate, find_jumps
+from rcmservo.safety.innovation import (
+    ESTIMATE_CONTRADICTED,
+    MOTION_TOO_SMALL,
+    compare_with_estimate,
+    find_jumps,
+)
 from rcmservo.safety.thresholds import Thresholds
 
-ZERO_VECTOR = np.zeros(3)
-NAN_VECTOR = np.full(3, np.nan)
+FRAME_PERIOD_SMOOTHING = 0.2
+"""Weight of a new frame in the filtered frame period."""
 
 
 class ObservationRow(Struct, source=Observation, without=("sizes", "quality")):
-    """Observation of a tick, as a row of the state.
+    """Observation of a tick, as a row of the state for compiled functions."""
 
-    Compiled functions pass a row on without counting references to it.
-    """
+
+count, markers = partial(whole, ""), partial(reals, (2, 2), "px")
+"""Declarations of fields: a number of events, and the pixels of both markers."""
 
 
 class MonitorState(Row):
-    """State of the checks."""
+    """State of the checks from tick to tick, for compiled functions.
+
+    The projection fit predicts the markers. A residual is the difference between a detected marker
+    and its prediction.
+    """
 
     observation: ObservationRow = part(ObservationRow, "observation of this tick")
-    predicted_joints: Floats = reals(
-        3, "rad, rad, mm", "joint positions predicted from the commands"
-    )
-    predicted_rates: Floats = reals(
-        3, "rad/s, rad/s, mm/s", "joint rates predicted with the drive's lag"
-    )
+    predicted_joints: Floats = reals(3, "rad, rad, mm", "joints predicted from the commands")
+    predicted_rates: Floats = reals(3, "rad/s, rad/s, mm/s", "rates predicted with the drive's lag")
     joints_time: int = whole("ns", "time of the newest joint positions")
-    idle_since: int = whole(
-        "ns", "start of the time without a commanded motion, -1 during a motion"
-    )
-    rest_joints: Floats = reals(
-        3, "rad, rad, mm", "joint positions at rest in this time, NaN before"
-    )
-    late_ticks: int = whole("", "number of successive late ticks")
+    idle_since: int = whole("ns", "time since which no motion is commanded, -1 during a motion")
+    rest_joints: Floats = reals(3, "rad, rad, mm", "joints at rest since then, NaN until settled")
+    late_ticks: int = count("number of successive late ticks")
     tick_interval: int = whole("ns", "time between the last two ticks")
-    newest_frame: int = whole("", "number of the newest frame, -1 before the first")
-    accepted_frame: int = whole("", "number of the newest accepted frame, -1 before the first")
+    newest_frame: int = count("number of the newest frame, -1 before the first")
+    accepted_frame: int = count("number of the newest accepted frame, -1 before the first")
     exposure: int = whole("ns", "exposure time of the newest frame")
     frame_time: int = whole("ns", "time of the first tick with the newest frame")
     frame_period: float = real("ns", "filtered time between frames, 0 while unknown")
     latency: int = whole("ns", "time from the newest frame's exposure to its first tick")
     one_marker_suffices: bool = flag("True if one marker is lost and the other determines the pose")
-    rejected_frames: int = whole("", "number of successive rejected frames")
-    jumped_frames: int = whole(
-        "", "number of these in which both markers jumped to a steady position"
-    )
-    swapped_frames: int = whole("", "number of these with each marker at the other's position")
-    rejected_markers: Floats = reals((2, 2), "px", "markers of the newest rejected frame")
-    mean_residual: Floats = reals((2, 2), "px", "mean residual of the fit at each marker")
-    averaged_frames: int = whole("", "number of frames in this mean")
-    drift_px: Floats = reals(2, "px", "norm of this mean, 0 where noise explains it")
-    changed_markers: Floats = reals((2, 2), "px", "newest markers that differed from those before")
-    changed_markers_prediction: Floats = reals(
-        (2, 2), "px", "prediction of the fit for these markers"
-    )
-    markers_prediction: Floats = reals((2, 2), "px", "prediction of the fit for the newest markers")
+    rejected_frames: int = count("number of successive rejected frames")
+    jumped_frames: int = count("rejected frames in which both markers jumped to a steady position")
+    swapped_frames: int = count("rejected frames with each marker at the other's position")
+    rejected_markers: Floats = markers("markers of the newest rejected frame")
+    mean_residual: Floats = markers("mean residual of each marker")
+    averaged_frames: int = count("number of frames in the mean residual")
+    drift_px: Floats = reals(2, "px", "norm of the mean residual, 0 where noise explains it")
+    changed_markers: Floats = markers("newest markers that differed from those before")
+    changed_markers_prediction: Floats = markers("prediction for `changed_markers`")
+    markers_prediction: Floats = markers("prediction for the newest markers")
     image_frozen: bool = flag("True if the markers did not change although the tool moved")
-    changed_markers_p1: Floats = reals(3, "mm", "p₁ of the first frame with these markers")
-    stuck_anchors: Floats = reals(
-        (2, 4), "px", "where each marker stopped, and where the other was then"
-    )
-    compared_p1: Floats = reals(
-        3, "mm", "position of marker 1 at the last comparison with the estimate"
-    )
-    compared_markers: Floats = reals((2, 2), "px", "markers at this comparison")
-    contradictions: int = whole("", "number of successive comparisons that contradict the estimate")
+    changed_markers_p1: Floats = reals(3, "mm", "marker 1 when `changed_markers` first appeared")
+    stuck_anchors: Floats = reals((2, 4), "px", "stop of each marker, and the other marker then")
+    compared_p1: Floats = reals(3, "mm", "marker 1 at the last comparison with the estimate")
+    compared_markers: Floats = markers("markers at the last comparison with the estimate")
+    contradictions: int = count("number of successive comparisons that contradict the estimate")
 
 
 def initial_monitor_state() -> MonitorState:
     """Return the state before the first observation."""
-    positions = "predicted_joints", "rest_joints", "compared_p1"
-    markers = "rejected_markers", "compared_markers", "changed_markers"
-    unknown = dict.fromkeys((*positions, *markers), np.nan)
+    unknown_positions = "predicted_joints", "rest_joints", "compared_p1"
+    unknown_markers = "rejected_markers", "compared_markers", "changed_markers"
+    unknown = dict.fromkeys((*unknown_positions, *unknown_markers), np.nan)
     return MonitorState.of(idle_since=-1, newest_frame=-1, accepted_frame=-1, **unknown)
 
 
 @compiled
-def reset_monitor(watch: MonitorState, markers: bool) -> None:
-    """Reset the counts of the same arm and camera.
+def reset_monitor(monitor: MonitorState, resets_markers: bool) -> None:
+    """Reset the counts of late ticks, drift and contradictions.
 
-    With ``markers``, reset the counts of the markers too; then no frame counts as accepted.
+    With ``resets_markers``, reset the counts of the markers too; then no frame counts as accepted.
     """
-    watch.late_ticks, watch.contradictions, watch.averaged_frames, watch.image_frozen = (
-        0,
-        0,
-        0,
-        False,
-    )
-    copy_into(watch.drift_px, ZERO_VECTOR[:2])
-    copy_into(watch.compared_p1, NAN_VECTOR)
-    if markers:
-        watch.rejected_frames, watch.jumped_frames, watch.swapped_frames = 0, 0, 0
-        watch.accepted_frame, watch.one_marker_suffices = -1, False
+    monitor.late_ticks, monitor.contradictions, monitor.averaged_frames = 0, 0, 0
+    monitor.image_frozen = False
+    fill(monitor.drift_px, 0.0)
+    fill(monitor.compared_p1, np.nan)
+    if resets_markers:
+        reset_rejections(monitor)
+        monitor.accepted_frame, monitor.one_marker_suffices = -1, False
 
 
 @compiled
-def predict_joints(
-    reached: Floats, rates: Floats, applied: Floats, q: Floats, dt: float, lag: float, forget: float
-) -> None:
-    """Predict the joints and their rates ``dt`` s later, in place.
-
-    The drives follow the applied rates as first-order systems with the time constant ``lag`` s. The
-    prediction converges to the measured joints with the time constant ``following_error_decay`` s.
-
-    Parameters
-    ----------
-    reached, rates : Floats
-        Predicted joints and joint rates, (3,); overwritten.
-    applied : Floats
-        Joint rates that the arm applies, (3,).
-    q : Floats
-        Measured joints, (3,).
-    dt, lag, forget : float
-        Times in s.
-    """
-    decay, correction = np.exp(-dt / lag), min(dt / forget, 1.0)
-    for i in range(3):
-        lead = rates[i] - applied[i]
-        predicted = reached[i] + applied[i] * dt + lead * lag * (1.0 - decay)
-        reached[i] = predicted + (q[i] - predicted) * correction
-        rates[i] = applied[i] + lead * decay
+def reset_rejections(monitor: MonitorState) -> None:
+    """Set the counts of rejected frames to zero."""
+    monitor.rejected_frames, monitor.jumped_frames, monitor.swapped_frames = 0, 0, 0
 
 
 @compiled
 def monitor_loop(
-    watch: MonitorState, gap: int, period: int, lag: float, thresholds: Thresholds
+    monitor: MonitorState, interval_ns: int, period_ns: int, lag_s: float, thresholds: Thresholds
 ) -> None:
     """Update the state of loop and arm at a tick.
 
@@ -141,35 +112,58 @@ def monitor_loop(
 
     Parameters
     ----------
-    watch : MonitorState
+    monitor : MonitorState
         State of the checks; updated.
-    gap, period : int
+    interval_ns, period_ns : int
         Time since the last tick, and its nominal value, ns.
-    lag : float
+    lag_s : float
         Time constant of the drives, s.
     thresholds : Thresholds
         Thresholds of the checks.
     """
-    observation, reached, watch.tick_interval = watch.observation, watch.predicted_joints, gap
-    watch.late_ticks = (
-        watch.late_ticks + 1 if gap > (1.0 + thresholds.late_tick_fraction) * period else 0
-    )
-    if observation.enabled and all_finite(reached):
-        applied, dt = observation.applied, max(observation.q_time - watch.joints_time, 0) * 1e-9
-        predict_joints(
-            reached,
-            watch.predicted_rates,
-            applied,
-            observation.q,
-            dt,
-            lag,
-            thresholds.following_error_decay,
-        )
+    observation = monitor.observation
+    is_late = interval_ns > (1.0 + thresholds.late_tick_fraction) * period_ns
+    monitor.tick_interval = interval_ns
+    monitor.late_ticks = monitor.late_ticks + 1 if is_late else 0
+    if observation.enabled and all_finite(monitor.predicted_joints):
+        predict_joints(monitor, lag_s, thresholds.following_error_decay)
     else:
-        copy_into(reached, observation.q)
-        copy_into(watch.predicted_rates, ZERO_VECTOR)
-    monitor_rest(watch, observation, thresholds)
-    watch.joints_time = observation.q_time
+        copy_into(monitor.predicted_joints, observation.q)
+        fill(monitor.predicted_rates, 0.0)
+    monitor_rest(monitor, thresholds)
+    monitor.joints_time = observation.q_time
+
+
+@compiled
+def predict_joints(monitor: MonitorState, lag_s: float, decay_s: float) -> None:
+    """Predict the joints and their rates at the time of the newest joint positions.
+
+    The drives follow the applied rates as first-order systems with the time constant ``lag_s``. The
+    prediction converges to the measured joints with the time constant ``decay_s``.
+    """
+    observation, applied_rates = monitor.observation, monitor.observation.applied
+    joints, rates = monitor.predicted_joints, monitor.predicted_rates
+    dt = max(observation.q_time - monitor.joints_time, 0) * 1e-9
+    decay, correction = np.exp(-dt / lag_s), min(dt / decay_s, 1.0)
+    for i in range(3):
+        excess_rate = rates[i] - applied_rates[i]
+        predicted = joints[i] + applied_rates[i] * dt + excess_rate * lag_s * (1.0 - decay)
+        joints[i] = predicted + (observation.q[i] - predicted) * correction
+        rates[i] = applied_rates[i] + excess_rate * decay
+
+
+@compiled
+def monitor_rest(monitor: MonitorState, thresholds: Thresholds) -> None:
+    """Store the rest position of the joints `settling_time` s after the last commanded motion."""
+    observation, now = monitor.observation, monitor.observation.now
+    settling_ns = thresholds.settling_time * 1e9
+    if not (observation.enabled and compute_norm(observation.applied) == 0.0):
+        monitor.idle_since = -1
+        fill(monitor.rest_joints, np.nan)
+    elif monitor.idle_since < 0:
+        monitor.idle_since = now
+    elif not all_finite(monitor.rest_joints) and now - monitor.idle_since >= settling_ns:
+        copy_into(monitor.rest_joints, observation.q)
 
 
 @compiled
@@ -186,50 +180,41 @@ def store_observation(row: ObservationRow, observation: ObservationStruct) -> No
 
 
 @compiled
-def monitor_rest(watch: MonitorState, observation: ObservationRow, thresholds: Thresholds) -> None:
-    """Store the rest position of the joints `settling_time` s after the last commanded motion."""
-    now, delay = observation.now, thresholds.settling_time * 1e9
-    if not (observation.enabled and compute_norm(observation.applied) == 0.0):
-        watch.idle_since = -1
-        copy_into(watch.rest_joints, NAN_VECTOR)
-    elif watch.idle_since < 0:
-        watch.idle_since = now
-    elif not all_finite(watch.rest_joints) and now - watch.idle_since >= delay:
-        copy_into(watch.rest_joints, observation.q)
-
-
-@compiled
-def monitor_frame(watch: MonitorState, observation: ObservationRow, thresholds: Thresholds) -> None:
+def monitor_frame(
+    monitor: MonitorState, observation: ObservationRow, thresholds: Thresholds
+) -> None:
     """Update the latency and the low-pass filtered frame period with a new frame.
 
     A gap between frames enters the period only up to `max_frame_age_slow` periods.
     """
-    frame, exposure = observation.frame, observation.exposure
-    if watch.newest_frame >= 0:
-        one, period = (exposure - watch.exposure) / (frame - watch.newest_frame), watch.frame_period
-        slow, first = thresholds.max_frame_age_slow, thresholds.initial_frame_period
-        one = min(one, slow * period if period != 0.0 else 1e9 * first)
-        watch.frame_period = period + 0.2 * (one - period) if period != 0.0 else one
-    watch.newest_frame, watch.exposure, watch.frame_time = frame, exposure, observation.now
-    watch.latency = observation.now - exposure
+    frame, exposure, period_ns = observation.frame, observation.exposure, monitor.frame_period
+    if monitor.newest_frame >= 0:
+        new_period_ns = (exposure - monitor.exposure) / (frame - monitor.newest_frame)
+        if period_ns != 0.0:
+            new_period_ns = min(new_period_ns, thresholds.max_frame_age_slow * period_ns)
+            monitor.frame_period = period_ns + FRAME_PERIOD_SMOOTHING * (new_period_ns - period_ns)
+        else:
+            monitor.frame_period = min(new_period_ns, 1e9 * thresholds.initial_frame_period)
+    monitor.newest_frame, monitor.exposure, monitor.frame_time = frame, exposure, observation.now
+    monitor.latency = observation.now - exposure
 
 
 @compiled
-def markers_stay(watch: MonitorState, points: Floats, thresholds: Thresholds) -> bool:
-    """Return True if the markers (2, 2) px are still where the last, rejected frame had them."""
-    limit = thresholds.jump_agreement * thresholds.max_jump_px
-    first, second, _ = find_jumps(
-        points, watch.rejected_markers, 0.0, limit, thresholds.max_px_per_mm
+def markers_stay(monitor: MonitorState, points: Floats, thresholds: Thresholds) -> bool:
+    """Return True if the markers (2, 2) px are at their positions in the last, rejected frame."""
+    limit_px = thresholds.jump_agreement * thresholds.max_jump_px
+    first_jumped, second_jumped, _ = find_jumps(
+        points, monitor.rejected_markers, 0.0, limit_px, thresholds.max_px_per_mm
     )
-    return watch.rejected_frames > 0 and not (first or second)
+    return monitor.rejected_frames > 0 and not (first_jumped or second_jumped)
 
 
 @compiled
 def monitor_markers(
-    watch: MonitorState,
-    first: bool,
-    second: bool,
-    crossed: bool,
+    monitor: MonitorState,
+    first_deviates: bool,
+    second_deviates: bool,
+    is_swapped: bool,
     points: Floats,
     thresholds: Thresholds,
 ) -> None:
@@ -240,31 +225,32 @@ def monitor_markers(
 
     Parameters
     ----------
-    watch : MonitorState
+    monitor : MonitorState
         State of the checks; updated.
-    first, second : bool
-        True if marker 1, marker 2 is far from its prediction.
-    crossed : bool
+    first_deviates, second_deviates : bool
+        True if marker 1 or marker 2 is too far from its prediction.
+    is_swapped : bool
         True if each marker is at the other's position.
     points : Floats
         Markers, (2, 2) raw px.
     thresholds : Thresholds
         Thresholds of the checks.
     """
-    if not (first or second):
-        watch.rejected_frames, watch.jumped_frames, watch.swapped_frames = 0, 0, 0
+    if not (first_deviates or second_deviates):
+        reset_rejections(monitor)
         return
-    both = first and second
-    steady = watch.rejected_frames == 0 or markers_stay(watch, points, thresholds)
-    watch.rejected_frames += 1
-    watch.jumped_frames = watch.jumped_frames + 1 if both and steady else (1 if both else 0)
-    watch.swapped_frames = watch.swapped_frames + 1 if both and crossed else 0
-    copy_into(watch.rejected_markers, points)
+    both_deviate = first_deviates and second_deviates
+    is_steady = monitor.rejected_frames == 0 or markers_stay(monitor, points, thresholds)
+    monitor.rejected_frames += 1
+    earlier_jumps = monitor.jumped_frames if is_steady else 0
+    monitor.jumped_frames = earlier_jumps + 1 if both_deviate else 0
+    monitor.swapped_frames = monitor.swapped_frames + 1 if both_deviate and is_swapped else 0
+    copy_into(monitor.rejected_markers, points)
 
 
 @compiled
 def monitor_estimate(
-    watch: MonitorState,
+    monitor: MonitorState,
     p1: Floats,
     points: Floats,
     o_c: Floats,
@@ -275,7 +261,7 @@ def monitor_estimate(
 
     Parameters
     ----------
-    watch : MonitorState
+    monitor : MonitorState
         State of the checks; updated.
     p1 : Floats
         Position of marker 1, (3,) mm.
@@ -288,17 +274,15 @@ def monitor_estimate(
     thresholds : Thresholds
         Thresholds of the checks.
     """
-    if all_finite(watch.compared_p1):
-        motion, least, most = (
-            subtract(p1, watch.compared_p1),
-            thresholds.min_predicted_change,
-            thresholds.max_change_error,
+    if all_finite(monitor.compared_p1):
+        delta_p, earlier_points = subtract(p1, monitor.compared_p1), monitor.compared_markers
+        min_change, max_error = thresholds.min_predicted_change, thresholds.max_change_error
+        comparison = compare_with_estimate(
+            points, earlier_points, o_c, J_hat, delta_p, min_change, max_error
         )
-        verdict = compare_with_estimate(
-            points, watch.compared_markers, o_c, J_hat, motion, least, most
-        )
-        if verdict < 0:
+        if comparison == MOTION_TOO_SMALL:
             return
-        watch.contradictions = watch.contradictions + 1 if verdict == 1 else 0
-    copy_into(watch.compared_p1, p1)
-    copy_into(watch.compared_markers, points)
+        contradicts = comparison == ESTIMATE_CONTRADICTED
+        monitor.contradictions = monitor.contradictions + 1 if contradicts else 0
+    copy_into(monitor.compared_p1, p1)
+    copy_into(monitor.compared_markers, points)

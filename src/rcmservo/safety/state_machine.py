@@ -6,8 +6,8 @@
                  │        └─ PAUSED ◄┘
                  └─► JOG ◄─────┘                JOG ends in PAUSED
 
-Every cause requests an action, and the greatest action that is requested is taken. An additional
-fault therefore never weakens the reaction. HOLD ramps the rates to zero and recovers by itself.
+Every cause requests an action, and the strongest action that is requested is taken. An additional
+cause therefore never weakens the reaction. HOLD ramps the rates to zero and recovers by itself.
 Only the operator resumes from PAUSED, always into ACQUIRE. FAULT sets the rates to zero at once and
 switches the drive off; it ends only with the request `CLEAR` after its causes are gone. In JOG the
 operator moves the joints and repeats the request at every tick. JOG needs no image and no estimate:
@@ -87,9 +87,7 @@ class Request(Enum):
 PHASES, REQUESTS = tuple(Phase), tuple(Request)
 DISABLED, IDLE, ACQUIRE, SERVO, HOLD, PAUSED, JOG, FAULT = range(len(PHASES))
 _, REQUEST_PAUSE, REQUEST_RESUME, REQUEST_CLEAR, REQUEST_JOG = range(len(REQUESTS))
-ACTION_SLOW, ACTION_HOLD, ACTION_PAUSE, ACTION_FAULT = range(
-    int(Action.SLOW), int(Action.FAULT) + 1
-)
+_, _, ACTION_SLOW, ACTION_HOLD, ACTION_PAUSE, ACTION_FAULT = map(int, Action)
 OPERATOR_PAUSE, OVERRUN_BIT = Cause.ASKED.code, Cause.OVERRUN.bit
 
 
@@ -123,10 +121,8 @@ class Mode:
 
     @property
     def text(self) -> str:
-        """Phase, cause and remedy as one text."""
-        return (
-            self.phase.value if self.cause is Cause.NONE else f"{self.phase.value}: {self.reason}"
-        )
+        """Phase, cause, detail and remedy as one text."""
+        return f"{self.phase.value}: {self.reason}" if self.reason else self.phase.value
 
     @property
     def reason(self) -> str:
@@ -140,11 +136,11 @@ class Mode:
 
 
 class ModeStruct(Struct, source=Mode):
-    """Mode in compiled functions."""
+    """Mode, as a row for compiled functions."""
 
 
 class TransitionInputs(NamedTuple):
-    """Inputs of a transition in addition to the causes.
+    """Conditions of a transition in addition to the causes.
 
     Parameters
     ----------
@@ -165,9 +161,12 @@ class TransitionInputs(NamedTuple):
 
 
 @compiled
-def speed_scale(phase: int, asks: int) -> float:
-    """Return the fraction of the full speed at which the tool may move in a phase."""
-    if phase == SERVO and asks < ACTION_SLOW:
+def speed_scale(phase: int, action: int) -> float:
+    """Return the fraction of the full speed at which the tool may move.
+
+    `phase` is an index of `PHASES`, `action` a value of `Action`.
+    """
+    if phase == SERVO and action < ACTION_SLOW:
         return 1.0
     return SLOW_SPEED_SCALE if phase in (SERVO, ACQUIRE, JOG) else 0.0
 
@@ -176,7 +175,7 @@ def speed_scale(phase: int, asks: int) -> float:
 def advance_mode(
     mode: ModeStruct,
     causes: int,
-    signs: TransitionInputs,
+    inputs: TransitionInputs,
     request: int,
     now: int,
     thresholds: Thresholds,
@@ -191,8 +190,8 @@ def advance_mode(
         Mode of the last tick; overwritten.
     causes : int
         Set of the causes that are present, by their bits.
-    signs : TransitionInputs
-        Other inputs.
+    inputs : TransitionInputs
+        Other conditions.
     request : int
         Request of the operator, as an index of `REQUESTS`.
     now : int
@@ -205,30 +204,27 @@ def advance_mode(
     if mode.phase == FAULT or action == ACTION_FAULT:
         handle_fault(mode, cause, request, now)
     elif mode.phase == DISABLED:
-        if signs.drive_enabled:
+        if inputs.drive_enabled:
             set_mode(mode, IDLE, 0, now, 0, 0)
     elif request == REQUEST_JOG and mode.phase in (IDLE, PAUSED, JOG) and not causes & OVERRUN_BIT:
-        jog(mode, now)
+        handle_jog(mode, now)
     elif action == ACTION_PAUSE or mode.phase in (JOG, PAUSED) or request == REQUEST_PAUSE:
-        pause(mode, cause, request, now)
+        handle_pause(mode, cause, request, now)
     elif mode.phase == IDLE:
-        wait(mode, cause, signs, now)
+        handle_idle(mode, cause, inputs, now)
     elif action == ACTION_HOLD:
-        hold(mode, cause, now, thresholds)
+        handle_hold(mode, cause, now, thresholds)
     else:
-        advance(mode, cause, signs, now, thresholds)
+        advance_towards_servo(mode, cause, inputs, now, thresholds)
 
 
 @compiled
-def set_mode(mode: ModeStruct, phase: int, cause: int, since: int, good: int, action: int) -> None:
+def set_mode(
+    mode: ModeStruct, phase: int, cause: int, since: int, accepted_frames: int, action: int
+) -> None:
     """Set all fields of the mode."""
-    mode.phase, mode.cause, mode.since, mode.accepted_frames, mode.action = (
-        phase,
-        cause,
-        since,
-        good,
-        action,
-    )
+    mode.phase, mode.cause, mode.action = phase, cause, action
+    mode.since, mode.accepted_frames = since, accepted_frames
 
 
 @compiled
@@ -250,33 +246,34 @@ def enter_fault(mode: ModeStruct, cause: int, now: int) -> None:
 
 
 @compiled
-def jog(mode: ModeStruct, now: int) -> None:
+def handle_jog(mode: ModeStruct, now: int) -> None:
     """Enter JOG or stay there."""
-    mode.since = mode.since if mode.phase == JOG else now
-    mode.phase, mode.cause, mode.accepted_frames, mode.action = JOG, 0, 0, ACTION_SLOW
+    set_mode(mode, JOG, 0, mode.since if mode.phase == JOG else now, 0, ACTION_SLOW)
 
 
 @compiled
-def wait(mode: ModeStruct, cause: int, signs: TransitionInputs, now: int) -> None:
-    """Stay in IDLE, or enter ACQUIRE once both markers are known."""
+def handle_idle(mode: ModeStruct, cause: int, inputs: TransitionInputs, now: int) -> None:
+    """Stay in IDLE, or enter ACQUIRE once a frame with both markers has been accepted."""
     action = ACTIONS[cause]
-    if signs.has_accepted_frame and action < ACTION_HOLD:
+    if inputs.has_accepted_frame and action < ACTION_HOLD:
         set_mode(mode, ACQUIRE, cause, now, 0, action)
     else:
         set_mode(mode, IDLE, cause, mode.since, 0, action)
 
 
 @compiled
-def pause(mode: ModeStruct, cause: int, request: int, now: int) -> None:
+def handle_pause(mode: ModeStruct, cause: int, request: int, now: int) -> None:
     """Enter PAUSED, stay there, or leave it at the operator's request.
 
-    While a cause prevents the resumption, the mode reports it.
+    The mode reports a cause that prevents the resumption.
     """
-    present = cause if ACTIONS[cause] == ACTION_PAUSE else 0
+    pausing_cause = cause if ACTIONS[cause] == ACTION_PAUSE else 0
     if mode.phase != PAUSED:
-        set_mode(mode, PAUSED, select_more_severe(present, OPERATOR_PAUSE), now, 0, ACTION_PAUSE)
+        entry_cause = select_more_severe(pausing_cause, OPERATOR_PAUSE)
+        set_mode(mode, PAUSED, entry_cause, now, 0, ACTION_PAUSE)
     elif request != REQUEST_RESUME:
-        set_mode(mode, PAUSED, select_more_severe(present, mode.cause), mode.since, 0, ACTION_PAUSE)
+        worst_cause = select_more_severe(pausing_cause, mode.cause)
+        set_mode(mode, PAUSED, worst_cause, mode.since, 0, ACTION_PAUSE)
     elif ACTIONS[cause] < ACTION_HOLD:
         set_mode(mode, ACQUIRE, 0, now, 0, 0)
     else:
@@ -284,7 +281,7 @@ def pause(mode: ModeStruct, cause: int, request: int, now: int) -> None:
 
 
 @compiled
-def hold(mode: ModeStruct, cause: int, now: int, thresholds: Thresholds) -> None:
+def handle_hold(mode: ModeStruct, cause: int, now: int, thresholds: Thresholds) -> None:
     """Enter HOLD or stay there; enter PAUSED after `hold_time`."""
     since = mode.since if mode.phase == HOLD else now
     if now - since > thresholds.hold_time * 1e9:
@@ -294,22 +291,24 @@ def hold(mode: ModeStruct, cause: int, now: int, thresholds: Thresholds) -> None
 
 
 @compiled
-def advance(
-    mode: ModeStruct, cause: int, signs: TransitionInputs, now: int, thresholds: Thresholds
+def advance_towards_servo(
+    mode: ModeStruct, cause: int, inputs: TransitionInputs, now: int, thresholds: Thresholds
 ) -> None:
     """Advance from HOLD through ACQUIRE to SERVO by counting accepted frames."""
-    good, action = mode.accepted_frames + int(signs.frame_accepted), ACTIONS[cause]
+    action = ACTIONS[cause]
+    accepted_frames = mode.accepted_frames + int(inputs.frame_accepted)
     if mode.phase == HOLD:
         if now - mode.since > thresholds.hold_time * 1e9:
             set_mode(mode, PAUSED, mode.cause, now, 0, ACTION_PAUSE)
-        elif good < thresholds.frames_to_recover:
-            set_mode(mode, HOLD, mode.cause, mode.since, good, ACTION_HOLD)
+        elif accepted_frames < thresholds.frames_to_recover:
+            set_mode(mode, HOLD, mode.cause, mode.since, accepted_frames, ACTION_HOLD)
         else:
             set_mode(mode, ACQUIRE, cause, now, 0, action)
     elif mode.phase == ACQUIRE:
-        if signs.has_estimate and good >= thresholds.frames_to_servo:
+        counted_frames = accepted_frames if inputs.has_estimate else 0
+        if inputs.has_estimate and accepted_frames >= thresholds.frames_to_servo:
             set_mode(mode, SERVO, cause, now, 0, action)
         else:
-            set_mode(mode, ACQUIRE, cause, mode.since, good if signs.has_estimate else 0, action)
+            set_mode(mode, ACQUIRE, cause, mode.since, counted_frames, action)
     elif mode.cause != cause or mode.action != action:
         set_mode(mode, SERVO, cause, mode.since, 0, action)

@@ -1,22 +1,21 @@
-"""Progress towards the target, as the checks read it."""
+"""Progress towards the target: the part of the control state that the checks read."""
 
 from rcmservo.numerics.structs import Row, flag, real, whole
 
 
 class TargetProgress(Row):
-    """Progress towards the target, as the checks read it."""
+    """Progress of the tool towards the target.
+
+    The control law inverts the estimated Jacobian with damping, eq. (31). Near a singular surface
+    it therefore reduces only a fraction of the error; for a small error this fraction counts as 1.
+    Image and joints disagree if the image shows the tool at the target but the joints do not.
+    """
 
     blocked_joint: int = whole("", "index of the joint whose limit blocks the path, -1 for none")
-    reducible_fraction: float = real(
-        "", "fraction of the error that the damped law reduces, 1 where it is small"
-    )
+    reducible_fraction: float = real("", "fraction of the error that the damped law reduces")
     remaining_mm: float = real("mm", "distance of marker 1 from the target by the image")
     has_arrived: bool = flag("True if the joints have reached the values of the taught target")
-    mismatch_since: int = whole(
-        "ns", "start of the disagreement of image and joints at the target, -1: none"
-    )
-    reference_error: float = real("", "error √(2V) from which the next decrease is measured")
-    reference_time: int = whole("ns", "time of this error")
-    camera_moved_at: int = whole(
-        "ns", "time at which a moved camera was last detected, -1 for never"
-    )
+    mismatch_since: int = whole("ns", "time since which image and joints disagree, -1 for none")
+    reference_error: float = real("", "scaled error √(2V) from which the next decrease is measured")
+    reference_time: int = whole("ns", "time of `reference_error`")
+    camera_moved_at: int = whole("ns", "time of the last detected camera motion, -1 for never")

@@ -1,4 +1,4 @@
-"""Thresholds of the checks: every number that decides whether a cause is present."""
+"""Thresholds of the checks: every number that decides whether a cause of a stop is present."""
 
 import math
 from dataclasses import dataclass
@@ -31,6 +31,11 @@ COUNT_TO_1000 = between(1, 1000, "a whole number")
 class Thresholds(Checked, section="thresholds"):
     """Thresholds of the checks, from which on a cause is present.
 
+    Names in capitals, such as `LATE`, are the members of `Cause` that a threshold decides about.
+    Scaled features are divided by 10°, 10 px and 10 px, so the scaled error √(2V) and the entries
+    of the scaled Ĵ have comparable parts; V is the potential of the control law, eq. (31). The
+    signature states the range and the default of each threshold.
+
     Parameters
     ----------
     max_frame_age_slow : float
@@ -50,7 +55,7 @@ class Thresholds(Checked, section="thresholds"):
         Largest following error: deviation of each joint from the position that the commands
         predict (rad, rad, mm) (`NOT_FOLLOWING`).
     drive_lag : float
-        Time constant of the drives, with which the joints follow the commanded rates, s. If 0, the
+        Time constant of the drives, with which the joints follow the commanded rates, s. At 0 the
         exploration measures it.
     following_error_decay : float
         Time constant with which the following error decays, s: a slow drift of the joints is no
@@ -77,12 +82,12 @@ class Thresholds(Checked, section="thresholds"):
         Deviation of a marker that is attributed to timing errors, as a fraction of its motion in
         the image since the last accepted frame.
     max_residual_px : float
-        Largest rms residual of the projection fit, px; a larger one is no camera's projection
-        (`DIVERGED`).
+        Largest root mean square residual of the projection fit, px. A larger one is no camera's
+        projection (`DIVERGED`).
     min_camera_distance : float
-        Smallest distance between a camera and the tool, mm. If the fit implies a smaller one, it is
-        no camera's projection (`DIVERGED`): a marker that does not move in the image appears to be
-        far behind the other.
+        Smallest distance between a camera and the tool, mm. A fit that implies a smaller distance
+        is no camera's projection (`DIVERGED`). A marker that does not move in the image causes such
+        a fit.
     max_drift_sigma : float
         Largest mean residual of a marker, in standard deviations. A drift (`DRIFTS`, `SURPRISED`)
         exceeds this value and ``max_drift_px``.
@@ -132,11 +137,11 @@ class Thresholds(Checked, section="thresholds"):
         Number of successive comparisons that must contradict the estimate to invalidate it
         (`DIVERGED`).
     singular_fraction : float
-        Fraction of the error that the damped law must reduce; below it the target is singular
-        (`SINGULAR`).
+        Fraction of the error that the damped control law must reduce. Below it the target lies at
+        or beyond a singular surface (`SINGULAR`).
     nearly_singular_fraction : float
-        Fraction of the error that the damped law must reduce for full speed; below it the tool
-        moves slowly (`NEARLY_SINGULAR`).
+        Fraction of the error that the damped control law must reduce for full speed. Below it the
+        tool moves slowly (`NEARLY_SINGULAR`).
     min_checked_error : float
         Scaled error √(2V) up to which ``singular_fraction`` and ``nearly_singular_fraction`` are
         not applied: noise has an arbitrary direction.
@@ -162,13 +167,13 @@ class Thresholds(Checked, section="thresholds"):
     stall_decrease : float
         Decrease of the scaled error √(2V) that counts as progress.
     stall_decrease_fraction : float
-        Decrease of the scaled error that counts as progress, as a fraction of this error; the
-        smaller one of ``stall_decrease`` and this counts.
+        Decrease of the scaled error that counts as progress, as a fraction of this error. The
+        smaller one of ``stall_decrease`` and this decrease counts.
     stall_time : float
         Longest time without progress, s (`STALLED`).
     stall_time_constants : float
-        Longest time without progress, in time constants 1/k of the law; the longer one of
-        ``stall_time`` and this counts.
+        Longest time without progress, in time constants 1/k of the control law with the gain k. The
+        longer one of ``stall_time`` and this time counts.
 
     Raises
     ------
@@ -187,11 +192,7 @@ class Thresholds(Checked, section="thresholds"):
     arm_timeout: Annotated[float, UP_TO_1_S] = 0.05
     max_following_error: Annotated[
         Triple, three_positive("rad, rad, mm"), angles(math.pi, first=2)
-    ] = (
-        0.008,
-        0.008,
-        0.6,
-    )
+    ] = (0.008, 0.008, 0.6)
     drive_lag: Annotated[float, between(0.0, 1.0, "a time", "s")] = 0.0
     following_error_decay: Annotated[float, POSITIVE_S] = 1.0
     settling_time: Annotated[float, UP_TO_1_S] = 0.5

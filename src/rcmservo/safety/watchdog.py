@@ -1,9 +1,9 @@
-"""Watchdog of a device, between the commands and the drives.
+"""Watchdog of a device: it switches the drive off when valid commands stop arriving.
 
-It accepts only valid commands. A command is valid if it is finite, its number is higher than every
-number since the drive was switched on, and its deadline is neither past nor further ahead than the
-watchdog's timeout. Noise, a repeated old command or an open connection do not feed it. Without a
-valid command in time, or if the clock goes back, the joint rates are set to zero and the drive is
+A command is valid if it is finite, its number is higher than every number since the drive was
+switched on, and its deadline is neither past nor further ahead than the watchdog's timeout. Noise,
+a repeated old command or an open connection therefore do not keep the drive on. Without a valid
+command in time, or if the clock goes back, the joint rates are set to zero and the drive is
 switched off until the operator switches it on.
 """
 
@@ -52,12 +52,12 @@ class Watchdog:
         self.enabled = False
         self.rates: Floats = np.zeros(3)
         self.number = -1
-        self._deadline = self._newest = 0
+        self._deadline = self._last_check = 0
 
     def enable(self, now: int) -> None:
         """Switch the drive on, at rest. The first command must arrive within the timeout."""
         self.enabled, self.rates = True, np.zeros(3)
-        self.number, self._deadline, self._newest = -1, now + self.timeout, now
+        self.number, self._deadline, self._last_check = -1, now + self.timeout, now
 
     def disable(self) -> None:
         """Set the rates to zero and switch the drive off."""
@@ -73,14 +73,11 @@ class Watchdog:
             return True
         self.check(now)
         in_time = now <= command.deadline <= now + self.timeout
-        finite = command.rates.shape == (3,) and all(map(math.isfinite, command.rates.tolist()))
-        if not (self.enabled and command.number > self.number and in_time and finite):
+        is_finite = command.rates.shape == (3,) and all(map(math.isfinite, command.rates.tolist()))
+        if not (self.enabled and command.number > self.number and in_time and is_finite):
             return False
-        self.number, self._deadline, self.rates = (
-            command.number,
-            command.deadline,
-            command.rates.copy(),
-        )
+        self.number, self._deadline = command.number, command.deadline
+        self.rates = command.rates.copy()
         return True
 
     def check(self, now: int) -> bool:
@@ -89,7 +86,7 @@ class Watchdog:
         The drive is also switched off if the clock went back: the age of the last command is
         unknown then.
         """
-        if self.enabled and not self._newest <= now <= self._deadline:
+        if self.enabled and not self._last_check <= now <= self._deadline:
             self.disable()
-        self._newest = now
+        self._last_check = now
         return self.enabled

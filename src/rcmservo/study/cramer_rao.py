@@ -3,8 +3,8 @@
 A servo has arrived where it measures the same markers as when the target was taught. Both
 measurements are noisy: m = h(p) + e, with p (3,) mm the position of marker 2, m (4,) px the pixels
 of both markers, and e independent and Gaussian with the standard deviation `noise` in every
-coordinate and frame. An unbiased estimator that knows camera and tool and averages n frames has at
-least the covariance
+coordinate and frame. An unbiased estimator, one whose mean error is zero, that knows camera and
+tool and averages n frames has at least the covariance
 
     noise²/n (HᵀH)⁻¹,    H = ∂h/∂p (4, 3) px/mm.
 
@@ -53,8 +53,9 @@ class Bound:
 def bound(scene: Scene, noise: float, frames: float, shown: float | None = None) -> Bound:
     """Return the Cramér-Rao bound of the pose error at the target of a scene.
 
-    The bound is Σ = noise² (1/frames + 1/shown) (HᵀH)⁻¹ in mm², with H (4, 3) px/mm the derivative
-    of both markers' pixels with respect to the position of marker 2.
+    The bound is Σ = noise² (1/frames + 1/shown) (HᵀH)⁻¹, (3, 3) mm², with H (4, 3) px/mm the
+    derivative of both markers' pixels with respect to the position of marker 2. No unbiased
+    estimator has a smaller covariance.
 
     Parameters
     ----------
@@ -79,7 +80,7 @@ def bound(scene: Scene, noise: float, frames: float, shown: float | None = None)
 
     Notes
     -----
-    It holds for unbiased estimators only, and H is that of the true camera, which no servo knows.
+    H is that of the true camera, which no servo knows. A biased servo can be below the bound.
 
     References
     ----------
@@ -88,8 +89,8 @@ def bound(scene: Scene, noise: float, frames: float, shown: float | None = None)
     """
     shown = frames if shown is None else shown
     not_negative("number of px").require("noise", noise)
-    Limit(lambda count: count >= 1, "at least 1 frame").require("frames", frames)
-    Limit(lambda count: count >= 1, "at least 1 frame").require("shown", shown)
+    for name, count in (("frames", frames), ("shown", shown)):
+        Limit(lambda n: n >= 1, "at least 1 frame").require(name, count)
     variance = noise**2 * (1.0 / frames + 1.0 / shown)
     H = compute_pixels_jacobian(scene)
     return Bound(np.array(variance * np.linalg.inv(H.T @ H), np.float64))
@@ -97,6 +98,6 @@ def bound(scene: Scene, noise: float, frames: float, shown: float | None = None)
 
 def compute_pixels_jacobian(scene: Scene) -> Floats:
     """Return H (4, 3) px/mm: derivative of both markers' pixels by the position of marker 2."""
-    shaft, p1 = scene.body.tool.struct, scene.body.points(scene.target)[0]
-    by_p1 = compute_markers_jacobian(scene.optics.lens[0], shaft, p1)
-    return by_p1 @ np.linalg.inv(compute_second_marker_jacobian(shaft, p1))
+    tool, p1 = scene.body.tool.struct, scene.body.points(scene.target)[0]
+    jacobian_by_p1 = compute_markers_jacobian(scene.optics.lens[0], tool, p1)
+    return jacobian_by_p1 @ np.linalg.inv(compute_second_marker_jacobian(tool, p1))

@@ -1,6 +1,7 @@
-"""Equations of motion of the simulated arm, as MuJoCo solves them.
+"""Equations of motion of the simulated arm, as the physics simulator MuJoCo solves them.
 
-The arm has two hinges, whose axes intersect at right angles in the RCM, and a slide along the tool.
+The arm has two hinges and a slide along the tool. The axes of the hinges intersect at right angles
+in the RCM (remote centre of motion), the fixed point that the tool passes through.
 The tool is a rod of mass m whose centre is z from the RCM. With the angle α between the axis of the
 outer hinge and the tool, the mass matrix is diagonal:
 
@@ -42,17 +43,15 @@ class InertiaStruct(Row):
 @cache
 def compute_inertia(mechanism: Kinematics) -> InertiaStruct:
     """Return the masses and drive gains of the simulated arm of a mechanism."""
-    model, units = (
-        UNTYPED_MUJOCO.MjModel.from_xml_string(write_mjcf(mechanism)),
-        np.square(MUJOCO_UNITS),
-    )
-    (first, second, tool), mass = model.body_inertia[1:], model.body_mass[3]
-    order, fixed, gain = list(MJCF_AXES[mechanism.name][3]), np.empty(3), np.empty(3)
-    moved = first[0] + second[0] + tool[2], second[0] + tool[0], mass
-    fixed[order] = model.dof_armature + moved
-    gain[order] = model.actuator_gainprm[:, 0]
+    model = UNTYPED_MUJOCO.MjModel.from_xml_string(write_mjcf(mechanism))
+    units = np.square(MUJOCO_UNITS)
+    (first_link, second_link, tool), mass = model.body_inertia[1:], model.body_mass[3]
+    joint_order, fixed, gain = list(MJCF_AXES[mechanism.name][3]), np.empty(3), np.empty(3)
+    moved_inertia = first_link[0] + second_link[0] + tool[2], second_link[0] + tool[0], mass
+    fixed[joint_order] = model.dof_armature + moved_inertia
+    gain[joint_order] = model.actuator_gainprm[:, 0]
     return InertiaStruct.of(
-        outer_joint=order[0],
+        outer_joint=joint_order[0],
         cosine_sign=1.0 if mechanism.kind == SPHERICAL else -1.0,
         fixed=fixed * units,
         rod=tool[0] - tool[2],
@@ -101,22 +100,29 @@ class LinearisedDynamics(NamedTuple):
 
 @compiled
 def linearise_dynamics(arm: InertiaStruct, z: float, angle: float, h: float) -> LinearisedDynamics:
-    """Return the equations about slide `z` (mm) and inner `angle` (rad) for steps of `h` s."""
+    """Return the equations about slide `z` (mm) and inner `angle` (rad) for steps of `h` s.
+
+    The symbols are those of the module: o is the outer hinge, k the gains of the drives, m the mass
+    of the tool. The derivative of sin²α with respect to the inner angle is ± sin 2α.
+    """
     o, k, m = arm.outer_joint, arm.drive_gain, arm.mass
-    turned = arm.cosine_sign * np.cos(2.0 * angle)
-    squared_sine = 0.5 * (1.0 - turned)  # sin²α
-    slope = arm.cosine_sign * np.sin(2.0 * angle)  # derivative of sin²α
-    steiner, growth = m * z * z, 2.0 * m * z
-    tool = arm.rod + steiner
-    outer = h / (arm.fixed[o] + tool * squared_sine + h * k[o])
-    inner = h / (arm.fixed[1 - o] + steiner + h * k[1 - o])
+    cos_2_alpha = arm.cosine_sign * np.cos(2.0 * angle)
+    squared_sine = 0.5 * (1.0 - cos_2_alpha)
+    squared_sine_slope = arm.cosine_sign * np.sin(2.0 * angle)
+    offset_moment, moment_slope = m * z * z, 2.0 * m * z
+    tool_moment = arm.rod + offset_moment
+    outer_gain = h / (arm.fixed[o] + tool_moment * squared_sine + h * k[o])
+    inner_gain = h / (arm.fixed[1 - o] + offset_moment + h * k[1 - o])
     return LinearisedDynamics(
         z,
         angle,
-        (outer, inner, h / (arm.fixed[2] + h * k[2])),
-        (-outer * outer * growth * squared_sine / h, -inner * inner * growth / h),
-        -outer * outer * tool * slope / h,
-        (0.5 * tool * slope, m * z * squared_sine, m * z),
-        (0.5 * growth * slope, m * squared_sine, m),
-        (tool * turned, m * z * slope),
+        (outer_gain, inner_gain, h / (arm.fixed[2] + h * k[2])),
+        (
+            -outer_gain * outer_gain * moment_slope * squared_sine / h,
+            -inner_gain * inner_gain * moment_slope / h,
+        ),
+        -outer_gain * outer_gain * tool_moment * squared_sine_slope / h,
+        (0.5 * tool_moment * squared_sine_slope, m * z * squared_sine, m * z),
+        (0.5 * moment_slope * squared_sine_slope, m * squared_sine, m),
+        (tool_moment * cos_2_alpha, m * z * squared_sine_slope),
     )

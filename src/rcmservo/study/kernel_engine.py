@@ -1,6 +1,7 @@
 """Closed loop of a study as one compiled function: the compiled plant and the live servo's step.
 
-It repeats `loop.run`, because 10,000 loops per minute leave no time for Python between two ticks.
+It does what `rcmservo.loop.run` does for one tick after the other. It is compiled because 10,000
+loops per minute leave no time for Python code between two ticks.
 """
 
 from typing import Any, NamedTuple, cast
@@ -41,6 +42,7 @@ NOT_DROPPED = cast(DropReason, DropReason.NONE.value)
 """`DropReason.NONE` for compiled functions."""
 
 NO_JOG = np.zeros(3)
+"""Joint rates requested by the operator: none."""
 
 
 class InitialConditions(NamedTuple):
@@ -116,26 +118,24 @@ def run_closed_loop(
     `noise` (frames, 2, 2) px is added to the markers of each frame from the first tick on.
     """
     stored, parameters, plant = start.stored[0], start.parameters[0], plants[0]
-    now = TickContext(stored, stored.monitor.observation, stored.setpoint, parameters)
+    tick = TickContext(stored, stored.monitor.observation, stored.setpoint, parameters)
     memory, decision, (errors, phases, causes) = start.memory, stored.decision, trace
     store_setpoint(stored.setpoint, Setpoint(goal.points, goal.q, start.now, True, 0, NO_JOG))
-    reset_plant_and_observation(plant, now.observation, start.now)
-    skipped = compute_newest_frame(plant.frame_timing, start.now)
+    reset_plant_and_observation(plant, tick.observation, start.now)
+    earlier_frame = compute_newest_frame(plant.frame_timing, start.now)
     for k in range(len(errors)):
-        time = start.now + k * parameters.period
-        advance_plant(plant, time)
+        now = start.now + k * parameters.period
+        advance_plant(plant, now)
         read_encoders(plant, plant.readings[k % HISTORY_LENGTH])
-        number = compute_newest_frame(plant.frame_timing, time)
-        if number > max(now.observation.frame, skipped):
-            observe_frame(plant, now, number, noise[number - skipped - 1], start.now, k)
-        observe_joints(plant, now.observation, time, k)
-        now.setpoint.is_new = k == 0
-        memory = step(start.kernel, memory, now)
+        frame = compute_newest_frame(plant.frame_timing, now)
+        if frame > max(tick.observation.frame, earlier_frame):
+            observe_frame(plant, tick, frame, noise[frame - earlier_frame - 1], start.now, k)
+        observe_joints(plant, tick.observation, now, k)
+        tick.setpoint.is_new = k == 0
+        memory = step(start.kernel, memory, tick)
         queue_command(plant, decision.command.rates, decision.command.enabled)
-        p2 = compute_second_marker_tuple(
-            tool_struct_of(parameters),
-            compute_position_tuple(rcm_struct_of(parameters), plant.drives.q),
-        )
+        p1 = compute_position_tuple(rcm_struct_of(parameters), plant.drives.q)
+        p2 = compute_second_marker_tuple(tool_struct_of(parameters), p1)
         errors[k] = compute_point_distance(p2, (goal.p2[0], goal.p2[1], goal.p2[2]))
         phases[k], causes[k] = decision.mode.phase, decision.mode.cause
 
@@ -161,35 +161,35 @@ def observe_joints(plant: PlantStruct, observation: ObservationRow, now: int, k:
 
 @compiled
 def observe_frame(
-    plant: PlantStruct, tick: TickContext, number: int, noise: Floats, start: int, k: int
+    plant: PlantStruct, tick: TickContext, frame: int, noise: Floats, start: int, k: int
 ) -> None:
-    """Write the markers of a frame into the observation of the k-th tick.
+    """Write the markers of a frame, given by its number, into the observation of the k-th tick.
 
     A frame exposed before `start` (ns) is ignored: the tool may have been moved by hand before.
     """
     parameters, observation, timing = tick.parameters, tick.observation, plant.frame_timing
-    exposure = int(np.round(number * timing.period))
+    exposure = int(np.round(frame * timing.period))
     if exposure < start:
         return
     interpolate_history(plant, exposure, observation.q_exposure)
     p1 = compute_position_tuple(rcm_struct_of(parameters), observation.q_exposure)
     measure_markers(plant.camera, tool_struct_of(parameters), p1, noise, observation.points)
-    j = (exposure - start) // parameters.period
+    # the markers follow from the true joints, but the servo knows only the arm's readings
+    readings, j = plant.readings, (exposure - start) // parameters.period
     fraction = (exposure - start - j * parameters.period) / parameters.period
-    before, after = j % HISTORY_LENGTH, min(j + 1, k) % HISTORY_LENGTH
-    readings = plant.readings
-    interpolate_joints(readings[before], readings[after], fraction, observation.q_exposure)
-    observation.frame, observation.exposure = number, exposure
+    earlier, later = readings[j % HISTORY_LENGTH], readings[min(j + 1, k) % HISTORY_LENGTH]
+    interpolate_joints(earlier, later, fraction, observation.q_exposure)
+    observation.frame, observation.exposure = frame, exposure
     observation.arrival = exposure + timing.latency
 
 
 @compiled
 def measure_markers(
-    camera: CameraStruct, shaft: ToolStruct, p1: Point, noise: Floats, points: Floats
+    camera: CameraStruct, tool: ToolStruct, p1: Point, noise: Floats, points: Floats
 ) -> None:
     """Write both markers (2, 2) px with their noise; NaN for a marker outside the image."""
-    project_markers_into(camera, shaft, p1, points)
+    project_markers_into(camera, tool, p1, points)
     for i in range(2):
         u, v = points[i, 0] + noise[i, 0], points[i, 1] + noise[i, 1]
-        within = 0.0 <= u <= camera.width - 1.0 and 0.0 <= v <= camera.height - 1.0
-        points[i, 0], points[i, 1] = (u, v) if within else (np.nan, np.nan)
+        is_visible = 0.0 <= u <= camera.width - 1.0 and 0.0 <= v <= camera.height - 1.0
+        points[i, 0], points[i, 1] = (u, v) if is_visible else (np.nan, np.nan)

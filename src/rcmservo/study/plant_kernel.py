@@ -75,11 +75,14 @@ class PlantStruct(Row):
 
 @compiled
 def advance_plant(plant: PlantStruct, until: int) -> None:
-    """Integrate to the step nearest to the time `until` (ns), at most one tick ahead."""
+    """Integrate to the step nearest to the time `until` (ns), at most one tick ahead.
+
+    A stretch of steps ends where the drives execute a command, which changes their target rates.
+    """
     drives = plant.drives
-    left = (until - drives.time + ARM_STEP_NS // 2 - 1) // ARM_STEP_NS
-    dynamics = linearise_at_midpoint(drives, left)
-    while left > 0:
+    steps_left = (until - drives.time + ARM_STEP_NS // 2 - 1) // ARM_STEP_NS
+    dynamics = linearise_at_midpoint(drives, steps_left)
+    while steps_left > 0:
         if not drives.enabled:
             drives.queue_begin = drives.queue_end
             fill(drives.target_rates, 0.0)
@@ -90,21 +93,22 @@ def advance_plant(plant: PlantStruct, until: int) -> None:
         ):
             set_drive_target(drives, plant.queued_rates[drives.queue_begin % QUEUE_LENGTH])
             drives.queue_begin += 1
-        steps = left
+        steps = steps_left
         if drives.queue_begin < drives.queue_end:
-            due = plant.due_times[drives.queue_begin % QUEUE_LENGTH]
-            steps = min(left, max((due - drives.time - 1) // ARM_STEP_NS, 1))
+            due_time = plant.due_times[drives.queue_begin % QUEUE_LENGTH]
+            steps = min(steps_left, max((due_time - drives.time - 1) // ARM_STEP_NS, 1))
         integrate_joints(drives, dynamics, plant.joint_history, steps)
         drives.time += steps * ARM_STEP_NS
-        left -= steps
+        steps_left -= steps
 
 
 @compiled
 def linearise_at_midpoint(drives: DrivesStruct, steps: int) -> LinearisedDynamics:
     """Return the equations about the middle of the motion during the next `steps`."""
-    half = 0.5 * steps * ARM_STEP_NS * 1e-9
+    half_s = 0.5 * steps * ARM_STEP_NS * 1e-9
     inner = 1 - drives.inertia.outer_joint
-    z, angle = drives.q[2] + half * drives.speeds[2], drives.q[inner] + half * drives.speeds[inner]
+    z = drives.q[2] + half_s * drives.speeds[2]
+    angle = drives.q[inner] + half_s * drives.speeds[inner]
     return linearise_dynamics(drives.inertia, z, angle, ARM_STEP_NS * 1e-9)
 
 

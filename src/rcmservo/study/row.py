@@ -74,14 +74,13 @@ class StudyRow:
     @property
     def result(self) -> RunResult:
         """Result of the run by the true error, in the form of any other run."""
-        why = self.stop if self.stop in ("", NEVER_BEGAN) else Cause[self.stop].value
         sentences = {
             "": f"marker 2 is more than {SUCCESS_MM:g} mm from the target",
             NEVER_BEGAN: "it never began",
-        }
+        } | {cause.name: cause.value for cause in Cause}
         return RunResult(
             settled=self.success,
-            cause="" if self.success else sentences.get(why, why),
+            cause="" if self.success else sentences[self.stop],
             settle_time_s=self.time_to_1mm_s,
             pose_error_mm=self.pose_error_mm,
             bound_mm=self.bound_mm,
@@ -95,14 +94,11 @@ COLUMN_MEANINGS = {f.name: str(f.metadata["meaning"]) for f in fields(StudyRow)}
 
 def make_row(cell: Cell, settings: RigSettings, run: StudyRun) -> StudyRow:
     """Return the row of a run of a cell."""
-    first, stops, timing, scene = (
-        run.first_within(SUCCESS_MM),
-        run.stops,
-        settings.timing,
-        run.scene,
-    )
-    depths = scene.optics.depth(np.stack([np.zeros(3), scene.body.points(scene.start)[0]]))
-    sight_line: Floats = scene.body.points(scene.start)[0] - scene.optics.position
+    arrival_s, stops = run.first_within(SUCCESS_MM), run.stops
+    timing, scene = settings.timing, run.scene
+    p1 = scene.body.points(scene.start)[0]
+    rcm_depth, marker_depth = scene.optics.depth(np.stack([np.zeros(3), p1]))
+    sight_line: Floats = p1 - scene.optics.position
     return StudyRow(
         method=cell.method,
         scenes=cell.scenes,
@@ -113,7 +109,7 @@ def make_row(cell: Cell, settings: RigSettings, run: StudyRun) -> StudyRow:
         disturb=" ".join(cell.disturb),
         engine=cell.engine,
         success=bool(run.pose_error <= SUCCESS_MM),
-        time_to_1mm_s=first if np.isfinite(first) else None,
+        time_to_1mm_s=arrival_s if np.isfinite(arrival_s) else None,
         pose_error_mm=run.pose_error,
         bound_mm=run.bound if np.isfinite(run.bound) else None,
         stop=stops[0][1].name if stops else "" if run.began else NEVER_BEGAN,
@@ -124,7 +120,7 @@ def make_row(cell: Cell, settings: RigSettings, run: StudyRun) -> StudyRow:
         condition=compute_worst_condition(scene),
         focal_px=float(scene.optics.focal),
         distance_mm=float(np.linalg.norm(sight_line)),
-        rcm_depth=float(depths[0] / depths[1]),
+        rcm_depth=float(rcm_depth / marker_depth),
         rejected=scene.rejected,
         source=cell.source,
         cpu=read_cpu_name(),
@@ -134,14 +130,9 @@ def make_row(cell: Cell, settings: RigSettings, run: StudyRun) -> StudyRow:
 
 def compute_worst_condition(scene: Scene) -> float:
     """Return the largest condition number of the scaled J on the path; inf where J is undefined."""
-    o_c = compute_imaged_rcm(scene.optics)
-    return max(_compute_condition(scene, q, o_c) for q in scene.path)
-
-
-def _compute_condition(scene: Scene, q: Floats, o_c: Floats) -> float:
-    return float(
-        compute_condition(scale_rows(compute_feature_jacobian(scene.body, scene.optics, q, o_c)))
-    )
+    body, optics, o_c = scene.body, scene.optics, compute_imaged_rcm(scene.optics)
+    jacobians = (compute_feature_jacobian(body, optics, q, o_c) for q in scene.path)
+    return max(float(compute_condition(scale_rows(jacobian))) for jacobian in jacobians)
 
 
 @cache
@@ -158,12 +149,12 @@ def read_cpu_name() -> str:
 @cache
 def versions() -> str:
     """Return the versions of the packages that determine the numbers of a run."""
-    found = {"rcmservo": _version("rcmservo"), "python": platform.python_version()}
-    found |= {name: _version(name) for name in ("numpy", "numba", "mujoco-core")}
-    return " ".join(f"{name} {number}" for name, number in found.items())
+    packages = {"rcmservo": _find_version("rcmservo"), "python": platform.python_version()}
+    packages |= {name: _find_version(name) for name in ("numpy", "numba", "mujoco-core")}
+    return " ".join(f"{name} {number}" for name, number in packages.items())
 
 
-def _version(name: str) -> str:
+def _find_version(name: str) -> str:
     try:
         return version(name)
     except PackageNotFoundError:

@@ -16,6 +16,7 @@ FINAL_WINDOW_S = 1.0
 
 STOPPED_PHASES = [PHASES.index(phase) for phase in (Phase.HOLD, Phase.PAUSED, Phase.FAULT)]
 SERVO_PHASE = PHASES.index(Phase.SERVO)
+"""Codes of phases in a run: their indices in `PHASES`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,8 +69,8 @@ class StudyRun:
     @property
     def explored(self) -> float:
         """Time of the first tick in SERVO, after the exploration, in s; inf without one."""
-        servoed = np.flatnonzero(self.phases == SERVO_PHASE)
-        return float(servoed[0] / self.rate) if len(servoed) else np.inf
+        ticks = np.flatnonzero(self.phases == SERVO_PHASE)
+        return float(ticks[0] / self.rate) if len(ticks) else np.inf
 
     @property
     def held(self) -> Cause:
@@ -86,8 +87,8 @@ class StudyRun:
     def stops(self) -> list[tuple[float, Cause]]:
         """Time (s) and cause of every stop: a change from any phase to HOLD, PAUSED or FAULT."""
         is_stopped = np.isin(self.phases, STOPPED_PHASES).astype(np.int8)
-        begun = np.flatnonzero(np.diff(is_stopped, prepend=0) > 0)
-        return [(float(k / self.rate), CAUSES[self.causes[k]]) for k in begun]
+        first_ticks = np.flatnonzero(np.diff(is_stopped, prepend=0) > 0)
+        return [(float(k / self.rate), CAUSES[self.causes[k]]) for k in first_ticks]
 
     @property
     def began(self) -> bool:
@@ -101,12 +102,12 @@ class StudyRun:
         The growth counts from the smallest error since the servo entered SERVO. Every path that is
         not straight has a little of it; a method that diverges without raising a cause has much.
         """
-        servoing = (self.phases == SERVO_PHASE).astype(np.int8)
-        edges = np.flatnonzero(np.diff(servoing, prepend=0, append=0))
-        largest = 0.0
+        in_servo = (self.phases == SERVO_PHASE).astype(np.int8)
+        edges = np.flatnonzero(np.diff(in_servo, prepend=0, append=0))
+        largest_growth = 0.0
         for begin, end in edges.reshape(-1, 2):
             error = self.error[begin:end]
             growth = error - np.minimum.accumulate(error)
             has_no_cause = self.causes[begin:end] == Cause.NONE.code
-            largest = max(largest, float(growth[has_no_cause].max(initial=0.0)))
-        return largest
+            largest_growth = max(largest_growth, float(growth[has_no_cause].max(initial=0.0)))
+        return largest_growth

@@ -1,41 +1,30 @@
 """Closed loops of a study in the full simulator: MuJoCo's arm and the code of the live loop.
 
-This engine also runs what the compiled plant of `batch` cannot: any estimator, disturbances and
-rendered frames. Timing and noise are the same in both.
+This engine also runs what the compiled plant of `rcmservo.study.batch` does not support: any
+estimator, disturbances and rendered frames. Timing and noise are the same in both.
 """
 
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass, field
-from typing import Annotated
 
 import numpy as np
 
-from rcmservo.constraints import Checked, positive
 from rcmservo.errors import require
 from rcmservo.interfaces import Floats, Target
 from rcmservo.loop.plant import Plant
 from rcmservo.loop.run import run
-from rcmservo.loop.target_frames import FRAME_COUNT, TEACHING_FRAMES
 from rcmservo.loop.teach import TeachingFailed, teach
 from rcmservo.loop.tick import Tick
 from rcmservo.safety.causes import Cause
 from rcmservo.safety.state_machine import PHASES, Phase, Request
-from rcmservo.servo.servo import Servo
-from rcmservo.sim import Disturbance, Rig, RigSettings
+from rcmservo.sim import Disturbance, Rig
 from rcmservo.sim.scene import Scene
-from rcmservo.study.batch import FIRST_TICK_NS
-from rcmservo.study.cramer_rao import bound
 from rcmservo.study.run_outcome import StudyRun
-from rcmservo.study.trial import StudyTrial, count_frames, draw_trial
+from rcmservo.study.trial import FIRST_TICK_NS, StudyEngine
 from rcmservo.tracking import ColourMarkers, MarkerAppearance, PointMarkers
 
 EXCLUDED_DISTURBANCES = "kill", "disk_full"
 """Disturbances of the process or of its recorder, to which no servo can respond."""
-
-
-def request_nothing(tick: Tick) -> Request:
-    """Request nothing, as an operator who does not intervene."""
-    return Request.NONE
 
 
 class SimulationLoop:
@@ -45,7 +34,7 @@ class SimulationLoop:
 
     Parameters
     ----------
-    laboratory : SimulationEngine
+    engine : SimulationEngine
         Servo and simulated laboratory.
     seed : int
         Seed of the scene and the noise.
@@ -54,71 +43,71 @@ class SimulationLoop:
 
     Raises
     ------
-    NotShown
+    TeachingFailed
         If the target cannot be taught from rendered frames.
     """
 
-    def __init__(self, laboratory: "SimulationEngine", seed: int, repetition: int) -> None:
-        engine = self._engine = laboratory
-        self.trial = draw_trial(
-            seed, repetition, engine.settings, engine.duration, engine.teaching_frames
-        )
+    def __init__(self, engine: "SimulationEngine", seed: int, repetition: int) -> None:
+        self._engine, self.trial = engine, engine.draw_trial(seed, repetition)
         scene = self.trial.scene
         self.rig = Rig(seed, engine.settings, engine.pictures, engine.disturbances, scene)
         tracker = ColourMarkers(engine.appearance) if engine.pictures else PointMarkers()
         self.plant = Plant(self.rig.arm, self.rig.camera, tracker, self.rig.clock)
-        self.p_d, self.target = self.trial.goal.p2, self._make_target(self.trial)
+        self.target = self._make_target()
         self._errors: list[float] = []
         self._phases: list[int] = []
         self._causes: list[int] = []
 
-    def _make_target(self, given: StudyTrial) -> Target:
+    def _make_target(self) -> Target:
         """Teach the target from rendered frames, or take the markers of the trial."""
-        rig = self.rig
+        rig, goal = self.rig, self.trial.goal
         if self._engine.pictures:
             rig.move_to_target()
             target = teach(self.plant, self._engine.teaching_frames)
             rig.move_to_start()
             return target
         rig.clock.wait_until(FIRST_TICK_NS)
-        rig.set_point_noise(np.concatenate([given.noise, self._make_trailing_noise()]))
-        return Target(given.goal.points, given.goal.q, rig.clock.now())
+        rig.set_point_noise(np.concatenate([self.trial.noise, self._make_trailing_noise()]))
+        return Target(goal.points, goal.q, rig.clock.now())
 
     def _make_trailing_noise(self) -> Floats:
         """Return zeros for the frames after the last tick, until the arm rests; none is used."""
-        servo, rate = self._engine.servo, self._engine.settings.timing.frame_rate
-        period = 1.0 / servo.rate
-        slowdown = max(period / servo.gate.max_period, 1.0)
-        braking = slowdown * np.max(np.divide(servo.gate.speed, servo.gate.slew)) + 3.0 * period
-        return np.zeros((int(braking * rate) + 2, 2, 2))
+        servo, gate = self._engine.servo, self._engine.servo.gate
+        period_s = 1.0 / servo.rate
+        slowdown = max(period_s / gate.max_period, 1.0)
+        braking_s = slowdown * np.max(np.divide(gate.speed, gate.slew)) + 3.0 * period_s
+        return np.zeros((int(braking_s * self._engine.settings.timing.frame_rate) + 2, 2, 2))
 
     def ticks(self) -> Generator[Tick]:
         """Yield every tick after its command was sent; pauses and faults do not end the loop."""
         servo, duration = self._engine.servo, self._engine.duration
+
+        def request_nothing(_: Tick) -> Request:
+            return Request.NONE
+
         self.rig.begin()
         for tick in run(self.plant, servo, self.target, duration, operator=request_nothing):
             self.record_tick(tick.state.phase, tick.state.cause)
             yield tick
 
     def record_tick(self, phase: Phase, cause: Cause) -> None:
-        """Record the true error, phase and cause of a tick, also of a law outside the servo."""
-        p2 = self.rig.truth.markers(self.rig.clock.now())[1]
-        deviation: Floats = p2 - self.p_d
-        self._errors.append(float(np.linalg.norm(deviation)))
+        """Record the true error, phase and cause of a tick, also of a law without a servo."""
+        p2: Floats = self.rig.truth.markers(self.rig.clock.now())[1]
+        self._errors.append(float(np.linalg.norm(p2 - self.trial.goal.p2)))
         self._phases.append(PHASES.index(phase))
         self._causes.append(cause.code)
 
     @property
     def outcome(self) -> StudyRun:
         """Outcome of the ticks up to now."""
-        engine, scene = self._engine, self.trial.scene
+        rate, scene, seed = self._engine.servo.rate, self.trial.scene, self.rig.seed
         phases, causes = np.array(self._phases, np.int8), np.array(self._causes, np.int8)
-        least, errors = engine.bound(scene), np.array(self._errors)
-        return StudyRun(self.rig.seed, engine.servo.rate, errors, phases, causes, least, scene)
+        errors, bound_mm = np.array(self._errors), self._engine.compute_bound(scene)
+        return StudyRun(seed, rate, errors, phases, causes, bound_mm, scene)
 
 
 @dataclass(frozen=True)
-class SimulationEngine(Checked):
+class SimulationEngine(StudyEngine):
     """Simulated closed loops of a servo in the full simulator.
 
     Parameters
@@ -139,10 +128,6 @@ class SimulationEngine(Checked):
         Appearance of the markers for the tracker of rendered frames.
     """
 
-    servo: Servo
-    settings: RigSettings = field(default_factory=RigSettings)
-    duration: Annotated[float, positive("time in s")] = 15.0
-    teaching_frames: Annotated[int, FRAME_COUNT] = TEACHING_FRAMES
     disturbances: Sequence[Disturbance] = ()
     pictures: bool = False
     appearance: MarkerAppearance = field(default_factory=MarkerAppearance)
@@ -166,21 +151,18 @@ class SimulationEngine(Checked):
 
     def _make_idle_run(self, seed: int, repetition: int) -> StudyRun:
         """Return the outcome of a run in which the arm never leaves the start."""
-        given = draw_trial(seed, repetition, self.settings, self.duration, self.teaching_frames)
-        scene, rate = given.scene, self.servo.rate
-        deviation: Floats = scene.body.points(scene.start)[1] - given.goal.p2
-        error = float(np.linalg.norm(deviation))
-        n = round(self.duration * rate)
-        phases = np.full(n, PHASES.index(Phase.IDLE), np.int8)
-        causes = np.full(n, Cause.NONE.code, np.int8)
-        return StudyRun(seed, rate, np.full(n, error), phases, causes, self.bound(scene), scene)
+        scene, goal, _ = self.draw_trial(seed, repetition)
+        deviation: Floats = scene.body.points(scene.start)[1] - goal.p2
+        ticks = round(self.duration * self.servo.rate)
+        errors = np.full(ticks, float(np.linalg.norm(deviation)))
+        phases = np.full(ticks, PHASES.index(Phase.IDLE), np.int8)
+        causes = np.full(ticks, Cause.NONE.code, np.int8)
+        bound_mm = self.compute_bound(scene)
+        return StudyRun(seed, self.servo.rate, errors, phases, causes, bound_mm, scene)
 
-    def bound(self, scene: Scene) -> float:
-        """Return the Cramér-Rao bound of the error, mm; NaN for rendered frames.
+    def compute_bound(self, scene: Scene) -> float:
+        """Return the Cramér-Rao bound of the pose error for all frames of a loop, rms in mm.
 
-        The noise of a tracker in rendered frames is unknown.
+        It is NaN for rendered frames, because the noise of their tracker is unknown.
         """
-        if self.pictures:
-            return float("nan")
-        frames = count_frames(self.settings, self.duration)
-        return bound(scene, self.settings.point_noise, frames, self.teaching_frames).rms
+        return np.nan if self.pictures else super().compute_bound(scene)

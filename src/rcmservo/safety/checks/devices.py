@@ -3,11 +3,13 @@
 Every comparison is written so that NaN triggers the cause.
 """
 
+from collections.abc import Callable
 from typing import cast
 
 import numpy as np
+from numpy.typing import NDArray
 
-from rcmservo.geometry.kinematics import Kinematics, is_within_limits
+from rcmservo.geometry.kinematics import is_within_limits
 from rcmservo.interfaces import DropReason, Floats
 from rcmservo.numerics.jit import compiled
 from rcmservo.numerics.small_linalg import all_finite
@@ -15,10 +17,10 @@ from rcmservo.safety.checks.facts import DetailFacts, TickFacts, has_frame
 from rcmservo.safety.thresholds import Thresholds
 
 NOT_DROPPED, NOT_NEW, INVALID_TIME, DAMAGED = cast(list[DropReason], list(map(int, DropReason)))
-"""Members of `DropReason` in compiled functions."""
+"""Codes of `DropReason` in compiled functions."""
 
 NOT_MISSING = cast(DropReason, -1)
-"""Result of `missing_reason` while frames arrive."""
+"""Result of `find_missing_reason` while frames arrive."""
 
 JOINT_UNITS = ("rad", "rad", "mm")
 
@@ -38,10 +40,8 @@ def drive_went_off(facts: TickFacts) -> bool:
 @compiled
 def arm_is_silent(facts: TickFacts) -> bool:
     """Detect joint positions with a timestamp too far from the present."""
-    return (
-        not abs(facts.observation.now - facts.observation.q_time)
-        <= facts.thresholds.arm_timeout * 1e9
-    )
+    age_ns = abs(facts.observation.now - facts.observation.q_time)
+    return not age_ns <= facts.thresholds.arm_timeout * 1e9
 
 
 @compiled
@@ -53,25 +53,27 @@ def joint_is_beyond_limit(facts: TickFacts) -> bool:
 @compiled
 def joints_do_not_follow(facts: TickFacts) -> bool:
     """Detect a following error: joints that differ from the commanded motion."""
-    return exceeds_following_error(
-        facts.observation.q, facts.monitor.predicted_joints, facts.thresholds
-    )
+    q, predicted_joints = facts.observation.q, facts.monitor.predicted_joints
+    return exceeds_following_error(q, predicted_joints, facts.thresholds)
 
 
 @compiled
 def joints_creep(facts: TickFacts) -> bool:
-    """Detect motion of the joints while no motion is commanded."""
-    rest = facts.monitor.rest_joints
-    return all_finite(rest) and exceeds_following_error(facts.observation.q, rest, facts.thresholds)
+    """Detect motion of the joints while no motion is commanded.
+
+    The rest position of the joints is NaN until they have come to rest.
+    """
+    q, rest_joints = facts.observation.q, facts.monitor.rest_joints
+    return all_finite(rest_joints) and exceeds_following_error(q, rest_joints, facts.thresholds)
 
 
 @compiled
 def exceeds_following_error(q: Floats, expected: Floats, thresholds: Thresholds) -> bool:
-    """Return True if a joint of q (3,) deviates from `expected` (3,) by too much."""
-    within = True
+    """Return True if a joint of q (3,) differs from `expected` (3,) by `max_following_error`."""
+    is_within = True
     for i in range(3):
-        within = within and abs(q[i] - expected[i]) <= thresholds.max_following_error[i]
-    return not within
+        is_within = is_within and abs(q[i] - expected[i]) <= thresholds.max_following_error[i]
+    return not is_within
 
 
 @compiled
@@ -83,11 +85,9 @@ def clock_did_not_advance(facts: TickFacts) -> bool:
 @compiled
 def loop_overran(facts: TickFacts) -> bool:
     """Detect several late ticks in succession, or one tick that is much too late."""
-    thresholds, delay = facts.thresholds, facts.monitor.tick_interval - facts.period
-    return (
-        facts.monitor.late_ticks >= thresholds.max_late_ticks
-        or not delay <= thresholds.max_tick_delay * 1e9
-    )
+    thresholds, delay_ns = facts.thresholds, facts.monitor.tick_interval - facts.period
+    is_much_too_late = not delay_ns <= thresholds.max_tick_delay * 1e9
+    return facts.monitor.late_ticks >= thresholds.max_late_ticks or is_much_too_late
 
 
 @compiled
@@ -105,8 +105,8 @@ def recording_failed(facts: TickFacts) -> bool:
 @compiled
 def joints_at_exposure_are_unknown(facts: TickFacts) -> bool:
     """Detect joint positions at the exposure that are unknown or beyond their limits."""
-    q, slack = facts.observation.q_exposure, facts.thresholds.limit_tolerance
-    return has_frame(facts) and not is_within_limits(facts.rcm, q, slack)
+    q, tolerance = facts.observation.q_exposure, facts.thresholds.limit_tolerance
+    return has_frame(facts) and not is_within_limits(facts.rcm, q, tolerance)
 
 
 @compiled
@@ -118,26 +118,27 @@ def frames_come_late(facts: TickFacts) -> bool:
 @compiled
 def frame_is_old(facts: TickFacts) -> bool:
     """Detect a newest frame that arrived longer ago than usual."""
-    limit = facts.thresholds.max_frame_age_slow
-    return has_frame(facts) and not periods_since(facts, facts.observation.arrival) <= limit
+    age_periods = count_periods_since(facts, facts.observation.arrival)
+    return has_frame(facts) and not age_periods <= facts.thresholds.max_frame_age_slow
 
 
 @compiled
 def frames_stopped(facts: TickFacts) -> bool:
     """Detect that no frames arrive, or that none has arrived in a paused run."""
-    return missing_reason(facts) == NOT_DROPPED or (facts.paused and not has_frame(facts))
+    return find_missing_reason(facts) == NOT_DROPPED or (facts.paused and not has_frame(facts))
 
 
 @compiled
 def frames_are_damaged(facts: TickFacts) -> bool:
     """Detect that only damaged frames arrive."""
-    return missing_reason(facts) == DAMAGED
+    return find_missing_reason(facts) == DAMAGED
 
 
 @compiled
 def frames_are_not_new(facts: TickFacts) -> bool:
     """Detect frames that arrive repeatedly or out of order."""
-    return missing_reason(facts) == NOT_NEW or facts.observation.frame < facts.monitor.newest_frame
+    is_out_of_order = facts.observation.frame < facts.monitor.newest_frame
+    return is_out_of_order or find_missing_reason(facts) == NOT_NEW
 
 
 @compiled
@@ -146,59 +147,55 @@ def frame_times_are_invalid(facts: TickFacts) -> bool:
 
     Either the frames are dropped for their timestamps, or frames arrive but always seem to be old.
     """
-    return missing_reason(facts) == INVALID_TIME or (
-        frames_are_missing(facts) and frames_still_arrive(facts)
-    )
+    always_seem_old = frames_are_missing(facts) and frames_still_arrive(facts)
+    return find_missing_reason(facts) == INVALID_TIME or always_seem_old
 
 
 @compiled
-def missing_reason(facts: TickFacts) -> DropReason:
+def find_missing_reason(facts: TickFacts) -> DropReason:
     """Return the reason why the last frame was dropped; NOT_MISSING while frames arrive."""
-    missing = frames_are_missing(facts) and not frames_still_arrive(facts)
-    return facts.observation.drop_reason if missing else NOT_MISSING
+    is_missing = frames_are_missing(facts) and not frames_still_arrive(facts)
+    return facts.observation.drop_reason if is_missing else NOT_MISSING
 
 
 @compiled
 def frames_are_missing(facts: TickFacts) -> bool:
     """Return True if the newest frame arrived too long ago."""
-    limit = facts.thresholds.max_frame_age_hold
-    return has_frame(facts) and not periods_since(facts, facts.observation.arrival) <= limit
+    age_periods = count_periods_since(facts, facts.observation.arrival)
+    return has_frame(facts) and not age_periods <= facts.thresholds.max_frame_age_hold
 
 
 @compiled
 def frames_still_arrive(facts: TickFacts) -> bool:
     """Return True if the newest frame was first used recently, whatever its timestamps say."""
-    return periods_since(facts, facts.monitor.frame_time) <= facts.thresholds.max_frame_age_slow
+    age_periods = count_periods_since(facts, facts.monitor.frame_time)
+    return age_periods <= facts.thresholds.max_frame_age_slow
 
 
 @compiled
-def periods_since(facts: TickFacts, time: int) -> float:
-    """Return the number of frame periods since a time in ns."""
-    watch, first = facts.monitor, facts.thresholds.initial_frame_period
-    period = watch.frame_period if watch.frame_period != 0.0 else 1e9 * first
-    return (facts.observation.now - time) / period
+def count_periods_since(facts: TickFacts, time_ns: int) -> float:
+    """Return the number of frame periods, with fraction, since a time."""
+    period_ns = facts.monitor.frame_period
+    if period_ns == 0.0:
+        period_ns = 1e9 * facts.thresholds.initial_frame_period
+    return (facts.observation.now - time_ns) / period_ns
 
 
 def describe_not_finite(facts: DetailFacts) -> str:
     """Describe the joints whose positions are not finite."""
-    q, arm = facts.observation.q, facts.mechanism
-    return "; ".join(_describe_joint(arm, i, q) for i in range(3) if not np.isfinite(q[i]))
+    return _describe_joints(facts, np.isfinite(facts.observation.q), lambda joint: "")
 
 
 def describe_limits(facts: DetailFacts) -> str:
     """Describe the joints beyond their limits."""
-    lower, upper = facts.mechanism.limits.arrays
-    slack, q, arm = (
-        facts.thresholds.limit_tolerance * (upper - lower),
-        facts.observation.q,
-        facts.mechanism,
-    )
-    parts = [
-        f"{_describe_joint(arm, i, q)}, its limits are {lower[i]:.4g} and {upper[i]:.4g}"
-        for i in range(3)
-        if not lower[i] - slack[i] <= q[i] <= upper[i] + slack[i]
-    ]
-    return "; ".join(parts)
+    q, (lower, upper) = facts.observation.q, facts.mechanism.limits.arrays
+    margin = facts.thresholds.limit_tolerance * (upper - lower)
+
+    def describe_range(joint: int) -> str:
+        return f", its limits are {lower[joint]:.4g} and {upper[joint]:.4g}"
+
+    is_within = (lower - margin <= q) & (q <= upper + margin)
+    return _describe_joints(facts, is_within, describe_range)
 
 
 def describe_following(facts: DetailFacts) -> str:
@@ -213,14 +210,22 @@ def describe_creeping(facts: DetailFacts) -> str:
 
 def _describe_deviations(facts: DetailFacts, expected: Floats, verb: str) -> str:
     """Describe the joints that differ from `expected` (3,) by more than `max_following_error`."""
-    q, limit, arm = facts.observation.q, facts.thresholds.max_following_error, facts.mechanism
-    parts = [
-        f"{_describe_joint(arm, i, q)}, and {verb} within {limit[i]:g} of {expected[i]:.4g}"
+    limit = facts.thresholds.max_following_error
+
+    def describe_expected(joint: int) -> str:
+        return f", and {verb} within {limit[joint]:g} of {expected[joint]:.4g}"
+
+    is_within = abs(facts.observation.q - expected) <= limit
+    return _describe_joints(facts, is_within, describe_expected)
+
+
+def _describe_joints(
+    facts: DetailFacts, is_valid: NDArray[np.bool_], describe_expected: Callable[[int], str]
+) -> str:
+    """Describe the positions of the joints that are not valid, and what is expected of each."""
+    q, names = facts.observation.q, facts.mechanism.joint_names
+    return "; ".join(
+        f"joint {i + 1} ({names[i]}) is at {q[i]:.4g} {JOINT_UNITS[i]}{describe_expected(i)}"
         for i in range(3)
-        if not abs(q[i] - expected[i]) <= limit[i]
-    ]
-    return "; ".join(parts)
-
-
-def _describe_joint(mechanism: Kinematics, i: int, q: Floats) -> str:
-    return f"joint {i + 1} ({mechanism.joint_names[i]}) is at {q[i]:.4g} {JOINT_UNITS[i]}"
+        if not is_valid[i]
+    )

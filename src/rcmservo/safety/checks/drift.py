@@ -1,9 +1,10 @@
 """Detectors of markers that drift away from their prediction, or that do not move with the tool.
 
-The innovation gate (innovation.py) detects an error in one frame. A camera that pans, rolls, zooms
-or approaches, and a decoy marker that slides along, cause a small error in every frame: the mean
-residual over a third of a second detects it, because averaging reduces the noise. A frozen image is
-the same to the last bit, which no camera delivers while the tool moves.
+The residual is the difference between a detected marker and its prediction by the projection fit.
+The innovation gate (innovation.py) detects a large residual in one frame. A camera that pans,
+rolls, zooms or approaches, or an object that is detected as a marker and slides along, causes a
+small residual in every frame. The mean over a third of a second shows it, because averaging reduces
+the noise. A frozen image is identical to the last bit; no camera delivers one while the tool moves.
 """
 
 import numpy as np
@@ -28,19 +29,19 @@ SINGLE_DRIFT_RATIO = 3.0
 
 @compiled
 def update_drift(
-    watch: MonitorState,
+    monitor: MonitorState,
     fit: ProjectionFit,
     p1: Floats,
     points: Floats,
     detected: Floats,
-    shaft: ToolStruct,
+    tool: ToolStruct,
     thresholds: Thresholds,
 ) -> None:
     """Update the mean residuals, and detect a frozen image, with a new frame.
 
     Parameters
     ----------
-    watch : MonitorState
+    monitor : MonitorState
         State of the checks; updated.
     fit : ProjectionFit
         Fit of the camera's projection.
@@ -50,31 +51,34 @@ def update_drift(
         Markers, (2, 2) raw px; a lost one is replaced by its prediction.
     detected : Floats
         Markers as they were detected, (2, 2) raw px, NaN where lost.
-    shaft : ToolStruct
+    tool : ToolStruct
         Tool, which gives the position of marker 2.
     thresholds : Thresholds
         Thresholds of the checks.
     """
-    predicted = project_markers(fit, p1, shaft)
-    watch.averaged_frames = min(watch.averaged_frames + 1, thresholds.drift_frames)
+    predicted = project_markers(fit, p1, tool)
+    monitor.averaged_frames = min(monitor.averaged_frames + 1, thresholds.drift_frames)
     for k in range(2):
-        update_mean_residual(watch, fit, k, predicted[k], points[k], thresholds)
-    same = same_markers(detected, watch.changed_markers)
-    largest = max_difference(watch.markers_prediction, watch.changed_markers_prediction)
-    moved = (
-        compute_distance(p1, watch.changed_markers_p1) > thresholds.frozen_image_motion
-        or largest > thresholds.max_drift_px
+        update_mean_residual(monitor, fit, k, predicted[k], points[k], thresholds)
+    is_unchanged = same_markers(detected, monitor.changed_markers)
+    predicted_motion_px = find_max_difference(
+        monitor.markers_prediction, monitor.changed_markers_prediction
     )
-    watch.image_frozen = same and moved
-    if not same:
-        copy_into(watch.changed_markers, detected)
-        copy_into(watch.changed_markers_p1, p1)
-        copy_into(watch.changed_markers_prediction, watch.markers_prediction)
+    tool_motion_mm = compute_distance(p1, monitor.changed_markers_p1)
+    has_moved = (
+        tool_motion_mm > thresholds.frozen_image_motion
+        or predicted_motion_px > thresholds.max_drift_px
+    )
+    monitor.image_frozen = is_unchanged and has_moved
+    if not is_unchanged:
+        copy_into(monitor.changed_markers, detected)
+        copy_into(monitor.changed_markers_p1, p1)
+        copy_into(monitor.changed_markers_prediction, monitor.markers_prediction)
 
 
 @compiled
 def detect_stuck_markers(
-    watch: MonitorState, p1: Floats, points: Floats, thresholds: Thresholds
+    monitor: MonitorState, p1: Floats, points: Floats, thresholds: Thresholds
 ) -> tuple[bool, bool]:
     """Detect a stuck marker or a frozen image before an estimate exists.
 
@@ -83,7 +87,7 @@ def detect_stuck_markers(
 
     Parameters
     ----------
-    watch : MonitorState
+    monitor : MonitorState
         State of the checks; updated.
     p1 : Floats
         Position of marker 1, (3,) mm.
@@ -95,83 +99,78 @@ def detect_stuck_markers(
     Returns
     -------
     tuple[bool, bool]
-        True if marker 1, marker 2 is stuck.
+        True if marker 1 is stuck, and the same for marker 2.
     """
-    same, motion, limit = (
-        same_markers(points, watch.changed_markers),
-        np.empty(2),
-        thresholds.stuck_marker_px,
-    )
-    watch.image_frozen = (
-        same and compute_distance(p1, watch.changed_markers_p1) > thresholds.frozen_image_motion
-    )
-    if not same:
-        copy_into(watch.changed_markers, points)
-        copy_into(watch.changed_markers_p1, p1)
+    is_unchanged = same_markers(points, monitor.changed_markers)
+    tool_motion_mm = compute_distance(p1, monitor.changed_markers_p1)
+    monitor.image_frozen = is_unchanged and tool_motion_mm > thresholds.frozen_image_motion
+    if not is_unchanged:
+        copy_into(monitor.changed_markers, points)
+        copy_into(monitor.changed_markers_p1, p1)
+    other_motion_px = np.empty(2)
     for k in range(2):
-        if not compute_distance(points[k], watch.stuck_anchors[k, :2]) <= limit:
-            copy_into(watch.stuck_anchors[k, :2], points[k])
-            copy_into(watch.stuck_anchors[k, 2:], points[1 - k])
-        motion[k] = compute_distance(points[1 - k], watch.stuck_anchors[k, 2:])
-    return motion[0] > STUCK_MOTION_RATIO * limit, motion[1] > STUCK_MOTION_RATIO * limit
+        anchor, other_anchor = monitor.stuck_anchors[k, :2], monitor.stuck_anchors[k, 2:]
+        if not compute_distance(points[k], anchor) <= thresholds.stuck_marker_px:
+            copy_into(anchor, points[k])
+            copy_into(other_anchor, points[1 - k])
+        other_motion_px[k] = compute_distance(points[1 - k], other_anchor)
+    max_motion_px = STUCK_MOTION_RATIO * thresholds.stuck_marker_px
+    return other_motion_px[0] > max_motion_px, other_motion_px[1] > max_motion_px
 
 
 @compiled
 def update_mean_residual(
-    watch: MonitorState,
+    monitor: MonitorState,
     fit: ProjectionFit,
     k: int,
     predicted: ProjectedPoint,
     point: Floats,
     thresholds: Thresholds,
 ) -> None:
-    """Average the residual of marker k at `point` (2,) raw px, and test the mean against noise.
+    """Update the mean residual of marker k, and store its norm unless noise explains it.
 
-    The residual is clipped: as many frames as may be rejected in succession cannot move the mean by
-    `max_drift_px`.
+    `point` (2,) is the marker in raw px. Its residual is clipped, so that as many false detections
+    as may be rejected in succession cannot move the mean by `max_drift_px`.
     """
-    place = watch.markers_prediction[k]
-    place[0], place[1] = fit.origin[3] + predicted.m[0], fit.origin[4] + predicted.m[1]
+    prediction, mean = monitor.markers_prediction[k], monitor.mean_residual[k]
+    prediction[0], prediction[1] = fit.origin[3] + predicted.m[0], fit.origin[4] + predicted.m[1]
     most_outliers = np.sqrt(2.0) * (thresholds.max_rejected_frames + 1)
-    bound = thresholds.max_drift_px * thresholds.drift_frames / most_outliers
+    bound_px = thresholds.max_drift_px * thresholds.drift_frames / most_outliers
     for i in range(2):
-        clipped = min(max(point[i] - place[i], -bound), bound)
-        watch.mean_residual[k, i] += (clipped - watch.mean_residual[k, i]) / watch.averaged_frames
-    noise, mean, error = (
-        fit.noise_variance / watch.averaged_frames,
-        watch.mean_residual[k],
-        compute_norm(watch.mean_residual[k]),
-    )
-    sigmas = thresholds.max_drift_sigma**2
-    explained = error * error <= sigmas * noise  # the fit's own covariance only adds to the noise
-    if not explained:
-        cov = image_covariance(fit, predicted)
-        explained = not squared_mahalanobis_distance(mean[0], mean[1], cov, noise) > sigmas
-    watch.drift_px[k] = 0.0 if explained else error
+        clipped_residual = min(max(point[i] - prediction[i], -bound_px), bound_px)
+        mean[i] += (clipped_residual - mean[i]) / monitor.averaged_frames
+    mean_variance = fit.noise_variance / monitor.averaged_frames
+    mean_px = compute_norm(mean)
+    max_squared_sigma = thresholds.max_drift_sigma**2
+    # the covariance of the fit only adds to the noise: it is not needed for a small residual
+    is_noise = mean_px * mean_px <= max_squared_sigma * mean_variance
+    if not is_noise:
+        covariance = image_covariance(fit, predicted)
+        distance = squared_mahalanobis_distance(mean[0], mean[1], covariance, mean_variance)
+        is_noise = not distance > max_squared_sigma
+    monitor.drift_px[k] = 0.0 if is_noise else mean_px
 
 
 @compiled
 def same_markers(one: Floats, other: Floats) -> bool:
     """Return True if two arrays (2, 2) of markers are equal; NaN equals NaN."""
-    for k in range(2):
-        for i in range(2):
-            a, b = one[k, i], other[k, i]
-            if not (a == b or (np.isnan(a) and np.isnan(b))):
-                return False
+    for i in np.ndindex(one.shape):
+        if not (one[i] == other[i] or (np.isnan(one[i]) and np.isnan(other[i]))):
+            return False
     return True
 
 
 @compiled
-def max_difference(one: Floats, other: Floats) -> float:
+def find_max_difference(one: Floats, other: Floats) -> float:
     """Return the largest absolute difference of two arrays (2, 2); NaN if a number is NaN."""
-    most = 0.0
+    maximum = 0.0
     for k in range(2):
         for i in range(2):
             difference = abs(one[k, i] - other[k, i])
             if np.isnan(difference):
                 return np.nan
-            most = max(most, difference)
-    return most
+            maximum = max(maximum, difference)
+    return maximum
 
 
 @compiled
@@ -183,20 +182,18 @@ def image_is_frozen(facts: TickFacts) -> bool:
 @compiled
 def markers_deviate(facts: TickFacts) -> bool:
     """Return True if the mean residual of a marker is too large."""
-    watch, thresholds = facts.monitor, facts.thresholds
-    known = (
-        facts.exploration_state.is_done
-        and not watch.image_frozen
-        and watch.averaged_frames >= thresholds.drift_frames
-    )
-    return known and max(watch.drift_px[0], watch.drift_px[1]) > thresholds.max_drift_px
+    monitor, thresholds = facts.monitor, facts.thresholds
+    has_mean = monitor.averaged_frames >= thresholds.drift_frames and not monitor.image_frozen
+    drift_px = max(monitor.drift_px[0], monitor.drift_px[1])
+    return facts.exploration_state.is_done and has_mean and drift_px > thresholds.max_drift_px
 
 
 @compiled
 def one_marker_deviates(facts: TickFacts) -> bool:
     """Return True if the mean residual of one marker alone is too large."""
-    off = facts.monitor.drift_px
-    return markers_deviate(facts) and max(off[0], off[1]) > SINGLE_DRIFT_RATIO * min(off[0], off[1])
+    first_px, second_px = facts.monitor.drift_px[0], facts.monitor.drift_px[1]
+    exceeds_other = max(first_px, second_px) > SINGLE_DRIFT_RATIO * min(first_px, second_px)
+    return markers_deviate(facts) and exceeds_other
 
 
 @compiled

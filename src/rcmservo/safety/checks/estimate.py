@@ -1,4 +1,8 @@
-"""Detectors of an estimate that is unknown, out of bounds or contradicted by frames."""
+"""Detectors of an estimate that is unknown, out of bounds or contradicted by frames.
+
+The estimate is the Jacobian Ĵ of the features with respect to the motion of marker 1, and the
+imaged RCM. Every comparison is written so that NaN triggers the cause.
+"""
 
 from rcmservo.control.saturated_controller import max_scaled_entry
 from rcmservo.numerics.jit import compiled
@@ -21,26 +25,22 @@ def estimate_is_not_finite(facts: TickFacts) -> bool:
 
 @compiled
 def rcm_is_unknown(facts: TickFacts) -> bool:
-    """Detect an imaged RCM that eq. (16) does not determine: it is ill-conditioned."""
-    return (
-        facts.exploration_state.is_done
-        and not facts.estimate.rcm_condition <= facts.max_rcm_condition
-    )
+    """Detect an imaged RCM that eq. (16) does not determine, because it is ill-conditioned."""
+    is_determined = facts.estimate.rcm_condition <= facts.max_rcm_condition
+    return facts.exploration_state.is_done and not is_determined
 
 
 @compiled
 def estimate_is_large(facts: TickFacts) -> bool:
     """Detect a scaled Ĵ with entries larger than those of any camera."""
-    return (
-        facts.exploration_state.is_done
-        and not max_scaled_entry(facts.estimate.J_hat) <= facts.thresholds.max_jacobian_entry
-    )
+    is_possible = max_scaled_entry(facts.estimate.J_hat) <= facts.thresholds.max_jacobian_entry
+    return facts.exploration_state.is_done and not is_possible
 
 
 @compiled
 def estimate_diverged(facts: TickFacts) -> bool:
     """Detect an estimate that frames contradict, or a fit that is no camera's projection."""
-    contradicted = facts.monitor.contradictions >= facts.thresholds.max_contradictions
-    return facts.exploration_state.is_done and (
-        contradicted or not is_plausible_fit(facts.fit, facts.thresholds)
-    )
+    thresholds = facts.thresholds
+    is_contradicted = facts.monitor.contradictions >= thresholds.max_contradictions
+    has_diverged = is_contradicted or not is_plausible_fit(facts.fit, thresholds)
+    return facts.exploration_state.is_done and has_diverged

@@ -1,12 +1,19 @@
-"""Detectors of an exploration that cannot start or does not succeed."""
+"""Detectors of an exploration that cannot start or does not succeed.
+
+The exploration is the first motion of a run: the tool moves around its start until the estimator
+has an estimate of the camera.
+"""
 
 from rcmservo.control.exploration import is_overdue
 from rcmservo.estimation.camera_fit_prediction import marker_order_score
 from rcmservo.numerics.jit import compiled
-from rcmservo.safety.checks.facts import DetailFacts, TickFacts
+from rcmservo.safety.checks.facts import TickFacts
 
 MAX_SWAPPED_ORDER = -0.3
-"""Value of `order` below which the markers count as swapped: 1 if correct, -1 if swapped."""
+"""Value of `marker_order_score` below which the markers count as swapped.
+
+The score is about 1 if marker 1 is the one nearer the RCM, and about -1 if marker 2 is.
+"""
 
 
 @compiled
@@ -18,22 +25,13 @@ def no_room_to_explore(facts: TickFacts) -> bool:
 @compiled
 def exploration_failed(facts: TickFacts) -> bool:
     """Detect an exploration that takes too long although joint limits and images permit it."""
-    hindered = (
-        facts.exploration_state.is_done
-        or facts.exploration_state.has_no_room
-        or facts.monitor.image_frozen
-    )
-    return not hindered and is_overdue(
-        facts.exploration_state, facts.observation.now, facts.exploration
-    )
+    state = facts.exploration_state
+    is_hindered = state.has_no_room or facts.monitor.image_frozen
+    may_fail = not (state.is_done or is_hindered)
+    return may_fail and is_overdue(state, facts.observation.now, facts.exploration)
 
 
 @compiled
 def markers_are_in_reverse_order(facts: TickFacts) -> bool:
     """Return True if an exploration failed because the markers are swapped."""
     return exploration_failed(facts) and marker_order_score(facts.fit) < MAX_SWAPPED_ORDER
-
-
-def advise(facts: DetailFacts) -> str:
-    """Return the estimator's advice for the operator."""
-    return facts.advice

@@ -1,4 +1,4 @@
-"""Facts of a tick: the arguments of the detectors and of the descriptions of causes."""
+"""Facts of a tick, on which the detectors of causes and the descriptions of causes are based."""
 
 from typing import NamedTuple
 
@@ -14,7 +14,7 @@ from rcmservo.safety.thresholds import Thresholds
 
 
 class TickFacts(NamedTuple):
-    """Facts of a tick for the detectors, in compiled functions.
+    """Facts of a tick for the detectors of causes, which are compiled.
 
     Parameters
     ----------
@@ -43,9 +43,9 @@ class TickFacts(NamedTuple):
     period : int
         Time from tick to tick, ns.
     gain : float
-        Gain k of the law (31), 1/s.
+        Gain k of the control law, eq. (31), 1/s.
     max_rcm_condition : float
-        Largest condition number of eq. (16) at which o_c counts as known.
+        Largest condition number of eq. (16) at which the imaged RCM counts as known.
     exploration : Exploration
         Settings of the exploration.
     thresholds : Thresholds
@@ -77,7 +77,7 @@ def has_frame(facts: TickFacts) -> bool:
 
 
 class DetailFacts(NamedTuple):
-    """Facts of a tick for the description of a cause's details.
+    """Facts of a tick for the functions that describe a cause's details.
 
     Parameters
     ----------

@@ -1,4 +1,8 @@
-"""Detectors of markers that are lost, swapped or repeatedly far from their predictions."""
+"""Detectors of markers that are lost, swapped or repeatedly far from their predictions.
+
+Marker 1 is the one nearer the RCM, marker 2 the one nearer the tip. A frame is rejected if a marker
+is too far from its prediction (`rcmservo.safety.innovation`).
+"""
 
 from rcmservo.numerics.jit import compiled
 from rcmservo.safety.checks.drift import one_marker_deviates
@@ -10,41 +14,41 @@ from rcmservo.safety.innovation import find_lost_markers
 @compiled
 def both_markers_are_lost(facts: TickFacts) -> bool:
     """Detect a frame in which neither marker is detected."""
-    first, second = find_lost_markers(facts.observation.points)
-    return has_frame(facts) and first and second
+    first_is_lost, second_is_lost = find_lost_markers(facts.observation.points)
+    return has_frame(facts) and first_is_lost and second_is_lost
 
 
 @compiled
 def marker_1_is_lost(facts: TickFacts) -> bool:
     """Detect the loss of marker 1 where marker 2 does not determine the pose."""
-    return lost_marker(facts) == 1 and not facts.monitor.one_marker_suffices
+    return find_single_lost_marker(facts) == 1 and not facts.monitor.one_marker_suffices
 
 
 @compiled
 def marker_2_is_lost(facts: TickFacts) -> bool:
     """Detect the loss of marker 2 where marker 1 does not determine the pose."""
-    return lost_marker(facts) == 2 and not facts.monitor.one_marker_suffices
+    return find_single_lost_marker(facts) == 2 and not facts.monitor.one_marker_suffices
 
 
 @compiled
 def marker_1_is_completed(facts: TickFacts) -> bool:
     """Detect the loss of marker 1 where marker 2 and the joints determine the pose."""
-    return lost_marker(facts) == 1 and facts.monitor.one_marker_suffices
+    return find_single_lost_marker(facts) == 1 and facts.monitor.one_marker_suffices
 
 
 @compiled
 def marker_2_is_completed(facts: TickFacts) -> bool:
     """Detect the loss of marker 2 where marker 1 and the joints determine the pose."""
-    return lost_marker(facts) == 2 and facts.monitor.one_marker_suffices
+    return find_single_lost_marker(facts) == 2 and facts.monitor.one_marker_suffices
 
 
 @compiled
-def lost_marker(facts: TickFacts) -> int:
+def find_single_lost_marker(facts: TickFacts) -> int:
     """Return the number (1 or 2) of the only marker that is lost; 0 if none or both are lost."""
-    first, second = find_lost_markers(facts.observation.points)
-    if first == second or not has_frame(facts):
+    first_is_lost, second_is_lost = find_lost_markers(facts.observation.points)
+    if first_is_lost == second_is_lost or not has_frame(facts):
         return 0
-    return 1 if first else 2
+    return 1 if first_is_lost else 2
 
 
 @compiled
@@ -56,18 +60,15 @@ def frame_was_rejected(facts: TickFacts) -> bool:
 @compiled
 def frames_are_rejected(facts: TickFacts) -> bool:
     """Return True if enough successive frames were rejected to stop the tool."""
-    return (
-        has_frame(facts) and facts.monitor.rejected_frames >= facts.thresholds.max_rejected_frames
-    )
+    limit = facts.thresholds.max_rejected_frames
+    return has_frame(facts) and facts.monitor.rejected_frames >= limit
 
 
 @compiled
 def markers_exchanged_positions(facts: TickFacts) -> bool:
     """Return True if each marker repeatedly appears at the other marker's position."""
-    return (
-        frames_are_rejected(facts)
-        and facts.monitor.swapped_frames >= facts.thresholds.max_rejected_frames
-    )
+    limit = facts.thresholds.max_rejected_frames
+    return frames_are_rejected(facts) and facts.monitor.swapped_frames >= limit
 
 
 @compiled
@@ -79,16 +80,14 @@ def markers_are_swapped(facts: TickFacts) -> bool:
 @compiled
 def camera_moved(facts: TickFacts) -> bool:
     """Detect that both markers jumped, or that no frame is accepted for a long time."""
-    watch, thresholds = facts.monitor, facts.thresholds
-    jumped = (
-        watch.jumped_frames >= thresholds.max_rejected_frames
-        or watch.rejected_frames >= thresholds.moved_camera_frames
-    )
-    return frames_are_rejected(facts) and jumped and not markers_exchanged_positions(facts)
+    monitor, thresholds = facts.monitor, facts.thresholds
+    has_jumped = monitor.jumped_frames >= thresholds.max_rejected_frames
+    view_changed = has_jumped or monitor.rejected_frames >= thresholds.moved_camera_frames
+    return frames_are_rejected(facts) and view_changed and not markers_exchanged_positions(facts)
 
 
 @compiled
 def markers_are_unexpected(facts: TickFacts) -> bool:
     """Detect that markers jump without a moved camera, or that one marker alone drifts."""
-    unexplained = not (camera_moved(facts) or markers_exchanged_positions(facts))
-    return (frames_are_rejected(facts) and unexplained) or one_marker_deviates(facts)
+    is_explained = camera_moved(facts) or markers_exchanged_positions(facts)
+    return (frames_are_rejected(facts) and not is_explained) or one_marker_deviates(facts)

@@ -1,4 +1,7 @@
-"""Detectors of what keeps the tool from the target: joint limits, an old target, a stall."""
+"""Detectors of obstacles on the path to the target: joint limits, an old target, a stall.
+
+An obstacle is also an image that shows the tool at the target while the joints contradict it.
+"""
 
 from rcmservo.numerics.jit import compiled
 from rcmservo.safety.checks.facts import TickFacts
@@ -12,7 +15,7 @@ def target_is_old(facts: TickFacts) -> bool:
 
 @compiled
 def joint_1_blocks_the_path(facts: TickFacts) -> bool:
-    """Detect that the limit of joint 1 blocks the path."""
+    """Detect that the limit of joint 1 blocks the path; `blocked_joint` counts from 0."""
     return facts.exploration_state.is_done and facts.progress.blocked_joint == 0
 
 
@@ -30,23 +33,17 @@ def joint_3_blocks_the_path(facts: TickFacts) -> bool:
 
 @compiled
 def joints_contradict_image(facts: TickFacts) -> bool:
-    """Detect that the image shows the tool at the target for some time but the joints disagree."""
-    since, limit = facts.progress.mismatch_since, facts.thresholds.target_mismatch_time
-    return (
-        facts.exploration_state.is_done
-        and since >= 0
-        and facts.observation.now - since > limit * 1e9
-    )
+    """Detect that the image has shown the tool at the target too long while the joints disagree."""
+    since_ns, limit_s = facts.progress.mismatch_since, facts.thresholds.target_mismatch_time
+    is_too_long = since_ns >= 0 and facts.observation.now - since_ns > limit_s * 1e9
+    return facts.exploration_state.is_done and is_too_long
 
 
 @compiled
 def progress_stalled(facts: TickFacts) -> bool:
     """Detect a feature error that no longer decreases."""
-    thresholds, since = facts.thresholds, facts.progress.reference_time
-    timeout = max(thresholds.stall_time, thresholds.stall_time_constants / facts.gain)
-    is_late = facts.observation.now - since > timeout * 1e9
-    return (
-        facts.exploration_state.is_done
-        and facts.progress.reference_error > thresholds.stall_error
-        and is_late
-    )
+    thresholds, progress = facts.thresholds, facts.progress
+    timeout_s = max(thresholds.stall_time, thresholds.stall_time_constants / facts.gain)
+    is_late = facts.observation.now - progress.reference_time > timeout_s * 1e9
+    is_far = progress.reference_error > thresholds.stall_error
+    return facts.exploration_state.is_done and is_far and is_late

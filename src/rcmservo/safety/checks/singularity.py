@@ -1,7 +1,7 @@
 """Detectors of a singular estimated Jacobian between the tool and the target.
 
-The control law inverts Ĵ with damping, eq. (31). The error that it can still reduce, as a fraction
-(`reducible_fraction` of `ControllerOutput`), falls where Ĵ is nearly singular.
+The controller inverts Ĵ with damping, eq. (31). Where Ĵ is nearly singular, the damped inverse
+reduces only a fraction of the feature error: `reducible_fraction` of `ControllerOutput`.
 """
 
 from rcmservo.numerics.jit import compiled
@@ -10,17 +10,13 @@ from rcmservo.safety.checks.facts import TickFacts
 
 @compiled
 def path_is_singular(facts: TickFacts) -> bool:
-    """Detect a singular surface across the path: the damped law reduces too little of the error."""
-    return (
-        facts.exploration_state.is_done
-        and not facts.progress.reducible_fraction >= facts.thresholds.singular_fraction
-    )
+    """Detect a target at or beyond a singular surface: too little of the error is reducible."""
+    is_reducible = facts.progress.reducible_fraction >= facts.thresholds.singular_fraction
+    return facts.exploration_state.is_done and not is_reducible
 
 
 @compiled
 def path_is_nearly_singular(facts: TickFacts) -> bool:
-    """Detect a path that is nearly singular."""
-    return (
-        facts.exploration_state.is_done
-        and not facts.progress.reducible_fraction >= facts.thresholds.nearly_singular_fraction
-    )
+    """Detect a nearly singular path, on which the tool must move slowly."""
+    is_reducible = facts.progress.reducible_fraction >= facts.thresholds.nearly_singular_fraction
+    return facts.exploration_state.is_done and not is_reducible

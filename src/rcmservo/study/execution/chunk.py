@@ -18,16 +18,14 @@ class PackageMismatch(RcmServoError):
 
 
 class ChunkRequest(NamedTuple):
-    """Request for the runs of a chunk, as plain text that needs no imports to be decoded.
+    """Request for the runs of a chunk, which a worker decodes before it imports the user's code.
 
     Parameters
     ----------
     cell : str
         Cell, as `Cell.text`.
-    begin : int
-        First seed.
-    end : int
-        Seed after the last one.
+    seeds : range
+        Seeds of the scenes.
     package : str
         Version and hash of rcmservo that the worker must have.
     archive : ModuleArchive
@@ -35,8 +33,7 @@ class ChunkRequest(NamedTuple):
     """
 
     cell: str
-    begin: int
-    end: int
+    seeds: range
     package: str
     archive: ModuleArchive
 
@@ -58,12 +55,13 @@ def run_chunk(request: ChunkRequest) -> list[RowValues]:
             f"a worker has another rcmservo ({identify_package()}) than this machine "
             f"({request.package}): install the same version there"
         )
-    cell, servo = _prepare(request.cell, request.archive)
-    return [astuple(run_seed(cell, servo, seed)) for seed in range(request.begin, request.end)]
+    cell, servo = _decode_cell(request.cell, request.archive)
+    return [astuple(run_seed(cell, servo, seed)) for seed in request.seeds]
 
 
 @lru_cache(maxsize=16)
-def _prepare(text: str, archive: ModuleArchive) -> tuple[Cell, Servo]:
+def _decode_cell(text: str, archive: ModuleArchive) -> tuple[Cell, Servo]:
+    """Return the cell of a request and its servo; the chunks of a cell share both."""
     cell = parse_cell(text)
     return cell, cell.rebuild_servo(load_classes(archive))
 

@@ -69,26 +69,14 @@ class StudyManifest(Checked):
         return len(self.cells) * self.count
 
 
-def _require_usable(cell: Cell, where: str) -> None:
-    """Raise `BadInput` if the servo or the scenes of a cell lack their tables.
-
-    Their values are validated where they are used.
-    """
-    estimator = cell.servo.get("estimator")
-    has_kind = is_table(estimator) and KIND_KEY in estimator
-    require(has_kind, f"{where}.servo.estimator", estimator, "a table with its kind")
-    for name, section in cell.tables.items():
-        require(is_table(section), f"{where}.tables.{name}", section, "a table")
-
-
 def make_manifest(plan: StudyPlan) -> StudyManifest:
     """Return the manifest of a plan."""
     return StudyManifest(identify_package(), plan.count, plan.first_seed, plan.cells)
 
 
-def write_manifest(folder: Path, note: StudyManifest) -> None:
+def write_manifest(folder: Path, manifest: StudyManifest) -> None:
     """Write study.json."""
-    text = json.dumps({"format": FORMAT, **asdict(note)}, indent=1) + "\n"
+    text = json.dumps({"format": FORMAT, **asdict(manifest)}, indent=1) + "\n"
     write_atomically(folder / MANIFEST_NAME, text)
 
 
@@ -103,35 +91,47 @@ def read_manifest(folder: Path) -> StudyManifest | None:
     path = folder / MANIFEST_NAME
     if not path.exists():
         return None
-    data = read_limited(path, MAX_MANIFEST_BYTES, "the manifest of a study")
+    content = read_limited(path, MAX_MANIFEST_BYTES, "the manifest of a study")
     try:
-        table = toml_json_parsing.parse_json(data.decode())
+        table = toml_json_parsing.parse_json(content.decode())
         if is_table(table):
-            form = table.pop("format", None)
-            require(form == FORMAT, "study.format", form, FORMAT)
+            file_format = table.pop("format", None)
+            require(file_format == FORMAT, "study.format", file_format, FORMAT)
             if isinstance(table.get("cells"), list):
                 table["cells"] = [_with_present_names(cell) for cell in table["cells"]]
-        note = decode_settings(StudyManifest, table, "study")
-        for i, cell in enumerate(note.cells):
-            _require_usable(cell, f"study.cells[{i}]")
-        return note
+        manifest = decode_settings(StudyManifest, table, "study")
+        for i, cell in enumerate(manifest.cells):
+            _require_tables(cell, f"study.cells[{i}]")
+        return manifest
     except (ValueError, RecursionError) as error:
         reason = f"is not a manifest of `rcmservo study` ({one_line(error)}): name a new folder"
         raise UnusableFile(path, reason) from error
+
+
+def _require_tables(cell: Cell, field_name: str) -> None:
+    """Raise `BadInput` if the servo or the scenes of a cell lack their tables.
+
+    The values in the tables are validated where they are used.
+    """
+    estimator = cell.servo.get("estimator")
+    has_kind = is_table(estimator) and KIND_KEY in estimator
+    require(has_kind, f"{field_name}.servo.estimator", estimator, "a table with its kind")
+    for name, section in cell.tables.items():
+        require(is_table(section), f"{field_name}.tables.{name}", section, "a table")
 
 
 def _with_present_names(cell: object) -> object:
     """Return a cell of an earlier version with the present names of its settings and sections."""
     if not is_table(cell):
         return cell
-    present = with_present_names(cell, _field_names(Cell))
-    if is_table(sections := present.get("tables")):
-        sections = present["tables"] = with_present_names(sections, SIMULATION_SECTIONS)
+    renamed = with_present_names(cell, _list_field_names(Cell))
+    if is_table(sections := renamed.get("tables")):
+        sections = renamed["tables"] = with_present_names(sections, SIMULATION_SECTIONS)
         if is_table(thresholds := sections.get("thresholds")):
-            sections["thresholds"] = with_present_names(thresholds, _field_names(Thresholds))
-    if is_table(ranges := present.get("vary")):
-        present["vary"] = {_with_present_section(key): value for key, value in ranges.items()}
-    return present
+            sections["thresholds"] = with_present_names(thresholds, _list_field_names(Thresholds))
+    if is_table(ranges := renamed.get("vary")):
+        renamed["vary"] = {_with_present_section(key): ends for key, ends in ranges.items()}
+    return renamed
 
 
 def _with_present_section(key: str) -> str:
@@ -140,42 +140,45 @@ def _with_present_section(key: str) -> str:
     return f"{present_name(section, SIMULATION_SECTIONS) or section}{dot}{name}"
 
 
-def _field_names(kind: type[Any]) -> list[str]:
+def _list_field_names(kind: type[Any]) -> list[str]:
     return [f.name for f in fields(kind)]
 
 
-def list_changed_settings(before: StudyManifest, now: StudyManifest) -> list[str]:
+def list_changed_settings(earlier: StudyManifest, present: StudyManifest) -> list[str]:
     """Return the names of the settings that differ between two studies.
 
     Settings of a method or of scenes are compared only if both studies have them.
     """
-    common = COMMON_SETTING_NAMES.items()
-    names = [word for name, word in common if getattr(before, name) != getattr(now, name)]
-    old, new = _collect_settings(before), _collect_settings(now)
-    other = [key[0] for key in new if key in old and old[key] != new[key]]
-    return list(dict.fromkeys(names + other))
+    changed_names = [
+        user_name
+        for field_name, user_name in COMMON_SETTING_NAMES.items()
+        if getattr(earlier, field_name) != getattr(present, field_name)
+    ]
+    old, new = _collect_settings(earlier), _collect_settings(present)
+    changed_names += [key[0] for key in new if key in old and old[key] != new[key]]
+    return list(dict.fromkeys(changed_names))
 
 
-def _collect_settings(note: StudyManifest) -> dict[tuple[str, str], set[str]]:
+def _collect_settings(manifest: StudyManifest) -> dict[tuple[str, str], set[str]]:
     """Return the values of every setting of the cells, by name and scenes."""
     settings: dict[tuple[str, str], set[str]] = {}
-    for cell in note.cells:
+    for cell in manifest.cells:
         for name, scenes, value in _list_settings(cell):
             settings.setdefault((name, scenes), set()).add(json.dumps(value, sort_keys=True))
     return settings
 
 
 def _list_settings(cell: Cell) -> Iterator[tuple[str, str, object]]:
-    """Yield name, scenes (empty if it does not depend on them) and value of every setting."""
-    drawn = {**_flatten_tables(cell), **cell.vary}
-    rest = {name: value for name, value in drawn.items() if name not in (NOISE_KEY, DELAY_KEY)}
+    """Yield the name of every setting, the scenes that it depends on (or ""), and its value."""
+    numbers = {**_flatten_tables(cell), **cell.vary}
+    other_numbers = {k: value for k, value in numbers.items() if k not in (NOISE_KEY, DELAY_KEY)}
     yield METHOD_SETTING_NAME, "", cell.method
     yield f"settings of {cell.method}", "", [cell.servo.get(part) for part in METHOD_PARTS]
     yield f"code of {cell.method}", "", cell.source
     yield "scenes", "", cell.scenes
-    yield "scenes", cell.scenes, rest
-    yield "noise", cell.scenes, drawn.get(NOISE_KEY)
-    yield "latency", cell.scenes, drawn.get(DELAY_KEY)
+    yield "scenes", cell.scenes, other_numbers
+    yield "noise", cell.scenes, numbers.get(NOISE_KEY)
+    yield "latency", cell.scenes, numbers.get(DELAY_KEY)
     yield "disturb", "", cell.disturb
     yield "repetitions", "", cell.repetition
     yield f"engine of {cell.method}", "", cell.engine

@@ -43,10 +43,9 @@ class StudyExecution:
         self.plan, self.store, self._has_manifest = plan, ChunkStore(folder), False
         self.chunks = {compute_chunk_key(chunk): chunk for chunk in plan.chunks()}
         self.missing = {k: chunk for k, chunk in self.chunks.items() if not self.store.has(k)}
-        self._before, self._now = manifest.read_manifest(folder), manifest.make_manifest(plan)
-        self.changed_settings = (
-            [] if self._before is None else manifest.list_changed_settings(self._before, self._now)
-        )
+        stored, present = manifest.read_manifest(folder), manifest.make_manifest(plan)
+        self._stored_manifest, self._manifest = stored, present
+        self.changed_settings = manifest.list_changed_settings(stored, present) if stored else []
 
     @property
     def missing_runs(self) -> int:
@@ -56,25 +55,22 @@ class StudyExecution:
     def compile(self) -> None:
         """Make the first missing run of every cell.
 
-        That compiles all functions once here instead of once in every worker, and raises the error
-        of a cell that cannot run before any worker starts.
+        This compiles all functions once in this process instead of once in every worker. The error
+        of a cell that cannot run is raised before any worker starts.
         """
-        first = {chunk.cell.text: chunk for chunk in reversed(self.missing.values())}
-        for chunk in first.values():
+        first_chunks = {chunk.cell.text: chunk for chunk in reversed(self.missing.values())}
+        for chunk in first_chunks.values():
             run_seed(chunk.cell, chunk.cell.rebuild_servo(self.user_estimators), chunk.seeds.start)
 
     def run(self, pool: WorkerPool, progress: Progress) -> None:
         """Run all missing chunks on the workers and store their rows."""
         archives = {method.name: method.archive for method in self.plan.methods}
-        requests = (
-            (
-                key,
-                ChunkRequest(
-                    chunk.cell.text, *_ends(chunk), identify_package(), archives[chunk.cell.method]
-                ),
-            )
-            for key, chunk in self.missing.items()
-        )
+
+        def make_request(chunk: Chunk) -> ChunkRequest:
+            archive = archives[chunk.cell.method]
+            return ChunkRequest(chunk.cell.text, chunk.seeds, identify_package(), archive)
+
+        requests = ((key, make_request(chunk)) for key, chunk in self.missing.items())
         for key, rows in pool.run(requests):
             self._write_manifest()
             self.store.store(key, rows)
@@ -86,12 +82,12 @@ class StudyExecution:
         return self.store.gather(self.chunks)
 
     def _write_manifest(self) -> None:
-        """Write the manifest once; remove gathered rows of a different study before."""
+        """Write the manifest once, after the removal of the gathered rows of a different study."""
         if not self._has_manifest:
             self.store.create()
-            if self._before != self._now:
+            if self._stored_manifest != self._manifest:
                 self.store.remove_derived_files()
-            manifest.write_manifest(self.store.folder, self._now)
+            manifest.write_manifest(self.store.folder, self._manifest)
             self._has_manifest = True
 
     @cached_property
@@ -99,7 +95,3 @@ class StudyExecution:
         """User-defined estimators of the plan, by module:class."""
         kinds = [type(m.estimator) for m in self.plan.methods if m.archive.name]
         return {class_path(kind): kind for kind in kinds}
-
-
-def _ends(chunk: Chunk) -> tuple[int, int]:
-    return chunk.seeds.start, chunk.seeds.stop

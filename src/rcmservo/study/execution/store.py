@@ -9,7 +9,6 @@ import json
 import os
 from collections.abc import Iterable
 from contextlib import suppress
-from dataclasses import fields
 from functools import cached_property
 from pathlib import Path
 from typing import Any, get_args, get_type_hints
@@ -36,23 +35,18 @@ PARTS_FOLDER = "parts"
 SEARCH_FOLDER = "search"
 """Folder of the trials of a search, inside the folder of its results."""
 
-ARROW_TYPES: dict[type, Any] = {
-    str: PA.string(),
-    int: PA.int64(),
-    float: PA.float64(),
-    bool: PA.bool_(),
-}
+ARROW_TYPES = {str: PA.string(), int: PA.int64(), float: PA.float64(), bool: PA.bool_()}
 
 
-def _field(name: str, hint: Any) -> Any:
-    kinds = [kind for kind in get_args(hint) or (hint,) if kind is not type(None)]
-    optional = type(None) in get_args(hint)
+def _make_column(name: str, hint: Any) -> Any:
+    """Return the column of a field of `StudyRow` with its type hint, such as `float | None`."""
+    kind, *others = get_args(hint) or (hint,)
     metadata = {"meaning": COLUMN_MEANINGS[name]}
-    return PA.field(name, ARROW_TYPES[kinds[0]], nullable=optional, metadata=metadata)
+    return PA.field(name, ARROW_TYPES[kind], nullable=bool(others), metadata=metadata)
 
 
-HINTS = get_type_hints(StudyRow)
-SCHEMA = PA.schema([_field(f.name, HINTS[f.name]) for f in fields(StudyRow)], COLUMN_MEANINGS)
+COLUMNS = [_make_column(name, hint) for name, hint in get_type_hints(StudyRow).items()]
+SCHEMA = PA.schema(COLUMNS, COLUMN_MEANINGS)
 """Columns of runs.parquet. Their meanings are in the metadata of each column, and in that of the
 file for programs that do not use Arrow."""
 
@@ -92,9 +86,8 @@ class ChunkStore:
 
     def remove_derived_files(self) -> None:
         """Remove the gathered rows and all files made from them; keep the parts."""
-        for path in (
-            self.folder / name for name in (RUNS_FILE, REPORT_FILE, SUMMARY_FILE, TUNED_FILE)
-        ):
+        for name in (RUNS_FILE, REPORT_FILE, SUMMARY_FILE, TUNED_FILE):
+            path = self.folder / name
             try:
                 path.unlink(missing_ok=True)
             except OSError as error:
@@ -112,20 +105,18 @@ class ChunkStore:
     def store(self, key: str, rows: Iterable[RowValues]) -> None:
         """Store the rows of a chunk atomically."""
         columns = list(zip(*rows, strict=True))
-        table = PA.table(
-            [PA.array(c, f.type) for c, f in zip(columns, SCHEMA, strict=True)], SCHEMA
-        )
-        self._write(table, self.parts / f"{key}.parquet")
+        arrays = [PA.array(c, field.type) for c, field in zip(columns, SCHEMA, strict=True)]
+        self._write_table(PA.table(arrays, SCHEMA), self.parts / f"{key}.parquet")
         self._stored.add(key)
 
     def gather(self, keys: Iterable[str]) -> Any:
         """Write the rows of some chunks in order into one file and return them as a table."""
-        tables = [self._part(key) for key in keys]
+        tables = [self._read_part(key) for key in keys]
         table = PA.concat_tables(tables) if tables else SCHEMA.empty_table()
-        self._write(table, self.folder / RUNS_FILE)
+        self._write_table(table, self.folder / RUNS_FILE)
         return table
 
-    def _part(self, key: str) -> Any:
+    def _read_part(self, key: str) -> Any:
         path = self.parts / f"{key}.parquet"
         try:
             return PQ.read_table(path, schema=SCHEMA)
@@ -134,9 +125,9 @@ class ChunkStore:
             reason = "cannot be read and was removed: run the same command again to replace it"
             raise UnusableFile(path, reason) from error
 
-    def _write(self, table: Any, path: Path) -> None:
-        with atomic_path(path) as part:
-            PQ.write_table(table, part, compression="zstd")
+    def _write_table(self, table: Any, path: Path) -> None:
+        with atomic_path(path) as temporary_path:
+            PQ.write_table(table, temporary_path, compression="zstd")
 
 
 def read_runs(folder: Path) -> Any:

@@ -1,9 +1,9 @@
 """Workers of a study by dask.distributed: local processes, or a cluster by its scheduler's address.
 
-Everyone who can connect to a scheduler can run code on its workers. The local scheduler therefore
-listens on the loopback interface and requires a certificate that is made for it alone. A remote
-scheduler is used over TLS, with the certificates in dask's configuration, or on the loopback
-interface, where a tunnel may end.
+A scheduler is the process that passes requests on to workers. Everyone who can connect to a
+scheduler can run code on its workers. The local scheduler therefore listens on the loopback
+interface and requires a certificate that is made for it alone. A remote scheduler is used over TLS,
+with the certificates in dask's configuration, or on the loopback interface, where a tunnel may end.
 """
 
 import gc
@@ -14,6 +14,7 @@ import signal
 import socket
 from collections.abc import Generator, Iterable, Iterator
 from contextlib import contextmanager, suppress
+from itertools import islice
 from multiprocessing import resource_tracker
 from typing import Any, NamedTuple
 
@@ -36,7 +37,7 @@ WORKER_START_ATTEMPTS = 10
 TASKS_PER_WORKER = 4
 """Requests sent ahead per worker, so that no worker is idle."""
 MAX_LOST_WORKERS = 100
-"""Workers that may die on a request before the study stops."""
+"""Number of workers that may die on a request before the study stops."""
 CLUSTER_OPTION = "--cluster"
 DASK_OBJECT_PATTERN = re.compile(r"in <[^>]*>: (\w+: )?(\[Errno \d+\] )?")
 """Part of dask's messages that describes its internal objects."""
@@ -97,9 +98,9 @@ class WorkerPool:
             If the scheduler disconnects, a worker has no rcmservo, or too many workers die on one
             request.
         """
-        waiting, futures = iter(requests), DASK.as_completed()
+        waiting_requests, futures = iter(requests), DASK.as_completed()
         try:
-            self._fill(futures, waiting)
+            self._submit_waiting(futures, waiting_requests)
             for future in futures:
                 task = self._pending.pop(future)
                 try:
@@ -112,7 +113,7 @@ class WorkerPool:
                         f"a worker has no rcmservo: {one_line(error)}; install it there"
                     ) from error
                 yield task.key, rows
-                self._fill(futures, waiting)
+                self._submit_waiting(futures, waiting_requests)
         except (OSError, DASK.CancelledError) as error:
             raise WorkLost(
                 f"the scheduler at {self.where} has disconnected: {one_line(error)}; the same "
@@ -122,10 +123,12 @@ class WorkerPool:
             self._client.cancel(list(self._pending))
             self._pending.clear()
 
-    def _fill(self, futures: Any, waiting: Iterator[tuple[str, ChunkRequest]]) -> None:
+    def _submit_waiting(
+        self, futures: Any, waiting_requests: Iterator[tuple[str, ChunkRequest]]
+    ) -> None:
         """Submit requests until every worker has enough of them."""
-        room = TASKS_PER_WORKER * max(self.count, 1) - len(self._pending)
-        for _, (key, request) in zip(range(room), waiting, strict=False):
+        free_places = TASKS_PER_WORKER * max(self.count, 1) - len(self._pending)
+        for key, request in islice(waiting_requests, max(free_places, 0)):
             futures.add(self._submit(PendingTask(key, request, 0)))
 
     def _submit(self, task: PendingTask) -> Any:
@@ -134,6 +137,7 @@ class WorkerPool:
         return future
 
     def _count_loss(self, task: PendingTask, error: Exception) -> PendingTask:
+        """Return the task with one more lost worker; raise `WorkLost` after too many."""
         if task.losses >= MAX_LOST_WORKERS:
             raise WorkLost(
                 f"{task.losses} workers died on the same request: {one_line(error)}"
@@ -174,13 +178,13 @@ def open_worker_pool(address: str | None, workers: int | None) -> Generator[Work
 @contextmanager
 def _silence_dask() -> Generator[None]:
     """Suppress dask's log messages: this module reports errors in its own words."""
-    log = logging.getLogger("distributed")
-    previous = log.level
-    log.setLevel(logging.CRITICAL + 1)
+    logger = logging.getLogger("distributed")
+    previous_level = logger.level
+    logger.setLevel(logging.CRITICAL + 1)
     try:
         yield
     finally:
-        log.setLevel(previous)
+        logger.setLevel(previous_level)
 
 
 @contextmanager
@@ -241,17 +245,17 @@ def _block_interrupts() -> Generator[None]:
     The threads and workers that start inside inherit the block; the caller unblocks its own thread.
     """
     resource_tracker.ensure_running()  # otherwise the first process starts it and unblocks SIGINT
-    previous = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    previous_mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
     finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, previous)
+        signal.pthread_sigmask(signal.SIG_SETMASK, previous_mask)
 
 
 def require_protected(address: str) -> None:
     """Raise `BadInput` for a scheduler that others in the network can use too."""
-    scheme, _, rest = address.rpartition("://")
-    host, _, port = rest.rpartition(":")
+    scheme, _, host_and_port = address.rpartition("://")
+    host, _, port = host_and_port.rpartition(":")
     is_address = scheme in ("", "tcp", "tls") and bool(host) and port.isdigit()
     expected = "the address of a dask scheduler, such as tls://host:8786"
     require(is_address, CLUSTER_OPTION, address, expected)
@@ -273,13 +277,14 @@ def _require_certificates(address: str) -> None:
 
 
 def _is_loopback(host: str) -> bool:
+    """Return True if all addresses of a host are on the loopback interface."""
     try:
         addresses = {info[4][0] for info in socket.getaddrinfo(host, None)}
     except (OSError, UnicodeError) as error:
         raise BadInput(
             CLUSTER_OPTION, host, f"a host with an address ({one_line(error)})"
         ) from error
-    return all(ipaddress.ip_address(found).is_loopback for found in addresses)
+    return all(ipaddress.ip_address(address).is_loopback for address in addresses)
 
 
 @contextmanager
@@ -315,10 +320,13 @@ def _try_to_connect(address: str) -> tuple[Any, str]:
 def _require_same_package(client: Any) -> None:
     """Raise `PackageMismatch` if a worker has another version of this package, or none."""
     packages: dict[str, object] = client.run(identify_package, on_error="return")
-    others = {worker: found for worker, found in packages.items() if found != identify_package()}
-    for worker, found in others.items():
-        has = f"rcmservo {found}" if isinstance(found, str) else f"none ({one_line(found)})"
+    others = {
+        worker: package for worker, package in packages.items() if package != identify_package()
+    }
+    for worker, package in others.items():
+        is_installed = isinstance(package, str)
+        found = f"rcmservo {package}" if is_installed else f"none ({one_line(package)})"
         raise PackageMismatch(
             f"{len(others)} of {len(packages)} workers have another rcmservo than this machine, "
-            f"{identify_package()}: {worker} has {has}; install the same version there"
+            f"{identify_package()}: {worker} has {found}; install the same version there"
         )

@@ -76,21 +76,25 @@ class Cell:
     def distribution(self) -> Distribution:
         return Distribution(self.scenes, dict(self.tables), dict(self.vary))
 
-    def rebuild_servo(self, own: UserEstimators) -> Servo:
-        """Return the servo, with the user-defined estimators `own` by name."""
-        return rebuild_servo(dict(self.servo), own)
+    def rebuild_servo(self, user_estimators: UserEstimators) -> Servo:
+        """Return the servo, with the user-defined estimators by name."""
+        return rebuild_servo(dict(self.servo), user_estimators)
 
     def make_engine(self, seed: int, servo: Servo) -> Study | SimulationEngine:
-        """Return the engine that runs the servo of this cell in the laboratory of a seed."""
+        """Return the engine that runs the servo of this cell in the laboratory of a seed.
+
+        The servo is reused if its mechanism and tool are those of the laboratory.
+        """
         lab, settings = self.distribution.draw(seed)
-        known = (servo.mechanism, servo.tool) == (lab.mechanism, lab.tool)
-        servo = servo if known else replace(servo, mechanism=lab.mechanism, tool=lab.tool)
-        if self.engine == COMPILED:
-            return Study(servo, settings, self.duration, self.teaching_frames)
-        disturbances = tuple(map(Disturbance.read, self.disturb))
-        rendered = self.engine == PICTURES
+        fits_lab = (servo.mechanism, servo.tool) == (lab.mechanism, lab.tool)
+        servo = servo if fits_lab else replace(servo, mechanism=lab.mechanism, tool=lab.tool)
         lengths = self.duration, self.teaching_frames
-        return SimulationEngine(servo, settings, *lengths, disturbances, rendered, lab.markers)
+        if self.engine == COMPILED:
+            return Study(servo, settings, *lengths)
+        disturbances, has_pictures = map(Disturbance.read, self.disturb), self.engine == PICTURES
+        return SimulationEngine(
+            servo, settings, *lengths, tuple(disturbances), has_pictures, lab.markers
+        )
 
 
 def parse_cell(text: str) -> Cell:

@@ -3,14 +3,14 @@
 from dataclasses import dataclass
 from typing import Annotated
 
-from rcmservo.constraints import Checked, Limit, between, each, one_of
+from rcmservo.constraints import Checked, Limit, above, between, each, one_of
 from rcmservo.loop.target_frames import FRAME_COUNT, TEACHING_FRAMES
 
-COMPILED, MUJOCO, PICTURES = "compiled", "mujoco", "pictures"
-ENGINES = COMPILED, MUJOCO, PICTURES
-"""Compiled plant; full simulator with MuJoCo's arm and the live code; the same, rendered frames."""
+ENGINES = COMPILED, MUJOCO, PICTURES = "compiled", "mujoco", "pictures"
+"""Engines: the compiled plant, the full simulator with MuJoCo's arm and the code of the live loop,
+and the full simulator with rendered frames."""
 AUTO = "auto"
-"""Choice of the compiled engine if it supports the runs, otherwise of MuJoCo's."""
+"""Choice of the compiled plant if it supports the runs, otherwise of the full simulator."""
 MAX_DURATION_S = 3600.0
 """Largest length of a closed loop, s."""
 MAX_RUNS = 100_000_000
@@ -18,11 +18,7 @@ MAX_RUNS = 100_000_000
 
 NOISE_LIMIT = each(between(0.0, 1000.0), "a number of px that is not negative, up to 1000")
 LATENCY_LIMIT = each(between(0.0, 0.5), "a time from 0 to 0.5 s")
-DURATION_LIMIT = Limit(
-    lambda s: 1.0 < s <= MAX_DURATION_S, f"more than 1 and at most {MAX_DURATION_S:g} s"
-)
-
-
+DURATION_LIMIT = above(1.0, MAX_DURATION_S, "a time", "s")
 SEED_LIMIT = Limit(lambda n: 0 <= n < 2**53, f"a whole number from 0 to {2**53 - 1}")
 
 

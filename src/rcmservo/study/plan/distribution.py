@@ -31,7 +31,7 @@ VARIABLE_SECTIONS = ("tool", *SIMULATION_SECTIONS)
 """Sections of a rig file whose numbers may vary."""
 
 VARIATION_SEED_CHILD = 4
-"""Index of the seed's child that varying numbers are drawn from; the rig uses 0 to 3."""
+"""Child of the seed that varying numbers are drawn from; the rig uses the children 0 to 3."""
 
 BUILT_IN_DISTRIBUTIONS = "paper", "random", "laparoscopic", "hard"
 """Names of the built-in distributions: files in `scenes/` that begin with their description."""
@@ -64,91 +64,90 @@ class Distribution:
     def __post_init__(self) -> None:
         for name, ends in self.vary.items():
             section, _, key = name.partition(".")
-            known = section in VARIABLE_SECTIONS and bool(key)
+            is_known = section in VARIABLE_SECTIONS and bool(key)
             expected = f"section.key, with a section among {', '.join(VARIABLE_SECTIONS)}"
-            require(known, f"{self.name}.vary", name, expected)
+            require(is_known, f"{self.name}.vary", name, expected)
             _require_range(f'{self.name}.vary."{name}"', ends)
-        # Check every combination of the ends of a pair of numbers.
+        # decode the laboratory with every combination of the ends of a pair of numbers
         for choices in ((min,), (max,), (min, max), (max, min)):
-            pick = cycle(choices)
-            self._at(lambda low, high, pick=pick: next(pick)(low, high))
+            pick_end = cycle(choices)
+            self._decode_lab(lambda low, high, pick_end=pick_end: next(pick_end)(low, high))
 
     @cached_property
     def nominal(self) -> tuple[RigDescription, RigSettings]:
         """Laboratory with the middle of all ranges."""
-        return self._at(_middle)
+        return self._decode_lab(lambda low, high: 0.5 * (low + high))
 
     def draw(self, seed: int) -> tuple[RigDescription, RigSettings]:
         """Draw the laboratory of a seed: the part that the robot knows, and the simulated rig."""
         if not self.vary:
             return self.nominal
-        random = np.random.default_rng(
-            np.random.SeedSequence(seed, spawn_key=(VARIATION_SEED_CHILD,))
-        )
-        return self._at(random.uniform, f", seed {seed}")
+        child_seed = np.random.SeedSequence(seed, spawn_key=(VARIATION_SEED_CHILD,))
+        return self._decode_lab(np.random.default_rng(child_seed).uniform, f", seed {seed}")
 
     def with_camera(self, noise: float | None, delay: float | None) -> "Distribution":
         """Return the distribution with this camera noise (px) and delay (s); None keeps its own."""
-        given = {"point_noise": noise, "delay": delay}
-        fixed = {key: value for key, value in given.items() if value is not None}
+        requested = {"point_noise": noise, "delay": delay}
+        fixed = {key: value for key, value in requested.items() if value is not None}
         camera = {**self.tables.get("camera", {}), **fixed}
-        vary = {k: v for k, v in self.vary.items() if k.removeprefix("camera.") not in fixed}
+        vary = {k: ends for k, ends in self.vary.items() if k.removeprefix("camera.") not in fixed}
         return Distribution(self.name, {**self.tables, "camera": camera}, vary)
 
-    def _at(self, pick: Picker, where: str = "") -> tuple[RigDescription, RigSettings]:
-        """Return the laboratory with the number that `pick` takes from every range."""
+    def _decode_lab(self, pick: Picker, origin: str = "") -> tuple[RigDescription, RigSettings]:
+        """Return the laboratory with the number that `pick` takes from every range.
+
+        Error messages name the distribution, followed by the text `origin`.
+        """
         tables = {name: dict(table) for name, table in self.tables.items()}
         for name, (low, high) in self.vary.items():
             section, _, key = name.partition(".")
-            tables.setdefault(section, {})[key] = _pick(low, high, pick)
-        with name_origin_in_errors(f"scenes {self.name}{where}"):
+            tables.setdefault(section, {})[key] = _pick_numbers(low, high, pick)
+        with name_origin_in_errors(f"scenes {self.name}{origin}"):
             lab = decode_rig_tables(tables)
             require(not lab.devices, "sections", ", ".join(lab.devices), "of a simulation")
             return lab, read_rig_settings(lab)
 
 
-def _middle(low: float, high: float) -> float:
-    return 0.5 * (low + high)
-
-
-def _pick(low: Any, high: Any, pick: Picker) -> Any:
+def _pick_numbers(low: Any, high: Any, pick: Picker) -> Any:
+    """Return a number from a range, or a list of numbers from a range of lists."""
     if isinstance(low, list):
-        ends = zip(cast(list[Any], low), high, strict=True)
-        return [_pick(a, b, pick) for a, b in ends]
+        ranges = zip(cast(list[Any], low), high, strict=True)
+        return [_pick_numbers(*ends, pick) for ends in ranges]
     return float(pick(low, high))
 
 
-def _require_range(where: str, ends: object) -> None:
+def _require_range(field_name: str, ends: object) -> None:
+    """Raise `BadInput`, naming the field, unless the ends are a valid `Range`."""
     expected = "two finite numbers, least first, or two lists of them"
     try:
         numbers = np.array(ends, np.float64)
     except (TypeError, ValueError) as error:
-        raise BadInput(where, ends, expected) from error
+        raise BadInput(field_name, ends, expected) from error
     is_pair = numbers.ndim >= 1 and len(numbers) == 2 and np.isfinite(numbers).all()
-    require(bool(is_pair and (numbers[0] <= numbers[1]).all()), where, ends, expected)
+    is_range = bool(is_pair and (numbers[0] <= numbers[1]).all())
+    require(is_range, field_name, ends, expected)
 
 
 def load_built_in(name: str) -> Distribution:
     """Return the built-in distribution with this name."""
-    return parse_distribution(name, toml_json_parsing.parse_toml(_text(name).encode()), {})
+    return parse_distribution(name, toml_json_parsing.parse_toml(_read_built_in(name).encode()), {})
 
 
 def describe_built_in() -> Iterator[tuple[str, str]]:
     """Yield name and description of every built-in distribution."""
     for name in BUILT_IN_DISTRIBUTIONS:
-        lines = _text(name).splitlines()
-        yield name, " ".join(line.lstrip("# ") for line in takewhile(_is_comment, lines))
+        lines = _read_built_in(name).splitlines()
+        comment = takewhile(lambda line: line.startswith("#"), lines)
+        yield name, " ".join(line.lstrip("# ") for line in comment)
 
 
-def _is_comment(line: str) -> bool:
-    return line.startswith("#")
-
-
-def _text(name: str) -> str:
+def _read_built_in(name: str) -> str:
     return (files("rcmservo.study.plan") / "scenes" / f"{name}.toml").read_text("utf-8")
 
 
-def parse_distribution(name: str, table: Table, known: Mapping[str, Distribution]) -> Distribution:
+def parse_distribution(
+    name: str, table: Table, distributions: Mapping[str, Distribution]
+) -> Distribution:
     """Return the distribution that a table describes.
 
     Parameters
@@ -158,36 +157,36 @@ def parse_distribution(name: str, table: Table, known: Mapping[str, Distribution
     table : Table
         Sections of a rig file, `vary` with its ranges, and `like`: the name of another distribution
         whose sections and ranges it takes where it has none of its own.
-    known : Mapping[str, Distribution]
+    distributions : Mapping[str, Distribution]
         Distributions that `like` may name, in addition to the built-in ones.
     """
-    own = dict(table)
-    like, vary = own.pop("like", None), own.pop("vary", {})
+    sections = dict(table)
+    like, vary = sections.pop("like", None), sections.pop("vary", {})
     require(is_table(vary), f"{name}.vary", vary, "a table of ranges")
-    for section, value in own.items():
-        require(is_table(value), f"{name}.{section}", value, "a section of a rig file")
+    for section, content in sections.items():
+        require(is_table(content), f"{name}.{section}", content, "a section of a rig file")
     if like is None:
-        return Distribution(name, own, vary)
-    base = find_distribution(str(like), known, f"{name}.like")
-    sections = dict.fromkeys((*base.tables, *own))
-    tables = {key: {**base.tables.get(key, {}), **own.get(key, {})} for key in sections}
-    fixed = {f"{section}.{key}" for section, keys in own.items() for key in keys}
-    varied = {key: ends for key, ends in base.vary.items() if key not in fixed}
-    return Distribution(name, tables, {**varied, **vary})
+        return Distribution(name, sections, vary)
+    base = find_distribution(str(like), distributions, f"{name}.like")
+    names = dict.fromkeys((*base.tables, *sections))
+    tables = {key: {**base.tables.get(key, {}), **sections.get(key, {})} for key in names}
+    fixed = {f"{section}.{key}" for section, content in sections.items() for key in content}
+    inherited = {key: ends for key, ends in base.vary.items() if key not in fixed}
+    return Distribution(name, tables, {**inherited, **vary})
 
 
 def find_distribution(
-    name: str, known: Mapping[str, Distribution], where: str, alternatives: str = ""
+    name: str, distributions: Mapping[str, Distribution], field_name: str, alternatives: str = ""
 ) -> Distribution:
-    """Return the known or built-in distribution with this name.
+    """Return the distributions or built-in distribution with this name.
 
     Parameters
     ----------
     name : str
         Name of the distribution.
-    known : Mapping[str, Distribution]
+    distributions : Mapping[str, Distribution]
         Distributions of the study.
-    where : str
+    field_name : str
         Field that an error message names.
     alternatives : str
         Further valid entries of that field, for the error message.
@@ -197,8 +196,8 @@ def find_distribution(
     BadInput
         If no distribution has this name.
     """
-    if name in known:
-        return known[name]
-    names = ", ".join(dict.fromkeys((*known, *BUILT_IN_DISTRIBUTIONS)))
-    require(name in BUILT_IN_DISTRIBUTIONS, where, name, f"one of {names}{alternatives}")
+    if name in distributions:
+        return distributions[name]
+    names = ", ".join(dict.fromkeys((*distributions, *BUILT_IN_DISTRIBUTIONS)))
+    require(name in BUILT_IN_DISTRIBUTIONS, field_name, name, f"one of {names}{alternatives}")
     return load_built_in(name)

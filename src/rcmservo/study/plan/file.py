@@ -25,15 +25,10 @@ from rcmservo.config import toml_json_parsing
 from rcmservo.config.atomic_files import read_limited
 from rcmservo.config.strict_decoding import decode_settings
 from rcmservo.config.toml_json_parsing import is_table
-from rcmservo.errors import BadInput, require
+from rcmservo.errors import require
 from rcmservo.study.plan.conditions import StudyConditions
 from rcmservo.study.plan.distribution import Distribution, find_distribution, parse_distribution
-from rcmservo.study.plan.method import (
-    StudyMethod,
-    UserEstimators,
-    make_default_method,
-    parse_method,
-)
+from rcmservo.study.plan.method import UserEstimators, make_default_method, parse_method
 from rcmservo.study.plan.plan import StudyPlan
 
 MAX_STUDY_FILE_BYTES = 1_000_000
@@ -70,38 +65,35 @@ class StudyFile(StudyConditions):
 
 def read_study_file(path: Path) -> StudyFile:
     """Read a study file."""
-    data = read_limited(path, MAX_STUDY_FILE_BYTES, "a study")
+    content = read_limited(path, MAX_STUDY_FILE_BYTES, "a study")
     with toml_json_parsing.name_file_in_errors(path, "TOML"):
-        return decode_settings(StudyFile, toml_json_parsing.parse_toml(data), "study")
+        return decode_settings(StudyFile, toml_json_parsing.parse_toml(content), "study")
 
 
-def make_plan(request: StudyFile, own: UserEstimators) -> StudyPlan:
-    """Return the plan of a study file, with the user-defined estimators `own` by name."""
-    methods = {name: _method(name, table, own) for name, table in request.method.items()}
-    scenes: dict[str, Distribution] = {}
+def make_plan(request: StudyFile, estimators: UserEstimators) -> StudyPlan:
+    """Return the plan of a study file, with the user-defined `estimators` by name."""
+    for section in ("method", "distribution"):
+        for name, table in getattr(request, section).items():
+            require(is_table(table), f"{section}.{name}", table, "a table")
+    method_tables = request.method.items()
+    methods = {name: parse_method(name, table, estimators) for name, table in method_tables}
+    distributions: dict[str, Distribution] = {}
     for name, table in request.distribution.items():
-        require(is_table(table), f"distribution.{name}", table, "a table")
-        scenes[name] = parse_distribution(name, table, scenes)
-    compared = request.methods if request.methods is not None else tuple(methods or ("dlt",))
-    sampled = request.scenes if request.scenes is not None else tuple(scenes or ("random",))
+        distributions[name] = parse_distribution(name, table, distributions)
+    method_names = request.methods if request.methods is not None else tuple(methods or ("dlt",))
+    scenes = request.scenes if request.scenes is not None else tuple(distributions or ("random",))
     return StudyPlan(
-        methods=tuple(methods.get(name) or make_default_method(name, own) for name in compared),
-        scenes=tuple(_find_scenes(name, scenes) for name in sampled),
+        methods=tuple(methods.get(n) or make_default_method(n, estimators) for n in method_names),
+        scenes=tuple(_find_or_read_distribution(name, distributions) for name in scenes),
         **{f.name: getattr(request, f.name) for f in fields(StudyConditions)},
     )
 
 
-def _method(name: str, table: object, own: UserEstimators) -> StudyMethod:
-    if not is_table(table):
-        raise BadInput(f"method.{name}", table, "a table")
-    return parse_method(name, table, own)
-
-
-def _find_scenes(name: str, known: dict[str, Distribution]) -> Distribution:
+def _find_or_read_distribution(name: str, distributions: dict[str, Distribution]) -> Distribution:
     """Return the distribution with a name, or that of a rig file by its path."""
-    if name in known or not name.endswith(".toml"):
-        return find_distribution(name, known, "scenes", ", or a rig file")
+    if name in distributions or not name.endswith(".toml"):
+        return find_distribution(name, distributions, "scenes", ", or a rig file")
     path = Path(name)
-    data = read_limited(path, MAX_STUDY_FILE_BYTES, "a rig file")
+    content = read_limited(path, MAX_STUDY_FILE_BYTES, "a rig file")
     with toml_json_parsing.name_file_in_errors(path, "TOML"):
-        return parse_distribution(path.stem, toml_json_parsing.parse_toml(data), known)
+        return parse_distribution(path.stem, toml_json_parsing.parse_toml(content), distributions)

@@ -1,4 +1,8 @@
-"""Method of a study: the parts of a servo that no rig file describes."""
+"""Method of a study: the parts of a servo that no rig file describes.
+
+Such parts are the estimator, the controller and the exploration. A rig file describes the
+mechanism, the tool and the camera.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -51,38 +55,39 @@ def make_method(name: str, **parts: Any) -> StudyMethod:
     return StudyMethod(name, {part: getattr(servo, part) for part in METHOD_PARTS})
 
 
-def make_default_method(name: str, own: UserEstimators) -> StudyMethod:
+def make_default_method(name: str, user_estimators: UserEstimators) -> StudyMethod:
     """Return the method with the default settings of the estimator `name` and all other parts."""
-    return make_method(name, estimator=_estimator(name, own, "method"))
+    return make_method(name, estimator=_parse_estimator(name, user_estimators, "method"))
 
 
-def parse_method(name: str, table: Table, own: UserEstimators) -> StudyMethod:
+def parse_method(name: str, table: Table, user_estimators: UserEstimators) -> StudyMethod:
     """Return the method that a table describes.
 
     The entry `estimator` is a name, or a table with its `kind`. The other entries are tables with
     the settings of other parts.
     """
-    where, rest = f"method.{name}", dict(table)
-    parts = {"estimator": _estimator(rest.pop("estimator", None), own, f"{where}.estimator")}
-    for part, settings in rest.items():
+    field, other_parts = f"method.{name}", dict(table)
+    estimator = other_parts.pop("estimator", None)
+    parts = {"estimator": _parse_estimator(estimator, user_estimators, f"{field}.estimator")}
+    for part, settings in other_parts.items():
         expected = f"one of {', '.join(METHOD_PARTS)}"
-        require(part in METHOD_PARTS, f"{where}.{part}", settings, expected)
-        parts[part] = decode_kind(PART_CLASSES[part], settings, f"{where}.{part}")
+        require(part in METHOD_PARTS, f"{field}.{part}", settings, expected)
+        parts[part] = decode_kind(PART_CLASSES[part], settings, f"{field}.{part}")
     return make_method(name, **parts)
 
 
-def _estimator(given: object, own: UserEstimators, where: str) -> Estimator:
-    """Return the estimator that a name or a table describes."""
-    known = {**ESTIMATORS, **own}
-    if is_table(given):
-        return decode_kind(known, given, where)
-    if isinstance(given, str) and given in PRESETS:
-        return PRESETS[given]
-    if not isinstance(given, str) or given not in known:
+def _parse_estimator(entry: object, user_estimators: UserEstimators, field: str) -> Estimator:
+    """Return the estimator that a name or a table describes; error messages name the `field`."""
+    kinds = {**ESTIMATORS, **user_estimators}
+    if is_table(entry):
+        return decode_kind(kinds, entry, field)
+    if isinstance(entry, str) and entry in PRESETS:
+        return PRESETS[entry]
+    if not isinstance(entry, str) or entry not in kinds:
         names = ", ".join((*ESTIMATORS, *PRESETS))
         expected = f"one of {names}, or module:class that --method or --user-estimator names"
-        raise BadInput(where, given, expected)
-    return known[given]()
+        raise BadInput(field, entry, expected)
+    return kinds[entry]()
 
 
 def make_servo(method: StudyMethod, lab: RigDescription) -> Servo:

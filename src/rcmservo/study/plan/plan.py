@@ -1,16 +1,17 @@
-"""Plan of a study: methods x scenes x noise x latency x disturbances x repetitions, as cells.
+"""Plan of a study: methods x scenes x noise x latency x disturbances x repetitions.
 
-Every cell runs on the same seeds.
+Each combination of these is a cell. All cells run on the same seeds.
 """
 
-from collections.abc import Iterator
+import math
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from rcmservo.config.servo_json import describe_servo
-from rcmservo.errors import BadInput, require
+from rcmservo.errors import require
 from rcmservo.sim import Disturbance
 from rcmservo.study.plan.cell import Cell, choose_engine
 from rcmservo.study.plan.conditions import COMPILED, MAX_RUNS, MUJOCO, PICTURES, StudyConditions
@@ -18,7 +19,8 @@ from rcmservo.study.plan.distribution import Distribution
 from rcmservo.study.plan.method import StudyMethod, make_servo
 
 CHUNK_SIZES = {COMPILED: 100, MUJOCO: 4, PICTURES: 1}
-"""Seeds of a chunk by engine: below a second of work, so that a lost worker loses little."""
+"""Number of seeds of a chunk by engine: less than a second of work, so that a lost worker loses
+little."""
 
 
 class Chunk(NamedTuple):
@@ -59,59 +61,62 @@ class StudyPlan(StudyConditions):
         require(bool(self.scenes), "scenes", "none", "at least one")
         expected = "at least one set; [[]] for none, without disturbances"
         require(bool(self.disturb), "disturb", "[]", expected)
-        for key, entries in (("method", self.methods), ("scenes", self.scenes)):
-            _require_unique(key, [entry.name for entry in entries])
-        for name in ("noise", "latency"):
-            _require_unique(name, list(getattr(self, name)))
-        _require_unique("disturb", list(self.disturb))
+        entries_of: dict[str, list[Any]] = {
+            "method": [method.name for method in self.methods],
+            "scenes": [scenes.name for scenes in self.scenes],
+            **{name: list(getattr(self, name)) for name in ("noise", "latency", "disturb")},
+        }
+        for setting, entries in entries_of.items():
+            for entry in entries:
+                require(entries.count(entry) == 1, setting, entry, "given once")
         require(self.runs <= MAX_RUNS, "runs in all", self.runs, f"at most {MAX_RUNS}")
 
     @property
     def runs(self) -> int:
         """Number of closed loops."""
-        cells = len(self.methods) * len(self.scenes) * max(len(self.noise), 1)
-        cells *= max(len(self.latency), 1) * len(self.disturb) * self.repetitions
-        return cells * self.count
+        return math.prod(map(len, self._condition_axes)) * len(self.methods) * self.count
+
+    @property
+    def _condition_axes(self) -> tuple[Collection[Any], ...]:
+        """Values of every condition; None for the noise or the latency of the scenes."""
+        noises, latencies = self.noise or (None,), self.latency or (None,)
+        return self.scenes, noises, latencies, self.disturb, range(self.repetitions)
 
     @cached_property
     def cells(self) -> tuple[Cell, ...]:
         """All cells; the methods of a condition are consecutive."""
-        return tuple(self._cells())
+        return tuple(self._make_cells())
 
-    def _cells(self) -> Iterator[Cell]:
-        noises, latencies = self.noise or (None,), self.latency or (None,)
-        axes = self.scenes, noises, latencies, self.disturb, range(self.repetitions)
-        for scenes, noise, latency, disturb, repetition in product(*axes):
-            distribution = scenes.with_camera(noise, self._delay(scenes, latency))
-            label = (
-                scenes.name,
-                f"{noise:.12g} px" if noise is not None else "",
-                f"{1e3 * latency:.12g} ms" if latency is not None else "",
-                *disturb,
-            )
+    def _make_cells(self) -> Iterator[Cell]:
+        for scenes, noise, latency, disturb, repetition in product(*self._condition_axes):
+            distribution = scenes.with_camera(noise, self._find_camera_delay(scenes, latency))
+            noise_label = f"{noise:.12g} px" if noise is not None else ""
+            latency_label = f"{1e3 * latency:.12g} ms" if latency is not None else ""
+            labels = scenes.name, noise_label, latency_label, *disturb
+            condition = ", ".join(filter(None, labels))
             for method in self.methods:
-                condition = ", ".join(filter(None, label))
-                yield self._cell(method, condition, distribution, disturb, repetition)
+                yield self._make_cell(method, condition, distribution, disturb, repetition)
 
     def chunks(self) -> Iterator[Chunk]:
         """Yield all runs in chunks, in the order of their rows."""
         end = self.first_seed + self.count
         for cell in self.cells:
             size = CHUNK_SIZES[cell.engine]
-            # Chunks begin at multiples of their size, so that several studies share them.
-            first = self.first_seed - self.first_seed % size
-            for begin in range(first, end, size):
+            # chunks begin at multiples of their size, so that studies of other seeds share them
+            first_begin = self.first_seed - self.first_seed % size
+            for begin in range(first_begin, end, size):
                 yield Chunk(cell, range(max(begin, self.first_seed), min(begin + size, end)))
 
-    def _delay(self, scenes: Distribution, latency: float | None) -> float | None:
+    def _find_camera_delay(self, scenes: Distribution, latency: float | None) -> float | None:
         """Return the camera's delay after the exposure (s) that gives a latency (s)."""
         if latency is None:
             return None
-        half = 0.5 * scenes.nominal[1].timing.exposure
-        require(latency >= half, "latency", latency, f"at least half of the exposure, {half:g} s")
-        return latency - half
+        half_s = 0.5 * scenes.nominal[1].timing.exposure
+        expected = f"at least half of the exposure, {half_s:g} s"
+        require(latency >= half_s, "latency", latency, expected)
+        return latency - half_s
 
-    def _cell(
+    def _make_cell(
         self,
         method: StudyMethod,
         condition: str,
@@ -119,6 +124,7 @@ class StudyPlan(StudyConditions):
         disturb: tuple[str, ...],
         repetition: int,
     ) -> Cell:
+        """Return a cell; raise `BadInput` if its engine does not support its runs."""
         servo = make_servo(method, scenes.nominal[0])
         disturbances = tuple(str(Disturbance.read(text)) for text in disturb)
         cell = Cell(
@@ -137,9 +143,3 @@ class StudyPlan(StudyConditions):
         )
         cell.make_engine(self.first_seed, servo)
         return cell
-
-
-def _require_unique(key: str, entries: list[object]) -> None:
-    for entry in entries:
-        if entries.count(entry) > 1:
-            raise BadInput(key, entry, "given once")

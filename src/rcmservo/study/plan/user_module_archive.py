@@ -52,7 +52,7 @@ NO_ARCHIVE = ModuleArchive()
 
 def archive_module(kind: type[Estimator]) -> ModuleArchive:
     """Return the archive with the module of an imported class."""
-    data, files = io.BytesIO(), dict(_files(kind.__module__))
+    data, files = io.BytesIO(), dict(_read_source_files(kind.__module__))
     with zipfile.ZipFile(data, "w", zipfile.ZIP_DEFLATED) as archive:
         for name, content in sorted(files.items()):
             archive.writestr(zipfile.ZipInfo(name, ZIP_TIMESTAMP), content)
@@ -65,21 +65,21 @@ def archive_module(kind: type[Estimator]) -> ModuleArchive:
     return ModuleArchive(class_path(kind), packed, hashlib.sha256(packed).hexdigest())
 
 
-def _files(module: str) -> Iterable[tuple[str, bytes]]:
+def _read_source_files(module: str) -> Iterable[tuple[str, bytes]]:
     """Yield name and content of the files of a module.
 
     They are its file and the imports from its folder, or all .py files of its package.
     """
-    top = sys.modules[module.partition(".")[0]]
-    folders = list(getattr(top, "__path__", ()))
-    if not folders:
-        path = Path(str(top.__file__))
-        yield f"{top.__name__}.py", path.read_bytes()
-        for other in _find_local_imports(path):
-            yield other.relative_to(path.parent).as_posix(), other.read_bytes()
-    for folder in map(Path, folders):
+    top_module = sys.modules[module.partition(".")[0]]
+    name, package_folders = top_module.__name__, list(getattr(top_module, "__path__", ()))
+    if not package_folders:
+        path = Path(str(top_module.__file__))
+        yield f"{name}.py", path.read_bytes()
+        for imported in _find_local_imports(path):
+            yield imported.relative_to(path.parent).as_posix(), imported.read_bytes()
+    for folder in map(Path, package_folders):
         for path in sorted(folder.rglob("*.py")):
-            yield f"{top.__name__}/{path.relative_to(folder).as_posix()}", path.read_bytes()
+            yield f"{name}/{path.relative_to(folder).as_posix()}", path.read_bytes()
 
 
 def _find_local_imports(path: Path) -> list[Path]:
@@ -92,19 +92,18 @@ def _find_local_imports(path: Path) -> list[Path]:
         return []
     finder: Any = ModuleFinder([str(folder)], excludes=["rcmservo"])
     finder.run_script(str(path))
-    found = [Path(module.__file__) for module in finder.modules.values() if module.__file__]
-    return [other for other in found if other.suffix == ".py" and other != path]
+    imported = [Path(module.__file__) for module in finder.modules.values() if module.__file__]
+    return [file for file in imported if file.suffix == ".py" and file != path]
 
 
 def load_classes(archive: ModuleArchive) -> dict[str, type[Estimator]]:
     """Return the class of an archive by its name, module:class, imported from the archive."""
     if not archive.name:
         return {}
-    module, _, cls = archive.name.partition(":")
+    module, _, class_name = archive.name.partition(":")
     try:
-        return {
-            archive.name: getattr(_import_from_archive(module, archive.data, archive.digest), cls)
-        }
+        imported = _import_from_archive(module, archive.data, archive.digest)
+        return {archive.name: getattr(imported, class_name)}
     except (Exception, SystemExit) as error:  # the import runs the user's code
         raise RcmServoError(
             f"{module} cannot be imported by a worker: {one_line(error)}; install there what the "
@@ -117,17 +116,18 @@ def _import_from_archive(module: str, data: bytes, digest: str) -> object:
     """Import a module from the source in a zip, in place of earlier imports of the same names."""
     if hashlib.sha256(data).hexdigest() != digest:
         raise RcmServoError(f"the SHA-256 of its archive is not {digest}: the transfer damaged it")
-    path = Path(_folder().name) / f"{digest}.zip"
+    path = Path(_make_archive_folder().name) / f"{digest}.zip"
     path.write_bytes(data)
     with zipfile.ZipFile(path) as archive:
-        tops = {name.partition("/")[0].removesuffix(".py") for name in archive.namelist()}
-    for old in [name for name in sys.modules if name.partition(".")[0] in tops]:
-        del sys.modules[old]
-    sys.path.insert(0, str(path))  # permanent: its functions may import more of it
+        replaced = {name.partition("/")[0].removesuffix(".py") for name in archive.namelist()}
+    for name in [name for name in sys.modules if name.partition(".")[0] in replaced]:
+        del sys.modules[name]
+    sys.path.insert(0, str(path))  # permanent: functions of the module may import more of it
     importlib.invalidate_caches()
     return importlib.import_module(module)
 
 
 @cache
-def _folder() -> "tempfile.TemporaryDirectory[str]":
+def _make_archive_folder() -> "tempfile.TemporaryDirectory[str]":
+    """Return the folder of the archives of this process, which is deleted at its end."""
     return tempfile.TemporaryDirectory(prefix="rcmservo-")

@@ -80,36 +80,40 @@ class ConvergenceMap:
 def make_map(group: Group, down: MapAxis, across: MapAxis) -> ConvergenceMap:
     """Return the map of a group of runs."""
     values = group.column(down.column), group.column(across.column)
-    count = int(np.clip(np.sqrt(len(group.success) / MIN_RUNS_PER_CELL), 1, MAX_BINS))
-    edges = [_make_edges(column, count) for column in values]
-    bins = [np.digitize(x, edge[1:-1]) for x, edge in zip(values, edges, strict=True)]
+    bin_count = int(np.clip(np.sqrt(len(group.success) / MIN_RUNS_PER_CELL), 1, MAX_BINS))
+    row_edges, column_edges = (_make_edges(column, bin_count) for column in values)
+    row_bins = np.digitize(values[0], row_edges[1:-1])
+    column_bins = np.digitize(values[1], column_edges[1:-1])
+    rows, columns = _make_labels(row_edges), _make_labels(column_edges)
     cells = [
         [
-            _make_cell(group.success[(bins[0] == i) & (bins[1] == j)])
-            for j in range(len(edges[1]) - 1)
+            _make_cell(group.success[(row_bins == i) & (column_bins == j)])
+            for j in range(len(columns))
         ]
-        for i in range(len(edges[0]) - 1)
+        for i in range(len(rows))
     ]
-    return ConvergenceMap(down, across, _make_labels(edges[0]), _make_labels(edges[1]), cells)
+    return ConvergenceMap(down, across, rows, columns, cells)
 
 
 def _make_edges(values: Floats, count: int) -> Floats:
     """Return the edges of bins with about equal counts; infinite values have a bin of their own."""
-    known = values[np.isfinite(values)]
-    if not len(known):
+    finite_values = values[np.isfinite(values)]
+    if not len(finite_values):
         return np.array([np.inf, np.inf])
-    edges = np.unique(np.quantile(known, np.linspace(0.0, 1.0, count + 1)))
+    edges = np.unique(np.quantile(finite_values, np.linspace(0.0, 1.0, count + 1)))
     edges = edges if len(edges) > 1 else np.repeat(edges, 2)
-    if len(known) == len(values):
+    if len(finite_values) == len(values):
         return edges
     return np.array([*edges[:-1], np.nextafter(edges[-1], np.inf), np.inf])
 
 
 def _make_labels(edges: Floats) -> list[str]:
-    ends = [f"{end:.3g}" if np.isfinite(end) else "∞" for end in edges]
-    return [a if a == b else b if b == "∞" else f"{a} to {b}" for a, b in pairwise(ends)]
+    """Return the label of every bin between two edges."""
+    texts = [f"{edge:.3g}" if np.isfinite(edge) else "∞" for edge in edges]
+    return [a if a == b else b if b == "∞" else f"{a} to {b}" for a, b in pairwise(texts)]
 
 
 def _make_cell(success: Booleans) -> tuple[int, Interval] | None:
+    """Return number and success rate of the runs in a cell; None without runs."""
     count = len(success)
     return (count, estimate_fraction(int(success.sum()), count)) if count else None

@@ -5,7 +5,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, NamedTuple, cast
+from typing import Any, cast
 
 import numpy as np
 
@@ -33,61 +33,6 @@ WORST_RUN_COUNT = 5
 """Number of worst runs of each method that the page lists."""
 MAX_CURVE_STEPS = 200
 """Largest number of steps of a curve: more are not visible."""
-
-
-class WorstRun(NamedTuple):
-    """Run with one of the largest pose errors.
-
-    Parameters
-    ----------
-    row : int
-        Index of its row in runs.parquet, from 0.
-    seed : int
-        Seed of its scene.
-    repetition : int
-        Number of the noise sequence.
-    pose_mm : float
-        Pose error, mm.
-    unnoticed_mm : float
-        Growth of the error in SERVO without a cause, mm.
-    stop : str
-        Cause of the first stop; empty without a stop.
-    """
-
-    row: int
-    seed: int
-    repetition: int
-    pose_mm: float
-    unnoticed_mm: float
-    stop: str
-
-
-@dataclass(frozen=True)
-class ConditionReport:
-    """Section of the page about one condition.
-
-    Parameters
-    ----------
-    name : str
-        Label of the condition.
-    summaries : list[Summary]
-        Numbers of every method.
-    comparisons : list[PairedComparison]
-        Comparisons of the other methods with the first one.
-    figure : str
-        Figure as a data URI.
-    maps : list[tuple[str, list[Map]]]
-        Convergence maps by method; none if they would repeat its success rate.
-    worst : list[tuple[str, list[Bad]]]
-        Worst runs by method.
-    """
-
-    name: str
-    summaries: list[Summary]
-    comparisons: list[PairedComparison]
-    figure: str
-    maps: list[tuple[str, list[ConvergenceMap]]]
-    worst: list[tuple[str, list[WorstRun]]]
 
 
 @dataclass(frozen=True)
@@ -125,20 +70,16 @@ def write_report(
         Write the page in addition to the numbers.
     """
     groups = group_runs(plan, table)
-    summaries, compared = [summarise(group) for group in groups], list(compare_with_first(groups))
-    numbers = {
-        **about,
-        "methods": [asdict(one) for one in summaries],
-        "comparisons": [asdict(one) for one in compared],
-    }
-    write_atomically(
-        folder / SUMMARY_FILE, json.dumps(_to_json(numbers), indent=1, ensure_ascii=False) + "\n"
-    )
+    numbers = StudyNumbers(list(map(summarise, groups)), list(compare_with_first(groups)))
+    methods, comparisons = map(asdict, numbers.summaries), map(asdict, numbers.comparisons)
+    content = {**about, "methods": list(methods), "comparisons": list(comparisons)}
+    text = json.dumps(_to_json(content), indent=1, ensure_ascii=False)
+    write_atomically(folder / SUMMARY_FILE, text + "\n")
     if page:
-        names = list(dict.fromkeys(group.condition for group in groups))
-        conditions = [_report_condition(name, groups, summaries, compared, plan) for name in names]
-        write_atomically(folder / REPORT_FILE, _render_page(plan, table, about, conditions))
-    return StudyNumbers(summaries, compared)
+        names = dict.fromkeys(group.condition for group in groups)
+        sections = [_make_section(name, groups, numbers, plan.duration) for name in names]
+        write_atomically(folder / REPORT_FILE, _render_page(plan, table, about, sections))
+    return numbers
 
 
 def _to_json(value: Any) -> Any:
@@ -146,45 +87,54 @@ def _to_json(value: Any) -> Any:
     if isinstance(value, Interval):
         return _to_json(value._asdict())
     if is_table(value):
-        return {key: _to_json(one) for key, one in value.items()}
+        return {key: _to_json(entry) for key, entry in value.items()}
     if isinstance(value, list):
-        return [_to_json(one) for one in cast(list[Any], value)]
+        return [_to_json(entry) for entry in cast(list[Any], value)]
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def _report_condition(
-    name: str,
-    groups: list[Group],
-    summaries: list[Summary],
-    compared: list[PairedComparison],
-    plan: StudyPlan,
-) -> ConditionReport:
-    here = [group for group in groups if group.condition == name]
-    drawing = charts.render_svg(_make_figure(here, plan.duration)).encode()
-    return ConditionReport(
-        name=name,
-        summaries=[one for one in summaries if one.condition == name],
-        comparisons=[one for one in compared if one.condition == name],
-        figure=make_data_uri("image/svg+xml", drawing),
-        maps=[(group.method, maps) for group in here if (maps := _make_maps(group))],
-        worst=[(group.method, _find_worst_runs(group)) for group in here],
-    )
+def _make_section(
+    condition: str, groups: list[Group], numbers: StudyNumbers, duration: float
+) -> dict[str, Any]:
+    """Return the section of the page about one condition, as the template reads it.
+
+    Parameters
+    ----------
+    condition : str
+        Label of the condition.
+    groups : list[Group]
+        Runs of all methods under all conditions.
+    numbers : StudyNumbers
+        Numbers of all groups.
+    duration : float
+        Length of each run, s.
+    """
+    members = [group for group in groups if group.condition == condition]
+    drawing = charts.render_svg(_make_figure(members, duration)).encode()
+    return {
+        "name": condition,
+        "summaries": [row for row in numbers.summaries if row.condition == condition],
+        "comparisons": [row for row in numbers.comparisons if row.condition == condition],
+        "figure": make_data_uri("image/svg+xml", drawing),
+        "maps": [(group.method, maps) for group in members if (maps := _make_maps(group))],
+        "worst": [(group.method, _find_worst_runs(group)) for group in members],
+    }
 
 
 def _make_maps(group: Group) -> list[ConvergenceMap]:
     """Return the convergence maps of a group that have more than one cell."""
     maps = [make_map(group, *axes) for axes in MAP_AXES]
-    return [found for found in maps if found.has_several_cells]
+    return [convergence for convergence in maps if convergence.has_several_cells]
 
 
-def _make_figure(here: list[Group], duration: float) -> Figure:
+def _make_figure(groups: list[Group], duration: float) -> Figure:
     """Draw the cumulative distributions of time to 1 mm and of pose error, by method."""
-    ends = 0.0, duration
-    times = [_make_cdf(g.method, g.first_within, i, ends) for i, g in enumerate(here)]
-    poses = [_make_cdf(g.method, g.column("pose_error_mm"), i, ()) for i, g in enumerate(here)]
+    ends, y_label, y_limits = (0.0, duration), "fraction of the runs", (-0.02, 1.02)
+    times = [_make_cdf(g.method, g.first_within, i, ends) for i, g in enumerate(groups)]
+    poses = [_make_cdf(g.method, g.column("pose_error_mm"), i, ()) for i, g in enumerate(groups)]
     panels = [
-        Panel("time to 1 mm, s", "fraction of the runs", times, y_limits=(-0.02, 1.02)),
-        Panel("pose error, mm", "fraction of the runs", poses, log_x=True, y_limits=(-0.02, 1.02)),
+        Panel("time to 1 mm, s", y_label, times, y_limits=y_limits),
+        Panel("pose error, mm", y_label, poses, log_x=True, y_limits=y_limits),
     ]
     return Figure("", panels, columns=2)
 
@@ -195,41 +145,31 @@ def _make_cdf(label: str, values: Floats, style: int, ends: tuple[float, ...]) -
     It extends from the first to the last of the `ends`, if given, and stays below 1 if some values
     are infinite.
     """
-    known = np.sort(values[np.isfinite(values)])
-    count = min(len(known), MAX_CURVE_STEPS)
-    indices = np.unique(np.linspace(0, len(known) - 1, count).round().astype(int))
+    ordered = np.sort(values[np.isfinite(values)])
+    step_count = min(len(ordered), MAX_CURVE_STEPS)
+    indices = np.unique(np.linspace(0, len(ordered) - 1, step_count).round().astype(int))
     fractions = np.concatenate([[0.0], (indices + 1) / len(values)])
-    x = np.concatenate([ends[:1], np.repeat(known[indices], 2), ends[1:]])
+    x = np.concatenate([ends[:1], np.repeat(ordered[indices], 2), ends[1:]])
     y = np.repeat(fractions, 2)
     return make_curve(label, x, y if ends else y[1:-1], style)
 
 
-def _find_worst_runs(group: Group) -> list[WorstRun]:
-    """Return the runs of a group with the largest pose errors."""
-    pose = group.column("pose_error_mm")
-    order = np.argsort(-np.nan_to_num(pose, nan=np.inf), kind="stable")[:WORST_RUN_COUNT]
+def _find_worst_runs(group: Group) -> list[dict[str, Any]]:
+    """Return the rows with the largest pose errors; `index` is that in the table of all runs."""
+    pose_mm = group.column("pose_error_mm")
+    order = np.argsort(-np.nan_to_num(pose_mm, nan=np.inf), kind="stable")[:WORST_RUN_COUNT]
     rows = group.rows.take(order.tolist()).to_pylist()
-    return [
-        WorstRun(
-            group.row_index(int(i)),
-            row["seed"],
-            row["repetition"],
-            row["pose_error_mm"],
-            row["unnoticed_mm"],
-            row["stop"],
-        )
-        for i, row in zip(order, rows, strict=True)
-    ]
+    return [{**row, "index": group.row_index(int(i))} for i, row in zip(order, rows, strict=True)]
 
 
 def _render_page(
-    plan: StudyPlan, table: Any, about: Mapping[str, Any], conditions: list[ConditionReport]
+    plan: StudyPlan, table: Any, about: Mapping[str, Any], sections: list[dict[str, Any]]
 ) -> str:
     return render_template(
         "rcmservo.study.report",
         about=about,
         plan=plan,
-        conditions=conditions,
+        conditions=sections,
         meanings=COLUMN_MEANINGS,
         cpus=table["cpu"].unique().to_pylist(),
         versions=table["versions"].unique().to_pylist(),
@@ -239,6 +179,7 @@ def _render_page(
 
 def _choose_colour(fraction: float) -> str:
     """Return the background of a success rate: orange for 0, white for 0.5, green for 1."""
-    ends = (230, 159, 0) if fraction < 0.5 else (0, 158, 115)
+    strongest = (230, 159, 0) if fraction < 0.5 else (0, 158, 115)
     strength = 0.75 * abs(2.0 * fraction - 1.0)
-    return "rgb({})".format(", ".join(f"{255 - strength * (255 - c):.0f}" for c in ends))
+    channels = (f"{255 - strength * (255 - channel):.0f}" for channel in strongest)
+    return f"rgb({', '.join(channels)})"

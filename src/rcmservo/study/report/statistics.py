@@ -76,13 +76,11 @@ def estimate_quantile(values: Floats, p: float, least: float = -np.inf) -> Inter
     n, ordered = len(values), np.sort(values)
     if n == 0:
         return UNKNOWN_INTERVAL
-    ends = STATS.binom.ppf([(1.0 - CONFIDENCE) / 2.0, (1.0 + CONFIDENCE) / 2.0], n, p)
-    low, high = int(ends[0]) - 1, int(ends[1])
-    return Interval(
-        _find_quantile(ordered, p * n),
-        float(ordered[low]) if low >= 0 else least,
-        float(ordered[high]) if high < n else np.inf,
-    )
+    counts = STATS.binom.ppf([(1.0 - CONFIDENCE) / 2.0, (1.0 + CONFIDENCE) / 2.0], n, p)
+    low_index, high_index = int(counts[0]) - 1, int(counts[1])
+    low = float(ordered[low_index]) if low_index >= 0 else least
+    high = float(ordered[high_index]) if high_index < n else np.inf
+    return Interval(_find_quantile(ordered, p * n), low, high)
 
 
 def _find_quantile(ordered: Floats, count: float) -> float:
@@ -90,14 +88,14 @@ def _find_quantile(ordered: Floats, count: float) -> float:
 
     For an integer count it is the mean of two neighbours, without a neighbour that is infinite.
     """
-    whole = round(count)
-    if abs(count - whole) > 1e-9:
+    integer_count = round(count)
+    if abs(count - integer_count) > 1e-9:
         return float(ordered[int(count)])
-    both = ordered[max(whole - 1, 0) : whole + 1]
-    known = both[np.isfinite(both)]
-    if len(known):
-        return float(known.mean())
-    return float(both[0]) if both[0] == both[-1] else np.nan
+    neighbours = ordered[max(integer_count - 1, 0) : integer_count + 1]
+    finite_neighbours = neighbours[np.isfinite(neighbours)]
+    if len(finite_neighbours):
+        return float(finite_neighbours.mean())
+    return float(neighbours[0]) if neighbours[0] == neighbours[-1] else np.nan
 
 
 def estimate_root_mean_square(values: Floats) -> Interval:
@@ -108,31 +106,33 @@ def estimate_root_mean_square(values: Floats) -> Interval:
     n, squares = len(values), values**2
     if n == 0:
         return UNKNOWN_INTERVAL
-    mean = float(squares.mean())
-    if n == 1 or mean == 0.0:
-        return Interval(np.sqrt(mean), 0.0, np.inf)
-    spread = float(squares.std(ddof=1)) / (mean * np.sqrt(n))
-    ratio = np.exp(0.5 * float(STATS.t.ppf((1.0 + CONFIDENCE) / 2.0, n - 1)) * spread)
-    return Interval(np.sqrt(mean), np.sqrt(mean) / ratio, np.sqrt(mean) * ratio)
+    mean_square = float(squares.mean())
+    rms = np.sqrt(mean_square)
+    if n == 1 or mean_square == 0.0:
+        return Interval(rms, 0.0, np.inf)
+    log_deviation = float(squares.std(ddof=1)) / (mean_square * np.sqrt(n))
+    ratio = np.exp(0.5 * float(STATS.t.ppf((1.0 + CONFIDENCE) / 2.0, n - 1)) * log_deviation)
+    return Interval(rms, rms / ratio, rms * ratio)
 
 
-def estimate_fraction_difference(one: Booleans, other: Booleans) -> Interval:
-    """Return the difference of two fractions over paired booleans (n,), `one` minus `other`.
+def estimate_fraction_difference(success: Booleans, baseline: Booleans) -> Interval:
+    """Return the difference of two fractions over paired booleans (n,), `success` minus `baseline`.
 
     The interval is that of A. Agresti and Y. Min, Biostatistics 6, 2005: it adds half a pair to
     each of the four cases, so that it is not empty if the two never differ.
     """
-    gained, lost, n = int((one & ~other).sum()), int((~one & other).sum()), len(one)
-    b, c, m = gained + 0.5, lost + 0.5, n + 2.0
-    middle = (b - c) / m
-    spread = float(STATS.norm.ppf((1.0 + CONFIDENCE) / 2.0)) * np.sqrt(b + c - (b - c) ** 2 / m) / m
-    return Interval((gained - lost) / n, max(middle - spread, -1.0), min(middle + spread, 1.0))
+    gained, lost = int((success & ~baseline).sum()), int((~success & baseline).sum())
+    b, c, m = gained + 0.5, lost + 0.5, len(success) + 2.0
+    middle, z = (b - c) / m, float(STATS.norm.ppf((1.0 + CONFIDENCE) / 2.0))
+    spread = z * np.sqrt(b + c - (b - c) ** 2 / m) / m
+    difference = (gained - lost) / len(success)
+    return Interval(difference, max(middle - spread, -1.0), min(middle + spread, 1.0))
 
 
-def estimate_median_difference(one: Floats, other: Floats) -> Interval:
-    """Return the median of `one` − `other` over pairs (n,) with its interval.
+def estimate_median_difference(values: Floats, baseline: Floats) -> Interval:
+    """Return the median of `values` − `baseline` over pairs (n,) with its interval.
 
     Pairs in which both values are infinite are ignored.
     """
-    known = np.isfinite(one) | np.isfinite(other)
-    return estimate_quantile(one[known] - other[known], 0.5)
+    has_finite = np.isfinite(values) | np.isfinite(baseline)
+    return estimate_quantile(values[has_finite] - baseline[has_finite], 0.5)

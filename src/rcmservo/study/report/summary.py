@@ -56,6 +56,7 @@ class Group:
 
     @property
     def engine(self) -> str:
+        """Engine that made the runs."""
         return self.rows["engine"][0].as_py()
 
     @cached_property
@@ -79,8 +80,7 @@ class Group:
     @property
     def stops(self) -> list[tuple[str, int]]:
         """Causes of first stops with their counts, the most frequent first."""
-        counted = Counter(name for name in self.rows["stop"].to_pylist() if name)
-        return counted.most_common()
+        return Counter(name for name in self.rows["stop"].to_pylist() if name).most_common()
 
 
 @dataclass(frozen=True)
@@ -168,16 +168,17 @@ class PairedComparison:
 
 def group_runs(plan: StudyPlan, table: Any) -> list[Group]:
     """Group the rows of a study by condition and method."""
-    firsts_of: dict[tuple[str, str], list[int]] = {}
+    first_rows: dict[tuple[str, str], list[int]] = {}
     for i, cell in enumerate(plan.cells):
-        firsts_of.setdefault((cell.condition, cell.method), []).append(i * plan.count)
+        first_rows.setdefault((cell.condition, cell.method), []).append(i * plan.count)
     return [
-        Group(method, condition, firsts, _slices(table, firsts, plan.count))
-        for (condition, method), firsts in firsts_of.items()
+        Group(method, condition, firsts, _select_rows(table, firsts, plan.count))
+        for (condition, method), firsts in first_rows.items()
     ]
 
 
-def _slices(table: Any, firsts: list[int], count: int) -> Any:
+def _select_rows(table: Any, firsts: list[int], count: int) -> Any:
+    """Return the `count` rows that begin at each of the indices `firsts`, as one table."""
     import pyarrow as pa
 
     arrow: Any = pa
@@ -215,16 +216,16 @@ def compare_with_first(groups: list[Group]) -> Iterator[PairedComparison]:
             yield compare(group, first)
 
 
-def compare(one: Group, other: Group) -> PairedComparison:
-    """Compare two methods under the same condition."""
-    both = one.success & other.success
-    poses = (group.column("pose_error_mm")[both] for group in (one, other))
+def compare(group: Group, baseline: Group) -> PairedComparison:
+    """Compare two methods under the same condition, minus the baseline."""
+    both_succeeded = group.success & baseline.success
+    poses = (runs.column("pose_error_mm")[both_succeeded] for runs in (group, baseline))
     return PairedComparison(
-        method=one.method,
-        beside=other.method,
-        condition=one.condition,
-        pairs=len(one.success),
-        success=estimate_fraction_difference(one.success, other.success),
-        time_s=estimate_median_difference(one.first_within, other.first_within),
+        method=group.method,
+        beside=baseline.method,
+        condition=group.condition,
+        pairs=len(group.success),
+        success=estimate_fraction_difference(group.success, baseline.success),
+        time_s=estimate_median_difference(group.first_within, baseline.first_within),
         pose_mm=estimate_median_difference(*poses),
     )

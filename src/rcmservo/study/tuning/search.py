@@ -1,13 +1,13 @@
 """Search for settings: Optuna proposes values, and a study evaluates them.
 
 Every trial is a study of the same scenes with the same noise, so that trials differ in their
-settings alone. Its chunks are stored like those of any study: a stopped search repeats the same
-trials without running anything twice. The result is then compared with the initial settings on
+settings alone. Its chunks of runs are stored like those of any study: a stopped search repeats the
+same trials without running anything twice. The result is then compared with the initial settings on
 scenes outside the search, because the best of many trials looks better than it is on the scenes
 that selected it.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
@@ -31,6 +31,8 @@ TUNE_GOALS = "time", "error"
 """Quantities that a search minimises."""
 FAILED_RUN_COST_MM = 10.0
 """Cost of a failed run if the goal is the error, mm."""
+MAX_REPORTED_COST = 1e6
+"""Cost that Optuna gets in place of an infinite one, which it does not accept."""
 TUNED_METHOD, RETUNED_METHOD = "tuned", "tuned-again"
 """Names of the resulting method; the second one if the search starts from the first."""
 
@@ -98,7 +100,7 @@ class SearchTrial(NamedTuple):
     ----------
     number : int
         Number of the trial, from 0.
-    values : MarkerValues
+    values : Mapping[str, Any]
         Values of the varied settings.
     cost : float
         Value of the goal; inf for an invalid combination of settings.
@@ -113,49 +115,43 @@ class SearchTrial(NamedTuple):
 
 
 def run_search(
-    tuning: Tuning, folder: Path, crew: WorkerPool, report_trial: Callable[[SearchTrial], None]
+    tuning: Tuning, folder: Path, pool: WorkerPool, report_trial: Callable[[SearchTrial], None]
 ) -> list[SearchTrial]:
-    """Run all trials of a search, with their chunks stored in the folder."""
+    """Run all trials of a search, with their chunks stored in the folder.
+
+    The first trial has the initial settings.
+    """
     OPTUNA.logging.set_verbosity(OPTUNA.logging.ERROR)
     sampler = OPTUNA.samplers.TPESampler(seed=tuning.seed)
     study = OPTUNA.create_study(sampler=sampler, direction="minimize")
-    return list(_run_trials(tuning, folder, crew, study, report_trial))
-
-
-def _run_trials(
-    tuning: Tuning,
-    folder: Path,
-    crew: WorkerPool,
-    study: Any,
-    report_trial: Callable[[SearchTrial], None],
-) -> Iterator[SearchTrial]:
-    method = tuning.plan.methods[0]
-    start = {axis.name: get_setting(method, axis.name) for axis in tuning.axes}
-    within = all(axis.contains(start[axis.name]) for axis in tuning.axes)
-    if within:
-        study.enqueue_trial(start)
+    initial = {axis.name: get_setting(tuning.plan.methods[0], axis.name) for axis in tuning.axes}
+    is_within_ranges = all(axis.contains(initial[axis.name]) for axis in tuning.axes)
+    if is_within_ranges:
+        study.enqueue_trial(initial)
+    trials: list[SearchTrial] = []
     for number in range(tuning.trials):
-        # Optuna accepts no trial outside the ranges: initial settings there stay unreported.
-        trial = study.ask() if number or within else None
-        values = start if trial is None else {a.name: a.suggest(trial) for a in tuning.axes}
-        result = _run_trial(tuning, number, values, folder, crew)
-        if trial is not None:
-            study.tell(trial, min(result.cost, 1e6))
-        report_trial(result)
-        yield result
+        # Optuna accepts no trial outside the ranges: it gets no result of initial settings there
+        proposal = study.ask() if number or is_within_ranges else None
+        values = initial if proposal is None else {a.name: a.suggest(proposal) for a in tuning.axes}
+        trial = _run_trial(tuning, number, values, folder, pool)
+        if proposal is not None:
+            study.tell(proposal, min(trial.cost, MAX_REPORTED_COST))
+        report_trial(trial)
+        trials.append(trial)
+    return trials
 
 
 def _run_trial(
-    tuning: Tuning, number: int, values: Values, folder: Path, crew: WorkerPool
+    tuning: Tuning, number: int, values: Values, folder: Path, pool: WorkerPool
 ) -> SearchTrial:
     """Run the study of one trial; an invalid combination of settings costs inf."""
     try:
         method = replace_settings(tuning.plan.methods[0], tuning.method_name, values)
-        work = StudyExecution(replace(tuning.plan, methods=(method,)), folder)
+        execution = StudyExecution(replace(tuning.plan, methods=(method,)), folder)
     except (ValueError, UnusableEstimator):  # invalid combination of settings
         return SearchTrial(number, values, np.inf, 0.0)
-    work.run(crew, lambda _: None)
-    rows = work.gather()
+    execution.run(pool, lambda _: None)
+    rows = execution.gather()
     success: Any = rows["success"].to_numpy()
     return SearchTrial(number, values, compute_cost(tuning, rows), float(success.mean()))
 
@@ -163,10 +159,11 @@ def _run_trial(
 def compute_cost(tuning: Tuning, rows: Any) -> float:
     """Return the mean of the goal over the runs: s or mm."""
     success: Any = rows["success"].to_numpy()
-    column = "time_to_1mm_s" if tuning.goal == "time" else "pose_error_mm"
-    values: Floats = rows[column].to_numpy().astype(np.float64)
-    failed = 2.0 * tuning.plan.duration if tuning.goal == "time" else FAILED_RUN_COST_MM
-    return float(np.mean(np.where(success, np.minimum(values, failed), failed)))
+    column, failed_cost = "pose_error_mm", FAILED_RUN_COST_MM
+    if tuning.goal == "time":
+        column, failed_cost = "time_to_1mm_s", 2.0 * tuning.plan.duration
+    costs: Floats = rows[column].to_numpy().astype(np.float64)
+    return float(np.mean(np.where(success, np.minimum(costs, failed_cost), failed_cost)))
 
 
 def find_best_trial(trials: list[SearchTrial]) -> SearchTrial:

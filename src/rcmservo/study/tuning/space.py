@@ -13,7 +13,7 @@ from dataclasses import dataclass, fields, replace
 from typing import Any, cast
 
 from rcmservo.config.toml_json_parsing import is_table
-from rcmservo.errors import BadInput, require, suggestion
+from rcmservo.errors import require, suggestion
 from rcmservo.study.plan.method import StudyMethod
 
 Values = Mapping[str, Any]
@@ -65,37 +65,43 @@ def parse_axis(name: str, entry: object, method: StudyMethod) -> SearchAxis:
     BadInput
         If the method has no such setting, or the entry does not fit its type.
     """
-    where = f'search."{name}"'
-    present = get_setting(method, name)
+    field, present = f'search."{name}"', get_setting(method, name)
     if is_table(entry):
-        known = {"from", "to", "log"}
-        for key in entry:
-            require(key in known, f"{where}.{key}", entry[key], "one of from, to, log")
+        for key, value in entry.items():
+            is_known = key in ("from", "to", "log")
+            require(is_known, f"{field}.{key}", value, "one of from, to, log")
         log = entry.get("log", False)
-        if not isinstance(log, bool):
-            raise BadInput(f"{where}.log", log, "true or false")
-        return _parse_range(where, name, [entry.get("from"), entry.get("to")], log, present)
+        require(isinstance(log, bool), f"{field}.log", log, "true or false")
+        return _parse_range(field, name, [entry.get("from"), entry.get("to")], log, present)
     values = cast(list[Any], entry) if isinstance(entry, list) else []
     expected = "two numbers, least first, or a list of words"
-    require(bool(values), where, cast(object, entry), expected)
+    require(bool(values), field, cast(object, entry), expected)
     if all(isinstance(value, str) for value in values):
-        require(isinstance(present, str), where, values, f"two numbers, as it is {present!r} now")
+        require(isinstance(present, str), field, values, f"two numbers, as it is {present!r} now")
         return SearchAxis(name, choices=tuple(values))
-    return _parse_range(where, name, values, False, present)
+    return _parse_range(field, name, values, False, present)
 
 
-def _parse_range(where: str, name: str, ends: list[Any], log: bool, present: Any) -> SearchAxis:
-    numbers = [x for x in ends if isinstance(x, int | float) and not isinstance(x, bool)]
+def _parse_range(field: str, name: str, ends: list[Any], log: bool, present: Any) -> SearchAxis:
+    """Return the axis of a number between two ends; raise `BadInput` if they do not fit it.
+
+    `field` is the name for error messages, `present` the value of the setting now.
+    """
+    numbers = [end for end in ends if _is_number(end)]
     is_range = len(ends) == len(numbers) == 2 and -1e300 < numbers[0] < numbers[1] < 1e300
-    require(is_range, where, ends, "two finite numbers, least first")
-    require(numbers[0] > 0 or not log, where, ends, "positive numbers, for log = true")
-    is_number = isinstance(present, int | float) and not isinstance(present, bool)
-    require(is_number, where, ends, f"left out: it is {present!r} now, which is not a number")
+    require(is_range, field, ends, "two finite numbers, least first")
+    require(numbers[0] > 0 or not log, field, ends, "positive numbers, for log = true")
+    expected = f"left out: it is {present!r} now, which is not a number"
+    require(_is_number(present), field, ends, expected)
     kind = int if isinstance(present, int) else float
     if kind is int:
-        is_integer = all(isinstance(x, int) for x in numbers)
-        require(is_integer, where, ends, f"two whole numbers, as it is {present} now")
+        is_integer = all(isinstance(number, int) for number in numbers)
+        require(is_integer, field, ends, f"two whole numbers, as it is {present} now")
     return SearchAxis(name, kind(numbers[0]), kind(numbers[1]), log)
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 def get_setting(method: StudyMethod, name: str) -> Any:
