@@ -261,10 +261,10 @@ def press(page: Page, name: str, leads_to: str) -> None:
 
 def enabled(page: Page) -> None:
     """Switch the drive on; clear a stop before if there was one."""
-    until(page, f"rcm.holds && ({ENABLES} || {CLEARS})")
+    until(page, f"rcm.hasControl && ({ENABLES} || {CLEARS})")
     if page.evaluate(CLEARS):
         press(page, "Clear", f"!{CLEARS}")
-    until(page, f"rcm.holds && {ENABLES}")
+    until(page, f"rcm.hasControl && {ENABLES}")
     press(page, "Enable", "rcm.board.phase === 'PAUSED'")
 
 

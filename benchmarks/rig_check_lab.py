@@ -193,7 +193,7 @@ class SimulatedOperator:
 
     def _depth(self) -> float:
         """Return the distance (mm) from the RCM to marker 1."""
-        return float(np.linalg.norm(self._robot().first_marker(self.arm.q_true)))
+        return float(np.linalg.norm(self._robot().compute_first_marker(self.arm.q_true)))
 
     def _travel(self) -> float:
         """Return the travel (mm) of marker 2, by a ruler with half millimetres."""
@@ -205,7 +205,7 @@ class SimulatedOperator:
         robot = self._robot()
         mechanism = robot.mechanism
         moved = np.array(self.arm.history) - self.arm.history[0]
-        mm = moved / robot.joint_per_mm(self.arm.history[0])
+        mm = moved / robot.compute_joint_per_mm(self.arm.history[0])
         row, joint = np.unravel_index(np.argmax(np.abs(mm)), mm.shape)
         spherical = mechanism.name == "spherical"
         up = ("away", "clockwise", "in") if spherical else ("right", "down", "in")

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from rcmservo.bringup.axis_wiring import Robot, Wiring
-from rcmservo.bringup.corrections import corrections
+from rcmservo.bringup.corrections import list_corrections
 from rcmservo.bringup.hypotheses import (
     Hypothesis,
-    equivalents,
     fit_all,
-    most_likely,
+    generate_equivalents,
+    select_most_likely,
 )
 from rcmservo.bringup.identification import SPACING, ZERO, MarkerViews
 from rcmservo.bringup.operator_questions import ask_operator
@@ -41,9 +41,11 @@ def views(seed: int, hypothesis: Hypothesis) -> MarkerViews:
     """Return views of motions of each joint by ± 1 mm, with `hypothesis` true."""
     rig = Rig(seed, pictures=False)
     start = rig.scene.start
-    motions = np.diag(ROBOT.joint_per_mm(start))
+    motions = np.diag(ROBOT.compute_joint_per_mm(start))
     q = start + np.concatenate([np.zeros((1, 3)), motions, -motions])
-    points = np.stack([rig.scene.optics.project(two) for two in hypothesis.markers(ROBOT, q)])
+    points = np.stack(
+        [rig.scene.optics.project(two) for two in hypothesis.compute_markers(ROBOT, q)]
+    )
     result = MarkerViews(q, points, np.full(len(q), 0.03), (640, 480))
     return result.mirrored() if hypothesis.mirrored else result
 
@@ -59,14 +61,14 @@ def views(seed: int, hypothesis: Hypothesis) -> MarkerViews:
     ],
 )
 def test_the_true_hypothesis_is_equivalent_to_the_only_likely_one(hypothesis: Hypothesis) -> None:
-    left = most_likely(fit_all(ROBOT, views(2, hypothesis)))
+    left = select_most_likely(fit_all(ROBOT, views(2, hypothesis)))
     assert len(left) == 1
-    assert hypothesis in list(equivalents(left[0]))
+    assert hypothesis in list(generate_equivalents(left[0]))
 
 
 def test_an_image_leaves_four_combinations_of_signs_and_mirror_open() -> None:
-    left = most_likely(fit_all(ROBOT, views(2, Hypothesis())))
-    together = {(m.reversed, m.mirrored) for m in equivalents(left[0])}
+    left = select_most_likely(fit_all(ROBOT, views(2, Hypothesis())))
+    together = {(m.reversed, m.mirrored) for m in generate_equivalents(left[0])}
     assert together == {
         ((False, False, False), False),
         ((True, True, False), False),
@@ -80,16 +82,20 @@ def test_exchanged_axes_keep_the_signs_of_their_counts() -> None:
     swapped, start = Hypothesis(order=(1, 0, 2)), np.array([0.1, 0.2, 100.0])
     reported = start + np.array([[0.0, 0.0, 0.0], [0.01, 0.0, 0.0]])
     actual = start + np.array([[0.0, 0.0, 0.0], [0.0, -0.01, 0.0]])
-    assert np.allclose(swapped.markers(robot, reported), Hypothesis().markers(robot, actual))
-    assert swapped.moves(0, robot.wiring) == (1, -1)
-    assert swapped.moves(2, robot.wiring) == (2, 1)
-    assert swapped.moves(0, ROBOT.wiring) == (1, 1)
+    assert np.allclose(
+        swapped.compute_markers(robot, reported), Hypothesis().compute_markers(robot, actual)
+    )
+    assert swapped.predict_moving_joint(0, robot.wiring) == (1, -1)
+    assert swapped.predict_moving_joint(2, robot.wiring) == (2, 1)
+    assert swapped.predict_moving_joint(0, ROBOT.wiring) == (1, 1)
 
 
 def test_each_equivalent_hypothesis_reports_the_uncertainty_of_its_own_number() -> None:
-    left = most_likely(fit_all(ROBOT, views(2, Hypothesis(number=SPACING, size=0.25))))
-    for hypothesis in (member for kind in left for member in equivalents(kind)):
-        found = [one for one in corrections(hypothesis, ROBOT) if "%" in one.what + one.expected]
+    left = select_most_likely(fit_all(ROBOT, views(2, Hypothesis(number=SPACING, size=0.25))))
+    for hypothesis in (member for kind in left for member in generate_equivalents(kind)):
+        found = [
+            one for one in list_corrections(hypothesis, ROBOT) if "%" in one.what + one.expected
+        ]
         assert found
         assert not any("± 0 %" in one.what + one.expected for one in found)
 
@@ -110,7 +116,7 @@ def decided_by(
             operator.answers.insert(0, ["away", "clockwise", "in"][joint])
 
     def motion(joint: int) -> float:
-        return mm * ROBOT.joint_per_mm(start)[joint]
+        return mm * ROBOT.compute_joint_per_mm(start)[joint]
 
     return ask_operator(among, ROBOT, start, operator, show, motion), operator
 

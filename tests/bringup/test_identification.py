@@ -7,7 +7,7 @@ from rcmservo.bringup.identification import (
     SPACING,
     ZERO,
     MarkerViews,
-    corrected_markers,
+    compute_corrected_markers,
     fit_residuals,
     identify,
 )
@@ -24,7 +24,7 @@ def views_of(correction: list[float], seed: int) -> MarkerViews:
     """Return views of an arm with a `correction` (5,), over motions of several cm."""
     rng, rig = np.random.default_rng(seed), Rig(seed, pictures=False)
     q = rig.scene.start + np.vstack([np.zeros(3), rng.uniform(-1, 1, (39, 3)) * [0.2, 0.2, 20.0]])
-    markers = corrected_markers(MECHANISM, TOOL, q, np.array(correction))
+    markers = compute_corrected_markers(MECHANISM, TOOL, q, np.array(correction))
     points = np.stack([rig.scene.optics.project(pair) for pair in markers])
     points += rng.normal(0.0, NOISE, points.shape)
     return MarkerViews(q, points, np.full(len(q), NOISE), (640, 480))

@@ -14,13 +14,11 @@ from conftest import make_laboratory
 from rcmservo.estimation.dlt import DltEstimator
 from rcmservo.estimation.projection_rule import ProjectionEstimator
 from rcmservo.page.channels import PageChannels
-from rcmservo.page.json_text import encode_json
 from rcmservo.page.messages import Standby
 from rcmservo.page.plots.curves import SAMPLE_FIELDS
 from rcmservo.page.plots.mechanism_shape import MechanismShape
 from rcmservo.page.pose_sequence import SequenceProgress
-from rcmservo.page.recovery_actions import list_allowed_actions
-from rcmservo.page.view_model import Dashboard
+from rcmservo.page.view_model import Dashboard, encode_json, list_allowed_actions
 from rcmservo.sim import RigSettings
 from rcmservo.sim.processes.motion_log import MotionLog, TruePositionError
 from rcmservo.sim.tool_body import ToolBody
@@ -185,11 +183,13 @@ def test_the_tool_in_the_scene_goes_through_its_markers() -> None:
     lab = make_laboratory()
     shape = MechanismShape.of(lab.servo())
     q = lab.rig.scene.start
-    tool, markers = shape.points(q), lab.rig.body.points(q)[:2]
+    tool, markers = shape.compute_points(q), lab.rig.body.points(q)[:2]
     assert np.allclose(tool[:2], markers, atol=0.5)
     assert np.allclose(np.cross(tool[0], tool[2]), 0.0, atol=1e-6)
     board = make_dashboard(PageChannels(get_context("spawn")), target=lab.target, shape=shape)
-    assert np.allclose(board.to_table()["tool_target"], shape.points(lab.target.q), atol=0.01)
+    assert np.allclose(
+        board.to_table()["tool_target"], shape.compute_points(lab.target.q), atol=0.01
+    )
     assert board.to_table()["tool"] is None
-    limits, (_, upper) = shape.limits(), lab.rig.settings.mechanism.limits.arrays
-    assert np.allclose(limits[-1, -1], shape.points(upper)[0])
+    limits, (_, upper) = shape.compute_workspace_surface(), lab.rig.settings.mechanism.limits.arrays
+    assert np.allclose(limits[-1, -1], shape.compute_points(upper)[0])

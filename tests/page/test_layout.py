@@ -47,6 +47,6 @@ def test_each_component_is_placed_on_the_page_and_served() -> None:
         html: str = browser.get("/").text
         placed = re.findall(r'import {.*} from "(.*/(\w+)\.js)";', html)
         urls = {name: url for url, name in placed}
-        parts = {path.stem: path.read_text() for path in STATIC.glob("parts/*.js")}
+        parts = {path.stem: path.read_text() for path in STATIC.glob("widgets/*.js")}
         assert set(parts) <= set(urls)
         assert all(browser.get(urls[name]).text == text for name, text in parts.items())

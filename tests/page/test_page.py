@@ -93,7 +93,7 @@ class Operator:
 
     def enable(self) -> None:
         """Switch the drive on if it is off."""
-        self.until(f"rcm.holds && ({CAN_ENABLE} || {CAN_CLEAR} || {PAUSED})")
+        self.until(f"rcm.hasControl && ({CAN_ENABLE} || {CAN_CLEAR} || {PAUSED})")
         if self.page.evaluate(CAN_CLEAR):
             self.press_until("Clear", f"!{CAN_CLEAR}")
             self.until(CAN_ENABLE)
@@ -253,7 +253,7 @@ def test_two_poses_are_taught_and_reached_and_a_watcher_can_only_stop(
         for pose in ("here", "there"):
             assert operator.go_and_arrive(pose), (pose, operator.read("board"))
         watcher = Operator(site.browser, address)
-        watcher.until("rcm.board.phase && !rcm.holds")
+        watcher.until("rcm.board.phase && !rcm.hasControl")
         assert watcher.page.get_by_role("button", name="Go here").is_disabled()
         target = operator.read("board.target")
         watcher.page.evaluate("rcm.request('go', { name: 'here' })")
@@ -310,7 +310,7 @@ def test_closing_the_browser_pauses_the_motion_and_another_one_resumes(site: Ser
         first.go("back")
         first.page.close()
         second = Operator(site.browser, address)
-        second.until("rcm.board.phase === 'PAUSED' && rcm.holds")
+        second.until("rcm.board.phase === 'PAUSED' && rcm.hasControl")
         q = np.array(second.read("board.q"))
         second.page.wait_for_timeout(500)
         assert np.allclose(q, second.read("board.q"), atol=2e-3)

@@ -14,7 +14,7 @@ import rcmservo as rs
 from conftest import ROOT
 from rcmservo.live.servo_process import FrameSampler
 from rcmservo.page.web.access import PageCredentials
-from rcmservo.page.web.runs_routes import runs_routes
+from rcmservo.page.web.runs_routes import create_runs_routes
 from rcmservo.recording import reader
 from rcmservo.recording.writer import Recorder
 from rcmservo.tracking import ColourMarkers
@@ -29,7 +29,7 @@ class Browser:
 
     def __init__(self, root: Path) -> None:
         app = FastAPI()
-        app.include_router(runs_routes(PageCredentials(1, "s"), root))
+        app.include_router(create_runs_routes(PageCredentials(1, "s"), root))
         self.client: Any = TestClient(app)
 
     def get(self, path: str) -> Any:

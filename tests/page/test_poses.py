@@ -14,7 +14,7 @@ from rcmservo.config import target_file
 from rcmservo.config.rig_file import RigDescription
 from rcmservo.loop.operator import targets_are_equal
 from rcmservo.page.poses import PoseFolder, PoseStore
-from rcmservo.page.recovery_actions import list_recovery_actions
+from rcmservo.page.view_model import list_recovery_actions
 from rcmservo.safety.causes import Action, Cause
 from rcmservo.sim import Rig
 
@@ -36,7 +36,7 @@ def test_a_pose_is_stored_as_a_target_file_with_its_picture(
     reloaded = load_poses(tmp_path / "new")
     assert (
         targets_are_equal(reloaded.targets["left of it"], TARGET)
-        and reloaded.picture("left of it") == b"picture"
+        and reloaded.read_picture("left of it") == b"picture"
     )
     (file,) = (tmp_path / "new").glob("*.json")
     assert targets_are_equal(target_file.load_target(file, SETUP), TARGET)
@@ -45,7 +45,7 @@ def test_a_pose_is_stored_as_a_target_file_with_its_picture(
     replaced = load_poses(tmp_path / "new")
     assert (
         targets_are_equal(replaced.targets["left of it"], other)
-        and replaced.picture("left of it") == b"other"
+        and replaced.read_picture("left of it") == b"other"
     )
     assert replaced.delete("left of it") == ""
     assert not list((tmp_path / "new").iterdir()) and not load_poses(tmp_path / "new").targets
@@ -71,7 +71,7 @@ def test_no_name_leaves_the_folder_and_no_two_have_the_same_file(one: str, other
     found: list[Path] = []
     for name in (one, other):
         try:
-            found.append(made._file(name))
+            found.append(made._find_file(name))
         except (rs.RcmServoError, UnicodeEncodeError):
             continue
         assert found[-1].parent == Path("/p/q") and unquote(found[-1].stem) == name

@@ -45,7 +45,7 @@ def test_a_remote_browser_signs_in_and_gets_pictures_and_stop(tmp_path: Path) ->
         assert len(opened("/pictures", port, cookie)) > 1000
         with pytest.raises(InvalidStatus, match="403"):
             opened("/pictures", port, {})
-        for path in ("/rcmservo/main.js", "/_nicegui_ws/socket.io/?EIO=4&transport=polling"):
+        for path in ("/rcmservo/stop.js", "/_nicegui_ws/socket.io/?EIO=4&transport=polling"):
             with pytest.raises(urllib.error.HTTPError, match="401"):
                 urllib.request.urlopen(address + path)
             with contextlib.closing(browser.open(address + path)) as got:

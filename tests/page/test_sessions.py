@@ -54,7 +54,7 @@ def test_a_stop_is_reported_at_once_and_can_be_cleared_later() -> None:
     with pytest.raises(StopPressed, match="STOP was pressed: manager was off"):
         manager._handle_stop_request()
     assert messages == [Standby("STOP was pressed: manager was off", is_latched=True)]
-    manager._latch("why")
+    manager._await_clear("why")
     assert messages[1:] == [Standby("why", is_latched=True, can_clear=True)]
 
 
@@ -62,7 +62,7 @@ def test_a_clear_request_before_the_stop_can_be_cleared_is_ignored() -> None:
     manager, channels, _ = sessions("", CLEAR, STOP, "", needed={ended_process(): "the end"})
     channels.stop_requests.send(CLEAR)
     with pytest.raises(Stopped, match="the end"):
-        manager._latch("why")
+        manager._await_clear("why")
 
 
 def ended_process() -> int:
@@ -78,6 +78,6 @@ PROCESSES: list[Any] = []
 
 def test_the_end_of_a_needed_process_is_reported_with_its_name() -> None:
     manager, _, _ = sessions(needed={ended_process(): "the stop process"})
-    manager._has_begun = True
+    manager._has_been_enabled = True
     with pytest.raises(Stopped, match="the stop process has ended by itself; manager is off"):
-        manager._latch("why")
+        manager._await_clear("why")

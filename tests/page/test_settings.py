@@ -235,7 +235,7 @@ def test_settings_restart_only_a_session_that_is_not_enabled() -> None:
     sessions = SessionLoop(channels, lambda: None, lambda began: "", {}, taken.append)  # pyright: ignore
     change = make_change("controller", gain=2.0)
     for waits in (True, False):
-        sessions._is_waiting = waits
+        sessions._can_restart = waits
         channels.settings_changes.send(change)
         if waits:
             with pytest.raises(SessionRestart):
@@ -275,7 +275,7 @@ def test_the_state_of_the_estimator_is_described() -> None:
         "Estimator dlt: no estimate yet; Go explores first",
         "Estimator dlt: exploring",
         "Estimator dlt: explored, condition of Ĵ 12.3",
-        "Estimator dlt: explored, condition of Ĵ 100, so high that the law is damped",
+        "Estimator dlt: explored, condition of Ĵ 100, so high that the controller is damped",
     ]
 
 

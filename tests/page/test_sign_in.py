@@ -14,7 +14,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from rcmservo.cli.cli import main
 from rcmservo.errors import BadInput, UnusableFile
-from rcmservo.page.web.origin_check import OriginCheck, find_refusal, host_names
+from rcmservo.page.web.origin_check import OriginCheck, find_refusal, list_host_names
 from rcmservo.page.web.sign_in import (
     ATTEMPT_WINDOW_S,
     MAX_FAILED_ATTEMPTS,
@@ -67,7 +67,7 @@ def opens_websocket(browser: Any, **headers: str) -> bool:
 
 def test_only_the_sign_in_page_is_served_without_the_token() -> None:
     browser = Server().browser()
-    for path in ("/", "/rcmservo/main.js", "/_nicegui_ws/socket.io/", "/settings", "/runs"):
+    for path in ("/", "/rcmservo/stop.js", "/_nicegui_ws/socket.io/", "/settings", "/runs"):
         got = browser.get(path)
         assert got.status_code == 401 and "secret" not in got.text and "Sign in" in got.text
     assert not opens_websocket(browser, origin=PAGE_ADDRESS)
@@ -122,7 +122,7 @@ def test_the_number_of_stored_addresses_is_bounded() -> None:
             guesses.add(str(count), 0.0)
     assert (
         len(guesses._times) == MAX_TRACKED_ADDRESSES
-        and guesses.remaining_wait(str(MAX_TRACKED_ADDRESSES), 0.0) > 0.0
+        and guesses.compute_wait(str(MAX_TRACKED_ADDRESSES), 0.0) > 0.0
     )
 
 
@@ -159,7 +159,7 @@ def test_the_page_forbids_frames() -> None:
     ],
 )
 def test_the_host_must_be_the_address_of_the_server(address: str, names: set[str]) -> None:
-    assert set(host_names(address)) == names
+    assert set(list_host_names(address)) == names
     for host in ("127.0.0.1", "localhost", LAB, "evil.example", "", "0.0.0.0", "192.168.1.6"):
         for headers in (host, f"{host}:8080", f"{host.upper()}:22"):
             refused = find_refusal(Headers({"host": headers}), address, 8080, origin_required=False)

@@ -109,7 +109,9 @@ def run_geometry():
             f"marker ratio {kind}": tool.compute_marker_ratio(tool.ToolStruct(kind, SPACING), p),
             f"second_marker {kind}": tool.compute_second_marker(shaft, p),
             f"second_marker_jacobian {kind}": tool.compute_second_marker_jacobian(shaft, p),
-            f"_markers {kind}": identification._markers(rcm, np.array([q, q + 0.1]), shaft),
+            f"_compute_markers {kind}": identification._compute_markers(
+                rcm, np.array([q, q + 0.1]), shaft
+            ),
         }
         results |= run_exploration(kind, rcm, q)
     return results

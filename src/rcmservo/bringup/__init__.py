@@ -1,1 +1,1 @@
-"""Check of a laboratory that finds the mistakes in its rig file with the arm and the camera."""
+"""Check of a rig file (`rig check`): small motions reveal mistakes in how it describes the arm."""

@@ -1,7 +1,9 @@
-"""`rig check`: the sequence of all steps, from the first frames to corrections of the rig file.
+"""Sequence of steps of `rig check`, from the first frames to corrections of the rig file.
 
-The check uses only the readings of arm and camera and the answers of an operator. The drive is off
-when it ends, also after an error or an interrupt.
+The check observes the tool at rest, moves each joint slightly, fits hypotheses about one mistake in
+the rig file to the observations, and asks the operator where the image leaves several possible. It
+uses only the readings of arm and camera and the operator's answers. The drive is off when it ends,
+also after an error or an interrupt.
 """
 
 from dataclasses import dataclass, field, replace
@@ -9,9 +11,13 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from rcmservo.bringup.axis_wiring import Robot
-from rcmservo.bringup.corrections import corrections, describe, describe_undetectable_error
+from rcmservo.bringup.corrections import (
+    describe_hypothesis,
+    describe_undetectable_error,
+    list_corrections,
+)
 from rcmservo.bringup.findings import CheckAborted, Finding
-from rcmservo.bringup.hypotheses import Hypothesis, equivalents
+from rcmservo.bringup.hypotheses import Hypothesis, generate_equivalents
 from rcmservo.bringup.motion import REST_TIME, Mover
 from rcmservo.bringup.motion_escalation import MotionEscalation
 from rcmservo.bringup.observations import MotionTrace, StillView
@@ -120,21 +126,17 @@ def check(
 
 def warm_up(robot: Robot, gate: Gate) -> None:
     """Compile all kernels before the arm is connected, because compilation would delay commands."""
-    command = gate.admit(
-        np.zeros(3), gate.rest(), np.zeros(3), robot.mechanism.to_struct(), 1
-    ).command
-    gate.stop(command, 2)
-    identify_drive_lag(
-        MotionTrace(answers=[(k, np.zeros(3), np.zeros(3)) for k in range(3)]), np.ones(3)
-    )
+    zeros, rcm = np.zeros(3), robot.mechanism.to_struct()
+    gate.stop(gate.admit(zeros, gate.rest(), zeros, rcm, 1).command, 2)
+    identify_drive_lag(MotionTrace(answers=[(k, zeros, zeros) for k in range(3)]), np.ones(3))
     q = np.array(robot.mechanism.limits.arrays).mean(axis=0)
-    robot.joint_per_mm(q)
-    Hypothesis().markers(robot, q[None])
+    robot.compute_joint_per_mm(q)
+    Hypothesis().compute_markers(robot, q[None])
 
 
 @dataclass(eq=False)
 class _Check:
-    """State and steps of one check."""
+    """State and steps of one check, with the parameters of `check`."""
 
     mover: Mover
     operator: OperatorTerminal
@@ -147,18 +149,18 @@ class _Check:
         """Run all steps; switch the drive off at the end, also after an error."""
         findings = self.report.findings
         try:
-            self._run()
+            self._run_steps()
             self.report.done = True
         except CheckAborted as aborted:
             findings.append(aborted.finding)
-        except Stopped as stopped:
+        except Stopped as stop:
             expected = "agreement to every motion until the check is complete"
-            findings.append(Finding("the check was stopped", "operator", str(stopped), expected))
+            findings.append(Finding("the check was stopped", "operator", str(stop), expected))
         finally:
             self.mover.switch_off()
         return self.report
 
-    def _run(self) -> None:
+    def _run_steps(self) -> None:
         if not self.mover.arm.is_homed():
             raise CheckAborted(
                 "the arm does not know its joint positions",
@@ -166,10 +168,13 @@ class _Check:
                 "not homed since its controller was reset",
                 "homed, or its joint positions defined at a mark",
             )
-        rest = self.mover.observe_at_rest()
-        self._describe(rest)
+        rest, report = self.mover.observe_at_rest(), self.report
+        answers, frames = self.mover.trace.answers, self.mover.trace.frames
+        report.rest, report.q = rest, rest.q
+        report.arm = measure_cadence([time for time, _, _ in answers])
+        report.camera = measure_cadence([exposure for exposure, _, _ in frames])
         self._require_room(rest.q)
-        self._require_picture(rest)
+        report.findings += compare_picture(rest, report.camera)
         self.operator.notify(
             "The check asks before each motion. Motions are slow and at most a few mm long; the "
             "drive is on only during a motion. Keep a hand on the emergency stop."
@@ -180,52 +185,31 @@ class _Check:
         escalation = MotionEscalation(self.mover, self.operator, self.robot, rest)
         fits = escalation.run(lambda joint: self._require_stop(escalation, joint))
         self._measure_times(escalation)
-        self._decide(escalation, fits)
-
-    def _describe(self, rest: StillView) -> None:
-        report, trace = self.report, self.mover.trace
-        report.rest, report.q = rest, rest.q
-        report.arm = measure_cadence([time for time, _, _ in trace.answers])
-        report.camera = measure_cadence([exposure for exposure, _, _ in trace.frames])
+        self._add_corrections(escalation, fits)
 
     def _require_room(self, q: Floats) -> None:
         """Abort if a joint is within `LIMIT_MARGIN_MM` of a limit, or beyond it."""
         lower, upper = self.robot.mechanism.limits.arrays
-        margin = LIMIT_MARGIN_MM * self.robot.joint_per_mm(q)
-        is_low = ~(q >= lower + margin)
-        is_near = is_low | ~(q <= upper - margin)
-        if is_near.any():
-            joint = int(np.argmax(is_near))
+        margin = LIMIT_MARGIN_MM * self.robot.compute_joint_per_mm(q)
+        is_too_low = ~(q >= lower + margin)
+        is_at_limit = is_too_low | ~(q <= upper - margin)
+        if is_at_limit.any():
+            joint = int(np.argmax(is_at_limit))
             raise CheckAborted(
-                f"{self.robot.name(joint)} is at or beyond a limit",
-                f"mechanism.{'lower' if is_low[joint] else 'upper'}[{joint}]",
+                f"{self.robot.describe_joint(joint)} is at or beyond a limit",
+                f"mechanism.{'lower' if is_too_low[joint] else 'upper'}[{joint}]",
                 f"{q[joint]:.4g}",
                 f"between {lower[joint]:.4g} and {upper[joint]:.4g} with a margin of "
                 f"{LIMIT_MARGIN_MM:g} mm: move the tool by hand, or rehome the arm",
             )
 
-    def _require_picture(self, rest: StillView) -> None:
-        """Add a finding for a low frame rate and one for markers missing in many frames."""
-        findings, camera = self.report.findings, self.report.camera
-        if camera is None or not camera.rate >= MIN_FRAME_RATE:
-            rate = "none" if camera is None else f"{camera.rate:.3g} frames/s"
-            expected = f"at least {MIN_FRAME_RATE:g} frames/s"
-            findings.append(Finding("the frame rate is low", "camera", rate, expected))
-        found = rest.frames / (rest.frames + rest.missed)
-        if not found >= MIN_VISIBLE_FRACTION:
-            what, fraction = "the markers are not always visible", f"{100 * found:.0f} %"
-            advice = "check light, focus, and the colours in [markers]"
-            expected = f"at least {100 * MIN_VISIBLE_FRACTION:.0f} %: {advice}"
-            findings.append(Finding(what, "markers", f"both in {fraction} of the frames", expected))
-
     def _require_stop(self, escalation: MotionEscalation, joint: int) -> None:
         """Abort if a rate-controlled arm keeps moving after its commands cease."""
-        if not (
-            isinstance(self.mover.arm, SuspendsCommunication) and self.mover.arm.is_rate_controlled
-        ):
+        arm = self.mover.arm
+        if not (isinstance(arm, SuspendsCommunication) and arm.is_rate_controlled):
             return
         motion = float(escalation.motions[joint])
-        question = escalation.question(joint, motion, ", interrupt the commands midway")
+        question = escalation.format_question(joint, motion, ", interrupt the commands midway")
         require_yes(self.operator, question)
         if not self.mover.stops_without_commands(joint, motion):
             raise CheckAborted(
@@ -239,11 +223,9 @@ class _Check:
     def _measure_times(self, escalation: MotionEscalation) -> None:
         """Identify the latency of the camera and the lag of the drives."""
         report, joint = self.report, int(np.argmax(escalation.displacement))
-        motion = escalation.next_motion(joint)
-        question = escalation.question(
-            joint, motion, f" in alternating directions, {LATENCY_MOTIONS} times"
-        )
-        require_yes(self.operator, question)
+        motion = escalation.choose_next_motion(joint)
+        repetition = f" in alternating directions, {LATENCY_MOTIONS} times"
+        require_yes(self.operator, escalation.format_question(joint, motion, repetition))
         self.mover.visit(joint, LATENCY_MOTIONS // 2 * (motion, -motion))
         trace = self.mover.trace
         report.latency = identify_latency(trace, joint)
@@ -251,10 +233,10 @@ class _Check:
         report.findings += compare_latency(report.latency, self.latency)
         report.findings += compare_drive_lag(report.lag, self.thresholds.drive_lag)
 
-    def _decide(self, escalation: MotionEscalation, fits: list[Hypothesis]) -> None:
+    def _add_corrections(self, escalation: MotionEscalation, fits: list[Hypothesis]) -> None:
         """Add the corrections of the hypotheses that agree with the operator's answers."""
         report, robot, operator = self.report, self.robot, self.operator
-        views = escalation.marker_views()
+        views = escalation.collect_views()
         if not fits[0].explains(views):
             ratio = np.sqrt(fits[0].misfit / views.points.size)
             report.findings.append(
@@ -267,21 +249,39 @@ class _Check:
             )
             return
 
-        def show(joint: int) -> None:
-            motion = escalation.next_motion(joint)
-            require_yes(operator, escalation.question(joint, motion))
-            self.mover.visit(joint, (motion,), escalation.bound(joint, motion))
+        def show_motion(joint: int) -> None:
+            motion = escalation.choose_next_motion(joint)
+            require_yes(operator, escalation.format_question(joint, motion))
+            self.mover.visit(joint, (motion,), escalation.compute_bound(joint, motion))
 
-        plain = [fit for fit in fits if fit.number is None]
-        unclear = [one for fit in plain for one in escalation.unclear(fit)]
-        report.unclear = sorted({describe_undetectable_error(one, robot) for one in unclear})
-        for words in report.unclear:
-            operator.notify(f"{words}. Measure it by hand.")
-        named = {other for fit in fits for other in equivalents(fit)}
-        report.undecided = sorted({describe(one, robot) for one in named})
-        motion = escalation.next_motion
-        left = ask_operator(fits, robot, escalation.start, operator, show, motion)
-        for number, hypothesis in enumerate(left, start=1):
-            prefix = f"possibility {number} of {len(left)}: " if len(left) > 1 else ""
-            found = corrections(hypothesis, robot)
-            report.findings += [replace(one, what=prefix + one.what) for one in found]
+        uncorrected = [fit for fit in fits if fit.number is None]
+        unclear = [fit for plain in uncorrected for fit in escalation.find_unclear(plain)]
+        report.unclear = sorted({describe_undetectable_error(fit, robot) for fit in unclear})
+        for setting in report.unclear:
+            operator.notify(f"{setting}. Measure it by hand.")
+        possible = [candidate for fit in fits for candidate in generate_equivalents(fit)]
+        report.undecided = sorted({describe_hypothesis(candidate, robot) for candidate in possible})
+        choose_motion = escalation.choose_next_motion
+        remaining = ask_operator(
+            fits, robot, escalation.start, operator, show_motion, choose_motion
+        )
+        for number, hypothesis in enumerate(remaining, start=1):
+            count = len(remaining)
+            prefix = f"possibility {number} of {count}: " if count > 1 else ""
+            findings = list_corrections(hypothesis, robot)
+            report.findings += [replace(found, what=prefix + found.what) for found in findings]
+
+
+def compare_picture(rest: StillView, camera: Cadence) -> list[Finding]:
+    """Return a finding for a low frame rate and one for markers missing in many frames."""
+    findings: list[Finding] = []
+    if not camera.rate >= MIN_FRAME_RATE:
+        found, expected = f"{camera.rate:.3g} frames/s", f"at least {MIN_FRAME_RATE:g} frames/s"
+        findings.append(Finding("the frame rate is low", "camera", found, expected))
+    visible_fraction = rest.frames / (rest.frames + rest.missed)
+    if not visible_fraction >= MIN_VISIBLE_FRACTION:
+        found = f"both in {100 * visible_fraction:.0f} % of the frames"
+        advice = "check light, focus, and the colours in [markers]"
+        expected = f"at least {100 * MIN_VISIBLE_FRACTION:.0f} %: {advice}"
+        findings.append(Finding("the markers are not always visible", "markers", found, expected))
+    return findings

@@ -1,4 +1,4 @@
-"""Findings that follow from a hypothesis, with the lines that correct the rig file."""
+"""Findings that follow from a hypothesis about a rig file, with the lines that correct the file."""
 
 import numpy as np
 
@@ -16,61 +16,62 @@ MIRRORED = Finding(
 )
 
 
-def corrections(hypothesis: Hypothesis, robot: Robot) -> list[Finding]:
+def list_corrections(hypothesis: Hypothesis, robot: Robot) -> list[Finding]:
     """Return the findings if `hypothesis` is true, with the lines that correct the rig file."""
-    found = [*_order(hypothesis, robot), *_counts(hypothesis, robot)]
+    findings = [*_correct_order(hypothesis, robot), *_correct_counts(hypothesis, robot)]
     if hypothesis.number == ZERO:
         zero = robot.mechanism.insertion_zero
         corrected, deviation = zero + hypothesis.size, hypothesis.deviation
-        value = f"{corrected:.1f} mm ± {deviation:.1f} mm"
+        expected = f"{corrected:.1f} mm ± {deviation:.1f} mm"
         what, line = "the zero of the insertion differs", f"insertion_zero = {corrected:.1f}"
-        found.append(Finding(what, "mechanism.insertion_zero", f"{zero:g} mm", value, line))
+        findings.append(Finding(what, "mechanism.insertion_zero", f"{zero:g} mm", expected, line))
     if hypothesis.number == SPACING:
         tool = robot.tool
         corrected = scale_spacing(tool.struct, hypothesis.size).value
         key, unit = ("spacing", " mm") if tool.kind == RIGID else ("scale", "")
-        value = f"{corrected:.4g}{unit} ± {100 * hypothesis.deviation:.1g} %"
+        expected = f"{corrected:.4g}{unit} ± {100 * hypothesis.deviation:.1g} %"
         what, line = "the distance between the markers differs", f"{key} = {corrected:.4g}"
-        found.append(Finding(what, f"tool.{key}", f"{tool.value:g}{unit}", value, line))
-    return [*found, MIRRORED] if hypothesis.mirrored else found
+        findings.append(Finding(what, f"tool.{key}", f"{tool.value:g}{unit}", expected, line))
+    return [*findings, MIRRORED] if hypothesis.mirrored else findings
 
 
-def describe(hypothesis: Hypothesis, robot: Robot) -> str:
-    """Return a hypothesis as text."""
-    found = [f"{one.where}: {one.what}" for one in corrections(hypothesis, robot)]
-    return "; ".join(found or ["the rig file is correct"])
+def describe_hypothesis(hypothesis: Hypothesis, robot: Robot) -> str:
+    """Return a hypothesis in words."""
+    mistakes = [f"{found.where}: {found.what}" for found in list_corrections(hypothesis, robot)]
+    return "; ".join(mistakes) or "the rig file is correct"
 
 
-def _order(hypothesis: Hypothesis, robot: Robot) -> list[Finding]:
-    order, letters = hypothesis.order, robot.wiring.reordered(hypothesis.order)
-    changed = [j for j in range(3) if order[j] != j]
-    if not changed:
+def _correct_order(hypothesis: Hypothesis, robot: Robot) -> list[Finding]:
+    """Return the finding that axes are exchanged, if they are."""
+    order, letters = hypothesis.order, robot.wiring.reorder_axes(hypothesis.order)
+    exchanged = [f"joint {k + 1} moves joint {j + 1}" for j, k in enumerate(order) if j != k]
+    if not exchanged:
         return []
-    found = "; ".join(f"joint {order[j] + 1} moves joint {j + 1}" for j in changed)
-    what = "axes are exchanged"
+    what, found = "axes are exchanged", "; ".join(exchanged)
     if letters:
         return [Finding(what, "arm.axes", found, letters, f'axes = "{letters}"')]
     return [Finding(what, "arm", found, "each joint driven by its own axis")]
 
 
-def _counts(hypothesis: Hypothesis, robot: Robot) -> list[Finding]:
+def _correct_counts(hypothesis: Hypothesis, robot: Robot) -> list[Finding]:
+    """Return a finding for each joint whose counts the hypothesis corrects."""
     wiring, factors = robot.wiring, hypothesis.counts_factors
-    line, found = wiring.corrected_line(factors), list[Finding]()
+    line, findings = wiring.format_corrected_line(factors), list[Finding]()
     for joint in np.flatnonzero(factors != 1.0):
-        value, details = wiring.counts[joint], list[str]()
+        counts, details = wiring.counts[joint], list[str]()
         if factors[joint] < 0.0:
             details.append("it is reversed")
         if hypothesis.number == joint:
-            times, percent = np.exp(hypothesis.size), 100 * hypothesis.deviation
-            details.append(f"its motion is {times:.4g} times as large (± {percent:.1g} %)")
+            factor, percent = np.exp(hypothesis.size), 100 * hypothesis.deviation
+            details.append(f"its motion is {factor:.4g} times as large (± {percent:.1g} %)")
         what = f"joint {joint + 1} contradicts its {wiring.key}: {' and '.join(details)}"
-        where = f"arm.{wiring.key}[{joint}]" if line else "arm"
-        found.append(Finding(what, where, f"{value:g}", f"{value * factors[joint]:.6g}", line))
-    return found
+        where, expected = f"arm.{wiring.key}[{joint}]" if line else "arm", counts * factors[joint]
+        findings.append(Finding(what, where, f"{counts:g}", f"{expected:.6g}", line))
+    return findings
 
 
 def describe_undetectable_error(fit: Hypothesis, robot: Robot) -> str:
-    """Return as text the largest error of a setting that the image would not reveal."""
+    """Return in words the largest error of a setting that the image would not reveal."""
     number, size = fit.number, fit.undetectable
     assert number is not None
     if number == ZERO:

@@ -1,4 +1,4 @@
-"""A finding of `rig check`, and the exception that aborts the check with one."""
+"""Finding of `rig check`, and the exception that aborts the check with a finding."""
 
 from dataclasses import dataclass
 
@@ -7,7 +7,7 @@ from rcmservo.errors import RcmServoError
 
 @dataclass(frozen=True)
 class Finding:
-    """A mismatch between the rig file, the devices and the image.
+    """Mismatch between the rig file, the devices and the image.
 
     Parameters
     ----------
@@ -31,8 +31,14 @@ class Finding:
 
 
 class CheckAborted(RcmServoError):
-    """Raised to abort the check with a finding; the drive is switched off."""
+    """Raised to abort the check with a finding; the drive is then switched off.
 
-    def __init__(self, what: str, where: str, found: str, expected: str, line: str = "") -> None:
-        super().__init__(what)
-        self.finding = Finding(what, where, found, expected, line)
+    Parameters
+    ----------
+    fields : str
+        Fields of the finding, in their order.
+    """
+
+    def __init__(self, *fields: str) -> None:
+        self.finding = Finding(*fields)
+        super().__init__(self.finding.what)

@@ -1,14 +1,15 @@
 """Hypotheses about one error in a rig file, each fitted to the observations.
 
 A hypothesis assigns axes to joints, reverses joints, mirrors the image and corrects at most one
-number of the arm. With k the index of the axis that drives joint j and σ = −1 for a reversed
-joint, the joints qⱼ follow from the reported ones q̃ and the counts c of the file:
+number of the arm. The joints qⱼ follow from the reported joints q̃ and the file's counts c by
 
     qⱼ = q₀ⱼ + σⱼ fⱼ (cₖ/cⱼ) (q̃ₖ − q̃₀ₖ)
 
-Small motions identify the factors f, the zero of the insertion and the spacing of the markers as
-far as a camera allows. They identify the sign of the insertion. Of the two angles and the mirror
-they identify only the parity: an even or an odd number of reversals.
+k is the index of the axis that drives joint j, σⱼ = −1 for a reversed joint, fⱼ a factor on its
+motion, and q₀ = q̃₀ the joints at the first pose. The image of small motions identifies the sign of
+the insertion and, as far as a camera allows, the factors f, the zero of the insertion and the
+spacing of the markers. A mirrored image or one reversed angle look the same, so that the image
+identifies only whether the number of these reversals is even or odd.
 """
 
 from collections.abc import Iterator
@@ -22,7 +23,7 @@ from rcmservo.bringup.identification import (
     SPACING,
     ZERO,
     MarkerViews,
-    corrected_markers,
+    compute_corrected_markers,
     identify,
 )
 from rcmservo.interfaces import Floats
@@ -39,10 +40,10 @@ FACTOR_DEVIATIONS, MAX_FACTOR_TOLERANCE = 3.0, 0.3
 `FACTOR_TOLERANCE` where it is larger."""
 UNUSUAL_PENALTY = 12.0
 """Misfit (squared standard deviations) added for a factor that is none of `USUAL_FACTORS`."""
-MIN_FIRST_FACTOR = 1.5
-"""Logarithm of an apparent factor beyond which the search starts at that factor, not at 1."""
+MIN_INITIAL_LOG_FACTOR = 1.5
+"""Logarithm of the apparent factor beyond which the search starts at that factor, not at 1."""
 
-INDISTINGUISHABLE = 25.0
+MAX_MISFIT_DIFFERENCE = 25.0
 """Difference of misfit (squared standard deviations) up to which two hypotheses explain the image
 equally well."""
 MAX_MEAN_SQUARE = 4.0
@@ -101,121 +102,120 @@ class Hypothesis:
         """Corrections (5,) in the order of `CORRECTION_PRIOR`."""
         return np.where(np.arange(5) == self.number, self.size, 0.0)
 
-    def moves(self, joint: int, wiring: Wiring) -> tuple[int, int]:
+    def predict_moving_joint(self, joint: int, wiring: Wiring) -> tuple[int, int]:
         """Return the joint that moves, and its sign (±1), if `joint` is commanded upwards."""
-        true, c = self.order.index(joint), wiring.counts
-        return true, 1 if (c[joint] / c[true] > 0.0) != self.reversed[true] else -1
+        moving, counts = self.order.index(joint), wiring.counts
+        is_upwards = (counts[joint] / counts[moving] > 0.0) != self.reversed[moving]
+        return moving, 1 if is_upwards else -1
 
-    def joints(self, wiring: Wiring, q: Floats) -> Floats:
-        """Return the joints (n, 3) from the reported `q` (n, 3), before any correction of a number.
-
-        The module's equation with f = 1.
-        """
+    def compute_joints(self, wiring: Wiring, q: Floats) -> Floats:
+        """Return the joints (n, 3) from the reported `q` (n, 3): the equation above with f = 1."""
         c, order = np.array(wiring.counts), list(self.order)
         signs = np.where(self.reversed, -1.0, 1.0)
         return q[0] + (q - q[0])[:, order] * c[order] / c * signs
 
-    def markers(self, robot: Robot, q: Floats) -> Floats:
+    def compute_markers(self, robot: Robot, q: Floats) -> Floats:
         """Return the markers (n, 2, 3) in mm for the reported joints `q` (n, 3)."""
-        joints = self.joints(robot.wiring, q)
-        return corrected_markers(robot.mechanism, robot.tool, joints, self.correction)
+        joints = self.compute_joints(robot.wiring, q)
+        return compute_corrected_markers(robot.mechanism, robot.tool, joints, self.correction)
 
-    def travel(self, robot: Robot, q: Floats, joint: int, motion: float) -> float:
+    def compute_travel(self, robot: Robot, q: Floats, joint: int, motion: float) -> float:
         """Return the travel of marker 2 in mm for a `motion` (rad or mm) of a joint from q (3,)."""
-        both = np.stack([q, q])
-        both[1, joint] += motion
-        first, second = self.markers(robot, both)[:, 1]
-        return float(np.linalg.norm(second - first))
+        start_and_end = np.stack([q, q])
+        start_and_end[1, joint] += motion
+        start, end = self.compute_markers(robot, start_and_end)[:, 1]
+        return float(np.linalg.norm(end - start))
 
     def explains(self, views: MarkerViews) -> bool:
         """Return whether noise and lens distortion can cause the residuals."""
         return self.misfit < MAX_MEAN_SQUARE * views.points.size
 
     def is_close(self, best: "Hypothesis") -> bool:
-        """Return whether the misfit is within `INDISTINGUISHABLE` of that of the best fit."""
-        return self.misfit < best.misfit + INDISTINGUISHABLE
+        """Return whether the misfit is within `MAX_MISFIT_DIFFERENCE` of that of the best fit."""
+        return self.misfit < best.misfit + MAX_MISFIT_DIFFERENCE
 
     @property
     def undetectable(self) -> float:
         """Largest error of its number that would remain undetected, in the unit of `size`."""
-        unusual = UNUSUAL_PENALTY if self.corrects_counts else 0.0
-        return self.deviation * float(np.sqrt(INDISTINGUISHABLE + unusual))
+        penalty = UNUSUAL_PENALTY if self.corrects_counts else 0.0
+        return self.deviation * float(np.sqrt(MAX_MISFIT_DIFFERENCE + penalty))
 
 
-def distinguishable_hypotheses() -> Iterator[Hypothesis]:
+def generate_distinguishable() -> Iterator[Hypothesis]:
     """Yield one hypothesis of each class that an image distinguishes."""
-    for insertion, mirrored in product((False, True), repeat=2):
-        plain = Hypothesis(reversed=(False, False, insertion), mirrored=mirrored)
-        for one, two, three in permutations(range(3)):
-            yield replace(plain, order=(one, two, three))
+    for is_insertion_reversed, mirrored in product((False, True), repeat=2):
+        plain = Hypothesis(reversed=(False, False, is_insertion_reversed), mirrored=mirrored)
+        for first, second, third in permutations(range(3)):
+            yield replace(plain, order=(first, second, third))
         for number in range(5):
             yield replace(plain, number=number)
 
 
-def equivalents(hypothesis: Hypothesis) -> Iterator[Hypothesis]:
-    """Yield all hypotheses that an image does not distinguish from one, and that one itself."""
-    for one, two, mirrored in product((False, True), repeat=3):
-        reversed_ = (one, two, hypothesis.reversed[2])
-        other = replace(hypothesis, reversed=reversed_, mirrored=mirrored)
-        if other.is_odd != hypothesis.is_odd:
+def generate_equivalents(hypothesis: Hypothesis) -> Iterator[Hypothesis]:
+    """Yield all hypotheses that an image does not distinguish from `hypothesis`, and this one."""
+    for first, second, mirrored in product((False, True), repeat=3):
+        reversed_ = (first, second, hypothesis.reversed[2])
+        candidate = replace(hypothesis, reversed=reversed_, mirrored=mirrored)
+        if candidate.is_odd != hypothesis.is_odd:
             continue
-        yield other
+        yield candidate
         if hypothesis.number == SPACING:  # an image does not determine the scale of the scene
-            yield replace(other, number=INSERTION_COUNTS, size=-hypothesis.size)
+            yield replace(candidate, number=INSERTION_COUNTS, size=-hypothesis.size)
 
 
 def fit_all(robot: Robot, views: MarkerViews) -> list[Hypothesis]:
     """Fit one hypothesis of each class; return them by increasing misfit."""
-    fits = (fit_hypothesis(one, robot, views) for one in distinguishable_hypotheses())
-    return sorted(fits, key=lambda fit: fit.misfit)
+    candidates = generate_distinguishable()
+    return sorted((fit_hypothesis(h, robot, views) for h in candidates), key=lambda fit: fit.misfit)
 
 
-def most_likely(fits: list[Hypothesis]) -> list[Hypothesis]:
-    """Return the fits about as good as the best one, of these only those without a correction.
+def select_most_likely(fits: list[Hypothesis]) -> list[Hypothesis]:
+    """Return the fits about as good as the best one, which is the first.
 
-    If all of them correct a number, return all of them.
+    If some of them correct no number, return only these: the simpler explanation is more likely.
     """
     close = [fit for fit in fits if fit.is_close(fits[0])]
     return [fit for fit in close if fit.number is None] or close
 
 
-def fit_hypothesis(one: Hypothesis, robot: Robot, views: MarkerViews) -> Hypothesis:
-    """Fit the camera, and the number that a hypothesis corrects; return the fitted hypothesis."""
-    views = views.mirrored() if one.mirrored else views
-    views = replace(views, q=one.joints(robot.wiring, views.q))
-    if one.number is None:
-        return replace(one, misfit=identify(robot.mechanism, robot.tool, views).misfit)
-    begin = _apparent_factor(robot, views, one.number) if one.corrects_counts else 0.0
-    fit = identify(robot.mechanism, robot.tool, views, [one.number], begin)
-    size, misfit = float(fit.x[one.number]), fit.misfit
-    deviation = float(np.sqrt(fit.covariance[one.number, one.number]))
-    if one.corrects_counts:
-        usual = usual_factor(size, deviation)
-        misfit += 0.0 if usual else UNUSUAL_PENALTY
-        size = usual or size
-    return replace(one, size=size, deviation=deviation, misfit=misfit)
+def fit_hypothesis(candidate: Hypothesis, robot: Robot, views: MarkerViews) -> Hypothesis:
+    """Fit the camera and the number that a hypothesis corrects; return the fitted hypothesis."""
+    number, has_factor = candidate.number, candidate.corrects_counts
+    views = views.mirrored() if candidate.mirrored else views
+    views = replace(views, q=candidate.compute_joints(robot.wiring, views.q))
+    if number is None:
+        return replace(candidate, misfit=identify(robot.mechanism, robot.tool, views).misfit)
+    initial_size = _guess_factor(robot, views, number) if has_factor else 0.0
+    fit = identify(robot.mechanism, robot.tool, views, [number], initial_size)
+    size, misfit = float(fit.x[number]), fit.misfit
+    deviation = float(np.sqrt(fit.covariance[number, number]))
+    if has_factor:
+        usual_size = find_usual_factor(size, deviation)
+        misfit += 0.0 if usual_size else UNUSUAL_PENALTY
+        size = usual_size or size
+    return replace(candidate, size=size, deviation=deviation, misfit=misfit)
 
 
-def _apparent_factor(robot: Robot, views: MarkerViews, joint: int) -> float:
+def _guess_factor(robot: Robot, views: MarkerViews, joint: int) -> float:
     """Return the logarithm of the apparent factor on the motion of a joint, as an initial guess.
 
     The factor compares the motion in the image with the motion predicted from the rig file, both
-    relative to the distance between the markers. Factors below exp(`MIN_FIRST_FACTOR`) give 0. The
-    guess is coarse because a motion along the line of sight looks short.
+    relative to the distance between the markers. The guess is coarse because a motion along the
+    line of sight looks short. It is 0 for factors below exp(`MIN_INITIAL_LOG_FACTOR`).
     """
-    markers = corrected_markers(robot.mechanism, robot.tool, views.q, np.zeros(5))
-    moved = np.abs(views.q - views.q[0])[:, joint]
-    far = moved > 0.5 * moved.max()
+    predicted = compute_corrected_markers(robot.mechanism, robot.tool, views.q, np.zeros(5))
+    motion = np.abs(views.q - views.q[0])[:, joint]
+    is_far = motion > 0.5 * motion.max()
     expected, observed = (
-        np.linalg.norm(at[far] - at[0], axis=2).max(axis=1).sum()
-        / np.linalg.norm(at[0, 1] - at[0, 0])
-        for at in (markers, views.points)
+        np.linalg.norm(markers[is_far] - markers[0], axis=2).max(axis=1).sum()
+        / np.linalg.norm(markers[0, 1] - markers[0, 0])
+        for markers in (predicted, views.points)
     )
     size = float(np.log(observed / expected)) if expected > 0.0 and observed > 0.0 else 0.0
-    return size if abs(size) > MIN_FIRST_FACTOR else 0.0
+    return size if abs(size) > MIN_INITIAL_LOG_FACTOR else 0.0
 
 
-def usual_factor(size: float, deviation: float) -> float:
+def find_usual_factor(size: float, deviation: float) -> float:
     """Return the logarithm of the usual factor near `size`, a logarithm too; 0 if there is none."""
     tolerance = min(FACTOR_DEVIATIONS * deviation, MAX_FACTOR_TOLERANCE)
     for factor in USUAL_FACTORS:

@@ -1,14 +1,15 @@
 """Identification of an arm and its camera from joints and markers by nonlinear least squares.
 
-The pose and the intrinsic parameters of the camera are unknown. It has square pixels, an optical
-axis near the middle of the image and a small radial distortion; marker positions P, eq. (2), that
-no such camera projects to the observed pixels are rejected. With X = R (P − P₀) + (a, b, 1) Z in
-the frame of the camera and the slopes s = (X₁, X₂) / X₃, the model of the pixels is
+The pose and the intrinsic parameters of the camera are unknown. The model assumes square pixels,
+an optical axis near the middle of the image and a small radial distortion. A marker at P, eq. (2),
+has the position X in the frame of the camera, the slopes s and the pixels m:
 
-    m = f (1 + k |s|²) s + c
+    X = R (P − P₀) + (a, b, 1) Z        s = (X₁, X₂) / X₃        m = f (1 + k |s|²) s + c
 
-The fit uses all observations at once. Its unknowns are R, a, b, Z, f, c, k and the free corrections
-of the arm. Priors on f, c, k and on the corrections enter as additional measurements.
+P₀ is the mean of all markers. The fit uses all observations at once. Its unknowns are R, a, b, Z,
+f, c, k and the free corrections of the arm. Priors on f, c, k and on the corrections enter as
+additional measurements. A large misfit shows that no such camera projects the markers to the
+observed pixels.
 """
 
 from collections.abc import Callable, Sequence
@@ -24,12 +25,13 @@ from rcmservo.interfaces import Floats
 from rcmservo.numerics.jit import compiled
 
 ZERO, SPACING = 3, 4
-"""Indices of the corrections that follow those of the motions of joints 1, 2 and 3."""
+"""Indices of the corrections of the insertion's zero and of the spacing of the markers. Indices 0
+to 2 are the corrections of the motions of joints 1, 2 and 3."""
 CORRECTION_PRIOR = np.array([2.0, 2.0, 2.0, 50.0, 2.0])
 """Prior standard deviations of the corrections: logarithm of a factor on the motion of joints 1 to
 3, mm of the zero of the insertion, logarithm of a factor on the spacing of the markers."""
 
-FOCAL_WIDTHS = 1.2
+MEAN_FOCAL_WIDTHS = 1.2
 """Prior mean of the focal length, in image widths."""
 CAMERA_UNITS = np.array([0.5, 0.5, 0.5, 0.1, 0.1, 0.5, 0.6, 0.025, 0.025, 0.15])
 """Units of the unknowns of the camera: Rodrigues vector of R (half a rad), pixel of P₀ (image
@@ -39,7 +41,7 @@ deviations.
 The pixel of P₀ and f/Z replace a, b and Z. The observations determine them best, and the search
 takes several times fewer steps.
 """
-WITHOUT_PRIOR = 6
+UNKNOWNS_WITHOUT_PRIOR = 6
 """Number of leading unknowns of the camera that have no prior."""
 
 CROSS_PRODUCTS = np.cross(np.eye(3), np.eye(3)[:, None]).reshape(3, 9)
@@ -50,6 +52,8 @@ MAX_STEPS = 40
 """Largest number of steps of a fit."""
 MIN_RELATIVE_GAIN = 1e-5
 """Relative decrease of the squared residuals below which a fit ends."""
+MAX_UNKNOWN = 50.0
+"""Largest absolute unknown, in its unit; it keeps the exponential functions of the model finite."""
 MAX_RESIDUAL_PX = 1e3
 """Upper bound on the residual of a marker; also the residual of a marker behind the camera."""
 
@@ -74,26 +78,31 @@ class LeastSquaresFit:
 
 
 def fit_residuals(residuals: Callable[[Floats], Floats], x: Floats) -> LeastSquaresFit:
-    """Minimise the sum of squared residuals by a trust-region method, from the initial `x` (n,).
+    """Minimise the sum of squared residuals by a trust-region method.
 
-    `residuals` maps m vectors of unknowns (m, n) to m vectors of residuals (m, r), so that all
-    forward differences take one call.
+    Parameters
+    ----------
+    residuals
+        Maps m vectors of unknowns (m, n) to m vectors of residuals (m, r), so that all forward
+        differences take one call.
+    x
+        Initial unknowns (n,).
     """
     from scipy import optimize  # local because the import takes 0.1 s
 
     @lru_cache(maxsize=1)
-    def differentiated(x: tuple[float, ...]) -> tuple[Floats, Floats]:
+    def differentiate(unknowns: tuple[float, ...]) -> tuple[Floats, Floats]:
         """Return the residuals (r,) and their derivative (r, n)."""
-        at = np.array(x)
-        shifted = at + RELATIVE_STEP * np.maximum(1.0, np.abs(at)) * np.where(at < 0.0, -1.0, 1.0)
-        here, *others = residuals(np.vstack([at, np.where(np.eye(len(at)), shifted, at)]))
-        return here, (np.array(others) - here).T / (shifted - at)
+        x = np.array(unknowns)
+        shifted = x + RELATIVE_STEP * np.maximum(1.0, np.abs(x)) * np.where(x < 0.0, -1.0, 1.0)
+        base, *shifted_residuals = residuals(np.vstack([x, np.where(np.eye(len(x)), shifted, x)]))
+        return base, (np.array(shifted_residuals) - base).T / (shifted - x)
 
     def residual(x: Floats) -> Floats:
-        return differentiated(tuple(x))[0]
+        return differentiate(tuple(x))[0]
 
     def jacobian(x: Floats) -> Floats:
-        return differentiated(tuple(x))[1]
+        return differentiate(tuple(x))[1]
 
     least_squares = cast(Any, optimize).least_squares
     fit: Any = least_squares(residual, x, jacobian, ftol=MIN_RELATIVE_GAIN, max_nfev=MAX_STEPS)
@@ -134,7 +143,7 @@ def identify(
     tool: Tool,
     views: MarkerViews,
     free: Sequence[int] = (),
-    begin: float = 0.0,
+    initial: float = 0.0,
 ) -> LeastSquaresFit:
     """Fit a camera and the free corrections of an arm to joints and markers.
 
@@ -146,7 +155,7 @@ def identify(
         Joints and markers at rest. Corrections of a motion are relative to the first pose.
     free
         Indices (0 to 4) of the corrections to estimate; the others stay 0.
-    begin
+    initial
         Initial value of the free corrections.
 
     Returns
@@ -156,37 +165,41 @@ def identify(
 
     Notes
     -----
-    The search is local: it may miss a factor far from `begin`. Motions of a few mm identify one
+    The search is local: it may miss a factor far from `initial`. Motions of a few mm identify one
     correction at a time, not all five.
     """
-    index, known = list(free), len(CAMERA_UNITS)
+    index, camera_count = list(free), len(CAMERA_UNITS)
     units = CORRECTION_PRIOR[index]
 
-    def correction(x: Floats) -> Floats:
-        full = np.zeros(5)
-        full[index] = x * units
-        return full
+    def expand_correction(x: Floats) -> Floats:
+        """Return all corrections (5,) from the free ones in their units."""
+        correction = np.zeros(5)
+        correction[index] = x * units
+        return correction
 
     @lru_cache(maxsize=1 + len(index))
-    def markers(x: tuple[float, ...]) -> Floats:
-        return corrected_markers(mechanism, tool, views.q, correction(np.array(x)))
+    def compute_markers(x: tuple[float, ...]) -> Floats:
+        correction = expand_correction(np.array(x))
+        return compute_corrected_markers(mechanism, tool, views.q, correction)
 
-    x = np.concatenate([np.zeros(known), begin / units])
-    camera = _Camera.about(markers(tuple(x[known:])), views)
+    x = np.concatenate([np.zeros(camera_count), initial / units])
+    camera = _Camera.fit_distant(compute_markers(tuple(x[camera_count:])), views)
     points, noise = views.points.reshape(-1, 2), np.repeat(views.noise, 2)[:, None]
 
-    def residuals(unknowns: Floats) -> Floats:
+    def compute_residuals(unknowns: Floats) -> Floats:
         """Return the residuals (m, r) of m sets of unknowns (m, n)."""
-        x = np.clip(unknowns, -50.0, 50.0)
-        P = np.array([markers(tuple(row)) for row in x[:, known:]]).reshape(len(x), -1, 3)
-        error = camera.project(x[:, :known] * CAMERA_UNITS, P) - points
+        x = np.clip(unknowns, -MAX_UNKNOWN, MAX_UNKNOWN)
+        markers = [compute_markers(tuple(row)) for row in x[:, camera_count:]]
+        P = np.array(markers).reshape(len(x), -1, 3)
+        error = camera.project(x[:, :camera_count] * CAMERA_UNITS, P) - points
         error = np.where(np.abs(error) < MAX_RESIDUAL_PX, error, MAX_RESIDUAL_PX) / noise
-        return np.concatenate([error.reshape(len(x), -1), x[:, WITHOUT_PRIOR:]], axis=1)
+        return np.concatenate([error.reshape(len(x), -1), x[:, UNKNOWNS_WITHOUT_PRIOR:]], axis=1)
 
-    fit = fit_residuals(residuals, x)
+    fit = fit_residuals(compute_residuals, x)
     covariance = np.zeros((5, 5))
-    covariance[np.ix_(index, index)] = fit.covariance[known:, known:] * np.outer(units, units)
-    return LeastSquaresFit(correction(fit.x[known:]), covariance, fit.misfit)
+    free_covariance = fit.covariance[camera_count:, camera_count:]
+    covariance[np.ix_(index, index)] = free_covariance * np.outer(units, units)
+    return LeastSquaresFit(expand_correction(fit.x[camera_count:]), covariance, fit.misfit)
 
 
 @dataclass(frozen=True, eq=False)
@@ -214,18 +227,18 @@ class _Camera:
     size: Floats
 
     @classmethod
-    def about(cls, markers: Floats, views: MarkerViews) -> "_Camera":
+    def fit_distant(cls, markers: Floats, views: MarkerViews) -> "_Camera":
         """Return a distant camera that projects `markers` (n, 2, 3) in mm near the observed ones.
 
-        The fit is linear. The vector between the markers weighs as much as all of their motion.
+        The fit is linear. The vector between the markers has the weight of all of their motion.
         """
         size, points = np.array(views.size, float), views.points
         P, m = markers - markers.mean(axis=0), points - points.mean(axis=0)
-        along = (markers[:, 1] - markers[:, 0]).mean(axis=0)[None]
-        between = (points[:, 1] - points[:, 0]).mean(axis=0)[None]
-        weight = np.sqrt((P**2).sum() / (along**2).sum())
-        of, to = np.vstack([*P, weight * along]), np.vstack([*m, weight * between])
-        U, px_per_mm, V = np.linalg.svd(np.linalg.lstsq(of, to, rcond=1e-6)[0].T)
+        mean_tool = (markers[:, 1] - markers[:, 0]).mean(axis=0)[None]
+        mean_imaged_tool = (points[:, 1] - points[:, 0]).mean(axis=0)[None]
+        weight = np.sqrt((P**2).sum() / (mean_tool**2).sum())
+        mm, px = np.vstack([*P, weight * mean_tool]), np.vstack([*m, weight * mean_imaged_tool])
+        U, px_per_mm, V = np.linalg.svd(np.linalg.lstsq(mm, px, rcond=1e-6)[0].T)
         rows = U @ V[:2]
         rotation = np.vstack([rows, np.cross(rows[0], rows[1])])
         pixel, centre = points.reshape(-1, 2).mean(axis=0), markers.reshape(-1, 3).mean(axis=0)
@@ -236,8 +249,8 @@ class _Camera:
 
         `change` (..., 10) modifies the camera, in the order of `CAMERA_UNITS`.
         """
-        R = _rotation(change[..., :3]) @ self.rotation
-        focal = FOCAL_WIDTHS * self.size[0] * np.exp(change[..., None, 6:7])
+        R = _compute_rotation(change[..., :3]) @ self.rotation
+        focal = MEAN_FOCAL_WIDTHS * self.size[0] * np.exp(change[..., None, 6:7])
         depth = focal / (self.scale * np.exp(change[..., None, 5:6]))
         axis = (self.size - 1.0) / 2.0 + self.size[0] * change[..., None, 7:9]
         direction = (self.pixel + self.size[0] * change[..., None, 3:5] - axis) / focal
@@ -248,13 +261,15 @@ class _Camera:
         return axis + focal * slope * (1.0 + change[..., None, 9:] * square)
 
 
-def _rotation(half_turns: Floats) -> Floats:
+def _compute_rotation(rodrigues: Floats) -> Floats:
     """Return rotations (..., 3, 3) from Rodrigues vectors (..., 3), axis times tan(angle / 2)."""
-    K = (half_turns @ CROSS_PRODUCTS).reshape(*half_turns.shape[:-1], 3, 3)
-    return np.eye(3) + 2.0 / (1.0 + (half_turns**2).sum(axis=-1)[..., None, None]) * (K + K @ K)
+    K = (rodrigues @ CROSS_PRODUCTS).reshape(*rodrigues.shape[:-1], 3, 3)
+    return np.eye(3) + 2.0 / (1.0 + (rodrigues**2).sum(axis=-1)[..., None, None]) * (K + K @ K)
 
 
-def corrected_markers(mechanism: Kinematics, tool: Tool, q: Floats, correction: Floats) -> Floats:
+def compute_corrected_markers(
+    mechanism: Kinematics, tool: Tool, q: Floats, correction: Floats
+) -> Floats:
     """Return the markers (n, 2, 3) in mm at the joints `q` (n, 3) with a `correction` (5,).
 
     Corrections of a motion are relative to the first joints, `q[0]`.
@@ -262,11 +277,11 @@ def corrected_markers(mechanism: Kinematics, tool: Tool, q: Floats, correction: 
     rcm = mechanism.to_struct(tool.offset)
     rcm = rcm._replace(zero=rcm.zero + correction[ZERO])
     motion = (q - q[0]) * np.exp(correction[:ZERO])
-    return _markers(rcm, q[0] + motion, scale_spacing(tool.struct, correction[SPACING]))
+    return _compute_markers(rcm, q[0] + motion, scale_spacing(tool.struct, correction[SPACING]))
 
 
 @compiled
-def _markers(rcm: RcmStruct, q: Floats, shaft: ToolStruct) -> Floats:
+def _compute_markers(rcm: RcmStruct, q: Floats, shaft: ToolStruct) -> Floats:
     """Return p₁ and p₂ (n, 2, 3) in mm at the joints `q` (n, 3), eq. (2)."""
     markers = np.empty((len(q), 2, 3))
     for i in range(len(q)):

@@ -1,9 +1,9 @@
 """Small monitored motions of one joint, from the present joints and back.
 
-The operator agrees to each motion, and the drive is on only during motions. Commands pass the gate
-at a tenth of its speed. The drive switches off and the check aborts if a joint does not follow its
-commands, moves too far or moves together with another joint, if the drive switches off by itself,
-or if the arm or the camera stops sending data.
+The drive is on only during motions. Commands pass the safety gate at a tenth of its speed. The
+check aborts with the drive off if a joint does not follow its commands, moves too far or moves
+together with another joint, if the drive switches off by itself, or if the arm or the camera stops
+sending data.
 """
 
 from collections.abc import Callable, Generator, Sequence
@@ -25,7 +25,7 @@ TICK_RATE = 100.0
 POLL_RATE = 1000.0
 """Rate (1/s) of readings with the drive off; above the devices' rates, which are measured."""
 SPEED_SCALE = 0.1
-"""Fraction of the gate's speed that motions use."""
+"""Fraction of the safety gate's speed that motions use."""
 GAIN = 3.0
 """Proportional gain (1/s) of a joint's motion to its goal."""
 ARRIVAL_FRACTION = 0.03
@@ -62,7 +62,9 @@ DEFAULT_SIZE = 640, 480
 
 
 class Leg:
-    """One leg of a motion of one joint, with the quantities that are monitored.
+    """Motion of one joint to a goal, with the quantities that are monitored.
+
+    A whole motion has several legs: to each offset, and back.
 
     Parameters
     ----------
@@ -78,8 +80,7 @@ class Leg:
 
     def __init__(self, joint: int, offset: float, limit: float, home: Floats) -> None:
         self.joint, self.limit, self.home = joint, limit, home
-        self.goal = home.copy()
-        self.goal[joint] += offset
+        self.goal = home + offset * np.eye(3)[joint]
         self.start = home
         """Joints (3,) at the start of this leg."""
         self.commanded = np.zeros(3)
@@ -121,7 +122,7 @@ class Mover:
         trouble: Callable[[], str],
     ) -> None:
         self.arm, self.clock, self.robot, self.gate = arm, clock, robot, gate
-        self._silence, self._trouble = answer_timeout, trouble
+        self._answer_timeout, self._describe_camera_fault = answer_timeout, trouble
         self.trace = MotionTrace()
         """Answers and frames of the last motion."""
         self.size = DEFAULT_SIZE
@@ -129,14 +130,14 @@ class Mover:
         self.plant = Plant(arm, camera, tracker, clock)
         self._rcm = robot.mechanism.to_struct()
         self._steps = robot.wiring.steps
-        self._last = gate.rest()
+        self._last_command = gate.rest()
         self._leg = Leg(0, 0.0, 0.0, np.zeros(3))
         self._frame, self._is_new = -1, False
 
     def switch_off(self) -> None:
         """Command zero rates and switch the drive off."""
-        self._last = self.gate.stop(self._last, self.clock.now())
-        self.plant.send(self._last)
+        self._last_command = self.gate.stop(self._last_command, self.clock.now())
+        self.plant.send(self._last_command)
 
     def observe_at_rest(self) -> StillView:
         """Average joints and markers with the drive off."""
@@ -182,7 +183,7 @@ class Mover:
         The joint moves by `offset` (rad or mm) at most.
         """
         assert isinstance(self.arm, SuspendsCommunication)
-        path: list[float] = []
+        positions: list[float] = []
         with self._driving() as home:
             self._leg = leg = Leg(joint, offset, offset, home)
             for _ in ticks(self.clock, TICK_RATE, MOTION_TIMEOUT):
@@ -190,11 +191,11 @@ class Mover:
                     break
             self.arm.suspend_communication()
             for _ in ticks(self.clock, TICK_RATE, INTERRUPT_TIME):
-                path.append(float(self._read().q[joint]))
-                if not abs(path[-1] - home[joint]) <= offset:
+                positions.append(float(self._read().q[joint]))
+                if not abs(positions[-1] - home[joint]) <= offset:
                     break
-        rest = path[round(REST_TIME * TICK_RATE) :]
-        return bool(rest) and max(rest) - min(rest) <= PLAY_COUNTS * self._steps[joint]
+        at_rest = positions[round(REST_TIME * TICK_RATE) :]
+        return bool(at_rest) and max(at_rest) - min(at_rest) <= PLAY_COUNTS * self._steps[joint]
 
     @contextmanager
     def _driving(self) -> Generator[Floats]:
@@ -213,45 +214,46 @@ class Mover:
         """
         self.trace, self._frame = MotionTrace(), -1
         self.plant.reset()
-        began = self.clock.now()
+        start_ns = self.clock.now()
         for _ in ticks(self.clock, POLL_RATE):
             observation = self._read()
             if self._is_new:
                 return observation.q.copy()
-            self._require_frames(began, IDLE_TIMEOUT)
+            self._require_frames(start_ns, IDLE_TIMEOUT)
         raise AssertionError("ticks without a duration never end")
 
     def _go(self, leg: Leg, bound: PixelBound | None = None) -> bool:
         """Move a joint to its goal; return False if a marker leaves the bound before that."""
         joint, step = leg.joint, float(self._steps[leg.joint])
-        leg.start = last = q = self._read().q.copy()
-        self._leg, since = leg, self.clock.now()
+        leg.start = last_q = q = self._read().q.copy()
+        self._leg, still_since_ns = leg, self.clock.now()
         for _ in ticks(self.clock, TICK_RATE, MOTION_TIMEOUT):
             q = self._tick(leg.goal)
-            if abs(q[joint] - last[joint]) > 0.5 * step:
-                last, since = q, self.clock.now()
-            near = max(ARRIVAL_FRACTION * leg.limit, 1.5 * step)
-            if self.clock.now() - since > STUCK_TIME * 1e9:
-                near = max(STUCK_FRACTION * leg.limit, PLAY_COUNTS * step)
-            if abs(q[joint] - leg.goal[joint]) <= near:
+            if abs(q[joint] - last_q[joint]) > 0.5 * step:
+                last_q, still_since_ns = q, self.clock.now()
+            tolerance = max(ARRIVAL_FRACTION * leg.limit, 1.5 * step)
+            if self.clock.now() - still_since_ns > STUCK_TIME * 1e9:
+                tolerance = max(STUCK_FRACTION * leg.limit, PLAY_COUNTS * step)
+            if abs(q[joint] - leg.goal[joint]) <= tolerance:
                 return True
-            if bound is not None and self._is_new and bound.is_left(self.trace.frames[-1][2]):
+            if bound is not None and self._is_new and bound.is_exceeded(self.trace.frames[-1][2]):
                 return False
-        raise self._mismatch(q - leg.start, f"no arrival within {MOTION_TIMEOUT:g} s")
+        raise self._describe_mismatch(q - leg.start, f"no arrival within {MOTION_TIMEOUT:g} s")
 
     def _average(self) -> StillView:
         """Hold the position, with the drive on or off, and average joints and markers."""
         points, joints = list[Floats](), list[Floats]()
-        missed, began = 0, self.clock.now()
-        newest, on = began, self._last.enabled
-        for _ in ticks(self.clock, TICK_RATE if on else POLL_RATE):
-            q = self._tick(None) if on else self._read().q
-            self._require_frames(newest, DRIVEN_FRAME_TIMEOUT if on else IDLE_TIMEOUT)
+        missed, start_ns = 0, self.clock.now()
+        newest_frame_ns, is_driven = start_ns, self._last_command.enabled
+        for _ in ticks(self.clock, TICK_RATE if is_driven else POLL_RATE):
+            q = self._tick(None) if is_driven else self._read().q
+            timeout_s = DRIVEN_FRAME_TIMEOUT if is_driven else IDLE_TIMEOUT
+            self._require_frames(newest_frame_ns, timeout_s)
             if not self._is_new:
                 continue
-            newest = self.clock.now()
-            exposure, _, markers = self.trace.frames[-1]
-            if exposure < began + round(SETTLING_TIME * 1e9):
+            newest_frame_ns = self.clock.now()
+            exposure_ns, _, markers = self.trace.frames[-1]
+            if exposure_ns < start_ns + round(SETTLING_TIME * 1e9):
                 continue
             joints.append(q)
             if np.isfinite(markers).all():
@@ -268,12 +270,12 @@ class Mover:
             if len(points) >= AVERAGED_FRAMES:
                 break
         noise = float(np.std(points, axis=0, ddof=1).mean())
-        q, mean = np.mean(joints, axis=0), np.mean(points, axis=0)
-        return StillView(q, mean, noise, len(points), missed)
+        mean_q, mean_points = np.mean(joints, axis=0), np.mean(points, axis=0)
+        return StillView(mean_q, mean_points, noise, len(points), missed)
 
-    def _require_frames(self, newest: int, timeout: float) -> None:
-        if not self.clock.now() - newest <= timeout * 1e9:
-            found = self._trouble() or f"no frame for {timeout:g} s"
+    def _require_frames(self, newest_frame_ns: int, timeout_s: float) -> None:
+        if not self.clock.now() - newest_frame_ns <= timeout_s * 1e9:
+            found = self._describe_camera_fault() or f"no frame for {timeout_s:g} s"
             raise CheckAborted("the camera sends no frames", "camera", found, "continuous frames")
 
     def _tick(self, goal: Floats | None) -> Floats:
@@ -287,21 +289,22 @@ class Mover:
         self._monitor(q)
         error = np.zeros(3) if goal is None else goal - q
         rates = np.where(np.abs(error) < self._steps, 0.0, GAIN * error)
-        passed = self.gate.admit(rates, self._last, q, self._rcm, observation.now, SPEED_SCALE)
-        self._last = passed.command
-        self._leg.commanded = self._leg.commanded + self.plant.send(self._last) / TICK_RATE
+        self._last_command = self.gate.admit(
+            rates, self._last_command, q, self._rcm, observation.now, SPEED_SCALE
+        ).command
+        self._leg.commanded = self._leg.commanded + self.plant.send(self._last_command) / TICK_RATE
         return q.copy()
 
     def _read(self) -> Observation:
         """Read arm and camera, and record new answers and frames."""
         observation = self.plant.read()
-        timeout = self._silence if self._last.enabled else IDLE_TIMEOUT
-        if not observation.now - observation.q_time <= timeout * 1e9:
-            found = self.arm.off_reason or f"no answer for {timeout:g} s"
+        timeout_s = self._answer_timeout if self._last_command.enabled else IDLE_TIMEOUT
+        answers, answer_ns = self.trace.answers, observation.q_time
+        if not observation.now - answer_ns <= timeout_s * 1e9:
+            found = self.arm.off_reason or f"no answer for {timeout_s:g} s"
             raise CheckAborted("the arm does not answer", "arm", found, "an answer in every tick")
-        answers, time = self.trace.answers, observation.q_time
-        if not answers or time > answers[-1][0]:
-            answers.append((time, observation.q, observation.applied))
+        if not answers or answer_ns > answers[-1][0]:
+            answers.append((answer_ns, observation.q, observation.applied))
         self._is_new = observation.frame > self._frame
         if self._is_new:
             self._frame = observation.frame
@@ -314,23 +317,23 @@ class Mover:
 
     def _monitor(self, q: Floats) -> None:
         """Abort if the joint moves further than agreed, lags too much, or another joint moves."""
-        leg, moved = self._leg, q - self._leg.home
-        counts, allowed = np.abs(moved) / self._steps, leg.limit / self._steps[leg.joint]
-        lag = abs(leg.commanded - (q - leg.start))[leg.joint] / self._steps[leg.joint]
-        others = np.delete(counts, leg.joint)
-        if not counts[leg.joint] <= MAX_OVERSHOOT * allowed + PLAY_COUNTS:
-            raise self._mismatch(moved, "it moves further than agreed")
-        if not others.max() <= MAX_COUPLING * allowed + PLAY_COUNTS:
-            raise self._mismatch(moved, "another joint counts")
-        if not lag <= MAX_LAG * allowed + PLAY_COUNTS:
-            raise self._mismatch(q - leg.start, "it does not follow")
+        leg, motion = self._leg, q - self._leg.home
+        counts, agreed_counts = np.abs(motion) / self._steps, leg.limit / self._steps[leg.joint]
+        lag_counts = abs(leg.commanded - (q - leg.start))[leg.joint] / self._steps[leg.joint]
+        other_counts = np.delete(counts, leg.joint)
+        if not counts[leg.joint] <= MAX_OVERSHOOT * agreed_counts + PLAY_COUNTS:
+            raise self._describe_mismatch(motion, "it moves further than agreed")
+        if not other_counts.max() <= MAX_COUPLING * agreed_counts + PLAY_COUNTS:
+            raise self._describe_mismatch(motion, "another joint counts")
+        if not lag_counts <= MAX_LAG * agreed_counts + PLAY_COUNTS:
+            raise self._describe_mismatch(q - leg.start, "it does not follow")
 
-    def _mismatch(self, moved: Floats, why: str) -> CheckAborted:
+    def _describe_mismatch(self, motion: Floats, reason: str) -> CheckAborted:
         """Return the exception for a motion (3,) that differs from its command."""
         joint = f"joint {self._leg.joint + 1}"
-        counts = ", ".join(f"{count:+.0f}" for count in moved / self._steps)
+        counts = ", ".join(f"{count:+.0f}" for count in motion / self._steps)
         return CheckAborted(
-            f"{joint} does not move as commanded: {why}",
+            f"{joint} does not move as commanded: {reason}",
             joint,
             f"counts of joints 1, 2, 3: {counts}",
             f"counts of {joint} alone: check brake, motor and encoder cables",

@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from rcmservo.bringup.axis_wiring import Robot
-from rcmservo.bringup.hypotheses import Hypothesis, fit_all, most_likely
+from rcmservo.bringup.hypotheses import Hypothesis, fit_all, select_most_likely
 from rcmservo.bringup.identification import MarkerViews
 from rcmservo.bringup.motion import Mover
 from rcmservo.bringup.observations import PixelBound, StillView
@@ -68,78 +68,89 @@ class MotionEscalation:
         self.views = [rest]
         self.fits: list[Hypothesis] = []
         """One fitted hypothesis of each class, by increasing misfit."""
-        self._per_mm = robot.joint_per_mm(rest.q)
-        self.motions = np.minimum(FIRST_MM * self._per_mm, FIRST_COUNTS * robot.wiring.steps)
+        self._joint_per_mm = robot.compute_joint_per_mm(rest.q)
+        max_motion = FIRST_COUNTS * robot.wiring.steps
+        self.motions = np.minimum(FIRST_MM * self._joint_per_mm, max_motion)
         """Last motion (3,) of each joint in either direction in rad, rad, mm."""
         self.displacement = np.zeros(3)
         """Largest displacement (3,) of a marker in px during the last motion of each joint."""
         self._displaced_by = self.motions.copy()
         """Motion (3,) of each joint to which `displacement` belongs."""
-        self._noise = MIN_NOISE_PX
+        self._noise_px = MIN_NOISE_PX
+        """Lower bound on the noise of a mean over frames, raised to the residuals of the fits."""
 
     @property
     def start(self) -> Floats:
         """Joints (3,) at the start of the check."""
         return self.views[0].q
 
-    def run(self, first_moved: Callable[[int], None]) -> list[Hypothesis]:
+    def run(self, test_moved_joint: Callable[[int], None]) -> list[Hypothesis]:
         """Move until one hypothesis remains or the next motion would be too large.
 
-        `first_moved` is called once, with the first joint that moves visibly in the image and by
-        `MIN_MOTION_STEPS` counts. Returns the most likely hypotheses.
+        Parameters
+        ----------
+        test_moved_joint
+            Called once, with the first joint that moves visibly in the image and by
+            `MIN_MOTION_STEPS` counts.
+
+        Returns
+        -------
+        list[Hypothesis]
+            Most likely hypotheses.
         """
-        active, is_still = [0, 1, 2], True
+        active, is_untested = [0, 1, 2], True
         while active:
             for joint in active:
                 self._move(joint)
-                if is_still and self._has_moved(joint):
-                    first_moved(joint)
-                    is_still = False
-            larger = self._blindly_doubled()
+                if is_untested and self._has_moved(joint):
+                    test_moved_joint(joint)
+                    is_untested = False
+            larger = self._double_small_motions()
             if not larger.any():
                 self._fit()
                 if self._is_decided():
                     break
-                larger = np.array([self._worth_growth(joint) for joint in range(3)])
+                larger = np.array([self._grow_motion(joint) for joint in range(3)])
             active = [joint for joint in range(3) if larger[joint] > self.motions[joint]]
             self.motions = np.where(larger > 0.0, larger, self.motions)
-        if is_still:
-            first_moved(int(np.argmax(self.displacement)))
-        return most_likely(self.fits)
+        if is_untested:
+            test_moved_joint(int(np.argmax(self.displacement)))
+        return select_most_likely(self.fits)
 
-    def marker_views(self) -> MarkerViews:
+    def collect_views(self) -> MarkerViews:
         """Return all views, with the noise of each."""
         q, points = np.stack([v.q for v in self.views]), np.stack([v.points for v in self.views])
-        noise = np.array([max(view.mean_noise, self._noise) for view in self.views])
+        noise = np.array([max(view.mean_noise, self._noise_px) for view in self.views])
         return MarkerViews(q, points, noise, self.mover.size)
 
-    def question(self, joint: int, motion: float, words: str = "") -> str:
+    def format_question(self, joint: int, motion: float, details: str = "") -> str:
         """Return the question to the operator whether a motion (rad or mm) is allowed."""
         size = f"{abs(motion * self.robot.wiring.counts[joint]):.0f} counts"
         if self.robot.wiring.has_signs_only:
             size = f"{motion:.3g} mm" if joint == 2 else f"{np.degrees(motion):.3g} deg"
-        return f"Move {self.robot.name(joint)} by at most {size}{words}, and return?"
+        return f"Move {self.robot.describe_joint(joint)} by at most {size}{details}, and return?"
 
-    def bound(self, joint: int, motion: float) -> PixelBound:
+    def compute_bound(self, joint: int, motion: float) -> PixelBound:
         """Return the bound on the markers in the image for a motion (rad or mm) of a joint."""
-        predicted = motion / self._per_mm[joint] / self._mm_per_px()
-        predicted = max(predicted, self.displacement[joint] * motion / self._displaced_by[joint])
-        rest = self.views[0]
-        margin = ABORT_MM / self._mm_per_px() + 2.0 * NOISE_DEVIATIONS * rest.noise
-        return PixelBound(rest.points, ABORT_RATIO * predicted + margin)
+        mm_per_px, rest = self._compute_mm_per_px(), self.views[0]
+        predicted_px = motion / self._joint_per_mm[joint] / mm_per_px
+        observed_px = self.displacement[joint] * motion / self._displaced_by[joint]
+        predicted_px = max(predicted_px, observed_px)
+        margin_px = ABORT_MM / mm_per_px + 2.0 * NOISE_DEVIATIONS * rest.noise
+        return PixelBound(rest.points, ABORT_RATIO * predicted_px + margin_px)
 
-    def next_motion(self, joint: int) -> float:
+    def choose_next_motion(self, joint: int) -> float:
         """Return the next motion (rad or mm): twice the last one, or less.
 
         It is less if marker 2 would otherwise travel more than `MAX_TRAVEL_MM` under a remaining
         hypothesis.
         """
         motion = float(self.motions[joint])
-        left = [fit for fit in self.fits if fit.is_close(self.fits[0])]
-        travel = max(self._largest_travel(one, joint, motion) for one in left)
-        return motion * min(2.0, MAX_TRAVEL_MM / travel)
+        remaining = [fit for fit in self.fits if fit.is_close(self.fits[0])]
+        travel_mm = max(self._predict_largest_travel(fit, joint, motion) for fit in remaining)
+        return motion * min(2.0, MAX_TRAVEL_MM / travel_mm)
 
-    def unclear(self, plain: Hypothesis) -> list[Hypothesis]:
+    def find_unclear(self, plain: Hypothesis) -> list[Hypothesis]:
         """Return fits that correct a number of `plain` and allow a large undetected error of it.
 
         An error is large if it exceeds `MAX_UNDETECTABLE`.
@@ -154,57 +165,59 @@ class MotionEscalation:
 
     def _move(self, joint: int) -> None:
         motion = float(self.motions[joint])
-        require_yes(self.operator, self.question(joint, motion, " in either direction"))
-        new = self.mover.visit(joint, (motion, -motion), self.bound(joint, motion))
-        moved = [np.linalg.norm(v.points - self.views[0].points, axis=1).max() for v in new[:2]]
-        self.displacement[joint], self._displaced_by[joint] = max(moved), motion
-        self.views += new
+        require_yes(self.operator, self.format_question(joint, motion, " in either direction"))
+        views = self.mover.visit(joint, (motion, -motion), self.compute_bound(joint, motion))
+        home = self.views[0].points
+        distances = [np.linalg.norm(view.points - home, axis=1).max() for view in views[:2]]
+        self.displacement[joint], self._displaced_by[joint] = max(distances), motion
+        self.views += views
 
     def _has_moved(self, joint: int) -> bool:
         """Return whether image and encoder both confirm a motion."""
-        visible = self.displacement[joint] > NOISE_DEVIATIONS * self.views[0].mean_noise
+        is_visible = self.displacement[joint] > NOISE_DEVIATIONS * self.views[0].mean_noise
         steps = self.motions[joint] / self.robot.wiring.steps[joint]
-        return bool(visible and steps >= MIN_MOTION_STEPS)
+        return bool(is_visible and steps >= MIN_MOTION_STEPS)
 
     def _fit(self) -> None:
         """Fit all hypotheses; raise the noise to the residuals of the best one and fit again."""
-        views = self.marker_views()
+        views = self.collect_views()
         self.fits = fit_all(self.robot, views)
         ratio = float(np.sqrt(self.fits[0].misfit / views.points.size))
-        if ratio > 1.0 and self._noise < MAX_NOISE_PX:
-            self._noise = min(self._noise * ratio, MAX_NOISE_PX)
-            self.fits = fit_all(self.robot, self.marker_views())
+        if ratio > 1.0 and self._noise_px < MAX_NOISE_PX:
+            self._noise_px = min(self._noise_px * ratio, MAX_NOISE_PX)
+            self.fits = fit_all(self.robot, self.collect_views())
 
     def _is_decided(self) -> bool:
         """Return whether one hypothesis remains and no other number may have a large error."""
-        best, *others = most_likely(self.fits)
-        return not others and (best.number is not None or not self.unclear(best))
+        best, *others = select_most_likely(self.fits)
+        return not others and (best.number is not None or not self.find_unclear(best))
 
-    def _mm_per_px(self) -> float:
+    def _compute_mm_per_px(self) -> float:
         """Return the scale (mm per px) of the image for a tool across the line of sight."""
-        first = self.robot.first_marker(self.start)
-        spacing = np.linalg.norm(self.robot.tool.second_marker(first) - first)
+        marker_1 = self.robot.compute_first_marker(self.start)
+        spacing_mm = np.linalg.norm(self.robot.tool.second_marker(marker_1) - marker_1)
         points = self.views[0].points
-        return float(spacing / np.linalg.norm(points[1] - points[0]))
+        return float(spacing_mm / np.linalg.norm(points[1] - points[0]))
 
-    def _blindly_doubled(self) -> Floats:
+    def _double_small_motions(self) -> Floats:
         """Return the motions (3,) doubled where that is safe under any hypothesis; 0 elsewhere."""
-        predicted, observed = self.motions / self._per_mm, self.displacement * self._mm_per_px()
-        noise = NOISE_DEVIATIONS * self.views[0].mean_noise * self._mm_per_px()
-        is_small = (predicted < BLIND_MM) & (observed < BLIND_MM)
-        is_small &= observed < BLIND_RATIO * predicted + noise
+        mm_per_px = self._compute_mm_per_px()
+        predicted_mm, observed_mm = self.motions / self._joint_per_mm, self.displacement * mm_per_px
+        noise_mm = NOISE_DEVIATIONS * self.views[0].mean_noise * mm_per_px
+        is_small = (predicted_mm < BLIND_MM) & (observed_mm < BLIND_MM)
+        is_small &= observed_mm < BLIND_RATIO * predicted_mm + noise_mm
         return np.where(is_small, 2.0 * self.motions, 0.0)
 
-    def _worth_growth(self, joint: int) -> float:
+    def _grow_motion(self, joint: int) -> float:
         """Return the next motion (rad or mm); 0 if it is hardly larger than the last one."""
-        larger = self.next_motion(joint)
+        larger = self.choose_next_motion(joint)
         return larger if larger > MIN_GROWTH * self.motions[joint] else 0.0
 
-    def _largest_travel(self, one: Hypothesis, joint: int, motion: float) -> float:
+    def _predict_largest_travel(self, fit: Hypothesis, joint: int, motion: float) -> float:
         """Return the largest travel (mm) of marker 2 within the uncertainty of a hypothesis."""
-        sizes = [one.size]
-        if one.corrects_counts:
-            larger = one.size + SIZE_DEVIATIONS * one.deviation
-            sizes = [min(size, MAX_LOG_FACTOR) for size in (one.size, larger)]
-        cases = [replace(one, size=size) for size in sizes]
-        return max(case.travel(self.robot, self.start, joint, motion) for case in cases)
+        sizes = [fit.size]
+        if fit.corrects_counts:
+            larger = fit.size + SIZE_DEVIATIONS * fit.deviation
+            sizes = [min(size, MAX_LOG_FACTOR) for size in (fit.size, larger)]
+        cases = [replace(fit, size=size) for size in sizes]
+        return max(case.compute_travel(self.robot, self.start, joint, motion) for case in cases)

@@ -39,22 +39,22 @@ class StillView:
 
 @dataclass(frozen=True, eq=False)
 class PixelBound:
-    """Bound on the motion of the markers in the image; beyond it the joint returns.
+    """Bound on the motion of the markers in the image. A joint returns if a marker exceeds it.
 
     Parameters
     ----------
     home : Floats
         Initial markers (2, 2) in px.
-    px : float
+    radius_px : float
         Largest distance (px) of a marker from `home`.
     """
 
     home: Floats
-    px: float
+    radius_px: float
 
-    def is_left(self, points: Floats) -> bool:
+    def is_exceeded(self, points: Floats) -> bool:
         """Return whether a visible marker of `points` (2, 2) is beyond the bound."""
-        return bool((np.linalg.norm(points - self.home, axis=1) > self.px).any())
+        return bool((np.linalg.norm(points - self.home, axis=1) > self.radius_px).any())
 
 
 @dataclass(eq=False)

@@ -8,18 +8,18 @@ Image and encoders do not distinguish
 - at some poses, different counts of one angle from those of the other, or from a different zero of
   the insertion.
 
-The operator decides by the direction and the length of a motion, and by measuring the tool with a
-ruler.
+The operator reports the direction and the length of a motion, and lengths on the tool by a ruler.
 """
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import compress
+from typing import Any
 
 import numpy as np
 
 from rcmservo.bringup.axis_wiring import Robot
-from rcmservo.bringup.hypotheses import Hypothesis, equivalents
+from rcmservo.bringup.hypotheses import Hypothesis, generate_equivalents
 from rcmservo.bringup.prompts import MAX_ATTEMPTS, ask_choice, ask_length
 from rcmservo.errors import Stopped
 from rcmservo.geometry.kinematics import PITCH_YAW, SPHERICAL
@@ -44,8 +44,17 @@ DIRECTION_HINTS = {
 }
 """Explanation of the words in `DIRECTIONS`, by kind of mechanism."""
 REPEAT = "again"
-"""Answer of an operator who wants to observe the motion once more."""
+"""Answer of an operator who requests the motion once more."""
 MOTION_NOTICE = "{} moves in one direction, waits, and returns."
+LENGTHS: dict[str, Callable[[Floats], Any]] = {
+    "By the ruler: how far apart are the middles of the two markers, in mm?": lambda markers: (
+        np.linalg.norm(markers[1] - markers[0])
+    ),
+    "By the ruler: how far is the middle of marker 1 from the entry point of the tool, about "
+    "which it turns, in mm?": lambda markers: np.linalg.norm(markers[0]),
+}
+"""Questions for lengths (mm), with the lengths as functions of the markers (2, 3) in mm from the
+RCM."""
 
 RULER_TOLERANCE = 0.05
 """Relative error of a measurement by ruler."""
@@ -62,19 +71,13 @@ ShowMotion = Callable[[int], None]
 """Function that asks for agreement and moves a joint up and back while the operator watches."""
 
 
-def direction(hypothesis: Hypothesis, robot: Robot, joint: int) -> str:
-    """Return the word for the motion of the tool if `joint` is commanded upwards."""
-    actual, sign = hypothesis.moves(joint, robot.wiring)
-    return DIRECTIONS[robot.mechanism.kind][actual][0 if sign > 0 else 1]
-
-
 def ask_operator(
     fits: Sequence[Hypothesis],
     robot: Robot,
     q: Floats,
     operator: OperatorTerminal,
-    show: ShowMotion,
-    motion: Callable[[int], float],
+    show_motion: ShowMotion,
+    choose_motion: Callable[[int], float],
 ) -> list[Hypothesis]:
     """Return the hypotheses that agree with the fits and with the operator's answers.
 
@@ -88,10 +91,10 @@ def ask_operator(
         Joints (3,) at the start of the check, where the tool is now.
     operator
         Operator.
-    show
+    show_motion
         Function that moves a joint for the operator.
-    motion
-        Function that returns the motion (rad or mm) by which `show` moves a joint.
+    choose_motion
+        Function that returns the motion (rad or mm) by which `show_motion` moves a joint.
 
     Returns
     -------
@@ -103,95 +106,97 @@ def ask_operator(
     Stopped
         If the operator refuses a motion, or no answer agrees with a hypothesis.
     """
-    left = [other for fit in fits for other in equivalents(fit)]
+    candidates = [candidate for fit in fits for candidate in generate_equivalents(fit)]
     for joint in range(3):
-        if len({direction(one, robot, joint) for one in left}) > 1:
-            left = _by_direction(left, robot, joint, operator, show)
-    for question, length in LENGTHS.items():
-        mm = _predicted(left, robot, q, length)
+        if len({predict_direction(candidate, robot, joint) for candidate in candidates}) > 1:
+            candidates = _select_by_direction(candidates, robot, joint, operator, show_motion)
+    for question, compute_length in LENGTHS.items():
+        mm = _predict_lengths(candidates, robot, q, compute_length)
         if len(set(mm)) > 1:
-            larger = [replace(h, size=h.size + SIZE_DEVIATIONS * h.deviation) for h in left]
-            spread = np.abs(np.log(_predicted(larger, robot, q, length) / mm))
-            left = _by_length(left, mm, RULER_TOLERANCE + spread, question, operator)
-    travels = np.array([[h.travel(robot, q, j, motion(j)) for h in left] for j in range(3)])
+            larger = [replace(h, size=h.size + SIZE_DEVIATIONS * h.deviation) for h in candidates]
+            spread = np.abs(np.log(_predict_lengths(larger, robot, q, compute_length) / mm))
+            tolerances = RULER_TOLERANCE + spread
+            candidates = _select_by_length(candidates, mm, tolerances, question, operator)
+    travels = np.array(
+        [[h.compute_travel(robot, q, j, choose_motion(j)) for h in candidates] for j in range(3)]
+    )
     travels = np.maximum(travels, MIN_TRAVEL_MM)
     ratios = travels.max(axis=1) / travels.min(axis=1)
     joint = int(np.argmax(ratios))
     if ratios[joint] > MIN_TRAVEL_RATIO:
-        tolerance, name = np.full(len(left), TRAVEL_TOLERANCE), robot.name(joint)
+        tolerances, name = np.full(len(candidates), TRAVEL_TOLERANCE), robot.describe_joint(joint)
 
         def show_travel() -> None:
             operator.notify(f"Watch marker 2 next to a ruler: {MOTION_NOTICE.format(name)}")
-            show(joint)
+            show_motion(joint)
 
         question = f"For {name}, by the ruler: about how many mm did marker 2 move (0: hardly any)?"
-        left = _by_length(left, travels[joint], tolerance, question, operator, show_travel)
-    return left
+        candidates = _select_by_length(
+            candidates, travels[joint], tolerances, question, operator, show_travel
+        )
+    return candidates
 
 
-def _by_direction(
-    left: list[Hypothesis], robot: Robot, joint: int, operator: OperatorTerminal, show: ShowMotion
+def predict_direction(hypothesis: Hypothesis, robot: Robot, joint: int) -> str:
+    """Return the word for the motion of the tool if `joint` is commanded upwards."""
+    moving_joint, sign = hypothesis.predict_moving_joint(joint, robot.wiring)
+    return DIRECTIONS[robot.mechanism.kind][moving_joint][0 if sign > 0 else 1]
+
+
+def _predict_lengths(
+    candidates: list[Hypothesis], robot: Robot, q: Floats, compute_length: Callable[[Floats], Any]
+) -> Floats:
+    """Return a length (mm) at the joints `q` (3,) under each hypothesis."""
+    markers = [candidate.compute_markers(robot, q[None])[0] for candidate in candidates]
+    return np.array([round(float(compute_length(pair)), 6) for pair in markers])
+
+
+def _select_by_direction(
+    candidates: list[Hypothesis],
+    robot: Robot,
+    joint: int,
+    operator: OperatorTerminal,
+    show_motion: ShowMotion,
 ) -> list[Hypothesis]:
     """Return the hypotheses that agree with the direction of motion that the operator observes."""
-    kind, name = robot.mechanism.kind, robot.name(joint)
+    kind, name = robot.mechanism.kind, robot.describe_joint(joint)
     choice = [word for pair in DIRECTIONS[kind] for word in pair]
     hint = DIRECTION_HINTS[kind]
     question = f"{VIEWPOINTS[kind]}: in which direction did the tool move first, {hint}?"
-    predicted = [direction(one, robot, joint) for one in left]
+    predicted = [predict_direction(candidate, robot, joint) for candidate in candidates]
     for _ in range(MAX_ATTEMPTS):
         operator.notify(f"Watch the tool: {MOTION_NOTICE.format(name)}")
-        show(joint)
+        show_motion(joint)
         answer = ask_choice(operator, f"For {name}, {question}", (*choice, REPEAT))
         if answer in predicted:
-            return [one for one, word in zip(left, predicted, strict=True) if word == answer]
+            return list(compress(candidates, (word == answer for word in predicted)))
         if answer != REPEAT:
             words = " or ".join(sorted(set(predicted)))
             operator.notify(f"The image allows only {words}. The motion is repeated.")
     raise Stopped(f"no answer agreed with the image for {name}")
 
 
-def _marker_distance(markers: Floats) -> float:
-    return float(np.linalg.norm(markers[1] - markers[0]))
-
-
-def _first_marker_depth(markers: Floats) -> float:
-    return float(np.linalg.norm(markers[0]))
-
-
-LENGTHS = {
-    "By the ruler: how far apart are the middles of the two markers, in mm?": _marker_distance,
-    "By the ruler: how far is the middle of marker 1 from the entry point of the tool, about "
-    "which it turns, in mm?": _first_marker_depth,
-}
-"""Lengths (mm) that a ruler measures, as functions of the markers (2, 3) in mm from the RCM."""
-
-
-def _predicted(
-    left: list[Hypothesis], robot: Robot, q: Floats, length: Callable[[Floats], float]
-) -> Floats:
-    return np.array([round(length(one.markers(robot, q[None])[0]), 6) for one in left])
-
-
-def _by_length(
-    left: list[Hypothesis],
-    predicted: Floats,
-    tolerance: Floats,
+def _select_by_length(
+    candidates: list[Hypothesis],
+    predicted_mm: Floats,
+    tolerances: Floats,
     question: str,
     operator: OperatorTerminal,
-    show: Callable[[], None] = lambda: None,
+    prepare: Callable[[], None] = lambda: None,
 ) -> list[Hypothesis]:
-    """Return the hypotheses whose `predicted` length (mm) agrees with the operator's ruler.
+    """Return the hypotheses whose predicted lengths agree with the operator's ruler.
 
-    Return all of them if the operator cannot measure the length.
+    Return all of them if the operator cannot measure the length. The logarithms of predicted and
+    measured length may differ by `tolerances`. `prepare` is called before each question.
     """
-    could = " or ".join(f"{mm:.3g}" for mm in sorted(set(predicted)))
+    lengths = " or ".join(f"{mm:.3g}" for mm in sorted(set(predicted_mm)))
     for _ in range(MAX_ATTEMPTS):
-        show()
-        mm = ask_length(operator, question)
-        if mm is None:
-            return left
-        agrees = np.abs(np.log(predicted / max(mm, MIN_TRAVEL_MM))) <= tolerance
-        if agrees.any():
-            return list(compress(left, agrees))
-        operator.notify(f"The image allows only about {could} mm. Repeat the measurement.")
-    raise Stopped(f"no answer agreed with the {could} mm of the image to: {question}")
+        prepare()
+        measured_mm = ask_length(operator, question)
+        if measured_mm is None:
+            return candidates
+        error = np.abs(np.log(predicted_mm / max(measured_mm, MIN_TRAVEL_MM)))
+        if (error <= tolerances).any():
+            return list(compress(candidates, error <= tolerances))
+        operator.notify(f"The image allows only about {lengths} mm. Repeat the measurement.")
+    raise Stopped(f"no answer agreed with the {lengths} mm of the image to: {question}")

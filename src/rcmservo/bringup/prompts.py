@@ -1,12 +1,9 @@
 """Questions to the operator at the arm, repeated until an answer is valid."""
 
 from collections.abc import Callable, Sequence
-from typing import TypeVar
 
 from rcmservo.errors import Stopped
 from rcmservo.live.device_protocols import OperatorTerminal
-
-Answer = TypeVar("Answer")
 
 MAX_ATTEMPTS = 5
 """Number of times that a question is repeated before the check ends."""
@@ -25,11 +22,7 @@ def ask_choice(operator: OperatorTerminal, question: str, words: Sequence[str]) 
         After `MAX_ATTEMPTS` invalid answers.
     """
     choice = " / ".join(words)
-
-    def parse(answer: str) -> str | None:
-        return answer.lower() if answer.lower() in words else None
-
-    return _ask(operator, f"{question} ({choice})", parse, f"one of these: {choice}")
+    return _ask(operator, f"{question} ({choice})", words.__contains__, f"one of these: {choice}")
 
 
 def require_yes(operator: OperatorTerminal, question: str) -> None:
@@ -46,26 +39,25 @@ def ask_length(operator: OperatorTerminal, question: str) -> float | None:
     Stopped
         After `MAX_ATTEMPTS` invalid answers.
     """
-
-    def parse(answer: str) -> tuple[float | None] | None:
-        if answer.lower() == UNKNOWN:
-            return (None,)
-        try:
-            mm = float(answer)
-        except ValueError:
-            return None
-        return (mm,) if 0.0 <= mm <= MAX_LENGTH_MM else None
-
     expected = f"a number of mm from 0 to {MAX_LENGTH_MM:g}, or {UNKNOWN}"
-    return _ask(operator, f"{question} (or: {UNKNOWN})", parse, expected)[0]
+    answer = _ask(operator, f"{question} (or: {UNKNOWN})", _is_length_or_unknown, expected)
+    return None if answer == UNKNOWN else float(answer)
+
+
+def _is_length_or_unknown(answer: str) -> bool:
+    try:
+        return answer == UNKNOWN or 0.0 <= float(answer) <= MAX_LENGTH_MM
+    except ValueError:
+        return False
 
 
 def _ask(
-    operator: OperatorTerminal, question: str, parse: Callable[[str], Answer | None], expected: str
-) -> Answer:
+    operator: OperatorTerminal, question: str, is_valid: Callable[[str], bool], expected: str
+) -> str:
+    """Return the first valid answer, in lower case."""
     for _ in range(MAX_ATTEMPTS):
-        answer = parse(operator.ask(question))
-        if answer is not None:
+        answer = operator.ask(question).lower()
+        if is_valid(answer):
             return answer
         operator.notify(f"Please answer with {expected}.")
     raise Stopped(f"no valid answer to: {question}")

@@ -73,37 +73,37 @@ class CameraLatency:
 
 def measure_cadence(times: list[int]) -> Cadence:
     """Return rate and jitter of events at `times` (ns)."""
-    apart = np.diff(np.array(times)) * 1e-9
-    return Cadence(1.0 / float(np.mean(apart)), float(np.std(apart)))
+    intervals_s = np.diff(np.array(times)) * 1e-9
+    return Cadence(1.0 / float(np.mean(intervals_s)), float(np.std(intervals_s)))
 
 
 def identify_latency(trace: MotionTrace, joint: int) -> CameraLatency | None:
     """Identify the latency from a motion of one joint; None if too few frames show both markers."""
     times = np.array([time for time, _, _ in trace.answers]) * 1e-9
     q = np.array([joints[joint] for _, joints, _ in trace.answers])
-    first, last = times[0] + MAX_TIME_ERROR, times[-1] - MAX_TIME_ERROR
-    frames = [f for f in trace.frames if np.isfinite(f[2]).all() and first < f[0] * 1e-9 < last]
+    start, end = times[0] + MAX_TIME_ERROR, times[-1] - MAX_TIME_ERROR
+    frames = [f for f in trace.frames if np.isfinite(f[2]).all() and start < f[0] * 1e-9 < end]
     if len(frames) < MIN_FRAMES:
         return None
-    exposed, arrived = (np.array([frame[k] for frame in frames]) * 1e-9 for k in (0, 1))
+    exposures, arrivals = (np.array([frame[k] for frame in frames]) * 1e-9 for k in (0, 1))
     points = np.array([frame[2].ravel() for frame in frames])
     M = points - points.mean(axis=0)
 
-    def residuals(shifts: Floats) -> Floats:
+    def compute_residuals(shifts: Floats) -> Floats:
         """Return the residuals (n, r) of m = B q(t + δ) + c with the best B and c.
 
         `shifts` (n, 1) holds n values of δ in s.
         """
-        Q: Floats = np.asarray(np.interp(exposed + shifts, times, q), np.float64)
+        Q: Floats = np.asarray(np.interp(exposures + shifts, times, q), np.float64)
         Q = Q - Q.mean(axis=1, keepdims=True)
         B = Q @ M / np.maximum((Q**2).sum(axis=1, keepdims=True), 1e-30)
         return (M - Q[:, :, None] * B[:, None]).reshape(len(Q), -1)
 
-    fit = fit_residuals(residuals, np.zeros(1))
-    freedom = M.size - 2 * M.shape[1] - 1
-    deviation = float(np.sqrt(fit.covariance[0, 0] * fit.misfit / freedom))
-    reported = float(np.median(arrived - exposed))
-    jitter = float(np.std(arrived - exposed))
+    fit = fit_residuals(compute_residuals, np.zeros(1))
+    degrees_of_freedom = M.size - 2 * M.shape[1] - 1
+    deviation = float(np.sqrt(fit.covariance[0, 0] * fit.misfit / degrees_of_freedom))
+    reported = float(np.median(arrivals - exposures))
+    jitter = float(np.std(arrivals - exposures))
     return CameraLatency(reported - float(fit.x[0]), reported, deviation, jitter)
 
 
@@ -112,28 +112,31 @@ def compare_latency(identified: CameraLatency | None, latency: float | None) -> 
     if identified is None:
         what, found = "the latency of the camera cannot be measured", "too few frames in motion"
         return [Finding(what, "camera.latency", found, "both markers in nearly every frame")]
-    more, deviation = identified.latency - identified.reported, identified.deviation
+    error, deviation = identified.latency - identified.reported, identified.deviation
     if latency is None:
-        corrected = max(more, MIN_LATENCY)
+        corrected = max(error, MIN_LATENCY)
         what, found = "the rig file has no measured latency of the camera", "none"
-    elif abs(more) > max(LATENCY_TOLERANCE, LATENCY_DEVIATIONS * deviation):
-        corrected, found = latency + more, f"{latency:g} s"
+    elif abs(error) > max(LATENCY_TOLERANCE, LATENCY_DEVIATIONS * deviation):
+        corrected, found = latency + error, f"{latency:g} s"
         what = "the latency of the camera differs from the rig file"
     else:
         return []
     line, expected = f"latency = {corrected:.3f}", f"{corrected:.3f} s ± {deviation:.3f} s"
     if corrected < 0.0:
-        later = f"timestamps {-corrected:.3f} s ± {deviation:.3f} s later"
-        line, expected = "", f"{later}: they precede the exposures, which no latency corrects"
+        shift = f"timestamps {-corrected:.3f} s ± {deviation:.3f} s later"
+        line, expected = "", f"{shift}: they precede the exposures, which no latency corrects"
     return [Finding(what, "camera.latency", found, expected, line)]
 
 
-def identify_drive_lag(trace: MotionTrace, fastest: Floats) -> float:
-    """Return the lag (s) of the joints behind their commands; 0 if the motion is too small."""
+def identify_drive_lag(trace: MotionTrace, max_rates: Floats) -> float:
+    """Return the lag (s) of the joints behind their commands; 0 if the motion is too small.
+
+    `max_rates` (3,) are the limits of the joint rates in rad/s, rad/s, mm/s.
+    """
     row: Any = DriveLag.of().rows[0]
     start_lag_measurement(row)
     for time, q, applied in trace.answers:
-        add_lag_reading(row, q, time, applied, fastest)
+        add_lag_reading(row, q, time, applied, max_rates)
     finish_lag_measurement(row)
     return float(row["lag"])
 

@@ -1,6 +1,7 @@
-"""Charts as data, and their drawing in one style that works for colour-blind readers and in grey.
+"""Charts as data, and their drawing with Matplotlib in one style.
 
-A figure holds plain numbers and words. It can be stored, compared bit for bit and drawn later.
+A figure holds plain numbers and words, so that it can be stored, compared bit for bit and drawn
+later. The style is legible for colour-blind readers and without colour.
 """
 
 import io
@@ -39,11 +40,8 @@ class Style(NamedTuple):
     """
 
     colour: str
-
     dashes: Dashes
-
     width: float
-
     marker: str
 
 
@@ -64,7 +62,7 @@ MEASURED = Style("#999999", "-", 2.6, ".")
 TONES = ("#999999", "#d0d0d0", "#56b4e9", "#009e73", "#f0e442", "#e69f00", "#d55e00", "#cc79a7")
 """Colours of bands and bars, from harmless to severe; the last one marks manual motion."""
 
-RC: Any = {
+MATPLOTLIB_SETTINGS: Any = {
     "font.size": 9,
     "axes.grid": True,
     "grid.alpha": 0.3,
@@ -73,6 +71,7 @@ RC: Any = {
     "legend.framealpha": 0.85,
     "svg.hashsalt": "rcmservo",
 }
+"""Settings of Matplotlib. The fixed salt makes equal figures give equal SVG text."""
 
 
 @dataclass(frozen=True)
@@ -94,13 +93,9 @@ class Curve:
     """
 
     label: str
-
     x: list[float]
-
     y: list[float | None]
-
     style: int = 0
-
     marks: bool = False
 
 
@@ -119,9 +114,7 @@ class Bar:
     """
 
     start: float
-
     end: float
-
     tone: int
 
 
@@ -138,7 +131,6 @@ class Lane:
     """
 
     label: str
-
     bars: list[Bar]
 
 
@@ -177,29 +169,17 @@ class Panel:
     """
 
     x: str
-
     y: str
-
     curves: list[Curve]
-
     levels: list[tuple[str, float]] = field(default_factory=list[tuple[str, float]])
-
     shaded: list[tuple[float, float]] = field(default_factory=list[tuple[float, float]])
-
     log_x: bool = False
-
     log_y: bool = False
-
     y_limits: tuple[float, float] | None = None
-
     categories: list[str] = field(default_factory=list[str])
-
     lanes: list[Lane] = field(default_factory=list[Lane])
-
     bands: list[Bar] = field(default_factory=list[Bar])
-
     map: bool = False
-
     downward: bool = False
 
 
@@ -218,9 +198,7 @@ class Figure:
     """
 
     title: str
-
     panels: list[Panel]
-
     columns: int = 1
 
 
@@ -232,14 +210,14 @@ def make_curve(label: str, x: Any, y: Any, style: int = 0, marks: bool = False) 
     x, y = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
     step = max(1, -(-len(x) // MAX_POINTS))
     rounded = [[float(f"{value:.6g}") for value in values[::step]] for values in (x, y)]
-    gaps = [value if np.isfinite(value) else None for value in rounded[1]]
-    return Curve(label, rounded[0], gaps, style, marks)
+    y_or_gaps = [value if np.isfinite(value) else None for value in rounded[1]]
+    return Curve(label, rounded[0], y_or_gaps, style, marks)
 
 
 def save_figure(figure: Figure, path: Path) -> None:
     """Draw a figure into a PNG file."""
     with atomic_path(path) as partial_file:
-        _canvas(figure).savefig(partial_file, format="png", dpi=130)
+        _draw_figure(figure).savefig(partial_file, format="png", dpi=130)
 
 
 def render_svg(figure: Figure) -> str:
@@ -247,23 +225,23 @@ def render_svg(figure: Figure) -> str:
     import matplotlib as mpl
 
     text = io.StringIO()
-    with mpl.rc_context(RC):
-        _canvas(figure).savefig(text, format="svg", metadata={"Date": None})
+    with mpl.rc_context(MATPLOTLIB_SETTINGS):
+        _draw_figure(figure).savefig(text, format="svg", metadata={"Date": None})
     return text.getvalue()
 
 
-def _canvas(figure: Figure) -> "Canvas":
+def _draw_figure(figure: Figure) -> "Canvas":
     """Return the figure as a Matplotlib figure.
 
-    Matplotlib takes a second to import, so it is imported here.
+    The import of Matplotlib takes a second and is therefore local.
     """
     import matplotlib as mpl
     from matplotlib.figure import Figure as Canvas
 
-    heights = _row_heights(figure)
+    heights = _compute_row_heights(figure)
     width = 9.6 if any(panel.lanes or panel.map for panel in figure.panels) else 7.2
     share_x = figure.columns == 1 and len({panel.x for panel in figure.panels}) == 1
-    with mpl.rc_context(RC):
+    with mpl.rc_context(MATPLOTLIB_SETTINGS):
         canvas = Canvas(figsize=(width, 0.7 + sum(heights)), layout="constrained")
         canvas.suptitle(figure.title, fontsize=10)
         axes = canvas.subplots(
@@ -272,37 +250,35 @@ def _canvas(figure: Figure) -> "Canvas":
         for i, axis in enumerate(axes.ravel()):
             if i < len(figure.panels):
                 is_lowest = i >= len(figure.panels) - figure.columns
-                _draw(figure.panels[i], axis, label_x=is_lowest or not share_x)
+                _draw_panel(figure.panels[i], axis, has_x_label=is_lowest or not share_x)
             else:
                 axis.set_axis_off()
     return canvas
 
 
-def _row_heights(figure: Figure) -> list[float]:
+def _compute_row_heights(figure: Figure) -> list[float]:
     """Return the height of each row of panels (inches): that of its tallest panel."""
-    rows = -(-len(figure.panels) // figure.columns)
-    usual = 1.6 if rows > 1 and figure.columns == 1 else 2.6
-    row_starts = range(0, rows * figure.columns, figure.columns)
-    return [
-        max(_height(p, usual) for p in figure.panels[i : i + figure.columns]) for i in row_starts
-    ]
+    panels, columns = figure.panels, figure.columns
+    usual = 1.6 if columns == 1 and len(panels) > 1 else 2.6
+    rows = (panels[i : i + columns] for i in range(0, len(panels), columns))
+    return [max(_compute_height(panel, usual) for panel in row) for row in rows]
 
 
-def _height(panel: Panel, usual: float) -> float:
-    """Return the height of a panel (inches)."""
+def _compute_height(panel: Panel, usual: float) -> float:
+    """Return the height of a panel (inches); `usual` is that of a panel of curves."""
     if panel.lanes:
-        return 0.25 + 0.15 * sum(_lines(lane) for lane in panel.lanes)
+        return 0.25 + 0.15 * sum(_count_lines(lane) for lane in panel.lanes)
     return 3.4 if panel.map else 2.6 if panel.bands else usual
 
 
-def _lines(lane: Lane) -> float:
+def _count_lines(lane: Lane) -> float:
     """Return the height of a lane in lines of text: its label and half a line of space."""
     return 1.5 + lane.label.count("\n")
 
 
-def _draw(panel: Panel, axis: Any, label_x: bool) -> None:
-    for one in panel.curves:
-        _draw_curve(one, axis)
+def _draw_panel(panel: Panel, axis: Any, has_x_label: bool) -> None:
+    for curve in panel.curves:
+        _draw_curve(curve, axis)
     for start, end in panel.shaded:
         axis.axvspan(start, end, color="#e69f00", alpha=0.18, lw=0)
     for band in panel.bands:
@@ -310,21 +286,19 @@ def _draw(panel: Panel, axis: Any, label_x: bool) -> None:
     for label, level in panel.levels:
         _draw_level(label, level, axis)
     _draw_scales(panel, axis)
-    if label_x:
+    if has_x_label:
         axis.set_xlabel(panel.x)
     axis.set_ylabel(panel.y)
-    if any(one.label for one in panel.curves):
+    if any(curve.label for curve in panel.curves):
         axis.legend(fontsize=8)
     _draw_lanes(panel.lanes, axis)
 
 
-def _draw_curve(one: Curve, axis: Any) -> None:
-    style = MEASURED if one.style < 0 else STYLES[one.style % len(STYLES)]
-    y = [np.nan if value is None else value for value in one.y]
-    marks = {"marker": style.marker, "ms": 4} if one.marks else {}
-    dashes = "" if one.marks else style.dashes
-    style_arguments = {"color": style.colour, "ls": dashes, "lw": style.width, **marks}
-    axis.plot(one.x, y, label=one.label or None, **style_arguments)
+def _draw_curve(curve: Curve, axis: Any) -> None:
+    style = MEASURED if curve.style < 0 else STYLES[curve.style % len(STYLES)]
+    y = [np.nan if value is None else value for value in curve.y]
+    line = {"marker": style.marker, "ms": 4, "ls": ""} if curve.marks else {"ls": style.dashes}
+    axis.plot(curve.x, y, label=curve.label or None, color=style.colour, lw=style.width, **line)
 
 
 def _draw_level(label: str, level: float, axis: Any) -> None:
@@ -345,8 +319,8 @@ def _draw_scales(panel: Panel, axis: Any) -> None:
     if panel.downward:
         axis.invert_yaxis()
     if panel.categories:
-        count, tilt = len(panel.categories), _tilt(panel.categories)
-        axis.set_xticks(range(count), panel.categories, rotation=tilt)
+        count, rotation = len(panel.categories), _choose_rotation(panel.categories)
+        axis.set_xticks(range(count), panel.categories, rotation=rotation)
         axis.set_xlim(-0.6, count - 0.4)
 
 
@@ -357,20 +331,20 @@ def _draw_lanes(lanes: Sequence[Lane], axis: Any) -> None:
     """
     if not lanes:
         return
-    rows: list[float] = []
-    depth = 0.0
+    centres: list[float] = []
+    total_height = 0.0
     for lane in lanes:
-        rows.append(depth + _lines(lane) / 2.0)
-        depth += _lines(lane)
+        centres.append(total_height + _count_lines(lane) / 2.0)
+        total_height += _count_lines(lane)
         for bar in lane.bars:
-            span, height = (bar.start, bar.end - bar.start), (rows[-1] - 0.45, 0.9)
-            axis.broken_barh([span], height, color=TONES[bar.tone], lw=1.2)
-    axis.set_yticks(rows, [lane.label for lane in lanes], fontsize=7.5)
-    axis.set_ylim(depth, 0.0)
+            x_span, y_span = (bar.start, bar.end - bar.start), (centres[-1] - 0.45, 0.9)
+            axis.broken_barh([x_span], y_span, color=TONES[bar.tone], lw=1.2)
+    axis.set_yticks(centres, [lane.label for lane in lanes], fontsize=7.5)
+    axis.set_ylim(total_height, 0.0)
     axis.tick_params(axis="y", length=0)
     axis.grid(visible=False, axis="y")
 
 
-def _tilt(words: Sequence[str]) -> float:
+def _choose_rotation(words: Sequence[str]) -> float:
     """Return the rotation (degrees) of words along x that lets long ones fit."""
     return 25.0 if max(map(len, words)) * len(words) > 70 else 0.0

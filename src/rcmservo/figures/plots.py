@@ -1,4 +1,8 @@
-"""Figures of a recorded run, with the paper's symbols: errors, phases, path and estimate."""
+"""Figures of a recorded run: feature errors, phases, path and estimate.
+
+Symbols are those of the paper: s, r, d are the angle and the two distances of the imaged tool, p₁
+the position of marker 1, m₁ and m₂ the imaged markers, Ĵ the estimated Jacobian.
+"""
 
 from textwrap import fill
 
@@ -68,51 +72,44 @@ def plot_timeline(record: Record) -> Figure:
 
     The errors are divided by their tolerances.
     """
-    found = list_spans(record)
+    spans = list_spans(record)
     ratios = np.maximum(np.abs(record.ticks["delta"]) / SETTLED_TOLERANCE, MIN_PLOTTED_ERROR)
     errors = Panel(
         "time [s]",
         f"error / tolerance, ≥ {MIN_PLOTTED_ERROR}",
-        [
-            make_curve(name, record.time, ratios[:, i], style=i)
-            for i, name in enumerate(ERROR_SYMBOLS)
-        ],
+        [make_curve(name, record.time, ratios[:, i], i) for i, name in enumerate(ERROR_SYMBOLS)],
         levels=[("tolerance", 1.0)],
         log_y=True,
-        bands=[Bar(span.start, span.end, PHASE_TONES[span.phase]) for span in found],
+        bands=[Bar(span.start, span.end, PHASE_TONES[span.phase]) for span in spans],
     )
-    groups = _phase_lanes(found), _cause_lanes(found) + _request_lanes(found)
+    groups = _list_phase_lanes(spans), _list_cause_lanes(spans) + _list_request_lanes(spans)
     lanes = [Panel("time [s]", "", [], lanes=group) for group in groups if group]
     return Figure("Phases and causes", [errors, *lanes])
 
 
-def _phase_lanes(found: list[Span]) -> list[Lane]:
+def _list_phase_lanes(spans: list[Span]) -> list[Lane]:
     """Return one row for each phase that occurred."""
-    return [
-        Lane(
-            phase.value,
-            [Bar(s.start, s.end, PHASE_TONES[phase]) for s in found if s.phase is phase],
-        )
-        for phase in Phase
-        if any(span.phase is phase for span in found)
-    ]
+    lanes: list[Lane] = []
+    for phase, tone in PHASE_TONES.items():
+        bars = [Bar(s.start, s.end, tone) for s in spans if s.phase is phase]
+        if bars:
+            lanes.append(Lane(phase.value, bars))
+    return lanes
 
 
-def _cause_lanes(found: list[Span]) -> list[Lane]:
+def _list_cause_lanes(spans: list[Span]) -> list[Lane]:
     """Return one row for each cause that occurred."""
-    return [
-        Lane(
-            fill(cause.value, CAUSE_LABEL_WIDTH),
-            [Bar(s.start, s.end, ACTION_TONES[s.action]) for s in found if s.cause is cause],
-        )
-        for cause in Cause
-        if cause is not Cause.NONE and any(span.cause is cause for span in found)
-    ]
+    lanes: list[Lane] = []
+    for cause in Cause:
+        bars = [Bar(s.start, s.end, ACTION_TONES[s.action]) for s in spans if s.cause is cause]
+        if bars and cause is not Cause.NONE:
+            lanes.append(Lane(fill(cause.value, CAUSE_LABEL_WIDTH), bars))
+    return lanes
 
 
-def _request_lanes(found: list[Span]) -> list[Lane]:
+def _list_request_lanes(spans: list[Span]) -> list[Lane]:
     """Return a row with the operator's requests, if there are any."""
-    requests = [Bar(s.start, s.start, 0) for s in found if s.request is not Request.NONE]
+    requests = [Bar(s.start, s.start, 0) for s in spans if s.request is not Request.NONE]
     return [Lane("operator requests: pause, resume, clear, jog", requests)] if requests else []
 
 
@@ -121,18 +118,17 @@ def plot_path(record: Record) -> Figure:
 
     The target is marked in each panel.
     """
-    panels = [_space_panel(record, axes) for axes in ((0, 1), (0, 2))]
-    return Figure("Path", [*panels, _image_panel(record)], columns=3)
+    panels = [_plot_space(record, 0, 1), _plot_space(record, 0, 2), _plot_image(record)]
+    return Figure("Path", panels, columns=3)
 
 
-def _space_panel(record: Record, axes: tuple[int, int]) -> Panel:
-    """Return p₁ along two of the axes x, y, z."""
-    i, j = axes
-    p1, target = record.ticks["p1"], find_taught_position(record)
-    exploring = (record.ticks["explored"][:, 0] == 0)[:, None]
+def _plot_space(record: Record, i: int, j: int) -> Panel:
+    """Return p₁ along the axes with the indices i and j of x, y, z."""
+    p1, target = record.ticks["p1"][:, [i, j]].T, find_taught_position(record)
+    is_exploring = record.ticks["explored"][:, 0] == 0
     curves = [
-        make_curve("exploration", *_columns(np.where(exploring, p1, np.nan), i, j), style=1),
-        make_curve("servoing", *_columns(np.where(exploring, np.nan, p1), i, j)),
+        make_curve("exploration", *np.where(is_exploring, p1, np.nan), style=1),
+        make_curve("servoing", *np.where(is_exploring, np.nan, p1)),
     ]
     if target is not None:
         curves.append(make_curve("target", [target[i]], [target[j]], style=3, marks=True))
@@ -140,11 +136,7 @@ def _space_panel(record: Record, axes: tuple[int, int]) -> Panel:
     return Panel(f"${names[i]}$ of $\\mathbf{{p}}_1$ [mm]", f"${names[j]}$ [mm]", curves, map=True)
 
 
-def _columns(rows: Floats, i: int, j: int) -> tuple[Floats, Floats]:
-    return rows[:, i], rows[:, j]
-
-
-def _image_panel(record: Record) -> Panel:
+def _plot_image(record: Record) -> Panel:
     """Return m₁ and m₂ in pixels."""
     points = record.ticks["points"][record.new_frames()]
     curves = [
@@ -160,12 +152,11 @@ def _image_panel(record: Record) -> Panel:
 def plot_estimate(record: Record) -> Figure:
     """Return the estimate and the measurement over time.
 
-    An estimator with a projection model gives m₁ and π (34), Fig. 11; any other gives ẏ and ω = Ĵ
-    ṗ₁ (35), Fig. 12.
+    For an estimator with a projection model these are π, eq. (34), and m₁, as in Fig. 11; for any
+    other ω = Ĵ ṗ₁, eq. (35), and ẏ, as in Fig. 12.
     """
-    return (
-        plot_projection(record) if np.isfinite(record.ticks["model"]).any() else plot_flow(record)
-    )
+    has_model = np.isfinite(record.ticks["model"]).any()
+    return plot_projection(record) if has_model else plot_flow(record)
 
 
 def plot_projection(record: Record, since: float = 0.0) -> Figure:
@@ -177,24 +168,19 @@ def plot_projection(record: Record, since: float = 0.0) -> Figure:
     m1 = record.ticks["points"][new, :2] - record.ticks["o_c"][new]
     names = ("$u_1, \\pi_u$ [px]", "$v_1, \\pi_v$ [px]")
     legend = "measured $\\mathbf{m}_1$", "estimate $\\mathbf{\\pi}$ (34)"
-    return _comparison(
-        "Projection model", record, new, m1, record.ticks["model"][new, :2], names, legend, since
-    )
+    pi, title = record.ticks["model"][new, :2], "Projection model"
+    return _plot_comparison(title, record, new, m1, pi, names, legend, since)
 
 
 def plot_flow(record: Record) -> Figure:
     """Return the measured ẏ and the estimate ω = Ĵ ṗ₁ (35): Fig. 12."""
     new = record.new_frames()
     y_dot, omega = compute_flows(record, new)
-    names = (
-        "$\\dot s, \\omega_1$ [deg/s]",
-        "$\\dot r, \\omega_2$ [px/s]",
-        "$\\dot d, \\omega_3$ [px/s]",
-    )
+    y_dot, omega = y_dot * DISPLAY_UNITS, omega * DISPLAY_UNITS
+    symbols = ("s", "deg/s"), ("r", "px/s"), ("d", "px/s")
+    names = tuple(f"$\\dot {y}, \\omega_{i}$ [{unit}]" for i, (y, unit) in enumerate(symbols, 1))
     legend = "measured $\\dot{\\mathbf{y}}$", "estimate $\\mathbf{\\omega}$ (35)"
-    return _comparison(
-        "Output flow", record, new[1:], y_dot * DISPLAY_UNITS, omega * DISPLAY_UNITS, names, legend
-    )
+    return _plot_comparison("Output flow", record, new[1:], y_dot, omega, names, legend)
 
 
 def compute_flows(record: Record, new: NDArray[np.intp]) -> tuple[Floats, Floats]:
@@ -213,25 +199,23 @@ def compute_flows(record: Record, new: NDArray[np.intp]) -> tuple[Floats, Floats
         Measured and estimated rates of (s, r, d) in rad/s, px/s and px/s.
     """
     dt = np.diff(record.ticks["exposure"][new], axis=0) * 1e-9
-    steps = np.diff(record.ticks["y"][new], axis=0)
-    steps[:, 0] = (steps[:, 0] + np.pi) % (2.0 * np.pi) - np.pi
+    delta_y = np.diff(record.ticks["y"][new], axis=0)
+    delta_y[:, 0] = (delta_y[:, 0] + np.pi) % (2.0 * np.pi) - np.pi  # the shorter way round
     J_hat = record.ticks["J_hat"][new][:-1].reshape(-1, 3, 3)
     p_dot = np.diff(record.ticks["p1"][new], axis=0) / dt
-    return steps / dt, np.einsum("nij,nj->ni", J_hat, p_dot)
+    return delta_y / dt, np.einsum("nij,nj->ni", J_hat, p_dot)
 
 
 def exploration_spans(record: Record) -> list[tuple[float, float]]:
     """Return the time spans (s) of exploration, from ACQUIRE to a sufficient estimate."""
-    acquiring = np.array([phase == Phase.ACQUIRE.name for phase in record.phase], dtype=bool)
-    exploring = acquiring & (record.ticks["explored"][:, 0] == 0)
-    turns = np.flatnonzero(np.diff(exploring, prepend=False, append=False))
-    last = len(record.time) - 1
-    return [
-        (float(record.time[i]), float(record.time[min(j, last)])) for i, j in turns.reshape(-1, 2)
-    ]
+    is_acquiring = np.array([phase == Phase.ACQUIRE.name for phase in record.phase], dtype=bool)
+    is_exploring = is_acquiring & (record.ticks["explored"][:, 0] == 0)
+    rows = np.flatnonzero(np.diff(is_exploring, prepend=False, append=False))
+    times: list[float] = record.time[np.minimum(rows, len(record.time) - 1)].tolist()
+    return list(zip(times[::2], times[1::2], strict=True))
 
 
-def _comparison(
+def _plot_comparison(
     title: str,
     record: Record,
     rows: NDArray[np.intp],
@@ -253,9 +237,6 @@ def _comparison(
             make_curve(labels[1], time, estimated[:, i], style=1),
         ]
         limits = float(low - margin), float(high + margin)
-        panels.append(
-            Panel(
-                TIME_LABEL if shaded else "time [s]", name, curves, shaded=shaded, y_limits=limits
-            )
-        )
+        label = TIME_LABEL if shaded else "time [s]"
+        panels.append(Panel(label, name, curves, shaded=shaded, y_limits=limits))
     return Figure(title, panels)

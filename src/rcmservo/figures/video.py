@@ -1,4 +1,7 @@
-"""Writer of videos that every browser plays: VP8 in a WebM file, since OpenCV has no H.264."""
+"""Writer of videos that every browser plays: codec VP8 in a WebM file.
+
+OpenCV's wheel has no H.264, the usual codec of MP4 files.
+"""
 
 import os
 import sys
@@ -15,6 +18,7 @@ import numpy as np
 from rcmservo.interfaces import Image
 
 CODEC = cv2.VideoWriter.fourcc(*"VP80")
+"""OpenCV's number for VP8."""
 
 OPENCV_TAG_WARNING = b"OpenCV: FFMPEG: tag 0x30385056/'VP80' is not supported"
 """Start of the line that OpenCV prints to stderr for every WebM file, although it writes the file.
@@ -27,8 +31,8 @@ ERROR_LOG_LEVEL = 2
 """OpenCV's log level without warnings."""
 
 PROBE_BYTES = 1 << 16
-"""Bytes appended to an incomplete video to obtain the system's error. Twice FFmpeg's buffer, which
-is the most that a file can lack."""
+"""Bytes appended to an incomplete video to obtain the system's error: twice FFmpeg's buffer, which
+holds all that a file can lack."""
 
 
 class VideoWriter:
@@ -48,10 +52,10 @@ class VideoWriter:
 
     def __init__(self, path: Path, size: tuple[int, int], frame_rate: float) -> None:
         self.failed = ""
-        self._path, self._part = path, path.with_suffix(f".part{path.suffix}")
+        self._path, self._partial_path = path, path.with_suffix(f".part{path.suffix}")
         self._width, self._height = (side // 2 * 2 for side in size)
         self._writer: cv2.VideoWriter | None = None
-        self._count = 0
+        self._frame_count = 0
         self._attempt(partial(self._open, frame_rate))
 
     def write(self, image: Image) -> None:
@@ -60,15 +64,17 @@ class VideoWriter:
             self._attempt(partial(self._add, self._writer, image))
 
     def close(self) -> None:
-        """Finish the video: from then on the file is complete or absent."""
+        """Finish the video. The file is then complete or absent."""
         if self._writer is not None:
-            self._attempt(partial(self._end, self._writer))
+            self._attempt(partial(self._finish, self._writer))
 
     def _open(self, frame_rate: float) -> None:
-        self._part.touch()
+        self._partial_path.touch()
         size = self._width, self._height
         with _without_stderr_line(OPENCV_TAG_WARNING):
-            writer = cv2.VideoWriter(str(self._part), cv2.CAP_FFMPEG, CODEC, frame_rate, size)
+            writer = cv2.VideoWriter(
+                str(self._partial_path), cv2.CAP_FFMPEG, CODEC, frame_rate, size
+            )
         if not writer.isOpened():
             raise OSError("this OpenCV cannot write VP8 in WebM")
         self._writer = writer
@@ -78,16 +84,16 @@ class VideoWriter:
         with _without_warnings():
             is_written: bool | None = writer.write(cropped)  # None before OpenCV 5
         if is_written is False:
-            raise _reason_of_incomplete(self._part)
-        self._count += 1
+            raise _find_write_error(self._partial_path)
+        self._frame_count += 1
 
-    def _end(self, writer: cv2.VideoWriter) -> None:
-        if not self._count:
+    def _finish(self, writer: cv2.VideoWriter) -> None:
+        if not self._frame_count:
             raise OSError("it received no frame")
         writer.release()
-        if not _is_complete(self._part):
-            raise _reason_of_incomplete(self._part)
-        self._part.replace(self._path)
+        if not _is_complete(self._partial_path):
+            raise _find_write_error(self._partial_path)
+        self._partial_path.replace(self._path)
         self._writer = None
 
     def _attempt(self, action: Callable[[], None]) -> None:
@@ -100,17 +106,20 @@ class VideoWriter:
             if self._writer is not None:
                 self._writer.release()
                 self._writer = None
-            self._part.unlink(missing_ok=True)
+            self._partial_path.unlink(missing_ok=True)
 
 
 def _is_complete(path: Path) -> bool:
-    """Report whether the header holds the duration, which the writer adds last."""
+    """Return whether the header holds the duration, which OpenCV writes last."""
     video = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
     return video.get(cv2.CAP_PROP_FRAME_COUNT) > 0
 
 
-def _reason_of_incomplete(path: Path) -> OSError:
-    """Return the system's error for further bytes of this file, which OpenCV does not report."""
+def _find_write_error(path: Path) -> OSError:
+    """Return the reason why a file is incomplete, which OpenCV does not report.
+
+    The operating system gives it when further bytes are written, for example on a full disk.
+    """
     try:
         with path.open("ab") as file:
             file.write(bytes(PROBE_BYTES))

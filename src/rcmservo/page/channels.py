@@ -1,14 +1,16 @@
 """Channels between the page's processes. No process waits for another one.
 
-page ─ requests, jog state ─► servo process     page, STOP ─ stop requests ─► supervisor
-     ◄─── ticks ────
-     ◄─── status ───── servo process, supervisor     page ── settings ─► supervisor
+page ── requests, jog state ──► servo process
+page ◄── ticks ──────────────── servo process
+page ◄── status messages ────── servo process, supervisor
+page ── settings changes ─────► supervisor
+page, STOP ── stop requests ──► supervisor
 """
 
 import pickle
 import socket
 import struct
-from collections.abc import Iterator
+from contextlib import suppress
 from multiprocessing.context import BaseContext
 from typing import Any
 
@@ -56,17 +58,16 @@ class MessageChannel:
         data = pickle.dumps(message)
         try:
             return self._sender.send(data) == len(data)
-        except (BlockingIOError, OSError):
+        except OSError:  # includes BlockingIOError of a full channel
             return False
 
-    def receive_all(self) -> Iterator[Any]:
-        """Yield the messages that have arrived since the last call."""
-        while True:
-            try:
-                data = self._receiver.recv(MAX_MESSAGE_BYTES)
-            except BlockingIOError:
-                return
-            yield pickle.loads(data)
+    def receive_all(self) -> list[Any]:
+        """Return the messages that have arrived since the last call."""
+        messages: list[Any] = []
+        with suppress(BlockingIOError):
+            while True:
+                messages.append(pickle.loads(self._receiver.recv(MAX_MESSAGE_BYTES)))
+        return messages
 
     def fileno(self) -> int:
         """Return the file descriptor to wait for a message."""

@@ -1,4 +1,4 @@
-"""Observation without motion until the operator enables the drive at the page."""
+"""First part of a session: observation without motion until the operator enables the drive."""
 
 from dataclasses import replace
 
@@ -16,6 +16,7 @@ from rcmservo.safety.state_machine import Request
 from rcmservo.servo.servo import Servo
 
 NO_MOTION = np.zeros(3)
+"""Velocity of marker 1 and joint rates, each (3,), while the drive is off."""
 FIRST_TARGET_FRAMES = 30
 """Number of frames of the first target, half a second.
 
@@ -27,7 +28,7 @@ taught or selected later.
 def await_enable(channels: PageChannels, servo: Servo, intent: str, plant: Plant) -> Target:
     """Display observations until the drive is enabled; return the present pose as the target.
 
-    This is not `loop.run`: the drive is off and no command is sent.
+    The drive stays off and no command is sent, unlike in `loop.run`.
 
     Parameters
     ----------
@@ -53,31 +54,25 @@ def await_enable(channels: PageChannels, servo: Servo, intent: str, plant: Plant
     assert isinstance(plant, HeartbeatPlant)
     channels.status.send(SettingsApplied(replace(servo)))
     servo.warm_up()  # so that no compilation delays the drive after Enable
-    state, schedule = servo.init(), ticks(plant.clock, servo.rate)
-    list(channels.requests.receive_all())  # requests to an earlier session
+    state = servo.init()
+    channels.requests.receive_all()  # discards requests to an earlier session
     channels.status.send(Standby("the drive is off", can_enable=True, intent=intent))
-    while True:
-        now = next(schedule)
+    for time in ticks(plant.clock, servo.rate):
         raise_if_stopped(plant.stop_requested)
-        channels.ticks.add(
-            Tick(now, servo, plant.read(), Request.NONE, NO_MOTION, state, NO_MOTION)
-        )
-        target = _teach_first_target(channels, plant) if _enable_requested(channels) else None
-        if target is not None:
-            return target
+        observation = plant.read()
+        tick = Tick(time, servo, observation, Request.NONE, NO_MOTION, state, NO_MOTION)
+        channels.ticks.add(tick)
+        if _is_enable_requested(channels):
+            try:
+                return teach(plant, FIRST_TARGET_FRAMES)
+            except TeachingFailed as error:
+                channels.status.send(Note(f"not enabled: {error}"))
+    raise AssertionError("ticks without a duration never end")
 
 
-def _enable_requested(channels: PageChannels) -> bool:
+def _is_enable_requested(channels: PageChannels) -> bool:
     """Return whether the operator requests the drive; report every other request as refused."""
-    messages = list(channels.requests.receive_all())
-    if any(not isinstance(one, Enable) for one in messages):
+    are_enable = [isinstance(request, Enable) for request in channels.requests.receive_all()]
+    if not all(are_enable):
         channels.status.send(Note("the drive is off: enable first"))
-    return any(isinstance(one, Enable) for one in messages)
-
-
-def _teach_first_target(channels: PageChannels, plant: Plant) -> Target | None:
-    try:
-        return teach(plant, FIRST_TARGET_FRAMES)
-    except TeachingFailed as error:
-        channels.status.send(Note(f"not enabled: {error}"))
-        return None
+    return any(are_enable)

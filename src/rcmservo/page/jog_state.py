@@ -13,7 +13,9 @@ from rcmservo.live.shared_ring import SharedRing
 NO_PRESS = -1
 """Number of the press while no button is held down."""
 JOG_LAYOUT = struct.Struct("<qqdddd?")
+"""Bytes of a `JogCommand`, in the order of its fields."""
 JOG_SLOTS = 2
+"""Number of commands in the ring, so that a reader finds one while the next is being written."""
 
 
 class JogCommand(NamedTuple):
@@ -61,9 +63,8 @@ class JogState:
         self, press: int, motion: Triple, speed_scale: float = 1.0, moves_marker: bool = False
     ) -> None:
         """Write that a button is held down; `motion` is joint rates or the velocity of marker 1."""
-        self._write(
-            JogCommand(self._command.heartbeats + 1, press, *motion, speed_scale, moves_marker)
-        )
+        heartbeats = self._command.heartbeats + 1
+        self._write(JogCommand(heartbeats, press, *motion, speed_scale, moves_marker))
 
     def send_heartbeat(self) -> None:
         """Write a sign of life without a held button."""

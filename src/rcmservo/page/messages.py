@@ -1,4 +1,7 @@
-"""Messages between browser, servo process and supervisor."""
+"""Messages between browser, servo process and supervisor.
+
+`BrowserMessage` lists the requests of a browser, `StatusMessage` the reports to the page.
+"""
 
 from dataclasses import dataclass
 from typing import Annotated, Any
@@ -21,8 +24,8 @@ PRESS_NUMBER_LIMIT = Limit(lambda press: 0 <= press < 2**53, "a whole number fro
 
 def single_line_text(max_characters: int, noun: str = "one line") -> Limit:
     """Return the limit to a printable text of at most `max_characters`."""
-    words = f"{noun} of at most {max_characters} characters"
-    return Limit(lambda text: len(text) <= max_characters and text.isprintable(), words)
+    expected = f"{noun} of at most {max_characters} characters"
+    return Limit(lambda text: len(text) <= max_characters and text.isprintable(), expected)
 
 
 @dataclass(frozen=True)

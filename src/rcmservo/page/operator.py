@@ -1,9 +1,8 @@
-"""Operator at the page, as the loop calls it after every tick.
+"""Operator at the page: the requests of the browser in control, as the loop reads them each tick.
 
-start of the session     paused: nothing moves before the operator requests it
-no heartbeat             autonomous motion is paused
-jog button held down     the joints move as long as the browser repeats the command
-pose sequence            the tool moves from pose to pose until something stops it
+A session starts paused, so that nothing moves before the operator requests it. Autonomous motion
+pauses when the browser's heartbeats cease. A jog moves the joints as long as the browser repeats
+the command. A pose sequence moves the tool from pose to pose until something stops the tool.
 """
 
 from collections import deque
@@ -27,6 +26,7 @@ from rcmservo.page.messages import (
     SequenceStatus,
     SettingsApplied,
     SettingsChange,
+    StatusMessage,
     TargetChanged,
     TeachingStatus,
     TeachPose,
@@ -70,20 +70,21 @@ class PageOperator:
         self, channels: PageChannels, selection: SelectedSettings, frames: int = TEACHING_FRAMES
     ) -> None:
         self._channels, self._selection, self._frames = channels, selection, frames
-        self._servo: Servo | None = None
         self._requests: deque[tuple[OperatorRequest, str | None]] = deque([(Request.PAUSE, None)])
+        """Requests for the next ticks, each with the name of the pose that it teaches, or None."""
         command = channels.jog_state.read() or JogCommand()
-        self._jog, self._ended_press = command, command.press
-        self._heartbeat_at: int | None = None
-        self._active_press = NO_PRESS
-        self._teaching: str | None = None
+        self._jog_command, self._ended_press, self._active_press = command, command.press, NO_PRESS
+        self._heartbeat_ns: int | None = None
+        """Time (ns) of the browser's last sign of life; None before the first tick."""
+        self._taught_name: str | None = None
+        """Name of the pose that is being taught, "" for one that is not stored, None for none."""
         self._observed_frames, self._frame = 0, -1
-        self._target: Target | None = None
         self._sequence: SequenceRunner | None = None
-        self._progress: SequenceProgress | None = None
-        compute_joint_rates(
-            selection.servo.rcm, np.zeros(3), np.zeros(3)
-        )  # compiles it before the loop
+        self._reported_servo: Servo | None = None
+        self._reported_target: Target | None = None
+        self._reported_progress: SequenceProgress | None = None
+        # The kernel is compiled here, so that no compilation delays the loop.
+        compute_joint_rates(selection.servo.rcm, np.zeros(3), np.zeros(3))
 
     def __call__(self, tick: Tick) -> OperatorRequest:
         self._channels.ticks.add(tick)
@@ -97,51 +98,49 @@ class PageOperator:
             self._requests.clear()
             return Request.PAUSE
         if not self._requests:
-            return self._jog_request(tick)
+            return self._request_jog(tick)
         request, name = self._requests.popleft()
         self._cancel_teaching()
-        self._teaching = name
+        self._taught_name = name
         return request
 
     def _cancel_teaching(self) -> None:
-        """Report that a pose was not taught."""
-        if self._teaching is not None:
-            self._channels.status.send(Note(f"{self._teaching or 'the target'} was not taught"))
+        """End teaching without a result and report it, if a pose is being taught."""
+        if self._taught_name is not None:
+            self._report(Note(f"{self._taught_name or 'the target'} was not taught"))
             self._end_teaching()
 
     def _end_teaching(self) -> None:
-        self._teaching = None
+        self._taught_name = None
         self._observed_frames = 0
-        self._channels.status.send(TeachingStatus(""))
+        self._report(TeachingStatus(""))
 
     def _report_teaching(self, tick: Tick) -> None:
         """Report the number of frames since teaching began in which both markers are observed."""
-        is_observed = tick.observation.frame != self._frame and bool(
-            np.isfinite(tick.observation.points).all()
-        )
-        self._frame = tick.observation.frame
-        if self._teaching is None or not is_observed:
+        frame, is_observed = tick.observation.frame, np.isfinite(tick.observation.points).all()
+        is_new, self._frame = frame != self._frame, frame
+        if self._taught_name is None or not (is_new and is_observed):
             return
         self._observed_frames += 1
         if self._observed_frames % FRAMES_PER_REPORT == 1:
             count = f"{self._observed_frames} of {self._frames} frames"
-            self._channels.status.send(TeachingStatus(f"teaching, keep the tool still: {count}"))
+            self._report(TeachingStatus(f"teaching, keep the tool still: {count}"))
 
     def _read_jog_state(self, tick: Tick) -> None:
         """Read the jog command. End a press that the browser has not repeated in time."""
-        now, command = tick.observation.now, self._channels.jog_state.read() or self._jog
-        if self._heartbeat_at is None or command.heartbeats != self._jog.heartbeats:
-            self._heartbeat_at = now
-        elif now - self._heartbeat_at > JOG_TIMEOUT_NS:
+        now_ns, command = tick.observation.now, self._channels.jog_state.read() or self._jog_command
+        if self._heartbeat_ns is None or command.heartbeats != self._jog_command.heartbeats:
+            self._heartbeat_ns = now_ns
+        elif now_ns - self._heartbeat_ns > JOG_TIMEOUT_NS:
             self._ended_press = command.press
-        self._jog = command
+        self._jog_command = command
 
     def _handle(self, message: object, tick: Tick) -> None:
         match message:
             case Go():
-                self._go(message.target, (message.target,), tick)
+                self._request_motion((message.target,), tick)
             case RunSequence():
-                if self._go(message.targets[0], message.targets, tick):
+                if self._request_motion(message.targets, tick):
                     self._sequence = SequenceRunner(message)
             case TeachPose():
                 self._requests.append((Teach(self._frames), message.name))
@@ -150,19 +149,17 @@ class PageOperator:
             case Request():
                 self._requests.append((message, None))
             case _:
-                self._channels.status.send(
-                    Note(f"{type(message).__name__}: not while the drive is on")
-                )
+                self._report(Note(f"{type(message).__name__}: not while the drive is on"))
 
-    def _go(self, target: Target, targets: tuple[Target, ...], tick: Tick) -> bool:
-        """Request a target. Return False if the settings do not support all `targets`."""
+    def _request_motion(self, targets: tuple[Target, ...], tick: Tick) -> bool:
+        """Request the first target. Return False if the settings do not support all targets."""
         try:
-            for one in targets:
-                self._pending(Servo, tick.servo).require_target(one)
+            for target in targets:
+                self._find_pending(Servo, tick.servo).require_target(target)
         except BadInput as error:
-            self._channels.status.send(Note(str(error)))
+            self._report(Note(str(error)))
             return False
-        self._requests.append((target, None))
+        self._requests.append((targets[0], None))
         if tick.state.phase not in AUTONOMOUS_PHASES:
             self._requests.append((Request.RESUME, None))
         return True
@@ -177,11 +174,11 @@ class PageOperator:
                 self._sequence = None
                 if tick.state.phase in AUTONOMOUS_PHASES:
                     self._requests.append((Request.PAUSE, None))
-                self._channels.status.send(Note(sequence.outcome))
+                self._report(Note(sequence.outcome))
         progress = None if self._sequence is None else self._sequence.progress
-        if progress != self._progress:
-            self._progress = progress
-            self._channels.status.send(SequenceStatus(progress))
+        if progress != self._reported_progress:
+            self._reported_progress = progress
+            self._report(SequenceStatus(progress))
 
     def _change_settings(self, change: SettingsChange, tick: Tick) -> None:
         """Change a part that may change now; other parts change with the next session."""
@@ -191,28 +188,27 @@ class PageOperator:
             selection = self._selection.with_change(change)
             servo = check_changed_servo(tick.servo, selection.limited)
             assert tick.state.target is not None
-            servo.require_target(self._pending(Target, tick.state.target))
+            servo.require_target(self._find_pending(Target, tick.state.target))
         except BadInput as error:
-            self._channels.status.send(Note(f"not before the next session: {error}"))
+            self._report(Note(f"not before the next session: {error}"))
             return
         self._selection = selection
         self._requests.append((servo, None))
 
-    def _pending(self, kind: type[Requested], present: Requested) -> Requested:
-        """Return the last value of a type that waits to be requested, or the present one."""
-        return next((one for one, _ in reversed(self._requests) if isinstance(one, kind)), present)
+    def _find_pending(self, kind: type[Requested], present: Requested) -> Requested:
+        """Return the newest pending request of a type, or the present value if there is none."""
+        pending = [request for request, _ in self._requests if isinstance(request, kind)]
+        return pending[-1] if pending else present
 
     def _is_unattended(self, tick: Tick) -> bool:
         """Return whether the servo moves the tool autonomously without an operator."""
-        assert self._heartbeat_at is not None
-        return (
-            tick.state.phase in AUTONOMOUS_PHASES
-            and tick.observation.now - self._heartbeat_at > HEARTBEAT_TIMEOUT_NS
-        )
+        assert self._heartbeat_ns is not None
+        silence_ns = tick.observation.now - self._heartbeat_ns
+        return tick.state.phase in AUTONOMOUS_PHASES and silence_ns > HEARTBEAT_TIMEOUT_NS
 
-    def _jog_request(self, tick: Tick) -> OperatorRequest:
-        """Return the motion of the held button. A press during which JOG was left is over."""
-        command = self._jog
+    def _request_jog(self, tick: Tick) -> OperatorRequest:
+        """Return the motion of the held button. A press ends when the servo leaves JOG."""
+        command = self._jog_command
         if self._active_press != NO_PRESS and tick.state.phase is not Phase.JOG:
             self._ended_press = self._active_press
         is_held = command.press not in (NO_PRESS, self._ended_press)
@@ -222,28 +218,28 @@ class PageOperator:
         self._cancel_teaching()
         if self._sequence is not None:
             return Request.PAUSE
-        rates = _jog_rates(command, tick)
+        rates = _compute_jog_rates(command, tick)
         return Jog(rates) if np.isfinite(rates).all() else Request.NONE
 
     def _report_changes(self, tick: Tick) -> None:
         """Report new settings, a new target, and a taught pose to the page."""
-        if tick.servo is not self._servo:
-            self._servo = tick.servo
-            self._channels.status.send(SettingsApplied(replace(tick.servo)))
-        target = tick.state.target
-        if target is None or target is self._target:
+        if tick.servo is not self._reported_servo:
+            self._reported_servo = tick.servo
+            self._report(SettingsApplied(replace(tick.servo)))
+        target, name = tick.state.target, self._taught_name
+        if target is None or target is self._reported_target:
             return
-        self._target = target
-        self._channels.status.send(TargetChanged(target))
-        if self._teaching is not None:
-            note = Note("the target was taught again")
-            self._channels.status.send(
-                PoseTaught(self._teaching, target) if self._teaching else note
-            )
+        self._reported_target = target
+        self._report(TargetChanged(target))
+        if name is not None:
+            self._report(PoseTaught(name, target) if name else Note("the target was taught again"))
             self._end_teaching()
 
+    def _report(self, message: StatusMessage) -> None:
+        self._channels.status.send(message)
 
-def _jog_rates(command: JogCommand, tick: Tick) -> Floats:
+
+def _compute_jog_rates(command: JogCommand, tick: Tick) -> Floats:
     """Return the joint rates (3,) rad/s, rad/s, mm/s of a jog command at the present joints.
 
     The rates are scaled down to the fraction `speed_scale` of the jog speed. They are not finite if

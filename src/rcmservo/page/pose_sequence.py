@@ -1,9 +1,10 @@
 """Sequence of poses that the tool visits in turn, with a dwell at each, for a number of rounds.
 
-go to a pose ─► errors within the verdict's tolerance ─► for the whole dwell ─► next pose
-                        ▲ outside it, or HOLD: the dwell restarts │
+go to a pose ─► errors within `SETTLED_TOLERANCE` ─► dwell ─► next pose
+                               ▲                       │
+                               └── errors outside it, or HOLD: the dwell restarts
 
-Whatever stops the tool, or moves it elsewhere, ends the sequence.
+A sequence ends early when the tool is stopped or gets another target.
 """
 
 from dataclasses import dataclass
@@ -20,7 +21,7 @@ from rcmservo.recording.outcome import SETTLED_TOLERANCE
 from rcmservo.safety.state_machine import Phase
 
 MAX_WAYPOINTS, MAX_ROUNDS, MAX_DWELL_S = 20, 1000, 600.0
-"""Limits of a sequence: number of waypoints and rounds, and the longest dwell in s."""
+"""Largest number of waypoints, largest number of rounds, and longest dwell (s) of a sequence."""
 
 AUTONOMOUS_PHASES = Phase.ACQUIRE, Phase.SERVO, Phase.HOLD
 """Phases in which the servo moves the tool, or may move it at any tick."""
@@ -56,7 +57,9 @@ class SequencePlan(Checked, section="sequence"):
 
     waypoints: Annotated[
         tuple[Waypoint, ...],
-        Limit(lambda stops: 1 <= len(stops) <= MAX_WAYPOINTS, f"1 to {MAX_WAYPOINTS} poses"),
+        Limit(
+            lambda waypoints: 1 <= len(waypoints) <= MAX_WAYPOINTS, f"1 to {MAX_WAYPOINTS} poses"
+        ),
     ]
     rounds: Annotated[int, between(1, MAX_ROUNDS, "a whole number")] = 1
 
@@ -111,9 +114,12 @@ class SequenceRunner:
     def __init__(self, request: RunSequence) -> None:
         self._plan, self._targets = request.plan, request.targets
         self._visit_count = 0
-        self._requested_at: int | None = None
-        self._arrived_at: int | None = None
-        self.progress: SequenceProgress | None = self._progress_at(None)
+        """Number of completed visits."""
+        self._requested_ns: int | None = None
+        """Time (ns) of the first tick on the way to the present waypoint."""
+        self._arrived_ns: int | None = None
+        """Time (ns) since which the tool has been at the present waypoint."""
+        self.progress: SequenceProgress | None = self._describe_progress(None)
         """Progress; None after the end."""
         self.outcome = ""
         """Reason of the end in words; empty before it."""
@@ -131,47 +137,44 @@ class SequenceRunner:
         bool
             True if the tool must go to the next waypoint from now on.
         """
-        now, state = tick.observation.now, tick.state
-        reason = interruption(tick, self.target)
+        now_ns, state = tick.observation.now, tick.state
+        reason = find_interruption(tick, self.target)
         if reason:
             self.progress, self.outcome = None, f"the pose sequence has ended: {reason}"
             return False
-        self._requested_at = now if self._requested_at is None else self._requested_at
+        self._requested_ns = now_ns if self._requested_ns is None else self._requested_ns
         is_at_pose = bool((np.abs(state.delta) < SETTLED_TOLERANCE).all())
-        is_current = tick.observation.exposure >= self._requested_at
+        is_current = tick.observation.exposure >= self._requested_ns
         if state.phase is not Phase.SERVO or not is_current or not is_at_pose:
-            self._arrived_at = None
-        elif self._arrived_at is None:
-            self._arrived_at = now
-        arrived_at = self._arrived_at
-        remaining_s = None if arrived_at is None else self._remaining_dwell(now - arrived_at)
+            self._arrived_ns = None
+        elif self._arrived_ns is None:
+            self._arrived_ns = now_ns
+        remaining_s = None
+        if self._arrived_ns is not None:
+            dwell_s = self._plan.waypoints[self._visit_count % len(self._targets)].dwell
+            remaining_s = ceil(max(0.0, dwell_s - (now_ns - self._arrived_ns) * 1e-9))
         if remaining_s == 0:
             return self._advance()
-        self.progress = self._progress_at(remaining_s)
+        self.progress = self._describe_progress(remaining_s)
         return False
 
-    def _remaining_dwell(self, elapsed_ns: int) -> int:
-        waypoint = self._plan.waypoints[self._visit_count % len(self._targets)]
-        return ceil(max(0.0, waypoint.dwell - elapsed_ns * 1e-9))
-
-    def _progress_at(self, remaining_s: int | None) -> SequenceProgress:
+    def _describe_progress(self, remaining_s: int | None) -> SequenceProgress:
         count, rounds = len(self._targets), self._plan.rounds
-        completed, index = divmod(self._visit_count, count)
-        return SequenceProgress(
-            self._plan.waypoints[index].pose, index + 1, count, completed + 1, rounds, remaining_s
-        )
+        completed_rounds, index = divmod(self._visit_count, count)
+        pose, round_number = self._plan.waypoints[index].pose, completed_rounds + 1
+        return SequenceProgress(pose, index + 1, count, round_number, rounds, remaining_s)
 
     def _advance(self) -> bool:
-        """Advance to the next waypoint, or end the sequence."""
-        self._visit_count, self._requested_at, self._arrived_at = self._visit_count + 1, None, None
+        """Advance to the next waypoint and return True, or end the sequence and return False."""
+        self._visit_count, self._requested_ns, self._arrived_ns = self._visit_count + 1, None, None
         if self._visit_count < self._plan.rounds * len(self._targets):
-            self.progress = self._progress_at(None)
+            self.progress = self._describe_progress(None)
             return True
         self.progress, self.outcome = None, "the pose sequence is complete"
         return False
 
 
-def interruption(tick: Tick, target: Target) -> str:
+def find_interruption(tick: Tick, target: Target) -> str:
     """Return the reason that ends a sequence on the way to a target, or ""."""
     state = tick.state
     if state.phase not in AUTONOMOUS_PHASES:

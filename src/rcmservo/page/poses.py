@@ -1,7 +1,7 @@
 """Taught poses on disk: target files as `--target` takes them, each with the picture at teaching.
 
-The file name of a pose is its percent-encoded name, so that every file stays inside the folder and
-no two poses use the same file.
+The percent-encoded name of a pose is the name of its file. Every file therefore stays inside the
+folder, and no two poses use the same file.
 """
 
 from contextlib import suppress
@@ -66,9 +66,9 @@ class PoseStore:
                 self.refused[name] = str(error).removeprefix(f"{path}: ")
 
     def save(self, name: str, target: Target, jpeg: bytes) -> str:
-        """Store a pose and replace one of the same name.
+        """Store a pose with the JPEG file of a picture; replace a pose of the same name.
 
-        If the file cannot be written, the pose exists until the page ends.
+        If a file cannot be written, the pose exists until the page ends.
 
         Returns
         -------
@@ -78,11 +78,11 @@ class PoseStore:
         self.targets[name] = target
         self.refused.pop(name, None)
         try:
-            path = self._file(name)
+            path = self._find_file(name)
             self.location.folder.mkdir(parents=True, exist_ok=True)
             target_file.save_target(path, target, self.location.setup)
-            with atomic_path(path.with_suffix(".jpg")) as part:
-                part.write_bytes(jpeg)
+            with atomic_path(path.with_suffix(".jpg")) as partial_file:
+                partial_file.write_bytes(jpeg)
         except OSError as error:
             return f"{name} is not stored: {self.location.folder}: {error.strerror}"
         except RcmServoError as error:
@@ -94,27 +94,26 @@ class PoseStore:
         self.targets.pop(name, None)
         self.refused.pop(name, None)
         try:
-            path = self._file(name)
-            for one in (path, path.with_suffix(".jpg")):
-                one.unlink(missing_ok=True)
+            path = self._find_file(name)
+            path.unlink(missing_ok=True)
+            path.with_suffix(".jpg").unlink(missing_ok=True)
         except OSError as error:
             return f"{name} is not deleted: {error.strerror}"
         except UnusableFile:
             """The pose was never on disk."""
         return ""
 
-    def picture(self, name: str) -> bytes:
+    def read_picture(self, name: str) -> bytes:
         """Return the JPEG file of the picture at teaching; empty if there is none."""
         if name in self.targets or name in self.refused:
             with suppress(OSError, UnusableFile):
-                return self._file(name).with_suffix(".jpg").read_bytes()
+                return self._find_file(name).with_suffix(".jpg").read_bytes()
         return b""
 
-    def _file(self, name: str) -> Path:
+    def _find_file(self, name: str) -> Path:
         encoded = quote(name, safe=" ")
         path = self.location.folder / f"{encoded}.json"
         if len(encoded) > MAX_FILE_NAME_BYTES:
-            raise UnusableFile(
-                path, f"has a name longer than {MAX_FILE_NAME_BYTES} bytes: shorten the pose's name"
-            )
+            limit = f"{MAX_FILE_NAME_BYTES} bytes"
+            raise UnusableFile(path, f"has a name longer than {limit}: shorten the pose's name")
         return path

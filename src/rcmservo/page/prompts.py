@@ -1,4 +1,4 @@
-"""Questions to the operator at the page before the drive can go on, such as the joints' values."""
+"""Questions to the operator at the page before the drive is enabled, such as the joints' values."""
 
 from rcmservo.live.servo_process import HeartbeatPlant, raise_if_stopped
 from rcmservo.loop.clock import ticks
@@ -31,8 +31,8 @@ class PagePrompts:
         Stopped
             If a stop is requested.
         """
-        plant, displayed_at = self._plant, self._plant.clock.now()
-        list(self._channels.requests.receive_all())
+        plant, displayed_ns = self._plant, self._plant.clock.now()
+        self._channels.requests.receive_all()  # discards answers to an earlier question
         self._channels.status.send(Standby(self._statement, question=question))
         for _ in ticks(plant.clock, POLL_RATE_HZ):
             raise_if_stopped(plant.stop_requested)
@@ -40,7 +40,7 @@ class PagePrompts:
                 if not isinstance(message, Reply):
                     self._channels.status.send(Note("the drive is off: answer the question first"))
                     continue
-                has_been_read = plant.clock.now() - displayed_at >= MIN_READING_TIME_NS
-                if message.question == question and has_been_read:
+                could_be_read = plant.clock.now() - displayed_ns >= MIN_READING_TIME_NS
+                if message.question == question and could_be_read:
                     return message.words.strip()
-        raise AssertionError("the clock has ended")
+        raise AssertionError("ticks without a duration never end")

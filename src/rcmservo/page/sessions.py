@@ -1,8 +1,10 @@
 """Consecutive sessions on one arm, and the stop requests that end them.
 
-preparing ─► drive off ─ enable ─► loop ─ end of the session ─► preparing
-    ▲                                │ STOP, or an error
-    └────────────── clear ◄── stopped, with the drive off
+preparing ─► drive off ─ Enable ─► servo loop ─ end of the session ─► preparing
+    ▲                                  │ STOP, or an error
+    └────────────── Clear ◄────── stopped, with the drive off
+
+A session is one servo process, from its start to its end. `SessionLoop` runs in the supervisor.
 """
 
 from collections.abc import Callable, Mapping
@@ -26,19 +28,19 @@ class StopPressed(Stopped):
 
 
 class SessionLoop:
-    """Loop over sessions.
+    """Loop that runs one session after another until an exception ends it.
 
     Parameters
     ----------
     channels : PageChannels
         Channels to the page.
-    session : callable
+    create_session : callable
         Returns the next session.
     switch_off : callable
         Switches the drive off from outside the servo process and returns the result in words.
-    needed : mapping
+    needed_processes : mapping
         Names of the processes that every session needs, by their sentinels.
-    change : callable
+    change_settings : callable
         Applies changed settings to the next session.
     handlers : mapping, optional
         Functions to call when further channels have a message.
@@ -47,37 +49,39 @@ class SessionLoop:
     def __init__(
         self,
         channels: PageChannels,
-        session: Callable[[], Session],
+        create_session: Callable[[], Session],
         switch_off: SwitchOff,
-        needed: Mapping[int, str],
-        change: Callable[[SettingsChange], None],
+        needed_processes: Mapping[int, str],
+        change_settings: Callable[[SettingsChange], None],
         handlers: EventHandlers = NO_HANDLERS,
     ) -> None:
-        self._channels, self._session, self._switch_off = channels, session, switch_off
-        self._change = change
-        self._has_begun, self._is_waiting = False, False
+        self._channels, self._switch_off = channels, switch_off
+        self._create_session, self._change_settings = create_session, change_settings
+        self._has_been_enabled, self._can_restart = False, False
         self._handlers: dict[Any, Callable[[], None]] = {
             **handlers,
             channels.stop_requests: self._handle_stop_request,
             channels.settings_changes: self._apply_changes,
         }
-        for sentinel, name in needed.items():
-            self._handlers[sentinel] = lambda name=name: self._report_lost_process(name)
+        for sentinel, name in needed_processes.items():
+            self._handlers[sentinel] = lambda name=name: self._raise_lost_process(name)
 
     def run(self) -> None:
         """Run sessions until an exception ends them."""
         while True:
-            reason = self._run()
+            reason = self._run_session()
             if reason:
-                self._latch(reason)
+                self._await_clear(reason)
 
-    def _run(self) -> str:
+    def _run_session(self) -> str:
         """Run one session. Return the reason if the operator must clear first, or ""."""
         self._apply_changes()
-        self._has_begun, self._is_waiting = False, True
+        self._has_been_enabled, self._can_restart = False, True
         self._channels.status.send(Standby("preparing"))
         try:
-            result = run_live(self._session(), self._switch_off, self._report, self._handlers)
+            result = run_live(
+                self._create_session(), self._switch_off, self._note_enabled, self._handlers
+            )
         except StopPressed as stop:
             return str(stop)
         except SessionRestart:
@@ -93,39 +97,37 @@ class SessionLoop:
         self._channels.status.send(Note("the session is over and the drive is off"))
         return ""
 
-    def _report(self, report: Report) -> None:
-        self._has_begun, self._is_waiting = True, False
+    def _note_enabled(self, _: Report) -> None:
+        """Note at a report of the servo loop that the drive has been enabled."""
+        self._has_been_enabled, self._can_restart = True, False
 
     def _handle_stop_request(self) -> None:
         """End the running session if STOP was pressed."""
-        if STOP in list(self._channels.stop_requests.receive_all()):
-            reason = f"STOP was pressed: {self._switch_off(self._has_begun)}"
+        if STOP in self._channels.stop_requests.receive_all():
+            reason = f"STOP was pressed: {self._switch_off(self._has_been_enabled)}"
             self._channels.status.send(Standby(reason, is_latched=True))
             raise StopPressed(reason)
 
     def _apply_changes(self) -> None:
         """Apply changed settings to the next session, and restart one that is not enabled yet."""
-        changes = list(self._channels.settings_changes.receive_all())
+        changes = self._channels.settings_changes.receive_all()
         for change in changes:
-            self._change(change)
-        if changes and self._is_waiting:
-            self._is_waiting = False
+            self._change_settings(change)
+        if changes and self._can_restart:
+            self._can_restart = False
             raise SessionRestart("the settings have changed")
 
-    def _report_lost_process(self, name: str) -> None:
-        raise Stopped(f"{name} has ended by itself; {self._switch_off(self._has_begun)}")
+    def _raise_lost_process(self, name: str) -> None:
+        raise Stopped(f"{name} has ended by itself; {self._switch_off(self._has_been_enabled)}")
 
-    def _latch(self, reason: str) -> None:
+    def _await_clear(self, reason: str) -> None:
         """Display the reason of a stop and wait until the operator clears it."""
-        self._is_waiting = False
-        list(
-            self._channels.stop_requests.receive_all()
-        )  # requests from before the stop could be cleared
+        self._can_restart = False
+        self._channels.stop_requests.receive_all()  # discards requests from before this display
         self._channels.status.send(Standby(reason, is_latched=True, can_clear=True))
         while True:
-            for ready in wait(list(self._handlers)):
-                if ready is not self._channels.stop_requests:
-                    self._handlers[ready]()
-            requests = list(self._channels.stop_requests.receive_all())
-            if requests and requests[-1] == CLEAR:
+            for channel in wait(list(self._handlers)):
+                if channel is not self._channels.stop_requests:
+                    self._handlers[channel]()
+            if self._channels.stop_requests.receive_all()[-1:] == [CLEAR]:
                 return

@@ -1,9 +1,8 @@
 """Settings that the page can change, one part of the servo at a time.
 
-controller                            from the next tick on
-estimator, exploration, imaged RCM    from the next session on
-
-Gate, thresholds, mechanism and tool are excluded, so that no browser changes a safety limit.
+A change of the controller takes effect at the next tick, a change of estimator, exploration or
+imaged RCM at the next session. Gate, thresholds, mechanism and tool are excluded, so that no
+browser changes a safety limit.
 """
 
 from collections.abc import Callable
@@ -22,10 +21,10 @@ from rcmservo.servo.servo import Servo
 IMMEDIATE_PARTS = ("controller",)
 """Parts that may change while the drive is on."""
 EDITABLE_PARTS = (*IMMEDIATE_PARTS, *(part for part in METHOD_PARTS if part not in IMMEDIATE_PARTS))
-"""Parts that may change at all: the parts of the method."""
+"""Parts that may change at all."""
 
 ServoLimit = Callable[[Servo], Servo]
-"""Function that bounds a servo, whatever its settings are."""
+"""Function that returns a servo with its speed bounded, whatever its settings are."""
 
 
 def without_limit(servo: Servo) -> Servo:
@@ -60,7 +59,7 @@ class SelectedSettings:
     servo : Servo
         Servo with the selected settings.
     limit : callable
-        Bounds the servo that runs, whatever is selected.
+        Returns the servo that may run with these settings.
     """
 
     def __init__(self, servo: Servo, limit: ServoLimit = without_limit) -> None:
@@ -99,6 +98,6 @@ def describe_estimator(servo: Servo, has_explored: bool, condition: float, phase
         return f"Estimator {name}: exploring"
     if not has_explored or not np.isfinite(condition):
         return f"Estimator {name}: no estimate yet; Go explores first"
-    damped = condition > 0.5 * servo.controller.max_condition
-    more = ", so high that the law is damped" if damped else ""
-    return f"Estimator {name}: explored, condition of Ĵ {condition:.3g}{more}"
+    is_damped = condition > 0.5 * servo.controller.max_condition
+    remark = ", so high that the controller is damped" if is_damped else ""
+    return f"Estimator {name}: explored, condition of Ĵ {condition:.3g}{remark}"

@@ -1,4 +1,7 @@
-"""Content of the page: the newest tick in words and numbers, and the newest status messages."""
+"""Content of the page for a browser: the newest tick and status messages in words and numbers.
+
+`Dashboard.to_table` returns it and `encode_json` encodes it.
+"""
 
 import time
 from collections import deque
@@ -7,6 +10,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from pydantic_core import to_json
 
 from rcmservo.config.toml_json_parsing import Table
 from rcmservo.interfaces import Floats, Target
@@ -25,7 +29,6 @@ from rcmservo.page.plots.curves import Curves
 from rcmservo.page.plots.mechanism_shape import MechanismShape
 from rcmservo.page.pose_sequence import AUTONOMOUS_PHASES, SequenceProgress
 from rcmservo.page.poses import PoseStore
-from rcmservo.page.recovery_actions import list_allowed_actions, list_recovery_actions
 from rcmservo.page.settings import describe_estimator
 from rcmservo.recording import ros2_messages
 from rcmservo.recording.ros2_messages import TICK
@@ -34,8 +37,8 @@ from rcmservo.safety.causes import Cause
 from rcmservo.safety.state_machine import Phase
 from rcmservo.servo.servo import Servo
 
-MAX_NOTES = 20
-"""Number of notes that are stored."""
+MAX_NOTES, DISPLAYED_NOTES = 20, 3
+"""Number of notes that are stored, and of those that a browser displays."""
 
 TruePoseError = Callable[[Floats], float]
 """True pose error in mm of a target, as a function of the joints (3,) at which it was taught."""
@@ -43,7 +46,7 @@ TruePoseError = Callable[[Floats], float]
 
 @dataclass(frozen=True)
 class Status:
-    """State of the servo in words, and the actions of the page's buttons.
+    """State of the servo in words, and the actions of the page's buttons, as the browser gets them.
 
     Parameters
     ----------
@@ -52,7 +55,7 @@ class Status:
     words : str
         Phase in words.
     action : str
-        Action of the cause, a measure of its severity.
+        Name of the `Action` that the cause requests, which shows its severity.
     can : list[str]
         Actions that the browser in control may request now.
     recovery : list[str]
@@ -150,13 +153,13 @@ class Dashboard:
         """Read new status messages and ticks."""
         for message in self.channels.status.receive_all():
             self._apply(message)
-        self.count, ticks = self.channels.ticks.after(self.count)
-        for one in ticks:
-            self.tick = decode_ring_tick(one)
+        self.count, encoded_ticks = self.channels.ticks.after(self.count)
+        for encoded_tick in encoded_ticks:
+            self.tick = decode_ring_tick(encoded_tick)
             self.curves.add(self.tick)
-        if ticks:
-            ended = self.standby is not None and self.standby.is_latched
-            if self.tick["phase"] != Phase.DISABLED.name and not ended:
+        if encoded_ticks:
+            is_stopped = self.standby is not None and self.standby.is_latched
+            if self.tick["phase"] != Phase.DISABLED.name and not is_stopped:
                 self.standby = None
         self.updated_at = time.monotonic_ns()
 
@@ -190,31 +193,32 @@ class Dashboard:
         """Return the content for a browser; `encode_json` encodes it."""
         tick, target = self.tick, self.target
         return {
-            **vars(self._status()),
+            **vars(self._describe_status()),
             "points": as_points(tick.get("points")),
-            "predicted": as_points(predicted_markers(tick)),
+            "predicted": as_points(tick["model"] + np.tile(tick["o_c"], 2)) if tick else None,
             **{name: tick.get(name) for name in ("y", "quality", "delta", "q")},
             "rcm": tick.get("o_c"),
             "target": None if target is None else target.points,
-            "tool": self._tool(tick.get("q")),
-            "tool_target": self._tool(None if target is None else target.q),
-            "truth_mm": self._true_error(target),
+            "tool": self._compute_tool_points(tick.get("q")),
+            "tool_target": self._compute_tool_points(None if target is None else target.q),
+            "truth_mm": self._compute_true_error(target),
             "at": self.updated_at,
             "poses": sorted(self.poses.targets),
             "refused_poses": self.poses.refused,
             "pose_version": self.pose_version,
             "sequence": self.sequence,
             "settings_version": self.settings_version,
-            "estimator_status": self._estimator_status(),
-            "notes": list(self.notes)[-3:],
+            "estimator_status": self._describe_estimator(),
+            "notes": list(self.notes)[-DISPLAYED_NOTES:],
         }
 
-    def _true_error(self, target: Target | None) -> float | None:
+    def _compute_true_error(self, target: Target | None) -> float | None:
+        """Return the true pose error in mm; None outside simulation or without known joints."""
         if self.truth is None or target is None or not np.isfinite(target.q).all():
             return None
         return round(self.truth(target.q), 4)
 
-    def _estimator_status(self) -> str:
+    def _describe_estimator(self) -> str:
         """Return the state of the estimator in words; empty if no servo runs."""
         tick = self.tick
         if self.active_servo is None or not tick:
@@ -222,13 +226,13 @@ class Dashboard:
         has_explored, condition = bool(tick["explored"][0]), float(tick["condition"][0])
         return describe_estimator(self.active_servo, has_explored, condition, Phase[tick["phase"]])
 
-    def _tool(self, q: Floats | None) -> Floats | None:
+    def _compute_tool_points(self, q: Floats | None) -> Floats | None:
         """Return markers and tip (3, 3) in mm at the joints; None if the joints are unknown."""
         if self.shape is None or q is None or not np.isfinite(q).all():
             return None
-        return self.shape.points(q).round(2)
+        return self.shape.compute_points(q).round(2)
 
-    def _status(self) -> Status:
+    def _describe_status(self) -> Status:
         """Return the state of the servo, or of the session while no loop runs."""
         if self.standby is not None or not self.tick:
             standby = self.standby or Standby("preparing")
@@ -259,16 +263,39 @@ def decode_ring_tick(data: bytes) -> Table:
     """Decode a tick of the ring to its columns and names."""
     columns = ros2_messages.tick_columns(TICK, [data])
     names = ros2_messages.decode_names(data[: -DUE_TIME.size], TICK)
-    named = {one.name: name for one, name in zip(NAME_COLUMNS, names, strict=True)}
-    (due,) = DUE_TIME.unpack(data[-DUE_TIME.size :])
-    return {name: column[0] for name, column in columns.items()} | named | {"time": due}
+    named = {column.name: name for column, name in zip(NAME_COLUMNS, names, strict=True)}
+    (due_ns,) = DUE_TIME.unpack(data[-DUE_TIME.size :])
+    return {name: column[0] for name, column in columns.items()} | named | {"time": due_ns}
 
 
-def predicted_markers(tick: Table) -> Floats | None:
-    """Return the markers (4,) px that the estimator predicts; NaN if it predicts none."""
-    return tick["model"] + np.tile(tick["o_c"], 2) if tick else None
+def list_recovery_actions(phase: Phase, cause: Cause) -> list[str]:
+    """Return the actions that recover from a cause, in the order in which they are pressed."""
+    if phase is Phase.FAULT:
+        return ["clear"]
+    if phase is not Phase.PAUSED:
+        return []
+    return ["teach_again", "resume"] if cause.needs_teaching else ["resume"]
+
+
+def list_allowed_actions(phase: Phase) -> list[str]:
+    """Return the actions that the browser in control may request in a phase of the loop."""
+    if phase is Phase.FAULT:
+        return ["clear"]
+    pause = "resume" if phase is Phase.PAUSED else "pause"
+    can_jog = phase in (Phase.IDLE, Phase.PAUSED, Phase.JOG)
+    return ["teach_again", "teach", "go", pause, *["jog"] * can_jog]
 
 
 def as_points(numbers: Floats | None) -> Floats | None:
-    """Return numbers in a row as points [[u, v], ...]."""
+    """Return coordinates (2 n,) in px as points (n, 2) with columns u, v; None for None."""
     return None if numbers is None else np.reshape(numbers, (-1, 2))
+
+
+def encode_json(value: object) -> bytes:
+    """Encode a value as JSON: dataclasses as tables, arrays as lists, NaN and infinity as null."""
+    return to_json(value, inf_nan_mode="null", fallback=_convert_array)
+
+
+def _convert_array(array: Any) -> Any:
+    """Convert an array or a NumPy scalar to plain Python."""
+    return array.tolist()

@@ -1,6 +1,6 @@
-"""Execution of work on records in a process of low priority.
+"""Execution of functions that read records in processes of low priority.
 
-Neither the page nor the servo waits for it.
+The page stays responsive and the servo keeps its share of the processor meanwhile.
 """
 
 import os
@@ -13,31 +13,31 @@ from typing import Any, TypeVar
 
 from rcmservo.errors import RcmServoError
 
-MAX_WORK_S = 300.0
-"""Longest time in s for a piece of work."""
+MAX_CALL_S = 300.0
+"""Longest time in s for a call."""
 
-MAX_QUEUED = 4
-"""Largest number of pieces of work, including the running one."""
+MAX_QUEUED_CALLS = 4
+"""Largest number of calls, including the running one."""
 
 NICENESS = 15
-"""Niceness of the process."""
+"""Niceness of the process, the POSIX measure of low priority."""
 
 Result = TypeVar("Result")
 
 
 class BackgroundWorker:
-    """Executor of one piece of work at a time."""
+    """Executor of one call at a time, each in a process of its own."""
 
     def __init__(self) -> None:
         self._lock, self._count = Lock(), 0
 
     @property
     def is_full(self) -> bool:
-        """State in which no further work is accepted."""
-        return self._count >= MAX_QUEUED
+        """True if the queue of calls is full."""
+        return self._count >= MAX_QUEUED_CALLS
 
-    def run(self, work: Callable[..., Result], *arguments: Any) -> Result:
-        """Run a module's function in another process and return its result. This call blocks.
+    def run(self, function: Callable[..., Result], *arguments: Any) -> Result:
+        """Call a module's function in another process and return its result. This call blocks.
 
         Raises
         ------
@@ -47,38 +47,41 @@ class BackgroundWorker:
         self._count += 1
         try:
             with self._lock:
-                return _run_in_process(pickle.dumps((work, arguments)))
+                return _run_in_process(pickle.dumps((function, arguments)))
         finally:
             self._count -= 1
 
 
-def _run_in_process(job: bytes) -> Any:
+def _run_in_process(pickled_call: bytes) -> Any:
     command = [sys.executable, "-c", f"from {__name__} import main; main()"]
     try:
         process = subprocess.run(
             command,
-            input=job,
+            input=pickled_call,
             stdout=subprocess.PIPE,
-            timeout=MAX_WORK_S,
+            timeout=MAX_CALL_S,
             start_new_session=True,
-            check=False,
+            check=True,
         )
     except subprocess.TimeoutExpired as error:
-        raise RcmServoError(f"the record took longer than {MAX_WORK_S:g} s to read") from error
-    if process.returncode:
-        raise RcmServoError("the process that reads records has ended unexpectedly")
-    answer = pickle.loads(process.stdout)
-    if isinstance(answer, RcmServoError):
-        raise answer
-    return answer
+        raise RcmServoError(f"the record took longer than {MAX_CALL_S:g} s to read") from error
+    except subprocess.CalledProcessError as error:
+        raise RcmServoError("the process that reads records has ended unexpectedly") from error
+    result = pickle.loads(process.stdout)
+    if isinstance(result, RcmServoError):
+        raise result
+    return result
 
 
 def main() -> None:
-    """Read a piece of work from standard input, run it, and write the result to standard output."""
+    """Read a pickled call from standard input, make it, and pickle the result to standard output.
+
+    An `RcmServoError` of the function is a result too.
+    """
     os.nice(NICENESS)
-    work, arguments = pickle.load(sys.stdin.buffer)
+    function, arguments = pickle.load(sys.stdin.buffer)
     try:
-        answer: object = work(*arguments)
+        result: object = function(*arguments)
     except RcmServoError as error:
-        answer = RcmServoError(str(error))
-    sys.stdout.buffer.write(pickle.dumps(answer))
+        result = RcmServoError(str(error))
+    sys.stdout.buffer.write(pickle.dumps(result))

@@ -1,7 +1,7 @@
-"""List of the past runs.
+"""List of the past runs below a folder.
 
-Each run has a name that is a hash of its path. A browser can request a run only by this name, and
-so no other file.
+The name of a run is a hash of its path. Because a browser can request a run only by this name, it
+can read no other file.
 """
 
 import time
@@ -66,54 +66,56 @@ class RunList:
         self._lock = Lock()
         self._paths: dict[str, Path] = {}
         self._headers: dict[Path, tuple[tuple[int, int], RecordHeader | str]] = {}
+        """Time of the last change and size of each record, with its header or why it has none."""
 
     def list_runs(self) -> list[PastRun]:
         """Return the runs, the newest first."""
         with self._lock:
-            found = sorted(self._records(), reverse=True)[:MAX_RUNS]
-            self._paths = {self._name(path): path for _, path in found}
-            self._headers = {p: self._headers[p] for _, p in found if p in self._headers}
-            return [self._describe(path) for _, path in found]
+            paths = [path for _, path in sorted(self._iterate_records(), reverse=True)[:MAX_RUNS]]
+            self._paths = {self._hash_path(path): path for path in paths}
+            self._headers = {p: self._headers[p] for p in paths if p in self._headers}
+            return [self._describe(path) for path in paths]
 
     def find_record(self, name: str) -> Path | None:
         """Return the record of a listed run if it still exists."""
         path = self._paths.get(name)
         return path if path is not None and path.is_file() else None
 
-    def _records(self) -> Iterator[tuple[int, Path]]:
+    def _iterate_records(self) -> Iterator[tuple[int, Path]]:
         """Yield the records with the times of their last changes, except behind symbolic links."""
         for pattern in RECORD_PATTERNS:
             for path in self._root.glob(pattern):
-                steps = (path, *path.relative_to(self._root).parents)
-                if not any((self._root / step).is_symlink() for step in steps if step != Path()):
+                folders = [self._root / f for f in path.relative_to(self._root).parents[:-1]]
+                if not any(part.is_symlink() for part in (path, *folders)):
                     yield path.stat().st_mtime_ns, path
 
-    def _name(self, path: Path) -> str:
+    def _hash_path(self, path: Path) -> str:
         return blake2s(str(path.relative_to(self._root)).encode(), digest_size=8).hexdigest()
 
     def _describe(self, path: Path) -> PastRun:
-        changed = path.stat().st_mtime
-        header = self._cached_header(path)
-        common = self._name(path), str(path.parent.relative_to(self._root))
-        when = f"{datetime.fromtimestamp(changed):%Y-%m-%d %H:%M:%S}"
+        changed_s = path.stat().st_mtime
+        header = self._read_cached_header(path)
+        name, folder = self._hash_path(path), str(path.parent.relative_to(self._root))
+        changed = f"{datetime.fromtimestamp(changed_s):%Y-%m-%d %H:%M:%S}"
         if isinstance(header, str):
-            return PastRun(*common, when, header, None, "cannot be read", False)
-        is_recording = not header.is_closed and time.time() - changed < RECORDING_TIMEOUT_S
+            return PastRun(name, folder, changed, header, None, "cannot be read", False)
+        is_recording = not header.is_closed and time.time() - changed_s < RECORDING_TIMEOUT_S
         description = describe_run(header.settings, header.servo)
         ending = describe_ending(header, is_recording)
-        return PastRun(*common, when, description, header.seconds, ending, is_recording)
+        return PastRun(name, folder, changed, description, header.seconds, ending, is_recording)
 
-    def _cached_header(self, path: Path) -> RecordHeader | str:
+    def _read_cached_header(self, path: Path) -> RecordHeader | str:
         """Return a record's header, or why it cannot be read; read it again after a change."""
         status = path.stat()
-        key = status.st_mtime_ns, status.st_size
-        cached = self._headers.get(path)
-        if cached is None or cached[0] != key:
-            cached = self._headers[path] = key, _read_or_explain(path)
-        return cached[1]
+        version = status.st_mtime_ns, status.st_size
+        cached_version, header = self._headers.get(path, (None, ""))
+        if cached_version != version:
+            self._headers[path] = version, (header := _read_or_explain(path))
+        return header
 
 
 def _read_or_explain(path: Path) -> RecordHeader | str:
+    """Return a record's header, or why it cannot be read."""
     try:
         return read_header(path)
     except (RcmServoError, ValueError, OSError) as error:
@@ -122,7 +124,7 @@ def _read_or_explain(path: Path) -> RecordHeader | str:
 
 def describe_ending(header: RecordHeader, is_recording: bool) -> str:
     """Return the end of a run in words."""
-    last = ", ".join(filter(None, (header.phase, header.cause))) or "no tick"
+    last_tick = ", ".join(filter(None, (header.phase, header.cause))) or "no tick"
     if is_recording:
-        return f"is being recorded: {last}"
-    return last if header.is_closed else f"record without its end; last: {last}"
+        return f"is being recorded: {last_tick}"
+    return last_tick if header.is_closed else f"record without its end; last: {last_tick}"

@@ -11,8 +11,7 @@ import numpy as np
 from rcmservo.config.toml_json_parsing import is_table
 from rcmservo.errors import UnusableFile
 from rcmservo.figures import charts, plots
-from rcmservo.page.json_text import encode_json
-from rcmservo.page.view_model import as_points
+from rcmservo.page.view_model import as_points, encode_json
 from rcmservo.recording import ros2_messages
 from rcmservo.recording.mcap_recovery import MessageReader, read_chunk
 from rcmservo.recording.reader import Record, read_record
@@ -25,11 +24,13 @@ from rcmservo.recording.summary_text import (
 from rcmservo.recording.timeline import Span, list_spans, number_stages, summarise
 
 PICTURE_TOPIC = "image_raw/compressed"
-
+"""ROS topic of the pictures in a record."""
 MOMENT_SPACING_S = 0.1
 """Time (s) between the moments of a run without pictures."""
 MAX_MOMENTS = 20_000
 """Largest number of moments, and of spans, that a browser gets."""
+MAX_IMAGE_SIDE_PX = 5000
+"""Width and height (px) from which a record's image size counts as damaged."""
 RUN_FIGURES = {
     "timeline": ("Time line", plots.plot_timeline),
     "errors": ("Feature errors", plots.plot_errors),
@@ -62,17 +63,17 @@ def open_run(path: Path) -> OpenedRun:
     """Read a record up to its end or its damage."""
     record = read_record(path)
     locations, exposures = _locate_pictures(path)
-    lines = list_spans(record)
+    spans, summary = list_spans(record), summarise(record)
     titles = {name: title for name, (title, _) in RUN_FIGURES.items()}
     content = {
-        "verdict": format_verdict(record, summarise(record)),
+        "verdict": format_verdict(record, summary),
         "missing": record.missing,
-        "summary": list_record_rows(record, summarise(record)),
-        "spans": [_span(span) for span in lines[:MAX_MOMENTS]],
-        "moments": _moments(record, lines, exposures),
+        "summary": list_record_rows(record, summary),
+        "spans": [_list_span_values(span) for span in spans[:MAX_MOMENTS]],
+        "moments": _list_moments(record, spans, exposures),
         "targets": [stage.target.points for stage in record.stages],
-        "figures": titles if _has_errors_to_draw(record) else {},
-        "size": _size(record),
+        "figures": titles if _has_finite_errors(record) else {},
+        "size": _find_image_size(record),
     }
     return OpenedRun(encode_json(content), locations)
 
@@ -80,90 +81,84 @@ def open_run(path: Path) -> OpenedRun:
 def draw_figures(path: Path) -> dict[str, bytes]:
     """Draw the figures of a record. Return SVG and PNG files by their names."""
     record, files = read_record(path), dict[str, bytes]()
-    if not _has_errors_to_draw(record):
+    if not _has_finite_errors(record):
         return files
     with tempfile.TemporaryDirectory() as folder:
-        for name, (_, figure) in RUN_FIGURES.items():
-            drawn, png = figure(record), Path(folder) / f"{name}.png"
-            files[f"{name}.svg"] = charts.render_svg(drawn).encode()
-            charts.save_figure(drawn, png)
+        for name, (_, plot) in RUN_FIGURES.items():
+            figure, png = plot(record), Path(folder) / f"{name}.png"
+            files[f"{name}.svg"] = charts.render_svg(figure).encode()
+            charts.save_figure(figure, png)
             files[png.name] = png.read_bytes()
     return files
 
 
 def read_picture(path: Path, location: PictureLocation) -> bytes:
     """Return a recorded picture as the JPEG file that was recorded."""
-    chunk, k = location
+    chunk, index = location
     messages = read_chunk(path, chunk)
-    if k >= len(messages):
+    if index >= len(messages):
         raise UnusableFile(path, "has changed since it was opened")
     try:
-        return ros2_messages.decode_picture(messages[k].data)[1]
+        return ros2_messages.decode_picture(messages[index].data)[1]
     except ValueError as error:
         raise UnusableFile(path, f"holds a frame that cannot be read: {error}") from error
 
 
-def _has_errors_to_draw(record: Record) -> bool:
-    """Return whether the record holds finite errors."""
+def _has_finite_errors(record: Record) -> bool:
+    """Return whether the record holds feature errors that can be drawn."""
     return bool(np.isfinite(record.ticks["delta"]).any())
 
 
 def _locate_pictures(path: Path) -> tuple[list[PictureLocation], list[int]]:
     """Return the locations of a record's pictures and their exposure times in ns."""
     messages = MessageReader(path)
-    located = [
-        (messages.location, ros2_messages.decode_picture(message.data)[0])
-        for message in messages
-        if message.topic == PICTURE_TOPIC
-    ]
-    return [location for location, _ in located], [exposure for _, exposure in located]
+    locations, exposures = list[PictureLocation](), list[int]()
+    for message in messages:
+        if message.topic == PICTURE_TOPIC:
+            locations.append(messages.location)
+            exposures.append(ros2_messages.decode_picture(message.data)[0])
+    return locations, exposures
 
 
-def _span(span: Span) -> list[object]:
-    return [
-        span.start,
-        span.duration,
-        span.phase.value,
-        describe_cause(span),
-        describe_way_out(span),
-        span.action.name,
-    ]
+def _list_span_values(span: Span) -> list[object]:
+    """Return the values of a row of the time line."""
+    cause, recovery = describe_cause(span), describe_way_out(span)
+    return [span.start, span.duration, span.phase.value, cause, recovery, span.action.name]
 
 
-def _moments(record: Record, lines: list[Span], exposures: list[int]) -> list[dict[str, Any]]:
-    """Return the overlay of each picture, from the tick that used it.
+def _list_moments(record: Record, spans: list[Span], exposures: list[int]) -> list[dict[str, Any]]:
+    """Return the overlay of each picture, from the first tick that used it.
 
-    A run without pictures has moments at regular times.
+    A run without pictures has moments at regular times, with picture -1.
     """
-    count = len(record.time)
+    count, ticks = len(record.time), record.ticks
     if not count:
         return []
     if exposures:
-        used = {int(one): i for i, one in reversed(list(enumerate(record.ticks["exposure"][:, 0])))}
-        samples = [(used[one], k) for k, one in enumerate(exposures) if one in used]
+        rows = {int(exposure): i for i, exposure in reversed([*enumerate(ticks["exposure"][:, 0])])}
+        samples = [(rows[exposure], k) for k, exposure in enumerate(exposures) if exposure in rows]
     else:
-        whole = np.arange(0.0, float(record.time[-1]) + MOMENT_SPACING_S, MOMENT_SPACING_S)
-        samples = [(int(i), -1) for i in np.minimum(np.searchsorted(record.time, whole), count - 1)]
+        times = np.arange(0.0, float(record.time[-1]) + MOMENT_SPACING_S, MOMENT_SPACING_S)
+        samples = [(int(i), -1) for i in np.minimum(np.searchsorted(record.time, times), count - 1)]
     samples = samples[:: -(-len(samples) // MAX_MOMENTS) or 1]
-    starts = [span.start for span in lines]
+    starts = [span.start for span in spans]
     stage_numbers: list[int] = number_stages(record).tolist()
-    points, o_c = record.ticks["points"], record.ticks["o_c"]
     return [
         {
-            "t": round(float(record.time[i]), 3),
-            "picture": k,
-            "span": bisect_right(starts, float(record.time[i])) - 1,
-            "stage": stage_numbers[i],
-            "points": as_points(points[i].round(2)),
-            "rcm": o_c[i].round(2),
+            "t": round(float(record.time[row]), 3),
+            "picture": picture,
+            "span": bisect_right(starts, float(record.time[row])) - 1,
+            "stage": stage_numbers[row],
+            "points": as_points(ticks["points"][row].round(2)),
+            "rcm": ticks["o_c"][row].round(2),
         }
-        for i, k in samples
+        for row, picture in samples
     ]
 
 
-def _size(record: Record) -> list[int]:
+def _find_image_size(record: Record) -> list[int]:
     """Return width and height in px of the blank image that replaces missing pictures."""
     rig: object = record.about.get("rig")
     size: list[Any] = [rig.get("width"), rig.get("height")] if is_table(rig) else []
-    is_valid = size and all(type(one) is int and 0 < one < 5000 for one in size)
+    is_valid = size and all(type(side) is int and 0 < side < MAX_IMAGE_SIDE_PX for side in size)
     return size if is_valid else [640, 480]

@@ -1,8 +1,8 @@
-"""Time series of the page: samples of the loop's last seconds.
+"""Time series of the page: samples of the servo loop's last 30 s.
 
-A sample holds the values of the newest tick of its interval. The lateness of the loop is relative
-to the earliest tick of the session, whose own lateness is unknown; a sample holds the largest
-lateness of its interval.
+A sample holds the values of one tick and the largest lateness of all ticks since the previous
+sample. The lateness of a tick, in ms, is relative to the earliest tick of the session, whose own
+lateness is unknown.
 """
 
 from collections import deque
@@ -36,9 +36,10 @@ SAMPLE_FIELDS = (
     "measured_d",
     "late",
 )
-"""Fields of a sample: s, rad, px, px, mm/s, 1, rad/s, px/s, px/s, rad/s, px/s, px/s, ms."""
+"""Fields of a sample, in s, rad, px, px, mm/s, 1, rad/s, px/s, px/s, rad/s, px/s, px/s, ms."""
 
 TickColumns = dict[str, Any]
+"""Values of a tick by their names in a record, and its due time `time` in ns."""
 
 
 @dataclass
@@ -51,13 +52,13 @@ class Curves:
         Number of samples since the start of the page.
     samples : deque[list[float]]
         Newest samples, each with the fields `SAMPLE_FIELDS`.
-    _start : int or None
-        Time 0 of the loop in ns on its clock, if its earliest tick was not late.
-    _due : int
+    _start_ns : int or None
+        Start of the loop in ns on its clock, if its earliest tick was not late.
+    _due_ns : int
         Due time of the newest tick in ns from the start.
-    _late : int
+    _lateness_ns : int
         Largest lateness since the last sample in ns.
-    _next : int
+    _next_sample_ns : int
         Time in ns of the next sample.
     _previous : TickColumns or None
         Tick of the last sample.
@@ -67,50 +68,53 @@ class Curves:
     samples: deque[list[float]] = field(
         default_factory=lambda: deque[list[float]](maxlen=MAX_SAMPLES)
     )
-    _start: int | None = None
-    _due: int = 0
-    _late: int = 0
-    _next: int = 0
+    _start_ns: int | None = None
+    _due_ns: int = 0
+    _lateness_ns: int = 0
+    _next_sample_ns: int = 0
     _previous: TickColumns | None = None
 
     def restart(self) -> None:
         """Prepare for another session, which has another schedule."""
-        self._start, self._late, self._next, self._previous = None, 0, 0, None
+        self._start_ns, self._lateness_ns, self._next_sample_ns = None, 0, 0
+        self._previous = None
 
     def add(self, tick: TickColumns) -> None:
-        """Add a tick with its due time `time`."""
-        now = int(tick["now"][0])
-        if tick["time"] < self._due:  # another loop, such as the wait for Enable before it
-            self._start = None
-        self._due = tick["time"]
-        begun = now - tick["time"]
-        self._start = begun if self._start is None else min(begun, self._start)
-        self._late = max(self._late, begun - self._start)
-        if now < self._next:
+        """Add a tick. It becomes a sample if the last sample is `SAMPLE_PERIOD_NS` old."""
+        now_ns, due_ns = int(tick["now"][0]), int(tick["time"])
+        if due_ns < self._due_ns:  # another loop, such as the wait for Enable before it
+            self._start_ns = None
+        self._due_ns = due_ns
+        start_ns = now_ns - due_ns
+        self._start_ns = start_ns if self._start_ns is None else min(start_ns, self._start_ns)
+        self._lateness_ns = max(self._lateness_ns, start_ns - self._start_ns)
+        if now_ns < self._next_sample_ns:
             return
-        self._next = now + SAMPLE_PERIOD_NS
-        rates = np.concatenate(self._rates(tick))
-        v: Floats = tick["v"]
-        numbers = [np.linalg.norm(v), tick["condition"][0], *rates, self._late * 1e-6]
-        self.samples.append([now * 1e-9, *tick["delta"], *map(float, numbers)])
-        self.count, self._late, self._previous = self.count + 1, 0, tick
+        self._next_sample_ns = now_ns + SAMPLE_PERIOD_NS
+        rates, v = self._compute_rates(tick), tick["v"]
+        numbers = np.linalg.norm(v), tick["condition"][0], *rates, self._lateness_ns * 1e-6
+        self.samples.append([now_ns * 1e-9, *tick["delta"], *map(float, numbers)])
+        self.count, self._lateness_ns, self._previous = self.count + 1, 0, tick
 
-    def _rates(self, tick: TickColumns) -> tuple[Floats, Floats]:
-        """Return ẏ as Ĵ predicts it from the motion of marker 1, and as it is measured, each (3,).
+    def _compute_rates(self, tick: TickColumns) -> Floats:
+        """Return ẏ = Ĵ ṗ₁ as predicted from the motion of marker 1, and ẏ as measured, (6,).
 
         Both are computed about the same imaged RCM, so that a change of its estimate is not a
         motion. They are NaN without an earlier sample.
         """
-        previous, unknown = self._previous, np.full(3, np.nan)
-        elapsed = 0 if previous is None else int(tick["exposure"][0] - previous["exposure"][0])
-        if previous is None or elapsed < MIN_EXPOSURE_GAP_NS:
-            return unknown, unknown
-        predicted: Floats = np.reshape(previous["J_hat"], (3, 3)) @ (tick["p1"] - previous["p1"])
-        points, earlier = np.reshape(tick["points"], (2, 2)), np.reshape(previous["points"], (2, 2))
-        measured_change: Floats = compute_features_and_error(points, earlier, tick["o_c"])[1]
-        return predicted / (elapsed * 1e-9), measured_change / (elapsed * 1e-9)
+        previous = self._previous
+        if previous is None:
+            return np.full(6, np.nan)
+        elapsed_ns = int(tick["exposure"][0] - previous["exposure"][0])
+        if elapsed_ns < MIN_EXPOSURE_GAP_NS:
+            return np.full(6, np.nan)
+        J_hat = np.reshape(previous["J_hat"], (3, 3))
+        points, earlier = (np.reshape(row["points"], (2, 2)) for row in (tick, previous))
+        measured: Floats = compute_features_and_error(points, earlier, tick["o_c"])[1]
+        change = np.concatenate([J_hat @ (tick["p1"] - previous["p1"]), measured])
+        return change / (elapsed_ns * 1e-9)
 
     def after(self, count: int) -> list[list[float]]:
-        """Return the stored samples after the sample with index `count`."""
-        new = min(max(self.count - count, 0), len(self.samples))
-        return list(self.samples)[len(self.samples) - new :]
+        """Return the stored samples after the first `count` ones since the start of the page."""
+        new_count = min(max(self.count - count, 0), len(self.samples))
+        return list(self.samples)[len(self.samples) - new_count :]

@@ -15,7 +15,7 @@ SURFACE_POINTS = 16
 
 @dataclass(frozen=True)
 class MechanismShape:
-    """Kinematics of the tool for drawing.
+    """Kinematics of arm and tool, for drawing.
 
     Parameters
     ----------
@@ -36,15 +36,15 @@ class MechanismShape:
         """Return the shape of a servo."""
         return cls(servo.mechanism, servo.tool, servo.controller.tip)
 
-    def points(self, q: Floats) -> Floats:
+    def compute_points(self, q: Floats) -> Floats:
         """Return marker 1, marker 2 and tip (3, 3) in mm at joints q (3,); NaN if unknown."""
         p1 = self.mechanism.position(q)
         p1 = p1 * (1.0 + self.tool.offset / np.linalg.norm(p1))
         p2 = self.tool.second_marker(p1)
         return np.array([p1, p2, p2 + self.tip * p2 / np.linalg.norm(p2)])
 
-    def limits(self) -> Floats:
-        """Return the surface of marker 1 at full insertion.
+    def compute_workspace_surface(self) -> Floats:
+        """Return the points that marker 1 reaches at full insertion.
 
         Returns
         -------
@@ -52,7 +52,6 @@ class MechanismShape:
             Points (SURFACE_POINTS, SURFACE_POINTS, 3) in mm.
         """
         lower, upper = self.mechanism.limits.lower, self.mechanism.limits.upper
-        one, two = (
-            np.linspace(lower[joint], upper[joint], SURFACE_POINTS).tolist() for joint in (0, 1)
-        )
-        return np.array([[self.points(np.array([a, b, upper[2]]))[0] for b in two] for a in one])
+        q1, q2 = (np.linspace(lower[j], upper[j], SURFACE_POINTS).tolist() for j in (0, 1))
+        joints = [[np.array([a, b, upper[2]]) for b in q2] for a in q1]
+        return np.array([[self.compute_points(q)[0] for q in row] for row in joints])

@@ -1,7 +1,7 @@
-"""Access by pages of this server, and the sockets that it listens on.
+"""Access to the page: the secret that requests must carry, and the sockets that listen.
 
-Every request for data and every websocket must carry the secret that stands in the page. Before
-that, `OriginCheck` has refused pages of other origins.
+Every request for data and every websocket must carry the secret that stands in the page. It gets
+here only after `OriginCheck` has accepted its origin.
 """
 
 import contextlib
@@ -11,7 +11,7 @@ import socket
 from dataclasses import dataclass
 
 from starlette.exceptions import HTTPException
-from starlette.requests import Request
+from starlette.requests import HTTPConnection, Request
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from rcmservo.errors import RcmServoError
@@ -20,7 +20,6 @@ from rcmservo.network_ports import refusal
 LOOPBACK_ADDRESS = "127.0.0.1"
 FORBIDDEN_CLOSE_CODE = 4403
 """Close code of a websocket that is refused."""
-
 
 DEFAULT_PORT, LAST_DEFAULT_PORT = 8080, 8180
 """First and last port of the page that are tried if no port is given."""
@@ -52,25 +51,24 @@ class PageCredentials:
     secret: str
     token: str = ""
 
-    def is_secret(self, secret: str) -> bool:
-        """Return whether a text is the secret of the page."""
-        return secrets_equal(secret, self.secret)
+    def _has_secret(self, request: HTTPConnection) -> bool:
+        return are_secrets_equal(request.query_params.get("secret", ""), self.secret)
 
     def require_secret(self, request: Request) -> None:
         """Refuse a request without the secret."""
-        if not self.is_secret(request.query_params.get("secret", "")):
+        if not self._has_secret(request):
             raise HTTPException(403, "the page's secret is missing or old: reload the page")
 
     async def accept(self, websocket: WebSocket) -> bool:
         """Accept a websocket that carries the secret; close any other and return False."""
-        if not self.is_secret(websocket.query_params.get("secret", "")):
+        if not self._has_secret(websocket):
             await websocket.close(FORBIDDEN_CLOSE_CODE)
             return False
         await websocket.accept()
         return True
 
 
-def secrets_equal(first: str, second: str) -> bool:
+def are_secrets_equal(first: str, second: str) -> bool:
     """Compare two secrets in a time that does not depend on their common part."""
     return secrets.compare_digest(first.encode(), second.encode())
 
@@ -116,19 +114,19 @@ def bind_pair(host: str, port: int | None) -> tuple[socket.socket, socket.socket
     Port 0 selects two free ports; None selects `DEFAULT_PORT` or the next free pair.
     """
     if port is not None:
-        return _bound_pair(host, port)
-    for first in range(DEFAULT_PORT, LAST_DEFAULT_PORT, 2):
+        return _bind_pair_at(host, port)
+    for page_port in range(DEFAULT_PORT, LAST_DEFAULT_PORT, 2):
         with contextlib.suppress(PortTaken):
-            return _bound_pair(host, first)
-    return _bound_pair(host, DEFAULT_PORT)
+            return _bind_pair_at(host, page_port)
+    return _bind_pair_at(host, DEFAULT_PORT)
 
 
-def _bound_pair(host: str, port: int) -> tuple[socket.socket, socket.socket]:
-    page = bind_socket(host, port)
+def _bind_pair_at(host: str, port: int) -> tuple[socket.socket, socket.socket]:
+    page_socket = bind_socket(host, port)
     try:
-        return page, bind_socket(host, port and port + 1)
+        return page_socket, bind_socket(host, port and port + 1)
     except NoPagePort:
-        page.close()
+        page_socket.close()
         raise
 
 

@@ -1,6 +1,11 @@
-"""Layout of the page: STOP in the header, the picture, tabs below it, and cards on the right."""
+"""Layout of the page: STOP in the header, the picture, tabs below it, and cards on the right.
+
+A new widget needs a file in ``static/widgets`` and a call of `place_component` here.
+"""
 
 import json
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +19,9 @@ from rcmservo.page.web.site import Site
 
 STATIC = Path(__file__).parent / "static"
 
+SCRIPTS = "stop.js", "drawings/picture.js", "drawings/curves.js", "drawings/mechanism_scene.js"
+"""JavaScript modules that the page loads; NiceGUI loads the widgets."""
+
 ACTION_BUTTONS = {
     "Enable": ("enable", "power_settings_new", "switch the drive on, paused at the present pose"),
     "Pause": ("pause", "pause", "stand still, with the drive on"),
@@ -24,23 +32,23 @@ ACTION_BUTTONS = {
 """Action, icon and tooltip of each button."""
 
 
-def _component(path: Path) -> type[ui.element]:
-    """Return the NiceGUI element of a Vue component."""
+def _create_element_class(path: Path) -> type[ui.element]:
+    """Return the class of NiceGUI elements that display a Vue component."""
 
-    class Part(ui.element, component=path):
+    class Widget(ui.element, component=path):
         def __init__(self, **props: Any) -> None:
             super().__init__()
             self._props.update(props)
 
-    return Part
+    return Widget
 
 
-COMPONENTS = {path.stem: _component(path) for path in sorted(STATIC.glob("parts/*.js"))}
-"""Elements of the components in ``static/parts``, by their names."""
+COMPONENTS = {path.stem: _create_element_class(path) for path in STATIC.glob("widgets/*.js")}
+"""Element classes of the components in ``static/widgets``, by the names of their files."""
 
 
 def place_component(component: str, /, **props: Any) -> ui.element:
-    """Place a component with its props on the page."""
+    """Place a component with its props at the present place of the layout."""
     return COMPONENTS[component](**props)
 
 
@@ -52,7 +60,8 @@ def lay_out(site: Site) -> None:
     def page() -> None:  # pyright: ignore[reportUnusedFunction]
         ui.add_head_html('<link rel="stylesheet" href="/rcmservo/page.css">')
         _set_global("RCMSERVO", {"secret": site.access.secret, "stopPort": site.stop_port})
-        ui.add_body_html('<script type="module" src="/rcmservo/main.js"></script>')
+        for script in SCRIPTS:
+            ui.add_body_html(f'<script type="module" src="/rcmservo/{script}"></script>')
         with ui.header().classes("items-center justify-between rcm-header"):
             ui.label(site.title).classes("text-lg")
             place_component("control_bar")
@@ -60,9 +69,9 @@ def lay_out(site: Site) -> None:
             with ui.column().classes("rcm-left"):
                 canvas = ui.element("canvas")
                 canvas.props('id=picture role=img aria-label="Camera picture"')
-                _tabs(site)
+                _place_tabs(site)
             with ui.column().classes("rcm-side"):
-                _cards()
+                _place_cards()
 
 
 def _set_global(name: str, value: object) -> None:
@@ -70,80 +79,61 @@ def _set_global(name: str, value: object) -> None:
     ui.add_body_html(f"<script>window.{name} = {json.dumps(value)};</script>")
 
 
-def _cards() -> None:
+def _place_cards() -> None:
     place_component("status_card", maxLength=MAX_ANSWER_CHARACTERS)
     with ui.row().classes("rcm-tight"):
         for name, (action, icon, tooltip) in ACTION_BUTTONS.items():
             place_component("action_button", name=name, action=action, icon=icon, tooltip=tooltip)
-    with _card():
-        ui.label("Poses: name and teach the present pose").classes("text-sm")
-        place_component("poses_card", maxLength=MAX_NAME_CHARACTERS)
-    with _card():
-        place_component(
-            "sequence_card",
-            maxWaypoints=MAX_WAYPOINTS,
-            maxDwell=MAX_DWELL_S,
-            maxRounds=MAX_ROUNDS,
-        )
-    with _card():
-        place_component("jog_card")
+    limits = {"maxWaypoints": MAX_WAYPOINTS, "maxDwell": MAX_DWELL_S, "maxRounds": MAX_ROUNDS}
+    cards = {
+        "poses_card": {"maxLength": MAX_NAME_CHARACTERS},
+        "sequence_card": limits,
+        "jog_card": {},
+    }
+    for component, props in cards.items():
+        with ui.card().tight().classes("w-full rcm-card"):
+            place_component(component, **props)
     place_component("notes")
 
 
-def _card() -> ui.card:
-    return ui.card().tight().classes("w-full rcm-card")
-
-
-def _tabs(site: Site) -> None:
-    """Create the tabs below the picture; each gets its content when it is opened first."""
+def _place_tabs(site: Site) -> None:
+    """Place the tabs below the picture. A browser builds a tab's content when the tab is opened."""
+    tabs: dict[str, tuple[str, Callable[[], object]]] = {
+        "Curves": ("show_chart", _place_curves_chart),
+        "3-D": ("view_in_ar", partial(_place_mechanism_scene, site)),
+        "Settings": ("tune", partial(place_component, "settings_tab")),
+        "Runs": ("history", partial(place_component, "runs_tab")),
+    }
+    if site.disturbances:
+        place_menu = partial(place_component, "disturbances_tab", kinds=site.disturbances)
+        tabs["Simulated disturbances"] = "bolt", place_menu
     with ui.tabs().props("dense align=left no-caps") as heads:
-        curves = ui.tab("Curves", icon="show_chart")
-        space = ui.tab("3-D", icon="view_in_ar")
-        settings = ui.tab("Settings", icon="tune")
-        runs = ui.tab("Runs", icon="history")
-        disturbances = ui.tab("Simulated disturbances", icon="bolt") if site.disturbances else None
-    with ui.tab_panels(heads, value=curves, keep_alive=True).classes("w-full rcm-panels"):
-        with ui.tab_panel(curves):
-            _curves()
-        with ui.tab_panel(space):
-            _mechanism(site)
-        with ui.tab_panel(settings):
-            place_component("settings_tab")
-        with ui.tab_panel(runs):
-            place_component("runs_tab")
-        if disturbances is not None:
-            with ui.tab_panel(disturbances):
-                ui.label(
-                    "Disturb the simulated arm or camera. The state on the right shows the effect."
-                )
-                place_component("disturbances_tab", kinds=site.disturbances)
+        for title, (icon, _) in tabs.items():
+            ui.tab(title, icon=icon)
+    with ui.tab_panels(heads, value="Curves", keep_alive=True).classes("w-full rcm-panels"):
+        for title, (_, place_content) in tabs.items():
+            with ui.tab_panel(title):
+                place_content()
 
 
-def _curves() -> None:
-    """Create the chart that static/curves.js draws on."""
+def _place_curves_chart() -> None:
+    """Place the chart that ``static/drawings/curves.js`` draws on."""
     chart = ui.echart({"series": []}).classes("w-full rcm-curves").style("height: 46rem")
     chart.props('role="img" aria-label="Curves of the last 30 seconds"')
     _set_global("RCMSERVO.curves", chart.id)
 
 
-def _mechanism(site: Site) -> None:
-    """Create the scene that static/scene.js draws in; the mouse rotates it."""
+def _place_mechanism_scene(site: Site) -> None:
+    """Place the scene that ``static/drawings/mechanism_scene.js`` draws in."""
     camera = ui.scene.perspective_camera(near=1.0, far=5000.0)
     scene = ui.scene(grid=False, camera=camera, background_color="#f4f4f4", fps=15, click_events=[])
     scene.classes("w-full").style("height: 26rem")
     scene.props('role="img" aria-label="The mechanism in space"')
-    surface = site.shape.limits()
-    extent = float(np.linalg.norm(surface, axis=-1).max())
+    surface = site.shape.compute_workspace_surface()
+    extent = float(np.linalg.norm(surface, axis=-1).max())  # largest distance (mm) from the RCM
     direction = 1.0 if surface[..., 2].mean() > 0.0 else -1.0  # side on which the tool is
-    scene.move_camera(
-        1.1 * extent,
-        -1.3 * extent,
-        (0.4 + 0.6 * direction) * extent,
-        0.0,
-        0.0,
-        0.4 * direction * extent,
-        duration=0.0,
-    )
+    x, y, z = 1.1 * extent, -1.3 * extent, (0.4 + 0.6 * direction) * extent
+    scene.move_camera(x, y, z, 0.0, 0.0, 0.4 * direction * extent, duration=0.0)
     _set_global("RCMSERVO.scene", {"id": scene.id, "limits": surface.round(1).tolist()})
     ui.label(
         "Positions in mm from the RCM, from the measured joints: tool blue, target black; axes x, "

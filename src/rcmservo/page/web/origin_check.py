@@ -1,12 +1,12 @@
 """Refusal of requests from other servers' pages.
 
-A browser reports the host name that it requests and the origin of the page that makes the request.
-This reveals a foreign host name that resolves to this computer, and a page of another origin. The
-host must therefore be the address at which the request arrived, and the origin one of that address.
+A request names the host that the browser addresses and the origin (scheme, host and port) of the
+page that makes the request. The host must be the address at which the request arrived, which
+excludes foreign host names that resolve to this computer. The origin must be one of that address,
+which excludes pages of other servers.
 """
 
 from ipaddress import AddressValueError, IPv4Address
-from typing import NamedTuple
 
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.requests import HTTPConnection, Request
@@ -18,22 +18,7 @@ from rcmservo.page.web.access import FORBIDDEN_CLOSE_CODE
 from rcmservo.page.web.sign_in import SignIn
 
 
-class Refusal(NamedTuple):
-    """Answer to a refused request.
-
-    Parameters
-    ----------
-    status : int
-        HTTP status.
-    reason : str
-        Reason in words.
-    """
-
-    status: int
-    reason: str
-
-
-def host_names(address: str) -> tuple[str, ...]:
+def list_host_names(address: str) -> tuple[str, ...]:
     """Return the host names of this server for a request that arrived at an address."""
     try:
         ip = IPv4Address(address)
@@ -44,8 +29,8 @@ def host_names(address: str) -> tuple[str, ...]:
 
 def find_refusal(
     headers: Headers, address: str, port: int, origin_required: bool
-) -> Refusal | None:
-    """Return the refusal of a request from a page of another server, or None.
+) -> PlainTextResponse | None:
+    """Return the answer that refuses a request from a page of another server, or None.
 
     Parameters
     ----------
@@ -59,12 +44,14 @@ def find_refusal(
         The request must have an origin. A browser sends one with every websocket, but not with the
         first request for a page.
     """
-    names, hosts, origins = host_names(address), headers.getlist("host"), headers.getlist("origin")
+    names, hosts = list_host_names(address), headers.getlist("host")
     if len(hosts) != 1 or hosts[0].partition(":")[0].lower() not in names:
-        return Refusal(400, "this server accepts its address only, not another host name")
+        reason = "this server accepts its address only, not another host name"
+        return PlainTextResponse(reason, 400)
+    origins = headers.getlist("origin")
     allowed = {f"http://{name}{'' if port == 80 else f':{port}'}" for name in names}
     if (origins or origin_required) and not (len(origins) == 1 and origins[0] in allowed):
-        return Refusal(403, "the request comes from a page of another server")
+        return PlainTextResponse("the request comes from a page of another server", 403)
     return None
 
 
@@ -89,34 +76,31 @@ class OriginCheck:
             await self._app(scope, receive, send)
             return
         is_websocket, server = scope["type"] == "websocket", scope.get("server") or ("", 0)
-        headers = Headers(scope=scope)
-        refused = find_refusal(headers, server[0], self._port, origin_required=is_websocket)
-        is_signed_out = self._sign_in is not None and not self._sign_in.is_signed_in(
-            HTTPConnection(scope)
-        )
-        if is_websocket and (refused or is_signed_out):
+        refusal = find_refusal(Headers(scope=scope), server[0], self._port, is_websocket)
+        sign_in = self._sign_in
+        is_signed_out = sign_in is not None and not sign_in.is_signed_in(HTTPConnection(scope))
+        if is_websocket and (refusal or is_signed_out):
             await WebSocket(scope, receive, send).close(FORBIDDEN_CLOSE_CODE)
         elif is_websocket:
             await self._app(scope, receive, send)
-        elif refused:
-            answer = PlainTextResponse(refused.reason, refused.status)
-            await answer(scope, receive, send)
-        elif self._sign_in is not None and (is_signed_out or scope["method"] == "POST"):
-            answer = await self._sign_in.answer(Request(scope, receive))
-            await answer(scope, receive, deny_frames(send))
+        elif refusal:
+            await refusal(scope, receive, send)
+        elif sign_in is not None and (is_signed_out or scope["method"] == "POST"):
+            response = await sign_in.answer(Request(scope, receive))
+            await response(scope, receive, deny_frames(send))
         else:
             await self._app(scope, receive, deny_frames(send))
 
 
 def deny_frames(send: Send) -> Send:
-    """Add the header that forbids frames, so that no other page can overlay this one.
+    """Return `send` with a header that forbids other pages to embed this one in a frame.
 
-    A user of such a page would press buttons that are hidden.
+    Otherwise a foreign page could cover the buttons, and its user would press them unknowingly.
     """
 
-    async def sent(message: Message) -> None:
+    async def send_with_header(message: Message) -> None:
         if message["type"] == "http.response.start":
             MutableHeaders(scope=message)["x-frame-options"] = "DENY"
         await send(message)
 
-    return sent
+    return send_with_header

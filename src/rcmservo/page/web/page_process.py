@@ -1,7 +1,7 @@
 """Process of the page: NiceGUI's page and the websockets of its pictures and requests.
 
-/pictures   the browser requests the next picture and gets it with the dashboard
-/operate    requests of the browser, and the reasons of refused ones
+/pictures   the browser requests the next picture and receives it with the dashboard
+/operate    the browser sends requests and receives the reasons of refusals
 """
 
 import asyncio
@@ -11,7 +11,6 @@ from contextlib import contextmanager, suppress
 from multiprocessing.connection import Connection
 from time import monotonic_ns
 
-import uvicorn
 from fastapi import FastAPI
 from nicegui import app as pages
 from nicegui import ui
@@ -35,21 +34,23 @@ from rcmservo.page.poses import PoseStore
 from rcmservo.page.settings import IMMEDIATE_PARTS, SelectedSettings
 from rcmservo.page.view_model import Dashboard
 from rcmservo.page.web.access import receive_text
-from rcmservo.page.web.dashboard_routes import dashboard_routes
+from rcmservo.page.web.dashboard_routes import create_dashboard_routes
 from rcmservo.page.web.layout import lay_out
 from rcmservo.page.web.origin_check import OriginCheck
 from rcmservo.page.web.pictures import Pictures, pack_picture
-from rcmservo.page.web.runs_routes import runs_routes
-from rcmservo.page.web.server_process import SHUTDOWN_GRACE_S, serve_until_stopped
+from rcmservo.page.web.runs_routes import create_runs_routes
+from rcmservo.page.web.server_process import serve_until_stopped
 from rcmservo.page.web.sign_in import SignIn
 from rcmservo.page.web.site import Site
 from rcmservo.safety.state_machine import Request
 
 SERVO_BUSY = "the servo does not accept requests now: press again"
+MAX_WEBSOCKET_BYTES = 1 << 16
+"""Longest message in bytes that the server accepts from a browser."""
 
 
 def serve_page(
-    channels: PageChannels, site: Site, listening: socket.socket, control: Connection
+    channels: PageChannels, site: Site, listener: socket.socket, control: Connection
 ) -> None:
     """Serve the page until the other end of `control` sends a message or is closed."""
     poses = PoseStore(site.poses)
@@ -73,28 +74,22 @@ def serve_page(
             return
         name = ownership.join(monotonic_ns())
         try:
-            await _receive_messages(websocket, name, ownership, channels, board, site.selection)
-        except WebSocketDisconnect:
-            """The browser is gone."""
+            with suppress(WebSocketDisconnect):
+                await _receive_messages(websocket, name, ownership, channels, board, site.selection)
         finally:
             with pause_on_handover(ownership, channels):
                 ownership.leave(name, monotonic_ns())
 
-    app.include_router(dashboard_routes(access, board, site.selection))
-    app.include_router(runs_routes(access, site.runs))
+    app.include_router(create_dashboard_routes(access, board, site.selection))
+    app.include_router(create_runs_routes(access, site.runs))
     lay_out(site)
     ui.run_with(
         app, title=site.title, dark=None, show_welcome_message=False, reconnect_timeout=10.0
     )
     pages.on_startup(pictures.pump)
-    settings = uvicorn.Config(
-        app,
-        log_level="error",
-        ws_max_size=65536,
-        ws_per_message_deflate=False,  # a JPEG gets no smaller
-        timeout_graceful_shutdown=SHUTDOWN_GRACE_S,
-    )
-    asyncio.run(serve_until_stopped(settings, listening, control))
+    # Pictures are sent uncompressed, because compression makes a JPEG no smaller.
+    options = {"ws_max_size": MAX_WEBSOCKET_BYTES, "ws_per_message_deflate": False}
+    asyncio.run(serve_until_stopped(app, listener, control, **options))
 
 
 async def _send_pictures(
@@ -106,16 +101,16 @@ async def _send_pictures(
         await receive_text(websocket)
         picture = await pictures.after(count)
         count = picture.count
-        about = {"holder": ownership.holder, "requester": ownership.requester}
-        await websocket.send_bytes(pack_picture(picture, about))
+        owners = {"holder": ownership.holder, "requester": ownership.requester}
+        await websocket.send_bytes(pack_picture(picture, owners))
 
 
 @contextmanager
 def pause_on_handover(ownership: ControlOwnership, channels: PageChannels) -> Generator[None]:
     """Pause the motion if control changes hands inside the block."""
-    before = ownership.holder
+    previous_holder = ownership.holder
     yield
-    if ownership.holder != before:
+    if ownership.holder != previous_holder:
         channels.jog_state.release()
         channels.requests.send(Request.PAUSE)
 
@@ -132,42 +127,39 @@ async def _receive_messages(
     await websocket.send_json({"name": name})
     while True:
         text = await receive_text(websocket)
-        refused = ""
+        refusal, find_pose = "", board.poses.targets.get
         try:
             with pause_on_handover(ownership, channels):
-                message = interpret_message(
-                    text, name, ownership, board.poses.targets.get, monotonic_ns()
-                )
+                message = interpret_message(text, name, ownership, find_pose, monotonic_ns())
         except MessageRefused as error:
-            refused = str(error)
+            refusal = str(error)
         else:
             if isinstance(message, SettingsChange):
-                refused = change_settings(message, selection, channels, board)
+                refusal = change_settings(message, selection, channels, board)
             elif isinstance(message, DeletePose):
-                refused = board.poses.delete(message.name)
+                refusal = board.poses.delete(message.name)
             elif not dispatch(message, channels):
-                refused = SERVO_BUSY
-        if refused:
-            await websocket.send_json({"refused": refused})
+                refusal = SERVO_BUSY
+        if refusal:
+            await websocket.send_json({"refused": refusal})
 
 
 def dispatch(message: BrowserMessage | None, channels: PageChannels) -> bool:
-    """Pass a request on. Return False if its channel is full."""
+    """Send a request to the process that carries it out. Return False if its channel is full."""
+    jog_state = channels.jog_state
     match message:
         case None:
             return True
         case JogJoints():
-            channels.jog_state.hold(message.press, message.rates, message.speed_scale)
+            jog_state.hold(message.press, message.rates, message.speed_scale)
         case JogMarker():
-            channels.jog_state.hold(
-                message.press, message.velocity, message.speed_scale, moves_marker=True
-            )
+            jog_state.hold(message.press, message.velocity, message.speed_scale, moves_marker=True)
         case ReleaseJog():
-            channels.jog_state.release()
+            jog_state.release()
         case DisturbanceRequest():
             return channels.disturbances.send(message)
         case Heartbeat():
-            channels.jog_state.send_heartbeat()
+            jog_state.send_heartbeat()
         case _:
             if message is Request.CLEAR:
                 channels.stop_requests.send(CLEAR)
@@ -178,7 +170,7 @@ def dispatch(message: BrowserMessage | None, channels: PageChannels) -> bool:
 def change_settings(
     change: SettingsChange, selection: SelectedSettings, channels: PageChannels, board: Dashboard
 ) -> str:
-    """Pass a change of settings on. Return the reason of a refusal, or ""."""
+    """Send a change of settings to supervisor and servo. Return the reason of a refusal, or ""."""
     try:
         selection.with_change(change)
     except BadInput as error:

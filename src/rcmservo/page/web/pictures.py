@@ -11,11 +11,10 @@ from dataclasses import dataclass, field
 
 from rcmservo.config.toml_json_parsing import Table
 from rcmservo.interfaces import Camera, Frame
-from rcmservo.page.json_text import encode_json
-from rcmservo.page.view_model import Dashboard
+from rcmservo.page.view_model import Dashboard, encode_json
 from rcmservo.tracking import encode_image
 
-DRAWING_POLL_PERIOD_S = 0.006
+CAMERA_POLL_PERIOD_S = 0.006
 """Time (s) between polls of the camera."""
 MIN_PICTURE_PERIOD_S = 0.025
 """Shortest time (s) between pictures: the servo needs 60 a second, a viewer half of them."""
@@ -24,16 +23,17 @@ MAX_PICTURE_WAIT_S = 0.05
 MAX_WAITING_FRAMES = 12
 """Number of frames that are stored until the servo has used them."""
 JSON_LENGTH = struct.Struct("<I")
+"""Length in bytes of the JSON in a message."""
 
 
 @dataclass(frozen=True)
-class ShownPicture:
-    """Displayed picture with its dashboard.
+class DisplayedPicture:
+    """Picture with the dashboard that the browsers display next to it.
 
     Parameters
     ----------
     count : int
-        Counter of displayed pictures.
+        Number of pictures up to this one.
     number : int
         Number of the frame.
     jpeg : bytes
@@ -54,20 +54,21 @@ class Pictures:
     def __init__(self, camera: Camera, board: Dashboard) -> None:
         self._camera, self._board = camera, board
         self._frames: OrderedDict[int, Frame] = OrderedDict()
-        self._newest, self._published = ShownPicture(), asyncio.Event()
+        self._newest, self._published = DisplayedPicture(), asyncio.Event()
 
     async def pump(self) -> None:
         """Update the dashboard and encode pictures until the task is cancelled."""
-        loop, due = asyncio.get_running_loop(), 0.0
+        loop, next_picture_s = asyncio.get_running_loop(), 0.0
         while True:
             self._poll_camera()
             self._board.update()
-            frame = self._next_frame() if loop.time() >= due else None
+            frame = self._find_next_frame() if loop.time() >= next_picture_s else None
             if frame is not None and frame.image is not None:
-                due, table = loop.time() + MIN_PICTURE_PERIOD_S, self._board.to_table()
+                next_picture_s = loop.time() + MIN_PICTURE_PERIOD_S
+                table = self._board.to_table()
                 jpeg = await asyncio.to_thread(encode_image, frame.image)
                 self._publish(frame.number, jpeg, table)
-            await asyncio.sleep(DRAWING_POLL_PERIOD_S)
+            await asyncio.sleep(CAMERA_POLL_PERIOD_S)
 
     def _poll_camera(self) -> None:
         frame = self._camera.latest()
@@ -76,13 +77,10 @@ class Pictures:
             while len(self._frames) > MAX_WAITING_FRAMES:
                 self._frames.popitem(last=False)
 
-    def _next_frame(self) -> Frame | None:
-        """Return the frame that the servo has used last, or the newest without a recent one.
+    def _find_next_frame(self) -> Frame | None:
+        """Return the frame to display, or None if it is displayed already.
 
-        Returns
-        -------
-        Frame or None
-            None if that frame is displayed already.
+        It is the last frame that the servo has used, or the newest one if the servo uses none.
         """
         number, oldest = self._board.frame, next(iter(self._frames), -1)
         if number < oldest:
@@ -91,22 +89,27 @@ class Pictures:
 
     def _publish(self, number: int, jpeg: bytes, table: Table) -> None:
         self._board.picture = jpeg
-        self._newest = ShownPicture(self._newest.count + 1, number, jpeg, table)
+        self._newest = DisplayedPicture(self._newest.count + 1, number, jpeg, table)
         self._published.set()
         self._published = asyncio.Event()
 
-    async def after(self, count: int) -> ShownPicture:
-        """Return a picture after the `count`-th, or only the dashboard if none comes in time."""
+    async def after(self, count: int) -> DisplayedPicture:
+        """Return the newest picture if it comes after the first `count` ones.
+
+        Wait for it `MAX_PICTURE_WAIT_S` at most, then return the dashboard without a picture.
+        """
         if self._newest.count <= count:
             try:
                 await asyncio.wait_for(self._published.wait(), MAX_PICTURE_WAIT_S)
             except TimeoutError:
-                return ShownPicture(count, table=self._board.to_table())
+                return DisplayedPicture(count, table=self._board.to_table())
         return self._newest
 
 
-def pack_picture(picture: ShownPicture, about: Table) -> bytes:
-    """Encode a picture with its dashboard as a message: length of the JSON, the JSON, the JPEG."""
-    table = {**picture.table, "frame": picture.number, **about}
-    text = encode_json(table)
-    return JSON_LENGTH.pack(len(text)) + text + picture.jpeg
+def pack_picture(picture: DisplayedPicture, owners: Table) -> bytes:
+    """Encode a picture as a message: length of the JSON, the JSON, the JPEG.
+
+    The JSON holds the dashboard, the number of the frame and the `owners` of control.
+    """
+    json = encode_json({**picture.table, "frame": picture.number, **owners})
+    return JSON_LENGTH.pack(len(json)) + json + picture.jpeg

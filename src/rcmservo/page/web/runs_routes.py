@@ -1,4 +1,6 @@
-"""Routes of past runs, for requests with the secret. NAME is the name in the list.
+"""HTTP routes of past runs, for requests with the page's secret.
+
+NAME is the name of a run in the list, K the number of a picture, FILE the name of a figure's file.
 
 /runs                        list
 /runs/NAME                   content of a run in words and numbers
@@ -29,13 +31,14 @@ MAX_DOWNLOADS = 2
 DOWNLOAD_BLOCK_BYTES = 1 << 18
 """Block size of a download in bytes."""
 MEDIA_TYPES = {"svg": "image/svg+xml", "png": "image/png"}
-BUSY = HTTPException(503, "other runs are being read: try again")
+"""Media types of figures, by the suffix of their files."""
 
 Cache = OrderedDict[tuple[Path, int], Any]
+"""Futures of results, by the path of a record and the time (ns) of its last change."""
 
 
 class PastRuns:
-    """Access to past runs with a cache."""
+    """Past runs below a folder, with a cache of the newest requests."""
 
     def __init__(self, root: Path) -> None:
         self.run_list, self._worker = RunList(root), BackgroundWorker()
@@ -52,22 +55,22 @@ class PastRuns:
 
     async def open_run(self, name: str) -> OpenedRun:
         """Return the content of a run."""
-        return await self._cached(self._opened, open_run, self.find_record(name))
+        return await self._read_cached(self._opened, open_run, self.find_record(name))
 
     async def draw_figures(self, name: str) -> dict[str, bytes]:
         """Return the figures of a run."""
-        return await self._cached(self._figures, draw_figures, self.find_record(name))
+        return await self._read_cached(self._figures, draw_figures, self.find_record(name))
 
-    async def _cached(self, cache: Cache, work: Callable[[Path], Any], path: Path) -> Any:
-        """Return a result for the present state of a record.
+    async def _read_cached(self, cache: Cache, function: Callable[[Path], Any], path: Path) -> Any:
+        """Return the result of a function of a record from the cache, or call the function.
 
-        Simultaneous requests compute it once.
+        Simultaneous requests call it once.
         """
         key = path, path.stat().st_mtime_ns
         if key not in cache:
             if self._worker.is_full:
-                raise BUSY
-            cache[key] = asyncio.ensure_future(asyncio.to_thread(self._worker.run, work, path))
+                raise HTTPException(503, "other runs are being read: try again")
+            cache[key] = asyncio.ensure_future(asyncio.to_thread(self._worker.run, function, path))
             while len(cache) > MAX_CACHED_RUNS:
                 cache.popitem(last=False)
         try:
@@ -82,13 +85,14 @@ class PastRuns:
             raise HTTPException(503, "other records are being downloaded: try again")
         size = path.stat().st_size
         headers = {
-            "Content-Disposition": f'attachment; filename="{download_name(path)}.mcap"',
+            "Content-Disposition": f'attachment; filename="{make_download_name(path)}.mcap"',
             "Content-Length": str(size),
         }
-        kind = "application/octet-stream"
-        return StreamingResponse(self._read_blocks(path, size), headers=headers, media_type=kind)
+        blocks, media_type = self._read_blocks(path, size), "application/octet-stream"
+        return StreamingResponse(blocks, headers=headers, media_type=media_type)
 
     def _read_blocks(self, path: Path, size: int) -> Iterator[bytes]:
+        """Yield the first `size` bytes of a file in blocks."""
         self._downloads += 1
         try:
             with path.open("rb") as file:
@@ -99,13 +103,13 @@ class PastRuns:
             self._downloads -= 1
 
 
-def download_name(path: Path) -> str:
+def make_download_name(path: Path) -> str:
     """Return the name of a downloaded record, of ASCII letters, digits, "-", "_" and "."."""
     folders = "-".join(path.parent.parts[-2:])
     return "".join(c if c.isascii() and (c.isalnum() or c in "-_.") else "_" for c in folders)
 
 
-def runs_routes(access: PageCredentials, folder: Path) -> APIRouter:
+def create_runs_routes(access: PageCredentials, folder: Path) -> APIRouter:
     """Return the routes that read the past runs below a folder."""
     runs = PastRuns(folder)
     router = APIRouter(prefix="/runs", dependencies=[Depends(access.require_secret)])
@@ -130,19 +134,16 @@ def runs_routes(access: PageCredentials, folder: Path) -> APIRouter:
         content = (await runs.draw_figures(name)).get(file)
         if content is None:
             raise HTTPException(404, "there is no such figure of this run")
-        full_name = f"{download_name(runs.find_record(name))}-{file}"
-        headers = {"Content-Disposition": f'inline; filename="{full_name}"'}
+        download_name = f"{make_download_name(runs.find_record(name))}-{file}"
+        headers = {"Content-Disposition": f'inline; filename="{download_name}"'}
         return Response(content, media_type=MEDIA_TYPES[file.rpartition(".")[2]], headers=headers)
 
     async def get_record(name: str) -> Response:
         return runs.download(runs.find_record(name))
 
-    for path, answer in (
-        ("", list_runs),
-        ("/{name}", get_run),
-        ("/{name}/pictures/{k}", get_picture),
-        ("/{name}/figures/{file}", get_figure),
-        ("/{name}/record.mcap", get_record),
-    ):
-        router.add_api_route(path, answer, response_model=None)
+    router.add_api_route("", list_runs, response_model=None)
+    router.add_api_route("/{name}", get_run, response_model=None)
+    router.add_api_route("/{name}/pictures/{k}", get_picture, response_model=None)
+    router.add_api_route("/{name}/figures/{file}", get_figure, response_model=None)
+    router.add_api_route("/{name}/record.mcap", get_record, response_model=None)
     return router

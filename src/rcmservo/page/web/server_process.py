@@ -1,19 +1,21 @@
-"""Web server in a process that ends on request."""
+"""Web server that ends on request of the process that started its process."""
 
 import asyncio
 import contextlib
 import socket
 from collections.abc import Generator
 from multiprocessing.connection import Connection
+from typing import Any
 
 import uvicorn
+from starlette.types import ASGIApp
 
 SHUTDOWN_GRACE_S = 1
 """Time (s) to wait for connected browsers at the end."""
 
 
 class PageServer(uvicorn.Server):
-    """Server without signal handlers: Ctrl-C is the supervisor's."""
+    """Server without signal handlers, because the supervisor handles Ctrl-C."""
 
     @contextlib.contextmanager
     def capture_signals(self) -> Generator[None]:
@@ -21,12 +23,26 @@ class PageServer(uvicorn.Server):
 
 
 async def serve_until_stopped(
-    settings: uvicorn.Config, listening: socket.socket, control: Connection
+    app: ASGIApp, listener: socket.socket, control: Connection, **options: Any
 ) -> None:
     """Serve until the other end of `control` sends a message or is closed.
 
-    The server sends "ready" to it before it serves.
+    The server sends "ready" to `control` before it serves.
+
+    Parameters
+    ----------
+    app
+        Application to serve.
+    listener
+        Listening socket.
+    control
+        Connection to the process that started this one.
+    options
+        Further options of `uvicorn.Config`.
     """
+    settings = uvicorn.Config(
+        app, log_level="error", timeout_graceful_shutdown=SHUTDOWN_GRACE_S, **options
+    )
     loop, server = asyncio.get_running_loop(), PageServer(settings)
 
     def end() -> None:
@@ -35,4 +51,4 @@ async def serve_until_stopped(
 
     loop.add_reader(control.fileno(), end)
     control.send("ready")
-    await server.serve(sockets=[listening])
+    await server.serve(sockets=[listener])

@@ -1,4 +1,7 @@
-"""Forms for the settings: fields of the dataclasses, with the text of their docstrings."""
+"""Descriptions of the settings forms: fields of the dataclasses, with the text of their docstrings.
+
+The widget ``static/widgets/settings_tab.js`` builds the forms from them.
+"""
 
 import re
 from dataclasses import dataclass, fields, is_dataclass
@@ -12,10 +15,11 @@ from rcmservo.page.settings import EDITABLE_PARTS, IMMEDIATE_PARTS
 from rcmservo.servo.servo import Servo
 
 UNIT_PATTERN = r"(?:1/s|rad|px|mm/s|mm|s/mm²|1/rad²|s)"
+"""Pattern of a unit."""
 UNIT_IN_TEXT = re.compile(
     rf"(?:^|, |\()({UNIT_PATTERN}(?:, {UNIT_PATTERN})*)(?=[.:;)]|$| whatever)"
 )
-"""Pattern of a unit in the docstring of a setting."""
+"""Pattern of the units in the docstring of a setting: "..., mm." or "(rad, px, px)"."""
 
 
 @dataclass(frozen=True)
@@ -50,20 +54,20 @@ def list_fields(kind: type[Any]) -> list[SettingField]:
     defaults, types = kind(), get_type_hints(kind, include_extras=True)
     return [
         SettingField(
-            name=f.name,
-            unit=find_unit(describe_field(kind, f.name)),
-            description=describe_field(kind, f.name),
-            default=getattr(defaults, f.name),
-            choices=list(choices_of(types[f.name])),
+            name=name,
+            unit=find_unit(describe_field(kind, name)),
+            description=describe_field(kind, name),
+            default=getattr(defaults, name),
+            choices=list(choices_of(types[name])),
         )
-        for f in fields(kind)
+        for name in (field.name for field in fields(kind))
     ]
 
 
 def find_unit(text: str) -> str:
     """Return the first unit in a text, or ""."""
-    found = UNIT_IN_TEXT.search(text)
-    return found[1] if found else ""
+    match = UNIT_IN_TEXT.search(text)
+    return match[1] if match else ""
 
 
 def build_forms(selected_servo: Servo, active_servo: Servo | None) -> list[dict[str, Any]]:
@@ -80,7 +84,7 @@ def build_forms(selected_servo: Servo, active_servo: Servo | None) -> list[dict[
             "immediate": part in IMMEDIATE_PARTS,
             "kinds": {
                 name: {
-                    "description": _one_line(kind),
+                    "description": " ".join(describe_class(kind).split()),
                     "fields": [vars(field) for field in list_fields(kind)],
                 }
                 for name, kind in PART_CLASSES[part].items()
@@ -90,7 +94,3 @@ def build_forms(selected_servo: Servo, active_servo: Servo | None) -> list[dict[
         }
         for part in EDITABLE_PARTS
     ]
-
-
-def _one_line(kind: type[Any]) -> str:
-    return " ".join(describe_class(kind).split())

@@ -1,4 +1,4 @@
-"""Parameters of the page's process."""
+"""Parameters of the page's process: what the page displays, and from where."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

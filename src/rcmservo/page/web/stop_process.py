@@ -1,10 +1,9 @@
-"""Process of STOP: from any browser to the supervisor, independent of page and servo."""
+"""Process that passes STOP from any browser to the supervisor, independent of page and servo."""
 
 import asyncio
 import socket
 from multiprocessing.connection import Connection
 
-import uvicorn
 from starlette.applications import Starlette
 from starlette.routing import WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
@@ -13,13 +12,13 @@ from rcmservo.page.channels import MessageChannel
 from rcmservo.page.messages import STOP
 from rcmservo.page.web.access import PageCredentials, receive_text
 from rcmservo.page.web.origin_check import OriginCheck
-from rcmservo.page.web.server_process import SHUTDOWN_GRACE_S, serve_until_stopped
+from rcmservo.page.web.server_process import serve_until_stopped
 
 
 def serve_stop(
     stop_requests: MessageChannel,
     access: PageCredentials,
-    listening: socket.socket,
+    listener: socket.socket,
     control: Connection,
 ) -> None:
     """Forward stop requests until the other end of `control` sends a message or is closed."""
@@ -35,7 +34,4 @@ def serve_stop(
             return
 
     app = OriginCheck(Starlette(routes=[WebSocketRoute("/stop", receive_stops)]), access.port)
-    settings = uvicorn.Config(
-        app, log_level="error", lifespan="off", timeout_graceful_shutdown=SHUTDOWN_GRACE_S
-    )
-    asyncio.run(serve_until_stopped(settings, listening, control))
+    asyncio.run(serve_until_stopped(app, listener, control, lifespan="off"))

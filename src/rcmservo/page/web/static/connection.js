@@ -1,64 +1,66 @@
 // Connection to the server: websockets for pictures, requests and STOP.
 //
-// view             reactive state that the components display
-// can(action)      whether the user may request an action now
-// rcm.board        newest content of the page
+// view             reactive state that the widgets display
+// can(action)      true if the user may request an action now
+// rcm.board        newest content of the page, as page/view_model.py describes it
 // rcm.onBoard(f)   call f(board, jpeg) with each new content
 // rcm.onChange(f)  call f() whenever the displayed state may have changed
-// rcm.send(m)      send a message; it counts while rcm.board is fresh
-// rcm.request(action, more)  send a request with its arguments once rcm.board is fresh
+// rcm.send(m)      send a message now; the server refuses it if rcm.board is old
+// rcm.request(action, more)  send a request with its arguments as soon as rcm.board is fresh
 // rcm.cancelRequest()        discard a request that waits
 // rcm.url(path)    address of the server's data
 import { shallowReactive } from "vue";
 
-const RECONNECT_MS = 500, MAX_AGE_MS = 200, MAX_REQUEST_WAIT_MS = 500, MIN_REFRESH_MS = 80;
-const MAX_REFRESH_MS = 250, DELAY_WINDOW_MS = 10000, CONNECTION_TIMEOUT_MS = 1000;
+const RECONNECT_MS = 500, CONNECTION_TIMEOUT_MS = 1000;
+const MIN_REFRESH_MS = 80, MAX_REFRESH_MS = 250; // time between two updates of `view`
+const MAX_BOARD_AGE_MS = 200, MAX_REQUEST_WAIT_MS = 500, DELAY_WINDOW_MS = 10000;
 export const STOP_FAILED = "STOP did not arrive: use the emergency stop of the arm";
 
 export const view = shallowReactive({
-  board: {}, connected: false, may: false, holds: false, requested: false, refused: "",
-  stopStatus: "", stopReady: false,
+  board: {}, isConnected: false, mayOperate: false, hasControl: false, isControlRequested: false,
+  refusal: "", stopStatus: "", isStopConnected: false,
 });
 
 export const can = (action) => {
-  if (action === "request_control") return view.connected && !view.holds;
-  if (action === "hand_over") return view.may && view.requested;
-  return view.may && (view.board.can || []).includes(action);
+  if (action === "request_control") return view.isConnected && !view.hasControl;
+  if (action === "hand_over") return view.mayOperate && view.isControlRequested;
+  return view.mayOperate && (view.board.can || []).includes(action);
 };
 
 function connect(site) {
   const boardListeners = [], changeListeners = [];
-  const rcm = { drawn: 0, board: {}, name: "", holds: false, requested: false, refused: "",
-    receivedAt: 0, stopStatus: "", jogs: () => false, releaseJog: () => {} };
+  const rcm = { drawn: 0, board: {}, name: "", hasControl: false, isControlRequested: false,
+    refusal: "", receivedAt: 0, stopStatus: "", isJogging: () => false, releaseJog: () => {} };
   const secret = encodeURIComponent(site.secret);
   rcm.url = (path) => `${path}${path.includes("?") ? "&" : "?"}secret=${secret}`;
-  rcm.onBoard = (f) => boardListeners.push(f);
-  rcm.onChange = (f) => changeListeners.push(f);
+  rcm.onBoard = (listener) => boardListeners.push(listener);
+  rcm.onChange = (listener) => changeListeners.push(listener);
   let refreshedAt = 0;
   const refresh = () => {
     refreshedAt = performance.now();
-    const { board, holds, requested, refused, stopStatus } = rcm;
-    Object.assign(view, { board, holds, requested, refused, stopStatus,
-      connected: rcm.connected(), may: rcm.may(), stopReady: rcm.stopLine.socket !== null });
-    for (const f of changeListeners) f();
+    const { board, hasControl, isControlRequested, refusal, stopStatus } = rcm;
+    Object.assign(view, { board, hasControl, isControlRequested, refusal, stopStatus,
+      isConnected: rcm.isConnected(), mayOperate: rcm.mayOperate(),
+      isStopConnected: rcm.stopLine.socket !== null });
+    for (const listener of changeListeners) listener();
   };
   rcm.refresh = refresh;
 
-  // A websocket that reconnects after it was closed.
-  function openLine(path, port, opened, received) {
+  // Open a websocket that reconnects after it was closed. Its `socket` is null while it is closed.
+  function openLine(path, port, onOpen, onMessage) {
     const line = { socket: null };
     const scheme = location.protocol === "https:" ? "wss" : "ws";
     const open = () => {
       const socket = new WebSocket(`${scheme}://${location.hostname}:${port}${rcm.url(path)}`);
       socket.binaryType = "arraybuffer";
-      socket.onopen = () => { line.socket = socket; opened(socket); };
-      socket.onmessage = (event) => received(event.data, socket);
+      socket.onopen = () => { line.socket = socket; onOpen(socket); };
+      socket.onmessage = (event) => onMessage(event.data, socket);
       socket.onclose = () => { line.socket = null; refresh(); setTimeout(open, RECONNECT_MS); };
     };
     line.send = (text) => {
-      const ready = line.socket !== null && line.socket.readyState === WebSocket.OPEN;
-      if (ready) line.socket.send(text);
-      return ready;
+      const isReady = line.socket !== null && line.socket.readyState === WebSocket.OPEN;
+      if (isReady) line.socket.send(text);
+      return isReady;
     };
     open();
     return line;
@@ -71,35 +73,37 @@ function connect(site) {
   const operate = openLine("/operate", location.port, refresh, (text) => {
     const answer = JSON.parse(text);
     if (answer.name) rcm.name = answer.name;
-    if (answer.refused) rcm.refused = answer.refused;
+    if (answer.refused) rcm.refusal = answer.refused;
     refresh();
   });
   const requestNext = (socket) => socket.send("next");
+  // A message holds the length of the board's JSON in bytes, the JSON, and the JPEG picture.
   const pictures = openLine("/pictures", location.port, requestNext, (data, socket) => {
     requestNext(socket);
     rcm.receivedAt = performance.now();
     const length = new DataView(data).getUint32(0, true);
     rcm.board = JSON.parse(new TextDecoder().decode(new Uint8Array(data, 4, length)));
-    rcm.holds = rcm.name !== "" && rcm.board.holder === rcm.name;
-    rcm.requested = Boolean(rcm.board.requester);
+    rcm.hasControl = rcm.name !== "" && rcm.board.holder === rcm.name;
+    rcm.isControlRequested = Boolean(rcm.board.requester);
     const jpeg = data.slice(4 + length);
     updateDelay();
     sendPending();
-    for (const f of boardListeners) f(rcm.board, jpeg);
+    for (const listener of boardListeners) listener(rcm.board, jpeg);
     if (rcm.receivedAt - refreshedAt > MIN_REFRESH_MS) refresh();
   });
   setInterval(refresh, MAX_REFRESH_MS);
 
-  // Age of the board relative to the fastest recent transmission. A board that waited in a queue
-  // while the browser was busy arrives now but describes an earlier state.
-  let smallest = Infinity, smallestBefore = Infinity, windowStart = 0;
+  // Age of the board. A board that waited in a queue while the browser was busy arrives now but
+  // describes an earlier state. Server and browser have different clocks, so that the smallest
+  // delay of the present and the previous window stands for a transmission without a queue.
+  let minDelay = Infinity, previousMinDelay = Infinity, windowStart = 0;
   const delay = () => performance.now() - 1e-6 * rcm.board.at;
-  const age = () => delay() - Math.min(smallest, smallestBefore);
+  const boardAge = () => delay() - Math.min(minDelay, previousMinDelay);
   function updateDelay() {
     if (rcm.receivedAt - windowStart > DELAY_WINDOW_MS) {
-      [smallestBefore, smallest, windowStart] = [smallest, Infinity, rcm.receivedAt];
+      [previousMinDelay, minDelay, windowStart] = [minDelay, Infinity, rcm.receivedAt];
     }
-    smallest = Math.min(smallest, delay());
+    minDelay = Math.min(minDelay, delay());
   }
 
   rcm.send = (message) => operate.send(JSON.stringify({ ...message, at: rcm.board.at }));
@@ -108,21 +112,21 @@ function connect(site) {
   let pending = null;
   const sendPending = () => {
     if (pending === null) return;
-    const late = performance.now() - pending.since > MAX_REQUEST_WAIT_MS;
-    if (!late && !(age() < MAX_AGE_MS)) return;
-    if (late) rcm.refused = "this browser was busy: press again";
+    const isLate = performance.now() - pending.since > MAX_REQUEST_WAIT_MS;
+    if (!isLate && !(boardAge() < MAX_BOARD_AGE_MS)) return;
+    if (isLate) rcm.refusal = "this browser was busy: press again";
     else rcm.send(pending.message);
     pending = null;
   };
   rcm.request = (action, more = {}) => {
-    rcm.refused = "";
+    rcm.refusal = "";
     pending = { message: { do: action, ...more }, since: performance.now() };
     sendPending();
   };
   rcm.cancelRequest = () => { pending = null; };
-  rcm.connected = () => performance.now() - rcm.receivedAt < CONNECTION_TIMEOUT_MS &&
+  rcm.isConnected = () => performance.now() - rcm.receivedAt < CONNECTION_TIMEOUT_MS &&
     pictures.socket !== null && operate.socket !== null;
-  rcm.may = () => rcm.connected() && rcm.holds && rcm.stopLine.socket !== null;
+  rcm.mayOperate = () => rcm.isConnected() && rcm.hasControl && rcm.stopLine.socket !== null;
   return rcm;
 }
 

@@ -1,4 +1,5 @@
-// STOP, which needs no other part of the page, and the heartbeat of the browser in control.
+// STOP, by button and space bar, and the heartbeat of the browser in control. STOP has a server
+// process of its own and needs no other part of the page.
 import { rcm, STOP_FAILED } from "./connection.js";
 
 const HEARTBEAT_MS = 100, ANSWER_TIMEOUT_MS = 400;
@@ -13,7 +14,9 @@ rcm.stop = () => {
   rcm.refresh();
 };
 
-setInterval(() => { if (rcm.holds && !rcm.jogs()) rcm.send({ do: "beat" }); }, HEARTBEAT_MS);
+setInterval(() => {
+  if (rcm.hasControl && !rcm.isJogging()) rcm.send({ do: "beat" });
+}, HEARTBEAT_MS);
 
 const isStop = ({ target }) => target instanceof Element && target.closest("#stop") !== null;
 document.addEventListener("pointerdown", (event) => { if (isStop(event)) rcm.stop(); });

@@ -1,30 +1,32 @@
 // 3-D scene of the mechanism at the measured joints. It is updated only while it is visible.
-import { niceguiElement } from "./nicegui_element.js";
+import { rcm } from "../connection.js";
+import { findNiceguiElement } from "./nicegui_element.js";
 
-const REFRESH_MS = 66, BALL_RADIUS_MM = 4;
+const REFRESH_MS = 66, BALL_RADIUS_MM = 4, SHAFT_RADIUS_MM = 1.2;
 const BLUE = "#005aff", BLACK = "#000000", YELLOW = "#e6c000", GREY = "#808080";
 
-export function start(rcm) {
-  let element = null, drawing = null;
-  const repeat = async () => {
-    const { id, limits } = window.RCMSERVO.scene;
-    element = niceguiElement(id) || element;
-    if (element?.renderer && !drawing) drawing = await build(element, limits);
-    if (drawing && drawing.isVisible()) {
-      drawing.tool.moveTo(rcm.board.tool);
-      drawing.target.moveTo(rcm.board.tool_target);
-    }
-    setTimeout(repeat, REFRESH_MS);
-  };
-  repeat();
-}
+let element = null; // NiceGUI's element of the scene
+let mechanism = null; // objects of the scene that move
 
-async function build(element, limits) {
+async function refresh() {
+  const { id, limits } = window.RCMSERVO.scene;
+  element = findNiceguiElement(id) || element;
+  if (element?.renderer && !mechanism) mechanism = await buildMechanism(element, limits);
+  if (mechanism && mechanism.isVisible()) {
+    mechanism.tool.moveTo(rcm.board.tool);
+    mechanism.target.moveTo(rcm.board.tool_target);
+  }
+  setTimeout(refresh, REFRESH_MS);
+}
+refresh();
+
+// Add the RCM, the base axes, the surface of marker 1, the target and the tool to the scene.
+async function buildMechanism(element, limits) {
   const { THREE } = await import("nicegui-scene");
   const isVisible = () =>
     element.$el.isConnected && element.$el.offsetParent !== null && !document.hidden;
   const render = element.renderer.render.bind(element.renderer);
-  element.renderer.render = (...scene) => { if (isVisible()) render(...scene); };
+  element.renderer.render = (...objects) => { if (isVisible()) render(...objects); };
   const extent = Math.max(...limits.flat().map((point) => Math.hypot(...point)));
   element.scene.add(
     makeBall(THREE, YELLOW, 1.3 * BALL_RADIUS_MM), new THREE.AxesHelper(0.3 * extent));
@@ -38,10 +40,12 @@ function makeBall(THREE, color, radius) {
     new THREE.SphereGeometry(radius, 20, 14), new THREE.MeshPhongMaterial({ color }));
 }
 
-// Add a tool from the RCM to its tip, with balls at both markers.
+// Add a tool from the RCM to its tip, with balls at both markers. `moveTo` takes the points of
+// marker 1, marker 2 and tip in mm, or null to hide the tool.
 function addTool(THREE, scene, color) {
   const shaft = new THREE.Mesh(
-    new THREE.CylinderGeometry(1.2, 1.2, 1, 12), new THREE.MeshPhongMaterial({ color }));
+    new THREE.CylinderGeometry(SHAFT_RADIUS_MM, SHAFT_RADIUS_MM, 1, 12),
+    new THREE.MeshPhongMaterial({ color }));
   const balls = [1, 2].map(() => makeBall(THREE, color, BALL_RADIUS_MM));
   const group = new THREE.Group();
   group.add(shaft, ...balls);
@@ -61,7 +65,7 @@ function addTool(THREE, scene, color) {
   return { moveTo };
 }
 
-// Surface of marker 1 at full insertion.
+// Return the surface of marker 1 at full insertion; `limits` is a grid of points in mm.
 function makeSurface(THREE, limits) {
   const rows = limits.length, columns = limits[0].length, index = [];
   for (let i = 0; i + 1 < rows; i += 1) {

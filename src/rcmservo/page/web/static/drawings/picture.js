@@ -1,26 +1,25 @@
 // Live picture with its overlay: tool blue, target black, as in the paper's figures.
+import { rcm } from "../connection.js";
+import { drawFeatures } from "./feature_overlay.js";
 import {
   drawPath, drawPrediction, drawText, isDrawable, isKnown, BLACK, BLUE, YELLOW,
-} from "./drawing.js";
-import { drawFeatures } from "./features.js";
+} from "./outlined_strokes.js";
 
-let newest = 0, displayed = 0;
+let receivedCount = 0, displayedNumber = 0;
 
-export function start(rcm) {
-  rcm.onBoard((board, jpeg) => { if (jpeg.byteLength > 0) display(rcm, board, jpeg, ++newest); });
-}
+rcm.onBoard((board, jpeg) => { if (jpeg.byteLength > 0) display(board, jpeg, ++receivedCount); });
 
-async function display(rcm, board, jpeg, number) {
+async function display(board, jpeg, number) {
   const image = await createImageBitmap(new Blob([jpeg], { type: "image/jpeg" }));
   const canvas = document.getElementById("picture");
-  if (!canvas || number < displayed) return image.close(); // a later one was decoded sooner
-  displayed = number;
+  if (!canvas || number < displayedNumber) return image.close(); // a later one was decoded sooner
+  displayedNumber = number;
   drawPicture(canvas, image, board);
   image.close();
   rcm.drawn += 1;
 }
 
-// Draw an image with the overlay of a board.
+// Draw an image with the overlay of a board, the page's content at the time of the image.
 export function drawPicture(canvas, image, board) {
   if (canvas.width !== image.width || canvas.height !== image.height) {
     canvas.width = image.width;
@@ -42,6 +41,8 @@ export function drawPicture(canvas, image, board) {
   }
   drawRcm(context, board.rcm, canvas, size);
 }
+
+// Draw the line from the imaged RCM through both markers, and a circle with a name at each marker.
 function drawTool(context, points, o_c, colour, size, names) {
   const vertices = [isKnown(o_c) && isDrawable(o_c) ? o_c : null, ...points].filter(isKnown);
   drawPath(context, colour, size, () => {
@@ -54,24 +55,26 @@ function drawTool(context, points, o_c, colour, size, names) {
     drawText(context, names[i], u + 12 * size, v - 8 * size, colour, 14 * size);
   });
 }
+
+// Draw a cross at the imaged RCM. If it lies outside the picture, draw an arrowhead at the border.
 function drawRcm(context, o_c, canvas, size) {
   if (!isKnown(o_c)) return;
-  const [u, v] = o_c, m = 14 * size;
+  const [u, v] = o_c, arm = 14 * size; // length of the strokes
   if (u >= 0 && u < canvas.width && v >= 0 && v < canvas.height) {
     drawPath(context, YELLOW, size, () => {
-      context.moveTo(u - m, v - m); context.lineTo(u + m, v + m);
-      context.moveTo(u + m, v - m); context.lineTo(u - m, v + m);
+      context.moveTo(u - arm, v - arm); context.lineTo(u + arm, v + arm);
+      context.moveTo(u + arm, v - arm); context.lineTo(u - arm, v + arm);
     });
     return;
   }
-  // outside the picture: an arrow at the border, from the centre towards the imaged RCM
-  const x = canvas.width / 2, y = canvas.height / 2;
-  const fraction = Math.min((x - m) / Math.abs(u - x), (y - m) / Math.abs(v - y));
-  const angle = Math.atan2(v - y, u - x), a = x + fraction * (u - x), b = y + fraction * (v - y);
+  const uCentre = canvas.width / 2, vCentre = canvas.height / 2;
+  const du = u - uCentre, dv = v - vCentre, angle = Math.atan2(dv, du);
+  const fraction = Math.min((uCentre - arm) / Math.abs(du), (vCentre - arm) / Math.abs(dv));
+  const uTip = uCentre + fraction * du, vTip = vCentre + fraction * dv;
   drawPath(context, YELLOW, size, () => {
-    for (const side of [2.6, -2.6]) {
-      context.moveTo(a, b);
-      context.lineTo(a + m * Math.cos(angle + side), b + m * Math.sin(angle + side));
+    for (const barbAngle of [angle + 2.6, angle - 2.6]) {
+      context.moveTo(uTip, vTip);
+      context.lineTo(uTip + arm * Math.cos(barbAngle), vTip + arm * Math.sin(barbAngle));
     }
   });
 }

@@ -1,4 +1,4 @@
-// Pose sequence: the waypoints are edited here and sent as a whole; the board reports the progress.
+// Editor of a pose sequence, which is sent as a whole, and its progress, which the board reports.
 import { can, rcm, view } from "/rcmservo/connection.js";
 
 export default {
@@ -28,7 +28,7 @@ export default {
     },
   },
   template: `
-    <div class="rcm-part">
+    <div class="rcm-widget">
       <details id="sequence">
         <summary>Sequence: visit poses in turn</summary>
         <ol id="waypoints" aria-label="Poses of the sequence">
@@ -45,7 +45,7 @@ export default {
         <div class="sequence-row">
           <select id="waypoint-pose" class="rcm-field" aria-label="Pose to visit" :value="selected"
             @change="pose = $event.target.value">
-            <option v-for="one in poses">{{ one }}</option>
+            <option v-for="name in poses">{{ name }}</option>
           </select>
           <label>for <input id="dwell" class="rcm-field" type="number" min="0" :max="maxDwell"
             step="any" aria-label="Dwell in seconds" v-model.number="dwell"> s</label>
@@ -58,7 +58,8 @@ export default {
             :disabled="!can('go') || progress !== null || waypoints.length === 0"
             @click="rcm.request('sequence', { waypoints, rounds })">Start</button>
           <button type="button" class="rcm-button" aria-label="End the sequence"
-            :disabled="!view.may || progress === null" @click="rcm.request('pause')">End</button>
+            :disabled="!view.mayOperate || progress === null" @click="rcm.request('pause')"
+            >End</button>
         </div>
       </details>
       <div id="sequence-progress">{{ text }}</div>

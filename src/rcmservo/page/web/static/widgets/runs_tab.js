@@ -1,5 +1,5 @@
-// Past runs: the list, and an opened run with its replay, figures and files.
-import { drawPicture } from "/rcmservo/picture.js";
+// Tab of the past runs: the list, and an opened run with its replay, figures and files.
+import { drawPicture } from "/rcmservo/drawings/picture.js";
 import { rcm } from "/rcmservo/connection.js";
 
 const REFRESH_MS = 5000, FRAME_MS = 50;
@@ -20,28 +20,29 @@ function blankImage([width, height]) {
   return canvas;
 }
 
+// Replay of an opened run: recorded pictures with the recorded overlay, and a time slider.
 const Replay = {
   props: { path: String, content: Object },
-  data: () => ({ at: 0, text: "", playing: null, busy: false }),
-  computed: { last() { return this.content.moments.length - 1; } },
+  data: () => ({ shownIndex: 0, text: "", playTimer: null, isDrawing: false }),
+  computed: { lastIndex() { return this.content.moments.length - 1; } },
   mounted() { this.show(0); },
-  unmounted() { clearTimeout(this.playing); },
+  unmounted() { clearTimeout(this.playTimer); },
   methods: {
     async show(i) {
-      const { moments, spans } = this.content, [, , phase, why] = spans[moments[i].span] || [];
-      this.at = i;
-      this.text = `${moments[i].t.toFixed(2)} s · ${[phase, why].filter(Boolean).join(" · ")}`;
-      if (this.busy) return;
-      this.busy = true;
+      const { moments, spans } = this.content, [, , phase, cause] = spans[moments[i].span] || [];
+      this.shownIndex = i;
+      this.text = `${moments[i].t.toFixed(2)} s · ${[phase, cause].filter(Boolean).join(" · ")}`;
+      if (this.isDrawing) return;
+      this.isDrawing = true;
       try {
-        for (let drawn = -1; drawn !== this.at;) { // only the newest requested moment
-          drawn = this.at;
-          await this.draw(moments[drawn]);
+        for (let drawnIndex = -1; drawnIndex !== this.shownIndex;) { // only the newest request
+          drawnIndex = this.shownIndex;
+          await this.draw(moments[drawnIndex]);
         }
       } catch (error) {
         this.text = error.message;
       } finally {
-        this.busy = false;
+        this.isDrawing = false;
       }
     },
     async draw({ points, rcm: o_c, stage, picture }) {
@@ -55,17 +56,17 @@ const Replay = {
       image.close?.();
     },
     togglePlay() {
-      clearTimeout(this.playing);
-      if (this.playing !== null) { this.playing = null; return; }
+      clearTimeout(this.playTimer);
+      if (this.playTimer !== null) { this.playTimer = null; return; }
       const { moments } = this.content;
-      let i = this.at >= this.last ? 0 : this.at;
-      const began = performance.now() - 1000 * moments[i].t;
+      let i = this.shownIndex >= this.lastIndex ? 0 : this.shownIndex;
+      const startMs = performance.now() - 1000 * moments[i].t;
       const step = () => {
-        if (!this.$el.isConnected) { this.playing = null; return; }
-        const t = (performance.now() - began) / 1000;
-        while (i < this.last && moments[i + 1].t <= t) i += 1;
-        if (i !== this.at) this.show(i);
-        this.playing = i < this.last ? setTimeout(step, FRAME_MS) : null;
+        if (!this.$el.isConnected) { this.playTimer = null; return; }
+        const replayedS = (performance.now() - startMs) / 1000;
+        while (i < this.lastIndex && moments[i + 1].t <= replayedS) i += 1;
+        if (i !== this.shownIndex) this.show(i);
+        this.playTimer = i < this.lastIndex ? setTimeout(step, FRAME_MS) : null;
       };
       step();
     },
@@ -76,9 +77,10 @@ const Replay = {
       <canvas ref="canvas" role="img" aria-label="Picture of the past run"></canvas>
       <div class="run-head">
         <button type="button" class="rcm-button" @click="togglePlay">
-          {{ playing === null ? "Play" : "Pause replay" }}</button>
-        <input type="range" min="0" :max="last" step="1" :value="at" :aria-valuetext="text"
-          aria-label="Time in the past run" @input="show(Number($event.target.value))">
+          {{ playTimer === null ? "Play" : "Pause replay" }}</button>
+        <input type="range" min="0" :max="lastIndex" step="1" :value="shownIndex"
+          :aria-valuetext="text" aria-label="Time in the past run"
+          @input="show(Number($event.target.value))">
       </div>
       <div class="run-moment">{{ text }}</div>
     </div>`,
@@ -87,7 +89,7 @@ const Replay = {
 export default {
   components: { Replay },
   setup: () => ({ headings: ["Last change", "Length", "Arm and estimator", "End", ""] }),
-  data: () => ({ runs: null, run: null, content: null, error: "" }),
+  data: () => ({ runs: null, run: null, content: null, error: "" }), // run: the opened one
   computed: {
     path() { return `/runs/${this.run.name}`; },
     summary() {
@@ -96,12 +98,12 @@ export default {
     },
   },
   mounted() {
-    this.list();
-    setInterval(() => { if (this.$el.offsetParent && !this.run) this.list(); }, REFRESH_MS);
+    this.fetchRuns();
+    setInterval(() => { if (this.$el.offsetParent && !this.run) this.fetchRuns(); }, REFRESH_MS);
   },
   methods: {
     url: rcm.url,
-    async list() {
+    async fetchRuns() {
       try {
         this.runs = await (await fetchData("/runs")).json();
         if (!this.run) this.error = "";
@@ -120,9 +122,9 @@ export default {
     },
     close() {
       [this.run, this.content, this.error] = [null, null, ""];
-      this.list();
+      this.fetchRuns();
     },
-    length(seconds) {
+    formatLength(seconds) {
       if (seconds === null) return "";
       if (seconds < 60) return `${seconds.toFixed(1)} s`;
       return `${Math.floor(seconds / 60)} min ${Math.floor(seconds % 60)} s`;
@@ -151,9 +153,9 @@ export default {
         <div class="run-lines"><table class="run-list" aria-label="Time line"><tbody>
           <tr><th scope="col" v-for="head in ['Start', 'Length', 'Phase', 'Cause', 'Recovery']"
             >{{ head }}</th></tr>
-          <tr v-for="[start, length, phase, why, out] in content.spans">
+          <tr v-for="[start, length, phase, cause, recovery] in content.spans">
             <td>{{ start.toFixed(2) }} s</td><td>{{ length.toFixed(2) }} s</td><td>{{ phase }}</td>
-            <td>{{ why }}</td><td>{{ out }}</td>
+            <td>{{ cause }}</td><td>{{ recovery }}</td>
           </tr>
         </tbody></table></div>
         <div class="run-figures">
@@ -169,13 +171,12 @@ export default {
       </template>
       <p v-else-if="!run && runs && !runs.length">There are no runs yet.</p>
       <table v-else-if="!run && runs" class="run-list" aria-label="Past runs">
-        <thead><tr><th scope="col" v-for="head in headings"
-          >{{ head }}</th></tr></thead>
-        <tbody><tr v-for="one in runs" :key="one.name" :class="{ 'run-now': one.recording }">
-          <td>{{ one.changed }}</td><td>{{ length(one.seconds) }}</td>
-          <td>{{ one.description }}<small>{{ one.folder }}</small></td><td>{{ one.ending }}</td>
-          <td><button v-if="one.seconds !== null" type="button" class="rcm-button"
-            :aria-label="'Open ' + one.folder" @click="open(one)">Open</button></td>
+        <thead><tr><th scope="col" v-for="head in headings">{{ head }}</th></tr></thead>
+        <tbody><tr v-for="past in runs" :key="past.name" :class="{ 'run-now': past.is_recording }">
+          <td>{{ past.changed }}</td><td>{{ formatLength(past.seconds) }}</td>
+          <td>{{ past.description }}<small>{{ past.folder }}</small></td><td>{{ past.ending }}</td>
+          <td><button v-if="past.seconds !== null" type="button" class="rcm-button"
+            :aria-label="'Open ' + past.folder" @click="open(past)">Open</button></td>
         </tr></tbody>
       </table>
     </div>`,

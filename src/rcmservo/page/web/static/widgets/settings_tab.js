@@ -1,4 +1,5 @@
-// Settings: a form for each part of the servo that may change, built from the server's description.
+// Tab of the settings: a form for each part of the servo that may change. The server describes the
+// forms, see web/setting_fields.py.
 import { rcm, view } from "/rcmservo/connection.js";
 
 const RETRY_MS = 1000;
@@ -9,6 +10,7 @@ const toShortText = (value) =>
 const toText = (value) => toList(value).map(toShortText).join(", ");
 const isEqual = (first, second) => JSON.stringify(first) === JSON.stringify(second);
 const fields = (form) => form.kinds[form.kind]?.fields || [];
+// Unit of the i-th number of a field, whose units may repeat: "rad, px" holds for 4 numbers.
 const unitOf = (unit, i) => unit.split(", ")[i % unit.split(", ").length];
 
 // Fill a form with the values of a table, and with defaults for missing ones.
@@ -28,9 +30,9 @@ export default {
       const response = await fetch(rcm.url("/settings")).catch(() => ({ ok: false }));
       if (!response.ok) { setTimeout(() => this.fetchForms(), RETRY_MS); return; }
       this.forms = (await response.json()).map((description) => {
-        const old = this.forms.find(({ part }) => part === description.part);
-        if (old && isEqual(old.selected, description.selected)) {
-          return { ...old, active: description.active }; // keeps what the user has typed
+        const shownForm = this.forms.find(({ part }) => part === description.part);
+        if (shownForm && isEqual(shownForm.selected, description.selected)) {
+          return { ...shownForm, active: description.active }; // keeps what the user has typed
         }
         const form = { ...description, kind: description.selected.kind };
         fill(form, description.selected);
@@ -41,10 +43,10 @@ export default {
     label: ({ name, unit }, values, i) => (values.length > 1 ? `${name} ${i + 1}` : name) +
       (unit ? `, ${unitOf(unit, i)}` : ""),
     unit({ unit }, value, i) {
-      const one = unitOf(unit, i);
-      return one === "rad" ? `rad = ${toShortText(Number(value) * 180 / Math.PI)}°` : one;
+      const symbol = unitOf(unit, i);
+      return symbol === "rad" ? `rad = ${toShortText(Number(value) * 180 / Math.PI)}°` : symbol;
     },
-    // The active value if it differs from the selected one.
+    // Return the active value if it differs from the selected one.
     activeText({ active, selected }, name) {
       const isSameKind = active?.kind === selected.kind;
       if (active === null || (isSameKind && isEqual(active[name], selected[name]))) return "";
@@ -53,7 +55,7 @@ export default {
     send(form) {
       const table = { kind: form.kind };
       for (const { name, default: standard } of fields(form)) {
-        const values = form.values[name].map((one) => (one === "" ? null : one));
+        const values = form.values[name].map((value) => (value === "" ? null : value));
         table[name] = Array.isArray(standard) ? values : values[0];
       }
       this.sentPart = form.part;
@@ -79,7 +81,7 @@ export default {
           <span class="inputs"><template v-for="(value, i) in form.values[field.name]">
             <select v-if="field.choices.length" class="rcm-field" :aria-label="field.name"
               v-model="form.values[field.name][i]">
-              <option v-for="one in field.choices">{{ one }}</option>
+              <option v-for="choice in field.choices">{{ choice }}</option>
             </select>
             <input v-else-if="typeof value === 'boolean'" type="checkbox" :aria-label="field.name"
               v-model="form.values[field.name][i]">
@@ -95,12 +97,12 @@ export default {
           <p>{{ field.description }}</p>
         </div>
         <div class="buttons">
-          <button class="rcm-button apply" :disabled="!view.may"
+          <button class="rcm-button apply" :disabled="!view.mayOperate"
             :aria-label="'Apply ' + form.title">Apply</button>
           <button class="rcm-button" type="button" :aria-label="form.title + ' defaults'"
             @click="fill(form, {})">Defaults</button>
           <span class="refused" role="alert"
-            >{{ sentPart === form.part ? view.refused : "" }}</span>
+            >{{ sentPart === form.part ? view.refusal : "" }}</span>
         </div>
       </form>
     </div>`,

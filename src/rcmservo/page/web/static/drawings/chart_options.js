@@ -1,10 +1,12 @@
-// Charts of the page and their style: the colours of Okabe and Ito; predicted curves are dashed or
-// dotted.
+// Charts of the tab "Curves" and their options for ECharts. The colours of Okabe and Ito suit
+// colour-blind readers; predicted curves are dashed or dotted.
 const BLUE = "#0072b2", ORANGE = "#e69f00", GREEN = "#009e73", RED = "#d55e00";
 const DEGREES = 180 / Math.PI, COLUMNS = 2, CHART_HEIGHT_PX = 11.2 * 16; // 11.2 rem
 
 const line = (name, field, colour, type = "solid") => ({ name, field, colour, type });
 
+// `field` of a line is its name in SAMPLE_FIELDS of page/plots/curves.py; `scale` converts the
+// server's unit to `unit`.
 export const charts = [
   { name: "Error of the angle", unit: "°", scale: DEGREES, lines: [line("Δs", "delta_s", BLUE)] },
   { name: "Errors of the distances", unit: "px",
@@ -22,34 +24,35 @@ export const charts = [
     lines: [line("true pose error (simulation only)", "", GREEN)] },
 ];
 
-export function chartOptions(selected, ink) {
-  const faint = "rgba(128, 128, 128, 0.35)", wide = 100 / COLUMNS;
-  const left = (k) => (k % COLUMNS) * wide;
+// Return ECharts' options that place `shownCharts` in a grid; `ink` is the colour of the text.
+export function chartOptions(shownCharts, ink) {
+  const faint = "rgba(128, 128, 128, 0.35)", widthPercent = 100 / COLUMNS;
+  const left = (k) => (k % COLUMNS) * widthPercent;
   const top = (k) => Math.floor(k / COLUMNS) * CHART_HEIGHT_PX;
   const axis = { axisLabel: { color: ink }, nameTextStyle: { color: ink } };
-  const lines = selected.flatMap((chart, k) => chart.lines.map((curve) => ({ ...curve, k })));
+  const lines = shownCharts.flatMap((chart, k) => chart.lines.map((curve) => ({ ...curve, k })));
   return {
     animation: false,
     textStyle: { color: ink },
-    title: selected.map((chart, k) => ({
+    title: shownCharts.map((chart, k) => ({
       text: `${chart.name} [${chart.unit}]`,
       left: `${left(k) + 1}%`, top: top(k), textStyle: { color: ink, fontSize: 12 },
     })),
-    legend: selected.map((chart, k) => ({
+    legend: shownCharts.map((chart, k) => ({
       data: chart.lines.map(({ name }) => name), left: `${left(k) + 1}%`, top: top(k) + 15,
       textStyle: { color: ink, fontSize: 10 }, itemWidth: 18, itemHeight: 8, selectedMode: false,
-      width: `${wide - 2}%`, itemGap: 6,
+      width: `${widthPercent - 2}%`, itemGap: 6,
     })),
-    grid: selected.map((chart, k) => ({
-      left: `${left(k) + 6}%`, width: `${wide - 9}%`, top: top(k) + 42,
+    grid: shownCharts.map((chart, k) => ({
+      left: `${left(k) + 6}%`, width: `${widthPercent - 9}%`, top: top(k) + 42,
       height: CHART_HEIGHT_PX - 80,
     })),
-    xAxis: selected.map((chart, k) => ({
+    xAxis: shownCharts.map((chart, k) => ({
       ...axis, gridIndex: k, min: -30, max: 0, interval: 10,
       axisLabel: { color: ink, formatter: (t) => (t === 0 ? "0 s" : t) },
       splitLine: { show: false },
     })),
-    yAxis: selected.map((chart, k) => ({
+    yAxis: shownCharts.map((chart, k) => ({
       ...axis, gridIndex: k, type: chart.log ? "log" : "value", scale: false, splitNumber: 3,
       splitLine: { lineStyle: { color: faint } },
     })),

@@ -1,5 +1,5 @@
-// NiceGUI's object of an element of the page; undefined before it exists.
-export function niceguiElement(id) {
+// Return NiceGUI's object of the element with this number, or undefined before it exists.
+export function findNiceguiElement(id) {
   try {
     return window.getElement(id);
   } catch {

@@ -1,5 +1,5 @@
-// Jog buttons: they move joints at given rates, or marker 1 in the arm's base frame. A button is
-// held only while it is pressed in a focused, visible window.
+// Jog buttons: each moves one joint, or marker 1 along an axis of the arm's base frame, as long as
+// it is held down in a focused, visible window.
 import { can, rcm } from "/rcmservo/connection.js";
 
 const REPEAT_MS = 40, START_TIMEOUT_MS = 500;
@@ -12,13 +12,13 @@ const DIRECTIONS = [
   { sign: -1, direction: "minus", symbol: "−" }, { sign: 1, direction: "plus", symbol: "+" },
 ];
 
-let held = null;
-let press = Date.now(); // differs from the presses of earlier pages
+let held = null; // the button that is held down, and its motion
+let pressNumber = Date.now(); // differs from the presses of earlier pages
 
-const repeat = () => {
+const sendJog = () => {
   if (held !== null) rcm.send({ do: "jog", ...held.motion, press: held.press });
 };
-setInterval(repeat, REPEAT_MS);
+setInterval(sendJog, REPEAT_MS);
 
 function hold(button, pointer) {
   rcm.releaseJog();
@@ -26,12 +26,12 @@ function hold(button, pointer) {
   values[Number(axis)] = Number(sign) * FULL_SPEED;
   const speed_scale = Number(document.getElementById("jog-speed").value);
   const motion = { [quantity]: values, speed_scale };
-  held = { button, motion, pointer, press: ++press, since: performance.now() };
+  held = { button, motion, pointer, press: ++pressNumber, since: performance.now() };
   button.classList.add("held");
-  repeat();
+  sendJog();
 }
 
-rcm.jogs = () => held !== null;
+rcm.isJogging = () => held !== null;
 rcm.releaseJog = () => {
   if (held === null) return;
   held.button.classList.remove("held");
@@ -44,12 +44,12 @@ rcm.onChange(() => {
   if ((isLate && rcm.board.phase !== "JOG") || !can("jog")) rcm.releaseJog();
 });
 
-const jogButton = (event) => {
+const findJogButton = (event) => {
   const button = event.target instanceof Element ? event.target.closest(".jog") : null;
   return button && !button.disabled && held === null ? button : null;
 };
 document.addEventListener("pointerdown", (event) => {
-  const button = jogButton(event);
+  const button = findJogButton(event);
   if (button && event.button === 0 && event.isPrimary && !event.ctrlKey) {
     event.preventDefault();
     button.focus();
@@ -57,7 +57,7 @@ document.addEventListener("pointerdown", (event) => {
   }
 });
 document.addEventListener("keydown", (event) => {
-  const button = jogButton(event);
+  const button = findJogButton(event);
   if (event.code === "Enter" && button && !event.repeat) {
     event.preventDefault();
     hold(button, null);
@@ -81,7 +81,7 @@ window.addEventListener("pointermove", (event) => {
 export default {
   setup: () => ({ can, ROWS, DIRECTIONS }),
   template: `
-    <div class="rcm-part">
+    <div class="rcm-widget">
       <div class="nicegui-row row items-center rcm-tight">
         <span class="text-sm">Jog while paused: hold a button down</span>
         <select id="jog-speed" class="rcm-field" aria-label="Jog speed">

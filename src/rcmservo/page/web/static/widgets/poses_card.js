@@ -1,5 +1,5 @@
-// Poses: teach the present pose under a name, go to a pose, delete one.
-import ActionButton from "/rcmservo/parts/action_button.js";
+// Taught poses: teach the present pose under a name, go to a pose, delete a pose.
+import ActionButton from "/rcmservo/widgets/action_button.js";
 import { can, rcm, view } from "/rcmservo/connection.js";
 
 const CONFIRMATION_MS = 3000;
@@ -11,7 +11,7 @@ export default {
   computed: {
     trimmed() { return this.name.trim(); },
     exists() { return (view.board.poses || []).includes(this.trimmed); },
-    // Each pose with its picture; a pose that this rig refuses, with the reason.
+    // Usable poses, then poses whose files this rig refuses, with the reason.
     poses: () => [
       ...(view.board.poses || []).map((name) => ({ name })),
       ...Object.entries(view.board.refused_poses || {}).map(([name, reason]) => ({ name, reason })),
@@ -21,7 +21,7 @@ export default {
   methods: {
     picture: (name) =>
       rcm.url(`/pose?name=${encodeURIComponent(name)}&version=${view.board.pose_version}`),
-    // Deleting cannot be undone, so that it needs a second press.
+    // Deletion cannot be undone, so that it needs a second press.
     remove(name) {
       if (this.toConfirm === name) rcm.request("delete", { name });
       this.toConfirm = this.toConfirm === name ? "" : name;
@@ -29,7 +29,8 @@ export default {
     },
   },
   template: `
-    <div class="rcm-part">
+    <div class="rcm-widget">
+      <div class="text-sm">Poses: name and teach the present pose</div>
       <div class="nicegui-row row items-center rcm-tight">
         <input id="name" class="rcm-field" aria-label="Name of the pose" :maxlength="maxLength"
           placeholder="name" v-model="name">
@@ -43,7 +44,7 @@ export default {
           <span v-if="reason">{{ name }}: {{ reason }}</span>
           <button v-else type="button" class="rcm-button go" :disabled="!can('go')"
             :aria-label="'Go ' + name" @click="rcm.request('go', { name })">Go {{ name }}</button>
-          <button type="button" class="rcm-button delete" :disabled="!view.may"
+          <button type="button" class="rcm-button delete" :disabled="!view.mayOperate"
             :aria-label="'Delete ' + name" @click="remove(name)"
             >{{ toConfirm === name ? "delete?" : "×" }}</button>
         </div>

@@ -1,8 +1,0 @@
-// Newest notes and the reason of the last refused request.
-import { view } from "/rcmservo/connection.js";
-
-export default {
-  computed: { text: () => [...(view.board.notes || []), view.refused].filter(Boolean).join("\n") },
-  template: `
-    <div class="rcm-part"><div id="notes" role="log" aria-label="Notes">{{ text }}</div></div>`,
-};
