@@ -31,8 +31,8 @@ from rcmservo.sim.disturbances import (
     expected_causes,
     sample_disturbances,
 )
+from rcmservo.sim.disturbances.effects.smoke_and_blood import Smoke
 from rcmservo.sim.disturbances.old_names import OLD_NAMES
-from rcmservo.sim.disturbances.smoke_and_blood import Smoke
 from rcmservo.sim.scripted_operator import ScriptedOperator, run_attended
 from rcmservo.tracking import ColourMarkers, PointMarkers
 
@@ -403,7 +403,7 @@ def test_a_disturbance_survives_its_text_and_a_pickle(seed: int, pictures: bool)
             == pickle.loads(pickle.dumps(disturbance))
         )
         assert disturbance.at <= 20.0
-        assert DISTURBANCE_KINDS[disturbance.kind].pictures or not pictures
+        assert DISTURBANCE_KINDS[disturbance.kind].works_with_images or not pictures
 
 
 @given(

@@ -31,7 +31,7 @@ from rcmservo.live.arm_datagrams import (
 from rcmservo.live.child_process import receive_from_parent
 from rcmservo.live.realtime import realtime
 from rcmservo.sim.arm import PHYSICS_STEP_NS
-from rcmservo.sim.disturbances.arm_faults import DisturbedArm
+from rcmservo.sim.disturbances.effects.arm_faults import DisturbedArm
 from rcmservo.sim.processes.live_disturbances import DisturbanceChange
 from rcmservo.sim.processes.motion_log import MotionLog
 from rcmservo.sim.rig import SETTLE_TIME_NS, Rig, RigSettings

@@ -11,7 +11,7 @@ from rcmservo.live.frame_ring import FrameRing
 from rcmservo.loop.clock import sleep_until
 from rcmservo.loop.joint_history import JointHistory
 from rcmservo.sim.arm import HISTORY_STEPS
-from rcmservo.sim.disturbances.frame_delivery import FrameDelivery
+from rcmservo.sim.disturbances.effects.frame_delivery import FrameDelivery
 from rcmservo.sim.processes.live_disturbances import DisturbanceChange
 from rcmservo.sim.processes.motion_log import MotionLog
 from rcmservo.sim.rig import Rig, RigSettings

@@ -5,7 +5,7 @@ from typing import Any
 
 from rcmservo.errors import require
 from rcmservo.sim.disturbances.disturbance import Disturbance
-from rcmservo.sim.disturbances.kinds import DISTURBANCE_KINDS, NOT_LIVE_KINDS
+from rcmservo.sim.disturbances.disturbance_kinds import DISTURBANCE_KINDS, NOT_LIVE_KINDS
 from rcmservo.sim.disturbances.parameters import Number
 from rcmservo.sim.disturbances.schedule import Schedule
 
