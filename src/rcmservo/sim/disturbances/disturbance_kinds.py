@@ -252,9 +252,11 @@ DISTURBANCE_KINDS: Mapping[str, Kind] = MappingProxyType(
 )
 """Kinds of disturbance by name, in groups by the file that simulates them."""
 
-NOT_LIVE_KINDS = frozenset({"nan_points", "corrupt", "stall", "jitter", "kill", "disk_full"})
-"""Kinds that a laboratory in wall time refuses: its camera has images, all of one size, and its
-process and disk are real."""
+NOT_LIVE_KINDS = "nan_points", "corrupt", "stall", "jitter", "kill", "disk_full"
+
+LIVE_KINDS = {name: kind for name, kind in DISTURBANCE_KINDS.items() if name not in NOT_LIVE_KINDS}
+"""Kinds that a laboratory in wall time can have. It refuses the others, because its camera has
+images, all of one size, and its process and disk are real."""
 
 
 def expected_causes(kind: str) -> set[Cause]:
