@@ -18,8 +18,10 @@ class Number:
     ----------
     default : float
         Default value.
-    low, high : float
-        Least and greatest value, both accepted.
+    low : float
+        Least accepted value.
+    high : float
+        Greatest accepted value.
     sampled_range : tuple[float, float]
         Least and greatest value of random disturbances.
     unit : str

@@ -33,10 +33,14 @@ class Capsule(NamedTuple):
         Vector from A to the other end B, mm.
     radius : float
         Radius, mm; 0 if the capsule is absent or entirely behind the camera.
-    nn, An : float
-        Products n·n and A·n, mm².
-    AA, BB : float
-        A·A − radius² and B·B − radius², mm².
+    nn : float
+        n·n, mm².
+    An : float
+        A·n, mm².
+    AA : float
+        A·A − radius², mm².
+    BB : float
+        B·B − radius², mm².
     colour : Vector
         Colour (blue, green, red), grey levels.
     highlight : float
