@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rcmservo.numerics.small_svd import compute_condition, orthogonalise_columns
+from rcmservo.numerics.small_svd import compute_condition, orthogonalise_in_place
 
 shapes = st.sampled_from([(3, 3), (4, 3), (6, 3), (2, 2)])
 
@@ -13,6 +13,13 @@ def matrix(seed, shape, condition):
     rng = np.random.default_rng(seed)
     U, _, Vt = np.linalg.svd(rng.normal(size=shape), full_matrices=False)
     return U * np.geomspace(1.0, 1.0 / condition, shape[1]) @ Vt
+
+
+def orthogonalise_columns(A):
+    """Return B = A V with orthogonal columns, and the rotation V."""
+    B, V = A.copy(), np.empty((A.shape[1], A.shape[1]))
+    orthogonalise_in_place(B, V)
+    return B, V
 
 
 @given(st.integers(0, 9999), shapes, st.floats(1.0, 1e6), st.floats(1e-6, 1e6))
@@ -26,8 +33,10 @@ def test_the_columns_are_orthogonal_and_their_lengths_are_the_singular_values(
     np.testing.assert_allclose(V.T @ V, np.eye(n), atol=1e-14)
     np.testing.assert_allclose(B, A @ V, atol=1e-13 * size)
     np.testing.assert_allclose((B / lengths).T @ (B / lengths), np.eye(n), atol=1e-13)
-    found = np.sort(lengths)[::-1]
-    np.testing.assert_allclose(found, np.linalg.svd(A, compute_uv=False), atol=1e-14 * size)
+    singular_values = np.sort(lengths)[::-1]
+    np.testing.assert_allclose(
+        singular_values, np.linalg.svd(A, compute_uv=False), atol=1e-14 * size
+    )
 
 
 @given(st.floats(-3.0, 3.0), st.floats(-3.0, 3.0), st.floats(-3.0, 3.0), st.floats(1e-12, 1e-3))

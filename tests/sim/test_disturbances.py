@@ -31,8 +31,8 @@ from rcmservo.sim.disturbances import (
     expected_causes,
     sample_disturbances,
 )
+from rcmservo.sim.disturbances.effects.smoke_and_blood import Smoke
 from rcmservo.sim.disturbances.old_names import OLD_NAMES
-from rcmservo.sim.disturbances.smoke_and_blood import Smoke
 from rcmservo.sim.scripted_operator import ScriptedOperator, run_attended
 from rcmservo.tracking import ColourMarkers, PointMarkers
 
@@ -45,7 +45,7 @@ STOP_TIME = 0.1
 
 
 def rig_with(text: str, seed: int = 1, pictures: bool = False) -> Rig:
-    return Rig(seed, pictures=pictures, disturbances=parsed(text))
+    return Rig(seed, pictures=pictures, disturbances=parse_all(text))
 
 
 def marker_1(rig: Rig, q: Floats) -> Floats:
@@ -53,8 +53,8 @@ def marker_1(rig: Rig, q: Floats) -> Floats:
     return rig.scene.body.points(q)[0]
 
 
-def parsed(text: str) -> list[Disturbance]:
-    return [Disturbance.parse(one) for one in text.split()]
+def parse_all(text: str) -> list[Disturbance]:
+    return [Disturbance.parse(item) for item in text.split()]
 
 
 def kind_of(text: str) -> str:
@@ -83,7 +83,7 @@ class Run:
 
 
 @lru_cache(maxsize=64)
-def running(text: str, seed: int = 1, seconds: float = ONSET + 1.5) -> Run:
+def run_disturbed(text: str, seed: int = 1, seconds: float = ONSET + 1.5) -> Run:
     rig = rig_with(text, seed)
     plant = Plant(rig.arm, rig.camera, PointMarkers(), rig.clock, lambda: not rig.disk_full())
     target = teach_target(rig, plant)
@@ -145,11 +145,11 @@ def test_the_servo_responds_with_the_tables_phase_and_cause_in_time(
     text: str,
 ) -> None:
     phase, cause, bound = TABLE[text]
-    done = running(text)
-    stop = done.stop()
+    result = run_disturbed(text)
+    stop = result.stop()
     assert (stop.state.phase, stop.state.cause) == (phase, cause)
     assert stop.time * 1e-9 <= ONSET + bound + 1e-6
-    assert done.causes() <= expected_causes(kind_of(text))
+    assert result.causes() <= expected_causes(kind_of(text))
 
 
 ONE_LOST = {
@@ -164,14 +164,14 @@ ONE_LOST = {
 def test_one_lost_marker_slows_the_tool_and_the_other_gives_the_pose(
     text: str,
 ) -> None:
-    done = running(text, seconds=12.0)
-    slow = [tick for tick in done.ticks if tick.state.cause is ONE_LOST[text]]
-    assert not done.stops() and done.causes() == {ONE_LOST[text]}
+    result = run_disturbed(text, seconds=12.0)
+    slow = [tick for tick in result.ticks if tick.state.cause is ONE_LOST[text]]
+    assert not result.stops() and result.causes() == {ONE_LOST[text]}
     assert slow[0].time * 1e-9 <= ONSET + VISION_LATENCY + 1e-6
     assert all(tick.state.mode.speed_scale == SLOW_SPEED_SCALE for tick in slow)
-    end = done.ticks[-1].state
+    end = result.ticks[-1].state
     assert end.decision.remaining_mm < 0.1
-    assert np.linalg.norm(end.p1 - marker_1(done.rig, end.target.q)) < 1.0
+    assert np.linalg.norm(end.p1 - marker_1(result.rig, end.target.q)) < 1.0
 
 
 @pytest.mark.parametrize(
@@ -180,22 +180,22 @@ def test_one_lost_marker_slows_the_tool_and_the_other_gives_the_pose(
 def test_while_one_marker_is_lost_the_other_shows_camera_faults(
     moves: str,
 ) -> None:
-    done = running(f"occlusion:at=1.3,marker=1 {moves}", seconds=5.0)
-    stop = done.stop()
+    result = run_disturbed(f"occlusion:at=1.3,marker=1 {moves}", seconds=5.0)
+    stop = result.stop()
     assert stop.state.phase is Phase.PAUSED
     expected = (Cause.FROZEN, Cause.SURPRISED) if "freeze" in moves else (Cause.SURPRISED,)
     assert stop.state.cause in expected
-    assert np.linalg.norm(done.ticks[-1].state.p1 - stop.state.p1) < 2.0
+    assert np.linalg.norm(result.ticks[-1].state.p1 - stop.state.p1) < 2.0
 
 
 @pytest.mark.parametrize("text", [*TABLE, *FOLLOWING])
 def test_a_hold_or_pause_brings_the_command_to_zero_in_100_ms_and_a_fault_at_once(
     text: str,
 ) -> None:
-    done = running(text)
-    stop = done.stop()
+    result = run_disturbed(text)
+    stop = result.stop()
     later = stop.time + (0 if stop.state.phase is Phase.FAULT else STOP_TIME * 1e9)
-    held = [tick for tick in done.ticks if tick.time >= later and tick.state.phase in STOPPED]
+    held = [tick for tick in result.ticks if tick.time >= later and tick.state.phase in STOPPED]
     assert held or stop.state.phase is not Phase.FAULT
     assert all(not tick.state.command.rates.any() for tick in held)
     assert stop.state.phase is not Phase.FAULT or not stop.state.command.enabled
@@ -205,8 +205,8 @@ def test_a_hold_or_pause_brings_the_command_to_zero_in_100_ms_and_a_fault_at_onc
 def test_an_axis_that_does_not_follow_is_a_fault_within_2_deg_or_3_mm(
     text: str,
 ) -> None:
-    done = running(text)
-    stop = done.stop()
+    result = run_disturbed(text)
+    stop = result.stop()
     assert (stop.state.phase, stop.state.cause) == (Phase.FAULT, Cause.NOT_FOLLOWING)
     assert np.all(
         np.abs(stop.observation.q - stop.state.monitor.predicted_joints)
@@ -247,7 +247,7 @@ def test_a_drive_may_rest_for_any_time() -> None:
 
 def run_unattended(text: str, seconds: float) -> Iterator[tuple[Observation, State]]:
     """Return observation and state of every tick of a run without an operator."""
-    lab = make_laboratory(disturbances=parsed(text))
+    lab = make_laboratory(disturbances=parse_all(text))
     lab.rig.begin()
     return lab.run(lab.servo(), seconds)
 
@@ -260,62 +260,62 @@ def test_every_kind_occurs_in_these_tests() -> None:
 
 
 def test_smoke_is_a_hold_for_lost_markers_until_it_has_gone() -> None:
-    done = running("occlusion:at=1.3,for=0.9,by=smoke", seconds=5.0)
-    assert done.stop().state.phase is Phase.HOLD
-    assert Cause.MARKERS_LOST in done.causes() <= expected_causes("occlusion")
-    assert done.ticks[-1].state.phase is Phase.SERVO
+    result = run_disturbed("occlusion:at=1.3,for=0.9,by=smoke", seconds=5.0)
+    assert result.stop().state.phase is Phase.HOLD
+    assert Cause.MARKERS_LOST in result.causes() <= expected_causes("occlusion")
+    assert result.ticks[-1].state.phase is Phase.SERVO
 
 
 def test_latency_within_100_ms_is_compensated_and_beyond_it_the_servo_holds() -> None:
-    assert not running("latency:at=1.3,s=0.02").stops()
-    late = running("latency:at=1.3,s=0.15")
+    assert not run_disturbed("latency:at=1.3,s=0.02").stops()
+    late = run_disturbed("latency:at=1.3,s=0.15")
     assert Cause.LATE in late.causes() <= expected_causes("latency")
     assert late.ticks[-1].state.phase is Phase.PAUSED
 
 
 def test_random_latency_is_a_hold_with_its_cause() -> None:
-    done = running("latency:at=1.3,for=0.6,s=0,jitter=0.3", seconds=4.5)
-    assert {Cause.LATE, Cause.STALE} <= done.causes() <= expected_causes("latency")
-    assert done.ticks[-1].state.phase is Phase.SERVO
+    result = run_disturbed("latency:at=1.3,for=0.6,s=0,jitter=0.3", seconds=4.5)
+    assert {Cause.LATE, Cause.STALE} <= result.causes() <= expected_causes("latency")
+    assert result.ticks[-1].state.phase is Phase.SERVO
 
 
 def test_the_older_of_swapped_frames_is_dropped_and_the_tool_continues() -> None:
-    done = running("frame_order:at=1.3,for=0.5,what=swapped")
-    numbers = [tick.observation.frame for tick in done.ticks]
+    result = run_disturbed("frame_order:at=1.3,for=0.5,what=swapped")
+    numbers = [tick.observation.frame for tick in result.ticks]
     assert numbers == sorted(numbers)
-    assert any(tick.observation.drop_reason is DropReason.NOT_NEW for tick in done.ticks)
-    assert done.causes() == {Cause.AGEING}
-    assert not done.stops()
+    assert any(tick.observation.drop_reason is DropReason.NOT_NEW for tick in result.ticks)
+    assert result.causes() == {Cause.AGEING}
+    assert not result.stops()
 
 
 def test_slightly_late_ticks_are_only_a_warning() -> None:
-    done = running("jitter:at=1.3,s=0.008")
-    assert done.causes() == {Cause.LATE_TICK}
-    assert not done.stops()
+    result = run_disturbed("jitter:at=1.3,s=0.008")
+    assert result.causes() == {Cause.LATE_TICK}
+    assert not result.stops()
 
 
 @pytest.mark.parametrize("text", ["jitter:at=1.3,for=0.5,s=0.03", "stall:at=1.3,for=0.03"])
 def test_late_ticks_have_their_causes(text: str) -> None:
-    assert running(text).causes() <= expected_causes(kind_of(text))
+    assert run_disturbed(text).causes() <= expected_causes(kind_of(text))
 
 
 def test_one_tick_that_takes_30_ms_longer_is_a_warning() -> None:
-    done = running("stall:at=1.3,for=0.03,where=tick")
-    assert done.causes() == {Cause.LATE_TICK}
-    assert not done.stops()
+    result = run_disturbed("stall:at=1.3,for=0.03,where=tick")
+    assert result.causes() == {Cause.LATE_TICK}
+    assert not result.stops()
 
 
 def test_after_the_process_is_killed_the_arm_stops_50_ms_after_its_last_command() -> None:
-    done = running("kill:at=1.304")
-    last, arm = done.ticks[-1], done.rig.truth.arm
+    result = run_disturbed("kill:at=1.304")
+    last, arm = result.ticks[-1], result.rig.truth.arm
     assert last.time == pytest.approx(ONSET * 1e9)
     assert last.state.command.rates.any()
-    done.rig.advance_until(last.observation.now + 49_000_000)
+    result.rig.advance_until(last.observation.now + 49_000_000)
     assert arm.watchdog.enabled
-    done.rig.advance_until(last.observation.now + 52_000_000)
+    result.rig.advance_until(last.observation.now + 52_000_000)
     assert not arm.watchdog.enabled
     q = arm.q_true
-    done.rig.advance_until(last.observation.now + 300_000_000)
+    result.rig.advance_until(last.observation.now + 300_000_000)
     assert np.all(np.abs(arm.q_true - q) < [1e-3, 1e-3, 0.1])
 
 
@@ -386,7 +386,7 @@ def test_no_disturbance_acts_before_the_run_starts() -> None:
 @given(seeds)
 def test_the_same_seed_and_disturbances_give_the_same_run(seed: int) -> None:
     text = " ".join(map(str, sample_disturbances(make_random(seed), 1.0)))
-    first, again = (running(text, seconds=1.2) for _ in range(2))
+    first, again = (run_disturbed(text, seconds=1.2) for _ in range(2))
     assert [snapshot((tick.observation, tick.state.command)) for tick in first.ticks] == [
         snapshot((tick.observation, tick.state.command)) for tick in again.ticks
     ]
@@ -403,7 +403,7 @@ def test_a_disturbance_survives_its_text_and_a_pickle(seed: int, pictures: bool)
             == pickle.loads(pickle.dumps(disturbance))
         )
         assert disturbance.at <= 20.0
-        assert DISTURBANCE_KINDS[disturbance.kind].pictures or not pictures
+        assert DISTURBANCE_KINDS[disturbance.kind].works_with_images or not pictures
 
 
 @given(
@@ -572,8 +572,7 @@ def test_markers_are_found_after_smoke_and_blood() -> None:
 def test_smoke_rises_and_falls_gradually() -> None:
     smoke = Smoke((640, 480), 4.0, np.array([320.0, 240.0]), make_random(0))
     middle = [
-        float(smoke.layer_at(time).opacity[60, 80])
-        for time in (0.0, 0.1, 0.2, 0.3, 2.0, 3.6, 3.8, 4.0)
+        float(smoke.layer_at(time)[0][60, 80]) for time in (0.0, 0.1, 0.2, 0.3, 2.0, 3.6, 3.8, 4.0)
     ]
     assert middle[0] == middle[-1] == 0.0
     assert middle[4] > 0.95

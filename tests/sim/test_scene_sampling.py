@@ -34,9 +34,9 @@ def test_the_scenes_of_forty_seeds_are_those_of_version_0_2_0() -> None:
         seed, rejected, *numbers = line.split(",")
         scene, _ = sample_scene_of_seed(int(seed), SETTINGS)
         optics = scene.optics
-        now = [*scene.start, *scene.target, *optics.position, optics.focal, *optics.centre]
+        numbers_now = [*scene.start, *scene.target, *optics.position, optics.focal, *optics.centre]
         assert scene.rejected == int(rejected)
-        np.testing.assert_allclose(now, np.array(numbers, float), rtol=1e-12)
+        np.testing.assert_allclose(numbers_now, np.array(numbers, float), rtol=1e-12)
 
 
 @pytest.mark.parametrize("seed", range(5))

@@ -1,9 +1,10 @@
 """Compilation of kernels by Numba: cached, and never with fastmath.
 
-Numba itself is loaded on the first call of a kernel, so a command that computes nothing starts
-without it. Numba's cache looks only at the file of the compiled function and would miss an edit in
-a file that the function calls. The cache folder is therefore named by a hash over all files with
-kernels: new source, new cache. Everything that a kernel uses must be in such a file.
+A kernel is a function with the decorator `compiled`. Numba itself is loaded on the first call of a
+kernel, so a command that computes nothing starts without it. Numba's cache looks only at the file
+of the compiled function and would miss an edit in another file whose functions it calls. The cache
+folder is therefore named by a hash over all files with kernels, and everything that a kernel uses
+must be in such a file.
 """
 
 import hashlib
@@ -20,7 +21,7 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 PACKAGE = Path(__file__).parent.parent
 DECORATOR_LINE = "\n@compiled\n"
 KERNEL_FILE_MARKS = DECORATOR_LINE, "\n@declared(", "\ndeclare_in("
-"""Lines that mark a file whose text decides the machine code."""
+"""Lines that mark a file whose text determines machine code."""
 
 JIT_IS_DISABLED = os.environ.get("NUMBA_DISABLE_JIT", "") not in ("", "0")
 """True if kernels stay plain Python, the oracle of the compiled ones."""
@@ -37,14 +38,7 @@ def count_kernels() -> int:
     return sum(path.read_text("utf-8").count(DECORATOR_LINE) for path in find_kernel_files())
 
 
-def _hash_kernel_files() -> str:
-    digest = hashlib.sha256()
-    for path in find_kernel_files():
-        digest.update(path.read_bytes())
-    return digest.hexdigest()[:16]
-
-
-def _cache_parents() -> Iterator[Path]:
+def _list_cache_parents() -> Iterator[Path]:
     """Yield the folders that may hold the cache, the preferred one first."""
     yield PACKAGE / "__pycache__"
     home = os.environ.get("XDG_CACHE_HOME")
@@ -56,8 +50,9 @@ def _cache_parents() -> Iterator[Path]:
 @cache
 def find_cache_folder() -> str:
     """Return a writable folder for compiled code; empty if there is none."""
-    name = f"numba-{_hash_kernel_files()}"
-    for parent in _cache_parents():
+    source = b"".join(path.read_bytes() for path in find_kernel_files())
+    name = f"numba-{hashlib.sha256(source).hexdigest()[:16]}"
+    for parent in _list_cache_parents():
         try:
             folder = parent.expanduser() / name
             folder.mkdir(mode=0o700, parents=True, exist_ok=True)
@@ -70,12 +65,12 @@ def find_cache_folder() -> str:
 
 NUMBA_OPTIONS: Any = {"error_model": "numpy", "no_cfunc_wrapper": True, "forceinline": True}
 """Options of functions that Python calls. No function is called from C: without the wrapper for
-such calls, compilation takes four fifths of the time. Called functions are inlined: passing on
-all numbers of a tick took as long as computing them."""
+such calls, compilation takes four fifths of the time. Called functions are inlined, because passing
+all numbers of a tick as arguments took as long as computing them."""
 
 INNER_NUMBA_OPTIONS: Any = {**NUMBA_OPTIONS, "no_cpython_wrapper": True}
 """Options of functions that other compiled functions call. The code that unpacks Python's objects
-is a third of the compilation of a small function, and most functions do not need it."""
+takes a third of the compilation of a small function, and most functions do not need it."""
 
 DECLARING_MODULES: list[str] = []
 """Modules that extend Numba; they are imported before a kernel is compiled."""
@@ -145,9 +140,8 @@ def _make_dispatcher(function: Callable[..., Any], options: Any) -> Any:
     with _CACHE_FOLDER_LOCK:
         user_folder = config.CACHE_DIR
         folder = user_folder or find_cache_folder()
-        config.CACHE_DIR = (
-            str(Path(folder) / "inner") if folder and options is INNER_NUMBA_OPTIONS else folder
-        )
+        has_inner_folder = folder and options is INNER_NUMBA_OPTIONS
+        config.CACHE_DIR = str(Path(folder) / "inner") if has_inner_folder else folder
         try:
             return numba.njit(cache=bool(folder), **options)(function)
         finally:

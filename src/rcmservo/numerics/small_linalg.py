@@ -55,38 +55,38 @@ def compute_norm(numbers: Floats) -> float:
 
 
 @compiled
-def subtract(one: Floats, other: Floats) -> Floats:
-    """Return one − other, both (n,)."""
-    out = np.empty(len(one))
-    for i in range(len(one)):
-        out[i] = one[i] - other[i]
+def subtract(a: Floats, b: Floats) -> Floats:
+    """Return a − b, both (n,)."""
+    out = np.empty(len(a))
+    for i in range(len(a)):
+        out[i] = a[i] - b[i]
     return out
 
 
 @compiled
-def compute_distance(one: Floats, other: Floats) -> float:
-    """Return the Euclidean norm of one − other, both (n,)."""
+def compute_distance(a: Floats, b: Floats) -> float:
+    """Return the Euclidean norm of a − b, both (n,)."""
     total = 0.0
-    for i in range(len(one)):
-        total += (one[i] - other[i]) ** 2
+    for i in range(len(a)):
+        total += (a[i] - b[i]) ** 2
     return np.sqrt(total)
 
 
 @compiled
-def divide(one: Floats, other: Floats) -> Floats:
-    """Return one / other entry by entry, both (n,)."""
-    out = np.empty(len(one))
-    for i in range(len(one)):
-        out[i] = one[i] / other[i]
+def divide(a: Floats, b: Floats) -> Floats:
+    """Return a / b entry by entry, both (n,)."""
+    out = np.empty(len(a))
+    for i in range(len(a)):
+        out[i] = a[i] / b[i]
     return out
 
 
 @compiled
-def dot(one: Floats, other: Floats) -> float:
-    """Return oneᵀother, both (n,)."""
+def dot(a: Floats, b: Floats) -> float:
+    """Return aᵀb, both (n,)."""
     total = 0.0
-    for i in range(len(one)):
-        total += one[i] * other[i]
+    for i in range(len(a)):
+        total += a[i] * b[i]
     return total
 
 

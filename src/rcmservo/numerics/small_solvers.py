@@ -15,7 +15,7 @@ Vector = tuple[float, float, float]
 """Vector of three numbers."""
 
 MIN_ROOT_COSINE = 1e-5 - 1.0
-"""Smallest cosine of the angle at which two roots of a cubic count as distinct."""
+"""Cosine of the angle in `compute_norm_squared` above which the largest two roots are distinct."""
 
 
 @compiled
@@ -64,29 +64,32 @@ def solve_3x3(A: Floats, b: Floats) -> tuple[Vector, float]:
     large one is certain. It is NaN where the two largest or the two smallest singular values are
     nearly equal.
     """
-    one, two = (A[0, 0], A[0, 1], A[0, 2]), (A[1, 0], A[1, 1], A[1, 2])
-    three = A[2, 0], A[2, 1], A[2, 2]
-    u, v, w = vector_product(two, three), vector_product(three, one), vector_product(one, two)
-    det = scalar_product(one, u)
-    first = u[0] / det, v[0] / det, w[0] / det
-    second = u[1] / det, v[1] / det, w[1] / det
-    third = u[2] / det, v[2] / det, w[2] / det
+    row_1, row_2 = (A[0, 0], A[0, 1], A[0, 2]), (A[1, 0], A[1, 1], A[1, 2])
+    row_3 = A[2, 0], A[2, 1], A[2, 2]
+    u, v = vector_product(row_2, row_3), vector_product(row_3, row_1)
+    w = vector_product(row_1, row_2)
+    det = scalar_product(row_1, u)
+    inverse_1 = u[0] / det, v[0] / det, w[0] / det
+    inverse_2 = u[1] / det, v[1] / det, w[1] / det
+    inverse_3 = u[2] / det, v[2] / det, w[2] / det
     rhs = b[0], b[1], b[2]
-    x, y = scalar_product(first, rhs), scalar_product(second, rhs)
-    size = norm_squared(one, two, three) * norm_squared(first, second, third)
-    return (x, y, scalar_product(third, rhs)), np.sqrt(size)
+    x, y = scalar_product(inverse_1, rhs), scalar_product(inverse_2, rhs)
+    inverse_norm_squared = compute_norm_squared(inverse_1, inverse_2, inverse_3)
+    condition_squared = compute_norm_squared(row_1, row_2, row_3) * inverse_norm_squared
+    return (x, y, scalar_product(inverse_3, rhs)), np.sqrt(condition_squared)
 
 
 @compiled
-def norm_squared(one: Vector, two: Vector, three: Vector) -> float:
+def compute_norm_squared(row_1: Vector, row_2: Vector, row_3: Vector) -> float:
     """Return the square of the largest singular value of a matrix of three rows.
 
     It is the largest root of the characteristic polynomial of A Aᵀ, by the cosine of a third of an
     angle: O. K. Smith, Eigenvalues of a symmetric 3 x 3 matrix, Comm. ACM 4 (1961) 168. It is NaN
     where this root is nearly a double root, whose angle has only half the digits.
     """
-    a, b, c = scalar_product(one, one), scalar_product(two, two), scalar_product(three, three)
-    d, e, f = scalar_product(one, two), scalar_product(one, three), scalar_product(two, three)
+    a, b = scalar_product(row_1, row_1), scalar_product(row_2, row_2)
+    c, d = scalar_product(row_3, row_3), scalar_product(row_1, row_2)
+    e, f = scalar_product(row_1, row_3), scalar_product(row_2, row_3)
     mean = (a + b + c) / 3.0
     a, b, c = a - mean, b - mean, c - mean
     size = np.sqrt((a * a + b * b + c * c + 2.0 * (d * d + e * e + f * f)) / 6.0)

@@ -15,23 +15,16 @@ MAX_SWEEPS = 30
 """Largest number of sweeps over all pairs of columns. They converge quadratically: three columns
 need about five."""
 
-
-@compiled
-def orthogonalise_columns(A: Floats) -> tuple[Floats, Floats]:
-    """Return B = A V (n, m) with orthogonal columns, and the rotation V (m, m).
-
-    The lengths of the columns of B are the singular values of A, in any order.
-    """
-    B, V = A.copy(), np.empty((A.shape[1], A.shape[1]))
-    orthogonalise_in_place(B, V)
-    return B, V
+ORTHOGONALITY_TOLERANCE = 1e-15
+"""Cosine of the angle between two columns below which they count as orthogonal."""
 
 
 @compiled
 def orthogonalise_in_place(B: Floats, V: Floats) -> None:
-    """Rotate the columns of B (n, m) in place until they are orthogonal.
+    """Rotate the columns of B (n, m) in place until they are orthogonal: B becomes B V.
 
-    The rotation is written into V (m, m).
+    The rotation is written into V (m, m). The lengths of the columns are then the singular values
+    of B, in any order.
     """
     for i in range(len(V)):
         for j in range(len(V)):
@@ -55,17 +48,17 @@ def compute_rotation(B: Floats, i: int, j: int) -> tuple[float, float]:
 
     It is (1, 0) if they are orthogonal already.
     """
-    across, ii, jj = 0.0, 0.0, 0.0
+    product, ii, jj = 0.0, 0.0, 0.0
     for k in range(len(B)):
-        across += B[k, i] * B[k, j]
+        product += B[k, i] * B[k, j]
         ii += B[k, i] ** 2
         jj += B[k, j] ** 2
-    if not abs(across) > 1e-15 * np.sqrt(ii * jj):
+    if not abs(product) > ORTHOGONALITY_TOLERANCE * np.sqrt(ii * jj):
         return 1.0, 0.0
-    half = (jj - ii) / (2.0 * across)
-    tangent = 1.0 / (abs(half) + np.sqrt(1.0 + half * half))
-    c = 1.0 / np.sqrt(1.0 + tangent * tangent)
-    return c, np.copysign(tangent * c, half)
+    cotangent = (jj - ii) / (2.0 * product)  # of twice the angle
+    tangent = 1.0 / (abs(cotangent) + np.sqrt(1.0 + cotangent * cotangent))
+    cosine = 1.0 / np.sqrt(1.0 + tangent * tangent)
+    return cosine, np.copysign(tangent * cosine, cotangent)
 
 
 @compiled
@@ -84,7 +77,8 @@ def compute_condition(A: Floats) -> float:
     """
     if not all_finite(A):
         return np.inf
-    B, _ = orthogonalise_columns(A)
+    B, V = A.copy(), np.empty((A.shape[1], A.shape[1]))
+    orthogonalise_in_place(B, V)
     low, high = find_column_length_range(B)
     return high / low if low > 0.0 else np.inf
 

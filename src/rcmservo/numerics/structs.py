@@ -52,8 +52,8 @@ NUMPY_CODES = {int: "i8", bool: "?", float: "f8"}
 """NumPy's codes of the number types."""
 
 
-def _dtype(layout: np.dtype[Any]) -> np.dtype[Any]:
-    """Return the layout for compiled functions, or for the same functions as plain Python."""
+def _make_dtype(layout: np.dtype[Any]) -> np.dtype[Any]:
+    """Return a layout for compiled functions, or for the same functions as plain Python."""
     return np.dtype((np.record, layout)) if JIT_IS_DISABLED else layout
 
 
@@ -138,10 +138,10 @@ class Row:
     dtype: ClassVar[np.dtype[Any]]
 
     def __init_subclass__(cls) -> None:
-        found = (value for base in reversed(cls.__mro__) for value in vars(base).values())
-        cls.fields = tuple(value for value in found if isinstance(value, Field))
+        attributes = (value for base in reversed(cls.__mro__) for value in vars(base).values())
+        cls.fields = tuple(value for value in attributes if isinstance(value, Field))
         layout = np.dtype([(field.name, field.code, field.shape) for field in cls.fields])
-        cls.dtype = _dtype(layout)
+        cls.dtype = _make_dtype(layout)
 
     def __init__(self, rows: Rows[Self]) -> None:
         self.rows = rows
@@ -161,7 +161,10 @@ def _to_array(value: Any) -> Any:
 
 
 def copy_row(row: RowType) -> RowType:
-    """Return a copy of a row, made by its bytes: NumPy takes five times as long, field by field."""
+    """Return a copy of a row.
+
+    It is made from the row's bytes: NumPy's copy, field by field, takes five times as long.
+    """
     rows: Any = row.rows
     return type(row)(cast(Any, np.ndarray(1, row.dtype, bytearray(rows.tobytes()))))
 
@@ -190,7 +193,7 @@ class Struct(Row):
 
     def __init_subclass__(cls, source: type[Any], without: tuple[str, ...] = ()) -> None:
         hints = get_type_hints(source, include_extras=True)
-        for name in (name for name in _field_names(source) if name not in without):
+        for name in (name for name in _list_field_names(source) if name not in without):
             new_field = _make_field(hints[name], f"{name} of {source.__name__}")
             if new_field is not None:
                 setattr(cls, name, new_field)
@@ -228,27 +231,27 @@ def _make_field(hint: Any, meaning: str) -> Field | None:
 
 def make_tuple_struct(source: type[Any], without: tuple[str, ...] = ()) -> Any:
     """Return a named tuple type with a dataclass's fields, for compiled functions."""
-    names = [name for name in _field_names(source) if name not in without]
+    names = [name for name in _list_field_names(source) if name not in without]
     tuple_type = cast(Any, collections).namedtuple(f"{source.__name__}Struct", names)
     tuple_type.__module__ = source.__module__
     return tuple_type
 
 
 def make_struct_reader(source: type[Any], struct: Any) -> Callable[[Any], tuple[Any, ...]]:
-    """Return the function that reads the fields of a named tuple from an instance of its dataclass.
+    """Return a function that reads the fields of a named tuple from an instance of its dataclass.
 
-    It returns a plain tuple, which passes to compiled functions in a third of the time.
+    That function returns a plain tuple, which passes to compiled functions in a third of the time.
     """
     hints = get_type_hints(source)
-    coded = {name for name, hint in hints.items() if isinstance(hint, type(Enum))}
-    names = _field_names(struct)
-    return cast(Any, attrgetter(*(f"{name}._value_" if name in coded else name for name in names)))
+    enums = {name for name, hint in hints.items() if isinstance(hint, type(Enum))}
+    names = _list_field_names(struct)
+    return cast(Any, attrgetter(*(f"{name}._value_" if name in enums else name for name in names)))
 
 
-def _field_names(source: type[Any]) -> tuple[str, ...]:
+def _list_field_names(source: type[Any]) -> tuple[str, ...]:
     """Return the names of the fields of a dataclass or named tuple."""
     if is_dataclass(source):
-        return tuple(one.name for one in fields(source))
+        return tuple(field.name for field in fields(source))
     return cast(Any, source)._fields
 
 
@@ -258,27 +261,21 @@ def to_row(settings: Settings) -> Rows[Settings]:
     The fields keep their names. Fields that are rows, dataclasses or named tuples become parts.
     Texts are left out.
     """
-    kind = type(settings)
-    hints = get_type_hints(kind)
-    values = {name: getattr(settings, name) for name in _field_names(kind)}
-    numbers = {
-        name: _to_numpy(value) for name, value in values.items() if not isinstance(value, str)
-    }
-    layout = np.dtype(
-        [(name, *_field_layout(hints[name], value)) for name, value in numbers.items()]
-    )
-    rows: NDArray[Any] = np.zeros(1, _dtype(layout))
-    for name, value in numbers.items():
-        rows[name] = value
+    hints = get_type_hints(type(settings))
+    numbers: dict[str, Any] = {}
+    layout: list[tuple[str, Any, tuple[int, ...]]] = []
+    for name in _list_field_names(type(settings)):
+        value = getattr(settings, name)
+        if isinstance(value, str):
+            continue
+        is_struct = is_dataclass(value) or hasattr(value, "_fields")
+        number: Any = to_row(value) if is_struct else _to_array(value)
+        numbers[name] = number
+        if hasattr(number, "dtype"):
+            layout.append((name, number.dtype, ()))
+        else:
+            layout.append((name, NUMPY_CODES.get(hints[name], "f8"), np.shape(number)))
+    rows: NDArray[Any] = np.zeros(1, _make_dtype(np.dtype(layout)))
+    for name, number in numbers.items():
+        rows[name] = number
     return cast(Any, rows)
-
-
-def _to_numpy(value: Any) -> Any:
-    """Return one setting as a value that NumPy stores."""
-    return to_row(value) if is_dataclass(value) or hasattr(value, "_fields") else _to_array(value)
-
-
-def _field_layout(hint: Any, value: Any) -> tuple[Any, tuple[int, ...]]:
-    """Return type and shape of the field for one setting."""
-    kind = getattr(value, "dtype", None)
-    return (NUMPY_CODES.get(hint, "f8"), np.shape(value)) if kind is None else (kind, ())

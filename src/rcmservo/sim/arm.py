@@ -2,8 +2,8 @@
 
 A command reaches a joint after a delay and through a first-order lag. A rate inside the deadband
 moves nothing, and the actual rate may differ from the commanded one by a constant ratio. The
-encoders quantise the joints and may have a zero offset. A watchdog stops the arm when valid
-commands stop. Gravity is compensated, and hard stops end the joint ranges. MuJoCo uses m;
+encoders quantise the joints and may have a zero offset. A watchdog stops the arm when no more valid
+commands arrive. Gravity is compensated, and hard stops end the joint ranges. MuJoCo uses m;
 everything else here uses mm.
 """
 
@@ -28,10 +28,10 @@ PHYSICS_STEP_NS = 1_000_000
 """Time step of the physics, ns."""
 
 HISTORY_STEPS = 1000
-"""Physics steps whose joints are stored."""
+"""Number of physics steps whose joints are stored: the last second."""
 
 MUJOCO_UNITS = 1.0, 1.0, 1e-3
-"""MuJoCo's lengths and angles per rad, rad and mm."""
+"""Factors from the joint units (rad, rad, mm) to those of MuJoCo (rad, rad, m)."""
 
 HARD_STOP_RATIO = 1.02
 """Ratio of the hard stops' half range to the joint limits' half range, about the same middle."""
@@ -40,10 +40,13 @@ MJCF_AXES = {
     "spherical": ("0 0 1", "0 1 0", "0 0 1", (1, 0, 2)),
     "pitch-yaw": ("0 -1 0", "-1 0 0", "0 0 -1", (0, 1, 2)),
 }
-"""Axes of the outer hinge, the inner hinge and the slide, and the index of each one's joint in q. φ
-turns outside θ, and yaw outside pitch."""
+"""By the mechanism's name: axes of the outer hinge (φ or yaw), the inner hinge (θ or pitch) and the
+slide, and the indices of their joints in q."""
 
 NOT_NEGATIVE_JOINTS = each(not_negative(), "three numbers that are not negative (rad, rad, mm)")
+FINITE_JOINTS = each(finite(), "three finite numbers (rad, rad, mm)")
+ENCODER_ANGLES = angles(FULL_TURN_RAD, first=2)
+RATE_ERROR_LIMIT = each(above(-1.0, 1.0), "three ratios above -1 and at most 1")
 
 
 @dataclass(frozen=True)
@@ -53,18 +56,20 @@ class Drive(Checked, section="drive"):
     Parameters
     ----------
     delay : float
-        Time (s) from a command until the drives follow it.
+        Time (s) from a command until the drives follow it, 0 to 1.
     lag : float
-        Time constant (s) of each drive's first-order response.
+        Time constant (s) of each drive's first-order response, 0.001 to 10.
     deadband : Triple
-        Rates (rad/s, rad/s, mm/s) below which a joint does not move.
+        Rates (rad/s, rad/s, mm/s) below which a joint does not move, not negative.
     encoder : Triple
-        Resolution (rad, rad, mm) of the encoders: the joint motion of one count.
+        Resolution (rad, rad, mm) of the encoders, not negative: the joint motion of one count.
     encoder_offset : Triple
-        Encoder offset (rad, rad, mm): measured joints minus true joints. An emulated motion
-        controller ignores it, because its encoders count from the joints at which they are homed.
+        Encoder offset (rad, rad, mm): measured joints minus true joints; angles at most one turn.
+        An emulated motion controller ignores it, because its encoders count from the joints at
+        which they are homed.
     rate_error : Triple
-        Relative rate errors: a joint's actual rate is 1 + rate_error times its commanded rate.
+        Relative rate errors, above -1 and at most 1: a joint's actual rate is 1 + rate_error times
+        its commanded rate.
 
     Raises
     ------
@@ -80,17 +85,9 @@ class Drive(Checked, section="drive"):
 
     encoder: Annotated[Triple, NOT_NEGATIVE_JOINTS] = (2e-5, 2e-5, 2e-3)
 
-    encoder_offset: Annotated[
-        Triple,
-        each(finite(), "three finite numbers (rad, rad, mm)"),
-        angles(FULL_TURN_RAD, first=2),
-    ] = (0.0, 0.0, 0.0)
+    encoder_offset: Annotated[Triple, FINITE_JOINTS, ENCODER_ANGLES] = (0.0, 0.0, 0.0)
 
-    rate_error: Annotated[Triple, each(above(-1.0, 1.0), "three ratios above -1 and at most 1")] = (
-        0.0,
-        0.0,
-        0.0,
-    )
+    rate_error: Annotated[Triple, RATE_ERROR_LIMIT] = (0.0, 0.0, 0.0)
 
     def measured(self, q: Floats) -> Floats:
         """Return the joints (3,) that unquantised encoders report at the true joints q (3,)."""
@@ -101,10 +98,22 @@ class Drive(Checked, section="drive"):
         return measured - np.array(self.encoder_offset)
 
 
-MJCF_TEMPLATE = """
+def write_mjcf(mechanism: Kinematics) -> str:
+    """Return the MJCF text of an RCM mechanism.
+
+    It has two hinges through the origin, a slide along the tool, and the tool's reference point.
+    """
+    outer, inner, slide, joint_order = MJCF_AXES[mechanism.name]
+    lower, upper = np.array(mechanism.limits.lower), np.array(mechanism.limits.upper)
+    middle, half_range = (upper + lower) / 2.0, (upper - lower) / 2.0
+    low = np.array(MUJOCO_UNITS) * (middle - HARD_STOP_RATIO * half_range)
+    high = np.array(MUJOCO_UNITS) * (middle + HARD_STOP_RATIO * half_range)
+    outer_range, inner_range, slide_range = (f"{low[i]:.9g} {high[i]:.9g}" for i in joint_order)
+    reference = (-1e-3 if mechanism.kind == PITCH_YAW else 1e-3) * mechanism.insertion_zero
+    return f"""
 <mujoco>
   <compiler angle="radian" autolimits="true"/>
-  <option timestep="{timestep}" integrator="implicitfast"/>
+  <option timestep="{PHYSICS_STEP_NS * 1e-9}" integrator="implicitfast"/>
   <worldbody>
     <body gravcomp="1">
       <joint name="outer" type="hinge" axis="{outer}" range="{outer_range}" armature="0.01"/>
@@ -124,31 +133,6 @@ MJCF_TEMPLATE = """
     <velocity joint="slide" kv="1000"/>
   </actuator>
 </mujoco>"""
-"""MJCF template: two hinges through the origin, a slide along the tool, and the reference point."""
-
-
-def write_mjcf(mechanism: Kinematics) -> str:
-    """Return the MJCF text of an RCM mechanism."""
-    outer, inner, slide, order = MJCF_AXES[mechanism.name]
-    lower, upper = np.array(mechanism.limits.lower), np.array(mechanism.limits.upper)
-    middle, half_range = (upper + lower) / 2.0, (upper - lower) / 2.0
-    unit = np.array(MUJOCO_UNITS)
-    low, high = (
-        unit * (middle - HARD_STOP_RATIO * half_range),
-        unit * (middle + HARD_STOP_RATIO * half_range),
-    )
-    ranges = [f"{low[i]:.9g} {high[i]:.9g}" for i in order]
-    sign = -1.0 if mechanism.kind == PITCH_YAW else 1.0
-    return MJCF_TEMPLATE.format(
-        timestep=PHYSICS_STEP_NS * 1e-9,
-        outer=outer,
-        inner=inner,
-        slide=slide,
-        outer_range=ranges[0],
-        inner_range=ranges[1],
-        slide_range=ranges[2],
-        reference=sign * 1e-3 * mechanism.insertion_zero,
-    )
 
 
 class SimulatedArm:
@@ -166,8 +150,7 @@ class SimulatedArm:
     """
 
     gains: list[float]
-    """Ratio of each motor's rate to its input: 1, unless a disturbance blocks or reverses the
-    motor."""
+    """Ratios of each motor's rate to its input: 1 unless a disturbance changes them."""
 
     creep: list[float]
     """Rates (rad/s, rad/s, mm/s) that each enabled motor adds to its commanded rate."""
@@ -183,16 +166,16 @@ class SimulatedArm:
         self.time, self.clock_error = 0, 0
         self.watchdog = Watchdog()
         self.gains, self.creep, self.before_step = [1.0, 1.0, 1.0], [0.0, 0.0, 0.0], None
-        self._order = list(MJCF_AXES[mechanism.name][3])
-        self._in_order, self._unit = np.argsort(self._order), np.array(MUJOCO_UNITS)
+        self._mujoco_order = list(MJCF_AXES[mechanism.name][3])
+        self._joint_order, self._unit = np.argsort(self._mujoco_order), np.array(MUJOCO_UNITS)
         self._model = UNTYPED_MUJOCO.MjModel.from_xml_string(write_mjcf(mechanism))
         self._data = UNTYPED_MUJOCO.MjData(self._model)
         self._queue: deque[tuple[int, list[float]]] = deque()
         self._setpoint, self._rates = [0.0] * 3, [0.0] * 3
-        self._bypassed = False
+        self._is_bypassed = False
         self._lag_fraction = float(1.0 - np.exp(-PHYSICS_STEP_NS * 1e-9 / drive.lag))
         self._rate_ratios = [1.0 + error for error in drive.rate_error]
-        self._encoder = np.maximum(np.array(drive.encoder), 1e-12)
+        self._resolution = np.maximum(np.array(drive.encoder), 1e-12)
         self._history = JointHistory(HISTORY_STEPS)
         self._history.add(self.time, self.q_true)
 
@@ -202,7 +185,7 @@ class SimulatedArm:
         The history of the joints restarts there. Only a simulation can do this.
         """
         self.watchdog.disable()
-        self._data.qpos[:] = (q * MUJOCO_UNITS)[self._order]
+        self._data.qpos[:] = (q * MUJOCO_UNITS)[self._mujoco_order]
         self._data.qvel[:] = 0.0
         self._stop_drives()
         UNTYPED_MUJOCO.mj_forward(self._model, self._data)
@@ -219,7 +202,7 @@ class SimulatedArm:
         self.time += PHYSICS_STEP_NS
         if self.before_step is not None:
             self.before_step()
-        if not self._bypassed and not self.watchdog.check(self._device_time):
+        if not self._is_bypassed and not self.watchdog.check(self._device_time):
             self._stop_drives()
         while self._queue and self._queue[0][0] <= self.time:
             self._setpoint = self._queue.popleft()[1]
@@ -230,8 +213,8 @@ class SimulatedArm:
     def control(self, rates: list[float], on: bool) -> None:
         """Make the drives follow joint rates (3,) that bypass the arm's command interface.
 
-        An emulated motion controller does this: it stands between the computer and the drives and
-        has its own watchdog, so the arm's watchdog is not checked from then on.
+        An emulated motion controller calls this. It is between the computer and the drives and has
+        its own watchdog, so the arm's watchdog is not checked from then on.
 
         Parameters
         ----------
@@ -240,7 +223,7 @@ class SimulatedArm:
         on : bool
             False stops the drives at once.
         """
-        self._bypassed = True
+        self._is_bypassed = True
         if on:
             self._queue.append((self.time + round(self.drive.delay * 1e9), rates))
         else:
@@ -261,8 +244,8 @@ class SimulatedArm:
         rates, deadband = self._rates, self.drive.deadband
         moving = [rates[i] if abs(rates[i]) > deadband[i] else 0.0 for i in range(3)]
         creep = self.creep if self.watchdog.enabled else (0.0, 0.0, 0.0)
-        made = [self.gains[i] * self._rate_ratios[i] * moving[i] + creep[i] for i in range(3)]
-        self._data.ctrl[:] = [made[i] * MUJOCO_UNITS[i] for i in self._order]
+        actual = [self.gains[i] * self._rate_ratios[i] * moving[i] + creep[i] for i in range(3)]
+        self._data.ctrl[:] = [actual[i] * MUJOCO_UNITS[i] for i in self._mujoco_order]
 
     def joints_at(self, time: int) -> Floats:
         """Return the joints (3,) at a time (ns) within the last second.
@@ -274,11 +257,11 @@ class SimulatedArm:
     @property
     def q_true(self) -> Floats:
         """True joints (3,), converted from MuJoCo's order and units."""
-        return self._data.qpos[self._in_order] / self._unit
+        return self._data.qpos[self._joint_order] / self._unit
 
     @property
     def p_true(self) -> Floats:
-        """True position (3,) mm of the tool's reference point."""
+        """True position (3,) mm of the tool's reference point, from MuJoCo's kinematics."""
         UNTYPED_MUJOCO.mj_forward(self._model, self._data)
         return self._data.site("reference").xpos * 1e3
 
@@ -292,9 +275,9 @@ class SimulatedArm:
         self.watchdog.enable(self._device_time)
 
     def measure(self) -> ArmMeasurement:
-        """Return time, joints (3,) as the quantised encoders report them, and drive state."""
-        counted = np.round(self.drive.measured(self.q_true) / self._encoder) * self._encoder
-        return ArmMeasurement(self._device_time, counted, self.watchdog.enabled)
+        """Return the time (ns), the joints (3,) of the quantised encoders and the drives' state."""
+        q = np.round(self.drive.measured(self.q_true) / self._resolution) * self._resolution
+        return ArmMeasurement(self._device_time, q, self.watchdog.enabled)
 
     def apply(self, command: Command) -> Floats:
         """Queue a command if the watchdog accepts it, and return the accepted rates (3,).
@@ -311,7 +294,7 @@ class SimulatedClock:
     """Clock of a simulated plant: the time of the arm's physics, which advances in `wait_until`."""
 
     stalls: Callable[[int], int] | None
-    """Function from the requested end of a wait to its actual end (ns), if a disturbance delays the
+    """Function from the requested end of a wait (ns) to its actual end, if disturbances delay the
     process."""
 
     def __init__(self, arm: SimulatedArm) -> None:
@@ -319,7 +302,9 @@ class SimulatedClock:
         self.stalls = None
 
     def now(self) -> int:
+        """Return the present time, ns."""
         return self._arm.time
 
     def wait_until(self, time: int) -> None:
+        """Let time pass until `time` (ns), or longer if a disturbance delays the process."""
         self._arm.advance_until(time if self.stalls is None else self.stalls(time))

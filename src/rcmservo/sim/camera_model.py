@@ -1,4 +1,4 @@
-"""True camera: a pinhole with radial distortion at a fixed pose in the world.
+"""Camera model of the simulation: a pinhole with radial distortion at a pose in the world.
 
 Camera axes: x right, y down, z forward. With X = R_c_w (X_world - position) in those axes and
 slopes (x, y) = (X1, X2) / X3, the image of a point is
@@ -27,13 +27,16 @@ MAX_LENS_SLOPE = 100.0
 NEWTON_TOLERANCE = 1e-12
 """Newton step, as a slope, below which further steps change nothing."""
 
+MAX_NEWTON_STEPS = 20
+"""Largest number of Newton steps. The corners of a strong wide-angle lens need about ten."""
+
 SILHOUETTE_POINTS = 256
 """Points on a silhouette. The polygon's centroid is then accurate to 1e-6 of its radius."""
 
 
 @dataclass(frozen=True, eq=False)
 class CameraModel(Checked):
-    """Pose and lens of a camera, with its projection and the images of spheres.
+    """Pose and lens of a simulated camera, with its projection and the images of spheres.
 
     Parameters
     ----------
@@ -55,8 +58,8 @@ class CameraModel(Checked):
     Raises
     ------
     BadInput
-        If a field is outside its range, the rotation is improper, or the distortion maps two
-        directions of the image to one pixel.
+        If a field is outside its range, the rotation is improper, or the distortion is so strong
+        that two directions have the same pixel.
     """
 
     width: Annotated[int, above(0, what="a whole number of px")]
@@ -77,47 +80,38 @@ class CameraModel(Checked):
         super().__post_init__()
         for name in ("centre", "distortion", "rotation", "position"):
             object.__setattr__(self, name, np.array(getattr(self, name), dtype=np.float64))
-        proper = np.allclose(self.rotation @ self.rotation.T, np.eye(3), atol=1e-9)
-        proper = proper and np.linalg.det(self.rotation) > 0
-        self.require(proper, "rotation", "a proper rotation matrix")
-        one_to_one = np.isinf(self.fold) or self._corner < self.fold * self._stretch(self.fold)
-        self.require(one_to_one, "distortion", "so weak that every pixel has one direction")
+        is_orthogonal = np.allclose(self.rotation @ self.rotation.T, np.eye(3), atol=1e-9)
+        is_proper = is_orthogonal and np.linalg.det(self.rotation) > 0
+        self.require(is_proper, "rotation", "a proper rotation matrix")
+        max_radius = self.fold if np.isinf(self.fold) else self.fold * self._stretch(self.fold)
+        is_unique = self._corner_radius < max_radius
+        self.require(is_unique, "distortion", "so weak that every pixel has one direction")
 
     def pinhole(self) -> Floats:
-        """Return the calibration matrix C (3, 4) of eq. (4), which leaves out the distortion."""
-        K = np.array(
-            [[self.focal, 0.0, self.centre[0]], [0.0, self.focal, self.centre[1]], [0.0, 0.0, 1.0]]
-        )
+        """Return the projection matrix C (3, 4) of eq. (4), which leaves out the distortion."""
+        u0, v0 = self.centre
+        K = np.array([[self.focal, 0.0, u0], [0.0, self.focal, v0], [0.0, 0.0, 1.0]])
         return K @ self.rotation @ np.column_stack([np.eye(3), -self.position])
 
     @cached_property
     def lens(self) -> Rows[CameraStruct]:
-        """Camera parameters for compiled functions."""
-        return CameraStruct.of(
-            width=self.width,
-            height=self.height,
-            focal=self.focal,
-            centre=self.centre,
-            distortion=self.distortion,
-            fold=self.fold,
-            rotation=self.rotation,
-            position=self.position,
-        ).rows
+        """Camera parameters for compiled functions, an array of one row."""
+        names = (field.name for field in CameraStruct.fields)
+        return CameraStruct.of(**{name: getattr(self, name) for name in names}).rows
 
     def depth(self, points: Floats) -> Floats:
         """Return the depths (N,) mm of world `points` (N, 3) mm along the camera's z axis.
 
         A depth is negative behind the camera.
         """
-        return self._in_camera(points)[:, 2]
+        return self._transform_to_camera(points)[:, 2]
 
     def project(self, points: Floats) -> Floats:
         """Return the images (N, 2) px of world `points` (N, 3) mm.
 
-        An image is NaN behind the camera, and beyond the slope at which the distortion polynomial
-        would fold the point back.
+        The image of a point is NaN if the point is behind the camera, or beyond the slope `fold`.
         """
-        return self._project_camera(self._in_camera(points))
+        return self._project_camera_points(self._transform_to_camera(points))
 
     def project_jacobian(self, point: Floats) -> Floats:
         """Return the derivative (2, 3) px/mm of `project` at a world `point` (3,) mm."""
@@ -136,18 +130,18 @@ class CameraModel(Checked):
         Floats, shape (..., 2)
             Slopes in camera axes.
         """
-        stretched = (pixels - self.centre) / self.focal
-        distorted_radius = np.linalg.norm(stretched, axis=-1, keepdims=True)
+        distorted = (pixels - self.centre) / self.focal
+        distorted_radius = np.linalg.norm(distorted, axis=-1, keepdims=True)
         k1, k2 = self.distortion
         r = distorted_radius.copy()
-        for _ in range(20):  # Newton; the corners of a strong wide-angle lens need about ten
-            square = r * r
-            residual = r * (1 + square * (k1 + k2 * square)) - distorted_radius
-            step = residual / (1 + square * (3 * k1 + 5 * k2 * square))
+        for _ in range(MAX_NEWTON_STEPS):
+            r2 = r * r
+            residual = r * (1 + r2 * (k1 + k2 * r2)) - distorted_radius
+            step = residual / (1 + r2 * (3 * k1 + 5 * k2 * r2))
             r -= step
             if np.abs(step).max(initial=0.0) < NEWTON_TOLERANCE:
                 break
-        return stretched / self._stretch(r)
+        return distorted / self._stretch(r)
 
     def pixels(self) -> Floats:
         """Return the centre (u, v) of every pixel, (H, W, 2) px."""
@@ -156,15 +150,15 @@ class CameraModel(Checked):
 
     def rays(self) -> Floats:
         """Return the unit direction in the world through every pixel's centre, (H, W, 3)."""
-        slope = self.slopes(self.pixels())
-        ray = np.concatenate([slope, np.ones_like(slope[..., :1])], axis=-1)
-        return ray / np.linalg.norm(ray, axis=-1, keepdims=True) @ self.rotation
+        slopes = self.slopes(self.pixels())
+        rays = np.concatenate([slopes, np.ones_like(slopes[..., :1])], axis=-1)
+        return rays / np.linalg.norm(rays, axis=-1, keepdims=True) @ self.rotation
 
     def silhouette_centre(self, centre: Floats, radius: float) -> Floats:
         """Return the centroid (2,) px of the image of an unoccluded sphere.
 
-        An ideal blob detector would report it. It differs from the image of the sphere's centre:
-        perspective moves it outwards by x R^2 / (Z^2 - R^2).
+        An ideal blob detector would report it. It differs from the image of the sphere's centre,
+        because perspective moves it outwards by the slope x R^2 / (Z^2 - R^2).
 
         Parameters
         ----------
@@ -193,25 +187,27 @@ class CameraModel(Checked):
         It is the image of the circle in which the cone from the camera touches the sphere. It is
         NaN where the camera is inside the sphere or the cone reaches behind the camera.
         """
-        c: Floats = self._in_camera(centre[None])[0]
-        distance = np.linalg.norm(c)
+        to_centre: Floats = self._transform_to_camera(centre[None])[0]
+        distance = np.linalg.norm(to_centre)
         if distance <= radius:
             return np.full((SILHOUETTE_POINTS, 2), np.nan)
-        axis = c / distance
-        across = np.linalg.svd(axis[None])[2][1:]
-        turn = np.linspace(0, 2 * np.pi, SILHOUETTE_POINTS, endpoint=False)
-        circle = np.column_stack([np.cos(turn), np.sin(turn)]) @ across
+        axis = to_centre / distance
+        perpendicular = np.linalg.svd(axis[None])[2][1:]
+        angles = np.linspace(0, 2 * np.pi, SILHOUETTE_POINTS, endpoint=False)
+        circle = np.column_stack([np.cos(angles), np.sin(angles)]) @ perpendicular
         sine = radius / distance
-        return self._project_camera(np.sqrt(1 - sine**2) * axis + sine * circle)
+        return self._project_camera_points(np.sqrt(1 - sine**2) * axis + sine * circle)
 
-    def _in_camera(self, points: Floats) -> Floats:
+    def _transform_to_camera(self, points: Floats) -> Floats:
+        """Return world points (N, 3) mm in camera axes."""
         return (points - self.position) @ self.rotation.T
 
-    def _project_camera(self, X: Floats) -> Floats:
+    def _project_camera_points(self, X: Floats) -> Floats:
+        """Return the images (N, 2) px of points X (N, 3) in camera axes."""
         with np.errstate(divide="ignore", invalid="ignore"):
-            slope = X[:, :2] / X[:, 2:]
-            r = np.linalg.norm(slope, axis=1, keepdims=True)
-            image = self.focal * self._stretch(r) * slope + self.centre
+            slopes = X[:, :2] / X[:, 2:]
+            r = np.linalg.norm(slopes, axis=1, keepdims=True)
+            image = self.focal * self._stretch(r) * slopes + self.centre
             return np.where((X[:, 2:] > 0) & (r < self.fold), image, np.nan)
 
     def _stretch(self, r: Any) -> Any:
@@ -231,7 +227,7 @@ class CameraModel(Checked):
         return float(1 / np.sqrt(root)) if root > MAX_LENS_SLOPE**-2 else np.inf
 
     @property
-    def _corner(self) -> float:
+    def _corner_radius(self) -> float:
         """Distorted radius (as a slope) of the image corner farthest from the principal point."""
         size = np.array([self.width, self.height])
         reach = np.maximum(self.centre + 0.5, size - 0.5 - self.centre)
@@ -243,7 +239,7 @@ def compute_look_at_rotation(position: Floats, target: Floats, roll: float = 0.0
 
     The target is then at the principal point. At `roll` 0 the world's z axis points up in the image
     (its y axis if the camera looks along z). `roll` (rad) turns the camera clockwise about its
-    optical axis, so the image turns anticlockwise.
+    optical axis, so the image turns anticlockwise. Raise `BadInput` if both points are equal.
     """
     direction = target - position
     distance = np.linalg.norm(direction)

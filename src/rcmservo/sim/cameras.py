@@ -1,4 +1,7 @@
-"""Simulated cameras: one renders images, the other reports the markers' centres."""
+"""Simulated cameras: one renders images, the other reports only the markers.
+
+A frame is made when the software asks for it, from the joints that the arm had at the exposure.
+"""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
@@ -23,34 +26,29 @@ Noise = Callable[[int], Floats]
 
 
 def make_gaussian_noise(deviation: float, random: np.random.Generator) -> Noise:
-    """Return normal noise of a standard deviation in px, drawn when a frame is taken."""
+    """Return normal noise of a standard `deviation` in px, sampled when a frame is made."""
     return lambda _: deviation * random.standard_normal((2, 2))
 
 
 def make_recorded_noise(noise: Floats, last_number: int) -> Noise:
-    """Return given noise for the frames after number `last_number`.
+    """Return the noise that an array lists for the frames after number `last_number`.
 
     Parameters
     ----------
     noise : Floats, shape (frames, 2, 2)
-        Noise (px) of consecutive frame numbers, whether each frame is taken or not.
+        Noise (px) of consecutive frame numbers, whether each frame is made or not.
     last_number : int
         Number of the frame before the first row of `noise`.
     """
-    valid = noise.ndim == 3 and noise.shape[1:] == (2, 2)
-    require(valid, "noise", noise.shape, "of shape (frames, 2, 2)")
+    is_valid = noise.ndim == 3 and noise.shape[1:] == (2, 2)
+    require(is_valid, "noise", noise.shape, "of shape (frames, 2, 2)")
 
-    def noise_of(number: int) -> Floats:
+    def read_noise(number: int) -> Floats:
         frames = number - last_number
         require(frames <= len(noise), "noise", noise.shape, f"of at least {frames} frames")
         return noise[frames - 1]
 
-    return noise_of
-
-
-FRAME_RATE_LIMIT = between(1.0, 1000.0, "a rate", "frames/s")
-EXPOSURE_LIMIT = not_negative("time in s")
-DELAY_LIMIT = between(0.0, 0.5, "a time", "s")
+    return read_noise
 
 
 @dataclass(frozen=True)
@@ -60,11 +58,11 @@ class Timing(Checked, section="camera"):
     Parameters
     ----------
     frame_rate : float
-        Frame rate, frames/s.
+        Frame rate, frames/s; 1 to 1000.
     exposure : float
-        Exposure time, s.
+        Exposure time, s; from 0 to one frame period.
     delay : float
-        Time (s) from the end of an exposure to the arrival of its frame.
+        Time (s) from the end of an exposure to the arrival of its frame; 0 to 0.5.
 
     Raises
     ------
@@ -72,11 +70,11 @@ class Timing(Checked, section="camera"):
         If a field is outside its range, or the exposure is longer than a frame period.
     """
 
-    frame_rate: Annotated[float, FRAME_RATE_LIMIT] = 60.0
+    frame_rate: Annotated[float, between(1.0, 1000.0, "a rate", "frames/s")] = 60.0
 
-    exposure: Annotated[float, EXPOSURE_LIMIT] = 0.004
+    exposure: Annotated[float, not_negative("time in s")] = 0.004
 
-    delay: Annotated[float, DELAY_LIMIT] = 0.02
+    delay: Annotated[float, between(0.0, 0.5, "a time", "s")] = 0.02
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -84,7 +82,7 @@ class Timing(Checked, section="camera"):
         self.require(fits, "exposure", "a time from 0 s to one frame period")
 
     def newest(self, now: int) -> tuple[int, int, int]:
-        """Return the newest frame's number, exposure and arrival (ns).
+        """Return number, exposure and arrival of the newest frame.
 
         Parameters
         ----------
@@ -94,7 +92,7 @@ class Timing(Checked, section="camera"):
         Returns
         -------
         tuple of int
-            Number, negative before the first frame; middle of the exposure; arrival.
+            Number, negative before the first frame; middle of the exposure (ns); arrival (ns).
         """
         period = 1e9 / self.frame_rate
         latency = (0.5 * self.exposure + self.delay) * 1e9
@@ -103,13 +101,8 @@ class Timing(Checked, section="camera"):
         return number, exposure, exposure + round(latency)
 
 
-def spread_over_exposure(middle: int, length: float, count: int) -> list[int]:
-    """Return `count` times (ns) spread evenly over an exposure of `length` s about `middle`."""
-    return [middle + round(t * length * 1e9) for t in (np.arange(count) + 0.5) / count - 0.5]
-
-
 class SimulatedCamera(ABC):
-    """Camera that observes the simulated arm. It creates a frame when `latest` is called.
+    """Camera that observes the simulated arm. It makes a frame when `latest` is called.
 
     Parameters
     ----------
@@ -119,16 +112,21 @@ class SimulatedCamera(ABC):
         Points of the tool.
     timing : Timing
         Frame rate, exposure and delay.
+    optics : CameraModel
+        Pose and lens; a disturbance may replace them between frames.
     """
 
-    def __init__(self, arm: SimulatedArm, body: ToolBody, timing: Timing) -> None:
-        self.arm, self.body, self.timing = arm, body, timing
+    def __init__(
+        self, arm: SimulatedArm, body: ToolBody, timing: Timing, optics: CameraModel
+    ) -> None:
+        self.arm, self.body, self.timing, self.optics = arm, body, timing, optics
         self._frame: Frame | None = None
 
     def latest(self) -> Frame | None:
+        """Return the newest frame that has arrived; None before the first one."""
         number, exposure, arrival = self.timing.newest(self.arm.time)
         if number >= 0 and (self._frame is None or number > self._frame.number):
-            self._frame = self.take_frame(number, exposure, arrival)
+            self._frame = self.make_frame(number, exposure, arrival)
         return self._frame
 
     def points_at(self, time: int) -> Floats:
@@ -136,18 +134,16 @@ class SimulatedCamera(ABC):
         return self.body.points(self.arm.joints_at(time))
 
     @abstractmethod
-    def take_frame(self, number: int, exposure: int, arrival: int) -> Frame:
-        """Return the frame of a number, exposed about the time `exposure` (ns)."""
-
-    @property
-    @abstractmethod
-    def optics(self) -> CameraModel:
-        """True camera: its pose and lens."""
+    def make_frame(self, number: int, exposure: int, arrival: int) -> Frame:
+        """Return a frame with the times (ns) of its exposure's middle and of its arrival."""
 
 
 @final
 class PictureCamera(SimulatedCamera):
     """Camera that renders images."""
+
+    renderer: Renderer
+    """Renderer of the scene for the present `optics`."""
 
     light_filter: LightFilter | None
     """Function that changes the light before it reaches the sensor, if a disturbance sets one."""
@@ -155,50 +151,35 @@ class PictureCamera(SimulatedCamera):
     def __init__(
         self, arm: SimulatedArm, body: ToolBody, timing: Timing, renderer: Renderer
     ) -> None:
-        super().__init__(arm, body, timing)
+        super().__init__(arm, body, timing, renderer.optics)
         self.renderer, self.light_filter = renderer, None
 
-    def take_frame(self, number: int, exposure: int, arrival: int) -> Frame:
-        times = spread_over_exposure(exposure, self.timing.exposure, POSES_PER_EXPOSURE)
+    def make_frame(self, number: int, exposure: int, arrival: int) -> Frame:
+        """Return a frame with an image, blurred by the tool's motion during the exposure."""
+        fractions = (np.arange(POSES_PER_EXPOSURE) + 0.5) / POSES_PER_EXPOSURE - 0.5
+        times = [exposure + round(f * self.timing.exposure * 1e9) for f in fractions]
         poses = np.stack([self.points_at(time) for time in times])
         image = self.renderer.render(poses, number, self.light_filter)
         return Frame(number, exposure, arrival, image=image)
 
-    @property
-    def optics(self) -> CameraModel:
-        return self.renderer.optics
-
 
 @final
 class PointCamera(SimulatedCamera):
-    """Camera without images: its frames hold the centres of both markers, with noise."""
+    """Camera without images: its frames hold the images of both markers' centres, with noise."""
 
     noise: Noise
     """Noise of each frame."""
 
     def __init__(
-        self,
-        arm: SimulatedArm,
-        body: ToolBody,
-        timing: Timing,
-        optics: CameraModel,
-        noise: Noise,
+        self, arm: SimulatedArm, body: ToolBody, timing: Timing, optics: CameraModel, noise: Noise
     ) -> None:
-        super().__init__(arm, body, timing)
-        self.noise, self._optics = noise, optics
+        super().__init__(arm, body, timing, optics)
+        self.noise = noise
 
-    def take_frame(self, number: int, exposure: int, arrival: int) -> Frame:
-        points = self.optics.project(self.points_at(exposure)[:2])
-        points = points + self.noise(number)
+    def make_frame(self, number: int, exposure: int, arrival: int) -> Frame:
+        """Return a frame with the markers (2, 2) px, NaN where one is outside the image."""
+        points = self.optics.project(self.points_at(exposure)[:2]) + self.noise(number)
         size = np.array([self.optics.width, self.optics.height])
         inside = ((points >= 0.0) & (points <= size - 1.0)).all(axis=1)
         points[~inside] = np.nan
         return Frame(number, exposure, arrival, points=points)
-
-    @property
-    def optics(self) -> CameraModel:
-        return self._optics
-
-    def move(self, optics: CameraModel) -> None:
-        """Replace the camera from the next frame on."""
-        self._optics = optics

@@ -1,4 +1,7 @@
-"""Ground truth of a simulated run: joints, pose, Jacobian and imaged RCM. No servo can read it."""
+"""Ground truth of a simulated run, for its evaluation: true joints, markers, Jacobian, imaged RCM.
+
+No servo can read it.
+"""
 
 import numpy as np
 
@@ -13,7 +16,17 @@ from rcmservo.sim.tool_body import ToolBody
 
 
 class GroundTruth:
-    """Ground truth of a simulated run, read from the true arm and the true camera."""
+    """Ground truth of a simulated run, read from the true arm and the true camera.
+
+    Parameters
+    ----------
+    arm : SimulatedArm
+        True arm.
+    body : ToolBody
+        Points of the tool.
+    optics : CameraModel
+        True camera; the laboratory replaces it when the camera moves.
+    """
 
     def __init__(self, arm: SimulatedArm, body: ToolBody, optics: CameraModel) -> None:
         self.arm, self.body, self.optics, self._drive = arm, body, optics, arm.drive
@@ -39,7 +52,7 @@ class GroundTruth:
         return compute_feature_jacobian(self.body, self.optics, q, o_c)
 
     def jacobian_error(self, J_hat: Floats, q_measured: Floats, o_c: Floats) -> float:
-        """Return ‖Ĵ − J‖/‖J‖ (Frobenius) of the scaled Jacobians at the measured joints (3,)."""
+        """Return ‖Ĵ − J‖/‖J‖ (Frobenius norms) of the scaled Jacobians at measured joints (3,)."""
         J = scale_rows(self.jacobian(self._drive.true(q_measured), o_c))
         return float(np.linalg.norm(scale_rows(J_hat) - J) / np.linalg.norm(J))
 

@@ -1,4 +1,8 @@
-"""Interfaces through which emulated controllers drive the simulated arm."""
+"""Interfaces through which emulated controllers drive the simulated arm.
+
+`SimulatedMotors` is for a motion controller that reads encoders, `SimulatedJoints` for an arm whose
+own controller commands joint rates.
+"""
 
 from collections.abc import Sequence
 
@@ -27,20 +31,20 @@ class SimulatedMotors:
 
     def __init__(self, arm: SimulatedArm, counts: Floats, axes: int) -> None:
         self.arm, self.counts, self.axes = arm, counts, axes
-        self._until = float(arm.time)
-        self._zero = arm.q_true
+        self._end_time = float(arm.time)
+        self._zero_joints = arm.q_true
         limits = arm.mechanism.limits
         lower, upper = np.array(limits.lower), np.array(limits.upper)
-        middle, half = (upper + lower) / 2.0, LIMIT_SWITCH_RATIO * (upper - lower) / 2.0
-        self._lower, self._upper = middle - half, middle + half
+        middle, half_range = (upper + lower) / 2.0, LIMIT_SWITCH_RATIO * (upper - lower) / 2.0
+        self._lower, self._upper = middle - half_range, middle + half_range
 
     @property
     def lag(self) -> float:
-        """Time constant (s) of the drives."""
+        """Time constant (s) of the drives' first-order response."""
         return self.arm.drive.lag
 
     def step(self, speeds: Sequence[float], on: Sequence[bool], seconds: float) -> Sequence[float]:
-        """Let one sample of `seconds` pass and return the encoders' counts of all axes.
+        """Let one sampling period pass and return the encoders' counts of all axes.
 
         Parameters
         ----------
@@ -49,29 +53,36 @@ class SimulatedMotors:
         on : sequence of bool
             Axes whose motors are on.
         seconds : float
-            Length of the sample, s.
+            Sampling period of the controller, s.
         """
         rates = np.where(on[:3], speeds[:3], 0.0) / self.counts
         self.arm.control(rates.tolist(), any(on[:3]))
-        self._until += seconds * 1e9
-        self.arm.advance_until(round(self._until))
-        counted = np.round((self.arm.q_true - self._zero) * self.counts)
-        return [*counted.tolist(), *[0.0] * (self.axes - 3)]
+        self._end_time += seconds * 1e9
+        self.arm.advance_until(round(self._end_time))
+        joint_counts = np.round((self.arm.q_true - self._zero_joints) * self.counts)
+        return [*joint_counts.tolist(), *[0.0] * (self.axes - 3)]
 
     def switches(self) -> Sequence[tuple[bool, bool]]:
-        """Return for each axis if its forward and its reverse limit switch are active."""
+        """Return for each axis whether its forward and its reverse limit switch are active.
+
+        A motor that turns against its joint reaches its forward switch at the joint's lower limit.
+        """
         q = self.arm.q_true
-        over, under = (q > self._upper).tolist(), (q < self._lower).tolist()
-        forward = [o if c > 0 else u for o, u, c in zip(over, under, self.counts, strict=True)]
-        reverse = [u if c > 0 else o for o, u, c in zip(over, under, self.counts, strict=True)]
-        unwired = [(False, False)] * (self.axes - 3)
-        return [*zip(forward, reverse, strict=True), *unwired]
+        is_above, is_below, same_sense = q > self._upper, q < self._lower, self.counts > 0
+        forward = np.where(same_sense, is_above, is_below).tolist()
+        reverse = np.where(same_sense, is_below, is_above).tolist()
+        return [*zip(forward, reverse, strict=True), *[(False, False)] * (self.axes - 3)]
 
 
 class SimulatedJoints:
-    """Three joints with brakes that the arm's own controller drives by rates.
+    """Joints with brakes, which the arm's own controller drives by rates.
 
     Time passes only in `step`.
+
+    Parameters
+    ----------
+    arm : SimulatedArm
+        Arm with the joints.
     """
 
     def __init__(self, arm: SimulatedArm) -> None:

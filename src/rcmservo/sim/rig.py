@@ -19,13 +19,13 @@ from rcmservo.sim.cameras import (
     make_gaussian_noise,
     make_recorded_noise,
 )
-from rcmservo.sim.disturbances.arm_faults import DisturbedArm
-from rcmservo.sim.disturbances.camera_moves import CameraMotion
-from rcmservo.sim.disturbances.camera_view import DisturbedView
-from rcmservo.sim.disturbances.computer_faults import ProcessDelays
 from rcmservo.sim.disturbances.disturbance import Disturbance
-from rcmservo.sim.disturbances.frame_delivery import FrameDelivery
-from rcmservo.sim.disturbances.kinds import DISTURBANCE_KINDS
+from rcmservo.sim.disturbances.disturbance_kinds import DISTURBANCE_KINDS
+from rcmservo.sim.disturbances.effects.arm_faults import DisturbedArm
+from rcmservo.sim.disturbances.effects.camera_moves import CameraMotion
+from rcmservo.sim.disturbances.effects.camera_view import DisturbedView
+from rcmservo.sim.disturbances.effects.computer_faults import ProcessDelays
+from rcmservo.sim.disturbances.effects.frame_delivery import FrameDelivery
 from rcmservo.sim.disturbances.schedule import Event, Schedule
 from rcmservo.sim.ground_truth import GroundTruth
 from rcmservo.sim.rendering import Appearance, Renderer
@@ -34,43 +34,40 @@ from rcmservo.sim.scenes.sampling import SceneSampler, sample_relocated_scene, s
 from rcmservo.sim.tool_body import ToolBody
 
 SETTLE_TIME_NS = 100_000_000
-"""Time (ns) that passes after the tool is placed by hand: no frame in flight is older than that."""
-
-IMAGE_SIZE_LIMIT = between(64, 4096, "a whole number of px")
-POINT_NOISE_LIMIT = not_negative("number of px")
+"""Time (ns) that passes after the tool is placed by hand, so that older frames have arrived."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Picture(Checked):
-    """Image of a simulated camera.
+class ImageSettings(Checked):
+    """Size of the images of a simulated camera, and noise of the markers in it.
 
     Parameters
     ----------
     width : int
-        Width of the image, px.
+        Width of the image, px; 64 to 4096.
     height : int
-        Height of the image, px.
+        Height of the image, px; 64 to 4096.
     point_noise : float
-        Root mean square noise (px) of the markers of the camera without images.
+        Standard deviation (px) of the markers' noise of the camera without images, not negative.
     """
 
-    width: Annotated[int, IMAGE_SIZE_LIMIT] = 640
+    width: Annotated[int, between(64, 4096, "a whole number of px")] = 640
 
-    height: Annotated[int, IMAGE_SIZE_LIMIT] = 480
+    height: Annotated[int, between(64, 4096, "a whole number of px")] = 480
 
-    point_noise: Annotated[float, POINT_NOISE_LIMIT] = 0.3
+    point_noise: Annotated[float, not_negative("number of px")] = 0.3
 
 
 @dataclass(frozen=True)
-class RigSettings(Picture, section="rig"):
+class RigSettings(ImageSettings, section="rig"):
     """Parts of a simulated laboratory.
 
     Parameters
     ----------
     mechanism : Kinematics
-        Kinematics of the arm.
+        Kinematics of the arm; default ``SphericalRcm()``.
     tool : Tool
-        Positions of the markers on the tool.
+        Positions of the markers on the tool; default ``RigidTool(spacing=30.0)``, in mm.
     drive : Drive
         Delay, lag, deadband and errors of the drives and encoders.
     timing : Timing
@@ -79,6 +76,12 @@ class RigSettings(Picture, section="rig"):
         Geometry, colours, light and sensor noise of rendered images.
     scene : SceneSettings
         Distributions from which camera, start and target are sampled.
+    width : int
+        Width of the image, px; 64 to 4096.
+    height : int
+        Height of the image, px; 64 to 4096.
+    point_noise : float
+        Standard deviation (px) of the markers' noise of the camera without images, not negative.
 
     Raises
     ------
@@ -101,9 +104,10 @@ class RigSettings(Picture, section="rig"):
 
 def sample_scene_of_seed(seed: int, settings: RigSettings) -> tuple[Scene, np.random.Generator]:
     """Return the scene of the rig with this seed, and the generator of its camera's noise."""
-    drawing, noise, *_ = _spawn_seeds(seed)
+    scene_seed, noise_seed, *_ = _spawn_seeds(seed)
     body = ToolBody(settings.mechanism, settings.tool)
-    return sample_scene(_sampler_of(settings, body, drawing)), np.random.default_rng(noise)
+    scene = sample_scene(_make_sampler(settings, body, scene_seed))
+    return scene, np.random.default_rng(noise_seed)
 
 
 def _spawn_seeds(seed: int) -> list[np.random.SeedSequence]:
@@ -112,9 +116,10 @@ def _spawn_seeds(seed: int) -> list[np.random.SeedSequence]:
     return np.random.SeedSequence(seed).spawn(4)
 
 
-def _sampler_of(
+def _make_sampler(
     settings: RigSettings, body: ToolBody, seed: np.random.SeedSequence
 ) -> SceneSampler:
+    """Return the sampler of scenes for a laboratory."""
     size, radius = (settings.width, settings.height), max(settings.appearance.marker_radii)
     return SceneSampler(settings.scene, body, size, radius, np.random.default_rng(seed))
 
@@ -126,35 +131,37 @@ def _check_argument_types(
     require(isinstance(settings, RigSettings | None), "settings", settings, "a RigSettings")
     require(isinstance(pictures, bool), "pictures", pictures, "true or false")
     items = cast(Sequence[object], disturbances)
-    valid = isinstance(cast(object, items), Sequence)
-    valid = valid and all(isinstance(item, Disturbance) for item in items)
-    require(valid, "disturbances", disturbances, "a list of Disturbance")
+    is_list = isinstance(cast(object, items), Sequence)
+    is_list = is_list and all(isinstance(item, Disturbance) for item in items)
+    require(is_list, "disturbances", disturbances, "a list of Disturbance")
     require(isinstance(scene, Scene | None), "scene", scene, "a Scene")
 
 
 class Rig:
-    """Simulated laboratory at the start of a run.
+    """Simulated laboratory, with the tool at the start of a run.
 
-    A plant is made of its `arm`, `camera` and `clock`; `truth` is for the evaluation of the run.
-    Everything follows from the seed, unless `scene` is given.
+    Its `arm`, `camera` and `clock` make a `Plant`. `truth` has the true joints, camera and
+    Jacobian, with which a run is evaluated; no servo reads them. The same seed and settings give
+    the same laboratory, bit for bit.
 
     Parameters
     ----------
     seed : int
         Seed of the scene, the noise and the disturbances, at least 0.
     settings : RigSettings, optional
-        Parts of the laboratory.
+        Parts of the laboratory; default ``RigSettings()``.
     pictures : bool
-        False for a camera whose frames hold the markers' centres instead of images.
+        True for a camera that renders images; False for one whose frames hold the positions (px)
+        of the markers instead.
     disturbances : sequence of Disturbance
-        Disturbances of the run that `begin` starts.
+        Disturbances of the run. Their times count from `begin`.
     scene : Scene, optional
-        Scene to use instead of the seed's.
+        Scene to use instead of the one that follows from the seed.
 
     Raises
     ------
     BadInput
-        If an argument has another type, or the camera cannot have a disturbance.
+        If an argument has another type, or a disturbance is impossible with this camera.
     NoScene
         If no scene within the settings is found.
     """
@@ -170,16 +177,17 @@ class Rig:
         _check_argument_types(settings, pictures, disturbances, scene)
         self.seed, self.settings = seed, settings or RigSettings()
         parts = self.settings
-        drawing, noise, elsewhere, chance = _spawn_seeds(seed)
+        scene_seed, noise_seed, relocation_seed, disturbance_seed = _spawn_seeds(seed)
         self.body = ToolBody(parts.mechanism, parts.tool)
-        self.scene = scene or sample_scene(_sampler_of(parts, self.body, drawing))
-        self._relocation_sampler = _sampler_of(parts, self.body, elsewhere)
+        self.scene = scene or sample_scene(_make_sampler(parts, self.body, scene_seed))
+        self._relocation_sampler = _make_sampler(parts, self.body, relocation_seed)
         self._arm = SimulatedArm(parts.mechanism, parts.drive)
-        self._camera = self._make_camera(pictures, np.random.default_rng(noise))
+        self._camera = self._make_camera(pictures, np.random.default_rng(noise_seed))
         self.clock = SimulatedClock(self._arm)
         self.truth = GroundTruth(self._arm, self.body, self.scene.optics)
-        self.schedule, self._camera_motion = Schedule(disturbances, chance), CameraMotion()
-        self._film_renderer: tuple[Scene, Renderer] | None = None
+        self.schedule = Schedule(disturbances, disturbance_seed)
+        self._camera_motion = CameraMotion()
+        self._video_renderer: Renderer | None = None
         self.arm: SimulatedArm | DisturbedArm = self._arm
         self.camera: Camera = self._camera
         if disturbances:
@@ -189,6 +197,7 @@ class Rig:
     def _make_camera(
         self, pictures: bool, random: np.random.Generator
     ) -> PictureCamera | PointCamera:
+        """Return the camera with images if `pictures`, the one without them otherwise."""
         parts = self.settings
         if pictures:
             return PictureCamera(self._arm, self.body, parts.timing, self._make_renderer())
@@ -196,18 +205,19 @@ class Rig:
         return PointCamera(self._arm, self.body, parts.timing, self.scene.optics, noise)
 
     def _make_renderer(self) -> Renderer:
+        """Return the renderer of the present scene."""
         return Renderer(self.scene.optics, self.settings.appearance, self.scene.tissue, self.seed)
 
     def _insert_disturbances(self) -> None:
         """Insert the disturbances between the software and the devices."""
         for disturbance in self.schedule.disturbances:
-            kind = disturbance.kind
-            possible = isinstance(self._camera, PointCamera) or DISTURBANCE_KINDS[kind].pictures
-            require(possible, "disturbance", kind, "one that a camera with images can have")
+            kind = DISTURBANCE_KINDS[disturbance.kind]
+            is_possible = isinstance(self._camera, PointCamera) or kind.works_with_images
+            expected = "one that a camera with images can have"
+            require(is_possible, "disturbance", disturbance.kind, expected)
         self.arm = DisturbedArm(self._arm, self.schedule)
-        view = DisturbedView(
-            self._camera, self.settings.appearance, self.schedule, self._move_camera
-        )
+        look = self.settings.appearance
+        view = DisturbedView(self._camera, look, self.schedule, self._move_camera)
         self.camera = FrameDelivery(view, self.clock.now, self.schedule)
         self.clock.stalls = ProcessDelays(self.schedule)
 
@@ -224,7 +234,7 @@ class Rig:
         self._insert_disturbances()
 
     def begin(self) -> None:
-        """Start the run: the disturbances' times count from now."""
+        """Start the disturbances: their times count from now."""
         self.schedule.begin(self.clock.now())
 
     def advance_until(self, until: int) -> None:
@@ -275,16 +285,15 @@ class Rig:
         Image, shape (height, width, 3)
             Image in blue, green, red.
         """
-        scene, renderer = self._film_renderer or (None, None)
-        if scene is not self.scene or renderer is None:
-            renderer = self._make_renderer()
-            self._film_renderer = self.scene, renderer
-        return renderer.render(self.body.points(self._arm.joints_at(time))[None], number)
+        if self._video_renderer is None or self._video_renderer.optics is not self.scene.optics:
+            self._video_renderer = self._make_renderer()
+        poses = self.body.points(self._arm.joints_at(time))[None]
+        return self._video_renderer.render(poses, number)
 
     def set_point_noise(self, noise: Floats) -> None:
-        """Give the camera without images the noise of the following frames.
+        """Set the noise of the following frames of the camera without images.
 
-        A run then has the same noise as a run of the study's compiled kernel.
+        The simulated run then has the same noise as the compiled simulation of a study.
 
         Parameters
         ----------
@@ -298,14 +307,19 @@ class Rig:
         """
         camera = self._camera
         if not isinstance(camera, PointCamera):
-            raise BadInput(
-                "camera", type(camera).__name__, "the one without pictures: Rig(pictures=False)"
-            )
-        camera.latest()  # the frame that has already arrived keeps its own noise
+            expected = "the one without pictures: Rig(pictures=False)"
+            raise BadInput("camera", type(camera).__name__, expected)
+        camera.latest()  # makes the frame that has already arrived, with its own noise
         camera.noise = make_recorded_noise(noise, camera.timing.newest(self.clock.now())[0])
 
     def relocate_camera(self) -> None:
-        """Move and roll the camera to another side of the tool, from the next frame on."""
+        """Move the camera to another side of the tool and roll it, from the next frame on.
+
+        Raises
+        ------
+        NoScene
+            If no other pose of the camera shows both markers.
+        """
         self._use_scene(sample_relocated_scene(self._relocation_sampler, self.scene))
 
     def _move_camera(self, event: Event, fraction: float) -> None:
@@ -318,9 +332,8 @@ class Rig:
         self._use_scene(replace(self.scene, optics=moved))
 
     def _use_scene(self, scene: Scene) -> None:
-        """Use another scene from the next frame on."""
-        self.scene, self.truth.optics = scene, scene.optics
+        """Replace the scene from the next frame on."""
+        self.scene = scene
+        self.truth.optics = self._camera.optics = scene.optics
         if isinstance(self._camera, PictureCamera):
             self._camera.renderer = self._make_renderer()
-        else:
-            self._camera.move(scene.optics)

@@ -1,15 +1,12 @@
-"""Sections of a rig file for the simulation: [camera], [drive], [appearance] and [scene]."""
+"""Simulated laboratory of a rig file: its sections [camera], [drive], [appearance] and [scene]."""
 
 from dataclasses import dataclass, fields
-from typing import Any, cast
 
 from rcmservo.config.rig_file import RigDescription
-from rcmservo.constraints import Checked
-from rcmservo.sim import Appearance
 from rcmservo.sim.arm import Drive
 from rcmservo.sim.cameras import Timing
-from rcmservo.sim.rendering import Colour
-from rcmservo.sim.rig import Picture, RigSettings
+from rcmservo.sim.rendering import Appearance, Colour
+from rcmservo.sim.rig import ImageSettings, RigSettings
 from rcmservo.sim.scene import SceneSettings
 
 BALL_COLOURS: dict[str, Colour] = {
@@ -21,39 +18,34 @@ BALL_COLOURS: dict[str, Colour] = {
     "magenta": (190.0, 40.0, 200.0),
     "bright": (235.0, 235.0, 235.0),
 }
-"""Colour (blue, green, red) of a simulated ball by the colour for which the tracker looks."""
+"""Colour (blue, green, red) in grey levels of a simulated ball, by its name in [markers]."""
 
 
 @dataclass(frozen=True)
-class CameraSection(Picture, Timing, section="camera"):
-    """Section [camera] of a rig file."""
+class CameraSection(ImageSettings, Timing, section="camera"):
+    """Section [camera] of a rig file, with the fields of `ImageSettings` and of `Timing`."""
 
 
 def read_rig_settings(lab: RigDescription) -> RigSettings:
     """Return the settings of the simulated laboratory that a rig file describes."""
     camera = lab.simulation_settings("camera", CameraSection)
+    timing, image = (
+        {field.name: getattr(camera, field.name) for field in fields(base)}
+        for base in (Timing, ImageSettings)
+    )
+    markers = lab.markers
+    appearance = lab.simulation_settings(
+        "appearance",
+        Appearance,
+        marker_radii=(markers.radius_1, markers.radius_2),
+        marker_colours=(BALL_COLOURS[markers.colour_1], BALL_COLOURS[markers.colour_2]),
+    )
     return RigSettings(
         mechanism=lab.mechanism,
         tool=lab.tool,
         drive=lab.simulation_settings("drive", Drive),
-        timing=Timing(**_values(camera, Timing)),
-        appearance=lab.simulation_settings("appearance", Appearance, **_marker_appearance(lab)),
+        timing=Timing(**timing),
+        appearance=appearance,
         scene=lab.simulation_settings("scene", SceneSettings),
-        **_values(camera, Picture),
+        **image,
     )
-
-
-def _values(camera: CameraSection, kind: type[Checked]) -> dict[str, Any]:
-    """Return the settings of a base class of [camera]."""
-    return {f.name: getattr(camera, f.name) for f in fields(cast(Any, kind))}
-
-
-def _marker_appearance(
-    lab: RigDescription,
-) -> dict[str, tuple[float, float] | tuple[Colour, Colour]]:
-    """Return the fields of `Appearance` that follow from the section [markers]."""
-    markers = lab.markers
-    return {
-        "marker_radii": (markers.radius_1, markers.radius_2),
-        "marker_colours": (BALL_COLOURS[markers.colour_1], BALL_COLOURS[markers.colour_2]),
-    }

@@ -1,4 +1,7 @@
-"""Scenes: camera, start and target, and the distributions from which they are sampled."""
+"""Scene: camera, start and target, and the settings of their random distributions.
+
+scenes/sampling.py samples a scene from the settings.
+"""
 
 from dataclasses import dataclass
 from typing import Annotated
@@ -14,6 +17,8 @@ from rcmservo.sim.rendering import Tissue
 from rcmservo.sim.tool_body import ToolBody
 
 Range = tuple[float, float]
+"""Least and greatest value of a distribution."""
+
 POSITIVE_RANGE = Limit(
     lambda ends: 0.0 < ends[0] <= ends[1] < np.inf, "two positive numbers, least first"
 )
@@ -28,44 +33,46 @@ JOINT_VALUES_LIMIT = each(finite(), "three finite joint values (rad, rad, mm)")
 
 
 class NoScene(RcmServoError):
-    """No scene within the settings was found."""
+    """Failure of the sampling: no scene within the settings was found."""
 
 
 @dataclass(frozen=True)
 class SceneSettings(Checked, section="scene"):
-    """Distributions from which scenes are sampled. A pair of numbers is (least, greatest).
+    """Distributions from which scenes are sampled.
+
+    A pair of numbers is (least, greatest) of a uniform distribution.
 
     Parameters
     ----------
     focal : Range
-        Focal length of the camera, px.
+        Focal length of the camera, px, positive.
     distance : Range
-        Distance from the camera to the tool, mm.
+        Distance from the camera to the tool, mm, positive.
     elevation : Range
-        Elevation (rad) of the camera above the tool; down is the direction from the RCM straight
-        into the body.
+        Elevation (rad) of the camera above the tool, from -1.5 to 1.5. Down is the direction from
+        the RCM straight into the body.
     ports : Range or None
         Distance (mm) from the tool's port, which is the RCM, to the port of an endoscope. The
-        camera is then inside the body, ``distance`` from the tool; ``elevation`` and the limits of
+        camera is then inside the body, ``distance`` from the tool. ``elevation`` and the limits of
         the condition number have no effect, because the RCM may be behind the camera. None: the
         camera is anywhere around the tool, with the RCM in front of it.
     distortion : Range
-        Radial distortion k₁ and k₂ of the lens.
+        Radial distortion k₁ and k₂ of the lens, which are not sampled.
     travel : Range
-        Distance from start to target, mm.
+        Distance from start to target, mm, positive.
     insertion : Range
-        Distance (mm) of marker 1 from the RCM at the start.
+        Distance (mm) of marker 1 from the RCM at the start, positive.
     max_condition : float
-        Largest condition number of the scaled Jacobian on the straight path to the target.
+        Largest condition number of the scaled Jacobian on the straight path to the target, above 1.
     min_condition : float
-        The condition number exceeds this somewhere on that path. 40 with an unlimited
-        ``max_condition`` gives the hard scenes that the default excludes.
+        Condition number that is exceeded somewhere on that path, from 0 to below ``max_condition``.
+        40 with an unlimited ``max_condition`` gives the hard scenes that the default excludes.
     room : float
-        Distance (mm) that both markers can move from the start without leaving the image: room to
-        explore.
+        Distance (mm) that both markers can move from the start without leaving the image, so that
+        the servo can explore; not negative.
     errors : Triple or None
-        Initial error Δy = y − y_d (rad, px, px). The path is then that of the saturated law (33),
-        and ``room`` holds at its midpoint too.
+        Initial error Δy = y − y_d (rad, px, px), not all zero. The path is then that of the
+        saturated controller, eq. (33), and ``room`` also holds at its midpoint.
     start : Triple or None
         Joints (rad, rad, mm) of the start; None samples them. If start and target are both given,
         the scene only has to show both markers.
@@ -106,16 +113,16 @@ class SceneSettings(Checked, section="scene"):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        without_joints = self.errors is None or (self.start is None and self.target is None)
-        self.require(without_joints, "errors", "left out where start or target is given")
-        without_ports = self.ports is None or self.errors is None
-        self.require(
-            without_ports, "errors", "left out where ports are given: the RCM may be unseen"
-        )
-        below_max = f"a number from 0 to below max_condition = {self.max_condition}"
-        self.require(0.0 <= self.min_condition < self.max_condition, "min_condition", below_max)
-        unlimited = self.ports is None or self.min_condition == 0.0
-        self.require(unlimited, "min_condition", "left out where ports are given")
+        if self.errors is not None:
+            is_sampled = self.start is None and self.target is None
+            self.require(is_sampled, "errors", "left out where start or target is given")
+            expected = "left out where ports are given: the RCM may be unseen"
+            self.require(self.ports is None, "errors", expected)
+        expected = f"a number from 0 to below max_condition = {self.max_condition}"
+        self.require(0.0 <= self.min_condition < self.max_condition, "min_condition", expected)
+        if self.ports is not None:
+            is_omitted = self.min_condition == 0.0
+            self.require(is_omitted, "min_condition", "left out where ports are given")
 
     @property
     def is_sampled(self) -> bool:
@@ -125,12 +132,12 @@ class SceneSettings(Checked, section="scene"):
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """Sampled scene.
+    """Camera, tool, path and tissue of a simulated run.
 
     Parameters
     ----------
     optics : CameraModel
-        True camera.
+        Camera.
     body : ToolBody
         Tool.
     path : Floats
@@ -157,8 +164,10 @@ class Scene:
 
     @property
     def start(self) -> Floats:
+        """Joints (3,) of the start."""
         return self.path[0]
 
     @property
     def target(self) -> Floats:
+        """Joints (3,) of the target."""
         return self.path[-1]

@@ -1,4 +1,7 @@
-"""Scripted operator of a simulated run: resumes after a pause and teaches the target again."""
+"""Scripted operator of a simulated run: answers pauses by resuming or by teaching the target again.
+
+`run_attended` runs the servo with it.
+"""
 
 from collections.abc import Callable, Generator
 from contextlib import closing
@@ -23,18 +26,18 @@ TEACH_DELAY_NS = 3_000_000_000
 class ScriptedOperator:
     """Operator that answers a limited number of pauses, each after a delay.
 
-    It requests to resume or, if the cause of the pause requires it, teaches the target again.
+    It requests to resume or, if the cause of the pause requires that, teaches the target again.
 
     Parameters
     ----------
     rig : Rig
         Simulated laboratory in which the operator moves the tool.
     plant : Plant
-        Plant that teaches the target.
+        Plant with which the operator teaches the target.
     patience : int
         Number of pauses that the operator answers.
     frames : int
-        Frames of each taught target.
+        Number of frames of each taught target.
     """
 
     resumed: int
@@ -51,49 +54,46 @@ class ScriptedOperator:
     ) -> None:
         self._rig, self._plant, self._pauses_left, self._frames = rig, plant, patience, frames
         self.resumed = self.refused = self.taught = 0
-        self._since: int | None = None
+        self._pause_start: int | None = None
 
     def __call__(self, tick: Tick) -> Request:
         """Return the request after a tick: to resume, once the pause has lasted long enough."""
         if not self._is_ready(tick) or tick.state.cause.needs_teaching:
             return Request.NONE
-        self._since = None
-        self._pauses_left -= 1
+        self._end_pause()
         return Request.RESUME
 
     def ends_run(self, tick: Tick) -> bool:
-        """Return True if the operator ends the run, for good or to teach the target again.
+        """Return True if the operator ends the run, finally or to teach the target again.
 
-        It also counts the outcome of a resume request, and must be called once per tick.
+        It also counts accepted and refused requests to resume; call it once per tick.
         """
-        paused = tick.state.phase is Phase.PAUSED
+        state = tick.state
+        is_paused = state.phase is Phase.PAUSED
         if tick.request is Request.RESUME:
-            accepted = tick.state.phase is Phase.ACQUIRE
-            self.resumed, self.refused = self.resumed + accepted, self.refused + (not accepted)
-        self._since = (
-            None if not paused else tick.observation.now if self._since is None else self._since
-        )
-        gives_up = paused and self._pauses_left <= 0 and not tick.state.command.rates.any()
-        return (
-            tick.state.phase is Phase.FAULT
-            or gives_up
-            or (self._is_ready(tick) and tick.state.cause.needs_teaching)
-        )
+            is_accepted = state.phase is Phase.ACQUIRE
+            self.resumed, self.refused = (
+                self.resumed + is_accepted,
+                self.refused + (not is_accepted),
+            )
+        if not is_paused:
+            self._pause_start = None
+        elif self._pause_start is None:
+            self._pause_start = tick.observation.now
+        gives_up = is_paused and self._pauses_left <= 0 and not state.command.rates.any()
+        will_teach = self._is_ready(tick) and state.cause.needs_teaching
+        return state.phase is Phase.FAULT or gives_up or will_teach
 
     def teach_again(self, tick: Tick) -> Target | None:
         """Teach the target again, bring the tool back and return the new target.
 
-        None if teaching does not help or fails.
+        Return None if the run did not end in a pause that requires teaching, or if teaching fails.
         """
         state = tick.state
-        if (
-            state.phase is not Phase.PAUSED
-            or not state.cause.needs_teaching
-            or self._pauses_left <= 0
-        ):
+        needs_teaching = state.phase is Phase.PAUSED and state.cause.needs_teaching
+        if not needs_teaching or self._pauses_left <= 0:
             return None
-        self._since = None
-        self._pauses_left -= 1
+        self._end_pause()
         joints = self._rig.arm.q_true
         self._rig.move_to_target()
         try:
@@ -105,14 +105,17 @@ class ScriptedOperator:
         self.taught += 1
         return target
 
+    def _end_pause(self) -> None:
+        """Count a pause that the operator answers."""
+        self._pause_start = None
+        self._pauses_left -= 1
+
     def _is_ready(self, tick: Tick) -> bool:
         """Return True if the pause has lasted long enough for the operator to answer it."""
+        if self._pauses_left <= 0 or self._pause_start is None:
+            return False
         delay = TEACH_DELAY_NS if tick.state.cause.needs_teaching else RESUME_DELAY_NS
-        return (
-            self._pauses_left > 0
-            and self._since is not None
-            and tick.observation.now - self._since >= delay
-        )
+        return tick.observation.now - self._pause_start >= delay
 
 
 def run_attended(
@@ -124,9 +127,10 @@ def run_attended(
     operator: ScriptedOperator,
     begins: Callable[[Target, State | None], None] = lambda target, state: None,
 ) -> Generator[Tick]:
-    """Run for `duration` s with a scripted operator, and yield its ticks.
+    """Run for `duration` s with a scripted operator, and yield the ticks.
 
-    Time continues while the operator works.
+    Every time the operator teaches the target again, a new part of the run starts with the new
+    target. Time continues while the operator works.
 
     Parameters
     ----------
@@ -141,22 +145,26 @@ def run_attended(
     duration : float
         Length of the whole run, s.
     operator : ScriptedOperator
-        Operator that pauses, resumes and teaches.
+        Operator that resumes and teaches.
     begins : callable
         Called at the start of every part of the run with its target and its initial state.
+
+    Yields
+    ------
+    Tick
+        Ticks, whose times count from the start of the whole run.
     """
     start = rig.clock.now()
     state: State | None = None
     while True:
         tick = None
         begins(target, state)
-        offset = rig.clock.now() - start
-        remaining = duration - offset * 1e-9
-        with closing(
-            run(plant, servo, target, remaining, operator.ends_run, state, operator)
-        ) as ticks:
+        elapsed = rig.clock.now() - start
+        remaining_s = duration - elapsed * 1e-9
+        ticks = run(plant, servo, target, remaining_s, operator.ends_run, state, operator)
+        with closing(ticks):
             for tick in ticks:
-                yield replace(tick, time=tick.time + offset)
+                yield replace(tick, time=tick.time + elapsed)
         new_target = None if tick is None else operator.teach_again(tick)
         if tick is None or new_target is None or rig.clock.now() - start >= duration * 1e9:
             return

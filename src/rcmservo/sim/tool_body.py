@@ -1,4 +1,4 @@
-"""Positions in space of the tool's markers, shaft and tip."""
+"""Tool as points in space: its two markers, the start of its shaft and its tip."""
 
 import numpy as np
 
@@ -12,19 +12,8 @@ TIP_BEYOND_MARKER_2_MM = 14.0
 """Distance (mm) from marker 2 to the instrument's tip."""
 
 
-@compiled
-def compute_body_points(rcm: RcmStruct, shaft: ToolStruct, q: Floats) -> Floats:
-    """Compute `ToolBody.points`; `rcm`'s reference point is marker 1."""
-    out, n = np.zeros((4, 3)), compute_axis(rcm, q)
-    copy_into(out[0], compute_position(rcm, q))
-    copy_into(out[1], compute_second_marker(shaft, out[0]))
-    for k in range(3):
-        out[3, k] = out[1, k] + TIP_BEYOND_MARKER_2_MM * n[k]
-    return out
-
-
 class ToolBody:
-    """Tool as points in space.
+    """Tool on an arm.
 
     Parameters
     ----------
@@ -39,11 +28,22 @@ class ToolBody:
         self.rcm = mechanism.to_struct(tool.offset)
 
     def points(self, q: Floats) -> Floats:
-        """Return marker 1, marker 2, the shaft's start at the RCM and the tip at the joints q (3,).
+        """Return the positions of the tool's points at the joints q (3,).
 
         Returns
         -------
         Floats, shape (4, 3)
-            Positions in the world, mm.
+            Marker 1, marker 2, the shaft's start at the RCM, and the tip, mm from the RCM.
         """
         return compute_body_points(self.rcm, self.tool.struct, np.ascontiguousarray(q, dtype=float))
+
+
+@compiled
+def compute_body_points(rcm: RcmStruct, tool: ToolStruct, q: Floats) -> Floats:
+    """Return `ToolBody.points`, (4, 3) mm; the reference point of `rcm` is marker 1."""
+    points, axis = np.zeros((4, 3)), compute_axis(rcm, q)
+    copy_into(points[0], compute_position(rcm, q))
+    copy_into(points[1], compute_second_marker(tool, points[0]))
+    for k in range(3):
+        points[3, k] = points[1, k] + TIP_BEYOND_MARKER_2_MM * axis[k]
+    return points

@@ -30,7 +30,7 @@ from rcmservo.recording.reader import RECORD, Record
 from rcmservo.recording.timeline import read_rate, summarise
 from rcmservo.recording.writer import Recorder
 from rcmservo.sim import Killed, Rig
-from rcmservo.sim.disturbances.computer_faults import open_on_filling_disk
+from rcmservo.sim.disturbances.effects.computer_faults import open_on_filling_disk
 from rcmservo.sim.scripted_operator import ScriptedOperator, run_attended
 from rcmservo.tracking import ColourMarkers
 

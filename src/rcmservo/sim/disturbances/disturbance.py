@@ -1,7 +1,8 @@
-"""Disturbance of a rig: its text form, its checks and random ones.
+"""Disturbance of a simulated laboratory: its text form, its checks and random samples.
 
-Its text is `kind:at=5,for=0.5,key=value`: it acts from `at` s after the run's start for `for` s, or
-to the end of the run.
+The text form is ``kind:at=5,for=0.5,key=value``. The disturbance acts from `at` s after the start
+of the run for `for` s, or to the end of the run. disturbance_kinds.py lists the kinds with their
+keys.
 """
 
 import math
@@ -11,34 +12,32 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from rcmservo.constraints import Limit, one_of
-from rcmservo.errors import BadInput, require
-from rcmservo.sim.disturbances.kinds import DISTURBANCE_KINDS
+from rcmservo.errors import require
+from rcmservo.sim.disturbances.disturbance_kinds import DISTURBANCE_KINDS
 from rcmservo.sim.disturbances.old_names import OLD_NAMES, translate_old_name
 from rcmservo.sim.disturbances.parameters import Value, format_value, to_number
 
 MAX_TIME_S = 1e6
 """Upper limit of the times of a run, s."""
 
-PARAMETERS_LIMIT = Limit(
-    lambda given: isinstance(given, Mapping), "values by the names of parameters"
-)
+PARAMETERS_LIMIT = Limit(lambda given: isinstance(given, Mapping), "values by names of parameters")
 
 
 @dataclass(frozen=True)
 class Disturbance:
-    """Fault of a simulated laboratory. Omitted values take the kind's defaults.
+    """Fault of a simulated laboratory. Omitted values take the defaults of its kind.
 
     Parameters
     ----------
     kind : str
-        Name in `DISTURBANCE_KINDS`.
+        Name of the kind; ``rcmservo run --disturb help`` lists them.
     at : float
-        Start, s after the start of the run.
+        Start, s after the start of the run; from 0 to 1e6.
     duration : float or None
-        Duration (s) of the disturbance or of the motion that it makes; inf lasts to the end of the
-        run.
+        Duration (s) of the disturbance or of the motion that it makes, from 0 to 1e6; inf lasts to
+        the end of the run. None takes the default of the kind.
     parameters : Mapping[str, Value]
-        Parameters of its kind, by name.
+        Parameters of the kind, by name: numbers or words.
 
     Raises
     ------
@@ -55,14 +54,14 @@ class Disturbance:
     parameters: Mapping[str, Value] = field(default_factory=dict[str, Value])
 
     def __post_init__(self) -> None:
-        _require_kind(self.kind)
+        _require_kind(self.kind, str(self.kind))
         PARAMETERS_LIMIT.require(f"{self.kind}: parameters", self.parameters)
-        at, duration = (
-            _read_time(f"{self.kind}: at", self.at),
-            _read_duration(self.kind, self.duration),
-        )
-        values = _read_parameters(self.kind, self.parameters)
-        for name, value in (("at", at), ("duration", duration), ("parameters", values)):
+        checked = {
+            "at": _read_time(f"{self.kind}: at", self.at),
+            "duration": _read_duration(self.kind, self.duration),
+            "parameters": _read_parameters(self.kind, self.parameters),
+        }
+        for name, value in checked.items():
             object.__setattr__(self, name, value)
 
     @classmethod
@@ -72,46 +71,44 @@ class Disturbance:
         Parameters
         ----------
         text : str
-            Kind, times (s) and parameters: `kind:at=5,for=0.5,key=value`.
+            Kind, times (s) and parameters: ``kind:at=5,for=0.5,key=value``.
 
         Raises
         ------
         BadInput
-            If the text has another form, or names a kind as earlier versions did.
+            If the text has another form, or a kind has its name of an earlier version.
         """
-        kind, _, rest = text.partition(":")
-        require(
-            kind.strip() not in OLD_NAMES,
-            "disturbance",
-            kind,
-            f"written {translate_old_name(text)} now",
-        )
-        given: dict[str, Value] = {}
-        for item in rest.split(",") if rest else []:
+        kind, _, items = text.partition(":")
+        _require_kind(kind.strip(), text)
+        values: dict[str, Value] = {}
+        for item in items.split(",") if items else []:
             key, equals, value = (part.strip() for part in item.partition("="))
-            pair = bool(key and equals and value)
-            require(pair, f"{kind}: {item!r}", item, "of the form key=value")
-            require(key not in given, f"{kind}: {key}", text, "given once")
-            given[key] = value
-        at, duration = given.pop("at", 0.0), given.pop("for", None)
-        return cls(kind.strip(), at, duration, given)  # pyright: ignore[reportArgumentType]
+            is_pair = bool(key and equals and value)
+            require(is_pair, f"{kind}: {item!r}", item, "of the form key=value")
+            require(key not in values, f"{kind}: {key}", text, "given once")
+            values[key] = value
+        at, duration = values.pop("at", 0.0), values.pop("for", None)
+        return cls(kind.strip(), at, duration, values)  # pyright: ignore[reportArgumentType]
 
     @classmethod
     def read(cls, text: str) -> "Disturbance":
-        """Return the disturbance of a study or a record, whose kind may have an old name.
+        """Return the disturbance of a study or a record, which earlier versions may have written.
 
         Parameters
         ----------
         text : str
-            Text as of `parse`, in the spelling of any version.
+            Text as of `parse`, with the present or a former name of its kind.
+
+        Raises
+        ------
+        BadInput
+            If the text has another form.
         """
         return cls.parse(translate_old_name(text))
 
     def __str__(self) -> str:
-        pairs: dict[str, Value] = {"at": self.at}
-        if math.isfinite(self.duration_s):
-            pairs["for"] = self.duration_s
-        pairs |= self.parameters
+        duration = {"for": self.duration_s} if math.isfinite(self.duration_s) else {}
+        pairs = {"at": self.at, **duration, **self.parameters}
         return f"{self.kind}:" + ",".join(f"{key}={format_value(pairs[key])}" for key in pairs)
 
     def number(self, name: str) -> float:
@@ -120,7 +117,7 @@ class Disturbance:
 
     @property
     def duration_s(self) -> float:
-        """Duration, s."""
+        """Duration, s; inf lasts to the end of the run."""
         return math.inf if self.duration is None else self.duration
 
     @property
@@ -143,60 +140,66 @@ def sample_disturbances(
     pictures : bool
         True if the rig's camera has images.
     """
-    names = [name for name, kind in DISTURBANCE_KINDS.items() if kind.pictures or not pictures]
-    chosen = random.choice(names, size=random.integers(1, 4), replace=False).tolist()
-    sampled = (_sample(random, name, duration) for name in chosen)
+    names = [
+        name for name, kind in DISTURBANCE_KINDS.items() if kind.works_with_images or not pictures
+    ]
+    chosen_names = random.choice(names, size=random.integers(1, 4), replace=False).tolist()
+    sampled = (_sample_disturbance(random, name, duration) for name in chosen_names)
     return sorted(sampled, key=lambda disturbance: disturbance.at)
 
 
-def _sample(random: np.random.Generator, name: str, duration: float) -> Disturbance:
+def _sample_disturbance(random: np.random.Generator, name: str, run_length: float) -> Disturbance:
+    """Return a random disturbance of a kind in a run of `run_length` s."""
     kind = DISTURBANCE_KINDS[name]
-    lasts = (
-        None if kind.default_duration is None else round(random.uniform(*kind.sampled_duration), 3)
-    )
+    duration = None
+    if kind.default_duration is not None:
+        duration = round(random.uniform(*kind.sampled_duration), 3)
     if kind.default_duration == 0.0 and random.uniform() < 0.5:
-        lasts = 0.0
+        duration = 0.0
     values = {key: parameter.sample(random) for key, parameter in kind.parameters.items()}
-    return Disturbance(name, round(random.uniform(0.0, 0.9 * duration), 3), lasts, values)
+    return Disturbance(name, round(random.uniform(0.0, 0.9 * run_length), 3), duration, values)
 
 
-def _require_kind(name: str) -> None:
-    if str(name) in OLD_NAMES:
-        raise BadInput("disturbance", name, f"written {translate_old_name(name)} now")
+def _require_kind(name: str, text: str) -> None:
+    """Raise `BadInput` unless `name` is a kind; `text` is what the user wrote."""
+    is_present = str(name) not in OLD_NAMES
+    require(is_present, "disturbance", name, f"written {translate_old_name(text)} now")
     one_of(DISTURBANCE_KINDS).require("disturbance", name)
 
 
-def _read_time(where: str, value: object) -> float:
+def _read_time(field_name: str, value: object) -> float:
     """Return a time (s) of the run as a number."""
-    number = to_number(value)
-    require(0.0 <= number <= MAX_TIME_S, where, value, f"a time in s from 0 to {MAX_TIME_S:g}")
-    return number
+    time_s = to_number(value)
+    expected = f"a time in s from 0 to {MAX_TIME_S:g}"
+    require(0.0 <= time_s <= MAX_TIME_S, field_name, value, expected)
+    return time_s
 
 
-def _read_duration(name: str, value: object) -> float:
-    """Return the duration (s) of a disturbance of a kind; inf lasts to the end of the run."""
-    where, default = f"{name}: for", DISTURBANCE_KINDS[name].default_duration
-    endless = isinstance(value, float) and value == math.inf
+def _read_duration(kind: str, value: object) -> float:
+    """Return the duration (s) of a disturbance; inf lasts to the end of the run."""
+    field_name, default = f"{kind}: for", DISTURBANCE_KINDS[kind].default_duration
+    is_endless = isinstance(value, float) and value == math.inf
     if default is None:
-        require(value is None or endless, where, value, "left out: this cannot be undone")
+        is_omitted = value is None or is_endless
+        require(is_omitted, field_name, value, "left out: this cannot be undone")
         return math.inf
-    if value is None or (endless and math.isinf(default)):
+    if value is None or (is_endless and math.isinf(default)):
         return default
-    number = to_number(value)
     if default == 0.0:
-        return _read_time(where, value)
-    valid = 0.0 < number <= MAX_TIME_S
-    require(valid, where, value, f"a time in s above 0 and at most {MAX_TIME_S:g}")
-    return number
+        return _read_time(field_name, value)
+    duration_s = to_number(value)
+    is_valid = 0.0 < duration_s <= MAX_TIME_S
+    require(is_valid, field_name, value, f"a time in s above 0 and at most {MAX_TIME_S:g}")
+    return duration_s
 
 
-def _read_parameters(name: str, given: Mapping[str, Value]) -> dict[str, Value]:
+def _read_parameters(kind: str, given: Mapping[str, Value]) -> dict[str, Value]:
     """Return all parameters of a kind: the given ones, and the defaults of the others."""
-    kind = DISTURBANCE_KINDS[name]
+    parameters = DISTURBANCE_KINDS[kind].parameters
     for key in given:
-        if key not in kind.parameters:
-            raise BadInput(f"{name}: key", key, "one of " + ", ".join(kind.keys))
+        expected = "one of " + ", ".join(DISTURBANCE_KINDS[kind].keys)
+        require(key in parameters, f"{kind}: key", key, expected)
     return {
-        key: parameter.read(f"{name}: {key}", given.get(key, parameter.default))
-        for key, parameter in kind.parameters.items()
+        key: parameter.read(f"{kind}: {key}", given.get(key, parameter.default))
+        for key, parameter in parameters.items()
     }

@@ -1,6 +1,6 @@
-"""Former names of disturbances.
+"""Former names of disturbances, which old studies and records contain.
 
-Studies and records may contain them; an error about one names its present spelling.
+They are read from such files. A user who types one gets an error with the present spelling.
 """
 
 from rcmservo.sim.disturbances.parameters import to_number
@@ -31,20 +31,20 @@ OLD_NAMES = {
     "overrun": "stall:for=0.1,where=tick",
     "hang": "stall",
 }
-"""Present spelling of each, with the values that differ from the defaults of the present kind."""
+"""Present spelling by former name. It contains the values that differ from the kind's defaults."""
 
 MOTION_AMOUNTS = {"camera_pan": "px", "camera_roll": "deg", "camera_dolly": "mm"}
-"""Amount of a slow motion of the camera, which replaces the former `speed`."""
+"""Parameter with the amount of a slow camera motion; the former parameter was its `speed`."""
 
 
 def translate_old_name(text: str) -> str:
     """Return a disturbance's text in its present spelling, unchanged unless its name is old."""
-    name, _, given = text.partition(":")
+    name, _, given_items = text.partition(":")
     if name.strip() not in OLD_NAMES:
         return text
-    kind, _, defaults = OLD_NAMES[name.strip()].partition(":")
-    values = dict(_split_pairs(defaults))
-    for key, value in _split_pairs(given):
+    kind, _, default_items = OLD_NAMES[name.strip()].partition(":")
+    values = dict(_split_pairs(default_items))
+    for key, value in _split_pairs(given_items):
         values["jitter" if (name, key) == ("delay", "s") else key] = value
     if kind in MOTION_AMOUNTS and values.keys() >= {"speed", "for"}:
         amount = to_number(values.pop("speed")) * to_number(values["for"])

@@ -1,4 +1,4 @@
-"""Parameters of the kinds of disturbance: a number, or one of a few words."""
+"""Types of the parameters of a disturbance: a number in a range, or one of a few words."""
 
 import math
 from dataclasses import dataclass
@@ -19,9 +19,9 @@ class Number:
     default : float
         Default value.
     low : float
-        Least value.
+        Least accepted value.
     high : float
-        Greatest value.
+        Greatest accepted value.
     sampled_range : tuple[float, float]
         Least and greatest value of random disturbances.
     unit : str
@@ -42,15 +42,15 @@ class Number:
 
     is_whole: bool = False
 
-    def read(self, where: str, value: object) -> float:
-        """Return the value as a number; raise `BadInput` if it is outside the range."""
+    def read(self, field: str, value: object) -> float:
+        """Return the value as a number; raise `BadInput` for `field` if it is out of range."""
         number = to_number(value)
         valid = self.low <= number <= self.high and (not self.is_whole or number.is_integer())
-        require(valid, where, value, self.expected)
+        require(valid, field, value, self.expected)
         return number
 
     def sample(self, random: np.random.Generator) -> float:
-        """Return a random value."""
+        """Return a random value, rounded to three digits."""
         low, high = self.sampled_range
         if self.is_whole:
             return float(random.integers(int(low), int(high) + 1))
@@ -79,9 +79,9 @@ class Choice:
 
     words: tuple[str, ...]
 
-    def read(self, where: str, value: object) -> str:
-        """Return the value; raise `BadInput` if it is none of the words."""
-        require(value in self.words, where, value, self.expected)
+    def read(self, field: str, value: object) -> str:
+        """Return the value; raise `BadInput` for `field` if it is none of the words."""
+        require(value in self.words, field, value, self.expected)
         return str(value)
 
     def sample(self, random: np.random.Generator) -> str:

@@ -1,4 +1,8 @@
-"""Times of the disturbances of a rig, counted from the start of the run."""
+"""Schedule of the disturbances in one run: which of them act at a time.
+
+Times are ns of the plant's clock. Every disturbance has a random generator of its own, so that one
+does not change the random numbers of another.
+"""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -8,49 +12,8 @@ import numpy as np
 from rcmservo.sim.disturbances.disturbance import Disturbance
 
 
-@dataclass(eq=False)
-class Event:
-    """Disturbance in one run.
-
-    Parameters
-    ----------
-    disturbance : Disturbance
-        Disturbance.
-    start : int
-        Start, ns.
-    end : float
-        End, ns; inf if it lasts to the end of the run.
-    random : np.random.Generator
-        Generator of its own random numbers.
-    """
-
-    disturbance: Disturbance
-
-    start: int
-
-    end: float
-
-    random: np.random.Generator
-
-    @property
-    def kind(self) -> str:
-        return self.disturbance.kind
-
-    @property
-    def axis(self) -> int:
-        return self.disturbance.axis
-
-    def number(self, name: str) -> float:
-        """Return a parameter that is a number."""
-        return self.disturbance.number(name)
-
-    def word(self, name: str) -> str:
-        """Return a parameter that is a word."""
-        return str(self.disturbance.parameters[name])
-
-
 class Schedule:
-    """Disturbances of a rig with their times. None acts before `begin`.
+    """Disturbances of a laboratory with their times. None acts before `begin`.
 
     Parameters
     ----------
@@ -65,44 +28,82 @@ class Schedule:
 
     def __init__(self, disturbances: Sequence[Disturbance], seed: np.random.SeedSequence) -> None:
         self.disturbances = tuple(disturbances)
-        self._chance = seed.spawn(len(self.disturbances))
+        self._event_seeds = seed.spawn(len(self.disturbances))
         self._seed = seed
         self.events: list[Event] = []
-        self._kinds: frozenset[str] = frozenset()
         self.killed = False
 
     def begin(self, now: int) -> None:
         """Start the run at `now` (ns)."""
-        pairs = zip(self.disturbances, self._chance, strict=True)
-        self.events = [_make_event(disturbance, now, chance) for disturbance, chance in pairs]
-        self._kinds = frozenset(event.kind for event in self.events)
+        pairs = zip(self.disturbances, self._event_seeds, strict=True)
+        self.events = [_make_event(disturbance, now, seed) for disturbance, seed in pairs]
 
     def add(self, disturbance: Disturbance, now: int) -> None:
-        """Add a disturbance whose time counts from `now` (ns).
+        """Add a disturbance whose start counts from `now` (ns).
 
         Its random numbers follow from the number of disturbances before it.
         """
         self.events.append(_make_event(disturbance, now, self._seed.spawn(1)[0]))
-        self._kinds |= {disturbance.kind}
 
     def end(self, now: int) -> None:
         """End all disturbances at `now` (ns). Permanent effects remain."""
         for event in self.events:
             event.end = min(event.end, max(event.start, now))
 
-    def active(self, time: int, *kinds: str) -> Iterable[Event]:
+    def active(self, time: int, *kinds: str) -> Iterable["Event"]:
         """Return the events of these kinds that act at `time` (ns)."""
         return (event for event in self.started(time, *kinds) if time < event.end)
 
-    def started(self, time: int, *kinds: str) -> Iterable[Event]:
+    def started(self, time: int, *kinds: str) -> Iterable["Event"]:
         """Return the events of these kinds that have started by `time` (ns), ended or not."""
-        if self._kinds.isdisjoint(kinds):
-            return ()
         return (event for event in self.events if event.kind in kinds and event.start <= time)
 
 
-def _make_event(disturbance: Disturbance, run_start: int, chance: np.random.SeedSequence) -> Event:
+@dataclass(eq=False)
+class Event:
+    """Disturbance in one run.
+
+    Parameters
+    ----------
+    disturbance : Disturbance
+        Kind and parameters.
+    start : int
+        Start, ns.
+    end : float
+        End, ns; inf if it lasts to the end of the run.
+    random : np.random.Generator
+        Generator of its random numbers.
+    """
+
+    disturbance: Disturbance
+
+    start: int
+
+    end: float
+
+    random: np.random.Generator
+
+    @property
+    def kind(self) -> str:
+        """Name of the disturbance's kind."""
+        return self.disturbance.kind
+
+    @property
+    def axis(self) -> int:
+        """Index of the joint that the disturbance concerns, from 0."""
+        return self.disturbance.axis
+
+    def number(self, name: str) -> float:
+        """Return a parameter that is a number."""
+        return self.disturbance.number(name)
+
+    def word(self, name: str) -> str:
+        """Return a parameter that is a word."""
+        return str(self.disturbance.parameters[name])
+
+
+def _make_event(disturbance: Disturbance, run_start: int, seed: np.random.SeedSequence) -> Event:
+    """Return the event of a disturbance in a run that starts at `run_start` (ns)."""
     start = run_start + round(disturbance.at * 1e9)
-    return Event(
-        disturbance, start, start + disturbance.duration_s * 1e9, np.random.default_rng(chance)
-    )
+    end = start + disturbance.duration_s * 1e9
+    return Event(disturbance, start, end, np.random.default_rng(seed))

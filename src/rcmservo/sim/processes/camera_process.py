@@ -1,4 +1,4 @@
-"""Simulated camera as a separate process: rendering delays neither the arm nor the servo."""
+"""Simulated camera as a separate process, so that rendering delays neither arm nor servo."""
 
 import time
 from dataclasses import replace
@@ -11,7 +11,7 @@ from rcmservo.live.frame_ring import FrameRing
 from rcmservo.loop.clock import sleep_until
 from rcmservo.loop.joint_history import JointHistory
 from rcmservo.sim.arm import HISTORY_STEPS
-from rcmservo.sim.disturbances.frame_delivery import FrameDelivery
+from rcmservo.sim.disturbances.effects.frame_delivery import FrameDelivery
 from rcmservo.sim.processes.live_disturbances import DisturbanceChange
 from rcmservo.sim.processes.motion_log import MotionLog
 from rcmservo.sim.rig import Rig, RigSettings
@@ -21,7 +21,16 @@ LOG_DELAY_NS = 2_000_000
 
 
 class LoggedArm:
-    """Arm in another process, read from its motion log; `time` (ns) is that of the camera."""
+    """Arm in another process, whose joints are read from its motion log.
+
+    Parameters
+    ----------
+    log : MotionLog
+        Log of the arm's motion.
+    """
+
+    time: int
+    """Time (ns) at which the camera looks at the arm."""
 
     def __init__(self, log: MotionLog) -> None:
         self.time, self.log = 0, log
@@ -29,20 +38,20 @@ class LoggedArm:
 
     def joints_at(self, time: int) -> Floats:
         """Return the joints (3,) at a time (ns) within the last second."""
-        count = self.log.count
-        for row in self.log.since(max(self._rows_read, count - HISTORY_STEPS)):
+        row_count = self.log.count
+        for row in self.log.since(max(self._rows_read, row_count - HISTORY_STEPS)):
             self._history.add(int(row["time"]), row["q"])
-        self._rows_read = count
+        self._rows_read = row_count
         return self._history.at(time)
 
 
 def run_camera_process(
     seed: int, settings: RigSettings, log: MotionLog, ring: FrameRing, control: Connection
 ) -> None:
-    """Publish frames at the camera's rate until the other end of `control` sends "end" or closes.
+    """Publish frames at the camera's rate until the parent process sends "end" or closes `control`.
 
-    It sends "ready" before the first frame. It skips a frame that would be late because the
-    previous one took long.
+    It sends "ready" before the first frame. It skips a frame that would be late because rendering
+    the previous one took too long.
 
     Parameters
     ----------
@@ -59,28 +68,29 @@ def run_camera_process(
     """
     rig, arm = Rig(seed, settings), LoggedArm(log)
     timing = settings.timing
-    period, half = 1e9 / timing.frame_rate, round(0.5e9 * timing.exposure)
-    latency = half + round(1e9 * timing.delay)
-    number = int((time.monotonic_ns() - half) / period)
-    arm.time = round(number * period) + latency
+    period_ns, half_exposure_ns = 1e9 / timing.frame_rate, round(0.5e9 * timing.exposure)
+    latency_ns = half_exposure_ns + round(1e9 * timing.delay)
+    ready_delay_ns = half_exposure_ns + LOG_DELAY_NS
+    number = int((time.monotonic_ns() - half_exposure_ns) / period_ns)
+    arm.time = round(number * period_ns) + latency_ns
     rig.accept_live_disturbances(arm)
     delivery = rig.camera
     assert isinstance(delivery, FrameDelivery)
     camera = FrameDelivery(delivery.camera, time.monotonic_ns, rig.schedule)
     camera.latest()
     control.send("ready")
-    published: Frame | None = None
+    published_frame: Frame | None = None
     message: Any = ""
     while message != "end":
-        ready = round(number * period) + half + LOG_DELAY_NS
-        due = camera.due
-        sleep_until(ready if due is None else min(ready, due))
-        if time.monotonic_ns() >= ready:
-            arm.time = round(number * period) + latency
-            number = max(number + 1, int((time.monotonic_ns() - half - LOG_DELAY_NS) / period))
+        ready_time = round(number * period_ns) + ready_delay_ns
+        due_time = camera.due
+        sleep_until(ready_time if due_time is None else min(ready_time, due_time))
+        if time.monotonic_ns() >= ready_time:
+            arm.time = round(number * period_ns) + latency_ns
+            number = max(number + 1, int((time.monotonic_ns() - ready_delay_ns) / period_ns))
         frame, now = camera.latest(), time.monotonic_ns()
-        if frame is not None and frame is not published:
-            published = frame
+        if frame is not None and frame is not published_frame:
+            published_frame = frame
             ring.publish(replace(frame, arrival=frame.arrival + now - camera.newest_arrival))
         message = receive_from_parent(control) if control.poll() else ""
         if isinstance(message, DisturbanceChange):

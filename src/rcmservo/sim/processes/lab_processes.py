@@ -1,4 +1,4 @@
-"""Simulated arm and camera in separate processes: a client of the live package.
+"""Simulated laboratory in wall time: arm and camera in separate processes, as real devices are.
 
 parent ─┬─► arm process      physics and watchdog, in wall time     ▲ socket: commands, states
         ├─► camera process   renders into shared memory             │
@@ -48,6 +48,9 @@ class SimulatedLab:
         On entry, if the laboratory cannot be built or its folder's path is too long for sockets.
     """
 
+    target: Any
+    """True joints (3,) of the target, once the laboratory runs."""
+
     def __init__(self, seed: int, settings: RigSettings) -> None:
         context = get_context("spawn")
         self.settings = settings
@@ -60,13 +63,10 @@ class SimulatedLab:
         with self._stack:
             folder = self._stack.enter_context(tempfile.TemporaryDirectory(prefix="rcmservo-"))
             self.folder = _require_short(Path(folder))
-            self.arm = self._start_child(
-                run_arm_process, self.folder, self._seed, self.settings, self.log
-            )
-            self.target: Any = self.arm.receive()
-            self.camera = self._start_child(
-                run_camera_process, self._seed, self.settings, self.log, self.ring
-            )
+            arguments = self._seed, self.settings, self.log
+            self.arm = self._start_child(run_arm_process, self.folder, *arguments)
+            self.target = self.arm.receive()
+            self.camera = self._start_child(run_camera_process, *arguments, self.ring)
             self.camera.receive()
             self._stack = self._stack.pop_all()
         return self
@@ -74,8 +74,9 @@ class SimulatedLab:
     def __exit__(self, *_: object) -> None:
         self._stack.close()
 
-    def _start_child(self, work: Callable[..., None], *arguments: Any) -> ChildProcess:
-        child = ChildProcess(self._context, work, *arguments)
+    def _start_child(self, function: Callable[..., None], *arguments: Any) -> ChildProcess:
+        """Start a process that calls a function and that ends with the laboratory."""
+        child = ChildProcess(self._context, function, *arguments)
         self._stack.callback(child.end)
         return child
 
@@ -130,14 +131,16 @@ class SimulatedLab:
         stop = find_stop(rows)
         if stop is None:
             return "the arm did not report that its drive is off: use its emergency stop"
-        after = (rows["time"][stop[1]] - rows["time"][stop[0]]) * 1e-6
-        words = f"the arm's drive went off {after:.0f} ms after its last command"
-        return words if began else "the arm's drive is off"
+        if not began:
+            return "the arm's drive is off"
+        command_time, off_time = rows["time"][list(stop)]
+        delay_ms = (off_time - command_time) * 1e-6
+        return f"the arm's drive went off {delay_ms:.0f} ms after its last command"
 
     def disturb(self, change: DisturbanceChange) -> None:
         """Start or end a disturbance in the arm and the camera."""
-        for device in (self.arm, self.camera):
-            device.send(change)
+        for process in (self.arm, self.camera):
+            process.send(change)
 
     def true_error(self) -> float:
         """Return ‖p₂ − p_d‖ (mm), the true distance of the tool from the taught target."""

@@ -1,11 +1,11 @@
-"""Disturbances that start while a simulated laboratory runs, and the menu of their kinds."""
+"""Disturbances that a user starts while a simulated laboratory runs in wall time."""
 
 from dataclasses import dataclass
 from typing import Any
 
 from rcmservo.errors import require
 from rcmservo.sim.disturbances.disturbance import Disturbance
-from rcmservo.sim.disturbances.kinds import DISTURBANCE_KINDS, NOT_LIVE_KINDS
+from rcmservo.sim.disturbances.disturbance_kinds import LIVE_KINDS
 from rcmservo.sim.disturbances.parameters import Number
 from rcmservo.sim.disturbances.schedule import Schedule
 
@@ -26,7 +26,7 @@ class DisturbanceChange:
     starts: Disturbance | None
 
     def apply(self, schedule: Schedule) -> None:
-        """Write it into a schedule."""
+        """Add the disturbance to a schedule, or end those that act in it."""
         if self.starts is None:
             schedule.end(self.at)
         else:
@@ -36,21 +36,24 @@ class DisturbanceChange:
 def parse_live_disturbance(text: str) -> Disturbance:
     """Return the disturbance of a text.
 
+    Parameters
+    ----------
+    text : str
+        Text as of `Disturbance.parse`.
+
     Raises
     ------
     BadInput
         If the text is invalid, or a laboratory in wall time cannot have its kind.
     """
     disturbance = Disturbance.parse(text)
-    kinds = [kind for kind in DISTURBANCE_KINDS if kind not in NOT_LIVE_KINDS]
-    require(
-        disturbance.kind in kinds, "disturbance", disturbance.kind, "one of " + ", ".join(kinds)
-    )
+    expected = "one of " + ", ".join(LIVE_KINDS)
+    require(disturbance.kind in LIVE_KINDS, "disturbance", disturbance.kind, expected)
     return disturbance
 
 
 def list_live_disturbances() -> list[dict[str, Any]]:
-    """Return the kinds with their parameters, as plain data."""
+    """Return the kinds with their parameters as plain data, for the menu of the page."""
     return [
         {
             "kind": name,
@@ -66,6 +69,5 @@ def list_live_disturbances() -> list[dict[str, Any]]:
                 for key, parameter in kind.parameters.items()
             ],
         }
-        for name, kind in DISTURBANCE_KINDS.items()
-        if name not in NOT_LIVE_KINDS
+        for name, kind in LIVE_KINDS.items()
     ]

@@ -1,7 +1,7 @@
 """Log of a simulated arm's motion in shared memory, and the true error computed from it.
 
-It has one row per ms. It is no `SharedRing`: readers index rows by time and read tens of thousands
-as one array, which copies and checksums of single entries would make slow.
+It has one row per ms. It is not a `SharedRing`, the ring buffer of the live package: readers need
+tens of thousands of rows as one array, which copies and checksums of single rows would make slow.
 """
 
 from multiprocessing.context import BaseContext
@@ -15,18 +15,10 @@ from rcmservo.sim.rig import RigSettings
 from rcmservo.sim.tool_body import ToolBody
 
 LOG_ROWS = 1 << 15
-"""Rows of the log."""
+"""Number of rows that the log stores: the last half minute."""
 
-LOG_ROW = np.dtype(
-    [
-        ("time", "i8"),
-        ("wall", "i8"),
-        ("number", "i8"),
-        ("enabled", "i8"),
-        ("applied", "f8", (3,)),
-        ("q", "f8", (3,)),
-    ]
-)
+LOG_FIELDS = "time", "wall", "number", "enabled", "applied", "q"
+LOG_ROW = np.dtype({"names": LOG_FIELDS, "formats": ["i8"] * 4 + ["(3,)f8"] * 2})
 """Row: the arm's time and the wall time of the step (ns), the number of the newest valid command,
 the drive's state, the applied rates (3,) and the true joints (3,)."""
 
@@ -45,7 +37,7 @@ def find_stop(rows: Rows) -> tuple[int, int] | None:
 
 
 class MotionLog:
-    """Last rows of one arm, one per physics step.
+    """Log of one arm, with one row per physics step.
 
     It has one writer; child processes can inherit it.
 
@@ -78,6 +70,7 @@ class MotionLog:
     def add(
         self, time: int, wall: int, number: int, enabled: bool, applied: Floats, q: Floats
     ) -> None:
+        """Write a row with the fields of `LOG_ROW`."""
         self.rows[self.count % LOG_ROWS] = (time, wall, number, enabled, applied, q)
         self._count.value += 1
 
@@ -108,8 +101,6 @@ class TruePositionError:
 
     def __call__(self, q_measured: Floats) -> float:
         """Return the error (mm) for the joints (3,) measured while the target was taught."""
-        present, desired = (
-            self._body.points(q)[1] for q in (self._log.last()["q"], self._drive.true(q_measured))
-        )
-        difference: Floats = present - desired
-        return float(np.linalg.norm(difference))
+        p2: Floats = self._body.points(self._log.last()["q"])[1]
+        p_d: Floats = self._body.points(self._drive.true(q_measured))[1]
+        return float(np.linalg.norm(p2 - p_d))

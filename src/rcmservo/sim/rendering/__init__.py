@@ -1,9 +1,9 @@
 """Ray-caster: images of the tool in front of the tissue.
 
-The camera is static; the scene is a plane and four capsules. The lit tissue is rendered once,
-because it is static too. Four passes then make an image: the tool's soft shadow on the tissue
-(lighting.py); the capsule that each pixel shows (coverage.py); the capsules' colours (painting.py);
-the sensor's noise (renderer.py).
+The scene is a plane and four capsules (cylinders with round ends). The lit tissue is rendered once,
+because it and the camera are static (tissue.py). Four passes then make an image: the tool's soft
+shadow on the tissue (lighting.py), the capsule that each pixel shows (coverage.py), the colours of
+the capsules (painting.py), and the sensor's noise (renderer.py).
 
 All coordinates inside are in camera axes, in mm. A ray is (x, y, 1) t, so t is depth. Light is
 linear, in grey levels (255 saturates). Colours are blue, green, red as in OpenCV.

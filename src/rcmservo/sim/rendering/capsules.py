@@ -1,6 +1,7 @@
 """Tool as four capsules: shaft, jaw, and the balls 1 and 2, which are capsules of length 0.
 
-`Capsules` is an array (1 + T, 4, 15): the exposure's mean pose first, then its T poses. A row holds
+A capsule is a cylinder with round ends: all points within a radius of a straight axis. `Capsules`
+is an array (1 + T, 4, 15): first the mean pose of an exposure, then its T poses. A row of it holds
 the numbers of one `Capsule`.
 """
 
@@ -14,7 +15,7 @@ from rcmservo.sim.camera_model import CameraModel
 from rcmservo.sim.rendering.look import Appearance
 
 NEAR_PLANE_MM = 1.0
-"""Depth (mm) of the near plane, at which capsules are cut off."""
+"""Depth (mm) of the near plane. The axis of a capsule is cut off where the capsule touches it."""
 
 Capsules = Floats
 
@@ -33,13 +34,13 @@ class Capsule(NamedTuple):
     radius : float
         Radius, mm; 0 if the capsule is absent or entirely behind the camera.
     nn : float
-        n·n.
+        n·n, mm².
     An : float
-        A·n.
+        A·n, mm².
     AA : float
-        A·A − radius².
+        A·A − radius², mm².
     BB : float
-        B·B − radius².
+        B·B − radius², mm².
     colour : Vector
         Colour (blue, green, red), grey levels.
     highlight : float
@@ -66,7 +67,7 @@ class Capsule(NamedTuple):
 
 
 def build_capsules(poses: Floats, optics: CameraModel, look: Appearance) -> Capsules:
-    """Return the capsules (1 + T, 4, 15) of the tool in `poses` (T, 4, 3), see `Renderer.render`.
+    """Return the capsules (1 + T, 4, 15) of the tool in `poses` (T, 4, 3), as of `Renderer.render`.
 
     The shaft extends half-way from m2 to the tip, the thinner jaw from there on.
     """
@@ -76,10 +77,8 @@ def build_capsules(poses: Floats, optics: CameraModel, look: Appearance) -> Caps
     A = np.stack([start, wrist, m1, m2], axis=1)
     B = np.stack([wrist, tip, m1, m2], axis=1)
     radius = np.broadcast_to([look.shaft_radius, look.jaw_radius, *look.marker_radii], A.shape[:2])
-    A, B = (
-        _clip_to_near_plane(A, B, radius + NEAR_PLANE_MM),
-        _clip_to_near_plane(B, A, radius + NEAR_PLANE_MM),
-    )
+    near = radius + NEAR_PLANE_MM
+    A, B = _clip_to_near_plane(A, B, near), _clip_to_near_plane(B, A, near)
     r = np.where((A[..., 2] > radius) & (B[..., 2] > radius), radius, 0.0)
     n = B - A
     products = [(n * n).sum(-1), (A * n).sum(-1), (A * A).sum(-1) - r**2, (B * B).sum(-1) - r**2]
@@ -91,9 +90,9 @@ def build_capsules(poses: Floats, optics: CameraModel, look: Appearance) -> Caps
 
 def _clip_to_near_plane(end: Floats, other: Floats, near: Floats) -> Floats:
     """Move `end` along the axis to depth `near` if it is nearer than that and `other` is not."""
-    depth, far = end[..., 2], other[..., 2]
-    cut = (depth < near) & (far > near)
-    fraction = np.where(cut, (near - depth) / np.where(cut, far - depth, 1), 0.0)
+    depth, other_depth = end[..., 2], other[..., 2]
+    is_cut = (depth < near) & (other_depth > near)
+    fraction = np.where(is_cut, (near - depth) / np.where(is_cut, other_depth - depth, 1), 0.0)
     return end + fraction[..., None] * (other - end)
 
 
@@ -101,22 +100,13 @@ def _clip_to_near_plane(end: Floats, other: Floats, near: Floats) -> Floats:
 def read_capsule(capsules: Capsules, pose: int, k: int) -> Capsule:
     """Return capsule `k` in a pose."""
     row = capsules[pose, k]
-    return Capsule(
-        (row[0], row[1], row[2]),
-        (row[3], row[4], row[5]),
-        row[6],
-        row[7],
-        row[8],
-        row[9],
-        row[10],
-        (row[11], row[12], row[13]),
-        row[14],
-    )
+    A, n, colour = (row[0], row[1], row[2]), (row[3], row[4], row[5]), (row[11], row[12], row[13])
+    return Capsule(A, n, row[6], row[7], row[8], row[9], row[10], colour, row[14])
 
 
 @compiled
 def intersect(ray: Vector, capsule: Capsule) -> float:
-    """Return the depth at which a ray (x, y, 1) enters a capsule, inf if it misses."""
+    """Return the depth (mm) at which a ray (x, y, 1) enters a capsule, inf if it misses."""
     if capsule.radius == 0.0:
         return np.inf
     nn, An, AA = capsule.nn, capsule.An, capsule.AA
@@ -164,8 +154,8 @@ def distance_to_axis(p: Vector, u: Vector, capsule: Capsule) -> tuple[float, flo
     n, nn = capsule.n, capsule.nn
     r = subtract(p, capsule.A)
     uu, un, ur, nr = dot(u, u), dot(u, n), dot(u, r), dot(n, r)
-    twist = uu * nn - un * un
-    on_u = clip_fraction((un * nr - ur * nn) / twist) if twist > 0.0 else 0.0
+    determinant = uu * nn - un * un
+    on_u = clip_fraction((un * nr - ur * nn) / determinant) if determinant > 0.0 else 0.0
     on_n = clip_fraction((un * on_u + nr) / nn) if nn > 0.0 else 0.0
     on_u = clip_fraction((un * on_n - ur) / uu)
     d = subtract(subtract(r, scale(-on_u, u)), scale(on_n, n))
@@ -174,21 +164,25 @@ def distance_to_axis(p: Vector, u: Vector, capsule: Capsule) -> tuple[float, flo
 
 @compiled
 def dot(a: Vector, b: Vector) -> float:
+    """Return a·b."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 @compiled
 def add(a: Vector, b: Vector) -> Vector:
+    """Return a + b."""
     return a[0] + b[0], a[1] + b[1], a[2] + b[2]
 
 
 @compiled
 def subtract(a: Vector, b: Vector) -> Vector:
+    """Return a − b."""
     return a[0] - b[0], a[1] - b[1], a[2] - b[2]
 
 
 @compiled
 def scale(s: float, a: Vector) -> Vector:
+    """Return s a."""
     return s * a[0], s * a[1], s * a[2]
 
 

@@ -1,7 +1,7 @@
-"""Capsule that each pixel shows.
+"""Coverage: the capsule that each pixel shows, during an exposure in which the tool moves.
 
-Only tiles that a capsule may touch are visited. Each pixel there is tested early and late in the
-exposure, so that pixels on an outline, or passed by a capsule, are known.
+Only the tiles of the image that a capsule may touch are visited. Each pixel there is tested early
+and late in the exposure, so that pixels on an outline, or passed by a capsule, are known.
 """
 
 import numpy as np
@@ -26,18 +26,19 @@ TILE_PX = 16
 
 
 def build_tile_cones(optics: CameraModel) -> Floats:
-    """Return the cone (rows, columns, 4) of each tile's rays.
+    """Return the cone (rows, columns, 4) that contains the rays of each tile.
 
-    It is the unit vector through the tile's middle and the angle from there to its corners.
+    It consists of the unit vector through the tile's middle and the angle (rad) from there to the
+    tile's corners.
     """
     low, high = -0.5, TILE_PX - 0.5
-    middle = _tile_rays(optics, TILE_PX / 2 - 0.5, TILE_PX / 2 - 0.5)
-    corners = [_tile_rays(optics, du, dv) for du in (low, high) for dv in (low, high)]
+    middle = _compute_tile_rays(optics, TILE_PX / 2 - 0.5, TILE_PX / 2 - 0.5)
+    corners = [_compute_tile_rays(optics, du, dv) for du in (low, high) for dv in (low, high)]
     chord = np.max([np.linalg.norm(corner - middle, axis=-1) for corner in corners], axis=0)
     return np.concatenate([middle, 2 * np.arcsin(chord / 2)[..., None]], axis=-1)
 
 
-def _tile_rays(optics: CameraModel, du: float, dv: float) -> Floats:
+def _compute_tile_rays(optics: CameraModel, du: float, dv: float) -> Floats:
     """Return the unit vector (rows, columns, 3) through a pixel of every tile.
 
     The pixel is (du, dv) px from the tile's first one.
@@ -60,23 +61,20 @@ def find_touched_tiles(cones: Floats, capsules: Capsules) -> Image:
     rows, columns = cones.shape[:2]
     touched = np.zeros((rows, columns), dtype=np.uint8)
     for k in range(4):
-        capsule = read_capsule(capsules, 0, k)
-        far_distance, motion = (
-            capsule.radius + farthest_distance(capsule),
-            bound_motion(capsules, k),
-        )
+        capsule, motion = read_capsule(capsules, 0, k), bound_motion(capsules, k)
+        far_distance = capsule.radius + compute_farthest_distance(capsule)
         for i in range(rows):
             for j in range(columns):
                 middle = scale(far_distance, (cones[i, j, 0], cones[i, j, 1], cones[i, j, 2]))
                 distance, _ = distance_to_axis((0.0, 0.0, 0.0), middle, capsule)
-                near = distance < capsule.radius + motion + far_distance * cones[i, j, 3]
-                if capsule.radius > 0.0 and near:
+                is_near = distance < capsule.radius + motion + far_distance * cones[i, j, 3]
+                if capsule.radius > 0.0 and is_near:
                     touched[i, j] |= 1 << k
     return touched
 
 
 @compiled
-def farthest_distance(capsule: Capsule) -> float:
+def compute_farthest_distance(capsule: Capsule) -> float:
     """Return the distance (mm) from the camera to the farther end of a capsule's axis."""
     A, B = capsule.A, add(capsule.A, capsule.n)
     return np.sqrt(max(dot(A, A), dot(B, B)))
@@ -97,12 +95,13 @@ def bound_motion(capsules: Capsules, k: int) -> float:
 
 @compiled
 def identify_capsules(labels: Image, touched: Image, rays: Floats, capsules: Capsules) -> None:
-    """Fill `labels` (2, H, W) with the first capsule that a pixel shows and a later one.
+    """Fill `labels` (2, H, W) with the capsule that a pixel shows first and a later one.
 
-    Capsules are 1 to 4, the tissue is 0. The later one differs if the pixel ever shows another one.
+    Capsules are 1 to 4, the tissue is 0. The second label differs from the first one if the pixel
+    shows something else at any tested time of the exposure.
     """
-    last = capsules.shape[0] - 1
-    between = 1 if may_skip_pixels(capsules) else max(last - 1, 1)
+    last_pose = capsules.shape[0] - 1
+    earliest_tested = 1 if may_skip_pixels(capsules) else max(last_pose - 1, 1)
     labels[:] = 0
     for i in range(touched.shape[0]):
         for j in range(touched.shape[1]):
@@ -113,8 +112,8 @@ def identify_capsules(labels: Image, touched: Image, rays: Floats, capsules: Cap
                 for x in range(j * TILE_PX, min((j + 1) * TILE_PX, rays.shape[1])):
                     ray = (rays[y, x, 0], rays[y, x, 1], 1.0)
                     first = later = find_first_capsule(ray, capsules, 1, bits)[0]
-                    pose = last
-                    while later == first and pose > between:
+                    pose = last_pose
+                    while later == first and pose > earliest_tested:
                         later = find_first_capsule(ray, capsules, pose, bits)[0]
                         pose -= 1
                     labels[0, y, x], labels[1, y, x] = 1 + first, 1 + later

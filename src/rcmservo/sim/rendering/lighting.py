@@ -1,6 +1,6 @@
-"""Lamp: shading of the capsules, and the tool's soft shadow on the tissue.
+"""Lighting by a round lamp: shading of the capsules, and the tool's soft shadow on the tissue.
 
-The shadow is exact at nodes `SHADOW_STEP_PX` apart and linear between them.
+The shadow is computed at nodes `SHADOW_STEP_PX` apart and interpolated linearly between them.
 """
 
 from typing import NamedTuple
@@ -61,10 +61,9 @@ class Lamp(NamedTuple):
 
 
 def build_lamp(look: Appearance) -> Lamp:
-    """Return the lamp of a look."""
-    x, y, z = (float(value) for value in look.light)
-    rest = look.lamp_radius, look.reach, look.ambient, look.exponent
-    return Lamp((x, y, z), *(float(value) for value in rest))
+    """Return the lamp of an appearance."""
+    x, y, z = map(float, look.light)
+    return Lamp((x, y, z), *map(float, (look.lamp_radius, look.reach, look.ambient, look.exponent)))
 
 
 @compiled
@@ -80,12 +79,11 @@ def shade(position: Vector, capsule: Capsule, lamp: Lamp) -> Vector:
     distance = np.sqrt(dot(to_lamp, to_lamp))
     strength = 2.0 / (1.0 + (distance / lamp.reach) ** 2)
     facing = max(dot(outward, to_lamp), 0.0) / (r * distance)
-    half = subtract(
-        scale(1.0 / distance, to_lamp), scale(1.0 / np.sqrt(dot(position, position)), position)
-    )
+    from_camera = scale(1.0 / np.sqrt(dot(position, position)), position)
+    half = subtract(scale(1.0 / distance, to_lamp), from_camera)
     mirror = dot(outward, half) / (r * np.sqrt(dot(half, half)))
     glint = 0.0
-    if mirror > 0.0 and lamp.exponent * (mirror - 1.0) > -7.0:  # beyond, it is below 0.001
+    if mirror > 0.0 and lamp.exponent * (mirror - 1.0) > -7.0:  # otherwise it is below 0.001
         glint = capsule.highlight * strength * mirror**lamp.exponent
     bright = lamp.ambient + (1.0 - lamp.ambient) * facing * strength
     blue, green, red = capsule.colour
@@ -93,7 +91,7 @@ def shade(position: Vector, capsule: Capsule, lamp: Lamp) -> Vector:
 
 
 def build_shadow_nodes(optics: CameraModel, tissue: Tissue) -> Floats:
-    """Return the tissue's points (mm, camera axes) at the nodes of all tiles, edges included."""
+    """Return the tissue's points (rows, columns, 3) mm in camera axes at the shadow's nodes."""
     sides = optics.width, optics.height
     u, v = (np.arange(0, -(-size // TILE_PX) * TILE_PX + 1, SHADOW_STEP_PX) for size in sides)
     pixels = np.stack(np.meshgrid(u, v), axis=-1).astype(np.float64)
@@ -104,26 +102,23 @@ def build_shadow_nodes(optics: CameraModel, tissue: Tissue) -> Floats:
 def cast_shadow(
     canvas: Light, lamp_fraction: Light, nodes: Floats, capsules: Capsules, lamp: Lamp
 ) -> None:
-    """Remove the lamp's light that the capsules block from the tissue on the canvas."""
-    blocked = np.empty((CELLS_PER_TILE + 1, CELLS_PER_TILE + 1))
+    """Remove the lamp's light that the capsules block from the tissue on the canvas (H, W, 3)."""
+    n = CELLS_PER_TILE + 1
+    blocked = np.empty((n, n))
     for i in range((nodes.shape[0] - 1) // CELLS_PER_TILE):
         for j in range((nodes.shape[1] - 1) // CELLS_PER_TILE):
-            patch = nodes[
-                i * CELLS_PER_TILE : (i + 1) * CELLS_PER_TILE + 1,
-                j * CELLS_PER_TILE : (j + 1) * CELLS_PER_TILE + 1,
-            ]
+            row, column = i * CELLS_PER_TILE, j * CELLS_PER_TILE
+            patch = nodes[row : row + n, column : column + n]
             bits = find_casters(patch, capsules, lamp)
             if bits == 0:
                 continue
-            for v in range(CELLS_PER_TILE + 1):
-                for u in range(CELLS_PER_TILE + 1):
-                    blocked[v, u] = blocked_fraction(read_node(patch, v, u), capsules, bits, lamp)
+            for v in range(n):
+                for u in range(n):
+                    node = read_node(patch, v, u)
+                    blocked[v, u] = compute_blocked_fraction(node, capsules, bits, lamp)
             top, left = i * TILE_PX, j * TILE_PX
-            darken(
-                canvas[top : top + TILE_PX, left : left + TILE_PX],
-                lamp_fraction[top:, left:],
-                blocked,
-            )
+            tile = canvas[top : top + TILE_PX, left : left + TILE_PX]
+            darken_tile(tile, lamp_fraction[top:, left:], blocked)
 
 
 @compiled
@@ -142,44 +137,42 @@ def find_casters(patch: Floats, capsules: Capsules, lamp: Lamp) -> int:
             across = subtract(read_node(patch, v, u), middle)
             size = max(size, np.sqrt(dot(across, across)))
     bits = 0
+    to_lamp = subtract(lamp.position, middle)
     for k in range(4):
-        radius = read_capsule(capsules, 0, k).radius
-        distance, _ = distance_to_axis(
-            middle, subtract(lamp.position, middle), read_capsule(capsules, 0, k)
-        )
-        if radius > 0.0 and distance < radius + size + lamp.radius:
+        capsule = read_capsule(capsules, 0, k)
+        distance, _ = distance_to_axis(middle, to_lamp, capsule)
+        if capsule.radius > 0.0 and distance < capsule.radius + size + lamp.radius:
             bits |= 1 << k
     return bits
 
 
 @compiled
-def blocked_fraction(position: Vector, capsules: Capsules, bits: int, lamp: Lamp) -> float:
+def compute_blocked_fraction(position: Vector, capsules: Capsules, bits: int, lamp: Lamp) -> float:
     """Return the fraction (0 to 1) of the round lamp that the capsules block at a `position`.
 
     The cone from the position to the lamp has a radius h at the capsule: half the width of the
     shadow's soft edge.
     """
-    largest = 0.0
+    largest, to_lamp = 0.0, subtract(lamp.position, position)
     for k in range(4):
         if bits >> k & 1:
-            distance, on = distance_to_axis(
-                position, subtract(lamp.position, position), read_capsule(capsules, 0, k)
-            )
-            h, r = lamp.radius * max(on, 1e-6), read_capsule(capsules, 0, k).radius
+            capsule = read_capsule(capsules, 0, k)
+            distance, fraction = distance_to_axis(position, to_lamp, capsule)
+            h, r = lamp.radius * max(fraction, 1e-6), capsule.radius
             inside = clip_fraction((r + h - distance) / (2.0 * h))
             largest = max(largest, inside * inside * (3.0 - 2.0 * inside) * min(r / h, 1.0))
     return largest
 
 
 @compiled
-def darken(tile: Light, lamp_fraction: Light, blocked: Floats) -> None:
-    """Darken one tile by the light that is blocked at its nodes."""
+def darken_tile(tile: Light, lamp_fraction: Light, blocked: Floats) -> None:
+    """Darken the pixels of a tile by the fractions of the lamp that are blocked at its nodes."""
     for y in range(tile.shape[0]):
         v, dv = y // SHADOW_STEP_PX, y % SHADOW_STEP_PX / SHADOW_STEP_PX
         for x in range(tile.shape[1]):
             u, du = x // SHADOW_STEP_PX, x % SHADOW_STEP_PX / SHADOW_STEP_PX
             above = blocked[v, u] + du * (blocked[v, u + 1] - blocked[v, u])
             below = blocked[v + 1, u] + du * (blocked[v + 1, u + 1] - blocked[v + 1, u])
-            keep = 1.0 - lamp_fraction[y, x] * (above + dv * (below - above))
+            remaining = 1.0 - lamp_fraction[y, x] * (above + dv * (below - above))
             for c in range(3):
-                tile[y, x, c] *= keep
+                tile[y, x, c] *= remaining

@@ -18,26 +18,32 @@ from rcmservo.constraints import (
 )
 
 Colour = tuple[float, float, float]
+"""Blue, green and red, in grey levels from 0 (dark) to 255 (saturated)."""
 
 Light = NDArray[np.float32]
 """Light (H, W, 3) in grey levels, or a fraction (H, W) of it."""
 
 NOT_NEGATIVE = not_negative()
+MARKER_RADII_LIMIT = each(NOT_NEGATIVE, "two numbers of mm that are not negative")
 FINITE_COLOUR = each(finite(), "three finite numbers (blue, green, red)")
+MARKER_COLOURS_LIMIT = each(FINITE_COLOUR, "two times three finite numbers (blue, green, red)")
 
 
 @dataclass(frozen=True)
 class Appearance(Checked):
-    """Appearance of a rendered scene. A part of the tool with a radius of 0 mm is absent.
+    """Appearance of a rendered scene.
+
+    A part of the tool with a radius of 0 mm is absent. All numbers but colours and the lamp's
+    position must not be negative.
 
     Parameters
     ----------
     marker_radii : tuple[float, float]
-        Radii of the balls 1 and 2, mm.
+        Radii of the balls 1 and 2, which are the markers, mm.
     shaft_radius : float
         Radius of the shaft, mm.
     jaw_radius : float
-        Radius (mm) of the jaw, from half-way between marker 2 and the tip on.
+        Radius (mm) of the jaw: the end of the tool, from half-way between marker 2 and the tip on.
     marker_colours : tuple[Colour, Colour]
         Colours (blue, green, red) of the balls 1 and 2, grey levels.
     shaft_colour : Colour
@@ -47,7 +53,7 @@ class Appearance(Checked):
     tissue_colour : Colour
         Mean colour (blue, green, red) of the tissue, grey levels.
     texture : float
-        Period (mm) of the tissue's texture.
+        Period (mm) of the tissue's texture, positive.
     contrast : float
         Relative standard deviation of the tissue's brightness.
     relief : float
@@ -55,18 +61,18 @@ class Appearance(Checked):
     light : Triple
         Position (mm) of the lamp in camera axes.
     lamp_radius : float
-        Radius (mm) of the lamp. A larger lamp makes softer shadows.
+        Radius (mm) of the lamp, positive. A larger lamp makes softer shadows.
     reach : float
-        Distance (mm) from the lamp at which a surface that faces it has its nominal colour. A
-        nearer surface is at most twice as bright.
+        Distance (mm), positive, from the lamp at which a surface that faces it has its nominal
+        colour. A nearer surface is at most twice as bright.
     ambient : float
-        Fraction of ambient light.
+        Fraction of ambient light, 0 to 1.
     specular : float
-        Intensity of specular highlights.
+        Intensity of specular highlights, as a fraction of grey level 255.
     exponent : float
-        Exponent of specular highlights: larger is sharper.
+        Exponent of specular highlights, positive: larger is sharper.
     full_well : float
-        Electrons at grey level 255, which set the shot noise; inf for none.
+        Electrons at grey level 255, positive, which determine the shot noise; inf for none.
     read_noise : float
         Standard deviation (grey levels) of the noise in the dark.
 
@@ -76,18 +82,16 @@ class Appearance(Checked):
         If a field is outside its range.
     """
 
-    marker_radii: Annotated[
-        tuple[float, float], each(not_negative(), "two numbers of mm that are not negative")
-    ] = (3.5, 3.5)
+    marker_radii: Annotated[tuple[float, float], MARKER_RADII_LIMIT] = (3.5, 3.5)
 
     shaft_radius: Annotated[float, NOT_NEGATIVE] = 2.5
 
     jaw_radius: Annotated[float, NOT_NEGATIVE] = 1.2
 
-    marker_colours: Annotated[
-        tuple[Colour, Colour],
-        each(FINITE_COLOUR, "two times three finite numbers (blue, green, red)"),
-    ] = ((60.0, 185.0, 30.0), (205.0, 80.0, 25.0))
+    marker_colours: Annotated[tuple[Colour, Colour], MARKER_COLOURS_LIMIT] = (
+        (60.0, 185.0, 30.0),
+        (205.0, 80.0, 25.0),
+    )
 
     shaft_colour: Annotated[Colour, FINITE_COLOUR] = (46.0, 44.0, 42.0)
 

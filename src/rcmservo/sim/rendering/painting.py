@@ -1,7 +1,7 @@
-"""Colours of the capsules, painted over the tissue.
+"""Painting of the capsules over the tissue, with smooth outlines and motion blur.
 
-A pixel inside an outline takes one sample. A pixel on an outline takes `SAMPLES_PER_PIXEL`, spread
-over the pixel and the exposure: coverage is integrated over both.
+A pixel inside an outline takes the light of one ray. A pixel on an outline takes the mean light of
+`SAMPLES_PER_PIXEL` rays, spread over the pixel's area and the exposure.
 """
 
 from typing import NamedTuple
@@ -22,7 +22,7 @@ from rcmservo.sim.rendering.lighting import Lamp, shade
 from rcmservo.sim.rendering.look import Light
 
 SAMPLES_PER_PIXEL = 32
-"""Samples of a pixel on an outline."""
+"""Number of rays through a pixel on an outline."""
 
 
 class PaintInputs(NamedTuple):
@@ -37,8 +37,8 @@ class PaintInputs(NamedTuple):
     lamp : Lamp
         Lamp.
     pattern : Floats
-        Samples (SAMPLES_PER_PIXEL, 3): u, v (px) from the pixel's centre, and the index of the
-        pose.
+        Samples (SAMPLES_PER_PIXEL, 3) of a pixel on an outline: u, v (px) from the pixel's centre,
+        and the index of the pose.
     """
 
     rays: Floats
@@ -54,17 +54,15 @@ def build_pattern(poses: int) -> Floats:
     """Return the `pattern` of a pixel's samples for a number of poses.
 
     The positions are a lattice without a preferred direction, symmetric about the pixel's centre,
-    so outlines of all directions are cut evenly. Opposite positions have the same pose, so the mean
-    of each pose's samples is the centre, and motion blur shifts nothing.
+    so outlines of all directions are sampled evenly. Opposite positions have the same pose, so the
+    mean position of each pose is the centre, and motion blur shifts no outline.
     """
     i = np.arange(SAMPLES_PER_PIXEL)
-    u, v = (
-        (i + 0.5) / SAMPLES_PER_PIXEL - 0.5,
-        ((7 * i + 3) % SAMPLES_PER_PIXEL + 0.5) / SAMPLES_PER_PIXEL - 0.5,
-    )
+    u = (i + 0.5) / SAMPLES_PER_PIXEL - 0.5
+    v = ((7 * i + 3) % SAMPLES_PER_PIXEL + 0.5) / SAMPLES_PER_PIXEL - 0.5
     pair = np.minimum(i, SAMPLES_PER_PIXEL - 1 - i)
-    turn = 5 * pair % (SAMPLES_PER_PIXEL // 2)
-    return np.stack([u, v, 1 + turn * poses // (SAMPLES_PER_PIXEL // 2)], axis=1)
+    shuffled_pair = 5 * pair % (SAMPLES_PER_PIXEL // 2)
+    return np.stack([u, v, 1 + shuffled_pair * poses // (SAMPLES_PER_PIXEL // 2)], axis=1)
 
 
 @compiled
@@ -85,7 +83,7 @@ def paint_capsules(canvas: Light, labels: Image, touched: Image, inputs: PaintIn
 
 @compiled
 def paint_inside(pixel: Light, slopes: Floats, k: int, inputs: PaintInputs) -> None:
-    """Set a `pixel` (3,) to the light of capsule `k` at its centre."""
+    """Set a `pixel` (3,) to the light of capsule `k` on the ray through the pixel's centre."""
     ray = (slopes[0], slopes[1], 1.0)
     capsule = read_capsule(inputs.capsules, 0, k)
     depth = intersect(ray, capsule)
@@ -96,16 +94,16 @@ def paint_inside(pixel: Light, slopes: Floats, k: int, inputs: PaintInputs) -> N
 @compiled
 def paint_outline(pixel: Light, ray: Floats, bits: int, inputs: PaintInputs) -> None:
     """Replace a `pixel` (3,) of tissue by the mean light of its samples."""
-    blue, green, red, tissue = 0.0, 0.0, 0.0, 0
+    blue, green, red, tissue_samples = 0.0, 0.0, 0.0, 0
     for n in range(SAMPLES_PER_PIXEL):
         u, v, pose = inputs.pattern[n, 0], inputs.pattern[n, 1], int(inputs.pattern[n, 2])
         sample = (ray[0] + u * ray[2] + v * ray[4], ray[1] + u * ray[3] + v * ray[5], 1.0)
         k, depth = find_first_capsule(sample, inputs.capsules, pose, bits)
         if k < 0:
-            tissue += 1
+            tissue_samples += 1
         else:
             light = shade(scale(depth, sample), read_capsule(inputs.capsules, pose, k), inputs.lamp)
             blue, green, red = blue + light[0], green + light[1], red + light[2]
-    pixel[0] = (blue + tissue * pixel[0]) / SAMPLES_PER_PIXEL
-    pixel[1] = (green + tissue * pixel[1]) / SAMPLES_PER_PIXEL
-    pixel[2] = (red + tissue * pixel[2]) / SAMPLES_PER_PIXEL
+    pixel[0] = (blue + tissue_samples * pixel[0]) / SAMPLES_PER_PIXEL
+    pixel[1] = (green + tissue_samples * pixel[1]) / SAMPLES_PER_PIXEL
+    pixel[2] = (red + tissue_samples * pixel[2]) / SAMPLES_PER_PIXEL

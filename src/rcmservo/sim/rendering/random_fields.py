@@ -1,4 +1,4 @@
-"""Periodic random fields: the mottle of tissue, the billows of smoke, the rim of blood."""
+"""Periodic random fields, for the texture of tissue, the billows of smoke and the rim of blood."""
 
 from collections.abc import Callable
 
@@ -9,7 +9,7 @@ from rcmservo.numerics.jit import compiled
 
 
 def make_random_field(
-    random: np.random.Generator, size: int, strength: Callable[[Floats], Floats]
+    random: np.random.Generator, size: int, amplitude: Callable[[Floats], Floats]
 ) -> Floats:
     """Return a periodic random field (size, size) with mean 0 and standard deviation 1.
 
@@ -18,12 +18,12 @@ def make_random_field(
     random : numpy.random.Generator
         Generator of random numbers.
     size : int
-        Nodes along a side.
-    strength : callable
+        Number of nodes along a side.
+    amplitude : callable
         Amplitude of a wave as a function of its number of periods across the field.
     """
     waves = np.hypot(np.fft.fftfreq(size, 1 / size)[:, None], np.fft.rfftfreq(size, 1 / size))
-    spectrum = np.fft.rfft2(random.standard_normal((size, size))) * strength(waves)
+    spectrum = np.fft.rfft2(random.standard_normal((size, size))) * amplitude(waves)
     field = np.fft.irfft2(spectrum, s=(size, size))
     return (field - field.mean()) / field.std()
 
@@ -57,10 +57,10 @@ def interpolate_field(field: Floats, positions: Floats, values: Floats) -> None:
         if not (np.isfinite(row) and np.isfinite(column)):
             values[k] = np.nan
             continue
-        above, before = int(np.floor(row)), int(np.floor(column))
-        down, right = row - above, column - before
-        i, j = above % height, before % width
-        below, after = (i + 1) % height, (j + 1) % width
-        upper = (1.0 - right) * field[i, j] + right * field[i, after]
-        lower = (1.0 - right) * field[below, j] + right * field[below, after]
+        first_row, first_column = int(np.floor(row)), int(np.floor(column))
+        down, right = row - first_row, column - first_column
+        i, j = first_row % height, first_column % width
+        next_i, next_j = (i + 1) % height, (j + 1) % width
+        upper = (1.0 - right) * field[i, j] + right * field[i, next_j]
+        lower = (1.0 - right) * field[next_i, j] + right * field[next_i, next_j]
         values[k] = (1.0 - down) * upper + down * lower

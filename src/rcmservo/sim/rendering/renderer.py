@@ -1,4 +1,4 @@
-"""Renderer of the tool in front of the tissue, and the sensor's noise."""
+"""Renderer of the tool in front of the tissue, with the noise of the camera's sensor."""
 
 from collections.abc import Callable
 
@@ -24,13 +24,13 @@ POSE_COUNTS = (1, 2, 4, 8, 16)
 """Numbers of poses that share the samples of an outline evenly."""
 
 NOISE_TABLE_SIZE = 1 << 21
-"""Entries of the table of standard normal numbers."""
+"""Number of entries of the table of noise."""
 
 
 class Renderer:
-    """Static camera in front of static tissue.
+    """Renderer of the images of a static camera in front of static tissue.
 
-    The same seed, number and poses give the same image, bit for bit.
+    The same seed, frame number and poses give the same image, bit for bit.
 
     Parameters
     ----------
@@ -56,15 +56,14 @@ class Renderer:
     def __init__(self, optics: CameraModel, look: Appearance, tissue: Tissue, seed: int) -> None:
         not_negative("whole number").require("seed", seed)
         self.optics, self.look = optics, look
-        noise = np.random.default_rng(seed)
-        self._pixel_rays = _pixel_rays(optics)
+        self._seed, random = seed, np.random.default_rng(seed)
+        self._pixel_rays = _compute_pixel_rays(optics)
         self._cones = build_tile_cones(optics)
         self._nodes = build_shadow_nodes(optics, tissue)
-        self._tissue, self._lamp_fraction = render_tissue(
-            self._pixel_rays[..., :2], optics, look, tissue, noise
-        )
+        slopes = self._pixel_rays[..., :2]
+        self._tissue, self._lamp_fraction = render_tissue(slopes, optics, look, tissue, random)
         self._lamp = build_lamp(look)
-        self._sensor = Sensor(seed, noise)
+        self._normals = random.standard_normal(NOISE_TABLE_SIZE, dtype=np.float32)
         self._canvas = np.empty_like(self._tissue)
         self._labels = np.empty((2, optics.height, optics.width), dtype=np.uint8)
 
@@ -74,9 +73,8 @@ class Renderer:
         Parameters
         ----------
         poses : Floats, shape (T, 4, 3)
-            m1, m2, the shaft's start (towards the RCM) and the tip in the world, mm, at T = 1,
-            2, 4, 8 or 16 times spread evenly over the exposure. The shaft may start behind the
-            camera.
+            m1, m2, the shaft's start (at the RCM) and the tip in the world, mm, at T = 1, 2, 4, 8
+            or 16 times spread evenly over the exposure. The shaft may start behind the camera.
         number : int
             Number of the frame, at least 0. Each frame has its own noise.
         light_filter : callable, optional
@@ -95,7 +93,7 @@ class Renderer:
         self._paint(poses)
         if light_filter is not None:
             light_filter(self._canvas)
-        return self._sensor.read(self._canvas, number, self.look)
+        return self._read_sensor(number)
 
     def _paint(self, poses: Floats) -> None:
         """Paint the light of one exposure on the canvas."""
@@ -107,30 +105,25 @@ class Renderer:
         inputs = PaintInputs(self._pixel_rays, capsules, self._lamp, build_pattern(len(poses)))
         paint_capsules(self._canvas, self._labels, touched, inputs)
 
+    def _read_sensor(self, number: int) -> Image:
+        """Return the canvas as image (H, W, 3), with the noise of frame `number`.
 
-def _pixel_rays(optics: CameraModel) -> Floats:
-    """Return each pixel's ray and its change from pixel to pixel, (H, W, 6).
+        Each row reads the table of noise from a random position.
+        """
+        rows = self._canvas.reshape(len(self._canvas), -1)
+        random = np.random.default_rng([self._seed, number])
+        starts = random.integers(NOISE_TABLE_SIZE - rows.shape[1], size=len(rows))
+        shot, dark = np.float32(255 / self.look.full_well), np.float32(self.look.read_noise**2)
+        return add_noise(rows, self._normals, starts, shot, dark).reshape(self._canvas.shape)
+
+
+def _compute_pixel_rays(optics: CameraModel) -> Floats:
+    """Return each pixel's ray (x, y) and its change from pixel to pixel, (H, W, 6).
 
     The order is x, y, dx/du, dy/du, dx/dv, dy/dv.
     """
     slopes = optics.slopes(optics.pixels())
     return np.concatenate([slopes, *np.gradient(slopes, axis=(1, 0))], axis=2)
-
-
-class Sensor:
-    """Sensor with a table of noise, which each frame reads from its own random positions."""
-
-    def __init__(self, seed: int, noise: np.random.Generator) -> None:
-        self._seed = seed
-        self._normals = noise.standard_normal(NOISE_TABLE_SIZE, dtype=np.float32)
-
-    def read(self, light: Light, number: int, look: Appearance) -> Image:
-        """Return the image (H, W, 3) of the light (H, W, 3) in frame `number`."""
-        rows = light.reshape(len(light), -1)
-        random = np.random.default_rng([self._seed, number])
-        starts = random.integers(NOISE_TABLE_SIZE - rows.shape[1], size=len(rows))
-        shot, dark = np.float32(255 / look.full_well), np.float32(look.read_noise**2)
-        return add_noise(rows, self._normals, starts, shot, dark).reshape(light.shape)
 
 
 @compiled
@@ -141,11 +134,11 @@ def add_noise(
 
     The noise of row y is the table of standard `normals` from `starts`[y] on.
     """
-    picture = np.empty(rows.shape, dtype=np.uint8)
+    image = np.empty(rows.shape, dtype=np.uint8)
     half, black, white = np.float32(0.5), np.float32(0.0), np.float32(255.0)
     for y in range(rows.shape[0]):
-        row, noise, grey = rows[y], normals[starts[y] : starts[y] + rows.shape[1]], picture[y]
+        row, noise, grey = rows[y], normals[starts[y] : starts[y] + rows.shape[1]], image[y]
         for x in range(rows.shape[1]):
             value = row[x] + noise[x] * np.sqrt(shot * row[x] + dark) + half
             grey[x] = np.uint8(min(max(value, black), white))
-    return picture
+    return image

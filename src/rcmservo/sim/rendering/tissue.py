@@ -1,4 +1,4 @@
-"""Tissue behind the tool: a rough, mottled, wet plane, lit by the lamp."""
+"""Tissue behind the tool: a rough, mottled, wet plane with veins, lit by the lamp."""
 
 from dataclasses import dataclass
 from typing import Annotated
@@ -24,15 +24,16 @@ SPECULAR_RATIO = 0.3
 """Ratio of the tissue's specular intensity to the tool's."""
 
 FADE_START_RATIO = 3.0
-"""Distance, in units of the lamp's reach, from which to twice as far the tissue fades to black."""
+"""Distance, in units of the lamp's reach, at which the tissue begins to fade. It is black at twice
+that distance."""
 
 LIGHT_GUARD = 1e-12
-"""Guard against division by zero light."""
+"""Light that is added to a divisor, which may be zero."""
 
 
 @dataclass(frozen=True, eq=False)
 class Tissue(Checked):
-    """Plane behind the tool, in the world.
+    """Plane of the tissue, in the world.
 
     Parameters
     ----------
@@ -69,102 +70,83 @@ class Tissue(Checked):
         return normal * np.sign(normal @ (optics.rotation @ (optics.position - self.point)))
 
 
-@dataclass(frozen=True, eq=False)
-class Texture:
-    """Surface of the tissue at each pixel.
-
-    Parameters
-    ----------
-    mottle : Floats
-        Brightness (H, W) of standard deviation 1.
-    veins : Floats
-        Strength (H, W) of veins, from 0 to 2.
-    normal : Floats
-        Unit normal (H, W, 3) of the rough surface.
-    """
-
-    mottle: Floats
-
-    veins: Floats
-
-    normal: Floats
-
-
 def render_tissue(
     slopes: Floats,
     optics: CameraModel,
     look: Appearance,
     tissue: Tissue,
-    noise: np.random.Generator,
+    random: np.random.Generator,
 ) -> tuple[Light, Light]:
     """Return the tissue without the tool (H, W, 3), and the fraction (H, W) of it due to the lamp.
 
-    A shadow removes that fraction.
+    A shadow removes that fraction. Both are zero where a ray meets no tissue.
     """
     position = tissue.intersect_rays(slopes, optics)
-    texture = _make_texture(position, tissue.normal_to_camera(optics), look, noise)
-    lamp, wet = _reflect(position, texture.normal, look)
-    colour = np.array(look.tissue_colour) * np.maximum(_tint(texture, look), 0)
-    light = colour * (look.ambient + lamp)[..., None] + 255 * wet[..., None]
+    mottle, veins, normal = _make_texture(position, tissue.normal_to_camera(optics), look, random)
+    diffuse, specular = _reflect(position, normal, look)
+    pale = 1 + look.contrast * mottle  # veins absorb blue and green light
+    tint = np.stack([pale - look.contrast * veins] * 2 + [pale], axis=-1)
+    colour = np.array(look.tissue_colour) * np.maximum(tint, 0)
+    light = colour * (look.ambient + diffuse)[..., None] + 255 * specular[..., None]
     distance = np.linalg.norm(position, axis=-1)
-    visible = np.clip(2 - distance / (FADE_START_RATIO * look.reach), 0, 1)[..., None]
-    fraction = (lamp + wet) / (look.ambient + lamp + wet + LIGHT_GUARD)
-    return _zero_where_missed(visible * light), _zero_where_missed(fraction)
-
-
-def _zero_where_missed(light: Floats) -> Light:
-    """Return the light, zero where a ray meets no tissue."""
-    return np.nan_to_num(light).astype(np.float32)
+    visibility = np.clip(2 - distance / (FADE_START_RATIO * look.reach), 0, 1)[..., None]
+    lamp_fraction = (diffuse + specular) / (look.ambient + diffuse + specular + LIGHT_GUARD)
+    lit, fraction = np.nan_to_num(visibility * light), np.nan_to_num(lamp_fraction)
+    return lit.astype(np.float32), fraction.astype(np.float32)
 
 
 def _reflect(position: Floats, normal: Floats, look: Appearance) -> tuple[Floats, Floats]:
-    """Return the lamp's diffuse and specular light (H, W) from each `position`."""
+    """Return the lamp's diffuse and specular light (H, W) from each `position`.
+
+    Both `position` and the unit `normal` are (H, W, 3). The light is relative to the nominal colour
+    (diffuse) and to grey level 255 (specular).
+    """
     to_lamp, distance = _normalise(np.array(look.light) - position)
     half, _ = _normalise(to_lamp + _normalise(-position)[0])
     strength = 2 / (1 + (distance / look.reach) ** 2)
-    lamp = (1 - look.ambient) * np.maximum((normal * to_lamp).sum(axis=-1), 0) * strength
-    mirrored = np.maximum((normal * half).sum(axis=-1), 0) ** look.exponent
-    return lamp, SPECULAR_RATIO * look.specular * mirrored * strength
-
-
-def _tint(texture: Texture, look: Appearance) -> Floats:
-    """Return the factor (H, W, 3) of the tissue's colour: veins absorb blue and green."""
-    pale = 1 + look.contrast * texture.mottle
-    return np.stack([pale - look.contrast * texture.veins] * 2 + [pale], axis=-1)
+    diffuse = (1 - look.ambient) * np.maximum((normal * to_lamp).sum(axis=-1), 0) * strength
+    glint = np.maximum((normal * half).sum(axis=-1), 0) ** look.exponent
+    return diffuse, SPECULAR_RATIO * look.specular * glint * strength
 
 
 def _make_texture(
-    position: Floats, normal: Floats, look: Appearance, noise: np.random.Generator
-) -> Texture:
-    """Return the texture at each `position` of the plane with this unit `normal` (3,).
+    position: Floats, normal: Floats, look: Appearance, random: np.random.Generator
+) -> tuple[Floats, Floats, Floats]:
+    """Return the texture at each `position` of a plane with this unit `normal` (3,).
 
     It fades where a pixel spans as much as a bump: finer detail than pixels would only cause
     aliasing.
+
+    Returns
+    -------
+    mottle : Floats, shape (H, W)
+        Brightness, of standard deviation 1.
+    veins : Floats, shape (H, W)
+        Strength of veins, from 0 to 2.
+    rough_normal : Floats, shape (H, W, 3)
+        Unit normal of the rough surface.
     """
     across = np.linalg.svd(normal[None])[2][1:]
-    texels = np.moveaxis(FIELD_NODES / look.texture * (position @ across.T), -1, 0)
-    fade = _resolved_fraction(position, look)
-    mottle, bumps, vessels = (
-        _make_smooth_field(noise, size)
-        for size in (2 * BUMP_SIZE_FRACTION, BUMP_SIZE_FRACTION, 4 * BUMP_SIZE_FRACTION)
-    )
-    pitch = look.texture / FIELD_NODES
-    slopes = [look.relief * np.gradient(bumps, pitch, axis=i) for i in range(2)]
-    tilts = [
-        fade[..., None] * sample_field(slopes[i], texels)[..., None] * across[i] for i in range(2)
-    ]
+    nodes = np.moveaxis(FIELD_NODES / look.texture * (position @ across.T), -1, 0)
+    fade = _compute_resolved_fraction(position, look)
+    mottle = _make_smooth_field(random, 2 * BUMP_SIZE_FRACTION)
+    bumps = _make_smooth_field(random, BUMP_SIZE_FRACTION)
+    vessels = _make_smooth_field(random, 4 * BUMP_SIZE_FRACTION)
+    pitch_mm = look.texture / FIELD_NODES
+    rough_normal = normal
+    for i in range(2):
+        slope = sample_field(look.relief * np.gradient(bumps, pitch_mm, axis=i), nodes)
+        rough_normal = rough_normal - fade[..., None] * slope[..., None] * across[i]
     veins = 2 * np.exp(-np.abs(vessels) / VEIN_WIDTH)
-    return Texture(
-        fade * sample_field(mottle, texels),
-        fade * sample_field(veins, texels),
-        _normalise(normal - tilts[0] - tilts[1])[0],
-    )
+    faded_mottle, faded_veins = (fade * sample_field(field, nodes) for field in (mottle, veins))
+    return faded_mottle, faded_veins, _normalise(rough_normal)[0]
 
 
-def _resolved_fraction(position: Floats, look: Appearance) -> Floats:
+def _compute_resolved_fraction(position: Floats, look: Appearance) -> Floats:
     """Return the fraction (H, W) of the texture's detail that a pixel can resolve."""
-    steps = [np.linalg.norm(change, axis=-1) for change in np.gradient(position, axis=(0, 1))]
-    return 1 / (1 + (np.max(steps, axis=0) / (BUMP_SIZE_FRACTION * look.texture / 4)) ** 2)
+    pixel_steps = [np.linalg.norm(step, axis=-1) for step in np.gradient(position, axis=(0, 1))]
+    quarter_bump_mm = BUMP_SIZE_FRACTION * look.texture / 4
+    return 1 / (1 + (np.max(pixel_steps, axis=0) / quarter_bump_mm) ** 2)
 
 
 def _normalise(vectors: Floats) -> tuple[Floats, Floats]:
@@ -173,9 +155,9 @@ def _normalise(vectors: Floats) -> tuple[Floats, Floats]:
     return vectors / length[..., None], length
 
 
-def _make_smooth_field(noise: np.random.Generator, size: float) -> Floats:
+def _make_smooth_field(random: np.random.Generator, size: float) -> Floats:
     """Return a smooth random field (FIELD_NODES, FIELD_NODES).
 
-    `size` is that of its features, as a fraction of its width.
+    `size` is that of its features, as a fraction of the field's width.
     """
-    return make_random_field(noise, FIELD_NODES, lambda waves: (1 + (waves * size) ** 2) ** -2.5)
+    return make_random_field(random, FIELD_NODES, lambda waves: (1 + (waves * size) ** 2) ** -2.5)

@@ -9,7 +9,7 @@ from rcmservo.geometry.kinematics import RcmStruct, compute_position
 from rcmservo.geometry.tool import ToolStruct, compute_second_marker
 from rcmservo.interfaces import Floats
 from rcmservo.numerics.jit import compiled
-from rcmservo.numerics.small_linalg import all_finite
+from rcmservo.numerics.small_linalg import all_finite, compute_distance
 from rcmservo.numerics.small_svd import compute_condition
 from rcmservo.numerics.structs import Rows
 from rcmservo.sim.camera_kernels import (
@@ -24,23 +24,30 @@ from rcmservo.sim.scene import Scene, SceneSettings
 from rcmservo.sim.tool_body import ToolBody
 
 IMAGE_BORDER_PX = 12.0
-"""Distance (px) of both imaged balls from the image border."""
+"""Least distance (px) of the imaged balls from the image border."""
 
 MIN_SEPARATION_RADII = 3.0
 """Least distance of the imaged markers, in radii of the larger one: neither hides the other."""
 
+MIN_DEPTH_RADII = 5.0
+"""Least depth of both balls in front of the camera, in radii of the larger ball."""
+
+SILHOUETTE_MARGIN_RATIO = 1.2
+"""Ratio of the assumed radius of an imaged ball to focal length times radius over depth. It covers
+distortion and perspective."""
+
 CUBE_CORNERS = np.array(
     [[1.0, 1.0, 1.0], [1.0, -1.0, -1.0], [-1.0, 1.0, -1.0], [-1.0, -1.0, 1.0]]
 ) / np.sqrt(3.0)
-"""Half of the corners of a cube, 1 from its centre; the other half is opposite to them."""
+"""Half of the corners of a cube, at distance 1 from its centre; the others are opposite to them."""
 
 JOINT_MARGIN_FRACTION = 0.03
-"""Fraction of each joint's range between the path and a joint limit."""
+"""Least distance of the path from a joint limit, as a fraction of the joint's range."""
 
 
 @dataclass(frozen=True, eq=False)
 class SceneFeasibility:
-    """Test of scenes.
+    """Test of whether a servo can start from a scene's start and reach its target.
 
     Parameters
     ----------
@@ -61,38 +68,36 @@ class SceneFeasibility:
     def is_feasible(self, scene: Scene) -> bool:
         """Return True if a scene is feasible.
 
-        If the user gives both ends, only visibility counts.
+        If the user gives both start and target, only the visibility of the markers counts.
         """
-        optics, path, half_way = scene.optics, scene.path, scene.midpoint[None]
-        if self.settings.is_sampled and not path_is_within_limits(self.body.rcm, path):
+        optics, path, body, settings = scene.optics, scene.path, self.body, self.settings
+        if settings.is_sampled and not path_is_within_limits(body.rcm, path):
             return False
-        if not (self.markers_visible(optics, path) and self.markers_visible(optics, half_way)):
+        if not self.markers_visible(optics, np.vstack([path, scene.midpoint])):
             return False
-        if not self.settings.is_sampled:
+        if not settings.is_sampled:
             return True
-        explored = path[:1] if self.settings.errors is None else np.stack([path[0], half_way[0]])
-        return self._has_room(optics, explored) and self.is_well_conditioned(optics, path)
+        explored = path[:1] if settings.errors is None else np.stack([path[0], scene.midpoint])
+        room = float(settings.room)
+        has_room = room_is_visible(optics.lens, body.rcm, body.tool.struct, explored, room)
+        return has_room and self.is_well_conditioned(optics, path)
 
     def markers_visible(self, optics: CameraModel, path: Floats) -> bool:
         """Return True if both balls are whole and apart in the image along the path (n, 3)."""
         body = self.body
-        return path_is_visible(optics.lens, body.rcm, body.tool.struct, path, self.radius)
+        return balls_are_whole_on_path(optics.lens, body.rcm, body.tool.struct, path, self.radius)
 
     def is_well_conditioned(self, optics: CameraModel, path: Floats) -> bool:
         """Return True if the scaled Jacobian is conditioned as required along the path (n, 3).
 
-        Always True for an endoscope: no Jacobian exists about an RCM that the camera cannot image.
+        Always True for an endoscope, which may not image the RCM: there is no Jacobian then.
         """
         if self.settings.ports is not None:
             return True
         body, settings = self.body, self.settings
-        upper, lower = float(settings.max_condition), float(settings.min_condition)
-        return path_is_well_conditioned(optics.lens, body.rcm, body.tool.struct, path, upper, lower)
-
-    def _has_room(self, optics: CameraModel, path: Floats) -> bool:
-        """Return True if both markers stay in the image around all the joints (n, 3)."""
-        body, room = self.body, self.settings.room
-        return room_is_visible(optics.lens, body.rcm, body.tool.struct, path, float(room))
+        highest, lowest = float(settings.max_condition), float(settings.min_condition)
+        camera, tool = optics.lens, body.tool.struct
+        return path_is_well_conditioned(camera, body.rcm, tool, path, highest, lowest)
 
 
 @compiled
@@ -107,44 +112,41 @@ def path_is_within_limits(rcm: RcmStruct, path: Floats) -> bool:
 
 
 @compiled
-def points_are_inside(lens: CameraStruct, points: Floats, border: float) -> bool:
+def points_are_inside(camera: CameraStruct, points: Floats, border: float) -> bool:
     """Return True if all `points` (N, 2) px are in the image, `border` px from its border."""
     for u, v in points:
-        if not (border < u < lens.width - border and border < v < lens.height - border):
+        if not (border < u < camera.width - border and border < v < camera.height - border):
             return False
     return True
 
 
 @compiled
-def path_is_visible(
-    lens: Rows[CameraStruct], rcm: RcmStruct, shaft: ToolStruct, path: Floats, radius: float
+def balls_are_whole_on_path(
+    camera: Rows[CameraStruct], rcm: RcmStruct, tool: ToolStruct, path: Floats, radius: float
 ) -> bool:
-    """Return `SceneFeasibility.markers_visible`."""
+    """Return True if both balls are whole in the image and apart along the path (n, 3)."""
     for q in path:  # noqa: SIM110 Numba does not compile generators in `all`
-        if not balls_are_whole(lens[0], shaft, compute_position(rcm, q), radius):
+        if not balls_are_whole(camera[0], tool, compute_position(rcm, q), radius):
             return False
     return True
 
 
 @compiled
-def balls_are_whole(lens: CameraStruct, shaft: ToolStruct, p1: Floats, radius: float) -> bool:
+def balls_are_whole(camera: CameraStruct, tool: ToolStruct, p1: Floats, radius: float) -> bool:
     """Return True if both balls are whole in the image and apart, with marker 1 at p1 (3,) mm."""
-    depth = min(
-        transform_to_camera(lens, p1)[2],
-        transform_to_camera(lens, compute_second_marker(shaft, p1))[2],
-    )
-    if not depth > 5.0 * radius:
+    depth_1 = transform_to_camera(camera, p1)[2]
+    depth = min(depth_1, transform_to_camera(camera, compute_second_marker(tool, p1))[2])
+    if not depth > MIN_DEPTH_RADII * radius:
         return False
-    m, r = project_markers(lens, shaft, p1), 1.2 * lens.focal * radius / depth
-    are_apart = (
-        np.sqrt((m[1, 0] - m[0, 0]) ** 2 + (m[1, 1] - m[0, 1]) ** 2) > MIN_SEPARATION_RADII * r
-    )
-    return are_apart and points_are_inside(lens, m, r + IMAGE_BORDER_PX)
+    m = project_markers(camera, tool, p1)
+    radius_px = SILHOUETTE_MARGIN_RATIO * camera.focal * radius / depth
+    are_apart = compute_distance(m[1], m[0]) > MIN_SEPARATION_RADII * radius_px
+    return are_apart and points_are_inside(camera, m, radius_px + IMAGE_BORDER_PX)
 
 
 @compiled
 def room_is_visible(
-    lens: Rows[CameraStruct], rcm: RcmStruct, shaft: ToolStruct, path: Floats, room: float
+    camera: Rows[CameraStruct], rcm: RcmStruct, tool: ToolStruct, path: Floats, room: float
 ) -> bool:
     """Return True if both markers stay in the image `room` mm from each joint position.
 
@@ -157,16 +159,17 @@ def room_is_visible(
             reach = room if i < len(CUBE_CORNERS) else -room
             for k in range(3):
                 p[k] = p1[k] + reach * CUBE_CORNERS[i % len(CUBE_CORNERS), k]
-            if not points_are_inside(lens[0], project_markers(lens[0], shaft, p), IMAGE_BORDER_PX):
+            m = project_markers(camera[0], tool, p)
+            if not points_are_inside(camera[0], m, IMAGE_BORDER_PX):
                 return False
     return True
 
 
 @compiled
 def path_is_well_conditioned(
-    lens: Rows[CameraStruct],
+    camera: Rows[CameraStruct],
     rcm: RcmStruct,
-    shaft: ToolStruct,
+    tool: ToolStruct,
     path: Floats,
     max_condition: float,
     min_condition: float,
@@ -176,11 +179,11 @@ def path_is_well_conditioned(
     It is at most `max_condition` everywhere, and above `min_condition` somewhere.
     """
     o_c, worst = np.empty(2), 0.0
-    o_c[0], o_c[1] = project(lens[0], np.zeros(3))
+    o_c[0], o_c[1] = project(camera[0], np.zeros(3))
     if not all_finite(o_c):
         return False
     for q in path:
-        J = compute_true_jacobian(lens[0], shaft, compute_position(rcm, q), o_c)
+        J = compute_true_jacobian(camera[0], tool, compute_position(rcm, q), o_c)
         worst = max(worst, compute_condition(scale_rows(J)))
         if not worst <= max_condition:
             return False

@@ -1,4 +1,4 @@
-"""Rejection sampling of scenes from a seed."""
+"""Random scenes by rejection sampling: camera, start and target until they are feasible."""
 
 from dataclasses import dataclass, replace
 
@@ -9,28 +9,34 @@ from rcmservo.interfaces import Floats
 from rcmservo.sim.camera_model import CameraModel, compute_look_at_rotation
 from rcmservo.sim.rendering import Tissue
 from rcmservo.sim.scene import NoScene, Scene, SceneSettings
-from rcmservo.sim.scenes.endoscope import sample_through_port
+from rcmservo.sim.scenes.endoscope import sample_endoscope_view
 from rcmservo.sim.scenes.feasibility import SceneFeasibility
 from rcmservo.sim.scenes.joint_paths import plan_saturated_path, plan_straight_path
 from rcmservo.sim.tool_body import ToolBody
 
 MAX_DRAWS = 20_000
-"""Samples after which no scene is expected any more."""
+"""Number of samples after which no feasible one is expected."""
 
 MIN_RCM_DEPTH_RATIO = 0.3
-"""Least ratio of the RCM's depth to the tool's. The method scales depth by the RCM's, so the RCM
-must be in front of the camera."""
+"""Least ratio of the RCM's depth to the tool's. The method measures depths in units of the RCM's
+depth, so the RCM must be in front of the camera."""
 
 TISSUE_CLEARANCE_MM = 15.0
-"""Distance (mm) of the tissue from the tool."""
+"""Distance (mm) of the tissue behind the tool."""
 
 MIN_RELOCATION_ROLL_RAD = 0.5
-"""Least angle (rad) by which a relocated camera sees the tool rotated."""
+"""Least angle (rad) by which the tool's image is rotated after the camera has been relocated."""
+
+MAX_AIM_OFFSET_RATIO = 0.05
+"""Largest offset of the point at which the camera looks, relative to its distance from the tool."""
+
+MAX_CENTRE_SHIFT_RATIO = 0.02
+"""Largest shift of the principal point from the image's middle, relative to the image's width."""
 
 
 @dataclass(frozen=True, eq=False)
 class SceneSampler:
-    """Settings and random generator of the sampling.
+    """Distributions, tool, image size and random generator for the sampling of scenes.
 
     Parameters
     ----------
@@ -57,13 +63,8 @@ class SceneSampler:
     random: np.random.Generator
 
     @property
-    def is_endoscope(self) -> bool:
-        """True if the camera is an endoscope."""
-        return self.settings.ports is not None
-
-    @property
     def feasibility(self) -> SceneFeasibility:
-        """Test of the scenes."""
+        """Test that a sampled scene must pass."""
         return SceneFeasibility(self.settings, self.body, self.radius)
 
 
@@ -87,9 +88,9 @@ def sample_scene(sampler: SceneSampler) -> Scene:
 
 
 def sample_relocated_scene(sampler: SceneSampler, scene: Scene) -> Scene:
-    """Return the scene with its camera and tissue elsewhere.
+    """Return a scene with another camera pose and other tissue, and the same path.
 
-    The camera's new pose is drawn as for a new scene, until it shows the tool rotated by at least
+    The camera's new pose is sampled as for a new scene, until it shows the tool rotated by at least
     `MIN_RELOCATION_ROLL_RAD`.
 
     Raises
@@ -98,11 +99,11 @@ def sample_relocated_scene(sampler: SceneSampler, scene: Scene) -> Scene:
         If `MAX_DRAWS` samples are infeasible.
     """
     for rejected in range(MAX_DRAWS):
-        camera = _sample_camera(sampler, scene.start, scene.target)
-        if camera is None:
+        candidate = _sample_camera(sampler, scene.start, scene.target)
+        if candidate is None:
             continue
-        new, tissue = camera
-        optics = replace(scene.optics, rotation=new.rotation, position=new.position)
+        camera, tissue = candidate
+        optics = replace(scene.optics, rotation=camera.rotation, position=camera.position)
         if _is_valid_relocation(sampler, scene, optics):
             return replace(scene, optics=optics, tissue=tissue, rejected=rejected)
     raise NoScene(f"no other camera pose in {MAX_DRAWS} draws has both markers in view")
@@ -110,19 +111,16 @@ def sample_relocated_scene(sampler: SceneSampler, scene: Scene) -> Scene:
 
 def _is_valid_relocation(sampler: SceneSampler, scene: Scene, optics: CameraModel) -> bool:
     """Return True if the scene is feasible with this camera and the tool appears rotated."""
+    markers, feasibility = scene.body.points(scene.start)[:2], sampler.feasibility
+    # The angle s of eq. (7) is that of the line through both markers: it needs no imaged RCM.
     s_before, s_after = (
-        _imaged_tool_angle(sampler.body, camera, scene.start) for camera in (scene.optics, optics)
+        compute_features(camera.project(markers).ravel())[0] for camera in (scene.optics, optics)
     )
-    turned = abs(wrap_angle(s_after - s_before)) > MIN_RELOCATION_ROLL_RAD
-    feasibility = sampler.feasibility
-    markers_visible = feasibility.markers_visible(optics, scene.path)
-    return bool(turned) and markers_visible and feasibility.is_well_conditioned(optics, scene.path)
-
-
-def _imaged_tool_angle(body: ToolBody, optics: CameraModel, q: Floats) -> float:
-    """Return the angle s (rad) of the imaged tool, eq. (7), which needs no imaged RCM."""
-    m = optics.project(body.points(q)[:2])
-    return float(compute_features(m.ravel())[0])
+    return (
+        bool(abs(wrap_angle(s_after - s_before)) > MIN_RELOCATION_ROLL_RAD)
+        and feasibility.markers_visible(optics, scene.path)
+        and feasibility.is_well_conditioned(optics, scene.path)
+    )
 
 
 def _sample_candidate(sampler: SceneSampler, rejected: int) -> Scene | None:
@@ -150,11 +148,9 @@ def _plan_path(
     settings, body = sampler.settings, sampler.body
     if settings.errors is not None:
         return plan_saturated_path(body, optics, target, np.array(settings.errors))
-    path = (
-        plan_straight_path(body, start, target)
-        if settings.is_sampled
-        else np.stack([start, target])
-    )
+    path = np.stack([start, target])
+    if settings.is_sampled:
+        path = plan_straight_path(body, start, target)
     return path, path[len(path) // 2]
 
 
@@ -168,17 +164,16 @@ def _sample_joints(sampler: SceneSampler) -> Floats:
 
 
 def _sample_target(sampler: SceneSampler, start: Floats) -> Floats | None:
-    """Sample joints that hold marker 1 at a sampled distance and direction from its start.
+    """Sample joints (3,) with marker 1 at a sampled distance and direction from its start.
 
-    None if that is outside the arm's reach.
+    None if no joints reach that position.
     """
-    p1: Floats = sampler.body.points(start)[0]
-    direction = sampler.random.standard_normal(3)
-    p1 = p1 + sampler.random.uniform(*sampler.settings.travel) * direction / np.linalg.norm(
-        direction
-    )
-    rho, offset = float(np.linalg.norm(p1)), sampler.body.tool.offset
-    return sampler.body.mechanism.joints(p1 * (1.0 - offset / rho)) if rho > offset else None
+    body, random = sampler.body, sampler.random
+    direction = random.standard_normal(3)
+    travel_mm = random.uniform(*sampler.settings.travel)
+    p1: Floats = body.points(start)[0] + travel_mm * direction / np.linalg.norm(direction)
+    rho, offset = float(np.linalg.norm(p1)), body.tool.offset
+    return body.mechanism.joints(p1 * (1.0 - offset / rho)) if rho > offset else None
 
 
 def _sample_camera(
@@ -187,30 +182,23 @@ def _sample_camera(
     """Sample a camera that looks at the tool, and tissue behind the tool.
 
     The normal of the tissue bisects the vertical and the viewing direction. Return None if the
-    camera is impossible: an endoscope outside its port, or a free camera with the RCM behind it.
+    camera is impossible: an endoscope outside the body, or a free camera with the RCM behind it.
     """
     points = np.concatenate([sampler.body.points(q) for q in (start, target)])
     down = np.array([0.0, 0.0, 1.0 if points[:, 2].sum() > 0.0 else -1.0])
-    middle = (points[[0, 1, 4, 5]]).mean(axis=0)
-    view = _sample_view(sampler, middle, down)
+    middle, is_endoscope = points[[0, 1, 4, 5]].mean(axis=0), sampler.settings.ports is not None
+    if is_endoscope:
+        view = sample_endoscope_view(sampler.random, sampler.settings, middle, down)
+    else:
+        view = _sample_free_view(sampler, down)
     if view is None:
         return None
     direction, distance = view
     tissue = _place_tissue(points, direction - down)
     optics = _sample_camera_at(sampler, middle, middle + distance * direction, distance)
-    rcm_in_front = (
-        optics.depth(np.zeros((1, 3)))[0] > MIN_RCM_DEPTH_RATIO * optics.depth(middle[None])[0]
-    )
-    return (optics, tissue) if sampler.is_endoscope or rcm_in_front else None
-
-
-def _sample_view(
-    sampler: SceneSampler, middle: Floats, down: Floats
-) -> tuple[Floats, float] | None:
-    """Sample the unit vector (3,) from the tool's `middle` to the camera, and the distance, mm."""
-    if sampler.is_endoscope:
-        return sample_through_port(sampler.random, sampler.settings, middle, down)
-    return _sample_free_view(sampler, down)
+    rcm_depth, tool_depth = optics.depth(np.stack([np.zeros(3), middle]))
+    rcm_in_front = rcm_depth > MIN_RCM_DEPTH_RATIO * tool_depth
+    return (optics, tissue) if is_endoscope or rcm_in_front else None
 
 
 def _sample_free_view(sampler: SceneSampler, down: Floats) -> tuple[Floats, float]:
@@ -225,7 +213,8 @@ def _sample_free_view(sampler: SceneSampler, down: Floats) -> tuple[Floats, floa
 def _place_tissue(points: Floats, normal: Floats) -> Tissue:
     """Return tissue perpendicular to `normal` (3,), behind all `points` (N, 3) of the tool."""
     normal = normal / np.linalg.norm(normal)
-    return Tissue((np.min(points @ normal) - TISSUE_CLEARANCE_MM) * normal, normal)
+    height_mm = np.min(points @ normal) - TISSUE_CLEARANCE_MM
+    return Tissue(height_mm * normal, normal)
 
 
 def _sample_camera_at(
@@ -233,10 +222,10 @@ def _sample_camera_at(
 ) -> CameraModel:
     """Sample a camera at `position` that looks near the tool's `middle`, both (3,) mm."""
     random, (width, height) = sampler.random, sampler.size
-    aim = middle + random.uniform(-0.05, 0.05, 3) * distance
+    aim = middle + random.uniform(-MAX_AIM_OFFSET_RATIO, MAX_AIM_OFFSET_RATIO, 3) * distance
     rotation = compute_look_at_rotation(position, aim, random.uniform(-np.pi, np.pi))
-    shift = random.uniform(-0.02, 0.02, 2) * width
-    centre = np.array([width - 1.0, height - 1.0]) / 2.0 + shift
+    shift_px = random.uniform(-MAX_CENTRE_SHIFT_RATIO, MAX_CENTRE_SHIFT_RATIO, 2) * width
+    centre = np.array([width - 1.0, height - 1.0]) / 2.0 + shift_px
     focal = random.uniform(*sampler.settings.focal)
     distortion = np.array(sampler.settings.distortion)
     return CameraModel(width, height, focal, centre, distortion, rotation, position)

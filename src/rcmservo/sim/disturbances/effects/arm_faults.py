@@ -1,4 +1,4 @@
-"""Faults of the arm: axis gains, creep, encoders, clock, silence and the emergency stop."""
+"""Faults of the arm: blocked or reversed axes, creep, encoders, clock, silence, emergency stop."""
 
 import numpy as np
 
@@ -8,7 +8,9 @@ from rcmservo.sim.disturbances.schedule import Event, Schedule
 
 
 class DisturbedArm:
-    """Arm as the software observes it, in front of the true `arm`, whose drives have the faults.
+    """Arm with the faults of a schedule, as the software reads and commands it.
+
+    Faults of the drives act on the true `arm`; faults of the encoders change only its readings.
 
     Parameters
     ----------
@@ -20,9 +22,9 @@ class DisturbedArm:
 
     def __init__(self, arm: SimulatedArm, schedule: Schedule) -> None:
         self.arm, self.schedule = arm, schedule
-        self._answer = arm.measure()
-        self._applied = np.zeros(3)
-        self._overrun: set[Event] = set()
+        self._last_measurement = arm.measure()
+        self._applied_rates = np.zeros(3)
+        self._finished_stalls: set[Event] = set()
         self._first_readings: dict[Event, float] = {}
         arm.before_step = self._apply_faults
 
@@ -40,18 +42,21 @@ class DisturbedArm:
         """Return the arm's measurement; while the arm is silent, its last one."""
         if not self.is_silent:
             time, q, enabled = self.arm.measure()
-            self._answer = ArmMeasurement(time, self._encoder_readings(q), enabled)
-        return self._answer
+            self._last_measurement = ArmMeasurement(time, self._read_encoders(q), enabled)
+        return self._last_measurement
 
     def apply(self, command: Command) -> Floats:
-        """Pass a command on, late if a disturbance makes this tick overrun."""
+        """Send a command to the arm, late if the process stalls in this tick.
+
+        Return the rates (3,) that the arm accepted last.
+        """
         for event in self.schedule.started(self.arm.time, "stall"):
-            if event.word("where") == "tick" and event not in self._overrun:
-                self._overrun.add(event)
+            if event.word("where") == "tick" and event not in self._finished_stalls:
+                self._finished_stalls.add(event)
                 self.arm.advance_until(self.arm.time + round(event.end - event.start))
         if not self.is_silent and not self.schedule.killed:
-            self._applied = self.arm.apply(command)
-        return self._applied
+            self._applied_rates = self.arm.apply(command)
+        return self._applied_rates
 
     @property
     def is_silent(self) -> bool:
@@ -62,32 +67,32 @@ class DisturbedArm:
         return any(self.schedule.active(self.arm.time, kind))
 
     def _apply_faults(self) -> None:
-        """Set the faults of the true arm, before each physics step."""
+        """Set the faults of the true arm; it calls this before each physics step."""
         self.arm.gains[:] = 1.0, 1.0, 1.0
         for event in self.schedule.active(self.arm.time, "gain"):
             self.arm.gains[event.axis] *= event.number("factor")
         self.arm.creep[:] = 0.0, 0.0, 0.0
         for event in self.schedule.active(self.arm.time, "creep"):
-            self.arm.creep[event.axis] += _in_joint_units(event, "speed")
-        steps = self.schedule.active(self.arm.time, "arm_clock")
-        self.arm.clock_error = sum(round(event.number("s") * 1e9) for event in steps)
+            self.arm.creep[event.axis] += _convert_to_joint_units(event, "speed")
+        clock_steps = self.schedule.active(self.arm.time, "arm_clock")
+        self.arm.clock_error = sum(round(event.number("s") * 1e9) for event in clock_steps)
         if self._is_active("drive_off"):
             self.arm.watchdog.disable()
 
-    def _encoder_readings(self, q: Floats) -> Floats:
+    def _read_encoders(self, q: Floats) -> Floats:
         """Return the joints (3,) as the faulty encoders report them."""
         q = q.copy()
         for event in self.schedule.active(self.arm.time, "encoder"):
             reading = self.arm.drive.measured(self.arm.joints_at(event.start))
-            first = self._first_readings.setdefault(event, reading[event.axis])
-            change = event.number("factor") * (q[event.axis] - first)
-            q[event.axis] = first + change + _in_joint_units(event, "offset")
+            first_reading = self._first_readings.setdefault(event, reading[event.axis])
+            change = event.number("factor") * (q[event.axis] - first_reading)
+            q[event.axis] = first_reading + change + _convert_to_joint_units(event, "offset")
         for event in self.schedule.active(self.arm.time, "encoder_nan"):
             q[event.axis] = np.nan
         return q
 
 
-def _in_joint_units(event: Event, name: str) -> float:
-    """Return a parameter, given in deg for axes 1 and 2 and in mm for axis 3, in rad or mm."""
-    number = event.number(name)
+def _convert_to_joint_units(event: Event, parameter: str) -> float:
+    """Return a parameter in rad or mm, which is given in deg for axes 1 and 2, in mm for axis 3."""
+    number = event.number(parameter)
     return number if event.axis == 2 else float(np.radians(number))

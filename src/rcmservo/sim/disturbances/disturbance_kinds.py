@@ -1,7 +1,8 @@
-"""Table of the kinds of disturbance: their parameters, and the causes that name them correctly.
+"""Table of the kinds of disturbance. Add a new kind here, in two steps.
 
-The effect of a kind is coded where it arises: arm_faults.py, camera_moves.py, camera_view.py,
-computer_faults.py, decoy_markers.py, frame_damage.py, frame_delivery.py or smoke_and_blood.py.
+1. Add a row to `DISTURBANCE_KINDS`. The kind's text form, checks, random samples and help follow.
+2. Simulate its effect in the file of effects/ that the comment above its group of rows names. There
+   `Schedule.active(time, "name of the kind")` yields the disturbances that act at a time.
 """
 
 import math
@@ -15,23 +16,24 @@ from rcmservo.sim.disturbances.parameters import Choice, Number, Parameter, form
 
 @dataclass(frozen=True)
 class Kind:
-    """Kind of disturbance.
+    """Row of the table: one kind of disturbance.
 
     Parameters
     ----------
     effect : str
-        Effect, as a sentence.
+        Effect, as a sentence for the help text.
     causes : tuple[Cause, ...]
-        Causes that name it correctly, warnings included; none if the servo cannot report any more.
+        Causes, warnings included, by which the servo reports it correctly. Empty if the servo
+        cannot report any more.
     parameters : Mapping[str, Parameter]
-        Parameters by name.
+        Parameters by name, in addition to the start `at` and the duration `for`.
     default_duration : float or None
-        Default of `for` (s). 0: it happens at once, or within a given time, and is permanent. None:
-        it happens at once and cannot be undone.
+        Default of `for` (s); inf lasts to the end of the run. 0: the effect is permanent, and `for`
+        is the time in which it develops. None: it happens at once, and `for` is refused.
     sampled_duration : tuple[float, float]
         Least and greatest `for` (s) of random disturbances.
-    pictures : bool
-        False if only a camera without images can have it.
+    works_with_images : bool
+        False if only the camera without images can have it.
     """
 
     effect: str
@@ -44,37 +46,37 @@ class Kind:
 
     sampled_duration: tuple[float, float] = (0.05, 2.0)
 
-    pictures: bool = True
+    works_with_images: bool = True
 
     @property
     def is_permanent(self) -> bool:
-        """True if its effect is permanent and may be noticed long after its end."""
+        """True if its effect is permanent, so that the servo may report it long after its end."""
         return self.default_duration == 0.0
 
     @property
     def keys(self) -> list[str]:
-        """Names of all keys of its text."""
+        """Keys that its text form ``kind:key=value,...`` accepts."""
         return ["at", *(["for"] if self.default_duration is not None else []), *self.parameters]
 
     @property
     def usage(self) -> str:
-        """Text with all keys and their defaults."""
-        keys = [
-            f"{key}={format_value(parameter.default)}" for key, parameter in self.parameters.items()
-        ]
+        """Keys of its text form with their defaults, as the help text shows them."""
+        defaults = {key: parameter.default for key, parameter in self.parameters.items()}
         if self.default_duration is not None:
-            keys.insert(
-                0, "for" if math.isinf(self.default_duration) else f"for={self.default_duration:g}"
-            )
-        return ",".join(["at", *keys])
+            defaults = {"for": self.default_duration, **defaults}
+        given = [
+            key if default == math.inf else f"{key}={format_value(default)}"
+            for key, default in defaults.items()
+        ]
+        return ",".join(["at", *given])
 
 
-ONE_MARKER_CAUSES = Cause.WITHOUT_MARKER_1, Cause.WITHOUT_MARKER_2
 LOST_MARKER_CAUSES = (
     Cause.MARKERS_LOST,
     Cause.MARKER_1_LOST,
     Cause.MARKER_2_LOST,
-    *ONE_MARKER_CAUSES,
+    Cause.WITHOUT_MARKER_1,
+    Cause.WITHOUT_MARKER_2,
 )
 REJECTION_CAUSES = Cause.SURPRISED, Cause.REJECTED
 DRIFT_CAUSES = Cause.DRIFTS, Cause.ELSEWHERE
@@ -91,23 +93,19 @@ LATE_LOOP_CAUSES = Cause.LATE_TICK, Cause.OVERRUN, Cause.DRIVE_OFF
 FOLLOWING_CAUSES = (Cause.NOT_FOLLOWING,)
 
 
-def camera_motion_kind(effect: str, parameters: Mapping[str, Parameter]) -> Kind:
+def make_camera_motion(effect: str, parameters: Mapping[str, Parameter]) -> Kind:
     """Return a kind that moves the camera: at once, or within `for` s, permanently."""
     causes = *CAMERA_MOTION_CAUSES, Cause.DIVERGED, Cause.NOT_EXPLORED
-    return Kind(
-        f"the camera {effect}",
-        causes,
-        parameters,
-        default_duration=0.0,
-        sampled_duration=(2.0, 8.0),
-    )
+    return Kind(f"the camera {effect}", causes, parameters, 0.0, sampled_duration=(2.0, 8.0))
 
 
+# Number(default, least, greatest, (least, greatest) of random samples, unit)
 MARKER_PARAMETER = {"marker": Number(1, 1, 2, (1, 2), is_whole=True)}
 AXIS_PARAMETER = {"axis": Number(1, 1, 3, (1, 3), is_whole=True)}
 
 DISTURBANCE_KINDS: Mapping[str, Kind] = MappingProxyType(
     {
+        # The view of the camera: effects/camera_view.py, decoy_markers.py and smoke_and_blood.py
         "occlusion": Kind(
             "a marker, or with 0 both, is hidden by an object; smoke in front of the camera and "
             "blood on its lens hide both",
@@ -141,20 +139,21 @@ DISTURBANCE_KINDS: Mapping[str, Kind] = MappingProxyType(
         "nan_points": Kind(
             "the tracker reports coordinates that are not finite",
             LOST_MARKER_CAUSES,
-            pictures=False,
+            works_with_images=False,
         ),
-        "camera_pan": camera_motion_kind(
+        # Motions of the camera: effects/camera_moves.py
+        "camera_pan": make_camera_motion(
             "pans, so that the image moves by px",
             {"px": Number(20.0, 0.1, 1000.0, (8.0, 60.0), "px")},
         ),
-        "camera_roll": camera_motion_kind(
+        "camera_roll": make_camera_motion(
             "rolls about its optical axis",
             {"deg": Number(180.0, -360.0, 360.0, (-30.0, 180.0), "deg")},
         ),
-        "camera_dolly": camera_motion_kind(
+        "camera_dolly": make_camera_motion(
             "moves along its optical axis", {"mm": Number(8.0, -200.0, 200.0, (-16.0, 16.0), "mm")}
         ),
-        "camera_zoom": camera_motion_kind(
+        "camera_zoom": make_camera_motion(
             "zooms: its focal length grows by the fraction share",
             {"share": Number(0.02, -0.2, 1.0, (-0.05, 0.05))},
         ),
@@ -163,6 +162,7 @@ DISTURBANCE_KINDS: Mapping[str, Kind] = MappingProxyType(
             CAMERA_MOTION_CAUSES,
             default_duration=None,
         ),
+        # Frames on their way to the computer: effects/frame_delivery.py and frame_damage.py
         "frame_drop": Kind(
             "the fraction share of the frames is lost; 1: all",
             STALE_FRAME_CAUSES,
@@ -201,6 +201,7 @@ DISTURBANCE_KINDS: Mapping[str, Kind] = MappingProxyType(
                 "of": Choice("all", ("all", "exposures")),
             },
         ),
+        # The arm and its drives: effects/arm_faults.py
         "gain": Kind(
             "an axis moves at factor times its commanded rate; 0: it is blocked, -1: reversed",
             FOLLOWING_CAUSES,
@@ -232,6 +233,7 @@ DISTURBANCE_KINDS: Mapping[str, Kind] = MappingProxyType(
             {"s": Number(-1.0, -1e6, 1e6, (-3600.0, 3600.0), "s")},
         ),
         "drive_off": Kind("the emergency stop is pressed", (Cause.DRIVE_OFF,)),
+        # The process and the disk: effects/computer_faults.py
         "stall": Kind(
             "the process stalls for `for`: between two ticks, or within a tick before its command",
             LATE_LOOP_CAUSES,
@@ -248,26 +250,26 @@ DISTURBANCE_KINDS: Mapping[str, Kind] = MappingProxyType(
         "disk_full": Kind("the disk is full", (Cause.NOT_RECORDED,)),
     }
 )
-"""Kinds of disturbance by name."""
+"""Kinds of disturbance by name, in groups by the file that simulates them."""
 
+NOT_LIVE_KINDS = "nan_points", "corrupt", "stall", "jitter", "kill", "disk_full"
 
-NOT_LIVE_KINDS = frozenset({"nan_points", "corrupt", "stall", "jitter", "kill", "disk_full"})
-"""Kinds that a laboratory in wall time cannot have: its camera has images, all of one size, and its
-process and disk are real."""
+LIVE_KINDS = {name: kind for name, kind in DISTURBANCE_KINDS.items() if name not in NOT_LIVE_KINDS}
+"""Kinds that a laboratory in wall time can have. It refuses the others, because its camera has
+images, all of one size, and its process and disk are real."""
 
 
 def expected_causes(kind: str) -> set[Cause]:
-    """Return the causes that name a disturbance of this kind correctly."""
+    """Return the causes by which the servo reports a disturbance of this kind correctly."""
     return set(DISTURBANCE_KINDS[kind].causes)
 
 
 def describe_kinds() -> str:
-    """Return one line with text and effect for each kind of a rig whose camera has images."""
-    return "\n".join(
-        _format_kind(name, kind) for name, kind in DISTURBANCE_KINDS.items() if kind.pictures
-    )
-
-
-def _format_kind(name: str, kind: Kind) -> str:
-    bounds = "; ".join(f"{key}: {parameter.expected}" for key, parameter in kind.parameters.items())
-    return f"{f'{name}:{kind.usage}':<40} {kind.effect}{f' ({bounds})' if bounds else ''}"
+    """Return a line of help for each kind that a camera with images can have."""
+    lines: list[str] = []
+    for name, kind in DISTURBANCE_KINDS.items():
+        if kind.works_with_images:
+            ranges = [f"{key}: {parameter.expected}" for key, parameter in kind.parameters.items()]
+            limits = f" ({'; '.join(ranges)})" if ranges else ""
+            lines.append(f"{f'{name}:{kind.usage}':<40} {kind.effect}{limits}")
+    return "\n".join(lines)

@@ -11,20 +11,21 @@ from rcmservo.sim.disturbances.schedule import Schedule
 
 
 class Killed(RcmServoError):
-    """Simulated process was killed: it sends nothing more, and the arm's own watchdog must stop it.
+    """Simulated kill of the process that runs the servo.
 
+    The process sends nothing more, and the arm's own watchdog must stop the arm.
     `Rig.advance_until` lets time pass without the process.
     """
 
 
 class ProcessDelays:
-    """Actual ends of a process's waits."""
+    """Delays of the process that runs the servo: the actual ends of its waits."""
 
     def __init__(self, schedule: Schedule) -> None:
         self.schedule = schedule
 
     def __call__(self, time: int) -> int:
-        """Return the time at which a process wakes that waits until `time` (ns).
+        """Return the time (ns) at which the process wakes, which asked to wake at `time` (ns).
 
         Raises
         ------
@@ -42,21 +43,31 @@ class ProcessDelays:
         return time
 
 
-class FillingDisk:
-    """File of a record on a disk that refuses data while it is ``full``."""
+class FileOnFillingDisk:
+    """File on a disk that refuses data while it is full.
 
-    def __init__(self, path: Path, full: Callable[[], bool]) -> None:
-        self._file, self._is_full = create_file(path), full
+    Parameters
+    ----------
+    path : pathlib.Path
+        Path of the file, which must not exist.
+    is_full : callable
+        Returns True while the disk is full.
+    """
+
+    def __init__(self, path: Path, is_full: Callable[[], bool]) -> None:
+        self._file, self._is_full = create_file(path), is_full
 
     def write(self, data: memoryview, /) -> int | None:
+        """Write data; raise the system's error for a full disk while the disk is full."""
         if self._is_full():
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         return self._file.write(data)
 
     def close(self) -> None:
+        """Close the file."""
         self._file.close()
 
 
-def open_on_filling_disk(full: Callable[[], bool]) -> Callable[[Path], RawFile]:
-    """Return a function that opens a file on such a disk."""
-    return lambda path: FillingDisk(path, full)
+def open_on_filling_disk(is_full: Callable[[], bool]) -> Callable[[Path], RawFile]:
+    """Return a function that opens a file at a path on a disk that `is_full` describes."""
+    return lambda path: FileOnFillingDisk(path, is_full)
