@@ -6,9 +6,9 @@ import sys
 import pytest
 
 from conftest import mark_others_slow
+from rcmservo.cli.argument_parsing.help_text import estimator_descriptions
+from rcmservo.cli.argument_parsing.option_introspection import list_options
 from rcmservo.cli.cli import COMMANDS, main, options_class
-from rcmservo.cli.command_line.help_text import estimator_descriptions
-from rcmservo.cli.command_line.options import list_options
 from rcmservo.cli.servo_options import ESTIMATOR_NAMES
 
 PAGE_LINES = 45

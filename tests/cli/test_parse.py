@@ -10,9 +10,9 @@ from typing import Any
 
 import pytest
 
+from rcmservo.cli.argument_parsing.option_introspection import list_options
+from rcmservo.cli.argument_parsing.parse import parse
 from rcmservo.cli.cli import main
-from rcmservo.cli.command_line.options import list_options
-from rcmservo.cli.parse import parse
 from rcmservo.cli.run_options import RunOptions
 from rcmservo.control.saturated_controller import SaturatedController
 from rcmservo.errors import BadInput

@@ -14,12 +14,12 @@ from rich.console import Console
 from rich.live import Live
 
 from rcmservo.cli.cli import main
-from rcmservo.cli.progress import compiling as reports
-from rcmservo.cli.progress.preparing import compiling
+from rcmservo.cli.progress.compilation import report_compilation
 from rcmservo.cli.result_output import print_result
 from rcmservo.cli.score_report import print_score, score_as_json
 from rcmservo.cli.terminal import console, use_ascii_fallback
 from rcmservo.loop.run_result import FeatureError, JacobianError, RunResult
+from rcmservo.numerics import jit
 from rcmservo.recording.foreign.scoring import RecordingScore
 
 LONG = f"runs/{'a folder with a long name/' * 6}[/y]"
@@ -159,9 +159,9 @@ def test_compiled_parts_are_reported_and_other_packages_are_not_counted(
 
     The stated total is at least the number of compiled parts.
     """
-    monkeypatch.setattr(reports, "count_kernels", lambda: expected)
+    monkeypatch.setattr(jit, "count_kernels", lambda: expected)
     written = io.StringIO()
-    with Live(console=Console(file=written, width=40)) as line, compiling(line):
+    with Live(console=Console(file=written, width=40)) as line, report_compilation(line):
         for module in ["other.package"] * others + ["rcmservo.made_up"] * 21:
             numba.njit(uncompiled_function(module))(1.0)
     lines = [one for one in written.getvalue().splitlines() if one.startswith("compiling")]

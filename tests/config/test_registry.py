@@ -6,7 +6,7 @@ import pytest
 
 import rcmservo as rs
 from conftest import make_laboratory
-from rcmservo.cli.command_line.options import list_options
+from rcmservo.cli.argument_parsing.option_introspection import list_options
 from rcmservo.cli.run_options import RunOptions
 from rcmservo.config.registry import PART_CLASSES, REGISTERED
 from rcmservo.config.rig_file import METHOD_PARTS, RigDescription

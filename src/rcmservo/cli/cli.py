@@ -101,7 +101,7 @@ def _dispatch(arguments: list[str]) -> int:
 
 def _run_command(name: str, arguments: list[str]) -> int:
     """Run a command, or print its help."""
-    from rcmservo.cli.command_line.help_text import HELP_ALL_OPTION, HELP_OPTIONS, help_text
+    from rcmservo.cli.argument_parsing.help_text import HELP_ALL_OPTION, HELP_OPTIONS, help_text
 
     if {*HELP_OPTIONS, HELP_ALL_OPTION} & set(arguments):
         print(help_text(name, options_class(name, arguments), HELP_ALL_OPTION in arguments))
@@ -128,7 +128,7 @@ def options_class(name: str, arguments: list[str]) -> type[Any]:
 
 def parse_options(name: str, arguments: list[str], defaults: Any = None) -> Any:
     """Return a command's options from its arguments, and from `defaults` where they are absent."""
-    from rcmservo.cli.parse import parse
+    from rcmservo.cli.argument_parsing.parse import parse
 
     return parse(name, options_class(name, arguments), arguments, defaults)
 

@@ -7,8 +7,8 @@ from rich.console import Console
 
 from rcmservo.cli.folders import new_folder, require_new_target_file
 from rcmservo.cli.lab.live_on_hardware import live_on_hardware, require_devices
-from rcmservo.cli.lab.live_progress import LiveProgress
-from rcmservo.cli.progress.preparing import compiling
+from rcmservo.cli.progress.compilation import report_compilation
+from rcmservo.cli.progress.run_progress import LiveProgress
 from rcmservo.cli.result_output import print_result, read_record_if_any, save_result
 from rcmservo.cli.run_options import RunToTargetOptions
 from rcmservo.cli.terminal import console, status_line
@@ -53,12 +53,12 @@ def live(options: LiveOptions) -> int:
 
 def _run_simulated(options: LiveOptions, folder: Path, out: Console) -> RunResult:
     """Run on the simulated lab and save the result."""
-    from rcmservo.cli.simulated_run.run_description import describe_simulated_run
+    from rcmservo.cli.run_description import describe_simulated_run
     from rcmservo.sim.processes.lab_processes import SimulatedLab
 
     settings, servo, duration = options.rig_settings, options.servo, options.duration
     with status_line(out) as line, SimulatedLab(options.seed, settings) as lab:
-        with compiling(line):  # here, so that the servo process finds the compiled kernels
+        with report_compilation(line):  # here, so that the servo process finds the compiled kernels
             servo.warm_up()
         record, description = folder / RECORD, describe_simulated_run(options, duration)
         markers, frames = options.lab.markers, options.teaching_frames

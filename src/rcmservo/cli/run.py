@@ -1,10 +1,10 @@
 """`rcmservo run`: a simulated run and its output folder."""
 
 from rcmservo.cli.folders import new_folder, require_new_target_file
-from rcmservo.cli.progress.preparing import compiling
+from rcmservo.cli.progress.compilation import report_compilation
+from rcmservo.cli.progress.run_progress import RunProgress
 from rcmservo.cli.result_output import print_result
 from rcmservo.cli.run_options import RunOptions
-from rcmservo.cli.simulated_run.progress import RunProgress
 from rcmservo.cli.terminal import console, status_line
 from rcmservo.errors import require_extra
 
@@ -22,7 +22,7 @@ def run(options: RunOptions) -> int:
     with new_folder(options.out, f"run-seed{options.seed}") as folder:
         words = f"simulated arm and camera, seed {options.seed}; preparing …"
         out.print(words, style="dim", soft_wrap=True)
-        with status_line(out) as line, compiling(line):
+        with status_line(out) as line, report_compilation(line):
             from rcmservo.cli.simulated_run.simulate import simulate
 
             result = simulate(options, folder, RunProgress(line, options.duration))

@@ -19,11 +19,11 @@ from rcmservo.cli.lab.hardware_prompts import (
     format_joints,
     obtain_target,
 )
-from rcmservo.cli.lab.live_progress import LiveProgress
-from rcmservo.cli.progress.preparing import compiling
+from rcmservo.cli.progress.compilation import report_compilation
+from rcmservo.cli.progress.run_progress import LiveProgress
 from rcmservo.cli.result_output import read_record_if_any, save_result
+from rcmservo.cli.run_description import describe_run
 from rcmservo.cli.run_options import LabOptions, RunToTargetOptions
-from rcmservo.cli.simulated_run.run_description import describe_run
 from rcmservo.cli.terminal import status_line
 from rcmservo.config.rig_file import RigDescription, name_origin_in_errors
 from rcmservo.config.verified_rigs import is_verified
@@ -71,7 +71,7 @@ def live_on_hardware(
     speed_scale, lab = allowed_speed_scale(options), options.lab
     servo = options.servo if speed_scale == 1.0 else reduce_speed(options.servo, speed_scale)
     out.print(f"the arm and camera of {options.rig}; preparing …", style="dim", soft_wrap=True)
-    with status_line(out) as line, compiling(line):
+    with status_line(out) as line, report_compilation(line):
         servo.warm_up()
     line = status_line(out)
     announcement, frames = motion_announcement(options, servo, speed_scale), options.teaching_frames

@@ -30,7 +30,7 @@ from rcmservo.cli.lab.page_backend import (
     enable_announcement,
     open_recorder,
 )
-from rcmservo.cli.progress.preparing import compiling
+from rcmservo.cli.progress.compilation import report_compilation
 from rcmservo.cli.run_options import LabOptions
 from rcmservo.cli.terminal import console, status_line
 from rcmservo.constraints import between
@@ -98,7 +98,7 @@ def serve(options: ServeOptions) -> int:
         name, devices = f"serve-seed{options.seed}", _simulated_lab(options)
     servo = options.servo
     with new_folder(options.out, name) as folder:
-        with status_line(console(False)) as line, compiling(line):
+        with status_line(console(False)) as line, report_compilation(line):
             servo.warm_up()
         with contextlib.suppress(KeyboardInterrupt), devices as backend:
             _run_sessions(options, backend, folder, token)
@@ -108,7 +108,7 @@ def serve(options: ServeOptions) -> int:
 @contextlib.contextmanager
 def _simulated_lab(options: ServeOptions) -> Generator[PageBackend]:
     """Yield the simulated arm and its camera."""
-    from rcmservo.cli.simulated_run.run_description import describe_simulated_run
+    from rcmservo.cli.run_description import describe_simulated_run
     from rcmservo.cli.simulated_run.target import simulated_setup
     from rcmservo.page.settings import SelectedSettings
     from rcmservo.sim.processes.lab_processes import SimulatedLab

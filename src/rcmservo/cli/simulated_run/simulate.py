@@ -16,8 +16,8 @@ from pathlib import Path
 import numpy as np
 
 from rcmservo.cli.result_output import read_record_if_any, save_result
+from rcmservo.cli.run_description import describe_simulated_run
 from rcmservo.cli.run_options import RunOptions
-from rcmservo.cli.simulated_run.run_description import describe_simulated_run
 from rcmservo.cli.simulated_run.target import obtain_target
 from rcmservo.cli.simulated_run.video import frame_writer, open_video
 from rcmservo.interfaces import Floats

@@ -16,7 +16,7 @@ from rich.console import Console
 from rich.text import Text
 
 from rcmservo.cli.folders import dated_folder
-from rcmservo.cli.progress.preparing import compiling
+from rcmservo.cli.progress.compilation import report_compilation
 from rcmservo.cli.progress.progress import progress, resume_hint
 from rcmservo.cli.studies.study_report import (
     comparison_sentence,
@@ -223,7 +223,7 @@ def workers_for(
         require_protected(options.cluster)
     with ExitStack() as stack:
         with status_line(out) as line:
-            with compiling(line):
+            with report_compilation(line):
                 work.compile()
             line.update(Text("waiting for workers …", style="dim"))
             workers = stack.enter_context(open_worker_pool(options.cluster, options.workers))

@@ -7,7 +7,7 @@ from dataclasses import fields
 from itertools import groupby
 from typing import Any
 
-from rcmservo.cli.command_line.options import Option, list_options, option_groups
+from rcmservo.cli.argument_parsing.option_introspection import Option, list_options, option_groups
 from rcmservo.config.field_docs import describe_class, first_sentence
 from rcmservo.config.registry import ESTIMATORS, PRESETS, find_class_name
 from rcmservo.config.user_estimators import ESTIMATOR_OPTION

@@ -9,9 +9,9 @@ import tyro
 from tyro import _errors as tyro_errors
 from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec, PrimitiveTypeInfo
 
-from rcmservo.cli.command_line.help_text import HELP_ALL_OPTION, HELP_OPTIONS
-from rcmservo.cli.command_line.options import METAVARS, list_options, without_none
-from rcmservo.cli.command_line.suggestions import suggest_options
+from rcmservo.cli.argument_parsing.help_text import HELP_ALL_OPTION, HELP_OPTIONS
+from rcmservo.cli.argument_parsing.option_introspection import METAVARS, list_options, without_none
+from rcmservo.cli.argument_parsing.suggestions import suggest_options
 from rcmservo.errors import BadInput, RcmServoError, quoted, suggestion
 
 
