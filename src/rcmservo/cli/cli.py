@@ -91,7 +91,7 @@ def _dispatch(arguments: list[str]) -> int:
         case ["--version"]:
             print(f"rcmservo {__version__}")
         case ["-h" | "--help" | "--help-all", *_]:
-            print(command_overview())
+            print(format_command_overview())
         case [name, *words] if name in COMMANDS:
             return _run_command(name, words)
         case _:
@@ -101,51 +101,51 @@ def _dispatch(arguments: list[str]) -> int:
 
 def _run_command(name: str, arguments: list[str]) -> int:
     """Run a command, or print its help."""
-    from rcmservo.cli.argument_parsing.help_text import HELP_ALL_OPTION, HELP_OPTIONS, help_text
+    from rcmservo.cli.argument_parsing.help_text import HELP_ALL_OPTION, HELP_OPTIONS, format_help
 
     if {*HELP_OPTIONS, HELP_ALL_OPTION} & set(arguments):
-        print(help_text(name, options_class(name, arguments), HELP_ALL_OPTION in arguments))
+        print(format_help(name, load_options_class(name, arguments), HELP_ALL_OPTION in arguments))
         return 0
-    options = parse_options(name, arguments)
+    options = parse_command_options(name, arguments)
     if name == "replay":
         return _run_replay(options, arguments)
     if name == "study" and options.file_defaults is not None:
-        options = parse_options(name, arguments, options.file_defaults)
+        options = parse_command_options(name, arguments, options.file_defaults)
     _, action = COMMANDS[name].load()
     return action(options)
 
 
-def options_class(name: str, arguments: list[str]) -> type[Any]:
+def load_options_class(name: str, arguments: list[str]) -> type[Any]:
     """Return the dataclass of a command's options.
 
     It includes the settings of a user-defined estimator that the arguments name.
     """
-    from rcmservo.cli.servo_options import with_user_estimator
+    from rcmservo.cli.servo_options import add_user_estimator_options
 
     kind, _ = COMMANDS[name].load()
-    return with_user_estimator(kind, arguments)
+    return add_user_estimator_options(kind, arguments)
 
 
-def parse_options(name: str, arguments: list[str], defaults: Any = None) -> Any:
+def parse_command_options(name: str, arguments: list[str], defaults: Any = None) -> Any:
     """Return a command's options from its arguments, and from `defaults` where they are absent."""
-    from rcmservo.cli.argument_parsing.parse import parse
+    from rcmservo.cli.argument_parsing.parse import parse_options
 
-    return parse(name, options_class(name, arguments), arguments, defaults)
+    return parse_options(name, load_options_class(name, arguments), arguments, defaults)
 
 
 def _run_replay(options: Any, arguments: list[str]) -> int:
     """Score a recording, or recompute a run with its recorded settings and the given ones."""
-    from rcmservo.cli.replay import recompute_run, recorded_options, replay
+    from rcmservo.cli.replay import rebuild_recorded_options, recompute_run, replay
     from rcmservo.recording import reader
 
     if not reader.record_file(options.path).is_file():
         return replay(options)
     then = reader.read_record(options.path)
-    usual = recorded_options(options, then)
-    return recompute_run(parse_options("replay", arguments, usual), usual, then)
+    usual = rebuild_recorded_options(options, then)
+    return recompute_run(parse_command_options("replay", arguments, usual), usual, then)
 
 
-def command_overview() -> str:
+def format_command_overview() -> str:
     """Return the list of all commands."""
     about = textwrap.fill(DESCRIPTION, 80)
     rows = (f"  {name:<{SUMMARY_COLUMN - 2}}{entry.summary}" for name, entry in COMMANDS.items())

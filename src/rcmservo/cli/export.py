@@ -16,8 +16,8 @@ from typing import Annotated, Any, cast
 import numpy as np
 import tyro
 
-from rcmservo.cli.folders import new_folder
-from rcmservo.cli.terminal import console
+from rcmservo.cli.folders import open_new_folder
+from rcmservo.cli.terminal import open_console
 from rcmservo.config.atomic_files import atomic_path
 from rcmservo.config.servo_json import rebuild_part
 from rcmservo.errors import BadInput, UnusableFile
@@ -61,8 +61,8 @@ class ExportOptions:
 
 def export(options: ExportOptions) -> int:
     """Export a record and return the exit code 0."""
-    out = console()
-    with new_folder(options.out, "export") as folder:
+    out = open_console()
+    with open_new_folder(options.out, "export") as folder:
         written = export_record(options.record, folder)
     counts = f"{written.ticks} ticks" + (f" and {written.frames} frames" if written.frames else "")
     left = (
@@ -102,12 +102,12 @@ def export_record(path: Path, folder: Path) -> ExportSummary:
     record = reader.read_record(path)
     _write_csv(record, folder / "ticks.csv")
     with atomic_path(folder / "record.npz") as part, part.open("wb") as file:
-        np.savez_compressed(file, **record_arrays(record))
+        np.savez_compressed(file, **convert_to_arrays(record))
     frames, left_out = _write_frames(record, folder / "recording")
     return ExportSummary(len(record.time), frames, left_out, record.missing)
 
 
-def record_arrays(rows: Record) -> dict[str, Any]:
+def convert_to_arrays(rows: Record) -> dict[str, Any]:
     """Return a record as arrays by name.
 
     Times (s), ticks, truth and words have N rows, stages S rows. No array holds Python objects,
@@ -132,7 +132,7 @@ def record_arrays(rows: Record) -> dict[str, Any]:
 
 
 def _write_csv(rows: Record, path: Path) -> None:
-    titles, columns = _csv_columns(rows)
+    titles, columns = _collect_csv_columns(rows)
     with atomic_path(path) as part, part.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(titles)
@@ -141,20 +141,20 @@ def _write_csv(rows: Record, path: Path) -> None:
             writer.writerows(zip(*block, strict=True))
 
 
-def _csv_columns(rows: Record) -> tuple[list[str], list[Any]]:
+def _collect_csv_columns(rows: Record) -> tuple[list[str], list[Any]]:
     """Return the titles of the table and its columns (N,)."""
     titles: list[str] = ["time [s]"]
     columns: list[Any] = [rows.time]
     tables = [("", rows.ticks, COLUMN_UNITS), ("truth_", rows.truth, TRUTH_COLUMNS)]
     for start, table, units in tables if len(rows.truth["p1"]) else tables[:1]:
         for name, column in table.items():
-            for i, unit in enumerate(units.get(name) or _numbered_titles(column)):
+            for i, unit in enumerate(units.get(name) or _number_titles(column)):
                 titles.append(f"{start}{name}{' ' if unit.startswith('[') else '_'}{unit}")
                 columns.append(column[:, i])
     return [*titles, *rows.words], [*columns, *rows.words.values()]
 
 
-def _numbered_titles(column: Any) -> tuple[str, ...]:
+def _number_titles(column: Any) -> tuple[str, ...]:
     """Return titles for values whose meaning only a user-defined estimator knows."""
     return tuple(f"{i + 1} [own]" for i in range(column.shape[1]))
 
@@ -170,7 +170,7 @@ def _format_column(column: Any) -> Iterable[Any]:
 
 def _write_frames(rows: Record, folder: Path) -> tuple[int, int]:
     """Write the frames with their joints; return the numbers of written and omitted frames."""
-    joints = _joints_by_exposure(rows)
+    joints = _map_joints_by_exposure(rows)
     writer, count, left_out = None, 0, 0
     for exposure, jpeg in reader.iterate_jpegs(rows.path):
         q = joints.get(exposure)
@@ -184,7 +184,7 @@ def _write_frames(rows: Record, folder: Path) -> tuple[int, int]:
     return count, left_out
 
 
-def _joints_by_exposure(rows: Record) -> dict[int, Floats]:
+def _map_joints_by_exposure(rows: Record) -> dict[int, Floats]:
     """Return the joints (3,) at each exposure that a tick used."""
     exposures, joints = rows.ticks["exposure"][:, 0].tolist(), rows.ticks["q_exposure"]
     return {

@@ -9,19 +9,19 @@ from pathlib import Path
 from rcmservo.errors import Stopped, UnusableFile, require
 
 
-def dated_folder(name: str) -> Path:
+def make_dated_path(name: str) -> Path:
     """Return the path of an unused folder under runs/."""
     return Path("runs") / f"{name}-{datetime.now():%Y%m%d-%H%M%S-%f}"
 
 
 @contextlib.contextmanager
-def new_folder(out: Path | None, name: str) -> Generator[Path]:
+def open_new_folder(out: Path | None, name: str) -> Generator[Path]:
     """Yield the output folder: the user's, which must be new or empty, or a new one under runs/.
 
     Every folder that was created is removed if it stays empty. Otherwise Ctrl-C and a stop request
     are raised with the path of the folder.
     """
-    folder = out or dated_folder(name)
+    folder = out or make_dated_path(name)
     created = [path for path in (folder, *folder.parents) if not path.exists()]
     try:
         _make_empty_folder(folder)

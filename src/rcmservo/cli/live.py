@@ -5,13 +5,13 @@ from pathlib import Path
 
 from rich.console import Console
 
-from rcmservo.cli.folders import new_folder, require_new_target_file
+from rcmservo.cli.folders import open_new_folder, require_new_target_file
 from rcmservo.cli.lab.live_on_hardware import live_on_hardware, require_devices
 from rcmservo.cli.progress.compilation import report_compilation
 from rcmservo.cli.progress.run_progress import LiveProgress
 from rcmservo.cli.result_output import print_result, read_record_if_any, save_result
 from rcmservo.cli.run_options import RunToTargetOptions
-from rcmservo.cli.terminal import console, status_line
+from rcmservo.cli.terminal import open_console, open_status_line
 from rcmservo.errors import require, require_extra
 from rcmservo.live.supervisor import run_live
 from rcmservo.loop.run_result import RunResult, finite_or_none
@@ -30,12 +30,12 @@ class LiveOptions(RunToTargetOptions):
 
 def live(options: LiveOptions) -> int:
     """Run, write the folder and print the result; return 0 if the run settled."""
-    out = console(stderr=options.json)
+    out = open_console(stderr=options.json)
     if options.has_devices():
         require_new_target_file(options.target, options.save_target)
         require_devices(options.lab, options.rig, options.digest)
         _ = options.servo  # invalid settings are refused before anything is written
-        with new_folder(options.out, "live-hardware") as folder:
+        with open_new_folder(options.out, "live-hardware") as folder:
             result = live_on_hardware(options, folder, out)
         return print_result(out, result, options.json)
     for name, path in (("--target", options.target), ("--save-target", options.save_target)):
@@ -43,7 +43,7 @@ def live(options: LiveOptions) -> int:
         require(path is None, name, path, expected)
     with (
         require_extra("live", "sim"),
-        new_folder(options.out, f"live-seed{options.seed}") as folder,
+        open_new_folder(options.out, f"live-seed{options.seed}") as folder,
     ):
         words = f"simulated arm and camera, seed {options.seed}; preparing …"
         out.print(words, style="dim", soft_wrap=True)
@@ -57,7 +57,7 @@ def _run_simulated(options: LiveOptions, folder: Path, out: Console) -> RunResul
     from rcmservo.sim.processes.lab_processes import SimulatedLab
 
     settings, servo, duration = options.rig_settings, options.servo, options.duration
-    with status_line(out) as line, SimulatedLab(options.seed, settings) as lab:
+    with open_status_line(out) as line, SimulatedLab(options.seed, settings) as lab:
         with report_compilation(line):  # here, so that the servo process finds the compiled kernels
             servo.warm_up()
         record, description = folder / RECORD, describe_simulated_run(options, duration)

@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING
 
 from rich.table import Table
 
-from rcmservo.cli.folders import dated_folder
-from rcmservo.cli.progress.progress import progress, resume_hint
+from rcmservo.cli.folders import make_dated_path
+from rcmservo.cli.progress.progress import print_resume_hint, show_progress
 from rcmservo.cli.servo_options import EstimatorOptions, OptionalEstimator
-from rcmservo.cli.terminal import console
+from rcmservo.cli.terminal import open_console
 from rcmservo.config.rig_file import RigDescription
 from rcmservo.config.user_estimators import hash_source
 from rcmservo.errors import require, require_extra
@@ -58,18 +58,18 @@ def paper(options: PaperOptions) -> int:
     with require_extra("paper", "sim"):
         from rcmservo.paper import run, store
 
-        experiments = run.select_experiments(options.only, _user_method(options))
-    out = console()
-    folder = options.out or dated_folder("paper")
+        experiments = run.select_experiments(options.only, _make_user_method(options))
+    out = open_console()
+    folder = options.out or make_dated_path("paper")
     tasks = [task for experiment in experiments.values() for task in experiment.plan(options.quick)]
     store.prepare(folder, options.quick)
     words = f"{len(tasks)} simulated tasks on all cores, into {folder}"
     out.print(words, style="dim", soft_wrap=True)
     total = sum(task.cost for task in tasks)
-    with resume_hint(folder, out), progress(out, "simulating", total) as advance:
+    with print_resume_hint(folder, out), show_progress(out, "simulating", total) as advance:
         written = run.run(folder, options.quick, experiments, lambda task: advance(task.cost))
     rows = written.rows
-    out.print(_claim_table(rows) if options.only is not None else _verdict_table(rows))
+    out.print(_build_claim_table(rows) if options.only is not None else _build_verdict_table(rows))
     if options.quick:
         out.print(QUICK_REMARK, soft_wrap=True)
     for name, why in written.left_out.items():
@@ -78,7 +78,7 @@ def paper(options: PaperOptions) -> int:
     return EXIT_INCOMPLETE if written.left_out else 0
 
 
-def _user_method(options: PaperOptions) -> "UserEstimatorMethod | None":
+def _make_user_method(options: PaperOptions) -> "UserEstimatorMethod | None":
     """Return the user-defined estimator that the options name as a method, after a trial."""
     from rcmservo.paper.lab.methods import UserEstimatorMethod
 
@@ -95,7 +95,7 @@ def _user_method(options: PaperOptions) -> "UserEstimatorMethod | None":
     )
 
 
-def _claim_table(rows: "list[ClaimRow]") -> Table:
+def _build_claim_table(rows: "list[ClaimRow]") -> Table:
     """Return the claims of one experiment; one or two trials give no verdict."""
     table = Table("claim", "where", "measured", "verdict")
     for row in rows:
@@ -106,7 +106,7 @@ def _claim_table(rows: "list[ClaimRow]") -> Table:
     return table
 
 
-def _verdict_table(rows: "list[ClaimRow]") -> Table:
+def _build_verdict_table(rows: "list[ClaimRow]") -> Table:
     """Return the number of claims with each verdict, by experiment."""
     table = Table("experiment", *VERDICTS, "no verdict")
     for name in dict.fromkeys(row.experiment for row in rows):

@@ -12,10 +12,10 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn
 from rich.table import Table
 
-from rcmservo.cli.folders import new_folder
-from rcmservo.cli.score_report import centres_csv, print_score, score_as_json
+from rcmservo.cli.folders import open_new_folder
+from rcmservo.cli.score_report import convert_score_to_json, format_centres_csv, print_score
 from rcmservo.cli.servo_options import OPTION_GROUPS, OptionalEstimator, ServoOptions
-from rcmservo.cli.terminal import console
+from rcmservo.cli.terminal import open_console
 from rcmservo.config.atomic_files import write_atomically
 from rcmservo.config.registry import ESTIMATORS, find_class_name
 from rcmservo.config.rig_file import METHOD_PARTS, load_rig_file
@@ -64,7 +64,7 @@ class ReplayOptions(ServoOptions):
     json: bool = False
 
 
-def recorded_options(options: ReplayOptions, record: Record) -> ReplayOptions:
+def rebuild_recorded_options(options: ReplayOptions, record: Record) -> ReplayOptions:
     """Return the recorded settings of a run as options of this command.
 
     The recorded estimator replaces the settings of its class. The printed estimator does not where
@@ -105,14 +105,14 @@ def recompute_run(options: ReplayOptions, recorded: ReplayOptions, record: Recor
     else:
         print("; ".join(filter(None, (result.sentence, record.missing))))
         if result.open_loop and not result.same:
-            _print_differences(console(), result)
+            _print_differences(open_console(), result)
     return 0 if result.same else EXIT_DECISIONS_DIFFER
 
 
 def _changed_servo(options: ReplayOptions, record: Record) -> Servo:
     """Return the recorded servo with the settings of the command line."""
     servo = rebuild_stage_servo(record, record.stages[0], user_estimator_classes(options))
-    parts = options.parts(options.estimator or find_class_name(servo.estimator, ESTIMATORS))
+    parts = options.collect_parts(options.estimator or find_class_name(servo.estimator, ESTIMATORS))
     return replace(servo, **parts)
 
 
@@ -136,25 +136,25 @@ def replay(options: ReplayOptions) -> int:
     """Score a recording and return the exit code 0."""
     if not options.path.exists():
         raise UnusableFile(options.path, "does not exist")
-    out = console(stderr=options.json)
-    with nullcontext() if options.out is None else new_folder(options.out, "replay") as folder:
+    out = open_console(stderr=options.json)
+    with nullcontext() if options.out is None else open_new_folder(options.out, "replay") as folder:
         scored = _score(options, out)
         if options.json:
-            print(json.dumps(score_as_json(scored)))
+            print(json.dumps(convert_score_to_json(scored)))
         else:
             print_score(out, scored)
         if folder is not None:
             write_atomically(
-                folder / "replay.json", json.dumps(score_as_json(scored), indent=2) + "\n"
+                folder / "replay.json", json.dumps(convert_score_to_json(scored), indent=2) + "\n"
             )
-            write_atomically(folder / "centres.csv", centres_csv(scored))
+            write_atomically(folder / "centres.csv", format_centres_csv(scored))
     return 0
 
 
 def _score(options: ReplayOptions, out: Console) -> scoring.RecordingScore:
     """Return the score of a recording; show a progress bar while its frames are tracked."""
     lab = load_rig_file(options.rig)
-    estimators = _estimators(options, lab.tool)
+    estimators = _select_estimators(options, lab.tool)
     bar = Progress(
         TextColumn("tracking", markup=False),
         BarColumn(),
@@ -169,12 +169,12 @@ def _score(options: ReplayOptions, out: Console) -> scoring.RecordingScore:
             lab,
             ColourMarkers(lab.markers),
             estimators,
-            options.settings["imaged_rcm"],
+            options.part_settings["imaged_rcm"],
             lambda done, total: bar.update(task, completed=done, total=total),
         )
 
 
-def _estimators(options: ReplayOptions, tool: Tool) -> dict[str, Estimator]:
+def _select_estimators(options: ReplayOptions, tool: Tool) -> dict[str, Estimator]:
     """Return the estimators to score: the built-in ones and the one that the options name."""
     name = options.estimator
     expected = "left out for a recording, where all built-in ones are scored, or module:class"

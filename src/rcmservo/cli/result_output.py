@@ -71,12 +71,12 @@ def print_result(out: Console, result: RunResult, as_json: bool) -> int:
     if as_json:
         print(json.dumps(asdict(result)))
     else:
-        out.print(two_column_table(format_title(result), list_result_rows(result)))
+        out.print(build_two_column_table(format_title(result), list_result_rows(result)))
         out.print(f"files in {result.folder}", soft_wrap=True)
     return 0 if result.settled else EXIT_NOT_SETTLED
 
 
-def two_column_table(title: str, rows: list[tuple[str, str]]) -> Table:
+def build_two_column_table(title: str, rows: list[tuple[str, str]]) -> Table:
     """Return a table of names and values. Long values are folded, never cropped."""
     made = Table(title=title, show_header=False)
     made.add_column(overflow="fold")

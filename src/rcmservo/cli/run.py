@@ -1,11 +1,11 @@
 """`rcmservo run`: a simulated run and its output folder."""
 
-from rcmservo.cli.folders import new_folder, require_new_target_file
+from rcmservo.cli.folders import open_new_folder, require_new_target_file
 from rcmservo.cli.progress.compilation import report_compilation
 from rcmservo.cli.progress.run_progress import RunProgress
 from rcmservo.cli.result_output import print_result
 from rcmservo.cli.run_options import RunOptions
-from rcmservo.cli.terminal import console, status_line
+from rcmservo.cli.terminal import open_console, open_status_line
 from rcmservo.errors import require_extra
 
 
@@ -18,11 +18,11 @@ def run(options: RunOptions) -> int:
         return 0
     require_new_target_file(options.target, options.save_target)
     _ = options.servo, options.rig_settings, options.disturbances  # raise an error for invalid ones
-    out = console(stderr=options.json)
-    with new_folder(options.out, f"run-seed{options.seed}") as folder:
+    out = open_console(stderr=options.json)
+    with open_new_folder(options.out, f"run-seed{options.seed}") as folder:
         words = f"simulated arm and camera, seed {options.seed}; preparing …"
         out.print(words, style="dim", soft_wrap=True)
-        with status_line(out) as line, report_compilation(line):
+        with open_status_line(out) as line, report_compilation(line):
             from rcmservo.cli.simulated_run.simulate import simulate
 
             result = simulate(options, folder, RunProgress(line, options.duration))

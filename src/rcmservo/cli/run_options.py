@@ -78,7 +78,7 @@ class LabOptions(ServoOptions):
     @cached_property
     def servo(self) -> Servo:
         """Servo of these options."""
-        return self.servo_of(self.estimator, self.lab)
+        return self.make_servo(self.estimator, self.lab)
 
     def has_devices(self) -> bool:
         """Return True if the rig file has an arm. A seed is then refused."""

@@ -14,14 +14,18 @@ from rcmservo.recording.foreign import scoring
 Pair = tuple[float, float]
 
 
-def score_as_json(result: scoring.RecordingScore) -> dict[str, Any]:
+def convert_score_to_json(result: scoring.RecordingScore) -> dict[str, Any]:
     """Return a score in the form of replay.json; None stands for a value that is not available."""
     return {
         "frames": [
-            {"frame": pose.name, "m1": _pair(found.points[0]), "m2": _pair(found.points[1])}
+            {
+                "frame": pose.name,
+                "m1": _convert_point(found.points[0]),
+                "m2": _convert_point(found.points[1]),
+            }
             for pose, found in zip(result.poses, result.markers, strict=True)
         ],
-        "imaged_rcm_px": _pair(result.o_c),
+        "imaged_rcm_px": _convert_point(result.o_c),
         "imaged_rcm_condition": finite_or_none(result.condition),
         "reprojection_rms_px": dict(
             zip(("m1", "m2"), map(finite_or_none, result.reprojection), strict=True)
@@ -37,11 +41,11 @@ def score_as_json(result: scoring.RecordingScore) -> dict[str, Any]:
     }
 
 
-def _pair(point: Floats) -> Pair | None:
+def _convert_point(point: Floats) -> Pair | None:
     return (float(point[0]), float(point[1])) if np.isfinite(point).all() else None
 
 
-def centres_csv(result: scoring.RecordingScore) -> str:
+def format_centres_csv(result: scoring.RecordingScore) -> str:
     """Return the markers' centres as CSV; undetected markers are empty."""
     lines = ["frame,m1_u_px,m1_v_px,m2_u_px,m2_v_px"]
     for pose, found in zip(result.poses, result.markers, strict=True):

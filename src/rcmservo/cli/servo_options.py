@@ -41,7 +41,7 @@ The prefix is the name of the part, or that of the class if the part has several
 """
 
 
-def option_group(kind: type[Any], command: type[Any]) -> str:
+def find_option_group(kind: type[Any], command: type[Any]) -> str:
     """Return the prefix of the options of a class.
 
     A user-defined estimator whose name is already an option of the command uses the name of its
@@ -58,7 +58,9 @@ def option_group(kind: type[Any], command: type[Any]) -> str:
     return next(one for one in (*candidates, "own") if one.isidentifier() and one not in taken)
 
 
-def _with_groups(options: type[Options], groups: Classes, **attributes: object) -> type[Options]:
+def _add_option_groups(
+    options: type[Options], groups: Classes, **attributes: object
+) -> type[Options]:
     """Return a command's options with one group of options for each class."""
     about = {"__doc__": options.__doc__, "__module__": options.__module__, **attributes}
     made = [(name, kind, field(default_factory=kind)) for name, kind in groups.items()]
@@ -82,7 +84,7 @@ class EstimatorOptions(Checked):
 
 def _with_part_groups(options: type[Options]) -> type[Options]:
     """Add the groups of the method's parts to a class of options."""
-    return _with_groups(options, OPTION_GROUPS)
+    return _add_option_groups(options, OPTION_GROUPS)
 
 
 @_with_part_groups
@@ -98,7 +100,7 @@ class ServoOptions(EstimatorOptions):
             | dict(PRESETS)
         )
 
-    def estimator_of(self, name: str) -> Estimator:
+    def find_estimator(self, name: str) -> Estimator:
         """Return the estimator of a name.
 
         Raises
@@ -115,15 +117,15 @@ class ServoOptions(EstimatorOptions):
         raise BadInput(ESTIMATOR_OPTION, name, expected)
 
     @property
-    def settings(self) -> dict[str, Any]:
+    def part_settings(self) -> dict[str, Any]:
         """Settings of the parts that have one class."""
         return {part: getattr(self, part) for part in METHOD_PARTS if part in OPTION_GROUPS}
 
-    def parts(self, estimator: str) -> dict[str, Any]:
+    def collect_parts(self, estimator: str) -> dict[str, Any]:
         """Return the parts of the method, with the estimator of a name."""
-        return {"estimator": self.estimator_of(estimator), **self.settings}
+        return {"estimator": self.find_estimator(estimator), **self.part_settings}
 
-    def servo_of(self, estimator: str, lab: RigDescription) -> Servo:
+    def make_servo(self, estimator: str, lab: RigDescription) -> Servo:
         """Return a servo for a lab, with the estimator of a name.
 
         A user-defined estimator is tried on made samples first.
@@ -133,7 +135,7 @@ class ServoOptions(EstimatorOptions):
         BadInput
             If a setting is refused; the error names the option as typed.
         """
-        parts = self.parts(estimator)
+        parts = self.collect_parts(estimator)
         check_estimator(parts["estimator"], lab.tool)
         try:
             return lab.make_servo(**parts)
@@ -145,7 +147,7 @@ class ServoOptions(EstimatorOptions):
             raise BadInput(typed, error.value, error.expected) from error
 
 
-def with_user_estimator(command: type[Options], arguments: Sequence[str]) -> type[Options]:
+def add_user_estimator_options(command: type[Options], arguments: Sequence[str]) -> type[Options]:
     """Return a command's options with those of the user-defined estimator that the arguments name.
 
     This imports the user's code for the first time.
@@ -154,16 +156,16 @@ def with_user_estimator(command: type[Options], arguments: Sequence[str]) -> typ
     name = dict(pairwise(words)).get(ESTIMATOR_OPTION, "")
     if ":" not in name or not issubclass(command, EstimatorOptions):
         return command
-    return _with_user_group(command, name, import_estimator(name))
+    return _add_user_group(command, name, import_estimator(name))
 
 
 @cache
-def _with_user_group(command: type[Any], name: str, kind: type[Estimator]) -> type[Any]:
+def _add_user_group(command: type[Any], name: str, kind: type[Estimator]) -> type[Any]:
     """Return the options of a command with the settings of an estimator.
 
     Equal arguments give the same class, so that options that are parsed twice are comparable.
     """
-    group = option_group(kind, command)
-    return _with_groups(
+    group = find_option_group(kind, command)
+    return _add_option_groups(
         command, {group: kind}, USER_GROUPS=dict.fromkeys((name, class_path(kind)), group)
     )

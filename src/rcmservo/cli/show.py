@@ -12,9 +12,9 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from rcmservo.cli.folders import new_folder
-from rcmservo.cli.result_output import two_column_table
-from rcmservo.cli.terminal import console
+from rcmservo.cli.folders import open_new_folder
+from rcmservo.cli.result_output import build_two_column_table
+from rcmservo.cli.terminal import open_console
 from rcmservo.config.atomic_files import write_atomically
 from rcmservo.figures import charts, plots
 from rcmservo.loop.run_result import RunResult
@@ -64,8 +64,8 @@ class ShowOptions:
 def show(options: ShowOptions) -> int:
     """Print and draw a record and return the exit code 0."""
     record = reader.read_record(options.record)
-    out = console()
-    with new_folder(options.out, "show") as folder:
+    out = open_console()
+    with open_new_folder(options.out, "show") as folder:
         print_record(out, record)
         write_figures(record, folder)
     drawn = any(folder.glob("*.png"))
@@ -81,14 +81,14 @@ def show(options: ShowOptions) -> int:
 def print_record(out: Console, record: Record) -> None:
     """Print the summary and the timeline of a record."""
     found = list_spans(record)
-    out.print(_summary_table(record, summarise(record)))
+    out.print(_build_summary_table(record, summarise(record)))
     if found:
-        out.print(_timeline_table(found))
+        out.print(_build_timeline_table(found))
 
 
 def write_figures(record: Record, folder: Path) -> None:
     """Write the figures of a record, and its complete timeline as a table."""
-    write_atomically(folder / "timeline.csv", _timeline_csv(list_spans(record)))
+    write_atomically(folder / "timeline.csv", _format_timeline_csv(list_spans(record)))
     if np.isfinite(record.ticks["delta"]).any():
         charts.save_figure(plots.plot_timeline(record), folder / "timeline.png")
         charts.save_figure(plots.plot_path(record), folder / "path.png")
@@ -96,14 +96,14 @@ def write_figures(record: Record, folder: Path) -> None:
         charts.save_figure(plots.plot_estimate(record), folder / "estimate.png")
 
 
-def _summary_table(record: Record, result: RunResult) -> Table:
+def _build_summary_table(record: Record, result: RunResult) -> Table:
     rows = [("record", str(record.path)), *list_record_rows(record, result)]
     if record.missing:
         rows.insert(0, ("missing", record.missing))
-    return two_column_table(format_verdict(record, result), rows)
+    return build_two_column_table(format_verdict(record, result), rows)
 
 
-def _timeline_table(found: list[Span]) -> Table:
+def _build_timeline_table(found: list[Span]) -> Table:
     """Return a table with one row per span; a long timeline is cut in the middle."""
     table = Table(title="timeline", title_justify="left")
     for title in ("start", "length"):
@@ -132,7 +132,7 @@ def _timeline_table(found: list[Span]) -> Table:
     return table
 
 
-def _timeline_csv(found: list[Span]) -> str:
+def _format_timeline_csv(found: list[Span]) -> str:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(

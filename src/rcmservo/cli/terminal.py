@@ -31,7 +31,7 @@ FILE_COLUMNS = 1000
 """Width in columns if the output is a pipe or a file, where lines are not folded."""
 
 
-def console(stderr: bool = False) -> "Console":
+def open_console(stderr: bool = False) -> "Console":
     """Return the console on which a command prints. It interprets no text as markup."""
     from rich.console import Console
 
@@ -61,10 +61,10 @@ def _replace_for_ascii(error: UnicodeError) -> tuple[str, int]:
     if not isinstance(error, UnicodeEncodeError):
         raise error
     text = error.object[error.start : error.end].translate(ASCII_REPLACEMENTS)
-    return "".join(map(_ascii_letter, text)), error.end
+    return "".join(map(_find_ascii_letter, text)), error.end
 
 
-def _ascii_letter(symbol: str) -> str:
+def _find_ascii_letter(symbol: str) -> str:
     """Return a letter without its accents, or the name of a Greek letter."""
     words = unicodedata.name(symbol, "").split()
     if words[:1] == ["GREEK"]:
@@ -72,7 +72,7 @@ def _ascii_letter(symbol: str) -> str:
     return unicodedata.normalize("NFKD", symbol).encode("ascii", "ignore").decode() or "?"
 
 
-def status_line(out: "Console") -> "Live":
+def open_status_line(out: "Console") -> "Live":
     """Return a line that the command rewrites while it runs."""
     from rich.live import Live
     from rich.text import Text

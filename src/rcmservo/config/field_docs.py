@@ -28,15 +28,15 @@ def describe_field(kind: type[Any], name: str) -> str:
     limits = get_args(hint)[1:] if get_origin(hint) is Annotated else ()
     choices = [one.choices for one in limits if isinstance(one, OneOf)]
     described = [
-        f"{choice}: {first_sentence(cast(type[Any], type(value)))}."
+        f"{choice}: {extract_first_sentence(cast(type[Any], type(value)))}."
         for registry in choices
         if isinstance(registry, Mapping)
         for choice, value in cast(Mapping[str, Any], registry).items()
     ]
-    return " ".join((parameter_descriptions(kind).get(name, ""), *described))
+    return " ".join((read_parameter_descriptions(kind).get(name, ""), *described))
 
 
-def first_sentence(kind: type[Any]) -> str:
+def extract_first_sentence(kind: type[Any]) -> str:
     """Return the first sentence of a class's docstring, without its full stop."""
     return " ".join(describe_class(kind).split("\n\n")[0].split()).partition(". ")[0].rstrip(".")
 
@@ -47,7 +47,7 @@ def describe_class(kind: type[Any]) -> str:
 
 
 @cache
-def parameter_descriptions(kind: type[Any]) -> dict[str, str]:
+def read_parameter_descriptions(kind: type[Any]) -> dict[str, str]:
     """Return the descriptions of a dataclass's fields by name, each as one line.
 
     They come from the Parameters sections of the class and of its parents.

@@ -50,17 +50,19 @@ __all__ = [  # noqa: RUF022  (the order of lists for users)
     "CorrentropyEstimator",
 ]
 """Classes that can be chosen for a part. The package `rcmservo` exports them."""
-REGISTERED: tuple[type[Any], ...] = tuple(globals()[name] for name in __all__)
+REGISTERED_CLASSES: tuple[type[Any], ...] = tuple(globals()[name] for name in __all__)
 
 
-def _classes(base: type[Any]) -> Classes:
+def _select_classes(base: type[Any]) -> Classes:
     """Return the classes of a part by their names."""
-    return {kind.name: kind for kind in REGISTERED if issubclass(kind, base)} or {base.name: base}
+    return {kind.name: kind for kind in REGISTERED_CLASSES if issubclass(kind, base)} or {
+        base.name: base
+    }
 
 
 _TYPES = get_type_hints(Servo)
 PART_CLASSES: Mapping[str, Classes] = {
-    f.name: _classes(_TYPES[f.name]) for f in fields(Servo) if _TYPES[f.name] is not float
+    f.name: _select_classes(_TYPES[f.name]) for f in fields(Servo) if _TYPES[f.name] is not float
 }
 """Parts of a servo and their classes. (`Servo.rate` is a number, not a part.)"""
 MECHANISMS, TOOLS, ESTIMATORS = (PART_CLASSES[part] for part in ("mechanism", "tool", "estimator"))

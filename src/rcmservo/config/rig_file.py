@@ -28,12 +28,12 @@ DEVICE_SECTIONS = ("arm", "camera")
 SIMULATION_SECTIONS = ("camera", "drive", "appearance", "scene")
 """A [camera] with the key `kind` is a device; without it, it describes a simulated camera."""
 
-Section = TypeVar("Section")
+SectionSettings = TypeVar("Section")
 Tables = Mapping[str, toml_json_parsing.Table]
 """Sections of a rig file by name, as undecoded tables."""
 
 
-def default_markers() -> MarkerAppearance:
+def make_default_markers() -> MarkerAppearance:
     """Return the markers of the built-in rig: visible on red tissue, with different colours."""
     return MarkerAppearance(colour_1="green", colour_2="blue", radius_1=3.5, radius_2=3.5)
 
@@ -62,7 +62,7 @@ class RigDescription:
 
     mechanism: Kinematics = field(default_factory=SphericalRcm)
     tool: Tool = field(default_factory=lambda: RigidTool(spacing=30.0))
-    markers: MarkerAppearance = field(default_factory=default_markers)
+    markers: MarkerAppearance = field(default_factory=make_default_markers)
     gate: Gate = field(default_factory=Gate)
     thresholds: Thresholds = field(default_factory=Thresholds)
     devices: Tables = field(default_factory=dict[str, toml_json_parsing.Table])
@@ -93,7 +93,9 @@ class RigDescription:
             raise BadInput(f"section {name}", None, f"given, with a kind: {' or '.join(kinds)}")
         return decode_kind(kinds, table, name)
 
-    def simulation_settings(self, name: str, kind: type[Section], **known: object) -> Section:
+    def simulation_settings(
+        self, name: str, kind: type[SectionSettings], **known: object
+    ) -> SectionSettings:
         """Return the settings in a section for the simulation.
 
         Parameters
@@ -166,7 +168,7 @@ def decode_rig_tables(tables: toml_json_parsing.Table) -> RigDescription:
         name: tables[name] for name in SIMULATION_SECTIONS if name in tables and name not in devices
     }
     robot = {
-        name: _section(name, tables.get(name, {}), getattr(default, name))
+        name: _decode_robot_section(name, tables.get(name, {}), getattr(default, name))
         for name in ROBOT_SECTIONS
     }
     return RigDescription(**robot, devices=devices, simulation=simulated)
@@ -176,20 +178,22 @@ def _is_device(name: str, tables: toml_json_parsing.Table) -> bool:
     return name in tables and (name == "arm" or KIND_KEY in tables[name])
 
 
-def _section(name: str, table: toml_json_parsing.Table, default: Any) -> Any:
+def _decode_robot_section(name: str, table: toml_json_parsing.Table, default: Any) -> Any:
     """Return the settings in a section of the robot; omitted values are the default ones."""
     if name == "mechanism":
-        return _mechanism(table, default.name)
+        return _decode_mechanism(table, default.name)
     only = {name: cast(type[Any], type(default))}
     return decode_kind(PART_CLASSES.get(name, only), table, name, default)
 
 
-def _mechanism(table: toml_json_parsing.Table, default_kind: str) -> Kinematics:
+def _decode_mechanism(table: toml_json_parsing.Table, default_kind: str) -> Kinematics:
     """Return the mechanism in a table, of the default kind if the table has no key `kind`."""
     kind = find_class(MECHANISMS, table.get(KIND_KEY, default_kind), "mechanism")
     given = {name: value for name, value in table.items() if name != KIND_KEY}
     given = {**asdict(kind().limits), **given}
-    flat: Any = decode_settings(_flat(kind), given, "mechanism", others=(KIND_KEY,))
+    flat: Any = decode_settings(
+        _make_flat_mechanism_class(kind), given, "mechanism", others=(KIND_KEY,)
+    )
     rest = {name: getattr(flat, name) for name in given}
     limits = {end.name: rest.pop(end.name) for end in fields(JointLimits)}
     decode_settings(JointLimits, limits, "mechanism")
@@ -197,7 +201,7 @@ def _mechanism(table: toml_json_parsing.Table, default_kind: str) -> Kinematics:
 
 
 @cache
-def _flat(kind: type[Kinematics]) -> type[Any]:
+def _make_flat_mechanism_class(kind: type[Kinematics]) -> type[Any]:
     """Return the class of a mechanism's section, with the two ends of the limits as keys."""
     others = [(f.name, f.type, f) for f in fields(kind) if f.name != "limits"]
     return make_dataclass("Mechanism", [*((f.name, Any) for f in fields(JointLimits)), *others])

@@ -28,7 +28,7 @@ from rcmservo.errors import BadInput
 from rcmservo.estimation.base import Estimator
 from rcmservo.servo.servo import Servo
 
-Description: type[object] = make_dataclass(
+ServoDescription: type[object] = make_dataclass(
     "Description", [*((part, object) for part in PART_CLASSES), ("rate", float)]
 )
 """Parts of a servo, and its tick rate in Hz."""
@@ -40,12 +40,13 @@ NO_USER_ESTIMATORS: Mapping[str, type[Estimator]] = {}
 def describe_servo(servo: Servo) -> Table:
     """Return a servo as a table of JSON values."""
     parts = {
-        part: _described(getattr(servo, part), classes) for part, classes in PART_CLASSES.items()
+        part: _describe_part(getattr(servo, part), classes)
+        for part, classes in PART_CLASSES.items()
     }
-    return json.loads(json.dumps({**parts, "rate": servo.rate}, default=_plain))
+    return json.loads(json.dumps({**parts, "rate": servo.rate}, default=_convert_to_json))
 
 
-def _described(value: Any, classes: Classes) -> object:
+def _describe_part(value: Any, classes: Classes) -> object:
     names = [f.name for f in fields(value)] if is_dataclass(value) else []
     return {
         KIND_KEY: find_class_name(value, classes),
@@ -53,7 +54,7 @@ def _described(value: Any, classes: Classes) -> object:
     }
 
 
-def _plain(value: Any) -> object:
+def _convert_to_json(value: Any) -> object:
     """Return nested settings as a table, and any other value as its `repr`."""
     return asdict(value) if is_dataclass(value) and not isinstance(value, type) else repr(value)
 
@@ -75,9 +76,11 @@ def rebuild_servo(
     BadInput
         If a field is missing, unknown or invalid; the error names it.
     """
-    decoded: Any = decode_settings(Description, description, "servo")
+    decoded: Any = decode_settings(ServoDescription, description, "servo")
     parts = {**PART_CLASSES, "estimator": {**ESTIMATORS, **user_estimators}}
-    made = {part: _rebuilt(getattr(decoded, part), parts[part], f"servo.{part}") for part in parts}
+    made = {
+        part: _rebuild_part(getattr(decoded, part), parts[part], f"servo.{part}") for part in parts
+    }
     return Servo(**made, rate=decoded.rate)
 
 
@@ -90,10 +93,10 @@ def rebuild_part(description: object, part: str) -> Any:
         If the part is missing or invalid.
     """
     table: object = description.get(part) if is_table(description) else None
-    return _rebuilt(table, PART_CLASSES[part], f"servo.{part}")
+    return _rebuild_part(table, PART_CLASSES[part], f"servo.{part}")
 
 
-def _rebuilt(table: object, classes: Classes, where: str) -> Any:
+def _rebuild_part(table: object, classes: Classes, where: str) -> Any:
     """Return a part whose settings are all given, since defaults may change between versions."""
     if not is_table(table):
         raise BadInput(where, table, "a table of settings")

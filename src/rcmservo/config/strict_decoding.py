@@ -68,18 +68,18 @@ def decode_settings(
     from pydantic import PydanticUserError, ValidationError
 
     try:
-        return _reader(kind).validate_json(json.dumps([table], default=str))[0]
+        return _build_validator(kind).validate_json(json.dumps([table], default=str))[0]
     except PydanticUserError as error:  # of a user-defined class
         expected = "a dataclass of numbers, strings, and tuples of them"
         raise BadInput(where, kind.__name__, expected) from error
     except ValidationError as error:
         # a misspelt key, rather than the missing key that it causes
         first = min(error.errors(), key=lambda one: one["type"] == "missing")
-        _refuse(first, kind, where, others)
+        _raise_bad_input(first, kind, where, others)
 
 
 @cache
-def _reader(kind: type[Any]) -> "TypeAdapter[tuple[Any]]":
+def _build_validator(kind: type[Any]) -> "TypeAdapter[tuple[Any]]":
     """Return a validator of a list of one table: pydantic cannot configure a single dataclass."""
     from pydantic import ConfigDict, TypeAdapter
 
@@ -87,7 +87,9 @@ def _reader(kind: type[Any]) -> "TypeAdapter[tuple[Any]]":
     return TypeAdapter[tuple[Any]](cast(Any, tuple)[kind], config=strict)
 
 
-def _refuse(error: "ErrorDetails", kind: type[Any], where: str, others: Sequence[str]) -> NoReturn:
+def _raise_bad_input(
+    error: "ErrorDetails", kind: type[Any], where: str, others: Sequence[str]
+) -> NoReturn:
     """Raise `BadInput` for an error of pydantic, with the path of its key."""
     steps, error_type, value = error["loc"][1:], error["type"], error["input"]
     path = where + "".join(f"[{x}]" if isinstance(x, int) else f".{quote_key(x)}" for x in steps)
@@ -97,14 +99,18 @@ def _refuse(error: "ErrorDetails", kind: type[Any], where: str, others: Sequence
         name = cause.field.removeprefix(path.rpartition(".")[2] + ".")
         raise BadInput(f"{path}.{name}", cause.value, cause.expected) from cause
     if error_type == "unexpected_keyword_argument":
-        raise BadInput(path, value, expect_one_of(str(steps[-1]), _keys(kind, steps, others)))
+        raise BadInput(
+            path, value, expect_one_of(str(steps[-1]), _list_valid_keys(kind, steps, others))
+        )
     expected = EXPECTED_VALUES.get(error_type, f"a value of its type ({error_type})")
     if error_type == "missing" and isinstance(value, dict):
         value = None
     raise BadInput(path, value, expected.format(**context))
 
 
-def _keys(kind: type[Any], steps: Sequence[int | str], others: Sequence[str]) -> list[str]:
+def _list_valid_keys(
+    kind: type[Any], steps: Sequence[int | str], others: Sequence[str]
+) -> list[str]:
     """Return the valid keys of the table that contains the unknown key ``steps[-1]``."""
     for step in steps[:-1]:
         kind = get_args(kind)[0] if isinstance(step, int) else get_type_hints(kind)[step]

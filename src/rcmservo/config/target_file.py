@@ -112,7 +112,7 @@ def save_target(path: Path, target: Target, setup: TargetSetup) -> None:
         "setup": _describe_setup(setup),
     }
     try:
-        _target(decode_settings(TargetContent, content, "target"), setup)
+        _make_target(decode_settings(TargetContent, content, "target"), setup)
     except BadInput as error:
         raise UnusableFile(path, f"is not written: {error}") from error
     content = {"format": TARGET_FORMAT, **content}
@@ -131,7 +131,7 @@ def load_target(path: Path, setup: TargetSetup) -> Target:
     data = read_limited(path, MAX_TARGET_FILE_BYTES, "a target")
     with toml_json_parsing.name_file_in_errors(path, "JSON"):
         try:
-            return _target(_content(toml_json_parsing.parse_json(data.decode())), setup)
+            return _make_target(_decode_content(toml_json_parsing.parse_json(data.decode())), setup)
         except BadInput as error:
             raise UnusableFile(path, str(error)) from error
 
@@ -142,7 +142,7 @@ def compute_checksum(content: object) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def _content(table: object) -> TargetContent:
+def _decode_content(table: object) -> TargetContent:
     """Return the content of a target file from its JSON; check format and checksum."""
     if not toml_json_parsing.is_table(table) or table.get("format") != TARGET_FORMAT:
         raise toml_json_parsing.InvalidText(
@@ -156,9 +156,9 @@ def _content(table: object) -> TargetContent:
     )
 
 
-def _target(content: TargetContent, setup: TargetSetup) -> Target:
+def _make_target(content: TargetContent, setup: TargetSetup) -> Target:
     """Return the target of a content after checking every value."""
-    _require_same(content.setup, _describe_setup(setup), "")
+    _require_equal_setups(content.setup, _describe_setup(setup), "")
     max_u, max_v = setup.width - 0.5, setup.height - 0.5
     for i, (u, v) in enumerate(content.markers_px):
         inside = -0.5 <= u <= max_u and -0.5 <= v <= max_v
@@ -185,22 +185,22 @@ def _require_joints_within_limits(q: tuple[float, float, float], setup: TargetSe
 def _describe_setup(setup: TargetSetup) -> object:
     """Return a setup as JSON values."""
     bound = {name: value for name, value in vars(setup).items() if name != "slack"}
-    return json.loads(json.dumps(bound, default=_table))
+    return json.loads(json.dumps(bound, default=_convert_to_table))
 
 
-def _table(part: Any) -> toml_json_parsing.Table:
+def _convert_to_table(part: Any) -> toml_json_parsing.Table:
     """Return the settings of a part of a setup as a table, with its kind where it has one."""
     kind = {"kind": part.name} if hasattr(part, "name") else {}
     return {**kind, **asdict(part)}
 
 
-def _require_same(then: object, now: object, where: str) -> None:
+def _require_equal_setups(then: object, now: object, where: str) -> None:
     """Raise `InvalidText` with the first value that differs between two setups."""
     if toml_json_parsing.is_table(then) and toml_json_parsing.is_table(now):
         for key in sorted(
             {**now, **then}, key="kind".__ne__
         ):  # a different kind is the most informative difference
-            _require_same(then.get(key), now.get(key), f"{where}.{key}" if where else key)
+            _require_equal_setups(then.get(key), now.get(key), f"{where}.{key}" if where else key)
     elif isinstance(then, bool) is not isinstance(now, bool) or then != now:
         raise toml_json_parsing.InvalidText(
             f"was taught with {one_line(where) or 'setup'} {quoted(then)}, "

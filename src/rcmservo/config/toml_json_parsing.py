@@ -68,11 +68,14 @@ def parse_toml(data: bytes) -> Table:
 def parse_json(text: str) -> Any:
     """Return the value of a JSON text."""
     return json.loads(
-        text, object_pairs_hook=_unique_keys, parse_constant=_finite, parse_float=_finite
+        text,
+        object_pairs_hook=_make_table,
+        parse_constant=_parse_finite_number,
+        parse_float=_parse_finite_number,
     )
 
 
-def _unique_keys(pairs: list[tuple[str, Any]]) -> Table:
+def _make_table(pairs: list[tuple[str, Any]]) -> Table:
     table = dict(pairs)
     if len(table) < len(pairs):
         key = next(key for key, count in Counter(key for key, _ in pairs).items() if count > 1)
@@ -80,7 +83,7 @@ def _unique_keys(pairs: list[tuple[str, Any]]) -> Table:
     return table
 
 
-def _finite(text: str) -> float:
+def _parse_finite_number(text: str) -> float:
     value = float(text)
     if not math.isfinite(value):
         raise InvalidText(f"holds the number {text[:30]}, which is not finite")

@@ -40,7 +40,7 @@ def import_estimator(name: str, option: str = ESTIMATOR_OPTION) -> type[Estimato
     if not CLASS_NAME.fullmatch(name):
         built_in = ", ".join((*ESTIMATORS, *PRESETS))
         raise BadInput(option, name, f"one of {built_in}, or module:class such as mylab.rls:RLS")
-    kind: object = getattr(_imported(module, name, option), cls, None)
+    kind: object = getattr(_import_module(module, name, option), cls, None)
     if not (isinstance(kind, type) and issubclass(kind, Estimator)):
         raise BadInput(option, name, f"a class in {module} that derives from rcmservo.Estimator")
     if not is_dataclass(kind):
@@ -63,7 +63,7 @@ def _require_defaults(kind: type[Estimator], name: str, option: str) -> None:
         raise BadInput(option, name, expected) from error
 
 
-def _imported(module: str, name: str, option: str) -> object:
+def _import_module(module: str, name: str, option: str) -> object:
     here = str(Path.cwd())
     if here not in sys.path:
         sys.path.append(here)

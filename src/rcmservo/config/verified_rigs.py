@@ -28,11 +28,11 @@ def compute_digest(data: bytes) -> str:
     return hashlib.sha256(data).hexdigest()
 
 
-def is_verified(digest: str) -> bool:
+def is_rig_verified(digest: str) -> bool:
     """Return True if the rig file with this digest passed its last check."""
     try:
         note = toml_json_parsing.parse_json(
-            read_limited(_note(digest), MAX_NOTE_BYTES, "a note").decode()
+            read_limited(_find_note(digest), MAX_NOTE_BYTES, "a note").decode()
         )
     except (RcmServoError, toml_json_parsing.InvalidText, ValueError, RecursionError):
         return False
@@ -41,7 +41,7 @@ def is_verified(digest: str) -> bool:
     return note.get("format") == NOTE_FORMAT and note.get("sha256") == digest
 
 
-def store_verified(digest: str) -> None:
+def mark_rig_verified(digest: str) -> None:
     """Store that the rig file with this digest has passed the check now.
 
     Raises
@@ -49,7 +49,7 @@ def store_verified(digest: str) -> None:
     UnusableFile
         If the note cannot be written.
     """
-    note, when = _note(digest), datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+    note, when = _find_note(digest), datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
     try:
         note.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -58,7 +58,7 @@ def store_verified(digest: str) -> None:
     write_atomically(note, json.dumps(content, indent=1) + "\n")
 
 
-def remove_verified(digest: str) -> None:
+def unmark_rig_verified(digest: str) -> None:
     """Remove the note of the rig file with this digest after a failed check.
 
     Raises
@@ -66,7 +66,7 @@ def remove_verified(digest: str) -> None:
     UnusableFile
         If the note cannot be removed.
     """
-    note = _note(digest)
+    note = _find_note(digest)
     try:
         note.unlink(missing_ok=True)
     except NotADirectoryError:
@@ -75,7 +75,7 @@ def remove_verified(digest: str) -> None:
         raise UnusableFile(note, f"cannot be removed: {error.strerror}") from error
 
 
-def _note(digest: str) -> Path:
+def _find_note(digest: str) -> Path:
     """Return the path of the note for a digest."""
     assert len(digest) == 64 and set(digest) <= HEXADECIMAL_DIGITS
     configured = Path(os.environ.get("XDG_STATE_HOME", ""))

@@ -58,25 +58,31 @@ class Option:
         return not self.metavar
 
 
-def option_groups(kind: type[Any]) -> dict[str, type[Any]]:
+def find_option_groups(kind: type[Any]) -> dict[str, type[Any]]:
     """Return the classes whose settings are option groups of a command, by group."""
     hints = get_type_hints(kind).items()
-    return {_option_name(name): cast(type[Any], hint) for name, hint in hints if is_dataclass(hint)}
+    return {
+        _convert_to_option_name(name): cast(type[Any], hint)
+        for name, hint in hints
+        if is_dataclass(hint)
+    }
 
 
 def list_options(kind: type[Any], group: str = "") -> Iterator[Option]:
     """Yield the options of a command, groups last, or the options of field group's class."""
-    groups = option_groups(kind)
+    groups = find_option_groups(kind)
     hints = get_type_hints(kind, include_extras=True)
     for field in fields(kind):
-        if _option_name(field.name) in groups:
+        if _convert_to_option_name(field.name) in groups:
             continue
         hint = hints[field.name]
         markers = get_args(hint)[1:] if get_origin(hint) is Annotated else ()
         metavars = (getattr(marker, "metavar", None) for marker in markers)
-        metavar = next(filter(None, metavars), None) or _metavar(hint)
+        metavar = next(filter(None, metavars), None) or _choose_metavar(hint)
         typed = (
-            f"--{group}.{_option_name(field.name)}" if group else f"--{_option_name(field.name)}"
+            f"--{group}.{_convert_to_option_name(field.name)}"
+            if group
+            else f"--{_convert_to_option_name(field.name)}"
         )
         name = metavar if tyro.conf.Positional in markers else typed
         yield Option(kind, field.name, group, name, metavar, _format_default(field.default))
@@ -84,25 +90,25 @@ def list_options(kind: type[Any], group: str = "") -> Iterator[Option]:
         yield from list_options(inner, name)
 
 
-def _option_name(name: str) -> str:
+def _convert_to_option_name(name: str) -> str:
     return name.replace("_", "-")
 
 
-def without_none(hint: Any) -> Any:
+def remove_none_type(hint: Any) -> Any:
     """Return the type of the values of an optional option."""
     if get_origin(hint) in (Union, UnionType):
         return next(one for one in get_args(hint) if one is not NoneType)
     return hint
 
 
-def _metavar(hint: Any) -> str:
+def _choose_metavar(hint: Any) -> str:
     """Return the placeholder for values of a type."""
     choices = choices_of(hint)
     if choices:
         return choices[0] if len(choices) == 1 else f"{{{','.join(choices)}}}"
-    plain = without_none(get_args(hint)[0] if get_origin(hint) is Annotated else hint)
+    plain = remove_none_type(get_args(hint)[0] if get_origin(hint) is Annotated else hint)
     if get_origin(plain) is tuple:
-        return " ".join(_metavar(one) for one in get_args(plain) if one is not Ellipsis)
+        return " ".join(_choose_metavar(one) for one in get_args(plain) if one is not Ellipsis)
     return "" if plain is bool else METAVARS[plain]
 
 

@@ -10,7 +10,11 @@ from tyro import _errors as tyro_errors
 from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec, PrimitiveTypeInfo
 
 from rcmservo.cli.argument_parsing.help_text import HELP_ALL_OPTION, HELP_OPTIONS
-from rcmservo.cli.argument_parsing.option_introspection import METAVARS, list_options, without_none
+from rcmservo.cli.argument_parsing.option_introspection import (
+    METAVARS,
+    list_options,
+    remove_none_type,
+)
 from rcmservo.cli.argument_parsing.suggestions import suggest_options
 from rcmservo.errors import BadInput, RcmServoError, quoted, suggestion
 
@@ -30,7 +34,7 @@ REQUIREMENT_START = "must be"
 """Start of a message that was written here and not by tyro."""
 
 
-def parse(command: str, kind: type[Any], arguments: list[str], defaults: Any = None) -> Any:
+def parse_options(command: str, kind: type[Any], arguments: list[str], defaults: Any = None) -> Any:
     """Return the options that the arguments after the command's name give.
 
     Parameters
@@ -60,11 +64,11 @@ def parse(command: str, kind: type[Any], arguments: list[str], defaults: Any = N
     # only this hook receives tyro's errors as objects; otherwise tyro prints them
     with tyro_errors.on_parse_error(refuse):
         return tyro.cli(
-            kind, prog="rcmservo", args=arguments, registry=_value_registry(), **default
+            kind, prog="rcmservo", args=arguments, registry=_make_value_registry(), **default
         )
 
 
-def _value_registry() -> ConstructorRegistry:
+def _make_value_registry() -> ConstructorRegistry:
     """Return the conversion of single values, which may be optional (`int | None`).
 
     It differs from tyro's in its names and messages, and no word stands for None.
@@ -73,7 +77,7 @@ def _value_registry() -> ConstructorRegistry:
 
     @registry.primitive_rule
     def value(info: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[Any] | None:  # pyright: ignore[reportUnusedFunction]
-        kind = without_none(info.type)
+        kind = remove_none_type(info.type)
         if kind not in METAVARS:
             return None
         return PrimitiveConstructorSpec(
@@ -115,7 +119,7 @@ def _describe_error(
         case tyro_errors.InvalidChoice():
             expected = f"one of {', '.join(event.choices)}"
             near = suggestion(event.value, event.choices)
-            name = _argument_name(event.argument)
+            name = _find_argument_name(event.argument)
             return f"{name} must be {expected}, got {quoted(event.value)}{near}"
         case tyro_errors.BadValue() | tyro_errors.InstantiationFailure():
             return _describe_refusal(event, kind, arguments)
@@ -128,7 +132,7 @@ def _describe_refusal(event: Any, kind: type[Any], arguments: list[str]) -> str:
     message = " ".join(getattr(event, "message", "").split())
     if event.argument is None:
         return _describe_setting_error(sys.exception(), kind) or message
-    name = _argument_name(event.argument)
+    name = _find_argument_name(event.argument)
     if message.startswith(REQUIREMENT_START):
         return f"{name} {message}"
     following = arguments[arguments.index(name) + 1 :] if name in arguments else []
@@ -155,7 +159,7 @@ def _describe_setting_error(failure: BaseException | None, kind: type[Any]) -> s
     return str(BadInput(name, cause.value, cause.expected)) if name else ""
 
 
-def _argument_name(argument: Any) -> str:
+def _find_argument_name(argument: Any) -> str:
     """Return the name of an option or argument on the command line."""
     names = argument.lowered.name_or_flags
     return str(argument.lowered.metavar if argument.is_positional() else names[0])

@@ -11,7 +11,7 @@ import tyro
 
 from rcmservo.cli.lab.emulate_crtk import RosOptions, emulate_crtk
 from rcmservo.cli.lab.emulated_arm import EmulatedArm, send_gige, send_mjpeg
-from rcmservo.cli.terminal import console
+from rcmservo.cli.terminal import open_console
 from rcmservo.config.rig_file import load_rig_file
 from rcmservo.constraints import Checked, between, not_negative
 from rcmservo.errors import require, require_extra
@@ -95,15 +95,15 @@ def emulate(options: EmulateOptions) -> int:
             cameras.append(arm.start_camera(send_mjpeg, options.mjpeg))
         if options.gige:
             cameras.append("GigE Vision " + arm.start_camera(send_gige))
-        controller = Controller(arm.motors(COUNTS_PER_UNIT, AXES), AXES)
+        controller = Controller(arm.make_motors(COUNTS_PER_UNIT, AXES), AXES)
         serial = SerialPort() if options.serial else None
         with closing(Server(controller, options.port, faults, serial)) as server:
             at = f"127.0.0.1:{server.port}" + (f" and {serial.path}" if serial else "")
             camera = f", its camera at {' and '.join(cameras)}" if cameras else ""
             words = f"emulated Galil DMC-40{AXES}0 at {at}, simulated arm{camera}"
-            out = console(False)
+            out = open_console(False)
             out.print(f"{words}, seed {options.seed}; Ctrl-C ends it", soft_wrap=True)
-            out.print(arm.measurements, soft_wrap=True)
+            out.print(arm.ruler_measurements, soft_wrap=True)
             _serve_controller(server)
     return 0
 

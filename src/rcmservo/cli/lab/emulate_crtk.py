@@ -7,7 +7,7 @@ from multiprocessing.connection import Connection
 from typing import Annotated
 
 from rcmservo.cli.lab.emulated_arm import EmulatedArm
-from rcmservo.cli.terminal import console
+from rcmservo.cli.terminal import open_console
 from rcmservo.config.rig_file import RigDescription
 from rcmservo.errors import RcmServoError, require_extra
 from rcmservo.hardware.crtk.device import STEP_NS, CrtkDevice
@@ -40,14 +40,14 @@ def emulate_crtk(connection: RosOptions, seed: int, lab: RigDescription) -> int:
         arm = EmulatedArm(seed, lab)
     with arm, closing(open_transport(connection)) as transport:
         arm.start_camera(send_images, connection)
-        limits, joints = lab.mechanism.limits, arm.joints()
+        limits, joints = lab.mechanism.limits, arm.make_joints()
         now = time.monotonic_ns()
         device = CrtkDevice(joints, limits, transport, connection.namespace, now, time.time_ns)
         on = f" (domain {connection.domain}, {connection.interface})" if connection.ros == 2 else ""
         words = (
             f"emulated CRTK arm {connection.namespace} on ROS {connection.ros}{on}, simulated arm"
         )
-        console(False).print(f"{words}, seed {seed}; Ctrl-C ends it", soft_wrap=True)
+        open_console(False).print(f"{words}, seed {seed}; Ctrl-C ends it", soft_wrap=True)
         try:
             run_device(device)
         except KeyboardInterrupt:

@@ -49,7 +49,7 @@ class EmulatedArm:
         self._stack.close()
 
     @property
-    def measurements(self) -> str:
+    def ruler_measurements(self) -> str:
         """Sentence on the initial joint values and tool lengths, which `rig check` requests."""
         q = self._rig.scene.start
         first, second = self._rig.body.points(q)[:2]
@@ -72,14 +72,14 @@ class EmulatedArm:
         ring = self._ring = self._ring or self._start_filming()
         return self._start_child(send, ring, *arguments)
 
-    def joints(self) -> RateJoints:
+    def make_joints(self) -> RateJoints:
         """Place the arm at its start and return it as joints with velocity drives and brakes."""
         from rcmservo.sim.motor_interface import SimulatedJoints
 
         self._place_at_start()
         return SimulatedJoints(self._arm)
 
-    def motors(self, counts: tuple[float, float, float], axes: int) -> Motors:
+    def make_motors(self, counts: tuple[float, float, float], axes: int) -> Motors:
         """Place the arm at its start and return it as motors with encoders."""
         from rcmservo.sim.motor_interface import SimulatedMotors
 

@@ -53,10 +53,10 @@ class HardwarePreparation:
     """
 
     lab: RigDescription
-    intent: str
+    motion_announcement: str
     target: Path | None = None
     save_target: Path | None = None
-    frames: int = TEACHING_FRAMES
+    teaching_frames: int = TEACHING_FRAMES
 
 
 class AttendedTerminal:
@@ -88,12 +88,12 @@ def obtain_target(preparation: HardwarePreparation, plant: Plant) -> Target:
     """Define the joint values if needed, and return the target; the tool is then at its start."""
     setup, file = target_setup(preparation.lab, plant), preparation.target
     target = None if file is None else target_file.load_target(file, setup)
-    with _operator(plant) as operator:
+    with _open_operator(plant) as operator:
         require_drive_off(plant)
-        if not lab_arm(plant).is_homed():
+        if not get_lab_arm(plant).is_homed():
             define_joints(operator, plant, preparation.lab)
         if target is None:
-            target = teach_by_hand(operator, plant, preparation.frames)
+            target = teach_by_hand(operator, plant, preparation.teaching_frames)
             if preparation.save_target is not None:
                 target_file.save_target(preparation.save_target, target, setup)
                 operator.notify(f"The target is saved in {preparation.save_target}.")
@@ -106,9 +106,9 @@ def obtain_target(preparation: HardwarePreparation, plant: Plant) -> Target:
 
 def confirm_enable(preparation: HardwarePreparation, plant: Plant) -> None:
     """Request the word that enables the drive; it is valid for a short time only."""
-    with _operator(plant) as operator:
+    with _open_operator(plant) as operator:
         q = format_joints(plant.arm.measure().q, preparation.lab)
-        operator.notify(f"The arm is at {q}. {preparation.intent}")
+        operator.notify(f"The arm is at {q}. {preparation.motion_announcement}")
         answer = operator.ask(
             f"Type {ENABLE_WORD} to switch the drive on; any other answer ends the program:"
         )
@@ -126,10 +126,10 @@ def target_setup(lab: RigDescription, plant: Plant) -> TargetSetup:
     image = None if frame is None else frame.image
     assert image is not None
     height, width = image.shape[:2]
-    return target_setup_for_size(lab, width, height)
+    return describe_target_setup(lab, width, height)
 
 
-def target_setup_for_size(lab: RigDescription, width: int, height: int) -> TargetSetup:
+def describe_target_setup(lab: RigDescription, width: int, height: int) -> TargetSetup:
     """Return the set-up for which a target holds, given the size of the images in px."""
     camera = {key: value for key, value in lab.devices["camera"].items() if key != "latency"}
     name = json.dumps(camera, sort_keys=True)
@@ -145,7 +145,7 @@ def require_drive_off(plant: Plant) -> None:
 
 def define_joints(operator: OperatorTerminal, plant: Plant, lab: RigDescription) -> None:
     """Let the operator type and confirm the joint values, and define them in the arm."""
-    arm = lab_arm(plant)
+    arm = get_lab_arm(plant)
     operator.notify(
         "The joint values of the arm are unknown since its controller was reset. The drive is off. "
         "Move the arm by hand to a mark whose joint values are known."
@@ -213,13 +213,13 @@ def format_joints(q: Floats, lab: RigDescription) -> str:
     return ", ".join(f"{name} {value:.4g} {unit}" for name, value, unit in parts)
 
 
-def lab_arm(plant: Plant) -> LabArm:
+def get_lab_arm(plant: Plant) -> LabArm:
     """Return the arm of the plant, which is that of a lab."""
     return cast(Any, plant.arm)
 
 
 @contextmanager
-def _operator(plant: Plant) -> Generator[OperatorTerminal]:
+def _open_operator(plant: Plant) -> Generator[OperatorTerminal]:
     assert isinstance(plant, HeartbeatPlant)
     with closing(Terminal(plant.stop_requested)) as terminal:
         yield AttendedTerminal(terminal)

@@ -65,9 +65,7 @@ class MarkersReport:
     written: bool
 
 
-def markers_report(
-    found: list[Candidate], pair: TrackedPair | None, written: bool
-) -> MarkersReport:
+def make_report(found: list[Candidate], pair: TrackedPair | None, written: bool) -> MarkersReport:
     """Return the detected balls and markers as plain numbers."""
     has_pair = pair is not None and not pair.reason
     return MarkersReport(
@@ -118,7 +116,7 @@ def draw_candidates(
     """
     from rcmservo.figures.overlay import BallRing, draw_balls
 
-    rings = [] if pair is None else _tracked_rings(pair, numbered)
+    rings = [] if pair is None else _make_tracked_rings(pair, numbered)
     for one in found:
         ball = one.ball
         if all(np.hypot(ball.u - r.u, ball.v - r.v) > SAME_BALL_RADII * r.radius for r in rings):
@@ -127,7 +125,7 @@ def draw_candidates(
     return draw_balls(image, rings, words if found else NO_BALL_MESSAGE)
 
 
-def _tracked_rings(pair: TrackedPair, numbered: bool) -> "list[BallRing]":
+def _make_tracked_rings(pair: TrackedPair, numbered: bool) -> "list[BallRing]":
     from rcmservo.figures.overlay import BallRing
 
     colours = pair.appearance.colour_1, pair.appearance.colour_2

@@ -7,8 +7,8 @@ from typing import Annotated
 
 import tyro
 
-from rcmservo.cli.lab.marker_report import draw_candidates, markers_report, print_markers
-from rcmservo.cli.terminal import console
+from rcmservo.cli.lab.marker_report import draw_candidates, make_report, print_markers
+from rcmservo.cli.terminal import open_console
 from rcmservo.config.rig_file import RigDescription, load_rig_file, name_origin_in_errors
 from rcmservo.config.rig_file_edit import find_marker_keys, write_markers
 from rcmservo.errors import UnusableFile, require
@@ -68,7 +68,7 @@ def markers(options: MarkersOptions) -> int:
     lab = load_rig_file(options.rig)
     image = read_image(options.frame)
     found = detect_candidates(image)
-    pair = _track(image, found, lab, colours, options)
+    pair = _find_pair(image, found, lab, colours, options)
     numbered = bool(colours or options.rig)
     words = _describe_pair(pair, numbered)
     if out:
@@ -79,11 +79,11 @@ def markers(options: MarkersOptions) -> int:
     if options.rig and colours and pair:
         _write_appearance(options.rig, pair.appearance)
     if options.json:
-        print(json.dumps(asdict(markers_report(found, pair, written))))
+        print(json.dumps(asdict(make_report(found, pair, written))))
     else:
-        print_markers(console(), found, words)
+        print_markers(open_console(), found, words)
         if written:
-            console().print(f"written to [markers] of {options.rig}", soft_wrap=True)
+            open_console().print(f"written to [markers] of {options.rig}", soft_wrap=True)
     return 0 if pair and not pair.reason else 1
 
 
@@ -94,7 +94,7 @@ def _parse_colours(text: str) -> tuple[str, str]:
     return parts[0], parts[1]
 
 
-def _track(
+def _find_pair(
     image: Image,
     found: list[Candidate],
     lab: RigDescription,
@@ -113,13 +113,13 @@ def _track(
             if options.rig
             else propose_pair(image, found, appearance.radius_1)
         )
-    pair = track_pair(image, _chosen_appearance(image, lab, colours, options))
+    pair = track_pair(image, _make_chosen_appearance(image, lab, colours, options))
     if pair.reason and options.rig:
         raise UnusableFile(options.frame, f"{pair.reason}; nothing was written")
     return pair
 
 
-def _chosen_appearance(
+def _make_chosen_appearance(
     image: Image, lab: RigDescription, colours: tuple[str, str], options: MarkersOptions
 ) -> MarkerAppearance:
     """Return the chosen colours with radii from the rig file, or else measured in the image.

@@ -18,14 +18,14 @@ from rcmservo.bringup.check import CheckReport, check, warm_up
 from rcmservo.bringup.findings import Finding
 from rcmservo.bringup.motion import IDLE_TIMEOUT, Mover
 from rcmservo.cli.lab.hardware_prompts import AttendedTerminal, define_joints, require_drive_off
-from rcmservo.cli.terminal import console
+from rcmservo.cli.terminal import open_console
 from rcmservo.config.rig_file import (
     RigDescription,
     decode_rig_file,
     name_origin_in_errors,
     read_rig_file,
 )
-from rcmservo.config.verified_rigs import compute_digest, remove_verified, store_verified
+from rcmservo.config.verified_rigs import compute_digest, mark_rig_verified, unmark_rig_verified
 from rcmservo.hardware.cameras.settings import known_latency
 from rcmservo.hardware.devices import ARM_KINDS, CAMERA_KINDS, open_arm, open_camera, read_wiring
 from rcmservo.live.device_protocols import LabArm, LabCamera
@@ -102,19 +102,19 @@ def rig_check(
             TrackingThread(device, tracker, clock) as tracking,
             closing(_connect_arm(tracking, arm, lab)) as joints,
         ):
-            fault = partial(camera_fault, device)
+            fault = partial(find_camera_fault, device)
             mover = Mover(joints, tracking, tracking, clock, robot, lab.gate, silence, fault)
             require_drive_off(mover.plant)
             if not joints.is_homed():
                 define_joints(operator, mover.plant, lab)
-            remove_verified(digest)
+            unmark_rig_verified(digest)
             with realtime():
                 report = check(mover, operator, robot, lab.thresholds, latency)
     if joints.off_reason:
         expected = "drive disabled by the check at its end"
         finding = Finding("the drive went off by itself", "arm", joints.off_reason, expected)
         report.findings.append(finding)
-    return conclude(options, report, robot, digest)
+    return report_result(options, report, robot, digest)
 
 
 def _connect_arm(
@@ -129,18 +129,18 @@ def _connect_arm(
     return arm(lab)
 
 
-def conclude(options: RigOptions, report: CheckReport, robot: Robot, digest: str) -> int:
+def report_result(options: RigOptions, report: CheckReport, robot: Robot, digest: str) -> int:
     """Print the report, store the digest of a file that passed, and return the exit code."""
     if options.json:
         print(json.dumps({"ok": report.ok, "findings": [asdict(one) for one in report.findings]}))
     else:
-        print_report(report, robot, console(False))
+        print_report(report, robot, open_console(False))
     if report.ok:
-        store_verified(digest)
+        mark_rig_verified(digest)
     return 0 if report.ok else 1
 
 
-def camera_fault(camera: LabCamera) -> str:
+def find_camera_fault(camera: LabCamera) -> str:
     """Return the present fault of a camera in a sentence; empty if it has none."""
     return camera.counts().trouble
 
@@ -148,7 +148,7 @@ def camera_fault(camera: LabCamera) -> str:
 def print_report(report: CheckReport, robot: Robot, out: Console) -> None:
     """Print the report as tables."""
     measurements = Table(title="rig check", show_header=False)
-    for name, words in measurement_rows(report, robot):
+    for name, words in list_measurements(report, robot):
         measurements.add_row(name, words)
     out.print(measurements)
     if report.ok:
@@ -162,7 +162,7 @@ def print_report(report: CheckReport, robot: Robot, out: Console) -> None:
     out.print(errors)
 
 
-def measurement_rows(report: CheckReport, robot: Robot) -> list[tuple[str, str]]:
+def list_measurements(report: CheckReport, robot: Robot) -> list[tuple[str, str]]:
     """Return the names and values of all measurements, in words."""
     rows: list[tuple[str, str]] = []
     if report.q is not None:

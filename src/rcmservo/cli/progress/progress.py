@@ -12,7 +12,7 @@ from rcmservo.cli.terminal import can_rewrite_lines
 
 
 @contextmanager
-def progress(
+def show_progress(
     out: Console, words: str, total: float, done: float = 0.0, unit: str = ""
 ) -> Generator[Callable[[float], None]]:
     """Report the progress of a task.
@@ -59,7 +59,7 @@ def progress(
 
 
 @contextmanager
-def resume_hint(folder: Path, out: Console) -> Generator[None]:
+def print_resume_hint(folder: Path, out: Console) -> Generator[None]:
     """Print after Ctrl-C how to resume."""
     try:
         yield

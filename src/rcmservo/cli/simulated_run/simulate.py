@@ -19,7 +19,7 @@ from rcmservo.cli.result_output import read_record_if_any, save_result
 from rcmservo.cli.run_description import describe_simulated_run
 from rcmservo.cli.run_options import RunOptions
 from rcmservo.cli.simulated_run.target import obtain_target
-from rcmservo.cli.simulated_run.video import frame_writer, open_video
+from rcmservo.cli.simulated_run.video import make_frame_writer, open_video
 from rcmservo.interfaces import Floats
 from rcmservo.loop.detection_failure import reason_not_detected
 from rcmservo.loop.plant import Plant
@@ -74,10 +74,10 @@ def simulate(
         plant.recorded = recorder.recorded
         begin_record = partial(recorder.begin, servo)
         ticks = run_attended(rig, plant, servo, target, options.duration, operator, begin_record)
-        observers = frame_writer(plant, video, recorder if options.frames else None), progress
+        observers = make_frame_writer(plant, video, recorder if options.frames else None), progress
         reason = _record_ticks(ticks, rig, plant, recorder, observers)
     took, record = time.perf_counter() - started, read_record_if_any(folder)
-    result = RunResult() if record is None else _result_of(rig, record)
+    result = RunResult() if record is None else _make_result(rig, record)
     result = replace(
         result,
         cause="" if result.settled else reason or result.cause,
@@ -95,7 +95,7 @@ def simulate(
     return save_result(result, record, folder)
 
 
-def _result_of(rig: Rig, record: Record) -> RunResult:
+def _make_result(rig: Rig, record: Record) -> RunResult:
     """Return the result of a record, with the true pose error over the last second."""
     result, p2 = summarise(record), record.truth["p2"]
     p_d = rig.body.points(rig.scene.target)[1]

@@ -14,7 +14,7 @@ from rcmservo.loop.teach import teach
 from rcmservo.sim import Rig
 
 
-def simulated_setup(rig: Rig, lab: RigDescription) -> TargetSetup:
+def describe_simulated_setup(rig: Rig, lab: RigDescription) -> TargetSetup:
     """Return the set-up for which a target that is taught in simulation holds.
 
     The name of its camera follows from the camera's optics and pose.
@@ -38,7 +38,7 @@ def simulated_setup(rig: Rig, lab: RigDescription) -> TargetSetup:
 
 def obtain_target(options: RunOptions, rig: Rig, plant: Plant) -> Target:
     """Return the target of a file, or teach one and return the tool to the start."""
-    setup = simulated_setup(rig, options.lab)
+    setup = describe_simulated_setup(rig, options.lab)
     if options.target is not None:
         target = target_file.load_target(options.target, setup)
         options.servo.require_target(target)

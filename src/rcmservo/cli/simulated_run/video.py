@@ -29,7 +29,7 @@ def open_video(folder: Path, settings: RigSettings, stack: ExitStack) -> VideoWr
     return video
 
 
-def frame_writer(
+def make_frame_writer(
     plant: Plant, video: VideoWriter | None, recorder: Recorder | None
 ) -> Callable[[Tick], None]:
     """Return a function that writes each new frame to the overlay video and to the record."""
@@ -43,7 +43,7 @@ def frame_writer(
             return
         written = frame
         if video is not None and count % FRAMES_PER_VIDEO_IMAGE == 0:
-            video.write(overlay(frame.image, tick))
+            video.write(draw_tick(frame.image, tick))
         count += 1
         if recorder is not None:
             recorder.write_frame(frame)
@@ -51,7 +51,7 @@ def frame_writer(
     return write_frame
 
 
-def overlay(image: Image, tick: Tick) -> Image:
+def draw_tick(image: Image, tick: Tick) -> Image:
     """Return a frame with the markers, the imaged RCM, the target and the state of the servo."""
     state = tick.state
     words = f"{state.cause.value}\n{tick.time * 1e-9:5.2f} s  {state.phase.value}"

@@ -6,10 +6,10 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
-from rcmservo.cli.folders import new_folder
-from rcmservo.cli.result_output import draw_figures, two_column_table
-from rcmservo.cli.simulated_run.video import overlay
-from rcmservo.cli.terminal import console
+from rcmservo.cli.folders import open_new_folder
+from rcmservo.cli.result_output import build_two_column_table, draw_figures
+from rcmservo.cli.simulated_run.video import draw_tick
+from rcmservo.cli.terminal import open_console
 from rcmservo.errors import BadInput, RcmServoError, UnusableFile, require
 from rcmservo.estimation.base import Estimator
 from rcmservo.figures.video import VideoWriter
@@ -55,16 +55,18 @@ def rerun_row(folder: Path | None, case: int, video: bool, own: dict[str, type[E
     if note is None:
         raise UnusableFile(folder, "holds no study")
     require(0 <= case < note.runs, "--replay", case, f"a row from 0 to {note.runs - 1}")
-    (cell, seed), before = note.find_run(case), _recorded_row(folder, note, case)
+    (cell, seed), before = note.find_run(case), _read_row(folder, note, case)
     _require_same_code(note.package, cell, own)
-    servo, out = cell.rebuild_servo(own), console()
+    servo, out = cell.rebuild_servo(own), open_console()
     made_again = run_seed(cell, servo, seed)
     row = asdict(made_again)
     changed = [name for name in row if row[name] != before[name] and name not in ORIGIN_COLUMNS]
-    with new_folder(_unused_path(folder / RERUNS_FOLDER / str(case)), "replay") as output:
+    with open_new_folder(_find_unused_path(folder / RERUNS_FOLDER / str(case)), "replay") as output:
         failed = _record_run(cell, servo, seed, output, video)
     out.print(f"row {case}: {cell.method}, {cell.condition}, seed {seed}, {cell.engine}")
-    out.print(two_column_table(format_title(made_again.result), _result_rows(made_again)))
+    out.print(
+        build_two_column_table(format_title(made_again.result), _list_result_rows(made_again))
+    )
     outcome = (
         "the same row, bit for bit" if not changed else f"the row differs in {', '.join(changed)}"
     )
@@ -79,7 +81,7 @@ def rerun_row(folder: Path | None, case: int, video: bool, own: dict[str, type[E
     return 1 if changed else 0
 
 
-def _recorded_row(folder: Path, note: manifest.StudyManifest, case: int) -> dict[str, Any]:
+def _read_row(folder: Path, note: manifest.StudyManifest, case: int) -> dict[str, Any]:
     """Return a row of the study."""
     rows = read_runs(folder)
     if rows.num_rows != note.runs:
@@ -88,7 +90,7 @@ def _recorded_row(folder: Path, note: manifest.StudyManifest, case: int) -> dict
     return rows.slice(case, 1).to_pylist()[0]
 
 
-def _result_rows(row: StudyRow) -> list[tuple[str, str]]:
+def _list_result_rows(row: StudyRow) -> list[tuple[str, str]]:
     """Return the row's result as names and values, with those that only a study measures."""
     stop = "none" if row.stop_s is None else f"{row.stop} at {row.stop_s:.2f} s, of {row.stops}"
     grown = f"{row.unnoticed_mm:.3f} mm without a cause"
@@ -111,7 +113,7 @@ def _require_same_code(made_by: str, cell: Cell, own: dict[str, type[Estimator]]
         )
 
 
-def _unused_path(path: Path) -> Path:
+def _find_unused_path(path: Path) -> Path:
     """Return a path, with a number appended if it exists."""
     tries = (path.with_name(f"{path.name}-{k}") if k > 1 else path for k in range(1, 10_000))
     return next(one for one in tries if not one.exists())
@@ -160,6 +162,6 @@ def _frame_writer(loop: SimulationLoop, video: VideoWriter) -> Callable[[Tick], 
         image = None if frame is None else frame.image
         if image is None:
             image = loop.rig.picture(tick.observation.exposure, newest)
-        video.write(overlay(image, tick))
+        video.write(draw_tick(image, tick))
 
     return write_frame

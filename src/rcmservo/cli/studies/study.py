@@ -15,16 +15,16 @@ import tyro
 from rich.console import Console
 from rich.text import Text
 
-from rcmservo.cli.folders import dated_folder
+from rcmservo.cli.folders import make_dated_path
 from rcmservo.cli.progress.compilation import report_compilation
-from rcmservo.cli.progress.progress import progress, resume_hint
+from rcmservo.cli.progress.progress import print_resume_hint, show_progress
 from rcmservo.cli.studies.study_report import (
-    comparison_sentence,
-    distribution_table,
+    build_distribution_table,
+    build_result_table,
+    describe_comparison,
     print_work,
-    result_table,
 )
-from rcmservo.cli.terminal import console, status_line
+from rcmservo.cli.terminal import open_console, open_status_line
 from rcmservo.config.registry import ESTIMATORS, PRESETS
 from rcmservo.config.user_estimators import import_estimator
 from rcmservo.constraints import Checked, between
@@ -130,26 +130,28 @@ def study(options: StudyOptions) -> int:
         from rcmservo.study.execution.run_study import StudyExecution
         from rcmservo.study.plan import distribution
         from rcmservo.study.report import report
-    out = console()
+    out = open_console()
     if "help" in options.scenes:
-        out.print(distribution_table(distribution.describe_built_in()))
+        out.print(build_distribution_table(distribution.describe_built_in()))
         return 0
     if options.replay is not None:
-        return rerun_row(options.out, options.replay, options.video, user_estimators(options))
+        return rerun_row(
+            options.out, options.replay, options.video, import_user_estimators(options)
+        )
     require(not options.video, "--video", True, "given with --replay")
     plan = make_plan(options)
-    folder = options.out or dated_folder("study")
+    folder = options.out or make_dated_path("study")
     require_other_folder(options.file, folder)
     work = StudyExecution(plan, folder)
     print_work(out, work)
-    with resume_hint(folder, out):
+    with print_resume_hint(folder, out):
         execution = _run_remaining(work, options, out) if work.missing else {}
         written = report.write_report(
-            folder, plan, work.gather(), {**report_header(work), **execution}, options.report
+            folder, plan, work.gather(), {**make_report_header(work), **execution}, options.report
         )
-    out.print(result_table(written.summaries))
+    out.print(build_result_table(written.summaries))
     for comparison in written.comparisons:
-        out.print(comparison_sentence(comparison), soft_wrap=True)
+        out.print(describe_comparison(comparison), soft_wrap=True)
     files = "rows, summary and report" if options.report else "rows and summary"
     out.print(f"{files} in {folder}", soft_wrap=True)
     return 0
@@ -175,7 +177,7 @@ def make_plan(options: StudyOptions) -> "StudyPlan":
     }
     given = {name: value for name, value in values.items() if value not in ((), None)}
     study_file = replace(options.study_file, **_conditions(options), **given)
-    return make_plan(study_file, user_estimators(options))
+    return make_plan(study_file, import_user_estimators(options))
 
 
 def require_other_folder(file: Path | None, folder: Path) -> None:
@@ -191,7 +193,7 @@ def require_other_folder(file: Path | None, folder: Path) -> None:
     )
 
 
-def user_estimators(options: StudyOptions) -> dict[str, type[Estimator]]:
+def import_user_estimators(options: StudyOptions) -> dict[str, type[Estimator]]:
     """Return the user-defined estimators that the command line names, and import their code."""
     own = {name: import_estimator(name, "--method") for name in options.method if ":" in name}
     return own | {
@@ -204,16 +206,16 @@ def _run_remaining(
 ) -> dict[str, object]:
     """Run the remaining runs; return the workers and the speed in words."""
     runs, left = work.plan.runs, work.missing_runs
-    with workers_for(work, options, out) as workers:
+    with open_workers(work, options, out) as workers:
         start, count = time.monotonic(), workers.count
-        with progress(out, "running", runs, runs - left, "runs") as advance:
+        with show_progress(out, "running", runs, runs - left, "runs") as advance:
             work.run(workers, advance)
         duration = time.monotonic() - start
     return {"workers": f"{count} on {workers.where}", "pace": f"{left} runs in {duration:.1f} s"}
 
 
 @contextmanager
-def workers_for(
+def open_workers(
     work: "StudyExecution", options: WorkOptions, out: Console
 ) -> Generator["WorkerPool"]:
     """Yield workers, after everything that the study needs is compiled."""
@@ -222,7 +224,7 @@ def workers_for(
     if options.cluster is not None:
         require_protected(options.cluster)
     with ExitStack() as stack:
-        with status_line(out) as line:
+        with open_status_line(out) as line:
             with report_compilation(line):
                 work.compile()
             line.update(Text("waiting for workers …", style="dim"))
@@ -230,7 +232,7 @@ def workers_for(
         yield workers
 
 
-def report_header(work: "StudyExecution") -> dict[str, object]:
+def make_report_header(work: "StudyExecution") -> dict[str, object]:
     """Return the entries of a report on its origin."""
     from rcmservo.study.execution.package_version import identify_package
 

@@ -16,7 +16,7 @@ NUMBER_COLUMNS = "success, %", "to 1 mm, s", "error, mm", "/ bound"
 """Titles of the columns of numbers: medians of time and error, and the rms of the ratio."""
 
 
-def distribution_table(distributions: Iterable[tuple[str, str]]) -> Table:
+def build_distribution_table(distributions: Iterable[tuple[str, str]]) -> Table:
     """Return a table that describes each distribution of scenes."""
     table = Table.grid(padding=(0, 2))
     for name, words in distributions:
@@ -38,7 +38,7 @@ def print_work(out: Console, work: "StudyExecution") -> None:
         out.print(f"{runs - left} runs exist already; the others follow", soft_wrap=True)
 
 
-def result_table(rows: list["Summary"]) -> Table:
+def build_result_table(rows: list["Summary"]) -> Table:
     """Return the results as a table, each number with its interval below."""
     table = Table(show_lines=True)
     for words in ("method\nengine", "scenes"):
@@ -60,7 +60,7 @@ def result_table(rows: list["Summary"]) -> Table:
     return table
 
 
-def comparison_sentence(one: "PairedComparison") -> str:
+def describe_comparison(one: "PairedComparison") -> str:
     """Return a sentence that compares a method with the first one."""
     return (
         f"{one.method} compared with {one.beside}, {one.condition}, {one.pairs} pairs: success "

@@ -9,13 +9,18 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 import tyro
 from rich.console import Console
 
-from rcmservo.cli.folders import dated_folder
-from rcmservo.cli.progress.progress import progress, resume_hint
+from rcmservo.cli.folders import make_dated_path
+from rcmservo.cli.progress.progress import print_resume_hint, show_progress
 from rcmservo.cli.run_options import RunOptions
-from rcmservo.cli.servo_options import option_group
-from rcmservo.cli.studies.study import WorkOptions, report_header, require_other_folder, workers_for
-from rcmservo.cli.studies.study_report import comparison_sentence, print_work, result_table
-from rcmservo.cli.terminal import console
+from rcmservo.cli.servo_options import find_option_group
+from rcmservo.cli.studies.study import (
+    WorkOptions,
+    make_report_header,
+    open_workers,
+    require_other_folder,
+)
+from rcmservo.cli.studies.study_report import build_result_table, describe_comparison, print_work
+from rcmservo.cli.terminal import open_console
 from rcmservo.config.atomic_files import write_atomically
 from rcmservo.config.registry import ESTIMATORS, PART_CLASSES, find_class_name
 from rcmservo.config.rig_file import name_origin_in_errors
@@ -49,15 +54,15 @@ def tune(options: TuneOptions) -> int:
         from rcmservo.study.report import report
         from rcmservo.study.tuning.search import find_best_trial, run_search
         from rcmservo.study.tuning.space import replace_settings
-    tuning, out = read_tuning(options), console()
-    folder = options.out or dated_folder("tune")
+    tuning, out = read_tuning(options), open_console()
+    folder = options.out or make_dated_path("tune")
     require_other_folder(options.file, folder)
     start = tuning.plan.methods[0]
     unseen = StudyExecution(tuning.validation_plan, folder)
     _print_search(out, tuning, folder, folder / SEARCH_FOLDER)
-    with resume_hint(folder, out):
-        with workers_for(unseen, options, out) as crew:
-            with progress(out, "searching", tuning.trials) as advance:
+    with print_resume_hint(folder, out):
+        with open_workers(unseen, options, out) as crew:
+            with show_progress(out, "searching", tuning.trials) as advance:
                 tried = run_search(tuning, folder / SEARCH_FOLDER, crew, lambda _: advance(1))
             found = find_best_trial(tried)
             method = replace_settings(start, tuning.method_name, found.values)
@@ -65,22 +70,24 @@ def tune(options: TuneOptions) -> int:
             work = StudyExecution(plan, folder)
             print_work(out, work)
             done = plan.runs - work.missing_runs
-            with progress(out, "testing on unseen scenes", plan.runs, done, "runs") as advance:
+            with show_progress(out, "testing on unseen scenes", plan.runs, done, "runs") as advance:
                 work.run(crew, advance)
         rows = work.gather()
-        write_atomically(folder / TUNED_FILE, settings_text(method, work.user_estimators, tuning))
-        header = report_header(work) | _search_summary(tuning, method, tried, folder / TUNED_FILE)
+        write_atomically(folder / TUNED_FILE, format_settings(method, work.user_estimators, tuning))
+        header = make_report_header(work) | _summarise_search(
+            tuning, method, tried, folder / TUNED_FILE
+        )
         written = report.write_report(folder, work.plan, rows, header, page=True)
     is_better = found.number > 0
     out.print(
         header["found"] if is_better else "no settings better than the initial ones were found"
     )
     out.print("on scenes outside the search:")
-    out.print(result_table(written.summaries))
+    out.print(build_result_table(written.summaries))
     for comparison in written.comparisons:
-        out.print(comparison_sentence(comparison), soft_wrap=True)
+        out.print(describe_comparison(comparison), soft_wrap=True)
     out.print(f"settings in {folder / TUNED_FILE}, report in {folder}", soft_wrap=True)
-    out.print(f"to use them: {run_command(method)}", soft_wrap=True)
+    out.print(f"to use them: {format_run_command(method)}", soft_wrap=True)
     return 0
 
 
@@ -126,7 +133,7 @@ def _print_search(out: Console, tuning: "Tuning", folder: Path, search: Path) ->
     )
 
 
-def _search_summary(
+def _summarise_search(
     tuning: "Tuning", method: "StudyMethod", tried: "list[SearchTrial]", settings: Path
 ) -> dict[str, object]:
     """Return the entries of a report on the search."""
@@ -151,20 +158,20 @@ def _format_value(value: object) -> str:
     return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
-def run_command(method: "StudyMethod") -> str:
+def format_run_command(method: "StudyMethod") -> str:
     """Return the `rcmservo run` command with these settings."""
     arguments = ["rcmservo", "run", "--estimator", find_class_name(method.estimator, ESTIMATORS)]
     for settings in method.parts.values():
         kind = cast(type[Any], type(settings))
-        group, defaults = option_group(kind, RunOptions), kind()
+        group, defaults = find_option_group(kind, RunOptions), kind()
         for f in fields(kind):
             value = getattr(settings, f.name)
             if value != getattr(defaults, f.name):
-                arguments += _option_words(f"{group}.{f.name}".replace("_", "-"), value)
+                arguments += _format_option(f"{group}.{f.name}".replace("_", "-"), value)
     return shlex.join(arguments)
 
 
-def _option_words(name: str, value: Any) -> list[str]:
+def _format_option(name: str, value: Any) -> list[str]:
     """Return a setting as arguments of a command line."""
     if isinstance(value, bool):
         group, _, key = name.partition(".")
@@ -175,7 +182,7 @@ def _option_words(name: str, value: Any) -> list[str]:
     ]
 
 
-def settings_text(method: "StudyMethod", own: "UserEstimators", tuning: "Tuning") -> str:
+def format_settings(method: "StudyMethod", own: "UserEstimators", tuning: "Tuning") -> str:
     """Return the method with all its settings as a file that `rcmservo study` reads."""
     names = {kind: name for name, kind in own.items()}
     lines = [f"# Found by rcmservo tune: {tuning.trials} trials, goal {tuning.goal}."]
