@@ -1,4 +1,8 @@
-"""Options of a command as a list, read from its dataclass for help, suggestions and messages."""
+"""List of a command's options, read from its dataclass for help, suggestions and messages.
+
+No option is defined here. To add one, add a field to the dataclass of the command's options (see
+cli.py); this module then lists it.
+"""
 
 from collections.abc import Iterator
 from dataclasses import MISSING, dataclass, fields, is_dataclass
@@ -12,7 +16,7 @@ from rcmservo.config.field_docs import describe_field
 from rcmservo.constraints import choices_of
 
 METAVARS: dict[type[Any], str] = {int: "INT", float: "FLOAT", str: "TEXT", Path: "PATH"}
-"""Placeholder of a value in the help, by type."""
+"""Placeholders (metavars) of values in the help, by type."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +48,7 @@ class Option:
 
     @property
     def description(self) -> str:
-        """Description of the option, read from the source of its dataclass."""
+        """Description of the option, read from the docstring of its dataclass."""
         return describe_field(self.owner, self.field)
 
     @property
@@ -58,9 +62,42 @@ class Option:
         return not self.metavar
 
 
-def find_option_groups(kind: type[Any]) -> dict[str, type[Any]]:
-    """Return the classes whose settings are option groups of a command, by group."""
-    hints = get_type_hints(kind).items()
+def list_options(options_class: type[Any], group: str = "") -> Iterator[Option]:
+    """Yield the options of a dataclass, those of its groups last.
+
+    Parameters
+    ----------
+    options_class : type
+        Dataclass of a command's options, or of the settings in a group.
+    group : str
+        Prefix of the options; empty for those of the command itself.
+
+    Yields
+    ------
+    Option
+        One option or positional argument.
+    """
+    groups = find_option_groups(options_class)
+    hints = get_type_hints(options_class, include_extras=True)
+    for field in fields(options_class):
+        option_name = _convert_to_option_name(field.name)
+        if option_name in groups:
+            continue
+        hint = hints[field.name]
+        annotations = get_args(hint)[1:] if get_origin(hint) is Annotated else ()
+        metavars = (getattr(annotation, "metavar", None) for annotation in annotations)
+        metavar = next(filter(None, metavars), None) or _choose_metavar(hint)
+        typed_name = f"--{group}.{option_name}" if group else f"--{option_name}"
+        name = metavar if tyro.conf.Positional in annotations else typed_name
+        default = _format_default(field.default)
+        yield Option(options_class, field.name, group, name, metavar, default)
+    for name, settings_class in groups.items():
+        yield from list_options(settings_class, name)
+
+
+def find_option_groups(options_class: type[Any]) -> dict[str, type[Any]]:
+    """Return the settings classes that a command's options contain, by the prefix of each group."""
+    hints = get_type_hints(options_class).items()
     return {
         _convert_to_option_name(name): cast(type[Any], hint)
         for name, hint in hints
@@ -68,36 +105,14 @@ def find_option_groups(kind: type[Any]) -> dict[str, type[Any]]:
     }
 
 
-def list_options(kind: type[Any], group: str = "") -> Iterator[Option]:
-    """Yield the options of a command, groups last, or the options of field group's class."""
-    groups = find_option_groups(kind)
-    hints = get_type_hints(kind, include_extras=True)
-    for field in fields(kind):
-        if _convert_to_option_name(field.name) in groups:
-            continue
-        hint = hints[field.name]
-        markers = get_args(hint)[1:] if get_origin(hint) is Annotated else ()
-        metavars = (getattr(marker, "metavar", None) for marker in markers)
-        metavar = next(filter(None, metavars), None) or _choose_metavar(hint)
-        typed = (
-            f"--{group}.{_convert_to_option_name(field.name)}"
-            if group
-            else f"--{_convert_to_option_name(field.name)}"
-        )
-        name = metavar if tyro.conf.Positional in markers else typed
-        yield Option(kind, field.name, group, name, metavar, _format_default(field.default))
-    for name, inner in groups.items():
-        yield from list_options(inner, name)
-
-
-def _convert_to_option_name(name: str) -> str:
-    return name.replace("_", "-")
+def _convert_to_option_name(field_name: str) -> str:
+    return field_name.replace("_", "-")
 
 
 def remove_none_type(hint: Any) -> Any:
-    """Return the type of the values of an optional option."""
+    """Return the type of the values of an optional option: `int` for `int | None`."""
     if get_origin(hint) in (Union, UnionType):
-        return next(one for one in get_args(hint) if one is not NoneType)
+        return next(member for member in get_args(hint) if member is not NoneType)
     return hint
 
 
@@ -106,10 +121,11 @@ def _choose_metavar(hint: Any) -> str:
     choices = choices_of(hint)
     if choices:
         return choices[0] if len(choices) == 1 else f"{{{','.join(choices)}}}"
-    plain = remove_none_type(get_args(hint)[0] if get_origin(hint) is Annotated else hint)
-    if get_origin(plain) is tuple:
-        return " ".join(_choose_metavar(one) for one in get_args(plain) if one is not Ellipsis)
-    return "" if plain is bool else METAVARS[plain]
+    value_type = remove_none_type(get_args(hint)[0] if get_origin(hint) is Annotated else hint)
+    if get_origin(value_type) is tuple:
+        entry_types = (entry for entry in get_args(value_type) if entry is not Ellipsis)
+        return " ".join(map(_choose_metavar, entry_types))
+    return "" if value_type is bool else METAVARS[value_type]
 
 
 def _format_default(value: Any) -> str:

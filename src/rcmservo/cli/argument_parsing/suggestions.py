@@ -1,4 +1,4 @@
-"""Suggestions for an unknown command or option."""
+"""Suggestions for a misspelt option."""
 
 from collections.abc import Iterable
 from difflib import SequenceMatcher, get_close_matches
@@ -11,14 +11,8 @@ MIN_SIMILARITY = 0.65
 """Smallest similarity (0 to 1) of a suggested option."""
 
 
-def format_suggestion(names: Iterable[str]) -> str:
-    """Return the question that ends a message; empty without suggestions."""
-    question = " or ".join(names)
-    return f" (did you mean {question}?)" if question else ""
-
-
 def suggest_options(word: str, known: Iterable[str]) -> str:
-    """Return the question that suggests options for an unknown one.
+    """Return the question that suggests options for an unknown one; empty without a similar one.
 
     Users often type an option without its group, or with another group. The last part of a name is
     therefore compared by itself.
@@ -26,12 +20,14 @@ def suggest_options(word: str, known: Iterable[str]) -> str:
     names = list(known)
     word = _replace_former_name(word, names)
     same = [name for name in names if _remove_group(name) == _remove_group(word)]
-    groups = {_find_group(name): name for name in same}
     if same:
-        near = get_close_matches(_find_group(word), list(groups), 1)
-        return format_suggestion([groups[near[0]]] if near else same[:MAX_SUGGESTIONS])
-    near = max(names, key=lambda name: _compute_similarity(word, name), default="")
-    return format_suggestion([near] if _compute_similarity(word, near) >= MIN_SIMILARITY else [])
+        names_by_group = {_find_group(name): name for name in same}
+        nearest_group = get_close_matches(_find_group(word), list(names_by_group), 1)
+        suggestions = [names_by_group[group] for group in nearest_group] or same[:MAX_SUGGESTIONS]
+    else:
+        nearest = max(names, key=lambda name: _compute_similarity(word, name), default="")
+        suggestions = [nearest] if _compute_similarity(word, nearest) >= MIN_SIMILARITY else []
+    return f" (did you mean {' or '.join(suggestions)}?)" if suggestions else ""
 
 
 def _replace_former_name(word: str, names: list[str]) -> str:
@@ -46,9 +42,10 @@ def _compute_similarity(word: str, name: str) -> float:
 
     For a word without a group the last part of the name counts as well.
     """
-    whole = SequenceMatcher(None, word.lstrip("-"), name.lstrip("-")).ratio()
-    without_group = SequenceMatcher(None, _remove_group(word), _remove_group(name)).ratio()
-    return whole if "." in word else max(whole, without_group)
+    similarity = SequenceMatcher(None, word.lstrip("-"), name.lstrip("-")).ratio()
+    if "." in word:
+        return similarity
+    return max(similarity, SequenceMatcher(None, _remove_group(word), _remove_group(name)).ratio())
 
 
 def _remove_group(name: str) -> str:

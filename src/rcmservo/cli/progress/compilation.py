@@ -2,7 +2,7 @@
 
 from collections.abc import Generator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 from rich.text import Text
 
@@ -37,7 +37,7 @@ def report_compilation(status_line: "Live") -> Generator[None]:
 
         def on_end(self, event: event.Event) -> None:
             """Count a compiled kernel of this package."""
-            data: Any = event.data
+            data = cast(Any, event.data)
             if not data["dispatcher"].__module__.startswith("rcmservo."):
                 return
             self.compiled_count += 1
