@@ -1,4 +1,7 @@
-"""`rcmservo run`: a simulated run and its output folder."""
+"""`rcmservo run`: a simulated run and its output folder.
+
+The options are `RunOptions` in run_options.py; simulated_run/ does the run.
+"""
 
 from rcmservo.cli.folders import open_new_folder, require_new_target_file
 from rcmservo.cli.progress.compilation import report_compilation
@@ -17,13 +20,14 @@ def run(options: RunOptions) -> int:
         print(describe_kinds())
         return 0
     require_new_target_file(options.target, options.save_target)
-    _ = options.servo, options.rig_settings, options.disturbances  # raise an error for invalid ones
-    out = open_console(stderr=options.json)
+    # these properties raise an error for invalid options before anything is written
+    _ = options.servo, options.rig_settings, options.disturbances
+    console = open_console(stderr=options.json)
     with open_new_folder(options.out, f"run-seed{options.seed}") as folder:
         words = f"simulated arm and camera, seed {options.seed}; preparing …"
-        out.print(words, style="dim", soft_wrap=True)
-        with open_status_line(out) as line, report_compilation(line):
+        console.print(words, style="dim", soft_wrap=True)
+        with open_status_line(console) as status_line, report_compilation(status_line):
             from rcmservo.cli.simulated_run.simulate import simulate
 
-            result = simulate(options, folder, RunProgress(line, options.duration))
-    return print_result(out, result, options.json)
+            result = simulate(options, folder, RunProgress(status_line, options.duration))
+    return print_result(console, result, options.json)
