@@ -37,7 +37,7 @@ FRAME_PARAMETERS: dict[Callable[..., object], str] = {
     ScriptedOperator: "frames",
     teach_and_return: "frames",
     SimulatedLab.session: "frames",
-    HardwarePreparation: "frames",
+    HardwarePreparation: "teaching_frames",
     PageOperator: "frames",
     RunOptions: "teaching_frames",
     LiveOptions: "teaching_frames",

@@ -47,7 +47,8 @@ def _iterate_help_lines(
 ) -> Iterator[str]:
     options = list(option_introspection.list_options(options_class))
     options.sort(key=lambda option: not option.is_positional)
-    groups = option_introspection.find_option_groups(options_class)
+    classes = option_introspection.find_option_groups(options_class)
+    groups = list(dict.fromkeys(option.group for option in options if option.group))
     positionals = [option.name for option in options if option.is_positional]
     yield " ".join(["usage: rcmservo", command, *positionals, "[options]"])
     for paragraph in describe_class(options_class).split("\n\n"):
@@ -56,7 +57,7 @@ def _iterate_help_lines(
     for group, group_options in groupby(options, key=lambda option: option.group):
         if with_settings or not group:
             yield ""
-            description = describe_class(groups[group]) if group else ""
+            description = describe_class(classes[group]) if group else ""
             heading = f"{group} options: {description}" if group else "options:"
             yield from textwrap.wrap(" ".join(heading.split()), width)
             for option in group_options:
