@@ -42,13 +42,13 @@ class HardwarePreparation:
     ----------
     lab : RigDescription
         Lab with its devices.
-    intent : str
+    motion_announcement : str
         Announcement of the motion that follows once the drive is on.
     target : Path or None
         File of the target; None if the operator teaches it by hand.
     save_target : Path or None
         New file for the taught target; None if it is not saved.
-    frames : int
+    teaching_frames : int
         Number of frames over which a taught target is averaged.
     """
 
@@ -71,9 +71,9 @@ class AttendedTerminal:
     def __init__(self, terminal: Terminal) -> None:
         self._terminal = terminal
 
-    def notify(self, words: str) -> None:
+    def notify(self, message: str) -> None:
         """Print a message that needs no answer."""
-        self._terminal.notify(words)
+        self._terminal.notify(message)
 
     def ask(self, question: str) -> str:
         """Return the operator's answer to a question; ask again if the answer is too old."""
@@ -117,20 +117,18 @@ def confirm_enable(preparation: HardwarePreparation, plant: Plant) -> None:
 
 
 def target_setup(lab: RigDescription, plant: Plant) -> TargetSetup:
-    """Return the set-up for which a target holds.
+    """Return the setup for which a target is valid.
 
     The camera is identified by all its entries in the rig file except its latency, which no image
     shows.
     """
-    frame = plant.frame
-    image = None if frame is None else frame.image
-    assert image is not None
-    height, width = image.shape[:2]
+    assert plant.frame is not None and plant.frame.image is not None
+    height, width = plant.frame.image.shape[:2]
     return describe_target_setup(lab, width, height)
 
 
 def describe_target_setup(lab: RigDescription, width: int, height: int) -> TargetSetup:
-    """Return the set-up for which a target holds, given the size of the images in px."""
+    """Return the setup for which a target is valid, given the size of the images in px."""
     camera = {key: value for key, value in lab.devices["camera"].items() if key != "latency"}
     name = json.dumps(camera, sort_keys=True)
     slack = lab.thresholds.limit_tolerance
@@ -162,16 +160,14 @@ def define_joints(operator: OperatorTerminal, plant: Plant, lab: RigDescription)
     arm.set_position(q)
     reported = arm.measure().q
     if not (np.abs(reported - q) <= lab.thresholds.max_following_error).all():
-        raise NotReady(
-            "the arm did not take the defined joint values; it reports "
-            f"{format_joints(reported, lab)}"
-        )
+        joints = format_joints(reported, lab)
+        raise NotReady(f"the arm did not take the defined joint values; it reports {joints}")
 
 
 def parse_joints(answer: str, lab: RigDescription) -> Floats:
     """Return the typed joint values (3,) in rad, rad, mm, within their limits."""
     try:
-        typed = np.array([float(part) for part in answer.replace(",", " ").split()])
+        typed = np.array([float(word) for word in answer.replace(",", " ").split()])
     except ValueError:
         typed = np.empty(0)
     require(typed.shape == (3,), "the joints", answer, "three numbers (rad, rad, mm)")
@@ -209,8 +205,8 @@ def await_enter(operator: OperatorTerminal, plant: Plant, instruction: str) -> N
 
 def format_joints(q: Floats, lab: RigDescription) -> str:
     """Return joint values (3,) with their names and units."""
-    parts = zip(lab.mechanism.joint_names, q.tolist(), JOINT_UNITS, strict=True)
-    return ", ".join(f"{name} {value:.4g} {unit}" for name, value, unit in parts)
+    joints = zip(lab.mechanism.joint_names, q.tolist(), JOINT_UNITS, strict=True)
+    return ", ".join(f"{name} {value:.4g} {unit}" for name, value, unit in joints)
 
 
 def get_lab_arm(plant: Plant) -> LabArm:
@@ -220,6 +216,7 @@ def get_lab_arm(plant: Plant) -> LabArm:
 
 @contextmanager
 def _open_operator(plant: Plant) -> Generator[OperatorTerminal]:
+    """Yield the operator at the terminal of this process."""
     assert isinstance(plant, HeartbeatPlant)
     with closing(Terminal(plant.stop_requested)) as terminal:
         yield AttendedTerminal(terminal)

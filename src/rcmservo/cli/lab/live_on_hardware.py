@@ -48,7 +48,7 @@ from rcmservo.tracking import ColourMarkers
 def live_on_hardware(
     options: RunToTargetOptions,
     folder: Path,
-    out: Console,
+    console: Console,
     arm: Callable[[RigDescription], LabArm] = open_arm,
     camera: Callable[[RigDescription], LabCamera] = open_camera,
 ) -> RunResult:
@@ -60,7 +60,7 @@ def live_on_hardware(
         Options of the command.
     folder : Path
         Output folder.
-    out : Console
+    console : Console
         Console for the progress.
     arm : Callable
         Function that connects to the arm of a lab.
@@ -70,10 +70,10 @@ def live_on_hardware(
     Terminal().close()  # a missing terminal is reported before anything is connected
     speed_scale, lab = find_allowed_speed_scale(options), options.lab
     servo = options.servo if speed_scale == 1.0 else reduce_speed(options.servo, speed_scale)
-    out.print(f"the arm and camera of {options.rig}; preparing …", style="dim", soft_wrap=True)
-    with open_status_line(out) as line, report_compilation(line):
+    console.print(f"the arm and camera of {options.rig}; preparing …", style="dim", soft_wrap=True)
+    with open_status_line(console) as line, report_compilation(line):
         servo.warm_up()
-    line = open_status_line(out)
+    line = open_status_line(console)
     announcement, frames = describe_motion(options, servo, speed_scale), options.teaching_frames
     preparation = HardwarePreparation(
         lab, announcement, options.target, options.save_target, frames
@@ -140,7 +140,7 @@ def describe_motion(options: RunToTargetOptions, servo: Servo, speed_scale: floa
 
 def describe_speed_limits(options: LabOptions, servo: Servo, speed_scale: float) -> str:
     """Return the limits of the joints' speeds and positions in words."""
-    x, y, z = servo.gate.speed
+    speed_1, speed_2, speed_3 = servo.gate.speed
     lower, upper = servo.mechanism.limits.arrays
     reason = (
         f"which is {100.0 * speed_scale:g} % of the full speed, because `rcmservo rig check` has "
@@ -149,7 +149,8 @@ def describe_speed_limits(options: LabOptions, servo: Servo, speed_scale: float)
         else f"the full speed, because `rcmservo rig check` has passed for {options.rig}"
     )
     return (
-        f"The joints move at most at {x:g} rad/s, {y:g} rad/s and {z:g} mm/s, {reason}. They stay "
+        f"The joints move at most at {speed_1:g} rad/s, {speed_2:g} rad/s and {speed_3:g} mm/s, "
+        f"{reason}. They stay "
         f"between {format_joints(lower, options.lab)} and {format_joints(upper, options.lab)}."
     )
 

@@ -56,7 +56,7 @@ from rcmservo.tracking import ColourMarkers
 
 @contextmanager
 def open_hardware(options: LabOptions) -> Generator[PageBackend]:
-    """Yield the devices of a rig file, and the servo of the options."""
+    """Yield the devices of a rig file as the backend of the page; a session opens them."""
     lab, speed_scale = options.lab, find_allowed_speed_scale(options)
     chosen = SelectedSettings(options.servo, without_limit if speed_scale == 1.0 else reduce_speed)
     with closing(open_camera(lab)) as camera:
@@ -67,9 +67,10 @@ def open_hardware(options: LabOptions) -> Generator[PageBackend]:
     def session(channels: PageChannels, folder: Path) -> Session:
         remote_stop.reset()
         limited, record = chosen.limited, folder / RECORD
-        stop = "STOP switches the drive off; keep the emergency stop of the arm within reach."
+        stop_hint = "STOP switches the drive off; keep the emergency stop of the arm within reach."
         limits = describe_speed_limits(options, limited, speed_scale)
-        intent = f"{describe_enabling(limited)} {limits} {stop}"
+        announcement = f"{describe_enabling(limited)} {limits} {stop_hint}"
+        preparation = PagePreparation(channels, limited, lab, announcement)
         description = describe_hardware_run(options, SESSION_DURATION_S, speed_scale)
         return Session(
             limited,
@@ -78,7 +79,7 @@ def open_hardware(options: LabOptions) -> Generator[PageBackend]:
             camera=partial(open_recording_camera, lab, ring),
             tracker=partial(ColourMarkers, lab.markers),
             recorder=partial(open_recorder, record, description),
-            target=partial(await_enable_at_page, PagePreparation(channels, limited, lab, intent)),
+            target=partial(await_enable_at_page, preparation),
             operator=partial(PageOperator, channels, chosen, options.teaching_frames),
             images_per_s=RECORDED_IMAGES_PER_S,
             consent=require_drive_off,
@@ -87,8 +88,8 @@ def open_hardware(options: LabOptions) -> Generator[PageBackend]:
     title, setup = f"arm and camera of {options.rig}", describe_target_setup(lab, width, height)
     if speed_scale < 1.0:
         title += f", at {100.0 * speed_scale:g} % of the speed until `rig check` passes"
-    off, camera_of_ring = remote_stop.switch_off, partial(RingCamera, ring)
-    yield PageBackend(title, camera_of_ring, session, off, setup, chosen, refuse_disturbance)
+    switch_off, shown_camera = remote_stop.switch_off, partial(RingCamera, ring)
+    yield PageBackend(title, shown_camera, session, switch_off, setup, chosen, refuse_disturbance)
 
 
 @dataclass(frozen=True)
@@ -103,7 +104,7 @@ class PagePreparation:
         Servo that moves the arm.
     lab : RigDescription
         Lab with its devices.
-    intent : str
+    motion_announcement : str
         Announcement of the motion that follows once the drive is on.
     """
 
@@ -131,9 +132,9 @@ def connect_stoppable_arm(
     return RemotelyStoppableArm(open_arm(lab), remote_stop, partial(report_drive_off, channels))
 
 
-def report_drive_off(channels: PageChannels, why: str) -> None:
+def report_drive_off(channels: PageChannels, reason: str) -> None:
     """Report to the page why the drive went off by itself."""
-    channels.status.send(Note(f"the arm: {why}"))
+    channels.status.send(Note(f"the arm: {reason}"))
 
 
 def open_recording_camera(lab: RigDescription, ring: FrameRing) -> RecordingCamera:
@@ -148,12 +149,10 @@ def measure_image_size(camera: LabCamera) -> tuple[int, int]:
         if frame is not None and frame.image is not None:
             height, width = frame.image.shape[:2]
             return width, height
-    why = camera.counts().trouble
-    raise NoFrames(
-        f"the camera has delivered no image for {FRAME_TIMEOUT_S:g} s{why and ': ' + why}"
-    )
+    message = f"the camera has delivered no image for {FRAME_TIMEOUT_S:g} s"
+    raise NoFrames(": ".join(filter(None, (message, camera.counts().trouble))))
 
 
-def refuse_disturbance(what: str) -> str:
+def refuse_disturbance(disturbance: str) -> str:
     """Refuse a disturbance, which only a simulated lab offers."""
     raise RcmServoError("disturbances are available on a simulated arm only")

@@ -98,7 +98,7 @@ def serve(options: ServeOptions) -> int:
         name, devices = f"serve-seed{options.seed}", _open_simulated_lab(options)
     servo = options.servo
     with open_new_folder(options.out, name) as folder:
-        with open_status_line(open_console(False)) as line, report_compilation(line):
+        with open_status_line(open_console()) as line, report_compilation(line):
             servo.warm_up()
         with contextlib.suppress(KeyboardInterrupt), devices as backend:
             _run_sessions(options, backend, folder, token)
@@ -107,7 +107,7 @@ def serve(options: ServeOptions) -> int:
 
 @contextlib.contextmanager
 def _open_simulated_lab(options: ServeOptions) -> Generator[PageBackend]:
-    """Yield the simulated arm and its camera."""
+    """Yield a simulated arm and its camera as the backend of the page."""
     from rcmservo.cli.run_description import describe_simulated_run
     from rcmservo.cli.simulated_run.target import describe_simulated_setup
     from rcmservo.page.settings import SelectedSettings
@@ -137,12 +137,10 @@ def _open_simulated_lab(options: ServeOptions) -> Generator[PageBackend]:
                 images_per_s=RECORDED_IMAGES_PER_S,
             )
 
-        def start_disturbance(what: str) -> str:
-            change = DisturbanceChange(
-                time.monotonic_ns(), parse_live_disturbance(what) if what else None
-            )
-            processes.disturb(change)
-            return f"disturbance: {change.starts} begins" if what else "disturbance: all end"
+        def start_disturbance(disturbance: str) -> str:
+            started = parse_live_disturbance(disturbance) if disturbance else None
+            processes.disturb(DisturbanceChange(time.monotonic_ns(), started))
+            return f"disturbance: {started} begins" if disturbance else "disturbance: all end"
 
         title = f"simulated arm, seed {options.seed}"
         setup = describe_simulated_setup(Rig(options.seed, processes.settings, pictures=False), lab)
@@ -180,8 +178,8 @@ def _run_sessions(options: ServeOptions, backend: PageBackend, folder: Path, tok
     serving = _start_page_processes(options, channels, backend, folder.parent, token)
     with serving as (address, names), stopped_by_signals():
         access = f", which requires the token in {options.token_file}" if token else ""
-        words = f"rcmservo page at {address}, {backend.title}{access}; Ctrl-C ends it"
-        open_console(False).print(words, soft_wrap=True)
+        announcement = f"rcmservo page at {address}, {backend.title}{access}; Ctrl-C ends it"
+        open_console().print(announcement, soft_wrap=True)
         if options.browser:
             webbrowser.open(address)
         handlers = {channels.disturbances: apply_disturbances}
@@ -248,7 +246,7 @@ def _start_page_processes(
 
 
 def apply_disturbance(
-    what: str, channels: "PageChannels", start_disturbance: Callable[[str], str], log: Path
+    disturbance: str, channels: "PageChannels", start_disturbance: Callable[[str], str], log: Path
 ) -> None:
     """Start a disturbance, report it to the page and log it.
 
@@ -257,13 +255,13 @@ def apply_disturbance(
     from rcmservo.page.messages import Note
 
     try:
-        words = start_disturbance(what)
+        event = start_disturbance(disturbance)
     except RcmServoError as error:
         channels.status.send(Note(str(error)))
         return
-    channels.status.send(Note(words))
+    channels.status.send(Note(event))
     try:
         with log.open("a") as file:
-            file.write(json.dumps({"time": time.monotonic_ns(), "what": words}) + "\n")
+            file.write(json.dumps({"time": time.monotonic_ns(), "what": event}) + "\n")
     except OSError as error:
         channels.status.send(Note(f"{log.name} cannot be written: {error.strerror}"))
