@@ -19,7 +19,7 @@ from contextlib import closing, contextmanager
 import numpy as np
 from crtk_measures import NAME, PATIENCE, RunningDevice, client_arm, killed, streamed
 
-from rcmservo.config.rig_file import default_markers
+from rcmservo.config.rig_file import make_default_markers
 from rcmservo.hardware.cameras.settings import TopicSettings
 from rcmservo.hardware.cameras.topic import open_topic_camera
 from rcmservo.hardware.crtk.arm import CrtkArm
@@ -86,7 +86,7 @@ def servoed(ros: int, seed: int) -> tuple[float, str]:
         emulated(ros, seed),
         closing(client_arm(ros, DOMAIN)) as arm,
         closing(open_topic_camera(settings)) as camera,
-        TrackingThread(camera, ColourMarkers(default_markers()), clock) as eye,
+        TrackingThread(camera, ColourMarkers(make_default_markers()), clock) as eye,
         realtime(),
     ):
         eye.wait_for(frames=2, timeout_s=10.0)

@@ -141,7 +141,7 @@ def settings_of(options: Options) -> rs.sim.RigSettings:
 def by_twin(options: Options, seed: int) -> Ended:
     """Run one closed loop on the compiled simulation."""
     settings = settings_of(options)
-    estimator = ServoOptions().estimator_of(options.estimator)
+    estimator = ServoOptions().find_estimator(options.estimator)
     study = Study(
         rs.Servo(settings.mechanism, settings.tool, estimator), settings, teaching_frames=30
     )
@@ -189,7 +189,7 @@ def ticks(
     target = rs.teach(plant, TEACHING_FRAMES)
     rig.move_to_start()
     rig.begin()
-    settings, estimator = rig.settings, ServoOptions().estimator_of(options.estimator)
+    settings, estimator = rig.settings, ServoOptions().find_estimator(options.estimator)
     servo = rs.Servo(settings.mechanism, settings.tool, estimator)
     yield from rs.run(plant, servo, target, DURATION)
 

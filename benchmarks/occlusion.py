@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 import rcmservo as rs
-from rcmservo.config.rig_file import default_markers
+from rcmservo.config.rig_file import make_default_markers
 from rcmservo.interfaces import Floats
 from rcmservo.safety.innovation import find_lost_markers
 from rcmservo.sim import Disturbance
@@ -48,7 +48,7 @@ def one(seed: int) -> Run:
         for by, a, b in zip(("smoke", "blood"), at, lasts, strict=True)
     ]
     rig = rs.sim.Rig(seed, disturbances=disturbances)
-    plant = rs.Plant(rig.arm, rig.camera, ColourMarkers(default_markers()), rig.clock)
+    plant = rs.Plant(rig.arm, rig.camera, ColourMarkers(make_default_markers()), rig.clock)
     servo = rs.Servo(rig.settings.mechanism, rig.settings.tool)
     rig.move_to_target()
     target = rs.teach(plant, frames=30)

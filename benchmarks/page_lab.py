@@ -97,7 +97,7 @@ class PageLab:
     @contextlib.contextmanager
     def served(self, channels: PageChannels) -> Iterator[None]:
         """Run the processes of the page without the laboratory, in the context."""
-        with serve._page_processes(self.options, channels, self.backend, self.folder, self.token):
+        with serve._start_page_processes(self.options, channels, self.backend, self.folder, self.token):
             yield
 
 
@@ -117,7 +117,7 @@ def page_lab(seed: int = 0, recorded: bool = False, token: str = "") -> Generato
         options.servo.warm_up()
         pids = context.RawValue("q", 0), context.RawValue("q", 0)
         arrivals = context.RawArray("q", NUMBERS)
-        with serve._simulated_lab(options) as known, contextlib.ExitStack() as stack:
+        with serve._open_simulated_lab(options) as known, contextlib.ExitStack() as stack:
             bench = cast(SimulatedLab, cast(Any, known.switch_off).__self__)
             if recorded:
                 frames = filmed(bench.ring)

@@ -17,7 +17,7 @@ from rig_check_lab import Mistake, SimulatedOperator
 from rcmservo.bringup.axis_wiring import Robot
 from rcmservo.bringup.check import CheckReport, check, warm_up
 from rcmservo.bringup.motion import IDLE_TIMEOUT, Mover
-from rcmservo.cli.lab.rig_check import camera_fault
+from rcmservo.cli.lab.rig_check import find_camera_fault
 from rcmservo.config.rig_file import RigDescription
 from rcmservo.geometry.tool import RigidTool
 from rcmservo.hardware.devices import open_arm, open_camera, read_wiring
@@ -115,7 +115,7 @@ class FaultyEmulatedLab:
             tracking = TrackingThread(camera, ColourMarkers(lab.markers), clock)
             tracker = stack.enter_context(tracking)
             tracker.wait_for(frames=2, timeout_s=IDLE_TIMEOUT)
-            silence, fault = lab.thresholds.arm_timeout, partial(camera_fault, camera)
+            silence, fault = lab.thresholds.arm_timeout, partial(find_camera_fault, camera)
             mover = Mover(arm, tracker, tracker, clock, robot, lab.gate, silence, fault)
             stack.enter_context(self.arm.polling(emulated.port))
             latency = float(lab.devices["camera"]["latency"])

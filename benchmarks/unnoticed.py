@@ -96,7 +96,7 @@ class Trial:
         self.run, self.row, self.disturbances = run, row, disturbances
         self.rig = rs.sim.Rig(run.seed, settings, False, disturbances)
         self.plant = rs.Plant(self.rig.arm, self.rig.camera, PointMarkers(), self.rig.clock)
-        learner = ServoOptions().estimator_of(estimator)
+        learner = ServoOptions().find_estimator(estimator)
         self.servo = rs.Servo(settings.mechanism, settings.tool, learner)
         self.unnoticed = UnnoticedGrowth(Oracle(self.rig.truth, NOISE))
         self.shown = self.marker_2()

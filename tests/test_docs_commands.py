@@ -11,8 +11,8 @@ from typing import Any
 import pytest
 
 from conftest import ROOT
-from rcmservo.cli.cli import COMMANDS, options_class
-from rcmservo.cli.command_line import options
+from rcmservo.cli.argument_parsing import option_introspection
+from rcmservo.cli.cli import COMMANDS, load_options_class
 from rcmservo.cli.studies.tune import TuneOptions, read_tuning
 from rcmservo.config.registry import MECHANISMS, TOOLS
 from rcmservo.config.rig_file import RigDescription, load_rig_file
@@ -53,7 +53,7 @@ KEY = re.compile(rf"({'|'.join(SECTIONS)})\.(\w+)(?:\[\d\])?")
 @cache
 def list_options(command: str) -> frozenset[str]:
     """Return all options of a command."""
-    names = {one.name for one in options.list_options(options_class(command, []))}
+    names = {one.name for one in option_introspection.list_options(load_options_class(command, []))}
     names |= {"--help", "--help-all", "--version"}
     return frozenset(names | {f"--no-{one[2:]}" for one in names})
 

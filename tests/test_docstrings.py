@@ -13,7 +13,7 @@ from numpydoc.validate import validate
 
 import rcmservo as rs
 from conftest import ROOT
-from rcmservo.config.field_docs import PARAMETERS_SECTION, parameter_descriptions
+from rcmservo.config.field_docs import PARAMETERS_SECTION, read_parameter_descriptions
 
 QUESTION_WORD = re.compile(r"(What|How|Where|Whether|Why|Who|When)\b")
 CHECKED_FOLDERS = "src", "tests", "benchmarks", "docs", "examples"
@@ -75,7 +75,7 @@ def is_never_called(kind: type[Any]) -> bool:
 
 def all_fields_are_described(kind: type[Any]) -> bool:
     """Settings are described once, in the Parameters section of the class that declares them."""
-    described = parameter_descriptions(kind)
+    described = read_parameter_descriptions(kind)
     return is_dataclass(kind) and all(f.name in described for f in fields(kind))
 
 

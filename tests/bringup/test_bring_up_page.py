@@ -10,7 +10,7 @@ from rig_check_lab import FaultyLab, Mistake
 
 from bring_up_page import PAGE, answer_to
 from conftest import ROOT
-from rcmservo.cli.cli import parse_options
+from rcmservo.cli.cli import parse_command_options
 from rcmservo.cli.lab.emulate import COUNTS_PER_UNIT, EmulateOptions
 from rcmservo.cli.lab.emulated_arm import EmulatedArm
 from rcmservo.cli.lab.live_on_hardware import require_devices
@@ -29,7 +29,7 @@ def test_every_command_of_the_page_parses() -> None:
     blocks = re.findall(r"```sh\n(.*?)```", PAGE, re.S)
     lines = [line for block in blocks for line in block.splitlines()]
     words = [shlex.split(line)[1:] for line in lines]
-    read = [parse_options(name, options) for name, *options in words]
+    read = [parse_command_options(name, options) for name, *options in words]
     assert [type(one) for one in read] == [
         EmulateOptions,
         MarkersOptions,
@@ -96,7 +96,7 @@ def test_the_page_on_live_runs_links_to_this_one_for_the_keys() -> None:
 def test_the_check_passes_with_the_answers_of_the_page() -> None:
     """Simulated time; tests/live runs the command itself."""
     with EmulatedArm(SEED, RigDescription()) as arm:
-        printed = arm.measurements
+        printed = arm.ruler_measurements
     lab = FaultyLab(Mistake(), SEED, RigDescription().mechanism)
     lab.operator.override = lambda question: answer_to(question, printed)
     report = lab.check()
@@ -109,7 +109,7 @@ def test_the_check_passes_with_the_answers_of_the_page() -> None:
 def test_the_page_answers_every_question_of_the_check(seed: int) -> None:
     """A wrong spacing triggers questions that the page's own laboratory does not."""
     with EmulatedArm(seed, RigDescription()) as arm:
-        printed = arm.measurements
+        printed = arm.ruler_measurements
     lab = FaultyLab(Mistake(spacing=1.25), seed, RigDescription().mechanism)
     lab.operator.override = lambda question: answer_to(question, printed)
     report = lab.check()

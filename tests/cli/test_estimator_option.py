@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from conftest import ROOT
-from rcmservo.cli.cli import main, parse_options
+from rcmservo.cli.cli import main, parse_command_options
 from rcmservo.recording.reader import read_record
 
 NAME = "lab_of_mine.rls:RLS"
@@ -123,6 +123,6 @@ def test_option_groups_of_user_estimators_avoid_names_of_the_command(
     code = here / "lab_of_mine/rls.py"
     code.write_text(code.read_text().replace('name = "pixels"', f'name = "{name}"'))
     words = [*command.split(), "--estimator", NAME, f"--{group}.forgetting", "0.5"]
-    options = parse_options(words[0], words[1:])
+    options = parse_command_options(words[0], words[1:])
     assert options.user_estimators == {NAME: getattr(options, group)}
     assert getattr(options, group).forgetting == 0.5

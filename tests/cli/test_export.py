@@ -9,7 +9,7 @@ import pytest
 
 import rcmservo as rs
 from rcmservo.cli.cli import main
-from rcmservo.cli.export import COLUMN_UNITS, record_arrays
+from rcmservo.cli.export import COLUMN_UNITS, convert_to_arrays
 from rcmservo.recording import reader
 from rcmservo.recording.foreign import frame_folder as recording
 from rcmservo.recording.ros2_messages import TICK, TRUTH_LAYOUT
@@ -64,7 +64,7 @@ def test_the_arrays_are_the_record_bit_for_bit_and_need_no_pickle(
 ) -> None:
     rows = reader.read_record(run)
     with np.load(exported / "record.npz", allow_pickle=False) as got:
-        assert set(got) == set(record_arrays(rows))
+        assert set(got) == set(convert_to_arrays(rows))
         assert got["time"].tobytes() == rows.time.tobytes()
         for name, column in rows.ticks.items():
             assert got[name].dtype == column.dtype and got[name].tobytes() == column.tobytes()
@@ -84,7 +84,7 @@ def test_arrays_hold_no_objects_and_numpy_needs_no_recent_keyword(
     saved: dict[str, object] = {}
     monkeypatch.setattr(np, "savez_compressed", lambda file, **given: saved.update(given))
     assert main(["export", str(run), "--out", str(tmp_path / "out")]) == 0
-    assert list(saved) == list(record_arrays(reader.read_record(run)))
+    assert list(saved) == list(convert_to_arrays(reader.read_record(run)))
     assert not any(np.asarray(array).dtype.hasobject for array in saved.values())
 
 

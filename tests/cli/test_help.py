@@ -6,9 +6,9 @@ import sys
 import pytest
 
 from conftest import mark_others_slow
-from rcmservo.cli.cli import COMMANDS, main, options_class
-from rcmservo.cli.command_line.help_text import estimator_descriptions
-from rcmservo.cli.command_line.options import list_options
+from rcmservo.cli.argument_parsing.help_text import describe_estimators
+from rcmservo.cli.argument_parsing.option_introspection import list_options
+from rcmservo.cli.cli import COMMANDS, load_options_class, main
 from rcmservo.cli.servo_options import ESTIMATOR_NAMES
 
 PAGE_LINES = 45
@@ -95,7 +95,7 @@ def test_the_basics_are_one_page_and_explain_every_estimator(
 
 
 def test_every_estimator_has_one_sentence_that_fits_the_page() -> None:
-    words = estimator_descriptions()
+    words = describe_estimators()
     assert list(words) == list(ESTIMATOR_NAMES)
     assert all(words.values())
 
@@ -105,7 +105,7 @@ def test_help_all_shows_every_option_with_its_default(
     command: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     text = " ".join(help_of(capsys, command, "--help-all").split())
-    for one in list_options(options_class(command, [])):
+    for one in list_options(load_options_class(command, [])):
         usage = one.name.replace(".", ".[no-]").replace("--", "--[no-]", "." not in one.name)
         assert (usage if one.is_flag else f"{one.name} {one.metavar}") in text or one.is_positional
         assert one.description and " ".join(one.description.split()) in text

@@ -10,7 +10,7 @@ import pytest
 
 from rcmservo.cli.cli import main
 from rcmservo.cli.result_output import METRICS_FILE, print_result, save_result
-from rcmservo.cli.terminal import console
+from rcmservo.cli.terminal import open_console
 from rcmservo.loop.run_result import (
     CameraStatistics,
     LoopTiming,
@@ -25,7 +25,7 @@ FAILED_RUN = RunResult(cause=CAUSE, folder="runs/[a]")
 
 def printed(**more: Any) -> str:
     """Return the text of the table in one line."""
-    out = console()
+    out = open_console()
     with out.capture() as got:
         assert print_result(out, replace(FAILED_RUN, **more), as_json=False) == 1
     return " ".join(got.get().replace("│", " ").split())

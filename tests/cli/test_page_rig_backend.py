@@ -9,7 +9,7 @@ import pytest
 
 from rcmservo.cli.lab import page_rig
 from rcmservo.cli.lab.serve import ServeOptions, serve
-from rcmservo.config.verified_rigs import compute_digest, store_verified
+from rcmservo.config.verified_rigs import compute_digest, mark_rig_verified
 from rcmservo.control.saturated_controller import SaturatedController
 from rcmservo.errors import BadInput
 from rcmservo.interfaces import Frame
@@ -54,7 +54,7 @@ def test_a_session_uses_the_speed_that_its_rig_file_allows(
 ) -> None:
     share = 1.0 if checked else 0.1
     if checked:
-        store_verified(compute_digest(rig.read_bytes()))
+        mark_rig_verified(compute_digest(rig.read_bytes()))
     given = ServeOptions(rig=rig)
     with page_rig.open_hardware(given) as backend:
         assert (backend.setup.width, backend.setup.height) == (32, 24)
@@ -68,7 +68,7 @@ def test_a_session_uses_the_speed_that_its_rig_file_allows(
     (at,) = obtain_target.args
     assert at.servo is made.servo
     words = "rig check` has passed" if checked else "10 % of the full speed"
-    assert words in at.intent and "Nothing moves until you hold a jog button" in at.intent
+    assert words in at.motion_announcement and "Nothing moves until you hold a jog button" in at.motion_announcement
     recorded: Any = made.recorder
     assert recorded.args[1]["speed_scale"] == share and recorded.args[1]["simulation"] is False
     assert made.consent is page_rig.require_drive_off

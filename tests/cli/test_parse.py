@@ -10,9 +10,9 @@ from typing import Any
 
 import pytest
 
+from rcmservo.cli.argument_parsing.option_introspection import list_options
+from rcmservo.cli.argument_parsing.parse import parse_options
 from rcmservo.cli.cli import main
-from rcmservo.cli.command_line.options import list_options
-from rcmservo.cli.parse import parse
 from rcmservo.cli.run_options import RunOptions
 from rcmservo.control.saturated_controller import SaturatedController
 from rcmservo.errors import BadInput
@@ -103,7 +103,7 @@ def test_the_suggested_option_is_the_intended_one(
 
 
 def test_no_word_stands_for_an_absent_option() -> None:
-    assert parse("run", RunOptions, ["--rig", "None"]).rig == Path("None")
+    assert parse_options("run", RunOptions, ["--rig", "None"]).rig == Path("None")
 
 
 def test_nothing_is_suggested_for_an_option_unlike_all_others(

@@ -6,7 +6,7 @@ import pytest
 
 from rcmservo.cli.lab.live_on_hardware import require_devices
 from rcmservo.config.rig_file import decode_rig_file, read_rig_file
-from rcmservo.config.verified_rigs import compute_digest, store_verified
+from rcmservo.config.verified_rigs import compute_digest, mark_rig_verified
 from rcmservo.errors import BadInput
 
 SPEED_ARM = """
@@ -31,7 +31,7 @@ def test_an_arm_receives_speeds_only_after_its_watchdog_is_verified(
     lab, digest = decode_rig_file(rig, data), compute_digest(data)
     with pytest.raises(BadInput, match="`rig check` of this file has verified"):
         require_devices(lab, rig, digest)
-    store_verified(digest)
+    mark_rig_verified(digest)
     require_devices(lab, rig, digest)
 
 

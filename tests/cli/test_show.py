@@ -342,7 +342,7 @@ def test_a_long_timeline_is_cut_in_the_middle(
     monkeypatch.setattr(show, "FIRST_SPANS", 3)
     monkeypatch.setattr(show, "LAST_SPANS", 2)
     found = list_spans(reader.read_record(recorded_run.path))
-    table = show._timeline_table(found)
+    table = show._build_timeline_table(found)
     assert table.row_count == 3 + 1 + 2
     assert f"… {len(found) - 5} more, in timeline.csv" in list(table.columns[2].cells)
 

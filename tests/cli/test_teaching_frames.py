@@ -12,8 +12,8 @@ from rcmservo.cli.lab import hardware_prompts
 from rcmservo.cli.lab.hardware_prompts import HardwarePreparation
 from rcmservo.cli.lab.serve import ServeOptions
 from rcmservo.cli.live import LiveOptions
+from rcmservo.cli.run_description import describe_simulated_run
 from rcmservo.cli.run_options import RunOptions
-from rcmservo.cli.simulated_run.run_description import describe_simulated_run
 from rcmservo.cli.simulated_run.target import obtain_target
 from rcmservo.live.arm_datagrams import teach_and_return
 from rcmservo.loop.operator import Teach
@@ -37,7 +37,7 @@ FRAME_PARAMETERS: dict[Callable[..., object], str] = {
     ScriptedOperator: "frames",
     teach_and_return: "frames",
     SimulatedLab.session: "frames",
-    HardwarePreparation: "frames",
+    HardwarePreparation: "teaching_frames",
     PageOperator: "frames",
     RunOptions: "teaching_frames",
     LiveOptions: "teaching_frames",

@@ -14,12 +14,12 @@ from rich.console import Console
 from rich.live import Live
 
 from rcmservo.cli.cli import main
-from rcmservo.cli.progress import compiling as reports
-from rcmservo.cli.progress.preparing import compiling
+from rcmservo.cli.progress.compilation import report_compilation
 from rcmservo.cli.result_output import print_result
-from rcmservo.cli.score_report import print_score, score_as_json
-from rcmservo.cli.terminal import console, use_ascii_fallback
+from rcmservo.cli.score_report import convert_score_to_json, print_score
+from rcmservo.cli.terminal import open_console, use_ascii_fallback
 from rcmservo.loop.run_result import FeatureError, JacobianError, RunResult
+from rcmservo.numerics import jit
 from rcmservo.recording.foreign.scoring import RecordingScore
 
 LONG = f"runs/{'a folder with a long name/' * 6}[/y]"
@@ -39,8 +39,8 @@ def command(*words: str, **variables: str) -> subprocess.CompletedProcess[bytes]
 def test_a_score_keeps_the_units_in_brackets() -> None:
     steps = {"no_motion": np.array([1.0, 2.0, np.nan])}
     scored = RecordingScore([], [], np.array([1.0, 2.0]), 3.0, np.array([0.5, np.nan]), steps)
-    assert score_as_json(scored)["reprojection_rms_px"] == {"m1": 0.5, "m2": None}
-    out = console()
+    assert convert_score_to_json(scored)["reprojection_rms_px"] == {"m1": 0.5, "m2": None}
+    out = open_console()
     with out.capture() as got:
         print_score(out, scored)
     for words in ("s [°]", "r [px]", "d [px]", "marker 1 0.50 px, marker 2 –"):
@@ -53,7 +53,7 @@ def test_a_folder_name_that_looks_like_markup_gives_no_traceback(
     (tmp_path / "x[").mkdir()
     (tmp_path / "x[" / "y]").write_text("content")
     assert main(["show", str(tmp_path), "--out", str(tmp_path / "x[/y]")]) == 2
-    out = console()
+    out = open_console()
     with out.capture() as got:
         print_result(out, RESULT, as_json=False)
     assert "[b]too far[/b]" in got.get()
@@ -66,7 +66,7 @@ def test_a_path_is_complete_on_one_line_at_any_terminal_width(
     monkeypatch.delenv("COLUMNS", raising=False)
     if columns:
         monkeypatch.setenv("COLUMNS", columns)
-    out = console()
+    out = open_console()
     with out.capture() as got:
         print_result(out, RESULT, as_json=False)
     assert f"files in {LONG}\n" in got.get()
@@ -74,7 +74,7 @@ def test_a_path_is_complete_on_one_line_at_any_terminal_width(
 
 def test_a_narrow_table_folds_its_words_without_loss(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("COLUMNS", "60")
-    out, word = console(), "0123456789" * 12
+    out, word = open_console(), "0123456789" * 12
     with out.capture() as got:
         print_result(out, RunResult(cause=word), as_json=False)
     digits = "".join(sign for sign in got.get() if sign.isdigit())
@@ -159,9 +159,9 @@ def test_compiled_parts_are_reported_and_other_packages_are_not_counted(
 
     The stated total is at least the number of compiled parts.
     """
-    monkeypatch.setattr(reports, "count_kernels", lambda: expected)
+    monkeypatch.setattr(jit, "count_kernels", lambda: expected)
     written = io.StringIO()
-    with Live(console=Console(file=written, width=40)) as line, compiling(line):
+    with Live(console=Console(file=written, width=40)) as line, report_compilation(line):
         for module in ["other.package"] * others + ["rcmservo.made_up"] * 21:
             numba.njit(uncompiled_function(module))(1.0)
     lines = [one for one in written.getvalue().splitlines() if one.startswith("compiling")]

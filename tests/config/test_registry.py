@@ -6,9 +6,9 @@ import pytest
 
 import rcmservo as rs
 from conftest import make_laboratory
-from rcmservo.cli.command_line.options import list_options
+from rcmservo.cli.argument_parsing.option_introspection import list_options
 from rcmservo.cli.run_options import RunOptions
-from rcmservo.config.registry import PART_CLASSES, REGISTERED
+from rcmservo.config.registry import PART_CLASSES, REGISTERED_CLASSES
 from rcmservo.config.rig_file import METHOD_PARTS, RigDescription
 from rcmservo.config.servo_json import describe_servo
 from rcmservo.page.settings import EDITABLE_PARTS
@@ -26,7 +26,7 @@ METHOD_SETTINGS = {
 
 def test_every_field_of_a_servo_except_its_rate_is_a_part_with_distinct_class_names() -> None:
     assert [*PART_CLASSES, "rate"] == [f.name for f in fields(rs.Servo)]
-    assert set(REGISTERED) <= CLASSES and all(map(is_dataclass, CLASSES))
+    assert set(REGISTERED_CLASSES) <= CLASSES and all(map(is_dataclass, CLASSES))
     assert sum(map(len, PART_CLASSES.values())) == len(CLASSES)
 
 

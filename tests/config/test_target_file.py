@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import rcmservo as rs
-from rcmservo.cli.simulated_run.target import simulated_setup
+from rcmservo.cli.simulated_run.target import describe_simulated_setup
 from rcmservo.config import target_file
 from rcmservo.config.rig_file import RigDescription, load_rig_file
 from rcmservo.config.target_file import TargetSetup, compute_checksum
@@ -203,20 +203,20 @@ def test_a_simulated_camera_refuses_targets_of_other_cameras_and_positions(
     path = tmp_path / "target.json"
     rig = rs.sim.Rig(3, pictures=False)
     target = rs.Target(np.array([[300.0, 200.0], [320.0, 260.0]]), rig.scene.target)
-    target_file.save_target(path, target, simulated_setup(rig, RigDescription()))
+    target_file.save_target(path, target, describe_simulated_setup(rig, RigDescription()))
     again = target_file.load_target(
-        path, simulated_setup(rs.sim.Rig(3, pictures=False), RigDescription())
+        path, describe_simulated_setup(rs.sim.Rig(3, pictures=False), RigDescription())
     )
     assert again.q.tobytes() == rig.scene.target.tobytes()
     with pytest.raises(
         rs.UnusableFile, match=r"was taught with camera 'simulation with seed 3, .* with seed 4, "
     ):
         target_file.load_target(
-            path, simulated_setup(rs.sim.Rig(4, pictures=False), RigDescription())
+            path, describe_simulated_setup(rs.sim.Rig(4, pictures=False), RigDescription())
         )
     rig.relocate_camera()
     with pytest.raises(rs.UnusableFile, match="was taught with camera"):
-        target_file.load_target(path, simulated_setup(rig, RigDescription()))
+        target_file.load_target(path, describe_simulated_setup(rig, RigDescription()))
 
 
 def test_the_tolerance_beyond_joint_limits_is_the_threshold_of_the_rig(tmp_path: Path) -> None:
@@ -231,4 +231,4 @@ def test_the_tolerance_beyond_joint_limits_is_the_threshold_of_the_rig(tmp_path:
         target_file.save_target(path, target, SETUP)
     target_file.save_target(path, target, generous)
     assert target_file.load_target(path, generous).q.tobytes() == q.tobytes()
-    assert simulated_setup(rs.sim.Rig(3, pictures=False), load_rig_file(rig)).slack == 0.01
+    assert describe_simulated_setup(rs.sim.Rig(3, pictures=False), load_rig_file(rig)).slack == 0.01

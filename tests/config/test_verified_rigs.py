@@ -8,9 +8,9 @@ import pytest
 from rcmservo.config.rig_file import decode_rig_file, read_rig_file
 from rcmservo.config.verified_rigs import (
     compute_digest,
-    is_verified,
-    remove_verified,
-    store_verified,
+    is_rig_verified,
+    mark_rig_verified,
+    unmark_rig_verified,
 )
 from rcmservo.errors import UnusableFile
 
@@ -24,13 +24,13 @@ def state(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def test_a_file_that_passed_is_identified_by_its_bytes_until_it_fails() -> None:
-    assert not is_verified(ONE)
-    remove_verified(ONE)
-    store_verified(ONE)
-    store_verified(ONE)
-    assert is_verified(ONE) and not is_verified(OTHER)
-    remove_verified(ONE)
-    assert not is_verified(ONE)
+    assert not is_rig_verified(ONE)
+    unmark_rig_verified(ONE)
+    mark_rig_verified(ONE)
+    mark_rig_verified(ONE)
+    assert is_rig_verified(ONE) and not is_rig_verified(OTHER)
+    unmark_rig_verified(ONE)
+    assert not is_rig_verified(ONE)
 
 
 def test_without_a_home_directory_there_are_no_notes_and_an_error(
@@ -38,8 +38,8 @@ def test_without_a_home_directory_there_are_no_notes_and_an_error(
 ) -> None:
     monkeypatch.delenv("XDG_STATE_HOME")
     monkeypatch.setattr("os.path.expanduser", str)
-    assert not is_verified(ONE)
-    for use in (store_verified, remove_verified):
+    assert not is_rig_verified(ONE)
+    for use in (mark_rig_verified, unmark_rig_verified):
         with pytest.raises(UnusableFile, match="set XDG_STATE_HOME"):
             use(ONE)
 
@@ -57,19 +57,19 @@ def test_without_a_home_directory_there_are_no_notes_and_an_error(
     ],
 )
 def test_a_damaged_note_is_ignored(damage, state: Path) -> None:
-    store_verified(ONE)
+    mark_rig_verified(ONE)
     note = state / f"{ONE}.json"
     note.write_text(damage(note.read_text()))
-    assert not is_verified(ONE)
-    store_verified(ONE)
-    assert is_verified(ONE)
+    assert not is_rig_verified(ONE)
+    mark_rig_verified(ONE)
+    assert is_rig_verified(ONE)
 
 
 def test_a_note_that_is_no_text_or_no_file_is_ignored(state: Path) -> None:
     state.mkdir(parents=True)
     (state / f"{ONE}.json").write_bytes(b"\xff\xfe")
     (state / f"{OTHER}.json").mkdir()
-    assert not is_verified(ONE) and not is_verified(OTHER)
+    assert not is_rig_verified(ONE) and not is_rig_verified(OTHER)
 
 
 def test_a_state_directory_that_cannot_be_made_is_one_error(
@@ -77,9 +77,9 @@ def test_a_state_directory_that_cannot_be_made_is_one_error(
 ) -> None:
     (tmp_path / "state").write_text("")
     with pytest.raises(UnusableFile, match="cannot be made"):
-        store_verified(ONE)
-    assert not is_verified(ONE)
-    remove_verified(ONE)
+        mark_rig_verified(ONE)
+    assert not is_rig_verified(ONE)
+    unmark_rig_verified(ONE)
 
 
 def test_a_relative_state_directory_is_ignored_as_its_standard_says(
@@ -87,7 +87,7 @@ def test_a_relative_state_directory_is_ignored_as_its_standard_says(
 ) -> None:
     monkeypatch.setenv("XDG_STATE_HOME", "here")
     monkeypatch.setenv("HOME", str(tmp_path))
-    store_verified(ONE)
+    mark_rig_verified(ONE)
     assert (tmp_path / f".local/state/rcmservo/checked/{ONE}.json").is_file()
 
 

@@ -18,8 +18,8 @@ from rcmservo.cli.lab.hardware_prompts import (
     HardwarePreparation,
     confirm_enable,
     define_joints,
+    describe_target_setup,
     obtain_target,
-    target_setup_for_size,
     teach_by_hand,
 )
 from rcmservo.config.rig_file import RigDescription
@@ -171,7 +171,7 @@ def taught(monkeypatch: pytest.MonkeyPatch) -> Target:
     target = Target(np.array([[100.0, 100.0], [120.0, 150.0]]), np.array([0.5, 0.1, 100.0]))
     monkeypatch.setattr(hardware_prompts, "teach", lambda plant, frames: target)
     monkeypatch.setattr(
-        hardware_prompts, "target_setup", lambda lab, plant: target_setup_for_size(lab, 320, 240)
+        hardware_prompts, "target_setup", lambda lab, plant: describe_target_setup(lab, 320, 240)
     )
     return target
 
@@ -216,7 +216,7 @@ def test_a_target_of_another_rig_is_refused_before_any_question(
 ) -> None:
     file, terminal = tmp_path / "target.json", ScriptedTerminal()
     save_target(
-        file, taught, replace(target_setup_for_size(LAB, 320, 240), tool=RigidTool(spacing=31.0))
+        file, taught, replace(describe_target_setup(LAB, 320, 240), tool=RigidTool(spacing=31.0))
     )
     with pytest.raises(UnusableFile, match=r"was taught with tool\.spacing 31"):
         prepare(monkeypatch, terminal, Arm(), target=file)

@@ -16,10 +16,10 @@ import pytest
 from terminal_process import WAIT_TIMEOUT_S, AtTerminal, Laboratory, live, typed_joints, wait_for
 
 from conftest import ROOT, SMALL_RIG_TOML
-from rcmservo.cli.cli import main, parse_options
+from rcmservo.cli.cli import main, parse_command_options
 from rcmservo.cli.lab.live_on_hardware import require_devices
 from rcmservo.config.rig_file import load_rig_file
-from rcmservo.config.verified_rigs import compute_digest, store_verified
+from rcmservo.config.verified_rigs import compute_digest, mark_rig_verified
 from rcmservo.live import terminal_operator
 from rcmservo.recording.reader import read_record
 from rcmservo.sim import Rig
@@ -91,7 +91,7 @@ def test_the_documented_rig_file_and_commands_are_valid(tmp_path: Path) -> None:
         [".venv/bin/rcmservo", "live"],
     ]
     for words in commands:
-        parse_options(words[1], words[2:])
+        parse_command_options(words[1], words[2:])
     assert f"`{' '.join(f'{x:.4f}' for x in Rig(0).scene.start[:2])} " in PAGE
 
 
@@ -215,7 +215,7 @@ def test_a_checked_rig_file_allows_the_full_speed_to_the_target(
     lab: Laboratory, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
-    store_verified(compute_digest(lab.lab().read_bytes()))
+    mark_rig_verified(compute_digest(lab.lab().read_bytes()))
     folders = (tmp_path / name for name in "abcdef")
 
     def attempt() -> tuple[Path, dict[str, Any]]:

@@ -19,9 +19,9 @@ from rcmservo.bringup.axis_wiring import Robot, Wiring
 from rcmservo.bringup.check import CheckReport
 from rcmservo.bringup.findings import Finding
 from rcmservo.cli.lab import rig_check
-from rcmservo.cli.lab.rig_check import RigOptions, conclude
+from rcmservo.cli.lab.rig_check import RigOptions, report_result
 from rcmservo.config.rig_file import RigDescription
-from rcmservo.config.verified_rigs import compute_digest, is_verified, store_verified
+from rcmservo.config.verified_rigs import compute_digest, is_rig_verified, mark_rig_verified
 from rcmservo.errors import Stopped
 from rcmservo.interfaces import ArmMeasurement, Frame
 from rcmservo.loop.run_result import CameraStatistics
@@ -58,13 +58,13 @@ def check_until_enable(
     lab = laboratory.lab()
     monkeypatch.setenv("XDG_STATE_HOME", str(folder))
     digest = compute_digest(lab.read_bytes())
-    store_verified(digest)
+    mark_rig_verified(digest)
     with AtTerminal(command(lab), XDG_STATE_HOME=str(folder)) as terminal:
         define_joints(terminal, laboratory)
         terminal.until("(enable / no)")
         yield terminal
     wait_for(lambda: laboratory.off)
-    assert not is_verified(digest)
+    assert not is_rig_verified(digest)
 
 
 @pytest.mark.alone
@@ -154,13 +154,13 @@ def test_an_earlier_pass_is_revoked_unless_the_check_passes_completely_again(
         '[camera]\nkind = "opencv"\nsource = "0"\nlatency = 0.02\n'
     )
     digest, arm, camera = compute_digest(file.read_bytes()), DisabledArm(off_reason), GreyCamera()
-    store_verified(digest)
+    mark_rig_verified(digest)
     try:
         code = rig_check.rig_check(RigOptions("check", file), lambda lab: arm, lambda lab: camera)
         assert code == (0 if passed else 1)
     except Stopped:
         assert check is is_stopped
-    assert is_verified(digest) == passed and arm.closed and camera.closed
+    assert is_rig_verified(digest) == passed and arm.closed and camera.closed
 
 
 @pytest.mark.parametrize("as_json", [False, True])
@@ -173,8 +173,8 @@ def test_a_file_is_stored_as_passed_only_without_findings(
     robot = Robot(lab.mechanism, lab.tool, Wiring((1.0, 1.0, 1.0)))
     findings = [] if ok else [Finding("the picture is mirrored", "camera", "so", "otherwise")]
     options = RigOptions("check", Path("lab.toml"), as_json)
-    code = conclude(options, CheckReport(findings, done=True), robot, "0" * 64)
-    assert (code == 0) == ok == is_verified("0" * 64)
+    code = report_result(options, CheckReport(findings, done=True), robot, "0" * 64)
+    assert (code == 0) == ok == is_rig_verified("0" * 64)
     output = capsys.readouterr().out
     assert ("mirrored" in output) == (not ok)
     assert not as_json or json.loads(output)["ok"] == ok

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import rcmservo as rs
-from rcmservo.cli.simulated_run.target import simulated_setup
+from rcmservo.cli.simulated_run.target import describe_simulated_setup
 from rcmservo.config import target_file
 from rcmservo.config.rig_file import RigDescription
 from rcmservo.loop.operator import targets_are_equal
@@ -18,12 +18,16 @@ from rcmservo.page.view_model import list_recovery_actions
 from rcmservo.safety.causes import Action, Cause
 from rcmservo.sim import Rig
 
-SETUP = simulated_setup(Rig(1, pictures=False), RigDescription())
+SETUP = describe_simulated_setup(Rig(1, pictures=False), RigDescription())
 TARGET = rs.Target(np.array([[100.0, 200.0], [150.0, 250.0]]), np.array([0.5, 0.1, 120.0]))
 
 
 def load_poses(folder: Path, seed: int = 1) -> PoseStore:
-    setup = SETUP if seed == 1 else simulated_setup(Rig(seed, pictures=False), RigDescription())
+    setup = (
+        SETUP
+        if seed == 1
+        else describe_simulated_setup(Rig(seed, pictures=False), RigDescription())
+    )
     made = PoseStore(PoseFolder(folder, setup))
     made.load()
     return made

@@ -9,7 +9,7 @@ import pytest
 from conftest import ROOT
 from rcmservo.cli.cli import main
 from rcmservo.cli.paper import PaperOptions
-from rcmservo.cli.servo_options import with_user_estimator
+from rcmservo.cli.servo_options import add_user_estimator_options
 from rcmservo.paper import baselines_claims
 from rcmservo.paper.lab.methods import UserEstimatorMethod
 from rcmservo.paper.run import select_experiments
@@ -67,6 +67,6 @@ def test_the_command_accepts_only_user_defined_estimators(
 def test_the_settings_of_the_estimator_are_options(monkeypatch: pytest.MonkeyPatch) -> None:
     kind = type(recursive_least_squares())
     monkeypatch.setattr("rcmservo.cli.servo_options.import_estimator", lambda name: kind)
-    options = with_user_estimator(PaperOptions, ["--estimator", "mylab.rls:RLS"])
+    options = add_user_estimator_options(PaperOptions, ["--estimator", "mylab.rls:RLS"])
     made = options(estimator="mylab.rls:RLS", pixels=kind(forgetting=0.9))
     assert getattr(made, made.USER_GROUPS["mylab.rls:RLS"]).forgetting == 0.9

@@ -12,8 +12,8 @@ from rosbags.highlevel import AnyReader
 
 import rcmservo as rs
 from conftest import ROOT, Laboratory
+from rcmservo.cli.export import convert_to_arrays
 from rcmservo.cli.export import export_record as export
-from rcmservo.cli.export import record_arrays
 from rcmservo.config.user_estimators import hash_source, import_estimator
 from rcmservo.recording import reader
 from rcmservo.recording.replay import replay_record
@@ -105,7 +105,7 @@ def test_the_memory_is_exported_and_readable_by_other_software(
         title for title in titles if title.startswith("memory")
     ]
     rows = reader.read_record(folder)
-    assert record_arrays(rows)["memory"].shape == (len(rows.time), 16)
+    assert convert_to_arrays(rows)["memory"].shape == (len(rows.time), 16)
     with AnyReader([folder]) as bag:
         connections = [c for c in bag.connections if c.topic == "rcmservo/memory"]
         messages = [

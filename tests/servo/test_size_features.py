@@ -10,7 +10,7 @@ import pytest
 import rcmservo as rs
 from conftest import make_random
 from rcmservo.cli.cli import main
-from rcmservo.cli.simulated_run.target import simulated_setup
+from rcmservo.cli.simulated_run.target import describe_simulated_setup
 from rcmservo.config import target_file
 from rcmservo.config.rig_file import RigDescription
 from rcmservo.estimation.affine import AffineEstimator
@@ -197,7 +197,7 @@ def test_the_command_line_refuses_both_with_one_sentence(
 ) -> None:
     path, rig = tmp_path / "target.json", Rig(3, pictures=False)
     target = rs.Target(np.array([[300.0, 200.0], [320.0, 260.0]]), rig.scene.target)
-    target_file.save_target(path, target, simulated_setup(rig, RigDescription()))
+    target_file.save_target(path, target, describe_simulated_setup(rig, RigDescription()))
     law = ["--estimator", estimator, "--controller.features", "size"]
     run = ["run", "--seed", "3", *law, "--target", str(path), "--out", str(tmp_path / "out")]
     assert main(run) == 2

@@ -22,8 +22,8 @@ import pyarrow as pa
 import pytest
 from studies import make_small_plan, run_plan
 
-from rcmservo.cli.studies.study_report import comparison_sentence, result_table
-from rcmservo.cli.terminal import console
+from rcmservo.cli.studies.study_report import build_result_table, describe_comparison
+from rcmservo.cli.terminal import open_console
 from rcmservo.interfaces import Floats
 from rcmservo.study.execution import manifest
 from rcmservo.study.execution.store import RUNS_FILE, read_runs
@@ -226,7 +226,7 @@ def test_the_terminal_wraps_long_names_without_cropping(
     study: ReportedStudy, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("COLUMNS", "80")
-    console().print(result_table(study.summary.summaries))
+    open_console().print(build_result_table(study.summary.summaries))
     output = capsys.readouterr().out
     assert "…" not in output and max(map(len, output.splitlines())) <= 80
     cells = [line.split("│")[1].strip() for line in output.splitlines() if line.startswith("│")]
@@ -237,14 +237,14 @@ def test_an_infinite_difference_of_times_is_described_in_words() -> None:
     never, unknown = Interval(np.inf, np.inf, np.inf), Interval(np.nan, np.nan, np.nan)
     success = Interval(-1.0, -1.0, -0.6)
     later = report.PairedComparison("a", "b", "random", 9, success, never, unknown)
-    assert comparison_sentence(later) == (
+    assert describe_comparison(later) == (
         "a compared with b, random, 9 pairs: success -100.0 (-100.0 to -60.0) % points, "
         "mostly only b reaches 1 mm, error –"
     )
     equal = replace(later, time_s=Interval(0.0, 0.0, 0.0), pose_mm=Interval(0.0, 0.0, 0.0))
-    assert comparison_sentence(equal).endswith("to 1 mm +0.00 s, error +0.000 mm")
+    assert describe_comparison(equal).endswith("to 1 mm +0.00 s, error +0.000 mm")
     sooner = replace(later, time_s=Interval(-np.inf, -np.inf, -0.5))
-    assert "mostly only a reaches 1 mm" in comparison_sentence(sooner)
+    assert "mostly only a reaches 1 mm" in describe_comparison(sooner)
 
 
 def make_group(success: list[bool], **columns: Any) -> Group:

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from studies import InProcessPool, run_plan
 
-from rcmservo.cli.cli import parse_options
-from rcmservo.cli.studies.tune import run_command, settings_text
+from rcmservo.cli.cli import parse_command_options
+from rcmservo.cli.studies.tune import format_run_command, format_settings
 from rcmservo.config.rig_file import RigDescription
 from rcmservo.control.exploration import Exploration
 from rcmservo.control.saturated_controller import SaturatedController
@@ -318,12 +318,12 @@ METHODS = {
 def parse_command(command: str) -> Any:
     words = shlex.split(command)
     assert words[0] == "rcmservo"
-    return parse_options(words[1], words[2:])
+    return parse_command_options(words[1], words[2:])
 
 
 @pytest.mark.parametrize("case", METHODS)
 def test_the_printed_command_runs_exactly_these_settings(case: str) -> None:
-    options = parse_command(run_command(METHODS[case]))
+    options = parse_command(format_run_command(METHODS[case]))
     assert options.servo == servo_of(METHODS[case], RigDescription())
 
 
@@ -333,7 +333,7 @@ def test_the_printed_command_has_the_option_names_of_a_user_estimator(
     monkeypatch.setitem(sys.modules, "user_lab", sys.modules[__name__])
     monkeypatch.setattr(Picky, "__module__", "user_lab")
     method = make_method("tuned", estimator=Picky(forgetting=0.91))
-    options = parse_command(run_command(method))
+    options = parse_command(format_run_command(method))
     assert options.estimator == "user_lab:Picky"
     assert options.servo.estimator == method.estimator
 
@@ -342,13 +342,13 @@ def test_the_printed_command_has_the_option_names_of_a_user_estimator(
 def test_the_written_settings_are_a_study_file_with_the_same_method(
     case: str, tmp_path: Path
 ) -> None:
-    (tmp_path / "tuned.toml").write_text(settings_text(METHODS[case], {}, make_tuning()))
+    (tmp_path / "tuned.toml").write_text(format_settings(METHODS[case], {}, make_tuning()))
     assert make_plan(read_study_file(tmp_path / "tuned.toml"), {}).methods == (METHODS[case],)
 
 
 def test_the_written_settings_of_a_user_estimator_name_its_class(tmp_path: Path) -> None:
     method, own = make_method("tuned", estimator=Picky(forgetting=0.91)), {"user_lab:Picky": Picky}
-    (tmp_path / "tuned.toml").write_text(settings_text(method, own, make_tuning()))
+    (tmp_path / "tuned.toml").write_text(format_settings(method, own, make_tuning()))
     assert make_plan(read_study_file(tmp_path / "tuned.toml"), own).methods == (method,)
     with pytest.raises(RcmServoError, match="user_lab:Picky"):
         make_plan(read_study_file(tmp_path / "tuned.toml"), {})

@@ -1,5 +1,8 @@
-"""Command line: dispatch to the requested command, and its exit code.
+"""Command line: the table of all commands, the dispatch to one of them, and its exit code.
 
+To add a command, write its file in this folder and add it to `COMMANDS`. To add an option, add a
+field to the dataclass of the command's options, with its description in the Parameters section:
+`RunOptions` in run_options.py for `rcmservo run`, otherwise the dataclass in the command's file.
 A command is imported only when it is requested, so that `--help` is quick.
 """
 
@@ -10,14 +13,12 @@ from importlib import import_module
 from typing import Any, NamedTuple
 
 from rcmservo import __version__
-from rcmservo.errors import BadInput, RcmServoError, Stopped
+from rcmservo.errors import BadInput, RcmServoError, Stopped, quoted, suggestion
 
-EXIT_BAD_INPUT, EXIT_STOPPED = 2, 1
-"""Exit codes of an invalid request and of a stopped run; a run that did not settle gives 1 as well.
-"""
-
-SUMMARY_COLUMN = 11
-"""Column at which the summary of a command begins."""
+EXIT_BAD_INPUT = 2
+"""Exit code of an invalid request."""
+EXIT_STOPPED = 1
+"""Exit code of a stopped run, and of a run that did not settle."""
 
 
 class CommandEntry(NamedTuple):
@@ -38,8 +39,8 @@ class CommandEntry(NamedTuple):
     def load(self) -> tuple[type[Any], Callable[[Any], int]]:
         """Import the command; return the class of its options and its function."""
         module, _, name = self.entry_point.partition(":")
-        action = getattr(import_module(f"rcmservo.cli.{module}"), name)
-        return action.__annotations__["options"], action
+        function = getattr(import_module(f"rcmservo.cli.{module}"), name)
+        return function.__annotations__["options"], function
 
 
 COMMANDS = {
@@ -75,11 +76,10 @@ def main(arguments: list[str] | None = None) -> int:
         print(f"rcmservo: {stopped}", file=sys.stderr)
         return EXIT_STOPPED
     except BadInput as error:
-        option = error.field.startswith("--") and arguments[0] in COMMANDS
-        more = "--help-all" if "." in error.field else "--help"
-        return _print_error(
-            f"{error}; see rcmservo {arguments[0]} {more}" if option else str(error)
-        )
+        is_option = error.field.startswith("--") and arguments[0] in COMMANDS
+        help_option = "--help-all" if "." in error.field else "--help"
+        hint = f"; see rcmservo {arguments[0]} {help_option}" if is_option else ""
+        return _print_error(f"{error}{hint}")
     except RcmServoError as error:
         return _print_error(str(error))
     except OSError as error:
@@ -87,93 +87,84 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _dispatch(arguments: list[str]) -> int:
+    """Run a command, or print the version or the list of commands."""
+    names = ", ".join(COMMANDS)
     match arguments:
         case ["--version"]:
             print(f"rcmservo {__version__}")
         case ["-h" | "--help" | "--help-all", *_]:
-            print(command_overview())
-        case [name, *words] if name in COMMANDS:
-            return _run_command(name, words)
+            print(format_command_overview())
+        case [name, *command_arguments] if name in COMMANDS:
+            return _run_command(name, command_arguments)
+        case [name, *_]:
+            invalid = f"{names}, got {quoted(name)}{suggestion(name, COMMANDS)}"
+            return _print_error(f"the command must be one of {invalid}; see rcmservo --help")
         case _:
-            return _print_error(f"{_unknown_command(arguments)}; see rcmservo --help")
+            return _print_error(f"a command must be given, one of {names}; see rcmservo --help")
     return 0
 
 
 def _run_command(name: str, arguments: list[str]) -> int:
     """Run a command, or print its help."""
-    from rcmservo.cli.command_line.help_text import HELP_ALL_OPTION, HELP_OPTIONS, help_text
+    from rcmservo.cli.argument_parsing.help_text import HELP_ALL_OPTION, HELP_OPTIONS, format_help
 
     if {*HELP_OPTIONS, HELP_ALL_OPTION} & set(arguments):
-        print(help_text(name, options_class(name, arguments), HELP_ALL_OPTION in arguments))
+        print(format_help(name, load_options_class(name, arguments), HELP_ALL_OPTION in arguments))
         return 0
-    options = parse_options(name, arguments)
+    options = parse_command_options(name, arguments)
     if name == "replay":
         return _run_replay(options, arguments)
     if name == "study" and options.file_defaults is not None:
-        options = parse_options(name, arguments, options.file_defaults)
-    _, action = COMMANDS[name].load()
-    return action(options)
+        options = parse_command_options(name, arguments, options.file_defaults)
+    _, function = COMMANDS[name].load()
+    return function(options)
 
 
-def options_class(name: str, arguments: list[str]) -> type[Any]:
+def load_options_class(name: str, arguments: list[str]) -> type[Any]:
     """Return the dataclass of a command's options.
 
     It includes the settings of a user-defined estimator that the arguments name.
     """
-    from rcmservo.cli.servo_options import with_user_estimator
+    from rcmservo.cli.servo_options import add_user_estimator_options
 
-    kind, _ = COMMANDS[name].load()
-    return with_user_estimator(kind, arguments)
+    options_class, _ = COMMANDS[name].load()
+    return add_user_estimator_options(options_class, arguments)
 
 
-def parse_options(name: str, arguments: list[str], defaults: Any = None) -> Any:
+def parse_command_options(name: str, arguments: list[str], defaults: Any = None) -> Any:
     """Return a command's options from its arguments, and from `defaults` where they are absent."""
-    from rcmservo.cli.parse import parse
+    from rcmservo.cli.argument_parsing.parse import parse_options
 
-    return parse(name, options_class(name, arguments), arguments, defaults)
+    return parse_options(name, load_options_class(name, arguments), arguments, defaults)
 
 
 def _run_replay(options: Any, arguments: list[str]) -> int:
     """Score a recording, or recompute a run with its recorded settings and the given ones."""
-    from rcmservo.cli.replay import recompute_run, recorded_options, replay
+    from rcmservo.cli.replay import rebuild_recorded_options, recompute_run, replay
     from rcmservo.recording import reader
 
     if not reader.record_file(options.path).is_file():
         return replay(options)
-    then = reader.read_record(options.path)
-    usual = recorded_options(options, then)
-    return recompute_run(parse_options("replay", arguments, usual), usual, then)
+    record = reader.read_record(options.path)
+    recorded_options = rebuild_recorded_options(options, record)
+    given_options = parse_command_options("replay", arguments, recorded_options)
+    return recompute_run(given_options, recorded_options, record)
 
 
-def command_overview() -> str:
+def format_command_overview() -> str:
     """Return the list of all commands."""
-    about = textwrap.fill(DESCRIPTION, 80)
-    rows = (f"  {name:<{SUMMARY_COLUMN - 2}}{entry.summary}" for name, entry in COMMANDS.items())
-    return "\n".join(
-        [
-            "usage: rcmservo [--version] COMMAND [options]",
-            "",
-            about,
-            "",
-            "commands:",
-            *rows,
-            "",
-            "rcmservo COMMAND --help explains a command.",
-        ]
-    )
+    width = max(map(len, COMMANDS)) + 2
+    commands = "\n".join(f"  {name:<{width}}{entry.summary}" for name, entry in COMMANDS.items())
+    return f"""usage: rcmservo [--version] COMMAND [options]
+
+{textwrap.fill(DESCRIPTION, 80)}
+
+commands:
+{commands}
+
+rcmservo COMMAND --help explains a command."""
 
 
-def _unknown_command(arguments: list[str]) -> str:
-    """Return the error message for arguments that name no command."""
-    from rcmservo.errors import quoted, suggestion
-
-    known = ", ".join(COMMANDS)
-    if not arguments:
-        return f"a command must be given, one of {known}"
-    word = arguments[0]
-    return f"the command must be one of {known}, got {quoted(word)}{suggestion(word, COMMANDS)}"
-
-
-def _print_error(sentence: str) -> int:
-    print(f"rcmservo: {sentence}", file=sys.stderr)
+def _print_error(message: str) -> int:
+    print(f"rcmservo: {message}", file=sys.stderr)
     return EXIT_BAD_INPUT

@@ -1,4 +1,4 @@
-"""Output folders, which must be new or empty, and files for targets."""
+"""Output folders of commands and new target files: nothing that exists is overwritten."""
 
 import contextlib
 import os
@@ -9,25 +9,31 @@ from pathlib import Path
 from rcmservo.errors import Stopped, UnusableFile, require
 
 
-def dated_folder(name: str) -> Path:
-    """Return the path of an unused folder under runs/."""
+def make_dated_path(name: str) -> Path:
+    """Return the path of a folder under runs/ whose name contains the present time."""
     return Path("runs") / f"{name}-{datetime.now():%Y%m%d-%H%M%S-%f}"
 
 
 @contextlib.contextmanager
-def new_folder(out: Path | None, name: str) -> Generator[Path]:
-    """Yield the output folder: the user's, which must be new or empty, or a new one under runs/.
+def open_new_folder(out: Path | None, name: str) -> Generator[Path]:
+    """Yield the output folder `out`, which must be new or empty, or else a new one under runs/.
 
-    Every folder that was created is removed if it stays empty. Otherwise Ctrl-C and a stop request
-    are raised with the path of the folder.
+    Every folder that was created is removed if it stays empty. If it holds results when Ctrl-C or a
+    stop request arrives, the exception is raised again with the path of the folder.
+
+    Raises
+    ------
+    UnusableFile
+        If the folder is not empty or cannot be written to.
     """
-    folder = out or dated_folder(name)
+    folder = out or make_dated_path(name)
     created = [path for path in (folder, *folder.parents) if not path.exists()]
     try:
         _make_empty_folder(folder)
         yield folder
     except KeyboardInterrupt:
-        raise KeyboardInterrupt(*([folder] if any(folder.iterdir()) else [])) from None
+        has_results = any(folder.iterdir())
+        raise KeyboardInterrupt(*([folder] if has_results else [])) from None
     except Stopped as stopped:
         if not any(folder.iterdir()):
             raise
@@ -38,28 +44,36 @@ def new_folder(out: Path | None, name: str) -> Generator[Path]:
                 path.rmdir()
 
 
-def require_new_target_file(target: Path | None, save: Path | None) -> None:
-    """Refuse to save a target that was read from a file, or to overwrite a file."""
-    if save is None:
+def require_new_target_file(target: Path | None, save_target: Path | None) -> None:
+    """Refuse --save-target for a target that --target reads, or for a file that exists.
+
+    Raises
+    ------
+    BadInput
+        If both options are given.
+    UnusableFile
+        If the file `save_target` exists or cannot be written.
+    """
+    if save_target is None:
         return
     expected = "left out with --target, where no target is taught"
-    require(target is None, "--save-target", save, expected)
-    if save.exists():
-        raise UnusableFile(save, "exists and is not overwritten: name a new file")
-    if not (save.parent.is_dir() and os.access(save.parent, os.W_OK)):
-        raise UnusableFile(
-            save, f"cannot be written: {save.parent} is not a folder that you can write to"
-        )
+    require(target is None, "--save-target", save_target, expected)
+    if save_target.exists():
+        raise UnusableFile(save_target, "exists and is not overwritten: name a new file")
+    folder = save_target.parent
+    if not (folder.is_dir() and os.access(folder, os.W_OK)):
+        reason = f"cannot be written: {folder} is not a folder that you can write to"
+        raise UnusableFile(save_target, reason)
 
 
 def _make_empty_folder(folder: Path) -> None:
     """Create the folder if it is absent; refuse one that is not empty or not writable."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        is_full = any(folder.iterdir())
+        is_occupied = any(folder.iterdir())
     except OSError as error:
         raise UnusableFile(folder, f"cannot be written to: {error.strerror}") from error
-    if is_full:
+    if is_occupied:
         raise UnusableFile(folder, "is not empty and is not overwritten: name a new folder")
     if not os.access(folder, os.W_OK):
         raise UnusableFile(folder, "cannot be written to")

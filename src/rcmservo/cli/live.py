@@ -1,17 +1,20 @@
-"""`rcmservo live`: a run in wall time on a simulated lab, or on the devices of a rig file."""
+"""`rcmservo live`: a run in wall time on a simulated arm, or on the devices of a rig file.
+
+Its options are `LiveOptions` and, shared with `run`, those of run_options.py.
+"""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from rich.console import Console
 
-from rcmservo.cli.folders import new_folder, require_new_target_file
+from rcmservo.cli.folders import open_new_folder, require_new_target_file
 from rcmservo.cli.lab.live_on_hardware import live_on_hardware, require_devices
-from rcmservo.cli.lab.live_progress import LiveProgress
-from rcmservo.cli.progress.preparing import compiling
+from rcmservo.cli.progress.compilation import report_compilation
+from rcmservo.cli.progress.run_progress import LiveProgress
 from rcmservo.cli.result_output import print_result, read_record_if_any, save_result
 from rcmservo.cli.run_options import RunToTargetOptions
-from rcmservo.cli.terminal import console, status_line
+from rcmservo.cli.terminal import open_console, open_status_line
 from rcmservo.errors import require, require_extra
 from rcmservo.live.supervisor import run_live
 from rcmservo.loop.run_result import RunResult, finite_or_none
@@ -30,40 +33,40 @@ class LiveOptions(RunToTargetOptions):
 
 def live(options: LiveOptions) -> int:
     """Run, write the folder and print the result; return 0 if the run settled."""
-    out = console(stderr=options.json)
+    console = open_console(stderr=options.json)
     if options.has_devices():
         require_new_target_file(options.target, options.save_target)
         require_devices(options.lab, options.rig, options.digest)
-        _ = options.servo  # invalid settings are refused before anything is written
-        with new_folder(options.out, "live-hardware") as folder:
-            result = live_on_hardware(options, folder, out)
-        return print_result(out, result, options.json)
+        _ = options.servo  # raises an error for invalid settings before anything is written
+        with open_new_folder(options.out, "live-hardware") as folder:
+            result = live_on_hardware(options, folder, console)
+        return print_result(console, result, options.json)
     for name, path in (("--target", options.target), ("--save-target", options.save_target)):
         expected = "left out without [arm] in the rig file: a simulated run teaches its own target"
         require(path is None, name, path, expected)
     with (
         require_extra("live", "sim"),
-        new_folder(options.out, f"live-seed{options.seed}") as folder,
+        open_new_folder(options.out, f"live-seed{options.seed}") as folder,
     ):
         words = f"simulated arm and camera, seed {options.seed}; preparing …"
-        out.print(words, style="dim", soft_wrap=True)
-        result = _run_simulated(options, folder, out)
-    return print_result(out, result, options.json)
+        console.print(words, style="dim", soft_wrap=True)
+        result = _run_simulated(options, folder, console)
+    return print_result(console, result, options.json)
 
 
-def _run_simulated(options: LiveOptions, folder: Path, out: Console) -> RunResult:
-    """Run on the simulated lab and save the result."""
-    from rcmservo.cli.simulated_run.run_description import describe_simulated_run
+def _run_simulated(options: LiveOptions, folder: Path, console: Console) -> RunResult:
+    """Run on the simulated arm and camera, and save the result."""
+    from rcmservo.cli.run_description import describe_simulated_run
     from rcmservo.sim.processes.lab_processes import SimulatedLab
 
     settings, servo, duration = options.rig_settings, options.servo, options.duration
-    with status_line(out) as line, SimulatedLab(options.seed, settings) as lab:
-        with compiling(line):  # here, so that the servo process finds the compiled kernels
+    with open_status_line(console) as status_line, SimulatedLab(options.seed, settings) as lab:
+        with report_compilation(status_line):  # the servo process then finds compiled kernels
             servo.warm_up()
         record, description = folder / RECORD, describe_simulated_run(options, duration)
         markers, frames = options.lab.markers, options.teaching_frames
         session = lab.session(servo, markers, duration, record, description, frames)
-        result = run_live(session, lab.switch_off, LiveProgress(line, duration))
-        error = finite_or_none(lab.true_error())
-    result = replace(result, seed=options.seed, estimator=options.estimator, pose_error_mm=error)
+        result = run_live(session, lab.switch_off, LiveProgress(status_line, duration))
+        error_mm = finite_or_none(lab.true_error())
+    result = replace(result, seed=options.seed, estimator=options.estimator, pose_error_mm=error_mm)
     return save_result(result, read_record_if_any(folder), folder)

@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING
 
 from rich.table import Table
 
-from rcmservo.cli.folders import dated_folder
-from rcmservo.cli.progress.progress import progress, resume_hint
+from rcmservo.cli.folders import make_dated_path
+from rcmservo.cli.progress.progress import print_resume_hint, show_progress
 from rcmservo.cli.servo_options import EstimatorOptions, OptionalEstimator
-from rcmservo.cli.terminal import console
+from rcmservo.cli.terminal import open_console
 from rcmservo.config.rig_file import RigDescription
 from rcmservo.config.user_estimators import hash_source
 from rcmservo.errors import require, require_extra
@@ -27,6 +27,7 @@ QUICK_REMARK = (
     "verdict; the numbers differ from those of the full set"
 )
 VERDICTS = ("holds", "holds with a remark", "does not hold")
+"""Possible verdicts on a claim of the paper."""
 
 
 @dataclass(frozen=True)
@@ -58,58 +59,59 @@ def paper(options: PaperOptions) -> int:
     with require_extra("paper", "sim"):
         from rcmservo.paper import run, store
 
-        experiments = run.select_experiments(options.only, _user_method(options))
-    out = console()
-    folder = options.out or dated_folder("paper")
+        experiments = run.select_experiments(options.only, _make_user_method(options))
+    console = open_console()
+    folder = options.out or make_dated_path("paper")
     tasks = [task for experiment in experiments.values() for task in experiment.plan(options.quick)]
     store.prepare(folder, options.quick)
-    words = f"{len(tasks)} simulated tasks on all cores, into {folder}"
-    out.print(words, style="dim", soft_wrap=True)
-    total = sum(task.cost for task in tasks)
-    with resume_hint(folder, out), progress(out, "simulating", total) as advance:
-        written = run.run(folder, options.quick, experiments, lambda task: advance(task.cost))
-    rows = written.rows
-    out.print(_claim_table(rows) if options.only is not None else _verdict_table(rows))
+    announcement = f"{len(tasks)} simulated tasks on all cores, into {folder}"
+    console.print(announcement, style="dim", soft_wrap=True)
+    total_cost = sum(task.cost for task in tasks)
+    with (
+        print_resume_hint(folder, console),
+        show_progress(console, "simulating", total_cost) as advance,
+    ):
+        report = run.run(folder, options.quick, experiments, lambda task: advance(task.cost))
+    build_table = _build_verdict_table if options.only is None else _build_claim_table
+    console.print(build_table(report.rows))
     if options.quick:
-        out.print(QUICK_REMARK, soft_wrap=True)
-    for name, why in written.left_out.items():
-        out.print(f"{name} is left out: {why}", soft_wrap=True)
-    out.print(f"report in {written.page}", soft_wrap=True)
-    return EXIT_INCOMPLETE if written.left_out else 0
+        console.print(QUICK_REMARK, soft_wrap=True)
+    for name, reason in report.left_out.items():
+        console.print(f"{name} is left out: {reason}", soft_wrap=True)
+    console.print(f"report in {report.page}", soft_wrap=True)
+    return EXIT_INCOMPLETE if report.left_out else 0
 
 
-def _user_method(options: PaperOptions) -> "UserEstimatorMethod | None":
-    """Return the user-defined estimator that the options name as a method, after a trial."""
+def _make_user_method(options: PaperOptions) -> "UserEstimatorMethod | None":
+    """Return the user-defined estimator of --estimator as a method, after a trial of its code."""
     from rcmservo.paper.lab.methods import UserEstimatorMethod
 
     name = options.estimator
     if name is None:
         return None
-    require(
-        name in options.user_estimators, "--estimator", name, "your own estimator, as module:class"
-    )
+    expected = "your own estimator, as module:class"
+    require(name in options.user_estimators, "--estimator", name, expected)
     estimator = options.user_estimators[name]
     check_estimator(estimator, RigDescription().tool)
-    return UserEstimatorMethod(
-        name, name.rpartition(":")[2], estimator, source=hash_source(estimator)
-    )
+    short_name = name.rpartition(":")[2]
+    return UserEstimatorMethod(name, short_name, estimator, source=hash_source(estimator))
 
 
-def _claim_table(rows: "list[ClaimRow]") -> Table:
+def _build_claim_table(rows: "list[ClaimRow]") -> Table:
     """Return the claims of one experiment; one or two trials give no verdict."""
     table = Table("claim", "where", "measured", "verdict")
     for row in rows:
         claim = ": ".join(filter(None, (row.claim, *row.case)))
         verdict = row.verdict or f"n = {row.trials}"
-        ends = "({:.3g} to {:.3g}) ".format(*row.interval) if row.interval else ""
-        table.add_row(claim, row.where, f"{row.measured:.3g} {ends}{row.unit}", verdict)
+        interval = "({:.3g} to {:.3g}) ".format(*row.interval) if row.interval else ""
+        table.add_row(claim, row.where, f"{row.measured:.3g} {interval}{row.unit}", verdict)
     return table
 
 
-def _verdict_table(rows: "list[ClaimRow]") -> Table:
+def _build_verdict_table(rows: "list[ClaimRow]") -> Table:
     """Return the number of claims with each verdict, by experiment."""
     table = Table("experiment", *VERDICTS, "no verdict")
     for name in dict.fromkeys(row.experiment for row in rows):
-        found = [row.verdict for row in rows if row.experiment == name]
-        table.add_row(name, *(str(found.count(verdict)) for verdict in (*VERDICTS, None)))
+        verdicts = [row.verdict for row in rows if row.experiment == name]
+        table.add_row(name, *(str(verdicts.count(verdict)) for verdict in (*VERDICTS, None)))
     return table

@@ -1,10 +1,14 @@
-"""`rcmservo replay`: score a recording, or recompute the decisions of a recorded run."""
+"""`rcmservo replay`: score a recording, or recompute the decisions of a recorded run.
+
+A recording is a folder of images with the joints of each image, of any arm. The record of a run is
+what `rcmservo run`, `live` or `serve` wrote, with every decision of the servo.
+"""
 
 import json
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 import tyro
@@ -12,13 +16,13 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn
 from rich.table import Table
 
-from rcmservo.cli.folders import new_folder
-from rcmservo.cli.score_report import centres_csv, print_score, score_as_json
-from rcmservo.cli.servo_options import OPTION_GROUPS, OptionalEstimator, ServoOptions
-from rcmservo.cli.terminal import console
+from rcmservo.cli.folders import open_new_folder
+from rcmservo.cli.score_report import convert_score_to_json, format_centres_csv, print_score
+from rcmservo.cli.servo_options import OptionalEstimator, ServoOptions
+from rcmservo.cli.terminal import open_console
 from rcmservo.config.atomic_files import write_atomically
 from rcmservo.config.registry import ESTIMATORS, find_class_name
-from rcmservo.config.rig_file import METHOD_PARTS, load_rig_file
+from rcmservo.config.rig_file import load_rig_file
 from rcmservo.errors import UnusableFile, require
 from rcmservo.estimation.base import Estimator
 from rcmservo.estimation.projection_rule import PAPER_PROJECTION_ESTIMATOR
@@ -64,125 +68,128 @@ class ReplayOptions(ServoOptions):
     json: bool = False
 
 
-def recorded_options(options: ReplayOptions, record: Record) -> ReplayOptions:
-    """Return the recorded settings of a run as options of this command.
-
-    The recorded estimator replaces the settings of its class. The printed estimator does not where
-    the command names `projection`, because the two names would then mean the same estimator.
-    """
-    if not record.stages:
-        raise UnusableFile(options.path, "does not record the servo of its ticks")
-    servo = rebuild_stage_servo(record, record.stages[0], user_estimator_classes(options))
-    name = find_class_name(servo.estimator, ESTIMATORS)
-    groups: dict[str, Any] = {
-        part: getattr(servo, part) for part in METHOD_PARTS if part in OPTION_GROUPS
-    }
-    is_printed_variant = (
-        options.estimator == "projection" and servo.estimator == PAPER_PROJECTION_ESTIMATOR
-    )
-    if not is_printed_variant:
-        groups[options.USER_GROUPS.get(name, name)] = servo.estimator
-    is_named = options.estimator == name and not is_printed_variant
-    estimator = options.estimator if is_named else None
-    return type(options)(options.path, estimator=estimator, **groups)
-
-
-def user_estimator_classes(options: ReplayOptions) -> dict[str, type[Estimator]]:
-    """Return the classes of the user-defined estimators that the command line names."""
-    return {name: type(estimator) for name, estimator in options.user_estimators.items()}
-
-
-def recompute_run(options: ReplayOptions, recorded: ReplayOptions, record: Record) -> int:
-    """Recompute the decisions of a recorded run; return 1 if any of them differs."""
-    expected = "left out for a run, whose record describes the rig"
-    require(options.rig is None, "--rig", options.rig, expected)
-    require(options.out is None, "--out", options.out, "left out for a run, which writes nothing")
-    as_recorded = options == replace(recorded, json=options.json)
-    changed = None if as_recorded else _changed_servo(options, record)
-    result = replay_record(record, changed, user_estimator_classes(options))
-    if options.json:
-        print(json.dumps(result.numbers))
-    else:
-        print("; ".join(filter(None, (result.sentence, record.missing))))
-        if result.open_loop and not result.same:
-            _print_differences(console(), result)
-    return 0 if result.same else EXIT_DECISIONS_DIFFER
-
-
-def _changed_servo(options: ReplayOptions, record: Record) -> Servo:
-    """Return the recorded servo with the settings of the command line."""
-    servo = rebuild_stage_servo(record, record.stages[0], user_estimator_classes(options))
-    parts = options.parts(options.estimator or find_class_name(servo.estimator, ESTIMATORS))
-    return replace(servo, **parts)
-
-
-def _print_differences(console: Console, result: ReplayResult) -> None:
-    """Print how the commanded speeds and phases change with the other settings."""
-    recorded, recomputed = result.recorded, result.recomputed
-    table = Table("", "as recorded", "with these settings")
-    speeds = [np.median(np.linalg.norm(rows.ticks["v"], axis=1)) for rows in (recorded, recomputed)]
-    table.add_row("median commanded speed of marker 1", *(f"{speed:.2f} mm/s" for speed in speeds))
-    for name in dict.fromkeys((*recorded.phase, *recomputed.phase)):
-        counts = [rows.phase.count(name) for rows in (recorded, recomputed)]
-        table.add_row(f"ticks in {name}", *map(str, counts))
-    difference = np.linalg.norm(recorded.ticks["v"] - recomputed.ticks["v"], axis=1)
-    table.add_row(
-        "median difference of the commanded velocities", "", f"{np.median(difference):.2f} mm/s"
-    )
-    console.print(table)
-
-
 def replay(options: ReplayOptions) -> int:
     """Score a recording and return the exit code 0."""
     if not options.path.exists():
         raise UnusableFile(options.path, "does not exist")
-    out = console(stderr=options.json)
-    with nullcontext() if options.out is None else new_folder(options.out, "replay") as folder:
-        scored = _score(options, out)
+    console = open_console(stderr=options.json)
+    with nullcontext() if options.out is None else open_new_folder(options.out, "replay") as folder:
+        score = _score_recording(options, console)
         if options.json:
-            print(json.dumps(score_as_json(scored)))
+            print(json.dumps(convert_score_to_json(score)))
         else:
-            print_score(out, scored)
+            print_score(console, score)
         if folder is not None:
-            write_atomically(
-                folder / "replay.json", json.dumps(score_as_json(scored), indent=2) + "\n"
-            )
-            write_atomically(folder / "centres.csv", centres_csv(scored))
+            text = json.dumps(convert_score_to_json(score), indent=2) + "\n"
+            write_atomically(folder / "replay.json", text)
+            write_atomically(folder / "centres.csv", format_centres_csv(score))
     return 0
 
 
-def _score(options: ReplayOptions, out: Console) -> scoring.RecordingScore:
+def _score_recording(options: ReplayOptions, console: Console) -> scoring.RecordingScore:
     """Return the score of a recording; show a progress bar while its frames are tracked."""
     lab = load_rig_file(options.rig)
-    estimators = _estimators(options, lab.tool)
-    bar = Progress(
-        TextColumn("tracking", markup=False),
-        BarColumn(),
-        TextColumn("{task.completed}/{task.total} frames", markup=False),
-        console=out,
-        transient=True,
-    )
-    with bar:
+    estimators = _select_estimators(options, lab.tool)
+    name = TextColumn("tracking", markup=False)
+    count = TextColumn("{task.completed}/{task.total} frames", markup=False)
+    with Progress(name, BarColumn(), count, console=console, transient=True) as bar:
         task = bar.add_task("tracking", total=None)
         return scoring.score_recording(
             options.path,
             lab,
             ColourMarkers(lab.markers),
             estimators,
-            options.settings["imaged_rcm"],
+            options.part_settings["imaged_rcm"],
             lambda done, total: bar.update(task, completed=done, total=total),
         )
 
 
-def _estimators(options: ReplayOptions, tool: Tool) -> dict[str, Estimator]:
+def _select_estimators(options: ReplayOptions, tool: Tool) -> dict[str, Estimator]:
     """Return the estimators to score: the built-in ones and the one that the options name."""
-    name = options.estimator
+    name, user_estimators = options.estimator, options.user_estimators
     expected = "left out for a recording, where all built-in ones are scored, or module:class"
-    require(name is None or name in options.user_estimators, "--estimator", name, expected)
-    built_in = {
-        key: one for key, one in options.estimators.items() if key not in options.user_estimators
-    }
-    if name is None:
-        return built_in
-    check_estimator(options.user_estimators[name], tool)
-    return {**built_in, name: guard_strictly(options.user_estimators[name])}
+    require(name is None or name in user_estimators, "--estimator", name, expected)
+    selected = {key: e for key, e in options.estimators.items() if key not in user_estimators}
+    if name is not None:
+        check_estimator(user_estimators[name], tool)
+        selected[name] = guard_strictly(user_estimators[name])
+    return selected
+
+
+def recompute_run(options: ReplayOptions, recorded: ReplayOptions, record: Record) -> int:
+    """Recompute the decisions of a recorded run; return 1 if any of them differs.
+
+    Parameters
+    ----------
+    options : ReplayOptions
+        Recorded settings, with those of the command line in their place.
+    recorded : ReplayOptions
+        Recorded settings.
+    record : Record
+        Record of the run.
+    """
+    expected = "left out for a run, whose record describes the rig"
+    require(options.rig is None, "--rig", options.rig, expected)
+    require(options.out is None, "--out", options.out, "left out for a run, which writes nothing")
+    has_changes = options != replace(recorded, json=options.json)
+    changed_servo = _change_servo(options, record) if has_changes else None
+    result = replay_record(record, changed_servo, _list_user_classes(options))
+    if options.json:
+        print(json.dumps(result.numbers))
+    else:
+        print("; ".join(filter(None, (result.sentence, record.missing))))
+        if result.open_loop and not result.same:
+            _print_differences(open_console(), result)
+    return 0 if result.same else EXIT_DECISIONS_DIFFER
+
+
+def rebuild_recorded_options(options: ReplayOptions, record: Record) -> ReplayOptions:
+    """Return the recorded settings of a run as options of this command.
+
+    The recorded estimator replaces the settings of its class. An exception is the estimator
+    `projection-printed`, which has the class of `projection`: if the command line names
+    `projection`, the recorded settings are not used.
+    """
+    servo = _rebuild_servo(options, record)
+    name = find_class_name(servo.estimator, ESTIMATORS)
+    groups = {part: getattr(servo, part) for part in options.part_settings}
+    is_projection_printed = servo.estimator == PAPER_PROJECTION_ESTIMATOR
+    if options.estimator == "projection" and is_projection_printed:
+        return type(options)(options.path, **groups)
+    groups[options.USER_GROUPS.get(name, name)] = servo.estimator
+    estimator = options.estimator if options.estimator == name else None
+    return type(options)(options.path, estimator=estimator, **groups)
+
+
+def _list_user_classes(options: ReplayOptions) -> dict[str, type[Estimator]]:
+    """Return the classes of the user-defined estimators that the command line names."""
+    return {name: type(estimator) for name, estimator in options.user_estimators.items()}
+
+
+def _rebuild_servo(options: ReplayOptions, record: Record) -> Servo:
+    """Return the servo of the first stage of a record."""
+    if not record.stages:
+        raise UnusableFile(options.path, "does not record the servo of its ticks")
+    return rebuild_stage_servo(record, record.stages[0], _list_user_classes(options))
+
+
+def _change_servo(options: ReplayOptions, record: Record) -> Servo:
+    """Return the recorded servo with the settings of the command line."""
+    servo = _rebuild_servo(options, record)
+    estimator = options.estimator or find_class_name(servo.estimator, ESTIMATORS)
+    return replace(servo, **options.collect_parts(estimator))
+
+
+def _print_differences(console: Console, result: ReplayResult) -> None:
+    """Print how the commanded speeds and phases change with the other settings."""
+    replays = result.recorded, result.recomputed
+    v_recorded, v_recomputed = (rows.ticks["v"] for rows in replays)
+    table = Table("", "as recorded", "with these settings")
+    medians = [np.median(np.linalg.norm(v, axis=1)) for v in (v_recorded, v_recomputed)]
+    table.add_row("median commanded speed of marker 1", *(f"{speed:.2f} mm/s" for speed in medians))
+    for name in dict.fromkeys((*result.recorded.phase, *result.recomputed.phase)):
+        table.add_row(f"ticks in {name}", *(str(rows.phase.count(name)) for rows in replays))
+    difference = np.median(np.linalg.norm(v_recorded - v_recomputed, axis=1))
+    label = "median difference of the commanded velocities"
+    table.add_row(label, "", f"{difference:.2f} mm/s")
+    console.print(table)

@@ -1,4 +1,4 @@
-"""Output of a run's result: figures, metrics.json and the printed table."""
+"""Output of a run's result: figures, the file metrics.json and the printed table."""
 
 import json
 from collections.abc import Callable
@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 from rich.console import Console
-from rich.table import Table
 
+from rcmservo.cli.terminal import build_two_column_table
 from rcmservo.config.atomic_files import write_atomically
 from rcmservo.errors import UnusableFile
 from rcmservo.figures import charts, plots
@@ -23,20 +23,6 @@ METRICS_FILE = "metrics.json"
 
 EXIT_NOT_SETTLED = 1
 """Exit code of a run that did not settle."""
-
-
-def read_record_if_any(folder: Path) -> Record | None:
-    """Return the record of a run, or None if it holds nothing."""
-    with suppress(UnusableFile):
-        return reader.read_record(folder)
-    return None
-
-
-def draw_figures(record: Record, folder: Path) -> None:
-    """Draw the figures of a run's record, if it holds data for them."""
-    if np.isfinite(record.ticks["delta"]).any():
-        charts.save_figure(plots.plot_errors(record), folder / "errors.png")
-        charts.save_figure(plots.plot_estimate(record), folder / "estimate.png")
 
 
 def save_result(result: RunResult, record: Record | None, folder: Path) -> RunResult:
@@ -60,27 +46,30 @@ def _note_failed_write(result: RunResult, write: Callable[[], None]) -> RunResul
     try:
         write()
     except (UnusableFile, OSError) as error:
-        return replace(
-            result, not_written="; ".join(filter(None, (result.not_written, str(error))))
-        )
+        reasons = "; ".join(filter(None, (result.not_written, str(error))))
+        return replace(result, not_written=reasons)
     return result
 
 
-def print_result(out: Console, result: RunResult, as_json: bool) -> int:
+def read_record_if_any(folder: Path) -> Record | None:
+    """Return the record of a run, or None if it holds nothing."""
+    with suppress(UnusableFile):
+        return reader.read_record(folder)
+    return None
+
+
+def draw_figures(record: Record, folder: Path) -> None:
+    """Draw the errors and the estimate over time, unless no tick has an error."""
+    if np.isfinite(record.ticks["delta"]).any():
+        charts.save_figure(plots.plot_errors(record), folder / "errors.png")
+        charts.save_figure(plots.plot_estimate(record), folder / "estimate.png")
+
+
+def print_result(console: Console, result: RunResult, as_json: bool) -> int:
     """Print the result as a table, or as JSON on stdout; return the exit code of the command."""
     if as_json:
         print(json.dumps(asdict(result)))
     else:
-        out.print(two_column_table(format_title(result), list_result_rows(result)))
-        out.print(f"files in {result.folder}", soft_wrap=True)
+        console.print(build_two_column_table(format_title(result), list_result_rows(result)))
+        console.print(f"files in {result.folder}", soft_wrap=True)
     return 0 if result.settled else EXIT_NOT_SETTLED
-
-
-def two_column_table(title: str, rows: list[tuple[str, str]]) -> Table:
-    """Return a table of names and values. Long values are folded, never cropped."""
-    made = Table(title=title, show_header=False)
-    made.add_column(overflow="fold")
-    made.add_column(overflow="fold")
-    for row in rows:
-        made.add_row(*row)
-    return made

@@ -1,11 +1,14 @@
-"""`rcmservo run`: a simulated run and its output folder."""
+"""`rcmservo run`: a simulated run and its output folder.
 
-from rcmservo.cli.folders import new_folder, require_new_target_file
-from rcmservo.cli.progress.preparing import compiling
+The options are `RunOptions` in run_options.py; simulated_run/ does the run.
+"""
+
+from rcmservo.cli.folders import open_new_folder, require_new_target_file
+from rcmservo.cli.progress.compilation import report_compilation
+from rcmservo.cli.progress.run_progress import RunProgress
 from rcmservo.cli.result_output import print_result
 from rcmservo.cli.run_options import RunOptions
-from rcmservo.cli.simulated_run.progress import RunProgress
-from rcmservo.cli.terminal import console, status_line
+from rcmservo.cli.terminal import open_console, open_status_line
 from rcmservo.errors import require_extra
 
 
@@ -17,13 +20,14 @@ def run(options: RunOptions) -> int:
         print(describe_kinds())
         return 0
     require_new_target_file(options.target, options.save_target)
-    _ = options.servo, options.rig_settings, options.disturbances  # raise an error for invalid ones
-    out = console(stderr=options.json)
-    with new_folder(options.out, f"run-seed{options.seed}") as folder:
+    # these properties raise an error for invalid options before anything is written
+    _ = options.servo, options.rig_settings, options.disturbances
+    console = open_console(stderr=options.json)
+    with open_new_folder(options.out, f"run-seed{options.seed}") as folder:
         words = f"simulated arm and camera, seed {options.seed}; preparing …"
-        out.print(words, style="dim", soft_wrap=True)
-        with status_line(out) as line, compiling(line):
+        console.print(words, style="dim", soft_wrap=True)
+        with open_status_line(console) as status_line, report_compilation(status_line):
             from rcmservo.cli.simulated_run.simulate import simulate
 
-            result = simulate(options, folder, RunProgress(line, options.duration))
-    return print_result(out, result, options.json)
+            result = simulate(options, folder, RunProgress(status_line, options.duration))
+    return print_result(console, result, options.json)

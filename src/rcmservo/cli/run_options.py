@@ -1,4 +1,10 @@
-"""Options of the commands that servo an arm, and the lab and servo that they define."""
+"""Options of `rcmservo run`, `live` and `serve`: a new option of these commands is a field here.
+
+`RunOptions` are those of `run`. `LabOptions` are common to all three, `RunToTargetOptions` to `run`
+and `live`; `LiveOptions` and `ServeOptions` in live.py and lab/serve.py add those of one command.
+The type and limit of an option are its annotation, and its help is its entry under Parameters. The
+properties make the lab and the servo that the options define.
+"""
 
 from contextlib import nullcontext
 from dataclasses import dataclass
@@ -24,13 +30,13 @@ from rcmservo.servo.servo import Servo
 if TYPE_CHECKING:
     from rcmservo.sim import Disturbance, RigSettings
 
-SEED = not_negative("whole number")
-DURATION = Limit(lambda s: 1.0 < s <= 3600.0, "more than 1 and at most 3600 s")
+SEED_LIMIT = not_negative("whole number")
+DURATION_LIMIT = Limit(lambda s: 1.0 < s <= 3600.0, "more than 1 and at most 3600 s")
 
 
 @dataclass(frozen=True, kw_only=True)
 class LabOptions(ServoOptions):
-    """Options of `run`, `live` and `serve`.
+    """Options that `run`, `live` and `serve` share.
 
     Parameters
     ----------
@@ -47,7 +53,7 @@ class LabOptions(ServoOptions):
         New or empty output folder; by default a new one under runs/.
     """
 
-    seed: Annotated[int, SEED] = 0
+    seed: Annotated[int, SEED_LIMIT] = 0
     estimator: EstimatorName = "dlt"
     rig: Path | None = None
     teaching_frames: Annotated[int, FRAME_COUNT] = TEACHING_FRAMES
@@ -59,17 +65,17 @@ class LabOptions(ServoOptions):
 
     @cached_property
     def lab(self) -> RigDescription:
-        """Lab of the rig file."""
+        """Robot, markers and devices of the rig file, or the built-in ones."""
         return RigDescription() if self.rig is None else decode_rig_file(self.rig, self._rig_bytes)
 
     @property
     def digest(self) -> str:
-        """Digest that identifies the bytes of the rig file."""
+        """SHA-256 of the bytes of the rig file, by which its check is remembered."""
         return compute_digest(self._rig_bytes)
 
     @cached_property
     def rig_settings(self) -> "RigSettings":
-        """Simulated lab of the rig file."""
+        """Settings of the simulated arm and camera that the rig file describes."""
         from rcmservo.sim.rig_file import read_rig_settings
 
         with name_origin_in_errors(self.rig) if self.rig else nullcontext():
@@ -77,11 +83,11 @@ class LabOptions(ServoOptions):
 
     @cached_property
     def servo(self) -> Servo:
-        """Servo of these options."""
-        return self.servo_of(self.estimator, self.lab)
+        """Servo for the lab, with the estimator and settings of these options."""
+        return self.make_servo(self.estimator, self.lab)
 
     def has_devices(self) -> bool:
-        """Return True if the rig file has an arm. A seed is then refused."""
+        """Return True if the rig file has an arm; raise `BadInput` if a seed is given as well."""
         if "arm" not in self.lab.devices:
             return False
         expected = f"left out: {self.rig} has an arm, so nothing is simulated"
@@ -105,7 +111,7 @@ class RunToTargetOptions(LabOptions):
         Print one JSON object and nothing else.
     """
 
-    duration: Annotated[float, DURATION] = 30.0
+    duration: Annotated[float, DURATION_LIMIT] = 30.0
     target: Path | None = None
     save_target: Path | None = None
     json: bool = False

@@ -1,7 +1,8 @@
-"""Settings of the method's parts as options, derived from the registry.
+"""Options for the estimator and the settings of the method, shared by the commands that servo.
 
-Each class gives one group of options, the same for every command that makes a servo. A user-defined
-estimator adds a group of its own settings.
+The settings classes in the registry (config/registry.py) become groups of options, such as
+--controller.gain; a field of a settings class is an option without further code. A user-defined
+estimator that the command line names adds a group with its own settings.
 """
 
 from collections.abc import Mapping, Sequence
@@ -29,11 +30,10 @@ EstimatorName = Annotated[str, ESTIMATOR_ARGUMENT]
 """Name of a built-in estimator, or a user-defined one as module:class."""
 OptionalEstimator = Annotated[str | None, ESTIMATOR_ARGUMENT]
 
-
 OPTION_GROUPS: Classes = {
-    part if len(PART_CLASSES[part]) == 1 else name: kind
+    part if len(PART_CLASSES[part]) == 1 else class_name: settings_class
     for part in sorted(METHOD_PARTS, key=lambda part: len(PART_CLASSES[part]))
-    for name, kind in PART_CLASSES[part].items()
+    for class_name, settings_class in PART_CLASSES[part].items()
 }
 """Classes whose settings are options, by the prefix of these options.
 
@@ -41,38 +41,12 @@ The prefix is the name of the part, or that of the class if the part has several
 """
 
 
-def option_group(kind: type[Any], command: type[Any]) -> str:
-    """Return the prefix of the options of a class.
-
-    A user-defined estimator whose name is already an option of the command uses the name of its
-    module or class instead.
-    """
-    if kind in OPTION_GROUPS.values():
-        return next(group for group, one in OPTION_GROUPS.items() if one is kind)
-    candidates = (
-        getattr(kind, "name", ""),
-        kind.__module__.rpartition(".")[2],
-        kind.__name__.lower(),
-    )
-    taken = {*dir(command), *(f.name for f in fields(command)), *OPTION_GROUPS}
-    return next(one for one in (*candidates, "own") if one.isidentifier() and one not in taken)
-
-
-def _with_groups(options: type[Options], groups: Classes, **attributes: object) -> type[Options]:
-    """Return a command's options with one group of options for each class."""
-    about = {"__doc__": options.__doc__, "__module__": options.__module__, **attributes}
-    made = [(name, kind, field(default_factory=kind)) for name, kind in groups.items()]
-    return make_dataclass(
-        options.__name__, made, bases=(options,), namespace=about, frozen=True, kw_only=True
-    )
-
-
 @dataclass(frozen=True)
 class EstimatorOptions(Checked):
     """Options of a command that accepts a user-defined estimator."""
 
     USER_GROUPS: ClassVar[Mapping[str, str]] = {}
-    """Groups of the user-defined estimators, by the names of the estimators."""
+    """Option groups of the user-defined estimators, by the names of the estimators."""
 
     @property
     def user_estimators(self) -> dict[str, Estimator]:
@@ -80,25 +54,38 @@ class EstimatorOptions(Checked):
         return {name: getattr(self, group) for name, group in self.USER_GROUPS.items()}
 
 
-def _with_part_groups(options: type[Options]) -> type[Options]:
-    """Add the groups of the method's parts to a class of options."""
-    return _with_groups(options, OPTION_GROUPS)
+def _add_option_groups(
+    command: type[Options], groups: Classes, **attributes: object
+) -> type[Options]:
+    """Return a command's options with one group of options for each class of settings."""
+    namespace = {"__doc__": command.__doc__, "__module__": command.__module__, **attributes}
+    new_fields = [(name, cls, field(default_factory=cls)) for name, cls in groups.items()]
+    return make_dataclass(
+        command.__name__,
+        new_fields,
+        bases=(command,),
+        namespace=namespace,
+        frozen=True,
+        kw_only=True,
+    )
 
 
-@_with_part_groups
+def _add_part_groups(command: type[Options]) -> type[Options]:
+    """Return a command's options with the groups of the method's parts."""
+    return _add_option_groups(command, OPTION_GROUPS)
+
+
+@_add_part_groups
 class ServoOptions(EstimatorOptions):
     """Options of a command that makes a servo: the settings of the method's parts."""
 
     @property
     def estimators(self) -> dict[str, Estimator]:
         """Estimators by the names that the command line and the results use."""
-        return (
-            {name: getattr(self, name) for name in ESTIMATORS}
-            | self.user_estimators
-            | dict(PRESETS)
-        )
+        built_in = {name: getattr(self, name) for name in ESTIMATORS}
+        return {**built_in, **self.user_estimators, **PRESETS}
 
-    def estimator_of(self, name: str) -> Estimator:
+    def find_estimator(self, name: str) -> Estimator:
         """Return the estimator of a name.
 
         Raises
@@ -108,44 +95,40 @@ class ServoOptions(EstimatorOptions):
         """
         if name in self.estimators:
             return self.estimators[name]
-        hint = suggestion(name, self.estimators)
-        expected = (
-            f"one of {', '.join(ESTIMATOR_NAMES)}, or module:class such as mylab.rls:RLS{hint}"
-        )
+        names, hint = ", ".join(ESTIMATOR_NAMES), suggestion(name, self.estimators)
+        expected = f"one of {names}, or module:class such as mylab.rls:RLS{hint}"
         raise BadInput(ESTIMATOR_OPTION, name, expected)
 
     @property
-    def settings(self) -> dict[str, Any]:
+    def part_settings(self) -> dict[str, Any]:
         """Settings of the parts that have one class."""
         return {part: getattr(self, part) for part in METHOD_PARTS if part in OPTION_GROUPS}
 
-    def parts(self, estimator: str) -> dict[str, Any]:
+    def collect_parts(self, estimator: str) -> dict[str, Any]:
         """Return the parts of the method, with the estimator of a name."""
-        return {"estimator": self.estimator_of(estimator), **self.settings}
+        return {"estimator": self.find_estimator(estimator), **self.part_settings}
 
-    def servo_of(self, estimator: str, lab: RigDescription) -> Servo:
+    def make_servo(self, estimator: str, lab: RigDescription) -> Servo:
         """Return a servo for a lab, with the estimator of a name.
 
-        A user-defined estimator is tried on made samples first.
+        A user-defined estimator is tried on synthetic samples first.
 
         Raises
         ------
         BadInput
             If a setting is refused; the error names the option as typed.
         """
-        parts = self.parts(estimator)
+        parts = self.collect_parts(estimator)
         check_estimator(parts["estimator"], lab.tool)
         try:
             return lab.make_servo(**parts)
         except BadInput as error:
-            part, _, setting = error.field.partition(".")
-            typed = (
-                f"--{part}.{setting}".replace("_", "-") if part in OPTION_GROUPS else error.field
-            )
-            raise BadInput(typed, error.value, error.expected) from error
+            is_option = error.field.partition(".")[0] in OPTION_GROUPS
+            name = f"--{error.field}".replace("_", "-") if is_option else error.field
+            raise BadInput(name, error.value, error.expected) from error
 
 
-def with_user_estimator(command: type[Options], arguments: Sequence[str]) -> type[Options]:
+def add_user_estimator_options(command: type[Options], arguments: Sequence[str]) -> type[Options]:
     """Return a command's options with those of the user-defined estimator that the arguments name.
 
     This imports the user's code for the first time.
@@ -154,16 +137,30 @@ def with_user_estimator(command: type[Options], arguments: Sequence[str]) -> typ
     name = dict(pairwise(words)).get(ESTIMATOR_OPTION, "")
     if ":" not in name or not issubclass(command, EstimatorOptions):
         return command
-    return _with_user_group(command, name, import_estimator(name))
+    return _add_user_group(command, name, import_estimator(name))
 
 
 @cache
-def _with_user_group(command: type[Any], name: str, kind: type[Estimator]) -> type[Any]:
+def _add_user_group(command: type[Any], name: str, estimator_class: type[Estimator]) -> type[Any]:
     """Return the options of a command with the settings of an estimator.
 
     Equal arguments give the same class, so that options that are parsed twice are comparable.
     """
-    group = option_group(kind, command)
-    return _with_groups(
-        command, {group: kind}, USER_GROUPS=dict.fromkeys((name, class_path(kind)), group)
-    )
+    group = find_option_group(estimator_class, command)
+    user_groups = dict.fromkeys((name, class_path(estimator_class)), group)
+    return _add_option_groups(command, {group: estimator_class}, USER_GROUPS=user_groups)
+
+
+def find_option_group(settings_class: type[Any], command: type[Any]) -> str:
+    """Return the prefix of the options of a settings class.
+
+    A user-defined estimator whose name is already an option of the command uses the name of its
+    module or class instead.
+    """
+    for group, group_class in OPTION_GROUPS.items():
+        if group_class is settings_class:
+            return group
+    module = settings_class.__module__.rpartition(".")[2]
+    candidates = getattr(settings_class, "name", ""), module, settings_class.__name__.lower(), "own"
+    taken = {*dir(command), *(f.name for f in fields(command)), *OPTION_GROUPS}
+    return next(name for name in candidates if name.isidentifier() and name not in taken)

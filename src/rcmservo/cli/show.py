@@ -1,4 +1,8 @@
-"""`rcmservo show`: a recorded run as a summary, a timeline in words, and figures."""
+"""`rcmservo show`: a recorded run as a summary, a timeline in words, and figures.
+
+The timeline divides the run into spans, each with one phase (such as SERVO or PAUSED) and one cause
+(such as a lost marker).
+"""
 
 import csv
 import io
@@ -8,13 +12,12 @@ from typing import Annotated
 
 import numpy as np
 import tyro
-from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from rcmservo.cli.folders import new_folder
-from rcmservo.cli.result_output import two_column_table
-from rcmservo.cli.terminal import console
+from rcmservo.cli.folders import open_new_folder
+from rcmservo.cli.result_output import draw_figures
+from rcmservo.cli.terminal import build_two_column_table, open_console
 from rcmservo.config.atomic_files import write_atomically
 from rcmservo.figures import charts, plots
 from rcmservo.loop.run_result import RunResult
@@ -30,19 +33,19 @@ from rcmservo.recording.timeline import Span, list_spans, summarise
 from rcmservo.safety.causes import Action
 
 FIRST_SPANS = 40
-"""Number of spans from the beginning that the timeline shows."""
+"""Number of spans at the beginning of a long timeline that are printed."""
 LAST_SPANS = 20
-"""Number of spans from the end that a longer timeline shows as well."""
+"""Number of spans at the end of a long timeline that are printed."""
+
+CSV_HEADER = "start [s],length [s],stage,phase,cause,action,request,words,way out\n"
 
 ACTION_STYLES = {
-    Action.NONE: "",
-    Action.WARN: "",
     Action.SLOW: "cyan",
     Action.HOLD: "yellow",
     Action.PAUSE: "dark_orange",
     Action.FAULT: "bold red",
 }
-"""Style of a span in the timeline, by the action that its cause requires."""
+"""Style of a span in the timeline, by the action that its cause requires; others have none."""
 
 
 @dataclass(frozen=True)
@@ -63,103 +66,78 @@ class ShowOptions:
 
 def show(options: ShowOptions) -> int:
     """Print and draw a record and return the exit code 0."""
-    record = reader.read_record(options.record)
-    out = console()
-    with new_folder(options.out, "show") as folder:
-        print_record(out, record)
-        write_figures(record, folder)
-    drawn = any(folder.glob("*.png"))
-    words = (
-        f"figures and timeline.csv in {folder}"
-        if drawn
-        else f"timeline.csv in {folder}; the record holds no data for figures"
-    )
-    out.print(words, soft_wrap=True)
+    record, console = reader.read_record(options.record), open_console()
+    with open_new_folder(options.out, "show") as folder:
+        spans = list_spans(record)
+        console.print(_build_summary_table(record, summarise(record)))
+        if spans:
+            console.print(_build_timeline_table(spans))
+        has_figures = write_figures(record, folder)
+    if has_figures:
+        console.print(f"figures and timeline.csv in {folder}", soft_wrap=True)
+    else:
+        hint = "the record holds no data for figures"
+        console.print(f"timeline.csv in {folder}; {hint}", soft_wrap=True)
     return 0
 
 
-def print_record(out: Console, record: Record) -> None:
-    """Print the summary and the timeline of a record."""
-    found = list_spans(record)
-    out.print(_summary_table(record, summarise(record)))
-    if found:
-        out.print(_timeline_table(found))
+def write_figures(record: Record, folder: Path) -> bool:
+    """Write the complete timeline of a record as a table, and its figures.
+
+    Returns
+    -------
+    bool
+        False if the record holds no data for figures.
+    """
+    write_atomically(folder / "timeline.csv", _format_timeline_csv(list_spans(record)))
+    if not np.isfinite(record.ticks["delta"]).any():
+        return False
+    charts.save_figure(plots.plot_timeline(record), folder / "timeline.png")
+    charts.save_figure(plots.plot_path(record), folder / "path.png")
+    draw_figures(record, folder)
+    return True
 
 
-def write_figures(record: Record, folder: Path) -> None:
-    """Write the figures of a record, and its complete timeline as a table."""
-    write_atomically(folder / "timeline.csv", _timeline_csv(list_spans(record)))
-    if np.isfinite(record.ticks["delta"]).any():
-        charts.save_figure(plots.plot_timeline(record), folder / "timeline.png")
-        charts.save_figure(plots.plot_path(record), folder / "path.png")
-        charts.save_figure(plots.plot_errors(record), folder / "errors.png")
-        charts.save_figure(plots.plot_estimate(record), folder / "estimate.png")
-
-
-def _summary_table(record: Record, result: RunResult) -> Table:
+def _build_summary_table(record: Record, result: RunResult) -> Table:
     rows = [("record", str(record.path)), *list_record_rows(record, result)]
     if record.missing:
         rows.insert(0, ("missing", record.missing))
-    return two_column_table(format_verdict(record, result), rows)
+    return build_two_column_table(format_verdict(record, result), rows)
 
 
-def _timeline_table(found: list[Span]) -> Table:
+def _build_timeline_table(spans: list[Span]) -> Table:
     """Return a table with one row per span; a long timeline is cut in the middle."""
     table = Table(title="timeline", title_justify="left")
     for title in ("start", "length"):
         table.add_column(title, justify="right", no_wrap=True)
-    for title in ("phase", "why", "way out")[: 3 if any(map(describe_cause, found)) else 1]:
+    for title in ("phase", "why", "way out")[: 3 if any(map(describe_cause, spans)) else 1]:
         table.add_column(title)
-    several = found[-1].stage > 0
-    left_out = len(found) - FIRST_SPANS - LAST_SPANS
-    for i, span in enumerate(found):
-        if left_out > 0 and i == FIRST_SPANS:
-            table.add_row("…", "…", f"… {left_out} more, in timeline.csv")
-        if left_out > 0 and FIRST_SPANS <= i < FIRST_SPANS + left_out:
+    has_stages = spans[-1].stage > 0
+    omitted_count = len(spans) - FIRST_SPANS - LAST_SPANS
+    for i, span in enumerate(spans):
+        if omitted_count > 0 and i == FIRST_SPANS:
+            table.add_row("…", "…", f"… {omitted_count} more, in timeline.csv")
+        if omitted_count > 0 and FIRST_SPANS <= i < FIRST_SPANS + omitted_count:
             continue
-        begins_stage = several and (i == 0 or found[i - 1].stage != span.stage)
+        begins_stage = has_stages and (i == 0 or spans[i - 1].stage != span.stage)
         if begins_stage and i:
             table.add_section()
         phase = f"stage {span.stage + 1}: {span.phase.value}" if begins_stage else span.phase.value
-        words = [
-            Text(phase, ACTION_STYLES[span.action]),
-            Text(describe_cause(span), ACTION_STYLES[span.action]),
-            Text(describe_way_out(span)),
-        ]
-        table.add_row(
-            f"{span.start:.2f} s", f"{span.duration:.2f} s", *words[: len(table.columns) - 2]
-        )
+        style = ACTION_STYLES.get(span.action, "")
+        cause, way_out = Text(describe_cause(span), style), Text(describe_way_out(span))
+        cells = f"{span.start:.2f} s", f"{span.duration:.2f} s", Text(phase, style), cause, way_out
+        table.add_row(*cells[: len(table.columns)])
     return table
 
 
-def _timeline_csv(found: list[Span]) -> str:
+def _format_timeline_csv(spans: list[Span]) -> str:
+    """Return all spans as CSV."""
     text = io.StringIO()
+    text.write(CSV_HEADER)
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(
-        (
-            "start [s]",
-            "length [s]",
-            "stage",
-            "phase",
-            "cause",
-            "action",
-            "request",
-            "words",
-            "way out",
-        )
-    )
-    for span in found:
-        writer.writerow(
-            (
-                f"{span.start:.4f}",
-                f"{span.duration:.4f}",
-                span.stage + 1,
-                span.phase.name,
-                span.cause.name,
-                span.action.name,
-                span.request.name,
-                span.why,
-                span.cause.remedy,
-            )
-        )
+    for span in spans:
+        enums = span.phase, span.cause, span.action, span.request
+        times_s = f"{span.start:.4f}", f"{span.duration:.4f}"
+        names = (member.name for member in enums)
+        writer.writerow((*times_s, span.stage + 1, *names, span.why, span.cause.remedy))
     return text.getvalue()

@@ -1,4 +1,4 @@
-"""Printing of the commands: plain text without cropping, with replacements on an ASCII terminal."""
+"""Printing on the terminal: plain text without cropping, with replacements on an ASCII terminal."""
 
 import codecs
 import io
@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from rich.console import Console
     from rich.live import Live
+    from rich.table import Table
 
 ASCII_REPLACEMENTS = str.maketrans(
     {
@@ -28,10 +29,10 @@ ASCII_REPLACEMENTS = str.maketrans(
 """ASCII text for symbols that ASCII does not have."""
 
 FILE_COLUMNS = 1000
-"""Width in columns if the output is a pipe or a file, where lines are not folded."""
+"""Width of a pipe or a file in columns: so large that no line of a table is folded."""
 
 
-def console(stderr: bool = False) -> "Console":
+def open_console(stderr: bool = False) -> "Console":
     """Return the console on which a command prints. It interprets no text as markup."""
     from rich.console import Console
 
@@ -47,9 +48,8 @@ def can_rewrite_lines(console: "Console") -> bool:
 
 def use_ascii_fallback() -> None:
     """Print an ASCII replacement from now on for each symbol that the output cannot encode."""
-    logging.getLogger("matplotlib").setLevel(
-        logging.ERROR
-    )  # no warning about its cache if the home folder is not writable
+    # no warning of Matplotlib about its cache if the home folder is not writable
+    logging.getLogger("matplotlib").setLevel(logging.ERROR)
     codecs.register_error("plain", _replace_for_ascii)
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
@@ -61,10 +61,10 @@ def _replace_for_ascii(error: UnicodeError) -> tuple[str, int]:
     if not isinstance(error, UnicodeEncodeError):
         raise error
     text = error.object[error.start : error.end].translate(ASCII_REPLACEMENTS)
-    return "".join(map(_ascii_letter, text)), error.end
+    return "".join(map(_find_ascii_letter, text)), error.end
 
 
-def _ascii_letter(symbol: str) -> str:
+def _find_ascii_letter(symbol: str) -> str:
     """Return a letter without its accents, or the name of a Greek letter."""
     words = unicodedata.name(symbol, "").split()
     if words[:1] == ["GREEK"]:
@@ -72,14 +72,25 @@ def _ascii_letter(symbol: str) -> str:
     return unicodedata.normalize("NFKD", symbol).encode("ascii", "ignore").decode() or "?"
 
 
-def status_line(out: "Console") -> "Live":
-    """Return a line that the command rewrites while it runs."""
+def open_status_line(out: "Console") -> "Live":
+    """Return a line of status, which a command rewrites while it runs."""
     from rich.live import Live
     from rich.text import Text
 
     return Live(Text(""), console=out, refresh_per_second=8, transient=True)
 
 
-def format_quantity(value: float | None, name: str, digits: int) -> str:
+def format_quantity(value: float | None, unit: str, digits: int) -> str:
     """Return a number with its unit, or a dash for None."""
-    return "–" if value is None else f"{value:.{digits}f} {name}"
+    return "–" if value is None else f"{value:.{digits}f} {unit}"
+
+
+def build_two_column_table(title: str, rows: list[tuple[str, str]]) -> "Table":
+    """Return a table of names and values. Long values are folded, never cropped."""
+    from rich.table import Column, Table
+
+    columns = Column(overflow="fold"), Column(overflow="fold")
+    table = Table(*columns, title=title, show_header=False)
+    for row in rows:
+        table.add_row(*row)
+    return table

@@ -1,4 +1,7 @@
-"""Atomic writing of files, and reading of files up to a maximum size."""
+"""Atomic writing of files, and reading of files up to a maximum size.
+
+A file that is written atomically is either complete or unchanged, even after a crash.
+"""
 
 import stat
 from collections.abc import Generator
@@ -10,34 +13,34 @@ from rcmservo.errors import UnusableFile
 
 @contextmanager
 def atomic_path(path: Path) -> Generator[Path]:
-    """Yield a temporary path to write to, which replaces the file on success.
+    """Yield the path of a temporary file, which replaces the file `path` on success.
 
-    On an error the temporary file is removed and an earlier file stays unchanged.
+    After an error the temporary file is removed, and an earlier file stays unchanged.
 
     Raises
     ------
     UnusableFile
         If the file cannot be written.
     """
-    part = path.with_name(path.name + ".part")
+    partial_path = path.with_name(path.name + ".part")
     try:
-        yield part
-        part.replace(path)
+        yield partial_path
+        partial_path.replace(path)
     except OSError as error:
         raise UnusableFile(path, f"cannot be written: {error.strerror}") from error
     finally:
         with suppress(OSError):
-            part.unlink(missing_ok=True)
+            partial_path.unlink(missing_ok=True)
 
 
 def write_atomically(path: Path, text: str) -> None:
     """Write a text atomically: an error or a crash leaves no incomplete file."""
-    with atomic_path(path) as part:
-        part.write_text(text, "utf-8")
+    with atomic_path(path) as partial_path:
+        partial_path.write_text(text, "utf-8")
 
 
 def read_limited(path: Path, max_bytes: int, description: str) -> bytes:
-    """Return the bytes of a regular file.
+    """Return the bytes of a regular file that has at most `max_bytes`.
 
     Parameters
     ----------

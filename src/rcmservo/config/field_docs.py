@@ -1,6 +1,7 @@
 """Descriptions of settings, read from the docstrings of their classes.
 
-Options, help texts and the page take them from the Parameters sections.
+Command line, help and page take them from the numpydoc section Parameters of each settings class,
+so that a setting is described in one place only.
 """
 
 import inspect
@@ -22,45 +23,41 @@ PARAMETER_ENTRY = re.compile(r"^(\w+) :[^\n]*\n((?: +[^\n]+(?:\n|\Z))+)", re.MUL
 """Entry of a parameter: its name and the indented lines of its description."""
 
 
-def describe_field(kind: type[Any], name: str) -> str:
+def describe_field(settings_class: type[Any], name: str) -> str:
     """Return the description of a field of a dataclass, with a sentence for each of its choices."""
-    hint = get_type_hints(kind, include_extras=True)[name]
+    hint = get_type_hints(settings_class, include_extras=True)[name]
     limits = get_args(hint)[1:] if get_origin(hint) is Annotated else ()
-    choices = [one.choices for one in limits if isinstance(one, OneOf)]
-    described = [
-        f"{choice}: {first_sentence(cast(type[Any], type(value)))}."
-        for registry in choices
-        if isinstance(registry, Mapping)
-        for choice, value in cast(Mapping[str, Any], registry).items()
+    choices = [limit.choices for limit in limits if isinstance(limit, OneOf)]
+    sentences = [
+        f"{choice}: {extract_first_sentence(cast(type[Any], type(value)))}."
+        for values_by_name in choices
+        if isinstance(values_by_name, Mapping)
+        for choice, value in cast(Mapping[str, Any], values_by_name).items()
     ]
-    return " ".join((parameter_descriptions(kind).get(name, ""), *described))
+    return " ".join((read_parameter_descriptions(settings_class).get(name, ""), *sentences))
 
 
-def first_sentence(kind: type[Any]) -> str:
+def extract_first_sentence(documented_class: type[Any]) -> str:
     """Return the first sentence of a class's docstring, without its full stop."""
-    return " ".join(describe_class(kind).split("\n\n")[0].split()).partition(". ")[0].rstrip(".")
+    first_paragraph = describe_class(documented_class).split("\n\n")[0]
+    return " ".join(first_paragraph.split()).partition(". ")[0].rstrip(".")
 
 
-def describe_class(kind: type[Any]) -> str:
+def describe_class(documented_class: type[Any]) -> str:
     """Return the paragraphs of a class's docstring before its sections."""
-    return SECTION_HEADING.split(inspect.getdoc(kind) or "")[0]
+    return SECTION_HEADING.split(inspect.getdoc(documented_class) or "")[0]
 
 
 @cache
-def parameter_descriptions(kind: type[Any]) -> dict[str, str]:
+def read_parameter_descriptions(settings_class: type[Any]) -> dict[str, str]:
     """Return the descriptions of a dataclass's fields by name, each as one line.
 
     They come from the Parameters sections of the class and of its parents.
     """
-    found: dict[str, str] = {}
-    for parent in reversed(kind.__mro__):
-        if is_dataclass(parent):
-            found |= _described_parameters(inspect.cleandoc(parent.__doc__ or ""))
-    return found
-
-
-def _described_parameters(docstring: str) -> dict[str, str]:
-    """Return the descriptions in the Parameters section of a docstring by parameter."""
-    section = PARAMETERS_SECTION.search(docstring)
-    entries = PARAMETER_ENTRY.findall(section[1]) if section else []
-    return {name: " ".join(words.split()) for name, words in entries}
+    descriptions: dict[str, str] = {}
+    for parent in reversed(settings_class.__mro__):
+        section = PARAMETERS_SECTION.search(inspect.cleandoc(parent.__doc__ or ""))
+        if section and is_dataclass(parent):
+            entries = PARAMETER_ENTRY.findall(section[1])
+            descriptions |= {name: " ".join(text.split()) for name, text in entries}
+    return descriptions

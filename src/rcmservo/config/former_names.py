@@ -1,7 +1,7 @@
-"""Former names of settings and options.
+"""Former names of settings and options, from before they were renamed.
 
-Records, targets and studies of earlier versions contain them and are read. A command line or a rig
-file that contains one is refused with a message that names the present one.
+Records, targets and studies of earlier versions contain former names and are still read. A command
+line or a rig file that contains a former name is refused; the message gives the present name.
 """
 
 from collections.abc import Iterable, Mapping
@@ -68,15 +68,18 @@ FORMER_SETTINGS = {
 
 
 def present_name(name: str, names: Iterable[str]) -> str:
-    """Return the present name of a setting if it is one of `names`; otherwise an empty string."""
+    """Return the present name of a former setting; empty if it is not one of `names`."""
     present = FORMER_SETTINGS.get(name, "")
     return present if present in names else ""
 
 
 def with_present_names(table: Mapping[str, Any], names: Iterable[str]) -> dict[str, Any]:
-    """Return a table of an earlier version with the present names of its settings."""
-    known = set(names)
+    """Return a table of an earlier version in which former names are replaced by those in `names`.
+
+    A key that is already one of `names`, or that has no present name, stays as it is.
+    """
+    present_names = set(names)
     return {
-        name if name in known else present_name(name, known) or name: value
+        name if name in present_names else present_name(name, present_names) or name: value
         for name, value in table.items()
     }

@@ -1,9 +1,12 @@
-"""Registry of the parts of a servo and their classes, by name.
+"""Registry of estimators, mechanisms and tools: the classes of a servo's parts, by name.
 
-Files, records, options, studies and the page use these names. The fields of `Servo` are its parts.
-A part with an abstract type has the classes of `REGISTERED` that derive from it; every other part
-has the class of its type. The name of a class is its attribute ``name``, and the fields of the
-dataclass are its settings. No other module lists parts, classes or settings.
+To add a class, import it here and add its name to `__all__`. Rig files, records, studies, the page
+and the choices of the command line then offer it. Options of one command, such as `rcmservo run`,
+are not listed here: they are the fields of its dataclass in cli/, for example in run_options.py.
+
+The fields of `Servo` are its parts. A part with an abstract type, such as `Estimator`, has the
+registered classes that derive from this type; every other part has the class of its type. The name
+of a class is its attribute ``name``, and the fields of the dataclass are its settings.
 
 The name of a user-defined estimator is module:class, such as ``mylab.rls:RLS``. A file or record
 may contain this name, but its code is loaded only if the command line names it too.
@@ -50,22 +53,25 @@ __all__ = [  # noqa: RUF022  (the order of lists for users)
     "CorrentropyEstimator",
 ]
 """Classes that can be chosen for a part. The package `rcmservo` exports them."""
-REGISTERED: tuple[type[Any], ...] = tuple(globals()[name] for name in __all__)
+REGISTERED_CLASSES: tuple[type[Any], ...] = tuple(globals()[name] for name in __all__)
 
 
-def _classes(base: type[Any]) -> Classes:
+def _select_classes(part_type: type[Any]) -> Classes:
     """Return the classes of a part by their names."""
-    return {kind.name: kind for kind in REGISTERED if issubclass(kind, base)} or {base.name: base}
+    derived = {c.name: c for c in REGISTERED_CLASSES if issubclass(c, part_type)}
+    return derived or {part_type.name: part_type}
 
 
-_TYPES = get_type_hints(Servo)
+_PART_TYPES = get_type_hints(Servo)
 PART_CLASSES: Mapping[str, Classes] = {
-    f.name: _classes(_TYPES[f.name]) for f in fields(Servo) if _TYPES[f.name] is not float
+    f.name: _select_classes(_PART_TYPES[f.name])
+    for f in fields(Servo)
+    if _PART_TYPES[f.name] is not float
 }
 """Parts of a servo and their classes. (`Servo.rate` is a number, not a part.)"""
 MECHANISMS, TOOLS, ESTIMATORS = (PART_CLASSES[part] for part in ("mechanism", "tool", "estimator"))
 PRESETS: Mapping[str, Estimator] = {"projection-printed": PAPER_PROJECTION_ESTIMATOR}
-"""Estimators with changed settings that have a name on the command line."""
+"""Estimators of a registered class with special settings, by their names on the command line."""
 
 KIND_KEY = "kind"
 """Key of a table that contains the name of its class."""
@@ -73,11 +79,11 @@ KIND_KEY = "kind"
 
 def find_class_name(settings: object, classes: Classes) -> str:
     """Return the name of a value's class in `classes`, or module:class for another class."""
-    names = (name for name, kind in classes.items() if kind is type(settings))
+    names = (name for name, registered in classes.items() if registered is type(settings))
     return next(names, class_path_of(settings))
 
 
-def decode_kind(classes: Classes, table: object, where: str, default: object = None) -> Any:
+def decode_kind(classes: Classes, table: object, path: str, default: object = None) -> Any:
     """Return the settings in a table, as an instance of the class that its key `kind` names.
 
     Parameters
@@ -86,42 +92,56 @@ def decode_kind(classes: Classes, table: object, where: str, default: object = N
         Permitted classes by name.
     table : object
         Table of settings.
-    where : str
-        Path of the table in its file, for error messages.
+    path : str
+        Path of the table in its file, such as servo.estimator, for error messages.
     default : object
-        Settings whose class is taken without the key `kind`, and whose values are taken for keys
-        that the table omits; None if the class and all values without a default must be given.
+        Settings that replace what the table omits: the class if the key `kind` is missing, and the
+        values if the class is the same. None if the table must give all of them.
+
+    Returns
+    -------
+    object
+        Settings, an instance of one of the classes.
 
     Raises
     ------
     BadInput
-        If the table has an unknown key or an invalid value.
+        If the table names no permitted class, or has an unknown key or an invalid value.
     """
     if not is_table(table):
-        raise BadInput(where, table, "a table of settings")
-    rest = dict(table)
-    if default is None and KIND_KEY not in rest:
-        _require_known(classes, rest, where)
-    only = next(iter(classes)) if len(classes) == 1 else None
-    usual = only if default is None else find_class_name(default, classes)
-    kind = find_class(classes, rest.pop(KIND_KEY, usual), where)
-    if is_dataclass(default) and type(default) is kind:
-        rest = {**vars(default), **rest}
-    return decode_settings(kind, rest, where, others=(KIND_KEY,) if len(classes) > 1 else ())
+        raise BadInput(path, table, "a table of settings")
+    values = dict(table)
+    if default is None and KIND_KEY not in values:
+        _require_known_keys(classes, values, path)
+    only_name = next(iter(classes)) if len(classes) == 1 else None
+    default_name = only_name if default is None else find_class_name(default, classes)
+    settings_class = find_class(classes, values.pop(KIND_KEY, default_name), path)
+    if is_dataclass(default) and type(default) is settings_class:
+        values = {**vars(default), **values}
+    other_keys = () if only_name else (KIND_KEY,)
+    return decode_settings(settings_class, values, path, other_keys)
 
 
-def _require_known(classes: Classes, table: Mapping[str, object], where: str) -> None:
+def _require_known_keys(classes: Classes, table: Mapping[str, object], path: str) -> None:
     """Raise `BadInput` for a key that no class has, such as a misspelt `kind`."""
-    names = [KIND_KEY, *dict.fromkeys(f.name for kind in classes.values() for f in fields(kind))]
+    settings = dict.fromkeys(f.name for c in classes.values() for f in fields(c))
     for key, value in table.items():
-        if key not in names:
-            raise BadInput(f"{where}.{quote_key(key)}", value, expect_one_of(key, names))
+        if key not in (KIND_KEY, *settings):
+            expected = expect_one_of(key, [KIND_KEY, *settings])
+            raise BadInput(f"{path}.{quote_key(key)}", value, expected)
 
 
-def find_class(classes: Classes, name: object, where: str) -> type[Any]:
-    """Return the class of a name; raise `BadInput` with the known names for an unknown one."""
+def find_class(classes: Classes, name: object, path: str) -> type[Any]:
+    """Return the class of a name.
+
+    Raises
+    ------
+    BadInput
+        If no class has this name; the error lists the known names. ``path`` is the path of the
+        table in its file.
+    """
     if isinstance(name, str) and name in classes:
         return classes[name]
-    is_user_code = isinstance(name, str) and ":" in name and "estimator" in where
+    is_user_code = isinstance(name, str) and ":" in name and "estimator" in path
     hint = "; user-defined code runs only if the command line names it" if is_user_code else ""
-    raise BadInput(f"{where}.kind", name, f"one of {', '.join(classes)}{hint}")
+    raise BadInput(f"{path}.kind", name, f"one of {', '.join(classes)}{hint}")

@@ -1,7 +1,8 @@
 """Rig file: TOML description of a robot, its devices and the settings of its simulation.
 
-The sections of the file are the settings dataclasses, and its keys are their fields. Every value is
-checked; see strict_decoding.py.
+Each section of the file is one settings dataclass, and its keys are the fields of this class. The
+sections of the robot are the fields of `RigDescription`, decoded and checked when the file is read.
+The sections of devices and simulation stay tables until a command needs them.
 """
 
 from collections.abc import Generator, Mapping
@@ -25,15 +26,16 @@ from rcmservo.tracking import MarkerAppearance
 
 MAX_RIG_FILE_BYTES = 64 * 1024
 DEVICE_SECTIONS = ("arm", "camera")
+"""Sections of real devices. A [camera] is a device if it has the key `kind`."""
 SIMULATION_SECTIONS = ("camera", "drive", "appearance", "scene")
-"""A [camera] with the key `kind` is a device; without it, it describes a simulated camera."""
+"""Sections of the simulation. A [camera] without the key `kind` describes a simulated camera."""
 
-Section = TypeVar("Section")
+SectionSettings = TypeVar("SectionSettings")
 Tables = Mapping[str, toml_json_parsing.Table]
 """Sections of a rig file by name, as undecoded tables."""
 
 
-def default_markers() -> MarkerAppearance:
+def make_default_markers() -> MarkerAppearance:
     """Return the markers of the built-in rig: visible on red tissue, with different colours."""
     return MarkerAppearance(colour_1="green", colour_2="blue", radius_1=3.5, radius_2=3.5)
 
@@ -55,23 +57,24 @@ class RigDescription:
     thresholds : Thresholds
         Thresholds of the checks.
     devices : Tables
-        Sections of the file among `DEVICE_SECTIONS`, undecoded; `device` decodes them.
+        Sections of the file among `DEVICE_SECTIONS`, undecoded; `device_settings` decodes them.
     simulation : Tables
-        Sections of the file among `SIMULATION_SECTIONS`, undecoded; `section` decodes them.
+        Sections of the file among `SIMULATION_SECTIONS`, undecoded; `simulation_settings` decodes
+        them.
     """
 
     mechanism: Kinematics = field(default_factory=SphericalRcm)
     tool: Tool = field(default_factory=lambda: RigidTool(spacing=30.0))
-    markers: MarkerAppearance = field(default_factory=default_markers)
+    markers: MarkerAppearance = field(default_factory=make_default_markers)
     gate: Gate = field(default_factory=Gate)
     thresholds: Thresholds = field(default_factory=Thresholds)
     devices: Tables = field(default_factory=dict[str, toml_json_parsing.Table])
     simulation: Tables = field(default_factory=dict[str, toml_json_parsing.Table])
 
     def make_servo(self, **parts: Any) -> Servo:
-        """Return a servo for this rig with some `METHOD_PARTS`; the others have their defaults."""
-        robot = {part: getattr(self, part) for part in PART_CLASSES if part not in METHOD_PARTS}
-        return Servo(**robot, **parts)
+        """Return a servo for this rig; of the `METHOD_PARTS`, omitted ones have their defaults."""
+        robot_parts = {p: getattr(self, p) for p in PART_CLASSES if p not in METHOD_PARTS}
+        return Servo(**robot_parts, **parts)
 
     def device_settings(self, name: str, kinds: Mapping[str, type[Any]]) -> Any:
         """Return the settings of a device, of the class that the key `kind` of its section names.
@@ -83,6 +86,11 @@ class RigDescription:
         kinds : Mapping[str, type]
             Permitted classes by name.
 
+        Returns
+        -------
+        object
+            Settings, an instance of one of the classes.
+
         Raises
         ------
         BadInput
@@ -93,17 +101,24 @@ class RigDescription:
             raise BadInput(f"section {name}", None, f"given, with a kind: {' or '.join(kinds)}")
         return decode_kind(kinds, table, name)
 
-    def simulation_settings(self, name: str, kind: type[Section], **known: object) -> Section:
-        """Return the settings in a section for the simulation.
+    def simulation_settings(
+        self, name: str, settings_class: type[SectionSettings], **known: object
+    ) -> SectionSettings:
+        """Return the settings in a section of the simulation; a missing section has the defaults.
 
         Parameters
         ----------
         name : str
             Name of the section.
-        kind : type
-            Class of the settings.
+        settings_class : type
+            Dataclass of the settings.
         **known : object
-            Values that come from the robot's sections; the section must omit their keys.
+            Values that the robot's sections determine; this section must omit their keys.
+
+        Returns
+        -------
+        SectionSettings
+            Instance of `settings_class`.
 
         Raises
         ------
@@ -115,18 +130,15 @@ class RigDescription:
             if key in table:
                 expected = "left out: the robot's sections determine it"
                 raise BadInput(f"{name}.{key}", table[key], expected)
-        others = (KIND_KEY,) if name in DEVICE_SECTIONS else ()
-        return decode_settings(kind, {**table, **known}, name, others)
+        other_keys = (KIND_KEY,) if name in DEVICE_SECTIONS else ()
+        return decode_settings(settings_class, {**table, **known}, name, other_keys)
 
 
-ROBOT_SECTIONS = tuple(
-    f.name for f in fields(RigDescription) if f.name not in ("devices", "simulation")
-)
-METHOD_PARTS = tuple(
-    part for part in PART_CLASSES if part not in {f.name for f in fields(RigDescription)}
-)
-"""Parts of a servo that no rig file describes: those of the method. The command line, studies and
-the page set them."""
+ROBOT_SECTIONS = tuple(f.name for f in fields(RigDescription) if f.type != Tables)
+"""Sections of the robot: all fields of `RigDescription` except `devices` and `simulation`."""
+METHOD_PARTS = tuple(part for part in PART_CLASSES if part not in ROBOT_SECTIONS)
+"""Parts of a servo that no rig file describes, such as the estimator and the controller. The
+command line, studies and the page set them."""
 
 
 def load_rig_file(path: Path | None) -> RigDescription:
@@ -135,12 +147,12 @@ def load_rig_file(path: Path | None) -> RigDescription:
 
 
 def read_rig_file(path: Path) -> bytes:
-    """Return the bytes of a rig file."""
+    """Return the bytes of a rig file; raise `UnusableFile` if it cannot be read."""
     return read_limited(path, MAX_RIG_FILE_BYTES, "a rig file")
 
 
 def decode_rig_file(path: Path, data: bytes) -> RigDescription:
-    """Return the rig that the bytes of a rig file describe; ``path`` serves error messages."""
+    """Return the rig that the bytes of a rig file describe; errors name the file `path`."""
     with toml_json_parsing.name_file_in_errors(path, "TOML"):
         return decode_rig_tables(toml_json_parsing.parse_toml(data))
 
@@ -162,42 +174,48 @@ def decode_rig_tables(tables: toml_json_parsing.Table) -> RigDescription:
             raise BadInput(f"section {quote_key(name)}", table, expect_one_of(name, known))
     default = RigDescription()
     devices = {name: tables[name] for name in DEVICE_SECTIONS if _is_device(name, tables)}
-    simulated = {
+    simulation = {
         name: tables[name] for name in SIMULATION_SECTIONS if name in tables and name not in devices
     }
     robot = {
-        name: _section(name, tables.get(name, {}), getattr(default, name))
+        name: _decode_robot_section(name, tables.get(name, {}), getattr(default, name))
         for name in ROBOT_SECTIONS
     }
-    return RigDescription(**robot, devices=devices, simulation=simulated)
+    return RigDescription(**robot, devices=devices, simulation=simulation)
 
 
 def _is_device(name: str, tables: toml_json_parsing.Table) -> bool:
+    """Return True if a section exists and describes a real device."""
     return name in tables and (name == "arm" or KIND_KEY in tables[name])
 
 
-def _section(name: str, table: toml_json_parsing.Table, default: Any) -> Any:
+def _decode_robot_section(name: str, table: toml_json_parsing.Table, default: Any) -> Any:
     """Return the settings in a section of the robot; omitted values are the default ones."""
     if name == "mechanism":
-        return _mechanism(table, default.name)
-    only = {name: cast(type[Any], type(default))}
-    return decode_kind(PART_CLASSES.get(name, only), table, name, default)
+        return _decode_mechanism(table, default.name)
+    only_class = {name: cast(type[Any], type(default))}
+    return decode_kind(PART_CLASSES.get(name, only_class), table, name, default)
 
 
-def _mechanism(table: toml_json_parsing.Table, default_kind: str) -> Kinematics:
-    """Return the mechanism in a table, of the default kind if the table has no key `kind`."""
-    kind = find_class(MECHANISMS, table.get(KIND_KEY, default_kind), "mechanism")
-    given = {name: value for name, value in table.items() if name != KIND_KEY}
-    given = {**asdict(kind().limits), **given}
-    flat: Any = decode_settings(_flat(kind), given, "mechanism", others=(KIND_KEY,))
-    rest = {name: getattr(flat, name) for name in given}
-    limits = {end.name: rest.pop(end.name) for end in fields(JointLimits)}
-    decode_settings(JointLimits, limits, "mechanism")
-    return decode_settings(kind, {**rest, "limits": limits}, "mechanism")
+def _decode_mechanism(table: toml_json_parsing.Table, default_name: str) -> Kinematics:
+    """Return the mechanism in a table, of the default class if the table has no key `kind`.
+
+    The table has the ends of `JointLimits` as keys of its own, without a subtable `limits`.
+    """
+    mechanism_class = find_class(MECHANISMS, table.get(KIND_KEY, default_name), "mechanism")
+    values = asdict(mechanism_class().limits) | table
+    values.pop(KIND_KEY, None)
+    flat_class = _make_flat_mechanism_class(mechanism_class)
+    flat: Any = decode_settings(flat_class, values, "mechanism", (KIND_KEY,))
+    settings = {name: getattr(flat, name) for name in values}
+    limits = {end.name: settings.pop(end.name) for end in fields(JointLimits)}
+    decode_settings(JointLimits, limits, "mechanism")  # errors say mechanism.lower, not .limits
+    return decode_settings(mechanism_class, {**settings, "limits": limits}, "mechanism")
 
 
 @cache
-def _flat(kind: type[Kinematics]) -> type[Any]:
-    """Return the class of a mechanism's section, with the two ends of the limits as keys."""
-    others = [(f.name, f.type, f) for f in fields(kind) if f.name != "limits"]
-    return make_dataclass("Mechanism", [*((f.name, Any) for f in fields(JointLimits)), *others])
+def _make_flat_mechanism_class(mechanism_class: type[Kinematics]) -> type[Any]:
+    """Return the schema of a mechanism's section, with the ends of the joint limits as fields."""
+    limits = [(end.name, Any) for end in fields(JointLimits)]
+    others = [(f.name, f.type, f) for f in fields(mechanism_class) if f.name != "limits"]
+    return make_dataclass("Mechanism", [*limits, *others])

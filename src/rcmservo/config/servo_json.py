@@ -28,10 +28,10 @@ from rcmservo.errors import BadInput
 from rcmservo.estimation.base import Estimator
 from rcmservo.servo.servo import Servo
 
-Description: type[object] = make_dataclass(
-    "Description", [*((part, object) for part in PART_CLASSES), ("rate", float)]
+ServoDescription: type[object] = make_dataclass(
+    "ServoDescription", [*((part, object) for part in PART_CLASSES), ("rate", float)]
 )
-"""Parts of a servo, and its tick rate in Hz."""
+"""Parts of a servo as tables, and its tick rate in Hz."""
 
 NO_USER_ESTIMATORS: Mapping[str, type[Estimator]] = {}
 """No user-defined estimators."""
@@ -40,20 +40,19 @@ NO_USER_ESTIMATORS: Mapping[str, type[Estimator]] = {}
 def describe_servo(servo: Servo) -> Table:
     """Return a servo as a table of JSON values."""
     parts = {
-        part: _described(getattr(servo, part), classes) for part, classes in PART_CLASSES.items()
+        part: _describe_part(getattr(servo, part), classes)
+        for part, classes in PART_CLASSES.items()
     }
-    return json.loads(json.dumps({**parts, "rate": servo.rate}, default=_plain))
+    return json.loads(json.dumps({**parts, "rate": servo.rate}, default=_convert_to_json))
 
 
-def _described(value: Any, classes: Classes) -> object:
-    names = [f.name for f in fields(value)] if is_dataclass(value) else []
-    return {
-        KIND_KEY: find_class_name(value, classes),
-        **{name: getattr(value, name) for name in names},
-    }
+def _describe_part(part: Any, classes: Classes) -> Table:
+    """Return the settings of a part of a servo and the name of its class."""
+    settings = {f.name: getattr(part, f.name) for f in fields(part)} if is_dataclass(part) else {}
+    return {KIND_KEY: find_class_name(part, classes), **settings}
 
 
-def _plain(value: Any) -> object:
+def _convert_to_json(value: Any) -> object:
     """Return nested settings as a table, and any other value as its `repr`."""
     return asdict(value) if is_dataclass(value) and not isinstance(value, type) else repr(value)
 
@@ -70,15 +69,20 @@ def rebuild_servo(
     user_estimators : Mapping[str, type[Estimator]]
         Permitted user-defined estimators by name.
 
+    Returns
+    -------
+    Servo
+        Servo with the described settings, and no defaults.
+
     Raises
     ------
     BadInput
         If a field is missing, unknown or invalid; the error names it.
     """
-    decoded: Any = decode_settings(Description, description, "servo")
-    parts = {**PART_CLASSES, "estimator": {**ESTIMATORS, **user_estimators}}
-    made = {part: _rebuilt(getattr(decoded, part), parts[part], f"servo.{part}") for part in parts}
-    return Servo(**made, rate=decoded.rate)
+    tables: Any = decode_settings(ServoDescription, description, "servo")
+    classes = {**PART_CLASSES, "estimator": {**ESTIMATORS, **user_estimators}}
+    parts = {p: _rebuild_part(getattr(tables, p), classes[p], f"servo.{p}") for p in classes}
+    return Servo(**parts, rate=tables.rate)
 
 
 def rebuild_part(description: object, part: str) -> Any:
@@ -90,16 +94,16 @@ def rebuild_part(description: object, part: str) -> Any:
         If the part is missing or invalid.
     """
     table: object = description.get(part) if is_table(description) else None
-    return _rebuilt(table, PART_CLASSES[part], f"servo.{part}")
+    return _rebuild_part(table, PART_CLASSES[part], f"servo.{part}")
 
 
-def _rebuilt(table: object, classes: Classes, where: str) -> Any:
-    """Return a part whose settings are all given, since defaults may change between versions."""
+def _rebuild_part(table: object, classes: Classes, path: str) -> Any:
+    """Return the part in a table, which must give all settings, since defaults may change."""
     if not is_table(table):
-        raise BadInput(where, table, "a table of settings")
-    names = [f.name for f in fields(find_class(classes, table.get(KIND_KEY), where))]
+        raise BadInput(path, table, "a table of settings")
+    names = [f.name for f in fields(find_class(classes, table.get(KIND_KEY), path))]
     table = with_present_names(table, [KIND_KEY, *names])
     for name in names:
         if name not in table:
-            raise BadInput(f"{where}.{name}", None, "given")
-    return decode_kind(classes, table, where)
+            raise BadInput(f"{path}.{name}", None, "given")
+    return decode_kind(classes, table, path)

@@ -45,20 +45,25 @@ BARE_KEY = re.compile(r"[A-Za-z0-9_-]{1,60}")
 
 
 def decode_settings(
-    kind: type[Settings], table: object, where: str, others: Sequence[str] = ()
+    schema: type[Settings], table: object, path: str, other_keys: Sequence[str] = ()
 ) -> Settings:
     """Return the settings in a table.
 
     Parameters
     ----------
-    kind : type
-        Dataclass of the settings.
+    schema : type
+        Dataclass of the settings, the schema of the table.
     table : object
         Table from a file.
-    where : str
+    path : str
         Path of the table in the file, for error messages.
-    others : Sequence of str
-        Further keys of the table in the file, which error messages list as permitted.
+    other_keys : Sequence of str
+        Keys that the file permits in addition to the fields, for error messages.
+
+    Returns
+    -------
+    Settings
+        Instance of the dataclass.
 
     Raises
     ------
@@ -68,48 +73,54 @@ def decode_settings(
     from pydantic import PydanticUserError, ValidationError
 
     try:
-        return _reader(kind).validate_json(json.dumps([table], default=str))[0]
-    except PydanticUserError as error:  # of a user-defined class
+        return _build_validator(schema).validate_json(json.dumps([table], default=str))[0]
+    except PydanticUserError as error:  # pydantic cannot read the type of a field
         expected = "a dataclass of numbers, strings, and tuples of them"
-        raise BadInput(where, kind.__name__, expected) from error
+        raise BadInput(path, schema.__name__, expected) from error
     except ValidationError as error:
-        # a misspelt key, rather than the missing key that it causes
-        first = min(error.errors(), key=lambda one: one["type"] == "missing")
-        _refuse(first, kind, where, others)
+        # a misspelt key also leaves the correct key missing; the misspelt one helps more
+        first_error = min(error.errors(), key=lambda details: details["type"] == "missing")
+        _raise_bad_input(first_error, schema, path, other_keys)
 
 
 @cache
-def _reader(kind: type[Any]) -> "TypeAdapter[tuple[Any]]":
-    """Return a validator of a list of one table: pydantic cannot configure a single dataclass."""
+def _build_validator(schema: type[Any]) -> "TypeAdapter[tuple[Any]]":
+    """Return a validator of a list of one table, because a bare dataclass accepts no `config`."""
     from pydantic import ConfigDict, TypeAdapter
 
     strict = ConfigDict(strict=True, extra="forbid", allow_inf_nan=False)
-    return TypeAdapter[tuple[Any]](cast(Any, tuple)[kind], config=strict)
+    return TypeAdapter[tuple[Any]](cast(Any, tuple)[schema], config=strict)
 
 
-def _refuse(error: "ErrorDetails", kind: type[Any], where: str, others: Sequence[str]) -> NoReturn:
+def _raise_bad_input(
+    error: "ErrorDetails", schema: type[Any], path: str, other_keys: Sequence[str]
+) -> NoReturn:
     """Raise `BadInput` for an error of pydantic, with the path of its key."""
     steps, error_type, value = error["loc"][1:], error["type"], error["input"]
-    path = where + "".join(f"[{x}]" if isinstance(x, int) else f".{quote_key(x)}" for x in steps)
+    path += "".join(f"[{s}]" if isinstance(s, int) else f".{quote_key(s)}" for s in steps)
     context = error.get("ctx", {})
     cause = context.get("error")
     if isinstance(cause, BadInput):
         name = cause.field.removeprefix(path.rpartition(".")[2] + ".")
         raise BadInput(f"{path}.{name}", cause.value, cause.expected) from cause
     if error_type == "unexpected_keyword_argument":
-        raise BadInput(path, value, expect_one_of(str(steps[-1]), _keys(kind, steps, others)))
+        valid_keys = _list_valid_keys(schema, steps, other_keys)
+        raise BadInput(path, value, expect_one_of(str(steps[-1]), valid_keys))
     expected = EXPECTED_VALUES.get(error_type, f"a value of its type ({error_type})")
     if error_type == "missing" and isinstance(value, dict):
-        value = None
+        value = None  # pydantic gives the whole table
     raise BadInput(path, value, expected.format(**context))
 
 
-def _keys(kind: type[Any], steps: Sequence[int | str], others: Sequence[str]) -> list[str]:
+def _list_valid_keys(
+    schema: type[Any], steps: Sequence[int | str], other_keys: Sequence[str]
+) -> list[str]:
     """Return the valid keys of the table that contains the unknown key ``steps[-1]``."""
-    for step in steps[:-1]:
-        kind = get_args(kind)[0] if isinstance(step, int) else get_type_hints(kind)[step]
-    names = [f.name for f in fields(kind)] if is_dataclass(kind) else []
-    return names if steps[:-1] else [*others, *names]
+    *parents, _ = steps
+    for step in parents:
+        schema = get_args(schema)[0] if isinstance(step, int) else get_type_hints(schema)[step]
+    keys = [f.name for f in fields(schema)] if is_dataclass(schema) else []
+    return keys if parents else [*other_keys, *keys]
 
 
 def expect_one_of(key: str, names: Sequence[str]) -> str:
@@ -117,8 +128,8 @@ def expect_one_of(key: str, names: Sequence[str]) -> str:
     present = present_name(key, names)
     hint = f" (its name is {present} now)" if present else suggestion(key, names)
     listed = names[:MAX_LISTED_NAMES]
-    more = len(names) - len(listed)
-    return f"left out or one of {', '.join(listed)}{f' and {more} more' if more else ''}{hint}"
+    unlisted = f" and {len(names) - len(listed)} more" if len(names) > len(listed) else ""
+    return f"left out or one of {', '.join(listed)}{unlisted}{hint}"
 
 
 def quote_key(name: str) -> str:

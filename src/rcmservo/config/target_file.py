@@ -1,12 +1,12 @@
-"""Target file: a taught target, the time of teaching, and the camera, arm, tool and markers used.
+"""Target file: a taught target, when it was taught, and with which camera, arm, tool and markers.
 
     {"format": "rcmservo target 1", "sha256": "…", "taught": "2026-11-21T11:30:00Z",
      "markers_px": [[u1, v1], [u2, v2]], "sizes_px": [R1, R2], "joints": [rad, rad, mm], "setup":
      {"camera": "…", "width": 640, "height": 480, "mechanism": {…}, "tool": {…}, "markers": {…}}}
 
-Raw pixels are valid only for the setup that they were measured with. A file is therefore loaded
-only for this setup; otherwise the error names the difference. The checksum detects accidental
-changes; it is no signature.
+Raw pixels (without correction of the lens distortion) are valid only for the setup with which they
+were measured. A file is therefore loaded only for this setup; otherwise the error names the
+difference. The checksum detects accidental changes; it is no signature.
 """
 
 import hashlib
@@ -18,9 +18,18 @@ from typing import Any
 
 import numpy as np
 
-from rcmservo.config import toml_json_parsing
 from rcmservo.config.atomic_files import read_limited, write_atomically
 from rcmservo.config.strict_decoding import decode_settings
+from rcmservo.config.toml_json_parsing import (
+    UNKNOWN_RADII,
+    InvalidText,
+    MarkerRadii,
+    Table,
+    is_table,
+    name_file_in_errors,
+    parse_json,
+    radii_to_json,
+)
 from rcmservo.errors import BadInput, UnusableFile, one_line, quoted, require
 from rcmservo.geometry.kinematics import Kinematics
 from rcmservo.geometry.tool import Tool
@@ -30,12 +39,12 @@ from rcmservo.tracking import MarkerAppearance
 
 TARGET_FORMAT = "rcmservo target 1"
 MAX_TARGET_FILE_BYTES = 64 * 1024
-TIME_FORMAT = "%Y-%m-%dT%H:%M:%SZ"
+TIME_FORMAT = "%Y-%m-%dT%H:%M:%SZ"  # in UTC
 
 
 @dataclass(frozen=True)
 class TargetSetup:
-    """Setup for which a target is valid.
+    """Camera, arm, tool and markers for which a target is valid.
 
     Parameters
     ----------
@@ -52,8 +61,8 @@ class TargetSetup:
     markers : MarkerAppearance
         Appearance of the markers.
     slack : float
-        Distance by which a joint may be beyond its limit, as a fraction of its range. A target is
-        also valid with another value.
+        Distance by which a joint may be beyond its limit, as a fraction of its range. The file does
+        not contain it, so a target stays valid if this value changes.
     """
 
     camera: str
@@ -77,17 +86,17 @@ class TargetContent:
         Coordinates (u, v) of marker 1 and of marker 2, raw px.
     joints : tuple[float, float, float]
         Joints while the target was taught, rad, rad, mm.
-    setup : texts.Table
+    setup : Table
         `TargetSetup` with which the target was taught, as JSON values.
-    sizes_px : texts.MarkerRadii
+    sizes_px : MarkerRadii
         Apparent radii of marker 1 and of marker 2, px; null where unknown.
     """
 
     taught: str
     markers_px: tuple[tuple[float, float], tuple[float, float]]
     joints: tuple[float, float, float]
-    setup: toml_json_parsing.Table
-    sizes_px: toml_json_parsing.MarkerRadii = toml_json_parsing.UNKNOWN_RADII
+    setup: Table
+    sizes_px: MarkerRadii = UNKNOWN_RADII
 
     def __post_init__(self) -> None:
         try:
@@ -107,12 +116,12 @@ def save_target(path: Path, target: Target, setup: TargetSetup) -> None:
     content = {
         "taught": datetime.now(UTC).strftime(TIME_FORMAT),
         "markers_px": target.points.tolist(),
-        "sizes_px": toml_json_parsing.radii_to_json(target.sizes),
+        "sizes_px": radii_to_json(target.sizes),
         "joints": target.q.tolist(),
         "setup": _describe_setup(setup),
     }
     try:
-        _target(decode_settings(TargetContent, content, "target"), setup)
+        _make_target(decode_settings(TargetContent, content, "target"), setup)
     except BadInput as error:
         raise UnusableFile(path, f"is not written: {error}") from error
     content = {"format": TARGET_FORMAT, **content}
@@ -129,9 +138,9 @@ def load_target(path: Path, setup: TargetSetup) -> Target:
         If the file is damaged, or the target was taught with another setup.
     """
     data = read_limited(path, MAX_TARGET_FILE_BYTES, "a target")
-    with toml_json_parsing.name_file_in_errors(path, "JSON"):
+    with name_file_in_errors(path, "JSON"):
         try:
-            return _target(_content(toml_json_parsing.parse_json(data.decode())), setup)
+            return _make_target(_decode_content(parse_json(data.decode())), setup)
         except BadInput as error:
             raise UnusableFile(path, str(error)) from error
 
@@ -142,34 +151,32 @@ def compute_checksum(content: object) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def _content(table: object) -> TargetContent:
+def _decode_content(table: object) -> TargetContent:
     """Return the content of a target file from its JSON; check format and checksum."""
-    if not toml_json_parsing.is_table(table) or table.get("format") != TARGET_FORMAT:
-        raise toml_json_parsing.InvalidText(
-            f"is not a target of this version: its format must be {TARGET_FORMAT!r}"
-        )
-    rest = {key: value for key, value in table.items() if key != "sha256"}
-    if table.get("sha256") != compute_checksum(rest):
-        raise toml_json_parsing.InvalidText("is damaged or was changed: its checksum differs")
-    return decode_settings(
-        TargetContent, {key: rest[key] for key in rest if key != "format"}, "target"
-    )
+    if not is_table(table) or table.get("format") != TARGET_FORMAT:
+        expected = f"its format must be {TARGET_FORMAT!r}"
+        raise InvalidText(f"is not a target of this version: {expected}")
+    checksum, content = table.get("sha256"), {k: v for k, v in table.items() if k != "sha256"}
+    if checksum != compute_checksum(content):
+        raise InvalidText("is damaged or was changed: its checksum differs")
+    del content["format"]
+    return decode_settings(TargetContent, content, "target")
 
 
-def _target(content: TargetContent, setup: TargetSetup) -> Target:
+def _make_target(content: TargetContent, setup: TargetSetup) -> Target:
     """Return the target of a content after checking every value."""
-    _require_same(content.setup, _describe_setup(setup), "")
+    _require_equal_setups(content.setup, _describe_setup(setup), "")
     max_u, max_v = setup.width - 0.5, setup.height - 0.5
     for i, (u, v) in enumerate(content.markers_px):
-        inside = -0.5 <= u <= max_u and -0.5 <= v <= max_v
-        size = f"within the image of {setup.width} x {setup.height} px"
-        require(inside, f"target.markers_px[{i}]", (u, v), size)
+        is_in_image = -0.5 <= u <= max_u and -0.5 <= v <= max_v
+        expected = f"within the image of {setup.width} x {setup.height} px"
+        require(is_in_image, f"target.markers_px[{i}]", (u, v), expected)
     for i, radius in enumerate(content.sizes_px):
         is_valid = radius is None or 0.0 < radius <= setup.width
         require(is_valid, f"target.sizes_px[{i}]", radius, "a positive radius within the image")
     _require_joints_within_limits(content.joints, setup)
-    sizes = np.array(content.sizes_px, dtype=np.float64)
-    return Target(np.array(content.markers_px), np.array(content.joints), sizes=sizes)
+    radii = np.array(content.sizes_px, dtype=np.float64)
+    return Target(np.array(content.markers_px), np.array(content.joints), sizes=radii)
 
 
 def _require_joints_within_limits(q: tuple[float, float, float], setup: TargetSetup) -> None:
@@ -183,26 +190,24 @@ def _require_joints_within_limits(q: tuple[float, float, float], setup: TargetSe
 
 
 def _describe_setup(setup: TargetSetup) -> object:
-    """Return a setup as JSON values."""
-    bound = {name: value for name, value in vars(setup).items() if name != "slack"}
-    return json.loads(json.dumps(bound, default=_table))
+    """Return a setup as JSON values; each part that has a name gets it as the key `kind`."""
+
+    def convert_part(part: Any) -> Table:
+        return ({"kind": part.name} if hasattr(part, "name") else {}) | asdict(part)
+
+    stored = {name: value for name, value in vars(setup).items() if name != "slack"}
+    return json.loads(json.dumps(stored, default=convert_part))
 
 
-def _table(part: Any) -> toml_json_parsing.Table:
-    """Return the settings of a part of a setup as a table, with its kind where it has one."""
-    kind = {"kind": part.name} if hasattr(part, "name") else {}
-    return {**kind, **asdict(part)}
-
-
-def _require_same(then: object, now: object, where: str) -> None:
-    """Raise `InvalidText` with the first value that differs between two setups."""
-    if toml_json_parsing.is_table(then) and toml_json_parsing.is_table(now):
-        for key in sorted(
-            {**now, **then}, key="kind".__ne__
-        ):  # a different kind is the most informative difference
-            _require_same(then.get(key), now.get(key), f"{where}.{key}" if where else key)
-    elif isinstance(then, bool) is not isinstance(now, bool) or then != now:
-        raise toml_json_parsing.InvalidText(
-            f"was taught with {one_line(where) or 'setup'} {quoted(then)}, "
-            f"this rig has {quoted(now)}: teach the target again"
+def _require_equal_setups(taught: object, present: object, path: str) -> None:
+    """Raise `InvalidText` with the first value that differs between two setups, given as JSON."""
+    if is_table(taught) and is_table(present):
+        # the key `kind` first, because a different kind explains all other differences
+        for key in sorted({**present, **taught}, key="kind".__ne__):
+            key_path = f"{path}.{key}" if path else key
+            _require_equal_setups(taught.get(key), present.get(key), key_path)
+    elif isinstance(taught, bool) is not isinstance(present, bool) or taught != present:
+        raise InvalidText(
+            f"was taught with {one_line(path) or 'setup'} {quoted(taught)}, "
+            f"this rig has {quoted(present)}: teach the target again"
         )

@@ -1,7 +1,8 @@
 """Parsing of TOML and JSON texts into tables.
 
-Repeated keys and numbers that are not finite are refused. Every refusal is a `ValueError` with a
-message of one line, or a `RecursionError` for a text that is nested too deeply.
+In JSON, repeated keys and numbers that are not finite are refused; in TOML, repeated keys are.
+Every refusal is a `ValueError` with a message of one line, or a `RecursionError` for a text that is
+nested too deeply.
 """
 
 import json
@@ -21,8 +22,7 @@ MAX_LINE_LENGTH = 1000
 
 
 Table = dict[str, Any]
-"""Table of TOML, object of JSON."""
-
+"""Table of TOML or object of JSON."""
 
 MarkerRadii = tuple[float | None, float | None]
 """Apparent radii of both markers, px; None where unknown."""
@@ -31,19 +31,26 @@ UNKNOWN_RADII: MarkerRadii = (None, None)
 
 
 class InvalidText(ValueError):
-    """Invalid content of a text; the message completes a sentence that begins with its file."""
+    """Invalid content of a file; the message is a clause that follows the path of the file."""
 
 
 @contextmanager
 def name_file_in_errors(path: Path, language: str) -> Generator[None]:
-    """Turn an error in the context into one that names the file.
+    """Convert an error that is raised in the context into one that names the file.
+
+    Parameters
+    ----------
+    path : Path
+        File that is read in the context.
+    language : str
+        Language of the file, TOML or JSON, for the message.
 
     Raises
     ------
     BadInput
         If a field has an invalid value.
     UnusableFile
-        If the text is not valid `language`, or was refused.
+        If the text is not valid in its language, or was refused.
     """
     try:
         yield
@@ -53,12 +60,12 @@ def name_file_in_errors(path: Path, language: str) -> Generator[None]:
         raise UnusableFile(path, str(error)) from error
     except RecursionError as error:
         raise UnusableFile(path, "is nested too deeply") from error
-    except ValueError as error:  # from the parser, the encoding, or a number of thousands of digits
+    except ValueError as error:  # of the parser, the decoder, or a number of thousands of digits
         raise UnusableFile(path, f"is not valid {language}: {one_line(error)}") from error
 
 
 def parse_toml(data: bytes) -> Table:
-    """Return the tables of a TOML file. The parser itself refuses repeated keys."""
+    """Return the tables of a TOML file."""
     text = data.decode()
     if max(map(len, text.split("\n"))) > MAX_LINE_LENGTH:
         raise InvalidText(f"has a line of more than {MAX_LINE_LENGTH} characters")
@@ -66,21 +73,24 @@ def parse_toml(data: bytes) -> Table:
 
 
 def parse_json(text: str) -> Any:
-    """Return the value of a JSON text."""
+    """Return the value of a JSON text; raise `InvalidText` for repeated keys, NaN and infinity."""
     return json.loads(
-        text, object_pairs_hook=_unique_keys, parse_constant=_finite, parse_float=_finite
+        text,
+        object_pairs_hook=_make_table,
+        parse_constant=_parse_finite_number,
+        parse_float=_parse_finite_number,
     )
 
 
-def _unique_keys(pairs: list[tuple[str, Any]]) -> Table:
-    table = dict(pairs)
-    if len(table) < len(pairs):
-        key = next(key for key, count in Counter(key for key, _ in pairs).items() if count > 1)
-        raise InvalidText(f"has two of the key {quoted(key)}")
-    return table
+def _make_table(pairs: list[tuple[str, Any]]) -> Table:
+    """Return the table of keys and values; raise `InvalidText` for a repeated key."""
+    for key, count in Counter(key for key, _ in pairs).items():
+        if count > 1:
+            raise InvalidText(f"has two of the key {quoted(key)}")
+    return dict(pairs)
 
 
-def _finite(text: str) -> float:
+def _parse_finite_number(text: str) -> float:
     value = float(text)
     if not math.isfinite(value):
         raise InvalidText(f"holds the number {text[:30]}, which is not finite")

@@ -1,6 +1,6 @@
-"""Import of user-defined estimators by their names module:class.
+"""Import of user-defined estimators, which are named as module:class.
 
-The code runs only if the user names it on the command line, never because a file or record does.
+The code of a user runs only if the command line names it, never because a file or record does.
 """
 
 import hashlib
@@ -16,7 +16,8 @@ from rcmservo.errors import BadInput, RcmServoError, one_line
 from rcmservo.estimation.base import Estimator
 
 ESTIMATOR_OPTION = "--estimator"
-CLASS_NAME = re.compile(r"\w+(\.\w+)*:\w+")
+CLASS_PATH = re.compile(r"\w+(\.\w+)*:\w+")
+"""Name of a user-defined class, as module:class."""
 
 
 def import_estimator(name: str, option: str = ESTIMATOR_OPTION) -> type[Estimator]:
@@ -31,31 +32,36 @@ def import_estimator(name: str, option: str = ESTIMATOR_OPTION) -> type[Estimato
     option : str
         Option of the command line, for error messages.
 
+    Returns
+    -------
+    type[Estimator]
+        Class of the estimator, a dataclass whose settings all have a default.
+
     Raises
     ------
     BadInput
         If the module cannot be imported, or the class is no usable estimator.
     """
-    module, _, cls = name.partition(":")
-    if not CLASS_NAME.fullmatch(name):
+    module, _, class_name = name.partition(":")
+    if not CLASS_PATH.fullmatch(name):
         built_in = ", ".join((*ESTIMATORS, *PRESETS))
         raise BadInput(option, name, f"one of {built_in}, or module:class such as mylab.rls:RLS")
-    kind: object = getattr(_imported(module, name, option), cls, None)
-    if not (isinstance(kind, type) and issubclass(kind, Estimator)):
+    found: object = getattr(_import_module(module, name, option), class_name, None)
+    if not (isinstance(found, type) and issubclass(found, Estimator)):
         raise BadInput(option, name, f"a class in {module} that derives from rcmservo.Estimator")
-    if not is_dataclass(kind):
+    if not is_dataclass(found):
         raise BadInput(option, name, "a frozen dataclass, whose fields are its settings")
-    if inspect.isabstract(kind):
-        missing = ", ".join(sorted(kind.__abstractmethods__))
+    if inspect.isabstract(found):
+        missing = ", ".join(sorted(found.__abstractmethods__))
         raise BadInput(option, name, f"an estimator with all its methods; it lacks {missing}")
-    _require_defaults(kind, name, option)
-    return kind
+    _require_defaults(found, name, option)
+    return found
 
 
-def _require_defaults(kind: type[Estimator], name: str, option: str) -> None:
+def _require_defaults(estimator_class: type[Estimator], name: str, option: str) -> None:
     """Raise `BadInput` if the class cannot be constructed with its defaults."""
     try:
-        kind()
+        estimator_class()
     except RcmServoError:
         raise
     except Exception as error:
@@ -63,13 +69,14 @@ def _require_defaults(kind: type[Estimator], name: str, option: str) -> None:
         raise BadInput(option, name, expected) from error
 
 
-def _imported(module: str, name: str, option: str) -> object:
-    here = str(Path.cwd())
-    if here not in sys.path:
-        sys.path.append(here)
+def _import_module(module: str, name: str, option: str) -> object:
+    """Return a module; `name` and `option` serve the message if the import fails."""
+    folder = str(Path.cwd())
+    if folder not in sys.path:
+        sys.path.append(folder)
     try:
         return importlib.import_module(module)
-    except (Exception, SystemExit) as error:  # from the code of the module
+    except (Exception, SystemExit) as error:  # the code of the module may raise anything
         raised = f"{module} raised {one_line(repr(error))}"
         raise BadInput(option, name, f"a class of an importable module; {raised}") from error
 
@@ -80,10 +87,10 @@ def hash_source(estimator: Estimator) -> str:
     The result is empty for a built-in estimator, or if there is no such file.
     """
     module = type(estimator).__module__
-    file = getattr(sys.modules.get(module), "__file__", None)
-    if module.startswith("rcmservo.") or file is None:
+    source_file = getattr(sys.modules.get(module), "__file__", None)
+    if module.startswith("rcmservo.") or source_file is None:
         return ""
     try:
-        return hashlib.sha256(Path(file).read_bytes()).hexdigest()
+        return hashlib.sha256(Path(source_file).read_bytes()).hexdigest()
     except OSError:
         return ""

@@ -11,7 +11,7 @@ import tyro
 
 from rcmservo.cli.lab.emulate_crtk import RosOptions, emulate_crtk
 from rcmservo.cli.lab.emulated_arm import EmulatedArm, send_gige, send_mjpeg
-from rcmservo.cli.terminal import console
+from rcmservo.cli.terminal import open_console
 from rcmservo.config.rig_file import load_rig_file
 from rcmservo.constraints import Checked, between, not_negative
 from rcmservo.errors import require, require_extra
@@ -22,6 +22,7 @@ from rcmservo.hardware.galil.emulator.server import Server
 from rcmservo.live.realtime import realtime
 
 AXES = 4
+"""Number of axes of the emulated controller, of which the last drives no joint."""
 COUNTS_PER_UNIT = 50000.0, 50000.0, 500.0
 """Encoder counts of the emulated arm per rad, rad and mm."""
 PORT_LIMIT = between(0, 65535, "a whole number")
@@ -79,8 +80,8 @@ class EmulateOptions(RosOptions, GalilOptions):
 def emulate(options: EmulateOptions) -> int:
     """Emulate the device until Ctrl-C and return the exit code 0."""
     if "help" in options.fault:
-        for name, words in FAULT_KINDS.items():
-            print(f"{name:9} {words}")
+        for name, description in FAULT_KINDS.items():
+            print(f"{name:9} {description}")
         return 0
     _require_device_options(options)
     lab = load_rig_file(options.rig)
@@ -95,32 +96,31 @@ def emulate(options: EmulateOptions) -> int:
             cameras.append(arm.start_camera(send_mjpeg, options.mjpeg))
         if options.gige:
             cameras.append("GigE Vision " + arm.start_camera(send_gige))
-        controller = Controller(arm.motors(COUNTS_PER_UNIT, AXES), AXES)
+        controller = Controller(arm.make_motors(COUNTS_PER_UNIT, AXES), AXES)
         serial = SerialPort() if options.serial else None
         with closing(Server(controller, options.port, faults, serial)) as server:
-            at = f"127.0.0.1:{server.port}" + (f" and {serial.path}" if serial else "")
+            address = f"127.0.0.1:{server.port}" + (f" and {serial.path}" if serial else "")
             camera = f", its camera at {' and '.join(cameras)}" if cameras else ""
-            words = f"emulated Galil DMC-40{AXES}0 at {at}, simulated arm{camera}"
-            out = console(False)
-            out.print(f"{words}, seed {options.seed}; Ctrl-C ends it", soft_wrap=True)
-            out.print(arm.measurements, soft_wrap=True)
+            device = f"emulated Galil DMC-40{AXES}0 at {address}, simulated arm{camera}"
+            console = open_console()
+            console.print(f"{device}, seed {options.seed}; Ctrl-C ends it", soft_wrap=True)
+            console.print(arm.ruler_measurements, soft_wrap=True)
             _serve_controller(server)
     return 0
 
 
 def _require_device_options(options: EmulateOptions) -> None:
     """Refuse options of the other device, which would have no effect."""
-    for one in fields(GalilOptions if options.device == "crtk" else RosOptions):
-        value = getattr(options, one.name)
+    for option in fields(GalilOptions if options.device == "crtk" else RosOptions):
+        value = getattr(options, option.name)
         expected = f"left out, because emulate {options.device} has no such option"
-        require(value == one.default, f"--{one.name}", value, expected)
+        require(value == option.default, f"--{option.name}", value, expected)
 
 
 def _serve_controller(server: Server) -> None:
     """Serve at each sample time as punctually as the system allows, as a real controller does."""
-    start = time.monotonic()
+    start_s = time.monotonic()
     with realtime(), contextlib.suppress(KeyboardInterrupt):
         while True:
-            seconds = time.monotonic() - start
-            server.turn(seconds)
-            server.wait(SAMPLE_TIME_S - (time.monotonic() - start) % SAMPLE_TIME_S)
+            server.turn(time.monotonic() - start_s)
+            server.wait(SAMPLE_TIME_S - (time.monotonic() - start_s) % SAMPLE_TIME_S)

@@ -1,4 +1,7 @@
-"""`rcmservo emulate crtk`: an emulated arm on ROS topics, with the images of its camera."""
+"""`rcmservo emulate crtk`: an emulated arm on ROS topics, with the images of its camera.
+
+CRTK (collaborative robotics toolkit) is a convention for the names and types of these topics.
+"""
 
 import time
 from contextlib import closing
@@ -7,7 +10,7 @@ from multiprocessing.connection import Connection
 from typing import Annotated
 
 from rcmservo.cli.lab.emulated_arm import EmulatedArm
-from rcmservo.cli.terminal import console
+from rcmservo.cli.terminal import open_console
 from rcmservo.config.rig_file import RigDescription
 from rcmservo.errors import RcmServoError, require_extra
 from rcmservo.hardware.crtk.device import STEP_NS, CrtkDevice
@@ -40,14 +43,12 @@ def emulate_crtk(connection: RosOptions, seed: int, lab: RigDescription) -> int:
         arm = EmulatedArm(seed, lab)
     with arm, closing(open_transport(connection)) as transport:
         arm.start_camera(send_images, connection)
-        limits, joints = lab.mechanism.limits, arm.joints()
-        now = time.monotonic_ns()
-        device = CrtkDevice(joints, limits, transport, connection.namespace, now, time.time_ns)
-        on = f" (domain {connection.domain}, {connection.interface})" if connection.ros == 2 else ""
-        words = (
-            f"emulated CRTK arm {connection.namespace} on ROS {connection.ros}{on}, simulated arm"
-        )
-        console(False).print(f"{words}, seed {seed}; Ctrl-C ends it", soft_wrap=True)
+        limits, joints = lab.mechanism.limits, arm.make_joints()
+        name, ros, now_ns = connection.namespace, connection.ros, time.monotonic_ns()
+        device = CrtkDevice(joints, limits, transport, name, now_ns, time.time_ns)
+        network = f" (domain {connection.domain}, {connection.interface})" if ros == 2 else ""
+        arm_name = f"emulated CRTK arm {name} on ROS {ros}{network}, simulated arm"
+        open_console().print(f"{arm_name}, seed {seed}; Ctrl-C ends it", soft_wrap=True)
         try:
             run_device(device)
         except KeyboardInterrupt:
@@ -62,18 +63,18 @@ def send_images(ring: FrameRing, connection: RosOptions, control: Connection) ->
     except RcmServoError as error:
         control.send(RcmServoError(str(error)))
         return
-    camera, last, topic = RingCamera(ring), None, IMAGE_TOPIC.under(connection.namespace)
+    camera, sent_frame, topic = RingCamera(ring), None, IMAGE_TOPIC.under(connection.namespace)
     with closing(transport):
         transport.offer(topic)
         control.send(topic.name)
         while not control.poll(IMAGE_POLL_S):
             frame = camera.latest()
-            if frame is None or frame is last or frame.image is None:
+            if frame is None or frame is sent_frame or frame.image is None:
                 continue
-            last, (height, width, _) = frame, frame.image.shape
-            stamp = frame.exposure + time.time_ns() - time.monotonic_ns()
+            sent_frame, (height, width, _) = frame, frame.image.shape
+            stamp_ns = frame.exposure + time.time_ns() - time.monotonic_ns()
             data = frame.image.tobytes()
-            message = PlainImage(stamp, height, width, "bgr8", 0, 3 * width, data)
+            message = PlainImage(stamp_ns, height, width, "bgr8", 0, 3 * width, data)
             transport.publish(topic, message)
 
 
@@ -81,6 +82,6 @@ def run_device(device: CrtkDevice) -> None:
     """Run a device in wall time until Ctrl-C."""
     with realtime():
         while True:
-            now = time.monotonic_ns()
-            device.turn(now)
-            time.sleep((STEP_NS - now % STEP_NS) * 1e-9)
+            now_ns = time.monotonic_ns()
+            device.turn(now_ns)
+            time.sleep((STEP_NS - now_ns % STEP_NS) * 1e-9)

@@ -49,14 +49,14 @@ class EmulatedArm:
         self._stack.close()
 
     @property
-    def measurements(self) -> str:
+    def ruler_measurements(self) -> str:
         """Sentence on the initial joint values and tool lengths, which `rig check` requests."""
         q = self._rig.scene.start
-        first, second = self._rig.body.points(q)[:2]
+        p1, p2 = self._rig.body.points(q)[:2]
         return (
             f"the arm is at {q[0]:.4f} {q[1]:.4f} {q[2]:.2f} (rad, rad, mm). By ruler, "
-            f"its markers are {np.linalg.norm(second - first):.1f} mm apart, and marker 1 is "
-            f"{np.linalg.norm(first):.1f} mm from the RCM"
+            f"its markers are {np.linalg.norm(p2 - p1):.1f} mm apart, and marker 1 is "
+            f"{np.linalg.norm(p1):.1f} mm from the RCM"
         )
 
     def start_camera(self, send: Callable[..., None], *arguments: Any) -> str:
@@ -72,14 +72,14 @@ class EmulatedArm:
         ring = self._ring = self._ring or self._start_filming()
         return self._start_child(send, ring, *arguments)
 
-    def joints(self) -> RateJoints:
+    def make_joints(self) -> RateJoints:
         """Place the arm at its start and return it as joints with velocity drives and brakes."""
         from rcmservo.sim.motor_interface import SimulatedJoints
 
         self._place_at_start()
         return SimulatedJoints(self._arm)
 
-    def motors(self, counts: tuple[float, float, float], axes: int) -> Motors:
+    def make_motors(self, counts: tuple[float, float, float], axes: int) -> Motors:
         """Place the arm at its start and return it as motors with encoders."""
         from rcmservo.sim.motor_interface import SimulatedMotors
 
@@ -100,14 +100,14 @@ class EmulatedArm:
         from rcmservo.sim.processes.motion_log import MotionLog
 
         log = MotionLog(self._context)
-        zero, arm = np.zeros(3), self._arm
+        no_rates, arm = np.zeros(3), self._arm
 
-        def note() -> None:
+        def log_joints() -> None:
             """Log the joints after the previous step."""
-            log.add(arm.time - PHYSICS_STEP_NS, time.monotonic_ns(), 0, True, zero, arm.q_true)
+            log.add(arm.time - PHYSICS_STEP_NS, time.monotonic_ns(), 0, True, no_rates, arm.q_true)
 
-        note()
-        arm.before_step = note
+        log_joints()
+        arm.before_step = log_joints
         ring = FrameRing(self._context, self._settings.width, self._settings.height)
         self._start_child(run_camera_process, self._seed, self._settings, log, ring)
         return ring
@@ -134,10 +134,10 @@ def send_gige(ring: FrameRing, control: Connection) -> None:
     _run_camera(lambda: GigeCamera(RingCamera(ring), width, height), control)
 
 
-def _run_camera(opened: Callable[[], Any], control: Connection) -> None:
+def _run_camera(open_camera: Callable[[], Any], control: Connection) -> None:
     """Open a camera, report its address or the error, and wait for the parent."""
     try:
-        camera = opened()
+        camera = open_camera()
     except RcmServoError as error:
         control.send(RcmServoError(str(error)))
         return

@@ -42,21 +42,21 @@ class HardwarePreparation:
     ----------
     lab : RigDescription
         Lab with its devices.
-    intent : str
+    motion_announcement : str
         Announcement of the motion that follows once the drive is on.
     target : Path or None
         File of the target; None if the operator teaches it by hand.
     save_target : Path or None
         New file for the taught target; None if it is not saved.
-    frames : int
+    teaching_frames : int
         Number of frames over which a taught target is averaged.
     """
 
     lab: RigDescription
-    intent: str
+    motion_announcement: str
     target: Path | None = None
     save_target: Path | None = None
-    frames: int = TEACHING_FRAMES
+    teaching_frames: int = TEACHING_FRAMES
 
 
 class AttendedTerminal:
@@ -71,9 +71,9 @@ class AttendedTerminal:
     def __init__(self, terminal: Terminal) -> None:
         self._terminal = terminal
 
-    def notify(self, words: str) -> None:
+    def notify(self, message: str) -> None:
         """Print a message that needs no answer."""
-        self._terminal.notify(words)
+        self._terminal.notify(message)
 
     def ask(self, question: str) -> str:
         """Return the operator's answer to a question; ask again if the answer is too old."""
@@ -88,12 +88,12 @@ def obtain_target(preparation: HardwarePreparation, plant: Plant) -> Target:
     """Define the joint values if needed, and return the target; the tool is then at its start."""
     setup, file = target_setup(preparation.lab, plant), preparation.target
     target = None if file is None else target_file.load_target(file, setup)
-    with _operator(plant) as operator:
+    with _open_operator(plant) as operator:
         require_drive_off(plant)
-        if not lab_arm(plant).is_homed():
+        if not get_lab_arm(plant).is_homed():
             define_joints(operator, plant, preparation.lab)
         if target is None:
-            target = teach_by_hand(operator, plant, preparation.frames)
+            target = teach_by_hand(operator, plant, preparation.teaching_frames)
             if preparation.save_target is not None:
                 target_file.save_target(preparation.save_target, target, setup)
                 operator.notify(f"The target is saved in {preparation.save_target}.")
@@ -106,9 +106,9 @@ def obtain_target(preparation: HardwarePreparation, plant: Plant) -> Target:
 
 def confirm_enable(preparation: HardwarePreparation, plant: Plant) -> None:
     """Request the word that enables the drive; it is valid for a short time only."""
-    with _operator(plant) as operator:
+    with _open_operator(plant) as operator:
         q = format_joints(plant.arm.measure().q, preparation.lab)
-        operator.notify(f"The arm is at {q}. {preparation.intent}")
+        operator.notify(f"The arm is at {q}. {preparation.motion_announcement}")
         answer = operator.ask(
             f"Type {ENABLE_WORD} to switch the drive on; any other answer ends the program:"
         )
@@ -117,20 +117,18 @@ def confirm_enable(preparation: HardwarePreparation, plant: Plant) -> None:
 
 
 def target_setup(lab: RigDescription, plant: Plant) -> TargetSetup:
-    """Return the set-up for which a target holds.
+    """Return the setup for which a target is valid.
 
     The camera is identified by all its entries in the rig file except its latency, which no image
     shows.
     """
-    frame = plant.frame
-    image = None if frame is None else frame.image
-    assert image is not None
-    height, width = image.shape[:2]
-    return target_setup_for_size(lab, width, height)
+    assert plant.frame is not None and plant.frame.image is not None
+    height, width = plant.frame.image.shape[:2]
+    return describe_target_setup(lab, width, height)
 
 
-def target_setup_for_size(lab: RigDescription, width: int, height: int) -> TargetSetup:
-    """Return the set-up for which a target holds, given the size of the images in px."""
+def describe_target_setup(lab: RigDescription, width: int, height: int) -> TargetSetup:
+    """Return the setup for which a target is valid, given the size of the images in px."""
     camera = {key: value for key, value in lab.devices["camera"].items() if key != "latency"}
     name = json.dumps(camera, sort_keys=True)
     slack = lab.thresholds.limit_tolerance
@@ -145,7 +143,7 @@ def require_drive_off(plant: Plant) -> None:
 
 def define_joints(operator: OperatorTerminal, plant: Plant, lab: RigDescription) -> None:
     """Let the operator type and confirm the joint values, and define them in the arm."""
-    arm = lab_arm(plant)
+    arm = get_lab_arm(plant)
     operator.notify(
         "The joint values of the arm are unknown since its controller was reset. The drive is off. "
         "Move the arm by hand to a mark whose joint values are known."
@@ -162,16 +160,14 @@ def define_joints(operator: OperatorTerminal, plant: Plant, lab: RigDescription)
     arm.set_position(q)
     reported = arm.measure().q
     if not (np.abs(reported - q) <= lab.thresholds.max_following_error).all():
-        raise NotReady(
-            "the arm did not take the defined joint values; it reports "
-            f"{format_joints(reported, lab)}"
-        )
+        joints = format_joints(reported, lab)
+        raise NotReady(f"the arm did not take the defined joint values; it reports {joints}")
 
 
 def parse_joints(answer: str, lab: RigDescription) -> Floats:
     """Return the typed joint values (3,) in rad, rad, mm, within their limits."""
     try:
-        typed = np.array([float(part) for part in answer.replace(",", " ").split()])
+        typed = np.array([float(word) for word in answer.replace(",", " ").split()])
     except ValueError:
         typed = np.empty(0)
     require(typed.shape == (3,), "the joints", answer, "three numbers (rad, rad, mm)")
@@ -209,17 +205,18 @@ def await_enter(operator: OperatorTerminal, plant: Plant, instruction: str) -> N
 
 def format_joints(q: Floats, lab: RigDescription) -> str:
     """Return joint values (3,) with their names and units."""
-    parts = zip(lab.mechanism.joint_names, q.tolist(), JOINT_UNITS, strict=True)
-    return ", ".join(f"{name} {value:.4g} {unit}" for name, value, unit in parts)
+    joints = zip(lab.mechanism.joint_names, q.tolist(), JOINT_UNITS, strict=True)
+    return ", ".join(f"{name} {value:.4g} {unit}" for name, value, unit in joints)
 
 
-def lab_arm(plant: Plant) -> LabArm:
+def get_lab_arm(plant: Plant) -> LabArm:
     """Return the arm of the plant, which is that of a lab."""
     return cast(Any, plant.arm)
 
 
 @contextmanager
-def _operator(plant: Plant) -> Generator[OperatorTerminal]:
+def _open_operator(plant: Plant) -> Generator[OperatorTerminal]:
+    """Yield the operator at the terminal of this process."""
     assert isinstance(plant, HeartbeatPlant)
     with closing(Terminal(plant.stop_requested)) as terminal:
         yield AttendedTerminal(terminal)

@@ -19,14 +19,14 @@ from rcmservo.cli.lab.hardware_prompts import (
     format_joints,
     obtain_target,
 )
-from rcmservo.cli.lab.live_progress import LiveProgress
-from rcmservo.cli.progress.preparing import compiling
+from rcmservo.cli.progress.compilation import report_compilation
+from rcmservo.cli.progress.run_progress import LiveProgress
 from rcmservo.cli.result_output import read_record_if_any, save_result
+from rcmservo.cli.run_description import describe_run
 from rcmservo.cli.run_options import LabOptions, RunToTargetOptions
-from rcmservo.cli.simulated_run.run_description import describe_run
-from rcmservo.cli.terminal import status_line
+from rcmservo.cli.terminal import open_status_line
 from rcmservo.config.rig_file import RigDescription, name_origin_in_errors
-from rcmservo.config.verified_rigs import is_verified
+from rcmservo.config.verified_rigs import is_rig_verified
 from rcmservo.errors import UnusableFile, require
 from rcmservo.hardware.cameras.settings import require_latency
 from rcmservo.hardware.crtk.settings import CrtkSettings
@@ -48,7 +48,7 @@ from rcmservo.tracking import ColourMarkers
 def live_on_hardware(
     options: RunToTargetOptions,
     folder: Path,
-    out: Console,
+    console: Console,
     arm: Callable[[RigDescription], LabArm] = open_arm,
     camera: Callable[[RigDescription], LabCamera] = open_camera,
 ) -> RunResult:
@@ -60,7 +60,7 @@ def live_on_hardware(
         Options of the command.
     folder : Path
         Output folder.
-    out : Console
+    console : Console
         Console for the progress.
     arm : Callable
         Function that connects to the arm of a lab.
@@ -68,17 +68,17 @@ def live_on_hardware(
         Function that opens the camera of a lab.
     """
     Terminal().close()  # a missing terminal is reported before anything is connected
-    speed_scale, lab = allowed_speed_scale(options), options.lab
+    speed_scale, lab = find_allowed_speed_scale(options), options.lab
     servo = options.servo if speed_scale == 1.0 else reduce_speed(options.servo, speed_scale)
-    out.print(f"the arm and camera of {options.rig}; preparing …", style="dim", soft_wrap=True)
-    with status_line(out) as line, compiling(line):
+    console.print(f"the arm and camera of {options.rig}; preparing …", style="dim", soft_wrap=True)
+    with open_status_line(console) as line, report_compilation(line):
         servo.warm_up()
-    line = status_line(out)
-    announcement, frames = motion_announcement(options, servo, speed_scale), options.teaching_frames
+    line = open_status_line(console)
+    announcement, frames = describe_motion(options, servo, speed_scale), options.teaching_frames
     preparation = HardwarePreparation(
         lab, announcement, options.target, options.save_target, frames
     )
-    description = hardware_description(options, options.duration, speed_scale)
+    description = describe_hardware_run(options, options.duration, speed_scale)
     session = Session(
         servo,
         options.duration,
@@ -108,9 +108,9 @@ def live_on_hardware(
     return save_result(result, read_record_if_any(folder), folder)
 
 
-def allowed_speed_scale(options: LabOptions) -> float:
+def find_allowed_speed_scale(options: LabOptions) -> float:
     """Return the fraction of the full speed that is allowed with the rig file."""
-    return 1.0 if is_verified(options.digest) else UNCHECKED_SPEED_SCALE
+    return 1.0 if is_rig_verified(options.digest) else UNCHECKED_SPEED_SCALE
 
 
 def require_devices(lab: RigDescription, rig: Path | None, digest: str) -> None:
@@ -121,13 +121,13 @@ def require_devices(lab: RigDescription, rig: Path | None, digest: str) -> None:
     """
     with name_origin_in_errors(rig):
         arm = lab.device_settings("arm", ARM_KINDS)
-        stops = not (isinstance(arm, CrtkSettings) and arm.jv) or is_verified(digest)
+        stops = not (isinstance(arm, CrtkSettings) and arm.jv) or is_rig_verified(digest)
         expected = "false until `rig check` of this file has verified that the arm stops by itself"
         require(stops, "arm.jv", True, expected)
         require_latency(lab.device_settings("camera", CAMERA_KINDS))
 
 
-def motion_announcement(options: RunToTargetOptions, servo: Servo, speed_scale: float) -> str:
+def describe_motion(options: RunToTargetOptions, servo: Servo, speed_scale: float) -> str:
     """Return the announcement of the motion that follows once the drive is on."""
     limits = describe_speed_limits(options, servo, speed_scale)
     return (
@@ -140,7 +140,7 @@ def motion_announcement(options: RunToTargetOptions, servo: Servo, speed_scale: 
 
 def describe_speed_limits(options: LabOptions, servo: Servo, speed_scale: float) -> str:
     """Return the limits of the joints' speeds and positions in words."""
-    x, y, z = servo.gate.speed
+    speed_1, speed_2, speed_3 = servo.gate.speed
     lower, upper = servo.mechanism.limits.arrays
     reason = (
         f"which is {100.0 * speed_scale:g} % of the full speed, because `rcmservo rig check` has "
@@ -149,12 +149,13 @@ def describe_speed_limits(options: LabOptions, servo: Servo, speed_scale: float)
         else f"the full speed, because `rcmservo rig check` has passed for {options.rig}"
     )
     return (
-        f"The joints move at most at {x:g} rad/s, {y:g} rad/s and {z:g} mm/s, {reason}. They stay "
+        f"The joints move at most at {speed_1:g} rad/s, {speed_2:g} rad/s and {speed_3:g} mm/s, "
+        f"{reason}. They stay "
         f"between {format_joints(lower, options.lab)} and {format_joints(upper, options.lab)}."
     )
 
 
-def hardware_description(
+def describe_hardware_run(
     options: LabOptions, duration: float, speed_scale: float
 ) -> dict[str, Any]:
     """Return the description of a run on hardware in its record."""

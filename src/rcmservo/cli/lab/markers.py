@@ -1,4 +1,8 @@
-"""`rcmservo markers`: detect the coloured balls of an image, and the two that the tracker uses."""
+"""`rcmservo markers`: detect the coloured balls of an image, and the two that the tracker uses.
+
+The markers are two coloured balls on the tool; marker 1 is the one nearer to the RCM, the remote
+centre of motion.
+"""
 
 import json
 from dataclasses import asdict, dataclass
@@ -7,8 +11,8 @@ from typing import Annotated
 
 import tyro
 
-from rcmservo.cli.lab.marker_report import draw_candidates, markers_report, print_markers
-from rcmservo.cli.terminal import console
+from rcmservo.cli.lab.marker_report import draw_candidates, make_report, print_markers
+from rcmservo.cli.terminal import open_console
 from rcmservo.config.rig_file import RigDescription, load_rig_file, name_origin_in_errors
 from rcmservo.config.rig_file_edit import find_marker_keys, write_markers
 from rcmservo.errors import UnusableFile, require
@@ -60,43 +64,46 @@ class MarkersOptions:
 def markers(options: MarkersOptions) -> int:
     """Report the balls of an image; return 1 if the tracker does not detect two markers."""
     colours = _parse_colours(options.choose) if options.choose else None
-    out = options.picture
-    expected = "a file whose name ends in .png or .jpg"
-    require(out is None or out.suffix.lower() in IMAGE_SUFFIXES, "--picture", out, expected)
-    expected = "a new file, because nothing is overwritten"
-    require(out is None or not out.exists(), "--picture", out, expected)
+    picture = options.picture
+    if picture is not None:
+        expected = "a file whose name ends in .png or .jpg"
+        require(picture.suffix.lower() in IMAGE_SUFFIXES, "--picture", picture, expected)
+        expected = "a new file, because nothing is overwritten"
+        require(not picture.exists(), "--picture", picture, expected)
     lab = load_rig_file(options.rig)
     image = read_image(options.frame)
-    found = detect_candidates(image)
-    pair = _track(image, found, lab, colours, options)
+    candidates = detect_candidates(image)
+    pair = _find_pair(image, candidates, lab, colours, options)
     numbered = bool(colours or options.rig)
-    words = _describe_pair(pair, numbered)
-    if out:
+    summary = _describe_pair(pair, numbered)
+    if picture:
         from rcmservo.figures.overlay import write_image
 
-        write_image(out, draw_candidates(image, found, pair, words, numbered))
-    written = bool(options.rig and colours and pair)
+        write_image(picture, draw_candidates(image, candidates, pair, summary, numbered))
+    is_written = False
     if options.rig and colours and pair:
         _write_appearance(options.rig, pair.appearance)
+        is_written = True
     if options.json:
-        print(json.dumps(asdict(markers_report(found, pair, written))))
+        print(json.dumps(make_report(candidates, pair, is_written)))
     else:
-        print_markers(console(), found, words)
-        if written:
-            console().print(f"written to [markers] of {options.rig}", soft_wrap=True)
+        print_markers(open_console(), candidates, summary)
+        if is_written:
+            open_console().print(f"written to [markers] of {options.rig}", soft_wrap=True)
     return 0 if pair and not pair.reason else 1
 
 
 def _parse_colours(text: str) -> tuple[str, str]:
-    parts = [part.strip() for part in text.split(",")]
-    is_valid = len(parts) == 2 and all(part in COLOURS for part in parts)
+    """Return the two colours of --choose."""
+    colours = [colour.strip() for colour in text.split(",")]
+    is_valid = len(colours) == 2 and all(colour in COLOURS for colour in colours)
     require(is_valid, "--choose", text, f"two of {', '.join(COLOURS)}, such as green,blue")
-    return parts[0], parts[1]
+    return colours[0], colours[1]
 
 
-def _track(
+def _find_pair(
     image: Image,
-    found: list[Candidate],
+    candidates: list[Candidate],
     lab: RigDescription,
     colours: tuple[str, str] | None,
     options: MarkersOptions,
@@ -106,20 +113,17 @@ def _track(
     It searches for the chosen colours, for the markers of the rig file, or else for the best two
     balls that it can distinguish.
     """
+    if colours is None and options.rig:
+        return track_pair(image, lab.markers)
     if colours is None:
-        appearance = lab.markers
-        return (
-            track_pair(image, appearance)
-            if options.rig
-            else propose_pair(image, found, appearance.radius_1)
-        )
-    pair = track_pair(image, _chosen_appearance(image, lab, colours, options))
+        return propose_pair(image, candidates, lab.markers.radius_1)
+    pair = track_pair(image, _make_chosen_appearance(image, lab, colours, options))
     if pair.reason and options.rig:
         raise UnusableFile(options.frame, f"{pair.reason}; nothing was written")
     return pair
 
 
-def _chosen_appearance(
+def _make_chosen_appearance(
     image: Image, lab: RigDescription, colours: tuple[str, str], options: MarkersOptions
 ) -> MarkerAppearance:
     """Return the chosen colours with radii from the rig file, or else measured in the image.
@@ -141,10 +145,9 @@ def _chosen_appearance(
 
 def _write_appearance(path: Path, appearance: MarkerAppearance) -> None:
     """Write the markers to a rig file; existing radii stay as they are."""
-    existing = RADIUS_KEYS if find_marker_keys(path) & RADIUS_KEYS else set[str]()
-    write_markers(
-        path, {key: value for key, value in asdict(appearance).items() if key not in existing}
-    )
+    has_radii = bool(find_marker_keys(path) & RADIUS_KEYS)
+    values = asdict(appearance).items()
+    write_markers(path, {k: v for k, v in values if not (has_radii and k in RADIUS_KEYS)})
 
 
 def _describe_pair(pair: TrackedPair | None, numbered: bool) -> str:

@@ -67,7 +67,7 @@ def open_recorder(path: Path, description: dict[str, Any]) -> Recorder:
     return Recorder(path, description)
 
 
-def enable_announcement(servo: Servo) -> str:
+def describe_enabling(servo: Servo) -> str:
     """Return the announcement of the motion that the page's operator may start."""
     return (
         "Enable switches the drive on, and the servo is paused. Nothing moves until you hold a jog "

@@ -15,20 +15,20 @@ from pathlib import Path
 
 from rcmservo.cli.lab.hardware_prompts import (
     define_joints,
-    lab_arm,
+    describe_target_setup,
+    get_lab_arm,
     require_drive_off,
-    target_setup_for_size,
 )
 from rcmservo.cli.lab.live_on_hardware import (
-    allowed_speed_scale,
+    describe_hardware_run,
     describe_speed_limits,
-    hardware_description,
+    find_allowed_speed_scale,
 )
 from rcmservo.cli.lab.page_backend import (
     RECORDED_IMAGES_PER_S,
     SESSION_DURATION_S,
     PageBackend,
-    enable_announcement,
+    describe_enabling,
     open_recorder,
 )
 from rcmservo.cli.run_options import LabOptions
@@ -56,21 +56,22 @@ from rcmservo.tracking import ColourMarkers
 
 @contextmanager
 def open_hardware(options: LabOptions) -> Generator[PageBackend]:
-    """Yield the devices of a rig file, and the servo of the options."""
-    lab, speed_scale = options.lab, allowed_speed_scale(options)
+    """Yield the devices of a rig file as the backend of the page; a session opens them."""
+    lab, speed_scale = options.lab, find_allowed_speed_scale(options)
     chosen = SelectedSettings(options.servo, without_limit if speed_scale == 1.0 else reduce_speed)
     with closing(open_camera(lab)) as camera:
-        width, height = image_size(camera)
+        width, height = measure_image_size(camera)
     context = get_context("spawn")
     ring, remote_stop = FrameRing(context, width, height), RemoteStop(context)
 
     def session(channels: PageChannels, folder: Path) -> Session:
         remote_stop.reset()
         limited, record = chosen.limited, folder / RECORD
-        stop = "STOP switches the drive off; keep the emergency stop of the arm within reach."
+        stop_hint = "STOP switches the drive off; keep the emergency stop of the arm within reach."
         limits = describe_speed_limits(options, limited, speed_scale)
-        intent = f"{enable_announcement(limited)} {limits} {stop}"
-        description = hardware_description(options, SESSION_DURATION_S, speed_scale)
+        announcement = f"{describe_enabling(limited)} {limits} {stop_hint}"
+        preparation = PagePreparation(channels, limited, lab, announcement)
+        description = describe_hardware_run(options, SESSION_DURATION_S, speed_scale)
         return Session(
             limited,
             SESSION_DURATION_S,
@@ -78,17 +79,17 @@ def open_hardware(options: LabOptions) -> Generator[PageBackend]:
             camera=partial(open_recording_camera, lab, ring),
             tracker=partial(ColourMarkers, lab.markers),
             recorder=partial(open_recorder, record, description),
-            target=partial(await_enable_at_page, PagePreparation(channels, limited, lab, intent)),
+            target=partial(await_enable_at_page, preparation),
             operator=partial(PageOperator, channels, chosen, options.teaching_frames),
             images_per_s=RECORDED_IMAGES_PER_S,
             consent=require_drive_off,
         )
 
-    title, setup = f"arm and camera of {options.rig}", target_setup_for_size(lab, width, height)
+    title, setup = f"arm and camera of {options.rig}", describe_target_setup(lab, width, height)
     if speed_scale < 1.0:
         title += f", at {100.0 * speed_scale:g} % of the speed until `rig check` passes"
-    off, camera_of_ring = remote_stop.switch_off, partial(RingCamera, ring)
-    yield PageBackend(title, camera_of_ring, session, off, setup, chosen, refuse_disturbance)
+    switch_off, shown_camera = remote_stop.switch_off, partial(RingCamera, ring)
+    yield PageBackend(title, shown_camera, session, switch_off, setup, chosen, refuse_disturbance)
 
 
 @dataclass(frozen=True)
@@ -103,23 +104,25 @@ class PagePreparation:
         Servo that moves the arm.
     lab : RigDescription
         Lab with its devices.
-    intent : str
+    motion_announcement : str
         Announcement of the motion that follows once the drive is on.
     """
 
     channels: PageChannels
     servo: Servo
     lab: RigDescription
-    intent: str
+    motion_announcement: str
 
 
 def await_enable_at_page(preparation: PagePreparation, plant: Plant) -> Target:
     """Define the joint values if needed, and wait until the operator enables the drive."""
     assert isinstance(plant, HeartbeatPlant)
     require_drive_off(plant)
-    if not lab_arm(plant).is_homed():
+    if not get_lab_arm(plant).is_homed():
         define_joints(PagePrompts(preparation.channels, plant), plant, preparation.lab)
-    return await_enable(preparation.channels, preparation.servo, preparation.intent, plant)
+    return await_enable(
+        preparation.channels, preparation.servo, preparation.motion_announcement, plant
+    )
 
 
 def connect_stoppable_arm(
@@ -129,9 +132,9 @@ def connect_stoppable_arm(
     return RemotelyStoppableArm(open_arm(lab), remote_stop, partial(report_drive_off, channels))
 
 
-def report_drive_off(channels: PageChannels, why: str) -> None:
+def report_drive_off(channels: PageChannels, reason: str) -> None:
     """Report to the page why the drive went off by itself."""
-    channels.status.send(Note(f"the arm: {why}"))
+    channels.status.send(Note(f"the arm: {reason}"))
 
 
 def open_recording_camera(lab: RigDescription, ring: FrameRing) -> RecordingCamera:
@@ -139,19 +142,17 @@ def open_recording_camera(lab: RigDescription, ring: FrameRing) -> RecordingCame
     return RecordingCamera(open_camera(lab), ring)
 
 
-def image_size(camera: LabCamera) -> tuple[int, int]:
+def measure_image_size(camera: LabCamera) -> tuple[int, int]:
     """Return the width and height of a camera's images in px."""
     for _ in ticks(WallClock(), duration=FRAME_TIMEOUT_S):
         frame = camera.latest()
         if frame is not None and frame.image is not None:
             height, width = frame.image.shape[:2]
             return width, height
-    why = camera.counts().trouble
-    raise NoFrames(
-        f"the camera has delivered no image for {FRAME_TIMEOUT_S:g} s{why and ': ' + why}"
-    )
+    message = f"the camera has delivered no image for {FRAME_TIMEOUT_S:g} s"
+    raise NoFrames(": ".join(filter(None, (message, camera.counts().trouble))))
 
 
-def refuse_disturbance(what: str) -> str:
+def refuse_disturbance(disturbance: str) -> str:
     """Refuse a disturbance, which only a simulated lab offers."""
     raise RcmServoError("disturbances are available on a simulated arm only")

@@ -18,14 +18,14 @@ from rcmservo.bringup.check import CheckReport, check, warm_up
 from rcmservo.bringup.findings import Finding
 from rcmservo.bringup.motion import IDLE_TIMEOUT, Mover
 from rcmservo.cli.lab.hardware_prompts import AttendedTerminal, define_joints, require_drive_off
-from rcmservo.cli.terminal import console
+from rcmservo.cli.terminal import build_two_column_table, open_console
 from rcmservo.config.rig_file import (
     RigDescription,
     decode_rig_file,
     name_origin_in_errors,
     read_rig_file,
 )
-from rcmservo.config.verified_rigs import compute_digest, remove_verified, store_verified
+from rcmservo.config.verified_rigs import compute_digest, mark_rig_verified, unmark_rig_verified
 from rcmservo.hardware.cameras.settings import known_latency
 from rcmservo.hardware.devices import ARM_KINDS, CAMERA_KINDS, open_arm, open_camera, read_wiring
 from rcmservo.live.device_protocols import LabArm, LabCamera
@@ -92,29 +92,26 @@ def rig_check(
             "marker detection is compiled, which takes up to a minute"
         )
         warm_up(robot, lab.gate)
-        clock, tracker, silence = (
-            WallClock(),
-            ColourMarkers(lab.markers),
-            lab.thresholds.arm_timeout,
-        )
+        clock, tracker = WallClock(), ColourMarkers(lab.markers)
+        arm_timeout_s = lab.thresholds.arm_timeout
         with (
             closing(camera(lab)) as device,
             TrackingThread(device, tracker, clock) as tracking,
             closing(_connect_arm(tracking, arm, lab)) as joints,
         ):
-            fault = partial(camera_fault, device)
-            mover = Mover(joints, tracking, tracking, clock, robot, lab.gate, silence, fault)
+            fault = partial(find_camera_fault, device)
+            mover = Mover(joints, tracking, tracking, clock, robot, lab.gate, arm_timeout_s, fault)
             require_drive_off(mover.plant)
             if not joints.is_homed():
                 define_joints(operator, mover.plant, lab)
-            remove_verified(digest)
+            unmark_rig_verified(digest)
             with realtime():
                 report = check(mover, operator, robot, lab.thresholds, latency)
     if joints.off_reason:
         expected = "drive disabled by the check at its end"
         finding = Finding("the drive went off by itself", "arm", joints.off_reason, expected)
         report.findings.append(finding)
-    return conclude(options, report, robot, digest)
+    return report_result(options, report, robot, digest)
 
 
 def _connect_arm(
@@ -129,40 +126,41 @@ def _connect_arm(
     return arm(lab)
 
 
-def conclude(options: RigOptions, report: CheckReport, robot: Robot, digest: str) -> int:
+def report_result(options: RigOptions, report: CheckReport, robot: Robot, digest: str) -> int:
     """Print the report, store the digest of a file that passed, and return the exit code."""
     if options.json:
-        print(json.dumps({"ok": report.ok, "findings": [asdict(one) for one in report.findings]}))
+        print(
+            json.dumps(
+                {"ok": report.ok, "findings": [asdict(finding) for finding in report.findings]}
+            )
+        )
     else:
-        print_report(report, robot, console(False))
+        print_report(report, robot, open_console())
     if report.ok:
-        store_verified(digest)
+        mark_rig_verified(digest)
     return 0 if report.ok else 1
 
 
-def camera_fault(camera: LabCamera) -> str:
+def find_camera_fault(camera: LabCamera) -> str:
     """Return the present fault of a camera in a sentence; empty if it has none."""
     return camera.counts().trouble
 
 
-def print_report(report: CheckReport, robot: Robot, out: Console) -> None:
+def print_report(report: CheckReport, robot: Robot, console: Console) -> None:
     """Print the report as tables."""
-    measurements = Table(title="rig check", show_header=False)
-    for name, words in measurement_rows(report, robot):
-        measurements.add_row(name, words)
-    out.print(measurements)
+    console.print(build_two_column_table("rig check", list_measurements(report, robot)))
     if report.ok:
-        out.print("arm and camera agree with the rig file; live may use the full speed with it")
+        console.print("arm and camera agree with the rig file; live may use the full speed with it")
         return
     errors = Table(title="errors")
     for name in ("what", "where", "found", "expected", "line of the rig file"):
         errors.add_column(name, overflow="fold")
     for finding in report.findings:
         errors.add_row(finding.what, finding.where, finding.found, finding.expected, finding.line)
-    out.print(errors)
+    console.print(errors)
 
 
-def measurement_rows(report: CheckReport, robot: Robot) -> list[tuple[str, str]]:
+def list_measurements(report: CheckReport, robot: Robot) -> list[tuple[str, str]]:
     """Return the names and values of all measurements, in words."""
     rows: list[tuple[str, str]] = []
     if report.q is not None:
@@ -171,16 +169,16 @@ def measurement_rows(report: CheckReport, robot: Robot) -> list[tuple[str, str]]
         rows.append(("joints", ", ".join(f"{name} {value}" for name, value in joints)))
     for name, cadence in (("arm's answers", report.arm), ("frames", report.camera)):
         if cadence is not None:
-            words = f"{cadence.rate:.1f} per s, jitter {1e3 * cadence.jitter:.1f} ms"
-            rows.append((name, words))
+            rate = f"{cadence.rate:.1f} per s, jitter {1e3 * cadence.jitter:.1f} ms"
+            rows.append((name, rate))
     if report.rest is not None:
         rest = report.rest
         detected = 100.0 * rest.frames / (rest.frames + rest.missed)
         rows.append(("markers", f"{detected:.0f} % detected, noise {rest.noise:.3f} px at rest"))
     latency = report.latency
     if latency is not None:
-        words = f"{1e3 * latency.latency:.1f} ms, uncertainty {1e3 * latency.deviation:.1f} ms"
-        rows.append(("latency", f"{words}; jitter {1e3 * latency.jitter:.1f} ms"))
+        value = f"{1e3 * latency.latency:.1f} ms, uncertainty {1e3 * latency.deviation:.1f} ms"
+        rows.append(("latency", f"{value}; jitter {1e3 * latency.jitter:.1f} ms"))
     if report.lag > 0.0:
         rows.append(("drive lag", f"{1e3 * report.lag:.0f} ms"))
     if report.undecided:

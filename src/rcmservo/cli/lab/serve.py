@@ -21,18 +21,18 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from rcmservo.cli.folders import new_folder
+from rcmservo.cli.folders import open_new_folder
 from rcmservo.cli.lab.live_on_hardware import require_devices
 from rcmservo.cli.lab.page_backend import (
     RECORDED_IMAGES_PER_S,
     SESSION_DURATION_S,
     PageBackend,
-    enable_announcement,
+    describe_enabling,
     open_recorder,
 )
-from rcmservo.cli.progress.preparing import compiling
+from rcmservo.cli.progress.compilation import report_compilation
 from rcmservo.cli.run_options import LabOptions
-from rcmservo.cli.terminal import console, status_line
+from rcmservo.cli.terminal import open_console, open_status_line
 from rcmservo.constraints import between
 from rcmservo.errors import RcmServoError, require_extra
 from rcmservo.live.child_process import ChildProcess
@@ -95,10 +95,10 @@ def serve(options: ServeOptions) -> int:
     else:
         with require_extra("serve", "sim"):
             import_module("rcmservo.sim.processes.lab_processes")
-        name, devices = f"serve-seed{options.seed}", _simulated_lab(options)
+        name, devices = f"serve-seed{options.seed}", _open_simulated_lab(options)
     servo = options.servo
-    with new_folder(options.out, name) as folder:
-        with status_line(console(False)) as line, compiling(line):
+    with open_new_folder(options.out, name) as folder:
+        with open_status_line(open_console()) as line, report_compilation(line):
             servo.warm_up()
         with contextlib.suppress(KeyboardInterrupt), devices as backend:
             _run_sessions(options, backend, folder, token)
@@ -106,10 +106,10 @@ def serve(options: ServeOptions) -> int:
 
 
 @contextlib.contextmanager
-def _simulated_lab(options: ServeOptions) -> Generator[PageBackend]:
-    """Yield the simulated arm and its camera."""
-    from rcmservo.cli.simulated_run.run_description import describe_simulated_run
-    from rcmservo.cli.simulated_run.target import simulated_setup
+def _open_simulated_lab(options: ServeOptions) -> Generator[PageBackend]:
+    """Yield a simulated arm and its camera as the backend of the page."""
+    from rcmservo.cli.run_description import describe_simulated_run
+    from rcmservo.cli.simulated_run.target import describe_simulated_setup
     from rcmservo.page.settings import SelectedSettings
     from rcmservo.sim.processes.lab_processes import SimulatedLab
     from rcmservo.sim.processes.live_disturbances import (
@@ -132,20 +132,18 @@ def _simulated_lab(options: ServeOptions) -> Generator[PageBackend]:
             return replace(
                 processes.session(limited, lab.markers, SESSION_DURATION_S, record, description),
                 recorder=partial(open_recorder, record, description),
-                target=partial(await_enable, channels, limited, enable_announcement(limited)),
+                target=partial(await_enable, channels, limited, describe_enabling(limited)),
                 operator=partial(PageOperator, channels, chosen, options.teaching_frames),
                 images_per_s=RECORDED_IMAGES_PER_S,
             )
 
-        def start_disturbance(what: str) -> str:
-            change = DisturbanceChange(
-                time.monotonic_ns(), parse_live_disturbance(what) if what else None
-            )
-            processes.disturb(change)
-            return f"disturbance: {change.starts} begins" if what else "disturbance: all end"
+        def start_disturbance(disturbance: str) -> str:
+            started = parse_live_disturbance(disturbance) if disturbance else None
+            processes.disturb(DisturbanceChange(time.monotonic_ns(), started))
+            return f"disturbance: {started} begins" if disturbance else "disturbance: all end"
 
         title = f"simulated arm, seed {options.seed}"
-        setup = simulated_setup(Rig(options.seed, processes.settings, pictures=False), lab)
+        setup = describe_simulated_setup(Rig(options.seed, processes.settings, pictures=False), lab)
         camera, disturbances = partial(RingCamera, processes.ring), tuple(list_live_disturbances())
         truth = TruePositionError(processes.settings, processes.log)
         yield PageBackend(
@@ -177,11 +175,11 @@ def _run_sessions(options: ServeOptions, backend: PageBackend, folder: Path, tok
                 request.disturbance, channels, backend.start_disturbance, folder / DISTURBANCE_LOG
             )
 
-    serving = _page_processes(options, channels, backend, folder.parent, token)
+    serving = _start_page_processes(options, channels, backend, folder.parent, token)
     with serving as (address, names), stopped_by_signals():
         access = f", which requires the token in {options.token_file}" if token else ""
-        words = f"rcmservo page at {address}, {backend.title}{access}; Ctrl-C ends it"
-        console(False).print(words, soft_wrap=True)
+        announcement = f"rcmservo page at {address}, {backend.title}{access}; Ctrl-C ends it"
+        open_console().print(announcement, soft_wrap=True)
         if options.browser:
             webbrowser.open(address)
         handlers = {channels.disturbances: apply_disturbances}
@@ -191,7 +189,7 @@ def _run_sessions(options: ServeOptions, backend: PageBackend, folder: Path, tok
 
 
 @contextlib.contextmanager
-def _page_processes(
+def _start_page_processes(
     options: ServeOptions, channels: "PageChannels", backend: PageBackend, runs: Path, token: str
 ) -> Generator[tuple[str, dict[int, str]]]:
     """Start the page's processes.
@@ -248,7 +246,7 @@ def _page_processes(
 
 
 def apply_disturbance(
-    what: str, channels: "PageChannels", start_disturbance: Callable[[str], str], log: Path
+    disturbance: str, channels: "PageChannels", start_disturbance: Callable[[str], str], log: Path
 ) -> None:
     """Start a disturbance, report it to the page and log it.
 
@@ -257,13 +255,13 @@ def apply_disturbance(
     from rcmservo.page.messages import Note
 
     try:
-        words = start_disturbance(what)
+        event = start_disturbance(disturbance)
     except RcmServoError as error:
         channels.status.send(Note(str(error)))
         return
-    channels.status.send(Note(words))
+    channels.status.send(Note(event))
     try:
         with log.open("a") as file:
-            file.write(json.dumps({"time": time.monotonic_ns(), "what": words}) + "\n")
+            file.write(json.dumps({"time": time.monotonic_ns(), "what": event}) + "\n")
     except OSError as error:
         channels.status.send(Note(f"{log.name} cannot be written: {error.strerror}"))

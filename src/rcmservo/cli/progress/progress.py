@@ -10,18 +10,21 @@ from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, T
 
 from rcmservo.cli.terminal import can_rewrite_lines
 
+MIN_ELAPSED_S = 1e-3
+"""Shortest time in s by which the rate is computed, so that the first report divides by no zero."""
+
 
 @contextmanager
-def progress(
-    out: Console, words: str, total: float, done: float = 0.0, unit: str = ""
+def show_progress(
+    console: Console, task_name: str, total: float, done: float = 0.0, unit: str = ""
 ) -> Generator[Callable[[float], None]]:
     """Report the progress of a task.
 
     Parameters
     ----------
-    out : Console
+    console : Console
         Console that shows the bar.
-    words : str
+    task_name : str
         Name of the task.
     total : float
         Amount of work.
@@ -37,33 +40,36 @@ def progress(
     """
     rate = [TextColumn("{task.fields[rate]}", markup=False)] if unit else []
     columns = BarColumn(), TaskProgressColumn(), *rate, TimeRemainingColumn()
-    with Progress(TextColumn(words, markup=False), *columns, console=out, transient=True) as bar:
+    name = TextColumn(task_name, markup=False)
+    with Progress(name, *columns, console=console, transient=True) as bar:
         task = bar.add_task("", total=total, rate="")
         bar.update(task, completed=done)
-        tenths, start, completed = int(10.0 * done / total), time.monotonic(), 0.0
+        printed_tenths, start_s, completed = int(10.0 * done / total), time.monotonic(), 0.0
 
         def advance(amount: float) -> None:
-            nonlocal tenths, completed
+            nonlocal printed_tenths, completed
             completed += amount
-            speed = completed / max(time.monotonic() - start, 1e-3)
+            speed = completed / max(time.monotonic() - start_s, MIN_ELAPSED_S)
             rate_text = f"{speed:.0f} {unit}/s" if unit else ""
             bar.update(task, advance=amount, rate=rate_text)
-            now = int(10.0 * bar.tasks[0].completed / total)
-            if now > tenths and not can_rewrite_lines(out):
-                left = (total - done - completed) / speed
-                remaining = f", {rate_text}, about {left:.0f} s left" if unit and now < 10 else ""
-                out.print(f"{words}: {10 * now} % is done{remaining}", soft_wrap=True)
-            tenths = now
+            tenths = int(10.0 * bar.tasks[0].completed / total)
+            if tenths > printed_tenths and not can_rewrite_lines(console):
+                text = f"{task_name}: {10 * tenths} % is done"
+                if unit and tenths < 10:
+                    remaining_s = (total - done - completed) / speed
+                    text += f", {rate_text}, about {remaining_s:.0f} s left"
+                console.print(text, soft_wrap=True)
+            printed_tenths = tenths
 
         yield advance
 
 
 @contextmanager
-def resume_hint(folder: Path, out: Console) -> Generator[None]:
+def print_resume_hint(folder: Path, console: Console) -> Generator[None]:
     """Print after Ctrl-C how to resume."""
     try:
         yield
     except KeyboardInterrupt:
-        words = f"the results so far are saved; the same command with --out {folder} resumes there"
-        out.print(words, soft_wrap=True)
+        hint = f"the results so far are saved; the same command with --out {folder} resumes there"
+        console.print(hint, soft_wrap=True)
         raise

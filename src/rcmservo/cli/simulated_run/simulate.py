@@ -4,6 +4,7 @@ The servo receives only what a real arm and camera provide. The true state is us
 and the result.
 """
 
+import math
 import signal
 import threading
 import time
@@ -16,10 +17,10 @@ from pathlib import Path
 import numpy as np
 
 from rcmservo.cli.result_output import read_record_if_any, save_result
+from rcmservo.cli.run_description import describe_simulated_run
 from rcmservo.cli.run_options import RunOptions
-from rcmservo.cli.simulated_run.run_description import describe_simulated_run
 from rcmservo.cli.simulated_run.target import obtain_target
-from rcmservo.cli.simulated_run.video import frame_writer, open_video
+from rcmservo.cli.simulated_run.video import FRAMES_PER_VIDEO_IMAGE, make_frame_writer, open_video
 from rcmservo.interfaces import Floats
 from rcmservo.loop.detection_failure import reason_not_detected
 from rcmservo.loop.plant import Plant
@@ -49,43 +50,49 @@ def simulate(
     progress : Callable
         Function that receives each tick.
 
+    Returns
+    -------
+    RunResult
+        Result, as metrics.json stores it.
+
     Raises
     ------
     KeyboardInterrupt
         After Ctrl-C, once the record is complete and the arm is at rest.
     """
-    servo, lab, settings = options.servo, options.lab, options.rig_settings
+    servo, settings = options.servo, options.rig_settings
     rig = Rig(options.seed, settings, disturbances=options.disturbances)
-    plant = Plant(rig.arm, rig.camera, ColourMarkers(lab.markers), rig.clock)
+    plant = Plant(rig.arm, rig.camera, ColourMarkers(options.lab.markers), rig.clock)
     target = obtain_target(options, rig, plant)
     servo.warm_up()
     operator = ScriptedOperator(rig, plant, options.resumes, options.teaching_frames)
-    disturbances = [str(disturbance) for disturbance in options.disturbances]
     description = describe_simulated_run(options, options.duration) | {
-        "disturbances": disturbances,
+        "disturbances": [str(disturbance) for disturbance in options.disturbances],
         "resumes": options.resumes,
     }
-    started = time.perf_counter()
+    start_s = time.perf_counter()
     with ExitStack() as stack:
         recorder = stack.enter_context(
             Recorder(folder / RECORD, description, open_on_filling_disk(rig.disk_full))
         )
-        video = open_video(folder, settings, stack) if options.video else None
+        video = (
+            open_video(stack, folder, settings, FRAMES_PER_VIDEO_IMAGE) if options.video else None
+        )
         plant.recorded = recorder.recorded
         begin_record = partial(recorder.begin, servo)
         ticks = run_attended(rig, plant, servo, target, options.duration, operator, begin_record)
-        observers = frame_writer(plant, video, recorder if options.frames else None), progress
-        reason = _record_ticks(ticks, rig, plant, recorder, observers)
-    took, record = time.perf_counter() - started, read_record_if_any(folder)
-    result = RunResult() if record is None else _result_of(rig, record)
+        observers = make_frame_writer(plant, video, recorder if options.frames else None), progress
+        end_reason = _record_ticks(ticks, rig, plant, recorder, observers)
+    wall_time_s, record = time.perf_counter() - start_s, read_record_if_any(folder)
+    result = RunResult() if record is None else _make_result(rig, record)
     result = replace(
         result,
-        cause="" if result.settled else reason or result.cause,
+        cause="" if result.settled else end_reason or result.cause,
         seed=options.seed,
         estimator=options.estimator,
         estimator_time_per_frame_s=getattr(servo.estimator, "estimator_time", 0.0) or None,
         rejected_scenes=rig.scene.rejected,
-        real_time_factor=None if result.duration_s is None else result.duration_s / took,
+        real_time_factor=None if result.duration_s is None else result.duration_s / wall_time_s,
         resumed=operator.resumed,
         refused=operator.refused,
         taught_again=operator.taught,
@@ -95,15 +102,13 @@ def simulate(
     return save_result(result, record, folder)
 
 
-def _result_of(rig: Rig, record: Record) -> RunResult:
-    """Return the result of a record, with the true pose error over the last second."""
-    result, p2 = summarise(record), record.truth["p2"]
+def _make_result(rig: Rig, record: Record) -> RunResult:
+    """Return the result of a record, with the rms pose error of marker 2 over the last second."""
     p_d = rig.body.points(rig.scene.target)[1]
-    pose: Floats = np.linalg.norm(
-        p2[-round(SETTLED_DURATION_S * read_rate(record)) :] - p_d, axis=1
-    )
-    error = finite_or_none(float(np.sqrt(np.mean(pose**2)))) if len(pose) else None
-    return replace(result, pose_error_mm=error)
+    last_ticks = round(SETTLED_DURATION_S * read_rate(record))
+    errors_mm: Floats = np.linalg.norm(record.truth["p2"][-last_ticks:] - p_d, axis=1)
+    rms_mm = float(np.sqrt(np.mean(errors_mm**2))) if len(errors_mm) else math.nan
+    return replace(summarise(record), pose_error_mm=finite_or_none(rms_mm))
 
 
 def _record_ticks(
@@ -114,12 +119,12 @@ def _record_ticks(
     observers: Iterable[Callable[[Tick], None]],
 ) -> str:
     """Record and observe each tick of a run; return the reason if it ended early."""
-    tick, start, ever_accepted = None, rig.clock.now(), False
+    tick, start, has_accepted_frame = None, rig.clock.now(), False
     rig.begin()
     with _deferred_interrupt() as raise_if_interrupted, closing(ticks):
         try:
             for tick in ticks:
-                ever_accepted = ever_accepted or tick.state.accepted_frame >= 0
+                has_accepted_frame |= tick.state.accepted_frame >= 0
                 rig.truth.write(recorder, tick)
                 for observe in observers:
                     observe(tick)
@@ -128,10 +133,8 @@ def _record_ticks(
             return f"{end}; the arm's watchdog stops it"
     if tick is None:
         return ""
-    return find_stop_cause(
-        tick.state.mode,
-        "" if ever_accepted else reason_not_detected(plant, tick.observation, start),
-    )
+    reason = "" if has_accepted_frame else reason_not_detected(plant, tick.observation, start)
+    return find_stop_cause(tick.state.mode, reason)
 
 
 @contextmanager
@@ -139,22 +142,23 @@ def _deferred_interrupt() -> Generator[Callable[[], None]]:
     """Yield a function that raises KeyboardInterrupt if Ctrl-C was pressed.
 
     Ctrl-C thus takes effect between ticks only and never interrupts the writing of a message.
+    Threads other than the main one cannot receive it.
     """
-    pressed = False
+    is_interrupted = False
 
-    def press(number: int, frame: object) -> None:
-        nonlocal pressed
-        pressed = True
+    def note_interrupt(signal_number: int, frame: object) -> None:
+        nonlocal is_interrupted
+        is_interrupted = True
 
-    def raise_if_pressed() -> None:
-        if pressed:
+    def raise_if_interrupted() -> None:
+        if is_interrupted:
             raise KeyboardInterrupt
 
     if threading.current_thread() is not threading.main_thread():
-        yield raise_if_pressed
+        yield raise_if_interrupted
         return
-    previous = signal.signal(signal.SIGINT, press)
+    previous_handler = signal.signal(signal.SIGINT, note_interrupt)
     try:
-        yield raise_if_pressed
+        yield raise_if_interrupted
     finally:
-        signal.signal(signal.SIGINT, previous)
+        signal.signal(signal.SIGINT, previous_handler)

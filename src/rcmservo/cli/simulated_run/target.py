@@ -14,31 +14,25 @@ from rcmservo.loop.teach import teach
 from rcmservo.sim import Rig
 
 
-def simulated_setup(rig: Rig, lab: RigDescription) -> TargetSetup:
-    """Return the set-up for which a target that is taught in simulation holds.
+def describe_simulated_setup(rig: Rig, lab: RigDescription) -> TargetSetup:
+    """Return the setup for which a target that is taught in simulation is valid.
 
-    The name of its camera follows from the camera's optics and pose.
+    The name of its camera is a hash of the camera's optics and pose, so that a target is refused if
+    the camera is another one.
     """
     optics = rig.scene.optics
     parameters = np.concatenate(
         [[optics.focal], optics.centre, optics.distortion, optics.rotation.ravel(), optics.position]
     )
     view = hashlib.sha256(np.round(parameters, 6).tobytes()).hexdigest()[:8]
-    name = f"simulation with seed {rig.seed}, view {view}"
-    return TargetSetup(
-        name,
-        optics.width,
-        optics.height,
-        lab.mechanism,
-        lab.tool,
-        lab.markers,
-        slack=lab.thresholds.limit_tolerance,
-    )
+    camera = f"simulation with seed {rig.seed}, view {view}"
+    slack, size_px = lab.thresholds.limit_tolerance, (optics.width, optics.height)
+    return TargetSetup(camera, *size_px, lab.mechanism, lab.tool, lab.markers, slack)
 
 
 def obtain_target(options: RunOptions, rig: Rig, plant: Plant) -> Target:
-    """Return the target of a file, or teach one and return the tool to the start."""
-    setup = simulated_setup(rig, options.lab)
+    """Return the target of the file --target, or teach one and move the tool back to its start."""
+    setup = describe_simulated_setup(rig, options.lab)
     if options.target is not None:
         target = target_file.load_target(options.target, setup)
         options.servo.require_target(target)

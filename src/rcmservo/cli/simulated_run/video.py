@@ -1,4 +1,4 @@
-"""Overlay video of a simulated run, and the frames of its record."""
+"""Video of a simulated run with an overlay of the servo's state, and the frames of its record."""
 
 from collections.abc import Callable
 from contextlib import ExitStack
@@ -18,45 +18,45 @@ FRAMES_PER_VIDEO_IMAGE = 4
 """Frames per image of the video: 15 images per second suffice, and each takes 30 ms to encode."""
 
 
-def open_video(folder: Path, settings: RigSettings, stack: ExitStack) -> VideoWriter:
-    """Open the overlay video, which the stack closes."""
-    size, rate = (
-        (settings.width, settings.height),
-        settings.timing.frame_rate / FRAMES_PER_VIDEO_IMAGE,
-    )
-    video = VideoWriter(folder / "overlay.webm", size, rate)
+def open_video(
+    stack: ExitStack, folder: Path, settings: RigSettings, frames_per_image: int
+) -> VideoWriter:
+    """Open the video of a run with one image per `frames_per_image`; the stack closes it."""
+    size_px = settings.width, settings.height
+    images_per_s = settings.timing.frame_rate / frames_per_image
+    video = VideoWriter(folder / "overlay.webm", size_px, images_per_s)
     stack.callback(video.close)
     return video
 
 
-def frame_writer(
+def make_frame_writer(
     plant: Plant, video: VideoWriter | None, recorder: Recorder | None
 ) -> Callable[[Tick], None]:
     """Return a function that writes each new frame to the overlay video and to the record."""
-    written: Frame | None = None
-    count = 0
+    last_frame: Frame | None = None
+    frame_count = 0
 
     def write_frame(tick: Tick) -> None:
-        nonlocal written, count
+        nonlocal last_frame, frame_count
         frame = plant.frame
-        if frame is None or frame.image is None or frame is written:
+        if frame is None or frame.image is None or frame is last_frame:
             return
-        written = frame
-        if video is not None and count % FRAMES_PER_VIDEO_IMAGE == 0:
-            video.write(overlay(frame.image, tick))
-        count += 1
+        last_frame = frame
+        if video is not None and frame_count % FRAMES_PER_VIDEO_IMAGE == 0:
+            video.write(draw_tick(frame.image, tick))
+        frame_count += 1
         if recorder is not None:
             recorder.write_frame(frame)
 
     return write_frame
 
 
-def overlay(image: Image, tick: Tick) -> Image:
+def draw_tick(image: Image, tick: Tick) -> Image:
     """Return a frame with the markers, the imaged RCM, the target and the state of the servo."""
     state = tick.state
-    words = f"{state.cause.value}\n{tick.time * 1e-9:5.2f} s  {state.phase.value}"
+    caption = f"{state.cause.value}\n{tick.time * 1e-9:5.2f} s  {state.phase.value}"
     if np.isfinite(state.delta).all():
-        s, r, d = np.degrees(state.delta[0]), state.delta[1], state.delta[2]
-        words += f"  ds {s:+.2f} deg  dr {r:+.2f} px  dd {d:+.2f} px"
+        s_deg, r_px, d_px = np.degrees(state.delta[0]), state.delta[1], state.delta[2]
+        caption += f"  ds {s_deg:+.2f} deg  dr {r_px:+.2f} px  dd {d_px:+.2f} px"
     target = np.full((2, 2), np.nan) if state.target is None else state.target.points
-    return draw_overlay(image, tick.observation.points, state.o_c, target, words)
+    return draw_overlay(image, tick.observation.points, state.o_c, target, caption)

@@ -1,18 +1,22 @@
-"""`rcmservo study --replay`: rerun one run of a study, record it, and compare it with its row."""
+"""`rcmservo study --replay`: rerun one run of a study, record it, and compare it with its row.
 
-from collections.abc import Callable
+A study stores one row of numbers per run and no record. A rerun makes the record, and verifies that
+the same code gives the same numbers.
+"""
+
 from contextlib import ExitStack
 from dataclasses import asdict, replace
+from itertools import chain, count
 from pathlib import Path
 from typing import Any
 
-from rcmservo.cli.folders import new_folder
-from rcmservo.cli.result_output import draw_figures, two_column_table
-from rcmservo.cli.simulated_run.video import overlay
-from rcmservo.cli.terminal import console
+from rcmservo.cli.folders import open_new_folder
+from rcmservo.cli.result_output import draw_figures
+from rcmservo.cli.simulated_run.video import draw_tick, open_video
+from rcmservo.cli.terminal import build_two_column_table, open_console
 from rcmservo.errors import BadInput, RcmServoError, UnusableFile, require
 from rcmservo.estimation.base import Estimator
-from rcmservo.figures.video import VideoWriter
+from rcmservo.interfaces import Image
 from rcmservo.loop.tick import Tick
 from rcmservo.recording import reader
 from rcmservo.recording.reader import RECORD
@@ -30,136 +34,122 @@ from rcmservo.study.row import StudyRow
 from rcmservo.study.simulation_engine import SimulationEngine, SimulationLoop
 
 RERUNS_FOLDER = "replays"
-"""Folder of these records in that of the study."""
+"""Folder in that of the study that holds the records of such runs."""
 ORIGIN_COLUMNS = "cpu", "versions"
 """Columns that describe the computer of a row and not the result of the run."""
 
 
-def rerun_row(folder: Path | None, case: int, video: bool, own: dict[str, type[Estimator]]) -> int:
+def rerun_row(
+    folder: Path | None, index: int, with_video: bool, user_estimators: dict[str, type[Estimator]]
+) -> int:
     """Rerun and record the run of a row; return 0 if the row is the same.
 
     Parameters
     ----------
     folder : Path or None
         Folder of the study.
-    case : int
+    index : int
         Index of the row.
-    video : bool
+    with_video : bool
         Write a video as well.
-    own : dict
+    user_estimators : dict
         User-defined estimators by name.
     """
     if folder is None:
         raise BadInput("--out", None, "the folder of the study, with --replay")
-    note = manifest.read_manifest(folder)
-    if note is None:
+    study = manifest.read_manifest(folder)
+    if study is None:
         raise UnusableFile(folder, "holds no study")
-    require(0 <= case < note.runs, "--replay", case, f"a row from 0 to {note.runs - 1}")
-    (cell, seed), before = note.find_run(case), _recorded_row(folder, note, case)
-    _require_same_code(note.package, cell, own)
-    servo, out = cell.rebuild_servo(own), console()
-    made_again = run_seed(cell, servo, seed)
-    row = asdict(made_again)
-    changed = [name for name in row if row[name] != before[name] and name not in ORIGIN_COLUMNS]
-    with new_folder(_unused_path(folder / RERUNS_FOLDER / str(case)), "replay") as output:
-        failed = _record_run(cell, servo, seed, output, video)
-    out.print(f"row {case}: {cell.method}, {cell.condition}, seed {seed}, {cell.engine}")
-    out.print(two_column_table(format_title(made_again.result), _result_rows(made_again)))
-    outcome = (
-        "the same row, bit for bit" if not changed else f"the row differs in {', '.join(changed)}"
-    )
-    origin = [f"{name} was {before[name]}" for name in ORIGIN_COLUMNS if row[name] != before[name]]
-    outcome = f"{outcome} ({', '.join(origin)})" if origin else outcome
-    recording = ", recorded with MuJoCo's arm" if cell.engine == COMPILED else ", recorded"
-    out.print(
-        f"{outcome}{recording} in {output}; rcmservo show {output} reports it", soft_wrap=True
-    )
-    if failed:
-        out.print(failed, soft_wrap=True)
+    require(0 <= index < study.runs, "--replay", index, f"a row from 0 to {study.runs - 1}")
+    (cell, seed), stored = study.find_run(index), _read_row(folder, study, index)
+    _require_same_code(study.package, cell, user_estimators)
+    servo, console = cell.rebuild_servo(user_estimators), open_console()
+    new_row = run_seed(cell, servo, seed)
+    differing = [name for name, value in asdict(new_row).items() if value != stored[name]]
+    with open_new_folder(
+        _find_unused_path(folder / RERUNS_FOLDER / str(index)), "replay"
+    ) as output:
+        video_failure = _record_run(cell, servo, seed, output, with_video)
+    console.print(f"row {index}: {cell.method}, {cell.condition}, seed {seed}, {cell.engine}")
+    console.print(build_two_column_table(format_title(new_row.result), _list_result_rows(new_row)))
+    changed = [name for name in differing if name not in ORIGIN_COLUMNS]
+    outcome = f"the row differs in {', '.join(changed)}" if changed else "the same row, bit for bit"
+    origin = [f"{name} was {stored[name]}" for name in ORIGIN_COLUMNS if name in differing]
+    if origin:
+        outcome += f" ({', '.join(origin)})"
+    engine = " with MuJoCo's arm" if cell.engine == COMPILED else ""
+    hint = f"recorded{engine} in {output}; rcmservo show {output} reports it"
+    console.print(f"{outcome}, {hint}", soft_wrap=True)
+    if video_failure:
+        console.print(video_failure, soft_wrap=True)
     return 1 if changed else 0
 
 
-def _recorded_row(folder: Path, note: manifest.StudyManifest, case: int) -> dict[str, Any]:
-    """Return a row of the study."""
+def _read_row(folder: Path, study: manifest.StudyManifest, index: int) -> dict[str, Any]:
+    """Return a row of the study by column."""
     rows = read_runs(folder)
-    if rows.num_rows != note.runs:
-        counts = f"has {rows.num_rows} rows, but {manifest.MANIFEST_NAME} lists {note.runs}"
+    if rows.num_rows != study.runs:
+        counts = f"has {rows.num_rows} rows, but {manifest.MANIFEST_NAME} lists {study.runs}"
         raise UnusableFile(folder / RUNS_FILE, f"{counts}: name a new folder")
-    return rows.slice(case, 1).to_pylist()[0]
+    return rows.slice(index, 1).to_pylist()[0]
 
 
-def _result_rows(row: StudyRow) -> list[tuple[str, str]]:
+def _list_result_rows(row: StudyRow) -> list[tuple[str, str]]:
     """Return the row's result as names and values, with those that only a study measures."""
     stop = "none" if row.stop_s is None else f"{row.stop} at {row.stop_s:.2f} s, of {row.stops}"
-    grown = f"{row.unnoticed_mm:.3f} mm without a cause"
-    return [*list_result_rows(row.result), ("first stop", stop), ("growth of the error", grown)]
+    growth = f"{row.unnoticed_mm:.3f} mm without a cause"
+    return [*list_result_rows(row.result), ("first stop", stop), ("growth of the error", growth)]
 
 
-def _require_same_code(made_by: str, cell: Cell, own: dict[str, type[Estimator]]) -> None:
+def _require_same_code(
+    study_package: str, cell: Cell, user_estimators: dict[str, type[Estimator]]
+) -> None:
     """Refuse to rerun a run with code other than that of the study."""
-    if made_by != identify_package():
+    if study_package != identify_package():
         raise RcmServoError(
-            f"this study was made by rcmservo {made_by}, not by the present {identify_package()}: "
-            "rerun the study first"
+            f"this study was made by rcmservo {study_package}, not by the present "
+            f"{identify_package()}: rerun the study first"
         )
-    kind = str(cell.servo["estimator"]["kind"])
-    if cell.source and (kind not in own or archive_module(own[kind]).digest != cell.source):
-        reason = "has changed since" if kind in own else "is code of another user"
-        raise RcmServoError(
-            f"the estimator {kind} {reason}: "
-            + ("rerun the study first" if kind in own else f"name it with --user-estimator {kind}")
-        )
+    name = str(cell.servo["estimator"]["kind"])
+    if not cell.source:
+        return
+    if name not in user_estimators:
+        next_step = f"name it with --user-estimator {name}"
+        raise RcmServoError(f"the estimator {name} is code of another user: {next_step}")
+    if archive_module(user_estimators[name]).digest != cell.source:
+        raise RcmServoError(f"the estimator {name} has changed since: rerun the study first")
 
 
-def _unused_path(path: Path) -> Path:
+def _find_unused_path(path: Path) -> Path:
     """Return a path, with a number appended if it exists."""
-    tries = (path.with_name(f"{path.name}-{k}") if k > 1 else path for k in range(1, 10_000))
-    return next(one for one in tries if not one.exists())
+    numbered = (path.with_name(f"{path.name}-{number}") for number in count(2))
+    return next(candidate for candidate in chain([path], numbered) if not candidate.exists())
 
 
 def _record_run(cell: Cell, servo: Servo, seed: int, folder: Path, with_video: bool) -> str:
-    """Run in the lab with record, figures and video; return the reason if the video failed."""
-    engine = MUJOCO if cell.engine == COMPILED else cell.engine
-    laboratory = replace(cell, engine=engine).make_engine(seed, servo)
-    assert isinstance(laboratory, SimulationEngine)
-    loop = SimulationLoop(laboratory, seed, cell.repetition)
-    about = {"simulation": True, "seed": seed, "study": asdict(cell)}
+    """Run with record, figures and video in a folder; return the reason if the video failed."""
+    engine_name = MUJOCO if cell.engine == COMPILED else cell.engine
+    engine = replace(cell, engine=engine_name).make_engine(seed, servo)
+    assert isinstance(engine, SimulationEngine)
+    loop = SimulationLoop(engine, seed, cell.repetition)
+    description = {"simulation": True, "seed": seed, "study": asdict(cell)}
+    newest_frame = -1
     with ExitStack() as stack:
-        recorder = stack.enter_context(Recorder(folder / RECORD, about))
-        video = _open_video(folder, loop) if with_video else None
-        recorder.begin(laboratory.servo, loop.target, None)
-        filmed = _frame_writer(loop, video) if video is not None else None
+        recorder = stack.enter_context(Recorder(folder / RECORD, description))
+        video = open_video(stack, folder, loop.rig.settings, 1) if with_video else None
+        recorder.begin(engine.servo, loop.target, None)
         for tick in loop.ticks():
             loop.rig.truth.write(recorder, tick)
-            if filmed is not None:
-                filmed(tick)
-        if video is not None:
-            video.close()
+            if video is not None and tick.observation.frame > newest_frame:
+                newest_frame = tick.observation.frame
+                video.write(draw_tick(_get_image(loop, tick), tick))
     draw_figures(reader.read_record(folder), folder)
     return video.failed if video is not None else ""
 
 
-def _open_video(folder: Path, loop: SimulationLoop) -> VideoWriter:
-    size, rate = loop.rig.settings, loop.rig.settings.timing.frame_rate
-    return VideoWriter(folder / "overlay.webm", (size.width, size.height), rate)
-
-
-def _frame_writer(loop: SimulationLoop, video: VideoWriter) -> Callable[[Tick], None]:
-    """Return a function that adds each new frame to the video.
-
-    If the camera delivered points only, the scene is rendered as a camera with images would see it.
-    """
-    newest = -1
-
-    def write_frame(tick: Tick) -> None:
-        nonlocal newest
-        if tick.observation.frame <= newest:
-            return
-        newest = tick.observation.frame
-        frame = loop.plant.frame
-        image = None if frame is None else frame.image
-        if image is None:
-            image = loop.rig.picture(tick.observation.exposure, newest)
-        video.write(overlay(image, tick))
-
-    return write_frame
+def _get_image(loop: SimulationLoop, tick: Tick) -> Image:
+    """Return the camera's newest image, or a rendered one if the camera delivers points only."""
+    frame = loop.plant.frame
+    if frame is not None and frame.image is not None:
+        return frame.image
+    return loop.rig.picture(tick.observation.exposure, tick.observation.frame)

@@ -1,4 +1,8 @@
-"""`rcmservo study`: compare methods in thousands of simulated scenes, with one report."""
+"""`rcmservo study`: compare methods in thousands of simulated scenes, with one report.
+
+A method is an estimator with its settings. `WorkOptions` and the functions below `study` also serve
+`rcmservo tune`.
+"""
 
 import shlex
 import sys
@@ -15,16 +19,11 @@ import tyro
 from rich.console import Console
 from rich.text import Text
 
-from rcmservo.cli.folders import dated_folder
-from rcmservo.cli.progress.preparing import compiling
-from rcmservo.cli.progress.progress import progress, resume_hint
-from rcmservo.cli.studies.study_report import (
-    comparison_sentence,
-    distribution_table,
-    print_work,
-    result_table,
-)
-from rcmservo.cli.terminal import console, status_line
+from rcmservo.cli.folders import make_dated_path
+from rcmservo.cli.progress.compilation import report_compilation
+from rcmservo.cli.progress.progress import print_resume_hint, show_progress
+from rcmservo.cli.studies import study_report
+from rcmservo.cli.terminal import open_console, open_status_line
 from rcmservo.config.registry import ESTIMATORS, PRESETS
 from rcmservo.config.user_estimators import import_estimator
 from rcmservo.constraints import Checked, between
@@ -120,7 +119,7 @@ class StudyOptions(RunConditions, WorkOptions):
     @property
     def file_defaults(self) -> "StudyOptions | None":
         """Options that FILE gives for those that the command line leaves out."""
-        return None if self.file is None else StudyOptions(**_conditions(self.study_file))
+        return None if self.file is None else StudyOptions(**_collect_conditions(self.study_file))
 
 
 def study(options: StudyOptions) -> int:
@@ -130,34 +129,32 @@ def study(options: StudyOptions) -> int:
         from rcmservo.study.execution.run_study import StudyExecution
         from rcmservo.study.plan import distribution
         from rcmservo.study.report import report
-    out = console()
+    console = open_console()
     if "help" in options.scenes:
-        out.print(distribution_table(distribution.describe_built_in()))
+        console.print(study_report.build_distribution_table(distribution.describe_built_in()))
         return 0
     if options.replay is not None:
-        return rerun_row(options.out, options.replay, options.video, user_estimators(options))
+        user_estimators = import_user_estimators(options)
+        return rerun_row(options.out, options.replay, options.video, user_estimators)
     require(not options.video, "--video", True, "given with --replay")
     plan = make_plan(options)
-    folder = options.out or dated_folder("study")
+    folder = options.out or make_dated_path("study")
     require_other_folder(options.file, folder)
-    work = StudyExecution(plan, folder)
-    print_work(out, work)
-    with resume_hint(folder, out):
-        execution = _run_remaining(work, options, out) if work.missing else {}
-        written = report.write_report(
-            folder, plan, work.gather(), {**report_header(work), **execution}, options.report
-        )
-    out.print(result_table(written.summaries))
-    for comparison in written.comparisons:
-        out.print(comparison_sentence(comparison), soft_wrap=True)
+    execution = StudyExecution(plan, folder)
+    study_report.print_work(console, execution)
+    with print_resume_hint(folder, console):
+        speed = _run_remaining(execution, options, console) if execution.missing else {}
+        header = make_report_header(execution) | speed
+        written = report.write_report(folder, plan, execution.gather(), header, options.report)
+    study_report.print_results(console, written.summaries, written.comparisons)
     files = "rows, summary and report" if options.report else "rows and summary"
-    out.print(f"{files} in {folder}", soft_wrap=True)
+    console.print(f"{files} in {folder}", soft_wrap=True)
     return 0
 
 
-def _conditions(given: RunConditions) -> dict[str, Any]:
+def _collect_conditions(source: RunConditions) -> dict[str, Any]:
     """Return the conditions that a file and the options share."""
-    return {f.name: getattr(given, f.name) for f in fields(RunConditions)}
+    return {f.name: getattr(source, f.name) for f in fields(RunConditions)}
 
 
 def make_plan(options: StudyOptions) -> "StudyPlan":
@@ -166,7 +163,7 @@ def make_plan(options: StudyOptions) -> "StudyPlan":
     from rcmservo.study.plan.file import make_plan
 
     for text in options.disturb:
-        Disturbance.parse(text)
+        Disturbance.parse(text)  # raises an error for an invalid one
     values = {
         "methods": options.method,
         "scenes": options.scenes,
@@ -174,8 +171,8 @@ def make_plan(options: StudyOptions) -> "StudyPlan":
         "disturb": (options.disturb,) if options.disturb else (),
     }
     given = {name: value for name, value in values.items() if value not in ((), None)}
-    study_file = replace(options.study_file, **_conditions(options), **given)
-    return make_plan(study_file, user_estimators(options))
+    study_file = replace(options.study_file, **_collect_conditions(options), **given)
+    return make_plan(study_file, import_user_estimators(options))
 
 
 def require_other_folder(file: Path | None, folder: Path) -> None:
@@ -183,38 +180,36 @@ def require_other_folder(file: Path | None, folder: Path) -> None:
     from rcmservo.study.execution.store import TUNED_FILE
 
     is_other = file is None or file.resolve() != (folder / TUNED_FILE).resolve()
-    require(
-        is_other,
-        "--out",
-        folder,
-        f"a folder other than that of FILE, where {TUNED_FILE} would be removed",
-    )
+    expected = f"a folder other than that of FILE, where {TUNED_FILE} would be removed"
+    require(is_other, "--out", folder, expected)
 
 
-def user_estimators(options: StudyOptions) -> dict[str, type[Estimator]]:
+def import_user_estimators(options: StudyOptions) -> dict[str, type[Estimator]]:
     """Return the user-defined estimators that the command line names, and import their code."""
-    own = {name: import_estimator(name, "--method") for name in options.method if ":" in name}
-    return own | {
-        name: import_estimator(name, "--user-estimator") for name in options.user_estimator
-    }
+    methods = [name for name in options.method if ":" in name]
+    imported = {name: import_estimator(name, "--method") for name in methods}
+    for name in options.user_estimator:
+        imported[name] = import_estimator(name, "--user-estimator")
+    return imported
 
 
 def _run_remaining(
-    work: "StudyExecution", options: StudyOptions, out: Console
+    execution: "StudyExecution", options: StudyOptions, console: Console
 ) -> dict[str, object]:
-    """Run the remaining runs; return the workers and the speed in words."""
-    runs, left = work.plan.runs, work.missing_runs
-    with workers_for(work, options, out) as workers:
-        start, count = time.monotonic(), workers.count
-        with progress(out, "running", runs, runs - left, "runs") as advance:
-            work.run(workers, advance)
-        duration = time.monotonic() - start
-    return {"workers": f"{count} on {workers.where}", "pace": f"{left} runs in {duration:.1f} s"}
+    """Run the remaining runs; return the entries of a report on the workers and the speed."""
+    run_count, missing_count = execution.plan.runs, execution.missing_runs
+    with open_workers(execution, options, console) as workers:
+        start_s, worker_count = time.monotonic(), workers.count
+        done_count = run_count - missing_count
+        with show_progress(console, "running", run_count, done_count, "runs") as advance:
+            execution.run(workers, advance)
+        pace = f"{missing_count} runs in {time.monotonic() - start_s:.1f} s"
+    return {"workers": f"{worker_count} on {workers.where}", "pace": pace}
 
 
 @contextmanager
-def workers_for(
-    work: "StudyExecution", options: WorkOptions, out: Console
+def open_workers(
+    execution: "StudyExecution", options: WorkOptions, console: Console
 ) -> Generator["WorkerPool"]:
     """Yield workers, after everything that the study needs is compiled."""
     from rcmservo.study.execution.workers import open_worker_pool, require_protected
@@ -222,24 +217,24 @@ def workers_for(
     if options.cluster is not None:
         require_protected(options.cluster)
     with ExitStack() as stack:
-        with status_line(out) as line:
-            with compiling(line):
-                work.compile()
-            line.update(Text("waiting for workers …", style="dim"))
+        with open_status_line(console) as status_line:
+            with report_compilation(status_line):
+                execution.compile()
+            status_line.update(Text("waiting for workers …", style="dim"))
             workers = stack.enter_context(open_worker_pool(options.cluster, options.workers))
         yield workers
 
 
-def report_header(work: "StudyExecution") -> dict[str, object]:
+def make_report_header(execution: "StudyExecution") -> dict[str, object]:
     """Return the entries of a report on its origin."""
     from rcmservo.study.execution.package_version import identify_package
 
-    own = "".join(f" --user-estimator {name}" for name in work.user_estimators)
-    folder = work.store.folder
+    names = "".join(f" --user-estimator {name}" for name in execution.user_estimators)
+    folder = shlex.quote(str(execution.store.folder))
     return {
         "command": " ".join(["rcmservo", *map(shlex.quote, sys.argv[1:])]),
-        "replay": f"rcmservo study --out {shlex.quote(str(folder))}{own} --replay",
+        "replay": f"rcmservo study --out {folder}{names} --replay",
         "package": identify_package(),
         "made": f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC",
-        "runs": work.plan.runs,
+        "runs": execution.plan.runs,
     }

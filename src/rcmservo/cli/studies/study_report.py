@@ -1,4 +1,4 @@
-"""Terminal output of a study."""
+"""Tables and sentences that `rcmservo study` and `tune` print on the terminal."""
 
 import math
 from collections.abc import Iterable
@@ -16,35 +16,36 @@ NUMBER_COLUMNS = "success, %", "to 1 mm, s", "error, mm", "/ bound"
 """Titles of the columns of numbers: medians of time and error, and the rms of the ratio."""
 
 
-def distribution_table(distributions: Iterable[tuple[str, str]]) -> Table:
+def build_distribution_table(distributions: Iterable[tuple[str, str]]) -> Table:
     """Return a table that describes each distribution of scenes."""
     table = Table.grid(padding=(0, 2))
-    for name, words in distributions:
-        table.add_row(name, words)
+    for name, description in distributions:
+        table.add_row(name, description)
     return table
 
 
-def print_work(out: Console, work: "StudyExecution") -> None:
+def print_work(console: Console, study: "StudyExecution") -> None:
     """Print the number of runs, and how many of them exist already."""
-    runs, left = work.plan.runs, work.missing_runs
-    words = f"{runs} simulated run{'s' if runs > 1 else ''}, into {work.store.folder}"
-    out.print(words, style="dim", soft_wrap=True)
-    if work.changed_settings:
-        words = f"{', '.join(work.changed_settings)} changed since the last use of this folder"
-        out.print(f"{words}: {left} of {runs} runs are repeated", soft_wrap=True)
-    elif not left:
-        out.print("all runs exist already", soft_wrap=True)
-    elif left < runs:
-        out.print(f"{runs - left} runs exist already; the others follow", soft_wrap=True)
+    run_count, missing_count = study.plan.runs, study.missing_runs
+    work = f"{run_count} simulated run{'s' if run_count > 1 else ''}, into {study.store.folder}"
+    console.print(work, style="dim", soft_wrap=True)
+    if study.changed_settings:
+        change = f"{', '.join(study.changed_settings)} changed since the last use of this folder"
+        console.print(f"{change}: {missing_count} of {run_count} runs are repeated", soft_wrap=True)
+    elif not missing_count:
+        console.print("all runs exist already", soft_wrap=True)
+    elif missing_count < run_count:
+        existing_count = run_count - missing_count
+        console.print(f"{existing_count} runs exist already; the others follow", soft_wrap=True)
 
 
-def result_table(rows: list["Summary"]) -> Table:
+def build_result_table(rows: list["Summary"]) -> Table:
     """Return the results as a table, each number with its interval below."""
     table = Table(show_lines=True)
-    for words in ("method\nengine", "scenes"):
-        table.add_column(words, overflow="fold")
-    for words in NUMBER_COLUMNS:
-        table.add_column(words, overflow="fold", justify="right")
+    for title in ("method\nengine", "scenes"):
+        table.add_column(title, overflow="fold")
+    for title in NUMBER_COLUMNS:
+        table.add_column(title, overflow="fold", justify="right")
     table.add_column("first stops", overflow="fold")
     for row in rows:
         stops = [f"{name} {count}" for name, count in row.stops.items()]
@@ -60,42 +61,55 @@ def result_table(rows: list["Summary"]) -> Table:
     return table
 
 
-def comparison_sentence(one: "PairedComparison") -> str:
+def print_results(
+    console: Console, summaries: list["Summary"], comparisons: Iterable["PairedComparison"]
+) -> None:
+    """Print the results as a table, and a sentence for each comparison of methods."""
+    console.print(build_result_table(summaries))
+    for comparison in comparisons:
+        console.print(describe_comparison(comparison), soft_wrap=True)
+
+
+def describe_comparison(comparison: "PairedComparison") -> str:
     """Return a sentence that compares a method with the first one."""
+    success = _format_one_line(comparison.success, "+.1f", "% points", 100.0)
+    error = _format_one_line(comparison.pose_mm, "+.3f", "mm")
     return (
-        f"{one.method} compared with {one.beside}, {one.condition}, {one.pairs} pairs: success "
-        f"{_format_one_line(one.success, '+.1f', '% points', 100.0)}, {_describe_time_gain(one)}, "
-        f"error {_format_one_line(one.pose_mm, '+.3f', 'mm')}"
+        f"{comparison.method} compared with {comparison.beside}, {comparison.condition}, "
+        f"{comparison.pairs} pairs: success {success}, {_describe_time_gain(comparison)}, "
+        f"error {error}"
     )
 
 
-def _describe_time_gain(one: "PairedComparison") -> str:
+def _describe_time_gain(comparison: "PairedComparison") -> str:
     """Return the gain in the time to 1 mm, or the only method that mostly reaches 1 mm."""
-    if math.isinf(one.time_s.value):
-        only = one.beside if one.time_s.value > 0.0 else one.method
-        return f"mostly only {only} reaches 1 mm"
-    return f"to 1 mm {_format_one_line(one.time_s, '+.2f', 's')}"
+    gain_s = comparison.time_s
+    if math.isinf(gain_s.value):
+        only_method = comparison.beside if gain_s.value > 0.0 else comparison.method
+        return f"mostly only {only_method} reaches 1 mm"
+    return f"to 1 mm {_format_one_line(gain_s, '+.2f', 's')}"
 
 
 def format_number(value: float, form: str, infinity: str = "∞") -> str:
-    """Return a number, or a text for infinity."""
+    """Return a number in a format such as .2f, or a text for infinity."""
     if math.isinf(value):
         return infinity if "+" not in form else f"{value:+f}".replace("inf", "∞")
     return format(value, form)
 
 
-def _format_two_lines(one: "Interval", form: str, scale: float = 1.0, infinity: str = "∞") -> str:
+def _format_two_lines(
+    interval: "Interval", form: str, scale: float = 1.0, infinity: str = "∞"
+) -> str:
     """Return a number with its interval in the line below."""
-    value, low, high = (format_number(scale * x, form, infinity) for x in one)
-    if math.isnan(one.value):
+    value, low, high = (format_number(scale * x, form, infinity) for x in interval)
+    if math.isnan(interval.value):
         return "–"
     return value if low == high == value else f"{value}\n{low} to {high}"
 
 
-def _format_one_line(one: "Interval", form: str, unit: str, scale: float = 1.0) -> str:
+def _format_one_line(interval: "Interval", form: str, unit: str, scale: float = 1.0) -> str:
     """Return a number with its interval and unit; a dash for NaN."""
-    if math.isnan(one.value):
-        return "–"
-    value, low, high = (format_number(scale * x, form) for x in one)
-    between = "" if low == high == value else f" ({low} to {high})"
-    return f"{value}{between} {unit}"
+    number, *limits = _format_two_lines(interval, form, scale).split("\n")
+    if number == "–":
+        return number
+    return f"{number} ({limits[0]}) {unit}" if limits else f"{number} {unit}"

@@ -1,4 +1,8 @@
-"""`rcmservo tune`: search for settings by studies, and test them on scenes outside the search."""
+"""`rcmservo tune`: search for settings by studies, and test them on scenes outside the search.
+
+Each trial of the search is a study with one candidate of the settings. The best settings are then
+compared with the initial ones in scenes that the search did not use.
+"""
 
 import json
 import shlex
@@ -9,13 +13,18 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 import tyro
 from rich.console import Console
 
-from rcmservo.cli.folders import dated_folder
-from rcmservo.cli.progress.progress import progress, resume_hint
+from rcmservo.cli.folders import make_dated_path
+from rcmservo.cli.progress.progress import print_resume_hint, show_progress
 from rcmservo.cli.run_options import RunOptions
-from rcmservo.cli.servo_options import option_group
-from rcmservo.cli.studies.study import WorkOptions, report_header, require_other_folder, workers_for
-from rcmservo.cli.studies.study_report import comparison_sentence, print_work, result_table
-from rcmservo.cli.terminal import console
+from rcmservo.cli.servo_options import find_option_group
+from rcmservo.cli.studies.study import (
+    WorkOptions,
+    make_report_header,
+    open_workers,
+    require_other_folder,
+)
+from rcmservo.cli.studies.study_report import print_results, print_work
+from rcmservo.cli.terminal import open_console
 from rcmservo.config.atomic_files import write_atomically
 from rcmservo.config.registry import ESTIMATORS, PART_CLASSES, find_class_name
 from rcmservo.config.rig_file import name_origin_in_errors
@@ -49,38 +58,36 @@ def tune(options: TuneOptions) -> int:
         from rcmservo.study.report import report
         from rcmservo.study.tuning.search import find_best_trial, run_search
         from rcmservo.study.tuning.space import replace_settings
-    tuning, out = read_tuning(options), console()
-    folder = options.out or dated_folder("tune")
+    tuning, console = read_tuning(options), open_console()
+    folder = options.out or make_dated_path("tune")
     require_other_folder(options.file, folder)
-    start = tuning.plan.methods[0]
-    unseen = StudyExecution(tuning.validation_plan, folder)
-    _print_search(out, tuning, folder, folder / SEARCH_FOLDER)
-    with resume_hint(folder, out):
-        with workers_for(unseen, options, out) as crew:
-            with progress(out, "searching", tuning.trials) as advance:
-                tried = run_search(tuning, folder / SEARCH_FOLDER, crew, lambda _: advance(1))
-            found = find_best_trial(tried)
-            method = replace_settings(start, tuning.method_name, found.values)
-            plan = replace(tuning.validation_plan, methods=(start, method))
-            work = StudyExecution(plan, folder)
-            print_work(out, work)
-            done = plan.runs - work.missing_runs
-            with progress(out, "testing on unseen scenes", plan.runs, done, "runs") as advance:
-                work.run(crew, advance)
-        rows = work.gather()
-        write_atomically(folder / TUNED_FILE, settings_text(method, work.user_estimators, tuning))
-        header = report_header(work) | _search_summary(tuning, method, tried, folder / TUNED_FILE)
-        written = report.write_report(folder, work.plan, rows, header, page=True)
-    is_better = found.number > 0
-    out.print(
-        header["found"] if is_better else "no settings better than the initial ones were found"
-    )
-    out.print("on scenes outside the search:")
-    out.print(result_table(written.summaries))
-    for comparison in written.comparisons:
-        out.print(comparison_sentence(comparison), soft_wrap=True)
-    out.print(f"settings in {folder / TUNED_FILE}, report in {folder}", soft_wrap=True)
-    out.print(f"to use them: {run_command(method)}", soft_wrap=True)
+    initial, search_folder = tuning.plan.methods[0], folder / SEARCH_FOLDER
+    _print_search(console, tuning, folder, search_folder)
+    with print_resume_hint(folder, console):
+        to_compile = StudyExecution(tuning.validation_plan, folder)
+        with open_workers(to_compile, options, console) as workers:
+            with show_progress(console, "searching", tuning.trials) as advance:
+                trials = run_search(tuning, search_folder, workers, lambda _: advance(1))
+            best_trial = find_best_trial(trials)
+            found = replace_settings(initial, tuning.method_name, best_trial.values)
+            plan = replace(tuning.validation_plan, methods=(initial, found))
+            test = StudyExecution(plan, folder)
+            print_work(console, test)
+            done_count, task_name = plan.runs - test.missing_runs, "testing on unseen scenes"
+            with show_progress(console, task_name, plan.runs, done_count, "runs") as advance:
+                test.run(workers, advance)
+        rows = test.gather()
+        write_atomically(folder / TUNED_FILE, format_settings(found, test.user_estimators, tuning))
+        summary = _summarise_search(tuning, found, trials, folder / TUNED_FILE)
+        header = make_report_header(test) | summary
+        written = report.write_report(folder, test.plan, rows, header, page=True)
+    is_better = best_trial.number > 0
+    none_found = "no settings better than the initial ones were found"
+    console.print(summary["found"] if is_better else none_found)
+    console.print("on scenes outside the search:")
+    print_results(console, written.summaries, written.comparisons)
+    console.print(f"settings in {folder / TUNED_FILE}, report in {folder}", soft_wrap=True)
+    console.print(f"to use them: {format_run_command(found)}", soft_wrap=True)
     return 0
 
 
@@ -91,57 +98,53 @@ def read_tuning(options: TuneOptions) -> "Tuning":
     from rcmservo.study.tuning.space import parse_axis
 
     study_file = read_study_file(options.file)
+    names = options.user_estimator
     with name_origin_in_errors(options.file):
         section = decode_settings(TuneSection, study_file.tune, "tune")
-        plan = make_plan(
-            study_file,
-            {name: import_estimator(name, "--user-estimator") for name in options.user_estimator},
-        )
-        method = plan.methods[0]
-        axes = tuple(
-            parse_axis(name, description, method) for name, description in study_file.search.items()
-        )
+        user_estimators = {name: import_estimator(name, "--user-estimator") for name in names}
+        plan = make_plan(study_file, user_estimators)
+        method, search = plan.methods[0], study_file.search.items()
+        axes = tuple(parse_axis(name, description, method) for name, description in search)
         return Tuning(plan=plan, axes=axes, **asdict(section))
 
 
-def _print_search(out: Console, tuning: "Tuning", folder: Path, search: Path) -> None:
+def _print_search(console: Console, tuning: "Tuning", folder: Path, search_folder: Path) -> None:
     """Print the size of the search, and whether it resumes.
 
     Each trial has its own method, so a change of the method does not count.
     """
     from rcmservo.study.execution import manifest
 
-    words = f"{tuning.trials} trials of {tuning.plan.runs} simulated runs, into {folder}"
-    out.print(words, style="dim", soft_wrap=True)
-    previous = manifest.read_manifest(search)
+    size = f"{tuning.trials} trials of {tuning.plan.runs} simulated runs, into {folder}"
+    console.print(size, style="dim", soft_wrap=True)
+    previous = manifest.read_manifest(search_folder)
     if previous is None:
         return
     changed = manifest.list_changed_settings(previous, manifest.make_manifest(tuning.plan))
-    differences = ", ".join(word for word in changed if word != manifest.METHOD_SETTING_NAME)
-    out.print(
-        f"{differences} changed since the last use of this folder: trials are repeated"
-        if differences
-        else "existing trials are not repeated",
-        soft_wrap=True,
+    differences = ", ".join(name for name in changed if name != manifest.METHOD_SETTING_NAME)
+    reason = f"{differences} changed since the last use of this folder"
+    repeats = (
+        f"{reason}: trials are repeated" if differences else "existing trials are not repeated"
     )
+    console.print(repeats, soft_wrap=True)
 
 
-def _search_summary(
-    tuning: "Tuning", method: "StudyMethod", tried: "list[SearchTrial]", settings: Path
-) -> dict[str, object]:
+def _summarise_search(
+    tuning: "Tuning", found: "StudyMethod", trials: "list[SearchTrial]", settings: Path
+) -> dict[str, str]:
     """Return the entries of a report on the search."""
     from rcmservo.study.tuning.space import get_setting
 
-    plan, start = tuning.plan, tuning.plan.methods[0]
-    costs = tried[0].cost, min(one.cost for one in tried)
+    plan, initial = tuning.plan, tuning.plan.methods[0]
+    first_cost, best_cost = trials[0].cost, min(trial.cost for trial in trials)
     seeds = f"seeds {plan.first_seed} to {plan.first_seed + plan.count - 1}"
     changes: list[str] = []
     for axis in tuning.axes:
-        old, new = (_format_value(get_setting(one, axis.name)) for one in (start, method))
+        old, new = (_format_value(get_setting(method, axis.name)) for method in (initial, found))
         changes.append(f"{axis.name} {old} -> {new}")
     return {
-        "search": f"{len(tried)} trials of {plan.runs} runs, {seeds}; goal {tuning.goal}, "
-        f"initial and best value: {costs[0]:.3f}, {costs[1]:.3f}",
+        "search": f"{len(trials)} trials of {plan.runs} runs, {seeds}; goal {tuning.goal}, "
+        f"initial and best value: {first_cost:.3f}, {best_cost:.3f}",
         "found": ", ".join(changes),
         "settings": str(settings),
     }
@@ -151,39 +154,40 @@ def _format_value(value: object) -> str:
     return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
-def run_command(method: "StudyMethod") -> str:
+def format_run_command(method: "StudyMethod") -> str:
     """Return the `rcmservo run` command with these settings."""
     arguments = ["rcmservo", "run", "--estimator", find_class_name(method.estimator, ESTIMATORS)]
     for settings in method.parts.values():
-        kind = cast(type[Any], type(settings))
-        group, defaults = option_group(kind, RunOptions), kind()
-        for f in fields(kind):
+        settings_class = cast(type[Any], type(settings))
+        group, defaults = find_option_group(settings_class, RunOptions), settings_class()
+        for f in fields(settings_class):
             value = getattr(settings, f.name)
             if value != getattr(defaults, f.name):
-                arguments += _option_words(f"{group}.{f.name}".replace("_", "-"), value)
+                arguments += _format_option(
+                    group.replace("_", "-"), f.name.replace("_", "-"), value
+                )
     return shlex.join(arguments)
 
 
-def _option_words(name: str, value: Any) -> list[str]:
+def _format_option(group: str, name: str, value: Any) -> list[str]:
     """Return a setting as arguments of a command line."""
     if isinstance(value, bool):
-        group, _, key = name.partition(".")
-        return [f"--{name}" if value else f"--{group}.no-{key}"]
-    return [
-        f"--{name}",
-        *map(str, cast(tuple[Any, ...], value) if isinstance(value, tuple) else (value,)),
-    ]
+        return [f"--{group}.{name}" if value else f"--{group}.no-{name}"]
+    values = cast(tuple[Any, ...], value) if isinstance(value, tuple) else (value,)
+    return [f"--{group}.{name}", *map(str, values)]
 
 
-def settings_text(method: "StudyMethod", own: "UserEstimators", tuning: "Tuning") -> str:
+def format_settings(
+    method: "StudyMethod", user_estimators: "UserEstimators", tuning: "Tuning"
+) -> str:
     """Return the method with all its settings as a file that `rcmservo study` reads."""
-    names = {kind: name for name, kind in own.items()}
+    names = {estimator_class: name for name, estimator_class in user_estimators.items()}
     lines = [f"# Found by rcmservo tune: {tuning.trials} trials, goal {tuning.goal}."]
     for part, settings in method.parts.items():
-        kind = cast(type[Any], type(settings))
-        name = names.get(kind) or find_class_name(settings, PART_CLASSES[part])
-        values = {"kind": name, **{f.name: getattr(settings, f.name) for f in fields(kind)}}
+        settings_class = cast(type[Any], type(settings))
+        class_name = names.get(settings_class) or find_class_name(settings, PART_CLASSES[part])
+        values = {f.name: getattr(settings, f.name) for f in fields(settings_class)}
         # numbers, strings, lists, true and false have the same form in JSON and TOML
         lines.append(f"[method.{method.name}.{part}]")
-        lines += [f"{key} = {json.dumps(value)}" for key, value in values.items()]
+        lines += [f"{key} = {json.dumps(v)}" for key, v in {"kind": class_name, **values}.items()]
     return "\n".join(lines) + "\n"

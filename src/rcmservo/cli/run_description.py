@@ -1,4 +1,7 @@
-"""Description of a run in its record, in addition to its stages, which hold servo and target."""
+"""Description of a run that its record stores: settings, seed and versions of packages.
+
+The servo and the target are not part of it; the record stores them for each stage of the run.
+"""
 
 import platform
 from dataclasses import asdict
@@ -8,13 +11,13 @@ from typing import Any
 from rcmservo.cli.run_options import LabOptions
 
 PACKAGES = "numpy", "numba", "opencv-python-headless"
-"""Packages whose versions each record holds."""
+"""Packages whose versions each record stores."""
 
 
-def describe_run(options: LabOptions, duration: float, *packages: str) -> dict[str, Any]:
-    """Return the description of a run, simulated or on hardware: settings and versions."""
+def describe_run(options: LabOptions, duration_s: float, *packages: str) -> dict[str, Any]:
+    """Return the description of a run, simulated or on hardware; `packages` adds versions."""
     return {
-        "duration_s": duration,
+        "duration_s": duration_s,
         "estimator": options.estimator,
         "mechanism": options.lab.mechanism.name,
         "teaching_frames": options.teaching_frames,
@@ -27,7 +30,7 @@ def describe_run(options: LabOptions, duration: float, *packages: str) -> dict[s
     }
 
 
-def describe_simulated_run(options: LabOptions, duration: float) -> dict[str, Any]:
+def describe_simulated_run(options: LabOptions, duration_s: float) -> dict[str, Any]:
     """Return the description of a simulated run."""
     return {
         "simulation": True,
@@ -35,5 +38,5 @@ def describe_simulated_run(options: LabOptions, duration: float) -> dict[str, An
         "disturbances": [],
         "resumes": 0,
         "rig": asdict(options.rig_settings),
-        **describe_run(options, duration, "mujoco-core"),
+        **describe_run(options, duration_s, "mujoco-core"),
     }

@@ -1,1 +1,0 @@
-"""Options of commands: their list, their help, and suggestions for misspelt ones."""
