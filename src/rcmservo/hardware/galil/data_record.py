@@ -79,6 +79,7 @@ move; its motor is off."""
 FORWARD_SWITCH, REVERSE_SWITCH, HOME_SWITCH = 1 << 3, 1 << 2, 1 << 1
 """Switch bits of an axis as raw input levels. The level of a tripped switch depends on its
 wiring."""
+SWITCHES = FORWARD_SWITCH | REVERSE_SWITCH | HOME_SWITCH
 
 HEADER_FLAGS = 0x87
 """Flags of a complete record: the marker bit and the blocks I, T and S."""

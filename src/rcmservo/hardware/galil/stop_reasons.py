@@ -8,49 +8,9 @@ from collections.abc import Sequence
 from rcmservo.errors import quoted
 from rcmservo.hardware.galil.connection import CommandRejected, GalilConnection
 from rcmservo.hardware.galil.data_record import AXIS_LETTERS
+from rcmservo.hardware.galil.error_codes import ERROR_TEXTS
 from rcmservo.hardware.galil.watchdog_program import AXIS_AT_REST, STOP_CAUSES
 from rcmservo.live.device_protocols import NotReady
-
-ERROR_TEXTS = {
-    1: "Unrecognized command",
-    2: "Command only valid from program",
-    3: "Command not valid in program",
-    4: "Operand error",
-    5: "Input buffer full",
-    6: "Number out of range",
-    7: "Command not valid while running",
-    8: "Command not valid while not running",
-    9: "Variable error",
-    10: "Empty program line or undefined label",
-    11: "Invalid label or line number",
-    12: "Subroutine more than 16 deep",
-    13: "JG only valid when running in jog mode",
-    17: "ED, BN and DL not valid while program running",
-    19: "Application strand already executing",
-    20: "Begin not valid with motor off",
-    21: "Begin not valid while running",
-    22: "Begin not possible due to Limit Switch",
-    50: "Not enough fields",
-    51: "Question mark not valid",
-    52: 'Missing " or string too long',
-    53: "Error in {}",
-    55: "Missing [ or []",
-    56: "Array index invalid or out of range",
-    57: "Bad function or array",
-    58: "Bad command response (i.e._GNX)",
-    59: "Mismatched parentheses",
-    60: "Download error - line too long or too many lines",
-    61: "Duplicate or bad label",
-    62: "Too many labels",
-    63: "IF statement without ENDIF",
-    66: "Array space full",
-    67: "Too many arrays or variables",
-    82: "Undefined Array",
-    83: "Not a valid number",
-    123: "TCP lost sync",
-    133: "Command not valid when locked / Handle must be UDP",
-}
-"""Texts of the error codes (TC1) of refused commands."""
 
 STOP_CODE_TEXTS = {
     0: "is in motion",
