@@ -64,9 +64,9 @@ class CommandCounts:
     refused : int
         Void commands: late, repeated, not finite, or with the drive off.
     warned : int
-        Warnings of the arm. It refuses a command as a whole.
+        Warnings of the arm, such as one for each command that it has refused.
     stale : int
-        Reports of the arm that were rejected.
+        Reports of the arm that were rejected, mostly because they were old.
     """
 
     sent: int = 0
@@ -258,7 +258,7 @@ class CrtkArm:
 
     def _describe_missing(self, outgoing: list[Topic[Any]]) -> str:
         """Return a phrase about the first topic without a partner, empty if there is none."""
-        unheard = [topic.name for topic in outgoing if not self._transport.listeners(topic)]
+        unheard = [topic.name for topic in outgoing if not self._transport.count_listeners(topic)]
         return self._received.missing or (f"nothing subscribes to {unheard[0]}" if unheard else "")
 
     def _receive_joints(self, message: JointState, writer: str) -> None:
@@ -311,10 +311,8 @@ class CrtkArm:
         if state.state not in ("DISABLED", ENABLED):
             problem = f"{self._name} is {state.state}: an operator must clear that first"
             raise NotReady(problem + self._last_warning)
-        if (
-            self._foreign_motion_time
-            and self._now() - self._foreign_motion_time < FOREIGN_MOTION_PAUSE_NS
-        ):
+        since_foreign_motion = self._now() - self._foreign_motion_time
+        if self._foreign_motion_time and since_foreign_motion < FOREIGN_MOTION_PAUSE_NS:
             raise NotReady(f"another client moves {self._name}: end that first")
 
     def _recent_joints(self) -> ReportedJoints | None:

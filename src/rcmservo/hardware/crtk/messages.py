@@ -284,7 +284,7 @@ class Transport(Protocol):
         """Advertise a topic before its first message: subscribers need a moment to find it."""
         ...
 
-    def listeners(self, topic: Topic[Any]) -> int:
+    def count_listeners(self, topic: Topic[Any]) -> int:
         """Return the number of subscribers to a topic."""
         ...
 

@@ -84,7 +84,7 @@ class Ros1:
     def offer(self, topic: Topic[Any]) -> None:
         self._publisher(topic)
 
-    def listeners(self, topic: Topic[Any]) -> int:
+    def count_listeners(self, topic: Topic[Any]) -> int:
         return self._publisher(topic).get_num_connections()
 
     def subscribe(self, topic: Topic[MessageT], handler: MessageHandler[MessageT]) -> None:

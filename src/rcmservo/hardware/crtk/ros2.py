@@ -97,7 +97,7 @@ class Ros2:
     def offer(self, topic: Topic[Any]) -> None:
         self._writer(topic)
 
-    def listeners(self, topic: Topic[Any]) -> int:
+    def count_listeners(self, topic: Topic[Any]) -> int:
         return len(self._writer(topic).get_matched_subscriptions())
 
     def subscribe(self, topic: Topic[MessageT], handler: MessageHandler[MessageT]) -> None:
