@@ -8,7 +8,7 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import Any, Protocol
 
 from rcmservo.errors import RcmServoError
 from rcmservo.interfaces import Frame, Image
@@ -185,7 +185,8 @@ class StreamedCamera:
         )
 
     def _update_statistics(self, **changes: float | str | None) -> None:
-        self._statistics = replace(self._statistics, **changes)  # pyright: ignore[reportArgumentType]
+        values: Any = changes
+        self._statistics = replace(self._statistics, **values)
 
     def _close_stream(self) -> None:
         if self._stream is not None:

@@ -2,7 +2,7 @@
 
 import re
 
-from rcmservo.hardware.galil.emulator.commands import motion, reports, settings, threads
+from rcmservo.hardware.galil.emulator.commands import assignments, motion, reports, threads
 from rcmservo.hardware.galil.emulator.state import (
     AXIS_OPERANDS,
     Caller,
@@ -13,22 +13,22 @@ from rcmservo.hardware.galil.error_codes import CommandError, ErrorCode
 
 COMMANDS: dict[str, CommandHandler] = {
     **{
-        name: settings.axis_setting(name)
-        for name in (*settings.SETTING_RANGES, *settings.STORED_SETTINGS)
+        name: assignments.axis_setting(name)
+        for name in (*assignments.SETTING_RANGES, *assignments.STORED_SETTINGS)
     },
     **dict.fromkeys(
         ("BA", "BI", "BN", "BP", "BV", "CB", "DV", "IH", "LZ", "NO", "PF", "SB", "VF"),
-        settings.accept,
+        assignments.accept,
     ),
     **{name: reports.axis_report(AXIS_OPERANDS[name]) for name in ("RP", "SC", "TD", "TP", "TV")},
     "AB": motion.abort,
     "AM": motion.wait_for_motion_end,
     "BG": motion.begin,
-    "CN": settings.set_switch_polarity,
-    "CW": settings.mark_messages,
+    "CN": assignments.set_switch_polarity,
+    "CW": assignments.mark_messages,
     "DL": threads.download,
-    "DM": settings.dimension,
-    "DP": settings.define_position,
+    "DM": assignments.dimension,
+    "DP": assignments.define_position,
     "ELSE": threads.else_,
     "EN": threads.end,
     "ENDIF": threads.end_if,
@@ -47,7 +47,7 @@ COMMANDS: dict[str, CommandHandler] = {
     "TC": reports.report_error,
     "TE": reports.axis_report(lambda axis: round(axis.reference) - round(axis.position)),
     "TH": reports.report_handles,
-    "TM": settings.set_sample_time,
+    "TM": assignments.set_sample_time,
     "TS": reports.report_switches,
     "TT": reports.axis_report(AXIS_OPERANDS["TT"], 4),
     "WH": reports.report_own_handle,
@@ -73,7 +73,7 @@ def execute(state: ControllerState, text: str, caller: Caller) -> str | None:
     if name in COMMANDS:
         return COMMANDS[name](state, text[len(name) :], caller)
     if ASSIGNMENT.match(text):
-        return settings.assign(state, text)
+        return assignments.assign(state, text)
     raise CommandError(ErrorCode.UNRECOGNIZED_COMMAND)
 
 
