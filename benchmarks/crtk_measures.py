@@ -58,8 +58,8 @@ class Counted:
     def offer(self, topic: m.Topic[Any]) -> None:
         self.inner.offer(topic)
 
-    def listeners(self, topic: m.Topic[Any]) -> int:
-        return self.inner.listeners(topic)
+    def count_listeners(self, topic: m.Topic[Any]) -> int:
+        return self.inner.count_listeners(topic)
 
     def subscribe(self, topic: m.Topic[Any], handler: MessageHandler[Any]) -> None:
         def counted(said: Any, writer: str) -> None:

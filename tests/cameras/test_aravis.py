@@ -238,7 +238,7 @@ class FakeLibrary:
             return self.buffers[arguments[-1]][fields.index(name)]
         return RESULTS.get(name)
 
-    def data(self, _: int) -> tuple[int, int]:
+    def find_data(self, _: int) -> tuple[int, int]:
         return self.content.ctypes.data, self.content.nbytes
 
     def release(self, thing: int) -> None:

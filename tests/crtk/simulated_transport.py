@@ -62,7 +62,7 @@ class Endpoint:
     def offer(self, topic: Topic[Any]) -> None:
         pass
 
-    def listeners(self, topic: Topic[Any]) -> int:
+    def count_listeners(self, topic: Topic[Any]) -> int:
         listening = self.network.listeners.get(topic.name, [])
         return sum(one is not self and one.open for one, _ in listening)
 

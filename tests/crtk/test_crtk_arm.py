@@ -287,7 +287,7 @@ def test_an_arm_without_a_speed_topic_is_refused(monkeypatch: pytest.MonkeyPatch
 
 
 def test_speeds_are_sent_with_jv(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("simulated_transport.Endpoint.listeners", lambda endpoint, topic: 1)
+    monkeypatch.setattr("simulated_transport.Endpoint.count_listeners", lambda endpoint, topic: 1)
     lab, _ = moving_arm(jv=True)
     assert len(speeds(lab)) == 50 and not setpoints(lab)
     assert speeds(lab)[-1].velocity == pytest.approx((0.2, -0.2, 0.02, 0.0, 0.0, 0.0))
@@ -298,7 +298,7 @@ def speeds(lab: CrtkLab) -> list[Any]:
 
 
 def test_zero_speed_precedes_the_switch_off(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("simulated_transport.Endpoint.listeners", lambda endpoint, topic: 1)
+    monkeypatch.setattr("simulated_transport.Endpoint.count_listeners", lambda endpoint, topic: 1)
     lab, _ = moving_arm(jv=True)
     lab.advance(PATIENCE + 10 * MS)
     own_messages = [
@@ -309,7 +309,7 @@ def test_zero_speed_precedes_the_switch_off(monkeypatch: pytest.MonkeyPatch) -> 
 
 
 def test_an_arm_without_recent_reports_gets_zero_speed(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("simulated_transport.Endpoint.listeners", lambda endpoint, topic: 1)
+    monkeypatch.setattr("simulated_transport.Endpoint.count_listeners", lambda endpoint, topic: 1)
     lab, arm = moving_arm(jv=True)
     lab.network.lose = lambda topic, message: topic.endswith("measured_js")
     for _ in range(8):
@@ -341,7 +341,7 @@ def test_invalid_settings_are_reported_with_their_field(change: dict[str, Any], 
 def test_a_silent_client_sends_nothing_until_the_arm_is_switched_off(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("simulated_transport.Endpoint.listeners", lambda endpoint, topic: 1)
+    monkeypatch.setattr("simulated_transport.Endpoint.count_listeners", lambda endpoint, topic: 1)
     lab, arm = moving_arm(jv=True)
     assert arm.is_rate_controlled
     before = len(lab.network.sent)

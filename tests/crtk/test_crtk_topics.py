@@ -46,7 +46,7 @@ def test_motion_commands_of_another_client_are_detected(
     subscribers = 2 if topic.name == "servo_jp" else 1
     with contextlib.closing(other), contextlib.closing(client_arm(2, DOMAIN)) as arm:
         other.offer(reliable)
-        assert reached(lambda: other.listeners(reliable) == subscribers)
+        assert reached(lambda: other.count_listeners(reliable) == subscribers)
         arm.enable()
         other.publish(reliable, topic.kind(time.time_ns()))
         assert reached(lambda: arm.off_reason != "")

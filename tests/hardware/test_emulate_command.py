@@ -13,8 +13,10 @@ from conftest import INTERRUPTIBLE_COMMAND, ROOT
 from rcmservo.cli.cli import main
 from rcmservo.sim import Rig
 
-WORDS = r"emulated Galil DMC-4040 at 127.0.0.1:(\d+), simulated arm, seed 3; Ctrl-C ends it\n"
-MEASURED = (
+ADDRESS_LINE = (
+    r"emulated Galil DMC-4040 at 127.0.0.1:(\d+), simulated arm, seed 3; Ctrl-C ends it\n"
+)
+MEASUREMENT_LINE = (
     r"the arm is at (\S+ \S+ \S+) \(rad, rad, mm\). By ruler, its markers are (\S+) mm "
     r"apart, and marker 1 is (\S+) mm from the RCM\n"
 )
@@ -34,23 +36,31 @@ def test_the_command_prints_its_address_and_the_arms_position_moves_the_arm_and_
         "--seed",
         "3",
     ]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as it:
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
         try:
-            assert it.stdout is not None
-            printed = re.fullmatch(WORDS, it.stdout.readline())
-            assert printed is not None
-            measured = re.fullmatch(MEASURED, it.stdout.readline())
-            assert measured is not None
+            assert process.stdout is not None
+            address_match = re.fullmatch(ADDRESS_LINE, process.stdout.readline())
+            assert address_match is not None
+            measurement_match = re.fullmatch(MEASUREMENT_LINE, process.stdout.readline())
+            assert measurement_match is not None
             q = Rig(3, pictures=False).scene.start
-            assert [float(word) for word in measured[1].split()] == pytest.approx(q, abs=0.005)
-            assert [float(measured[2]), float(measured[3])] == pytest.approx([30.0, q[2]], abs=0.05)
-            with socket.create_connection(("127.0.0.1", int(printed[1])), timeout=10.0) as stream:
+            assert [float(number) for number in measurement_match[1].split()] == pytest.approx(
+                q, abs=0.005
+            )
+            assert [float(measurement_match[2]), float(measurement_match[3])] == pytest.approx(
+                [30.0, q[2]], abs=0.05
+            )
+            with socket.create_connection(
+                ("127.0.0.1", int(address_match[1])), timeout=10.0
+            ) as stream:
                 assert jog_distance(stream) > 100
-            it.send_signal(signal.SIGINT)
-            assert it.communicate(timeout=30.0) == ("", "")
+            process.send_signal(signal.SIGINT)
+            assert process.communicate(timeout=30.0) == ("", "")
         finally:
-            it.kill()
-        assert it.returncode == 0
+            process.kill()
+        assert process.returncode == 0
 
 
 def jog_distance(stream: socket.socket) -> float:
@@ -60,13 +70,13 @@ def jog_distance(stream: socket.socket) -> float:
         stream.sendall(text)
         return stream.recv(4096)
 
-    begin = float(send(b"TP A\r").split(b"\r")[0])
+    start = position = float(send(b"TP A\r").split(b"\r")[0])
     assert send(b"SH ABC;JG 2000,0,0;BG ABC\r") == b":::"
-    end, now = time.monotonic() + 20.0, begin
-    while now - begin <= 100 and time.monotonic() < end:
-        now = float(send(b"TP A\r").split(b"\r")[0])
+    deadline = time.monotonic() + 20.0
+    while position - start <= 100 and time.monotonic() < deadline:
+        position = float(send(b"TP A\r").split(b"\r")[0])
     assert send(b"ST ABC\r") == b":"
-    return now - begin
+    return position - start
 
 
 @pytest.mark.parametrize(

@@ -65,9 +65,9 @@ def test_a_refused_command_raises_the_controllers_reason() -> None:
 
 def test_a_record_follows_the_prompts_of_its_line_even_in_pieces() -> None:
     """EP: over TCP the record is followed by a colon, 227 bytes in all for four axes."""
-    whole = b"::" + reference_record() + b":"
-    for cut in (1, 2, 3, 100, len(whole) - 1):
-        connection, _ = connect(whole[:cut], whole[cut:])
+    reply = b"::" + reference_record() + b":"
+    for cut in (1, 2, 3, 100, len(reply) - 1):
+        connection, _ = connect(reply[:cut], reply[cut:])
         assert connection.read_data_record(4, "JG 0", "hb=1").axes[1]["position"] == -1008
     connection, _ = connect(b":?" + reference_record() + b":", b"6 Number out of range\r\n:")
     with pytest.raises(CommandRejected, match="refused 'hb=1': 6"):
@@ -128,9 +128,9 @@ def test_the_driver_itself_never_begins_a_motion(packets: list[bytes]) -> None:
 
 @given(seed=st.integers(0, 1 << 30))
 def test_with_garbled_replies_no_step_hangs_and_nothing_keeps_moving(seed: int) -> None:
-    longest, _, off = run_with_garbling(random.Random(seed))
-    assert longest < 2.0
-    assert off
+    longest_step_s, _, motors_off = run_with_garbling(random.Random(seed))
+    assert longest_step_s < 2.0
+    assert motors_off
 
 
 def test_garbled_replies_often_permit_a_start() -> None:

@@ -41,7 +41,7 @@ class WallTimeEmulator:
 
     def __init__(self, *faults: str) -> None:
         self.serial = SerialPort()
-        parsed = [Fault.parse(one) for one in faults]
+        parsed = [Fault.parse(text) for text in faults]
         self._server = Server(Controller(IdealMotors()), 0, parsed, self.serial)
         self._closing, self._unfrozen = threading.Event(), threading.Event()
         self._unfrozen.set()
@@ -84,8 +84,8 @@ def serial(request: pytest.FixtureRequest) -> bool:
 
 @pytest.fixture
 def emulator() -> Iterator[WallTimeEmulator]:
-    with contextlib.closing(WallTimeEmulator()) as one:
-        yield one
+    with contextlib.closing(WallTimeEmulator()) as emulator:
+        yield emulator
 
 
 def drive(arm: GalilArm, rates: Floats, ticks: int) -> ArmMeasurement:

@@ -136,23 +136,23 @@ def test_a_failed_start_does_not_report_an_earlier_command_error() -> None:
 
 
 def test_a_start_that_is_cut_off_at_any_line_leaves_the_motors_off() -> None:
-    whole = cut_off_after(1000)
-    assert not whole.motors_off
-    lines = len(cut_stream(whole).lines)
-    assert lines > 10
-    for after in range(lines):
-        assert cut_off_after(after).motors_off, after
+    complete_start = cut_off_after(1000)
+    assert not complete_start.motors_off
+    line_count = len(cut_stream(complete_start).lines)
+    assert line_count > 10
+    for sent_lines in range(line_count):
+        assert cut_off_after(sent_lines).motors_off, sent_lines
 
 
 def test_a_delayed_line_that_arrives_after_the_host_is_gone_leaves_the_motors_off() -> None:
     """A reconnected cable retransmits lines that were sent before."""
-    for before in range(len(cut_stream(cut_off_after(1000)).lines)):
-        rig = cut_off_after(before)
-        late = rig.controller.connect()
-        assert late is not None
-        rig.controller.receive(late, cut_stream(rig).lines[before])
+    for sent_lines in range(len(cut_stream(cut_off_after(1000)).lines)):
+        rig = cut_off_after(sent_lines)
+        late_handle = rig.controller.connect()
+        assert late_handle is not None
+        rig.controller.receive(late_handle, cut_stream(rig).lines[sent_lines])
         rig.wait(0.2)
-        assert rig.motors_off and rig.at_rest, before
+        assert rig.motors_off and rig.at_rest, sent_lines
 
 
 def test_only_the_line_that_starts_the_program_switches_motors_on() -> None:
@@ -160,8 +160,8 @@ def test_only_the_line_that_starts_the_program_switches_motors_on() -> None:
     rig = Rig(stream_type=CutStream)
     assert not any(b"SH" in line for line in cut_stream(rig).lines)
     rig.start()
-    on = [line for line in cut_stream(rig).lines if b"SH" in line]
-    assert on == [b"XQ #RCMWD,1;SH ABC\r"]
+    lines_with_sh = [line for line in cut_stream(rig).lines if b"SH" in line]
+    assert lines_with_sh == [b"XQ #RCMWD,1;SH ABC\r"]
 
 
 def test_no_line_is_sent_after_a_refused_line_of_a_program() -> None:

@@ -10,7 +10,7 @@ from hardware.emulated_host import EmulatedHost
 from rcmservo.hardware.galil.emulator.axis import StopCode
 
 
-def jogging(speed: int, acceleration: int = 102400) -> EmulatedHost:
+def start_jog(speed: int, acceleration: int = 102400) -> EmulatedHost:
     """Return a host whose axis A jogs at a speed."""
     host = EmulatedHost()
     host(b"SH A;AC %d;DC %d;JG %d;BG A\r" % (acceleration, acceleration, speed))
@@ -28,12 +28,12 @@ def test_a_jog_accelerates_evenly_to_a_constant_speed() -> None:
     assert host.controller.state.axes[0].speed == 25600.0
 
 
-@given(first=st.integers(-20000, 20000), then=st.integers(-20000, 20000))
+@given(first_speed=st.integers(-20000, 20000), next_speed=st.integers(-20000, 20000))
 def test_a_new_speed_takes_effect_at_once_and_is_reached_without_a_jump(
-    first: int, then: int
+    first_speed: int, next_speed: int
 ) -> None:
-    host = jogging(first // 2 * 2)
-    host(b"JG %d\r" % (then // 2 * 2))
+    host = start_jog(first_speed // 2 * 2)
+    host(b"JG %d\r" % (next_speed // 2 * 2))
     axis = host.controller.state.axes[0]
     speeds = [axis.speed]
     for _ in range(500):
@@ -41,11 +41,11 @@ def test_a_new_speed_takes_effect_at_once_and_is_reached_without_a_jump(
         speeds.append(axis.speed)
     steps = [abs(b - a) for a, b in pairwise(speeds)]
     assert max(steps) <= 102400 / 1024 + 1e-9
-    assert axis.speed == then // 2 * 2
+    assert axis.speed == next_speed // 2 * 2
 
 
 def test_a_stop_decelerates_and_the_motion_ends_only_at_rest() -> None:
-    host = jogging(20480)
+    host = start_jog(20480)
     assert host(b"ST A;SC A;MG _BGA\r") == b": 4\r\n: 1.0000\r\n:"
     host.after(0.1)
     assert host(b"MO A\r") == b"?"
@@ -55,7 +55,7 @@ def test_a_stop_decelerates_and_the_motion_ends_only_at_rest() -> None:
 
 def test_an_abort_stops_at_once_and_ends_the_program_except_for_AB_1() -> None:
     for text, threads in ((b"AB 1\r", 1.0), (b"AB\r", 0.0)):
-        host = jogging(20480)
+        host = start_jog(20480)
         host(b"DL\r#A\rWT 2\rJP #A\r\\")
         host(b"XQ #A\r")
         stopped = host.number("_RPA")
@@ -74,8 +74,8 @@ def test_a_soft_limit_stops_an_axis_and_then_permits_only_motion_back(
     limit = b"FL" if direction > 0 else b"BL"
     host(b"AC 102400;SD 204800;%s %d;JG %d;BG A\r" % (limit, direction * 5000, direction * 10240))
     host.after(1.5)
-    over = direction * host.number("_TPA") - 5000
-    assert 0 < over <= 10240**2 / (2 * 204800) * 1.1 + 20
+    overrun = direction * host.number("_TPA") - 5000
+    assert 0 < overrun <= 10240**2 / (2 * 204800) * 1.1 + 20
     assert host.number("_SCA") == code
     assert host(b"JG %d;BG A\r" % (direction * 500)) == b":?"
     assert host(b"TC\r") == b"22\r\n:"
@@ -84,7 +84,7 @@ def test_a_soft_limit_stops_an_axis_and_then_permits_only_motion_back(
 
 def test_a_limit_switch_stops_its_axis_and_TS_reports_its_level_and_LF_the_permission() -> None:
     """CR CN, TS, _LF: a tripped switch is low by default; _LF is 0 if motion is prohibited."""
-    host = jogging(2048)
+    host = start_jog(2048)
     free = int(host(b"TS A\r").split(b"\r")[0])
     host.motors.tripped = [(True, False)] + [(False, False)] * 3
     host.after(0.05)
@@ -99,7 +99,7 @@ def test_a_limit_switch_stops_its_axis_and_TS_reports_its_level_and_LF_the_permi
 
 def test_a_following_error_switches_the_motor_off_only_with_OE() -> None:
     for setting, off in ((b"0", 0.0), (b"1", 1.0)):
-        host = jogging(2048)
+        host = start_jog(2048)
         host(b"ER 300;OE " + setting + b"\r")
         host.controller.stuck = 0
         host.after(0.3)

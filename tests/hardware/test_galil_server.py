@@ -17,7 +17,7 @@ class Lab:
     """Server with its hosts and a clock."""
 
     def __init__(self, *faults: str) -> None:
-        self.server = Server(Controller(IdealMotors()), 0, [Fault.parse(one) for one in faults])
+        self.server = Server(Controller(IdealMotors()), 0, [Fault.parse(text) for text in faults])
         self.now = 0.0
         self.streams: list[socket.socket] = []
 
@@ -116,7 +116,7 @@ def test_each_fault_acts_as_described_and_only_in_its_time() -> None:
             lab.turn(0.05)
             reply = lab.send(stream, b"MG 1\r") if kind != "reset" else stream.recv(10)
             lab.turn(SLOW_REPLY_DELAY_S)
-            late = receive(stream)
+            late_reply = receive(stream)
             expected = {
                 "silence": (b"", b""),
                 "half": (b" 1.00", b""),
@@ -128,18 +128,18 @@ def test_each_fault_acts_as_described_and_only_in_its_time() -> None:
             if kind == "garbage":
                 assert reply and reply != b" 1.0000\r\n:"
             else:
-                assert (reply, late) == expected[kind]
+                assert (reply, late_reply) == expected[kind]
             if kind == "stuck":
-                before = lab.send(stream, b"TP A\r")
+                position = lab.send(stream, b"TP A\r")
                 lab.turn(0.1)
-                assert lab.send(stream, b"TP A\r") == before
+                assert lab.send(stream, b"TP A\r") == position
             if kind == "amplifier":
                 query = b"MG _MOA,_SCA,_TA0;SH A;MG _MOA\r"
                 assert lab.send(stream, query) == b" 1.0000 15.0000 136.0000\r\n:: 0.0000\r\n:"
             lab.turn(1.0)
             receive(stream)
-            again = lab.host() if kind == "reset" else stream
-            assert lab.send(again, b"MG 2\r") == b" 2.0000\r\n:"
+            present_host = lab.host() if kind == "reset" else stream
+            assert lab.send(present_host, b"MG 2\r") == b" 2.0000\r\n:"
 
 
 @pytest.mark.parametrize(

@@ -73,10 +73,10 @@ class Rig:
 
 def test_joints_move_at_their_rates_with_the_signs_and_units_of_the_settings() -> None:
     rig = Rig().start()
-    begin, since = rig.jog(RATES, 0.3), rig.now()
-    end = rig.jog(RATES, 0.5)
-    assert (end.q - begin.q) / (rig.now() - since) == pytest.approx(RATES, rel=0.01)
-    assert begin.all_on and end.all_on
+    first, first_time = rig.jog(RATES, 0.3), rig.now()
+    last = rig.jog(RATES, 0.5)
+    assert (last.q - first.q) / (rig.now() - first_time) == pytest.approx(RATES, rel=0.01)
+    assert first.all_on and last.all_on
     counts = rig.motors.counts
     assert counts[0] > 0 and counts[1] < 0 and counts[2] < 0
 
@@ -103,21 +103,21 @@ def test_the_arm_cannot_start_before_its_position_is_set_and_a_reset_clears_it()
 
 def stopping_times(rig: Rig, seconds: float) -> tuple[float, float]:
     """Return the times (s) without commands until the axes are at rest and the motors are off."""
-    begin, rest, off = rig.now(), np.inf, np.inf
-    while rig.now() - begin < seconds:
+    start, rest_time, off_time = rig.now(), np.inf, np.inf
+    while rig.now() - start < seconds:
         rig.wait(SAMPLE_TIME_S)
-        rest = min(rest, rig.now() - begin) if rig.at_rest else np.inf
-        off = min(off, rig.now() - begin) if rig.motors_off else np.inf
-    return rest, off
+        rest_time = min(rest_time, rig.now() - start) if rig.at_rest else np.inf
+        off_time = min(off_time, rig.now() - start) if rig.motors_off else np.inf
+    return rest_time, off_time
 
 
 def test_the_controller_alone_stops_the_arm_of_a_silent_host() -> None:
     rig = Rig().start()
     rig.jog(RATES, 0.5)
-    rest, off = stopping_times(rig, 0.5)
-    ramp = max(0.3 / 10.0, 20.0 / 1000.0)
-    assert 0.03 < rest < SETTINGS.command_timeout + ramp + 0.01
-    assert off < rest + 0.01
+    rest_time, off_time = stopping_times(rig, 0.5)
+    ramp_time = max(0.3 / 10.0, 20.0 / 1000.0)
+    assert 0.03 < rest_time < SETTINGS.command_timeout + ramp_time + 0.01
+    assert off_time < rest_time + 0.01
 
 
 def test_commands_after_a_stop_by_the_controller_move_nothing_until_the_next_start() -> None:
@@ -277,13 +277,13 @@ def test_an_arm_can_be_switched_off_until_all_its_motors_are_off() -> None:
     rig.wait(0.02)
     reading = rig.session.read()
     assert not reading.all_on and not reading.all_off
-    why = rig.session.off_reason
-    assert "axis B was switched off by a following error" in why
+    reason = rig.session.off_reason
+    assert "axis B was switched off by a following error" in reason
     rig.connect().execute("HX")
     assert rig.session.is_active
     rig.session.switch_off()
     assert rig.motors_off and rig.at_rest
-    assert not rig.session.is_active and rig.session.off_reason == why
+    assert not rig.session.is_active and rig.session.off_reason == reason
 
 
 def test_no_speeds_are_sent_while_one_motor_is_off() -> None:
@@ -357,9 +357,9 @@ def test_an_amplifier_error_is_described_and_prevents_a_start() -> None:
     rig.controller.unpowered = True
     rig.jog(RATES, 0.1)
     assert rig.motors_off and rig.at_rest
-    why = rig.session.off_reason
-    assert "axis A was switched off by a fault of its amplifier" in why
-    assert "under-voltage on axes A-D" in why
+    reason = rig.session.off_reason
+    assert "axis A was switched off by a fault of its amplifier" in reason
+    assert "under-voltage on axes A-D" in reason
     with pytest.raises(NotReady, match="amplifiers are not ready: under-voltage on axes A-D"):
         rig.session.start()
     rig.controller.unpowered = False

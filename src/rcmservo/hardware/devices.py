@@ -26,8 +26,8 @@ DRIVERS: Mapping[type[Any], str] = {
     AravisSettings: "cameras.aravis:open_aravis_camera",
     TopicSettings: "cameras.topic:open_topic_camera",
 }
-"""Function that opens a device, by the class of its settings. Paths are relative to
-rcmservo.hardware. The function of an arm also takes the joint limits."""
+"""Module and function that open a device, by the class of its settings. Modules are relative to
+rcmservo.hardware. The function takes the settings, and for an arm also the joint limits."""
 
 ARM_KINDS = {kind.name: kind for kind in DRIVERS if hasattr(kind, "wiring")}
 """Settings classes of the arms, by kind."""
@@ -36,14 +36,13 @@ CAMERA_KINDS = {kind.name: kind for kind in DRIVERS if kind not in ARM_KINDS.val
 """Settings classes of the cameras, by kind."""
 
 
-def _import_driver(settings: object) -> Callable[..., Any]:
-    """Import the function that opens a device."""
-    module, _, name = DRIVERS[type(settings)].partition(":")
-    return getattr(import_module(f"rcmservo.hardware.{module}"), name)
-
-
-def open_arm(lab: RigDescription) -> LabArm:
+def open_arm(rig: RigDescription) -> LabArm:
     """Connect to the arm of a rig file, with its drive off.
+
+    Parameters
+    ----------
+    rig : RigDescription
+        Content of the rig file.
 
     Raises
     ------
@@ -52,22 +51,22 @@ def open_arm(lab: RigDescription) -> LabArm:
     RcmServoError
         If the arm cannot be reached or used.
     """
-    settings = lab.device_settings("arm", ARM_KINDS)
-    return _import_driver(settings)(settings, lab.mechanism.limits)
+    settings = rig.device_settings("arm", ARM_KINDS)
+    return _import_driver(settings)(settings, rig.mechanism.limits)
 
 
-def read_wiring(lab: RigDescription) -> Wiring:
+def read_wiring(rig: RigDescription) -> Wiring:
     """Return the assignment of joints to motors in a rig file."""
-    return lab.device_settings("arm", ARM_KINDS).wiring
+    return rig.device_settings("arm", ARM_KINDS).wiring
 
 
-def open_camera(lab: RigDescription, unmeasured: bool = False) -> LabCamera:
+def open_camera(rig: RigDescription, unmeasured: bool = False) -> LabCamera:
     """Open the camera of a rig file.
 
     Parameters
     ----------
-    lab : RigDescription
-        Rig file.
+    rig : RigDescription
+        Content of the rig file.
     unmeasured : bool
         True to accept a camera without a measured latency. Its exposure times then equal the
         arrivals.
@@ -79,7 +78,13 @@ def open_camera(lab: RigDescription, unmeasured: bool = False) -> LabCamera:
     CameraLost
         If the camera cannot be opened.
     """
-    settings = lab.device_settings("camera", CAMERA_KINDS)
+    settings = rig.device_settings("camera", CAMERA_KINDS)
     if not unmeasured:
         require_latency(settings)
     return _import_driver(settings)(settings)
+
+
+def _import_driver(settings: object) -> Callable[..., Any]:
+    """Import the function that opens a device."""
+    module, _, name = DRIVERS[type(settings)].partition(":")
+    return getattr(import_module(f"rcmservo.hardware.{module}"), name)

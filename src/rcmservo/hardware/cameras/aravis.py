@@ -1,8 +1,9 @@
 """Driver of GigE Vision and USB3 Vision cameras, with the Aravis library.
 
-The camera's time stamps give the delay of each frame relative to the least delayed one. `latency`
-is the time from the middle of the exposure to the arrival of the least delayed frame.
-Frames with missing packets are dropped and counted, and so are frames whose ids never arrive.
+These standards for industrial cameras give each frame a time stamp and an id. The stamps show how
+much later a frame arrives than the least delayed one. The setting `latency` is the time from the
+middle of the exposure to the arrival of the least delayed frame. Frames with missing packets are
+dropped and counted. Gaps between the ids are counted as lost frames.
 """
 
 import contextlib
@@ -11,18 +12,15 @@ import time
 from functools import partial
 from typing import Any
 
-from rcmservo.hardware.cameras.aravis_library import (
-    ACQUISITION_CONTINUOUS,
-    AUTO_OFF,
-    BUFFER_COMPLETE,
-    RANGE_CHECK_ENABLED,
-    Aravis,
-    AravisError,
-    load_aravis,
-)
+from rcmservo.hardware.cameras import aravis_library
+from rcmservo.hardware.cameras.aravis_library import Aravis, AravisError, load_aravis
 from rcmservo.hardware.cameras.clock_map import ClockMap
 from rcmservo.hardware.cameras.pixel_formats import PIXEL_FORMATS, decode_raw_image
-from rcmservo.hardware.cameras.settings import AravisSettings, require_accepted
+from rcmservo.hardware.cameras.settings import (
+    AravisSettings,
+    require_accepted,
+    set_parameters,
+)
 from rcmservo.hardware.cameras.streamed_camera import CameraLost, Snapshot, StreamedCamera
 from rcmservo.interfaces import Image
 
@@ -51,7 +49,7 @@ class AravisStream:
 
     def __init__(self, settings: AravisSettings, library: Aravis) -> None:
         self._library, self._address = library, settings.address
-        self._latency = round(settings.latency * 1e9)
+        self._latency_ns = round(settings.latency * 1e9)
         self._ids, self._clock = FrameIds(), ClockMap()
         self._camera: Any = None
         self._stream: Any = None
@@ -79,21 +77,21 @@ class AravisStream:
         while True:
             arrival = time.monotonic_ns()
             lost += self._ids.step(call("buffer_get_frame_id", buffer)) - 1
-            complete = call("buffer_get_status", buffer) == BUFFER_COMPLETE
-            newer = call("stream_try_pop_buffer", stream)
-            if not newer:
+            is_complete = call("buffer_get_status", buffer) == aravis_library.BUFFER_COMPLETE
+            newer_buffer = call("stream_try_pop_buffer", stream)
+            if not newer_buffer:
                 break
-            skipped, incomplete = skipped + complete, incomplete + (not complete)
+            skipped, incomplete = skipped + is_complete, incomplete + (not is_complete)
             call("stream_push_buffer", stream, buffer)
-            buffer = newer
-        image = self._decode(buffer) if complete else None
+            buffer = newer_buffer
+        image = self._decode(buffer) if is_complete else None
         exposure, uncertainty = arrival, float("nan")
-        stamp = call("buffer_get_timestamp", buffer) if complete else 0
+        stamp = call("buffer_get_timestamp", buffer) if is_complete else 0
         if stamp:
             exposure = self._clock.undelayed_arrival(stamp, arrival)
             uncertainty = self._clock.uncertainty
         call("stream_push_buffer", stream, buffer)
-        exposure -= self._latency
+        exposure -= self._latency_ns
         return Snapshot(image, exposure, arrival, lost, skipped, incomplete, uncertainty)
 
     def close(self) -> None:
@@ -107,45 +105,42 @@ class AravisStream:
                 self._library.release(instance)
 
     def _set_up(self, settings: AravisSettings) -> None:
-        """Set the given settings and read them back.
-
-        All are set before the first is read: the exposure limits the frame rate, and some cameras
-        shorten the exposure for a higher rate.
-        """
+        """Set the given settings and read them back."""
         call, camera = self._library.call, self._camera
-        call("camera_set_range_check_policy", camera, RANGE_CHECK_ENABLED)
+        call("camera_set_range_check_policy", camera, aravis_library.RANGE_CHECK_ENABLED)
         self._choose_format()
-        if settings.width is not None or settings.height is not None:
-            size = settings.width or UNCHANGED, settings.height or UNCHANGED
-            call("camera_set_region", camera, UNCHANGED, UNCHANGED, *size)
-            region = [ctypes.c_int() for _ in range(4)]
-            call("camera_get_region", camera, *map(ctypes.byref, region))
-            for name, value, actual in zip(("width", "height"), size, region[2:], strict=True):
-                if value != UNCHANGED:
-                    require_accepted(name, value, actual.value, 0.0)
+        self._set_image_size(settings)
         for key, value in (("exposure_time", settings.exposure), ("gain", settings.gain)):
-            auto = key.partition("_")[0]
-            if value is not None and call(f"camera_is_{auto}_auto_available", camera):
-                call(f"camera_set_{key}_auto", camera, AUTO_OFF)
-        parameters = [
-            (name, key, value, scale, tolerance)
-            for name, key, value, scale, tolerance in (
-                ("exposure", "exposure_time", settings.exposure, 1e6, 0.05),
-                ("gain", "gain", settings.gain, 1.0, 0.05),
-                ("frame_rate", "frame_rate", settings.frame_rate, 1.0, 0.01),
-            )
-            if value is not None
-        ]
-        for _, key, value, scale, _ in parameters:
-            call(f"camera_set_{key}", camera, value * scale)
-        for name, key, value, scale, tolerance in parameters:
-            actual = call(f"camera_get_{key}", camera) / scale
-            require_accepted(name, value, actual, tolerance)
+            feature = key.partition("_")[0]
+            if value is not None and call(f"camera_is_{feature}_auto_available", camera):
+                call(f"camera_set_{key}_auto", camera, aravis_library.AUTO_OFF)
+        parameters = (
+            ("exposure", "exposure_time", settings.exposure, 1e6, 0.05),
+            ("gain", "gain", settings.gain, 1.0, 0.05),
+            ("frame_rate", "frame_rate", settings.frame_rate, 1.0, 0.01),
+        )
+        set_parameters(
+            parameters,
+            lambda key, value: call(f"camera_set_{key}", camera, value),
+            lambda key: call(f"camera_get_{key}", camera),
+        )
         if call("camera_is_gv_device", camera):
             packet_size = settings.effective_packet_size
             call("camera_gv_set_packet_size", camera, packet_size)
-            actual = call("camera_gv_get_packet_size", camera)
-            require_accepted("packet_size", packet_size, actual, 0.05)
+            actual_size = call("camera_gv_get_packet_size", camera)
+            require_accepted("packet_size", packet_size, actual_size, 0.05)
+
+    def _set_image_size(self, settings: AravisSettings) -> None:
+        sizes = {"width": settings.width, "height": settings.height}
+        if any(sizes.values()):
+            call, camera = self._library.call, self._camera
+            requested = [size or UNCHANGED for size in sizes.values()]
+            call("camera_set_region", camera, UNCHANGED, UNCHANGED, *requested)
+            region = [ctypes.c_int() for _ in range(4)]
+            call("camera_get_region", camera, *map(ctypes.byref, region))
+            for (name, size), actual in zip(sizes.items(), region[2:], strict=True):
+                if size is not None:
+                    require_accepted(name, size, actual.value, 0.0)
 
     def _choose_format(self) -> None:
         for code in PIXEL_FORMATS:
@@ -158,7 +153,7 @@ class AravisStream:
     def _start(self) -> None:
         call, camera = self._library.call, self._camera
         call("camera_clear_triggers", camera)
-        call("camera_set_acquisition_mode", camera, ACQUISITION_CONTINUOUS)
+        call("camera_set_acquisition_mode", camera, aravis_library.ACQUISITION_CONTINUOUS)
         self._stream = call("camera_create_stream", camera, None, None)
         size = call("camera_get_payload", camera)
         for _ in range(BUFFER_COUNT):
@@ -170,7 +165,7 @@ class AravisStream:
         call = self._library.call
         names = "width", "height", "pixel_format"
         width, height, code = (call(f"buffer_get_image_{name}", buffer) for name in names)
-        address, size = self._library.data(buffer)
+        address, size = self._library.find_data(buffer)
         return decode_raw_image(code, width, height, address, size)
 
 

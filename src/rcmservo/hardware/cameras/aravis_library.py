@@ -1,4 +1,4 @@
-"""Binding of the Aravis library through ctypes, for any Python with Debian's package alone.
+"""Binding of the Aravis library through ctypes. It needs only Debian's package of the library.
 
 Written for Aravis 0.8.26. A function that fails raises :class:`AravisError` with the
 library's text.
@@ -27,54 +27,51 @@ RANGE_CHECK_ENABLED = 1
 BUFFER_COMPLETE = 0
 """Status of a buffer with a complete frame."""
 
-INT, LONG, TEXT, POINTER_, REAL = c_int, ctypes.c_uint64, c_char_p, c_void_p, c_double
+INT, LONG, TEXT, ADDRESS, REAL = c_int, ctypes.c_uint64, c_char_p, c_void_p, c_double
 
-CAN_FAIL: dict[str, tuple[Any, tuple[Any, ...]]] = {
-    "camera_new": (POINTER_, (TEXT,)),
-    "camera_create_stream": (POINTER_, (POINTER_, POINTER_, POINTER_)),
-    "camera_start_acquisition": (None, (POINTER_,)),
-    "camera_stop_acquisition": (None, (POINTER_,)),
-    "camera_set_acquisition_mode": (None, (POINTER_, INT)),
-    "camera_set_pixel_format": (None, (POINTER_, ctypes.c_uint32)),
-    "camera_set_region": (None, (POINTER_, INT, INT, INT, INT)),
-    "camera_get_region": (None, (POINTER_, *[POINTER(INT)] * 4)),
-    "camera_clear_triggers": (None, (POINTER_,)),
-    "camera_set_frame_rate": (None, (POINTER_, REAL)),
-    "camera_get_frame_rate": (REAL, (POINTER_,)),
-    "camera_is_exposure_auto_available": (c_bool, (POINTER_,)),
-    "camera_set_exposure_time_auto": (None, (POINTER_, INT)),
-    "camera_set_exposure_time": (None, (POINTER_, REAL)),
-    "camera_get_exposure_time": (REAL, (POINTER_,)),
-    "camera_is_gain_auto_available": (c_bool, (POINTER_,)),
-    "camera_set_gain_auto": (None, (POINTER_, INT)),
-    "camera_set_gain": (None, (POINTER_, REAL)),
-    "camera_get_gain": (REAL, (POINTER_,)),
-    "camera_get_payload": (c_uint, (POINTER_,)),
-    "camera_gv_set_packet_size": (None, (POINTER_, INT)),
-    "camera_gv_get_packet_size": (c_uint, (POINTER_,)),
+Signature = tuple[Any, tuple[Any, ...]]
+"""Type of the result and types of the arguments of a function."""
+
+
+def _declare(names: str, result: Any, *arguments: Any) -> dict[str, Signature]:
+    """Return the signature of each function in a text of names."""
+    return dict.fromkeys(names.split(), (result, arguments))
+
+
+CAN_FAIL = {
+    **_declare("camera_new", ADDRESS, TEXT),
+    **_declare("camera_create_stream", ADDRESS, ADDRESS, ADDRESS, ADDRESS),
+    **_declare("camera_start_acquisition camera_stop_acquisition", None, ADDRESS),
+    **_declare("camera_clear_triggers", None, ADDRESS),
+    **_declare("camera_set_acquisition_mode camera_gv_set_packet_size", None, ADDRESS, INT),
+    **_declare("camera_set_exposure_time_auto camera_set_gain_auto", None, ADDRESS, INT),
+    **_declare("camera_set_pixel_format", None, ADDRESS, ctypes.c_uint32),
+    **_declare("camera_set_region", None, ADDRESS, INT, INT, INT, INT),
+    **_declare("camera_get_region", None, ADDRESS, *[POINTER(INT)] * 4),
+    **_declare("camera_set_frame_rate camera_set_exposure_time", None, ADDRESS, REAL),
+    **_declare("camera_set_gain", None, ADDRESS, REAL),
+    **_declare("camera_get_frame_rate camera_get_exposure_time camera_get_gain", REAL, ADDRESS),
+    **_declare("camera_is_exposure_auto_available", c_bool, ADDRESS),
+    **_declare("camera_is_gain_auto_available", c_bool, ADDRESS),
+    **_declare("camera_get_payload camera_gv_get_packet_size", c_uint, ADDRESS),
 }
 """Functions with an error argument: types of the result and of the arguments before it."""
 
-CANNOT_FAIL: dict[str, tuple[Any, tuple[Any, ...]]] = {
-    "camera_set_range_check_policy": (None, (POINTER_, INT)),
-    "camera_is_gv_device": (c_bool, (POINTER_,)),
-    "stream_push_buffer": (None, (POINTER_, POINTER_)),
-    "stream_timeout_pop_buffer": (POINTER_, (POINTER_, LONG)),
-    "stream_try_pop_buffer": (POINTER_, (POINTER_,)),
-    "buffer_new_allocate": (POINTER_, (c_size_t,)),
-    "buffer_get_status": (INT, (POINTER_,)),
-    "buffer_get_frame_id": (LONG, (POINTER_,)),
-    "buffer_get_timestamp": (LONG, (POINTER_,)),
-    "buffer_set_timestamp": (None, (POINTER_, LONG)),
-    "buffer_get_image_width": (INT, (POINTER_,)),
-    "buffer_get_image_height": (INT, (POINTER_,)),
-    "buffer_get_image_pixel_format": (ctypes.c_uint32, (POINTER_,)),
-    "buffer_get_data": (POINTER_, (POINTER_, POINTER(c_size_t))),
-    "gv_fake_camera_new": (POINTER_, (TEXT, TEXT)),
-    "gv_fake_camera_is_running": (c_bool, (POINTER_,)),
-    "gv_fake_camera_get_fake_camera": (POINTER_, (POINTER_,)),
-    "fake_camera_set_fill_pattern": (None, (POINTER_, POINTER_, POINTER_)),
-    "fake_camera_write_register": (c_bool, (POINTER_, ctypes.c_uint32, ctypes.c_uint32)),
+CANNOT_FAIL = {
+    **_declare("camera_set_range_check_policy", None, ADDRESS, INT),
+    **_declare("camera_is_gv_device gv_fake_camera_is_running", c_bool, ADDRESS),
+    **_declare("stream_push_buffer", None, ADDRESS, ADDRESS),
+    **_declare("stream_timeout_pop_buffer", ADDRESS, ADDRESS, LONG),
+    **_declare("stream_try_pop_buffer gv_fake_camera_get_fake_camera", ADDRESS, ADDRESS),
+    **_declare("buffer_new_allocate", ADDRESS, c_size_t),
+    **_declare("buffer_get_frame_id buffer_get_timestamp", LONG, ADDRESS),
+    **_declare("buffer_set_timestamp", None, ADDRESS, LONG),
+    **_declare("buffer_get_status buffer_get_image_width buffer_get_image_height", INT, ADDRESS),
+    **_declare("buffer_get_image_pixel_format", ctypes.c_uint32, ADDRESS),
+    **_declare("buffer_get_data", ADDRESS, ADDRESS, POINTER(c_size_t)),
+    **_declare("gv_fake_camera_new", ADDRESS, TEXT, TEXT),
+    **_declare("fake_camera_set_fill_pattern", None, ADDRESS, ADDRESS, ADDRESS),
+    **_declare("fake_camera_write_register", c_bool, ADDRESS, ctypes.c_uint32, ctypes.c_uint32),
 }
 """Functions without an error argument: types of the result and the arguments."""
 
@@ -87,7 +84,7 @@ class AravisError(RcmServoError):
     """Error that the library reports, with its text."""
 
 
-class _Error(ctypes.Structure):
+class _GError(ctypes.Structure):
     _fields_ = [("domain", ctypes.c_uint32), ("code", c_int), ("message", c_char_p)]
 
 
@@ -108,37 +105,37 @@ class Aravis:
     def __init__(self, load: Callable[[str], Any] = ctypes.CDLL) -> None:
         try:
             self._aravis = load(LIBRARY)
-            self._objects, self._base = load("libgobject-2.0.so.0"), load("libglib-2.0.so.0")
+            self._gobject, self._glib = load("libgobject-2.0.so.0"), load("libglib-2.0.so.0")
         except OSError as error:
             raise AravisError(NOT_INSTALLED) from error
         for table, error_type in ((CAN_FAIL, (c_void_p,)), (CANNOT_FAIL, ())):
             for name, (result, arguments) in table.items():
                 function = getattr(self._aravis, f"arv_{name}")
                 function.restype, function.argtypes = result, (*arguments, *error_type)
-        self._objects.g_object_unref.argtypes = (c_void_p,)
-        self._base.g_error_free.argtypes = (c_void_p,)
+        self._gobject.g_object_unref.argtypes = (c_void_p,)
+        self._glib.g_error_free.argtypes = (c_void_p,)
 
     def call(self, name: str, *arguments: Any) -> Any:
         """Call a function of the library."""
         function = getattr(self._aravis, f"arv_{name}")
         if name not in CAN_FAIL:
             return function(*arguments)
-        error = POINTER(_Error)()
+        error = POINTER(_GError)()
         result = function(*arguments, byref(error))
         if error:
             text = one_line((error.contents.message or b"").decode(errors="replace"))
-            self._base.g_error_free(error)
+            self._glib.g_error_free(error)
             raise AravisError(text)
         return result
 
-    def data(self, buffer: int) -> tuple[int, int]:
+    def find_data(self, buffer: int) -> tuple[int, int]:
         """Return address and size (bytes) of a buffer's content."""
         size = c_size_t()
         return self.call("buffer_get_data", buffer, byref(size)) or 0, size.value
 
     def release(self, instance: int) -> None:
         """Release an object of the library."""
-        self._objects.g_object_unref(instance)
+        self._gobject.g_object_unref(instance)
 
 
 @functools.cache

@@ -29,6 +29,7 @@ MAX_LATENESS_S = 1.0
 """Lateness that shows that the camera's clock was set or stopped."""
 
 Point = tuple[float, float]
+"""Stamp of a frame and its lateness (arrival minus stamp), each relative to an origin, s."""
 
 
 class ClockMap:
@@ -63,13 +64,13 @@ class ClockMap:
         self._newest_stamp = stamp
         if not self._is_continuous(stamp, arrival):
             self._restart(stamp, arrival)
-        x, y = self._point(stamp, arrival)
-        self._add_point(x, y)
+        stamp_s, lateness_s = point = self._to_point(stamp, arrival)
+        self._add_point(point)
         slope, height = self._line = self._fit_line()
-        count = len(self._points)
-        delay = (self._sums[1] - slope * self._sums[0]) / count - height
-        self.uncertainty = (DELAY_MARGIN * delay + INITIAL_UNCERTAINTY_S) / count
-        self._result = arrival - round((y - height - slope * x) * 1e9)
+        frame_count = len(self._points)
+        mean_delay_s = (self._sums[1] - slope * self._sums[0]) / frame_count - height
+        self.uncertainty = (DELAY_MARGIN * mean_delay_s + INITIAL_UNCERTAINTY_S) / frame_count
+        self._result = arrival - round((lateness_s - height - slope * stamp_s) * 1e9)
         return self._result
 
     def _restart(self, stamp: int, arrival: int) -> None:
@@ -77,11 +78,13 @@ class ClockMap:
         self._origin = stamp, arrival
         self._points: deque[Point] = deque()
         self._hull: list[Point] = []
-        self._sums, self._line = [0.0, 0.0], (0.0, 0.0)
+        self._sums = [0.0, 0.0]
+        """Sums of the points' two coordinates."""
+        self._line = 0.0, 0.0
+        """Slope of the line, and its lateness (s) at the origin."""
         self.uncertainty = float("inf")
 
-    def _point(self, stamp: int, arrival: int) -> Point:
-        """Return stamp and lateness in s, relative to the origin."""
+    def _to_point(self, stamp: int, arrival: int) -> Point:
         elapsed = stamp - self._origin[0]
         return elapsed * 1e-9, (arrival - self._origin[1] - elapsed) * 1e-9
 
@@ -89,22 +92,23 @@ class ClockMap:
         """Return True if the frame agrees with the present line."""
         if not self._points:
             return False
-        x, y = self._point(stamp, arrival)
+        stamp_s, lateness_s = self._to_point(stamp, arrival)
         slope, height = self._line
-        lateness = y - height - slope * x
-        earliest = -self.uncertainty - MAX_EARLINESS_S
-        return x > self._points[-1][0] and earliest <= lateness <= MAX_LATENESS_S
+        delay_s = lateness_s - height - slope * stamp_s
+        is_newer = stamp_s > self._points[-1][0]
+        return is_newer and -self.uncertainty - MAX_EARLINESS_S <= delay_s <= MAX_LATENESS_S
 
-    def _add_point(self, x: float, y: float) -> None:
-        self._points.append((x, y))
-        self._sums[0] += x
-        self._sums[1] += y
-        _extend_hull(self._hull, (x, y))
-        if self._points[0][0] < x - WINDOW_S - WINDOW_OVERRUN_S:
-            self._remove_before(x - WINDOW_S)
+    def _add_point(self, point: Point) -> None:
+        stamp_s, lateness_s = point
+        self._points.append(point)
+        self._sums[0] += stamp_s
+        self._sums[1] += lateness_s
+        _extend_hull(self._hull, point)
+        if self._points[0][0] < stamp_s - WINDOW_S - WINDOW_OVERRUN_S:
+            self._remove_before(stamp_s - WINDOW_S)
 
-    def _remove_before(self, since: float) -> None:
-        while self._points[0][0] < since:
+    def _remove_before(self, start_s: float) -> None:
+        while self._points[0][0] < start_s:
             self._points.popleft()
         self._hull = []
         for point in self._points:
@@ -113,10 +117,10 @@ class ClockMap:
 
     def _fit_line(self) -> Point:
         """Return slope and height of the closest line below all points."""
-        hull, middle, slope = self._hull, self._sums[0] / len(self._points), 0.0
+        hull, mean_stamp_s, slope = self._hull, self._sums[0] / len(self._points), 0.0
         for (x, y), (next_x, next_y) in pairwise(hull):
             slope = (next_y - y) / (next_x - x)
-            if next_x >= middle:
+            if next_x >= mean_stamp_s:  # the closest line touches the hull at the mean stamp
                 break
         slope = min(max(slope, -MAX_DRIFT), MAX_DRIFT)
         return slope, min(y - slope * x for x, y in hull)

@@ -1,8 +1,8 @@
 """Driver of cameras that OpenCV reads: video devices, files, image sequences and network streams.
 
-They have no time stamps: the exposure of a frame is `latency` before its arrival. A device buffers
-one frame and network streams are not buffered, so frames are recent. Files play at their own rate,
-and never faster to catch up.
+OpenCV gives no time stamps, so the exposure of a frame is taken as `latency` before its arrival. A
+device buffers one frame and network streams are not buffered, so frames are recent. Files play at
+their own rate, and never faster to catch up.
 """
 
 import os
@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 
 from rcmservo.hardware.cameras.pixel_formats import decode_image_file
-from rcmservo.hardware.cameras.settings import OpencvSettings, require_accepted
+from rcmservo.hardware.cameras.settings import OpencvSettings, set_parameters
 from rcmservo.hardware.cameras.streamed_camera import CameraLost, Snapshot, StreamedCamera
 from rcmservo.interfaces import Image
 from rcmservo.loop.clock import sleep_until
@@ -35,14 +35,15 @@ EXPOSURE_UNITS_PER_S = 1e4
 MOTION_JPEG = cv2.VideoWriter.fourcc(*"MJPG")
 ENCODED_FORMAT = -1
 """Format in which FFmpeg returns the encoded image."""
+MIN_PLAYBACK_RATE, MAX_PLAYBACK_RATE = 0.1, 1000.0
+"""Plausible frame rates of a file, frames/s."""
 UNBUFFERED_OPTIONS = "fflags;nobuffer|flags;low_delay"
 """FFmpeg options against buffering of network streams. A file would lose its first frames."""
 
 
 def open_opencv_camera(settings: OpencvSettings) -> StreamedCamera:
     """Open the camera. A file or sequence that has ended is not reopened."""
-    reopens = settings.is_device or settings.is_remote
-    return StreamedCamera(partial(OpencvStream, settings), reopens)
+    return StreamedCamera(partial(OpencvStream, settings), reopens=settings.is_live)
 
 
 class OpencvStream:
@@ -50,60 +51,58 @@ class OpencvStream:
 
     def __init__(self, settings: OpencvSettings) -> None:
         self._settings = settings
-        os.environ["OPENCV_FFMPEG_CAPTURE_OPTIONS"] = (
-            UNBUFFERED_OPTIONS if settings.is_remote else ""
-        )
+        ffmpeg_options = UNBUFFERED_OPTIONS if settings.is_remote else ""
+        os.environ["OPENCV_FFMPEG_CAPTURE_OPTIONS"] = ffmpeg_options
         os.environ["OPENCV_FFMPEG_LOGLEVEL"] = "-8"
         os.environ.setdefault("OPENCV_VIDEOIO_V4L_SELECT_TIMEOUT", DEVICE_TIMEOUT_S)
         cv2.utils.logging.setLogLevel(0)
         self._capture: Any = _open_capture(settings)
         if not self._capture.isOpened():
-            raise CameraLost(f"camera {settings.source}: cannot be opened{_open_error(settings)}")
+            reason = _explain_open_failure(settings)
+            raise CameraLost(f"camera {settings.source}: cannot be opened: {reason}")
         try:
             self._is_encoded = not settings.is_device and _request_encoded(self._capture)
-            self._period = self._set_up()
+            if settings.is_device:
+                self._set_device()
+            self._period_ns = 0 if settings.is_live else self._playback_period()
         except BaseException:
             self._capture.release()
             raise
-        self._due = time.monotonic_ns()
+        self._next_frame_time = time.monotonic_ns()
 
     def read(self) -> Snapshot | None:
-        if self._period:
-            sleep_until(min(self._due, time.monotonic_ns() + MAX_WAIT_NS))
-            if time.monotonic_ns() < self._due:
+        if self._period_ns:
+            sleep_until(min(self._next_frame_time, time.monotonic_ns() + MAX_WAIT_NS))
+            if time.monotonic_ns() < self._next_frame_time:
                 return None
-            self._due = max(self._due + self._period, time.monotonic_ns())
+            self._next_frame_time += self._period_ns
+            self._next_frame_time = max(self._next_frame_time, time.monotonic_ns())
         if not self._capture.grab():
-            raise CameraLost(f"camera {self._settings.source}: {_end_reason(self._settings)}")
+            reason = "no more images come" if self._settings.is_live else "the file has ended"
+            raise CameraLost(f"camera {self._settings.source}: {reason}")
         arrival = time.monotonic_ns()
         exposure = arrival - round(self._settings.latency * 1e9)
         return Snapshot(self._retrieve(), exposure, arrival)
 
     def _retrieve(self) -> Image | None:
+        """Return the image of the grabbed frame, None if it is damaged."""
         try:
-            complete, image = self._capture.retrieve()
-            if complete and self._is_encoded:
+            is_complete, image = self._capture.retrieve()
+            if is_complete and self._is_encoded:
                 return decode_image_file(image.tobytes())
-            return _to_colour(image) if complete else None
+            return _to_colour(image) if is_complete else None
         except cv2.error:
             return None
 
     def close(self) -> None:
         self._capture.release()
 
-    def _set_up(self) -> int:
-        """Set the given settings; return the frame period of a file in ns, 0 for a live camera."""
-        settings = self._settings
-        if settings.is_device:
-            self._set_device()
-            return 0
-        if settings.is_remote:
-            return 0
-        rate = settings.frame_rate or float(self._capture.get(cv2.CAP_PROP_FPS))
-        if not 0.1 <= rate <= 1000.0:
-            raise CameraLost(
-                f"camera {settings.source}: the file has no frame rate: set camera.frame_rate"
-            )
+    def _playback_period(self) -> int:
+        """Return the frame period of a file in ns."""
+        rate = self._settings.frame_rate or float(self._capture.get(cv2.CAP_PROP_FPS))
+        if not MIN_PLAYBACK_RATE <= rate <= MAX_PLAYBACK_RATE:
+            problem = "the file has no frame rate: set camera.frame_rate"
+            raise CameraLost(f"camera {self._settings.source}: {problem}")
         return round(1e9 / rate)
 
     def _set_device(self) -> None:
@@ -112,22 +111,14 @@ class OpencvStream:
         self._capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)
         if settings.exposure is not None:
             self._capture.set(cv2.CAP_PROP_AUTO_EXPOSURE, MANUAL_EXPOSURE)
-        parameters = [
-            (name, key, value, scale, tolerance)
-            for name, key, value, scale, tolerance in (
-                ("width", cv2.CAP_PROP_FRAME_WIDTH, settings.width, 1.0, 0.0),
-                ("height", cv2.CAP_PROP_FRAME_HEIGHT, settings.height, 1.0, 0.0),
-                ("frame_rate", cv2.CAP_PROP_FPS, settings.frame_rate, 1.0, 0.01),
-                ("exposure", cv2.CAP_PROP_EXPOSURE, settings.exposure, EXPOSURE_UNITS_PER_S, 0.05),
-                ("gain", cv2.CAP_PROP_GAIN, settings.gain, 1.0, 0.05),
-            )
-            if value is not None
-        ]
-        for _, key, value, scale, _ in parameters:
-            self._capture.set(key, value * scale)
-        for name, key, value, scale, tolerance in parameters:
-            actual = float(self._capture.get(key)) / scale
-            require_accepted(name, value, actual, tolerance)
+        parameters = (
+            ("width", cv2.CAP_PROP_FRAME_WIDTH, settings.width, 1.0, 0.0),
+            ("height", cv2.CAP_PROP_FRAME_HEIGHT, settings.height, 1.0, 0.0),
+            ("frame_rate", cv2.CAP_PROP_FPS, settings.frame_rate, 1.0, 0.01),
+            ("exposure", cv2.CAP_PROP_EXPOSURE, settings.exposure, EXPOSURE_UNITS_PER_S, 0.05),
+            ("gain", cv2.CAP_PROP_GAIN, settings.gain, 1.0, 0.05),
+        )
+        set_parameters(parameters, self._capture.set, self._capture.get)
 
 
 def _open_capture(settings: OpencvSettings) -> Any:
@@ -159,20 +150,14 @@ def _to_colour(image: Any) -> Image | None:
     return cast(Image, image) if image.shape[2] == 3 else None
 
 
-def _open_error(settings: OpencvSettings) -> str:
+def _explain_open_failure(settings: OpencvSettings) -> str:
     path = Path(f"/dev/video{settings.source}" if settings.source.isdecimal() else settings.source)
     if settings.is_remote:
-        return ": no images come from there"
+        return "no images come from there"
     if not settings.is_device:
-        return ": not a readable video or image"
+        return "not a readable video or image"
     if not path.exists():
-        return f": there is no {path}"
+        return f"there is no {path}"
     if not os.access(path, os.R_OK | os.W_OK):
-        return f": no permission to read {path} (sudo usermod -aG video $USER, and log in again)"
-    return ": it is in use, or not a camera"
-
-
-def _end_reason(settings: OpencvSettings) -> str:
-    return (
-        "no more images come" if settings.is_device or settings.is_remote else "the file has ended"
-    )
+        return f"no permission to read {path} (sudo usermod -aG video $USER, and log in again)"
+    return "it is in use, or not a camera"

@@ -1,25 +1,27 @@
-"""Settings of cameras: the section [camera] with a kind of a rig file.
+"""Settings of cameras: the section [camera] of a rig file, with one class per kind of camera.
 
 A setting that is left out stays as the camera has it. A given setting is read back from the camera,
 and refused if the camera has a different value.
 """
 
 import ipaddress
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Annotated, ClassVar
+from typing import Annotated, Any, ClassVar
 
 from rcmservo.constraints import Checked, Limit, between, matching, not_empty
 from rcmservo.errors import require
 from rcmservo.hardware.crtk.settings import TOPIC_PATTERN, RosConnection
 
-LATENCY = Limit(
-    lambda latency: 0.0 <= latency <= 1.0, "a time from 0 to 1 s (0 if it is not measured)"
-)
+LATENCY = Limit(lambda s: 0.0 <= s <= 1.0, "a time from 0 to 1 s (0 if it is not measured)")
 """Range of a latency. A camera with more than 1 s is useless for the servo."""
 
 IMAGE_SIZE = between(64, 8192, "a whole number of px")
 FRAME_RATE = between(1.0, 1000.0, "a rate", "frames/s")
-EXPOSURE_TIME = Limit(lambda exposure: 1e-5 <= exposure <= 1.0, "a time from 0.00001 to 1 s")
+EXPOSURE_TIME = Limit(lambda s: 1e-5 <= s <= 1.0, "a time from 0.00001 to 1 s")
+TOPIC_NAME = matching(
+    TOPIC_PATTERN, "a topic's name without a slash before it, such as PSM1/camera/image_raw"
+)
 
 
 @dataclass(frozen=True)
@@ -77,6 +79,11 @@ class OpencvSettings(Checked, section="camera"):
     def is_remote(self) -> bool:
         """True for a network address."""
         return "://" in self.source
+
+    @property
+    def is_live(self) -> bool:
+        """True if the camera sends frames at its own rate, False for a file or a sequence."""
+        return self.is_device or self.is_remote
 
 
 @dataclass(frozen=True)
@@ -142,12 +149,7 @@ class TopicSettings(RosConnection, section="camera"):
     name: ClassVar[str] = "topic"
     """Kind of the camera in rig files."""
 
-    topic: Annotated[
-        str,
-        matching(
-            TOPIC_PATTERN, "a topic's name without a slash before it, such as PSM1/camera/image_raw"
-        ),
-    ]
+    topic: Annotated[str, TOPIC_NAME]
     compressed: bool = False
     latency: Annotated[float, LATENCY] = 0.0
 
@@ -173,6 +175,37 @@ def _is_loopback(address: str) -> bool:
         return ipaddress.ip_address(address).is_loopback
     except ValueError:
         return False
+
+
+def set_parameters(
+    parameters: Sequence[tuple[str, Any, float | None, float, float]],
+    set_value: Callable[[Any, float], object],
+    read_value: Callable[[Any], float],
+) -> None:
+    """Set the parameters of a camera that have a value, then read them back.
+
+    All are set before the first is read: the exposure limits the frame rate, and some cameras
+    shorten the exposure for a higher rate.
+
+    Parameters
+    ----------
+    parameters : sequence of tuple
+        Name of the setting, key of the driver's parameter, value or None, units of the driver's
+        parameter per unit of the setting, and largest accepted relative difference.
+    set_value, read_value : callable
+        Functions of the driver that set and return a parameter, by its key.
+
+    Raises
+    ------
+    BadInput
+        If the camera has another value afterwards.
+    """
+    for _, key, value, scale, _ in parameters:
+        if value is not None:
+            set_value(key, value * scale)
+    for name, key, value, scale, tolerance in parameters:
+        if value is not None:
+            require_accepted(name, value, read_value(key) / scale, tolerance)
 
 
 def require_accepted(name: str, value: float, actual: float, tolerance: float) -> None:

@@ -8,7 +8,7 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import Any, Protocol
 
 from rcmservo.errors import RcmServoError
 from rcmservo.interfaces import Frame, Image
@@ -100,8 +100,8 @@ class StreamedCamera:
         self._open_stream, self._reopens, self._reopen_period = open_stream, reopens, reopen_period
         self._frame: Frame | None = None
         self._number, self._last_frame_time = -1, time.monotonic()
-        self._incomplete_run = 0
-        self._account = CameraStatistics()
+        self._incomplete_in_a_row = 0
+        self._statistics = CameraStatistics()
         self._error: Exception | None = None
         self._closing = threading.Event()
         self._stream: CameraStream | None = open_stream()
@@ -117,11 +117,12 @@ class StreamedCamera:
     def counts(self) -> CameraStatistics:
         """Return counts of the frames so far, and the camera's present problem."""
         silence = time.monotonic() - self._last_frame_time
-        if self._account.trouble or silence <= MAX_SILENCE_S:
-            return self._account
-        incomplete = f": {self._incomplete_run} came incomplete" if self._incomplete_run else ""
-        problem = f"no complete frame has come for {silence:.0f} s{incomplete}"
-        return replace(self._account, trouble=problem)
+        if self._statistics.trouble or silence <= MAX_SILENCE_S:
+            return self._statistics
+        count = self._incomplete_in_a_row
+        cause = f": {count} came incomplete" if count else ""
+        problem = f"no complete frame has come for {silence:.0f} s{cause}"
+        return replace(self._statistics, trouble=problem)
 
     def close(self) -> None:
         """Close the camera."""
@@ -144,7 +145,7 @@ class StreamedCamera:
         try:
             snapshot = self._stream.read()
         except CameraLost as error:
-            self._update_account(trouble=str(error))
+            self._update_statistics(trouble=str(error))
             self._close_stream()
             return
         if snapshot is not None:
@@ -157,34 +158,35 @@ class StreamedCamera:
         try:
             self._stream = self._open_stream()
         except RcmServoError as error:
-            self._update_account(trouble=str(error))
+            self._update_statistics(trouble=str(error))
         else:
-            self._update_account(reconnects=self._account.reconnects + 1, trouble="")
+            self._update_statistics(reconnects=self._statistics.reconnects + 1, trouble="")
 
     def _accept(self, snapshot: Snapshot) -> None:
         """Make the image the newest frame and count it. An image of another size is dropped."""
-        previous, account = self._frame, self._account
         self._number += 1 + snapshot.lost + snapshot.skipped + snapshot.incomplete
         image, problem = snapshot.image, ""
-        last = None if previous is None else previous.image
-        if image is not None and last is not None and image.shape != last.shape:
+        previous_image = None if self._frame is None else self._frame.image
+        if image is not None and previous_image is not None and image.shape != previous_image.shape:
             image, problem = None, "images have another size than before"
-        self._incomplete_run += snapshot.incomplete + (image is None)
+        statistics, uncertainty_ms = self._statistics, self._statistics.uncertainty_ms
+        incomplete = snapshot.incomplete + (image is None)
+        self._incomplete_in_a_row += incomplete
         if image is not None:
-            self._last_frame_time, self._incomplete_run = time.monotonic(), 0
+            self._last_frame_time, self._incomplete_in_a_row = time.monotonic(), 0
             self._frame = Frame(self._number, snapshot.exposure, snapshot.arrival, image=image)
-        self._update_account(
-            frames=account.frames + snapshot.skipped + (image is not None),
-            lost=account.lost + snapshot.lost,
-            incomplete=account.incomplete + snapshot.incomplete + (image is None),
-            uncertainty_ms=account.uncertainty_ms
-            if image is None
-            else finite_or_none(1e3 * snapshot.uncertainty),
+            uncertainty_ms = finite_or_none(1e3 * snapshot.uncertainty)
+        self._update_statistics(
+            frames=statistics.frames + snapshot.skipped + (image is not None),
+            lost=statistics.lost + snapshot.lost,
+            incomplete=statistics.incomplete + incomplete,
+            uncertainty_ms=uncertainty_ms,
             trouble=problem,
         )
 
-    def _update_account(self, **changes: float | str | None) -> None:
-        self._account = replace(self._account, **changes)  # pyright: ignore[reportArgumentType]
+    def _update_statistics(self, **changes: float | str | None) -> None:
+        values: Any = changes
+        self._statistics = replace(self._statistics, **values)
 
     def _close_stream(self) -> None:
         if self._stream is not None:

@@ -1,13 +1,13 @@
 """Driver of a camera that publishes on a ROS topic.
 
-Image stamps are exposure times in calendar time. Within one computer they convert to its monotonic
-clock with the uncertainty of reading both clocks. The offset between two computers' clocks is not
-measured. Lost images are not sent again and have no numbers, so their count is unknown.
+Images are stamped with the calendar times of their exposures. The driver reads this computer's
+calendar time and monotonic clock together to convert a stamp. The uncertainty is then the time that
+this reading takes, if the same computer has set the stamp. The offset between two computers' clocks
+is not measured. Lost images are not sent again and have no numbers, so their count is unknown.
 """
 
 import time
 from collections.abc import Callable
-from functools import partial
 from threading import Condition
 from typing import Any, cast
 
@@ -40,12 +40,7 @@ CONVERSIONS = {
 
 def open_topic_camera(settings: TopicSettings) -> StreamedCamera:
     """Subscribe to the camera's topic. The camera need not publish yet."""
-    return StreamedCamera(partial(_open_stream, settings))
-
-
-def _open_stream(settings: TopicSettings) -> "TopicStream":
-    transport = open_transport(settings)
-    return TopicStream(settings, transport)
+    return StreamedCamera(lambda: TopicStream(settings, open_transport(settings)))
 
 
 class TopicStream:
@@ -57,8 +52,8 @@ class TopicStream:
         Topic and latency.
     transport : Transport
         Open transport, which `close` closes.
-    now, real : callable
-        Monotonic clock and calendar time, ns.
+    now, calendar_now : callable
+        Functions that return the present time in ns, of a monotonic clock and as calendar time.
     """
 
     def __init__(
@@ -66,51 +61,51 @@ class TopicStream:
         settings: TopicSettings,
         transport: Transport,
         now: Callable[[], int] = time.monotonic_ns,
-        real: Callable[[], int] = time.time_ns,
+        calendar_now: Callable[[], int] = time.time_ns,
     ) -> None:
-        self._settings, self._transport, self._now, self._real = settings, transport, now, real
-        self._arrived = Condition()
+        self._settings, self._transport = settings, transport
+        self._now, self._calendar_now = now, calendar_now
+        self._image_received = Condition()
         self._newest: tuple[PlainImage | CompressedImage, int, int, float] | None = None
+        """Newest message, its arrival on both clocks in ns, and the uncertainty of its age in s."""
         self._skipped = self._newest_stamp = 0
-        if settings.compressed:
-            topic = Topic(settings.topic, CompressedImage, lossy=True)
-            transport.subscribe(topic, self._receive)
-        else:
-            transport.subscribe(Topic(settings.topic, PlainImage, lossy=True), self._receive)
+        kind = CompressedImage if settings.compressed else PlainImage
+        transport.subscribe(Topic(settings.topic, kind, lossy=True), self._receive)
 
     def read(self) -> Snapshot | None:
-        with self._arrived:
-            self._arrived.wait_for(lambda: self._newest is not None, READ_TIMEOUT_S)
+        with self._image_received:
+            self._image_received.wait_for(lambda: self._newest is not None, READ_TIMEOUT_S)
             if self._newest is None:
                 return None
-            (message, arrival, real, uncertainty), self._newest = self._newest, None
+            (message, arrival, calendar_arrival, uncertainty), self._newest = self._newest, None
             skipped, self._skipped = self._skipped, 0
-        age = real - message.stamp
+        age = calendar_arrival - message.stamp
         if not -MAX_STAMP_LEAD_NS <= age <= MAX_IMAGE_AGE_NS:
-            stamped = f"images are {age * 1e-9:.3f} s old by their stamps"
-            problem = stamped if message.stamp else "images have no stamp"
+            invalid_age = f"images are {age * 1e-9:.3f} s old by their stamps"
+            problem = invalid_age if message.stamp else "images have no stamp"
             raise CameraLost(f"camera {self._settings.topic}: {problem}")
-        newer = message.stamp > self._newest_stamp
+        is_newer = message.stamp > self._newest_stamp
         self._newest_stamp = max(message.stamp, self._newest_stamp)
         exposure = arrival - max(age, 0) - round(self._settings.latency * 1e9)
-        image = self._decode(message) if newer else None
+        image = self._decode(message) if is_newer else None
         return Snapshot(image, exposure, arrival, skipped=skipped, uncertainty=uncertainty)
 
     def close(self) -> None:
         self._transport.close()
 
     def _receive(self, message: PlainImage | CompressedImage, writer: str) -> None:
-        before = self._now()
-        real, after = self._real(), self._now()
-        with self._arrived:
-            self._skipped += self._newest is not None
-            self._newest = message, after, real, self._uncertainty((after - before) * 1e-9)
-            self._arrived.notify_all()
+        """Keep an image with its arrival. The uncertainty is the time of reading both clocks.
 
-    def _uncertainty(self, reading_time: float) -> float:
-        """Return the uncertainty (s) of a stamp, NaN if another computer may have set it."""
-        local = self._settings.ros == 2 and self._settings.interface == "lo"
-        return reading_time if local else float("nan")
+        It is NaN if another computer may have set the stamp.
+        """
+        before = self._now()
+        calendar_arrival, arrival = self._calendar_now(), self._now()
+        is_local = self._settings.ros == 2 and self._settings.interface == "lo"
+        uncertainty = (arrival - before) * 1e-9 if is_local else float("nan")
+        with self._image_received:
+            self._skipped += self._newest is not None
+            self._newest = message, arrival, calendar_arrival, uncertainty
+            self._image_received.notify_all()
 
     def _decode(self, message: PlainImage | CompressedImage) -> Image | None:
         """Return the image as blue-green-red, None if it is damaged."""
@@ -128,10 +123,10 @@ class TopicStream:
             problem = f"images have the encoding {message.encoding[:40]!r}; expected {supported}"
             raise CameraLost(f"camera {self._settings.topic}: {problem}")
         row_bytes = channels * message.width
-        complete = len(message.data) == message.step * message.height > 0
-        if not 0 < row_bytes <= message.step or not complete:
+        is_complete = len(message.data) == message.step * message.height > 0
+        if not 0 < row_bytes <= message.step or not is_complete:
             return None
         rows = np.frombuffer(message.data, np.uint8).reshape(message.height, message.step)
         pixels = rows[:, :row_bytes].reshape(message.height, message.width, channels)
-        code = CONVERSIONS.get(message.encoding)
-        return pixels if code is None else cast(Any, cv2.cvtColor(pixels, code))
+        conversion = CONVERSIONS.get(message.encoding)
+        return pixels if conversion is None else cast(Any, cv2.cvtColor(pixels, conversion))

@@ -5,8 +5,8 @@ measured position by more than the lead. An arm that is blocked, or that loses i
 moves by the lead at most. The caller gets the rates that the setpoint really had, after the bounds
 and after lost time.
 
-The bound also drags the setpoint along with an arm that is pushed. A single wrong measurement would
-drag it at once: a step that no motion explains is refused.
+If the arm is pushed, the bound drags the setpoint along. One invalid measurement would drag it too,
+and at once, so a step beyond ``MAX_DRAG`` is refused.
 """
 
 import numpy as np
@@ -25,7 +25,9 @@ MAX_DRAG = np.array([0.05, 0.05, 5.0])
 
 
 class BoundedLead:
-    """Setpoint (3,) in rad, rad, mm, within the joint limits wherever the lead permits it.
+    """Setpoint of the joints, shape (3,), in rad, rad, mm.
+
+    It stays within the joint limits, unless the arm itself is beyond them by more than the lead.
 
     Parameters
     ----------
@@ -43,7 +45,7 @@ class BoundedLead:
         self._q, self._time = np.zeros(3), 0
 
     def start(self, q: Floats, now: int) -> None:
-        """Start at q (3,), at rest, at a time in ns."""
+        """Start at the joint position q (3,) in rad, rad, mm, at rest, at a time in ns."""
         self._q, self._time = q.copy(), now
 
     def step(self, rates: Floats, measured: Floats, now: int) -> tuple[Floats, Floats] | None:

@@ -1,79 +1,58 @@
-"""Encoding of CRTK messages as CDR bytes for DDS, with the codec of recordings."""
+"""Encoding of CRTK messages as CDR bytes for DDS, with the codec of recordings.
+
+DDS is the middleware of ROS 2, and CDR (common data representation) its binary format.
+"""
 
 from functools import cache
 from typing import Any
 
 import numpy as np
 
-from rcmservo.hardware.crtk.messages import (
-    NESTED_TYPES,
-    MessageT,
-    RosMessage,
-    message_fields,
-    parse_fields,
-)
+from rcmservo.hardware.crtk import messages
+from rcmservo.hardware.crtk.messages import MessageT, RosMessage
 from rcmservo.recording.cdr import MessageCodec, time_of
-from rcmservo.recording.ros2_messages import HEADER_DEFINITIONS, SEPARATOR_LINE
+from rcmservo.recording.ros2_messages import HEADER_DEFINITIONS
 
 ALIGNMENT_BYTES = 4
 """Cyclone pads messages to a multiple of this size."""
-
-
-@cache
-def _codec(kind: type[RosMessage]) -> MessageCodec:
-    """Return the codec of one message type."""
-    nested = "".join(
-        f"{SEPARATOR_LINE}MSG: {name}\n{definition}\n" for name, definition in NESTED_TYPES.items()
-    )
-    header = "std_msgs/Header header"
-    return MessageCodec(
-        {_ros2_name(kind.ros_type): f"{header}\n{kind.definition}\n{HEADER_DEFINITIONS}{nested}"}
-    )
-
-
-def _ros2_name(ros_type: str) -> str:
-    return ros_type.replace("/", "/msg/")
 
 
 def encode_message(message: RosMessage) -> bytes:
     """Encode a message."""
     kind = type(message)
     codec = _codec(kind)
-    values = (
+    values = [
         _to_codec_value(codec, field_type, getattr(message, name))
-        for field_type, name in message_fields(kind)
-    )
+        for field_type, name in messages.message_fields(kind)
+    ]
     data = codec.encode(_ros2_name(kind.ros_type), codec.header(message.stamp), *values)
     return data + bytes(-len(data) % ALIGNMENT_BYTES)
-
-
-def _to_codec_value(codec: MessageCodec, field_type: str, value: Any) -> Any:
-    if field_type in NESTED_TYPES:
-        fields = zip(parse_fields(NESTED_TYPES[field_type]), value, strict=True)
-        values = (_to_codec_value(codec, inner, one) for (inner, _), one in fields)
-        return codec.make(_ros2_name(field_type), *values)
-    if field_type == "uint8[]":
-        return np.frombuffer(value, np.uint8)
-    return np.array(value, np.float64) if field_type == "float64[]" else value
 
 
 def decode_message(kind: type[MessageT], data: bytes) -> MessageT:
     """Decode a message, or raise `MalformedMessage`."""
     decoded = _codec(kind).decode(_ros2_name(kind.ros_type), data)
-    values = {
-        name: _to_plain_value(field_type, getattr(decoded, name))
-        for field_type, name in message_fields(kind)
-    }
-    create: Any = kind
-    return create(stamp=time_of(decoded.header), **values)
+    return messages.read_message(kind, time_of(decoded.header), decoded)
 
 
-def _to_plain_value(field_type: str, value: Any) -> Any:
-    if field_type in NESTED_TYPES:
-        fields = parse_fields(NESTED_TYPES[field_type])
-        return tuple(_to_plain_value(inner, getattr(value, name)) for inner, name in fields)
+@cache
+def _codec(kind: type[RosMessage]) -> MessageCodec:
+    """Return the codec of one message type."""
+    definition = messages.complete_definition(kind, HEADER_DEFINITIONS)
+    return MessageCodec({_ros2_name(kind.ros_type): definition})
+
+
+def _ros2_name(ros_type: str) -> str:
+    return ros_type.replace("/", "/msg/")
+
+
+def _to_codec_value(codec: MessageCodec, field_type: str, value: Any) -> Any:
+    """Convert the value of a field to the arrays and objects that the codec encodes."""
+    if field_type in messages.NESTED_TYPES:
+        inner_types = [kind for kind, _ in messages.parse_fields(messages.NESTED_TYPES[field_type])]
+        pairs = zip(inner_types, value, strict=True)
+        inner_values = [_to_codec_value(codec, inner_type, inner) for inner_type, inner in pairs]
+        return codec.make(_ros2_name(field_type), *inner_values)
     if field_type == "uint8[]":
-        return value.tobytes()
-    if field_type == "float64[]":
-        return tuple(value.tolist())
-    return tuple(value) if field_type == "string[]" else value
+        return np.frombuffer(value, np.uint8)
+    return np.array(value, np.float64) if field_type == "float64[]" else value

@@ -1,10 +1,18 @@
 """Emulated CRTK arm for any client, with simulated joints behind it.
 
-It has the six joints of a patient-side manipulator of the dVRK, with their names and rules. A
-position beyond a limit is refused as a whole, with a warning. Names are empty, the joints' names or
-their numbers. The arm moves only while it is ENABLED and homed. Three rules differ from the dVRK:
-the arm starts DISABLED; the first writer that moves it controls it until it is disabled, and others
-get warnings; and it stops when its writer falls silent.
+CRTK (collaborative robotics toolkit) is a convention for topics and states of surgical robots in
+ROS. The arm has the six joints of a patient-side manipulator of the dVRK (da Vinci research kit),
+with their names and rules:
+
+- It moves only while it is ENABLED and homed.
+- A command with a position beyond a limit is refused as a whole, with a warning.
+- The names in a command are empty, the joints' names or their numbers.
+
+Three rules differ from the dVRK:
+
+- The arm starts DISABLED.
+- The first client that moves the arm controls it until it is disabled. Others get warnings.
+- The arm stops when this client falls silent.
 
     DISABLED ─ enable ─► ENABLED ─ pause ─► PAUSED ─ resume ─► ENABLED
        ▲  └──── disable ◄──┴──────────────────┘
@@ -20,22 +28,14 @@ from typing import Any, Protocol
 import numpy as np
 
 from rcmservo.geometry.kinematics import JointLimits
+from rcmservo.hardware.crtk import messages
 from rcmservo.hardware.crtk.messages import (
-    ERROR,
-    MEASURED_JS,
-    OPERATING_STATE,
-    SERVO_JP,
-    SETPOINT_JS,
-    STATE_COMMAND,
-    WARNING,
     JointState,
     MessageT,
     OperatingState,
     StringStamped,
     Topic,
     Transport,
-    to_rad_m,
-    to_rad_mm,
 )
 from rcmservo.interfaces import Floats
 
@@ -43,6 +43,8 @@ JOINT_NAMES = "yaw", "pitch", "insertion", "roll", "wrist_pitch", "wrist_yaw"
 JOINT_NUMBERS = tuple(str(i) for i in range(len(JOINT_NAMES)))
 WRIST_LIMITS = 4.5, 1.4, 1.4
 """Limits (rad) of the last three joints, to either side."""
+LIMIT_TOLERANCE = 1e-9
+"""Distance (rad, m) beyond a limit that is rounding."""
 STEP_NS = 1_000_000
 """Step of the joints' motion in ns."""
 REPORT_PERIOD_NS = 10_000_000
@@ -101,8 +103,8 @@ class CrtkDevice:
         Namespace of its topics.
     now : int
         Present time in ns.
-    real : callable
-        Calendar time in ns.
+    calendar_now : callable
+        Function that returns the calendar time in ns.
     """
 
     def __init__(
@@ -112,45 +114,46 @@ class CrtkDevice:
         transport: Transport,
         namespace: str,
         now: int,
-        real: Callable[[], int],
+        calendar_now: Callable[[], int],
     ) -> None:
         self.state, self.homed = "DISABLED", True
-        self._joints, self._transport, self._real = joints, transport, real
+        self._joints, self._transport, self._calendar_now = joints, transport, calendar_now
         self._namespace = namespace
-        lower, upper = (to_rad_m(q, SIGNS) for q in limits.arrays)
-        self._lower = np.array([*lower, *(-limit for limit in WRIST_LIMITS)]) - 1e-9
-        self._upper = np.array([*upper, *WRIST_LIMITS]) + 1e-9
-        self._start = self._time = now // STEP_NS * STEP_NS
-        self._reported = self._commanded = self._state_stamp = 0
-        self._received = now
+        lower, upper = (messages.to_rad_m(q, SIGNS) for q in limits.arrays)
+        self._lower = np.array([*lower, *(-limit for limit in WRIST_LIMITS)]) - LIMIT_TOLERANCE
+        self._upper = np.array([*upper, *WRIST_LIMITS]) + LIMIT_TOLERANCE
+        self._start_time = self._time = now // STEP_NS * STEP_NS
+        self._report_time = self._command_time = self._state_stamp = 0
+        self._arrival = now
+        """Time at which the message in hand was received."""
         self._q, self._wrist = joints.step(np.zeros(3), False, self._time), np.zeros(3)
         self._setpoint: Floats | None = None
         self._writer = ""
         self._pending: deque[tuple[Callable[[Any, str], None], Any, str]] = deque()
-        for topic in (MEASURED_JS, SETPOINT_JS, WARNING, ERROR):
+        for topic in (messages.MEASURED_JS, messages.SETPOINT_JS, messages.WARNING, messages.ERROR):
             transport.offer(topic.under(namespace))
         self._report_state()
-        self._subscribe(SERVO_JP, self.receive_motion)
-        self._subscribe(STATE_COMMAND, self.receive_command)
+        self._subscribe(messages.SERVO_JP, self.receive_motion)
+        self._subscribe(messages.STATE_COMMAND, self.receive_command)
 
     def turn(self, now: int) -> None:
         """Execute the received messages and advance to a time in ns."""
         while self._pending:
             handler, message, writer = self._pending.popleft()
-            self._received = now
+            self._arrival = now
             handler(message, writer)
         self._time = max(self._time, now // STEP_NS * STEP_NS - MAX_CATCH_UP_NS)
         while self._time + STEP_NS <= now:
             self._time += STEP_NS
             self._step()
-        if now - self._reported >= REPORT_PERIOD_NS:
-            self._reported = now // REPORT_PERIOD_NS * REPORT_PERIOD_NS
+        if now - self._report_time >= REPORT_PERIOD_NS:
+            self._report_time = now // REPORT_PERIOD_NS * REPORT_PERIOD_NS
             self._report_joints()
 
     def receive_motion(self, message: JointState, writer: str) -> None:
         """Accept a position command, or refuse it with a warning."""
         position = self._in_joint_order(message)
-        age = self._real() - message.stamp
+        age = self._calendar_now() - message.stamp
         if self.state != "ENABLED" or not self.homed:
             self._warn(f"rejected servo_jp: the arm is {self.state}, homed: {self.homed}")
         elif self._writer not in ("", writer):
@@ -163,32 +166,30 @@ class CrtkDevice:
         elif not bool(((position >= self._lower) & (position <= self._upper)).all()):
             self._warn("rejected servo_jp: a joint would be beyond its limit")
         else:
-            sent = self._received - (max(age, 0) if message.stamp else 0)
-            self._writer, self._setpoint, self._commanded = writer, position, sent
+            self._writer, self._setpoint = writer, position
+            self._command_time = self._arrival - (max(age, 0) if message.stamp else 0)
 
     def receive_command(self, message: StringStamped, writer: str) -> None:
         """Execute a state command, or refuse it with a warning."""
         command = message.string.strip().lower()
-        age = self._real() - message.stamp
-        just_started = self._time - self._start < STAMP_REQUIRED_NS
-        old = not abs(age) <= MAX_STATE_COMMAND_AGE_NS if message.stamp else just_started
-        if old and command not in STOPPING_COMMANDS:
+        age = self._calendar_now() - message.stamp
+        has_just_started = self._time - self._start_time < STAMP_REQUIRED_NS
+        is_old = not abs(age) <= MAX_STATE_COMMAND_AGE_NS if message.stamp else has_just_started
+        if is_old and command not in STOPPING_COMMANDS:
             self._warn(f"rejected {command}: it is old, or has no stamp soon after the start")
             return
         match command, self.state:
-            case "enable", "DISABLED" | "ENABLED":
+            case ("enable", "DISABLED" | "ENABLED") | ("resume", "PAUSED" | "ENABLED"):
                 self._change_state("ENABLED")
             case "disable", "DISABLED" | "ENABLED" | "PAUSED":
                 self._change_state("DISABLED")
             case "pause", "ENABLED" | "PAUSED":
                 self._change_state("PAUSED")
-            case "resume", "PAUSED" | "ENABLED":
-                self._change_state("ENABLED")
             case "home" | "unhome", "DISABLED" | "ENABLED" | "PAUSED":
                 self.homed = command == "home"
                 self._change_state(self.state)
             case "fault", _:
-                self._send_text(ERROR, "a fault was requested")
+                self._send_text(messages.ERROR, "a fault was requested")
                 self._change_state("FAULT")
             case "clear_fault" | "reset", "FAULT":
                 self._change_state("DISABLED")
@@ -225,33 +226,34 @@ class CrtkDevice:
         self._report_state()
 
     def _step(self) -> None:
-        if self._setpoint is not None and self._time - self._commanded > COMMAND_TIMEOUT_NS:
+        """Move the joints towards the setpoint for one step, or hold them without a setpoint."""
+        if self._setpoint is not None and self._time - self._command_time > COMMAND_TIMEOUT_NS:
             self._setpoint = None
             self._warn("no further position command arrived, and the arm stopped")
         rates = np.zeros(3)
         if self._setpoint is not None:
-            error = to_rad_mm(tuple(self._setpoint[:3].tolist()), SIGNS) - self._q
+            error = messages.to_rad_mm(tuple(self._setpoint[:3].tolist()), SIGNS) - self._q
             rates = np.clip(error / JOINT_LAG_S, -MAX_RATES, MAX_RATES)
             self._wrist += (self._setpoint[3:] - self._wrist) * (STEP_NS * 1e-9 / JOINT_LAG_S)
         self._q = self._joints.step(rates, self._setpoint is not None, self._time)
 
     def _report_joints(self) -> None:
-        measured = (*to_rad_m(self._q, SIGNS), *self._wrist.tolist())
+        measured = (*messages.to_rad_m(self._q, SIGNS), *self._wrist.tolist())
         setpoint = measured if self._setpoint is None else tuple(self._setpoint.tolist())
-        for topic, position in ((MEASURED_JS, measured), (SETPOINT_JS, setpoint)):
-            message = JointState(self._real(), JOINT_NAMES, position)
+        for topic, position in ((messages.MEASURED_JS, measured), (messages.SETPOINT_JS, setpoint)):
+            message = JointState(self._calendar_now(), JOINT_NAMES, position)
             self._transport.publish(topic.under(self._namespace), message)
 
     def _report_state(self) -> None:
         """Publish the operating state. Its stamps rise even between two reports at one time."""
-        self._state_stamp = max(self._real(), self._state_stamp + 1)
-        busy = self._setpoint is not None
-        message = OperatingState(self._state_stamp, self.state, self.homed, busy)
-        self._transport.publish(OPERATING_STATE.under(self._namespace), message)
+        self._state_stamp = max(self._calendar_now(), self._state_stamp + 1)
+        is_busy = self._setpoint is not None
+        message = OperatingState(self._state_stamp, self.state, self.homed, is_busy)
+        self._transport.publish(messages.OPERATING_STATE.under(self._namespace), message)
 
     def _warn(self, text: str) -> None:
-        self._send_text(WARNING, text)
+        self._send_text(messages.WARNING, text)
 
     def _send_text(self, topic: Topic[StringStamped], text: str) -> None:
-        message = StringStamped(self._real(), text)
+        message = StringStamped(self._calendar_now(), text)
         self._transport.publish(topic.under(self._namespace), message)

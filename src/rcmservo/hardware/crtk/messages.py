@@ -1,7 +1,8 @@
 """Messages and topics of CRTK as plain data, and the protocol of the transports that carry them.
 
-Every message begins with ROS's header. Only its stamp is used: the sender's calendar time in ns,
-0 if invalid. `definition` holds the fields after the header as ROS defines them, and both
+CRTK (collaborative robotics toolkit) is a convention for topics and states of surgical robots in
+ROS. Every message begins with ROS's header. Only its stamp is used: the sender's calendar time in
+ns, 0 if invalid. `definition` holds the fields after the header as ROS defines them, and both
 transports derive their encoding from it. CRTK has joints in rad and m; the functions at the end
 convert them to and from rcmservo's rad and mm.
 
@@ -16,6 +17,7 @@ import numpy as np
 
 from rcmservo.errors import RcmServoError
 from rcmservo.interfaces import Floats
+from rcmservo.recording.ros2_messages import SEPARATOR_LINE
 
 CRTK_UNITS = np.array([1.0, 1.0, 1e-3])
 """Factors from rad, rad, mm to rad, rad, m."""
@@ -239,12 +241,15 @@ SETPOINT_JS = Topic("setpoint_js", JointState)
 SERVO_JP = Topic("servo_jp", JointState)
 SERVO_JV = Topic("servo_jv", JointState)
 MOTION_TOPICS: list[Topic[Any]] = [
-    *(Topic(f"{verb}_j{of}", JointState, lossy=True) for verb in ("servo", "move") for of in "pr"),
-    *(Topic(f"servo_j{of}", JointState, lossy=True) for of in "vf"),
-    *(Topic(f"{verb}_cp", PoseStamped, lossy=True) for verb in ("servo", "move")),
+    *(
+        Topic(name, JointState, lossy=True)
+        for name in ("servo_jp", "servo_jr", "servo_jv", "servo_jf", "move_jp", "move_jr")
+    ),
+    *(Topic(name, PoseStamped, lossy=True) for name in ("servo_cp", "move_cp")),
 ]
-"""Topics that move an arm. A best-effort subscriber receives from reliable and best-effort
-publishers."""
+"""Topics that move an arm: by joint position (jp), relative joint position (jr), joint velocity
+(jv), joint force (jf) or pose of the tool (cp). A best-effort subscriber receives from reliable and
+best-effort publishers."""
 OPERATING_STATE = Topic("operating_state", OperatingState, latched=True)
 STATE_COMMAND = Topic("state_command", StringStamped)
 WARNING = Topic("warning", StringStamped)
@@ -279,7 +284,7 @@ class Transport(Protocol):
         """Advertise a topic before its first message: subscribers need a moment to find it."""
         ...
 
-    def listeners(self, topic: Topic[Any]) -> int:
+    def count_listeners(self, topic: Topic[Any]) -> int:
         """Return the number of subscribers to a topic."""
         ...
 
@@ -295,11 +300,36 @@ def message_fields(kind: type[RosMessage]) -> list[tuple[str, str]]:
 
 def parse_fields(definition: str) -> list[tuple[str, str]]:
     """Return type and name in each line of a definition."""
-    fields: list[tuple[str, str]] = []
-    for line in definition.splitlines():
-        field_type, name = line.split()
-        fields.append((field_type, name))
-    return fields
+    return [(field_type, name) for field_type, name in map(str.split, definition.splitlines())]
+
+
+def complete_definition(kind: type[RosMessage], header_definition: str) -> str:
+    """Return the definition of a message with those of its header and nested types."""
+    nested = "".join(
+        f"{SEPARATOR_LINE}MSG: {name}\n{definition}\n" for name, definition in NESTED_TYPES.items()
+    )
+    return f"std_msgs/Header header\n{kind.definition}\n{header_definition}{nested}"
+
+
+def read_message(kind: type[MessageT], stamp: int, received: Any) -> MessageT:
+    """Return a message with the fields of a ROS library's object, as plain data."""
+    values = {
+        name: _to_plain(type_, getattr(received, name)) for type_, name in message_fields(kind)
+    }
+    create: Any = kind
+    return create(stamp=stamp, **values)
+
+
+def _to_plain(field_type: str, value: Any) -> Any:
+    """Convert the value of a field to tuples, bytes and plain numbers."""
+    if field_type in NESTED_TYPES:
+        fields = parse_fields(NESTED_TYPES[field_type])
+        return tuple(_to_plain(inner_type, getattr(value, name)) for inner_type, name in fields)
+    if field_type == "uint8[]":
+        return bytes(value)
+    if field_type == "float64[]":
+        return tuple(np.asarray(value, float).tolist())
+    return tuple(value) if field_type == "string[]" else value
 
 
 def to_rad_mm(position: tuple[float, ...], signs: Floats) -> Floats:
@@ -309,5 +339,4 @@ def to_rad_mm(position: tuple[float, ...], signs: Floats) -> Floats:
 
 def to_rad_m(q: Floats, signs: Floats) -> tuple[float, ...]:
     """Convert joints or joint rates (3,) from rad, rad, mm to the arm's rad, rad, m."""
-    values: Any = (q * signs * CRTK_UNITS).tolist()
-    return tuple(values)
+    return tuple((q * signs * CRTK_UNITS).tolist())

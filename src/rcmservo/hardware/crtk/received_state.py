@@ -1,8 +1,9 @@
 """Joints and operating state that an arm reports, checked for valid stamps and a single writer.
 
-A stamp of 0 is invalid. A message is rejected if its stamp is older than that of the last one, too
-old, or in the future; a joint message also if its stamp repeats. ENABLED counts only with a newer
-stamp, any other state also with an equal one. All messages on a topic must come from one writer.
+A stamp is the calendar time at which the arm's computer has measured; 0 is invalid. A message is
+rejected if its stamp is older than that of the last one, too old, or in the future; a joint message
+also if its stamp repeats. The state ENABLED counts only with a newer stamp, any other state also
+with an equal one. All messages on a topic must come from one writer (one process of the network).
 """
 
 from typing import NamedTuple
@@ -39,8 +40,8 @@ class ReportedJoints(NamedTuple):
 class ReceivedState:
     """Newest valid reports of one arm.
 
-    The arguments `now` and `real` of the methods are this computer's monotonic clock and its
-    calendar time, ns.
+    The arguments `now` and `calendar_now` of the methods are the present time in ns on this
+    computer's monotonic clock and as calendar time.
 
     Parameters
     ----------
@@ -64,8 +65,8 @@ class ReceivedState:
     @property
     def problem(self) -> str:
         """Reason why the reports cannot be used, in a sentence; empty if there is none."""
-        missing = "; ".join(self.invalid_stamps.values()) if self.missing else ""
-        return self._second_writer or missing
+        invalid_stamps = "; ".join(self.invalid_stamps.values()) if self.missing else ""
+        return self._second_writer or invalid_stamps
 
     @property
     def missing(self) -> str:
@@ -84,43 +85,41 @@ class ReceivedState:
         """True if the drive is on, homed or not."""
         return self.state is not None and self.state.state == ENABLED
 
-    def receive_joints(self, message: JointState, writer: str, now: int, real: int) -> bool:
-        """Check and store a joint position; return True if it is valid."""
+    def receive_joints(self, message: JointState, writer: str, now: int, calendar_now: int) -> None:
+        """Store a joint position, if it is valid."""
         if not self._is_only_writer("measured_js", writer):
-            return False
-        position = message.position
-        complete = len(position) >= 3 and len(message.name) in (0, len(position))
-        dated = self._has_valid_stamp("measured_js", message.stamp, real, MAX_JOINT_AGE_NS)
-        newer = self._newest_stamp < message.stamp
-        if not (dated and newer and complete and bool(np.isfinite(position).all())):
+            return
+        position, age = message.position, calendar_now - message.stamp
+        is_complete = len(position) >= 3 and len(message.name) in (0, len(position))
+        has_valid_stamp = self._has_valid_stamp("measured_js", message.stamp, age, MAX_JOINT_AGE_NS)
+        is_newer = self._newest_stamp < message.stamp
+        if has_valid_stamp and is_newer and is_complete and np.isfinite(position).all():
+            self._newest_stamp = message.stamp
+            self.joints = ReportedJoints(now - max(age, 0), position, message.name)
+        else:
             self.rejected += 1
-            return False
-        self._newest_stamp = message.stamp
-        time = now - max(real - message.stamp, 0)
-        self.joints = ReportedJoints(time, position, message.name)
-        return True
 
-    def receive_state(self, message: OperatingState, writer: str, real: int) -> bool:
-        """Check and store an operating state; return True if it is valid."""
+    def receive_state(self, message: OperatingState, writer: str, calendar_now: int) -> None:
+        """Store an operating state, if it is valid."""
         if not self._is_only_writer("operating_state", writer):
-            return False
-        newest = self.state.stamp if self.state is not None else 0
-        ready = message.state == ENABLED and message.is_homed
-        newer = newest < message.stamp or (newest == message.stamp and not ready)
-        if not (self._has_valid_stamp("operating_state", message.stamp, real, real) and newer):
+            return
+        newest_stamp = self.state.stamp if self.state is not None else 0
+        is_ready = message.state == ENABLED and message.is_homed
+        is_newer = newest_stamp < message.stamp or (newest_stamp == message.stamp and not is_ready)
+        age = calendar_now - message.stamp
+        if self._has_valid_stamp("operating_state", message.stamp, age, calendar_now) and is_newer:
+            self.state = message
+        else:
             self.rejected += message != self.state
-            return False
-        self.state = message
-        return True
 
     def receive_warning(self, message: StringStamped, writer: str) -> None:
         """Count and store a warning or error."""
         self.warnings += 1
         self.warning = message.string
 
-    def _has_valid_stamp(self, topic: str, stamp: int, real: int, max_age: int) -> bool:
-        """Check a stamp against a largest age (ns), and store or clear the topic's sentence."""
-        age, name = real - stamp, self._namespace
+    def _has_valid_stamp(self, topic: str, stamp: int, age: int, max_age: int) -> bool:
+        """Check a stamp and its age (ns), and store or clear the topic's sentence."""
+        name = self._namespace
         if stamp > 0 and -MAX_STAMP_LEAD_NS <= age <= max_age:
             self.invalid_stamps.pop(topic, None)
             return True

@@ -1,4 +1,8 @@
-"""Settings of a CRTK arm: the section [arm] with kind = "crtk" of a rig file."""
+"""Settings of a CRTK arm: the section [arm] with kind = "crtk" of a rig file.
+
+CRTK (collaborative robotics toolkit) is a convention for topics and states of surgical robots in
+ROS.
+"""
 
 from dataclasses import dataclass
 from typing import Annotated, ClassVar
@@ -7,9 +11,9 @@ from rcmservo.bringup.axis_wiring import Wiring
 from rcmservo.constraints import Checked, Limit, Triple, between, each, matching
 
 MAX_LEAD = 0.5, 0.5, 50.0
-"""Largest lead in rad, rad, mm."""
+"""Upper limit of the setting ``max_lead``, rad, rad, mm."""
 LEAD = Limit(
-    lambda lead: all(0.0 < x <= most for x, most in zip(lead, MAX_LEAD, strict=True)),
+    lambda lead: all(0.0 < x <= largest for x, largest in zip(lead, MAX_LEAD, strict=True)),
     "positive, at most 0.5 rad, 0.5 rad and 50 mm",
 )
 SIGNS = each(Limit((1.0, -1.0).__contains__, ""), "three numbers, each 1 or -1")

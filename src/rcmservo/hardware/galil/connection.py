@@ -9,6 +9,7 @@ Sources: command reference, Communications; motorapp/Galil, GalilConnector.cpp.
 """
 
 import contextlib
+import re
 import secrets
 import socket
 import time
@@ -25,6 +26,8 @@ MAX_NUMBER = 2.0**31
 MAX_REPLY_BYTES = 1 << 20
 """Size limit of one reply, larger than the longest program."""
 LINE_END = b"\r"
+PROMPT = re.compile(rb"[:?]")
+"""End of a reply: a colon for an accepted command, a question mark for a refused one."""
 
 DOWNLOAD_REFUSAL_WAIT_S = 0.1
 """Time to wait for the refusal of a download. An accepted download has no reply before its end."""
@@ -75,7 +78,7 @@ class TcpStream:
         Name or address of the controller.
     port : int
         TCP port.
-    seconds : float
+    timeout_s : float
         Time limit of connecting and of sending, s.
 
     Raises
@@ -84,17 +87,17 @@ class TcpStream:
         If the controller is not reachable.
     """
 
-    def __init__(self, host: str, port: int, seconds: float) -> None:
+    def __init__(self, host: str, port: int, timeout_s: float) -> None:
         try:
-            self._socket = socket.create_connection((host, port), timeout=seconds)
+            self._socket = socket.create_connection((host, port), timeout=timeout_s)
         except OSError as error:
             reason = error.strerror or str(error)
             raise ConnectionLost(f"{host}:{port} cannot be reached: {reason}") from error
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        self._seconds = seconds
+        self._timeout_s = timeout_s
 
     def send(self, data: bytes) -> None:
-        self._socket.settimeout(self._seconds)
+        self._socket.settimeout(self._timeout_s)
         self._socket.sendall(data)
 
     def receive(self, seconds: float) -> bytes:
@@ -120,7 +123,7 @@ class SerialStream:
         Path or name of the port.
     baud : int
         Bit rate in bits/s.
-    seconds : float
+    timeout_s : float
         Time limit of a reply, s.
 
     Raises
@@ -129,7 +132,7 @@ class SerialStream:
         If the port cannot be opened, or no controller answers there.
     """
 
-    def __init__(self, port: str, baud: int, seconds: float) -> None:
+    def __init__(self, port: str, baud: int, timeout_s: float) -> None:
         try:
             import serial
         except ImportError as error:
@@ -141,11 +144,11 @@ class SerialStream:
         except (self._serial_error, ValueError) as error:
             raise ConnectionLost(f"{port} cannot be opened: {one_line(error)}") from error
         try:
-            self._synchronise(f"rcm{secrets.token_hex(4)}".encode(), seconds)
+            self._synchronise(f"rcm{secrets.token_hex(4)}".encode(), timeout_s)
         except OSError as error:
             raise ConnectionLost(f"{port} cannot be used: {one_line(error)}") from error
 
-    def _synchronise(self, token: bytes, seconds: float) -> None:
+    def _synchronise(self, token: bytes, timeout_s: float) -> None:
         """Discard replies to earlier commands, up to the reply that contains a new token.
 
         An earlier client may have left an incomplete line, which the first line end completes. The
@@ -153,12 +156,12 @@ class SerialStream:
         """
         for line in (b"EO 0", b"EO 0", b'MG "' + token + b'"'):
             self.send(line + LINE_END)
-        received, end = b"", time.monotonic() + SERIAL_SYNC_S + seconds
+        received, deadline = b"", time.monotonic() + SERIAL_SYNC_S + timeout_s
         while not received.endswith(token + b"\r\n:"):
-            if time.monotonic() > end or len(received) > MAX_REPLY_BYTES:
+            if time.monotonic() > deadline or len(received) > MAX_REPLY_BYTES:
                 self.close()
                 raise OSError("no Galil controller answers there: check port and baud")
-            received += self.receive(seconds)
+            received += self.receive(timeout_s)
 
     def send(self, data: bytes) -> None:
         try:
@@ -169,8 +172,8 @@ class SerialStream:
     def receive(self, seconds: float) -> bytes:
         try:
             self._port.timeout = max(seconds, 0.0)
-            first = self._port.read(1)
-            return first + self._port.read(self._port.in_waiting) if first else b""
+            first_byte = self._port.read(1)
+            return first_byte + self._port.read(self._port.in_waiting) if first_byte else b""
         except (self._serial_error, TypeError) as error:  # TypeError: another thread closed it
             raise ConnectionError(str(error)) from error
 
@@ -185,17 +188,17 @@ class GalilConnection:
     ----------
     stream : ByteStream
         Bytes to and from the controller.
-    seconds : float
+    timeout_s : float
         Time limit of a reply, s.
     now : callable
-        Clock in s.
+        Function that returns the present time in s.
     """
 
     def __init__(
-        self, stream: ByteStream, seconds: float, now: Callable[[], float] = time.monotonic
+        self, stream: ByteStream, timeout_s: float, now: Callable[[], float] = time.monotonic
     ) -> None:
         self.now = now
-        self._stream, self._seconds = stream, seconds
+        self._stream, self._timeout_s = stream, timeout_s
         self._received = bytearray()
 
     def close(self) -> None:
@@ -218,7 +221,7 @@ class GalilConnection:
         self._require_no_surplus(commands)
         for command, reply in zip(commands, replies, strict=True):
             if reply is None:
-                raise self._rejected(command)
+                raise self._read_rejection(command)
         return [reply for reply in replies if reply is not None]
 
     def read_number(self, expression: str) -> float:
@@ -240,7 +243,7 @@ class GalilConnection:
         except ValueError:
             values = []
         if not values or not all(abs(value) <= MAX_NUMBER for value in values):
-            raise self._lost(f"{commands[-1]} must return numbers, got {quoted(reply)}")
+            raise self._close_as_lost(f"{commands[-1]} must return numbers, got {quoted(reply)}")
         return values
 
     def read_data_record(self, axis_count: int, *commands: str) -> DataRecord:
@@ -250,9 +253,9 @@ class GalilConnection:
         data = self._read_bytes(record_size(axis_count) + 1)
         self._require_no_surplus(commands)
         if None in replies:
-            raise self._rejected(commands[replies.index(None)])
+            raise self._read_rejection(commands[replies.index(None)])
         if not data.endswith(b":"):
-            raise self._lost("a data record must end with a colon")
+            raise self._close_as_lost("a data record must end with a colon")
         return decode_record(data[:-1], axis_count)
 
     def read_messages(self) -> list[str]:
@@ -261,10 +264,11 @@ class GalilConnection:
         For a connection on which no commands are sent. An incomplete line stays in the buffer.
         """
         self._receive(0.0)
-        *lines, rest = bytes(byte & ~UNSOLICITED_BIT for byte in self._received).split(b"\n")
-        self._received = bytearray(rest[-MAX_LINE_LENGTH:])
-        texts = (one_line(line.decode("ascii", "replace")) for line in lines)
-        return [text for text in texts if text]
+        unmarked = bytes(byte & ~UNSOLICITED_BIT for byte in self._received)
+        *lines, incomplete_line = unmarked.split(b"\n")
+        self._received = bytearray(incomplete_line[-MAX_LINE_LENGTH:])
+        messages = (one_line(line.decode("ascii", "replace")) for line in lines)
+        return [message for message in messages if message]
 
     def download_program(self, lines: list[str]) -> None:
         """Replace the program in the controller's memory.
@@ -273,7 +277,7 @@ class GalilConnection:
         executes lines that arrive after the refusal as commands.
         """
         self._send_line("DL")
-        self._receive(min(DOWNLOAD_REFUSAL_WAIT_S, self._seconds))
+        self._receive(min(DOWNLOAD_REFUSAL_WAIT_S, self._timeout_s))
         self._require_no_refusal("DL")
         for line in lines:
             self._send_line(line)
@@ -282,20 +286,20 @@ class GalilConnection:
         self._send_line("\\")
         replies = [self._read_reply() for _ in range(2)]
         if None in replies:
-            raise self._download_rejected("DL")
+            raise self._read_download_rejection("DL")
         self._require_no_surplus(("DL",))
 
     def _require_no_refusal(self, line: str) -> None:
         if self._received.startswith(b"?"):
-            raise self._download_rejected(line)
+            raise self._read_download_rejection(line)
 
-    def _download_rejected(self, line: str) -> CommandRejected:
+    def _read_download_rejection(self, line: str) -> CommandRejected:
         """Return the error, after discarding replies to lines that were executed as commands."""
-        end = self.now() + self._seconds
-        while self.now() < end:
-            self._receive(end - self.now())
+        deadline = self.now() + self._timeout_s
+        while self.now() < deadline:
+            self._receive(deadline - self.now())
             self._received.clear()
-        return self._rejected(line)
+        return self._read_rejection(line)
 
     def _send_line(self, line: str) -> None:
         if len(line) > MAX_LINE_LENGTH:
@@ -303,56 +307,55 @@ class GalilConnection:
         try:
             self._stream.send(line.encode("ascii") + LINE_END)
         except OSError as error:
-            raise self._lost(error.strerror or str(error)) from error
+            raise self._close_as_lost(error.strerror or str(error)) from error
 
     def _read_reply(self) -> str | None:
         """Read the reply to one command, None if the controller has refused it."""
-        end = self.now() + self._seconds
-        while True:
-            prompts = [i for i in map(self._received.find, (b":", b"?")) if i >= 0]
-            if prompts:
-                at = min(prompts)
-                data, prompt = bytes(self._received[:at]), self._received[at]
-                del self._received[: at + 1]
-                return None if prompt == ord("?") else data.decode("latin-1").strip()
-            self._wait_for_data(end)
+        deadline = self.now() + self._timeout_s
+        while not (match := PROMPT.search(self._received)):
+            self._wait_for_data(deadline)
+        data, prompt = bytes(self._received[: match.start()]), match.group()
+        del self._received[: match.end()]
+        return None if prompt == b"?" else data.decode("latin-1").strip()
 
     def _read_bytes(self, count: int) -> bytes:
-        end = self.now() + self._seconds
+        deadline = self.now() + self._timeout_s
         while len(self._received) < count:
             if self._received.startswith(b"?"):
-                raise self._lost("QR was refused")
-            self._wait_for_data(end)
+                raise self._close_as_lost("QR was refused")
+            self._wait_for_data(deadline)
         data = bytes(self._received[:count])
         del self._received[:count]
         return data
 
-    def _wait_for_data(self, end: float) -> None:
-        remaining = end - self.now()
-        if remaining <= 0.0:
-            raise self._lost(f"it has not answered for {self._seconds:g} s")
+    def _wait_for_data(self, deadline: float) -> None:
+        remaining_s = deadline - self.now()
+        if remaining_s <= 0.0:
+            raise self._close_as_lost(f"it has not answered for {self._timeout_s:g} s")
         if len(self._received) > MAX_REPLY_BYTES:
-            raise self._lost("its reply has no end")
-        self._receive(remaining)
+            raise self._close_as_lost("its reply has no end")
+        self._receive(remaining_s)
 
     def _receive(self, seconds: float) -> None:
         try:
             self._received += self._stream.receive(seconds)
         except OSError as error:
-            raise self._lost(error.strerror or str(error)) from error
+            raise self._close_as_lost(error.strerror or str(error)) from error
 
     def _require_no_surplus(self, commands: tuple[str, ...]) -> None:
         if self._received:
-            extra = quoted(bytes(self._received[:20]))
-            raise self._lost(f"it replied more than {';'.join(commands)} requests: {extra}")
+            surplus = quoted(bytes(self._received[:20]))
+            line = ";".join(commands)
+            raise self._close_as_lost(f"it replied more than {line} requests: {surplus}")
 
-    def _rejected(self, command: str) -> CommandRejected:
+    def _read_rejection(self, command: str) -> CommandRejected:
         """Return the error of a refused command, with the reason that TC1 reports."""
         self._send_line("TC1")
         reply = self._read_reply()
         reason = one_line(reply) if reply else "it gives no reason"
         return CommandRejected(f"the controller refused {command!r}: {reason}")
 
-    def _lost(self, reason: str) -> ConnectionLost:
+    def _close_as_lost(self, reason: str) -> ConnectionLost:
+        """Close the connection and return the error to raise."""
         self.close()
         return ConnectionLost(f"the controller is lost: {reason}")

@@ -23,47 +23,41 @@ BLOCK_SIZES = 52, 26, 36
 """Bytes of the general block, the coordinated motion block and one axis block."""
 
 GENERAL_DTYPE = np.dtype(
-    {
-        "names": [
-            "flags",
-            "axes",
-            "size",
-            "sample",
-            "inputs",
-            "outputs",
-            "handles",
-            "error",
-            "threads",
-            "amplifier",
-        ],
-        "formats": ["u1", "u1", "<u2", "<u2", "(10,)u1", "(10,)u1", "(8,)u1", "u1", "u1", "<u4"],
-        "offsets": [0, 1, 2, 4, 6, 16, 42, 50, 51, 52],
-        "itemsize": 82,
-    }
+    [
+        ("flags", "u1"),  # marker bit, and one bit per block of the record
+        ("axes", "u1"),  # one bit per axis
+        ("size", "<u2"),  # size of the record in bytes
+        ("sample", "<u2"),  # servo samples since the reset, modulo 2^16
+        ("inputs", "10u1"),
+        ("outputs", "10u1"),
+        ("reserved", "V16"),
+        ("handles", "8u1"),  # state of each Ethernet handle
+        ("error", "u1"),  # error code (TC)
+        ("threads", "u1"),  # one bit per running thread
+        ("amplifier", "<u4"),  # amplifier errors
+        ("coordinated", "V26"),  # coordinated motion, which this project does not use
+    ]
 )
-"""Controller part: block flags, one bit per axis, record size in bytes, servo samples since the
-reset, inputs, outputs, state of each Ethernet handle, error code (TC), one bit per running thread,
-amplifier errors."""
+"""Header, general block and coordinated motion block."""
 
 AXIS_DTYPE = np.dtype(
     [
-        ("status", "<u2"),
-        ("switches", "u1"),
-        ("stop", "u1"),
-        ("reference", "<i4"),
-        ("position", "<i4"),
-        ("error", "<i4"),
-        ("auxiliary", "<i4"),
-        ("velocity", "<i4"),
-        ("torque", "<i4"),
-        ("analog", "<i2"),
-        ("hall", "u1"),
+        ("status", "<u2"),  # bits such as MOVING below
+        ("switches", "u1"),  # bits such as FORWARD_SWITCH below
+        ("stop", "u1"),  # stop code (SC)
+        ("reference", "<i4"),  # RP, counts
+        ("position", "<i4"),  # TP, counts
+        ("error", "<i4"),  # TE, counts
+        ("auxiliary", "<i4"),  # position of the auxiliary encoder (TD), counts
+        ("velocity", "<i4"),  # 64 times TV, counts/s
+        ("torque", "<i4"),  # TT, 1/3255 V
+        ("analog", "<i2"),  # analog input
+        ("hall", "u1"),  # Hall sensors
         ("reserved", "u1"),
-        ("user", "<i4"),
+        ("user", "<i4"),  # user variable ZA
     ]
 )
-"""Axis part: status bits and switch bits (below), stop code (SC); RP, TP, TE and TD in counts; 64
-times TV in counts/s; TT in 1/3255 V; analog input, Hall sensors, and the user variable ZA."""
+"""Block of one axis."""
 
 VELOCITY_SCALE = 64.0
 """Ratio of the recorded velocity to TV."""
@@ -79,6 +73,7 @@ move; its motor is off."""
 FORWARD_SWITCH, REVERSE_SWITCH, HOME_SWITCH = 1 << 3, 1 << 2, 1 << 1
 """Switch bits of an axis as raw input levels. The level of a tripped switch depends on its
 wiring."""
+SWITCHES = FORWARD_SWITCH | REVERSE_SWITCH | HOME_SWITCH
 
 HEADER_FLAGS = 0x87
 """Flags of a complete record: the marker bit and the blocks I, T and S."""
@@ -94,9 +89,9 @@ class DataRecord(NamedTuple):
     Parameters
     ----------
     general : Any
-        Controller part, one row of ``GENERAL_DTYPE``.
+        State of the controller, one row of ``GENERAL_DTYPE``.
     axes : NDArray[Any]
-        Axis parts, one row of ``AXIS_DTYPE`` per axis.
+        States of the axes, one row of ``AXIS_DTYPE`` per axis.
     """
 
     general: Any
@@ -110,10 +105,10 @@ def record_size(axis_count: int) -> int:
 
 def empty_record(axis_count: int) -> DataRecord:
     """Return a record with a valid header and zeros elsewhere."""
-    general, rows = np.zeros((), GENERAL_DTYPE), np.zeros(axis_count, AXIS_DTYPE)
+    general = np.zeros((), GENERAL_DTYPE)
     general["flags"], general["axes"] = HEADER_FLAGS, (1 << axis_count) - 1
     general["size"] = record_size(axis_count)
-    return DataRecord(general, rows)
+    return DataRecord(general, np.zeros(axis_count, AXIS_DTYPE))
 
 
 def encode_record(record: DataRecord) -> bytes:
@@ -123,14 +118,11 @@ def encode_record(record: DataRecord) -> bytes:
 
 def decode_record(data: bytes, axis_count: int) -> DataRecord:
     """Decode the record of a controller, or raise :class:`InvalidRecord`."""
-    size = record_size(axis_count)
-    header = bytes([HEADER_FLAGS, (1 << axis_count) - 1]) + size.to_bytes(2, "little")
+    size, header = record_size(axis_count), encode_record(empty_record(axis_count))[:4]
     if len(data) != size or data[:4] != header:
         raise InvalidRecord(
             f"a data record of {axis_count} axes must have {size} bytes and begin with "
             f"{header.hex(' ')}, got {len(data)} bytes that begin with {data[:4].hex(' ')}"
         )
-    return DataRecord(
-        np.frombuffer(data, GENERAL_DTYPE, 1)[0],
-        np.frombuffer(data, AXIS_DTYPE, axis_count, GENERAL_DTYPE.itemsize),
-    )
+    axes = np.frombuffer(data, AXIS_DTYPE, axis_count, GENERAL_DTYPE.itemsize)
+    return DataRecord(np.frombuffer(data, GENERAL_DTYPE, 1)[0], axes)

@@ -14,12 +14,7 @@ import numpy as np
 
 from rcmservo.errors import RcmServoError
 from rcmservo.geometry.kinematics import JointLimits
-from rcmservo.hardware.galil.connection import (
-    ByteStream,
-    GalilConnection,
-    SerialStream,
-    TcpStream,
-)
+from rcmservo.hardware.galil.connection import GalilConnection, SerialStream, TcpStream
 from rcmservo.hardware.galil.session import ArmReading, GalilSession
 from rcmservo.hardware.galil.settings import GalilSettings
 from rcmservo.interfaces import ArmMeasurement, Command, Floats
@@ -54,10 +49,12 @@ class GalilArm:
     def __init__(self, settings: GalilSettings, limits: JointLimits) -> None:
         self.settings = settings
         self._connections: list[GalilConnection] = []
-        self._lock, self._wake, self._closing = threading.Lock(), threading.Event(), False
+        self._session_lock = threading.Lock()
         self._command_lock = threading.Lock()
-        """Lock of `_next`, held only while a command passes from the loop to the thread."""
-        self._next: Command | None = None
+        """Lock of `_pending_command`, held only while a command passes from the loop to the
+        thread."""
+        self._pending_command: Command | None = None
+        self._wake, self._is_closing = threading.Event(), False
         self._connection_error = ""
         self._measured = ArmMeasurement(0, np.zeros(3), False)
         try:
@@ -65,7 +62,7 @@ class GalilArm:
             message_connection = None if settings.is_serial else self._connect()
             self._session = GalilSession(connection, message_connection, settings, limits)
             self._session.set_up()
-            self._measured = self._as_measured(self._session.read())
+            self._update_measurement(self._session.read())
         except BaseException:
             self._disconnect()
             raise
@@ -87,13 +84,13 @@ class GalilArm:
         with self._exclusive_session():
             self._take_command()
             self._session.start()
-            self._measured = self._as_measured(self._session.read())
+            self._update_measurement(self._session.read())
 
     def set_position(self, q: Floats) -> None:
         """Set the joint position (3,) in rad, rad, mm, at rest and with the drive off."""
         with self._exclusive_session():
             self._session.set_position(q)
-            self._measured = self._as_measured(self._session.read())
+            self._update_measurement(self._session.read())
 
     def is_homed(self) -> bool:
         """Return True if an operator has set the joint position since the controller's reset."""
@@ -107,8 +104,9 @@ class GalilArm:
     def apply(self, command: Command) -> Floats:
         """Send a command; return the joint rates (3,) as rounded by the controller."""
         with self._command_lock:
-            if self._next is None or self._next.enabled:  # nothing replaces a switch-off
-                self._next = command
+            pending = self._pending_command
+            if pending is None or pending.enabled:  # nothing replaces a switch-off
+                self._pending_command = command
         self._wake.set()
         if not (command.enabled and self._measured.enabled):
             return np.zeros(3)
@@ -116,7 +114,7 @@ class GalilArm:
 
     def close(self) -> None:
         """Stop the arm, switch its motors off and disconnect."""
-        self._closing = True
+        self._is_closing = True
         self._wake.set()
         self._thread.join()
         if self._session.is_active:  # otherwise the motors are off or belong to another host
@@ -127,21 +125,21 @@ class GalilArm:
         self._disconnect()
 
     def _connect(self) -> GalilConnection:
-        settings = self.settings
-        stream: ByteStream = (
-            SerialStream(settings.address, settings.baud, settings.reply_timeout)
-            if settings.is_serial
-            else TcpStream(settings.address, settings.port, settings.reply_timeout)
-        )
-        self._connections.append(GalilConnection(stream, settings.reply_timeout))
+        settings, timeout = self.settings, self.settings.reply_timeout
+        if settings.is_serial:
+            stream = SerialStream(settings.address, settings.baud, timeout)
+        else:
+            stream = TcpStream(settings.address, settings.port, timeout)
+        self._connections.append(GalilConnection(stream, timeout))
         return self._connections[-1]
 
     def _run(self) -> None:
+        """Exchange commands and data records until the arm is closed or the controller is lost."""
         urgent()
-        while not self._closing:
+        while not self._is_closing:
             self._wake.wait(POLL_PERIOD_S)
             self._wake.clear()
-            with self._lock:
+            with self._session_lock:
                 try:
                     self._exchange()
                 except RcmServoError as error:
@@ -156,24 +154,25 @@ class GalilArm:
             if not command.enabled:
                 session.switch_off()
             elif time.monotonic_ns() <= command.deadline:
-                self._measured = self._as_measured(session.exchange(command.rates))
+                self._update_measurement(session.exchange(command.rates))
                 return
-        self._measured = self._as_measured(session.read())
+        self._update_measurement(session.read())
 
     def _take_command(self) -> Command | None:
         """Return the pending command and clear it."""
         with self._command_lock:
-            command, self._next = self._next, None
-        return command
+            command, self._pending_command = self._pending_command, None
+            return command
 
-    def _as_measured(self, reading: ArmReading) -> ArmMeasurement:
-        """Convert a reading. Its time never decreases."""
+    def _update_measurement(self, reading: ArmReading) -> None:
+        """Store a reading as the last measurement, whose time never decreases."""
         time_ns = max(round(1e9 * reading.time), self._measured.time)
-        return ArmMeasurement(time_ns, reading.q, reading.all_on)
+        self._measured = ArmMeasurement(time_ns, reading.q, reading.all_on)
 
     @contextlib.contextmanager
     def _exclusive_session(self) -> Generator[None]:
-        with self._lock:
+        """Keep the thread from using the session; raise `NotReady` if the controller is lost."""
+        with self._session_lock:
             if not self._thread.is_alive():
                 error = self._connection_error or "the controller is lost"
                 raise NotReady(f"{error}; connect again")

@@ -1,16 +1,17 @@
 """Conversion of a controller's sample counter to this computer's clock.
 
-A data record carries the number of the controller's sample. The sample lies between the request and
-the reply, but a delayed reply says little about when the joints were read. The controller samples
-at an even rate, so the exchanges with the shortest round trip determine the time of all samples:
+A data record carries the number of the sample at which the controller read the joints. The sample
+lies between the request and the reply, but a delayed reply leaves its time uncertain. The
+controller samples at an even rate, so the exchanges with the shortest round trip determine the time
+of all samples. With the sample time (sample number times period), the offset between the clocks has
+two bounds:
 
-    latest     minimum of (received - sample time): no sample was read later
-    earliest   maximum of (requested - sample time): no sample was read earlier, except for the
-               sample under way
+    largest offset     minimum of (received - sample time): no sample was read later
+    smallest offset    maximum of (requested - period - sample time): no sample was read earlier,
+                       except for the sample under way
 
-The offset between the clocks lies between these bounds. Both bounds widen with time by
-``MAX_CLOCK_DRIFT``. An exchange that contradicts them (after a reset of the controller) restarts
-the estimate.
+Both bounds widen with time by ``MAX_CLOCK_DRIFT``. An exchange that contradicts them (after a reset
+of the controller) restarts the estimate.
 """
 
 MAX_CLOCK_DRIFT = 300e-6
@@ -34,32 +35,32 @@ class SampleClock:
 
     def __init__(self, period: float) -> None:
         self.period = period
-        self._count, self._received = 0, 0.0
-        self._earliest = self._latest = 0.0
-        self._started = False
+        self._sample_count, self._last_received = 0, 0.0
+        self._min_offset = self._max_offset = 0.0
+        self._has_started = False
 
     def time_of(self, sample: int, requested: float, received: float) -> float:
         """Return the time (s) of a sample from a reply between `requested` and `received`.
 
         The result is never later than `received`.
         """
-        count = self._unwrap(sample, received)
-        sample_time = count * self.period
-        earliest, latest = requested - self.period - sample_time, received - sample_time
-        if self._started:
-            drift = MAX_CLOCK_DRIFT * max(received - self._received, 0.0)
-            earliest = max(earliest, self._earliest - drift)
-            latest = min(latest, self._latest + drift)
-        if earliest > latest:
-            earliest, latest = requested - self.period - sample_time, received - sample_time
-        self._count, self._received, self._started = count, received, True
-        self._earliest, self._latest = earliest, latest
-        return min(sample_time + 0.5 * (earliest + latest), received)
+        sample_count = self._unwrap(sample, received)
+        sample_time = sample_count * self.period
+        min_offset, max_offset = requested - self.period - sample_time, received - sample_time
+        if self._has_started:
+            drift = MAX_CLOCK_DRIFT * max(received - self._last_received, 0.0)
+            min_bound = max(min_offset, self._min_offset - drift)
+            max_bound = min(max_offset, self._max_offset + drift)
+            if min_bound <= max_bound:
+                min_offset, max_offset = min_bound, max_bound
+        self._sample_count, self._last_received, self._has_started = sample_count, received, True
+        self._min_offset, self._max_offset = min_offset, max_offset
+        return min(sample_time + 0.5 * (min_offset + max_offset), received)
 
     def _unwrap(self, sample: int, received: float) -> int:
         """Return the total sample count, from the counter and the time since the last exchange."""
-        if not self._started:
+        if not self._has_started:
             return sample
-        expected = self._count + round((received - self._received) / self.period)
+        expected = self._sample_count + round((received - self._last_received) / self.period)
         half = COUNTER_MODULUS // 2
         return expected + (sample - expected + half) % COUNTER_MODULUS - half

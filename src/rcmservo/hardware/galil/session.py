@@ -18,28 +18,12 @@ import numpy as np
 
 from rcmservo.errors import RcmServoError, quoted, require
 from rcmservo.geometry.kinematics import JointLimits
+from rcmservo.hardware.galil import stop_reasons, watchdog_program
 from rcmservo.hardware.galil.connection import CommandRejected, GalilConnection
-from rcmservo.hardware.galil.data_record import (
-    AXIS_LETTERS,
-    BLOCK_SIZES,
-    MOTOR_OFF,
-    DataRecord,
-)
+from rcmservo.hardware.galil.data_record import AXIS_LETTERS, BLOCK_SIZES, MOTOR_OFF, DataRecord
 from rcmservo.hardware.galil.sample_clock import SAMPLE_TIME_PER_TM_S, SampleClock
 from rcmservo.hardware.galil.settings import GalilSettings
-from rcmservo.hardware.galil.stop_reasons import (
-    append_device_reports,
-    describe_stop,
-    last_command_error,
-    read_amplifier_errors,
-)
-from rcmservo.hardware.galil.watchdog_program import (
-    FOREIGN_SPEED,
-    STOP_CAUSES,
-    THREAD_COUNT,
-    WATCHDOG_THREAD,
-    program_lines,
-)
+from rcmservo.hardware.galil.watchdog_program import THREAD_COUNT, WATCHDOG_THREAD
 from rcmservo.interfaces import Floats
 from rcmservo.live.device_protocols import NotReady
 
@@ -123,7 +107,7 @@ class GalilSession:
         self._connection, self._message_connection = connection, message_connection
         self._indices = [AXIS_LETTERS.index(axis) for axis in settings.axes]
         self._axis_count = self._watchdog_count = 0
-        self._program_checked = 0.0
+        self._program_check_time = 0.0
         self._sent_speeds, self._top_speeds = np.zeros(3), np.zeros(3)
         self._clock = SampleClock(REQUIRED_TM * SAMPLE_TIME_PER_TM_S)
 
@@ -159,9 +143,9 @@ class GalilSession:
     def _download_watchdog(self) -> None:
         axes = self.settings.axes
         try:
-            self._connection.download_program(
-                program_lines(axes, round(1e3 * self.settings.command_timeout))
-            )
+            timeout_ms = round(1e3 * self.settings.command_timeout)
+            lines = watchdog_program.program_lines(axes, timeout_ms)
+            self._connection.download_program(lines)
         except CommandRejected:
             self._connection.execute("AB 1")  # it may have executed lines as commands
             self._connection.execute(f"MO {axes}")
@@ -171,12 +155,13 @@ class GalilSession:
         """Raise `NotReady` if another host or a program uses the controller."""
         axes = self.settings.axes
         query = f"MG {','.join(f'_XQ{thread}' for thread in range(THREAD_COUNT))}"
-        lines = self._connection.read_numbers(query)
-        if len(lines) != THREAD_COUNT:
-            raise NotReady(f"{query} must return {THREAD_COUNT} numbers, got {quoted(lines)}")
-        if lines[WATCHDOG_THREAD] >= 0.0:
+        running_lines = self._connection.read_numbers(query)  # -1 for a thread that does not run
+        if len(running_lines) != THREAD_COUNT:
+            expected = f"{query} must return {THREAD_COUNT} numbers"
+            raise NotReady(f"{expected}, got {quoted(running_lines)}")
+        if running_lines[WATCHDOG_THREAD] >= 0.0:
             raise NotReady("another host uses the arm: end it there, or end its program with HX")
-        for thread, line in enumerate(lines):
+        for thread, line in enumerate(running_lines):
             if line >= 0.0:
                 raise NotReady(
                     f"a program runs on the controller, in thread {thread}: it must end before the "
@@ -196,7 +181,7 @@ class GalilSession:
     def set_position(self, q: Floats) -> None:
         """Set the joint position (3,) in rad, rad, mm, at rest and with the drive off."""
         require(bool(np.isfinite(q).all()), "q", q.tolist(), "three numbers")
-        counts = np.round(q * np.array(self.settings.counts)).astype(int).tolist()
+        counts = np.round(q * np.array(self.settings.counts))
         self._connection.execute(*self._axis_commands("DP", counts))
         self._connection.execute(f"{HOMED_VARIABLE}={self.settings.scale_checksum}")
 
@@ -218,19 +203,21 @@ class GalilSession:
             self.switch_off()
         self._require_free()
         self._require_sample_time()
-        errors = read_amplifier_errors(self._connection, self.settings.axes)
+        errors = stop_reasons.read_amplifier_errors(self._connection, self.settings.axes)
         if errors:
             raise NotReady(f"the amplifiers are not ready: {', '.join(errors)}")
         axes, connection = self.settings.axes, self._connection
         if not all(connection.read_number(f"_MO{axis}") for axis in axes):
             raise NotReady("another host has switched the motors on: end its use of the arm first")
         self._prepare()
-        session = int(connection.read_variable(SESSION_VARIABLE)) % SESSION_MODULUS + 1
-        self._watchdog_count = session * COUNTS_PER_SESSION
+        session_number = int(connection.read_variable(SESSION_VARIABLE)) % SESSION_MODULUS + 1
+        self._watchdog_count = session_number * COUNTS_PER_SESSION
         self.off_reason, self.last_message = "", ""
         self._top_speeds = np.zeros(3)
-        connection.execute(f"{SESSION_VARIABLE}={session}", f"hb={self._watchdog_count}", "TC")
-        self.is_active, self._program_checked = True, connection.now()
+        connection.execute(
+            f"{SESSION_VARIABLE}={session_number}", f"hb={self._watchdog_count}", "TC"
+        )
+        self.is_active, self._program_check_time = True, connection.now()
         try:
             # One line: a delayed SH on a line of its own could arrive after the program has ended.
             connection.execute(f"XQ #RCMWD,{WATCHDOG_THREAD}", f"SH {axes}")
@@ -244,10 +231,12 @@ class GalilSession:
 
     def _wait_for_motion(self) -> None:
         """Wait until the watchdog program has begun the jog."""
-        end = self._connection.now() + MOTION_START_TIMEOUT_S
+        deadline = self._connection.now() + MOTION_START_TIMEOUT_S
         while not all(self._connection.read_number(f"_BG{axis}") for axis in self.settings.axes):
-            if self._connection.now() > end:
-                cause = last_command_error(self._connection) or self._stop_cause(self.read())
+            if self._connection.now() > deadline:
+                cause = stop_reasons.last_command_error(self._connection) or self._stop_cause(
+                    self.read()
+                )
                 raise NotReady(f"the axes do not begin: {self._explain(cause)}")
 
     def read(self, *commands: str) -> ArmReading:
@@ -259,8 +248,8 @@ class GalilSession:
         self._read_messages()
         axes = record.axes[self._indices]
         q = axes["position"] / np.array(self.settings.counts)
-        off = axes["status"] & MOTOR_OFF != 0
-        reading = ArmReading(q, not off.any(), bool(off.all()), time, record)
+        is_off = axes["status"] & MOTOR_OFF != 0
+        reading = ArmReading(q, not is_off.any(), bool(is_off.all()), time, record)
         self._check_motors(reading)
         return reading
 
@@ -284,7 +273,7 @@ class GalilSession:
             return self.read()
         if self.is_active and self._has_foreign_speeds():
             self.switch_off()
-            self.off_reason = STOP_CAUSES[FOREIGN_SPEED]
+            self.off_reason = watchdog_program.STOP_CAUSES[watchdog_program.FOREIGN_SPEED]
             return self.read()
         self._watchdog_count += 1
         speeds = self._speed_commands(self.in_counts_per_s(rates))
@@ -306,10 +295,10 @@ class GalilSession:
         """
         axes, connection = self.settings.axes, self._connection
         connection.execute(f"ST {axes}", "hb=-1")
-        stopping = self.settings.stopping_time(self._top_speeds)
-        end = connection.now() + stopping + SWITCH_OFF_TIMEOUT_S
+        stopping_time = self.settings.stopping_time(self._top_speeds)
+        deadline = connection.now() + stopping_time + SWITCH_OFF_TIMEOUT_S
         while not all(connection.read_number(f"_MO{axis}") for axis in axes):
-            if connection.now() > end:
+            if connection.now() > deadline:
                 connection.execute(f"HX {WATCHDOG_THREAD}", "AB 1")
                 connection.execute(f"MO {axes}")
         self.is_active = False
@@ -318,15 +307,14 @@ class GalilSession:
         """Return the number of axes, or raise `NotReady` if it is no suitable DMC-40x0."""
         reply = self._connection.execute("QZ")[0]
         try:
-            count, *sizes = (int(part) for part in reply.split(","))
+            count, *block_sizes = (int(part) for part in reply.split(","))
         except ValueError:
-            count, sizes = 0, []
-        if tuple(sizes) != BLOCK_SIZES or not max(self._indices) < count <= len(AXIS_LETTERS):
+            count, block_sizes = 0, []
+        if tuple(block_sizes) != BLOCK_SIZES or not max(self._indices) < count <= len(AXIS_LETTERS):
             model = self._connection.execute("\x12\x16")[0]
             expected = f"?, {', '.join(map(str, BLOCK_SIZES))} with axes {self.settings.axes}"
-            raise NotReady(
-                f"QZ of a DMC-40x0 must be {expected}, got {quoted(reply)} of {quoted(model)}"
-            )
+            actual = f"{quoted(reply)} of {quoted(model)}"
+            raise NotReady(f"QZ of a DMC-40x0 must be {expected}, got {actual}")
         return count
 
     def _configure(self) -> None:
@@ -343,20 +331,22 @@ class GalilSession:
             ("BL", lower),
             ("FL", upper),
         ):
-            self._connection.execute(*self._axis_commands(name, [int(v) for v in values]))
+            self._connection.execute(*self._axis_commands(name, values))
 
-    def _axis_commands(self, name: str, values: list[int]) -> list[str]:
-        return [f"{name}{axis}={v}" for axis, v in zip(self.settings.axes, values, strict=True)]
+    def _axis_commands(self, name: str, values: Floats) -> list[str]:
+        """Return one command per axis that sets a value, truncated to an integer."""
+        pairs = zip(self.settings.axes, values, strict=True)
+        return [f"{name}{axis}={int(value)}" for axis, value in pairs]
 
     def _speed_commands(self, counts: Floats) -> list[str]:
         """Return commands that jog with these counts/s (3,) and store them for the watchdog."""
         self._sent_speeds, self._top_speeds = counts, np.maximum(self._top_speeds, np.abs(counts))
-        letters = [axis.lower() for axis in self.settings.axes]
-        stored = [f"v{a}={int(n)}" for a, n in zip(letters, counts, strict=True)]
-        fields = [""] * (max(self._indices) + 1)
-        for i, letter in zip(self._indices, letters, strict=True):
-            fields[i] = f"v{letter}"
-        return ["up=1", *stored, "JG " + ",".join(fields), "up=0"]
+        variables = [f"v{axis.lower()}" for axis in self.settings.axes]
+        assignments = [f"{name}={int(n)}" for name, n in zip(variables, counts, strict=True)]
+        jog_fields = [""] * (max(self._indices) + 1)
+        for index, name in zip(self._indices, variables, strict=True):
+            jog_fields[index] = name
+        return ["up=1", *assignments, "JG " + ",".join(jog_fields), "up=0"]
 
     def _check_motors(self, reading: ArmReading) -> None:
         """Detect motors that the controller has switched off, and an ended watchdog program.
@@ -367,22 +357,23 @@ class GalilSession:
             return
         if not reading.all_on:
             self.off_reason = self.off_reason or self._explain(self._stop_cause(reading))
-        due = self._connection.now() - self._program_checked > PROGRAM_CHECK_PERIOD_S
+        is_due = self._connection.now() - self._program_check_time > PROGRAM_CHECK_PERIOD_S
         if reading.all_off:
             self.is_active = False
-        elif not reading.all_on or due:
-            self._program_checked = self._connection.now()
+        elif not reading.all_on or is_due:
+            self._program_check_time = self._connection.now()
             if self._connection.read_number(f"_XQ{WATCHDOG_THREAD}") < 0.0:
                 self.switch_off()
-                self.off_reason = (
-                    self.off_reason or "the watchdog program on the controller has ended"
-                )
+                ended = "the watchdog program on the controller has ended"
+                self.off_reason = self.off_reason or ended
 
     def _stop_cause(self, reading: ArmReading) -> str:
         """Return the reason why the axes are at rest."""
         codes = reading.record.axes[self._indices]["stop"].tolist()
-        return describe_stop(self._connection, self.settings.axes, codes)
+        return stop_reasons.describe_stop(self._connection, self.settings.axes, codes)
 
     def _explain(self, cause: str) -> str:
         self._read_messages()
-        return append_device_reports(cause, self._connection, self.settings.axes, self.last_message)
+        return stop_reasons.append_device_reports(
+            cause, self._connection, self.settings.axes, self.last_message
+        )

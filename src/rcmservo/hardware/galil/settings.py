@@ -78,10 +78,10 @@ class GalilSettings(Checked, section="arm"):
     def __post_init__(self) -> None:
         super().__post_init__()
         for name in ("acceleration", "deceleration"):
-            rates = self.to_counts(getattr(self, name))
+            counts = self.to_counts(getattr(self, name))
             expected = f"from {MIN_ACCELERATION} to {MAX_ACCELERATION} counts/s² for every joint"
-            inside = bool(((rates >= MIN_ACCELERATION) & (rates <= MAX_ACCELERATION)).all())
-            self.require(inside, name, expected)
+            is_valid = bool(((counts >= MIN_ACCELERATION) & (counts <= MAX_ACCELERATION)).all())
+            self.require(is_valid, name, expected)
 
     @property
     def is_serial(self) -> bool:
@@ -94,14 +94,14 @@ class GalilSettings(Checked, section="arm"):
         text = f"{self.axes} {' '.join(map(repr, map(float, self.counts)))}"
         return zlib.crc32(text.encode()) % (2**31 - 1) + 1
 
-    def to_counts(self, sizes: Triple) -> Floats:
-        """Convert sizes of joint motions to unsigned counts (3,)."""
-        return np.abs(np.array(sizes) * np.array(self.counts))
+    def to_counts(self, magnitudes: Triple) -> Floats:
+        """Convert magnitudes in the units of the joints (rad, rad, mm) to unsigned counts (3,)."""
+        return np.abs(np.array(magnitudes) * np.array(self.counts))
 
     def stopping_time(self, speeds: Floats) -> float:
-        """Return the time (s) in which the controller stops axes with these counts/s (3,).
+        """Return the time in s that the controller needs to stop axes at these counts/s (3,).
 
-        It uses the deceleration as rounded by DC.
+        The deceleration is the one that DC has rounded.
         """
         deceleration = self.to_counts(self.deceleration) // MIN_ACCELERATION * MIN_ACCELERATION
         return float((speeds / deceleration).max())

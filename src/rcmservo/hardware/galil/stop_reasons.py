@@ -1,4 +1,4 @@
-"""Error codes, stop codes and amplifier errors of a Galil controller, in words.
+"""Reasons why a Galil controller stopped the arm: stop codes and amplifier errors, in words.
 
 Sources: DMC-40x0 command reference, TC, SC and TA; DMC-40x0 user manual, Amplifier Status.
 """
@@ -8,49 +8,9 @@ from collections.abc import Sequence
 from rcmservo.errors import quoted
 from rcmservo.hardware.galil.connection import CommandRejected, GalilConnection
 from rcmservo.hardware.galil.data_record import AXIS_LETTERS
+from rcmservo.hardware.galil.error_codes import ERROR_TEXTS
 from rcmservo.hardware.galil.watchdog_program import AXIS_AT_REST, STOP_CAUSES
 from rcmservo.live.device_protocols import NotReady
-
-ERROR_TEXTS = {
-    1: "Unrecognized command",
-    2: "Command only valid from program",
-    3: "Command not valid in program",
-    4: "Operand error",
-    5: "Input buffer full",
-    6: "Number out of range",
-    7: "Command not valid while running",
-    8: "Command not valid while not running",
-    9: "Variable error",
-    10: "Empty program line or undefined label",
-    11: "Invalid label or line number",
-    12: "Subroutine more than 16 deep",
-    13: "JG only valid when running in jog mode",
-    17: "ED, BN and DL not valid while program running",
-    19: "Application strand already executing",
-    20: "Begin not valid with motor off",
-    21: "Begin not valid while running",
-    22: "Begin not possible due to Limit Switch",
-    50: "Not enough fields",
-    51: "Question mark not valid",
-    52: 'Missing " or string too long',
-    53: "Error in {}",
-    55: "Missing [ or []",
-    56: "Array index invalid or out of range",
-    57: "Bad function or array",
-    58: "Bad command response (i.e._GNX)",
-    59: "Mismatched parentheses",
-    60: "Download error - line too long or too many lines",
-    61: "Duplicate or bad label",
-    62: "Too many labels",
-    63: "IF statement without ENDIF",
-    66: "Array space full",
-    67: "Too many arrays or variables",
-    82: "Undefined Array",
-    83: "Not a valid number",
-    123: "TCP lost sync",
-    133: "Command not valid when locked / Handle must be UDP",
-}
-"""Texts of the error codes (TC1) of refused commands."""
 
 STOP_CODE_TEXTS = {
     0: "is in motion",
@@ -93,7 +53,8 @@ record. It omits TA2 (peak current), which is no error.
 SUPPLY_ERRORS = "over-current", "over-voltage", "over-temperature", "under-voltage"
 """Bits 0 to 3 of TA0, for axes A to D. The next four bits are those of axes E to H."""
 
-AXES_PER_AMPLIFIER = 4
+AMPLIFIER_AXES = AXIS_LETTERS[:4], AXIS_LETTERS[4:]
+"""Axes of each amplifier."""
 
 
 def read_amplifier_errors(connection: GalilConnection, axes: str) -> list[str]:
@@ -114,17 +75,14 @@ def decode_amplifier_errors(values: Sequence[float], axes: str) -> list[str]:
         raise NotReady(f"{AMPLIFIER_QUERY} must return three bytes, got {quoted(list(values))}")
     supply, hall, lockout = (int(value) for value in values)
     errors: list[str] = []
-    for amplifier in sorted({AXIS_LETTERS.index(axis) // AXES_PER_AMPLIFIER for axis in axes}):
-        first = AXES_PER_AMPLIFIER * amplifier
-        group = f"axes {AXIS_LETTERS[first]}-{AXIS_LETTERS[first + AXES_PER_AMPLIFIER - 1]}"
-        bits = supply >> len(SUPPLY_ERRORS) * amplifier
-        errors += [
-            f"{name} on {group}" for bit, name in enumerate(SUPPLY_ERRORS) if bits >> bit & 1
-        ]
-        errors += [f"electronic lock-out of {group}"] if lockout >> amplifier & 1 else []
-    return errors + [
-        f"hall sensor error on axis {axis}" for axis in axes if hall >> AXIS_LETTERS.index(axis) & 1
-    ]
+    for amplifier, group in enumerate(AMPLIFIER_AXES):
+        if set(axes).intersection(group):
+            group_name = f"axes {group[0]}-{group[-1]}"
+            for bit, error in enumerate(SUPPLY_ERRORS, len(SUPPLY_ERRORS) * amplifier):
+                errors += [f"{error} on {group_name}"] if supply >> bit & 1 else []
+            errors += [f"electronic lock-out of {group_name}"] if lockout >> amplifier & 1 else []
+    hall_axes = [axis for axis in axes if hall >> AXIS_LETTERS.index(axis) & 1]
+    return errors + [f"hall sensor error on axis {axis}" for axis in hall_axes]
 
 
 def last_command_error(connection: GalilConnection) -> str:
@@ -139,19 +97,17 @@ def last_command_error(connection: GalilConnection) -> str:
 def describe_stop(connection: GalilConnection, axes: str, stop_codes: Sequence[int]) -> str:
     """Describe why the axes stopped, from the watchdog program's cause and the stop codes."""
     cause = int(connection.read_variable("why"))
-    if cause in STOP_CAUSES and cause != AXIS_AT_REST:
-        return STOP_CAUSES[cause]
-    stopped = [
+    watchdog_text = STOP_CAUSES.get(cause, "")
+    if watchdog_text and cause != AXIS_AT_REST:
+        return watchdog_text
+    axis_texts = [
         f"axis {axis} {STOP_CODE_TEXTS.get(code, f'stopped with the unknown stop code {code}')}"
         for axis, code in zip(axes, stop_codes, strict=True)
         if code not in NORMAL_STOP_CODES
     ]
-    return (
-        "; ".join(stopped)
-        or STOP_CAUSES.get(cause, "")
-        or last_command_error(connection)
-        or "the motors went off"
-    )
+    if axis_texts:
+        return "; ".join(axis_texts)
+    return watchdog_text or last_command_error(connection) or "the motors went off"
 
 
 def append_device_reports(

@@ -1,7 +1,11 @@
 """Watchdog program in the controller's memory: it stops the axes when its host falls silent.
 
-Every line from the host that commands motion ends by increasing ``hb``. The program checks every
-2 ms:
+The program is written in the controller's own language (source: Galil's command reference). Its
+variables are ``hb`` (heartbeat: the count that the host last sent), ``seen`` (the
+count at the last check), ``at`` (the time of the last new count), ``up`` (1 while the host updates
+the speeds), ``va`` to ``vh`` (the speeds that the host sent for the axes) and ``why`` (the cause of
+the stop). Every line from the host that commands motion ends by increasing ``hb``. The program
+checks every 2 ms:
 
     ``hb`` has risen              the host is alive: restart the timeout
     the timeout has elapsed       the host is silent: stop (why = 1)
@@ -40,35 +44,35 @@ STOP_CAUSES = {
 
 def program_lines(axes: str, timeout_ms: int) -> list[str]:
     """Return the program's lines for axes such as "ABC"."""
-    foreign = "|".join(f"(@ABS[v{axis.lower()}]<>_JG{axis})" for axis in axes)
-    resting = "|".join(f"(_BG{axis}=0)" for axis in axes)
-    off = "+".join(f"_MO{axis}" for axis in axes)
-    silent = f"IF ((TIME-at>{round(timeout_ms * SAMPLES_PER_MS)})|(TIME<at));why=1;ENDIF"
+    a_speed_differs = "|".join(f"(@ABS[v{axis.lower()}]<>_JG{axis})" for axis in axes)
+    an_axis_rests = "|".join(f"(_BG{axis}=0)" for axis in axes)
+    motors_off = "+".join(f"_MO{axis}" for axis in axes)
+    check_timeout = f"IF ((TIME-at>{round(timeout_ms * SAMPLES_PER_MS)})|(TIME<at));why=1;ENDIF"
     return [
         "#RCMWD",
         "seen=hb;at=TIME;why=0",
         "#RCMON",
         f"WT {CHECK_PERIOD_MS}",
-        silent,
+        check_timeout,
         "IF (hb<seen);why=2;ENDIF",
         "JP #RCMSTOP,(why>0)",
-        f"JP #RCMON,({off}>0)",
+        f"JP #RCMON,({motors_off}>0)",
         f"BG {axes}",
         "#RCMLOOK",
         f"WT {CHECK_PERIOD_MS}",
         "IF (hb>seen)",
         "seen=hb;at=TIME",
         "ENDIF",
-        silent,
+        check_timeout,
         "IF (hb<seen);why=2;ENDIF",
-        f"IF (({foreign})&(up=0));why={FOREIGN_SPEED};ENDIF",
-        f"IF ({resting});why={AXIS_AT_REST};ENDIF",
+        f"IF (({a_speed_differs})&(up=0));why={FOREIGN_SPEED};ENDIF",
+        f"IF ({an_axis_rests});why={AXIS_AT_REST};ENDIF",
         "JP #RCMLOOK,(why=0)",
         "#RCMSTOP",
         f"ST {axes}",
         f"AM {axes}",
         f"MO {axes}",
-        f"JP #RCMSTOP,({off}<{len(axes)})",
+        f"JP #RCMSTOP,({motors_off}<{len(axes)})",
         "EN",
         "#CMDERR",
         f"XQ #RCMSTOP,{WATCHDOG_THREAD}",

@@ -1,7 +1,9 @@
 """Emulated GigE Vision camera on the loopback interface: Aravis' fake camera with replaced images.
 
-Any client can use it: protocol, registers and packets are those of GigE Vision. The camera sends
-each new frame at once, as far as its frame period allows, stamped with the middle of the exposure.
+GigE Vision is a standard for industrial cameras on Ethernet, and Aravis a library for it. Any
+client can use the camera: protocol, registers and packets are those of GigE Vision. The camera
+sends each new frame at once, as far as its frame period allows, stamped with the middle of the
+exposure.
 """
 
 import ctypes
@@ -25,6 +27,8 @@ WIDTH, HEIGHT, SENSOR_WIDTH, SENSOR_HEIGHT = 0x100, 0x104, 0x11C, 0x118
 PIXEL_FORMAT, FRAME_PERIOD_US = 0x128, 0x138
 """Addresses of the fake camera's registers (arvfakecamera.h)."""
 RGB8 = 0x02180014
+BAYER_ROWS = {"BayerRG8": "RG GB", "BayerGR8": "GR BG", "BayerGB8": "GB RG", "BayerBG8": "BG GR"}
+"""Colours of the filters in the first and second row of pixels."""
 DEFAULT_RATE = 60.0
 """Frame rate in frames/s unless the client sets one."""
 REPEAT_AFTER_S = 0.25
@@ -102,10 +106,10 @@ class GigeCamera:
         frame = self._wait_for_frame()
         if frame is None or frame.image is None:
             return
-        size = [call(f"buffer_get_image_{name}", buffer) for name in ("height", "width")]
-        address, _ = self._library.data(buffer)
-        content = encode_image(frame.image, size[0], size[1], code)
-        ctypes.memmove(address, content.ctypes.data, content.nbytes)  # at most the payload
+        height, width = (call(f"buffer_get_image_{side}", buffer) for side in ("height", "width"))
+        address, _ = self._library.find_data(buffer)
+        pixels = encode_image(frame.image, height, width, code)
+        ctypes.memmove(address, pixels.ctypes.data, pixels.nbytes)  # at most the payload
         call("buffer_set_timestamp", buffer, frame.exposure)
 
     def _wait_for_frame(self) -> Frame | None:
@@ -113,8 +117,8 @@ class GigeCamera:
         end = time.monotonic() + REPEAT_AFTER_S
         while True:
             frame = self._camera.latest()
-            new = frame is not None and frame.number != self._last_number
-            if new or time.monotonic() > end or self._closing.is_set():
+            is_new = frame is not None and frame.number != self._last_number
+            if is_new or time.monotonic() > end or self._closing.is_set():
                 self._last_number = -1 if frame is None else frame.number
                 return frame
             time.sleep(POLL_PERIOD_S)
@@ -149,7 +153,7 @@ def encode_image(image: Image, height: int, width: int, code: int) -> Image:
         part = np.zeros((height, width, 3), np.uint8)
         rows, columns = min(height, image.shape[0]), min(width, image.shape[1])
         part[:rows, :columns] = image[:rows, :columns]
-    name = PIXEL_FORMATS[code][0] if code in PIXEL_FORMATS else "Mono8"
+    name, _ = PIXEL_FORMATS.get(code, ("Mono8", None))
     match name:
         case "RGB8":
             return np.asarray(cv2.cvtColor(part, cv2.COLOR_BGR2RGB), np.uint8)
@@ -158,16 +162,13 @@ def encode_image(image: Image, height: int, width: int, code: int) -> Image:
         case "Mono8":
             return np.asarray(cv2.cvtColor(part, cv2.COLOR_BGR2GRAY), np.uint8)
         case _:
-            return _encode_bayer(part, name)
+            return _encode_bayer(part, *BAYER_ROWS[name].split())
 
 
-def _encode_bayer(image: Image, name: str) -> Image:
-    """Sample an image with a colour filter array, such as BayerRG8: R G over G B."""
-    first, second = name[5], name[6]
-    upper = {"R": "RG", "B": "BG", "G": "GR" if second == "R" else "GB"}[first]
-    lower = {"RG": "GB", "BG": "GR", "GR": "BG", "GB": "RG"}[upper]
+def _encode_bayer(image: Image, *filter_rows: str) -> Image:
+    """Sample an image with a colour filter array of two rows, such as RG over GB."""
     mosaic = np.empty(image.shape[:2], np.uint8)
-    for i, filters in enumerate((upper, lower)):
+    for i, filters in enumerate(filter_rows):
         for j, colour in enumerate(filters):
             mosaic[i::2, j::2] = image[i::2, j::2, "BGR".index(colour)]
     return mosaic

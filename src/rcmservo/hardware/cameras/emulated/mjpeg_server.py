@@ -51,7 +51,9 @@ class MjpegServer:
     def __init__(self, camera: Camera, port: int) -> None:
         self._camera = camera
         self._new_frame = threading.Condition()
-        self._count, self._jpeg, self._waiting, self._closing = 0, b"", 0, False
+        self._count, self._jpeg, self._waiting_clients = 0, b"", 0
+        self.is_closing = False
+        """True after `close`."""
         try:
             self._server = _Server((LOOPBACK, port), partial(_ClientHandler, self))
         except OSError as error:
@@ -68,24 +70,21 @@ class MjpegServer:
         return f"http://{LOOPBACK}:{self.port}/"
 
     def wait_for_newer(self, count: int) -> tuple[int, bytes]:
-        """Wait for a frame after the one with a count; return its count and JPEG.
+        """Wait for a frame after frame number `count`; return its number and JPEG.
 
-        The JPEG is empty if no frame comes.
+        If no frame comes, the number is `count` and the JPEG is empty.
         """
         with self._new_frame:
-            self._waiting += 1
-            self._new_frame.wait_for(lambda: self._count > count or self._closing, FRAME_TIMEOUT_S)
-            self._waiting -= 1
+            self._waiting_clients += 1
+            self._new_frame.wait_for(
+                lambda: self._count > count or self.is_closing, FRAME_TIMEOUT_S
+            )
+            self._waiting_clients -= 1
             return (self._count, self._jpeg) if self._count > count else (count, b"")
-
-    @property
-    def is_closing(self) -> bool:
-        """True after `close`."""
-        return self._closing
 
     def close(self) -> None:
         """Disconnect all clients and stop the server."""
-        self._closing = True
+        self.is_closing = True
         self._server.shutdown()
         self._server.server_close()
         for thread in self._threads:
@@ -93,13 +92,13 @@ class MjpegServer:
 
     def _encode_frames(self) -> None:
         """Encode each new frame for which a client waits."""
-        last: Frame | None = None
-        while not self._closing:
-            frame = self._camera.latest() if self._waiting else None
-            if frame is None or frame is last or frame.image is None:
+        encoded_frame: Frame | None = None
+        while not self.is_closing:
+            frame = self._camera.latest() if self._waiting_clients else None
+            if frame is None or frame is encoded_frame or frame.image is None:
                 time.sleep(POLL_PERIOD_S)
                 continue
-            last = frame
+            encoded_frame = frame
             jpeg = encode_jpeg(frame.image)
             with self._new_frame:
                 self._count, self._jpeg = self._count + 1, jpeg
@@ -142,9 +141,8 @@ class _ClientHandler(BaseHTTPRequestHandler):
         while not self._frames.is_closing:
             count, jpeg = self._frames.wait_for_newer(count)
             if jpeg:
-                head = f"Content-Type: image/jpeg\r\nContent-Length: {len(jpeg)}\r\n\r\n"
-                start = f"--{BOUNDARY}\r\n{head}".encode()
-                self.wfile.write(start + jpeg + b"\r\n")
+                header = f"Content-Type: image/jpeg\r\nContent-Length: {len(jpeg)}\r\n\r\n"
+                self.wfile.write(f"--{BOUNDARY}\r\n{header}".encode() + jpeg + b"\r\n")
 
     def log_message(self, format: str, *args: Any) -> None:
         """Log nothing."""

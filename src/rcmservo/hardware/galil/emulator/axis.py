@@ -11,8 +11,8 @@ import math
 from dataclasses import dataclass, field
 from enum import Enum
 
-NO_SOFT_LIMIT = 2147483647
-"""Value of a disabled soft limit in counts, the largest position."""
+MIN_POSITION, MAX_POSITION = -(2**31), 2**31 - 1
+"""Range of positions in counts. As soft limits these values limit nothing."""
 
 POSITION_GAIN = 20.0
 """Gain of the position loop in 1/s: speed correction per position error."""
@@ -27,10 +27,16 @@ class MoveMode(Enum):
 
 
 class StopCode:
-    """Reason why an axis has stopped or decelerates (SC)."""
+    """Reason why an axis has stopped or decelerates (SC).
+
+    ``RUNNING`` is no stop, ``DONE`` the end of a move, ``FORWARD`` and ``REVERSE`` are limits,
+    ``COMMAND`` is ST and ``ABORTED`` is AB. ``OFF_ON_ERROR`` is an excessive position error, and
+    ``AMPLIFIER`` an amplifier's fault; both switch the motor off.
+    """
 
     RUNNING, DONE, FORWARD, REVERSE, COMMAND, ABORTED = 0, 1, 2, 3, 4, 7
     OFF_ON_ERROR, AMPLIFIER = 8, 15
+    LIMITS = FORWARD, REVERSE
 
 
 @dataclass
@@ -76,8 +82,8 @@ class AxisSettings:
     JG: float = 25000.0
     PR: float = 0.0
     PA: float = 0.0
-    FL: float = NO_SOFT_LIMIT
-    BL: float = -NO_SOFT_LIMIT - 1
+    FL: float = MAX_POSITION
+    BL: float = MIN_POSITION
     ER: float = 16384.0
     OE: float = 0.0
     LD: float = 0.0
@@ -139,16 +145,26 @@ class Axis:
         return self.reference - self.position
 
     @property
+    def is_stopping_at_limit(self) -> bool:
+        """True while the axis decelerates because of a limit."""
+        return self.stopping and self.stop_code in StopCode.LIMITS
+
+    @property
+    def switches_off_on_error(self) -> bool:
+        """True if an excessive position error switches the motor off (OE)."""
+        return self.settings.OE in (1.0, 3.0)
+
+    @property
     def can_move_forward(self) -> bool:
         """True if no limit prohibits forward motion."""
-        stopped = self.forward_tripped and self.settings.LD not in (1.0, 3.0)
-        return not stopped and self.position <= self.settings.FL
+        at_switch = self.forward_tripped and self.settings.LD not in (1.0, 3.0)
+        return not at_switch and self.position <= self.settings.FL
 
     @property
     def can_move_reverse(self) -> bool:
         """True if no limit prohibits reverse motion."""
-        stopped = self.reverse_tripped and self.settings.LD not in (2.0, 3.0)
-        return not stopped and self.position >= self.settings.BL
+        at_switch = self.reverse_tripped and self.settings.LD not in (2.0, 3.0)
+        return not at_switch and self.position >= self.settings.BL
 
     def commanded_motion(self) -> float:
         """Return the jog speed or the distance that BG would begin; its sign is the direction."""
@@ -175,9 +191,11 @@ class Axis:
         self.moving, self.stopping, self.speed = False, False, 0.0
 
     def switch_off(self, code: int | None = None) -> None:
-        """Switch the motor off."""
+        """Switch the motor off. Without a code the stop code stays as it is."""
         self.abort(self.stop_code)
-        self.motor_off, self.stop_code = True, self.stop_code if code is None else code
+        self.motor_off = True
+        if code is not None:
+            self.stop_code = code
 
     def switch_on(self) -> None:
         """Switch the motor on and hold the present position."""
@@ -194,24 +212,24 @@ class Axis:
         """
         if self.motor_off:
             return 0.0
-        before = self.speed
+        previous_speed = self.speed
         if self.moving:
             self._check_limits()
             self._update_speed(seconds)
             self.reference += self.speed * seconds
             if self.stopping and self.speed == 0.0:
                 self.moving = self.stopping = False
-        feedforward = lag * (self.speed - before) / seconds
+        feedforward = lag * (self.speed - previous_speed) / seconds
         return self.speed + feedforward + POSITION_GAIN * self.error
 
     def check_following_error(self) -> None:
         """Switch the motor off if the position error exceeds its limit (OE, ER)."""
-        enabled = not self.motor_off and self.settings.OE in (1.0, 3.0)
-        if enabled and abs(self.error) > self.settings.ER:
+        is_checked = self.switches_off_on_error and not self.motor_off
+        if is_checked and abs(self.error) > self.settings.ER:
             self.switch_off(StopCode.OFF_ON_ERROR)
 
     def _check_limits(self) -> None:
-        if self.stopping and self.stop_code in (StopCode.FORWARD, StopCode.REVERSE):
+        if self.is_stopping_at_limit:
             return
         if self.speed > 0.0 and not self.can_move_forward:
             self.stop(StopCode.FORWARD)
@@ -219,11 +237,10 @@ class Axis:
             self.stop(StopCode.REVERSE)
 
     def _update_speed(self, seconds: float) -> None:
-        if self.stopping:
-            at_limit = self.stop_code in (StopCode.FORWARD, StopCode.REVERSE)
-            self._change_speed_towards(
-                0.0, seconds, self.settings.SD if at_limit else self.settings.DC
-            )
+        if self.is_stopping_at_limit:
+            self._change_speed_towards(0.0, seconds, self.settings.SD)
+        elif self.stopping:
+            self._change_speed_towards(0.0, seconds, self.settings.DC)
         elif self.mode is MoveMode.JOG:
             self._change_speed_towards(self.settings.JG, seconds, self.settings.DC)
         else:

@@ -9,9 +9,12 @@ Sources: command reference, Mathematical operations and Operands; MG, PF, VF.
 """
 
 import math
+import operator
 import re
 from collections.abc import Callable, Sequence
-from typing import Protocol
+
+from rcmservo.hardware.galil.emulator.state import ControllerState
+from rcmservo.hardware.galil.error_codes import CommandError, ErrorCode
 
 FRACTION_STEPS = 65536
 """Steps per unit: a number has 16 bits after the point."""
@@ -19,73 +22,26 @@ FRACTION_STEPS = 65536
 MAX_INTEGER = 2147483647
 """Largest integer: a number has 32 bits before the point."""
 
-
-class CommandError(Exception):
-    """Error of a command that the controller refuses.
-
-    Parameters
-    ----------
-    code : int
-        Error code that TC reports.
-    """
-
-    def __init__(self, code: int) -> None:
-        super().__init__(code)
-        self.code = code
-
-
-def stored_number(value: float) -> float:
-    """Round a number to the controller's resolution, or raise :class:`CommandError`."""
-    if not -MAX_INTEGER - 1 <= value < MAX_INTEGER + 1:
-        raise CommandError(6)
-    return math.floor(value * FRACTION_STEPS) / FRACTION_STEPS
-
-
-def format_number(value: float) -> str:
-    """Format one number like MG and the question mark of a variable (VF 10.4)."""
-    return f" {value:.4f}"
-
-
-def format_list(values: Sequence[float], digits: int = 0) -> str:
-    """Format several numbers like TP and similar commands (PF 10.0)."""
-    return " " + ", ".join(f"{value:.{digits}f}" for value in values)
-
-
 TOKEN = re.compile(
     r"\s*(?:(?P<hex>\$[0-9A-F]+)|(?P<number>\d+\.?\d*|\.\d+)|(?P<function>@[A-Z]+)"
     r"|(?P<operand>_[A-Z]{2}[A-Z0-9]{0,2})|(?P<name>[A-Za-z][A-Za-z0-9]{0,7})"
     r"|(?P<sign><>|<=|>=|[-+*/%&|=<>()\[\]]))"
 )
 
-Operation = Callable[[float, float], float]
-
-
-def _divide(a: float, b: float) -> float:
-    if b == 0.0:
-        raise CommandError(6)
-    return a / b
-
-
-def _remainder(a: float, b: float) -> float:
-    if b == 0.0:
-        raise CommandError(6)
-    return math.fmod(a, b)
-
-
-OPERATIONS: dict[str, Operation] = {
-    "+": lambda a, b: a + b,
-    "-": lambda a, b: a - b,
-    "*": lambda a, b: a * b,
-    "/": _divide,
-    "%": _remainder,
-    "&": lambda a, b: float(int(a) & int(b)),
-    "|": lambda a, b: float(int(a) | int(b)),
-    "=": lambda a, b: float(a == b),
-    "<>": lambda a, b: float(a != b),
-    "<": lambda a, b: float(a < b),
-    ">": lambda a, b: float(a > b),
-    "<=": lambda a, b: float(a <= b),
-    ">=": lambda a, b: float(a >= b),
+OPERATIONS: dict[str, Callable[[float, float], float]] = {
+    "+": operator.add,
+    "-": operator.sub,
+    "*": operator.mul,
+    "/": operator.truediv,
+    "%": math.fmod,
+    "&": lambda a, b: int(a) & int(b),
+    "|": lambda a, b: int(a) | int(b),
+    "=": operator.eq,
+    "<>": operator.ne,
+    "<": operator.lt,
+    ">": operator.gt,
+    "<=": operator.le,
+    ">=": operator.ge,
 }
 
 FUNCTIONS: dict[str, Callable[[float], float]] = {
@@ -101,74 +57,76 @@ FUNCTIONS: dict[str, Callable[[float], float]] = {
 """Functions of one number. Angles are in degrees."""
 
 
-class Symbols(Protocol):
-    """Values of the names in an expression. An unknown name raises :class:`CommandError`."""
-
-    def variable(self, name: str) -> float:
-        """Return the value of a variable."""
-        ...
-
-    def element(self, name: str, index: float) -> float:
-        """Return an element of an array."""
-        ...
-
-    def operand(self, name: str) -> float:
-        """Return the value of an operand such as _TPA."""
-        ...
-
-    def input(self, function: str, number: float) -> float:
-        """Return the value of @IN, @OUT or @AN for an input or output."""
-        ...
-
-
-def evaluate(text: str, symbols: Symbols) -> float:
-    """Evaluate an expression."""
-    parser = _Parser(_tokenise(text), symbols)
+def evaluate(text: str, state: ControllerState) -> float:
+    """Evaluate an expression, or raise :class:`CommandError`."""
+    parser = _Parser(_tokenise(text), state)
     value = parser.evaluate_chain()
+    if parser.next_is(")"):
+        raise CommandError(ErrorCode.OPERAND_ERROR)
     if not parser.at_end:
-        raise CommandError(4 if parser.next_is(")") else 1)
+        raise CommandError(ErrorCode.UNRECOGNIZED_COMMAND)
     return stored_number(value)
+
+
+def stored_number(value: float) -> float:
+    """Round a number to the controller's resolution, or raise :class:`CommandError`."""
+    if not -MAX_INTEGER - 1 <= value < MAX_INTEGER + 1:
+        raise CommandError(ErrorCode.NUMBER_OUT_OF_RANGE)
+    return math.floor(value * FRACTION_STEPS) / FRACTION_STEPS
+
+
+def format_number(value: float) -> str:
+    """Format one number like MG and the question mark of a variable (VF 10.4)."""
+    return f" {value:.4f}"
+
+
+def format_list(values: Sequence[float], digits: int = 0) -> str:
+    """Format several numbers like TP and similar commands (PF 10.0)."""
+    return " " + ", ".join(f"{value:.{digits}f}" for value in values)
 
 
 def _tokenise(text: str) -> list[tuple[str, str]]:
     """Split an expression into tokens, each with its kind and text."""
     tokens: list[tuple[str, str]] = []
-    at, text = 0, text.rstrip()
-    while at < len(text):
-        match = TOKEN.match(text, at)
+    position, text = 0, text.rstrip()
+    while position < len(text):
+        match = TOKEN.match(text, position)
         if match is None or match.lastgroup is None:
-            raise CommandError(1)
+            raise CommandError(ErrorCode.UNRECOGNIZED_COMMAND)
         tokens.append((match.lastgroup, match.group(match.lastgroup)))
-        at = match.end()
+        position = match.end()
     return tokens
 
 
 class _Parser:
     """Parser of a token list that evaluates the expression while it reads."""
 
-    def __init__(self, tokens: list[tuple[str, str]], symbols: Symbols) -> None:
-        self._tokens, self._at, self._symbols = tokens, 0, symbols
+    def __init__(self, tokens: list[tuple[str, str]], state: ControllerState) -> None:
+        self._tokens, self._index, self._state = tokens, 0, state
 
     @property
     def at_end(self) -> bool:
-        return self._at == len(self._tokens)
+        return self._index == len(self._tokens)
 
     def next_is(self, sign: str) -> bool:
-        return not self.at_end and self._tokens[self._at] == ("sign", sign)
+        return not self.at_end and self._tokens[self._index] == ("sign", sign)
 
     def evaluate_chain(self) -> float:
         """Evaluate terms and operators from left to right."""
         value = self._evaluate_term()
-        while not self.at_end and self._tokens[self._at][1] in OPERATIONS:
-            operation = OPERATIONS[self._take_token()[1]]
-            value = stored_number(operation(value, self._evaluate_term()))
+        while not self.at_end and self._tokens[self._index][1] in OPERATIONS:
+            sign = self._take_token()[1]
+            operand = self._evaluate_term()
+            if sign in "/%" and operand == 0.0:
+                raise CommandError(ErrorCode.NUMBER_OUT_OF_RANGE)
+            value = stored_number(OPERATIONS[sign](value, operand))
         return value
 
     def _take_token(self) -> tuple[str, str]:
         if self.at_end:
-            raise CommandError(50)
-        self._at += 1
-        return self._tokens[self._at - 1]
+            raise CommandError(ErrorCode.NOT_ENOUGH_FIELDS)
+        self._index += 1
+        return self._tokens[self._index - 1]
 
     def _evaluate_term(self) -> float:
         kind, text = self._take_token()
@@ -178,7 +136,7 @@ class _Parser:
             case "number":
                 return stored_number(float(text))
             case "operand":
-                return self._symbols.operand(text)
+                return self._state.operand(text)
             case "function":
                 return self._apply_function(text)
             case "name":
@@ -188,32 +146,36 @@ class _Parser:
 
     def _evaluate_name(self, name: str) -> float:
         if self.next_is("["):
-            return self._symbols.element(name, self._evaluate_enclosed("[", "]", 55))
-        return self._symbols.variable(name)
+            return self._state.element(name, self._evaluate_bracketed())
+        return self._state.variable(name)
 
     def _evaluate_signed(self, sign: str) -> float:
+        """Evaluate a term that begins with a sign or a parenthesis."""
         if sign in "+-":
             return self._evaluate_term() if sign == "+" else -self._evaluate_term()
         if sign != "(":
-            raise CommandError(1)
-        self._at -= 1
-        return self._evaluate_enclosed("(", ")", 59)
+            raise CommandError(ErrorCode.UNRECOGNIZED_COMMAND)
+        return self._evaluate_up_to(")", ErrorCode.MISMATCHED_PARENTHESES)
 
     def _apply_function(self, name: str) -> float:
-        argument = self._evaluate_enclosed("[", "]", 55)
+        argument = self._evaluate_bracketed()
         if name in ("@IN", "@OUT", "@AN"):
-            return self._symbols.input(name, argument)
+            return self._state.input(name, argument)
         if name not in FUNCTIONS:
-            raise CommandError(57)
+            raise CommandError(ErrorCode.BAD_FUNCTION_OR_ARRAY)
         return FUNCTIONS[name](argument)
 
-    def _evaluate_enclosed(self, opening: str, closing: str, code: int) -> float:
-        """Evaluate an expression in brackets; a missing bracket raises the error of `code`."""
-        if not self.next_is(opening):
-            raise CommandError(code)
-        self._at += 1
+    def _evaluate_bracketed(self) -> float:
+        """Evaluate an expression in square brackets."""
+        if not self.next_is("["):
+            raise CommandError(ErrorCode.MISSING_BRACKET)
+        self._index += 1
+        return self._evaluate_up_to("]", ErrorCode.MISSING_BRACKET)
+
+    def _evaluate_up_to(self, closing: str, code: ErrorCode) -> float:
+        """Evaluate an expression up to a closing sign; without it raise the error of `code`."""
         value = self.evaluate_chain()
         if not self.next_is(closing):
             raise CommandError(code)
-        self._at += 1
+        self._index += 1
         return value

@@ -1,4 +1,4 @@
-"""Faults of the emulated controller and its connection, on request.
+"""Faults of the emulated Galil controller and its connection, on request.
 
 A fault is written as `kind:at=5,for=0.5`: it begins `at` s after the start of the emulator and
 lasts `for` s, or without `for` until the end.
@@ -46,18 +46,18 @@ class Fault:
     def __post_init__(self) -> None:
         one_of(FAULT_KINDS).require("--fault", self.kind)
         expected = f"a time in s from 0 to {MAX_START_TIME_S:g}"
-        in_range = 0.0 <= self.at <= MAX_START_TIME_S
-        require(in_range, f"--fault {self.kind}: at", self.at, expected)
+        is_valid = 0.0 <= self.at <= MAX_START_TIME_S
+        require(is_valid, f"--fault {self.kind}: at", self.at, expected)
         require(self.duration > 0.0, f"--fault {self.kind}: for", self.duration, "a time above 0 s")
 
     @classmethod
     def parse(cls, text: str) -> "Fault":
         """Parse a fault written as `kind:at=5,for=0.5`."""
-        kind, _, rest = text.partition(":")
+        kind, _, options = text.partition(":")
         times = {"at": 0.0, "for": math.inf}
-        for item in rest.split(",") if rest else []:
-            key, _, value = (part.strip() for part in item.partition("="))
-            require(key in times, f"--fault {kind}", item, "at=SECONDS or for=SECONDS")
+        for option in options.split(",") if options else []:
+            key, _, value = (part.strip() for part in option.partition("="))
+            require(key in times, f"--fault {kind}", option, "at=SECONDS or for=SECONDS")
             try:
                 times[key] = float(value)
             except ValueError:

@@ -2,27 +2,33 @@
 
 import re
 
-from rcmservo.hardware.galil.emulator.commands import motion, reports, settings, threads
-from rcmservo.hardware.galil.emulator.expressions import CommandError
-from rcmservo.hardware.galil.emulator.state import Caller, CommandHandler, ControllerState
+from rcmservo.hardware.galil.emulator.commands import assignments, motion, reports, threads
+from rcmservo.hardware.galil.emulator.state import (
+    AXIS_OPERANDS,
+    Caller,
+    CommandHandler,
+    ControllerState,
+)
+from rcmservo.hardware.galil.error_codes import CommandError, ErrorCode
 
 COMMANDS: dict[str, CommandHandler] = {
     **{
-        name: settings.axis_setting(name)
-        for name in (*settings.SETTING_RANGES, *settings.STORED_SETTINGS)
+        name: assignments.axis_setting(name)
+        for name in (*assignments.SETTING_RANGES, *assignments.STORED_SETTINGS)
     },
     **dict.fromkeys(
         ("BA", "BI", "BN", "BP", "BV", "CB", "DV", "IH", "LZ", "NO", "PF", "SB", "VF"),
-        settings.accept,
+        assignments.accept,
     ),
+    **{name: reports.axis_report(AXIS_OPERANDS[name]) for name in ("RP", "SC", "TD", "TP", "TV")},
     "AB": motion.abort,
     "AM": motion.wait_for_motion_end,
     "BG": motion.begin,
-    "CN": settings.set_switch_polarity,
-    "CW": settings.mark_messages,
+    "CN": assignments.set_switch_polarity,
+    "CW": assignments.mark_messages,
     "DL": threads.download,
-    "DM": settings.dimension,
-    "DP": settings.define_position,
+    "DM": assignments.dimension,
+    "DP": assignments.define_position,
     "ELSE": threads.else_,
     "EN": threads.end,
     "ENDIF": threads.end_if,
@@ -36,19 +42,14 @@ COMMANDS: dict[str, CommandHandler] = {
     "MO": motion.switch_motors_off,
     "QZ": reports.report_block_sizes,
     "RE": threads.end,
-    "RP": reports.axis_report(lambda axis: round(axis.reference)),
-    "SC": reports.axis_report(lambda axis: axis.stop_code),
     "SH": motion.servo_here,
     "ST": motion.stop,
     "TC": reports.report_error,
-    "TD": reports.axis_report(lambda _: 0.0),
     "TE": reports.axis_report(lambda axis: round(axis.reference) - round(axis.position)),
     "TH": reports.report_handles,
-    "TM": settings.set_sample_time,
-    "TP": reports.axis_report(lambda axis: round(axis.position)),
+    "TM": assignments.set_sample_time,
     "TS": reports.report_switches,
-    "TT": reports.axis_report(lambda _: 0.0, 4),
-    "TV": reports.axis_report(lambda axis: round(axis.velocity)),
+    "TT": reports.axis_report(AXIS_OPERANDS["TT"], 4),
     "WH": reports.report_own_handle,
     "WT": threads.wait,
     "XQ": threads.execute_program,
@@ -59,6 +60,21 @@ QR, RS and UL, which need the host connections or the amplifiers."""
 MODEL_QUERY = "\x12\x16"
 
 ASSIGNMENT = re.compile(r"([A-Za-z][A-Za-z0-9]{0,7})\s*(\[.*\])?\s*=")
+
+
+def execute(state: ControllerState, text: str, caller: Caller) -> str | None:
+    """Execute a command and return its reply data, or raise :class:`CommandError`."""
+    text = text.strip()
+    if text == MODEL_QUERY:
+        return reports.format_model(state)
+    if not text or text.startswith("'"):
+        return None
+    name = command_name(text)
+    if name in COMMANDS:
+        return COMMANDS[name](state, text[len(name) :], caller)
+    if ASSIGNMENT.match(text):
+        return assignments.assign(state, text)
+    raise CommandError(ErrorCode.UNRECOGNIZED_COMMAND)
 
 
 def command_name(text: str) -> str:
@@ -72,20 +88,6 @@ def _is_assignment(text: str, name: str) -> bool:
     match = ASSIGNMENT.match(text)
     if match is None:
         return False
-    axes = match.group(1)[len(name) :]
-    return match.group(2) is not None or re.fullmatch(r"[A-HW-Z]*", axes) is None
-
-
-def execute(state: ControllerState, text: str, caller: Caller) -> str:
-    """Execute a command and return its reply data, or raise :class:`CommandError`."""
-    text = text.strip()
-    if text == MODEL_QUERY:
-        return reports.model_text(state)
-    if not text or text.startswith("'"):
-        return ""
-    name = command_name(text)
-    if name in COMMANDS:
-        return COMMANDS[name](state, text[len(name) :], caller)
-    if ASSIGNMENT.match(text):
-        return settings.assign(state, text)
-    raise CommandError(1)
+    variable, array_index = match.groups()
+    axes = variable[len(name) :]
+    return array_index is not None or re.fullmatch(r"[A-HW-Z]*", axes) is None

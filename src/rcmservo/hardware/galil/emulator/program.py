@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from rcmservo.hardware.galil.connection import MAX_LINE_LENGTH
-from rcmservo.hardware.galil.emulator.expressions import CommandError
+from rcmservo.hardware.galil.error_codes import CommandError, ErrorCode
 
 MAX_LINES = 2000
 """Lines of a program."""
@@ -29,11 +29,6 @@ class Instruction(NamedTuple):
 
     line: int
     text: str
-
-
-def split_line(line: str) -> list[str]:
-    """Split a line at its semicolons, except for those in quotes."""
-    return [part.strip() for part in re.split(r';(?=(?:[^"]*"[^"]*")*[^"]*$)', line)]
 
 
 @dataclass
@@ -57,27 +52,27 @@ class Program:
     def add(self, line: str) -> None:
         """Append a line, or raise :class:`CommandError`."""
         if len(line) > MAX_LINE_LENGTH or len(self.lines) == MAX_LINES:
-            raise CommandError(60)
-        number = len(self.lines)
+            raise CommandError(ErrorCode.DOWNLOAD_TOO_LONG)
+        line_number = len(self.lines)
         self.lines.append(line)
-        for i, text in enumerate(split_line(line)):
-            if text.startswith("#"):
-                self._add_label(text, i)
-            elif text and not text.startswith(("'", "REM")):
-                self.instructions.append(Instruction(number, text))
-            if text.startswith(("'", "REM")):
+        for index_in_line, text in enumerate(_split_line(line)):
+            if text.startswith(("'", "REM")):  # a comment, up to the end of the line
                 return
+            if text.startswith("#"):
+                self._add_label(text, index_in_line)
+            elif text:
+                self.instructions.append(Instruction(line_number, text))
 
     def _add_label(self, text: str, index_in_line: int) -> None:
         match = LABEL_PATTERN.match(text)
         if match is None or index_in_line or match.group(1) in self.labels:
-            raise CommandError(61)
+            raise CommandError(ErrorCode.BAD_LABEL)
         self.labels[match.group(1)] = len(self.instructions)
 
     def index_of_label(self, label: str) -> int:
         """Return the index of the instruction after a label, or raise :class:`CommandError`."""
         if label not in self.labels:
-            raise CommandError(10)
+            raise CommandError(ErrorCode.UNDEFINED_LABEL)
         return self.labels[label]
 
     def index_of_line(self, line: int) -> int:
@@ -86,9 +81,8 @@ class Program:
         Raise :class:`CommandError` if the program has no such line.
         """
         if not 0 <= line < len(self.lines):
-            raise CommandError(11)
-        following = (i for i, one in enumerate(self.instructions) if one.line >= line)
-        return next(following, len(self.instructions))
+            raise CommandError(ErrorCode.INVALID_LINE_NUMBER)
+        return sum(instruction.line < line for instruction in self.instructions)
 
     def index_after(self, start: int, ends: tuple[str, ...]) -> int:
         """Return the index after the end of an IF branch that begins at `start`.
@@ -96,9 +90,14 @@ class Program:
         The end is the first of the commands `ends` that does not belong to a nested IF.
         """
         depth = 0
-        for i in range(start, len(self.instructions)):
-            word = self.instructions[i].text.split("(")[0].strip()
-            if depth == 0 and word in ends:
-                return i + 1
-            depth += (word == "IF" or word.startswith("IF ")) - (word == "ENDIF")
-        raise CommandError(63)
+        for index in range(start, len(self.instructions)):
+            name = self.instructions[index].text.split("(")[0].strip()
+            if depth == 0 and name in ends:
+                return index + 1
+            depth += (name == "IF" or name.startswith("IF ")) - (name == "ENDIF")
+        raise CommandError(ErrorCode.MISSING_ENDIF)
+
+
+def _split_line(line: str) -> list[str]:
+    """Split a line at its semicolons, except for those in quotes."""
+    return [part.strip() for part in re.split(r';(?=(?:[^"]*"[^"]*")*[^"]*$)', line)]

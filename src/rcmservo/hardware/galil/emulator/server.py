@@ -22,6 +22,8 @@ from rcmservo.network_ports import refusal
 MAX_READ_BYTES = 1024
 """Bytes of one read from a host."""
 LOOPBACK = "127.0.0.1"
+RESET_ON_CLOSE = struct.pack("ii", 1, 0)
+"""Value of the socket option SO_LINGER with which `close` resets the connection."""
 MAX_CATCH_UP_SAMPLES = 512
 """Samples that one update makes up for after a delay."""
 
@@ -79,13 +81,11 @@ class Server:
         self.controller, self.faults, self._serial = controller, faults, serial
         self._peers: dict[int, Peer] = {}
         self._random = random.Random(0)
-        self._seconds, self._samples, self._was_reset = 0.0, 0, False
+        self._time_s, self._sample_count, self._has_reset_fault = 0.0, 0, False
         self._listener = _bind(socket.SOCK_STREAM, port)
         self.port = int(self._listener.getsockname()[1])
         self._udp_socket = _bind(socket.SOCK_DGRAM, self.port)
         self._listener.listen(16)
-        self._listener.setblocking(False)
-        self._udp_socket.setblocking(False)
         self._connect_serial()
 
     def close(self) -> None:
@@ -97,12 +97,13 @@ class Server:
 
     def wait(self, seconds: float) -> None:
         """Wait until a host sends something, at most some seconds."""
-        streams = [self._listener, self._udp_socket, *(p.stream for p in self._peers.values())]
+        peer_streams = (peer.stream for peer in self._peers.values())
+        streams = [self._listener, self._udp_socket, *peer_streams]
         select.select([] if self._has_fault("silence") else streams, [], [], max(seconds, 0.0))
 
     def turn(self, seconds: float) -> None:
         """Advance to a time (s after the start), read from all hosts and reply to them."""
-        self._seconds = seconds
+        self._time_s = seconds
         self.controller.stuck = 0 if self._has_fault("stuck") else None
         self.controller.unpowered = self._has_fault("amplifier")
         self._advance_to_sample(int(seconds / SAMPLE_TIME_S))
@@ -116,19 +117,18 @@ class Server:
             self._send_output(handle)
 
     def _has_fault(self, kind: str) -> bool:
-        return any(fault.kind == kind and fault.is_active(self._seconds) for fault in self.faults)
+        return any(fault.kind == kind and fault.is_active(self._time_s) for fault in self.faults)
 
-    def _advance_to_sample(self, due: int) -> None:
-        self._samples = max(self._samples, due - MAX_CATCH_UP_SAMPLES)
-        while self._samples < due:
-            self._samples += 1
+    def _advance_to_sample(self, due_count: int) -> None:
+        self._sample_count = max(self._sample_count, due_count - MAX_CATCH_UP_SAMPLES)
+        while self._sample_count < due_count:
+            self._sample_count += 1
             self.controller.sample()
 
     def _reset_if_due(self) -> None:
-        active = self._has_fault("reset")
-        if active and not self._was_reset:
+        had_reset_fault, self._has_reset_fault = self._has_reset_fault, self._has_fault("reset")
+        if self._has_reset_fault and not had_reset_fault:
             self.controller.reset()
-        self._was_reset = active
 
     def _connect_serial(self) -> None:
         """Connect the serial port, at the start and after each reset."""
@@ -142,8 +142,7 @@ class Server:
                 stream, _ = self._listener.accept()
                 handle = self.controller.connect(TCP)
                 if handle is None:
-                    linger = struct.pack("ii", 1, 0)
-                    stream.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, linger)
+                    stream.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, RESET_ON_CLOSE)
                     stream.close()
                     continue
                 stream.setblocking(False)
@@ -154,11 +153,11 @@ class Server:
         with contextlib.suppress(BlockingIOError, ConnectionError):
             while True:
                 data, address = self._udp_socket.recvfrom(MAX_READ_BYTES)
-                handle = self._handle_of(address)
+                handle = self._find_handle(address)
                 if handle is not None:
                     self.controller.receive(handle, data)
 
-    def _handle_of(self, address: tuple[str, int]) -> int | None:
+    def _find_handle(self, address: tuple[str, int]) -> int | None:
         """Return the handle of a UDP host, which a new host gets here; None if all are in use."""
         for handle, peer in self._peers.items():
             if peer.address == address:
@@ -192,8 +191,8 @@ class Server:
         output = self._apply_faults(self.controller.take_output(handle))
         if output:
             delay = SLOW_REPLY_DELAY_S if self._has_fault("slow") else 0.0
-            peer.delayed.append((self._seconds + delay, output))
-        while peer.delayed and peer.delayed[0][0] <= self._seconds:
+            peer.delayed.append((self._time_s + delay, output))
+        while peer.delayed and peer.delayed[0][0] <= self._time_s:
             self._send(handle, peer, peer.delayed.popleft()[1])
 
     def _apply_faults(self, output: bytes) -> bytes:
@@ -220,13 +219,14 @@ class Server:
 
 
 def _bind(kind: socket.SocketKind, port: int) -> socket.socket:
-    """Return a socket that is bound to a port of the loopback interface."""
-    bound = socket.socket(socket.AF_INET, kind)
+    """Return a socket bound to a port of the loopback interface, whose calls do not wait."""
+    bound_socket = socket.socket(socket.AF_INET, kind)
+    bound_socket.setblocking(False)
     if kind is socket.SOCK_STREAM:
-        bound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        bound_socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
-        bound.bind((LOOPBACK, port))
+        bound_socket.bind((LOOPBACK, port))
     except OSError as error:
-        bound.close()
+        bound_socket.close()
         raise PortUnavailable(refusal(port, error)) from error
-    return bound
+    return bound_socket

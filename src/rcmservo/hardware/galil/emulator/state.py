@@ -1,14 +1,14 @@
 """State of the emulated controller: axes, variables, program, threads, and values of operands."""
 
 import re
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from rcmservo.hardware.galil.data_record import AXIS_LETTERS, BLOCK_SIZES
 from rcmservo.hardware.galil.emulator.axis import Axis
-from rcmservo.hardware.galil.emulator.expressions import CommandError
 from rcmservo.hardware.galil.emulator.program import Program
-from rcmservo.hardware.galil.stop_reasons import ERROR_TEXTS
+from rcmservo.hardware.galil.error_codes import ERROR_TEXTS, CommandError, ErrorCode
 from rcmservo.hardware.galil.watchdog_program import THREAD_COUNT
 
 OLD_TO_NEW_LETTERS = str.maketrans("XYZW", "ABCD")
@@ -16,8 +16,7 @@ OLD_TO_NEW_LETTERS = str.maketrans("XYZW", "ABCD")
 HANDLE_COUNT, MAX_VARIABLES = 8, 510
 SERIAL_NUMBER = 4040
 
-Wait = Callable[[], bool]
-"""Condition that ends a wait."""
+Condition = Callable[[], bool]
 
 
 @dataclass
@@ -26,33 +25,54 @@ class Caller:
 
     Parameters
     ----------
-    wait : Wait or None
+    resume_condition : Condition or None
         Condition for which the caller waits; None if it does not wait.
     """
 
-    wait: Wait | None = None
+    resume_condition: Condition | None = None
 
     def can_continue(self) -> bool:
         """Return True if the caller does not wait, or its wait has just ended."""
-        if self.wait is not None and self.wait():
-            self.wait = None
-        return self.wait is None
+        if self.resume_condition is not None and self.resume_condition():
+            self.resume_condition = None
+        return self.resume_condition is None
 
 
 @dataclass
 class Host(Caller):
-    """Connected host.
+    """Connected host, with its input and output.
 
     Parameters
     ----------
     handle : int
         Index of its handle.
+    kind : int
+        TCP, UDP, or 0 for the serial port.
     download : Program or None
         Program that it downloads (DL); None outside a download.
+    download_ended : bool
+        True if the last character ended a download. Line ends after it are ignored.
+    text : str
+        Characters of the incomplete command.
+    line_length : int
+        Characters of the present line so far.
+    pending : deque[str]
+        Commands that wait for an earlier one.
+    output : bytearray
+        Bytes to send.
+    echo : bool
+        True if received bytes are sent back.
     """
 
     handle: int = 0
+    kind: int = 0
     download: Program | None = None
+    download_ended: bool = False
+    text: str = ""
+    line_length: int = 0
+    pending: deque[str] = field(default_factory=deque[str])
+    output: bytearray = field(default_factory=bytearray)
+    echo: bool = False
 
 
 @dataclass
@@ -67,16 +87,16 @@ class Thread(Caller):
         Index of the next instruction; None if the thread does not run.
     line : int
         Line of the last instruction.
-    return_stack : list[tuple[int or None, Wait or None]]
-        Next instruction and wait condition of each interrupted level, for subroutines and
+    return_stack : list[tuple[int or None, Condition or None]]
+        Next instruction and resume condition of each interrupted level, for subroutines and
         interrupts.
     """
 
     number: int = 0
     next_index: int | None = None
     line: int = 0
-    return_stack: list[tuple[int | None, Wait | None]] = field(
-        default_factory=list[tuple[int | None, Wait | None]]
+    return_stack: list[tuple[int | None, Condition | None]] = field(
+        default_factory=list[tuple[int | None, Condition | None]]
     )
 
     @property
@@ -84,13 +104,13 @@ class Thread(Caller):
         """True if the thread executes the program."""
         return self.next_index is not None
 
-    def start(self, index: int) -> None:
-        """Start at an instruction."""
-        self.next_index, self.wait, self.return_stack = index, None, []
+    def start(self, index: int | None) -> None:
+        """Start at an instruction. None ends the thread."""
+        self.next_index, self.resume_condition, self.return_stack = index, None, []
 
     def halt(self) -> None:
         """End the thread."""
-        self.next_index, self.wait, self.return_stack = None, None, []
+        self.start(None)
 
 
 class ControllerState:
@@ -124,16 +144,18 @@ class ControllerState:
         """Queue an unsolicited message for a host."""
         self.messages.append((destination or self.message_destination, text))
 
-    def axis(self, letter: str) -> Axis:
-        """Return the axis of a letter, or raise :class:`CommandError`."""
-        index = AXIS_LETTERS.find(letter.translate(OLD_TO_NEW_LETTERS))
-        if not 0 <= index < len(self.axes):
-            raise CommandError(4)
-        return self.axes[index]
+    def halt_threads(self) -> None:
+        """End every thread of the program."""
+        for thread in self.threads:
+            thread.halt()
 
     def error_text(self) -> str:
         """Return code and text of the last error (TC1)."""
         return f"{self.error} {ERROR_TEXTS.get(self.error, '')}".strip()
+
+    def running_thread_bits(self) -> int:
+        """Return one bit per running thread (_NO)."""
+        return sum(1 << thread.number for thread in self.threads if thread.is_running)
 
     # Values of the names in expressions
 
@@ -142,7 +164,7 @@ class ControllerState:
         if name == "TIME":
             return float(self.samples)
         if name not in self.variables:
-            raise CommandError(9)
+            raise CommandError(ErrorCode.VARIABLE_ERROR)
         return self.variables[name]
 
     def element(self, name: str, index: float) -> float:
@@ -155,13 +177,13 @@ class ControllerState:
     def array(self, name: str) -> list[float]:
         """Return an array, or raise :class:`CommandError`."""
         if name not in self.arrays:
-            raise CommandError(57)
+            raise CommandError(ErrorCode.BAD_FUNCTION_OR_ARRAY)
         return self.arrays[name]
 
     def array_index(self, array: list[float], index: float) -> int:
         """Return a valid index of an array, or raise :class:`CommandError`."""
         if not 0 <= index < len(array):
-            raise CommandError(56)
+            raise CommandError(ErrorCode.INVALID_ARRAY_INDEX)
         return int(index)
 
     def input(self, function: str, number: float) -> float:
@@ -171,76 +193,74 @@ class ControllerState:
     def operand(self, name: str) -> float:
         """Return the value of an operand such as _TPA or _XQ0."""
         if name in _CONTROLLER_OPERANDS:
-            return _CONTROLLER_OPERANDS[name](self)
-        match = re.fullmatch(r"(_[A-Z]{2})([A-HW-Z]|\d)", name)
+            return float(_CONTROLLER_OPERANDS[name](self))
+        match = re.fullmatch(r"_([A-Z]{2})([A-HW-Z]|\d)", name)
         if match is None:
-            raise CommandError(58)
-        kind, which = match.groups()
-        if which.isdigit():
-            return self._numbered_operand(kind, int(which))
-        return self._axis_operand(kind, which)
+            raise CommandError(ErrorCode.BAD_COMMAND_RESPONSE)
+        command, index = match.groups()
+        if index.isdigit():
+            return float(self._numbered_operand(command, int(index)))
+        return self._axis_operand(command, index)
 
-    def _numbered_operand(self, kind: str, number: int) -> float:
+    def _numbered_operand(self, command: str, number: int) -> float:
         thread = self.threads[number] if number < THREAD_COUNT else None
-        if kind in ("_XQ", "_HX") and thread is not None:
-            line = thread.line if thread.is_running else -1
-            return float(thread.is_running if kind == "_HX" else line)
-        if kind == "_ED":
-            return {0: float(self.error_line), 1: float(self.error_thread)}.get(number, 0.0)
-        if kind == "_TA" and number < 4:
-            return float(self.amplifier[number])
-        if kind == "_QZ" and number < 4:
-            return float((len(self.axes), *BLOCK_SIZES)[number])
-        raise CommandError(58)
+        if command == "XQ" and thread is not None:
+            return thread.line if thread.is_running else -1
+        if command == "HX" and thread is not None:
+            return thread.is_running
+        if command == "ED":
+            return {0: self.error_line, 1: self.error_thread}.get(number, 0)
+        if command == "TA" and number < len(self.amplifier):
+            return self.amplifier[number]
+        if command == "QZ" and number <= len(BLOCK_SIZES):
+            return (len(self.axes), *BLOCK_SIZES)[number]
+        raise CommandError(ErrorCode.BAD_COMMAND_RESPONSE)
 
-    def _axis_operand(self, kind: str, letter: str) -> float:
-        axis = self.axis(letter)
-        if kind in _AXIS_OPERANDS:
-            return _AXIS_OPERANDS[kind](axis)
-        name = kind[1:]
-        if hasattr(axis.settings, name):
-            return float(getattr(axis.settings, name))
-        if name in self.stored_settings:
-            index = AXIS_LETTERS.index(letter.translate(OLD_TO_NEW_LETTERS))
-            return self.stored_settings[name][index]
-        raise CommandError(58)
-
-
-def running_thread_bits(state: ControllerState) -> int:
-    """Return one bit per running thread."""
-    return sum(1 << thread.number for thread in state.threads if thread.is_running)
+    def _axis_operand(self, command: str, letter: str) -> float:
+        index = AXIS_LETTERS.find(letter.translate(OLD_TO_NEW_LETTERS))
+        if not 0 <= index < len(self.axes):
+            raise CommandError(ErrorCode.OPERAND_ERROR)
+        axis = self.axes[index]
+        if command in AXIS_OPERANDS:
+            return float(AXIS_OPERANDS[command](axis))
+        if hasattr(axis.settings, command):
+            return float(getattr(axis.settings, command))
+        if command in self.stored_settings:
+            return self.stored_settings[command][index]
+        raise CommandError(ErrorCode.BAD_COMMAND_RESPONSE)
 
 
 _CONTROLLER_OPERANDS: dict[str, Callable[[ControllerState], float]] = {
-    "_TC": lambda s: float(s.error),
-    "_ED": lambda s: float(s.error_line),
-    "_NO": lambda s: float(running_thread_bits(s)),
-    "_BN": lambda s: float(SERIAL_NUMBER),
-    "_BV": lambda s: float(len(s.axes)),
-    "_TM": lambda s: s.sample_time_us,
-    "_CN": lambda s: float(s.switch_polarity),
-    "_CW": lambda s: 1.0 if s.mark_unsolicited else 2.0,
-    "_CF": lambda s: float(ord(s.message_destination)),
-    "_AB": lambda s: 1.0,
-    "_UL": lambda s: float(MAX_VARIABLES - len(s.variables)),
+    "_TC": lambda state: state.error,
+    "_ED": lambda state: state.error_line,
+    "_NO": ControllerState.running_thread_bits,
+    "_BN": lambda _: SERIAL_NUMBER,
+    "_BV": lambda state: len(state.axes),
+    "_TM": lambda state: state.sample_time_us,
+    "_CN": lambda state: state.switch_polarity,
+    "_CW": lambda state: 1 if state.mark_unsolicited else 2,
+    "_CF": lambda state: ord(state.message_destination),
+    "_AB": lambda _: 1,
+    "_UL": lambda state: MAX_VARIABLES - len(state.variables),
 }
 
-_AXIS_OPERANDS: dict[str, Callable[[Axis], float]] = {
-    "_TP": lambda a: float(round(a.position)),
-    "_TD": lambda a: 0.0,
-    "_TE": lambda a: float(round(a.error)),
-    "_TV": lambda a: float(round(a.velocity)),
-    "_TT": lambda a: 0.0,
-    "_RP": lambda a: float(round(a.reference)),
-    "_DP": lambda a: float(round(a.position)),
-    "_BG": lambda a: float(a.moving),
-    "_MO": lambda a: float(a.motor_off),
-    "_SC": lambda a: float(a.stop_code),
-    "_LF": lambda a: float(not a.forward_tripped),
-    "_LR": lambda a: float(not a.reverse_tripped),
-    "_JG": lambda a: abs(a.settings.JG),
+AXIS_OPERANDS: dict[str, Callable[[Axis], float]] = {
+    "TP": lambda axis: round(axis.position),
+    "TD": lambda _: 0,
+    "TE": lambda axis: round(axis.error),
+    "TV": lambda axis: round(axis.velocity),
+    "TT": lambda _: 0,
+    "RP": lambda axis: round(axis.reference),
+    "DP": lambda axis: round(axis.position),
+    "BG": lambda axis: axis.moving,
+    "MO": lambda axis: axis.motor_off,
+    "SC": lambda axis: axis.stop_code,
+    "LF": lambda axis: not axis.forward_tripped,
+    "LR": lambda axis: not axis.reverse_tripped,
+    "JG": lambda axis: abs(axis.settings.JG),
 }
+"""Values of the operands of an axis, by the command after which they are named (TP for _TPA)."""
 
-CommandHandler = Callable[[ControllerState, str, Caller], str]
-"""Function that executes a command for a caller, given the text after the command's name.
-It returns the reply data."""
+CommandHandler = Callable[[ControllerState, str, Caller], str | None]
+"""Function that executes a command for a caller, given the command's arguments as text.
+It returns the reply data, None if there are none."""

@@ -9,8 +9,9 @@ import re
 from typing import NamedTuple
 
 from rcmservo.hardware.galil.data_record import AXIS_LETTERS
-from rcmservo.hardware.galil.emulator.expressions import CommandError
-from rcmservo.hardware.galil.emulator.state import OLD_TO_NEW_LETTERS
+from rcmservo.hardware.galil.emulator.axis import Axis
+from rcmservo.hardware.galil.emulator.state import OLD_TO_NEW_LETTERS, ControllerState
+from rcmservo.hardware.galil.error_codes import CommandError, ErrorCode
 
 NAMED_AXES = re.compile(r"\s*([A-HW-Z]+|\*)\s*=\s*(.+)$")
 
@@ -30,39 +31,45 @@ class AxisAssignment(NamedTuple):
     text: str
 
 
-def parse_axes(text: str, count: int) -> list[int]:
-    """Return the indices of the named axes, or of all `count` axes if none is named."""
-    letters = text.replace(" ", "").replace(",", "").translate(OLD_TO_NEW_LETTERS)
-    indices = [AXIS_LETTERS.find(letter) for letter in letters] or list(range(count))
-    if not all(0 <= index < count for index in indices):
-        raise CommandError(4)
-    return indices
+def select_axes(state: ControllerState, arguments: str) -> list[Axis]:
+    """Return the named axes, or all axes if none is named."""
+    return [state.axes[index] for index in _parse_axes(arguments, len(state.axes))]
 
 
-def parse_assignments(text: str, count: int) -> list[AxisAssignment]:
-    """Return the assignments of a command for a controller with `count` axes."""
-    match = NAMED_AXES.match(text)
+def parse_assignments(state: ControllerState, arguments: str) -> list[AxisAssignment]:
+    """Return the values that a command assigns to axes."""
+    count = len(state.axes)
+    match = NAMED_AXES.match(arguments)
     if match is not None:
-        axes = range(count) if match.group(1) == "*" else parse_axes(match.group(1), count)
+        axes = range(count) if match.group(1) == "*" else _parse_axes(match.group(1), count)
         return [AxisAssignment(axis, match.group(2).strip()) for axis in axes]
-    parts = split_arguments(text)
+    parts = split_arguments(arguments)
     if len(parts) > count:
-        raise CommandError(4)
-    assignments = [AxisAssignment(i, part) for i, part in enumerate(parts) if part]
+        raise CommandError(ErrorCode.OPERAND_ERROR)
+    assignments = [AxisAssignment(axis, part) for axis, part in enumerate(parts) if part]
     if not assignments:
-        raise CommandError(50)
+        raise CommandError(ErrorCode.NOT_ENOUGH_FIELDS)
     return assignments
 
 
 def split_arguments(text: str) -> list[str]:
     """Split a text at its commas, except for those in brackets, braces and quotes."""
-    parts, depth, quoted = [""], 0, False
+    parts, depth, in_quotes = [""], 0, False
     for character in text:
-        quoted ^= character == '"'
-        depth += not quoted and character in "([{"
-        depth -= not quoted and character in ")]}"
-        if character == "," and depth == 0 and not quoted:
+        in_quotes ^= character == '"'
+        depth += not in_quotes and character in "([{"
+        depth -= not in_quotes and character in ")]}"
+        if character == "," and depth == 0 and not in_quotes:
             parts.append("")
         else:
             parts[-1] += character
     return [part.strip() for part in parts]
+
+
+def _parse_axes(letters: str, count: int) -> list[int]:
+    """Return the indices of the axes with these letters, or of all `count` axes if empty."""
+    letters = letters.replace(" ", "").replace(",", "").translate(OLD_TO_NEW_LETTERS)
+    indices = [AXIS_LETTERS.find(letter) for letter in letters] or list(range(count))
+    if not all(0 <= index < count for index in indices):
+        raise CommandError(ErrorCode.OPERAND_ERROR)
+    return indices

@@ -6,7 +6,7 @@ Source: command reference, XQ, HX, JP, JS, EN, IF, WT, #CMDERR, #POSERR, #LIMSWI
 import re
 
 from rcmservo.hardware.galil.emulator.commands.arguments import split_arguments
-from rcmservo.hardware.galil.emulator.expressions import CommandError, evaluate
+from rcmservo.hardware.galil.emulator.expressions import evaluate
 from rcmservo.hardware.galil.emulator.program import Program
 from rcmservo.hardware.galil.emulator.state import (
     Caller,
@@ -15,6 +15,7 @@ from rcmservo.hardware.galil.emulator.state import (
     Host,
     Thread,
 )
+from rcmservo.hardware.galil.error_codes import CommandError, ErrorCode
 from rcmservo.hardware.galil.watchdog_program import THREAD_COUNT
 
 MAX_SUBROUTINE_DEPTH = 16
@@ -46,60 +47,58 @@ def _execute_next(state: ControllerState, thread: Thread, execute: CommandHandle
     return True
 
 
-def _handle_error(state: ControllerState, thread: Thread, code: int) -> None:
+def _handle_error(state: ControllerState, thread: Thread, code: ErrorCode) -> None:
     """Report a refused command of the program and start #CMDERR; without it end all threads."""
-    state.error = code
+    state.error = code.value
     state.error_line, state.error_thread = thread.line, thread.number
     state.send_message(f"?{thread.line} {state.program.lines[thread.line]}")
     state.send_message(state.error_text())
-    if "CMDERR" not in state.program.labels:
-        for one in state.threads:
-            one.halt()
-        return
-    thread.halt()
-    interrupt(state, "CMDERR")
+    if "CMDERR" in state.program.labels:
+        thread.halt()
+        interrupt(state, "CMDERR")
+    else:
+        state.halt_threads()
 
 
 def interrupt(state: ControllerState, label: str) -> None:
     """Interrupt thread 0 with the code at a label, if the program has this label."""
-    if label not in state.program.labels:
-        return
-    first = state.threads[0]
-    first.return_stack.append((first.next_index, first.wait))
-    first.next_index, first.wait = state.program.labels[label], None
+    if label in state.program.labels:
+        thread = state.threads[0]
+        thread.return_stack.append((thread.next_index, thread.resume_condition))
+        thread.next_index, thread.resume_condition = state.program.labels[label], None
 
 
-def execute_program(state: ControllerState, rest: str, _: Caller) -> str:
+def execute_program(state: ControllerState, arguments: str, _: Caller) -> None:
     """XQ: start a thread at a label or a line."""
-    parts = split_arguments(rest)
-    number = int(evaluate(parts[1], state)) if len(parts) > 1 else 0
-    if not 0 <= number < THREAD_COUNT:
-        raise CommandError(6)
-    index = jump_target(state, parts[0]) if parts[0] else 0
-    if not state.program.instructions:
-        raise CommandError(10)
-    thread = state.threads[number]
+    parts = split_arguments(arguments)
+    thread = _find_thread(state, parts[1] if len(parts) > 1 else "0")
+    index = _find_jump_target(state, parts[0]) if parts[0] else 0
+    instructions = state.program.instructions
+    if not instructions:
+        raise CommandError(ErrorCode.UNDEFINED_LABEL)
     if thread.is_running:
-        raise CommandError(19)
+        raise CommandError(ErrorCode.THREAD_ALREADY_RUNS)
     thread.start(index)
-    thread.line = state.program.instructions[min(index, len(state.program.instructions) - 1)].line
-    return ""
+    thread.line = instructions[min(index, len(instructions) - 1)].line
 
 
-def halt(state: ControllerState, rest: str, _: Caller) -> str:
+def halt(state: ControllerState, arguments: str, _: Caller) -> None:
     """HX: end a thread, or all threads if none is named."""
-    if not rest.strip():
-        for thread in state.threads:
-            thread.halt()
-        return ""
-    number = int(evaluate(rest, state))
+    if arguments.strip():
+        _find_thread(state, arguments).halt()
+    else:
+        state.halt_threads()
+
+
+def _find_thread(state: ControllerState, text: str) -> Thread:
+    """Return the thread with the number to which a text evaluates."""
+    number = int(evaluate(text, state))
     if not 0 <= number < THREAD_COUNT:
-        raise CommandError(6)
-    state.threads[number].halt()
-    return ""
+        raise CommandError(ErrorCode.NUMBER_OUT_OF_RANGE)
+    return state.threads[number]
 
 
-def jump_target(state: ControllerState, text: str) -> int:
+def _find_jump_target(state: ControllerState, text: str) -> int:
     """Return the index of the instruction at a label or a line."""
     match = re.fullmatch(r"#\s*([A-Za-z][A-Za-z0-9]*)", text.strip())
     if match is not None:
@@ -107,87 +106,83 @@ def jump_target(state: ControllerState, text: str) -> int:
     return state.program.index_of_line(int(evaluate(text, state)))
 
 
-def jump(state: ControllerState, rest: str, caller: Caller) -> str:
+def jump(state: ControllerState, arguments: str, caller: Caller) -> None:
     """JP: jump if the condition holds."""
     thread = _require_thread(caller)
-    if _condition_holds(state, rest):
-        thread.next_index = jump_target(state, split_arguments(rest)[0])
-    return ""
+    if _condition_holds(state, arguments):
+        thread.next_index = _find_jump_target(state, split_arguments(arguments)[0])
 
 
-def jump_subroutine(state: ControllerState, rest: str, caller: Caller) -> str:
+def jump_subroutine(state: ControllerState, arguments: str, caller: Caller) -> None:
     """JS: call a subroutine if the condition holds."""
     thread = _require_thread(caller)
-    if _condition_holds(state, rest):
+    if _condition_holds(state, arguments):
         if len(thread.return_stack) == MAX_SUBROUTINE_DEPTH:
-            raise CommandError(12)
-        index = jump_target(state, split_arguments(rest)[0])
+            raise CommandError(ErrorCode.TOO_MANY_SUBROUTINES)
+        index = _find_jump_target(state, split_arguments(arguments)[0])
         thread.return_stack.append((thread.next_index, None))
         thread.next_index = index
-    return ""
 
 
-def _condition_holds(state: ControllerState, rest: str) -> bool:
-    parts = split_arguments(rest)
+def _condition_holds(state: ControllerState, arguments: str) -> bool:
+    """Return True unless a jump has a condition that is zero."""
+    parts = split_arguments(arguments)
     return len(parts) == 1 or evaluate(parts[1], state) != 0.0
 
 
-def end(state: ControllerState, rest: str, caller: Caller) -> str:
+def end(state: ControllerState, arguments: str, caller: Caller) -> None:
     """EN, RE: end a subroutine, an interrupt or a thread; EN1 restores the interrupted wait."""
     thread = _require_thread(caller)
     if not thread.return_stack:
         thread.halt()
-        return ""
-    thread.next_index, wait_condition = thread.return_stack.pop()
-    first = split_arguments(rest)[0]
-    thread.wait = wait_condition if first and evaluate(first, state) == 1.0 else None
-    return ""
+        return
+    thread.next_index, condition = thread.return_stack.pop()
+    option = split_arguments(arguments)[0]
+    thread.resume_condition = condition if option and evaluate(option, state) == 1.0 else None
 
 
-def if_(state: ControllerState, rest: str, caller: Caller) -> str:
+def if_(state: ControllerState, arguments: str, caller: Caller) -> None:
     """IF: skip to ELSE or ENDIF unless the condition holds."""
     thread = _require_thread(caller)
-    assert thread.next_index is not None
-    if evaluate(rest, state) == 0.0:
-        thread.next_index = state.program.index_after(thread.next_index, ("ELSE", "ENDIF"))
-    return ""
+    if evaluate(arguments, state) == 0.0:
+        _skip_to(state, thread, "ELSE", "ENDIF")
 
 
-def else_(state: ControllerState, _: str, caller: Caller) -> str:
+def else_(state: ControllerState, _: str, caller: Caller) -> None:
     """ELSE: skip to ENDIF. Execution reaches ELSE only after a true condition."""
-    thread = _require_thread(caller)
+    _skip_to(state, _require_thread(caller), "ENDIF")
+
+
+def _skip_to(state: ControllerState, thread: Thread, *ends: str) -> None:
+    """Continue a thread after the first of these commands that ends its branch."""
     assert thread.next_index is not None
-    thread.next_index = state.program.index_after(thread.next_index, ("ENDIF",))
-    return ""
+    thread.next_index = state.program.index_after(thread.next_index, ends)
 
 
-def end_if(_: ControllerState, __: str, caller: Caller) -> str:
+def end_if(_: ControllerState, __: str, caller: Caller) -> None:
     """ENDIF: no effect in a thread."""
     _require_thread(caller)
-    return ""
 
 
-def wait(state: ControllerState, rest: str, caller: Caller) -> str:
+def wait(state: ControllerState, arguments: str, caller: Caller) -> None:
     """WT: wait for a time in ms, rounded down to multiples of 2 ms."""
     thread = _require_thread(caller)
-    parts = split_arguments(rest)
-    until = state.samples + max(int(evaluate(parts[0], state)) // 2 * 2, 2)
-    thread.wait = lambda: state.samples >= until
-    return ""
+    duration_ms = int(evaluate(split_arguments(arguments)[0], state))
+    end_sample = state.samples + max(duration_ms // 2 * 2, 2)
+    thread.resume_condition = lambda: state.samples >= end_sample
 
 
-def download(state: ControllerState, rest: str, caller: Caller) -> str:
+def download(state: ControllerState, _: str, caller: Caller) -> None:
     """DL: begin the download of a program, which a backslash ends."""
     if not isinstance(caller, Host):
-        raise CommandError(3)
+        raise CommandError(ErrorCode.NOT_IN_PROGRAM)
     if any(thread.is_running for thread in state.threads):
-        raise CommandError(17)
+        raise CommandError(ErrorCode.NOT_WHILE_PROGRAM_RUNS)
     caller.download = Program()
-    return ""
 
 
 def _require_thread(caller: Caller) -> Thread:
     """Return the thread of a command that a host cannot execute."""
     if not isinstance(caller, Thread):
-        raise CommandError(2)
+        raise CommandError(ErrorCode.ONLY_FROM_PROGRAM)
     return caller
