@@ -97,7 +97,9 @@ class PageLab:
     @contextlib.contextmanager
     def served(self, channels: PageChannels) -> Iterator[None]:
         """Run the processes of the page without the laboratory, in the context."""
-        with serve._start_page_processes(self.options, channels, self.backend, self.folder, self.token):
+        with serve._start_page_processes(
+            self.options, channels, self.backend, self.folder, self.token
+        ):
             yield
 
 
