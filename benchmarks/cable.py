@@ -38,7 +38,7 @@ from rcmservo.config.rig_file import RigDescription
 from rcmservo.interfaces import Floats
 from rcmservo.live.child_process import ChildProcess, receive_from_parent
 from rcmservo.live.loop_statistics import Report
-from rcmservo.live.realtime import realtime
+from rcmservo.live.realtime import apply_realtime_settings
 from rcmservo.live.servo_process import Session
 from rcmservo.live.supervisor import ServoProcess
 from rcmservo.loop.run_result import RunResult
@@ -71,7 +71,7 @@ def pass_on(port: int, control: Connection) -> None:
 
     The message "end" ends the process.
     """
-    with realtime():
+    with apply_realtime_settings():
         cable = Cable(port)
         control.send(cable.port)
         said = ""
@@ -189,7 +189,7 @@ class Words:
                 self.ended = True
                 return
             if isinstance(said, Report):
-                self.last = said.words
+                self.last = said.text
             else:
                 self.ended = True
                 self.last = said.cause if isinstance(said, RunResult) else str(said)

@@ -175,7 +175,7 @@ def disturbed(seed: int, disturbances: list[Disturbance]) -> Run:
 
 def ended(last: rs.Tick, judge: OutcomeCollector) -> tuple[str, str]:
     """Return the end of a run in one word, and its cause."""
-    result, phase = judge.result(), last.state.phase
+    result, phase = judge.compute_result(), last.state.phase
     error = np.array(astuple(result.feature_error), float)
     there = phase is rs.Phase.SERVO and bool((error < SETTLED_TOLERANCE).all())
     end = "settled" if there else phase.name if phase in STOPS else "under way"

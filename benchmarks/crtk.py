@@ -25,7 +25,7 @@ from rcmservo.hardware.cameras.topic import open_topic_camera
 from rcmservo.hardware.crtk.arm import CrtkArm
 from rcmservo.hardware.crtk.messages import IMAGE_TOPIC
 from rcmservo.interfaces import Command, Floats
-from rcmservo.live.realtime import realtime
+from rcmservo.live.realtime import apply_realtime_settings
 from rcmservo.live.tracking_thread import TrackingThread
 from rcmservo.loop.clock import WallClock, ticks
 from rcmservo.loop.plant import Plant
@@ -87,7 +87,7 @@ def servoed(ros: int, seed: int) -> tuple[float, str]:
         closing(client_arm(ros, DOMAIN)) as arm,
         closing(open_topic_camera(settings)) as camera,
         TrackingThread(camera, ColourMarkers(make_default_markers()), clock) as eye,
-        realtime(),
+        apply_realtime_settings(),
     ):
         eye.wait_for(frames=2, timeout_s=10.0)
         plant = Plant(arm, eye, eye, clock)

@@ -25,7 +25,7 @@ from rcmservo.hardware.crtk.messages import MessageHandler, Transport
 from rcmservo.hardware.crtk.settings import CrtkSettings, RosConnection
 from rcmservo.hardware.crtk.transport import open_transport
 from rcmservo.interfaces import Command, Floats
-from rcmservo.live.realtime import realtime
+from rcmservo.live.realtime import apply_realtime_settings
 from rcmservo.loop.clock import WallClock, ticks
 from rcmservo.sim.arm import Drive
 from rcmservo.sim.motor_interface import SimulatedJoints
@@ -92,10 +92,10 @@ class RunningDevice:
         self._thread.start()
 
     def _live(self) -> None:
-        with realtime():
+        with apply_realtime_settings():
             while not self._over.is_set():
                 now = time.monotonic_ns()
-                self.device.turn(now)
+                self.device.update(now)
                 time.sleep((STEP_NS - now % STEP_NS) * 1e-9)
 
     def close(self) -> None:
@@ -138,7 +138,7 @@ def driven(ros: int, domain: int, seconds: float) -> dict[str, Any]:
     arm, clock = client_arm(ros, domain), WallClock()
     arm.enable()
     number = 0
-    with realtime():
+    with apply_realtime_settings():
         for passed in ticks(clock, 100.0, seconds):
             now = clock.now()
             arm.apply(Command(number, now, now + PATIENCE, swing(passed * 1e-9), True))

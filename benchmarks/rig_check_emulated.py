@@ -23,7 +23,7 @@ from rcmservo.geometry.tool import RigidTool
 from rcmservo.hardware.devices import open_arm, open_camera, read_wiring
 from rcmservo.interfaces import Floats, Frame
 from rcmservo.live.device_protocols import LabCamera
-from rcmservo.live.realtime import realtime
+from rcmservo.live.realtime import apply_realtime_settings
 from rcmservo.live.tracking_thread import TrackingThread
 from rcmservo.loop.clock import WallClock
 from rcmservo.loop.run_result import CameraStatistics
@@ -119,7 +119,7 @@ class FaultyEmulatedLab:
             mover = Mover(arm, tracker, tracker, clock, robot, lab.gate, silence, fault)
             stack.enter_context(self.arm.polling(emulated.port))
             latency = float(lab.devices["camera"]["latency"])
-            with realtime():
+            with apply_realtime_settings():
                 return check(mover, self.operator, robot, lab.thresholds, latency)
 
     def _file(self, lab: RigDescription) -> RigDescription:

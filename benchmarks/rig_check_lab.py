@@ -165,9 +165,9 @@ class SimulatedOperator:
     questions: list[str] = field(default_factory=list)
     messages: list[str] = field(default_factory=list)
 
-    def notify(self, words: str) -> None:
-        self.messages.append(words)
-        if words.startswith("Watch"):
+    def notify(self, message: str) -> None:
+        self.messages.append(message)
+        if message.startswith("Watch"):
             self.arm.history.clear()
 
     def ask(self, question: str) -> str:

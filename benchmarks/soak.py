@@ -63,7 +63,7 @@ def functions(servo: rs.Servo) -> None:
 def show(report: Report) -> None:
     """Print a line every ten seconds."""
     if report.time % 10_000_000_000 == 0:
-        print(f"  {report.time * 1e-9:5.0f} s  {report.words}", flush=True)
+        print(f"  {report.time * 1e-9:5.0f} s  {report.text}", flush=True)
 
 
 def main() -> None:

@@ -134,7 +134,7 @@ class Trial:
         for tick in self.watched(rs.run(self.plant, self.servo, target, DURATION, state=state)):
             judge.add(tick)
         run.settled = self.settled(tick, target, judge)
-        run.end = judge.result().cause
+        run.end = judge.compute_result().cause
         run.error = float(np.linalg.norm(self.marker_2() - self.shown))
         run.grown = self.unnoticed.growth
 
@@ -142,7 +142,7 @@ class Trial:
         """Return whether a run ends as settled."""
         marker_1 = self.servo.position_of_marker_1
         distance = np.linalg.norm(marker_1(last.observation.q) - marker_1(target.q))
-        error = np.array(astuple(judge.result().feature_error), float)
+        error = np.array(astuple(judge.compute_result().feature_error), float)
         is_settled = bool(
             (error < SETTLED_TOLERANCE).all() and distance <= MAX_SAME_POSE_DISTANCE_MM
         )

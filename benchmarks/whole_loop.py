@@ -25,7 +25,7 @@ from emulated_lab import EmulatedLab
 
 import rcmservo as rs
 from rcmservo.config.rig_file import RigDescription
-from rcmservo.live.realtime import urgent
+from rcmservo.live.realtime import request_urgent_priority
 from rcmservo.live.supervisor import run_live
 from rcmservo.loop.run_result import RunResult
 from rcmservo.sim.processes.lab_processes import SimulatedLab
@@ -64,7 +64,7 @@ def stalls(found: list[float]):
 
     def watch(processor: int) -> None:
         os.sched_setaffinity(0, {processor})
-        urgent()
+        request_urgent_priority()
         longest, last = 0.0, time.monotonic()
         while not over.is_set():
             time.sleep(0.001)

@@ -25,7 +25,11 @@ from rcmservo.estimation.dlt import DltEstimator
 from rcmservo.estimation.flow_rule import FlowEstimator
 from rcmservo.estimation.kalman import KalmanEstimator
 from rcmservo.estimation.normalised_flow import NormalisedFlowEstimator
-from rcmservo.estimation.projection_rule import ProjectionEstimator, fitted_points, normal_equations
+from rcmservo.estimation.projection_rule import (
+    ProjectionEstimator,
+    build_normal_equations,
+    collect_fitted_points,
+)
 from rcmservo.estimation.rls import RlsEstimator
 from rcmservo.figures import charts
 from rcmservo.geometry.kinematics import PITCH_YAW, SPHERICAL, RcmStruct
@@ -204,7 +208,7 @@ def make_observation_rows(C: Floats, places: Floats) -> Floats:
 
 
 def build_equations(rows: Floats, o_c: Floats, both: bool = True) -> tuple[Floats, Floats]:
-    return normal_equations(fitted_points(rows, len(rows), o_c, both, SHAFT))
+    return build_normal_equations(collect_fitted_points(rows, len(rows), o_c, both, SHAFT))
 
 
 ESTIMATORS = {

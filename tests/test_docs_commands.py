@@ -198,7 +198,7 @@ def read_sections(lab: RigDescription) -> None:
     """Read all sections of a rig file."""
     for name, kinds in (("arm", ARM_KINDS), ("camera", CAMERA_KINDS)):
         if name in lab.devices:
-            lab.device_settings(name, kinds)
+            lab.decode_device_settings(name, kinds)
     read_rig_settings(lab)
 
 

@@ -23,7 +23,7 @@ from typing import Annotated, Any, ClassVar, Literal, Union, get_args, get_origi
 
 import numpy as np
 
-from rcmservo.errors import BadInput, suggestion
+from rcmservo.errors import BadInput, suggest_name
 
 Triple = tuple[float, float, float]
 """Three numbers, for example one for each joint."""
@@ -179,12 +179,12 @@ def one_of(choices: Collection[str]) -> OneOf:
     """Return the limit to some words; the message lists them and suggests the most similar one."""
 
     def list_words(word: object) -> str:
-        return ", ".join(choices) + suggestion(word, choices)
+        return ", ".join(choices) + suggest_name(word, choices)
 
     return OneOf(lambda word: word in choices, "one of ", list_words, choices)
 
 
-def choices_of(hint: Any) -> tuple[str, ...]:
+def find_choices(hint: Any) -> tuple[str, ...]:
     """Return the words that the type of a setting allows; empty for another type."""
     inner, metadata = _split_annotation(hint)
     for limit in metadata:

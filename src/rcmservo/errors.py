@@ -13,16 +13,16 @@ MAX_QUOTED_CHARACTERS = 200
 """Largest number of characters of foreign text that a message quotes."""
 
 
-def one_line(text: object) -> str:
+def shorten_to_line(text: object) -> str:
     """Return a text on one line, cut to the length that a message quotes."""
     line = " ".join(str(text).split())
     return line if len(line) <= MAX_QUOTED_CHARACTERS else line[: MAX_QUOTED_CHARACTERS - 3] + "..."
 
 
-def quoted(value: object) -> str:
+def quote_value(value: object) -> str:
     """Return a value in the form in which a message quotes it."""
     try:
-        return one_line(repr(str(value) if isinstance(value, PurePath) else value))
+        return shorten_to_line(repr(str(value) if isinstance(value, PurePath) else value))
     except (ValueError, RecursionError):  # an integer of thousands of digits; deeply nested lists
         return f"a value of type {type(value).__name__} that is too large to print"
 
@@ -41,7 +41,7 @@ class BadInput(RcmServoError, ValueError):
     """
 
     def __init__(self, field: str, value: object, expected: str) -> None:
-        super().__init__(f"{field} must be {expected}, got {quoted(value)}")
+        super().__init__(f"{field} must be {expected}, got {quote_value(value)}")
         self.field, self.value, self.expected = field, value, expected
 
 
@@ -85,7 +85,7 @@ def require_extra(user: str, extra: str) -> Generator[None]:
         raise NotInstalled(user, error.name, extra) from error
 
 
-def suggestion(word: object, names: Iterable[str]) -> str:
+def suggest_name(word: object, names: Iterable[str]) -> str:
     """Return " (did you mean ...?)" with the name most similar to `word`, or an empty text."""
     from difflib import get_close_matches
 

@@ -16,7 +16,7 @@ MAX_COMMAND_CHARACTERS = 100
 """Largest number of characters of another process's command in a message."""
 
 
-def refusal(port: int, error: OSError) -> str:
+def describe_refusal(port: int, error: OSError) -> str:
     """Return the error message for a port on which a server cannot listen.
 
     It names the process that listens on the port already, if that is known.

@@ -44,8 +44,8 @@ def test_the_rig_file_of_the_page_describes_the_emulated_laboratory(tmp_path: Pa
     path.write_text(block)
     lab = load_rig_file(path)
     assert read_wiring(lab).counts == COUNTS_PER_UNIT
-    assert lab.device_settings("arm", ARM_KINDS).port == 2323
-    assert "8080" in lab.device_settings("camera", CAMERA_KINDS).source
+    assert lab.decode_device_settings("arm", ARM_KINDS).port == 2323
+    assert "8080" in lab.decode_device_settings("camera", CAMERA_KINDS).source
 
 
 REQUIRED = re.search(r"\*\*Required\*\*.*?\n\n", PAGE, re.S)[0]  # type: ignore[index]

@@ -30,8 +30,8 @@ class PreparedOperator:
     def __init__(self, *answers: str) -> None:
         self.answers, self.messages = list(answers), []
 
-    def notify(self, words: str) -> None:
-        self.messages.append(words)
+    def notify(self, message: str) -> None:
+        self.messages.append(message)
 
     def ask(self, question: str) -> str:
         return self.answers.pop(0)

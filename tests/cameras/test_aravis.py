@@ -341,7 +341,7 @@ def test_the_document_shows_a_valid_camera(tmp_path: Path) -> None:
     assert block is not None
     rig = tmp_path / "lab.toml"
     rig.write_text(block[1])
-    settings = load_rig_file(rig).device_settings("camera", CAMERA_KINDS)
+    settings = load_rig_file(rig).decode_device_settings("camera", CAMERA_KINDS)
     assert settings == AravisSettings("192.168.1.20", 0.012, 640, 480, 60.0, 0.004, 6.0)
 
 

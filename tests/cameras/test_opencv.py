@@ -154,7 +154,7 @@ def test_invalid_settings_are_reported_in_one_sentence(
 def test_a_camera_without_a_latency_opens_for_its_measurement(tmp_path: Path) -> None:
     rig = tmp_path / "lab.toml"
     rig.write_text(f'[camera]\nkind = "opencv"\nsource = "{write_video(tmp_path)}"\n')
-    with closing(open_camera(load_rig_file(rig), unmeasured=True)) as camera:
+    with closing(open_camera(load_rig_file(rig), accepts_unmeasured_latency=True)) as camera:
         frame = frames_of(camera, 1)[0]
         assert frame.exposure == frame.arrival
 

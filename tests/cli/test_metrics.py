@@ -14,7 +14,7 @@ from rcmservo.cli.run_options import RunOptions
 from rcmservo.cli.simulated_run.simulate import simulate
 from rcmservo.loop.run_result import RunResult
 from rcmservo.recording import reader
-from rcmservo.recording.timeline import summarise
+from rcmservo.recording.timeline import summarise_record
 
 pytestmark = pytest.mark.usefixtures("blank_figures")
 
@@ -67,7 +67,7 @@ def test_show_and_metrics_agree_on_a_run_that(ending: str, tmp_path: Path) -> No
     """Only the metrics hold the reason for an early end, which the record does not know."""
     seconds, disturbance, words = ENDINGS[ending]
     metrics = metrics_of(tmp_path, seconds, disturbance)
-    from_record = summarise(reader.read_record(tmp_path))
+    from_record = summarise_record(reader.read_record(tmp_path))
     agree(metrics, from_record)
     assert words in metrics.cause and metrics.settled == (words == "")
     whole = "the record ends" not in from_record.cause
@@ -82,7 +82,7 @@ def test_a_run_that_ends_without_a_marker_reports_it_with_the_verdict(
 ) -> None:
     metrics = metrics_of(tmp_path, 5.0, "occlusion:at=1.5,marker=1")
     assert metrics.remark == rs.Cause.WITHOUT_MARKER_1.value
-    agree(metrics, summarise(reader.read_record(tmp_path)))
+    agree(metrics, summarise_record(reader.read_record(tmp_path)))
     assert main(["show", str(tmp_path)]) == 0
     assert "marker 1 is not detected" in capsys.readouterr().out
 

@@ -19,7 +19,7 @@ from rcmservo.figures import plots
 from rcmservo.interfaces import DropReason
 from rcmservo.recording import reader, timeline
 from rcmservo.recording.outcome import OutcomeCollector
-from rcmservo.recording.timeline import list_spans, summarise
+from rcmservo.recording.timeline import list_spans, summarise_record
 from rcmservo.recording.writer import Recorder
 from rcmservo.tracking import PointMarkers
 
@@ -110,7 +110,7 @@ def test_a_tick_is_late_by_the_threshold_of_the_recorded_servo(
             recorder.write(
                 replace(tick, servo=servo, observation=replace(tick.observation, now=now))
             )
-    loop = summarise(reader.read_record(tmp_path)).loop
+    loop = summarise_record(reader.read_record(tmp_path)).loop
     assert loop is not None and loop.late == late
 
 
@@ -140,7 +140,7 @@ def test_every_request_of_the_operator_is_shown_including_refused_ones(
 
 
 def test_the_summary_agrees_with_the_ticks(recorded_run: RecordedRun) -> None:
-    got = summarise(reader.read_record(recorded_run.path))
+    got = summarise_record(reader.read_record(recorded_run.path))
     loop, used = got.loop, got.frames
     assert loop is not None and used is not None
     frames = {
@@ -164,7 +164,10 @@ def test_the_summary_agrees_with_the_ticks(recorded_run: RecordedRun) -> None:
 
 
 def test_the_verdict_equals_that_of_the_run(recorded_run: RecordedRun) -> None:
-    got, live = summarise(reader.read_record(recorded_run.path)), recorded_run.judge.result()
+    got, live = (
+        summarise_record(reader.read_record(recorded_run.path)),
+        recorded_run.judge.compute_result(),
+    )
     assert (got.settled, got.cause) == (live.settled, live.cause)
     assert astuple(got.feature_error) == pytest.approx(astuple(live.feature_error))
     assert got.settled
@@ -174,7 +177,7 @@ def test_the_verdict_equals_that_of_the_run(recorded_run: RecordedRun) -> None:
 
 def test_a_record_of_an_earlier_version_agrees_with_its_metrics() -> None:
     folder = Path(__file__).parents[1] / "data/v0.1.0"
-    now = asdict(summarise(reader.read_record(folder)))
+    now = asdict(summarise_record(reader.read_record(folder)))
     then = json.loads((folder / METRICS_FILE).read_text())
     for name in ("settled", "cause", "settle_time_s", "jacobian_error"):
         assert now[name] == then[name]
@@ -242,7 +245,7 @@ def test_a_record_that_ends_early_gives_no_verdict(
     rows = reader.read_record(
         recorded_until(recorded_run, tmp_path / "r.mcap", until, duration_s=planned)
     )
-    got = summarise(rows)
+    got = summarise_record(rows)
     assert rows.complete
     assert (got.settled, got.settle_time_s) == (False, None)
     assert (
@@ -257,7 +260,7 @@ def test_a_record_that_ends_early_gives_no_verdict(
 def test_a_complete_record_gives_the_verdict(
     about: dict[str, float], recorded_run: RecordedRun, tmp_path: Path
 ) -> None:
-    assert summarise(
+    assert summarise_record(
         reader.read_record(recorded_until(recorded_run, tmp_path / "r.mcap", 8.5, **about))
     ).settled
 
@@ -273,7 +276,7 @@ def test_a_run_that_ended_early_reports_its_cause(
     path = recorded_until(
         recorded_run, tmp_path / "r.mcap", paused.time * 1e-9 + 0.001, duration_s=60.0
     )
-    assert summarise(reader.read_record(path)).cause == rs.Cause.ASKED.text
+    assert summarise_record(reader.read_record(path)).cause == rs.Cause.ASKED.text
 
 
 @pytest.mark.parametrize(("about", "words"), [({"duration_s": 8.5}, " s of 8.50 s"), ({}, " s: ")])
@@ -284,7 +287,7 @@ def test_a_truncated_record_never_reports_settled_or_a_time_out(
     causes = []
     for share in (0.03, 0.3, 0.5, 0.7, 0.9):
         (tmp_path / "cut.mcap").write_bytes(data[: int(len(data) * share)])
-        got = summarise(reader.read_record(tmp_path / "cut.mcap"))
+        got = summarise_record(reader.read_record(tmp_path / "cut.mcap"))
         assert not got.settled and "time ran out" not in got.cause
         causes.append(got.cause)
     assert all(cause.startswith("the record ends at ") and words in cause for cause in causes)
@@ -349,7 +352,7 @@ def test_a_long_timeline_is_cut_in_the_middle(
 
 def test_exploration_is_shaded_only_while_the_servo_explores(recorded_run: RecordedRun) -> None:
     rows = reader.read_record(recorded_run.path)
-    shaded = plots.exploration_spans(rows)
+    shaded = plots.find_exploration_spans(rows)
     inside = np.array([any(start <= time < end for start, end in shaded) for time in rows.time])
     exploring = [
         tick.state.phase is rs.Phase.ACQUIRE and not tick.state.explored

@@ -8,7 +8,7 @@ import pytest
 
 import rcmservo as rs
 from rcmservo.cli.cli import main
-from rcmservo.config.former_names import FORMER_SETTINGS, with_present_names
+from rcmservo.config.former_names import FORMER_SETTINGS, replace_former_names
 from rcmservo.config.registry import KIND_KEY, PART_CLASSES
 from rcmservo.config.servo_json import describe_servo, rebuild_servo
 
@@ -44,7 +44,7 @@ def test_a_former_name_is_no_present_name_of_the_same_class() -> None:
 
 
 def test_present_names_stay() -> None:
-    assert with_present_names({"max_jump_px": 1.0, KIND_KEY: "x"}, ["max_jump_px", KIND_KEY]) == {
+    assert replace_former_names({"max_jump_px": 1.0, KIND_KEY: "x"}, ["max_jump_px", KIND_KEY]) == {
         "max_jump_px": 1.0,
         KIND_KEY: "x",
     }

@@ -113,7 +113,7 @@ def decode_all(tables: dict[str, Any]) -> RigDescription:
     lab = decode_rig_tables(tables)
     for name, kinds in DEVICES.items():
         if name in lab.devices:
-            lab.device_settings(name, kinds)
+            lab.decode_device_settings(name, kinds)
     read_rig_settings(lab)
     return lab
 
@@ -176,4 +176,4 @@ def test_an_unknown_key_of_any_table_is_reported_with_the_intended_key(
 def test_a_device_has_no_kind_by_default(name: str) -> None:
     table = {key: value for key, value in REQUIRED_KEYS[name].items() if key != "kind"}
     with pytest.raises(rs.BadInput, match=rf"{name}\.kind must be one of "):
-        decode_rig_tables({name: table}).device_settings(name, DEVICES[name])
+        decode_rig_tables({name: table}).decode_device_settings(name, DEVICES[name])

@@ -11,8 +11,8 @@ from rcmservo.control.saturated_controller import (
     ControllerOutput,
     SaturatedController,
     compute_controller_output,
-    potential,
-    potential_gradient,
+    compute_potential,
+    compute_potential_gradient,
 )
 from rcmservo.errors import BadInput
 
@@ -134,10 +134,10 @@ def test_the_law_is_applied_to_the_saturated_error_and_its_size_is_that_of_the_p
         J, delta, BOUNDS[:3], follows_paper, 2.0, MAX_CONDITION, 40.0
     )
     expected = law(
-        J, potential_gradient(delta, BOUNDS[:3], follows_paper), 2.0, MAX_CONDITION, 40.0
+        J, compute_potential_gradient(delta, BOUNDS[:3], follows_paper), 2.0, MAX_CONDITION, 40.0
     )
     assert np.array_equal(output.v, expected.v) and output[1:] == expected[1:]
-    V = potential(delta, BOUNDS[:3], follows_paper)
+    V = compute_potential(delta, BOUNDS[:3], follows_paper)
     assert error == pytest.approx(np.sqrt(2.0 * V))
 
 
@@ -189,13 +189,13 @@ def test_equation_33_the_potential_falls_all_the_way_to_zero_and_the_error_with_
     J, gain, dt = jacobian(seed, np.array([1.0, 0.4, 1 / condition])), 2.0, 0.05
     bounds = BOUNDS[:3]
     delta = make_random(seed + 2).uniform(-3, 3, 3) * bounds
-    V = potential(delta, bounds, follows_paper)
+    V = compute_potential(delta, bounds, follows_paper)
     for _ in range(250):
-        gradient = potential_gradient(delta, bounds, follows_paper)
+        gradient = compute_potential_gradient(delta, bounds, follows_paper)
         v = law(J, gradient, gain, MAX_CONDITION, NO_SPEED_LIMIT).v
         assert np.allclose(J @ v, -gain * gradient, atol=1e-8 * bounds.max())
         delta = delta + dt * (J @ v)
-        V, before = potential(delta, bounds, follows_paper), V
+        V, before = compute_potential(delta, bounds, follows_paper), V
         assert before > V or before < 1e-12
     assert np.all(np.abs(delta) < 1e-2 * bounds)
 
@@ -203,10 +203,13 @@ def test_equation_33_the_potential_falls_all_the_way_to_zero_and_the_error_with_
 @given(st.tuples(*[st.floats(-1e6, 1e6)] * 6), st.booleans())
 def test_the_potential_is_positive_and_symmetric_and_its_gradient_saturates(delta, follows_paper):
     delta = np.array(delta)
-    V, g = potential(delta, BOUNDS, follows_paper), potential_gradient(delta, BOUNDS, follows_paper)
+    V, g = (
+        compute_potential(delta, BOUNDS, follows_paper),
+        compute_potential_gradient(delta, BOUNDS, follows_paper),
+    )
     assert V >= 0 and (V > 0 or np.allclose(delta, 0, atol=1e-150))
-    assert potential(-delta, BOUNDS, follows_paper) == V
-    assert np.array_equal(g, -potential_gradient(-delta, BOUNDS, follows_paper))
+    assert compute_potential(-delta, BOUNDS, follows_paper) == V
+    assert np.array_equal(g, -compute_potential_gradient(-delta, BOUNDS, follows_paper))
     assert np.all(np.abs(g) <= BOUNDS) and np.all(g * delta >= 0)
 
 

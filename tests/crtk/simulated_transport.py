@@ -120,7 +120,7 @@ class CrtkLab:
         """Advance the clock by some ns, in steps of 1 ms, with the device and all clients."""
         for _ in range(time // 1_000_000):
             self.now += 1_000_000
-            self.device.turn(self.now)
+            self.device.update(self.now)
             for client in self.clients:
                 client.check_deadlines()
 
@@ -144,7 +144,7 @@ class SimulatedClient(CrtkArm):
 
     def _send_state_command(self, command: str) -> None:
         super()._send_state_command(command)
-        self._lab.device.turn(self._lab.now)
+        self._lab.device.update(self._lab.now)
 
 
 def moving_arm(ticks: int = 50, **settings: Any) -> tuple[CrtkLab, CrtkArm]:

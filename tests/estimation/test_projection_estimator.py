@@ -26,10 +26,10 @@ from rcmservo.estimation.projection_rule import (
     ProjectionEstimator,
     ProjectionKernel,
     ProjectionMemory,
-    feature_jacobian,
+    collect_fitted_points,
+    compute_estimated_jacobian,
+    compute_inverse_root,
     find_least_informative_observation,
-    fitted_points,
-    inverse_root,
     limit_step_by_depth,
     update_from_frame,
 )
@@ -81,7 +81,7 @@ def root_of(A, fast, rate=20.0):
     """Return C with C Cᵀ = Γ, as the update makes it."""
     if not fast:
         return np.diag(np.sqrt(GAMMA_0))
-    return np.sqrt(rate) * inverse_root(A, EPSILON)
+    return np.sqrt(rate) * compute_inverse_root(A, EPSILON)
 
 
 def steepest_rise(seed, t, fast, both, room=8):
@@ -127,7 +127,7 @@ def test_u_with_gamma_itself_never_rises_in_a_step_even_if_gamma_has_more_observ
 ):
     """(22)-(23) need only a constant positive definite Γ."""
     rows, a, o_c, a_hat = scene(seed)
-    root = inverse_root(build_equations(rows, o_c, both)[0], EPSILON)
+    root = compute_inverse_root(build_equations(rows, o_c, both)[0], EPSILON)
     A, b = build_equations(rows[1:], o_c, both)
     inverse = np.linalg.inv(root)
 
@@ -175,7 +175,7 @@ def test_the_equations_are_the_sums_over_the_papers_regressors_of_19(seed, both)
 def test_the_root_is_that_of_the_regularised_inverse(seed, both):
     rows, _, o_c, _ = scene(seed)
     A, _ = build_equations(rows, o_c, both)
-    root, unit = inverse_root(A, EPSILON), np.sqrt(GAMMA_0)
+    root, unit = compute_inverse_root(A, EPSILON), np.sqrt(GAMMA_0)
     product = root @ root.T @ (A + EPSILON * np.diag(1 / GAMMA_0))
     assert np.allclose(product / unit[:, None] * unit, np.eye(9), atol=1e-5)
 
@@ -185,10 +185,10 @@ def test_the_removed_observation_has_the_least_leverage(seed, both):
     """The leverage is tr(W (MᵀM + εΓ₀⁻¹)⁻¹ Wᵀ)."""
     rows, _, o_c, _ = scene(seed)
     A, _ = build_equations(rows, o_c, both)
-    root = inverse_root(A, EPSILON)
+    root = compute_inverse_root(A, EPSILON)
     leverages = [np.trace(root.T @ build_equations(row[None], o_c, both)[0] @ root) for row in rows]
     removed = find_least_informative_observation(
-        fitted_points(rows, len(rows), o_c, both, SHAFT), len(rows), root
+        collect_fitted_points(rows, len(rows), o_c, both, SHAFT), len(rows), root
     )
     assert leverages[removed] <= min(leverages) * (1 + 1e-6)
 
@@ -374,7 +374,7 @@ def test_with_exact_images_the_estimate_converges_to_the_true_jacobian(seed):
 def test_an_empty_estimate_gives_a_jacobian_without_rank(seed):
     """With â = 0 the predicted markers do not move."""
     rows, _, o_c, _ = scene(seed, count=2)
-    J_hat = feature_jacobian(
+    J_hat = compute_estimated_jacobian(
         np.zeros(9), rows[0, :3].copy(), shift_to_rcm(rows[0, 3:].copy(), o_c), SHAFT
     )
     assert not J_hat.any()

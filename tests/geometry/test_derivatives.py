@@ -17,8 +17,12 @@ from conftest import (
     project_markers,
     seeds,
 )
-from rcmservo.control.saturated_controller import potential, potential_gradient
-from rcmservo.estimation.projection_rule import feature_jacobian, markers_jacobian, predict
+from rcmservo.control.saturated_controller import compute_potential, compute_potential_gradient
+from rcmservo.estimation.projection_rule import (
+    compute_estimated_jacobian,
+    compute_markers_jacobian,
+    predict_markers,
+)
 from rcmservo.geometry.features import (
     FEATURE_SCALE,
     compute_feature_error,
@@ -129,17 +133,19 @@ def test_derivative_of_the_features_holds_for_given_projection_parameters(seed, 
     p1 = draw_tool_positions(random, 1)[0]
     a, _ = extract_parameters(draw_calibration_matrix(random, p1[None]))
     assume(compute_depth(a, compute_second_marker(tool, p1)) > 0.05)
-    m = predict(a, p1, tool)
+    m = predict_markers(a, p1, tool)
     assume(np.linalg.norm(m[2:] - m[:2]) > 0.5)
     assert np.allclose(
-        markers_jacobian(a, p1, tool),
-        differentiate(lambda p: predict(a, p, tool), p1, 1e-2),
+        compute_markers_jacobian(a, p1, tool),
+        differentiate(lambda p: predict_markers(a, p, tool), p1, 1e-2),
         rtol=1e-6,
         atol=1e-7,
     )
-    J = feature_jacobian(a, p1, m, tool)
+    J = compute_estimated_jacobian(a, p1, m, tool)
     numeric = differentiate(
-        lambda p: compute_feature_error(compute_features(predict(a, p, tool)), compute_features(m)),
+        lambda p: compute_feature_error(
+            compute_features(predict_markers(a, p, tool)), compute_features(m)
+        ),
         p1,
         1e-2,
     )
@@ -157,7 +163,7 @@ def test_derivative_of_the_features_holds_for_a_full_calibration_matrix(seed):
     C = draw_calibration_matrix(random, p1[None])
     a, o_c = extract_parameters(C)
     m = shift_to_rcm(project_markers(C, p1), o_c)
-    J = feature_jacobian(a, p1, m, SHAFT)
+    J = compute_estimated_jacobian(a, p1, m, SHAFT)
     numeric = differentiate(
         lambda p: compute_feature_error(
             compute_features(shift_to_rcm(project_markers(C, p), o_c)), compute_features(m)
@@ -182,26 +188,30 @@ not_at_the_kink = st.floats(-5, 5).filter(lambda share: abs(abs(share) - 1.0) > 
 @given(st.tuples(errors, errors, errors))
 def test_gradient_of_the_continuous_potential_holds_at_its_bounds_too(shares):
     delta, step = np.array(shares) * BOUNDS, 1e-6 * BOUNDS.min()
-    numeric = differentiate(lambda x: potential(x, BOUNDS, False), delta, step)
+    numeric = differentiate(lambda x: compute_potential(x, BOUNDS, False), delta, step)
     assert np.allclose(
-        potential_gradient(delta, BOUNDS, False), numeric, rtol=0, atol=2e-6 * BOUNDS.max()
+        compute_potential_gradient(delta, BOUNDS, False), numeric, rtol=0, atol=2e-6 * BOUNDS.max()
     )
 
 
 @given(st.tuples(not_at_the_kink, not_at_the_kink, not_at_the_kink))
 def test_gradient_of_the_printed_potential_holds_outside_its_kink(shares):
     delta = np.array(shares) * BOUNDS
-    numeric = differentiate(lambda x: potential(x, BOUNDS, True), delta, 1e-3 * BOUNDS.min())
-    assert np.allclose(potential_gradient(delta, BOUNDS, True), numeric, rtol=0, atol=1e-8)
+    numeric = differentiate(
+        lambda x: compute_potential(x, BOUNDS, True), delta, 1e-3 * BOUNDS.min()
+    )
+    assert np.allclose(compute_potential_gradient(delta, BOUNDS, True), numeric, rtol=0, atol=1e-8)
 
 
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
 def test_the_printed_potential_is_continuous_but_its_gradient_drops_by_half_at_the_bound(sign):
     below, above = sign * BOUNDS * (1 - 1e-12), sign * BOUNDS * (1 + 1e-12)
-    assert potential(below, BOUNDS, True) == pytest.approx(potential(above, BOUNDS, True), rel=1e-9)
-    assert np.allclose(potential_gradient(below, BOUNDS, True), sign * BOUNDS)
-    assert np.allclose(potential_gradient(above, BOUNDS, True), sign * BOUNDS / 2)
-    assert np.allclose(potential_gradient(above, BOUNDS, False), sign * BOUNDS)
+    assert compute_potential(below, BOUNDS, True) == pytest.approx(
+        compute_potential(above, BOUNDS, True), rel=1e-9
+    )
+    assert np.allclose(compute_potential_gradient(below, BOUNDS, True), sign * BOUNDS)
+    assert np.allclose(compute_potential_gradient(above, BOUNDS, True), sign * BOUNDS / 2)
+    assert np.allclose(compute_potential_gradient(above, BOUNDS, False), sign * BOUNDS)
 
 
 @given(

@@ -24,7 +24,7 @@ from rcmservo.hardware.galil.emulator.server import Server
 from rcmservo.hardware.galil.settings import GalilSettings
 from rcmservo.interfaces import ArmMeasurement, Command, Floats
 from rcmservo.live.device_protocols import NotReady
-from rcmservo.live.realtime import urgent
+from rcmservo.live.realtime import request_urgent_priority
 from rcmservo.loop.clock import WallClock
 from stalls import retry_after_stalls
 
@@ -50,10 +50,10 @@ class WallTimeEmulator:
 
     def _run(self) -> None:
         start = time.monotonic()
-        urgent()
+        request_urgent_priority()
         while not self._closing.is_set():
             self._unfrozen.wait()
-            self._server.turn(time.monotonic() - start)
+            self._server.update(time.monotonic() - start)
             self._server.wait(SAMPLE_TIME_S)
 
     @contextlib.contextmanager

@@ -31,7 +31,7 @@ class Lab:
     def turn(self, seconds: float = 0.0) -> None:
         self.now += seconds
         self.server.wait(0.01)
-        self.server.turn(self.now)
+        self.server.update(self.now)
 
     def send(self, stream: socket.socket, text: bytes) -> bytes:
         stream.sendall(text)

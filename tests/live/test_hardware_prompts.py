@@ -52,8 +52,8 @@ class ScriptedTerminal:
         self.typed, self.closed = 0, False
         self.printed: list[str] = []
 
-    def notify(self, words: str) -> None:
-        self.printed.append(words)
+    def notify(self, message: str) -> None:
+        self.printed.append(message)
 
     def ask(self, question: str) -> str:
         self.printed.append(question)

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from rcmservo.live.child_process import ChildProcess, receive_from_parent
-from rcmservo.live.realtime import realtime, without_huge_pages
+from rcmservo.live.realtime import apply_realtime_settings, without_huge_pages
 
 STATUS = Path("/proc/self/status")
 
@@ -29,7 +29,7 @@ def send_huge(control: Connection) -> None:
     receive_from_parent(control)
 
 
-@pytest.mark.parametrize("context", [without_huge_pages, realtime])
+@pytest.mark.parametrize("context", [without_huge_pages, apply_realtime_settings])
 def test_huge_pages_are_disabled_inside_and_restored_afterwards(context) -> None:
     before = huge_pages_enabled()
     with pytest.raises(KeyError), context():

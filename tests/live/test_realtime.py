@@ -12,7 +12,7 @@ import pytest
 from rcmservo.errors import BadInput
 from rcmservo.interfaces import ArmMeasurement, DropReason, Frame, Markers
 from rcmservo.live import realtime as module
-from rcmservo.live.realtime import realtime, urgent
+from rcmservo.live.realtime import apply_realtime_settings, request_urgent_priority
 from rcmservo.live.tracking_thread import TrackingThread
 from rcmservo.loop.clock import RecordingClock, WallClock, ticks
 from rcmservo.loop.plant import Plant
@@ -63,7 +63,7 @@ def state_of_the_process():
 @pytest.mark.skipif(not hasattr(os, "SCHED_FIFO"), reason="no real-time scheduling here")
 def test_realtime_restores_the_process_even_after_an_error():
     before = state_of_the_process()
-    with pytest.raises(KeyError), realtime():
+    with pytest.raises(KeyError), apply_realtime_settings():
         assert not gc.isenabled()
         assert gc.get_freeze_count() > 0
         raise KeyError
@@ -72,7 +72,7 @@ def test_realtime_restores_the_process_even_after_an_error():
 
 @pytest.mark.usefixtures("frozen_heap")
 def test_garbage_collection_is_off_inside_and_a_forced_one_is_counted():
-    with realtime() as results:
+    with apply_realtime_settings() as results:
         heap = [[] for _ in range(100_000)]
         for cycle in heap:
             cycle.append(cycle)
@@ -89,7 +89,7 @@ def test_refused_requests_are_reported_and_the_others_take_effect(monkeypatch):
 
     monkeypatch.setattr(os, "sched_setscheduler", refuse)
     monkeypatch.setattr(module, "_load_c_library", refuse)
-    with realtime() as results:
+    with apply_realtime_settings() as results:
         assert not gc.isenabled()
     assert len(results.refused) == 2
     assert all("Operation not permitted" in sentence for sentence in results.refused)
@@ -107,7 +107,7 @@ def test_the_loop_has_the_first_priority_and_existing_threads_the_next():
     thread = threading.Thread(target=ended.wait, args=(WAIT_TIMEOUT_S,))
     thread.start()
     try:
-        with realtime() as results:
+        with apply_realtime_settings() as results:
             if results.refused:
                 pytest.skip(results.refused[0])
             later = threading.Thread(target=lambda: policies.append(policy()))
@@ -129,7 +129,7 @@ def test_a_thread_that_sends_commands_has_a_priority_between_loop_and_other_thre
         return os.sched_getparam(thread.native_id).sched_priority
 
     def work():
-        refusals.append(urgent())
+        refusals.append(request_urgent_priority())
         requested.set()
         ended.wait(WAIT_TIMEOUT_S)
 
@@ -144,7 +144,7 @@ def test_a_thread_that_sends_commands_has_a_priority_between_loop_and_other_thre
         if refusals != [""]:
             pytest.skip(refusals[0])
         outside = priority(threads[0])
-        with realtime():
+        with apply_realtime_settings():
             assert os.sched_getparam(0).sched_priority > priority(threads[0]) > priority(threads[1])
         assert priority(threads[0]) == outside > priority(threads[1])
     finally:
@@ -160,7 +160,10 @@ def test_a_refused_priority_is_logged_and_raises_no_error(monkeypatch, caplog):
 
     monkeypatch.setattr(os, "sched_setscheduler", refuse)
     with caplog.at_level("INFO"):
-        assert "real-time scheduling was refused (Operation not permitted)" in urgent()
+        assert (
+            "real-time scheduling was refused (Operation not permitted)"
+            in request_urgent_priority()
+        )
     assert "other work may delay what goes to the device" in caplog.text
 
 

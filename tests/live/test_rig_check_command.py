@@ -123,8 +123,8 @@ class SilentTerminal:
 
     typed = 0
 
-    def notify(self, words: str) -> None:
-        assert words
+    def notify(self, message: str) -> None:
+        assert message
 
     def close(self) -> None:
         """Do nothing, because nothing is open."""

@@ -23,7 +23,7 @@ def test_a_run_at_reduced_speed_settles_and_no_command_exceeds_its_speed(seed: i
     for tick in run(lab.plant, servo, lab.target, 40.0):
         judge.add(tick)
         fastest = np.maximum(fastest, np.abs(tick.state.command.rates))
-    result = judge.result()
+    result = judge.compute_result()
     assert result.settled, result.cause
     assert (fastest <= UNCHECKED_SPEED_SCALE * np.array(full.gate.speed)).all()
     assert fastest.max() > 0.0

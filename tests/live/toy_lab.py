@@ -13,7 +13,7 @@ from toy_wire import ASK, ToyOrder, answer_in, sent
 from udp_arm import UdpArm
 
 import rcmservo as rs
-from rcmservo.live.realtime import realtime
+from rcmservo.live.realtime import apply_realtime_settings
 from rcmservo.live.tracking_thread import TrackingThread
 from rcmservo.tracking import PointMarkers
 
@@ -82,7 +82,7 @@ def main(port, seconds):
     servo = rs.Servo(rs.SphericalRcm(), rs.RigidTool(30.0), thresholds=TOLERANT)
     target = rs.Target(camera.project(GOAL), np.array(GOAL))
     servo.warm_up()
-    with TrackingThread(camera, PointMarkers(), clock) as eye, realtime():
+    with TrackingThread(camera, PointMarkers(), clock) as eye, apply_realtime_settings():
         plant = rs.Plant(arm, eye, eye, clock)
         for last in rs.run(plant, servo, target, seconds, operator=resume):
             tick = last

@@ -281,10 +281,10 @@ def test_a_target_that_the_settings_refuse_is_reported_and_the_loop_continues() 
 
 def test_the_ring_holds_the_newest_ticks_as_in_a_record() -> None:
     ticks, browser = run_loop({}, 6.0)
-    newest, found = browser.channels.ticks.after(-1)
+    newest, found = browser.channels.ticks.read_after(-1)
     assert newest == len(ticks) - 1 == 599 and len(found) == TICK_SLOTS
     assert found == [encode_tick(tick) + DUE_TIME.pack(tick.time) for tick in ticks[-TICK_SLOTS:]]
-    assert browser.channels.ticks.after(newest) == (newest, [])
-    assert browser.channels.ticks.after(newest - 3) == (newest, found[-3:])
+    assert browser.channels.ticks.read_after(newest) == (newest, [])
+    assert browser.channels.ticks.read_after(newest - 3) == (newest, found[-3:])
     browser.channels.ticks.slot(newest)[100] ^= 1
-    assert browser.channels.ticks.after(newest - 3) == (newest, found[-3:-1])
+    assert browser.channels.ticks.read_after(newest - 3) == (newest, found[-3:-1])

@@ -448,7 +448,7 @@ def test_a_tick_of_any_numbers_and_words_is_replayed_or_refused(
 ) -> None:
     numbers = (pattern * TICK.itemsize)[: TICK.itemsize]
     stage = json.dumps(STAGE | {"servo": small_record.rows.stages[0].servo})
-    tick = numbers + ros2.codec().encode(ros2.TICK_NAMES, *words)[4:]
+    tick = numbers + ros2.get_codec().encode(ros2.TICK_NAMES, *words)[4:]
     path.write_bytes(
         forged_file([ABOUT, ("rcmservo/stage", ros2.encode_text(stage)), ("rcmservo/tick", tick)])
     )
@@ -465,5 +465,5 @@ def test_ticks_of_two_versions_in_one_record_are_refused(path: Path) -> None:
     with pytest.raises(rs.UnusableFile, match="another version than the ticks before it"):
         rows = reader._RecordBuilder(path)
         for definition, kind in (old, new):
-            data = bytes(kind.itemsize) + ros2.codec().encode(ros2.TICK_NAMES, *5 * [""])[4:]
+            data = bytes(kind.itemsize) + ros2.get_codec().encode(ros2.TICK_NAMES, *5 * [""])[4:]
             rows.add(mcap_recovery.Message("rcmservo/tick", definition, 0, data))

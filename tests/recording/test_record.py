@@ -546,7 +546,7 @@ def test_ticks_of_every_version_are_replayed_with_missing_columns_unknown(
         for name in layout.names or ():
             then[name] = now[name]
         rows.append(then.tobytes())
-    ticks = ros2.tick_columns(layout, rows)
+    ticks = ros2.decode_tick_columns(layout, rows)
     assert set(ticks) == set(record.ticks) & set(ros2.TICK.names or ())
     missing = {name for name, column in ticks.items() if np.isnan(column).all()}
     assert missing >= {name for names in ADDED_COLUMNS[version:] for name in names}

@@ -80,7 +80,7 @@ def make_scene():
     points, target = rows[0, 3:].reshape(2, 2), rows[1, 3:].reshape(2, 2)
     y, delta = features.compute_features_and_error(points, target, o_c)
     m = features.shift_to_rcm(points, o_c)
-    J = fit.feature_jacobian(a, positions[0], m, tool.ToolStruct(0, SPACING))
+    J = fit.compute_estimated_jacobian(a, positions[0], m, tool.ToolStruct(0, SPACING))
     return Scene(a, o_c, positions, rows, y, delta, J)
 
 
@@ -190,10 +190,10 @@ def run_projection_rule(scene):
 
     a, o_c, rows, shaft, results = scene.a, scene.o_c, scene.rows, tool.ToolStruct(0, SPACING), {}
     for both in (False, True):
-        fitted = fit.fitted_points(rows, N, o_c, both, shaft)
-        A, b = fit.normal_equations(fitted)
+        fitted = fit.collect_fitted_points(rows, N, o_c, both, shaft)
+        A, b = fit.build_normal_equations(fitted)
         results[f"A {both}"], results[f"b {both}"] = A, b
-    root, C = fit.inverse_root(A, 1e-3), np.diag(np.sqrt(fit.GAMMA_0))
+    root, C = fit.compute_inverse_root(A, 1e-3), np.diag(np.sqrt(fit.GAMMA_0))
     far = np.array([1.0] * 6 + [0.1] * 3)
     results |= {
         "inverse_root": root,
@@ -202,9 +202,9 @@ def run_projection_rule(scene):
         "by_series": C @ gradient_flow.integrate_by_series(C @ A @ C, C @ b, 1e-3),
         "by_modes": C @ gradient_flow.integrate_by_eigenvectors(C @ A @ C, C @ b, 1.0),
         "limited step": fit.limit_step_by_depth(0 * a, far, rows, N, shaft),
-        "markers_jacobian": fit.markers_jacobian(a, P, shaft),
-        "jacobian_at": fit.jacobian_at(a, P, scene.points, o_c, shaft),
-        "predict": fit.predict(a, P, shaft),
+        "markers_jacobian": fit.compute_markers_jacobian(a, P, shaft),
+        "jacobian_at": fit.compute_jacobian_at_points(a, P, scene.points, o_c, shaft),
+        "predict": fit.predict_markers(a, P, shaft),
     }
     for rate in (0.0, 20.0):
         memory, rule = fit.ProjectionMemory(np.zeros((7, 7)), 0, np.zeros(9)), (rate, 1e-7, True)
@@ -274,7 +274,7 @@ def run_projection_fit(scene):
         "squared dilution": camera_fit_prediction.compute_squared_dilution(v, p1, shaft),
         "pose deviation": camera_fit_prediction.compute_pose_deviation(v, p1, shaft),
         "without marker 2": camera_fit_prediction.compute_deviation_without_marker(v, p1, 1, shaft),
-        "marker order": camera_fit_prediction.marker_order_score(v),
+        "marker order": camera_fit_prediction.compute_marker_order_score(v),
         "nothing stored": empty_memory(dlt.DltKernel(), ()),
     }
     results |= run_planning(v, scene, shaft)
@@ -418,10 +418,10 @@ def run_controller_and_gate(scene):
             output.reducible_fraction,
             error,
         ]
-        results[f"gradient {follows_paper}"] = saturated_controller.potential_gradient(
+        results[f"gradient {follows_paper}"] = saturated_controller.compute_potential_gradient(
             delta, b, follows_paper
         )
-        results[f"potential {follows_paper}"] = saturated_controller.potential(
+        results[f"potential {follows_paper}"] = saturated_controller.compute_potential(
             delta, b, follows_paper
         )
     damped = np.diag([1.0, 0.2, 0.01])

@@ -205,7 +205,7 @@ def test_a_failure_in_motion_is_a_fault_in_the_same_tick(failure: str, lab: Labo
     assert (final_state.phase, final_state.cause) == (rs.Phase.FAULT, rs.Cause.ESTIMATOR_FAILED)
     command = final_state.command
     assert counts[-2] == 40 and not command.enabled and not command.rates.any()
-    for message in (final_state.text, judge.result().cause):
+    for message in (final_state.text, judge.compute_result().cause):
         assert f"estimator {__name__}:Faulty: its {method} " in message and sentence in message
 
 
@@ -249,6 +249,6 @@ def test_a_slow_estimator_is_stopped_by_the_overrun_rule_or_the_watchdog_and_nam
     for tick in rs.run(lab.plant, servo, lab.target, 6.0):
         judge.add(tick)
     assert tick.state.cause is cause
-    message = judge.result().cause
+    message = judge.compute_result().cause
     assert cause.value in message
     assert f"estimator {__name__}:Faulty took up to {milliseconds}.0 ms for a frame" in message

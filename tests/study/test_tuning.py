@@ -20,7 +20,7 @@ from rcmservo.control.saturated_controller import SaturatedController
 from rcmservo.errors import BadInput, RcmServoError
 from rcmservo.estimation.flow_rule import FlowEstimator
 from rcmservo.estimation.projection_rule import PAPER_PROJECTION_ESTIMATOR, ProjectionEstimator
-from rcmservo.servo.user_estimator import class_path_of
+from rcmservo.servo.user_estimator import format_class_name_of
 from rcmservo.study.execution.chunk import ChunkRequest, RowValues, run_seed
 from rcmservo.study.plan.cell import parse_cell
 from rcmservo.study.plan.file import StudyFile, make_plan, read_study_file
@@ -89,7 +89,7 @@ class LocalClassPool(InProcessPool):
     ) -> Generator[tuple[str, list[RowValues]]]:
         for key, request in requests:
             cell = parse_cell(request.cell)
-            servo = cell.rebuild_servo({class_path_of(Picky()): Picky})
+            servo = cell.rebuild_servo({format_class_name_of(Picky()): Picky})
             yield key, [astuple(run_seed(cell, servo, seed)) for seed in request.seeds]
 
 

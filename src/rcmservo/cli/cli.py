@@ -13,7 +13,7 @@ from importlib import import_module
 from typing import Any, NamedTuple
 
 from rcmservo import __version__
-from rcmservo.errors import BadInput, RcmServoError, Stopped, quoted, suggestion
+from rcmservo.errors import BadInput, RcmServoError, Stopped, quote_value, suggest_name
 
 EXIT_BAD_INPUT = 2
 """Exit code of an invalid request."""
@@ -97,7 +97,7 @@ def _dispatch(arguments: list[str]) -> int:
         case [name, *command_arguments] if name in COMMANDS:
             return _run_command(name, command_arguments)
         case [name, *_]:
-            invalid = f"{names}, got {quoted(name)}{suggestion(name, COMMANDS)}"
+            invalid = f"{names}, got {quote_value(name)}{suggest_name(name, COMMANDS)}"
             return _print_error(f"the command must be one of {invalid}; see rcmservo --help")
         case _:
             return _print_error(f"a command must be given, one of {names}; see rcmservo --help")
@@ -143,7 +143,7 @@ def _run_replay(options: Any, arguments: list[str]) -> int:
     from rcmservo.cli.replay import rebuild_recorded_options, recompute_run, replay
     from rcmservo.recording import reader
 
-    if not reader.record_file(options.path).is_file():
+    if not reader.find_record_file(options.path).is_file():
         return replay(options)
     record = reader.read_record(options.path)
     recorded_options = rebuild_recorded_options(options, record)

@@ -17,10 +17,10 @@ from rcmservo.config.registry import ESTIMATORS, PART_CLASSES, PRESETS, Classes
 from rcmservo.config.rig_file import METHOD_PARTS, RigDescription
 from rcmservo.config.user_estimators import ESTIMATOR_OPTION, import_estimator
 from rcmservo.constraints import Checked
-from rcmservo.errors import BadInput, suggestion
+from rcmservo.errors import BadInput, suggest_name
 from rcmservo.estimation.base import Estimator
 from rcmservo.servo.servo import Servo
-from rcmservo.servo.user_estimator import check_estimator, class_path
+from rcmservo.servo.user_estimator import check_estimator, format_class_name
 
 Options = TypeVar("Options")
 
@@ -95,7 +95,7 @@ class ServoOptions(EstimatorOptions):
         """
         if name in self.estimators:
             return self.estimators[name]
-        names, hint = ", ".join(ESTIMATOR_NAMES), suggestion(name, self.estimators)
+        names, hint = ", ".join(ESTIMATOR_NAMES), suggest_name(name, self.estimators)
         expected = f"one of {names}, or module:class such as mylab.rls:RLS{hint}"
         raise BadInput(ESTIMATOR_OPTION, name, expected)
 
@@ -147,7 +147,7 @@ def _add_user_group(command: type[Any], name: str, estimator_class: type[Estimat
     Equal arguments give the same class, so that options that are parsed twice are comparable.
     """
     group = find_option_group(estimator_class, command)
-    user_groups = dict.fromkeys((name, class_path(estimator_class)), group)
+    user_groups = dict.fromkeys((name, format_class_name(estimator_class)), group)
     return _add_option_groups(command, {group: estimator_class}, USER_GROUPS=user_groups)
 
 

@@ -29,7 +29,7 @@ from rcmservo.recording.summary_text import (
     format_verdict,
     list_record_rows,
 )
-from rcmservo.recording.timeline import Span, list_spans, summarise
+from rcmservo.recording.timeline import Span, list_spans, summarise_record
 from rcmservo.safety.causes import Action
 
 FIRST_SPANS = 40
@@ -69,7 +69,7 @@ def show(options: ShowOptions) -> int:
     record, console = reader.read_record(options.record), open_console()
     with open_new_folder(options.out, "show") as folder:
         spans = list_spans(record)
-        console.print(_build_summary_table(record, summarise(record)))
+        console.print(_build_summary_table(record, summarise_record(record)))
         if spans:
             console.print(_build_timeline_table(spans))
         has_figures = write_figures(record, folder)

@@ -67,19 +67,19 @@ FORMER_SETTINGS = {
 """Present name of each setting by its former one."""
 
 
-def present_name(name: str, names: Iterable[str]) -> str:
+def find_present_name(name: str, names: Iterable[str]) -> str:
     """Return the present name of a former setting; empty if it is not one of `names`."""
     present = FORMER_SETTINGS.get(name, "")
     return present if present in names else ""
 
 
-def with_present_names(table: Mapping[str, Any], names: Iterable[str]) -> dict[str, Any]:
+def replace_former_names(table: Mapping[str, Any], names: Iterable[str]) -> dict[str, Any]:
     """Return a table of an earlier version in which former names are replaced by those in `names`.
 
     A key that is already one of `names`, or that has no present name, stays as it is.
     """
     present_names = set(names)
     return {
-        name if name in present_names else present_name(name, present_names) or name: value
+        name if name in present_names else find_present_name(name, present_names) or name: value
         for name, value in table.items()
     }

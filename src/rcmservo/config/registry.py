@@ -32,7 +32,7 @@ from rcmservo.estimation.rls import RlsEstimator
 from rcmservo.geometry.kinematics import PitchYawRcm, SphericalRcm
 from rcmservo.geometry.tool import RigidTool, ScaledTool
 from rcmservo.servo.servo import Servo
-from rcmservo.servo.user_estimator import class_path_of
+from rcmservo.servo.user_estimator import format_class_name_of
 
 Classes = Mapping[str, type[Any]]
 """Classes by their names."""
@@ -80,7 +80,7 @@ KIND_KEY = "kind"
 def find_class_name(settings: object, classes: Classes) -> str:
     """Return the name of a value's class in `classes`, or module:class for another class."""
     names = (name for name, registered in classes.items() if registered is type(settings))
-    return next(names, class_path_of(settings))
+    return next(names, format_class_name_of(settings))
 
 
 def decode_kind(classes: Classes, table: object, path: str, default: object = None) -> Any:

@@ -57,10 +57,11 @@ class RigDescription:
     thresholds : Thresholds
         Thresholds of the checks.
     devices : Tables
-        Sections of the file among `DEVICE_SECTIONS`, undecoded; `device_settings` decodes them.
-    simulation : Tables
-        Sections of the file among `SIMULATION_SECTIONS`, undecoded; `simulation_settings` decodes
+        Sections of the file among `DEVICE_SECTIONS`, undecoded; `decode_device_settings` decodes
         them.
+    simulation : Tables
+        Sections of the file among `SIMULATION_SECTIONS`, undecoded;
+        `decode_simulation_settings` decodes them.
     """
 
     mechanism: Kinematics = field(default_factory=SphericalRcm)
@@ -76,7 +77,7 @@ class RigDescription:
         robot_parts = {p: getattr(self, p) for p in PART_CLASSES if p not in METHOD_PARTS}
         return Servo(**robot_parts, **parts)
 
-    def device_settings(self, name: str, kinds: Mapping[str, type[Any]]) -> Any:
+    def decode_device_settings(self, name: str, kinds: Mapping[str, type[Any]]) -> Any:
         """Return the settings of a device, of the class that the key `kind` of its section names.
 
         Parameters
@@ -101,7 +102,7 @@ class RigDescription:
             raise BadInput(f"section {name}", None, f"given, with a kind: {' or '.join(kinds)}")
         return decode_kind(kinds, table, name)
 
-    def simulation_settings(
+    def decode_simulation_settings(
         self, name: str, settings_class: type[SectionSettings], **known: object
     ) -> SectionSettings:
         """Return the settings in a section of the simulation; a missing section has the defaults.

@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, fields, is_dataclass, make_dataclass
 from typing import Any
 
-from rcmservo.config.former_names import with_present_names
+from rcmservo.config.former_names import replace_former_names
 from rcmservo.config.registry import (
     ESTIMATORS,
     KIND_KEY,
@@ -102,7 +102,7 @@ def _rebuild_part(table: object, classes: Classes, path: str) -> Any:
     if not is_table(table):
         raise BadInput(path, table, "a table of settings")
     names = [f.name for f in fields(find_class(classes, table.get(KIND_KEY), path))]
-    table = with_present_names(table, [KIND_KEY, *names])
+    table = replace_former_names(table, [KIND_KEY, *names])
     for name in names:
         if name not in table:
             raise BadInput(f"{path}.{name}", None, "given")

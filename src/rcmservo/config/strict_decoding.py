@@ -12,8 +12,8 @@ from dataclasses import fields, is_dataclass
 from functools import cache
 from typing import TYPE_CHECKING, Any, NoReturn, TypeVar, cast, get_args, get_type_hints
 
-from rcmservo.config.former_names import present_name
-from rcmservo.errors import BadInput, quoted, suggestion
+from rcmservo.config.former_names import find_present_name
+from rcmservo.errors import BadInput, quote_value, suggest_name
 
 if TYPE_CHECKING:
     from pydantic import TypeAdapter
@@ -125,8 +125,8 @@ def _list_valid_keys(
 
 def expect_one_of(key: str, names: Sequence[str]) -> str:
     """Return the expected names for an unknown key, with the most similar one as a suggestion."""
-    present = present_name(key, names)
-    hint = f" (its name is {present} now)" if present else suggestion(key, names)
+    present = find_present_name(key, names)
+    hint = f" (its name is {present} now)" if present else suggest_name(key, names)
     listed = names[:MAX_LISTED_NAMES]
     unlisted = f" and {len(names) - len(listed)} more" if len(names) > len(listed) else ""
     return f"left out or one of {', '.join(listed)}{unlisted}{hint}"
@@ -134,4 +134,4 @@ def expect_one_of(key: str, names: Sequence[str]) -> str:
 
 def quote_key(name: str) -> str:
     """Return a key as a message quotes it: in quotes unless it is a bare key, and shortened."""
-    return name if BARE_KEY.fullmatch(name) else quoted(name[:60])
+    return name if BARE_KEY.fullmatch(name) else quote_value(name[:60])

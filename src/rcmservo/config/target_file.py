@@ -25,12 +25,12 @@ from rcmservo.config.toml_json_parsing import (
     InvalidText,
     MarkerRadii,
     Table,
+    convert_radii_to_json,
     is_table,
     name_file_in_errors,
     parse_json,
-    radii_to_json,
 )
-from rcmservo.errors import BadInput, UnusableFile, one_line, quoted, require
+from rcmservo.errors import BadInput, UnusableFile, quote_value, require, shorten_to_line
 from rcmservo.geometry.kinematics import Kinematics
 from rcmservo.geometry.tool import Tool
 from rcmservo.interfaces import Target
@@ -116,7 +116,7 @@ def save_target(path: Path, target: Target, setup: TargetSetup) -> None:
     content = {
         "taught": datetime.now(UTC).strftime(TIME_FORMAT),
         "markers_px": target.points.tolist(),
-        "sizes_px": radii_to_json(target.sizes),
+        "sizes_px": convert_radii_to_json(target.sizes),
         "joints": target.q.tolist(),
         "setup": _describe_setup(setup),
     }
@@ -208,6 +208,6 @@ def _require_equal_setups(taught: object, present: object, path: str) -> None:
             _require_equal_setups(taught.get(key), present.get(key), key_path)
     elif isinstance(taught, bool) is not isinstance(present, bool) or taught != present:
         raise InvalidText(
-            f"was taught with {one_line(path) or 'setup'} {quoted(taught)}, "
-            f"this rig has {quoted(present)}: teach the target again"
+            f"was taught with {shorten_to_line(path) or 'setup'} {quote_value(taught)}, "
+            f"this rig has {quote_value(present)}: teach the target again"
         )

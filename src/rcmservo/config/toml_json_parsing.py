@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeGuard
 
-from rcmservo.errors import BadInput, UnusableFile, one_line, quoted
+from rcmservo.errors import BadInput, UnusableFile, quote_value, shorten_to_line
 from rcmservo.interfaces import Floats
 
 MAX_LINE_LENGTH = 1000
@@ -61,7 +61,7 @@ def name_file_in_errors(path: Path, language: str) -> Generator[None]:
     except RecursionError as error:
         raise UnusableFile(path, "is nested too deeply") from error
     except ValueError as error:  # of the parser, the decoder, or a number of thousands of digits
-        raise UnusableFile(path, f"is not valid {language}: {one_line(error)}") from error
+        raise UnusableFile(path, f"is not valid {language}: {shorten_to_line(error)}") from error
 
 
 def parse_toml(data: bytes) -> Table:
@@ -86,7 +86,7 @@ def _make_table(pairs: list[tuple[str, Any]]) -> Table:
     """Return the table of keys and values; raise `InvalidText` for a repeated key."""
     for key, count in Counter(key for key, _ in pairs).items():
         if count > 1:
-            raise InvalidText(f"has two of the key {quoted(key)}")
+            raise InvalidText(f"has two of the key {quote_value(key)}")
     return dict(pairs)
 
 
@@ -97,7 +97,7 @@ def _parse_finite_number(text: str) -> float:
     return value
 
 
-def radii_to_json(radii: Floats) -> list[float | None]:
+def convert_radii_to_json(radii: Floats) -> list[float | None]:
     """Return apparent radii (2,) px as JSON values: None in place of NaN, which means unknown."""
     return [float(radius) if math.isfinite(radius) else None for radius in radii]
 

@@ -12,7 +12,7 @@ from dataclasses import is_dataclass
 from pathlib import Path
 
 from rcmservo.config.registry import ESTIMATORS, PRESETS
-from rcmservo.errors import BadInput, RcmServoError, one_line
+from rcmservo.errors import BadInput, RcmServoError, shorten_to_line
 from rcmservo.estimation.base import Estimator
 
 ESTIMATOR_OPTION = "--estimator"
@@ -65,7 +65,7 @@ def _require_defaults(estimator_class: type[Estimator], name: str, option: str) 
     except RcmServoError:
         raise
     except Exception as error:
-        expected = f"a class whose settings all have a default; it raised {one_line(error)}"
+        expected = f"a class whose settings all have a default; it raised {shorten_to_line(error)}"
         raise BadInput(option, name, expected) from error
 
 
@@ -77,7 +77,7 @@ def _import_module(module: str, name: str, option: str) -> object:
     try:
         return importlib.import_module(module)
     except (Exception, SystemExit) as error:  # the code of the module may raise anything
-        raised = f"{module} raised {one_line(repr(error))}"
+        raised = f"{module} raised {shorten_to_line(repr(error))}"
         raise BadInput(option, name, f"a class of an importable module; {raised}") from error
 
 

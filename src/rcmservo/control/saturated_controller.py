@@ -114,7 +114,7 @@ class SaturatedController(Checked, section="controller"):
 
 
 @compiled
-def potential_gradient(delta: Floats, bounds: Floats, follows_paper: bool) -> Floats:
+def compute_potential_gradient(delta: Floats, bounds: Floats, follows_paper: bool) -> Floats:
     """Return ∂V/∂y (n,) of (32): Δy inside ±b and, beyond, ±b or, if `follows_paper`, ±b/2.
 
     Fig. 5 of the paper shows the continuous form, while its eq. (32) drops to half at b.
@@ -128,7 +128,7 @@ def potential_gradient(delta: Floats, bounds: Floats, follows_paper: bool) -> Fl
 
 
 @compiled
-def potential(delta: Floats, bounds: Floats, follows_paper: bool) -> float:
+def compute_potential(delta: Floats, bounds: Floats, follows_paper: bool) -> float:
     """Return V = Σ Vᵢ of (32).
 
     Vᵢ is ½Δy² inside ±b and, beyond, b|Δy| − ½b² or, if `follows_paper`, ½b|Δy|.
@@ -156,7 +156,7 @@ def scale_rows(J: Floats) -> Floats:
 
 
 @compiled
-def max_scaled_entry(J: Floats) -> float:
+def find_max_scaled_entry(J: Floats) -> float:
     """Return the largest absolute entry of J with scaled rows; NaN if an entry is NaN."""
     largest = 0.0
     for i in range(J.shape[0]):
@@ -260,6 +260,6 @@ def compute_controller_output(
     The error Δy (n,), the bounds b (n,) and the Jacobian (n, 3) are scaled. √(2V) is |Δy| without
     saturation. By (33) V decreases, while a single component may grow on the path.
     """
-    gradient = potential_gradient(delta, bounds, follows_paper)
+    gradient = compute_potential_gradient(delta, bounds, follows_paper)
     output = solve_velocity(J, gradient, gain, max_condition, max_speed)
-    return output, np.sqrt(2.0 * potential(delta, bounds, follows_paper))
+    return output, np.sqrt(2.0 * compute_potential(delta, bounds, follows_paper))

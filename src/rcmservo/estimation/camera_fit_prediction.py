@@ -23,7 +23,9 @@ from rcmservo.numerics.small_solvers import invert
 
 
 @compiled
-def image_covariance(fit: ProjectionFit, prediction: ProjectedPoint) -> tuple[float, float, float]:
+def compute_image_covariance(
+    fit: ProjectionFit, prediction: ProjectedPoint
+) -> tuple[float, float, float]:
     """Return the covariance (uu, uv, vv) in px² of a predicted image, by the errors of A and g."""
     x, (m_u, m_v), S, U, V = prediction.x, prediction.m, fit.S_inverse, fit.sums[1], fit.sums[2]
     S_x = multiply_row(S[0], x), multiply_row(S[1], x), multiply_row(S[2], x), multiply_row(S[3], x)
@@ -57,7 +59,7 @@ def compute_bilinear_form(G: Floats, a: Point, b: Point) -> float:
 def write_predicted_image(fit: ProjectionFit, p: Floats, point: Floats, covariance: Floats) -> None:
     """Write the predicted raw pixels (2,) of a point p (3,) mm and their covariance (2, 2) px²."""
     prediction = project_point(fit, p)
-    uu, uv, vv = image_covariance(fit, prediction)
+    uu, uv, vv = compute_image_covariance(fit, prediction)
     point[0], point[1] = fit.origin[3] + prediction.m[0], fit.origin[4] + prediction.m[1]
     covariance[0, 0], covariance[0, 1], covariance[1, 0], covariance[1, 1] = uu, uv, uv, vv
 
@@ -189,7 +191,7 @@ def compute_deviation_without_marker(
     if not invert_normal_matrix(H, inverse):
         return np.inf
     image_1, image_2 = project_markers(fit, p1, shaft)
-    uu, uv, vv = image_covariance(fit, image_1 if k == 0 else image_2)
+    uu, uv, vv = compute_image_covariance(fit, image_1 if k == 0 else image_2)
     for i in range(3):
         per_u, per_v = 0.0, 0.0
         for j in range(3):
@@ -200,7 +202,7 @@ def compute_deviation_without_marker(
 
 
 @compiled
-def marker_order_score(fit: ProjectionFit) -> float:
+def compute_marker_order_score(fit: ProjectionFit) -> float:
     """Return the score of the marker order: about 1, or −1 if the markers are exchanged.
 
     A marker that moves from the position of marker 1 to that of marker 2 should move in the image

@@ -145,13 +145,15 @@ class ProjectionEstimator(Estimator):
         return update_from_frame(memory, p1, points, o_c, dt, self.kernel, tool.struct)
 
     def jacobian(self, memory: "ProjectionMemory", tool: Tool, sample: Sample) -> Floats:
-        return jacobian_at(memory.a_hat, sample.p1, sample.points, sample.o_c, tool.struct)
+        return compute_jacobian_at_points(
+            memory.a_hat, sample.p1, sample.points, sample.o_c, tool.struct
+        )
 
     def markers_jacobian(self, memory: "ProjectionMemory", tool: Tool, sample: Sample) -> Floats:
-        return markers_jacobian(memory.a_hat, sample.p1, tool.struct)
+        return compute_markers_jacobian(memory.a_hat, sample.p1, tool.struct)
 
     def predict(self, memory: "ProjectionMemory", tool: Tool, p1: Floats) -> Floats:
-        return predict(memory.a_hat, p1, tool.struct)
+        return predict_markers(memory.a_hat, p1, tool.struct)
 
 
 PAPER_PROJECTION_ESTIMATOR = ProjectionEstimator(
@@ -182,7 +184,7 @@ class ProjectionMemory(NamedTuple):
 
 
 @compiled
-def fitted_points(
+def collect_fitted_points(
     observations: Floats, count: int, o_c: Floats, both: bool, shaft: ToolStruct
 ) -> Floats:
     """Return the fitted points (n, 5) as rows of p mm (3) and its pixels from o_c (2).
@@ -205,7 +207,7 @@ def fitted_points(
 
 
 @compiled
-def normal_equations(points: Floats) -> tuple[Floats, Floats]:
+def build_normal_equations(points: Floats) -> tuple[Floats, Floats]:
     """Return MᵀM (9, 9) and Mᵀm (9,) of eq. (23)-(24).
 
     The blocks of MᵀM are sums of p pᵀ over the points, those of Mᵀm sums of p, each with the weight
@@ -235,7 +237,7 @@ def normal_equations(points: Floats) -> tuple[Floats, Floats]:
 
 
 @compiled
-def leverage(inverse: Floats, diagonal_sum: Floats, point: Floats) -> float:
+def compute_leverage(inverse: Floats, diagonal_sum: Floats, point: Floats) -> float:
     """Return tr(W A⁻¹ Wᵀ) of one point [p m] (5,), with the `inverse` A⁻¹ (9, 9) in blocks.
 
     `diagonal_sum` (3, 3) is the sum of the first two diagonal blocks.
@@ -263,7 +265,7 @@ def find_least_informative_observation(points: Floats, count: int, root: Floats)
             diagonal_sum[i, j] = inverse[i, j] + inverse[3 + i, 3 + j]
     leverages = np.zeros(count)
     for row in range(len(points)):
-        leverages[row % count] += leverage(inverse, diagonal_sum, points[row])
+        leverages[row % count] += compute_leverage(inverse, diagonal_sum, points[row])
     index = 0
     for i in range(count):
         if leverages[i] < leverages[index]:
@@ -272,7 +274,7 @@ def find_least_informative_observation(points: Floats, count: int, root: Floats)
 
 
 @compiled
-def inverse_root(A: Floats, epsilon: float) -> Floats:
+def compute_inverse_root(A: Floats, epsilon: float) -> Floats:
     """Return L⁻ᵀ (9, 9) with L Lᵀ = A + ε Γ₀⁻¹, by forward substitution.
 
     Its product with its transpose is (A + ε Γ₀⁻¹)⁻¹. The integration of rule (21) needs such a root
@@ -349,9 +351,9 @@ def update_from_frame(
     newest = observations[count - 1]
     copy_into(newest[:3], p1)
     copy_into(newest[3:], points.copy().reshape(4))
-    fitted = fitted_points(observations, count, o_c, kernel.both_markers, shaft)
-    A, b = normal_equations(fitted)
-    root = inverse_root(A, kernel.epsilon)
+    fitted = collect_fitted_points(observations, count, o_c, kernel.both_markers, shaft)
+    A, b = build_normal_equations(fitted)
+    root = compute_inverse_root(A, kernel.epsilon)
     C = compute_gamma_root(root, kernel.rate)
     a_next = integrate_gradient_flow(A, b, a, C, duration)
     a_next = limit_step_by_depth(a, a_next, observations, count, shaft)
@@ -363,7 +365,7 @@ def update_from_frame(
 
 
 @compiled
-def markers_jacobian(a: Floats, p1: Floats, shaft: ToolStruct) -> Floats:
+def compute_markers_jacobian(a: Floats, p1: Floats, shaft: ToolStruct) -> Floats:
     """Return ∂m/∂p₁ (4, 3) px/mm of both markers, the second factor of eq. (15)."""
     p2, jacobian = compute_second_marker(shaft, p1), np.empty((4, 3))
     copy_into(jacobian[:2], compute_projection_jacobian(a, p1))
@@ -373,15 +375,17 @@ def markers_jacobian(a: Floats, p1: Floats, shaft: ToolStruct) -> Floats:
 
 
 @compiled
-def feature_jacobian(a: Floats, p1: Floats, m: Floats, shaft: ToolStruct) -> Floats:
+def compute_estimated_jacobian(a: Floats, p1: Floats, m: Floats, shaft: ToolStruct) -> Floats:
     """Return Ĵ (3, 3) of eq. (15): ∂y/∂m at the measured m, times ∂m/∂p₁ by the parameters a."""
-    return multiply_matrices(compute_features_jacobian(m), markers_jacobian(a, p1, shaft))
+    return multiply_matrices(compute_features_jacobian(m), compute_markers_jacobian(a, p1, shaft))
 
 
 @compiled
-def jacobian_at(a: Floats, p1: Floats, points: Floats, o_c: Floats, shaft: ToolStruct) -> Floats:
+def compute_jacobian_at_points(
+    a: Floats, p1: Floats, points: Floats, o_c: Floats, shaft: ToolStruct
+) -> Floats:
     """Return Ĵ (3, 3) of eq. (15) at the raw `points` (2, 2) px by the parameters a."""
-    return feature_jacobian(a, p1, shift_to_rcm(points, o_c), shaft)
+    return compute_estimated_jacobian(a, p1, shift_to_rcm(points, o_c), shaft)
 
 
 @compiled
@@ -396,15 +400,15 @@ def update_kernel(
     p1, points, o_c, shaft = sample.p1, sample.points, sample.o_c, sample.shaft
     memory = update_from_frame(memory, p1, points, o_c, sample.dt, kernel, shaft)
     copy_into(result.points, points)
-    copy_into(result.J_hat, jacobian_at(memory.a_hat, p1, points, o_c, shaft))
+    copy_into(result.J_hat, compute_jacobian_at_points(memory.a_hat, p1, points, o_c, shaft))
     if sample.needs_markers_jacobian:
-        copy_into(result.markers_jacobian, markers_jacobian(memory.a_hat, p1, shaft))
+        copy_into(result.markers_jacobian, compute_markers_jacobian(memory.a_hat, p1, shaft))
     result.has_imaged_rcm = False
     return memory
 
 
 @compiled
-def empty_kernel(kernel: "ProjectionKernel", memory: ProjectionMemory) -> ProjectionMemory:
+def make_initial_memory(kernel: "ProjectionKernel", memory: ProjectionMemory) -> ProjectionMemory:
     """Return the memory before the first frame."""
     return ProjectionMemory(np.zeros_like(memory.observations), 0, np.zeros_like(memory.a_hat))
 
@@ -431,11 +435,11 @@ class ProjectionKernel(NamedTuple):
 
     estimates_rcm = False
     update = update_kernel
-    reset = empty_kernel
+    reset = make_initial_memory
 
 
 @compiled
-def predict(a: Floats, p1: Floats, shaft: ToolStruct) -> Floats:
+def predict_markers(a: Floats, p1: Floats, shaft: ToolStruct) -> Floats:
     """Return π of eq. (34) for both markers: m (4,) px from the imaged RCM."""
     m = np.empty(4)
     copy_into(m[:2], project(a, p1))

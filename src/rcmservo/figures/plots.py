@@ -59,7 +59,7 @@ def plot_errors(record: Record) -> Figure:
             name,
             [make_curve("", record.time, deltas[:, i])],
             levels=[("tolerance", float(SETTLED_TOLERANCE[i] * DISPLAY_UNITS[i]))],
-            shaded=exploration_spans(record),
+            shaded=find_exploration_spans(record),
             log_y=True,
         )
         for i, name in enumerate(ERROR_LABELS)
@@ -206,7 +206,7 @@ def compute_flows(record: Record, new: NDArray[np.intp]) -> tuple[Floats, Floats
     return delta_y / dt, np.einsum("nij,nj->ni", J_hat, p_dot)
 
 
-def exploration_spans(record: Record) -> list[tuple[float, float]]:
+def find_exploration_spans(record: Record) -> list[tuple[float, float]]:
     """Return the time spans (s) of exploration, from ACQUIRE to a sufficient estimate."""
     is_acquiring = np.array([phase == Phase.ACQUIRE.name for phase in record.phase], dtype=bool)
     is_exploring = is_acquiring & (record.ticks["explored"][:, 0] == 0)
@@ -226,7 +226,7 @@ def _plot_comparison(
     since: float = 0.0,
 ) -> Figure:
     panels: list[Panel] = []
-    time, shaded = record.time[rows] - since, [] if since else exploration_spans(record)
+    time, shaded = record.time[rows] - since, [] if since else find_exploration_spans(record)
     for i, name in enumerate(names):
         finite = measured[np.isfinite(measured[:, i]), i]
         low, high = np.percentile(finite, [0.5, 99.5]) if len(finite) else (0.0, 0.0)

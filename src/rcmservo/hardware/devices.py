@@ -51,16 +51,16 @@ def open_arm(rig: RigDescription) -> LabArm:
     RcmServoError
         If the arm cannot be reached or used.
     """
-    settings = rig.device_settings("arm", ARM_KINDS)
+    settings = rig.decode_device_settings("arm", ARM_KINDS)
     return _import_driver(settings)(settings, rig.mechanism.limits)
 
 
 def read_wiring(rig: RigDescription) -> Wiring:
     """Return the assignment of joints to motors in a rig file."""
-    return rig.device_settings("arm", ARM_KINDS).wiring
+    return rig.decode_device_settings("arm", ARM_KINDS).wiring
 
 
-def open_camera(rig: RigDescription, unmeasured: bool = False) -> LabCamera:
+def open_camera(rig: RigDescription, accepts_unmeasured_latency: bool = False) -> LabCamera:
     """Open the camera of a rig file.
 
     Parameters
@@ -78,8 +78,8 @@ def open_camera(rig: RigDescription, unmeasured: bool = False) -> LabCamera:
     CameraLost
         If the camera cannot be opened.
     """
-    settings = rig.device_settings("camera", CAMERA_KINDS)
-    if not unmeasured:
+    settings = rig.decode_device_settings("camera", CAMERA_KINDS)
+    if not accepts_unmeasured_latency:
         require_latency(settings)
     return _import_driver(settings)(settings)
 

@@ -77,7 +77,7 @@ class LabCamera(Camera, Protocol):
 class OperatorTerminal(Protocol):
     """Operator at the arm, who answers questions."""
 
-    def notify(self, words: str) -> None:
+    def notify(self, message: str) -> None:
         """Report something that needs no answer."""
         ...
 

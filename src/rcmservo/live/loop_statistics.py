@@ -37,7 +37,7 @@ class Report:
     """
 
     time: int
-    words: str
+    text: str
     delta: Floats
     condition: float
 

@@ -7,7 +7,7 @@ real-time priority and keeps its memory in RAM.
 
 The other threads of the process have the next lower priority, above all other work of the computer:
 a thread that holds the interpreter's lock while it waits for a processor delays the loop too. A
-thread that sends commands to a device requests a priority above theirs: `urgent`.
+thread that sends commands to a device requests a priority above theirs: `request_urgent_priority`.
 
 NumPy requests huge pages for large arrays. Linux assembles them later, every 10 s, in a kernel
 thread. On a kernel without preemption that thread occupies a processor for 6 ms at a time, several
@@ -69,7 +69,7 @@ class Realtime:
 
 
 @contextmanager
-def realtime() -> Generator[Realtime]:
+def apply_realtime_settings() -> Generator[Realtime]:
     """Give the calling thread the first priority, and the existing threads the next one.
 
     The priorities hold while the context is open. Threads that are started inside keep the ordinary
@@ -118,7 +118,7 @@ def without_huge_pages() -> Generator[None]:
         c_library.prctl(SET_NO_HUGE_PAGES, max(was_disabled, 0), 0, 0, 0)
 
 
-def urgent() -> str:
+def request_urgent_priority() -> str:
     """Give the calling thread a priority just below that of the loop, until it ends.
 
     Returns

@@ -17,11 +17,11 @@ import numpy as np
 from rcmservo.errors import RcmServoError, Stopped
 from rcmservo.interfaces import Arm, Camera, Command, Floats, Frame, Target, Tracker
 from rcmservo.live.loop_statistics import ReportThread
-from rcmservo.live.realtime import realtime
+from rcmservo.live.realtime import apply_realtime_settings
 from rcmservo.live.stop_signals import EndRequest
 from rcmservo.live.tracking_thread import TrackingThread
 from rcmservo.loop.clock import RecordingClock, WallClock, ticks
-from rcmservo.loop.detection_failure import reason_not_detected
+from rcmservo.loop.detection_failure import explain_undetected_markers
 from rcmservo.loop.operator import Operator
 from rcmservo.loop.plant import Plant
 from rcmservo.loop.run import run
@@ -276,7 +276,7 @@ def _run_loop(
         recorder.begin(servo, target)
         servo.warm_up()
         plant.recorded = recorder.recorded
-        with realtime() as system:
+        with apply_realtime_settings() as system:
 
             def is_done(tick: Tick) -> bool:
                 return plant.stop_requested()
@@ -299,11 +299,11 @@ def _run_loop(
 
 def _find_cause(outcome: OutcomeCollector, plant: HeartbeatPlant, began_ns: int) -> RunResult:
     """Return the result with the cause of a signal or of markers that were never detected."""
-    result, last_tick = outcome.result(), outcome.last_tick_without_markers
+    result, last_tick = outcome.compute_result(), outcome.last_tick_without_markers
     if plant.stop_requested.signal:
         return result.unsettled(f"the run was stopped by {plant.stop_requested.signal}")
     if last_tick is None:
         return result
-    detection_failure = reason_not_detected(plant, last_tick.observation, began_ns)
+    detection_failure = explain_undetected_markers(plant, last_tick.observation, began_ns)
     cause = find_stop_cause(last_tick.state.mode, detection_failure)
     return replace(result, cause=cause or result.cause)

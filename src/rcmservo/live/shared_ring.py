@@ -81,7 +81,7 @@ class SharedRing:
             return None
         return Entry(data, zlib.crc32(data) == checksum)
 
-    def after(self, number: int) -> tuple[int, list[bytes]]:
+    def read_after(self, number: int) -> tuple[int, list[bytes]]:
         """Return the number of the newest entry, and the bytes of all sound ones after `number`."""
         newest = self.newest
         first = max(number, newest - self._slot_count) + 1

@@ -53,9 +53,9 @@ class Terminal:
     def close(self) -> None:
         os.close(self._file)
 
-    def notify(self, words: str) -> None:
+    def notify(self, message: str) -> None:
         """Print a text that needs no answer."""
-        self._write(f"{words}\n")
+        self._write(f"{message}\n")
 
     def ask(self, question: str) -> str:
         """Return the operator's answer to a question.

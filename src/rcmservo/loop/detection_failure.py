@@ -8,7 +8,7 @@ FRAME_TIMEOUT_S = 0.5
 """Time in s without a frame after which the camera is reported as the reason."""
 
 
-def reason_not_detected(plant: Plant, observation: Observation, began: int) -> str:
+def explain_undetected_markers(plant: Plant, observation: Observation, began: int) -> str:
     """Return the reason for undetected markers since `began` ns.
 
     The reason is missing frames, unusable frames, or that of the tracker for the newest frame.

@@ -44,7 +44,7 @@ class JointHistory:
         """Time (ns) of the oldest measurement; inf if there is none."""
         return self._times_ns[0] if self._times_ns else np.inf
 
-    def at(self, time: int) -> Floats:
+    def interpolate(self, time: int) -> Floats:
         """Return the joints (3,) at `time` ns by linear interpolation.
 
         Before the oldest measurement they are those of the oldest, after the newest those of the

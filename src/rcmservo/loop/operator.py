@@ -153,10 +153,10 @@ class TeachingInRun:
             self.target_frames.add(observation)
         if len(self.target_frames.points) < self.frames:
             return None
-        if self.target_frames.disagreement():
+        if self.target_frames.describe_disagreement():
             self.target_frames = TargetFrames()
             return None
-        return self.target_frames.target(self.stopped_ns)
+        return self.target_frames.compute_target(self.stopped_ns)
 
 
 class NextTick:

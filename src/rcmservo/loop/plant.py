@@ -187,7 +187,9 @@ class Plant:
         self.markers, self.frame = replace(markers, points=_select_possible(markers)), frame
         self._sizes, self._quality = _measure_sizes(self.markers), _measure_quality(self.markers)
         is_known = frame.exposure >= self._joints.oldest
-        self._q_exposure = self._joints.at(frame.exposure) if is_known else np.full(3, np.nan)
+        self._q_exposure = (
+            self._joints.interpolate(frame.exposure) if is_known else np.full(3, np.nan)
+        )
 
     def _find_defect(self, frame: Frame) -> DropReason:
         """Return the reason for not using a frame; NONE if it is usable."""

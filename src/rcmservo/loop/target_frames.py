@@ -58,7 +58,7 @@ class TargetFrames:
         self.sizes.append(observation.sizes)
         self.joints.append(observation.q)
 
-    def target(self, since: int) -> Target:
+    def compute_target(self, since: int) -> Target:
         """Return the mean of the frames as a target that was taught from `since` ns on.
 
         The mean of the radii covers only the frames in which they are known.
@@ -66,7 +66,7 @@ class TargetFrames:
         points, q = np.mean(self.points, axis=0), np.mean(self.joints, axis=0)
         return Target(points, q, since, mean_of_finite(np.array(self.sizes)))
 
-    def disagreement(self) -> str:
+    def describe_disagreement(self) -> str:
         """Return a sentence on the disagreement of the frames; empty if they agree.
 
         The noise is estimated from the median of the absolute deviations, which outliers do not

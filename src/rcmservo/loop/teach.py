@@ -5,7 +5,7 @@ import numpy as np
 from rcmservo.errors import RcmServoError
 from rcmservo.interfaces import Target
 from rcmservo.loop.clock import ticks
-from rcmservo.loop.detection_failure import reason_not_detected
+from rcmservo.loop.detection_failure import explain_undetected_markers
 from rcmservo.loop.plant import Plant
 from rcmservo.loop.target_frames import FRAME_COUNT, TEACHING_FRAMES, TargetFrames
 
@@ -62,11 +62,11 @@ def teach(plant: Plant, frames: int = TEACHING_FRAMES) -> Target:
             last_detection_ns = observation.now
         newest_frame = max(newest_frame, observation.frame)
         if len(target_frames.points) == frames:
-            disagreement = target_frames.disagreement()
+            disagreement = target_frames.describe_disagreement()
             if disagreement:
                 raise TeachingFailed(f"the target cannot be taught: {disagreement}")
-            return target_frames.target(began_ns)
+            return target_frames.compute_target(began_ns)
         if not observation.now - last_detection_ns <= TEACH_TIMEOUT_S * 1e9:
             break
-    reason = reason_not_detected(plant, observation, began_ns)
+    reason = explain_undetected_markers(plant, observation, began_ns)
     raise TeachingFailed(f"the target cannot be taught: {reason}")

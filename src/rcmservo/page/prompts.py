@@ -19,9 +19,9 @@ class PagePrompts:
         self._channels, self._plant = channels, plant
         self._statement = "the drive is off"
 
-    def notify(self, words: str) -> None:
+    def notify(self, message: str) -> None:
         """Set the statement that stands above the next question."""
-        self._statement = words
+        self._statement = message
 
     def ask(self, question: str) -> str:
         """Display a question and return the answer.

@@ -153,7 +153,7 @@ class Dashboard:
         """Read new status messages and ticks."""
         for message in self.channels.status.receive_all():
             self._apply(message)
-        self.count, encoded_ticks = self.channels.ticks.after(self.count)
+        self.count, encoded_ticks = self.channels.ticks.read_after(self.count)
         for encoded_tick in encoded_ticks:
             self.tick = decode_ring_tick(encoded_tick)
             self.curves.add(self.tick)
@@ -261,7 +261,7 @@ class Dashboard:
 
 def decode_ring_tick(data: bytes) -> Table:
     """Decode a tick of the ring to its columns and names."""
-    columns = ros2_messages.tick_columns(TICK, [data])
+    columns = ros2_messages.decode_tick_columns(TICK, [data])
     names = ros2_messages.decode_names(data[: -DUE_TIME.size], TICK)
     named = {column.name: name for column, name in zip(NAME_COLUMNS, names, strict=True)}
     (due_ns,) = DUE_TIME.unpack(data[-DUE_TIME.size :])

@@ -12,7 +12,11 @@ import numpy as np
 
 from rcmservo.control.saturated_controller import scale_rows
 from rcmservo.estimation import projection_rule
-from rcmservo.estimation.projection_rule import GAMMA_0, feature_jacobian, normal_equations
+from rcmservo.estimation.projection_rule import (
+    GAMMA_0,
+    build_normal_equations,
+    compute_estimated_jacobian,
+)
 from rcmservo.figures.charts import Curve, Figure, Panel, make_curve
 from rcmservo.geometry.features import shift_to_rcm
 from rcmservo.geometry.projection import project
@@ -67,16 +71,18 @@ def fit_scene(rig: Rig, settings: Settings, noise: float, gamma: str) -> list[li
     q, tool = rig.scene.start, rig.settings.tool
     p1 = rig.body.points(q)[0]
     rows = draw_observations(a, p1, settings, noise, np.random.default_rng(rig.seed))
-    fitted = projection_rule.fitted_points(rows, len(rows), np.zeros(2), False, tool.struct)
-    A, b = normal_equations(fitted)
+    fitted = projection_rule.collect_fitted_points(rows, len(rows), np.zeros(2), False, tool.struct)
+    A, b = build_normal_equations(fitted)
     root = np.diag(np.sqrt(GAMMA_0))
     if gamma == "fast":
-        root = np.sqrt(FIT.rate) * projection_rule.inverse_root(A, FIT.epsilon)
+        root = np.sqrt(FIT.rate) * projection_rule.compute_inverse_root(A, FIT.epsilon)
     J, m = rig.truth.jacobian(q, o_c), shift_to_rcm(rig.truth.pixels(q), o_c)
     a_hats = [
         integrate_gradient_flow(A, b, np.zeros(len(b)), root, t) for t in list_times(settings)
     ]
-    return [judge_jacobian(feature_jacobian(a_hat, p1, m, tool.struct), J) for a_hat in a_hats]
+    return [
+        judge_jacobian(compute_estimated_jacobian(a_hat, p1, m, tool.struct), J) for a_hat in a_hats
+    ]
 
 
 def draw_observations(

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from rcmservo.control.saturated_controller import potential, potential_gradient
+from rcmservo.control.saturated_controller import compute_potential, compute_potential_gradient
 from rcmservo.figures.charts import Figure, Panel
 from rcmservo.interfaces import Floats
 from rcmservo.paper.plan import Measurement, PaperFigure, Results, Settings, Task, TaskResult
@@ -44,8 +44,8 @@ def evaluate_reading(settings: Settings, errors: Floats, printed: bool) -> TaskR
     """
     bounds = np.full(3, settings.figure_bound)
     rows = [np.array([error, 0.0, 0.0]) for error in errors]
-    V = np.array([potential(row, bounds, printed) for row in rows])
-    gradient = np.array([potential_gradient(row, bounds, printed)[0] for row in rows])
+    V = np.array([compute_potential(row, bounds, printed) for row in rows])
+    gradient = np.array([compute_potential_gradient(row, bounds, printed)[0] for row in rows])
     error_over_time = integrate_closed_loop(settings, printed)
     steps_to_small = first_below(SMALL_FRACTION * settings.error, error_over_time)
     return {
@@ -64,7 +64,9 @@ def integrate_closed_loop(settings: Settings, printed: bool) -> Floats:
     errors = np.empty(round(settings.duration / settings.step))
     for i in range(len(errors)):
         errors[i] = delta[0]
-        delta = delta - settings.step * settings.gain * potential_gradient(delta, bounds, printed)
+        delta = delta - settings.step * settings.gain * compute_potential_gradient(
+            delta, bounds, printed
+        )
     return errors
 
 

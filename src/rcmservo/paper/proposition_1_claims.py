@@ -11,7 +11,11 @@ import numpy as np
 
 from rcmservo.control.saturated_controller import scale_rows
 from rcmservo.estimation import projection_rule
-from rcmservo.estimation.projection_rule import GAMMA_0, feature_jacobian, normal_equations
+from rcmservo.estimation.projection_rule import (
+    GAMMA_0,
+    build_normal_equations,
+    compute_estimated_jacobian,
+)
 from rcmservo.figures.charts import Figure, Panel, make_curve
 from rcmservo.geometry.projection import PARAMETER_COUNT, extract_parameters, project
 from rcmservo.interfaces import Floats
@@ -48,8 +52,8 @@ def observe_camera(settings: Settings, seed: int) -> dict[str, TaskResult]:
     random = np.random.default_rng([seed, 2])
     points = p0 + settings.spread * random.uniform(-1.0, 1.0, (settings.observations, 3))
     rows = np.array([[*p, *project_point(C, p), np.nan, np.nan] for p in points])
-    fitted = projection_rule.fitted_points(rows, len(rows), o_c, False, TOOL.struct)
-    A, b = normal_equations(fitted)
+    fitted = projection_rule.collect_fitted_points(rows, len(rows), o_c, False, TOOL.struct)
+    A, b = build_normal_equations(fitted)
 
     def integrate_rule(root: Floats, longest: float, judged_at: float) -> TaskResult:
         """Return the solution of rule (21) with Γ = root rootᵀ from â = 0."""
@@ -71,7 +75,7 @@ def observe_camera(settings: Settings, seed: int) -> dict[str, TaskResult]:
             "slowest": slowest,
         }
 
-    printed, fast = np.diag(np.sqrt(GAMMA_0)), projection_rule.inverse_root(A, FIT.epsilon)
+    printed, fast = np.diag(np.sqrt(GAMMA_0)), projection_rule.compute_inverse_root(A, FIT.epsilon)
     fast, fast_longest = np.sqrt(FIT.rate) * fast, projection_rule.MAX_DECAY / FIT.rate
     return {
         "printed": integrate_rule(printed, settings.longest, settings.printed_time),
@@ -81,8 +85,10 @@ def observe_camera(settings: Settings, seed: int) -> dict[str, TaskResult]:
 
 def compute_jacobian_error(a_hat: Floats, a: Floats, p1: Floats) -> float:
     """Return ‖Ĵ − J‖/‖J‖ (Frobenius) of the scaled Jacobians at `p1`, from â and the true a."""
-    m = projection_rule.predict(a, p1, TOOL.struct)
-    J_hat, J = (scale_rows(feature_jacobian(some, p1, m, TOOL.struct)) for some in (a_hat, a))
+    m = projection_rule.predict_markers(a, p1, TOOL.struct)
+    J_hat, J = (
+        scale_rows(compute_estimated_jacobian(some, p1, m, TOOL.struct)) for some in (a_hat, a)
+    )
     return float(np.linalg.norm(J_hat - J) / np.linalg.norm(J))
 
 

@@ -209,6 +209,6 @@ def draw_pose_error(method: str, task: str, results: Results) -> Panel:
         f"$\\|\\Delta p\\|$ [mm]\n{method}",
         [make_curve("", record.time[new], error[new])],
         levels=[("4 mm", PAPER_MAX_POSE_ERROR_MM)],
-        shaded=plots.exploration_spans(record),
+        shaded=plots.find_exploration_spans(record),
         log_y=True,
     )

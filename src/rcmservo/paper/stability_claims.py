@@ -10,7 +10,7 @@ from functools import partial
 
 import numpy as np
 
-from rcmservo.control.saturated_controller import potential_gradient, scale_rows
+from rcmservo.control.saturated_controller import compute_potential_gradient, scale_rows
 from rcmservo.figures.charts import Figure, Panel
 from rcmservo.geometry.features import FEATURE_SCALE
 from rcmservo.interfaces import Floats
@@ -107,7 +107,7 @@ def evaluate_frame(rig: Rig, state: State, q: Floats) -> tuple[float, float, flo
     product = J @ np.linalg.inv(J_hat)
     least = np.linalg.eigvalsh(0.5 * (product + product.T))[0]
     bounds = PAPER_CONTROLLER.bounds_array / FEATURE_SCALE
-    gradient = potential_gradient(state.delta / FEATURE_SCALE, bounds, False)
+    gradient = compute_potential_gradient(state.delta / FEATURE_SCALE, bounds, False)
     unity = np.linalg.norm(product - np.eye(3), 2)
     return float(least), float(gradient @ J @ state.v), error_in_noise(state), float(unity)
 

@@ -9,7 +9,7 @@ from functools import partial
 
 import numpy as np
 
-from rcmservo.estimation.projection_rule import feature_jacobian
+from rcmservo.estimation.projection_rule import compute_estimated_jacobian
 from rcmservo.figures.charts import Figure, Panel, make_curve
 from rcmservo.geometry.features import shift_to_rcm
 from rcmservo.geometry.tool import RigidTool, ScaledTool, Tool
@@ -67,7 +67,7 @@ def compare_scene(seed: int) -> TaskResult:
     n = p1 / np.linalg.norm(p1)
     comparison: dict[str, object] = {"true": d_row @ n}
     for model, tool in make_tools(p1).items():
-        J_hat = feature_jacobian(a, p1, m, tool.struct)
+        J_hat = compute_estimated_jacobian(a, p1, m, tool.struct)
         comparison[model] = {
             "along": J_hat[2] @ n,
             "whole": rig.truth.jacobian_error(J_hat, q, o_c),

@@ -43,7 +43,7 @@ class MessageCodec:
         """Return a message, or a part of one, with these fields."""
         return self._store.types[message_type](*fields)
 
-    def header(self, time: int, frame: str = "") -> Any:
+    def make_header(self, time: int, frame: str = "") -> Any:
         """Return a std_msgs/Header of a coordinate frame, with a stamp of `time` ns.
 
         The seconds of the stamp are clipped to the range of its 32 bits.
@@ -81,6 +81,6 @@ class MessageCodec:
             raise MalformedMessage(f"{message_type}: {error}") from error
 
 
-def time_of(header: Any) -> int:
+def read_stamp(header: Any) -> int:
     """Return the stamp of a header in ns."""
     return header.stamp.sec * NS_PER_S + header.stamp.nanosec

@@ -14,7 +14,7 @@ from rcmservo.loop.tick import Tick
 from rcmservo.safety.causes import Cause
 from rcmservo.safety.state_machine import Mode, Phase
 from rcmservo.servo.servo import Servo
-from rcmservo.servo.user_estimator import EstimatorGuard, class_path_of
+from rcmservo.servo.user_estimator import EstimatorGuard, format_class_name_of
 
 SETTLED_TOLERANCE = np.array([np.radians(0.5), 1.0, 1.0])
 """Upper limits of |Δs|, |Δr|, |Δd| in rad, px, px for a settled run."""
@@ -70,7 +70,7 @@ class OutcomeCollector:
         """Last tick if no tick has accepted an observation of both markers, otherwise None."""
         return None if self._has_accepted_frame else self._last_tick
 
-    def result(self) -> RunResult:
+    def compute_result(self) -> RunResult:
         """Return the result of the ticks so far."""
         taught_q = self._target.q
         if self._last_tick is None:
@@ -193,5 +193,5 @@ def _describe_slow_estimator(last_tick: Tick) -> str:
         return ""
     if estimator.slowest_ns <= last_tick.servo.period:
         return ""
-    class_path, slowest_ms = class_path_of(estimator.estimator), estimator.slowest_ns * 1e-6
+    class_path, slowest_ms = format_class_name_of(estimator.estimator), estimator.slowest_ns * 1e-6
     return f": estimator {class_path} took up to {slowest_ms:.1f} ms for a frame"

@@ -136,7 +136,7 @@ def read_record(path: Path) -> Record:
         If the file is no record, its start is damaged, or another version wrote it in a format that
         this version cannot read.
     """
-    path = record_file(path)
+    path = find_record_file(path)
     messages = MessageReader(path)
     builder = _RecordBuilder(path)
     for message in messages:
@@ -149,26 +149,26 @@ def read_record(path: Path) -> Record:
         raise UnusableFile(path, f"is a record that cannot be read: {error}") from error
 
 
-def record_file(path: Path) -> Path:
+def find_record_file(path: Path) -> Path:
     """Return the record's file, given the file or the folder of its run."""
     return path / RECORD if path.is_dir() else path
 
 
 def has_ticks(path: Path) -> bool:
     """Return True if a record holds a tick; reading stops at the first one."""
-    return any(message.topic == TICK_TOPIC for message in MessageReader(record_file(path)))
+    return any(message.topic == TICK_TOPIC for message in MessageReader(find_record_file(path)))
 
 
 def iterate_frames(path: Path) -> Iterator[tuple[int, Image]]:
     """Yield the exposure (ns on the plant's clock) and the image of each recorded frame."""
-    path = record_file(path)
+    path = find_record_file(path)
     for exposure, jpeg in iterate_jpegs(path):
         yield exposure, decode_image(jpeg, path)
 
 
 def iterate_jpegs(path: Path) -> Iterator[tuple[int, bytes]]:
     """Yield the exposure (ns on the plant's clock) and the JPEG file of each recorded frame."""
-    path = record_file(path)
+    path = find_record_file(path)
     for message in MessageReader(path):
         if message.topic == "image_raw/compressed":
             try:
@@ -266,7 +266,7 @@ class _RecordBuilder:
         """Return all messages as columns."""
         time = np.array(self._times_ns, dtype=np.float64) * 1e-9
         last_time_s = float(time[-1]) if len(time) else 0.0
-        ticks = ros2.tick_columns(self._layout, self._ticks)
+        ticks = ros2.decode_tick_columns(self._layout, self._ticks)
         return Record(
             path=self.path,
             about=about,
@@ -282,7 +282,7 @@ class _RecordBuilder:
 
     def _build_truth(self) -> dict[str, Floats]:
         """Return the truth of each tick; NaN if the record ends between a tick and its truth."""
-        truth = ros2.columns(ros2.TRUTH_LAYOUT, self._truth)
+        truth = ros2.decode_columns(ros2.TRUTH_LAYOUT, self._truth)
         missing_rows = len(self._ticks) - len(self._truth) if self._truth else 0
         if missing_rows < 0:
             raise ValueError("it holds the truth of more ticks than it has")

@@ -30,7 +30,7 @@ from rcmservo.recording.reader import Column, Record
 from rcmservo.recording.stage import NO_ORIGIN, UNRECORDED_ORIGIN, Stage
 from rcmservo.safety.state_machine import Request
 from rcmservo.servo.servo import Servo, State
-from rcmservo.servo.user_estimator import class_path_of
+from rcmservo.servo.user_estimator import format_class_name_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,7 +135,9 @@ def replay_record(
         memory_numbers = tick.servo.guarded_estimator.recorded_numbers(tick.state.estimation.memory)
         if memory_numbers is not None:
             memories[i] = memory_numbers
-    ticks = ros2.columns(ros2.TICK, messages) | reader.build_memory_column(memories, len(messages))
+    ticks = ros2.decode_columns(ros2.TICK, messages) | reader.build_memory_column(
+        memories, len(messages)
+    )
     recomputed = replace(recorded, ticks=ticks, words=reader.name_columns(names), operating=[])
     difference_counts, first_difference = _compare(recorded, recomputed)
     return ReplayResult(
@@ -152,9 +154,9 @@ def replay_record(
 def _describe_changed_sources(stages: Sequence[Stage], servos: Sequence[Servo]) -> str:
     """Return a sentence about user-defined estimators with another source than recorded."""
     class_paths = {
-        class_path_of(servo.estimator)
+        format_class_name_of(servo.estimator)
         for stage, servo in zip(stages, servos, strict=True)
-        if stage.servo["estimator"].get("kind") == class_path_of(servo.estimator)
+        if stage.servo["estimator"].get("kind") == format_class_name_of(servo.estimator)
         and stage.source != hash_source(servo.estimator)
     }
     return ", ".join(f"the source of {name} has changed since" for name in sorted(class_paths))

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from rcmservo.interfaces import Floats
 from rcmservo.loop.tick import Tick
 from rcmservo.recording import tick_schema as schema
-from rcmservo.recording.cdr import MessageCodec, time_of
+from rcmservo.recording.cdr import MessageCodec, read_stamp
 from rcmservo.recording.tick_schema import Column
 from rcmservo.safety.state_machine import Mode, Phase
 
@@ -117,7 +117,7 @@ TICK_NAMES = "rcmservo_msgs/msg/Names"
 
 
 @cache
-def codec() -> MessageCodec:
+def get_codec() -> MessageCodec:
     """Return the codec of all message types of a record."""
     names_definition = "".join(f"string {column.name}\n" for column in schema.NAME_COLUMNS)
     return MessageCodec(DEFINITIONS | {TICK_NAMES: names_definition})
@@ -170,8 +170,8 @@ def encode_tick(tick: Tick) -> bytes:
     reals = (
         np.asarray(column.value_of(tick), np.float64).ravel() for column in schema.REAL_COLUMNS
     )
-    header = codec().header(tick.observation.now)
-    return codec().encode("rcmservo_msgs/msg/Tick", header, *integers, *reals, *flags, *names)
+    header = get_codec().make_header(tick.observation.now)
+    return get_codec().encode("rcmservo_msgs/msg/Tick", header, *integers, *reals, *flags, *names)
 
 
 def decode_names(data: bytes, layout: np.dtype[Any]) -> tuple[str, ...]:
@@ -180,37 +180,37 @@ def decode_names(data: bytes, layout: np.dtype[Any]) -> tuple[str, ...]:
     CDR aligns the first name to four bytes.
     """
     offset = layout.itemsize + -layout.itemsize % 4
-    names = codec().decode(TICK_NAMES, ENCAPSULATION + data[offset:])
+    names = get_codec().decode(TICK_NAMES, ENCAPSULATION + data[offset:])
     return tuple(getattr(names, column.name) for column in schema.NAME_COLUMNS)
 
 
 def encode_text(text: str) -> bytes:
     """Encode a std_msgs/String."""
-    return codec().encode("std_msgs/msg/String", text)
+    return get_codec().encode("std_msgs/msg/String", text)
 
 
 def decode_text(data: bytes) -> str:
     """Return the text of a std_msgs/String."""
-    return codec().decode("std_msgs/msg/String", data).data
+    return get_codec().decode("std_msgs/msg/String", data).data
 
 
 def encode_operating_state(now: int, mode: Mode) -> bytes:
     """Encode CRTK's operating state; its substate gives phase, cause and remedy in words."""
     state = mode.phase.name if mode.phase in CRTK_STATE_PHASES else "ENABLED"
     is_homed, is_busy = True, mode.phase in BUSY_PHASES
-    fields = codec().header(now), state, mode.text, is_homed, is_busy
-    return codec().encode("crtk_msgs/msg/OperatingState", *fields)
+    fields = get_codec().make_header(now), state, mode.text, is_homed, is_busy
+    return get_codec().encode("crtk_msgs/msg/OperatingState", *fields)
 
 
 def decode_operating_words(data: bytes) -> str:
     """Return the sentence of an operating state."""
-    return codec().decode("crtk_msgs/msg/OperatingState", data).substate
+    return get_codec().decode("crtk_msgs/msg/OperatingState", data).substate
 
 
 def encode_truth(now: int, p1: Floats, p2: Floats, jacobian_error: float) -> bytes:
     """Encode the values that only a simulation knows at a tick."""
-    fields = codec().header(now), p1, p2, np.array([jacobian_error])
-    return codec().encode("rcmservo_msgs/msg/Truth", *fields)
+    fields = get_codec().make_header(now), p1, p2, np.array([jacobian_error])
+    return get_codec().encode("rcmservo_msgs/msg/Truth", *fields)
 
 
 COUNT_BYTES = 4
@@ -220,7 +220,7 @@ EMPTY_MEMORY_BYTES = 24
 
 def encode_memory(now: int, numbers: Floats) -> bytes:
     """Encode the state (n,) of a user-defined estimator at a tick."""
-    return codec().encode("rcmservo_msgs/msg/Memory", codec().header(now), numbers)
+    return get_codec().encode("rcmservo_msgs/msg/Memory", get_codec().make_header(now), numbers)
 
 
 def decode_memory(data: bytes) -> Floats:
@@ -230,7 +230,7 @@ def decode_memory(data: bytes) -> Floats:
     """
     if data[EMPTY_MEMORY_BYTES - COUNT_BYTES :] == bytes(8):
         data = data[:EMPTY_MEMORY_BYTES]
-    return codec().decode("rcmservo_msgs/msg/Memory", data).numbers
+    return get_codec().decode("rcmservo_msgs/msg/Memory", data).numbers
 
 
 def encode_positions(names: Sequence[str], time: int, q: Floats) -> bytes:
@@ -244,8 +244,8 @@ def encode_rates(names: Sequence[str], time: int, rates: Floats) -> bytes:
 
 
 def _encode_joint_state(names: Sequence[str], time: int, positions: Floats, rates: Floats) -> bytes:
-    fields = codec().header(time), names, positions, rates, NO_VALUES
-    return codec().encode("sensor_msgs/msg/JointState", *fields)
+    fields = get_codec().make_header(time), names, positions, rates, NO_VALUES
+    return get_codec().encode("sensor_msgs/msg/JointState", *fields)
 
 
 def _convert_to_si(values: Floats) -> Floats:
@@ -258,17 +258,17 @@ def _convert_to_si(values: Floats) -> Floats:
 
 def encode_picture(exposure: int, jpeg: bytes) -> bytes:
     """Encode a JPEG file exposed at `exposure` ns as sensor_msgs/CompressedImage."""
-    fields = codec().header(exposure, "camera"), "jpeg", np.frombuffer(jpeg, np.uint8)
-    return codec().encode("sensor_msgs/msg/CompressedImage", *fields)
+    fields = get_codec().make_header(exposure, "camera"), "jpeg", np.frombuffer(jpeg, np.uint8)
+    return get_codec().encode("sensor_msgs/msg/CompressedImage", *fields)
 
 
 def decode_picture(data: bytes) -> tuple[int, bytes]:
     """Return the exposure (ns) and the JPEG file of an encoded picture."""
-    message = codec().decode("sensor_msgs/msg/CompressedImage", data)
-    return time_of(message.header), message.data.tobytes()
+    message = get_codec().decode("sensor_msgs/msg/CompressedImage", data)
+    return read_stamp(message.header), message.data.tobytes()
 
 
-def columns(layout: np.dtype[Any], messages: Sequence[bytes]) -> dict[str, NDArray[Any]]:
+def decode_columns(layout: np.dtype[Any], messages: Sequence[bytes]) -> dict[str, NDArray[Any]]:
     """Return N messages of one layout as columns (N, size) by name.
 
     Raises
@@ -284,9 +284,11 @@ def columns(layout: np.dtype[Any], messages: Sequence[bytes]) -> dict[str, NDArr
     return {name: np.ascontiguousarray(table[name]) for name in _list_columns(layout)}
 
 
-def tick_columns(layout: np.dtype[Any], messages: Sequence[bytes]) -> dict[str, NDArray[Any]]:
+def decode_tick_columns(
+    layout: np.dtype[Any], messages: Sequence[bytes]
+) -> dict[str, NDArray[Any]]:
     """Return ticks of a layout of `TICKS` as columns; columns that it lacks are NaN."""
-    known = columns(layout, messages)
+    known = decode_columns(layout, messages)
     return {
         name: known.get(name, np.full((len(messages), *TICK[name].shape), np.nan))
         for name in _list_columns(TICK)

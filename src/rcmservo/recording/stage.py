@@ -17,7 +17,12 @@ import numpy as np
 from rcmservo import __version__
 from rcmservo.config.servo_json import describe_servo
 from rcmservo.config.strict_decoding import decode_settings
-from rcmservo.config.toml_json_parsing import UNKNOWN_RADII, MarkerRadii, Table, radii_to_json
+from rcmservo.config.toml_json_parsing import (
+    UNKNOWN_RADII,
+    MarkerRadii,
+    Table,
+    convert_radii_to_json,
+)
 from rcmservo.config.user_estimators import hash_source
 from rcmservo.errors import require
 from rcmservo.interfaces import Target
@@ -62,7 +67,7 @@ class Stage:
 def format_stage(servo: Servo, target: Target, origin: int, mid_run: bool) -> str:
     """Return a stage as JSON."""
     taught = {"points": target.points.tolist(), "q": target.q.tolist(), "shown": target.taught_at}
-    taught["sizes"] = radii_to_json(target.sizes)
+    taught["sizes"] = convert_radii_to_json(target.sizes)
     stage = {"origin": origin, "mid_run": mid_run, "target": taught, "servo": describe_servo(servo)}
     written_by = {"version": __version__, "source": hash_source(servo.estimator)}
     return json.dumps(stage | written_by)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rcmservo.config.former_names import with_present_names
+from rcmservo.config.former_names import replace_former_names
 from rcmservo.config.servo_json import rebuild_part
 from rcmservo.config.toml_json_parsing import is_table
 from rcmservo.errors import BadInput
@@ -160,11 +160,11 @@ def _read_setting(record: Record, *keys: str) -> float:
     """
     value: Any = record.stages[-1].servo if record.stages else None
     for key in keys:
-        value = with_present_names(value, keys).get(key) if is_table(value) else None
+        value = replace_former_names(value, keys).get(key) if is_table(value) else None
     return float(value) if isinstance(value, float) else math.nan
 
 
-def summarise(record: Record) -> RunResult:
+def summarise_record(record: Record) -> RunResult:
     """Return the result of a recorded run with all numbers of its record."""
     result = replace(
         _judge_last_run(record),

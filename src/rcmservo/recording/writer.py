@@ -261,7 +261,7 @@ def _has_changed(previous: Tick, tick: Tick) -> bool:
 
 def warm_up(servo: Servo) -> None:
     """Compile the functions that encode a tick of this servo."""
-    ros2.codec().warm_up()
+    ros2.get_codec().warm_up()
     servo.guarded_estimator.predict(servo.guarded_estimator.init(), servo.tool, np.zeros(3))
 
 

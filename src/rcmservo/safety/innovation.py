@@ -14,7 +14,7 @@ from rcmservo.estimation.camera_fit import (
     ProjectionFit,
     project_markers,
 )
-from rcmservo.estimation.camera_fit_prediction import image_covariance
+from rcmservo.estimation.camera_fit_prediction import compute_image_covariance
 from rcmservo.geometry.features import (
     FEATURE_SCALE,
     compute_feature_error,
@@ -142,7 +142,7 @@ def deviates_from_prediction(
         return False
     fraction = excess_px / error_px
     noise_variance = fit.noise_variance * (1.0 + 1.0 / max(fit.offset_weight[k], 1.0))
-    covariance = image_covariance(fit, predicted)
+    covariance = compute_image_covariance(fit, predicted)
     squared = squared_mahalanobis_distance(error_u, error_v, covariance, noise_variance)
     return not fraction * fraction * squared <= thresholds.max_innovation**2
 

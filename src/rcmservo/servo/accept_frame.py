@@ -29,8 +29,8 @@ from rcmservo.safety.thresholds import Thresholds
 from rcmservo.servo.kernel_parameters import (
     KernelParameters,
     TickContext,
-    rcm_struct_of,
-    tool_struct_of,
+    make_rcm_struct,
+    make_tool_struct,
 )
 from rcmservo.servo.state import StoredState
 from rcmservo.servo.update_estimate import FRAME_ACCEPTED, FRAME_UPDATES, NO_FRAME
@@ -53,7 +53,7 @@ def accept_frame(tick: TickContext) -> tuple[int, float]:
     monitor, estimate, fit = stored.monitor, stored.estimate, stored.projection_fit
     exploration, command = stored.exploration_state, stored.decision.command
     thresholds, period = parameters.thresholds, parameters.period
-    rcm, shaft = rcm_struct_of(parameters), tool_struct_of(parameters)
+    rcm, shaft = make_rcm_struct(parameters), make_tool_struct(parameters)
     gap_ns = observation.now - command.time if command.number > 0 else period
     lag_s = select_lag(exploration, thresholds.drive_lag)
     monitor_loop(monitor, gap_ns, period, lag_s, thresholds)
@@ -105,7 +105,7 @@ def fill_lost_marker(
     can_predict = stored.exploration_state.is_done and parameters.tolerates_lost_marker
     if lost_1 == lost_2 or not can_predict:
         return False
-    fit, k, shaft = stored.projection_fit, 0 if lost_1 else 1, tool_struct_of(parameters)
+    fit, k, shaft = stored.projection_fit, 0 if lost_1 else 1, make_tool_struct(parameters)
     deviation_mm = compute_deviation_without_marker(fit, p1, k, shaft)
     if not deviation_mm <= parameters.thresholds.max_single_marker_deviation:
         return False

@@ -20,7 +20,7 @@ from rcmservo.safety.state_machine import (
     speed_scale,
 )
 from rcmservo.safety.thresholds import Thresholds
-from rcmservo.servo.kernel_parameters import TickContext, rcm_struct_of
+from rcmservo.servo.kernel_parameters import TickContext, make_rcm_struct
 from rcmservo.servo.reset import (
     request_rest,
     reset_estimation,
@@ -112,7 +112,7 @@ def bound_rates(tick: TickContext) -> bool:
     Return True if the estimate was reset because a number was not finite.
     """
     stored, now, gate = tick.stored, tick.observation.now, tick.parameters.gate
-    decision, rcm = stored.decision, rcm_struct_of(tick.parameters)
+    decision, rcm = stored.decision, make_rcm_struct(tick.parameters)
     scale = speed_scale(decision.mode.phase, decision.mode.action)
     if not scale > 0.0:
         request_rest(decision)

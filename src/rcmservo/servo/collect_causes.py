@@ -17,8 +17,8 @@ from rcmservo.safety.state_machine import DISABLED, FAULT, PAUSED, SERVO
 from rcmservo.servo.kernel_parameters import (
     KernelParameters,
     TickContext,
-    rcm_struct_of,
-    tool_struct_of,
+    make_rcm_struct,
+    make_tool_struct,
 )
 
 ARRIVAL_DISTANCE_MM = 1.0
@@ -48,7 +48,7 @@ def collect_causes(tick: TickContext) -> int:
         paused=stored.decision.mode.phase == PAUSED,
         target_time=tick.setpoint.taught_at,
         estimator_failed=stored.estimator_result.has_failed,
-        rcm=rcm_struct_of(parameters),
+        rcm=make_rcm_struct(parameters),
         period=parameters.period,
         gain=parameters.controller.gain,
         max_rcm_condition=parameters.imaged_rcm.max_condition,
@@ -79,7 +79,7 @@ def watch_target(tick: TickContext) -> None:
     distance_mm = compute_larger_marker_distance(q, q_d, parameters)
     if not distance_mm < allowed_mm:
         frames = max(min(fit.offset_weight[0], fit.offset_weight[1]), 1.0)
-        noise_mm = compute_pose_deviation(fit, stored.estimate.p1, tool_struct_of(parameters))
+        noise_mm = compute_pose_deviation(fit, stored.estimate.p1, make_tool_struct(parameters))
         noise_mm *= np.sqrt(1.0 / frames + 1.0 / ASSUMED_TEACHING_FRAMES)
         allowed_mm += NOISE_SIGMAS * noise_mm
     decision.has_arrived = not setpoint.is_new and (had_arrived or distance_mm < allowed_mm)
@@ -92,7 +92,7 @@ def watch_target(tick: TickContext) -> None:
 @compiled
 def compute_larger_marker_distance(q: Floats, q_d: Floats, parameters: KernelParameters) -> float:
     """Return the larger of the distances (mm) of both markers between the joints q and q_d (3,)."""
-    rcm, shaft = rcm_struct_of(parameters), tool_struct_of(parameters)
+    rcm, shaft = make_rcm_struct(parameters), make_tool_struct(parameters)
     p1, p1_d = compute_position_tuple(rcm, q), compute_position_tuple(rcm, q_d)
     p2, p2_d = compute_second_marker_tuple(shaft, p1), compute_second_marker_tuple(shaft, p1_d)
     return max(compute_point_distance(p1, p1_d), compute_point_distance(p2, p2_d))
@@ -107,5 +107,5 @@ def bound_marker_distance(q: Floats, q_d: Floats, parameters: KernelParameters) 
     zero = parameters.rcm.zero
     rho, rho_d = q[2] + zero, q_d[2] + zero
     turn_rad = abs(q[0] - q_d[0]) + abs(q[1] - q_d[1])
-    lever_ratio = max(compute_marker_ratio(tool_struct_of(parameters), (0.0, 0.0, rho)), 1.0)
+    lever_ratio = max(compute_marker_ratio(make_tool_struct(parameters), (0.0, 0.0, rho)), 1.0)
     return lever_ratio * (abs(rho - rho_d) + max(abs(rho), abs(rho_d)) * turn_rad)

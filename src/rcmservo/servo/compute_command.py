@@ -21,7 +21,7 @@ from rcmservo.control.tool_speed_cap import cap_tool_speed
 from rcmservo.estimation.base import Estimate
 from rcmservo.estimation.camera_fit_prediction import (
     compute_fitted_features_jacobian,
-    marker_order_score,
+    compute_marker_order_score,
 )
 from rcmservo.geometry.features import wrap_angle
 from rcmservo.geometry.kinematics import Point, compute_position_tuple, find_blocking_joint
@@ -32,8 +32,8 @@ from rcmservo.safety.state_machine import ACQUIRE, SERVO
 from rcmservo.servo.kernel_parameters import (
     KernelParameters,
     TickContext,
-    rcm_struct_of,
-    tool_struct_of,
+    make_rcm_struct,
+    make_tool_struct,
 )
 from rcmservo.servo.reset import request_rest, restart_stall_rule
 from rcmservo.servo.state import Workspace
@@ -65,13 +65,17 @@ def compute_servoing_rates(tick: TickContext, is_servoing: bool) -> None:
     The controller acts on the error that is predicted for the present joints.
     """
     observation, parameters = tick.observation, tick.parameters
-    estimate, decision, rcm = tick.stored.estimate, tick.stored.decision, rcm_struct_of(parameters)
+    estimate, decision, rcm = (
+        tick.stored.estimate,
+        tick.stored.decision,
+        make_rcm_struct(parameters),
+    )
     controller, thresholds = parameters.controller, parameters.thresholds
     q = (observation.q[0], observation.q[1], observation.q[2])
     p1 = compute_position_tuple(rcm, q)
     predict_error(estimate, p1)
     output, error = evaluate_controller(estimate, p1, parameters, tick.stored.workspace)
-    cap_tool_speed(decision.v, output.v, tool_struct_of(parameters), p1, controller)
+    cap_tool_speed(decision.v, output.v, make_tool_struct(parameters), p1, controller)
     horizon_s, fraction = thresholds.limit_horizon, thresholds.limit_speed_fraction
     joint, rates = find_blocking_joint(
         rcm, q, decision.v, parameters.gate.speed, horizon_s, fraction
@@ -119,7 +123,7 @@ def explore(tick: TickContext, frame_result: int) -> None:
         request_rest(decision)
         return
     if not exploration.has_begun:
-        rcm, min_room = rcm_struct_of(parameters), parameters.thresholds.min_exploration_room
+        rcm, min_room = make_rcm_struct(parameters), parameters.thresholds.min_exploration_room
         start_exploration(exploration, rcm, max_rates, q, observation.now, min_room, settings)
         return
     add_lag_reading(exploration, q, observation.q_time, observation.applied, max_rates)
@@ -143,7 +147,7 @@ def choose_next_corner(tick: TickContext) -> None:
     stored, parameters, target = tick.stored, tick.parameters, tick.setpoint.points
     exploration, fit = stored.exploration_state, stored.projection_fit
     settings = parameters.exploration
-    rcm, shaft = rcm_struct_of(parameters), tool_struct_of(parameters)
+    rcm, shaft = make_rcm_struct(parameters), make_tool_struct(parameters)
     exploration.visited_corners += 1
     if exploration.visited_corners % len(CORNERS) == 0:
         set_round(exploration, rcm, parameters.gate.speed, 0.0, settings)
@@ -163,7 +167,7 @@ def can_servo(tick: TickContext) -> bool:
     agree with the fit, and the fit must have the markers in their order along the tool.
     """
     estimate, fit, parameters = tick.stored.estimate, tick.stored.projection_fit, tick.parameters
-    settings, shaft = parameters.exploration, tool_struct_of(parameters)
+    settings, shaft = parameters.exploration, make_tool_struct(parameters)
     if tick.stored.exploration_state.visited_corners < settings.min_corners:
         return False
     if not direction_is_known(fit, estimate.p1, tick.setpoint.points, shaft, settings):
@@ -177,4 +181,4 @@ def can_servo(tick: TickContext) -> bool:
         difference = compute_relative_difference(scale_rows(estimate.J_hat), scale_rows(J))
         if not difference <= settings.tolerance:
             return False
-    return marker_order_score(fit) > 0.0
+    return compute_marker_order_score(fit) > 0.0

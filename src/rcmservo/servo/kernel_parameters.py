@@ -93,7 +93,7 @@ class TickContext(NamedTuple):
 
 
 @compiled
-def rcm_struct_of(parameters: KernelParameters) -> RcmStruct:
+def make_rcm_struct(parameters: KernelParameters) -> RcmStruct:
     """Return the mechanism with marker 1 as a tuple."""
     rcm, lower, upper = parameters.rcm, parameters.rcm.lower, parameters.rcm.upper
     lower_tuple, upper_tuple = (lower[0], lower[1], lower[2]), (upper[0], upper[1], upper[2])
@@ -101,6 +101,6 @@ def rcm_struct_of(parameters: KernelParameters) -> RcmStruct:
 
 
 @compiled
-def tool_struct_of(parameters: KernelParameters) -> ToolStruct:
+def make_tool_struct(parameters: KernelParameters) -> ToolStruct:
     """Return the position of marker 2 on the tool as a tuple."""
     return ToolStruct(parameters.tool.kind, parameters.tool.value)

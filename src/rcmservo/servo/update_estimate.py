@@ -26,7 +26,7 @@ from rcmservo.interfaces import Floats
 from rcmservo.numerics.jit import compiled, declare_in
 from rcmservo.numerics.small_linalg import all_finite, copy_into, multiply_into
 from rcmservo.safety.monitor_state import monitor_estimate
-from rcmservo.servo.kernel_parameters import TickContext, tool_struct_of
+from rcmservo.servo.kernel_parameters import TickContext, make_tool_struct
 from rcmservo.servo.state import EstimatorMemory, Workspace
 
 NO_FRAME, FRAME_ACCEPTED, FRAME_UPDATES = 0, 1, 2
@@ -47,7 +47,7 @@ def fit_frame(tick: TickContext, lines: Floats) -> tuple[Floats, int]:
         estimator computes it, else FRAME_ACCEPTED.
     """
     estimate, points, parameters = tick.stored.estimate, tick.observation.points, tick.parameters
-    update_fit(tick.stored.projection_fit, estimate.p1, points, tool_struct_of(parameters))
+    update_fit(tick.stored.projection_fit, estimate.p1, points, make_tool_struct(parameters))
     unknown_result = FRAME_UPDATES if parameters.estimates_rcm else FRAME_ACCEPTED
     if not all_finite(points):
         return lines, unknown_result
@@ -64,7 +64,7 @@ def fit_frame(tick: TickContext, lines: Floats) -> tuple[Floats, int]:
 def make_sample(tick: TickContext, dt: float, fit_changed: bool) -> KernelSample:
     """Return the accepted frame as a sample for the estimator's kernel."""
     estimate, parameters = tick.stored.estimate, tick.parameters
-    points, shaft = tick.observation.points, tool_struct_of(parameters)
+    points, shaft = tick.observation.points, make_tool_struct(parameters)
     needs_jacobian = parameters.needs_markers_jacobian
     return KernelSample(estimate.p1, points, estimate.o_c, dt, shaft, needs_jacobian, fit_changed)
 
@@ -88,7 +88,7 @@ def update_with_fit(kernel: Any, memory: Any, tick: TickContext, dt: float) -> t
     stored, estimate = tick.stored, tick.stored.estimate
     fit, result = stored.projection_fit, stored.estimator_result
     frames_before = fit.frame_count
-    update_fit(fit, estimate.p1, tick.observation.points, tool_struct_of(tick.parameters))
+    update_fit(fit, estimate.p1, tick.observation.points, make_tool_struct(tick.parameters))
     copy_into(result.o_c, estimate.o_c)
     copy_into(result.o_c_covariance, estimate.o_c_covariance)
     fit_changed = fit.frame_count > frames_before or estimate.rcm_condition > 0.0

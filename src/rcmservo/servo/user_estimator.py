@@ -11,7 +11,7 @@ from typing import Any, NamedTuple, final
 
 import numpy as np
 
-from rcmservo.errors import RcmServoError, one_line
+from rcmservo.errors import RcmServoError, shorten_to_line
 from rcmservo.estimation.base import Estimator, Sample
 from rcmservo.geometry.tool import Tool
 from rcmservo.interfaces import Floats
@@ -62,14 +62,14 @@ class GuardedMemory(NamedTuple):
     failure: str = ""
 
 
-def class_path(kind: type[Any]) -> str:
+def format_class_name(kind: type[Any]) -> str:
     """Return the name of a class as module:class."""
     return f"{kind.__module__}:{kind.__qualname__}"
 
 
-def class_path_of(estimator: object) -> str:
+def format_class_name_of(estimator: object) -> str:
     """Return the name of an estimator's class as module:class."""
-    return class_path(type(estimator))
+    return format_class_name(type(estimator))
 
 
 def guard_estimator(estimator: Estimator) -> Estimator:
@@ -187,7 +187,9 @@ class EstimatorGuard(Estimator):
         try:
             o_c, covariance = (np.array(array, dtype=np.float64) for array in value)
         except (TypeError, ValueError) as error:
-            failure = f"returned {one_line(repr(value))}, expected a point and its covariance"
+            failure = (
+                f"returned {shorten_to_line(repr(value))}, expected a point and its covariance"
+            )
             raise self._make_error("imaged_rcm", failure) from error
         if o_c.shape != (2,) or covariance.shape != (2, 2):
             failure = f"returned arrays of shape {o_c.shape} and {covariance.shape}"
@@ -216,7 +218,7 @@ class EstimatorGuard(Estimator):
         try:
             array = np.array(value, dtype=np.float64)
         except (TypeError, ValueError) as error:
-            failure = f"returned {one_line(repr(value))}, expected numbers"
+            failure = f"returned {shorten_to_line(repr(value))}, expected numbers"
             raise self._make_error(method, failure) from error
         if array.shape != tuple(array.size if n < 0 else n for n in shape):
             failure = f"returned an array of shape {array.shape}, expected {shape}"
@@ -227,7 +229,7 @@ class EstimatorGuard(Estimator):
         try:
             return getattr(self.estimator, method)(*arguments)
         except Exception as error:  # of any kind: the loop must reach its fault
-            raise self._make_error(method, f"raised {one_line(repr(error))}") from error
+            raise self._make_error(method, f"raised {shorten_to_line(repr(error))}") from error
 
     def _require_finite(self, method: str, array: Floats) -> None:
         if not np.isfinite(array).all():
@@ -235,7 +237,7 @@ class EstimatorGuard(Estimator):
 
     def _make_error(self, method: str, failure: str) -> UnusableEstimator:
         return UnusableEstimator(
-            f"estimator {class_path_of(self.estimator)}: its {method} {failure}"
+            f"estimator {format_class_name_of(self.estimator)}: its {method} {failure}"
         )
 
 
@@ -268,7 +270,7 @@ def check_estimator(estimator: object, tool: Tool) -> None:
     """
     if not isinstance(estimator, Estimator):
         raise UnusableEstimator(
-            f"estimator {class_path_of(estimator)}: it must derive from rcmservo.Estimator"
+            f"estimator {format_class_name_of(estimator)}: it must derive from rcmservo.Estimator"
         )
     guard = guard_estimator(estimator)
     if not isinstance(guard, EstimatorGuard):
@@ -278,7 +280,7 @@ def check_estimator(estimator: object, tool: Tool) -> None:
         raise UnusableEstimator(memory.failure)
     for sample in _trial_samples(tool):
         memory, repeated = (guard.update(memory, tool, sample) for _ in range(2))
-        _require_pure(memory, repeated, class_path_of(estimator))
+        _require_pure(memory, repeated, format_class_name_of(estimator))
 
 
 def _require_pure(memory: GuardedMemory, repeated: GuardedMemory, name: str) -> None:

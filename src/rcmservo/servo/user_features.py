@@ -7,7 +7,7 @@ a message and a fault, and never ends the loop.
 import numpy as np
 
 from rcmservo.control.feature_vectors import FeatureVector, MarkerPair
-from rcmservo.errors import BadInput, one_line, require
+from rcmservo.errors import BadInput, require, shorten_to_line
 from rcmservo.interfaces import Floats
 
 TRIAL_MARKERS = MarkerPair(
@@ -37,7 +37,7 @@ def linearise(
         failure = f"returned an error of shape {error.shape} and a Jacobian of shape {J.shape}"
         failure = f"{failure}, expected ({n},) and ({n}, 3)"
     except Exception as error:  # of any kind: the loop must reach its fault
-        failure = f"raised {one_line(repr(error))}"
+        failure = f"raised {shorten_to_line(repr(error))}"
     unknown = np.full((n, 3), np.nan)
     return unknown[:, 0], unknown, f"feature vector {vector.name} {failure}"
 

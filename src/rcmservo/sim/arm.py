@@ -252,7 +252,7 @@ class SimulatedArm:
 
         Before that second, return the oldest stored joints.
         """
-        return self._history.at(time)
+        return self._history.interpolate(time)
 
     @property
     def q_true(self) -> Floats:

@@ -28,13 +28,13 @@ class CameraSection(ImageSettings, Timing, section="camera"):
 
 def read_rig_settings(lab: RigDescription) -> RigSettings:
     """Return the settings of the simulated laboratory that a rig file describes."""
-    camera = lab.simulation_settings("camera", CameraSection)
+    camera = lab.decode_simulation_settings("camera", CameraSection)
     timing, image = (
         {field.name: getattr(camera, field.name) for field in fields(base)}
         for base in (Timing, ImageSettings)
     )
     markers = lab.markers
-    appearance = lab.simulation_settings(
+    appearance = lab.decode_simulation_settings(
         "appearance",
         Appearance,
         marker_radii=(markers.radius_1, markers.radius_2),
@@ -43,9 +43,9 @@ def read_rig_settings(lab: RigDescription) -> RigSettings:
     return RigSettings(
         mechanism=lab.mechanism,
         tool=lab.tool,
-        drive=lab.simulation_settings("drive", Drive),
+        drive=lab.decode_simulation_settings("drive", Drive),
         timing=Timing(**timing),
         appearance=appearance,
-        scene=lab.simulation_settings("scene", SceneSettings),
+        scene=lab.decode_simulation_settings("scene", SceneSettings),
         **image,
     )

@@ -19,8 +19,8 @@ from rcmservo.safety.monitor_state import ObservationRow
 from rcmservo.servo.kernel_parameters import (
     KernelParameters,
     TickContext,
-    rcm_struct_of,
-    tool_struct_of,
+    make_rcm_struct,
+    make_tool_struct,
 )
 from rcmservo.servo.setpoint import Setpoint, store_setpoint
 from rcmservo.servo.state import StoredState
@@ -134,8 +134,8 @@ def run_closed_loop(
         tick.setpoint.is_new = k == 0
         memory = step(start.kernel, memory, tick)
         queue_command(plant, decision.command.rates, decision.command.enabled)
-        p1 = compute_position_tuple(rcm_struct_of(parameters), plant.drives.q)
-        p2 = compute_second_marker_tuple(tool_struct_of(parameters), p1)
+        p1 = compute_position_tuple(make_rcm_struct(parameters), plant.drives.q)
+        p2 = compute_second_marker_tuple(make_tool_struct(parameters), p1)
         errors[k] = compute_point_distance(p2, (goal.p2[0], goal.p2[1], goal.p2[2]))
         phases[k], causes[k] = decision.mode.phase, decision.mode.cause
 
@@ -172,8 +172,8 @@ def observe_frame(
     if exposure < start:
         return
     interpolate_history(plant, exposure, observation.q_exposure)
-    p1 = compute_position_tuple(rcm_struct_of(parameters), observation.q_exposure)
-    measure_markers(plant.camera, tool_struct_of(parameters), p1, noise, observation.points)
+    p1 = compute_position_tuple(make_rcm_struct(parameters), observation.q_exposure)
+    measure_markers(plant.camera, make_tool_struct(parameters), p1, noise, observation.points)
     # the markers follow from the true joints, but the servo knows only the arm's readings
     readings, j = plant.readings, (exposure - start) // parameters.period
     fraction = (exposure - start - j * parameters.period) / parameters.period

@@ -13,7 +13,7 @@ from typing import Annotated, Any, Union, cast, get_args, get_origin, get_type_h
 import tyro
 
 from rcmservo.config.field_docs import describe_field
-from rcmservo.constraints import choices_of
+from rcmservo.constraints import find_choices
 
 METAVARS: dict[type[Any], str] = {int: "INT", float: "FLOAT", str: "TEXT", Path: "PATH"}
 """Placeholders (metavars) of values in the help, by type."""
@@ -118,7 +118,7 @@ def remove_none_type(hint: Any) -> Any:
 
 def _choose_metavar(hint: Any) -> str:
     """Return the placeholder for values of a type."""
-    choices = choices_of(hint)
+    choices = find_choices(hint)
     if choices:
         return choices[0] if len(choices) == 1 else f"{{{','.join(choices)}}}"
     value_type = remove_none_type(get_args(hint)[0] if get_origin(hint) is Annotated else hint)

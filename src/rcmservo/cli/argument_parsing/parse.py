@@ -20,7 +20,7 @@ from rcmservo.cli.argument_parsing.option_introspection import (
     remove_none_type,
 )
 from rcmservo.cli.argument_parsing.suggestions import suggest_options
-from rcmservo.errors import BadInput, RcmServoError, quoted, suggestion
+from rcmservo.errors import BadInput, RcmServoError, quote_value, suggest_name
 
 
 class InvalidCommandLine(RcmServoError):
@@ -106,7 +106,7 @@ def _convert(value_type: type[Any], word: str) -> Any:
     try:
         return value_type(word)
     except ValueError:
-        expected = f"{NUMBER_DESCRIPTIONS[value_type]}, got {quoted(word)}"
+        expected = f"{NUMBER_DESCRIPTIONS[value_type]}, got {quote_value(word)}"
         raise ValueError(f"{REQUIREMENT_START} {expected}") from None
 
 
@@ -118,7 +118,7 @@ def _describe_error(
         case tyro_errors.UnrecognizedArgs():
             word = event.tokens[0]
             if not word.startswith("-"):
-                return f"{quoted(word)} is one argument too many for {command}"
+                return f"{quote_value(word)} is one argument too many for {command}"
             names = [o.name for o in list_options(options_class) if not o.is_positional]
             return f"{command} has no option {word}{suggest_options(word, names)}"
         case tyro_errors.MissingArgs():
@@ -128,9 +128,9 @@ def _describe_error(
             return f"{missing.lowered.metavar} must be given: {description}".rstrip(".")
         case tyro_errors.InvalidChoice():
             expected = f"one of {', '.join(event.choices)}"
-            hint = suggestion(event.value, event.choices)
+            hint = suggest_name(event.value, event.choices)
             name = _find_argument_name(event.argument)
-            return f"{name} must be {expected}, got {quoted(event.value)}{hint}"
+            return f"{name} must be {expected}, got {quote_value(event.value)}{hint}"
         case tyro_errors.BadValue() | tyro_errors.InstantiationFailure():
             return _describe_refusal(event, options_class, arguments)
         case _:
@@ -150,7 +150,7 @@ def _describe_refusal(event: Any, options_class: type[Any], arguments: list[str]
     metavar = str(event.argument.lowered.metavar)
     number_descriptions = {METAVARS[number]: text for number, text in NUMBER_DESCRIPTIONS.items()}
     expected = number_descriptions.get(metavar, f"given {metavar}")
-    return f"{name} must be {expected}, got {quoted(values)}"
+    return f"{name} must be {expected}, got {quote_value(values)}"
 
 
 def _describe_setting_error(error: BaseException | None, options_class: type[Any]) -> str:

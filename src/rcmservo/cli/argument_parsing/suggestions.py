@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 from difflib import SequenceMatcher, get_close_matches
 
-from rcmservo.config.former_names import present_name
+from rcmservo.config.former_names import find_present_name
 
 MAX_SUGGESTIONS = 4
 """Largest number of suggested options."""
@@ -33,7 +33,7 @@ def suggest_options(word: str, known: Iterable[str]) -> str:
 def _replace_former_name(word: str, names: list[str]) -> str:
     """Return an option with the present name of its setting, if it has a former one."""
     settings = {_remove_group(name).replace("-", "_") for name in names}
-    present = present_name(_remove_group(word).replace("-", "_"), settings).replace("_", "-")
+    present = find_present_name(_remove_group(word).replace("-", "_"), settings).replace("_", "-")
     return "--" + ".".join(filter(None, (_find_group(word), present))) if present else word
 
 

@@ -19,7 +19,7 @@ from rcmservo.hardware.galil.emulator.controller import SAMPLE_TIME_S, Controlle
 from rcmservo.hardware.galil.emulator.faults import FAULT_KINDS, Fault
 from rcmservo.hardware.galil.emulator.serial_port import SerialPort
 from rcmservo.hardware.galil.emulator.server import Server
-from rcmservo.live.realtime import realtime
+from rcmservo.live.realtime import apply_realtime_settings
 
 AXES = 4
 """Number of axes of the emulated controller, of which the last drives no joint."""
@@ -120,7 +120,7 @@ def _require_device_options(options: EmulateOptions) -> None:
 def _serve_controller(server: Server) -> None:
     """Serve at each sample time as punctually as the system allows, as a real controller does."""
     start_s = time.monotonic()
-    with realtime(), contextlib.suppress(KeyboardInterrupt):
+    with apply_realtime_settings(), contextlib.suppress(KeyboardInterrupt):
         while True:
-            server.turn(time.monotonic() - start_s)
+            server.update(time.monotonic() - start_s)
             server.wait(SAMPLE_TIME_S - (time.monotonic() - start_s) % SAMPLE_TIME_S)

@@ -18,7 +18,7 @@ from rcmservo.hardware.crtk.messages import IMAGE_TOPIC, PlainImage
 from rcmservo.hardware.crtk.settings import NAMESPACE, RosConnection
 from rcmservo.hardware.crtk.transport import open_transport
 from rcmservo.live.frame_ring import FrameRing, RingCamera
-from rcmservo.live.realtime import realtime
+from rcmservo.live.realtime import apply_realtime_settings
 
 IMAGE_POLL_S = 0.002
 """Interval in s at which the camera is polled for a new image."""
@@ -80,8 +80,8 @@ def send_images(ring: FrameRing, connection: RosOptions, control: Connection) ->
 
 def run_device(device: CrtkDevice) -> None:
     """Run a device in wall time until Ctrl-C."""
-    with realtime():
+    with apply_realtime_settings():
         while True:
             now_ns = time.monotonic_ns()
-            device.turn(now_ns)
+            device.update(now_ns)
             time.sleep((STEP_NS - now_ns % STEP_NS) * 1e-9)

@@ -120,11 +120,11 @@ def require_devices(lab: RigDescription, rig: Path | None, digest: str) -> None:
     stops by itself.
     """
     with name_origin_in_errors(rig):
-        arm = lab.device_settings("arm", ARM_KINDS)
+        arm = lab.decode_device_settings("arm", ARM_KINDS)
         stops = not (isinstance(arm, CrtkSettings) and arm.jv) or is_rig_verified(digest)
         expected = "false until `rig check` of this file has verified that the arm stops by itself"
         require(stops, "arm.jv", True, expected)
-        require_latency(lab.device_settings("camera", CAMERA_KINDS))
+        require_latency(lab.decode_device_settings("camera", CAMERA_KINDS))
 
 
 def describe_motion(options: RunToTargetOptions, servo: Servo, speed_scale: float) -> str:
@@ -174,5 +174,5 @@ def _remove_empty_record(folder: Path) -> None:
     """Remove the record of a run that did not begin."""
     with suppress(UnusableFile):
         if not reader.has_ticks(folder):
-            reader.record_file(folder).unlink()
+            reader.find_record_file(folder).unlink()
             (folder / METADATA).unlink(missing_ok=True)

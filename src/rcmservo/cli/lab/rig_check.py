@@ -29,7 +29,7 @@ from rcmservo.config.verified_rigs import compute_digest, mark_rig_verified, unm
 from rcmservo.hardware.cameras.settings import known_latency
 from rcmservo.hardware.devices import ARM_KINDS, CAMERA_KINDS, open_arm, open_camera, read_wiring
 from rcmservo.live.device_protocols import LabArm, LabCamera
-from rcmservo.live.realtime import realtime
+from rcmservo.live.realtime import apply_realtime_settings
 from rcmservo.live.stop_signals import stopped_by_signals
 from rcmservo.live.terminal_operator import Terminal
 from rcmservo.live.tracking_thread import TrackingThread
@@ -61,7 +61,9 @@ class RigOptions:
 def rig_check(
     options: RigOptions,
     arm: Callable[[RigDescription], LabArm] = open_arm,
-    camera: Callable[[RigDescription], LabCamera] = lambda lab: open_camera(lab, unmeasured=True),
+    camera: Callable[[RigDescription], LabCamera] = lambda lab: open_camera(
+        lab, accepts_unmeasured_latency=True
+    ),
 ) -> int:
     """Check a rig file, report the findings, and store its digest if it passes.
 
@@ -82,8 +84,8 @@ def rig_check(
     data = read_rig_file(options.file)
     lab, digest = decode_rig_file(options.file, data), compute_digest(data)
     with name_origin_in_errors(options.file):
-        lab.device_settings("arm", ARM_KINDS)
-        latency = known_latency(lab.device_settings("camera", CAMERA_KINDS))
+        lab.decode_device_settings("arm", ARM_KINDS)
+        latency = known_latency(lab.decode_device_settings("camera", CAMERA_KINDS))
         robot = Robot(lab.mechanism, lab.tool, read_wiring(lab))
     with stopped_by_signals(), closing(Terminal()) as terminal:
         operator = AttendedTerminal(terminal)
@@ -105,7 +107,7 @@ def rig_check(
             if not joints.is_homed():
                 define_joints(operator, mover.plant, lab)
             unmark_rig_verified(digest)
-            with realtime():
+            with apply_realtime_settings():
                 report = check(mover, operator, robot, lab.thresholds, latency)
     if joints.off_reason:
         expected = "drive disabled by the check at its end"

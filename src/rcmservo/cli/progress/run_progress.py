@@ -67,10 +67,10 @@ class LiveProgress:
     def __call__(self, report: "Report") -> None:
         self._status_line.start()
         time_s = report.time * 1e-9
-        if report.words != self._last_text:
-            self._last_text = report.words
-            _print_event(self._status_line, time_s, report.words)
-        text = f"{time_s:6.2f} / {self._duration_s:g} s  {report.words}"
+        if report.text != self._last_text:
+            self._last_text = report.text
+            _print_event(self._status_line, time_s, report.text)
+        text = f"{time_s:6.2f} / {self._duration_s:g} s  {report.text}"
         self._status_line.update(Text(text), refresh=False)
 
 

@@ -22,13 +22,13 @@ from rcmservo.cli.run_options import RunOptions
 from rcmservo.cli.simulated_run.target import obtain_target
 from rcmservo.cli.simulated_run.video import FRAMES_PER_VIDEO_IMAGE, make_frame_writer, open_video
 from rcmservo.interfaces import Floats
-from rcmservo.loop.detection_failure import reason_not_detected
+from rcmservo.loop.detection_failure import explain_undetected_markers
 from rcmservo.loop.plant import Plant
 from rcmservo.loop.run_result import RunResult, finite_or_none
 from rcmservo.loop.tick import Tick
 from rcmservo.recording.outcome import SETTLED_DURATION_S, find_stop_cause
 from rcmservo.recording.reader import RECORD, Record
-from rcmservo.recording.timeline import read_rate, summarise
+from rcmservo.recording.timeline import read_rate, summarise_record
 from rcmservo.recording.writer import Recorder
 from rcmservo.sim import Killed, Rig
 from rcmservo.sim.disturbances.effects.computer_faults import open_on_filling_disk
@@ -108,7 +108,7 @@ def _make_result(rig: Rig, record: Record) -> RunResult:
     last_ticks = round(SETTLED_DURATION_S * read_rate(record))
     errors_mm: Floats = np.linalg.norm(record.truth["p2"][-last_ticks:] - p_d, axis=1)
     rms_mm = float(np.sqrt(np.mean(errors_mm**2))) if len(errors_mm) else math.nan
-    return replace(summarise(record), pose_error_mm=finite_or_none(rms_mm))
+    return replace(summarise_record(record), pose_error_mm=finite_or_none(rms_mm))
 
 
 def _record_ticks(
@@ -133,7 +133,9 @@ def _record_ticks(
             return f"{end}; the arm's watchdog stops it"
     if tick is None:
         return ""
-    reason = "" if has_accepted_frame else reason_not_detected(plant, tick.observation, start)
+    reason = (
+        "" if has_accepted_frame else explain_undetected_markers(plant, tick.observation, start)
+    )
     return find_stop_cause(tick.state.mode, reason)
 
 

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from ctypes import POINTER, byref, c_bool, c_char_p, c_double, c_int, c_size_t, c_uint, c_void_p
 from typing import Any
 
-from rcmservo.errors import RcmServoError, one_line
+from rcmservo.errors import RcmServoError, shorten_to_line
 
 LIBRARY = "libaravis-0.8.so.0"
 NOT_INSTALLED = (
@@ -123,7 +123,7 @@ class Aravis:
         error = POINTER(_GError)()
         result = function(*arguments, byref(error))
         if error:
-            text = one_line((error.contents.message or b"").decode(errors="replace"))
+            text = shorten_to_line((error.contents.message or b"").decode(errors="replace"))
             self._glib.g_error_free(error)
             raise AravisError(text)
         return result

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from rcmservo.errors import one_line
+from rcmservo.errors import shorten_to_line
 from rcmservo.geometry.kinematics import JointLimits
 from rcmservo.hardware.crtk import messages
 from rcmservo.hardware.crtk.bounded_lead import BoundedLead
@@ -232,7 +232,7 @@ class CrtkArm:
     def _last_warning(self) -> str:
         """The arm's last warning, as the end of a sentence."""
         warning = self._received.warning
-        return f"; its last warning: {one_line(warning)}" if warning else ""
+        return f"; its last warning: {shorten_to_line(warning)}" if warning else ""
 
     def _connect(self) -> None:
         """Subscribe to the arm's topics and wait until both sides have found each other."""

@@ -10,7 +10,7 @@ import numpy as np
 
 from rcmservo.hardware.crtk import messages
 from rcmservo.hardware.crtk.messages import MessageT, RosMessage
-from rcmservo.recording.cdr import MessageCodec, time_of
+from rcmservo.recording.cdr import MessageCodec, read_stamp
 from rcmservo.recording.ros2_messages import HEADER_DEFINITIONS
 
 ALIGNMENT_BYTES = 4
@@ -25,14 +25,14 @@ def encode_message(message: RosMessage) -> bytes:
         _to_codec_value(codec, field_type, getattr(message, name))
         for field_type, name in messages.message_fields(kind)
     ]
-    data = codec.encode(_ros2_name(kind.ros_type), codec.header(message.stamp), *values)
+    data = codec.encode(_ros2_name(kind.ros_type), codec.make_header(message.stamp), *values)
     return data + bytes(-len(data) % ALIGNMENT_BYTES)
 
 
 def decode_message(kind: type[MessageT], data: bytes) -> MessageT:
     """Decode a message, or raise `MalformedMessage`."""
     decoded = _codec(kind).decode(_ros2_name(kind.ros_type), data)
-    return messages.read_message(kind, time_of(decoded.header), decoded)
+    return messages.read_message(kind, read_stamp(decoded.header), decoded)
 
 
 @cache

@@ -89,7 +89,7 @@ class RateJoints(Protocol):
 
 
 class CrtkDevice:
-    """Emulated arm. `turn` does all work that is due.
+    """Emulated arm. `update` does all work that is due.
 
     Parameters
     ----------
@@ -136,7 +136,7 @@ class CrtkDevice:
         self._subscribe(messages.SERVO_JP, self.receive_motion)
         self._subscribe(messages.STATE_COMMAND, self.receive_command)
 
-    def turn(self, now: int) -> None:
+    def update(self, now: int) -> None:
         """Execute the received messages and advance to a time in ns."""
         while self._pending:
             handler, message, writer = self._pending.popleft()
@@ -197,7 +197,7 @@ class CrtkDevice:
                 self._warn(f"rejected {command}: the arm is {self.state}")
 
     def _subscribe(self, topic: Topic[MessageT], handler: Callable[[MessageT, str], None]) -> None:
-        """Queue the messages on a topic for `turn`."""
+        """Queue the messages on a topic for `update`."""
 
         def enqueue(message: MessageT, writer: str) -> None:
             self._pending.append((handler, message, writer))

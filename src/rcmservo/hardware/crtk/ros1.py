@@ -13,7 +13,7 @@ from importlib import import_module
 from importlib.util import find_spec
 from typing import Any
 
-from rcmservo.errors import one_line
+from rcmservo.errors import shorten_to_line
 from rcmservo.hardware.crtk import messages
 from rcmservo.hardware.crtk.messages import MessageHandler, MessageT, NoTransport, RosMessage, Topic
 from rcmservo.recording.ros2_messages import SEPARATOR_LINE
@@ -115,7 +115,7 @@ class Ros1:
                     f"/{topic.name}", generate_class(topic.kind), **options
                 )
             except self._ros.ROSException as error:
-                text = f"{topic.name} cannot be advertised: {one_line(error)}"
+                text = f"{topic.name} cannot be advertised: {shorten_to_line(error)}"
                 raise NoTransport(text) from error
             self._publishers[topic.name] = publisher
         return self._publishers[topic.name]

@@ -15,7 +15,7 @@ import threading
 from importlib import import_module
 from typing import Any
 
-from rcmservo.errors import NotInstalled, one_line
+from rcmservo.errors import NotInstalled, shorten_to_line
 from rcmservo.hardware.crtk import messages
 from rcmservo.hardware.crtk.cdr import decode_message, encode_message
 from rcmservo.hardware.crtk.messages import MessageHandler, MessageT, NoTransport, RosMessage, Topic
@@ -79,7 +79,7 @@ class Ros2:
             self._participant = self._dds.domain.DomainParticipant(domain)
             self._wait_set: Any = self._dds.core.WaitSet(self._participant)
         except self._dds.core.DDSException as error:
-            text = f"ROS 2 cannot use {interface}, domain {domain}: {one_line(error)}"
+            text = f"ROS 2 cannot use {interface}, domain {domain}: {shorten_to_line(error)}"
             raise NoTransport(text) from error
         states = self._dds.core
         self._any_state = states.SampleState.Any | states.ViewState.Any | states.InstanceState.Any

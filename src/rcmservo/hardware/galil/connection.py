@@ -16,7 +16,7 @@ import time
 from collections.abc import Callable
 from typing import Any, Protocol
 
-from rcmservo.errors import NotInstalled, RcmServoError, one_line, quoted
+from rcmservo.errors import NotInstalled, RcmServoError, quote_value, shorten_to_line
 from rcmservo.hardware.galil.data_record import DataRecord, decode_record, record_size
 
 MAX_LINE_LENGTH = 80
@@ -142,11 +142,11 @@ class SerialStream:
         try:
             self._port: Any = serial.Serial(port, baud)
         except (self._serial_error, ValueError) as error:
-            raise ConnectionLost(f"{port} cannot be opened: {one_line(error)}") from error
+            raise ConnectionLost(f"{port} cannot be opened: {shorten_to_line(error)}") from error
         try:
             self._synchronise(f"rcm{secrets.token_hex(4)}".encode(), timeout_s)
         except OSError as error:
-            raise ConnectionLost(f"{port} cannot be used: {one_line(error)}") from error
+            raise ConnectionLost(f"{port} cannot be used: {shorten_to_line(error)}") from error
 
     def _synchronise(self, token: bytes, timeout_s: float) -> None:
         """Discard replies to earlier commands, up to the reply that contains a new token.
@@ -243,7 +243,9 @@ class GalilConnection:
         except ValueError:
             values = []
         if not values or not all(abs(value) <= MAX_NUMBER for value in values):
-            raise self._close_as_lost(f"{commands[-1]} must return numbers, got {quoted(reply)}")
+            raise self._close_as_lost(
+                f"{commands[-1]} must return numbers, got {quote_value(reply)}"
+            )
         return values
 
     def read_data_record(self, axis_count: int, *commands: str) -> DataRecord:
@@ -267,7 +269,7 @@ class GalilConnection:
         unmarked = bytes(byte & ~UNSOLICITED_BIT for byte in self._received)
         *lines, incomplete_line = unmarked.split(b"\n")
         self._received = bytearray(incomplete_line[-MAX_LINE_LENGTH:])
-        messages = (one_line(line.decode("ascii", "replace")) for line in lines)
+        messages = (shorten_to_line(line.decode("ascii", "replace")) for line in lines)
         return [message for message in messages if message]
 
     def download_program(self, lines: list[str]) -> None:
@@ -344,7 +346,7 @@ class GalilConnection:
 
     def _require_no_surplus(self, commands: tuple[str, ...]) -> None:
         if self._received:
-            surplus = quoted(bytes(self._received[:20]))
+            surplus = quote_value(bytes(self._received[:20]))
             line = ";".join(commands)
             raise self._close_as_lost(f"it replied more than {line} requests: {surplus}")
 
@@ -352,7 +354,7 @@ class GalilConnection:
         """Return the error of a refused command, with the reason that TC1 reports."""
         self._send_line("TC1")
         reply = self._read_reply()
-        reason = one_line(reply) if reply else "it gives no reason"
+        reason = shorten_to_line(reply) if reply else "it gives no reason"
         return CommandRejected(f"the controller refused {command!r}: {reason}")
 
     def _close_as_lost(self, reason: str) -> ConnectionLost:

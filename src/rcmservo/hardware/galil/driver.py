@@ -19,7 +19,7 @@ from rcmservo.hardware.galil.session import ArmReading, GalilSession
 from rcmservo.hardware.galil.settings import GalilSettings
 from rcmservo.interfaces import ArmMeasurement, Command, Floats
 from rcmservo.live.device_protocols import NotReady
-from rcmservo.live.realtime import urgent
+from rcmservo.live.realtime import request_urgent_priority
 
 POLL_PERIOD_S = 0.004
 """Period of the data records while no command arrives."""
@@ -135,7 +135,7 @@ class GalilArm:
 
     def _run(self) -> None:
         """Exchange commands and data records until the arm is closed or the controller is lost."""
-        urgent()
+        request_urgent_priority()
         while not self._is_closing:
             self._wake.wait(POLL_PERIOD_S)
             self._wake.clear()

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rcmservo.errors import RcmServoError, quoted, require
+from rcmservo.errors import RcmServoError, quote_value, require
 from rcmservo.geometry.kinematics import JointLimits
 from rcmservo.hardware.galil import stop_reasons, watchdog_program
 from rcmservo.hardware.galil.connection import CommandRejected, GalilConnection
@@ -158,7 +158,7 @@ class GalilSession:
         running_lines = self._connection.read_numbers(query)  # -1 for a thread that does not run
         if len(running_lines) != THREAD_COUNT:
             expected = f"{query} must return {THREAD_COUNT} numbers"
-            raise NotReady(f"{expected}, got {quoted(running_lines)}")
+            raise NotReady(f"{expected}, got {quote_value(running_lines)}")
         if running_lines[WATCHDOG_THREAD] >= 0.0:
             raise NotReady("another host uses the arm: end it there, or end its program with HX")
         for thread, line in enumerate(running_lines):
@@ -313,7 +313,7 @@ class GalilSession:
         if tuple(block_sizes) != BLOCK_SIZES or not max(self._indices) < count <= len(AXIS_LETTERS):
             model = self._connection.execute("\x12\x16")[0]
             expected = f"?, {', '.join(map(str, BLOCK_SIZES))} with axes {self.settings.axes}"
-            actual = f"{quoted(reply)} of {quoted(model)}"
+            actual = f"{quote_value(reply)} of {quote_value(model)}"
             raise NotReady(f"QZ of a DMC-40x0 must be {expected}, got {actual}")
         return count
 

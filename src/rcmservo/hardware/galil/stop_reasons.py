@@ -5,7 +5,7 @@ Sources: DMC-40x0 command reference, TC, SC and TA; DMC-40x0 user manual, Amplif
 
 from collections.abc import Sequence
 
-from rcmservo.errors import quoted
+from rcmservo.errors import quote_value
 from rcmservo.hardware.galil.connection import CommandRejected, GalilConnection
 from rcmservo.hardware.galil.data_record import AXIS_LETTERS
 from rcmservo.hardware.galil.error_codes import ERROR_TEXTS
@@ -72,7 +72,9 @@ def read_amplifier_errors(connection: GalilConnection, axes: str) -> list[str]:
 def decode_amplifier_errors(values: Sequence[float], axes: str) -> list[str]:
     """Decode the reply to ``AMPLIFIER_QUERY`` for some axes, one phrase per error."""
     if len(values) != 3 or not all(0 <= value < 256 for value in values):
-        raise NotReady(f"{AMPLIFIER_QUERY} must return three bytes, got {quoted(list(values))}")
+        raise NotReady(
+            f"{AMPLIFIER_QUERY} must return three bytes, got {quote_value(list(values))}"
+        )
     supply, hall, lockout = (int(value) for value in values)
     errors: list[str] = []
     for amplifier, group in enumerate(AMPLIFIER_AXES):
@@ -116,5 +118,5 @@ def append_device_reports(
     """Append the amplifier errors and the last unsolicited message of the controller to a cause."""
     parts = [cause, *read_amplifier_errors(connection, axes)]
     if last_message:
-        parts.append(f"its last message was {quoted(last_message)}")
+        parts.append(f"its last message was {quote_value(last_message)}")
     return "; ".join(parts)

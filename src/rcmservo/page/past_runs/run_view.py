@@ -21,7 +21,7 @@ from rcmservo.recording.summary_text import (
     format_verdict,
     list_record_rows,
 )
-from rcmservo.recording.timeline import Span, list_spans, number_stages, summarise
+from rcmservo.recording.timeline import Span, list_spans, number_stages, summarise_record
 
 PICTURE_TOPIC = "image_raw/compressed"
 """ROS topic of the pictures in a record."""
@@ -63,7 +63,7 @@ def open_run(path: Path) -> OpenedRun:
     """Read a record up to its end or its damage."""
     record = read_record(path)
     locations, exposures = _locate_pictures(path)
-    spans, summary = list_spans(record), summarise(record)
+    spans, summary = list_spans(record), summarise_record(record)
     titles = {name: title for name, (title, _) in RUN_FIGURES.items()}
     content = {
         "verdict": format_verdict(record, summary),

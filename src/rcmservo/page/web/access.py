@@ -15,7 +15,7 @@ from starlette.requests import HTTPConnection, Request
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from rcmservo.errors import RcmServoError
-from rcmservo.network_ports import refusal
+from rcmservo.network_ports import describe_refusal
 
 LOOPBACK_ADDRESS = "127.0.0.1"
 FORBIDDEN_CLOSE_CODE = 4403
@@ -103,7 +103,7 @@ def bind_socket(host: str, port: int) -> socket.socket:
     except OSError as error:
         listener.close()
         kind = PortTaken if error.errno == errno.EADDRINUSE else NoPagePort
-        raise kind(f"{refusal(port, error)}; select another port with --port") from error
+        raise kind(f"{describe_refusal(port, error)}; select another port with --port") from error
     listener.listen(64)
     return listener
 

@@ -10,7 +10,7 @@ from typing import Any, get_type_hints
 from rcmservo.config.field_docs import describe_class, describe_field
 from rcmservo.config.registry import PART_CLASSES
 from rcmservo.config.servo_json import describe_servo
-from rcmservo.constraints import choices_of
+from rcmservo.constraints import find_choices
 from rcmservo.page.settings import EDITABLE_PARTS, IMMEDIATE_PARTS
 from rcmservo.servo.servo import Servo
 
@@ -58,7 +58,7 @@ def list_fields(kind: type[Any]) -> list[SettingField]:
             unit=find_unit(describe_field(kind, name)),
             description=describe_field(kind, name),
             default=getattr(defaults, name),
-            choices=list(choices_of(types[name])),
+            choices=list(find_choices(types[name])),
         )
         for name in (field.name for field in fields(kind))
     ]

@@ -12,7 +12,11 @@ from scipy import optimize
 from scipy.spatial.transform import Rotation
 
 from rcmservo.estimation.base import Estimator, Sample
-from rcmservo.estimation.projection_rule import jacobian_at, markers_jacobian, predict
+from rcmservo.estimation.projection_rule import (
+    compute_jacobian_at_points,
+    compute_markers_jacobian,
+    predict_markers,
+)
 from rcmservo.geometry.features import shift_to_rcm
 from rcmservo.geometry.projection import extract_parameters
 from rcmservo.geometry.tool import Tool
@@ -59,10 +63,10 @@ class Calibration:
         m, tool_struct = shift_to_rcm(points, self.o_c), tool.struct
 
         def residual(p1: Floats) -> Floats:
-            return predict(self.a, p1, tool_struct) - m
+            return predict_markers(self.a, p1, tool_struct) - m
 
         def jacobian(p1: Floats) -> Floats:
-            return markers_jacobian(self.a, p1, tool_struct)
+            return compute_markers_jacobian(self.a, p1, tool_struct)
 
         p1_hat, _ = SCIPY.leastsq(residual, guess, Dfun=jacobian, ftol=1e-8, xtol=1e-8)
         return p1_hat
@@ -122,7 +126,9 @@ class CalibratedEstimator(Estimator):
         return None
 
     def jacobian(self, memory: None, tool: Tool, sample: Sample) -> Floats:
-        return jacobian_at(self.calibration.a, sample.p1, sample.points, sample.o_c, tool.struct)
+        return compute_jacobian_at_points(
+            self.calibration.a, sample.p1, sample.points, sample.o_c, tool.struct
+        )
 
     def markers_jacobian(self, memory: None, tool: Tool, sample: Sample) -> Floats:
-        return markers_jacobian(self.calibration.a, sample.p1, tool.struct)
+        return compute_markers_jacobian(self.calibration.a, sample.p1, tool.struct)

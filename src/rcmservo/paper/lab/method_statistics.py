@@ -98,12 +98,12 @@ class MethodStatistics:
     def time(self) -> Interval:
         """Median time (s) until first within 1 mm, including the exploration; inf if never."""
         times = np.nan_to_num(self.runs["within"], nan=np.inf, posinf=np.inf)
-        return estimate_quantile(times, 0.5, least=0.0)
+        return estimate_quantile(times, 0.5, lower_bound=0.0)
 
     @property
     def pose(self) -> Interval:
         """Median final pose error (mm) of all runs."""
-        return estimate_quantile(self.pose_errors, 0.5, least=0.0)
+        return estimate_quantile(self.pose_errors, 0.5, lower_bound=0.0)
 
     @property
     def explored(self) -> float:

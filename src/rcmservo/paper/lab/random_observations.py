@@ -10,11 +10,11 @@ from rcmservo.estimation.base import Estimator, Sample
 from rcmservo.estimation.projection_rule import (
     GAMMA_0,
     MAX_OBSERVATIONS,
-    fitted_points,
-    jacobian_at,
+    build_normal_equations,
+    collect_fitted_points,
+    compute_jacobian_at_points,
     limit_step_by_depth,
-    normal_equations,
-    predict,
+    predict_markers,
 )
 from rcmservo.geometry.projection import PARAMETER_COUNT
 from rcmservo.geometry.tool import Tool
@@ -72,7 +72,9 @@ class RandomObservations(Estimator):
     def update(self, memory: RandomMemory, tool: Tool, sample: Sample) -> RandomMemory:
         rows = self._add_sample(memory, sample)
         count = min(memory.sample_count + 1, len(rows))
-        A, b = normal_equations(fitted_points(rows, count, sample.o_c, False, tool.struct))
+        A, b = build_normal_equations(
+            collect_fitted_points(rows, count, sample.o_c, False, tool.struct)
+        )
         root = np.diag(np.sqrt(GAMMA_0))
         a_next = integrate_gradient_flow(A, b, memory.a_hat, root, self.estimator_time or sample.dt)
         a_hat = limit_step_by_depth(memory.a_hat, a_next, rows, count, tool.struct)
@@ -88,7 +90,9 @@ class RandomObservations(Estimator):
         return rows
 
     def jacobian(self, memory: RandomMemory, tool: Tool, sample: Sample) -> Floats:
-        return jacobian_at(memory.a_hat, sample.p1, sample.points, sample.o_c, tool.struct)
+        return compute_jacobian_at_points(
+            memory.a_hat, sample.p1, sample.points, sample.o_c, tool.struct
+        )
 
     def predict(self, memory: RandomMemory, tool: Tool, p1: Floats) -> Floats:
-        return predict(memory.a_hat, p1, tool.struct)
+        return predict_markers(memory.a_hat, p1, tool.struct)

@@ -10,7 +10,7 @@ the noise. A frozen image is identical to the last bit; no camera delivers one w
 import numpy as np
 
 from rcmservo.estimation.camera_fit import ProjectedPoint, ProjectionFit, project_markers
-from rcmservo.estimation.camera_fit_prediction import image_covariance
+from rcmservo.estimation.camera_fit_prediction import compute_image_covariance
 from rcmservo.geometry.tool import ToolStruct
 from rcmservo.interfaces import Floats
 from rcmservo.numerics.jit import compiled
@@ -145,7 +145,7 @@ def update_mean_residual(
     # the covariance of the fit only adds to the noise: it is not needed for a small residual
     is_noise = mean_px * mean_px <= max_squared_sigma * mean_variance
     if not is_noise:
-        covariance = image_covariance(fit, predicted)
+        covariance = compute_image_covariance(fit, predicted)
         distance = squared_mahalanobis_distance(mean[0], mean[1], covariance, mean_variance)
         is_noise = not distance > max_squared_sigma
     monitor.drift_px[k] = 0.0 if is_noise else mean_px

@@ -4,7 +4,7 @@ The estimate is the Jacobian Ĵ of the features with respect to the motion of ma
 imaged RCM. Every comparison is written so that NaN triggers the cause.
 """
 
-from rcmservo.control.saturated_controller import max_scaled_entry
+from rcmservo.control.saturated_controller import find_max_scaled_entry
 from rcmservo.numerics.jit import compiled
 from rcmservo.numerics.small_linalg import all_finite
 from rcmservo.safety.checks.facts import TickFacts
@@ -33,7 +33,7 @@ def rcm_is_unknown(facts: TickFacts) -> bool:
 @compiled
 def estimate_is_large(facts: TickFacts) -> bool:
     """Detect a scaled Ĵ with entries larger than those of any camera."""
-    is_possible = max_scaled_entry(facts.estimate.J_hat) <= facts.thresholds.max_jacobian_entry
+    is_possible = find_max_scaled_entry(facts.estimate.J_hat) <= facts.thresholds.max_jacobian_entry
     return facts.exploration_state.is_done and not is_possible
 
 

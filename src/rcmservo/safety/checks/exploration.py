@@ -5,12 +5,12 @@ has an estimate of the camera.
 """
 
 from rcmservo.control.exploration import is_overdue
-from rcmservo.estimation.camera_fit_prediction import marker_order_score
+from rcmservo.estimation.camera_fit_prediction import compute_marker_order_score
 from rcmservo.numerics.jit import compiled
 from rcmservo.safety.checks.facts import TickFacts
 
 MAX_SWAPPED_ORDER = -0.3
-"""Value of `marker_order_score` below which the markers count as swapped.
+"""Value of `compute_marker_order_score` below which the markers count as swapped.
 
 The score is about 1 if marker 1 is the one nearer the RCM, and about -1 if marker 2 is.
 """
@@ -34,4 +34,4 @@ def exploration_failed(facts: TickFacts) -> bool:
 @compiled
 def markers_are_in_reverse_order(facts: TickFacts) -> bool:
     """Return True if an exploration failed because the markers are swapped."""
-    return exploration_failed(facts) and marker_order_score(facts.fit) < MAX_SWAPPED_ORDER
+    return exploration_failed(facts) and compute_marker_order_score(facts.fit) < MAX_SWAPPED_ORDER

@@ -28,7 +28,7 @@ from rcmservo.live.arm_datagrams import (
     receive,
 )
 from rcmservo.live.child_process import receive_from_parent
-from rcmservo.live.realtime import realtime
+from rcmservo.live.realtime import apply_realtime_settings
 from rcmservo.sim.arm import PHYSICS_STEP_NS
 from rcmservo.sim.disturbances.effects.arm_faults import DisturbedArm
 from rcmservo.sim.processes.live_disturbances import DisturbanceChange
@@ -180,7 +180,7 @@ def run_arm_process(
     except RcmServoError as error:
         control.send(RcmServoError(str(error)))
         return
-    with contextlib.closing(endpoint), realtime():
+    with contextlib.closing(endpoint), apply_realtime_settings():
         device = ArmDevice(rig, endpoint, log, time.monotonic_ns())
         control.send(rig.scene.target)
         message: Any = ""

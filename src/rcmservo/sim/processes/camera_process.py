@@ -42,7 +42,7 @@ class LoggedArm:
         for row in self.log.since(max(self._rows_read, row_count - HISTORY_STEPS)):
             self._history.add(int(row["time"]), row["q"])
         self._rows_read = row_count
-        return self._history.at(time)
+        return self._history.interpolate(time)
 
 
 def run_camera_process(

@@ -12,13 +12,13 @@ from typing import Annotated, Any
 
 from rcmservo.config import toml_json_parsing
 from rcmservo.config.atomic_files import read_limited, write_atomically
-from rcmservo.config.former_names import present_name, with_present_names
+from rcmservo.config.former_names import find_present_name, replace_former_names
 from rcmservo.config.registry import KIND_KEY
 from rcmservo.config.rig_file import METHOD_PARTS, SIMULATION_SECTIONS
 from rcmservo.config.strict_decoding import decode_settings
 from rcmservo.config.toml_json_parsing import Table, is_table
 from rcmservo.constraints import Checked, Limit, not_empty
-from rcmservo.errors import UnusableFile, one_line, require
+from rcmservo.errors import UnusableFile, require, shorten_to_line
 from rcmservo.safety.thresholds import Thresholds
 from rcmservo.study.execution.package_version import identify_package
 from rcmservo.study.plan.cell import Cell
@@ -104,7 +104,9 @@ def read_manifest(folder: Path) -> StudyManifest | None:
             _require_tables(cell, f"study.cells[{i}]")
         return manifest
     except (ValueError, RecursionError) as error:
-        reason = f"is not a manifest of `rcmservo study` ({one_line(error)}): name a new folder"
+        reason = (
+            f"is not a manifest of `rcmservo study` ({shorten_to_line(error)}): name a new folder"
+        )
         raise UnusableFile(path, reason) from error
 
 
@@ -124,11 +126,11 @@ def _with_present_names(cell: object) -> object:
     """Return a cell of an earlier version with the present names of its settings and sections."""
     if not is_table(cell):
         return cell
-    renamed = with_present_names(cell, _list_field_names(Cell))
+    renamed = replace_former_names(cell, _list_field_names(Cell))
     if is_table(sections := renamed.get("tables")):
-        sections = renamed["tables"] = with_present_names(sections, SIMULATION_SECTIONS)
+        sections = renamed["tables"] = replace_former_names(sections, SIMULATION_SECTIONS)
         if is_table(thresholds := sections.get("thresholds")):
-            sections["thresholds"] = with_present_names(thresholds, _list_field_names(Thresholds))
+            sections["thresholds"] = replace_former_names(thresholds, _list_field_names(Thresholds))
     if is_table(ranges := renamed.get("vary")):
         renamed["vary"] = {_with_present_section(key): ends for key, ends in ranges.items()}
     return renamed
@@ -137,7 +139,7 @@ def _with_present_names(cell: object) -> object:
 def _with_present_section(key: str) -> str:
     """Return a key section.key with the present name of its section."""
     section, dot, name = key.partition(".")
-    return f"{present_name(section, SIMULATION_SECTIONS) or section}{dot}{name}"
+    return f"{find_present_name(section, SIMULATION_SECTIONS) or section}{dot}{name}"
 
 
 def _list_field_names(kind: type[Any]) -> list[str]:

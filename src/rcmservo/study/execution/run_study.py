@@ -5,7 +5,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from rcmservo.servo.user_estimator import class_path
+from rcmservo.servo.user_estimator import format_class_name
 from rcmservo.study.execution import manifest
 from rcmservo.study.execution.chunk import ChunkRequest, run_seed
 from rcmservo.study.execution.package_version import identify_package
@@ -94,4 +94,4 @@ class StudyExecution:
     def user_estimators(self) -> UserEstimators:
         """User-defined estimators of the plan, by module:class."""
         kinds = [type(m.estimator) for m in self.plan.methods if m.archive.name]
-        return {class_path(kind): kind for kind in kinds}
+        return {format_class_name(kind): kind for kind in kinds}

@@ -18,7 +18,7 @@ from itertools import islice
 from multiprocessing import resource_tracker
 from typing import Any, NamedTuple
 
-from rcmservo.errors import BadInput, RcmServoError, one_line, require, require_extra
+from rcmservo.errors import BadInput, RcmServoError, require, require_extra, shorten_to_line
 from rcmservo.study.execution.chunk import ChunkRequest, PackageMismatch, RowValues, run_chunk
 from rcmservo.study.execution.package_version import identify_package
 
@@ -110,14 +110,14 @@ class WorkerPool:
                     continue
                 except ImportError as error:
                     raise WorkLost(
-                        f"a worker has no rcmservo: {one_line(error)}; install it there"
+                        f"a worker has no rcmservo: {shorten_to_line(error)}; install it there"
                     ) from error
                 yield task.key, rows
                 self._submit_waiting(futures, waiting_requests)
         except (OSError, DASK.CancelledError) as error:
             raise WorkLost(
-                f"the scheduler at {self.where} has disconnected: {one_line(error)}; the same "
-                "command resumes the study"
+                f"the scheduler at {self.where} has disconnected: {shorten_to_line(error)}; "
+                "the same command resumes the study"
             ) from error
         finally:
             self._client.cancel(list(self._pending))
@@ -140,7 +140,7 @@ class WorkerPool:
         """Return the task with one more lost worker; raise `WorkLost` after too many."""
         if task.losses >= MAX_LOST_WORKERS:
             raise WorkLost(
-                f"{task.losses} workers died on the same request: {one_line(error)}"
+                f"{task.losses} workers died on the same request: {shorten_to_line(error)}"
             ) from error
         return task._replace(losses=task.losses + 1)
 
@@ -282,7 +282,7 @@ def _is_loopback(host: str) -> bool:
         addresses = {info[4][0] for info in socket.getaddrinfo(host, None)}
     except (OSError, UnicodeError) as error:
         raise BadInput(
-            CLUSTER_OPTION, host, f"a host with an address ({one_line(error)})"
+            CLUSTER_OPTION, host, f"a host with an address ({shorten_to_line(error)})"
         ) from error
     return all(ipaddress.ip_address(address).is_loopback for address in addresses)
 
@@ -314,7 +314,7 @@ def _try_to_connect(address: str) -> tuple[Any, str]:
     try:
         return DASK.Client(address, timeout=WORKER_TIMEOUT_S), ""
     except (OSError, TypeError, ValueError, RuntimeError) as error:
-        return None, one_line(DASK_OBJECT_PATTERN.sub("", str(error.__cause__ or error)))
+        return None, shorten_to_line(DASK_OBJECT_PATTERN.sub("", str(error.__cause__ or error)))
 
 
 def _require_same_package(client: Any) -> None:
@@ -325,7 +325,7 @@ def _require_same_package(client: Any) -> None:
     }
     for worker, package in others.items():
         is_installed = isinstance(package, str)
-        found = f"rcmservo {package}" if is_installed else f"none ({one_line(package)})"
+        found = f"rcmservo {package}" if is_installed else f"none ({shorten_to_line(package)})"
         raise PackageMismatch(
             f"{len(others)} of {len(packages)} workers have another rcmservo than this machine, "
             f"{identify_package()}: {worker} has {found}; install the same version there"

@@ -18,9 +18,9 @@ from pathlib import Path
 from sysconfig import get_path
 from typing import Any, NamedTuple
 
-from rcmservo.errors import RcmServoError, one_line
+from rcmservo.errors import RcmServoError, shorten_to_line
 from rcmservo.estimation.base import Estimator
-from rcmservo.servo.user_estimator import class_path
+from rcmservo.servo.user_estimator import format_class_name
 
 MAX_ARCHIVE_BYTES = 10_000_000
 """Largest size of an archive, bytes."""
@@ -62,7 +62,7 @@ def archive_module(kind: type[Estimator]) -> ModuleArchive:
             f"the source of {kind.__module__} has {len(packed)} bytes as an archive; expected "
             f"at most {MAX_ARCHIVE_BYTES}: move the estimator to a smaller module"
         )
-    return ModuleArchive(class_path(kind), packed, hashlib.sha256(packed).hexdigest())
+    return ModuleArchive(format_class_name(kind), packed, hashlib.sha256(packed).hexdigest())
 
 
 def _read_source_files(module: str) -> Iterable[tuple[str, bytes]]:
@@ -106,8 +106,8 @@ def load_classes(archive: ModuleArchive) -> dict[str, type[Estimator]]:
         return {archive.name: getattr(imported, class_name)}
     except (Exception, SystemExit) as error:  # the import runs the user's code
         raise RcmServoError(
-            f"{module} cannot be imported by a worker: {one_line(error)}; install there what the "
-            "module imports from outside its folder"
+            f"{module} cannot be imported by a worker: {shorten_to_line(error)}; install there what "
+            "the module imports from outside its folder"
         ) from error
 
 

@@ -60,7 +60,7 @@ def estimate_fraction(count: int, of: int) -> Interval:
     return Interval(count / of, float(low), float(high))
 
 
-def estimate_quantile(values: Floats, p: float, least: float = -np.inf) -> Interval:
+def estimate_quantile(values: Floats, p: float, lower_bound: float = -np.inf) -> Interval:
     """Return a quantile with its distribution-free interval between order statistics.
 
     Parameters
@@ -78,7 +78,7 @@ def estimate_quantile(values: Floats, p: float, least: float = -np.inf) -> Inter
         return UNKNOWN_INTERVAL
     counts = STATS.binom.ppf([(1.0 - CONFIDENCE) / 2.0, (1.0 + CONFIDENCE) / 2.0], n, p)
     low_index, high_index = int(counts[0]) - 1, int(counts[1])
-    low = float(ordered[low_index]) if low_index >= 0 else least
+    low = float(ordered[low_index]) if low_index >= 0 else lower_bound
     high = float(ordered[high_index]) if high_index < n else np.inf
     return Interval(_find_quantile(ordered, p * n), low, high)
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass, fields, replace
 from typing import Any, cast
 
 from rcmservo.config.toml_json_parsing import is_table
-from rcmservo.errors import require, suggestion
+from rcmservo.errors import require, suggest_name
 from rcmservo.study.plan.method import StudyMethod
 
 Values = Mapping[str, Any]
@@ -110,7 +110,7 @@ def get_setting(method: StudyMethod, name: str) -> Any:
     parts = ", ".join(method.parts)
     require(part in method.parts, "search", name, f"part.name, with a part among {parts}")
     names = [f.name for f in fields(method.parts[part])]
-    hint = suggestion(name, [f"{part}.{setting}" for setting in names])
+    hint = suggest_name(name, [f"{part}.{setting}" for setting in names])
     expected = f"a setting of {part}, one of {', '.join(names) or 'none'}{hint}"
     require(key in names, "search", name, expected)
     return getattr(method.parts[part], key)

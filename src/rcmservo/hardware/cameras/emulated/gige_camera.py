@@ -18,7 +18,7 @@ from rcmservo.errors import RcmServoError
 from rcmservo.hardware.cameras.aravis_library import FILL_CALLBACK, load_aravis
 from rcmservo.hardware.cameras.pixel_formats import PIXEL_FORMATS
 from rcmservo.interfaces import Camera, Frame, Image
-from rcmservo.network_ports import refusal
+from rcmservo.network_ports import describe_refusal
 
 LOOPBACK = "127.0.0.1"
 CONTROL_PORT = 3956
@@ -180,7 +180,7 @@ def _require_free_port() -> None:
         try:
             udp_socket.bind((LOOPBACK, CONTROL_PORT))
         except OSError as error:
-            raise RcmServoError(refusal(CONTROL_PORT, error)) from error
+            raise RcmServoError(describe_refusal(CONTROL_PORT, error)) from error
 
 
 def _discard_input(udp_socket: socket.socket) -> None:

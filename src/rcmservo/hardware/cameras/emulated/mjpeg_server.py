@@ -16,7 +16,7 @@ import numpy as np
 
 from rcmservo.errors import RcmServoError
 from rcmservo.interfaces import Camera, Frame
-from rcmservo.network_ports import refusal
+from rcmservo.network_ports import describe_refusal
 
 LOOPBACK = "127.0.0.1"
 JPEG_QUALITY = 92
@@ -57,7 +57,7 @@ class MjpegServer:
         try:
             self._server = _Server((LOOPBACK, port), partial(_ClientHandler, self))
         except OSError as error:
-            raise RcmServoError(refusal(port, error)) from error
+            raise RcmServoError(describe_refusal(port, error)) from error
         self.port = int(self._server.server_address[1])
         targets = self._server.serve_forever, self._encode_frames
         self._threads = [threading.Thread(target=target, daemon=True) for target in targets]

@@ -17,7 +17,7 @@ from rcmservo.errors import RcmServoError
 from rcmservo.hardware.galil.emulator.controller import SAMPLE_TIME_S, SERIAL, TCP, UDP, Controller
 from rcmservo.hardware.galil.emulator.faults import SLOW_REPLY_DELAY_S, Fault
 from rcmservo.hardware.galil.emulator.serial_port import SerialPort
-from rcmservo.network_ports import refusal
+from rcmservo.network_ports import describe_refusal
 
 MAX_READ_BYTES = 1024
 """Bytes of one read from a host."""
@@ -52,7 +52,7 @@ class Peer:
 
 
 class Server:
-    """Server that connects hosts to an emulated controller. `turn` does all work that is due.
+    """Server that connects hosts to an emulated controller. `update` does all work that is due.
 
     Parameters
     ----------
@@ -101,7 +101,7 @@ class Server:
         streams = [self._listener, self._udp_socket, *peer_streams]
         select.select([] if self._has_fault("silence") else streams, [], [], max(seconds, 0.0))
 
-    def turn(self, seconds: float) -> None:
+    def update(self, seconds: float) -> None:
         """Advance to a time (s after the start), read from all hosts and reply to them."""
         self._time_s = seconds
         self.controller.stuck = 0 if self._has_fault("stuck") else None
@@ -228,5 +228,5 @@ def _bind(kind: socket.SocketKind, port: int) -> socket.socket:
         bound_socket.bind((LOOPBACK, port))
     except OSError as error:
         bound_socket.close()
-        raise PortUnavailable(refusal(port, error)) from error
+        raise PortUnavailable(describe_refusal(port, error)) from error
     return bound_socket
