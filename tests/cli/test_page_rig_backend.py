@@ -68,7 +68,10 @@ def test_a_session_uses_the_speed_that_its_rig_file_allows(
     (at,) = obtain_target.args
     assert at.servo is made.servo
     words = "rig check` has passed" if checked else "10 % of the full speed"
-    assert words in at.motion_announcement and "Nothing moves until you hold a jog button" in at.motion_announcement
+    assert (
+        words in at.motion_announcement
+        and "Nothing moves until you hold a jog button" in at.motion_announcement
+    )
     recorded: Any = made.recorder
     assert recorded.args[1]["speed_scale"] == share and recorded.args[1]["simulation"] is False
     assert made.consent is page_rig.require_drive_off
