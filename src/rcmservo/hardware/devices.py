@@ -67,7 +67,7 @@ def open_camera(rig: RigDescription, accepts_unmeasured_latency: bool = False) -
     ----------
     rig : RigDescription
         Content of the rig file.
-    unmeasured : bool
+    accepts_unmeasured_latency : bool
         True to accept a camera without a measured latency. Its exposure times then equal the
         arrivals.
 

@@ -28,7 +28,7 @@ class Report:
     ----------
     time : int
         Time since the start of the run, ns.
-    words : str
+    text : str
         Phase, cause and remedy as one text.
     delta : Floats
         Feature error Δy (3,) in rad, px, px.

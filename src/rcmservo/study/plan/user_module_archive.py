@@ -106,8 +106,8 @@ def load_classes(archive: ModuleArchive) -> dict[str, type[Estimator]]:
         return {archive.name: getattr(imported, class_name)}
     except (Exception, SystemExit) as error:  # the import runs the user's code
         raise RcmServoError(
-            f"{module} cannot be imported by a worker: {shorten_to_line(error)}; install there what "
-            "the module imports from outside its folder"
+            f"{module} cannot be imported by a worker: {shorten_to_line(error)}; install there "
+            "what the module imports from outside its folder"
         ) from error
 
 

@@ -69,7 +69,7 @@ def estimate_quantile(values: Floats, p: float, lower_bound: float = -np.inf) ->
         Sample (n,); inf for an event that never happened.
     p : float
         Fraction of the values below the quantile.
-    least : float
+    lower_bound : float
         Lower bound of all values: the lower end of the interval if the sample is too small for one.
         The upper end is then inf.
     """
