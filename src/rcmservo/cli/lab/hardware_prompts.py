@@ -71,9 +71,9 @@ class AttendedTerminal:
     def __init__(self, terminal: Terminal) -> None:
         self._terminal = terminal
 
-    def notify(self, words: str) -> None:
+    def notify(self, message: str) -> None:
         """Print a message that needs no answer."""
-        self._terminal.notify(words)
+        self._terminal.notify(message)
 
     def ask(self, question: str) -> str:
         """Return the operator's answer to a question; ask again if the answer is too old."""

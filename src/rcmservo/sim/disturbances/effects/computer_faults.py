@@ -25,7 +25,7 @@ class ProcessDelays:
         self.schedule = schedule
 
     def __call__(self, time: int) -> int:
-        """Return the time (ns) at which the process wakes, which asked to wake at `time` (ns).
+        """Return the time (ns) at which the process wakes from a wait until `time` (ns).
 
         Raises
         ------
