@@ -24,7 +24,7 @@ import packed_table
 from packed_table import Table
 
 import rcmservo as rs
-from rcmservo.config.registry import ESTIMATORS
+from rcmservo.config.class_registry import ESTIMATORS
 from rcmservo.interfaces import DropReason
 
 FOLDERS = [Path(__file__).parents[1] / "tests/data" / name for name in ("decisions", "loops")]

@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from rcmservo.config.rig_file import RigDescription
-from rcmservo.hardware.devices import open_arm, open_camera
+from rcmservo.hardware.device_kinds import open_arm, open_camera
 from rcmservo.interfaces import Arm, Camera, Floats, Target
 from rcmservo.live.servo_process import Session
 from rcmservo.loop.plant import Plant

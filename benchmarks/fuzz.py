@@ -28,7 +28,7 @@ import numpy as np
 
 import rcmservo as rs
 from rcmservo.config import target_file
-from rcmservo.config.registry import MECHANISMS
+from rcmservo.config.class_registry import MECHANISMS
 from rcmservo.config.rig_file import RigDescription, load_rig_file
 from rcmservo.config.target_file import TargetSetup
 from rcmservo.sim import Appearance, Drive, SceneSettings

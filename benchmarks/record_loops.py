@@ -23,7 +23,7 @@ from packed_table import JOINTS, PIXELS, Table
 from rich.progress import track
 
 import rcmservo as rs
-from rcmservo.config.registry import ESTIMATORS
+from rcmservo.config.class_registry import ESTIMATORS
 from rcmservo.interfaces import Floats
 from rcmservo.sim import Disturbance
 from rcmservo.sim.disturbances import sample_disturbances

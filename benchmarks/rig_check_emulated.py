@@ -20,7 +20,7 @@ from rcmservo.bringup.motion import IDLE_TIMEOUT, Mover
 from rcmservo.cli.lab.rig_check import find_camera_fault
 from rcmservo.config.rig_file import RigDescription
 from rcmservo.geometry.tool import RigidTool
-from rcmservo.hardware.devices import open_arm, open_camera, read_wiring
+from rcmservo.hardware.device_kinds import open_arm, open_camera, read_wiring
 from rcmservo.interfaces import Floats, Frame
 from rcmservo.live.device_protocols import LabCamera
 from rcmservo.live.realtime import apply_realtime_settings

@@ -91,7 +91,7 @@ INVALID_STUDIES = {
     "too many": (["study", "--count", "100000000", "--repetitions", "9"], "runs in all must be"),
     "no whole number": (["study", "--count", "many"], "--count must be a whole number", "many"),
     "negative first seed": (["study", "--seed", "-1"], "seed must be a whole number", "-1"),
-    "no duration": (["study", "--duration", "nan"], "duration must be more than 1", "nan"),
+    "no duration": (["study", "--duration", "nan"], "duration must be a time above 1", "nan"),
     "negative noise": (["study", "--noise", "-0.1"], "noise must be", "-0.1"),
     "noise of pictures": (["study", "--engine", "pictures", "--noise", "1"], "that of the tracker"),
     "latency within it": (["study", "--latency", "0.001"], "at least half of the exposure"),

@@ -14,9 +14,9 @@ from conftest import ROOT
 from rcmservo.cli.argument_parsing import option_introspection
 from rcmservo.cli.cli import COMMANDS, load_options_class
 from rcmservo.cli.studies.tune import TuneOptions, read_tuning
-from rcmservo.config.registry import MECHANISMS, TOOLS
+from rcmservo.config.class_registry import MECHANISMS, TOOLS
 from rcmservo.config.rig_file import RigDescription, load_rig_file
-from rcmservo.hardware.devices import ARM_KINDS, CAMERA_KINDS
+from rcmservo.hardware.device_kinds import ARM_KINDS, CAMERA_KINDS
 from rcmservo.safety.gate import Gate
 from rcmservo.safety.thresholds import Thresholds
 from rcmservo.sim import Appearance, Drive, SceneSettings

@@ -1,7 +1,7 @@
 """Public names of rcmservo, available as `rs.NAME` after `import rcmservo as rs`."""
 
-from rcmservo.config import registry
-from rcmservo.config.registry import *  # noqa: F403
+from rcmservo.config import class_registry
+from rcmservo.config.class_registry import *  # noqa: F403
 from rcmservo.control.exploration import Exploration
 from rcmservo.control.feature_vectors import FeatureVector, MarkerPair, add_feature_vector
 from rcmservo.control.saturated_controller import SaturatedController
@@ -75,4 +75,4 @@ __all__ = [
     "teach",
     "ticks",
 ]
-__all__ += registry.__all__
+__all__ += class_registry.__all__

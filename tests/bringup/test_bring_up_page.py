@@ -19,7 +19,7 @@ from rcmservo.cli.lab.rig_check import RigOptions
 from rcmservo.cli.live import LiveOptions
 from rcmservo.config.rig_file import RigDescription, decode_rig_tables, load_rig_file
 from rcmservo.errors import BadInput
-from rcmservo.hardware.devices import ARM_KINDS, CAMERA_KINDS, read_wiring
+from rcmservo.hardware.device_kinds import ARM_KINDS, CAMERA_KINDS, read_wiring
 
 SEED = int(re.search(r"--seed (\d+)", PAGE)[1])  # type: ignore[index]
 """Seed of the page's emulated laboratory."""

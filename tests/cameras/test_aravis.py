@@ -41,7 +41,7 @@ from rcmservo.hardware.cameras.emulated.gige_camera import GigeCamera, encode_im
 from rcmservo.hardware.cameras.pixel_formats import PIXEL_FORMATS, decode_raw_image
 from rcmservo.hardware.cameras.settings import AravisSettings
 from rcmservo.hardware.cameras.streamed_camera import CameraLost
-from rcmservo.hardware.devices import CAMERA_KINDS
+from rcmservo.hardware.device_kinds import CAMERA_KINDS
 
 FAKE = "arv-fake-gv-camera-0.8"
 

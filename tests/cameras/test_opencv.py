@@ -18,7 +18,7 @@ from rcmservo.hardware.cameras import opencv
 from rcmservo.hardware.cameras.emulated.mjpeg_server import MjpegServer
 from rcmservo.hardware.cameras.opencv import open_opencv_camera
 from rcmservo.hardware.cameras.settings import OpencvSettings
-from rcmservo.hardware.devices import open_camera
+from rcmservo.hardware.device_kinds import open_camera
 
 COUNT = 12
 

@@ -62,7 +62,9 @@ def test_the_help_of_a_command_loads_nothing_that_computes(command: str) -> None
     assert loaded(asking(command, "--help"), *UNUSED_BY_HELP) == []
 
 
-@pytest.mark.parametrize("registry", ["rcmservo.config.registry", "rcmservo.hardware.devices"])
+@pytest.mark.parametrize(
+    "registry", ["rcmservo.config.class_registry", "rcmservo.hardware.device_kinds"]
+)
 def test_a_registry_loads_nothing_that_computes(registry: str) -> None:
     assert loaded(f"import {registry}", *UNUSED_BY_HELP, "tyro", "rich") == []
 

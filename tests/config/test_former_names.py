@@ -8,8 +8,8 @@ import pytest
 
 import rcmservo as rs
 from rcmservo.cli.cli import main
+from rcmservo.config.class_registry import KIND_KEY, PART_CLASSES
 from rcmservo.config.former_names import FORMER_SETTINGS, replace_former_names
-from rcmservo.config.registry import KIND_KEY, PART_CLASSES
 from rcmservo.config.servo_json import describe_servo, rebuild_servo
 
 SERVO = rs.Servo(

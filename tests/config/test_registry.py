@@ -8,7 +8,7 @@ import rcmservo as rs
 from conftest import make_laboratory
 from rcmservo.cli.argument_parsing.option_introspection import list_options
 from rcmservo.cli.run_options import RunOptions
-from rcmservo.config.registry import PART_CLASSES, REGISTERED_CLASSES
+from rcmservo.config.class_registry import PART_CLASSES, REGISTERED_CLASSES
 from rcmservo.config.rig_file import METHOD_PARTS, RigDescription
 from rcmservo.config.servo_json import describe_servo
 from rcmservo.page.settings import EDITABLE_PARTS

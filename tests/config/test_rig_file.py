@@ -11,10 +11,10 @@ from hypothesis import strategies as st
 
 import rcmservo as rs
 from conftest import ROOT
-from rcmservo.config.registry import MECHANISMS
+from rcmservo.config.class_registry import MECHANISMS
 from rcmservo.config.rig_file import RigDescription, decode_rig_tables, load_rig_file
 from rcmservo.config.strict_decoding import decode_settings
-from rcmservo.hardware.devices import ARM_KINDS, CAMERA_KINDS
+from rcmservo.hardware.device_kinds import ARM_KINDS, CAMERA_KINDS
 from rcmservo.sim import Appearance, Drive, SceneSettings
 from rcmservo.sim.rig_file import CameraSection, read_rig_settings
 from rcmservo.tracking import MarkerAppearance

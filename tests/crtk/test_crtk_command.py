@@ -15,7 +15,7 @@ import pytest
 from conftest import INTERRUPTIBLE_COMMAND, ROOT
 from rcmservo.cli.cli import main
 from rcmservo.config.rig_file import load_rig_file
-from rcmservo.hardware.devices import open_arm, open_camera
+from rcmservo.hardware.device_kinds import open_arm, open_camera
 
 PAGE = (ROOT / "docs/crtk.md").read_text()
 WORDS = "emulated CRTK arm PSM1 on ROS 2 (domain 96, lo), simulated arm, seed 3; Ctrl-C ends it\n"

@@ -260,7 +260,7 @@ def test_every_field_of_a_form_has_its_description_and_unit() -> None:
     assert units == {"gain": "1/s", "bounds": "rad, px, px", "max_speed": "mm/s", "tip": "mm"}
     assert law["features"]["choices"] == ["srd", "points", "size"] and law["gain"]["default"] == 8.0
     described = describe_field(rs.SaturatedController, "tip")
-    assert described == "Distance from marker 2 to the tip, mm."
+    assert described == "Distance from marker 2 to the tip, mm, from 0 to 1000."
 
 
 def test_the_state_of_the_estimator_is_described() -> None:

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from packed_table import LOST, STEPS
 
 from conftest import ROOT
-from rcmservo.config.registry import ESTIMATORS
+from rcmservo.config.class_registry import ESTIMATORS
 
 RUNS = sorted((ROOT / "tests/data/decisions").glob("*.npz"))
 LOOPS = sorted((ROOT / "tests/data/loops").glob("*.npz.xz"))

@@ -21,7 +21,7 @@ from rcmservo.cli.score_report import convert_score_to_json, format_centres_csv,
 from rcmservo.cli.servo_options import OptionalEstimator, ServoOptions
 from rcmservo.cli.terminal import open_console
 from rcmservo.config.atomic_files import write_atomically
-from rcmservo.config.registry import ESTIMATORS, find_class_name
+from rcmservo.config.class_registry import ESTIMATORS, find_class_name
 from rcmservo.config.rig_file import load_rig_file
 from rcmservo.errors import UnusableFile, require
 from rcmservo.estimation.base import Estimator

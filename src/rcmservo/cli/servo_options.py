@@ -1,6 +1,6 @@
 """Options for the estimator and the settings of the method, shared by the commands that servo.
 
-The settings classes in the registry (config/registry.py) become groups of options, such as
+The settings classes in the registry (config/class_registry.py) become groups of options, such as
 --controller.gain; a field of a settings class is an option without further code. A user-defined
 estimator that the command line names adds a group with its own settings.
 """
@@ -13,7 +13,7 @@ from typing import Annotated, Any, ClassVar, TypeVar
 
 import tyro
 
-from rcmservo.config.registry import ESTIMATORS, PART_CLASSES, PRESETS, Classes
+from rcmservo.config.class_registry import ESTIMATORS, PART_CLASSES, PRESETS, Classes
 from rcmservo.config.rig_file import METHOD_PARTS, RigDescription
 from rcmservo.config.user_estimators import ESTIMATOR_OPTION, import_estimator
 from rcmservo.constraints import Checked

@@ -14,7 +14,13 @@ from typing import Any, TypeVar, cast
 
 from rcmservo.config import toml_json_parsing
 from rcmservo.config.atomic_files import read_limited
-from rcmservo.config.registry import KIND_KEY, MECHANISMS, PART_CLASSES, decode_kind, find_class
+from rcmservo.config.class_registry import (
+    KIND_KEY,
+    MECHANISMS,
+    PART_CLASSES,
+    decode_kind,
+    find_class,
+)
 from rcmservo.config.strict_decoding import decode_settings, expect_one_of, quote_key
 from rcmservo.errors import BadInput
 from rcmservo.geometry.kinematics import JointLimits, Kinematics, SphericalRcm

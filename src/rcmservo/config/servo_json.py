@@ -12,8 +12,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, fields, is_dataclass, make_dataclass
 from typing import Any
 
-from rcmservo.config.former_names import replace_former_names
-from rcmservo.config.registry import (
+from rcmservo.config.class_registry import (
     ESTIMATORS,
     KIND_KEY,
     PART_CLASSES,
@@ -22,6 +21,7 @@ from rcmservo.config.registry import (
     find_class,
     find_class_name,
 )
+from rcmservo.config.former_names import replace_former_names
 from rcmservo.config.strict_decoding import decode_settings
 from rcmservo.config.toml_json_parsing import Table, is_table
 from rcmservo.errors import BadInput

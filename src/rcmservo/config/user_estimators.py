@@ -11,7 +11,7 @@ import sys
 from dataclasses import is_dataclass
 from pathlib import Path
 
-from rcmservo.config.registry import ESTIMATORS, PRESETS
+from rcmservo.config.class_registry import ESTIMATORS, PRESETS
 from rcmservo.errors import BadInput, RcmServoError, shorten_to_line
 from rcmservo.estimation.base import Estimator
 

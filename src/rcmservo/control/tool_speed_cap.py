@@ -1,4 +1,8 @@
-"""Speed cap of the tool: neither marker nor the tip exceeds `SaturatedController.max_speed`."""
+"""Speed cap of the tool: while servoing, neither marker nor the tip exceeds `max_speed` (mm/s).
+
+`max_speed` is a setting of `SaturatedController`. Exploration and jogging do not use this cap: the
+gate limits their joint rates.
+"""
 
 from rcmservo.control.saturated_controller import SaturatedController
 from rcmservo.geometry.kinematics import Point

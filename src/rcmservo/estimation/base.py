@@ -108,7 +108,7 @@ class Estimator(Checked, ABC, section="estimator"):
     A user-defined estimator derives from this class, implements `init`, `update` and `jacobian`,
     and overrides the optional methods that its model supports. Every method is pure: it changes
     neither its arguments nor the estimator. Only the estimator interprets its memory. A built-in
-    estimator is listed in config/registry.py; a user-defined one needs no list.
+    estimator is listed in config/class_registry.py; a user-defined one needs no list.
 
     Raises
     ------

@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from rcmservo.config.registry import ESTIMATORS, find_class_name
+from rcmservo.config.class_registry import ESTIMATORS, find_class_name
 from rcmservo.config.rig_file import METHOD_PARTS
 from rcmservo.config.servo_json import rebuild_part
 from rcmservo.errors import require

@@ -5,6 +5,10 @@ switched on, and its deadline is neither past nor further ahead than the watchdo
 a repeated old command or an open connection therefore do not keep the drive on. Without a valid
 command in time, or if the clock goes back, the joint rates are set to zero and the drive is
 switched off until the operator switches it on.
+
+The simulated arm (sim/arm.py) uses this class. Real arms have their own: a Galil controller runs
+hardware/galil/watchdog_program.py, and hardware/crtk/arm.py checks the deadlines of a CRTK arm. The
+supervisor (live/supervisor.py) watches the servo process.
 """
 
 import math

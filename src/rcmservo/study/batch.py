@@ -13,7 +13,7 @@ from multiprocessing import Pool
 
 import numpy as np
 
-from rcmservo.config.registry import ESTIMATORS
+from rcmservo.config.class_registry import ESTIMATORS
 from rcmservo.errors import require
 from rcmservo.interfaces import Floats
 from rcmservo.numerics.structs import copy_row, replace_fields

@@ -9,8 +9,8 @@ from typing import Any
 
 from rcmservo.cli.argument_parsing import option_introspection
 from rcmservo.cli.argument_parsing.option_introspection import Option
+from rcmservo.config.class_registry import ESTIMATORS, PRESETS, find_class_name
 from rcmservo.config.field_docs import describe_class, extract_first_sentence
-from rcmservo.config.registry import ESTIMATORS, PRESETS, find_class_name
 from rcmservo.config.user_estimators import ESTIMATOR_OPTION
 
 HELP_OPTIONS, HELP_ALL_OPTION = ("-h", "--help"), "--help-all"

@@ -30,7 +30,7 @@ from rcmservo.config.verified_rigs import is_rig_verified
 from rcmservo.errors import UnusableFile, require
 from rcmservo.hardware.cameras.settings import require_latency
 from rcmservo.hardware.crtk.settings import CrtkSettings
-from rcmservo.hardware.devices import ARM_KINDS, CAMERA_KINDS, open_arm, open_camera
+from rcmservo.hardware.device_kinds import ARM_KINDS, CAMERA_KINDS, open_arm, open_camera
 from rcmservo.live.device_protocols import LabArm, LabCamera
 from rcmservo.live.servo_process import Session
 from rcmservo.live.supervisor import run_live

@@ -34,7 +34,7 @@ from rcmservo.cli.lab.page_backend import (
 from rcmservo.cli.run_options import LabOptions
 from rcmservo.config.rig_file import RigDescription
 from rcmservo.errors import RcmServoError
-from rcmservo.hardware.devices import open_arm, open_camera
+from rcmservo.hardware.device_kinds import open_arm, open_camera
 from rcmservo.interfaces import Target
 from rcmservo.live.device_protocols import LabCamera
 from rcmservo.live.frame_ring import FrameRing, RecordingCamera, RingCamera

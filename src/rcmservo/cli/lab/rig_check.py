@@ -27,7 +27,13 @@ from rcmservo.config.rig_file import (
 )
 from rcmservo.config.verified_rigs import compute_digest, mark_rig_verified, unmark_rig_verified
 from rcmservo.hardware.cameras.settings import known_latency
-from rcmservo.hardware.devices import ARM_KINDS, CAMERA_KINDS, open_arm, open_camera, read_wiring
+from rcmservo.hardware.device_kinds import (
+    ARM_KINDS,
+    CAMERA_KINDS,
+    open_arm,
+    open_camera,
+    read_wiring,
+)
 from rcmservo.live.device_protocols import LabArm, LabCamera
 from rcmservo.live.realtime import apply_realtime_settings
 from rcmservo.live.stop_signals import stopped_by_signals

@@ -7,8 +7,8 @@ import re
 from dataclasses import dataclass, fields, is_dataclass
 from typing import Any, get_type_hints
 
+from rcmservo.config.class_registry import PART_CLASSES
 from rcmservo.config.field_docs import describe_class, describe_field
-from rcmservo.config.registry import PART_CLASSES
 from rcmservo.config.servo_json import describe_servo
 from rcmservo.constraints import find_choices
 from rcmservo.page.settings import EDITABLE_PARTS, IMMEDIATE_PARTS
@@ -17,9 +17,11 @@ from rcmservo.servo.servo import Servo
 UNIT_PATTERN = r"(?:1/s|rad|px|mm/s|mm|s/mm²|1/rad²|s)"
 """Pattern of a unit."""
 UNIT_IN_TEXT = re.compile(
-    rf"(?:^|, |\()({UNIT_PATTERN}(?:, {UNIT_PATTERN})*)(?=[.:;)]|$| whatever)"
+    rf"(?:^|, |\()({UNIT_PATTERN}(?:, {UNIT_PATTERN})*)"
+    r"(?=[.:;)]|$|, (?:positive|not negative|from|above|at most|at least))"
 )
-"""Pattern of the units in the docstring of a setting: "..., mm." or "(rad, px, px)"."""
+"""Pattern of the units in the docstring of a setting: "..., mm.", "..., mm, positive"
+or "(rad, px, px)"."""
 
 
 @dataclass(frozen=True)

@@ -12,8 +12,8 @@ from typing import Annotated, Any
 
 from rcmservo.config import toml_json_parsing
 from rcmservo.config.atomic_files import read_limited, write_atomically
+from rcmservo.config.class_registry import KIND_KEY
 from rcmservo.config.former_names import find_present_name, replace_former_names
-from rcmservo.config.registry import KIND_KEY
 from rcmservo.config.rig_file import METHOD_PARTS, SIMULATION_SECTIONS
 from rcmservo.config.strict_decoding import decode_settings
 from rcmservo.config.toml_json_parsing import Table, is_table

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-from rcmservo.config.registry import ESTIMATORS, PART_CLASSES, PRESETS, decode_kind
+from rcmservo.config.class_registry import ESTIMATORS, PART_CLASSES, PRESETS, decode_kind
 from rcmservo.config.rig_file import METHOD_PARTS, RigDescription
 from rcmservo.config.toml_json_parsing import Table, is_table
 from rcmservo.errors import BadInput, require

@@ -1,6 +1,7 @@
 """Registry of the arms and cameras that a rig file can name.
 
-A driver is imported only when a device of its kind is opened.
+To add a kind, write its settings class and its driver, and add a line to `DRIVERS`. A driver is
+imported only when a device of its kind is opened.
 """
 
 from collections.abc import Callable, Mapping
