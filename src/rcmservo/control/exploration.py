@@ -50,7 +50,7 @@ class Exploration(Checked, section="exploration"):
     """Exploratory motion in joint space before servoing, while the estimate is still unknown.
 
     The tool visits corners of a small box in joint space until the direction to the target is
-    known. The first four corners form a tetrahedron.
+    known. The start and the first three corners form a tetrahedron.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ class Exploration(Checked, section="exploration"):
 
     A round visits four alternate corners of the box, which form a tetrahedron; the last is the
     start. The next round is mirrored and larger by `growth`. Once `min_corners` are visited, the
-    next corner is one of 27 points: each joint at the start, or one side of the box up or down. It
+    next corner is instead one of 27 points: each joint at the start, or one side of the box up or down. It
     is the one, within the joint limits and `max_leg_length`, with the least expected error of the
     path to the target, in mm:
 
@@ -97,9 +97,10 @@ class Exploration(Checked, section="exploration"):
     (3,) mm leads from the present markers m to those of the target m_d; beyond 10 mm its error is
     extrapolated in proportion.
 
-    Exploration ends with an estimate once this error, for the frames so far, is at most the
-    fraction `uncertainty` of the path's length, or 0.5 mm. In addition the fit must be that of a
-    camera, and an Ĵ of an estimator that uses eq. (16) must agree with the fit to `tolerance`.
+    Exploration ends with an estimate once `min_corners` are visited and this error, for the frames
+    so far, is at most the fraction `uncertainty` of the path's length, or 0.5 mm. In addition the
+    fit must be plausible for a camera, and an Ĵ of an estimator that uses eq. (16) must agree with
+    the fit to `tolerance`.
 
     References
     ----------

@@ -62,9 +62,9 @@ class SaturatedController(Checked, section="controller"):
         Gain k, 1/s, positive. Above 1/(e T), with e = 2.718, the tool overshoots, where T is the
         time in s from reading the joints to the motion of the drives: delay, lag and tick, 34 ms of
         the simulated arm by default. The default gain overshoots for T above 46 ms. The camera's
-        latency does not count, as the error is predicted for the present joints. Noise
-        does not count if the estimator averages it; with the other estimators (all but dlt and
-        affine) a smaller gain reduces the noise of the motion.
+        latency does not count, as the error is predicted for the present joints. Noise does not
+        count if the estimator averages it; with the other estimators (all but dlt and affine) a
+        smaller gain reduces the noise of the motion.
     bounds : Triple
         Saturation bounds b of the feature errors (rad, px, px), positive; that of the angle is at
         most π.

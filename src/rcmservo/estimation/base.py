@@ -105,14 +105,14 @@ class Estimator(Checked, ABC, section="estimator"):
     Ĵ maps the velocity v (3,) mm/s of marker 1 to the rate ẏ (3,) rad/s, px/s, px/s of the
     features [s r d].
 
-    A user-defined estimator is a frozen dataclass that derives from this class. It implements
-    `init`, `update` and `jacobian`, and overrides the optional methods that its model supports.
-    Every method is pure: it changes neither its arguments nor the estimator. Only the estimator
-    interprets its memory. A built-in estimator is listed in config/registry.py; a user-defined one
-    needs no list.
+    A user-defined estimator derives from this class, implements `init`, `update` and `jacobian`,
+    and overrides the optional methods that its model supports. Every method is pure: it changes
+    neither its arguments nor the estimator. Only the estimator interprets its memory. A built-in
+    estimator is listed in config/registry.py; a user-defined one needs no list.
 
-    The argument `tool` of the methods is a `RigidTool` or a `ScaledTool`. Its method
-    ``second_marker(p1)`` returns the position p₂ (3,) mm of marker 2.
+    The class is a frozen dataclass, whose fields are the settings. The argument `tool` of the
+    methods is a `RigidTool` or a `ScaledTool`. Its method ``second_marker(p1)`` returns the
+    position p₂ (3,) mm of marker 2.
 
     Attributes
     ----------
@@ -122,8 +122,8 @@ class Estimator(Checked, ABC, section="estimator"):
     predicts_markers : bool
         True if `predict` returns predicted markers; False by default.
     estimates_rcm : bool
-        True if `imaged_rcm` replaces eq. (16); False by default. The class must then implement
-        `imaged_rcm` and `markers_jacobian`, and the servo computes Ĵ from the latter by eq. (15).
+        True if `imaged_rcm` replaces eq. (16); False by default. The class must then also
+        implement `imaged_rcm` and `markers_jacobian`, from which the servo computes Ĵ, eq. (15).
     tolerates_lost_marker : bool
         True if `update` accepts NaN for one marker; False by default. It has an effect only if
         `estimates_rcm` is True.
@@ -138,8 +138,8 @@ class Estimator(Checked, ABC, section="estimator"):
 
     Notes
     -----
-    A user-defined estimator must set none of the attributes. On the command line all its settings
-    must have a default.
+    A user-defined estimator may leave all attributes at their defaults. On the command line all its
+    settings must have a default.
 
     The servo calls `update` once for each accepted new frame, never for a repeated frame. In
     motion, an exception or a number that is not finite from a user-defined estimator puts the servo
