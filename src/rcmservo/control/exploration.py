@@ -85,9 +85,9 @@ class Exploration(Checked, section="exploration"):
 
     A round visits four alternate corners of the box, which form a tetrahedron; the last is the
     start. The next round is mirrored and larger by `growth`. Once `min_corners` are visited, the
-    next corner is instead one of 27 points: each joint at the start, or one side of the box up or down. It
-    is the one, within the joint limits and `max_leg_length`, with the least expected error of the
-    path to the target, in mm:
+    next corner is instead one of 27 points: each joint at the start, or one side of the box up or
+    down. It is the one, within the joint limits and `max_leg_length`, with the least expected error
+    of the path to the target, in mm:
 
         σ √tr(T N⁻¹ Tᵀ),    N = Σ DᵀD + N₀,    T = H⁺(D(p₁ + path) − D(p₁))
 

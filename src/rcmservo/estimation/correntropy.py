@@ -84,7 +84,8 @@ class CorrentropyEstimator(RandomWalkEstimator):
     Notes
     -----
     The default exploration is long enough for it. It suppresses outliers of single frames, not an
-    error that persists. It does not predict markers.
+    error that persists. It does not predict markers. Unlike the fixed kernel width of Izanloo et
+    al., the width β √S follows the certainty of Ĵ: with a fixed one, Ĵ = 0 would stay.
 
     References
     ----------

@@ -101,7 +101,8 @@ class KalmanEstimator(RandomWalkEstimator):
     References
     ----------
     J. Qian and J. Su, Online estimation of image Jacobian matrix by Kalman-Bucy filter for
-    uncalibrated stereo vision feedback, ICRA 2002.
+    uncalibrated stereo vision feedback, ICRA 2002. Their covariance of the drift is the same at
+    every frame; here it is q² |Δp| I, so that a tool at rest forgets nothing.
     """
 
     name = "kalman"
