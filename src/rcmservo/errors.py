@@ -30,6 +30,8 @@ def quote_value(value: object) -> str:
 class BadInput(RcmServoError, ValueError):
     """Invalid value of a field, with the expected value.
 
+    The parameters are also attributes of the error.
+
     Parameters
     ----------
     field : str
@@ -47,6 +49,8 @@ class BadInput(RcmServoError, ValueError):
 
 class UnusableFile(RcmServoError):
     """File or folder that cannot be read or written, with the reason.
+
+    The parameters are also attributes of the error.
 
     Parameters
     ----------

@@ -27,6 +27,9 @@ MarkerArray = Annotated[Floats, (2, 2)]
 class Frame:
     """One exposure of a camera.
 
+    Times are on the plant's `Clock`. Pixel (0, 0) is the centre of the top left pixel; u points
+    right, v down.
+
     A camera with images fills `image`; a simulated camera that reports only the markers fills
     `points`.
 
@@ -67,7 +70,7 @@ class Markers:
         Detection quality (2,) from 0 (lost) to 1.
     covariance : Floats
         Covariance (2, 3, 3) in px² of the noise in u, v and radius of each marker; NaN if lost or
-        unknown. Errors that are the same in every frame are not part of it.
+        unknown. By default all NaN. Errors that are the same in every frame are not part of it.
     """
 
     points: Floats
@@ -84,9 +87,10 @@ class DropReason(IntEnum):
     NONE
         The frame is used.
     NOT_NEW
-        Its number or exposure is not above that of the previous frame.
+        Its number is not above that of the previous frame.
     CLOCK
-        Its exposure or arrival is at an impossible time.
+        Its exposure or arrival is at an impossible time, or its exposure is not later than that of
+        the previous frame.
     DAMAGED
         Its image arrived damaged.
     """
@@ -134,14 +138,16 @@ class Observation:
     points : MarkerArray
         Raw markers (2, 2) in px in that frame; NaN if lost.
     drop_reason : DropReason
-        Reason for not using the newest frame; NONE if it was used.
+        Reason for not using the newest frame, a member of `rcmservo.interfaces.DropReason`: NONE
+        (the default) if it was used; NOT_NEW if its number is not above that of the previous frame;
+        CLOCK for an impossible exposure or arrival; DAMAGED for a damaged image.
     recorded : bool
-        False once a requested record is no longer written.
+        False once a requested record is no longer written; True by default.
     sizes : Floats
-        Apparent radii (2,) of the markers in px; NaN if lost or unknown.
+        Apparent radii (2,) of the markers in px; NaN, the default, if lost or unknown.
     quality : Floats
-        Detection quality (2,) from 0 (lost) to 1; NaN if unknown. It is displayed and recorded; no
-        motion depends on it.
+        Detection quality (2,) from 0 (lost) to 1; NaN, the default, if unknown. It is displayed and
+        recorded; no motion depends on it.
     """
 
     now: int
@@ -216,7 +222,12 @@ class Target:
         Time at which teaching began, ns on the plant's clock (0: before all known times). The servo
         refuses a target that was taught before the camera was moved.
     sizes : Floats
-        Apparent radii (2,) of the markers in px during teaching; NaN if unknown.
+        Apparent radii (2,) of the markers in px during teaching; NaN, the default, if unknown.
+
+    Notes
+    -----
+    With an estimator that determines the imaged RCM (dlt, affine), s is the angle of the line
+    through the imaged RCM that passes nearest to both markers, and r and d are measured along it.
 
     References
     ----------
@@ -230,10 +241,11 @@ class Target:
 
 
 class Clock(Protocol):
-    """Clock of the plant in whole ns. It never goes back, and all times in this file are on it.
+    """Clock of the plant in whole ns. It never goes back.
 
-    In simulation, time passes only while the program waits. On hardware the clock is `WallClock`,
-    the computer's time since it was started.
+    All times of frames, joint readings, observations, commands and targets are on it. In
+    simulation, time passes only while the program waits. On hardware the clock is `WallClock`, the
+    computer's time since it was started.
     """
 
     def now(self) -> int:

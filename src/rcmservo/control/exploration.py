@@ -49,8 +49,8 @@ It is longer if the drives lag by more, as the joints would otherwise overshoot 
 class Exploration(Checked, section="exploration"):
     """Exploratory motion in joint space before servoing, while the estimate is still unknown.
 
-    The tool visits corners of small tetrahedra until the direction to the target is known. The next
-    corner minimises the expected error of the path to the target.
+    The tool visits corners of a small box in joint space until the direction to the target is
+    known. The start and the first three corners form a tetrahedron.
 
     Parameters
     ----------
@@ -64,7 +64,7 @@ class Exploration(Checked, section="exploration"):
         Ratio of the size of a round to that of the previous round, from 1 to 10.
     uncertainty : float
         Largest error of the estimated path to the target at the start of servoing, one standard
-        deviation as a fraction of the path's length, positive.
+        deviation as a fraction of the path's length (1 is 100 %), positive.
     tolerance : float
         Largest norm of the difference between Ĵ and the Jacobian of the projection fit, as a
         fraction of the norm of the latter, positive.
@@ -81,12 +81,31 @@ class Exploration(Checked, section="exploration"):
     Notes
     -----
     Exploration fails with the cause NOT_EXPLORED after `max_time`, and with NO_ROOM if the joint
-    limits leave no room for a box.
+    limits leave no room for the box.
+
+    A round visits four alternate corners of the box, which form a tetrahedron; the last is the
+    start. The next round is mirrored and larger by `growth`. Once `min_corners` are visited, the
+    next corner is instead one of 27 points: each joint at the start, or one side of the box up or
+    down. It is the one, within the joint limits and `max_leg_length`, with the least expected error
+    of the path to the target, in mm:
+
+        σ √tr(T N⁻¹ Tᵀ),    N = Σ DᵀD + N₀,    T = H⁺(D(p₁ + path) − D(p₁))
+
+    σ (px) is the noise of a pixel coordinate, and D = ∂m/∂θ (4, 11) the derivative of both markers
+    by the eleven parameters θ of the projection fit. N (11, 11) sums over all frames so far and on
+    the way to that corner; N₀ is the prior. H = ∂m/∂p₁ (4, 3) is in px/mm. The path H⁺(m_d − m)
+    (3,) mm leads from the present markers m to those of the target m_d; beyond 10 mm its error is
+    extrapolated in proportion.
+
+    Exploration ends with an estimate once `min_corners` are visited and this error, for the frames
+    so far, is at most the fraction `uncertainty` of the path's length, or 0.5 mm. In addition the
+    fit must be plausible for a camera, and an Ĵ of an estimator that uses eq. (16) must agree with
+    the fit to `tolerance`.
 
     References
     ----------
     Section III-B of the paper for the excitation that 6 independent observations need (Proposition
-    1).
+    1). The corners and the criterion are this project's own.
     """
 
     name = "tour"

@@ -68,15 +68,57 @@ class FeatureVector(ABC):
     Both are pure functions. `add_feature_vector` registers an instance under its ``name``; then
     ``SaturatedController(features=name)`` acts on it.
 
+    Attributes
+    ----------
+    name : str
+        Value of ``controller.features`` that selects the vector; no default.
+    components : tuple of str
+        Name of each of the n components; no default.
+    units : tuple of str
+        Unit of each component, "rad" or "px"; no default. A component in rad wraps to (−π, π].
+    needs_markers_jacobian : bool
+        True (the default) if the estimator must estimate ∂m/∂p₁ (4, 3) px/mm.
+    needs_sizes : bool
+        True if the estimator must also estimate ∂R/∂p₁ (2, 3) px/mm, and the target must have
+        radii; False by default. `jacobian` then has six columns instead of four.
+    ignores_lost_markers : bool
+        True to ignore the components that a lost marker leaves unknown (NaN). False, the default,
+        replaces a lost marker by the prediction of the projection fit.
+    code : int
+        Number of the vector in compiled functions. A user-defined vector leaves the default, 0:
+        Python computes it.
+
     Notes
     -----
     A vector has 1 to 8 components; a tool that turns and moves along its axis needs 3 or more. With
     more than three components J⁺ is the least-squares inverse. A vector outside the compiled tick
     costs one Python call per frame.
 
+    The controller has the bounds b of eq. (32) in (rad, px, px). A component in rad has the bound
+    b₁, and a component in px has b₂; only the default vector uses b₃, for d. A subclass may
+    override `bounds`.
+
     References
     ----------
     Section II-D of the paper, eq. (6)-(9), for the default vector y = [s r d].
+
+    Examples
+    --------
+    Marker 1 and the u coordinate of marker 2, in px::
+
+        class ThreeCoordinates(rs.FeatureVector):
+            name = "three"
+            components = "u1", "v1", "u2"
+            units = "px", "px", "px"
+
+            def measure(self, markers):
+                return markers.points.ravel()[:3]
+
+            def jacobian(self, markers):
+                return np.eye(4)[:3]
+
+        rs.add_feature_vector(ThreeCoordinates())
+        controller = rs.SaturatedController(features="three")
     """
 
     name: ClassVar[str]

@@ -56,14 +56,15 @@ class SaturatedController(Checked, section="controller"):
     Parameters
     ----------
     features : str
-        Feature vector that the controller acts on; by least squares if it has more than three
-        components.
+        Feature vector that the controller acts on: 'srd', 'points', 'size', or the name of one that
+        `add_feature_vector` has registered. More than three components act by least squares.
     gain : float
-        Gain k, 1/s, positive. Above 1/(e T) the tool overshoots, where T is the time in s from
-        reading the joints to the motion of the drives: 46 ms by default, of delay, lag and tick.
-        The camera's latency does not count, as the error is predicted for the present joints. Noise
-        does not count if the estimator averages it; with the other estimators (all but dlt and
-        affine) a smaller gain reduces the noise of the motion.
+        Gain k, 1/s, positive. Above 1/(e T), with e = 2.718, the tool overshoots, where T is the
+        time in s from reading the joints to the motion of the drives: delay, lag and tick, 34 ms of
+        the simulated arm by default. The default gain overshoots for T above 46 ms. The camera's
+        latency does not count, as the error is predicted for the present joints. Noise does not
+        count if the estimator averages it; with the other estimators (all but dlt and affine) a
+        smaller gain reduces the noise of the motion.
     bounds : Triple
         Saturation bounds b of the feature errors (rad, px, px), positive; that of the angle is at
         most π.
@@ -75,8 +76,8 @@ class SaturatedController(Checked, section="controller"):
     tip : float
         Distance from marker 2 to the tip, mm, from 0 to 1000.
     max_condition : float
-        Condition number of the scaled Jacobian, above 1, beyond which its inverse is strongly
-        damped. Damping begins at half of it.
+        Condition number of the Jacobian, with its rows in units of 10° and 10 px, above 1, beyond
+        which its inverse is strongly damped. Damping begins at half of it.
 
     Raises
     ------
@@ -85,6 +86,19 @@ class SaturatedController(Checked, section="controller"):
 
     Notes
     -----
+    The feature vectors are 'srd', the paper's y = [s r d] of eq. (7)-(9), for every estimator;
+    'points', the coordinates (u₁, v₁, u₂, v₂) of both markers, for one that estimates their motion
+    (projection, dlt, affine); and 'size', these and both apparent radii (R₁, R₂), for one that also
+    estimates their change (affine), and a target with radii.
+
+    Error, ∂V/∂y and the rows of Ĵ are divided by 10° for an angle and by 10 px otherwise. With the
+    singular values σ₁ >= σ₂ >= σ₃ of this scaled Ĵ, and its singular vectors uᵢ (n,) and wᵢ (3,),
+    the damped velocity is
+
+        v = −k Σ wᵢ σᵢ uᵢᵀ(∂V/∂y) / (σᵢ² + λᵢ²),    λᵢ = max(2 σ₁/max_condition − σᵢ, 0)
+
+    At the condition σ₁/σ₃ = max_condition, damping halves the part of σ₃; v stays bounded beyond.
+
     Stability, eq. (33), assumes that Ĵ is accurate. With a feature vector of more than three
     components a part of the error may remain at the target.
 

@@ -50,6 +50,13 @@ class AffineEstimator(Estimator):
     The matrix C (3, 4) of each marker is fitted to all frames. Ĵ (3, 3) in rad/mm, px/mm, px/mm is
     ∂y/∂m ∂m/∂p₁, eq. (15), with ∂m/∂p₁ (4, 3) px/mm of both fits.
 
+    The rows c₁, c₂, c₃ of C minimise a sum over the frames of one marker, in px²,
+
+        Σ R² [(c₁ᵀx̄ − u c₃ᵀx̄)² + (c₂ᵀx̄ − v c₃ᵀx̄)²] + κ Σ R⁴ (c₃ᵀx̄ − 1/R)²,    κ = 1/size_noise²
+
+    with x̄ = [x 1] and x = (p − p₀)/100 mm. The position p₀ and the pixels of the marker in its
+    first frame are the origins of x and of (u, v).
+
     Parameters
     ----------
     size_noise : float
@@ -64,12 +71,13 @@ class AffineEstimator(Estimator):
     Notes
     -----
     It needs a tracker that measures apparent radii, and four frames at different positions. It
-    estimates the imaged RCM and accepts frames with one lost marker. No pose is singular.
+    estimates the imaged RCM and accepts frames with one lost marker. No pose is singular. The fit
+    subtracts the bias that the noise of the centres causes in c₃.
 
     References
     ----------
-    Size times depth is constant for a ball; the method is derived in the module
-    `rcmservo.estimation.ball_size_fit`.
+    The method is this project's own: size times depth is constant for a ball. The docstring of
+    `rcmservo.estimation.ball_size_fit` derives it.
     """
 
     size_noise: Annotated[float, between(0.01, 100.0, "a number of px for a px")] = 0.3

@@ -110,14 +110,37 @@ class Estimator(Checked, ABC, section="estimator"):
     neither its arguments nor the estimator. Only the estimator interprets its memory. A built-in
     estimator is listed in config/class_registry.py; a user-defined one needs no list.
 
+    The class is a frozen dataclass, whose fields are the settings. The argument `tool` of the
+    methods is a `RigidTool` or a `ScaledTool`. Its method ``second_marker(p1)`` returns the
+    position p₂ (3,) mm of marker 2.
+
+    Attributes
+    ----------
+    name : str
+        Name of a built-in estimator in files and on the command line; it has no default. In a
+        user-defined one it is optional, and is the prefix of its options on the command line.
+    predicts_markers : bool
+        True if `predict` returns predicted markers; False by default.
+    estimates_rcm : bool
+        True if `imaged_rcm` replaces eq. (16); False by default. The class must then also
+        implement `imaged_rcm` and `markers_jacobian`, from which the servo computes Ĵ, eq. (15).
+    tolerates_lost_marker : bool
+        True if `update` accepts NaN for one marker; False by default. It has an effect only if
+        `estimates_rcm` is True.
+    advice : str
+        Advice to the operator if exploration ends without a usable estimate; empty by default.
+
     Raises
     ------
     BadInput
         At construction, if a setting is outside its limits. The limits are annotations of the
-        fields.
+        fields, as in the example.
 
     Notes
     -----
+    A user-defined estimator may leave all attributes at their defaults. On the command line all its
+    settings must have a default.
+
     The servo calls `update` once for each accepted new frame, never for a repeated frame. In
     motion, an exception or a number that is not finite from a user-defined estimator puts the servo
     into FAULT in the same tick.
@@ -125,6 +148,20 @@ class Estimator(Checked, ABC, section="estimator"):
     References
     ----------
     Sections III-B and III-C of the paper.
+
+    Examples
+    --------
+    Head of a class with one setting; examples/02_own_estimator.py is a complete one::
+
+        from dataclasses import dataclass
+        from typing import Annotated
+
+        import rcmservo as rs
+        from rcmservo.constraints import between
+
+        @dataclass(frozen=True)
+        class Rls(rs.Estimator):
+            forgetting: Annotated[float, between(0.5, 1.0, "a factor")] = 0.98
     """
 
     name: ClassVar[str]

@@ -50,10 +50,12 @@ class CorrentropyEstimator(RandomWalkEstimator):
     """Estimator of Ĵ by a maximum correntropy Kalman filter.
 
     It is a Kalman filter with the state x = Ĵᵢ/bᵢ (3,) per mm, row i of Ĵ in units of b = (10°,
-    10 px, 10 px). A displacement Δp (3,) mm that changes feature i by Δyᵢ gives
+    10 px, 10 px). Each row has its own covariance P (3, 3) in b²/mm², because its weight λ is its
+    own. A displacement Δp (3,) mm of marker 1 that changes feature i by Δyᵢ gives
 
         P⁻ = P + q² |Δp| I,    ν = Δyᵢ/bᵢ − Δpᵀ x,    S = Δpᵀ P⁻ Δp + r²
-        λ = exp(−ν²/(2 β² S)),    x += P⁻ Δp ν / (Δpᵀ P⁻ Δp + r²/λ)
+        λ = exp(−ν²/(2 β² S)),    K = P⁻ Δp / (Δpᵀ P⁻ Δp + r²/λ),    x += K ν
+        P = (I − K Δpᵀ) P⁻ (I − K Δpᵀ)ᵀ + r² K Kᵀ
 
     The weight λ of an innovation ν falls from 1 to 0 as |ν| exceeds β √S.
 
@@ -82,7 +84,8 @@ class CorrentropyEstimator(RandomWalkEstimator):
     Notes
     -----
     The default exploration is long enough for it. It suppresses outliers of single frames, not an
-    error that persists. It does not predict markers.
+    error that persists. It does not predict markers. Unlike the fixed kernel width of Izanloo et
+    al., the width β √S follows the certainty of Ĵ: with a fixed one, Ĵ = 0 would stay.
 
     References
     ----------

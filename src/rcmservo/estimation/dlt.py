@@ -92,8 +92,9 @@ class DltEstimator(Estimator):
 
     References
     ----------
-    Section III-B of the paper; Y. I. Abdel-Aziz and H. M. Karara (1971) for the direct linear
-    transformation.
+    Section III-B of the paper; Y. I. Abdel-Aziz and H. M. Karara, Direct linear transformation from
+    comparator coordinates into object space coordinates in close-range photogrammetry, Symposium on
+    Close-Range Photogrammetry, 1971.
     """
 
     name = "dlt"

@@ -67,11 +67,12 @@ class RandomWalkEstimator(DisplacementEstimator, ABC):
 class KalmanEstimator(RandomWalkEstimator):
     """Estimator of Ĵ by a Kalman filter on its rows.
 
-    The state of a row is x = Ĵᵢ/bᵢ (3,) per mm, with b = (10°, 10 px, 10 px), and P (3, 3) is its
-    covariance. Each displacement Δp (3,) mm of marker 1 by at least `min_step`, which changes
-    feature i by Δyᵢ, updates x with the gain K (3,):
+    The state of a row is x = Ĵᵢ/bᵢ (3,) per mm, with b = (10°, 10 px, 10 px). The three rows share
+    one covariance P (3, 3) in b²/mm². Each displacement Δp (3,) mm of marker 1 by at least
+    `min_step`, which changes feature i by Δyᵢ, updates x and P with the gain K (3,) in 1/mm:
 
         P⁻ = P + q² |Δp| I,    K = P⁻ Δp / (Δpᵀ P⁻ Δp + r²),    x += K (Δyᵢ/bᵢ − Δpᵀ x)
+        P = (I − K Δpᵀ) P⁻ (I − K Δpᵀ)ᵀ + r² K Kᵀ
 
     Parameters
     ----------
@@ -100,7 +101,8 @@ class KalmanEstimator(RandomWalkEstimator):
     References
     ----------
     J. Qian and J. Su, Online estimation of image Jacobian matrix by Kalman-Bucy filter for
-    uncalibrated stereo vision feedback, ICRA 2002.
+    uncalibrated stereo vision feedback, ICRA 2002. Their covariance of the drift is the same at
+    every frame; here it is q² |Δp| I, so that a tool at rest forgets nothing.
     """
 
     name = "kalman"

@@ -46,7 +46,9 @@ class NormalisedFlowEstimator(DisplacementEstimator):
 
     Notes
     -----
-    It extends the default exploration by one round. It does not predict markers.
+    Rule (28) removes the fraction 1 − exp(−γ |Δp₁|²/Δt) of the error of Ĵ along Δp₁ in a time Δt:
+    little in a slow motion. Here the fraction is μ at any speed; μ = 1 is Broyden's update. The
+    estimator extends the default exploration by one round. It does not predict markers.
 
     References
     ----------

@@ -69,9 +69,13 @@ class ProjectionEstimator(Estimator):
     """Estimator of Ĵ by the projection parameters of rule (21).
 
     The nine parameters â of the projection m = G p / (gᵀp + 1), the rows of G (2, 3) px/mm and g
-    (3,) 1/mm, are fitted to P observations of p (3,) mm and m (2,) px from the imaged RCM. With the
-    rows Wᵢ (2, 9) of eq. (19), for which Wᵢ a = mᵢ, the error of an observation is eᵢ = Wᵢ â − mᵢ,
-    eq. (17). Rule (21) descends the gradient of Q = ½ Σ eᵢᵀeᵢ, eq. (20):
+    (3,) 1/mm, are fitted to P observations of p (3,) mm and m (2,) px from the imaged RCM. An
+    observation m = (u, v) of p has the two rows of Wᵢ (2, 9), eq. (19),
+
+        [pᵀ 0 −u pᵀ],    [0 pᵀ −v pᵀ]
+
+    for which Wᵢ a = mᵢ. Its error is eᵢ = Wᵢ â − mᵢ, eq. (17). Rule (21) descends the gradient of
+    Q = ½ Σ eᵢᵀeᵢ, eq. (20):
 
         dâ/dt = −Γ ∂Q/∂â = −Γ Σ Wᵢᵀ (Wᵢ â − mᵢ)
 

@@ -65,7 +65,13 @@ class RlsEstimator(DisplacementEstimator):
 
     Notes
     -----
-    The default exploration is long enough for it. It does not predict markers.
+    Each displacement makes one step of the recursion, with P (3, 3) in 1/mm², at first P₀ I:
+
+        P⁻ = P/λ,    K = P⁻ Δp / (1 + Δpᵀ P⁻ Δp),    Ĵ += (Δy − Ĵ Δp) Kᵀ
+        P = (I − K Δpᵀ) P⁻ (I − K Δpᵀ)ᵀ + K Kᵀ
+
+    P grows by less than 1/λ where a variance in it would exceed 1e9/mm². The default exploration is
+    long enough for the estimator. It does not predict markers.
 
     References
     ----------

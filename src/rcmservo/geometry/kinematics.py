@@ -237,6 +237,10 @@ class JointLimits(Checked):
     BadInput
         If a limit is not finite, is not above the lower one, or has an implausible size. The
         message names the likely unit.
+
+    Notes
+    -----
+    Both fields are required. `SphericalRcm` and `PitchYawRcm` have default limits of their own.
     """
 
     lower: Annotated[Triple, *JOINT_RANGE_LIMITS]
@@ -352,12 +356,13 @@ class SphericalRcm(Kinematics):
     """Mechanism in the paper's spherical coordinates q = [θ φ ρ], eq. (1)-(2).
 
     A point of the tool is at p = ρ [sin θ cos φ, sin θ sin φ, cos θ]. The coordinates are singular
-    at θ = 0, so the limits must exclude that pose.
+    at θ = 0, so the limits must exclude that pose; the constructor does not check it.
 
     Parameters
     ----------
     limits : JointLimits
-        Joint limits, rad, rad, mm; by default 8° to 85° for θ, a full turn for φ, and 40 to 220 mm.
+        Joint limits, rad, rad, mm; by default 0.140 to 1.484 rad (8° to 85°) for θ, −π to π for φ,
+        and 40 to 220 mm.
     insertion_zero : float
         Distance ρ (mm) of the tool's reference point from the RCM where the insertion joint reads
         zero; it must leave ρ positive at the lower limit.
@@ -388,14 +393,15 @@ class PitchYawRcm(Kinematics):
     """Mechanism with yaw about y, pitch about x and insertion towards −z, as in a da Vinci arm.
 
     A point of the tool is at p = ρ [cos β sin α, −sin β, −cos β cos α] for q = [α, β, insertion]
-    and ρ = insertion + insertion_zero. The coordinates are regular at the home pose α = β = 0, and
-    singular at β = ±90°.
+    and ρ = insertion + insertion_zero. This position takes the place of eq. (2) in the methods. The
+    coordinates are regular at the home pose α = β = 0, and singular at β = ±90°. The limits must
+    exclude these poses; the constructor does not check it.
 
     Parameters
     ----------
     limits : JointLimits
         Joint limits, rad, rad, mm; by default those of a da Vinci research kit's patient-side
-        manipulator.
+        manipulator: ±1.588 rad (±91°) for α, ±0.925 rad (±53°) for β, and 40 to 240 mm.
     insertion_zero : float
         Distance ρ (mm) of the tool's reference point from the RCM where the insertion joint reads
         zero; it must leave ρ positive at the lower limit.

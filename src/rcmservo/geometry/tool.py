@@ -189,8 +189,9 @@ class RigidTool(Tool):
 class ScaledTool(Tool):
     """Tool with the paper's model p₂ = λ p₁ of constant λ.
 
-    p₁ and p₂ (3,) mm are the positions of the markers from the RCM. A rigid shaft has this λ at one
-    insertion only. The model is here to reproduce the paper.
+    p₁ and p₂ (3,) mm are the positions of the markers from the RCM. A rigid shaft with the spacing
+    l mm has λ = 1 + l/ρ with ρ = |p₁|, a given λ therefore at one insertion only. The model is here
+    to reproduce the paper; `RigidTool` is that of a real shaft.
 
     Parameters
     ----------

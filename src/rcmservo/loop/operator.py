@@ -44,7 +44,9 @@ class Teach(Checked):
 
     Notes
     -----
-    Before a run, `teach` does the same without an operator.
+    If the frames do not agree, they are discarded and as many are collected once more, without a
+    limit of time; the earlier target stays until they agree. Before a run, `teach` does the same
+    without an operator, but raises an error if the frames do not agree.
     """
 
     frames: Annotated[int, FRAME_COUNT] = TEACHING_FRAMES

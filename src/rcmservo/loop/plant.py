@@ -65,6 +65,11 @@ class Plant:
     ------
     BadInput
         At the first call, if a device returns a value of another type or shape than its protocol.
+
+    Notes
+    -----
+    `enable` raises ``NotEnabled``, a class of the module `rcmservo.loop.plant`, if the drive does
+    not come on.
     """
 
     def __init__(

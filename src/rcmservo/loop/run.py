@@ -64,9 +64,11 @@ def run(
         If the target does not fit the servo, a device returns an invalid value, or a request is
         invalid.
     UnusableEstimator
-        If a user-defined estimator fails before the drive is enabled.
+        If a user-defined estimator fails before the drive is enabled; the class is in
+        `rcmservo.servo.user_estimator`.
     NotEnabled
-        If the arm does not report its drive as on within 2 s.
+        If the arm does not report its drive as on within 2 s; the class is in
+        `rcmservo.loop.plant`.
     """
     servo.require_target(target)
     servo.warm_up()

@@ -42,7 +42,8 @@ def teach(plant: Plant, frames: int = TEACHING_FRAMES) -> Target:
     BadInput
         If the number of frames is out of range, or a device returns an invalid value.
     TeachingFailed
-        If no frame shows both markers for 2 s, or if the frames do not agree.
+        If no frame shows both markers for 2 s, or if the frames do not agree; the class is in
+        `rcmservo.loop.teach`.
 
     References
     ----------

@@ -33,7 +33,7 @@ class Action(IntEnum):
     WARN
         Report the cause.
     SLOW
-        Move at a fraction of the full speed.
+        Move at a fifth of the full speed, the joint speed limits ``gate.speed``.
     HOLD
         Ramp the rates to zero; resume automatically once the cause is gone.
     PAUSE
@@ -121,7 +121,8 @@ class Cause(Enum):
     Attributes
     ----------
     declared : Declaration
-        Declaration of the cause, with its detector and what it invalidates.
+        Declaration of the cause, a named tuple of `rcmservo.safety.causes`: in addition to action,
+        sentence and remedy it has the function that detects the cause and what it invalidates.
     action : Action
         Action that the cause requests.
     remedy : str

@@ -62,8 +62,9 @@ class Gate(Checked, section="gate"):
     """Bounds on every command: speed, slew (change of a rate per time) and joint range.
 
     The rates keep each joint within its range: towards a joint limit at the distance x, the speed v
-    satisfies v²/slew + v (e · latency + dt) <= x, where dt is the time since the last command. The
-    signature states the range and the default of each bound.
+    satisfies v²/slew + v (e · latency + dt) <= x, where e = 2.718 is Euler's number and dt (s) is
+    the time since the last command, at most `max_period`. The signature states the range and the
+    default of each bound.
 
     Parameters
     ----------
@@ -84,6 +85,13 @@ class Gate(Checked, section="gate"):
     ------
     BadInput
         If a bound is outside its range.
+
+    Notes
+    -----
+    The inequality adds two distances. Braking from v with half of the slew limit takes v²/slew. The
+    other one is v (e · latency + dt): a loop ẋ(t) = −c x(t − latency) approaches x = 0 without
+    passing it only for a gain c up to 1/(e · latency), that is for a speed v up to
+    x/(e · latency); dt accounts for the time between two commands. The rule is this project's own.
     """
 
     name = "gate"
@@ -130,7 +138,8 @@ class Gate(Checked, section="gate"):
         q : Floats
             Measured joints, (3,) rad, rad, mm.
         rcm : RcmStruct
-            Mechanism with its joint limits.
+            Mechanism with its joint limits: ``servo.rcm``, or
+            ``mechanism.to_struct(tool.offset)``.
         now : int
             Time of the tick, ns.
         speed_scale : float
@@ -140,7 +149,8 @@ class Gate(Checked, section="gate"):
         Returns
         -------
         GateResult
-            The command, and whether all inputs were finite.
+            Named tuple of `command`, the `Command` for the arm, and `finite`. The latter is False,
+            and the rates are zero, if an input was not finite or no time had passed.
         """
         command = CommandStruct.from_source(last)
         row, gate = command.rows[0], self.struct_row[0]

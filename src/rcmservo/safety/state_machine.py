@@ -75,6 +75,15 @@ class Request(Enum):
         Leave FAULT into DISABLED, unless a cause of a fault is present.
     JOG
         Move the joints at requested rates; the request must be repeated at every tick.
+
+    Notes
+    -----
+    An `Operator` jogs by returning ``Jog(rates)``: `run` raises `BadInput` for ``Request.JOG``,
+    which has no rates. `Servo.step` takes ``Request.JOG`` with its argument ``jog``.
+
+    CLEAR has an effect in FAULT only, at any tick at which no cause with the action FAULT is
+    present any more. It does not enable the drive. In DISABLED `run` ends: call it once more, with
+    the last state, to enable the drive. In a loop of one's own, `Plant.enable` enables it.
     """
 
     NONE = "nothing"
@@ -110,6 +119,13 @@ class Mode:
     detail : str
         Details for the operator in addition to the cause's sentence, such as the joint and its
         value.
+
+    Notes
+    -----
+    The property `speed_scale` is the fraction of the joint speed limits ``gate.speed`` that the
+    rates may reach: 1 in SERVO, but 0.2 with the action SLOW; 0.2 in ACQUIRE and JOG; 0 in the
+    other phases. The value 0.2 is the constant ``SLOW_SPEED_SCALE`` of
+    `rcmservo.safety.state_machine`, not a setting.
     """
 
     phase: Phase = Phase.DISABLED

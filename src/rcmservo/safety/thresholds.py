@@ -33,7 +33,7 @@ class Thresholds(Checked, section="thresholds"):
 
     Names in capitals, such as `LATE`, are the members of `Cause` that a threshold decides about.
     Scaled features are divided by 10°, 10 px and 10 px, so the scaled error √(2V) and the entries
-    of the scaled Ĵ have comparable parts; V is the potential of the control law, eq. (31). The
+    of the scaled Ĵ have comparable parts; V is the potential of the controller, eq. (32). The
     signature states the range and the default of each threshold.
 
     Parameters

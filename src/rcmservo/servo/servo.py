@@ -72,21 +72,23 @@ class Servo(Checked):
     Parameters
     ----------
     mechanism : Kinematics
-        Kinematics of the arm, eq. (1)-(2), with its joint limits.
+        Kinematics of the arm, eq. (1)-(2), with its joint limits: `SphericalRcm` or `PitchYawRcm`.
     tool : Tool
-        Positions of the markers on the tool.
+        Positions of the markers on the tool: `RigidTool` or `ScaledTool`.
     estimator : Estimator
-        Estimator of Ĵ, eq. (17)-(30).
+        Estimator of Ĵ, eq. (17)-(30): a class whose name ends in Estimator, or a user-defined one;
+        ``DltEstimator()`` by default.
     controller : SaturatedController
-        Controller, eq. (31)-(32).
+        Controller, eq. (31)-(32); ``SaturatedController()`` by default.
     exploration : Exploration
-        First motion, while no estimate is known.
+        First motion, while no estimate is known; ``Exploration()`` by default.
     imaged_rcm : ImagedRcm
-        Estimation of the imaged RCM, eq. (16).
+        Estimation of the imaged RCM, eq. (16); ``ImagedRcm()`` by default. Estimators that
+        determine the imaged RCM (dlt, affine) replace it.
     gate : Gate
-        Bounds on every command.
+        Bounds on every command; ``Gate()`` by default.
     thresholds : Thresholds
-        Thresholds of the checks.
+        Thresholds of the checks; ``Thresholds()`` by default.
     rate : float
         Ticks per second, Hz: at least two within the gate's deadline (40 Hz for 0.05 s), at most
         1000.
@@ -242,7 +244,8 @@ class Servo(Checked):
         Raises
         ------
         UnusableEstimator
-            If a user-defined estimator fails or is not pure.
+            If a user-defined estimator fails or is not pure; the class is in
+            `rcmservo.servo.user_estimator`.
         BadInput
             If the feature vector fails, or if its Jacobian is not its derivative.
         """

@@ -113,14 +113,17 @@ class State(NamedTuple):
     """State of the servo after a tick, with the command of that tick.
 
     `Servo.init` makes the first state and `Servo.step` the next one. A state never changes. Its
-    properties give the numbers of the tick by name.
+    properties give the numbers of the tick by name, such as `phase`, `cause`, `y`, `J_hat`, `v` and
+    `command`; a program has no need of the four fields.
 
     Parameters
     ----------
     stored : StoredState
-        Numbers of the state.
+        Numbers of the state in one row, with the parts `monitor`, `estimate`, `exploration_state`,
+        `decision`, `projection_fit`, `setpoint`, `workspace` and `estimator_result`.
     memory : EstimatorMemory or tuple[()]
-        Memory of the estimator; empty for an estimator that uses only the fit of the projection.
+        Named tuple of `lines` (n, 4), from which eq. (16) computes the imaged RCM, and `memory`,
+        that of the estimator; empty for an estimator that uses only the fit of the projection.
     target : Target or None
         Target of the last tick.
     detail : str
@@ -211,7 +214,11 @@ class State(NamedTuple):
 
     @property
     def y(self) -> Floats:
-        """Features y = [s r d] (3,), eq. (7)-(9), in rad, px, px at the exposure."""
+        """Features y = [s r d] (3,), eq. (7)-(9), in rad, px, px at the exposure.
+
+        If the estimator determines the imaged RCM (dlt, affine), s is the angle of the line through
+        it that passes nearest to both markers, and r and d are measured along this line.
+        """
         return self.stored.estimate.y
 
     @property

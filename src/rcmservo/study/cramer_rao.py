@@ -60,7 +60,7 @@ def bound(scene: Scene, noise: float, frames: float, shown: float | None = None)
     Parameters
     ----------
     scene : Scene
-        Camera, tool and target.
+        Camera, tool and target: ``rs.sim.Rig(seed).scene``, or `scene` of a `StudyRun`.
     noise : float
         Standard deviation of a pixel coordinate in a frame, px, not negative.
     frames : float
@@ -71,7 +71,8 @@ def bound(scene: Scene, noise: float, frames: float, shown: float | None = None)
     Returns
     -------
     Bound
-        Covariance of the position error of marker 2.
+        Covariance of the position error of marker 2: `covariance` is Σ (3, 3) in mm², and `rms` is
+        √tr Σ in mm, the smallest root mean square length of the error.
 
     Raises
     ------

@@ -30,7 +30,8 @@ class Disturbance:
     Parameters
     ----------
     kind : str
-        Name of the kind; ``rcmservo run --disturb help`` lists them.
+        Name of the kind, as in the docstring of `rcmservo.sim`; ``rcmservo run --disturb help``
+        lists them with their parameters.
     at : float
         Start, s after the start of the run; from 0 to 1e6.
     duration : float or None
