@@ -87,9 +87,10 @@ def compute_inertia(mechanism: Kinematics) -> InertiaStruct:
 class LinearisedDynamics(NamedTuple):
     """Coefficients of the equations of motion, linear in z and q_inner about a configuration.
 
-    They hold for the few ms that the arm spends near the configuration: their relative error is
-    then about 1e-6. Triples are in the order outer hinge, inner hinge, slide. With the rates v, the
-    Coriolis and centrifugal terms are
+    They hold for the few ms that the arm spends near the configuration. Within 5 ms at 0.4 rad/s
+    and 50 mm/s, the relative error of the step factors is about 1e-6 and that of the Coriolis
+    coefficients about 2e-5. Triples are in the order outer hinge, inner hinge, slide. With the
+    rates v, the Coriolis and centrifugal terms are
 
         c_outer = 2 v_outer (a v_inner + b v_slide)
         c_inner = 2 e v_slide v_inner − a v_outer²
