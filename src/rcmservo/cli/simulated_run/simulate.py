@@ -127,7 +127,7 @@ def _record_ticks(
         try:
             for tick in ticks:
                 has_accepted_frame |= tick.state.accepted_frame >= 0
-                rig.truth.write(recorder, tick)
+                rig.truth.record_tick(recorder, tick)
                 for observe in observers:
                     observe(tick)
                 raise_if_interrupted()

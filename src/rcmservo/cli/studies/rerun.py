@@ -139,7 +139,7 @@ def _record_run(cell: Cell, servo: Servo, seed: int, folder: Path, with_video: b
         video = open_video(stack, folder, loop.rig.settings, 1) if with_video else None
         recorder.begin(engine.servo, loop.target, None)
         for tick in loop.ticks():
-            loop.rig.truth.write(recorder, tick)
+            loop.rig.truth.record_tick(recorder, tick)
             if video is not None and tick.observation.frame > newest_frame:
                 newest_frame = tick.observation.frame
                 video.write(draw_servo_state(_get_image(loop, tick), tick))

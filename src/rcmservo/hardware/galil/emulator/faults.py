@@ -86,7 +86,7 @@ class Fault:
             try:
                 times_s[key] = float(value)
             except ValueError:
-                raise BadInput(f"--fault {kind}: {key}", value, "a time in s, a number") from None
+                raise BadInput(f"--fault {kind}: {key}", value, "a number of seconds") from None
         return cls(kind.strip(), times_s["at"], times_s["for"])
 
     def is_active(self, time_s: float) -> bool:
