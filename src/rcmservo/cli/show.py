@@ -51,7 +51,7 @@ ACTION_STYLES = {
     Action.PAUSE: "dark_orange",
     Action.FAULT: "bold red",
 }
-"""Style of a span in the printed timeline, by the action taken; spans with another have none."""
+"""Style of a span in the printed timeline, by the action taken; other actions have no style."""
 
 
 @dataclass(frozen=True)

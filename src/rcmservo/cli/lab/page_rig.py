@@ -60,8 +60,8 @@ from rcmservo.tracking import ColourMarkers
 def open_hardware(options: LabOptions) -> Generator[PageBackend]:
     """Yield the arm and camera of a rig file as the backend of the page.
 
-    Until then the camera is open for a moment, to read the size of its images. A session opens both
-    devices.
+    First the camera is opened to read the size of its images, and closed. Each session then opens
+    both devices in the servo process.
 
     Parameters
     ----------
