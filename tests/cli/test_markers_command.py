@@ -59,8 +59,8 @@ def test_the_balls_of_a_rendered_frame_are_detected_at_their_true_positions(
         ["colour", "u_px", "v_px", "radius_px", "quality"]
     ]
     centres = {found["colour"]: (found["u_px"], found["v_px"]) for found in first["candidates"][:2]}
-    balls = truth.body.points(q)[:2]
-    true = [truth.optics.silhouette_centre(ball, 3.5) for ball in balls]
+    balls = truth.tool_body.points(q)[:2]
+    true = [truth.camera_model.silhouette_centre(ball, 3.5) for ball in balls]
     np.testing.assert_allclose([centres["green"], centres["blue"]], true, atol=0.2)
     assert {first["look"]["colour_1"], first["look"]["colour_2"]} == {"green", "blue"}
 

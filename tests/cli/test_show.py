@@ -128,7 +128,7 @@ def test_every_request_of_the_operator_is_shown_including_refused_ones(
     rows = reader.read_record(tmp_path)
     requests = [(round(span.start, 2), span.request) for span in list_spans(rows)]
     assert requests[1:] == [(i * 0.01, request) for i, request in asking.items()]
-    show.write_figures(rows, tmp_path)
+    show._write_timeline_and_figures(rows, list_spans(rows), tmp_path)
     assert (tmp_path / "timeline.csv").read_text().count("RESUME") == 3
     (requests,) = [
         lane
@@ -342,8 +342,8 @@ def test_replay_reads_a_record_once(
 def test_a_long_timeline_is_cut_in_the_middle(
     recorded_run: RecordedRun, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(show, "FIRST_SPANS", 3)
-    monkeypatch.setattr(show, "LAST_SPANS", 2)
+    monkeypatch.setattr(show, "FIRST_SPAN_COUNT", 3)
+    monkeypatch.setattr(show, "LAST_SPAN_COUNT", 2)
     found = list_spans(reader.read_record(recorded_run.path))
     table = show._build_timeline_table(found)
     assert table.row_count == 3 + 1 + 2

@@ -56,7 +56,7 @@ from rcmservo.geometry.tool import (
     compute_second_marker_jacobian,
 )
 from rcmservo.sim.camera_model import CameraModel, compute_look_at_rotation
-from rcmservo.sim.ground_truth import compute_feature_jacobian as true_feature_jacobian
+from rcmservo.sim.ground_truth import compute_true_jacobian_at_joints as true_feature_jacobian
 from rcmservo.sim.tool_body import ToolBody
 
 angles = st.one_of(

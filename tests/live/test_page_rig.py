@@ -154,7 +154,9 @@ def test_a_lab_is_homed_enabled_jogged_and_stopped_at_the_page(
         counts = lab.counts
         assert "?" not in lab.ask("AB 1;MO ABC")
         wait_for(lambda: at.now["phase"] == "FAULT")
-        wait_for(lambda: any(note.startswith("the arm: ") for note in at.now["notes"]))
+        wait_for(
+            lambda: any(note.startswith("the arm's drive is off: ") for note in at.now["notes"])
+        )
         at.insist({"do": "clear"}, lambda: "the session is over: " in at.now["words"])
         assert "enable" not in at.now["can"] and lab.off
         at.cleared()

@@ -8,6 +8,7 @@ import pytest
 
 from conftest import Laboratory, make_laboratory
 from rcmservo.interfaces import Frame, Image, Markers, Tracker
+from rcmservo.loop.detection_failure import explain_undetected_markers
 from rcmservo.loop.plant import Plant
 from rcmservo.loop.teach import TeachingFailed, teach
 from rcmservo.tracking import ColourMarkers, MarkerAppearance, PointMarkers
@@ -88,8 +89,28 @@ def test_a_camera_that_stops_is_the_reason_rather_than_the_markers() -> None:
 @pytest.mark.parametrize(("ahead", "age"), [(10 * SECOND_NS, "-"), (-10 * SECOND_NS, "10.0")])
 def test_a_false_clock_is_the_reason_with_the_age_of_its_frames(ahead: int, age: str) -> None:
     why = reason(lambda frame: replace(frame, exposure=frame.exposure + ahead))
-    assert why.startswith(f"the frames have impossible timestamps: the newest is {age}")
-    assert why.endswith("s old, expected 0 to 2 s")
+    assert why.startswith(f"the frames have impossible timestamps: the newest arrived {age}")
+    assert why.endswith(" s after its exposure; expected 0 to 2 s")
+
+
+def test_an_exposure_that_does_not_rise_is_the_reason() -> None:
+    exposures: list[int] = []
+
+    def change(frame: Frame) -> Frame:
+        exposures.append(frame.exposure)
+        exposure = min(frame.exposure, exposures[0] + SECOND_NS)
+        return replace(frame, exposure=exposure, points=np.full((2, 2), np.nan))
+
+    why = reason(change)
+    assert why.startswith("the frames have impossible timestamps: the newest was exposed 0.000 s ")
+    assert why.endswith("after the previous one; expected more than 0 s")
+
+
+def test_the_first_frame_may_still_arrive() -> None:
+    lab = make_laboratory()
+    plant = Plant(lab.rig.arm, Changed(lab, lambda frame: None), PointMarkers(), lab.rig.clock)
+    why = explain_undetected_markers(plant, plant.read(), plant.clock.now())
+    assert why == "the camera has delivered no frame yet"
 
 
 def test_an_image_of_another_type_is_the_reason() -> None:

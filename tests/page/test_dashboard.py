@@ -181,7 +181,7 @@ def test_the_true_pose_error_belongs_to_the_joints_of_the_target() -> None:
 
 def test_the_tool_in_the_scene_goes_through_its_markers() -> None:
     lab = make_laboratory()
-    shape = MechanismShape.of(lab.servo())
+    shape = MechanismShape.from_servo(lab.servo())
     q = lab.rig.scene.start
     tool, markers = shape.compute_points(q), lab.rig.body.points(q)[:2]
     assert np.allclose(tool[:2], markers, atol=0.5)

@@ -31,7 +31,7 @@ def test_python_has_no_html_and_javascript_creates_no_elements() -> None:
 
 
 def test_each_component_is_placed_on_the_page_and_served() -> None:
-    shape = MechanismShape.of(make_laboratory().servo())
+    shape = MechanismShape.from_servo(make_laboratory().servo())
     site: Any = SimpleNamespace(
         title="a page",
         access=PageCredentials(1, "s"),

@@ -617,7 +617,7 @@ def test_a_moved_camera_images_the_tool_by_its_new_model(text: str) -> None:
     rig, frame = render_frame(text, 0.1)
     assert np.all(tracking_errors(rig, frame, tracker) < 1.0)
     markers = rig.truth.markers(frame.exposure)
-    jump = np.linalg.norm(rig.truth.optics.project(markers) - old.project(markers), axis=1)
+    jump = np.linalg.norm(rig.truth.camera_model.project(markers) - old.project(markers), axis=1)
     assert jump.max() > 5.0
     if text.startswith("camera_pan"):
         assert np.all(np.abs(jump - 30.0) < 8.0)

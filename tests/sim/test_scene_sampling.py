@@ -9,7 +9,7 @@ from conftest import ROOT
 from rcmservo.errors import BadInput
 from rcmservo.geometry.features import FEATURE_SCALE
 from rcmservo.sim import RigSettings, SceneSettings
-from rcmservo.sim.ground_truth import compute_feature_jacobian
+from rcmservo.sim.ground_truth import compute_true_jacobian_at_joints
 from rcmservo.sim.rig import sample_scene_of_seed
 from rcmservo.sim.scene import Scene
 from rcmservo.sim.scenes.feasibility import SceneFeasibility
@@ -25,7 +25,7 @@ HARD = SceneSettings(min_condition=40.0, max_condition=1e9)
 def worst_condition(scene: Scene) -> float:
     """Return the largest condition number of the scaled true Jacobian on the path."""
     o_c = compute_imaged_rcm(scene.optics)
-    jacobians = [compute_feature_jacobian(BODY, scene.optics, q, o_c) for q in scene.path]
+    jacobians = [compute_true_jacobian_at_joints(BODY, scene.optics, q, o_c) for q in scene.path]
     return max(float(np.linalg.cond(J / FEATURE_SCALE[:, None])) for J in jacobians)
 
 

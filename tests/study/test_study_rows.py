@@ -9,7 +9,7 @@ from studies import make_small_plan
 from rcmservo.geometry.features import FEATURE_SCALE
 from rcmservo.safety.causes import Cause
 from rcmservo.safety.state_machine import PHASES, Phase
-from rcmservo.sim.ground_truth import compute_feature_jacobian
+from rcmservo.sim.ground_truth import compute_true_jacobian_at_joints
 from rcmservo.sim.scene import Scene
 from rcmservo.sim.scenes.joint_paths import compute_imaged_rcm
 from rcmservo.study.batch import Study
@@ -140,7 +140,7 @@ def test_the_condition_is_the_largest_of_the_true_scaled_jacobian_on_the_path(sc
     row, scene = run_row(3, scenes=(scenes,))
     assert np.allclose([scene.path[0], scene.path[-1]], [scene.start, scene.target], atol=1e-9)
     o_c = compute_imaged_rcm(scene.optics)
-    J = [compute_feature_jacobian(scene.body, scene.optics, q, o_c) for q in scene.path]
+    J = [compute_true_jacobian_at_joints(scene.body, scene.optics, q, o_c) for q in scene.path]
     scaled = [matrix / np.array(FEATURE_SCALE)[:, None] for matrix in J]
     largest = max(np.linalg.cond(A) if np.isfinite(A).all() else np.inf for A in scaled)
     assert row.condition == pytest.approx(largest, rel=1e-6)

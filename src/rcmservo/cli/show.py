@@ -1,7 +1,8 @@
-"""`rcmservo show`: a recorded run as a summary, a timeline in words, and figures.
+"""`rcmservo show`: summary, timeline in words, and figures of a recorded run.
 
-The timeline divides the run into spans, each with one phase (such as SERVO or PAUSED) and one cause
-(such as a lost marker).
+A record consists of stages: a new stage begins when the servo's settings or the target change, or
+when the loop restarts. The timeline divides each stage into spans, each with one phase (such as
+SERVO or PAUSED) and one cause (such as a lost marker).
 """
 
 import csv
@@ -25,19 +26,24 @@ from rcmservo.recording import reader
 from rcmservo.recording.reader import Record
 from rcmservo.recording.summary_text import (
     describe_cause,
-    describe_way_out,
+    describe_remedy,
     format_verdict,
     list_record_rows,
 )
 from rcmservo.recording.timeline import Span, list_spans, summarise_record
 from rcmservo.safety.causes import Action
 
-FIRST_SPANS = 40
+FIRST_SPAN_COUNT = 40
 """Number of spans at the beginning of a long timeline that are printed."""
-LAST_SPANS = 20
+LAST_SPAN_COUNT = 20
 """Number of spans at the end of a long timeline that are printed."""
 
 CSV_HEADER = "start [s],length [s],stage,phase,cause,action,request,words,way out\n"
+"""Columns of timeline.csv, one row per span.
+
+`words` is the cause with its detail, and `way out` its remedy, whatever action was taken. The
+printed timeline has the remedy only for spans in which the tool waits for it.
+"""
 
 ACTION_STYLES = {
     Action.SLOW: "cyan",
@@ -45,7 +51,7 @@ ACTION_STYLES = {
     Action.PAUSE: "dark_orange",
     Action.FAULT: "bold red",
 }
-"""Style of a span in the timeline, by the action that its cause requires; others have none."""
+"""Style of a span in the printed timeline, by the action taken; other actions have no style."""
 
 
 @dataclass(frozen=True)
@@ -65,31 +71,41 @@ class ShowOptions:
 
 
 def show(options: ShowOptions) -> int:
-    """Print and draw a record and return the exit code 0."""
+    """Print summary and timeline of a record, write its files, and return the exit code 0.
+
+    Parameters
+    ----------
+    options : ShowOptions
+        Record, and folder for timeline.csv and the figures.
+
+    Returns
+    -------
+    int
+        Exit code 0.
+
+    Raises
+    ------
+    UnusableFile
+        If the record cannot be read, or `out` is not empty or cannot be written to.
+    """
     record, console = reader.read_record(options.record), open_console()
     with open_new_folder(options.out, "show") as folder:
         spans = list_spans(record)
         console.print(_build_summary_table(record, summarise_record(record)))
         if spans:
             console.print(_build_timeline_table(spans))
-        has_figures = write_figures(record, folder)
+        has_figures = _write_timeline_and_figures(record, spans, folder)
     if has_figures:
         console.print(f"figures and timeline.csv in {folder}", soft_wrap=True)
     else:
-        hint = "the record holds no data for figures"
-        console.print(f"timeline.csv in {folder}; {hint}", soft_wrap=True)
+        reason = "the record holds no data for figures"
+        console.print(f"timeline.csv in {folder}; {reason}", soft_wrap=True)
     return 0
 
 
-def write_figures(record: Record, folder: Path) -> bool:
-    """Write the complete timeline of a record as a table, and its figures.
-
-    Returns
-    -------
-    bool
-        False if the record holds no data for figures.
-    """
-    write_atomically(folder / "timeline.csv", _format_timeline_csv(list_spans(record)))
+def _write_timeline_and_figures(record: Record, spans: list[Span], folder: Path) -> bool:
+    """Write timeline.csv and the figures; return False if the record has no data for figures."""
+    write_atomically(folder / "timeline.csv", _format_timeline_csv(spans))
     if not np.isfinite(record.ticks["delta"]).any():
         return False
     charts.save_figure(plots.plot_timeline(record), folder / "timeline.png")
@@ -106,38 +122,44 @@ def _build_summary_table(record: Record, result: RunResult) -> Table:
 
 
 def _build_timeline_table(spans: list[Span]) -> Table:
-    """Return a table with one row per span; a long timeline is cut in the middle."""
+    """Return a table with one row per span.
+
+    If there are too many, one row with the number of omitted spans replaces those in the middle.
+    The first span of a stage states its number if the record has several. The columns for cause
+    and remedy are left out if no span has a cause.
+    """
     table = Table(title="timeline", title_justify="left")
     for title in ("start", "length"):
         table.add_column(title, justify="right", no_wrap=True)
-    for title in ("phase", "why", "way out")[: 3 if any(map(describe_cause, spans)) else 1]:
+    has_causes = any(map(describe_cause, spans))
+    for title in ("phase", "cause", "remedy") if has_causes else ("phase",):
         table.add_column(title)
-    has_stages = spans[-1].stage > 0
-    omitted_count = len(spans) - FIRST_SPANS - LAST_SPANS
+    has_several_stages = spans[-1].stage > 0
+    omitted_count = len(spans) - FIRST_SPAN_COUNT - LAST_SPAN_COUNT
     for i, span in enumerate(spans):
-        if omitted_count > 0 and i == FIRST_SPANS:
+        if omitted_count > 0 and i == FIRST_SPAN_COUNT:
             table.add_row("…", "…", f"… {omitted_count} more, in timeline.csv")
-        if omitted_count > 0 and FIRST_SPANS <= i < FIRST_SPANS + omitted_count:
+        if omitted_count > 0 and FIRST_SPAN_COUNT <= i < FIRST_SPAN_COUNT + omitted_count:
             continue
-        begins_stage = has_stages and (i == 0 or spans[i - 1].stage != span.stage)
+        begins_stage = has_several_stages and (i == 0 or spans[i - 1].stage != span.stage)
         if begins_stage and i:
             table.add_section()
         phase = f"stage {span.stage + 1}: {span.phase.value}" if begins_stage else span.phase.value
         style = ACTION_STYLES.get(span.action, "")
-        cause, way_out = Text(describe_cause(span), style), Text(describe_way_out(span))
-        cells = f"{span.start:.2f} s", f"{span.duration:.2f} s", Text(phase, style), cause, way_out
+        cause, remedy = Text(describe_cause(span), style), Text(describe_remedy(span))
+        cells = f"{span.start:.2f} s", f"{span.duration:.2f} s", Text(phase, style), cause, remedy
         table.add_row(*cells[: len(table.columns)])
     return table
 
 
 def _format_timeline_csv(spans: list[Span]) -> str:
-    """Return all spans as CSV."""
-    text = io.StringIO()
-    text.write(CSV_HEADER)
-    writer = csv.writer(text, lineterminator="\n")
+    """Return all spans as comma-separated values (CSV), under `CSV_HEADER`."""
+    buffer = io.StringIO()
+    buffer.write(CSV_HEADER)
+    writer = csv.writer(buffer, lineterminator="\n")
     for span in spans:
-        enums = span.phase, span.cause, span.action, span.request
         times_s = f"{span.start:.4f}", f"{span.duration:.4f}"
-        names = (member.name for member in enums)
-        writer.writerow((*times_s, span.stage + 1, *names, span.why, span.cause.remedy))
-    return text.getvalue()
+        states = span.phase, span.cause, span.action, span.request
+        state_names = (state.name for state in states)
+        writer.writerow((*times_s, span.stage + 1, *state_names, span.why, span.cause.remedy))
+    return buffer.getvalue()

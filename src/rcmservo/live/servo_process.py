@@ -38,7 +38,7 @@ IDLE, ENABLING = -1, -2
 At other times the heartbeat is the number of commands so far.
 """
 
-FRAME_TIMEOUT_S = 120.0
+FIRST_FRAME_TIMEOUT_S = 120.0
 """Time in s within which a camera must deliver a frame and the tracker must be compiled."""
 
 Device = TypeVar("Device")
@@ -249,14 +249,14 @@ def raise_if_stopped(stop_requested: Callable[[], bool]) -> None:
 def _await_frame(plant: HeartbeatPlant) -> None:
     """Wait for a frame that is exposed from now on."""
     since_ns, drop_reason = plant.clock.now(), ""
-    for _ in ticks(plant.clock, duration=FRAME_TIMEOUT_S):
+    for _ in ticks(plant.clock, duration=FIRST_FRAME_TIMEOUT_S):
         observation = plant.read()
         raise_if_stopped(plant.stop_requested)
         if observation.exposure >= since_ns:
             return
         drop_reason = observation.drop_reason.text
     reason = f": {drop_reason}" if drop_reason else ""
-    raise NoFrames(f"no usable frame has arrived for {FRAME_TIMEOUT_S:g} s{reason}")
+    raise NoFrames(f"no usable frame has arrived for {FIRST_FRAME_TIMEOUT_S:g} s{reason}")
 
 
 def _run_loop(

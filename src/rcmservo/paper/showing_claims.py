@@ -98,7 +98,7 @@ def visit(
         "began": began,
         "ended": loop.elapsed(),
         "pose_error": np.linalg.norm(loop.true_p2() - p_d),
-        "jacobian_error": loop.rig.truth.tick_error(tick),
+        "jacobian_error": loop.rig.truth.jacobian_error_at_tick(tick),
     }, tick
 
 

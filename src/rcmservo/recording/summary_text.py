@@ -93,8 +93,8 @@ def describe_cause(span: Span) -> str:
     return f"{request}: {span.why}" if span.cause is not Cause.NONE else request
 
 
-def describe_way_out(span: Span) -> str:
-    """Return the operator's next step, if the tool stands still until then; otherwise nothing."""
+def describe_remedy(span: Span) -> str:
+    """Return the remedy of a span's cause if the tool stands still until then; else empty."""
     return span.cause.remedy if span.action >= Action.HOLD else ""
 
 

@@ -334,6 +334,6 @@ class Rig:
     def _use_scene(self, scene: Scene) -> None:
         """Replace the scene from the next frame on."""
         self.scene = scene
-        self.truth.optics = self._camera.optics = scene.optics
+        self.truth.camera_model = self._camera.optics = scene.optics
         if isinstance(self._camera, PictureCamera):
             self._camera.renderer = self._make_renderer()

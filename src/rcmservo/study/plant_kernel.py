@@ -10,7 +10,7 @@ depend on that: without it, the final error of one loop in seven differed by mor
 import numpy as np
 from numpy.typing import NDArray
 
-from rcmservo.geometry.kinematics import Point
+from rcmservo.constraints import Triple
 from rcmservo.interfaces import Floats
 from rcmservo.numerics.jit import compiled
 from rcmservo.numerics.small_linalg import copy_into, fill
@@ -55,7 +55,7 @@ class DrivesStruct(Row):
     rate_scale: Floats = reals(3, "", "executed rate divided by commanded rate")
     lower: Floats = reals(3, "rad, rad, mm", "lower hard stops")
     upper: Floats = reals(3, "rad, rad, mm", "upper hard stops")
-    inertia: InertiaStruct = part(InertiaStruct, "masses and drive gains")
+    inertia: InertiaStruct = part(InertiaStruct, "inertias and drive gains")
 
 
 class PlantStruct(Row):
@@ -126,8 +126,8 @@ def integrate_joints(
     """Integrate the joints over `steps` with constant target rates, and store them in the history.
 
     The suffixes _o, _i and _s stand for outer hinge, inner hinge and slide; q are joints, v rates,
-    r lagged rates, u target rates, d deadbands, k drive gains and g the gains h/(M + h k). Scalars
-    instead of arrays stay in the processor's registers.
+    r lagged rates, u target rates, d deadbands, k drive gains and g the step factors h/(M + h k).
+    Scalars instead of arrays stay in the processor's registers.
     """
     h, lag_gain, o = ARM_STEP_NS * 1e-9, drives.lag_gain, drives.inertia.outer_joint
     i, index = 1 - o, drives.time // ARM_STEP_NS
@@ -138,11 +138,11 @@ def integrate_joints(
     low_o, low_i, low_s = order_joints(drives.lower, o)
     high_o, high_i, high_s = order_joints(drives.upper, o)
     k_o, k_i, k_s = order_joints(drives.inertia.drive_gain, o)
-    (g_o, g_i, g_s), (g_o_z, g_i_z) = dynamics.gain, dynamics.gain_z
-    g_o_angle = dynamics.gain_angle
-    (c_a, c_b, c_e), (a_z, b_z, e_z) = dynamics.c, dynamics.c_z
-    a_angle, b_angle = dynamics.c_angle
-    z, angle = q_s - dynamics.z, q_i - dynamics.angle
+    (g_o, g_i, g_s), (g_o_z, g_i_z) = dynamics.step_factor, dynamics.step_factor_by_z
+    g_o_angle = dynamics.step_factor_by_angle
+    (c_a, c_b, c_e), (a_z, b_z, e_z) = dynamics.coriolis, dynamics.coriolis_by_z
+    a_angle, b_angle = dynamics.coriolis_by_angle
+    z, angle = q_s - dynamics.z, q_i - dynamics.inner_angle
     g_o, g_i = g_o + g_o_z * z + g_o_angle * angle, g_i + g_i_z * z
     c_a, c_b, c_e = c_a + a_z * z + a_angle * angle, c_b + b_z * z + b_angle * angle, c_e + e_z * z
     for _ in range(steps):
@@ -175,7 +175,7 @@ def apply_deadband(rate: float, deadband: float) -> float:
 
 
 @compiled
-def order_joints(values: Floats, outer: int) -> Point:
+def order_joints(values: Floats, outer: int) -> Triple:
     """Return the values (3,) in the order outer hinge, inner hinge, slide."""
     return values[outer], values[1 - outer], values[2]
 

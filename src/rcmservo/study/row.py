@@ -15,7 +15,7 @@ from rcmservo.loop.run_result import RunResult
 from rcmservo.numerics.small_svd import compute_condition
 from rcmservo.safety.causes import Cause
 from rcmservo.sim import RigSettings
-from rcmservo.sim.ground_truth import compute_feature_jacobian
+from rcmservo.sim.ground_truth import compute_true_jacobian_at_joints
 from rcmservo.sim.scene import Scene
 from rcmservo.sim.scenes.joint_paths import compute_imaged_rcm
 from rcmservo.study.plan.cell import Cell
@@ -131,7 +131,7 @@ def make_row(cell: Cell, settings: RigSettings, run: StudyRun) -> StudyRow:
 def compute_worst_condition(scene: Scene) -> float:
     """Return the largest condition number of the scaled J on the path; inf where J is undefined."""
     body, optics, o_c = scene.body, scene.optics, compute_imaged_rcm(scene.optics)
-    jacobians = (compute_feature_jacobian(body, optics, q, o_c) for q in scene.path)
+    jacobians = (compute_true_jacobian_at_joints(body, optics, q, o_c) for q in scene.path)
     return max(float(compute_condition(scale_rows(jacobian))) for jacobian in jacobians)
 
 

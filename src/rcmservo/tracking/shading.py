@@ -1,14 +1,21 @@
 """Model of one pixel at the edge of a shaded ball.
 
-A point of the ball with the normal (x, y, z) has the level
+A point of the ball with the unit normal n = (nx, ny, nz), z towards the camera, has the level
 
-    ambient + max(0, l1 x + l2 y + l3 z)
+    ball = ambient + max(0, l1 nx + l2 ny + l3 nz)
 
-by Lambert's law: beyond the terminator, where no light arrives, only the ambient light remains.
-Near the edge z changes fast; a model without z puts the lit side too far in. A lamp next to a near
-camera leaves a crescent of the edge unlit; a model without the terminator shifts the ball.
+by Lambert's law: beyond the terminator, where no directional light arrives, only the ambient light
+remains. A pixel on the outline has the level
 
-The unknowns x are (u, v, r, e1, e2, ambient, l1, l2, l3).
+    background + covered fraction x (ball - background)
+
+Near the edge nz changes fast, so the model integrates it over the covered part of the pixel; a
+model without nz puts the lit side too far in. A lamp next to a near camera leaves a crescent of the
+edge unlit; a model without the terminator shifts the ball.
+
+The unknowns x are (u, v, r, e1, e2, ambient, l1, l2, l3): centre (u, v) and mean radius r of the
+outline, px; its elongation (e1, e2), px, as in circle_fit.py; and, in grey levels, the ambient
+light and the vector (l1, l2, l3) of the directional light.
 """
 
 import numpy as np
@@ -17,61 +24,103 @@ from rcmservo.interfaces import Floats
 from rcmservo.numerics.jit import compiled
 
 UNKNOWN_COUNT = 9
+"""Number of unknowns of the model."""
+
+HALF_DIAGONAL_PX = 0.71
+"""Half the diagonal of a pixel, rounded up: a pixel farther outside the outline is not covered."""
 
 
 @compiled
 def evaluate_pixel(pixel: Floats, x: Floats, terms: Floats) -> None:
-    """Fill `terms` (8,) with the residual of one pixel and its derivatives.
+    """Fill `terms` with the residual of one pixel and the factors of its derivatives.
 
-    `pixel` (6,) is a row of `edge_fit.collect_edge_pixels`. The terms are: the residual; its slope,
-    the increase of the level if the outline moves out by one pixel; cosine and sine of the
-    direction from the centre; the covered fraction of the pixel; the normal's x, y and z, where z
-    is integrated over that fraction. The normal is 0 beyond the terminator.
+    Parameters
+    ----------
+    pixel : array (6,)
+        Row of `edge_fit.collect_edge_pixels`: column and row (px), level, trust, fractional ray
+        number, and level of the background. Trust and ray are not used.
+    x : array (9,)
+        Unknowns of the module.
+    terms : array (8,)
+        Output: the residual, which is the measured minus the modelled level; the slope, which is
+        the increase of the modelled level per px that the outline moves out; cosine and sine of the
+        direction from the centre to the pixel; the covered fraction; nx, ny, and the integral of nz
+        over the covered fraction. The last three are 0 beyond the terminator.
     """
-    dx, dy = pixel[0] - x[0], pixel[1] - x[1]
-    rho = np.sqrt(dx * dx + dy * dy)
-    c, s = dx / rho, dy / rho
-    radius = x[2] + x[3] * (c * c - s * s) + x[4] * 2.0 * c * s
-    depth = radius - rho
+    u, v, r, e1, e2, ambient, l1, l2, l3 = x
+    level, background = pixel[2], pixel[5]
+    dx, dy = pixel[0] - u, pixel[1] - v
+    distance = np.sqrt(dx * dx + dy * dy)
+    cosine, sine = dx / distance, dy / distance
+    radius = r + e1 * (cosine * cosine - sine * sine) + e2 * 2.0 * cosine * sine
+    depth = radius - distance
     terms[:] = 0.0
-    terms[0] = pixel[2] - pixel[5]
-    if depth <= -0.71:
+    terms[0] = level - background
+    if depth <= -HALF_DIAGONAL_PX:
         return
-    coverage, slope = compute_covered_area(depth, abs(c), abs(s))
-    inner, z_inner = integrate_normal_z(depth + 0.5, radius)
-    outer, z_outer = integrate_normal_z(depth - 0.5, radius)
-    terms[2], terms[3], terms[4] = c, s, coverage
-    terms[5], terms[6], terms[7] = dx / radius, dy / radius, inner - outer
-    lit = x[6] * terms[5] + x[7] * terms[6]
-    if lit + x[8] * np.sqrt(2.0 * max(depth, 0.0) / radius) < 0.0:
+    coverage, coverage_slope = compute_coverage(depth, abs(cosine), abs(sine))
+    integral_inside, nz_inside = integrate_normal_z(depth + 0.5, radius)
+    integral_outside, nz_outside = integrate_normal_z(depth - 0.5, radius)
+    terms[2], terms[3], terms[4] = cosine, sine, coverage
+    terms[5], terms[6], terms[7] = dx / radius, dy / radius, integral_inside - integral_outside
+    diffuse_level = l1 * terms[5] + l2 * terms[6]
+    if diffuse_level + l3 * np.sqrt(2.0 * max(depth, 0.0) / radius) < 0.0:
         terms[5:] = 0.0
-        lit = 0.0
-    flat = x[5] + lit - pixel[5]
-    terms[0] -= coverage * flat + x[8] * terms[7]
-    if slope > 0.0:
-        terms[1] = slope * flat + (x[8] * (z_inner - z_outer) if terms[7] > 0.0 else 0.0)
+        diffuse_level = 0.0
+    contrast_without_z = ambient + diffuse_level - background
+    terms[0] -= coverage * contrast_without_z + l3 * terms[7]
+    if coverage_slope > 0.0:
+        slope_of_z = l3 * (nz_inside - nz_outside) if terms[7] > 0.0 else 0.0
+        terms[1] = coverage_slope * contrast_without_z + slope_of_z
 
 
 @compiled
-def compute_covered_area(depth: float, c: float, s: float) -> tuple[float, float]:
-    """Return the fraction of a square pixel inside a straight edge, and its derivative by `depth`.
+def compute_coverage(depth: float, abs_cos: float, abs_sin: float) -> tuple[float, float]:
+    """Return the fraction of a square pixel inside a straight edge, and its derivative.
 
-    The pixel's centre is `depth` px inside. The edge's normal has the direction cosines c and s,
-    neither negative.
+    Parameters
+    ----------
+    depth : float
+        Distance of the pixel's centre from the edge, px, positive inside.
+    abs_cos, abs_sin : float
+        Absolute cosine and sine of the direction of the edge's normal.
+
+    Returns
+    -------
+    tuple of float
+        Covered fraction, 0 to 1, and its derivative with respect to `depth`, 1/px.
     """
-    long, short, offset = max(c, s), min(c, s), abs(depth)
-    if offset <= 0.5 * (long - short):
-        return 0.5 + depth / long, 1.0 / long
-    rest = 0.5 * (long + short) - offset
-    if rest <= 0.0:
+    larger_cosine, smaller_cosine = max(abs_cos, abs_sin), min(abs_cos, abs_sin)
+    offset = abs(depth)
+    if offset <= 0.5 * (larger_cosine - smaller_cosine):
+        return 0.5 + depth / larger_cosine, 1.0 / larger_cosine
+    corner_depth = 0.5 * (larger_cosine + smaller_cosine) - offset
+    if corner_depth <= 0.0:
         return (1.0 if depth > 0.0 else 0.0), 0.0
-    corner = 0.5 * rest * rest / (long * short)
-    return (1.0 - corner if depth > 0.0 else corner), rest / (long * short)
+    corner_area = 0.5 * corner_depth * corner_depth / (larger_cosine * smaller_cosine)
+    coverage = 1.0 - corner_area if depth > 0.0 else corner_area
+    return coverage, corner_depth / (larger_cosine * smaller_cosine)
 
 
 @compiled
 def integrate_normal_z(depth: float, radius: float) -> tuple[float, float]:
-    """Return the integral of the normal's z from the edge to `depth`, and z at `depth`."""
+    """Return the integral of nz over the depth, from the edge to `depth`, and nz at `depth`.
+
+    Both are series in depth/radius, to the second term: nz = √(2 t) (1 - t/4 - ...) with
+    t = depth/radius.
+
+    Parameters
+    ----------
+    depth : float
+        Distance inside the edge, px; outside, both results are 0.
+    radius : float
+        Radius of the ball in this direction, px.
+
+    Returns
+    -------
+    tuple of float
+        Integral in px, and nz.
+    """
     if depth <= 0.0:
         return 0.0, 0.0
     z = np.sqrt(2.0 * depth / radius)

@@ -1,9 +1,11 @@
 """Arm and camera of a lab for the operator's page.
 
-rig file ─► camera, for the size of its images ─► sessions
-                                                  arm: stopped by STOP; camera: shown on the page
+The camera is opened once to read the size of its images, and closed. Each session then opens arm
+and camera in the servo process; STOP on the page switches the drive off, and the page shows the
+camera's frames.
 
-The page's operator is the one at the arm, who defines the joint values and enables the drive.
+The operator of the page must stand at the arm: this operator moves the arm by hand to define its
+joint values, and enables the drive.
 """
 
 from collections.abc import Generator
@@ -39,7 +41,7 @@ from rcmservo.interfaces import Target
 from rcmservo.live.device_protocols import LabCamera
 from rcmservo.live.frame_ring import FrameRing, RecordingCamera, RingCamera
 from rcmservo.live.remote_stop import RemotelyStoppableArm, RemoteStop
-from rcmservo.live.servo_process import FRAME_TIMEOUT_S, HeartbeatPlant, NoFrames, Session
+from rcmservo.live.servo_process import FIRST_FRAME_TIMEOUT_S, HeartbeatPlant, NoFrames, Session
 from rcmservo.live.unchecked_rig_speed import reduce_speed
 from rcmservo.loop.clock import WallClock, ticks
 from rcmservo.loop.plant import Plant
@@ -56,45 +58,74 @@ from rcmservo.tracking import ColourMarkers
 
 @contextmanager
 def open_hardware(options: LabOptions) -> Generator[PageBackend]:
-    """Yield the devices of a rig file as the backend of the page; a session opens them."""
-    lab, speed_scale = options.lab, find_allowed_speed_scale(options)
-    chosen = SelectedSettings(options.servo, without_limit if speed_scale == 1.0 else reduce_speed)
-    with closing(open_camera(lab)) as camera:
-        width, height = measure_image_size(camera)
-    context = get_context("spawn")
-    ring, remote_stop = FrameRing(context, width, height), RemoteStop(context)
+    """Yield the arm and camera of a rig file as the backend of the page.
 
-    def session(channels: PageChannels, folder: Path) -> Session:
+    First the camera is opened to read the size of its images, and closed. Each session then opens
+    both devices in the servo process.
+
+    Parameters
+    ----------
+    options : LabOptions
+        Options of the command, with the rig file and its description.
+
+    Yields
+    ------
+    PageBackend
+        Backend of the page.
+
+    Raises
+    ------
+    NoFrames
+        If the camera delivers no image in time.
+    """
+    rig_description, speed_scale = options.lab, find_allowed_speed_scale(options)
+    selected_settings = SelectedSettings(
+        options.servo, without_limit if speed_scale == 1.0 else reduce_speed
+    )
+    with closing(open_camera(rig_description)) as camera:
+        width, height = read_image_size(camera)
+    spawn_context = get_context("spawn")
+    frame_ring = FrameRing(spawn_context, width, height)
+    remote_stop = RemoteStop(spawn_context)
+
+    def make_session(channels: PageChannels, folder: Path) -> Session:
         remote_stop.reset()
-        limited, record = chosen.limited, folder / RECORD
+        limited_servo, record_path = selected_settings.limited, folder / RECORD
         stop_hint = "STOP switches the drive off; keep the emergency stop of the arm within reach."
-        limits = describe_speed_limits(options, limited, speed_scale)
-        announcement = f"{describe_enabling(limited)} {limits} {stop_hint}"
-        preparation = PagePreparation(channels, limited, lab, announcement)
-        description = describe_hardware_run(options, SESSION_DURATION_S, speed_scale)
+        limits = describe_speed_limits(options, limited_servo, speed_scale)
+        announcement = f"{describe_enabling(limited_servo)} {limits} {stop_hint}"
+        preparation = PagePreparation(channels, limited_servo, rig_description, announcement)
+        run_description = describe_hardware_run(options, SESSION_DURATION_S, speed_scale)
         return Session(
-            limited,
+            limited_servo,
             SESSION_DURATION_S,
-            arm=partial(connect_stoppable_arm, lab, remote_stop, channels),
-            camera=partial(open_recording_camera, lab, ring),
-            tracker=partial(ColourMarkers, lab.markers),
-            recorder=partial(open_recorder, record, description),
-            target=partial(await_enable_at_page, preparation),
-            operator=partial(PageOperator, channels, chosen, options.teaching_frames),
+            arm=partial(connect_stoppable_arm, rig_description, remote_stop, channels),
+            camera=partial(open_shared_camera, rig_description, frame_ring),
+            tracker=partial(ColourMarkers, rig_description.markers),
+            recorder=partial(open_recorder, record_path, run_description),
+            target=partial(prepare_at_page, preparation),
+            operator=partial(PageOperator, channels, selected_settings, options.teaching_frames),
             images_per_s=RECORDED_IMAGES_PER_S,
             consent=require_drive_off,
         )
 
-    title, setup = f"arm and camera of {options.rig}", describe_target_setup(lab, width, height)
+    title = f"arm and camera of {options.rig}"
     if speed_scale < 1.0:
         title += f", at {100.0 * speed_scale:g} % of the speed until `rig check` passes"
-    switch_off, shown_camera = remote_stop.switch_off, partial(RingCamera, ring)
-    yield PageBackend(title, shown_camera, session, switch_off, setup, chosen, refuse_disturbance)
+    yield PageBackend(
+        title,
+        camera=partial(RingCamera, frame_ring),
+        session=make_session,
+        switch_off=remote_stop.switch_off,
+        setup=describe_target_setup(rig_description, width, height),
+        servo_settings=selected_settings,
+        start_disturbance=refuse_disturbance,
+    )
 
 
 @dataclass(frozen=True)
 class PagePreparation:
-    """Preparation of a session with the page's operator; it is passed to the servo process.
+    """Arguments of `prepare_at_page`, which are passed to the servo process.
 
     Parameters
     ----------
@@ -102,57 +133,86 @@ class PagePreparation:
         Channels to the page.
     servo : Servo
         Servo that moves the arm.
-    lab : RigDescription
-        Lab with its devices.
+    rig_description : RigDescription
+        Contents of the rig file.
     motion_announcement : str
         Announcement of the motion that follows once the drive is on.
     """
 
     channels: PageChannels
     servo: Servo
-    lab: RigDescription
+    rig_description: RigDescription
     motion_announcement: str
 
 
-def await_enable_at_page(preparation: PagePreparation, plant: Plant) -> Target:
-    """Define the joint values if needed, and wait until the operator enables the drive."""
+def prepare_at_page(preparation: PagePreparation, plant: Plant) -> Target:
+    """Wait until the operator at the page enables the drive, and return the first target.
+
+    If the arm does not know its joint values, the operator first defines them at the page.
+
+    Parameters
+    ----------
+    preparation : PagePreparation
+        Channels to the page, servo, rig and announcement.
+    plant : Plant
+        Plant of the servo process.
+
+    Returns
+    -------
+    Target
+        Present pose of the tool.
+
+    Raises
+    ------
+    NotReady
+        If the drive is on already, because another program may move the arm.
+    Stopped
+        If a stop is requested.
+    """
     assert isinstance(plant, HeartbeatPlant)
+    channels, rig_description = preparation.channels, preparation.rig_description
     require_drive_off(plant)
     if not get_lab_arm(plant).is_homed():
-        define_joints(PagePrompts(preparation.channels, plant), plant, preparation.lab)
-    return await_enable(
-        preparation.channels, preparation.servo, preparation.motion_announcement, plant
-    )
+        define_joints(PagePrompts(channels, plant), plant, rig_description)
+    return await_enable(channels, preparation.servo, preparation.motion_announcement, plant)
 
 
 def connect_stoppable_arm(
-    lab: RigDescription, remote_stop: RemoteStop, channels: PageChannels
+    rig_description: RigDescription, remote_stop: RemoteStop, channels: PageChannels
 ) -> RemotelyStoppableArm:
-    """Connect to the arm, so that STOP disables it."""
-    return RemotelyStoppableArm(open_arm(lab), remote_stop, partial(report_drive_off, channels))
+    """Connect to the arm, whose drive STOP on the page then switches off."""
+    arm = open_arm(rig_description)
+    return RemotelyStoppableArm(arm, remote_stop, partial(report_drive_off, channels))
 
 
 def report_drive_off(channels: PageChannels, reason: str) -> None:
-    """Report to the page why the drive went off by itself."""
-    channels.status.send(Note(f"the arm: {reason}"))
+    """Send the page the reason why the drive went off without a request."""
+    channels.status.send(Note(f"the arm's drive is off: {reason}"))
 
 
-def open_recording_camera(lab: RigDescription, ring: FrameRing) -> RecordingCamera:
-    """Open the camera, whose frames the page displays as well."""
-    return RecordingCamera(open_camera(lab), ring)
+def open_shared_camera(rig_description: RigDescription, frame_ring: FrameRing) -> RecordingCamera:
+    """Open the camera so that its frames are also available to the page, in `frame_ring`."""
+    return RecordingCamera(open_camera(rig_description), frame_ring)
 
 
-def measure_image_size(camera: LabCamera) -> tuple[int, int]:
-    """Return the width and height of a camera's images in px."""
-    for _ in ticks(WallClock(), duration=FRAME_TIMEOUT_S):
+def read_image_size(camera: LabCamera) -> tuple[int, int]:
+    """Return the width and height (px) of the first image that a camera delivers.
+
+    Raises
+    ------
+    NoFrames
+        If no image arrives within `FIRST_FRAME_TIMEOUT_S`; the message ends with the camera's
+        trouble, if it reports any.
+    """
+    for _ in ticks(WallClock(), duration=FIRST_FRAME_TIMEOUT_S):
         frame = camera.latest()
         if frame is not None and frame.image is not None:
             height, width = frame.image.shape[:2]
             return width, height
-    message = f"the camera has delivered no image for {FRAME_TIMEOUT_S:g} s"
+    message = f"the camera has delivered no image for {FIRST_FRAME_TIMEOUT_S:g} s"
     raise NoFrames(": ".join(filter(None, (message, camera.counts().trouble))))
 
 
 def refuse_disturbance(disturbance: str) -> str:
-    """Refuse a disturbance, which only a simulated lab offers."""
+    """Raise `RcmServoError`: only a simulated lab has disturbances."""
     raise RcmServoError("disturbances are available on a simulated arm only")

@@ -230,7 +230,7 @@ def _start_page_processes(
         port, stop_port = page_socket.getsockname()[1], stop_socket.getsockname()[1]
         doors = PageCredentials(port, draw_secret(), token)
         title, poses = f"rcmservo: {backend.title}", PoseFolder(options.poses, backend.setup)
-        shape = MechanismShape.of(backend.servo_settings.servo)
+        shape = MechanismShape.from_servo(backend.servo_settings.servo)
         given = backend.servo_settings, poses, shape, runs, backend.disturbances, backend.truth
         site = Site(title, backend.camera, doors, stop_port, *given)
         names: dict[int, str] = {}

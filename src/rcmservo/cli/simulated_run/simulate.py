@@ -81,7 +81,9 @@ def simulate(
         plant.recorded = recorder.recorded
         begin_record = partial(recorder.begin, servo)
         ticks = run_attended(rig, plant, servo, target, options.duration, operator, begin_record)
-        observers = make_frame_writer(plant, video, recorder if options.frames else None), progress
+        frame_recorder = recorder if options.frames else None
+        write_frame = make_frame_writer(plant, video, frame_recorder, FRAMES_PER_VIDEO_IMAGE)
+        observers = write_frame, progress
         end_reason = _record_ticks(ticks, rig, plant, recorder, observers)
     wall_time_s, record = time.perf_counter() - start_s, read_record_if_any(folder)
     result = RunResult() if record is None else _make_result(rig, record)
@@ -125,7 +127,7 @@ def _record_ticks(
         try:
             for tick in ticks:
                 has_accepted_frame |= tick.state.accepted_frame >= 0
-                rig.truth.write(recorder, tick)
+                rig.truth.record_tick(recorder, tick)
                 for observe in observers:
                     observe(tick)
                 raise_if_interrupted()

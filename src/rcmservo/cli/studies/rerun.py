@@ -12,7 +12,7 @@ from typing import Any
 
 from rcmservo.cli.folders import open_new_folder
 from rcmservo.cli.result_output import draw_figures
-from rcmservo.cli.simulated_run.video import draw_tick, open_video
+from rcmservo.cli.simulated_run.video import draw_servo_state, open_video
 from rcmservo.cli.terminal import build_two_column_table, open_console
 from rcmservo.errors import BadInput, RcmServoError, UnusableFile, require
 from rcmservo.estimation.base import Estimator
@@ -139,10 +139,10 @@ def _record_run(cell: Cell, servo: Servo, seed: int, folder: Path, with_video: b
         video = open_video(stack, folder, loop.rig.settings, 1) if with_video else None
         recorder.begin(engine.servo, loop.target, None)
         for tick in loop.ticks():
-            loop.rig.truth.write(recorder, tick)
+            loop.rig.truth.record_tick(recorder, tick)
             if video is not None and tick.observation.frame > newest_frame:
                 newest_frame = tick.observation.frame
-                video.write(draw_tick(_get_image(loop, tick), tick))
+                video.write(draw_servo_state(_get_image(loop, tick), tick))
     draw_figures(reader.read_record(folder), folder)
     return video.failed if video is not None else ""
 

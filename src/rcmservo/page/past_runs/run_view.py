@@ -17,7 +17,7 @@ from rcmservo.recording.mcap_recovery import MessageReader, read_chunk
 from rcmservo.recording.reader import Record, read_record
 from rcmservo.recording.summary_text import (
     describe_cause,
-    describe_way_out,
+    describe_remedy,
     format_verdict,
     list_record_rows,
 )
@@ -122,7 +122,7 @@ def _locate_pictures(path: Path) -> tuple[list[PictureLocation], list[int]]:
 
 def _list_span_values(span: Span) -> list[object]:
     """Return the values of a row of the time line."""
-    cause, recovery = describe_cause(span), describe_way_out(span)
+    cause, recovery = describe_cause(span), describe_remedy(span)
     return [span.start, span.duration, span.phase.value, cause, recovery, span.action.name]
 
 

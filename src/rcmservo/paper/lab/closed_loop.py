@@ -124,7 +124,7 @@ class ClosedLoop:
         self._recorder.begin(self.servo, target, state)
         for tick in run(self.plant, self.servo, target, duration, done=done, state=state):
             shifted = replace(tick, time=tick.time + now - self._start)
-            self.rig.truth.write(self._recorder, shifted)
+            self.rig.truth.record_tick(self._recorder, shifted)
             yield shifted
 
     def finish_stage(

@@ -80,7 +80,7 @@ def settle(
             delta = compute_feature_error(_true_features(rig, q), y_d)
             samples.append((tick.time / 1e9, delta, distance))
             if tick.state.explored:
-                jacobian_errors.append(rig.truth.tick_error(tick))
+                jacobian_errors.append(rig.truth.jacobian_error_at_tick(tick))
     times, deltas, distances = (np.array(values) for values in zip(*samples, strict=True))
     cause, settle_time = ticks[-1].state.cause, find_settle_time(times, deltas)
     is_at_end = times > times[-1] - END_S

@@ -86,7 +86,7 @@ class Attempt:
             if phase is Phase.SERVO:
                 end = min(end, time + self.duration)
                 if k % STRIDE_TICKS == 0:
-                    jacobian_errors.append(loop.rig.truth.tick_error(tick))
+                    jacobian_errors.append(loop.rig.truth.jacobian_error_at_tick(tick))
             if time >= min(end, moving + AT_REST_S + FINAL_WINDOW_S):
                 break
         jacobian_error = median(jacobian_errors)

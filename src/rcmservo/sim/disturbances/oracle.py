@@ -47,7 +47,7 @@ class Oracle:
 
     def restart(self) -> None:
         """Restart with the present camera as the one that the servo estimates."""
-        self._estimated_camera = self._truth.optics
+        self._estimated_camera = self._truth.camera_model
         self.reset()
 
     def reset(self) -> None:

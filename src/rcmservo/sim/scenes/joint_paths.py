@@ -14,7 +14,7 @@ from rcmservo.interfaces import Floats
 from rcmservo.numerics.jit import compiled
 from rcmservo.numerics.small_linalg import copy_into
 from rcmservo.sim.camera_model import CameraModel
-from rcmservo.sim.ground_truth import compute_feature_jacobian
+from rcmservo.sim.ground_truth import compute_true_jacobian_at_joints
 from rcmservo.sim.tool_body import ToolBody
 
 PATH_POINTS = 9
@@ -97,7 +97,7 @@ def _solve_for_error(
         residual = compute_feature_error(error, present_error)
         if np.max(np.abs(residual) / FEATURE_SCALE) < RESIDUAL_TOLERANCE:
             return q
-        J = scale_rows(compute_feature_jacobian(body, optics, q, compute_imaged_rcm(optics)))
+        J = scale_rows(compute_true_jacobian_at_joints(body, optics, q, compute_imaged_rcm(optics)))
         if not (np.isfinite(J).all() and np.linalg.cond(J) < MAX_NEWTON_CONDITION):
             return None
         p1: Floats = body.points(q)[0] + np.linalg.solve(J, residual / FEATURE_SCALE)
