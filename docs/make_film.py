@@ -6,9 +6,9 @@ python docs/make_film.py        writes page.jpg and page.mp4 beside this file
 
 MP4 is written by PyAV, which nothing else needs: `pip install -e '.[dev,mp4]'` installs it.
 
-The film runs as time did: enable, teach, jog away, go back, stop. The gain is a sixth of the
-built-in one, so that the way can be seen, and the camera has half the rate, as the browser draws on
-the same processors.
+The film plays in real time: enable, teach, jog away, servo back, stop. The gain is an eighth of the
+default, so that the motion can be seen. The camera has half its default frame rate, because the
+browser draws on the same processors.
 """
 
 import base64
