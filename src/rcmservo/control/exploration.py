@@ -95,8 +95,8 @@ class Exploration(Checked, section="exploration"):
     by the eleven parameters θ of the projection fit, the eight of A (px) and the three of g that
     `DltEstimator` describes. N (11, 11) sums over all frames so far and on the way to that corner.
     σ² (px²) is the mean squared residual of the fit, (0.5 px)² at first. The prior N₀ is diagonal,
-    with σ² 1e-6 for A and σ² for g. H = ∂m/∂p₁ (4, 3) is in px/mm. The path H⁺(m_d − m)
-    (3,) mm leads from the present markers m to those of the target m_d; beyond 10 mm its error is
+    with 1e-6 σ² for A and σ² for g. H = ∂m/∂p₁ (4, 3) is in px/mm. The path H⁺(m_d − m) (3,) mm
+    leads from the present markers m to those of the target m_d; beyond 10 mm its error is
     extrapolated in proportion.
 
     Exploration ends with an estimate once `min_corners` are visited and this error, for the frames

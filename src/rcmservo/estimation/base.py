@@ -160,7 +160,9 @@ class Estimator(Checked, ABC, section="estimator"):
     The optional methods return by default: `filtered_markers` the measured ``sample.points``;
     `imaged_rcm`, `predict` and `recorded_numbers` None. `markers_jacobian` and `sizes_jacobian`
     raise ``NotImplementedError``. `markers_jacobian` is needed with `estimates_rcm` and for the
-    feature vectors 'points' and 'size', `sizes_jacobian` for 'size'.
+    feature vectors 'points' and 'size', `sizes_jacobian` for 'size'. With `estimates_rcm` the servo
+    takes y and ∂y/∂m along the line through the imaged RCM nearest to both markers, as the help of
+    `State` describes for its property ``y``.
 
     The servo calls `update` once for each accepted new frame, never for a repeated frame. In
     motion, an exception or a number that is not finite from a user-defined estimator puts the servo

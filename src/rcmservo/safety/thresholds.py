@@ -81,7 +81,7 @@ class Thresholds(Checked, section="thresholds"):
         It is positive, without a unit, and compared with the Mahalanobis distance √(eᵀ Σ⁻¹ e) of
         the deviation e (2,) px. Σ = C + σ² (1 + 1/n) I (2, 2) px² is the covariance C of the
         projection fit at the marker, plus the noise of the detection and of the marker's mean
-        residual over its n frames. Before, e is shortened by ``model_error`` px and by
+        residual over its n frames. First e is shortened by ``model_error`` px and by
         ``timing_error_fraction`` of the marker's motion.
     model_error : float
         Deviation (px) of a marker that is attributed to the projection model, positive.
@@ -114,19 +114,22 @@ class Thresholds(Checked, section="thresholds"):
         marker moves five times as far (`SURPRISED`).
     max_target_mismatch : float
         Largest distance (mm) of the tool from the taught joints while the image shows it at the
-        target (`ELSEWHERE`), in addition to the effect of noise; inf switches the check off.
+        target (`ELSEWHERE`), positive; inf switches the check off. The larger distance of both
+        markers counts. Three standard deviations of the pose are added: with H = ∂m/∂p₁ (4, 3)
+        px/mm, n averaged frames and 30 of the target, σ √tr(HᵀH)⁻¹ √(1/n + 1/30) mm.
     target_mismatch_time : float
         Time for which image and joints must disagree at the target, s (`ELSEWHERE`).
     max_single_marker_deviation : float
         Largest standard deviation of the pose (mm) that permits slow motion with one marker lost,
-        by the other marker and the joints; 0 never permits it.
+        by the other marker and the joints; 0 never permits it. It is that of marker 1,
+        √tr(H⁺ C H⁺ᵀ), by the covariance C px² of the lost marker's prediction.
     max_jump_px : float
         Largest motion (px) of a marker between frames while the tool is at rest and no prediction
         exists, positive. ``max_innovation`` times √2 σ, the standard deviation of the difference of
         two detections, is added, and ``max_px_per_mm`` times the motion of the tool.
     max_px_per_mm : float
-        Largest motion of a marker in the image per motion of the tool, px/mm, while no prediction
-        exists.
+        Largest motion of a marker in the image per motion of the tool, px/mm, positive, while no
+        prediction exists.
     max_compared_motion : float
         Largest motion of the tool between two frames (mm) at which the markers are compared before
         an exploration is done. An operator moves the tool further by hand.

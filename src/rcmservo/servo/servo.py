@@ -309,7 +309,8 @@ class Servo(Checked):
         Notes
         -----
         Types and shapes of the arrays are not checked. A failure of a user-defined estimator or
-        feature vector raises nothing; the notes of `Estimator` and `FeatureVector` state the result.
+        feature vector raises nothing; the notes of `Estimator` and `FeatureVector` state its
+        result.
         """
         stored, is_new = copy_row(state.stored), target is not state.target
         numbers, code = observation_numbers(observation), REQUESTS.index(request)
