@@ -153,6 +153,7 @@ def test_texts_are_limited_by_choices_patterns_and_blanks():
     assert one_of(("red", "blue")).holds("red")
     assert not one_of(("red", "blue")).holds("green")
     assert one_of(("red", "blue")).hint("blu") == "red, blue (did you mean blue?)"
+    assert repr(one_of(("red", "blue"))) == "<one of red, blue>"
     assert matching(r"\w+(/\w+)*", "a topic").holds("PSM1/image")
     assert not matching(r"\w+(/\w+)*", "a topic").holds("/PSM1")
     assert not_empty("a name").holds("x")

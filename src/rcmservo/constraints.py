@@ -162,7 +162,7 @@ def angles(maximum: float, first: int, unit: str = "rad") -> Limit:
     return Limit(lambda values: find_largest_angle(values) <= maximum, expected, suggest_degrees)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class OneOf(Limit):
     """Limit to some words, such as the names of a registry, to which users may add.
 
@@ -173,6 +173,10 @@ class OneOf(Limit):
     """
 
     choices: Collection[str] = field(default=(), hash=False)
+
+    def __repr__(self) -> str:
+        """Return the present choices, as `help` shows them in signatures."""
+        return f"<{self.expected}{', '.join(self.choices)}>"
 
 
 def one_of(choices: Collection[str]) -> OneOf:

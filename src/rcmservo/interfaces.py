@@ -317,16 +317,22 @@ class Arm(Protocol):
 
 
 class Camera(Protocol):
-    """Camera that delivers frames at its own rate."""
+    """Camera that delivers frames at its own rate.
+
+    The loop calls `latest` every tick (100 Hz). A `TrackingThread`, a class of the module
+    `rcmservo.live.tracking_thread`, calls it every millisecond in the loop's place. An exception
+    ends the run: the loop stops the arm and raises the exception to the caller. In a
+    `TrackingThread` that has offered a frame before, the frames end instead: the servo holds with
+    the cause STALE, and the end of the thread's context raises the exception.
+    """
 
     def latest(self) -> Frame | None:
         """Return the newest frame without waiting; None before the first.
 
-        It is the same object until the next frame arrives. The loop calls the method every tick
-        (100 Hz), a `TrackingThread` every millisecond. If the camera does not answer, return the
-        last frame again: as it ages, the servo slows down, holds and pauses. Frame numbers rise.
-        Exposure and arrival are on the plant's clock: a driver converts the times of a camera with
-        its own clock.
+        It is the same object until the next frame arrives. If the camera does not answer, return
+        the last frame again: as it ages, the servo slows down, holds and pauses. Frame numbers
+        rise. Exposure and arrival are on the plant's clock: a driver converts the times of a camera
+        with its own clock.
         """
         ...
 

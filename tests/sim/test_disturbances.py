@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from test_quiet_disturbances import PERMANENT, TRANSIENT
 
 from conftest import make_laboratory, make_random, mark_others_slow, seeds, snapshot, teach_target
+from rcmservo import sim
 from rcmservo.errors import BadInput
 from rcmservo.interfaces import Command, DropReason, Floats, Frame, Observation
 from rcmservo.loop.plant import Plant
@@ -491,6 +492,11 @@ def test_every_kind_of_rcmservo_run_is_described_in_a_line() -> None:
     assert [line.split(":")[0] for line in lines] == [
         kind for kind in DISTURBANCE_KINDS if kind != "nan_points"
     ]
+
+
+def test_the_help_of_the_package_lists_every_kind_with_its_defaults() -> None:
+    for name, kind in DISTURBANCE_KINDS.items():
+        assert f"- {name}:{kind.usage}\n" in (sim.__doc__ or "")
 
 
 def test_every_kind_has_causes_unless_the_servo_is_dead() -> None:

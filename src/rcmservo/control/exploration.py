@@ -92,15 +92,19 @@ class Exploration(Checked, section="exploration"):
         σ √tr(T N⁻¹ Tᵀ),    N = Σ DᵀD + N₀,    T = H⁺(D(p₁ + path) − D(p₁))
 
     σ (px) is the noise of a pixel coordinate, and D = ∂m/∂θ (4, 11) the derivative of both markers
-    by the eleven parameters θ of the projection fit. N (11, 11) sums over all frames so far and on
-    the way to that corner; N₀ is the prior. H = ∂m/∂p₁ (4, 3) is in px/mm. The path H⁺(m_d − m)
-    (3,) mm leads from the present markers m to those of the target m_d; beyond 10 mm its error is
+    by the eleven parameters θ of the projection fit, the eight of A (px) and the three of g that
+    `DltEstimator` describes. N (11, 11) sums over all frames so far and on the way to that corner.
+    σ² (px²) is the mean squared residual of the fit, (0.5 px)² at first. The prior N₀ is diagonal,
+    with 1e-6 σ² for A and σ² for g. H = ∂m/∂p₁ (4, 3) is in px/mm. The path H⁺(m_d − m) (3,) mm
+    leads from the present markers m to those of the target m_d; beyond 10 mm its error is
     extrapolated in proportion.
 
     Exploration ends with an estimate once `min_corners` are visited and this error, for the frames
     so far, is at most the fraction `uncertainty` of the path's length, or 0.5 mm. In addition the
-    fit must be plausible for a camera, and an Ĵ of an estimator that uses eq. (16) must agree with
-    the fit to `tolerance`.
+    fit must be plausible for a camera, by ``max_residual_px`` and ``min_camera_distance`` of
+    `Thresholds`, and have marker 1 nearer the RCM. With an estimator that uses eq. (16), the
+    condition number of (16) must be at most half of ``max_condition`` of `ImagedRcm`, and Ĵ must
+    agree with the fit to `tolerance`.
 
     References
     ----------

@@ -4,6 +4,9 @@ A frame shows the tool at its exposure, while the joints are newer. Since then t
 marker 1 from p₁(frame) to p₁, which to first order changes the error to
 
     Δy + Ĵ (p₁ − p₁(frame))
+
+`predict_error` predicts the error of [s r d]. The function `evaluate_controller` of
+servo/compute_command.py predicts that of the controlled features, with `predict_component`.
 """
 
 from rcmservo.estimation.base import Estimate

@@ -67,7 +67,7 @@ class SaturatedController(Checked, section="controller"):
         smaller gain reduces the noise of the motion.
     bounds : Triple
         Saturation bounds b of the feature errors (rad, px, px), positive; that of the angle is at
-        most π.
+        most π. By default they are 50° (0.873 rad), 50 px and 50 px.
     potential : Literal['continuous', 'printed']
         Potential V beyond the bounds: 'continuous' as above and in Fig. 5 of the paper, or
         'printed', ½ bᵢ |Δyᵢ| as in the paper's eq. (32), with which ∂V/∂y drops to half at b.

@@ -50,12 +50,13 @@ class AffineEstimator(Estimator):
     The matrix C (3, 4) of each marker is fitted to all frames. Ĵ (3, 3) in rad/mm, px/mm, px/mm is
     ∂y/∂m ∂m/∂p₁, eq. (15), with ∂m/∂p₁ (4, 3) px/mm of both fits.
 
-    The rows c₁, c₂, c₃ of C minimise a sum over the frames of one marker, in px²,
+    The fit has other origins: with the position p₀ and the pixels (u₀, v₀) of the marker in its
+    first frame it is (u − u₀, v − v₀, 1)/R = B x̄, x̄ = [x 1] and x = (p − p₀)/100 mm. The rows b₁,
+    b₂, b₃ of B (3, 4), from which C follows, minimise a sum over the frames of one marker, in px²,
 
-        Σ R² [(c₁ᵀx̄ − u c₃ᵀx̄)² + (c₂ᵀx̄ − v c₃ᵀx̄)²] + κ Σ R⁴ (c₃ᵀx̄ − 1/R)²,    κ = 1/size_noise²
+        Σ R² [(b₁ᵀx̄ − (u − u₀) b₃ᵀx̄)² + (b₂ᵀx̄ − (v − v₀) b₃ᵀx̄)²] + κ Σ R⁴ (b₃ᵀx̄ − 1/R)²
 
-    with x̄ = [x 1] and x = (p − p₀)/100 mm. The position p₀ and the pixels of the marker in its
-    first frame are the origins of x and of (u, v).
+    with κ = 1/size_noise².
 
     Parameters
     ----------
@@ -70,9 +71,13 @@ class AffineEstimator(Estimator):
 
     Notes
     -----
-    It needs a tracker that measures apparent radii, and four frames at different positions. It
-    estimates the imaged RCM and accepts frames with one lost marker. No pose is singular. The fit
-    subtracts the bias that the noise of the centres causes in c₃.
+    It needs a tracker that measures apparent radii, and four frames at different positions. Frames
+    without radii are ignored: Ĵ stays zero, and the exploration ends with the cause NOT_EXPLORED.
+    It accepts frames with one lost marker. No pose is singular. The fit subtracts the bias that the
+    noise of the centres causes in b₃.
+
+    The imaged RCM is the image of p = 0. Of the fits of both markers, the one counts whose
+    covariance of this image has the smaller trace.
 
     References
     ----------

@@ -1,7 +1,8 @@
 """Interface of the estimators of the Jacobian Ĵ of eq. (14).
 
 An estimator is a frozen dataclass of settings. Its memory is a separate value, and each step is a
-pure function of both.
+pure function of both. To add an estimator, derive a class from `Estimator` in a file of this
+folder, and list it in config/class_registry.py.
 """
 
 from abc import ABC, abstractmethod
@@ -110,6 +111,17 @@ class Estimator(Checked, ABC, section="estimator"):
     neither its arguments nor the estimator. Only the estimator interprets its memory. A built-in
     estimator is listed in config/class_registry.py; a user-defined one needs no list.
 
+    The features of a sample, eq. (7)-(9), with the markers (u₁, v₁) and (u₂, v₂) px measured from
+    the imaged RCM ``sample.o_c``, are
+
+        s = atan2(v₂ − v₁, u₂ − u₁),    r = |(u₁, v₁)|,    d = |(u₂ − u₁, v₂ − v₁)|
+
+    The module `rcmservo.geometry.features` computes them: ``m = shift_to_rcm(sample.points,
+    sample.o_c)`` (4,) px, ``compute_features(m)`` (3,) and ``compute_features_jacobian(m)``, ∂y/∂m
+    (3, 4). With the derivative ∂m/∂p₁ (4, 3) px/mm of both markers, eq. (15) is
+
+        Ĵ = ∂y/∂m ∂m/∂p₁
+
     The class is a frozen dataclass, whose fields are the settings. The argument `tool` of the
     methods is a `RigidTool` or a `ScaledTool`. Its method ``second_marker(p1)`` returns the
     position p₂ (3,) mm of marker 2.
@@ -122,8 +134,9 @@ class Estimator(Checked, ABC, section="estimator"):
     predicts_markers : bool
         True if `predict` returns predicted markers; False by default.
     estimates_rcm : bool
-        True if `imaged_rcm` replaces eq. (16); False by default. The class must then also
-        implement `imaged_rcm` and `markers_jacobian`, from which the servo computes Ĵ, eq. (15).
+        True if `imaged_rcm` replaces eq. (16), which the help of `ImagedRcm` states; False by
+        default. The class must then also implement `imaged_rcm` and `markers_jacobian`, from which
+        the servo computes Ĵ, eq. (15).
     tolerates_lost_marker : bool
         True if `update` accepts NaN for one marker; False by default. It has an effect only if
         `estimates_rcm` is True.
@@ -134,12 +147,22 @@ class Estimator(Checked, ABC, section="estimator"):
     ------
     BadInput
         At construction, if a setting is outside its limits. The limits are annotations of the
-        fields, as in the example.
+        fields, as in the example. The module `rcmservo.constraints` has them: `positive`,
+        `not_negative`, `finite`, `between`, `above`, `inside`, `at_least` and `at_most` for a
+        number, `three_positive`, `each` and `array` for several, `one_of`, `matching` and
+        `not_empty` for a text, and `Limit` for any other condition.
 
     Notes
     -----
     A user-defined estimator may leave all attributes at their defaults. On the command line all its
     settings must have a default.
+
+    The optional methods return by default: `filtered_markers` the measured ``sample.points``;
+    `imaged_rcm`, `predict` and `recorded_numbers` None. `markers_jacobian` and `sizes_jacobian`
+    raise ``NotImplementedError``. `markers_jacobian` is needed with `estimates_rcm` and for the
+    feature vectors 'points' and 'size', `sizes_jacobian` for 'size'. With `estimates_rcm` the servo
+    takes y and ∂y/∂m along the line through the imaged RCM nearest to both markers, as the help of
+    `State` describes for its property ``y``.
 
     The servo calls `update` once for each accepted new frame, never for a repeated frame. In
     motion, an exception or a number that is not finite from a user-defined estimator puts the servo
@@ -185,7 +208,8 @@ class Estimator(Checked, ABC, section="estimator"):
         Returns
         -------
         object
-            Memory with which Ĵ is zero (Ĵ = 0 or â = 0).
+            Memory with which Ĵ is zero: Ĵ = 0, or â = 0 for an estimator of the parameters â of a
+            projection, such as the nine of eq. (17).
         """
 
     @abstractmethod
@@ -229,6 +253,8 @@ class Estimator(Checked, ABC, section="estimator"):
     def filtered_markers(self, memory: Any, tool: Tool, sample: Sample) -> Floats:
         """Return the markers at a sample: measured, or filtered if the estimator does so.
 
+        By default they are the measured ``sample.points``.
+
         Parameters
         ----------
         memory : object
@@ -247,7 +273,7 @@ class Estimator(Checked, ABC, section="estimator"):
         return sample.points
 
     def imaged_rcm(self, memory: Any) -> tuple[Floats, Floats] | None:
-        """Return the imaged RCM by the estimator's own model.
+        """Return the imaged RCM by the estimator's own model; None by default.
 
         Parameters
         ----------
@@ -265,8 +291,8 @@ class Estimator(Checked, ABC, section="estimator"):
     def markers_jacobian(self, memory: Any, tool: Tool, sample: Sample) -> Floats:
         """Return ∂m/∂p₁ of both markers at a sample, the second factor of eq. (15).
 
-        The servo calls it if the estimator determines the imaged RCM, or if the controller acts on
-        the markers' coordinates.
+        By default it raises ``NotImplementedError``. The servo calls it if the estimator determines
+        the imaged RCM, or if the controller acts on the markers' coordinates.
 
         Parameters
         ----------
@@ -297,7 +323,8 @@ class Estimator(Checked, ABC, section="estimator"):
     def sizes_jacobian(self, memory: Any, tool: Tool, sample: Sample) -> Floats:
         """Return ∂R/∂p₁ of both markers' apparent radii at a sample.
 
-        The servo calls it if the controller acts on the apparent radii.
+        By default it raises ``NotImplementedError``. The servo calls it if the controller acts on
+        the apparent radii.
 
         Parameters
         ----------
@@ -326,7 +353,7 @@ class Estimator(Checked, ABC, section="estimator"):
         return type(self).sizes_jacobian is not Estimator.sizes_jacobian
 
     def predict(self, memory: Any, tool: Tool, p1: Floats) -> Floats | None:
-        """Return the markers predicted for a tool position.
+        """Return the markers predicted for a tool position; None by default.
 
         Parameters
         ----------
@@ -346,7 +373,7 @@ class Estimator(Checked, ABC, section="estimator"):
         return None
 
     def recorded_numbers(self, memory: Any) -> Floats | None:
-        """Return the part of the memory that is recorded with every tick.
+        """Return the part of the memory that is recorded with every tick; None by default.
 
         Parameters
         ----------

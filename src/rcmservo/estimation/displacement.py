@@ -72,7 +72,25 @@ class DisplacementEstimator(Estimator):
     def update_jacobian(
         self, J_hat: Floats, P: Floats, delta_p: Floats, delta_y: Floats
     ) -> tuple[Floats, Floats]:
-        """Return Ĵ (3, 3) and P after a displacement Δp (3,) mm that changed y by Δy (3,)."""
+        """Return Ĵ (3, 3) and P after a displacement of marker 1.
+
+        Parameters
+        ----------
+        J_hat : Floats
+            Ĵ (3, 3) in rad/mm, px/mm, px/mm before the displacement.
+        P : Floats
+            Covariance of the rows of Ĵ before it; empty (0,), and returned unchanged, if the
+            estimator has none.
+        delta_p : Floats
+            Displacement Δp₁ (3,) in mm.
+        delta_y : Floats
+            Change Δy (3,) of the features in rad, px, px.
+
+        Returns
+        -------
+        tuple of Floats
+            Ĵ and P after the displacement.
+        """
 
     def init(self) -> DisplacementMemory:
         return DisplacementMemory(np.zeros((3, 3)), self.initial_covariance())

@@ -86,9 +86,13 @@ class DltEstimator(Estimator):
 
     Notes
     -----
-    It has no settings. It estimates the imaged RCM, averages the noise of the markers, and accepts
-    frames with one lost marker. The RCM may lie in front of the camera, behind it or in its focal
-    plane.
+    It has no settings. It averages the noise of the markers and accepts frames with one lost
+    marker. The imaged RCM is the projection of p = 0, with the covariance that follows from that of
+    A and g. The RCM may lie in front of the camera, behind it or in its focal plane.
+
+    Eleven numbers need six positions of markers that do not lie in one plane, thus three frames or
+    more. A prior, equivalent to a standard deviation of 1000 px for A and 1 for g, keeps the fit
+    finite before.
 
     References
     ----------

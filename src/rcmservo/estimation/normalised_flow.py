@@ -8,9 +8,10 @@ error of Ĵ along Δp₁ is multiplied by 1 − μ, and no row's error grows for
 is Broyden's update, which takes in all of the noise. A smaller μ averages over the newest
 displacements of similar direction, and needs more of them.
 
-S. Kaczmarz, Angenäherte Auflösung von Systemen linearer Gleichungen, Bull. Acad. Polon. Sci. Lett.
-A 35 (1937) 355-357. As an adaptive filter it is normalised LMS: J. Nagumo and A. Noda, A learning
-method for system identification, IEEE Trans. Automatic Control 12 (1967) 282-287.
+S. Kaczmarz, Angenäherte Auflösung von Systemen linearer Gleichungen, Bulletin International de
+l'Académie Polonaise des Sciences et des Lettres A 35 (1937) 355-357. As an adaptive filter it is
+normalised LMS: J. Nagumo and A. Noda, A learning method for system identification, IEEE Trans.
+Automatic Control 12 (1967) 282-287.
 """
 
 from dataclasses import dataclass
@@ -52,8 +53,10 @@ class NormalisedFlowEstimator(DisplacementEstimator):
 
     References
     ----------
-    Section III-C of the paper; S. Kaczmarz (1937); J. Nagumo and A. Noda, IEEE Trans. Automatic
-    Control 12 (1967) 282-287.
+    Section III-C of the paper; S. Kaczmarz, Angenäherte Auflösung von Systemen linearer
+    Gleichungen, Bulletin International de l'Académie Polonaise des Sciences et des Lettres A 35
+    (1937) 355-357; J. Nagumo and A. Noda, A learning method for system identification, IEEE Trans.
+    Automatic Control 12 (1967) 282-287.
     """
 
     mu: Annotated[float, inside(0.0, 2.0)] = 0.5

@@ -69,9 +69,26 @@ class ImagedRcm(Checked, section="imaged_rcm"):
     BadInput
         If a parameter is outside its range.
 
+    Notes
+    -----
+    The fit 'refined' differs from eq. (16) in three points:
+
+    - Selection. The newest line is added to the H stored ones, and the line i with the least
+      leverage dᵢ² nᵢᵀ N⁻¹ nᵢ is removed, with dᵢ px the distance of the markers and N (2, 2) px² =
+      Σ dᵢ² nᵢ nᵢᵀ over all H + 1 lines. Its removal changes o_c least.
+    - Weights. wᵢ = dᵢ², because pixel noise σ disturbs the angle of a line by √2 σ/dᵢ.
+    - Steps. From the solution of (16), Gauss-Newton steps minimise the cost
+
+          Q(o_c) = Σᵢ min over tᵢ of (e₁ᵢ² + e₂ᵢ²)    px²
+
+      with e₁ᵢ and e₂ᵢ px the distances of both markers from the line through o_c in the direction
+      tᵢ. Noise turns the normals, which biases (16) towards the tool; the steps remove this bias.
+      From the condition number 1e6 of (16) on, no step is made.
+
     References
     ----------
-    Section III-A of the paper.
+    Section III-A of the paper for eq. (16). The selection, the weights and the steps are this
+    project's own.
     """
 
     name = "lines"

@@ -1,7 +1,8 @@
 """Registry of the arms and cameras that a rig file can name.
 
-To add a kind, write its settings class and its driver, and add a line to `DRIVERS`. A driver is
-imported only when a device of its kind is opened.
+To add a kind, write its settings class and its driver, and add a line to `DRIVERS`. A kind of
+camera is also a member of the union `CameraSettings` in cameras/settings.py, where `known_latency`
+must cover it. A driver is imported only when a device of its kind is opened.
 """
 
 from collections.abc import Callable, Mapping

@@ -3,6 +3,10 @@
 `Cause` declares each cause once: the action that it requests, its sentence and remedy for the
 operator, the function that detects it, and the state that it invalidates. Compiled functions know a
 cause by its code, and a set of causes as an integer with one bit for each.
+
+To add a cause: write its detector, a compiled function of the facts of a tick, in checks/; declare
+its limits as fields of `Thresholds` in thresholds.py; and add a member to `Cause` at the position
+of its severity. Then docs/make_fault_table.py renews the table in docs/faults.md.
 """
 
 import inspect

@@ -34,7 +34,10 @@ class Thresholds(Checked, section="thresholds"):
     Names in capitals, such as `LATE`, are the members of `Cause` that a threshold decides about.
     Scaled features are divided by 10°, 10 px and 10 px, so the scaled error √(2V) and the entries
     of the scaled Ĵ have comparable parts; V is the potential of the controller, eq. (32). The
-    signature states the range and the default of each threshold.
+    signature states the range and the default of each threshold. A scaled error has no unit.
+
+    The noise σ px of a pixel coordinate is the root mean square residual of the projection fit, the
+    fit of the camera's projection to all accepted frames; 0.5 px before the frames determine it.
 
     Parameters
     ----------
@@ -53,7 +56,7 @@ class Thresholds(Checked, section="thresholds"):
         Longest time without a reading of the joints, s (`ARM_SILENT`).
     max_following_error : Triple
         Largest following error: deviation of each joint from the position that the commands
-        predict (rad, rad, mm) (`NOT_FOLLOWING`).
+        predict (rad, rad, mm), positive, at most π for an angle (`NOT_FOLLOWING`).
     drive_lag : float
         Time constant of the drives, with which the joints follow the commanded rates, s. At 0 the
         exploration measures it.
@@ -75,12 +78,16 @@ class Thresholds(Checked, section="thresholds"):
         Number of successive late ticks that count as an overrun (`OVERRUN`).
     max_innovation : float
         Largest deviation of a marker from its prediction, in standard deviations (`REJECTED`).
-        ``model_error`` and ``timing_error_fraction`` are subtracted from the deviation first.
+        It is positive, without a unit, and compared with the Mahalanobis distance √(eᵀ Σ⁻¹ e) of
+        the deviation e (2,) px. Σ = C + σ² (1 + 1/n) I (2, 2) px² is the covariance C of the
+        projection fit at the marker, plus the noise of the detection and of the marker's mean
+        residual over its n frames. First e is shortened by ``model_error`` px and by
+        ``timing_error_fraction`` of the marker's motion.
     model_error : float
-        Deviation (px) of a marker that is attributed to the projection model.
+        Deviation (px) of a marker that is attributed to the projection model, positive.
     timing_error_fraction : float
         Deviation of a marker that is attributed to timing errors, as a fraction of its motion in
-        the image since the last accepted frame.
+        the image since the last accepted frame, positive.
     max_residual_px : float
         Largest root mean square residual of the projection fit, px. A larger one is no camera's
         projection (`DIVERGED`).
@@ -89,10 +96,14 @@ class Thresholds(Checked, section="thresholds"):
         is no camera's projection (`DIVERGED`). A marker that does not move in the image causes such
         a fit.
     max_drift_sigma : float
-        Largest mean residual of a marker, in standard deviations. A drift (`DRIFTS`, `SURPRISED`)
+        Largest mean residual of a marker, in standard deviations. It is positive, without a unit,
+        and compared with the Mahalanobis distance √(rᵀ Σ⁻¹ r) of the mean residual r (2,) px over
+        n = ``drift_frames`` frames. Σ = C + σ²/n I (2, 2) px² is the covariance C of the
+        projection fit at the marker, plus the noise of the mean. A drift (`DRIFTS`, `SURPRISED`)
         exceeds this value and ``max_drift_px``.
     max_drift_px : float
-        Largest mean residual of a marker, px.
+        Largest mean residual of a marker, px, positive: the length of its mean over
+        ``drift_frames`` frames.
     drift_frames : int
         Number of frames in the mean residual.
     frozen_image_motion : float
@@ -103,24 +114,28 @@ class Thresholds(Checked, section="thresholds"):
         marker moves five times as far (`SURPRISED`).
     max_target_mismatch : float
         Largest distance (mm) of the tool from the taught joints while the image shows it at the
-        target (`ELSEWHERE`), in addition to the effect of noise; inf switches the check off.
+        target (`ELSEWHERE`), positive; inf switches the check off. The larger distance of both
+        markers counts. Three standard deviations of the pose are added: with H = ∂m/∂p₁ (4, 3)
+        px/mm, n averaged frames and 30 of the target, σ √tr(HᵀH)⁻¹ √(1/n + 1/30) mm.
     target_mismatch_time : float
         Time for which image and joints must disagree at the target, s (`ELSEWHERE`).
     max_single_marker_deviation : float
         Largest standard deviation of the pose (mm) that permits slow motion with one marker lost,
-        by the other marker and the joints; 0 never permits it.
+        by the other marker and the joints; 0 never permits it. It is that of marker 1,
+        √tr(H⁺ C H⁺ᵀ), by the covariance C px² of the lost marker's prediction.
     max_jump_px : float
         Largest motion (px) of a marker between frames while the tool is at rest and no prediction
-        exists, in addition to ``max_innovation`` standard deviations.
+        exists, positive. ``max_innovation`` times √2 σ, the standard deviation of the difference of
+        two detections, is added, and ``max_px_per_mm`` times the motion of the tool.
     max_px_per_mm : float
-        Largest motion of a marker in the image per motion of the tool, px/mm, while no prediction
-        exists.
+        Largest motion of a marker in the image per motion of the tool, px/mm, positive, while no
+        prediction exists.
     max_compared_motion : float
         Largest motion of the tool between two frames (mm) at which the markers are compared before
         an exploration is done. An operator moves the tool further by hand.
     jump_agreement : float
         Largest distance between the positions of a marker in successive rejected frames at which
-        they count as the same, as a multiple of ``max_jump_px``.
+        they count as the same, as a multiple of ``max_jump_px``, positive.
     max_rejected_frames : int
         Number of successive rejected frames at which the tool stops (`CAMERA_MOVED`, `SWAPPED`,
         `SURPRISED`).
@@ -129,27 +144,32 @@ class Thresholds(Checked, section="thresholds"):
         (`CAMERA_MOVED`).
     min_predicted_change : float
         Smallest predicted change of the scaled features at which the measured change is compared
-        with it.
+        with it, positive. The change is the largest absolute component of Ĵ Δp₁, each divided by
+        10°, 10 px, 10 px.
     max_change_error : float
         Largest difference between measured and predicted change, as a fraction of the predicted
-        one, in addition to ``min_predicted_change``.
+        one, in addition to ``min_predicted_change``. Both are largest absolute components.
     max_contradictions : int
         Number of successive comparisons that must contradict the estimate to invalidate it
         (`DIVERGED`).
     singular_fraction : float
         Fraction of the error that the damped control law must reduce. Below it the target lies at
-        or beyond a singular surface (`SINGULAR`).
+        or beyond a singular surface (`SINGULAR`). With the scaled gradient g = ∂V/∂y (n,), the
+        singular values σᵢ and vectors uᵢ (n,) of the scaled Ĵ and the damping λᵢ, as in
+        `SaturatedController`, the fraction is Σ (uᵢᵀg)² σᵢ²/(σᵢ² + λᵢ²) / |g|².
     nearly_singular_fraction : float
         Fraction of the error that the damped control law must reduce for full speed. Below it the
-        tool moves slowly (`NEARLY_SINGULAR`).
+        tool moves slowly (`NEARLY_SINGULAR`). It is computed as for ``singular_fraction``.
     min_checked_error : float
         Scaled error √(2V) up to which ``singular_fraction`` and ``nearly_singular_fraction`` are
-        not applied: noise has an arbitrary direction.
+        not applied, positive: noise has an arbitrary direction.
     min_exploration_room : float
-        Fraction of the exploration's full volume that the joint limits must leave (`NO_ROOM`).
+        Fraction of each side of the exploration's first box that the joint limits must leave
+        (`NO_ROOM`). A full side is ``speed_scale`` times ``leg_time`` of `Exploration` times the
+        joint's maximal speed, reduced if a leg would exceed ``max_leg_length``.
     max_jacobian_entry : float
-        Largest entry of the scaled Ĵ, 1/mm: 30 is 300 px/mm, more than any camera's image shows
-        (`ESTIMATE_LARGE`).
+        Largest entry of the scaled Ĵ, 1/mm, positive: 30 is 300 px/mm, more than any camera's image
+        shows (`ESTIMATE_LARGE`).
     hold_time : float
         Time in HOLD after which only the operator resumes, s.
     frames_to_recover : int
@@ -162,24 +182,28 @@ class Thresholds(Checked, section="thresholds"):
         Fraction of the speed that must remain without the joint that would pass its limit; if less
         remains, the joint blocks the path (`JOINT_1_LIMIT`).
     stall_error : float
-        Scaled error √(2V) above which an error that does not decrease counts as stalled
+        Scaled error √(2V) above which an error that does not decrease counts as stalled, positive
         (`STALLED`).
     stall_decrease : float
-        Decrease of the scaled error √(2V) that counts as progress.
+        Decrease of the scaled error √(2V) that counts as progress, positive.
     stall_decrease_fraction : float
         Decrease of the scaled error that counts as progress, as a fraction of this error. The
         smaller one of ``stall_decrease`` and this decrease counts.
     stall_time : float
         Longest time without progress, s (`STALLED`).
     stall_time_constants : float
-        Longest time without progress, in time constants 1/k of the control law with the gain k. The
-        longer one of ``stall_time`` and this time counts.
+        Longest time without progress, in time constants 1/k of the control law with the gain k,
+        positive. The longer one of ``stall_time`` and this time counts.
 
     Raises
     ------
     BadInput
         If a threshold is outside its range, or ``max_frame_age_hold`` is below
         ``max_frame_age_slow``.
+
+    References
+    ----------
+    The checks and their thresholds are this project's own.
     """
 
     name = "thresholds"

@@ -280,8 +280,8 @@ class Servo(Checked):
         it. The estimator updates o_c and Ĵ from an accepted frame. The controller predicts the
         error for the present joints and computes v and the joint rates. The checks collect the
         causes, the state machine chooses the mode, and the gate bounds the rates. These steps are
-        the functions `step` and `conclude` of tick.py. An estimator that does not compile runs in
-        Python, once per frame.
+        the functions `step` and `conclude` of `rcmservo.servo.tick`. An estimator that does not
+        compile runs in Python, once per frame.
 
         Parameters
         ----------
@@ -300,6 +300,17 @@ class Servo(Checked):
         -------
         State
             State after this tick, with the command.
+
+        Raises
+        ------
+        ValueError
+            If `request` is not a member of `Request`.
+
+        Notes
+        -----
+        Types and shapes of the arrays are not checked. A failure of a user-defined estimator or
+        feature vector raises nothing; the notes of `Estimator` and `FeatureVector` state its
+        result.
         """
         stored, is_new = copy_row(state.stored), target is not state.target
         numbers, code = observation_numbers(observation), REQUESTS.index(request)

@@ -116,6 +116,12 @@ class State(NamedTuple):
     properties give the numbers of the tick by name, such as `phase`, `cause`, `y`, `J_hat`, `v` and
     `command`; a program has no need of the four fields.
 
+    The features y = [s r d] (3,), eq. (7)-(9), are in rad, px, px. With the markers (u₁, v₁) and
+    (u₂, v₂) px measured from the imaged RCM o_c these are the angle s of the imaged tool, the
+    distance r of marker 1 from o_c, and the distance d between the markers:
+
+        s = atan2(v₂ − v₁, u₂ − u₁),    r = |(u₁, v₁)|,    d = |(u₂ − u₁, v₂ − v₁)|
+
     Parameters
     ----------
     stored : StoredState
@@ -128,6 +134,21 @@ class State(NamedTuple):
         Target of the last tick.
     detail : str
         Addition to the sentence of the cause, such as the joint concerned.
+
+    Notes
+    -----
+    Before the first accepted frame `y`, `delta`, `p1` and `o_c` are NaN, `J_hat` and `v` are zero,
+    and `condition` is inf. `v` stays zero and `condition` inf until the exploration has ended. With
+    an estimator that uses eq. (16), `y` and `delta` stay NaN until the lines of several frames
+    determine the imaged RCM.
+
+    The classes of `decision` and `estimation`, ``Decision`` and ``EstimationState``, are in the
+    module `rcmservo.servo.state`; that of `monitor`, ``MonitorState``, is in
+    `rcmservo.safety.monitor_state`.
+
+    References
+    ----------
+    Section II-D of the paper for the features.
     """
 
     stored: StoredState
@@ -137,17 +158,17 @@ class State(NamedTuple):
 
     @property
     def decision(self) -> Decision:
-        """Mode, requested velocity, command and progress."""
+        """Mode, requested velocity, command and progress, a `rcmservo.servo.state.Decision`."""
         return self.stored.decision
 
     @property
     def monitor(self) -> MonitorState:
-        """State of the checks."""
+        """State of the checks, a `rcmservo.safety.monitor_state.MonitorState`."""
         return self.stored.monitor
 
     @property
     def estimation(self) -> EstimationState:
-        """Estimate, exploration and estimator memory."""
+        """Estimate, exploration and memory, a `rcmservo.servo.state.EstimationState`."""
         stored, fit = self.stored, self.stored.projection_fit
         lines, memory = self.memory or (NO_LINES, fit.rows)
         return EstimationState(stored.estimate, lines, fit, memory, stored.exploration_state)
@@ -204,31 +225,44 @@ class State(NamedTuple):
 
     @property
     def condition(self) -> float:
-        """Condition number of Ĵ with its rows in units of 10°, 10 px, 10 px."""
+        """Condition number of the controlled Jacobian with its rows in units of 10° and 10 px.
+
+        It is that of Ĵ for the features 'srd', and inf before the exploration has ended.
+        """
         return self.stored.estimate.condition
 
     @property
     def p1(self) -> Floats:
-        """Position (3,) of marker 1 in mm at the exposure of the newest accepted frame."""
+        """Position (3,) of marker 1 in mm at the exposure of the newest accepted frame.
+
+        It is NaN before the first.
+        """
         return self.stored.estimate.p1
 
     @property
     def y(self) -> Floats:
         """Features y = [s r d] (3,), eq. (7)-(9), in rad, px, px at the exposure.
 
-        If the estimator determines the imaged RCM (dlt, affine), s is the angle of the line through
-        it that passes nearest to both markers, and r and d are measured along this line.
+        They are the angle s of the imaged tool, the distance r of marker 1 from o_c and the
+        distance d between the markers; NaN while o_c is unknown. If the estimator determines the
+        imaged RCM (dlt, affine), s is the angle of the line through it that passes nearest to both
+        markers, and r and d are measured along this line.
         """
         return self.stored.estimate.y
 
     @property
     def delta(self) -> Floats:
-        """Feature error Δy = y − y_d (3,) in rad, px, px at the exposure."""
+        """Feature error Δy = y − y_d (3,) in rad, px, px at the exposure; NaN while unknown."""
         return self.stored.estimate.delta
 
     @property
     def v(self) -> Floats:
-        """Requested velocity v = −k Ĵ⁻¹ ∂V/∂y (3,) of marker 1 in mm/s, eq. (31)."""
+        """Requested velocity v = −k Ĵ⁻¹ ∂V/∂y (3,) of marker 1 in mm/s, eq. (31).
+
+        The potential V = Σ Vᵢ, eq. (32), has Vᵢ = ½ Δyᵢ² for |Δyᵢ| < bᵢ, and bᵢ |Δyᵢ| − ½ bᵢ²
+        beyond the bound bᵢ of the controller. The inverse is damped as `SaturatedController`
+        describes. v is zero until the exploration has ended.
+        """
         return self.decision.v
 
     @property

@@ -8,24 +8,33 @@ follows from a seed. Its devices make a `Plant`::
 
 With ``Rig(seed, pictures=False)`` the frames hold the markers' pixels instead of an image, and the
 tracker is ``rs.tracking.PointMarkers()``. ``rig.move_to_target()`` and ``rig.move_to_start()``
-place the tool. ``rig.truth`` has the true state, with which a run is evaluated.
+place the tool. `Rig` raises ``NoScene``, a class of `rcmservo.sim.scene`, if it finds no scene.
+
+``rig.truth`` has the true state, with which a run is evaluated. Joints q (3,) are in rad, rad, mm,
+times in ns on the clock of the simulation:
+
+- ``joints_at(time)``: joints (3,) within the last second.
+- ``markers(time)``: positions p₁, p₂ (2, 3) of both markers in mm within the last second.
+- ``pixels(q)``: images (2, 2) of both markers in px at the joints q.
+- ``imaged_rcm()``: image o_c (2,) of the RCM in px.
+- ``jacobian(q, o_c)``: J = ∂y/∂p₁ (3, 3) in rad/mm, px/mm, px/mm, eq. (15).
+- ``jacobian_error(J_hat, q, o_c)``: ‖Ĵ − J‖/‖J‖, with the rows divided by 10°, 10 px, 10 px.
+
+``rig.scene`` has the joints `start` (3,) and `target` (3,) in rad, rad, mm, the joints `path`
+(n, 3) between them and `midpoint` (3,), the camera `optics`, the tool `body`, the `tissue`, and the
+number `rejected` of infeasible samples.
 
 ``Rig(disturbances=[Disturbance.parse("occlusion:at=5,for=0.5")])`` adds faults. Their times count
-from ``rig.begin()``, before which none acts. The kinds are, by the part that they disturb:
-
-- view: occlusion, swap, decoy, freeze, nan_points (only with ``pictures=False``)
-- camera: camera_pan, camera_roll, camera_dolly, camera_zoom, relocate
-- frames: frame_drop, latency, frame_order, corrupt, camera_clock
-- arm: gain, creep, encoder, encoder_nan, arm_silent, arm_clock, drive_off
-- computer: stall, jitter, kill, disk_full
-
-``rcmservo run --disturb help`` lists the parameters of each kind that a camera with images can
-have.
+from ``rig.begin()``, before which none acts. Each kind below stands with its keys and their
+defaults. `at` (s) is the start, 0 by default. `for` (s) is the duration, without a default to the
+end of the run; for a motion of the camera it is the time that the motion takes. A kind without
+`for` happens at once.
 """
 
 from rcmservo.sim.arm import Drive
 from rcmservo.sim.cameras import Timing
 from rcmservo.sim.disturbances import Disturbance, Killed
+from rcmservo.sim.disturbances.disturbance_kinds import document_kinds
 from rcmservo.sim.rendering import Appearance
 from rcmservo.sim.rig import Rig, RigSettings
 from rcmservo.sim.scene import SceneSettings
@@ -40,3 +49,5 @@ __all__ = [
     "SceneSettings",
     "Timing",
 ]
+
+__doc__ = f"{__doc__ or ''}\n{document_kinds()}\n"

@@ -10,7 +10,8 @@ that an unbiased servo can reach in a scene. The public names are:
   target at every tick, `pose_error` its root mean square over the last second, `first_within(mm)`
   the time in s at which it is first that small, and `stops` the times and causes of all stops.
 - ``bound(scene, noise, frames, shown)``: the Cramér-Rao bound of the pose error,
-  noise² (1/frames + 1/shown) (HᵀH)⁻¹, also available as ``rs.bound``.
+  noise² (1/frames + 1/shown) (HᵀH)⁻¹, also available as ``rs.bound``. H (4, 3) px/mm is the
+  derivative of both markers' pixels (u₁, v₁, u₂, v₂) with respect to the position of marker 2.
 - ``Bound``: its result, with the `covariance` (3, 3) in mm² and the root mean square `rms` in mm.
 
 For example, with ``rs`` the package `rcmservo`::

@@ -1,5 +1,29 @@
 """Detection of the two markers in camera images.
 
+The markers are coloured balls on the shaft. The public names are:
+
+- `ColourMarkers`: tracker that searches images, and follows the balls from frame to frame.
+- `PointMarkers`: tracker for a camera that delivers the markers' centres instead of images.
+- `MarkerAppearance`: colours and radii of the two balls.
+- `COLOURS`: names of the possible colours.
+- `read_image`, `decode_image`: image from a JPEG or PNG file, or from its bytes; a truncated one is
+  refused.
+- `encode_image`: bytes of a JPEG file from an image.
+
+For example, a green marker 1 and a blue marker 2, the default, with ``rs`` the package `rcmservo`.
+On hardware, arm, camera and clock are those of the device drivers instead::
+
+    rig = rs.sim.Rig(seed=0)
+    look = rs.tracking.MarkerAppearance(colour_1="green", colour_2="blue")
+    plant = rs.Plant(rig.arm, rig.camera, rs.tracking.ColourMarkers(look), rig.clock)
+    markers = plant.tracker.find(rig.camera.latest())
+    print(markers.points)    # centres (2, 2) in px
+
+The method of detection is this project's own. In rendered images the root mean square error of a
+centre is 0.015 px over 289 positions, and 0.047 px along paths of 5 mm with the default rig. At a
+motion of 15 px per frame 0.3 % of the markers are lost or have an error above 8 px. These figures
+are those of docs/results.md; ``python benchmarks/tracking.py 150`` repeats the measurement.
+
 Each file answers one question:
 
 - appearance: which colours and sizes do the markers have?

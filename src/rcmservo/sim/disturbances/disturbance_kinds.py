@@ -6,6 +6,7 @@
 """
 
 import math
+import textwrap
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
@@ -266,10 +267,24 @@ def expected_causes(kind: str) -> set[Cause]:
 
 def describe_kinds() -> str:
     """Return a line of help for each kind that a camera with images can have."""
-    lines: list[str] = []
+    return "\n".join(
+        f"{f'{name}:{kind.usage}':<40} {kind.effect}{_describe_ranges(kind)}"
+        for name, kind in DISTURBANCE_KINDS.items()
+        if kind.works_with_images
+    )
+
+
+def document_kinds() -> str:
+    """Return a list of all kinds with their effects and parameters, for a docstring."""
+    entries: list[str] = []
     for name, kind in DISTURBANCE_KINDS.items():
-        if kind.works_with_images:
-            ranges = [f"{key}: {parameter.expected}" for key, parameter in kind.parameters.items()]
-            limits = f" ({'; '.join(ranges)})" if ranges else ""
-            lines.append(f"{f'{name}:{kind.usage}':<40} {kind.effect}{limits}")
-    return "\n".join(lines)
+        condition = "" if kind.works_with_images else ", only with pictures=False"
+        effect = f"{kind.effect}{condition}{_describe_ranges(kind)}"
+        entries += f"- {name}:{kind.usage}", textwrap.indent(textwrap.fill(effect, 92), "  ")
+    return "\n".join(entries)
+
+
+def _describe_ranges(kind: Kind) -> str:
+    """Return the ranges of a kind's parameters in parentheses; empty if it has none."""
+    ranges = [f"{key}: {parameter.expected}" for key, parameter in kind.parameters.items()]
+    return f" ({'; '.join(ranges)})" if ranges else ""

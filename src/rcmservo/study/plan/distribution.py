@@ -4,6 +4,9 @@ The section `[scene]` describes the distribution of camera, start and target. Th
 a number of any other section a range, from which each seed draws a uniform value, for example
 "drive.lag" = [0.01, 0.05]: of the tool, of the camera's noise, delay and lens, of encoders and
 drives. A list of numbers has a list at both ends of its range. All values follow from the seed.
+
+To add a built-in distribution: write a TOML file in scenes/ that begins with its description as a
+comment, and add its name to `BUILT_IN_DISTRIBUTIONS`.
 """
 
 from collections.abc import Callable, Iterator, Mapping
