@@ -152,19 +152,20 @@ def test_the_operator_may_refuse_a_motion_to_watch() -> None:
     assert not any("in which direction" in line for line in lab.operator.questions)
 
 
-ENDS = [
-    "May the drive",
-    "Move joint 1",
-    "Move joint 3",
-    "in alternating directions",
-    "in which direction",
+REFUSALS = [
+    ("May the drive", "no"),
+    ("May the drive", "stop"),
+    ("May the drive", "what?"),
+    ("Move joint 1", "what?"),
+    ("Move joint 3", "stop"),
+    pytest.param("in alternating directions", "no", marks=pytest.mark.slow),
+    pytest.param("in which direction", "stop", marks=pytest.mark.slow),
+    pytest.param("in which direction", "what?", marks=pytest.mark.slow),
 ]
+"""Every question with a refusal; questions for agreement and for a direction with each kind."""
 
 
-@pytest.mark.parametrize(
-    "question", ENDS[:3] + [pytest.param(e, marks=pytest.mark.slow) for e in ENDS[3:]]
-)
-@pytest.mark.parametrize("answer", ["no", "stop", "what?"])
+@pytest.mark.parametrize(("question", "answer"), REFUSALS)
 def test_nothing_moves_after_the_operator_refuses(question: str, answer: str) -> None:
     lab = FaultyLab(Mistake(), seed=1)
     commands: list[int] = []

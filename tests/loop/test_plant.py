@@ -81,7 +81,7 @@ def test_an_invalid_measurement_is_refused(answer: Any) -> None:
     )
     message = refusal(lab)
     assert message.startswith(
-        "FaultyArm.measure() must be Measured(time in whole ns, q as a writable"
+        "FaultyArm.measure() must be ArmMeasurement(time in whole ns, q as a writable"
     )
     assert message.endswith(f"got {answer!r}")
 

@@ -194,6 +194,22 @@ def test_a_feature_vector_that_fails_in_motion_is_a_fault_in_the_same_tick(
     assert not end.command.enabled
 
 
+def test_a_jacobian_that_becomes_nan_in_motion_is_a_fault_and_no_silent_stop(
+    user_module: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    calls, jacobian = [], user_module.Pose.jacobian
+
+    def failing(self: Any, markers: rs.MarkerPair) -> Any:
+        calls.append(markers)
+        return jacobian(self, markers) * (1.0 if len(calls) < 200 else np.nan)
+
+    monkeypatch.setattr(user_module.Pose, "jacobian", failing)
+    end = ran(rs.DltEstimator(), "pose")[-1]
+    assert (end.phase, end.cause) == (rs.Phase.FAULT, rs.Cause.ESTIMATOR_FAILED)
+    assert end.detail == "feature vector pose returned a Jacobian that is not finite"
+    assert not end.command.enabled
+
+
 @pytest.mark.parametrize(
     ("change", "words"),
     [

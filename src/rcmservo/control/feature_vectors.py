@@ -105,11 +105,10 @@ class FeatureVector(ABC):
 
     Notes
     -----
-    During motion an exception, or an array of another shape, puts the servo into FAULT with the
-    cause ESTIMATOR_FAILED at the same tick. A result of `measure` that is not finite leads to FAULT
-    with NOT_FINITE while the servo moves to the target; with `ignores_lost_markers` its components
-    that are not finite are ignored instead. A result of `jacobian` that is not finite makes the
-    requested velocity zero, without a cause.
+    During motion an exception, an array of another shape or a Jacobian that is not finite puts the
+    servo into FAULT with the cause ESTIMATOR_FAILED at the same tick. A result of `measure` that is
+    not finite leads to FAULT with NOT_FINITE while the servo moves to the target; with
+    `ignores_lost_markers` its components that are not finite are ignored instead.
 
     A vector has 1 to 8 components; a tool that turns and moves along its axis needs 3 or more. With
     more than three components J⁺ is the least-squares inverse. A vector outside the compiled tick

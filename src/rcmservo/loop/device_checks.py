@@ -52,7 +52,7 @@ def _is_markers(value: Any) -> bool:
 CONTRACTS: dict[str, tuple[Callable[[Any], bool], str]] = {
     "measure": (
         _is_measurement,
-        f"Measured(time in whole ns, q as {ARRAY_PHRASE} (3,), enabled as True or False)",
+        f"ArmMeasurement(time in whole ns, q as {ARRAY_PHRASE} (3,), enabled as True or False)",
     ),
     "apply": (
         lambda value: _is_array(value, 3),

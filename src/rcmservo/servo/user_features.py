@@ -32,10 +32,13 @@ def linearise(
     n = len(vector.units)
     try:
         error, J = vector.linearise(markers, target, motion)
-        if error.shape == (n,) and J.shape == (n, 3):
+        if error.shape != (n,) or J.shape != (n, 3):
+            failure = f"returned an error of shape {error.shape} and a Jacobian of shape {J.shape}"
+            failure = f"{failure}, expected ({n},) and ({n}, 3)"
+        elif np.isfinite(motion).all() and not np.isfinite(J[np.isfinite(error)]).all():
+            failure = "returned a Jacobian that is not finite"
+        else:
             return error, J, ""
-        failure = f"returned an error of shape {error.shape} and a Jacobian of shape {J.shape}"
-        failure = f"{failure}, expected ({n},) and ({n}, 3)"
     except Exception as error:  # of any kind: the loop must reach its fault
         failure = f"raised {shorten_to_line(repr(error))}"
     unknown = np.full((n, 3), np.nan)
