@@ -119,6 +119,7 @@ def line_of(mistake: Mistake) -> str:
     return 'axes = "ABC"' if mistake.where == "arm.axes" else ""
 
 
+@pytest.mark.slow
 def test_each_motion_needs_agreement_and_is_at_most_twice_the_last_one() -> None:
     lab = FaultyLab(Mistake(mirrored=True), seed=1)
     enable, agreed = lab.arm.enable, list[str]()

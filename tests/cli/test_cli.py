@@ -161,6 +161,7 @@ def test_replay_distinguishes_the_two_projection_estimators(
     assert strict(capsys.readouterr().out)["open_loop"]
 
 
+@pytest.mark.slow
 def test_exported_frames_form_a_recording_that_replay_scores(
     finished: tuple[int, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

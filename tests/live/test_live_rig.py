@@ -147,7 +147,6 @@ def at_rest(lab: Laboratory) -> bool:
     return lab.off and before == lab.counts == lab.counts
 
 
-@pytest.mark.alone
 def test_ctrl_c_during_motion_leaves_the_drive_off_and_the_record_complete(
     lab: Laboratory, tmp_path: Path
 ) -> None:

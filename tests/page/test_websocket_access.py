@@ -12,8 +12,6 @@ from websockets.exceptions import InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 from websockets.typing import Origin
 
-pytestmark = pytest.mark.alone
-
 
 class Site:
     """Address of a server and the parameters in its page."""

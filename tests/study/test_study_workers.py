@@ -78,6 +78,7 @@ def run_here(folder: Path, **settings: object) -> bytes:
     return (folder / RUNS_FILE).read_bytes()
 
 
+@pytest.mark.slow
 def test_a_cluster_returns_the_rows_of_this_process(lab: Cluster, tmp_path: Path) -> None:
     with open_worker_pool(lab.address, None) as pool:
         assert pool.count == 2
@@ -266,6 +267,7 @@ def test_a_request_that_kills_every_worker_raises_an_error(
             pool._count_loss(task, ValueError("died"))  # pyright: ignore[reportPrivateUsage]
 
 
+@pytest.mark.slow
 def test_a_user_module_is_sent_to_workers_with_its_source(
     lab: Cluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
