@@ -12,15 +12,16 @@ diagonal:
     M_inner = I_inner + m z²
     M_slide = m_slide
 
-I_outer, I_inner and m_slide are the parts that are the same in any pose, of links, tool and motors.
+I_outer, I_inner and m_slide collect the contributions of links, tool and motors that do not depend
+on the pose; q_inner below is the angle of the inner hinge.
 ΔI is the moment of inertia of the tool across its axis minus that along its axis, both about the
 tool's centre.
 
-The velocity drive of a joint exerts the torque or force k (u − v), with its gain k, the target rate
-u and the rate v. The Coriolis and centrifugal terms c follow from Lagrange's equations. One step of
+The velocity drive of a joint exerts the torque or force k (r − v), where k is its gain, r the rate
+that it regulates to and v the rate of the joint. The Coriolis and centrifugal terms c follow from Lagrange's equations. One step of
 length h of MuJoCo's integrator "implicitfast" is, for each joint,
 
-    v ← v + h/(M + h k) (k (u − v) − c)
+    v ← v + h/(M + h k) (k (r − v) − c)
 
 The rates are in rad/s and mm/s. In these units the masses are in kg m²/mm² and the gain of the
 slide's drive is in N m s/mm²: both are 1e-6 of their values in kg and N s/m.

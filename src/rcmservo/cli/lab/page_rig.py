@@ -136,7 +136,7 @@ class PagePreparation:
     rig_description : RigDescription
         Contents of the rig file.
     motion_announcement : str
-        Announcement of the motion that follows once the drive is on.
+        Text for the operator about what happens once the drive is on.
     """
 
     channels: PageChannels

@@ -12,7 +12,7 @@ from rcmservo.constraints import one_of
 from rcmservo.errors import BadInput, require
 
 FAULT_KINDS = {
-    "silence": "receives and sends nothing while its program continues",
+    "silence": "receives nothing, so answers nothing, while its program continues",
     "garbage": "replies with random bytes",
     "half": "sends only the first half of each reply",
     "slow": "sends each reply 0.2 s late",
