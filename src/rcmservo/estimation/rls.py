@@ -44,8 +44,8 @@ class RlsEstimator(DisplacementEstimator):
 
         Ĵ = argmin over J of  Σᵢ λⁿ⁻ⁱ |Δyᵢ − J Δpᵢ|² + λⁿ |J|²/P₀,    i = 1 … n
 
-    with rows in rad/mm, px/mm, px/mm and the Frobenius norm of J (3, 3), as long as no variance in P
-    reaches 1e9/mm².
+    with rows in rad/mm, px/mm, px/mm and the Frobenius norm of J (3, 3), as long as no variance in
+    P reaches 1e9/mm².
 
     Parameters
     ----------

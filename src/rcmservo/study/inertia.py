@@ -18,8 +18,8 @@ on the pose; q_inner below is the angle of the inner hinge.
 tool's centre.
 
 The velocity drive of a joint exerts the torque or force k (r − v), where k is its gain, r the rate
-that it regulates to and v the rate of the joint. The Coriolis and centrifugal terms c follow from Lagrange's equations. One step of
-length h of MuJoCo's integrator "implicitfast" is, for each joint,
+that it regulates to and v the rate of the joint. The Coriolis and centrifugal terms c follow from
+Lagrange's equations. One step of length h of MuJoCo's integrator "implicitfast" is, for each joint,
 
     v ← v + h/(M + h k) (k (r − v) − c)
 
