@@ -46,7 +46,7 @@ class PageBackend:
         Function that starts a disturbance and returns a sentence on it.
     disturbances : tuple[dict[str, Any], ...]
         Available disturbances.
-    truth : GroundTruth | None
+    truth : TruePoseError | None
         Source of the true pose error, if it is known.
     """
 

@@ -120,20 +120,20 @@ def _open_simulated_lab(options: ServeOptions) -> Generator[PageBackend]:
     from rcmservo.sim.processes.motion_log import TruePositionError
     from rcmservo.sim.rig import Rig
 
-    chosen, lab = SelectedSettings(options.servo), options.lab
+    page_settings, rig_file = SelectedSettings(options.servo), options.lab
     with SimulatedLab(options.seed, options.rig_settings) as processes:
 
-        def session(channels: "PageChannels", folder: Path) -> Session:
+        def make_session(channels: "PageChannels", folder: Path) -> Session:
             from rcmservo.page.enabling import await_enable
             from rcmservo.page.operator import PageOperator
 
-            record, limited = folder / RECORD, chosen.limited
+            record, servo = folder / RECORD, page_settings.limited
             description = describe_simulated_run(options, SESSION_DURATION_S)
             return replace(
-                processes.session(limited, lab.markers, SESSION_DURATION_S, record, description),
+                processes.session(servo, rig_file.markers, SESSION_DURATION_S, record, description),
                 recorder=partial(open_recorder, record, description),
-                target=partial(await_enable, channels, limited, describe_enabling(limited)),
-                operator=partial(PageOperator, channels, chosen, options.teaching_frames),
+                target=partial(await_enable, channels, servo, describe_enabling(servo)),
+                operator=partial(PageOperator, channels, page_settings, options.teaching_frames),
                 images_per_s=RECORDED_IMAGES_PER_S,
             )
 
@@ -142,20 +142,17 @@ def _open_simulated_lab(options: ServeOptions) -> Generator[PageBackend]:
             processes.disturb(DisturbanceChange(time.monotonic_ns(), started))
             return f"disturbance: {started} begins" if disturbance else "disturbance: all end"
 
-        title = f"simulated arm, seed {options.seed}"
-        setup = describe_simulated_setup(Rig(options.seed, processes.settings, pictures=False), lab)
-        camera, disturbances = partial(RingCamera, processes.ring), tuple(list_live_disturbances())
-        truth = TruePositionError(processes.settings, processes.log)
+        rig = Rig(options.seed, processes.settings, pictures=False)
         yield PageBackend(
-            title,
-            camera,
-            session,
-            processes.switch_off,
-            setup,
-            chosen,
-            start_disturbance,
-            disturbances,
-            truth,
+            title=f"simulated arm, seed {options.seed}",
+            camera=partial(RingCamera, processes.ring),
+            session=make_session,
+            switch_off=processes.switch_off,
+            setup=describe_simulated_setup(rig, rig_file),
+            servo_settings=page_settings,
+            start_disturbance=start_disturbance,
+            disturbances=tuple(list_live_disturbances()),
+            truth=TruePositionError(processes.settings, processes.log),
         )
 
 
