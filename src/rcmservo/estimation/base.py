@@ -156,9 +156,9 @@ class Estimator(Checked, ABC, section="estimator"):
         By `Servo.warm_up`, with which `run` begins, before the drive is enabled. It calls a
         user-defined estimator with 30 made-up samples and refuses it if a method raises an
         exception, or returns an array of another shape or a number that is not finite (allowed are
-        those of `predict`, `recorded_numbers` and the covariance of o_c). It also refuses an estimator that is not pure: `update` is
-        called twice for each sample, and both Ĵ must be equal to the last bit. The class is in
-        `rcmservo.servo.user_estimator`.
+        those of `predict`, `recorded_numbers` and the covariance of o_c). It also refuses an
+        estimator that is not pure: `update` is called twice for each sample, and both Ĵ must be
+        equal to the last bit. The class is in `rcmservo.servo.user_estimator`.
 
     Notes
     -----

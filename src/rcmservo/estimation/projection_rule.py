@@ -118,8 +118,8 @@ class ProjectionEstimator(Estimator):
     the paper's Γ it converges in hours.
 
     Both choices of Γ select the observations by the same leverage, which ε regularises. The raw
-    pixels are stored, so that m of all observations follows a change of the imaged RCM. A step is
-    shortened so that the relative depth gᵀp + 1 of every observation stays at least 0.1.
+    pixels are stored, so that m of all observations follows a change of the imaged RCM. A step
+    ends before the relative depth gᵀp + 1 of an observation falls below 0.1.
 
     References
     ----------

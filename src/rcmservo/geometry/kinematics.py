@@ -368,8 +368,8 @@ class SphericalRcm(Kinematics):
         ρ = q₃ + insertion_zero
 
     With ``insertion_zero`` 0, the default, q is the paper's [θ φ ρ]. Marker 1 has
-    ρ = q₃ + insertion_zero + offset, with the ``offset`` of the tool. The coordinates are singular at θ = 0, so the limits must
-    exclude that pose; the constructor does not check it.
+    ρ = q₃ + insertion_zero + offset, with the ``offset`` of the tool. The coordinates are singular
+    at θ = 0, so the limits must exclude that pose; the constructor does not check it.
 
     Parameters
     ----------

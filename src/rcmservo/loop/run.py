@@ -75,9 +75,9 @@ def run(
         `rcmservo.loop.plant`.
     Exception
         An exception of a device, of `operator` or of `done` ends the run and reaches the caller
-        after the arm is brought to rest and the drive disabled. A `BadInput` of ``Tracker.find`` only drops the frame. In
-        motion, a failure of a user-defined estimator or feature vector is a fault, which ends a run
-        without an operator and raises nothing.
+        after the arm is brought to rest and the drive disabled. A `BadInput` of ``Tracker.find``
+        only drops the frame. In motion, a failure of a user-defined estimator or feature vector is
+        a fault, which ends a run without an operator and raises nothing.
     """
     servo.require_target(target)
     servo.warm_up()
