@@ -6,7 +6,29 @@ from pathlib import PurePath
 
 
 class RcmServoError(Exception):
-    """Base of all errors that rcmservo raises deliberately; the message is one sentence."""
+    """Base of all errors that rcmservo raises deliberately; the message is one sentence.
+
+    Notes
+    -----
+    `BadInput` and `UnusableFile` are public names. The other derived errors, by their modules:
+
+    - `rcmservo.loop`: ``NotEnabled`` in ``plant``, ``TeachingFailed`` in ``teach``.
+    - `rcmservo.servo`: ``UnusableEstimator`` in ``user_estimator``.
+    - `rcmservo.errors`: ``NotInstalled`` for a missing package, ``Stopped`` for a requested stop.
+    - `rcmservo.sim`: ``Killed``, and ``NoScene`` in ``scene``.
+    - `rcmservo.live`: ``NoAnswer`` in ``arm_datagrams``, ``NoFrames`` in ``servo_process``,
+      ``NotReady`` in ``device_protocols``.
+    - `rcmservo.hardware`: ``ConnectionLost`` and ``CommandRejected`` in ``galil.connection``,
+      ``InvalidRecord`` in ``galil.data_record``, ``PortUnavailable`` in ``galil.emulator.server``,
+      ``NoTransport`` in ``crtk.messages``, ``CameraLost`` in ``cameras.streamed_camera``,
+      ``AravisError`` in ``cameras.aravis_library``.
+    - `rcmservo.recording`: ``MalformedMessage`` in ``cdr``.
+    - `rcmservo.study`: ``WorkLost`` in ``execution.workers``, ``PackageMismatch`` in
+      ``execution.chunk``.
+    - The commands: ``CheckAborted`` in `rcmservo.bringup.findings`, ``InvalidCommandLine`` in
+      `rcmservo.cli.argument_parsing.parse`, ``NoPagePort`` in `rcmservo.page.web.access`,
+      ``NotMeasured`` in `rcmservo.paper.plan`.
+    """
 
 
 MAX_QUOTED_CHARACTERS = 200

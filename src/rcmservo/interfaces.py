@@ -90,7 +90,8 @@ class DropReason(IntEnum):
         Its number is not above that of the previous frame.
     CLOCK
         Its exposure or arrival is at an impossible time, or its exposure is not later than that of
-        the previous frame.
+        the previous frame. A time is impossible if the frame arrived before its exposure or more
+        than 2 s after it, or if the arrival is in the future or more than 2 s ago.
     DAMAGED
         Its image arrived damaged.
     """
@@ -136,11 +137,14 @@ class Observation:
     q_exposure : JointArray
         Joint values (3,) at the exposure; NaN if unknown.
     points : MarkerArray
-        Raw markers (2, 2) in px in that frame; NaN if lost.
+        Raw markers (2, 2) in px in that frame; NaN if lost. Row 0 is marker 1, the one nearer the
+        RCM; the columns are (u, v).
     drop_reason : DropReason
         Reason for not using the newest frame, a member of `rcmservo.interfaces.DropReason`: NONE
         (the default) if it was used; NOT_NEW if its number is not above that of the previous frame;
-        CLOCK for an impossible exposure or arrival; DAMAGED for a damaged image.
+        CLOCK for an impossible time; DAMAGED for a damaged image. A time is impossible if the frame
+        arrived before its exposure or more than 2 s after it, if the arrival is later than `now` or
+        more than 2 s before it, or if the exposure is not later than that of the previous frame.
     recorded : bool
         False once a requested record is no longer written; True by default.
     sizes : Floats
@@ -213,7 +217,7 @@ class Target:
     Parameters
     ----------
     points : Floats
-        Raw markers (2, 2) in px.
+        Raw markers (2, 2) in px. Row 0 is marker 1, the one nearer the RCM; the columns are (u, v).
     q : Floats
         Joint values (3,) in rad, rad, mm during teaching; NaN if unknown. No motion is computed
         from them. The servo compares them to detect a pose that only looks like the target, and

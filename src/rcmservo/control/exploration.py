@@ -50,7 +50,8 @@ class Exploration(Checked, section="exploration"):
     """Exploratory motion in joint space before servoing, while the estimate is still unknown.
 
     The tool visits corners of a small box in joint space until the direction to the target is
-    known. The start and the first three corners form a tetrahedron.
+    known. The start and the first three corners form a tetrahedron. An instance is passed as the
+    argument `exploration` of `Servo`.
 
     Parameters
     ----------

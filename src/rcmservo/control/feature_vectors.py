@@ -35,7 +35,8 @@ class MarkerPair(NamedTuple):
     Parameters
     ----------
     points : Floats
-        Centres (2, 2) of the markers in raw px; NaN for a lost marker.
+        Centres (2, 2) of the markers in raw px; NaN for a lost marker. Row 0 is marker 1, the one
+        nearer the RCM; the columns are (u, v).
     sizes : Floats
         Apparent radii (2,) of the markers in px; NaN where lost or unknown.
     o_c : Floats

@@ -51,7 +51,8 @@ class SaturatedController(Checked, section="controller"):
         Vᵢ = ½ Δyᵢ²             if |Δyᵢ| < bᵢ
         Vᵢ = bᵢ |Δyᵢ| − ½ bᵢ²   otherwise
 
-    The inverse is damped where Ĵ is nearly singular, and v is slowed to the speed limit.
+    The inverse is damped where Ĵ is nearly singular, and v is slowed to the speed limit. An
+    instance is passed as the argument `controller` of `Servo`.
 
     Parameters
     ----------

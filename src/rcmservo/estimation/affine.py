@@ -94,30 +94,44 @@ class AffineEstimator(Estimator):
     advice = "affine needs a tracker that measures the markers' apparent sizes"
 
     def init(self) -> Rows[BallFit]:
+        """Return the fits of both markers before the first frame."""
         return make_initial_ball_fits()
 
     def update(self, memory: Rows[BallFit], tool: Tool, sample: Sample) -> Rows[BallFit]:
+        """Return the fits of both markers after one new frame."""
         kappa = 1.0 / self.size_noise**2
         return update_both_fits(memory, sample.p1, sample.points, sample.sizes, kappa, tool.struct)
 
     def jacobian(self, memory: Rows[BallFit], tool: Tool, sample: Sample) -> Floats:
+        """Return Ĵ (3, 3) of eq. (15) by both fits; zeros before each has four frames."""
         p1, points, o_c, *_ = sample
         return compute_fitted_features_jacobian(memory, p1, points, o_c, tool.struct)
 
     def filtered_markers(self, memory: Rows[BallFit], tool: Tool, sample: Sample) -> Floats:
+        """Return the measured markers (2, 2) in raw px, a lost one as its fit predicts it."""
         is_lost = ~np.isfinite(sample.points)
         return np.where(is_lost, predict_markers(memory, sample.p1, tool.struct), sample.points)
 
     def markers_jacobian(self, memory: Rows[BallFit], tool: Tool, sample: Sample) -> Floats:
+        """Return ∂m/∂p₁ (4, 3) in px/mm of both markers by their fits."""
         return compute_markers_jacobian(memory, sample.p1, tool.struct)
 
     def sizes_jacobian(self, memory: Rows[BallFit], tool: Tool, sample: Sample) -> Floats:
+        """Return ∂R/∂p₁ (2, 3) in px/mm of both apparent radii by their fits."""
         return compute_sizes_jacobian(memory, sample.p1, tool.struct)
 
     def imaged_rcm(self, memory: Rows[BallFit]) -> tuple[Floats, Floats] | None:
+        """Return the image of p = 0, o_c (2,) in raw px, and its covariance (2, 2) in px².
+
+        The result is None before the fit of each marker has four frames.
+        """
         return estimate_imaged_rcm(memory) if both_are_fitted(memory) else None
 
     def predict(self, memory: Rows[BallFit], tool: Tool, p1: Floats) -> Floats | None:
+        """Return the markers m (4,) in px from o_c that both fits predict for p₁ (3,) mm.
+
+        The result is None before the fit of each marker has four frames.
+        """
         if not both_are_fitted(memory):
             return None
         o_c = estimate_imaged_rcm(memory)[0]

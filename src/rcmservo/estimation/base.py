@@ -26,7 +26,8 @@ class Sample(NamedTuple):
     p1 : Floats
         Position p₁ (3,) mm of marker 1 by the measured joints at the exposure.
     points : Floats
-        Centres (2, 2) of the markers in raw px; NaN for a lost marker.
+        Centres (2, 2) of the markers in raw px; NaN for a lost marker. Row 0 is marker 1, the one
+        nearer the RCM; the columns are (u, v).
     o_c : Floats
         Imaged RCM (2,) in raw px by eq. (16), the point nearest to the lines of the imaged tool;
         NaN if the estimator determines it.
@@ -151,6 +152,13 @@ class Estimator(Checked, ABC, section="estimator"):
         `not_negative`, `finite`, `between`, `above`, `inside`, `at_least` and `at_most` for a
         number, `three_positive`, `each` and `array` for several, `one_of`, `matching` and
         `not_empty` for a text, and `Limit` for any other condition.
+    UnusableEstimator
+        By `Servo.warm_up`, with which `run` begins, before the drive is enabled. It calls a
+        user-defined estimator with 30 made-up samples and refuses it if a method raises an
+        exception, or returns an array of another shape or a number that is not finite (allowed are
+        those of `predict`, `recorded_numbers` and the covariance of o_c). It also refuses an
+        estimator that is not pure: `update` is called twice for each sample, and both Ĵ must be
+        equal to the last bit. The class is in `rcmservo.servo.user_estimator`.
 
     Notes
     -----
@@ -164,9 +172,15 @@ class Estimator(Checked, ABC, section="estimator"):
     takes y and ∂y/∂m along the line through the imaged RCM nearest to both markers, as the help of
     `State` describes for its property ``y``.
 
-    The servo calls `update` once for each accepted new frame, never for a repeated frame. In
-    motion, an exception or a number that is not finite from a user-defined estimator puts the servo
-    into FAULT in the same tick.
+    The servo calls `update` once for each accepted new frame, never for a repeated frame.
+
+    During a run, an exception, an array of another shape or a number that is not finite from a
+    user-defined estimator puts the servo into FAULT with the cause ESTIMATOR_FAILED at the same
+    tick; `step` and `run` raise nothing. A Ĵ that is not finite without such a failure leads to
+    FAULT with ESTIMATE_NOT_FINITE: that of a built-in estimator, or one that the servo computes by
+    eq. (15). Both causes discard the estimate. As in `Servo.warm_up`, `predict`,
+    `recorded_numbers` and the covariance of o_c may be NaN. `recorded_numbers` must return an array
+    of the same length at every call.
 
     References
     ----------

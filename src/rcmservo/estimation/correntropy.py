@@ -99,6 +99,7 @@ class CorrentropyEstimator(RandomWalkEstimator):
     name = "correntropy"
 
     def initial_covariance(self) -> Floats:
+        """Return P (3, 3, 3), one matrix for each row of Ĵ, before the first displacement."""
         return np.array([self.initial_std**2 * np.eye(3)] * 3)
 
     def update_jacobian(

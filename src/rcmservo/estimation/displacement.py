@@ -93,9 +93,14 @@ class DisplacementEstimator(Estimator):
         """
 
     def init(self) -> DisplacementMemory:
+        """Return the memory before the first frame: Ĵ = 0 and the initial covariance, if any."""
         return DisplacementMemory(np.zeros((3, 3)), self.initial_covariance())
 
     def update(self, memory: DisplacementMemory, tool: Tool, sample: Sample) -> DisplacementMemory:
+        """Return the memory after one new frame.
+
+        Ĵ changes once marker 1 is `min_step` mm away from its position at the last change.
+        """
         if memory.p1 is None or memory.points is None:
             return memory._replace(p1=sample.p1, points=sample.points)
         delta_p, delta_y = measure_displacement(
@@ -107,6 +112,7 @@ class DisplacementEstimator(Estimator):
         return DisplacementMemory(J_hat, P, sample.p1, sample.points)
 
     def jacobian(self, memory: DisplacementMemory, tool: Tool, sample: Sample) -> Floats:
+        """Return the stored Ĵ (3, 3) in rad/mm, px/mm, px/mm."""
         return memory.J_hat
 
 

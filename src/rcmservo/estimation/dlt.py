@@ -108,34 +108,42 @@ class DltEstimator(Estimator):
     kernel = DltKernel()
 
     def init(self) -> Rows[ProjectionFit]:
+        """Return the fit before the first frame."""
         return make_initial_fit().rows
 
     def update(
         self, memory: Rows[ProjectionFit], tool: Tool, sample: Sample
     ) -> Rows[ProjectionFit]:
+        """Return the fit after one new frame, in which one marker may be lost (NaN)."""
         memory = memory.copy()
         update_fit(memory[0], sample.p1, sample.points, tool.struct)
         return memory
 
     def jacobian(self, memory: Rows[ProjectionFit], tool: Tool, sample: Sample) -> Floats:
+        """Return Ĵ (3, 3) of eq. (15), ∂y/∂m at the markers of the sample times ∂m/∂p₁."""
         p1, points, o_c, *_ = sample
         return compute_fitted_features_jacobian(memory[0], p1, points, o_c, tool.struct)
 
     def filtered_markers(self, memory: Rows[ProjectionFit], tool: Tool, sample: Sample) -> Floats:
+        """Return the markers (2, 2) in raw px by the fit, which averages their noise."""
         return filter_markers(memory[0], sample.p1, tool.struct)
 
     def markers_jacobian(self, memory: Rows[ProjectionFit], tool: Tool, sample: Sample) -> Floats:
+        """Return ∂m/∂p₁ (4, 3) in px/mm of both markers by the fit."""
         return compute_markers_jacobian(memory[0], sample.p1, tool.struct)
 
     def imaged_rcm(self, memory: Rows[ProjectionFit]) -> tuple[Floats, Floats]:
+        """Return the projection of p = 0, o_c (2,) in raw px, and its covariance (2, 2) in px²."""
         return predict_image(memory[0], RCM_POSITION_MM)
 
     def predict(self, memory: Rows[ProjectionFit], tool: Tool, p1: Floats) -> Floats:
+        """Return the markers m (4,) in px from o_c that the fit predicts for p₁ (3,) mm."""
         o_c = predict_image(memory[0], RCM_POSITION_MM)[0]
         positions = p1.copy(), tool.second_marker(p1)
         return np.concatenate([predict_image(memory[0], p)[0] - o_c for p in positions])
 
     def recorded_numbers(self, memory: Any) -> Floats:
+        """Return the numbers of the fit: A, g, p₀ and m₀, the markers' offsets, noise variance."""
         fit = ProjectionFit(memory)
         arrays = fit.A.ravel(), fit.g, fit.origin, fit.offset.ravel(), [fit.noise_variance]
         return np.concatenate(arrays)

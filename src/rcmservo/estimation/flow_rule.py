@@ -59,9 +59,11 @@ class FlowEstimator(Estimator):
     advice = "a larger γ (gamma) lets the flow rule adapt faster to the same motion"
 
     def init(self) -> DisplacementMemory:
+        """Return the memory before the first frame: Ĵ = 0."""
         return DisplacementMemory(np.zeros((3, 3)), np.empty(0))
 
     def update(self, memory: DisplacementMemory, tool: Tool, sample: Sample) -> DisplacementMemory:
+        """Return the memory after rule (28) is integrated over the time since the last frame."""
         J_hat = memory.J_hat
         if memory.p1 is not None and memory.points is not None:
             delta_p, delta_y = measure_displacement(
@@ -71,6 +73,7 @@ class FlowEstimator(Estimator):
         return DisplacementMemory(J_hat, memory.P, sample.p1, sample.points)
 
     def jacobian(self, memory: DisplacementMemory, tool: Tool, sample: Sample) -> Floats:
+        """Return the stored Ĵ (3, 3) in rad/mm, px/mm, px/mm."""
         return memory.J_hat
 
 

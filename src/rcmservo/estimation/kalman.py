@@ -108,6 +108,7 @@ class KalmanEstimator(RandomWalkEstimator):
     name = "kalman"
 
     def initial_covariance(self) -> Floats:
+        """Return P (3, 3), common to all rows of Ĵ, before the first displacement."""
         return self.initial_std**2 * np.eye(3)
 
     def update_jacobian(

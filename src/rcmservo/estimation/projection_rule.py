@@ -79,8 +79,14 @@ class ProjectionEstimator(Estimator):
 
         dâ/dt = −Γ ∂Q/∂â = −Γ Σ Wᵢᵀ (Wᵢ â − mᵢ)
 
-    It is integrated exactly. Ĵ (3, 3) in rad/mm, px/mm, px/mm is ∂y/∂m ∂m/∂p₁, eq. (15), with
-    ∂m/∂p₁ (4, 3) px/mm of the projection.
+    It is integrated exactly, over all stored observations. These are the most informative ones, not
+    the newest: each new frame is added to the P stored ones, and after the step the one with the
+    least leverage on â is removed,
+
+        tr(W (MᵀM + ε Γ₀⁻¹)⁻¹ Wᵀ),    MᵀM = Σ WᵢᵀWᵢ over all P + 1
+
+    with W (2, 9) the rows of the observation, or (4, 9) those of both its markers. Ĵ (3, 3) in
+    rad/mm, px/mm, px/mm is ∂y/∂m ∂m/∂p₁, eq. (15), with ∂m/∂p₁ (4, 3) px/mm of the projection.
 
     Parameters
     ----------
@@ -111,6 +117,10 @@ class ProjectionEstimator(Estimator):
     The model needs the RCM in front of the camera, eq. (10), and the imaged RCM of eq. (16). With
     the paper's Γ it converges in hours.
 
+    Both choices of Γ select the observations by the same leverage, which ε regularises. The raw
+    pixels are stored, so that m of all observations follows a change of the imaged RCM. A step
+    ends before the relative depth gᵀp + 1 of an observation falls below 0.1.
+
     References
     ----------
     Section III-B of the paper, Proposition 1.
@@ -135,6 +145,7 @@ class ProjectionEstimator(Estimator):
         self.require(is_stable, "estimator_time", expected)
 
     def init(self) -> "ProjectionMemory":
+        """Return the memory before the first frame: no observation, and â = 0."""
         return ProjectionMemory(np.zeros((self.observations + 1, 7)), 0, np.zeros(PARAMETER_COUNT))
 
     @cached_property
@@ -145,18 +156,22 @@ class ProjectionEstimator(Estimator):
         return ProjectionKernel(rate, epsilon, bool(self.both_markers), estimator_time)
 
     def update(self, memory: "ProjectionMemory", tool: Tool, sample: Sample) -> "ProjectionMemory":
+        """Return the memory after a step of rule (21) with the observation of one new frame."""
         p1, points, o_c, dt, _ = sample
         return update_from_frame(memory, p1, points, o_c, dt, self.kernel, tool.struct)
 
     def jacobian(self, memory: "ProjectionMemory", tool: Tool, sample: Sample) -> Floats:
+        """Return Ĵ (3, 3) of eq. (15), ∂y/∂m at the measured markers times ∂m/∂p₁ by â."""
         return compute_jacobian_at_points(
             memory.a_hat, sample.p1, sample.points, sample.o_c, tool.struct
         )
 
     def markers_jacobian(self, memory: "ProjectionMemory", tool: Tool, sample: Sample) -> Floats:
+        """Return ∂m/∂p₁ (4, 3) in px/mm of both markers by the projection with â."""
         return compute_markers_jacobian(memory.a_hat, sample.p1, tool.struct)
 
     def predict(self, memory: "ProjectionMemory", tool: Tool, p1: Floats) -> Floats:
+        """Return the markers m (4,) in px from o_c that â predicts for p₁ (3,) mm; never None."""
         return predict_markers(memory.a_hat, p1, tool.struct)
 
 

@@ -88,6 +88,7 @@ class RlsEstimator(DisplacementEstimator):
     advice = EXPLORATION_ADVICE
 
     def initial_covariance(self) -> Floats:
+        """Return P (3, 3), common to all rows of Ĵ, before the first displacement."""
         return self.covariance * np.eye(3)
 
     def update_jacobian(

@@ -47,7 +47,8 @@ class ImagedRcm(Checked, section="imaged_rcm"):
         o_c = (Σ wᵢ nᵢ nᵢᵀ)⁻¹ Σ wᵢ nᵢ nᵢᵀ m̃₁ᵢ
 
     The weight wᵢ is the squared distance of the markers, and the sums contain the H most
-    informative lines. Gauss-Newton steps then remove the bias that pixel noise causes.
+    informative lines. Gauss-Newton steps then remove the bias that pixel noise causes. An instance
+    is passed as the argument `imaged_rcm` of `Servo`.
 
     Parameters
     ----------

@@ -346,23 +346,36 @@ class Kinematics(Checked, ABC):
         Returns
         -------
         Floats
-            Configuration (3,), rad, rad, mm, with ρ positive.
+            Configuration (3,), rad, rad, mm, with ρ = |p|. At p = 0, the RCM itself, ρ is 0 and the
+            angles have no meaning.
         """
         return compute_joints(self.to_struct(), np.ascontiguousarray(p, dtype=float))
 
 
 @dataclass(frozen=True)
 class SphericalRcm(Kinematics):
-    """Mechanism in the paper's spherical coordinates q = [θ φ ρ], eq. (1)-(2).
+    """Mechanism in the paper's spherical coordinates [θ φ ρ], eq. (1)-(2).
 
-    A point of the tool is at p = ρ [sin θ cos φ, sin θ sin φ, cos θ]. The coordinates are singular
+    The coordinates are eq. (1): θ rad is the angle of the tool's axis from the z axis, φ rad turns
+    the axis about z, and ρ mm is the distance of a point of the tool from the RCM. Its position
+    p (3,) mm from the RCM is eq. (2):
+
+        p = ρ [sin θ cos φ, sin θ sin φ, cos θ]
+
+    The joints are q = [θ φ q₃] (3,) in rad, rad, mm. The insertion q₃ is what the arm reports, and
+    the tool's reference point has
+
+        ρ = q₃ + insertion_zero
+
+    With ``insertion_zero`` 0, the default, q is the paper's [θ φ ρ]. Marker 1 has
+    ρ = q₃ + insertion_zero + offset, with the ``offset`` of the tool. The coordinates are singular
     at θ = 0, so the limits must exclude that pose; the constructor does not check it.
 
     Parameters
     ----------
     limits : JointLimits
-        Joint limits, rad, rad, mm; by default 0.140 to 1.484 rad (8° to 85°) for θ, −π to π for φ,
-        and 40 to 220 mm.
+        Limits of the joints q, rad, rad, mm; by default 0.140 to 1.484 rad (8° to 85°) for θ, −π to
+        π for φ, and 40 to 220 mm for q₃, not for ρ.
     insertion_zero : float
         Distance ρ (mm) of the tool's reference point from the RCM where the insertion joint reads
         zero; it must leave ρ positive at the lower limit.

@@ -44,6 +44,11 @@ class Teach(Checked):
 
     Notes
     -----
+    The frames agree if, for each coordinate of both markers, their noise is at most 2 px, and at
+    most 5 % of them are outliers. The noise is 1.4826 times the median absolute deviation from the
+    median, which is the standard deviation of Gaussian noise. An outlier deviates from the median
+    by more than 6 times the noise, which counts as at least 0.7 px here.
+
     If the frames do not agree, they are discarded and as many are collected once more, without a
     limit of time; the earlier target stays until they agree. Before a run, `teach` does the same
     without an operator, but raises an error if the frames do not agree.
@@ -91,15 +96,21 @@ class Operator(Protocol):
 
     Notes
     -----
-    The call is part of the tick and must return within a millisecond. An exception ends the run.
+    The call is part of the tick and must return within a millisecond. An exception ends the run:
+    the loop brings the arm to rest, disables the drive and raises it to the caller of `run`.
+
+    A `Servo` may differ from the present one in its `controller`, `exploration`, `gate` and
+    `thresholds`. The estimate depends on the other settings, `mechanism`, `tool`, `estimator`,
+    `imaged_rcm` and `rate`, which must be equal to the present ones.
     """
 
     def __call__(self, tick: Tick, /) -> OperatorRequest:
         """Return the request of the operator after a tick, without waiting.
 
         A `Request` pauses, resumes or clears, and ``Request.NONE`` requests nothing. A `Target`
-        replaces the target. A `Servo` replaces the settings that may change during a run. `Teach`
-        teaches the present pose. `Jog` moves the joints until the next tick.
+        replaces the target. A `Servo` replaces the settings that may change during a run:
+        `controller`, `exploration`, `gate` and `thresholds`. `Teach` teaches the present pose.
+        `Jog` moves the joints until the next tick.
 
         Parameters
         ----------
@@ -114,8 +125,11 @@ class Operator(Protocol):
         Raises
         ------
         BadInput
-            The loop raises it for any other value, for ``Request.JOG`` without rates, and for a
-            servo or target that does not suit the run.
+            The loop raises it for any other value, and for ``Request.JOG``, whose rates only a
+            `Jog` has. It raises it for a servo whose `mechanism`, `tool`, `estimator`, `imaged_rcm`
+            or `rate` differs from the present one. It also raises it if the features of the
+            controller need the markers' radii (those of 'size', or any with ``needs_sizes``) and
+            the target has none.
         """
         ...
 

@@ -44,8 +44,10 @@ class Plant:
     """Arm, camera, tracker and clock behind one interface: `read` observes, `send` commands.
 
     The plant stores recent joint values to interpolate them at the exposure of a frame. It drops
-    frames that are damaged, are not new, or have impossible times. It checks the first value that
-    each method of a device returns.
+    frames that are damaged, are not new, or have impossible times. A time is impossible if the
+    frame arrived before its exposure or more than 2 s after it, if the arrival is in the future or
+    more than 2 s ago, or if the exposure is not later than that of the previous frame. The plant
+    checks the first value that each method of a device returns.
 
     Parameters
     ----------

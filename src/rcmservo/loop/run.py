@@ -34,6 +34,7 @@ def run(
     `duration`, when `done` returns True, or with a fault. Without an `operator`, who could resume,
     a pause ends it too. At the end, even after an error or Ctrl-C, the loop brings the arm to rest
     and disables the drive. Close the generator, or exhaust it, so that this happens at once.
+    Nothing moves and nothing is checked before the first tick is requested from the generator.
 
     Parameters
     ----------
@@ -51,7 +52,8 @@ def run(
         Last state of an earlier run, whose estimate is used; None starts without an estimate.
     operator : Operator or None
         Function of a `Tick` that the loop calls after every tick. It returns a `Request`, another
-        `Target` or `Servo`, a `Teach` or a `Jog`, and must not wait.
+        `Target` or `Servo`, a `Teach` or a `Jog`, and must not wait. A `Servo` may differ in its
+        `controller`, `exploration`, `gate` and `thresholds`; its other settings must stay.
 
     Yields
     ------
@@ -61,14 +63,21 @@ def run(
     Raises
     ------
     BadInput
-        If the target does not fit the servo, a device returns an invalid value, or a request is
-        invalid.
+        Before the drive is enabled: if the target lacks the markers' radii that the features of the
+        controller need, or if a feature vector fails or its Jacobian is not its derivative. Later:
+        if `duration` is not positive, if a device returns a value of an invalid type or shape, or
+        if a request of the operator is invalid, as `Operator` describes.
     UnusableEstimator
-        If a user-defined estimator fails before the drive is enabled; the class is in
-        `rcmservo.servo.user_estimator`.
+        If a user-defined estimator fails or is not pure, before the drive is enabled; the class is
+        in `rcmservo.servo.user_estimator`.
     NotEnabled
         If the arm does not report its drive as on within 2 s; the class is in
         `rcmservo.loop.plant`.
+    Exception
+        An exception of a device, of `operator` or of `done` ends the run and reaches the caller
+        after the arm is brought to rest and the drive disabled. A `BadInput` of ``Tracker.find``
+        only drops the frame. In motion, a failure of a user-defined estimator or feature vector is
+        a fault, which ends a run without an operator and raises nothing.
     """
     servo.require_target(target)
     servo.warm_up()

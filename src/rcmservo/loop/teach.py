@@ -45,6 +45,17 @@ def teach(plant: Plant, frames: int = TEACHING_FRAMES) -> Target:
         If no frame shows both markers for 2 s, or if the frames do not agree; the class is in
         `rcmservo.loop.teach`.
 
+    Notes
+    -----
+    The frames agree if, for each coordinate of both markers, their noise is at most 2 px, and at
+    most 5 % of them are outliers. The noise is 1.4826 times the median absolute deviation from the
+    median, which is the standard deviation of Gaussian noise. An outlier deviates from the median
+    by more than 6 times the noise, which counts as at least 0.7 px here. Only
+    frames that show both markers count.
+
+    An exception of a device reaches the caller, except for a `BadInput` of ``Tracker.find``, which
+    only drops the frame.
+
     References
     ----------
     Section IV-C of the paper: the target is registered from the image at the desired pose.

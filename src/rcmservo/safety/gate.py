@@ -64,7 +64,7 @@ class Gate(Checked, section="gate"):
     The rates keep each joint within its range: towards a joint limit at the distance x, the speed v
     satisfies v²/slew + v (e · latency + dt) <= x, where e = 2.718 is Euler's number and dt (s) is
     the time since the last command, at most `max_period`. The signature states the range and the
-    default of each bound.
+    default of each bound. An instance is passed as the argument `gate` of `Servo`.
 
     Parameters
     ----------

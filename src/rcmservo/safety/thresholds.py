@@ -33,8 +33,14 @@ class Thresholds(Checked, section="thresholds"):
 
     Names in capitals, such as `LATE`, are the members of `Cause` that a threshold decides about.
     Scaled features are divided by 10°, 10 px and 10 px, so the scaled error √(2V) and the entries
-    of the scaled Ĵ have comparable parts; V is the potential of the controller, eq. (32). The
-    signature states the range and the default of each threshold. A scaled error has no unit.
+    of the scaled Ĵ have comparable parts. The signature states the range and the default of each
+    threshold. A scaled error has no unit. V = Σ Vᵢ is the potential of the controller, eq. (32), of
+    the scaled error Δy and its bounds bᵢ, scaled too:
+
+        Vᵢ = ½ Δyᵢ²             if |Δyᵢ| < bᵢ
+        Vᵢ = bᵢ |Δyᵢ| − ½ bᵢ²   otherwise
+
+    An instance is passed as the argument `thresholds` of `Servo`.
 
     The noise σ px of a pixel coordinate is the root mean square residual of the projection fit, the
     fit of the camera's projection to all accepted frames; 0.5 px before the frames determine it.

@@ -61,13 +61,22 @@ class Servo(Checked):
     """Settings and step of the servo: kinematics and tool, and one part per block of the paper.
 
     `init` makes the first state and `step` the next one. Both are pure functions. One step measures
-    the features y (3,), estimates the imaged RCM o_c (2,) by eq. (16) and the Jacobian Ĵ (3, 3) of
-    ẏ = Ĵ v, eq. (14), and computes the velocity of marker 1, eq. (31),
+    the features y = [s r d] (3,) in rad, px, px, eq. (7)-(9). It estimates the imaged RCM o_c (2,)
+    in raw px by eq. (16) and the Jacobian Ĵ (3, 3) in rad/mm, px/mm, px/mm of ẏ = Ĵ v, eq. (14).
+    It then computes the velocity v (3,) in mm/s of marker 1, eq. (31),
 
         v = −k Ĵ⁻¹ ∂V/∂y
 
-    with the saturated potential V of the error y − y_d, eq. (32). The gate bounds the joint rates
-    that move marker 1 with v.
+    k (1/s) is the `gain` of the controller. V = Σ Vᵢ is the saturated potential of the error
+    Δy = y − y_d from the features y_d (3,) of the target, with the `bounds` bᵢ of the controller in
+    rad, px, px, eq. (32):
+
+        Vᵢ = ½ Δyᵢ²             if |Δyᵢ| < bᵢ
+        Vᵢ = bᵢ |Δyᵢ| − ½ bᵢ²   otherwise
+
+    The joints q (3,) are in rad, rad, mm. The gate bounds the joint rates (3,) in rad/s, rad/s,
+    mm/s that move marker 1 with v. `SaturatedController` describes the damping of Ĵ⁻¹ and the other
+    feature vectors.
 
     Parameters
     ----------
@@ -102,6 +111,17 @@ class Servo(Checked):
     References
     ----------
     Sections II and III of the paper.
+
+    Examples
+    --------
+    A servo with a smaller gain than by default, at 200 ticks per second::
+
+        servo = rs.Servo(
+            rs.SphericalRcm(),
+            rs.RigidTool(spacing=30.0),
+            controller=rs.SaturatedController(gain=4.0),
+            rate=200.0,
+        )
     """
 
     mechanism: Kinematics

@@ -259,9 +259,11 @@ class State(NamedTuple):
     def v(self) -> Floats:
         """Requested velocity v = −k Ĵ⁻¹ ∂V/∂y (3,) of marker 1 in mm/s, eq. (31).
 
-        The potential V = Σ Vᵢ, eq. (32), has Vᵢ = ½ Δyᵢ² for |Δyᵢ| < bᵢ, and bᵢ |Δyᵢ| − ½ bᵢ²
-        beyond the bound bᵢ of the controller. The inverse is damped as `SaturatedController`
-        describes. v is zero until the exploration has ended.
+        k (1/s) is the `gain` of the controller. The potential V = Σ Vᵢ, eq. (32), has
+        Vᵢ = ½ Δyᵢ² for |Δyᵢ| < bᵢ, and bᵢ |Δyᵢ| − ½ bᵢ² beyond the bound bᵢ of the controller. With
+        a feature vector other than 'srd', the pseudoinverse J⁺ (3, n) of its Jacobian J (n, 3)
+        replaces Ĵ⁻¹. The inverse is damped as `SaturatedController` describes. v is zero until the
+        exploration has ended.
         """
         return self.decision.v
 

@@ -4,11 +4,16 @@
 that an unbiased servo can reach in a scene. The public names are:
 
 - ``Study(servo, settings, duration, teaching_frames)``: simulated closed loops of a servo, each
-  ``duration`` s long (15 by default). ``study.run(seed)`` runs the loop in the scene of
+  ``duration`` s long (15 by default). The estimator of the servo must have a compiled step:
+  `DltEstimator` or `ProjectionEstimator`. ``settings``, a ``rs.sim.RigSettings``, is the simulated
+  laboratory, and ``teaching_frames`` (300 by default) the number of frames whose mean is the
+  target. ``study.run(seed)`` runs the loop in the scene of
   ``rs.sim.Rig(seed)``, and ``study.runs(seeds)`` runs many on all processors.
 - ``StudyRun``: the result of a loop. `error` (n,) is the true distance in mm of marker 2 from the
   target at every tick, `pose_error` its root mean square over the last second, `first_within(mm)`
   the time in s at which it is first that small, and `stops` the times and causes of all stops.
+  `phases` and `causes` (n,) are indices in ``rcmservo.safety.state_machine.PHASES`` and
+  ``rcmservo.safety.causes.CAUSES``.
 - ``bound(scene, noise, frames, shown)``: the Cramér-Rao bound of the pose error,
   noise² (1/frames + 1/shown) (HᵀH)⁻¹, also available as ``rs.bound``. H (4, 3) px/mm is the
   derivative of both markers' pixels (u₁, v₁, u₂, v₂) with respect to the position of marker 2.

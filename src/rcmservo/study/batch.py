@@ -44,10 +44,11 @@ class Study(StudyEngine):
     Parameters
     ----------
     servo : Servo
-        The servo; its estimator must have a compiled step, and its mechanism and tool must be those
-        of the laboratory.
+        The servo; its estimator must have a compiled step, as `DltEstimator` and
+        `ProjectionEstimator` have, and its mechanism and tool must be those of the laboratory.
     settings : RigSettings
-        The simulated laboratory, with a camera that measures points.
+        The simulated laboratory, with a camera that measures points; ``rs.sim.RigSettings()`` by
+        default.
     duration : float
         Length of each closed loop, s, positive.
     teaching_frames : int

@@ -32,9 +32,9 @@ class StudyRun:
     error : Floats
         True distance (n,) from marker 2 to its position at the target, mm.
     phases : NDArray[np.int8]
-        Index (n,) of the phase in `PHASES`.
+        Index (n,) of the phase in ``PHASES`` of `rcmservo.safety.state_machine`.
     causes : NDArray[np.int8]
-        Index (n,) of the cause in `CAUSES`.
+        Index (n,) of the cause in ``CAUSES`` of `rcmservo.safety.causes`.
     bound : float
         Cramér-Rao bound of the error, rms in mm, for the noise of the laboratory, the frames of the
         taught target and all frames of the loop; NaN if the noise is unknown.
