@@ -275,3 +275,15 @@ def test_an_observation_contains_the_detection_quality_with_0_for_a_lost_marker(
     for _ in rs.ticks(plant.clock, duration=0.2):
         observation = plant.read()
     assert np.isnan(observation.quality).all()
+
+
+@pytest.mark.parametrize("duration", [0.0, -1.0, float("nan")])
+def test_an_invalid_duration_of_a_run_is_refused_before_the_drive_is_enabled(
+    duration: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lab = make_laboratory()
+    enabled: list[str] = []
+    monkeypatch.setattr(lab.plant, "enable", lambda: enabled.append("enabled"))
+    with pytest.raises(rs.BadInput, match="duration must be a positive time in s"):
+        list(rs.run(lab.plant, lab.servo(), lab.target, duration))
+    assert not enabled

@@ -15,6 +15,7 @@ import rcmservo as rs
 from conftest import make_laboratory
 from rcmservo.cli.cli import main
 from rcmservo.control.feature_vectors import FEATURE_VECTORS
+from rcmservo.loop.operator import check_changed_servo
 from rcmservo.page.web.setting_fields import build_forms
 from rcmservo.servo.user_features import check_feature_vector
 from rcmservo.study.execution import workers as crews
@@ -208,6 +209,24 @@ def test_a_jacobian_that_becomes_nan_in_motion_is_a_fault_and_no_silent_stop(
     assert (end.phase, end.cause) == (rs.Phase.FAULT, rs.Cause.ESTIMATOR_FAILED)
     assert end.detail == "feature vector pose returned a Jacobian that is not finite"
     assert not end.command.enabled
+
+
+@pytest.mark.parametrize("names", [("srd", "pose"), ("pose", "srd")])
+@pytest.mark.usefixtures("user_module")
+def test_during_a_run_compiled_and_python_feature_vectors_do_not_replace_each_other(
+    names: tuple[str, str],
+) -> None:
+    lab = make_laboratory(4)
+    before, after = (
+        rs.Servo(
+            lab.rig.settings.mechanism,
+            lab.rig.settings.tool,
+            controller=rs.SaturatedController(features=name),
+        )
+        for name in names
+    )
+    with pytest.raises(rs.BadInput, match=rf"servo.controller.features must be {names[0]} or"):
+        check_changed_servo(before, after)
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,9 @@ from collections.abc import Iterator
 from rcmservo.constraints import Limit, positive
 from rcmservo.interfaces import Clock
 
+DURATION = Limit(lambda duration: duration > 0.0, "a positive time in s")
+"""Range of the length of a run."""
+
 
 def ticks(clock: Clock, rate: float = 100.0, duration: float = float("inf")) -> Iterator[int]:
     """Wait until each tick is due and yield its time.
@@ -34,7 +37,7 @@ def ticks(clock: Clock, rate: float = 100.0, duration: float = float("inf")) -> 
         If the rate is not positive and finite, or the duration is not positive.
     """
     positive("frequency in Hz").require("rate", rate)
-    Limit(lambda s: s > 0.0, "a positive time in s").require("duration", duration)
+    DURATION.require("duration", duration)
     start = clock.now()
     k = 0
     while k < duration * rate:

@@ -249,11 +249,17 @@ def check_changed_servo(before: Servo, after: Servo) -> Servo:
     Raises
     ------
     BadInput
-        If a part differs that cannot change during a run.
+        If a part differs that cannot change during a run, or if the feature vector of one servo is
+        compiled and that of the other is not: their estimators then store different numbers.
     """
     for name in FIXED_PARTS:
         present_part, new_part = getattr(before, name), getattr(after, name)
         if new_part is not present_part and new_part != present_part:
             expected = "the same during a run: start another run to change it"
             raise BadInput(f"servo.{name}", new_part, expected)
+    if (before.kernel is None) != (after.kernel is None):
+        present, new = before.controller.features, after.controller.features
+        expected = f"{present} or another that {'Python' if before.kernel is None else 'a kernel'} "
+        expected += "computes: start another run to change it"
+        raise BadInput("servo.controller.features", new, expected)
     return after

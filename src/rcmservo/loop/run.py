@@ -11,7 +11,7 @@ from collections.abc import Callable, Generator
 import numpy as np
 
 from rcmservo.interfaces import Command, Target
-from rcmservo.loop.clock import ticks
+from rcmservo.loop.clock import DURATION, ticks
 from rcmservo.loop.operator import NextTick, Operator
 from rcmservo.loop.plant import Plant
 from rcmservo.loop.tick import Tick
@@ -63,10 +63,10 @@ def run(
     Raises
     ------
     BadInput
-        Before the drive is enabled: if the target lacks the markers' radii that the features of the
-        controller need, or if a feature vector fails or its Jacobian is not its derivative. Later:
-        if `duration` is not positive, if a device returns a value of an invalid type or shape, or
-        if a request of the operator is invalid, as `Operator` describes.
+        Before the drive is enabled: if `duration` is not positive, if the target lacks the markers'
+        radii that the features of the controller need, or if a feature vector fails or its Jacobian
+        is not its derivative. Later: if a device returns a value of an invalid type or shape, or if
+        a request of the operator is invalid, as `Operator` describes.
     UnusableEstimator
         If a user-defined estimator fails or is not pure, before the drive is enabled; the class is
         in `rcmservo.servo.user_estimator`.
@@ -79,6 +79,7 @@ def run(
         only drops the frame. In motion, a failure of a user-defined estimator or feature vector is
         a fault, which ends a run without an operator and raises nothing.
     """
+    DURATION.require("duration", duration)
     servo.require_target(target)
     servo.warm_up()
     plant.reset()
