@@ -22,6 +22,7 @@ DOMAIN = 95
 
 pytestmark = [
     pytest.mark.slow,
+    pytest.mark.alone,
     mark_peer(
         "Fast DDS",
         all(map(shutil.which, TOOLS)) and Path("/usr/include/fastdds").is_dir(),
