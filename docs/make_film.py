@@ -1,8 +1,8 @@
-"""Make the README's picture of the operator's page, and a short film of it.
+"""Make the picture of the operator's page in docs/page.md, and a short film of it.
 
 Headless Chromium uses `rcmservo serve` with a simulated arm.
 
-python docs/make_film.py        writes page.jpg and page.mp4 beside this file
+python docs/make_film.py        writes page.jpg and page.mp4 next to this file
 
 MP4 is written by PyAV, which nothing else needs: `pip install -e '.[dev,mp4]'` installs it.
 
@@ -35,39 +35,39 @@ RATE, SIZE = 10, (1092, 720)
 SERVE = ["-m", "rcmservo", "serve", "--no-browser", "--port", "0", "--seed", "1"]
 SERVE += ["--controller.gain", "1", "--teaching-frames", "30"]
 RIG = "[camera]\nframe_rate = 30.0\n"
-ON_THE_WAY = "rcm.board.phase === 'SERVO' && Math.abs(rcm.board.delta[0]) < 0.03"
+NEAR_TARGET = "rcm.board.phase === 'SERVO' && Math.abs(rcm.board.delta[0]) < 0.03"
 
 
-class Camera:
-    """Before the browser: what is painted, and when."""
+class ScreenRecorder:
+    """Recorder of the images that the browser draws, with their times."""
 
     def __init__(self, page: Any) -> None:
-        self._wire = page.context.new_cdp_session(page)
-        self._wire.on("Page.screencastFrame", self._keep)
-        self.seen: list[tuple[float, str]] = []
-        self._wire.send("Page.startScreencast", {"format": "jpeg", "quality": 85})
+        self._session = page.context.new_cdp_session(page)
+        self._session.on("Page.screencastFrame", self._store)
+        self.frames: list[tuple[float, str]] = []
+        self._session.send("Page.startScreencast", {"format": "jpeg", "quality": 85})
 
-    def end(self) -> list[tuple[float, str]]:
-        """Stop, and return the frames with their times."""
-        self._wire.remove_listener("Page.screencastFrame", self._keep)
-        self._wire.send("Page.stopScreencast")
-        return self.seen
+    def stop(self) -> list[tuple[float, str]]:
+        """Stop, and return times (s) and images (JPEG as base64)."""
+        self._session.remove_listener("Page.screencastFrame", self._store)
+        self._session.send("Page.stopScreencast")
+        return self.frames
 
-    def _keep(self, told: dict[str, Any]) -> None:
-        self.seen.append((told["metadata"]["timestamp"], told["data"]))
-        self._wire.send("Page.screencastFrameAck", {"sessionId": told["sessionId"]})
+    def _store(self, event: dict[str, Any]) -> None:
+        self.frames.append((event["metadata"]["timestamp"], event["data"]))
+        self._session.send("Page.screencastFrameAck", {"sessionId": event["sessionId"]})
 
 
-def film(seen: list[tuple[float, str]], to: Path) -> None:
-    """Write what was seen, at an even rate."""
-    times = np.array([when for when, _ in seen])
-    moments = np.arange(times[0], times[-1], 1.0 / RATE)
-    with av.open(str(to), "w") as file:
+def write_film(frames: list[tuple[float, str]], path: Path) -> None:
+    """Write the frames as a film of `RATE` images per second."""
+    times = np.array([time for time, _ in frames])
+    film_times = np.arange(times[0], times[-1], 1.0 / RATE)
+    with av.open(str(path), "w") as file:
         stream = file.add_stream("libx264", rate=Fraction(RATE), options={"crf": "27"})
         stream.width, stream.height, stream.pix_fmt = *SIZE, "yuv420p"
-        for k in np.searchsorted(times, moments, side="right") - 1:
-            picture = Image.open(io.BytesIO(base64.b64decode(seen[k][1])))
-            frame = av.VideoFrame.from_image(picture.convert("RGB").resize(SIZE, Image.LANCZOS))
+        for k in np.searchsorted(times, film_times, side="right") - 1:
+            image = Image.open(io.BytesIO(base64.b64decode(frames[k][1])))
+            frame = av.VideoFrame.from_image(image.convert("RGB").resize(SIZE, Image.LANCZOS))
             file.mux(stream.encode(frame))
         file.mux(stream.encode())
 
@@ -81,19 +81,19 @@ def main() -> None:
         command = [sys.executable, *SERVE, *out, "--rig", str(rig)]
         with served(command, ROOT, dict(os.environ)) as address, chromium(address) as page:
             page.set_viewport_size({"width": 1366, "height": 900})
-            until(page, "rcm.holds && rcm.board.can.includes('enable')")
-            camera = Camera(page)
+            until(page, "rcm.hasControl && rcm.board.can.includes('enable')")
+            recorder = ScreenRecorder(page)
             page.wait_for_timeout(2000)
             page.get_by_label("Jog speed").select_option("full")
             follow(page, [("press", "Enable"), ("type", "here"), ("press", "Teach")])
             follow(page, [("hold", "Jog joint 1 plus"), ("hold", "Jog joint 2 minus")])
             follow(page, [("press", "Go here")])
-            page.wait_for_function(ON_THE_WAY)
+            page.wait_for_function(NEAR_TARGET)
             page.screenshot(path=here / "page.jpg", type="jpeg", quality=80)
             page.wait_for_timeout(5000)
             pressed(page, "STOP")
             page.wait_for_timeout(1500)
-            film(camera.end(), here / "page.mp4")
+            write_film(recorder.stop(), here / "page.mp4")
     print(here / "page.jpg", here / "page.mp4")
 
 

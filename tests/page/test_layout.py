@@ -30,6 +30,23 @@ def test_python_has_no_html_and_javascript_creates_no_elements() -> None:
     assert python == browser == []
 
 
+def test_programs_that_drive_the_page_use_names_that_it_has() -> None:
+    """A browser waits for ever for a condition with a misspelt name of the page's object `rcm`."""
+    scripts = "".join(path.read_text() for path in STATIC.glob("*.js"))
+    known = {*re.findall(r"\brcm\.(\w+)", scripts), *re.findall(r"(\w+): ", scripts)}
+    programs = [*(ROOT / "benchmarks").glob("*.py"), *(ROOT / "docs").glob("*.py")]
+    programs += [ROOT / "tests/page/test_page.py", ROOT / "tests/live/test_page_rig.py"]
+    texts = {path.name: path.read_text() for path in programs}
+    used = {
+        (name, attribute)
+        for name, text in texts.items()
+        if "rcm.board" in text
+        for attribute in re.findall(r"\brcm\.(\w+)", text)
+    }
+    assert len(used) > 5
+    assert {(name, attribute) for name, attribute in used if attribute not in known} == set()
+
+
 def test_each_component_is_placed_on_the_page_and_served() -> None:
     shape = MechanismShape.from_servo(make_laboratory().servo())
     site: Any = SimpleNamespace(
