@@ -26,7 +26,7 @@ import socket
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
 import numpy as np
@@ -201,14 +201,22 @@ FORGERIES: dict[str, Callable[[Holder, dict[str, Any]], None]] = {
 }
 
 
-def forge(holder: Holder, count: int) -> list[str]:
-    """Send `count` forged requests in the present state; return the failures."""
+Forgery = tuple[str, dict[str, Any]]
+"""Kind of a forged request, and the request."""
+
+
+def list_forgeries() -> Iterator[Forgery]:
+    """Yield all pairs again and again, so that any few of them have every kind and request."""
+    for first in itertools.count():
+        for number, kind in enumerate(FORGERIES):
+            yield kind, WANTS[(first + number) % len(WANTS)]
+
+
+def forge(holder: Holder, forgeries: Iterable[Forgery]) -> list[str]:
+    """Send forged requests in the present state; return the failures."""
     failures: list[str] = []
     before = holder.stands()
-    pairs = list(itertools.product(WANTS, FORGERIES))
-    random.Random(0).shuffle(pairs)
-    turns = itertools.islice(itertools.cycle(pairs), count)
-    for want, kind in turns:
+    for kind, want in forgeries:
         try:
             FORGERIES[kind](holder, want)
         except (AssertionError, TimeoutError) as error:
@@ -222,23 +230,27 @@ def forge(holder: Holder, count: int) -> list[str]:
 def forged(holder: Holder, count: int) -> dict[str, list[str]]:
     """Send forged requests in five states; return the failures by state, with the drive paused."""
     found: dict[str, list[str]] = {}
-    per_state = -(-count // 5)
+    forgeries, per_state = list_forgeries(), -(-count // 5)
+
+    def some() -> Iterator[Forgery]:
+        return itertools.islice(forgeries, per_state)
+
     holder.enable()
     holder.until({"do": "teach", "name": "here"}, "PAUSED")
     awaited(lambda: "here" in holder.now["poses"])
-    found["paused"] = forge(holder, per_state)
+    found["paused"] = forge(holder, some())
     holder.jog(True)
-    found["jogging"] = forge(holder, per_state)
+    found["jogging"] = forge(holder, some())
     holder.jog(False)
     holder.until({"do": "go", "name": "here"}, *MOVING)
-    found["on its way"] = forge(holder, per_state)
+    found["on its way"] = forge(holder, some())
     with holder.client.open("/stop") as stop:
         stop.send("stop")
         awaited(lambda: "clear" in holder.now["can"] and holder.now["target"] is None)
-    found["after a STOP"] = forge(holder, per_state)
+    found["after a STOP"] = forge(holder, some())
     holder.until({"do": "clear"}, "OFF")
     awaited(lambda: "enable" in holder.now["can"])
-    found["off"] = forge(holder, per_state)
+    found["off"] = forge(holder, some())
     holder.enable()
     return found
 

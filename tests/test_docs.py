@@ -279,7 +279,7 @@ def test_the_estimator_of_the_studies_page_is_compared_as_described(tmp_path: Pa
     code = [line for line in block[1].splitlines() if line and not line.startswith(("from", "im"))]
     assert len(code) <= 24, "twenty lines will do"
     (tmp_path / "mylab.py").write_text(block[1])
-    words = shlex.split(command[1].replace("--count 200", "--count 6"))
+    words = shlex.split(command[1].replace("--count 200", "--count 3"))
     line = [str(Path(sys.executable).with_name("rcmservo")), *words]
     output = subprocess.run(line, cwd=tmp_path, capture_output=True, text=True, check=True).stdout
     assert "mylab:RLS compared with dlt" in output and (tmp_path / "runs/mine/report.html").exists()

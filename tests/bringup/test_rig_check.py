@@ -27,9 +27,9 @@ MAX_TRAVEL_MM = 2.0
 
 
 @cache
-def sound(seed: int) -> tuple[FaultyLab, CheckReport]:
-    """Return a laboratory without a mistake, and the report of its check."""
-    lab = FaultyLab(Mistake(), seed)
+def checked(mistake: Mistake, seed: int) -> tuple[FaultyLab, CheckReport]:
+    """Return a laboratory with a mistake, and the report of its check."""
+    lab = FaultyLab(mistake, seed)
     return lab, lab.check()
 
 
@@ -53,8 +53,7 @@ def test_a_mistake_is_found_with_its_line_before_the_tool_travels_2_mm(
 ) -> None:
     name, seed = case
     mistake = MISTAKES[name]
-    lab = FaultyLab(mistake, seed)
-    report = lab.check()
+    lab, report = checked(mistake, seed)
     assert lab.arm.max_travel < MAX_TRAVEL_MM
     assert_slow_and_off(lab)
     assert mistake.is_found(report), report.findings
@@ -76,7 +75,7 @@ def test_a_first_motion_much_larger_than_predicted_returns_at_once(seed: int) ->
 
 @pytest.mark.slow
 def test_an_arm_with_usual_encoders_needs_at_most_20_motions() -> None:
-    lab, report = sound(1)
+    lab, report = checked(Mistake(), 1)
     assert report.ok
     assert len([line for line in lab.operator.questions if line.startswith("Move")]) <= 20
 
@@ -105,7 +104,7 @@ def test_an_unknown_length_leaves_two_possibilities_with_all_their_findings() ->
 @pytest.mark.slow
 @pytest.mark.parametrize(("seed", "unclear"), CLEAR)
 def test_settings_that_the_image_leaves_unclear_are_reported(seed: int, unclear: list[str]) -> None:
-    lab, report = sound(seed)
+    lab, report = checked(Mistake(), seed)
     assert report.ok
     assert [words.split()[0] for words in report.unclear] == unclear
     advice = [words for words in lab.operator.messages if words.endswith("Measure it by hand.")]

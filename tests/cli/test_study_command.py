@@ -351,6 +351,7 @@ def test_user_code_that_only_the_file_names_is_not_run(
     assert MODULE not in sys.modules
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("in_this_process")
 def test_a_search_writes_settings_report_and_a_command_and_resumes(
     here: Path, capsys: pytest.CaptureFixture[str]
@@ -379,6 +380,7 @@ def test_a_search_writes_settings_report_and_a_command_and_resumes(
     assert "row 13: tuned, random, seed 6" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("in_this_process")
 def test_a_search_reports_resumption_or_changes_and_ends(
     here: Path, capsys: pytest.CaptureFixture[str]

@@ -147,6 +147,7 @@ def at_rest(lab: Laboratory) -> bool:
     return lab.off and before == lab.counts == lab.counts
 
 
+@pytest.mark.slow
 def test_ctrl_c_during_motion_leaves_the_drive_off_and_the_record_complete(
     lab: Laboratory, tmp_path: Path
 ) -> None:

@@ -19,7 +19,7 @@ def test_forged_and_random_requests_move_change_and_stop_nothing() -> None:
 
             def operate() -> None:
                 holder = page_forged.Holder(lab)
-                for state, sentences in page_forged.forged(holder, 40).items():
+                for state, sentences in page_forged.forged(holder, 30).items():
                     found.extend(f"{state}: {one}" for one in sentences)
                 _, ticks = page_forged.fuzzed(holder, 150)
                 if ticks.longest > page_forged.GAP or not ticks.still:

@@ -84,10 +84,10 @@ BOTH = "method", "short run"
         pytest.param("printed", "scaled", BOTH, marks=pytest.mark.slow),
         pytest.param("flow", "rigid", BOTH, marks=pytest.mark.slow),
         pytest.param("broyden", "rigid", BOTH, marks=pytest.mark.slow),
-        pytest.param("nflow", "rigid", BOTH, marks=pytest.mark.slow),
-        pytest.param("rls", "rigid", BOTH, marks=pytest.mark.slow),
+        pytest.param("nflow", "rigid", ["method"], marks=pytest.mark.slow),
+        pytest.param("rls", "rigid", ["method"], marks=pytest.mark.slow),
         pytest.param("kalman", "rigid", BOTH, marks=pytest.mark.slow),
-        pytest.param("correntropy", "rigid", BOTH, marks=pytest.mark.slow),
+        pytest.param("correntropy", "rigid", ["method"], marks=pytest.mark.slow),
     ],
 )
 def test_after_the_warm_up_nothing_compiles_in_other_scenes_with_losses_and_pauses(
