@@ -24,7 +24,7 @@ from rcmservo.interfaces import (
 from rcmservo.loop.clock import WallClock, ticks
 from rcmservo.loop.operator import Jog, Operator, Teach
 from rcmservo.loop.plant import Plant
-from rcmservo.loop.run import run
+from rcmservo.loop.servo_loop import servo_ticks
 from rcmservo.loop.teach import teach
 from rcmservo.loop.tick import Tick
 from rcmservo.safety.causes import Action, Cause
@@ -71,7 +71,7 @@ __all__ = [
     "UnusableFile",
     "WallClock",
     "add_feature_vector",
-    "run",
+    "servo_ticks",
     "teach",
     "ticks",
 ]

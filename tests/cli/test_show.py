@@ -70,7 +70,7 @@ def recorded_run(tmp_path_factory: pytest.TempPathFactory) -> RecordedRun:
             stages.append(len(ticks))
             judge = OutcomeCollector(servo, target)
             recorder.begin(servo, target, state)
-            for tick in rs.run(
+            for tick in rs.servo_ticks(
                 plant, servo, target, seconds, state=state, operator=replays.operator
             ):
                 recorder.write(tick)

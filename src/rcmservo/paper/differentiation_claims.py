@@ -14,7 +14,7 @@ from rcmservo.estimation.flow_rule import integrate_flow_rule
 from rcmservo.figures.charts import Figure
 from rcmservo.geometry.features import compute_feature_error, compute_features, shift_to_rcm
 from rcmservo.interfaces import Floats, Target
-from rcmservo.loop.run import Tick, run
+from rcmservo.loop.servo_loop import Tick, servo_ticks
 from rcmservo.paper.lab.cameras import PINHOLE, true_parameters
 from rcmservo.paper.lab.evaluation import laboratory
 from rcmservo.paper.lab.paper_settings import (
@@ -64,7 +64,7 @@ def explore(settings: Settings, seed: int) -> TaskResult:
     trials = {method: FlowRuleTrial(settings.gamma) for method in DIFFERENTIATION_METHODS}
     previous: Tick | None = None
     true_y_dot = np.zeros(3)
-    for tick in run(plant, servo, here, settings.touring):
+    for tick in servo_ticks(plant, servo, here, settings.touring):
         if np.isfinite(tick.observation.points).all():
             if previous is not None:
                 ticks = previous, tick

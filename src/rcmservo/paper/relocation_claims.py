@@ -16,7 +16,7 @@ from rcmservo.estimation.base import Estimator
 from rcmservo.figures.charts import Figure, Panel, make_curve
 from rcmservo.geometry.features import FEATURE_SCALE
 from rcmservo.interfaces import Target
-from rcmservo.loop.run import Tick
+from rcmservo.loop.servo_loop import Tick
 from rcmservo.paper.lab.closed_loop import ClosedLoop, closed_loop, make_servo, read_task_record
 from rcmservo.paper.lab.paper_settings import (
     FAST_CONTROLLER,

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 from rcmservo.interfaces import Target
 from rcmservo.loop.plant import Plant
-from rcmservo.loop.run import Tick, run
+from rcmservo.loop.servo_loop import Tick, servo_ticks
 from rcmservo.loop.target_frames import TEACHING_FRAMES
 from rcmservo.loop.teach import TeachingFailed, teach
 from rcmservo.safety.state_machine import Phase, Request
@@ -161,7 +161,7 @@ def run_attended(
         begins(target, state)
         elapsed = rig.clock.now() - start
         remaining_s = duration - elapsed * 1e-9
-        ticks = run(plant, servo, target, remaining_s, operator.ends_run, state, operator)
+        ticks = servo_ticks(plant, servo, target, remaining_s, operator.ends_run, state, operator)
         with closing(ticks):
             for tick in ticks:
                 yield replace(tick, time=tick.time + elapsed)
