@@ -24,8 +24,8 @@ from rcmservo.loop.clock import RecordingClock, WallClock, ticks
 from rcmservo.loop.detection_failure import explain_undetected_markers
 from rcmservo.loop.operator import Operator
 from rcmservo.loop.plant import Plant
-from rcmservo.loop.servo_loop import servo_ticks
 from rcmservo.loop.run_result import RunResult
+from rcmservo.loop.servo_loop import servo_ticks
 from rcmservo.loop.teach import teach
 from rcmservo.loop.tick import Tick
 from rcmservo.recording.outcome import OutcomeCollector, find_stop_cause
