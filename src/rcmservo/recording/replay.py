@@ -165,7 +165,7 @@ def _describe_changed_sources(stages: Sequence[Stage], servos: Sequence[Servo]) 
 def _step_through(recorded: Record, servos: Sequence[Servo]) -> Iterator[Tick]:
     """Yield each recorded tick with its replayed state.
 
-    This does not use `loop.servo_loop`: the record holds observations and requests, and nothing is sent.
+    `servo_ticks` is not used: the record holds observations and requests, and nothing is sent.
     """
     end_states: list[State] = []
     stage_bounds = pairwise([*(stage.first for stage in recorded.stages), len(recorded.time)])
