@@ -33,7 +33,7 @@ from rcmservo.loop.servo_loop import servo_ticks
 from rcmservo.loop.teach import teach
 from rcmservo.safety.thresholds import Thresholds
 from rcmservo.servo.servo import Servo
-from rcmservo.sim.rig import Rig
+from rcmservo.sim import Rig
 from rcmservo.sim.tool_body import ToolBody
 from rcmservo.tracking import ColourMarkers
 

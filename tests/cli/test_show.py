@@ -14,13 +14,13 @@ from replays import Disturbed
 import rcmservo as rs
 from rcmservo.cli import show
 from rcmservo.cli.cli import main
-from rcmservo.cli.result_output import METRICS_FILE
 from rcmservo.figures import plots
 from rcmservo.interfaces import DropReason
 from rcmservo.recording import reader, timeline
 from rcmservo.recording.outcome import OutcomeCollector
 from rcmservo.recording.timeline import list_spans, summarise_record
 from rcmservo.recording.writer import Recorder
+from rcmservo.rig.result import METRICS_FILE
 from rcmservo.tracking import PointMarkers
 
 

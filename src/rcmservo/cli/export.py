@@ -19,7 +19,6 @@ from typing import Annotated, Any, cast
 import numpy as np
 import tyro
 
-from rcmservo.cli.folders import open_new_folder
 from rcmservo.cli.terminal import open_console
 from rcmservo.config.atomic_files import atomic_path
 from rcmservo.config.servo_json import rebuild_part
@@ -27,6 +26,7 @@ from rcmservo.errors import BadInput, UnusableFile
 from rcmservo.interfaces import Floats
 from rcmservo.recording import reader
 from rcmservo.recording.foreign.frame_folder import RecordingWriter
+from rcmservo.recording.new_folder import open_new_folder
 from rcmservo.recording.reader import Record
 from rcmservo.recording.tick_schema import (
     FLAG_COLUMNS,

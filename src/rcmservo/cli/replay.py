@@ -16,7 +16,6 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn
 from rich.table import Table
 
-from rcmservo.cli.folders import open_new_folder
 from rcmservo.cli.score_report import convert_score_to_json, format_centres_csv, print_score
 from rcmservo.cli.servo_options import OptionalEstimator, ServoOptions
 from rcmservo.cli.terminal import open_console
@@ -28,6 +27,7 @@ from rcmservo.estimation.base import Estimator
 from rcmservo.estimation.projection_rule import PAPER_PROJECTION_ESTIMATOR
 from rcmservo.geometry.tool import Tool
 from rcmservo.recording.foreign import scoring
+from rcmservo.recording.new_folder import open_new_folder
 from rcmservo.recording.reader import Record
 from rcmservo.recording.replay import ReplayResult, rebuild_stage_servo, replay_record
 from rcmservo.servo.servo import Servo

@@ -71,7 +71,7 @@ def explore(settings: Settings, seed: int) -> TaskResult:
                 true_y_dot = differentiate(trials, rig, servo, ticks, o_c, true_y_dot)
             previous = tick
         if tick.time / 1e9 > settings.touring - JUDGED_S:
-            J = rig.truth.jacobian(rig.arm.q_true, o_c)
+            J = rig.truth.jacobian(rig.truth.arm.q_true, o_c)
             for trial in trials.values():
                 trial.judge(J)
     return {method: trial.results() for method, trial in trials.items()}

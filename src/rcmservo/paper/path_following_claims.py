@@ -135,7 +135,7 @@ def follow(settings: Settings, method: EstimatingMethod, seed: int) -> TaskResul
         if time_s > settings.period:
             break
         if operator.start_ns is not None and k % STRIDE_TICKS == 0:
-            q = rig.arm.q_true
+            q = rig.truth.arm.q_true
             samples.append(PathSample(time_s, rig.body.points(q)[0], rig.truth.pixels(q)[0]))
         if tick.state.phase in (Phase.PAUSED, Phase.FAULT):
             break

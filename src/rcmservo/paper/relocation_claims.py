@@ -60,7 +60,7 @@ def relocate(folder: Path, seed: int, method: str, settings: Settings) -> TaskRe
         target, p_d = loop.teach(loop.rig.scene.target)
         loop.rig.move_to_start()
         stop = servo_until_stopped(loop, target, settings)
-        q_stop = loop.rig.arm.q_true
+        q_stop = loop.rig.truth.arm.q_true
         target, _ = loop.teach(loop.rig.scene.target)
         loop.rig.place(q_stop)
         restart = loop.elapsed()

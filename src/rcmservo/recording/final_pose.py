@@ -67,12 +67,12 @@ def measure_final_pose(
     p1 = compute_position(rcm, course.q[-1])
     p2, taught_p2 = tool.second_marker(p1), tool.second_marker(compute_position(rcm, taught_q))
     recent_errors = course.errors[course.times > course.times[-1] - FINAL_WINDOW_S]
-    mean_mm, std_mm = _convert_to_mm(recent_errors, course.J_hat, tool, p1)
+    mean_mm, std_mm = convert_to_mm(recent_errors, course.J_hat, tool, p1)
     by_joints_mm = finite_or_none(float(np.linalg.norm(p2 - taught_p2)))
     return FinalPose(p2.tolist(), by_joints_mm, finite_or_none(mean_mm), finite_or_none(std_mm))
 
 
-def _convert_to_mm(errors: Floats, J_hat: Floats, tool: Tool, p1: Floats) -> tuple[float, float]:
+def convert_to_mm(errors: Floats, J_hat: Floats, tool: Tool, p1: Floats) -> tuple[float, float]:
     """Return the length (mm) of the mean of Δy (n, 3) as motion of marker 2, and its deviation.
 
     Both are NaN without an estimate Ĵ or an error.

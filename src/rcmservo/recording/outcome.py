@@ -29,6 +29,9 @@ SETTLED_TOLERANCE = np.array([np.radians(0.5), 1.0, 1.0])
 SETTLED_DURATION_S = 1.0
 """Time in s at the end of a run during which the errors must stay within the tolerance."""
 
+END_DURATION_S = 2.0
+"""Time in s at the target after which `Settled` ends a run."""
+
 SETTLED_DURATION_ROUNDING_S = 1e-6
 """Rounding error in s that the difference of two tick times may have."""
 
@@ -44,6 +47,41 @@ UNFINISHED_CAUSES = {
     Phase.ACQUIRE: "time ran out during exploration",
 }
 """Causes of runs that end without a fault in a phase before SERVO."""
+
+
+class Settled:
+    """Function of a `Tick` that returns True once the tool has settled at the target.
+
+    It has settled after 2 s in SERVO in which the feature errors stayed within 0.5°, 1 px and 1 px
+    and marker 2, by the joints, within 1 mm of its taught position. A run that ends then has a last
+    second, over which its result is averaged, that begins at rest.
+    """
+
+    def __init__(self) -> None:
+        self._since_ns: int | None = None
+
+    def __call__(self, tick: Tick) -> bool:
+        """Return True at the tick at which the tool has settled, and while it stays so."""
+        if not _is_at_target(tick):
+            self._since_ns = None
+            return False
+        self._since_ns = tick.time if self._since_ns is None else self._since_ns
+        return tick.time - self._since_ns >= END_DURATION_S * 1e9
+
+
+def _is_at_target(tick: Tick) -> bool:
+    """Return True in SERVO with small feature errors, if the joints do not contradict."""
+    state, target = tick.state, tick.state.target
+    if state.phase is not Phase.SERVO or target is None:
+        return False
+    if not (np.abs(state.delta) < SETTLED_TOLERANCE).all():
+        return False
+    servo = tick.servo
+    p2, taught_p2 = (
+        servo.tool.second_marker(servo.position_of_marker_1(q))
+        for q in (tick.observation.q, target.q)
+    )
+    return not np.linalg.norm(p2 - taught_p2) > MAX_SETTLED_DISTANCE_MM
 
 
 class OutcomeCollector:

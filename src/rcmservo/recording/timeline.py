@@ -28,7 +28,7 @@ from rcmservo.loop.run_result import (
     finite_or_none,
     time_spread,
 )
-from rcmservo.recording.final_pose import RunCourse, measure_final_pose
+from rcmservo.recording.final_pose import RunCourse, convert_to_mm, measure_final_pose
 from rcmservo.recording.outcome import judge_run
 from rcmservo.recording.reader import Record
 from rcmservo.safety.causes import Action, Cause
@@ -281,6 +281,27 @@ def _measure_recorded_pose(record: Record, course: RunCourse) -> FinalPose:
     if parts is None:
         return FinalPose()
     return measure_final_pose(course, *parts, record.stages[-1].target.q)
+
+
+def compute_distances(record: Record) -> tuple[Floats, Floats]:
+    """Return the distances (N,), (N,) in mm of marker 2 from the taught pose, by image and joints.
+
+    They are NaN where the record does not describe the arm or holds no estimate yet.
+    """
+    parts, count = _rebuild_arm_and_tool(record), len(record.time)
+    if parts is None:
+        return np.full(count, np.nan), np.full(count, np.nan)
+    mechanism, tool = parts
+    rcm, ticks = mechanism.to_struct(tool.offset), record.ticks
+    taught_p2 = tool.second_marker(compute_position(rcm, record.stages[-1].target.q))
+    by_image, by_joints = np.empty(count), np.empty(count)
+    for i, (q, delta, J_hat) in enumerate(
+        zip(ticks["q"], ticks["delta"], ticks["J_hat"].reshape(-1, 3, 3), strict=True)
+    ):
+        p1 = compute_position(rcm, q)
+        by_joints[i] = np.linalg.norm(tool.second_marker(p1) - taught_p2)
+        by_image[i], _ = convert_to_mm(delta[None], J_hat, tool, p1)
+    return by_image, by_joints
 
 
 def find_taught_position(record: Record) -> Floats | None:

@@ -19,7 +19,6 @@ import tyro
 from rich.console import Console
 from rich.text import Text
 
-from rcmservo.cli.folders import make_dated_path
 from rcmservo.cli.progress.compilation import report_compilation
 from rcmservo.cli.progress.progress import print_resume_hint, show_progress
 from rcmservo.cli.studies import study_report
@@ -29,6 +28,7 @@ from rcmservo.config.user_estimators import import_estimator
 from rcmservo.constraints import Checked, between
 from rcmservo.errors import require, require_extra
 from rcmservo.estimation.base import Estimator
+from rcmservo.recording.new_folder import make_dated_path
 from rcmservo.study.plan.conditions import RunConditions
 
 if TYPE_CHECKING:

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 import tyro
 from rich.console import Console
 
-from rcmservo.cli.folders import make_dated_path
 from rcmservo.cli.progress.progress import print_resume_hint, show_progress
 from rcmservo.cli.run_options import RunOptions
 from rcmservo.cli.servo_options import find_option_group
@@ -31,6 +30,7 @@ from rcmservo.config.rig_file import name_origin_in_errors
 from rcmservo.config.strict_decoding import decode_settings
 from rcmservo.config.user_estimators import import_estimator
 from rcmservo.errors import require_extra
+from rcmservo.recording.new_folder import make_dated_path
 
 if TYPE_CHECKING:
     from rcmservo.study.plan.method import StudyMethod, UserEstimators

@@ -75,7 +75,7 @@ def settle(
     for tick in servo_ticks(plant, servo, target, duration):
         ticks.append(tick)
         if (len(ticks) - 1) % STRIDE_TICKS == 0:
-            q = rig.arm.q_true
+            q = rig.truth.arm.q_true
             distance = float(np.linalg.norm(rig.body.points(q)[1] - p_d))
             delta = compute_feature_error(_true_features(rig, q), y_d)
             samples.append((tick.time / 1e9, delta, distance))
