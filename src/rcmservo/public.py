@@ -21,6 +21,7 @@ from rcmservo.interfaces import (
     Target,
     Tracker,
 )
+from rcmservo.load_rig import load_rig
 from rcmservo.loop.clock import WallClock, ticks
 from rcmservo.loop.operator import Jog, Operator, Teach
 from rcmservo.loop.plant import Plant
@@ -80,6 +81,7 @@ __all__ = [
     "UnusableFile",
     "WallClock",
     "add_feature_vector",
+    "load_rig",
     "run",
     "servo_ticks",
     "teach",

@@ -286,7 +286,7 @@ def _measure_recorded_pose(record: Record, course: RunCourse) -> FinalPose:
 def compute_distances(record: Record) -> tuple[Floats, Floats]:
     """Return the distances (N,), (N,) in mm of marker 2 from the taught pose, by image and joints.
 
-    They are NaN where the record does not describe the arm or holds no estimate yet.
+    They are NaN if the record does not describe the arm, and by the image before Ĵ is known.
     """
     parts, count = _rebuild_arm_and_tool(record), len(record.time)
     if parts is None:
@@ -301,6 +301,7 @@ def compute_distances(record: Record) -> tuple[Floats, Floats]:
         p1 = compute_position(rcm, q)
         by_joints[i] = np.linalg.norm(tool.second_marker(p1) - taught_p2)
         by_image[i], _ = convert_to_mm(delta[None], J_hat, tool, p1)
+    by_image[~ticks["explored"][:, 0].astype(bool)] = np.nan
     return by_image, by_joints
 
 

@@ -20,6 +20,8 @@ from rcmservo.loop.target_frames import TEACHING_FRAMES
 from rcmservo.loop.teach import teach
 from rcmservo.loop.tick import Tick
 from rcmservo.recording.writer import Recorder, ThreadedRecorder
+from rcmservo.safety.gate import Gate
+from rcmservo.safety.thresholds import Thresholds
 from rcmservo.servo.servo import Servo
 from rcmservo.servo.user_estimator import format_class_name_of
 
@@ -54,6 +56,10 @@ class Rig:
         Positions of the markers on the tool: `RigidTool` or `ScaledTool`.
     clock : Clock or None
         Clock of all times; None, the default, for `WallClock`, the time of this computer.
+    gate : Gate or None
+        Bounds on every command of this arm; by default those of the servo.
+    thresholds : Thresholds or None
+        Thresholds of the checks for this rig; by default those of the servo.
 
     Examples
     --------
@@ -79,11 +85,19 @@ class Rig:
         mechanism: Kinematics,
         tool: Tool,
         clock: Clock | None = None,
+        *,
+        gate: Gate | None = None,
+        thresholds: Thresholds | None = None,
     ) -> None:
         _require_kind("mechanism", mechanism, Kinematics, "such as SphericalRcm()")
         _require_kind("tool", tool, Tool, "such as RigidTool(spacing=30.0)")
         self.arm, self.camera, self.tracker = arm, camera, tracker
         self.mechanism, self.tool = mechanism, tool
+        self._robot_parts = {"mechanism": mechanism, "tool": tool} | {
+            name: part
+            for name, part in {"gate": gate, "thresholds": thresholds}.items()
+            if part is not None
+        }
         self.clock: Clock = WallClock() if clock is None else clock
         self._plant: Plant | None = None
         self._stack = ExitStack()
@@ -169,19 +183,18 @@ class Rig:
         raise NotReady("this rig cannot go home by itself: move the tool to its start by hand")
 
     def adapt(self, servo: Servo) -> Servo:
-        """Return the servo with the mechanism and the tool of the rig.
+        """Return the servo with the mechanism, the tool and any bounds of the rig.
 
         Raises
         ------
         BadInput
-            If the servo has a mechanism or a tool of its own that differs.
+            If the servo has such a part of its own that differs.
         """
         default = Servo()
-        for part in ("mechanism", "tool"):
-            own, of_rig = getattr(servo, part), getattr(self, part)
-            expected = f"left out or equal to that of the rig, {of_rig}"
-            require(own in (getattr(default, part), of_rig), f"servo.{part}", own, expected)
-        return replace(servo, mechanism=self.mechanism, tool=self.tool)
+        for name, part in self._robot_parts.items():
+            own, expected = getattr(servo, name), f"left out or equal to that of the rig, {part}"
+            require(own in (getattr(default, name), part), f"servo.{name}", own, expected)
+        return replace(servo, **self._robot_parts)
 
     def begin(self) -> None:
         """Note that a run begins now: the disturbances of a simulation count from here."""

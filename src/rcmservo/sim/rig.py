@@ -15,6 +15,8 @@ from rcmservo.interfaces import Floats, Image, Target, Tracker
 from rcmservo.loop.target_frames import TEACHING_FRAMES
 from rcmservo.loop.tick import Tick
 from rcmservo.rig.rig import AnyRecorder, Rig
+from rcmservo.safety.gate import Gate
+from rcmservo.safety.thresholds import Thresholds
 from rcmservo.servo.servo import make_default_tool
 from rcmservo.sim.arm import Drive, SimulatedArm, SimulatedClock
 from rcmservo.sim.cameras import (
@@ -166,6 +168,10 @@ class SimulatedRig(Rig):
         Scene to use instead of the one that follows from the seed.
     tracker : Tracker, optional
         Detector of the markers; by default `ColourMarkers` for images and `PointMarkers` without.
+    gate : Gate, optional
+        Bounds on every command; by default those of the servo.
+    thresholds : Thresholds, optional
+        Thresholds of the checks; by default those of the servo.
 
     Raises
     ------
@@ -185,6 +191,8 @@ class SimulatedRig(Rig):
         disturbances: Sequence[Disturbance] = (),
         scene: Scene | None = None,
         tracker: Tracker | None = None,
+        gate: Gate | None = None,
+        thresholds: Thresholds | None = None,
     ) -> None:
         _check_argument_types(settings, pictures, disturbances, scene)
         self.seed, self.settings = seed, settings or RigSettings()
@@ -197,7 +205,16 @@ class SimulatedRig(Rig):
         self._camera = self._make_camera(pictures, np.random.default_rng(noise_seed))
         self._clock = SimulatedClock(self._arm)
         tracker = tracker or (ColourMarkers() if pictures else PointMarkers())
-        super().__init__(self._arm, self._camera, tracker, parts.mechanism, parts.tool, self._clock)
+        super().__init__(
+            self._arm,
+            self._camera,
+            tracker,
+            parts.mechanism,
+            parts.tool,
+            self._clock,
+            gate=gate,
+            thresholds=thresholds,
+        )
         self.truth = GroundTruth(self._arm, self.body, self.scene.optics)
         self.schedule = Schedule(disturbances, disturbance_seed)
         self._camera_motion = CameraMotion()
