@@ -196,6 +196,23 @@ class Rig:
             require(own in (getattr(default, name), part), f"servo.{name}", own, expected)
         return replace(servo, **self._robot_parts)
 
+    def require_ready(self) -> None:
+        """Raise an error if the drive must not be switched on now.
+
+        Raises
+        ------
+        NotReady
+            If the drive is on already, or the arm does not know its joint values.
+        """
+        if self.plant.arm.measure().enabled:
+            raise NotReady("the arm's drive is on already: switch it off where it was switched on")
+        is_homed = getattr(self.arm, "is_homed", None)
+        if is_homed is not None and not is_homed():
+            raise NotReady(
+                "the joint values of the arm are unknown since it was reset: move it by hand to "
+                "known joints and call rig.arm.set_position(q), q in rad, rad, mm"
+            )
+
     def begin(self) -> None:
         """Note that a run begins now: the disturbances of a simulation count from here."""
 

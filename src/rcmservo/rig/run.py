@@ -140,6 +140,7 @@ def run(
         with _open_record(rig, folder, description) as recorder:
             recorder.begin(servo, target)
             plant.recorded = recorder.recorded
+            rig.require_ready()
             require_confirmation(rig, servo, duration, confirm)
             ticks = servo_ticks(plant, servo, target, duration, ends, operator=operator)
             course = _follow(rig, ticks, target, recorder, progress or _choose_progress())
