@@ -21,12 +21,12 @@ import tyro
 
 from rcmservo.cli.terminal import open_console
 from rcmservo.config.atomic_files import atomic_path
+from rcmservo.config.new_folder import open_new_folder
 from rcmservo.config.servo_json import rebuild_part
 from rcmservo.errors import BadInput, UnusableFile
 from rcmservo.interfaces import Floats
 from rcmservo.recording import reader
 from rcmservo.recording.foreign.frame_folder import RecordingWriter
-from rcmservo.recording.new_folder import open_new_folder
 from rcmservo.recording.reader import Record
 from rcmservo.recording.tick_schema import (
     FLAG_COLUMNS,

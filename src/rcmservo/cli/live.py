@@ -15,10 +15,10 @@ from rcmservo.cli.progress.run_progress import LiveProgress
 from rcmservo.cli.result_output import print_result
 from rcmservo.cli.run_options import RunToTargetOptions
 from rcmservo.cli.terminal import open_console, open_status_line
+from rcmservo.config.new_folder import open_new_folder
 from rcmservo.errors import require, require_extra
 from rcmservo.live.supervisor import run_live
 from rcmservo.loop.run_result import RunResult, finite_or_none
-from rcmservo.recording.new_folder import open_new_folder
 from rcmservo.recording.reader import RECORD
 from rcmservo.rig.result import read_record_if_any, save_result
 

@@ -9,10 +9,10 @@ from rich.table import Table
 from rcmservo.cli.progress.progress import print_resume_hint, show_progress
 from rcmservo.cli.servo_options import EstimatorOptions, OptionalEstimator
 from rcmservo.cli.terminal import open_console
+from rcmservo.config.new_folder import make_dated_path
 from rcmservo.config.rig_file import RigDescription
 from rcmservo.config.user_estimators import hash_source
 from rcmservo.errors import require, require_extra
-from rcmservo.recording.new_folder import make_dated_path
 from rcmservo.servo.user_estimator import check_estimator
 
 if TYPE_CHECKING:

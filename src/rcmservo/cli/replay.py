@@ -21,13 +21,13 @@ from rcmservo.cli.servo_options import OptionalEstimator, ServoOptions
 from rcmservo.cli.terminal import open_console
 from rcmservo.config.atomic_files import write_atomically
 from rcmservo.config.class_registry import ESTIMATORS, find_class_name
+from rcmservo.config.new_folder import open_new_folder
 from rcmservo.config.rig_file import load_rig_file
 from rcmservo.errors import UnusableFile, require
 from rcmservo.estimation.base import Estimator
 from rcmservo.estimation.projection_rule import PAPER_PROJECTION_ESTIMATOR
 from rcmservo.geometry.tool import Tool
 from rcmservo.recording.foreign import scoring
-from rcmservo.recording.new_folder import open_new_folder
 from rcmservo.recording.reader import Record
 from rcmservo.recording.replay import ReplayResult, rebuild_stage_servo, replay_record
 from rcmservo.servo.servo import Servo

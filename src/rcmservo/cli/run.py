@@ -9,8 +9,8 @@ from rcmservo.cli.progress.run_progress import RunProgress
 from rcmservo.cli.result_output import print_result
 from rcmservo.cli.run_options import RunOptions
 from rcmservo.cli.terminal import open_console, open_status_line
+from rcmservo.config.new_folder import open_new_folder
 from rcmservo.errors import require_extra
-from rcmservo.recording.new_folder import open_new_folder
 
 
 def run(options: RunOptions) -> int:

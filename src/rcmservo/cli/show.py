@@ -18,10 +18,10 @@ from rich.text import Text
 
 from rcmservo.cli.terminal import build_two_column_table, open_console
 from rcmservo.config.atomic_files import write_atomically
+from rcmservo.config.new_folder import open_new_folder
 from rcmservo.figures import charts, plots
 from rcmservo.loop.run_result import RunResult
 from rcmservo.recording import reader
-from rcmservo.recording.new_folder import open_new_folder
 from rcmservo.recording.reader import Record
 from rcmservo.recording.summary_text import (
     describe_cause,

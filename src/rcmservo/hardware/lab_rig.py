@@ -7,10 +7,23 @@ from typing import Any
 from rcmservo.config.rig_file import RigDescription
 from rcmservo.config.verified_rigs import is_rig_verified
 from rcmservo.hardware.device_kinds import open_arm, open_camera
+from rcmservo.live.device_protocols import NotReady
 from rcmservo.live.unchecked_rig_speed import UNCHECKED_SPEED_SCALE, reduce_speed
 from rcmservo.rig.rig import Rig
 from rcmservo.servo.servo import Servo
 from rcmservo.tracking import ColourMarkers
+
+
+class Unconnected:
+    """Arm or camera that is not connected: every method raises `NotReady`."""
+
+    def _refuse(self, *_: object) -> Any:
+        raise NotReady("the rig is not open: write `with rig:` around what uses it")
+
+    enable = measure = apply = latest = _refuse
+
+
+UNCONNECTED: Any = Unconnected()
 
 
 class LabRig(Rig):
@@ -31,10 +44,9 @@ class LabRig(Rig):
 
     def __init__(self, path: Path, description: RigDescription, digest: str) -> None:
         self._path, self._description, self._digest = path, description, digest
-        unopened: Any = None
         super().__init__(
-            unopened,
-            unopened,
+            UNCONNECTED,
+            UNCONNECTED,
             ColourMarkers(description.markers),
             description.mechanism,
             description.tool,
@@ -56,6 +68,10 @@ class LabRig(Rig):
             self.arm.close()
             raise
 
+    def __exit__(self, *error: Any) -> None:
+        super().__exit__(*error)
+        self.arm, self.camera = UNCONNECTED, UNCONNECTED
+
     def adapt(self, servo: Servo) -> Servo:
         """Return the servo for this rig, at the speed that is allowed."""
         return reduce_speed(super().adapt(servo), self.speed_scale)
@@ -76,6 +92,6 @@ class LabRig(Rig):
         speed = f"at {100.0 * self.speed_scale:g} % of the full speed"
         if self.speed_scale < 1.0:
             speed += " until `rcmservo rig check` passes"
-        if self.arm is None:  # pyright: ignore[reportUnnecessaryComparison]
+        if isinstance(self.arm, Unconnected):
             return f"{self._path}, not connected, {speed}"
         return f"{self._path}: {super().__str__()}, {speed}"

@@ -1,4 +1,4 @@
-"""Where the tool is at the end of a run, and how the drives followed, from the ticks of the run."""
+"""Pose of the tool at the end of a run, and response of the drives, from the ticks of the run."""
 
 from dataclasses import dataclass
 
@@ -103,8 +103,20 @@ def measure_drive_response(course: RunCourse) -> DriveResponse:
     return DriveResponse([gain for gain, _ in responses], [lag for _, lag in responses])
 
 
-def _fit_response(now: Floats, travel: Floats, q: Floats) -> tuple[float, float]:
-    """Return gain and lag (ms) of one joint from its applied travel (N,) and its values (N,)."""
-    fits = [np.polyfit(np.interp(now - lag_s, now, travel), q, 1, full=True) for lag_s in LAGS_S]
-    best = int(np.argmin([residuals[0] for _, residuals, *_ in fits]))
-    return float(fits[best][0][0]), float(1e3 * LAGS_S[best])
+def _fit_response(now: Floats, travel: Floats, q: Floats) -> tuple[float | None, float | None]:
+    """Return gain and lag (ms) of one joint from its applied travel (N,) and its values (N,).
+
+    Both are None if a value is not finite.
+    """
+    if not (np.isfinite(travel).all() and np.isfinite(q).all() and np.isfinite(now).all()):
+        return None, None
+    deviation, best = q - q.mean(), (np.inf, None, None)
+    for lag_s in LAGS_S:
+        delayed = np.interp(now - lag_s, now, travel)
+        delayed -= delayed.mean()
+        squared = delayed @ delayed
+        if squared > 0.0:
+            gain = float(delayed @ deviation / squared)
+            residual = float(np.linalg.norm(deviation - gain * delayed))
+            best = min(best, (residual, gain, float(1e3 * lag_s)), key=lambda fit: fit[0])
+    return best[1:]

@@ -29,6 +29,13 @@ WARM_UP_FRAMES = 2
 """Number of frames after which all kernels of a tracker are compiled: it searches the whole first
 frame, and only near the markers in the second."""
 
+DEVICE_METHODS = {
+    "arm": ("enable", "measure", "apply"),
+    "camera": ("latest",),
+    "tracker": ("find", "reset"),
+}
+"""Methods that each device must have."""
+
 FIRST_FRAME_TIMEOUT_S = 10.0
 """Time in s within which a camera must deliver a frame."""
 
@@ -89,6 +96,8 @@ class Rig:
         gate: Gate | None = None,
         thresholds: Thresholds | None = None,
     ) -> None:
+        for name, device in {"arm": arm, "camera": camera, "tracker": tracker}.items():
+            _require_methods(name, device, DEVICE_METHODS[name])
         _require_kind("mechanism", mechanism, Kinematics, "such as SphericalRcm()")
         _require_kind("tool", tool, Tool, "such as RigidTool(spacing=30.0)")
         self.arm, self.camera, self.tracker = arm, camera, tracker
@@ -245,6 +254,13 @@ class Rig:
         except RcmServoError as error:
             return str(error)
         return "drive on" if is_enabled else "drive off"
+
+
+def _require_methods(field: str, device: object, methods: tuple[str, ...]) -> None:
+    """Raise `BadInput` if a device lacks a method of its protocol."""
+    missing = [name for name in methods if not callable(getattr(device, name, None))]
+    expected = f"an object with the methods {', '.join(methods)}; it lacks {', '.join(missing)}"
+    require(not missing, field, device, expected)
 
 
 def _require_kind(field: str, value: object, kind: type, expected: str) -> None:

@@ -17,6 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rcmservo.config.class_registry import ESTIMATORS, find_class_name
+from rcmservo.config.new_folder import open_new_folder
 from rcmservo.interfaces import Target
 from rcmservo.live.realtime import apply_realtime_settings
 from rcmservo.loop.clock import DURATION
@@ -25,7 +26,6 @@ from rcmservo.loop.operator import Operator
 from rcmservo.loop.run_result import RunResult, finite_or_none
 from rcmservo.loop.servo_loop import servo_ticks
 from rcmservo.loop.tick import Tick
-from rcmservo.recording.new_folder import open_new_folder
 from rcmservo.recording.outcome import SETTLED_DURATION_S, Settled, find_stop_cause
 from rcmservo.recording.reader import RECORD
 from rcmservo.recording.timeline import summarise_record
@@ -47,7 +47,7 @@ Progress = Callable[[Tick], None]
 
 
 class Course(NamedTuple):
-    """What a record does not hold of a run.
+    """Numbers and words of a run that its record does not hold.
 
     Parameters
     ----------

@@ -204,7 +204,8 @@ class SimulatedRig(Rig):
         self._arm = SimulatedArm(parts.mechanism, parts.drive)
         self._camera = self._make_camera(pictures, np.random.default_rng(noise_seed))
         self._clock = SimulatedClock(self._arm)
-        tracker = tracker or (ColourMarkers() if pictures else PointMarkers())
+        if tracker is None:
+            tracker = ColourMarkers() if pictures else PointMarkers()
         super().__init__(
             self._arm,
             self._camera,

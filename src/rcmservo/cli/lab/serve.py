@@ -32,13 +32,13 @@ from rcmservo.cli.lab.page_backend import (
 from rcmservo.cli.progress.compilation import report_compilation
 from rcmservo.cli.run_options import LabOptions
 from rcmservo.cli.terminal import open_console, open_status_line
+from rcmservo.config.new_folder import open_new_folder
 from rcmservo.constraints import between
 from rcmservo.errors import RcmServoError, require_extra
 from rcmservo.live.child_process import ChildProcess
 from rcmservo.live.frame_ring import RingCamera
 from rcmservo.live.servo_process import Session
 from rcmservo.live.stop_signals import stopped_by_signals
-from rcmservo.recording.new_folder import open_new_folder
 from rcmservo.recording.reader import RECORD
 
 if TYPE_CHECKING:

@@ -12,12 +12,12 @@ from typing import Any
 
 from rcmservo.cli.simulated_run.video import draw_servo_state, open_video
 from rcmservo.cli.terminal import build_two_column_table, open_console
+from rcmservo.config.new_folder import open_new_folder
 from rcmservo.errors import BadInput, RcmServoError, UnusableFile, require
 from rcmservo.estimation.base import Estimator
 from rcmservo.interfaces import Image
 from rcmservo.loop.tick import Tick
 from rcmservo.recording import reader
-from rcmservo.recording.new_folder import open_new_folder
 from rcmservo.recording.reader import RECORD
 from rcmservo.recording.summary_text import format_title, list_result_rows
 from rcmservo.recording.writer import Recorder

@@ -24,11 +24,11 @@ from rcmservo.cli.progress.progress import print_resume_hint, show_progress
 from rcmservo.cli.studies import study_report
 from rcmservo.cli.terminal import open_console, open_status_line
 from rcmservo.config.class_registry import ESTIMATORS, PRESETS
+from rcmservo.config.new_folder import make_dated_path
 from rcmservo.config.user_estimators import import_estimator
 from rcmservo.constraints import Checked, between
 from rcmservo.errors import require, require_extra
 from rcmservo.estimation.base import Estimator
-from rcmservo.recording.new_folder import make_dated_path
 from rcmservo.study.plan.conditions import RunConditions
 
 if TYPE_CHECKING:

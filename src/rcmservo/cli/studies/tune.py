@@ -26,11 +26,11 @@ from rcmservo.cli.studies.study_report import print_results, print_work
 from rcmservo.cli.terminal import open_console
 from rcmservo.config.atomic_files import write_atomically
 from rcmservo.config.class_registry import ESTIMATORS, PART_CLASSES, find_class_name
+from rcmservo.config.new_folder import make_dated_path
 from rcmservo.config.rig_file import name_origin_in_errors
 from rcmservo.config.strict_decoding import decode_settings
 from rcmservo.config.user_estimators import import_estimator
 from rcmservo.errors import require_extra
-from rcmservo.recording.new_folder import make_dated_path
 
 if TYPE_CHECKING:
     from rcmservo.study.plan.method import StudyMethod, UserEstimators
