@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 __version__ = "0.2.0"
 
-PUBLIC_PACKAGES = "sim", "study", "tracking"
+PUBLIC_PACKAGES = "hardware", "sim", "study", "tracking"
 """Packages that are public as they are. They need MuJoCo or OpenCV, which the core does not."""
 
 STUDY_NAMES = ("bound",)
