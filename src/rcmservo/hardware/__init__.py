@@ -4,7 +4,7 @@ A rig file names its devices by a kind, and `rcmservo.load_rig` opens them; the 
 programs that open one by itself. A driver takes the settings of its section in the rig file, and an
 arm also its joint limits::
 
-    settings = rs.hardware.GalilSettings(host="192.168.1.7", axes="ABC", counts=(2e5, 2e5, 1e3))
+    settings = rs.hardware.GalilSettings(address="192.168.1.7", counts=(2e5, 2e5, 1e3))
     arm = rs.hardware.GalilArm(settings, rs.SphericalRcm().limits)
 
 - Arms: ``GalilArm(settings, limits)`` with `GalilSettings`; ``open_crtk_arm(settings, limits)``
