@@ -144,7 +144,7 @@ def run(
             require_confirmation(rig, servo, duration, confirm)
             ticks = servo_ticks(plant, servo, target, duration, ends, operator=operator)
             course = _follow(rig, ticks, target, recorder, progress or _choose_progress())
-        result = RecordedResult(**vars(_judge(rig, folder, course, servo)))
+        result = RecordedResult(**vars(_judge(rig, folder, course, servo, target)))
         result = replace(
             result,
             folder=str(folder),
@@ -228,23 +228,24 @@ def _follow(
     return Course(find_stop_cause(tick.state.mode, reason), true_errors_mm)
 
 
-def _judge(rig: Rig, folder: Path, course: Course, servo: Servo) -> RunResult:
+def _judge(rig: Rig, folder: Path, course: Course, servo: Servo, target: Target) -> RunResult:
     """Return the result of the record, with the true error and what only the devices know."""
     record = read_record_if_any(folder)
     result = RunResult() if record is None else summarise_record(record)
     last_errors_mm = np.array(course.true_errors_mm[-round(SETTLED_DURATION_S * servo.rate) :])
     true_error_mm = np.sqrt(np.mean(last_errors_mm**2)) if len(last_errors_mm) else np.nan
+    used_frames = 0 if result.frames is None else result.frames.used
     count_frames = getattr(rig.camera, "counts", None)
     off_reason = getattr(rig.arm, "off_reason", "")
     cause = "" if result.settled else course.stop_cause or result.cause
-    result = replace(
+    return replace(
         result if not off_reason else result.unsettled(off_reason),
         cause=cause or off_reason,
         pose_error_mm=finite_or_none(float(true_error_mm)),
+        bound_mm=finite_or_none(rig.compute_bound(target, used_frames)),
         camera=None if count_frames is None else count_frames(),
         drive_off=off_reason,
     )
-    return result
 
 
 def _choose_progress() -> Progress:
