@@ -16,6 +16,7 @@ from rcmservo.cli.result_output import print_result, read_record_if_any, save_re
 from rcmservo.cli.run_options import RunToTargetOptions
 from rcmservo.cli.terminal import open_console, open_status_line
 from rcmservo.errors import require, require_extra
+from rcmservo.hardware.device_kinds import prepare_tracker
 from rcmservo.live.supervisor import run_live
 from rcmservo.loop.run_result import RunResult, finite_or_none
 from rcmservo.recording.reader import RECORD
@@ -44,6 +45,7 @@ def live(options: LiveOptions) -> int:
     for name, path in (("--target", options.target), ("--save-target", options.save_target)):
         expected = "left out without [arm] in the rig file: a simulated run teaches its own target"
         require(path is None, name, path, expected)
+    prepare_tracker(options.lab)
     with (
         require_extra("live", "sim"),
         open_new_folder(options.out, f"live-seed{options.seed}") as folder,
@@ -64,8 +66,8 @@ def _run_simulated(options: LiveOptions, folder: Path, console: Console) -> RunR
         with report_compilation(status_line):  # the servo process then finds compiled kernels
             servo.warm_up()
         record, description = folder / RECORD, describe_simulated_run(options, duration)
-        markers, frames = options.lab.markers, options.teaching_frames
-        session = lab.session(servo, markers, duration, record, description, frames)
+        tracker, frames = prepare_tracker(options.lab), options.teaching_frames
+        session = lab.session(servo, tracker, duration, record, description, frames)
         result = run_live(session, lab.switch_off, LiveProgress(status_line, duration))
         error_mm = finite_or_none(lab.true_error())
     result = replace(result, seed=options.seed, estimator=options.estimator, pose_error_mm=error_mm)

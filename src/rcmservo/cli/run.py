@@ -10,6 +10,7 @@ from rcmservo.cli.result_output import print_result
 from rcmservo.cli.run_options import RunOptions
 from rcmservo.cli.terminal import open_console, open_status_line
 from rcmservo.errors import require_extra
+from rcmservo.hardware.device_kinds import prepare_tracker
 
 
 def run(options: RunOptions) -> int:
@@ -22,6 +23,7 @@ def run(options: RunOptions) -> int:
     require_new_target_file(options.target, options.save_target)
     # these properties raise an error for invalid options before anything is written
     _ = options.servo, options.rig_settings, options.disturbances
+    prepare_tracker(options.lab)
     console = open_console(stderr=options.json)
     with open_new_folder(options.out, f"run-seed{options.seed}") as folder:
         words = f"simulated arm and camera, seed {options.seed}; preparing …"

@@ -28,9 +28,14 @@ from rcmservo.cli.terminal import open_status_line
 from rcmservo.config.rig_file import RigDescription, name_origin_in_errors
 from rcmservo.config.verified_rigs import is_rig_verified
 from rcmservo.errors import UnusableFile, require
-from rcmservo.hardware.cameras.settings import require_latency
 from rcmservo.hardware.crtk.settings import CrtkSettings
-from rcmservo.hardware.device_kinds import ARM_KINDS, CAMERA_KINDS, open_arm, open_camera
+from rcmservo.hardware.device_kinds import (
+    open_arm,
+    open_camera,
+    prepare_tracker,
+    read_arm,
+    require_known_latency,
+)
 from rcmservo.live.device_protocols import LabArm, LabCamera
 from rcmservo.live.servo_process import Session
 from rcmservo.live.supervisor import run_live
@@ -42,7 +47,6 @@ from rcmservo.recording.reader import RECORD
 from rcmservo.recording.ros2_bag import METADATA
 from rcmservo.recording.writer import Recorder
 from rcmservo.servo.servo import Servo
-from rcmservo.tracking import ColourMarkers
 
 
 def live_on_hardware(
@@ -84,7 +88,7 @@ def live_on_hardware(
         options.duration,
         arm=partial(arm, lab),
         camera=partial(camera, lab),
-        tracker=partial(ColourMarkers, lab.markers),
+        tracker=prepare_tracker(lab),
         recorder=partial(Recorder, folder / RECORD, description),
         target=partial(obtain_target, preparation),
         consent=partial(confirm_enable, preparation),
@@ -120,11 +124,12 @@ def require_devices(lab: RigDescription, rig: Path | None, digest: str) -> None:
     stops by itself.
     """
     with name_origin_in_errors(rig):
-        arm = lab.decode_device_settings("arm", ARM_KINDS)
+        arm = read_arm(lab)
         stops = not (isinstance(arm, CrtkSettings) and arm.jv) or is_rig_verified(digest)
         expected = "false until `rig check` of this file has verified that the arm stops by itself"
         require(stops, "arm.jv", True, expected)
-        require_latency(lab.decode_device_settings("camera", CAMERA_KINDS))
+        require_known_latency(lab)
+    prepare_tracker(lab)
 
 
 def describe_motion(options: RunToTargetOptions, servo: Servo, speed_scale: float) -> str:
