@@ -70,7 +70,7 @@ def _correct_counts(hypothesis: Hypothesis, robot: Robot) -> list[Finding]:
         found, expected = f"{counts:g}", f"{counts * factors[joint]:.6g}"
         if not wiring.key:
             found = f"q[{joint}] of measure and rates[{joint}] of apply, as they are"
-            expected = f"both multiplied by {factors[joint]:.6g}"
+            expected = f"q divided and rates multiplied by {factors[joint]:.4g}"
         findings.append(Finding(what, where, found, expected, line))
     return findings
 

@@ -64,10 +64,7 @@ def make_report(
 
 
 def print_markers(console: Console, candidates: list[Candidate], summary: str) -> None:
-    """Print the detected balls as a table, and the tracker's choice in words."""
-    if not candidates:
-        console.print(NO_BALL_MESSAGE, soft_wrap=True)
-        return
+    """Print the detected balls, if any, as a table, and the tracker's choice in words."""
     table = Table("colour")
     for title in ("u [px]", "v [px]", "radius [px]", "quality"):
         table.add_column(title, justify="right")
@@ -75,7 +72,8 @@ def print_markers(console: Console, candidates: list[Candidate], summary: str) -
         ball = candidate.ball
         numbers_px = (f"{number:.1f}" for number in (ball.u, ball.v, ball.radius))
         table.add_row(candidate.colour, *numbers_px, f"{ball.quality:.2f}")
-    console.print(table)
+    if candidates:
+        console.print(table)
     console.print(summary, soft_wrap=True)
 
 
@@ -114,7 +112,7 @@ def draw_candidates(
         if all(np.hypot(ball.u - r.u, ball.v - r.v) > SAME_BALL_RADII * r.radius for r in rings):
             label = f"{candidate.colour} {ball.quality:.2f}"
             rings.append(BallRing(ball.u, ball.v, ball.radius, label, False))
-    return draw_balls(image, rings, summary if candidates else NO_BALL_MESSAGE)
+    return draw_balls(image, rings, summary)
 
 
 def _make_tracked_rings(pair: TrackedPair, numbered: bool) -> "list[BallRing]":

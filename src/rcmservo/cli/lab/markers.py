@@ -20,6 +20,7 @@ from rcmservo.hardware.device_kinds import make_tracker
 from rcmservo.interfaces import Image
 from rcmservo.tracking import COLOURS, MarkerAppearance, read_image
 from rcmservo.tracking.candidates import (
+    NO_BALL_MESSAGE,
     Candidate,
     TrackedPair,
     detect_candidates,
@@ -81,7 +82,8 @@ def markers(options: MarkersOptions) -> int:
     else:
         pair = _find_pair(image, candidates, lab, colours, options)
     numbered = bool(colours or options.rig)
-    summary = _describe_pair(pair, numbered)
+    has_result = bool(candidates) or lab.has_tracker
+    summary = _describe_pair(pair, numbered) if has_result else NO_BALL_MESSAGE
     if picture:
         from rcmservo.figures.overlay import write_image
 
@@ -161,10 +163,12 @@ def _describe_pair(pair: TrackedPair | None, numbered: bool) -> str:
     if pair is None:
         return "the image shows no two balls that the tracker can distinguish"
     appearance = pair.appearance
+    if appearance is None and pair.reason:
+        return f"the rig file's tracker does not detect both markers: {pair.reason}"
     if appearance is None:
         (u_1, v_1), (u_2, v_2) = pair.points.tolist()
         found = f"marker 1 at ({u_1:.1f}, {v_1:.1f}) px and marker 2 at ({u_2:.1f}, {v_2:.1f}) px"
-        return f"the rig file's tracker detects {found}{pair.reason and f': {pair.reason}'}"
+        return f"the rig file's tracker detects {found}"
     if pair.reason:
         colours = f"{appearance.colour_1} and {appearance.colour_2}"
         return f"the tracker searches for {colours}: {pair.reason}"
