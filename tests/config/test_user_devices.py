@@ -5,6 +5,7 @@ import pickle
 import re
 import sys
 from collections.abc import Iterator
+from datetime import date
 from pathlib import Path
 from typing import Any
 
@@ -339,7 +340,10 @@ def test_a_simulated_run_uses_the_own_tracker(
 def test_a_record_that_names_own_devices_imports_nothing(
     rig: Path, command: str, tmp_path: Path
 ) -> None:
-    devices = {"arm": {"kind": "own_lab:MyArm"}, "tracker": {"kind": "own_lab:MyTracker"}}
+    devices = {
+        "arm": {"kind": "own_lab:MyArm", "serviced": date(2026, 11, 26)},
+        "tracker": {"kind": "own_lab:MyTracker"},
+    }
     servo = rs.Servo(rs.SphericalRcm(), rs.RigidTool(spacing=30.0))
     with Recorder(tmp_path / "record.mcap", {"devices": devices, **devices}) as recorder:
         recorder.begin(servo, rs.Target(np.zeros((2, 2)), np.zeros(3)))
