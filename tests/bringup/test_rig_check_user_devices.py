@@ -182,7 +182,7 @@ class BlindTracker:
 """
 
 
-class SilentTerminal:
+class TerminalWithoutQuestions:
     """Terminal without questions."""
 
     typed = 0
@@ -199,7 +199,7 @@ def test_the_command_opens_own_devices_and_stores_the_file_as_checked(
 ) -> None:
     """The steps of the check are replaced; another test runs them."""
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
-    monkeypatch.setattr(rig_check, "Terminal", SilentTerminal)
+    monkeypatch.setattr(rig_check, "Terminal", TerminalWithoutQuestions)
     monkeypatch.setattr(sys, "path", [*sys.path])
     (tmp_path / "wall_lab.py").write_text(WALL_DEVICES)
     (file := tmp_path / "lab.toml").write_text(

@@ -156,7 +156,7 @@ def import_path(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[Non
 
 @pytest.fixture
 def rig(tmp_path: Path) -> Path:
-    """Return a rig file of own devices, with their module beside it."""
+    """Return a rig file of own devices, with their module next to it."""
     (tmp_path / "own_lab.py").write_text(MODULE)
     (tmp_path / "broken_lab.py").write_text("1 / 0\n")
     return write_rig(tmp_path / "lab.toml", ARM + CAMERA + TRACKER)

@@ -100,7 +100,7 @@ arm_timeout = 1.0
 
 @pytest.fixture
 def rig(tmp_path: Path) -> Path:
-    """Return a rig file of own devices, with their module beside it."""
+    """Return a rig file of own devices, with their module next to it."""
     (tmp_path / "my_wall_lab.py").write_text(MODULE)
     (tmp_path / "hand.txt").write_text(START)
     (path := tmp_path / "lab.toml").write_text(RIG)

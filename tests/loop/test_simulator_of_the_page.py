@@ -44,7 +44,7 @@ class LaggingRobot:
         self.point = self.point + (self.setpoint - self.point) * STEP_NS * 1e-9 / LAG_S
 
 
-class PointCamera:
+class SimulatorCamera:
     """Camera with sixty frames per second of the marker points."""
 
     def __init__(self, robot: LaggingRobot, clock: Any) -> None:
@@ -77,7 +77,7 @@ def test_a_servo_reaches_the_target_on_the_simulator_of_the_page() -> None:
 
     clock = example["SimulatorClock"](step, STEP_NS)
     arm = example["PortArm"](robot, clock, MECHANISM)
-    plant = rs.Plant(arm, PointCamera(robot, clock), rs.tracking.PointMarkers(), clock)
+    plant = rs.Plant(arm, SimulatorCamera(robot, clock), rs.tracking.PointMarkers(), clock)
     robot.point = robot.setpoint = MECHANISM.position(GOAL)
     target = rs.teach(plant, frames=10)
     robot.point = robot.setpoint = MECHANISM.position(START)

@@ -70,7 +70,7 @@ class RigDescription:
         Sections of the file among `SIMULATION_SECTIONS`, undecoded;
         `decode_simulation_settings` decodes them.
     file : Path or None
-        Rig file, beside which the modules of user-defined devices may be; None without a file.
+        Rig file, next to which modules of user-defined devices may be; None without a file.
     """
 
     mechanism: Kinematics = field(default_factory=SphericalRcm)
