@@ -14,10 +14,11 @@ import numpy as np
 import pytest
 
 import rcmservo as rs
-from rcmservo.cli.cli import main
+from rcmservo.cli.cli import load_options_class, main
 from rcmservo.cli.lab.hardware_prompts import describe_target_setup
 from rcmservo.cli.lab.live_on_hardware import require_devices
-from rcmservo.config.rig_file import load_rig_file
+from rcmservo.cli.replay import replay
+from rcmservo.config.rig_file import RigDescription, load_rig_file
 from rcmservo.config.target_file import load_target, save_target
 from rcmservo.errors import BadInput, UnusableFile
 from rcmservo.hardware.device_kinds import (
@@ -30,6 +31,7 @@ from rcmservo.hardware.device_kinds import (
     read_wiring,
 )
 from rcmservo.live.device_protocols import NotReady
+from rcmservo.recording.foreign import scoring
 from rcmservo.recording.writer import Recorder
 
 MODULE = """
@@ -360,3 +362,18 @@ def test_a_study_refuses_own_devices_and_imports_nothing(
     study.write_text(f'scenes = ["mine"]\n{tracker}')
     assert main(["study", str(study), "--out", "out"]) == 2
     assert "tracker" in capsys.readouterr().err and "own_lab" not in sys.modules
+
+
+def test_a_recording_is_tracked_by_the_own_tracker(
+    rig: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    trackers: list[Any] = []
+
+    def stop_at_tracker(path: Path, lab: RigDescription, tracker: Any, *_: Any) -> None:
+        trackers.append(tracker)
+        raise UnusableFile(path, "enough")
+
+    monkeypatch.setattr(scoring, "score_recording", stop_at_tracker)
+    with pytest.raises(UnusableFile, match="enough"):
+        replay(load_options_class("replay", [])(tmp_path, rig=rig))
+    assert [tracker.u for tracker in trackers] == [70.0]
