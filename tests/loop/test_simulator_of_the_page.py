@@ -10,8 +10,8 @@ import pytest
 
 import rcmservo as rs
 from conftest import ROOT
-from rcmservo.cli.lab.live_on_hardware import require_devices
 from rcmservo.config.rig_file import load_rig_file
+from rcmservo.hardware.lab_rig import require_devices
 from rcmservo.interfaces import Floats
 
 PAGE = (ROOT / "docs/own_devices.md").read_text()
@@ -82,7 +82,7 @@ def test_a_servo_reaches_the_target_on_the_simulator_of_the_page() -> None:
     target = rs.teach(plant, frames=10)
     robot.point = robot.setpoint = MECHANISM.position(START)
     servo = rs.Servo(MECHANISM, TOOL)
-    last = [tick for tick in rs.run(plant, servo, target, 10.0)][-1]
+    last = [tick for tick in rs.servo_ticks(plant, servo, target, 10.0)][-1]
     assert last.state.phase is rs.Phase.SERVO, last.state.text
     assert np.linalg.norm(robot.point - MECHANISM.position(GOAL)) < 0.2
     assert clock.now() >= 10_000_000_000
