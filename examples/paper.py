@@ -185,9 +185,9 @@ class Laboratory:
         z = np.array([0.0, 0.0, 1.0]) + self.random.uniform(-0.5, 0.5, 3)  # optical axis
         x = np.cross([0.0, 1.0, 0.0], z)
         rotation = [axis / norm(axis) for axis in (x, np.cross(z, x), z)]
-        K = np.array([[800.0, 0.0, 320.0], [0.0, 800.0, 240.0], [0.0, 0.0, 1.0]])
-        distance = self.random.uniform(300.0, 400.0)  # from the camera to the RCM
-        self.C = K @ np.column_stack([rotation, [0.0, 0.0, distance]])
+        K = np.array([[600.0, 0.0, 320.0], [0.0, 600.0, 240.0], [0.0, 0.0, 1.0]])
+        translation = self.random.uniform([-30.0, -60.0, 300.0], [30.0, 0.0, 400.0])
+        self.C = K @ np.column_stack([rotation, translation])
         self.q = self.target = np.array([0.5, 0.3, 100.0])
         self.start = self.target + self.random.uniform([0.15, 0.2, -20.0], [0.25, 0.4, -10.0])
 
