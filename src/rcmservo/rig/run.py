@@ -42,6 +42,9 @@ PACKAGES = "numpy", "numba", "opencv-python-headless"
 PROGRESS_TICKS = 10
 """Number of ticks between two updates of the line of progress."""
 
+CLEAR_LINE = "\r\033[K"
+"""Control characters that clear a line of a terminal."""
+
 Progress = Callable[[Tick], None]
 """Function that receives each tick of a run."""
 
@@ -143,7 +146,8 @@ def run(
             rig.require_ready()
             require_confirmation(rig, servo, duration, confirm)
             ticks = servo_ticks(plant, servo, target, duration, ends, operator=operator)
-            course = _follow(rig, ticks, target, recorder, progress or _choose_progress())
+            with _open_progress(progress) as show:
+                course = _follow(rig, ticks, target, recorder, show)
         result = RecordedResult(**vars(_judge(rig, folder, course, servo, target)))
         result = replace(
             result,
@@ -248,13 +252,20 @@ def _judge(rig: Rig, folder: Path, course: Course, servo: Servo, target: Target)
     )
 
 
-def _choose_progress() -> Progress:
-    """Return the function that shows the progress on a terminal; elsewhere it does nothing."""
-    return _show_progress if sys.stderr.isatty() else lambda tick: None
+@contextmanager
+def _open_progress(progress: Progress | None) -> Generator[Progress]:
+    """Yield the function that receives each tick; by default it rewrites a line on a terminal."""
+    if progress is not None or not sys.stderr.isatty():
+        yield progress or (lambda tick: None)
+        return
+    try:
+        yield _show_progress
+    finally:
+        sys.stderr.write(CLEAR_LINE)
 
 
 def _show_progress(tick: Tick) -> None:
     """Rewrite one line on the terminal with time, phase and cause."""
     if round(tick.time * 1e-9 * tick.servo.rate) % PROGRESS_TICKS == 0:
-        sys.stderr.write(f"\r\033[K{tick.time * 1e-9:6.2f} s  {tick.state.text}"[:200])
+        sys.stderr.write(f"{CLEAR_LINE}{tick.time * 1e-9:6.2f} s  {tick.state.text}"[:200])
         sys.stderr.flush()
