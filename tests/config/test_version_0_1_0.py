@@ -100,7 +100,7 @@ def test_a_record_with_unknown_settings_names_the_version_that_wrote_it(
         return table
 
     monkeypatch.setattr("rcmservo.recording.stage.describe_servo", before)
-    monkeypatch.setattr("rcmservo.recording.stage.__version__", "0.1.7")
+    monkeypatch.setattr("rcmservo.recording.stage.find_version", lambda _: "0.1.7")
     servo = rs.Servo(rs.SphericalRcm(), rs.RigidTool(spacing=30.0))
     with Recorder(tmp_path / "record.mcap", {}) as recorder:
         recorder.begin(servo, rs.Target(np.zeros((2, 2)), np.zeros(3)))
