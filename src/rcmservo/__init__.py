@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 
 __version__ = "0.2.0"
 
-PUBLIC_PACKAGES = "sim", "study", "tracking"
-"""Packages that are public as they are. They need MuJoCo or OpenCV, which the core does not."""
+PUBLIC_PACKAGES = "sim", "study", "testing", "tracking"
+"""Packages that are public as they are. Some need MuJoCo or OpenCV, which the core does not."""
 
 STUDY_NAMES = ("bound",)
 """Public names of `rcmservo.study`, which are also loaded on first use."""
