@@ -10,7 +10,6 @@ from dataclasses import dataclass
 import numpy as np
 
 import rcmservo as rs
-from rcmservo.geometry.features import compute_features_jacobian, shift_to_rcm
 
 
 @dataclass(frozen=True)
@@ -43,7 +42,8 @@ class RLS(rs.Estimator):
         return A, (P - np.outer(gain, P @ x)) / self.forgetting, sample.p1
 
     def jacobian(self, memory, tool, sample):
-        return compute_features_jacobian(shift_to_rcm(sample.points, sample.o_c)) @ memory[0][:, :3]
+        m = rs.shift_to_rcm(sample.points, sample.o_c)
+        return rs.compute_features_jacobian(m) @ memory[0][:, :3]
 
     def recorded_numbers(self, memory):
         return memory[0].ravel()

@@ -15,7 +15,6 @@ import numpy as np
 from toy_wire import ASK, ENABLE, JOG, OFF, WHYS, ToyAnswer, ToyOrder, answer_in, sent
 
 import rcmservo as rs
-from rcmservo.errors import RcmServoError
 
 POLL_PERIOD_S = 0.004
 """Time (s) between two requests."""
@@ -29,7 +28,7 @@ TIMEOUT_S = 1.0
 REST = 0.0, 0.0, 0.0
 
 
-class NoToy(RcmServoError):
+class NoToy(rs.RcmServoError):
     """Raised if the toy arm cannot be used."""
 
 

@@ -23,6 +23,7 @@ class RcmServoError(Exception):
       ``NoTransport`` in ``crtk.messages``, ``CameraLost`` in ``cameras.streamed_camera``,
       ``AravisError`` in ``cameras.aravis_library``.
     - `rcmservo.recording`: ``MalformedMessage`` in ``cdr``.
+    - `rcmservo.testing`: ``ContractViolation``.
     - `rcmservo.study`: ``WorkLost`` in ``execution.workers``, ``PackageMismatch`` in
       ``execution.chunk``.
     - The commands: ``CheckAborted`` in `rcmservo.bringup.findings`, ``InvalidCommandLine`` in

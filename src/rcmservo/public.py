@@ -7,6 +7,11 @@ from rcmservo.control.feature_vectors import FeatureVector, MarkerPair, add_feat
 from rcmservo.control.saturated_controller import SaturatedController
 from rcmservo.errors import BadInput, RcmServoError, UnusableFile
 from rcmservo.estimation.base import Estimator, Sample
+from rcmservo.geometry.features import (
+    compute_features,
+    compute_features_jacobian,
+    shift_to_rcm,
+)
 from rcmservo.geometry.imaged_rcm import ImagedRcm
 from rcmservo.geometry.kinematics import JointLimits
 from rcmservo.interfaces import (
@@ -81,9 +86,12 @@ __all__ = [
     "UnusableFile",
     "WallClock",
     "add_feature_vector",
+    "compute_features",
+    "compute_features_jacobian",
     "load_rig",
     "run",
     "servo_ticks",
+    "shift_to_rcm",
     "teach",
     "ticks",
 ]

@@ -347,6 +347,12 @@ def add_feature_vector(vector: Any) -> None:
         If it is not a `FeatureVector`, if another class has its name, if it has no or more than 8
         components, or if it does not have one unit, rad or px, for each component.
     """
+    check_declaration(vector)
+    FEATURE_VECTORS[vector.name] = vector
+
+
+def check_declaration(vector: Any) -> None:
+    """Raise `BadInput` if a vector's name, components or units cannot be registered."""
     if not isinstance(vector, FeatureVector):
         raise BadInput("feature vector", vector, "an object of a class derived from FeatureVector")
     units, field, count = vector.units, f"feature vector {vector.name}: units", len(vector.units)
@@ -357,4 +363,3 @@ def add_feature_vector(vector: Any) -> None:
     is_free = type(registered).__qualname__ == type(vector).__qualname__
     expected = "a name that no other feature vector has"
     require(is_free, "feature vector", vector.name, expected)
-    FEATURE_VECTORS[vector.name] = vector

@@ -117,9 +117,9 @@ class Estimator(Checked, ABC, section="estimator"):
 
         s = atan2(v₂ − v₁, u₂ − u₁),    r = |(u₁, v₁)|,    d = |(u₂ − u₁, v₂ − v₁)|
 
-    The module `rcmservo.geometry.features` computes them: ``m = shift_to_rcm(sample.points,
-    sample.o_c)`` (4,) px, ``compute_features(m)`` (3,) and ``compute_features_jacobian(m)``, ∂y/∂m
-    (3, 4). With the derivative ∂m/∂p₁ (4, 3) px/mm of both markers, eq. (15) is
+    Public functions compute them: ``m = rs.shift_to_rcm(sample.points, sample.o_c)`` (4,) px,
+    ``rs.compute_features(m)`` (3,) and ``rs.compute_features_jacobian(m)``, ∂y/∂m (3, 4). With the
+    derivative ∂m/∂p₁ (4, 3) px/mm of both markers, eq. (15) is
 
         Ĵ = ∂y/∂m ∂m/∂p₁
 
@@ -162,6 +162,8 @@ class Estimator(Checked, ABC, section="estimator"):
 
     Notes
     -----
+    ``rs.testing.check_estimator`` checks more than `Servo.warm_up`, in a test of the user.
+
     A user-defined estimator may leave all attributes at their defaults. On the command line all its
     settings must have a default.
 

@@ -212,7 +212,7 @@ class Plant:
             return DropReason.NOT_NEW
         if not frame.exposure > previous.exposure:
             return DropReason.CLOCK
-        same_shape = _get_image_shape(frame) == _get_image_shape(previous)
+        same_shape = get_image_shape(frame) == get_image_shape(previous)
         return DropReason.NONE if same_shape else DropReason.DAMAGED
 
 
@@ -238,5 +238,6 @@ def _measure_quality(markers: Markers) -> Floats:
     return np.where(is_detected, quality, 0.0) if quality.shape == (2,) else np.full(2, np.nan)
 
 
-def _get_image_shape(frame: Frame) -> tuple[int, ...] | None:
+def get_image_shape(frame: Frame) -> tuple[int, ...] | None:
+    """Return the shape of a frame's image; None without one."""
     return None if frame.image is None else frame.image.shape

@@ -278,7 +278,7 @@ def check_estimator(estimator: object, tool: Tool) -> None:
     memory = guard.init()
     if memory.failure:
         raise UnusableEstimator(memory.failure)
-    for sample in _trial_samples(tool):
+    for sample in make_trial_samples(tool):
         memory, repeated = (guard.update(memory, tool, sample) for _ in range(2))
         _require_pure(memory, repeated, format_class_name_of(estimator))
 
@@ -292,12 +292,17 @@ def _require_pure(memory: GuardedMemory, repeated: GuardedMemory, name: str) -> 
         )
 
 
-def _trial_samples(tool: Tool) -> Iterator[Sample]:
+def make_trial_samples(tool: Tool) -> Iterator[Sample]:
     """Return samples of a tool that moves on a curve before a camera, 100 mm from the RCM."""
-    o_c = np.array([320.0, 100.0])
     for i in range(TRIAL_SAMPLES):
         p1 = np.array([10.0 * np.sin(0.3 * i), 10.0 * np.cos(0.2 * i), 100.0 + 0.5 * i])
-        both = np.stack([p1, tool.second_marker(p1)])
-        depth = 1.0 + 0.002 * both[:, 1]
-        points = o_c + 3.0 * both[:, [0, 2]] / depth[:, None]
-        yield Sample(p1, points, o_c, 1.0 / 60.0 if i else 0.0, 10.0 / depth)
+        yield make_trial_sample(tool, p1, 1.0 / 60.0 if i else 0.0)
+
+
+def make_trial_sample(tool: Tool, p1: Floats, dt: float) -> Sample:
+    """Return the sample of the made-up camera for p₁ (3,) mm, without noise."""
+    o_c = np.array([320.0, 100.0])
+    both = np.stack([p1, tool.second_marker(p1)])
+    depth = 1.0 + 0.002 * both[:, 1]
+    points = o_c + 3.0 * both[:, [0, 2]] / depth[:, None]
+    return Sample(p1, points, o_c, dt, 10.0 / depth)
