@@ -29,11 +29,11 @@ from rcmservo.live.realtime import apply_realtime_settings
 from rcmservo.live.tracking_thread import TrackingThread
 from rcmservo.loop.clock import WallClock, ticks
 from rcmservo.loop.plant import Plant
-from rcmservo.loop.run import run
+from rcmservo.loop.servo_loop import servo_ticks
 from rcmservo.loop.teach import teach
 from rcmservo.safety.thresholds import Thresholds
 from rcmservo.servo.servo import Servo
-from rcmservo.sim.rig import Rig
+from rcmservo.sim import Rig
 from rcmservo.sim.tool_body import ToolBody
 from rcmservo.tracking import ColourMarkers
 
@@ -99,7 +99,7 @@ def servoed(ros: int, seed: int) -> tuple[float, str]:
             rig.settings.mechanism, rig.settings.tool, thresholds=Thresholds(drive_lag=DRIVE_LAG_S)
         )
         phase = ""
-        for tick in run(plant, box, target, DURATION):
+        for tick in servo_ticks(plant, box, target, DURATION):
             phase = (
                 f"{tick.state.phase.value} {tick.state.mode.cause.text} {arm.off_reason}".strip()
             )

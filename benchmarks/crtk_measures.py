@@ -27,9 +27,9 @@ from rcmservo.hardware.crtk.transport import open_transport
 from rcmservo.interfaces import Command, Floats
 from rcmservo.live.realtime import apply_realtime_settings
 from rcmservo.loop.clock import WallClock, ticks
+from rcmservo.sim import Rig
 from rcmservo.sim.arm import Drive
 from rcmservo.sim.motor_interface import SimulatedJoints
-from rcmservo.sim.rig import Rig
 
 NAME = "PSM1"
 PATIENCE = 50_000_000

@@ -66,7 +66,7 @@ def original(folder: Path, duration: float, pictures: bool, stages: int = 1) -> 
         for _ in range(stages):
             recorder.begin(servo, target, state)
             for count, tick in enumerate(
-                rs.run(plant, servo, target, duration / stages, state=state)
+                rs.servo_ticks(plant, servo, target, duration / stages, state=state)
             ):
                 recorder.write(tick)
                 recorder.write_truth(tick.observation.q, tick.state.command.rates, 0.1)

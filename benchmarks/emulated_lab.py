@@ -25,7 +25,7 @@ from rcmservo.loop.plant import Plant
 from rcmservo.loop.teach import teach
 from rcmservo.recording.writer import Recorder
 from rcmservo.servo.servo import Servo
-from rcmservo.sim.rig import Rig
+from rcmservo.sim import Rig
 from rcmservo.sim.tool_body import ToolBody
 from rcmservo.tracking import ColourMarkers
 

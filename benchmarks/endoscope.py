@@ -191,7 +191,7 @@ def ticks(
     rig.begin()
     settings, estimator = rig.settings, ServoOptions().find_estimator(options.estimator)
     servo = rs.Servo(settings.mechanism, settings.tool, estimator)
-    yield from rs.run(plant, servo, target, DURATION)
+    yield from rs.servo_ticks(plant, servo, target, DURATION)
 
 
 def course(seed: int, scene: Scene, ticks: Iterator[Tick]) -> StudyRun:

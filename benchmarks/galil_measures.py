@@ -15,7 +15,7 @@ from rcmservo.errors import RcmServoError
 from rcmservo.geometry.kinematics import JointLimits, SphericalRcm
 from rcmservo.hardware.galil.connection import GalilConnection
 from rcmservo.hardware.galil.driver import GalilArm
-from rcmservo.hardware.galil.emulator.controller import SAMPLE_TIME_S, Controller
+from rcmservo.hardware.galil.emulator.controller import SAMPLE_TIME_S, GalilController
 from rcmservo.hardware.galil.session import GalilSession
 from rcmservo.hardware.galil.settings import GalilSettings
 
@@ -46,7 +46,7 @@ class IdealMotors:
 class EmulatedStream:
     """Stream of a host to an emulated controller, whose time advances while the host waits."""
 
-    def __init__(self, controller: Controller) -> None:
+    def __init__(self, controller: GalilController) -> None:
         self.controller = controller
         self.handle = controller.connect()
         self.deaf = False
@@ -76,7 +76,9 @@ class EmulatedStream:
 class GarblingStream(EmulatedStream):
     """Stream that randomly cuts, changes, doubles or drops replies."""
 
-    def __init__(self, controller: Controller, chance: random.Random, probability: float) -> None:
+    def __init__(
+        self, controller: GalilController, chance: random.Random, probability: float
+    ) -> None:
         super().__init__(controller)
         self.chance, self.probability, self.sent = chance, probability, b""
 
@@ -152,7 +154,7 @@ def run_with_garbling(chance: random.Random) -> tuple[float, bool, bool]:
     at rest with the motors off 0.2 s after the end. The motors are on after a reset of the
     controller, so they count only if the first step has succeeded.
     """
-    controller = Controller(IdealMotors())
+    controller = GalilController(IdealMotors())
     probability = chance.choice([0.003, 0.01, 0.03, 0.1])
     streams = [GarblingStream(controller, chance, probability) for _ in range(2)]
 

@@ -112,7 +112,9 @@ def recorded(folder: Path, seed: int, duration: float, names: tuple[str, ...] = 
             rig.move_to_start()
             plant.change = faults(random, rig.clock, names)
             recorder.begin(servo, target, state)
-            for tick in rs.run(plant, servo, target, duration, state=state, operator=operator):
+            for tick in rs.servo_ticks(
+                plant, servo, target, duration, state=state, operator=operator
+            ):
                 recorder.write(tick)
             state = tick.state
     return path

@@ -27,7 +27,7 @@ from rcmservo.live.realtime import apply_realtime_settings
 from rcmservo.live.tracking_thread import TrackingThread
 from rcmservo.loop.clock import WallClock
 from rcmservo.loop.run_result import CameraStatistics
-from rcmservo.sim.rig import Rig
+from rcmservo.sim import Rig
 from rcmservo.tracking import ColourMarkers
 
 POLL_PERIOD_S = 0.01

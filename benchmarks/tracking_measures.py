@@ -8,8 +8,8 @@ from collections.abc import Callable, Iterable, Iterator
 import numpy as np
 
 from rcmservo.interfaces import Floats, Frame, Image, Markers
+from rcmservo.sim import Rig, RigSettings
 from rcmservo.sim.rendering import Appearance, Light, Renderer
-from rcmservo.sim.rig import Rig, RigSettings
 from rcmservo.tracking import ColourMarkers
 
 NOISELESS = Appearance(full_well=1e12, read_noise=0.0)

@@ -119,7 +119,7 @@ class Trial:
         """Perform a first run, return the tool to the start, and return the state if it settled."""
         self.rig.begin()
         began, judge = self.rig.clock.now(), OutcomeCollector(self.servo, target)
-        for tick in rs.run(self.plant, self.servo, target, FIRST):
+        for tick in rs.servo_ticks(self.plant, self.servo, target, FIRST):
             judge.add(tick)
             last = tick
         self.rig.advance_until(began + round((MOVED + 0.5) * 1e9))
@@ -131,7 +131,9 @@ class Trial:
         if self.row.when == RUN:
             self.rig.begin()
         run, judge = self.run, OutcomeCollector(self.servo, target)
-        for tick in self.watched(rs.run(self.plant, self.servo, target, DURATION, state=state)):
+        for tick in self.watched(
+            rs.servo_ticks(self.plant, self.servo, target, DURATION, state=state)
+        ):
             judge.add(tick)
         run.settled = self.settled(tick, target, judge)
         run.end = judge.compute_result().cause

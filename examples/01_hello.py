@@ -1,19 +1,18 @@
-"""Hello world: a simulated arm returns to a taught pose, with an uncalibrated camera."""
+"""The loop of a run in the open: read an observation, make one step of the servo, send its command.
+
+`rs.run` does the same, and records and judges the run.
+"""
 
 import rcmservo as rs
 
 rig = rs.sim.Rig(seed=0)  # simulation; real devices implement the same Protocols
-plant = rs.Plant(rig.arm, rig.camera, rs.tracking.ColourMarkers(), rig.clock)
 servo = rs.Servo(
     mechanism=rs.SphericalRcm(),  # kinematics of the arm
     tool=rs.RigidTool(spacing=30.0),
     estimator=rs.DltEstimator(),  # Ĵ of eq. (15) from a projection fitted to all frames
     controller=rs.SaturatedController(gain=6.0),  # eq. (31)-(32)
 )
-rig.move_to_target()
-target = rs.teach(plant)  # teaching by showing
-rig.move_to_start()
-plant.reset()  # discard observations, because the tool was moved by hand
+target, plant = rig.teach(), rig.plant
 
 state = servo.init()  # Ĵ = 0: the servo explores first
 servo.warm_up()  # compile all kernels before the drive is switched on

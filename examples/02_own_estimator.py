@@ -57,7 +57,7 @@ def pose_error(seed: int, estimator: rs.Estimator) -> float:
     target = rs.teach(plant)
     rig.move_to_start()
     servo = rs.Servo(rs.SphericalRcm(), rs.RigidTool(spacing=30.0), estimator)
-    for _ in rs.run(plant, servo, target, duration=15.0):
+    for _ in rs.servo_ticks(plant, servo, target, duration=15.0):
         pass
     now, taught = rig.truth.markers(rig.clock.now()), rig.body.points(rig.scene.target)
     return float(np.linalg.norm(now[1] - taught[1]))

@@ -12,8 +12,8 @@ from page_lab import free_port
 
 from conftest import mark_others_slow
 from rcmservo.cli.cli import main
-from rcmservo.hardware.galil.emulator.controller import Controller
-from rcmservo.hardware.galil.emulator.server import PortUnavailable, Server
+from rcmservo.hardware.galil.emulator.controller import GalilController
+from rcmservo.hardware.galil.emulator.server import GalilServer, PortUnavailable
 from rcmservo.page.web import access
 from rcmservo.page.web.access import NoPagePort, PortTaken, bind_pair
 
@@ -71,11 +71,11 @@ def test_an_address_of_another_computer_is_not_tried_at_other_ports(default: int
 def test_the_emulated_controller_reports_the_process_on_its_tcp_or_udp_port() -> None:
     port = free_port()
     with occupied(port), pytest.raises(PortUnavailable, match=f"port {port}: {OCCUPIED_MESSAGE}"):
-        Server(Controller(IdealMotors()), port)
+        GalilServer(GalilController(IdealMotors()), port)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as wire:
         wire.bind((LOOPBACK, port))
         with pytest.raises(PortUnavailable, match=f"port {port}: {OCCUPIED_MESSAGE}"):
-            Server(Controller(IdealMotors()), port)
+            GalilServer(GalilController(IdealMotors()), port)
 
 
 @pytest.mark.parametrize(

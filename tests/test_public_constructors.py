@@ -31,10 +31,12 @@ ODD_VALUES: dict[str, Any] = {
 
 def required_arguments(name: str) -> dict[str, Any]:
     """Return the arguments that a class requires."""
-    if name == "Plant":
+    if name in ("Plant", "Rig"):
         rig = Rig(seed=0, pictures=False)
         tracker = rs.tracking.PointMarkers()
-        return {"arm": rig.arm, "camera": rig.camera, "tracker": tracker, "clock": rig.clock}
+        devices = {"arm": rig.arm, "camera": rig.camera, "tracker": tracker}
+        robot = {"mechanism": rs.SphericalRcm(), "tool": rs.RigidTool(spacing=30.0)}
+        return devices | ({"clock": rig.clock} if name == "Plant" else robot)
     q, points = np.zeros(3), np.zeros((2, 2))
     return {
         "Disturbance": {"kind": "freeze"},

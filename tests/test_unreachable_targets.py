@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 
 from rcmservo.cli.cli import main
+from rcmservo.loop.run_result import FinalPose
 from rcmservo.recording import reader
+from rcmservo.recording.final_pose import RunCourse
 from rcmservo.recording.outcome import judge_run
 from rcmservo.safety.causes import Cause
 from rcmservo.safety.state_machine import Mode, Phase
@@ -162,8 +164,29 @@ OUTCOMES = [
 def test_the_outcome_names_only_the_cause_of_the_stop(
     mode: Mode, explored: float | None, words: str
 ) -> None:
-    times = np.arange(300) / 100.0
-    assert judge_run(times, np.zeros((300, 3)), explored, mode, 0.0).cause == words
+    course = make_course_at_target()
+    assert judge_run(course, explored, mode, FinalPose(by_joints_mm=0.0)).cause == words
+
+
+def make_course_at_target() -> RunCourse:
+    """Return 3 s without a feature error and without motion."""
+    times, zeros = np.arange(300) / 100.0, np.zeros((300, 3))
+    return RunCourse(times, zeros, times, zeros, zeros, np.eye(3))
+
+
+@pytest.mark.parametrize(
+    ("distance_mm", "words"),
+    [
+        (0.9, ""),
+        (1.3, "1.3 mm from its taught position by the joints: the image does not determine"),
+        (12.0, "12.0 mm from its taught position by the joints: a pose beyond the singular"),
+    ],
+)
+def test_a_run_that_the_joints_contradict_has_not_settled(distance_mm: float, words: str) -> None:
+    result = judge_run(
+        make_course_at_target(), 1.0, Mode(Phase.SERVO), FinalPose(by_joints_mm=distance_mm)
+    )
+    assert result.settled == (not words) and words in result.cause
 
 
 @pytest.mark.parametrize("at", ["0", "0.02"])

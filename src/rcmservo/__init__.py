@@ -20,8 +20,9 @@ if TYPE_CHECKING:
 
 __version__ = "0.2.0"
 
-PUBLIC_PACKAGES = "sim", "study", "tracking"
-"""Packages that are public as they are. They need MuJoCo or OpenCV, which the core does not."""
+PUBLIC_PACKAGES = "hardware", "sim", "study", "tracking"
+"""Packages that are public as they are. They need MuJoCo, OpenCV or a driver's library, which
+the core does not."""
 
 STUDY_NAMES = ("bound",)
 """Public names of `rcmservo.study`, which are also loaded on first use."""

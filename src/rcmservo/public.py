@@ -21,12 +21,18 @@ from rcmservo.interfaces import (
     Target,
     Tracker,
 )
+from rcmservo.load_rig import load_rig
 from rcmservo.loop.clock import WallClock, ticks
 from rcmservo.loop.operator import Jog, Operator, Teach
 from rcmservo.loop.plant import Plant
-from rcmservo.loop.run import run
+from rcmservo.loop.run_result import RunResult
+from rcmservo.loop.servo_loop import servo_ticks
 from rcmservo.loop.teach import teach
 from rcmservo.loop.tick import Tick
+from rcmservo.recording.outcome import Settled
+from rcmservo.rig.result import RecordedResult
+from rcmservo.rig.rig import Rig
+from rcmservo.rig.run import run
 from rcmservo.safety.causes import Action, Cause
 from rcmservo.safety.gate import Gate
 from rcmservo.safety.state_machine import Mode, Phase, Request
@@ -58,10 +64,14 @@ __all__ = [
     "Phase",
     "Plant",
     "RcmServoError",
+    "RecordedResult",
     "Request",
+    "Rig",
+    "RunResult",
     "Sample",
     "SaturatedController",
     "Servo",
+    "Settled",
     "State",
     "Target",
     "Teach",
@@ -71,7 +81,9 @@ __all__ = [
     "UnusableFile",
     "WallClock",
     "add_feature_vector",
+    "load_rig",
     "run",
+    "servo_ticks",
     "teach",
     "ticks",
 ]

@@ -31,7 +31,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     newest = -1
     with Recorder(folder / reader.RECORD, {"seed": 1, "name": "é"}) as recorder:
         recorder.begin(SERVO, target)
-        for tick in rs.run(plant, SERVO, target, 0.8):
+        for tick in rs.servo_ticks(plant, SERVO, target, 0.8):
             recorder.write(tick)
             recorder.write_truth(np.ones(3), np.full(3, 2.0), 0.5)
             if plant.frame is not None and plant.frame.number > newest:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from rcmservo.cli.cli import main
-from rcmservo.cli.result_output import METRICS_FILE, print_result, save_result
+from rcmservo.cli.result_output import print_result
 from rcmservo.cli.terminal import open_console
 from rcmservo.loop.run_result import (
     CameraStatistics,
@@ -18,6 +18,7 @@ from rcmservo.loop.run_result import (
     TimeSpread,
     time_spread,
 )
+from rcmservo.rig.result import METRICS_FILE, save_result
 
 CAUSE = "the servo process was killed (SIGKILL)"
 FAILED_RUN = RunResult(cause=CAUSE, folder="runs/[a]")

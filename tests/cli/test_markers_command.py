@@ -12,7 +12,7 @@ from conftest import ARM_RECORDING, ROOT
 from rcmservo.cli.cli import main
 from rcmservo.config.rig_file import load_rig_file
 from rcmservo.interfaces import Image
-from rcmservo.sim.rig import Rig
+from rcmservo.sim import Rig
 from rcmservo.tracking import read_image
 
 BALLS = {"red": (40, 40, 200), "green": (40, 190, 40), "blue": (200, 60, 20)}

@@ -9,12 +9,12 @@ import pytest
 import rcmservo as rs
 from conftest import SMALL_RIG_TOML
 from rcmservo.cli.cli import main
-from rcmservo.cli.result_output import METRICS_FILE
 from rcmservo.cli.run_options import RunOptions
 from rcmservo.cli.simulated_run.simulate import simulate
 from rcmservo.loop.run_result import RunResult
 from rcmservo.recording import reader
 from rcmservo.recording.timeline import summarise_record
+from rcmservo.rig.result import METRICS_FILE
 
 pytestmark = pytest.mark.usefixtures("blank_figures")
 

@@ -14,13 +14,13 @@ from replays import Disturbed
 import rcmservo as rs
 from rcmservo.cli import show
 from rcmservo.cli.cli import main
-from rcmservo.cli.result_output import METRICS_FILE
 from rcmservo.figures import plots
 from rcmservo.interfaces import DropReason
 from rcmservo.recording import reader, timeline
 from rcmservo.recording.outcome import OutcomeCollector
 from rcmservo.recording.timeline import list_spans, summarise_record
 from rcmservo.recording.writer import Recorder
+from rcmservo.rig.result import METRICS_FILE
 from rcmservo.tracking import PointMarkers
 
 
@@ -70,7 +70,7 @@ def recorded_run(tmp_path_factory: pytest.TempPathFactory) -> RecordedRun:
             stages.append(len(ticks))
             judge = OutcomeCollector(servo, target)
             recorder.begin(servo, target, state)
-            for tick in rs.run(
+            for tick in rs.servo_ticks(
                 plant, servo, target, seconds, state=state, operator=replays.operator
             ):
                 recorder.write(tick)

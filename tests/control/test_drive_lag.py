@@ -17,7 +17,7 @@ from rcmservo.control.drive_lag import (
 from rcmservo.control.exploration import ExplorationState
 from rcmservo.interfaces import Floats
 from rcmservo.loop.plant import Plant
-from rcmservo.loop.run import run
+from rcmservo.loop.servo_loop import servo_ticks
 from rcmservo.loop.teach import teach
 from rcmservo.safety.causes import Cause
 from rcmservo.safety.thresholds import Thresholds
@@ -100,7 +100,7 @@ def run_with_drives(
     target = teach(plant, frames=30)
     rig.move_to_start()
     servo = Servo(settings.mechanism, settings.tool, thresholds=thresholds)
-    states = [tick.state for tick in run(plant, servo, target, 4.0)]
+    states = [tick.state for tick in servo_ticks(plant, servo, target, 4.0)]
     return {s.cause for s in states if s.cause.stop_sentence}, states[
         -1
     ].estimation.exploration_state.lag

@@ -2,7 +2,7 @@
 
 from galil_measures import IdealMotors
 
-from rcmservo.hardware.galil.emulator.controller import Controller
+from rcmservo.hardware.galil.emulator.controller import GalilController
 
 
 class EmulatedHost:
@@ -10,7 +10,7 @@ class EmulatedHost:
 
     def __init__(self, axes: int = 4) -> None:
         self.motors = IdealMotors(axes)
-        self.controller = Controller(self.motors, axes)
+        self.controller = GalilController(self.motors, axes)
         self.handle = self.controller.connect()
         assert self.handle is not None
 

@@ -17,10 +17,10 @@ from galil_measures import IdealMotors
 from rcmservo.geometry.kinematics import SphericalRcm
 from rcmservo.hardware.galil.connection import ConnectionLost, GalilConnection, SerialStream
 from rcmservo.hardware.galil.driver import GalilArm
-from rcmservo.hardware.galil.emulator.controller import SAMPLE_TIME_S, Controller
+from rcmservo.hardware.galil.emulator.controller import SAMPLE_TIME_S, GalilController
 from rcmservo.hardware.galil.emulator.faults import Fault
 from rcmservo.hardware.galil.emulator.serial_port import SerialPort
-from rcmservo.hardware.galil.emulator.server import Server
+from rcmservo.hardware.galil.emulator.server import GalilServer
 from rcmservo.hardware.galil.settings import GalilSettings
 from rcmservo.interfaces import ArmMeasurement, Command, Floats
 from rcmservo.live.device_protocols import NotReady
@@ -42,7 +42,7 @@ class WallTimeEmulator:
     def __init__(self, *faults: str) -> None:
         self.serial = SerialPort()
         parsed = [Fault.parse(text) for text in faults]
-        self._server = Server(Controller(IdealMotors()), 0, parsed, self.serial)
+        self._server = GalilServer(GalilController(IdealMotors()), 0, parsed, self.serial)
         self._closing, self._unfrozen = threading.Event(), threading.Event()
         self._unfrozen.set()
         self._thread = threading.Thread(target=self._run, daemon=True)

@@ -16,14 +16,14 @@ from hardware.test_galil_session import Rig
 from rcmservo.geometry.kinematics import JointLimits
 from rcmservo.hardware.galil import watchdog_program as program
 from rcmservo.hardware.galil.connection import CommandRejected, ConnectionLost
-from rcmservo.hardware.galil.emulator.controller import SAMPLE_TIME_S, Controller
+from rcmservo.hardware.galil.emulator.controller import SAMPLE_TIME_S, GalilController
 from rcmservo.live.device_protocols import NotReady
 
 
 class CutStream(EmulatedStream):
     """Stream that transmits only a number of lines after the last `cut`."""
 
-    def __init__(self, controller: Controller) -> None:
+    def __init__(self, controller: GalilController) -> None:
         super().__init__(controller)
         self.lines: list[bytes] = []
         self.max_lines = 10_000
@@ -224,7 +224,7 @@ class LateStream(EmulatedStream):
 
     delay = 0.0
 
-    def __init__(self, controller: Controller) -> None:
+    def __init__(self, controller: GalilController) -> None:
         super().__init__(controller)
         self.in_transit: list[tuple[float, bytes]] = []
 

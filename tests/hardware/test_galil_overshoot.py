@@ -3,7 +3,7 @@
 import numpy as np
 
 from rcmservo.geometry.kinematics import SphericalRcm
-from rcmservo.hardware.galil.emulator.controller import SAMPLE_TIME_S, TCP, Controller
+from rcmservo.hardware.galil.emulator.controller import SAMPLE_TIME_S, TCP, GalilController
 from rcmservo.sim.arm import Drive, SimulatedArm
 from rcmservo.sim.motor_interface import SimulatedMotors
 
@@ -14,7 +14,7 @@ def test_a_jog_and_its_stop_overshoot_by_at_most_10_percent() -> None:
     """Without acceleration feedforward the overshoot was 25 %, a following error of the servo."""
     arm = SimulatedArm(SphericalRcm(), Drive())
     arm.place(np.array([1.0, 0.2, 100.0]))
-    controller = Controller(SimulatedMotors(arm, COUNTS, 4), 4)
+    controller = GalilController(SimulatedMotors(arm, COUNTS, 4), 4)
     handle = controller.connect(TCP)
     assert handle is not None
     controller.receive(handle, b"AC ,,500000;DC ,,500000;SH ABC;JG 0,0,10000;BG ABC\r")

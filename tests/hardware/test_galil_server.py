@@ -8,16 +8,18 @@ import pytest
 from galil_measures import IdealMotors
 
 from rcmservo.errors import BadInput
-from rcmservo.hardware.galil.emulator.controller import Controller
+from rcmservo.hardware.galil.emulator.controller import GalilController
 from rcmservo.hardware.galil.emulator.faults import FAULT_KINDS, Fault
-from rcmservo.hardware.galil.emulator.server import SLOW_REPLY_DELAY_S, PortUnavailable, Server
+from rcmservo.hardware.galil.emulator.server import SLOW_REPLY_DELAY_S, GalilServer, PortUnavailable
 
 
 class Lab:
     """Server with its hosts and a clock."""
 
     def __init__(self, *faults: str) -> None:
-        self.server = Server(Controller(IdealMotors()), 0, [Fault.parse(text) for text in faults])
+        self.server = GalilServer(
+            GalilController(IdealMotors()), 0, [Fault.parse(text) for text in faults]
+        )
         self.now = 0.0
         self.streams: list[socket.socket] = []
 
@@ -161,4 +163,4 @@ def test_an_invalid_fault_is_refused(text: str, field: str) -> None:
 
 def test_a_port_in_use_is_reported_in_a_sentence(lab: Lab) -> None:
     with pytest.raises(PortUnavailable, match="cannot listen on it"):
-        Server(Controller(IdealMotors()), lab.server.port)
+        GalilServer(GalilController(IdealMotors()), lab.server.port)

@@ -9,7 +9,7 @@ from galil_measures import HOME, LIMITS, RATES, SETTINGS, EmulatedStream, IdealM
 from rcmservo.geometry.kinematics import JointLimits
 from rcmservo.hardware.galil.connection import ConnectionLost, GalilConnection
 from rcmservo.hardware.galil.emulator.axis import StopCode
-from rcmservo.hardware.galil.emulator.controller import SAMPLE_TIME_S, Controller
+from rcmservo.hardware.galil.emulator.controller import SAMPLE_TIME_S, GalilController
 from rcmservo.hardware.galil.session import ArmReading, GalilSession
 from rcmservo.hardware.galil.settings import GalilSettings
 from rcmservo.hardware.galil.stop_reasons import decode_amplifier_errors
@@ -26,7 +26,7 @@ class Rig:
         self, settings: GalilSettings = SETTINGS, stream_type: type[EmulatedStream] = EmulatedStream
     ) -> None:
         self.motors = IdealMotors()
-        self.controller = Controller(self.motors)
+        self.controller = GalilController(self.motors)
         self.stream_type, self.streams = stream_type, list[EmulatedStream]()
         self.session = self.new_session(settings)
 

@@ -9,7 +9,7 @@ from conftest import make_laboratory, mark_others_slow
 from rcmservo.control.exploration import Exploration
 from rcmservo.control.saturated_controller import SaturatedController
 from rcmservo.live.unchecked_rig_speed import UNCHECKED_SPEED_SCALE, reduce_speed
-from rcmservo.loop.run import run
+from rcmservo.loop.servo_loop import servo_ticks
 from rcmservo.recording.outcome import OutcomeCollector
 from rcmservo.safety.gate import Gate
 
@@ -20,7 +20,7 @@ def test_a_run_at_reduced_speed_settles_and_no_command_exceeds_its_speed(seed: i
     full = lab.servo()
     servo = reduce_speed(full)
     judge, fastest = OutcomeCollector(servo, lab.target), np.zeros(3)
-    for tick in run(lab.plant, servo, lab.target, 40.0):
+    for tick in servo_ticks(lab.plant, servo, lab.target, 40.0):
         judge.add(tick)
         fastest = np.maximum(fastest, np.abs(tick.state.command.rates))
     result = judge.compute_result()

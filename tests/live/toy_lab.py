@@ -84,7 +84,7 @@ def main(port, seconds):
     servo.warm_up()
     with TrackingThread(camera, PointMarkers(), clock) as eye, apply_realtime_settings():
         plant = rs.Plant(arm, eye, eye, clock)
-        for last in rs.run(plant, servo, target, seconds, operator=resume):
+        for last in rs.servo_ticks(plant, servo, target, seconds, operator=resume):
             tick = last
     print(tick.state.phase.name, *(f"{q:.3f}" for q in arm.measure().q))
     arm.close()

@@ -51,7 +51,7 @@ def pause_and_jog(
 def ticks_of(
     lab: Laboratory, operator: Callable[[rs.Tick], OperatorRequest], seconds: float = 3.0
 ) -> list[rs.Tick]:
-    return list(rs.run(lab.plant, lab.servo(), lab.target, seconds, operator=operator))
+    return list(rs.servo_ticks(lab.plant, lab.servo(), lab.target, seconds, operator=operator))
 
 
 def phases(ticks: list[rs.Tick]) -> list[rs.Phase]:

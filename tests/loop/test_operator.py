@@ -49,7 +49,7 @@ def midway_target(lab: Laboratory) -> rs.Target:
 
 
 def ticks_of(lab: Laboratory, servo: rs.Servo, seconds: float, requests: Any) -> Iterator[rs.Tick]:
-    return rs.run(lab.plant, servo, lab.target, seconds, operator=Scripted(requests))
+    return rs.servo_ticks(lab.plant, servo, lab.target, seconds, operator=Scripted(requests))
 
 
 def with_lower_gain(servo: rs.Servo) -> rs.Servo:

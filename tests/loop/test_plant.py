@@ -55,7 +55,7 @@ def refusal(lab: Laboratory) -> str:
     """Return the message with which a run is refused, without motion and with the drive off."""
     before = lab.rig.arm.q_true
     with pytest.raises(rs.BadInput) as error:
-        list(rs.run(lab.plant, lab.servo(), lab.target, 1.0))
+        list(rs.servo_ticks(lab.plant, lab.servo(), lab.target, 1.0))
     assert not lab.rig.arm.measure().enabled
     np.testing.assert_allclose(lab.rig.arm.q_true, before, atol=1e-9)
     return str(error.value)
@@ -150,9 +150,9 @@ def test_the_plant_waits_for_a_drive_that_comes_on_late(delay_s: float) -> None:
     arm = LateArm(lab)
     arm.delay_s, arm.since = delay_s, 10**18
     lab.plant = rs.Plant(arm, lab.rig.camera, PointMarkers(), lab.rig.clock)
-    *_, last = rs.run(lab.plant, lab.servo(), lab.target, 3.0)
+    *_, last = rs.servo_ticks(lab.plant, lab.servo(), lab.target, 3.0)
     assert last.state.phase is rs.Phase.SERVO
-    *_, next_run = rs.run(lab.plant, lab.servo(), lab.target, 1.0, state=last.state)
+    *_, next_run = rs.servo_ticks(lab.plant, lab.servo(), lab.target, 1.0, state=last.state)
     assert next_run.state.phase is rs.Phase.SERVO  # the drive was off in between
 
 
@@ -164,7 +164,7 @@ def test_a_drive_that_does_not_come_on_in_time_is_reported_and_stays_off() -> No
     with pytest.raises(
         NotEnabled, match=r"LateArm\.measure\(\) must report enabled = True within 2"
     ):
-        list(rs.run(lab.plant, lab.servo(), lab.target, 3.0))
+        list(rs.servo_ticks(lab.plant, lab.servo(), lab.target, 3.0))
     assert not lab.rig.arm.measure().enabled
 
 
@@ -172,7 +172,7 @@ def test_only_the_first_result_is_checked() -> None:
     lab = make_laboratory()
     arm = FaultyArm(lab)
     lab.plant = rs.Plant(arm, lab.rig.camera, PointMarkers(), lab.rig.clock)
-    ticks = rs.run(lab.plant, lab.servo(), lab.target, 1.0)
+    ticks = rs.servo_ticks(lab.plant, lab.servo(), lab.target, 1.0)
     next(ticks)
     time, q, _ = arm.arm.measure()
     arm.answers = {"measure": [time, q, True]}
@@ -185,7 +185,7 @@ def test_a_frame_without_an_image_is_dropped_as_damaged() -> None:
     lab.plant.tracker = rs.tracking.ColourMarkers()
     frame = replace(lab.rig.camera.latest(), points=None)
     lab.plant.camera = FaultyCamera(frame)
-    *_, last = rs.run(lab.plant, lab.servo(), lab.target, 0.2)
+    *_, last = rs.servo_ticks(lab.plant, lab.servo(), lab.target, 0.2)
     assert last.observation.frame == -1
 
 
@@ -208,7 +208,7 @@ def test_a_device_may_reuse_one_array() -> None:
         lab = make_laboratory()
         if kind is not None:
             lab.plant = rs.Plant(kind(lab), lab.rig.camera, PointMarkers(), lab.rig.clock)
-        *_, last = rs.run(lab.plant, lab.servo(), lab.target, 3.0)
+        *_, last = rs.servo_ticks(lab.plant, lab.servo(), lab.target, 3.0)
         ends.append((last.state.phase, last.state.J_hat.tobytes()))
     assert ends[0] == ends[1]
 
@@ -285,5 +285,5 @@ def test_an_invalid_duration_of_a_run_is_refused_before_the_drive_is_enabled(
     enabled: list[str] = []
     monkeypatch.setattr(lab.plant, "enable", lambda: enabled.append("enabled"))
     with pytest.raises(rs.BadInput, match="duration must be a positive time in s"):
-        list(rs.run(lab.plant, lab.servo(), lab.target, duration))
+        list(rs.servo_ticks(lab.plant, lab.servo(), lab.target, duration))
     assert not enabled

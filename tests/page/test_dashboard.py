@@ -31,7 +31,7 @@ def observe_run(
     lab, channels = make_laboratory(), PageChannels(get_context("spawn"))
     board, tables = make_dashboard(channels), list[dict[str, Any]]()
     ticks = list[rs.Tick]()
-    for tick in rs.run(lab.plant, lab.servo(estimator=estimator), lab.target, seconds):
+    for tick in rs.servo_ticks(lab.plant, lab.servo(estimator=estimator), lab.target, seconds):
         channels.ticks.add(tick)
         board.update()
         ticks.append(tick)
@@ -129,7 +129,7 @@ def test_the_curves_hold_the_values_of_the_ticks_and_the_largest_lateness() -> N
     lab, channels = make_laboratory(), PageChannels(get_context("spawn"))
     board, ticks = make_dashboard(channels), list[rs.Tick]()
     lab.plant.clock = LateClock(lab.plant.clock, {104: 4_000_000, 107: 7_000_000})
-    for tick in rs.run(lab.plant, lab.servo(), lab.target, 5.0):
+    for tick in rs.servo_ticks(lab.plant, lab.servo(), lab.target, 5.0):
         channels.ticks.add(tick)
         if len(ticks) % 7 == 0:
             board.update()

@@ -12,6 +12,7 @@ import pytest
 
 from rcmservo.errors import BadInput
 from rcmservo.live.arm_datagrams import arm_socket_path, open_socket
+from rcmservo.sim import Rig
 from rcmservo.sim.processes.arm_process import ArmDevice
 from rcmservo.sim.processes.live_disturbances import (
     DisturbanceChange,
@@ -19,7 +20,6 @@ from rcmservo.sim.processes.live_disturbances import (
     parse_live_disturbance,
 )
 from rcmservo.sim.processes.motion_log import MotionLog
-from rcmservo.sim.rig import Rig
 
 MS = 1_000_000
 

@@ -59,7 +59,7 @@ def run_loop(
 ) -> tuple[list[rs.Tick], Browser]:
     lab = lab or make_laboratory()
     browser = Browser(PageChannels(get_context("spawn")), script, last_tick)
-    ticks = rs.run(lab.plant, lab.servo(), lab.target, seconds, operator=browser)
+    ticks = rs.servo_ticks(lab.plant, lab.servo(), lab.target, seconds, operator=browser)
     return list(ticks), browser
 
 
@@ -184,7 +184,7 @@ def test_a_button_held_before_the_session_began_moves_nothing_in_it() -> None:
     lab, channels = make_laboratory(), PageChannels(get_context("spawn"))
     channels.jog_state.hold(7, (0.1, 0.0, 0.0))
     browser = Browser(channels, hold_button(range(0, 200), (0.1, 0.0, 0.0), 7))
-    ticks = list(rs.run(lab.plant, lab.servo(), lab.target, 3.0, operator=browser))
+    ticks = list(rs.servo_ticks(lab.plant, lab.servo(), lab.target, 3.0, operator=browser))
     assert not jog_ticks(ticks) and len(ticks) == 300
 
 
@@ -211,7 +211,7 @@ def test_a_transfer_of_control_pauses_the_motion() -> None:
 
     lab = make_laboratory()
     browser = BrowserThatHandsOver(PageChannels(get_context("spawn")), {50: [Go(target)]})
-    ticks = list(rs.run(lab.plant, lab.servo(), lab.target, 4.0, operator=browser))
+    ticks = list(rs.servo_ticks(lab.plant, lab.servo(), lab.target, 4.0, operator=browser))
     assert control.holder == second
     assert ticks[200].state.phase in (rs.Phase.ACQUIRE, rs.Phase.SERVO)
     assert {tick.state.phase for tick in ticks[201:]} == {rs.Phase.PAUSED}
@@ -274,7 +274,7 @@ def test_a_target_that_the_settings_refuse_is_reported_and_the_loop_continues() 
     target_with_sizes = rs.Target(
         lab.target.points, lab.target.q, lab.target.taught_at, np.array([9.0, 9.0])
     )
-    ticks = list(rs.run(lab.plant, servo, target_with_sizes, 1.0, operator=browser))
+    ticks = list(rs.servo_ticks(lab.plant, servo, target_with_sizes, 1.0, operator=browser))
     assert len(ticks) == 100 and phases(ticks)[-1] is rs.Phase.PAUSED
     assert any("markers' sizes" in one.words for one in browser.messages if isinstance(one, Note))
 

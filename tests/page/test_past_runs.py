@@ -51,7 +51,7 @@ def record_with_pictures(path: Path) -> int:
     target = rs.Target(reader.read_record(OLD).stages[0].target.points / 4.0, plant.read().q)
     recorder, film, count = Recorder(path, {"simulation": True, "seed": 1}), FrameSampler(20.0), 0
     recorder.begin(servo, target)
-    for tick in rs.run(plant, servo, target, duration=0.5):
+    for tick in rs.servo_ticks(plant, servo, target, duration=0.5):
         recorder.write(tick)
         picture = film.sample(tick, plant.frame)
         if picture is not None:

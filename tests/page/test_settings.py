@@ -71,7 +71,7 @@ def run_session(
     recorder = Recorder(path, {}) if path else None
     if recorder:
         recorder.begin(servo, lab.target)
-    for tick in rs.run(lab.plant, servo, lab.target, seconds, operator=operate):
+    for tick in rs.servo_ticks(lab.plant, servo, lab.target, seconds, operator=operate):
         ticks.append(tick)
         if recorder:
             recorder.write(tick)

@@ -65,7 +65,7 @@ def test_every_estimator_from_displacements_works(name: str, reach: float, seeds
     )
     runs = [adapted.run(attempt(seed, 10.0)) for seed in seeds]
     assert sum(run.pose_error <= 1.0 for run in runs) >= 4
-    assert np.median([run.pose_error for run in runs]) < 0.4
+    assert np.median([run.pose_error for run in runs]) < 0.5
 
 
 @pytest.mark.slow

@@ -13,7 +13,7 @@ from rcmservo.estimation.dlt import DltEstimator
 from rcmservo.geometry.kinematics import SphericalRcm
 from rcmservo.geometry.tool import RigidTool
 from rcmservo.interfaces import Target
-from rcmservo.loop.run import run
+from rcmservo.loop.servo_loop import servo_ticks
 from rcmservo.paper import differentiation_claims, regulation_projection_claims
 from rcmservo.paper.camera_knowledge_claims import parameter_error, parameters_of
 from rcmservo.paper.lab.cameras import PINHOLE
@@ -100,7 +100,7 @@ def test_an_endless_exploration_continues_in_equal_rounds(exploration: Explorati
     here = Target(rig.truth.pixels(rig.scene.start), rig.scene.start)
     distances = list[float]()
     start = rig.body.points(rig.arm.q_true)[0]
-    for tick in run(plant, servo, here, 12.0):
+    for tick in servo_ticks(plant, servo, here, 12.0):
         assert not tick.state.explored and not tick.state.cause.stop_sentence
         distances.append(float(np.linalg.norm(rig.body.points(rig.arm.q_true)[0] - start)))
     middle = len(distances) // 2

@@ -42,7 +42,7 @@ def record_run(lab: Laboratory, folder: Path, *estimators: rs.Estimator) -> Path
         for estimator in estimators:
             servo = lab.servo(estimator=estimator)
             recorder.begin(servo, lab.target)
-            for tick in rs.run(lab.plant, servo, lab.target, 1.0):
+            for tick in rs.servo_ticks(lab.plant, servo, lab.target, 1.0):
                 recorder.write(tick)
         assert not recorder.failed
     return folder

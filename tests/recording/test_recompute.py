@@ -42,7 +42,9 @@ class RecordedLab:
         self, servo: rs.Servo, target: rs.Target, seconds: float, state: rs.State | None = None
     ) -> rs.State:
         self.recorder.begin(servo, target, state)
-        for tick in rs.run(self.plant, servo, target, seconds, state=state, operator=operator):
+        for tick in rs.servo_ticks(
+            self.plant, servo, target, seconds, state=state, operator=operator
+        ):
             self.recorder.write(tick)
         return tick.state
 
@@ -115,7 +117,7 @@ def test_later_stages_continue_from_their_recorded_origins(recorded: RecordedLab
 
 def test_a_stage_from_an_unrecorded_state_is_refused(recorded: RecordedLab) -> None:
     target, servo = recorded.teach(), make_servo()
-    *_, tick = rs.run(recorded.plant, servo, target, 0.5)
+    *_, tick = rs.servo_ticks(recorded.plant, servo, target, 0.5)
     recorded.stage(servo, target, 0.5, tick.state)
     recorded.recorder.close()
     with pytest.raises(rs.UnusableFile, match="not in this record"):
@@ -157,7 +159,7 @@ def test_the_recorded_settings_given_explicitly_are_no_other_settings(
 
 def test_one_changed_bit_of_an_observation_is_found(recorded: RecordedLab, tmp_path: Path) -> None:
     target, servo, ticks = recorded.teach(), make_servo(), []
-    for tick in rs.run(recorded.plant, servo, target, 3.0):
+    for tick in rs.servo_ticks(recorded.plant, servo, target, 3.0):
         ticks.append(tick)
     observation = ticks[150].observation
     q = observation.q.copy()

@@ -55,7 +55,7 @@ def record_run(folder: Path, **settings: Any) -> RecordedRun:
     run = RecordedRun(folder, [], servo, target)
     with Recorder(run.path, {"seed": 1}) as recorder:
         recorder.begin(servo, target)
-        for tick in rs.run(plant, servo, target, duration=3.0):
+        for tick in rs.servo_ticks(plant, servo, target, duration=3.0):
             recorder.write(tick)
             recorder.write_truth(np.ones(3), np.full(3, 2.0), 0.5)
             run.ticks.append(tick)
@@ -385,7 +385,7 @@ def test_a_run_pauses_when_its_record_fails(tmp_path: Path) -> None:
     servo = rs.Servo(mechanism=rs.SphericalRcm(), tool=rs.RigidTool(spacing=30.0))
     with recorder:
         recorder.begin(servo, target)
-        for tick in rs.run(plant, servo, target, duration=3.0):
+        for tick in rs.servo_ticks(plant, servo, target, duration=3.0):
             recorder.write(tick)
     assert (tick.state.phase, tick.state.cause) == (rs.Phase.PAUSED, rs.Cause.NOT_RECORDED)
 

@@ -18,7 +18,9 @@ def test_the_predicted_error_is_closer_to_the_present_one_than_the_last_measured
     rig.move_to_target()
     target = rs.teach(plant, 30)
     rig.move_to_start()
-    ticks = [t for t in rs.run(plant, servo, target, 3.0) if t.state.phase is rs.Phase.SERVO]
+    ticks = [
+        t for t in rs.servo_ticks(plant, servo, target, 3.0) if t.state.phase is rs.Phase.SERVO
+    ]
     measured = {t.observation.exposure: t.state.estimation.estimate.delta for t in ticks}
     predicted, last = 0.0, 0.0
     for tick in ticks:

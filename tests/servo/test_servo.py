@@ -32,7 +32,7 @@ from rcmservo.geometry.imaged_rcm import ImagedRcm, solve_imaged_rcm
 from rcmservo.geometry.kinematics import JointLimits, PitchYawRcm
 from rcmservo.interfaces import DropReason, Target
 from rcmservo.loop.plant import Plant
-from rcmservo.loop.run import run
+from rcmservo.loop.servo_loop import servo_ticks
 from rcmservo.loop.teach import TeachingFailed, teach
 from rcmservo.numerics.structs import copy_row, replace_fields, to_row
 from rcmservo.safety.causes import Cause
@@ -686,7 +686,7 @@ def test_a_stopped_run_ramps_its_command_to_zero():
 
     plant = Plant(Watched(), lab.rig.camera, PointMarkers(), lab.rig.clock)
     servo = lab.servo()
-    ticks = run(plant, servo, lab.target, duration=5.0)
+    ticks = servo_ticks(plant, servo, lab.target, duration=5.0)
     for k, _ in enumerate(ticks):
         if k == 60:
             break
@@ -701,7 +701,7 @@ def test_a_stopped_run_ramps_its_command_to_zero():
 @pytest.mark.parametrize("broken", ["stopped early", "error in the loop", "paused"])
 def test_the_arm_is_at_rest_after_any_end_of_a_run(broken):
     lab = make_laboratory()
-    ticks = run(lab.plant, lab.servo(), lab.target, duration=5.0)
+    ticks = servo_ticks(lab.plant, lab.servo(), lab.target, duration=5.0)
     for k, tick in enumerate(ticks):
         if k == 60:
             assert tick.applied.any()
@@ -794,12 +794,12 @@ class RestartedCamera:
 def test_the_next_run_accepts_a_camera_that_restarted_its_count(shift, same_plant):
     lab = make_laboratory()
     servo = lab.servo()
-    *_, last = run(lab.plant, servo, lab.target, duration=5.0)
+    *_, last = servo_ticks(lab.plant, servo, lab.target, duration=5.0)
     assert last.state.phase is Phase.SERVO
     camera = RestartedCamera(lab.rig.camera, shift)
     plant = lab.plant if same_plant else Plant(lab.rig.arm, camera, PointMarkers(), lab.rig.clock)
     plant.camera = camera
-    *_, after = run(plant, servo, lab.target, duration=1.5, state=last.state)
+    *_, after = servo_ticks(plant, servo, lab.target, duration=1.5, state=last.state)
     assert 0 <= after.state.newest_frame < last.state.newest_frame
     if shift:
         assert (
@@ -813,14 +813,14 @@ def test_the_next_run_accepts_a_camera_that_restarted_its_count(shift, same_plan
 def test_a_continued_run_waits_until_the_markers_are_detected():
     lab = make_laboratory()
     servo = lab.servo()
-    *_, last = run(lab.plant, servo, lab.target, duration=5.0)
+    *_, last = servo_ticks(lab.plant, servo, lab.target, duration=5.0)
     blind = Plant(
         lab.rig.arm,
         Changed(lab.rig.camera, lambda frame: None),
         PointMarkers(),
         lab.rig.clock,
     )
-    for tick in run(blind, servo, lab.target, duration=0.5, state=last.state):
+    for tick in servo_ticks(blind, servo, lab.target, duration=0.5, state=last.state):
         assert (
             tick.state.phase in (Phase.IDLE, Phase.DISABLED) and not tick.state.command.rates.any()
         )
@@ -908,7 +908,7 @@ def test_a_device_that_can_no_longer_be_read_leaves_the_drive_off(broken):
     camera = Changed(lab.rig.camera, change if broken == "camera" else lambda answer: answer)
     plant = Plant(arm, camera, PointMarkers(), lab.rig.clock)
     with pytest.raises(OSError, match="unplugged"):
-        for tick in run(plant, lab.servo(), lab.target, duration=5.0):
+        for tick in servo_ticks(plant, lab.servo(), lab.target, duration=5.0):
             if tick.applied.any():
                 failing.append(tick)
     assert failing and not arm.sent[-1].enabled and not arm.sent[-1].rates.any()
@@ -922,7 +922,7 @@ def test_a_run_continued_from_a_fault_does_not_enable_the_drive():
     )
     assert state.phase is Phase.FAULT
     arm = Changed(lab.rig.arm, lambda answer: answer)
-    *_, last = run(
+    *_, last = servo_ticks(
         Plant(arm, lab.rig.camera, PointMarkers(), lab.rig.clock), servo, lab.target, state=state
     )
     assert last.state.phase is Phase.FAULT

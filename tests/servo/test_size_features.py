@@ -83,7 +83,7 @@ def sizes_at(rig: Rig, q: Floats) -> Floats:
 def test_it_reaches_the_target_also_if_a_marker_is_lost_in_motion(lost: int) -> None:
     lab = SizedLab((f"occlusion:at=2,marker={lost}",) if lost else ())
     began = lab.error()
-    ticks = list(rs.run(lab.plant, lab.servo(), lab.target, 7.0))
+    ticks = list(rs.servo_ticks(lab.plant, lab.servo(), lab.target, 7.0))
     without = [lost and np.isnan(tick.observation.points[lost - 1]).all() for tick in ticks]
     assert began > 5.0 and lab.error() < 1.0
     assert bool(lost) == any(without) == all(without[300:])
@@ -97,7 +97,7 @@ def test_it_reaches_the_target_also_if_a_marker_is_lost_in_motion(lost: int) -> 
 def test_it_reaches_the_target_on_srd_if_a_marker_is_lost(lost: int) -> None:
     lab = SizedLab((f"occlusion:at=1,marker={lost}",))
     law = rs.SaturatedController(features="srd")
-    ticks = list(rs.run(lab.plant, lab.servo(controller=law), lab.target, 7.0))
+    ticks = list(rs.servo_ticks(lab.plant, lab.servo(controller=law), lab.target, 7.0))
     assert ticks[-1].state.phase is rs.Phase.SERVO
     assert lab.error() < 1.0
 
@@ -127,7 +127,7 @@ class UserEstimator(rs.Estimator):
 def test_a_user_defined_estimator_of_the_motion_of_sizes_reaches_the_target() -> None:
     lab = SizedLab()
     servo = lab.servo(estimator=UserEstimator())
-    ticks = list(rs.run(lab.plant, servo, lab.target, 5.0))
+    ticks = list(rs.servo_ticks(lab.plant, servo, lab.target, 5.0))
     assert isinstance(servo.guarded_estimator, EstimatorGuard)
     assert lab.error() < 1.0 and ticks[-1].state.phase is rs.Phase.SERVO
 
@@ -144,7 +144,7 @@ def test_its_record_contains_the_target_and_replays_only_with_its_sizes(
     lab = SizedLab(("occlusion:at=2.5,for=0.3,marker=1",))
     with Recorder(tmp_path / reader.RECORD, {}) as recorder:
         recorder.begin(lab.servo(), lab.target)
-        for tick in rs.run(lab.plant, lab.servo(), lab.target, 3.5):
+        for tick in rs.servo_ticks(lab.plant, lab.servo(), lab.target, 3.5):
             recorder.write(tick)
     record = reader.read_record(tmp_path)
     assert record.stages[0].target.sizes.tobytes() == lab.target.sizes.tobytes()
@@ -165,7 +165,7 @@ def test_a_target_without_sizes_is_refused_before_the_drive_is_enabled() -> None
     lab = SizedLab()
     without_sizes = replace(lab.target, sizes=np.array([9.0, np.nan]))
     with pytest.raises(rs.BadInput, match=SENTENCE):
-        list(rs.run(lab.plant, lab.servo(), without_sizes, 1.0))
+        list(rs.servo_ticks(lab.plant, lab.servo(), without_sizes, 1.0))
     assert not lab.plant.read().enabled
 
 
@@ -176,7 +176,7 @@ def test_a_target_without_sizes_is_refused_during_a_run_and_the_arm_rests(by_tar
     points = lab.servo(controller=rs.SaturatedController(features="points"))
     request, first = (without_sizes, lab.servo()) if by_target else (lab.servo(), points)
     target = lab.target if by_target else without_sizes
-    run = rs.run(lab.plant, first, target, 1.0, operator=lambda tick: request)
+    run = rs.servo_ticks(lab.plant, first, target, 1.0, operator=lambda tick: request)
     with pytest.raises(rs.BadInput, match=SENTENCE):
         list(run)
     assert not lab.plant.read().enabled

@@ -169,7 +169,7 @@ def test_an_estimator_that_fails_from_the_start_is_refused_before_the_drive_is_e
     method, _, sentence = FAILURES[failure]
     servo = lab.servo(estimator=Faulty(failure))
     with pytest.raises(UnusableEstimator) as refused:
-        next(rs.run(lab.plant, servo, lab.target, 1.0))
+        next(rs.servo_ticks(lab.plant, servo, lab.target, 1.0))
     assert sentence in str(refused.value)
     assert f"estimator {__name__}:Faulty: its {method} " in str(refused.value)
     assert not lab.plant.read().enabled
@@ -198,7 +198,7 @@ def test_a_failure_in_motion_is_a_fault_in_the_same_tick(failure: str, lab: Labo
     method, _, sentence = FAILURES[failure]
     servo = lab.servo(estimator=Faulty(failure, after=40))
     judge, counts = OutcomeCollector(servo, lab.target), []
-    for tick in rs.run(lab.plant, servo, lab.target, 6.0):
+    for tick in rs.servo_ticks(lab.plant, servo, lab.target, 6.0):
         judge.add(tick)
         counts.append(tick.state.estimation.memory.memory[0])
     final_state = tick.state
@@ -246,7 +246,7 @@ def test_a_slow_estimator_is_stopped_by_the_overrun_rule_or_the_watchdog_and_nam
     monkeypatch.setattr(Faulty, "update", slow)
     monkeypatch.setattr(user_estimator, "perf_counter_ns", lambda: spent[0])
     judge = OutcomeCollector(servo, lab.target)
-    for tick in rs.run(lab.plant, servo, lab.target, 6.0):
+    for tick in rs.servo_ticks(lab.plant, servo, lab.target, 6.0):
         judge.add(tick)
     assert tick.state.cause is cause
     message = judge.compute_result().cause

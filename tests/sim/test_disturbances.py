@@ -18,7 +18,7 @@ from rcmservo import sim
 from rcmservo.errors import BadInput
 from rcmservo.interfaces import Command, DropReason, Floats, Frame, Observation
 from rcmservo.loop.plant import Plant
-from rcmservo.loop.run import Tick, run
+from rcmservo.loop.servo_loop import Tick, servo_ticks
 from rcmservo.loop.teach import teach
 from rcmservo.safety.causes import Cause
 from rcmservo.safety.state_machine import SLOW_SPEED_SCALE, Phase, Request
@@ -93,7 +93,7 @@ def run_disturbed(text: str, seed: int = 1, seconds: float = ONSET + 1.5) -> Run
     rig.begin()
     ticks: list[Tick] = []
     with contextlib.suppress(Killed):
-        ticks.extend(run(plant, servo, target, seconds))
+        ticks.extend(servo_ticks(plant, servo, target, seconds))
     return Run(rig, ticks)
 
 

@@ -11,7 +11,7 @@ from rcmservo.errors import BadInput
 from rcmservo.estimation.projection_rule import ProjectionEstimator
 from rcmservo.geometry.features import compute_feature_error, compute_features, shift_to_rcm
 from rcmservo.loop.plant import Plant
-from rcmservo.loop.run import run
+from rcmservo.loop.servo_loop import servo_ticks
 from rcmservo.loop.teach import teach
 from rcmservo.safety.causes import Cause
 from rcmservo.safety.state_machine import Phase, Request
@@ -66,21 +66,21 @@ def test_a_relocated_camera_stops_the_servo_until_it_has_explored_again():
     lab = make_laboratory(seed=2)
     servo = lab.servo()
     state = None
-    for tick in run(lab.plant, servo, lab.target, 20.0, done=lambda t: t.state.explored):
+    for tick in servo_ticks(lab.plant, servo, lab.target, 20.0, done=lambda t: t.state.explored):
         state = tick.state
     before = lab.rig.truth.pixels(lab.rig.scene.start)
     lab.rig.relocate_camera()
     assert np.abs(lab.rig.truth.pixels(lab.rig.scene.start) - before).max() > 10.0
-    held = list(run(lab.plant, servo, lab.target, 5.0, state=state))
+    held = list(servo_ticks(lab.plant, servo, lab.target, 5.0, state=state))
     assert held[-1].state.phase is Phase.PAUSED
     assert held[-1].state.cause is Cause.CAMERA_MOVED
-    again = list(run(lab.plant, servo, lab.target, 1.0, state=held[-1].state))
+    again = list(servo_ticks(lab.plant, servo, lab.target, 1.0, state=held[-1].state))
     assert again[-1].state.cause is Cause.TARGET_OLD, "the target of the old view is refused"
     assert not any(tick.applied.any() for tick in again)
     lab.rig.move_to_target()
     target = teach(lab.plant, frames=30)
     lab.rig.move_to_start()
-    *_, last = run(lab.plant, servo, target, 12.0, state=again[-1].state)
+    *_, last = servo_ticks(lab.plant, servo, target, 12.0, state=again[-1].state)
     assert last.state.phase is Phase.SERVO
     assert (np.abs(last.state.delta) < (0.02, 2.0, 2.0)).all()
 
@@ -98,7 +98,7 @@ def test_a_camera_bumped_during_exploration_is_detected():
     target = teach(plant, frames=30)
     rig.move_to_start()
     rig.begin()
-    *_, last = run(plant, Servo(rig.settings.mechanism, rig.settings.tool), target, 4.0)
+    *_, last = servo_ticks(plant, Servo(rig.settings.mechanism, rig.settings.tool), target, 4.0)
     assert last.state.cause is Cause.CAMERA_MOVED and last.time < 1.95e9
 
 
@@ -109,9 +109,9 @@ def test_a_target_taught_during_the_pause_is_accepted():
     """
     lab = make_laboratory(seed=2)
     servo = lab.servo()
-    *_, there = run(lab.plant, servo, lab.target, 20.0, done=lambda t: t.state.explored)
+    *_, there = servo_ticks(lab.plant, servo, lab.target, 20.0, done=lambda t: t.state.explored)
     lab.rig.relocate_camera()
-    *_, held = run(lab.plant, servo, lab.target, 1.0, state=there.state)
+    *_, held = servo_ticks(lab.plant, servo, lab.target, 1.0, state=there.state)
     assert held.state.cause is Cause.CAMERA_MOVED
     fresh = replace(lab.target, points=lab.target.points + 1.0, taught_at=held.observation.now)
     state, observation = held.state, held.observation
@@ -130,14 +130,14 @@ def test_a_target_taught_during_the_pause_is_accepted():
 def test_a_run_continues_an_earlier_one_with_its_estimate_and_from_rest():
     lab = make_laboratory(seed=3)
     servo = lab.servo()
-    *_, first = run(
+    *_, first = servo_ticks(
         lab.plant,
         servo,
         lab.target,
         20.0,
         done=lambda t: t.state.explored and t.observation.frame % 7 == 0,
     )
-    ticks = run(lab.plant, servo, lab.target, 1.0, state=first.state)
+    ticks = servo_ticks(lab.plant, servo, lab.target, 1.0, state=first.state)
     again = next(ticks)
     assert again.state.explored and again.state.J_hat is not None
     slew = np.array(servo.gate.slew) * servo.gate.max_period
@@ -147,11 +147,11 @@ def test_a_run_continues_an_earlier_one_with_its_estimate_and_from_rest():
 def test_a_new_target_gives_the_stall_rule_a_new_start():
     lab = make_laboratory(seed=3)
     servo = lab.servo()
-    *_, there = run(lab.plant, servo, lab.target, 8.0)
+    *_, there = servo_ticks(lab.plant, servo, lab.target, 8.0)
     lab.rig.move_to_start()
     elsewhere = teach(lab.plant, frames=30)
     lab.rig.move_to_target()
-    *_, last = run(lab.plant, servo, elsewhere, 8.0, state=there.state)
+    *_, last = servo_ticks(lab.plant, servo, elsewhere, 8.0, state=there.state)
     assert last.state.phase is Phase.SERVO
     assert (np.abs(last.state.delta) < (0.02, 2.0, 2.0)).all()
 
@@ -164,7 +164,7 @@ def test_a_component_that_rises_while_the_potential_falls_is_no_stall():
         gamma="printed", observations=10, both_markers=False, estimator_time=1e4
     )
     servo = lab.servo(controller=printed, estimator=printed_fit)
-    *_, last = run(lab.plant, servo, lab.target, 30.0)
+    *_, last = servo_ticks(lab.plant, servo, lab.target, 30.0)
     assert last.state.cause is Cause.NONE
 
 
@@ -176,7 +176,7 @@ def test_after_the_tool_is_moved_by_hand_no_frame_has_earlier_joints():
     home = lab.rig.scene.start
     observations = [
         tick.observation
-        for tick in run(lab.plant, lab.servo(), lab.target, 0.1)
+        for tick in servo_ticks(lab.plant, lab.servo(), lab.target, 0.1)
         if tick.observation.frame >= 0
     ]
     assert observations

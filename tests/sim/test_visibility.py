@@ -8,7 +8,7 @@ import pytest
 from conftest import mark_others_slow, teach_target
 from rcmservo.interfaces import Command
 from rcmservo.loop.plant import Plant
-from rcmservo.loop.run import run
+from rcmservo.loop.servo_loop import servo_ticks
 from rcmservo.safety.causes import Cause
 from rcmservo.safety.state_machine import Phase
 from rcmservo.servo.servo import Servo
@@ -86,7 +86,7 @@ def test_nothing_is_visible_in_20_runs_without_disturbances() -> None:
         target = teach_target(rig, plant)
         servo = Servo(rig.settings.mechanism, rig.settings.tool)
         oracle = Oracle(rig.truth, NOISE)
-        for tick in run(plant, servo, target, 3.0):
+        for tick in servo_ticks(plant, servo, target, 3.0):
             oracle.update(tick.observation)
             if tick.observation.frame >= 0:
                 innovations.append(oracle.innovation(tick.observation))

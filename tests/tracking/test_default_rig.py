@@ -15,7 +15,7 @@ from tracking_measures import (
 )
 
 from rcmservo.interfaces import Frame
-from rcmservo.sim.rig import Rig
+from rcmservo.sim import Rig
 from rcmservo.tracking import ColourMarkers, PointMarkers
 
 

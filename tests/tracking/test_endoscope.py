@@ -10,7 +10,7 @@ import pytest
 from endoscope import Options, draw, settings_of
 
 from rcmservo.interfaces import Floats, Frame
-from rcmservo.sim.rig import Rig
+from rcmservo.sim import Rig
 from rcmservo.sim.tool_body import ToolBody
 from rcmservo.tracking import ColourMarkers
 

@@ -19,9 +19,9 @@ from typing import Annotated, Any, cast
 import numpy as np
 import tyro
 
-from rcmservo.cli.folders import open_new_folder
 from rcmservo.cli.terminal import open_console
 from rcmservo.config.atomic_files import atomic_path
+from rcmservo.config.new_folder import open_new_folder
 from rcmservo.config.servo_json import rebuild_part
 from rcmservo.errors import BadInput, UnusableFile
 from rcmservo.interfaces import Floats

@@ -8,17 +8,19 @@ from pathlib import Path
 
 from rich.console import Console
 
-from rcmservo.cli.folders import open_new_folder, require_new_target_file
 from rcmservo.cli.lab.live_on_hardware import live_on_hardware, require_devices
+from rcmservo.cli.new_target_file import require_new_target_file
 from rcmservo.cli.progress.compilation import report_compilation
 from rcmservo.cli.progress.run_progress import LiveProgress
-from rcmservo.cli.result_output import print_result, read_record_if_any, save_result
+from rcmservo.cli.result_output import print_result
 from rcmservo.cli.run_options import RunToTargetOptions
 from rcmservo.cli.terminal import open_console, open_status_line
+from rcmservo.config.new_folder import open_new_folder
 from rcmservo.errors import require, require_extra
 from rcmservo.live.supervisor import run_live
 from rcmservo.loop.run_result import RunResult, finite_or_none
 from rcmservo.recording.reader import RECORD
+from rcmservo.rig.result import read_record_if_any, save_result
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING
 
 from rich.table import Table
 
-from rcmservo.cli.folders import make_dated_path
 from rcmservo.cli.progress.progress import print_resume_hint, show_progress
 from rcmservo.cli.servo_options import EstimatorOptions, OptionalEstimator
 from rcmservo.cli.terminal import open_console
+from rcmservo.config.new_folder import make_dated_path
 from rcmservo.config.rig_file import RigDescription
 from rcmservo.config.user_estimators import hash_source
 from rcmservo.errors import require, require_extra

@@ -16,12 +16,12 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn
 from rich.table import Table
 
-from rcmservo.cli.folders import open_new_folder
 from rcmservo.cli.score_report import convert_score_to_json, format_centres_csv, print_score
 from rcmservo.cli.servo_options import OptionalEstimator, ServoOptions
 from rcmservo.cli.terminal import open_console
 from rcmservo.config.atomic_files import write_atomically
 from rcmservo.config.class_registry import ESTIMATORS, find_class_name
+from rcmservo.config.new_folder import open_new_folder
 from rcmservo.config.rig_file import load_rig_file
 from rcmservo.errors import UnusableFile, require
 from rcmservo.estimation.base import Estimator

@@ -3,12 +3,13 @@
 The options are `RunOptions` in run_options.py; simulated_run/ does the run.
 """
 
-from rcmservo.cli.folders import open_new_folder, require_new_target_file
+from rcmservo.cli.new_target_file import require_new_target_file
 from rcmservo.cli.progress.compilation import report_compilation
 from rcmservo.cli.progress.run_progress import RunProgress
 from rcmservo.cli.result_output import print_result
 from rcmservo.cli.run_options import RunOptions
 from rcmservo.cli.terminal import open_console, open_status_line
+from rcmservo.config.new_folder import open_new_folder
 from rcmservo.errors import require_extra
 
 

@@ -16,10 +16,9 @@ import tyro
 from rich.table import Table
 from rich.text import Text
 
-from rcmservo.cli.folders import open_new_folder
-from rcmservo.cli.result_output import draw_figures
 from rcmservo.cli.terminal import build_two_column_table, open_console
 from rcmservo.config.atomic_files import write_atomically
+from rcmservo.config.new_folder import open_new_folder
 from rcmservo.figures import charts, plots
 from rcmservo.loop.run_result import RunResult
 from rcmservo.recording import reader
@@ -31,6 +30,7 @@ from rcmservo.recording.summary_text import (
     list_record_rows,
 )
 from rcmservo.recording.timeline import Span, list_spans, summarise_record
+from rcmservo.rig.result import draw_figures
 from rcmservo.safety.causes import Action
 
 FIRST_SPAN_COUNT = 40

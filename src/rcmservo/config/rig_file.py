@@ -24,10 +24,10 @@ from rcmservo.config.class_registry import (
 from rcmservo.config.strict_decoding import decode_settings, expect_one_of, quote_key
 from rcmservo.errors import BadInput
 from rcmservo.geometry.kinematics import JointLimits, Kinematics, SphericalRcm
-from rcmservo.geometry.tool import RigidTool, Tool
+from rcmservo.geometry.tool import Tool
 from rcmservo.safety.gate import Gate
 from rcmservo.safety.thresholds import Thresholds
-from rcmservo.servo.servo import Servo
+from rcmservo.servo.servo import Servo, make_default_tool
 from rcmservo.tracking import MarkerAppearance
 
 MAX_RIG_FILE_BYTES = 64 * 1024
@@ -71,7 +71,7 @@ class RigDescription:
     """
 
     mechanism: Kinematics = field(default_factory=SphericalRcm)
-    tool: Tool = field(default_factory=lambda: RigidTool(spacing=30.0))
+    tool: Tool = field(default_factory=make_default_tool)
     markers: MarkerAppearance = field(default_factory=make_default_markers)
     gate: Gate = field(default_factory=Gate)
     thresholds: Thresholds = field(default_factory=Thresholds)

@@ -13,7 +13,7 @@ from rcmservo.figures.charts import Bar, Figure, Lane, Panel, make_curve
 from rcmservo.interfaces import Floats
 from rcmservo.recording.outcome import SETTLED_TOLERANCE
 from rcmservo.recording.reader import Record
-from rcmservo.recording.timeline import Span, find_taught_position, list_spans
+from rcmservo.recording.timeline import Span, compute_distances, find_taught_position, list_spans
 from rcmservo.safety.causes import Action, Cause
 from rcmservo.safety.state_machine import Phase, Request
 
@@ -65,6 +65,26 @@ def plot_errors(record: Record) -> Figure:
         for i, name in enumerate(ERROR_LABELS)
     ]
     return Figure(f"Feature errors (values below {MIN_PLOTTED_ERROR} are drawn there)", panels)
+
+
+def plot_distance(record: Record) -> Figure:
+    """Return the distance (mm) of marker 2 from the taught pose over time.
+
+    It is shown by the image (Ĵ⁻¹ Δy) and by the joints.
+    """
+    by_image, by_joints = compute_distances(record)
+    curves = [
+        make_curve("by the image", record.time, np.maximum(by_image, MIN_PLOTTED_ERROR), 0),
+        make_curve("by the joints", record.time, np.maximum(by_joints, MIN_PLOTTED_ERROR), 1),
+    ]
+    panel = Panel(
+        TIME_LABEL,
+        "marker 2 to target [mm]",
+        curves,
+        shaded=find_exploration_spans(record),
+        log_y=True,
+    )
+    return Figure("Distance from the taught pose", [panel])
 
 
 def plot_timeline(record: Record) -> Figure:

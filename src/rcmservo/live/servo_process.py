@@ -24,8 +24,8 @@ from rcmservo.loop.clock import RecordingClock, WallClock, ticks
 from rcmservo.loop.detection_failure import explain_undetected_markers
 from rcmservo.loop.operator import Operator
 from rcmservo.loop.plant import Plant
-from rcmservo.loop.run import run
 from rcmservo.loop.run_result import RunResult
+from rcmservo.loop.servo_loop import servo_ticks
 from rcmservo.loop.teach import teach
 from rcmservo.loop.tick import Tick
 from rcmservo.recording.outcome import OutcomeCollector, find_stop_cause
@@ -284,7 +284,7 @@ def _run_loop(
             raise_if_stopped(plant.stop_requested)
             began_ns = plant.clock.now()
             try:
-                for tick in run(plant, servo, target, duration, is_done, operator=operator):
+                for tick in servo_ticks(plant, servo, target, duration, is_done, operator=operator):
                     recorder.write(tick)
                     reports.put(tick)
                     sampled_frame = sampler.sample(tick, plant.frame)

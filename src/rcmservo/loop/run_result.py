@@ -52,6 +52,50 @@ class JacobianError:
 
 
 @dataclass(frozen=True)
+class FinalPose:
+    """Position of marker 2 at the end of a run, and its distance from the taught one.
+
+    The image and the joints measure the distance independently. Neither knows the true pose: the
+    image has noise, and joints do not show backlash, bending or a moved port.
+
+    Parameters
+    ----------
+    p2_mm : list[float] or None
+        Position (3,) from the RCM by the joints, mm.
+    by_joints_mm : float or None
+        Distance from its position at the taught joints, mm.
+    by_image_mm : float or None
+        Distance ‖∂p₂/∂p₁ Ĵ⁻¹ Δy‖ of the mean feature error over the last second, mm.
+    by_image_std_mm : float or None
+        Standard deviation of this distance by the scatter of Δy, mm. It does not contain the error
+        of Ĵ.
+    """
+
+    p2_mm: list[float] | None = None
+    by_joints_mm: float | None = None
+    by_image_mm: float | None = None
+    by_image_std_mm: float | None = None
+
+
+@dataclass(frozen=True)
+class DriveResponse:
+    """Response of each drive to the joint rates that the arm applied.
+
+    A joint that hardly moved has None.
+
+    Parameters
+    ----------
+    gain : list[float | None]
+        Measured motion (3,) divided by the applied one; 1 for a drive that follows completely.
+    lag_ms : list[float | None]
+        Time (3,) by which the measured motion follows the applied one, ms.
+    """
+
+    gain: list[float | None]
+    lag_ms: list[float | None]
+
+
+@dataclass(frozen=True)
 class ExplorationCost:
     """Time and motion that exploration took.
 
@@ -206,6 +250,10 @@ class RunResult:
         Error ‖p₂ − p_d‖ of marker 2's position at the end, by the simulation's ground truth, mm.
     bound_mm : float or None
         Cramér-Rao bound, the smallest root mean square that the pose error can have, mm.
+    pose : FinalPose
+        Position of marker 2 at the end, and its distance from the taught one by image and joints.
+    drives : DriveResponse or None
+        Measured gain and lag of the drives; None without a tick.
     feature_error : FeatureError
         Errors Δy at the end, as the servo measures them.
     jacobian_error : JacobianError
@@ -266,6 +314,8 @@ class RunResult:
     duration_s: float | None = None
     pose_error_mm: float | None = None
     bound_mm: float | None = None
+    pose: FinalPose = FinalPose()
+    drives: DriveResponse | None = None
     feature_error: FeatureError = FeatureError()
     jacobian_error: JacobianError = JacobianError()
     explore: ExplorationCost = ExplorationCost()
@@ -301,6 +351,9 @@ class RunResult:
         if self.pose_error_mm is not None:
             bound = "" if self.bound_mm is None else f" (bound {self.bound_mm:.2f})"
             parts.append(f"error {self.pose_error_mm:.2f} mm{bound}")
+        elif self.pose.by_image_mm is not None and self.pose.by_joints_mm is not None:
+            image, joints = self.pose.by_image_mm, self.pose.by_joints_mm
+            parts.append(f"error {image:.2f} mm by the image, {joints:.2f} mm by the joints")
         if self.settle_time_s is not None:
             parts.append(f"{self.settle_time_s:.1f} s")
         return ", ".join(parts)

@@ -28,7 +28,7 @@ taught or selected later.
 def await_enable(channels: PageChannels, servo: Servo, intent: str, plant: Plant) -> Target:
     """Display observations until the drive is enabled; return the present pose as the target.
 
-    The drive stays off and no command is sent, unlike in `loop.run`.
+    The drive stays off and no command is sent, unlike in `loop.servo_loop`.
 
     Parameters
     ----------

@@ -14,7 +14,7 @@ import numpy as np
 from rcmservo.figures.charts import Figure, Panel
 from rcmservo.geometry.kinematics import JointLimits, Kinematics, PitchYawRcm, SphericalRcm
 from rcmservo.interfaces import Floats
-from rcmservo.loop.run import Tick
+from rcmservo.loop.servo_loop import Tick
 from rcmservo.paper.lab.cameras import PINHOLE
 from rcmservo.paper.lab.evaluation import count_settled, list_failures, settle
 from rcmservo.paper.lab.paper_settings import POINT_NOISE_PX

@@ -14,7 +14,7 @@ from rcmservo.estimation.flow_rule import integrate_flow_rule
 from rcmservo.figures.charts import Figure
 from rcmservo.geometry.features import compute_feature_error, compute_features, shift_to_rcm
 from rcmservo.interfaces import Floats, Target
-from rcmservo.loop.run import Tick, run
+from rcmservo.loop.servo_loop import Tick, servo_ticks
 from rcmservo.paper.lab.cameras import PINHOLE, true_parameters
 from rcmservo.paper.lab.evaluation import laboratory
 from rcmservo.paper.lab.paper_settings import (
@@ -64,14 +64,14 @@ def explore(settings: Settings, seed: int) -> TaskResult:
     trials = {method: FlowRuleTrial(settings.gamma) for method in DIFFERENTIATION_METHODS}
     previous: Tick | None = None
     true_y_dot = np.zeros(3)
-    for tick in run(plant, servo, here, settings.touring):
+    for tick in servo_ticks(plant, servo, here, settings.touring):
         if np.isfinite(tick.observation.points).all():
             if previous is not None:
                 ticks = previous, tick
                 true_y_dot = differentiate(trials, rig, servo, ticks, o_c, true_y_dot)
             previous = tick
         if tick.time / 1e9 > settings.touring - JUDGED_S:
-            J = rig.truth.jacobian(rig.arm.q_true, o_c)
+            J = rig.truth.jacobian(rig.truth.arm.q_true, o_c)
             for trial in trials.values():
                 trial.judge(J)
     return {method: trial.results() for method, trial in trials.items()}

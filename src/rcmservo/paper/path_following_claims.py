@@ -17,7 +17,7 @@ from rcmservo.figures.charts import Curve, Figure, Panel, make_curve
 from rcmservo.geometry.features import FEATURE_SCALE
 from rcmservo.interfaces import Floats, Target
 from rcmservo.loop.operator import OperatorRequest
-from rcmservo.loop.run import run
+from rcmservo.loop.servo_loop import servo_ticks
 from rcmservo.loop.tick import Tick
 from rcmservo.paper.lab.closed_loop import make_servo
 from rcmservo.paper.lab.evaluation import STRIDE_TICKS, laboratory
@@ -126,13 +126,16 @@ def follow(settings: Settings, method: EstimatingMethod, seed: int) -> TaskResul
     path = CirclePath(rig, settings.radius, settings.period)
     operator, samples = PathOperator(path, servo.period), list[PathSample]()
     max_duration_s = servo.exploration.max_time + settings.approach + settings.period
-    ticks, cause = run(plant, servo, path.target(0.0), max_duration_s, operator=operator), ""
+    ticks, cause = (
+        servo_ticks(plant, servo, path.target(0.0), max_duration_s, operator=operator),
+        "",
+    )
     for k, tick in enumerate(ticks):
         time_s, cause = operator.elapsed_s(tick.observation.now), tick.state.cause.stop_sentence
         if time_s > settings.period:
             break
         if operator.start_ns is not None and k % STRIDE_TICKS == 0:
-            q = rig.arm.q_true
+            q = rig.truth.arm.q_true
             samples.append(PathSample(time_s, rig.body.points(q)[0], rig.truth.pixels(q)[0]))
         if tick.state.phase in (Phase.PAUSED, Phase.FAULT):
             break

@@ -16,7 +16,7 @@ from rcmservo.estimation.base import Estimator
 from rcmservo.figures.charts import Figure, Panel, make_curve
 from rcmservo.geometry.features import FEATURE_SCALE
 from rcmservo.interfaces import Target
-from rcmservo.loop.run import Tick
+from rcmservo.loop.servo_loop import Tick
 from rcmservo.paper.lab.closed_loop import ClosedLoop, closed_loop, make_servo, read_task_record
 from rcmservo.paper.lab.paper_settings import (
     FAST_CONTROLLER,
@@ -60,7 +60,7 @@ def relocate(folder: Path, seed: int, method: str, settings: Settings) -> TaskRe
         target, p_d = loop.teach(loop.rig.scene.target)
         loop.rig.move_to_start()
         stop = servo_until_stopped(loop, target, settings)
-        q_stop = loop.rig.arm.q_true
+        q_stop = loop.rig.truth.arm.q_true
         target, _ = loop.teach(loop.rig.scene.target)
         loop.rig.place(q_stop)
         restart = loop.elapsed()

@@ -15,7 +15,7 @@ from rcmservo.figures import plots
 from rcmservo.figures.charts import Curve, Figure, Panel, make_curve
 from rcmservo.geometry.features import compute_features_jacobian, shift_to_rcm
 from rcmservo.interfaces import Floats, Target
-from rcmservo.loop.run import Tick
+from rcmservo.loop.servo_loop import Tick
 from rcmservo.paper.lab.closed_loop import (
     Arrived,
     ClosedLoop,

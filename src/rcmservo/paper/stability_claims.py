@@ -14,7 +14,7 @@ from rcmservo.control.saturated_controller import compute_potential_gradient, sc
 from rcmservo.figures.charts import Figure, Panel
 from rcmservo.geometry.features import FEATURE_SCALE
 from rcmservo.interfaces import Floats
-from rcmservo.loop.run import Tick, run
+from rcmservo.loop.servo_loop import Tick, servo_ticks
 from rcmservo.loop.teach import teach
 from rcmservo.paper.lab.closed_loop import make_servo
 from rcmservo.paper.lab.evaluation import laboratory
@@ -66,12 +66,12 @@ def regulate(settings: Settings, estimator: str, seed: int) -> TaskResult:
     state = None
     if estimator == "flow":
         rig.place(rig.scene.midpoint)
-        for tick in run(plant, servo, home, 2.0 * settings.duration, done=has_arrived):
+        for tick in servo_ticks(plant, servo, home, 2.0 * settings.duration, done=has_arrived):
             state = tick.state
     else:
         rig.move_to_start()
     rows, newest_frame, cause = list[tuple[float, ...]](), -1, ""
-    for tick in run(plant, servo, target, settings.duration, done=has_arrived, state=state):
+    for tick in servo_ticks(plant, servo, target, settings.duration, done=has_arrived, state=state):
         state, cause = tick.state, tick.state.cause.stop_sentence
         if state.phase is Phase.SERVO and state.newest_frame > newest_frame:
             newest_frame = state.newest_frame

@@ -9,8 +9,15 @@ from dataclasses import replace
 import numpy as np
 
 from rcmservo.interfaces import Floats, Target
-from rcmservo.loop.run_result import ExplorationCost, FeatureError, RunResult, finite_or_none
+from rcmservo.loop.run_result import (
+    ExplorationCost,
+    FeatureError,
+    FinalPose,
+    RunResult,
+    finite_or_none,
+)
 from rcmservo.loop.tick import Tick
+from rcmservo.recording.final_pose import RunCourse, measure_drive_response, measure_final_pose
 from rcmservo.safety.causes import Cause
 from rcmservo.safety.state_machine import Mode, Phase
 from rcmservo.servo.servo import Servo
@@ -22,12 +29,17 @@ SETTLED_TOLERANCE = np.array([np.radians(0.5), 1.0, 1.0])
 SETTLED_DURATION_S = 1.0
 """Time in s at the end of a run during which the errors must stay within the tolerance."""
 
+END_DURATION_S = 2.0
+"""Time in s at the target after which `Settled` ends a run."""
+
 SETTLED_DURATION_ROUNDING_S = 1e-6
 """Rounding error in s that the difference of two tick times may have."""
 
+MAX_SETTLED_DISTANCE_MM = 1.0
+"""Largest distance in mm of marker 2 from its taught position by the joints, for a settled run."""
+
 MAX_SAME_POSE_DISTANCE_MM = 5.0
-"""Largest distance in mm from marker 1, as the joints give it, to its taught position, at which the
-pose counts as the taught one."""
+"""Distance in mm by the joints above which the pose is another one that looks like the target."""
 
 UNFINISHED_CAUSES = {
     Phase.DISABLED: "the arm's drive is off",
@@ -35,6 +47,41 @@ UNFINISHED_CAUSES = {
     Phase.ACQUIRE: "time ran out during exploration",
 }
 """Causes of runs that end without a fault in a phase before SERVO."""
+
+
+class Settled:
+    """Function of a `Tick` that returns True once the tool has settled at the target.
+
+    It has settled after 2 s in SERVO in which the feature errors stayed within 0.5°, 1 px and 1 px
+    and marker 2, by the joints, within 1 mm of its taught position. A run that ends then has a last
+    second, over which its result is averaged, that begins at rest.
+    """
+
+    def __init__(self) -> None:
+        self._since_ns: int | None = None
+
+    def __call__(self, tick: Tick) -> bool:
+        """Return True at the tick at which the tool has settled, and while it stays so."""
+        if not _is_at_target(tick):
+            self._since_ns = None
+            return False
+        self._since_ns = tick.time if self._since_ns is None else self._since_ns
+        return tick.time - self._since_ns >= END_DURATION_S * 1e9
+
+
+def _is_at_target(tick: Tick) -> bool:
+    """Return True in SERVO with small feature errors, if the joints do not contradict."""
+    state, target = tick.state, tick.state.target
+    if state.phase is not Phase.SERVO or target is None:
+        return False
+    if not (np.abs(state.delta) < SETTLED_TOLERANCE).all():
+        return False
+    servo = tick.servo
+    p2, taught_p2 = (
+        servo.tool.second_marker(servo.position_of_marker_1(q))
+        for q in (tick.observation.q, target.q)
+    )
+    return not np.linalg.norm(p2 - taught_p2) > MAX_SETTLED_DISTANCE_MM
 
 
 class OutcomeCollector:
@@ -52,6 +99,9 @@ class OutcomeCollector:
         self._servo, self._target = servo, target
         self._times_s: list[float] = []
         self._feature_errors: list[Floats] = []
+        self._observed_s: list[float] = []
+        self._joints: list[Floats] = []
+        self._applied_rates: list[Floats] = []
         self._exploration_end_s: float | None = None
         self._last_tick: Tick | None = None
         self._has_accepted_frame = False
@@ -60,6 +110,9 @@ class OutcomeCollector:
         """Add the next tick of the run."""
         self._times_s.append(tick.time / 1e9)
         self._feature_errors.append(tick.state.delta)
+        self._observed_s.append(tick.observation.now / 1e9)
+        self._joints.append(tick.observation.q)
+        self._applied_rates.append(tick.applied)
         if self._exploration_end_s is None and tick.state.explored:
             self._exploration_end_s = self._times_s[-1]
         self._has_accepted_frame = self._has_accepted_frame or tick.state.accepted_frame >= 0
@@ -75,11 +128,17 @@ class OutcomeCollector:
         taught_q = self._target.q
         if self._last_tick is None:
             return RunResult(target_q=taught_q.tolist())
-        position = self._servo.position_of_marker_1
-        distance_mm = np.linalg.norm(position(self._last_tick.observation.q) - position(taught_q))
-        times, errors = np.array(self._times_s), np.array(self._feature_errors)
+        course = RunCourse(
+            times=np.array(self._times_s),
+            errors=np.array(self._feature_errors),
+            now=np.array(self._observed_s),
+            q=np.array(self._joints),
+            applied=np.array(self._applied_rates),
+            J_hat=self._last_tick.state.J_hat,
+        )
+        pose = measure_final_pose(course, self._servo.mechanism, self._servo.tool, taught_q)
         mode = self._last_tick.state.mode
-        result = judge_run(times, errors, self._exploration_end_s, mode, float(distance_mm))
+        result = judge_run(course, self._exploration_end_s, mode, pose)
         return replace(
             result,
             cause=result.cause + _describe_slow_estimator(self._last_tick),
@@ -89,32 +148,33 @@ class OutcomeCollector:
 
 
 def judge_run(
-    times: Floats, errors: Floats, exploration_end_s: float | None, mode: Mode, distance_mm: float
+    course: RunCourse, exploration_end_s: float | None, mode: Mode, pose: FinalPose
 ) -> RunResult:
-    """Return the result of a run of N ≥ 1 ticks.
+    """Return the result of a run.
 
     Parameters
     ----------
-    times : Floats
-        Times (N,) of the ticks, s.
-    errors : Floats
-        Feature errors Δy (N, 3) at these times, rad, px, px.
+    course : RunCourse
+        Ticks of the run.
     exploration_end_s : float | None
         Time at which exploration ended, s; None if it did not end.
     mode : Mode
         Mode of the servo at the last tick.
-    distance_mm : float
-        Distance from marker 1 at the last tick to its taught position, as the joints give them, mm.
+    pose : FinalPose
+        Position of marker 2 at the last tick, and its distance from the taught one.
     """
+    times, errors = course.times, course.errors
     is_final = times > times[-1] - SETTLED_DURATION_S
     rms_error = np.sqrt(np.mean(errors[is_final] ** 2, axis=0))
     settle_time_s = find_settle_time(times, errors)
-    cause = _find_unsettled_cause(mode, exploration_end_s, settle_time_s, distance_mm)
+    cause = _find_unsettled_cause(mode, exploration_end_s, settle_time_s, pose.by_joints_mm)
     return RunResult(
         settled=cause == "",
         cause=cause,
         remark="" if mode.cause.stop_sentence else mode.cause.value,
         settle_time_s=None if cause else settle_time_s,
+        pose=pose,
+        drives=measure_drive_response(course),
         feature_error=FeatureError(*map(finite_or_none, rms_error)),
         explore=ExplorationCost(exploration_end_s),
     )
@@ -163,7 +223,10 @@ def find_stop_cause(mode: Mode, detection_failure: str) -> str:
 
 
 def _find_unsettled_cause(
-    mode: Mode, exploration_end_s: float | None, settle_time_s: float | None, distance_mm: float
+    mode: Mode,
+    exploration_end_s: float | None,
+    settle_time_s: float | None,
+    distance_mm: float | None,
 ) -> str:
     """Return the reason for which a run has not settled; empty if it has settled."""
     if mode.cause.stop_sentence:
@@ -174,12 +237,23 @@ def _find_unsettled_cause(
         return UNFINISHED_CAUSES[mode.phase]
     if settle_time_s is None:
         return "time ran out before the feature errors had settled"
+    return _describe_other_pose(distance_mm)
+
+
+def _describe_other_pose(distance_mm: float | None) -> str:
+    """Return the sentence on joints that contradict the image; empty if they do not.
+
+    `distance_mm` is that of marker 2 from its taught position by the joints; None if unknown.
+    """
+    if distance_mm is None or distance_mm <= MAX_SETTLED_DISTANCE_MM:
+        return ""
+    agreement = (
+        f"the features agree, but marker 2 is {distance_mm:.1f} mm from its taught position by the "
+        "joints"
+    )
     if distance_mm > MAX_SAME_POSE_DISTANCE_MM:
-        return (
-            f"the features agree, but marker 1 is {distance_mm:.0f} mm from its taught position: a "
-            "pose beyond the singular surface looks the same"
-        )
-    return ""
+        return f"{agreement}: a pose beyond the singular surface looks the same"
+    return f"{agreement}: the image does not determine the pose so well, or the joints do not"
 
 
 def _describe_slow_estimator(last_tick: Tick) -> str:

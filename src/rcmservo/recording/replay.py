@@ -9,6 +9,7 @@ observed something else.
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from importlib.metadata import version as find_version
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rcmservo import __version__
 from rcmservo.config.servo_json import NO_USER_ESTIMATORS, describe_servo, rebuild_servo
 from rcmservo.config.user_estimators import hash_source
 from rcmservo.errors import BadInput, UnusableFile
@@ -165,7 +165,7 @@ def _describe_changed_sources(stages: Sequence[Stage], servos: Sequence[Servo]) 
 def _step_through(recorded: Record, servos: Sequence[Servo]) -> Iterator[Tick]:
     """Yield each recorded tick with its replayed state.
 
-    This does not use `loop.run`: the record holds observations and requests, and nothing is sent.
+    `servo_ticks` is not used: the record holds observations and requests, and nothing is sent.
     """
     end_states: list[State] = []
     stage_bounds = pairwise([*(stage.first for stage in recorded.stages), len(recorded.time)])
@@ -196,7 +196,7 @@ def rebuild_stage_servo(
     except BadInput as error:
         version = stage.version or recorded.version
         reason = f"its servo cannot be rebuilt: {error}"
-        if version != __version__:
+        if version != find_version("rcmservo"):
             reason += f": replay it with rcmservo {version}, which has written it"
         raise UnusableFile(recorded.path, reason) from error
 

@@ -10,11 +10,11 @@ continue from the state at the last tick of an earlier stage. The number of that
 
 import json
 from dataclasses import dataclass
+from importlib.metadata import version as find_version
 from typing import Any
 
 import numpy as np
 
-from rcmservo import __version__
 from rcmservo.config.servo_json import describe_servo
 from rcmservo.config.strict_decoding import decode_settings
 from rcmservo.config.toml_json_parsing import (
@@ -69,7 +69,7 @@ def format_stage(servo: Servo, target: Target, origin: int, mid_run: bool) -> st
     taught = {"points": target.points.tolist(), "q": target.q.tolist(), "shown": target.taught_at}
     taught["sizes"] = convert_radii_to_json(target.sizes)
     stage = {"origin": origin, "mid_run": mid_run, "target": taught, "servo": describe_servo(servo)}
-    written_by = {"version": __version__, "source": hash_source(servo.estimator)}
+    written_by = {"version": find_version("rcmservo"), "source": hash_source(servo.estimator)}
     return json.dumps(stage | written_by)
 
 

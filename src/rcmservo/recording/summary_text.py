@@ -42,9 +42,11 @@ def list_result_rows(result: RunResult) -> list[tuple[str, str]]:
         ("arm", result.drive_off),
         ("at the end", result.remark),
         ("settle time", _format_number(result.settle_time_s, "s", 2)),
+        ("marker 2 to its taught position", _describe_final_pose(result.pose)),
         ("feature error (rms, last second)", _format_feature_error(result.feature_error)),
         ("pose error ‖p₂ − p_d‖ (simulation's truth)", _format_pose_error(result)),
         ("exploration", _format_exploration(result.explore)),
+        ("drives", "" if result.drives is None else _describe_drives(result.drives)),
         ("‖Ĵ − J‖/‖J‖ (scaled)", _format_jacobian_error(result.jacobian_error)),
         (
             "estimator's own time",
@@ -110,6 +112,22 @@ def _format_count(count: int, noun: str) -> str:
 def _join(*parts: str) -> str:
     """Return the parts that are not empty, separated by commas."""
     return ", ".join(filter(None, parts))
+
+
+def _describe_final_pose(pose: run_result.FinalPose) -> str:
+    deviation = _format_number(pose.by_image_std_mm, "mm", 3, "± ")
+    by_image = _format_number(pose.by_image_mm, "mm", 3)
+    return _join(
+        f"{by_image} {deviation} by the image" if by_image else "",
+        _format_number(pose.by_joints_mm, "mm by the joints", 3),
+    )
+
+
+def _describe_drives(drives: run_result.DriveResponse) -> str:
+    """Return motion and lag of each drive; a dash for one that hardly moved."""
+    gains = (f"{gain:.3f}" if gain is not None else "–" for gain in drives.gain)
+    lags = (f"{lag:.0f}" if lag is not None else "–" for lag in drives.lag_ms)
+    return f"moved {' '.join(gains)} of what was applied, {' '.join(lags)} ms later"
 
 
 def _format_feature_error(error: run_result.FeatureError) -> str:

@@ -15,10 +15,12 @@ from rcmservo.config.former_names import replace_former_names
 from rcmservo.config.servo_json import rebuild_part
 from rcmservo.config.toml_json_parsing import is_table
 from rcmservo.errors import BadInput
-from rcmservo.geometry.kinematics import compute_position
+from rcmservo.geometry.kinematics import Kinematics, compute_position
+from rcmservo.geometry.tool import Tool
 from rcmservo.interfaces import DropReason, Floats
 from rcmservo.loop.run_result import (
     ExplorationCost,
+    FinalPose,
     FrameCounts,
     JacobianError,
     LoopTiming,
@@ -26,6 +28,7 @@ from rcmservo.loop.run_result import (
     finite_or_none,
     time_spread,
 )
+from rcmservo.recording.final_pose import RunCourse, convert_to_mm, measure_final_pose
 from rcmservo.recording.outcome import judge_run
 from rcmservo.recording.reader import Record
 from rcmservo.safety.causes import Action, Cause
@@ -192,8 +195,15 @@ def _judge_last_run(record: Record) -> RunResult:
     )
     explored = _find_exploration_end(record, first)
     exploration_end_s = None if explored is None else float(record.time[explored])
-    errors, distance_mm = record.ticks["delta"][first:], _measure_distance_from_target(record)
-    result = judge_run(times, errors, exploration_end_s, mode, distance_mm)
+    course = RunCourse(
+        times=times,
+        errors=record.ticks["delta"][first:],
+        now=record.ticks["now"][first:, 0] * 1e-9,
+        q=record.ticks["q"][first:],
+        applied=record.ticks["applied"][first:],
+        J_hat=record.ticks["J_hat"][-1].reshape(3, 3),
+    )
+    result = judge_run(course, exploration_end_s, mode, _measure_recorded_pose(record, course))
     return _mark_unfinished(record, result, mode)
 
 
@@ -265,28 +275,54 @@ def _find_exploration_end(record: Record, first: int = 0) -> int | None:
     return first + int(np.argmax(is_explored)) if is_explored.any() else None
 
 
-def _measure_distance_from_target(record: Record) -> float:
-    """Return the distance (mm) of marker 1 at the end from its taught position; 0 if unknown."""
-    final = _compute_marker_1_position(record, record.ticks["q"][-1])
-    taught = find_taught_position(record)
-    return 0.0 if final is None or taught is None else float(np.linalg.norm(final - taught))
+def _measure_recorded_pose(record: Record, course: RunCourse) -> FinalPose:
+    """Return the final pose; without numbers if the record does not describe the arm."""
+    parts = _rebuild_arm_and_tool(record)
+    if parts is None:
+        return FinalPose()
+    return measure_final_pose(course, *parts, record.stages[-1].target.q)
+
+
+def compute_distances(record: Record) -> tuple[Floats, Floats]:
+    """Return the distances (N,), (N,) in mm of marker 2 from the taught pose, by image and joints.
+
+    They are NaN if the record does not describe the arm, and by the image before Ĵ is known.
+    """
+    parts, count = _rebuild_arm_and_tool(record), len(record.time)
+    if parts is None:
+        return np.full(count, np.nan), np.full(count, np.nan)
+    mechanism, tool = parts
+    rcm, ticks = mechanism.to_struct(tool.offset), record.ticks
+    taught_p2 = tool.second_marker(compute_position(rcm, record.stages[-1].target.q))
+    by_image, by_joints = np.empty(count), np.empty(count)
+    for i, (q, delta, J_hat) in enumerate(
+        zip(ticks["q"], ticks["delta"], ticks["J_hat"].reshape(-1, 3, 3), strict=True)
+    ):
+        p1 = compute_position(rcm, q)
+        by_joints[i] = np.linalg.norm(tool.second_marker(p1) - taught_p2)
+        by_image[i], _ = convert_to_mm(delta[None], J_hat, tool, p1)
+    by_image[~ticks["explored"][:, 0].astype(bool)] = np.nan
+    return by_image, by_joints
 
 
 def find_taught_position(record: Record) -> Floats | None:
     """Return the last taught position (3,) of marker 1 in mm, as the joints give it.
 
-    It is None if it is not recorded.
+    It is None if the record does not describe the arm.
     """
-    return _compute_marker_1_position(record, record.stages[-1].target.q) if record.stages else None
+    parts = _rebuild_arm_and_tool(record)
+    if parts is None:
+        return None
+    mechanism, tool = parts
+    return compute_position(mechanism.to_struct(tool.offset), record.stages[-1].target.q)
 
 
-def _compute_marker_1_position(record: Record, q: Floats) -> Floats | None:
-    """Return p₁ (3,) in mm at the joints q; None if the record does not describe the arm."""
+def _rebuild_arm_and_tool(record: Record) -> tuple[Kinematics, Tool] | None:
+    """Return mechanism and tool of the last stage; None if the record does not describe them."""
     if not record.stages:
         return None
     servo = record.stages[-1].servo
     try:
-        mechanism, tool = (rebuild_part(servo, part) for part in ("mechanism", "tool"))
+        return rebuild_part(servo, "mechanism"), rebuild_part(servo, "tool")
     except BadInput:
         return None
-    return compute_position(mechanism.to_struct(tool.offset), q)

@@ -21,8 +21,13 @@ from rcmservo.estimation.camera_fit_prediction import filter_markers
 from rcmservo.estimation.dlt import DltEstimator
 from rcmservo.geometry.features import INTERPRETED_CODE
 from rcmservo.geometry.imaged_rcm import ImagedRcm
-from rcmservo.geometry.kinematics import Kinematics, RcmStruct, compute_position
-from rcmservo.geometry.tool import Tool
+from rcmservo.geometry.kinematics import (
+    Kinematics,
+    RcmStruct,
+    SphericalRcm,
+    compute_position,
+)
+from rcmservo.geometry.tool import RigidTool, Tool
 from rcmservo.interfaces import Floats, Observation, Target, observation_numbers
 from rcmservo.numerics.structs import Row, Rows, copy_row, replace_fields, to_row
 from rcmservo.safety.checks.facts import DetailFacts
@@ -51,6 +56,12 @@ from rcmservo.servo.user_features import check_feature_vector, linearise
 
 ZERO_RATES = np.zeros(3)
 """Joint rates (3,) of an arm at rest."""
+
+
+def make_default_tool() -> Tool:
+    """Return a shaft with two balls 30 mm apart, the tool of the simulated laboratory."""
+    return RigidTool(spacing=30.0)
+
 
 WARM_UP_TICKS = 8
 """Number of made-up ticks that compile all functions of a step."""
@@ -81,9 +92,11 @@ class Servo(Checked):
     Parameters
     ----------
     mechanism : Kinematics
-        Kinematics of the arm, eq. (1)-(2), with its joint limits: `SphericalRcm` or `PitchYawRcm`.
+        Kinematics of the arm, eq. (1)-(2), with its joint limits: `SphericalRcm` or `PitchYawRcm`;
+        ``SphericalRcm()`` by default. `run` takes that of its rig.
     tool : Tool
-        Positions of the markers on the tool: `RigidTool` or `ScaledTool`.
+        Positions of the markers on the tool: `RigidTool` or `ScaledTool`; by default
+        ``RigidTool(spacing=30.0)``. `run` takes that of its rig.
     estimator : Estimator
         Estimator of Ĵ, eq. (17)-(30): a class whose name ends in Estimator, or a user-defined one;
         ``DltEstimator()`` by default.
@@ -124,8 +137,8 @@ class Servo(Checked):
         )
     """
 
-    mechanism: Kinematics
-    tool: Tool
+    mechanism: Kinematics = field(default_factory=SphericalRcm)
+    tool: Tool = field(default_factory=make_default_tool)
     estimator: Estimator = field(default_factory=DltEstimator)
     controller: SaturatedController = field(default_factory=SaturatedController)
     exploration: Exploration = field(default_factory=Exploration)

@@ -36,7 +36,8 @@ from rcmservo.sim.cameras import Timing
 from rcmservo.sim.disturbances import Disturbance, Killed
 from rcmservo.sim.disturbances.disturbance_kinds import document_kinds
 from rcmservo.sim.rendering import Appearance
-from rcmservo.sim.rig import Rig, RigSettings
+from rcmservo.sim.rig import RigSettings
+from rcmservo.sim.rig import SimulatedRig as Rig
 from rcmservo.sim.scene import SceneSettings
 
 __all__ = [

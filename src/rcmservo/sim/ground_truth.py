@@ -8,7 +8,7 @@ import numpy as np
 from rcmservo.control.saturated_controller import scale_rows
 from rcmservo.interfaces import Floats
 from rcmservo.loop.tick import Tick
-from rcmservo.recording.writer import Recorder
+from rcmservo.recording.writer import Recorder, ThreadedRecorder
 from rcmservo.sim.arm import SimulatedArm
 from rcmservo.sim.camera_kernels import compute_true_jacobian
 from rcmservo.sim.camera_model import CameraModel
@@ -102,7 +102,7 @@ class GroundTruth:
         state = tick.state
         return self.jacobian_error(state.J_hat, tick.observation.q_exposure, state.o_c)
 
-    def record_tick(self, recorder: Recorder, tick: Tick) -> None:
+    def record_tick(self, recorder: Recorder | ThreadedRecorder, tick: Tick) -> None:
         """Record a tick, the true markers at the present time, and the error of the tick's Ĵ."""
         p1, p2 = self.markers(self.arm.time)
         recorder.write(tick)

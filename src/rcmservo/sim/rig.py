@@ -1,16 +1,23 @@
 """Simulated laboratory: arm, tool, camera, markers and disturbances, all from one seed."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from typing import Annotated, Any, cast
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from rcmservo.constraints import Checked, between, not_negative
 from rcmservo.errors import BadInput, require
 from rcmservo.geometry.kinematics import Kinematics, SphericalRcm
-from rcmservo.geometry.tool import RigidTool, Tool
-from rcmservo.interfaces import Camera, Floats, Image
+from rcmservo.geometry.tool import Tool
+from rcmservo.interfaces import Floats, Image, Target, Tracker
+from rcmservo.loop.target_frames import TEACHING_FRAMES
+from rcmservo.loop.tick import Tick
+from rcmservo.rig.rig import AnyRecorder, Rig
+from rcmservo.safety.gate import Gate
+from rcmservo.safety.thresholds import Thresholds
+from rcmservo.servo.servo import make_default_tool
 from rcmservo.sim.arm import Drive, SimulatedArm, SimulatedClock
 from rcmservo.sim.cameras import (
     PictureCamera,
@@ -32,6 +39,7 @@ from rcmservo.sim.rendering import Appearance, Renderer
 from rcmservo.sim.scene import Scene, SceneSettings
 from rcmservo.sim.scenes.sampling import SceneSampler, sample_relocated_scene, sample_scene
 from rcmservo.sim.tool_body import ToolBody
+from rcmservo.tracking import ColourMarkers, PointMarkers
 
 SETTLE_TIME_NS = 100_000_000
 """Time (ns) that passes after the tool is placed by hand, so that older frames have arrived."""
@@ -91,7 +99,7 @@ class RigSettings(ImageSettings, section="rig"):
 
     mechanism: Kinematics = field(default_factory=SphericalRcm)
 
-    tool: Tool = field(default_factory=lambda: RigidTool(spacing=30.0))
+    tool: Tool = field(default_factory=make_default_tool)
 
     drive: Drive = field(default_factory=Drive)
 
@@ -137,12 +145,13 @@ def _check_argument_types(
     require(isinstance(scene, Scene | None), "scene", scene, "a Scene")
 
 
-class Rig:
+class SimulatedRig(Rig):
     """Simulated laboratory, with the tool at the start of a run.
 
-    Its `arm`, `camera` and `clock` make a `Plant`. `truth` has the true joints, camera and
-    Jacobian, with which a run is evaluated; no servo reads them. The same seed and settings give
-    the same laboratory, bit for bit.
+    `run` moves it, and `teach` and `go_home` bring the tool to the target and to the start as a
+    person would do by hand. `truth` has the true joints, camera and Jacobian, with which a run is
+    evaluated; no servo reads them. The same seed and settings give the same laboratory, bit for
+    bit.
 
     Parameters
     ----------
@@ -157,6 +166,12 @@ class Rig:
         Disturbances of the run. Their times count from `begin`.
     scene : Scene, optional
         Scene to use instead of the one that follows from the seed.
+    tracker : Tracker, optional
+        Detector of the markers; by default `ColourMarkers` for images and `PointMarkers` without.
+    gate : Gate, optional
+        Bounds on every command; by default those of the servo.
+    thresholds : Thresholds, optional
+        Thresholds of the checks; by default those of the servo.
 
     Raises
     ------
@@ -166,6 +181,8 @@ class Rig:
         If no scene within the settings is found.
     """
 
+    is_simulated = True
+
     def __init__(
         self,
         seed: int = 0,
@@ -173,6 +190,9 @@ class Rig:
         pictures: bool = True,
         disturbances: Sequence[Disturbance] = (),
         scene: Scene | None = None,
+        tracker: Tracker | None = None,
+        gate: Gate | None = None,
+        thresholds: Thresholds | None = None,
     ) -> None:
         _check_argument_types(settings, pictures, disturbances, scene)
         self.seed, self.settings = seed, settings or RigSettings()
@@ -183,13 +203,24 @@ class Rig:
         self._relocation_sampler = _make_sampler(parts, self.body, relocation_seed)
         self._arm = SimulatedArm(parts.mechanism, parts.drive)
         self._camera = self._make_camera(pictures, np.random.default_rng(noise_seed))
-        self.clock = SimulatedClock(self._arm)
+        self._clock = SimulatedClock(self._arm)
+        if tracker is None:
+            tracker = ColourMarkers() if pictures else PointMarkers()
+        super().__init__(
+            self._arm,
+            self._camera,
+            tracker,
+            parts.mechanism,
+            parts.tool,
+            self._clock,
+            gate=gate,
+            thresholds=thresholds,
+        )
         self.truth = GroundTruth(self._arm, self.body, self.scene.optics)
         self.schedule = Schedule(disturbances, disturbance_seed)
         self._camera_motion = CameraMotion()
         self._video_renderer: Renderer | None = None
-        self.arm: SimulatedArm | DisturbedArm = self._arm
-        self.camera: Camera = self._camera
+        self._taught_p2 = WeakKeyDictionary[Target, Floats]()
         if disturbances:
             self._insert_disturbances()
         self.move_to_start()
@@ -219,7 +250,7 @@ class Rig:
         look = self.settings.appearance
         view = DisturbedView(self._camera, look, self.schedule, self._move_camera)
         self.camera = FrameDelivery(view, self.clock.now, self.schedule)
-        self.clock.stalls = ProcessDelays(self.schedule)
+        self._clock.stalls = ProcessDelays(self.schedule)
 
     def accept_live_disturbances(self, arm: Any = None) -> None:
         """Accept disturbances that are added to the schedule while the laboratory runs.
@@ -232,6 +263,58 @@ class Rig:
         if arm is not None:
             self._camera.arm = self.truth.arm = arm
         self._insert_disturbances()
+
+    def teach(self, frames: int = TEACHING_FRAMES) -> Target:
+        """Teach the target of the scene: the tool is moved there by hand and back to the start.
+
+        Parameters
+        ----------
+        frames : int
+            Number of frames whose mean becomes the target, 300 by default.
+
+        Returns
+        -------
+        Target
+            Markers in raw px and joints.
+
+        Raises
+        ------
+        TeachingFailed
+            If no frame shows both markers for 2 s, or if the frames do not agree.
+        """
+        self.move_to_target()
+        target = super().teach(frames)
+        self._taught_p2[target] = self.truth.markers(self.clock.now())[1]
+        self.go_home()
+        return target
+
+    def go_home(self) -> None:
+        """Bring the tool back to the start of the scene by hand."""
+        self.move_to_start()
+        self.plant.reset()
+
+    def measure_true_error(self, target: Target) -> float:
+        """Return the true distance (mm) of marker 2 from where `teach` taught the target.
+
+        It is NaN for any other target.
+        """
+        taught_p2 = self._taught_p2.get(target)
+        if taught_p2 is None:
+            return float("nan")
+        return float(np.linalg.norm(self.truth.markers(self.clock.now())[1] - taught_p2))
+
+    def record_tick(self, recorder: AnyRecorder, tick: Tick) -> None:
+        """Write a tick and the true state into the record."""
+        self.truth.record_tick(recorder, tick)
+
+    def describe(self) -> dict[str, Any]:
+        """Return what the record stores of the laboratory: seed, disturbances and settings."""
+        return {
+            **super().describe(),
+            "seed": self.seed,
+            "disturbances": [str(disturbance) for disturbance in self.schedule.disturbances],
+            "rig": asdict(self.settings),
+        }
 
     def begin(self) -> None:
         """Start the disturbances: their times count from now."""

@@ -9,12 +9,12 @@ from dataclasses import replace
 
 from rcmservo.interfaces import Target
 from rcmservo.loop.plant import Plant
-from rcmservo.loop.run import Tick, run
+from rcmservo.loop.servo_loop import Tick, servo_ticks
 from rcmservo.loop.target_frames import TEACHING_FRAMES
 from rcmservo.loop.teach import TeachingFailed, teach
 from rcmservo.safety.state_machine import Phase, Request
 from rcmservo.servo.servo import Servo, State
-from rcmservo.sim.rig import Rig
+from rcmservo.sim.rig import SimulatedRig
 
 RESUME_DELAY_NS = 1_000_000_000
 """Time from a pause to the operator's request to resume, ns."""
@@ -30,7 +30,7 @@ class ScriptedOperator:
 
     Parameters
     ----------
-    rig : Rig
+    rig : SimulatedRig
         Simulated laboratory in which the operator moves the tool.
     plant : Plant
         Plant with which the operator teaches the target.
@@ -50,7 +50,7 @@ class ScriptedOperator:
     """Number of times that the target was taught again."""
 
     def __init__(
-        self, rig: Rig, plant: Plant, patience: int, frames: int = TEACHING_FRAMES
+        self, rig: SimulatedRig, plant: Plant, patience: int, frames: int = TEACHING_FRAMES
     ) -> None:
         self._rig, self._plant, self._pauses_left, self._frames = rig, plant, patience, frames
         self.resumed = self.refused = self.taught = 0
@@ -94,7 +94,7 @@ class ScriptedOperator:
         if not needs_teaching or self._pauses_left <= 0:
             return None
         self._end_pause()
-        joints = self._rig.arm.q_true
+        joints = self._rig.truth.arm.q_true
         self._rig.move_to_target()
         try:
             target = teach(self._plant, self._frames)
@@ -119,7 +119,7 @@ class ScriptedOperator:
 
 
 def run_attended(
-    rig: Rig,
+    rig: SimulatedRig,
     plant: Plant,
     servo: Servo,
     target: Target,
@@ -134,7 +134,7 @@ def run_attended(
 
     Parameters
     ----------
-    rig : Rig
+    rig : SimulatedRig
         Simulated laboratory.
     plant : Plant
         Plant of the rig's arm, camera and clock.
@@ -161,7 +161,7 @@ def run_attended(
         begins(target, state)
         elapsed = rig.clock.now() - start
         remaining_s = duration - elapsed * 1e-9
-        ticks = run(plant, servo, target, remaining_s, operator.ends_run, state, operator)
+        ticks = servo_ticks(plant, servo, target, remaining_s, operator.ends_run, state, operator)
         with closing(ticks):
             for tick in ticks:
                 yield replace(tick, time=tick.time + elapsed)

@@ -1,7 +1,7 @@
 """Closed loop of a study as one compiled function: the compiled plant and the live servo's step.
 
-It does what `rcmservo.loop.run` does for one tick after the other. It is compiled because 10,000
-loops per minute leave no time for Python code between two ticks.
+It does what `rcmservo.loop.servo_loop` does for one tick after the other. It is compiled because
+10,000 loops per minute leave no time for Python code between two ticks.
 """
 
 from typing import Any, NamedTuple, cast

@@ -12,7 +12,7 @@ import numpy as np
 from rcmservo.errors import require
 from rcmservo.interfaces import Floats, Target
 from rcmservo.loop.plant import Plant
-from rcmservo.loop.run import run
+from rcmservo.loop.servo_loop import servo_ticks
 from rcmservo.loop.teach import TeachingFailed, teach
 from rcmservo.loop.tick import Tick
 from rcmservo.safety.causes import Cause
@@ -86,7 +86,7 @@ class SimulationLoop:
             return Request.NONE
 
         self.rig.begin()
-        for tick in run(self.plant, servo, self.target, duration, operator=request_nothing):
+        for tick in servo_ticks(self.plant, servo, self.target, duration, operator=request_nothing):
             self.record_tick(tick.state.phase, tick.state.cause)
             yield tick
 

@@ -15,10 +15,10 @@ from rcmservo.cli.terminal import open_console
 from rcmservo.config.rig_file import load_rig_file
 from rcmservo.constraints import Checked, between, not_negative
 from rcmservo.errors import require, require_extra
-from rcmservo.hardware.galil.emulator.controller import SAMPLE_TIME_S, Controller
+from rcmservo.hardware.galil.emulator.controller import SAMPLE_TIME_S, GalilController
 from rcmservo.hardware.galil.emulator.faults import FAULT_KINDS, Fault
 from rcmservo.hardware.galil.emulator.serial_port import SerialPort
-from rcmservo.hardware.galil.emulator.server import Server
+from rcmservo.hardware.galil.emulator.server import GalilServer
 from rcmservo.live.realtime import apply_realtime_settings
 
 AXES = 4
@@ -96,9 +96,9 @@ def emulate(options: EmulateOptions) -> int:
             cameras.append(arm.start_camera(send_mjpeg, options.mjpeg))
         if options.gige:
             cameras.append("GigE Vision " + arm.start_camera(send_gige))
-        controller = Controller(arm.make_motors(COUNTS_PER_UNIT, AXES), AXES)
+        controller = GalilController(arm.make_motors(COUNTS_PER_UNIT, AXES), AXES)
         serial = SerialPort() if options.serial else None
-        with closing(Server(controller, options.port, faults, serial)) as server:
+        with closing(GalilServer(controller, options.port, faults, serial)) as server:
             address = f"127.0.0.1:{server.port}" + (f" and {serial.path}" if serial else "")
             camera = f", its camera at {' and '.join(cameras)}" if cameras else ""
             device = f"emulated Galil DMC-40{AXES}0 at {address}, simulated arm{camera}"
@@ -117,7 +117,7 @@ def _require_device_options(options: EmulateOptions) -> None:
         require(value == option.default, f"--{option.name}", value, expected)
 
 
-def _serve_controller(server: Server) -> None:
+def _serve_controller(server: GalilServer) -> None:
     """Serve at each sample time as punctually as the system allows, as a real controller does."""
     start_s = time.monotonic()
     with apply_realtime_settings(), contextlib.suppress(KeyboardInterrupt):

@@ -33,7 +33,7 @@ class EmulatedArm:
     """
 
     def __init__(self, seed: int, lab: RigDescription) -> None:
-        from rcmservo.sim.rig import Rig
+        from rcmservo.sim import Rig
         from rcmservo.sim.rig_file import read_rig_settings
 
         self._seed, self._settings = seed, read_rig_settings(lab)

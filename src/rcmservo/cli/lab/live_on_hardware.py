@@ -21,7 +21,6 @@ from rcmservo.cli.lab.hardware_prompts import (
 )
 from rcmservo.cli.progress.compilation import report_compilation
 from rcmservo.cli.progress.run_progress import LiveProgress
-from rcmservo.cli.result_output import read_record_if_any, save_result
 from rcmservo.cli.run_description import describe_run
 from rcmservo.cli.run_options import LabOptions, RunToTargetOptions
 from rcmservo.cli.terminal import open_status_line
@@ -41,6 +40,7 @@ from rcmservo.recording import reader
 from rcmservo.recording.reader import RECORD
 from rcmservo.recording.ros2_bag import METADATA
 from rcmservo.recording.writer import Recorder
+from rcmservo.rig.result import read_record_if_any, save_result
 from rcmservo.servo.servo import Servo
 from rcmservo.tracking import ColourMarkers
 

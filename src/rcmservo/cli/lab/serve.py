@@ -21,7 +21,6 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from rcmservo.cli.folders import open_new_folder
 from rcmservo.cli.lab.live_on_hardware import require_devices
 from rcmservo.cli.lab.page_backend import (
     RECORDED_IMAGES_PER_S,
@@ -33,6 +32,7 @@ from rcmservo.cli.lab.page_backend import (
 from rcmservo.cli.progress.compilation import report_compilation
 from rcmservo.cli.run_options import LabOptions
 from rcmservo.cli.terminal import open_console, open_status_line
+from rcmservo.config.new_folder import open_new_folder
 from rcmservo.constraints import between
 from rcmservo.errors import RcmServoError, require_extra
 from rcmservo.live.child_process import ChildProcess
@@ -111,6 +111,7 @@ def _open_simulated_lab(options: ServeOptions) -> Generator[PageBackend]:
     from rcmservo.cli.run_description import describe_simulated_run
     from rcmservo.cli.simulated_run.target import describe_simulated_setup
     from rcmservo.page.settings import SelectedSettings
+    from rcmservo.sim import Rig
     from rcmservo.sim.processes.lab_processes import SimulatedLab
     from rcmservo.sim.processes.live_disturbances import (
         DisturbanceChange,
@@ -118,7 +119,6 @@ def _open_simulated_lab(options: ServeOptions) -> Generator[PageBackend]:
         parse_live_disturbance,
     )
     from rcmservo.sim.processes.motion_log import TruePositionError
-    from rcmservo.sim.rig import Rig
 
     page_settings, rig_file = SelectedSettings(options.servo), options.lab
     with SimulatedLab(options.seed, options.rig_settings) as processes:

@@ -5,18 +5,15 @@ and the result.
 """
 
 import math
-import signal
-import threading
 import time
 from collections.abc import Callable, Generator, Iterable
-from contextlib import ExitStack, closing, contextmanager
+from contextlib import ExitStack, closing
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from rcmservo.cli.result_output import read_record_if_any, save_result
 from rcmservo.cli.run_description import describe_simulated_run
 from rcmservo.cli.run_options import RunOptions
 from rcmservo.cli.simulated_run.target import obtain_target
@@ -30,6 +27,8 @@ from rcmservo.recording.outcome import SETTLED_DURATION_S, find_stop_cause
 from rcmservo.recording.reader import RECORD, Record
 from rcmservo.recording.timeline import read_rate, summarise_record
 from rcmservo.recording.writer import Recorder
+from rcmservo.rig.interrupt import deferred_interrupt
+from rcmservo.rig.result import read_record_if_any, save_result
 from rcmservo.sim import Killed, Rig
 from rcmservo.sim.disturbances.effects.computer_faults import open_on_filling_disk
 from rcmservo.sim.scripted_operator import ScriptedOperator, run_attended
@@ -123,7 +122,7 @@ def _record_ticks(
     """Record and observe each tick of a run; return the reason if it ended early."""
     tick, start, has_accepted_frame = None, rig.clock.now(), False
     rig.begin()
-    with _deferred_interrupt() as raise_if_interrupted, closing(ticks):
+    with deferred_interrupt() as raise_if_interrupted, closing(ticks):
         try:
             for tick in ticks:
                 has_accepted_frame |= tick.state.accepted_frame >= 0
@@ -139,30 +138,3 @@ def _record_ticks(
         "" if has_accepted_frame else explain_undetected_markers(plant, tick.observation, start)
     )
     return find_stop_cause(tick.state.mode, reason)
-
-
-@contextmanager
-def _deferred_interrupt() -> Generator[Callable[[], None]]:
-    """Yield a function that raises KeyboardInterrupt if Ctrl-C was pressed.
-
-    Ctrl-C thus takes effect between ticks only and never interrupts the writing of a message.
-    Threads other than the main one cannot receive it.
-    """
-    is_interrupted = False
-
-    def note_interrupt(signal_number: int, frame: object) -> None:
-        nonlocal is_interrupted
-        is_interrupted = True
-
-    def raise_if_interrupted() -> None:
-        if is_interrupted:
-            raise KeyboardInterrupt
-
-    if threading.current_thread() is not threading.main_thread():
-        yield raise_if_interrupted
-        return
-    previous_handler = signal.signal(signal.SIGINT, note_interrupt)
-    try:
-        yield raise_if_interrupted
-    finally:
-        signal.signal(signal.SIGINT, previous_handler)

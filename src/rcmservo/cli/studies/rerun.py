@@ -10,10 +10,9 @@ from itertools import chain, count
 from pathlib import Path
 from typing import Any
 
-from rcmservo.cli.folders import open_new_folder
-from rcmservo.cli.result_output import draw_figures
 from rcmservo.cli.simulated_run.video import draw_servo_state, open_video
 from rcmservo.cli.terminal import build_two_column_table, open_console
+from rcmservo.config.new_folder import open_new_folder
 from rcmservo.errors import BadInput, RcmServoError, UnusableFile, require
 from rcmservo.estimation.base import Estimator
 from rcmservo.interfaces import Image
@@ -22,6 +21,7 @@ from rcmservo.recording import reader
 from rcmservo.recording.reader import RECORD
 from rcmservo.recording.summary_text import format_title, list_result_rows
 from rcmservo.recording.writer import Recorder
+from rcmservo.rig.result import draw_figures
 from rcmservo.servo.servo import Servo
 from rcmservo.study.execution import manifest
 from rcmservo.study.execution.chunk import run_seed

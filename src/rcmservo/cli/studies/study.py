@@ -19,12 +19,12 @@ import tyro
 from rich.console import Console
 from rich.text import Text
 
-from rcmservo.cli.folders import make_dated_path
 from rcmservo.cli.progress.compilation import report_compilation
 from rcmservo.cli.progress.progress import print_resume_hint, show_progress
 from rcmservo.cli.studies import study_report
 from rcmservo.cli.terminal import open_console, open_status_line
 from rcmservo.config.class_registry import ESTIMATORS, PRESETS
+from rcmservo.config.new_folder import make_dated_path
 from rcmservo.config.user_estimators import import_estimator
 from rcmservo.constraints import Checked, between
 from rcmservo.errors import require, require_extra

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 import tyro
 from rich.console import Console
 
-from rcmservo.cli.folders import make_dated_path
 from rcmservo.cli.progress.progress import print_resume_hint, show_progress
 from rcmservo.cli.run_options import RunOptions
 from rcmservo.cli.servo_options import find_option_group
@@ -27,6 +26,7 @@ from rcmservo.cli.studies.study_report import print_results, print_work
 from rcmservo.cli.terminal import open_console
 from rcmservo.config.atomic_files import write_atomically
 from rcmservo.config.class_registry import ESTIMATORS, PART_CLASSES, find_class_name
+from rcmservo.config.new_folder import make_dated_path
 from rcmservo.config.rig_file import name_origin_in_errors
 from rcmservo.config.strict_decoding import decode_settings
 from rcmservo.config.user_estimators import import_estimator

@@ -20,7 +20,7 @@ from rcmservo.figures.overlay import draw_overlay, write_image
 from rcmservo.geometry.imaged_rcm import ImagedRcm
 from rcmservo.interfaces import Floats, Target
 from rcmservo.loop.plant import Plant
-from rcmservo.loop.run import Tick, run
+from rcmservo.loop.servo_loop import Tick, servo_ticks
 from rcmservo.loop.teach import teach
 from rcmservo.paper.lab.paper_settings import FAST_ARM, PAPER_CONTROLLER, TEACHING_FRAMES
 from rcmservo.recording import reader
@@ -122,7 +122,7 @@ class ClosedLoop:
         now = self.rig.clock.now()
         self._start = now if self._start is None else self._start
         self._recorder.begin(self.servo, target, state)
-        for tick in run(self.plant, self.servo, target, duration, done=done, state=state):
+        for tick in servo_ticks(self.plant, self.servo, target, duration, done=done, state=state):
             shifted = replace(tick, time=tick.time + now - self._start)
             self.rig.truth.record_tick(self._recorder, shifted)
             yield shifted

@@ -10,7 +10,7 @@ from rcmservo.geometry.features import compute_feature_error, compute_features, 
 from rcmservo.geometry.tool import Tool
 from rcmservo.interfaces import Floats
 from rcmservo.loop.plant import Plant
-from rcmservo.loop.run import Tick, run
+from rcmservo.loop.servo_loop import Tick, servo_ticks
 from rcmservo.loop.teach import teach
 from rcmservo.paper.lab.paper_settings import FAST_CONTROLLER, FAST_ESTIMATOR, TEACHING_FRAMES
 from rcmservo.paper.plan import TaskResult
@@ -72,10 +72,10 @@ def settle(
     ticks = list[Tick]()
     samples = list[tuple[float, Floats, float]]()
     jacobian_errors = list[float]()
-    for tick in run(plant, servo, target, duration):
+    for tick in servo_ticks(plant, servo, target, duration):
         ticks.append(tick)
         if (len(ticks) - 1) % STRIDE_TICKS == 0:
-            q = rig.arm.q_true
+            q = rig.truth.arm.q_true
             distance = float(np.linalg.norm(rig.body.points(q)[1] - p_d))
             delta = compute_feature_error(_true_features(rig, q), y_d)
             samples.append((tick.time / 1e9, delta, distance))

@@ -20,7 +20,7 @@ from rcmservo.estimation.base import Estimator
 from rcmservo.figures import plots
 from rcmservo.figures.charts import Figure, Panel, make_curve
 from rcmservo.interfaces import Floats, Target
-from rcmservo.loop.run import Tick
+from rcmservo.loop.servo_loop import Tick
 from rcmservo.paper.lab.closed_loop import (
     Arrived,
     ClosedLoop,

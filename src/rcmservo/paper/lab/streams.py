@@ -14,7 +14,7 @@ from rcmservo.estimation.base import Estimator, Sample
 from rcmservo.estimation.dlt import DltEstimator
 from rcmservo.geometry.tool import Tool
 from rcmservo.interfaces import Floats
-from rcmservo.loop.run import Tick, run
+from rcmservo.loop.servo_loop import Tick, servo_ticks
 from rcmservo.loop.teach import teach
 from rcmservo.paper.lab.closed_loop import make_servo
 from rcmservo.paper.lab.evaluation import laboratory
@@ -118,7 +118,7 @@ def record_stream(
     rig.move_to_start()
     duration = settings.duration if kind == "servo" else settings.touring
     samples, rows, previous = list[Sample](), list[tuple[float, int, Floats, Floats]](), -1
-    for tick in run(plant, servo, target, duration):
+    for tick in servo_ticks(plant, servo, target, duration):
         state, exposure = tick.state, tick.state.estimation.estimate.exposure
         if exposure == previous:
             continue

@@ -33,7 +33,7 @@ from rcmservo.sim.arm import PHYSICS_STEP_NS
 from rcmservo.sim.disturbances.effects.arm_faults import DisturbedArm
 from rcmservo.sim.processes.live_disturbances import DisturbanceChange
 from rcmservo.sim.processes.motion_log import MotionLog
-from rcmservo.sim.rig import SETTLE_TIME_NS, Rig, RigSettings
+from rcmservo.sim.rig import SETTLE_TIME_NS, RigSettings, SimulatedRig
 
 STATE_PERIOD_NS = 2_000_000
 """Period of the arm's state messages, ns."""
@@ -50,7 +50,7 @@ class ArmDevice:
 
     Parameters
     ----------
-    rig : Rig
+    rig : SimulatedRig
         Simulated laboratory of the arm.
     endpoint : socket.socket
         Socket of the arm.
@@ -60,7 +60,9 @@ class ArmDevice:
         Present wall time, ns.
     """
 
-    def __init__(self, rig: Rig, endpoint: socket.socket, log: MotionLog, now: int) -> None:
+    def __init__(
+        self, rig: SimulatedRig, endpoint: socket.socket, log: MotionLog, now: int
+    ) -> None:
         self.rig, self.endpoint, self.log = rig, endpoint, log
         self.arm = rig.truth.arm
         rig.accept_live_disturbances()
@@ -176,7 +178,10 @@ def run_arm_process(
         Connection to the parent process.
     """
     try:
-        rig, endpoint = Rig(seed, settings, pictures=False), open_socket(arm_socket_path(folder))
+        rig, endpoint = (
+            SimulatedRig(seed, settings, pictures=False),
+            open_socket(arm_socket_path(folder)),
+        )
     except RcmServoError as error:
         control.send(RcmServoError(str(error)))
         return

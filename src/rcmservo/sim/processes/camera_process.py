@@ -14,7 +14,7 @@ from rcmservo.sim.arm import HISTORY_STEPS
 from rcmservo.sim.disturbances.effects.frame_delivery import FrameDelivery
 from rcmservo.sim.processes.live_disturbances import DisturbanceChange
 from rcmservo.sim.processes.motion_log import MotionLog
-from rcmservo.sim.rig import Rig, RigSettings
+from rcmservo.sim.rig import RigSettings, SimulatedRig
 
 LOG_DELAY_NS = 2_000_000
 """Time (ns) after the end of an exposure by which the arm's log contains it."""
@@ -66,7 +66,7 @@ def run_camera_process(
     control : multiprocessing.connection.Connection
         Connection to the parent process.
     """
-    rig, arm = Rig(seed, settings), LoggedArm(log)
+    rig, arm = SimulatedRig(seed, settings), LoggedArm(log)
     timing = settings.timing
     period_ns, half_exposure_ns = 1e9 / timing.frame_rate, round(0.5e9 * timing.exposure)
     latency_ns = half_exposure_ns + round(1e9 * timing.delay)

@@ -41,7 +41,7 @@ SERIAL = HANDLE_COUNT
 END_OF_LISTING = b"\x1a"
 
 
-class Controller:
+class GalilController:
     """Emulated controller. `sample` advances the time.
 
     Parameters

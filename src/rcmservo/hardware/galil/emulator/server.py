@@ -14,7 +14,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from rcmservo.errors import RcmServoError
-from rcmservo.hardware.galil.emulator.controller import SAMPLE_TIME_S, SERIAL, TCP, UDP, Controller
+from rcmservo.hardware.galil.emulator.controller import (
+    SAMPLE_TIME_S,
+    SERIAL,
+    TCP,
+    UDP,
+    GalilController,
+)
 from rcmservo.hardware.galil.emulator.faults import SLOW_REPLY_DELAY_S, Fault
 from rcmservo.hardware.galil.emulator.serial_port import SerialPort
 from rcmservo.network_ports import describe_refusal
@@ -51,7 +57,7 @@ class Peer:
     delayed: deque[tuple[float, bytes]] = field(default_factory=deque[tuple[float, bytes]])
 
 
-class Server:
+class GalilServer:
     """Server that connects hosts to an emulated controller. `update` does all work that is due.
 
     Parameters
@@ -73,7 +79,7 @@ class Server:
 
     def __init__(
         self,
-        controller: Controller,
+        controller: GalilController,
         port: int,
         faults: Sequence[Fault] = (),
         serial: SerialPort | None = None,

@@ -19,7 +19,7 @@ from rcmservo.safety.state_machine import Phase
 from rcmservo.servo.servo import Servo, State
 
 
-def run(
+def servo_ticks(
     plant: Plant,
     servo: Servo,
     target: Target,

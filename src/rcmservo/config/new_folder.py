@@ -1,4 +1,4 @@
-"""Output folders of commands and new target files: nothing that exists is overwritten."""
+"""New folder for the results of a run or a study: nothing that exists is overwritten."""
 
 import contextlib
 import os
@@ -6,7 +6,7 @@ from collections.abc import Generator
 from datetime import datetime
 from pathlib import Path
 
-from rcmservo.errors import Stopped, UnusableFile, require
+from rcmservo.errors import Stopped, UnusableFile
 
 
 def make_dated_path(name: str) -> Path:
@@ -42,28 +42,6 @@ def open_new_folder(out: Path | None, name: str) -> Generator[Path]:
         for path in created:
             if path.is_dir() and not any(path.iterdir()):
                 path.rmdir()
-
-
-def require_new_target_file(target: Path | None, save_target: Path | None) -> None:
-    """Refuse --save-target for a target that --target reads, or for a file that exists.
-
-    Raises
-    ------
-    BadInput
-        If both options are given.
-    UnusableFile
-        If the file `save_target` exists or cannot be written.
-    """
-    if save_target is None:
-        return
-    expected = "left out with --target, where no target is taught"
-    require(target is None, "--save-target", save_target, expected)
-    if save_target.exists():
-        raise UnusableFile(save_target, "exists and is not overwritten: name a new file")
-    folder = save_target.parent
-    if not (folder.is_dir() and os.access(folder, os.W_OK)):
-        reason = f"cannot be written: {folder} is not a folder that you can write to"
-        raise UnusableFile(save_target, reason)
 
 
 def _make_empty_folder(folder: Path) -> None:

@@ -1,0 +1,122 @@
+"""Pose of the tool at the end of a run, and response of the drives, from the ticks of the run."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from rcmservo.geometry.kinematics import Kinematics, compute_position
+from rcmservo.geometry.tool import Tool, compute_second_marker_jacobian
+from rcmservo.interfaces import Floats
+from rcmservo.loop.run_result import DriveResponse, FinalPose, finite_or_none
+
+FINAL_WINDOW_S = 1.0
+"""Time at the end of a run in s over which the feature error is averaged."""
+
+LAGS_S = np.arange(0.0, 0.2001, 0.005)
+"""Lags in s among which that of a drive is searched."""
+
+MIN_TRAVEL = np.array([np.radians(1.0), np.radians(1.0), 2.0])
+"""Smallest travel (3,) of a joint in rad, rad, mm from which its drive's response is measured."""
+
+
+@dataclass(frozen=True, eq=False)
+class RunCourse:
+    """Ticks of one run, at least one, as arrays.
+
+    Parameters
+    ----------
+    times : Floats
+        Times (N,) since the start of the loop, s.
+    errors : Floats
+        Feature errors Δy (N, 3), rad, px, px.
+    now : Floats
+        Times (N,) of the observations on the plant's clock, s.
+    q : Floats
+        Measured joints (N, 3), rad, rad, mm.
+    applied : Floats
+        Joint rates (N, 3) that the arm applied after each tick, rad/s, rad/s, mm/s.
+    J_hat : Floats
+        Ĵ (3, 3) at the last tick, rows in rad/mm, px/mm, px/mm.
+    """
+
+    times: Floats
+    errors: Floats
+    now: Floats
+    q: Floats
+    applied: Floats
+    J_hat: Floats
+
+
+def measure_final_pose(
+    course: RunCourse, mechanism: Kinematics, tool: Tool, taught_q: Floats
+) -> FinalPose:
+    """Return the position of marker 2 at the last tick, and its distance from the taught one.
+
+    Parameters
+    ----------
+    course : RunCourse
+        Ticks of the run.
+    mechanism : Kinematics
+        Kinematics of the arm.
+    tool : Tool
+        Positions of the markers on the tool.
+    taught_q : Floats
+        Joints (3,) of the taught target in rad, rad, mm; NaN if unknown.
+    """
+    rcm = mechanism.to_struct(tool.offset)
+    p1 = compute_position(rcm, course.q[-1])
+    p2, taught_p2 = tool.second_marker(p1), tool.second_marker(compute_position(rcm, taught_q))
+    recent_errors = course.errors[course.times > course.times[-1] - FINAL_WINDOW_S]
+    mean_mm, std_mm = convert_to_mm(recent_errors, course.J_hat, tool, p1)
+    by_joints_mm = finite_or_none(float(np.linalg.norm(p2 - taught_p2)))
+    return FinalPose(p2.tolist(), by_joints_mm, finite_or_none(mean_mm), finite_or_none(std_mm))
+
+
+def convert_to_mm(errors: Floats, J_hat: Floats, tool: Tool, p1: Floats) -> tuple[float, float]:
+    """Return the length (mm) of the mean of Δy (n, 3) as motion of marker 2, and its deviation.
+
+    Both are NaN without an estimate Ĵ or an error.
+    """
+    if not (np.isfinite(errors).all() and np.isfinite(J_hat).all() and np.linalg.det(J_hat)):
+        return np.nan, np.nan
+    p2_per_error = compute_second_marker_jacobian(tool.struct, p1) @ np.linalg.inv(J_hat)
+    mean_mm = np.linalg.norm(p2_per_error @ errors.mean(axis=0))
+    if len(errors) < 2:
+        return float(mean_mm), np.nan
+    covariance = p2_per_error @ np.cov(errors.T) @ p2_per_error.T
+    return float(mean_mm), float(np.sqrt(np.trace(covariance)))
+
+
+def measure_drive_response(course: RunCourse) -> DriveResponse:
+    """Return gain g and lag τ of each drive, the least-squares fit of q(t) = q₀ + g ∫ applied(t−τ).
+
+    A joint whose applied travel is below `MIN_TRAVEL` has None.
+    """
+    steps = course.applied[:-1] * np.diff(course.now)[:, None]
+    travel = np.vstack([np.zeros(3), np.cumsum(steps, axis=0)])
+    responses = [
+        _fit_response(course.now, travel[:, j], course.q[:, j])
+        if np.ptp(travel[:, j]) >= MIN_TRAVEL[j]
+        else (None, None)
+        for j in range(3)
+    ]
+    return DriveResponse([gain for gain, _ in responses], [lag for _, lag in responses])
+
+
+def _fit_response(now: Floats, travel: Floats, q: Floats) -> tuple[float | None, float | None]:
+    """Return gain and lag (ms) of one joint from its applied travel (N,) and its values (N,).
+
+    Both are None if a value is not finite.
+    """
+    if not (np.isfinite(travel).all() and np.isfinite(q).all() and np.isfinite(now).all()):
+        return None, None
+    deviation, best = q - q.mean(), (np.inf, None, None)
+    for lag_s in LAGS_S:
+        delayed = np.interp(now - lag_s, now, travel)
+        delayed -= delayed.mean()
+        squared = delayed @ delayed
+        if squared > 0.0:
+            gain = float(delayed @ deviation / squared)
+            residual = float(np.linalg.norm(deviation - gain * delayed))
+            best = min(best, (residual, gain, float(1e3 * lag_s)), key=lambda fit: fit[0])
+    return best[1:]

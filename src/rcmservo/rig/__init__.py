@@ -1,0 +1,1 @@
+"""Arm, camera, tracker and robot as one object, and the run that moves it."""
