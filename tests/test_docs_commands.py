@@ -42,6 +42,7 @@ SECTIONS: dict[str, list[type[Any]]] = {
     "drive": [Drive],
     "appearance": [Appearance],
     "scene": [SceneSettings],
+    "tracker": [],
 }
 """Classes of every section of a rig file."""
 SCRIPT = re.compile(r"(?:benchmarks|docs|examples)/[\w/]+\.py")
@@ -195,9 +196,9 @@ def test_every_file_of_a_page_can_be_read_with_all_of_its_keys(block: str, tmp_p
 
 
 def read_sections(lab: RigDescription) -> None:
-    """Read all sections of a rig file."""
+    """Read all sections of a rig file, except those of user-defined devices."""
     for name, kinds in (("arm", ARM_KINDS), ("camera", CAMERA_KINDS)):
-        if name in lab.devices:
+        if ":" not in lab.devices.get(name, {}).get("kind", ":"):
             lab.decode_device_settings(name, kinds)
     read_rig_settings(lab)
 

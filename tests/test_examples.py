@@ -3,6 +3,7 @@
 import re
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -29,3 +30,12 @@ def test_a_user_defined_estimator_is_compared_with_the_default() -> None:
     rows = re.findall(r"^ +(\d+) +(\d+\.\d\d) +(\d+\.\d\d)$", done.stdout, re.M)
     assert [row[0] for row in rows] == ["0", "1"]
     assert all(float(error) < 1.0 for row in rows for error in row[1:])
+
+
+@pytest.mark.slow
+def test_the_program_of_the_readme_prints_what_the_readme_quotes(tmp_path: Path) -> None:
+    code = [sys.executable, ROOT / "examples/00_readme.py"]
+    done = subprocess.run(code, cwd=tmp_path, capture_output=True, text=True, check=True)
+    quoted = re.search(r"which prints `([^`]+)`", (ROOT / "README.md").read_text())
+    assert quoted is not None and done.stdout == f"{quoted[1]}\n"
+    assert (tmp_path / "runs/first/record.mcap").exists()

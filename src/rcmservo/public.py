@@ -21,7 +21,6 @@ from rcmservo.interfaces import (
     Target,
     Tracker,
 )
-from rcmservo.load_rig import load_rig
 from rcmservo.loop.clock import WallClock, ticks
 from rcmservo.loop.operator import Jog, Operator, Teach
 from rcmservo.loop.plant import Plant
@@ -33,6 +32,7 @@ from rcmservo.recording.outcome import Settled
 from rcmservo.rig.result import RecordedResult
 from rcmservo.rig.rig import Rig
 from rcmservo.rig.run import run
+from rcmservo.rig_loading import load_rig
 from rcmservo.safety.causes import Action, Cause
 from rcmservo.safety.gate import Gate
 from rcmservo.safety.state_machine import Mode, Phase, Request

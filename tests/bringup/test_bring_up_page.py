@@ -13,13 +13,13 @@ from conftest import ROOT
 from rcmservo.cli.cli import parse_command_options
 from rcmservo.cli.lab.emulate import COUNTS_PER_UNIT, EmulateOptions
 from rcmservo.cli.lab.emulated_arm import EmulatedArm
-from rcmservo.cli.lab.live_on_hardware import require_devices
 from rcmservo.cli.lab.markers import MarkersOptions
 from rcmservo.cli.lab.rig_check import RigOptions
 from rcmservo.cli.live import LiveOptions
 from rcmservo.config.rig_file import RigDescription, decode_rig_tables, load_rig_file
 from rcmservo.errors import BadInput
 from rcmservo.hardware.device_kinds import ARM_KINDS, CAMERA_KINDS, read_wiring
+from rcmservo.hardware.lab_rig import require_devices
 
 SEED = int(re.search(r"--seed (\d+)", PAGE)[1])  # type: ignore[index]
 """Seed of the page's emulated laboratory."""

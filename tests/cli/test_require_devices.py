@@ -4,10 +4,10 @@ from pathlib import Path
 
 import pytest
 
-from rcmservo.cli.lab.live_on_hardware import require_devices
 from rcmservo.config.rig_file import decode_rig_file, read_rig_file
 from rcmservo.config.verified_rigs import compute_digest, mark_rig_verified
 from rcmservo.errors import BadInput
+from rcmservo.hardware.lab_rig import require_devices
 
 SPEED_ARM = """
 [arm]

@@ -1,4 +1,4 @@
-"""User-defined code runs only if the command line names it, never because a file names it."""
+"""User-defined code runs only if the command line names it, or a rig file that names devices."""
 
 import importlib
 import sys

@@ -21,6 +21,7 @@ from hypothesis import strategies as st
 from conftest import make_environment
 from rcmservo.config.rig_file import RigDescription
 from rcmservo.errors import BadInput, RcmServoError, UnusableFile
+from rcmservo.hardware.device_kinds import prepare_tracker
 from rcmservo.interfaces import Command, Frame
 from rcmservo.live.arm_datagrams import (
     MARK,
@@ -382,7 +383,7 @@ def session_of(bench, path, seconds, **choices):
         arm_timeout=1.0,
     )
     servo = Servo(LAB.mechanism, LAB.tool, **{"gate": LAB.gate, "thresholds": tolerant} | choices)
-    return bench.session(servo, LAB.markers, seconds, path, frames=30)
+    return bench.session(servo, prepare_tracker(LAB), seconds, path, frames=30)
 
 
 @pytest.fixture(scope="module")

@@ -15,11 +15,12 @@ import numpy as np
 import pytest
 from terminal_process import WAIT_TIMEOUT_S, AtTerminal, Laboratory, live, typed_joints, wait_for
 
+import rcmservo as rs
 from conftest import ROOT, SMALL_RIG_TOML
 from rcmservo.cli.cli import main, parse_command_options
-from rcmservo.cli.lab.live_on_hardware import require_devices
 from rcmservo.config.rig_file import load_rig_file
 from rcmservo.config.verified_rigs import compute_digest, mark_rig_verified
+from rcmservo.hardware.lab_rig import require_devices
 from rcmservo.live import terminal_operator
 from rcmservo.recording.reader import read_record
 from rcmservo.sim import Rig
@@ -239,4 +240,38 @@ def test_a_checked_rig_file_allows_the_full_speed_to_the_target(
     assert metrics["simulated"] is False and metrics["pose_error_mm"] is None
     assert metrics["camera"]["frames"] > 100 and (folder / "target.json").is_file()
     assert metrics["speed_scale"] == 1.0 and read_record(folder / "out").complete
+    assert (np.abs(lab.q - lab.target) < np.array([0.03, 0.03, 2.0])).all()
+
+
+@pytest.mark.alone
+@pytest.mark.slow
+def test_a_program_of_a_few_lines_runs_the_rig_file_to_the_target(
+    lab: Laboratory, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    mark_rig_verified(compute_digest(lab.lab().read_bytes()))
+    folders, questions = (tmp_path / name for name in "abcdef"), list[str]()
+
+    def confirm(question: str) -> str:
+        questions.append(question)
+        return "enable"
+
+    def attempt() -> rs.RecordedResult:
+        rig = rs.load_rig(lab.lab())
+        assert "not connected, at 100 % of the full speed" in str(rig)
+        with rig:
+            lab.bring(lab.target)
+            rig.arm.set_position(lab.target)  # type: ignore[attr-defined]
+            assert "drive off" in str(rig) and lab.off
+            target = rig.teach(30)
+            lab.bring(lab.start)
+            return rs.run(rig, rs.Servo(), target, record=next(folders), confirm=confirm)
+
+    result = retry_after_stalls(attempt, lambda run: run.settled)
+    assert result.settled, str(result)
+    assert not result.simulated and result.pose_error_mm is None and "by the joints" in str(result)
+    assert result.camera is not None and result.camera.frames > 30
+    assert result.record.complete and result.record.about["devices"]["arm"]["kind"] == "galil"
+    assert "The joints move at most at" in questions[0]
+    wait_for(lambda: at_rest(lab))
     assert (np.abs(lab.q - lab.target) < np.array([0.03, 0.03, 2.0])).all()

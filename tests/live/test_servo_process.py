@@ -70,7 +70,17 @@ def fixed_target(plant: Plant) -> rs.Target:
 
 
 @pytest.fixture
-def run_session(tmp_path: Path) -> Iterator[Any]:
+def signal_handlers() -> Iterator[None]:
+    """Restore the handlers of the signals that a servo process handles."""
+    numbers = signal.SIGINT, *END_SIGNALS
+    former_handlers = {number: signal.getsignal(number) for number in numbers}
+    yield
+    for number, handler in former_handlers.items():
+        signal.signal(number, handler)
+
+
+@pytest.fixture
+def run_session(tmp_path: Path, signal_handlers: None) -> Any:
     """Run a session of 1.2 s with this arm and return the last message."""
     here, there = Pipe()
     tolerant = rs.Thresholds(
@@ -97,11 +107,7 @@ def run_session(tmp_path: Path) -> Iterator[Any]:
             message = here.recv()
         return message
 
-    numbers = signal.SIGINT, *END_SIGNALS
-    former_handlers = {number: signal.getsignal(number) for number in numbers}
-    yield run
-    for number, handler in former_handlers.items():
-        signal.signal(number, handler)
+    return run
 
 
 @pytest.mark.alone
@@ -144,3 +150,23 @@ def test_only_a_heartbeat_that_has_started_can_stop(
     monkeypatch.setattr(time, "monotonic_ns", lambda: next(clock))
     monitor = HeartbeatMonitor(Servo())  # pyright: ignore[reportArgumentType]
     assert any(monitor.has_failed() for _ in range(MAX_SILENT_POLLS + 2)) == hangs
+
+
+def test_a_tracker_that_cannot_be_made_is_reported_before_anything_is_connected(
+    signal_handlers: None,
+) -> None:
+    def fail() -> Any:
+        raise RcmServoError("no weights")
+
+    connected: list[str] = []
+    session = Session(
+        rs.Servo(rs.SphericalRcm(), rs.RigidTool(spacing=30.0)),
+        1.0,
+        arm=partial(connected.append, "arm"),  # type: ignore[arg-type]
+        camera=partial(connected.append, "camera"),  # type: ignore[arg-type]
+        tracker=fail,
+        recorder=fail,
+    )
+    here, there = Pipe()
+    servo_process.run_session(session, RawValue("q", 0), there)
+    assert str(here.recv()) == "no weights" and not connected

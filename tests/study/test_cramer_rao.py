@@ -12,10 +12,10 @@ from rcmservo.errors import BadInput
 from rcmservo.geometry.tool import RigidTool, ScaledTool, Tool
 from rcmservo.interfaces import Floats
 from rcmservo.sim import RigSettings
+from rcmservo.sim.cramer_rao import compute_pixels_jacobian
 from rcmservo.sim.rig import sample_scene_of_seed
 from rcmservo.sim.scene import Scene
 from rcmservo.sim.scenes.joint_paths import compute_imaged_rcm
-from rcmservo.study.cramer_rao import compute_pixels_jacobian
 
 NOISE_PX, FRAMES, TAUGHT_FRAMES = 0.3, 60, 30
 DRAWS = 4000

@@ -25,7 +25,8 @@ MIN_LEVER_MM = 1.0
 class Wiring:
     """Motors and encoders of an arm, as its rig file describes them.
 
-    An arm that reports rad and mm instead of encoder counts has counts of 1 or -1.
+    An arm that reports rad and mm instead of encoder counts has counts of 1 or -1. A user-defined
+    arm has counts of 1 and an empty `key`, because the rig file has no key for them.
 
     Parameters
     ----------
@@ -33,7 +34,7 @@ class Wiring:
         Encoder counts per rad, rad and mm of joints 1 to 3; negative if the count falls while the
         joint rises.
     key : str
-        Key of `counts` in the rig file's section [arm].
+        Key of `counts` in the rig file's section [arm]; empty if it has none.
     axes : str
         Letters of the axes that drive joints 1 to 3, key `axes` of [arm]; empty if the arm has no
         such key.
@@ -50,15 +51,15 @@ class Wiring:
 
     @property
     def has_signs_only(self) -> bool:
-        """True if the rig file sets only the direction of each joint, not its scale."""
+        """True if the rig file sets at most the direction of each joint, not its scale."""
         return self.key != "counts"
 
     def format_corrected_line(self, factors: Floats) -> str:
         """Return the line of the rig file that scales the counts by `factors` (3,).
 
-        The line is empty if [arm] holds signs only and a factor is not 1 or -1.
+        The line is empty if [arm] has no such key, or holds signs only and a factor is not 1 or -1.
         """
-        if self.has_signs_only and (np.abs(factors) != 1.0).any():
+        if not self.key or (self.has_signs_only and (np.abs(factors) != 1.0).any()):
             return ""
         values = [float(f"{count:.6g}") for count in np.array(self.counts) * factors]
         return f"{self.key} = {values}"

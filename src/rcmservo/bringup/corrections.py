@@ -64,9 +64,14 @@ def _correct_counts(hypothesis: Hypothesis, robot: Robot) -> list[Finding]:
         if hypothesis.number == joint:
             factor, percent = np.exp(hypothesis.size), 100 * hypothesis.deviation
             details.append(f"its motion is {factor:.4g} times as large (± {percent:.1g} %)")
-        what = f"joint {joint + 1} contradicts its {wiring.key}: {' and '.join(details)}"
-        where, expected = f"arm.{wiring.key}[{joint}]" if line else "arm", counts * factors[joint]
-        findings.append(Finding(what, where, f"{counts:g}", f"{expected:.6g}", line))
+        key = wiring.key or "measured values"
+        what = f"joint {joint + 1} contradicts its {key}: {' and '.join(details)}"
+        where = f"arm.{wiring.key}[{joint}]" if line else "arm"
+        found, expected = f"{counts:g}", f"{counts * factors[joint]:.6g}"
+        if not wiring.key:
+            found = f"q[{joint}] of measure and rates[{joint}] of apply, as they are"
+            expected = f"q divided and rates multiplied by {factors[joint]:.4g}"
+        findings.append(Finding(what, where, found, expected, line))
     return findings
 
 

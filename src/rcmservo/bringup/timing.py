@@ -107,16 +107,29 @@ def identify_latency(trace: MotionTrace, joint: int) -> CameraLatency | None:
     return CameraLatency(reported - float(fit.x[0]), reported, deviation, jitter)
 
 
-def compare_latency(identified: CameraLatency | None, latency: float | None) -> list[Finding]:
-    """Compare the identified latency with that of the rig file in s (None if it has none)."""
+def compare_latency(
+    identified: CameraLatency | None, latency: float | None, has_key: bool = True
+) -> list[Finding]:
+    """Compare the identified latency with that of the rig file in s (None if it has none).
+
+    Without a key `latency` in the rig file, the exposure times of the frames must agree with the
+    motion as they are.
+    """
+    where = "camera.latency" if has_key else "camera"
     if identified is None:
         what, found = "the latency of the camera cannot be measured", "too few frames in motion"
-        return [Finding(what, "camera.latency", found, "both markers in nearly every frame")]
+        return [Finding(what, where, found, "both markers in nearly every frame")]
     error, deviation = identified.latency - identified.reported, identified.deviation
+    is_accurate = abs(error) <= max(LATENCY_TOLERANCE, LATENCY_DEVIATIONS * deviation)
+    if not has_key:
+        what, found = "the exposure times of the frames contradict the motion", "as they are"
+        shift = "earlier" if error > 0.0 else "later"
+        expected = f"{abs(error):.3f} s ± {deviation:.3f} s {shift}: middle of the exposure"
+        return [] if is_accurate else [Finding(what, where, found, expected)]
     if latency is None:
         corrected = max(error, MIN_LATENCY)
         what, found = "the rig file has no measured latency of the camera", "none"
-    elif abs(error) > max(LATENCY_TOLERANCE, LATENCY_DEVIATIONS * deviation):
+    elif not is_accurate:
         corrected, found = latency + error, f"{latency:g} s"
         what = "the latency of the camera differs from the rig file"
     else:
@@ -125,7 +138,7 @@ def compare_latency(identified: CameraLatency | None, latency: float | None) -> 
     if corrected < 0.0:
         shift = f"timestamps {-corrected:.3f} s ± {deviation:.3f} s later"
         line, expected = "", f"{shift}: they precede the exposures, which no latency corrects"
-    return [Finding(what, "camera.latency", found, expected, line)]
+    return [Finding(what, where, found, expected, line)]
 
 
 def identify_drive_lag(trace: MotionTrace, max_rates: Floats) -> float:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from rcmservo.cli.lab.live_on_hardware import live_on_hardware, require_devices
+from rcmservo.cli.lab.live_on_hardware import live_on_hardware
 from rcmservo.cli.new_target_file import require_new_target_file
 from rcmservo.cli.progress.compilation import report_compilation
 from rcmservo.cli.progress.run_progress import LiveProgress
@@ -17,6 +17,8 @@ from rcmservo.cli.run_options import RunToTargetOptions
 from rcmservo.cli.terminal import open_console, open_status_line
 from rcmservo.config.new_folder import open_new_folder
 from rcmservo.errors import require, require_extra
+from rcmservo.hardware.device_kinds import prepare_tracker
+from rcmservo.hardware.lab_rig import require_devices
 from rcmservo.live.supervisor import run_live
 from rcmservo.loop.run_result import RunResult, finite_or_none
 from rcmservo.recording.reader import RECORD
@@ -46,6 +48,7 @@ def live(options: LiveOptions) -> int:
     for name, path in (("--target", options.target), ("--save-target", options.save_target)):
         expected = "left out without [arm] in the rig file: a simulated run teaches its own target"
         require(path is None, name, path, expected)
+    prepare_tracker(options.lab)
     with (
         require_extra("live", "sim"),
         open_new_folder(options.out, f"live-seed{options.seed}") as folder,
@@ -66,8 +69,8 @@ def _run_simulated(options: LiveOptions, folder: Path, console: Console) -> RunR
         with report_compilation(status_line):  # the servo process then finds compiled kernels
             servo.warm_up()
         record, description = folder / RECORD, describe_simulated_run(options, duration)
-        markers, frames = options.lab.markers, options.teaching_frames
-        session = lab.session(servo, markers, duration, record, description, frames)
+        tracker, frames = prepare_tracker(options.lab), options.teaching_frames
+        session = lab.session(servo, tracker, duration, record, description, frames)
         result = run_live(session, lab.switch_off, LiveProgress(status_line, duration))
         error_mm = finite_or_none(lab.true_error())
     result = replace(result, seed=options.seed, estimator=options.estimator, pose_error_mm=error_mm)

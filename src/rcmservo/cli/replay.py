@@ -27,12 +27,12 @@ from rcmservo.errors import UnusableFile, require
 from rcmservo.estimation.base import Estimator
 from rcmservo.estimation.projection_rule import PAPER_PROJECTION_ESTIMATOR
 from rcmservo.geometry.tool import Tool
+from rcmservo.hardware.device_kinds import make_tracker
 from rcmservo.recording.foreign import scoring
 from rcmservo.recording.reader import Record
 from rcmservo.recording.replay import ReplayResult, rebuild_stage_servo, replay_record
 from rcmservo.servo.servo import Servo
 from rcmservo.servo.user_estimator import check_estimator, guard_strictly
-from rcmservo.tracking import ColourMarkers
 
 EXIT_DECISIONS_DIFFER = 1
 """Exit code of a replay in which a decision differs from the recorded one."""
@@ -97,7 +97,7 @@ def _score_recording(options: ReplayOptions, console: Console) -> scoring.Record
         return scoring.score_recording(
             options.path,
             lab,
-            ColourMarkers(lab.markers),
+            make_tracker(lab),
             estimators,
             options.part_settings["imaged_rcm"],
             lambda done, total: bar.update(task, completed=done, total=total),

@@ -11,6 +11,7 @@ from rcmservo.cli.run_options import RunOptions
 from rcmservo.cli.terminal import open_console, open_status_line
 from rcmservo.config.new_folder import open_new_folder
 from rcmservo.errors import require_extra
+from rcmservo.hardware.device_kinds import prepare_tracker
 
 
 def run(options: RunOptions) -> int:
@@ -23,6 +24,7 @@ def run(options: RunOptions) -> int:
     require_new_target_file(options.target, options.save_target)
     # these properties raise an error for invalid options before anything is written
     _ = options.servo, options.rig_settings, options.disturbances
+    prepare_tracker(options.lab)
     console = open_console(stderr=options.json)
     with open_new_folder(options.out, f"run-seed{options.seed}") as folder:
         words = f"simulated arm and camera, seed {options.seed}; preparing …"

@@ -22,6 +22,7 @@ def describe_run(options: LabOptions, duration_s: float, *packages: str) -> dict
         "mechanism": options.lab.mechanism.name,
         "teaching_frames": options.teaching_frames,
         "markers": asdict(options.lab.markers),
+        **{name: table for name, table in options.lab.devices.items() if name == "tracker"},
         "versions": {
             "rcmservo": version("rcmservo"),
             "python": platform.python_version(),

@@ -7,7 +7,7 @@ The sections of devices and simulation stay tables until a command needs them.
 
 from collections.abc import Generator, Mapping
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field, fields, make_dataclass
+from dataclasses import asdict, dataclass, field, fields, make_dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar, cast
@@ -31,8 +31,9 @@ from rcmservo.servo.servo import Servo, make_default_tool
 from rcmservo.tracking import MarkerAppearance
 
 MAX_RIG_FILE_BYTES = 64 * 1024
-DEVICE_SECTIONS = ("arm", "camera")
-"""Sections of real devices. A [camera] is a device if it has the key `kind`."""
+DEVICE_SECTIONS = ("arm", "camera", "tracker")
+"""Sections of real devices and of a user-defined tracker. A [camera] is a device if it has the key
+`kind`."""
 SIMULATION_SECTIONS = ("camera", "drive", "appearance", "scene")
 """Sections of the simulation. A [camera] without the key `kind` describes a simulated camera."""
 
@@ -68,6 +69,8 @@ class RigDescription:
     simulation : Tables
         Sections of the file among `SIMULATION_SECTIONS`, undecoded;
         `decode_simulation_settings` decodes them.
+    file : Path or None
+        Rig file, next to which modules of user-defined devices may be; None without a file.
     """
 
     mechanism: Kinematics = field(default_factory=SphericalRcm)
@@ -77,6 +80,20 @@ class RigDescription:
     thresholds: Thresholds = field(default_factory=Thresholds)
     devices: Tables = field(default_factory=dict[str, toml_json_parsing.Table])
     simulation: Tables = field(default_factory=dict[str, toml_json_parsing.Table])
+    file: Path | None = field(default=None, compare=False)
+
+    @property
+    def has_tracker(self) -> bool:
+        """True if the rig file names a user-defined tracker."""
+        return "tracker" in self.devices
+
+    @property
+    def tracking(self) -> MarkerAppearance | toml_json_parsing.Table:
+        """Appearance of the markers, or the section of the user-defined tracker that detects them.
+
+        A target is valid only for this appearance or tracker.
+        """
+        return self.devices.get("tracker", self.markers)
 
     def make_servo(self, **parts: Any) -> Servo:
         """Return a servo for this rig; of the `METHOD_PARTS`, omitted ones have their defaults."""
@@ -141,8 +158,10 @@ class RigDescription:
         return decode_settings(settings_class, {**table, **known}, name, other_keys)
 
 
-ROBOT_SECTIONS = tuple(f.name for f in fields(RigDescription) if f.type != Tables)
-"""Sections of the robot: all fields of `RigDescription` except `devices` and `simulation`."""
+OTHER_FIELDS = "devices", "simulation", "file"
+"""Fields of `RigDescription` that are no sections."""
+ROBOT_SECTIONS = tuple(f.name for f in fields(RigDescription) if f.name not in OTHER_FIELDS)
+"""Sections of the robot: all other fields of `RigDescription`."""
 METHOD_PARTS = tuple(part for part in PART_CLASSES if part not in ROBOT_SECTIONS)
 """Parts of a servo that no rig file describes, such as the estimator and the controller. The
 command line, studies and the page set them."""
@@ -161,7 +180,7 @@ def read_rig_file(path: Path) -> bytes:
 def decode_rig_file(path: Path, data: bytes) -> RigDescription:
     """Return the rig that the bytes of a rig file describe; errors name the file `path`."""
     with toml_json_parsing.name_file_in_errors(path, "TOML"):
-        return decode_rig_tables(toml_json_parsing.parse_toml(data))
+        return replace(decode_rig_tables(toml_json_parsing.parse_toml(data)), file=path)
 
 
 @contextmanager
@@ -193,7 +212,7 @@ def decode_rig_tables(tables: toml_json_parsing.Table) -> RigDescription:
 
 def _is_device(name: str, tables: toml_json_parsing.Table) -> bool:
     """Return True if a section exists and describes a real device."""
-    return name in tables and (name == "arm" or KIND_KEY in tables[name])
+    return name in tables and (name not in SIMULATION_SECTIONS or KIND_KEY in tables[name])
 
 
 def _decode_robot_section(name: str, table: toml_json_parsing.Table, default: Any) -> Any:

@@ -11,10 +11,10 @@ difference. The checksum detects accidental changes; it is no signature.
 
 import hashlib
 import json
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, is_dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -58,8 +58,8 @@ class TargetSetup:
         Kinematics of the arm that holds the tool.
     tool : Tool
         Positions of the markers on the tool.
-    markers : MarkerAppearance
-        Appearance of the markers.
+    markers : MarkerAppearance or Table
+        Appearance of the markers, or the section of the user-defined tracker that detects them.
     slack : float
         Distance by which a joint may be beyond its limit, as a fraction of its range. The file does
         not contain it, so a target stays valid if this value changes.
@@ -70,7 +70,7 @@ class TargetSetup:
     height: int
     mechanism: Kinematics
     tool: Tool
-    markers: MarkerAppearance
+    markers: MarkerAppearance | Table
     slack: float = Thresholds.limit_tolerance
 
 
@@ -192,8 +192,10 @@ def _require_joints_within_limits(q: tuple[float, float, float], setup: TargetSe
 def _describe_setup(setup: TargetSetup) -> object:
     """Return a setup as JSON values; each part that has a name gets it as the key `kind`."""
 
-    def convert_part(part: Any) -> Table:
-        return ({"kind": part.name} if hasattr(part, "name") else {}) | asdict(part)
+    def convert_part(part: Any) -> Table | str:
+        kind = {"kind": part.name} if hasattr(part, "name") else {}
+        # what is no dataclass is a date in the section of a user-defined tracker
+        return kind | asdict(cast(Any, part)) if is_dataclass(part) else str(part)
 
     stored = {name: value for name, value in vars(setup).items() if name != "slack"}
     return json.loads(json.dumps(stored, default=convert_part))

@@ -1,23 +1,20 @@
 """Import of user-defined estimators, which are named as module:class.
 
-The code of a user runs only if the command line names it, never because a file or record does.
+Their code runs only if the command line names it, never because a file or record does.
 """
 
 import hashlib
-import importlib
 import inspect
-import re
 import sys
 from dataclasses import is_dataclass
 from pathlib import Path
 
 from rcmservo.config.class_registry import ESTIMATORS, PRESETS
+from rcmservo.config.user_classes import CLASS_PATH, import_user_object
 from rcmservo.errors import BadInput, RcmServoError, shorten_to_line
 from rcmservo.estimation.base import Estimator
 
 ESTIMATOR_OPTION = "--estimator"
-CLASS_PATH = re.compile(r"\w+(\.\w+)*:\w+")
-"""Name of a user-defined class, as module:class."""
 
 
 def import_estimator(name: str, option: str = ESTIMATOR_OPTION) -> type[Estimator]:
@@ -42,11 +39,10 @@ def import_estimator(name: str, option: str = ESTIMATOR_OPTION) -> type[Estimato
     BadInput
         If the module cannot be imported, or the class is no usable estimator.
     """
-    module, _, class_name = name.partition(":")
     if not CLASS_PATH.fullmatch(name):
         built_in = ", ".join((*ESTIMATORS, *PRESETS))
         raise BadInput(option, name, f"one of {built_in}, or module:class such as mylab.rls:RLS")
-    found: object = getattr(_import_module(module, name, option), class_name, None)
+    found, module = import_user_object(name, option), name.partition(":")[0]
     if not (isinstance(found, type) and issubclass(found, Estimator)):
         raise BadInput(option, name, f"a class in {module} that derives from rcmservo.Estimator")
     if not is_dataclass(found):
@@ -67,18 +63,6 @@ def _require_defaults(estimator_class: type[Estimator], name: str, option: str) 
     except Exception as error:
         expected = f"a class whose settings all have a default; it raised {shorten_to_line(error)}"
         raise BadInput(option, name, expected) from error
-
-
-def _import_module(module: str, name: str, option: str) -> object:
-    """Return a module; `name` and `option` serve the message if the import fails."""
-    folder = str(Path.cwd())
-    if folder not in sys.path:
-        sys.path.append(folder)
-    try:
-        return importlib.import_module(module)
-    except (Exception, SystemExit) as error:  # the code of the module may raise anything
-        raised = f"{module} raised {shorten_to_line(repr(error))}"
-        raise BadInput(option, name, f"a class of an importable module; {raised}") from error
 
 
 def hash_source(estimator: Estimator) -> str:

@@ -1,26 +1,33 @@
 """Rig of a rig file with devices: arm, camera and tracker are opened with its context."""
 
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from rcmservo.config.rig_file import RigDescription
+from rcmservo.config.rig_file import RigDescription, name_origin_in_errors
 from rcmservo.config.verified_rigs import is_rig_verified
-from rcmservo.hardware.device_kinds import open_arm, open_camera
+from rcmservo.errors import require
+from rcmservo.hardware.crtk.settings import CrtkSettings
+from rcmservo.hardware.device_kinds import (
+    make_tracker,
+    open_arm,
+    open_camera,
+    prepare_tracker,
+    read_arm,
+    require_known_latency,
+)
 from rcmservo.live.device_protocols import NotReady
 from rcmservo.live.unchecked_rig_speed import UNCHECKED_SPEED_SCALE, reduce_speed
 from rcmservo.rig.rig import Rig
 from rcmservo.servo.servo import Servo
-from rcmservo.tracking import ColourMarkers
 
 
 class Unconnected:
-    """Arm or camera that is not connected: every method raises `NotReady`."""
+    """Arm, camera or tracker that is not connected: every method raises `NotReady`."""
 
     def _refuse(self, *_: object) -> Any:
         raise NotReady("the rig is not open: write `with rig:` around what uses it")
 
-    enable = measure = apply = latest = _refuse
+    enable = measure = apply = latest = find = reset = _refuse
 
 
 UNCONNECTED: Any = Unconnected()
@@ -43,11 +50,12 @@ class LabRig(Rig):
     """
 
     def __init__(self, path: Path, description: RigDescription, digest: str) -> None:
+        require_devices(description, path, digest)
         self._path, self._description, self._digest = path, description, digest
         super().__init__(
             UNCONNECTED,
             UNCONNECTED,
-            ColourMarkers(description.markers),
+            UNCONNECTED,
             description.mechanism,
             description.tool,
             gate=description.gate,
@@ -61,6 +69,7 @@ class LabRig(Rig):
 
     def _connect(self) -> None:
         """Connect arm and camera; the arm is closed again if the camera cannot be opened."""
+        self.tracker = make_tracker(self._description)
         self.arm = open_arm(self._description)
         try:
             self.camera = open_camera(self._description)
@@ -70,7 +79,7 @@ class LabRig(Rig):
 
     def __exit__(self, *error: Any) -> None:
         super().__exit__(*error)
-        self.arm, self.camera = UNCONNECTED, UNCONNECTED
+        self.arm = self.camera = self.tracker = UNCONNECTED
 
     def adapt(self, servo: Servo) -> Servo:
         """Return the servo for this rig, at the speed that is allowed."""
@@ -85,7 +94,6 @@ class LabRig(Rig):
             "rig_checked": self.speed_scale == 1.0,
             "speed_scale": self.speed_scale,
             "devices": dict(self._description.devices),
-            "markers": asdict(self._description.markers),
         }
 
     def __str__(self) -> str:
@@ -95,3 +103,18 @@ class LabRig(Rig):
         if isinstance(self.arm, Unconnected):
             return f"{self._path}, not connected, {speed}"
         return f"{self._path}: {super().__str__()}, {speed}"
+
+
+def require_devices(lab: RigDescription, rig: Path | None, digest: str) -> None:
+    """Refuse, before anything is connected, a rig file without complete devices.
+
+    An arm that receives speeds (arm.jv) is refused as well until `rig check` has verified that it
+    stops by itself.
+    """
+    with name_origin_in_errors(rig):
+        arm = read_arm(lab)
+        stops = not (isinstance(arm, CrtkSettings) and arm.jv) or is_rig_verified(digest)
+        expected = "false until `rig check` of this file has verified that the arm stops by itself"
+        require(stops, "arm.jv", True, expected)
+        require_known_latency(lab)
+    prepare_tracker(lab)

@@ -203,8 +203,8 @@ def _run_devices(
     """
     clock = RecordingClock(WallClock())
     with contextlib.ExitStack() as stack:
+        tracker = _open(session.tracker, stack)  # if this fails, nothing is connected
         arm, camera = _open(session.arm, stack), _open(session.camera, stack)
-        tracker = _open(session.tracker, stack)
         operator = None if session.operator is None else _open(session.operator, stack)
         tracking = stack.enter_context(TrackingThread(camera, tracker, clock.clock))
         plant = HeartbeatPlant(arm, tracking, clock, heartbeat, stop_requested, session.consent)

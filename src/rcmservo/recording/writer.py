@@ -85,7 +85,7 @@ class Recorder:
         self, path: Path, about: dict[str, Any], open_file: Callable[[Path], RawFile] = create_file
     ) -> None:
         self.path, self.failed = path, ""
-        about_text = json.dumps(about)
+        about_text = json.dumps(about, default=str)  # a date in the section of an own device
         try:
             self._file = open_file(path)
         except OSError as error:

@@ -29,18 +29,22 @@ def require_confirmation(
         if rig.is_simulated:
             return
         raise BadInput("confirm", None, "a function that asks the person at the arm, such as input")
-    question = f"{announce_motion(servo, duration_s)} Type {ENABLE_WORD} to switch the drive on: "
+    theta, phi, rho = servo.gate.speed
+    limits = f"The joints move at most at {theta:g} rad/s, {phi:g} rad/s and {rho:g} mm/s."
+    announcement = announce_motion(servo, duration_s, limits)
+    question = f"{announcement} Type {ENABLE_WORD} to switch the drive on: "
     if confirm(question).strip() != ENABLE_WORD:
         raise Stopped(f"the drive was not switched on: the answer was not {ENABLE_WORD}")
 
 
-def announce_motion(servo: Servo, duration_s: float) -> str:
-    """Return the announcement of the motion that follows once the drive is on."""
-    theta, phi, rho = servo.gate.speed
+def announce_motion(servo: Servo, duration_s: float, limits: str) -> str:
+    """Return the announcement of the motion that follows once the drive is on.
+
+    `limits` is a sentence on the limits of the joints.
+    """
     return (
         f"Once the drive is on, the servo moves the arm for at most {duration_s:g} s: first a "
         f"short distance around its start, at most {servo.exploration.max_leg_length:g} mm between "
-        "two corners of the path of marker 1, and then to the target. The joints move at most at "
-        f"{theta:g} rad/s, {phi:g} rad/s and {rho:g} mm/s. Ctrl-C stops the arm; keep the "
-        "emergency stop within reach."
+        f"two corners of the path of marker 1, and then to the target. {limits} Ctrl-C stops the "
+        "arm; keep the emergency stop within reach."
     )

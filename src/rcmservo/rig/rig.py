@@ -232,6 +232,13 @@ class Rig:
         """
         return float("nan")
 
+    def compute_bound(self, target: Target, frames: int) -> float:
+        """Return the smallest pose error (mm) that an unbiased servo can have; NaN if unknown.
+
+        Only a simulation knows it. `frames` is the number of frames that the servo has used.
+        """
+        return float("nan")
+
     def record_tick(self, recorder: AnyRecorder, tick: Tick) -> None:
         """Write a tick into the record."""
         recorder.write(tick)

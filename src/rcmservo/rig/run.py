@@ -42,6 +42,9 @@ PACKAGES = "numpy", "numba", "opencv-python-headless"
 PROGRESS_TICKS = 10
 """Number of ticks between two updates of the line of progress."""
 
+CLEAR_LINE = "\r\033[K"
+"""Control characters that clear a line of a terminal."""
+
 Progress = Callable[[Tick], None]
 """Function that receives each tick of a run."""
 
@@ -143,8 +146,9 @@ def run(
             rig.require_ready()
             require_confirmation(rig, servo, duration, confirm)
             ticks = servo_ticks(plant, servo, target, duration, ends, operator=operator)
-            course = _follow(rig, ticks, target, recorder, progress or _choose_progress())
-        result = RecordedResult(**vars(_judge(rig, folder, course, servo)))
+            with _open_progress(progress) as show:
+                course = _follow(rig, ticks, target, recorder, show)
+        result = RecordedResult(**vars(_judge(rig, folder, course, servo, target)))
         result = replace(
             result,
             folder=str(folder),
@@ -228,32 +232,40 @@ def _follow(
     return Course(find_stop_cause(tick.state.mode, reason), true_errors_mm)
 
 
-def _judge(rig: Rig, folder: Path, course: Course, servo: Servo) -> RunResult:
+def _judge(rig: Rig, folder: Path, course: Course, servo: Servo, target: Target) -> RunResult:
     """Return the result of the record, with the true error and what only the devices know."""
     record = read_record_if_any(folder)
     result = RunResult() if record is None else summarise_record(record)
     last_errors_mm = np.array(course.true_errors_mm[-round(SETTLED_DURATION_S * servo.rate) :])
     true_error_mm = np.sqrt(np.mean(last_errors_mm**2)) if len(last_errors_mm) else np.nan
+    used_frames = 0 if result.frames is None else result.frames.used
     count_frames = getattr(rig.camera, "counts", None)
     off_reason = getattr(rig.arm, "off_reason", "")
     cause = "" if result.settled else course.stop_cause or result.cause
-    result = replace(
+    return replace(
         result if not off_reason else result.unsettled(off_reason),
         cause=cause or off_reason,
         pose_error_mm=finite_or_none(float(true_error_mm)),
+        bound_mm=finite_or_none(rig.compute_bound(target, used_frames)),
         camera=None if count_frames is None else count_frames(),
         drive_off=off_reason,
     )
-    return result
 
 
-def _choose_progress() -> Progress:
-    """Return the function that shows the progress on a terminal; elsewhere it does nothing."""
-    return _show_progress if sys.stderr.isatty() else lambda tick: None
+@contextmanager
+def _open_progress(progress: Progress | None) -> Generator[Progress]:
+    """Yield the function that receives each tick; by default it rewrites a line on a terminal."""
+    if progress is not None or not sys.stderr.isatty():
+        yield progress or (lambda tick: None)
+        return
+    try:
+        yield _show_progress
+    finally:
+        sys.stderr.write(CLEAR_LINE)
 
 
 def _show_progress(tick: Tick) -> None:
     """Rewrite one line on the terminal with time, phase and cause."""
     if round(tick.time * 1e-9 * tick.servo.rate) % PROGRESS_TICKS == 0:
-        sys.stderr.write(f"\r\033[K{tick.time * 1e-9:6.2f} s  {tick.state.text}"[:200])
+        sys.stderr.write(f"{CLEAR_LINE}{tick.time * 1e-9:6.2f} s  {tick.state.text}"[:200])
         sys.stderr.flush()

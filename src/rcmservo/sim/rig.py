@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, replace
-from typing import Annotated, Any, cast
+from typing import Annotated, Any, NamedTuple, cast
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -26,6 +26,7 @@ from rcmservo.sim.cameras import (
     make_gaussian_noise,
     make_recorded_noise,
 )
+from rcmservo.sim.cramer_rao import bound
 from rcmservo.sim.disturbances.disturbance import Disturbance
 from rcmservo.sim.disturbances.disturbance_kinds import DISTURBANCE_KINDS
 from rcmservo.sim.disturbances.effects.arm_faults import DisturbedArm
@@ -108,6 +109,24 @@ class RigSettings(ImageSettings, section="rig"):
     appearance: Appearance = field(default_factory=Appearance)
 
     scene: SceneSettings = field(default_factory=SceneSettings)
+
+
+class TaughtPose(NamedTuple):
+    """Truth of a taught pose.
+
+    Parameters
+    ----------
+    p2 : Floats
+        Position of marker 2 (3,), mm.
+    frames : int
+        Number of frames whose mean is the target.
+    noise_px : float
+        Standard deviation of a marker coordinate in a frame, px; NaN if unknown.
+    """
+
+    p2: Floats
+    frames: int
+    noise_px: float
 
 
 def sample_scene_of_seed(seed: int, settings: RigSettings) -> tuple[Scene, np.random.Generator]:
@@ -220,7 +239,7 @@ class SimulatedRig(Rig):
         self.schedule = Schedule(disturbances, disturbance_seed)
         self._camera_motion = CameraMotion()
         self._video_renderer: Renderer | None = None
-        self._taught_p2 = WeakKeyDictionary[Target, Floats]()
+        self._taught = WeakKeyDictionary[Target, TaughtPose]()
         if disturbances:
             self._insert_disturbances()
         self.move_to_start()
@@ -284,7 +303,8 @@ class SimulatedRig(Rig):
         """
         self.move_to_target()
         target = super().teach(frames)
-        self._taught_p2[target] = self.truth.markers(self.clock.now())[1]
+        taught_p2 = self.truth.markers(self.clock.now())[1]
+        self._taught[target] = TaughtPose(taught_p2, frames, self._estimate_pixel_noise())
         self.go_home()
         return target
 
@@ -298,10 +318,33 @@ class SimulatedRig(Rig):
 
         It is NaN for any other target.
         """
-        taught_p2 = self._taught_p2.get(target)
-        if taught_p2 is None:
+        pose = self._taught.get(target)
+        if pose is None:
             return float("nan")
-        return float(np.linalg.norm(self.truth.markers(self.clock.now())[1] - taught_p2))
+        return float(np.linalg.norm(self.truth.markers(self.clock.now())[1] - pose.p2))
+
+    def compute_bound(self, target: Target, frames: int) -> float:
+        """Return the Cramér-Rao bound of the pose error (mm), for the noise that teaching showed.
+
+        It is NaN for a target that `teach` has not taught here.
+        """
+        pose = self._taught.get(target)
+        if pose is None or not np.isfinite(pose.noise_px) or frames < 1:
+            return float("nan")
+        return bound(self.scene, pose.noise_px, frames, pose.frames).rms
+
+    def _estimate_pixel_noise(self) -> float:
+        """Return the standard deviation (px) of a marker coordinate in the newest frame.
+
+        It is that of the camera without images, or what the tracker reports; NaN if unknown.
+        """
+        if isinstance(self._camera, PointCamera):
+            return self.settings.point_noise
+        markers = self.plant.markers
+        if markers is None:
+            return float("nan")
+        variances = markers.covariance[:, [0, 1], [0, 1]]
+        return float(np.sqrt(np.mean(variances)))
 
     def record_tick(self, recorder: AnyRecorder, tick: Tick) -> None:
         """Write a tick and the true state into the record."""

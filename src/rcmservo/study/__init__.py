@@ -1,7 +1,7 @@
 """Studies: many simulated closed loops of one servo, and the Cramér-Rao bound of their pose error.
 
-`batch` runs the servo's live step on a compiled plant. `cramer_rao` computes the smallest error
-that an unbiased servo can reach in a scene. The public names are:
+`batch` runs the servo's live step on a compiled plant. `sim.cramer_rao` computes the smallest
+error that an unbiased servo can reach in a scene. The public names are:
 
 - ``Study(servo, settings, duration, teaching_frames)``: simulated closed loops of a servo, each
   ``duration`` s long (15 by default). The estimator of the servo must have a compiled step:
@@ -34,11 +34,11 @@ from typing import TYPE_CHECKING, Any
 from rcmservo.errors import require_extra
 
 if TYPE_CHECKING:
+    from rcmservo.sim.cramer_rao import Bound, bound
     from rcmservo.study.batch import Study
-    from rcmservo.study.cramer_rao import Bound, bound
     from rcmservo.study.run_outcome import StudyRun
 
-PUBLIC_MODULES = "batch", "cramer_rao"
+PUBLIC_MODULES = "rcmservo.study.batch", "rcmservo.sim.cramer_rao"
 """Modules that hold the public names."""
 __all__ = ["Bound", "Study", "StudyRun", "bound"]
 
@@ -48,5 +48,5 @@ def __getattr__(name: str) -> Any:
     if name not in __all__:
         raise AttributeError(f"module 'rcmservo.study' has no attribute {name!r}")
     with require_extra("rcmservo.study", "sim"):
-        modules = (import_module(f"rcmservo.study.{module}") for module in PUBLIC_MODULES)
+        modules = list(map(import_module, PUBLIC_MODULES))
         return next(getattr(module, name) for module in modules if hasattr(module, name))

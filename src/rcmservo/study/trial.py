@@ -14,9 +14,9 @@ from rcmservo.interfaces import Floats
 from rcmservo.loop.target_frames import FRAME_COUNT, TEACHING_FRAMES
 from rcmservo.servo.servo import Servo
 from rcmservo.sim import RigSettings
+from rcmservo.sim.cramer_rao import bound
 from rcmservo.sim.rig import sample_scene_of_seed
 from rcmservo.sim.scene import Scene
-from rcmservo.study.cramer_rao import bound
 from rcmservo.study.kernel_engine import StudyGoal
 
 FIRST_TICK_NS = 1_000_000_000

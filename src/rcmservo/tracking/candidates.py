@@ -6,7 +6,7 @@ from itertools import combinations
 
 import numpy as np
 
-from rcmservo.interfaces import Floats, Frame, Image
+from rcmservo.interfaces import FailureExplainer, Floats, Frame, Image, Tracker
 from rcmservo.tracking.appearance import MIN_RADIUS_RATIO, MarkerAppearance
 from rcmservo.tracking.ball_fit import Ball
 from rcmservo.tracking.colour_markers import ColourMarkers
@@ -34,12 +34,12 @@ class Candidate:
 
 @dataclass(frozen=True, eq=False)
 class TrackedPair:
-    """Markers that the tracker finds in one image for a given appearance.
+    """Markers that a tracker finds in one image.
 
     Parameters
     ----------
-    appearance : MarkerAppearance
-        Appearance of the markers.
+    appearance : MarkerAppearance or None
+        Appearance of the markers; None for a user-defined tracker.
     points : Floats
         Markers 1 and 2, (2, 2) px; NaN for a marker that is not found.
     radius : Floats
@@ -48,7 +48,7 @@ class TrackedPair:
         Reason why the tracker does not find both markers, a sentence; empty if it does.
     """
 
-    appearance: MarkerAppearance
+    appearance: MarkerAppearance | None
     points: Floats
     radius: Floats
     reason: str
@@ -69,10 +69,13 @@ def detect_candidates(image: Image) -> list[Candidate]:
     return sorted(found, key=lambda candidate: -candidate.ball.quality)
 
 
-def track_pair(image: Image, appearance: MarkerAppearance) -> TrackedPair:
-    """Return the markers that the tracker finds for a given appearance."""
-    tracker, frame = ColourMarkers(appearance), Frame(0, 0, 0, image)
-    markers, reason = tracker.find(frame), tracker.explain_failure(frame)
+def track_pair(
+    image: Image, appearance: MarkerAppearance | None, tracker: Tracker | None = None
+) -> TrackedPair:
+    """Return the markers that `tracker` finds, by default that for a given appearance."""
+    tracker, frame = tracker or ColourMarkers(appearance), Frame(0, 0, 0, image)
+    markers = tracker.find(frame)
+    reason = tracker.explain_failure(frame) if isinstance(tracker, FailureExplainer) else ""
     if not reason and not np.isfinite(markers.points).all():
         reason = "the tracker does not find both markers"
     return TrackedPair(appearance, markers.points, markers.radius, reason)

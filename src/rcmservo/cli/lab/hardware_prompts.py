@@ -120,9 +120,11 @@ def target_setup(lab: RigDescription, plant: Plant) -> TargetSetup:
     """Return the setup for which a target is valid.
 
     The camera is identified by all its entries in the rig file except its latency, which no image
-    shows.
+    shows, and a user-defined tracker by all its entries.
     """
-    assert plant.frame is not None and plant.frame.image is not None
+    assert plant.frame is not None
+    if plant.frame.image is None:
+        raise NotReady("the camera delivers frames without an image, whose size a target needs")
     height, width = plant.frame.image.shape[:2]
     return describe_target_setup(lab, width, height)
 
@@ -130,9 +132,9 @@ def target_setup(lab: RigDescription, plant: Plant) -> TargetSetup:
 def describe_target_setup(lab: RigDescription, width: int, height: int) -> TargetSetup:
     """Return the setup for which a target is valid, given the size of the images in px."""
     camera = {key: value for key, value in lab.devices["camera"].items() if key != "latency"}
-    name = json.dumps(camera, sort_keys=True)
+    name = json.dumps(camera, sort_keys=True, default=str)
     slack = lab.thresholds.limit_tolerance
-    return TargetSetup(name, width, height, lab.mechanism, lab.tool, lab.markers, slack=slack)
+    return TargetSetup(name, width, height, lab.mechanism, lab.tool, lab.tracking, slack=slack)
 
 
 def require_drive_off(plant: Plant) -> None:

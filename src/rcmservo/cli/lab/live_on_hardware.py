@@ -24,12 +24,14 @@ from rcmservo.cli.progress.run_progress import LiveProgress
 from rcmservo.cli.run_description import describe_run
 from rcmservo.cli.run_options import LabOptions, RunToTargetOptions
 from rcmservo.cli.terminal import open_status_line
-from rcmservo.config.rig_file import RigDescription, name_origin_in_errors
+from rcmservo.config.rig_file import RigDescription
 from rcmservo.config.verified_rigs import is_rig_verified
-from rcmservo.errors import UnusableFile, require
-from rcmservo.hardware.cameras.settings import require_latency
-from rcmservo.hardware.crtk.settings import CrtkSettings
-from rcmservo.hardware.device_kinds import ARM_KINDS, CAMERA_KINDS, open_arm, open_camera
+from rcmservo.errors import UnusableFile
+from rcmservo.hardware.device_kinds import (
+    open_arm,
+    open_camera,
+    prepare_tracker,
+)
 from rcmservo.live.device_protocols import LabArm, LabCamera
 from rcmservo.live.servo_process import Session
 from rcmservo.live.supervisor import run_live
@@ -40,9 +42,9 @@ from rcmservo.recording import reader
 from rcmservo.recording.reader import RECORD
 from rcmservo.recording.ros2_bag import METADATA
 from rcmservo.recording.writer import Recorder
+from rcmservo.rig.confirmation import announce_motion
 from rcmservo.rig.result import read_record_if_any, save_result
 from rcmservo.servo.servo import Servo
-from rcmservo.tracking import ColourMarkers
 
 
 def live_on_hardware(
@@ -84,7 +86,7 @@ def live_on_hardware(
         options.duration,
         arm=partial(arm, lab),
         camera=partial(camera, lab),
-        tracker=partial(ColourMarkers, lab.markers),
+        tracker=prepare_tracker(lab),
         recorder=partial(Recorder, folder / RECORD, description),
         target=partial(obtain_target, preparation),
         consent=partial(confirm_enable, preparation),
@@ -113,29 +115,10 @@ def find_allowed_speed_scale(options: LabOptions) -> float:
     return 1.0 if is_rig_verified(options.digest) else UNCHECKED_SPEED_SCALE
 
 
-def require_devices(lab: RigDescription, rig: Path | None, digest: str) -> None:
-    """Refuse, before anything is connected, a rig file without complete devices.
-
-    An arm that receives speeds (arm.jv) is refused as well until `rig check` has verified that it
-    stops by itself.
-    """
-    with name_origin_in_errors(rig):
-        arm = lab.decode_device_settings("arm", ARM_KINDS)
-        stops = not (isinstance(arm, CrtkSettings) and arm.jv) or is_rig_verified(digest)
-        expected = "false until `rig check` of this file has verified that the arm stops by itself"
-        require(stops, "arm.jv", True, expected)
-        require_latency(lab.decode_device_settings("camera", CAMERA_KINDS))
-
-
 def describe_motion(options: RunToTargetOptions, servo: Servo, speed_scale: float) -> str:
     """Return the announcement of the motion that follows once the drive is on."""
     limits = describe_speed_limits(options, servo, speed_scale)
-    return (
-        f"Once the drive is on, the servo moves the arm for at most {options.duration:g} s: first "
-        f"a short distance around its start, at most {servo.exploration.max_leg_length:g} mm "
-        f"between two corners of the path of marker 1, and then to the target. {limits} "
-        "Ctrl-C stops the arm; keep the emergency stop within reach."
-    )
+    return announce_motion(servo, options.duration, limits)
 
 
 def describe_speed_limits(options: LabOptions, servo: Servo, speed_scale: float) -> str:

@@ -15,6 +15,9 @@ from rcmservo.interfaces import Image
 from rcmservo.tracking.ball_fit import SAME_BALL_RADII
 from rcmservo.tracking.candidates import NO_BALL_MESSAGE, Candidate, TrackedPair
 
+UNKNOWN_RADIUS_PX = 6.0
+"""Radius (px) of the ring around a marker whose radius the tracker does not report."""
+
 if TYPE_CHECKING:
     from rcmservo.figures.overlay import BallRing
 
@@ -30,9 +33,9 @@ def make_report(
         candidates: balls in the image, best quality first, each with the colour in which it is
         detected best, its centre (u_px, v_px), its radius_px, and its quality, above 0 and at
         most 1; look: appearance of the markers that the tracker searched, None if no two balls
-        qualify; markers: centres (u, v) of markers 1 and 2 in px, None if the tracker does not
-        detect both; why: the reason for this, empty if it detects both; written: True if the
-        markers were written to the rig file.
+        qualify or the rig file has its own tracker; markers: centres (u, v) of markers 1 and 2 in
+        px, None if the tracker does not detect both; why: the reason for this, empty if it detects
+        both; written: True if the markers were written to the rig file.
     """
     balls = [
         {
@@ -48,7 +51,8 @@ def make_report(
         reason = "" if candidates else NO_BALL_MESSAGE
         appearance = markers = None
     else:
-        reason, appearance = pair.reason, asdict(pair.appearance)
+        reason = pair.reason
+        appearance = None if pair.appearance is None else asdict(pair.appearance)
         markers = None if reason else [(float(u), float(v)) for u, v in pair.points]
     return {
         "candidates": balls,
@@ -60,10 +64,7 @@ def make_report(
 
 
 def print_markers(console: Console, candidates: list[Candidate], summary: str) -> None:
-    """Print the detected balls as a table, and the tracker's choice in words."""
-    if not candidates:
-        console.print(NO_BALL_MESSAGE, soft_wrap=True)
-        return
+    """Print the detected balls, if any, as a table, and the tracker's choice in words."""
     table = Table("colour")
     for title in ("u [px]", "v [px]", "radius [px]", "quality"):
         table.add_column(title, justify="right")
@@ -71,7 +72,8 @@ def print_markers(console: Console, candidates: list[Candidate], summary: str) -
         ball = candidate.ball
         numbers_px = (f"{number:.1f}" for number in (ball.u, ball.v, ball.radius))
         table.add_row(candidate.colour, *numbers_px, f"{ball.quality:.2f}")
-    console.print(table)
+    if candidates:
+        console.print(table)
     console.print(summary, soft_wrap=True)
 
 
@@ -110,17 +112,20 @@ def draw_candidates(
         if all(np.hypot(ball.u - r.u, ball.v - r.v) > SAME_BALL_RADII * r.radius for r in rings):
             label = f"{candidate.colour} {ball.quality:.2f}"
             rings.append(BallRing(ball.u, ball.v, ball.radius, label, False))
-    return draw_balls(image, rings, summary if candidates else NO_BALL_MESSAGE)
+    return draw_balls(image, rings, summary)
 
 
 def _make_tracked_rings(pair: TrackedPair, numbered: bool) -> "list[BallRing]":
     """Return a ring for each ball of the tracker that it has detected."""
     from rcmservo.figures.overlay import BallRing
 
-    colours = pair.appearance.colour_1, pair.appearance.colour_2
-    labels = [f"{n}: {colour}" if numbered else colour for n, colour in enumerate(colours, 1)]
+    labels = ["1", "2"]
+    if pair.appearance is not None:
+        colours = pair.appearance.colour_1, pair.appearance.colour_2
+        labels = [f"{n}: {colour}" if numbered else colour for n, colour in enumerate(colours, 1)]
+    radii = np.nan_to_num(pair.radius, nan=UNKNOWN_RADIUS_PX)
     return [
         BallRing(float(u), float(v), float(radius), label, True)
-        for (u, v), radius, label in zip(pair.points, pair.radius, labels, strict=True)
+        for (u, v), radius, label in zip(pair.points, radii, labels, strict=True)
         if np.isfinite(u)
     ]

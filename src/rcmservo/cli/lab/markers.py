@@ -16,9 +16,11 @@ from rcmservo.cli.terminal import open_console
 from rcmservo.config.rig_file import RigDescription, load_rig_file, name_origin_in_errors
 from rcmservo.config.rig_file_edit import find_marker_keys, write_markers
 from rcmservo.errors import UnusableFile, require
+from rcmservo.hardware.device_kinds import make_tracker
 from rcmservo.interfaces import Image
 from rcmservo.tracking import COLOURS, MarkerAppearance, read_image
 from rcmservo.tracking.candidates import (
+    NO_BALL_MESSAGE,
     Candidate,
     TrackedPair,
     detect_candidates,
@@ -47,7 +49,7 @@ class MarkersOptions:
         Colours of the markers, such as green,blue: first that of the marker nearer to the RCM.
     rig : Path or None
         TOML file of the lab. With --choose the markers are written to its section [markers];
-        without it the tracker searches for those of the file.
+        without it the tracker searches for those of the file, or that of its section [tracker].
     picture : Path or None
         New PNG or JPEG file for the image with the detected balls.
     json : bool
@@ -71,17 +73,23 @@ def markers(options: MarkersOptions) -> int:
         expected = "a new file, because nothing is overwritten"
         require(not picture.exists(), "--picture", picture, expected)
     lab = load_rig_file(options.rig)
+    expected = f"left out: {options.rig} has its own [tracker], which needs no colours"
+    require(colours is None or not lab.has_tracker, "--choose", options.choose, expected)
     image = read_image(options.frame)
     candidates = detect_candidates(image)
-    pair = _find_pair(image, candidates, lab, colours, options)
+    if lab.has_tracker:
+        pair = track_pair(image, None, make_tracker(lab))
+    else:
+        pair = _find_pair(image, candidates, lab, colours, options)
     numbered = bool(colours or options.rig)
-    summary = _describe_pair(pair, numbered)
+    has_result = bool(candidates) or lab.has_tracker
+    summary = _describe_pair(pair, numbered) if has_result else NO_BALL_MESSAGE
     if picture:
         from rcmservo.figures.overlay import write_image
 
         write_image(picture, draw_candidates(image, candidates, pair, summary, numbered))
     is_written = False
-    if options.rig and colours and pair:
+    if options.rig and colours and pair and pair.appearance:
         _write_appearance(options.rig, pair.appearance)
         is_written = True
     if options.json:
@@ -155,6 +163,12 @@ def _describe_pair(pair: TrackedPair | None, numbered: bool) -> str:
     if pair is None:
         return "the image shows no two balls that the tracker can distinguish"
     appearance = pair.appearance
+    if appearance is None and pair.reason:
+        return f"the rig file's tracker does not detect both markers: {pair.reason}"
+    if appearance is None:
+        (u_1, v_1), (u_2, v_2) = pair.points.tolist()
+        found = f"marker 1 at ({u_1:.1f}, {v_1:.1f}) px and marker 2 at ({u_2:.1f}, {v_2:.1f}) px"
+        return f"the rig file's tracker detects {found}"
     if pair.reason:
         colours = f"{appearance.colour_1} and {appearance.colour_2}"
         return f"the tracker searches for {colours}: {pair.reason}"

@@ -36,7 +36,7 @@ from rcmservo.cli.lab.page_backend import (
 from rcmservo.cli.run_options import LabOptions
 from rcmservo.config.rig_file import RigDescription
 from rcmservo.errors import RcmServoError
-from rcmservo.hardware.device_kinds import open_arm, open_camera
+from rcmservo.hardware.device_kinds import open_arm, open_camera, prepare_tracker
 from rcmservo.interfaces import Target
 from rcmservo.live.device_protocols import LabCamera
 from rcmservo.live.frame_ring import FrameRing, RecordingCamera, RingCamera
@@ -53,7 +53,6 @@ from rcmservo.page.prompts import PagePrompts
 from rcmservo.page.settings import SelectedSettings, without_limit
 from rcmservo.recording.reader import RECORD
 from rcmservo.servo.servo import Servo
-from rcmservo.tracking import ColourMarkers
 
 
 @contextmanager
@@ -101,7 +100,7 @@ def open_hardware(options: LabOptions) -> Generator[PageBackend]:
             SESSION_DURATION_S,
             arm=partial(connect_stoppable_arm, rig_description, remote_stop, channels),
             camera=partial(open_shared_camera, rig_description, frame_ring),
-            tracker=partial(ColourMarkers, rig_description.markers),
+            tracker=prepare_tracker(rig_description),
             recorder=partial(open_recorder, record_path, run_description),
             target=partial(prepare_at_page, preparation),
             operator=partial(PageOperator, channels, selected_settings, options.teaching_frames),

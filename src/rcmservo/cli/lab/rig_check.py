@@ -26,12 +26,12 @@ from rcmservo.config.rig_file import (
     read_rig_file,
 )
 from rcmservo.config.verified_rigs import compute_digest, mark_rig_verified, unmark_rig_verified
-from rcmservo.hardware.cameras.settings import known_latency
 from rcmservo.hardware.device_kinds import (
-    ARM_KINDS,
-    CAMERA_KINDS,
+    make_tracker,
     open_arm,
     open_camera,
+    prepare_tracker,
+    read_latency,
     read_wiring,
 )
 from rcmservo.live.device_protocols import LabArm, LabCamera
@@ -40,7 +40,6 @@ from rcmservo.live.stop_signals import stopped_by_signals
 from rcmservo.live.terminal_operator import Terminal
 from rcmservo.live.tracking_thread import TrackingThread
 from rcmservo.loop.clock import WallClock
-from rcmservo.tracking import ColourMarkers
 
 
 @dataclass(frozen=True)
@@ -90,9 +89,9 @@ def rig_check(
     data = read_rig_file(options.file)
     lab, digest = decode_rig_file(options.file, data), compute_digest(data)
     with name_origin_in_errors(options.file):
-        lab.decode_device_settings("arm", ARM_KINDS)
-        latency = known_latency(lab.decode_device_settings("camera", CAMERA_KINDS))
         robot = Robot(lab.mechanism, lab.tool, read_wiring(lab))
+        latency, has_latency_key = read_latency(lab)
+    prepare_tracker(lab)
     with stopped_by_signals(), closing(Terminal()) as terminal:
         operator = AttendedTerminal(terminal)
         operator.notify(
@@ -100,7 +99,7 @@ def rig_check(
             "marker detection is compiled, which takes up to a minute"
         )
         warm_up(robot, lab.gate)
-        clock, tracker = WallClock(), ColourMarkers(lab.markers)
+        clock, tracker = WallClock(), make_tracker(lab)
         arm_timeout_s = lab.thresholds.arm_timeout
         with (
             closing(camera(lab)) as device,
@@ -114,7 +113,7 @@ def rig_check(
                 define_joints(operator, mover.plant, lab)
             unmark_rig_verified(digest)
             with apply_realtime_settings():
-                report = check(mover, operator, robot, lab.thresholds, latency)
+                report = check(mover, operator, robot, lab.thresholds, latency, has_latency_key)
     if joints.off_reason:
         expected = "drive disabled by the check at its end"
         finding = Finding("the drive went off by itself", "arm", joints.off_reason, expected)

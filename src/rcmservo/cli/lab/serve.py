@@ -21,7 +21,6 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from rcmservo.cli.lab.live_on_hardware import require_devices
 from rcmservo.cli.lab.page_backend import (
     RECORDED_IMAGES_PER_S,
     SESSION_DURATION_S,
@@ -35,6 +34,9 @@ from rcmservo.cli.terminal import open_console, open_status_line
 from rcmservo.config.new_folder import open_new_folder
 from rcmservo.constraints import between
 from rcmservo.errors import RcmServoError, require_extra
+from rcmservo.hardware.device_kinds import prepare_tracker
+from rcmservo.hardware.lab_rig import require_devices
+from rcmservo.interfaces import Tracker
 from rcmservo.live.child_process import ChildProcess
 from rcmservo.live.frame_ring import RingCamera
 from rcmservo.live.servo_process import Session
@@ -95,7 +97,8 @@ def serve(options: ServeOptions) -> int:
     else:
         with require_extra("serve", "sim"):
             import_module("rcmservo.sim.processes.lab_processes")
-        name, devices = f"serve-seed{options.seed}", _open_simulated_lab(options)
+        tracker = prepare_tracker(options.lab)
+        name, devices = f"serve-seed{options.seed}", _open_simulated_lab(options, tracker)
     servo = options.servo
     with open_new_folder(options.out, name) as folder:
         with open_status_line(open_console()) as line, report_compilation(line):
@@ -106,7 +109,9 @@ def serve(options: ServeOptions) -> int:
 
 
 @contextlib.contextmanager
-def _open_simulated_lab(options: ServeOptions) -> Generator[PageBackend]:
+def _open_simulated_lab(
+    options: ServeOptions, tracker: Callable[[], Tracker]
+) -> Generator[PageBackend]:
     """Yield a simulated arm and its camera as the backend of the page."""
     from rcmservo.cli.run_description import describe_simulated_run
     from rcmservo.cli.simulated_run.target import describe_simulated_setup
@@ -130,7 +135,7 @@ def _open_simulated_lab(options: ServeOptions) -> Generator[PageBackend]:
             record, servo = folder / RECORD, page_settings.limited
             description = describe_simulated_run(options, SESSION_DURATION_S)
             return replace(
-                processes.session(servo, rig_file.markers, SESSION_DURATION_S, record, description),
+                processes.session(servo, tracker, SESSION_DURATION_S, record, description),
                 recorder=partial(open_recorder, record, description),
                 target=partial(await_enable, channels, servo, describe_enabling(servo)),
                 operator=partial(PageOperator, channels, page_settings, options.teaching_frames),

@@ -18,6 +18,7 @@ from rcmservo.cli.run_description import describe_simulated_run
 from rcmservo.cli.run_options import RunOptions
 from rcmservo.cli.simulated_run.target import obtain_target
 from rcmservo.cli.simulated_run.video import FRAMES_PER_VIDEO_IMAGE, make_frame_writer, open_video
+from rcmservo.hardware.device_kinds import make_tracker
 from rcmservo.interfaces import Floats
 from rcmservo.loop.detection_failure import explain_undetected_markers
 from rcmservo.loop.plant import Plant
@@ -32,7 +33,6 @@ from rcmservo.rig.result import read_record_if_any, save_result
 from rcmservo.sim import Killed, Rig
 from rcmservo.sim.disturbances.effects.computer_faults import open_on_filling_disk
 from rcmservo.sim.scripted_operator import ScriptedOperator, run_attended
-from rcmservo.tracking import ColourMarkers
 
 
 def simulate(
@@ -61,7 +61,7 @@ def simulate(
     """
     servo, settings = options.servo, options.rig_settings
     rig = Rig(options.seed, settings, disturbances=options.disturbances)
-    plant = Plant(rig.arm, rig.camera, ColourMarkers(options.lab.markers), rig.clock)
+    plant = Plant(rig.arm, rig.camera, make_tracker(options.lab), rig.clock)
     target = obtain_target(options, rig, plant)
     servo.warm_up()
     operator = ScriptedOperator(rig, plant, options.resumes, options.teaching_frames)

@@ -27,7 +27,7 @@ def describe_simulated_setup(rig: Rig, lab: RigDescription) -> TargetSetup:
     view = hashlib.sha256(np.round(parameters, 6).tobytes()).hexdigest()[:8]
     camera = f"simulation with seed {rig.seed}, view {view}"
     slack, size_px = lab.thresholds.limit_tolerance, (optics.width, optics.height)
-    return TargetSetup(camera, *size_px, lab.mechanism, lab.tool, lab.markers, slack)
+    return TargetSetup(camera, *size_px, lab.mechanism, lab.tool, lab.tracking, slack)
 
 
 def obtain_target(options: RunOptions, rig: Rig, plant: Plant) -> Target:

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from rcmservo.errors import UnusableFile
+from rcmservo.interfaces import Tracker
 from rcmservo.live.arm_datagrams import RemoteArm, teach_and_return
 from rcmservo.live.child_process import EXIT_TIMEOUT_S, ChildProcess
 from rcmservo.live.frame_ring import FrameRing, RingCamera
@@ -26,7 +27,6 @@ from rcmservo.sim.processes.camera_process import run_camera_process
 from rcmservo.sim.processes.live_disturbances import DisturbanceChange
 from rcmservo.sim.processes.motion_log import MotionLog, TruePositionError, find_stop
 from rcmservo.sim.rig import RigSettings
-from rcmservo.tracking import ColourMarkers, MarkerAppearance
 
 MAX_FOLDER_BYTES = 80
 """Length (bytes) of a folder's path that leaves room for the sockets' names."""
@@ -83,7 +83,7 @@ class SimulatedLab:
     def session(
         self,
         servo: Servo,
-        markers: MarkerAppearance,
+        tracker: Callable[[], Tracker],
         duration: float,
         record: Path,
         about: dict[str, Any] | None = None,
@@ -95,8 +95,8 @@ class SimulatedLab:
         ----------
         servo : Servo
             Servo that runs.
-        markers : MarkerAppearance
-            Appearance of the markers.
+        tracker : Callable[[], Tracker]
+            Function that makes the marker tracker in the servo process.
         duration : float
             Length of the session, s.
         record : pathlib.Path
@@ -111,7 +111,7 @@ class SimulatedLab:
             duration,
             arm=partial(RemoteArm, self.folder),
             camera=partial(RingCamera, self.ring),
-            tracker=partial(ColourMarkers, markers),
+            tracker=tracker,
             recorder=partial(Recorder, record, about or {}),
             target=partial(teach_and_return, frames=frames),
         )

@@ -47,12 +47,12 @@ def load_rig(path: str | Path, seed: int = 0) -> Rig:
     with require_extra("load_rig", "sim"):
         from rcmservo.sim import Rig as SimulatedRig
         from rcmservo.sim.rig_file import read_rig_settings
-    from rcmservo.tracking import ColourMarkers
+    from rcmservo.hardware.device_kinds import make_tracker
 
     return SimulatedRig(
         seed,
         read_rig_settings(description),
-        tracker=ColourMarkers(description.markers),
+        tracker=make_tracker(description),
         gate=description.gate,
         thresholds=description.thresholds,
     )
