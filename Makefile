@@ -38,10 +38,12 @@ test-all: $(TESTING)
 	-$(BIN)/python benchmarks/kill.py --count 4
 
 # Of a peer only what its test needs, apart from what the project needs: pandas finds NumPy and Arrow
-# there. Polars is in two packages of one version.
+# there. Polars is in two packages of one version. PyBullet has wheels up to Python 3.11; where it has
+# none, its test is skipped.
 peers: $(TESTING)
 	$(PIP) --no-deps --upgrade --target .peers socs==0.6.4 'pandas>=2.2,<4' 'duckdb>=1.1,<3'
 	$(PIP) --upgrade --target .peers 'polars>=1.20,<3'
+	-$(PIP) --no-deps --upgrade --only-binary :all: --target .peers pybullet==3.2.7
 
 # They go on where they stopped; the page is not written where they no longer bear a sentence of it.
 studies: $(STUDYING)
