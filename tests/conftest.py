@@ -346,4 +346,4 @@ def blank_figures(monkeypatch: pytest.MonkeyPatch) -> None:
     """Save empty figures, for tests that do not examine them: drawing one takes 0.3 s."""
     from matplotlib.figure import Figure
 
-    monkeypatch.setattr(charts, "_draw_figure", lambda figure: Figure(figsize=(1.0, 1.0)))
+    monkeypatch.setattr(charts, "draw_figure", lambda figure: Figure(figsize=(1.0, 1.0)))

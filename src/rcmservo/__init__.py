@@ -23,7 +23,7 @@ __version__ = "0.2.0"
 PUBLIC_PACKAGES = "sim", "study", "tracking"
 """Packages that are public as they are. They need MuJoCo or OpenCV, which the core does not."""
 
-STUDY_NAMES = ("bound",)
+STUDY_NAMES = "bound", "compare"
 """Public names of `rcmservo.study`, which are also loaded on first use."""
 
 

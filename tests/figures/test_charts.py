@@ -14,7 +14,7 @@ from rcmservo.figures.charts import (
     STYLES,
     Figure,
     Panel,
-    _draw_figure,
+    draw_figure,
     make_curve,
     render_svg,
     save_figure,
@@ -77,5 +77,5 @@ def test_a_figure_that_cannot_be_saved_leaves_no_file(tmp_path: Path) -> None:
 
 def test_a_map_has_one_scale_for_both_axes_and_can_grow_downwards() -> None:
     panel = Panel("u [px]", "v [px]", [make_curve("", [0, 400], [0, 100])], map=True, downward=True)
-    (axis,) = _draw_figure(Figure("", [panel])).axes
+    (axis,) = draw_figure(Figure("", [panel])).axes
     assert axis.get_aspect() == 1.0 and axis.yaxis_inverted()

@@ -217,7 +217,7 @@ def make_curve(label: str, x: Any, y: Any, style: int = 0, marks: bool = False) 
 def save_figure(figure: Figure, path: Path) -> None:
     """Draw a figure into a PNG file."""
     with atomic_path(path) as partial_file:
-        _draw_figure(figure).savefig(partial_file, format="png", dpi=130)
+        draw_figure(figure).savefig(partial_file, format="png", dpi=130)
 
 
 def render_svg(figure: Figure) -> str:
@@ -226,12 +226,12 @@ def render_svg(figure: Figure) -> str:
 
     text = io.StringIO()
     with mpl.rc_context(MATPLOTLIB_SETTINGS):
-        _draw_figure(figure).savefig(text, format="svg", metadata={"Date": None})
+        draw_figure(figure).savefig(text, format="svg", metadata={"Date": None})
     return text.getvalue()
 
 
-def _draw_figure(figure: Figure) -> "Canvas":
-    """Return the figure as a Matplotlib figure.
+def draw_figure(figure: Figure) -> "Canvas":
+    """Return a figure as a Matplotlib figure, which its caller may change and save.
 
     The import of Matplotlib takes a second and is therefore local.
     """
