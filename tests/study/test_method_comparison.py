@@ -192,7 +192,7 @@ def test_the_printed_table_holds_every_number_with_its_interval(
     compiled: MethodComparison,
 ) -> None:
     text = str(compiled)
-    assert text.startswith("20 scenes, 2.5 s each, all methods on the compiled engine; medians")
+    assert text.startswith("20 scenes, 2.5 s each, all methods on the compiled engine\nmedians")
     for summary in compiled.summaries:
         assert summary.runs == 20 and summary.method in text
         assert f"{summary.pose_median_mm.low:.3f} to {summary.pose_median_mm.high:.3f}" in text

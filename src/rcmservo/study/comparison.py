@@ -41,6 +41,11 @@ if TYPE_CHECKING:
 TEXT_COLUMNS = 100
 """Width of a printed comparison in columns."""
 
+NUMBERS_NOTE = (
+    "medians of time and error, root mean square of error / bound, with 95 % confidence intervals"
+)
+"""Meaning of the numbers of a printed comparison."""
+
 STOPPED_TONE = 5
 """Colour of the spans in which the tool is stopped: an index in the tones of charts."""
 
@@ -279,7 +284,6 @@ class MethodComparison:
         duration_s = self.methods[0].simulation.duration
         scenes = "1 scene" if self._count == 1 else f"{self._count} scenes"
         title = f"{scenes}, {duration_s:g} s each, all methods on the {self.engine} engine"
-        title += "; medians, with 95 % confidence intervals"
         if self._count < self.requested:
             title += (
                 f"; Ctrl-C ended the comparison before the other {self.requested - self._count}"
@@ -288,7 +292,7 @@ class MethodComparison:
         console = Console(file=text, width=TEXT_COLUMNS, markup=False, highlight=False, emoji=False)
         console.print(build_result_table(self.summaries))
         sentences = map(describe_comparison, self.differences)
-        return "\n".join([title, text.getvalue().rstrip("\n"), *sentences])
+        return "\n".join([title, NUMBERS_NOTE, text.getvalue().rstrip("\n"), *sentences])
 
     def _repr_html_(self) -> str:
         return _format_html(str(self), self._figure)
