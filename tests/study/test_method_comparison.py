@@ -151,8 +151,10 @@ def test_an_invalid_argument_raises_one_sentence_that_names_it(
 
 
 def test_an_estimator_that_fails_is_refused_before_any_run(
-    own_estimator: type[rs.Estimator],
+    own_estimator: type[rs.Estimator], monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(method_comparison, "_run_scene", lambda *_: pytest.fail("it ran"))
+
     class Broken(own_estimator):  # pyright: ignore[reportGeneralTypeIssues]
         """Estimator whose Jacobian has an invalid shape."""
 
