@@ -34,7 +34,8 @@ from rcmservo.sim.camera_model import CameraModel, compute_look_at_rotation
 from rcmservo.sim.rendering import Tissue
 from rcmservo.sim.scene import Scene
 from rcmservo.sim.tool_body import ToolBody
-from rcmservo.study import Study, StudyRun
+from rcmservo.study import StudyRun
+from rcmservo.study.compiled_engine import CompiledEngine
 from rcmservo.study.kernel_engine import StudyGoal
 from rcmservo.study.report import statistics
 
@@ -142,7 +143,7 @@ def by_twin(options: Options, seed: int) -> Ended:
     """Run one closed loop on the compiled simulation."""
     settings = settings_of(options)
     estimator = ServoOptions().find_estimator(options.estimator)
-    study = Study(
+    study = CompiledEngine(
         rs.Servo(settings.mechanism, settings.tool, estimator), settings, teaching_frames=30
     )
     scene = draw(seed, ToolBody(settings.mechanism, settings.tool))

@@ -47,8 +47,8 @@ def main(count: int) -> None:
     print(f"mirrored: {grown}, at most {growth.max():.0f} mm", flush=True)
     settings = rs.sim.RigSettings(drive=Drive(lag=LAG_S))
     servo = rs.Servo(settings.mechanism, settings.tool)
-    runs = list(rs.study.Study(servo, settings).runs(range(count)))
-    stopped = sum(len(run.stops) > 0 for run in runs)
+    rows = rs.compare({"default": servo}, scenes=count, settings=settings).rows
+    stopped = sum(row.stops > 0 for row in rows)
     print(f"lag of {1e3 * LAG_S:g} ms: {stopped} of {count} stop")
 
 

@@ -21,6 +21,7 @@ import numpy as np
 import tyro
 
 import rcmservo as rs
+from rcmservo.study.compiled_engine import CompiledEngine
 from rcmservo.study.execution.chunk import ChunkRequest, run_chunk
 from rcmservo.study.execution.package_version import identify_package
 from rcmservo.study.execution.workers import open_worker_pool
@@ -44,14 +45,14 @@ class Options:
 
 def steps_per_second() -> float:
     """Return the steps per second of CPU time on one core, over LOOPS loops in ten scenes."""
-    study = rs.study.Study(
+    engine = CompiledEngine(
         rs.Servo(rs.SphericalRcm(), rs.RigidTool(spacing=30.0)), teaching_frames=SHOWN
     )
-    given = [draw_trial(seed, 0, study.settings, study.duration, SHOWN) for seed in range(10)]
-    first = [study.of(seed, *one) for seed, one in enumerate(given)]
+    given = [draw_trial(seed, 0, engine.settings, engine.duration, SHOWN) for seed in range(10)]
+    first = [engine.of(seed, *one) for seed, one in enumerate(given)]
     assert max(run.error[-1] for run in first) < 1.0, "a run failed, and its steps are faster"
     began = time.process_time()
-    ticks = sum(len(study.of(k, *given[k % 10]).error) for k in range(LOOPS))
+    ticks = sum(len(engine.of(k, *given[k % 10]).error) for k in range(LOOPS))
     return ticks / (time.process_time() - began)
 
 

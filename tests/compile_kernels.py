@@ -17,11 +17,12 @@ def compile_servo() -> None:
     """Compile the default servo, the simulation of studies around it, and the other estimators."""
     import rcmservo as rs
     from conftest import ESTIMATORS, make_laboratory
+    from rcmservo.study.compiled_engine import CompiledEngine
 
     lab = make_laboratory()
     servo = lab.servo(estimator=ESTIMATORS["dlt"])
     servo.warm_up()
-    rs.study.Study(servo, duration=0.1, teaching_frames=1).run(0)
+    CompiledEngine(servo, duration=0.1, teaching_frames=1).run(0)
     for estimator in [*ESTIMATORS.values(), rs.AffineEstimator()]:
         if not isinstance(estimator, rs.ProjectionEstimator):
             lab.servo(estimator=estimator).warm_up()
@@ -34,13 +35,14 @@ def compile_images() -> None:
     """
     import rcmservo as rs
     from conftest import ESTIMATORS, TOOLS, make_laboratory
+    from rcmservo.study.compiled_engine import CompiledEngine
 
     rig = rs.sim.Rig()
     rs.teach(rs.Plant(rig.arm, rig.camera, rs.tracking.ColourMarkers(), rig.clock), 1)
     lab = make_laboratory()
     servo = lab.servo(estimator=ESTIMATORS["fast"])
     servo.warm_up()
-    rs.study.Study(servo, duration=0.1, teaching_frames=1).run(0)
+    CompiledEngine(servo, duration=0.1, teaching_frames=1).run(0)
     lab.servo(estimator=ESTIMATORS["fast"], tool=TOOLS["scaled"]).warm_up()
 
 

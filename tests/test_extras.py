@@ -55,7 +55,7 @@ def test_commands_name_the_command_that_installs_a_missing_package(
 
 
 def test_the_simulator_in_python_names_the_command_that_installs_it(tmp_path: Path) -> None:
-    for name in ("sim.Rig", "study.Study"):
+    for name in ("sim.Rig", "study.compare"):
         done = run_without(("mujoco",), f"import rcmservo as rs; rs.{name}", tmp_path)
         message = f"rcmservo.{name.partition('.')[0]} needs mujoco" + ADVICE.format(extra="sim")
         assert message in done.stderr

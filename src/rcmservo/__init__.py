@@ -64,7 +64,7 @@ PUBLIC_PACKAGES = "hardware", "sim", "study", "testing", "tracking"
 """Packages that are public as they are. Some need MuJoCo, OpenCV or a driver's library, which the
 core does not."""
 
-STUDY_NAMES = ("bound",)
+STUDY_NAMES = "bound", "compare"
 """Public names of `rcmservo.study`, which are also loaded on first use."""
 
 

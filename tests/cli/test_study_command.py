@@ -7,13 +7,16 @@ import subprocess
 import sys
 from collections.abc import Generator
 from contextlib import contextmanager
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import cv2
 import pytest
 
+import rcmservo as rs
 from rcmservo.cli.cli import main
+from rcmservo.config.user_estimators import import_estimator
 from rcmservo.errors import RcmServoError
 from rcmservo.interfaces import Image
 from rcmservo.study.execution import workers as crews
@@ -84,7 +87,7 @@ def here(tmp_path_factory: pytest.TempPathFactory) -> Generator[Path]:
 
 @pytest.fixture(scope="module")
 def study(here: Path) -> str:
-    """Return the output of a study with two workers: five scenes, both engines."""
+    """Return the output of a study with two workers: two methods in three scenes."""
     words = [
         "study.toml",
         "--user-estimator",
@@ -131,7 +134,7 @@ def test_a_study_writes_rows_summary_and_report_and_shows_progress(study: str) -
     assert {path.name for path in Path("study").iterdir()} == WRITTEN
     made = rows("study")
     assert [(row["method"], row["engine"], row["seed"]) for row in made] == [
-        *(("dlt", "compiled", seed) for seed in range(3)),
+        *(("dlt", "mujoco", seed) for seed in range(3)),
         *(("mine", "mujoco", seed) for seed in range(3)),
     ]
     assert made[0]["source"] == "" and len(made[3]["source"]) == 64
@@ -142,6 +145,16 @@ def test_a_study_writes_rows_summary_and_report_and_shows_progress(study: str) -
     summary = json.loads(Path("study/summary.json").read_text())
     assert summary["workers"] == "2 on this machine" and "--user-estimator" in summary["command"]
     assert f"--user-estimator {OWN} --replay 5</code>" in Path("study/report.html").read_text()
+
+
+@pytest.mark.usefixtures("study")
+def test_the_same_seeds_give_the_same_rows_on_the_command_line_and_in_python() -> None:
+    least = import_estimator(OWN)()
+    law = rs.SaturatedController(gain=4.0)
+    mine = rs.Servo(rs.SphericalRcm(), rs.RigidTool(spacing=30.0), least, controller=law)
+    compared = rs.compare({"dlt": rs.DltEstimator(), "mine": mine}, scenes=3, duration=2.0)
+    assert [asdict(row) for row in compared.rows] == rows("study")
+    assert compared.engine == "mujoco" and compared.rows[0] != compared.rows[3]
 
 
 def test_an_option_overrides_the_file_and_the_file_overrides_the_default(
@@ -212,17 +225,23 @@ def test_scenes_help_describes_each_distribution_and_runs_nothing(
     assert names == ["paper", "random", "laparoscopic", "hard"]
 
 
-def rerun(case: int, *words: str) -> int:
-    return main(["study", "--out", "study", "--user-estimator", OWN, "--replay", str(case), *words])
+def rerun(case: int, *words: str, folder: str = "study") -> int:
+    line = ["study", "--out", folder, "--user-estimator", OWN, "--replay", str(case), *words]
+    return main(line)
 
 
 @pytest.mark.filterwarnings("error:::tyro")
+@pytest.mark.usefixtures("study", "in_this_process")
 @pytest.mark.parametrize(("case", "engine"), [(1, "compiled"), (4, "mujoco")])
 def test_a_rerun_row_of_each_engine_is_equal_and_its_record_is_readable(
-    study: str, case: int, engine: str, capsys: pytest.CaptureFixture[str]
+    case: int, engine: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert rerun(case) == 0
-    output, folder = capsys.readouterr().out, f"study/replays/{case}"
+    if (out := "study" if engine == "mujoco" else "compiled") == "compiled":
+        words = ["--method", "dlt", "--count", "2", "--duration", "2", "--no-report"]
+        assert main(["study", *words, "--out", out]) == 0
+        capsys.readouterr()
+    assert rerun(case, folder=out) == 0
+    output, folder = capsys.readouterr().out, f"{out}/replays/{case}"
     assert "the same row, bit for bit" in output and engine in output.splitlines()[0]
     assert ("recorded with MuJoCo's arm" in output) == (engine == "compiled")
     assert all(
@@ -313,7 +332,7 @@ def test_an_equal_row_of_another_processor_is_reported_as_such(
 @pytest.mark.parametrize(
     ("damage", "words"),
     [
-        (('"engine": "mujoco",', ""), "study.cells[1].engine must be given, got None"),
+        (('"engine": "mujoco",', ""), "study.cells[0].engine must be given, got None"),
         (('"count": 3', '"count": "x"'), "study.count must be a whole number, got 'x'"),
         (('"count": 3', '"count": 30'), "runs.parquet: has 6 rows, but study.json lists 60"),
     ],

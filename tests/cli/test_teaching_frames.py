@@ -23,7 +23,7 @@ from rcmservo.page.operator import PageOperator
 from rcmservo.sim import Rig, RigSettings
 from rcmservo.sim.processes.lab_processes import SimulatedLab
 from rcmservo.sim.scripted_operator import ScriptedOperator
-from rcmservo.study.batch import Study
+from rcmservo.study.compiled_engine import CompiledEngine
 from rcmservo.study.plan.plan import StudyPlan
 from rcmservo.study.simulation_engine import SimulationEngine
 from rcmservo.tracking import PointMarkers
@@ -31,7 +31,7 @@ from rcmservo.tracking import PointMarkers
 FRAME_PARAMETERS: dict[Callable[..., object], str] = {
     rs.teach: "frames",
     Teach: "frames",
-    Study: "teaching_frames",
+    CompiledEngine: "teaching_frames",
     SimulationEngine: "teaching_frames",
     StudyPlan: "teaching_frames",
     ScriptedOperator: "frames",

@@ -1,7 +1,5 @@
 """Agreement of the compiled plant with MuJoCo's arm, both with the live servo's step."""
 
-import signal
-from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -25,8 +23,8 @@ from rcmservo.sim.rendering import Tissue
 from rcmservo.sim.rig import sample_scene_of_seed
 from rcmservo.sim.scene import Scene
 from rcmservo.sim.tool_body import ToolBody
-from rcmservo.study import Study, StudyRun
-from rcmservo.study.batch import FIRST_TICK_NS
+from rcmservo.study import StudyRun
+from rcmservo.study.compiled_engine import FIRST_TICK_NS, CompiledEngine
 from rcmservo.study.execution.chunk import run_seed
 from rcmservo.study.kernel_engine import StudyGoal
 from rcmservo.study.plan.file import StudyFile, make_plan
@@ -42,11 +40,11 @@ TOLERANCE_MM = 1e-3
 FRAME_PERIOD_S = 1.0 / 60.0
 
 
-def make_study(settings: RigSettings, **options: float) -> Study:
-    return Study(Servo(settings.mechanism, settings.tool), settings, **options)
+def make_study(settings: RigSettings, **options: float) -> CompiledEngine:
+    return CompiledEngine(Servo(settings.mechanism, settings.tool), settings, **options)
 
 
-def run_mujoco(study: Study, seed: int) -> StudyRun:
+def run_mujoco(study: CompiledEngine, seed: int) -> StudyRun:
     """Run the same closed loop with MuJoCo's arm and the live code."""
     return SimulationEngine(study.servo, study.settings, study.duration, study.teaching_frames).run(
         seed
@@ -60,7 +58,7 @@ def make_goal(seed: int, settings: RigSettings) -> StudyGoal:
     return StudyGoal(scene.optics.project(markers), scene.target, markers[1])
 
 
-def run_both(study: Study, seed: int) -> StudyRun:
+def run_both(study: CompiledEngine, seed: int) -> StudyRun:
     """Return the compiled closed loop after checking that MuJoCo's agrees with it."""
     compiled, mujoco = study.run(seed), run_mujoco(study, seed)
     assert np.abs(compiled.error - mujoco.error).max() < TOLERANCE_MM
@@ -104,8 +102,8 @@ def test_with_the_same_noise_the_compiled_plant_agrees_with_the_simulated_arm(
     """
     settings, seed = scene
     servo = Servo(settings.mechanism, settings.tool, estimator)
-    run = run_both(Study(servo, settings, duration=6.0), seed)
-    quiet = Study(servo, replace(settings, point_noise=0.0), duration=6.0).run(seed)
+    run = run_both(CompiledEngine(servo, settings, duration=6.0), seed)
+    quiet = CompiledEngine(servo, replace(settings, point_noise=0.0), duration=6.0).run(seed)
     assert np.abs(run.error - quiet.error).max() > 10.0 * TOLERANCE_MM
 
 
@@ -118,15 +116,20 @@ def test_the_compiled_plant_has_the_drive_errors_of_the_simulated_arm(
     accurate, seed = scene
     settings = replace(accurate, drive=INACCURATE)
     servo = Servo(settings.mechanism, settings.tool, DltEstimator())
-    run = run_both(Study(servo, settings, duration=6.0), seed)
+    run = run_both(CompiledEngine(servo, settings, duration=6.0), seed)
     assert run.error[-1] < 1.0 and not run.stops
-    assert np.abs(run.error - Study(servo, accurate, duration=6.0).run(seed).error).max() > 0.1
+    assert (
+        np.abs(run.error - CompiledEngine(servo, accurate, duration=6.0).run(seed).error).max()
+        > 0.1
+    )
 
 
 def test_the_target_of_a_study_has_the_joints_that_the_arm_reports() -> None:
     """The true joints differ by 20 mm, and the servo would reject the target's pose."""
     offset = replace(NOISY, drive=Drive(encoder_offset=(0.1, 0.1, 5.0)))
-    run = Study(Servo(offset.mechanism, offset.tool, DltEstimator()), offset, duration=6.0).run(2)
+    run = CompiledEngine(
+        Servo(offset.mechanism, offset.tool, DltEstimator()), offset, duration=6.0
+    ).run(2)
     assert not run.stops and run.error[-1] < 1.0
 
 
@@ -134,26 +137,6 @@ def test_other_drives_change_the_run() -> None:
     slow = replace(QUIET, drive=Drive(lag=0.021))
     default, slower = (make_study(settings, duration=4.0).run(0) for settings in (QUIET, slow))
     assert np.abs(default.error - slower.error).max() > TOLERANCE_MM
-
-
-@pytest.fixture
-def sigterm_ignored() -> Iterator[None]:
-    """Let this process ignore SIGTERM; an alarm ends the test if it hangs for two minutes."""
-    previous = signal.signal(signal.SIGTERM, lambda number, frame: None)
-    signal.alarm(120)
-    yield
-    signal.alarm(0)
-    signal.signal(signal.SIGTERM, previous)
-
-
-@pytest.mark.usefixtures("sigterm_ignored")
-def test_the_same_seed_gives_the_same_run_in_every_process() -> None:
-    study = make_study(RigSettings(), duration=2.0)
-    sequential, parallel = [study.run(seed) for seed in (3, 4)], list(study.runs([3, 4]))
-    for run, parallel_run in zip(sequential, parallel, strict=True):
-        assert run.seed == parallel_run.seed
-        assert run.error.tobytes() == parallel_run.error.tobytes()
-    assert sequential[0].error.tobytes() != sequential[1].error.tobytes()
 
 
 def test_excessive_noise_stops_the_run_with_a_cause() -> None:
@@ -172,7 +155,8 @@ def test_an_estimator_that_averages_markers_reaches_a_smaller_error_in_the_same_
         for estimator in (ProjectionEstimator(), DltEstimator())
     ]
     measured, averaged = (
-        [Study(servo, teaching_frames=300).run(seed) for seed in range(12)] for servo in servos
+        [CompiledEngine(servo, teaching_frames=300).run(seed) for seed in range(12)]
+        for servo in servos
     )
     errors = [np.median([run.error[-300:].mean() for run in runs]) for runs in (measured, averaged)]
     times = [np.median([run.first_within(1.0) for run in runs]) for runs in (measured, averaged)]
@@ -203,7 +187,7 @@ def test_with_the_rcm_behind_the_camera_only_the_full_projection_converges(
     settings = replace(QUIET, tool=RigidTool(15.0))
     body = ToolBody(settings.mechanism, settings.tool)
     scene = make_endoscopic_scene(sample_scene_of_seed(0, QUIET)[0].optics, body)
-    study = Study(Servo(settings.mechanism, settings.tool, estimator), settings)
+    study = CompiledEngine(Servo(settings.mechanism, settings.tool, estimator), settings)
     markers = body.points(scene.target)[:2]
     goal = StudyGoal(scene.optics.project(markers), scene.target, markers[1])
     run = study.of(0, scene, goal, np.zeros((1000, 2, 2)))
@@ -247,7 +231,7 @@ def test_an_invalid_study_raises_an_error_that_names_the_field(
     if arguments.get("servo") is None:
         arguments = arguments | {"servo": fast}
     with pytest.raises(BadInput, match=message):
-        Study(**arguments)
+        CompiledEngine(**arguments)
 
 
 def test_an_invalid_seed_or_noise_raises_an_error() -> None:

@@ -10,6 +10,7 @@ from typing import Any, get_type_hints
 import pytest
 from studies import make_small_plan, run_plan
 
+import rcmservo as rs
 from conftest import ROOT
 from peers import mark_peer
 from rcmservo.study.execution.store import RUNS_FILE
@@ -56,6 +57,16 @@ def test_pandas_reads_rows(study: tuple[Path, list[dict[str, Any]]]) -> None:
         assert table[name].dropna().tolist() == known
     means = table.groupby("method")["pose_error_mm"].mean()
     assert means["dlt"] == pytest.approx(sum(row["pose_error_mm"] for row in rows[:4]) / 4.0)
+
+
+@requires("pandas")
+def test_a_comparison_converts_to_pandas() -> None:
+    pandas = import_reader("pandas")
+    compared = rs.compare({"dlt": "dlt"}, scenes=2, duration=2.1, workers=1)
+    table = compared.to_pandas()
+    assert isinstance(table, pandas.DataFrame) and list(table.columns) == NAMES
+    errors = [row.pose_error_mm for row in compared.rows]
+    assert table["seed"].tolist() == [0, 1] and table["pose_error_mm"].tolist() == errors
 
 
 @requires("polars")

@@ -22,7 +22,6 @@ import pyarrow as pa
 import pytest
 from studies import make_small_plan, run_plan
 
-from rcmservo.cli.studies.study_report import build_result_table, describe_comparison
 from rcmservo.cli.terminal import open_console
 from rcmservo.interfaces import Floats
 from rcmservo.study.execution import manifest
@@ -32,6 +31,7 @@ from rcmservo.study.report import report
 from rcmservo.study.report.maps import MAP_AXES, ConvergenceMap, make_map
 from rcmservo.study.report.statistics import Interval
 from rcmservo.study.report.summary import Group
+from rcmservo.study.report.text import build_result_table, describe_comparison
 
 PA: Any = pa
 HTML_NAME = "<b>&amp;"
@@ -376,12 +376,12 @@ def test_cumulative_curves_start_at_zero_and_end_at_the_fraction_of_finite_value
         group = SimpleNamespace(
             method="m", first_within=np.array(values), column=lambda name: np.array([0.5])
         )
-        times, poses = report._make_figure([group], 15.0).panels  # pyright: ignore
+        times, poses = report.make_figure([group], 15.0).panels  # pyright: ignore
         curve = times.curves[0]
         assert (curve.x[0], curve.y[0], curve.x[-1], curve.y[-1]) == (0.0, 0.0, 15.0, last)
         assert poses.curves[0].y == [0.0, 1.0] and poses.curves[0].x == [0.5, 0.5]
     many = np.random.default_rng(0).uniform(0.0, 15.0, 10_000)
     group = SimpleNamespace(method="m", first_within=many, column=lambda name: many)
-    for panel in report._make_figure([group], 15.0).panels:  # pyright: ignore
+    for panel in report.make_figure([group], 15.0).panels:  # pyright: ignore
         x, y = np.array(panel.curves[0].x), np.array(panel.curves[0].y)
         assert len(x) <= 500 and y[-1] == 1.0 and np.abs(y - x / 15.0).max() < 0.02

@@ -79,7 +79,11 @@ def test_a_changed_setting_is_listed_and_invalidates_the_runs_that_depend_on_it(
         ({"first_seed": 3, "teaching_frames": 7}, ["seed", "teaching frames"]),
         ({"scenes": ("random", "laparoscopic")}, ["scenes"]),
         ({"scenes": ("paper",)}, ["scenes"]),
-        ({"methods": ("dlt", "projection", "flow")}, ["method"]),
+        ({"methods": ("dlt", "projection", "projection-printed")}, ["method"]),
+        (
+            {"methods": ("dlt", "projection", "flow")},
+            ["method", "engine of dlt", "engine of projection"],
+        ),
         (
             {"method": {"dlt": {"estimator": "dlt", "controller": {"gain": 3.0}}}},
             ["settings of dlt"],

@@ -126,12 +126,15 @@ def test_every_built_in_distribution_has_scenes_and_a_description(name: str) -> 
         assert 0.2 < np.mean(np.array(depths) < 0.0) < 0.9
 
 
-def test_the_compiled_engine_is_the_default_where_it_is_supported(tmp_path: Path) -> None:
+def test_all_methods_and_conditions_run_on_the_same_engine(tmp_path: Path) -> None:
+    """Methods are compared on the same plant: one that needs the full simulator moves all there."""
+
     def choose_engines(text: str) -> list[str]:
         return [cell.engine for cell in make_plan_of(tmp_path, text).cells]
 
-    assert choose_engines('methods = ["dlt", "projection", "flow"]') == [COMPILED, COMPILED, MUJOCO]
-    assert choose_engines('disturb = [[], ["occlusion:at=1,for=0.2"]]') == [COMPILED, MUJOCO]
+    assert choose_engines('methods = ["dlt", "projection"]') == [COMPILED] * 2
+    assert choose_engines('methods = ["dlt", "projection", "flow"]') == [MUJOCO] * 3
+    assert choose_engines('disturb = [[], ["occlusion:at=1,for=0.2"]]') == [MUJOCO] * 2
     assert choose_engines('engine = "pictures"') == [PICTURES]
     printed = make_plan_of(tmp_path, 'methods = ["projection-printed"]').methods[0]
     assert printed.estimator == PAPER_PROJECTION_ESTIMATOR

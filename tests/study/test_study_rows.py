@@ -12,7 +12,7 @@ from rcmservo.safety.state_machine import PHASES, Phase
 from rcmservo.sim.ground_truth import compute_true_jacobian_at_joints
 from rcmservo.sim.scene import Scene
 from rcmservo.sim.scenes.joint_paths import compute_imaged_rcm
-from rcmservo.study.batch import Study
+from rcmservo.study.compiled_engine import CompiledEngine
 from rcmservo.study.execution.chunk import run_seed
 from rcmservo.study.plan.cell import Cell
 from rcmservo.study.row import NEVER_BEGAN, StudyRow, make_row
@@ -37,7 +37,7 @@ def make_run(
 
 def sample_scene(cell: Cell, seed: int) -> Scene:
     engine = cell.make_engine(seed, cell.rebuild_servo({}))
-    assert isinstance(engine, Study)
+    assert isinstance(engine, CompiledEngine)
     return engine.run(seed).scene
 
 
@@ -171,7 +171,7 @@ def test_the_latency_includes_half_of_the_exposure() -> None:
     assert requested.latency_s == pytest.approx(0.05)
     cell = make_small_plan(latency=(0.05,)).cells[0]
     study = cell.make_engine(0, cell.rebuild_servo({}))
-    assert isinstance(study, Study)
+    assert isinstance(study, CompiledEngine)
     plant = study._make_plant(sample_scene(cell, 0))  # pyright: ignore[reportPrivateUsage]
     assert plant.frame_timing.latency == 50_000_000
 

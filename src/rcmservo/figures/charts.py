@@ -231,7 +231,7 @@ def render_svg(figure: Figure) -> str:
 
 
 def draw_figure(figure: Figure) -> "Canvas":
-    """Return the figure as a Matplotlib figure.
+    """Return a figure as a Matplotlib figure, which its caller may change and save.
 
     The import of Matplotlib takes a second and is therefore local.
     """

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, fields
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -13,12 +13,12 @@ from rcmservo.control.saturated_controller import scale_rows
 from rcmservo.interfaces import Floats
 from rcmservo.loop.run_result import RunResult
 from rcmservo.numerics.small_svd import compute_condition
+from rcmservo.recording.summary_text import list_result_rows
 from rcmservo.safety.causes import Cause
 from rcmservo.sim import RigSettings
 from rcmservo.sim.ground_truth import compute_true_jacobian_at_joints
 from rcmservo.sim.scene import Scene
 from rcmservo.sim.scenes.joint_paths import compute_imaged_rcm
-from rcmservo.study.plan.cell import Cell
 from rcmservo.study.plan.conditions import PICTURES
 from rcmservo.study.run_outcome import StudyRun
 
@@ -89,25 +89,47 @@ class StudyRow:
         )
 
 
+class RunLabels(Protocol):
+    """Part of a row that is known before the run: a cell of a plan, or a compared method."""
+
+    @property
+    def method(self) -> str: ...
+
+    @property
+    def scenes(self) -> str: ...
+
+    @property
+    def repetition(self) -> int: ...
+
+    @property
+    def disturb(self) -> tuple[str, ...]: ...
+
+    @property
+    def engine(self) -> str: ...
+
+    @property
+    def source(self) -> str: ...
+
+
 COLUMN_MEANINGS = {f.name: str(f.metadata["meaning"]) for f in fields(StudyRow)}
 
 
-def make_row(cell: Cell, settings: RigSettings, run: StudyRun) -> StudyRow:
-    """Return the row of a run of a cell."""
+def make_row(labels: RunLabels, settings: RigSettings, run: StudyRun) -> StudyRow:
+    """Return the row of a run in the laboratory with these settings."""
     arrival_s, stops = run.first_within(SUCCESS_MM), run.stops
     timing, scene = settings.timing, run.scene
     p1 = scene.body.points(scene.start)[0]
     rcm_depth, marker_depth = scene.optics.depth(np.stack([np.zeros(3), p1]))
     sight_line: Floats = p1 - scene.optics.position
     return StudyRow(
-        method=cell.method,
-        scenes=cell.scenes,
+        method=labels.method,
+        scenes=labels.scenes,
         seed=run.seed,
-        repetition=cell.repetition,
-        noise_px=None if cell.engine == PICTURES else float(settings.point_noise),
+        repetition=labels.repetition,
+        noise_px=None if labels.engine == PICTURES else float(settings.point_noise),
         latency_s=float(0.5 * timing.exposure + timing.delay),
-        disturb=" ".join(cell.disturb),
-        engine=cell.engine,
+        disturb=" ".join(labels.disturb),
+        engine=labels.engine,
         success=bool(run.pose_error <= SUCCESS_MM),
         time_to_1mm_s=arrival_s if np.isfinite(arrival_s) else None,
         pose_error_mm=run.pose_error,
@@ -122,10 +144,17 @@ def make_row(cell: Cell, settings: RigSettings, run: StudyRun) -> StudyRow:
         distance_mm=float(np.linalg.norm(sight_line)),
         rcm_depth=float(rcm_depth / marker_depth),
         rejected=scene.rejected,
-        source=cell.source,
+        source=labels.source,
         cpu=read_cpu_name(),
         versions=versions(),
     )
+
+
+def list_row_texts(row: StudyRow) -> list[tuple[str, str]]:
+    """Return the row's result as pairs of title and text, with what only a study measures."""
+    stop = "none" if row.stop_s is None else f"{row.stop} at {row.stop_s:.2f} s, of {row.stops}"
+    growth = f"{row.unnoticed_mm:.3f} mm without a cause"
+    return [*list_result_rows(row.result), ("first stop", stop), ("growth of the error", growth)]
 
 
 def compute_worst_condition(scene: Scene) -> float:

@@ -1,6 +1,6 @@
 """Closed loops of a study in the full simulator: MuJoCo's arm and the code of the live loop.
 
-This engine also runs what the compiled plant of `rcmservo.study.batch` does not support: any
+This engine also runs what `rcmservo.study.compiled_engine` does not support: any
 estimator, disturbances and rendered frames. Timing and noise are the same in both.
 """
 

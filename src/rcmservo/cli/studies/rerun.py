@@ -19,7 +19,7 @@ from rcmservo.interfaces import Image
 from rcmservo.loop.tick import Tick
 from rcmservo.recording import reader
 from rcmservo.recording.reader import RECORD
-from rcmservo.recording.summary_text import format_title, list_result_rows
+from rcmservo.recording.summary_text import format_title
 from rcmservo.recording.writer import Recorder
 from rcmservo.rig.result import draw_figures
 from rcmservo.servo.servo import Servo
@@ -30,7 +30,7 @@ from rcmservo.study.execution.store import RUNS_FILE, read_runs
 from rcmservo.study.plan.cell import Cell
 from rcmservo.study.plan.conditions import COMPILED, MUJOCO
 from rcmservo.study.plan.user_module_archive import archive_module
-from rcmservo.study.row import StudyRow
+from rcmservo.study.row import list_row_texts
 from rcmservo.study.simulation_engine import SimulationEngine, SimulationLoop
 
 RERUNS_FOLDER = "replays"
@@ -71,7 +71,7 @@ def rerun_row(
     ) as output:
         video_failure = _record_run(cell, servo, seed, output, with_video)
     console.print(f"row {index}: {cell.method}, {cell.condition}, seed {seed}, {cell.engine}")
-    console.print(build_two_column_table(format_title(new_row.result), _list_result_rows(new_row)))
+    console.print(build_two_column_table(format_title(new_row.result), list_row_texts(new_row)))
     changed = [name for name in differing if name not in ORIGIN_COLUMNS]
     outcome = f"the row differs in {', '.join(changed)}" if changed else "the same row, bit for bit"
     origin = [f"{name} was {stored[name]}" for name in ORIGIN_COLUMNS if name in differing]
@@ -92,13 +92,6 @@ def _read_row(folder: Path, study: manifest.StudyManifest, index: int) -> dict[s
         counts = f"has {rows.num_rows} rows, but {manifest.MANIFEST_NAME} lists {study.runs}"
         raise UnusableFile(folder / RUNS_FILE, f"{counts}: name a new folder")
     return rows.slice(index, 1).to_pylist()[0]
-
-
-def _list_result_rows(row: StudyRow) -> list[tuple[str, str]]:
-    """Return the row's result as names and values, with those that only a study measures."""
-    stop = "none" if row.stop_s is None else f"{row.stop} at {row.stop_s:.2f} s, of {row.stops}"
-    growth = f"{row.unnoticed_mm:.3f} mm without a cause"
-    return [*list_result_rows(row.result), ("first stop", stop), ("growth of the error", growth)]
 
 
 def _require_same_code(

@@ -20,7 +20,7 @@ from rcmservo.safety.state_machine import Phase
 from rcmservo.servo.servo import Servo
 from rcmservo.sim import RigSettings
 from rcmservo.sim.rig import sample_scene_of_seed
-from rcmservo.study.batch import Study
+from rcmservo.study.compiled_engine import CompiledEngine
 from rcmservo.study.plan.conditions import COMPILED, MUJOCO
 from rcmservo.study.run_outcome import FINAL_WINDOW_S, StudyRun
 from rcmservo.study.simulation_engine import SimulationEngine, SimulationLoop
@@ -73,7 +73,7 @@ class Attempt:
     def run_compiled(self, servo: Servo) -> StudyRun:
         """Run on the compiled simulation."""
         max_duration = servo.exploration.max_time + self.duration
-        run = Study(servo, self.settings, max_duration, TEACHING_FRAMES).run(self.seed)
+        run = CompiledEngine(servo, self.settings, max_duration, TEACHING_FRAMES).run(self.seed)
         return replace(self._cut(run), engine=COMPILED)
 
     def run_live(self, servo: Servo) -> StudyRun:

@@ -7,10 +7,13 @@ from typing import Any, NamedTuple
 from rcmservo.errors import RcmServoError
 from rcmservo.servo.servo import Servo
 from rcmservo.sim.scene import NoScene
+from rcmservo.study.compiled_engine import CompiledEngine
 from rcmservo.study.execution.package_version import identify_package
 from rcmservo.study.plan.cell import Cell, parse_cell
 from rcmservo.study.plan.user_module_archive import ModuleArchive, load_classes
-from rcmservo.study.row import StudyRow, make_row
+from rcmservo.study.row import RunLabels, StudyRow, make_row
+from rcmservo.study.run_outcome import StudyRun
+from rcmservo.study.simulation_engine import SimulationEngine
 
 
 class PackageMismatch(RcmServoError):
@@ -69,8 +72,12 @@ def _decode_cell(text: str, archive: ModuleArchive) -> tuple[Cell, Servo]:
 def run_seed(cell: Cell, servo: Servo, seed: int) -> StudyRow:
     """Run one seed of a cell and return its row."""
     engine = cell.make_engine(seed, servo)
+    return make_row(cell, engine.settings, run_engine(engine, cell, seed))
+
+
+def run_engine(engine: CompiledEngine | SimulationEngine, labels: RunLabels, seed: int) -> StudyRun:
+    """Run one seed on an engine; an error names the labels' scenes and the seed."""
     try:
-        run = engine.run(seed, cell.repetition)
+        return engine.run(seed, labels.repetition)
     except NoScene as error:
-        raise NoScene(f"scenes {cell.scenes}, seed {seed}: {error}") from error
-    return make_row(cell, engine.settings, run)
+        raise NoScene(f"scenes {labels.scenes}, seed {seed}: {error}") from error

@@ -51,6 +51,13 @@ SCHEMA = PA.schema(COLUMNS, COLUMN_MEANINGS)
 file for programs that do not use Arrow."""
 
 
+def make_table(rows: Iterable[RowValues]) -> Any:
+    """Return rows, at least one, as a table."""
+    columns = zip(*rows, strict=True)
+    arrays = [PA.array(values, field.type) for values, field in zip(columns, SCHEMA, strict=True)]
+    return PA.table(arrays, SCHEMA)
+
+
 def compute_chunk_key(chunk: Chunk) -> str:
     """Return the key of a chunk: a hash of everything that its rows depend on."""
     text = json.dumps([identify_package(), chunk.cell.text, chunk.seeds.start, chunk.seeds.stop])
@@ -104,9 +111,7 @@ class ChunkStore:
 
     def store(self, key: str, rows: Iterable[RowValues]) -> None:
         """Store the rows of a chunk atomically."""
-        columns = list(zip(*rows, strict=True))
-        arrays = [PA.array(c, field.type) for c, field in zip(columns, SCHEMA, strict=True)]
-        self._write_table(PA.table(arrays, SCHEMA), self.parts / f"{key}.parquet")
+        self._write_table(make_table(rows), self.parts / f"{key}.parquet")
         self._stored.add(key)
 
     def gather(self, keys: Iterable[str]) -> Any:

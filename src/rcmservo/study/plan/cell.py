@@ -5,7 +5,7 @@ results.
 """
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -15,7 +15,7 @@ from rcmservo.config.servo_json import rebuild_servo
 from rcmservo.errors import require
 from rcmservo.servo.servo import Servo
 from rcmservo.sim import Disturbance
-from rcmservo.study.batch import Study
+from rcmservo.study.compiled_engine import CompiledEngine
 from rcmservo.study.plan.conditions import AUTO, COMPILED, MUJOCO, PICTURES
 from rcmservo.study.plan.distribution import Distribution
 from rcmservo.study.plan.method import UserEstimators
@@ -80,7 +80,7 @@ class Cell:
         """Return the servo, with the user-defined estimators by name."""
         return rebuild_servo(dict(self.servo), user_estimators)
 
-    def make_engine(self, seed: int, servo: Servo) -> Study | SimulationEngine:
+    def make_engine(self, seed: int, servo: Servo) -> CompiledEngine | SimulationEngine:
         """Return the engine that runs the servo of this cell in the laboratory of a seed.
 
         The servo is reused if its mechanism and tool are those of the laboratory.
@@ -90,7 +90,7 @@ class Cell:
         servo = servo if fits_lab else replace(servo, mechanism=lab.mechanism, tool=lab.tool)
         lengths = self.duration, self.teaching_frames
         if self.engine == COMPILED:
-            return Study(servo, settings, *lengths)
+            return CompiledEngine(servo, settings, *lengths)
         disturbances, has_pictures = map(Disturbance.read, self.disturb), self.engine == PICTURES
         return SimulationEngine(
             servo, settings, *lengths, tuple(disturbances), has_pictures, lab.markers
@@ -104,15 +104,26 @@ def parse_cell(text: str) -> Cell:
     return Cell(**table)
 
 
-def choose_engine(servo: Servo, disturb: tuple[str, ...], requested: str) -> str:
-    """Return the requested engine; for "auto" the compiled one if it supports the runs.
+def choose_engine(
+    servos: Iterable[Servo], has_disturbances: bool = False, requested: str = AUTO
+) -> str:
+    """Return the engine of all runs of a study, so that its methods meet the same plant.
+
+    Parameters
+    ----------
+    servos : Iterable[Servo]
+        Servos of the compared methods.
+    has_disturbances : bool
+        True if any run has disturbances.
+    requested : str
+        One of ENGINES, or "auto" for the compiled one if it supports every run, otherwise MuJoCo.
 
     Raises
     ------
     BadInput
-        If the compiled engine is requested but does not support the runs.
+        If the compiled engine is requested but does not support every run.
     """
-    is_supported = servo.kernel is not None and not disturb
+    is_supported = all(servo.kernel is not None for servo in servos) and not has_disturbances
     if requested == AUTO:
         return COMPILED if is_supported else MUJOCO
     expected = (

@@ -10,7 +10,7 @@ ENGINES = COMPILED, MUJOCO, PICTURES = "compiled", "mujoco", "pictures"
 """Engines: the compiled plant, the full simulator with MuJoCo's arm and the code of the live loop,
 and the full simulator with rendered frames."""
 AUTO = "auto"
-"""Choice of the compiled plant if it supports the runs, otherwise of the full simulator."""
+"""Choice of the compiled plant if it supports all runs of a study, else of the full simulator."""
 MAX_DURATION_S = 3600.0
 """Largest length of a closed loop, s."""
 MAX_RUNS = 100_000_000
@@ -43,8 +43,8 @@ class RunConditions(Checked):
     teaching_frames : int
         Number of frames whose mean is the target: 300 frames last 5 s.
     engine : str
-        auto: the compiled plant if it supports the runs, otherwise MuJoCo. Or compiled, mujoco, or
-        pictures for MuJoCo with rendered frames.
+        auto: the compiled plant if it supports all runs, otherwise MuJoCo for all of them. Or
+        compiled, mujoco, or pictures for MuJoCo with rendered frames.
     """
 
     count: Annotated[int, between(1, MAX_RUNS, "a whole number")] = 200

@@ -87,6 +87,13 @@ class StudyPlan(StudyConditions):
         """All cells; the methods of a condition are consecutive."""
         return tuple(self._make_cells())
 
+    @cached_property
+    def _engine(self) -> str:
+        """Engine of all cells: methods compared with each other run on the same one."""
+        lab = self.scenes[0].nominal[0]
+        servos = (make_servo(method, lab) for method in self.methods)
+        return choose_engine(servos, any(self.disturb), self.engine)
+
     def _make_cells(self) -> Iterator[Cell]:
         for scenes, noise, latency, disturb, repetition in product(*self._condition_axes):
             distribution = scenes.with_camera(noise, self._find_camera_delay(scenes, latency))
@@ -137,7 +144,7 @@ class StudyPlan(StudyConditions):
             vary=scenes.vary,
             disturb=disturbances,
             repetition=repetition,
-            engine=choose_engine(servo, disturbances, self.engine),
+            engine=self._engine,
             duration=self.duration,
             teaching_frames=self.teaching_frames,
         )

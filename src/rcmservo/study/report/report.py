@@ -110,7 +110,7 @@ def _make_section(
         Length of each run, s.
     """
     members = [group for group in groups if group.condition == condition]
-    drawing = charts.render_svg(_make_figure(members, duration)).encode()
+    drawing = charts.render_svg(make_figure(members, duration)).encode()
     return {
         "name": condition,
         "summaries": [row for row in numbers.summaries if row.condition == condition],
@@ -127,7 +127,7 @@ def _make_maps(group: Group) -> list[ConvergenceMap]:
     return [convergence for convergence in maps if convergence.has_several_cells]
 
 
-def _make_figure(groups: list[Group], duration: float) -> Figure:
+def make_figure(groups: list[Group], duration: float) -> Figure:
     """Draw the cumulative distributions of time to 1 mm and of pose error, by method."""
     ends, y_label, y_limits = (0.0, duration), "fraction of the runs", (-0.02, 1.02)
     times = [_make_cdf(g.method, g.first_within, i, ends) for i, g in enumerate(groups)]

@@ -1,15 +1,12 @@
-"""Closed loops of one servo on the compiled plant, each in a scene drawn from a seed.
+"""Engine of a study: closed loops of one servo on the compiled plant.
 
 The compiled plant is the simulated arm and camera as compiled functions, so that 10,000 loops take
 about a minute.
 """
 
-import signal
-from collections.abc import Iterable, Iterator
 from copy import deepcopy
 from dataclasses import dataclass
 from functools import cached_property
-from multiprocessing import Pool
 
 import numpy as np
 
@@ -35,7 +32,7 @@ from rcmservo.study.trial import FIRST_TICK_NS, StudyEngine
 
 
 @dataclass(frozen=True)
-class Study(StudyEngine):
+class CompiledEngine(StudyEngine):
     """Simulated closed loops of a servo, with its live step on a compiled plant.
 
     The scene, the target and the noise of every run follow from its seed, so that two servos with
@@ -131,12 +128,6 @@ class Study(StudyEngine):
         bound_mm = self.compute_bound(scene)
         return StudyRun(seed, rate, trace.error, trace.phase, trace.cause, bound_mm, scene)
 
-    def runs(self, seeds: Iterable[int]) -> Iterator[StudyRun]:
-        """Run a closed loop for every seed on all processors, and yield them in order."""
-        self.run(0)  # compile once here instead of once in every process
-        with Pool(initializer=_handle_signals) as pool:
-            yield from pool.imap(self.run, seeds, chunksize=8)
-
     @property
     def _initial_conditions(self) -> InitialConditions:
         """The servo before the first tick, in memory that the loop may overwrite."""
@@ -173,12 +164,3 @@ class Study(StudyEngine):
             upper=middle + HARD_STOP_RATIO * half_range,
             inertia=compute_inertia(self.settings.mechanism).rows,
         )
-
-
-def _handle_signals() -> None:
-    """Ignore Ctrl-C in a worker process, which its parent handles, and end on SIGTERM.
-
-    A fork copies the parent's SIGTERM handler, which could ignore the signal.
-    """
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.signal(signal.SIGTERM, signal.SIG_DFL)
