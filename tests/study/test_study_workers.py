@@ -120,7 +120,7 @@ def test_the_rows_do_not_depend_on_the_number_of_workers(workers: int, tmp_path:
 @pytest.mark.slow
 def test_no_rows_are_lost_with_workers_that_die(tmp_path: Path) -> None:
     """A worker dies after every four requests, so that the study ends on a slow machine too."""
-    settings = {"count": 1700, "duration": 1.0, "methods": ("dlt",)}
+    settings = {"count": 1700, "duration": 1.1, "methods": ("dlt",)}
     killed: list[int] = []
     with cluster(3) as lab, open_worker_pool(lab.address, None) as pool:
         lab.wait_for(3)
