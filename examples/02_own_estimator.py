@@ -1,6 +1,6 @@
 """User-defined estimator, recursive least squares, compared with the default in ten scenes.
 
-python examples/02_own_estimator.py [SEEDS]
+python examples/02_own_estimator.py [SCENES]
 rcmservo run --estimator 02_own_estimator:RLS --pixels.forgetting 0.99     # in this folder
 """
 
@@ -49,23 +49,6 @@ class RLS(rs.Estimator):
         return memory[0].ravel()
 
 
-def pose_error(seed: int, estimator: rs.Estimator) -> float:
-    """Return the true pose error of marker 2 in mm after 15 s."""
-    rig = rs.sim.Rig(seed, pictures=False)
-    plant = rs.Plant(rig.arm, rig.camera, rs.tracking.PointMarkers(), rig.clock)
-    rig.move_to_target()
-    target = rs.teach(plant)
-    rig.move_to_start()
-    servo = rs.Servo(rs.SphericalRcm(), rs.RigidTool(spacing=30.0), estimator)
-    for _ in rs.servo_ticks(plant, servo, target, duration=15.0):
-        pass
-    now, taught = rig.truth.markers(rig.clock.now()), rig.body.points(rig.scene.target)
-    return float(np.linalg.norm(now[1] - taught[1]))
-
-
 if __name__ == "__main__":
-    seeds = int(sys.argv[1]) if len(sys.argv) > 1 else 10
-    print("pose error after 15 s, mm\nseed     RLS  default")
-    for seed in range(seeds):
-        errors = [pose_error(seed, one) for one in (RLS(), rs.DltEstimator())]
-        print(f"{seed:4d} {errors[0]:7.2f} {errors[1]:8.2f}")
+    scenes = int(sys.argv[1]) if len(sys.argv) > 1 else 10
+    print(rs.compare({"default": rs.DltEstimator(), "pixels": RLS()}, scenes))

@@ -9,8 +9,7 @@ import rcmservo as rs
 
 
 def make_servo(gain: float) -> rs.Servo:
-    law = rs.SaturatedController(gain=gain)
-    return rs.Servo(rs.SphericalRcm(), rs.RigidTool(spacing=30.0), controller=law)
+    return rs.Servo(controller=rs.SaturatedController(gain=gain))
 
 
 if __name__ == "__main__":
