@@ -11,7 +11,7 @@ from rcmservo.cli.run_options import RunOptions
 from rcmservo.config.class_registry import PART_CLASSES, REGISTERED_CLASSES
 from rcmservo.config.rig_file import METHOD_PARTS, RigDescription
 from rcmservo.config.servo_json import describe_servo
-from rcmservo.page.settings import EDITABLE_PARTS
+from rcmservo.page.selected_settings import EDITABLE_PARTS
 from rcmservo.page.web.setting_fields import build_forms
 from rcmservo.study.plan.method import make_method
 

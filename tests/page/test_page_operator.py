@@ -24,7 +24,7 @@ from rcmservo.page.messages import (
     TeachPose,
 )
 from rcmservo.page.operator import HEARTBEAT_TIMEOUT_NS, JOG_TIMEOUT_NS, PageOperator
-from rcmservo.page.settings import SelectedSettings
+from rcmservo.page.selected_settings import SelectedSettings
 from rcmservo.page.web.page_process import dispatch, pause_on_handover
 from rcmservo.recording.ros2_messages import encode_tick
 from rcmservo.safety.state_machine import SLOW_SPEED_SCALE

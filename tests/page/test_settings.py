@@ -24,13 +24,13 @@ from rcmservo.page.channels import PageChannels
 from rcmservo.page.control_ownership import ControlOwnership, MessageRefused, interpret_message
 from rcmservo.page.messages import Go, Heartbeat, Note, SettingsApplied, SettingsChange, Standby
 from rcmservo.page.operator import PageOperator
-from rcmservo.page.sessions import SessionLoop, SessionRestart
-from rcmservo.page.settings import (
+from rcmservo.page.selected_settings import (
     EDITABLE_PARTS,
     SelectedSettings,
     decode_change,
     describe_estimator,
 )
+from rcmservo.page.sessions import SessionLoop, SessionRestart
 from rcmservo.page.web.page_process import change_settings, dispatch
 from rcmservo.page.web.setting_fields import build_forms
 from rcmservo.recording import reader

@@ -30,7 +30,7 @@ from rcmservo.page.messages import (
     TeachPose,
 )
 from rcmservo.page.pose_sequence import RunSequence, SequencePlan
-from rcmservo.page.settings import decode_change
+from rcmservo.page.selected_settings import decode_change
 from rcmservo.safety.state_machine import Request
 
 MAX_MESSAGE_AGE_NS = 300_000_000

@@ -37,7 +37,7 @@ from rcmservo.page.pose_sequence import (
     SequenceProgress,
     SequenceRunner,
 )
-from rcmservo.page.settings import IMMEDIATE_PARTS, SelectedSettings
+from rcmservo.page.selected_settings import IMMEDIATE_PARTS, SelectedSettings
 from rcmservo.safety.state_machine import SLOW_SPEED_SCALE, Phase, Request
 from rcmservo.servo.servo import Servo
 

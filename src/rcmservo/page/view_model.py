@@ -29,7 +29,7 @@ from rcmservo.page.plots.curves import Curves
 from rcmservo.page.plots.mechanism_shape import MechanismShape
 from rcmservo.page.pose_sequence import AUTONOMOUS_PHASES, SequenceProgress
 from rcmservo.page.poses import PoseStore
-from rcmservo.page.settings import describe_estimator
+from rcmservo.page.selected_settings import describe_estimator
 from rcmservo.recording import ros2_messages
 from rcmservo.recording.ros2_messages import TICK
 from rcmservo.recording.tick_schema import NAME_COLUMNS

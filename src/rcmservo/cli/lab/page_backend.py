@@ -14,7 +14,7 @@ from rcmservo.servo.servo import Servo
 
 if TYPE_CHECKING:
     from rcmservo.page.channels import PageChannels
-    from rcmservo.page.settings import SelectedSettings
+    from rcmservo.page.selected_settings import SelectedSettings
     from rcmservo.page.view_model import TruePoseError
 
 SESSION_DURATION_S = 3600.0

@@ -50,7 +50,7 @@ from rcmservo.page.enabling import await_enable
 from rcmservo.page.messages import Note
 from rcmservo.page.operator import PageOperator
 from rcmservo.page.prompts import PagePrompts
-from rcmservo.page.settings import SelectedSettings, without_limit
+from rcmservo.page.selected_settings import SelectedSettings, without_limit
 from rcmservo.recording.reader import RECORD
 from rcmservo.servo.servo import Servo
 

@@ -115,7 +115,7 @@ def _open_simulated_lab(
     """Yield a simulated arm and its camera as the backend of the page."""
     from rcmservo.cli.run_description import describe_simulated_run
     from rcmservo.cli.simulated_run.target import describe_simulated_setup
-    from rcmservo.page.settings import SelectedSettings
+    from rcmservo.page.selected_settings import SelectedSettings
     from rcmservo.sim import Rig
     from rcmservo.sim.processes.lab_processes import SimulatedLab
     from rcmservo.sim.processes.live_disturbances import (

@@ -10,7 +10,7 @@ from typing import Any
 from fastapi import APIRouter, Depends, HTTPException, Response
 
 from rcmservo.page.plots.curves import SAMPLE_FIELDS
-from rcmservo.page.settings import SelectedSettings
+from rcmservo.page.selected_settings import SelectedSettings
 from rcmservo.page.view_model import Dashboard, encode_json
 from rcmservo.page.web.access import PageCredentials
 from rcmservo.page.web.setting_fields import build_forms

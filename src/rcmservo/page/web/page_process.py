@@ -31,7 +31,7 @@ from rcmservo.page.messages import (
     SettingsChange,
 )
 from rcmservo.page.poses import PoseStore
-from rcmservo.page.settings import IMMEDIATE_PARTS, SelectedSettings
+from rcmservo.page.selected_settings import IMMEDIATE_PARTS, SelectedSettings
 from rcmservo.page.view_model import Dashboard
 from rcmservo.page.web.access import receive_text
 from rcmservo.page.web.dashboard_routes import create_dashboard_routes

@@ -11,7 +11,7 @@ from rcmservo.config.class_registry import PART_CLASSES
 from rcmservo.config.field_docs import describe_class, describe_field
 from rcmservo.config.servo_json import describe_servo
 from rcmservo.constraints import find_choices
-from rcmservo.page.settings import EDITABLE_PARTS, IMMEDIATE_PARTS
+from rcmservo.page.selected_settings import EDITABLE_PARTS, IMMEDIATE_PARTS
 from rcmservo.servo.servo import Servo
 
 UNIT_PATTERN = r"(?:1/s|rad|px|mm/s|mm|s/mm²|1/rad²|s)"

@@ -8,7 +8,7 @@ from typing import Any
 from rcmservo.interfaces import Camera
 from rcmservo.page.plots.mechanism_shape import MechanismShape
 from rcmservo.page.poses import PoseFolder
-from rcmservo.page.settings import SelectedSettings
+from rcmservo.page.selected_settings import SelectedSettings
 from rcmservo.page.view_model import TruePoseError
 from rcmservo.page.web.access import PageCredentials
 
