@@ -146,7 +146,7 @@ def disturbed(seed: int, disturbances: list[Disturbance]) -> Run:
     rig.move_to_target()
     target = rs.teach(plant, frames=30)
     p_d = rig.truth.markers(rig.clock.now())[1]
-    rig.move_to_start()
+    rig.go_home()
     rig.begin()
     operator, judge = (
         ScriptedOperator(rig, plant, PATIENCE, frames=30),

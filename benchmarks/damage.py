@@ -59,7 +59,7 @@ def original(folder: Path, duration: float, pictures: bool, stages: int = 1) -> 
     servo = rs.Servo(mechanism=rs.SphericalRcm(), tool=rs.RigidTool(spacing=30.0))
     rig.move_to_target()
     target = rs.teach(plant, frames=5)
-    rig.move_to_start()
+    rig.go_home()
     random = np.random.default_rng(0)
     path, state = folder / reader.RECORD, None
     with Recorder(path, {"seed": 1, "settings": {"name": "damage"}}) as recorder:

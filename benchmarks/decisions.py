@@ -148,7 +148,7 @@ def recorded(
     plant.recorded = lambda: not rig.disk_full()
     rig.move_to_target()
     target = rs.teach(plant, frames=30)
-    rig.move_to_start()
+    rig.go_home()
     rig.begin()
     stages: list[tuple[int, bool, rs.Target]] = []
     ticks: list[rs.Tick] = []

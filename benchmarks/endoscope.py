@@ -188,7 +188,7 @@ def ticks(
     plant = rs.Plant(rig.arm, rig.camera, rs.tracking.ColourMarkers(), rig.clock)
     rig.move_to_target()
     target = rs.teach(plant, TEACHING_FRAMES)
-    rig.move_to_start()
+    rig.go_home()
     rig.begin()
     settings, estimator = rig.settings, ServoOptions().find_estimator(options.estimator)
     servo = rs.Servo(settings.mechanism, settings.tool, estimator)

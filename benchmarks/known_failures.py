@@ -27,7 +27,7 @@ def growth_mm(seed: int) -> float:
     servo = rs.Servo(rig.settings.mechanism, tool=rig.settings.tool)
     rig.move_to_target()
     target, p2_d = rs.teach(plant), rig.truth.markers(rig.clock.now())[1]
-    rig.move_to_start()
+    rig.go_home()
     state, errors = servo.init(), []
     plant.reset()
     plant.enable()

@@ -53,7 +53,7 @@ def one(seed: int) -> Run:
     rig.move_to_target()
     target = rs.teach(plant, frames=30)
     p_d = rig.truth.markers(rig.clock.now())[1]
-    rig.move_to_start()
+    rig.go_home()
     rig.begin()
     operator, gone, blind, moved = ScriptedOperator(rig, plant, 20, frames=30), -1, 0, 0.0
     stood: Floats | None = None

@@ -109,7 +109,7 @@ def recorded(folder: Path, seed: int, duration: float, names: tuple[str, ...] = 
             plant.change = Disturbed.change
             rig.move_to_target()
             target = rs.teach(plant, frames=5)
-            rig.move_to_start()
+            rig.go_home()
             plant.change = faults(random, rig.clock, names)
             recorder.begin(servo, target, state)
             for tick in rs.servo_ticks(

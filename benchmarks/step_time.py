@@ -62,7 +62,7 @@ def run(estimator: Estimator, seed: int) -> Run:
     )
     rig.move_to_target()
     target = rs.teach(plant, frames=30)
-    rig.move_to_start()
+    rig.go_home()
     servo.warm_up()
     plant.enable()
     state, took, yardstick, steps = servo.init(), [], [], []

@@ -112,7 +112,7 @@ class Trial:
         if self.row.when == SHOWING:
             self.rig.begin()
         target = rs.teach(self.plant, FRAMES)
-        self.rig.move_to_start()
+        self.rig.go_home()
         return target
 
     def earlier(self, target: Target) -> State | None:
@@ -123,7 +123,7 @@ class Trial:
             judge.add(tick)
             last = tick
         self.rig.advance_until(began + round((MOVED + 0.5) * 1e9))
-        self.rig.move_to_start()
+        self.rig.go_home()
         return last.state if self.settled(last, target, judge) else None
 
     def judged(self, target: Target, state: State | None = None) -> None:

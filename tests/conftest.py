@@ -278,7 +278,7 @@ def teach_target(rig: Rig, plant: Plant) -> Target:
     """Return the target that the rig teaches; the tool is back at the start afterwards."""
     rig.move_to_target()
     target = teach(plant, frames=5)
-    rig.move_to_start()
+    rig.go_home()
     return target
 
 

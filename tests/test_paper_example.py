@@ -297,7 +297,7 @@ class SimulatedLaboratory:
         self.plant = Plant(self.rig.arm, self.rig.camera, PointMarkers(), self.rig.clock)
         self.rig.move_to_target()
         self.taught = teach(self.plant).points.ravel()
-        self.rig.move_to_start()
+        self.rig.go_home()
         self.plant.reset()
         self.plant.read()
         self.plant.enable()

@@ -32,14 +32,17 @@ Estimators compared in the same scenes (docs/studies.md)::
 
 ``help(rs.NAME)`` describes each name:
 
-- a run: `Rig`, `load_rig`, `run`, `RecordedResult`, `Settled`, `Target`, `Operator`
+- a run: `Rig`, `load_rig`, `run`, `RecordedResult`, `RunResult`, `FinalPose`, `DriveResponse`,
+  `Settled`, `Target`, `Operator`
+- a study: `compare`, `bound`
 - the loop in the open: `Plant`, `teach`, `ticks`, `servo_ticks`, `Tick`, `State`, `Phase`, `Cause`
 - settings: `Servo`, `SaturatedController`, `Exploration`, `ImagedRcm`, `Gate`, `Thresholds`,
   `SphericalRcm`, `PitchYawRcm`, `RigidTool`, `ScaledTool`, and the classes ending in Estimator
 - own parts: `Arm`, `Camera`, `Tracker`, `Clock` (Protocols), `Estimator`, `Sample`,
   `FeatureVector`, and ``rs.testing``, which checks them
-- packages: ``rs.sim`` (simulated laboratory), ``rs.tracking`` (images to markers), ``rs.study``
-  (many runs), ``rs.hardware`` (drivers and emulators)
+- packages: ``rs.sim`` (simulated laboratory), ``rs.tracking`` (images to markers:
+  `ColourMarkers`, and `PointMarkers` for a camera that delivers points), ``rs.study`` (many runs),
+  ``rs.hardware`` (drivers and emulators)
 
 Lengths are in mm, image coordinates in px, angles in rad; pixel (0, 0) is the centre of the top
 left pixel, u points right and v down. Row 0 of two markers is marker 1, the one nearer the RCM.
@@ -82,6 +85,8 @@ def __getattr__(name: str) -> Any:
     if name in STUDY_NAMES:
         return getattr(importlib.import_module("rcmservo.study"), name)
     public = importlib.import_module("rcmservo.public")
-    if name == "__all__" or name in public.__all__:
+    if name == "__all__":
+        return [*public.__all__, *STUDY_NAMES]
+    if name in public.__all__:
         return getattr(public, name)
     raise AttributeError(f"module 'rcmservo' has no attribute {name!r}")

@@ -29,7 +29,7 @@ from rcmservo.interfaces import (
 from rcmservo.loop.clock import WallClock, ticks
 from rcmservo.loop.operator import Jog, Operator, Teach
 from rcmservo.loop.plant import Plant
-from rcmservo.loop.run_result import RunResult
+from rcmservo.loop.run_result import DriveResponse, FinalPose, RunResult
 from rcmservo.loop.servo_loop import servo_ticks
 from rcmservo.loop.teach import teach
 from rcmservo.loop.tick import Tick
@@ -53,9 +53,11 @@ __all__ = [
     "Cause",
     "Clock",
     "Command",
+    "DriveResponse",
     "Estimator",
     "Exploration",
     "FeatureVector",
+    "FinalPose",
     "Frame",
     "Gate",
     "ImagedRcm",

@@ -61,7 +61,7 @@ def recorded_run(tmp_path_factory: pytest.TempPathFactory) -> RecordedRun:
     servo = rs.Servo(mechanism=rs.SphericalRcm(), tool=rs.RigidTool(spacing=30.0))
     rig.move_to_target()
     target = rs.teach(plant, frames=5)
-    rig.move_to_start()
+    rig.go_home()
     plant.change = disturb_observation
     path = tmp_path_factory.mktemp("run") / reader.RECORD
     ticks, stages, state = [], [], None

@@ -98,7 +98,7 @@ def run_with_drives(
     plant = Plant(rig.arm, rig.camera, PointMarkers(), rig.clock)
     rig.move_to_target()
     target = teach(plant, frames=30)
-    rig.move_to_start()
+    rig.go_home()
     servo = Servo(settings.mechanism, settings.tool, thresholds=thresholds)
     states = [tick.state for tick in servo_ticks(plant, servo, target, 4.0)]
     return {s.cause for s in states if s.cause.stop_sentence}, states[

@@ -44,7 +44,7 @@ def midway_target(lab: Laboratory) -> rs.Target:
     scene = lab.rig.scene
     lab.rig.place((scene.start + scene.target) / 2.0)
     target = rs.teach(lab.plant, frames=5)
-    lab.rig.move_to_start()
+    lab.rig.go_home()
     return target
 
 

@@ -44,11 +44,10 @@ class LaggingRobot:
         self.point = self.point + (self.setpoint - self.point) * STEP_NS * 1e-9 / LAG_S
 
 
-class SimulatorCamera:
-    """Camera with sixty frames per second of the marker points."""
+class PinholeCamera:
+    """Projection of the markers by a camera 350 mm from the start."""
 
-    def __init__(self, robot: LaggingRobot, clock: Any) -> None:
-        self.robot, self.clock, self.frame = robot, clock, rs.Frame(-1, -(10**9), 0)
+    def __init__(self) -> None:
         middle = MECHANISM.position(START)
         self.position = middle + 350.0 * np.array([0.3, -0.9, 0.4])
         forward = (middle - self.position) / np.linalg.norm(middle - self.position)
@@ -56,15 +55,10 @@ class SimulatorCamera:
         right /= np.linalg.norm(right)
         self.rotation = np.stack([right, np.cross(forward, right), forward])
 
-    def latest(self) -> rs.Frame:
-        now = self.clock.now()
-        if now - self.frame.exposure >= 16_000_000:
-            point = self.robot.tool_point()
-            markers = np.stack([point, point * (1.0 + 30.0 / np.linalg.norm(point))])
-            x, y, z = self.rotation @ (markers - self.position).T
-            points = np.stack([800.0 * x / z + 320.0, 800.0 * y / z + 240.0], axis=1)
-            self.frame = rs.Frame(self.frame.number + 1, now, now, points=points)
-        return self.frame
+    def project(self, p1: Floats) -> Floats:
+        markers = np.stack([p1, p1 * (1.0 + 30.0 / np.linalg.norm(p1))])
+        x, y, z = self.rotation @ (markers - self.position).T
+        return np.stack([800.0 * x / z + 320.0, 800.0 * y / z + 240.0], axis=1)
 
 
 def test_a_servo_reaches_the_target_on_the_simulator_of_the_page() -> None:
@@ -77,15 +71,30 @@ def test_a_servo_reaches_the_target_on_the_simulator_of_the_page() -> None:
 
     clock = example["SimulatorClock"](step, STEP_NS)
     arm = example["PortArm"](robot, clock, MECHANISM)
-    plant = rs.Plant(arm, SimulatorCamera(robot, clock), rs.tracking.PointMarkers(), clock)
+    camera = example["PointCamera"](robot, clock, PinholeCamera().project)
+    rig = rs.Rig(arm, camera, rs.tracking.PointMarkers(), MECHANISM, TOOL, clock)
+    rig.is_simulated = True
     robot.point = robot.setpoint = MECHANISM.position(GOAL)
-    target = rs.teach(plant, frames=10)
+    target = rig.teach(10)
     robot.point = robot.setpoint = MECHANISM.position(START)
-    servo = rs.Servo(MECHANISM, TOOL)
-    last = [tick for tick in rs.servo_ticks(plant, servo, target, 10.0)][-1]
-    assert last.state.phase is rs.Phase.SERVO, last.state.text
+    clock.wait_until(clock.now() + 50_000_000)
+    result = rs.run(rig, rs.Servo(), target, 10.0)
+    assert result.settled, result.cause
     assert np.linalg.norm(robot.point - MECHANISM.position(GOAL)) < 0.2
-    assert clock.now() >= 10_000_000_000
+
+
+def test_the_arm_and_the_camera_of_the_page_keep_their_contracts() -> None:
+    example, robot = load_example(), LaggingRobot()
+
+    def step() -> None:
+        arm.move()
+        robot.step()
+
+    clock = example["SimulatorClock"](step, STEP_NS)
+    arm = example["PortArm"](robot, clock, MECHANISM)
+    camera = example["PointCamera"](robot, clock, PinholeCamera().project)
+    rs.testing.check_camera(camera, clock)
+    rs.testing.check_arm(arm, clock, may_move=True)
 
 
 def test_the_rig_file_of_the_page_names_own_devices(

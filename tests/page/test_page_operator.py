@@ -88,7 +88,7 @@ def test_go_sets_the_target_and_resumes_and_a_second_go_changes_the_target() -> 
     scene = lab.rig.scene
     lab.rig.place((scene.start + scene.target) / 2.0)
     other = rs.teach(lab.plant, frames=5)
-    lab.rig.move_to_start()
+    lab.rig.go_home()
     ticks, browser = run_loop({50: [Go(lab.target)], 300: [Go(other)]}, 6.0, lab=lab)
     assert phases(ticks).count(rs.Phase.PAUSED) == 1 and rs.Phase.SERVO in phases(ticks)
     assert np.abs(ticks[-1].state.delta / (0.02, 1.5, 1.5)).max() < 1.0

@@ -24,7 +24,7 @@ def two_poses() -> tuple[Laboratory, rs.Target, rs.Target]:
     scene = lab.rig.scene
     lab.rig.place((scene.start + scene.target) / 2.0)
     other = rs.teach(lab.plant, frames=5)
-    lab.rig.move_to_start()
+    lab.rig.go_home()
     return lab, lab.target, other
 
 

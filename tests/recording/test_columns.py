@@ -55,6 +55,6 @@ def test_a_column_has_the_units_of_its_source(column: Column, field: Field) -> N
 
 def test_every_column_has_as_many_numbers_as_parts() -> None:
     lab = make_laboratory()
-    (tick,) = servo_ticks(lab.plant, lab.servo(), lab.target, done=lambda tick: True)
+    (tick,) = servo_ticks(lab.plant, lab.servo(), lab.target, until=lambda tick: True)
     for column in (*COLUMNS, *NAME_COLUMNS):
         assert np.size(column.value_of(tick)) == len(column.parts), column.name

@@ -35,7 +35,7 @@ class RecordedLab:
     def teach(self) -> rs.Target:
         self.rig.move_to_target()
         target = rs.teach(self.plant, frames=5)
-        self.rig.move_to_start()
+        self.rig.go_home()
         return target
 
     def stage(

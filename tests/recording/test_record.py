@@ -51,7 +51,7 @@ def record_run(folder: Path, **settings: Any) -> RecordedRun:
     servo = rs.Servo(mechanism=rs.SphericalRcm(), tool=rs.RigidTool(spacing=30.0), **settings)
     rig.move_to_target()
     target = rs.teach(plant, frames=30)
-    rig.move_to_start()
+    rig.go_home()
     run = RecordedRun(folder, [], servo, target)
     with Recorder(run.path, {"seed": 1}) as recorder:
         recorder.begin(servo, target)

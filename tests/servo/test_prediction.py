@@ -17,7 +17,7 @@ def test_the_predicted_error_is_closer_to_the_present_one_than_the_last_measured
     servo = rs.Servo(rs.SphericalRcm(), rs.RigidTool(30.0))
     rig.move_to_target()
     target = rs.teach(plant, 30)
-    rig.move_to_start()
+    rig.go_home()
     ticks = [
         t for t in rs.servo_ticks(plant, servo, target, 3.0) if t.state.phase is rs.Phase.SERVO
     ]

@@ -62,7 +62,7 @@ class SizedLab:
         self.plant = SizedPlant(self.rig)
         self.rig.move_to_target()
         self.target = rs.teach(self.plant, frames=30)
-        self.rig.move_to_start()
+        self.rig.go_home()
         self.rig.begin()
 
     def servo(self, **choices: Any) -> rs.Servo:

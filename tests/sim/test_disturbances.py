@@ -634,7 +634,7 @@ def test_the_operator_counts_accepted_and_refused_requests() -> None:
     plant = Plant(rig.arm, rig.camera, PointMarkers(), rig.clock)
     rig.move_to_target()
     target = teach(plant, frames=30)
-    rig.move_to_start()
+    rig.go_home()
     rig.begin()
     operator = ScriptedOperator(rig, plant, 9, frames=30)
     ticks = list(

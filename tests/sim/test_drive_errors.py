@@ -84,7 +84,7 @@ def test_the_true_error_uses_the_true_joints() -> None:
 
     error = TruePositionError(settings, Log())  # type: ignore[arg-type]
     assert error(target.q) < 0.01
-    rig.move_to_start()
+    rig.go_home()
     displacement = rig.body.points(rig.scene.start)[1] - rig.body.points(rig.scene.target)[1]
     assert error(target.q) == pytest.approx(np.linalg.norm(displacement), abs=0.01)
 

@@ -66,7 +66,7 @@ def test_a_relocated_camera_stops_the_servo_until_it_has_explored_again():
     lab = make_laboratory(seed=2)
     servo = lab.servo()
     state = None
-    for tick in servo_ticks(lab.plant, servo, lab.target, 20.0, done=lambda t: t.state.explored):
+    for tick in servo_ticks(lab.plant, servo, lab.target, 20.0, until=lambda t: t.state.explored):
         state = tick.state
     before = lab.rig.truth.pixels(lab.rig.scene.start)
     lab.rig.relocate_camera()
@@ -79,7 +79,7 @@ def test_a_relocated_camera_stops_the_servo_until_it_has_explored_again():
     assert not any(tick.applied.any() for tick in again)
     lab.rig.move_to_target()
     target = teach(lab.plant, frames=30)
-    lab.rig.move_to_start()
+    lab.rig.go_home()
     *_, last = servo_ticks(lab.plant, servo, target, 12.0, state=again[-1].state)
     assert last.state.phase is Phase.SERVO
     assert (np.abs(last.state.delta) < (0.02, 2.0, 2.0)).all()
@@ -96,7 +96,7 @@ def test_a_camera_bumped_during_exploration_is_detected():
     plant = Plant(rig.arm, rig.camera, PointMarkers(), rig.clock)
     rig.move_to_target()
     target = teach(plant, frames=30)
-    rig.move_to_start()
+    rig.go_home()
     rig.begin()
     *_, last = servo_ticks(plant, Servo(rig.settings.mechanism, rig.settings.tool), target, 4.0)
     assert last.state.cause is Cause.CAMERA_MOVED and last.time < 1.95e9
@@ -109,7 +109,7 @@ def test_a_target_taught_during_the_pause_is_accepted():
     """
     lab = make_laboratory(seed=2)
     servo = lab.servo()
-    *_, there = servo_ticks(lab.plant, servo, lab.target, 20.0, done=lambda t: t.state.explored)
+    *_, there = servo_ticks(lab.plant, servo, lab.target, 20.0, until=lambda t: t.state.explored)
     lab.rig.relocate_camera()
     *_, held = servo_ticks(lab.plant, servo, lab.target, 1.0, state=there.state)
     assert held.state.cause is Cause.CAMERA_MOVED
@@ -135,7 +135,7 @@ def test_a_run_continues_an_earlier_one_with_its_estimate_and_from_rest():
         servo,
         lab.target,
         20.0,
-        done=lambda t: t.state.explored and t.observation.frame % 7 == 0,
+        until=lambda t: t.state.explored and t.observation.frame % 7 == 0,
     )
     ticks = servo_ticks(lab.plant, servo, lab.target, 1.0, state=first.state)
     again = next(ticks)
@@ -148,7 +148,7 @@ def test_a_new_target_gives_the_stall_rule_a_new_start():
     lab = make_laboratory(seed=3)
     servo = lab.servo()
     *_, there = servo_ticks(lab.plant, servo, lab.target, 8.0)
-    lab.rig.move_to_start()
+    lab.rig.go_home()
     elsewhere = teach(lab.plant, frames=30)
     lab.rig.move_to_target()
     *_, last = servo_ticks(lab.plant, servo, elsewhere, 8.0, state=there.state)
@@ -172,7 +172,7 @@ def test_after_the_tool_is_moved_by_hand_no_frame_has_earlier_joints():
     lab = make_laboratory(seed=2)
     lab.rig.move_to_target()
     teach(lab.plant, frames=5)
-    lab.rig.move_to_start()
+    lab.rig.go_home()
     home = lab.rig.scene.start
     observations = [
         tick.observation

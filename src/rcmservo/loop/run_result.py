@@ -55,8 +55,9 @@ class JacobianError:
 class FinalPose:
     """Position of marker 2 at the end of a run, and its distance from the taught one.
 
-    The image and the joints measure the distance independently. Neither knows the true pose: the
-    image has noise, and joints do not show backlash, bending or a moved port.
+    Neither distance is the true one. That by the image is what the servo itself reduces: at rest it
+    is small even if the image is biased. That by the joints does not show backlash, bending or a
+    moved port.
 
     Parameters
     ----------
@@ -65,7 +66,8 @@ class FinalPose:
     by_joints_mm : float or None
         Distance from its position at the taught joints, mm.
     by_image_mm : float or None
-        Distance ‖∂p₂/∂p₁ Ĵ⁻¹ Δy‖ of the mean feature error over the last second, mm.
+        Distance ‖∂p₂/∂p₁ Ĵ⁻¹ Δy‖ of the mean feature error over the last second, mm; None before
+        the end of exploration.
     by_image_std_mm : float or None
         Standard deviation of this distance by the scatter of Δy, mm. It does not contain the error
         of Ĵ.
@@ -88,7 +90,7 @@ class DriveResponse:
     gain : list[float | None]
         Measured motion (3,) divided by the applied one; 1 for a drive that follows completely.
     lag_ms : list[float | None]
-        Time (3,) by which the measured motion follows the applied one, ms.
+        Time (3,) by which the measured motion follows the applied one, ms, in steps of 5 ms.
     """
 
     gain: list[float | None]
@@ -266,7 +268,7 @@ class RunResult:
         Punctuality of the loop; None if its process did not finish.
     frames : FrameCounts or None
         Use of the frames.
-    camera : CameraCounts or None
+    camera : CameraStatistics or None
         Frame counts of the camera's driver, if it reports them.
     drive_off : str
         Reason for a drive that went off by itself or may still be on; empty if it was disabled at
@@ -353,7 +355,7 @@ class RunResult:
             parts.append(f"error {self.pose_error_mm:.2f} mm{bound}")
         elif self.pose.by_image_mm is not None and self.pose.by_joints_mm is not None:
             image, joints = self.pose.by_image_mm, self.pose.by_joints_mm
-            parts.append(f"error {image:.2f} mm by the image, {joints:.2f} mm by the joints")
+            parts.append(f"error {joints:.2f} mm by the joints, {image:.2f} mm by the image")
         if self.settle_time_s is not None:
             parts.append(f"{self.settle_time_s:.1f} s")
         return ", ".join(parts)

@@ -24,14 +24,14 @@ def servo_ticks(
     servo: Servo,
     target: Target,
     duration: float = 30.0,
-    done: Callable[[Tick], bool] = lambda tick: False,
+    until: Callable[[Tick], bool] = lambda tick: False,
     state: State | None = None,
     operator: Operator | None = None,
 ) -> Generator[Tick]:
     """Enable the drive, move the tool to a target and yield every tick.
 
     Call it only as a consequence of a user's action, because the arm moves. The run ends after
-    `duration`, when `done` returns True, or with a fault. Without an `operator`, who could resume,
+    `duration`, when `until` returns True, or with a fault. Without an `operator`, who could resume,
     a pause ends it too. At the end, even after an error or Ctrl-C, the loop brings the arm to rest
     and disables the drive. Close the generator, or exhaust it, so that this happens at once.
     Nothing moves and nothing is checked before the first tick is requested from the generator.
@@ -46,7 +46,7 @@ def servo_ticks(
         Target at the start, from `teach` or a target file.
     duration : float
         Longest duration in s, positive; 30 by default.
-    done : Callable
+    until : Callable
         Function of a `Tick` that returns True to end the run; by default it never does.
     state : State or None
         Last state of an earlier run, whose estimate is used; None starts without an estimate.
@@ -74,7 +74,7 @@ def servo_ticks(
         If the arm does not report its drive as on within 2 s; the class is in
         `rcmservo.loop.plant`.
     Exception
-        An exception of a device, of `operator` or of `done` ends the run and reaches the caller
+        An exception of a device, of `operator` or of `until` ends the run and reaches the caller
         after the arm is brought to rest and the drive disabled. A `BadInput` of ``Tracker.find``
         only drops the frame. In motion, a failure of a user-defined estimator or feature vector is
         a fault, which ends a run without an operator and raises nothing.
@@ -95,7 +95,7 @@ def servo_ticks(
             applied = plant.send(state.command)
             tick = Tick(time, next_tick.servo, observation, request, jog, state, applied)
             yield tick
-            if done(tick) or _is_over(state, operator):
+            if until(tick) or _is_over(state, operator):
                 break
             next_tick.ask_operator(tick)
     finally:

@@ -60,7 +60,7 @@ def explore_in_real_time(folder: Path, seed: int, settings: Settings) -> TaskRes
     servo = Regulation(estimator, PROJECTION_EXPLORATION, False, settings.duration).servo
     with closed_loop(folder, seed, regulation.REGULATION_LABORATORY, False, servo) as loop:
         target, _ = loop.teach(loop.rig.scene.target)
-        loop.rig.move_to_start()
+        loop.rig.go_home()
         tick = loop.explore(target)
     errors = read_task_record(folder).truth["jacobian_error"][:, 0]
     return {"explored": tick.state.explored, "error": finite(errors)[-1]}

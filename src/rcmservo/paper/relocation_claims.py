@@ -58,7 +58,7 @@ def relocate(folder: Path, seed: int, method: str, settings: Settings) -> TaskRe
     servo = make_servo(LABORATORY, *RELOCATION_METHODS[method], FAST_CONTROLLER)
     with closed_loop(folder, seed, LABORATORY, settings.pictures, servo) as loop:
         target, p_d = loop.teach(loop.rig.scene.target)
-        loop.rig.move_to_start()
+        loop.rig.go_home()
         stop = servo_until_stopped(loop, target, settings)
         q_stop = loop.rig.truth.arm.q_true
         target, _ = loop.teach(loop.rig.scene.target)

@@ -67,7 +67,7 @@ def visit_all(
     with closed_loop(folder, seed, LABORATORY, pictures, servo) as loop:
         poses = draw_poses(loop.rig, settings.poses, settings.spread)
         targets, p_d = zip(*(loop.teach(q) for q in poses), strict=True)
-        loop.rig.move_to_start()
+        loop.rig.go_home()
         tick = loop.explore(targets[0])
         state = tick.state
         loop.write_snapshot("snapshot-0.png", targets[0], state, "after exploration", targets[1:])

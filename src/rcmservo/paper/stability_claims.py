@@ -66,12 +66,14 @@ def regulate(settings: Settings, estimator: str, seed: int) -> TaskResult:
     state = None
     if estimator == "flow":
         rig.place(rig.scene.midpoint)
-        for tick in servo_ticks(plant, servo, home, 2.0 * settings.duration, done=has_arrived):
+        for tick in servo_ticks(plant, servo, home, 2.0 * settings.duration, until=has_arrived):
             state = tick.state
     else:
-        rig.move_to_start()
+        rig.go_home()
     rows, newest_frame, cause = list[tuple[float, ...]](), -1, ""
-    for tick in servo_ticks(plant, servo, target, settings.duration, done=has_arrived, state=state):
+    for tick in servo_ticks(
+        plant, servo, target, settings.duration, until=has_arrived, state=state
+    ):
         state, cause = tick.state, tick.state.cause.stop_sentence
         if state.phase is Phase.SERVO and state.newest_frame > newest_frame:
             newest_frame = state.newest_frame

@@ -167,17 +167,24 @@ def judge_run(
     is_final = times > times[-1] - SETTLED_DURATION_S
     rms_error = np.sqrt(np.mean(errors[is_final] ** 2, axis=0))
     settle_time_s = find_settle_time(times, errors)
-    cause = _find_unsettled_cause(mode, exploration_end_s, settle_time_s, pose.by_joints_mm)
+    cause = _find_unsettled_cause(
+        mode, exploration_end_s, settle_time_s, pose.by_joints_mm, rms_error
+    )
     return RunResult(
         settled=cause == "",
         cause=cause,
         remark="" if mode.cause.stop_sentence else mode.cause.value,
         settle_time_s=None if cause else settle_time_s,
-        pose=pose,
+        pose=pose if exploration_end_s is not None else _without_image(pose),
         drives=measure_drive_response(course),
         feature_error=FeatureError(*map(finite_or_none, rms_error)),
         explore=ExplorationCost(exploration_end_s),
     )
+
+
+def _without_image(pose: FinalPose) -> FinalPose:
+    """Return the pose without the distances by the image, which no estimate supports yet."""
+    return replace(pose, by_image_mm=None, by_image_std_mm=None)
 
 
 def find_settle_time(times: Floats, errors: Floats) -> float | None:
@@ -227,6 +234,7 @@ def _find_unsettled_cause(
     exploration_end_s: float | None,
     settle_time_s: float | None,
     distance_mm: float | None,
+    rms_error: Floats,
 ) -> str:
     """Return the reason for which a run has not settled; empty if it has settled."""
     if mode.cause.stop_sentence:
@@ -236,8 +244,20 @@ def _find_unsettled_cause(
     if mode.phase in UNFINISHED_CAUSES:
         return UNFINISHED_CAUSES[mode.phase]
     if settle_time_s is None:
-        return "time ran out before the feature errors had settled"
+        words = "time ran out before the feature errors had settled"
+        return words + _describe_errors(rms_error)
     return _describe_other_pose(distance_mm)
+
+
+def _describe_errors(rms_error: Floats) -> str:
+    """Return the errors (3,) in rad, px, px of the last second with their tolerances."""
+    if not np.isfinite(rms_error).all():
+        return ""
+    s_deg, r_px, d_px = np.degrees(rms_error[0]), *rms_error[1:]
+    return (
+        f": in the last second s {s_deg:.2f}°, r {r_px:.2f} px, d {d_px:.2f} px rms, which must "
+        "stay below 0.5°, 1 px, 1 px"
+    )
 
 
 def _describe_other_pose(distance_mm: float | None) -> str:

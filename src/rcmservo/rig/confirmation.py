@@ -2,12 +2,17 @@
 
 from collections.abc import Callable
 
-from rcmservo.errors import BadInput, Stopped
+from rcmservo.errors import BadInput, Stopped, require
 from rcmservo.rig.rig import Rig
 from rcmservo.servo.servo import Servo
 
 ENABLE_WORD = "enable"
 """Word that the operator types to enable the drive."""
+
+CONFIRM_EXPECTED = (
+    "a function that asks the person at the arm, such as input; a simulation of your own may set "
+    "rig.is_simulated = True instead"
+)
 
 Confirm = Callable[[str], str]
 """Function that shows a question to the person at the arm and returns the answer, as `input`."""
@@ -28,12 +33,13 @@ def require_confirmation(
     if confirm is None:
         if rig.is_simulated:
             return
-        raise BadInput("confirm", None, "a function that asks the person at the arm, such as input")
+        raise BadInput("confirm", None, CONFIRM_EXPECTED)
+    require(callable(confirm), "confirm", confirm, CONFIRM_EXPECTED)
     theta, phi, rho = servo.gate.speed
     limits = f"The joints move at most at {theta:g} rad/s, {phi:g} rad/s and {rho:g} mm/s."
     announcement = announce_motion(servo, duration_s, limits)
     question = f"{announcement} Type {ENABLE_WORD} to switch the drive on: "
-    if confirm(question).strip() != ENABLE_WORD:
+    if str(confirm(question)).strip() != ENABLE_WORD:
         raise Stopped(f"the drive was not switched on: the answer was not {ENABLE_WORD}")
 
 

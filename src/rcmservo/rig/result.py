@@ -29,8 +29,17 @@ AnyResult = TypeVar("AnyResult", bound=RunResult)
 class RecordedResult(RunResult):
     """Result of `run`, with the record in `folder`: ``print`` shows it in one line.
 
-    Its fields are those of every result: `settled`, `cause`, `pose`, `drives`, `pose_error_mm` and
-    so on. A notebook shows it as a table.
+    A notebook shows it as a table. Its fields are those of `RunResult`, of which a user needs most:
+
+    - `settled`, `cause`: True if the tool has settled at the target; otherwise the reason.
+    - `settle_time_s`, `duration_s`: s.
+    - `pose`: a `FinalPose`: ``pose.p2_mm``, position (3,) of marker 2 from the RCM; its distance
+      from the taught position ``pose.by_joints_mm`` and ``pose.by_image_mm``.
+    - `pose_error_mm`, `bound_mm`: true error and its Cramér-Rao bound in a simulation.
+    - `drives`: a `DriveResponse`: ``drives.gain`` (3,), measured divided by applied motion, and
+      ``drives.lag_ms`` (3,).
+    - `feature_error`: Δs in rad, Δr and Δd in px, rms over the last second.
+    - `folder`: folder of the record.
     """
 
     @property

@@ -47,7 +47,8 @@ class Rig:
 
     In wall time a rig is used as a context manager. Then a thread tracks the markers beside the
     loop, and at the end arm and camera are closed if they have a method ``close``. A rig with a
-    clock of its own, such as a simulation, needs no context.
+    clock of its own, such as a simulation, needs no context. A class of your own that derives from
+    `Rig` may override `go_home` and `measure_true_error`.
 
     Parameters
     ----------
@@ -82,7 +83,8 @@ class Rig:
     arm: Arm
     camera: Camera
     is_simulated: bool = False
-    """True if no real arm can move; then `run` asks nobody before it switches the drive on."""
+    """True if no real arm can move: then `run` asks nobody before it switches the drive on. Set it
+    for a simulation of your own."""
 
     def __init__(
         self,
@@ -98,8 +100,8 @@ class Rig:
     ) -> None:
         for name, device in {"arm": arm, "camera": camera, "tracker": tracker}.items():
             _require_methods(name, device, DEVICE_METHODS[name])
-        _require_kind("mechanism", mechanism, Kinematics, "such as SphericalRcm()")
-        _require_kind("tool", tool, Tool, "such as RigidTool(spacing=30.0)")
+        require_kind("mechanism", mechanism, Kinematics, "such as SphericalRcm()")
+        require_kind("tool", tool, Tool, "such as RigidTool(spacing=30.0)")
         self.arm, self.camera, self.tracker = arm, camera, tracker
         self.mechanism, self.tool = mechanism, tool
         self._robot_parts = {"mechanism": mechanism, "tool": tool} | {
@@ -159,7 +161,10 @@ class Rig:
         """Raise an error if the camera has delivered no usable frame."""
         if plant.camera.latest() is None:
             name, seconds = type(self.camera).__name__, FIRST_FRAME_TIMEOUT_S
-            raise NotReady(f"{name} has delivered no frame for {seconds:g} s")
+            raise NotReady(
+                f"{name} has delivered no frame for {seconds:g} s; if it has a clock of its own, "
+                "as in a simulation, give it to Rig as clock="
+            )
 
     def teach(self, frames: int = TEACHING_FRAMES) -> Target:
         """Teach the present pose of the tool as a target. Nothing moves.
@@ -270,6 +275,6 @@ def _require_methods(field: str, device: object, methods: tuple[str, ...]) -> No
     require(not missing, field, device, expected)
 
 
-def _require_kind(field: str, value: object, kind: type, expected: str) -> None:
+def require_kind(field: str, value: object, kind: type, expected: str) -> None:
     """Raise `BadInput` if a value is of another kind."""
     require(isinstance(value, kind), field, value, expected)

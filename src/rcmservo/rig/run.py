@@ -33,7 +33,7 @@ from rcmservo.recording.writer import Recorder, ThreadedRecorder
 from rcmservo.rig.confirmation import Confirm, require_confirmation
 from rcmservo.rig.interrupt import deferred_interrupt
 from rcmservo.rig.result import RecordedResult, read_record_if_any, save_result
-from rcmservo.rig.rig import AnyRecorder, Rig
+from rcmservo.rig.rig import AnyRecorder, Rig, require_kind
 from rcmservo.servo.servo import Servo
 
 PACKAGES = "numpy", "numba", "opencv-python-headless"
@@ -101,7 +101,8 @@ def run(
         Function of a `Tick` that returns True to end the run; by default `Settled`.
     confirm : Callable or None
         Function such as `input` that shows the question if the drive may be switched on, and
-        returns the answer of the person at the arm. Only a simulated rig needs none.
+        returns the answer of the person at the arm; only the answer ``enable`` switches it on.
+        Needed unless ``rig.is_simulated``, as of ``rs.sim.Rig``.
     operator : Operator or None
         Function of a `Tick` that the loop calls after every tick, see `Operator`. Without one a
         pause ends the run.
@@ -130,10 +131,16 @@ def run(
 
     Notes
     -----
+    The tool stays where the run ends. ``rig.go_home()`` brings that of a simulated rig back to its
+    start, for example before a run with another servo.
+
     Errors of devices, and those of `servo_ticks`, of which this loop is made, reach the caller
     after the drive is off.
     """
     DURATION.require("duration", duration)
+    require_kind("rig", rig, Rig, "a Rig, such as rs.sim.Rig()")
+    require_kind("servo", servo, Servo, "a Servo, such as rs.Servo()")
+    require_kind("target", target, Target, "a Target, such as rig.teach()")
     plant, servo = rig.plant, rig.adapt(servo)
     servo.require_target(target)
     servo.warm_up()
@@ -154,6 +161,8 @@ def run(
             folder=str(folder),
             simulated=rig.is_simulated,
             estimator=description["estimator"],
+            seed=description.get("seed"),
+            target_q=target.q.tolist(),
             not_recorded=recorder.failed,
         )
         if record is not None:

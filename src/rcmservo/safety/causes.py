@@ -277,7 +277,7 @@ class Cause(Enum):
     )
     NOT_EXPLORED = pause(
         "the exploration ended without an estimate that predicts the camera's images",
-        "check mechanism and tool in the rig file, or allow a larger exploration, then resume",
+        "check mechanism, tool and exposure times, or allow a larger exploration, then resume",
         exploration.exploration_failed,
         invalidates=Invalidates.ESTIMATE,
         detail=attrgetter("advice"),

@@ -272,7 +272,7 @@ def check_estimator(estimator: object, tool: Tool) -> None:
         raise UnusableEstimator(
             f"estimator {format_class_name_of(estimator)}: it must derive from rcmservo.Estimator"
         )
-    guard = guard_estimator(estimator)
+    guard = guard_strictly(estimator)
     if not isinstance(guard, EstimatorGuard):
         return
     memory = guard.init()
@@ -288,7 +288,8 @@ def _require_pure(memory: GuardedMemory, repeated: GuardedMemory, name: str) -> 
         raise UnusableEstimator(memory.failure)
     if memory.J_hat.tobytes() != repeated.J_hat.tobytes():
         raise UnusableEstimator(
-            f"estimator {name}: its update must be pure, but returned two results for one sample"
+            f"estimator {name}: its update must be pure, but returned two results for one sample: "
+            "does it change its memory in place?"
         )
 
 

@@ -7,7 +7,7 @@ follows from a seed. Its devices make a `Plant`::
     plant = rs.Plant(rig.arm, rig.camera, rs.tracking.ColourMarkers(), rig.clock)
 
 With ``Rig(seed, pictures=False)`` the frames hold the markers' pixels instead of an image, and the
-tracker is ``rs.tracking.PointMarkers()``. ``rig.move_to_target()`` and ``rig.move_to_start()``
+tracker is ``rs.tracking.PointMarkers()``. ``rig.move_to_target()`` and ``rig.go_home()``
 place the tool. `Rig` raises ``NoScene``, a class of `rcmservo.sim.scene`, if it finds no scene.
 
 ``rig.truth`` has the true state, with which a run is evaluated. Joints q (3,) are in rad, rad, mm,

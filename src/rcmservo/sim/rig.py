@@ -242,7 +242,7 @@ class SimulatedRig(Rig):
         self._taught = WeakKeyDictionary[Target, TaughtPose]()
         if disturbances:
             self._insert_disturbances()
-        self.move_to_start()
+        self.place(self.scene.start)
 
     def _make_camera(
         self, pictures: bool, random: np.random.Generator
@@ -310,7 +310,7 @@ class SimulatedRig(Rig):
 
     def go_home(self) -> None:
         """Bring the tool back to the start of the scene by hand."""
-        self.move_to_start()
+        self.place(self.scene.start)
         self.plant.reset()
 
     def measure_true_error(self, target: Target) -> float:
@@ -380,10 +380,6 @@ class SimulatedRig(Rig):
     def move_to_target(self) -> None:
         """Bring the tool to the target by hand and hold it there."""
         self.place(self.scene.target)
-
-    def move_to_start(self) -> None:
-        """Bring the tool back to the start by hand."""
-        self.place(self.scene.start)
 
     def place(self, q: Floats) -> None:
         """Bring the tool to joints by hand and wait until all frames show it there.

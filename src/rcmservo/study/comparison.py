@@ -18,7 +18,6 @@ from rich.console import Console
 from rcmservo.errors import BadInput, require_extra, suggest_name
 from rcmservo.figures import charts
 from rcmservo.figures.charts import Bar, Figure, Panel, make_curve
-from rcmservo.recording.summary_text import format_title
 from rcmservo.study.compiled_engine import CompiledEngine
 from rcmservo.study.execution.chunk import run_engine
 from rcmservo.study.execution.store import make_table
@@ -31,7 +30,7 @@ from rcmservo.study.report.summary import (
     summarise,
 )
 from rcmservo.study.report.text import build_result_table, describe_comparison
-from rcmservo.study.row import SUCCESS_MM, StudyRow, list_row_texts, make_row
+from rcmservo.study.row import SUCCESS_MM, StudyRow, format_success, list_row_texts, make_row
 from rcmservo.study.run_outcome import STOPPED_PHASES, StudyRun
 from rcmservo.study.simulation_engine import SimulationEngine
 
@@ -162,7 +161,7 @@ class ComparedRun:
         texts = list_row_texts(self.row)
         width = max(len(title) for title, _ in texts)
         lines = (f"  {title:{width}}  {text}" for title, text in texts)
-        return "\n".join([f"{self._title}: {format_title(self.row.result)}", *lines])
+        return "\n".join([f"{self._title}: {format_success(self.row)}", *lines])
 
     def _repr_html_(self) -> str:
         return _format_html(str(self), self._figure)

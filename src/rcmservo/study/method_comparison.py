@@ -70,7 +70,8 @@ def compare(
         estimator, such as "projection". The others are compared with the first.
     scenes : int or Iterable[int]
         Number of scenes, whose seeds count from 0; or their seeds, without repetition. The scene of
-        a seed is that of ``rs.sim.Rig(seed)``.
+        a seed is that of ``rs.sim.Rig(seed, settings, pictures=False)``: its camera reports points
+        with ``settings.point_noise``, 0.3 px by default, not images.
     settings : RigSettings or None
         Simulated laboratory; None for the default one, ``rs.sim.RigSettings()``.
     duration : float

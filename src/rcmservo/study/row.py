@@ -152,9 +152,20 @@ def make_row(labels: RunLabels, settings: RigSettings, run: StudyRun) -> StudyRo
 
 def list_row_texts(row: StudyRow) -> list[tuple[str, str]]:
     """Return the row's result as pairs of title and text, with what only a study measures."""
-    stop = "none" if row.stop_s is None else f"{row.stop} at {row.stop_s:.2f} s, of {row.stops}"
-    growth = f"{row.unnoticed_mm:.3f} mm without a cause"
-    return [*list_result_rows(row.result), ("first stop", stop), ("growth of the error", growth)]
+    first_stop = f"{row.stop} at {row.stop_s:.2f} s" if row.stop_s is not None else "none"
+    stops = f"{first_stop} (stops in all: {row.stops})" if row.stops > 1 else first_stop
+    titles = {"settle time": f"first within {SUCCESS_MM:g} mm"}
+    return [
+        *((titles.get(title, title), text) for title, text in list_result_rows(row.result)),
+        ("first stop", stops),
+        ("unnoticed", f"the error grew by up to {row.unnoticed_mm:.3f} mm while no check spoke"),
+    ]
+
+
+def format_success(row: StudyRow) -> str:
+    """Return whether a run of a study succeeded, which is not the settling of a single run."""
+    words = "success" if row.success else "no success"
+    return f"{words} (error at the end up to {SUCCESS_MM:g} mm)"
 
 
 def compute_worst_condition(scene: Scene) -> float:

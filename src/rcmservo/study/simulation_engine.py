@@ -64,7 +64,7 @@ class SimulationLoop:
         if self._engine.pictures:
             rig.move_to_target()
             target = teach(self.plant, self._engine.teaching_frames)
-            rig.move_to_start()
+            rig.go_home()
             return target
         rig.clock.wait_until(FIRST_TICK_NS)
         rig.set_point_noise(np.concatenate([self.trial.noise, self._make_trailing_noise()]))

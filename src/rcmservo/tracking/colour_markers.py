@@ -159,7 +159,10 @@ class ColourMarkers:
 def _require_colour_image(frame: Frame) -> Image:
     """Return the frame's image, or raise ``BadInput`` if it is no colour image."""
     image = frame.image
-    expected = "a (height, width, 3) uint8 picture with coloured markers"
+    expected = (
+        "a (height, width, 3) uint8 picture with coloured markers; frames with points need "
+        "PointMarkers"
+    )
     if image is None:
         raise BadInput("frame.image", None, expected)
     is_valid = image.ndim == 3 and image.shape[2] == 3 and image.dtype == np.uint8

@@ -39,7 +39,7 @@ def obtain_target(options: RunOptions, rig: Rig, plant: Plant) -> Target:
         return target
     rig.move_to_target()
     target = teach(plant, options.teaching_frames)
-    rig.move_to_start()
+    rig.go_home()
     if options.save_target is not None:
         target_file.save_target(options.save_target, target, setup)
     return target

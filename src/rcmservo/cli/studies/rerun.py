@@ -19,7 +19,6 @@ from rcmservo.interfaces import Image
 from rcmservo.loop.tick import Tick
 from rcmservo.recording import reader
 from rcmservo.recording.reader import RECORD
-from rcmservo.recording.summary_text import format_title
 from rcmservo.recording.writer import Recorder
 from rcmservo.rig.result import draw_figures
 from rcmservo.servo.servo import Servo
@@ -30,7 +29,7 @@ from rcmservo.study.execution.store import RUNS_FILE, read_runs
 from rcmservo.study.plan.cell import Cell
 from rcmservo.study.plan.conditions import COMPILED, MUJOCO
 from rcmservo.study.plan.user_module_archive import archive_module
-from rcmservo.study.row import list_row_texts
+from rcmservo.study.row import format_success, list_row_texts
 from rcmservo.study.simulation_engine import SimulationEngine, SimulationLoop
 
 RERUNS_FOLDER = "replays"
@@ -71,7 +70,7 @@ def rerun_row(
     ) as output:
         video_failure = _record_run(cell, servo, seed, output, with_video)
     console.print(f"row {index}: {cell.method}, {cell.condition}, seed {seed}, {cell.engine}")
-    console.print(build_two_column_table(format_title(new_row.result), list_row_texts(new_row)))
+    console.print(build_two_column_table(format_success(new_row), list_row_texts(new_row)))
     changed = [name for name in differing if name not in ORIGIN_COLUMNS]
     outcome = f"the row differs in {', '.join(changed)}" if changed else "the same row, bit for bit"
     origin = [f"{name} was {stored[name]}" for name in ORIGIN_COLUMNS if name in differing]

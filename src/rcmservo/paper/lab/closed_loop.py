@@ -122,7 +122,7 @@ class ClosedLoop:
         now = self.rig.clock.now()
         self._start = now if self._start is None else self._start
         self._recorder.begin(self.servo, target, state)
-        for tick in servo_ticks(self.plant, self.servo, target, duration, done=done, state=state):
+        for tick in servo_ticks(self.plant, self.servo, target, duration, until=done, state=state):
             shifted = replace(tick, time=tick.time + now - self._start)
             self.rig.truth.record_tick(self._recorder, shifted)
             yield shifted

@@ -66,7 +66,7 @@ def settle(
     rig, plant = rig_with_points(seed, settings)
     rig.move_to_target()
     target = teach(plant, TEACHING_FRAMES)
-    rig.move_to_start()
+    rig.go_home()
     servo = Servo(settings.mechanism, tool or settings.tool, FAST_ESTIMATOR, FAST_CONTROLLER)
     p_d, y_d = rig.body.points(rig.scene.target)[1], _true_features(rig, rig.scene.target)
     ticks = list[Tick]()

@@ -115,7 +115,7 @@ def record_stream(
     servo = make_servo(rig.settings, FAST_ESTIMATOR, exploration)
     rig.move_to_target()
     target = teach(plant, TEACHING_FRAMES)
-    rig.move_to_start()
+    rig.go_home()
     duration = settings.duration if kind == "servo" else settings.touring
     samples, rows, previous = list[Sample](), list[tuple[float, int, Floats, Floats]](), -1
     for tick in servo_ticks(plant, servo, target, duration):
