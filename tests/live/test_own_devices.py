@@ -119,7 +119,7 @@ def test_the_example_of_the_page_on_own_devices_runs(tmp_path: Path) -> None:
     code = block[1].replace("runs/lab", str(tmp_path / "lab"))
     said = run_script(tmp_path / "script.py", code, enter="\nenable\n")
     assert "press Enter" in said and "Type enable to switch the drive on" in said
-    assert re.search(r"(arrived, error 0\.\d+ mm by the image|not arrived: )", said), said
+    assert re.search(r"(arrived, error 0\.\d+ mm by the joints|not arrived: )", said), said
     assert read_record(tmp_path / "lab").complete
 
 
