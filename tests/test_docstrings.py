@@ -89,4 +89,4 @@ def test_a_public_name_has_complete_numpydoc_sections(name: str) -> None:
 
 
 def test_dir_gives_the_public_names_and_nothing_else() -> None:
-    assert dir(rs) == sorted([*rs.__all__, *rs.PUBLIC_PACKAGES, *rs.STUDY_NAMES, "__version__"])
+    assert dir(rs) == sorted([*rs.__all__, *rs.PUBLIC_PACKAGES, "__version__"])

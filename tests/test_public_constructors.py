@@ -40,6 +40,7 @@ def required_arguments(name: str) -> dict[str, Any]:
     q, points = np.zeros(3), np.zeros((2, 2))
     return {
         "Disturbance": {"kind": "freeze"},
+        "DriveResponse": {"gain": [None] * 3, "lag_ms": [None] * 3},
         "Frame": {"number": 0, "exposure": 0, "arrival": 0},
         "Jog": {"rates": q},
         "JointLimits": {"lower": (0.0, 0.0, 50.0), "upper": (1.0, 1.0, 90.0)},

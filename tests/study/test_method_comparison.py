@@ -218,7 +218,7 @@ def test_the_worst_run_opens_with_the_same_numbers(
     assert worst.outcome.pose_error == worst.error and worst.cause != ""
     path = worst.show()
     printed = capsys.readouterr().out
-    assert f"rule, seed {worst.seed}, compiled: not settled" in printed
+    assert f"rule, seed {worst.seed}, compiled: no success" in printed
     assert f"{worst.error:.3f} mm" in printed and worst.cause in printed and str(path) in printed
     assert path.read_bytes().startswith(b"\x89PNG")
     (axis,) = worst.plot().axes

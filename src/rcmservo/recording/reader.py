@@ -36,7 +36,7 @@ Column = NDArray[Any]
 Member = TypeVar("Member", bound=Enum)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Record:
     """Run of N ticks as columns.
 
@@ -74,6 +74,10 @@ class Record:
     stages: list[Stage]
     missing: str
     unread: int
+
+    def __repr__(self) -> str:
+        """Return the file and the names of the columns, without their numbers."""
+        return f"<Record of {len(self.time)} ticks, {self.path}, ticks: {', '.join(self.ticks)}>"
 
     @property
     def version(self) -> str:

@@ -44,7 +44,11 @@ class RecordedResult(RunResult):
 
     @property
     def record(self) -> Record:
-        """Every tick of the run, as `rcmservo.recording.reader` returns it."""
+        """Every tick of the run: ``record.time`` (N,) in s, and ``record.ticks[name]`` (N, size).
+
+        ``print`` shows the names of the columns. `rcmservo.recording.reader.read_record` reads the
+        record of a folder later.
+        """
         return reader.read_record(Path(self.folder))
 
     def plot(self) -> Any:

@@ -48,7 +48,8 @@ class Rig:
     In wall time a rig is used as a context manager. Then a thread tracks the markers beside the
     loop, and at the end arm and camera are closed if they have a method ``close``. A rig with a
     clock of its own, such as a simulation, needs no context. A class of your own that derives from
-    `Rig` may override `go_home` and `measure_true_error`.
+    `Rig` may override `go_home` and `measure_true_error`. For a simulation of your own, set
+    ``rig.is_simulated = True``: then `run` asks nobody before it switches the drive on.
 
     Parameters
     ----------

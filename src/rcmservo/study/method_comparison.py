@@ -94,6 +94,9 @@ def compare(
     Notes
     -----
     The same seeds give the same rows, also with `rcmservo study`, whatever the number of workers.
+    A run succeeds if its true error, rms over the last second, is at most 1 mm; it need not settle
+    as a run of `rcmservo.run` must. Noise and target of a run are drawn from its seed in another
+    way than there, so that errors differ by chance.
     """
     seeds = _list_seeds(scenes)
     DURATION_LIMIT.require("duration", duration)

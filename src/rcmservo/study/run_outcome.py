@@ -41,9 +41,9 @@ class StudyRun:
     scene : Scene
         Camera, tool, start and target.
     engine : str
-        Engine that made the run; empty if it does not matter.
+        Engine that made the run; empty if it is not noted, as in a comparison.
     jacobian_error : float
-        Median scaled error of Ĵ in SERVO; NaN for the compiled plant or without a Ĵ.
+        Median scaled error of Ĵ in SERVO; NaN where it is not measured, as in a comparison.
     """
 
     seed: int

@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 
+from rcmservo.errors import require
 from rcmservo.estimation.base import Estimator, Sample
 from rcmservo.geometry.features import compute_features, compute_features_jacobian, shift_to_rcm
 from rcmservo.geometry.tool import RigidTool, Tool
@@ -49,6 +50,8 @@ def check_estimator(estimator: Estimator, tool: Tool | None = None) -> None:
     -----
     The check does not judge how quickly or accurately an estimator learns; `rcmservo study` does.
     """
+    expected = "an estimator, not a class: call the class, with () after its name"
+    require(not isinstance(estimator, type), "estimator", estimator, expected)
     tool = tool or RigidTool(spacing=30.0)
     part, samples = WatchedPart(estimator), list(make_trial_samples(tool))
     _check_arguments(part, tool, samples)
