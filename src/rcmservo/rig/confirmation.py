@@ -21,7 +21,7 @@ Confirm = Callable[[str], str]
 def require_confirmation(
     rig: Rig, servo: Servo, duration_s: float, confirm: Confirm | None
 ) -> None:
-    """Ask the person at a real arm; nothing is asked where no real arm can move.
+    """Ask the person at a real arm for consent; without a real arm no question is needed.
 
     Raises
     ------

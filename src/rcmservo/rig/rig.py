@@ -45,7 +45,7 @@ AnyRecorder = Recorder | ThreadedRecorder
 class Rig:
     """Arm, camera, tracker, mechanism, tool and clock, which `run` moves.
 
-    In wall time a rig is used as a context manager. Then a thread tracks the markers beside the
+    In wall time a rig is used as a context manager. Then a thread tracks the markers next to the
     loop, and at the end arm and camera are closed if they have a method ``close``. A rig with a
     clock of its own, such as a simulation, needs no context. A class of your own that derives from
     `Rig` may override `go_home` and `measure_true_error`. For a simulation of your own, set

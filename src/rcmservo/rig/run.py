@@ -78,7 +78,7 @@ def run(
 ) -> RecordedResult:
     """Move the tool of a rig to a target and return the result.
 
-    The servo is compiled, the person at a real arm is asked, the drive is switched on, and the tool
+    The servo is compiled, the person at a real arm confirms, the drive is switched on, and the tool
     moves: first on a short path around its start, then to the target. The run ends when the tool
     has settled, after `duration`, or with a stop that nobody can end. At the end, even after an
     error or Ctrl-C, the arm is brought to rest, its drive switched off and the record completed.

@@ -1,4 +1,4 @@
-"""Contract of a clock: whole ns, which advance while somebody waits and never go back."""
+"""Contract of a clock: whole ns, which advance while someone waits and never go back."""
 
 from numbers import Integral
 from typing import cast
