@@ -11,7 +11,7 @@ from rcmservo.servo.servo import Servo, State
 class Tick:
     """One tick of the loop: the inputs of the servo, its state, and the applied joint rates.
 
-    `servo_ticks` yields it. A recorder stores it, and a replay recomputes the state from the inputs.
+    `servo_ticks` yields it. A recorder stores it, and a replay recomputes its state.
 
     Parameters
     ----------
