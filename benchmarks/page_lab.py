@@ -39,6 +39,7 @@ from websockets.typing import Origin
 
 from rcmservo.cli.lab import serve
 from rcmservo.cli.lab.serve import PageBackend, ServeOptions
+from rcmservo.hardware.device_kinds import prepare_tracker
 from rcmservo.interfaces import Camera, Frame, Image
 from rcmservo.live.child_process import ChildProcess
 from rcmservo.live.frame_ring import FrameRing, RingCamera
@@ -119,7 +120,8 @@ def page_lab(seed: int = 0, recorded: bool = False, token: str = "") -> Generato
         options.servo.warm_up()
         pids = context.RawValue("q", 0), context.RawValue("q", 0)
         arrivals = context.RawArray("q", NUMBERS)
-        with serve._open_simulated_lab(options) as known, contextlib.ExitStack() as stack:
+        devices = serve._open_simulated_lab(options, prepare_tracker(options.lab))
+        with devices as known, contextlib.ExitStack() as stack:
             bench = cast(SimulatedLab, cast(Any, known.switch_off).__self__)
             if recorded:
                 frames = filmed(bench.ring)

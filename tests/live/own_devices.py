@@ -73,7 +73,7 @@ class OwnCamera:
     def __init__(self, shared):
         self.shared, self.frame = np.frombuffer(shared), None
         tool = tool_at(START)
-        self.position = tool.mean(axis=0) + 350.0 * np.array([0.3, -0.9, 0.4])
+        self.position = tool.mean(axis=0) + 350.0 * np.array([-0.7, -0.6, -0.2])
         forward = (tool.mean(axis=0) - self.position) / np.linalg.norm(
             tool.mean(axis=0) - self.position
         )

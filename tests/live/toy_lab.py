@@ -45,7 +45,7 @@ class ToyCamera:
         self.wire.setblocking(False)
         self.random, self.frame, self.requested = np.random.default_rng(0), None, 0
         middle = tool_at(START).mean(axis=0)
-        self.position = middle + 350.0 * np.array([0.3, -0.9, 0.4])
+        self.position = middle + 350.0 * np.array([-0.7, -0.6, -0.2])
         forward = (middle - self.position) / np.linalg.norm(middle - self.position)
         right = np.cross(forward, [0.0, 0.0, 1.0]) / np.linalg.norm(np.cross(forward, [0, 0, 1]))
         self.rotation = np.stack([right, np.cross(forward, right), forward])

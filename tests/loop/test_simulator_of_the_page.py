@@ -49,7 +49,7 @@ class PinholeCamera:
 
     def __init__(self) -> None:
         middle = MECHANISM.position(START)
-        self.position = middle + 350.0 * np.array([0.3, -0.9, 0.4])
+        self.position = middle + 350.0 * np.array([-0.7, -0.6, -0.2])
         forward = (middle - self.position) / np.linalg.norm(middle - self.position)
         right = np.cross(forward, [0.0, 0.0, 1.0])
         right /= np.linalg.norm(right)

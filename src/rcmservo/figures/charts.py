@@ -20,6 +20,9 @@ if TYPE_CHECKING:
 MAX_POINTS = 500
 """Largest number of points of a curve. Longer curves are thinned: a chart resolves no more."""
 
+MAX_PLAIN_RATIO = 300.0
+"""Largest ratio of the ends of a logarithmic axis whose labels are plain numbers."""
+
 Dashes = str | tuple[int, tuple[int, ...]]
 """Dash pattern of a line, as Matplotlib takes it."""
 
@@ -312,6 +315,8 @@ def _draw_scales(panel: Panel, axis: Any) -> None:
     """Set the scales, the limits and the words along x."""
     axis.set_xscale("log" if panel.log_x else "linear")
     axis.set_yscale("log" if panel.log_y else "linear")
+    if panel.log_x:
+        _label_few_values(axis)
     if panel.y_limits is not None:
         axis.set_ylim(*panel.y_limits)
     if panel.map:
@@ -322,6 +327,20 @@ def _draw_scales(panel: Panel, axis: Any) -> None:
         count, rotation = len(panel.categories), _choose_rotation(panel.categories)
         axis.set_xticks(range(count), panel.categories, rotation=rotation)
         axis.set_xlim(-0.6, count - 0.4)
+
+
+def _label_few_values(axis: Any) -> None:
+    """Label 1, 2 and 5 in each decade of a short logarithmic x axis as plain numbers.
+
+    Matplotlib would label every number of a decade, and the labels would overlap.
+    """
+    from matplotlib.ticker import LogLocator, NullFormatter
+
+    low, high = axis.get_xlim()
+    axis.xaxis.set_minor_formatter(NullFormatter())
+    if high < MAX_PLAIN_RATIO * low:
+        axis.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axis.xaxis.set_major_formatter("{x:g}")
 
 
 def _draw_lanes(lanes: Sequence[Lane], axis: Any) -> None:
