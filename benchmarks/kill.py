@@ -25,6 +25,7 @@ import numpy as np
 
 import rcmservo as rs
 from rcmservo.config.rig_file import RigDescription
+from rcmservo.hardware.device_kinds import prepare_tracker
 from rcmservo.live.servo_process import Session
 from rcmservo.live.supervisor import ServoProcess, supervise
 from rcmservo.loop.run_result import RunResult
@@ -194,7 +195,7 @@ def main() -> int:
         while len(trials) < chosen.count:
             kind = KINDS[2 if len(trials) % 4 == 3 else len(trials) % 2]
             record = Path(folder) / "record.mcap"
-            session = bench.session(servo, lab.markers, 60.0, record, frames=30)
+            session = bench.session(servo, prepare_tracker(lab), 60.0, record, frames=30)
             try:
                 trials.append(trial(bench, session, record, kind, int(random.integers(1, 300))))
             except NotBegun as why:

@@ -21,6 +21,7 @@ import numpy as np
 
 import rcmservo as rs
 from rcmservo.config.rig_file import RigDescription
+from rcmservo.hardware.device_kinds import prepare_tracker
 from rcmservo.live.loop_statistics import Report
 from rcmservo.live.supervisor import run_live
 from rcmservo.loop.run_result import RunResult
@@ -87,7 +88,9 @@ def main() -> None:
         while left >= 1.0:
             record = Path(folder) / f"{left:g}.mcap"
             result = run_live(
-                bench.session(servo, lab.markers, left, record, frames=30), bench.switch_off, show
+                bench.session(servo, prepare_tracker(lab), left, record, frames=30),
+                bench.switch_off,
+                show,
             )
             print(f"load of the machine: {os.getloadavg()[0]:.2f}")
             judge(result, bench)

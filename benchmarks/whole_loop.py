@@ -25,6 +25,7 @@ from emulated_lab import EmulatedLab
 
 import rcmservo as rs
 from rcmservo.config.rig_file import RigDescription
+from rcmservo.hardware.device_kinds import prepare_tracker
 from rcmservo.live.realtime import request_urgent_priority
 from rcmservo.live.supervisor import run_live
 from rcmservo.loop.run_result import RunResult
@@ -96,7 +97,8 @@ def simulated(seed: int, servo: rs.Servo, record: Path) -> Row:
     lab = RigDescription()
     with SimulatedLab(seed, read_rig_settings(lab)) as bench, stalls(found):
         result = run_live(
-            bench.session(servo, lab.markers, DURATION, record, frames=30), bench.switch_off
+            bench.session(servo, prepare_tracker(lab), DURATION, record, frames=30),
+            bench.switch_off,
         )
         error = bench.true_error()
     return Row(result, error, max(found))
