@@ -61,8 +61,8 @@ class PinholeCamera:
         return np.stack([800.0 * x / z + 320.0, 800.0 * y / z + 240.0], axis=1)
 
 
-def test_a_servo_reaches_the_target_on_the_simulator_of_the_page() -> None:
-    """The robot lags by 69 ms: with rates at the measured pose, the tool would leave the path."""
+def make_simulator() -> tuple[LaggingRobot, Any, Any, Any]:
+    """Return robot, clock, arm and camera of the page's example."""
     example, robot = load_example(), LaggingRobot()
 
     def step() -> None:
@@ -72,6 +72,12 @@ def test_a_servo_reaches_the_target_on_the_simulator_of_the_page() -> None:
     clock = example["SimulatorClock"](step, STEP_NS)
     arm = example["PortArm"](robot, clock, MECHANISM)
     camera = example["PointCamera"](robot, clock, PinholeCamera().project)
+    return robot, clock, arm, camera
+
+
+def test_a_servo_reaches_the_target_on_the_simulator_of_the_page() -> None:
+    """The robot lags by 69 ms: with rates at the measured pose, the tool would leave the path."""
+    robot, clock, arm, camera = make_simulator()
     rig = rs.Rig(arm, camera, rs.tracking.PointMarkers(), MECHANISM, TOOL, clock)
     rig.is_simulated = True
     robot.point = robot.setpoint = MECHANISM.position(GOAL)
@@ -84,15 +90,7 @@ def test_a_servo_reaches_the_target_on_the_simulator_of_the_page() -> None:
 
 
 def test_the_arm_and_the_camera_of_the_page_keep_their_contracts() -> None:
-    example, robot = load_example(), LaggingRobot()
-
-    def step() -> None:
-        arm.move()
-        robot.step()
-
-    clock = example["SimulatorClock"](step, STEP_NS)
-    arm = example["PortArm"](robot, clock, MECHANISM)
-    camera = example["PointCamera"](robot, clock, PinholeCamera().project)
+    _, clock, arm, camera = make_simulator()
     rs.testing.check_camera(camera, clock)
     rs.testing.check_arm(arm, clock, may_move=True)
 

@@ -97,16 +97,17 @@ def refuse(question: str) -> str:
     ],
 )
 def test_an_unknown_arm_is_not_enabled_without_the_word(
-    confirm: Callable[[str], str] | None, error: type[Exception], words: str
+    confirm: Callable[[str], str] | None, error: type[Exception], words: str, tmp_path: Path
 ) -> None:
+    """The folder of the record stays free for the next attempt."""
     simulated = make_simulated_rig()
     simulated.move_to_target()
     rig = make_foreign_rig(simulated)
     target, enabled = rig.teach(30), list[int]()
     simulated.arm.enable = lambda: enabled.append(1)
     with pytest.raises(error, match=words):
-        rs.run(rig, rs.Servo(), target, confirm=confirm)
-    assert not enabled
+        rs.run(rig, rs.Servo(), target, record=tmp_path / "first", confirm=confirm)
+    assert not enabled and not (tmp_path / "first").exists()
 
 
 def test_the_question_states_the_motion_and_the_word_enables_the_drive() -> None:
@@ -137,8 +138,32 @@ def test_an_arm_that_is_on_or_does_not_know_its_joints_is_refused() -> None:
         rs.run(rig, rs.Servo(), target)
     rig.arm.is_homed = lambda: True
     rig.plant.enable()
-    with pytest.raises(NotReady, match="the arm's drive is on already"):
+    with pytest.raises(NotReady, match="another program has switched the arm's drive on"):
         rs.run(rig, rs.Servo(), target)
+
+
+def test_the_error_is_that_of_the_target_at_the_end() -> None:
+    """A target that the simulation has not taught has no true error."""
+    rig = make_simulated_rig()
+    first, second = rig.teach(30), rig.teach(30)
+    other = rs.Target(second.points + np.array([15.0, 0.0]), second.q)
+
+    def go_to(target: rs.Target) -> Callable[[rs.Tick], Any]:
+        return lambda tick: target if tick.time == 500_000_000 else rs.Request.NONE
+
+    known = rs.run(rig, rs.Servo(), first, 4.0, operator=go_to(second))
+    assert known.pose_error_mm is not None and known.bound_mm is not None
+    rig.go_home()
+    unknown = rs.run(rig, rs.Servo(), first, 4.0, operator=go_to(other))
+    assert unknown.pose_error_mm is None and unknown.bound_mm is None
+    assert len(unknown.record.stages) == 2
+
+
+def test_a_record_that_failed_does_not_stay_with_the_plant() -> None:
+    rig = make_simulated_rig()
+    target, watched = rig.teach(30), rig.plant.recorded
+    rs.run(rig, rs.Servo(), target, 0.5)
+    assert rig.plant.recorded is watched
 
 
 def test_ctrl_c_leaves_the_arm_at_rest_and_names_the_complete_record(tmp_path: Path) -> None:

@@ -3,15 +3,11 @@
 The servo and the target are not part of it; the record stores them for each stage of the run.
 """
 
-import platform
 from dataclasses import asdict
-from importlib.metadata import version
 from typing import Any
 
 from rcmservo.cli.run_options import LabOptions
-
-PACKAGES = "numpy", "numba", "opencv-python-headless"
-"""Packages whose versions each record stores."""
+from rcmservo.rig.run import list_versions
 
 
 def describe_run(options: LabOptions, duration_s: float, *packages: str) -> dict[str, Any]:
@@ -23,11 +19,7 @@ def describe_run(options: LabOptions, duration_s: float, *packages: str) -> dict
         "teaching_frames": options.teaching_frames,
         "markers": asdict(options.lab.markers),
         **{name: table for name, table in options.lab.devices.items() if name == "tracker"},
-        "versions": {
-            "rcmservo": version("rcmservo"),
-            "python": platform.python_version(),
-            **{name: version(name) for name in (*PACKAGES, *packages)},
-        },
+        "versions": list_versions(*packages),
     }
 
 

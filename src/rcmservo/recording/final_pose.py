@@ -10,7 +10,7 @@ from rcmservo.interfaces import Floats
 from rcmservo.loop.run_result import DriveResponse, FinalPose, finite_or_none
 
 FINAL_WINDOW_S = 1.0
-"""Time at the end of a run in s over which the feature error is averaged."""
+"""Time at the end of a run in s over which its errors are averaged."""
 
 LAGS_S = np.arange(0.0, 0.2001, 0.005)
 """Lags in s among which that of a drive is searched."""

@@ -17,7 +17,12 @@ from rcmservo.loop.run_result import (
     finite_or_none,
 )
 from rcmservo.loop.tick import Tick
-from rcmservo.recording.final_pose import RunCourse, measure_drive_response, measure_final_pose
+from rcmservo.recording.final_pose import (
+    FINAL_WINDOW_S,
+    RunCourse,
+    measure_drive_response,
+    measure_final_pose,
+)
 from rcmservo.safety.causes import Cause
 from rcmservo.safety.state_machine import Mode, Phase
 from rcmservo.servo.servo import Servo
@@ -26,7 +31,7 @@ from rcmservo.servo.user_estimator import EstimatorGuard, format_class_name_of
 SETTLED_TOLERANCE = np.array([np.radians(0.5), 1.0, 1.0])
 """Upper limits of |Δs|, |Δr|, |Δd| in rad, px, px for a settled run."""
 
-SETTLED_DURATION_S = 1.0
+SETTLED_DURATION_S = FINAL_WINDOW_S
 """Time in s at the end of a run during which the errors must stay within the tolerance."""
 
 END_DURATION_S = 2.0
@@ -253,10 +258,12 @@ def _describe_errors(rms_error: Floats) -> str:
     """Return the errors (3,) in rad, px, px of the last second with their tolerances."""
     if not np.isfinite(rms_error).all():
         return ""
-    s_deg, r_px, d_px = np.degrees(rms_error[0]), *rms_error[1:]
+    measured, allowed = (
+        (np.degrees(s), r, d) for s, r, d in (rms_error.tolist(), SETTLED_TOLERANCE.tolist())
+    )
     return (
-        f": in the last second s {s_deg:.2f}°, r {r_px:.2f} px, d {d_px:.2f} px rms, which must "
-        "stay below 0.5°, 1 px, 1 px"
+        ": in the last second s {:.2f}°, r {:.2f} px, d {:.2f} px rms, which must stay below "
+        "{:g}°, {:g} px, {:g} px".format(*measured, *allowed)
     )
 
 

@@ -17,6 +17,7 @@ from rcmservo.figures import charts, plots
 from rcmservo.loop.run_result import RunResult
 from rcmservo.recording import reader
 from rcmservo.recording.reader import Record
+from rcmservo.recording.ros2_bag import METADATA
 from rcmservo.recording.summary_text import format_title, list_result_rows
 
 METRICS_FILE = "metrics.json"
@@ -117,6 +118,14 @@ def read_record_if_any(folder: Path) -> Record | None:
     with suppress(UnusableFile):
         return reader.read_record(folder)
     return None
+
+
+def remove_empty_record(folder: Path) -> None:
+    """Remove the record of a run that did not begin."""
+    with suppress(UnusableFile):
+        if not reader.has_ticks(folder):
+            reader.find_record_file(folder).unlink()
+            (folder / METADATA).unlink(missing_ok=True)
 
 
 def draw_figures(record: Record, folder: Path) -> None:

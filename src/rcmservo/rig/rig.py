@@ -219,8 +219,7 @@ class Rig:
         NotReady
             If the drive is on already, or the arm does not know its joint values.
         """
-        if self.plant.arm.measure().enabled:
-            raise NotReady("the arm's drive is on already: switch it off where it was switched on")
+        require_drive_off(self.plant)
         is_homed = getattr(self.arm, "is_homed", None)
         if is_homed is not None and not is_homed():
             raise NotReady(
@@ -267,6 +266,12 @@ class Rig:
         except RcmServoError as error:
             return str(error)
         return "drive on" if is_enabled else "drive off"
+
+
+def require_drive_off(plant: Plant) -> None:
+    """Refuse an arm whose drive another program has enabled, because the arm could move."""
+    if plant.arm.measure().enabled:
+        raise NotReady("another program has switched the arm's drive on: switch it off there first")
 
 
 def _require_methods(field: str, device: object, methods: tuple[str, ...]) -> None:

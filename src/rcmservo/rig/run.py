@@ -7,6 +7,7 @@ import platform
 import sys
 import tempfile
 import weakref
+from collections import deque
 from collections.abc import Callable, Generator
 from contextlib import closing, contextmanager, nullcontext
 from dataclasses import replace
@@ -27,12 +28,17 @@ from rcmservo.loop.run_result import RunResult, finite_or_none
 from rcmservo.loop.servo_loop import servo_ticks
 from rcmservo.loop.tick import Tick
 from rcmservo.recording.outcome import SETTLED_DURATION_S, Settled, find_stop_cause
-from rcmservo.recording.reader import RECORD
+from rcmservo.recording.reader import RECORD, Record
 from rcmservo.recording.timeline import summarise_record
 from rcmservo.recording.writer import Recorder, ThreadedRecorder
 from rcmservo.rig.confirmation import Confirm, require_confirmation
 from rcmservo.rig.interrupt import deferred_interrupt
-from rcmservo.rig.result import RecordedResult, read_record_if_any, save_result
+from rcmservo.rig.result import (
+    RecordedResult,
+    read_record_if_any,
+    remove_empty_record,
+    save_result,
+)
 from rcmservo.rig.rig import AnyRecorder, Rig, require_kind
 from rcmservo.servo.servo import Servo
 
@@ -56,12 +62,15 @@ class Course(NamedTuple):
     ----------
     stop_cause : str
         Cause that stopped the arm at the last tick; empty if nothing stopped it.
-    true_errors_mm : list[float]
-        True distance of marker 2 from its taught position at each tick, mm; NaN if unknown.
+    true_errors_mm : deque[float]
+        True distance of marker 2 from its taught position in the last second, mm; NaN if unknown.
+    target : Target
+        Target at the end.
     """
 
     stop_cause: str
-    true_errors_mm: list[float]
+    true_errors_mm: deque[float]
+    target: Target
 
 
 def run(
@@ -127,7 +136,8 @@ def run(
     NotReady
         In wall time, if the rig is not open.
     KeyboardInterrupt
-        After Ctrl-C, once the arm is at rest and the record complete; its argument is the folder.
+        After Ctrl-C, once the arm is at rest. The record in the folder `record`, which is then its
+        argument, is complete; without one it is lost.
 
     Notes
     -----
@@ -149,24 +159,24 @@ def run(
     with _open_folder(record) as (folder, keep):
         with _open_record(rig, folder, description) as recorder:
             recorder.begin(servo, target)
-            plant.recorded = recorder.recorded
             rig.require_ready()
             require_confirmation(rig, servo, duration, confirm)
             ticks = servo_ticks(plant, servo, target, duration, ends, operator=operator)
             with _open_progress(progress) as show:
-                course = _follow(rig, ticks, target, recorder, show)
-        result = RecordedResult(**vars(_judge(rig, folder, course, servo, target)))
-        result = replace(
-            result,
+                course = _follow(rig, servo, ticks, target, recorder, show)
+        recorded = read_record_if_any(folder)
+        judged = replace(
+            _judge(rig, recorded, course),
             folder=str(folder),
             simulated=rig.is_simulated,
             estimator=description["estimator"],
             seed=description.get("seed"),
-            target_q=target.q.tolist(),
+            target_q=course.target.q.tolist(),
             not_recorded=recorder.failed,
         )
+        result = RecordedResult(**vars(judged))
         if record is not None:
-            return save_result(result, read_record_if_any(folder), folder)
+            return save_result(result, recorded, folder)
         keep(result)
         return result
 
@@ -177,12 +187,14 @@ def describe_run(rig: Rig, servo: Servo) -> dict[str, Any]:
         **rig.describe(),
         "estimator": find_class_name(servo.estimator, ESTIMATORS),
         "mechanism": servo.mechanism.name,
-        "versions": {
-            "rcmservo": version("rcmservo"),
-            "python": platform.python_version(),
-            **{name: version(name) for name in PACKAGES},
-        },
+        "versions": list_versions(),
     }
+
+
+def list_versions(*packages: str) -> dict[str, str]:
+    """Return the versions of rcmservo, Python, the `PACKAGES` and others, for a record."""
+    names = "rcmservo", *PACKAGES, *packages
+    return {"python": platform.python_version(), **{name: version(name) for name in names}}
 
 
 @contextmanager
@@ -198,55 +210,69 @@ def _open_folder(
             yield folder, lambda result: None
         return
     temporary = tempfile.TemporaryDirectory(prefix="rcmservo-")
-    yield (
-        Path(temporary.name),
-        lambda result: weakref.finalize(result, temporary.cleanup),
-    )
+    try:
+        yield Path(temporary.name), lambda result: weakref.finalize(result, temporary.cleanup)
+    except BaseException:
+        temporary.cleanup()
+        raise
 
 
 @contextmanager
 def _open_record(rig: Rig, folder: Path, description: dict[str, Any]) -> Generator[AnyRecorder]:
-    """Yield the recorder; in wall time it has a thread, so that the loop never waits for a disk."""
-    recorder = Recorder(folder / RECORD, description)
-    with ThreadedRecorder(recorder) if rig.is_in_wall_time else recorder as opened:
-        yield opened
+    """Yield the recorder, which the plant watches; remove the record of a run that did not begin.
+
+    In wall time it has a thread, so that the loop never waits for a disk.
+    """
+    file, plant = Recorder(folder / RECORD, description), rig.plant
+    watched = plant.recorded
+    try:
+        with ThreadedRecorder(file) if rig.is_in_wall_time else file as recorder:
+            plant.recorded = recorder.recorded
+            yield recorder
+    except BaseException:
+        remove_empty_record(folder)
+        raise
+    finally:
+        plant.recorded = watched
 
 
 def _follow(
     rig: Rig,
+    servo: Servo,
     ticks: Generator[Tick],
     target: Target,
     recorder: AnyRecorder,
     progress: Progress,
 ) -> Course:
     """Record and show each tick of a run."""
-    tick, has_accepted_frame, true_errors_mm = None, False, list[float]()
+    tick, has_accepted_frame = None, False
+    true_errors_mm = deque[float](maxlen=round(SETTLED_DURATION_S * servo.rate))
     rig.begin()
     began_ns = rig.clock.now()
     realtime = apply_realtime_settings() if rig.is_in_wall_time else nullcontext()
     with realtime, deferred_interrupt() as raise_if_interrupted, closing(ticks):
         for tick in ticks:
+            target = tick.state.target or target
             has_accepted_frame |= tick.state.accepted_frame >= 0
             rig.record_tick(recorder, tick)
             true_errors_mm.append(rig.measure_true_error(target))
             progress(tick)
             raise_if_interrupted()
     if tick is None:
-        return Course("", true_errors_mm)
+        return Course("", true_errors_mm, target)
     reason = (
         ""
         if has_accepted_frame
         else explain_undetected_markers(rig.plant, tick.observation, began_ns)
     )
-    return Course(find_stop_cause(tick.state.mode, reason), true_errors_mm)
+    return Course(find_stop_cause(tick.state.mode, reason), true_errors_mm, target)
 
 
-def _judge(rig: Rig, folder: Path, course: Course, servo: Servo, target: Target) -> RunResult:
+def _judge(rig: Rig, record: Record | None, course: Course) -> RunResult:
     """Return the result of the record, with the true error and what only the devices know."""
-    record = read_record_if_any(folder)
     result = RunResult() if record is None else summarise_record(record)
-    last_errors_mm = np.array(course.true_errors_mm[-round(SETTLED_DURATION_S * servo.rate) :])
-    true_error_mm = np.sqrt(np.mean(last_errors_mm**2)) if len(last_errors_mm) else np.nan
+    errors_mm = np.array(course.true_errors_mm)
+    true_error_mm = np.sqrt(np.mean(errors_mm**2)) if len(errors_mm) else np.nan
     used_frames = 0 if result.frames is None else result.frames.used
     count_frames = getattr(rig.camera, "counts", None)
     off_reason = getattr(rig.arm, "off_reason", "")
@@ -255,7 +281,7 @@ def _judge(rig: Rig, folder: Path, course: Course, servo: Servo, target: Target)
         result if not off_reason else result.unsettled(off_reason),
         cause=cause or off_reason,
         pose_error_mm=finite_or_none(float(true_error_mm)),
-        bound_mm=finite_or_none(rig.compute_bound(target, used_frames)),
+        bound_mm=finite_or_none(rig.compute_bound(course.target, used_frames)),
         camera=None if count_frames is None else count_frames(),
         drive_off=off_reason,
     )

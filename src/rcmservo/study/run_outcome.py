@@ -7,12 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rcmservo.interfaces import Floats
+from rcmservo.recording.final_pose import FINAL_WINDOW_S
 from rcmservo.safety.causes import CAUSES, Cause
 from rcmservo.safety.state_machine import PHASES, Phase
 from rcmservo.sim.scene import Scene
-
-FINAL_WINDOW_S = 1.0
-"""Length of the window at the end of a run over which the pose error is averaged, s."""
 
 STOPPED_PHASES = [PHASES.index(phase) for phase in (Phase.HOLD, Phase.PAUSED, Phase.FAULT)]
 SERVO_PHASE = PHASES.index(Phase.SERVO)

@@ -25,9 +25,9 @@ from rcmservo.live.terminal_operator import Terminal
 from rcmservo.loop.plant import Plant
 from rcmservo.loop.target_frames import TEACHING_FRAMES
 from rcmservo.loop.teach import TeachingFailed, teach
+from rcmservo.rig.confirmation import ENABLE_WORD
+from rcmservo.rig.rig import require_drive_off
 
-ENABLE_WORD = "enable"
-"""Word that the operator types to enable the drive."""
 MAX_ANSWER_AGE_NS = 1_000_000_000
 """Time in ns after typing during which an answer is valid."""
 
@@ -135,12 +135,6 @@ def describe_target_setup(lab: RigDescription, width: int, height: int) -> Targe
     name = json.dumps(camera, sort_keys=True, default=str)
     slack = lab.thresholds.limit_tolerance
     return TargetSetup(name, width, height, lab.mechanism, lab.tool, lab.tracking, slack=slack)
-
-
-def require_drive_off(plant: Plant) -> None:
-    """Refuse an arm whose drive another program has enabled, because the arm could move."""
-    if plant.arm.measure().enabled:
-        raise NotReady("another program has switched the arm's drive on: switch it off there first")
 
 
 def define_joints(operator: OperatorTerminal, plant: Plant, lab: RigDescription) -> None:

@@ -5,7 +5,6 @@ the file, the arm moves at a tenth of its speed.
 """
 
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -26,7 +25,6 @@ from rcmservo.cli.run_options import LabOptions, RunToTargetOptions
 from rcmservo.cli.terminal import open_status_line
 from rcmservo.config.rig_file import RigDescription
 from rcmservo.config.verified_rigs import is_rig_verified
-from rcmservo.errors import UnusableFile
 from rcmservo.hardware.device_kinds import (
     open_arm,
     open_camera,
@@ -38,12 +36,10 @@ from rcmservo.live.supervisor import run_live
 from rcmservo.live.terminal_operator import Terminal
 from rcmservo.live.unchecked_rig_speed import UNCHECKED_SPEED_SCALE, reduce_speed
 from rcmservo.loop.run_result import RunResult
-from rcmservo.recording import reader
 from rcmservo.recording.reader import RECORD
-from rcmservo.recording.ros2_bag import METADATA
 from rcmservo.recording.writer import Recorder
 from rcmservo.rig.confirmation import announce_motion
-from rcmservo.rig.result import read_record_if_any, save_result
+from rcmservo.rig.result import read_record_if_any, remove_empty_record, save_result
 from rcmservo.servo.servo import Servo
 
 
@@ -94,7 +90,7 @@ def live_on_hardware(
     try:
         result = run_live(session, progress=LiveProgress(line, options.duration))
     except BaseException:
-        _remove_empty_record(folder)
+        remove_empty_record(folder)
         raise
     finally:
         line.stop()
@@ -151,11 +147,3 @@ def describe_hardware_run(
         "devices": dict(options.lab.devices),
         **describe_run(options, duration),
     }
-
-
-def _remove_empty_record(folder: Path) -> None:
-    """Remove the record of a run that did not begin."""
-    with suppress(UnusableFile):
-        if not reader.has_ticks(folder):
-            reader.find_record_file(folder).unlink()
-            (folder / METADATA).unlink(missing_ok=True)

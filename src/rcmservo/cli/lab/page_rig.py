@@ -19,7 +19,6 @@ from rcmservo.cli.lab.hardware_prompts import (
     define_joints,
     describe_target_setup,
     get_lab_arm,
-    require_drive_off,
 )
 from rcmservo.cli.lab.live_on_hardware import (
     describe_hardware_run,
@@ -52,6 +51,7 @@ from rcmservo.page.operator import PageOperator
 from rcmservo.page.prompts import PagePrompts
 from rcmservo.page.selected_settings import SelectedSettings, without_limit
 from rcmservo.recording.reader import RECORD
+from rcmservo.rig.rig import require_drive_off
 from rcmservo.servo.servo import Servo
 
 

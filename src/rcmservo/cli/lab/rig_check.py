@@ -17,7 +17,7 @@ from rcmservo.bringup.axis_wiring import Robot
 from rcmservo.bringup.check import CheckReport, check, warm_up
 from rcmservo.bringup.findings import Finding
 from rcmservo.bringup.motion import IDLE_TIMEOUT, Mover
-from rcmservo.cli.lab.hardware_prompts import AttendedTerminal, define_joints, require_drive_off
+from rcmservo.cli.lab.hardware_prompts import AttendedTerminal, define_joints
 from rcmservo.cli.terminal import build_two_column_table, open_console
 from rcmservo.config.rig_file import (
     RigDescription,
@@ -40,6 +40,7 @@ from rcmservo.live.stop_signals import stopped_by_signals
 from rcmservo.live.terminal_operator import Terminal
 from rcmservo.live.tracking_thread import TrackingThread
 from rcmservo.loop.clock import WallClock
+from rcmservo.rig.rig import require_drive_off
 
 
 @dataclass(frozen=True)

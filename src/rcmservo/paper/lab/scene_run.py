@@ -16,13 +16,14 @@ from rcmservo.paper.lab.evaluation import STRIDE_TICKS
 from rcmservo.paper.lab.paper_settings import FAST_CONTROLLER, FAST_ESTIMATOR, TEACHING_FRAMES
 from rcmservo.paper.lab.pose_controller import PoseController
 from rcmservo.paper.statistics import median
+from rcmservo.recording.final_pose import FINAL_WINDOW_S
 from rcmservo.safety.state_machine import Phase
 from rcmservo.servo.servo import Servo
 from rcmservo.sim import RigSettings
 from rcmservo.sim.rig import sample_scene_of_seed
 from rcmservo.study.compiled_engine import CompiledEngine
 from rcmservo.study.plan.conditions import COMPILED, MUJOCO
-from rcmservo.study.run_outcome import FINAL_WINDOW_S, StudyRun
+from rcmservo.study.run_outcome import StudyRun
 from rcmservo.study.simulation_engine import SimulationEngine, SimulationLoop
 
 STOPPED_PHASES = Phase.PAUSED, Phase.FAULT
