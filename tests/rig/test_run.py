@@ -2,6 +2,7 @@
 
 import gc
 import json
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -13,11 +14,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import rcmservo as rs
+from conftest import ROOT
 from rcmservo.errors import Stopped
 from rcmservo.interfaces import Floats
 from rcmservo.live.device_protocols import NotReady
 from rcmservo.recording.final_pose import RunCourse, measure_drive_response
 from rcmservo.recording.reader import read_record
+from rcmservo.recording.summary_text import list_result_rows
 from rcmservo.rig import rig as rig_module
 
 
@@ -53,6 +56,14 @@ def test_a_simulated_run_arrives_and_its_result_is_in_mm() -> None:
     assert all(lag is not None and 0.0 < lag < 60.0 for lag in result.drives.lag_ms)
     assert not rig.arm.measure().enabled
     assert result.duration_s is not None and result.duration_s < 10.0, "it ends once settled"
+
+
+def test_the_readme_shows_the_rows_of_a_simulated_run() -> None:
+    """A command also prints its speed."""
+    rig = make_simulated_rig()
+    result = rs.run(rig, rs.Servo(), rig.teach())
+    shown = re.findall(r"^│ (.*?) +│", (ROOT / "README.md").read_text(), re.M)
+    assert shown == [*(title for title, _ in list_result_rows(result)), "speed"]
 
 
 def test_the_record_is_complete_and_a_folder_with_results_is_refused(tmp_path: Path) -> None:
