@@ -16,10 +16,10 @@ POSITION = np.array([-70.0, -60.0, 20.0])
 TARGET = np.array([0.0, 0.0, -110.0])
 TISSUE = Tissue(np.array([0.0, 0.0, -165.0]), np.array([0.0, 0.0, 1.0]))
 OPTICS = CameraModel(
-    640,
-    480,
-    700.0,
-    np.array([322.0, 236.0]),
+    320,
+    240,
+    350.0,
+    np.array([161.0, 118.0]),
     np.array([-0.15, 0.03]),
     compute_look_at_rotation(POSITION, TARGET, 0.2),
     POSITION,
@@ -45,14 +45,18 @@ def tool(m1, along=(0.1, 0.1, -1.0), spacing=25.0):
 
 
 def rendered(look, *poses, number=0):
+    return renderer_of(look).render(np.stack(poses), number)
+
+
+def renderer_of(look):
     if look not in RENDERERS:
         RENDERERS[look] = Renderer(OPTICS, look, TISSUE, 0)
-    return RENDERERS[look].render(np.stack(poses), number)
+    return RENDERERS[look]
 
 
 def in_view(rng):
     """Return a point (3,) mm that projects well inside the image."""
-    pixel = rng.uniform([60, 60], [580, 420])
+    pixel = rng.uniform([30, 30], [290, 210])
     slope = OPTICS.slopes(pixel)
     return POSITION + rng.uniform(80, 160) * np.array([*slope, 1.0]) @ OPTICS.rotation
 
@@ -138,15 +142,13 @@ def test_light_beyond_the_range_is_clipped():
 def test_the_shaft_hides_part_of_a_ball():
     pose = tool(TARGET)
     colour = np.array(FLAT.marker_colours[0])
-    bare = replace(FLAT, shaft_radius=0.0, jaw_radius=0.0)
+    look = replace(FLAT, marker_radii=(7.0, 7.0), shaft_radius=5.0, jaw_radius=2.4)
+    bare = replace(look, shaft_radius=0.0, jaw_radius=0.0)
 
     def visible(image):
         return (np.abs(image - colour).max(axis=-1) < 1).sum()
 
-    with_shaft, without = (
-        rendered(FLAT, pose),
-        Renderer(OPTICS, bare, TISSUE, 0).render(pose[None], 0),
-    )
+    with_shaft, without = rendered(look, pose), rendered(bare, pose)
     assert 0.4 * visible(without) < visible(with_shaft) < 0.95 * visible(without)
 
 
@@ -162,8 +164,8 @@ def test_the_tool_darkens_the_tissue_softly():
     shadowed = rendered(QUIET, tool(TARGET)).astype(float)
     body = np.abs(rendered(FLAT, tool(TARGET)) - np.array(FLAT.tissue_colour)).max(axis=-1) > 1
     ratio = (shadowed / np.maximum(bare, 1)).mean(axis=-1)[~body & (bare.min(axis=-1) > 20)]
-    assert (ratio < 0.5).sum() > 500
-    assert ((ratio > 0.5) & (ratio < 0.95)).sum() > 500
+    assert (ratio < 0.5).sum() > 125
+    assert ((ratio > 0.5) & (ratio < 0.95)).sum() > 125
     assert (ratio > 1.05).sum() == 0
 
 
@@ -192,7 +194,7 @@ def test_only_tiles_that_the_tool_touches_change_when_it_moves():
 )
 def test_every_position_of_the_tool_gives_an_image(m1, along):
     image = rendered(QUIET, tool(m1, along), tool(m1 + 0.3, along))
-    assert image.shape == (480, 640, 3)
+    assert image.shape == (240, 320, 3)
     assert image.mean() > 2
 
 
@@ -203,7 +205,7 @@ def test_a_shaft_that_starts_behind_the_camera_enters_from_the_border():
     image = rendered(FLAT, np.stack([tip - 30 * n, tip - 15 * n, start, tip]))
     shaft = np.abs(image - np.array(FLAT.shaft_colour)).max(axis=-1) < 1
     assert shaft[:, -1].any()
-    assert shaft.sum() > 2000
+    assert shaft.sum() > 500
     assert not shaft[:, 0].any()
 
 
@@ -252,7 +254,7 @@ def test_compiled_and_plain_python_render_the_same_image(tmp_path):
 )
 def test_impossible_poses_are_refused(poses):
     with pytest.raises(BadInput):
-        Renderer(OPTICS, QUIET, TISSUE, 0).render(poses, 0)
+        renderer_of(QUIET).render(poses, 0)
 
 
 @pytest.mark.parametrize(
