@@ -49,6 +49,7 @@ def required_arguments(name: str) -> dict[str, Any]:
         "RigidTool": {"spacing": 30.0},
         "ScaledTool": {"scale": 1.5},
         "Servo": {"mechanism": rs.SphericalRcm(), "tool": rs.RigidTool(spacing=30.0)},
+        "SimulatedRig": {"pictures": False},
         "Target": {"points": points, "q": q},
     }.get(name, {})
 
@@ -82,9 +83,10 @@ ARGUMENTS = [
 def test_an_invalid_argument_is_refused_with_field_value_and_expected_value(
     made: type[Any], argument: str
 ) -> None:
+    required = required_arguments(made.__name__)
     for kind, value in ODD_VALUES.items():
         try:
-            made(**required_arguments(made.__name__) | {argument: value})
+            made(**required | {argument: value})
         except rs.BadInput as refused:
             assert refused.expected, kind
             spelling = MESSAGE_SPELLINGS.get(argument, argument)
