@@ -59,6 +59,15 @@ def lab() -> Generator[Cluster]:
         yield lab
 
 
+@pytest.fixture(scope="module")
+def address_in_process() -> Generator[str]:
+    """Address of a scheduler whose worker is a thread of this process."""
+    options = {"n_workers": 1, "threads_per_worker": 1, "dashboard_address": None}
+    address = {"host": "127.0.0.1", "protocol": "tcp://"}
+    with worker_pool.DASK.LocalCluster(processes=False, **options, **address) as local:
+        yield local.scheduler_address
+
+
 def run_on(
     pool: WorkerPool,
     folder: Path,
@@ -87,7 +96,7 @@ def test_a_cluster_returns_the_rows_of_this_process(lab: Cluster, tmp_path: Path
 
 
 def test_a_worker_without_the_package_raises_an_error(
-    lab: Cluster, monkeypatch: pytest.MonkeyPatch
+    address_in_process: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The worker joins after the check of the others."""
 
@@ -95,7 +104,7 @@ def test_a_worker_without_the_package_raises_an_error(
         raise ModuleNotFoundError("No module named 'rcmservo'")
 
     monkeypatch.setattr(worker_pool, "run_chunk", sent_by_value(fail))
-    with open_worker_pool(lab.address, None) as pool:
+    with open_worker_pool(address_in_process, None) as pool:
         results = pool.run([("key", None)])  # pyright: ignore[reportArgumentType]
         with pytest.raises(WorkLost, match="a worker has no rcmservo: No module named 'rcmservo'"):
             list(results)
@@ -108,11 +117,10 @@ def sent_by_value(function: Callable[[object], Any]) -> Callable[[object], Any]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("workers", [1, 4])
-def test_the_rows_do_not_depend_on_the_number_of_workers(workers: int, tmp_path: Path) -> None:
+def test_the_rows_do_not_depend_on_the_number_of_workers(tmp_path: Path) -> None:
     settings = {"count": 16, "methods": ("dlt", "projection", "flow"), "duration": 1.5}
-    with open_worker_pool(None, workers) as pool:
-        assert pool.count == workers
+    with open_worker_pool(None, 3) as pool:
+        assert pool.count == 3
         rows = run_on(pool, tmp_path / "many", **settings)
     assert rows == run_here(tmp_path / "here", **settings)
 
@@ -120,20 +128,20 @@ def test_the_rows_do_not_depend_on_the_number_of_workers(workers: int, tmp_path:
 @pytest.mark.slow
 def test_no_rows_are_lost_with_workers_that_die(tmp_path: Path) -> None:
     """A worker dies after every four requests, so that the study ends on a slow machine too."""
-    settings = {"count": 1700, "duration": 1.5, "methods": ("dlt",)}
+    settings = {"count": 1100, "duration": 1.5, "methods": ("dlt",)}
     killed: list[int] = []
-    with cluster(3) as lab, open_worker_pool(lab.address, None) as pool:
-        lab.wait_for(3)
+    with cluster(2) as lab, open_worker_pool(lab.address, None) as pool:
+        lab.wait_for(2)
         done = [0]
 
         def kill(runs: int) -> None:
             done[0] += 1
-            if done[0] % 4 == 0 and len(killed) < 4:
+            if done[0] % 4 == 0 and len(killed) < 2:
                 killed.append(lab.pids()[0])
                 os.kill(killed[-1], signal.SIGKILL)
 
         rows = run_on(pool, tmp_path / "cluster", kill, **settings)
-    assert len(killed) == 4
+    assert len(killed) == 2
     assert rows == run_here(tmp_path / "here", **settings)
 
 
@@ -141,22 +149,23 @@ def test_no_rows_are_lost_with_workers_that_die(tmp_path: Path) -> None:
 def test_a_request_that_dask_abandons_is_sent_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Dask abandons it after four workers have died on it."""
+    """Dask abandons it after two workers have died on it: its default are four."""
 
-    def kill_five(request: object) -> list[int]:
+    def kill_three(request: object) -> list[int]:
         import os
 
         died = tmp_path / "died"
         count = died.stat().st_size if died.exists() else 0
-        if count < 5:
+        if count < 3:
             died.write_text("x" * (count + 1))
             os._exit(1)
         return [count]
 
-    monkeypatch.setattr(worker_pool, "run_chunk", sent_by_value(kill_five))
+    monkeypatch.setenv("DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES", "1")
+    monkeypatch.setattr(worker_pool, "run_chunk", sent_by_value(kill_three))
     with cluster(1) as lab, open_worker_pool(lab.address, None) as pool:
         results = list(pool.run([("key", None)]))  # pyright: ignore[reportArgumentType]
-    assert results == [("key", [5])]
+    assert results == [("key", [3])]
 
 
 def test_a_local_worker_that_is_lost_at_its_start_is_replaced(
@@ -258,9 +267,9 @@ def test_local_workers_accept_connections_with_their_certificate_on_loopback_onl
 
 
 def test_a_request_that_kills_every_worker_raises_an_error(
-    lab: Cluster, monkeypatch: pytest.MonkeyPatch
+    address_in_process: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    with open_worker_pool(lab.address, None) as pool:
+    with open_worker_pool(address_in_process, None) as pool:
         monkeypatch.setattr(worker_pool, "MAX_LOST_WORKERS", 3)
         task = worker_pool.PendingTask("key", None, 3)  # pyright: ignore[reportArgumentType]
         with pytest.raises(WorkLost, match="3 workers died on the same request: died"):
@@ -285,9 +294,9 @@ def test_a_user_module_is_sent_to_workers_with_its_source(
             "--method",
             "least_squares_module:LeastSquares",
             "--count",
-            "6",
+            "2",
             "--duration",
-            "4",
+            "2.5",
         ]
         folder = tmp_path / f"out-{forget}"
         words += ["--cluster", lab.address, "--out", str(folder), "--no-report"]
@@ -321,14 +330,14 @@ def test_workers_with_another_rcmservo_are_rejected(tmp_path: Path) -> None:
 
 
 def test_workers_without_rcmservo_are_rejected(
-    lab: Cluster, monkeypatch: pytest.MonkeyPatch
+    address_in_process: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def fail() -> str:
         raise ModuleNotFoundError("No module named 'rcmservo'")
 
     installed = worker_pool.identify_package
     monkeypatch.setattr(worker_pool, "identify_package", fail)
-    with worker_pool._connect(lab.address) as client:  # pyright: ignore[reportPrivateUsage]
+    with worker_pool._connect(address_in_process) as client:  # pyright: ignore[reportPrivateUsage]
         packages = client.run(fail, on_error="return")
     assert all(isinstance(found, ModuleNotFoundError) for found in packages.values())
 
@@ -385,7 +394,7 @@ def test_a_scheduler_that_disconnects_raises_an_error_and_finished_chunks_remain
     finished: list[int] = []
     monkeypatch.setattr(worker_pool, "WORKER_TIMEOUT_S", 5.0)
     with cluster(1) as lab, open_worker_pool(lab.address, None) as pool:
-        work = StudyExecution(make_small_plan(count=5000, duration=15.0), tmp_path)
+        work = StudyExecution(make_small_plan(count=5000, duration=5.0), tmp_path)
 
         def progress(runs: int) -> None:
             finished.append(runs)
@@ -394,7 +403,7 @@ def test_a_scheduler_that_disconnects_raises_an_error_and_finished_chunks_remain
 
         with pytest.raises(WorkLost, match=r"scheduler at .* has disconnected"):
             work.run(pool, progress)
-    left = StudyExecution(make_small_plan(count=5000, duration=15.0), tmp_path)
+    left = StudyExecution(make_small_plan(count=5000, duration=5.0), tmp_path)
     assert left.missing_runs <= left.plan.runs - sum(finished)
 
 
@@ -433,6 +442,7 @@ def test_ctrl_c_keeps_finished_chunks_and_the_same_command_resumes(tmp_path: Pat
     code = "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler); "
     code += "from rcmservo.__main__ import main; sys.exit(main())"
     words = [sys.executable, "-c", code, "study", "--count", "600", "--no-report"]
+    words += ["--duration", "6"]
     words += ["--out", str(folder)]
     with subprocess.Popen(
         words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True
