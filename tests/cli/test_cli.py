@@ -5,8 +5,10 @@ import math
 import signal
 import subprocess
 import sys
+from contextlib import redirect_stdout
+from io import StringIO
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -19,7 +21,7 @@ from rcmservo.figures.video import VideoWriter
 from rcmservo.recording import reader
 from rcmservo.recording.reader import RECORD
 
-pytestmark = pytest.mark.usefixtures("blank_figures")  # except in the run that all tests read
+pytestmark = pytest.mark.usefixtures("blank_figures")
 
 KEYS = {
     "seed",
@@ -36,34 +38,47 @@ KEYS = {
 }
 
 
+class Finished(NamedTuple):
+    """Run that all tests read: exit code, output and folder."""
+
+    code: int
+    printed: str
+    folder: Path
+
+
 def strict(text: str) -> Any:
     """Parse JSON without NaN and Infinity."""
     return json.loads(text, parse_constant=lambda name: pytest.fail(f"{name} in JSON"))
 
 
 @pytest.fixture(scope="module")
-def finished(tmp_path_factory: pytest.TempPathFactory) -> tuple[int, Path]:
-    folder = tmp_path_factory.mktemp("run") / "deep" / "run"
-    words = ["run", "--seed", "4", "--duration", "5", "--frames", "--teaching-frames", "30"]
-    return main([*words, "--out", str(folder)]), folder
+def rig(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """Return a rig file with small images."""
+    rig = tmp_path_factory.mktemp("rig") / "small.toml"
+    rig.write_text(SMALL_RIG_TOML)
+    return str(rig)
 
 
 @pytest.fixture(scope="module")
-def small(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
+def finished(rig: str, tmp_path_factory: pytest.TempPathFactory) -> Finished:
+    """Run until the tool is at rest at the target, with all files and with JSON."""
+    folder = tmp_path_factory.mktemp("run") / "deep" / "run"
+    words = ["run", "--rig", rig, "--seed", "4", "--duration", "3", "--frames", "--json"]
+    printed = StringIO()
+    with redirect_stdout(printed):
+        code = main([*words, "--teaching-frames", "30", "--out", str(folder)])
+    return Finished(code, printed.getvalue(), folder)
+
+
+@pytest.fixture(scope="module")
+def small(rig: str) -> list[str]:
     """Return arguments of `run` with small images, no video, and JSON."""
-    rig = tmp_path_factory.mktemp("rig") / "small.toml"
-    rig.write_text(SMALL_RIG_TOML)
-    return ["run", "--rig", str(rig), "--no-video", "--json", "--teaching-frames", "30"]
+    return ["run", "--rig", rig, "--no-video", "--json", "--teaching-frames", "30"]
 
 
-def test_run_prints_one_json_object_and_nothing_else(
-    small: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    code = main([*small, "--seed", "2", "--duration", "5", "--out", str(tmp_path)])
-    out = capsys.readouterr().out
-    metrics = strict(out)
-    assert code == 0
-    assert out.count("\n") == 1
+def test_run_prints_one_json_object_and_nothing_else(finished: Finished) -> None:
+    metrics = strict(finished.printed)
+    assert finished.printed.count("\n") == 1
     assert set(metrics) >= KEYS
     assert set(metrics["feature_error"]) == {"s_rad", "r_px", "d_px"}
     assert set(metrics["jacobian_error"]) == {"explored", "final"}
@@ -73,25 +88,23 @@ def test_run_prints_one_json_object_and_nothing_else(
     assert metrics["pose_error_mm"] < 1.0
     assert metrics["explore"]["time_s"] <= 3.0
     assert metrics["explore"]["max_excursion_mm"] <= 10.0
-    assert metrics == strict((tmp_path / "metrics.json").read_text())
-    assert not (tmp_path / "overlay.webm").exists()
+    assert metrics == strict((finished.folder / "metrics.json").read_text())
 
 
 def test_a_settled_run_ends_with_0_and_leaves_record_figures_and_video(
-    finished: tuple[int, Path],
+    finished: Finished,
 ) -> None:
-    code, folder = finished
-    assert code == 0
+    assert finished.code == 0
     for name in ("errors.png", "estimate.png"):
-        assert cv2.imread(str(folder / name)) is not None
-    video = cv2.VideoCapture(str(folder / "overlay.webm"))
-    assert video.get(cv2.CAP_PROP_FRAME_COUNT) == pytest.approx(5 * 15, abs=2)
-    assert (video.get(cv2.CAP_PROP_FRAME_WIDTH), video.get(cv2.CAP_PROP_FRAME_HEIGHT)) == (640, 480)
-    assert not list(folder.glob("*.part"))
+        assert cv2.imread(str(finished.folder / name)) is not None
+    video = cv2.VideoCapture(str(finished.folder / "overlay.webm"))
+    assert video.get(cv2.CAP_PROP_FRAME_COUNT) == pytest.approx(3 * 15, abs=2)
+    assert (video.get(cv2.CAP_PROP_FRAME_WIDTH), video.get(cv2.CAP_PROP_FRAME_HEIGHT)) == (320, 240)
+    assert not list(finished.folder.glob("*.part"))
 
 
-def test_the_metrics_follow_from_the_record(finished: tuple[int, Path]) -> None:
-    _, folder = finished
+def test_the_metrics_follow_from_the_record(finished: Finished) -> None:
+    folder = finished.folder
     metrics, rows = (
         strict((folder / "metrics.json").read_text()),
         reader.read_record(folder / RECORD),
@@ -103,21 +116,21 @@ def test_the_metrics_follow_from_the_record(finished: tuple[int, Path]) -> None:
     assert metrics["settle_time_s"] == pytest.approx(rows.time[np.flatnonzero(~small)[-1] + 1])
     assert metrics["jacobian_error"]["final"] == rows.truth["jacobian_error"][-1, 0]
     assert rows.complete
-    assert len(rows.time) == 500
+    assert len(rows.time) == 300
 
 
 def test_replay_recomputes_a_recorded_run_bit_for_bit(
-    finished: tuple[int, Path], capsys: pytest.CaptureFixture[str]
+    finished: Finished, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    _, folder = finished
+    folder = finished.folder
     assert main(["replay", str(folder)]) == 0
-    assert capsys.readouterr().out == "all 500 ticks came out the same, bit for bit\n"
+    assert capsys.readouterr().out == "all 300 ticks came out the same, bit for bit\n"
 
 
 def test_replay_with_other_settings_reports_an_open_loop_and_the_differences(
-    finished: tuple[int, Path], capsys: pytest.CaptureFixture[str]
+    finished: Finished, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    _, folder = finished
+    folder = finished.folder
     assert main(["replay", str(folder), "--controller.gain", "4", "--json"]) == 1
     output = strict(capsys.readouterr().out)
     assert (
@@ -148,7 +161,7 @@ def test_replay_distinguishes_the_two_projection_estimators(
     """
     names = "projection", "projection-printed"
     for name in names:
-        main([*small, "--duration", "2", "--estimator", name, "--out", str(tmp_path / name)])
+        main([*small, "--duration", "1.2", "--estimator", name, "--out", str(tmp_path / name)])
         for given, same in (((), True), *(((other,), other == name) for other in names)):
             capsys.readouterr()
             words = ["--estimator", *given] if given else []
@@ -163,14 +176,14 @@ def test_replay_distinguishes_the_two_projection_estimators(
 
 @pytest.mark.slow
 def test_exported_frames_form_a_recording_that_replay_scores(
-    finished: tuple[int, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    finished: Finished, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    _, folder = finished
+    folder = finished.folder
     assert main(["export", str(folder), "--out", str(tmp_path / "export")]) == 0
     capsys.readouterr()
     assert main(["replay", str(tmp_path / "export" / "recording"), "--json"]) == 0
     report = strict(capsys.readouterr().out)
-    assert len(report["frames"]) == pytest.approx(5 * 60, abs=3)
+    assert len(report["frames"]) == pytest.approx(3 * 60, abs=3)
     assert all(row["m1"] and row["m2"] for row in report["frames"])
     assert max(report["reprojection_rms_px"].values()) < 2.0
     assert (
@@ -187,15 +200,15 @@ def test_run_accepts_disturbances_an_operator_and_a_target_file(
     The target of the earlier view is refused later.
     """
     target = str(tmp_path / "target.json")
-    faults = ["--disturb", "occlusion:at=3,for=0.3", "--disturb", "relocate:at=4.5"]
-    saving = [*faults, "--resumes", "3", "--duration", "13", "--save-target", target]
+    faults = ["--disturb", "occlusion:at=2.4,for=0.3", "--disturb", "relocate:at=3.2"]
+    saving = [*faults, "--resumes", "3", "--duration", "10", "--save-target", target]
     assert main([*small, "--seed", "1", *saving, "--out", str(tmp_path / "a")]) == 0
     captured = capsys.readouterr()
     metrics = strict(captured.out)
     assert metrics["taught_again"] == 1 and metrics["pose_error_mm"] < 1.0
     for cause in (rs.Cause.MARKERS_LOST, rs.Cause.CAMERA_MOVED):
         assert cause.value in captured.err and cause.remedy in captured.err
-    again = ["--duration", "6", "--target", target]
+    again = ["--duration", "3.5", "--target", target]
     assert main([*small, "--seed", "1", *again, "--out", str(tmp_path / "b")]) == 0
     capsys.readouterr()
     assert main([*small, "--seed", "5", *again, "--out", str(tmp_path / "c")]) == 2
@@ -234,7 +247,7 @@ def test_a_full_disk_pauses_the_run_and_leaves_a_readable_record(
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    full = ["--seed", "4", "--duration", "6", "--disturb", "disk_full:at=3"]
+    full = ["--seed", "4", "--duration", "3", "--disturb", "disk_full:at=1.5"]
     assert main([*small, *full, "--out", str(tmp_path)]) == 1
     metrics = strict(capsys.readouterr().out)
     assert (
@@ -242,18 +255,19 @@ def test_a_full_disk_pauses_the_run_and_leaves_a_readable_record(
         and "No space left" in metrics["not_recorded"]
     )
     rows = reader.read_record(tmp_path / RECORD)
-    assert 2.5 < rows.time[-1] <= 3.1 and not rows.complete
+    assert 1.0 < rows.time[-1] <= 1.6 and not rows.complete
     monkeypatch.setenv("COLUMNS", "200")
     assert main(["show", str(tmp_path), "--out", str(tmp_path / "shown")]) == 0
-    assert f"the record ends at {rows.time[-1] + 0.01:.2f} s of 6.00 s" in capsys.readouterr().out
+    assert f"the record ends at {rows.time[-1] + 0.01:.2f} s of 3.00 s" in capsys.readouterr().out
 
 
 def test_a_failed_video_is_removed_and_reported_and_the_run_continues(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    rig: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("COLUMNS", "200")
     monkeypatch.setattr(VideoWriter, "write", lambda self, image: None)
-    assert main(["run", "--duration", "2", "--teaching-frames", "30", "--out", str(tmp_path)]) == 1
+    words = ["run", "--rig", rig, "--duration", "1.1", "--teaching-frames", "10"]
+    assert main([*words, "--out", str(tmp_path)]) == 1
     assert (
         "not filmed" in (text := capsys.readouterr().out)
         and "overlay.webm could not be written" in text
@@ -263,13 +277,15 @@ def test_a_failed_video_is_removed_and_reported_and_the_run_continues(
 
 
 @pytest.mark.slow
-def test_the_same_seed_gives_the_same_record(small: list[str], tmp_path: Path) -> None:
-    rows = []
-    for name in "ab":
-        main([*small, "--seed", "5", "--duration", "2", "--out", str(tmp_path / name)])
-        rows.append(reader.read_record(tmp_path / name / RECORD))
-    for name in rows[0].ticks:
-        np.testing.assert_array_equal(rows[0].ticks[name], rows[1].ticks[name])
+def test_the_same_seed_gives_the_same_record(
+    finished: Finished, small: list[str], tmp_path: Path
+) -> None:
+    """Also without video and frames, and until the end of a shorter run."""
+    assert main([*small, "--seed", "4", "--duration", "1.2", "--out", str(tmp_path)]) == 1
+    shorter, whole = (reader.read_record(path / RECORD).ticks for path in (tmp_path, finished.folder))
+    for name, column in shorter.items():
+        assert len(column) == 120
+        np.testing.assert_array_equal(column, whole[name][:120])
 
 
 def test_ctrl_c_during_a_run_names_the_folder_of_a_readable_record(
@@ -294,3 +310,4 @@ def test_ctrl_c_during_a_run_names_the_folder_of_a_readable_record(
     assert rows.complete
     assert len(rows.time) > 20
     assert not (folder / "metrics.json").exists()
+    assert not list(folder.glob("overlay.webm*"))
