@@ -9,7 +9,7 @@ from rig_check_lab import FaultyLab, Mistake, MiswiredArm
 from rcmservo.bringup.check import CheckReport
 from rcmservo.interfaces import ArmMeasurement, Command, Floats
 
-FIRST_QUESTIONS = 8
+FIRST_QUESTIONS = 4
 """Questions within which the check interrupts the commands of a rate-controlled arm."""
 
 
@@ -112,14 +112,10 @@ def test_the_operator_may_refuse_the_test() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("signs", [(-1.0, 1.0, 1.0), (1.0, 1.0, 1.0)])
-def test_an_arm_without_counts_is_checked_for_its_signs(
-    signs: tuple[float, float, float],
-) -> None:
-    lab = FaultyLab(Mistake(factors=signs), seed=1, signs_only=True)
+def test_a_reversed_joint_of_an_arm_without_counts_is_found() -> None:
+    lab = FaultyLab(Mistake(factors=(-1.0, 1.0, 1.0)), seed=1, signs_only=True)
     report = lab.check()
     assert lab.arm.max_travel < 2.0
-    found = [finding for finding in report.findings if finding.where.startswith("arm")]
-    assert report.done and (not found) == (signs[0] > 0.0)
-    if found:
-        assert (found[0].where, found[0].line) == ("arm.signs[0]", "signs = [1.0, 1.0, 1.0]")
+    (found,) = report.findings
+    assert report.done
+    assert (found.where, found.line) == ("arm.signs[0]", "signs = [1.0, 1.0, 1.0]")

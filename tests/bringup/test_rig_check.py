@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 from functools import cache
-from itertools import cycle, pairwise
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -16,9 +16,18 @@ from rcmservo.bringup.motion import SPEED_SCALE
 from rcmservo.bringup.observations import PixelBound
 from rcmservo.interfaces import ArmMeasurement, Command, Floats, Frame
 
-QUICK = "axes 1 and 2 swapped", 1
-CASES = [QUICK, *(case for case in zip(MISTAKES, cycle([0, 1]), strict=False) if case != QUICK)]
-"""Mistakes and seeds."""
+CASES = [
+    ("axes 1 and 2 swapped", 1),
+    ("nothing", 0),
+    ("joint 3 reversed", 1),
+    ("both angles reversed", 0),
+    ("axes 2 and 3 swapped", 1),
+    ("counts of 2 in inches", 1),
+    ("counts of 1 in degrees", 1),
+    ("counts of 3 halved", 1),
+]
+"""Mistakes and seeds. Other tests of this folder check a single reversed joint, a mirrored image,
+an erroneous zero and an erroneous spacing; benchmarks/rig_check.py checks all mistakes."""
 CLEAR = [(1, []), (0, ["arm.counts[1]"])]
 """Seeds, and the settings that the image leaves unclear."""
 
@@ -63,10 +72,9 @@ def test_a_mistake_is_found_with_its_line_before_the_tool_travels_2_mm(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [0, 1])
-def test_a_first_motion_much_larger_than_predicted_returns_at_once(seed: int) -> None:
+def test_a_first_motion_much_larger_than_predicted_returns_at_once() -> None:
     coarse = (50000.0, 50000.0, 20.0)
-    lab = FaultyLab(Mistake("arm.counts[2]", (1.0, 1.0, 1000.0), counts=coarse), seed)
+    lab = FaultyLab(Mistake("arm.counts[2]", (1.0, 1.0, 1000.0), counts=coarse), seed=0)
     report = lab.check()
     assert lab.arm.max_travel < MAX_TRAVEL_MM
     assert "counts = [50000.0, 50000.0, 20.0]" in [finding.line for finding in report.findings]
@@ -120,7 +128,8 @@ def line_of(mistake: Mistake) -> str:
 
 @pytest.mark.slow
 def test_each_motion_needs_agreement_and_is_at_most_twice_the_last_one() -> None:
-    lab = FaultyLab(Mistake(mirrored=True), seed=1)
+    mistake = Mistake("camera", mirrored=True)
+    lab = FaultyLab(mistake, seed=1)
     enable, agreed = lab.arm.enable, list[str]()
 
     def noted() -> None:
@@ -128,7 +137,9 @@ def test_each_motion_needs_agreement_and_is_at_most_twice_the_last_one() -> None
         enable()
 
     lab.arm.enable = noted  # type: ignore[method-assign]
-    lab.check()
+    report = lab.check()
+    assert mistake.is_found(report), report.findings
+    assert lab.arm.max_travel < MAX_TRAVEL_MM
     assert any("in which direction" in line for line in lab.operator.questions)
     assert agreed == [line for line in lab.operator.questions if line.startswith("Move joint")]
     for joint in (1, 2, 3):
@@ -160,9 +171,8 @@ REFUSALS = [
     ("Move joint 3", "stop"),
     pytest.param("in alternating directions", "no", marks=pytest.mark.slow),
     pytest.param("in which direction", "stop", marks=pytest.mark.slow),
-    pytest.param("in which direction", "what?", marks=pytest.mark.slow),
 ]
-"""Every question with a refusal; questions for agreement and for a direction with each kind."""
+"""Every question with a refusal; questions for agreement with each kind."""
 
 
 @pytest.mark.parametrize(("question", "answer"), REFUSALS)

@@ -135,12 +135,6 @@ def test_findings_on_own_devices_say_what_their_methods_must_return(
     assert not any("counts" in question for question in lab.operator.questions)
 
 
-@pytest.mark.slow
-def test_own_devices_without_an_error_pass(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (file := tmp_path / "lab.toml").write_text(RIG)
-    assert run_check(FaultyLab(Mistake(), seed=1), file, monkeypatch).ok
-
-
 def test_an_own_arm_that_keeps_moving_without_commands_needs_a_watchdog_of_its_own(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -449,7 +449,6 @@ def test_a_slow_stop_of_the_arm_is_not_mistaken_for_a_hanging_servo(bench, tmp_p
     assert not bench.log.last()["enabled"]
 
 
-@pytest.mark.alone
 @pytest.mark.parametrize(
     ("signal_number", "word"),
     [
@@ -507,7 +506,6 @@ if __name__ == "__main__":
 """
 
 
-@pytest.mark.alone
 @pytest.mark.slow
 @pytest.mark.parametrize("signal_number", [signal.SIGINT, signal.SIGKILL])
 def test_ctrl_c_ends_a_run_in_order_and_a_killed_supervisor_leaves_no_process(

@@ -12,8 +12,6 @@ from conftest import ROOT, make_environment
 from rcmservo.recording.reader import read_record
 from rcmservo.recording.replay import replay_record
 
-pytestmark = pytest.mark.alone
-
 TEST_TIMEOUT_S = 300.0
 """Time-out of a test in s."""
 

@@ -14,8 +14,10 @@ from rcmservo.config.verified_rigs import compute_digest, mark_rig_verified
 from rcmservo.recording.reader import read_record
 from stalls import retry_after_stalls
 
-pytestmark = [pytest.mark.alone, pytest.mark.slow]
+pytestmark = pytest.mark.slow
 
+SECONDS = "8"
+"""Duration in s of a run that settles."""
 START, GOAL = "0.6 0.2 120.0", "0.7 0.35 130.0"
 
 MODULE = """
@@ -118,7 +120,7 @@ def test_live_servoes_own_devices_to_a_taught_target_without_the_simulator(
     def attempt() -> tuple[Path, dict[str, Any]]:
         out = next(folders)
         hand.write_text(START)
-        command = live(rig, "--out", str(out), "--duration", "12")
+        command = live(rig, "--out", str(out), "--duration", SECONDS)
         with AtTerminal(command, XDG_STATE_HOME=str(tmp_path)) as at:
             at.until("Move the tool to the target by hand")
             hand.write_text(GOAL)

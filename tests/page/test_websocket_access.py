@@ -1,9 +1,15 @@
-"""Websockets of the page: forged ones are refused; requests need control and a fresh display."""
+"""Websockets of the page: forged ones are refused; requests need control and a fresh display.
+
+The quick test serves STOP in a thread, the others the whole page in processes of its own.
+"""
 
 import json
 import re
 import urllib.request
-from collections.abc import Iterator
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from multiprocessing import Pipe
 from typing import Any
 
 import pytest
@@ -11,6 +17,11 @@ from page_server import serve_page
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 from websockets.typing import Origin
+
+from rcmservo.page.channels import MessageChannel
+from rcmservo.page.messages import STOP
+from rcmservo.page.web.access import LOOPBACK_ADDRESS, PageCredentials, bind_pair
+from rcmservo.page.web.stop_process import serve_stop
 
 
 class Site:
@@ -51,27 +62,78 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
         yield Site(address)
 
 
+def assert_forgeries_are_refused(
+    connect_with: Callable[[str, str], ClientConnection], address: str, secret: str
+) -> None:
+    """Assert that only the page's own origin with the secret opens a websocket.
+
+    `connect_with` opens it with an origin and a secret.
+    """
+    port = address.rpartition(":")[2]
+    for origin in ("http://evil.example", "null", f"https://127.0.0.1:{port}", "http://127.0.0.1"):
+        with pytest.raises(InvalidStatus, match="403"):
+            connect_with(origin, secret)
+    for other in ("", "x", secret[:-1]):
+        with pytest.raises(InvalidStatus, match="403"):
+            connect_with(address, other)
+    with connect_with(address, secret):
+        """The websocket is accepted."""
+
+
+@contextmanager
+def serve_stop_in_thread(channel: MessageChannel, secret: str) -> Iterator[tuple[str, int]]:
+    """Serve STOP, and yield the address of its page and its port."""
+    page, listener = bind_pair(LOOPBACK_ADDRESS, 0)
+    credentials = PageCredentials(page.getsockname()[1], secret)
+    control, server = Pipe()
+    serving = threading.Thread(
+        target=serve_stop, args=(channel, credentials, listener, server), daemon=True
+    )
+    serving.start()
+    assert control.recv() == "ready"
+    yield f"http://{LOOPBACK_ADDRESS}:{credentials.port}", listener.getsockname()[1]
+    control.send("end")
+    serving.join(30.0)
+    page.close()
+    assert not serving.is_alive()
+
+
+def test_stop_of_another_origin_or_without_the_secret_is_refused() -> None:
+    channel, secret = MessageChannel(), "the-secret"
+    with serve_stop_in_thread(channel, secret) as (address, port):
+
+        def connect_with(origin: str, secret: str) -> ClientConnection:
+            url = f"ws://{LOOPBACK_ADDRESS}:{port}/stop?secret={secret}"
+            return connect(url, origin=Origin(origin))
+
+        assert_forgeries_are_refused(connect_with, address, secret)
+        assert channel.receive_all() == []
+        with connect_with(address, secret) as websocket:
+            websocket.send("stop")
+            assert websocket.recv(20.0) == "heard"
+    assert channel.receive_all() == [STOP]
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("path", ["/pictures", "/operate", "/stop"])
 def test_websockets_of_another_origin_or_without_the_secret_are_refused(
     site: Site, path: str
 ) -> None:
-    port = site.address.rpartition(":")[2]
-    for origin in ("http://evil.example", "null", f"https://127.0.0.1:{port}", "http://127.0.0.1"):
-        with pytest.raises(InvalidStatus, match="403"):
-            site.open(path, origin)
-    for secret in ("", "x", site.parameters["secret"][:-1]):
-        with pytest.raises(InvalidStatus, match="403"):
-            site.open(path, secret=secret)
-    with site.open(path):
-        """The websocket is accepted."""
+    assert_forgeries_are_refused(
+        lambda origin, secret: site.open(path, origin, secret=secret),
+        site.address,
+        site.parameters["secret"],
+    )
 
 
+@pytest.mark.slow
 def test_another_host_name_is_refused(site: Site) -> None:
     request = urllib.request.Request(site.address, headers={"Host": "evil.example"})
     with pytest.raises(urllib.error.HTTPError, match="400"):
         urllib.request.urlopen(request)
 
 
+@pytest.mark.slow
 def test_another_origin_is_refused_at_niceguis_socket(site: Site) -> None:
     path = "/_nicegui_ws/socket.io/?EIO=4&transport="
     for origin in ("http://evil.example", site.address):
@@ -85,6 +147,7 @@ def test_another_origin_is_refused_at_niceguis_socket(site: Site) -> None:
             site.open(f"{path}websocket&match", origin)
 
 
+@pytest.mark.slow
 def test_a_watcher_or_a_late_message_is_refused_with_the_reason(site: Site) -> None:
     with site.open("/pictures") as pictures, site.open("/operate") as holder:
         at = site.until(pictures, "OFF")["at"] - 1_000_000_000
