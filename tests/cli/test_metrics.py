@@ -19,7 +19,7 @@ from rcmservo.rig.result import METRICS_FILE
 pytestmark = pytest.mark.usefixtures("blank_figures")
 
 ENDINGS = {
-    "settles": (5.5, "", ""),
+    "settles": (3.0, "", ""),
     "holds": (3.0, "occlusion:at=2.5,for=9", rs.Cause.MARKERS_LOST.value),
     "is blocked": (
         3.0,
@@ -27,8 +27,8 @@ ENDINGS = {
         "the joints do not follow the commands: ",
     ),
     "is killed": (3.0, "kill:at=1.5", "killed"),
-    "is killed at its very end": (5.5, "kill:at=5.45", ""),
-    "is recorded in part": (4.0, "disk_full:at=1.5", rs.Cause.NOT_RECORDED.value),
+    "is killed at its very end": (3.0, "kill:at=2.95", ""),
+    "is recorded in part": (2.5, "disk_full:at=1.5", rs.Cause.NOT_RECORDED.value),
     "has too little time": (1.01, "", "time ran out before the feature errors had settled"),
 }
 """Duration in s, disturbance, and words of the cause in the metrics."""
@@ -47,7 +47,7 @@ def metrics_of(folder: Path, duration: float, disturbance: str = "") -> RunResul
         rig=rig,
         video=False,
         disturb=tuple(filter(None, [disturbance])),
-        teaching_frames=30,
+        teaching_frames=10,
     )
     return simulate(options, folder)
 
@@ -80,7 +80,7 @@ def test_show_and_metrics_agree_on_a_run_that(ending: str, tmp_path: Path) -> No
 def test_a_run_that_ends_without_a_marker_reports_it_with_the_verdict(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    metrics = metrics_of(tmp_path, 5.0, "occlusion:at=1.5,marker=1")
+    metrics = metrics_of(tmp_path, 3.5, "occlusion:at=1.5,marker=1")
     assert metrics.remark == rs.Cause.WITHOUT_MARKER_1.value
     agree(metrics, summarise_record(reader.read_record(tmp_path)))
     assert main(["show", str(tmp_path)]) == 0
@@ -96,7 +96,7 @@ def test_a_result_that_cannot_be_written_is_not_lost_and_no_file_is_incomplete(
         folder.mkdir()
     for name in (METRICS_FILE, "errors.png"):
         (part / f"{name}.part").mkdir()
-    failed, written = (metrics_of(folder, 1.5) for folder in (part, whole))
+    failed, written = (metrics_of(folder, 1.1) for folder in (part, whole))
     for name in (METRICS_FILE, "errors.png"):
         assert f"{name}: cannot be written" in failed.not_written
         assert not (part / name).exists() and (whole / name).exists()
@@ -122,5 +122,5 @@ def test_a_result_that_cannot_be_written_is_not_lost_and_no_file_is_incomplete(
 def test_a_run_that_never_detects_the_markers_reports_the_reason(
     disturbance: str, reason: str, tmp_path: Path
 ) -> None:
-    metrics = metrics_of(tmp_path, 2.0, disturbance)
+    metrics = metrics_of(tmp_path, 1.2, disturbance)
     assert not metrics.settled and reason in metrics.cause
