@@ -105,12 +105,11 @@ def test_the_check_passes_with_the_answers_of_the_page() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [0, 1])
-def test_the_page_answers_every_question_of_the_check(seed: int) -> None:
+def test_the_page_answers_every_question_of_the_check() -> None:
     """A wrong spacing triggers questions that the page's own laboratory does not."""
-    with EmulatedArm(seed, RigDescription()) as arm:
+    with EmulatedArm(0, RigDescription()) as arm:
         printed = arm.ruler_measurements
-    lab = FaultyLab(Mistake(spacing=1.25), seed, RigDescription().mechanism)
+    lab = FaultyLab(Mistake(spacing=1.25), 0, RigDescription().mechanism)
     lab.operator.override = lambda question: answer_to(question, printed)
     report = lab.check()
     assert any("how far apart" in question for question in lab.operator.questions)

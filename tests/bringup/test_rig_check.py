@@ -170,9 +170,8 @@ REFUSALS = [
     ("Move joint 1", "what?"),
     ("Move joint 3", "stop"),
     pytest.param("in alternating directions", "no", marks=pytest.mark.slow),
-    pytest.param("in which direction", "stop", marks=pytest.mark.slow),
 ]
-"""Every question with a refusal; questions for agreement with each kind."""
+"""Questions for agreement, each kind of refusal, and the first question with all of them."""
 
 
 @pytest.mark.parametrize(("question", "answer"), REFUSALS)

@@ -73,7 +73,6 @@ def test_the_colours_of_a_jpeg_are_interpolated_smoothly(tmp_path: Path) -> None
         assert np.array_equal(frame.image, cv2.imdecode(jpeg, cv2.IMREAD_COLOR))
 
 
-@pytest.mark.alone
 def test_images_from_the_network_are_recent_and_in_order() -> None:
     source_camera = NumberedCamera()
     with closing(MjpegServer(source_camera, 0)) as server:
@@ -88,7 +87,6 @@ def test_images_from_the_network_are_recent_and_in_order() -> None:
     assert all(f.arrival >= source_camera.exposure(n) for f, n in zip(frames, numbers, strict=True))
 
 
-@pytest.mark.alone
 def test_a_restarted_server_is_found() -> None:
     source_camera = NumberedCamera()
     server = MjpegServer(source_camera, 0)

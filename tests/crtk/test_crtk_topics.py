@@ -14,7 +14,6 @@ from crtk_measures import NAME, RunningDevice, client_arm, driven, killed
 from test_crtk_command import reached
 
 from rcmservo.hardware.crtk import messages
-from rcmservo.hardware.crtk.messages import NoTransport
 from rcmservo.hardware.crtk.settings import RosConnection
 from rcmservo.hardware.crtk.transport import open_transport
 from rcmservo.live.device_protocols import NotReady
@@ -94,8 +93,3 @@ def test_a_missing_arm_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
         NotReady, match="nothing publishes PSM1/measured_js by ROS 2, domain 92 on lo"
     ):
         client_arm(2, 92)
-
-
-def test_a_missing_interface_is_reported_in_one_sentence() -> None:
-    with pytest.raises(NoTransport, match="ROS 2 cannot use nowhere0, domain 93"):
-        open_transport(RosConnection(domain=93, interface="nowhere0"))

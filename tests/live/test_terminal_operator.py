@@ -9,8 +9,6 @@ from pathlib import Path
 import pytest
 from terminal_process import AtTerminal
 
-pytestmark = pytest.mark.alone
-
 ASK_SCRIPT = """
 import sys, time
 from rcmservo.errors import RcmServoError
