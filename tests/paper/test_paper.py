@@ -6,6 +6,7 @@ import shutil
 import signal
 import subprocess
 import sys
+from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -42,12 +43,29 @@ KEYS = {
     "trials",
 }
 COMPARED = ("baselines", "path-following")
+SHORTER: dict[str, dict[str, float]] = {
+    "regulation-projection": {"duration": 15.0, "default_duration": 4.0},
+    "regulation-flow": {"duration": 15.0},
+    "showing": {"spread": 7.0},
+    "stability": {"duration": 15.0},
+    "relocation": {"duration": 20.0},
+}
+"""Settings (s, mm) that replace those of `--quick`: these tests need no path to its end."""
 CHEAP = ("potential", "imaged-rcm", "tool-model")
 """Experiments that run twice: a computation, a Monte Carlo simulation, and closed loops."""
 
 
 def paper(*words: str) -> int:
     return main(["paper", *words])
+
+
+@pytest.fixture(scope="module", autouse=True)
+def shorter_runs() -> Iterator[None]:
+    with pytest.MonkeyPatch.context() as patched:
+        for name, settings in SHORTER.items():
+            for key, seconds in settings.items():
+                patched.setitem(claim_table().experiment[name].quick, key, seconds)
+        yield
 
 
 @pytest.fixture(scope="module")
