@@ -10,7 +10,7 @@ import pytest
 from galil_measures import IdealMotors
 from page_lab import free_port
 
-from conftest import mark_others_slow
+from conftest import SMALL_RIG_TOML
 from rcmservo.cli.cli import main
 from rcmservo.hardware.galil.emulator.controller import GalilController
 from rcmservo.hardware.galil.emulator.server import GalilServer, PortUnavailable
@@ -78,15 +78,16 @@ def test_the_emulated_controller_reports_the_process_on_its_tcp_or_udp_port() ->
             GalilServer(GalilController(IdealMotors()), port)
 
 
-@pytest.mark.parametrize(
-    "command", mark_others_slow(["emulate galil --mjpeg", "serve --no-browser --port"])
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("command", ["emulate galil --mjpeg", "serve --no-browser --port"])
 def test_a_command_ends_with_one_sentence_on_an_occupied_port(
     command: str, default: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    rig = tmp_path / "rig.toml"
+    rig.write_text(SMALL_RIG_TOML)
     out = ["--out", str(tmp_path / "out")] if command.startswith("serve") else ["--port", "0"]
     with occupied(default):
-        assert main([*command.split(), str(default), *out]) == 2
+        assert main([*command.split(), str(default), "--rig", str(rig), *out]) == 2
     (message,) = capsys.readouterr().err.splitlines()
     assert message.startswith(f"rcmservo: port {default}: cannot listen on it: ")
     assert f"process {os.getpid()} (" in message

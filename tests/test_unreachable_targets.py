@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from conftest import SMALL_RIG_TOML
 from rcmservo.cli.cli import main
 from rcmservo.loop.run_result import FinalPose
 from rcmservo.recording import reader
@@ -14,6 +15,7 @@ from rcmservo.recording.outcome import judge_run
 from rcmservo.safety.causes import Cause
 from rcmservo.safety.state_machine import Mode, Phase
 
+OPTIONS = ["--no-video", "--json", "--teaching-frames", "10"]
 UNREACHABLE_TARGETS = {
     "a marker leaves the image": (
         """
@@ -50,6 +52,7 @@ UNREACHABLE_TARGETS = {
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("blank_figures")
 @pytest.mark.parametrize("case", UNREACHABLE_TARGETS)
 def test_an_unreachable_target(
     case: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -57,19 +60,7 @@ def test_an_unreachable_target(
     text, seed, words = UNREACHABLE_TARGETS[case]
     rig, out = tmp_path / "rig.toml", tmp_path / "out"
     rig.write_text(text)
-    arguments = [
-        "run",
-        "--rig",
-        str(rig),
-        "--seed",
-        str(seed),
-        "--duration",
-        "10",
-        "--no-video",
-        "--json",
-        "--teaching-frames",
-        "30",
-    ]
+    arguments = ["run", "--rig", str(rig), "--seed", str(seed), "--duration", "6", *OPTIONS]
     assert main([*arguments, "--out", str(out)]) == 1
     metrics = json.loads(capsys.readouterr().out)
     assert metrics["settled"] is False
@@ -102,50 +93,25 @@ def test_a_target_beyond_a_joint_limit_is_not_taught(
         target = [0.5, 0.4, 135.0]
         """
     )
-    words = ["run", "--rig", str(rig), "--no-video", "--teaching-frames", "30"]
+    words = ["run", "--rig", str(rig), "--teaching-frames", "30"]
     assert main([*words, "--out", str(tmp_path / "out")]) == 2
     assert "the target cannot be taught: " in capsys.readouterr().err
 
 
+@pytest.fixture
+def rig(tmp_path: Path) -> str:
+    path = tmp_path / "rig.toml"
+    path.write_text(SMALL_RIG_TOML)
+    return str(path)
+
+
 @pytest.mark.slow
-def test_a_run_that_ends_by_its_duration_names_that_cause(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+@pytest.mark.usefixtures("blank_figures")
+def test_a_run_that_ends_during_exploration_names_that_cause(
+    rig: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert (
-        main(
-            [
-                "run",
-                "--duration",
-                "2.5",
-                "--no-video",
-                "--json",
-                "--teaching-frames",
-                "30",
-                "--out",
-                str(tmp_path),
-            ]
-        )
-        == 1
-    )
-    assert "time ran out" in json.loads(capsys.readouterr().out)["cause"]
-    assert (
-        main(
-            [
-                "run",
-                "--duration",
-                "1.1",
-                "--exploration.min-corners",
-                "40",
-                "--no-video",
-                "--json",
-                "--teaching-frames",
-                "30",
-                "--out",
-                str(tmp_path / "short"),
-            ]
-        )
-        == 1
-    )
+    words = ["--duration", "1.1", "--exploration.min-corners", "40", *OPTIONS]
+    assert main(["run", "--rig", rig, *words, "--out", str(tmp_path / "out")]) == 1
     assert "exploration" in json.loads(capsys.readouterr().out)["cause"]
 
 
@@ -192,28 +158,10 @@ def test_a_run_that_the_joints_contradict_has_not_settled(distance_mm: float, wo
 @pytest.mark.parametrize("at", ["0", "0.02"])
 @pytest.mark.usefixtures("blank_figures")
 def test_a_run_that_ends_before_the_first_observation_names_its_cause(
-    at: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    at: str, rig: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "run"
-    assert (
-        main(
-            [
-                "run",
-                "--seed",
-                "4",
-                "--duration",
-                "3",
-                "--no-video",
-                "--json",
-                "--teaching-frames",
-                "30",
-                "--out",
-                str(out),
-                "--disturb",
-                f"kill:at={at}",
-            ]
-        )
-        == 1
-    )
+    words = ["--seed", "4", "--duration", "3", "--disturb", f"kill:at={at}", *OPTIONS]
+    assert main(["run", "--rig", rig, *words, "--out", str(out)]) == 1
     assert "killed" in json.loads(capsys.readouterr().out)["cause"]
     assert main(["replay", str(out)]) == 0

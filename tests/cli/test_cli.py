@@ -282,7 +282,9 @@ def test_the_same_seed_gives_the_same_record(
 ) -> None:
     """Also without video and frames, and until the end of a shorter run."""
     assert main([*small, "--seed", "4", "--duration", "1.2", "--out", str(tmp_path)]) == 1
-    shorter, whole = (reader.read_record(path / RECORD).ticks for path in (tmp_path, finished.folder))
+    shorter, whole = (
+        reader.read_record(path / RECORD).ticks for path in (tmp_path, finished.folder)
+    )
     for name, column in shorter.items():
         assert len(column) == 120
         np.testing.assert_array_equal(column, whole[name][:120])

@@ -7,12 +7,12 @@ from pathlib import Path
 
 import pytest
 
-from conftest import ROOT
+from conftest import ROOT, SMALL_RIG_TOML
 from rcmservo.cli.cli import main, parse_command_options
 from rcmservo.recording.reader import read_record
 
 NAME = "lab_of_mine.rls:RLS"
-SHORT = ["--duration", "2.5", "--no-video", "--json", "--teaching-frames", "30"]
+SHORT = ["--rig", "small.toml", "--duration", "1.2", "--no-video", "--json"]
 
 
 @pytest.fixture
@@ -22,6 +22,7 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     package.mkdir()
     (package / "__init__.py").touch()
     (package / "rls.py").write_text((ROOT / "examples/02_own_estimator.py").read_text())
+    (tmp_path / "small.toml").write_text(SMALL_RIG_TOML)
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", [*sys.path])
     for name in ("lab_of_mine", "lab_of_mine.rls"):
@@ -34,10 +35,12 @@ def printed_json(capsys: pytest.CaptureFixture[str]) -> dict[str, object]:
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("blank_figures")
 def test_a_user_estimator_runs_with_its_settings_and_replays_bit_for_bit(
     here: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     words = ["--estimator", NAME, "--pixels.forgetting", "0.95", "--out", "run", *SHORT]
+    words += ["--teaching-frames", "10"]
     assert main(["run", *words]) in (0, 1)
     assert printed_json(capsys)["estimator"] == NAME
     assert main(["replay", "run", "--json", f"--estimator={NAME}"]) == 0
@@ -57,14 +60,16 @@ def test_a_user_estimator_runs_with_its_settings_and_replays_bit_for_bit(
 def test_a_user_estimator_servos_live_in_another_process_and_replays(here: Path) -> None:
     live = [
         "live",
+        "--rig",
+        "small.toml",
         "--estimator",
         NAME,
         "--pixels.forgetting",
         "0.95",
         "--duration",
-        "2",
+        "1.2",
         "--teaching-frames",
-        "30",
+        "10",
     ]
     command = [sys.executable, "-m", "rcmservo", *live, "--out", "run"]
     done = subprocess.run(command, cwd=here, capture_output=True, text=True, check=False)

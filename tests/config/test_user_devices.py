@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 import rcmservo as rs
+from conftest import SMALL_RIG_TOML
 from rcmservo.cli.cli import load_options_class, main
 from rcmservo.cli.lab.hardware_prompts import describe_target_setup
 from rcmservo.cli.replay import replay
@@ -333,8 +334,9 @@ def test_the_markers_command_shows_what_the_own_tracker_detects(
 def test_a_simulated_run_uses_the_own_tracker(
     rig: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    write_rig(rig, f'{TRACKER}reason = "no light for my tracker"\n')
-    assert main(["run", "--rig", str(rig), "--out", "out", "--no-video"]) == 2
+    write_rig(rig, f'{TRACKER}reason = "no light for my tracker"\n{SMALL_RIG_TOML}')
+    words = ["run", "--rig", str(rig), "--no-video", "--teaching-frames", "5"]
+    assert main([*words, "--out", "out"]) == 2
     assert "no light for my tracker" in capsys.readouterr().err
 
 
