@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from conftest import ROOT
+from conftest import ROOT, SMALL_RIG_TOML
 from rcmservo.cli.cli import main
 from rcmservo.control.exploration import Exploration
 from rcmservo.estimation.base import Sample
@@ -49,8 +49,10 @@ def test_a_run_can_use_the_random_observations_of_the_paper(tmp_path: Path) -> N
     """docs/paper.md states the name of the estimator."""
     name = f"{RandomObservations.__module__}:{RandomObservations.__name__}"
     assert f"--estimator {name}" in (ROOT / "docs/paper.md").read_text()
+    (tmp_path / "rig.toml").write_text(SMALL_RIG_TOML)
     out = ["--duration", "1.1", "--no-video", "--json", "--out", str(tmp_path / "run")]
-    options = ["--random.observations", "12", "--teaching-frames", "30", *out]
+    out += ["--rig", str(tmp_path / "rig.toml")]
+    options = ["--random.observations", "12", "--teaching-frames", "5", *out]
     assert main(["run", "--estimator", name, *options]) == 1
     (stage,) = read_record(tmp_path / "run").stages
     expected = {"kind": name, "observations": 12, "estimator_time": 1e4}

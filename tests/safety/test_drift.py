@@ -76,7 +76,7 @@ class MonitoredCamera:
 def test_noise_alone_is_no_drift_and_its_frames_are_accepted(noise: float) -> None:
     for seed in range(4):
         camera = MonitoredCamera(noise, seed)
-        for p1 in camera.path(20.0):
+        for p1 in camera.path(10.0):
             points = camera.detect(p1)
             assert camera.find_deviations(p1, points) == (False, False, False)
             assert camera.find_cause(p1, points) is None

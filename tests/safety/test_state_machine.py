@@ -93,7 +93,7 @@ def assert_not_weaker(mode, present, added, inputs, operator_request, now):
     )
 
 
-@settings(max_examples=300)
+@settings(max_examples=150)
 @one_more_cause
 def test_an_additional_fault_never_weakens_the_reaction(
     mode, present, added, inputs, operator_request, now
@@ -102,7 +102,7 @@ def test_an_additional_fault_never_weakens_the_reaction(
 
 
 @pytest.mark.slow
-@settings(max_examples=3_000)
+@settings(max_examples=1_500)
 @one_more_cause
 def test_any_additional_fault_never_weakens_the_reaction(
     mode, present, added, inputs, operator_request, now

@@ -542,13 +542,10 @@ def run_steps():
     from rcmservo.control.saturated_controller import SaturatedController
     from rcmservo.estimation.affine import AffineEstimator
     from rcmservo.estimation.broyden import BroydenEstimator
-    from rcmservo.estimation.correntropy import CorrentropyEstimator
     from rcmservo.estimation.dlt import DltEstimator
     from rcmservo.estimation.flow_rule import FlowEstimator
     from rcmservo.estimation.kalman import KalmanEstimator
-    from rcmservo.estimation.normalised_flow import NormalisedFlowEstimator
     from rcmservo.estimation.projection_rule import ProjectionEstimator
-    from rcmservo.estimation.rls import RlsEstimator
     from rcmservo.geometry.kinematics import PitchYawRcm
     from rcmservo.geometry.tool import RigidTool, ScaledTool
     from rcmservo.interfaces import Observation, Target
@@ -566,10 +563,7 @@ def run_steps():
         "dlt": (DltEstimator(), RigidTool(30.0), "srd"),
         "flow": (FlowEstimator(0.05), RigidTool(30.0), "srd"),
         "broyden": (BroydenEstimator(), RigidTool(30.0), "srd"),
-        "nflow": (NormalisedFlowEstimator(), RigidTool(30.0), "srd"),
-        "rls": (RlsEstimator(), RigidTool(30.0), "srd"),
         "kalman": (KalmanEstimator(), RigidTool(30.0), "srd"),
-        "correntropy": (CorrentropyEstimator(), RigidTool(30.0), "srd"),
         "points": (DltEstimator(), RigidTool(30.0), "points"),
         "size": (AffineEstimator(), RigidTool(30.0), "size"),
     }

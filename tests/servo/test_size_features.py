@@ -97,7 +97,7 @@ def test_it_reaches_the_target_also_if_a_marker_is_lost_in_motion(lost: int) -> 
 def test_it_reaches_the_target_on_srd_if_a_marker_is_lost(lost: int) -> None:
     lab = SizedLab((f"occlusion:at=1,marker={lost}",))
     law = rs.SaturatedController(features="srd")
-    ticks = list(rs.servo_ticks(lab.plant, lab.servo(controller=law), lab.target, 7.0))
+    ticks = list(rs.servo_ticks(lab.plant, lab.servo(controller=law), lab.target, 5.0))
     assert ticks[-1].state.phase is rs.Phase.SERVO
     assert lab.error() < 1.0
 

@@ -1,6 +1,7 @@
 """A tick as one compiled function equals the tick made of its parts."""
 
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import Any, Literal
 
 import numpy as np
@@ -56,6 +57,7 @@ class InterpretedEstimator(Estimator):
         return self.built_in.imaged_rcm(memory)
 
 
+@lru_cache
 def states(disturbance: str, estimator: Estimator, features: Features = "srd") -> list[State]:
     lab = make_laboratory(
         4, disturbances=[Disturbance.parse(disturbance)] if disturbance != "none" else []

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import rcmservo as rs
-from conftest import make_laboratory
+from conftest import SMALL_RIG_TOML, make_laboratory
 from rcmservo.cli.cli import main
 from rcmservo.control.feature_vectors import FEATURE_VECTORS
 from rcmservo.loop.operator import check_changed_servo
@@ -121,8 +121,17 @@ def test_both_are_options_of_a_run_whose_record_replays_bit_for_bit(
     user_module: Any, capsys: pytest.CaptureFixture[str]
 ) -> None:
     del user_module
-    words = ["--estimator", ESTIMATOR, "--pixels.forgetting", "0.95", "--controller.features"]
-    words += ["pose", "--duration", "2.5", "--no-video", "--json", "--teaching-frames", "30"]
+    Path("rig.toml").write_text(SMALL_RIG_TOML)
+    words = [
+        "--rig",
+        "rig.toml",
+        "--estimator",
+        ESTIMATOR,
+        "--pixels.forgetting",
+        "0.95",
+        "--controller.features",
+    ]
+    words += ["pose", "--duration", "1.5", "--no-video", "--json", "--teaching-frames", "5"]
     assert main(["run", *words, "--out", "run"]) in (0, 1)
     assert json.loads(capsys.readouterr().out)["estimator"] == ESTIMATOR
     assert main(["replay", "run", "--json", "--estimator", ESTIMATOR]) == 0

@@ -48,7 +48,7 @@ def compiled() -> MethodComparison:
 
 def run_plan(methods: Iterable[str], own: type[rs.Estimator], folder: Path) -> list[dict[str, Any]]:
     """Return the rows of the same study as a plan of the command line."""
-    request = StudyFile(methods=tuple(methods), count=1, duration=2.0)
+    request = StudyFile(methods=tuple(methods), count=1, duration=1.3)
     execution = StudyExecution(make_plan(request, {OWN: own}), folder)
     execution.run(InProcessPool(), lambda _: None)  # pyright: ignore[reportArgumentType]
     return execution.gather().to_pylist()
@@ -59,7 +59,7 @@ def test_every_estimator_takes_part_with_the_same_row_as_in_a_study_of_the_comma
 ) -> None:
     methods: dict[str, Any] = {name: name for name in (*ESTIMATORS, *PRESETS)}
     methods[OWN] = own_estimator()
-    compared = rs.compare(methods, scenes=1, duration=2.0, workers=1)
+    compared = rs.compare(methods, scenes=1, duration=1.3, workers=1)
     assert [row.method for row in compared.rows] == list(methods) and len(methods) > 10
     assert {row.engine for row in compared.rows} == {"mujoco"}
     assert [asdict(row) for row in compared.rows] == run_plan(methods, own_estimator, tmp_path)

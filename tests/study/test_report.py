@@ -35,7 +35,7 @@ from rcmservo.study.report.text import build_result_table, describe_comparison
 
 PA: Any = pa
 HTML_NAME = "<b>&amp;"
-COUNT = 60
+COUNT = 30
 INFINITE = 1e400
 NOT_A_NUMBER = re.compile(r"(?<![a-z])(nan|inf)(?![a-z])")
 

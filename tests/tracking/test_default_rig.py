@@ -48,8 +48,9 @@ def test_the_covariance_is_unknown_where_a_marker_is_lost_or_only_a_point() -> N
         assert np.isnan(markers.covariance).all()
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", [0, 1])
 def test_a_third_ball_of_a_markers_colour_is_reported_and_not_chosen(seed: int) -> None:
+    """It is similar to marker 2 in the first scene and to marker 1 in the second."""
     frame = third_ball(seed)
     assert np.isnan(ColourMarkers().find(frame).points).any()
     assert "two pairs of balls can be the markers" in ColourMarkers().explain_failure(frame)

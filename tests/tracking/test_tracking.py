@@ -124,10 +124,10 @@ def _rendered_error(seed: int, shaft_radius: float) -> Floats:
     random = np.random.default_rng(seed)
     eye = np.array([0.0, 0.0, 200.0])
     optics = CameraModel(
-        400,
-        300,
+        200,
+        150,
         600.0,
-        np.array([200.0, 150.0]),
+        np.array([100.0, 75.0]),
         np.zeros(2),
         compute_look_at_rotation(eye, np.zeros(3)),
         eye,
