@@ -57,7 +57,7 @@ def views(seed: int, hypothesis: Hypothesis) -> MarkerViews:
         Hypothesis(order=(1, 0, 2)),
         Hypothesis(reversed=(True, False, False)),
         Hypothesis(mirrored=True),
-        Hypothesis(number=0, size=float(np.log(2.0))),
+        Hypothesis(number=0, size=float(np.log(180.0 / np.pi))),
     ],
 )
 def test_the_true_hypothesis_is_equivalent_to_the_only_likely_one(hypothesis: Hypothesis) -> None:

@@ -23,7 +23,6 @@ CASES = [
     ("both angles reversed", 0),
     ("axes 2 and 3 swapped", 1),
     ("counts of 2 in inches", 1),
-    ("counts of 1 in degrees", 1),
     ("counts of 3 halved", 1),
 ]
 """Mistakes and seeds. Other tests of this folder check a single reversed joint, a mirrored image,

@@ -200,23 +200,25 @@ CAUSES_THAT_END_JOGGING = {
 }
 
 
-def disturbed(text: str, operator: Callable[[rs.Tick], OperatorRequest]) -> list[rs.Tick]:
+def disturbed(
+    text: str, operator: Callable[[rs.Tick], OperatorRequest], seconds: float
+) -> list[rs.Tick]:
     lab = make_laboratory(disturbances=[Disturbance.parse(text)])
     lab.plant.recorded = lambda: not lab.rig.disk_full()
     lab.rig.begin()
-    return ticks_of(lab, operator)
+    return ticks_of(lab, operator, seconds)
 
 
 @pytest.mark.parametrize("text", IMAGE_DISTURBANCES)
 def test_an_image_disturbance_does_not_end_jogging(text: str) -> None:
-    ticks = disturbed(text, pause_and_jog())
+    ticks = disturbed(text, pause_and_jog(), 2.0)
     assert phases(ticks)[-2:] == [rs.Phase.JOG, rs.Phase.PAUSED]
-    np.testing.assert_allclose(moved(ticks, 0.0, 3.0), RATES * (END - BEGIN), rtol=0.03)
+    np.testing.assert_allclose(moved(ticks, 0.0, 2.0), RATES * (END - BEGIN), rtol=0.03)
 
 
 @pytest.mark.parametrize("text", CAUSES_THAT_END_JOGGING)
 def test_a_fault_of_the_arm_or_a_late_loop_ends_jogging_at_rest(text: str) -> None:
-    ticks = disturbed(text, pause_and_jog(end=0.95))
+    ticks = disturbed(text, pause_and_jog(end=0.95), 1.5)
     after = [tick for tick in ticks if tick.time * 1e-9 >= 0.8]
     ended = next(tick for tick in after if tick.state.phase is not rs.Phase.JOG)
     assert (ended.state.phase, ended.state.cause) == CAUSES_THAT_END_JOGGING[text]

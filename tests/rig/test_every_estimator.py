@@ -38,6 +38,7 @@ def make_estimator(name: str) -> rs.Estimator:
 
 
 @pytest.mark.parametrize("name", mark_others_slow([OWN, *ESTIMATORS]))
+@pytest.mark.usefixtures("blank_figures")
 def test_a_run_moves_to_the_target_and_its_record_replays(name: str, here: Path) -> None:
     rig = rs.sim.Rig(1, pictures=name in NEEDS_IMAGES)
     target = rig.teach(30)
@@ -48,8 +49,10 @@ def test_a_run_moves_to_the_target_and_its_record_replays(name: str, here: Path)
     assert main(["replay", "run", *(["--estimator", name] if name == OWN else [])]) == 0
 
 
-@pytest.mark.parametrize("command", ["run", "live", "serve"])
-@pytest.mark.parametrize("name", [*ESTIMATORS, OWN])
+@pytest.mark.parametrize(
+    ("command", "name"),
+    [("run", OWN), ("live", OWN), ("serve", OWN), *(("live", name) for name in ESTIMATORS)],
+)
 @pytest.mark.usefixtures("here")
 def test_every_command_sends_the_estimator_to_its_servo_process(command: str, name: str) -> None:
     options = parse_command_options(command, ["--estimator", name])

@@ -40,11 +40,18 @@ def make_foreign_rig(simulated: Any) -> rs.Rig:
     )
 
 
-def test_a_simulated_run_arrives_and_its_result_is_in_mm() -> None:
+@pytest.fixture(scope="module")
+def arrived() -> tuple[Any, rs.RecordedResult]:
+    """Return a simulated rig after a run, and its result."""
     rig = make_simulated_rig()
-    target = rig.teach()
+    return rig, rs.run(rig, rs.Servo(), rig.teach())
+
+
+def test_a_simulated_run_arrives_and_its_result_is_in_mm(
+    arrived: tuple[Any, rs.RecordedResult],
+) -> None:
+    rig, result = arrived
     taught_p2 = rig.truth.tool_body.points(rig.scene.target)[1]
-    result = rs.run(rig, rs.Servo(), target)
     p2 = rig.truth.markers(rig.clock.now())[1]
     assert result.settled and str(result).startswith("arrived, error 0.")
     assert result.pose_error_mm == pytest.approx(np.linalg.norm(p2 - taught_p2), abs=0.05)
@@ -58,14 +65,16 @@ def test_a_simulated_run_arrives_and_its_result_is_in_mm() -> None:
     assert result.duration_s is not None and result.duration_s < 10.0, "it ends once settled"
 
 
-def test_the_readme_shows_the_rows_of_a_simulated_run() -> None:
+def test_the_readme_shows_the_rows_of_a_simulated_run(
+    arrived: tuple[Any, rs.RecordedResult],
+) -> None:
     """A command also prints its speed."""
-    rig = make_simulated_rig()
-    result = rs.run(rig, rs.Servo(), rig.teach())
+    _, result = arrived
     shown = re.findall(r"^│ (.*?) +│", (ROOT / "README.md").read_text(), re.M)
     assert shown == [*(title for title, _ in list_result_rows(result)), "speed"]
 
 
+@pytest.mark.usefixtures("blank_figures")
 def test_the_record_is_complete_and_a_folder_with_results_is_refused(tmp_path: Path) -> None:
     rig = make_simulated_rig()
     target, folder = rig.teach(), tmp_path / "first"
