@@ -112,7 +112,7 @@ def test_a_pause_a_jog_button_and_another_go_end_a_sequence_in_a_pause(
 ) -> None:
     _, _, b = two_poses()
     script = [Go(rs.Target(b.points + 3.0, b.q)) if one == "other" else one for one in script]
-    ticks, messages, *_ = run_sequence((5.0, 5.0), 9, 9.0, {400: script})
+    ticks, messages, *_ = run_sequence((5.0, 5.0), 9, 6.0, {400: script})
     assert ticks[400].state.phase in (rs.Phase.SERVO, rs.Phase.ACQUIRE)
     assert {tick.state.phase for tick in ticks[404:]} == {rs.Phase.PAUSED}
     assert (
@@ -133,7 +133,7 @@ def test_a_sequence_ends_without_heartbeats_and_resume_does_not_continue_it() ->
 
 
 def test_teaching_ends_a_sequence() -> None:
-    _, messages, *_ = run_sequence((5.0, 5.0), 9, 9.0, {500: [TeachPose("here")]})
+    _, messages, *_ = run_sequence((5.0, 5.0), 9, 7.0, {500: [TeachPose("here")]})
     assert [one.name for one in messages if isinstance(one, PoseTaught)] == ["here"]
     assert "ended" in notes(messages)[0] and progress_reports(messages)[-1] is None
 

@@ -5,8 +5,8 @@ The quick test serves STOP in a thread, the others the whole page in processes o
 
 import json
 import re
-import urllib.request
 import threading
+import urllib.request
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from multiprocessing import Pipe
