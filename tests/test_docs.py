@@ -205,19 +205,33 @@ def is_in_wall_time(command: str) -> bool:
 FIRST, *OTHERS = (one for one in COMMANDS if one not in SET_UP_COMMANDS)
 
 
-SHORTER_OPTIONS = {"--count 200": "--count 4", "--duration 20": "--duration 13"}
+SHORTER_OPTIONS = {
+    "--count 200": "--count 4",
+    "--duration 20": "--duration 13",
+    "--duration 8": "--duration 5",
+    "--duration 6": "--duration 4",
+}
 """Values of the pages that take long, and those of the tests."""
 
 
-def list_words(command: str) -> list[str]:
-    """Return the words of a command of rcmservo, with less to simulate."""
+def list_words(command: str, folder: Path) -> list[str]:
+    """Return the words of a command of rcmservo, with less to simulate.
+
+    All but the first command and those with a rig of their own have small images.
+    """
+    is_first = command == FIRST
     for option, shorter in SHORTER_OPTIONS.items():
         command = command.replace(option, shorter)
     program, *words = shlex.split(command)
     assert program == ".venv/bin/rcmservo"
     if words[0] == "study":
         return [*words, "--workers", "1"]
-    return [*words, "--teaching-frames", "30"] if words[0] in ("run", "live") else words
+    if words[0] in ("run", "live"):
+        words += ["--teaching-frames", "30"]
+        if not is_first and "--rig" not in words:
+            (folder / "small.toml").write_text(SMALL_RIG_TOML)
+            words += ["--rig", str(folder / "small.toml")]
+    return words
 
 
 def test_the_pages_have_the_options_that_tests_shorten() -> None:
@@ -232,11 +246,7 @@ def test_every_other_command_of_the_first_pages_runs(
 ) -> None:
     """The commands run in this process, because a new one takes seconds to start."""
     monkeypatch.chdir(ROOT)
-    words = list_words(command)
-    if words[0] == "run" and "--rig" not in words:
-        (tmp_path / "small.toml").write_text(SMALL_RIG_TOML)
-        words += ["--rig", str(tmp_path / "small.toml")]
-    assert main([*words, "--out", str(tmp_path / "out")]) == 0
+    assert main([*list_words(command, tmp_path), "--out", str(tmp_path / "out")]) == 0
 
 
 @pytest.mark.slow
@@ -247,7 +257,7 @@ def test_every_other_command_of_the_first_pages_runs(
 def test_the_script_runs_the_first_command_and_those_in_wall_time(
     command: str, tmp_path: Path
 ) -> None:
-    words = list_words(command)
+    words = list_words(command, tmp_path)
     script, folders = Path(sys.executable).with_name("rcmservo"), map(tmp_path.joinpath, "abcdef")
 
     def attempt() -> subprocess.CompletedProcess[str]:
@@ -299,7 +309,7 @@ def test_the_estimator_of_the_studies_page_is_compared_as_described(tmp_path: Pa
     assert len(code) <= 24, "twenty lines will do"
     (tmp_path / "mylab.py").write_text(block[1])
     words = shlex.split(command[1].replace("--count 200", "--count 2"))
-    words += ["--duration", "3", "--workers", "2"]
+    words += ["--duration", "3", "--workers", "1"]
     line = [str(Path(sys.executable).with_name("rcmservo")), *words]
     output = subprocess.run(line, cwd=tmp_path, capture_output=True, text=True, check=True).stdout
     assert "mylab:RLS compared with dlt" in output and (tmp_path / "runs/mine/report.html").exists()
