@@ -89,7 +89,7 @@ def test_the_compiled_plant_agrees_with_the_simulated_arm(scene: tuple[RigSettin
         *(
             pytest.param((settings, seed), marks=pytest.mark.slow)
             for settings in (NOISY, NOISY_WRIST)
-            for seed in range(4, 24)
+            for seed in range(4, 16)
         ),
     ],
 )
