@@ -33,7 +33,7 @@ TARGET = "Move the tool to the target by hand, then press Enter: "
 START = "Move the tool to its start by hand, then press Enter: "
 WORD = "any other answer ends the program: "
 
-SECONDS = "8"
+SECONDS = "12"
 """Duration in s of a run that settles."""
 
 HAND_TOLERANCE = np.array([0.005, 0.005, 0.3])
