@@ -1,12 +1,13 @@
-"""Driver in wall time, over TCP and a serial port, with the emulated controller in a thread.
+"""Driver in wall time, over TCP and a serial port, with the emulated controller in a process.
 
 test_galil_session.py tests the session in simulated time, and tests/live/test_live_rig.py the
 emulator in a separate process.
 """
 
 import contextlib
+import multiprocessing
 import os
-import threading
+import signal
 import time
 from collections.abc import Iterator
 
@@ -37,44 +38,46 @@ TICK, PATIENCE = 10_000_000, 50_000_000
 
 
 class WallTimeEmulator:
-    """Emulated controller with ideal motors in wall time, in a thread, unless it is `frozen`."""
+    """Emulated controller with ideal motors in wall time, in a process, unless it is `frozen`."""
 
     def __init__(self, *faults: str) -> None:
         self.serial = SerialPort()
         parsed = [Fault.parse(text) for text in faults]
-        self._server = GalilServer(GalilController(IdealMotors()), 0, parsed, self.serial)
-        self._closing, self._unfrozen = threading.Event(), threading.Event()
-        self._unfrozen.set()
-        self._thread = threading.Thread(target=self._run, daemon=True)
-        self._thread.start()
-
-    def _run(self) -> None:
-        start = time.monotonic()
-        request_urgent_priority()
-        while not self._closing.is_set():
-            self._unfrozen.wait()
-            self._server.update(time.monotonic() - start)
-            self._server.wait(SAMPLE_TIME_S)
+        server = GalilServer(GalilController(IdealMotors()), 0, parsed, self.serial)
+        self._port = server.port
+        processes = multiprocessing.get_context("fork")
+        self._process = processes.Process(target=emulate, args=(server,), daemon=True)
+        self._process.start()
+        server.close()  # the sockets of this process; the emulator has its own
 
     @contextlib.contextmanager
     def frozen(self) -> Iterator[None]:
         """Freeze the emulator."""
-        self._unfrozen.clear()
+        assert self._process.pid is not None
+        os.kill(self._process.pid, signal.SIGSTOP)
         try:
             yield
         finally:
-            self._unfrozen.set()
+            os.kill(self._process.pid, signal.SIGCONT)
 
     def arm(self, serial: bool, baud: int = 115200) -> GalilArm:
         """Connect the driver."""
         address = self.serial.path if serial else "127.0.0.1"
-        settings = GalilSettings(address, COUNTS, self._server.port, baud)
+        settings = GalilSettings(address, COUNTS, self._port, baud, command_timeout=0.05)
         return GalilArm(settings, SphericalRcm().limits)
 
     def close(self) -> None:
-        self._closing.set()
-        self._thread.join()
-        self._server.close()
+        self._process.kill()
+        self._process.join()
+
+
+def emulate(server: GalilServer) -> None:
+    """Advance an emulated controller with the time until the process ends."""
+    start = time.monotonic()
+    request_urgent_priority()
+    while True:
+        server.update(time.monotonic() - start)
+        server.wait(SAMPLE_TIME_S)
 
 
 @pytest.fixture(params=[False, True], ids=["by network", "by a serial port"])

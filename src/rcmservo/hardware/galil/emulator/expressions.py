@@ -12,12 +12,16 @@ import math
 import operator
 import re
 from collections.abc import Callable, Sequence
+from functools import lru_cache
 
 from rcmservo.hardware.galil.emulator.state import ControllerState
 from rcmservo.hardware.galil.error_codes import CommandError, ErrorCode
 
 FRACTION_STEPS = 65536
 """Steps per unit: a number has 16 bits after the point."""
+
+CACHED_TEXTS = 1024
+"""Number of texts whose analysis is kept: a program repeats the same ones every 2 ms."""
 
 MAX_INTEGER = 2147483647
 """Largest integer: a number has 32 bits before the point."""
@@ -85,8 +89,9 @@ def format_list(values: Sequence[float], digits: int = 0) -> str:
     return " " + ", ".join(f"{value:.{digits}f}" for value in values)
 
 
+@lru_cache(CACHED_TEXTS)
 def _tokenise(text: str) -> list[tuple[str, str]]:
-    """Split an expression into tokens, each with its kind and text."""
+    """Split an expression into tokens, each with its kind and text. The list must not change."""
     tokens: list[tuple[str, str]] = []
     position, text = 0, text.rstrip()
     while position < len(text):

@@ -1,8 +1,10 @@
 """Command table of the emulated controller, and dispatch of a command text to its handler."""
 
 import re
+from functools import lru_cache
 
 from rcmservo.hardware.galil.emulator.commands import assignments, motion, reports, threads
+from rcmservo.hardware.galil.emulator.expressions import CACHED_TEXTS
 from rcmservo.hardware.galil.emulator.state import (
     AXIS_OPERANDS,
     Caller,
@@ -77,6 +79,7 @@ def execute(state: ControllerState, text: str, caller: Caller) -> str | None:
     raise CommandError(ErrorCode.UNRECOGNIZED_COMMAND)
 
 
+@lru_cache(CACHED_TEXTS)
 def command_name(text: str) -> str:
     """Return the command at the start of a text, empty for an assignment or an unknown text."""
     match = re.match(r"(ELSE|ENDIF|[A-Z]{2})", text)
