@@ -260,7 +260,7 @@ def test_teaching_again_is_reported_and_stores_no_pose() -> None:
     assert notes == ["the target was taught again"]
     assert not any(isinstance(one, PoseTaught) for one in browser.messages)
     _, target = [one.target for one in browser.messages if isinstance(one, TargetChanged)]
-    assert targets_are_equal(target, ticks[-1].state.target)
+    assert target == ticks[-1].state.target
 
 
 def test_a_target_that_the_settings_refuse_is_reported_and_the_loop_continues() -> None:

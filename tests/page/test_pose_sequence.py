@@ -56,9 +56,7 @@ def first_tick_towards(ticks: list[rs.Tick], target: rs.Target, after: int) -> i
     return next(
         k
         for k, tick in enumerate(ticks)
-        if k > after
-        and tick.state.phase is rs.Phase.SERVO
-        and tick.state.target == target
+        if k > after and tick.state.phase is rs.Phase.SERVO and tick.state.target == target
     )
 
 
@@ -73,8 +71,7 @@ def test_every_pose_is_visited_for_its_whole_dwell_in_every_round_and_then_the_t
         leave = next(
             k
             for k in range(go, len(ticks))
-            if ticks[k].state.phase is rs.Phase.PAUSED
-            or ticks[k].state.target != target
+            if ticks[k].state.phase is rs.Phase.PAUSED or ticks[k].state.target != target
         )
         assert all(at[leave - dwell : leave])
     assert ticks[leave].state.phase is rs.Phase.PAUSED is ticks[-1].state.phase
@@ -87,11 +84,7 @@ def test_every_pose_is_visited_for_its_whole_dwell_in_every_round_and_then_the_t
 def test_the_tool_reaches_a_pose_without_dwell() -> None:
     ticks, messages, a, b = run_sequence(dwells=(0.0, 0.0))
     for target in (a, b):
-        towards = [
-            t
-            for t in ticks
-            if t.state.target == target
-        ]
+        towards = [t for t in ticks if t.state.target == target]
         in_servo = [t for t in towards if t.state.phase is rs.Phase.SERVO]
         assert len(in_servo) > 20 and (np.abs(in_servo[-1].state.delta) < SETTLED_TOLERANCE).all()
     assert notes(messages)[-1].startswith("the pose sequence is complete")

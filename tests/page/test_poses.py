@@ -47,8 +47,7 @@ def test_a_pose_is_stored_as_a_target_file_with_its_picture(
     reloaded.save("left of it", other, b"other")
     replaced = load_poses(tmp_path / "new")
     assert (
-        replaced.targets["left of it"] == other
-        and replaced.read_picture("left of it") == b"other"
+        replaced.targets["left of it"] == other and replaced.read_picture("left of it") == b"other"
     )
     assert replaced.delete("left of it") == ""
     assert not list((tmp_path / "new").iterdir()) and not load_poses(tmp_path / "new").targets

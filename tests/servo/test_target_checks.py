@@ -34,9 +34,18 @@ UNMADE: dict[str, dict[str, Any]] = {
 REFUSED: dict[str, tuple[dict[str, Any], str]] = {
     "at 1e8 px": ({"points": POINTS + 1e8}, "target.points must be pixels within"),
     "coincident": ({"points": POINTS[[0, 0]]}, "target.points must be two markers at least 2 px"),
-    "beyond a joint limit": ({"q": Q + (2.0, 0, 0)}, "target.q[0] must be theta within its limits"),
-    "insertion in m": ({"q": Q * (1, 1, 1e-3)}, "target.q[2] must be rho within its limits"),
-    "one joint unknown": ({"q": Q * (1, np.nan, 1)}, "target.q[1] must be phi within its limits"),
+    "beyond a joint limit": (
+        {"q": Q + np.array([2.0, 0, 0])},
+        "target.q[0] must be theta within its limits",
+    ),
+    "insertion in m": (
+        {"q": Q * np.array([1, 1, 1e-3])},
+        "target.q[2] must be rho within its limits",
+    ),
+    "one joint unknown": (
+        {"q": Q * np.array([1, np.nan, 1])},
+        "target.q[1] must be phi within its limits",
+    ),
 }
 """Changes of a taught target that no servo accepts, and the beginning of the sentence."""
 
@@ -111,7 +120,7 @@ def test_a_target_without_joints_is_accepted(lab: Laboratory) -> None:
 def test_a_target_outside_the_image_of_the_camera_is_refused() -> None:
     rig = Rig(seed=1)
     target = rig.teach(2)
-    outside = replace(target, points=target.points + (640.0, 0.0))
+    outside = replace(target, points=target.points + np.array([640.0, 0.0]))
     with pytest.raises(rs.BadInput, match=r"target\.points\[0\] must be within the image of 640 x"):
         rs.run(rig, rs.Servo(), outside, 1.0)
     assert snapshot(outside) != snapshot(target) and not rig.arm.measure().enabled

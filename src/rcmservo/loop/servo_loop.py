@@ -66,8 +66,8 @@ def servo_ticks(
     BadInput
         Before the drive is enabled: if `duration` is not positive, if the target cannot be meant,
         as `Servo.require_target` describes, or lies outside the newest image, or if a feature
-        vector fails or its Jacobian is not its derivative. Later: if a device returns a value of an invalid type or shape, or if
-        a request of the operator is invalid, as `Operator` describes.
+        vector fails or its Jacobian is not its derivative. Later: if a device returns a value of an
+        invalid type or shape, or if a request of the operator is invalid, as `Operator` describes.
     UnusableEstimator
         If a user-defined estimator fails or is not pure, before the drive is enabled; the class is
         in `rcmservo.servo.user_estimator`.

@@ -21,7 +21,7 @@ from rcmservo.config.servo_json import NO_USER_ESTIMATORS, describe_servo, rebui
 from rcmservo.config.user_estimators import hash_source
 from rcmservo.errors import BadInput, UnusableFile
 from rcmservo.estimation.base import Estimator
-from rcmservo.interfaces import DropReason, Floats, Observation, Target
+from rcmservo.interfaces import DropReason, Floats, Observation
 from rcmservo.loop.tick import Tick
 from rcmservo.recording import reader
 from rcmservo.recording import ros2_messages as ros2

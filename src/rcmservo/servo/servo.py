@@ -431,6 +431,14 @@ class Servo(Checked):
 
     def _describe_cause(self, state: State, observation: Observation) -> str:
         """Return the details of a new cause, such as the joint concerned."""
-        advice = self.estimator.advice
-        facts = DetailFacts(observation, state.monitor, self.mechanism, self.thresholds, advice)
+        assert state.target is not None
+        facts = DetailFacts(
+            observation,
+            state.monitor,
+            self.mechanism,
+            self.thresholds,
+            state.target.points,
+            state.stored.decision,
+            self.estimator.advice,
+        )
         return state.cause.declared.detail(facts)
