@@ -229,6 +229,9 @@ class Target:
         refuses a target that was taught before the camera was moved.
     sizes : Floats
         Apparent radii (2,) of the markers in px during teaching; NaN, the default, if unknown.
+    left_out : int
+        Number of frames that teaching left out because their markers were elsewhere. It is no part
+        of a comparison, and files do not hold it.
 
     Raises
     ------
@@ -253,6 +256,7 @@ class Target:
     q: Floats
     taught_at: int = 0
     sizes: Floats = field(default_factory=lambda: np.full(2, np.nan))
+    left_out: int = 0
 
     def __post_init__(self) -> None:
         for name, shape in {"points": (2, 2), "q": (3,), "sizes": (2,)}.items():
@@ -261,8 +265,10 @@ class Target:
         is_finite = bool(np.isfinite(self.points).all())
         expected = "finite pixels (u, v) of both markers"
         require(is_finite, "target.points", self.points.tolist(), expected)
-        is_whole = isinstance(self.taught_at, Integral) and not isinstance(self.taught_at, bool)
-        require(is_whole, "target.taught_at", self.taught_at, "a time in whole ns")
+        for name, kind in {"taught_at": "a time in whole ns", "left_out": "a whole number"}.items():
+            value = getattr(self, name)
+            is_whole = isinstance(value, Integral) and not isinstance(value, bool)
+            require(is_whole, f"target.{name}", value, kind)
 
     def __eq__(self, other: object) -> bool:
         return self is other or (isinstance(other, Target) and self._numbers == other._numbers)

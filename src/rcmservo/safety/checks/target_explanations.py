@@ -13,7 +13,7 @@ from rcmservo.safety.checks.facts import DetailFacts
 
 CAMERA_CHANGED = (
     "the camera was moved, turned or zoomed since, the tool was exchanged, or the joints have other "
-    "zero positions: check mount, zoom and tool"
+    "zeros: check mount, zoom and tool"
 )
 """Explanation of every other difference."""
 
