@@ -11,7 +11,8 @@ An observer knows the camera at the time of teaching, the true joints, and the n
 (rcmservo.sim.disturbances.oracle). A disturbance is visible as soon as the largest coordinate of
 the innovation (delivered markers minus their true projection) has been at least 5 times the noise
 in each delivered frame for 0.3 s. By this rule, an error in every second frame, a lag of the drives
-and late frames are never visible; the final pose error counts for them.
+and late frames are never visible; the final pose error counts for them. A target with wrong pixels
+counts as visible as soon as the exploration ends.
 
     settled  runs that end as settled: in SERVO, feature errors (rms) within the tolerance in the
              last second, joints within 5 mm of the taught ones
@@ -33,7 +34,7 @@ import signal
 import sys
 from collections import Counter
 from collections.abc import Generator, Iterator
-from dataclasses import astuple, dataclass, field
+from dataclasses import astuple, dataclass, field, replace
 from multiprocessing import Pool
 
 import numpy as np
@@ -113,7 +114,10 @@ class Trial:
             self.rig.begin()
         target = rs.teach(self.plant, FRAMES)
         self.rig.go_home()
-        return target
+        if self.row.change is None:
+            return target
+        random = np.random.default_rng([self.run.seed, 6])
+        return replace(target, points=self.row.change(random, target.points))
 
     def earlier(self, target: Target) -> State | None:
         """Perform a first run, return the tool to the start, and return the state if it settled."""
@@ -156,6 +160,8 @@ class Trial:
         began = max((event.start for event in events), default=0)
         for tick in ticks:
             self.unnoticed.update(tick, float(np.linalg.norm(self.marker_2() - self.shown)))
+            if self.row.change is not None and tick.state.explored:
+                self.unnoticed.oracle.visible_since = tick.observation.now
             visible = self.unnoticed.oracle.visible_since
             if visible is not None and np.isnan(self.run.visible):
                 self.run.visible = tick.time * 1e-9

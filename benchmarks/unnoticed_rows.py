@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 import rcmservo as rs
+from rcmservo.interfaces import Floats
 from rcmservo.sim import Disturbance, Drive
 
 FIRST = 10.0
@@ -35,7 +36,8 @@ Drawn = Callable[[Chance], float]
 class Trouble:
     """A random disturbance; ``causes`` are expected in addition to those of its kind.
 
-    ``when`` is one of `RUN`, `SHOWING` and `TWO_RUNS`.
+    ``when`` is one of `RUN`, `SHOWING` and `TWO_RUNS`. ``change`` replaces the taught pixels (2, 2)
+    by those that the image of the run would have shown.
     """
 
     says: str
@@ -43,6 +45,7 @@ class Trouble:
     when: str = RUN
     causes: frozenset[rs.Cause] = frozenset()
     drive: Drive = field(default_factory=Drive)
+    change: Callable[[Chance, Floats], Floats] | None = None
 
 
 def sign(random: Chance) -> float:
@@ -101,6 +104,29 @@ def acting(
     return draw
 
 
+def turn_image(u: bool, v: bool) -> Callable[[Chance, Floats], Floats]:
+    """Return a function that mirrors pixels left to right if `u`, and top to bottom if `v`."""
+    size, turned = np.array([639.0, 479.0]), np.array([u, v])
+    return lambda random, points: np.where(turned, size - points, points)
+
+
+def displace_marker(px: float) -> Callable[[Chance, Floats], Floats]:
+    """Return a function that displaces one marker by `px` in a random direction."""
+
+    def change(random: Chance, points: Floats) -> Floats:
+        angle, changed = random.uniform(0.0, 2.0 * np.pi), points.copy()
+        changed[random.integers(2)] += px * np.array([np.cos(angle), np.sin(angle)])
+        return changed
+
+    return change
+
+
+def wrong_target(says: str, change: Callable[[Chance, Floats], Floats]) -> Trouble:
+    """Return a trouble whose target the camera would show at other pixels than it was taught."""
+    causes = frozenset({rs.Cause.IMPLAUSIBLE})
+    return Trouble(says, lambda random: [], causes=causes, change=change)
+
+
 LAGS = frozenset({rs.Cause.NOT_FOLLOWING})
 
 ROWS: dict[str, Trouble] = {
@@ -140,6 +166,19 @@ ROWS: dict[str, Trouble] = {
     "zoom_taught": Trouble(
         "the focal length is 2 % longer than while teaching", acting("camera_zoom", 0.0, share=0.02)
     ),
+    "zoom_out": Trouble(
+        "the focal length is 3 % shorter than while teaching",
+        acting("camera_zoom", 0.0, share=-0.03),
+    ),
+    "mirrored": wrong_target(
+        "the image is mirrored left to right since teaching", turn_image(True, False)
+    ),
+    "flipped": wrong_target(
+        "the image is mirrored top to bottom since teaching", turn_image(False, True)
+    ),
+    "upside_down": wrong_target("the image is upside down since teaching", turn_image(True, True)),
+    "marker_25": wrong_target("a marker was 25 px wrong throughout teaching", displace_marker(25.0)),
+    "marker_8": wrong_target("a marker was 8 px wrong throughout teaching", displace_marker(8.0)),
     "between_15": Trouble(
         "the camera turns by 15 px between two runs, and the tool is moved by hand",
         acting("camera_pan", MOVED, px=15.0),

@@ -6,11 +6,13 @@ u points right, v down.
 
 from dataclasses import dataclass, field
 from enum import IntEnum
+from numbers import Integral
 from typing import TYPE_CHECKING, Annotated, NamedTuple, Protocol, Self, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rcmservo.errors import BadInput, require
 from rcmservo.numerics.structs import Floats, make_struct_reader, make_tuple_struct
 
 Image = NDArray[np.uint8]
@@ -227,9 +229,21 @@ class Target:
         refuses a target that was taught before the camera was moved.
     sizes : Floats
         Apparent radii (2,) of the markers in px during teaching; NaN, the default, if unknown.
+    left_out : int
+        Number of frames that teaching left out because their markers were elsewhere. It is no part
+        of a comparison, and files do not hold it.
+
+    Raises
+    ------
+    BadInput
+        If an array has another shape or holds no numbers, if a pixel is not finite, or if
+        `taught_at` is no whole number.
 
     Notes
     -----
+    The arrays are copied, and lists of numbers are accepted. Targets with the same numbers are
+    equal.
+
     With an estimator that determines the imaged RCM (dlt, affine), s is the angle of the line
     through the imaged RCM that passes nearest to both markers, and r and d are measured along it.
 
@@ -242,6 +256,42 @@ class Target:
     q: Floats
     taught_at: int = 0
     sizes: Floats = field(default_factory=lambda: np.full(2, np.nan))
+    left_out: int = 0
+
+    def __post_init__(self) -> None:
+        for name, shape in {"points": (2, 2), "q": (3,), "sizes": (2,)}.items():
+            array = _copy_as_floats(f"target.{name}", getattr(self, name), shape)
+            object.__setattr__(self, name, array)
+        is_finite = bool(np.isfinite(self.points).all())
+        expected = "finite pixels (u, v) of both markers"
+        require(is_finite, "target.points", self.points.tolist(), expected)
+        for name, kind in {"taught_at": "a time in whole ns", "left_out": "a whole number"}.items():
+            value = getattr(self, name)
+            is_whole = isinstance(value, Integral) and not isinstance(value, bool)
+            require(is_whole, f"target.{name}", value, kind)
+
+    def __eq__(self, other: object) -> bool:
+        return self is other or (isinstance(other, Target) and self._numbers == other._numbers)
+
+    def __hash__(self) -> int:
+        return hash(self._numbers)
+
+    @property
+    def _numbers(self) -> tuple[bytes, int]:
+        """All numbers; NaN is equal to NaN."""
+        arrays = self.points, self.q, self.sizes
+        return b"".join(np.nan_to_num(a, nan=np.inf).tobytes() for a in arrays), self.taught_at
+
+
+def _copy_as_floats(field: str, value: object, shape: tuple[int, ...]) -> Floats:
+    """Return a new array of a shape, as compiled functions expect it."""
+    expected = f"numbers in an array {shape}"
+    try:
+        array = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise BadInput(field, value, expected) from error
+    require(array.shape == shape, field, value, expected)
+    return array
 
 
 class Clock(Protocol):

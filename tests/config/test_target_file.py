@@ -1,6 +1,7 @@
 """Target files: a target survives bit for bit and loads only for the setup it was taught with."""
 
 import json
+import math
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -8,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 import rcmservo as rs
@@ -67,6 +68,7 @@ pixels = st.tuples(st.floats(-0.5, 639.5), st.floats(-0.5, 479.5))
 def test_every_number_survives_bit_for_bit(
     tmp_path_factory: pytest.TempPathFactory, points: Any, q: Any
 ) -> None:
+    assume(math.dist(*points) > 2.0)
     path = tmp_path_factory.mktemp("target") / "target.json"
     target_file.save_target(path, rs.Target(np.array(points), np.array(q)), SETUP)
     loaded = target_file.load_target(path, SETUP)
@@ -182,7 +184,7 @@ def test_a_changed_digit_is_detected_by_the_checksum(path: Path) -> None:
 def test_a_target_outside_the_image_or_the_limits_is_not_written(tmp_path: Path) -> None:
     for target in (
         rs.Target(TARGET.points + 600.0, TARGET.q),
-        rs.Target(TARGET.points * np.nan, TARGET.q),
+        rs.Target(TARGET.points * 0.0, TARGET.q),
         rs.Target(TARGET.points, TARGET.q + 200.0),
     ):
         with pytest.raises(rs.UnusableFile, match=r"is not written: target\."):

@@ -174,3 +174,36 @@ def test_a_tracker_without_a_reason_gives_a_general_message() -> None:
             pass
 
     assert reason(lambda frame: frame, BlindTracker()) == "both markers must be in the image"
+
+
+def displace_some(fraction: float, seed: int, counts: list[bool]) -> Change:
+    """Return a change that displaces a marker by 30-100 px in a fraction of the frames."""
+    random = np.random.default_rng(seed)
+
+    def change(frame: Frame) -> Frame:
+        counts.append(bool(random.uniform() < fraction))
+        angle, length_px = random.uniform(0.0, 2.0 * np.pi), random.uniform(30.0, 100.0)
+        assert frame.points is not None
+        points = frame.points.copy()
+        if counts[-1]:
+            points[random.integers(2)] += length_px * np.array([np.cos(angle), np.sin(angle)])
+        return replace(frame, points=points)
+
+    return change
+
+
+@pytest.mark.parametrize("fraction", [0.03, 0.15])
+def test_wrong_frames_are_left_out_and_counted(fraction: float) -> None:
+    for seed in range(3):
+        lab, wrong = make_laboratory(), list[bool]()
+        camera = Changed(lab, displace_some(fraction, seed, wrong))
+        target = teach(Plant(lab.rig.arm, camera, PointMarkers(), lab.rig.clock), frames=100)
+        right = teach(lab.plant, frames=100)
+        assert target.left_out == sum(wrong[-100:]) > 0
+        np.testing.assert_allclose(target.points, right.points, atol=0.3)
+
+
+@pytest.mark.parametrize("fraction", [0.4, 0.6])
+def test_frames_of_which_many_are_wrong_teach_nothing(fraction: float) -> None:
+    why = reason(displace_some(fraction, 1, []))
+    assert "is detected at positions up to" in why and "px apart" in why

@@ -8,7 +8,7 @@ import pytest
 
 import rcmservo as rs
 from conftest import Laboratory, make_laboratory
-from rcmservo.loop.operator import OperatorRequest, targets_are_equal
+from rcmservo.loop.operator import OperatorRequest
 from rcmservo.page.channels import DUE_TIME, TICK_SLOTS, PageChannels
 from rcmservo.page.control_ownership import ControlOwnership
 from rcmservo.page.jog_state import JogState
@@ -100,7 +100,7 @@ def test_go_sets_the_target_and_resumes_and_a_second_go_changes_the_target() -> 
     assert phases(ticks).count(rs.Phase.PAUSED) == 1 and rs.Phase.SERVO in phases(ticks)
     assert np.abs(ticks[-1].state.delta / (0.02, 1.5, 1.5)).max() < 1.0
     first, second = [one.target for one in browser.messages if isinstance(one, TargetChanged)]
-    assert targets_are_equal(first, lab.target) and targets_are_equal(second, other)
+    assert first == lab.target and second == other
 
 
 @pytest.mark.parametrize("last_tick", [150, 300])
@@ -235,7 +235,7 @@ def test_a_requested_target_is_not_stored_as_the_taught_pose() -> None:
     target = get_initial_laboratory().target
     _, browser = run_loop({100: [Go(target), TeachPose("above")]}, 3.0)
     (taught,) = [one for one in browser.messages if isinstance(one, PoseTaught)]
-    assert not targets_are_equal(taught.target, target)
+    assert taught.target != target
 
 
 @pytest.fixture(scope="module")
@@ -270,7 +270,7 @@ def test_teaching_again_is_reported_and_stores_no_pose() -> None:
     assert notes == ["the target was taught again"]
     assert not any(isinstance(one, PoseTaught) for one in browser.messages)
     _, target = [one.target for one in browser.messages if isinstance(one, TargetChanged)]
-    assert targets_are_equal(target, ticks[-1].state.target)
+    assert target == ticks[-1].state.target
 
 
 def test_a_target_that_the_settings_refuse_is_reported_and_the_loop_continues() -> None:

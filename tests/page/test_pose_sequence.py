@@ -9,7 +9,6 @@ from test_page_operator import Script, phases, run_loop
 
 import rcmservo as rs
 from conftest import Laboratory, make_laboratory
-from rcmservo.loop.operator import targets_are_equal
 from rcmservo.page.control_ownership import ControlOwnership, MessageRefused, interpret_message
 from rcmservo.page.messages import Go, JogJoints, Note, PoseTaught, SequenceStatus, TeachPose
 from rcmservo.page.pose_sequence import RunSequence, SequencePlan, SequenceProgress, Waypoint
@@ -57,10 +56,7 @@ def first_tick_towards(ticks: list[rs.Tick], target: rs.Target, after: int) -> i
     return next(
         k
         for k, tick in enumerate(ticks)
-        if k > after
-        and tick.state.phase is rs.Phase.SERVO
-        and tick.state.target is not None
-        and targets_are_equal(tick.state.target, target)
+        if k > after and tick.state.phase is rs.Phase.SERVO and tick.state.target == target
     )
 
 
@@ -75,8 +71,7 @@ def test_every_pose_is_visited_for_its_whole_dwell_in_every_round_and_then_the_t
         leave = next(
             k
             for k in range(go, len(ticks))
-            if ticks[k].state.phase is rs.Phase.PAUSED
-            or not targets_are_equal(ticks[k].state.target, target)
+            if ticks[k].state.phase is rs.Phase.PAUSED or ticks[k].state.target != target
         )
         assert all(at[leave - dwell : leave])
     assert ticks[leave].state.phase is rs.Phase.PAUSED is ticks[-1].state.phase
@@ -89,11 +84,7 @@ def test_every_pose_is_visited_for_its_whole_dwell_in_every_round_and_then_the_t
 def test_the_tool_reaches_a_pose_without_dwell() -> None:
     ticks, messages, a, b = run_sequence(dwells=(0.0, 0.0))
     for target in (a, b):
-        towards = [
-            t
-            for t in ticks
-            if t.state.target is not None and targets_are_equal(t.state.target, target)
-        ]
+        towards = [t for t in ticks if t.state.target == target]
         in_servo = [t for t in towards if t.state.phase is rs.Phase.SERVO]
         assert len(in_servo) > 20 and (np.abs(in_servo[-1].state.delta) < SETTLED_TOLERANCE).all()
     assert notes(messages)[-1].startswith("the pose sequence is complete")
@@ -150,7 +141,7 @@ POSES = two_poses()
 def test_a_sequence_of_known_poses_is_accepted() -> None:
     request = interpret(waypoints=[WAYPOINT, WAYPOINT], rounds=1000)
     assert request.plan == SequencePlan((Waypoint("a", 0.5), Waypoint("a", 0.5)), 1000)
-    assert [targets_are_equal(one, POSES[1]) for one in request.targets] == [True, True]
+    assert [one == POSES[1] for one in request.targets] == [True, True]
     interpret(waypoints=[{"pose": "a", "dwell": 600}] * 20)
 
 

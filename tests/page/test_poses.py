@@ -12,7 +12,6 @@ import rcmservo as rs
 from rcmservo.cli.simulated_run.target import describe_simulated_setup
 from rcmservo.config import target_file
 from rcmservo.config.rig_file import RigDescription
-from rcmservo.loop.operator import targets_are_equal
 from rcmservo.page.poses import PoseFolder, PoseStore
 from rcmservo.page.view_model import list_recovery_actions
 from rcmservo.safety.causes import Action, Cause
@@ -39,17 +38,16 @@ def test_a_pose_is_stored_as_a_target_file_with_its_picture(
     assert load_poses(tmp_path / "new").save("left of it", TARGET, b"picture") == ""
     reloaded = load_poses(tmp_path / "new")
     assert (
-        targets_are_equal(reloaded.targets["left of it"], TARGET)
+        reloaded.targets["left of it"] == TARGET
         and reloaded.read_picture("left of it") == b"picture"
     )
     (file,) = (tmp_path / "new").glob("*.json")
-    assert targets_are_equal(target_file.load_target(file, SETUP), TARGET)
+    assert target_file.load_target(file, SETUP) == TARGET
     other = rs.Target(TARGET.points + 1.0, TARGET.q)
     reloaded.save("left of it", other, b"other")
     replaced = load_poses(tmp_path / "new")
     assert (
-        targets_are_equal(replaced.targets["left of it"], other)
-        and replaced.read_picture("left of it") == b"other"
+        replaced.targets["left of it"] == other and replaced.read_picture("left of it") == b"other"
     )
     assert replaced.delete("left of it") == ""
     assert not list((tmp_path / "new").iterdir()) and not load_poses(tmp_path / "new").targets

@@ -35,6 +35,11 @@ from rcmservo.geometry.kinematics import Kinematics
 from rcmservo.geometry.tool import Tool
 from rcmservo.interfaces import Target
 from rcmservo.safety.thresholds import Thresholds
+from rcmservo.servo.target_checks import (
+    require_joints_within_limits,
+    require_markers_in_image,
+    require_possible_markers,
+)
 from rcmservo.tracking import MarkerAppearance
 
 TARGET_FORMAT = "rcmservo target 1"
@@ -166,27 +171,14 @@ def _decode_content(table: object) -> TargetContent:
 def _make_target(content: TargetContent, setup: TargetSetup) -> Target:
     """Return the target of a content after checking every value."""
     _require_equal_setups(content.setup, _describe_setup(setup), "")
-    max_u, max_v = setup.width - 0.5, setup.height - 0.5
-    for i, (u, v) in enumerate(content.markers_px):
-        is_in_image = -0.5 <= u <= max_u and -0.5 <= v <= max_v
-        expected = f"within the image of {setup.width} x {setup.height} px"
-        require(is_in_image, f"target.markers_px[{i}]", (u, v), expected)
+    points, q = np.array(content.markers_px), np.array(content.joints)
+    require_possible_markers("target.markers_px", points)
+    require_markers_in_image("target.markers_px", points, setup.width, setup.height)
     for i, radius in enumerate(content.sizes_px):
         is_valid = radius is None or 0.0 < radius <= setup.width
         require(is_valid, f"target.sizes_px[{i}]", radius, "a positive radius within the image")
-    _require_joints_within_limits(content.joints, setup)
-    radii = np.array(content.sizes_px, dtype=np.float64)
-    return Target(np.array(content.markers_px), np.array(content.joints), sizes=radii)
-
-
-def _require_joints_within_limits(q: tuple[float, float, float], setup: TargetSetup) -> None:
-    """Raise `BadInput` for a joint beyond its limit by more than `slack`."""
-    lower, upper = setup.mechanism.limits.arrays
-    slack = setup.slack * (upper - lower)
-    for i, name in enumerate(setup.mechanism.joint_names):
-        is_within = lower[i] - slack[i] <= q[i] <= upper[i] + slack[i]
-        expected = f"{name} within its limits {lower[i]:.6g} and {upper[i]:.6g}"
-        require(bool(is_within), f"target.joints[{i}]", q[i], expected)
+    require_joints_within_limits("target.joints", q, setup.mechanism, setup.slack)
+    return Target(points, q, sizes=np.array(content.sizes_px, dtype=np.float64))
 
 
 def _describe_setup(setup: TargetSetup) -> object:

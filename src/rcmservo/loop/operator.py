@@ -228,19 +228,9 @@ class NextTick:
 
     def _set_target(self, target: Target) -> None:
         """Replace the target, unless the numbers of both are the same."""
-        if not targets_are_equal(target, self.target):
+        if target != self.target:
             self.servo.require_target(target)
             self.target = target
-
-
-def targets_are_equal(a: Target, b: Target) -> bool:
-    """Return True if two targets are equal to the last bit."""
-    return (
-        a.points.tobytes() == b.points.tobytes()
-        and a.q.tobytes() == b.q.tobytes()
-        and a.taught_at == b.taught_at
-        and np.array_equal(a.sizes, b.sizes, equal_nan=True)
-    )
 
 
 def check_changed_servo(before: Servo, after: Servo) -> Servo:

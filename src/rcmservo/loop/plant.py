@@ -84,6 +84,7 @@ class Plant:
     ) -> None:
         self.arm, self.camera, self.tracker, self.clock = arm, camera, tracker, clock
         self.recorded = recorded
+        self.image_shape: tuple[int, ...] | None = None
         self._unchecked = {"measure", "apply", "latest", "find"}
         self._newest_frame: Frame | None = None
         self._joints = JointHistory(JOINT_HISTORY)
@@ -191,6 +192,7 @@ class Plant:
             self._drop_reason = DropReason.DAMAGED
             return
         self._check_first(self.tracker, "find", markers)
+        self.image_shape = get_image_shape(frame)
         self.markers, self.frame = replace(markers, points=_select_possible(markers)), frame
         self._sizes, self._quality = _measure_sizes(self.markers), _measure_quality(self.markers)
         is_known = frame.exposure >= self._joints.oldest

@@ -17,6 +17,7 @@ from rcmservo.loop.plant import Plant
 from rcmservo.loop.tick import Tick
 from rcmservo.safety.state_machine import Phase
 from rcmservo.servo.servo import Servo, State
+from rcmservo.servo.target_checks import require_markers_in_image
 
 
 def servo_ticks(
@@ -63,10 +64,10 @@ def servo_ticks(
     Raises
     ------
     BadInput
-        Before the drive is enabled: if `duration` is not positive, if the target lacks the markers'
-        radii that the features of the controller need, or if a feature vector fails or its Jacobian
-        is not its derivative. Later: if a device returns a value of an invalid type or shape, or if
-        a request of the operator is invalid, as `Operator` describes.
+        Before the drive is enabled: if `duration` is not positive, if the target cannot be meant,
+        as `Servo.require_target` describes, or lies outside the newest image, or if a feature
+        vector fails or its Jacobian is not its derivative. Later: if a device returns a value of an
+        invalid type or shape, or if a request of the operator is invalid, as `Operator` describes.
     UnusableEstimator
         If a user-defined estimator fails or is not pure, before the drive is enabled; the class is
         in `rcmservo.servo.user_estimator`.
@@ -81,6 +82,7 @@ def servo_ticks(
     """
     DURATION.require("duration", duration)
     servo.require_target(target)
+    _require_in_image(target, plant.image_shape)
     servo.warm_up()
     plant.reset()
     state = servo.init() if state is None else servo.restart(state)
@@ -100,6 +102,13 @@ def servo_ticks(
             next_tick.ask_operator(tick)
     finally:
         _bring_to_rest(plant, next_tick.servo, state.command)
+
+
+def _require_in_image(target: Target, image_shape: tuple[int, ...] | None) -> None:
+    """Raise `BadInput` for a target outside the images of the camera, if one has been seen."""
+    if image_shape is not None:
+        height, width = image_shape[:2]
+        require_markers_in_image("target.points", target.points, width, height)
 
 
 def _is_over(state: State, operator: Operator | None) -> bool:

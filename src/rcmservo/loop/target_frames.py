@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rcmservo.constraints import between
 from rcmservo.interfaces import Floats, Observation, Target
@@ -27,8 +28,8 @@ it."""
 OUTLIER_SIGMAS = 6.0
 """Distance from the median, in standard deviations, beyond which a marker is an outlier."""
 
-MAX_OUTLIER_FRACTION = 0.05
-"""Largest fraction of outliers among the frames."""
+MAX_LEFT_OUT_FRACTION = 0.25
+"""Largest fraction of the frames that may be left out: beyond it, it is doubtful which are right."""
 
 FRAME_COUNT = between(1, MAX_FRAMES, "a whole number", "frames")
 """Limits of the number of frames that are averaged into a target."""
@@ -59,31 +60,42 @@ class TargetFrames:
         self.joints.append(observation.q)
 
     def compute_target(self, since: int) -> Target:
-        """Return the mean of the frames as a target that was taught from `since` ns on.
+        """Return the mean of the frames that agree, as a target taught from `since` ns on.
 
         The mean of the radii covers only the frames in which they are known.
         """
-        points, q = np.mean(self.points, axis=0), np.mean(self.joints, axis=0)
-        return Target(points, q, since, mean_of_finite(np.array(self.sizes)))
+        agrees = ~self._find_outliers().any(axis=(1, 2))
+        points, q = np.array(self.points)[agrees].mean(axis=0), np.array(self.joints)[agrees]
+        radii = mean_of_finite(np.array(self.sizes)[agrees])
+        return Target(points, q.mean(axis=0), since, radii, int((~agrees).sum()))
 
     def describe_disagreement(self) -> str:
-        """Return a sentence on the disagreement of the frames; empty if they agree.
-
-        The noise is estimated from the median of the absolute deviations, which outliers do not
-        change.
-        """
-        deviation_px = np.abs(self.points - np.median(self.points, axis=0))
-        noise_px = MAD_TO_STD * np.median(deviation_px, axis=0)
-        is_outlier = deviation_px > OUTLIER_SIGMAS * np.maximum(noise_px, NOISE_FLOOR_PX)
-        has_outliers = is_outlier.mean(axis=0) > MAX_OUTLIER_FRACTION
-        is_unsteady = ((noise_px > MAX_NOISE_PX) | has_outliers).any(axis=1)
+        """Return a sentence on the disagreement of the frames; empty if enough of them agree."""
+        is_outlier = self._find_outliers().any(axis=2)
+        too_many = is_outlier.any(axis=1).mean() > MAX_LEFT_OUT_FRACTION
+        is_noisy = (self._estimate_noise() > MAX_NOISE_PX).any(axis=1)
+        is_unsteady = is_noisy | (is_outlier.any(axis=0) & too_many)
         if not is_unsteady.any():
             return ""
         markers = " and ".join(f"marker {i + 1}" for i in np.flatnonzero(is_unsteady))
+        largest_px = float(self._compute_deviations().max())
         return (
-            f"{markers} is detected at positions up to {float(deviation_px.max()):.1f} px apart: "
+            f"{markers} is detected at positions up to {largest_px:.1f} px apart: "
             "make sure that nothing else looks like a marker and that the camera does not move"
         )
+
+    def _compute_deviations(self) -> Floats:
+        """Return the absolute deviations (n, 2, 2) px of the markers from their median."""
+        return np.abs(np.array(self.points) - np.median(self.points, axis=0))
+
+    def _estimate_noise(self) -> Floats:
+        """Return the noise (2, 2) px by the median deviation, which outliers do not change."""
+        return MAD_TO_STD * np.median(self._compute_deviations(), axis=0)
+
+    def _find_outliers(self) -> NDArray[np.bool_]:
+        """Return which coordinates (n, 2, 2) deviate from their median by more than noise."""
+        limit_px = OUTLIER_SIGMAS * np.maximum(self._estimate_noise(), NOISE_FLOOR_PX)
+        return self._compute_deviations() > limit_px
 
 
 def mean_of_finite(rows: Floats) -> Floats:

@@ -20,7 +20,7 @@ class TeachingFailed(RcmServoError):
 def teach(plant: Plant, frames: int = TEACHING_FRAMES) -> Target:
     """Teach a target from the next frames. Nothing moves.
 
-    The target is the mean of the markers in raw pixels. The desired features y_d = (s, r, d) are
+    The target is the mean of the markers in raw pixels, over the frames that agree. The desired features y_d = (s, r, d) are
     computed from it at each tick about the present imaged RCM.
 
     Parameters
@@ -47,11 +47,12 @@ def teach(plant: Plant, frames: int = TEACHING_FRAMES) -> Target:
 
     Notes
     -----
-    The frames agree if, for each coordinate of both markers, their noise is at most 2 px, and at
-    most 5 % of them are outliers. The noise is 1.4826 times the median absolute deviation from the
-    median, which is the standard deviation of Gaussian noise. An outlier deviates from the median
-    by more than 6 times the noise, which counts as at least 0.7 px here. Only
-    frames that show both markers count.
+    A frame is left out if a coordinate of a marker deviates from the median of all frames by more
+    than 6 times the noise, which counts as at least 0.7 px here. The noise is 1.4826 times the
+    median absolute deviation from the median, which is the standard deviation of Gaussian noise.
+    The frames do not agree if the noise of a coordinate exceeds 2 px, or if more than a quarter of
+    them would be left out. ``Target.left_out`` counts them. Only frames that show both markers
+    count.
 
     An exception of a device reaches the caller, except for a `BadInput` of ``Tracker.find``, which
     only drops the frame.

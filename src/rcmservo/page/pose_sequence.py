@@ -15,7 +15,6 @@ import numpy as np
 
 from rcmservo.constraints import Checked, Limit, between
 from rcmservo.interfaces import Target
-from rcmservo.loop.operator import targets_are_equal
 from rcmservo.loop.tick import Tick
 from rcmservo.recording.outcome import SETTLED_TOLERANCE
 from rcmservo.safety.state_machine import Phase
@@ -180,6 +179,6 @@ def find_interruption(tick: Tick, target: Target) -> str:
     if state.phase not in AUTONOMOUS_PHASES:
         cause = state.mode.cause.value
         return f"{state.phase.value}: {cause}" if cause else state.phase.value
-    if state.target is None or not targets_are_equal(state.target, target):
+    if state.target != target:
         return "the tool has another target"
     return ""

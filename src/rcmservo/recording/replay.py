@@ -21,8 +21,7 @@ from rcmservo.config.servo_json import NO_USER_ESTIMATORS, describe_servo, rebui
 from rcmservo.config.user_estimators import hash_source
 from rcmservo.errors import BadInput, UnusableFile
 from rcmservo.estimation.base import Estimator
-from rcmservo.interfaces import DropReason, Floats, Observation, Target
-from rcmservo.loop.operator import targets_are_equal
+from rcmservo.interfaces import DropReason, Floats, Observation
 from rcmservo.loop.tick import Tick
 from rcmservo.recording import reader
 from rcmservo.recording import ros2_messages as ros2
@@ -171,7 +170,7 @@ def _step_through(recorded: Record, servos: Sequence[Servo]) -> Iterator[Tick]:
     stage_bounds = pairwise([*(stage.first for stage in recorded.stages), len(recorded.time)])
     for stage, servo, bounds in zip(recorded.stages, servos, stage_bounds, strict=True):
         state = _find_initial_state(recorded, stage, servo, end_states)
-        target = _select_target(stage, state)
+        target = stage.target
         servo.require_target(target)
         for i in range(*bounds):
             observation, jog = _read_observation(recorded, i), recorded.ticks["jog"][i]
@@ -212,16 +211,6 @@ def _find_initial_state(
         raise UnusableFile(recorded.path, reason)
     end_state = end_states[stage.origin]
     return end_state if stage.mid_run else servo.restart(end_state)
-
-
-def _select_target(stage: Stage, state: State) -> Target:
-    """Return the stage's target, as the state's own object if both are equal.
-
-    The servo compares targets by identity: for another object it would start a new approach.
-    """
-    if state.target is not None and targets_are_equal(state.target, stage.target):
-        return state.target
-    return stage.target
 
 
 def _read_observation(recorded: Record, i: int) -> Observation:

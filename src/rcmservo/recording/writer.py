@@ -256,7 +256,7 @@ class Recorder:
 
 def _has_changed(previous: Tick, tick: Tick) -> bool:
     """Return True if servo or target changed between two ticks of a run."""
-    return tick.servo is not previous.servo or tick.state.target is not previous.state.target
+    return tick.servo is not previous.servo or tick.state.target != previous.state.target
 
 
 def warm_up(servo: Servo) -> None:

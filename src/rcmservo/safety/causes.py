@@ -20,6 +20,7 @@ from typing import Any, NamedTuple
 from rcmservo.numerics.jit import compiled, declare_in
 from rcmservo.safety.checks import devices, drift, estimate, exploration, markers, path, singularity
 from rcmservo.safety.checks.facts import DetailFacts, TickFacts
+from rcmservo.safety.checks.target_explanations import describe_contradiction
 
 TEACH_AGAIN = "teach the target again"
 """Part of a remedy: the operator moves the tool to the target, whose image is stored once more."""
@@ -245,6 +246,14 @@ class Cause(Enum):
         "exploration",
         drift.markers_drift,
         invalidates=Invalidates.ESTIMATE_AND_TARGETS,
+    )
+    IMPLAUSIBLE = pause(
+        "the camera does not show the joints of teaching at the pixels of the target",
+        f"compare the live image with the taught one, {TEACH_AGAIN}, then resume: the servo repeats "
+        "the exploration",
+        path.target_is_implausible,
+        invalidates=Invalidates.ESTIMATE,
+        detail=describe_contradiction,
     )
     ELSEWHERE = pause(
         "the image shows the tool at the target, but the joints contradict it: a pose beyond a "

@@ -1,6 +1,7 @@
 """Progress towards the target: the part of the control state that the checks read."""
 
-from rcmservo.numerics.structs import Row, flag, real, whole
+from rcmservo.interfaces import Floats
+from rcmservo.numerics.structs import Row, flag, real, reals, whole
 
 
 class TargetProgress(Row):
@@ -15,6 +16,12 @@ class TargetProgress(Row):
     reducible_fraction: float = real("", "fraction of the error that the damped law reduces")
     remaining_mm: float = real("mm", "distance of marker 1 from the target by the image")
     has_arrived: bool = flag("True if the joints have reached the values of the taught target")
+    is_implausible: bool = flag(
+        "True if the fit contradicts the pixels of the target at its joints"
+    )
+    predicted_target: Floats = reals(
+        (2, 2), "px", "markers at the joints of the target, by the fit"
+    )
     mismatch_since: int = whole("ns", "time since which image and joints disagree, -1 for none")
     reference_error: float = real("", "scaled error √(2V) from which the next decrease is measured")
     reference_time: int = whole("ns", "time of `reference_error`")

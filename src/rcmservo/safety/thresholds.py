@@ -23,6 +23,7 @@ POSITIVE_S = positive("time in s")
 POSITIVE_MM = positive("length in mm")
 POSITIVE_PX = positive("number of px")
 POSITIVE = positive()
+POSITIVE_OR_INF = Limit(lambda x: x > 0.0, "a positive number, or inf")
 POSITIVE_MM_OR_INF = Limit(lambda mm: mm > 0.0, "a positive number of mm, or inf")
 COUNT_TO_1000 = between(1, 1000, "a whole number")
 
@@ -118,6 +119,15 @@ class Thresholds(Checked, section="thresholds"):
     stuck_marker_px : float
         Largest motion (px) of a marker that counts as stuck during the exploration if the other
         marker moves five times as far (`SURPRISED`).
+    max_target_deviation : float
+        Largest deviation of a taught marker from its prediction at the joints of teaching, in
+        standard deviations (`IMPLAUSIBLE`). It is positive, without a unit, and compared with the
+        Mahalanobis distance as ``max_innovation`` is; inf switches the check off. The deviation is
+        first shortened by ``model_error`` px and by ``target_error_fraction`` of the marker's
+        distance in the image from its target.
+    target_error_fraction : float
+        Deviation of a taught marker that is attributed to lens, arm and tool, which the projection
+        fit assumes to be ideal, as a fraction of the marker's predicted motion to the target.
     max_target_mismatch : float
         Largest distance (mm) of the tool from the taught joints while the image shows it at the
         target (`ELSEWHERE`), positive; inf switches the check off. The larger distance of both
@@ -244,6 +254,8 @@ class Thresholds(Checked, section="thresholds"):
     drift_frames: Annotated[int, COUNT_TO_1000] = 20
     frozen_image_motion: Annotated[float, POSITIVE_MM] = 1.0
     stuck_marker_px: Annotated[float, POSITIVE_PX] = 2.0
+    max_target_deviation: Annotated[float, POSITIVE_OR_INF] = 6.0
+    target_error_fraction: Annotated[float, FRACTION] = 0.1
     max_target_mismatch: Annotated[float, POSITIVE_MM_OR_INF] = 2.0
     target_mismatch_time: Annotated[float, POSITIVE_S] = 0.2
 

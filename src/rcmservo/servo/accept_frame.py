@@ -125,14 +125,17 @@ def check_against_last_frame(
     """Compare the markers with those of the last accepted frame, before a fit predicts them.
 
     Count the frame as rejected if a marker moved by more than `max_jump_px` plus the pixels that
-    the motion of marker 1 to p1 (3,) mm allows, or if a marker is stuck.
+    the motion of marker 1 to p1 (3,) mm allows, or if a marker is stuck. A frame that jumped says
+    nothing about a stuck marker.
     """
-    points, distance_mm, crossed = observation.points, compute_distance(p1, estimate.p1), False
-    rejects_1, rejects_2 = detect_stuck_markers(monitor, p1, points, thresholds)
-    if distance_mm < thresholds.max_compared_motion and not (rejects_1 or rejects_2):
+    points, distance_mm = observation.points, compute_distance(p1, estimate.p1)
+    rejects_1, rejects_2, crossed = False, False, False
+    if distance_mm < thresholds.max_compared_motion:
         rejects_1, rejects_2, crossed = find_jumps(
             points, estimate.points, distance_mm, max_jump_px, thresholds.max_px_per_mm
         )
         if monitor.jumped_frames > 0 and markers_stay(monitor, points, thresholds):
             rejects_1, rejects_2 = True, True
+    if not (rejects_1 or rejects_2):
+        rejects_1, rejects_2 = detect_stuck_markers(monitor, p1, points, thresholds)
     monitor_markers(monitor, rejects_1, rejects_2, crossed, points, thresholds)

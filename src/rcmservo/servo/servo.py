@@ -43,6 +43,7 @@ from rcmservo.servo.state import (
     StoredState,
     make_initial_estimation_rows,
 )
+from rcmservo.servo.target_checks import require_joints_within_limits, require_possible_markers
 from rcmservo.servo.tick import begin_tick, finish_tick, make_compiled_tick
 from rcmservo.servo.update_estimate import FRAME_UPDATES
 from rcmservo.servo.user_estimator import (
@@ -213,7 +214,15 @@ class Servo(Checked):
         return compute_position(self.rcm, q)
 
     def require_target(self, target: Target) -> None:
-        """Raise `BadInput` if a target lacks the marker sizes that the controller needs."""
+        """Raise `BadInput` if no motion to a target may begin.
+
+        Its markers are possible and apart, its joints within their limits or all unknown (NaN), and
+        it has the markers' sizes if the controller acts on them.
+        """
+        require_possible_markers("target.points", target.points)
+        if not np.isnan(target.q).all():
+            tolerance = self.thresholds.limit_tolerance
+            require_joints_within_limits("target.q", target.q, self.mechanism, tolerance)
         is_complete = not self.features.needs_sizes or bool(np.isfinite(target.sizes).all())
         name = self.controller.features
         expected = f"taught with the markers' sizes, on which controller.features = {name!r} acts"
@@ -345,7 +354,7 @@ class Servo(Checked):
         feature vector raises nothing; the notes of `Estimator` and `FeatureVector` state its
         result.
         """
-        stored, is_new = copy_row(state.stored), target is not state.target
+        stored, is_new = copy_row(state.stored), target != state.target
         numbers, code = observation_numbers(observation), REQUESTS.index(request)
         setpoint = target.points, target.q, target.taught_at, is_new, code, jog
         kernel: Any = self.kernel
@@ -422,6 +431,14 @@ class Servo(Checked):
 
     def _describe_cause(self, state: State, observation: Observation) -> str:
         """Return the details of a new cause, such as the joint concerned."""
-        advice = self.estimator.advice
-        facts = DetailFacts(observation, state.monitor, self.mechanism, self.thresholds, advice)
+        assert state.target is not None
+        facts = DetailFacts(
+            observation,
+            state.monitor,
+            self.mechanism,
+            self.thresholds,
+            state.target.points,
+            state.stored.decision,
+            self.estimator.advice,
+        )
         return state.cause.declared.detail(facts)

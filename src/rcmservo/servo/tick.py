@@ -20,6 +20,7 @@ from rcmservo.safety.monitor_state import store_observation
 from rcmservo.servo.accept_frame import accept_frame
 from rcmservo.servo.apply_mode import bound_rates, choose_mode
 from rcmservo.servo.collect_causes import collect_causes
+from rcmservo.servo.compare_target import compare_target_with_fit
 from rcmservo.servo.compute_command import compute_command
 from rcmservo.servo.kernel_parameters import KernelParameters, TickContext
 from rcmservo.servo.setpoint import Setpoint, store_setpoint
@@ -115,6 +116,8 @@ def conclude(tick: TickContext, frame_result: int) -> bool:
     if frame_result == FRAME_UPDATES:
         store_estimate(tick)
     compute_command(tick, frame_result)
+    if frame_result == FRAME_UPDATES or tick.setpoint.is_new:
+        compare_target_with_fit(tick)
     causes = collect_causes(tick)
     was_reset = choose_mode(tick, causes, frame_result)
     was_reset = bound_rates(tick) or was_reset

@@ -188,7 +188,8 @@ def teach_by_hand(
         except TeachingFailed as error:
             operator.notify(f"{error}.")
         else:
-            operator.notify("The target is taught.")
+            left_out = f" {target.left_out} frames were left out: their markers were elsewhere."
+            operator.notify("The target is taught." + (left_out if target.left_out else ""))
             return target
 
 

@@ -6,7 +6,7 @@ from rcmservo.control.exploration import Exploration, ExplorationState
 from rcmservo.estimation.base import Estimate
 from rcmservo.estimation.camera_fit import ProjectionFit
 from rcmservo.geometry.kinematics import Kinematics, RcmStruct
-from rcmservo.interfaces import Observation
+from rcmservo.interfaces import Floats, Observation
 from rcmservo.numerics.jit import compiled
 from rcmservo.safety.monitor_state import MonitorState, ObservationRow
 from rcmservo.safety.target_progress import TargetProgress
@@ -89,6 +89,10 @@ class DetailFacts(NamedTuple):
         Kinematics of the arm.
     thresholds : Thresholds
         Thresholds of the checks.
+    target_points : Floats
+        Raw markers (2, 2) of the target, px.
+    progress : TargetProgress
+        Progress towards the target.
     advice : str
         Advice of the estimator after a failed exploration.
     """
@@ -97,4 +101,6 @@ class DetailFacts(NamedTuple):
     monitor: MonitorState
     mechanism: Kinematics
     thresholds: Thresholds
+    target_points: Floats
+    progress: TargetProgress
     advice: str

@@ -1,6 +1,7 @@
 """Detectors of obstacles on the path to the target: joint limits, an old target, a stall.
 
-An obstacle is also an image that shows the tool at the target while the joints contradict it.
+An obstacle is also a target whose pixels and joints contradict each other, by the prediction before
+the motion or by the image on arrival.
 """
 
 from rcmservo.numerics.jit import compiled
@@ -29,6 +30,12 @@ def joint_2_blocks_the_path(facts: TickFacts) -> bool:
 def joint_3_blocks_the_path(facts: TickFacts) -> bool:
     """Detect that the limit of joint 3 blocks the path."""
     return facts.exploration_state.is_done and facts.progress.blocked_joint == 2
+
+
+@compiled
+def target_is_implausible(facts: TickFacts) -> bool:
+    """Detect a target whose pixels are not where the camera shows its joints."""
+    return facts.exploration_state.is_done and facts.progress.is_implausible
 
 
 @compiled
