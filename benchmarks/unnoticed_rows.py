@@ -177,7 +177,9 @@ ROWS: dict[str, Trouble] = {
         "the image is mirrored top to bottom since teaching", turn_image(False, True)
     ),
     "upside_down": wrong_target("the image is upside down since teaching", turn_image(True, True)),
-    "marker_25": wrong_target("a marker was 25 px wrong throughout teaching", displace_marker(25.0)),
+    "marker_25": wrong_target(
+        "a marker was 25 px wrong throughout teaching", displace_marker(25.0)
+    ),
     "marker_8": wrong_target("a marker was 8 px wrong throughout teaching", displace_marker(8.0)),
     "between_15": Trouble(
         "the camera turns by 15 px between two runs, and the tool is moved by hand",

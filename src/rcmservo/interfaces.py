@@ -266,7 +266,7 @@ class Target:
         expected = "finite pixels (u, v) of both markers"
         require(is_finite, "target.points", self.points.tolist(), expected)
         for name, kind in {"taught_at": "a time in whole ns", "left_out": "a whole number"}.items():
-            value = getattr(self, name)
+            value: object = getattr(self, name)
             is_whole = isinstance(value, Integral) and not isinstance(value, bool)
             require(is_whole, f"target.{name}", value, kind)
 

@@ -29,7 +29,7 @@ OUTLIER_SIGMAS = 6.0
 """Distance from the median, in standard deviations, beyond which a marker is an outlier."""
 
 MAX_LEFT_OUT_FRACTION = 0.25
-"""Largest fraction of the frames that may be left out: beyond it, it is doubtful which are right."""
+"""Largest fraction of the frames that may be left out; beyond it, the right ones are in doubt."""
 
 FRAME_COUNT = between(1, MAX_FRAMES, "a whole number", "frames")
 """Limits of the number of frames that are averaged into a target."""
@@ -72,9 +72,11 @@ class TargetFrames:
     def describe_disagreement(self) -> str:
         """Return a sentence on the disagreement of the frames; empty if enough of them agree."""
         is_outlier = self._find_outliers().any(axis=2)
-        too_many = is_outlier.any(axis=1).mean() > MAX_LEFT_OUT_FRACTION
+        left_out_fraction = float(np.mean([rows.any() for rows in is_outlier]))
         is_noisy = (self._estimate_noise() > MAX_NOISE_PX).any(axis=1)
-        is_unsteady = is_noisy | (is_outlier.any(axis=0) & too_many)
+        is_unsteady = is_noisy | (
+            is_outlier.any(axis=0) & (left_out_fraction > MAX_LEFT_OUT_FRACTION)
+        )
         if not is_unsteady.any():
             return ""
         markers = " and ".join(f"marker {i + 1}" for i in np.flatnonzero(is_unsteady))

@@ -20,8 +20,8 @@ class TeachingFailed(RcmServoError):
 def teach(plant: Plant, frames: int = TEACHING_FRAMES) -> Target:
     """Teach a target from the next frames. Nothing moves.
 
-    The target is the mean of the markers in raw pixels, over the frames that agree. The desired features y_d = (s, r, d) are
-    computed from it at each tick about the present imaged RCM.
+    The target is the mean of the markers in raw pixels, over the frames that agree. The desired
+    features y_d = (s, r, d) are computed from it at each tick about the present imaged RCM.
 
     Parameters
     ----------

@@ -249,8 +249,8 @@ class Cause(Enum):
     )
     IMPLAUSIBLE = pause(
         "the camera does not show the joints of teaching at the pixels of the target",
-        f"compare the live image with the taught one, {TEACH_AGAIN}, then resume: the servo repeats "
-        "the exploration",
+        f"compare the live image with the taught one, {TEACH_AGAIN}, then resume: the servo "
+        "repeats the exploration",
         path.target_is_implausible,
         invalidates=Invalidates.ESTIMATE,
         detail=describe_contradiction,
