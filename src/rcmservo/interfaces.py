@@ -7,7 +7,7 @@ u points right, v down.
 from dataclasses import dataclass, field
 from enum import IntEnum
 from numbers import Integral
-from typing import TYPE_CHECKING, Annotated, NamedTuple, Protocol, Self, runtime_checkable
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, Protocol, Self, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -266,8 +266,8 @@ class Target:
         expected = "finite pixels (u, v) of both markers"
         require(is_finite, "target.points", self.points.tolist(), expected)
         for name, kind in {"taught_at": "a time in whole ns", "left_out": "a whole number"}.items():
-            value: object = getattr(self, name)
-            is_whole = isinstance(value, Integral) and not isinstance(value, bool)
+            value: Any = getattr(self, name)
+            is_whole = isinstance(value, Integral)
             require(is_whole, f"target.{name}", value, kind)
 
     def __eq__(self, other: object) -> bool:

@@ -64,19 +64,18 @@ class TargetFrames:
 
         The mean of the radii covers only the frames in which they are known.
         """
-        agrees = ~self._find_outliers().any(axis=(1, 2))
+        agrees = ~np.any(self._find_outliers(), axis=1)
         points, q = np.array(self.points)[agrees].mean(axis=0), np.array(self.joints)[agrees]
         radii = mean_of_finite(np.array(self.sizes)[agrees])
         return Target(points, q.mean(axis=0), since, radii, int((~agrees).sum()))
 
     def describe_disagreement(self) -> str:
         """Return a sentence on the disagreement of the frames; empty if enough of them agree."""
-        is_outlier = self._find_outliers().any(axis=2)
-        left_out_fraction = float(np.mean([rows.any() for rows in is_outlier]))
-        is_noisy = (self._estimate_noise() > MAX_NOISE_PX).any(axis=1)
-        is_unsteady = is_noisy | (
-            is_outlier.any(axis=0) & (left_out_fraction > MAX_LEFT_OUT_FRACTION)
-        )
+        is_outlier, is_noisy = self._find_outliers(), self._estimate_noise() > MAX_NOISE_PX
+        is_left_out: NDArray[np.bool_] = np.any(is_outlier, axis=1)
+        is_unsteady = np.any(is_noisy, axis=1)
+        if is_left_out.mean() > MAX_LEFT_OUT_FRACTION:
+            is_unsteady |= np.any(is_outlier, axis=0)
         if not is_unsteady.any():
             return ""
         markers = " and ".join(f"marker {i + 1}" for i in np.flatnonzero(is_unsteady))
@@ -95,9 +94,9 @@ class TargetFrames:
         return MAD_TO_STD * np.median(self._compute_deviations(), axis=0)
 
     def _find_outliers(self) -> NDArray[np.bool_]:
-        """Return which coordinates (n, 2, 2) deviate from their median by more than noise."""
+        """Return which markers (n, 2) deviate from their median by more than noise."""
         limit_px = OUTLIER_SIGMAS * np.maximum(self._estimate_noise(), NOISE_FLOOR_PX)
-        return self._compute_deviations() > limit_px
+        return np.any(self._compute_deviations() > limit_px, axis=2)
 
 
 def mean_of_finite(rows: Floats) -> Floats:
