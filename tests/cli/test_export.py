@@ -27,7 +27,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     settings = rs.sim.RigSettings(mechanism=rs.PitchYawRcm(), width=320, height=240)
     rig = rs.sim.Rig(1, settings)
     plant = rs.Plant(rig.arm, rig.camera, ColourMarkers(), rig.clock)
-    target = rs.Target(np.array([[100.0, 100.0], [120.0, 140.0]]), np.array([0.1, 0.1, 100.0]))
+    target = rs.Target(np.array([[100.0, 100.0], [120.0, 140.0]]), np.full(3, np.nan))
     newest = -1
     with Recorder(folder / reader.RECORD, {"seed": 1, "name": "é"}) as recorder:
         recorder.begin(SERVO, target)

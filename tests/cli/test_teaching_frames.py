@@ -4,6 +4,7 @@ from collections.abc import Callable
 from inspect import signature
 from typing import Any, cast
 
+import numpy as np
 import pytest
 
 import rcmservo as rs
@@ -80,8 +81,15 @@ def test_a_target_taught_at_the_arm_averages_the_requested_frames(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     numbers, printed = list[int](), list[str]()
+    taught = rs.Target(np.array([[1.0, 2.0], [30.0, 40.0]]), np.zeros(3), left_out=2)
+
+    def teach(plant: Any, frames: int) -> rs.Target:
+        numbers.append(frames)
+        return taught
+
     monkeypatch.setattr(hardware_prompts, "await_enter", lambda *_: None)
-    monkeypatch.setattr(hardware_prompts, "teach", lambda plant, frames: numbers.append(frames))
+    monkeypatch.setattr(hardware_prompts, "teach", teach)
     operator: Any = type("Operator", (), {"notify": lambda self, words: printed.append(words)})()
-    hardware_prompts.teach_by_hand(operator, cast(Any, None), 7)
+    assert hardware_prompts.teach_by_hand(operator, cast(Any, None), 7) is taught
     assert numbers == [7] and printed[0].startswith("Averaging 7 frames")
+    assert "2 frames were left out" in printed[1]

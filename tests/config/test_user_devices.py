@@ -300,7 +300,10 @@ def test_a_tracker_is_made_in_any_process(rig: Path) -> None:
 
 
 def test_a_target_is_valid_only_for_its_own_tracker_and_camera(rig: Path, tmp_path: Path) -> None:
-    target, path = rs.Target(np.full((2, 2), 9.0), np.array([0.6, 0.2, 120.0])), tmp_path / "t.json"
+    target, path = (
+        rs.Target(np.array([[9.0, 9.0], [9.0, 19.0]]), np.array([0.6, 0.2, 120.0])),
+        tmp_path / "t.json",
+    )
     save_target(path, target, describe_target_setup(load_rig_file(rig), 64, 48))
     load_target(path, describe_target_setup(load_rig_file(rig), 64, 48))
     for text, reason in (

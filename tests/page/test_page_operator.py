@@ -274,8 +274,8 @@ def test_teaching_again_is_reported_and_stores_no_pose() -> None:
 
 
 def test_a_target_that_the_settings_refuse_is_reported_and_the_loop_continues() -> None:
-    target = rs.Target(np.full((2, 2), 100.0), np.zeros(3))
     lab = make_laboratory()
+    target = rs.Target(lab.target.points + 1.0, lab.target.q)
     servo = lab.servo(
         estimator=rs.AffineEstimator(), controller=rs.SaturatedController(features="size")
     )

@@ -36,6 +36,7 @@ WRONG_TARGETS = {
     "mirrored left to right": lambda points: np.column_stack([639.0 - points[:, 0], points[:, 1]]),
     "mirrored top to bottom": lambda points: np.column_stack([points[:, 0], 479.0 - points[:, 1]]),
     "upside down": lambda points: SIZE - points,
+    "camera was moved": lambda points: points + np.array([30.0, -40.0]),
     "marker 1 while teaching": lambda points: points + np.array([[15.0, -20.0], [0.0, 0.0]]),
     "marker 2 while teaching": lambda points: points + np.array([[0.0, 0.0], [-20.0, 15.0]]),
 }
@@ -53,7 +54,7 @@ def run_to(lab: Laboratory, servo: rs.Servo, target: rs.Target) -> tuple[State, 
     p2_d = compute_second_marker(SHAFT, compute_position(kinematics, lab.target.q))
     lab.target, errors, state = target, list[float](), servo.init()
     for _, state in lab.run(servo, MOTION_S):
-        if state.explored:
+        if state.explored or state.phase is rs.Phase.PAUSED:
             p2 = lab.rig.truth.markers(lab.rig.clock.now())[1]
             errors.append(float(np.linalg.norm(p2 - p2_d)))
         if state.phase is rs.Phase.PAUSED:
@@ -70,7 +71,8 @@ def test_a_target_that_its_joints_contradict_stops_the_tool_after_exploration(
         lab = make_laboratory(seed)
         wrong = replace(lab.target, points=WRONG_TARGETS[kind](lab.target.points))
         state, growth_mm = run_to(lab, lab.servo(estimator=ESTIMATORS[estimator]), wrong)
-        assert (state.phase, state.cause) == (rs.Phase.PAUSED, rs.Cause.IMPLAUSIBLE)
+        assert state.phase is rs.Phase.PAUSED
+        assert state.cause in (rs.Cause.IMPLAUSIBLE, rs.Cause.ELSEWHERE)
         assert growth_mm < 5.0
         assert kind in state.text.partition("probably because ")[2].partition(";")[0]
 
@@ -78,7 +80,7 @@ def test_a_target_that_its_joints_contradict_stops_the_tool_after_exploration(
 def test_without_the_check_a_mirrored_image_drives_the_tool_away() -> None:
     lab = make_laboratory(31)
     points = WRONG_TARGETS["mirrored left to right"](lab.target.points)
-    off = rs.Thresholds(max_target_deviation=np.inf)
+    off = rs.Thresholds(max_target_mismatch=np.inf)
     state, growth_mm = run_to(lab, lab.servo(thresholds=off), replace(lab.target, points=points))
     assert growth_mm > 9.0 and state.cause is not rs.Cause.IMPLAUSIBLE
 

@@ -573,7 +573,7 @@ def run_steps():
         servo = Servo(rcm, tool, estimator, law, exploration=exploration, rate=50.0)
         q = rcm.joints(np.array([20.0, -10.0, -100.0]))
         p_d = rcm.position(q + np.array([0.05, -0.04, 6.0]))
-        target = Target(pixels(C, p_d), q, sizes=radii(C, p_d))
+        target = Target(pixels(C, p_d), rcm.joints(p_d), sizes=radii(C, p_d))
         state, phases = servo.init(), []
         rates, J, delta = [], [], []
         for k in range(1, 75):

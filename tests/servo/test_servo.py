@@ -1164,7 +1164,9 @@ def run_with_joint_error(seed, joint_error, **choices):
 @pytest.mark.parametrize("seed", mark_others_slow([1, 2, 3]))
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_a_target_with_other_joints_pauses_within_a_second_of_arriving(seed, sign):
-    arrived, states = run_with_joint_error(seed, (0.0, 0.0, 5.0 * sign))
+    """Here the comparison before the motion is off."""
+    thresholds = Thresholds(max_target_deviation=1e9)
+    arrived, states = run_with_joint_error(seed, (0.0, 0.0, 5.0 * sign), thresholds=thresholds)
     paused = next(k for k, state in enumerate(states) if state.phase is Phase.PAUSED) / 100.0
     assert states[-1].cause is Cause.ELSEWHERE and paused < arrived + 1.0
 
@@ -1175,7 +1177,8 @@ def test_a_small_or_permitted_joint_error_does_not_prevent_settling(joint_error,
         1, joint_error, thresholds=Thresholds(max_target_mismatch=limit)
     )
     assert arrived < 5.0 and states[-1].phase is Phase.SERVO
-    assert not any(state.cause is Cause.ELSEWHERE for state in states)
+    contradictions = Cause.ELSEWHERE, Cause.IMPLAUSIBLE
+    assert not any(state.cause in contradictions for state in states)
 
 
 def test_a_camera_zoomed_since_teaching_is_detected_at_the_target():

@@ -25,7 +25,7 @@ from rcmservo.config.toml_json_parsing import (
     InvalidText,
     MarkerRadii,
     Table,
-    convert_radii_to_json,
+    convert_unknown_to_null,
     is_table,
     name_file_in_errors,
     parse_json,
@@ -34,12 +34,12 @@ from rcmservo.errors import BadInput, UnusableFile, quote_value, require, shorte
 from rcmservo.geometry.kinematics import Kinematics
 from rcmservo.geometry.tool import Tool
 from rcmservo.interfaces import Target
-from rcmservo.safety.thresholds import Thresholds
-from rcmservo.servo.target_checks import (
+from rcmservo.safety.target_checks import (
     require_joints_within_limits,
     require_markers_in_image,
     require_possible_markers,
 )
+from rcmservo.safety.thresholds import Thresholds
 from rcmservo.tracking import MarkerAppearance
 
 TARGET_FORMAT = "rcmservo target 1"
@@ -121,7 +121,7 @@ def save_target(path: Path, target: Target, setup: TargetSetup) -> None:
     content = {
         "taught": datetime.now(UTC).strftime(TIME_FORMAT),
         "markers_px": target.points.tolist(),
-        "sizes_px": convert_radii_to_json(target.sizes),
+        "sizes_px": convert_unknown_to_null(target.sizes),
         "joints": target.q.tolist(),
         "setup": _describe_setup(setup),
     }

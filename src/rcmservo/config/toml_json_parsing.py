@@ -97,9 +97,9 @@ def _parse_finite_number(text: str) -> float:
     return value
 
 
-def convert_radii_to_json(radii: Floats) -> list[float | None]:
-    """Return apparent radii (2,) px as JSON values: None in place of NaN, which means unknown."""
-    return [float(radius) if math.isfinite(radius) else None for radius in radii]
+def convert_unknown_to_null(values: Floats) -> list[float | None]:
+    """Return numbers (n,) as JSON values: None in place of NaN, which means unknown."""
+    return [float(value) if math.isfinite(value) else None for value in values]
 
 
 def is_table(value: object) -> TypeGuard[Table]:

@@ -219,8 +219,9 @@ class NextTick:
             case Target():
                 self._set_target(request)
             case Servo():
-                request.require_target(self.target)
-                self.servo = check_changed_servo(self.servo, request)
+                changed = check_changed_servo(self.servo, request)
+                changed.require_target(self.target)
+                self.servo = changed
             case Teach():
                 self.request, self._teaching = Request.PAUSE, TeachingInRun(request.frames)
             case _:

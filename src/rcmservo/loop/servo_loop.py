@@ -16,8 +16,8 @@ from rcmservo.loop.operator import NextTick, Operator
 from rcmservo.loop.plant import Plant
 from rcmservo.loop.tick import Tick
 from rcmservo.safety.state_machine import Phase
+from rcmservo.safety.target_checks import require_markers_in_image
 from rcmservo.servo.servo import Servo, State
-from rcmservo.servo.target_checks import require_markers_in_image
 
 
 def servo_ticks(

@@ -171,7 +171,7 @@ def _step_through(recorded: Record, servos: Sequence[Servo]) -> Iterator[Tick]:
     for stage, servo, bounds in zip(recorded.stages, servos, stage_bounds, strict=True):
         state = _find_initial_state(recorded, stage, servo, end_states)
         target = stage.target
-        servo.require_target(target)
+        servo.require_sizes(target)
         for i in range(*bounds):
             observation, jog = _read_observation(recorded, i), recorded.ticks["jog"][i]
             request = recorded.enum_at(Request, "request", i)

@@ -21,7 +21,7 @@ from rcmservo.config.toml_json_parsing import (
     UNKNOWN_RADII,
     MarkerRadii,
     Table,
-    convert_radii_to_json,
+    convert_unknown_to_null,
 )
 from rcmservo.config.user_estimators import hash_source
 from rcmservo.errors import require
@@ -66,8 +66,12 @@ class Stage:
 
 def format_stage(servo: Servo, target: Target, origin: int, mid_run: bool) -> str:
     """Return a stage as JSON."""
-    taught = {"points": target.points.tolist(), "q": target.q.tolist(), "shown": target.taught_at}
-    taught["sizes"] = convert_radii_to_json(target.sizes)
+    taught = {
+        "points": target.points.tolist(),
+        "q": convert_unknown_to_null(target.q),
+        "shown": target.taught_at,
+    }
+    taught["sizes"] = convert_unknown_to_null(target.sizes)
     stage = {"origin": origin, "mid_run": mid_run, "target": taught, "servo": describe_servo(servo)}
     written_by = {"version": find_version("rcmservo"), "source": hash_source(servo.estimator)}
     return json.dumps(stage | written_by)
@@ -95,7 +99,7 @@ def parse_stage(table: object, first: int, number: int) -> Stage:
     require(UNRECORDED_ORIGIN <= origin <= previous, "stage.origin", origin, "an earlier stage")
     is_consistent = not decoded.mid_run or origin == previous >= 0
     require(is_consistent, "stage.origin", origin, "the previous stage, whose run it continues")
-    points, q = np.array(decoded.target.points), np.array(decoded.target.q)
+    points, q = np.array(decoded.target.points), np.array(decoded.target.q, dtype=np.float64)
     radii = np.array(decoded.target.sizes, dtype=np.float64)
     target = Target(points, q, decoded.target.shown, radii)
     recorded: dict[str, Any] = vars(decoded) | {"target": target}
@@ -110,8 +114,8 @@ class TargetTable:
     ----------
     points : tuple[tuple[float, float], tuple[float, float]]
         (u, v) in raw px of marker 1, then of marker 2.
-    q : tuple[float, float, float]
-        Joints in rad, rad, mm.
+    q : tuple
+        Joints in rad, rad, mm; null if unknown.
     shown : int
         Time at which the target was taught, in ns on the plant's clock; 0 if unknown.
     sizes : MarkerRadii
@@ -119,7 +123,7 @@ class TargetTable:
     """
 
     points: tuple[tuple[float, float], tuple[float, float]]
-    q: tuple[float, float, float]
+    q: tuple[float | None, float | None, float | None]
     shown: int = 0
     sizes: MarkerRadii = UNKNOWN_RADII
 

@@ -261,6 +261,7 @@ class Cause(Enum):
         "taught, or the zero positions of the arm have changed",
         f"{TEACH_AGAIN}, then resume",
         path.joints_contradict_image,
+        detail=describe_contradiction,
     )
     DIVERGED = pause(
         "the markers repeatedly move differently from the estimate's prediction",

@@ -23,7 +23,6 @@ POSITIVE_S = positive("time in s")
 POSITIVE_MM = positive("length in mm")
 POSITIVE_PX = positive("number of px")
 POSITIVE = positive()
-POSITIVE_OR_INF = Limit(lambda x: x > 0.0, "a positive number, or inf")
 POSITIVE_MM_OR_INF = Limit(lambda mm: mm > 0.0, "a positive number of mm, or inf")
 COUNT_TO_1000 = between(1, 1000, "a whole number")
 
@@ -122,17 +121,18 @@ class Thresholds(Checked, section="thresholds"):
     max_target_deviation : float
         Largest deviation of a taught marker from its prediction at the joints of teaching, in
         standard deviations (`IMPLAUSIBLE`). It is positive, without a unit, and compared with the
-        Mahalanobis distance as ``max_innovation`` is; inf switches the check off. The deviation is
-        first shortened by ``model_error`` px and by ``target_error_fraction`` of the marker's
-        distance in the image from its target.
+        Mahalanobis distance as ``max_innovation`` is. The deviation is first shortened by
+        ``model_error`` px, by ``target_error_fraction`` of the marker's predicted motion to its
+        target, and by half of ``max_target_mismatch`` mm times the px per mm there.
     target_error_fraction : float
         Deviation of a taught marker that is attributed to lens, arm and tool, which the projection
         fit assumes to be ideal, as a fraction of the marker's predicted motion to the target.
     max_target_mismatch : float
         Largest distance (mm) of the tool from the taught joints while the image shows it at the
-        target (`ELSEWHERE`), positive; inf switches the check off. The larger distance of both
-        markers counts. Three standard deviations of the pose are added: with H = ∂m/∂p₁ (4, 3)
-        px/mm, n averaged frames and 30 of the target, σ √tr(HᵀH)⁻¹ √(1/n + 1/30) mm.
+        target (`ELSEWHERE`), positive; inf switches this check and `IMPLAUSIBLE` off. The larger
+        distance of both markers counts. Three standard deviations of the pose are added: with
+        H = ∂m/∂p₁ (4, 3) px/mm, n averaged frames and 30 of the target, σ √tr(HᵀH)⁻¹
+        √(1/n + 1/30) mm.
     target_mismatch_time : float
         Time for which image and joints must disagree at the target, s (`ELSEWHERE`).
     max_single_marker_deviation : float
@@ -254,7 +254,7 @@ class Thresholds(Checked, section="thresholds"):
     drift_frames: Annotated[int, COUNT_TO_1000] = 20
     frozen_image_motion: Annotated[float, POSITIVE_MM] = 1.0
     stuck_marker_px: Annotated[float, POSITIVE_PX] = 2.0
-    max_target_deviation: Annotated[float, POSITIVE_OR_INF] = 6.0
+    max_target_deviation: Annotated[float, POSITIVE] = 6.0
     target_error_fraction: Annotated[float, FRACTION] = 0.1
     max_target_mismatch: Annotated[float, POSITIVE_MM_OR_INF] = 2.0
     target_mismatch_time: Annotated[float, POSITIVE_S] = 0.2

@@ -6,13 +6,20 @@ detector reads the facts of the tick that are collected here.
 
 import numpy as np
 
-from rcmservo.estimation.camera_fit_prediction import compute_pose_deviation
+from rcmservo.estimation.camera_fit import project_markers
+from rcmservo.estimation.camera_fit_prediction import (
+    compute_image_covariance,
+    compute_pose_deviation,
+    write_point_jacobian,
+)
 from rcmservo.geometry.kinematics import compute_point_distance, compute_position_tuple
 from rcmservo.geometry.tool import compute_marker_ratio, compute_second_marker_tuple
 from rcmservo.interfaces import Floats
 from rcmservo.numerics.jit import compiled
+from rcmservo.numerics.small_linalg import compute_norm
 from rcmservo.safety.causes import find_causes
 from rcmservo.safety.checks.facts import TickFacts
+from rcmservo.safety.innovation import squared_mahalanobis_distance
 from rcmservo.safety.state_machine import DISABLED, FAULT, PAUSED, SERVO
 from rcmservo.servo.kernel_parameters import (
     KernelParameters,
@@ -26,6 +33,9 @@ ARRIVAL_DISTANCE_MM = 1.0
 
 ASSUMED_TEACHING_FRAMES = 30.0
 """Number of frames that are assumed to be averaged in a target."""
+
+MISMATCH_FRACTION = 0.5
+"""Fraction of `max_target_mismatch` that a prediction of the target may be wrong by."""
 
 NOISE_SIGMAS = 3.0
 """Standard deviations of pose noise that a distance may contain."""
@@ -109,3 +119,45 @@ def bound_marker_distance(q: Floats, q_d: Floats, parameters: KernelParameters) 
     turn_rad = abs(q[0] - q_d[0]) + abs(q[1] - q_d[1])
     lever_ratio = max(compute_marker_ratio(make_tool_struct(parameters), (0.0, 0.0, rho)), 1.0)
     return lever_ratio * (abs(rho - rho_d) + max(abs(rho), abs(rho_d)) * turn_rad)
+
+
+@compiled
+def compare_target_with_fit(tick: TickContext) -> None:
+    """Record whether the fit contradicts a taught marker at the joints of teaching.
+
+    A marker may be as far from its prediction as noise and the covariance of the fit explain, a
+    fraction of the motion to the target, and half of what `watch_target` allows on arrival.
+    Without the joints of teaching nothing contradicts it.
+    """
+    stored, setpoint, parameters = tick.stored, tick.setpoint, tick.parameters
+    stored.decision.is_implausible = False
+    if not stored.exploration_state.is_done or np.isnan(setpoint.q[0]):
+        return
+    fit, thresholds = stored.projection_fit, parameters.thresholds
+    q_d = (setpoint.q[0], setpoint.q[1], setpoint.q[2])
+    p1_d = compute_position_tuple(make_rcm_struct(parameters), q_d)
+    predicted, px_per_mm = (
+        project_markers(fit, p1_d, make_tool_struct(parameters)),
+        np.empty((2, 3)),
+    )
+    for k in range(2):
+        u, v = fit.origin[3] + predicted[k].m[0], fit.origin[4] + predicted[k].m[1]
+        stored.decision.predicted_target[k, 0], stored.decision.predicted_target[k, 1] = u, v
+        error_u, error_v = setpoint.points[k, 0] - u, setpoint.points[k, 1] - v
+        error_px, present = np.sqrt(error_u**2 + error_v**2), stored.estimate.points[k]
+        motion_px = np.sqrt((u - present[0]) ** 2 + (v - present[1]) ** 2)
+        write_point_jacobian(fit, predicted[k], px_per_mm)
+        scale = max(compute_norm(px_per_mm[0]), compute_norm(px_per_mm[1]))
+        excess_px = (
+            error_px
+            - thresholds.model_error
+            - MISMATCH_FRACTION * thresholds.max_target_mismatch * scale
+        )
+        excess_px -= thresholds.target_error_fraction * motion_px
+        if not excess_px <= 0.0:
+            covariance = compute_image_covariance(fit, predicted[k])
+            squared = squared_mahalanobis_distance(error_u, error_v, covariance, fit.noise_variance)
+            is_explained = (
+                excess_px / error_px
+            ) ** 2 * squared <= thresholds.max_target_deviation**2
+            stored.decision.is_implausible = stored.decision.is_implausible or not is_explained

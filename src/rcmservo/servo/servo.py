@@ -34,6 +34,7 @@ from rcmservo.safety.checks.facts import DetailFacts
 from rcmservo.safety.gate import CommandStruct, Gate
 from rcmservo.safety.monitor_state import initial_monitor_state
 from rcmservo.safety.state_machine import REQUESTS, Mode, ModeStruct, Phase, Request
+from rcmservo.safety.target_checks import require_joints_within_limits, require_possible_markers
 from rcmservo.safety.thresholds import Thresholds
 from rcmservo.servo.kernel_parameters import KernelParameters
 from rcmservo.servo.state import (
@@ -43,7 +44,6 @@ from rcmservo.servo.state import (
     StoredState,
     make_initial_estimation_rows,
 )
-from rcmservo.servo.target_checks import require_joints_within_limits, require_possible_markers
 from rcmservo.servo.tick import begin_tick, finish_tick, make_compiled_tick
 from rcmservo.servo.update_estimate import FRAME_UPDATES
 from rcmservo.servo.user_estimator import (
@@ -223,6 +223,10 @@ class Servo(Checked):
         if not np.isnan(target.q).all():
             tolerance = self.thresholds.limit_tolerance
             require_joints_within_limits("target.q", target.q, self.mechanism, tolerance)
+        self.require_sizes(target)
+
+    def require_sizes(self, target: Target) -> None:
+        """Raise `BadInput` if a target lacks the marker sizes that the controller needs."""
         is_complete = not self.features.needs_sizes or bool(np.isfinite(target.sizes).all())
         name = self.controller.features
         expected = f"taught with the markers' sizes, on which controller.features = {name!r} acts"

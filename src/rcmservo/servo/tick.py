@@ -19,8 +19,7 @@ from rcmservo.numerics.structs import Rows
 from rcmservo.safety.monitor_state import store_observation
 from rcmservo.servo.accept_frame import accept_frame
 from rcmservo.servo.apply_mode import bound_rates, choose_mode
-from rcmservo.servo.collect_causes import collect_causes
-from rcmservo.servo.compare_target import compare_target_with_fit
+from rcmservo.servo.collect_causes import collect_causes, compare_target_with_fit
 from rcmservo.servo.compute_command import compute_command
 from rcmservo.servo.kernel_parameters import KernelParameters, TickContext
 from rcmservo.servo.setpoint import Setpoint, store_setpoint

@@ -15,10 +15,13 @@ CAMERA_CHANGED = (
     "the camera was moved, turned or zoomed since, the tool was exchanged, or the joints have "
     "other zeros: check mount, zoom and tool"
 )
-"""Explanation of every other difference."""
+"""Explanation of equal differences of both markers, and of all that nothing else explains."""
 
 GOOD_FIT = 0.2
 """Largest residual of an explanation, as a fraction of the differences that it explains."""
+
+MIN_EXPLAINED_PX = 4.0
+"""Smallest difference (px, root mean square of both markers) that is explained."""
 
 
 class Explanation(NamedTuple):
@@ -37,15 +40,21 @@ class Explanation(NamedTuple):
 
 
 def describe_contradiction(facts: DetailFacts) -> str:
-    """Return the distances of the taught markers from their prediction, and what explains them."""
+    """Return the distances of the taught markers from their prediction, and what explains them.
+
+    The text is empty if the distances are too small to explain, as at a pose that looks the same.
+    """
     taught, predicted = facts.target_points, facts.progress.predicted_target
     first_px, second_px = np.linalg.norm(taught - predicted, axis=1)
-    limit_px = GOOD_FIT * float(np.hypot(first_px, second_px)) / np.sqrt(2.0)
+    size_px = float(np.hypot(first_px, second_px)) / np.sqrt(2.0)
+    if not size_px >= MIN_EXPLAINED_PX:
+        return ""
     ranked = rank_explanations(taught, predicted)
-    reasons = [one.text for one in ranked if one.residual_px < limit_px]
+    good = [one.text for one in ranked if one.residual_px < GOOD_FIT * size_px]
+    reasons = good if CAMERA_CHANGED in good else [*good, CAMERA_CHANGED]
     return (
         f"marker 1 was taught {first_px:.0f} px and marker 2 {second_px:.0f} px from where they "
-        f"should be, probably because {'; or '.join([*reasons, CAMERA_CHANGED])}"
+        f"should be, probably because {'; or '.join(reasons)}"
     )
 
 
@@ -57,6 +66,7 @@ def rank_explanations(taught: Floats, predicted: Floats) -> list[Explanation]:
     squares = np.sum(differences**2, axis=1)
     flips = "check the camera's settings for mirroring and rotation"
     candidates = {
+        CAMERA_CHANGED: (_vary(differences[:, 0]) + _vary(differences[:, 1]), 2),
         f"the image is mirrored left to right: {flips}": (mirrored_u + kept_v, 3),
         f"the image is mirrored top to bottom: {flips}": (mirrored_v + kept_u, 3),
         f"the image is upside down: {flips}": (mirrored_u + mirrored_v, 2),
