@@ -123,7 +123,7 @@ def displace_marker(px: float) -> Callable[[Chance, Floats], Floats]:
 
 def wrong_target(says: str, change: Callable[[Chance, Floats], Floats]) -> Trouble:
     """Return a trouble whose target the camera would show at other pixels than it was taught."""
-    causes = frozenset({rs.Cause.IMPLAUSIBLE})
+    causes = frozenset({rs.Cause.IMPLAUSIBLE, rs.Cause.ELSEWHERE})
     return Trouble(says, lambda random: [], causes=causes, change=change)
 
 
