@@ -116,17 +116,17 @@ def test_joints_that_are_unknown_contradict_nothing() -> None:
 def test_a_target_that_is_taught_again_lets_the_tool_go_on() -> None:
     lab = make_laboratory(31)
     points = WRONG_TARGETS["upside down"](lab.target.points)
-    wrong, asked = replace(lab.target, points=points), list[OperatorRequest]()
+    wrong, requests = replace(lab.target, points=points), list[OperatorRequest]()
 
-    def ask(tick: rs.Tick) -> OperatorRequest:
+    def operate(tick: rs.Tick) -> OperatorRequest:
         paused = tick.state.cause is rs.Cause.IMPLAUSIBLE and not tick.state.command.rates.any()
-        if paused and not asked:
-            asked.append(Teach(5))
-            return asked[0]
+        if paused and not requests:
+            requests.append(Teach(5))
+            return requests[0]
         return rs.Request.RESUME if tick.state.target != wrong else rs.Request.NONE
 
-    *_, last = rs.servo_ticks(lab.plant, lab.servo(), wrong, MOTION_S, operator=ask)
-    assert asked and last.state.phase is rs.Phase.SERVO
+    *_, last = rs.servo_ticks(lab.plant, lab.servo(), wrong, MOTION_S, operator=operate)
+    assert requests and last.state.phase is rs.Phase.SERVO
 
 
 points_px = st.tuples(seeds, st.floats(20.0, 120.0))
