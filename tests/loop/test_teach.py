@@ -10,6 +10,7 @@ from conftest import Laboratory, make_laboratory
 from rcmservo.interfaces import Frame, Image, Markers, Tracker
 from rcmservo.loop.detection_failure import explain_undetected_markers
 from rcmservo.loop.plant import Plant
+from rcmservo.loop.target_frames import TargetFrames
 from rcmservo.loop.teach import TeachingFailed, teach
 from rcmservo.tracking import ColourMarkers, MarkerAppearance, PointMarkers
 
@@ -207,3 +208,15 @@ def test_wrong_frames_are_left_out_and_counted(fraction: float) -> None:
 def test_frames_of_which_many_are_wrong_teach_nothing(fraction: float) -> None:
     why = reason(displace_some(fraction, 1, []))
     assert "is detected at positions up to" in why and "px apart" in why
+
+
+@pytest.mark.parametrize("joint", range(3))
+def test_a_tool_that_moves_while_it_is_taught_is_the_reason(joint: int) -> None:
+    lab = make_laboratory()
+    frames, observation = TargetFrames(), lab.plant.read()
+    for k in range(30):
+        q = observation.q + np.eye(3)[joint] * (np.array([0.01, 0.01, 0.7]) if k < 3 else 0.0)
+        frames.add(replace(observation, q=q, points=np.array([[1.0, 2.0], [30.0, 40.0]])))
+    assert frames.describe_disagreement().startswith("the joints move by up to")
+    frames.joints = [observation.q] * 30
+    assert frames.describe_disagreement() == ""

@@ -31,6 +31,9 @@ OUTLIER_SIGMAS = 6.0
 MAX_LEFT_OUT_FRACTION = 0.25
 """Largest fraction of the frames that may be left out; beyond it, the right ones are in doubt."""
 
+MAX_JOINT_MOTION = np.array([0.008, 0.008, 0.6])
+"""Largest deviation (rad, rad, mm) of the joints from their median if the tool is held still."""
+
 FRAME_COUNT = between(1, MAX_FRAMES, "a whole number", "frames")
 """Limits of the number of frames that are averaged into a target."""
 
@@ -71,6 +74,13 @@ class TargetFrames:
 
     def describe_disagreement(self) -> str:
         """Return a sentence on the disagreement of the frames; empty if enough of them agree."""
+        joint_motion = np.abs(np.array(self.joints) - np.median(self.joints, axis=0)).max(axis=0)
+        if not (joint_motion <= MAX_JOINT_MOTION).all():
+            angle_1, angle_2, insertion = joint_motion
+            return (
+                f"the joints move by up to {angle_1:.3f} rad, {angle_2:.3f} rad and "
+                f"{insertion:.1f} mm: hold the tool still"
+            )
         is_outlier, is_noisy = self._find_outliers(), self._estimate_noise() > MAX_NOISE_PX
         is_left_out: NDArray[np.bool_] = np.any(is_outlier, axis=1)
         is_unsteady = np.any(is_noisy, axis=1)

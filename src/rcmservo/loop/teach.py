@@ -48,11 +48,11 @@ def teach(plant: Plant, frames: int = TEACHING_FRAMES) -> Target:
     Notes
     -----
     A frame is left out if a coordinate of a marker deviates from the median of all frames by more
-    than 6 times the noise, which counts as at least 0.7 px here. The noise is 1.4826 times the
-    median absolute deviation from the median, which is the standard deviation of Gaussian noise.
-    The frames do not agree if the noise of a coordinate exceeds 2 px, or if more than a quarter of
-    them would be left out. ``Target.left_out`` counts them. Only frames that show both markers
-    count.
+    than 6 times the noise, which counts as at least 0.7 px here; ``Target.left_out`` counts these
+    frames. The noise is 1.4826 times the median absolute deviation from the median, which is the
+    standard deviation of Gaussian noise. The frames do not agree if the noise of a coordinate
+    exceeds 2 px, if more than a quarter of them would be left out, or if a joint deviates from its
+    median by more than 0.008 rad or 0.6 mm. Only frames that show both markers count.
 
     An exception of a device reaches the caller, except for a `BadInput` of ``Tracker.find``, which
     only drops the frame.
