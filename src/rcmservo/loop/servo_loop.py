@@ -64,9 +64,9 @@ def servo_ticks(
     Raises
     ------
     BadInput
-        Before the drive is enabled: if `duration` is not positive, if the target cannot be meant,
-        as `Servo.require_target` describes, or lies outside the newest image, or if a feature
-        vector fails or its Jacobian is not its derivative. Later: if a device returns a value of an
+        Before the drive is enabled: if `duration` is not positive, if the target is invalid, as
+        `Servo.require_target` describes, or outside the newest image, or if a feature vector fails
+        or its Jacobian is not its derivative. Later: if a device returns a value of an
         invalid type or shape, or if a request of the operator is invalid, as `Operator` describes.
     UnusableEstimator
         If a user-defined estimator fails or is not pure, before the drive is enabled; the class is
