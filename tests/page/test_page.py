@@ -151,6 +151,7 @@ class Operator:
 
     def wait_for_arrival(self) -> bool:
         """Return whether the tool arrives in time."""
+        self.page.wait_for_timeout(300)  # until the errors are those of the new target
         end = time.monotonic() + 20.0
         while not self.is_at_target() and time.monotonic() < end:
             if self.phase == "PAUSED":
@@ -205,9 +206,9 @@ class ServedPage:
         try:
             play(self._address)
         except (AssertionError, TimeoutError) as error:
+            take_screenshots(self.browser, self._folder)
             return f"{type(error).__name__}: {error}"
         finally:
-            take_screenshots(self.browser, self._folder)
             for context in self.browser.contexts:  # an open page would reconnect forever
                 context.close()
         return ""

@@ -175,15 +175,30 @@ def test_a_press_that_a_pause_ended_stays_ended_and_the_next_one_counts() -> Non
     )
 
 
-def test_a_press_that_was_not_repeated_in_time_stays_ended() -> None:
+def test_a_late_repetition_stops_the_tool_and_the_next_one_moves_it_again() -> None:
     rates = (0.1, 0.0, 0.0)
-    script = hold_button(range(100, 121), rates, 1) | hold_button(range(140, 180), rates, 1)
-    script |= hold_button(range(200, 220), rates, 2)
-    ticks_in_jog = jog_ticks(run_loop(script, 4.0, last_tick=100)[0])
-    assert ticks_in_jog[:20] == list(range(101, 121)) and not set(range(132, 200)) & set(
-        ticks_in_jog
-    )
-    assert 201 in ticks_in_jog
+    script = hold_button(range(100, 121), rates) | hold_button(range(140, 180), rates)
+    ticks_in_jog = jog_ticks(run_loop(script, 3.0, last_tick=100)[0])
+    last = 120 + JOG_TIMEOUT_NS // 10_000_000
+    assert ticks_in_jog[0] == 101 and not set(range(last + 2, 140)) & set(ticks_in_jog)
+    assert set(range(141, 180)) <= set(ticks_in_jog)
+
+
+def test_a_press_ends_after_a_second_of_silence_and_the_next_one_counts() -> None:
+    rates = (0.1, 0.0, 0.0)
+    script = hold_button(range(100, 121), rates, 1) | hold_button(range(240, 280), rates, 1)
+    script |= hold_button(range(300, 320), rates, 2)
+    ticks, browser = run_loop(script, 4.0, last_tick=100)
+    assert set(range(130, 301)).isdisjoint(jog_ticks(ticks)) and 301 in jog_ticks(ticks)
+    notes = [one.words for one in browser.messages if isinstance(one, Note)]
+    assert notes == ["the browser was silent during a jog: press the button again"]
+
+
+def test_a_press_ends_with_a_pause_while_its_repetition_is_late() -> None:
+    rates = (0.1, 0.0, 0.0)
+    script = hold_button(range(100, 121), rates) | hold_button(range(140, 180), rates)
+    script[135] = [rs.Request.PAUSE]
+    assert set(range(130, 300)).isdisjoint(jog_ticks(run_loop(script, 3.0, last_tick=100)[0]))
 
 
 def test_a_button_held_before_the_session_began_moves_nothing_in_it() -> None:

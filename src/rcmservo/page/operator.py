@@ -1,8 +1,9 @@
 """Operator at the page: the requests of the browser in control, as the loop reads them each tick.
 
 A session starts paused, so that nothing moves before the operator requests it. Autonomous motion
-pauses when the browser's heartbeats cease. A jog moves the joints as long as the browser repeats
-the command. A pose sequence moves the tool from pose to pose until something stops the tool.
+pauses when the browser's heartbeats cease. A jog moves the joints while the browser repeats the
+command: a late command stops the tool, the next one moves it again. A pose sequence moves the tool
+from pose to pose until something stops the tool.
 """
 
 from collections import deque
@@ -45,7 +46,10 @@ HEARTBEAT_TIMEOUT_NS = 500_000_000
 """Time (ns) without a heartbeat of the browser in control after which the tool is paused."""
 
 JOG_TIMEOUT_NS = 80_000_000
-"""Time (ns) without a repeated jog command after which the button counts as released."""
+"""Time (ns) without a repeated jog command after which the tool stops until the next command."""
+
+PRESS_TIMEOUT_NS = 1_000_000_000
+"""Time (ns) without a repeated jog command after which the button must be pressed again."""
 
 FRAMES_PER_REPORT = 15
 """Frames between two reports on teaching, a quarter of a second."""
@@ -101,7 +105,7 @@ class PageOperator:
             return self._request_jog(tick)
         request, name = self._requests.popleft()
         self._cancel_teaching()
-        self._taught_name = name
+        self._taught_name, self._ended_press = name, self._jog_command.press
         return request
 
     def _cancel_teaching(self) -> None:
@@ -127,13 +131,15 @@ class PageOperator:
             self._report(TeachingStatus(f"teaching, keep the tool still: {count}"))
 
     def _read_jog_state(self, tick: Tick) -> None:
-        """Read the jog command. End a press that the browser has not repeated in time."""
-        now_ns, command = tick.observation.now, self._channels.jog_state.read() or self._jog_command
+        """Read the jog command. End a press that the browser has not repeated for long."""
+        command = self._channels.jog_state.read() or self._jog_command
         if self._heartbeat_ns is None or command.heartbeats != self._jog_command.heartbeats:
-            self._heartbeat_ns = now_ns
-        elif now_ns - self._heartbeat_ns > JOG_TIMEOUT_NS:
-            self._ended_press = command.press
+            self._heartbeat_ns = tick.observation.now
         self._jog_command = command
+        is_over = self._get_silence_ns(tick) > PRESS_TIMEOUT_NS
+        if is_over and command.press not in (NO_PRESS, self._ended_press):
+            self._ended_press = command.press
+            self._report(Note("the browser was silent during a jog: press the button again"))
 
     def _handle(self, message: object, tick: Tick) -> None:
         match message:
@@ -202,18 +208,23 @@ class PageOperator:
 
     def _is_unattended(self, tick: Tick) -> bool:
         """Return whether the servo moves the tool autonomously without an operator."""
+        is_silent = self._get_silence_ns(tick) > HEARTBEAT_TIMEOUT_NS
+        return tick.state.phase in AUTONOMOUS_PHASES and is_silent
+
+    def _get_silence_ns(self, tick: Tick) -> int:
+        """Return the time (ns) since the browser's last sign of life."""
         assert self._heartbeat_ns is not None
-        silence_ns = tick.observation.now - self._heartbeat_ns
-        return tick.state.phase in AUTONOMOUS_PHASES and silence_ns > HEARTBEAT_TIMEOUT_NS
+        return tick.observation.now - self._heartbeat_ns
 
     def _request_jog(self, tick: Tick) -> OperatorRequest:
-        """Return the motion of the held button. A press ends when the servo leaves JOG."""
+        """Return the motion of the held button. A press ends when the servo stops the jog."""
         command = self._jog_command
         if self._active_press != NO_PRESS and tick.state.phase is not Phase.JOG:
             self._ended_press = self._active_press
         is_held = command.press not in (NO_PRESS, self._ended_press)
-        self._active_press = command.press if is_held else NO_PRESS
-        if not is_held:
+        is_moving = is_held and self._get_silence_ns(tick) <= JOG_TIMEOUT_NS
+        self._active_press = command.press if is_moving else NO_PRESS
+        if not is_moving:
             return Request.NONE
         self._cancel_teaching()
         if self._sequence is not None:

@@ -2,7 +2,7 @@
 // it is held down in a focused, visible window.
 import { can, rcm } from "/rcmservo/connection.js";
 
-const REPEAT_MS = 40, START_TIMEOUT_MS = 500;
+const REPEAT_MS = 40, PAUSE_TIMEOUT_MS = 1000;
 const FULL_SPEED = 1e6; // the servo limits it to the jog speed
 const ROWS = [
   { name: "Joint", quantity: "rates", axes: ["1", "2", "3"], prefix: "joint " },
@@ -26,7 +26,7 @@ function hold(button, pointer) {
   values[Number(axis)] = Number(sign) * FULL_SPEED;
   const speed_scale = Number(document.getElementById("jog-speed").value);
   const motion = { [quantity]: values, speed_scale };
-  held = { button, motion, pointer, press: ++pressNumber, since: performance.now() };
+  held = { button, motion, pointer, press: ++pressNumber, movedAt: performance.now() };
   button.classList.add("held");
   sendJog();
 }
@@ -40,8 +40,11 @@ rcm.releaseJog = () => {
 };
 rcm.onChange(() => {
   if (held === null) return;
-  const isLate = performance.now() - held.since > START_TIMEOUT_MS;
-  if ((isLate && rcm.board.phase !== "JOG") || !can("jog")) rcm.releaseJog();
+  // a late command stops the tool, which moves again with the next one
+  if (rcm.board.phase === "JOG") held.movedAt = performance.now();
+  const isOver = performance.now() - held.movedAt > PAUSE_TIMEOUT_MS;
+  if (isOver) rcm.refusal = "the tool is not jogged any more: press the button again";
+  if (isOver || !can("jog")) rcm.releaseJog();
 });
 
 const findJogButton = (event) => {
