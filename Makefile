@@ -3,7 +3,7 @@
 #   make run       the simulator and the operator's page, and runs the main job
 #   make test      runs the tests except the slow ones
 #   make check     runs formatter, linters, spelling, type checker, import contracts and docstrings
-#   make test-all  runs the slow tests, and reports a short live run
+#   make test-all  runs the slow tests
 #   make peers     installs other people's clients for the tests that are skipped without them
 #   make studies   runs the studies behind docs/how_to_choose.md, and writes that page, in 16 minutes
 #   make bench     measures everything at length, for about two hours
@@ -34,8 +34,6 @@ test: $(TESTING)
 test-all: $(TESTING)
 	$(PYTEST) $(PARALLEL) -n 3 -m 'slow and not alone'
 	$(PYTEST) -m 'alone and slow'
-	$(BIN)/python benchmarks/soak.py --seconds 10
-	-$(BIN)/python benchmarks/kill.py --count 4
 
 # Of a peer only what its test needs, apart from what the project needs: pandas finds NumPy and Arrow
 # there. Polars is in two packages of one version. PyBullet has wheels up to Python 3.11; where it has
