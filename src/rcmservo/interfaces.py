@@ -24,6 +24,9 @@ JointArray = Annotated[Floats, (3,)]
 MarkerArray = Annotated[Floats, (2, 2)]
 """Array (2, 2) with the pixels (u, v) of both markers."""
 
+NEVER_NS = -(1 << 62)
+"""Time (ns) of an event that has not happened. It is before all times of a clock of any origin."""
+
 
 @dataclass(frozen=True, eq=False)
 class Frame:

@@ -20,6 +20,7 @@ from rcmservo.interfaces import Floats
 from rcmservo.numerics.structs import to_row
 from rcmservo.safety.causes import Cause
 from rcmservo.safety.checks.drift import detect_stuck_markers, one_marker_deviates, update_drift
+from rcmservo.safety.checks.repeated_frames import detect_repeated_frame
 from rcmservo.safety.innovation import find_deviating_markers, squared_mahalanobis_distance
 from rcmservo.safety.monitor_state import MonitorState, initial_monitor_state
 from rcmservo.safety.thresholds import Thresholds
@@ -50,7 +51,9 @@ class MonitoredCamera:
 
     def find_cause(self, p1: Floats, points: Floats) -> Cause | None:
         """Update the checks with an accepted frame and return the cause that is detected."""
-        update_drift(self.monitor.rows[0], self.fit.rows[0], p1, points, points, SHAFT, LIMITS)
+        monitor, fit = self.monitor.rows[0], self.fit.rows[0]
+        if not detect_repeated_frame(monitor, fit, True, p1, points, SHAFT, LIMITS):
+            update_drift(monitor, fit, p1, points, SHAFT, LIMITS)
         facts = make_tick_facts(
             monitor=self.monitor,
             exploration_state=ExplorationState.of(is_done=True),
@@ -138,6 +141,13 @@ def position_moved_by(camera: MonitoredCamera, pixels: float) -> Floats:
     return camera.middle + direction * pixels / px_per_mm
 
 
+def find_causes_of_repetitions(
+    camera: MonitoredCamera, p1: Floats, points: Floats
+) -> list[Cause | None]:
+    """Return the causes of as many repeated frames as stop the tool."""
+    return [camera.find_cause(p1, points.copy()) for _ in range(Thresholds.max_rejected_frames)]
+
+
 @pytest.mark.parametrize("pixels,cause", [(0.0, None), (0.5, None), (2.0, Cause.FROZEN)])
 def test_an_identical_image_is_frozen_only_while_the_tool_moves(
     pixels: float, cause: Cause | None
@@ -145,8 +155,7 @@ def test_an_identical_image_is_frozen_only_while_the_tool_moves(
     camera = MonitoredCamera(0.1)
     points, moved_p1 = camera.detect(camera.middle), position_moved_by(camera, pixels)
     assert camera.find_cause(camera.middle, points) is None
-    for _ in range(3):
-        assert camera.find_cause(moved_p1, points.copy()) is cause
+    assert find_causes_of_repetitions(camera, moved_p1, points) == [None, None, cause]
     changed_points = points + np.array([[0.0, 0.0], [0.0, 1e-9]])
     assert camera.find_cause(moved_p1, changed_points) is None, (
         "no camera delivers the same image twice"
@@ -177,7 +186,7 @@ def test_an_identical_image_is_frozen_although_the_motion_is_hardly_visible(
     ).max()
     assert motion_px < 0.5 * Thresholds.max_drift_px
     assert camera.find_cause(camera.middle, points) is None
-    assert camera.find_cause(moved_p1, points.copy()) is cause
+    assert find_causes_of_repetitions(camera, moved_p1, points) == [None, None, cause]
 
 
 @ALL_NOISES_PX
@@ -264,8 +273,11 @@ def detect_stuck(points: Floats, positions: Floats) -> tuple[bool, bool, bool]:
     `points` (n, 2, 2) px are the markers with marker 1 at `positions` (n, 3) mm.
     """
     monitor, detected = initial_monitor_state().rows, np.zeros(3, bool)
+    fit = make_initial_fit().rows[0]
     for p1, points_of_frame in zip(positions, points, strict=True):
-        first, second = detect_stuck_markers(monitor[0], p1, points_of_frame, LIMITS)
+        first, second = False, False
+        if not detect_repeated_frame(monitor[0], fit, False, p1, points_of_frame, SHAFT, LIMITS):
+            first, second = detect_stuck_markers(monitor[0], points_of_frame, LIMITS)
         detected |= [first, second, MonitorState(monitor).image_frozen]
     return bool(detected[0]), bool(detected[1]), bool(detected[2])
 

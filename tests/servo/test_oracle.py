@@ -319,7 +319,7 @@ def run_drift_checks(scene):
     from rcmservo.geometry import tool
     from rcmservo.numerics.structs import to_row
     from rcmservo.safety import innovation, monitor_state
-    from rcmservo.safety.checks import devices, drift
+    from rcmservo.safety.checks import devices, drift, repeated_frames
     from rcmservo.safety.thresholds import Thresholds
 
     shaft, fit_rows, t = (
@@ -341,16 +341,20 @@ def run_drift_checks(scene):
             moves = 1e-6 * step if name != "both" else 0.0
             p1 = scene.positions[step % 2]
             points = scene.points + off + moves
-            drift.update_drift(w.rows[0], v, p1, points, points, shaft, t)
+            repeated_frames.detect_repeated_frame(w.rows[0], v, True, p1, points, shaft, t)
+            drift.update_drift(w.rows[0], v, p1, points, shaft, t)
         state = exploration.ExplorationState.of(is_done=True)
         facts = make_tick_facts(monitor=w, exploration_state=state, thresholds=t)
-        detectors = drift.image_is_frozen, drift.one_marker_deviates, drift.markers_drift
+        detectors = (
+            repeated_frames.image_is_frozen,
+            drift.one_marker_deviates,
+            drift.markers_drift,
+        )
         detections = [detects(facts) for detects in detectors]
         results[f"drift of {name}"] = [*w.mean_residual.ravel(), *w.drift_px, *detections]
         positions = np.stack([scene.points, scene.points + off])
         results[f"stuck by {name}"] = [
-            drift.detect_stuck_markers(w.rows[0], scene.positions[0], points, t)
-            for points in positions
+            drift.detect_stuck_markers(w.rows[0], points, t) for points in positions
         ]
         results[f"deviating by {name}"] = innovation.find_deviating_markers(
             v, scene.positions[0], scene.points + off, scene.target, shaft, t

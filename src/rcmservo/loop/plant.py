@@ -29,6 +29,9 @@ JOINT_HISTORY = 256
 MAX_FRAME_AGE_NS = 2_000_000_000
 """Largest plausible time in ns from a frame's exposure to its arrival, and from there to now."""
 
+FRAME_COUNTERS = (1 << 16, 1 << 31, 1 << 32)
+"""Numbers of frames after which the frame number of some cameras starts again at zero."""
+
 ENABLE_TIMEOUT_S = 2.0
 """Time in s after `Arm.enable` within which the arm must report that its drive is on."""
 
@@ -94,6 +97,7 @@ class Plant:
     def _forget_frames(self) -> None:
         self.markers: Markers | None = None
         self.frame: Frame | None = None
+        self._frame_number = -1
         self._drop_reason = DropReason.NONE
         self._valid_from = np.inf
         self._sizes, self._quality = np.full(2, np.nan), np.full(2, np.nan)
@@ -139,7 +143,7 @@ class Plant:
             q_time=time,
             enabled=enabled,
             applied=self._applied,
-            frame=-1 if frame is None else frame.number,
+            frame=self._frame_number,
             exposure=0 if frame is None else frame.exposure,
             arrival=0 if frame is None else frame.arrival,
             q_exposure=self._q_exposure,
@@ -193,6 +197,10 @@ class Plant:
             return
         self._check_first(self.tracker, "find", markers)
         self.image_shape = get_image_shape(frame)
+        if self.frame is None:
+            self._frame_number = max(frame.number, 0)
+        else:
+            self._frame_number += count_frames_since(self.frame, frame)
         self.markers, self.frame = replace(markers, points=_select_possible(markers)), frame
         self._sizes, self._quality = _measure_sizes(self.markers), _measure_quality(self.markers)
         is_known = frame.exposure >= self._joints.oldest
@@ -210,12 +218,25 @@ class Plant:
         previous = self.frame
         if previous is None:
             return DropReason.NONE
-        if not frame.number > previous.number:
+        if not count_frames_since(previous, frame) > 0:
             return DropReason.NOT_NEW
         if not frame.exposure > previous.exposure:
             return DropReason.CLOCK
         same_shape = get_image_shape(frame) == get_image_shape(previous)
         return DropReason.NONE if same_shape else DropReason.DAMAGED
+
+
+def count_frames_since(previous: Frame, frame: Frame) -> int:
+    """Return by how many frames the camera has advanced; not above 0 if the frame is not new.
+
+    The frame number of some cameras starts again at zero after 16, 31 or 32 bits.
+    """
+    advance = frame.number - previous.number
+    if advance <= 0:
+        for count in FRAME_COUNTERS:
+            if 0 < advance + count < count // 2:
+                return advance + count
+    return advance
 
 
 def _select_possible(markers: Markers) -> Floats:

@@ -18,7 +18,16 @@ from operator import attrgetter
 from typing import Any, NamedTuple
 
 from rcmservo.numerics.jit import compiled, declare_in
-from rcmservo.safety.checks import devices, drift, estimate, exploration, markers, path, singularity
+from rcmservo.safety.checks import (
+    devices,
+    drift,
+    estimate,
+    exploration,
+    markers,
+    path,
+    repeated_frames,
+    singularity,
+)
 from rcmservo.safety.checks.facts import DetailFacts, TickFacts
 from rcmservo.safety.checks.target_explanations import describe_contradiction
 
@@ -237,7 +246,7 @@ class Cause(Enum):
     FROZEN = pause(
         "the image does not change while the tool moves",
         "restart the camera's image stream, then resume",
-        drift.image_is_frozen,
+        repeated_frames.image_is_frozen,
     )
     DRIFTS = pause(
         "the markers drift away from the positions that the joints predict: the camera moves, "

@@ -25,16 +25,13 @@ from rcmservo.constraints import (
     three_positive,
 )
 from rcmservo.geometry.kinematics import RcmStruct
-from rcmservo.interfaces import Command, Floats
+from rcmservo.interfaces import NEVER_NS, Command, Floats
 from rcmservo.numerics.jit import compiled
 from rcmservo.numerics.small_linalg import all_finite, fill
 from rcmservo.numerics.structs import Rows, Struct, to_row
 
 ROUNDING = 1.0 + 1e-12
 """Factor on the slew limit: without it, rounding would leave a rate of nearly zero."""
-
-REST_TIME_NS = -1_000_000_000
-"""Time and deadline of the command before the first one: long expired on every clock."""
 
 MAX_JOINT_SPEED_RAD_S = 4.0 * np.pi
 """Largest valid speed of a rotary joint, two turns per second.
@@ -113,7 +110,7 @@ class Gate(Checked, section="gate"):
 
     def rest(self) -> Command:
         """Return the command before the first: zero rates, drive off."""
-        return Command(0, REST_TIME_NS, REST_TIME_NS, np.zeros(3), enabled=False)
+        return Command(0, NEVER_NS, NEVER_NS, np.zeros(3), enabled=False)
 
     def admit(
         self,

@@ -9,7 +9,7 @@ from functools import partial
 
 import numpy as np
 
-from rcmservo.interfaces import Floats, Observation, ObservationStruct
+from rcmservo.interfaces import NEVER_NS, Floats, Observation, ObservationStruct
 from rcmservo.numerics.jit import compiled
 from rcmservo.numerics.small_linalg import all_finite, compute_norm, copy_into, fill, subtract
 from rcmservo.numerics.structs import Row, Struct, flag, part, real, reals, whole
@@ -44,7 +44,7 @@ class MonitorState(Row):
     predicted_joints: Floats = reals(3, "rad, rad, mm", "joints predicted from the commands")
     predicted_rates: Floats = reals(3, "rad/s, rad/s, mm/s", "rates predicted with the drive's lag")
     joints_time: int = whole("ns", "time of the newest joint positions")
-    idle_since: int = whole("ns", "time since which no motion is commanded, -1 during a motion")
+    idle_since: int = whole("ns", "time since which no motion is commanded, or NEVER_NS")
     rest_joints: Floats = reals(3, "rad, rad, mm", "joints at rest since then, NaN until settled")
     late_ticks: int = count("number of successive late ticks")
     tick_interval: int = whole("ns", "time between the last two ticks")
@@ -63,8 +63,8 @@ class MonitorState(Row):
     averaged_frames: int = count("number of frames in the mean residual")
     drift_px: Floats = reals(2, "px", "norm of the mean residual, 0 where noise explains it")
     changed_markers: Floats = markers("newest markers that differed from those before")
-    changed_markers_prediction: Floats = markers("prediction for `changed_markers`")
     markers_prediction: Floats = markers("prediction for the newest markers")
+    repeated_frames: int = count("number of successive frames that repeat `changed_markers`")
     image_frozen: bool = flag("True if the markers did not change although the tool moved")
     changed_markers_p1: Floats = reals(3, "mm", "marker 1 when `changed_markers` first appeared")
     stuck_anchors: Floats = reals((2, 4), "px", "stop of each marker, and the other marker then")
@@ -78,7 +78,7 @@ def initial_monitor_state() -> MonitorState:
     unknown_positions = "predicted_joints", "rest_joints", "compared_p1"
     unknown_markers = "rejected_markers", "compared_markers", "changed_markers"
     unknown = dict.fromkeys((*unknown_positions, *unknown_markers), np.nan)
-    return MonitorState.of(idle_since=-1, newest_frame=-1, accepted_frame=-1, **unknown)
+    return MonitorState.of(idle_since=NEVER_NS, newest_frame=-1, accepted_frame=-1, **unknown)
 
 
 @compiled
@@ -158,9 +158,9 @@ def monitor_rest(monitor: MonitorState, thresholds: Thresholds) -> None:
     observation, now = monitor.observation, monitor.observation.now
     settling_ns = thresholds.settling_time * 1e9
     if not (observation.enabled and compute_norm(observation.applied) == 0.0):
-        monitor.idle_since = -1
+        monitor.idle_since = NEVER_NS
         fill(monitor.rest_joints, np.nan)
-    elif monitor.idle_since < 0:
+    elif monitor.idle_since == NEVER_NS:
         monitor.idle_since = now
     elif not all_finite(monitor.rest_joints) and now - monitor.idle_since >= settling_ns:
         copy_into(monitor.rest_joints, observation.q)

@@ -22,7 +22,7 @@ class TargetProgress(Row):
     predicted_target: Floats = reals(
         (2, 2), "px", "markers at the joints of the target, by the fit"
     )
-    mismatch_since: int = whole("ns", "time since which image and joints disagree, -1 for none")
+    mismatch_since: int = whole("ns", "time since which image and joints disagree, or NEVER_NS")
     reference_error: float = real("", "scaled error √(2V) from which the next decrease is measured")
     reference_time: int = whole("ns", "time of `reference_error`")
-    camera_moved_at: int = whole("ns", "time of the last detected camera motion, -1 for never")
+    camera_moved_at: int = whole("ns", "time of the last detected camera motion, or NEVER_NS")

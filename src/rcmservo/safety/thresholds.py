@@ -113,8 +113,8 @@ class Thresholds(Checked, section="thresholds"):
     drift_frames : int
         Number of frames in the mean residual.
     frozen_image_motion : float
-        Distance (mm) that the tool moves until an image that is identical to the last bit counts as
-        frozen (`FROZEN`).
+        Distance (mm) that the tool moves until an image in which both markers are at exactly the
+        same pixels counts as frozen (`FROZEN`), after ``max_rejected_frames`` such frames.
     stuck_marker_px : float
         Largest motion (px) of a marker that counts as stuck during the exploration if the other
         marker moves five times as far (`SURPRISED`).

@@ -12,10 +12,11 @@ from rcmservo.estimation.camera_fit_prediction import (
     filter_markers,
 )
 from rcmservo.geometry.kinematics import compute_position_tuple, is_within_limits
-from rcmservo.interfaces import Floats
+from rcmservo.interfaces import NEVER_NS, Floats
 from rcmservo.numerics.jit import compiled
 from rcmservo.numerics.small_linalg import compute_distance, copy_into
 from rcmservo.safety.checks.drift import detect_stuck_markers, update_drift
+from rcmservo.safety.checks.repeated_frames import detect_repeated_frame
 from rcmservo.safety.innovation import find_deviating_markers, find_jumps, find_lost_markers
 from rcmservo.safety.monitor_state import (
     MonitorState,
@@ -59,22 +60,21 @@ def accept_frame(tick: TickContext) -> tuple[int, float]:
     monitor_loop(monitor, gap_ns, period, lag_s, thresholds)
     if not observation.frame > monitor.newest_frame:
         return NO_FRAME, 0.0
-    monitor_frame(monitor, observation, thresholds)
-    if not is_within_limits(rcm, observation.q_exposure, thresholds.limit_tolerance):
-        return NO_FRAME, 0.0
     p1, points = stored.workspace.p1, stored.workspace.points
     p1[0], p1[1], p1[2] = compute_position_tuple(rcm, observation.q_exposure)
     copy_into(points, observation.points)
-    monitor.one_marker_suffices = fill_lost_marker(stored, p1, points, parameters)
-    lost_1, lost_2 = find_lost_markers(points)
-    if lost_1 or lost_2:
+    if detect_repeated_frame(monitor, fit, exploration.is_done, p1, points, shaft, thresholds):
+        monitor.newest_frame = observation.frame
+        return NO_FRAME, 0.0
+    monitor_frame(monitor, observation, thresholds)
+    if not is_complete(tick, p1, points):
         return NO_FRAME, 0.0
     if exploration.is_done:
         deviates_1, deviates_2, crossed = find_deviating_markers(
             fit, p1, points, estimate.points, shaft, thresholds
         )
         monitor_markers(monitor, deviates_1, deviates_2, crossed, points, thresholds)
-        update_drift(monitor, fit, p1, points, observation.points, shaft, thresholds)
+        update_drift(monitor, fit, p1, points, shaft, thresholds)
     else:
         noise_px = np.sqrt(2.0 * fit.noise_variance)
         max_jump_px = thresholds.max_jump_px + thresholds.max_innovation * noise_px
@@ -84,12 +84,29 @@ def accept_frame(tick: TickContext) -> tuple[int, float]:
     monitor.accepted_frame = observation.frame
     copy_into(estimate.points, points)
     copy_into(estimate.p1, p1)
-    dt = (observation.exposure - estimate.exposure) * 1e-9 if estimate.exposure >= 0 else 0.0
+    is_first = estimate.exposure == NEVER_NS
+    dt = 0.0 if is_first else (observation.exposure - estimate.exposure) * 1e-9
     # a frame from before the exploration: an operator may have moved the tool by hand since
     is_exploring = exploration.has_begun and not exploration.is_done
     if is_exploring and observation.exposure < exploration.start_time:
         return FRAME_ACCEPTED, dt
     return FRAME_UPDATES, dt
+
+
+@compiled
+def is_complete(tick: TickContext, p1: Floats, points: Floats) -> bool:
+    """Return True if the joints (3,) and both markers (2, 2) px of a frame are known.
+
+    A lost marker is replaced where the other one and the joints determine the pose.
+    """
+    observation, parameters = tick.observation, tick.parameters
+    tolerance = parameters.thresholds.limit_tolerance
+    if not is_within_limits(make_rcm_struct(parameters), observation.q_exposure, tolerance):
+        return False
+    suffices = fill_lost_marker(tick.stored, p1, points, parameters)
+    tick.stored.monitor.one_marker_suffices = suffices
+    lost_1, lost_2 = find_lost_markers(points)
+    return not (lost_1 or lost_2)
 
 
 @compiled
@@ -137,5 +154,5 @@ def check_against_last_frame(
         if monitor.jumped_frames > 0 and markers_stay(monitor, points, thresholds):
             rejects_1, rejects_2 = True, True
     if not (rejects_1 or rejects_2):
-        rejects_1, rejects_2 = detect_stuck_markers(monitor, p1, points, thresholds)
+        rejects_1, rejects_2 = detect_stuck_markers(monitor, points, thresholds)
     monitor_markers(monitor, rejects_1, rejects_2, crossed, points, thresholds)

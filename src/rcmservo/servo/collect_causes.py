@@ -14,7 +14,7 @@ from rcmservo.estimation.camera_fit_prediction import (
 )
 from rcmservo.geometry.kinematics import compute_point_distance, compute_position_tuple
 from rcmservo.geometry.tool import compute_marker_ratio, compute_second_marker_tuple
-from rcmservo.interfaces import Floats
+from rcmservo.interfaces import NEVER_NS, Floats
 from rcmservo.numerics.jit import compiled
 from rcmservo.numerics.small_linalg import compute_norm
 from rcmservo.safety.causes import find_causes
@@ -80,11 +80,11 @@ def watch_target(tick: TickContext) -> None:
     had_arrived = decision.has_arrived and not setpoint.is_new
     is_near = had_arrived or decision.remaining_mm < ARRIVAL_DISTANCE_MM
     if decision.mode.phase != SERVO or not is_near:
-        decision.has_arrived, decision.mismatch_since = False, -1
+        decision.has_arrived, decision.mismatch_since = False, NEVER_NS
         return
     allowed_mm = parameters.thresholds.max_target_mismatch
     if bound_marker_distance(q, q_d, parameters) < allowed_mm:
-        decision.has_arrived, decision.mismatch_since = not setpoint.is_new, -1
+        decision.has_arrived, decision.mismatch_since = not setpoint.is_new, NEVER_NS
         return
     distance_mm = compute_larger_marker_distance(q, q_d, parameters)
     if not distance_mm < allowed_mm:
@@ -94,8 +94,8 @@ def watch_target(tick: TickContext) -> None:
         allowed_mm += NOISE_SIGMAS * noise_mm
     decision.has_arrived = not setpoint.is_new and (had_arrived or distance_mm < allowed_mm)
     if not distance_mm - min(decision.remaining_mm, ARRIVAL_DISTANCE_MM) > allowed_mm:
-        decision.mismatch_since = -1
-    elif decision.mismatch_since < 0:
+        decision.mismatch_since = NEVER_NS
+    elif decision.mismatch_since == NEVER_NS:
         decision.mismatch_since = tick.observation.now
 
 

@@ -6,6 +6,7 @@ The stall rule detects that the feature error no longer decreases.
 import numpy as np
 
 from rcmservo.control.drive_lag import reset_lag
+from rcmservo.interfaces import NEVER_NS
 from rcmservo.numerics.jit import compiled
 from rcmservo.numerics.small_linalg import copy_into, fill
 from rcmservo.servo.state import Decision, StoredState
@@ -25,7 +26,7 @@ def reset_estimation(stored: StoredState) -> None:
     fill(estimate.J_hat, 0.0)
     fill(estimate.controlled_jacobian, 0.0)
     fill(estimate.controlled_error, 0.0)
-    estimate.exposure, estimate.line_count = -1, 0
+    estimate.exposure, estimate.line_count = NEVER_NS, 0
     estimate.rcm_condition, estimate.condition = np.inf, np.inf
     fill(exploration.start_joints, 0.0)
     fill(exploration.sides, 0.0)

@@ -28,7 +28,7 @@ from rcmservo.geometry.kinematics import (
     compute_position,
 )
 from rcmservo.geometry.tool import RigidTool, Tool
-from rcmservo.interfaces import Floats, Observation, Target, observation_numbers
+from rcmservo.interfaces import NEVER_NS, Floats, Observation, Target, observation_numbers
 from rcmservo.numerics.structs import Row, Rows, copy_row, replace_fields, to_row
 from rcmservo.safety.checks.facts import DetailFacts
 from rcmservo.safety.gate import CommandStruct, Gate
@@ -235,8 +235,10 @@ class Servo(Checked):
     def init(self) -> State:
         """Return the state before the first observation: Ĵ = 0, drive off."""
         rest_command = CommandStruct.from_source(self.gate.rest())
-        none = dict.fromkeys(("blocked_joint", "mismatch_since", "camera_moved_at"), -1)
-        decision = Decision.of(command=rest_command, reference_error=np.inf, **none)
+        never = dict.fromkeys(("mismatch_since", "camera_moved_at"), NEVER_NS)
+        decision = Decision.of(
+            command=rest_command, reference_error=np.inf, blocked_joint=-1, **never
+        )
         monitor, estimation = initial_monitor_state(), make_initial_estimation_rows()
         stored = StoredState.of(decision=decision, monitor=monitor, **estimation)
         return State(stored, self._initial_memory())
@@ -273,7 +275,7 @@ class Servo(Checked):
             exploration = state.stored.exploration_state
             exploration = replace_fields(exploration, has_begun=False, has_no_room=False)
             parts["exploration_state"] = exploration
-            parts["estimate"] = replace_fields(estimate, exposure=-1)
+            parts["estimate"] = replace_fields(estimate, exposure=NEVER_NS)
         else:
             parts |= make_initial_estimation_rows()
             markers = {"points": estimate.points, "p1": estimate.p1}

@@ -8,7 +8,7 @@ from rcmservo.control.exploration import ExplorationState
 from rcmservo.estimation.base import Estimate, EstimatorResult
 from rcmservo.estimation.camera_fit import ProjectionFit, make_initial_fit
 from rcmservo.geometry.features import MAX_FEATURES
-from rcmservo.interfaces import Command, Floats, Target
+from rcmservo.interfaces import NEVER_NS, Command, Floats, Target
 from rcmservo.numerics.structs import Row, part, reals
 from rcmservo.safety.causes import CAUSES, Cause
 from rcmservo.safety.gate import CommandStruct, to_command
@@ -104,7 +104,7 @@ def make_initial_estimation_rows() -> dict[str, Row]:
     """Return the estimation parts of `StoredState` before the first frame, with Ĵ = 0."""
     names = "points", "o_c", "o_c_covariance", "p1", "y", "delta", "predicted_delta"
     unknown = dict.fromkeys(names, np.nan)
-    estimate = Estimate.of(exposure=-1, rcm_condition=np.inf, condition=np.inf, **unknown)
+    estimate = Estimate.of(exposure=NEVER_NS, rcm_condition=np.inf, condition=np.inf, **unknown)
     fit, exploration = make_initial_fit(), ExplorationState.of()
     return {"estimate": estimate, "projection_fit": fit, "exploration_state": exploration}
 

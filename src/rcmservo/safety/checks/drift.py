@@ -4,7 +4,7 @@ The residual is the difference between a detected marker and its prediction by t
 The innovation gate (innovation.py) detects a large residual in one frame. A camera that pans,
 rolls, zooms or approaches, or an object that is detected as a marker and slides along, causes a
 small residual in every frame. The mean over a third of a second shows it, because averaging reduces
-the noise. A frozen image is identical to the last bit; no camera delivers one while the tool moves.
+the noise.
 """
 
 import numpy as np
@@ -33,11 +33,10 @@ def update_drift(
     fit: ProjectionFit,
     p1: Floats,
     points: Floats,
-    detected: Floats,
     tool: ToolStruct,
     thresholds: Thresholds,
 ) -> None:
-    """Update the mean residuals, and detect a frozen image, with a new frame.
+    """Update the mean residuals with a new frame.
 
     Parameters
     ----------
@@ -49,8 +48,6 @@ def update_drift(
         Position of marker 1, (3,) mm.
     points : Floats
         Markers, (2, 2) raw px; a lost one is replaced by its prediction.
-    detected : Floats
-        Markers as they were detected, (2, 2) raw px, NaN where lost.
     tool : ToolStruct
         Tool, which gives the position of marker 2.
     thresholds : Thresholds
@@ -60,37 +57,18 @@ def update_drift(
     monitor.averaged_frames = min(monitor.averaged_frames + 1, thresholds.drift_frames)
     for k in range(2):
         update_mean_residual(monitor, fit, k, predicted[k], points[k], thresholds)
-    is_unchanged = same_markers(detected, monitor.changed_markers)
-    predicted_motion_px = find_max_difference(
-        monitor.markers_prediction, monitor.changed_markers_prediction
-    )
-    tool_motion_mm = compute_distance(p1, monitor.changed_markers_p1)
-    has_moved = (
-        tool_motion_mm > thresholds.frozen_image_motion
-        or predicted_motion_px > thresholds.max_drift_px
-    )
-    monitor.image_frozen = is_unchanged and has_moved
-    if not is_unchanged:
-        copy_into(monitor.changed_markers, detected)
-        copy_into(monitor.changed_markers_p1, p1)
-        copy_into(monitor.changed_markers_prediction, monitor.markers_prediction)
 
 
 @compiled
 def detect_stuck_markers(
-    monitor: MonitorState, p1: Floats, points: Floats, thresholds: Thresholds
+    monitor: MonitorState, points: Floats, thresholds: Thresholds
 ) -> tuple[bool, bool]:
-    """Detect a stuck marker or a frozen image before an estimate exists.
-
-    A marker is stuck if it does not move while the other does. If neither changes at all while the
-    tool moves, the image is frozen.
+    """Detect a stuck marker before an estimate exists: it does not move while the other does.
 
     Parameters
     ----------
     monitor : MonitorState
         State of the checks; updated.
-    p1 : Floats
-        Position of marker 1, (3,) mm.
     points : Floats
         Markers, (2, 2) raw px.
     thresholds : Thresholds
@@ -101,12 +79,6 @@ def detect_stuck_markers(
     tuple[bool, bool]
         True if marker 1 is stuck, and the same for marker 2.
     """
-    is_unchanged = same_markers(points, monitor.changed_markers)
-    tool_motion_mm = compute_distance(p1, monitor.changed_markers_p1)
-    monitor.image_frozen = is_unchanged and tool_motion_mm > thresholds.frozen_image_motion
-    if not is_unchanged:
-        copy_into(monitor.changed_markers, points)
-        copy_into(monitor.changed_markers_p1, p1)
     other_motion_px = np.empty(2)
     for k in range(2):
         anchor, other_anchor = monitor.stuck_anchors[k, :2], monitor.stuck_anchors[k, 2:]
@@ -149,34 +121,6 @@ def update_mean_residual(
         distance = squared_mahalanobis_distance(mean[0], mean[1], covariance, mean_variance)
         is_noise = not distance > max_squared_sigma
     monitor.drift_px[k] = 0.0 if is_noise else mean_px
-
-
-@compiled
-def same_markers(one: Floats, other: Floats) -> bool:
-    """Return True if two arrays (2, 2) of markers are equal; NaN equals NaN."""
-    for i in np.ndindex(one.shape):
-        if not (one[i] == other[i] or (np.isnan(one[i]) and np.isnan(other[i]))):
-            return False
-    return True
-
-
-@compiled
-def find_max_difference(one: Floats, other: Floats) -> float:
-    """Return the largest absolute difference of two arrays (2, 2); NaN if a number is NaN."""
-    maximum = 0.0
-    for k in range(2):
-        for i in range(2):
-            difference = abs(one[k, i] - other[k, i])
-            if np.isnan(difference):
-                return np.nan
-            maximum = max(maximum, difference)
-    return maximum
-
-
-@compiled
-def image_is_frozen(facts: TickFacts) -> bool:
-    """Detect an image that does not change while the tool moves."""
-    return facts.monitor.image_frozen and not facts.exploration_state.has_no_room
 
 
 @compiled

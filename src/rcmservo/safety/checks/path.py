@@ -4,6 +4,7 @@ An obstacle is also a target whose pixels and joints contradict each other, by t
 the motion or by the image on arrival.
 """
 
+from rcmservo.interfaces import NEVER_NS
 from rcmservo.numerics.jit import compiled
 from rcmservo.safety.checks.facts import TickFacts
 
@@ -42,7 +43,7 @@ def target_is_implausible(facts: TickFacts) -> bool:
 def joints_contradict_image(facts: TickFacts) -> bool:
     """Detect that the image has shown the tool at the target too long while the joints disagree."""
     since_ns, limit_s = facts.progress.mismatch_since, facts.thresholds.target_mismatch_time
-    is_too_long = since_ns >= 0 and facts.observation.now - since_ns > limit_s * 1e9
+    is_too_long = since_ns != NEVER_NS and facts.observation.now - since_ns > limit_s * 1e9
     return facts.exploration_state.is_done and is_too_long
 
 

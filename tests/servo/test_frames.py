@@ -1,0 +1,154 @@
+"""Frames whose content, numbers or times are unusual, in whole runs of the default servo."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import rcmservo as rs
+from conftest import ESTIMATORS, Laboratory, make_laboratory
+from rcmservo.interfaces import ArmMeasurement, Camera, Command, Floats, Frame
+from rcmservo.loop.plant import Plant
+from rcmservo.tracking import PointMarkers
+
+ChangeFrame = Callable[[Frame, Frame | None], Frame]
+"""Function that returns the frame to deliver from the present one and the last delivered one."""
+
+
+class ChangedCamera:
+    """Camera that delivers changed frames of another one."""
+
+    def __init__(self, camera: Camera, change: ChangeFrame) -> None:
+        self._camera, self._change = camera, change
+        self._newest: Frame | None = None
+        self._delivered: Frame | None = None
+
+    def latest(self) -> Frame | None:
+        newest = self._camera.latest()
+        if newest is not None and newest is not self._newest:
+            self._newest, self._delivered = newest, self._change(newest, self._delivered)
+        return self._delivered
+
+
+def change_camera(lab: Laboratory, change: ChangeFrame) -> Plant:
+    camera = ChangedCamera(lab.rig.camera, change)
+    return Plant(lab.rig.arm, camera, PointMarkers(), lab.rig.clock)
+
+
+def repeat_content(is_repeated: Callable[[int], bool]) -> ChangeFrame:
+    """Return a change that shows the last picture again in some frames, by their numbers."""
+
+    def change(frame: Frame, delivered: Frame | None) -> Frame:
+        if delivered is None or not is_repeated(frame.number):
+            return frame
+        return replace(frame, points=delivered.points)
+
+    return change
+
+
+def run(plant: Plant, lab: Laboratory, seconds: float = 5.0, **parts: object) -> list[rs.Tick]:
+    return list(rs.servo_ticks(plant, lab.servo(**parts), lab.target, seconds))
+
+
+def measure_error_mm(ticks: list[rs.Tick], lab: Laboratory) -> float:
+    """Return the distance of marker 1 from its position during teaching at the end of a run."""
+    positions = [
+        lab.servo().position_of_marker_1(q) for q in (ticks[-1].observation.q, lab.target.q)
+    ]
+    return float(np.linalg.norm(positions[0] - positions[1]))
+
+
+def list_stops(ticks: list[rs.Tick]) -> list[str]:
+    """Return the causes for which the servo stopped the tool for more than a moment."""
+    stopped = rs.Phase.PAUSED, rs.Phase.FAULT
+    return sorted({tick.state.cause.name for tick in ticks if tick.state.phase in stopped})
+
+
+@pytest.mark.parametrize("estimator", ["dlt", "fast", "correntropy"])
+@pytest.mark.parametrize("period", [2, 7, 61])
+def test_repeated_frames_do_not_stop_a_run(period: int, estimator: str) -> None:
+    for seed in (11, 12):
+        lab = make_laboratory(seed)
+        plant = change_camera(lab, repeat_content(lambda number: number % period == 0))
+        ticks = run(plant, lab, estimator=ESTIMATORS[estimator])
+        assert list_stops(ticks) == []
+        assert measure_error_mm(ticks, lab) < 2.0
+
+
+@pytest.mark.parametrize("start", [40, 90, 110])
+def test_a_frozen_image_still_stops_the_tool(start: int) -> None:
+    lab = make_laboratory(11)
+    first = round(60 * lab.rig.clock.now() * 1e-9)
+    plant = change_camera(lab, repeat_content(lambda number: number > first + start))
+    ticks = run(plant, lab)
+    assert list_stops(ticks) == ["FROZEN"]
+    begun = next(k for k, tick in enumerate(ticks) if tick.observation.frame > first + start)
+    path_mm = np.diff(
+        [lab.servo().position_of_marker_1(t.observation.q) for t in ticks[begun:]], axis=0
+    )
+    assert np.linalg.norm(path_mm, axis=1).sum() < 6.0
+
+
+def test_a_tracker_of_whole_pixels_is_not_taken_for_a_frozen_camera() -> None:
+    def round_points(frame: Frame, _: Frame | None) -> Frame:
+        assert frame.points is not None
+        return replace(frame, points=np.round(frame.points))
+
+    for seed in (11, 12):
+        lab = make_laboratory(seed)
+        ticks = run(change_camera(lab, round_points), lab)
+        assert list_stops(ticks) == []
+        assert {tick.state.phase for tick in ticks[-100:]} == {rs.Phase.SERVO}
+
+
+class ShiftedClock:
+    """Clock that counts from another origin; the arm and the camera use it too."""
+
+    def __init__(self, lab: Laboratory, shift: int) -> None:
+        self._clock, self._arm, self._shift = lab.rig.clock, lab.rig.arm, shift
+
+    def now(self) -> int:
+        return self._clock.now() + self._shift
+
+    def wait_until(self, time: int) -> None:
+        self._clock.wait_until(time - self._shift)
+
+    def enable(self) -> None:
+        self._arm.enable()
+
+    def measure(self) -> ArmMeasurement:
+        measurement = self._arm.measure()
+        return measurement._replace(time=measurement.time + self._shift)
+
+    def apply(self, command: Command) -> Floats:
+        time, deadline = command.time - self._shift, command.deadline - self._shift
+        return self._arm.apply(replace(command, time=time, deadline=deadline))
+
+    def change(self, frame: Frame, _: Frame | None) -> Frame:
+        times = frame.exposure + self._shift, frame.arrival + self._shift
+        return replace(frame, exposure=times[0], arrival=times[1])
+
+
+@pytest.mark.parametrize("shift", [-(10**10), -3, 2**60])
+def test_the_decisions_do_not_depend_on_the_origin_of_the_clock(shift: int) -> None:
+    rates = []
+    for origin in (0, shift):
+        lab = make_laboratory(13)
+        clock = ShiftedClock(lab, origin)
+        camera = ChangedCamera(lab.rig.camera, clock.change)
+        ticks = run(Plant(clock, camera, PointMarkers(), clock), lab, 3.0)
+        rates.append(np.array([tick.state.command.rates for tick in ticks]))
+    assert np.abs(rates[0]).max() > 0.1
+    np.testing.assert_array_equal(rates[0], rates[1])
+
+
+@pytest.mark.parametrize("bits", [16, 31, 32])
+def test_a_frame_number_that_wraps_is_a_new_frame(bits: int) -> None:
+    def wrap(frame: Frame, _: Frame | None) -> Frame:
+        return replace(frame, number=(frame.number + (1 << bits) - 100) % (1 << bits))
+
+    lab = make_laboratory(11)
+    ticks = run(change_camera(lab, wrap), lab, 4.0)
+    assert not any(tick.observation.drop_reason for tick in ticks)
+    assert list_stops(ticks) == [] and measure_error_mm(ticks, lab) < 2.0
