@@ -14,10 +14,7 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 from rig_check_emulated import FaultyEmulatedLab
-from rig_check_lab import MISTAKES, FaultyLab
-
-MAX_TRAVEL_MM = 2.0
-"""Largest travel of marker 2 in a check."""
+from rig_check_lab import MAX_TRAVEL_MM, MISTAKES, FaultyLab
 
 
 def main() -> int:

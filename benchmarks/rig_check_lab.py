@@ -25,6 +25,8 @@ COUNTS = 50000.0, 50000.0, 500.0
 """True encoder counts per rad, rad and mm."""
 AXES = "ABC"
 """Letters of the axes that drive joints 1 to 3."""
+MAX_TRAVEL_MM = 2.0
+"""Largest travel of marker 2 in a check."""
 
 
 @dataclass(frozen=True)

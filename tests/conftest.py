@@ -83,6 +83,10 @@ focal = [300.0, 400.0]
 """
 """Rig file with small images, which render faster, for tests that do not depend on their size."""
 
+SMALL_30_HZ_RIG_TOML = SMALL_RIG_TOML.replace("[scene]", "frame_rate = 30.0\n[scene]")
+"""Rig file with small images at half the usual rate, for tests in wall time: they draw and render
+on the processors that also servo."""
+
 seeds = st.integers(0, 2**32 - 1)
 kinds = st.sampled_from([SPHERICAL, PITCH_YAW])
 

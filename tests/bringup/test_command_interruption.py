@@ -3,10 +3,8 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
 from rig_check_lab import FaultyLab, Mistake, MiswiredArm
 
-from rcmservo.bringup.check import CheckReport
 from rcmservo.interfaces import ArmMeasurement, Command, Floats
 
 FIRST_QUESTIONS = 4
@@ -46,24 +44,30 @@ class RateControlledArm(MiswiredArm):
         return measured
 
 
-def checked(continues: bool) -> tuple[FaultyLab, CheckReport]:
+def make_rate_controlled_lab() -> FaultyLab:
     lab = FaultyLab(Mistake(), seed=1)
     lab.arm.__class__ = RateControlledArm
-    assert isinstance(lab.arm, RateControlledArm)
-    lab.arm.continues = continues
-    return lab, lab.check()
+    return lab
 
 
-@pytest.mark.slow
+def refuse_later_questions(lab: FaultyLab) -> None:
+    """Let the operator end the check after the questions within which it interrupts commands."""
+    lab.operator.override = lambda _: (
+        "no" if len(lab.operator.questions) > FIRST_QUESTIONS else None
+    )
+
+
 def test_an_arm_that_stops_passes_and_is_tested_in_one_of_its_first_small_motions() -> None:
-    lab, report = checked(continues=False)
-    assert report.ok
+    lab = make_rate_controlled_lab()
+    refuse_later_questions(lab)
+    report = lab.check()
+    assert [finding.where for finding in report.findings] == ["operator"]
+    assert len(lab.operator.questions) > FIRST_QUESTIONS
     (test,) = [
         k
         for k, question in enumerate(lab.operator.questions)
         if "interrupt the commands" in question
     ]
-    assert test < FIRST_QUESTIONS
     motions = [
         question.split(",")[0]
         for question in lab.operator.questions
@@ -73,8 +77,7 @@ def test_an_arm_that_stops_passes_and_is_tested_in_one_of_its_first_small_motion
 
 
 def test_an_arm_that_stops_answering_does_not_count_as_at_rest() -> None:
-    lab = FaultyLab(Mistake(), seed=1)
-    lab.arm.__class__ = RateControlledArm
+    lab = make_rate_controlled_lab()
     assert isinstance(lab.arm, RateControlledArm)
     lab.arm.freezes = lab.arm.continues = True
     report = lab.check()
@@ -83,7 +86,10 @@ def test_an_arm_that_stops_answering_does_not_count_as_at_rest() -> None:
 
 
 def test_an_arm_that_keeps_moving_is_reported_and_stopped_at_once() -> None:
-    lab, report = checked(continues=True)
+    lab = make_rate_controlled_lab()
+    assert isinstance(lab.arm, RateControlledArm)
+    lab.arm.continues = True
+    report = lab.check()
     assert [finding.line for finding in report.findings] == ["jv = false"]
     assert not report.ok and not lab.arm.measure().enabled
     assert lab.arm.max_travel < 0.5
@@ -91,31 +97,19 @@ def test_an_arm_that_keeps_moving_is_reported_and_stopped_at_once() -> None:
 
 
 def test_a_position_controlled_arm_is_not_tested() -> None:
-    lab = FaultyLab(Mistake(), seed=1)
-    lab.arm.__class__ = RateControlledArm
+    lab = make_rate_controlled_lab()
+    assert isinstance(lab.arm, RateControlledArm)
     lab.arm.is_rate_controlled = False
-    lab.operator.override = lambda _: (
-        "no" if len(lab.operator.questions) > FIRST_QUESTIONS else None
-    )
+    refuse_later_questions(lab)
     lab.check()
     assert len(lab.operator.questions) > FIRST_QUESTIONS
     assert not any("interrupt the commands" in question for question in lab.operator.questions)
 
 
 def test_the_operator_may_refuse_the_test() -> None:
-    lab = FaultyLab(Mistake(), seed=1)
-    lab.arm.__class__ = RateControlledArm
+    lab = make_rate_controlled_lab()
     lab.operator.override = lambda question: "no" if "interrupt the commands" in question else None
     report = lab.check()
     assert [finding.where for finding in report.findings] == ["operator"]
+    assert isinstance(lab.arm, RateControlledArm)
     assert not lab.arm.silent
-
-
-@pytest.mark.slow
-def test_a_reversed_joint_of_an_arm_without_counts_is_found() -> None:
-    lab = FaultyLab(Mistake(factors=(-1.0, 1.0, 1.0)), seed=1, signs_only=True)
-    report = lab.check()
-    assert lab.arm.max_travel < 2.0
-    (found,) = report.findings
-    assert report.done
-    assert (found.where, found.line) == ("arm.signs[0]", "signs = [1.0, 1.0, 1.0]")

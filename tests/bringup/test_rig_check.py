@@ -7,31 +7,28 @@ from typing import Any
 
 import numpy as np
 import pytest
-from rig_check_lab import COUNTS, MISTAKES, FaultyLab, Mistake
+from rig_check_lab import COUNTS, MAX_TRAVEL_MM, MISTAKES, FaultyLab, Mistake
 
 from conftest import mark_others_slow
 from rcmservo.bringup.check import CheckReport
 from rcmservo.bringup.findings import CheckAborted
 from rcmservo.bringup.motion import SPEED_SCALE
+from rcmservo.bringup.motion_escalation import MotionEscalation
 from rcmservo.bringup.observations import PixelBound
 from rcmservo.interfaces import ArmMeasurement, Command, Floats, Frame
 
 CASES = [
     ("axes 1 and 2 swapped", 1),
     ("nothing", 0),
-    ("joint 3 reversed", 1),
     ("both angles reversed", 0),
     ("axes 2 and 3 swapped", 1),
     ("counts of 2 in inches", 1),
     ("counts of 3 halved", 1),
 ]
-"""Mistakes and seeds. Other tests of this folder check a single reversed joint, a mirrored image,
+"""Mistakes and seeds. Other tests of this folder check single reversed joints, a mirrored image,
 an erroneous zero and an erroneous spacing; benchmarks/rig_check.py checks all mistakes."""
 CLEAR = [(1, []), (0, ["arm.counts[1]"])]
 """Seeds, and the settings that the image leaves unclear."""
-
-MAX_TRAVEL_MM = 2.0
-"""Largest travel of marker 2 in a check."""
 
 
 @cache
@@ -88,9 +85,8 @@ def test_an_arm_with_usual_encoders_needs_at_most_20_motions() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("by", [8.0, -8.0])
-def test_an_error_of_the_zero_above_the_documented_limit_is_found(by: float) -> None:
-    mistake = Mistake("mechanism.insertion_zero", zero=by)
+def test_an_error_of_the_zero_above_the_documented_limit_is_found() -> None:
+    mistake = Mistake("mechanism.insertion_zero", zero=-8.0)
     lab = FaultyLab(mistake, seed=2)
     assert mistake.is_found(lab.check())
     assert lab.arm.max_travel < MAX_TRAVEL_MM
@@ -148,8 +144,15 @@ def test_each_motion_needs_agreement_and_is_at_most_twice_the_last_one() -> None
         assert all(new <= 2 * old + 1 for old, new in pairwise(of_joint))
 
 
+def decide_after_one_motion_of_each_joint(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Shorten the check where a test does not depend on what its motions identify."""
+    monkeypatch.setattr(MotionEscalation, "_double_small_motions", lambda _: np.zeros(3))
+    monkeypatch.setattr(MotionEscalation, "_is_decided", lambda _: True)
+
+
 @pytest.mark.slow
-def test_the_operator_may_refuse_a_motion_to_watch() -> None:
+def test_the_operator_may_refuse_a_motion_to_watch(monkeypatch: pytest.MonkeyPatch) -> None:
+    decide_after_one_motion_of_each_joint(monkeypatch)
     lab = FaultyLab(Mistake(), seed=1)
 
     def no(line: str) -> str | None:
@@ -174,7 +177,10 @@ REFUSALS = [
 
 
 @pytest.mark.parametrize(("question", "answer"), REFUSALS)
-def test_nothing_moves_after_the_operator_refuses(question: str, answer: str) -> None:
+def test_nothing_moves_after_the_operator_refuses(
+    question: str, answer: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    decide_after_one_motion_of_each_joint(monkeypatch)
     lab = FaultyLab(Mistake(), seed=1)
     commands: list[int] = []
 
@@ -186,7 +192,7 @@ def test_nothing_moves_after_the_operator_refuses(question: str, answer: str) ->
 
     lab.operator.override = instead
     report = lab.check()
-    assert "operator" in settings_of(report)
+    assert commands and "operator" in settings_of(report)
     assert not report.ok
     after = lab.arm.commands[commands[0] :]
     assert not any(command.enabled for command in after)

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from rig_check_lab import FaultyLab, Mistake
+from rig_check_lab import MAX_TRAVEL_MM, FaultyLab, Mistake
 
 from rcmservo.bringup.observations import MotionTrace
 from rcmservo.bringup.timing import CameraLatency, compare_latency, identify_latency
@@ -69,10 +69,15 @@ def test_the_identified_latency_and_lag_are_the_true_ones() -> None:
 
 
 @pytest.mark.slow
-def test_correct_timestamps_need_no_latency_and_an_arm_without_counts_passes() -> None:
-    lab = FaultyLab(Mistake(), seed=1, signs_only=True)
+def test_correct_timestamps_need_no_latency_and_an_arm_without_counts_only_its_signs() -> None:
+    """Joint 3 is reversed."""
+    lab = FaultyLab(Mistake(factors=(1.0, 1.0, -1.0)), seed=1, signs_only=True)
     lab.latency = 0.0
-    assert lab.check().ok
+    report = lab.check()
+    assert lab.arm.max_travel < MAX_TRAVEL_MM
+    (found,) = report.findings
+    assert report.done
+    assert (found.where, found.line) == ("arm.signs[2]", "signs = [1.0, 1.0, 1.0]")
 
 
 def test_a_missing_latency_is_reported_even_if_it_is_small() -> None:

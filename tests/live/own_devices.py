@@ -68,7 +68,7 @@ class OwnArm:
 
 
 class OwnCamera:
-    """Camera with thirty images per second of a green and a blue disc on grey."""
+    """Camera with thirty small images per second of a green and a blue disc on grey."""
 
     def __init__(self, shared):
         self.shared, self.frame = np.frombuffer(shared), None
@@ -89,12 +89,12 @@ class OwnCamera:
         return self.frame
 
     def render(self, q):
-        image = np.full((240, 320, 3), 90, np.uint8)
-        v, u = np.mgrid[0:240, 0:320]
+        image = np.full((120, 160, 3), 90, np.uint8)
+        v, u = np.mgrid[0:120, 0:160]
         for p, paint in zip(tool_at(q), ([40, 190, 40], [200, 60, 20]), strict=True):
             x, y, z = self.rotation @ (p - self.position)
-            distance = np.hypot(u - 400.0 * x / z - 160.0, v - 400.0 * y / z - 120.0)
-            cover = np.clip(6.0 * 400.0 / z - distance + 0.5, 0.0, 1.0)[..., None]
+            distance = np.hypot(u - 200.0 * x / z - 80.0, v - 200.0 * y / z - 60.0)
+            cover = np.clip(8.0 * 200.0 / z - distance + 0.5, 0.0, 1.0)[..., None]
             image = np.uint8(np.round(cover * paint + (1.0 - cover) * image))
         return image
 

@@ -20,7 +20,7 @@ from page_forged import Holder
 from page_lab import awaited
 from terminal_process import Laboratory, typed_joints, wait_for
 
-from conftest import INTERRUPTIBLE_COMMAND, SMALL_RIG_TOML, make_environment
+from conftest import INTERRUPTIBLE_COMMAND, SMALL_30_HZ_RIG_TOML, make_environment
 from rcmservo.config.rig_file import load_rig_file
 from rcmservo.recording.reader import read_record
 
@@ -102,7 +102,7 @@ def servo_process(process: Any) -> int:
 
 @pytest.fixture(scope="module")
 def lab(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Laboratory]:
-    with closing(Laboratory(tmp_path_factory.mktemp("lab"), 1, SMALL_RIG_TOML)) as lab:
+    with closing(Laboratory(tmp_path_factory.mktemp("lab"), 1, SMALL_30_HZ_RIG_TOML)) as lab:
         lab.ask("MO ABC")
         yield lab
 
@@ -167,7 +167,6 @@ def test_a_lab_is_homed_enabled_jogged_and_stopped_at_the_page(
         at.insist({"do": "enable"}, lambda: "clear" in at.now["can"])
         assert "another program has switched the arm's drive on" in at.now["words"]
         lab.ask("MO ABC")
-        at.cleared()
 
     assert lab.off
     first = read_record(tmp_path / "out/session-1")

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from terminal_process import AtTerminal, Laboratory, typed_joints, wait_for
 
-from conftest import INTERRUPTIBLE_COMMAND, SMALL_RIG_TOML
+from conftest import INTERRUPTIBLE_COMMAND, SMALL_30_HZ_RIG_TOML
 from rcmservo.bringup.axis_wiring import Robot, Wiring
 from rcmservo.bringup.check import CheckReport
 from rcmservo.bringup.findings import Finding
@@ -29,7 +29,7 @@ from rcmservo.loop.run_result import CameraStatistics
 
 @pytest.fixture(scope="module")
 def laboratory(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Laboratory]:
-    it = Laboratory(tmp_path_factory.mktemp("laboratory"), seed=1, rig=SMALL_RIG_TOML)
+    it = Laboratory(tmp_path_factory.mktemp("laboratory"), seed=1, rig=SMALL_30_HZ_RIG_TOML)
     yield it
     it.close()
 

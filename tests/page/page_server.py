@@ -8,17 +8,14 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from conftest import INTERRUPTIBLE_COMMAND, SMALL_RIG_TOML, make_environment
-
-RIG_TEXT = SMALL_RIG_TOML.replace("[scene]", "frame_rate = 30.0\n[scene]")
-"""Frame rate 30 Hz: a browser without a GPU draws on the processors that also simulate."""
+from conftest import INTERRUPTIBLE_COMMAND, SMALL_30_HZ_RIG_TOML, make_environment
 
 
 @contextmanager
 def serve_page(folder: Path, *options: str) -> Iterator[str]:
     """Serve the page, record into the folder, and yield the address of the page."""
     command = [sys.executable, "-c", INTERRUPTIBLE_COMMAND, "serve", "--port", "0", "--no-browser"]
-    (rig := folder.with_name(f"{folder.name}.toml")).write_text(RIG_TEXT)
+    (rig := folder.with_name(f"{folder.name}.toml")).write_text(SMALL_30_HZ_RIG_TOML)
     poses = folder.with_name(f"{folder.name}-poses")
     process = subprocess.Popen(
         [

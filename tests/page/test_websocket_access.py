@@ -1,14 +1,19 @@
-"""Websockets of the page: forged ones are refused; requests need control and a fresh display.
+"""Access to the page: a remote browser signs in, forged websockets and late requests are refused.
 
-The quick test serves STOP in a thread, the others the whole page in processes of its own.
+The quick test serves STOP in a thread. The others share a page in processes of its own, served by
+`rcmservo serve --host 0.0.0.0 --token-file`.
 """
 
+import contextlib
 import json
 import re
 import threading
+import urllib.error
+import urllib.parse
 import urllib.request
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from http.cookiejar import CookieJar
 from multiprocessing import Pipe
 from typing import Any
 
@@ -25,21 +30,33 @@ from rcmservo.page.web.stop_process import serve_stop
 
 
 class Site:
-    """Address of a server and the parameters in its page."""
+    """Address of a server, and a signed-in browser with the parameters in its page."""
 
-    def __init__(self, address: str) -> None:
-        self.address = address
-        match = re.search(
-            r"window\.RCMSERVO = (\{.*?\});", urllib.request.urlopen(address).read().decode()
-        )
+    def __init__(self, address: str, token: str) -> None:
+        self.address, self.host = address, urllib.parse.urlsplit(address).hostname
+        jar = CookieJar()
+        self.browser = urllib.request.build_opener(urllib.request.HTTPCookieProcessor(jar))
+        form = urllib.parse.urlencode({"token": token}).encode()
+        page = self.browser.open(address, form).read().decode()
+        match = re.search(r"window\.RCMSERVO = (\{.*?\});", page)
         assert match is not None
         self.parameters = json.loads(match[1])
+        self.cookie = "; ".join(f"{one.name}={one.value}" for one in jar)
 
-    def open(self, path: str, origin: str | None = None, **changes: Any) -> ClientConnection:
+    def open(
+        self, path: str, origin: str | None = None, is_signed_in: bool = True, **changes: Any
+    ) -> ClientConnection:
         port = self.parameters["stopPort"] if path == "/stop" else self.address.rpartition(":")[2]
         secret = changes.get("secret", self.parameters["secret"])
-        url = f"ws://127.0.0.1:{port}{path}?secret={secret}"
-        return connect(url, origin=Origin(origin or self.address))
+        url = f"ws://{self.host}:{port}{path}?secret={secret}"
+        headers = {"Cookie": self.cookie} if is_signed_in else {}
+        return connect(url, origin=Origin(origin or self.address), additional_headers=headers)
+
+    def fetch(self, path: str, **headers: str) -> int:
+        """Return the status of a page that the signed-in browser requests."""
+        request = urllib.request.Request(self.address + path, headers=headers)
+        with contextlib.closing(self.browser.open(request)) as page:
+            return page.status
 
     def board(self, websocket: ClientConnection) -> dict[str, Any]:
         """Return the newest content of the page, without the picture."""
@@ -58,8 +75,10 @@ class Site:
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
-    with serve_page(tmp_path_factory.mktemp("serve") / "out") as address:
-        yield Site(address)
+    folder = tmp_path_factory.mktemp("serve")
+    remote = "--host", "0.0.0.0", "--token-file", str(folder / "token")
+    with serve_page(folder / "out", *remote) as address:
+        yield Site(address, (folder / "token").read_text().strip())
 
 
 def assert_forgeries_are_refused(
@@ -128,23 +147,18 @@ def test_websockets_of_another_origin_or_without_the_secret_are_refused(
 
 @pytest.mark.slow
 def test_another_host_name_is_refused(site: Site) -> None:
-    request = urllib.request.Request(site.address, headers={"Host": "evil.example"})
     with pytest.raises(urllib.error.HTTPError, match="400"):
-        urllib.request.urlopen(request)
+        site.fetch("", Host="evil.example")
 
 
 @pytest.mark.slow
 def test_another_origin_is_refused_at_niceguis_socket(site: Site) -> None:
     path = "/_nicegui_ws/socket.io/?EIO=4&transport="
-    for origin in ("http://evil.example", site.address):
-        request = urllib.request.Request(f"{site.address}{path}polling", headers={"Origin": origin})
-        if origin == site.address:
-            assert urllib.request.urlopen(request).status == 200
-            continue
-        with pytest.raises(urllib.error.HTTPError, match="403"):
-            urllib.request.urlopen(request)
-        with pytest.raises(InvalidStatus, match="403"):
-            site.open(f"{path}websocket&match", origin)
+    assert site.fetch(f"{path}polling", Origin=site.address) == 200
+    with pytest.raises(urllib.error.HTTPError, match="403"):
+        site.fetch(f"{path}polling", Origin="http://evil.example")
+    with pytest.raises(InvalidStatus, match="403"):
+        site.open(f"{path}websocket&match", "http://evil.example")
 
 
 @pytest.mark.slow
@@ -166,3 +180,23 @@ def test_a_watcher_or_a_late_message_is_refused_with_the_reason(site: Site) -> N
             assert reason in json.loads(holder.recv(20.0))["refused"]
         for _ in range(5):
             assert site.board(pictures)["phase"] == "OFF"
+
+
+@pytest.mark.slow
+def test_a_remote_browser_signs_in_and_gets_pictures_and_stop(site: Site) -> None:
+    """The browser of the fixture has signed in. STOP needs no token.
+
+    STOP ends the session of the shared page, so this test is the last one.
+    """
+    for path in ("", "/rcmservo/stop.js", "/_nicegui_ws/socket.io/?EIO=4&transport=polling"):
+        with pytest.raises(urllib.error.HTTPError, match="401"):
+            urllib.request.urlopen(site.address + path)
+        assert site.fetch(path) == 200
+    with site.open("/pictures") as pictures:
+        pictures.send("next")
+        assert len(pictures.recv(20.0)) > 1000
+    with pytest.raises(InvalidStatus, match="403"):
+        site.open("/pictures", is_signed_in=False)
+    with site.open("/stop", is_signed_in=False) as stop:
+        stop.send("stop")
+        assert stop.recv(20.0) == "heard"
