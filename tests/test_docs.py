@@ -3,14 +3,16 @@
 import ast
 import importlib
 import re
+import runpy
 import shlex
 import subprocess
 import sys
 import tomllib
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from contextlib import nullcontext
 from pathlib import Path
-from typing import TypeGuard
+from typing import Any, TypeGuard
 
 import pytest
 
@@ -18,6 +20,8 @@ from conftest import ROOT, SMALL_RIG_TOML
 from rcmservo.cli.cli import main
 from rcmservo.paper.claims import claim_table
 from rcmservo.safety.causes import Cause
+from rcmservo.study.execution import workers
+from rcmservo.study.execution.chunk import run_chunk
 from stalls import retry_after_stalls
 
 SOURCE = ROOT / "src/rcmservo"
@@ -207,7 +211,9 @@ FIRST, *OTHERS = (one for one in COMMANDS if one not in SET_UP_COMMANDS)
 
 SHORTER_OPTIONS = {
     "--count 200": "--count 4",
-    "--duration 20": "--duration 13",
+    "--duration 20": "--duration 9",
+    "occlusion:at=3": "occlusion:at=2",
+    "relocate:at=5": "relocate:at=3",
     "--duration 8": "--duration 5",
     "--duration 6": "--duration 4",
 }
@@ -220,8 +226,8 @@ def list_words(command: str, folder: Path) -> list[str]:
     All but the first command and those with a rig of their own have small images.
     """
     is_first = command == FIRST
-    for option, shorter in SHORTER_OPTIONS.items():
-        command = command.replace(option, shorter)
+    longer = re.compile("|".join(map(re.escape, SHORTER_OPTIONS)))
+    command = longer.sub(lambda option: SHORTER_OPTIONS[option[0]], command)
     program, *words = shlex.split(command)
     assert program == ".venv/bin/rcmservo"
     if words[0] == "study":
@@ -238,8 +244,25 @@ def test_the_pages_have_the_options_that_tests_shorten() -> None:
     assert [option for option in SHORTER_OPTIONS if option not in " ".join(COMMANDS)] == []
 
 
+class InProcessPool:
+    """Pool of one worker that runs every request in this process."""
+
+    count, where = 1, "this process"
+
+    def run(self, requests: Iterable[tuple[str, Any]]) -> Iterator[tuple[str, Any]]:
+        for key, request in requests:
+            yield key, run_chunk(request)
+
+
+@pytest.fixture
+def studies_in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Replace the workers of studies, which take seconds to start, by this process."""
+    pool = nullcontext(InProcessPool())
+    monkeypatch.setattr(workers, "open_worker_pool", lambda *_: pool)
+
+
 @pytest.mark.slow
-@pytest.mark.usefixtures("blank_figures")
+@pytest.mark.usefixtures("studies_in_this_process", "blank_figures")
 @pytest.mark.parametrize("command", [one for one in OTHERS if not is_in_wall_time(one)])
 def test_every_other_command_of_the_first_pages_runs(
     command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -275,15 +298,17 @@ def test_the_script_runs_the_first_command_and_those_in_wall_time(
 
 
 @pytest.mark.slow
-def test_the_hello_example_reaches_its_target() -> None:
+def test_the_hello_example_reaches_its_target(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     program = (ROOT / "examples/01_hello.py").read_text()
     for long, short in {"rig.teach()": "rig.teach(frames=30)", "=8.0)": "=4.0)"}.items():
         assert program.count(long) == 1
         program = program.replace(long, short)
-    command = [sys.executable, "-c", program]
-    done = subprocess.run(command, capture_output=True, text=True, check=True, cwd=ROOT)
+    (tmp_path / "hello.py").write_text(program)
+    runpy.run_path(str(tmp_path / "hello.py"))
     phase, s, r, d = re.match(
-        r"(\w+): Δs = (\S+) rad, Δr = (\S+) px, Δd = (\S+) px", done.stdout
+        r"(\w+): Δs = (\S+) rad, Δr = (\S+) px, Δd = (\S+) px", capsys.readouterr().out
     ).groups()  # type: ignore[union-attr]
     assert phase == "servoing"
     assert abs(float(s)) < 0.009
@@ -301,17 +326,21 @@ STUDIES = (ROOT / "docs/studies.md").read_text()
 
 
 @pytest.mark.slow
-def test_the_estimator_of_the_studies_page_is_compared_as_described(tmp_path: Path) -> None:
+@pytest.mark.usefixtures("studies_in_this_process", "blank_figures")
+def test_the_estimator_of_the_studies_page_is_compared_as_described(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     block = re.search(r"```python\n(.*?)```", STUDIES, re.S)
     command = re.search(r"^rcmservo (study .*mylab:RLS.*)$", STUDIES, re.M)
     assert block is not None and command is not None
     code = [line for line in block[1].splitlines() if line and not line.startswith(("from", "im"))]
     assert len(code) <= 24, "twenty lines will do"
     (tmp_path / "mylab.py").write_text(block[1])
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [*sys.path])
     words = shlex.split(command[1].replace("--count 200", "--count 2"))
-    words += ["--duration", "3", "--workers", "1"]
-    line = [str(Path(sys.executable).with_name("rcmservo")), *words]
-    output = subprocess.run(line, cwd=tmp_path, capture_output=True, text=True, check=True).stdout
+    assert main([*words, "--duration", "3", "--workers", "1"]) == 0
+    output = capsys.readouterr().out
     assert "mylab:RLS compared with dlt" in output and (tmp_path / "runs/mine/report.html").exists()
 
 

@@ -1,23 +1,30 @@
 """Small campaign of random faults: the first runs of benchmarks/campaign.py."""
 
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Iterator
 
+import campaign
 import pytest
 from campaign import Run, disturbed, one
 
 from rcmservo.sim import Disturbance
 
 RUN_COUNTS = {"faults": 14, "short": 6, "none": 4}
+DURATION_S, FAULTS_UNTIL_S = 15.0, 9.0
+"""Length of a run, and the time until which its faults begin: half of those of the benchmark."""
 VALID_ENDS = {"settled", "HOLD", "PAUSED", "FAULT", "killed"}
 
 
+@pytest.fixture(scope="module", autouse=True)
+def shorter_runs() -> Iterator[None]:
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(campaign, "DURATION", DURATION_S)
+        patched.setattr(campaign, "FAULTS_UNTIL", FAULTS_UNTIL_S)
+        yield
+
+
 @pytest.fixture(scope="module")
-def runs() -> dict[str, list[Run]]:
-    with ProcessPoolExecutor() as pool:
-        return {
-            kind: list(pool.map(one, range(count), [kind] * count))
-            for kind, count in RUN_COUNTS.items()
-        }
+def runs(shorter_runs: None) -> dict[str, list[Run]]:
+    return {kind: [one(seed, kind) for seed in range(n)] for kind, n in RUN_COUNTS.items()}
 
 
 def test_a_run_with_faults_meets_all_requirements() -> None:

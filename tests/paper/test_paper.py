@@ -7,7 +7,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,10 +16,13 @@ import pytest
 
 from conftest import INTERRUPTIBLE_COMMAND, wait_until
 from rcmservo.cli.cli import main
+from rcmservo.paper import regulation_projection_claims
 from rcmservo.paper.claims import claim_table
 from rcmservo.paper.experiment import experiment_named
+from rcmservo.paper.lab import regulation
+from rcmservo.paper.lab.paper_settings import PROJECTION_EXPLORATION
 from rcmservo.paper.run import collect_results
-from rcmservo.paper.store import Assignment, fingerprint
+from rcmservo.paper.store import Assignment, fingerprint, prepare
 from rcmservo.recording import reader
 from rcmservo.recording.outcome import SETTLED_DURATION_S
 
@@ -44,13 +47,19 @@ KEYS = {
 }
 COMPARED = ("baselines", "path-following")
 SHORTER: dict[str, dict[str, float]] = {
-    "regulation-projection": {"duration": 15.0, "default_duration": 4.0},
-    "regulation-flow": {"duration": 15.0},
-    "showing": {"spread": 7.0},
+    "regulation-projection": {"duration": 8.0, "default_duration": 3.0},
+    "regulation-flow": {"duration": 8.0},
+    "showing": {"spread": 7.0, "longest": 12.0},
     "stability": {"duration": 15.0},
-    "relocation": {"duration": 20.0},
+    "relocation": {"duration": 12.0},
+    "baselines": {"accepted": 1, "draws": 20, "duration": 2.0},
+    "path-following": {"approach": 4.0, "period": 6.0},
 }
 """Settings (s, mm) that replace those of `--quick`: these tests need no path to its end."""
+RETURNING = ("regulation-projection", "regulation-flow")
+"""Experiments with a return to the start, which takes a minute with the paper's gains."""
+MAX_RETURN_S, MAX_REAL_TIME_EXPLORATION_S = 4.0, 20.0
+"""Time limits (s) of these experiments here."""
 CHEAP = ("potential", "imaged-rcm", "tool-model")
 """Experiments that run twice: a computation, a Monte Carlo simulation, and closed loops."""
 
@@ -70,7 +79,19 @@ def shorter_runs() -> Iterator[None]:
 
 @pytest.fixture(scope="module")
 def quick(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the folder of a reduced run.
+
+    The command finds the results of the experiments with a return, as if it continued a run.
+    """
     folder = tmp_path_factory.mktemp("paper") / "quick"
+    prepare(folder, quick=True)
+    jobs = [job for name in RETURNING for job in assignments(name, folder)]
+    exploration = replace(PROJECTION_EXPLORATION, max_time=MAX_REAL_TIME_EXPLORATION_S)
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(regulation, "RETURN_TIMEOUT_S", MAX_RETURN_S)
+        patched.setattr(regulation_projection_claims, "PROJECTION_EXPLORATION", exploration)
+        for job in jobs:
+            job.perform()
     assert paper("--quick", "--out", str(folder)) == 0
     return folder
 

@@ -52,7 +52,9 @@ WEAKEST_TO_STRONGEST = (
 )
 """Phases from the weakest reaction to the strongest."""
 
-causes = st.sampled_from([cause for cause in Cause if cause is not Cause.NONE])
+ALL_CAUSES = [cause for cause in Cause if cause is not Cause.NONE]
+
+causes = st.sampled_from(ALL_CAUSES)
 some_causes = st.lists(causes, max_size=4)
 requests = st.sampled_from(list(Request))
 transition_inputs = st.builds(
@@ -83,31 +85,14 @@ def strength(mode):
     return WEAKEST_TO_STRONGEST.index(mode.phase), -mode.speed_scale
 
 
-one_more_cause = given(modes(), some_causes, causes, transition_inputs, requests, times)
-
-
-def assert_not_weaker(mode, present, added, inputs, operator_request, now):
-    reaction = transition(mode, present, inputs, operator_request, now)
-    assert strength(transition(mode, [*present, added], inputs, operator_request, now)) >= strength(
-        reaction
-    )
-
-
-@settings(max_examples=150)
-@one_more_cause
-def test_an_additional_fault_never_weakens_the_reaction(
-    mode, present, added, inputs, operator_request, now
-):
-    assert_not_weaker(mode, present, added, inputs, operator_request, now)
-
-
-@pytest.mark.slow
-@settings(max_examples=1_500)
-@one_more_cause
-def test_any_additional_fault_never_weakens_the_reaction(
-    mode, present, added, inputs, operator_request, now
-):
-    assert_not_weaker(mode, present, added, inputs, operator_request, now)
+@settings(max_examples=100)
+@given(modes(), some_causes, transition_inputs, requests, times)
+def test_no_additional_fault_weakens_the_reaction(mode, present, inputs, operator_request, now):
+    """Each example adds every cause: another example takes far longer than another transition."""
+    before = strength(transition(mode, present, inputs, operator_request, now))
+    for added in ALL_CAUSES:
+        after = transition(mode, [*present, added], inputs, operator_request, now)
+        assert strength(after) >= before, added
 
 
 @given(modes(), some_causes, transition_inputs, requests, times, st.randoms())

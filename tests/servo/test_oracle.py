@@ -639,31 +639,29 @@ def test_a_servo_takes_the_same_steps_compiled_and_as_plain_python(plain):
     assert np.abs(results["fast rates"]).max() > 0.1
 
 
-@pytest.mark.slow
-def test_the_oracle_calls_every_compiled_function_of_the_core():
+def test_the_oracle_calls_every_compiled_function_of_the_core(plain):
     """A function that is not called directly is called by another one."""
-    called, core = _called_when_plain(), find_compiled_functions()
+    called, core = set(plain["called functions"]), find_compiled_functions()
     assert len(core) > 60
     assert [name for name in core if name not in called] == []
 
 
-def _called_when_plain():
-    code = (
-        "import sys; import test_oracle as t; seen = set()\n"
-        "def watch(frame, event, _):\n"
-        "    name = frame.f_globals.get('__name__', '')\n"
-        "    if event == 'call': seen.add(name + '.' + frame.f_code.co_name)\n"
-        "sys.setprofile(watch); t.run_functions(); t.run_steps(); sys.setprofile(None)\n"
-        "print(*sorted(seen))"
-    )
-    environment = make_environment(NUMBA_DISABLE_JIT="1")
-    command = [sys.executable, "-c", code]
-    return set(
-        subprocess.run(
-            command, env=environment, capture_output=True, text=True, check=True
-        ).stdout.split()
-    )
+def list_called_functions(run):
+    """Return the results of `run`, and module and name of every function that it called."""
+    called = set()
+
+    def watch(frame, event, _):
+        if event == "call":
+            called.add((frame.f_globals.get("__name__", ""), frame.f_code.co_name))
+
+    sys.setprofile(watch)
+    try:
+        results = run()
+    finally:
+        sys.setprofile(None)
+    return results, sorted(".".join(name) for name in called)
 
 
 if __name__ == "__main__":
-    np.savez(sys.argv[1], **run_functions(), **run_steps())
+    found, names = list_called_functions(lambda: run_functions() | run_steps())
+    np.savez(sys.argv[1], **found, **{"called functions": np.array(names)})

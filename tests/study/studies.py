@@ -12,6 +12,8 @@ from rcmservo.study.plan.plan import StudyPlan
 class InProcessPool:
     """Pool that runs every request in this process; test_study_workers.py has real workers."""
 
+    count, where = 1, "this process"
+
     def run(
         self, requests: Iterable[tuple[str, ChunkRequest]]
     ) -> Generator[tuple[str, list[RowValues]]]:

@@ -9,11 +9,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
+from scipy import special
 
 from rcmservo.interfaces import Floats
 
-STATS: Any = stats
+SPECIAL: Any = special
+"""Special functions; `scipy.stats`, which wraps them, takes a second to import."""
 """SciPy's statistics as `Any`, because they have no type annotations."""
 
 Booleans = NDArray[np.bool_]
@@ -56,8 +57,24 @@ UNKNOWN_INTERVAL = Interval(np.nan, np.nan, np.nan)
 
 def estimate_fraction(count: int, of: int) -> Interval:
     """Return a fraction with Wilson's score interval (J. Am. Stat. Assoc. 22, 1927)."""
-    low, high = STATS.binomtest(count, of).proportion_ci(CONFIDENCE, method="wilson")
-    return Interval(count / of, float(low), float(high))
+    fraction, z = count / of, compute_normal_quantile((1.0 + CONFIDENCE) / 2.0)
+    denominator = 2.0 * (of + z**2)
+    center = (2.0 * of * fraction + z**2) / denominator
+    reach = z / denominator * math.sqrt(4.0 * of * fraction * (1.0 - fraction) + z**2)
+    low = 0.0 if count == 0 else center - reach
+    return Interval(fraction, low, 1.0 if count == of else center + reach)
+
+
+def compute_normal_quantile(p: float) -> float:
+    """Return the quantile of the standard normal distribution for a probability."""
+    return float(SPECIAL.ndtri(p))
+
+
+def compute_binomial_quantile(p: float, n: int, success: float) -> int:
+    """Return the smallest count of successes in n trials whose distribution function reaches p."""
+    count = math.ceil(SPECIAL.bdtrik(p, n, success))
+    below = max(count - 1, 0)
+    return below if SPECIAL.bdtr(below, n, success) >= p else count
 
 
 def estimate_quantile(values: Floats, p: float, lower_bound: float = -np.inf) -> Interval:
@@ -76,8 +93,8 @@ def estimate_quantile(values: Floats, p: float, lower_bound: float = -np.inf) ->
     n, ordered = len(values), np.sort(values)
     if n == 0:
         return UNKNOWN_INTERVAL
-    counts = STATS.binom.ppf([(1.0 - CONFIDENCE) / 2.0, (1.0 + CONFIDENCE) / 2.0], n, p)
-    low_index, high_index = int(counts[0]) - 1, int(counts[1])
+    low_index = compute_binomial_quantile((1.0 - CONFIDENCE) / 2.0, n, p) - 1
+    high_index = compute_binomial_quantile((1.0 + CONFIDENCE) / 2.0, n, p)
     low = float(ordered[low_index]) if low_index >= 0 else lower_bound
     high = float(ordered[high_index]) if high_index < n else np.inf
     return Interval(_find_quantile(ordered, p * n), low, high)
@@ -111,7 +128,7 @@ def estimate_root_mean_square(values: Floats) -> Interval:
     if n == 1 or mean_square == 0.0:
         return Interval(rms, 0.0, np.inf)
     log_deviation = float(squares.std(ddof=1)) / (mean_square * np.sqrt(n))
-    ratio = np.exp(0.5 * float(STATS.t.ppf((1.0 + CONFIDENCE) / 2.0, n - 1)) * log_deviation)
+    ratio = np.exp(0.5 * float(SPECIAL.stdtrit(n - 1, (1.0 + CONFIDENCE) / 2.0)) * log_deviation)
     return Interval(rms, rms / ratio, rms * ratio)
 
 
@@ -123,7 +140,7 @@ def estimate_fraction_difference(success: Booleans, baseline: Booleans) -> Inter
     """
     gained, lost = int((success & ~baseline).sum()), int((~success & baseline).sum())
     b, c, m = gained + 0.5, lost + 0.5, len(success) + 2.0
-    middle, z = (b - c) / m, float(STATS.norm.ppf((1.0 + CONFIDENCE) / 2.0))
+    middle, z = (b - c) / m, compute_normal_quantile((1.0 + CONFIDENCE) / 2.0)
     spread = z * np.sqrt(b + c - (b - c) ** 2 / m) / m
     difference = (gained - lost) / len(success)
     return Interval(difference, max(middle - spread, -1.0), min(middle + spread, 1.0))
