@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import rcmservo as rs
-from conftest import ESTIMATORS, Laboratory, make_laboratory
+from conftest import ESTIMATORS, Laboratory, make_laboratory, make_random
 from rcmservo.interfaces import ArmMeasurement, Camera, Command, Floats, Frame
 from rcmservo.loop.plant import Plant
 from rcmservo.tracking import PointMarkers
@@ -152,3 +152,62 @@ def test_a_frame_number_that_wraps_is_a_new_frame(bits: int) -> None:
     ticks = run(change_camera(lab, wrap), lab, 4.0)
     assert not any(tick.observation.drop_reason for tick in ticks)
     assert list_stops(ticks) == [] and measure_error_mm(ticks, lab) < 2.0
+
+
+def misplace_marker(frame: Frame, random: np.random.Generator) -> Frame:
+    """Return a frame with one marker 30 to 100 px from its place."""
+    assert frame.points is not None
+    points, angle = frame.points.copy(), random.uniform(0.0, 2.0 * np.pi)
+    distance = random.uniform(30.0, 100.0)
+    points[random.integers(2)] += distance * np.array([np.cos(angle), np.sin(angle)])
+    return replace(frame, points=points)
+
+
+@pytest.mark.parametrize("index", [0, 1, 2, 3, 5, 8, 13, 21, 34, 55])
+def test_a_single_wrong_frame_pauses_no_exploration(index: int) -> None:
+    """The first frame included: later frames that agree with each other replace it."""
+    for seed in (21, 22, 23):
+        random, used = make_random(seed), list[int]()
+
+        def change(frame: Frame, _: Frame | None, used=used, random=random) -> Frame:
+            used.append(frame.number)
+            return misplace_marker(frame, random) if len(used) - 1 == index else frame
+
+        lab = make_laboratory(seed, rs.sim.RigSettings(point_noise=0.3))
+        ticks = run(change_camera(lab, change), lab, 3.0)
+        assert list_stops(ticks) == []
+        assert ticks[-1].state.phase is rs.Phase.SERVO
+
+
+def test_a_tenth_of_wrong_frames_pauses_few_runs() -> None:
+    stops = []
+    for seed in range(30, 42):
+        random = make_random(seed)
+
+        def change(frame: Frame, _: Frame | None, random=random) -> Frame:
+            return misplace_marker(frame, random) if random.random() < 0.1 else frame
+
+        lab = make_laboratory(seed, rs.sim.RigSettings(point_noise=0.3))
+        stops += list_stops(run(change_camera(lab, change), lab, 6.0))
+    assert len(stops) <= 1
+
+
+def test_another_object_that_stays_stops_the_tool_after_three_frames() -> None:
+    """It is no scattered false detection: the tool must not move blindly for longer."""
+    lab = make_laboratory(21, rs.sim.RigSettings(point_noise=0.3))
+    first = round(60 * lab.rig.clock.now() * 1e-9) + 110
+    place = np.array([[200.0, 150.0]])
+
+    def change(frame: Frame, _: Frame | None) -> Frame:
+        assert frame.points is not None
+        return replace(
+            frame,
+            points=np.concatenate([frame.points[:1], place])
+            if frame.number > first
+            else frame.points,
+        )
+
+    ticks = run(change_camera(lab, change), lab)
+    stopped = next(tick for tick in ticks if tick.state.phase is rs.Phase.PAUSED)
+    assert stopped.state.cause is rs.Cause.SURPRISED
+    assert stopped.observation.frame == first + 3

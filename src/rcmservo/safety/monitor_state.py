@@ -11,7 +11,14 @@ import numpy as np
 
 from rcmservo.interfaces import NEVER_NS, Floats, Observation, ObservationStruct
 from rcmservo.numerics.jit import compiled
-from rcmservo.numerics.small_linalg import all_finite, compute_norm, copy_into, fill, subtract
+from rcmservo.numerics.small_linalg import (
+    all_finite,
+    compute_distance,
+    compute_norm,
+    copy_into,
+    fill,
+    subtract,
+)
 from rcmservo.numerics.structs import Row, Struct, flag, part, real, reals, whole
 from rcmservo.safety.innovation import (
     ESTIMATE_CONTRADICTED,
@@ -20,6 +27,10 @@ from rcmservo.safety.innovation import (
     find_jumps,
 )
 from rcmservo.safety.thresholds import Thresholds
+
+MAX_STEADY_MOTION_PX = 15.0
+"""Motion (px) of another object, detected as a marker, from one frame to the next. False detections
+in noise are further apart."""
 
 FRAME_PERIOD_SMOOTHING = 0.2
 """Weight of a new frame in the filtered frame period."""
@@ -56,7 +67,10 @@ class MonitorState(Row):
     latency: int = whole("ns", "time from the newest frame's exposure to its first tick")
     one_marker_suffices: bool = flag("True if one marker is lost and the other determines the pose")
     rejected_frames: int = count("number of successive rejected frames")
+    steady_frames: int = count("rejected frames in succession whose deviating markers stay")
     jumped_frames: int = count("rejected frames in which both markers jumped to a steady position")
+    agreeing_frames: int = count("frames before the end of exploration, since the first one")
+    first_frame_is_wrong: bool = flag("True if later frames agree with each other, not with it")
     swapped_frames: int = count("rejected frames with each marker at the other's position")
     rejected_markers: Floats = markers("markers of the newest rejected frame")
     mean_residual: Floats = markers("mean residual of each marker")
@@ -94,12 +108,15 @@ def reset_monitor(monitor: MonitorState, resets_markers: bool) -> None:
     if resets_markers:
         reset_rejections(monitor)
         monitor.accepted_frame, monitor.one_marker_suffices = -1, False
+        monitor.agreeing_frames, monitor.first_frame_is_wrong = 0, False
+        fill(monitor.stuck_anchors, np.nan)
 
 
 @compiled
 def reset_rejections(monitor: MonitorState) -> None:
     """Set the counts of rejected frames to zero."""
-    monitor.rejected_frames, monitor.jumped_frames, monitor.swapped_frames = 0, 0, 0
+    monitor.rejected_frames, monitor.steady_frames = 0, 0
+    monitor.jumped_frames, monitor.swapped_frames = 0, 0
 
 
 @compiled
@@ -210,6 +227,12 @@ def markers_stay(monitor: MonitorState, points: Floats, thresholds: Thresholds) 
 
 
 @compiled
+def jumps_from_rejected(monitor: MonitorState, points: Floats, k: int) -> bool:
+    """Return True if marker k is far from its position in the last rejected frame."""
+    return compute_distance(points[k], monitor.rejected_markers[k]) > MAX_STEADY_MOTION_PX
+
+
+@compiled
 def monitor_markers(
     monitor: MonitorState,
     first_deviates: bool,
@@ -241,7 +264,11 @@ def monitor_markers(
         return
     both_deviate = first_deviates and second_deviates
     is_steady = monitor.rejected_frames == 0 or markers_stay(monitor, points, thresholds)
+    stays = not (first_deviates and jumps_from_rejected(monitor, points, 0)) and not (
+        second_deviates and jumps_from_rejected(monitor, points, 1)
+    )
     monitor.rejected_frames += 1
+    monitor.steady_frames = monitor.steady_frames + 1 if stays else 1
     earlier_jumps = monitor.jumped_frames if is_steady else 0
     monitor.jumped_frames = earlier_jumps + 1 if both_deviate else 0
     monitor.swapped_frames = monitor.swapped_frames + 1 if both_deviate and is_swapped else 0

@@ -154,7 +154,7 @@ class Thresholds(Checked, section="thresholds"):
         they count as the same, as a multiple of ``max_jump_px``, positive.
     max_rejected_frames : int
         Number of successive rejected frames at which the tool stops (`CAMERA_MOVED`, `SWAPPED`,
-        `SURPRISED`).
+        `SURPRISED`); twice as many if the detections scatter in the image.
     moved_camera_frames : int
         Number of successive rejected frames after which the view itself must have changed
         (`CAMERA_MOVED`).

@@ -153,6 +153,16 @@ def check_against_last_frame(
         )
         if monitor.jumped_frames > 0 and markers_stay(monitor, points, thresholds):
             rejects_1, rejects_2 = True, True
+        if (
+            monitor.agreeing_frames == 1
+            and monitor.rejected_frames > 0
+            and (rejects_1 or rejects_2)
+        ):
+            max_px_per_mm, others = thresholds.max_px_per_mm, monitor.rejected_markers
+            jumps = find_jumps(points, others, distance_mm, max_jump_px, max_px_per_mm)
+            monitor.first_frame_is_wrong = not (jumps[0] or jumps[1])
     if not (rejects_1 or rejects_2):
         rejects_1, rejects_2 = detect_stuck_markers(monitor, points, thresholds)
     monitor_markers(monitor, rejects_1, rejects_2, crossed, points, thresholds)
+    if monitor.rejected_frames == 0:
+        monitor.agreeing_frames += 1

@@ -16,12 +16,13 @@ from rcmservo.estimation.camera_fit import reset_fit
 from rcmservo.interfaces import Floats, ObservationStruct
 from rcmservo.numerics.jit import compiled
 from rcmservo.numerics.structs import Rows
-from rcmservo.safety.monitor_state import store_observation
+from rcmservo.safety.monitor_state import reset_monitor, store_observation
 from rcmservo.servo.accept_frame import accept_frame
 from rcmservo.servo.apply_mode import bound_rates, choose_mode
 from rcmservo.servo.collect_causes import collect_causes, compare_target_with_fit
 from rcmservo.servo.compute_command import compute_command
 from rcmservo.servo.kernel_parameters import KernelParameters, TickContext
+from rcmservo.servo.reset import reset_estimation
 from rcmservo.servo.setpoint import Setpoint, store_setpoint
 from rcmservo.servo.state import StoredState
 from rcmservo.servo.update_estimate import (
@@ -120,6 +121,10 @@ def conclude(tick: TickContext, frame_result: int) -> bool:
     causes = collect_causes(tick)
     was_reset = choose_mode(tick, causes, frame_result)
     was_reset = bound_rates(tick) or was_reset
+    if tick.stored.monitor.first_frame_is_wrong:
+        reset_monitor(tick.stored.monitor, True)
+        reset_estimation(tick.stored)
+        was_reset = True
     if was_reset:
         reset_fit(tick.stored.projection_fit)
     return was_reset

@@ -10,6 +10,10 @@ from rcmservo.safety.checks.exploration import markers_are_in_reverse_order
 from rcmservo.safety.checks.facts import TickFacts, has_frame
 from rcmservo.safety.innovation import find_lost_markers
 
+SCATTERED_FACTOR = 2
+"""Multiple of `max_rejected_frames` at which false detections stop the tool that scatter in the
+image: single wrong frames then seldom follow each other that long."""
+
 
 @compiled
 def both_markers_are_lost(facts: TickFacts) -> bool:
@@ -89,5 +93,8 @@ def camera_moved(facts: TickFacts) -> bool:
 @compiled
 def markers_are_unexpected(facts: TickFacts) -> bool:
     """Detect that markers jump without a moved camera, or that one marker alone drifts."""
+    monitor, limit = facts.monitor, facts.thresholds.max_rejected_frames
     is_explained = camera_moved(facts) or markers_exchanged_positions(facts)
-    return (frames_are_rejected(facts) and not is_explained) or one_marker_deviates(facts)
+    is_long = monitor.rejected_frames >= SCATTERED_FACTOR * limit
+    persists = frames_are_rejected(facts) and (monitor.steady_frames >= limit or is_long)
+    return (persists and not is_explained) or one_marker_deviates(facts)
