@@ -19,7 +19,7 @@ from rcmservo.estimation.camera_fit_prediction import predict_markers
 from rcmservo.interfaces import Floats
 from rcmservo.numerics.structs import to_row
 from rcmservo.safety.causes import Cause
-from rcmservo.safety.checks.drift import detect_stuck_markers, one_marker_deviates, update_drift
+from rcmservo.safety.checks.drift import detect_still_markers, one_marker_deviates, update_drift
 from rcmservo.safety.checks.repeated_frames import detect_repeated_frame
 from rcmservo.safety.innovation import find_deviating_markers, squared_mahalanobis_distance
 from rcmservo.safety.monitor_state import MonitorState, initial_monitor_state
@@ -267,8 +267,8 @@ def test_the_monitored_camera_projects_the_tool_like_the_other_tests() -> None:
     assert isinstance(camera.monitor, MonitorState)
 
 
-def detect_stuck(points: Floats, positions: Floats) -> tuple[bool, bool, bool]:
-    """Return whether marker 1 and marker 2 were ever stuck, and whether the image was frozen.
+def detect_still(points: Floats, positions: Floats) -> tuple[bool, bool, bool]:
+    """Return whether marker 1 and marker 2 were ever still, and whether the image was frozen.
 
     `points` (n, 2, 2) px are the markers with marker 1 at `positions` (n, 3) mm.
     """
@@ -277,7 +277,7 @@ def detect_stuck(points: Floats, positions: Floats) -> tuple[bool, bool, bool]:
     for p1, points_of_frame in zip(positions, points, strict=True):
         first, second = False, False
         if not detect_repeated_frame(monitor[0], fit, False, p1, points_of_frame, SHAFT, LIMITS):
-            first, second = detect_stuck_markers(monitor[0], points_of_frame, LIMITS)
+            first, second = detect_still_markers(monitor[0], p1, points_of_frame, True, LIMITS)
         detected |= [first, second, MonitorState(monitor).image_frozen]
     return bool(detected[0]), bool(detected[1]), bool(detected[2])
 
@@ -290,18 +290,18 @@ def explore(seed: int) -> tuple[Floats, Floats]:
 
 
 @pytest.mark.parametrize("k", [0, 1])
-def test_a_stuck_marker_is_detected_before_a_fit_exists(k: int) -> None:
+def test_a_still_marker_is_detected_before_a_fit_exists(k: int) -> None:
     for seed in range(20):
         positions, points = explore(seed)
-        assert detect_stuck(points, positions) == (False, False, False)
+        assert detect_still(points, positions) == (False, False, False)
         noise = points[:, k] - points[:, k].mean(axis=0)
         points[:, k] = points[0, k] + 0.3 * noise / noise.std()
-        assert detect_stuck(points, positions) == (k == 0, k == 1, False)
+        assert detect_still(points, positions) == (k == 0, k == 1, False)
 
 
 def test_a_frozen_image_is_detected_before_a_fit_exists() -> None:
     positions, points = explore(0)
     points[20:] = points[20]
-    assert detect_stuck(points, positions) == (False, False, True)
+    assert detect_still(points, positions) == (False, False, True)
     rest_positions = np.repeat(positions[:1], len(positions), axis=0)
-    assert detect_stuck(points, rest_positions) == (False, False, False)
+    assert detect_still(points, rest_positions) == (False, False, False)

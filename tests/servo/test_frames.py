@@ -211,3 +211,28 @@ def test_another_object_that_stays_stops_the_tool_after_three_frames() -> None:
     stopped = next(tick for tick in ticks if tick.state.phase is rs.Phase.PAUSED)
     assert stopped.state.cause is rs.Cause.SURPRISED
     assert stopped.observation.frame == first + 3
+
+
+@pytest.mark.parametrize("still", [[0], [1], [0, 1]])
+def test_markers_that_stand_still_end_the_exploration_early_and_are_named(still: list[int]) -> None:
+    for seed, noise in ((41, 0.1), (42, 0.3), (43, 0.3)):
+        lab, random = make_laboratory(seed), make_random(seed)
+        held = np.array([[330.0, 250.0], [270.0, 190.0]])
+
+        def change(frame: Frame, _: Frame | None, held=held, random=random, noise=noise) -> Frame:
+            assert frame.points is not None
+            points = frame.points.copy()
+            points[still] = held[still] + noise * random.standard_normal((len(still), 2))
+            return replace(frame, points=points)
+
+        ticks = run(change_camera(lab, change), lab)
+        end = next(k for k, tick in enumerate(ticks) if tick.state.phase is rs.Phase.PAUSED)
+        state = ticks[end].state
+        assert state.cause is rs.Cause.STANDS_STILL
+        assert [f"marker {k + 1} at" in state.detail for k in (0, 1)] == [
+            k in still for k in (0, 1)
+        ]
+        servo = lab.servo()
+        p1 = np.array([servo.position_of_marker_1(tick.observation.q) for tick in ticks[: end + 1]])
+        assert np.linalg.norm(np.diff(p1, axis=0), axis=1).sum() < 30.0
+        assert ticks[end].time - ticks[0].time < 2_000_000_000

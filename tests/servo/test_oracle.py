@@ -354,7 +354,8 @@ def run_drift_checks(scene):
         results[f"drift of {name}"] = [*w.mean_residual.ravel(), *w.drift_px, *detections]
         positions = np.stack([scene.points, scene.points + off])
         results[f"stuck by {name}"] = [
-            drift.detect_stuck_markers(w.rows[0], points, t) for points in positions
+            drift.detect_still_markers(w.rows[0], p1, points, True, t)
+            for p1, points in zip(scene.positions, positions, strict=False)
         ]
         results[f"deviating by {name}"] = innovation.find_deviating_markers(
             v, scene.positions[0], scene.points + off, scene.target, shaft, t

@@ -373,9 +373,10 @@ def test_markers_unrelated_to_the_motion_end_in_not_explored():
 
     def unrelated(observation):
         random = np.random.default_rng(observation.frame + 1)
+        swing = 5.0 * np.sin(observation.frame / np.array([[5.0, 7.0], [8.0, 6.0]]))
+        scatter = random.uniform(-0.8, 0.8, (2, 2))
         return replace(
-            observation,
-            points=np.array([[300.0, 200.0], [340.0, 260.0]]) + random.uniform(-0.8, 0.8, (2, 2)),
+            observation, points=np.array([[300.0, 200.0], [340.0, 260.0]]) + swing + scatter
         )
 
     for _, state in lab.run(servo, 4.0, change=unrelated):

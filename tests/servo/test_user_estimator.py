@@ -162,6 +162,24 @@ class Impure(Faulty):
         return np.zeros(4)
 
 
+@dataclass(frozen=True)
+class SharedImpure(Impure):
+    """Estimator that returns the array that it changed: old results change with it."""
+
+    def init(self) -> Any:
+        return np.zeros((3, 3))
+
+    def update(self, memory: Any, tool: Any, sample: Any) -> Any:
+        memory[:] = 0.5 * memory + 0.5 * np.outer(sample.p1, sample.p1)
+        return memory
+
+    def jacobian(self, memory: Any, tool: Any, sample: Any) -> Any:
+        return memory
+
+    def recorded_numbers(self, memory: Any) -> Any:
+        return memory.ravel()
+
+
 @pytest.mark.parametrize("failure", FAILURES)
 def test_an_estimator_that_fails_from_the_start_is_refused_before_the_drive_is_enabled(
     failure: str, lab: Laboratory
@@ -180,6 +198,8 @@ def test_an_object_that_is_no_estimator_or_not_pure_or_not_finite_is_refused() -
         check_estimator(3, TOOL)
     with pytest.raises(UnusableEstimator, match=r"Impure: its update must be pure"):
         check_estimator(Impure(), TOOL)
+    with pytest.raises(UnusableEstimator, match=r"SharedImpure: its update must be pure"):
+        check_estimator(SharedImpure(), TOOL)
     with pytest.MonkeyPatch.context() as other:
         other.setitem(FAILURES, "nan", ("jacobian", lambda: np.full((3, 3), np.nan), ""))
         with pytest.raises(

@@ -236,6 +236,13 @@ class Cause(Enum):
         markers.markers_are_swapped,
         invalidates_unexplored=Invalidates.ESTIMATE,
     )
+    STANDS_STILL = pause(
+        "the tool moves, but a marker does not: another object is detected as a marker",
+        "cover or remove what looks like a marker, then resume",
+        markers.markers_stand_still,
+        invalidates=Invalidates.ESTIMATE,
+        detail=markers.describe_still_markers,
+    )
     SURPRISED = pause(
         "the markers are not at the predicted positions: another object is detected as a "
         "marker, or the camera moved",

@@ -82,6 +82,9 @@ class MonitorState(Row):
     image_frozen: bool = flag("True if the markers did not change although the tool moved")
     changed_markers_p1: Floats = reals(3, "mm", "marker 1 when `changed_markers` first appeared")
     stuck_anchors: Floats = reals((2, 4), "px", "stop of each marker, and the other marker then")
+    path_p1: Floats = reals(3, "mm", "marker 1 in the last frame of the exploration")
+    still_paths: Floats = reals(2, "mm", "path of marker 1 since the stop of each marker")
+    still_markers: int = whole("", "bits 1 and 2: markers that do not move with the tool")
     compared_p1: Floats = reals(3, "mm", "marker 1 at the last comparison with the estimate")
     compared_markers: Floats = markers("markers at the last comparison with the estimate")
     contradictions: int = count("number of successive comparisons that contradict the estimate")
@@ -89,7 +92,7 @@ class MonitorState(Row):
 
 def initial_monitor_state() -> MonitorState:
     """Return the state before the first observation."""
-    unknown_positions = "predicted_joints", "rest_joints", "compared_p1"
+    unknown_positions = "predicted_joints", "rest_joints", "compared_p1", "path_p1"
     unknown_markers = "rejected_markers", "compared_markers", "changed_markers"
     unknown = dict.fromkeys((*unknown_positions, *unknown_markers), np.nan)
     return MonitorState.of(idle_since=NEVER_NS, newest_frame=-1, accepted_frame=-1, **unknown)

@@ -15,7 +15,7 @@ from rcmservo.geometry.kinematics import compute_position_tuple, is_within_limit
 from rcmservo.interfaces import NEVER_NS, Floats
 from rcmservo.numerics.jit import compiled
 from rcmservo.numerics.small_linalg import compute_distance, copy_into
-from rcmservo.safety.checks.drift import detect_stuck_markers, update_drift
+from rcmservo.safety.checks.drift import detect_still_markers, update_drift
 from rcmservo.safety.checks.repeated_frames import detect_repeated_frame
 from rcmservo.safety.innovation import find_deviating_markers, find_jumps, find_lost_markers
 from rcmservo.safety.monitor_state import (
@@ -78,7 +78,10 @@ def accept_frame(tick: TickContext) -> tuple[int, float]:
     else:
         noise_px = np.sqrt(2.0 * fit.noise_variance)
         max_jump_px = thresholds.max_jump_px + thresholds.max_innovation * noise_px
-        check_against_last_frame(monitor, estimate, observation, p1, max_jump_px, thresholds)
+        is_exploring = exploration.has_begun
+        check_against_last_frame(
+            monitor, estimate, observation, p1, max_jump_px, is_exploring, thresholds
+        )
     if monitor.rejected_frames > 0:
         return NO_FRAME, 0.0
     monitor.accepted_frame = observation.frame
@@ -137,13 +140,14 @@ def check_against_last_frame(
     observation: ObservationRow,
     p1: Floats,
     max_jump_px: float,
+    is_exploring: bool,
     thresholds: Thresholds,
 ) -> None:
     """Compare the markers with those of the last accepted frame, before a fit predicts them.
 
     Count the frame as rejected if a marker moved by more than `max_jump_px` plus the pixels that
-    the motion of marker 1 to p1 (3,) mm allows, or if a marker is stuck. A frame that jumped says
-    nothing about a stuck marker.
+    the motion of marker 1 to p1 (3,) mm allows, or if a marker does not move with the tool. A frame
+    that jumped says nothing about that.
     """
     points, distance_mm = observation.points, compute_distance(p1, estimate.p1)
     rejects_1, rejects_2, crossed = False, False, False
@@ -162,7 +166,7 @@ def check_against_last_frame(
             jumps = find_jumps(points, others, distance_mm, max_jump_px, max_px_per_mm)
             monitor.first_frame_is_wrong = not (jumps[0] or jumps[1])
     if not (rejects_1 or rejects_2):
-        rejects_1, rejects_2 = detect_stuck_markers(monitor, points, thresholds)
+        rejects_1, rejects_2 = detect_still_markers(monitor, p1, points, is_exploring, thresholds)
     monitor_markers(monitor, rejects_1, rejects_2, crossed, points, thresholds)
     if monitor.rejected_frames == 0:
         monitor.agreeing_frames += 1

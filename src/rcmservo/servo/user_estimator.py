@@ -275,22 +275,29 @@ def check_estimator(estimator: object, tool: Tool) -> None:
     guard = guard_strictly(estimator)
     if not isinstance(guard, EstimatorGuard):
         return
-    memory = guard.init()
-    if memory.failure:
-        raise UnusableEstimator(memory.failure)
-    for sample in make_trial_samples(tool):
-        memory, repeated = (guard.update(memory, tool, sample) for _ in range(2))
-        _require_pure(memory, repeated, format_class_name_of(estimator))
+    memories, results = [guard.init()], list[bytes]()
+    samples = list(make_trial_samples(tool))
+    for sample in samples:
+        memories.append(guard.update(_require_usable(memories[-1]), tool, sample))
+        results.append(_read_results(_require_usable(memories[-1])))
+    for memory, sample, result in zip(memories[:-1], samples, results, strict=True):
+        if _read_results(guard.update(memory, tool, sample)) != result:
+            raise UnusableEstimator(
+                f"estimator {format_class_name_of(estimator)}: its update must be pure, but "
+                "returned two results for one sample: does it change its memory in place?"
+            )
 
 
-def _require_pure(memory: GuardedMemory, repeated: GuardedMemory, name: str) -> None:
+def _require_usable(memory: GuardedMemory) -> GuardedMemory:
     if memory.failure:
         raise UnusableEstimator(memory.failure)
-    if memory.J_hat.tobytes() != repeated.J_hat.tobytes():
-        raise UnusableEstimator(
-            f"estimator {name}: its update must be pure, but returned two results for one sample: "
-            "does it change its memory in place?"
-        )
+    return memory
+
+
+def _read_results(memory: GuardedMemory) -> bytes:
+    """Return the results for a frame, to compare them bit by bit."""
+    results = memory.J_hat, memory.points, memory.markers_jacobian, memory.numbers
+    return b"".join(array.tobytes() for array in results)
 
 
 def make_trial_samples(tool: Tool) -> Iterator[Sample]:

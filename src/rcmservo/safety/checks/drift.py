@@ -14,14 +14,17 @@ from rcmservo.estimation.camera_fit_prediction import compute_image_covariance
 from rcmservo.geometry.tool import ToolStruct
 from rcmservo.interfaces import Floats
 from rcmservo.numerics.jit import compiled
-from rcmservo.numerics.small_linalg import compute_distance, compute_norm, copy_into
+from rcmservo.numerics.small_linalg import all_finite, compute_distance, compute_norm, copy_into
 from rcmservo.safety.checks.facts import TickFacts
 from rcmservo.safety.innovation import squared_mahalanobis_distance
 from rcmservo.safety.monitor_state import MonitorState
 from rcmservo.safety.thresholds import Thresholds
 
 STUCK_MOTION_RATIO = 5.0
-"""A marker is stuck if the other one moves by more than this multiple of its largest motion."""
+"""A marker stands still if the other one moves by more than this multiple of its largest motion."""
+
+MAX_STILL_PATH_MM = 25.0
+"""A marker stands still if marker 1 moves along a longer path (mm) while it does not."""
 
 SINGLE_DRIFT_RATIO = 3.0
 """A marker drifts alone if its mean residual exceeds this multiple of the other's."""
@@ -60,34 +63,47 @@ def update_drift(
 
 
 @compiled
-def detect_stuck_markers(
-    monitor: MonitorState, points: Floats, thresholds: Thresholds
+def detect_still_markers(
+    monitor: MonitorState, p1: Floats, points: Floats, is_exploring: bool, thresholds: Thresholds
 ) -> tuple[bool, bool]:
-    """Detect a stuck marker before an estimate exists: it does not move while the other does.
+    """Detect a marker that does not move with the tool before an estimate exists.
+
+    Either the other marker moves, or the tool does while it explores.
 
     Parameters
     ----------
     monitor : MonitorState
         State of the checks; updated.
+    p1 : Floats
+        Position of marker 1, (3,) mm.
     points : Floats
         Markers, (2, 2) raw px.
+    is_exploring : bool
+        True while the tool explores.
     thresholds : Thresholds
         Thresholds of the checks.
 
     Returns
     -------
     tuple[bool, bool]
-        True if marker 1 is stuck, and the same for marker 2.
+        True if marker 1 stands still, and the same for marker 2.
     """
-    other_motion_px = np.empty(2)
+    step_mm, max_motion_px = 0.0, STUCK_MOTION_RATIO * thresholds.stuck_marker_px
+    if is_exploring and all_finite(monitor.path_p1):
+        step_mm = compute_distance(p1, monitor.path_p1)
+    copy_into(monitor.path_p1, p1)
+    monitor.still_markers = 0
     for k in range(2):
         anchor, other_anchor = monitor.stuck_anchors[k, :2], monitor.stuck_anchors[k, 2:]
         if not compute_distance(points[k], anchor) <= thresholds.stuck_marker_px:
             copy_into(anchor, points[k])
             copy_into(other_anchor, points[1 - k])
-        other_motion_px[k] = compute_distance(points[1 - k], other_anchor)
-    max_motion_px = STUCK_MOTION_RATIO * thresholds.stuck_marker_px
-    return other_motion_px[0] > max_motion_px, other_motion_px[1] > max_motion_px
+            monitor.still_paths[k] = 0.0
+        monitor.still_paths[k] = monitor.still_paths[k] + step_mm if is_exploring else 0.0
+        other_motion_px = compute_distance(points[1 - k], other_anchor)
+        if other_motion_px > max_motion_px or monitor.still_paths[k] > MAX_STILL_PATH_MM:
+            monitor.still_markers |= 1 << k
+    return monitor.still_markers & 1 != 0, monitor.still_markers & 2 != 0
 
 
 @compiled

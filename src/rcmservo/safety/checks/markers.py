@@ -7,7 +7,7 @@ is too far from its prediction (`rcmservo.safety.innovation`).
 from rcmservo.numerics.jit import compiled
 from rcmservo.safety.checks.drift import one_marker_deviates
 from rcmservo.safety.checks.exploration import markers_are_in_reverse_order
-from rcmservo.safety.checks.facts import TickFacts, has_frame
+from rcmservo.safety.checks.facts import DetailFacts, TickFacts, has_frame
 from rcmservo.safety.innovation import find_lost_markers
 
 SCATTERED_FACTOR = 2
@@ -87,7 +87,8 @@ def camera_moved(facts: TickFacts) -> bool:
     monitor, thresholds = facts.monitor, facts.thresholds
     has_jumped = monitor.jumped_frames >= thresholds.max_rejected_frames
     view_changed = has_jumped or monitor.rejected_frames >= thresholds.moved_camera_frames
-    return frames_are_rejected(facts) and view_changed and not markers_exchanged_positions(facts)
+    is_explained = markers_exchanged_positions(facts) or markers_stand_still(facts)
+    return frames_are_rejected(facts) and view_changed and not is_explained
 
 
 @compiled
@@ -97,4 +98,23 @@ def markers_are_unexpected(facts: TickFacts) -> bool:
     is_explained = camera_moved(facts) or markers_exchanged_positions(facts)
     is_long = monitor.rejected_frames >= SCATTERED_FACTOR * limit
     persists = frames_are_rejected(facts) and (monitor.steady_frames >= limit or is_long)
+    is_explained = is_explained or markers_stand_still(facts)
     return (persists and not is_explained) or one_marker_deviates(facts)
+
+
+@compiled
+def markers_stand_still(facts: TickFacts) -> bool:
+    """Detect a marker that does not move with the tool while it explores."""
+    monitor, is_explored = facts.monitor, facts.exploration_state.is_done
+    return frames_are_rejected(facts) and monitor.still_markers != 0 and not is_explored
+
+
+def describe_still_markers(facts: DetailFacts) -> str:
+    """Describe the markers that do not move with the tool."""
+    numbers = [k for k in range(2) if facts.monitor.still_markers >> k & 1]
+    places = [
+        f"marker {k + 1} at ({facts.observation.points[k, 0]:.0f}, "
+        f"{facts.observation.points[k, 1]:.0f}) px"
+        for k in numbers
+    ]
+    return " and ".join(places)
