@@ -7,6 +7,7 @@ from rcmservo.paper.lab.random_observations import RandomObservations
 from rcmservo.paper.lab.regulation import measure_fall
 from rcmservo.paper.plan import NotMeasured, TaskResult
 from rcmservo.paper.potential_claims import first_below
+from rcmservo.paper.stability_claims import above_noise
 from rcmservo.paper.statistics import column
 
 SEEDS = (4, 5, 6)
@@ -44,3 +45,9 @@ def test_an_error_that_stays_above_the_bound_takes_infinite_time() -> None:
 def test_invalid_settings_of_random_observations_are_rejected(invalid: dict[str, float]) -> None:
     with pytest.raises(ValueError, match=f"random.{next(iter(invalid))}"):
         RandomObservations(**invalid)  # pyright: ignore[reportArgumentType]
+
+
+def test_a_run_that_never_servoed_leaves_out_the_experiment_only() -> None:
+    """An empty result once ended the whole report, as the least value of no frame."""
+    with pytest.raises(NotMeasured, match="least in SERVO with an error above the noise"):
+        above_noise({"least": np.array([]), "in_noise": np.array([])}, "least")

@@ -25,7 +25,16 @@ from rcmservo.paper.lab.paper_settings import (
     POINT_NOISE_PX,
     TEACHING_FRAMES,
 )
-from rcmservo.paper.plan import Measurement, PaperFigure, Results, Settings, Task, TaskResult, Texts
+from rcmservo.paper.plan import (
+    Measurement,
+    NotMeasured,
+    PaperFigure,
+    Results,
+    Settings,
+    Task,
+    TaskResult,
+    Texts,
+)
 from rcmservo.paper.statistics import curve_per_label, median
 from rcmservo.safety.state_machine import Phase
 from rcmservo.servo.servo import State
@@ -115,8 +124,17 @@ def evaluate_frame(rig: Rig, state: State, q: Floats) -> tuple[float, float, flo
 
 
 def above_noise(run: TaskResult, name: str) -> Floats:
-    """Return a result in the frames with an error above the noise."""
-    return run[name][run["in_noise"] > 1.0]
+    """Return a result in the frames with an error above the noise.
+
+    Raises
+    ------
+    NotMeasured
+        If there is no such frame, as in a run that never reached SERVO.
+    """
+    values = run[name][run["in_noise"] > 1.0]
+    if len(values) == 0:
+        raise NotMeasured(f"{name} in SERVO with an error above the noise", np.nan)
+    return values
 
 
 def measure(settings: Settings, results: Results) -> Iterator[Measurement]:
