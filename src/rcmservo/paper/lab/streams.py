@@ -13,7 +13,7 @@ from rcmservo.control.saturated_controller import scale_rows
 from rcmservo.estimation.base import Estimator, Sample
 from rcmservo.estimation.dlt import DltEstimator
 from rcmservo.geometry.tool import Tool
-from rcmservo.interfaces import Floats
+from rcmservo.interfaces import NEVER_NS, Floats
 from rcmservo.loop.servo_loop import Tick, servo_ticks
 from rcmservo.loop.teach import teach
 from rcmservo.paper.lab.closed_loop import make_servo
@@ -117,12 +117,12 @@ def record_stream(
     target = teach(plant, TEACHING_FRAMES)
     rig.go_home()
     duration = settings.duration if kind == "servo" else settings.touring
-    samples, rows, previous = list[Sample](), list[tuple[float, int, Floats, Floats]](), -1
+    samples, rows, previous = list[Sample](), list[tuple[float, int, Floats, Floats]](), NEVER_NS
     for tick in servo_ticks(plant, servo, target, duration):
         state, exposure = tick.state, tick.state.estimation.estimate.exposure
         if exposure == previous:
             continue
-        dt = (exposure - previous) * 1e-9 if previous >= 0 else 0.0
+        dt = 0.0 if previous == NEVER_NS else (exposure - previous) * 1e-9
         points, sizes = tick.observation.points, tick.observation.sizes
         samples.append(Sample(state.p1, points, state.o_c, dt, sizes))
         J = scale_rows(rig.truth.jacobian(rig.truth.joints_at(exposure), state.o_c))
