@@ -379,7 +379,7 @@ def test_an_operator_recovers_from_a_lost_marker_a_moved_camera_and_an_emergency
         operator.teach("middle")
         operator.jog("Jog joint 2 minus")
         assert operator.go_and_arrive("middle")
-        operator.disturb("occlusion", **{"marker": "1", "for": "0.5"})
+        operator.disturb("occlusion", **{"marker": "1", "for": "1"})
         operator.until("rcm.board.phase === 'HOLD' || rcm.board.why.includes('marker 1')")
         operator.until("rcm.board.phase === 'SERVO' && !rcm.board.why")
         operator.disturb("relocate")
