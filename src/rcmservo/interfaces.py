@@ -41,7 +41,7 @@ class Frame:
     Parameters
     ----------
     number : int
-        Frame number, which rises from frame to frame.
+        Frame number, which rises from frame to frame; it may start again after 16, 31 or 32 bits.
     exposure : int
         Middle of the exposure, ns.
     arrival : int

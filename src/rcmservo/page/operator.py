@@ -105,7 +105,9 @@ class PageOperator:
             return self._request_jog(tick)
         request, name = self._requests.popleft()
         self._cancel_teaching()
-        self._taught_name, self._ended_press = name, self._jog_command.press
+        self._taught_name = name
+        if self._jog_command.press != NO_PRESS:
+            self._ended_press = self._jog_command.press
         return request
 
     def _cancel_teaching(self) -> None:

@@ -116,8 +116,8 @@ class Thresholds(Checked, section="thresholds"):
         Distance (mm) that the tool moves until an image in which both markers are at exactly the
         same pixels counts as frozen (`FROZEN`), after ``max_rejected_frames`` such frames.
     stuck_marker_px : float
-        Largest motion (px) of a marker that counts as stuck during the exploration if the other
-        marker moves five times as far (`SURPRISED`).
+        Largest motion (px) of a marker that counts as still during the exploration if the other
+        marker moves five times as far, or the tool along 25 mm (`STANDS_STILL`).
     max_target_deviation : float
         Largest deviation of a taught marker from its prediction at the joints of teaching, in
         standard deviations (`IMPLAUSIBLE`). It is positive, without a unit, and compared with the
