@@ -49,7 +49,7 @@ from rcmservo.tracking import PointMarkers
 pytest_plugins = ["peers"]
 
 settings.register_profile("quick", deadline=None, max_examples=10)
-settings.register_profile("thorough", deadline=None, max_examples=100, derandomize=True)
+settings.register_profile("thorough", deadline=None, max_examples=50, derandomize=True)
 settings.load_profile("quick")
 
 ROOT = Path(__file__).resolve().parents[1]

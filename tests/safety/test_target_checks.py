@@ -113,10 +113,10 @@ def test_an_invalid_target_moves_nothing(
     assert (lab.rig.arm.measure().q == before).all() and not lab.rig.arm.measure().enabled
 
 
-def test_a_target_without_joints_is_accepted(lab: Laboratory) -> None:
-    target = replace(lab.target, q=np.full(3, np.nan))
-    tick = next(iter(rs.servo_ticks(lab.plant, lab.servo(), target, 1.0)))
-    assert tick.observation.enabled and tick.state.target == target
+def test_a_target_without_joints_is_accepted_and_the_result_says_so(lab: Laboratory) -> None:
+    result = rs.run(lab.rig, rs.Servo(), replace(lab.target, q=np.full(3, np.nan)))
+    assert "by the image alone: the target has no joints" in str(result)
+    assert result.remark == rs.Cause.TARGET_UNCHECKED.value
 
 
 def test_a_target_outside_the_image_of_the_camera_is_refused() -> None:

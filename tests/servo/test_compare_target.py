@@ -26,6 +26,7 @@ from rcmservo.geometry.tool import compute_second_marker
 from rcmservo.interfaces import Floats
 from rcmservo.loop.operator import OperatorRequest, Teach
 from rcmservo.safety.checks.target_explanations import rank_explanations
+from rcmservo.safety.state_machine import SLOW_SPEED_SCALE
 from rcmservo.servo.state import State
 from rcmservo.sim.arm import Drive
 from rcmservo.sim.rig import RigSettings
@@ -107,10 +108,25 @@ def test_the_imperfections_of_an_arm_contradict_no_target(kind: str) -> None:
         assert state.cause is not rs.Cause.IMPLAUSIBLE, seed
 
 
-def test_joints_that_are_unknown_contradict_nothing() -> None:
+@pytest.mark.parametrize("estimator", mark_others_slow(["dlt", "fast", "flow"]))
+def test_the_tool_moves_slowly_and_says_why_to_a_target_without_joints(estimator: str) -> None:
     lab = make_laboratory(31)
-    state, _ = run_to(lab, lab.servo(), replace(lab.target, q=np.full(3, np.nan)))
-    assert state.phase is rs.Phase.SERVO
+    servo = lab.servo(estimator=ESTIMATORS[estimator])
+    lab.target = replace(lab.target, q=np.full(3, np.nan))
+    slow_rates = SLOW_SPEED_SCALE * np.array(servo.gate.speed)
+    states = [state for _, state in lab.run(servo, 2 * MOTION_S)]
+    moving = [state for state in states if state.phase is rs.Phase.SERVO]
+    assert all(state.cause is rs.Cause.TARGET_UNCHECKED for state in moving)
+    assert all((np.abs(state.command.rates) <= slow_rates + 1e-12).all() for state in moving)
+    remaining_mm = [state.decision.remaining_mm for state in (moving[0], states[-1])]
+    assert states[-1].phase is rs.Phase.SERVO and remaining_mm[1] < 0.3 * remaining_mm[0]
+
+
+def test_a_target_without_joints_is_approached_fast_if_nothing_shall_compare_it() -> None:
+    lab = make_laboratory(31)
+    off = rs.Thresholds(max_target_mismatch=np.inf)
+    state, _ = run_to(lab, lab.servo(thresholds=off), replace(lab.target, q=np.full(3, np.nan)))
+    assert state.cause is rs.Cause.NONE
 
 
 def test_a_target_that_is_taught_again_lets_the_tool_go_on() -> None:

@@ -353,9 +353,11 @@ class RunResult:
         if self.pose_error_mm is not None:
             bound = "" if self.bound_mm is None else f" (bound {self.bound_mm:.2f})"
             parts.append(f"error {self.pose_error_mm:.2f} mm{bound}")
-        elif self.pose.by_image_mm is not None and self.pose.by_joints_mm is not None:
+        elif self.pose.by_image_mm is not None:
             image, joints = self.pose.by_image_mm, self.pose.by_joints_mm
-            parts.append(f"error {joints:.2f} mm by the joints, {image:.2f} mm by the image")
+            by_joints = "" if joints is None else f"{joints:.2f} mm by the joints, "
+            alone = " alone: the target has no joints" if joints is None else ""
+            parts.append(f"error {by_joints}{image:.2f} mm by the image{alone}")
         if self.settle_time_s is not None:
             parts.append(f"{self.settle_time_s:.1f} s")
         return ", ".join(parts)

@@ -419,6 +419,10 @@ class Cause(Enum):
     NEARLY_SINGULAR = slow(
         "the path to the target is nearly singular", detector=singularity.path_is_nearly_singular
     )
+    TARGET_UNCHECKED = slow(
+        "the target has no joints: only the image shows whether the tool moves to the right place",
+        detector=path.target_is_unchecked,
+    )
     LATE_TICK = warn("the loop ran late by a tick", detector=devices.tick_came_late)
 
     @property

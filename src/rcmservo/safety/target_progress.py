@@ -16,6 +16,7 @@ class TargetProgress(Row):
     reducible_fraction: float = real("", "fraction of the error that the damped law reduces")
     remaining_mm: float = real("mm", "distance of marker 1 from the target by the image")
     has_arrived: bool = flag("True if the joints have reached the values of the taught target")
+    is_unchecked: bool = flag("True if the target has no joints with which to check its pixels")
     is_implausible: bool = flag(
         "True if the fit contradicts the pixels of the target at its joints"
     )

@@ -129,10 +129,10 @@ class Thresholds(Checked, section="thresholds"):
         fit assumes to be ideal, as a fraction of the marker's predicted motion to the target.
     max_target_mismatch : float
         Largest distance (mm) of the tool from the taught joints while the image shows it at the
-        target (`ELSEWHERE`), positive; inf switches this check and `IMPLAUSIBLE` off. The larger
-        distance of both markers counts. Three standard deviations of the pose are added: with
-        H = ∂m/∂p₁ (4, 3) px/mm, n averaged frames and 30 of the target, σ √tr(HᵀH)⁻¹
-        √(1/n + 1/30) mm.
+        target (`ELSEWHERE`), positive; inf switches this check, `IMPLAUSIBLE` and
+        `TARGET_UNCHECKED` off. The larger distance of both markers counts. Three standard
+        deviations of the pose are added: with H = ∂m/∂p₁ (4, 3) px/mm, n averaged frames and 30 of
+        the target, σ √tr(HᵀH)⁻¹ √(1/n + 1/30) mm.
     target_mismatch_time : float
         Time for which image and joints must disagree at the target, s (`ELSEWHERE`).
     max_single_marker_deviation : float

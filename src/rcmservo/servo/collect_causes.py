@@ -130,8 +130,8 @@ def compare_target_with_fit(tick: TickContext) -> None:
     Without the joints of teaching nothing contradicts it.
     """
     stored, setpoint, parameters = tick.stored, tick.setpoint, tick.parameters
-    stored.decision.is_implausible = False
-    if not stored.exploration_state.is_done or np.isnan(setpoint.q[0]):
+    stored.decision.is_implausible, stored.decision.is_unchecked = False, np.isnan(setpoint.q[0])
+    if not stored.exploration_state.is_done or stored.decision.is_unchecked:
         return
     fit, thresholds = stored.projection_fit, parameters.thresholds
     q_d = (setpoint.q[0], setpoint.q[1], setpoint.q[2])
