@@ -1,24 +1,19 @@
 """Kalman filter by the maximum correntropy criterion, which suppresses outliers.
 
 Correntropy is a measure of similarity that hardly depends on large errors. The filter is that of
-kalman.py with the state x = Ĵᵢ/bᵢ, except that the innovation ν with the variance S,
+kalman.py with the state x = Ĵᵢ/bᵢ, except that the innovation ν has a weight λ, which falls to zero
+as |ν| exceeds the kernel width w:
 
-    ν = Δyᵢ/bᵢ − Δpᵀ x,    S = Δpᵀ P⁻ Δp + R
+    ν = Δyᵢ/bᵢ − Δpᵀ x,    λ = exp(−ν²/(2 w²)),    K = λ P⁻ Δp / (λ Δpᵀ P⁻ Δp + R)
 
-has a weight λ, which falls to zero as |ν| exceeds β standard deviations:
+P follows by Joseph's form with K and R; R thus counts as R/λ. While displacements are suppressed, P
+still grows with the path, so that the filter adapts to a Jacobian that has changed permanently. For
+w → ∞ it is the Kalman filter.
 
-    λ = exp(−ν²/(2 β² S)),    K = λ P⁻ Δp / (λ Δpᵀ P⁻ Δp + R),    P by Joseph's form with K and R
-
-R thus counts as R/λ. An innovation of a few σ keeps nearly all of its weight, and one of tens of σ
-has none. The more certain Ĵ is in a direction, the smaller an innovation already counts as an
-outlier. While displacements are suppressed, P still grows with the path, so that the filter adapts
-to a Jacobian that has changed permanently. For β → ∞ it is the Kalman filter.
-
-It is the filter of Izanloo and others with a kernel width proportional to √S. With the fixed width
-of these authors, Ĵ = 0 would stay: the first displacement differs from it by tens of σ and would
-count as an outlier. The fixed-point iteration of Chen and others fails in the same manner if it
-starts at the prior. If it starts at the Kalman filter's result, it accepts any outlier in a
-direction in which Ĵ is less certain than the measurement.
+The kernel width is fixed, as in the filter of Izanloo and others. A width proportional to the
+standard deviation of the innovation locks in: a first displacement that is wrong is accepted, makes
+the filter certain, and the right ones then count as outliers. With w = b (10°, 10 px) an empty
+estimate adapts as long as a displacement changes the features by little more than w.
 
 R. Izanloo, S. A. Fakoorian, H. Sadoghi Yazdi and D. Simon, Kalman filtering based on the maximum
 correntropy criterion in the presence of non-Gaussian noise, CISS 2016. B. Chen, X. Liu, H. Zhao and
@@ -53,11 +48,11 @@ class CorrentropyEstimator(RandomWalkEstimator):
     10 px, 10 px). Each row has its own covariance P (3, 3) in b²/mm², because its weight λ is its
     own. A displacement Δp (3,) mm of marker 1 that changes feature i by Δyᵢ gives
 
-        P⁻ = P + q² |Δp| I,    ν = Δyᵢ/bᵢ − Δpᵀ x,    S = Δpᵀ P⁻ Δp + r²
-        λ = exp(−ν²/(2 β² S)),    K = P⁻ Δp / (Δpᵀ P⁻ Δp + r²/λ),    x += K ν
+        P⁻ = P + q² |Δp| I,    ν = Δyᵢ/bᵢ − Δpᵀ x,    λ = exp(−ν²/(2 w²))
+        K = P⁻ Δp / (Δpᵀ P⁻ Δp + r²/λ),    x += K ν
         P = (I − K Δpᵀ) P⁻ (I − K Δpᵀ)ᵀ + r² K Kᵀ
 
-    The weight λ of an innovation ν falls from 1 to 0 as |ν| exceeds β √S.
+    The weight λ of an innovation ν falls from 1 to 0 as |ν| exceeds w.
 
     Parameters
     ----------
@@ -68,13 +63,13 @@ class CorrentropyEstimator(RandomWalkEstimator):
         It grows with the square root of the path.
     noise : float
         Noise r of the features' change over a displacement, one standard deviation in b, from 1e-6
-        to 1000. 0.05 is half a degree of s, and half a pixel of r and d.
+        to 1000. 0.1 is a degree of s, and a pixel of r and d.
     initial_std : float
         Square root of the initial P in b/mm, from 1e-6 to 1000: expected size of a derivative
         before the first measurement.
     bandwidth : float
-        Width β of the weight in standard deviations √S, from 0.1 to 1e6. An innovation far beyond
-        it hardly counts.
+        Kernel width w in b, from 0.1 to 1e6. An innovation far beyond it hardly counts: 1 is 10° of
+        s, and 10 px of r and d.
 
     Raises
     ------
@@ -84,8 +79,8 @@ class CorrentropyEstimator(RandomWalkEstimator):
     Notes
     -----
     The default exploration is long enough for it. It suppresses outliers of single frames, not an
-    error that persists. It does not predict markers. Unlike the fixed kernel width of Izanloo et
-    al., the width β √S follows the certainty of Ĵ: with a fixed one, Ĵ = 0 would stay.
+    error that persists. It does not predict markers. If a displacement changes a feature by several
+    times w, as with a large ``min_step`` near the camera, an empty estimate takes long to adapt.
 
     References
     ----------
@@ -94,7 +89,8 @@ class CorrentropyEstimator(RandomWalkEstimator):
     al., Sensors 23 (2023) 8518.
     """
 
-    bandwidth: Annotated[float, between(0.1, 1e6, "a number of σ")] = 3.0
+    noise: Annotated[float, between(1e-6, 1000.0)] = 0.1
+    bandwidth: Annotated[float, between(0.1, 1e6, "a kernel width in b")] = 1.0
 
     name = "correntropy"
 
@@ -111,14 +107,9 @@ class CorrentropyEstimator(RandomWalkEstimator):
 
 
 @compiled
-def compute_correntropy_weight(
-    P: Floats, delta_p: Floats, innovation: float, R: float, bandwidth: float
-) -> float:
-    """Return the weight λ of an innovation of one feature, in units of b."""
-    P_delta, S = multiply_vector(P, delta_p), R
-    for i in range(3):
-        S += delta_p[i] * P_delta[i]
-    return max(np.exp(-0.5 * innovation**2 / (bandwidth**2 * S)), MIN_WEIGHT)
+def compute_correntropy_weight(innovation: float, bandwidth: float) -> float:
+    """Return the weight λ of an innovation of one feature; both arguments are in units of b."""
+    return max(np.exp(-0.5 * (innovation / bandwidth) ** 2), MIN_WEIGHT)
 
 
 @compiled
@@ -139,9 +130,7 @@ def apply_correntropy_update(
     J_after, P_after = J.copy(), np.empty((3, 3, 3))
     for i in range(3):
         P_prior, innovation = predict_covariance(P[i], delta_p, drift), delta_y[i] - predicted[i]
-        weight = compute_correntropy_weight(
-            P_prior, delta_p, innovation / FEATURE_SCALE[i], R, bandwidth
-        )
+        weight = compute_correntropy_weight(innovation / FEATURE_SCALE[i], bandwidth)
         K = compute_kalman_gain(P_prior, delta_p, R / weight)
         for j in range(3):
             J_after[i, j] += innovation * K[j]
