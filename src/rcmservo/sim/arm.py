@@ -135,6 +135,10 @@ def write_mjcf(mechanism: Kinematics) -> str:
 </mujoco>"""
 
 
+NO_CREEP = 0.0, 0.0, 0.0
+"""Rates (rad/s, rad/s, mm/s) that motors add while the drive is off."""
+
+
 class SimulatedArm:
     """RCM mechanism in MuJoCo, driven by joint rates.
 
@@ -170,6 +174,7 @@ class SimulatedArm:
         self._joint_order, self._unit = np.argsort(self._mujoco_order), np.array(MUJOCO_UNITS)
         self._model = UNTYPED_MUJOCO.MjModel.from_xml_string(write_mjcf(mechanism))
         self._data = UNTYPED_MUJOCO.MjData(self._model)
+        self._qpos, self._ctrl = self._data.qpos, self._data.ctrl  # views: each access makes one
         self._queue: deque[tuple[int, list[float]]] = deque()
         self._setpoint, self._rates = [0.0] * 3, [0.0] * 3
         self._is_bypassed = False
@@ -185,7 +190,7 @@ class SimulatedArm:
         The history of the joints restarts there. Only a simulation can do this.
         """
         self.watchdog.disable()
-        self._data.qpos[:] = (q * MUJOCO_UNITS)[self._mujoco_order]
+        self._qpos[:] = (q * MUJOCO_UNITS)[self._mujoco_order]
         self._data.qvel[:] = 0.0
         self._stop_drives()
         UNTYPED_MUJOCO.mj_forward(self._model, self._data)
@@ -239,13 +244,14 @@ class SimulatedArm:
 
         Plain Python numbers: NumPy arrays of three entries would take longer than the physics.
         """
-        for i in range(3):
-            self._rates[i] += self._lag_fraction * (self._setpoint[i] - self._rates[i])
-        rates, deadband = self._rates, self.drive.deadband
-        moving = [rates[i] if abs(rates[i]) > deadband[i] else 0.0 for i in range(3)]
-        creep = self.creep if self.watchdog.enabled else (0.0, 0.0, 0.0)
-        actual = [self.gains[i] * self._rate_ratios[i] * moving[i] + creep[i] for i in range(3)]
-        self._data.ctrl[:] = [actual[i] * MUJOCO_UNITS[i] for i in self._mujoco_order]
+        rates, setpoint, lag_fraction = self._rates, self._setpoint, self._lag_fraction
+        gains, rate_ratios, deadband = self.gains, self._rate_ratios, self.drive.deadband
+        creep = self.creep if self.watchdog.enabled else NO_CREEP
+        for index, i in enumerate(self._mujoco_order):
+            rates[i] += lag_fraction * (setpoint[i] - rates[i])
+            moving = rates[i] if abs(rates[i]) > deadband[i] else 0.0
+            actual = gains[i] * rate_ratios[i] * moving + creep[i]
+            self._ctrl[index] = actual * MUJOCO_UNITS[i]
 
     def joints_at(self, time: int) -> Floats:
         """Return the joints (3,) at a time (ns) within the last second.
@@ -257,7 +263,7 @@ class SimulatedArm:
     @property
     def q_true(self) -> Floats:
         """True joints (3,), converted from MuJoCo's order and units."""
-        return self._data.qpos[self._joint_order] / self._unit
+        return self._qpos[self._joint_order] / self._unit
 
     @property
     def p_true(self) -> Floats:
