@@ -16,7 +16,7 @@ from stalls import retry_after_stalls
 
 pytestmark = pytest.mark.slow
 
-SECONDS = "8"
+SECONDS = "4"
 """Duration in s of a run that settles."""
 START, GOAL = "0.6 0.2 120.0", "0.7 0.35 130.0"
 
