@@ -15,6 +15,7 @@ class TargetProgress(Row):
     blocked_joint: int = whole("", "index of the joint whose limit blocks the path, -1 for none")
     reducible_fraction: float = real("", "fraction of the error that the damped law reduces")
     remaining_mm: float = real("mm", "distance of marker 1 from the target by the image")
+    mean_step: Floats = reals(3, "mm", "mean step of marker 1 to the target by the image")
     has_arrived: bool = flag("True if the joints have reached the values of the taught target")
     is_unchecked: bool = flag("True if the target has no joints with which to check its pixels")
     is_implausible: bool = flag(

@@ -134,7 +134,8 @@ class Thresholds(Checked, section="thresholds"):
         deviations of the pose are added: with H = ∂m/∂p₁ (4, 3) px/mm, n averaged frames and 30 of
         the target, σ √tr(HᵀH)⁻¹ √(1/n + 1/30) mm.
     target_mismatch_time : float
-        Time for which image and joints must disagree at the target, s (`ELSEWHERE`).
+        Time for which image and joints must disagree at the target, s (`ELSEWHERE`). What the image
+        shows is averaged over the same time.
     max_single_marker_deviation : float
         Largest standard deviation of the pose (mm) that permits slow motion with one marker lost,
         by the other marker and the joints; 0 never permits it. It is that of marker 1,
