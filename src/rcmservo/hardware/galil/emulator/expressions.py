@@ -14,14 +14,11 @@ import re
 from collections.abc import Callable, Sequence
 from functools import lru_cache
 
-from rcmservo.hardware.galil.emulator.state import ControllerState
+from rcmservo.hardware.galil.emulator.state import CACHED_TEXTS, ControllerState
 from rcmservo.hardware.galil.error_codes import CommandError, ErrorCode
 
 FRACTION_STEPS = 65536
 """Steps per unit: a number has 16 bits after the point."""
-
-CACHED_TEXTS = 1024
-"""Number of texts whose analysis is kept: a program repeats the same ones every 2 ms."""
 
 MAX_INTEGER = 2147483647
 """Largest integer: a number has 32 bits before the point."""
@@ -61,15 +58,16 @@ FUNCTIONS: dict[str, Callable[[float], float]] = {
 """Functions of one number. Angles are in degrees."""
 
 
+Step = Callable[[list[float], ControllerState], None]
+"""Step of an analysed expression: it replaces the newest numbers of a stack by its result."""
+
+
 def evaluate(text: str, state: ControllerState) -> float:
     """Evaluate an expression, or raise :class:`CommandError`."""
-    parser = _Parser(_tokenise(text), state)
-    value = parser.evaluate_chain()
-    if parser.next_is(")"):
-        raise CommandError(ErrorCode.OPERAND_ERROR)
-    if not parser.at_end:
-        raise CommandError(ErrorCode.UNRECOGNIZED_COMMAND)
-    return stored_number(value)
+    stack: list[float] = []
+    for step in _analyse(text):
+        step(stack, state)
+    return stored_number(stack[0])
 
 
 def stored_number(value: float) -> float:
@@ -90,8 +88,21 @@ def format_list(values: Sequence[float], digits: int = 0) -> str:
 
 
 @lru_cache(CACHED_TEXTS)
+def _analyse(text: str) -> tuple[Step, ...]:
+    """Return the steps that evaluate an expression from left to right.
+
+    A syntax error is the last step, because the controller first evaluates what stands before it.
+    """
+    parser = _Parser(_tokenise(text))
+    try:
+        parser.read_all()
+    except CommandError as error:
+        parser.steps.append(_fail(error.code))
+    return tuple(parser.steps)
+
+
 def _tokenise(text: str) -> list[tuple[str, str]]:
-    """Split an expression into tokens, each with its kind and text. The list must not change."""
+    """Split an expression into tokens, each with its kind and text."""
     tokens: list[tuple[str, str]] = []
     position, text = 0, text.rstrip()
     while position < len(text):
@@ -104,83 +115,127 @@ def _tokenise(text: str) -> list[tuple[str, str]]:
 
 
 class _Parser:
-    """Parser of a token list that evaluates the expression while it reads."""
+    """Parser of a token list. ``steps`` are those of the part read so far."""
 
-    def __init__(self, tokens: list[tuple[str, str]], state: ControllerState) -> None:
-        self._tokens, self._index, self._state = tokens, 0, state
+    def __init__(self, tokens: list[tuple[str, str]]) -> None:
+        self._tokens, self._index = tokens, 0
+        self.steps: list[Step] = []
+
+    def read_all(self) -> None:
+        """Read the whole expression."""
+        self._read_chain()
+        if self._next_is(")"):
+            raise CommandError(ErrorCode.OPERAND_ERROR)
+        if not self._at_end:
+            raise CommandError(ErrorCode.UNRECOGNIZED_COMMAND)
 
     @property
-    def at_end(self) -> bool:
+    def _at_end(self) -> bool:
         return self._index == len(self._tokens)
 
-    def next_is(self, sign: str) -> bool:
-        return not self.at_end and self._tokens[self._index] == ("sign", sign)
+    def _next_is(self, sign: str) -> bool:
+        return not self._at_end and self._tokens[self._index] == ("sign", sign)
 
-    def evaluate_chain(self) -> float:
-        """Evaluate terms and operators from left to right."""
-        value = self._evaluate_term()
-        while not self.at_end and self._tokens[self._index][1] in OPERATIONS:
+    def _read_chain(self) -> None:
+        """Read terms and operators."""
+        self._read_term()
+        while not self._at_end and self._tokens[self._index][1] in OPERATIONS:
             sign = self._take_token()[1]
-            operand = self._evaluate_term()
-            if sign in "/%" and operand == 0.0:
-                raise CommandError(ErrorCode.NUMBER_OUT_OF_RANGE)
-            value = stored_number(OPERATIONS[sign](value, operand))
-        return value
+            self._read_term()
+            self.steps.append(_combine(sign))
 
     def _take_token(self) -> tuple[str, str]:
-        if self.at_end:
+        if self._at_end:
             raise CommandError(ErrorCode.NOT_ENOUGH_FIELDS)
         self._index += 1
         return self._tokens[self._index - 1]
 
-    def _evaluate_term(self) -> float:
+    def _read_term(self) -> None:
         kind, text = self._take_token()
         match kind:
             case "hex":
-                return float(int(text[1:], 16))
+                self.steps.append(_push(float(int(text[1:], 16))))
             case "number":
-                return stored_number(float(text))
+                self.steps.append(_push(stored_number(float(text))))
             case "operand":
-                return self._state.operand(text)
+                self.steps.append(lambda stack, state: stack.append(state.operand(text)))
             case "function":
-                return self._apply_function(text)
+                self._read_bracketed()
+                self.steps.append(_apply(text))
             case "name":
-                return self._evaluate_name(text)
+                self._read_name(text)
             case _:
-                return self._evaluate_signed(text)
+                self._read_signed(text)
 
-    def _evaluate_name(self, name: str) -> float:
-        if self.next_is("["):
-            return self._state.element(name, self._evaluate_bracketed())
-        return self._state.variable(name)
+    def _read_name(self, name: str) -> None:
+        if self._next_is("["):
+            self._read_bracketed()
+            self.steps.append(lambda stack, state: stack.append(state.element(name, stack.pop())))
+        else:
+            self.steps.append(lambda stack, state: stack.append(state.variable(name)))
 
-    def _evaluate_signed(self, sign: str) -> float:
-        """Evaluate a term that begins with a sign or a parenthesis."""
+    def _read_signed(self, sign: str) -> None:
+        """Read the rest of a term that begins with a sign or a parenthesis."""
         if sign in "+-":
-            return self._evaluate_term() if sign == "+" else -self._evaluate_term()
-        if sign != "(":
+            self._read_term()
+            if sign == "-":
+                self.steps.append(lambda stack, state: stack.append(-stack.pop()))
+        elif sign == "(":
+            self._read_up_to(")", ErrorCode.MISMATCHED_PARENTHESES)
+        else:
             raise CommandError(ErrorCode.UNRECOGNIZED_COMMAND)
-        return self._evaluate_up_to(")", ErrorCode.MISMATCHED_PARENTHESES)
 
-    def _apply_function(self, name: str) -> float:
-        argument = self._evaluate_bracketed()
-        if name in ("@IN", "@OUT", "@AN"):
-            return self._state.input(name, argument)
-        if name not in FUNCTIONS:
-            raise CommandError(ErrorCode.BAD_FUNCTION_OR_ARRAY)
-        return FUNCTIONS[name](argument)
-
-    def _evaluate_bracketed(self) -> float:
-        """Evaluate an expression in square brackets."""
-        if not self.next_is("["):
+    def _read_bracketed(self) -> None:
+        """Read an expression in square brackets."""
+        if not self._next_is("["):
             raise CommandError(ErrorCode.MISSING_BRACKET)
         self._index += 1
-        return self._evaluate_up_to("]", ErrorCode.MISSING_BRACKET)
+        self._read_up_to("]", ErrorCode.MISSING_BRACKET)
 
-    def _evaluate_up_to(self, closing: str, code: ErrorCode) -> float:
-        """Evaluate an expression up to a closing sign; without it raise the error of `code`."""
-        value = self.evaluate_chain()
-        if not self.next_is(closing):
+    def _read_up_to(self, closing: str, code: ErrorCode) -> None:
+        """Read an expression up to a closing sign; without it raise the error of `code`."""
+        self._read_chain()
+        if not self._next_is(closing):
             raise CommandError(code)
         self._index += 1
-        return value
+
+
+def _push(number: float) -> Step:
+    """Return the step that adds a number to the stack."""
+    return lambda stack, state: stack.append(number)
+
+
+def _combine(sign: str) -> Step:
+    """Return the step that combines the two newest numbers by an operation."""
+    operation, divides = OPERATIONS[sign], sign in "/%"
+
+    def combine(stack: list[float], state: ControllerState) -> None:
+        operand = stack.pop()
+        if divides and operand == 0.0:
+            raise CommandError(ErrorCode.NUMBER_OUT_OF_RANGE)
+        stack[-1] = stored_number(operation(stack[-1], operand))
+
+    return combine
+
+
+def _apply(name: str) -> Step:
+    """Return the step that applies a function to the newest number."""
+
+    def apply(stack: list[float], state: ControllerState) -> None:
+        if name in ("@IN", "@OUT", "@AN"):
+            stack[-1] = state.input(name, stack[-1])
+        elif name in FUNCTIONS:
+            stack[-1] = FUNCTIONS[name](stack[-1])
+        else:
+            raise CommandError(ErrorCode.BAD_FUNCTION_OR_ARRAY)
+
+    return apply
+
+
+def _fail(code: ErrorCode) -> Step:
+    """Return the step that raises an error."""
+
+    def fail(stack: list[float], state: ControllerState) -> None:
+        raise CommandError(code)
+
+    return fail

@@ -4,9 +4,9 @@ import re
 from functools import lru_cache
 
 from rcmservo.hardware.galil.emulator.commands import assignments, motion, reports, threads
-from rcmservo.hardware.galil.emulator.expressions import CACHED_TEXTS
 from rcmservo.hardware.galil.emulator.state import (
     AXIS_OPERANDS,
+    CACHED_TEXTS,
     Caller,
     CommandHandler,
     ControllerState,

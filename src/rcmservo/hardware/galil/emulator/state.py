@@ -4,6 +4,7 @@ import re
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import lru_cache
 
 from rcmservo.hardware.galil.data_record import AXIS_LETTERS, BLOCK_SIZES
 from rcmservo.hardware.galil.emulator.axis import Axis
@@ -15,6 +16,9 @@ OLD_TO_NEW_LETTERS = str.maketrans("XYZW", "ABCD")
 """Translation of the older names of the axes."""
 HANDLE_COUNT, MAX_VARIABLES = 8, 510
 SERIAL_NUMBER = 4040
+
+CACHED_TEXTS = 1024
+"""Number of texts whose analysis is kept: a program repeats the same ones every 2 ms."""
 
 Condition = Callable[[], bool]
 
@@ -194,10 +198,7 @@ class ControllerState:
         """Return the value of an operand such as _TPA or _XQ0."""
         if name in _CONTROLLER_OPERANDS:
             return float(_CONTROLLER_OPERANDS[name](self))
-        match = re.fullmatch(r"_([A-Z]{2})([A-HW-Z]|\d)", name)
-        if match is None:
-            raise CommandError(ErrorCode.BAD_COMMAND_RESPONSE)
-        command, index = match.groups()
+        command, index = _split_operand(name)
         if index.isdigit():
             return float(self._numbered_operand(command, int(index)))
         return self._axis_operand(command, index)
@@ -228,6 +229,15 @@ class ControllerState:
         if command in self.stored_settings:
             return self.stored_settings[command][index]
         raise CommandError(ErrorCode.BAD_COMMAND_RESPONSE)
+
+
+@lru_cache(CACHED_TEXTS)
+def _split_operand(name: str) -> tuple[str, str]:
+    """Return command and axis or number of an operand, or raise :class:`CommandError`."""
+    match = re.fullmatch(r"_([A-Z]{2})([A-HW-Z]|\d)", name)
+    if match is None:
+        raise CommandError(ErrorCode.BAD_COMMAND_RESPONSE)
+    return match[1], match[2]
 
 
 _CONTROLLER_OPERANDS: dict[str, Callable[[ControllerState], float]] = {

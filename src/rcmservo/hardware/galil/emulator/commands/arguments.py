@@ -6,11 +6,16 @@ JGA=100   SPB=x*2   KP*=5  a value for the named axes
 """
 
 import re
+from functools import lru_cache
 from typing import NamedTuple
 
 from rcmservo.hardware.galil.data_record import AXIS_LETTERS
 from rcmservo.hardware.galil.emulator.axis import Axis
-from rcmservo.hardware.galil.emulator.state import OLD_TO_NEW_LETTERS, ControllerState
+from rcmservo.hardware.galil.emulator.state import (
+    CACHED_TEXTS,
+    OLD_TO_NEW_LETTERS,
+    ControllerState,
+)
 from rcmservo.hardware.galil.error_codes import CommandError, ErrorCode
 
 NAMED_AXES = re.compile(r"\s*([A-HW-Z]+|\*)\s*=\s*(.+)$")
@@ -52,7 +57,8 @@ def parse_assignments(state: ControllerState, arguments: str) -> list[AxisAssign
     return assignments
 
 
-def split_arguments(text: str) -> list[str]:
+@lru_cache(CACHED_TEXTS)
+def split_arguments(text: str) -> tuple[str, ...]:
     """Split a text at its commas, except for those in brackets, braces and quotes."""
     parts, depth, in_quotes = [""], 0, False
     for character in text:
@@ -63,7 +69,7 @@ def split_arguments(text: str) -> list[str]:
             parts.append("")
         else:
             parts[-1] += character
-    return [part.strip() for part in parts]
+    return tuple(part.strip() for part in parts)
 
 
 def _parse_axes(letters: str, count: int) -> list[int]:
