@@ -83,8 +83,7 @@ class GalilArm:
             )
         with self._exclusive_session():
             self._take_command()
-            self._session.start()
-            self._update_measurement(self._session.read())
+            self._update_measurement(self._session.start())
 
     def set_position(self, q: Floats) -> None:
         """Set the joint position (3,) in rad, rad, mm, at rest and with the drive off."""

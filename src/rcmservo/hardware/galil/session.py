@@ -185,8 +185,8 @@ class GalilSession:
         self._connection.execute(*self._axis_commands("DP", counts))
         self._connection.execute(f"{HOMED_VARIABLE}={self.settings.scale_checksum}")
 
-    def start(self) -> None:
-        """Start the watchdog program and switch the motors on, at rest.
+    def start(self) -> ArmReading:
+        """Start the watchdog program, switch the motors on, at rest, and read the state of the arm.
 
         Raises
         ------
@@ -223,7 +223,8 @@ class GalilSession:
             connection.execute(f"XQ #RCMWD,{WATCHDOG_THREAD}", f"SH {axes}")
             self._wait_for_motion()
             self._watchdog_count += 1
-            connection.execute(f"hb={self._watchdog_count}")  # restart the timeout from here
+            # One line restarts the timeout and reads: a reading of its own would cost some of it.
+            return self.read(f"hb={self._watchdog_count}")
         except RcmServoError:
             with contextlib.suppress(RcmServoError):
                 self.switch_off()
