@@ -78,18 +78,23 @@ def open_run(path: Path) -> OpenedRun:
     return OpenedRun(encode_json(content), locations)
 
 
-def draw_figures(path: Path) -> dict[str, bytes]:
-    """Draw the figures of a record. Return SVG and PNG files by their names."""
-    record, files = read_record(path), dict[str, bytes]()
+def draw_figures(path: Path, kind: str) -> dict[str, bytes]:
+    """Draw the figures of a record. Return files of one kind, "svg" or "png", by figure name."""
+    record = read_record(path)
     if not _has_finite_errors(record):
-        return files
+        return {}
+    render = {"svg": _render_svg, "png": _render_png}[kind]
+    return {name: render(plot(record)) for name, (_, plot) in RUN_FIGURES.items()}
+
+
+def _render_svg(figure: charts.Figure) -> bytes:
+    return charts.render_svg(figure).encode()
+
+
+def _render_png(figure: charts.Figure) -> bytes:
     with tempfile.TemporaryDirectory() as folder:
-        for name, (_, plot) in RUN_FIGURES.items():
-            figure, png = plot(record), Path(folder) / f"{name}.png"
-            files[f"{name}.svg"] = charts.render_svg(figure).encode()
-            charts.save_figure(figure, png)
-            files[png.name] = png.read_bytes()
-    return files
+        charts.save_figure(figure, png := Path(folder) / "figure.png")
+        return png.read_bytes()
 
 
 def read_picture(path: Path, location: PictureLocation) -> bytes:

@@ -25,7 +25,7 @@ from rcmservo.page.past_runs.run_view import OpenedRun, draw_figures, open_run, 
 from rcmservo.page.web.access import PageCredentials
 
 MAX_CACHED_RUNS = 4
-"""Number of opened runs, and of runs with figures, that are cached."""
+"""Number of opened runs that are cached, and of drawn sets of figures."""
 MAX_DOWNLOADS = 2
 """Number of simultaneous downloads of records."""
 DOWNLOAD_BLOCK_BYTES = 1 << 18
@@ -33,8 +33,8 @@ DOWNLOAD_BLOCK_BYTES = 1 << 18
 MEDIA_TYPES = {"svg": "image/svg+xml", "png": "image/png"}
 """Media types of figures, by the suffix of their files."""
 
-Cache = OrderedDict[tuple[Path, int], Any]
-"""Futures of results, by the path of a record and the time (ns) of its last change."""
+Cache = OrderedDict[tuple[Any, ...], Any]
+"""Futures of results, by the path of a record, the time (ns) of its last change, and arguments."""
 
 
 class PastRuns:
@@ -57,20 +57,26 @@ class PastRuns:
         """Return the content of a run."""
         return await self._read_cached(self._opened, open_run, self.find_record(name))
 
-    async def draw_figures(self, name: str) -> dict[str, bytes]:
-        """Return the figures of a run."""
-        return await self._read_cached(self._figures, draw_figures, self.find_record(name))
+    async def draw_figures(self, name: str, kind: str) -> dict[str, bytes]:
+        """Return the figures of a run as files of one kind.
 
-    async def _read_cached(self, cache: Cache, function: Callable[[Path], Any], path: Path) -> Any:
+        The page shows the SVG files; PNG files are drawn when one is downloaded.
+        """
+        return await self._read_cached(self._figures, draw_figures, self.find_record(name), kind)
+
+    async def _read_cached(
+        self, cache: Cache, function: Callable[..., Any], path: Path, *arguments: Any
+    ) -> Any:
         """Return the result of a function of a record from the cache, or call the function.
 
         Simultaneous requests call it once.
         """
-        key = path, path.stat().st_mtime_ns
+        key = path, path.stat().st_mtime_ns, *arguments
         if key not in cache:
             if self._worker.is_full:
                 raise HTTPException(503, "other runs are being read: try again")
-            cache[key] = asyncio.ensure_future(asyncio.to_thread(self._worker.run, function, path))
+            call = asyncio.to_thread(self._worker.run, function, path, *arguments)
+            cache[key] = asyncio.ensure_future(call)
             while len(cache) > MAX_CACHED_RUNS:
                 cache.popitem(last=False)
         try:
@@ -131,12 +137,13 @@ def create_runs_routes(access: PageCredentials, folder: Path) -> APIRouter:
         return Response(jpeg, media_type="image/jpeg")
 
     async def get_figure(name: str, file: str) -> Response:
-        content = (await runs.draw_figures(name)).get(file)
-        if content is None:
+        figure, _, kind = file.rpartition(".")
+        files = await runs.draw_figures(name, kind) if kind in MEDIA_TYPES else {}
+        if figure not in files:
             raise HTTPException(404, "there is no such figure of this run")
         download_name = f"{make_download_name(runs.find_record(name))}-{file}"
         headers = {"Content-Disposition": f'inline; filename="{download_name}"'}
-        return Response(content, media_type=MEDIA_TYPES[file.rpartition(".")[2]], headers=headers)
+        return Response(files[figure], media_type=MEDIA_TYPES[kind], headers=headers)
 
     async def get_record(name: str) -> Response:
         return runs.download(runs.find_record(name))

@@ -70,9 +70,9 @@ def interrupt(state: ControllerState, label: str) -> None:
 
 def execute_program(state: ControllerState, arguments: str, _: Caller) -> None:
     """XQ: start a thread at a label or a line."""
-    parts = split_arguments(arguments)
-    thread = _find_thread(state, parts[1] if len(parts) > 1 else "0")
-    index = _find_jump_target(state, parts[0]) if parts[0] else 0
+    target, *others = split_arguments(arguments)
+    thread = _find_thread(state, others[0] if others else "0")
+    index = _find_jump_target(state, target) if target else 0
     instructions = state.program.instructions
     if not instructions:
         raise CommandError(ErrorCode.UNDEFINED_LABEL)
