@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from first_use import follow, reached, section, steps
 from page_server import serve_page
-from playwright.sync_api import Browser, Page, TimeoutError, sync_playwright
+from playwright.sync_api import Browser, Error, Page, TimeoutError, sync_playwright
 
 from conftest import ROOT
 from peers import mark_peer
@@ -30,6 +30,8 @@ pytestmark = [
 TIMEOUT_MS, RETRY_MS = 45_000, 5_000
 """Timeout on a busy machine, and time after which a button is pressed a second time, in ms."""
 ATTEMPTS = 3
+MAX_PRESSES = 8
+"""Largest number of times that a button is pressed until it has its effect."""
 BUSY_AT_STOP = """() => {  // messages of a browser that is busy during Resume and STOP
   const sent = [], send = WebSocket.prototype.send, end = performance.now() + 300;
   WebSocket.prototype.send = function (text) { sent.push(text); return send.call(this, text); };
@@ -40,7 +42,9 @@ BUSY_AT_STOP = """() => {  // messages of a browser that is busy during Resume a
 }"""
 CAN_CLEAR, CAN_ENABLE = (f"rcm.board.can.includes('{action}')" for action in ("clear", "enable"))
 PAUSED = "rcm.board.phase === 'PAUSED'"
-MOVING = "rcm.board.phase === 'ACQUIRE' || rcm.board.phase === 'SERVO'"
+MOVING = "phases.has('ACQUIRE') || phases.has('SERVO')"
+"""Condition that the tool moved since the last press: a busy browser, silent, soon pauses it."""
+NOTE_PHASES = "window.phases = new Set(); rcm.onBoard((board) => phases.add(board.phase))"
 JOG_DISTANCE = [0.1, 0.1, 8.0]
 """Distance (rad, rad, mm) that a joint is jogged."""
 TOLERANCE = 0.02, 1.5, 1.5
@@ -64,6 +68,7 @@ class Operator:
         self.page.on("request", lambda request: self._note(request.url, address))
         self.page.goto(address)
         self.until("rcm.board.phase")
+        self.page.evaluate(f"() => {{ {NOTE_PHASES} }}")
 
     def _note(self, url: str, address: str) -> None:
         is_own = url.startswith((address, "data:", "blob:")) or "//127.0.0.1:" in url
@@ -76,12 +81,15 @@ class Operator:
         self.page.get_by_role("button", name=name, exact=True).click(timeout=TIMEOUT_MS)
 
     def press_until(self, name: str, condition: str) -> None:
-        """Press a button until a condition holds: the servo refuses an old display."""
-        for _ in range(4):
+        """Press a button until a condition holds: servo and page refuse an old display."""
+        outcome = f"({condition}) ? 'reached' : rcm.refusal"
+        for _ in range(MAX_PRESSES):
+            self.page.evaluate("phases.clear()")
             self.press(name)
             with suppress(TimeoutError):
-                self.page.wait_for_function(condition, timeout=RETRY_MS)
-                return
+                handle = self.page.wait_for_function(outcome, timeout=RETRY_MS)
+                if handle.json_value() == "reached":
+                    return
         self.until(condition)
 
     def read(self, what: str) -> Any:
@@ -92,14 +100,26 @@ class Operator:
         return self.read("board.phase")
 
     def enable(self) -> None:
-        """Switch the drive on if it is off."""
-        self.until(f"rcm.hasControl && ({CAN_ENABLE} || {CAN_CLEAR} || {PAUSED})")
-        if self.page.evaluate(CAN_CLEAR):
-            self.press_until("Clear", f"!{CAN_CLEAR}")
-            self.until(CAN_ENABLE)
-        if self.phase != "PAUSED":
-            self.press_until("Enable", PAUSED)
+        """Clear a stop and switch the drive on, if it is off.
+
+        The page offers Clear, takes it back and offers it again while STOP ends the session.
+        """
+        for _ in range(MAX_PRESSES):
+            self.until(f"rcm.hasControl && ({CAN_ENABLE} || {CAN_CLEAR} || {PAUSED})")
+            if self.phase == "PAUSED":
+                break
+            self.press_offered(CAN_CLEAR, "Clear", f"!{CAN_CLEAR}")
+            self.press_offered(CAN_ENABLE, "Enable", PAUSED)
+        self.until(PAUSED)
         self.page.get_by_label("Jog speed").select_option("full")
+
+    def press_offered(self, offered: str, name: str, condition: str) -> None:
+        """Press a button if the page offers its action, and wait for a condition or in vain."""
+        if self.page.evaluate(offered):
+            with suppress(TimeoutError):
+                button = self.page.get_by_role("button", name=name, exact=True)
+                button.click(timeout=RETRY_MS)
+                self.page.wait_for_function(f"({condition}) || rcm.refusal", timeout=RETRY_MS)
 
     def teach(self, name: str) -> None:
         self.page.get_by_label("Name of the pose").fill(name)
@@ -144,6 +164,16 @@ class Operator:
             self.page.locator(f"#disturbance-parameters input[name={name}]").fill(value)
         self.press("Begin disturbance")
 
+    def disturb_in_motion(self, condition: str, kind: str, **parameters: str) -> None:
+        """Begin a disturbance at the target until it has an effect: not if a pause comes first."""
+        outcome = f"({condition}) ? 'reached' : {PAUSED} ? 'paused' : ''"
+        for _ in range(MAX_PRESSES):
+            assert self.wait_for_arrival()
+            self.disturb(kind, **parameters)
+            if self.page.wait_for_function(outcome, timeout=TIMEOUT_MS).json_value() == "reached":
+                return
+        raise AssertionError(f"{kind} has no effect")
+
     def go_and_arrive(self, name: str) -> bool:
         """Go to a pose; return whether the tool arrives in time."""
         self.go(name)
@@ -160,11 +190,12 @@ class Operator:
         return self.is_at_target()
 
 
-def take_screenshots(chromium: Browser, folder: Path) -> None:
-    """Save screenshots in the folder of the tests."""
+def describe_pages(chromium: Browser, folder: Path) -> None:
+    """Print what each browser knows, and save screenshots in the folder of the tests."""
     for k, context in enumerate(chromium.contexts):
         for page in context.pages:
-            with suppress(TimeoutError):
+            with suppress(TimeoutError, Error):
+                print(page.evaluate("JSON.stringify([rcm.hasControl, rcm.board])"))
                 page.screenshot(path=folder / f"{k}.png", timeout=RETRY_MS)
 
 
@@ -206,7 +237,7 @@ class ServedPage:
         try:
             play(self._address)
         except (AssertionError, TimeoutError) as error:
-            take_screenshots(self.browser, self._folder)
+            describe_pages(self.browser, self._folder)
             return f"{type(error).__name__}: {error}"
         finally:
             for context in self.browser.contexts:  # an open page would reconnect forever
@@ -379,9 +410,10 @@ def test_an_operator_recovers_from_a_lost_marker_a_moved_camera_and_an_emergency
         operator.teach("middle")
         operator.jog("Jog joint 2 minus")
         assert operator.go_and_arrive("middle")
-        operator.disturb("occlusion", **{"marker": "1", "for": "1"})
-        operator.until("rcm.board.phase === 'HOLD' || rcm.board.why.includes('marker 1')")
-        operator.until("rcm.board.phase === 'SERVO' && !rcm.board.why")
+        lost = "rcm.board.phase === 'HOLD' || rcm.board.why.includes('marker 1')"
+        operator.disturb_in_motion(lost, "occlusion", **{"marker": "1", "for": "1"})
+        operator.until(f"{PAUSED} || rcm.board.phase === 'SERVO' && !rcm.board.why")
+        assert operator.phase == "SERVO", operator.read("board.why")
         operator.disturb("relocate")
         operator.until("rcm.board.phase === 'PAUSED' && rcm.board.recovery.includes('teach_again')")
         operator.press("Teach again")
