@@ -280,3 +280,21 @@ def test_lines_that_the_controller_executes_as_commands_move_nothing(delay: floa
     rig.wait(0.2)
     assert rig.motors_off and rig.at_rest
     assert other.read_numbers("MG _JGA,_JGB,_JGC") == [0.0] * 3
+
+
+def test_the_last_line_of_a_start_restarts_the_timeout() -> None:
+    """The host is slow before that line and after it, in total for longer than the timeout."""
+    rig = Rig()
+    rig.session.set_position(HOME)
+    stream, send = rig.streams[0], rig.streams[0].send
+    delay = 0.7 * SETTINGS.command_timeout
+
+    def send_late(data: bytes) -> None:
+        if data.endswith(b"QR\r"):
+            rig.wait(delay)
+        send(data)
+
+    stream.send = send_late  # type: ignore[method-assign]
+    assert rig.session.start().all_on
+    rig.wait(delay)
+    assert not rig.motors_off

@@ -14,6 +14,7 @@ SO   simonsobs/socs 0.6.4, agents/galil_axis/drivers.py
 import pytest
 
 from hardware.emulated_host import EmulatedHost
+from rcmservo.hardware.galil.error_codes import ErrorCode
 
 EXCHANGES = [
     # framing and prompts
@@ -201,3 +202,11 @@ def test_an_error_ends_all_threads_of_a_program_without_an_error_handler() -> No
         assert host.number("_NO") == threads
         assert host.number("errs") == (1.0 if handler else 0.0)
         assert host.number("_XQ1") == -1.0
+
+
+def test_an_expression_is_evaluated_up_to_its_syntax_error() -> None:
+    """The emulator therefore reports the first error from the left, each time."""
+    host, unknown, syntax = EmulatedHost(), ErrorCode.VARIABLE_ERROR, ErrorCode.OPERAND_ERROR
+    for _ in range(2):
+        assert host(b"MG unknown+1)\rTC0\r") == f"?{unknown.value}\r\n:".encode()
+        assert host(b"MG 1+1)\rTC0\r") == f"?{syntax.value}\r\n:".encode()
