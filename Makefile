@@ -7,7 +7,7 @@
 #   make peers     installs other people's clients for the tests that are skipped without them
 #   make studies   runs the studies behind docs/how_to_choose.md, and writes that page, in 16 minutes
 #   make bench     measures everything at length, for about two hours
-.PHONY: run test test-all check peers studies bench
+.PHONY: run kernels test test-all check peers studies bench
 BIN := .venv/bin
 RUNNING := .venv/.running
 STUDYING := .venv/.studying
@@ -18,15 +18,17 @@ IN_WALL_TIME := $(addprefix tests/, cameras crtk hardware live page)
 PARALLEL := --dist loadfile --no-loadscope-reorder
 PIP := $(BIN)/pip install --quiet --disable-pip-version-check --no-compile
 # Tests start many processes: each would compile all Python files that it imports.
-test test-all: export PYTHONDONTWRITEBYTECODE :=
+kernels test test-all: export PYTHONDONTWRITEBYTECODE :=
 
 run: $(RUNNING)
 	$(BIN)/rcmservo run
 
+kernels: $(TESTING)
+	$(BIN)/python tests/compile_kernels.py
+
 # PROFILE=thorough tries many more Hypothesis examples. Tests in wall time need the machine to
 # themselves.
-test: $(TESTING)
-	$(BIN)/python tests/compile_kernels.py
+test: kernels
 	$(PYTEST) $(PARALLEL) -n 2 -m 'not slow and not alone'
 	$(PYTEST) -m 'alone and not slow' $(IN_WALL_TIME)
 

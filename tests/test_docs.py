@@ -195,7 +195,7 @@ def test_the_set_up_commands_are_targets_of_the_makefile_and_ci_calls_the_test_c
     lines = re.findall(r"^make (.+)", (ROOT / ".ci/run").read_text(), re.M)
     called = [word for line in lines for word in line.split() if re.fullmatch(r"[\w-]*\w", word)]
     called = [word for word in called if not word.startswith("--")]
-    assert called == ["peers", "check", "test", "test-all"]
+    assert called == ["kernels", "peers", "check", "test", "test-all"]
 
 
 def test_the_page_of_the_paper_names_every_experiment() -> None:
