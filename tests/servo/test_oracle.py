@@ -555,6 +555,7 @@ def run_steps():
     from rcmservo.geometry.tool import RigidTool, ScaledTool
     from rcmservo.interfaces import Observation, Target
     from rcmservo.safety.state_machine import Phase
+    from rcmservo.servo.collect_causes import compute_larger_marker_distance
     from rcmservo.servo.servo import Servo
 
     C, results, rcm = camera(), {}, PitchYawRcm()
@@ -603,6 +604,7 @@ def run_steps():
             f"{name} J": J,
             f"{name} delta": delta,
             f"{name} phase": phases,
+            f"{name} distance": compute_larger_marker_distance(q, target.q, servo.parameters[0]),
         }
     return {name: np.asarray(value, dtype=float) for name, value in results.items()}
 
