@@ -149,10 +149,12 @@ def compare_target_with_fit(tick: TickContext) -> None:
     Without the joints of teaching nothing contradicts it.
     """
     stored, setpoint, parameters = tick.stored, tick.setpoint, tick.parameters
-    stored.decision.is_implausible, stored.decision.is_unchecked = False, np.isnan(setpoint.q[0])
-    if not stored.exploration_state.is_done or stored.decision.is_unchecked:
-        return
     fit, thresholds = stored.projection_fit, parameters.thresholds
+    has_joints = not np.isnan(setpoint.q[0])
+    stored.decision.is_implausible = False
+    stored.decision.is_unchecked = not has_joints and thresholds.max_target_mismatch < np.inf
+    if not (stored.exploration_state.is_done and has_joints):
+        return
     q_d = (setpoint.q[0], setpoint.q[1], setpoint.q[2])
     p1_d = compute_position_tuple(make_rcm_struct(parameters), q_d)
     predicted, px_per_mm = (

@@ -17,7 +17,7 @@ from rcmservo.control.saturated_controller import (
     compute_controller_output,
     scale_rows,
 )
-from rcmservo.control.tool_speed_cap import cap_tool_speed
+from rcmservo.control.tool_speed_cap import cap_tool_speed, choose_speed_cap
 from rcmservo.estimation.base import Estimate
 from rcmservo.estimation.camera_fit_prediction import (
     compute_fitted_features_jacobian,
@@ -75,7 +75,10 @@ def compute_servoing_rates(tick: TickContext, is_servoing: bool) -> None:
     p1 = compute_position_tuple(rcm, q)
     predict_error(estimate, p1)
     output, error = evaluate_controller(estimate, p1, parameters, tick.stored.workspace)
-    cap_tool_speed(decision.v, output.v, make_tool_struct(parameters), p1, controller)
+    max_speed = choose_speed_cap(controller, decision.is_unchecked)
+    cap_tool_speed(
+        decision.v, output.v, make_tool_struct(parameters), p1, controller.tip, max_speed
+    )
     horizon_s, fraction = thresholds.limit_horizon, thresholds.limit_speed_fraction
     joint, rates = find_blocking_joint(
         rcm, q, decision.v, parameters.gate.speed, horizon_s, fraction
