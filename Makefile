@@ -91,18 +91,20 @@ bench: $(TESTING)
 
 # Nothing that runs here uses setuptools (10 MB), which Python before 3.12 puts into each environment,
 # the bytecode of pip (8 MB), or the backend of zstandard that PyPy takes (12 MB).
-$(RUNNING): pyproject.toml
-	python3 -m venv .venv
-	$(PIP) -e '.[sim,page]'
-	$(BIN)/pip uninstall -qq --disable-pip-version-check --yes setuptools
-	find .venv -path '*/pip/*' -name __pycache__ -prune -exec rm -r {} +
-	rm -f .venv/lib/python3*/site-packages/zstandard/_cffi.*.so
-	touch $(RUNNING)
+define INSTALL
+python3 -m venv .venv
+$(PIP) -e '.[$(EXTRAS)]'
+$(BIN)/pip uninstall -qq --disable-pip-version-check --yes setuptools
+find .venv -path '*/pip/*' -name __pycache__ -prune -exec rm -r {} +
+rm -f .venv/lib/python3*/site-packages/zstandard/_cffi.*.so
+touch $(INSTALLED)
+endef
 
-$(STUDYING): $(RUNNING)
-	$(PIP) -e '.[study]'
-	touch $(STUDYING)
-
-$(TESTING): $(RUNNING)
-	$(PIP) -e '.[dev]'
-	touch $(TESTING)
+$(RUNNING): EXTRAS := sim,page
+$(STUDYING): EXTRAS := sim,page,study
+$(TESTING): EXTRAS := dev
+$(RUNNING): INSTALLED := $(RUNNING)
+$(STUDYING): INSTALLED := $(RUNNING) $(STUDYING)
+$(TESTING): INSTALLED := $(RUNNING) $(STUDYING) $(TESTING)
+$(RUNNING) $(STUDYING) $(TESTING): pyproject.toml
+	$(INSTALL)

@@ -47,18 +47,20 @@ KEYS = {
 }
 COMPARED = ("baselines", "path-following")
 SHORTER: dict[str, dict[str, float]] = {
-    "regulation-projection": {"duration": 8.0, "default_duration": 3.0},
-    "regulation-flow": {"duration": 8.0},
-    "showing": {"spread": 7.0, "longest": 12.0},
+    "regulation-projection": {"duration": 4.0, "default_duration": 1.5},
+    "regulation-flow": {"duration": 4.0},
+    "showing": {"spread": 7.0, "longest": 6.0},
     "stability": {"duration": 15.0},
-    "relocation": {"duration": 12.0},
+    "relocation": {"duration": 8.0},
+    "jacobian-accuracy": {"duration": 25.0},
+    "camera-knowledge": {"duration": 12.0},
     "baselines": {"accepted": 1, "draws": 20, "duration": 2.0},
     "path-following": {"approach": 4.0, "period": 6.0},
 }
 """Settings (s, mm) that replace those of `--quick`: these tests need no path to its end."""
 RETURNING = ("regulation-projection", "regulation-flow")
 """Experiments with a return to the start, which takes a minute with the paper's gains."""
-MAX_RETURN_S, MAX_REAL_TIME_EXPLORATION_S = 4.0, 20.0
+MAX_RETURN_S, MAX_REAL_TIME_EXPLORATION_S = 2.0, 8.0
 """Time limits (s) of these experiments here."""
 CHEAP = ("potential", "imaged-rcm", "tool-model")
 """Experiments that run twice: a computation, a Monte Carlo simulation, and closed loops."""
