@@ -184,7 +184,7 @@ def relative_error(scene: Scene, error: Floats) -> float:
 
 
 @pytest.mark.parametrize(
-    "scenes,frames", [(150, 300), pytest.param(120, 5_000, marks=pytest.mark.slow)]
+    "scenes,frames", [(150, 300), pytest.param(120, 2_500, marks=pytest.mark.slow)]
 )
 def test_the_imaged_rcm_is_not_biased_and_its_covariance_covers_its_error(
     scenes: int, frames: int

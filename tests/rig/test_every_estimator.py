@@ -43,7 +43,7 @@ def test_a_run_moves_to_the_target_and_its_record_replays(name: str, here: Path)
     rig = rs.sim.Rig(1, pictures=name in NEEDS_IMAGES)
     target = rig.teach(30)
     start_mm = rig.measure_true_error(target)
-    result = rs.run(rig, rs.Servo(estimator=make_estimator(name)), target, 6.0, record="run")
+    result = rs.run(rig, rs.Servo(estimator=make_estimator(name)), target, 4.0, record="run")
     assert result.explore.time_s is not None, result.cause
     assert result.pose_error_mm is not None and result.pose_error_mm < 0.7 * start_mm
     assert main(["replay", "run", *(["--estimator", name] if name == OWN else [])]) == 0
