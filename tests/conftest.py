@@ -50,7 +50,6 @@ from rcmservo.tracking import PointMarkers
 pytest_plugins = ["peers"]
 
 
-
 def pytest_collection_finish() -> None:
     """Collect garbage rarely, and not among modules and tests: it took a tenth of the time."""
     gc.freeze()

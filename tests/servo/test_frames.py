@@ -192,6 +192,58 @@ def test_a_tenth_of_wrong_frames_pauses_few_runs() -> None:
     assert len(stops) <= 1
 
 
+def test_markers_swapped_in_a_tenth_of_the_frames_are_no_drift() -> None:
+    """Such residuals have the same direction each time; their mean looked like a moved camera."""
+    stops, errors_mm = [], []
+    for seed in range(6000, 6006):
+        random = make_random(seed)
+
+        def change(frame: Frame, _: Frame | None, random=random) -> Frame:
+            assert frame.points is not None
+            swapped = frame.points[::-1].copy()
+            return replace(frame, points=swapped) if random.random() < 0.1 else frame
+
+        lab = make_laboratory(seed, rs.sim.RigSettings(point_noise=0.3))
+        ticks = run(change_camera(lab, change), lab, 6.0)
+        stops += list_stops(ticks)
+        errors_mm += [measure_error_mm(ticks, lab)] if not list_stops(ticks) else []
+    assert set(stops) <= {"SWAPPED"}
+    assert len(errors_mm) >= 3 and max(errors_mm) < 1.0
+
+
+def release_joint(lab: Laboratory, joint: int, after_s: float) -> ChangeFrame:
+    """Return a change that shows the tool as if a joint no longer moved it after `after_s` s."""
+    held, random, body = list[Floats](), make_random(0), lab.rig.body
+    release_ns = lab.rig.clock.now() + after_s * 1e9
+
+    def change(frame: Frame, _: Frame | None) -> Frame:
+        if frame.exposure < release_ns:
+            return frame
+        held.append(lab.rig.truth.arm.joints_at(frame.exposure).copy())
+        q = held[-1].copy()
+        q[joint] = held[0][joint]
+        points = lab.rig.scene.optics.project(body.points(q)[:2])
+        return replace(frame, points=points + 0.1 * random.standard_normal((2, 2)))
+
+    return change
+
+
+@pytest.mark.parametrize("joint", [0, 1, 2])
+@pytest.mark.parametrize("after_s", [1.0, 1.8])
+def test_a_joint_that_no_longer_moves_the_tool_is_among_the_reasons(
+    joint: int, after_s: float
+) -> None:
+    texts = list[str]()
+    for seed in (6000, 6002, 6004):
+        lab = make_laboratory(seed)
+        change = release_joint(lab, joint, after_s)
+        states = [tick.state for tick in run(change_camera(lab, change), lab, 6.0)]
+        texts += [state.text for state in states if state.phase is rs.Phase.PAUSED][:1]
+    assert texts
+    for text in texts:
+        assert "moves the tool" in text or "move the tool" in text or "joint positions" in text
+
+
 def test_another_object_that_stays_stops_the_tool_after_three_frames() -> None:
     """It is no scattered false detection: the tool must not move blindly for longer."""
     lab = make_laboratory(21, rs.sim.RigSettings(point_noise=0.3))

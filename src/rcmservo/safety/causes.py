@@ -245,8 +245,9 @@ class Cause(Enum):
     )
     SURPRISED = pause(
         "the markers are not at the predicted positions: another object is detected as a "
-        "marker, or the camera moved",
-        "check that nothing else looks like a marker, then resume",
+        "marker, the camera moved, or a joint no longer moves the tool",
+        "check that nothing else looks like a marker and that each joint moves the tool, then "
+        "resume",
         markers.markers_are_unexpected,
         invalidates_unexplored=Invalidates.ESTIMATE_AND_TARGETS,
     )
@@ -257,9 +258,10 @@ class Cause(Enum):
     )
     DRIFTS = pause(
         "the markers drift away from the positions that the joints predict: the camera moves, "
-        "turns or zooms, or an object that slides along is detected as the markers",
-        f"check that the camera is fixed, {TEACH_AGAIN}, then resume: the servo repeats the "
-        "exploration",
+        "turns or zooms, an object that slides along is detected as the markers, or a joint no "
+        "longer moves the tool",
+        f"check that the camera is fixed and each joint moves the tool, {TEACH_AGAIN}, then "
+        "resume: the servo repeats the exploration",
         drift.markers_drift,
         invalidates=Invalidates.ESTIMATE_AND_TARGETS,
     )

@@ -74,7 +74,8 @@ def accept_frame(tick: TickContext) -> tuple[int, float]:
             fit, p1, points, estimate.points, shaft, thresholds
         )
         monitor_markers(monitor, deviates_1, deviates_2, crossed, points, thresholds)
-        update_drift(monitor, fit, p1, points, shaft, thresholds)
+        if not crossed:  # its residual has the same direction each time, as that of a drift
+            update_drift(monitor, fit, p1, points, shaft, thresholds)
     else:
         noise_px = np.sqrt(2.0 * fit.noise_variance)
         max_jump_px = thresholds.max_jump_px + thresholds.max_innovation * noise_px

@@ -12,8 +12,8 @@ from rcmservo.interfaces import Floats
 from rcmservo.safety.checks.facts import DetailFacts
 
 CAMERA_CHANGED = (
-    "the camera was moved, turned or zoomed since, the tool was exchanged, or the joints have "
-    "other zeros: check mount, zoom and tool"
+    "the camera was moved, turned or zoomed since, the tool was exchanged, a joint does not move "
+    "the tool, or the joints have other zeros: check mount, zoom, tool and joints"
 )
 """Explanation of equal differences of both markers, and of all that nothing else explains."""
 
