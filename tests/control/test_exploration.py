@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from conftest import make_random, seeds
+from conftest import make_laboratory, make_random, seeds
 from rcmservo.control.exploration import (
     CORNER_TOLERANCE,
     CORNERS,
@@ -20,6 +20,7 @@ from rcmservo.control.exploration import (
     set_round,
     start_exploration,
 )
+from rcmservo.control.saturated_controller import SaturatedController
 from rcmservo.errors import BadInput
 from rcmservo.geometry.kinematics import (
     JointLimits,
@@ -28,9 +29,12 @@ from rcmservo.geometry.kinematics import (
     compute_position,
     compute_position_jacobian,
 )
+from rcmservo.geometry.tool import RIGID, RigidTool, ToolStruct, compute_second_marker
 from rcmservo.numerics.structs import to_row
 from rcmservo.safety.gate import Gate
 from rcmservo.safety.thresholds import Thresholds
+from rcmservo.sim import RigSettings
+from rcmservo.sim.scene import SceneSettings
 
 MIN_ROOM = Thresholds.min_exploration_room
 MAX_RATES = np.array(Gate.speed)
@@ -286,3 +290,22 @@ def test_settings_that_cannot_work_are_refused_by_name(name, value):
         value = np.inf
     with pytest.raises(BadInput, match=name):
         Exploration(**{name: value})
+
+
+@pytest.mark.parametrize("spacing", [30.0, 100.0, 200.0])
+def test_neither_marker_exceeds_the_speed_cap_while_exploring(spacing):
+    """Without the cap, marker 2 moves at 50 mm/s, and at 71 mm/s if it is 200 mm from marker 1."""
+    speeds, tool = [], RigidTool(spacing)
+    for seed in (1, 2, 3):
+        lab = make_laboratory(seed, RigSettings(tool=tool, scene=SceneSettings(travel=(5.0, 40.0))))
+        servo = lab.servo()
+        rows = [observation for observation, state in lab.run(servo, 3.0) if not state.explored]
+        rcm, shaft = servo.mechanism.to_struct(tool.offset), ToolStruct(RIGID, spacing)
+        markers = [
+            [p1, compute_second_marker(shaft, p1)]
+            for p1 in (compute_position(rcm, row.q) for row in rows)
+        ]
+        times_s = np.array([row.q_time for row in rows]) * 1e-9
+        moved_mm = np.linalg.norm(np.diff(markers, axis=0), axis=2)
+        speeds.append((moved_mm / np.diff(times_s)[:, None]).max())
+    assert 0.5 * SaturatedController.max_speed < max(speeds) < 1.02 * SaturatedController.max_speed

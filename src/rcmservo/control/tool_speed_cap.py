@@ -1,11 +1,16 @@
-"""Speed cap of the tool: while servoing, neither marker nor the tip exceeds a speed (mm/s).
+"""Speed cap of the tool: neither marker nor the tip exceeds a speed (mm/s).
 
-It is `max_speed` of `SaturatedController`, but less towards a target without joints. Exploration
-and jogging do not use this cap: the gate limits their joint rates.
+It is `max_speed` of `SaturatedController` while exploring and servoing, but less towards a target
+without joints. Jogging does not use this cap: the gate limits its joint rates.
 """
 
 from rcmservo.control.saturated_controller import SaturatedController
-from rcmservo.geometry.kinematics import Point
+from rcmservo.geometry.kinematics import (
+    Point,
+    RcmStruct,
+    compute_position_jacobian,
+    compute_position_tuple,
+)
 from rcmservo.geometry.tool import ToolStruct, compute_max_tool_speed
 from rcmservo.interfaces import Floats
 from rcmservo.numerics.jit import compiled
@@ -50,3 +55,44 @@ def cap_tool_speed(
     slowdown = max(1.0, speed / max_speed)
     for k in range(3):
         capped[k] = v[k] / slowdown
+
+
+@compiled
+def cap_joint_rates(
+    capped: Floats,
+    rates: Floats,
+    rcm: RcmStruct,
+    tool: ToolStruct,
+    q: Floats,
+    tip: float,
+    max_speed: float,
+) -> None:
+    """Write joint rates, slowed until the fastest point of the tool keeps the cap.
+
+    Parameters
+    ----------
+    capped : Floats
+        Joint rates (3,) that receive the result, rad/s, rad/s, mm/s.
+    rates : Floats
+        Requested joint rates (3,).
+    rcm : RcmStruct
+        Mechanism, with marker 1 as the point on its tool.
+    tool : ToolStruct
+        Tool with both markers.
+    q : Floats
+        Joints (3,).
+    tip : float
+        Distance from marker 2 to the tip, mm.
+    max_speed : float
+        Speed cap, mm/s.
+    """
+    J = compute_position_jacobian(rcm, q)
+    v = (
+        J[0, 0] * rates[0] + J[0, 1] * rates[1] + J[0, 2] * rates[2],
+        J[1, 0] * rates[0] + J[1, 1] * rates[1] + J[1, 2] * rates[2],
+        J[2, 0] * rates[0] + J[2, 1] * rates[1] + J[2, 2] * rates[2],
+    )
+    speed = compute_max_tool_speed(tool, compute_position_tuple(rcm, q), v, tip)
+    slowdown = max(1.0, speed / max_speed)
+    for i in range(3):
+        capped[i] = rates[i] / slowdown

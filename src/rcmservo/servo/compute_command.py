@@ -17,7 +17,11 @@ from rcmservo.control.saturated_controller import (
     compute_controller_output,
     scale_rows,
 )
-from rcmservo.control.tool_speed_cap import cap_tool_speed, choose_speed_cap
+from rcmservo.control.tool_speed_cap import (
+    cap_joint_rates,
+    cap_tool_speed,
+    choose_speed_cap,
+)
 from rcmservo.estimation.base import Estimate
 from rcmservo.estimation.camera_fit_prediction import (
     compute_fitted_features_jacobian,
@@ -26,7 +30,6 @@ from rcmservo.estimation.camera_fit_prediction import (
 from rcmservo.geometry.features import wrap_angle
 from rcmservo.geometry.kinematics import Point, compute_position_tuple, find_blocking_joint
 from rcmservo.numerics.jit import compiled
-from rcmservo.numerics.small_linalg import copy_into
 from rcmservo.safety.innovation import is_plausible_fit
 from rcmservo.safety.state_machine import ACQUIRE, SERVO
 from rcmservo.servo.kernel_parameters import (
@@ -137,7 +140,10 @@ def explore(tick: TickContext, frame_result: int) -> None:
     if is_at_corner(exploration, exploration.next_corner, q):
         choose_next_corner(tick)
     lag_s = estimate_lag_so_far(exploration, parameters.thresholds.drive_lag)
-    copy_into(decision.rates, compute_rates_to_corner(exploration, max_rates, q, lag_s, settings))
+    rates = compute_rates_to_corner(exploration, max_rates, q, lag_s, settings)
+    rcm, tool = make_rcm_struct(parameters), make_tool_struct(parameters)
+    tip, max_speed = parameters.controller.tip, parameters.controller.max_speed
+    cap_joint_rates(decision.rates, rates, rcm, tool, q, tip, max_speed)
 
 
 @compiled
