@@ -235,15 +235,16 @@ def _start_page_processes(
         shape = MechanismShape.from_servo(backend.servo_settings.servo)
         given = backend.servo_settings, poses, shape, runs, backend.disturbances, backend.truth
         site = Site(title, backend.camera, doors, stop_port, *given)
-        names: dict[int, str] = {}
+        children: dict[str, ChildProcess] = {}
         for name, work, given in (
             ("the stop process", serve_stop, (channels.stop_requests, doors, stop_socket)),
             ("the page process", serve_page, (channels, site, page_socket)),
         ):
-            child = ChildProcess(context, work, *given)
-            stack.callback(child.end)
+            children[name] = ChildProcess(context, work, *given)
+            stack.callback(children[name].end)
+        for child in children.values():  # all start at the same time
             child.receive()
-            names[child.process.sentinel] = name
+        names = {child.process.sentinel: name for name, child in children.items()}
         yield f"http://{find_reachable_address(options.host)}:{port}", names
 
 

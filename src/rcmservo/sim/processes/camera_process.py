@@ -5,6 +5,7 @@ from dataclasses import replace
 from multiprocessing.connection import Connection
 from typing import Any
 
+from rcmservo.errors import RcmServoError
 from rcmservo.interfaces import Floats, Frame
 from rcmservo.live.child_process import receive_from_parent
 from rcmservo.live.frame_ring import FrameRing
@@ -18,6 +19,9 @@ from rcmservo.sim.rig import RigSettings, SimulatedRig
 
 LOG_DELAY_NS = 2_000_000
 """Time (ns) after the end of an exposure by which the arm's log contains it."""
+
+FIRST_ROW_POLL_S = 0.002
+"""Time (s) between two looks whether the arm has begun its log."""
 
 
 class LoggedArm:
@@ -50,8 +54,8 @@ def run_camera_process(
 ) -> None:
     """Publish frames at the camera's rate until the parent process sends "end" or closes `control`.
 
-    It sends "ready" before the first frame. It skips a frame that would be late because rendering
-    the previous one took too long.
+    It sends "ready" before the first frame, or the error that prevents the start. It skips a frame
+    that would be late because rendering the previous one took too long.
 
     Parameters
     ----------
@@ -66,7 +70,14 @@ def run_camera_process(
     control : multiprocessing.connection.Connection
         Connection to the parent process.
     """
-    rig, arm = SimulatedRig(seed, settings), LoggedArm(log)
+    try:
+        rig, arm = SimulatedRig(seed, settings), LoggedArm(log)
+    except RcmServoError as error:
+        control.send(RcmServoError(str(error)))
+        return
+    while not log.count:  # the arm starts at the same time
+        if control.poll(FIRST_ROW_POLL_S):
+            return
     timing = settings.timing
     period_ns, half_exposure_ns = 1e9 / timing.frame_rate, round(0.5e9 * timing.exposure)
     latency_ns = half_exposure_ns + round(1e9 * timing.delay)

@@ -65,8 +65,8 @@ class SimulatedLab:
             self.folder = _require_short(Path(folder))
             arguments = self._seed, self.settings, self.log
             self.arm = self._start_child(run_arm_process, self.folder, *arguments)
-            self.target = self.arm.receive()
             self.camera = self._start_child(run_camera_process, *arguments, self.ring)
+            self.target = self.arm.receive()
             self.camera.receive()
             self._stack = self._stack.pop_all()
         return self
