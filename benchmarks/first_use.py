@@ -55,8 +55,13 @@ def steps(text: str) -> list[tuple[str, str]]:
     return [(verb.lower(), name) for verb, name in re.findall(STEP, text)]
 
 
-def follow(page: Page, todo: list[tuple[str, str]], report: Callable[[str], None] = print) -> None:
-    """Perform the steps on the page."""
+def follow(
+    page: Page,
+    todo: list[tuple[str, str]],
+    report: Callable[[str], None] = print,
+    held: float = HELD,
+) -> None:
+    """Perform the steps on the page; hold a button for `held` s."""
     for verb, name in todo:
         if verb == "type":
             page.get_by_label(FIELD).fill(name)
@@ -65,7 +70,7 @@ def follow(page: Page, todo: list[tuple[str, str]], report: Callable[[str], None
         else:
             page.get_by_role("button", name=name, exact=True).hover()
             page.mouse.down()
-            page.wait_for_timeout(1e3 * HELD)
+            page.wait_for_timeout(1e3 * held)
             page.mouse.up()
             page.wait_for_function("rcm.board.phase === 'PAUSED'")
         report(f"{verb} {name}")

@@ -23,7 +23,7 @@ def serve_page(folder: Path, *options: str) -> Iterator[str]:
             "--seed",
             "1",
             "--teaching-frames",
-            "30",
+            "10",
             "--out",
             str(folder),
             "--poses",
