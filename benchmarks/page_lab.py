@@ -46,6 +46,7 @@ from rcmservo.live.frame_ring import FrameRing, RingCamera
 from rcmservo.live.servo_process import Session
 from rcmservo.loop.clock import sleep_until
 from rcmservo.loop.operator import Operator
+from rcmservo.loop.target_frames import TEACHING_FRAMES
 from rcmservo.page.channels import PageChannels
 from rcmservo.sim.processes.lab_processes import SimulatedLab
 
@@ -105,7 +106,12 @@ class PageLab:
 
 
 @contextlib.contextmanager
-def page_lab(seed: int = 0, recorded: bool = False, token: str = "") -> Generator[PageLab]:
+def page_lab(
+    seed: int = 0,
+    recorded: bool = False,
+    token: str = "",
+    teaching_frames: int = TEACHING_FRAMES,
+) -> Generator[PageLab]:
     """Run the laboratory without the page, with ``recorded`` frames on request, in the context."""
     context = get_context("spawn")
     with tempfile.TemporaryDirectory() as name:
@@ -114,6 +120,7 @@ def page_lab(seed: int = 0, recorded: bool = False, token: str = "") -> Generato
             port=free_port(),
             browser=False,
             seed=seed,
+            teaching_frames=teaching_frames,
             poses=folder / "poses",
             out=folder / "runs",
         )

@@ -22,9 +22,12 @@ from terminal_process import Laboratory, typed_joints, wait_for
 
 from conftest import INTERRUPTIBLE_COMMAND, SMALL_30_HZ_RIG_TOML, make_environment
 from rcmservo.config.rig_file import load_rig_file
+from rcmservo.page.prompts import MIN_READING_TIME_NS
 from rcmservo.recording.reader import read_record
 
 pytestmark = [pytest.mark.alone, pytest.mark.slow]
+READ_S = 0.1 + MIN_READING_TIME_NS * 1e-9
+"""Time in s after which an answer is repeated: an answer given at once is ignored."""
 
 
 @contextmanager
@@ -70,14 +73,16 @@ class PageOperator(Holder):
         """Answer until the page displays some words."""
         question = self.now["question"]
         request = {"do": "answer", "question": question, "words": words}
-        self.insist(request, lambda: by in self.now["words"] + self.now["question"])
+        self.insist(request, lambda: by in self.now["words"] + self.now["question"], READ_S)
 
-    def insist(self, request: dict[str, Any], reached: Callable[[], bool]) -> None:
+    def insist(
+        self, request: dict[str, Any], reached: Callable[[], bool], within: float = 1.5
+    ) -> None:
         """Repeat a request until a condition holds, because a busy computer drops late ones."""
-        for _ in range(60):
+        for _ in range(120):
             self.say(request)
             with suppress(TimeoutError):
-                return awaited(reached, 1.5)
+                return awaited(reached, within)
         raise TimeoutError(f"{request} leads to {self.now}")
 
     def cleared(self) -> None:

@@ -15,7 +15,8 @@ pytestmark = [pytest.mark.alone, pytest.mark.slow]
 def test_forged_and_random_requests_move_change_and_stop_nothing() -> None:
     def find_failures() -> list[str]:
         found: list[str] = []
-        with page_lab(recorded=True, token="a token that is long enough") as lab:
+        token = "a token that is long enough"
+        with page_lab(recorded=True, token=token, teaching_frames=30) as lab:
 
             def operate() -> None:
                 holder = page_forged.Holder(lab)
