@@ -40,7 +40,7 @@ STREAM_AND_KILL = """
 import json
 from crtk_measures import RunningDevice, killed, streamed
 device = RunningDevice(1, 0)
-report = streamed(1, 0, device, 3.0)
+report = streamed(1, 0, device, 1.5)
 print(json.dumps([report, killed(1, 0, device, 0.13)]))
 device.close()
 """
@@ -173,9 +173,9 @@ def test_every_command_arrives_and_a_killed_client_stops_it(ros: dict[str, str])
     )
     assert ran.returncode == 0, ran.stderr
     report, still = json.loads(ran.stdout.splitlines()[-1])
-    assert report["on"] and report["commands"] > 200
+    assert report["on"] and report["commands"] > 100
     assert report["sent"] + report["withheld"] + report["refused"] == report["commands"]
-    assert report["heard"] == report["sent"] > 200
+    assert report["heard"] == report["sent"] > 100
     assert EARLIEST_STOP_MS < still <= LATEST_STOP_MS
 
 

@@ -9,6 +9,7 @@ import signal
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -231,7 +232,8 @@ def test_a_program_of_a_few_lines_runs_the_rig_file_to_the_target(
             assert "drive off" in str(rig) and lab.off
             target = rig.teach(30)
             lab.bring(lab.start)
-            return rs.run(rig, rs.Servo(), target, record=next(folders), confirm=confirm)
+            options: Any = {"record": next(folders), "confirm": confirm}
+            return rs.run(rig, rs.Servo(), target, duration=5.0, **options)
 
     result = retry_after_stalls(attempt, lambda run: run.settled)
     assert result.settled, str(result)

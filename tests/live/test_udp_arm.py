@@ -35,7 +35,7 @@ from stalls import retry_after_stalls
 MS = 1_000_000
 REST = 0.0, 0.0, 0.0
 TURN = 0.5, -0.3, 20.0
-SECONDS = "7"
+SECONDS = "4"
 """Duration in s of a run that reaches the target."""
 TOY = ROOT / "examples/udp_arm/toy_arm.py"
 

@@ -69,8 +69,11 @@ class EmulatedArm:
         *arguments
             Arguments of `send` between the frame ring and the pipe.
         """
-        ring = self._ring = self._ring or self._start_filming()
-        return self._start_child(send, ring, *arguments)
+        filming = None if self._ring else self._start_filming()
+        sending = self._start_child(send, self._ring, *arguments)
+        if filming is not None:
+            filming.receive()
+        return sending.receive()
 
     def make_joints(self) -> RateJoints:
         """Place the arm at its start and return it as joints with velocity drives and brakes."""
@@ -93,8 +96,8 @@ class EmulatedArm:
         self._arm.time = time.monotonic_ns() // PHYSICS_STEP_NS * PHYSICS_STEP_NS
         self._arm.place(self._rig.scene.start)
 
-    def _start_filming(self) -> FrameRing:
-        """Start the camera process, and return the ring that holds its frames."""
+    def _start_filming(self) -> ChildProcess:
+        """Start and return the camera process, which renders into the frame ring."""
         from rcmservo.sim.arm import PHYSICS_STEP_NS
         from rcmservo.sim.processes.camera_process import run_camera_process
         from rcmservo.sim.processes.motion_log import MotionLog
@@ -108,15 +111,14 @@ class EmulatedArm:
 
         log_joints()
         arm.before_step = log_joints
-        ring = FrameRing(self._context, self._settings.width, self._settings.height)
-        self._start_child(run_camera_process, self._seed, self._settings, log, ring)
-        return ring
+        self._ring = FrameRing(self._context, self._settings.width, self._settings.height)
+        return self._start_child(run_camera_process, self._seed, self._settings, log, self._ring)
 
-    def _start_child(self, work: Callable[..., None], *arguments: Any) -> Any:
-        """Start a process and return its first message."""
+    def _start_child(self, work: Callable[..., None], *arguments: Any) -> ChildProcess:
+        """Start a process that ends with the arm."""
         child = ChildProcess(self._context, work, *arguments)
         self._stack.callback(child.end)
-        return child.receive()
+        return child
 
 
 def send_mjpeg(ring: FrameRing, port: int, control: Connection) -> None:
