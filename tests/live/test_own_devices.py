@@ -111,14 +111,14 @@ def MyCamera():
 def test_the_example_of_the_page_on_own_devices_runs(tmp_path: Path) -> None:
     """A busy computer may stop the run, which then names the cause.
 
-    The run lasts 4 s at most, and teaching 1 s.
+    The run lasts 1.5 s at most, and teaching 1 s.
     """
     page = (ROOT / "docs/own_devices.md").read_text().partition("## A run in wall time")[2]
     block = re.search(r"```python\n(.*?)```", page, re.S)
     assert block is not None
     (tmp_path / "my_lab.py").write_text(MY_LAB)
     record = f'record="{tmp_path / "lab"}"'
-    code = block[1].replace('record="runs/lab"', f"{record}, duration=4.0")
+    code = block[1].replace('record="runs/lab"', f"{record}, duration=1.5")
     code = code.replace("rig.teach()", "rig.teach(30)")
     assert record in code and "teach(30)" in code
     said = run_script(tmp_path / "script.py", code, enter="\nenable\n")
