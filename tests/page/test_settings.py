@@ -107,7 +107,7 @@ def test_a_changed_controller_acts_from_the_next_tick_and_its_record_replays_bit
 def test_a_change_in_motion_goes_through_the_gate_without_a_jump() -> None:
     servo = make_laboratory().servo()
     slow = SelectedSettings(
-        replace(servo, controller=replace(servo.controller, gain=0.5, max_speed=2.0))
+        replace(servo, controller=replace(servo.controller, gain=0.5, max_speed=10.0))
     )
     fast = make_change("controller", gain=80.0, max_speed=500.0, bounds=[3.0, 500.0, 500.0])
     ticks, _ = run_session({20: [go()], 260: [fast]}, 4.0, slow)
