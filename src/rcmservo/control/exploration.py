@@ -58,7 +58,8 @@ class Exploration(Checked, section="exploration"):
     leg_time : float
         Time from corner to corner in the first round, s, positive.
     speed_scale : float
-        Fraction of every joint's maximal speed at which it moves, above 0 and at most 1.
+        Fraction of every joint's maximal speed at which it moves, above 0 and at most 1. The joints
+        are slower where a marker or the tip would exceed `max_speed` of `SaturatedController`.
     max_leg_length : float
         Maximal distance of marker 1 from corner to corner, mm, positive.
     growth : float
@@ -72,7 +73,8 @@ class Exploration(Checked, section="exploration"):
     min_corners : int
         Minimal number of corners to visit, from 1 to 1000.
     max_time : float
-        Time after which exploration fails, s, positive.
+        Time after which exploration fails, s, positive. A `max_speed` below 2 mm/s needs more than
+        the default.
 
     Raises
     ------

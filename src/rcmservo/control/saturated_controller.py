@@ -73,7 +73,7 @@ class SaturatedController(Checked, section="controller"):
         Potential V beyond the bounds: 'continuous' as above and in Fig. 5 of the paper, or
         'printed', ½ bᵢ |Δyᵢ| as in the paper's eq. (32), with which ∂V/∂y drops to half at b.
     max_speed : float
-        Speed limit of both markers and of the tip, mm/s, positive.
+        Speed limit of both markers and of the tip while exploring and servoing, mm/s, positive.
     tip : float
         Distance from marker 2 to the tip, mm, from 0 to 1000.
     max_condition : float
