@@ -62,8 +62,8 @@ FAULTS = (
     Fault(
         "order of the markers in a target file",
         "config/target_file.py",
-        "Target(np.array(content.markers_px),",
-        "Target(np.array(content.markers_px[::-1]),",
+        "points, q = np.array(content.markers_px), np.array(content.joints)",
+        "points, q = np.array(content.markers_px[::-1]), np.array(content.joints)",
         "config/test_target_file.py",
     ),
     Fault(
