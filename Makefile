@@ -26,7 +26,7 @@ run: $(RUNNING)
 kernels: $(TESTING)
 	$(BIN)/python tests/compile_kernels.py
 
-# PROFILE=thorough tries many more Hypothesis examples. Tests in wall time need the machine to
+# PROFILE=thorough tries more Hypothesis examples. Tests in wall time need the machine to
 # themselves.
 test: kernels
 	$(PYTEST) $(PARALLEL) -n 2 -m 'not slow and not alone'

@@ -14,6 +14,7 @@ from rcmservo.geometry.kinematics import (
 from rcmservo.geometry.tool import ToolStruct, compute_max_tool_speed
 from rcmservo.interfaces import Floats
 from rcmservo.numerics.jit import compiled
+from rcmservo.numerics.small_linalg import multiply_vector
 
 UNCHECKED_TARGET_SPEED = 8.0
 """Speed cap towards a target that no joints confirm, mm/s.
@@ -51,8 +52,7 @@ def cap_tool_speed(
     max_speed : float
         Speed cap, mm/s.
     """
-    speed = compute_max_tool_speed(tool, p1, v, tip)
-    slowdown = max(1.0, speed / max_speed)
+    slowdown = max(1.0, compute_max_tool_speed(tool, p1, v, tip) / max_speed)
     for k in range(3):
         capped[k] = v[k] / slowdown
 
@@ -86,13 +86,10 @@ def cap_joint_rates(
     max_speed : float
         Speed cap, mm/s.
     """
-    J = compute_position_jacobian(rcm, q)
-    v = (
-        J[0, 0] * rates[0] + J[0, 1] * rates[1] + J[0, 2] * rates[2],
-        J[1, 0] * rates[0] + J[1, 1] * rates[1] + J[1, 2] * rates[2],
-        J[2, 0] * rates[0] + J[2, 1] * rates[1] + J[2, 2] * rates[2],
+    p1, v = (
+        compute_position_tuple(rcm, q),
+        multiply_vector(compute_position_jacobian(rcm, q), rates),
     )
-    speed = compute_max_tool_speed(tool, compute_position_tuple(rcm, q), v, tip)
-    slowdown = max(1.0, speed / max_speed)
+    slowdown = max(1.0, compute_max_tool_speed(tool, p1, v, tip) / max_speed)
     for i in range(3):
         capped[i] = rates[i] / slowdown
