@@ -16,7 +16,7 @@ PROFILE := quick
 PYTEST := $(BIN)/pytest --hypothesis-profile=$(PROFILE)
 IN_WALL_TIME := $(addprefix tests/, cameras crtk hardware live page)
 PARALLEL := --dist loadfile --no-loadscope-reorder
-PIP := $(BIN)/pip install --quiet --disable-pip-version-check --no-compile
+PIP := $(BIN)/pip install --quiet --quiet --disable-pip-version-check --no-compile
 # Tests start many processes: each would compile all Python files that it imports.
 kernels test test-all: export PYTHONDONTWRITEBYTECODE :=
 
