@@ -45,6 +45,22 @@ def test_a_zoom_since_teaching_is_detected_on_arrival_although_single_frames_are
     assert not run.settled and [cause for _, _, cause, _ in run.stops] == ["ELSEWHERE"]
 
 
+WRONGLY_TAUGHT = [
+    ("marker_25", 9081, "projection"),  # one marker agrees, and the tool moves far from the target
+    ("marker_25", 9039, "projection"),
+    ("mirrored", 9001, "flow"),  # the estimator needs longer than an exploration may last
+]
+
+
+@pytest.mark.parametrize("case", mark_others_slow(WRONGLY_TAUGHT))
+def test_a_wrong_target_is_found_as_soon_as_the_fit_is_known(case: tuple[str, int, str]) -> None:
+    """Once these moved the tool 80 and 32 mm away, and the exploration ended as NOT_EXPLORED."""
+    run = one(*case)
+    assert run.grown < 5.0
+    ((time_s, _, cause, _),) = run.stops
+    assert cause == "IMPLAUSIBLE" and time_s < 3.0
+
+
 def test_the_report_has_a_line_for_each_row_that_was_run(capsys: pytest.CaptureFixture) -> None:
     report([one("arm_clock", 1)])
     lines = capsys.readouterr().out.splitlines()

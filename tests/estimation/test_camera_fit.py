@@ -30,6 +30,7 @@ from rcmservo.estimation.camera_fit_prediction import (
     compute_fitted_features_jacobian,
     compute_markers_jacobian,
     compute_pose_deviation,
+    compute_spacing_covariance,
     filter_markers,
     predict_image,
     predict_markers,
@@ -88,6 +89,16 @@ def prediction_error(fit: ProjectionFit, C: Floats, p: Floats) -> tuple[Floats, 
     return error, float(error @ np.linalg.solve(covariance, error))
 
 
+def spacing_error(fit: ProjectionFit, C: Floats, p1: Floats) -> float:
+    """Return the normalised square of the error of the predicted vector between the markers."""
+    row, p2 = fit.rows[0], compute_second_marker(SHAFT, p1)
+    vector = predict_image(row, p2)[0] - predict_image(row, p1)[0]
+    error = vector - np.subtract(project_points(C, p2[None])[0], project_points(C, p1[None])[0])
+    image_1, image_2 = project_point(row, p1), project_point(row, p2)
+    uu, uv, vv = compute_spacing_covariance(row, image_1, image_2)
+    return float(error @ np.linalg.solve([[uu, uv], [uv, vv]], error))
+
+
 def random_fit(seed: int) -> tuple[ProjectionFit, Floats]:
     """Return a random projection, and a position p₁ in front of its camera."""
     random = make_random(seed)
@@ -133,7 +144,7 @@ def test_the_features_jacobian_is_the_derivative_of_the_features(seed: int) -> N
 def test_the_predicted_covariance_is_consistent_near_the_frames_and_far_from_them(
     noise: float,
 ) -> None:
-    near_squares, far_squares = [], []
+    near_squares, far_squares, spacing_squares = [], [], []
     for seed in range(100):
         scene = Scene(seed, 60)
         fit = scene.fit_frames(noise)
@@ -144,7 +155,8 @@ def test_the_predicted_covariance_is_consistent_near_the_frames_and_far_from_the
                     prediction_error(fit, scene.C, p)[1]
                     for p in (point, compute_second_marker(SHAFT, point))
                 ]
-    for squares in (near_squares, far_squares):
+                spacing_squares.append(spacing_error(fit, scene.C, point))
+    for squares in (near_squares, far_squares, spacing_squares):
         assert 0.90 < np.mean(np.array(squares) < CHI_SQUARE_95) < 0.99
 
 

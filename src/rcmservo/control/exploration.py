@@ -137,6 +137,7 @@ class ExplorationState(DriveLag):
     start_time: int = whole("ns", "start time")
     has_begun: bool = flag("whether corners are planned")
     has_no_room: bool = flag("whether the joint limits leave no room for corners")
+    fit_is_known: bool = flag("whether the projection fit suffices, though Ĵ may not yet")
     is_done: bool = flag("whether the estimate is usable for servoing")
 
 
@@ -156,7 +157,7 @@ def start_exploration(
     `max_rates` (3,) are the maximal joint rates.
     """
     copy_into(state.start_joints, q)
-    state.visited_corners, state.start_time = 0, now
+    state.visited_corners, state.start_time, state.fit_is_known = 0, now, False
     start_lag_measurement(state)
     state.has_begun = set_round(state, rcm, max_rates, min_room, settings)
     state.has_no_room = not state.has_begun

@@ -21,27 +21,84 @@ from rcmservo.numerics.jit import compiled
 from rcmservo.numerics.small_linalg import multiply_matrices
 from rcmservo.numerics.small_solvers import invert
 
+Row4 = tuple[float, float, float, float]
+"""Row of four numbers."""
+
 
 @compiled
 def compute_image_covariance(
     fit: ProjectionFit, prediction: ProjectedPoint
 ) -> tuple[float, float, float]:
     """Return the covariance (uu, uv, vv) in px² of a predicted image, by the errors of A and g."""
-    x, (m_u, m_v), S, U, V = prediction.x, prediction.m, fit.S_inverse, fit.sums[1], fit.sums[2]
-    S_x = multiply_row(S[0], x), multiply_row(S[1], x), multiply_row(S[2], x), multiply_row(S[3], x)
-    leverage = x[0] * S_x[0] + x[1] * S_x[1] + x[2] * S_x[2] + x[3] * S_x[3]
+    d_u, d_v = differentiate_by_depth(fit, prediction)
+    scale = fit.noise_variance / prediction.z**2
+    uu, uv, vv = combine_errors(fit, prediction.x, d_u, d_v)
+    return scale * uu, scale * uv, scale * vv
+
+
+@compiled
+def compute_spacing_covariance(
+    fit: ProjectionFit, image_1: ProjectedPoint, image_2: ProjectedPoint
+) -> tuple[float, float, float]:
+    """Return the covariance (uu, uv, vv) in px² of the vector from marker 1 to 2 in the image.
+
+    The errors of A and g that move both predicted images alike have no part in it.
+    """
+    x_1, x_2, z_1, z_2 = image_1.x, image_2.x, image_1.z, image_2.z
+    (u_1, v_1), (u_2, v_2) = (
+        differentiate_by_depth(fit, image_1),
+        differentiate_by_depth(fit, image_2),
+    )
+    x = (
+        x_2[0] / z_2 - x_1[0] / z_1,
+        x_2[1] / z_2 - x_1[1] / z_1,
+        x_2[2] / z_2 - x_1[2] / z_1,
+        x_2[3] / z_2 - x_1[3] / z_1,
+    )
+    d_u = u_2[0] / z_2 - u_1[0] / z_1, u_2[1] / z_2 - u_1[1] / z_1, u_2[2] / z_2 - u_1[2] / z_1
+    d_v = v_2[0] / z_2 - v_1[0] / z_1, v_2[1] / z_2 - v_1[1] / z_1, v_2[2] / z_2 - v_1[2] / z_1
+    uu, uv, vv = combine_errors(fit, x, d_u, d_v)
+    return fit.noise_variance * uu, fit.noise_variance * uv, fit.noise_variance * vv
+
+
+@compiled
+def differentiate_by_depth(fit: ProjectionFit, prediction: ProjectedPoint) -> tuple[Point, Point]:
+    """Return ẑ ∂u/∂g and ẑ ∂v/∂g of a predicted image, where A follows g as its best fit."""
+    x, (m_u, m_v), U, V = prediction.x, prediction.m, fit.sums[1], fit.sums[2]
+    S_x = multiply_inverse(fit, x)
     u_0, u_1, u_2 = multiply_row(U[0], S_x), multiply_row(U[1], S_x), multiply_row(U[2], S_x)
     v_0, v_1, v_2 = multiply_row(V[0], S_x), multiply_row(V[1], S_x), multiply_row(V[2], S_x)
     d_u = u_0 - m_u * x[0], u_1 - m_u * x[1], u_2 - m_u * x[2]
     d_v = v_0 - m_v * x[0], v_1 - m_v * x[1], v_2 - m_v * x[2]
-    scale, G = fit.noise_variance / prediction.z**2, fit.g_inverse
-    uu, uv = compute_bilinear_form(G, d_u, d_u), compute_bilinear_form(G, d_u, d_v)
-    vv = compute_bilinear_form(G, d_v, d_v)
-    return scale * (leverage + uu), scale * uv, scale * (leverage + vv)
+    return d_u, d_v
 
 
 @compiled
-def multiply_row(row: Floats, x: tuple[float, float, float, float]) -> float:
+def combine_errors(
+    fit: ProjectionFit, x: Row4, d_u: Point, d_v: Point
+) -> tuple[float, float, float]:
+    """Return the covariance (uu, uv, vv) of an image by the errors of A and of g, for σ² = 1."""
+    S_x, G = multiply_inverse(fit, x), fit.g_inverse
+    leverage = x[0] * S_x[0] + x[1] * S_x[1] + x[2] * S_x[2] + x[3] * S_x[3]
+    uu, uv = compute_bilinear_form(G, d_u, d_u), compute_bilinear_form(G, d_u, d_v)
+    vv = compute_bilinear_form(G, d_v, d_v)
+    return leverage + uu, uv, leverage + vv
+
+
+@compiled
+def multiply_inverse(fit: ProjectionFit, x: Row4) -> Row4:
+    """Return S⁻¹x̄ (4,)."""
+    S = fit.S_inverse
+    return (
+        multiply_row(S[0], x),
+        multiply_row(S[1], x),
+        multiply_row(S[2], x),
+        multiply_row(S[3], x),
+    )
+
+
+@compiled
+def multiply_row(row: Floats, x: Row4) -> float:
     """Return the scalar product of a row (4,) and x."""
     return row[0] * x[0] + row[1] * x[1] + row[2] * x[2] + row[3] * x[3]
 

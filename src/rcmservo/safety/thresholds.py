@@ -123,10 +123,12 @@ class Thresholds(Checked, section="thresholds"):
         standard deviations (`IMPLAUSIBLE`). It is positive, without a unit, and compared with the
         Mahalanobis distance as ``max_innovation`` is. The deviation is first shortened by
         ``model_error`` px, by ``target_error_fraction`` of the marker's predicted motion to its
-        target, and by half of ``max_target_mismatch`` mm times the px per mm there.
+        target, and by half of ``max_target_mismatch`` mm times the px per mm there. The vector
+        between the taught markers is compared in the same way, with a fraction of its own length.
     target_error_fraction : float
         Deviation of a taught marker that is attributed to lens, arm and tool, which the projection
-        fit assumes to be ideal, as a fraction of the marker's predicted motion to the target.
+        fit assumes to be ideal, as a fraction of the marker's predicted motion to the target; of
+        the vector between the markers, as a fraction of its length.
     max_target_mismatch : float
         Largest distance (mm) of the tool from the taught joints while the image shows it at the
         target (`ELSEWHERE`), positive; inf switches this check, `IMPLAUSIBLE` and

@@ -6,10 +6,11 @@ detector reads the facts of the tick that are collected here.
 
 import numpy as np
 
-from rcmservo.estimation.camera_fit import project_markers
+from rcmservo.estimation.camera_fit import ProjectedPoint, ProjectionFit, project_markers
 from rcmservo.estimation.camera_fit_prediction import (
     compute_image_covariance,
     compute_pose_deviation,
+    compute_spacing_covariance,
     write_point_jacobian,
 )
 from rcmservo.geometry.kinematics import compute_point_distance, compute_position_tuple
@@ -142,43 +143,69 @@ def bound_marker_distance(q: Floats, q_d: Floats, parameters: KernelParameters) 
 
 @compiled
 def compare_target_with_fit(tick: TickContext) -> None:
-    """Record whether the fit contradicts a taught marker at the joints of teaching.
+    """Record whether the fit contradicts the taught markers at the joints of teaching.
 
     A marker may be as far from its prediction as noise and the covariance of the fit explain, a
-    fraction of the motion to the target, and half of what `watch_target` allows on arrival.
-    Without the joints of teaching nothing contradicts it.
+    fraction of the motion to the target, and half of what `watch_target` allows on arrival. For the
+    vector between the markers that fraction is one of its length, because a lens, an arm or a tool
+    that the fit does not know displaces both markers nearly alike. Without the joints of teaching
+    nothing contradicts the markers.
     """
     stored, setpoint, parameters = tick.stored, tick.setpoint, tick.parameters
-    fit, thresholds = stored.projection_fit, parameters.thresholds
+    fit, decision, thresholds = stored.projection_fit, stored.decision, parameters.thresholds
     has_joints = not np.isnan(setpoint.q[0])
-    stored.decision.is_implausible = False
-    stored.decision.is_unchecked = not has_joints and thresholds.max_target_mismatch < np.inf
-    if not (stored.exploration_state.is_done and has_joints):
+    decision.is_implausible = False
+    decision.is_unchecked = not has_joints and thresholds.max_target_mismatch < np.inf
+    if not (stored.exploration_state.fit_is_known and has_joints):
         return
     q_d = (setpoint.q[0], setpoint.q[1], setpoint.q[2])
     p1_d = compute_position_tuple(make_rcm_struct(parameters), q_d)
-    predicted, px_per_mm = (
-        project_markers(fit, p1_d, make_tool_struct(parameters)),
-        np.empty((2, 3)),
-    )
+    predicted = project_markers(fit, p1_d, make_tool_struct(parameters))
+    error, is_explained, largest_scale = np.empty((2, 2)), True, 0.0
     for k in range(2):
         u, v = fit.origin[3] + predicted[k].m[0], fit.origin[4] + predicted[k].m[1]
-        stored.decision.predicted_target[k, 0], stored.decision.predicted_target[k, 1] = u, v
-        error_u, error_v = setpoint.points[k, 0] - u, setpoint.points[k, 1] - v
-        error_px, present = np.sqrt(error_u**2 + error_v**2), stored.estimate.points[k]
+        decision.predicted_target[k, 0], decision.predicted_target[k, 1] = u, v
+        error[k, 0], error[k, 1] = setpoint.points[k, 0] - u, setpoint.points[k, 1] - v
+        present = stored.estimate.points[k]
         motion_px = np.sqrt((u - present[0]) ** 2 + (v - present[1]) ** 2)
-        write_point_jacobian(fit, predicted[k], px_per_mm)
-        scale = max(compute_norm(px_per_mm[0]), compute_norm(px_per_mm[1]))
-        excess_px = (
-            error_px
-            - thresholds.model_error
-            - MISMATCH_FRACTION * thresholds.max_target_mismatch * scale
-        )
-        excess_px -= thresholds.target_error_fraction * motion_px
-        if not excess_px <= 0.0:
-            covariance = compute_image_covariance(fit, predicted[k])
-            squared = squared_mahalanobis_distance(error_u, error_v, covariance, fit.noise_variance)
-            is_explained = (
-                excess_px / error_px
-            ) ** 2 * squared <= thresholds.max_target_deviation**2
-            stored.decision.is_implausible = stored.decision.is_implausible or not is_explained
+        scale = compute_image_scale(fit, predicted[k])
+        covariance = compute_image_covariance(fit, predicted[k])
+        is_explained &= explains(tick, error[k], motion_px, scale, covariance)
+        largest_scale = max(largest_scale, scale)
+    spacing = setpoint.points[1] - setpoint.points[0]
+    covariance = compute_spacing_covariance(fit, predicted[0], predicted[1])
+    is_explained &= explains(
+        tick, error[1] - error[0], compute_norm(spacing), largest_scale, covariance
+    )
+    decision.is_implausible = not is_explained
+
+
+@compiled
+def compute_image_scale(fit: ProjectionFit, prediction: ProjectedPoint) -> float:
+    """Return the largest motion in px of a predicted image per mm of its point."""
+    px_per_mm = np.empty((2, 3))
+    write_point_jacobian(fit, prediction, px_per_mm)
+    return max(compute_norm(px_per_mm[0]), compute_norm(px_per_mm[1]))
+
+
+@compiled
+def explains(
+    tick: TickContext,
+    error: Floats,
+    length_px: float,
+    px_per_mm: float,
+    covariance: tuple[float, float, float],
+) -> bool:
+    """Return whether noise and an imperfect model explain a difference (2,) px of a target.
+
+    The model's part grows with a length in px: of the motion to the target, or of the tool.
+    """
+    fit, thresholds = tick.stored.projection_fit, tick.parameters.thresholds
+    error_px = np.sqrt(error[0] ** 2 + error[1] ** 2)
+    excess_px = error_px - thresholds.model_error
+    excess_px -= MISMATCH_FRACTION * thresholds.max_target_mismatch * px_per_mm
+    excess_px -= thresholds.target_error_fraction * length_px
+    if excess_px <= 0.0:
+        return True
+    squared = squared_mahalanobis_distance(error[0], error[1], covariance, fit.noise_variance)
+    return (excess_px / error_px) ** 2 * squared <= thresholds.max_target_deviation**2

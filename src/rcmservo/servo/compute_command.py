@@ -133,8 +133,10 @@ def explore(tick: TickContext, frame_result: int) -> None:
         start_exploration(exploration, rcm, max_rates, q, observation.now, min_room, settings)
         return
     add_lag_reading(exploration, q, observation.q_time, observation.applied, max_rates)
-    if frame_result == FRAME_UPDATES and can_servo(tick):
-        exploration.is_done = True
+    if frame_result == FRAME_UPDATES:
+        exploration.fit_is_known = fit_suffices(tick)
+        exploration.is_done = exploration.fit_is_known and estimate_agrees(tick)
+    if exploration.is_done:
         finish_lag_measurement(exploration)
         return
     if is_at_corner(exploration, exploration.next_corner, q):
@@ -169,11 +171,11 @@ def choose_next_corner(tick: TickContext) -> None:
 
 
 @compiled
-def can_servo(tick: TickContext) -> bool:
-    """Return True if the estimate suffices for servoing.
+def fit_suffices(tick: TickContext) -> bool:
+    """Return True if the projection fit suffices for servoing.
 
-    The direction to the target must be known, an Ĵ that does not come from the projection fit must
-    agree with the fit, and the fit must have the markers in their order along the tool.
+    The direction to the target must be known, and the fit must be that of a camera and have the
+    markers in their order along the tool.
     """
     estimate, fit, parameters = tick.stored.estimate, tick.stored.projection_fit, tick.parameters
     settings, shaft = parameters.exploration, make_tool_struct(parameters)
@@ -181,13 +183,18 @@ def can_servo(tick: TickContext) -> bool:
         return False
     if not direction_is_known(fit, estimate.p1, tick.setpoint.points, shaft, settings):
         return False
-    if not is_plausible_fit(fit, parameters.thresholds):
-        return False
+    return is_plausible_fit(fit, parameters.thresholds) and compute_marker_order_score(fit) > 0.0
+
+
+@compiled
+def estimate_agrees(tick: TickContext) -> bool:
+    """Return True if an Ĵ that does not come from the projection fit agrees with the fit."""
+    estimate, fit, parameters = tick.stored.estimate, tick.stored.projection_fit, tick.parameters
+    shaft = make_tool_struct(parameters)
     if not estimate.rcm_condition <= MAX_CONDITION_RATIO * parameters.imaged_rcm.max_condition:
         return False
     if estimate.rcm_condition > 0.0:
         J = compute_fitted_features_jacobian(fit, estimate.p1, estimate.points, estimate.o_c, shaft)
         difference = compute_relative_difference(scale_rows(estimate.J_hat), scale_rows(J))
-        if not difference <= settings.tolerance:
-            return False
-    return compute_marker_order_score(fit) > 0.0
+        return difference <= parameters.exploration.tolerance
+    return True

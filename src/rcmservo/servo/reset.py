@@ -33,7 +33,8 @@ def reset_estimation(stored: StoredState) -> None:
     fill(exploration.next_corner, 0.0)
     reset_lag(exploration)
     exploration.visited_corners, exploration.start_time = 0, 0
-    exploration.has_begun = exploration.has_no_room = exploration.is_done = False
+    exploration.has_begun = exploration.has_no_room = False
+    exploration.fit_is_known = exploration.is_done = False
 
 
 @compiled

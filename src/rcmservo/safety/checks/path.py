@@ -42,7 +42,7 @@ def target_is_unchecked(facts: TickFacts) -> bool:
 @compiled
 def target_is_implausible(facts: TickFacts) -> bool:
     """Detect a target whose pixels are not where the camera shows its joints."""
-    return facts.exploration_state.is_done and facts.progress.is_implausible
+    return facts.exploration_state.fit_is_known and facts.progress.is_implausible
 
 
 @compiled
