@@ -49,7 +49,7 @@ def test_a_fault_of_a_joint_names_joint_value_and_limits(change, cause, words):
     assert "mm" in state.text or "rad" in state.text
 
 
-def test_an_unfinished_exploration_with_flow_names_gamma():
+def test_an_unfinished_exploration_with_flow_names_gamma_and_the_difference_from_the_fit():
     lab = make_laboratory()
     exploration = replace(Servo(PitchYawRcm(), TOOLS["rigid"]).exploration, max_time=3.0)
     servo = lab.servo(exploration=exploration, estimator=FlowEstimator(gamma=1e-9))
@@ -57,3 +57,5 @@ def test_an_unfinished_exploration_with_flow_names_gamma():
         if state.phase is Phase.PAUSED:
             break
     assert state.cause is Cause.NOT_EXPLORED and "gamma" in state.text
+    assert "the estimated Jacobian differs by 100% from" in state.text
+    assert "of which 30% are allowed" in state.text

@@ -24,7 +24,7 @@ from rcmservo.geometry.kinematics import Point, RcmStruct, compute_position_jaco
 from rcmservo.interfaces import Floats
 from rcmservo.numerics.jit import compiled
 from rcmservo.numerics.small_linalg import compute_norm, copy_into, subtract
-from rcmservo.numerics.structs import flag, reals, whole
+from rcmservo.numerics.structs import flag, real, reals, whole
 
 CORNERS = np.array([[1.0, 1.0, 0.0], [1.0, 0.0, 1.0], [0.0, 1.0, 1.0], [0.0, 0.0, 0.0]])
 """Corners of a box with sides of length 1 in the order of the visits; the last is the start."""
@@ -138,6 +138,7 @@ class ExplorationState(DriveLag):
     has_begun: bool = flag("whether corners are planned")
     has_no_room: bool = flag("whether the joint limits leave no room for corners")
     fit_is_known: bool = flag("whether the projection fit suffices, though Ĵ may not yet")
+    disagreement: float = real("", "difference of Ĵ from the fit, as a fraction; NaN without a fit")
     is_done: bool = flag("whether the estimate is usable for servoing")
 
 
@@ -157,7 +158,8 @@ def start_exploration(
     `max_rates` (3,) are the maximal joint rates.
     """
     copy_into(state.start_joints, q)
-    state.visited_corners, state.start_time, state.fit_is_known = 0, now, False
+    state.visited_corners, state.start_time = 0, now
+    state.fit_is_known, state.disagreement = False, np.nan
     start_lag_measurement(state)
     state.has_begun = set_round(state, rcm, max_rates, min_room, settings)
     state.has_no_room = not state.has_begun

@@ -14,7 +14,6 @@ import textwrap
 from collections.abc import Callable
 from enum import Enum, IntEnum
 from functools import partial
-from operator import attrgetter
 from typing import Any, NamedTuple
 
 from rcmservo.numerics.jit import compiled, declare_in
@@ -308,7 +307,7 @@ class Cause(Enum):
         "check mechanism, tool and exposure times, or allow a larger exploration, then resume",
         exploration.exploration_failed,
         invalidates=Invalidates.ESTIMATE,
-        detail=attrgetter("advice"),
+        detail=exploration.describe_missing_estimate,
     )
     STALLED = pause(
         "the feature error does not decrease any more: the target cannot be reached from this pose",

@@ -1,5 +1,7 @@
 """Requested velocity of marker 1 and joint rates: by exploration, then by the controller."""
 
+import numpy as np
+
 from rcmservo.control.drive_lag import add_lag_reading, estimate_lag_so_far, finish_lag_measurement
 from rcmservo.control.exploration import (
     CORNERS,
@@ -135,7 +137,8 @@ def explore(tick: TickContext, frame_result: int) -> None:
     add_lag_reading(exploration, q, observation.q_time, observation.applied, max_rates)
     if frame_result == FRAME_UPDATES:
         exploration.fit_is_known = fit_suffices(tick)
-        exploration.is_done = exploration.fit_is_known and estimate_agrees(tick)
+        exploration.disagreement = compare_with_fit(tick) if exploration.fit_is_known else np.nan
+        exploration.is_done = exploration.disagreement <= settings.tolerance
     if exploration.is_done:
         finish_lag_measurement(exploration)
         return
@@ -187,14 +190,16 @@ def fit_suffices(tick: TickContext) -> bool:
 
 
 @compiled
-def estimate_agrees(tick: TickContext) -> bool:
-    """Return True if an Ĵ that does not come from the projection fit agrees with the fit."""
+def compare_with_fit(tick: TickContext) -> float:
+    """Return the difference of Ĵ from that of the projection fit, as a fraction of the latter.
+
+    It is 0 if Ĵ comes from the fit, and inf while the lines do not determine the imaged RCM.
+    """
     estimate, fit, parameters = tick.stored.estimate, tick.stored.projection_fit, tick.parameters
-    shaft = make_tool_struct(parameters)
+    if estimate.rcm_condition == 0.0:
+        return 0.0
     if not estimate.rcm_condition <= MAX_CONDITION_RATIO * parameters.imaged_rcm.max_condition:
-        return False
-    if estimate.rcm_condition > 0.0:
-        J = compute_fitted_features_jacobian(fit, estimate.p1, estimate.points, estimate.o_c, shaft)
-        difference = compute_relative_difference(scale_rows(estimate.J_hat), scale_rows(J))
-        return difference <= parameters.exploration.tolerance
-    return True
+        return np.inf
+    points, o_c, shaft = estimate.points, estimate.o_c, make_tool_struct(parameters)
+    J = compute_fitted_features_jacobian(fit, estimate.p1, points, o_c, shaft)
+    return compute_relative_difference(scale_rows(estimate.J_hat), scale_rows(J))

@@ -445,6 +445,8 @@ class Servo(Checked):
             self.thresholds,
             state.target.points,
             state.stored.decision,
+            self.exploration,
+            state.stored.exploration_state.disagreement,
             self.estimator.advice,
         )
         return state.cause.declared.detail(facts)

@@ -4,10 +4,12 @@ The exploration is the first motion of a run: the tool moves around its start un
 has an estimate of the camera.
 """
 
+import numpy as np
+
 from rcmservo.control.exploration import is_overdue
 from rcmservo.estimation.camera_fit_prediction import compute_marker_order_score
 from rcmservo.numerics.jit import compiled
-from rcmservo.safety.checks.facts import TickFacts
+from rcmservo.safety.checks.facts import DetailFacts, TickFacts
 
 MAX_SWAPPED_ORDER = -0.3
 """Value of `compute_marker_order_score` below which the markers count as swapped.
@@ -35,3 +37,17 @@ def exploration_failed(facts: TickFacts) -> bool:
 def markers_are_in_reverse_order(facts: TickFacts) -> bool:
     """Return True if an exploration failed because the markers are swapped."""
     return exploration_failed(facts) and compute_marker_order_score(facts.fit) < MAX_SWAPPED_ORDER
+
+
+def describe_missing_estimate(facts: DetailFacts) -> str:
+    """Return what the estimator lacked although the projection fit sufficed, and its advice."""
+    difference, allowed = facts.disagreement, facts.exploration.tolerance
+    if np.isnan(difference):
+        return facts.advice
+    lacking = (
+        f"the estimated Jacobian differs by {difference:.0%} from that of the projection fit to "
+        f"the same frames, of which {allowed:.0%} are allowed"
+        if difference < np.inf
+        else "the frames do not determine the imaged RCM of eq. (16)"
+    )
+    return f"{lacking}: {facts.advice}" if facts.advice else lacking

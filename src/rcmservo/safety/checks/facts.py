@@ -93,6 +93,11 @@ class DetailFacts(NamedTuple):
         Raw markers (2, 2) of the target, px.
     progress : TargetProgress
         Progress towards the target.
+    exploration : Exploration
+        Settings of the exploration.
+    disagreement : float
+        Difference of the estimator's Ĵ from that of the projection fit, as a fraction, when the
+        exploration ended; NaN if the fit did not suffice.
     advice : str
         Advice of the estimator after a failed exploration.
     """
@@ -103,4 +108,6 @@ class DetailFacts(NamedTuple):
     thresholds: Thresholds
     target_points: Floats
     progress: TargetProgress
+    exploration: Exploration
+    disagreement: float
     advice: str
