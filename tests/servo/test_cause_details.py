@@ -6,9 +6,12 @@ import numpy as np
 import pytest
 
 from conftest import TOOLS, make_laboratory
+from rcmservo.control.exploration import Exploration
 from rcmservo.estimation.flow_rule import FlowEstimator
 from rcmservo.geometry.kinematics import PitchYawRcm
 from rcmservo.safety.causes import Cause
+from rcmservo.safety.checks.exploration import describe_missing_estimate
+from rcmservo.safety.checks.facts import DetailFacts
 from rcmservo.safety.state_machine import Phase
 from rcmservo.servo.servo import Servo
 
@@ -57,5 +60,16 @@ def test_an_unfinished_exploration_with_flow_names_gamma_and_the_difference_from
         if state.phase is Phase.PAUSED:
             break
     assert state.cause is Cause.NOT_EXPLORED and "gamma" in state.text
-    assert "the estimated Jacobian differs by 100% from" in state.text
-    assert "of which 30% are allowed" in state.text
+    assert "the estimated Jacobian differs by 100%, instead of at most 30%, from" in state.text
+
+
+@pytest.mark.parametrize(
+    ("disagreement", "words"),
+    [(np.nan, ""), (np.inf, "the frames do not determine the imaged RCM"), (0.5, "by 50%")],
+)
+@pytest.mark.parametrize("advice", ["", "turn it up"])
+def test_a_failed_exploration_says_what_the_estimator_lacked(disagreement, words, advice):
+    facts = dict.fromkeys(DetailFacts._fields) | {"exploration": Exploration(), "advice": advice}
+    text = describe_missing_estimate(DetailFacts(**facts | {"disagreement": disagreement}))
+    assert text.startswith(words or advice) or words in text
+    assert text.endswith(advice) and bool(text) == bool(words or advice)

@@ -45,9 +45,9 @@ def describe_missing_estimate(facts: DetailFacts) -> str:
     if np.isnan(difference):
         return facts.advice
     lacking = (
-        f"the estimated Jacobian differs by {difference:.0%} from that of the projection fit to "
-        f"the same frames, of which {allowed:.0%} are allowed"
+        f"the estimated Jacobian differs by {difference:.0%}, instead of at most {allowed:.0%}, "
+        "from that of the projection fit to the same frames"
         if difference < np.inf
         else "the frames do not determine the imaged RCM of eq. (16)"
     )
-    return f"{lacking}: {facts.advice}" if facts.advice else lacking
+    return f"{lacking}; {facts.advice}" if facts.advice else lacking
