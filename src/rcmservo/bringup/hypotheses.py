@@ -17,6 +17,7 @@ from dataclasses import dataclass, field, replace
 from itertools import permutations, product
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rcmservo.bringup.axis_wiring import Order, Robot, Wiring
 from rcmservo.bringup.identification import (
@@ -123,8 +124,8 @@ class Hypothesis:
         """Return the travel of marker 2 in mm for a `motion` (rad or mm) of a joint from q (3,)."""
         start_and_end = np.stack([q, q])
         start_and_end[1, joint] += motion
-        start, end = self.compute_markers(robot, start_and_end)[:, 1]
-        return float(np.linalg.norm(end - start))
+        travel: Floats = np.diff(self.compute_markers(robot, start_and_end)[:, 1], axis=0)
+        return float(np.linalg.norm(travel))
 
     def explains(self, views: MarkerViews) -> bool:
         """Return whether noise and lens distortion can cause the residuals."""
@@ -206,13 +207,19 @@ def _guess_factor(robot: Robot, views: MarkerViews, joint: int) -> float:
     predicted = compute_corrected_markers(robot.mechanism, robot.tool, views.q, np.zeros(5))
     motion = np.abs(views.q - views.q[0])[:, joint]
     is_far = motion > 0.5 * motion.max()
-    expected, observed = (
-        np.linalg.norm(markers[is_far] - markers[0], axis=2).max(axis=1).sum()
-        / np.linalg.norm(markers[0, 1] - markers[0, 0])
-        for markers in (predicted, views.points)
-    )
+    expected, observed = (_compute_motion(markers, is_far) for markers in (predicted, views.points))
     size = float(np.log(observed / expected)) if expected > 0.0 and observed > 0.0 else 0.0
     return size if abs(size) > MIN_INITIAL_LOG_FACTOR else 0.0
+
+
+def _compute_motion(markers: Floats, is_far: NDArray[np.bool_]) -> float:
+    """Return the sum of the motions to the chosen poses, relative to the distance of the markers.
+
+    `markers` are (n, 2, k) in mm or px, the motions start at the first pose.
+    """
+    motions: Floats = markers[is_far] - markers[0]
+    vector: Floats = markers[0, 1] - markers[0, 0]
+    return float(np.linalg.norm(motions, axis=2).max(axis=1).sum() / np.linalg.norm(vector))
 
 
 def find_usual_factor(size: float, deviation: float) -> float:

@@ -239,8 +239,8 @@ class _Camera:
         weight = np.sqrt((P**2).sum() / (mean_tool**2).sum())
         mm, px = np.vstack([*P, weight * mean_tool]), np.vstack([*m, weight * mean_imaged_tool])
         U, px_per_mm, V = np.linalg.svd(np.linalg.lstsq(mm, px, rcond=1e-6)[0].T)
-        rows = U @ V[:2]
-        rotation = np.vstack([rows, np.cross(rows[0], rows[1])])
+        right, down = list[Floats](U @ V[:2])
+        rotation = np.vstack([right, down, np.cross(right, down)])
         pixel, centre = points.reshape(-1, 2).mean(axis=0), markers.reshape(-1, 3).mean(axis=0)
         return cls(rotation, centre, pixel, float(px_per_mm.mean()), size)
 

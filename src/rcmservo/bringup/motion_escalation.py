@@ -196,8 +196,8 @@ class MotionEscalation:
         """Return the scale (mm per px) of the image for a tool across the line of sight."""
         marker_1 = self.robot.compute_first_marker(self.start)
         spacing_mm = np.linalg.norm(self.robot.tool.second_marker(marker_1) - marker_1)
-        points = self.views[0].points
-        return float(spacing_mm / np.linalg.norm(points[1] - points[0]))
+        vector_px: Floats = np.diff(self.views[0].points, axis=0)
+        return float(spacing_mm / np.linalg.norm(vector_px))
 
     def _double_small_motions(self) -> Floats:
         """Return the motions (3,) doubled where that is safe under any hypothesis; 0 elsewhere."""

@@ -11,6 +11,7 @@ Image and encoders do not distinguish
 The operator reports the direction and the length of a motion, and lengths on the tool by a ruler.
 """
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import compress
@@ -48,10 +49,10 @@ REPEAT = "again"
 MOTION_NOTICE = "{} moves in one direction, waits, and returns."
 LENGTHS: dict[str, Callable[[Floats], Any]] = {
     "By the ruler: how far apart are the middles of the two markers, in mm?": lambda markers: (
-        np.linalg.norm(markers[1] - markers[0])
+        math.dist(*markers)
     ),
     "By the ruler: how far is the middle of marker 1 from the entry point of the tool, about "
-    "which it turns, in mm?": lambda markers: np.linalg.norm(markers[0]),
+    "which it turns, in mm?": lambda markers: math.hypot(*markers[0]),
 }
 """Questions for lengths (mm), with the lengths as functions of the markers (2, 3) in mm from the
 RCM."""

@@ -101,7 +101,8 @@ def measure(settings: Settings, results: Results) -> Iterator[Measurement]:
     times = Texts(hours=median(hours), worst=hours.max())
     yield Measurement("tends-to-a", column(printed, "end").max(), seeds, confirmed=is_slow, **times)
     yield Measurement("fast-falls", column(fast, "rise").max(), seeds)
-    inaccurate, near, percent = np.sum(late > settings.near), settings.near, 100.0 * settings.near
+    near, percent = settings.near, 100.0 * settings.near
+    inaccurate = int(np.count_nonzero(late > near))
     yield Measurement(
         "printed-in-time",
         late.max(),

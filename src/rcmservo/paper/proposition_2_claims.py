@@ -105,7 +105,8 @@ def integrate_flow_rule_on(path_round: Round, settings: Settings, speed: float) 
     for k in range(round(settings.path / float(np.mean(lengths)))):
         i = k % len(lengths)
         J_hat = integrate_flow_rule(J_hat, dp[i], dy[i], lengths[i] / speed, settings.gamma)
-        R.append(np.sum((J_hat - J[i]) ** 2, axis=1))
+        difference: Floats = J_hat - J[i]
+        R.append(np.sum(difference**2, axis=1))
         along.append(along[-1] + float(lengths[i]))
     ratio = np.array(R) / R[0]
     thinned = slice(None, None, max(1, len(along) // 400))
@@ -132,7 +133,7 @@ def measure(settings: Settings, results: Results) -> Iterator[Measurement]:
 
     rises, wide = by_speed("small", "rise"), by_speed("large", "rise")
     largest, shares = rises.max(axis=1), by_speed("small", "share").mean(axis=1)
-    change = {size: 100.0 * column(runs, size, "change").max() for size in PATH_SIZES}
+    change = Texts({size: 100.0 * column(runs, size, "change").max() for size in PATH_SIZES})
     listed = list_by_speed(largest, ".2f")
     texts = Texts(change=change["small"], rises=listed, shares=list_by_speed(shares, ".2f"))
     rises_much = largest[0] > settings.rise

@@ -260,7 +260,8 @@ def _add_exploration(record: Record, result: RunResult) -> RunResult:
         return replace(result, explore=ExplorationCost(end_s))
     path: Floats = positions if end is None else positions[: end + 1]
     length_mm = float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
-    excursion_mm = float(np.linalg.norm(path - path[0], axis=1).max())
+    displacements: Floats = path - path[0]
+    excursion_mm = float(np.linalg.norm(displacements, axis=1).max())
     explored_error = None if end is None else finite_or_none(errors[end])
     return replace(
         result,

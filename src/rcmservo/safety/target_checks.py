@@ -20,7 +20,8 @@ def require_possible_markers(field: str, points: Floats) -> None:
     limit = MAX_PIXEL_COORDINATE
     is_possible = bool((np.abs(points) < limit).all())
     require(is_possible, field, points.tolist(), f"pixels within ±{limit:.0f}")
-    distance = float(np.linalg.norm(points[1] - points[0]))
+    vector: Floats = points[1] - points[0]
+    distance = float(np.linalg.norm(vector))
     expected = f"two markers at least {MIN_MARKER_DISTANCE_PX:g} px apart"
     require(distance >= MIN_MARKER_DISTANCE_PX, field, points.tolist(), expected)
 

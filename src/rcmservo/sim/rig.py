@@ -321,7 +321,8 @@ class SimulatedRig(Rig):
         pose = self._taught.get(target)
         if pose is None:
             return float("nan")
-        return float(np.linalg.norm(self.truth.markers(self.clock.now())[1] - pose.p2))
+        error: Floats = self.truth.markers(self.clock.now())[1] - pose.p2
+        return float(np.linalg.norm(error))
 
     def compute_bound(self, target: Target, frames: int) -> float:
         """Return the Cramér-Rao bound of the pose error (mm), for the noise that teaching showed.

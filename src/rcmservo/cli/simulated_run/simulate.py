@@ -107,7 +107,8 @@ def _make_result(rig: Rig, record: Record) -> RunResult:
     """Return the result of a record, with the rms pose error of marker 2 over the last second."""
     p_d = rig.body.points(rig.scene.target)[1]
     last_ticks = round(SETTLED_DURATION_S * read_rate(record))
-    errors_mm: Floats = np.linalg.norm(record.truth["p2"][-last_ticks:] - p_d, axis=1)
+    displacements: Floats = record.truth["p2"][-last_ticks:] - p_d
+    errors_mm: Floats = np.linalg.norm(displacements, axis=1)
     rms_mm = float(np.sqrt(np.mean(errors_mm**2))) if len(errors_mm) else math.nan
     return replace(summarise_record(record), pose_error_mm=finite_or_none(rms_mm))
 

@@ -91,8 +91,9 @@ class Curves:
         if now_ns < self._next_sample_ns:
             return
         self._next_sample_ns = now_ns + SAMPLE_PERIOD_NS
-        rates, v = self._compute_rates(tick), tick["v"]
-        numbers = np.linalg.norm(v), tick["condition"][0], *rates, self._lateness_ns * 1e-6
+        v: Floats = tick["v"]
+        speed = float(np.linalg.norm(v))
+        numbers = speed, tick["condition"][0], *self._compute_rates(tick), self._lateness_ns * 1e-6
         self.samples.append([now_ns * 1e-9, *tick["delta"], *map(float, numbers)])
         self.count, self._lateness_ns, self._previous = self.count + 1, 0, tick
 

@@ -76,7 +76,8 @@ def settle(
         ticks.append(tick)
         if (len(ticks) - 1) % STRIDE_TICKS == 0:
             q = rig.truth.arm.q_true
-            distance = float(np.linalg.norm(rig.body.points(q)[1] - p_d))
+            displacement: Floats = rig.body.points(q)[1] - p_d
+            distance = float(np.linalg.norm(displacement))
             delta = compute_feature_error(_true_features(rig, q), y_d)
             samples.append((tick.time / 1e9, delta, distance))
             if tick.state.explored:

@@ -50,7 +50,7 @@ class Tissue(Checked):
 
     point: Annotated[Floats, array(3)]
 
-    normal: Annotated[Floats, array(3), Limit(np.any, "a direction")]
+    normal: Annotated[Floats, array(3), Limit(lambda x: bool(np.any(x)), "a direction")]
 
     def intersect_rays(self, slopes: Floats, optics: CameraModel) -> Floats:
         """Return the points (..., 3) at which rays of `slopes` (..., 2) meet the plane.
