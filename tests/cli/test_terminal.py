@@ -4,23 +4,17 @@ import io
 import os
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
 
-import numba
 import numpy as np
 import pytest
 from rich.console import Console
-from rich.live import Live
 
 from rcmservo.cli.cli import main
-from rcmservo.cli.progress import compilation
-from rcmservo.cli.progress.compilation import report_compilation
 from rcmservo.cli.result_output import print_result
 from rcmservo.cli.score_report import convert_score_to_json, print_score
 from rcmservo.cli.terminal import open_console, use_ascii_fallback
 from rcmservo.loop.run_result import FeatureError, JacobianError, RunResult
-from rcmservo.numerics import jit
 from rcmservo.recording.foreign.scoring import RecordingScore
 
 LONG = f"runs/{'a folder with a long name/' * 6}[/y]"
@@ -152,36 +146,3 @@ def test_the_command_starts_without_a_writable_home_folder_on_an_ascii_terminal(
     words, variables = ["run", "--disturb", "help"], {"PYTHONIOENCODING": "ascii", "LC_ALL": "C"}
     done = command(*words, HOME=nowhere, XDG_CACHE_HOME=nowhere, **variables)
     assert (done.returncode, done.stderr) == (0, b"") and done.stdout.isascii()
-
-
-@pytest.mark.parametrize(("expected", "at_last", "others"), [(100, 100, 3), (2, 4, 0)])
-def test_compiled_parts_are_reported_and_other_packages_are_not_counted(
-    expected: int, at_last: int, others: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Without a status line, one line is printed per three parts.
-
-    The stated total is at least the number of compiled parts.
-    """
-    monkeypatch.setattr(jit, "count_kernels", lambda: expected)
-    monkeypatch.setattr(compilation, "KERNELS_PER_PRINTED_LINE", 3)
-    written = io.StringIO()
-    with Live(console=Console(file=written, width=80)) as line, report_compilation(line):
-        for module in ["other.package"] * others + ["rcmservo.made_up"] * 4:
-            numba.njit(uncompiled_function(module))(1.0)
-    lines = [one for one in written.getvalue().splitlines() if one.startswith("compiling")]
-    end = "parts; the next start is quicker"
-    printed_lines = [
-        f"compiling, 1 of about {expected} {end}",
-        f"compiling, 4 of about {at_last} {end}",
-    ]
-    assert list(dict.fromkeys(lines)) == printed_lines
-
-
-def uncompiled_function(module: str) -> Callable[[float], float]:
-    """Return a function of a module that is not compiled yet."""
-
-    def double(x: float) -> float:
-        return 2.0 * x
-
-    double.__module__ = module
-    return double

@@ -29,8 +29,8 @@ def run(options: RunOptions) -> int:
     with open_new_folder(options.out, f"run-seed{options.seed}") as folder:
         words = f"simulated arm and camera, seed {options.seed}; preparing …"
         console.print(words, style="dim", soft_wrap=True)
-        with open_status_line(console) as status_line, report_compilation(status_line):
+        with open_status_line(console) as line, report_compilation(line) as count_kernel:
             from rcmservo.cli.simulated_run.simulate import simulate
 
-            result = simulate(options, folder, RunProgress(status_line, options.duration))
+            result = simulate(options, folder, RunProgress(line, options.duration), count_kernel)
     return print_result(console, result, options.json)

@@ -63,6 +63,12 @@ def find_cache_folder() -> str:
     return ""
 
 
+def is_cache_empty() -> bool:
+    """Return True if compiled code is kept on disk, but none is there yet."""
+    folder = os.environ.get("NUMBA_CACHE_DIR") or find_cache_folder()
+    return bool(folder) and not JIT_IS_DISABLED and not any(Path(folder).rglob("*.nbi"))
+
+
 NUMBA_OPTIONS: Any = {"error_model": "numpy", "no_cfunc_wrapper": True, "forceinline": True}
 """Options of functions that Python calls. No function is called from C: without the wrapper for
 such calls, compilation takes four fifths of the time. Called functions are inlined, because passing

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
+from rcmservo.cli.progress.compilation import compiled_in_parallel
 from rcmservo.cli.run_description import describe_simulated_run
 from rcmservo.cli.run_options import RunOptions
 from rcmservo.cli.simulated_run.target import obtain_target
@@ -36,7 +37,10 @@ from rcmservo.sim.scripted_operator import ScriptedOperator, run_attended
 
 
 def simulate(
-    options: RunOptions, folder: Path, progress: Callable[[Tick], None] = lambda tick: None
+    options: RunOptions,
+    folder: Path,
+    progress: Callable[[Tick], None] = lambda tick: None,
+    count_kernel: Callable[[], None] = lambda: None,
 ) -> RunResult:
     """Run a simulation, write its folder and return its result.
 
@@ -48,6 +52,8 @@ def simulate(
         Empty output folder.
     progress : Callable
         Function that receives each tick.
+    count_kernel : Callable
+        Function that is called for each kernel that a second process has compiled.
 
     Returns
     -------
@@ -60,9 +66,10 @@ def simulate(
         After Ctrl-C, once the record is complete and the arm is at rest.
     """
     servo, settings = options.servo, options.rig_settings
-    rig = Rig(options.seed, settings, disturbances=options.disturbances)
-    plant = Plant(rig.arm, rig.camera, make_tracker(options.lab), rig.clock)
-    target = obtain_target(options, rig, plant)
+    with compiled_in_parallel(partial(_warm_up_servo, options), count_kernel):
+        rig = Rig(options.seed, settings, disturbances=options.disturbances)
+        plant = Plant(rig.arm, rig.camera, make_tracker(options.lab), rig.clock)
+        target = obtain_target(options, rig, plant)
     servo.warm_up()
     operator = ScriptedOperator(rig, plant, options.resumes, options.teaching_frames)
     description = describe_simulated_run(options, options.duration) | {
@@ -101,6 +108,10 @@ def simulate(
         not_filmed=video.failed if video is not None else "",
     )
     return save_result(result, record, folder)
+
+
+def _warm_up_servo(options: RunOptions) -> None:
+    options.servo.warm_up()
 
 
 def _make_result(rig: Rig, record: Record) -> RunResult:
