@@ -19,11 +19,12 @@ import numpy as np
 
 from rcmservo.config.rig_file import RigDescription
 from rcmservo.hardware.device_kinds import open_arm, open_camera
-from rcmservo.interfaces import Arm, Camera, Floats, Target
+from rcmservo.interfaces import Arm, Floats, Target
 from rcmservo.live.servo_process import Session
 from rcmservo.loop.plant import Plant
 from rcmservo.loop.teach import teach
 from rcmservo.recording.writer import Recorder
+from rcmservo.rig.lazy_rig import LazyRig
 from rcmservo.servo.servo import Servo
 from rcmservo.sim import Rig
 from rcmservo.sim.tool_body import ToolBody
@@ -137,9 +138,13 @@ class EmulatedLab:
         return Session(
             servo,
             duration,
-            arm=partial(_homed, lab, self.start),
-            camera=partial(_opened, lab),
-            tracker=partial(ColourMarkers, lab.markers),
+            LazyRig(
+                partial(_homed, lab, self.start),
+                partial(open_camera, lab),
+                partial(ColourMarkers, lab.markers),
+                lab.mechanism,
+                lab.tool,
+            ),
             recorder=partial(Recorder, record, {}),
             target=shown,
         )
@@ -166,7 +171,3 @@ def _homed(lab: RigDescription, start: Floats) -> Arm:
     if not arm.is_homed():
         arm.set_position(start)
     return arm
-
-
-def _opened(lab: RigDescription) -> Camera:
-    return open_camera(lab)

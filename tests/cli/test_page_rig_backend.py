@@ -12,6 +12,7 @@ from rcmservo.cli.lab.serve import ServeOptions, serve
 from rcmservo.config.verified_rigs import compute_digest, mark_rig_verified
 from rcmservo.control.saturated_controller import SaturatedController
 from rcmservo.errors import BadInput
+from rcmservo.hardware.lab_rig import LabRig
 from rcmservo.interfaces import Frame
 from rcmservo.live.frame_ring import FrameRing, RecordingCamera, RingCamera
 from rcmservo.loop.run_result import CameraStatistics
@@ -56,7 +57,8 @@ def test_a_session_uses_the_speed_that_its_rig_file_allows(
     if checked:
         mark_rig_verified(compute_digest(rig.read_bytes()))
     given = ServeOptions(rig=rig)
-    with page_rig.open_hardware(given) as backend:
+    lab_rig = LabRig(given.rig, given.lab, given.digest)
+    with page_rig.open_hardware(given, lab_rig) as backend:
         assert (backend.setup.width, backend.setup.height) == (32, 24)
         assert ("10 %" in backend.title) is not checked
         fast = SaturatedController(max_speed=55.0)

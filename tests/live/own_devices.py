@@ -17,6 +17,7 @@ import rcmservo as rs
 from rcmservo.live.servo_process import Session
 from rcmservo.loop.operator import Operator, OperatorRequest
 from rcmservo.recording.writer import Recorder
+from rcmservo.rig.lazy_rig import LazyRig
 from rcmservo.tracking import ColourMarkers
 
 
@@ -169,9 +170,13 @@ def session(record: Path, seconds: float, done: Any) -> Session:
     return Session(
         own_servo(),
         seconds,
-        arm=partial(own_arm, shared),
-        camera=partial(OwnCamera, shared),
-        tracker=ColourMarkers,
+        LazyRig(
+            partial(own_arm, shared),
+            partial(OwnCamera, shared),
+            ColourMarkers,
+            rs.SphericalRcm(),
+            rs.RigidTool(30.0),
+        ),
         target=teach_goal,
         recorder=partial(Recorder, record, {}),
         operator=partial(make_operator, own_servo(gain=1.0), done),

@@ -24,6 +24,7 @@ from rcmservo.live.supervisor import MAX_SILENT_POLLS, HeartbeatMonitor, rely_on
 from rcmservo.loop.plant import Plant
 from rcmservo.recording.reader import read_record
 from rcmservo.recording.writer import Recorder
+from rcmservo.rig.lazy_rig import LazyRig
 from rcmservo.tracking import ColourMarkers
 
 Q = np.array([0.6, 0.2, 120.0])
@@ -96,9 +97,13 @@ def run_session(tmp_path: Path, signal_handlers: None) -> Any:
         session = Session(
             servo,
             1.2,
-            arm=partial(StillArm, beats, heartbeats),
-            camera=Wall,
-            tracker=ColourMarkers,
+            LazyRig(
+                partial(StillArm, beats, heartbeats),
+                Wall,
+                ColourMarkers,
+                servo.mechanism,
+                servo.tool,
+            ),
             recorder=partial(Recorder, tmp_path / "run.mcap", {}),
             target=fixed_target,
         )
@@ -160,11 +165,15 @@ def test_a_tracker_that_cannot_be_made_is_reported_before_anything_is_connected(
 
     connected: list[str] = []
     session = Session(
-        rs.Servo(rs.SphericalRcm(), rs.RigidTool(spacing=30.0)),
+        rs.Servo(),
         1.0,
-        arm=partial(connected.append, "arm"),  # type: ignore[arg-type]
-        camera=partial(connected.append, "camera"),  # type: ignore[arg-type]
-        tracker=fail,
+        LazyRig(
+            partial(connected.append, "arm"),  # type: ignore[arg-type]
+            partial(connected.append, "camera"),  # type: ignore[arg-type]
+            fail,
+            rs.SphericalRcm(),
+            rs.RigidTool(30.0),
+        ),
         recorder=fail,
     )
     here, there = Pipe()

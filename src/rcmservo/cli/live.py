@@ -18,7 +18,7 @@ from rcmservo.cli.terminal import open_console, open_status_line
 from rcmservo.config.new_folder import open_new_folder
 from rcmservo.errors import require, require_extra
 from rcmservo.hardware.device_kinds import prepare_tracker
-from rcmservo.hardware.lab_rig import require_devices
+from rcmservo.hardware.lab_rig import LabRig
 from rcmservo.live.supervisor import run_live
 from rcmservo.loop.run_result import RunResult, finite_or_none
 from rcmservo.recording.reader import RECORD
@@ -40,10 +40,10 @@ def live(options: LiveOptions) -> int:
     console = open_console(stderr=options.json)
     if options.has_devices():
         require_new_target_file(options.target, options.save_target)
-        require_devices(options.lab, options.rig, options.digest)
+        rig = LabRig(options.rig, options.lab, options.digest)
         _ = options.servo  # raises an error for invalid settings before anything is written
         with open_new_folder(options.out, "live-hardware") as folder:
-            result = live_on_hardware(options, folder, console)
+            result = live_on_hardware(options, rig, folder, console)
         return print_result(console, result, options.json)
     for name, path in (("--target", options.target), ("--save-target", options.save_target)):
         expected = "left out without [arm] in the rig file: a simulated run teaches its own target"

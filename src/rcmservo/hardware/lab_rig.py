@@ -1,5 +1,7 @@
 """Rig of a rig file with devices: arm, camera and tracker are opened with its context."""
 
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -8,32 +10,19 @@ from rcmservo.config.verified_rigs import is_rig_verified
 from rcmservo.errors import require
 from rcmservo.hardware.crtk.settings import CrtkSettings
 from rcmservo.hardware.device_kinds import (
-    make_tracker,
     open_arm,
     open_camera,
     prepare_tracker,
     read_arm,
     require_known_latency,
 )
-from rcmservo.live.device_protocols import NotReady
+from rcmservo.interfaces import Arm, Camera
 from rcmservo.live.unchecked_rig_speed import UNCHECKED_SPEED_SCALE, reduce_speed
-from rcmservo.rig.rig import Rig
+from rcmservo.rig.lazy_rig import LazyRig, Unconnected
 from rcmservo.servo.servo import Servo
 
 
-class Unconnected:
-    """Arm, camera or tracker that is not connected: every method raises `NotReady`."""
-
-    def _refuse(self, *_: object) -> Any:
-        raise NotReady("the rig is not open: write `with rig:` around what uses it")
-
-    enable = measure = apply = latest = find = reset = _refuse
-
-
-UNCONNECTED: Any = Unconnected()
-
-
-class LabRig(Rig):
+class LabRig(LazyRig):
     """Arm and camera of a lab, which ``with rig:`` connects with the drive off.
 
     Until ``rcmservo rig check`` has passed for the bytes of the file, the arm moves at a tenth of
@@ -41,21 +30,33 @@ class LabRig(Rig):
 
     Parameters
     ----------
-    path : Path
+    path : Path or None
         Rig file, for messages and the record.
     description : RigDescription
         Content of the file.
     digest : str
         SHA-256 of the bytes of the file in hexadecimal.
+    arm : Callable[[RigDescription], Arm]
+        Function that connects to the arm of the file.
+    camera : Callable[[RigDescription], Camera]
+        Function that opens the camera of the file.
     """
 
-    def __init__(self, path: Path, description: RigDescription, digest: str) -> None:
+    def __init__(
+        self,
+        path: Path | None,
+        description: RigDescription,
+        digest: str,
+        *,
+        arm: Callable[[RigDescription], Arm] = open_arm,
+        camera: Callable[[RigDescription], Camera] = open_camera,
+    ) -> None:
         require_devices(description, path, digest)
-        self._path, self._description, self._digest = path, description, digest
+        self.path, self.description, self.digest = path, description, digest
         super().__init__(
-            UNCONNECTED,
-            UNCONNECTED,
-            UNCONNECTED,
+            partial(arm, description),
+            partial(camera, description),
+            prepare_tracker(description),
             description.mechanism,
             description.tool,
             gate=description.gate,
@@ -64,22 +65,8 @@ class LabRig(Rig):
 
     @property
     def speed_scale(self) -> float:
-        """Fraction of the full speed that is allowed."""
-        return 1.0 if is_rig_verified(self._digest) else UNCHECKED_SPEED_SCALE
-
-    def _connect(self) -> None:
-        """Connect arm and camera; the arm is closed again if the camera cannot be opened."""
-        self.tracker = make_tracker(self._description)
-        self.arm = open_arm(self._description)
-        try:
-            self.camera = open_camera(self._description)
-        except BaseException:
-            self.arm.close()
-            raise
-
-    def __exit__(self, *error: Any) -> None:
-        super().__exit__(*error)
-        self.arm = self.camera = self.tracker = UNCONNECTED
+        """Fraction of the full speed that is allowed now."""
+        return 1.0 if is_rig_verified(self.digest) else UNCHECKED_SPEED_SCALE
 
     def adapt(self, servo: Servo) -> Servo:
         """Return the servo for this rig, at the speed that is allowed."""
@@ -89,11 +76,11 @@ class LabRig(Rig):
         """Return what the record stores of the lab: rig file, its digest, devices and speed."""
         return {
             "simulation": False,
-            "rig_file": str(self._path),
-            "rig_sha256": self._digest,
+            "rig_file": str(self.path),
+            "rig_sha256": self.digest,
             "rig_checked": self.speed_scale == 1.0,
             "speed_scale": self.speed_scale,
-            "devices": dict(self._description.devices),
+            "devices": dict(self.description.devices),
         }
 
     def __str__(self) -> str:
@@ -101,8 +88,8 @@ class LabRig(Rig):
         if self.speed_scale < 1.0:
             speed += " until `rcmservo rig check` passes"
         if isinstance(self.arm, Unconnected):
-            return f"{self._path}, not connected, {speed}"
-        return f"{self._path}: {super().__str__()}, {speed}"
+            return f"{self.path}, not connected, {speed}"
+        return f"{self.path}: {super().__str__()}, {speed}"
 
 
 def require_devices(lab: RigDescription, rig: Path | None, digest: str) -> None:

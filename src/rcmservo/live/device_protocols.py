@@ -4,10 +4,11 @@ A real arm is connected with its drive off. It reports whether its joint values 
 its drive went off by itself. A real camera counts its frames.
 """
 
-from typing import Protocol, runtime_checkable
+from contextlib import AbstractContextManager, ExitStack
+from typing import Any, Protocol, runtime_checkable
 
 from rcmservo.errors import RcmServoError
-from rcmservo.interfaces import Arm, Camera, Floats
+from rcmservo.interfaces import Arm, Camera, Floats, Tracker
 from rcmservo.loop.run_result import CameraStatistics
 
 
@@ -72,6 +73,25 @@ class LabCamera(Camera, Protocol):
     def close(self) -> None:
         """Release the camera."""
         ...
+
+
+class DeviceBundle(Protocol):
+    """Arm, camera and tracker that are connected while a context runs, such as those of a rig."""
+
+    arm: Arm
+    camera: Camera
+    tracker: Tracker
+
+    def connected(self) -> AbstractContextManager[None]:
+        """Connect the devices, with the drive off, and close them at the end."""
+        ...
+
+
+def close_at_end(device: object, stack: ExitStack) -> None:
+    """Close a device at the end of a context if it has a method ``close``."""
+    close: Any = getattr(device, "close", None)
+    if close is not None:
+        stack.callback(close)
 
 
 class OperatorTerminal(Protocol):

@@ -10,12 +10,13 @@ import traceback
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
 from rcmservo.errors import RcmServoError, Stopped
-from rcmservo.interfaces import Arm, Camera, Command, Floats, Frame, Target, Tracker
+from rcmservo.interfaces import Arm, Command, Floats, Frame, Target
+from rcmservo.live.device_protocols import DeviceBundle, close_at_end
 from rcmservo.live.loop_statistics import ReportThread
 from rcmservo.live.realtime import apply_realtime_settings
 from rcmservo.live.stop_signals import EndRequest
@@ -41,8 +42,6 @@ At other times the heartbeat is the number of commands so far.
 FIRST_FRAME_TIMEOUT_S = 120.0
 """Time in s within which a camera must deliver a frame and the tracker must be compiled."""
 
-Device = TypeVar("Device")
-
 
 class NoFrames(RcmServoError):
     """Error of a camera that delivers no usable frame."""
@@ -52,9 +51,9 @@ class NoFrames(RcmServoError):
 class Session:
     """Parts of a live run.
 
-    The devices are made in the servo process, which is spawned. Each is therefore given as a
-    factory that can be imported there: a function of a module, or `functools.partial` of one with
-    plain arguments. A device that has a method `close` is closed at the end.
+    The devices are connected in the servo process, which is spawned. The rig is therefore not
+    connected yet, and its functions and those below can be imported there: each is a function of a
+    module, or `functools.partial` of one with plain arguments.
 
     Parameters
     ----------
@@ -62,12 +61,8 @@ class Session:
         Settings of the servo at the start.
     duration : float
         Length of the run, s.
-    arm : Callable[[], Arm]
-        Function that connects to the arm.
-    camera : Callable[[], Camera]
-        Function that opens the camera.
-    tracker : Callable[[], Tracker]
-        Function that makes the marker tracker.
+    rig : DeviceBundle
+        Arm, camera and tracker: a `LazyRig`.
     recorder : Callable[[], Recorder]
         Function that opens the record.
     target : Callable[[Plant], Target]
@@ -84,9 +79,7 @@ class Session:
 
     servo: Servo
     duration: float
-    arm: Callable[[], Arm]
-    camera: Callable[[], Camera]
-    tracker: Callable[[], Tracker]
+    rig: DeviceBundle
     recorder: Callable[[], Recorder]
     target: Callable[[Plant], Target] = teach
     operator: Callable[[], Operator] | None = None
@@ -203,10 +196,11 @@ def _run_devices(
     """
     clock = RecordingClock(WallClock())
     with contextlib.ExitStack() as stack:
-        tracker = _open(session.tracker, stack)  # if this fails, nothing is connected
-        arm, camera = _open(session.arm, stack), _open(session.camera, stack)
-        operator = None if session.operator is None else _open(session.operator, stack)
-        tracking = stack.enter_context(TrackingThread(camera, tracker, clock.clock))
+        stack.enter_context(session.rig.connected())
+        arm, camera = session.rig.arm, session.rig.camera
+        operator = None if session.operator is None else session.operator()
+        close_at_end(operator, stack)
+        tracking = stack.enter_context(TrackingThread(camera, session.rig.tracker, clock.clock))
         plant = HeartbeatPlant(arm, tracking, clock, heartbeat, stop_requested, session.consent)
         target = _prepare_target(session, plant)
         result = _run_loop(session, plant, target, operator, supervisor)
@@ -216,15 +210,6 @@ def _run_devices(
     if not off_reason:
         return result
     return replace(result.unsettled(result.cause or off_reason), drive_off=off_reason)
-
-
-def _open(make: Callable[[], Device], stack: contextlib.ExitStack) -> Device:
-    """Return the device that `make` connects to; the stack closes it."""
-    device = make()
-    close = getattr(device, "close", None)
-    if close is not None:
-        stack.callback(close)
-    return device
 
 
 def _prepare_target(session: Session, plant: HeartbeatPlant) -> Target:

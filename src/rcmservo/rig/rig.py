@@ -4,7 +4,8 @@
 `Rig`, so the same program runs on all of them.
 """
 
-from contextlib import ExitStack
+from collections.abc import Generator
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from typing import Any, Self
 
@@ -12,7 +13,7 @@ from rcmservo.errors import RcmServoError, require
 from rcmservo.geometry.kinematics import Kinematics
 from rcmservo.geometry.tool import Tool
 from rcmservo.interfaces import Arm, Camera, Clock, Target, Tracker
-from rcmservo.live.device_protocols import NotReady
+from rcmservo.live.device_protocols import NotReady, close_at_end
 from rcmservo.live.tracking_thread import TrackingThread
 from rcmservo.loop.clock import WallClock
 from rcmservo.loop.plant import Plant
@@ -136,11 +137,7 @@ class Rig:
 
     def __enter__(self) -> Self:
         with ExitStack() as stack:
-            self._connect()
-            for device in (self.arm, self.camera, self.tracker):
-                close: Any = getattr(device, "close", None)
-                if close is not None:
-                    stack.callback(close)
+            stack.enter_context(self.connected())
             if self.is_in_wall_time:
                 tracking = TrackingThread(self.camera, self.tracker, self.clock)
                 stack.enter_context(tracking)
@@ -155,8 +152,17 @@ class Rig:
             self._plant = None
         self._stack.__exit__(*error)
 
-    def _connect(self) -> None:
-        """Connect arm and camera, with the drive off; a rig of given devices has them already."""
+    @contextmanager
+    def connected(self) -> Generator[None]:
+        """Connect arm, camera and tracker, with the drive off, and close them at the end.
+
+        ``with rig:`` also tracks the markers. A loop with a tracking thread of its own, such as the
+        servo process of ``rcmservo live``, needs the devices only.
+        """
+        with ExitStack() as stack:
+            for device in (self.arm, self.camera, self.tracker):
+                close_at_end(device, stack)
+            yield
 
     def _require_frame(self, plant: Plant) -> None:
         """Raise an error if the camera has delivered no usable frame."""

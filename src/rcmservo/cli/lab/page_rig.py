@@ -20,11 +20,7 @@ from rcmservo.cli.lab.hardware_prompts import (
     describe_target_setup,
     get_lab_arm,
 )
-from rcmservo.cli.lab.live_on_hardware import (
-    describe_hardware_run,
-    describe_speed_limits,
-    find_allowed_speed_scale,
-)
+from rcmservo.cli.lab.live_on_hardware import describe_speed_limits
 from rcmservo.cli.lab.page_backend import (
     RECORDED_IMAGES_PER_S,
     SESSION_DURATION_S,
@@ -32,10 +28,12 @@ from rcmservo.cli.lab.page_backend import (
     describe_enabling,
     open_recorder,
 )
+from rcmservo.cli.run_description import describe_run
 from rcmservo.cli.run_options import LabOptions
 from rcmservo.config.rig_file import RigDescription
 from rcmservo.errors import RcmServoError
-from rcmservo.hardware.device_kinds import open_arm, open_camera, prepare_tracker
+from rcmservo.hardware.device_kinds import open_arm, open_camera
+from rcmservo.hardware.lab_rig import LabRig
 from rcmservo.interfaces import Target
 from rcmservo.live.device_protocols import LabCamera
 from rcmservo.live.frame_ring import FrameRing, RecordingCamera, RingCamera
@@ -56,7 +54,7 @@ from rcmservo.servo.servo import Servo
 
 
 @contextmanager
-def open_hardware(options: LabOptions) -> Generator[PageBackend]:
+def open_hardware(options: LabOptions, rig: LabRig) -> Generator[PageBackend]:
     """Yield the arm and camera of a rig file as the backend of the page.
 
     First the camera is opened to read the size of its images, and closed. Each session then opens
@@ -65,7 +63,9 @@ def open_hardware(options: LabOptions) -> Generator[PageBackend]:
     Parameters
     ----------
     options : LabOptions
-        Options of the command, with the rig file and its description.
+        Options of the command.
+    rig : LabRig
+        Arm and camera of the rig file, not connected.
 
     Yields
     ------
@@ -77,11 +77,11 @@ def open_hardware(options: LabOptions) -> Generator[PageBackend]:
     NoFrames
         If the camera delivers no image in time.
     """
-    rig_description, speed_scale = options.lab, find_allowed_speed_scale(options)
+    speed_scale = rig.speed_scale
     selected_settings = SelectedSettings(
         options.servo, without_limit if speed_scale == 1.0 else reduce_speed
     )
-    with closing(open_camera(rig_description)) as camera:
+    with closing(open_camera(rig.description)) as camera:
         width, height = read_image_size(camera)
     spawn_context = get_context("spawn")
     frame_ring = FrameRing(spawn_context, width, height)
@@ -91,16 +91,20 @@ def open_hardware(options: LabOptions) -> Generator[PageBackend]:
         remote_stop.reset()
         limited_servo, record_path = selected_settings.limited, folder / RECORD
         stop_hint = "STOP switches the drive off; keep the emergency stop of the arm within reach."
-        limits = describe_speed_limits(options, limited_servo, speed_scale)
+        limits = describe_speed_limits(rig, limited_servo, speed_scale)
         announcement = f"{describe_enabling(limited_servo)} {limits} {stop_hint}"
-        preparation = PagePreparation(channels, limited_servo, rig_description, announcement)
-        run_description = describe_hardware_run(options, SESSION_DURATION_S, speed_scale)
+        preparation = PagePreparation(channels, limited_servo, rig.description, announcement)
+        run_description = rig.describe() | describe_run(options, SESSION_DURATION_S)
         return Session(
             limited_servo,
             SESSION_DURATION_S,
-            arm=partial(connect_stoppable_arm, rig_description, remote_stop, channels),
-            camera=partial(open_shared_camera, rig_description, frame_ring),
-            tracker=prepare_tracker(rig_description),
+            LabRig(
+                rig.path,
+                rig.description,
+                rig.digest,
+                arm=partial(connect_stoppable_arm, remote_stop, channels),
+                camera=partial(open_shared_camera, frame_ring),
+            ),
             recorder=partial(open_recorder, record_path, run_description),
             target=partial(prepare_at_page, preparation),
             operator=partial(PageOperator, channels, selected_settings, options.teaching_frames),
@@ -108,7 +112,7 @@ def open_hardware(options: LabOptions) -> Generator[PageBackend]:
             consent=require_drive_off,
         )
 
-    title = f"arm and camera of {options.rig}"
+    title = f"arm and camera of {rig.path}"
     if speed_scale < 1.0:
         title += f", at {100.0 * speed_scale:g} % of the speed until `rig check` passes"
     yield PageBackend(
@@ -116,7 +120,7 @@ def open_hardware(options: LabOptions) -> Generator[PageBackend]:
         camera=partial(RingCamera, frame_ring),
         session=make_session,
         switch_off=remote_stop.switch_off,
-        setup=describe_target_setup(rig_description, width, height),
+        setup=describe_target_setup(rig.description, width, height),
         servo_settings=selected_settings,
         start_disturbance=refuse_disturbance,
     )
@@ -177,10 +181,10 @@ def prepare_at_page(preparation: PagePreparation, plant: Plant) -> Target:
 
 
 def connect_stoppable_arm(
-    rig_description: RigDescription, remote_stop: RemoteStop, channels: PageChannels
+    remote_stop: RemoteStop, channels: PageChannels, lab: RigDescription
 ) -> RemotelyStoppableArm:
     """Connect to the arm, whose drive STOP on the page then switches off."""
-    arm = open_arm(rig_description)
+    arm = open_arm(lab)
     return RemotelyStoppableArm(arm, remote_stop, partial(report_drive_off, channels))
 
 
@@ -189,9 +193,9 @@ def report_drive_off(channels: PageChannels, reason: str) -> None:
     channels.status.send(Note(f"the arm's drive is off: {reason}"))
 
 
-def open_shared_camera(rig_description: RigDescription, frame_ring: FrameRing) -> RecordingCamera:
+def open_shared_camera(frame_ring: FrameRing, lab: RigDescription) -> RecordingCamera:
     """Open the camera so that its frames are also available to the page, in `frame_ring`."""
-    return RecordingCamera(open_camera(rig_description), frame_ring)
+    return RecordingCamera(open_camera(lab), frame_ring)
 
 
 def read_image_size(camera: LabCamera) -> tuple[int, int]:

@@ -35,7 +35,7 @@ from rcmservo.config.new_folder import open_new_folder
 from rcmservo.constraints import between
 from rcmservo.errors import RcmServoError, require_extra
 from rcmservo.hardware.device_kinds import prepare_tracker
-from rcmservo.hardware.lab_rig import require_devices
+from rcmservo.hardware.lab_rig import LabRig
 from rcmservo.interfaces import Tracker
 from rcmservo.live.child_process import ChildProcess
 from rcmservo.live.frame_ring import RingCamera
@@ -90,10 +90,10 @@ def serve(options: ServeOptions) -> int:
         from rcmservo.page.web.token_file import load_required_token
     token = load_required_token(options.host, options.token_file)
     if options.has_devices():
-        require_devices(options.lab, options.rig, options.digest)
         from rcmservo.cli.lab.page_rig import open_hardware
 
-        name, devices = "serve-hardware", open_hardware(options)
+        rig = LabRig(options.rig, options.lab, options.digest)
+        name, devices = "serve-hardware", open_hardware(options, rig)
     else:
         with require_extra("serve", "sim"):
             import_module("rcmservo.sim.processes.lab_processes")

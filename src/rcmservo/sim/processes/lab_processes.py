@@ -21,6 +21,7 @@ from rcmservo.live.frame_ring import FrameRing, RingCamera
 from rcmservo.live.servo_process import Session
 from rcmservo.loop.target_frames import TEACHING_FRAMES
 from rcmservo.recording.writer import Recorder
+from rcmservo.rig.lazy_rig import LazyRig
 from rcmservo.servo.servo import Servo
 from rcmservo.sim.processes.arm_process import run_arm_process
 from rcmservo.sim.processes.camera_process import run_camera_process
@@ -109,9 +110,13 @@ class SimulatedLab:
         return Session(
             servo,
             duration,
-            arm=partial(RemoteArm, self.folder),
-            camera=partial(RingCamera, self.ring),
-            tracker=tracker,
+            LazyRig(
+                partial(RemoteArm, self.folder),
+                partial(RingCamera, self.ring),
+                tracker,
+                self.settings.mechanism,
+                self.settings.tool,
+            ),
             recorder=partial(Recorder, record, about or {}),
             target=partial(teach_and_return, frames=frames),
         )
