@@ -48,13 +48,14 @@ def test_a_zoom_since_teaching_is_detected_on_arrival_although_single_frames_are
 WRONGLY_TAUGHT = [
     ("marker_25", 9081, "projection"),  # one marker agrees, and the tool moves far from the target
     ("marker_25", 9039, "projection"),
+    ("marker_8", 9053, "dlt"),  # excused by a tenth of the motion until the tool moves away
     ("mirrored", 9001, "flow"),  # the estimator needs longer than an exploration may last
 ]
 
 
 @pytest.mark.parametrize("case", mark_others_slow(WRONGLY_TAUGHT))
 def test_a_wrong_target_is_found_as_soon_as_the_fit_is_known(case: tuple[str, int, str]) -> None:
-    """Once these moved the tool 80 and 32 mm away, and the exploration ended as NOT_EXPLORED."""
+    """Once the tool moved away by 80, 32 and 28 mm; the last case ended as NOT_EXPLORED."""
     run = one(*case)
     assert run.grown < 5.0
     ((time_s, _, cause, _),) = run.stops

@@ -24,6 +24,9 @@ class TargetProgress(Row):
     predicted_target: Floats = reals(
         (2, 2), "px", "markers at the joints of the target, by the fit"
     )
+    nearest_mm: float = real(
+        "mm", "least distance from the joints of teaching in the motion to the target"
+    )
     mismatch_since: int = whole("ns", "time since which image and joints disagree, or NEVER_NS")
     reference_error: float = real("", "scaled error √(2V) from which the next decrease is measured")
     reference_time: int = whole("ns", "time of `reference_error`")

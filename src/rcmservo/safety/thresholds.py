@@ -125,6 +125,8 @@ class Thresholds(Checked, section="thresholds"):
         ``model_error`` px, by ``target_error_fraction`` of the marker's predicted motion to its
         target, and by half of ``max_target_mismatch`` mm times the px per mm there. The vector
         between the taught markers is compared in the same way, with a fraction of its own length.
+        Once the tool has moved 10 mm away from the joints of teaching, ``model_error`` alone is
+        subtracted.
     target_error_fraction : float
         Deviation of a taught marker that is attributed to lens, arm and tool, which the projection
         fit assumes to be ideal, as a fraction of the marker's predicted motion to the target; of
