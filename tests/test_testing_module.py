@@ -247,8 +247,11 @@ def count_ns(arm: Any) -> Any:
 
 ARM_FAULTS = {
     "list": ({"measure": report_q(list)}, "measure() must be ArmMeasurement"),
-    "float32": ({"measure": report_q(np.float32)}, "q as a writable float64 array of shape (3,)"),
-    "shape": ({"measure": report_q(lambda q: np.append(q, 0.0))}, "array of shape (3,)"),
+    "float32": (
+        {"measure": report_q(np.float32)},
+        "q as a writable float64 array in C order of shape (3,)",
+    ),
+    "shape": ({"measure": report_q(lambda q: np.append(q, 0.0))}, "in C order of shape (3,)"),
     "NaN": ({"measure": report_q(lambda q: q * np.nan)}, "[nan nan nan], expected finite joints"),
     "time as float": ({"measure": report_time(lambda t: t * 1e-9)}, "time in whole ns"),
     "time in s": ({"measure": report_time(lambda t: t // 10**9)}, "ns: it is in s, expected ns"),
@@ -508,8 +511,12 @@ def freeze(markers: rs.Markers) -> Any:
 TRACKER_FAULTS = {
     "list": (report(points=lambda m: m.points.tolist()), "find() must be Markers"),
     "float32": (report(points=lambda m: m.points.astype(np.float32)), "find() must be Markers"),
-    "read-only": (report(points=freeze), "points as a writable float64 array of shape (2, 2)"),
-    "shape": (report(points=lambda m: m.points.ravel()), "array of shape (2, 2)"),
+    "Fortran order": (report(points=lambda m: np.asfortranarray(m.points)), "array in C order"),
+    "read-only": (
+        report(points=freeze),
+        "points as a writable float64 array in C order of shape (2, 2)",
+    ),
+    "shape": (report(points=lambda m: m.points.ravel()), "array in C order of shape (2, 2)"),
     "guess": (
         report(points=lambda m: np.nan_to_num(m.points)),
         "for an empty image, expected NaN, not a guess",

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from rcmservo.errors import require
 from rcmservo.interfaces import Frame, Markers
 
-ARRAY_PHRASE = "a writable float64 array of shape"
+ARRAY_PHRASE = "a writable float64 array in C order of shape"
 
 
 def check_first_value(device: object, method: str, value: object) -> None:
