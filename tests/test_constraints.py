@@ -140,13 +140,20 @@ def test_numbers_of_numpy_and_lists_are_accepted_unchanged(valid):
         (above(0.0, 0.5), [0.1, 0.5], [0.0, 0.51], "a number above 0 and at most 0.5"),
         (inside(0.0, 2.0), [0.1, 1.9], [0.0, 2.0], "a number above 0 and below 2"),
         (at_least(1e-9, "px"), [1e-9, 1.0], [0.0, math.inf], "at least 1e-9 px"),
-        (at_most(1073740800, "mm"), [-10, 10], [math.inf, -math.inf], "at most 1073740800 mm"),
+        (at_most(1073740800, "mm"), [-math.inf, 10], [math.inf], "at most 1073740800 mm"),
     ],
 )
 def test_a_limit_names_its_ends_and_includes_or_excludes_them(limit, inner, outer, words):
     assert all(map(limit.holds, inner))
     assert not any(map(limit.holds, [*outer, math.nan]))
     assert limit.expected.startswith(words)
+
+
+def test_each_angle_is_limited_and_may_not_be_nan():
+    limit = angles(1.0, first=2)
+    assert limit.holds((-1.0, 1.0, 5.0))
+    assert not limit.holds((0.1, -1.1, 0.0))
+    assert not limit.holds((0.1, math.nan, 0.0))
 
 
 def test_texts_are_limited_by_choices_patterns_and_blanks():

@@ -1,6 +1,6 @@
 """Limits of settings, declared as annotations of dataclass fields and checked at construction.
 
-This class refuses ``gain=-1`` and ``gain="fast"`` with the error `BadInput` and the message
+The class below refuses ``gain=-1`` and ``gain="fast"`` with the error `BadInput` and the message
 "controller.gain must be a positive gain in 1/s, got -1":
 
     @dataclass(frozen=True)
@@ -111,8 +111,8 @@ def at_least(low: float, what: str) -> Limit:
 
 
 def at_most(high: float, what: str) -> Limit:
-    """Return the limit to numbers whose absolute value is at most `high`."""
-    return Limit(lambda x: abs(x) <= high, f"at most {_format_number(high)} {what}")
+    """Return the limit to numbers of at most `high`."""
+    return Limit(lambda x: x <= high, f"at most {_format_number(high)} {what}")
 
 
 FRACTION = above(0.0, 1.0, "a fraction")
@@ -144,22 +144,23 @@ def three_positive(units: str) -> Limit:
 
 
 def angles(maximum: float, first: int, unit: str = "rad") -> Limit:
-    """Return the limit of the `first` entries of a tuple to at most `maximum` rad (or rad/s).
+    """Return the limit of the first `first` entries of a tuple to ± `maximum` rad (or rad/s).
 
     A larger angle was probably given in degrees, so the message names both units.
     """
 
-    def find_largest_angle(values: Collection[float]) -> float:
-        return max(map(abs, tuple(values)[:first]))
-
     def suggest_degrees(values: Collection[float]) -> str:
-        degree_unit, angle = unit.replace("rad", "deg"), find_largest_angle(values)
+        degree_unit, angle = unit.replace("rad", "deg"), max(map(abs, tuple(values)[:first]))
         return (
             f" (did you mean {math.radians(angle):.4g} {unit}, which is {angle:g} {degree_unit}?)"
         )
 
     expected = f"at most {maximum:.4g} {unit} where it is an angle"
-    return Limit(lambda values: find_largest_angle(values) <= maximum, expected, suggest_degrees)
+    return Limit(
+        lambda values: all(abs(angle) <= maximum for angle in tuple(values)[:first]),
+        expected,
+        suggest_degrees,
+    )
 
 
 @dataclass(frozen=True, repr=False)
@@ -212,7 +213,8 @@ class Checked:
     """Base of frozen dataclasses that check the types and limits of their fields.
 
     A subclass with rules between fields checks them in ``__post_init__``, after
-    ``super().__post_init__()``.
+    ``super().__post_init__()``. The limits of a field that is None are not checked. A class defined
+    in a function, whose annotations name types of that function, is not checked at all.
 
     Raises
     ------
@@ -239,7 +241,10 @@ class Checked:
                     self.require(False, name, limit.expected + limit.hint(value))
 
     def require(self, condition: object, name: str, expected: str) -> None:
-        """Raise ``BadInput`` for the field `name` unless the condition holds; NaN must fail it."""
+        """Raise ``BadInput`` for the field `name` unless `condition` is true.
+
+        Write the condition so that NaN makes it false.
+        """
         if not condition:
             path = f"{self.section}.{name}" if self.section else name
             raise BadInput(path, getattr(self, name), expected)
@@ -250,7 +255,7 @@ def _collect_rules(cls: type[Any]) -> tuple[tuple[str, Limit, tuple[Limit, ...]]
     """Return name, limit to the type, and further limits of each field."""
     try:
         hints = get_type_hints(cls, include_extras=True)
-    except NameError:  # a user's class, whose annotations name types that only a function defines
+    except NameError:  # a class defined in a function, whose annotations cannot be resolved here
         return ()
     return tuple((setting.name, *_make_rule(hints[setting.name])) for setting in fields(cls))
 
@@ -258,7 +263,7 @@ def _collect_rules(cls: type[Any]) -> tuple[tuple[str, Limit, tuple[Limit, ...]]
 def _make_rule(annotation: Any) -> tuple[Limit, tuple[Limit, ...]]:
     """Return the limit to the type of a field, and its further limits.
 
-    A value of another type is refused with the text of the first further limit.
+    A value of another type is refused in the words of the first further limit, which says more.
     """
     hint, metadata = _split_annotation(annotation)
     type_limit = _make_type_limit(hint)

@@ -75,5 +75,5 @@ def test_a_factor_that_puts_marker_2_at_or_before_marker_1_is_refused(bad):
 @pytest.mark.parametrize("tool", [RigidTool, ScaledTool])
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -67_000.0])
 def test_an_offset_that_is_not_finite_or_implausible_is_refused(tool, bad):
-    with pytest.raises(BadInput, match="offset"):
+    with pytest.raises(BadInput, match="offset must be a number from -1000 to 1000 mm"):
         tool(30.0, offset=bad)

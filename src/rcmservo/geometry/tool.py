@@ -13,7 +13,7 @@ from typing import Annotated, ClassVar, NamedTuple
 
 import numpy as np
 
-from rcmservo.constraints import Checked, above, at_least, at_most, positive
+from rcmservo.constraints import Checked, above, at_least, at_most, between, positive
 from rcmservo.geometry.kinematics import Point
 from rcmservo.interfaces import Floats
 from rcmservo.numerics.jit import compiled
@@ -106,7 +106,7 @@ def convert_to_first_marker(shaft: ToolStruct, p1: Floats | Point, motion: Float
 MIN_LENGTH_MM, MAX_LENGTH_MM = 1.0, 1000.0
 """Bounds of plausible lengths on a tool; a value outside them was given in another unit."""
 
-OFFSET_LIMIT = at_most(MAX_LENGTH_MM, "mm in either direction")
+OFFSET_LIMIT = between(-MAX_LENGTH_MM, MAX_LENGTH_MM, unit="mm")
 
 
 class Tool(Checked, ABC, section="tool"):

@@ -6,13 +6,13 @@
 from dataclasses import dataclass
 from typing import Annotated, Any
 
-from rcmservo.constraints import FRACTION, Checked, Limit, Triple, at_most, each
+from rcmservo.constraints import FRACTION, Checked, Limit, Triple, between, each
 from rcmservo.interfaces import Target
 from rcmservo.page.pose_sequence import RunSequence, SequenceProgress
 from rcmservo.safety.state_machine import Request
 from rcmservo.servo.servo import Servo
 
-RATE_LIMIT = at_most(1e9, "of its unit")
+RATE_LIMIT = between(-1e9, 1e9)
 """Limit of a rate that a browser requests."""
 
 MAX_ANSWER_CHARACTERS = 100

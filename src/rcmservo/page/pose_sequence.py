@@ -4,7 +4,7 @@ go to a pose ─► errors within `SETTLED_TOLERANCE` ─► dwell ─► next p
                                ▲                       │
                                └── errors outside it, or HOLD: the dwell restarts
 
-A sequence ends early when the tool is stopped or gets another target.
+A sequence ends early when the tool is stopped or paused, or gets another target.
 """
 
 from dataclasses import dataclass
@@ -23,7 +23,7 @@ MAX_WAYPOINTS, MAX_ROUNDS, MAX_DWELL_S = 20, 1000, 600.0
 """Largest number of waypoints, largest number of rounds, and longest dwell (s) of a sequence."""
 
 AUTONOMOUS_PHASES = Phase.ACQUIRE, Phase.SERVO, Phase.HOLD
-"""Phases in which the servo moves the tool, or may move it at any tick."""
+"""Phases in which the servo may move the tool without a further request."""
 
 
 @dataclass(frozen=True)
@@ -114,7 +114,7 @@ class SequenceRunner:
         self._plan, self._targets = request.plan, request.targets
         self._visit_count = 0
         """Number of completed visits."""
-        self._requested_ns: int | None = None
+        self._departed_ns: int | None = None
         """Time (ns) of the first tick on the way to the present waypoint."""
         self._arrived_ns: int | None = None
         """Time (ns) since which the tool has been at the present waypoint."""
@@ -129,22 +129,22 @@ class SequenceRunner:
         return self._targets[self._visit_count % len(self._targets)]
 
     def update(self, tick: Tick) -> bool:
-        """Update with a tick in which all earlier requests are applied.
+        """Process a tick, whose state holds the last target that this runner has requested.
 
         Returns
         -------
         bool
-            True if the tool must go to the next waypoint from now on.
+            True if the caller must now request `target`, the next waypoint.
         """
         now_ns, state = tick.observation.now, tick.state
         reason = find_interruption(tick, self.target)
         if reason:
             self.progress, self.outcome = None, f"the pose sequence has ended: {reason}"
             return False
-        self._requested_ns = now_ns if self._requested_ns is None else self._requested_ns
+        self._departed_ns = now_ns if self._departed_ns is None else self._departed_ns
         is_at_pose = bool((np.abs(state.delta) < SETTLED_TOLERANCE).all())
-        is_current = tick.observation.exposure >= self._requested_ns
-        if state.phase is not Phase.SERVO or not is_current or not is_at_pose:
+        is_exposed_after_departure = tick.observation.exposure >= self._departed_ns
+        if state.phase is not Phase.SERVO or not is_exposed_after_departure or not is_at_pose:
             self._arrived_ns = None
         elif self._arrived_ns is None:
             self._arrived_ns = now_ns
@@ -165,7 +165,7 @@ class SequenceRunner:
 
     def _advance(self) -> bool:
         """Advance to the next waypoint and return True, or end the sequence and return False."""
-        self._visit_count, self._requested_ns, self._arrived_ns = self._visit_count + 1, None, None
+        self._visit_count, self._departed_ns, self._arrived_ns = self._visit_count + 1, None, None
         if self._visit_count < self._plan.rounds * len(self._targets):
             self.progress = self._describe_progress(None)
             return True

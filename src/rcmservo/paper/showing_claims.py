@@ -1,4 +1,4 @@
-"""Check of IV-C, teaching by showing: Fig. 13 and 14.
+"""Check of the paper's section IV-C, teaching by showing: Fig. 13 and 14.
 
 Experiment `showing`. The operator brings the tool to each pose and registers the image. Then the
 servo visits the poses in turn, with the paper's gains. The pose error ‖Δp‖ = ‖p₂ − p_d‖ at the end
@@ -37,13 +37,17 @@ LABORATORY = RigSettings(scene=SceneSettings(room=18.0), point_noise=POINT_NOISE
 BORDER_PX = 25.0
 """Smallest distance (px) of a pose's markers from the border of the image."""
 CASES = {"flow": ("flow-based",), "projection": ("projection-based",)}
-"""Cases of the claims, the paper's method of Fig. 13 first."""
+"""Case in the table of claims of each method, the method of Fig. 13 first."""
 
 
 def tasks(settings: Settings) -> list[Task]:
+    """Return the tasks; the cost of a visit in s is larger on rendered frames."""
     all_tasks, visits = list[Task](), settings.poses * settings.rounds
-    for seeds, pictures, cost in ((settings.rendered, True, 35.0), (settings.points, False, 8.0)):
-        work = partial(visit_all, pictures=pictures, settings=settings)
+    for seeds, is_rendered, cost in (
+        (settings.rendered, True, 35.0),
+        (settings.points, False, 8.0),
+    ):
+        work = partial(visit_all, is_rendered=is_rendered, settings=settings)
         for method in PAPER_METHODS:
             method_work = partial(work, method=method)
             all_tasks += Task.per_seed(method, method_work, seeds, cost * visits, in_folder=True)
@@ -56,15 +60,15 @@ def list_seeds(settings: Settings) -> list[int]:
 
 
 def visit_all(
-    folder: Path, seed: int, method: str, pictures: bool, settings: Settings
+    folder: Path, seed: int, method: str, is_rendered: bool, settings: Settings
 ) -> TaskResult:
     """Teach all poses, explore about the start, and visit the poses in turn.
 
-    Returns the visits in order, the cause that ended the last one early, p_d (n, 3) in mm of each
-    pose, and the sensitivity `compute_pose_error_per_pixel` there.
+    The result holds the visits in order, the cause that ended the last one early, the true position
+    p_d (n, 3) of marker 2 at each taught pose in mm, and `compute_pose_error_per_pixel` there.
     """
     servo = make_servo(LABORATORY, *PAPER_METHODS[method])
-    with closed_loop(folder, seed, LABORATORY, pictures, servo) as loop:
+    with closed_loop(folder, seed, LABORATORY, is_rendered, servo) as loop:
         poses = draw_poses(loop.rig, settings.poses, settings.spread)
         targets, p_d = zip(*(loop.teach(q) for q in poses), strict=True)
         loop.rig.go_home()
@@ -121,7 +125,7 @@ def draw_poses(rig: Rig, count: int, spread: float) -> list[Floats]:
 
 
 def compute_pose_error_per_pixel(rig: Rig, q: Floats) -> float:
-    """Return the rms displacement (mm) of marker 1 at `q` for 1 px of noise in each coordinate."""
+    """Return the rms error (mm) of marker 1 that 1 px of noise in each coordinate causes at `q`."""
     o_c = rig.truth.imaged_rcm()
     noise = compute_features_jacobian(shift_to_rcm(rig.truth.pixels(q), o_c))
     return float(np.linalg.norm(np.linalg.solve(rig.truth.jacobian(q, o_c), noise)))
@@ -165,7 +169,7 @@ def measure(settings: Settings, results: Results) -> Iterator[Measurement]:
 
 
 def list_visits(scenes: list[TaskResult]) -> list[TaskResult]:
-    return [one for scene in scenes for one in scene["visits"]]
+    return [visit for scene in scenes for visit in scene["visits"]]
 
 
 def draw(settings: Settings, results: Results) -> Iterator[PaperFigure]:

@@ -1,8 +1,8 @@
-"""Selection of an estimator's compiled functions by the class of its kernel.
+"""Numba overloads of four functions in update_estimate.py, chosen by the class of the kernel.
 
 Numba's `overload` registers a function that receives the types of the arguments and returns the
-implementation to compile. The module imports Numba, so it is imported only when a kernel is
-compiled.
+implementation to compile, a plain Python function (``py_func``). This module imports Numba, so
+`declare_in` in update_estimate.py defers its import until a kernel is compiled.
 """
 
 from functools import partial
@@ -20,7 +20,8 @@ from rcmservo.servo.update_estimate import (
 )
 
 declared: Any = partial(overload, strict=False)
-"""Decorator that declares a function to select the implementation of another one."""
+"""Numba's `overload`. It does not compare the names of the arguments, which differ between the
+function and its implementations."""
 
 
 @declared(update_estimator)

@@ -1,10 +1,10 @@
 """One tick from observation to command: as one compiled function, or around an estimator in Python.
 
 A tick is one cycle of the loop. An estimator that does not compile runs in Python between
-`begin_tick` and `finish_tick`. Both consist of the same functions as the compiled tick, so the
-results are equal to the last bit. Each array or named tuple that passes between Python and a
-compiled function costs a considerable part of the tick, as a live loop finds nothing in the
-processor's caches. Few are passed, and the rows of the state are overwritten.
+`begin_tick` and `finish_tick`. They call the same functions as the compiled tick, so that the
+results are equal to the last bit. In a live loop the processor's caches are cold, and each array or
+named tuple that passes from Python to a compiled function takes a noticeable part of the tick.
+Therefore few are passed, and the state is overwritten in place.
 """
 
 from collections.abc import Callable
@@ -140,11 +140,24 @@ def begin_tick(
 ) -> tuple[Floats, int, float]:
     """Make the part of a tick before the update of an estimator that does not compile.
 
+    Parameters
+    ----------
+    rows : Rows[StoredState]
+        State after the last tick, which is overwritten.
+    lines : Floats
+        Lines (n, 4) of the paper's eq. (16), from which the imaged RCM is estimated.
+    observation : tuple
+        Fields of the observation.
+    setpoint : tuple
+        Fields of the setpoint.
+    parameters : Rows[KernelParameters]
+        Settings of the servo.
+
     Returns
     -------
     tuple
-        Lines (n, 4) of eq. (16); result of the frame, with FRAME_UPDATES for one that updates the
-        estimator; time since the exposure of the frame of the last update, s.
+        The lines with those of this frame; the result of the frame, `FRAME_UPDATES` if it must
+        update the estimator; the time in s between its exposure and that of the last update.
     """
     stored = rows[0]
     store_inputs(stored, observation, setpoint)

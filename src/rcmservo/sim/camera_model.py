@@ -22,10 +22,13 @@ from rcmservo.numerics.structs import Rows
 from rcmservo.sim.camera_kernels import CameraStruct, project_jacobian
 
 MAX_LENS_SLOPE = 100.0
-"""Slope beyond which a fold of the distortion polynomial does not matter: no lens is that wide."""
+"""Largest slope of a line of sight: no lens is wider.
+
+Where the distortion polynomial has its maximum beyond this slope, the maximum is ignored.
+"""
 
 NEWTON_TOLERANCE = 1e-12
-"""Newton step, as a slope, below which further steps change nothing."""
+"""Newton step, as a slope, below which the inversion of the distortion stops."""
 
 MAX_NEWTON_STEPS = 20
 """Largest number of Newton steps. The corners of a strong wide-angle lens need about ten."""
@@ -85,7 +88,7 @@ class CameraModel(Checked):
         self.require(is_proper, "rotation", "a proper rotation matrix")
         max_radius = self.fold if np.isinf(self.fold) else self.fold * self._stretch(self.fold)
         is_unique = self._corner_radius < max_radius
-        self.require(is_unique, "distortion", "so weak that every pixel has one direction")
+        self.require(is_unique, "distortion", "so weak that no two directions share a pixel")
 
     def pinhole(self) -> Floats:
         """Return the projection matrix C (3, 4) of eq. (4), which leaves out the distortion."""
@@ -158,7 +161,9 @@ class CameraModel(Checked):
         """Return the centroid (2,) px of the image of an unoccluded sphere.
 
         An ideal blob detector would report it. It differs from the image of the sphere's centre,
-        because perspective moves it outwards by the slope x R^2 / (Z^2 - R^2).
+        because perspective moves it outwards: without distortion by the slope x R²/(Z² − R²), for
+        a sphere of radius R at depth Z, whose centre is at slope x. It is NaN if a part of the
+        outline is not visible.
 
         Parameters
         ----------

@@ -1,4 +1,4 @@
-"""Compilation of the kernels while a command prepares its work: progress, and a second process."""
+"""Progress of the compilation of kernels, and compilation in a second process."""
 
 from collections.abc import Callable, Generator
 from contextlib import contextmanager, suppress
@@ -53,16 +53,17 @@ def compiled_in_parallel(
 ) -> Generator[None]:
     """Call `warm_up` in a second process while the context runs, if the cache holds no kernel.
 
-    At the end of the context, all that `warm_up` compiles is in the cache. On two processors a
-    first simulated run starts after 46 s instead of 71. An error of `warm_up` is not raised,
-    because it is met again when the first process calls `warm_up` after the context.
+    The context ends once `warm_up` has ended, and what it has compiled is in the cache. On two
+    processors a first simulated run starts after 46 s instead of 71. An error of `warm_up` is not
+    raised here: the caller calls `warm_up` after the context, where the error occurs again.
 
     Parameters
     ----------
     warm_up : Callable
         Function that compiles. It is pickled.
     count_kernel : Callable
-        Function that is called for each kernel of the second process, once the context has ended.
+        Function that is called after the body of the context, one time per kernel that the second
+        process has compiled.
     """
     if not is_cache_empty():
         yield
@@ -97,7 +98,7 @@ def _call_after_each_kernel(function: Callable[[], None]) -> Generator[None]:
         """Listener that calls the function."""
 
         def on_start(self, event: event.Event) -> None:
-            """Ignore the start; the kernels that this kernel calls are counted separately."""
+            """Do nothing: a kernel counts when its compilation ends."""
 
         def on_end(self, event: event.Event) -> None:
             """Call the function if the compiled kernel is one of this package."""

@@ -2,7 +2,8 @@
 
 A separate thread exchanges commands and data records with the controller, so the servo loop never
 waits for it. `measure` returns the last data record. If the controller stops answering, that record
-grows old and the servo stops. The driver does not reconnect by itself.
+grows old and the servo stops; the controller's own watchdog stops the arm. The driver does not
+reconnect by itself.
 """
 
 import contextlib
@@ -82,7 +83,7 @@ class GalilArm:
                 f"for the next: connect by network, or at {MIN_SERVO_BAUD} bits/s"
             )
         with self._exclusive_session():
-            self._take_command()
+            self._take_command()  # a command from before, which must not move the arm now
             self._update_measurement(self._session.start())
 
     def set_position(self, q: Floats) -> None:
@@ -92,7 +93,7 @@ class GalilArm:
             self._update_measurement(self._session.read())
 
     def is_homed(self) -> bool:
-        """Return True if an operator has set the joint position since the controller's reset."""
+        """Return True if the joint position was set since the reset of the controller."""
         with self._exclusive_session():
             return self._session.is_homed()
 
@@ -101,7 +102,11 @@ class GalilArm:
         return self._measured
 
     def apply(self, command: Command) -> Floats:
-        """Send a command; return the joint rates (3,) as rounded by the controller."""
+        """Queue a command for the thread, and return the joint rates (3,) that it will apply.
+
+        They are rounded to whole counts per second, and 0 while the drive is off. The thread drops
+        a command whose deadline has passed.
+        """
         with self._command_lock:
             pending = self._pending_command
             if pending is None or pending.enabled:  # nothing replaces a switch-off

@@ -1,4 +1,8 @@
-"""Facts of a tick, on which the detectors of causes and the descriptions of causes are based."""
+"""Inputs of the functions that detect the causes of a stop, and of those that describe them.
+
+The detectors are compiled, so `TickFacts` holds structs only. The descriptions are written in
+Python after a stop, from the objects of `DetailFacts`.
+"""
 
 from typing import NamedTuple
 
@@ -14,7 +18,7 @@ from rcmservo.safety.thresholds import Thresholds
 
 
 class TickFacts(NamedTuple):
-    """Facts of a tick for the detectors of causes, which are compiled.
+    """State and settings at a tick, for the compiled detectors of causes.
 
     Parameters
     ----------
@@ -39,7 +43,7 @@ class TickFacts(NamedTuple):
     estimator_failed : bool
         True if a user's estimator failed at this tick.
     rcm : RcmStruct
-        Mechanism, with marker 1 as the point on its tool.
+        Kinematics of the arm; the point on its tool is marker 1.
     period : int
         Time from tick to tick, ns.
     gain : float
@@ -77,7 +81,7 @@ def has_frame(facts: TickFacts) -> bool:
 
 
 class DetailFacts(NamedTuple):
-    """Facts of a tick for the functions that describe a cause's details.
+    """State and settings at a stop, for the functions that describe the details of its cause.
 
     Parameters
     ----------
@@ -96,8 +100,8 @@ class DetailFacts(NamedTuple):
     exploration : Exploration
         Settings of the exploration.
     disagreement : float
-        Difference of the estimator's Ĵ from that of the projection fit, as a fraction, when the
-        exploration ended; NaN if the fit did not suffice.
+        Relative difference of the estimated Ĵ from that of the projection fit, by which the
+        exploration ends; NaN if the fit has too few frames.
     advice : str
         Advice of the estimator after a failed exploration.
     """

@@ -15,7 +15,7 @@ OVERTAKING_DELAY_NS = 5_000_000
 class FrameDelivery:
     """Camera with a faulty connection.
 
-    The time at which a frame would arrive without a fault decides which disturbances act on it.
+    A disturbance acts on a frame if it is active when the frame would arrive without a fault.
 
     Parameters
     ----------
@@ -28,12 +28,12 @@ class FrameDelivery:
     """
 
     newest_arrival: int
-    """Scheduled arrival of the newest frame, ns."""
+    """Time (ns) at which the newest frame has arrived."""
 
     def __init__(self, camera: Camera, now: Callable[[], int], schedule: Schedule) -> None:
         self.camera, self.now, self.schedule = camera, now, schedule
         self.newest_arrival = 0
-        self._sent_frame: Frame | None = None
+        self._last_camera_frame: Frame | None = None
         self._arrived_frame: Frame | None = None
         self._previous_frame: Frame | None = None
         self._overtaken_frame: Frame | None = None
@@ -47,8 +47,8 @@ class FrameDelivery:
     def latest(self) -> Frame | None:
         """Return the newest frame that has arrived; None before the first one."""
         frame = self.camera.latest()
-        if frame is not None and frame is not self._sent_frame:
-            self._sent_frame = frame
+        if frame is not None and frame is not self._last_camera_frame:
+            self._last_camera_frame = frame
             self._send(frame)
         while self._in_transit and self._in_transit[0][0] <= self.now():
             self.newest_arrival, self._arrived_frame = self._in_transit.popleft()
@@ -74,14 +74,18 @@ class FrameDelivery:
             self._overtaken_frame = None
 
     def _is_lost(self, time: int) -> bool:
-        """Return True if a frame is lost; every disturbance samples a number for each frame."""
+        """Return True if a frame is lost.
+
+        Every disturbance draws a number for it, also after another has lost the frame, so that
+        their random sequences stay independent.
+        """
         events = self.schedule.active(time, "frame_drop")
         return any([event.random.uniform() < event.number("share") for event in events])
 
     def _schedule_arrival(self, frame: Frame, time: int) -> None:
-        """Schedule the arrival of a frame that leaves the camera at `time` (ns).
+        """Schedule the arrival of a frame that would arrive at `time` (ns) without latency.
 
-        No frame overtakes another one in transit. The time stamps are those of the camera's clock.
+        Latency keeps the order of the frames. The time stamps are those of the camera's clock.
         """
         delay_s = 0.0
         for event in self.schedule.active(time, "latency"):
