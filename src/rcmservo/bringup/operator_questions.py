@@ -1,10 +1,10 @@
-"""Questions to the operator that decide between hypotheses which image and encoders leave open.
+"""Questions to the operator that tell apart hypotheses which image and encoders cannot.
 
 Image and encoders do not distinguish
 
 - a mirrored image from one reversed angle,
 - two reversed angles from a camera turned about the tool,
-- a larger spacing of the markers from different counts of the insertion,
+- a larger spacing of the markers from other counts per mm of the insertion,
 - at some poses, different counts of one angle from those of the other, or from a different zero of
   the insertion.
 
@@ -37,7 +37,7 @@ DIRECTIONS = {
     SPHERICAL: (("away", "towards"), ("clockwise", "anticlockwise"), ("in", "out")),
     PITCH_YAW: (("right", "left"), ("down", "up"), ("in", "out")),
 }
-"""Words for the motion of the tool if joint 1, 2 or 3 rises, and if it falls."""
+"""Words for the motion of the tool if joint 1, 2 or 3 increases, and if it decreases."""
 DIRECTION_HINTS = {
     SPHERICAL: "away from that line or towards it, about it clockwise or anticlockwise, or further "
     "in or out",
@@ -47,7 +47,7 @@ DIRECTION_HINTS = {
 REPEAT = "again"
 """Answer of an operator who requests the motion once more."""
 MOTION_NOTICE = "{} moves in one direction, waits, and returns."
-LENGTHS: dict[str, Callable[[Floats], Any]] = {
+LENGTH_QUESTIONS: dict[str, Callable[[Floats], Any]] = {
     "By the ruler: how far apart are the middles of the two markers, in mm?": lambda markers: (
         math.dist(*markers)
     ),
@@ -111,7 +111,7 @@ def ask_operator(
     for joint in range(3):
         if len({predict_direction(candidate, robot, joint) for candidate in candidates}) > 1:
             candidates = _select_by_direction(candidates, robot, joint, operator, show_motion)
-    for question, compute_length in LENGTHS.items():
+    for question, compute_length in LENGTH_QUESTIONS.items():
         mm = _predict_lengths(candidates, robot, q, compute_length)
         if len(set(mm)) > 1:
             larger = [replace(h, size=h.size + SIZE_DEVIATIONS * h.deviation) for h in candidates]
@@ -166,15 +166,16 @@ def _select_by_direction(
     question = f"{VIEWPOINTS[kind]}: in which direction did the tool move first, {hint}?"
     predicted = [predict_direction(candidate, robot, joint) for candidate in candidates]
     for _ in range(MAX_ATTEMPTS):
-        operator.notify(f"Watch the tool: {MOTION_NOTICE.format(name)}")
+        notice = MOTION_NOTICE.format(name)
+        operator.notify(f"Watch the tool; {VIEWPOINTS[kind]}. {notice}")
         show_motion(joint)
         answer = ask_choice(operator, f"For {name}, {question}", (*choice, REPEAT))
         if answer in predicted:
             return list(compress(candidates, (word == answer for word in predicted)))
         if answer != REPEAT:
             words = " or ".join(sorted(set(predicted)))
-            operator.notify(f"The image allows only {words}. The motion is repeated.")
-    raise Stopped(f"no answer agreed with the image for {name}")
+            operator.notify(f"The image allows only {words}.")
+    raise Stopped(f"none of {MAX_ATTEMPTS} answers agreed with the image for {name}")
 
 
 def _select_by_length(
@@ -183,21 +184,21 @@ def _select_by_length(
     tolerances: Floats,
     question: str,
     operator: OperatorTerminal,
-    prepare: Callable[[], None] = lambda: None,
+    before_question: Callable[[], None] = lambda: None,
 ) -> list[Hypothesis]:
     """Return the hypotheses whose predicted lengths agree with the operator's ruler.
 
     Return all of them if the operator cannot measure the length. The logarithms of predicted and
-    measured length may differ by `tolerances`. `prepare` is called before each question.
+    measured length may differ by `tolerances`.
     """
-    lengths = " or ".join(f"{mm:.3g}" for mm in sorted(set(predicted_mm)))
+    lengths = " or ".join(dict.fromkeys(f"{mm:.3g}" for mm in sorted(predicted_mm)))
     for _ in range(MAX_ATTEMPTS):
-        prepare()
+        before_question()
         measured_mm = ask_length(operator, question)
         if measured_mm is None:
             return candidates
         error = np.abs(np.log(predicted_mm / max(measured_mm, MIN_TRAVEL_MM)))
         if (error <= tolerances).any():
             return list(compress(candidates, error <= tolerances))
-        operator.notify(f"The image allows only about {lengths} mm. Repeat the measurement.")
+        operator.notify(f"The image allows only about {lengths} mm.")
     raise Stopped(f"no answer agreed with the {lengths} mm of the image to: {question}")

@@ -1,6 +1,6 @@
 """Atomic writing of files, and reading of files up to a maximum size.
 
-A file that is written atomically is either complete or unchanged, even after a crash.
+A file that is written atomically is either complete or unchanged, even if the program crashes.
 """
 
 import stat
@@ -49,7 +49,7 @@ def read_limited(path: Path, max_bytes: int, description: str) -> bytes:
     max_bytes : int
         Maximum size, bytes.
     description : str
-        Description of the file for the error message.
+        Noun phrase for such a file, which the error message ends with.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Recursive fit of the camera's projection to all frames, eq. (17)-(21) about any origin.
+"""Recursive fit of the camera's projection to all frames: the paper's (17)-(21) about any origin.
 
 The model projects a point p mm to the pixels
 
@@ -79,21 +79,23 @@ class FitWorkspace(Row):
     Q: Floats = reals((4, 4), "", "W − U S⁻¹U − V S⁻¹V")
     column: Floats = reals(4, "", "a column of S⁻¹U or S⁻¹V; U h or V h")
     h: Floats = reals(4, "", "[g 1]")
-    C: Floats = reals((3, 3), "", "(Q − 2σ²S)⁻¹ of g alone, with the noise correction")
+    C: Floats = reals((3, 3), "", "inverse of the part of g in Q − 2σ²S, not yet accepted")
 
 
 class ProjectionFit(Row):
     """Fit of the camera's projection: the sums over the frames and the solution."""
 
     sums: Floats = reals((4, 4, 4), "", "S, U, V, W")
-    frame_count: float = real("", "number of frames in the sums; one with one marker counts half")
+    frame_count: float = real("", "number of frames in the sums; with a single marker 0.5")
     marker_sums: Floats = reals((2, 6), "", "Σ w [x u v 1] of each marker alone")
     origin: Floats = reals(5, "mm, px", "p₀ and m₀, NaN before the first frame")
     A: Floats = reals((2, 4), "px", "numerators")
     g: Floats = reals(3, "", "denominator")
     noise_variance: float = real("px²", "σ² by the residuals of the fit")
     S_inverse: Floats = reals((4, 4), "", "S⁻¹")
-    g_inverse: Floats = reals((3, 3), "", "(Q − 2σ²S)⁻¹ of g alone")
+    g_inverse: Floats = reals(
+        (3, 3), "", "inverse of the part of g in Q − 2σ²S; × σ², its covariance"
+    )
     newest_summed_p1: Floats = reals(3, "mm", "p₁ of the newest frame in the sums")
     offset: Floats = reals((2, 2), "px", "mean residual of each marker")
     offset_weight: Floats = reals(2, "", "number of frames in the offset of each marker")
@@ -327,9 +329,10 @@ def solve_fit(fit: ProjectionFit) -> None:
 def update_offset(
     fit: ProjectionFit, k: int, prediction: ProjectedPoint, point: Floats, decay: float
 ) -> None:
-    """Decay the offset of marker k by the factor `decay`, and add its newest residual.
+    """Update the offset of marker k by its newest residual.
 
-    Its centre is the raw `point` (2,) px; a lost marker adds nothing.
+    The weight of earlier residuals decays by the factor `decay`. `point` (2,) px is the raw
+    marker; while it is lost, the offset decays by the same factor.
     """
     fit.offset_weight[k] *= decay
     if not all_finite(point):

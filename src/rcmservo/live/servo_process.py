@@ -173,7 +173,7 @@ def run_session(session: Session, heartbeat: Any, supervisor: Connection) -> Non
         Pipe to the supervisor.
     """
     stop_requested = EndRequest(supervisor)
-    stop_requested.handle_signals()
+    stop_requested.install_handlers()
     heartbeat.value = IDLE
     try:
         message: Any = _run_devices(session, heartbeat, supervisor, stop_requested)

@@ -1,7 +1,8 @@
-"""Requests to end a process in order, by a signal or by the supervisor of the process.
+"""Requests for the orderly end of a process, by a signal or by its supervisor.
 
-A signal only sets a flag, so the process completes its present work first. The supervisor requests
-the end through its pipe, or by closing it.
+In the servo process, `EndRequest` stores a signal, and the process completes its present work. The
+supervisor requests the end through its pipe, or by closing it. In a command, `stopped_by_signals`
+raises an error at once.
 """
 
 import contextlib
@@ -33,7 +34,7 @@ class EndRequest:
         """Name of the received signal; empty before the first."""
         self._supervisor = supervisor
 
-    def handle_signals(self) -> None:
+    def install_handlers(self) -> None:
         """Handle signals from now on. Call it in the main thread of a separate process."""
         signal.signal(signal.SIGINT, signal.SIG_IGN)
         for number in END_SIGNALS:
@@ -48,9 +49,10 @@ class EndRequest:
 
 @contextlib.contextmanager
 def stopped_by_signals() -> Generator[None]:
-    """Raise :class:`Stopped` inside the context at the first stop signal.
+    """Raise `Stopped` inside the context at the first of the `END_SIGNALS`.
 
-    Further signals are ignored, so that nothing interrupts the orderly end.
+    Further ones are ignored until the end of the context, so that they interrupt no cleanup in it.
+    Outside the main thread, which alone can handle signals, nothing is done.
     """
     if threading.current_thread() is not threading.main_thread():
         yield

@@ -151,7 +151,7 @@ def _run_in_processes(groups: list[list[Assignment]], progress: Progress) -> dic
                 try:
                     future.result()
                     for job in others:
-                        job.copy(performed)
+                        job.copy_from(performed)
                 except NotMeasured as error:
                     for job in group:
                         failed.setdefault(job.folder.parent.name, str(error))

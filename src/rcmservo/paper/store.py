@@ -1,6 +1,6 @@
 """Results of tasks on disk: one folder per task, with the results as JSON.
 
-Single numbers must be finite, because NaN means a failed measurement. Arrays may have gaps, which
+A single number that is NaN means a failed measurement and is refused. Arrays may have gaps, which
 are null in JSON and NaN in memory.
 """
 
@@ -27,7 +27,7 @@ MODE_FILE = "paper.json"
 IMPORT_LINE = re.compile(r"^from rcmservo\.(paper[\w.]*) import ([\w, ]*)", re.MULTILINE)
 """Import of a module of `rcmservo.paper`, or of names from it."""
 SHARED_FOLDERS = ("recording", "figures")
-"""Folders of the package that results here depend on, but rows of a study do not."""
+"""Folders on which results of the paper depend, although `identify_package` leaves them out."""
 
 
 def prepare(out: Path, quick: bool) -> None:
@@ -85,9 +85,7 @@ class Assignment(NamedTuple):
 
     def perform(self) -> None:
         """Run the task, and move its results into the folder when they are complete."""
-        part = self.folder.with_name(self.folder.name + PART_SUFFIX)
-        for earlier in (part, self.folder):
-            shutil.rmtree(earlier, ignore_errors=True)
+        part = self._clear()
         part.mkdir(parents=True)
         result = self.task.work(part) if self.task.in_folder else self.task.work()
         stored = {"fingerprint": self.fingerprint, "values": to_json(result, self.task.name)}
@@ -95,10 +93,18 @@ class Assignment(NamedTuple):
         (part / RESULT_FILE).write_text(text)
         part.rename(self.folder)
 
-    def copy(self, other: "Assignment") -> None:
-        """Copy the result of another task with the same work."""
-        shutil.rmtree(self.folder, ignore_errors=True)
-        shutil.copytree(other.folder, self.folder)
+    def copy_from(self, other: "Assignment") -> None:
+        """Copy the result of another task with the same work, and complete it before it counts."""
+        part = self._clear()
+        shutil.copytree(other.folder, part)
+        part.rename(self.folder)
+
+    def _clear(self) -> Path:
+        """Remove earlier results, and return the folder for results that are not complete."""
+        part = self.folder.with_name(self.folder.name + PART_SUFFIX)
+        for earlier in (part, self.folder):
+            shutil.rmtree(earlier, ignore_errors=True)
+        return part
 
     @property
     def result(self) -> TaskResult:
@@ -119,7 +125,7 @@ def fingerprint(task: Task) -> str:
 
 
 def imported_paper_files(root: Path, module: Path) -> set[Path]:
-    """Return the files of `rcmservo.paper` that a module imports, directly or not, and its own."""
+    """Return a module's file and those of `rcmservo.paper` that it imports, also indirectly."""
     files: set[Path] = set()
     unread = {module}
     while unread:

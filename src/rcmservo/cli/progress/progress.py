@@ -11,7 +11,7 @@ from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, T
 from rcmservo.cli.terminal import can_rewrite_lines
 
 MIN_ELAPSED_S = 1e-3
-"""Shortest time in s by which the rate is computed, so that the first report divides by no zero."""
+"""Smallest elapsed time (s) in the rate, which avoids a division by zero."""
 
 
 @contextmanager
@@ -29,7 +29,7 @@ def show_progress(
     total : float
         Amount of work.
     done : float
-        Amount that was completed before.
+        Amount that was completed before this run.
     unit : str
         Unit of the amount; if given, the rate is shown as well.
 

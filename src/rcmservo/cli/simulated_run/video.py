@@ -38,8 +38,8 @@ def open_video(
     settings : RigSettings
         Settings of the simulated lab: image size and frame rate.
     frames_per_image : int
-        Number of camera frames per image of the video. The video plays in real time if its writer
-        receives one image per this number of frames.
+        Number of camera frames per image of the video: it plays in real time if every such frame is
+        written.
 
     Returns
     -------

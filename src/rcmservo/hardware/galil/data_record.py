@@ -45,12 +45,12 @@ AXIS_DTYPE = np.dtype(
         ("status", "<u2"),  # bits such as MOVING below
         ("switches", "u1"),  # bits such as FORWARD_SWITCH below
         ("stop", "u1"),  # stop code (SC)
-        ("reference", "<i4"),  # RP, counts
-        ("position", "<i4"),  # TP, counts
-        ("error", "<i4"),  # TE, counts
+        ("reference", "<i4"),  # commanded position (RP), counts
+        ("position", "<i4"),  # measured position (TP), counts
+        ("error", "<i4"),  # position error (TE), counts
         ("auxiliary", "<i4"),  # position of the auxiliary encoder (TD), counts
-        ("velocity", "<i4"),  # 64 times TV, counts/s
-        ("torque", "<i4"),  # TT, 1/3255 V
+        ("velocity", "<i4"),  # 64 times the speed (TV), counts/s
+        ("torque", "<i4"),  # motor command (TT), 1/3255 V
         ("analog", "<i2"),  # analog input
         ("hall", "u1"),  # Hall sensors
         ("reserved", "u1"),
@@ -80,7 +80,7 @@ HEADER_FLAGS = 0x87
 
 
 class InvalidRecord(RcmServoError):
-    """Error of bytes that are not a data record."""
+    """Error of bytes that are not a complete data record."""
 
 
 class DataRecord(NamedTuple):

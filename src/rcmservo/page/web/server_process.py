@@ -1,4 +1,4 @@
-"""Web server that ends on request of the process that started its process."""
+"""Web server in a child process, which its parent ends."""
 
 import asyncio
 import contextlib
@@ -15,7 +15,7 @@ SHUTDOWN_GRACE_S = 1
 
 
 class PageServer(uvicorn.Server):
-    """Server without signal handlers, because the supervisor handles Ctrl-C."""
+    """Server without signal handlers, because the parent process handles Ctrl-C."""
 
     @contextlib.contextmanager
     def capture_signals(self) -> Generator[None]:

@@ -6,7 +6,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 
 def render_template(package: str, **values: object) -> str:
-    """Render the template ``report.html.j2`` of a package with some values."""
+    """Render ``report.html.j2`` from the folder of a package; `values` fill it."""
     environment = Environment(
         loader=PackageLoader(package, "."),
         autoescape=True,
@@ -17,6 +17,6 @@ def render_template(package: str, **values: object) -> str:
     return environment.get_template("report.html.j2").render(**values)
 
 
-def make_data_uri(kind: str, data: bytes) -> str:
-    """Return the data URI of an image with the MIME type `kind`."""
-    return f"data:{kind};base64,{base64.b64encode(data).decode()}"
+def make_data_uri(mime_type: str, data: bytes) -> str:
+    """Return the data URI of an image with a MIME type."""
+    return f"data:{mime_type};base64,{base64.b64encode(data).decode()}"
