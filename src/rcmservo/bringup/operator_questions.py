@@ -1,4 +1,4 @@
-"""Questions to the operator that tell apart hypotheses which image and encoders cannot.
+"""Questions to the operator that distinguish hypotheses which image and encoders cannot.
 
 Image and encoders do not distinguish
 
