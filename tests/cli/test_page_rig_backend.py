@@ -63,6 +63,8 @@ def test_a_session_uses_the_speed_that_its_rig_file_allows(
         assert ("10 %" in backend.title) is not checked
         fast = SaturatedController(max_speed=55.0)
         backend.servo_settings.apply(SettingsChange("controller", fast))
+        if not checked:  # a check that passes later changes neither the speed nor the record
+            mark_rig_verified(compute_digest(rig.read_bytes()))
         made = backend.session(PageChannels(get_context("spawn")), tmp_path / "session-1")
     assert np.allclose(made.servo.gate.speed, share * np.array(given.servo.gate.speed))
     assert made.servo.controller.max_speed == pytest.approx(share * 55.0)

@@ -1,4 +1,4 @@
-"""Questions to the operator that distinguish hypotheses which image and encoders cannot.
+"""Questions to the operator, by which `rig check` decides what image and encoders leave open.
 
 Image and encoders do not distinguish
 

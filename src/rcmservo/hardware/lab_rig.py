@@ -42,6 +42,9 @@ class LabRig(LazyRig):
         Function that opens the camera of the file.
     """
 
+    speed_scale: float
+    """Fraction of the full speed that was allowed when the rig was made or last adapted a servo."""
+
     def __init__(
         self,
         path: Path | None,
@@ -53,6 +56,7 @@ class LabRig(LazyRig):
     ) -> None:
         require_devices(description, path, digest)
         self.path, self.description, self.digest = path, description, digest
+        self.speed_scale = self._find_speed_scale()
         super().__init__(
             partial(arm, description),
             partial(camera, description),
@@ -63,14 +67,16 @@ class LabRig(LazyRig):
             thresholds=description.thresholds,
         )
 
-    @property
-    def speed_scale(self) -> float:
-        """Fraction of the full speed that is allowed now."""
-        return 1.0 if is_rig_verified(self.digest) else UNCHECKED_SPEED_SCALE
-
     def adapt(self, servo: Servo) -> Servo:
-        """Return the servo for this rig, at the speed that is allowed."""
+        """Return the servo for this rig, at the speed that is allowed now.
+
+        `describe` then states this speed, also if ``rig check`` passes later.
+        """
+        self.speed_scale = self._find_speed_scale()
         return reduce_speed(super().adapt(servo), self.speed_scale)
+
+    def _find_speed_scale(self) -> float:
+        return 1.0 if is_rig_verified(self.digest) else UNCHECKED_SPEED_SCALE
 
     def describe(self) -> dict[str, Any]:
         """Return what the record stores of the lab: rig file, its digest, devices and speed."""

@@ -50,14 +50,14 @@ def live_on_hardware(
         Console for the progress.
     """
     Terminal().close()  # a missing terminal is reported before anything is connected
-    speed_scale, servo = rig.speed_scale, rig.adapt(options.servo)
+    servo = rig.adapt(options.servo)
     console.print(f"the arm and camera of {rig.path}; preparing …", style="dim", soft_wrap=True)
     with open_status_line(console) as line, report_compilation(line):
         servo.warm_up()
     line = open_status_line(console)
     preparation = HardwarePreparation(
         rig.description,
-        announce_motion(servo, options.duration, describe_speed_limits(rig, servo, speed_scale)),
+        announce_motion(servo, options.duration, describe_speed_limits(rig, servo)),
         options.target,
         options.save_target,
         options.teaching_frames,
@@ -84,20 +84,20 @@ def live_on_hardware(
         estimator=options.estimator,
         rig=str(rig.path),
         rig_sha256=rig.digest,
-        rig_checked=speed_scale == 1.0,
-        speed_scale=speed_scale,
+        rig_checked=rig.speed_scale == 1.0,
+        speed_scale=rig.speed_scale,
     )
     return save_result(result, read_record_if_any(folder), folder)
 
 
-def describe_speed_limits(rig: LabRig, servo: Servo, speed_scale: float) -> str:
+def describe_speed_limits(rig: LabRig, servo: Servo) -> str:
     """Return the limits of the joints' speeds and positions in words."""
     speed_1, speed_2, speed_3 = servo.gate.speed
     lower, upper = servo.mechanism.limits.arrays
     reason = (
-        f"which is {100.0 * speed_scale:g} % of the full speed, because `rcmservo rig check` "
+        f"which is {100.0 * rig.speed_scale:g} % of the full speed, because `rcmservo rig check` "
         f"has not passed for the present {rig.path}"
-        if speed_scale < 1.0
+        if rig.speed_scale < 1.0
         else f"the full speed, because `rcmservo rig check` has passed for {rig.path}"
     )
     return (

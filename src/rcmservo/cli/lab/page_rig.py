@@ -77,9 +77,8 @@ def open_hardware(options: LabOptions, rig: LabRig) -> Generator[PageBackend]:
     NoFrames
         If the camera delivers no image in time.
     """
-    speed_scale = rig.speed_scale
     selected_settings = SelectedSettings(
-        options.servo, without_limit if speed_scale == 1.0 else reduce_speed
+        options.servo, without_limit if rig.speed_scale == 1.0 else reduce_speed
     )
     with closing(open_camera(rig.description)) as camera:
         width, height = read_image_size(camera)
@@ -91,7 +90,7 @@ def open_hardware(options: LabOptions, rig: LabRig) -> Generator[PageBackend]:
         remote_stop.reset()
         limited_servo, record_path = selected_settings.limited, folder / RECORD
         stop_hint = "STOP switches the drive off; keep the emergency stop of the arm within reach."
-        limits = describe_speed_limits(rig, limited_servo, speed_scale)
+        limits = describe_speed_limits(rig, limited_servo)
         announcement = f"{describe_enabling(limited_servo)} {limits} {stop_hint}"
         preparation = PagePreparation(channels, limited_servo, rig.description, announcement)
         run_description = rig.describe() | describe_run(options, SESSION_DURATION_S)
@@ -113,8 +112,8 @@ def open_hardware(options: LabOptions, rig: LabRig) -> Generator[PageBackend]:
         )
 
     title = f"arm and camera of {rig.path}"
-    if speed_scale < 1.0:
-        title += f", at {100.0 * speed_scale:g} % of the speed until `rig check` passes"
+    if rig.speed_scale < 1.0:
+        title += f", at {100.0 * rig.speed_scale:g} % of the speed until `rig check` passes"
     yield PageBackend(
         title,
         camera=partial(RingCamera, frame_ring),
