@@ -38,6 +38,7 @@ from dataclasses import astuple, dataclass, field, replace
 from multiprocessing import Pool
 
 import numpy as np
+from changed_frames import ChangedCamera
 from unnoticed_rows import FIRST, MOVED, ROWS, RUN, SHOWING, TWO_RUNS, Trouble
 
 import rcmservo as rs
@@ -96,11 +97,20 @@ class Trial:
         settings = RigSettings(point_noise=NOISE, drive=row.drive)
         self.run, self.row, self.disturbances = run, row, disturbances
         self.rig = rs.sim.Rig(run.seed, settings, False, disturbances)
-        self.plant = rs.Plant(self.rig.arm, self.rig.camera, PointMarkers(), self.rig.clock)
+        self.camera = ChangedCamera(self.rig.camera)
+        self.plant = rs.Plant(self.rig.arm, self.camera, PointMarkers(), self.rig.clock)
         learner = ServoOptions().find_estimator(estimator)
         self.servo = rs.Servo(settings.mechanism, settings.tool, learner)
         self.unnoticed = UnnoticedGrowth(Oracle(self.rig.truth, NOISE))
         self.shown = self.marker_2()
+        self.change_start = 0
+
+    def change_frames(self) -> None:
+        """Change the frames from now on if the row does so."""
+        if self.row.frames is not None:
+            random = np.random.default_rng([self.run.seed, 7])
+            self.change_start = self.rig.clock.now() + round(1e9 * self.row.at(random))
+            self.camera.change = self.row.frames(random, self.rig, self.change_start)
 
     def marker_2(self) -> Floats:
         """Return the true position (3,) of marker 2 in mm."""
@@ -112,7 +122,9 @@ class Trial:
         self.shown = self.marker_2()
         if self.row.when == SHOWING:
             self.rig.begin()
+            self.change_frames()
         target = rs.teach(self.plant, FRAMES)
+        self.camera.change = None
         self.rig.go_home()
         if self.row.change is None:
             return target
@@ -134,6 +146,7 @@ class Trial:
         """Perform the evaluated run, and store its result."""
         if self.row.when == RUN:
             self.rig.begin()
+            self.change_frames()
         run, judge = self.run, OutcomeCollector(self.servo, target)
         for tick in self.watched(
             rs.servo_ticks(self.plant, self.servo, target, DURATION, state=state)
@@ -157,7 +170,7 @@ class Trial:
     def watched(self, ticks: Iterator[rs.Tick]) -> Generator[rs.Tick]:
         """Yield the ticks; record when the disturbance became visible, and each stop."""
         phase, events = None, self.rig.schedule.events
-        began = max((event.start for event in events), default=0)
+        began = max((event.start for event in events), default=self.change_start)
         for tick in ticks:
             self.unnoticed.update(tick, float(np.linalg.norm(self.marker_2() - self.shown)))
             if self.row.change is not None and tick.state.explored:

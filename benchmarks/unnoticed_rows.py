@@ -8,10 +8,21 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
+from changed_frames import (
+    MakeChange,
+    change_fraction,
+    freeze_with_noise,
+    misplace_marker,
+    release_joint,
+    repeat_every,
+    stand_still,
+    swap_markers,
+)
 
 import rcmservo as rs
 from rcmservo.interfaces import Floats
 from rcmservo.sim import Disturbance, Drive
+from rcmservo.sim.disturbances import expected_causes
 
 FIRST = 10.0
 """Duration (s) of the first of two runs."""
@@ -30,22 +41,6 @@ RUN, SHOWING, TWO_RUNS = "in the run", "while teaching", "between two runs"
 
 Chance = np.random.Generator
 Drawn = Callable[[Chance], float]
-
-
-@dataclass(frozen=True)
-class Trouble:
-    """A random disturbance; ``causes`` are expected in addition to those of its kind.
-
-    ``when`` is one of `RUN`, `SHOWING` and `TWO_RUNS`. ``change`` replaces the taught pixels (2, 2)
-    by those that the image of the run would have shown.
-    """
-
-    says: str
-    draw: Callable[[Chance], list[Disturbance]]
-    when: str = RUN
-    causes: frozenset[rs.Cause] = frozenset()
-    drive: Drive = field(default_factory=Drive)
-    change: Callable[[Chance, Floats], Floats] | None = None
 
 
 def sign(random: Chance) -> float:
@@ -77,6 +72,25 @@ def later(random: Chance) -> float:
 def at_any_time(random: Chance) -> float:
     """Return a start like `later`, but in one run of six during the exploration."""
     return random.uniform(*EXPLORING) if random.uniform() < 1.0 / 6.0 else later(random)
+
+
+@dataclass(frozen=True)
+class Trouble:
+    """A random disturbance; ``causes`` are expected in addition to those of its kind.
+
+    ``when`` is one of `RUN`, `SHOWING` and `TWO_RUNS`. ``change`` replaces the taught pixels (2, 2)
+    by those that the image of the run would have shown. ``frames`` changes the frames from a time
+    on that ``at`` draws, in s after the start of the run, or of teaching.
+    """
+
+    says: str
+    draw: Callable[[Chance], list[Disturbance]]
+    when: str = RUN
+    causes: frozenset[rs.Cause] = frozenset()
+    drive: Drive = field(default_factory=Drive)
+    change: Callable[[Chance, Floats], Floats] | None = None
+    frames: MakeChange | None = None
+    at: Drawn = later
 
 
 def acting(
@@ -125,6 +139,22 @@ def wrong_target(says: str, change: Callable[[Chance, Floats], Floats]) -> Troub
     """Return a trouble whose target the camera would show at other pixels than it was taught."""
     causes = frozenset({rs.Cause.IMPLAUSIBLE, rs.Cause.ELSEWHERE})
     return Trouble(says, lambda random: [], causes=causes, change=change)
+
+
+def changed_frames(
+    says: str,
+    frames: MakeChange,
+    at: Drawn = later,
+    causes: tuple[rs.Cause, ...] = (),
+    when: str = RUN,
+) -> Trouble:
+    """Return a trouble that changes frames."""
+    return Trouble(says, lambda random: [], when, causes=frozenset(causes), frames=frames, at=at)
+
+
+def from_start(random: Chance) -> float:
+    """Return the start of the run."""
+    return 0.0
 
 
 LAGS = frozenset({rs.Cause.NOT_FOLLOWING})
@@ -210,6 +240,60 @@ ROWS: dict[str, Trouble] = {
             axis=lambda random: random.integers(1, 4),
             speed=lambda random: sign(random) * random.uniform(0.3, 5.0),
         ),
+    ),
+    "frozen_noise": changed_frames(
+        "the image freezes, with 0.1 px of fresh noise; also while exploring",
+        freeze_with_noise(0.1),
+        at_any_time,
+        tuple(expected_causes("freeze")),
+    ),
+    "slide_3": Trouble(
+        "a decoy slides away from a marker at 3 px/s",
+        acting("decoy", marker=either, px=0.0, speed=3.0),
+    ),
+    "dolly_in": Trouble(
+        "the camera moves by -8 mm along its optical axis, at -3 mm/s",
+        acting("camera_dolly", lasts=8.0 / 3.0, mm=-8.0),
+    ),
+    "swapped_10": changed_frames(
+        "the markers are swapped in a tenth of the frames, from the start",
+        change_fraction(0.1, swap_markers),
+        from_start,
+        (rs.Cause.SWAPPED,),
+    ),
+    "released": changed_frames(
+        "a joint no longer moves the tool",
+        release_joint(),
+        causes=(rs.Cause.SURPRISED, rs.Cause.DRIFTS, rs.Cause.IMPLAUSIBLE, rs.Cause.ELSEWHERE),
+    ),
+    "wrong_5": changed_frames(
+        "a marker is 30-100 px wrong in 5 % of the frames, from the start",
+        change_fraction(0.05, misplace_marker),
+        from_start,
+        (rs.Cause.SURPRISED,),
+    ),
+    "wrong_10": changed_frames(
+        "as wrong_5, but in 10 % of the frames",
+        change_fraction(0.1, misplace_marker),
+        from_start,
+        (rs.Cause.SURPRISED,),
+    ),
+    "taught_4": changed_frames(
+        "a marker is 30-100 px wrong in 4 % of the frames while teaching",
+        change_fraction(0.04, misplace_marker),
+        from_start,
+        when=SHOWING,
+    ),
+    "repeated": changed_frames(
+        "every third frame repeats the last under a new number, from the start",
+        repeat_every(3),
+        from_start,
+    ),
+    "still": changed_frames(
+        "two things that do not move with the tool are detected as markers, from the start",
+        stand_still,
+        from_start,
+        (rs.Cause.STANDS_STILL,),
     ),
     "arm_clock": Trouble("the clock of the arm jumps back by 1 s", acting("arm_clock", s=-1.0)),
 }

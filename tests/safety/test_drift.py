@@ -15,13 +15,13 @@ from conftest import (
 )
 from rcmservo.control.exploration import ExplorationState
 from rcmservo.estimation.camera_fit import make_initial_fit, update_fit
-from rcmservo.estimation.camera_fit_prediction import predict_markers
+from rcmservo.estimation.camera_fit_prediction import predict_markers, squared_mahalanobis_distance
 from rcmservo.interfaces import Floats
 from rcmservo.numerics.structs import to_row
 from rcmservo.safety.causes import Cause
 from rcmservo.safety.checks.drift import detect_still_markers, one_marker_deviates, update_drift
 from rcmservo.safety.checks.repeated_frames import detect_repeated_frame
-from rcmservo.safety.innovation import find_deviating_markers, squared_mahalanobis_distance
+from rcmservo.safety.innovation import find_deviating_markers
 from rcmservo.safety.monitor_state import MonitorState, initial_monitor_state
 from rcmservo.safety.thresholds import Thresholds
 

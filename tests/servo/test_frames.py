@@ -5,30 +5,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from changed_frames import ChangedCamera, ChangeFrame, misplace_marker, release_joint
 
 import rcmservo as rs
 from conftest import ESTIMATORS, Laboratory, make_laboratory, make_random
-from rcmservo.interfaces import ArmMeasurement, Camera, Command, Floats, Frame
+from rcmservo.interfaces import ArmMeasurement, Command, Floats, Frame
 from rcmservo.loop.plant import Plant
 from rcmservo.tracking import PointMarkers
-
-ChangeFrame = Callable[[Frame, Frame | None], Frame]
-"""Function that returns the frame to deliver from the present one and the last delivered one."""
-
-
-class ChangedCamera:
-    """Camera that delivers changed frames of another one."""
-
-    def __init__(self, camera: Camera, change: ChangeFrame) -> None:
-        self._camera, self._change = camera, change
-        self._newest: Frame | None = None
-        self._delivered: Frame | None = None
-
-    def latest(self) -> Frame | None:
-        newest = self._camera.latest()
-        if newest is not None and newest is not self._newest:
-            self._newest, self._delivered = newest, self._change(newest, self._delivered)
-        return self._delivered
 
 
 def change_camera(lab: Laboratory, change: ChangeFrame) -> Plant:
@@ -154,15 +137,6 @@ def test_a_frame_number_that_wraps_is_a_new_frame(bits: int) -> None:
     assert list_stops(ticks) == [] and measure_error_mm(ticks, lab) < 2.0
 
 
-def misplace_marker(frame: Frame, random: np.random.Generator) -> Frame:
-    """Return a frame with one marker 30 to 100 px from its place."""
-    assert frame.points is not None
-    points, angle = frame.points.copy(), random.uniform(0.0, 2.0 * np.pi)
-    distance = random.uniform(30.0, 100.0)
-    points[random.integers(2)] += distance * np.array([np.cos(angle), np.sin(angle)])
-    return replace(frame, points=points)
-
-
 @pytest.mark.parametrize("index", [0, 1, 2, 3, 5, 8, 13, 21, 34, 55])
 def test_a_single_wrong_frame_pauses_no_exploration(index: int) -> None:
     """The first frame included: later frames that agree with each other replace it."""
@@ -211,23 +185,6 @@ def test_markers_swapped_in_a_tenth_of_the_frames_are_no_drift() -> None:
     assert len(errors_mm) >= 3 and max(errors_mm) < 1.0
 
 
-def release_joint(lab: Laboratory, joint: int, after_s: float) -> ChangeFrame:
-    """Return a change that shows the tool as if a joint no longer moved it after `after_s` s."""
-    held, random, body = list[Floats](), make_random(0), lab.rig.body
-    release_ns = lab.rig.clock.now() + after_s * 1e9
-
-    def change(frame: Frame, _: Frame | None) -> Frame:
-        if frame.exposure < release_ns:
-            return frame
-        held.append(lab.rig.truth.arm.joints_at(frame.exposure).copy())
-        q = held[-1].copy()
-        q[joint] = held[0][joint]
-        points = lab.rig.scene.optics.project(body.points(q)[:2])
-        return replace(frame, points=points + 0.1 * random.standard_normal((2, 2)))
-
-    return change
-
-
 @pytest.mark.parametrize("joint", [0, 1, 2])
 @pytest.mark.parametrize("after_s", [1.0, 1.8])
 def test_a_joint_that_no_longer_moves_the_tool_is_among_the_reasons(
@@ -236,7 +193,8 @@ def test_a_joint_that_no_longer_moves_the_tool_is_among_the_reasons(
     texts = list[str]()
     for seed in (6000, 6002, 6004):
         lab = make_laboratory(seed)
-        change = release_joint(lab, joint, after_s)
+        start = lab.rig.clock.now() + round(after_s * 1e9)
+        change = release_joint(joint)(make_random(0), lab.rig, start)
         states = [tick.state for tick in run(change_camera(lab, change), lab, 6.0)]
         texts += [state.text for state in states if state.phase is rs.Phase.PAUSED][:1]
     assert texts

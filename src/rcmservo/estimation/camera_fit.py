@@ -100,6 +100,7 @@ class ProjectionFit(Row):
     offset: Floats = reals((2, 2), "px", "mean residual of each marker")
     offset_weight: Floats = reals(2, "", "number of frames in the offset of each marker")
     newest_p1: Floats = reals(3, "mm", "p₁ of the newest frame")
+    marker_weights: Floats = reals(2, "", "weight of each marker in the newest frame, 0 to 1")
     work: FitWorkspace = part(FitWorkspace, "intermediate results of the newest fit")
 
 
@@ -123,7 +124,7 @@ class ProjectedPoint(NamedTuple):
 
 def make_initial_fit() -> ProjectionFit:
     """Return the fit before the first frame."""
-    return ProjectionFit.of(origin=np.nan, noise_variance=PRIOR_NOISE_PX**2)
+    return ProjectionFit.of(origin=np.nan, noise_variance=PRIOR_NOISE_PX**2, marker_weights=1.0)
 
 
 @compiled
@@ -140,6 +141,7 @@ def reset_fit(fit: ProjectionFit) -> None:
     fill(fit.offset, 0.0)
     fill(fit.offset_weight, 0.0)
     fill(fit.newest_p1, 0.0)
+    fill(fit.marker_weights, 1.0)
     fill(fit.work.x, 0.0)
     fill(fit.work.m, 0.0)
     fill(fit.work.Q, 0.0)
@@ -153,7 +155,7 @@ def reset_fit(fit: ProjectionFit) -> None:
 def update_fit(fit: ProjectionFit, p1: Floats, points: Floats, shaft: ToolStruct) -> None:
     """Update the fit by one frame with the raw `points` (2, 2) px and marker 1 at p1 (3,) mm.
 
-    After the first frame either marker may be NaN.
+    After the first frame either marker may be NaN. The markers count with `fit.marker_weights`.
     """
     is_first = not fit.frame_count > 0.0
     if is_first:
@@ -206,8 +208,9 @@ def add_marker(fit: ProjectionFit, k: int, prediction: ProjectedPoint, points: F
     """Add marker k with the raw `points` (2, 2) px to the sums, unless it is lost."""
     if not all_finite(points[k]):
         return
-    fit.frame_count += 0.5
-    x, m, weight = fit.work.x, fit.work.m, 1.0 / max(prediction.z, MIN_WEIGHT_DEPTH) ** 2
+    fit.frame_count += 0.5 * fit.marker_weights[k]
+    x, m = fit.work.x, fit.work.m
+    weight = fit.marker_weights[k] / max(prediction.z, MIN_WEIGHT_DEPTH) ** 2
     x[0], x[1], x[2], x[3] = prediction.x
     for i in range(2):
         m[i] = points[k, i] - fit.origin[3 + i]
@@ -340,5 +343,5 @@ def update_offset(
         return
     fit.offset_weight[k] = min(fit.offset_weight[k] + 1.0, MAX_OFFSET_FRAMES)
     for i in range(2):
-        residual = point[i] - fit.origin[3 + i] - prediction.m[i]
-        fit.offset[k, i] += (residual - fit.offset[k, i]) / fit.offset_weight[k]
+        change = point[i] - fit.origin[3 + i] - prediction.m[i] - fit.offset[k, i]
+        fit.offset[k, i] += fit.marker_weights[k] * change / fit.offset_weight[k]

@@ -37,6 +37,18 @@ def compute_image_covariance(
 
 
 @compiled
+def squared_mahalanobis_distance(
+    u: float, v: float, covariance: tuple[float, float, float], noise_variance: float
+) -> float:
+    """Return xᵀ (C + σ² I)⁻¹ x of x = (u, v) px, with the noise variance σ² in px².
+
+    `covariance` has the entries C_uu, C_uv and C_vv in px².
+    """
+    uu, uv, vv = covariance[0] + noise_variance, covariance[1], covariance[2] + noise_variance
+    return (vv * u**2 - 2.0 * uv * u * v + uu * v**2) / (uu * vv - uv * uv)
+
+
+@compiled
 def compute_spacing_covariance(
     fit: ProjectionFit, image_1: ProjectedPoint, image_2: ProjectedPoint
 ) -> tuple[float, float, float]:

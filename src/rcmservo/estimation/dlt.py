@@ -26,6 +26,7 @@ from rcmservo.estimation.camera_fit_prediction import (
     write_predicted_image,
     write_predicted_markers,
 )
+from rcmservo.estimation.marker_weights import weigh_markers
 from rcmservo.geometry.tool import Tool
 from rcmservo.interfaces import Floats
 from rcmservo.numerics.jit import compiled
@@ -116,6 +117,7 @@ class DltEstimator(Estimator):
     ) -> Rows[ProjectionFit]:
         """Return the fit after one new frame, in which one marker may be lost (NaN)."""
         memory = memory.copy()
+        weigh_markers(memory[0], sample.p1, sample.points, tool.struct)
         update_fit(memory[0], sample.p1, sample.points, tool.struct)
         return memory
 

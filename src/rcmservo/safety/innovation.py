@@ -14,7 +14,10 @@ from rcmservo.estimation.camera_fit import (
     ProjectionFit,
     project_markers,
 )
-from rcmservo.estimation.camera_fit_prediction import compute_image_covariance
+from rcmservo.estimation.camera_fit_prediction import (
+    compute_image_covariance,
+    squared_mahalanobis_distance,
+)
 from rcmservo.geometry.features import (
     FEATURE_SCALE,
     compute_feature_error,
@@ -145,18 +148,6 @@ def deviates_from_prediction(
     covariance = compute_image_covariance(fit, predicted)
     squared = squared_mahalanobis_distance(error_u, error_v, covariance, noise_variance)
     return not fraction * fraction * squared <= thresholds.max_innovation**2
-
-
-@compiled
-def squared_mahalanobis_distance(
-    u: float, v: float, covariance: tuple[float, float, float], noise_variance: float
-) -> float:
-    """Return xᵀ (C + σ² I)⁻¹ x of x = (u, v) px, with the noise variance σ² in px².
-
-    `covariance` has the entries C_uu, C_uv and C_vv in px².
-    """
-    uu, uv, vv = covariance[0] + noise_variance, covariance[1], covariance[2] + noise_variance
-    return (vv * u**2 - 2.0 * uv * u * v + uu * v**2) / (uu * vv - uv * uv)
 
 
 @compiled

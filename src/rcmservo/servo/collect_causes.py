@@ -11,6 +11,7 @@ from rcmservo.estimation.camera_fit_prediction import (
     compute_image_covariance,
     compute_pose_deviation,
     compute_spacing_covariance,
+    squared_mahalanobis_distance,
     write_point_jacobian,
 )
 from rcmservo.geometry.kinematics import compute_point_distance, compute_position_tuple
@@ -20,7 +21,6 @@ from rcmservo.numerics.jit import compiled
 from rcmservo.numerics.small_linalg import compute_norm
 from rcmservo.safety.causes import find_causes
 from rcmservo.safety.checks.facts import TickFacts
-from rcmservo.safety.innovation import squared_mahalanobis_distance
 from rcmservo.safety.state_machine import ACQUIRE, DISABLED, FAULT, HOLD, PAUSED, SERVO
 from rcmservo.safety.thresholds import Thresholds
 from rcmservo.servo.kernel_parameters import (

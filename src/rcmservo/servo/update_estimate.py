@@ -11,6 +11,7 @@ import numpy as np
 
 from rcmservo.estimation.base import Estimate, KernelSample
 from rcmservo.estimation.camera_fit import update_fit
+from rcmservo.estimation.marker_weights import weigh_markers
 from rcmservo.geometry.features import (
     POINTS_CODE,
     SRD_CODE,
@@ -40,6 +41,8 @@ MAX_ORIGIN_DISTANCE_PX = 800.0
 def fit_frame(tick: TickContext, lines: Floats) -> tuple[Floats, int]:
     """Update the projection fit and the lines of eq. (16) by the markers, of which one may be lost.
 
+    A line through a false detection is left out, except for the paper's (16) as printed.
+
     Returns
     -------
     tuple
@@ -47,15 +50,19 @@ def fit_frame(tick: TickContext, lines: Floats) -> tuple[Floats, int]:
         estimator computes it, else FRAME_ACCEPTED.
     """
     estimate, points, parameters = tick.stored.estimate, tick.observation.points, tick.parameters
-    update_fit(tick.stored.projection_fit, estimate.p1, points, make_tool_struct(parameters))
+    fit, shaft = tick.stored.projection_fit, make_tool_struct(parameters)
+    weigh_markers(fit, estimate.p1, points, shaft)
+    update_fit(fit, estimate.p1, points, shaft)
     unknown_result = FRAME_UPDATES if parameters.estimates_rcm else FRAME_ACCEPTED
     if not all_finite(points):
         return lines, unknown_result
-    count, refinements = estimate.line_count, parameters.imaged_rcm.refinements
-    lines, estimate.line_count, o_c, estimate.rcm_condition = update_imaged_rcm(
-        lines, count, points, refinements, parameters.uses_paper_rcm
-    )
-    copy_into(estimate.o_c, o_c)
+    is_right = fit.marker_weights[0] == 1.0 and fit.marker_weights[1] == 1.0
+    if is_right or parameters.uses_paper_rcm:
+        count, refinements = estimate.line_count, parameters.imaged_rcm.refinements
+        lines, estimate.line_count, o_c, estimate.rcm_condition = update_imaged_rcm(
+            lines, count, points, refinements, parameters.uses_paper_rcm
+        )
+        copy_into(estimate.o_c, o_c)
     is_known = estimate.rcm_condition <= parameters.imaged_rcm.max_condition
     return lines, FRAME_UPDATES if is_known else unknown_result
 
@@ -87,8 +94,9 @@ def update_with_fit(kernel: Any, memory: Any, tick: TickContext, dt: float) -> t
     """Implement `update_estimator` for an estimator that computes the imaged RCM itself."""
     stored, estimate = tick.stored, tick.stored.estimate
     fit, result = stored.projection_fit, stored.estimator_result
-    frames_before = fit.frame_count
-    update_fit(fit, estimate.p1, tick.observation.points, make_tool_struct(tick.parameters))
+    frames_before, shaft = fit.frame_count, make_tool_struct(tick.parameters)
+    weigh_markers(fit, estimate.p1, tick.observation.points, shaft)
+    update_fit(fit, estimate.p1, tick.observation.points, shaft)
     copy_into(result.o_c, estimate.o_c)
     copy_into(result.o_c_covariance, estimate.o_c_covariance)
     fit_changed = fit.frame_count > frames_before or estimate.rcm_condition > 0.0

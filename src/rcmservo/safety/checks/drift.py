@@ -10,13 +10,15 @@ the noise.
 import numpy as np
 
 from rcmservo.estimation.camera_fit import ProjectedPoint, ProjectionFit, project_markers
-from rcmservo.estimation.camera_fit_prediction import compute_image_covariance
+from rcmservo.estimation.camera_fit_prediction import (
+    compute_image_covariance,
+    squared_mahalanobis_distance,
+)
 from rcmservo.geometry.tool import ToolStruct
 from rcmservo.interfaces import Floats
 from rcmservo.numerics.jit import compiled
 from rcmservo.numerics.small_linalg import all_finite, compute_distance, compute_norm, copy_into
 from rcmservo.safety.checks.facts import TickFacts
-from rcmservo.safety.innovation import squared_mahalanobis_distance
 from rcmservo.safety.monitor_state import MonitorState
 from rcmservo.safety.thresholds import Thresholds
 
