@@ -166,7 +166,7 @@ def test_the_true_pose_error_belongs_to_the_joints_of_the_target() -> None:
     log = MotionLog(get_context("spawn"))
     log.add(0, 0, 0, False, np.zeros(3), lab.rig.scene.start)
     channels = PageChannels(get_context("spawn"))
-    board = make_dashboard(channels, target=lab.target, truth=TruePositionError(settings, log))
+    board = make_dashboard(channels, target=lab.target, truth=TruePositionError(settings, 0, log))
     body = ToolBody(settings.mechanism, settings.tool)
     error = body.points(lab.rig.scene.start)[1] - body.points(lab.target.q)[1]
     assert board.to_table()["truth_mm"] == pytest.approx(np.linalg.norm(error), abs=1e-3)

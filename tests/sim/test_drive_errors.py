@@ -82,7 +82,7 @@ def test_the_true_error_uses_the_true_joints() -> None:
         def last(self) -> dict[str, Floats]:
             return {"q": rig.arm.q_true}
 
-    error = TruePositionError(settings, Log())  # type: ignore[arg-type]
+    error = TruePositionError(settings, 0, Log())  # type: ignore[arg-type]
     assert error(target.q) < 0.01
     rig.go_home()
     displacement = rig.body.points(rig.scene.start)[1] - rig.body.points(rig.scene.target)[1]

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from conftest import mark_others_slow
+from rcmservo.config.rig_file import RigDescription
 from rcmservo.errors import BadInput
 from rcmservo.estimation.base import Estimator
 from rcmservo.estimation.dlt import DltEstimator
@@ -19,8 +20,10 @@ from rcmservo.servo.servo import Servo
 from rcmservo.sim import Drive, Rig, RigSettings
 from rcmservo.sim.arm import HARD_STOP_RATIO
 from rcmservo.sim.camera_model import CameraModel, compute_look_at_rotation
+from rcmservo.sim.imperfections import Imperfections
 from rcmservo.sim.rendering import Tissue
 from rcmservo.sim.rig import sample_scene_of_seed
+from rcmservo.sim.rig_file import read_rig_settings
 from rcmservo.sim.scene import Scene
 from rcmservo.sim.tool_body import ToolBody
 from rcmservo.study import StudyRun
@@ -270,7 +273,7 @@ def test_given_noise_of_another_shape_or_for_rendered_frames_raises_an_error() -
 
 def test_the_compiled_plant_stops_at_the_hard_stop_of_the_true_joints() -> None:
     study = make_study(replace(QUIET, drive=INACCURATE))
-    plant = study._make_plant(sample_scene_of_seed(0, QUIET)[0])
+    plant = study._make_plant(0, sample_scene_of_seed(0, QUIET)[0])
     row = plant.rows[0]
     reset_plant(row, FIRST_TICK_NS)
     for k in range(500):
@@ -300,3 +303,36 @@ def test_both_engines_agree_in_every_scene(method: str, seeds: range) -> None:
         assert first.pose_error_mm == pytest.approx(second.pose_error_mm, rel=0.05), seed
         assert (first.bound_mm, first.condition) == (second.bound_mm, second.condition)
         assert first.unnoticed_mm == pytest.approx(second.unnoticed_mm, abs=0.01), seed
+
+
+IMPERFECTIONS = {
+    "axis_distance": 2.0,
+    "insertion_distance": 2.0,
+    "marker_distance": 2.0,
+    "backlash": (0.005, 0.005, 0.3),
+    "friction_bend": 0.02,
+    "port_motion": 1.0,
+    "gain_error": 0.03,
+    "report_period": 0.02,
+    "stamp_error": 0.004,
+    "read_out": 0.01,
+    "focus": 0.0005,
+    "air": 0.2,
+}
+
+
+@pytest.mark.parametrize("name", [*IMPERFECTIONS, "worn"])
+def test_an_imperfect_arm_is_the_same_on_both_plants(name: str) -> None:
+    """The runs differ from those of an ideal arm, so that the imperfection acts on both."""
+    settings = NOISY_WRIST if name == "marker_distance" else NOISY
+    ideal = make_study(settings, duration=4.0).run(1)
+    if name == "worn":
+        imperfect = read_rig_settings(RigDescription(), "worn")
+    else:
+        errors = Imperfections(**{name: IMPERFECTIONS[name], "roll": 0.2})
+        imperfect = replace(settings, imperfections=errors)
+    study = make_study(imperfect, duration=4.0)
+    compiled, mujoco = study.run(1), run_mujoco(study, 1)
+    assert np.abs(compiled.error - mujoco.error).max() < TOLERANCE_MM
+    assert np.array_equal(compiled.causes, mujoco.causes)
+    assert np.abs(compiled.error - ideal.error).max() > 1e-3

@@ -172,7 +172,7 @@ def test_the_latency_includes_half_of_the_exposure() -> None:
     cell = make_small_plan(latency=(0.05,)).cells[0]
     study = cell.make_engine(0, cell.rebuild_servo({}))
     assert isinstance(study, CompiledEngine)
-    plant = study._make_plant(sample_scene(cell, 0))  # pyright: ignore[reportPrivateUsage]
+    plant = study._make_plant(0, sample_scene(cell, 0))  # pyright: ignore[reportPrivateUsage]
     assert plant.frame_timing.latency == 50_000_000
 
 

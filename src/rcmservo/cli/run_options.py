@@ -10,7 +10,7 @@ from contextlib import nullcontext
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
@@ -129,6 +129,9 @@ class RunOptions(RunToTargetOptions):
         Store all frames in the record for `export`.
     disturb : tyro.conf.UseAppendAction[tuple[str, ...]]
         Disturbance, as kind:at=5,for=0.5,key=value; repeatable. --disturb help lists all kinds.
+    arm : Literal['ideal', 'good', 'worn']
+        ideal; good or worn: an arm with backlash, axes, markers, drives and picture as real arms
+        have them, another one for each seed.
     resumes : int
         Number of times that a scripted operator resumes after a pause, or teaches the target
         again if needed.
@@ -137,7 +140,16 @@ class RunOptions(RunToTargetOptions):
     video: bool = True
     frames: bool = False
     disturb: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
+    arm: Literal["ideal", "good", "worn"] = "ideal"
     resumes: Annotated[int, between(0, 1000, "a whole number")] = 0
+
+    @cached_property
+    def rig_settings(self) -> "RigSettings":
+        """Settings of the simulated arm and camera of the rig file, with an arm of this quality."""
+        from rcmservo.sim.rig_file import read_rig_settings
+
+        with name_origin_in_errors(self.rig) if self.rig else nullcontext():
+            return read_rig_settings(self.lab, self.arm)
 
     @cached_property
     def disturbances(self) -> "tuple[Disturbance, ...]":

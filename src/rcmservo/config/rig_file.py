@@ -34,7 +34,7 @@ MAX_RIG_FILE_BYTES = 64 * 1024
 DEVICE_SECTIONS = ("arm", "camera", "tracker")
 """Sections of real devices and of a user-defined tracker. A [camera] is a device if it has the key
 `kind`."""
-SIMULATION_SECTIONS = ("camera", "drive", "appearance", "scene")
+SIMULATION_SECTIONS = ("camera", "drive", "appearance", "scene", "imperfections")
 """Sections of the simulation. A [camera] without the key `kind` describes a simulated camera."""
 
 SectionSettings = TypeVar("SectionSettings")

@@ -2,9 +2,9 @@
 
 A command reaches a joint after a delay and through a first-order lag. A rate inside the deadband
 moves nothing, and the actual rate may differ from the commanded one by a constant ratio. The
-encoders quantise the joints and may have a zero offset. A watchdog stops the arm when no more valid
-commands arrive. Gravity is compensated, and hard stops end the joint ranges. MuJoCo uses m;
-everything else here uses mm.
+encoders at the motors quantise the joints and may have a zero offset; with backlash the tool
+follows the motors late. A watchdog stops the arm when no more valid commands arrive. Gravity is
+compensated, and hard stops end the joint ranges. MuJoCo uses m; everything else here uses mm.
 """
 
 from collections import deque
@@ -20,6 +20,11 @@ from rcmservo.geometry.kinematics import FULL_TURN_RAD, PITCH_YAW, Kinematics
 from rcmservo.interfaces import ArmMeasurement, Command, Floats
 from rcmservo.loop.joint_history import JointHistory
 from rcmservo.safety.watchdog import Watchdog
+from rcmservo.sim.imperfect_markers import (
+    NO_IMPERFECTIONS,
+    ImperfectionsStruct,
+    follow_with_backlash,
+)
 
 UNTYPED_MUJOCO: Any = mujoco
 """MuJoCo as an untyped module: it creates its names at run time."""
@@ -135,6 +140,9 @@ def write_mjcf(mechanism: Kinematics) -> str:
 </mujoco>"""
 
 
+NO_GAP = np.zeros(3)
+"""Tool in the middle of the gaps of the backlash."""
+
 NO_CREEP = 0.0, 0.0, 0.0
 """Rates (rad/s, rad/s, mm/s) that motors add while the drive is off."""
 
@@ -151,6 +159,8 @@ class SimulatedArm:
         Kinematics and joint limits.
     drive : Drive
         Delay, lag, deadband and errors of the drives and encoders.
+    imperfections : ImperfectionsStruct
+        Backlash, errors of the rates and period of the joint reports; none by default.
     """
 
     gains: list[float]
@@ -165,7 +175,13 @@ class SimulatedArm:
     before_step: Callable[[], None] | None
     """Callback that runs before every physics step, if set."""
 
-    def __init__(self, mechanism: Kinematics, drive: Drive) -> None:
+    def __init__(
+        self,
+        mechanism: Kinematics,
+        drive: Drive,
+        imperfections: ImperfectionsStruct = NO_IMPERFECTIONS,
+    ) -> None:
+        self.imperfections = imperfections
         self.mechanism, self.drive = mechanism, drive
         self.time, self.clock_error = 0, 0
         self.watchdog = Watchdog()
@@ -179,21 +195,26 @@ class SimulatedArm:
         self._setpoint, self._rates = [0.0] * 3, [0.0] * 3
         self._is_bypassed = False
         self._lag_fraction = float(1.0 - np.exp(-PHYSICS_STEP_NS * 1e-9 / drive.lag))
-        self._rate_ratios = [1.0 + error for error in drive.rate_error]
+        ratios = (1.0 + np.array(drive.rate_error)) * imperfections.rate_ratios
+        self._rate_ratios: list[float] = ratios.tolist()
         self._resolution = np.maximum(np.array(drive.encoder), 1e-12)
         self._history = JointHistory(HISTORY_STEPS)
+        self._joints, self._has_backlash = self.q_motor, bool(imperfections.half_gap.any())
+        self._report = ArmMeasurement(-1, self._joints, False)
         self._history.add(self.time, self.q_true)
 
-    def place(self, q: Floats) -> None:
-        """Put the arm at the joints q (3,), at rest and with its drives off.
+    def place(self, q: Floats, in_gap: Floats = NO_GAP) -> None:
+        """Put the motors at the joints q (3,), at rest and with the drives off.
 
-        The history of the joints restarts there. Only a simulation can do this.
+        The tool is at `in_gap` (3,), -1 to 1, in the gaps of the backlash. The history of the
+        joints restarts there. Only a simulation can do this.
         """
         self.watchdog.disable()
         self._qpos[:] = (q * MUJOCO_UNITS)[self._mujoco_order]
         self._data.qvel[:] = 0.0
         self._stop_drives()
         UNTYPED_MUJOCO.mj_forward(self._model, self._data)
+        self._joints = self.q_motor + in_gap * self.imperfections.half_gap
         self._history.clear()
         self._history.add(self.time, self.q_true)
 
@@ -213,6 +234,9 @@ class SimulatedArm:
             self._setpoint = self._queue.popleft()[1]
         self._step_drives()
         UNTYPED_MUJOCO.mj_step(self._model, self._data)
+        if self._has_backlash:
+            self._joints = self._joints.copy()
+            follow_with_backlash(self.imperfections.rows[0], self.q_motor, self._joints)
         self._history.add(self.time, self.q_true)
 
     def control(self, rates: list[float], on: bool) -> None:
@@ -262,7 +286,12 @@ class SimulatedArm:
 
     @property
     def q_true(self) -> Floats:
-        """True joints (3,), converted from MuJoCo's order and units."""
+        """True joints (3,) of the tool."""
+        return self._joints if self._has_backlash else self.q_motor
+
+    @property
+    def q_motor(self) -> Floats:
+        """True joints (3,) at the motors, converted from MuJoCo's order and units."""
         return self._qpos[self._joint_order] / self._unit
 
     @property
@@ -282,8 +311,11 @@ class SimulatedArm:
 
     def measure(self) -> ArmMeasurement:
         """Return the time (ns), the joints (3,) of the quantised encoders and the drives' state."""
-        q = np.round(self.drive.measured(self.q_true) / self._resolution) * self._resolution
-        return ArmMeasurement(self._device_time, q, self.watchdog.enabled)
+        if self.time >= self._report.time + self.imperfections.report_period:
+            measured = self.drive.measured(self.q_motor)
+            q = np.round(measured / self._resolution) * self._resolution
+            self._report = ArmMeasurement(self.time, q, self.watchdog.enabled)
+        return ArmMeasurement(self._device_time, self._report.q, self.watchdog.enabled)
 
     def apply(self, command: Command) -> Floats:
         """Queue a command if the watchdog accepts it, and return the accepted rates (3,).

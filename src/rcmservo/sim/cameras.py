@@ -15,11 +15,15 @@ from rcmservo.errors import require
 from rcmservo.interfaces import Floats, Frame
 from rcmservo.sim.arm import SimulatedArm
 from rcmservo.sim.camera_model import CameraModel
+from rcmservo.sim.imperfect_markers import BEND_INTERVAL_NS, compute_focus, compute_row_delay
 from rcmservo.sim.rendering import LightFilter, Renderer
 from rcmservo.sim.tool_body import ToolBody
 
 POSES_PER_EXPOSURE = 4
 """Poses of the tool that one exposure averages."""
+
+AIR_MEMORY_S = 0.5
+"""Time (s) within which the slow motion of the markers by the air loses its memory."""
 
 Noise = Callable[[int], Floats]
 """Function from a frame's number to the noise (2, 2) px of both markers."""
@@ -28,6 +32,29 @@ Noise = Callable[[int], Floats]
 def make_gaussian_noise(deviation: float, random: np.random.Generator) -> Noise:
     """Return normal noise of a standard `deviation` in px, sampled when a frame is made."""
     return lambda _: deviation * random.standard_normal((2, 2))
+
+
+def make_drifting_noise(
+    deviation: float, air: float, frame_rate: float, random: np.random.Generator
+) -> Noise:
+    """Return normal noise like `make_gaussian_noise`, plus a slow motion of each marker.
+
+    The motion has the standard deviation `air` px, and forgets its past within AIR_MEMORY_S.
+    """
+    newest, motion = [0], air * random.standard_normal((2, 2))
+
+    def draw(number: int) -> Floats:
+        motion[:] = step_air(motion, air, (number - newest[0]) / frame_rate, random)
+        newest[0] = number
+        return motion + deviation * random.standard_normal((2, 2))
+
+    return draw
+
+
+def step_air(motion: Floats, air: float, dt: float, random: np.random.Generator) -> Floats:
+    """Return the slow motion (2, 2) px of the markers `dt` s later."""
+    kept = np.exp(-abs(dt) / AIR_MEMORY_S)
+    return kept * motion + air * np.sqrt(1.0 - kept**2) * random.standard_normal((2, 2))
 
 
 def make_recorded_noise(noise: Floats, last_number: int) -> Noise:
@@ -131,7 +158,13 @@ class SimulatedCamera(ABC):
 
     def points_at(self, time: int) -> Floats:
         """Return `ToolBody.points` (4, 3) mm at a time (ns) within the last second."""
-        return self.body.points(self.arm.joints_at(time))
+        joints_at = self.arm.joints_at
+        return self.body.points(joints_at(time), joints_at(time - BEND_INTERVAL_NS), time)
+
+    @property
+    def stamp_error(self) -> int:
+        """Reported minus true exposure time, ns."""
+        return int(self.body.imperfections.stamp_error)
 
     @abstractmethod
     def make_frame(self, number: int, exposure: int, arrival: int) -> Frame:
@@ -160,7 +193,7 @@ class PictureCamera(SimulatedCamera):
         times = [exposure + round(f * self.timing.exposure * 1e9) for f in fractions]
         poses = np.stack([self.points_at(time) for time in times])
         image = self.renderer.render(poses, number, self.light_filter)
-        return Frame(number, exposure, arrival, image=image)
+        return Frame(number, exposure + self.stamp_error, arrival, image=image)
 
 
 @final
@@ -178,8 +211,26 @@ class PointCamera(SimulatedCamera):
 
     def make_frame(self, number: int, exposure: int, arrival: int) -> Frame:
         """Return a frame with the markers (2, 2) px, NaN where one is outside the image."""
-        points = self.optics.project(self.points_at(exposure)[:2]) + self.noise(number)
+        points = self._image_markers(exposure) + self.noise(number)
         size = np.array([self.optics.width, self.optics.height])
         inside = ((points >= 0.0) & (points <= size - 1.0)).all(axis=1)
         points[~inside] = np.nan
-        return Frame(number, exposure, arrival, points=points)
+        return Frame(number, exposure + self.stamp_error, arrival, points=points)
+
+    def _image_markers(self, exposure: int) -> Floats:
+        """Return the markers (2, 2) px, each at the exposure of its row."""
+        errors, markers = self.body.imperfections, self._image_markers_at(exposure)
+        if errors.read_out > 0.0:
+            for k in range(2):
+                delay = compute_row_delay(errors.rows[0], markers[k, 1], self.optics.height)
+                markers[k] = self._image_markers_at(exposure + delay)[k]
+        return markers
+
+    def _image_markers_at(self, time: int) -> Floats:
+        """Return the markers (2, 2) px at `time` ns, with the focal length of then."""
+        errors, images = self.body.imperfections, self.optics.project(self.points_at(time)[:2])
+        if not errors.focus > 0.0:
+            return images
+        return self.optics.centre + compute_focus(errors.rows[0], time) * (
+            images - self.optics.centre
+        )

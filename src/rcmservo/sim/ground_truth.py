@@ -12,6 +12,7 @@ from rcmservo.recording.writer import Recorder, ThreadedRecorder
 from rcmservo.sim.arm import SimulatedArm
 from rcmservo.sim.camera_kernels import compute_true_jacobian
 from rcmservo.sim.camera_model import CameraModel
+from rcmservo.sim.imperfect_markers import BEND_INTERVAL_NS
 from rcmservo.sim.tool_body import ToolBody
 
 
@@ -45,7 +46,8 @@ class GroundTruth:
 
         Before that they are those at the oldest stored joints.
         """
-        return self.tool_body.points(self.joints_at(time))[:2]
+        before = self.joints_at(time - BEND_INTERVAL_NS)
+        return self.tool_body.points(self.joints_at(time), before, time)[:2]
 
     def pixels(self, q: Floats) -> Floats:
         """Return the true images (2, 2) in px of the markers at the joints q (3,) rad, rad, mm."""

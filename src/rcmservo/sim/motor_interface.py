@@ -32,7 +32,7 @@ class SimulatedMotors:
     def __init__(self, arm: SimulatedArm, counts: Floats, axes: int) -> None:
         self.arm, self.counts, self.axes = arm, counts, axes
         self._end_time = float(arm.time)
-        self._zero_joints = arm.q_true
+        self._zero_joints = arm.q_motor
         limits = arm.mechanism.limits
         lower, upper = np.array(limits.lower), np.array(limits.upper)
         middle, half_range = (upper + lower) / 2.0, LIMIT_SWITCH_RATIO * (upper - lower) / 2.0
@@ -59,7 +59,7 @@ class SimulatedMotors:
         self.arm.control(rates.tolist(), any(on[:3]))
         self._end_time += seconds * 1e9
         self.arm.advance_until(round(self._end_time))
-        joint_counts = np.round((self.arm.q_true - self._zero_joints) * self.counts)
+        joint_counts = np.round((self.arm.q_motor - self._zero_joints) * self.counts)
         return [*joint_counts.tolist(), *[0.0] * (self.axes - 3)]
 
     def switches(self) -> Sequence[tuple[bool, bool]]:
@@ -67,7 +67,7 @@ class SimulatedMotors:
 
         A motor that turns against its joint reaches its forward switch at the joint's lower limit.
         """
-        q = self.arm.q_true
+        q = self.arm.q_motor
         is_above, is_below, same_sense = q > self._upper, q < self._lower, self.counts > 0
         forward = np.where(same_sense, is_above, is_below).tolist()
         reverse = np.where(same_sense, is_below, is_above).tolist()

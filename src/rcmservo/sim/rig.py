@@ -18,11 +18,12 @@ from rcmservo.rig.rig import AnyRecorder, Rig
 from rcmservo.safety.gate import Gate
 from rcmservo.safety.thresholds import Thresholds
 from rcmservo.servo.servo import make_default_tool
-from rcmservo.sim.arm import Drive, SimulatedArm, SimulatedClock
+from rcmservo.sim.arm import NO_GAP, Drive, SimulatedArm, SimulatedClock
 from rcmservo.sim.cameras import (
     PictureCamera,
     PointCamera,
     Timing,
+    make_drifting_noise,
     make_gaussian_noise,
     make_recorded_noise,
 )
@@ -36,6 +37,7 @@ from rcmservo.sim.disturbances.effects.computer_faults import ProcessDelays
 from rcmservo.sim.disturbances.effects.frame_delivery import FrameDelivery
 from rcmservo.sim.disturbances.schedule import Event, Schedule
 from rcmservo.sim.ground_truth import GroundTruth
+from rcmservo.sim.imperfections import Imperfections
 from rcmservo.sim.rendering import Appearance, Renderer
 from rcmservo.sim.scene import Scene, SceneSettings
 from rcmservo.sim.scenes.sampling import SceneSampler, sample_relocated_scene, sample_scene
@@ -85,6 +87,8 @@ class RigSettings(ImageSettings, section="rig"):
         Geometry, colours, light and sensor noise of rendered images.
     scene : SceneSettings
         Distributions from which camera, start and target are sampled.
+    imperfections : Imperfections
+        Imperfections of arm, tool and camera; none by default.
     width : int
         Width of the image, px; 64 to 4096.
     height : int
@@ -109,6 +113,12 @@ class RigSettings(ImageSettings, section="rig"):
     appearance: Appearance = field(default_factory=Appearance)
 
     scene: SceneSettings = field(default_factory=SceneSettings)
+
+    imperfections: Imperfections = field(default_factory=Imperfections)
+
+    def make_body(self, seed: int) -> ToolBody:
+        """Return the tool on the arm of a seed, with its imperfections."""
+        return ToolBody(self.mechanism, self.tool, self.imperfections.draw(seed))
 
 
 class TaughtPose(NamedTuple):
@@ -217,10 +227,11 @@ class SimulatedRig(Rig):
         self.seed, self.settings = seed, settings or RigSettings()
         parts = self.settings
         scene_seed, noise_seed, relocation_seed, disturbance_seed = _spawn_seeds(seed)
-        self.body = ToolBody(parts.mechanism, parts.tool)
-        self.scene = scene or sample_scene(_make_sampler(parts, self.body, scene_seed))
-        self._relocation_sampler = _make_sampler(parts, self.body, relocation_seed)
-        self._arm = SimulatedArm(parts.mechanism, parts.drive)
+        self.body = parts.make_body(seed)
+        ideal_body = ToolBody(parts.mechanism, parts.tool)
+        self.scene = scene or sample_scene(_make_sampler(parts, ideal_body, scene_seed))
+        self._relocation_sampler = _make_sampler(parts, ideal_body, relocation_seed)
+        self._arm = SimulatedArm(parts.mechanism, parts.drive, self.body.imperfections)
         self._camera = self._make_camera(pictures, np.random.default_rng(noise_seed))
         self._clock = SimulatedClock(self._arm)
         if tracker is None:
@@ -242,7 +253,7 @@ class SimulatedRig(Rig):
         self._taught = WeakKeyDictionary[Target, TaughtPose]()
         if disturbances:
             self._insert_disturbances()
-        self.place(self.scene.start)
+        self.place(self.scene.start, self.body.imperfections.start_in_gap)
 
     def _make_camera(
         self, pictures: bool, random: np.random.Generator
@@ -252,6 +263,9 @@ class SimulatedRig(Rig):
         if pictures:
             return PictureCamera(self._arm, self.body, parts.timing, self._make_renderer())
         noise = make_gaussian_noise(parts.point_noise, random)
+        if parts.imperfections.air > 0.0:
+            rate, air = parts.timing.frame_rate, parts.imperfections.air
+            noise = make_drifting_noise(parts.point_noise, air, rate, random)
         return PointCamera(self._arm, self.body, parts.timing, self.scene.optics, noise)
 
     def _make_renderer(self) -> Renderer:
@@ -310,7 +324,7 @@ class SimulatedRig(Rig):
 
     def go_home(self) -> None:
         """Bring the tool back to the start of the scene by hand."""
-        self.place(self.scene.start)
+        self.place(self.scene.start, self.body.imperfections.start_in_gap)
         self.plant.reset()
 
     def measure_true_error(self, target: Target) -> float:
@@ -380,17 +394,25 @@ class SimulatedRig(Rig):
 
     def move_to_target(self) -> None:
         """Bring the tool to the target by hand and hold it there."""
-        self.place(self.scene.target)
+        self.place(self.scene.target, self.body.imperfections.target_in_gap)
 
-    def place(self, q: Floats) -> None:
+    @property
+    def true_target(self) -> Floats:
+        """True joints (3,) of the tool at the target, which differ from the motors' by backlash."""
+        errors = self.body.imperfections
+        return self.scene.target + errors.target_in_gap * errors.half_gap
+
+    def place(self, q: Floats, in_gap: Floats = NO_GAP) -> None:
         """Bring the tool to joints by hand and wait until all frames show it there.
 
         Parameters
         ----------
         q : Floats, shape (3,)
-            Joints (rad, rad, mm).
+            Joints (rad, rad, mm) at the motors.
+        in_gap : Floats, shape (3,)
+            Place of the tool in the gaps of the backlash, -1 to 1; their middle by default.
         """
-        self._arm.place(q)
+        self._arm.place(q, in_gap)
         self.clock.wait_until(self.clock.now() + SETTLE_TIME_NS)
 
     def picture(self, time: int, number: int) -> Image:

@@ -1,10 +1,12 @@
-"""Simulated laboratory of a rig file: its sections [camera], [drive], [appearance] and [scene]."""
+"""Simulated laboratory of a rig file: its sections [camera], [drive], [imperfections] and so on."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 from rcmservo.config.rig_file import RigDescription
+from rcmservo.errors import require
 from rcmservo.sim.arm import Drive
 from rcmservo.sim.cameras import Timing
+from rcmservo.sim.imperfections import ARMS, Imperfections
 from rcmservo.sim.rendering import Appearance, Colour
 from rcmservo.sim.rig import ImageSettings, RigSettings
 from rcmservo.sim.scene import SceneSettings
@@ -26,8 +28,18 @@ class CameraSection(ImageSettings, Timing, section="camera"):
     """Section [camera] of a rig file, with the fields of `ImageSettings` and of `Timing`."""
 
 
-def read_rig_settings(lab: RigDescription) -> RigSettings:
-    """Return the settings of the simulated laboratory that a rig file describes."""
+def read_rig_settings(lab: RigDescription, arm: str = "ideal") -> RigSettings:
+    """Return the settings of the simulated laboratory that a rig file describes.
+
+    Its arm has the imperfections of the file, or those of the quality `arm`, one of `ARMS`.
+    """
+    if ARMS[arm]:
+        expected = "ideal: the rig file has imperfections of its own"
+        require("imperfections" not in lab.simulation, "arm", arm, expected)
+        sections = {
+            name: {**lab.simulation.get(name, {}), **content} for name, content in ARMS[arm].items()
+        }
+        lab = replace(lab, simulation={**lab.simulation, **sections})
     camera = lab.decode_simulation_settings("camera", CameraSection)
     timing, image = (
         {field.name: getattr(camera, field.name) for field in fields(base)}
@@ -47,5 +59,6 @@ def read_rig_settings(lab: RigDescription) -> RigSettings:
         timing=Timing(**timing),
         appearance=appearance,
         scene=lab.decode_simulation_settings("scene", SceneSettings),
+        imperfections=lab.decode_simulation_settings("imperfections", Imperfections),
         **image,
     )

@@ -76,6 +76,10 @@ class CompiledEngine(StudyEngine):
         delay_s = self.settings.drive.delay
         expected = f"shorter than {QUEUE_LENGTH} ticks"
         require(delay_s * self.servo.rate < QUEUE_LENGTH, "drive.delay", delay_s, expected)
+        stamp_error, timing = self.settings.imperfections.stamp_error, self.settings.timing
+        latency_s = 0.5 * timing.exposure + timing.delay
+        expected = f"at most the latency of the camera, {latency_s:g} s"
+        require(stamp_error <= latency_s, "imperfections.stamp_error", stamp_error, expected)
 
     def run(self, seed: int, repetition: int = 0) -> StudyRun:
         """Run one closed loop in the scene of `Rig(seed)`.
@@ -123,7 +127,7 @@ class CompiledEngine(StudyEngine):
         require(is_enough, "noise", noise.shape, expected)
         ticks, rate = round(self.duration * self.servo.rate), self.servo.rate
         trace = LoopTrace(np.empty(ticks), np.empty(ticks, np.int8), np.empty(ticks, np.int8))
-        plant = self._make_plant(scene)
+        plant = self._make_plant(seed, scene)
         run_closed_loop(self._initial_conditions, plant.rows, goal, noise, trace)
         bound_mm = self.compute_bound(scene)
         return StudyRun(seed, rate, trace.error, trace.phase, trace.cause, bound_mm, scene)
@@ -139,13 +143,25 @@ class CompiledEngine(StudyEngine):
     def _initial_state(self) -> State:
         return self.servo.init()
 
-    def _make_plant(self, scene: Scene) -> PlantStruct:
-        """Return the compiled plant at the start of a scene."""
+    def _make_plant(self, seed: int, scene: Scene) -> PlantStruct:
+        """Return the compiled plant of a seed at the start of a scene."""
         timing = self.settings.timing
         latency_ns = round((0.5 * timing.exposure + timing.delay) * 1e9)
         frame_timing = FrameTimingStruct.of(period=1e9 / timing.frame_rate, latency=latency_ns)
-        drives = replace_fields(self._drives, q=scene.start)
-        return PlantStruct.of(drives=drives, camera=scene.optics.lens, frame_timing=frame_timing)
+        errors = self.settings.imperfections.draw(seed)
+        drives = replace_fields(
+            self._drives,
+            q=scene.start,
+            tool_q=scene.start + errors.start_in_gap * errors.half_gap,
+            rate_scale=self._drives.rate_scale * errors.rate_ratios,
+            deadband=self._drives.deadband * errors.rate_ratios,
+        )
+        return PlantStruct.of(
+            drives=drives,
+            camera=scene.optics.lens,
+            frame_timing=frame_timing,
+            imperfections=errors,
+        )
 
     @cached_property
     def _drives(self) -> DrivesStruct:

@@ -9,8 +9,7 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from rcmservo.geometry.kinematics import Point, compute_point_distance, compute_position_tuple
-from rcmservo.geometry.tool import ToolStruct, compute_second_marker_tuple
+from rcmservo.geometry.kinematics import Point, compute_point_distance
 from rcmservo.interfaces import DropReason, Floats
 from rcmservo.numerics.jit import compiled
 from rcmservo.numerics.small_linalg import copy_into, fill
@@ -25,7 +24,13 @@ from rcmservo.servo.kernel_parameters import (
 from rcmservo.servo.setpoint import Setpoint, store_setpoint
 from rcmservo.servo.state import StoredState
 from rcmservo.servo.tick import step
-from rcmservo.sim.camera_kernels import CameraStruct, project_markers_into
+from rcmservo.sim.camera_kernels import CameraStruct, project
+from rcmservo.sim.imperfect_markers import (
+    BEND_INTERVAL_NS,
+    compute_focus,
+    compute_row_delay,
+    place_marker,
+)
 from rcmservo.study.plant_kernel import (
     HISTORY_LENGTH,
     PlantStruct,
@@ -134,10 +139,19 @@ def run_closed_loop(
         tick.setpoint.is_new = k == 0
         memory = step(start.kernel, memory, tick)
         queue_command(plant, decision.command.rates, decision.command.enabled)
-        p1 = compute_position_tuple(make_rcm_struct(parameters), plant.drives.q)
-        p2 = compute_second_marker_tuple(make_tool_struct(parameters), p1)
+        p2 = place_marker_now(plant, tick, now, 1)
         errors[k] = compute_point_distance(p2, (goal.p2[0], goal.p2[1], goal.p2[2]))
         phases[k], causes[k] = decision.mode.phase, decision.mode.cause
+
+
+@compiled
+def place_marker_now(plant: PlantStruct, tick: TickContext, now: int, k: int) -> Point:
+    """Return the true position of marker k at the present time `now` (ns), mm."""
+    rcm, shaft = make_rcm_struct(tick.parameters), make_tool_struct(tick.parameters)
+    errors, q, q_before = plant.imperfections, plant.drives.tool_q, plant.q_before
+    if errors.is_any:
+        interpolate_history(plant, now - BEND_INTERVAL_NS, q_before)
+    return place_marker(errors, rcm, shaft, q, q_before, now, k)
 
 
 @compiled
@@ -169,26 +183,50 @@ def observe_frame(
     """
     parameters, observation, timing = tick.parameters, tick.observation, plant.frame_timing
     exposure = int(np.round(frame * timing.period))
-    if exposure < start:
+    arrival, stamp = exposure + timing.latency, exposure + plant.imperfections.stamp_error
+    if stamp < start:
         return
-    interpolate_history(plant, exposure, observation.q_exposure)
-    p1 = compute_position_tuple(make_rcm_struct(parameters), observation.q_exposure)
-    measure_markers(plant.camera, make_tool_struct(parameters), p1, noise, observation.points)
+    image_markers(plant, tick, exposure, observation.points)
+    add_noise(plant.camera, noise, observation.points)
     # the markers follow from the true joints, but the servo knows only the arm's readings
-    readings, j = plant.readings, (exposure - start) // parameters.period
-    fraction = (exposure - start - j * parameters.period) / parameters.period
+    readings, j = plant.readings, (stamp - start) // parameters.period
+    fraction = (stamp - start - j * parameters.period) / parameters.period
     earlier, later = readings[j % HISTORY_LENGTH], readings[min(j + 1, k) % HISTORY_LENGTH]
     interpolate_joints(earlier, later, fraction, observation.q_exposure)
-    observation.frame, observation.exposure = frame, exposure
-    observation.arrival = exposure + timing.latency
+    observation.frame, observation.exposure, observation.arrival = frame, stamp, arrival
 
 
 @compiled
-def measure_markers(
-    camera: CameraStruct, tool: ToolStruct, p1: Point, noise: Floats, points: Floats
-) -> None:
-    """Write both markers (2, 2) px with their noise; NaN for a marker outside the image."""
-    project_markers_into(camera, tool, p1, points)
+def image_markers(plant: PlantStruct, tick: TickContext, exposure: int, points: Floats) -> None:
+    """Write both markers (2, 2) px without noise, each at the exposure of its row."""
+    errors, camera = plant.imperfections, plant.camera
+    for k in range(2):
+        points[k, 0], points[k, 1] = image_marker_at(plant, tick, exposure, k)
+        if errors.read_out > 0.0:
+            time = exposure + compute_row_delay(errors, points[k, 1], camera.height)
+            points[k, 0], points[k, 1] = image_marker_at(plant, tick, time, k)
+
+
+@compiled
+def image_marker_at(
+    plant: PlantStruct, tick: TickContext, time: int, k: int
+) -> tuple[float, float]:
+    """Return the image (u, v) px of marker k at `time` ns."""
+    rcm, shaft = make_rcm_struct(tick.parameters), make_tool_struct(tick.parameters)
+    errors, camera, q, q_before = plant.imperfections, plant.camera, plant.q_then, plant.q_before
+    interpolate_history(plant, time, q)
+    if errors.is_any:
+        interpolate_history(plant, time - BEND_INTERVAL_NS, q_before)
+    u, v = project(camera, place_marker(errors, rcm, shaft, q, q_before, time, k))
+    if not errors.focus > 0.0:
+        return u, v
+    focus, u_0, v_0 = compute_focus(errors, time), camera.centre[0], camera.centre[1]
+    return u_0 + focus * (u - u_0), v_0 + focus * (v - v_0)
+
+
+@compiled
+def add_noise(camera: CameraStruct, noise: Floats, points: Floats) -> None:
+    """Add the noise to both markers (2, 2) px; NaN for a marker outside the image."""
     for i in range(2):
         u, v = points[i, 0] + noise[i, 0], points[i, 1] + noise[i, 1]
         is_visible = 0.0 <= u <= camera.width - 1.0 and 0.0 <= v <= camera.height - 1.0

@@ -16,6 +16,7 @@ from rcmservo.numerics.jit import compiled
 from rcmservo.numerics.small_linalg import copy_into, fill
 from rcmservo.numerics.structs import Row, flag, part, real, reals, whole, wholes
 from rcmservo.sim.camera_kernels import CameraStruct
+from rcmservo.sim.imperfect_markers import ImperfectionsStruct, follow_with_backlash
 from rcmservo.study.inertia import InertiaStruct, LinearisedDynamics, linearise_dynamics
 
 ARM_STEP_NS = 1_000_000
@@ -39,7 +40,8 @@ class DrivesStruct(Row):
     """State of the arm and constants of its drives."""
 
     time: int = whole("ns", "present time")
-    q: Floats = reals(3, "rad, rad, mm", "true joints")
+    q: Floats = reals(3, "rad, rad, mm", "true joints at the motors")
+    tool_q: Floats = reals(3, "rad, rad, mm", "true joints of the tool, after backlash")
     speeds: Floats = reals(3, "rad/s, rad/s, mm/s", "true joint rates")
     lagged_rates: Floats = reals(3, "rad/s, rad/s, mm/s", "rates that the drives regulate to")
     target_rates: Floats = reals(3, "rad/s, rad/s, mm/s", "rates before the first-order lag")
@@ -53,6 +55,8 @@ class DrivesStruct(Row):
     encoder: Floats = reals(3, "rad, rad, mm", "encoder resolution: joint motion of one count")
     encoder_offset: Floats = reals(3, "rad, rad, mm", "reported joint minus true joint")
     rate_scale: Floats = reals(3, "", "executed rate divided by commanded rate")
+    report: Floats = reals(3, "rad, rad, mm", "joints that the arm reports")
+    report_time: int = whole("ns", "time at which they were measured")
     lower: Floats = reals(3, "rad, rad, mm", "lower hard stops")
     upper: Floats = reals(3, "rad, rad, mm", "upper hard stops")
     inertia: InertiaStruct = part(InertiaStruct, "inertias and drive gains")
@@ -67,10 +71,13 @@ class PlantStruct(Row):
     drives: DrivesStruct = part(DrivesStruct, "the arm")
     queued_rates: Floats = reals((QUEUE_LENGTH, 3), "rad/s, rad/s, mm/s", "pending commands")
     due_times: NDArray[np.int64] = wholes(QUEUE_LENGTH, "ns", "execution time of each command")
-    joint_history: Floats = reals((HISTORY_LENGTH, 3), "rad, rad, mm", "true joints, by arm step")
+    joint_history: Floats = reals((HISTORY_LENGTH, 3), "rad, rad, mm", "tool_q, by arm step")
+    q_then: Floats = reals(3, "rad, rad, mm", "tool_q at an exposure")
+    q_before: Floats = reals(3, "rad, rad, mm", "tool_q just before")
     readings: Floats = reals((HISTORY_LENGTH, 3), "rad, rad, mm", "reported joints, by tick")
     camera: CameraStruct = part(CameraStruct, "projection of the camera")
     frame_timing: FrameTimingStruct = part(FrameTimingStruct, "timing of the frames")
+    imperfections: ImperfectionsStruct = part(ImperfectionsStruct, "of arm, tool and camera")
 
 
 @compiled
@@ -98,8 +105,23 @@ def advance_plant(plant: PlantStruct, until: int) -> None:
             due_time = plant.due_times[drives.queue_begin % QUEUE_LENGTH]
             steps = min(steps_left, max((due_time - drives.time - 1) // ARM_STEP_NS, 1))
         integrate_joints(drives, dynamics, plant.joint_history, steps)
+        move_tool(plant, steps)
         drives.time += steps * ARM_STEP_NS
         steps_left -= steps
+
+
+@compiled
+def move_tool(plant: PlantStruct, steps: int) -> None:
+    """Let the tool follow the motors through the backlash, in the newest `steps` of the history."""
+    drives, history, errors = plant.drives, plant.joint_history, plant.imperfections
+    if not errors.is_any:
+        copy_into(drives.tool_q, drives.q)
+        return
+    first = drives.time // ARM_STEP_NS + 1
+    for k in range(steps):
+        joints = history[(first + k) % HISTORY_LENGTH]
+        follow_with_backlash(errors, joints, drives.tool_q)
+        copy_into(joints, drives.tool_q)
 
 
 @compiled
@@ -185,8 +207,9 @@ def reset_plant(plant: PlantStruct, now: int) -> None:
     """Enable the drives at the time `now` (ns), with a history in which the arm always rested."""
     drives = plant.drives
     drives.time, drives.enabled = now, True
+    drives.report_time = now - plant.imperfections.report_period
     for i in range(HISTORY_LENGTH):
-        copy_into(plant.joint_history[i], drives.q)
+        copy_into(plant.joint_history[i], drives.tool_q)
 
 
 @compiled
@@ -220,11 +243,14 @@ def interpolate_history(plant: PlantStruct, time: int, into: Floats) -> None:
 
 @compiled
 def read_encoders(plant: PlantStruct, into: Floats) -> None:
-    """Write the joints (3,) that the encoders report now."""
+    """Write the joints (3,) that the arm reports now."""
     drives = plant.drives
-    for i in range(3):
-        q, offset, encoder = drives.q[i], drives.encoder_offset[i], drives.encoder[i]
-        into[i] = np.round((q + offset) / encoder) * encoder
+    if drives.time >= drives.report_time + plant.imperfections.report_period:
+        for i in range(3):
+            q, offset, encoder = drives.q[i], drives.encoder_offset[i], drives.encoder[i]
+            drives.report[i] = np.round((q + offset) / encoder) * encoder
+        drives.report_time = drives.time
+    copy_into(into, drives.report)
 
 
 @compiled

@@ -14,6 +14,7 @@ from rcmservo.interfaces import Floats
 from rcmservo.loop.target_frames import FRAME_COUNT, TEACHING_FRAMES
 from rcmservo.servo.servo import Servo
 from rcmservo.sim import RigSettings
+from rcmservo.sim.cameras import step_air
 from rcmservo.sim.cramer_rao import bound
 from rcmservo.sim.rig import sample_scene_of_seed
 from rcmservo.sim.scene import Scene
@@ -72,12 +73,26 @@ def draw_trial(
     if repetition:
         source = np.random.SeedSequence(seed, spawn_key=(NOISE_SEED_CHILD, repetition - 1))
         random = np.random.default_rng(source)
-    noise_px, markers = settings.point_noise, scene.body.points(scene.target)[:2]
+    noise_px, body = settings.point_noise, settings.make_body(seed)
+    errors, air = body.imperfections, settings.imperfections.air
+    markers = body.points(scene.target + errors.target_in_gap * errors.half_gap)[:2]
     mean_noise = random.standard_normal((2, 2)) / np.sqrt(teaching_frames)
     points = scene.optics.project(markers) + noise_px * mean_noise
     frame_noise = noise_px * random.standard_normal((count_frames(settings, duration), 2, 2))
+    if air > 0.0:
+        rate = settings.timing.frame_rate
+        frame_noise = frame_noise + draw_air(air, rate, len(frame_noise), random)
+        points = points + draw_air(air, rate, teaching_frames, random).mean(axis=0)
     q = settings.drive.measured(scene.target)
     return StudyTrial(scene, StudyGoal(points, q, markers[1]), frame_noise)
+
+
+def draw_air(air: float, rate: float, frames: int, random: np.random.Generator) -> Floats:
+    """Return the slow motion (frames, 2, 2) px of the markers in successive frames."""
+    motion = [air * random.standard_normal((2, 2))]
+    while len(motion) < frames:
+        motion.append(step_air(motion[-1], air, 1.0 / rate, random))
+    return np.array(motion)
 
 
 @dataclass(frozen=True)

@@ -157,7 +157,7 @@ def _open_simulated_lab(
             servo_settings=page_settings,
             start_disturbance=start_disturbance,
             disturbances=tuple(list_live_disturbances()),
-            truth=TruePositionError(processes.settings, processes.log),
+            truth=TruePositionError(processes.settings, options.seed, processes.log),
         )
 
 

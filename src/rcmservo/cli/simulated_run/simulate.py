@@ -116,7 +116,7 @@ def _warm_up_servo(options: RunOptions) -> None:
 
 def _make_result(rig: Rig, record: Record) -> RunResult:
     """Return the result of a record, with the rms pose error of marker 2 over the last second."""
-    p_d = rig.body.points(rig.scene.target)[1]
+    p_d = rig.body.points(rig.true_target)[1]
     last_ticks = round(SETTLED_DURATION_S * read_rate(record))
     displacements: Floats = record.truth["p2"][-last_ticks:] - p_d
     errors_mm: Floats = np.linalg.norm(displacements, axis=1)

@@ -149,7 +149,8 @@ class SimulatedLab:
 
     def true_error(self) -> float:
         """Return ‖p₂ − p_d‖ (mm), the true distance of the tool from the taught target."""
-        return TruePositionError(self.settings, self.log)(self.settings.drive.measured(self.target))
+        true_error = TruePositionError(self.settings, self._seed, self.log)
+        return true_error(self.settings.drive.measured(self.target))
 
 
 def _require_short(folder: Path) -> Path:

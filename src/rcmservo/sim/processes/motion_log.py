@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from rcmservo.interfaces import Floats
 from rcmservo.sim.rig import RigSettings
-from rcmservo.sim.tool_body import ToolBody
 
 LOG_ROWS = 1 << 15
 """Number of rows that the log stores: the last half minute."""
@@ -91,12 +90,14 @@ class TruePositionError:
     ----------
     settings : RigSettings
         Parts of the laboratory.
+    seed : int
+        Seed of the laboratory.
     log : MotionLog
         Log of the arm's motion.
     """
 
-    def __init__(self, settings: RigSettings, log: MotionLog) -> None:
-        self._body, self._log = ToolBody(settings.mechanism, settings.tool), log
+    def __init__(self, settings: RigSettings, seed: int, log: MotionLog) -> None:
+        self._body, self._log = settings.make_body(seed), log
         self._drive = settings.drive
 
     def __call__(self, q_measured: Floats) -> float:

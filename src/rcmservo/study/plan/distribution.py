@@ -28,6 +28,7 @@ from rcmservo.config.rig_file import (
 from rcmservo.config.toml_json_parsing import Table, is_table
 from rcmservo.errors import BadInput, require
 from rcmservo.sim import RigSettings
+from rcmservo.sim.imperfections import ARMS
 from rcmservo.sim.rig_file import read_rig_settings
 
 VARIABLE_SECTIONS = ("tool", *SIMULATION_SECTIONS)
@@ -95,6 +96,17 @@ class Distribution:
         camera = {**self.tables.get("camera", {}), **fixed}
         vary = {k: ends for k, ends in self.vary.items() if k.removeprefix("camera.") not in fixed}
         return Distribution(self.name, {**self.tables, "camera": camera}, vary)
+
+    def with_arm(self, arm: str) -> "Distribution":
+        """Return the distribution with an arm of this quality, one of `ARMS`."""
+        is_free = not ARMS[arm] or "imperfections" not in self.tables
+        expected = f"ideal: the scenes {self.name} have imperfections of their own"
+        require(is_free, "arm", arm, expected)
+        tables = {
+            section: {**self.tables.get(section, {}), **content}
+            for section, content in ARMS[arm].items()
+        }
+        return Distribution(self.name, {**self.tables, **tables}, self.vary)
 
     def _decode_lab(self, pick: Picker, origin: str = "") -> tuple[RigDescription, RigSettings]:
         """Return the laboratory with the number that `pick` takes from every range.

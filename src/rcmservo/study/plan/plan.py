@@ -96,10 +96,12 @@ class StudyPlan(StudyConditions):
 
     def _make_cells(self) -> Iterator[Cell]:
         for scenes, noise, latency, disturb, repetition in product(*self._condition_axes):
-            distribution = scenes.with_camera(noise, self._find_camera_delay(scenes, latency))
+            delay = self._find_camera_delay(scenes, latency)
+            distribution = scenes.with_camera(noise, delay).with_arm(self.arm)
             noise_label = f"{noise:.12g} px" if noise is not None else ""
             latency_label = f"{1e3 * latency:.12g} ms" if latency is not None else ""
-            labels = scenes.name, noise_label, latency_label, *disturb
+            arm_label = f"{self.arm} arm" if self.arm != "ideal" else ""
+            labels = scenes.name, noise_label, latency_label, arm_label, *disturb
             condition = ", ".join(filter(None, labels))
             for method in self.methods:
                 yield self._make_cell(method, condition, distribution, disturb, repetition)
