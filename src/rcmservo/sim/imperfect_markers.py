@@ -1,6 +1,6 @@
 """Places and images of the markers on an imperfect arm, for Python and for compiled functions.
 
-The two hinge axes pass each other, the insertion axis misses the RCM, the markers are beside the
+The two hinge axes pass each other, the insertion axis misses the RCM, the markers are off the
 tool's axis, the shaft bends and the port moves. The tool's lateral axes a and b are orthogonal to
 its direction n: a is the direction in which an ideal tool moves about its inner hinge.
 """
