@@ -1,7 +1,7 @@
 """Detection of disturbances with plausible frames, before the tool deviates by millimetres.
 
     python benchmarks/unnoticed.py [ROW ...] [--runs 50] [--first 0] [--estimator projection]
-        [--processes N]
+        [--arm good] [--processes N]
 
 Each run has its own scene, a camera of points with 0.3 px of noise and a target taught from 300
 frames, and lasts 20 s. There is no operator: a pause ends the run. The rows, with the times at
@@ -43,6 +43,7 @@ from unnoticed_rows import FIRST, MOVED, ROWS, RUN, SHOWING, TWO_RUNS, Trouble
 
 import rcmservo as rs
 from rcmservo.cli.servo_options import ServoOptions
+from rcmservo.config.rig_file import RigDescription
 from rcmservo.interfaces import Floats, Target
 from rcmservo.loop.teach import TeachingFailed
 from rcmservo.recording.outcome import (
@@ -51,9 +52,11 @@ from rcmservo.recording.outcome import (
     OutcomeCollector,
 )
 from rcmservo.servo.state import State
-from rcmservo.sim import Disturbance, RigSettings
+from rcmservo.sim import Disturbance, Drive
 from rcmservo.sim.disturbances import expected_causes
 from rcmservo.sim.disturbances.oracle import STOPPED_PHASES, Oracle, UnnoticedGrowth
+from rcmservo.sim.imperfections import ARMS
+from rcmservo.sim.rig_file import read_rig_settings
 from rcmservo.tracking import PointMarkers
 
 DURATION = 20.0
@@ -92,9 +95,17 @@ class Trial:
     """Simulated laboratory for one run of a row."""
 
     def __init__(
-        self, run: Run, row: Trouble, disturbances: list[Disturbance], estimator: str
+        self,
+        run: Run,
+        row: Trouble,
+        disturbances: list[Disturbance],
+        estimator: str,
+        arm: str = "ideal",
     ) -> None:
-        settings = RigSettings(point_noise=NOISE, drive=row.drive)
+        settings = read_rig_settings(RigDescription(), arm)
+        if row.drive != Drive():
+            settings = replace(settings, drive=row.drive)
+        settings = replace(settings, point_noise=NOISE)
         self.run, self.row, self.disturbances = run, row, disturbances
         self.rig = rs.sim.Rig(run.seed, settings, False, disturbances)
         self.camera = ChangedCamera(self.rig.camera)
@@ -192,12 +203,12 @@ class Trial:
         return set(self.row.causes).union(*(expected_causes(one.kind) for one in self.disturbances))
 
 
-def one(name: str, seed: int, estimator: str = "dlt") -> Run:
+def one(name: str, seed: int, estimator: str = "dlt", arm: str = "ideal") -> Run:
     """Perform one run of a row; return its result."""
     row = ROWS[name]
     disturbances = row.draw(np.random.default_rng([seed, 5]))
     run = Run(name, seed, [str(disturbance) for disturbance in disturbances])
-    trial = Trial(run, row, disturbances, estimator)
+    trial = Trial(run, row, disturbances, estimator, arm)
     try:
         target = trial.teach()
     except TeachingFailed as refused:
@@ -270,17 +281,19 @@ def main() -> None:
     parser.add_argument("--runs", type=int, default=50)
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--estimator", default="dlt")
+    parser.add_argument("--arm", choices=ARMS, default="ideal")
     parser.add_argument("--processes", type=int, help="number of processes; all cores by default")
     arguments = parser.parse_args()
     for name in arguments.row:
         if name not in ROWS:
             parser.error(f"no row {name!r}: {', '.join(ROWS)}")
     seeds = range(arguments.first, arguments.first + arguments.runs)
-    jobs = [(name, seed, arguments.estimator) for name in arguments.row or ROWS for seed in seeds]
+    estimator, arm = arguments.estimator, arguments.arm
+    jobs = [(name, seed, estimator, arm) for name in arguments.row or ROWS for seed in seeds]
     report(measured(jobs, arguments.processes))
 
 
-def measured(jobs: list[tuple[str, int, str]], processes: int | None) -> list[Run]:
+def measured(jobs: list[tuple[str, int, str, str]], processes: int | None) -> list[Run]:
     """Perform all runs; return the finished ones after Ctrl-C."""
     runs: list[Run] = []
     try:
@@ -294,7 +307,7 @@ def measured(jobs: list[tuple[str, int, str]], processes: int | None) -> list[Ru
     return runs
 
 
-def of_job(job: tuple[str, int, str]) -> Run:
+def of_job(job: tuple[str, int, str, str]) -> Run:
     return one(*job)
 
 

@@ -404,7 +404,7 @@ def run_controller_and_gate(scene):
     sample = monitor_state.ObservationRow.of(
         q=np.full(3, 0.1), applied=np.full(3, 0.5), q_time=10_000_000
     )
-    monitor = monitor_state.MonitorState.of(observation=sample, predicted_rates=np.ones(3))
+    monitor = monitor_state.MonitorState.of(observation=sample, predicted_rates=np.ones((4, 3)))
     results = {
         "jumps": innovation.find_jumps(*both, 0.5, 1.0, 20.0),
         "deviation from estimate": innovation.compare_with_estimate(

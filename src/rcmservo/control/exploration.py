@@ -19,7 +19,7 @@ from typing import Annotated
 import numpy as np
 
 from rcmservo.constraints import FRACTION, Checked, between, positive
-from rcmservo.control.drive_lag import DriveLag, start_lag_measurement
+from rcmservo.control.drive_response import DriveResponse, start_response_measurement
 from rcmservo.geometry.kinematics import Point, RcmStruct, compute_position_jacobian
 from rcmservo.interfaces import Floats
 from rcmservo.numerics.jit import compiled
@@ -127,8 +127,8 @@ class Exploration(Checked, section="exploration"):
     max_time: Annotated[float, positive("time in s")] = 10.0
 
 
-class ExplorationState(DriveLag):
-    """State of an exploration, with the measurement of the drives' lag during its motion."""
+class ExplorationState(DriveResponse):
+    """State of an exploration, with the measurement of the drives' gains and lag during it."""
 
     start_joints: Floats = reals(3, "rad, rad, mm", "joints at the start")
     sides: Floats = reals(3, "rad, rad, mm", "signed sides of this round's box")
@@ -160,7 +160,7 @@ def start_exploration(
     copy_into(state.start_joints, q)
     state.visited_corners, state.start_time = 0, now
     state.fit_is_known, state.disagreement = False, np.nan
-    start_lag_measurement(state)
+    start_response_measurement(state)
     state.has_begun = set_round(state, rcm, max_rates, min_room, settings)
     state.has_no_room = not state.has_begun
     set_next_corner(state)

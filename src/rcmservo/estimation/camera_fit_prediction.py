@@ -197,7 +197,7 @@ def write_markers_jacobian(
 
 
 @compiled
-def compute_markers_jacobian(fit: ProjectionFit, p1: Floats, shaft: ToolStruct) -> Floats:
+def compute_markers_jacobian(fit: ProjectionFit, p1: Floats | Point, shaft: ToolStruct) -> Floats:
     """Return ∂m/∂p₁ (4, 3) px/mm of both markers with marker 1 at p1 (3,) mm."""
     jacobian = np.empty((4, 3))
     write_markers_jacobian(fit, p1, shaft, jacobian)

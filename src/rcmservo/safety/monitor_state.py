@@ -9,6 +9,11 @@ from functools import partial
 
 import numpy as np
 
+from rcmservo.control.drive_response import (
+    DriveResponse,
+    are_equal,
+    select_possible_response,
+)
 from rcmservo.interfaces import NEVER_NS, Floats, Observation, ObservationStruct
 from rcmservo.numerics.jit import compiled
 from rcmservo.numerics.small_linalg import (
@@ -40,6 +45,12 @@ class ObservationRow(Struct, source=Observation, without=("sizes", "quality")):
     """Observation of a tick, as a row of the state for compiled functions."""
 
 
+POSSIBLE_RESPONSES = 4
+"""Number of responses of the drives that the joints are predicted for."""
+
+MAX_REPORT_PERIOD_NS = 60_000_000
+"""Time (ns) for which joints may be repeated without counting as joints that rest."""
+
 count, markers = partial(whole, ""), partial(reals, (2, 2), "px")
 """Declarations of fields: a number of events, and the pixels of both markers."""
 
@@ -52,8 +63,15 @@ class MonitorState(Row):
     """
 
     observation: ObservationRow = part(ObservationRow, "observation of this tick")
-    predicted_joints: Floats = reals(3, "rad, rad, mm", "joints predicted from the commands")
-    predicted_rates: Floats = reals(3, "rad/s, rad/s, mm/s", "rates predicted with the drive's lag")
+    predicted_joints: Floats = reals(
+        (POSSIBLE_RESPONSES, 3), "rad, rad, mm", "joints predicted from the commands, by response"
+    )
+    predicted_rates: Floats = reals(
+        (POSSIBLE_RESPONSES, 3), "rad/s, rad/s, mm/s", "rates predicted in the same way"
+    )
+    reported_joints: Floats = reals(3, "rad, rad, mm", "newest joints that differ from the last")
+    reported_at: int = whole("ns", "time of the first tick with them")
+    joints_are_fresh: bool = flag("False if this tick repeats joints that were read before")
     joints_time: int = whole("ns", "time of the newest joint positions")
     idle_since: int = whole("ns", "time since which no motion is commanded, or NEVER_NS")
     rest_joints: Floats = reals(3, "rad, rad, mm", "joints at rest since then, NaN until settled")
@@ -75,6 +93,8 @@ class MonitorState(Row):
     rejected_markers: Floats = markers("markers of the newest rejected frame")
     mean_residual: Floats = markers("mean residual of each marker")
     averaged_frames: int = count("number of frames in the mean residual")
+    residual_sums: Floats = reals(2, "mm², 1", "squares of the mean residuals on the way, number")
+    sampled_p1: Floats = reals(3, "mm", "marker 1 at the newest of these residuals")
     drift_px: Floats = reals(2, "px", "norm of the mean residual, 0 where noise explains it")
     changed_markers: Floats = markers("newest markers that differed from those before")
     markers_prediction: Floats = markers("prediction for the newest markers")
@@ -92,7 +112,13 @@ class MonitorState(Row):
 
 def initial_monitor_state() -> MonitorState:
     """Return the state before the first observation."""
-    unknown_positions = "predicted_joints", "rest_joints", "compared_p1", "path_p1"
+    unknown_positions = (
+        "predicted_joints",
+        "reported_joints",
+        "rest_joints",
+        "compared_p1",
+        "path_p1",
+    )
     unknown_markers = "rejected_markers", "compared_markers", "changed_markers"
     unknown = dict.fromkeys((*unknown_positions, *unknown_markers), np.nan)
     return MonitorState.of(idle_since=NEVER_NS, newest_frame=-1, accepted_frame=-1, **unknown)
@@ -124,7 +150,11 @@ def reset_rejections(monitor: MonitorState) -> None:
 
 @compiled
 def monitor_loop(
-    monitor: MonitorState, interval_ns: int, period_ns: int, lag_s: float, thresholds: Thresholds
+    monitor: MonitorState,
+    interval_ns: int,
+    period_ns: int,
+    drives: DriveResponse,
+    thresholds: Thresholds,
 ) -> None:
     """Update the state of loop and arm at a tick.
 
@@ -136,8 +166,8 @@ def monitor_loop(
         State of the checks; updated.
     interval_ns, period_ns : int
         Time since the last tick, and its nominal value, ns.
-    lag_s : float
-        Time constant of the drives, s.
+    drives : DriveResponse
+        Measured gains and lag of the drives.
     thresholds : Thresholds
         Thresholds of the checks.
     """
@@ -145,31 +175,59 @@ def monitor_loop(
     is_late = interval_ns > (1.0 + thresholds.late_tick_fraction) * period_ns
     monitor.tick_interval = interval_ns
     monitor.late_ticks = monitor.late_ticks + 1 if is_late else 0
+    monitor_reports(monitor)
     if observation.enabled and all_finite(monitor.predicted_joints):
-        predict_joints(monitor, lag_s, thresholds.following_error_decay)
+        predict_joints(monitor, drives, thresholds)
     else:
-        copy_into(monitor.predicted_joints, observation.q)
+        for k in range(POSSIBLE_RESPONSES):
+            copy_into(monitor.predicted_joints[k], observation.q)
         fill(monitor.predicted_rates, 0.0)
     monitor_rest(monitor, thresholds)
     monitor.joints_time = observation.q_time
 
 
 @compiled
-def predict_joints(monitor: MonitorState, lag_s: float, decay_s: float) -> None:
-    """Predict the joints and their rates at the time of the newest joint positions.
+def monitor_reports(monitor: MonitorState) -> None:
+    """Find out if the joints of this tick are new, or are repeated by a slow arm."""
+    observation = monitor.observation
+    is_new = not are_equal(observation.q, monitor.reported_joints)
+    if is_new:
+        copy_into(monitor.reported_joints, observation.q)
+        monitor.reported_at = observation.now
+    is_overdue = observation.now - monitor.reported_at > MAX_REPORT_PERIOD_NS
+    monitor.joints_are_fresh = is_new or is_overdue
 
-    The drives follow the applied rates as first-order systems with the time constant ``lag_s``. The
-    prediction converges to the measured joints with the time constant ``decay_s``.
+
+@compiled
+def predict_joints(monitor: MonitorState, drives: DriveResponse, thresholds: Thresholds) -> None:
+    """Predict the joints at the newest joint positions, for each possible response of the drives.
+
+    The predictions converge to the measured joints with the time constant `following_error_decay`.
     """
-    observation, applied_rates = monitor.observation, monitor.observation.applied
-    joints, rates = monitor.predicted_joints, monitor.predicted_rates
+    observation = monitor.observation
     dt = max(observation.q_time - monitor.joints_time, 0) * 1e-9
-    decay, correction = np.exp(-dt / lag_s), min(dt / decay_s, 1.0)
-    for i in range(3):
-        excess_rate = rates[i] - applied_rates[i]
-        predicted = joints[i] + applied_rates[i] * dt + excess_rate * lag_s * (1.0 - decay)
-        joints[i] = predicted + (observation.q[i] - predicted) * correction
-        rates[i] = applied_rates[i] + excess_rate * decay
+    correction = min(dt / thresholds.following_error_decay, 1.0)
+    if not monitor.joints_are_fresh:
+        correction = 0.0
+    for k in range(POSSIBLE_RESPONSES):
+        joints, rates = monitor.predicted_joints[k], monitor.predicted_rates[k]
+        for i in range(3):
+            gain, lag_s = select_possible_response(drives, i, k, thresholds.drive_lag)
+            rate = gain * observation.applied[i]
+            joint, rates[i] = predict_joint(joints[i], rates[i], rate, lag_s, dt)
+            joints[i] = joint + (observation.q[i] - joint) * correction
+
+
+@compiled
+def predict_joint(
+    q: float, rate: float, applied: float, lag_s: float, dt: float
+) -> tuple[float, float]:
+    """Return the position and the rate of a joint dt s later.
+
+    The drive follows the rate `applied` as a first-order system with the time constant `lag_s`.
+    """
+    decay, excess = np.exp(-dt / lag_s), rate - applied
+    return q + applied * dt + excess * lag_s * (1.0 - decay), applied + excess * decay
 
 
 @compiled
@@ -242,12 +300,14 @@ def monitor_markers(
     second_deviates: bool,
     is_swapped: bool,
     points: Floats,
+    accepted_points: Floats,
     thresholds: Thresholds,
 ) -> None:
     """Count rejected frames, jumps and swaps of the markers with a new frame.
 
-    Both markers have jumped only if their new positions agree from frame to frame: false detections
-    do not agree.
+    Both markers have jumped only if their new positions agree from frame to frame, as false
+    detections do not, and if one has left its position in the last accepted frame, as in a frozen
+    image none does.
 
     Parameters
     ----------
@@ -257,8 +317,8 @@ def monitor_markers(
         True if marker 1 or marker 2 is too far from its prediction.
     is_swapped : bool
         True if each marker is at the other's position.
-    points : Floats
-        Markers, (2, 2) raw px.
+    points, accepted_points : Floats
+        Markers, (2, 2) raw px, and those of the last accepted frame.
     thresholds : Thresholds
         Thresholds of the checks.
     """
@@ -266,6 +326,8 @@ def monitor_markers(
         reset_rejections(monitor)
         return
     both_deviate = first_deviates and second_deviates
+    jumps = find_jumps(points, accepted_points, 0.0, thresholds.max_jump_px, 0.0)
+    has_jumped = both_deviate and (jumps[0] or jumps[1])
     is_steady = monitor.rejected_frames == 0 or markers_stay(monitor, points, thresholds)
     stays = not (first_deviates and jumps_from_rejected(monitor, points, 0)) and not (
         second_deviates and jumps_from_rejected(monitor, points, 1)
@@ -273,7 +335,7 @@ def monitor_markers(
     monitor.rejected_frames += 1
     monitor.steady_frames = monitor.steady_frames + 1 if stays else 1
     earlier_jumps = monitor.jumped_frames if is_steady else 0
-    monitor.jumped_frames = earlier_jumps + 1 if both_deviate else 0
+    monitor.jumped_frames = earlier_jumps + 1 if has_jumped else 0
     monitor.swapped_frames = monitor.swapped_frames + 1 if both_deviate and is_swapped else 0
     copy_into(monitor.rejected_markers, points)
 

@@ -27,6 +27,7 @@ class TargetProgress(Row):
     nearest_mm: float = real(
         "mm", "least distance from the joints of teaching in the motion to the target"
     )
+    gap_since: int = whole("ns", "time since which the tool will stop elsewhere, or NEVER_NS")
     mismatch_since: int = whole("ns", "time since which image and joints disagree, or NEVER_NS")
     reference_error: float = real("", "scaled error √(2V) from which the next decrease is measured")
     reference_time: int = whole("ns", "time of `reference_error`")

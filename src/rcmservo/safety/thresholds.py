@@ -110,6 +110,11 @@ class Thresholds(Checked, section="thresholds"):
     max_drift_px : float
         Largest mean residual of a marker, px, positive: the length of its mean over
         ``drift_frames`` frames.
+    max_arm_error : float
+        Mean residual that is attributed to errors of arm and tool (backlash, bending, axes or
+        markers that are not where the kinematics have them), as a distance of the marker in space,
+        mm, not negative. With J = ∂m/∂p (2, 3) px/mm of the marker, a drift also exceeds
+        √(rᵀ (a² I + b² J Jᵀ)⁻¹ r) = 1, with ``max_drift_px`` for a and this for b.
     drift_frames : int
         Number of frames in the mean residual.
     frozen_image_motion : float
@@ -256,6 +261,7 @@ class Thresholds(Checked, section="thresholds"):
 
     max_drift_sigma: Annotated[float, POSITIVE] = 6.0
     max_drift_px: Annotated[float, POSITIVE_PX] = 1.25
+    max_arm_error: Annotated[float, not_negative("number of mm")] = 0.9
     drift_frames: Annotated[int, COUNT_TO_1000] = 20
     frozen_image_motion: Annotated[float, POSITIVE_MM] = 1.0
     stuck_marker_px: Annotated[float, POSITIVE_PX] = 2.0

@@ -5,7 +5,6 @@ A frame is one exposure of the camera with both markers. A rejected frame change
 
 import numpy as np
 
-from rcmservo.control.drive_lag import select_lag
 from rcmservo.estimation.base import Estimate
 from rcmservo.estimation.camera_fit_prediction import (
     compute_deviation_without_marker,
@@ -56,8 +55,7 @@ def accept_frame(tick: TickContext) -> tuple[int, float]:
     thresholds, period = parameters.thresholds, parameters.period
     rcm, shaft = make_rcm_struct(parameters), make_tool_struct(parameters)
     gap_ns = observation.now - command.time if command.number > 0 else period
-    lag_s = select_lag(exploration, thresholds.drive_lag)
-    monitor_loop(monitor, gap_ns, period, lag_s, thresholds)
+    monitor_loop(monitor, gap_ns, period, exploration, thresholds)
     if not observation.frame > monitor.newest_frame:
         return NO_FRAME, 0.0
     p1, points = stored.workspace.p1, stored.workspace.points
@@ -73,7 +71,9 @@ def accept_frame(tick: TickContext) -> tuple[int, float]:
         deviates_1, deviates_2, crossed = find_deviating_markers(
             fit, p1, points, estimate.points, shaft, thresholds
         )
-        monitor_markers(monitor, deviates_1, deviates_2, crossed, points, thresholds)
+        monitor_markers(
+            monitor, deviates_1, deviates_2, crossed, points, estimate.points, thresholds
+        )
         if not crossed:  # its residual has the same direction each time, as that of a drift
             update_drift(monitor, fit, p1, points, shaft, thresholds)
     else:
@@ -168,6 +168,7 @@ def check_against_last_frame(
             monitor.first_frame_is_wrong = not (jumps[0] or jumps[1])
     if not (rejects_1 or rejects_2):
         rejects_1, rejects_2 = detect_still_markers(monitor, p1, points, is_exploring, thresholds)
-    monitor_markers(monitor, rejects_1, rejects_2, crossed, points, thresholds)
+    accepted = estimate.points
+    monitor_markers(monitor, rejects_1, rejects_2, crossed, points, accepted, thresholds)
     if monitor.rejected_frames == 0:
         monitor.agreeing_frames += 1

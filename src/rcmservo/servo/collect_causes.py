@@ -29,6 +29,7 @@ from rcmservo.servo.kernel_parameters import (
     make_rcm_struct,
     make_tool_struct,
 )
+from rcmservo.servo.predict_arrival import watch_arrival
 
 ARRIVAL_DISTANCE_MM = 1.0
 """Distance of marker 1 from the target by the image, in mm, below which the tool has arrived."""
@@ -193,7 +194,7 @@ def compare_target_with_fit(tick: TickContext) -> None:
     if excess_px > 0.0:
         covariance = compute_spacing_covariance(fit, predicted[0], predicted[1])
         is_explained &= noise_explains(tick, error_of_vector, excess_px, covariance)
-    decision.is_implausible = not is_explained
+    decision.is_implausible = not is_explained or watch_arrival(tick)
 
 
 @compiled

@@ -2,7 +2,12 @@
 
 import numpy as np
 
-from rcmservo.control.drive_lag import add_lag_reading, estimate_lag_so_far, finish_lag_measurement
+from rcmservo.control.drive_response import (
+    add_response_reading,
+    estimate_lag_so_far,
+    finish_response_measurement,
+    select_gain,
+)
 from rcmservo.control.exploration import (
     CORNERS,
     compute_rates_to_corner,
@@ -61,6 +66,8 @@ def compute_command(tick: TickContext, frame_result: int) -> None:
         explore(tick, frame_result)
     if exploration.is_done:
         compute_servoing_rates(tick, decision.mode.phase == SERVO)
+    for i in range(3):  # so that the joints move as requested
+        decision.rates[i] /= select_gain(exploration, i)
 
 
 @compiled
@@ -134,17 +141,17 @@ def explore(tick: TickContext, frame_result: int) -> None:
         rcm, min_room = make_rcm_struct(parameters), parameters.thresholds.min_exploration_room
         start_exploration(exploration, rcm, max_rates, q, observation.now, min_room, settings)
         return
-    add_lag_reading(exploration, q, observation.q_time, observation.applied, max_rates)
+    add_response_reading(exploration, q, observation.q_time, observation.applied)
     if frame_result == FRAME_UPDATES:
         exploration.fit_is_known = fit_suffices(tick)
         exploration.disagreement = compare_with_fit(tick) if exploration.fit_is_known else np.nan
         exploration.is_done = exploration.disagreement <= settings.tolerance
     if exploration.is_done:
-        finish_lag_measurement(exploration)
+        finish_response_measurement(exploration, max_rates)
         return
     if is_at_corner(exploration, exploration.next_corner, q):
         choose_next_corner(tick)
-    lag_s = estimate_lag_so_far(exploration, parameters.thresholds.drive_lag)
+    lag_s = estimate_lag_so_far(exploration, parameters.thresholds.drive_lag, max_rates)
     rates = compute_rates_to_corner(exploration, max_rates, q, lag_s, settings)
     rcm, tool = make_rcm_struct(parameters), make_tool_struct(parameters)
     tip, max_speed = parameters.controller.tip, parameters.controller.max_speed

@@ -5,7 +5,7 @@ The stall rule detects that the feature error no longer decreases.
 
 import numpy as np
 
-from rcmservo.control.drive_lag import reset_lag
+from rcmservo.control.drive_response import reset_response
 from rcmservo.interfaces import NEVER_NS
 from rcmservo.numerics.jit import compiled
 from rcmservo.numerics.small_linalg import copy_into, fill
@@ -31,7 +31,7 @@ def reset_estimation(stored: StoredState) -> None:
     fill(exploration.start_joints, 0.0)
     fill(exploration.sides, 0.0)
     fill(exploration.next_corner, 0.0)
-    reset_lag(exploration)
+    reset_response(exploration)
     exploration.visited_corners, exploration.start_time = 0, 0
     exploration.has_begun = exploration.has_no_room = False
     exploration.fit_is_known = exploration.is_done = False

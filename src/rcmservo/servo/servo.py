@@ -235,7 +235,7 @@ class Servo(Checked):
     def init(self) -> State:
         """Return the state before the first observation: Ĵ = 0, drive off."""
         rest_command = CommandStruct.from_source(self.gate.rest())
-        never = dict.fromkeys(("mismatch_since", "camera_moved_at"), NEVER_NS)
+        never = dict.fromkeys(("gap_since", "mismatch_since", "camera_moved_at"), NEVER_NS)
         decision = Decision.of(
             command=rest_command, reference_error=np.inf, blocked_joint=-1, **never
         )
@@ -448,5 +448,6 @@ class Servo(Checked):
             self.exploration,
             state.stored.exploration_state.disagreement,
             self.estimator.advice,
+            state.stored.exploration_state,
         )
         return state.cause.declared.detail(facts)

@@ -9,6 +9,7 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
+from rcmservo.control.drive_response import EXACT_GAIN, compute_gain
 from rcmservo.geometry.kinematics import is_within_limits
 from rcmservo.interfaces import DropReason, Floats
 from rcmservo.numerics.jit import compiled
@@ -52,9 +53,19 @@ def joint_is_beyond_limit(facts: TickFacts) -> bool:
 
 @compiled
 def joints_do_not_follow(facts: TickFacts) -> bool:
-    """Detect a following error: joints that differ from the commanded motion."""
-    q, predicted_joints = facts.observation.q, facts.monitor.predicted_joints
-    return exceeds_following_error(q, predicted_joints, facts.thresholds)
+    """Detect a following error: joints that differ from the commanded motion.
+
+    Before the drives' response is measured they may be anywhere between the predictions for all
+    possible responses.
+    """
+    q, monitor, is_within = facts.observation.q, facts.monitor, True
+    for i in range(3):
+        limit, lower, upper = facts.thresholds.max_following_error[i], np.inf, -np.inf
+        for k in range(len(monitor.predicted_joints)):
+            lower = min(lower, monitor.predicted_joints[k, i])
+            upper = max(upper, monitor.predicted_joints[k, i])
+        is_within = is_within and lower - limit <= q[i] <= upper + limit
+    return monitor.joints_are_fresh and not is_within
 
 
 @compiled
@@ -199,8 +210,17 @@ def describe_limits(facts: DetailFacts) -> str:
 
 
 def describe_following(facts: DetailFacts) -> str:
-    """Describe the joints with a following error."""
-    return _describe_deviations(facts, facts.monitor.predicted_joints, "should be")
+    """Describe the joints with a following error, and by which ratio they have followed."""
+    predicted = facts.monitor.predicted_joints
+    expected = np.clip(facts.observation.q, predicted.min(axis=0), predicted.max(axis=0))
+    deviations = _describe_deviations(facts, expected, "should be")
+    gains = [compute_gain(facts.drives.rows[0], i) for i in range(3)]
+    ratios = [
+        f"joint {i + 1} followed by {100.0 * gain:.0f} % while exploring: is a speed override set?"
+        for i, gain in enumerate(gains)
+        if 0.05 < gain < 1.0 - EXACT_GAIN or gain > 1.0 + EXACT_GAIN
+    ]
+    return "; ".join([deviations, *ratios])
 
 
 def describe_creeping(facts: DetailFacts) -> str:

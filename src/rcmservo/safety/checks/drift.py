@@ -13,6 +13,7 @@ from rcmservo.estimation.camera_fit import ProjectedPoint, ProjectionFit, projec
 from rcmservo.estimation.camera_fit_prediction import (
     compute_image_covariance,
     squared_mahalanobis_distance,
+    write_point_jacobian,
 )
 from rcmservo.geometry.tool import ToolStruct
 from rcmservo.interfaces import Floats
@@ -27,6 +28,12 @@ STUCK_MOTION_RATIO = 5.0
 
 MAX_STILL_PATH_MM = 25.0
 """A marker stands still if marker 1 moves along a longer path (mm) while it does not."""
+
+ARM_ERROR_FACTOR = 8.0
+"""Mean residual that an arm's errors explain, as a multiple of their rms on the way."""
+
+MAX_ARM_ERROR_RATIO = 1.7
+"""Largest such residual, as a multiple of `max_arm_error`."""
 
 SINGLE_DRIFT_RATIO = 3.0
 """A marker drifts alone if its mean residual exceeds this multiple of the other's."""
@@ -117,7 +124,7 @@ def update_mean_residual(
     point: Floats,
     thresholds: Thresholds,
 ) -> None:
-    """Update the mean residual of marker k, and store its norm unless noise explains it.
+    """Update the mean residual of marker k, and store its norm unless noise or the arm explains it.
 
     `point` (2,) is the marker in raw px. Its residual is clipped, so that as many false detections
     as may be rejected in succession cannot move the mean by `max_drift_px`.
@@ -138,7 +145,42 @@ def update_mean_residual(
         covariance = compute_image_covariance(fit, predicted)
         distance = squared_mahalanobis_distance(mean[0], mean[1], covariance, mean_variance)
         is_noise = not distance > max_squared_sigma
-    monitor.drift_px[k] = 0.0 if is_noise else mean_px
+    is_explained = is_noise or arm_explains(monitor, fit, predicted, mean, thresholds)
+    monitor.drift_px[k] = 0.0 if is_explained else mean_px
+
+
+@compiled
+def compute_arm_error(monitor: MonitorState) -> float:
+    """Return the rms (mm) of the mean residuals on the way to the target, 0 before."""
+    return np.sqrt(monitor.residual_sums[0] / max(monitor.residual_sums[1], 1.0))
+
+
+@compiled
+def arm_explains(
+    monitor: MonitorState,
+    fit: ProjectionFit,
+    predicted: ProjectedPoint,
+    mean: Floats,
+    thresholds: Thresholds,
+) -> bool:
+    """Return True if errors of arm and tool explain the mean residual (2,) px of a marker.
+
+    With J = ∂m/∂p (2, 3) px/mm of the marker they explain r if rᵀ(a² I + b² J Jᵀ)⁻¹ r ≤ 1, with the
+    thresholds a = `max_drift_px` and b = `max_arm_error`. An arm with larger residuals on the way
+    has a larger b, up to 1.7 times.
+    """
+    J = np.empty((2, 3))
+    write_point_jacobian(fit, predicted, J)
+    largest_mm = MAX_ARM_ERROR_RATIO * thresholds.max_arm_error
+    learned_mm = min(ARM_ERROR_FACTOR * compute_arm_error(monitor), largest_mm)
+    squared_mm = max(learned_mm, thresholds.max_arm_error) ** 2
+    covariance = (
+        squared_mm * (J[0, 0] ** 2 + J[0, 1] ** 2 + J[0, 2] ** 2),
+        squared_mm * (J[0, 0] * J[1, 0] + J[0, 1] * J[1, 1] + J[0, 2] * J[1, 2]),
+        squared_mm * (J[1, 0] ** 2 + J[1, 1] ** 2 + J[1, 2] ** 2),
+    )
+    squared_px = thresholds.max_drift_px**2
+    return squared_mahalanobis_distance(mean[0], mean[1], covariance, squared_px) <= 1.0
 
 
 @compiled

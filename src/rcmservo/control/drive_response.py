@@ -1,0 +1,196 @@
+"""Measurement of how the drives follow the commanded joint rates: gain of each joint, and lag.
+
+A joint with the gain g and the time constant T, which moves by y while the integral of its
+commanded rate is U, obeys
+
+    y = g U − T v,    v = dy/dt
+
+g and T of each joint are the solution by least squares over a motion to and fro. A delay has the
+same effect as T while the rate changes slowly. One T then serves all joints: its mean, weighted by
+their squared speeds in units of their maximal ones. A reading that repeats the last one, as of an
+arm that reports more often than it measures, is skipped.
+"""
+
+import numpy as np
+
+from rcmservo.geometry.kinematics import Point
+from rcmservo.interfaces import Floats
+from rcmservo.numerics.jit import compiled
+from rcmservo.numerics.small_linalg import all_finite, copy_into, fill
+from rcmservo.numerics.structs import Row, real, reals, whole
+
+DEFAULT_LAG_S = 0.025
+"""Lag (s) that is assumed before a measurement."""
+
+MAX_LAG_S = 0.2
+"""Largest lag (s) of a drive that still counts as following."""
+
+MIN_LAG_S = 0.001
+"""Lag (s) that is reported for drives without any measurable lag."""
+
+MIN_MEASURED_LAG_S = -0.02
+"""Smallest valid measurement (s). It is negative, as joints that are read late seem to lead."""
+
+MIN_GAIN, MAX_GAIN = 0.6, 1.4
+"""Gains of a drive that still counts as following."""
+
+EXACT_GAIN = 0.01
+"""Difference from 1 up to which a gain counts as 1: the measurement is no better."""
+
+MAX_CORRELATION = 0.95
+"""Squared correlation of U and v from which g and T cannot be told apart."""
+
+UU, UV, VV, UY, VY = range(5)
+"""Columns of `DriveResponse.sums`."""
+
+
+class DriveResponse(Row):
+    """Running measurement of gains and lag."""
+
+    commanded: Floats = reals(3, "rad, rad, mm", "U: integral of the applied rates")
+    commanded_at_reading: Floats = reals(3, "rad, rad, mm", "U at the previous reading")
+    ticked_at: int = whole("ns", "time up to which U is integrated")
+    moved: Floats = reals(3, "rad, rad, mm", "y: motion of the joints")
+    newest_joints: Floats = reals(
+        3, "rad, rad, mm", "joints at the previous reading, NaN at the start of a motion"
+    )
+    read_at: int = whole("ns", "time of the previous reading")
+    sums: Floats = reals((3, 5), "", "Σ UU, Uv, vv, Uy, vy of each joint")
+    gains: Floats = reals(3, "", "g of each joint, 0 before a measurement")
+    lag: float = real("s", "T by the last complete motion, 0 before")
+
+
+@compiled
+def reset_response(drives: DriveResponse) -> None:
+    """Reset the measurement and its result."""
+    start_response_measurement(drives)
+    fill(drives.newest_joints, 0.0)
+    fill(drives.gains, 0.0)
+    drives.read_at, drives.ticked_at, drives.lag = 0, 0, 0.0
+
+
+@compiled
+def start_response_measurement(drives: DriveResponse) -> None:
+    """Start a measurement with the arm at rest."""
+    fill(drives.commanded, 0.0)
+    fill(drives.commanded_at_reading, 0.0)
+    fill(drives.moved, 0.0)
+    fill(drives.newest_joints, np.nan)
+    fill(drives.sums, 0.0)
+
+
+@compiled
+def add_response_reading(drives: DriveResponse, q: Floats, time: int, applied: Floats) -> None:
+    """Add a reading q (3,) at `time` ns, and the rates `applied` (3,) since the previous tick."""
+    if not all_finite(drives.newest_joints):
+        copy_into(drives.newest_joints, q)
+        drives.read_at = drives.ticked_at = time
+        return
+    for i in range(3):
+        drives.commanded[i] += applied[i] * max(time - drives.ticked_at, 0) * 1e-9
+    drives.ticked_at = time
+    dt = (time - drives.read_at) * 1e-9
+    if not dt > 0.0 or are_equal(q, drives.newest_joints):
+        return
+    for i in range(3):
+        U = 0.5 * (drives.commanded_at_reading[i] + drives.commanded[i])
+        motion = q[i] - drives.newest_joints[i]
+        y, v, sums = drives.moved[i] + 0.5 * motion, motion / dt, drives.sums[i]
+        sums[UU] += U * U
+        sums[UV] += U * v
+        sums[VV] += v * v
+        sums[UY] += U * y
+        sums[VY] += v * y
+        drives.moved[i] += motion
+    copy_into(drives.commanded_at_reading, drives.commanded)
+    copy_into(drives.newest_joints, q)
+    drives.read_at = time
+
+
+@compiled
+def are_equal(q: Floats, other: Floats) -> bool:
+    """Return True if all joints are equal to the last bit."""
+    return q[0] == other[0] and q[1] == other[1] and q[2] == other[2]
+
+
+@compiled
+def compute_gain(drives: DriveResponse, i: int) -> float:
+    """Return the gain g of joint i by the motion so far; NaN if it does not determine g."""
+    sums = drives.sums[i]
+    product, squared = sums[UU] * sums[VV], sums[UV] * sums[UV]
+    if not squared < MAX_CORRELATION * product:
+        return np.nan
+    return (sums[UY] * sums[VV] - sums[VY] * sums[UV]) / (product - squared)
+
+
+@compiled
+def store_gain(drives: DriveResponse, i: int) -> None:
+    """Store the gain of joint i by the motion so far if it is known; 0 if it is not valid."""
+    gain = compute_gain(drives, i)
+    if np.isfinite(gain):
+        is_valid, is_exact = MIN_GAIN <= gain <= MAX_GAIN, abs(gain - 1.0) <= EXACT_GAIN
+        drives.gains[i] = (1.0 if is_exact else gain) if is_valid else 0.0
+
+
+@compiled
+def select_gain(drives: DriveResponse, i: int) -> float:
+    """Return the gain of joint i, 1 before a measurement."""
+    return drives.gains[i] if drives.gains[i] > 0.0 else 1.0
+
+
+@compiled
+def compute_lag(drives: DriveResponse, max_rates: Floats | Point) -> float:
+    """Return T in s by the motion so far; NaN without any motion."""
+    error_times_speed, squared_speed = 0.0, 0.0
+    for i in range(3):
+        sums, unit = drives.sums[i], max_rates[i] * max_rates[i]
+        error_times_speed += (select_gain(drives, i) * sums[UV] - sums[VY]) / unit
+        squared_speed += sums[VV] / unit
+    return error_times_speed / squared_speed if squared_speed > 0.0 else np.nan
+
+
+@compiled
+def finish_response_measurement(drives: DriveResponse, max_rates: Floats | Point) -> None:
+    """Finish the measurement at the end of a motion, and store g and T where they are valid.
+
+    `max_rates` (3,) are the maximal joint rates.
+    """
+    for i in range(3):
+        store_gain(drives, i)
+    lag = compute_lag(drives, max_rates)
+    if MIN_MEASURED_LAG_S <= lag <= MAX_LAG_S:
+        drives.lag = max(lag, MIN_LAG_S)
+
+
+@compiled
+def estimate_lag_so_far(
+    drives: DriveResponse, known_lag: float, max_rates: Floats | Point
+) -> float:
+    """Return T in s: `known_lag`, or if that is 0 the value by the motion so far, 0 at first."""
+    if known_lag > 0.0:
+        return known_lag
+    lag = compute_lag(drives, max_rates)
+    return min(max(lag, 0.0), MAX_LAG_S) if np.isfinite(lag) else 0.0
+
+
+@compiled
+def select_lag(drives: DriveResponse, known_lag: float) -> float:
+    """Return T in s: `known_lag`, or if that is 0 the measured or the default value."""
+    if known_lag > 0.0:
+        return known_lag
+    return drives.lag if drives.lag > 0.0 else DEFAULT_LAG_S
+
+
+@compiled
+def select_possible_response(
+    drives: DriveResponse, i: int, k: int, known_lag: float
+) -> tuple[float, float]:
+    """Return the k-th possible (g, T) of joint i, k from 0 to 3.
+
+    All are the measured one; before a measurement they are the most extreme valid ones.
+    """
+    lag_s = select_lag(drives, known_lag)
+    if drives.lag > 0.0:
+        return select_gain(drives, i), lag_s
+    gain = MAX_GAIN if k % 2 == 0 else MIN_GAIN
+    return gain, lag_s if k < 2 or known_lag > 0.0 else MAX_LAG_S
