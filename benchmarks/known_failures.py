@@ -2,7 +2,7 @@
 
     python benchmarks/known_failures.py [COUNT]
 
-Every drive follows its command with a time constant of 80 ms: 15 s runs that stop. A wrong target,
+Every drive follows its command with a time constant of 0.25 s: 15 s runs that stop. A wrong target,
 such as one of a mirrored image, is a row of unnoticed.py.
 """
 
@@ -11,7 +11,7 @@ import sys
 import rcmservo as rs
 from rcmservo.sim.arm import Drive
 
-LAG_S = 0.08
+LAG_S = 0.25
 
 
 def main(count: int) -> None:

@@ -107,6 +107,21 @@ def test_a_slow_pan_of_the_camera_is_detected_within_a_second(speed: float, nois
     assert time < 1.0 and cause is Cause.DRIFTS
 
 
+@pytest.mark.parametrize(("mm", "causes"), [(0.4, {None}), (4.0, {Cause.DRIFTS, Cause.SURPRISED})])
+def test_a_mean_residual_that_an_arm_explains_is_no_drift(mm: float, causes: set[Cause]) -> None:
+    """Markers that are off their places in space, by less than the errors of an arm or more."""
+    for seed in range(6):
+        camera = MonitoredCamera(0.1, seed)
+        random = make_random(seed)
+        offset = random.standard_normal(3)
+        offset *= mm / np.linalg.norm(offset)
+        found = set()
+        for p1 in camera.path(2.0):
+            points = camera.detect(p1 + offset)
+            found.add(camera.find_cause(p1, points))
+        assert found - {None} <= causes and (mm < 1.0 or found & causes)
+
+
 @pytest.mark.parametrize("sliding", [FIRST, SECOND])
 def test_one_marker_that_slides_alone_is_unexpected(sliding: Floats) -> None:
     time, cause = first_detection(MonitoredCamera(0.3), 6.0 * sliding)

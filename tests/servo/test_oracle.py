@@ -396,9 +396,11 @@ def run_jacobian_updates(scene):
 def run_controller_and_gate(scene):
     """Return results of the innovation checks, the law and the gate."""
     from rcmservo.control import saturated_controller
+    from rcmservo.control.exploration import ExplorationState
     from rcmservo.geometry import kinematics
     from rcmservo.numerics.structs import to_row
     from rcmservo.safety import gate, innovation, monitor_state
+    from rcmservo.safety.thresholds import Thresholds
 
     J, delta, o_c, both = scene.J, scene.delta, scene.o_c, (scene.target, scene.points)
     sample = monitor_state.ObservationRow.of(
@@ -411,8 +413,10 @@ def run_controller_and_gate(scene):
             *both, o_c, J, scene.step, 0.2, 0.75
         ),
     }
-    monitor_state.predict_joints(monitor.rows[0], 0.025, 1.0)
-    results["predicted joints"] = [*monitor.predicted_joints, *monitor.predicted_rates]
+    drives, limits = ExplorationState.of(lag=0.025).rows[0], to_row(Thresholds())[0]
+    monitor_state.predict_joints(monitor.rows[0], drives, limits)
+    predicted = monitor.predicted_joints.ravel(), monitor.predicted_rates.ravel()
+    results["predicted joints"] = np.concatenate(predicted)
     b = np.full(3, 0.1)
     for follows_paper in (False, True):
         output, error = saturated_controller.compute_controller_output(
@@ -504,19 +508,24 @@ def run_resets():
     return results
 
 
-def run_lag_measurement():
-    """Return the lag of the drives from a few measurements."""
-    from rcmservo.control import drive_lag
+def run_response_measurement():
+    """Return gains and lag of the drives from a few measurements."""
+    from rcmservo.control import drive_response
     from rcmservo.control.exploration import ExplorationState
 
     state, max_rates = ExplorationState.of(), np.array([1.0, 1.0, 80.0])
-    drive_lag.start_lag_measurement(state.rows[0])
-    for k in range(12):
+    drive_response.start_response_measurement(state.rows[0])
+    for k in range(40):
         q, applied = 0.01 * np.sin(0.3 * k) * max_rates, 0.3 * np.cos(0.3 * k + 0.5) * max_rates
-        drive_lag.add_lag_reading(state.rows[0], q, 10_000_000 * k, applied, max_rates)
-    drive_lag.finish_lag_measurement(state.rows[0])
+        drive_response.add_response_reading(state.rows[0], q, 10_000_000 * k, applied)
+    drive_response.finish_response_measurement(state.rows[0], max_rates)
     assert state.lag > 0.0
-    return {"lag": state.lag, "selected lag": drive_lag.select_lag(state.rows[0], 0.0)}
+    return {
+        "lag": state.lag,
+        "gains": state.gains,
+        "selected lag": drive_response.select_lag(state.rows[0], 0.0),
+        "lag so far": drive_response.estimate_lag_so_far(state.rows[0], 0.0, max_rates),
+    }
 
 
 def run_functions():
@@ -534,7 +543,7 @@ def run_functions():
         | run_jacobian_updates(scene)
         | run_controller_and_gate(scene)
         | run_resets()
-        | run_lag_measurement()
+        | run_response_measurement()
     )
     return {name: np.asarray(value, dtype=float) for name, value in results.items()}
 

@@ -3,9 +3,10 @@
 A joint with the gain g and the time constant T, which moves by y while the integral of its
 commanded rate is U, obeys
 
-    y = g U − T v,    v = dy/dt
+    y = g U − T v + c,    v = dy/dt
 
-g and T of each joint are the solution by least squares over a motion to and fro. A delay has the
+g and T of each joint are the solution by least squares over a motion to and fro. c is zero, or
+solved for too if the joints moved already when the measurement began. A delay has the
 same effect as T while the rate changes slowly. One T then serves all joints: its mean, weighted by
 their squared speeds in units of their maximal ones. A reading that repeats the last one, as of an
 arm that reports more often than it measures, is skipped.
@@ -16,7 +17,7 @@ import numpy as np
 from rcmservo.geometry.kinematics import Point
 from rcmservo.interfaces import Floats
 from rcmservo.numerics.jit import compiled
-from rcmservo.numerics.small_linalg import all_finite, copy_into, fill
+from rcmservo.numerics.small_linalg import all_finite, compute_norm, copy_into, fill
 from rcmservo.numerics.structs import Row, real, reals, whole
 
 DEFAULT_LAG_S = 0.025
@@ -40,7 +41,7 @@ EXACT_GAIN = 0.01
 MAX_CORRELATION = 0.95
 """Squared correlation of U and v from which g and T cannot be told apart."""
 
-UU, UV, VV, UY, VY = range(5)
+UU, UV, VV, UY, VY, U_SUM, V_SUM, Y_SUM = range(8)
 """Columns of `DriveResponse.sums`."""
 
 
@@ -55,7 +56,8 @@ class DriveResponse(Row):
         3, "rad, rad, mm", "joints at the previous reading, NaN at the start of a motion"
     )
     read_at: int = whole("ns", "time of the previous reading")
-    sums: Floats = reals((3, 5), "", "Σ UU, Uv, vv, Uy, vy of each joint")
+    readings: float = real("", "number of readings in motion, inf if it began at rest")
+    sums: Floats = reals((3, 8), "", "Σ UU, Uv, vv, Uy, vy, U, v, y of each joint")
     gains: Floats = reals(3, "", "g of each joint, 0 before a measurement")
     lag: float = real("s", "T by the last complete motion, 0 before")
 
@@ -77,6 +79,7 @@ def start_response_measurement(drives: DriveResponse) -> None:
     fill(drives.moved, 0.0)
     fill(drives.newest_joints, np.nan)
     fill(drives.sums, 0.0)
+    drives.readings = 0.0
 
 
 @compiled
@@ -85,6 +88,7 @@ def add_response_reading(drives: DriveResponse, q: Floats, time: int, applied: F
     if not all_finite(drives.newest_joints):
         copy_into(drives.newest_joints, q)
         drives.read_at = drives.ticked_at = time
+        drives.readings = 0.0 if compute_norm(applied) > 0.0 else np.inf
         return
     for i in range(3):
         drives.commanded[i] += applied[i] * max(time - drives.ticked_at, 0) * 1e-9
@@ -92,6 +96,7 @@ def add_response_reading(drives: DriveResponse, q: Floats, time: int, applied: F
     dt = (time - drives.read_at) * 1e-9
     if not dt > 0.0 or are_equal(q, drives.newest_joints):
         return
+    drives.readings += 1.0
     for i in range(3):
         U = 0.5 * (drives.commanded_at_reading[i] + drives.commanded[i])
         motion = q[i] - drives.newest_joints[i]
@@ -101,6 +106,9 @@ def add_response_reading(drives: DriveResponse, q: Floats, time: int, applied: F
         sums[VV] += v * v
         sums[UY] += U * y
         sums[VY] += v * y
+        sums[U_SUM] += U
+        sums[V_SUM] += v
+        sums[Y_SUM] += y
         drives.moved[i] += motion
     copy_into(drives.commanded_at_reading, drives.commanded)
     copy_into(drives.newest_joints, q)
@@ -114,13 +122,27 @@ def are_equal(q: Floats, other: Floats) -> bool:
 
 
 @compiled
+def compute_moments(drives: DriveResponse, i: int) -> tuple[float, float, float, float, float]:
+    """Return the sums of UU, Uv, vv, Uy and vy of joint i, centred unless c is zero."""
+    sums, n = drives.sums[i], max(drives.readings, 1.0)
+    U, v, y = sums[U_SUM], sums[V_SUM], sums[Y_SUM]
+    return (
+        sums[UU] - U * U / n,
+        sums[UV] - U * v / n,
+        sums[VV] - v * v / n,
+        sums[UY] - U * y / n,
+        sums[VY] - v * y / n,
+    )
+
+
+@compiled
 def compute_gain(drives: DriveResponse, i: int) -> float:
     """Return the gain g of joint i by the motion so far; NaN if it does not determine g."""
-    sums = drives.sums[i]
-    product, squared = sums[UU] * sums[VV], sums[UV] * sums[UV]
+    uu, uv, vv, uy, vy = compute_moments(drives, i)
+    product, squared = uu * vv, uv * uv
     if not squared < MAX_CORRELATION * product:
         return np.nan
-    return (sums[UY] * sums[VV] - sums[VY] * sums[UV]) / (product - squared)
+    return (uy * vv - vy * uv) / (product - squared)
 
 
 @compiled
@@ -143,9 +165,10 @@ def compute_lag(drives: DriveResponse, max_rates: Floats | Point) -> float:
     """Return T in s by the motion so far; NaN without any motion."""
     error_times_speed, squared_speed = 0.0, 0.0
     for i in range(3):
-        sums, unit = drives.sums[i], max_rates[i] * max_rates[i]
-        error_times_speed += (select_gain(drives, i) * sums[UV] - sums[VY]) / unit
-        squared_speed += sums[VV] / unit
+        _, uv, vv, _, vy = compute_moments(drives, i)
+        unit = max_rates[i] * max_rates[i]
+        error_times_speed += (select_gain(drives, i) * uv - vy) / unit
+        squared_speed += vv / unit
     return error_times_speed / squared_speed if squared_speed > 0.0 else np.nan
 
 

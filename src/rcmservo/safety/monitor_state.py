@@ -96,6 +96,7 @@ class MonitorState(Row):
     residual_sums: Floats = reals(2, "mm², 1", "squares of the mean residuals on the way, number")
     sampled_p1: Floats = reals(3, "mm", "marker 1 at the newest of these residuals")
     drift_px: Floats = reals(2, "px", "norm of the mean residual, 0 where noise explains it")
+    drifts: Floats = reals(2, "", "1 where neither noise nor errors of the arm explain it, else 0")
     changed_markers: Floats = markers("newest markers that differed from those before")
     markers_prediction: Floats = markers("prediction for the newest markers")
     repeated_frames: int = count("number of successive frames that repeat `changed_markers`")
@@ -133,6 +134,7 @@ def reset_monitor(monitor: MonitorState, resets_markers: bool) -> None:
     monitor.late_ticks, monitor.contradictions, monitor.averaged_frames = 0, 0, 0
     monitor.image_frozen = False
     fill(monitor.drift_px, 0.0)
+    fill(monitor.drifts, 0.0)
     fill(monitor.compared_p1, np.nan)
     if resets_markers:
         reset_rejections(monitor)

@@ -134,6 +134,8 @@ def explore(tick: TickContext, frame_result: int) -> None:
     exploration, decision = tick.stored.exploration_state, tick.stored.decision
     observation, parameters, q = tick.observation, tick.parameters, tick.observation.q
     settings, max_rates = parameters.exploration, parameters.gate.speed
+    if exploration.has_begun:
+        add_response_reading(exploration, q, observation.q_time, observation.applied)
     if decision.mode.phase != ACQUIRE or exploration.has_no_room:
         request_rest(decision)
         return
@@ -141,7 +143,6 @@ def explore(tick: TickContext, frame_result: int) -> None:
         rcm, min_room = make_rcm_struct(parameters), parameters.thresholds.min_exploration_room
         start_exploration(exploration, rcm, max_rates, q, observation.now, min_room, settings)
         return
-    add_response_reading(exploration, q, observation.q_time, observation.applied)
     if frame_result == FRAME_UPDATES:
         exploration.fit_is_known = fit_suffices(tick)
         exploration.disagreement = compare_with_fit(tick) if exploration.fit_is_known else np.nan

@@ -30,6 +30,9 @@ from rcmservo.servo.kernel_parameters import TickContext, make_rcm_struct, make_
 GAP_MM = 2.3
 """Gap (mm) that is allowed at the target, in addition to noise."""
 
+MAX_WAY_MM = 15.0
+"""Distance (mm) from the target beyond which errors of the model may be larger than that."""
+
 GAP_PER_WAY = 0.1
 """Allowed gap per distance that is left to the target."""
 
@@ -102,6 +105,9 @@ def arrives_elsewhere(tick: TickContext) -> bool:
     )
     p1_d = compute_position_tuple(rcm, setpoint.q)
     p1 = compute_position_tuple(rcm, tick.observation.q)
+    way_mm = compute_point_distance(p1, p1_d)
+    if not way_mm <= MAX_WAY_MM:
+        return False
     difference = np.empty(4)
     predicted = project_markers(fit, p1_d, shaft)
     for k in range(2):
@@ -110,7 +116,6 @@ def arrives_elsewhere(tick: TickContext) -> bool:
             residual = stored.monitor.mean_residual[k, i]
             difference[2 * k + i] = setpoint.points[k, i] - h - residual
     gap_mm, deviation_mm = solve_gap(tick, difference, p1_d)
-    way_mm = compute_point_distance(p1, p1_d)
     allowed_mm = GAP_MM + GAP_PER_WAY * way_mm + GAP_SIGMAS * deviation_mm
     return not gap_mm <= allowed_mm
 

@@ -124,7 +124,7 @@ def update_mean_residual(
     point: Floats,
     thresholds: Thresholds,
 ) -> None:
-    """Update the mean residual of marker k, and store its norm unless noise or the arm explains it.
+    """Update the mean residual of marker k, and find out if noise and errors of the arm explain it.
 
     `point` (2,) is the marker in raw px. Its residual is clipped, so that as many false detections
     as may be rejected in succession cannot move the mean by `max_drift_px`.
@@ -145,8 +145,10 @@ def update_mean_residual(
         covariance = compute_image_covariance(fit, predicted)
         distance = squared_mahalanobis_distance(mean[0], mean[1], covariance, mean_variance)
         is_noise = not distance > max_squared_sigma
-    is_explained = is_noise or arm_explains(monitor, fit, predicted, mean, thresholds)
-    monitor.drift_px[k] = 0.0 if is_explained else mean_px
+    monitor.drift_px[k] = 0.0 if is_noise else mean_px
+    exceeds_px = monitor.drift_px[k] > thresholds.max_drift_px
+    is_drift = exceeds_px and not arm_explains(monitor, fit, predicted, mean, thresholds)
+    monitor.drifts[k] = 1.0 if is_drift else 0.0
 
 
 @compiled
@@ -188,8 +190,8 @@ def markers_deviate(facts: TickFacts) -> bool:
     """Return True if the mean residual of a marker is too large."""
     monitor, thresholds = facts.monitor, facts.thresholds
     has_mean = monitor.averaged_frames >= thresholds.drift_frames and not monitor.image_frozen
-    drift_px = max(monitor.drift_px[0], monitor.drift_px[1])
-    return facts.exploration_state.is_done and has_mean and drift_px > thresholds.max_drift_px
+    drifts = monitor.drifts[0] > 0.0 or monitor.drifts[1] > 0.0
+    return facts.exploration_state.is_done and has_mean and drifts
 
 
 @compiled
