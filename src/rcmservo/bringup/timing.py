@@ -13,11 +13,11 @@ import numpy as np
 from rcmservo.bringup.findings import Finding
 from rcmservo.bringup.identification import fit_residuals
 from rcmservo.bringup.observations import MotionTrace
-from rcmservo.control.drive_lag import (
-    DriveLag,
-    add_lag_reading,
-    finish_lag_measurement,
-    start_lag_measurement,
+from rcmservo.control.drive_response import (
+    DriveResponse,
+    add_response_reading,
+    finish_response_measurement,
+    start_response_measurement,
 )
 from rcmservo.interfaces import Floats
 
@@ -146,11 +146,11 @@ def identify_drive_lag(trace: MotionTrace, max_rates: Floats) -> float:
 
     `max_rates` (3,) are the limits of the joint rates in rad/s, rad/s, mm/s.
     """
-    row: Any = DriveLag.of().rows[0]
-    start_lag_measurement(row)
+    row: Any = DriveResponse.of().rows[0]
+    start_response_measurement(row)
     for time, q, applied in trace.answers:
-        add_lag_reading(row, q, time, applied, max_rates)
-    finish_lag_measurement(row)
+        add_response_reading(row, q, time, applied)
+    finish_response_measurement(row, max_rates)
     return float(row["lag"])
 
 

@@ -39,7 +39,7 @@ EXACT_GAIN = 0.01
 """Difference from 1 up to which a gain counts as 1: the measurement is no better."""
 
 MAX_CORRELATION = 0.95
-"""Squared correlation of U and v from which g and T cannot be told apart."""
+"""Squared correlation of U and v from which they do not determine g and T."""
 
 UU, UV, VV, UY, VY, U_SUM, V_SUM, Y_SUM = range(8)
 """Columns of `DriveResponse.sums`."""

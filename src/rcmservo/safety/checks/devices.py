@@ -58,14 +58,13 @@ def joints_do_not_follow(facts: TickFacts) -> bool:
     Before the drives' response is measured they may be anywhere between the predictions for all
     possible responses.
     """
-    q, monitor, is_within = facts.observation.q, facts.monitor, True
+    q, monitor, lower, upper = facts.observation.q, facts.monitor, np.empty(3), np.empty(3)
     for i in range(3):
-        limit, lower, upper = facts.thresholds.max_following_error[i], np.inf, -np.inf
+        lower[i], upper[i] = np.inf, -np.inf
         for k in range(len(monitor.predicted_joints)):
-            lower = min(lower, monitor.predicted_joints[k, i])
-            upper = max(upper, monitor.predicted_joints[k, i])
-        is_within = is_within and lower - limit <= q[i] <= upper + limit
-    return monitor.joints_are_fresh and not is_within
+            lower[i] = min(lower[i], monitor.predicted_joints[k, i])
+            upper[i] = max(upper[i], monitor.predicted_joints[k, i])
+    return monitor.joints_are_fresh and exceeds_following_error(q, lower, upper, facts.thresholds)
 
 
 @compiled
@@ -75,15 +74,23 @@ def joints_creep(facts: TickFacts) -> bool:
     The rest position of the joints is NaN until they have come to rest.
     """
     q, rest_joints = facts.observation.q, facts.monitor.rest_joints
-    return all_finite(rest_joints) and exceeds_following_error(q, rest_joints, facts.thresholds)
+    return all_finite(rest_joints) and exceeds_following_error(
+        q, rest_joints, rest_joints, facts.thresholds
+    )
 
 
 @compiled
-def exceeds_following_error(q: Floats, expected: Floats, thresholds: Thresholds) -> bool:
-    """Return True if a joint of q (3,) differs from `expected` (3,) by `max_following_error`."""
+def exceeds_following_error(
+    q: Floats, lower: Floats, upper: Floats, thresholds: Thresholds
+) -> bool:
+    """Return True if a joint of q (3,) is off its range by more than `max_following_error`.
+
+    The range is from `lower` (3,) to `upper` (3,).
+    """
     is_within = True
     for i in range(3):
-        is_within = is_within and abs(q[i] - expected[i]) <= thresholds.max_following_error[i]
+        limit = thresholds.max_following_error[i]
+        is_within = is_within and lower[i] - limit <= q[i] <= upper[i] + limit
     return not is_within
 
 
