@@ -132,7 +132,8 @@ def test_before_a_measurement_a_drive_may_be_quick_or_slow() -> None:
         return {select_possible_response(state.rows[0], 0, k, 0.0) for k in range(4)}
 
     extremes = {(g, T) for g in (MIN_GAIN, MAX_GAIN) for T in (DEFAULT_LAG_S, MAX_LAG_S)}
-    assert list_responses(ExplorationState.of()) == extremes
+    assert list_responses(ExplorationState.of(is_measuring=True)) == extremes
+    assert list_responses(ExplorationState.of()) == {(1.0, DEFAULT_LAG_S)}
     ((gain, lag),) = list_responses(measurement(0.04, 0.0, np.array([0.8, 1.0, 1.0])))
     assert (gain, lag) == pytest.approx((0.8, 0.04), abs=0.01)
 

@@ -15,8 +15,7 @@ from conftest import (
     seeds,
 )
 from rcmservo.estimation.camera_fit import ProjectionFit, make_initial_fit, update_fit
-from rcmservo.estimation.camera_fit_prediction import predict_image
-from rcmservo.estimation.marker_weights import weigh_markers
+from rcmservo.estimation.camera_fit_prediction import predict_image, weigh_markers
 from rcmservo.interfaces import Floats
 
 NOISE_PX = 0.3

@@ -458,8 +458,13 @@ def run_resets():
     from rcmservo.safety.monitor_state import MonitorState
     from rcmservo.safety.state_machine import PHASES, REQUESTS, ModeStruct, TransitionInputs
     from rcmservo.safety.thresholds import Thresholds
-    from rcmservo.servo import apply_mode, reset
-    from rcmservo.servo.state import Decision, Estimate, StoredState
+    from rcmservo.servo import apply_mode
+    from rcmservo.servo.state import (
+        Decision,
+        Estimate,
+        StoredState,
+        reset_estimation_except_markers,
+    )
 
     results, t = {}, to_row(Thresholds())[0]
     causes = Cause.AGEING, Cause.STALE, Cause.CAMERA_MOVED, Cause.ARM_SILENT
@@ -478,7 +483,7 @@ def run_resets():
             ]
     positions = {"p1": P, "points": np.array([[300.0, 200.0], [250.0, 150.0]]), "o_c": 90.0}
     for name, change in {
-        "reset": lambda stored: reset.reset_estimation_except_markers(stored.rows[0]),
+        "reset": lambda stored: reset_estimation_except_markers(stored.rows[0]),
         "invalidated": lambda stored: apply_mode.invalidate(
             stored.rows[0], Cause.CAMERA_MOVED.code, 5
         ),

@@ -40,8 +40,8 @@ from rcmservo.safety.gate import Gate
 from rcmservo.safety.monitor_state import MonitorState, markers_stay
 from rcmservo.safety.state_machine import SLOW_SPEED_SCALE, Phase, Request
 from rcmservo.safety.thresholds import Thresholds
-from rcmservo.servo.reset import reset_estimation
 from rcmservo.servo.servo import Servo
+from rcmservo.servo.state import reset_estimation
 from rcmservo.sim import RigSettings, Timing
 from rcmservo.tracking import PointMarkers
 

@@ -14,7 +14,7 @@ from rcmservo.bringup.findings import Finding
 from rcmservo.bringup.identification import fit_residuals
 from rcmservo.bringup.observations import MotionTrace
 from rcmservo.control.drive_response import (
-    DriveResponse,
+    ResponseMeasurement,
     add_response_reading,
     finish_response_measurement,
     start_response_measurement,
@@ -146,7 +146,7 @@ def identify_drive_lag(trace: MotionTrace, max_rates: Floats) -> float:
 
     `max_rates` (3,) are the limits of the joint rates in rad/s, rad/s, mm/s.
     """
-    row: Any = DriveResponse.of().rows[0]
+    row: Any = ResponseMeasurement.of().rows[0]
     start_response_measurement(row)
     for time, q, applied in trace.answers:
         add_response_reading(row, q, time, applied)

@@ -130,8 +130,7 @@ class RunOptions(RunToTargetOptions):
     disturb : tyro.conf.UseAppendAction[tuple[str, ...]]
         Disturbance, as kind:at=5,for=0.5,key=value; repeatable. --disturb help lists all kinds.
     arm : Literal['ideal', 'good', 'worn']
-        ideal; good or worn: an arm with backlash, axes, markers, drives and picture as real arms
-        have them, another one for each seed.
+        Quality of the arm.
     resumes : int
         Number of times that a scripted operator resumes after a pause, or teaches the target
         again if needed.

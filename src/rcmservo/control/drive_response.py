@@ -18,7 +18,7 @@ from rcmservo.geometry.kinematics import Point
 from rcmservo.interfaces import Floats
 from rcmservo.numerics.jit import compiled
 from rcmservo.numerics.small_linalg import all_finite, compute_norm, copy_into, fill
-from rcmservo.numerics.structs import Row, real, reals, whole
+from rcmservo.numerics.structs import Row, flag, real, reals, whole
 
 DEFAULT_LAG_S = 0.025
 """Lag (s) that is assumed before a measurement."""
@@ -42,10 +42,10 @@ MAX_CORRELATION = 0.95
 """Squared correlation of U and v from which they do not determine g and T."""
 
 UU, UV, VV, UY, VY, U_SUM, V_SUM, Y_SUM = range(8)
-"""Columns of `DriveResponse.sums`."""
+"""Columns of `ResponseMeasurement.sums`."""
 
 
-class DriveResponse(Row):
+class ResponseMeasurement(Row):
     """Running measurement of gains and lag."""
 
     commanded: Floats = reals(3, "rad, rad, mm", "U: integral of the applied rates")
@@ -60,30 +60,34 @@ class DriveResponse(Row):
     sums: Floats = reals((3, 8), "", "Σ UU, Uv, vv, Uy, vy, U, v, y of each joint")
     gains: Floats = reals(3, "", "g of each joint, 0 before a measurement")
     lag: float = real("s", "T by the last complete motion, 0 before")
+    is_measuring: bool = flag("a measurement has begun and has not ended")
 
 
 @compiled
-def reset_response(drives: DriveResponse) -> None:
+def reset_response(drives: ResponseMeasurement) -> None:
     """Reset the measurement and its result."""
     start_response_measurement(drives)
     fill(drives.newest_joints, 0.0)
     fill(drives.gains, 0.0)
     drives.read_at, drives.ticked_at, drives.lag = 0, 0, 0.0
+    drives.is_measuring = False
 
 
 @compiled
-def start_response_measurement(drives: DriveResponse) -> None:
+def start_response_measurement(drives: ResponseMeasurement) -> None:
     """Start a measurement with the arm at rest."""
     fill(drives.commanded, 0.0)
     fill(drives.commanded_at_reading, 0.0)
     fill(drives.moved, 0.0)
     fill(drives.newest_joints, np.nan)
     fill(drives.sums, 0.0)
-    drives.readings = 0.0
+    drives.readings, drives.is_measuring = 0.0, True
 
 
 @compiled
-def add_response_reading(drives: DriveResponse, q: Floats, time: int, applied: Floats) -> None:
+def add_response_reading(
+    drives: ResponseMeasurement, q: Floats, time: int, applied: Floats
+) -> None:
     """Add a reading q (3,) at `time` ns, and the rates `applied` (3,) since the previous tick."""
     if not all_finite(drives.newest_joints):
         copy_into(drives.newest_joints, q)
@@ -122,7 +126,9 @@ def are_equal(q: Floats, other: Floats) -> bool:
 
 
 @compiled
-def compute_moments(drives: DriveResponse, i: int) -> tuple[float, float, float, float, float]:
+def compute_moments(
+    drives: ResponseMeasurement, i: int
+) -> tuple[float, float, float, float, float]:
     """Return the sums of UU, Uv, vv, Uy and vy of joint i, centred unless c is zero."""
     sums, n = drives.sums[i], max(drives.readings, 1.0)
     U, v, y = sums[U_SUM], sums[V_SUM], sums[Y_SUM]
@@ -136,7 +142,7 @@ def compute_moments(drives: DriveResponse, i: int) -> tuple[float, float, float,
 
 
 @compiled
-def compute_gain(drives: DriveResponse, i: int) -> float:
+def compute_gain(drives: ResponseMeasurement, i: int) -> float:
     """Return the gain g of joint i by the motion so far; NaN if it does not determine g."""
     uu, uv, vv, uy, vy = compute_moments(drives, i)
     product, squared = uu * vv, uv * uv
@@ -146,7 +152,7 @@ def compute_gain(drives: DriveResponse, i: int) -> float:
 
 
 @compiled
-def store_gain(drives: DriveResponse, i: int) -> None:
+def store_gain(drives: ResponseMeasurement, i: int) -> None:
     """Store the gain of joint i by the motion so far if it is known; 0 if it is not valid."""
     gain = compute_gain(drives, i)
     if np.isfinite(gain):
@@ -155,13 +161,13 @@ def store_gain(drives: DriveResponse, i: int) -> None:
 
 
 @compiled
-def select_gain(drives: DriveResponse, i: int) -> float:
+def select_gain(drives: ResponseMeasurement, i: int) -> float:
     """Return the gain of joint i, 1 before a measurement."""
     return drives.gains[i] if drives.gains[i] > 0.0 else 1.0
 
 
 @compiled
-def compute_lag(drives: DriveResponse, max_rates: Floats | Point) -> float:
+def compute_lag(drives: ResponseMeasurement, max_rates: Floats | Point) -> float:
     """Return T in s by the motion so far; NaN without any motion."""
     error_times_speed, squared_speed = 0.0, 0.0
     for i in range(3):
@@ -173,11 +179,12 @@ def compute_lag(drives: DriveResponse, max_rates: Floats | Point) -> float:
 
 
 @compiled
-def finish_response_measurement(drives: DriveResponse, max_rates: Floats | Point) -> None:
+def finish_response_measurement(drives: ResponseMeasurement, max_rates: Floats | Point) -> None:
     """Finish the measurement at the end of a motion, and store g and T where they are valid.
 
     `max_rates` (3,) are the maximal joint rates.
     """
+    drives.is_measuring = False
     for i in range(3):
         store_gain(drives, i)
     lag = compute_lag(drives, max_rates)
@@ -187,7 +194,7 @@ def finish_response_measurement(drives: DriveResponse, max_rates: Floats | Point
 
 @compiled
 def estimate_lag_so_far(
-    drives: DriveResponse, known_lag: float, max_rates: Floats | Point
+    drives: ResponseMeasurement, known_lag: float, max_rates: Floats | Point
 ) -> float:
     """Return T in s: `known_lag`, or if that is 0 the value by the motion so far, 0 at first."""
     if known_lag > 0.0:
@@ -197,7 +204,7 @@ def estimate_lag_so_far(
 
 
 @compiled
-def select_lag(drives: DriveResponse, known_lag: float) -> float:
+def select_lag(drives: ResponseMeasurement, known_lag: float) -> float:
     """Return T in s: `known_lag`, or if that is 0 the measured or the default value."""
     if known_lag > 0.0:
         return known_lag
@@ -206,14 +213,14 @@ def select_lag(drives: DriveResponse, known_lag: float) -> float:
 
 @compiled
 def select_possible_response(
-    drives: DriveResponse, i: int, k: int, known_lag: float
+    drives: ResponseMeasurement, i: int, k: int, known_lag: float
 ) -> tuple[float, float]:
     """Return the k-th possible (g, T) of joint i, k from 0 to 3.
 
-    All are the measured one; before a measurement they are the most extreme valid ones.
+    All are the measured or default one; during a measurement they are the most extreme valid ones.
     """
     lag_s = select_lag(drives, known_lag)
-    if drives.lag > 0.0:
+    if not drives.is_measuring:
         return select_gain(drives, i), lag_s
     gain = MAX_GAIN if k % 2 == 0 else MIN_GAIN
     return gain, lag_s if k < 2 or known_lag > 0.0 else MAX_LAG_S

@@ -19,7 +19,7 @@ from typing import Annotated
 import numpy as np
 
 from rcmservo.constraints import FRACTION, Checked, between, positive
-from rcmservo.control.drive_response import DriveResponse, start_response_measurement
+from rcmservo.control.drive_response import ResponseMeasurement, start_response_measurement
 from rcmservo.geometry.kinematics import Point, RcmStruct, compute_position_jacobian
 from rcmservo.interfaces import Floats
 from rcmservo.numerics.jit import compiled
@@ -127,7 +127,7 @@ class Exploration(Checked, section="exploration"):
     max_time: Annotated[float, positive("time in s")] = 10.0
 
 
-class ExplorationState(DriveResponse):
+class ExplorationState(ResponseMeasurement):
     """State of an exploration, with the measurement of the drives' gains and lag during it."""
 
     start_joints: Floats = reals(3, "rad, rad, mm", "joints at the start")

@@ -2,6 +2,16 @@
 
 The fit predicts the markers' pixels, their derivatives ∂m/∂p₁ and covariances, the accuracy of the
 pose that the pixels determine, and the order of the markers along the tool.
+
+A marker with the innovation e (px), its difference from the prediction, has the weight
+
+    w = min(1, c²/d²),    d² = eᵀ (C + σ² I)⁻¹ e
+
+with the covariance C of the prediction, the noise variance σ² of the fit, and c = 6. Weights of
+false detections are thus small, and those of all others are 1. A false detection that counts
+increases σ², and with it what the next ones may deviate by; C and σ² therefore enter with a noise
+of 2 px, or of a fifth of σ if that is more. If the fit itself is wrong, right markers have small
+weights, but their residuals increase σ² until they count again.
 """
 
 import numpy as np
@@ -23,6 +33,21 @@ from rcmservo.numerics.small_solvers import invert
 
 Row4 = tuple[float, float, float, float]
 """Row of four numbers."""
+
+OUTLIER_SIGMA = 6.0
+"""Mahalanobis distance c from which the weight of a marker falls."""
+
+MAX_NOISE_PX = 2.0
+"""Largest noise (px) that a deviation is attributed to."""
+
+MAX_NOISE_RATIO = 5.0
+"""Largest factor by which the noise is reduced to `MAX_NOISE_PX`.
+
+A fit that contradicts most markers is wrong itself, and must follow them.
+"""
+
+MIN_OUTLIER_PX = 4.0
+"""Smallest innovation (px) of a false detection; lens, arm and tool may explain a smaller one."""
 
 
 @compiled
@@ -301,3 +326,29 @@ def compute_marker_order_score(fit: ProjectionFit) -> float:
             for j in range(3):
                 progress += difference[3 + n] * cov_xm[i, n] * cov_xx[i, j] * difference[j]
     return progress / squared_length if is_invertible and squared_length > 0.0 else 0.0
+
+
+@compiled
+def weigh_markers(fit: ProjectionFit, p1: Floats, points: Floats, shaft: ToolStruct) -> None:
+    """Write `fit.marker_weights` of a frame with the raw `points` (2, 2) px at p1 (3,) mm.
+
+    A marker before the first frame, or one that is lost (NaN), has the weight 1.
+    """
+    predictions = project_markers(fit, p1, shaft)
+    for k in range(2):
+        fit.marker_weights[k] = compute_weight(fit, predictions[k], points[k])
+
+
+@compiled
+def compute_weight(fit: ProjectionFit, prediction: ProjectedPoint, point: Floats) -> float:
+    """Return the weight of a marker at `point` (2,) raw px, from 0 to 1."""
+    u = point[0] - fit.origin[3] - prediction.m[0]
+    v = point[1] - fit.origin[4] - prediction.m[1]
+    if not u * u + v * v > MIN_OUTLIER_PX**2:
+        return 1.0
+    covariance = compute_image_covariance(fit, prediction)
+    squared = squared_mahalanobis_distance(u, v, covariance, fit.noise_variance)
+    squared *= min(max(fit.noise_variance / MAX_NOISE_PX**2, 1.0), MAX_NOISE_RATIO**2)
+    if not squared > OUTLIER_SIGMA**2:
+        return 1.0
+    return OUTLIER_SIGMA**2 / squared

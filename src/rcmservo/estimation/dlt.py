@@ -22,11 +22,11 @@ from rcmservo.estimation.camera_fit_prediction import (
     compute_markers_jacobian,
     filter_markers,
     predict_image,
+    weigh_markers,
     write_markers_jacobian,
     write_predicted_image,
     write_predicted_markers,
 )
-from rcmservo.estimation.marker_weights import weigh_markers
 from rcmservo.geometry.tool import Tool
 from rcmservo.interfaces import Floats
 from rcmservo.numerics.jit import compiled

@@ -10,7 +10,7 @@ from functools import partial
 import numpy as np
 
 from rcmservo.control.drive_response import (
-    DriveResponse,
+    ResponseMeasurement,
     are_equal,
     select_possible_response,
 )
@@ -71,6 +71,7 @@ class MonitorState(Row):
     )
     reported_joints: Floats = reals(3, "rad, rad, mm", "newest joints that differ from the last")
     reported_at: int = whole("ns", "time of the first tick with them")
+    was_measuring: bool = flag("True if the drives' response was being measured at the last tick")
     joints_are_fresh: bool = flag("False if this tick repeats joints that were read before")
     joints_time: int = whole("ns", "time of the newest joint positions")
     idle_since: int = whole("ns", "time since which no motion is commanded, or NEVER_NS")
@@ -155,7 +156,7 @@ def monitor_loop(
     monitor: MonitorState,
     interval_ns: int,
     period_ns: int,
-    drives: DriveResponse,
+    drives: ResponseMeasurement,
     thresholds: Thresholds,
 ) -> None:
     """Update the state of loop and arm at a tick.
@@ -168,7 +169,7 @@ def monitor_loop(
         State of the checks; updated.
     interval_ns, period_ns : int
         Time since the last tick, and its nominal value, ns.
-    drives : DriveResponse
+    drives : ResponseMeasurement
         Measured gains and lag of the drives.
     thresholds : Thresholds
         Thresholds of the checks.
@@ -201,7 +202,9 @@ def monitor_reports(monitor: MonitorState) -> None:
 
 
 @compiled
-def predict_joints(monitor: MonitorState, drives: DriveResponse, thresholds: Thresholds) -> None:
+def predict_joints(
+    monitor: MonitorState, drives: ResponseMeasurement, thresholds: Thresholds
+) -> None:
     """Predict the joints at the newest joint positions, for each possible response of the drives.
 
     The predictions converge to the measured joints with the time constant `following_error_decay`.
@@ -211,6 +214,10 @@ def predict_joints(monitor: MonitorState, drives: DriveResponse, thresholds: Thr
     correction = min(dt / thresholds.following_error_decay, 1.0)
     if not monitor.joints_are_fresh:
         correction = 0.0
+    if monitor.was_measuring and not drives.is_measuring and drives.lag > 0.0:
+        restart_predictions(monitor, drives)
+        return
+    monitor.was_measuring = drives.is_measuring
     for k in range(POSSIBLE_RESPONSES):
         joints, rates = monitor.predicted_joints[k], monitor.predicted_rates[k]
         for i in range(3):
@@ -218,6 +225,18 @@ def predict_joints(monitor: MonitorState, drives: DriveResponse, thresholds: Thr
             rate = gain * observation.applied[i]
             joint, rates[i] = predict_joint(joints[i], rates[i], rate, lag_s, dt)
             joints[i] = joint + (observation.q[i] - joint) * correction
+
+
+@compiled
+def restart_predictions(monitor: MonitorState, drives: ResponseMeasurement) -> None:
+    """Let all predictions start at the joints and rates of now, as their response is known now."""
+    observation, dt = monitor.observation, (monitor.observation.q_time - drives.read_at) * 1e-9
+    monitor.was_measuring = False
+    for k in range(POSSIBLE_RESPONSES):
+        for i in range(3):
+            motion = observation.q[i] - drives.newest_joints[i]
+            monitor.predicted_joints[k, i] = observation.q[i]
+            monitor.predicted_rates[k, i] = motion / dt if dt > 0.0 else 0.0
 
 
 @compiled

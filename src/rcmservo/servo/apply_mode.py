@@ -21,13 +21,13 @@ from rcmservo.safety.state_machine import (
 )
 from rcmservo.safety.thresholds import Thresholds
 from rcmservo.servo.kernel_parameters import TickContext, make_rcm_struct
-from rcmservo.servo.reset import (
+from rcmservo.servo.state import (
+    StoredState,
     request_rest,
     reset_estimation,
     reset_estimation_except_markers,
     restart_stall_rule,
 )
-from rcmservo.servo.state import StoredState
 from rcmservo.servo.update_estimate import FRAME_ACCEPTED
 
 NOT_FINITE = Cause.NOT_FINITE.code

@@ -45,8 +45,7 @@ from rcmservo.servo.kernel_parameters import (
     make_rcm_struct,
     make_tool_struct,
 )
-from rcmservo.servo.reset import request_rest, restart_stall_rule
-from rcmservo.servo.state import Workspace
+from rcmservo.servo.state import Workspace, request_rest, restart_stall_rule
 from rcmservo.servo.update_estimate import FRAME_UPDATES
 
 MAX_CONDITION_RATIO = 0.5

@@ -36,8 +36,8 @@ MAX_WAY_MM = 15.0
 GAP_PER_WAY = 0.1
 """Allowed gap per distance that is left to the target."""
 
-GAP_SIGMAS = 3.0
-"""Standard deviations of the gap that are allowed."""
+GAP_SIGMA_RATIO = 0.5
+"""Standard deviations of the gap that are allowed, as a ratio of `max_target_deviation`."""
 
 MAX_ARM_ERROR_MM = 0.19
 """Largest rms residual (mm) that is taken for errors of arm and tool."""
@@ -116,7 +116,8 @@ def arrives_elsewhere(tick: TickContext) -> bool:
             residual = stored.monitor.mean_residual[k, i]
             difference[2 * k + i] = setpoint.points[k, i] - h - residual
     gap_mm, deviation_mm = solve_gap(tick, difference, p1_d)
-    allowed_mm = GAP_MM + GAP_PER_WAY * way_mm + GAP_SIGMAS * deviation_mm
+    sigmas = GAP_SIGMA_RATIO * parameters.thresholds.max_target_deviation
+    allowed_mm = GAP_MM + GAP_PER_WAY * way_mm + sigmas * deviation_mm
     return not gap_mm <= allowed_mm
 
 

@@ -22,9 +22,8 @@ from rcmservo.servo.apply_mode import bound_rates, choose_mode
 from rcmservo.servo.collect_causes import collect_causes, compare_target_with_fit
 from rcmservo.servo.compute_command import compute_command
 from rcmservo.servo.kernel_parameters import KernelParameters, TickContext
-from rcmservo.servo.reset import reset_estimation
 from rcmservo.servo.setpoint import Setpoint, store_setpoint
-from rcmservo.servo.state import StoredState
+from rcmservo.servo.state import StoredState, reset_estimation
 from rcmservo.servo.update_estimate import (
     FRAME_UPDATES,
     empty_memory,

@@ -11,7 +11,7 @@ import numpy as np
 
 from rcmservo.estimation.base import Estimate, KernelSample
 from rcmservo.estimation.camera_fit import update_fit
-from rcmservo.estimation.marker_weights import weigh_markers
+from rcmservo.estimation.camera_fit_prediction import weigh_markers
 from rcmservo.geometry.features import (
     POINTS_CODE,
     SRD_CODE,

@@ -6,7 +6,7 @@ Python after a stop, from the objects of `DetailFacts`.
 
 from typing import NamedTuple
 
-from rcmservo.control.drive_response import DriveResponse
+from rcmservo.control.drive_response import ResponseMeasurement
 from rcmservo.control.exploration import Exploration, ExplorationState
 from rcmservo.estimation.base import Estimate
 from rcmservo.estimation.camera_fit import ProjectionFit
@@ -105,7 +105,7 @@ class DetailFacts(NamedTuple):
         exploration ends; NaN if the fit has too few frames.
     advice : str
         Advice of the estimator after a failed exploration.
-    drives : DriveResponse
+    drives : ResponseMeasurement
         Measurement of the drives while exploring.
     """
 
@@ -118,4 +118,4 @@ class DetailFacts(NamedTuple):
     exploration: Exploration
     disagreement: float
     advice: str
-    drives: DriveResponse
+    drives: ResponseMeasurement

@@ -1,11 +1,10 @@
 """Conditions of a study: settings that its plan, its file and the command-line options share."""
 
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Literal
 
 from rcmservo.constraints import Checked, Limit, above, between, each, one_of
 from rcmservo.loop.target_frames import FRAME_COUNT, TEACHING_FRAMES
-from rcmservo.sim.imperfections import ARMS
 
 ENGINES = COMPILED, MUJOCO, PICTURES = "compiled", "mujoco", "pictures"
 """Engines: the compiled plant, the full simulator with MuJoCo's arm and the code of the live loop,
@@ -39,9 +38,8 @@ class RunConditions(Checked):
         other: write FILE before this option. By default that of the scenes.
     repetitions : int
         Number of runs in each scene, with different noise.
-    arm : str
-        ideal; good or worn: an arm with backlash, axes, markers, drives and picture as real arms
-        have them, other ones for each seed.
+    arm : Literal['ideal', 'good', 'worn']
+        Quality of the arm.
     duration : float
         Length of each run, s.
     teaching_frames : int
@@ -55,7 +53,7 @@ class RunConditions(Checked):
     noise: Annotated[tuple[float, ...], NOISE_LIMIT] = ()
     latency: Annotated[tuple[float, ...], LATENCY_LIMIT] = ()
     repetitions: Annotated[int, between(1, 1000, "a whole number")] = 1
-    arm: Annotated[str, one_of(tuple(ARMS))] = "ideal"
+    arm: Literal["ideal", "good", "worn"] = "ideal"
     duration: Annotated[float, DURATION_LIMIT] = 15.0
     teaching_frames: Annotated[int, FRAME_COUNT] = TEACHING_FRAMES
     engine: Annotated[str, one_of((AUTO, *ENGINES))] = AUTO
