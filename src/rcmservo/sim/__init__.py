@@ -35,6 +35,7 @@ from rcmservo.sim.arm import Drive
 from rcmservo.sim.cameras import Timing
 from rcmservo.sim.disturbances import Disturbance, Killed
 from rcmservo.sim.disturbances.disturbance_kinds import document_kinds
+from rcmservo.sim.imperfections import Imperfections
 from rcmservo.sim.rendering import Appearance
 from rcmservo.sim.rig import RigSettings
 from rcmservo.sim.rig import SimulatedRig as Rig
@@ -44,6 +45,7 @@ __all__ = [
     "Appearance",
     "Disturbance",
     "Drive",
+    "Imperfections",
     "Killed",
     "Rig",
     "RigSettings",
